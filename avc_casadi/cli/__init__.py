@@ -1,4 +1,4 @@
-"""The command `avc`: its verbs stand in six modules, listed in `dispatch`."""
+"""The command `avc`: its verbs stand in six modules, which declare them."""
 
-from avc_casadi.cli.dispatch import VERBS as VERBS
+from avc_casadi.cli.arguments import VERBS as VERBS
 from avc_casadi.cli.dispatch import main as main

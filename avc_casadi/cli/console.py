@@ -8,12 +8,11 @@ import platform
 import sys
 import threading
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from contextvars import ContextVar
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TextIO
+from typing import TYPE_CHECKING, TextIO
 
 from avc_casadi import AvcError, InputError, __version__, fault_document
 from avc_casadi._util.interrupt import HeldInterrupt
@@ -59,10 +58,11 @@ class Console(Progress):
     def __init__(self, *, as_json: bool) -> None:
         self.as_json = as_json
         self.page = Page.of(sys.stdout)
-        self._answered = False
+        self._answered = threading.Event()
         self._terminal = sys.stderr is not None and sys.stderr.isatty()
         self._descriptor: int | None = None
         self._step: str | None = None
+        self._repeated: threading.Thread | None = None
         self._shown, self._line = 0.0, ""
         self._piece = _Piece()
         if _is_descriptor(sys.stdout, 1):
@@ -76,7 +76,7 @@ class Console(Progress):
     def answer(self, answer: Answer, *, verbose: bool = False) -> None:
         """Print the answer, with rows of lower rank if verbose; Ctrl-C does not cut it short."""
         with HeldInterrupt():
-            self._answered = True
+            self._answered.set()
             if self.as_json:
                 self._write(json.dumps(answer.document(), indent=1, allow_nan=False) + "\n")
             elif text := self.page.rendered(answer, verbose=verbose):
@@ -89,27 +89,19 @@ class Console(Progress):
         if not self.as_json:
             self._write(line + "\n")
 
-    def refuse(self, document: dict[str, Any], text: str) -> None:
+    def refuse(self, error: InputError, text: str) -> None:
         """Print why there is no answer: as a document with ``--json``, on standard error otherwise."""
-        from avc_casadi._util.json_values import json_text
-
         with HeldInterrupt():
-            self._answered = True
+            self._answered.set()
             if self.as_json:
-                self._write(json_text(document))
+                self._write(json.dumps(fault_document(error), indent=1) + "\n")
             else:
                 self.complain(text)
 
     def interrupted(self) -> None:
         """Report the interruption by Ctrl-C, where nothing has been answered yet."""
-        if self._answered:
-            return
-        self._answered = True
-        # Ctrl-C may have left numpy half loaded: this needs none.
-        if self.as_json:
-            self._write(json.dumps(fault_document(InputError.of("interrupted")), indent=1) + "\n")
-        else:
-            self.complain("avc: interrupted")
+        if not self._answered.is_set():
+            self.refuse(InputError.of("interrupted"), "avc: interrupted")
 
     def complain(self, text: str) -> None:
         """Print to standard error; control characters of files, which a terminal would obey, are spelled out."""
@@ -118,6 +110,11 @@ class Console(Progress):
             with suppress(OSError):
                 sys.stderr.write(plain.rstrip("\n") + "\n")
                 sys.stderr.flush()
+
+    def begin(self, line: str) -> None:
+        """Tell at once what long work was begun, where its steps are not shown."""
+        if not self._terminal:
+            self.complain(line)
 
     def notice(self, line: str) -> None:
         """Print to standard error during a step, above its line."""
@@ -129,25 +126,26 @@ class Console(Progress):
 
     @contextmanager
     def step(self, what: str) -> Iterator[None]:
-        """Show a step and its duration on a terminal; elsewhere a line every ten seconds."""
-        started, over = time.perf_counter(), threading.Event()
+        """Show a step and its duration on a terminal; elsewhere the present step every ten seconds."""
+        started, around = time.perf_counter(), self._step
         self._step, self._shown, self._piece, self._line = what, started, _Piece(), f"{what} ..."
         self._show(self._line)
-        if not self._terminal:
-            threading.Thread(target=self._repeat, args=(over,), daemon=True).start()
+        if not self._terminal and self._repeated is None:
+            self._repeated = threading.Thread(target=self._repeat, daemon=True)
+            self._repeated.start()
         outcome = "stopped"
         try:
             yield
             outcome = f"{time.perf_counter() - started:.2f} s"
         finally:
-            over.set()
             self._show(f"{what} ... {outcome}\n")
-            self._step = None
+            self._step, self._line = around, f"{around} ..." if around else ""
 
-    def _repeat(self, over: threading.Event) -> None:
-        """Print the state of a long step where its line cannot be overwritten."""
-        while not over.wait(_BETWEEN_LINES_S):
-            self.complain(self._line)
+    def _repeat(self) -> None:
+        """Print what is done at present where its line cannot be overwritten."""
+        while not self._answered.wait(_BETWEEN_LINES_S):
+            if line := self._line:
+                self.complain(line)
 
     def advance(self, done: int, total: int, what: str = "") -> None:
         """Show the progress of the present step, its rate and its remaining time."""
@@ -193,47 +191,8 @@ def silence(descriptor: int) -> None:
     os.close(nowhere)
 
 
-PICTURES = (".png", ".svg", ".pdf")
-"""Endings of pictures."""
 # A folder with such a name was meant to be a file.
 _FILE_ENDINGS = {".json", ".csv", ".toml", ".html", ".png", ".svg", ".c", ".h", ".txt"}
-
-
-_given: ContextVar[tuple[tuple[str, str], ...]] = ContextVar("given", default=())
-
-
-def remember_given(args: Mapping[str, object]) -> None:
-    """Record the arguments of a command, by option: its inputs are not overwritten."""
-    words = [
-        (f"--{key.replace('_', '-')}", one)
-        for key, value in args.items()
-        for one in (value if isinstance(value, list) else [value])
-        if isinstance(one, str) and "\0" not in one
-    ]
-    _given.set(tuple(words))
-
-
-def output_file(text: str, key: str, endings: Sequence[str]) -> Path:
-    """Check the path of an output file."""
-    path, own = Path(text), f"--{key.removeprefix('--').lower()}"
-    if path.suffix.lower() not in endings:
-        raise InputError.of(f"{text!r} ends in {path.suffix!r}; allowed: {', '.join(endings)}", key=key)
-    if path.is_dir():
-        raise InputError.of(f"{text!r} is a folder; give a file name", key=key)
-    if not path.parent.is_dir():
-        raise InputError.of(f"{text!r}: there is no folder {str(path.parent)!r}; make it first", key=key)
-    if not all(os.access(one, os.W_OK) for one in (path, path.parent) if one.exists()):
-        raise InputError.of(f"{text!r} may not be written by this user; choose another place", key=key)
-    if path.exists() and any(_same(path, word) for option, word in _given.get() if option != own):
-        raise InputError.of(f"{text!r} is a file that this command was given; choose another name", key=key)
-    return path
-
-
-def _same(path: Path, word: str) -> bool:
-    try:
-        return path.samefile(word)
-    except OSError:  # the argument is no file name
-        return False
 
 
 @contextmanager
@@ -269,7 +228,7 @@ def writing(path: Path, key: str) -> Iterator[None]:
         raise InputError.of(f"{str(path)!r} cannot be written ({why}); choose another place", key=key) from error
 
 
-def write_text(path: Path, text: str, key: str) -> None:
+def write_text(path: Path, text: str, key: str = "--out") -> None:
     """Write a file atomically; one in a folder of results by `write_file`, whose fault `output_folder` tells."""
     from avc_casadi._util.files import write_file
 

@@ -1,7 +1,4 @@
-"""Parsing of the command line, dispatch, and exit codes.
-
-A verb is ``add_<verb>(parser)``, whose docstring is its help, and ``run_<verb>(args, console)`` of its module.
-"""
+"""Parsing of the command line, dispatch, and exit codes."""
 
 from __future__ import annotations
 
@@ -13,45 +10,15 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 from difflib import get_close_matches
-from importlib import import_module
-from inspect import cleandoc
 from textwrap import wrap
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import Any, NoReturn
 
-from avc_casadi import (
-    AvcError,
-    Fault,
-    InputError,
-    LinkError,
-    NotDeployableError,
-    PortError,
-    UnsupportedError,
-    __version__,
-    fault_document,
-)
+from avc_casadi import AvcError, InputError, LinkError, NotDeployableError, PortError, UnsupportedError, __version__
 from avc_casadi._util.interrupt import EXIT_CODE, interrupted, take_interrupt
+from avc_casadi.cli import deploy, design, judge, look, measure, operate  # noqa: F401 - they declare the verbs
+from avc_casadi.cli.arguments import QUESTIONS, VERBS, keep_inputs
 from avc_casadi.cli.console import Console, silence
 
-if TYPE_CHECKING:
-    from avc_casadi.present.row import Answer
-
-QUESTIONS: dict[str, tuple[str, ...]] = {
-    "design a coupling": ("new", "recommend", "run", "solve", "compare"),
-    "judge it": ("certify", "simulate", "trial", "zwidth"),
-    "measure a device": ("excite", "identify", "diagnose"),
-    "deploy": ("export", "push", "firmware"),
-    "operate a device": ("stream", "monitor", "device"),
-    "look": ("list", "check", "explore", "doctor"),
-    "study": ("accuracy", "table1"),
-}
-"""The commands, by the question that they answer."""
-_FILES = ("design", "judge", "measure", "deploy", "operate", "look", "look")
-MODULES: dict[str, str] = {
-    verb: module for module, verbs in zip(_FILES, QUESTIONS.values(), strict=True) for verb in verbs
-}
-"""The module of each command."""
-VERBS: tuple[str, ...] = tuple(MODULES)
-"""All commands."""
 NO, BAD_INPUT, INTERNAL, BROKEN_PIPE = 1, 2, 70, 141
 
 _VERB = "VERB"
@@ -81,7 +48,7 @@ class _Parser(argparse.ArgumentParser):
 
 
 def build_parser() -> argparse.ArgumentParser:
-    """Return the parser of all commands; imports nothing slow."""
+    """Return the parser of all verbs; imports nothing slow."""
     parser = _Parser(
         prog="avc",
         usage="avc [-h] [--version] VERB ...",
@@ -93,26 +60,23 @@ def build_parser() -> argparse.ArgumentParser:
     verbs = parser.add_subparsers(
         metavar=_VERB, prog="avc", required=True, parser_class=_Parser, help=argparse.SUPPRESS
     )
-    listed = []
-    for question, names in QUESTIONS.items():
-        listed.append(f"{question}:")
-        for name in names:
-            module = import_module(f"avc_casadi.cli.{MODULES[name]}")
-            add, run = getattr(module, f"add_{name}"), getattr(module, f"run_{name}")
-            words = cleandoc(add.__doc__ or "")
-            command = verbs.add_parser(
-                name,
-                description=words,
-                formatter_class=argparse.RawDescriptionHelpFormatter,
-                allow_abbrev=False,
-            )
-            add(command)
-            command.add_argument("--json", action="store_true", help="print one JSON document and nothing else")
-            # A positional argument has no option as its name.
-            options = {action.dest: action.option_strings[-1] for action in command._actions if action.option_strings}  # noqa: SLF001
-            command.set_defaults(run=run, options=options)
-            summary = words.partition("\n")[0].rstrip(".")
-            listed += wrap(summary, 110, initial_indent=f"  {name:<12}", subsequent_indent=" " * 14)
+    listed: list[str] = []
+    for name, verb in sorted(VERBS.items(), key=lambda one: QUESTIONS.index(one[1].question)):
+        command = verbs.add_parser(
+            name,
+            description=verb.help,
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+            allow_abbrev=False,
+        )
+        verb.declare(command)
+        command.add_argument("--json", action="store_true", help="print one JSON document and nothing else")
+        # A positional argument has no option as its name.
+        options = {action.dest: action.option_strings[-1] for action in command._actions if action.option_strings}  # noqa: SLF001
+        command.set_defaults(run=verb.run, options=options)
+        if f"{verb.question}:" not in listed:
+            listed.append(f"{verb.question}:")
+        summary = verb.help.partition("\n")[0].rstrip(".")
+        listed += wrap(summary, 110, initial_indent=f"  {name:<12}", subsequent_indent=" " * 14)
     parser.epilog = "\n".join([*listed, "", _EPILOG])
     return parser
 
@@ -132,7 +96,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         except SystemExit as leaving:  # --help and --version
             sys.stdout.flush()
             return int(leaving.code or 0)
-        except (InputError, UnsupportedError) as error:
+        except InputError as error:
             console = Console(as_json=as_json)
             return _refused(console, error)
         console = Console(as_json=as_json)
@@ -149,56 +113,35 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _answered(args: argparse.Namespace, console: Console) -> int:
-    """Run the command; every outcome is a document or a message, and an exit code."""
+    """Run the verb; every outcome is a document or a message, and an exit code."""
     try:
-        answer = _run(args, console)
+        keep_inputs(args)
+        answer = args.run(args, console)
     except BrokenPipeError:
         raise
-    except InputError as error:
-        return _refused(console, _as_options(error, args))
-    except (AvcError, OSError) as error:
-        return _refused(console, error)
-    except Exception as error:  # noqa: BLE001 - an internal error must not end in the code of a plain no
+    except Exception as error:
+        if interrupted():  # CasADi converts Ctrl-C to errors of its own
+            raise KeyboardInterrupt from error
+        if isinstance(error, InputError):  # the option, where an argument of a call is at fault
+            faults = [one if one.file else replace(one, key=args.options.get(one.key, one.key)) for one in error.faults]
+            return _refused(console, InputError(faults))
+        if isinstance(error, AvcError | OSError):
+            return _refused(console, error)
         console.complain(traceback.format_exc())
-        console.refuse(_document(f"internal error: {error!r}"), "avc: internal error; please report it")
+        console.refuse(InputError.of(f"internal error: {error!r}"), "avc: internal error; please report it")
         return INTERNAL
     console.answer(answer, verbose=getattr(args, "verbose", False))
     return int(answer.code)
-
-
-def _run(args: argparse.Namespace, console: Console) -> Answer:
-    """Run the command; CasADi converts Ctrl-C to errors of its own."""
-    from avc_casadi.cli.console import remember_given
-
-    remember_given(vars(args))
-    try:
-        answer: Answer = args.run(args, console)
-    except Exception as error:
-        if interrupted():
-            raise KeyboardInterrupt from error
-        raise
-    return answer
 
 
 def _refused(console: Console, error: AvcError | OSError) -> int:
     if isinstance(error, InputError):
         error = InputError([replace(fault, file=fault.file or "command line") for fault in error.faults])
         count = len(error.faults)
-        told = error.told
         summary = f"\navc: {count} faults" if count > 1 else ""
-        console.refuse(fault_document(error), "\n".join(f"avc: {fault}" for fault in told) + summary)
+        console.refuse(error, "\n".join(f"avc: {fault}" for fault in error.told) + summary)
         return BAD_INPUT
     key = error.key if isinstance(error, UnsupportedError) else ""
-    console.refuse(_document(str(error), key), f"avc: {error}")
+    console.refuse(InputError.of(str(error), key=key), f"avc: {error}")
     said_no = isinstance(error, LinkError | NotDeployableError) and not isinstance(error, PortError)
     return NO if said_no else BAD_INPUT
-
-
-def _as_options(error: InputError, args: argparse.Namespace) -> InputError:
-    """Name the option, as it was typed, where an argument of a call is at fault; a key of a file is unchanged."""
-    typed = args.options | {key: given for key, (given, _) in getattr(args, "worded", {}).items()}
-    return InputError([one if one.file else replace(one, key=typed.get(one.key, one.key)) for one in error.faults])
-
-
-def _document(message: str, key: str = "") -> dict[str, Any]:
-    return fault_document(InputError([Fault(file="", line=None, key=key, message=message)]))

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 import avc_casadi as avc
 from avc_casadi._util.interrupt import take_interrupt
-from avc_casadi.cli.arguments import add_verbose, add_workers, is_device, positive_int
-from avc_casadi.cli.console import PICTURES, Console, output_file, package_versions, write_figure
+from avc_casadi.cli.arguments import BAUD, PROBLEM, VERBOSE, WORKERS, argument, flag, plot, positive_int, verb
+from avc_casadi.cli.console import Console, package_versions, write_figure
 
 if TYPE_CHECKING:
     from avc_casadi.present.row import Answer
@@ -22,41 +22,27 @@ if TYPE_CHECKING:
 _PROGRAMS = ("cc", "gcc", "clang", "arm-none-eabi-gcc", "qemu-system-arm")
 
 
-def add_list(parser: argparse.ArgumentParser) -> None:
+@verb("look")
+def run_list(args: argparse.Namespace, console: Console) -> Answer:  # noqa: ARG001
     """Show the catalogue of problems and devices.
 
     Problems are files to run and to copy from, devices are names to give in a problem file.
     """
-
-
-def run_list(args: argparse.Namespace, console: Console) -> Answer:  # noqa: ARG001
-    """List every problem and device with its title."""
     from avc_casadi.files.catalogue import device_names
-    from avc_casadi.files.device_file import device_catalogue
     from avc_casadi.present.rows.look import catalogue
 
-    problems = [
-        {"name": entry.name, "title": entry.title, "source": entry.source, "path": str(entry.path)}
-        for entry in avc.catalogue()
-    ]
-    paths = device_names()
-    devices = [
-        {"name": file.name, "title": file.title, "gaps": list(file.gaps), "path": str(paths[file.name])}
-        for file in device_catalogue()
-    ]
+    problems = [vars(entry) | {"path": str(entry.path)} for entry in avc.catalogue()]
+    files = [(avc.load_device(name), str(path)) for name, path in device_names().items()]
+    devices = [{"name": file.name, "title": file.title, "gaps": list(file.gaps), "path": path} for file, path in files]
     return catalogue({"problems": problems, "devices": devices}, str(avc.catalogue_path("figure5").parent))
 
 
-def add_check(parser: argparse.ArgumentParser) -> None:
-    """Check a problem file or a device file and show what it means."""
-    parser.add_argument("problem", metavar="P", help="problem or device: a file, or a name of the catalogue")
-    add_verbose(parser)
-
-
+@verb("look", argument("problem", metavar="P", text="problem or device: a file, or a name of the catalogue"), VERBOSE)
 def run_check(args: argparse.Namespace, console: Console) -> Answer:  # noqa: ARG001
-    """Load the problem or the device; its faults are raised."""
+    """Check a problem file or a device file and show what it means."""
     from avc_casadi._util.json_values import plain
     from avc_casadi.files.plausibility import plausibility
+    from avc_casadi.files.problem_file import is_device
     from avc_casadi.loops.sampled_loop import passive_limit_n_per_m
     from avc_casadi.model.declared import declared
     from avc_casadi.present.rows import look
@@ -118,22 +104,19 @@ def _device(source: str) -> Answer:
     return device(data, file.device.units)
 
 
-def add_explore(parser: argparse.ArgumentParser) -> None:
+@verb(
+    "look",
+    argument("problem", metavar="P", nargs="?", default="figure5", text="problem file or name; default figure5"),
+    argument("--port", type=int, default=0, metavar="N", text="port of 127.0.0.1; default any free one"),
+    flag("--open", "open the page in the browser"),
+)
+def run_explore(args: argparse.Namespace, console: Console) -> Answer:
     """Turn knobs on a local page: device, hands, and wall or engine as sliders beside what they make of a coupling.
 
     The page is served to this machine alone (127.0.0.1, a random token in its address), needs no network and ends with
     Ctrl-C. Its settings stand in its address; it saves problem and coupling as files, and shows the commands for the
     same.
     """
-    parser.add_argument(
-        "problem", metavar="P", nargs="?", default="figure5", help="problem file or name of the catalogue; figure5"
-    )
-    parser.add_argument("--port", type=_port, default=0, metavar="N", help="port of 127.0.0.1; default any free one")
-    parser.add_argument("--open", action="store_true", help="open the page in the browser")
-
-
-def run_explore(args: argparse.Namespace, console: Console) -> Answer:
-    """Serve until Ctrl-C."""
     import webbrowser
 
     from avc_casadi.present.explore.explorer import Explorer
@@ -144,8 +127,8 @@ def run_explore(args: argparse.Namespace, console: Console) -> Answer:
     explorer = Explorer(problem, args.problem, package_versions())
     try:
         server = ExploreServer(explorer, args.port)
-    except OSError as error:
-        raise avc.InputError.of(f"{args.port} cannot be used: {error.strerror}; leave it out", key="--port") from error
+    except (OSError, OverflowError) as error:
+        raise avc.InputError.of(f"{args.port} cannot be used: {error}; leave it out", key="--port") from error
     with server:
         try:
             console.say(": ".join(filter(None, (problem.name, problem.title))))
@@ -161,30 +144,18 @@ def run_explore(args: argparse.Namespace, console: Console) -> Answer:
     return Result("explore", {"problem": problem.name, "url": server.url})
 
 
-def _port(text: str) -> int:
-    if not (text.isascii() and text.isdigit() and int(text) < 65536):
-        raise argparse.ArgumentTypeError(f"{text!r} is no port; allowed: 0 to 65535")
-    return int(text)
-
-
-def add_doctor(parser: argparse.ArgumentParser) -> None:
+@verb(
+    "look",
+    flag("--ports", "list the serial ports alone, USB devices first"),
+    flag("--ask", "open each port and ask which avc device is there; boards like the Arduino start anew by that"),
+    BAUD,
+    VERBOSE,
+)
+def run_doctor(args: argparse.Namespace, console: Console) -> Answer:
     """Show versions, solvers, compiler, ports and permissions.
 
     Each solver of the method direct solves a small problem; its answer is checked, whatever it reports.
     """
-    parser.add_argument("--ports", action="store_true", help="list the serial ports alone, USB devices first")
-    parser.add_argument(
-        "--ask",
-        action="store_true",
-        help="open each port and ask which avc device is there; whatever else is there is sent a few bytes, "
-        "and boards like the Arduino start anew",
-    )
-    parser.add_argument("--baud", type=positive_int, default=115200, help="rate for --ask; default 115200")
-    add_verbose(parser)
-
-
-def run_doctor(args: argparse.Namespace, console: Console) -> Answer:
-    """Check everything; 1 if a solver does not solve."""
     from avc_casadi.paper.backends import SOLVERS
     from avc_casadi.present.row import Answer as Result
     from avc_casadi.present.rows.look import installation, ports
@@ -243,54 +214,44 @@ def _hello(port: str, baud: int) -> dict[str, Any] | None:
     }
 
 
-def add_accuracy(parser: argparse.ArgumentParser) -> None:
+@verb("study", PROBLEM, plot("time against error"), VERBOSE)
+def run_accuracy(args: argparse.Namespace, console: Console) -> Answer:
     """Measure what accuracy costs in time: methods and solvers over tolerances against the true optimum.
 
     Every method, and every solver over tolerances from 1e-2 to 1e-12, against the true optimum of each frequency, which
     `exact` finds by geometry. Takes about a minute.
     """
-    parser.add_argument("problem", metavar="P", help="problem file or name of the catalogue")
-    parser.add_argument("--plot", metavar="FILE", help="draw time against error: .png, .svg or .pdf")
-    add_verbose(parser)
-
-
-def run_accuracy(args: argparse.Namespace, console: Console) -> Answer:
-    """Measure, draw and show."""
     from avc_casadi.design.comparison.accuracy import accuracy_document, solver_costs
     from avc_casadi.present.rows.look import accuracy
 
-    plot = None if args.plot is None else output_file(args.plot, "--plot", PICTURES)
     problem = avc.load_problem(args.problem)
     with console.step("time and error of each solver"):
         costs = solver_costs(problem, console)
-    if plot is not None:
+    if args.plot is not None:
         from avc_casadi.present.figures.accuracy import draw_accuracy
 
         with console.step("figure"):
-            write_figure(plot, draw_accuracy(costs))
+            write_figure(args.plot, draw_accuracy(costs))
     return accuracy(accuracy_document(problem, costs))
 
 
-def add_table1(parser: argparse.ArgumentParser) -> None:
+@verb(
+    "study",
+    argument("--hands", type=positive_int, default=200, metavar="N", text="hands of each set (default 200)"),
+    argument("--seed", type=int, default=2026, metavar="S", text="the same seed, the same counts"),
+    *WORKERS,
+    VERBOSE,
+)
+def run_table1(args: argparse.Namespace, console: Console) -> Answer:
     """Rebuild the paper's Table 1 with simulated hands: stable or not, and which coupling feels like the wall.
 
     Six walls, nine couplings, two populations of hands, three motions. Walls VE4 to VE6 are calibrated to the paper's
     column without coupling; every other count is predicted. 200 hands take about a minute on two cores.
     """
-    parser.add_argument("--hands", type=positive_int, default=200, metavar="N", help="hands of each set (default 200)")
-    parser.add_argument(
-        "--seed", type=int, default=2026, metavar="S", help="seed of the hands; the same seed, the same counts"
-    )
-    add_workers(parser)
-    add_verbose(parser)
-
-
-def run_table1(args: argparse.Namespace, console: Console) -> Answer:
-    """Try all hands and count."""
     from avc_casadi._util.parallel import cluster, processors
     from avc_casadi.design.comparison.table1 import table1 as study
     from avc_casadi.present.rows.look import table1
 
-    workers = processors() if args.workers is None else args.workers
+    workers = args.workers or processors()
     with cluster(args.scheduler) as executor, console.step("hands at the walls of the paper"):
         return table1(study(args.hands, args.seed, workers=workers, executor=executor, progress=console))

@@ -10,19 +10,23 @@ from typing import TYPE_CHECKING, Any
 import avc_casadi as avc
 from avc_casadi._util.interrupt import EXIT_CODE, HeldInterrupt, take_interrupt
 from avc_casadi.cli.arguments import (
-    add_motion,
-    add_port,
-    add_problem_of_gains,
-    add_unsafe,
-    add_worded,
-    check_worded,
+    MOTION,
+    PORT,
+    UNSAFE,
+    argument,
     faults_of,
+    flag,
     is_coupling,
+    of_motion,
+    output,
     positive,
-    read_subject,
+    read_wall,
+    recommended_coupling,
+    turning,
     unsafe_note,
+    verb,
 )
-from avc_casadi.cli.console import Console, output_file
+from avc_casadi.cli.console import Console
 
 if TYPE_CHECKING:
     from avc_casadi._util.units import Units
@@ -30,36 +34,38 @@ if TYPE_CHECKING:
     from avc_casadi.present.row import Answer, Part
     from avc_hardware import Device, DeviceStatus, StreamSample, TelemetrySample
 
+_QUESTION = "operate a device"
 _SECONDS_WITH_JSON = 5.0
 _HEARTBEAT_S = 0.5
 # Rate of readable lines of text.
 _LINES_HZ = 5.0
-_LIMITS = ("force_n", "speed_m_per_s", "energy_j", "built_in")
 
 
-def add_stream(parser: argparse.ArgumentParser) -> None:
-    """Stream a coupling's gains live: read the device's frequency estimate, send the gains for it."""
-    parser.add_argument(
-        "subject", metavar="COUPLING", help="coupling file; or a problem, whose recommended coupling is streamed"
-    )
-    add_port(parser)
-    parser.add_argument(
-        "--rate-hz", type=positive, default=50.0, metavar="HZ", help="messages a second, 1 to 100; default 50"
-    )
-    parser.add_argument("--seconds", type=positive, default=5.0, metavar="S", help="duration; default 5")
-    add_problem_of_gains(parser)
-    add_unsafe(parser)
-
-
+@verb(
+    _QUESTION,
+    argument("subject", metavar="COUPLING", text="coupling file; or a problem, whose recommended coupling is streamed"),
+    *PORT,
+    argument("--rate-hz", type=positive, default=50.0, metavar="HZ", text="messages a second, 1 to 100; default 50"),
+    argument("--seconds", type=positive, default=5.0, metavar="S", text="duration; default 5"),
+    UNSAFE,
+)
 def run_stream(args: argparse.Namespace, console: Console) -> Answer:
-    """Push the table as the fallback, then stream; 1 if the device does not end on this coupling's table."""
+    """Stream a coupling's gains live: read the device's frequency estimate, send the gains for it.
+
+    The table is pushed first, as what the device falls back to. Exit code 1 if it does not end on it.
+    """
     from avc_casadi._util.json_values import plain
     from avc_casadi.claims.deployable import require_deployable
+    from avc_casadi.coupling import require_coupling
     from avc_casadi.present.row import Value, text_of
     from avc_casadi.present.rows import deploy
     from avc_hardware import stream
 
-    coupling = _stream_coupling(args, console)
+    if is_coupling(args.subject):
+        coupling = read_wall(args.subject)
+    else:
+        coupling = recommended_coupling(avc.load_problem(args.subject), console)
+        require_coupling(coupling)
     verdict = require_deployable(coupling, unsafe=args.unsafe)
     units, shown, sent = coupling.problem.units, -1.0, 0
 
@@ -114,71 +120,53 @@ def _stream_interrupted(coupling: Coupling, args: argparse.Namespace, sent: int)
     return Result("stream", data, (f"interrupted after {sent} messages; {left}",), code=EXIT_CODE)
 
 
-def _stream_coupling(args: argparse.Namespace, console: Console) -> Coupling:
-    """Read the coupling; or recommend one for a problem."""
-    if is_coupling(args.subject):
-        return read_subject("stream", args.subject, args.problem)
-    from avc_casadi.recommendation.recommend import recommend
-
-    problem = avc.load_problem(args.subject)
-    with console.step("recommended coupling"):
-        found = recommend(problem, progress=console)
-    if found.coupling is None or found.coupling.end != "wall":
-        raise avc.NotDeployableError(f"{problem.name}: {found.reason}")
-    return found.coupling
-
-
-def add_monitor(parser: argparse.ArgumentParser) -> None:
-    """Watch a device: records of its own ticks, as text or log; and keep its heartbeat.
-
-    The device pushes a record every so many of its own ticks, with the tick's number; one that is lost is seen by it.
-    With --heartbeat the device lives as long as this command: when it ends, is killed or loses the line, the force
-    falls to 0 within 0.1 s, and comes back out of contact with the next heartbeat.
-    """
-    add_port(parser)
-    parser.add_argument(
+@verb(
+    _QUESTION,
+    *PORT,
+    argument(
         "--rate-hz",
         type=positive,
         default=_LINES_HZ,
         metavar="HZ",
-        help="records a second; default 5; 115200 baud carry about 250. At most 5 a second are shown as text",
-    )
-    parser.add_argument(
-        "--seconds", type=positive, metavar="S", help="duration; default until Ctrl-C, with --json 5 seconds"
-    )
-    parser.add_argument(
+        text="records a second; default 5; 115200 baud carry about 250. At most 5 a second are shown as text",
+    ),
+    argument("--seconds", type=positive, metavar="S", text="duration; default until Ctrl-C, with --json 5 seconds"),
+    argument(
         "--heartbeat",
         dest="heartbeat_s",
         type=positive,
         nargs="?",
         const=_HEARTBEAT_S,
         metavar="S",
-        help=f"keep the device's heartbeat: the force falls when none comes for S seconds; default {_HEARTBEAT_S:g}",
-    )
-    parser.add_argument("--out", metavar="FILE", help="log every record as it comes: .csv")
-    add_motion(parser)
-
-
+        text=f"keep the device's heartbeat: the force falls when none comes for S seconds; default {_HEARTBEAT_S:g}",
+    ),
+    output("--out", "log every record as it comes: .csv", ".csv"),
+    MOTION,
+)
 def run_monitor(args: argparse.Namespace, console: Console) -> Answer:
-    """Watch the device; Ctrl-C ends it with all samples so far."""
+    """Watch a device: records of its own ticks, as text or log; and keep its heartbeat.
+
+    The device pushes a record every so many of its own ticks, with the tick's number; one that is lost is seen by it.
+    With --heartbeat the device lives as long as this command: when it ends, is killed or loses the line, the force
+    falls to 0 within 0.1 s, and comes back out of contact with the next heartbeat.
+    """
     from avc_casadi._util.json_values import plain
     from avc_casadi._util.units import units_for
     from avc_casadi.present.row import Value, text_of
     from avc_hardware import EMULATOR, EMULATOR_IS_FRESH, DeviceFault, TelemetryLog, monitor
 
     units = units_for(args.motion)
-    out = output_file(args.out, "--out", (".csv",)) if args.out else None
     samples: list[dict[str, Any]] = []
     note = EMULATOR_IS_FRESH if args.port == EMULATOR else None
     document: dict[str, Any] = {"port": args.port, "note": note, "samples": samples, "records": 0, "lost": 0}
-    document |= {"ended": None, "out": args.out}
+    document |= {"ended": None, "out": args.out and str(args.out)}
     code, shown = 0, -1.0
     log: TelemetryLog | None = None
 
     def begun(device: Device) -> None:
         nonlocal log
-        if out is not None and log is None:  # not before there is something to log
-            log = stack.enter_context(TelemetryLog(out, args.motion))
+        if args.out is not None and log is None:  # not before there is something to log
+            log = stack.enter_context(TelemetryLog(args.out, args.motion))
         own, tick, most = device.unique_id, Value(device.sample_time_s, "time"), Value(device.max_force_n, "force")
         running = f", coupling {device.coupling_id}" if device.coupling_id else ", no coupling"
         told = (f"device {own} with firmware {device.build}: a tick every", tick, ", at most", most, running)
@@ -261,53 +249,39 @@ def _monitor_state(sample: TelemetrySample, faults: str) -> tuple[Part, ...]:
     )
 
 
-def add_device(parser: argparse.ArgumentParser) -> None:
-    """Show or lower the limits of a device, or clear its faults."""
-    add_port(parser)
-    what = parser.add_mutually_exclusive_group()
-    what.add_argument("--limits", action="store_true", help="show or lower the limits (what is done by default)")
-    what.add_argument("--clear", action="store_true", help="show the latched faults and clear them; 1 if one stays")
-    limits = parser.add_argument_group(
-        "limits",
-        "Never above those built into the firmware, and until the device starts anew. A lower force\n"
-        "holds at once, a higher one from the next time that the device is out of contact.",
-    )
-    add_worded(limits, "--force-n", "--torque-nm", "N", "limit of the force")
-    add_worded(limits, "--speed-m-per-s", "--speed-rad-per-s", "V", "a fault is latched beyond it")
-    limits.add_argument(
-        "--energy-j", type=positive, metavar="E", help="that a coupling may give out, a second, without having got it"
-    )
-    limits.add_argument("--built-in", action="store_true", help="those of the firmware, for all that is not given")
-    add_motion(parser)
-
-
+@verb(
+    _QUESTION,
+    *PORT,
+    flag("--clear", "show the latched faults and clear them; 1 if one stays"),
+    *turning("force_n", "N", "limit of the force; a higher one holds from the next time out of contact"),
+    *turning("speed_m_per_s", "V", "a fault is latched beyond it"),
+    argument("--energy-j", type=positive, metavar="E", text="that a coupling may give a second, beyond what it got"),
+    MOTION,
+)
 def run_device(args: argparse.Namespace, console: Console) -> Answer:
-    """Carry out the options."""
-    if not args.clear:
-        return _device_limited(args, console)
-    if given := [key for key in _LIMITS if getattr(args, key) not in {None, False}]:
-        raise avc.InputError.of("goes with --limits, not with --clear", key=given[0])
-    return _device_cleared(args, console)
+    """Show or lower the limits of a device, or clear its faults.
 
-
-def _device_limited(args: argparse.Namespace, console: Console) -> Answer:
+    Limits are never above those built into the firmware, and hold until the device starts anew.
+    """
     from avc_casadi._util.json_values import plain
     from avc_casadi._util.units import units_for
     from avc_casadi.present.rows.deploy import limits
     from avc_hardware import set_limits
 
     units = units_for(args.motion)
-    check_worded(args, units)
+    asked = {key: of_motion(args, units, key) for key in ("force_n", "speed_m_per_s", "energy_j")}
+    if args.clear:
+        if given := [key for key, value in asked.items() if value is not None]:
+            raise avc.InputError.of("is a limit, and --clear sets none; leave it out", key=units.key(given[0]))
+        return _cleared(args, console)
     with console.step(f"limits of {args.port}"):
-        wanted = {key: getattr(args, key) for key in _LIMITS}
-        found = set_limits(args.port, **wanted, baud=args.baud, on_silence=console.notice)
+        found = set_limits(args.port, **asked, baud=args.baud, on_silence=console.notice)
     three = {name: vars(getattr(found, name)) for name in ("boards", "asked", "hold")}
     document: dict[str, Any] = plain({"port": found.port, "waits": found.waits} | three)
     return limits(document, units)
 
 
-def _device_cleared(args: argparse.Namespace, console: Console) -> Answer:
-    """Clear the faults; 1 if one remains."""
+def _cleared(args: argparse.Namespace, console: Console) -> Answer:
     from avc_casadi.present.rows.deploy import faults
     from avc_hardware import clear_faults
 

@@ -6,7 +6,7 @@ import json
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any, Literal
 
 from pydantic import ConfigDict, Field
 
@@ -14,7 +14,7 @@ from avc_casadi._errors import Fault, InputError
 from avc_casadi._util.files import read_text, write_file
 from avc_casadi._util.json_values import json_text, plain
 from avc_casadi._util.units import LINEAR, ROTARY
-from avc_casadi.coupling import Coupling, End, require_coupling, schedule_of, thinned
+from avc_casadi.coupling import Coupling, require_coupling, schedule_of, thinned
 from avc_casadi.files.border import in_keys_of
 from avc_casadi.files.catalogue import require_source
 from avc_casadi.files.gain_file import MOST_BYTES, NEXT_STEP, GainColumns, read_csv
@@ -29,11 +29,10 @@ from avc_casadi.model.table import checked
 from avc_casadi.model.virtual_tool import ToolGains
 
 COUPLING_SCHEMA = "avc-coupling/1"
-GAINS_ALONE = (
+_GAINS_ALONE = (
     "is a table of gains alone; it lacks the problem (wall, hands, device, force limit) and what runs beside. "
-    "Give the problem that it was made for beside it"
+    "Give the problem that it was made for beside it: --problem P, or read_coupling(path, problem)"
 )
-"""What a gain file without a problem lacks."""
 _LACKS = (
     "what runs beside the gains: observer, estimator, adaptation, guard; those of a coupling that names none are taken",
     "its certificate on the loop as it is",
@@ -179,16 +178,6 @@ def read_file(path: str | Path) -> Coupling | GainTable:
         return replace(coupling, certificate=found.certificate, trial=found.trial, versions=found.versions)
 
 
-def end_of(path: str | Path) -> End | None:
-    """Return what the coupling of a file leads to; None of gains alone, of another file and of what cannot be read."""
-    try:
-        document = _read_document(Path(path)) if str(path).lower().endswith(".json") else {}
-    except InputError:
-        return None
-    end: End = document.get("end", "wall")
-    return end if document.get("schema") == COUPLING_SCHEMA and end in get_args(End) else None
-
-
 def read_coupling(path: str | Path, problem: AnyProblem | None = None) -> Coupling:
     """Read a coupling file; or a CSV table of gains, with the problem that it was made for.
 
@@ -209,7 +198,7 @@ def read_coupling(path: str | Path, problem: AnyProblem | None = None) -> Coupli
     if problem is None:
         if isinstance(found, Coupling):
             return found
-        raise InputError.of(f"{GAINS_ALONE}: read_coupling(path, problem)", file=file)
+        raise InputError.of(_GAINS_ALONE, file=file)
     stated = as_problem(problem)
     if isinstance(found, GainTable):
         return coupling_beside(stated, found, file)

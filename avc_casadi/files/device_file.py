@@ -10,7 +10,7 @@ from pydantic import Field
 
 from avc_casadi._errors import Fault, InputError
 from avc_casadi.files.border import COUNTS, Border, overridden
-from avc_casadi.files.catalogue import device_names, device_path, require_source
+from avc_casadi.files.catalogue import device_path, require_source
 from avc_casadi.files.key_lines import KeyLines
 from avc_casadi.files.toml_text import tables_of, text_of
 from avc_casadi.model import quantity as q
@@ -122,11 +122,6 @@ def parse_device(text: str, *, file: str = "device.toml", name: str = "") -> Dev
         return found
     lines = KeyLines(text.replace("\r\n", "\n"))
     raise InputError([Fault(file, lines[key], t.dotted(key), message) for key, message in found])
-
-
-def device_catalogue() -> tuple[DeviceFile, ...]:
-    """Return every device of the catalogue."""
-    return tuple(map(load_device, device_names()))
 
 
 def with_device(tables: Mapping[str, Any], folder: Path | None) -> Border | t.Finding:

@@ -12,8 +12,8 @@ from typing import Any, Literal, TypeVar, cast
 from avc_casadi._errors import Fault, InputError, UnsupportedError
 from avc_casadi._util.json_values import plain
 from avc_casadi.files.border import in_keys_of
-from avc_casadi.files.catalogue import catalogue_names, catalogue_path, require_source
-from avc_casadi.files.device_file import with_device
+from avc_casadi.files.catalogue import DEVICES, catalogue_names, catalogue_path, device_names, require_source
+from avc_casadi.files.device_file import DeviceFile, with_device
 from avc_casadi.files.key_lines import KeyLines
 from avc_casadi.files.toml_text import tables_of, text_of
 from avc_casadi.model.problem import Frequency, Problem
@@ -53,6 +53,17 @@ def load_problem(source: str | Path) -> Problem:
     return parse_problem(text, file=str(source), name=names.get(path.resolve(), path.stem), folder=path.parent)
 
 
+def is_device(source: str) -> bool:
+    """Return whether a name or a file is that of a device rather than a problem."""
+    if not source.endswith(".toml"):
+        return source.startswith(DEVICES) or (source in device_names() and source not in catalogue_names())
+    try:
+        tables = tables_of(text_of(Path(source)), source)
+    except InputError:  # reported where it is loaded as a problem
+        return False
+    return isinstance(tables.get("device"), dict) and set(tables) <= set(DeviceFile.model_fields)
+
+
 F = TypeVar("F", bound=Callable[..., Any])
 AnyProblem = Problem | str | Path | Mapping[str, Any]
 """A problem, a path or a name as `load_problem` takes it, or the tables of a problem file as a dict."""
@@ -75,10 +86,9 @@ def as_problem(problem: AnyProblem) -> Problem:
     raise _refused(found)
 
 
-def _refused(findings: Iterable[Finding], file: str = "problem", key: str = "") -> InputError:
+def _refused(findings: Iterable[Finding], file: str = "problem") -> InputError:
     """Return the error of faults that stand on no line."""
-    head: KeyPath = (key,) if key else ()
-    return InputError([Fault(file, None, dotted((*head, *path)), message) for path, message in findings])
+    return InputError([Fault(file, None, dotted(path), message) for path, message in findings])
 
 
 def _not_finite(path: KeyPath, value: Any) -> Iterator[Finding]:
@@ -214,12 +224,12 @@ def _tables_of(problem: Problem, mode: Literal["json", "python"]) -> dict[str, A
     return tables
 
 
-def problem_of(document: Mapping[str, Any], *, file: str = "problem", key: str = "") -> Problem:
+def problem_of(document: Mapping[str, Any], *, file: str = "problem") -> Problem:
     """Read `problem_document` back."""
     tables = {table: values for table, values in document.items() if table != "name"}
     found = checked(Problem, tables, str(document.get("name", "")))
     if isinstance(found, list):
-        raise _refused(found, file, key)
+        raise _refused(found, file)
     return found
 
 

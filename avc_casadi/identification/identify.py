@@ -43,7 +43,6 @@ def identify(
     *,
     layout: Layout | None = None,
     base: DeviceFile | None = None,
-    encoder_at: str | None = None,
     flip_force: bool = False,
     handle_radius_m: float | None = None,
     progress: Progress = SILENT,
@@ -72,10 +71,9 @@ def identify(
     with progress.step("first guess"):
         start = _checked(Motion(records, offsets).start(), records[0].motion)
     structure = _simplest(records, start, offsets)
-    if encoder_at is None and base is not None and base.device.resonance is not None:
-        encoder_at = base.device.encoder_at
     predictor, response = Predictor(records), measured_response(records)
-    sides = ("motor", "handle") if encoder_at is None else (encoder_at,)
+    declared = None if base is None or base.device.resonance is None else base.device.encoder_at
+    sides = ("motor", "handle") if declared is None else (declared,)
     with progress.step("model"):
         ladder = Ladder.climb(predictor, structure, start, response, sides, progress)
     fit = ladder.fit

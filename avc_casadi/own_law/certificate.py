@@ -17,10 +17,8 @@ import numpy as np
 from avc_casadi._errors import Fault, InputError, UnsupportedError
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.printed import Printed
-from avc_casadi.files.catalogue import catalogue_names, device_names
 from avc_casadi.files.device_file import load_device
-from avc_casadi.files.problem_file import AnyProblem, as_problem
-from avc_casadi.files.toml_text import tables_of, text_of
+from avc_casadi.files.problem_file import AnyProblem, as_problem, is_device
 from avc_casadi.loops.margins import LEAST_DISK, SOUND_DISK
 from avc_casadi.loops.wall import MAX_DELAY_SAMPLES
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners, device_ranges
@@ -207,15 +205,10 @@ def certify_law(
 
 def _problem_of(source: AnyProblem) -> Problem:
     """Return a problem, or a device file as one without a wall."""
-    name = str(source)
-    if isinstance(source, str | Path) and name not in catalogue_names():
-        alone = (
-            name in device_names() if not name.endswith(".toml") else "sources" in tables_of(text_of(Path(name)), name)
-        )
-        if alone:
-            file = load_device(name)
-            nothing = Impedance(damping_ns_per_m=0.0, stiffness_n_per_m=0.0)
-            return Problem(name=file.name, title=file.title, device=file.device, environment=nothing)
+    if isinstance(source, str | Path) and is_device(str(source)):
+        file = load_device(source)
+        nothing = Impedance(damping_ns_per_m=0.0, stiffness_n_per_m=0.0)
+        return Problem(name=file.name, title=file.title, device=file.device, environment=nothing)
     return as_problem(source)
 
 

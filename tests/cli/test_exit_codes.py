@@ -28,7 +28,6 @@ from avc_casadi.coupling import Coupling
         (("compare", "figure5", "--mine", "7000,-1"), "--mine", ">= 0"),
         (("compare", "figure5", "--plot", "f.bmp"), "--plot", ".png, .svg, .pdf"),
         (("simulate", "soft", "--screen", "--explain"), "--explain", "--screen"),
-        (("simulate", "soft", "--tolerance", "0.1"), "--tolerance", "--screen"),
         (("push", "missing.json", "--port", "emulator"), "", "does not exist"),
         (("push", "missing.json"), "", "--port"),
         (("monitor", "--port", "emulator", "--rate-hz", "0"), "--rate-hz", "above 0"),

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 from avc_casadi._errors import AvcError, Fault, InputError, fault_document
 from avc_casadi._util.json_values import json_text
-from avc_casadi.files.catalogue import catalogue_names
+from avc_casadi.files.catalogue import catalogue_names, device_names
 from avc_casadi.files.coupling_file import coupling_document
-from avc_casadi.files.device_file import device_catalogue, load_device, parse_device
+from avc_casadi.files.device_file import load_device, parse_device
 from avc_casadi.files.problem_file import dump_problem, problem_document
 from avc_casadi.present.explore.explorer import Explorer, run_rows
 from avc_casadi.present.explore.fields import value_of
@@ -40,7 +40,7 @@ def start(explorer: Explorer, _: Mapping[str, Any]) -> dict[str, Any]:
         "gains": [field.document() for field in form.gains],
         "devices": [
             {"name": file.name, "title": file.title}
-            for file in device_catalogue()
+            for file in map(load_device, device_names())
             if file.device.motion == base.device.motion
         ],
         "live": form.live,

@@ -32,7 +32,7 @@ def _files(files: Sequence[str]) -> list[Row]:
 
 
 def limits(data: Mapping[str, Any], units: Units) -> Answer:
-    """Return the answer of `device --limits`."""
+    """Return the answer of `device`."""
     rows = [
         row(label, Value(data["hold"][key], of), "of", Value(data["boards"][key], of), "built in")
         for label, key, of in _LIMITED

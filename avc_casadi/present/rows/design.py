@@ -257,12 +257,12 @@ def _safety(data: Mapping[str, Any]) -> list[Row]:
 
 
 def run(data: Mapping[str, Any], found: Answer, written: str) -> Answer:
-    """Return the answer of `run` before a wall: what to deploy, what the device received, the paper's question."""
+    """Return the answer of `run`: what to deploy; before a wall what the device received and the paper's question."""
     shown = [one for one in found.rows if one.rank == 0 and one.label != "Written"]
-    first, later = shown[:_FIRST], [replace(one, rank=1) for one in shown[_FIRST:]]
-    details = [one for one in found.rows if one.rank > 0]
-    rows = (*first, device(data["push"]), *paper(data), row("Written", written), *later, *details)
-    return Answer("run", data, found.title, rows, units=found.units)
+    beside = (device(data["push"]), *paper(data)) if "push" in data else ()
+    first = shown[:_FIRST] if beside else shown
+    later = [replace(one, rank=1) for one in shown[len(first) :]] + [one for one in found.rows if one.rank > 0]
+    return replace(found, kind="run", data=data, rows=(*first, *beside, row("Written", written), *later))
 
 
 def paper(data: Mapping[str, Any]) -> list[Row]:
