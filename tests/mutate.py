@@ -53,7 +53,7 @@ FLIPPED = {ast.Add: (b"+", b"-"), ast.Sub: (b"-", b"+")}
 SWAPPED = {ast.Lt: (b"<", b"<="), ast.LtE: (b"<=", b"<"), ast.Gt: (b">", b">="), ast.GtE: (b">=", b">")}
 
 # Of so many files the quick tests first, then the others.
-MARKS = ("not thorough and not exhaustive", "thorough and not exhaustive")
+MARKS = ("not slow", "slow")
 # hypothesis is loaded before pytest looks for it
 OPTIONS = ("-x", "-q", "--tb=no", "-p", "no:cacheprovider", "-W", "ignore::pytest.PytestAssertRewriteWarning")
 # Of a process: its copy of the tree, and whether tests that failed pass without a mutant.

@@ -1,6 +1,6 @@
 """Break the code in small ways, one at a time, and see whether the tests that should notice do.
 
-The edits stand in mutations/*.toml: file, old text, new text, tests to run (with `thorough = true` those too that are
+The edits stand in mutations/*.toml: file, old text, new text, tests to run (with `slow = true` those too that are
 marked so) and why it matters. They are made in a copy of the tree below a temporary folder. An edit is killed when a
 listed test fails or takes far too long; it survived when all pass; it is stale when its old text does not stand exactly
 once in its file. An edit that no test can notice says why in its table. The run ends with 1 where an edit is stale,
@@ -47,11 +47,11 @@ def copied(folder: Path) -> Path:
     return root
 
 
-def passes(root: Path, tests: Iterable[str], longest_s: int | None = LONGEST_S, *, thorough: bool) -> tuple[bool, str]:
+def passes(root: Path, tests: Iterable[str], longest_s: int | None = LONGEST_S, *, slow: bool) -> tuple[bool, str]:
     """Run tests in a copy until the first fails; return whether all pass, and what failed."""
     path = os.pathsep.join((str(root), str(root / "hardware")))
     command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", "--tb=no", *tests]
-    command += ["-m", "not exhaustive"] if thorough else []
+    command += ["-m", ""] if slow else []
     environment = {**os.environ, "PYTHONPATH": path, "PYTHONDONTWRITEBYTECODE": "1"}
     with subprocess.Popen(  # noqa: S603 - ours
         command, cwd=root, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, start_new_session=True
@@ -81,7 +81,7 @@ def tried(root: Path, edit: Edit) -> dict[str, Any]:
     before = whole.read_text(encoding="utf-8")
     try:
         whole.write_text(broken, encoding="utf-8")
-        passed, _ = passes(root, edit.tests, thorough=edit.thorough)
+        passed, _ = passes(root, edit.tests, slow=edit.slow)
     finally:
         whole.write_text(before, encoding="utf-8")
     return {**record, "outcome": "survived" if passed else "killed"}
@@ -107,9 +107,9 @@ def run(area: str) -> list[dict[str, Any]]:
     listed, records = edits(area), []
     with tempfile.TemporaryDirectory(prefix="avc-mutation-") as folder:
         root = copied(Path(folder))
-        for thorough in sorted({edit.thorough for edit in listed}):
-            every = sorted({test for edit in listed if edit.thorough == thorough for test in edit.tests})
-            passed, by = passes(root, every, None, thorough=thorough)
+        for slow in sorted({edit.slow for edit in listed}):
+            every = sorted({test for edit in listed if edit.slow == slow for test in edit.tests})
+            passed, by = passes(root, every, None, slow=slow)
             if not passed:
                 sys.exit(f"the tests of {area} fail without any edit: {by}")
         for number, edit in enumerate(listed, start=1):

@@ -97,7 +97,7 @@ def random_coupling(rng):
     return Coupling(problem, schedule_of(problem, table, "drawn"), table)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_the_verdict_is_that_of_a_loop_marched_by_other_code():
     rng = np.random.default_rng(7)
     verdicts = []
@@ -251,7 +251,7 @@ def test_what_is_declared_can_refuse_a_coupling(declared):
     assert ends[1] > 1e3
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_the_simulated_loop_grows_where_the_radius_says_so():
     """On both sides of the limit: the scene with all that is declared, its wall never left."""
     device = {"resonance": MODE, "amplifier_bandwidth_hz": 300.0, "delay_samples": 0.5, "encoder_resolution_m": 0.0}
@@ -287,7 +287,7 @@ RANGES = {
 }
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_every_corner_of_the_device_is_judged():
     device = {"mass_kg": 0.1, "delay_samples": 1, "amplifier_bandwidth_hz": 1000.0, "resonance": MODE}
     case = problem(2e3, 0.0, **device, range=RANGES)

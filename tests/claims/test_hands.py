@@ -23,7 +23,7 @@ def test_a_hand_inside_the_box_breaks_what_corners_and_draws_pass():
     assert scope_slack(INSIDE, 3.3, *BROKEN).slack[0] < 0
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_schedule_with_scope_hands_holds_the_whole_box():
     table = avc.solve(INSIDE, "schedule")
     gains = table.damping_ns_per_m, table.stiffness_n_per_m, table.contact_damping_ns_per_m
@@ -31,7 +31,7 @@ def test_a_schedule_with_scope_hands_holds_the_whole_box():
     assert np.all(brute_force(INSIDE, *gains, points=21) < 1)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_the_search_finds_what_a_lattice_finds():
     generator = np.random.default_rng(5)
     for _ in range(12):

@@ -70,7 +70,7 @@ def test_the_papers_criterion_passes_and_the_loop_diverges():
     assert not levels["L5"].detail["released_pass"]
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @settings(max_examples=30)
 @given(st.floats(0.1, 20), st.floats(0, 30), st.floats(0, 4e4), st.sampled_from([0.0, 3.0]), st.sampled_from([0, 1, 3]))
 def test_levels_imply_each_other_where_they_must(b_d, b, k, contact, delay):
@@ -127,7 +127,7 @@ def test_scopes_say_what_the_levels_say():
                 np.testing.assert_array_equal(slack.slack, levels[level].row_margin_ns_per_m)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_device_known_to_a_range_is_judged_at_its_worst():
     case = problem(b_d=3.0, rows=3)
     lean = case.device.range.model_copy(update={"damping_ns_per_m": (1.0, 5.0), "mass_kg": (0.05, 0.2)})
@@ -182,7 +182,7 @@ def test_a_loop_that_grows_slowly_is_not_stable():
         assert level.passed == (sign < 0)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_the_worst_hand_and_device_of_l5_have_the_radius_stated():
     case = problem(b_d=3.0, rows=2).changed(
         device={"range": {"damping_ns_per_m": (1.0, 5.0), "mass_kg": (0.05, 0.2)}},
@@ -213,7 +213,7 @@ gain = st.one_of(
 )
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @settings(max_examples=60)
 @given(
     mass=st.one_of(st.just(0.0), decades(-4, 2)),
@@ -278,7 +278,7 @@ def test_scope_of_frozen_rows(margin, delay):
     assert (free.slack - asked.slack > 1e-5).all()
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_gains_that_keep_it():
     margin, case = 1.5, damping_margin_problem(2.0, 1.5)
     gains = solve(case, "schedule")
@@ -310,7 +310,7 @@ def reserve(case, b, k):
     return low
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_tuned_constant_gains_keep_it_in_reserve():
     """The one pair of a box is taken with a margin just below its reserve and refused just above."""
     b, k = 20.0, 1.2e4
@@ -355,7 +355,7 @@ def test_every_device_of_the_range_keeps_the_margin(method, require, coupling):
         assert least_real_part(problem, solve(figure5(points=20, coupling=coupling), method), 0.8) < -0.1
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize("coupling", [{}, DAMPED], ids=["series", "damped"])
 def test_constant_gains_are_safe_with_every_device_of_the_range(coupling):
     problem, known = ranged(coupling=coupling), figure5(points=20, coupling=coupling)

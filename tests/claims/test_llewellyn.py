@@ -29,7 +29,7 @@ def test_nothing_is_allowed_from_eight_times_the_device_damping():
     assert np.isnan(found[1:]).all()
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @settings(max_examples=15)
 @given(st.floats(0, 0.5))
 def test_low_frequency_decides_for_light_couplings(ratio):
@@ -44,7 +44,7 @@ def test_largest_of_all_stands_between_1_16_and_1_18():
     assert largest.max() == pytest.approx(9.3505, abs=1e-4)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @settings(max_examples=15)
 @given(st.floats(1e-3, 1e3), st.floats(0, 1))
 def test_sampled_data_hold_allows_twice_the_difference_over_the_sample_time(b_d, share):
@@ -70,7 +70,7 @@ def test_margin_is_the_lowest_of_a_dense_grid(model, delay):
         assert lowest - margin[row] <= 1e-7 * (delay + 1) ** 3 * size
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize("model", ["paper", "sampled-data"])
 def test_a_margin_is_damping_that_the_device_does_not_have(model):
     asked = largest_llewellyn_stiffness(loop(model), np.array([0.0, 0.1]), margin_ns_per_m=0.4)

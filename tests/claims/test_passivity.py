@@ -31,7 +31,7 @@ maybe_damping = st.one_of(st.just(0.0), damping)
 maybe_stiffness = st.one_of(st.just(0.0), stiffness)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @given(damping, maybe_damping, maybe_stiffness, maybe_damping, maybe_stiffness, maybe_damping)
 def test_sampled_data_worst_point_is_nyquist(b_d, b_e, k_e, b, k, contact):
     loop = SampledLoop(b_d, b_e, k_e, T, 0, "sampled-data")
@@ -60,7 +60,7 @@ def lead_bound(b_d, b_e, k_e, contact):
     return wall * budget / (wall - budget) if budget >= 0 else -1.0
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @given(damping, maybe_damping, stiffness, damping, maybe_damping)
 def test_lead_bound_is_necessary_and_sufficient(b_d, b_e, k_e, b, contact):
     loop = SampledLoop(b_d, b_e, k_e, T, 0, "sampled-data")
@@ -79,7 +79,7 @@ def test_lead_bound_is_necessary_and_sufficient(b_d, b_e, k_e, b, contact):
         assert (margin >= 0) == passive or abs(margin) <= 1e-12 * (b_d + contact)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @given(st.integers(0, 6), maybe_damping, stiffness, maybe_damping, stiffness)
 def test_no_passive_rendering_is_stiffer_than_the_limit(delay, b_e, k_e, b, k):
     lowest = worst_margin(SampledLoop(0.0, b_e, k_e, T, delay, "sampled-data"), b, k)
@@ -94,7 +94,7 @@ def test_pure_spring_needs_half_a_sample_and_the_delay(delay):
     assert -found.margin_ns_per_m[0] == pytest.approx(stiff * (1 + 2 * delay) * T / 2, rel=1e-12)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @given(st.floats(0.01, 100), st.floats(-50, 50), stiffness)
 def test_colgate_schenkel_condition_of_a_spring_and_damper(b_d, b_e, k_e):
     margin = worst_margin(SampledLoop(b_d, b_e, k_e, T, 0, "sampled-data"), np.inf, 1.0).margin_ns_per_m[0]
@@ -199,7 +199,7 @@ def grid_error(loop, parts, contact, step):
     return step**2 / 2 * (n**2 * (parts.direct + contact) + n**3 * parts.integral + decay)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize("model", ["paper", "sampled-data"])
 @pytest.mark.parametrize(("delay", "count"), [(0, 250), (1, 100), (3, 75), (20, 65), (100, 10)])
 def test_exact_margin_and_grid_agree(model, delay, count):
@@ -259,7 +259,7 @@ def random_loop(generator, delay, model):
     return SampledLoop(float(generator.uniform(0.1, 20)), float(generator.uniform(0, 30)), stiffness, T, delay, model)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize("model", ["paper", "sampled-data"])
 def test_no_grid_point_lies_below_the_worst_margin(model):
     generator = np.random.default_rng(1)

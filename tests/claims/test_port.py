@@ -75,7 +75,7 @@ def test_margin_is_the_energy_that_a_driven_tool_loses(gains, ratio, exchange, t
     assert found.passive == (mean >= 0)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_no_random_motion_of_the_tool_takes_energy_out_of_a_passive_port():
     random = np.random.default_rng(0)
     corners = hand_corners(stated(5).hands)
@@ -112,7 +112,7 @@ def test_llewellyn_at_the_rate_of_the_device_implies_a_passive_port():
     assert 10 < passed < 60
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_passive_engines_stay_stable_where_an_explicit_mass_grows():
     """Brown and Colgate: an engine is passive at the port where it solves its tool with the coupling's force."""
     assert engine_port(stated(5), PAIR).passive

@@ -68,7 +68,7 @@ values_hz = [5.0, 50.0]
 """
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize(("scope", "level"), [("pointwise", "L0"), ("band", "L1"), ("all", "L3"), ("hands", "L5")])
 def test_certify_says_no_to_what_may_not_be_deployed_whatever_the_problem_claims(scope, level, tmp_path):
     (tmp_path / "weak.toml").write_text(WEAK.format(scope=scope))
@@ -88,7 +88,7 @@ def test_certify_says_no_to_what_may_not_be_deployed_whatever_the_problem_claims
     assert document["claimed"] == level
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_the_problem_that_diverges_is_not_deployable(tmp_path):
     assert command("solve", "diverging", "--method", "exact", "--out", "c.json", cwd=tmp_path).returncode == 0
     done = command("certify", "c.json", "--json", cwd=tmp_path)
@@ -97,7 +97,7 @@ def test_the_problem_that_diverges_is_not_deployable(tmp_path):
     assert "let-go" in failed
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize("arguments", [("list",), ("--help",), ("solve", "figure5", "--json")], ids=" ".join)
 def test_broken_pipe(arguments):
     reader, writer = os.pipe()
@@ -110,7 +110,7 @@ def test_broken_pipe(arguments):
     assert done.stderr == b""
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_what_a_command_reads_it_does_not_write_over(tmp_path, capsys):
     gains = tmp_path / "c.json"
     main(["solve", "soft", "--out", str(gains)])
@@ -139,7 +139,7 @@ def test_another_sample_time_is_refused(arguments, tmp_path, monkeypatch, capsys
     assert "0.001" in told
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_gains_that_are_infeasible_end_in_a_no(capsys):
     assert main(["simulate", "hard/infeasible-box", "--json"]) == 1
     assert json.loads(capsys.readouterr().out)["errors"][0]["key"] == "scene.coupling"
@@ -201,7 +201,7 @@ SOLVE_KEYS = {
 }
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "options",
     [
@@ -227,7 +227,7 @@ def test_solve(options, tmp_path):
     assert bool(done.stderr) == any(without)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_certify(tmp_path):
     assert command("solve", "figure5", "--out", "gains.json", cwd=tmp_path).returncode == 0
     done = command("certify", "figure5", "gains.json", "--json", cwd=tmp_path)

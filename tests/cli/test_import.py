@@ -69,7 +69,7 @@ print(json.dumps(count))
 )
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_every_module_is_imported():
     done = command(program=EVERY_MODULE)
     assert done.returncode == 0, done.stderr.decode()

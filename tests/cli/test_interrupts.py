@@ -63,7 +63,7 @@ def output(process):
         process.communicate()
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize(("verb", "after_s"), [*zip(LONG, (2.0, 3.0, 0.3, 1.5, 1.5, 0.3), strict=True)])
 def test_interrupt_ends_the_command_and_leaves_no_half_written_file(verb, after_s, tmp_path):
     (tmp_path / "slow.toml").write_text(SLOW)
@@ -78,7 +78,7 @@ def test_interrupt_ends_the_command_and_leaves_no_half_written_file(verb, after_
     assert [path.name for path in tmp_path.iterdir()] == ["slow.toml"]
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize(("stop", "said"), [(signal.SIGINT, b"avc: interrupted\n"), (signal.SIGKILL, b"")])
 def test_workers_end_with_the_command(stop, said, tmp_path):
     process = begun(LONG["table1"], tmp_path)

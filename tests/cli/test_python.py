@@ -12,7 +12,7 @@ from avc_casadi.files.problem_file import as_problem
 SOFT = avc.load_problem("soft").changed(frequency={"points": 12})
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [name for name in avc.__all__ if name != "figures"])
 def test_every_name_shows_a_call_that_does_what_it_says(name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
@@ -26,7 +26,7 @@ def test_every_name_shows_a_call_that_does_what_it_says(name, tmp_path, monkeypa
     assert doctest.DocTestRunner().run(found, out=told.append).failed == 0, "".join(told)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_problem_is_taken_as_it_is_by_name_and_by_path():
     assert as_problem(SOFT) is SOFT
     by_name = as_problem("soft")

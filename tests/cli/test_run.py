@@ -28,7 +28,7 @@ def results(tmp_path_factory):
     return folder, done, again
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_the_device_gets_the_recommended_coupling(results):
     folder, _, again = results
     document = strict_json(again.stdout)
@@ -39,7 +39,7 @@ def test_the_device_gets_the_recommended_coupling(results):
     assert document["push"]["in_the_loop"]["coupling_id"] == coupling.id
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_method_that_is_not_deployable_is_not_pushed_unless_asked(tmp_path):
     few = load_problem("figure5").changed(frequency={"points": 12}, environment=HELD_PLAINLY)
     (tmp_path / "few.toml").write_text(dump_problem(few))
@@ -49,14 +49,14 @@ def test_a_method_that_is_not_deployable_is_not_pushed_unless_asked(tmp_path):
     assert strict_json(done.stdout)["push"]["readback_equal"] is True
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["gains.csv", *sorted(name for name in FILES if name.endswith((".png", ".svg")))])
 def test_files_repeat_byte_for_byte(results, name):
     folder = results[0]
     assert (folder / "avc-figure5" / name).read_bytes() == (folder / "again" / name).read_bytes()
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize("unsafe", [False, True])
 def test_what_the_trials_refuse_is_neither_pushed_nor_written_unless_asked_for(unsafe, tmp_path):
     """Every press of these hands ends at the limit of 1.2 N, though the loop is linearly stable with all of them."""

@@ -49,7 +49,7 @@ def test_certificate_tells_stability_and_passivity_apart(tmp_path, capsys):
     assert found["passivity"]["engine_is_implicit"]
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_region_is_stable_below_each_curve_and_not_above(name):
     """Its own points against the loops of another object, at 0.98 and 1.05 of each curve."""
@@ -71,12 +71,12 @@ def test_region_is_stable_below_each_curve_and_not_above(name):
             assert not loops.stable_over_ranges(ToolGains(1.05 * limit, b, beside))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "text",
     [
         'tool_mass_kg = 0.2\nstep_s = 0.002\nexchange = "held-force"',
-        pytest.param('tool_mass_kg = 0.3\nstep_s = 0.004\nexchange = "ahead"', marks=pytest.mark.thorough),
-        pytest.param('tool_mass_kg = 0.1\nstep_s = 0.01\nintegrator = "implicit"', marks=pytest.mark.thorough),
+        'tool_mass_kg = 0.1\nstep_s = 0.01\nintegrator = "implicit"',
     ],
 )
 def test_a_row_of_the_region_is_stable_with_the_dampers_that_it_names(text, tmp_path, capsys):
@@ -93,10 +93,6 @@ def test_a_row_of_the_region_is_stable_with_the_dampers_that_it_names(text, tmp_
         assert k >= 0.99 * max(curve["stiffness_n_per_m"])
         if curve["declared"]:
             assert ToolSearch(stated).limit[0] == ToolGains(k, b, local)
-    main(["zwidth", str(file)])
-    page = capsys.readouterr().out
-    named = sum(bool(curve["stiffest_with_local_ns_per_m"]) for curve in found["curves"])
-    assert " ".join(page.split()).count("in the device's loop") == named
 
 
 def test_scene_with_the_gains_of_a_file_is_that_of_a_plain_simulation(tmp_path, capsys):

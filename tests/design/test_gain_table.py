@@ -30,7 +30,7 @@ def test_linear_in_ln_frequency_and_held_beyond_the_ends(rows, frequencies):
         np.testing.assert_allclose(found[:, column], expected, rtol=1e-9, atol=1e-9 * (1 + rows[:, 1 + column].max()))
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @given(tables(), st.lists(st.floats(2**-10, 2**15, width=32), min_size=1, max_size=20))
 def test_single_precision_is_the_device_and_near_double(rows, frequencies):
     single = interpolate(rows.astype(np.float32), frequencies, single_ln)

@@ -24,7 +24,7 @@ BOX = {"mass_kg": (0.05, 0.3), "damping_ns_per_m": (3.0, 20.0), "stiffness_n_per
 
 
 STIFF = {"delay": 0, "wall": 8000.0, "wall_damping": 4.0}
-PROBLEMS = [{}, pytest.param(STIFF, marks=pytest.mark.thorough)]
+PROBLEMS = [{}, pytest.param(STIFF, marks=pytest.mark.slow)]
 
 
 def problem(mass=0.12, damping=0.8, delay=1, wall=3000.0, wall_damping=0.0, encoder=2e-5):
@@ -138,7 +138,7 @@ def test_the_error_is_that_of_the_impedance_at_the_handle(numbers):
     assert worst == pytest.approx(found.judged.error, rel=0.03, abs=2e-3)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_what_is_asked_for_bounds_the_force_of_a_step_of_the_encoder():
     bound = 0.6 * answer().judged.noise_n_per_m
     found = solve_program(problem(), 0.2, bound)
@@ -160,7 +160,7 @@ def test_a_multiplier_is_one_of_the_clip_and_turns_the_loop_as_told(poles, zero)
     assert found.real.min() > 0
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "restless"), [("figure5", 1), ("reference-r1", 1), ("reference-r2", 3)])
 def test_hands_rest_with_the_exported_law_on_a_plant_of_its_own(name, restless):
     asked = avc.load_problem(name)
@@ -172,7 +172,7 @@ def test_hands_rest_with_the_exported_law_on_a_plant_of_its_own(name, restless):
         assert rests_as_tried(bench, asked.device, hands, friction=friction).sum() >= len(hands) - most
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @settings(deadline=None, max_examples=6)
 @given(
     mass=st.floats(0.05, 0.4),

@@ -53,11 +53,16 @@ def cost(case, b, k):
     return np.sqrt(np.mean(errors**2, axis=1))
 
 
-@pytest.mark.thorough
-@pytest.mark.one_of(3)
-@pytest.mark.parametrize("model", ["paper", "sampled-data"])
-@pytest.mark.parametrize("condition", ["llewellyn", "all"])
-@pytest.mark.parametrize(("delay", "objective"), [(0, "magnitude"), (1, "magnitude"), (0, "complex")])
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("model", "condition", "delay", "objective"),
+    [
+        ("paper", "llewellyn", 0, "magnitude"),
+        ("paper", "all", 1, "magnitude"),
+        ("sampled-data", "llewellyn", 1, "magnitude"),
+        ("sampled-data", "all", 0, "complex"),
+    ],
+)
 def test_no_allowed_pair_of_a_grid_is_better(model, condition, delay, objective):
     case = problem(delay=delay, model=model, objective=objective)
     found = static_coupling(case, condition)
@@ -77,14 +82,14 @@ def test_no_allowed_pair_of_a_grid_is_better(model, condition, delay, objective)
     assert found.error <= cost(case, b[allowed], k[allowed]).min() * (1 + 1e-9)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_sampled_data_llewellyn_ends_at_the_passive_limit():
     found = static_coupling(problem(model="sampled-data"))
     assert found.stiffness_n_per_m == pytest.approx(2 * 2.0 / 1e-3, rel=1e-9)
     assert found.damping_ns_per_m == 0.0
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_printed_hold_ends_on_the_edge_of_llewellyn():
     case = problem()
     found = static_coupling(case)
@@ -92,7 +97,7 @@ def test_printed_hold_ends_on_the_edge_of_llewellyn():
     assert found.stiffness_n_per_m == pytest.approx(edge, rel=1e-9)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize("model", ["paper", "sampled-data"])
 def test_certificate_confirms_the_design(model):
     case = problem(model=model)
@@ -104,7 +109,7 @@ def test_certificate_confirms_the_design(model):
     assert len(gains.notes) == 2
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_damped_structure_uses_contact_damping_where_it_pays():
     box = "structure = 'damped'\ncontact_damping_ns_per_m = [0.0, 100.0]"
     plain, damped = static_coupling(problem(), "all"), static_coupling(problem(coupling=box), "all")
@@ -149,7 +154,7 @@ def damped():
     return case, tune_static(case, SMALL)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["series", "damped"])
 def test_tuned_gains_hold_for_hands_never_seen(name, request):
     case, found = request.getfixturevalue(name)
@@ -161,7 +166,7 @@ def test_tuned_gains_hold_for_hands_never_seen(name, request):
     assert found.error == pytest.approx(error(case, found.gains), rel=1e-9)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_damping_injection_reaches_more_than_series(series, damped):
     assert damped[1].gains.contact_damping_ns_per_m > 10
     assert error(damped[0], damped[1].gains) < error(damped[0], series[1].gains)
@@ -179,7 +184,7 @@ def test_gains_beyond_the_tuned_ones_are_unstable_or_farther_off(series):
             assert not rests or error(case, beyond) > found.error
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_where_somebody_does_not_rest_the_reserve_is_raised():
     case = tuned_problem("damped", 200.0, "complex", effects=('kind = "hand"', 'kind = "wall"', COARSE))
     found = tune_static(case, SMALL)
@@ -192,7 +197,7 @@ def test_where_somebody_does_not_rest_the_reserve_is_raised():
     assert f"{least.rested} of 16" in least.sentence()
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_the_margin_is_kept_in_reserve():
     case = tuned_problem()
     careful = tune_static(case.changed(stability={"margin_ns_per_m": 4.0}), SMALL)
@@ -222,14 +227,14 @@ def test_schedule_against_the_paths_of_a_lattice(number):
     assert own <= 1.01 * lattice_schedule_cost(problem, (120, 120))
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [47])
 def test_schedule_that_holds_every_hand_against_the_paths_of_a_lattice(number):
     problem = drawn_schedule_problem(np.random.default_rng((0, number)), "damped", number)
     assert schedule_cost(problem, solve(problem, "schedule")) <= 1.01 * lattice_schedule_cost(problem, (16, 16, 6))
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize(("damping", "most"), [(1.0, 60.0), (2.0, 500.0)])
 def test_schedule_is_found_where_constant_gains_are(damping, most):
     """With two samples of delay IPOPT reports an infeasible problem, though constant gains hold every hand."""
@@ -262,7 +267,7 @@ STUCK = {
 }
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_constant_gains_where_several_frequencies_decide_together():
     problem = load_problem("figure5").changed(**STUCK)
     found = static_coupling(problem, "all")
@@ -271,10 +276,8 @@ def test_constant_gains_where_several_frequencies_decide_together():
     assert found.margin_ns_per_m >= 0
 
 
-@pytest.mark.thorough
-@pytest.mark.one_of(2)
-@pytest.mark.parametrize("number", [1, 2, 3])
-@pytest.mark.parametrize("condition", ["llewellyn", "all"])
+@pytest.mark.slow
+@pytest.mark.parametrize(("condition", "number"), [("llewellyn", 1), ("all", 2), ("all", 3)])
 def test_constant_gains_against_drawn_ones(condition, number):
     rng = np.random.default_rng((8, number))
     problem = drawn_device_problem(rng, structure="damped", scope="pointwise", rows=30)

@@ -30,7 +30,7 @@ def found_of(loop, meant=HEALTHY):
     return diagnose(columns(loop), device=declared_of(meant))
 
 
-@pytest.mark.parametrize("cause", [pytest.param(cause, marks=pytest.mark.exhaustive) for cause in CHANGES])
+@pytest.mark.parametrize("cause", [pytest.param(cause, marks=pytest.mark.slow) for cause in CHANGES])
 def test_one_number_too_large_is_named_and_what_is_told_rests_in_the_simulator(cause):
     meant = replace(HEALTHY, stiffness=9000.0) if cause == "rate" else HEALTHY
     wrong = replace(meant, **CHANGES[cause])
@@ -50,14 +50,14 @@ def test_a_late_loop_tells_its_delay():
     assert found.fit.best.delay + found.law.lag == pytest.approx(6.4, abs=0.15)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_resonance_that_nobody_declared_is_found():
     found = found_of(replace(HEALTHY, resonance=110.0, ratio=0.02, damper=40.0), replace(HEALTHY, damper=40.0))
     assert found.cause == "resonance", found.conclusion
     assert found.fit.best.device.resonance.frequency_hz == pytest.approx(110.0, rel=0.2)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_hand_that_let_go_is_missed():
     loop = replace(HEALTHY, stiffness=2500.0, damper=4.0, two_sided=1.0, delay=2.0)
     found = found_of(replace(loop, release=0.5, weight=0.8), loop)
@@ -65,7 +65,7 @@ def test_a_hand_that_let_go_is_missed():
     assert found.fit.best.hand is None
 
 
-@pytest.mark.exhaustive
+@pytest.mark.slow
 @pytest.mark.parametrize("cause", [*(one for one in CAUSES if one != "ticks"), "nothing wrong"])
 def test_what_is_drawn_is_named_right_or_left_open(cause):
     for index in range(2):
@@ -93,7 +93,7 @@ def switched(k, b, c, band=0.0):
 
 def first_only(cases):
     """Run the first case always, its neighbours on demand."""
-    return [cases[0], *(pytest.param(*case, marks=pytest.mark.exhaustive) for case in cases[1:])]
+    return [cases[0], *(pytest.param(*case, marks=pytest.mark.slow) for case in cases[1:])]
 
 
 @pytest.mark.parametrize(
@@ -198,7 +198,7 @@ LINEAR = Device(
 )
 
 
-@pytest.mark.exhaustive
+@pytest.mark.slow
 @pytest.mark.parametrize(("slow", "every"), [("spring", 16), ("spring", 10), ("damper", 8)])
 def test_two_rates_are_named_with_their_frame(slow, every):
     held = [0.0, 0.0]
@@ -241,7 +241,7 @@ def test_a_hand_that_goes_to_and_fro_in_a_wall_has_no_cause_and_no_remedy(hertz)
     assert (found.verdict, found.cause, found.remedies) == ("cannot tell", None, ())
 
 
-@pytest.mark.exhaustive
+@pytest.mark.slow
 @pytest.mark.parametrize(("hertz", "size_n"), [(60.0, 1.5), (30.0, 1.0), (15.0, 0.3)])
 def test_what_is_shaken_from_outside_is_not_said_to_be_the_loop(hertz, size_n):
     def shakes(tick, position, velocity):
@@ -255,7 +255,7 @@ def test_what_is_shaken_from_outside_is_not_said_to_be_the_loop(hertz, size_n):
     assert found.verdict != "nothing wrong"
 
 
-@pytest.mark.exhaustive
+@pytest.mark.slow
 @pytest.mark.parametrize("play_n", [0.5, 0.6])
 def test_an_amplifier_that_no_model_holds_gets_no_remedy(play_n):
     given = [0.0]

@@ -154,7 +154,7 @@ def write(path, log, header):
     np.savetxt(path, rows, delimiter=",", header=header, comments="", fmt="%.9g")
 
 
-@pytest.mark.exhaustive
+@pytest.mark.slow
 def test_the_verb_writes_text_json_picture_and_page(tmp_path, capsys):
     log, page, picture = tmp_path / "log.csv", tmp_path / "page.html", tmp_path / "picture.png"
     write(log, columns(replace(HEALTHY, delay=7.0)), "time_s,position_m,force_N")

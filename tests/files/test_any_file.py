@@ -207,7 +207,7 @@ def run(before, arguments, cwd):
     )
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize(("before", "code"), [(FULL_DISK, 2), (KILLED_WHILE_IT_WRITES, -signal.SIGKILL)])
 def test_a_file_is_the_old_one_or_the_new_one(before, code, tmp_path):
     out = tmp_path / "c.json"

@@ -104,7 +104,7 @@ def test_every_fault_of_a_file_is_named(change, key, tmp_path):
     assert key in {fault.key for fault in refused.value.faults}
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "verb",
     [("recommend", "knob"), ("solve", "knob"), ("recommend", "soft"), ("solve", "figure5", "--method", "static-tuned")],

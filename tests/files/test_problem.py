@@ -33,7 +33,7 @@ def faults_of(text):
     return caught.value.faults
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @given(st.dictionaries(st.sampled_from(KEY_LINES), st.sampled_from(WRONG_FOR_EVERY_KEY), min_size=1))
 def test_every_spoilt_line_is_named_and_no_other(spoilt):
     lines = [

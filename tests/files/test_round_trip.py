@@ -149,7 +149,7 @@ def problems(draw):
     )
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @settings(max_examples=200)
 @given(problems())
 def test_a_written_problem_loads_equal(problem):

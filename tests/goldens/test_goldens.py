@@ -9,7 +9,7 @@ import pytest
 from goldens.compared import differences
 from goldens.make import PARTS, changes, committed
 
-# By default what together takes below 25 s; the others with `pytest -m exhaustive`.
+# What together takes below 25 s; `tests/goldens/make.py --check` compares all.
 QUICK = {
     "gains": {
         f"{name} {method}"
@@ -20,14 +20,10 @@ QUICK = {
     "exported_c": {"wall", "knob"},
     "errors": {"unknown verb", "unknown key", "gain file with a hole"},
 }
-CASES = [
-    pytest.param(part, case, marks=() if case in QUICK[part] else pytest.mark.exhaustive)
-    for part in PARTS
-    for case in committed(part)
-]
+CASES = [(part, case) for part in PARTS for case in sorted(QUICK[part])]
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize(("part", "case"), CASES)
 def test_the_answer_is_the_golden_one(part, case):
     if part in {"exported_c", "recommendations"} and shutil.which("gcc") is None:

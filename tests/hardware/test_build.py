@@ -21,7 +21,7 @@ from avc_hardware.codegen.figures import RuntimeFigures
 from avc_hardware.codegen.image import read_elf
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_packaged_image_is_what_the_sources_give(tmp_path: Path) -> None:
     require("arm-none-eabi-gcc")
     made = build.build_image(out=tmp_path)
@@ -36,7 +36,7 @@ def test_image_was_built_from_these_sources() -> None:
     assert build.source_hash().encode() in IMAGE.read_bytes()
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_the_board_builds_without_warnings_and_keeps_its_memory(tmp_path: Path) -> None:
     require("arm-none-eabi-gcc")
     image = read_elf(build.build_image(out=tmp_path))
@@ -47,7 +47,7 @@ def test_the_board_builds_without_warnings_and_keeps_its_memory(tmp_path: Path) 
     assert memory - board.ram[0] < 49_000
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize("cc", ["gcc", "clang"])
 def test_core_compiles_without_warnings(cc: str, tmp_path: Path) -> None:
     require(cc)
@@ -69,7 +69,7 @@ DEVICE = {"sample_time_s": 2.5e-4, "encoder_resolution_m": 2e-5, "max_force_n": 
 RUNTIME = Runtime(guard="passivity-controller", hold_s=0.31, slew_per_s=7.0)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_it_takes_the_coupling_of_its_device_and_no_other() -> None:
     require("arm-none-eabi-gcc", "unicorn")
     made = coupling(9, runtime=dataclasses.replace(RUNTIME, estimator="zero-crossing", slew_per_s=None), **DEVICE)
@@ -113,7 +113,7 @@ def board(folder: Path, **changes: tuple[str, str]) -> Path:
     return folder
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_the_build_that_is_told_stands_in_the_image(tmp_path: Path) -> None:
     require("arm-none-eabi-gcc")
     made = coupling(1)
@@ -127,7 +127,7 @@ def test_the_build_that_is_told_stands_in_the_image(tmp_path: Path) -> None:
     assert len(names) == 2
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_flags_of_a_board_do_not_undo_exact_floats(tmp_path: Path) -> None:
     require("arm-none-eabi-gcc")
     hard = (
@@ -162,7 +162,7 @@ def in_unicorn() -> list[TickCount]:
     return list(tick_instructions(MADE, counts=motion, ticks=TICKS))
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_tick_keeps_its_budget() -> None:
     require("unicorn")
     ticks = in_unicorn()

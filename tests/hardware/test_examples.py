@@ -24,7 +24,7 @@ def run(module, tmp_path, **environment):
     return picture, done
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize("module", ENGINES)
 def test_recommended_coupling_settles_and_one_beyond_the_limit_does_not(module, tmp_path):
     if importlib.util.find_spec(module) is None:
@@ -41,7 +41,7 @@ def test_recommended_coupling_settles_and_one_beyond_the_limit_does_not(module, 
 EXAMPLE = Path(__file__).parents[2] / "problems" / "examples" / "teleoperation_loopback.py"
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_two_boards_settle_and_are_drawn(tmp_path):
     """Slowed down: where other work takes the processor for long, the link is silent, and its force fades."""
     require("cc")

@@ -28,7 +28,7 @@ def _tools():
     require("gcc")
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @settings(max_examples=18, deadline=None)
 @given(
     kind=st.sampled_from(["multisine", "chirp"]),
@@ -56,7 +56,7 @@ def test_no_force_from_the_tick_at_which_a_limit_is_exceeded(kind, mass, damping
     assert speed <= allowed + late * plan.sample_time_s * plan.max_force_n / mass
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_devices_of_the_ranges_play_to_the_end():
     for kind in ("multisine", "chirp"):
         plan = planned(kind)
@@ -68,7 +68,7 @@ def test_devices_of_the_ranges_play_to_the_end():
             assert told["peak_travel_m"] <= plan.max_travel_m
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_forecast_is_what_happens():
     plan = planned()
     devices = corners_of(DECLARED)
@@ -80,7 +80,7 @@ def test_forecast_is_what_happens():
         assert told["peak_speed_m_per_s"] <= found.speed_m_per_s[index, 0] * 1.02
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_silent_host_stops_it_within_a_second():
     plan = planned()
     bench = Bench(device())
@@ -95,7 +95,7 @@ def test_silent_host_stops_it_within_a_second():
     assert part.made == plan.silent_ticks + 1
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_stop_takes_the_force_away_at_the_next_tick():
     bench = Bench(device())
     connection = Connection(bench.link)
@@ -163,7 +163,7 @@ def test_plan_that_would_break_a_limit_on_a_corner_is_refused():
         check_plan(dataclasses.replace(plan, signal=dataclasses.replace(plan.signal, amplitude=louder)), DECLARED)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize("limits", [{"force_n": 0.8}, {"speed_m_per_s": 0.1}, {"travel_m": 0.0012}], ids=str)
 def test_every_limit_is_kept_by_the_plan(limits):
     made = plan_excitation(DECLARED, seconds=2.0, **limits)
@@ -186,7 +186,7 @@ def faded(plan):
     return np.clip(np.sign(units) * (np.abs(units) * share // 32768), -FULL, FULL)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @settings(max_examples=12, deadline=None)
 @given(
     tones=st.lists(
@@ -218,7 +218,7 @@ def test_sines_of_the_device_are_sines():
     assert np.abs(chirp.units(4000) / FULL - np.sin(phase)).max() < 1e-3
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @settings(max_examples=15, deadline=None)
 @given(
     st.lists(st.tuples(st.booleans(), st.integers(700, 9000), st.sampled_from(KINDS), st.integers(1, 40)), max_size=6)

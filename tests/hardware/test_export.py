@@ -25,7 +25,8 @@ from avc_casadi.model.effects import DelayEffect, EncoderEffect, HandEffect, Sat
 from avc_casadi.model.runtime import Runtime
 from avc_casadi.simulation.emit import PRECISIONS
 
-SEEDS = range(22)
+# Every kind of observer, guard, delay and estimator.
+SEEDS = (0, 1, 2, 3, 5, 6, 7, 11, 16, 17, 21)
 
 
 @functools.cache
@@ -44,23 +45,20 @@ def check_bits(seed: int, compiler: tuple[str, ...], precision: str) -> None:
         assert device.forces(way).tobytes() == forces.tobytes()
 
 
-@pytest.mark.thorough
-@pytest.mark.one_of(2)
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", SEEDS)
 def test_compiled_coupling_gives_the_bits_of_the_expressions(seed: int) -> None:
     for compiler in (C99, (CPP11, CLANG, CLANG_CPP17)[seed % 3]):
         check_bits(seed, compiler, "single")
 
 
-@pytest.mark.thorough
-@pytest.mark.one_of(2)
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", SEEDS[1::4])
 def test_double_precision_gives_the_bits_of_the_expressions(seed: int) -> None:
     check_bits(seed, (C99, CPP11, CLANG, CLANG_CPP17)[seed // 4 % 4], "double")
 
 
-@pytest.mark.thorough
-@pytest.mark.one_of(2)
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", SEEDS)
 def test_force_is_a_number_within_its_limit_and_pushes(seed: int) -> None:
     made, forces = drawn(seed), reference(seed, "single")
@@ -73,7 +71,7 @@ def test_force_is_a_number_within_its_limit_and_pushes(seed: int) -> None:
         assert forces.min() >= 0
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 4, 7, 10])
 def test_an_int_of_16_bits_is_enough(seed: int) -> None:
     """Where an int is a short the bits stay: no index and no number of the program needs more."""
@@ -114,9 +112,8 @@ RUNTIMES = {
 AGREES = {"single": (5e-2, 2e-3), "double": (1e-9, 1e-10)}
 
 
-@pytest.mark.thorough
-@pytest.mark.one_of(3)
-@pytest.mark.parametrize(("delay", "contact"), [(0, "gated"), (2, "gated"), (0, "clip-last"), (2, "clip-last")])
+@pytest.mark.slow
+@pytest.mark.parametrize(("delay", "contact"), [(2, "gated"), (0, "clip-last")])
 @pytest.mark.parametrize("varies", [False, True], ids=["constant", "table"])
 @pytest.mark.parametrize("name", RUNTIMES)
 def test_export_feels_like_the_scene_in_double_precision(name: str, *, varies: bool, delay: int, contact: str) -> None:
@@ -162,7 +159,7 @@ def forces_of(seed: int, precision: str = "single") -> np.ndarray:
     return np.stack([devices.step(column) for column in ways.T], axis=1)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", EXPORT_DETENTS_SEEDS)
 def test_compiled_detents_have_the_bits_of_the_expressions(seed: int) -> None:
     compiler = (C99, CPP11, CLANG_CPP17)[seed % 3]
@@ -172,7 +169,7 @@ def test_compiled_detents_have_the_bits_of_the_expressions(seed: int) -> None:
         assert device.forces(way).tobytes() == forces.tobytes()
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize(("board", "seed"), [("Cortex-M0", 0), ("ATmega328P", 2)])
 def test_a_small_processor_has_the_same_bits(board: str, seed: int) -> None:
     ways = motions(notched(seed))[:, :60]
@@ -216,8 +213,7 @@ def checked(board: str, made: Coupling, ways: FloatArray) -> Ran:
     return result
 
 
-@pytest.mark.thorough
-@pytest.mark.one_of(2)
+@pytest.mark.slow
 @pytest.mark.parametrize(("board", "seed", "samples"), CASES)
 def test_forces_have_the_bits_of_the_expressions(board: str, seed: int, samples: int) -> None:
     made = drawn(seed)
@@ -226,7 +222,7 @@ def test_forces_have_the_bits_of_the_expressions(board: str, seed: int, samples:
     assert result.stack_bytes <= 1200
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_200_rows_fit_an_arduino_uno_and_stay_in_flash() -> None:
     """32 KB of flash, 2 KB of memory."""
     made = coupling(
@@ -274,7 +270,7 @@ def by(method: str) -> Coupling:
     return dataclasses.replace(PLAIN, schedule=dataclasses.replace(PLAIN.schedule, method=method))
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @given(title=TEXTS, method=ANY, file=TEXTS)
 @example(title="*\\ int planted; /*", method="*/", file="??/\n*/")
 @example(title="*\\/ int planted; /\\*", method="*?\u200b?//", file="\\")
@@ -410,7 +406,7 @@ def tuned(name: str) -> Coupling:
 HANDS = [(0.05, 3.0, 200.0), (0.175, 11.5, 500.0), (0.3, 20.0, 800.0)]
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize("hand", HANDS, ids=["light", "middle", "heavy"])
 @pytest.mark.parametrize("name", ["ve3", "soft"])
 def test_hands_rest_at_the_wall_of_the_coupling(name: str, hand: tuple[float, float, float]) -> None:
@@ -452,7 +448,7 @@ def rocked(coupling: Coupling) -> float:
     return sum(depths) / len(depths)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_gains_that_follow_a_moving_hand_do_not_sag_under_its_mean_force() -> None:
     """The mean depth is that of the row of rest, where the row of 8 Hz alone would give way by 4 %."""
     problem = avc.load_problem("ve3").changed(device={"delay_samples": 1})

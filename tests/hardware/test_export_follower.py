@@ -188,6 +188,7 @@ def test_lost_damper_uncovers_no_spring():
             assert abs(forces[lost + 1]) <= abs(forces[lost]) + 1.5 * 4.0 / FADE
 
 
+@pytest.mark.slow
 def test_unstable_coupling_is_written_by_request_only():
     coupling = teleoperator_coupling(f"{FOLLOWER}delay_s = 0.02\n", 20000.0, 1.0)
     with pytest.raises(avc.NotDeployableError, match="linearly unstable"):

@@ -165,7 +165,7 @@ def test_no_fault_gives_force_outside_or_more_energy_than_a_spring_would(name: s
     check(name, runs=40, seed=1)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [2, 3, 4])
 @pytest.mark.parametrize("name", LAWS)
 def test_none_of_many_faults_does(name: str, seed: int) -> None:

@@ -71,7 +71,7 @@ INJECTED: dict[DeviceFault, tuple[Callable[[HostCore], object], list[int]]] = {
 }
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize("fault", INJECTED)
 def test_the_force_falls_by_the_ramp_and_stays_away(fault: DeviceFault) -> None:
     core = board()

@@ -143,7 +143,7 @@ def corpus_folder() -> Path:
     return folder
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_kept_corpus_runs_clean_under_sanitizers() -> None:
     require("gcc")
     program = build_fuzzer(cc="gcc", replay=True)
@@ -151,7 +151,7 @@ def test_kept_corpus_runs_clean_under_sanitizers() -> None:
     run(str(program), *(str(path) for path in sorted(corpus_folder().iterdir())))
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_search_finds_nothing_new_that_harms(tmp_path: Path) -> None:
     require("clang")
     try:

@@ -66,7 +66,7 @@ def rest_speed(loop: FirmwareInTheLoop) -> float:
     return float(np.abs(loop.trace.velocity_m_per_s[-500:]).max())
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_stiff_wall_is_stable_with_the_schedule() -> None:
     loop = FirmwareInTheLoop(wall())
     loop.push(scheduled())
@@ -78,7 +78,7 @@ def test_stiff_wall_is_stable_with_the_schedule() -> None:
     assert (status.overruns, status.not_finite, status.frames_bad) == (0, 0, 0)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_stiff_wall_is_unstable_without_a_coupling() -> None:
     loop = FirmwareInTheLoop(wall())
     loop.push(constant(1e4, 1e8, 0.0))
@@ -86,7 +86,7 @@ def test_stiff_wall_is_unstable_without_a_coupling() -> None:
     assert rest_speed(loop) > 10 * REST_M_PER_S
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_stiff_wall_is_stable_with_gains_streamed_live() -> None:
     """The table underneath would not hold it; the streamed gains do, and after them the table does not."""
     loop = FirmwareInTheLoop(wall())
@@ -110,7 +110,7 @@ def test_stiff_wall_is_stable_with_gains_streamed_live() -> None:
     assert rest_speed(loop) > 10 * REST_M_PER_S
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_firmware_feels_like_the_scene() -> None:
     """The scene knows neither single precision nor the output's 24 mN steps; what the hand feels is the same."""
     loop = FirmwareInTheLoop(wall())
@@ -125,7 +125,7 @@ def test_firmware_feels_like_the_scene() -> None:
     assert np.mean(trace.force_n[-500:]) == pytest.approx(scene.force_n[-500:].mean(), rel=0.01)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_table_pushed_in_contact_does_not_come_into_force() -> None:
     """The hand does not let go: the push is taken back, and the forces are those without it."""
     pushed, plain = (FirmwareInTheLoop(wall()) for _ in range(2))
@@ -140,7 +140,7 @@ def test_table_pushed_in_contact_does_not_come_into_force() -> None:
     assert pushed.status().table_id == plain.status().table_id
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_lost_heartbeat_takes_the_force_away_and_comes_back_safe() -> None:
     loop = FirmwareInTheLoop(wall())
     loop.push(scheduled())
@@ -178,7 +178,7 @@ def tried(name: str, sample_time_s: float = 1e-3) -> LoopResult:
     return tried_in_the_loop(tuned(name, sample_time_s))
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "time_s"), [("ve3", 1e-3), ("soft", 1e-3), ("ve3", 0.25e-3)])
 def test_coupling_of_any_wall_and_rate_is_at_rest_with_its_own_wall(name: str, time_s: float) -> None:
     found, coupling = tried(name, time_s), tuned(name, time_s)
@@ -212,7 +212,7 @@ def believed() -> Coupling:
     return Coupling.constant(problem, Gains(0.0, 1e8), "by hand", Runtime(state_feedback=law))
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_wall_that_only_state_feedback_holds_is_at_rest_in_the_firmware() -> None:
     plain = tried_in_the_loop(dataclasses.replace(believed(), runtime=Runtime()))
     found = tried_in_the_loop(believed())
@@ -224,7 +224,7 @@ def test_a_wall_that_only_state_feedback_holds_is_at_rest_in_the_firmware() -> N
     assert found.left_out == ()
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_state_feedback_in_the_firmware_feels_like_the_scene() -> None:
     loop = FirmwareInTheLoop(believed())
     loop.push(believed())

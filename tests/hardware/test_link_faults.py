@@ -72,10 +72,10 @@ def push_through(schedule_of_faults: list[LinkFault], pair: str = "rows") -> tup
     return core, link, done
 
 
-@pytest.mark.one_of(2)
 @pytest.mark.parametrize("kind", FaultKind)
-@pytest.mark.parametrize("to_device", [True, False], ids=["to device", "from device"])
-@pytest.mark.parametrize(("pair", "size"), [("rows", 1400), ("matrices", 600)])
+@pytest.mark.parametrize(
+    ("to_device", "pair", "size"), [(True, "rows", 1400), (False, "matrices", 600)], ids=["to device", "from device"]
+)
 def test_one_fault_at_any_byte(kind: FaultKind, to_device: bool, pair: str, size: int) -> None:
     """Every byte of a push with AVC_FAULT_SCHEDULES above 1000, else every hundred-and-forty-ninth."""
     step = 1 if SCHEDULES > 1000 else 149
@@ -88,7 +88,7 @@ def test_one_fault_at_any_byte(kind: FaultKind, to_device: bool, pair: str, size
             assert done
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @settings(max_examples=SCHEDULES)
 @given(st.lists(faults, max_size=12), st.sampled_from(sorted(PAIRS)))
 def test_random_faults(schedule_of_faults: list[LinkFault], pair: str) -> None:

@@ -18,7 +18,7 @@ def _emulator() -> None:
     require("unicorn")
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_pushed_table_is_read_back_as_single_precision() -> None:
     made = coupling(200, seed=3)
     result = push(made, "emulator")
@@ -33,7 +33,7 @@ def test_pushed_table_is_read_back_as_single_precision() -> None:
     assert document["sample_time_s"] == 1e-3
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_preemption_at_any_instruction_changes_no_byte() -> None:
     """The main loop is interrupted after every few instructions, also inside conditional blocks."""
     images = []
@@ -46,7 +46,7 @@ def test_preemption_at_any_instruction_changes_no_byte() -> None:
     assert set(images) == {TableImage.of(coupling(20)).image}
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_gains_in_force_follow_the_table_at_the_estimated_frequency() -> None:
     """A steady tap: after the slew, the gains are those of the row, rounded once for each step of the way."""
     made = coupling(60, seed=5)
@@ -60,7 +60,7 @@ def test_gains_in_force_follow_the_table_at_the_estimated_frequency() -> None:
         assert near[:, index].min() * 0.97 <= value <= near[:, index].max() * 1.03
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_at_rest_the_frequency_is_undefined_and_the_lowest_row_runs() -> None:
     made = coupling(10)
     board = EmulatedBoard(motion_m=lambda time: 1e-4 if time > 0.2 else -1e-4)
@@ -71,7 +71,7 @@ def test_at_rest_the_frequency_is_undefined_and_the_lowest_row_runs() -> None:
     assert last.contact
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_the_emulated_board_is_made_for_the_coupling() -> None:
     """Its sample time, encoder, force limit, guard and settings, all at once."""
     runtime = Runtime(guard="passivity-controller", hold_s=0.31, slew_per_s=7.0)
@@ -89,7 +89,7 @@ def test_the_emulated_board_is_made_for_the_coupling() -> None:
     assert 0.3 < ticks < streamed.seconds + streamed.push.seconds + 1.0
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_stream_follows_the_frequency_and_ends_on_the_table() -> None:
     made = coupling(50, seed=7)
     result = stream(made, "emulator", rate_hz=100, seconds=2.0)
@@ -104,7 +104,7 @@ def test_stream_follows_the_frequency_and_ends_on_the_table() -> None:
     assert result.status.stream_expired == 1
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_lost_gains_are_counted_and_the_table_takes_over() -> None:
     board = EmulatedBoard()
     made = coupling(20)
@@ -120,7 +120,7 @@ def test_lost_gains_are_counted_and_the_table_takes_over() -> None:
     assert result.taken == result.sent - result.lost
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_state_feedback_is_pushed_read_back_and_kept_while_gains_are_streamed() -> None:
     made = coupling(1, largest=(5.0, 5e4, 5.0), runtime=Runtime(state_feedback=believer(3)))
     result = stream(made, "emulator", rate_hz=50, seconds=0.5)

@@ -171,7 +171,7 @@ def port(tmp_path: Path) -> Iterator[str]:
         process.wait()
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_push_stream_and_monitor(port: str) -> None:
     made = coupling(200, seed=1)
     result = push(made, port)

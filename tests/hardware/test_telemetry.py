@@ -73,7 +73,7 @@ def test_a_lost_message_is_seen_by_its_ticks(faults: list[LinkFault]) -> None:
     assert sum(1 + sample.lost for sample in samples[1:]) >= 125
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_line_that_is_too_slow_drops_records_and_still_answers() -> None:
     require("unicorn")
     board = EmulatedBoard()

@@ -52,7 +52,7 @@ def once(monkeypatch):
     monkeypatch.setitem(avc_casadi.__dict__, "recommend", recommend)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.usefixtures("once")
 def test_blocks_run(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)

@@ -6,7 +6,7 @@ import pytest
 from benchmarks.mutation_list import ROOT, areas, edits
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize("area", areas())
 def test_every_old_text_stands_exactly_once_and_its_edit_is_another_program(area):
     stale, same = [], []

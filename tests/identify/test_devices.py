@@ -44,7 +44,7 @@ def flexible():
     return identify([record(truth, seconds=5.0)])
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_resonance_friction_and_fractional_delay(flexible, tmp_path):
     holds(flexible, 0.03, **RIGID, delay_samples=1.4, coulomb_friction_n=0.4, encoder_resolution_m=2e-5)
     holds(flexible, mode_frequency_hz=140.0, mode_damping_ratio=0.05, mode_mass_ratio=0.35)
@@ -56,7 +56,7 @@ def test_resonance_friction_and_fractional_delay(flexible, tmp_path):
     assert read.sources["mass_kg"].grade == "measured"
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_encoder_at_the_handle_tells_the_resonance_but_not_how_the_mass_divides():
     """Nothing but viscous damping acts on the motor: other shares with another damping ratio predict the same."""
     truth = Truth(delay=1.0, resonance=150.0, ratio=0.04, share=0.3, at_handle=1.0, encoder=1e-5, spring=50.0)
@@ -75,7 +75,7 @@ def test_a_rigid_device_without_friction_claims_neither():
     assert found.estimates["coulomb_friction_n"].low == 0
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_stiff_controller_in_a_loop_leaves_no_bias():
     """A wall of 2 kN/m with damping, noise of the encoder fed back through it: least squares is biased, this is not."""
     truth = Truth(mass=0.2, coulomb=0.3, delay=1.0, encoder=5e-5, spring=2000.0, damper=4.0)
@@ -83,7 +83,7 @@ def test_a_stiff_controller_in_a_loop_leaves_no_bias():
     holds(found, mass_kg=0.2, damping_ns_per_m=2.0, delay_samples=1.0, coulomb_friction_n=0.3)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize("delay", [0.1, 1.7])
 def test_friction_that_turns_inside_a_sample_leaves_only_the_rounding(delay):
     # A twelfth of the velocity decays in a sample: taken to change evenly it misses mass and friction by 3e-4.
@@ -93,7 +93,7 @@ def test_friction_that_turns_inside_a_sample_leaves_only_the_rounding(delay):
     assert found.estimates["delay_samples"].value == pytest.approx(delay, abs=5e-5)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("rung", "truth"),
     [
@@ -128,7 +128,7 @@ def of(columns):
 HELD = {"mass": 0.1, "damping": 1.0, "friction": 0.05, "spring": 500.0, "ticks": 5000, "parts": 40}
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_device_on_a_spring_is_found_below_its_resonance():
     found = identify(of(held_log(sines(0.22, 6.0), **HELD)))
     holds(found, 0.02, mass_kg=0.1, damping_ns_per_m=1.0, stiffness_n_per_m=500.0, coulomb_friction_n=0.05)
@@ -140,7 +140,7 @@ def test_a_force_of_reversed_sign_is_refused():
             identify(records, flip_force=True)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize(("period", "scatter"), [(0.005, 0.002), (0.01, 0.004), (0.0025, 0.001)])
 def test_a_clock_that_scatters_is_taken_as_it_is(period, scatter):
     law = sines(0.35, min(15.0, 0.08 / period), period, seed=3, spring=30.0)
@@ -149,7 +149,7 @@ def test_a_clock_that_scatters_is_taken_as_it_is(period, scatter):
     holds(found, 0.03, mass_kg=0.2, damping_ns_per_m=2.0, coulomb_friction_n=0.3)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize("delay", [0, 2])
 def test_a_delay_that_is_counted_in_ticks_of_such_a_clock_leaves_the_damping(delay):
     period = 5e-3
@@ -173,14 +173,14 @@ def spinning(ways, seconds=6.0, friction=0.036):
     return records
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_motor_that_spins_both_ways_tells_its_friction():
     found = identify(spinning((1, -1)), handle_radius_m=0.05)
     holds(found, 0.03, mass_kg=1.2e-4, damping_ns_per_m=9.5e-5, coulomb_friction_n=0.036)
     assert found.device.device.motion == "rotary"
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize("case", [("sine", 3.0, 2.0, 0.2), ("slow", 4.0, 1.0, 0.5)])
 def test_what_a_log_does_not_tell_is_a_range_that_holds_it(case):
     kind, hertz, size, coulomb = case
@@ -232,7 +232,7 @@ def test_a_loop_that_buzzes_or_taps_is_no_counter_that_wraps(seed):
     assert not faults_of(Columns("log", time, position, force), swing=True)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_row_without_a_number_does_not_change_a_diagnosis():
     time, position, force = logged(Buzzing(stiffness=6000.0, delay=4.0))
     holed = position.copy()

@@ -80,7 +80,7 @@ def document(capsys, *arguments, code=0):
     return json.loads(capsys.readouterr().out)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_commands_find_the_device_on_the_board(tmp_path, capsys):
     require("unicorn")
     base, there = file_of(tmp_path / "base.toml", GUESS, RANGES), file_of(tmp_path / "there.toml", HIDDEN)
@@ -102,7 +102,7 @@ def test_commands_find_the_device_on_the_board(tmp_path, capsys):
     assert avc.load_device(mine).device.max_force_n == 8.0
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_the_log_of_the_board_holds_the_forces_that_acted(monkeypatch):
     require("unicorn")
     acted = []
@@ -134,7 +134,7 @@ def expected(plan, counts):
     return np.clip(np.sign(whole) * (np.abs(whole) * share // 32768), -FULL, FULL)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize("where", ["host", "cortex-m4f"])
 def test_force_has_the_same_bits_on_every_processor(where):
     """Floats in hardware or in software: every force is what the plan and the positions make it."""

@@ -49,7 +49,7 @@ def document(capsys, *arguments):
     return json.loads(text)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_hidden_knob_is_found_and_its_wall_rests_on_it(tmp_path, monkeypatch, capsys):
     require("unicorn")
     monkeypatch.chdir(tmp_path)
@@ -76,7 +76,7 @@ def test_a_hidden_knob_is_found_and_its_wall_rests_on_it(tmp_path, monkeypatch, 
     assert tried.at_rest
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_what_is_found_of_a_turn_is_what_is_found_at_its_rim():
     random = np.random.default_rng(3)
     truth = Truth(coulomb=0.3, delay=1.2, encoder=2e-5)
@@ -113,7 +113,7 @@ def test_degrees_and_newton_metres_are_read_and_mixed_kinds_refused(tmp_path):
     assert [fault.key for fault in caught.value.faults] == ["position"]
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_the_diagnosis_of_a_turn_is_that_of_its_rim():
     meant = Buzzing(encoder=5e-6, stiffness=3000.0, damper=12.0)
     time, position, force = logged(replace(meant, stiffness=20000.0), 1500 * meant.period)

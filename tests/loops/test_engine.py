@@ -81,6 +81,7 @@ def test_spectral_radius_is_the_growth_of_a_plain_simulation(
     assert max(grown) == pytest.approx(radius, rel=0.03), worst
 
 
+@pytest.mark.slow
 def test_released_device_ahead_of_its_engine_is_bounded_by_its_own_damping():
     """With states that lie in the future the released device meets a negative damper: K <= 2 b / ((N + 1) T)."""
     for ratio in (1, 2, 5):

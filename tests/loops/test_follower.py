@@ -25,7 +25,7 @@ def problem(follower, hands=""):
     return avc.parse_problem(f"{LEADER}[follower]\n{follower}\n{hands}")
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @settings(max_examples=15, deadline=None)
 @given(
     mass=st.floats(0.05, 1.0),
@@ -113,7 +113,7 @@ def test_passive_teleoperator_is_stable_with_every_hand_and_environment():
     assert stable == {1.01: True, 0.2: False}
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize("delay", [0.0, 0.005, 0.02])
 def test_recommended_coupling_settles_in_a_plain_simulation(delay):
     """Every corner hand in free motion, pressed on a wall and tapping it, with 10 % jitter and 1 % of losses."""

@@ -155,7 +155,7 @@ def fed_back():
     return Coupling.of(problem, avc.solve(problem, "robust"))
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_with_state_feedback_the_observer_knows_the_force_that_was_asked_for(fed_back):
     """The loop of the project itself, its device pushed by so many times the force."""
     problem, law, gains = fed_back.problem, fed_back.runtime.state_feedback, fed_back.table.at_rest
@@ -206,7 +206,7 @@ def told(found, asked, hands):
     return residual_speeds([found], hands, friction=False, device=one.device, effects=one.effects)[0] < 1
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize("share", [0.2, 0.5])
 def test_hands_at_a_lighter_device_are_those_of_another_plant(share):
     found = coupling()

@@ -54,7 +54,7 @@ def growth(hand, tool_kg, step_s, gains):
     return (last / first) ** (1 / (steps / 2))
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("tool_kg", "step_s"),
     [
@@ -89,7 +89,7 @@ def test_a_hand_inside_refutes_what_corners_pass():
     assert radius == pytest.approx(1.00306, abs=2e-5)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_slow_modes_hide_no_unstable_one():
     """A tool of 171 g on 7.4 kN/m near the resonance grows at 1.0026 a millisecond, drifts decay slower."""
     stated = avc.parse_problem(
@@ -105,8 +105,8 @@ def test_slow_modes_hide_no_unstable_one():
     assert loops.radius(ToolGains(893.658, 2.188))[0] > 1.0026
 
 
-@pytest.mark.parametrize("wall_n_per_m", [6000.0, pytest.param(12000.0, marks=pytest.mark.thorough)])
-@pytest.mark.parametrize("mode_hz", [(30.0, 400.0), pytest.param((100.0, 500.0), marks=pytest.mark.thorough)])
+@pytest.mark.parametrize("wall_n_per_m", [6000.0, pytest.param(12000.0, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("mode_hz", [(30.0, 400.0), pytest.param((100.0, 500.0), marks=pytest.mark.slow)])
 def test_no_device_inside_breaks_a_wall(wall_n_per_m, mode_hz):
     stated = avc.parse_problem(
         f"{DEVICE.format(0.12, 0.5)}[device.resonance]\nfrequency_hz = 200.0\ndamping_ratio = 0.01\nmass_ratio = 0.3\n"
@@ -147,7 +147,7 @@ def settles(gains, contact_n_per_m, delay_s):
     return size[-500:].sum() < size[1000:1500].sum()
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_contact_inside_refutes_what_some_contacts_pass():
     loops, gains = FollowerLoops(teleoperator(5e-3)), ToolGains(673.1, 2.143)
     assert loops.stable(gains)
@@ -157,7 +157,7 @@ def test_a_contact_inside_refutes_what_some_contacts_pass():
     assert not settles(gains, 1660.0, 5e-3)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize("delay_s", [5e-3, 3e-3])
 def test_no_contact_inside_breaks_a_teleoperator(delay_s):
     stated = teleoperator(delay_s)
@@ -208,7 +208,7 @@ def device(mass: float, delay: float, mode: float, share: float) -> Device:
     )
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @settings(max_examples=25, deadline=None)
 @given(st.floats(0.05, 1.0), st.floats(0.01, 3), st.floats(60, 300), st.floats(0.05, 0.4), st.integers(0, 2**31))
 def test_corners_come_first_and_the_rest_lies_within(mass, delay, mode, share, seed):

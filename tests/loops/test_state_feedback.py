@@ -100,8 +100,7 @@ def force_over_position(law, rendering, frequency_hz, sample_time_s):
     return force[0] / (1 + believed[0])
 
 
-@pytest.mark.one_of(4)
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("seed", range(3))
 def test_force_over_position_is_that_of_the_step_in_time(seed):
     law = believer(seed)
     rendering = Rendering(np.array([[800.0, 0.0, 0.0]]), np.zeros((1, 3)))

@@ -112,7 +112,7 @@ def test_a_stiffer_wall_may_be_stable_again():
     assert worst(device, [hand], 0.0, 500.0) > 1 > worst(device, [hand], 0.0, 1000.0)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("values", "mode", "wall"),
     [
@@ -179,7 +179,7 @@ def too_late():
     )
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_device_that_holds_nothing_has_no_stiffest_wall(too_late):
     people = with_released(hand_corners(too_late.hands))
     found = stiffest_wall(too_late.device, people)
@@ -193,7 +193,7 @@ def test_a_device_that_holds_nothing_has_no_stiffest_wall(too_late):
     assert math.isnan(damping_range(too_late.device, people, softest).lowest_ns_per_m)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_what_helps_nothing_is_told_as_nothing(too_late):
     helps = what_would_help(too_late, hand_corners(too_late.hands))
     walls = {one.change: one.stiffest_wall_n_per_m for one in helps}
@@ -202,7 +202,7 @@ def test_what_helps_nothing_is_told_as_nothing(too_late):
     assert helps[0].change == "no delay"
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_the_search_of_laws_ends_where_not_even_a_softer_wall_is_held(too_late):
     found = avc.solve(too_late.changed(environment={"stiffness_n_per_m": 1e4, "damping_ns_per_m": 0.0}), "robust")
     assert not found.usable.any()
@@ -212,7 +212,7 @@ def test_the_search_of_laws_ends_where_not_even_a_softer_wall_is_held(too_late):
 # The stiffest wall is one that simulated hands rest at.
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_hands_that_had_no_part_in_it_rest_at_the_stiffest_wall():
     problem = avc.load_problem("reference-r2").changed(device={"encoder_resolution_m": 1e-5, "max_force_n": 8.0})
     found = stiffest(problem, hands=16)
@@ -226,7 +226,7 @@ def test_hands_that_had_no_part_in_it_rest_at_the_stiffest_wall():
     assert fresh.stable_without_friction.mean() > 0.9
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_device_that_nothing_holds_has_none():
     found = stiffest(avc.load_problem("hard/massless"), hands=3)
     assert found["stiffest_wall_n_per_m"] is None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import functools
 import tempfile
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,21 @@ CLANG_CPP17 = ("clang++", "-std=c++17", "-x", "c++")
 _ROOM = 8192
 
 
+@functools.cache
+def library(
+    coupling: Coupling, compiler: tuple[str, ...] = C99, flags: tuple[str, ...] = WARNINGS, precision: str = "single"
+) -> Path:
+    """Compile the exported C once for each coupling: what one instance remembers stands in memory of its own."""
+    require(compiler[0])
+    folder = Path(tempfile.mkdtemp(dir=scratch()))
+    for name, text in export_c(coupling, precision=precision).items():
+        (folder / name).write_text(text, encoding="ascii")
+    tool, *options = compiler
+    build = ("-O2", *flags, "-fPIC", "-shared", "-nostdlib")
+    run(tool, *options, *build, str(folder / "avc_coupling.c"), "-o", str(folder / "coupling.so"))
+    return folder / "coupling.so"
+
+
 class Exported:
     """One device with the exported coupling."""
 
@@ -33,16 +49,7 @@ class Exported:
         flags: tuple[str, ...] = WARNINGS,
         precision: str = "single",
     ) -> None:
-        require(compiler[0])
-        # A library of the same path would be taken for the one that is loaded already.
-        folder = Path(tempfile.mkdtemp(dir=scratch()))
-        for name, text in export_c(coupling, precision=precision).items():
-            (folder / name).write_text(text, encoding="ascii")
-        library = folder / f"{compiler[0]}.so"
-        build = ("-O2", *flags, "-fPIC", "-shared", "-nostdlib")
-        tool, *options = compiler
-        run(tool, *options, *build, str(folder / "avc_coupling.c"), "-o", str(library))
-        self._c = ctypes.CDLL(str(library))
+        self._c = ctypes.CDLL(str(library(coupling, compiler, flags, precision)))
         number: type[Any] = {"single": ctypes.c_float, "double": ctypes.c_double}[precision]
         self._c.avc_coupling_step.restype = number
         self._c.avc_coupling_step.argtypes = [ctypes.c_void_p, number]

@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 import ctypes
-import tempfile
-from pathlib import Path
+import functools
 
-from exported import C99, WARNINGS
-from hardware_bench import require, run, scratch
+from exported import C99, library
 
 import avc_casadi as avc
 from avc_casadi.coupling import Coupling
 from avc_casadi.model.virtual_tool import ToolGains
-from avc_hardware import export_c
 
 LEADER = "[device]\nmass_kg = 0.12\ndamping_ns_per_m = 0.8\ndelay_samples = 1\n"
 # More than any end remembers.
 _ROOM = 512
 
 
+@functools.cache
 def teleoperator_coupling(follower, stiffness, damping, local=0.0, device=LEADER):
     """A coupling with gains of one's own to the [follower]."""
     gains = ToolGains(stiffness, damping, local)
@@ -29,14 +27,7 @@ class ExportedPair:
     """The compiled source, and both ends as the leader counts positions and forces."""
 
     def __init__(self, coupling, *, compiler=C99, precision="double"):
-        require(compiler[0])
-        folder = Path(tempfile.mkdtemp(dir=scratch()))
-        for name, text in export_c(coupling, precision=precision, unsafe=True).items():
-            (folder / name).write_text(text, encoding="ascii")
-        library, source = folder / "coupling.so", folder / "avc_coupling.c"
-        tool, *options = compiler
-        run(tool, *options, "-O2", *WARNINGS, "-fPIC", "-shared", "-nostdlib", str(source), "-o", str(library))
-        self.c = ctypes.CDLL(str(library))
+        self.c = ctypes.CDLL(str(library(coupling, compiler, precision=precision)))
         self.number = number = {"single": ctypes.c_float, "double": ctypes.c_double}[precision]
         fields = [("number", ctypes.c_uint32), *((name, number) for name in ("position", "velocity", "force"))]
         self.Message = type("Message", (ctypes.Structure,), {"_fields_": fields})

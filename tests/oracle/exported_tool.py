@@ -3,24 +3,22 @@
 from __future__ import annotations
 
 import ctypes
-import tempfile
-from pathlib import Path
+import functools
 
 import numpy as np
 from engine_simulator import EngineSimulator
-from exported import C99, WARNINGS
-from hardware_bench import require, run, scratch
+from exported import C99, library
 
 import avc_casadi as avc
 from avc_casadi.coupling import Coupling
 from avc_casadi.model.virtual_tool import ToolGains
-from avc_hardware import export_c
 
 DEVICE = "[device]\nmass_kg = 0.12\ndamping_ns_per_m = 0.8\ndelay_samples = 1\nmax_force_n = 8.0\n"
 # More than any coupling remembers.
 _ROOM = 256
 
 
+@functools.cache
 def tool_coupling(simulation: str, stiffness: float, damping: float, local: float = 0.0, device: str = DEVICE):
     """A coupling with gains of one's own to the [simulation]."""
     problem = avc.parse_problem(f"{device}[simulation]\n{simulation}")
@@ -31,15 +29,7 @@ class ExportedTool:
     """One device with the exported coupling to a simulation."""
 
     def __init__(self, coupling, *, compiler=C99, precision="double"):
-        require(compiler[0])
-        folder = Path(tempfile.mkdtemp(dir=scratch()))
-        for name, text in export_c(coupling, precision=precision, unsafe=True).items():
-            (folder / name).write_text(text, encoding="ascii")
-        library = folder / "coupling.so"
-        tool, *options = compiler
-        source = str(folder / "avc_coupling.c")
-        run(tool, *options, "-O2", *WARNINGS, "-fPIC", "-shared", "-nostdlib", source, "-o", str(library))
-        self._c = ctypes.CDLL(str(library))
+        self._c = ctypes.CDLL(str(library(coupling, compiler, precision=precision)))
         number = {"single": ctypes.c_float, "double": ctypes.c_double}[precision]
         given = 1 if coupling.tool.exchange == "held-force" else 2
         for name, count in {

@@ -51,7 +51,7 @@ def test_the_closed_form_is_never_called_optimal_where_it_violates_its_bounds(co
     assert closed.optimal_share <= closed.solved_share == 0
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_the_command_answers_and_draws(capsys, tmp_path):
     assert main(["accuracy", "figure5", "--plot", str(tmp_path / "accuracy.png"), "--json"]) == 0
     document = json.loads(capsys.readouterr().out)

@@ -29,14 +29,14 @@ def agree(problem, *, error_within):
     return int(use.sum())
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [entry.name for entry in avc.catalogue() if has_wall(entry.name)])
 def test_every_frequency_of_the_catalogue_within_1e_8(name):
     """Absolute, in N.s/m."""
     agree(avc.load_problem(name), error_within=lambda _: 1e-8)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_300_random_problems_end_at_the_optimum_or_say_that_they_do_not():
     rng = np.random.default_rng(0)
     usable = failed = 0

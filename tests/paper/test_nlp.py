@@ -104,7 +104,7 @@ def missing(reason):
     return float(re.search(r"missed by ([\d.e+-]+\d)", reason)[1])
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_random_problems_become_feasible_by_just_that_relaxation():
     rng = np.random.default_rng(23)
     tried = margins = 0
@@ -165,7 +165,7 @@ def test_a_tighter_tolerance_gives_a_smaller_error():
     assert excess(1e-10) < excess(1e-2)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["ipopt", "sqpmethod"])
 def test_random_problems_end_solved_or_failed_and_never_wrong(name):
     rng = np.random.default_rng(8)

@@ -71,7 +71,7 @@ def gains_of(schedule: GainSchedule) -> tuple[np.ndarray, np.ndarray, np.ndarray
     return schedule.damping_ns_per_m, schedule.stiffness_n_per_m, schedule.contact_damping_ns_per_m
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize(("require", "scope", "changes"), CASES)
 def test_rows_are_real_and_no_lattice_point_betters_them(
     require: str, scope: str, changes: dict[str, dict[str, Any]]

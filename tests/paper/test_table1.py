@@ -21,7 +21,7 @@ def document():
     return table1(12, 5, walls=("VE7",), couplings=COUPLINGS)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_counts_are_those_of_the_runs(document):
     problem = avc.load_problem("ve7")
     people = draw_population("A", 12, 5)
@@ -31,7 +31,7 @@ def test_counts_are_those_of_the_runs(document):
     assert row["stable"] == np.all([run.stable for run in runs], axis=0).sum()
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_prediction_at_the_stiff_wall(document):
     rows = {row["coupling"]: row for row in document["rows"]}
     assert rows["none"]["stable"] == 0

@@ -55,7 +55,7 @@ def test_without_changes_the_problem_is_the_base(base):
     assert problem.changed(scene={}) == base.changed(scene=problem.scene)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @given(st.data())
 @settings(max_examples=100)
 def test_any_settings_are_a_problem_or_faults_with_their_fields(data):
@@ -145,7 +145,7 @@ def grows(pair, hand, tool_mass_kg):
     return bool(apart[-1000:].max() > apart[1000:2000].max())
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize("pair", [(5000.0, 20.0), (17000.0, 37.0), (5000.0, 70.0), (600.0, 0.2), (18500.0, 55.0)])
 def test_who_is_stable_with_what_is_so_in_a_plain_simulation(pair):
     gains = dict(zip(PAIR, pair, strict=True))

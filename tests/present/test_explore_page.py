@@ -77,7 +77,7 @@ def text(driver, name):
     return driver.execute_script("return document.getElementById(arguments[0]).textContent", name)
 
 
-@pytest.mark.exhaustive
+@pytest.mark.slow
 def test_a_slider_moves_the_picture_and_undo_brings_it_back(page):
     before = shown(page, "c-magnitude")
     slider = page.find_element("css selector", "[aria-label='Wall: stiffness']")
@@ -95,7 +95,7 @@ def found_at_once(task, progress):
     return Coupling.constant(task[0], Gains(0.0, 1000.0, 5.0), "recommend"), [row("Coupling", "a softened wall")]
 
 
-@pytest.mark.exhaustive
+@pytest.mark.slow
 def test_a_run_is_begun_followed_and_its_coupling_saved(page, tmp_path, monkeypatch):
     monkeypatch.setattr(_explorer, "_found", found_at_once)
     page.execute_cdp_cmd("Browser.setDownloadBehavior", {"behavior": "allow", "downloadPath": str(tmp_path)})
@@ -109,7 +109,7 @@ def test_a_run_is_begun_followed_and_its_coupling_saved(page, tmp_path, monkeypa
     assert coupling.table.rows[0, 1:].tolist() == [0.0, 1000.0, 5.0]
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_it_opens_with_an_answer_while_the_recommendation_runs(driver, monkeypatch):
     monkeypatch.setattr(_explorer, "_found", endless)
     with served(avc.load_problem("soft").changed(frequency={"points": 40}), "soft.toml") as started:
@@ -123,7 +123,7 @@ def test_it_opens_with_an_answer_while_the_recommendation_runs(driver, monkeypat
     until(lambda: not multiprocessing.active_children())
 
 
-@pytest.mark.exhaustive
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["knob", "tool/mujoco-500hz"])
 def test_other_devices_and_ends_have_the_same_page(driver, name, monkeypatch):
     monkeypatch.setattr(_explorer, "_found", endless)
@@ -137,7 +137,7 @@ def test_other_devices_and_ends_have_the_same_page(driver, name, monkeypatch):
     driver.get("about:blank")
 
 
-@pytest.mark.exhaustive
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("size", "scheme"), [("desktop", "light"), ("desktop", "dark"), ("tablet", "light"), ("phone", "dark")]
 )

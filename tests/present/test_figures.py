@@ -20,7 +20,7 @@ def hands():
     return avc.load_problem("figure5").changed(stability={"scope": "hands"}, frequency={"points": 12})
 
 
-PROBLEMS = {"figure5": None, "hard/free-space": None, "hands": hands}
+PROBLEMS = {"figure5": None, "hands": hands}
 
 
 @pytest.fixture(scope="module", params=PROBLEMS)
@@ -60,8 +60,7 @@ def texts(figure):
     return [(text.get_text(), text.get_window_extent(renderer)) for text in found if text.get_text().strip()]
 
 
-@pytest.mark.thorough
-@pytest.mark.one_of(3)
+@pytest.mark.slow
 def test_no_text_covers_another(texts):
     assert len(texts) > 15
     for (first, a), (second, b) in itertools.combinations(texts, 2):
@@ -70,8 +69,7 @@ def test_no_text_covers_another(texts):
         assert wide <= 1 or high <= 1, f"{first!r} and {second!r} overlap by {wide:.0f} x {high:.0f} pixels"
 
 
-@pytest.mark.thorough
-@pytest.mark.one_of(3)
+@pytest.mark.slow
 def test_no_text_leaves_the_picture(figure, texts):
     width, height = figure.bbox.size
     for text, box in texts:
@@ -81,7 +79,7 @@ def test_no_text_leaves_the_picture(figure, texts):
         assert box.y1 <= height + 1, text
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_axes_have_labels_with_units(figure):
     bottom = min(axes.get_position().y0 for axes in figure.axes)
     for axes in figure.axes:
@@ -94,7 +92,7 @@ def test_axes_have_labels_with_units(figure):
         assert re.match(r"\([a-f]\) ", axes.get_title(loc="left"))
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_delivered_gains_are_drawn_in_every_panel_of_figure_5(comparison):
     gains = comparison.methods[comparison.delivered]
     label = "direct" if comparison.scope == "pointwise" else f"schedule, scope {comparison.scope}"
@@ -106,7 +104,7 @@ def test_delivered_gains_are_drawn_in_every_panel_of_figure_5(comparison):
         np.testing.assert_array_equal(line.get_ydata(), curve[order])
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_lines_differ_without_colour(figure):
     for axes in figure.axes:
         looks = [

@@ -52,7 +52,7 @@ def html():
     return report_of(problem, {"refused": "the <b>device</b> & its limits"})
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_nothing_is_loaded_from_elsewhere(html):
     page = Page(html)
     assert len(page.links) == html.count("<figure>") == 4
@@ -69,7 +69,7 @@ def test_nothing_is_loaded_from_elsewhere(html):
                 assert not re.search(r"url\((?!#)", value)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_hostile_text_is_shown_as_text(html):
     page = Page(html)
     assert "script" not in page.tags
@@ -96,7 +96,7 @@ def page(tmp_path_factory):
         yield driver
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize("size", WIDTHS)
 def test_nothing_sticks_out(page, size):
     resize(page, WIDTHS[size])
@@ -105,7 +105,7 @@ def test_nothing_sticks_out(page, size):
     assert figure > 0.75 * min(WIDTHS[size], 1200)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_the_verdict_comes_first_and_is_a_word_and_a_mark(page):
     verdict = page.find_element("css selector", "main > p.verdict")
     assert verdict.text.startswith("Deploy this coupling")

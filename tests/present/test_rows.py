@@ -63,7 +63,7 @@ SLOW = {
     "simulation": lambda: avc.recommend("tool/unity-60hz", hands=3),
     "wheel": lambda: avc.recommend("tool/wheel-game-62hz", hands=3),
 }
-CASES = [*ANSWERS.items(), *(pytest.param(*one, marks=pytest.mark.thorough) for one in SLOW.items())]
+CASES = [*ANSWERS.items(), *(pytest.param(*one, marks=pytest.mark.slow) for one in SLOW.items())]
 
 
 def numbers(value):

@@ -169,7 +169,7 @@ def test_gated_law_has_an_orbit_of_one_bounce():
     assert multiplier > 2  # no simulation stays on it
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_clip_last_law_has_no_such_orbit():
     assert not any(orbits("clip-last", period) for period in range(2, 25))
 

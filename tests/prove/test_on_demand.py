@@ -38,7 +38,7 @@ def outcome(coupling, level="L7"):
     return proved(coupling)[level]
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_the_same_gains_are_proved_clipped_last_and_open_behind_the_gate():
     clipped, gated = outcome(coupling_of(STIFF)), outcome(coupling_of(STIFF, "gated"))
     assert (clipped.outcome, clipped.passed, clipped.word) == ("proved", True, "proved")
@@ -47,7 +47,7 @@ def test_the_same_gains_are_proved_clipped_last_and_open_behind_the_gate():
     assert "without that it is proved" in gated.claim
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_loop_that_is_unstable_in_contact_is_refuted_by_its_hand():
     coupling = coupling_of(Gains(0.0, 1e6))
     found = outcome(coupling)
@@ -73,7 +73,7 @@ def test_an_observer_is_proved_without_its_dead_zone_and_open_with_it():
     assert (found["plain"].outcome == "proved") == (found["zone"].multiplier is not None)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_the_command_proves_when_asked(tmp_path):
     coupling = coupling_of()
     file, out = tmp_path / "c.json", tmp_path / "proofs"
@@ -93,7 +93,7 @@ def test_the_command_proves_when_asked(tmp_path):
     assert files["L7.json"]["problem"]["device"] == coupling.problem.device.model_dump(mode="json")
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize("device", [{"backlash_m": 1e-4}, {"range": {"backlash_m": (0.0, 1e-5)}}])
 def test_nothing_is_proved_of_a_device_with_play(device):
     """Play is a hysteresis in the loop: what comes to rest without it may bounce for ever with it."""
@@ -107,7 +107,7 @@ def test_nothing_is_proved_of_a_device_with_play(device):
     assert not quickly_proved(coupling)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("device", "b_p", "wall", "word"),
     [

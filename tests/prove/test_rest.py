@@ -29,7 +29,7 @@ def proof():
     return prove_rest(law_at(6.4e4, 1.56), "clip-last", PROBLEM.device, BOX)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_every_stylus_hand_of_the_box_is_proved_to_rest(proof):
     assert proof.outcome == "proved"
     again = Rest.from_document(proof.document())
@@ -82,7 +82,7 @@ def proofs():
     return {case: stored_rest(case) for case in REST}
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_they_are_accepted_and_survive_their_file(proofs):
     for case, proof in proofs.items():
         assert accepted(proof, points=1), case
@@ -90,7 +90,7 @@ def test_they_are_accepted_and_survive_their_file(proofs):
         assert Rest.from_document(proof).document() == proof
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_what_was_read_again_is_verified_and_not_believed(proofs):
     document = proofs["late"]
     assert Rest.from_document(document).verified()
@@ -98,7 +98,7 @@ def test_what_was_read_again_is_verified_and_not_believed(proofs):
     assert not Rest.from_document(document | {"multiplier": weak}).verified()
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_tampered_ones_are_rejected_and_what_is_believed_replays(proofs):
     random = np.random.default_rng(5)
     objects = list(proofs.values())

@@ -156,7 +156,7 @@ def test_a_damper_alone_leaves_half_of_it():
     assert found[0] == pytest.approx(0.5 * 15.0 * 2j * np.pi * 2.0, rel=1e-4)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_what_is_recommended_gives_the_force_that_was_asked_for():
     problem = avc.Problem(
         device=DEVICE,
@@ -260,7 +260,7 @@ def test_a_late_spring_gives_energy_and_a_damper_takes_it():
     assert max(damped.values()) < 1.0
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_it_is_a_row_where_the_device_gains_speed_and_none_where_it_does_not():
     found = avc.recommend("spring", hands=10)
     data = copy.deepcopy(found.data())
@@ -287,7 +287,7 @@ def damper(step, period, damping, **device):
     return Coupling.constant(problem, Gains(0.0, near_rigid_n_per_m(problem.device)), "none")
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @settings(max_examples=12)
 @given(step=st.floats(1e-5, 2e-4), period=st.sampled_from([5e-4, 1e-3, 2e-3]), damping=st.floats(0.5, 8.0))
 def test_ripple_of_a_damper_is_that_of_its_pulses(step, period, damping):
@@ -356,7 +356,7 @@ def test_it_is_the_time_that_a_simulated_device_takes(hand):
     assert t * float(np.diff(peaks).mean()) == pytest.approx(0.5 / found.frequency_hz, rel=0.05)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize("limit", [8.0, 5.0])
 def test_a_wheel_is_damped_until_it_settles(limit):
     """With the least damping that is stable it swings for seven seconds."""
@@ -367,7 +367,7 @@ def test_a_wheel_is_damped_until_it_settles(limit):
     assert document["transient"]["released"]["settling_s"] < 1.0
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "slip", [{"encoder_resolution_m": 0.055}, {"encoder_resolution_m": 0.04}, {"max_force_n": 0.0033}]
 )

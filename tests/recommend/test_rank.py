@@ -101,7 +101,7 @@ def safety(one: Judged, lean: bool) -> tuple[int, int]:
     return (0 if free or lean else 1), 0
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @settings(max_examples=60, deadline=None)
 @given(CANDIDATES, st.booleans())
 def test_nothing_that_is_safer_or_as_safe_and_better_is_passed_over(candidates, lean):
@@ -180,7 +180,7 @@ def known(coupling):
     return with_rest(certified(coupling))
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_the_recommended_coupling_carries_its_proof():
     found = avc.recommend("spring", hands=10)
     document = json.loads(json.dumps(found.data(), allow_nan=False))
@@ -311,7 +311,7 @@ def test_a_damper_that_is_too_strong_is_told_with_the_largest_that_is_stable():
     assert not decays(1.02 * most)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_what_is_only_linearly_stable_is_no_help_where_hands_refute_it():
     engine = {"tool_mass_kg": 0.05, "step_s": 0.004, "integrator": "explicit", "exchange": "held-force"}
     device = {"mass_kg": 0.2, "damping_ns_per_m": 1.0, "delay_samples": 1, "max_force_n": 8.0}

@@ -22,14 +22,9 @@ def problem(simulation, device=DEVICE):
     return avc.parse_problem(f"{device}[simulation]\n{simulation}")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
-    ("mass", "ratio", "exchange"),
-    [
-        (0.2, 2, "on-time"),
-        pytest.param(0.05, 5, "late", marks=pytest.mark.thorough),
-        pytest.param(1.0, 1, "ahead", marks=pytest.mark.thorough),
-        pytest.param(0.2, 16, "on-time", marks=pytest.mark.thorough),
-    ],
+    ("mass", "ratio", "exchange"), [(0.2, 2, "on-time"), (0.05, 5, "late"), (1.0, 1, "ahead"), (0.2, 16, "on-time")]
 )
 def test_recommended_coupling_settles_in_a_plain_simulation(mass, ratio, exchange):
     step = ratio * 1e-3
@@ -58,7 +53,7 @@ def test_recommended_coupling_settles_in_a_plain_simulation(mass, ratio, exchang
             assert np.abs(np.diff(tool[-500:])).max() < 5e-6
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_wanted_stiffness_is_given_or_what_it_needs():
     given = avc.recommend(problem("tool_mass_kg = 0.2\nstep_s = 0.005\nstiffness_n_per_m = 3000.0"), hands=HANDS)
     assert given.coupling.gains.stiffness_n_per_m == 3000.0
@@ -79,7 +74,7 @@ def test_wanted_stiffness_is_given_or_what_it_needs():
     assert max(one.stiffest_n_per_m for one in light.helps) > light.pair.stiffest.stiffness_n_per_m
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_state_ahead_of_its_force_needs_the_damper_of_the_devices_loop():
     """The stiffest K ends where a plain simulation grows, and without its local damper that grows at a tenth of it."""
     found = ToolSearch(problem('tool_mass_kg = 0.2\nstep_s = 0.005\nexchange = "ahead"'))
@@ -102,7 +97,7 @@ def test_state_ahead_of_its_force_needs_the_damper_of_the_devices_loop():
     assert growth(0.1, 0.0) > 1
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_limit_with_the_heaviest_damper_is_searched_as_finely_as_others():
     """Engine ahead by 14 ms: the best damper is the heaviest that is tried; a released device swings up just beyond."""
     device = "[device]\nmass_kg = 0.449\ndamping_ns_per_m = 2.99\nsample_time_s = 0.002\n"
@@ -122,7 +117,7 @@ def test_limit_with_the_heaviest_damper_is_searched_as_finely_as_others():
     assert growth(1.02) > 1
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_felt_tool_is_what_a_driven_simulation_measures():
     """A handle moved by 1 mm: the force of a plain engine at the frequency of the motion, against what is told."""
     stated = problem("tool_mass_kg = 0.2\nstep_s = 0.005", device=DEVICE.replace("delay_samples = 1\n", ""))
@@ -148,7 +143,7 @@ def test_felt_tool_is_what_a_driven_simulation_measures():
         assert impedance.real == pytest.approx(felt.drag_ns_per_m, rel=1e-3)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_wheel_with_a_spring_from_a_game_gets_a_damper_of_its_own():
     """A spring of a game at 62.5 Hz and one frame late swings without a damper in the device's loop."""
     wheel = (
@@ -176,7 +171,7 @@ def test_wheel_with_a_spring_from_a_game_gets_a_damper_of_its_own():
     assert np.abs(swings(gains.local_damping_ns_per_m)[-500:]).max() < 1e-3
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_file_of_a_coupling_to_a_simulation_reads_back(tmp_path):
     found = avc.recommend(problem("tool_mass_kg = 0.2\nstep_s = 0.002\nposition_scale = 10.0"), hands=HANDS)
     path = tmp_path / "c.json"

@@ -54,7 +54,7 @@ def speed_alone(problem, motion, duration_s):
     return max(found) / AT_REST_M_PER_S
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @settings(max_examples=25, deadline=None)
 @given(mass=st.floats(0.02, 5.0), damping=st.just(0.0) | st.floats(1e-3, 20.0))
 def test_without_a_wall_everybody_is_at_rest_at_the_end(mass, damping):
@@ -87,7 +87,7 @@ def test_a_heavy_device_that_is_only_slow_counts_as_at_rest():
     assert (residual_speeds([coupling], PEOPLE) < 1).all()
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_everybody_is_judged_alone_as_among_the_others():
     together = try_coupling(softly(HEAVY), PEOPLE)
     alone = [try_coupling(softly(HEAVY), PEOPLE.pick(slice(row, row + 1))) for row in range(len(PEOPLE))]
@@ -107,7 +107,7 @@ def coupling():
     return Coupling.of(problem, avc.solve(problem, "static"))
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_counts_are_those_of_a_trial(coupling):
     found = settled_hands(coupling, 40, SEED, block=17)
     trial = try_coupling(coupling, draw_hands(coupling.problem.hands, 40, SEED), SEED)
@@ -149,7 +149,7 @@ def touched():
     return avc.recommend(avc.load_problem("reference-r1").changed(device=device, environment=wall), hands=40)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize("end_m", [2e-4, 5e-4, 1e-3, 2e-3])
 def test_loose_hands_that_touch_lightly_come_to_rest(touched, end_m):
     coupling = touched.coupling
@@ -183,7 +183,7 @@ def before(wall, **device):
     )
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_wall_at_its_limit_moves_on_lighter_devices_and_one_far_from_it_does_not():
     bare = before(WALL_N_PER_M)
     limit = stiffest_wall(bare.device, with_released(hand_corners(bare.hands))).stiffness_n_per_m
@@ -203,7 +203,7 @@ def radius_let_go(device, stiffness, damping):
     return max(abs(np.linalg.eigvals(free + np.outer(push, law))))
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_wall_that_only_a_hand_holds_is_told_to_be_unstable_let_go():
     bare = before(WALL_N_PER_M)
     wall = 0.99 * stiffest_wall(bare.device, with_released(hand_corners(bare.hands))).stiffness_n_per_m
@@ -230,7 +230,7 @@ def test_each_number_is_a_tenth_off_up_or_down():
         assert {round(linear_values(one)[key] / values[key], 9) for one in drawn} == {0.9, 1.1}
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_numbers_with_a_range_stay_and_none_is_left_where_all_have_one():
     some = off_file(rigid(before(WALL_N_PER_M, range={"mass_kg": (0.09, 0.12)})))
     assert "mass_kg" not in some.keys

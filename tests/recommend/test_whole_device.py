@@ -82,7 +82,7 @@ def unguided(force="0.0"):
     return WholeDevice(avc.load_problem("reference-r1").device, files)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_the_simulator_has_the_stated_physics():
     """Damped flight, a weight on friction, a constant force through the structure, all against closed forms."""
     free = unguided()
@@ -113,7 +113,7 @@ def test_the_simulator_has_the_stated_physics():
     assert found.handle - found.motor == pytest.approx(1 / stiffness, rel=1e-3)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_every_hand_rests_at_the_recommended_coupling(name):
     """With the declared friction, and with a twentieth to a tenth of it; in a soft press without any."""
@@ -123,7 +123,7 @@ def test_every_hand_rests_at_the_recommended_coupling(name):
     assert fastest(meetings(name, "press", friction=0.0)) < REST
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_as_many_hands_rest_as_the_trial_says():
     """All of them as declared; three samples and a half later some, and they are the same."""
     found = recommended("reference-r1")
@@ -142,7 +142,7 @@ def test_as_many_hands_rest_as_the_trial_says():
     assert 0 < counts[3] < counts[2]
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_let_go_the_device_rests(name):
     for velocity in (0.07, 0.3):
@@ -154,7 +154,7 @@ def test_let_go_the_device_rests(name):
         assert found.force == pytest.approx(weight, abs=bench(name).device.coulomb_friction_n)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_a_blow_without_any_friction_leaves_all_but_a_hand_at_rest(name):
     """A limit of what is recommended, bounded here: of 24 hands one may still move a little faster than rest."""
@@ -164,7 +164,7 @@ def test_a_blow_without_any_friction_leaves_all_but_a_hand_at_rest(name):
         assert fastest(found) < 0.01
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_lying_on_the_wall_without_hand_and_friction_it_stays_near(name):
     """A limit of what is recommended, bounded here: nothing damps a device alone inside the dead zone."""
@@ -172,7 +172,7 @@ def test_lying_on_the_wall_without_hand_and_friction_it_stays_near(name):
         assert fastest([bench(name).meets(leaning(weight), friction=0.0)]) < 0.06
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_every_motion_dies_out_where_the_loop_is_linear(name):
     """What `deployable` claims of all of the innovation: no friction, no encoder, and no dead zone."""
@@ -186,7 +186,7 @@ def test_every_motion_dies_out_where_the_loop_is_linear(name):
     assert fastest([linear.meets(deed, friction=0.0, encoder=0.0) for deed in deeds]) < REST
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_a_device_that_is_not_quite_as_declared_rests_too(name):
     """A tenth of mass and resonance, a quarter of a sample of delay: with the declared friction every hand rests."""
@@ -201,7 +201,7 @@ def test_a_device_that_is_not_quite_as_declared_rests_too(name):
             assert fastest(meetings(name, motion, **other)) < REST
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_without_friction_a_light_device_whose_structure_is_stiffer_than_its_file_says_rests():
     """A law for which nobody was asked on such devices leaves hands in a cycle of 11 to 30 mm/s there."""
     mode = {"frequency_hz": 110.0, "damping_ratio": 0.04, "mass_ratio": 0.5}
@@ -221,7 +221,7 @@ def test_without_friction_a_light_device_whose_structure_is_stiffer_than_its_fil
     assert max(ends) < 2 * REST
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_the_stiffness_told_is_that_of_the_simulator(name):
     """Median within 2 %, everybody within 8 %, at the motor; at the handle the structure gives way too."""
@@ -237,7 +237,7 @@ def test_the_stiffness_told_is_that_of_the_simulator(name):
         assert at_handle == pytest.approx(told * structure / (told + structure), rel=0.02)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_the_stiffest_wall_is_where_the_simulator_says(name):
     """Without what is not linear: at 0.9 of the limit everything dies out, by 1.5 1/s or so; at 1.1 of it not."""
@@ -253,7 +253,7 @@ def test_the_stiffest_wall_is_where_the_simulator_says(name):
     assert fastest([beyond.meets(deed, 8.0, **linear) for deed in deeds]) > 0.1
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_what_the_declared_device_refuses_does_not_rest(name):
     problem = recommended(name).problem

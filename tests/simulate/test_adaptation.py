@@ -31,7 +31,7 @@ CASES = {
 }
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
 def test_a_preload_does_not_sag_while_the_hand_moves(name: str) -> None:
     """Mean depth and mean force are those of the row of rest; the row of 8 Hz alone gives way."""
@@ -89,7 +89,7 @@ def given_too_much(sample_time_s: float, damping: float) -> np.ndarray:
     return -least
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize("damping", [0.0, 5.0])
 def test_jumping_gains_create_no_more_than_the_hold_of_a_force(damping: float) -> None:
     """What is missing goes to nothing with the sample time, as it does for constant gains."""

@@ -30,7 +30,7 @@ def played(law, seen):
     return np.array([law(row) for row in seen])
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize("rigid", [False, True], ids=["structure", "rigid"])
 def test_the_plant_does_what_another_simulator_does(rigid):
     """Motor and force at the end of presses and strikes, and of a device thrown at the wall, from one exported C."""

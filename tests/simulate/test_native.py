@@ -47,7 +47,7 @@ def assert_same_bits(ours, theirs):
     np.testing.assert_array_equal(ours.view(np.int64), theirs.view(np.int64))
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @settings(max_examples=8)
 @given(
     case=st.sampled_from(sorted(CASES)),
@@ -73,7 +73,7 @@ def test_any_scene_in_any_lane(case, damping, stiffness, contact, integrator, ru
         assert_same_bits(lanes[:, :, index], values)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("effects", "gains"),
     [
@@ -103,7 +103,7 @@ def test_peaks_and_rest_are_those_of_the_traces(effects, gains):
     np.testing.assert_array_equal(few, speed[:3])
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_threads_and_chunks_do_not_change_a_bit():
     problem = scene_problem(('kind = "hand"', 'kind = "wall"', 'kind = "coulomb-friction"'), scene="duration_s = 0.3\n")
     draw = np.random.default_rng(1).uniform
@@ -171,7 +171,7 @@ def scenes(draw):
     return scene_problem(effects, head=head, scene=scene, motion=f'kind = "{kind}"\nstart_m = -1e-5\n')
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @settings(max_examples=40)
 @given(problem=scenes(), gains=GAINS)
 def test_any_scene_ends_in_json(problem, gains):

@@ -117,7 +117,7 @@ def test_anchor_is_forgotten_outside_the_wall_and_the_wall_does_not_melt(contact
     assert np.median(strokes[-200:]) > 0.95 * 2000
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_twenty_micrometre_encoder_without_friction_needs_the_observer():
     problem = load_problem("scenes/adaptive-press")
     gains = solve(problem, "schedule")
@@ -318,7 +318,7 @@ def _motion(seconds=60.0):
     return 2e-6 * np.round(position / 2e-6)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ESTIMATORS)
 def test_estimators(method, tmp_path):
     step = estimator_step(method, SINGLE_PRECISION_T)
