@@ -41,7 +41,7 @@ def safety(trial):
         (1e5, {"encoder_resolution_m": 20e-6}),
         (8e3, {"coulomb_friction_n": 1.0, "encoder_resolution_m": 38e-6, "max_force_n": 8.0}),
     ],
-    ids=["figure 5", "softer", "20 um", "one sample of delay", "a Falcon"],
+    ids=["figure 5", "20 um", "a Falcon"],
 )
 def test_no_plain_pair_is_deployable_as_safe_and_stiffer(stiffness, device):
     problem = wall(stiffness, **device)
