@@ -17,7 +17,6 @@ from hypothesis import strategies as st
 
 import avc_casadi as avc
 from avc_casadi import InputError
-from avc_casadi.cli import main
 from avc_casadi.coupling import Coupling
 from avc_casadi.files.coupling_file import coupling_document, read_coupling, read_file
 from avc_casadi.identification.read import read_columns
@@ -131,41 +130,9 @@ def test_texts_are_read_as_numpy_reads_them(mark, feed, tmp_path):
     assert (log.at(0), log.at(4_999), log.at(5_001)) == (2, 5_001, 5_005)
 
 
-def test_encodings_and_names(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "figure5").mkdir()
-    assert avc.load_problem("figure5").title == "Stiff virtual wall of figure 5"
-    text = avc.catalogue_path("figure5").read_text(encoding="utf-8")
-    (tmp_path / "mark.toml").write_bytes(text.encode("utf-8-sig"))
-    assert avc.load_problem("mark.toml").name == "mark"
-    (tmp_path / "latin.toml").write_bytes("# first\ntitle = 'é'".encode("latin-1"))
-    assert [fault.line for fault in refused(avc.load_problem, "latin.toml").faults] == [2]
-    (tmp_path / "wide.toml").write_bytes(text.encode("utf-16"))
-    refused(avc.load_problem, "wide.toml")
-    assert "figure5" in str(refused(avc.load_problem, "figur5"))
-
-
 # A table of gains that was edited by hand is read as what it says or refused with every fault, by line and key.
 
 HEADER = "frequency_hz,damping_ns_per_m,stiffness_n_per_m\n"
-
-
-@pytest.mark.parametrize(
-    ("rows", "faults"),
-    [
-        ("2,1,1\n\n2,1,1\n", [(4, "frequency_hz")]),
-        ("3,-1,inf\n4,x,1\n", [(2, "damping_ns_per_m"), (2, "stiffness_n_per_m"), (3, "damping_ns_per_m")]),
-        ("5,1\n6,1,1,1\n", [(2, ""), (3, "")]),
-        ("", [(None, key) for key in sorted(HEADER.strip().split(","))]),
-    ],
-)
-def test_faults_of_a_csv_name_their_lines(rows, faults, tmp_path):
-    path = tmp_path / "gains.csv"
-    path.write_text(HEADER + rows)
-    with pytest.raises(InputError) as found:
-        read_file(path)
-    assert sorted((fault.line, fault.key) for fault in found.value.faults) == faults
-    assert main(["certify", "soft", str(path)]) == 2
 
 
 @given(st.text(alphabet='0123456789.,-einfax"\n\0 ', max_size=60))

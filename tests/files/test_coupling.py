@@ -68,18 +68,6 @@ def other_law(problem):
     return "gated" if problem.coupling.contact == "clip-last" else "clip-last"
 
 
-@pytest.mark.parametrize("contact", ["gated", "clip-last"])
-def test_the_contact_law_travels_with_the_coupling(contact, tmp_path):
-    problem = avc.load_problem("ve3").changed(coupling={"contact": contact})
-    made = Coupling.constant(problem, Gains(5.0, 1e4), "mine")
-    avc.write_coupling(made, tmp_path / "c.json")
-    document = json.loads((tmp_path / "c.json").read_text())
-    assert document["contact"] == document["problem_file"]["coupling"]["contact"] == contact
-    again = avc.read_coupling(tmp_path / "c.json")
-    assert again == made
-    assert again.contact == contact
-
-
 @pytest.mark.parametrize(
     ("change", "key"),
     [

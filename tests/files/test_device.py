@@ -3,7 +3,6 @@
 import pytest
 
 import avc_casadi as avc
-from avc_casadi.files.plausibility import plausibility
 from avc_casadi.model.device import Device
 
 CATALOGUE = (
@@ -30,7 +29,6 @@ HOW_MEANT = {"motion", "handle_radius_m", "amplifier_order", "encoder_at", "held
 # Most amplifiers are lags, which have no damping ratio.
 QUANTITIES = set(Device.model_fields) - HOW_MEANT - {"amplifier_damping_ratio"}
 WALL = "[environment]\ndamping_ns_per_m = 0.0\nstiffness_n_per_m = 5e3\n"
-TURNED = "[environment]\ndamping_nms_per_rad = 0.0\nstiffness_nm_per_rad = {stiffness}\n"
 SMALL = """title = "mine"
 gaps = ["delay_samples", "coulomb_friction_n", "position_noise_rms_m", "amplifier_bandwidth_hz", "backlash_m"]
 [device]
@@ -58,12 +56,6 @@ def device_of(text, **options):
     return avc.parse_problem(text + WALL, **options).device
 
 
-def faults_of(call, *arguments, **options):
-    with pytest.raises(avc.InputError) as caught:
-        call(*arguments, **options)
-    return {fault.key: fault for fault in caught.value.faults}
-
-
 @pytest.mark.parametrize("name", CATALOGUE)
 def test_every_value_has_a_source_and_every_gap_a_name(name):
     file = avc.load_device(name)
@@ -80,18 +72,6 @@ def test_every_value_has_a_source_and_every_gap_a_name(name):
         assert low <= getattr(file.device, key) <= high
     if file.sdk_example is not None:
         assert file.sdk_example.source
-
-
-@pytest.mark.parametrize("name", CATALOGUE)
-def test_a_problem_with_a_device_by_name_has_its_values(name):
-    device = avc.load_device(name).device
-    # At the handle of a device that turns it is the same wall.
-    turned = WALL if device.motion == "linear" else TURNED.format(stiffness=5e3 * device.handle_radius_m**2)
-    problem = avc.parse_problem(f'device = "{name}"\n{turned}[frequency]\nstop_hz = 100.0\n', name="p")
-    assert problem.device == device
-    assert plausibility(problem) == ()
-    assert avc.parse_problem(avc.dump_problem(problem), name="p") == problem
-    assert problem == avc.parse_problem(f'[device]\nfrom = "{name}"\n{turned}[frequency]\nstop_hz = 100.0\n', name="p")
 
 
 def test_an_override_replaces_the_value_and_its_doubt(tmp_path):
@@ -117,31 +97,3 @@ def test_an_override_replaces_the_value_and_its_doubt(tmp_path):
     wider = changed("range = { resonance = { mass_ratio = [0.1, 0.9] } }")
     assert wider.range.resonance.mass_ratio == (0.1, 0.9)
     assert wider.range.resonance.frequency_hz == (100.0, 140.0)
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "key", "words"),
-    [
-        ('mass_kg = { grade = "measured", source = "scale" }\n', "", "sources.mass_kg", "is missing"),
-        ('"measured", source = "scale"', '"weighed", source = "scale"', "sources.mass_kg.grade", '"measured"'),
-        ('"backlash_m"]', "]", "device.backlash_m", "neither given nor a gap"),
-        ('"backlash_m"]', '"backlash_m", "range"]', "gaps", "allowed: mass_kg"),
-        ('"backlash_m"]', '"backlash_m", "mass_kg"]', "sources.mass_kg.grade", '"assumed"'),
-        ("mass_kg = [0.1, 0.3]", "mass_kg = [0.3, 0.4]", "device.range.mass_kg", "mass_kg = 0.2"),
-        ("mass_kg = 0.2\n", "", "device.mass_kg", "is missing"),
-        (
-            "[sources]\n",
-            '[sources]\nbacklash_m = { grade = "vendor", source = "x" }\n',
-            "sources.backlash_m",
-            "not given",
-        ),
-        ("max_force_n = 9.0", "max_force = 9.0", "device.max_force", "did you mean max_force_n?"),
-    ],
-)
-def test_a_device_file_tells_its_faults(tmp_path, old, new, key, words):
-    path = tmp_path / "mine.toml"
-    assert old in SMALL
-    path.write_text(SMALL.replace(old, new))
-    assert words in faults_of(avc.load_device, path)[key].message
-    # A problem that refers to it tells the same.
-    assert set(faults_of(device_of, 'device = "mine.toml"\n', folder=tmp_path)) == set(faults_of(avc.load_device, path))

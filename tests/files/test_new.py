@@ -1,6 +1,5 @@
 """`avc new` writes what was typed, in any unit that fits, and the reader of all files reads it back."""
 
-import itertools
 import math
 import re
 import tomllib
@@ -197,24 +196,3 @@ def test_poses_near_a_singular_one_are_left_out_and_told(tmp_path, capsys):
     regular = heavy / light < 0.95 * 30 * (heavy / light).min()
     assert device.range.mass_kg[0] <= light.min()
     assert heavy[regular].max() <= device.range.mass_kg[1] < 1.3 * heavy[regular].max()
-
-
-def test_a_urdf_names_its_links_and_needs_no_drawing(tmp_path, capsys):
-    inertial = '<inertial><mass value="{0}"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
-    mesh = '<visual><geometry><mesh filename="package://elsewhere/a.stl"/></geometry></visual>'
-    links, masses = ("x", "y", "z"), (0.3, 0.15, 0.1)
-    parts = [
-        f'<link name="{name}">{mesh}{inertial.format(mass)}</link>' for name, mass in zip(links, masses, strict=True)
-    ]
-    chain = ("frame", *links, "tool")
-    for index, (parent, child) in enumerate(itertools.pairwise(chain)):
-        axis = " ".join(str(int(index == one)) for one in range(3))
-        limits = '<limit lower="-0.1" upper="0.1" effort="1" velocity="1"/>'
-        slide = f'type="prismatic"><axis xyz="{axis}"/>{limits}' if child != "tool" else 'type="fixed">'
-        parts.append(f'<joint name="j{index}" {slide}<parent link="{parent}"/><child link="{child}"/></joint>')
-    text = f'<robot name="r"><link name="frame"/><link name="tool"/>{"".join(parts)}</robot>'
-    device = written(tmp_path, text, "--like", "omega-3", tip="tool")
-    capsys.readouterr()
-    assert device.range.mass_kg == pytest.approx((0.99 * 0.1, 1.01 * 0.55), rel=1e-3)
-    assert device.mass_kg == pytest.approx(0.25)
-    assert device.max_force_n == avc.load_device("omega-3").device.max_force_n

@@ -187,29 +187,6 @@ def test_a_value_of_a_sheet_is_the_value_of_the_file(sheet, key, typed, attribut
     assert getattr(found, attribute) == pytest.approx(value, rel=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("sheet", "key", "value", "write"),
-    [
-        (LINEAR, "max_force_kn", "0.002", "did you mean max_force_n?"),
-        (LINEAR, "encoder_resolution_um", "55", "did you mean encoder_resolution_m?"),
-        (LINEAR, "encoder_resolution_dpi", "450", "allowed: "),
-        (LINEAR, "sample_rate_hz", "2000", "did you mean sample_time_s?"),
-        (LINEAR, "max_torque_nm", "0.2", "did you mean max_force_n?"),
-        (LINEAR, "max_force_n", '"12 N.cm"', "allowed: a number"),
-        (ROTARY, "max_torque_ncm", "12", "did you mean max_torque_nm?"),
-        (ROTARY, "max_torque_mnm", "85", "did you mean max_torque_nm?"),
-        (ROTARY, "encoder_resolution_deg", "0.1", "did you mean encoder_resolution_rad?"),
-        (ROTARY, "max_force_n", "8", "max_torque_nm"),
-        (ROTARY, "coulomb_friction_nm", '"2 N"', "allowed: a number"),
-    ],
-)
-def test_a_value_under_a_wrong_key_or_unit_says_what_to_write(sheet, key, value, write):
-    with pytest.raises(avc.InputError) as refused:
-        avc.parse_problem(sheet.format(key=key, value=value))
-    (fault,) = refused.value.faults
-    assert (fault.key, write in fault.message) == (f"device.{key}", True), fault
-
-
 PLANTED = st.one_of(
     st.none(),
     st.booleans(),

@@ -146,18 +146,6 @@ def same(linear, rotary, power, radius, rel=1e-12):
     )
 
 
-@settings(max_examples=40, deadline=None)
-@given(device=DEVICES, radius=st.floats(0.002, 2.0))
-def test_a_capstan_makes_the_device_at_its_handle(device, radius):
-    text = f'[device]\nmotion = "rotary"\ncapstan_radius_m = {radius!r}\n{written(turned(device, radius))}\n'
-    found = avc.parse_problem(text + "[environment]\nstiffness_n_per_m = 1000\ndamping_ns_per_m = 0\n")
-    assert found.device.motion == "linear"
-    for key, value in device.items():
-        assert getattr(found.device, key) == pytest.approx(value, rel=1e-12)
-    assert found.hands == Problem(device=device, environment=found.environment).hands
-    assert "rad" not in repr(found)
-
-
 @settings(max_examples=3, deadline=None, phases=[Phase.explicit, Phase.reuse, Phase.generate])
 @given(device=DEVICES, wall=WALLS, power=st.integers(-5, 1))
 def test_design_and_certificate_are_those_of_the_handle(device, wall, power):

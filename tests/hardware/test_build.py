@@ -3,13 +3,12 @@
 import dataclasses
 import functools
 import math
-import re
 import shutil
 import statistics
 from pathlib import Path
 
 import pytest
-from hardware_bench import coupling, dense_believer, export_c, push, require, run, scratch
+from hardware_bench import coupling, export_c, push, require, run, scratch
 from tick_profile import TickCount, tick_instructions
 
 from avc_casadi import LinkError, UnsupportedError
@@ -17,7 +16,6 @@ from avc_casadi.model.runtime import Runtime
 from avc_hardware import EmulatedBoard, build_firmware
 from avc_hardware.codegen import build
 from avc_hardware.codegen.boards import IMAGE, TARGETS
-from avc_hardware.codegen.figures import RuntimeFigures
 from avc_hardware.codegen.image import read_elf
 
 
@@ -52,15 +50,6 @@ def test_the_board_builds_without_warnings_and_keeps_its_memory(tmp_path: Path) 
 def test_core_compiles_without_warnings(cc: str, tmp_path: Path) -> None:
     require(cc)
     assert build.build_host(tmp_path, cc=cc).stat().st_size > 0
-
-
-def test_core_uses_no_library_but_memcpy_and_memset() -> None:
-    allowed = {"stdint.h", "stddef.h", "stdbool.h", "string.h", "stdatomic.h"}
-    texts = {path.name: path.read_text() for path in (build.FIRMWARE / "core").rglob("*.[ch]")}
-    for name, text in (texts | build.tick_sources(RuntimeFigures())).items():
-        assert set(re.findall(r"#include <(.+)>", text)) <= allowed, name
-        assert not re.search(r"\b(malloc|calloc|free|printf|memmove|strlen)\s*\(", text), name
-        assert "double" not in text, name
 
 
 # `avc firmware`: sample time, encoder and force of the device in an image that takes no coupling for another.
@@ -127,20 +116,6 @@ def test_the_build_that_is_told_stands_in_the_image(tmp_path: Path) -> None:
     assert len(names) == 2
 
 
-@pytest.mark.slow
-def test_flags_of_a_board_do_not_undo_exact_floats(tmp_path: Path) -> None:
-    require("arm-none-eabi-gcc")
-    hard = (
-        '"-mcpu=cortex-m0", "-mthumb", "-mfloat-abi=soft", "-Os"',
-        '"-mcpu=cortex-m4", "-mthumb", "-mfpu=fpv4-sp-d16", "-mfloat-abi=hard"{}',
-    )
-    images = []
-    for name, more in (("plain", ""), ("fast", ', "-ffast-math", "-ffp-contract=fast"')):
-        target = board(tmp_path / name / "same", flags=(hard[0], hard[1].format(more)))
-        images.append(build_firmware(coupling(1).problem, str(target), tmp_path / name).files[1].read_bytes())
-    assert images[0] == images[1]
-
-
 # Instructions of a control tick: counted one by one, the same in two emulators, and within the budget.
 
 MADE = coupling(200, seed=3, largest=(300.0, 1e5, 50.0), runtime=Runtime(guard="passivity-controller"))
@@ -170,10 +145,3 @@ def test_tick_keeps_its_budget() -> None:
     assert statistics.median(rest) <= TYPICAL_BUDGET
     assert max(rest) <= REST_BUDGET
     assert max(tick.total for tick in ticks) <= TICK_BUDGET
-
-
-def test_an_observer_keeps_the_budget_of_what_adapts() -> None:
-    require("unicorn")
-    runtime = Runtime(guard="passivity-controller", state_feedback=dense_believer(3))
-    made = coupling(1, largest=(0.0, 1e5, 0.0), runtime=runtime)
-    assert max(tick.total for tick in tick_instructions(made, counts=motion, ticks=TICKS)) <= OBSERVED_BUDGET

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 import avc_casadi as avc
 from avc_casadi.identification.excitation.design import check_plan, plan_excitation
-from avc_casadi.identification.excitation.plan import corners_of, forecast
+from avc_casadi.identification.excitation.plan import corners_of
 from avc_casadi.identification.excitation.signal import FULL, Signal
 from avc_casadi.identification.read import read_logs
 from avc_casadi.model.device import Device
@@ -66,18 +66,6 @@ def test_devices_of_the_ranges_play_to_the_end():
             told = log.document()
             assert told["peak_speed_m_per_s"] <= plan.max_speed_m_per_s
             assert told["peak_travel_m"] <= plan.max_travel_m
-
-
-@pytest.mark.slow
-def test_forecast_is_what_happens():
-    plan = planned()
-    devices = corners_of(DECLARED)
-    found = forecast(plan, devices)
-    for index in (0, 3, 8):
-        told = Bench(devices[index]).excite(plan).document()
-        assert told["peak_travel_m"] == pytest.approx(found.travel_m[index, 0], rel=0.02, abs=2e-5)
-        assert told["peak_force_n"] == pytest.approx(found.force_n[index, 0], rel=0.03)
-        assert told["peak_speed_m_per_s"] <= found.speed_m_per_s[index, 0] * 1.02
 
 
 @pytest.mark.slow
@@ -234,26 +222,6 @@ def test_bad_line_changes_no_record(faults):
     assert np.array_equal(np.round(log.position_m / 2e-5), np.array(bench.counts)[places])
     assert np.allclose(log.force_n, np.array(bench.force_n)[places], rtol=1e-6, atol=1e-7)
     assert log.whole or log.end.startswith("stopped: the device did not hear")
-
-
-def test_host_that_comes_too_late_sees_a_gap_and_no_shift():
-    """The device keeps 4032 records; older ones are gone, and the rest keeps its ticks."""
-    plan = dataclasses.replace(planned(), ticks=5000)
-    bench = Bench(device())
-    connection = Connection(bench.link)
-    bench.play_unheard(connection, plan, 500)
-    ask = connection.session.ask
-    early = connection.run(ask(Kind.RECORDS, m.records(7, 0), m.Records))
-    for _ in range(6):  # it says that it is there, and reads nothing
-        bench.pass_by(800)
-        connection.run(ask(Kind.RECORDS, m.records(7, 1 << 30), m.Records))
-    bench.pass_by(500)
-    late = connection.run(ask(Kind.RECORDS, m.records(7, len(early.counts)), m.Records))
-    assert late.made == plan.ticks + 1
-    assert late.first == late.made - 4032
-    start = late.start_tick
-    assert np.array_equal(late.counts, bench.counts[start + late.first : start + late.first + len(late.counts)])
-    assert np.array_equal(early.counts, bench.counts[start : start + len(early.counts)])
 
 
 def test_file_keeps_ticks_and_a_gap_cuts_the_record(tmp_path):

@@ -12,7 +12,7 @@ import pytest
 from exported import C99, CLANG, CLANG_CPP17, CPP11, WARNINGS, Exported
 from exported_bench import BOARDS, Ran, ran
 from exported_cases import drawn, motions, notched
-from hardware_bench import believer, bench_problem, coupling, export_c, require, run, scratch, with_gains
+from hardware_bench import bench_problem, coupling, export_c, require, run, scratch, with_gains
 from hypothesis import example, given
 from hypothesis import strategies as st
 from reference_coupling import ReferenceCoupling
@@ -21,7 +21,6 @@ import avc_casadi as avc
 from avc_casadi import InputError
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi.coupling import Coupling
-from avc_casadi.model.effects import DelayEffect, EncoderEffect, HandEffect, SaturationEffect, WallEffect
 from avc_casadi.model.runtime import Runtime
 from avc_casadi.simulation.emit import PRECISIONS
 
@@ -86,59 +85,6 @@ def test_an_int_of_16_bits_is_enough(seed: int) -> None:
         assert all(int(number) < 2**15 for number in whole)
         assert not re.search(r"\b(long|double|size_t|malloc|memcpy|math\.h)\b", code)
         assert set(re.findall(r"#include (\S+)", code)) <= {'"avc_coupling.h"', "<stdbool.h>", "<avr/pgmspace.h>"}
-
-
-def test_start_forgets() -> None:
-    made = drawn(7)
-    device = Exported(made)
-    way = motions(made)[0] - 1e-4  # begins outside
-    first = device.forces(way)
-    assert device.forces(way).tobytes() != first.tobytes()
-    device.start()
-    assert device.forces(way).tobytes() == first.tobytes()
-
-
-RUNTIMES = {
-    "nothing": Runtime("zero-crossing"),
-    "observer": Runtime("zero-crossing", observer_mass_kg=0.25),
-    "controller": Runtime("zero-crossing", guard="passivity-controller"),
-    "state feedback": Runtime("zero-crossing", state_feedback=believer(3)),
-    "observer and tank": Runtime("zero-crossing", observer_mass_kg=0.25, guard="energy-tank"),
-}
-
-
-# Largest difference, and the mean square's root, against the largest force: in single precision a step of the look-up's
-# frequency that falls the other way moves a force for some samples.
-AGREES = {"single": (5e-2, 2e-3), "double": (1e-9, 1e-10)}
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("delay", "contact"), [(2, "gated"), (0, "clip-last")])
-@pytest.mark.parametrize("varies", [False, True], ids=["constant", "table"])
-@pytest.mark.parametrize("name", RUNTIMES)
-def test_export_feels_like_the_scene_in_double_precision(name: str, *, varies: bool, delay: int, contact: str) -> None:
-    """The scene's own run, its measured positions given to the exports: the scene's forces, but for the precision."""
-    effects = [HandEffect(), WallEffect(), EncoderEffect(), SaturationEffect()] + [DelayEffect()] * (delay > 0)
-    motion = {"kind": "tap", "end_m": 0.004, "frequency_hz": 3.0}
-    problem = bench_problem((5.0, 5e3), delay_samples=delay, encoder_resolution_m=2e-5, max_force_n=30.0).changed(
-        scene={"effects": tuple(effects), "motion": motion, "duration_s": 1.5}, coupling={"contact": contact}
-    )
-    constant = with_gains(problem, 5.0, 4e3, 3.0)
-    made = dataclasses.replace(constant, runtime=RUNTIMES[name])
-    if varies:
-        rows = np.array([[1.0, 5.0, 4e3, 3.0], [3.0, 8.0, 3e3, 3.0], [50.0, 3.0, 5e3, 1.0]])
-        made = dataclasses.replace(made, table=dataclasses.replace(made.table, rows=rows))
-    scene = avc.simulate(problem, made)
-    assert scene.samples_in_reach == scene.samples
-    measured = 2e-5 * np.floor(scene.position_m / 2e-5 + 0.5)
-    asked = scene.force_n[delay:]
-    assert asked.max() > 2
-    for precision in ("single", "double")[: 1 + (delay > 0)]:
-        worst, mean = AGREES[precision]
-        force = Exported(made, precision=precision).forces(measured)
-        difference = np.abs(force[: len(asked)] - asked)
-        assert difference.max() < worst * asked.max()
-        assert np.sqrt(np.mean(difference**2)) < mean * asked.max()
 
 
 def test_fast_math_is_refused() -> None:
@@ -331,12 +277,6 @@ def test_two_couplings_of_two_names_link_into_one_program() -> None:
 def test_a_name_that_is_none_is_refused(name: str) -> None:
     with pytest.raises(InputError, match="name: is "):
         export_c(PLAIN, name=name)
-
-
-def test_a_file_with_a_planted_method_exports_as_any_other(tmp_path: Path) -> None:
-    path = tmp_path / "coupling.json"
-    avc.write_coupling(by("*\\ __attribute__((constructor)) void f(void){} /*"), path)
-    assert code(export_c(avc.read_coupling(path))["avc_coupling.h"]) == code(export_c(PLAIN)["avc_coupling.h"])
 
 
 # The exported C in a simulator of its own: a mass, a hand and an encoder by their equations, nothing of the project.

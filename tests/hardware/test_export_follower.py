@@ -99,17 +99,6 @@ def test_force_comes_in_slowly_wherever_both_ends_are():
     assert forces == pytest.approx([20.0 * (k + 1) / FADE for k in range(FADE)])
 
 
-def test_old_and_duplicate_messages_are_ignored():
-    pair = pulled()
-    old = pair.follower.message()
-    pair.follower.step(0.002)
-    new = pair.follower.message()
-    assert pair.leader.receive(new)
-    assert not pair.leader.receive(new)
-    assert not pair.leader.receive(old)
-    assert pair.leader.step(0.0, old) == pytest.approx(1000 * 0.002 + 5.0 * 1.0)
-
-
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf, 1e9, 0.5])
 @pytest.mark.parametrize("place", ["position", "velocity", "force"])
 def test_bad_numbers_of_a_message_are_refused(bad, place):

@@ -8,25 +8,19 @@ from typing import Any
 
 import numpy as np
 import pytest
-from excited import Bench, device, planned
-from hardware_bench import coupling, host_library, push, require, with_gains
+from hardware_bench import host_library, push, require, with_gains
 from host_device import HostCore, HostLink
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from avc_casadi import load_problem
 from avc_casadi.coupling import Coupling
-from avc_casadi.model.runtime import Runtime, StateFeedback
 from avc_hardware import BoardLimits, Connection, DeviceFault, DeviceStatus, EmulatedBoard, clear_faults
-from avc_hardware.emulator.machine import BY_BROWN_OUT, BY_POWER_ON, CLOCK_HZ
+from avc_hardware.emulator.machine import CLOCK_HZ
 from avc_hardware.link import messages as m
-from avc_hardware.link.excite import ENDS
-from avc_hardware.link.faults import Reason
 from avc_hardware.link.messages import Kind
-from avc_hardware.link.session import RefusedError
 
 WALL = with_gains(load_problem("damped"), 50.0, 2e4, 20.0)
-RUNAWAY = coupling(1, runtime=Runtime(state_feedback=StateFeedback(((3e37,),), (1.0,), (0.0,), (1.0,), (0,), 0)))
 FADE_TICKS = 20
 PRESS = 300  # counts: 0.6 mm
 OUT = -100
@@ -205,37 +199,6 @@ def test_a_wall_that_feeds_a_vibration_is_stopped() -> None:
     assert max(speeds) > 0.1
 
 
-def test_an_excitation_ends_with_a_fault_and_none_begins() -> None:
-    bench = Bench(device())
-    connection = Connection(bench.link)
-    bench.play_unheard(connection, planned(), 300)
-    assert bench.core.state().has_table == 0
-    bench.core.disable(True)
-    bench.pass_by(60)
-    assert (bench.core.faults(), bench.force_n[-1]) == (DeviceFault.DISABLED, 0.0)
-    told = connection.run(connection.session.ask(Kind.RECORDS, m.records(7, 0), m.Records))
-    assert "latched a fault" in ENDS[told.state]
-    core = board()
-    opened(core)
-    connection = Connection(HostLink(core))
-    with pytest.raises(RefusedError, match=r"faults \(enable line open\)") as caught:
-        connection.run(connection.session.ask(Kind.EXCITE, bytes([1]) * 124, m.Excited))
-    assert caught.value.refusal.reason is Reason.FAULT
-
-
-@pytest.mark.parametrize("fault", [DeviceFault.WATCHDOG, DeviceFault.BROWN_OUT])
-def test_a_start_after_a_failure_says_so(fault: DeviceFault) -> None:
-    core = HostCore(host_library())
-    core.started_after(fault)
-    result = push(WALL, HostLink(core))
-    assert any("until its faults are cleared (avc device --clear)" in note for note in result.notes)
-    assert (go(core, OUT, PRESS) == 0).all()
-    go(core, OUT)
-    clear_faults(HostLink(core))
-    still(core, 3)
-    assert go(core, PRESS)[-1] > 5.0
-
-
 class OnBoard:
     """The packaged image with a hand that stands where it is put."""
 
@@ -272,18 +235,6 @@ def test_on_the_emulated_board_a_glitch_ends_in_a_ramp() -> None:
     assert (status.mode, status.faults, status.first_faults) == ("fault", DeviceFault.JUMP, DeviceFault.JUMP)
 
 
-def test_on_the_emulated_board_the_enable_line_and_a_runaway() -> None:
-    bench = OnBoard()
-    bench.machine.enabled = False
-    bench.run(0.01)
-    assert bench.status().faults == DeviceFault.DISABLED
-    bench.machine.enabled = True
-    assert clear_faults(bench.board).status.mode == "table"
-    away = OnBoard(RUNAWAY)
-    away.run(0.05, 50)
-    assert (away.status().faults, away.status().not_finite) == (DeviceFault.NOT_FINITE, 1)
-
-
 def test_on_the_emulated_board_a_hang_is_ended_by_the_watchdog() -> None:
     """The timer stops: the main loop lives, but no tick; within 50 ms the watchdog starts the firmware anew."""
     bench = OnBoard()
@@ -295,13 +246,3 @@ def test_on_the_emulated_board_a_hang_is_ended_by_the_watchdog() -> None:
     assert (status.boot_id, status.has_table, status.mode) == (boots + 1, False, "fault")
     assert status.faults == DeviceFault.WATCHDOG
     assert clear_faults(bench.board).status.mode == "table"
-
-
-@pytest.mark.parametrize(
-    ("why", "fault"), [(BY_BROWN_OUT, DeviceFault.BROWN_OUT), (BY_BROWN_OUT | BY_POWER_ON, DeviceFault(0))]
-)
-def test_on_the_emulated_board_a_supply_that_sank_is_told_from_switching_on(why: int, fault: DeviceFault) -> None:
-    bench = OnBoard(None)
-    bench.machine.reset(why)
-    bench.run(0.01)
-    assert bench.status().faults == fault

@@ -27,7 +27,7 @@ from avc_casadi import InputError, LinkError, NotDeployableError, UnsupportedErr
 from avc_casadi.coupling import Coupling
 from avc_casadi.model.gains import Gains
 from avc_casadi.model.runtime import Runtime, StateFeedback
-from avc_hardware import Connection, RuntimeFigures, TableImage, check_runs_on
+from avc_hardware import Connection, TableImage, check_runs_on
 from avc_hardware.codegen.figures import Config
 from avc_hardware.codegen.firmware_fit import FEEDBACK_STATES
 from avc_hardware.link import messages as m
@@ -36,14 +36,6 @@ from avc_hardware.link.faults import Reason, Refusal
 from avc_hardware.link.messages import Kind
 from avc_hardware.link.push import push_over
 from avc_hardware.link.session import Exchange, RefusedError
-
-
-def test_table_larger_than_the_device_is_refused_by_it() -> None:
-    table = image(300)
-    assert len(table.rows) == 300
-    assert refused(table) == Refusal(Reason.ROWS, 256)
-    with pytest.raises(LinkError, match="300 rows, the device holds 256"):
-        push(coupling(300), HostLink(host_core()))
 
 
 def test_wrong_sample_time_is_refused_on_both_sides() -> None:
@@ -115,19 +107,6 @@ def test_settings_of_the_coupling_come_with_it_and_those_of_the_device_stay() ->
     assert push(coupling(5), HostLink(core)).device.figures.hold_s == 0.2
 
 
-def test_a_device_without_a_configuration_of_its_own_takes_any_that_is_sound() -> None:
-    core = HostCore(host_library(), unwatched(), bound=False)
-    made = coupling(5, sample_time_s=5e-4, encoder_resolution_m=1e-5, max_force_n=8.0)
-    found = push(made, HostLink(core)).device
-    assert (found.sample_time_s, found.metres_per_count, found.max_force_n) == (5e-4, 1e-5, 8.0)
-    broken = Config(replace(found.limits, max_force_n=float("inf")), found.figures)
-    with pytest.raises(RefusedError, match="the configuration is outside the device's limits"):
-        Connection(HostLink(core)).configure(broken)
-    Connection(HostLink(core)).configure(Config(unwatched(), RuntimeFigures()))
-    assert core.state().has_table == 0
-    assert (core.tick(np.full(20, 500, dtype=np.int32))[0] == 0).all()
-
-
 # What was pushed is what runs and what the device tells of itself: wall, force limit, names, mode.
 
 
@@ -148,16 +127,6 @@ def test_heartbeat_reports_the_mode() -> None:
     assert connection.heartbeat(0.0) == "safe"
     core.tick(np.zeros(2, dtype=np.int32))
     assert connection.heartbeat(0.0) == "table"
-
-
-def test_the_same_table_twice_changes_nothing() -> None:
-    core = host_core()
-    first = push(coupling(9), HostLink(core))
-    swaps = core.state().swaps
-    again = push(coupling(9), HostLink(core))
-    assert (again.table_id, again.crc32) == (first.table_id, first.crc32)
-    assert again.readback_equal
-    assert core.state().swaps == swaps
 
 
 def test_status_names_the_coupling_and_the_device_takes_the_lower_force_limit() -> None:

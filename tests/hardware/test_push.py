@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 from faulty_link import FaultKind, FaultyLink, LinkFault
-from hardware_bench import believer, coupling, push, require, stream
+from hardware_bench import coupling, push, require, stream
 
 from avc_casadi.model.runtime import Runtime
 from avc_hardware import Connection, EmulatedBoard, RuntimeFigures, TableImage, monitor
@@ -61,17 +61,6 @@ def test_gains_in_force_follow_the_table_at_the_estimated_frequency() -> None:
 
 
 @pytest.mark.slow
-def test_at_rest_the_frequency_is_undefined_and_the_lowest_row_runs() -> None:
-    made = coupling(10)
-    board = EmulatedBoard(motion_m=lambda time: 1e-4 if time > 0.2 else -1e-4)
-    push(made, board)
-    *_, last = monitor(board, seconds=3.0, rate_hz=10)
-    assert math.isnan(last.frequency_hz)
-    assert last.stiffness_n_per_m == pytest.approx(made.table.at_rest.stiffness_n_per_m, rel=1e-4)
-    assert last.contact
-
-
-@pytest.mark.slow
 def test_the_emulated_board_is_made_for_the_coupling() -> None:
     """Its sample time, encoder, force limit, guard and settings, all at once."""
     runtime = Runtime(guard="passivity-controller", hold_s=0.31, slew_per_s=7.0)
@@ -118,13 +107,3 @@ def test_lost_gains_are_counted_and_the_table_takes_over() -> None:
     assert result.fell_back == 1
     assert result.status.stream_missing == result.lost
     assert result.taken == result.sent - result.lost
-
-
-@pytest.mark.slow
-def test_state_feedback_is_pushed_read_back_and_kept_while_gains_are_streamed() -> None:
-    made = coupling(1, largest=(5.0, 5e4, 5.0), runtime=Runtime(state_feedback=believer(3)))
-    result = stream(made, "emulator", rate_hz=50, seconds=0.5)
-    assert result.push.readback_equal
-    assert result.push.crc32 == result.status.table_crc32 == TableImage.of(made).crc32
-    assert (result.taken, result.fell_back, result.status.not_finite) == (25, 0, 0)
-    assert result.status.coupling_id == made.id

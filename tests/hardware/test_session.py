@@ -11,8 +11,7 @@ import pytest
 from hardware_bench import coupling, host_core, image, push, refused
 from host_device import HostLink
 
-from avc_casadi import InputError, LinkError
-from avc_casadi.model.gains import GainTable
+from avc_casadi import LinkError
 from avc_hardware import Connection, TableImage
 from avc_hardware.link import messages as m
 from avc_hardware.link.faults import INTERFACE_VERSION, Reason, Refusal
@@ -83,14 +82,6 @@ def _content(data: bytes) -> bytes:
     return content
 
 
-@pytest.mark.parametrize(("interface", "who"), [(5, "the firmware"), (INTERFACE_VERSION + 1, "avc-casadi")])
-def test_firmware_of_another_interface_is_refused_with_advice(interface: int, who: str) -> None:
-    core = host_core()
-    device = dataclasses.replace(Connection(HostLink(core)).device, interface_version=interface)
-    with pytest.raises(LinkError, match=f"update {who}"):
-        answer(Session(1, timeout_s=0.1).hello(), device)
-
-
 def test_host_of_another_interface_is_refused_by_the_device() -> None:
     core = host_core()
     core.read()
@@ -131,25 +122,6 @@ def test_a_table_read_back_is_compared_byte_by_byte() -> None:
         connection.run(Spoiling(5, timeout_s=0.1).push(table, connection.device))
 
 
-def test_no_more_than_the_window_is_sent_at_once() -> None:
-    connection = Connection(HostLink(host_core()))
-    narrow = dataclasses.replace(connection.device, window_bytes=600)
-    sizes = []
-
-    def watched() -> Generator[Exchange, Any, Any]:
-        dialogue = connection.session.push(TableImage.of(coupling(120)), narrow)
-        step = next(dialogue)
-        while True:
-            sizes.append(len(step.data))
-            try:
-                step = dialogue.send((yield step))
-            except StopIteration as end:
-                return end.value
-
-    assert connection.run(watched()).attempts == 1
-    assert 300 < max(sizes) <= 600
-
-
 # A table that must not run is refused by the device itself, with the row and the reason.
 
 
@@ -178,18 +150,6 @@ def test_device_names_the_bad_row(row: int, column: int, value: float, reason: R
     refusal = refused(with_cell(row, column, value))
     assert refusal == Refusal(reason, row)
     assert f"row {row}" in str(refusal)
-
-
-def test_repeated_frequency_is_refused_on_both_sides() -> None:
-    table = image(8)
-    rows = table.rows.copy()
-    rows[4, 0] = rows[3, 0]
-    assert refused(dataclasses.replace(table, rows=rows)) == Refusal(Reason.NOT_MONOTONIC, 4)
-    made = coupling(8)
-    wide = made.table.rows.copy()
-    wide[4, 0] = wide[3, 0] * (1 + 1e-9)
-    with pytest.raises(InputError, match="two rows have the frequency"):
-        TableImage.of(dataclasses.replace(made, table=GainTable(wide)))
 
 
 @pytest.mark.parametrize(

@@ -8,12 +8,11 @@ import dataclasses
 
 import numpy as np
 import pytest
-from hardware_bench import believer, bench_problem, dense_believer, host_library, push, require, unwatched
+from hardware_bench import believer, bench_problem, dense_believer, host_library, push, unwatched
 from host_device import HostCore, HostLink
 from numpy.typing import NDArray
 from reference_coupling import ReferenceCoupling
 from reference_device import ReferenceFeedback
-from tick_profile import tick_instructions
 
 from avc_casadi.coupling import Coupling
 from avc_casadi.model.gains import Gains
@@ -216,21 +215,3 @@ def test_observer_that_runs_away_ends_in_a_fault() -> None:
     assert np.isfinite(force).all()
     assert np.abs(force).max() <= LIMIT_N
     assert (force[-25:] == 0).all()
-
-
-def instructions(feedback: StateFeedback | None) -> tuple[int, int]:
-    """Most instructions of the observer, and of the whole tick."""
-    coupling = made(feedback)
-    ticks = tick_instructions(coupling, counts=lambda tick: int(motions()[1][tick]), ticks=60)
-    return max(tick.functions.get("avc_feedback_step", 0) for tick in ticks), max(tick.total for tick in ticks)
-
-
-@pytest.mark.slow
-def test_observer_keeps_the_budget_of_a_tick() -> None:
-    require("unicorn")
-    counted = [instructions(found) for found in (None, believer(2), believer(3), dense_believer(8))]
-    observers = [own for own, _ in counted]
-    assert observers == sorted(observers)
-    assert observers[0] == 0
-    assert observers[-1] < 640
-    assert max(total for _, total in counted) < 950

@@ -166,21 +166,6 @@ def test_gains_for_a_device_that_does_not_run_its_table_are_refused_and_not_kept
     assert (core.state().mode, core.state().streaming) == (0, 0)
 
 
-def test_gains_taken_in_the_tick_that_loses_the_heartbeat_do_not_come_back() -> None:
-    core = host_core()
-    push(COUPLINGS[0], HostLink(core))
-    connection = Connection(HostLink(core))
-    connection.run(connection.session.ask(Kind.HEARTBEAT, m.heartbeat(5), m.HeartbeatSeen))
-    core.tick(np.full(5, -500, dtype=np.int32))
-    _, data = connection.session.message(Kind.SET_GAINS, m.set_gains(ID, 0, 4000, 1.0, 5e4, 0.0))
-    core.write(data)
-    core.tick(np.full(1, -500, dtype=np.int32))
-    assert core.state().mode == 1
-    asked(core, Kind.HEARTBEAT, m.heartbeat(0), m.HeartbeatSeen)
-    core.tick(np.full(200, -500, dtype=np.int32))
-    assert (core.state().mode, core.state().streaming) == (0, 0)
-
-
 def test_gains_of_another_coupling_do_not_run_over_a_table() -> None:
     core = host_core()
     push(COUPLINGS[0], HostLink(core))

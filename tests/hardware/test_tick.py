@@ -10,7 +10,6 @@ import ctypes
 import dataclasses
 import functools
 import math
-from dataclasses import replace
 from pathlib import Path
 
 import mpmath
@@ -25,7 +24,6 @@ from reference_device import ReferenceDevice
 
 from avc_casadi._util.arrays import Float32Array
 from avc_casadi.coupling import Coupling
-from avc_casadi.model.gains import GainTable
 from avc_casadi.model.gains import single_ln as ln
 from avc_casadi.model.runtime import Runtime
 from avc_casadi.simulation.runtime.estimators import estimator_step
@@ -302,24 +300,6 @@ def test_logarithm_is_the_same_on_both_sides_and_accurate(x: float) -> None:
 def test_lookup_is_the_same_bit_for_bit(rows: int, even: bool) -> None:
     made = coupling(rows, seed=rows, even=even)
     at = frequencies(made, 2000, rows)
-    device, host = device_lookup(made, at), lookup(made.table.single(), at)
-    assert device.tobytes() == host.tobytes()
-
-
-@pytest.mark.slow
-@given(
-    st.lists(st.floats(1.0, 450.0, width=32), min_size=1, max_size=40, unique=True),
-    st.floats(0.5, 600.0, width=32),
-    st.integers(1, 200),
-)
-def test_lookup_is_the_same_however_rows_lie_and_crowd(rows: list[float], crowd_hz: float, crowd: int) -> None:
-    """Rows anywhere, and many next to each other: neighbouring numbers of single precision."""
-    near = np.float32(crowd_hz).view(np.int32) + np.arange(crowd, dtype=np.int32) * np.int32(1 + crowd % 7)
-    frequency = np.unique(np.concatenate([np.array(rows, dtype=np.float32), near.view(np.float32)]))
-    gains = np.random.default_rng(crowd).uniform(0.0, 100.0, (len(frequency), 3))
-    template = coupling(1)
-    made = replace(template, table=GainTable(np.column_stack([frequency, gains])))
-    at = frequencies(made, 200, crowd)
     device, host = device_lookup(made, at), lookup(made.table.single(), at)
     assert device.tobytes() == host.tobytes()
 

@@ -171,14 +171,6 @@ def answer(device, **law):
     return avc.certify_law(avc.parse_problem(f"[device]\n{text}{wall}"), **law)
 
 
-def test_a_wrist_at_400_hz_has_too_much_kd():
-    wrist = {"inertia_kgm2": 0.02, "damping_nms_per_rad": 0.05, "sample_time_s": 2.5e-3, "delay_samples": 1}
-    found = answer({**wrist, "handle_radius_m": 0.1}, k=60.0, b=9.0)
-    assert not found.passed
-    assert found.reason.startswith("unstable: b 9 is above its largest")
-    assert found.damping_range_ns_per_m[1] < 0.02 / 2.5e-3
-
-
 def test_a_cobot_at_200_hz_with_two_samples_of_delay_is_too_stiff():
     cobot = {"inertia_kgm2": 0.5, "damping_nms_per_rad": 1.0, "sample_time_s": 5e-3, "delay_samples": 2}
     found = answer({**cobot, "handle_radius_m": 0.3}, k=250.0, b=2.0)
@@ -201,11 +193,3 @@ def test_a_damper_behind_a_noisy_encoder_shakes_what_it_damps():
     position += count * (draw.random(200_000) - 0.5)
     assert found.noise_n == pytest.approx(np.std(0.12 * np.diff(position) / 2e-3), rel=0.01)
     assert found.noise_n == pytest.approx(0.053, rel=0.1)
-
-
-def test_a_damper_of_three_inertias_a_sample_grows():
-    device = {"inertia_kgm2": 1e-3, "damping_nms_per_rad": 0.0, "sample_time_s": 1e-3, "handle_radius_m": 0.05}
-    found = answer(device, b=3.0)
-    assert not found.passed
-    assert found.reason.startswith("unstable: b 3 is above its largest, 2, ")
-    assert found.released.spectral_radius == pytest.approx(2.0, rel=0.5)

@@ -96,7 +96,7 @@ def close(found, expected, rows, columns):
     assert np.abs((found - expected) * scale).max() < 1e-9 * np.abs(expected * scale).max()
 
 
-@pytest.mark.parametrize("seed", range(100))
+@pytest.mark.parametrize("seed", range(24))
 def test_the_matrices_are_those_of_the_written_down_plant(seed):
     rng = np.random.default_rng(seed)
     device, hand = random_device(rng), Hand(rng.uniform(0.05, 0.3), rng.uniform(3, 20), rng.uniform(200, 800))
@@ -149,7 +149,7 @@ def scene_jacobian(device, hand):
     return slope(*at).full(), scene.states
 
 
-@pytest.mark.parametrize("seed", range(100))
+@pytest.mark.parametrize("seed", range(24))
 def test_the_closed_loop_is_the_jacobian_of_the_scene(seed):
     rng = np.random.default_rng(seed)
     device, hand = random_device(rng), random_hand(rng)

@@ -132,40 +132,6 @@ def test_the_stiffest_wall_told_is_not_beside_a_narrow_peak(values, mode, wall):
     assert np.nanmax(released) >= 0.98 * stiffness
 
 
-def _least_real(damping, stiffness, share):
-    """The least Re Z of a device of 0.5 N.s/m with the wall, at T = 0.35 ms, over a dense grid of angles."""
-    later = np.exp(-1j * np.linspace(1e-4, np.pi, 20_001))
-    wall = damping * (1 - share) / (1 - share * later) + stiffness * 0.00035 / (1 - later)
-    return (0.5 + later * wall).real.min()
-
-
-def test_a_velocity_filter_takes_its_share_of_the_region():
-    """A wall of 6 N.s/m behind 50 Hz: 36 kN/m without the filter, 17 with it."""
-    case = avc.parse_problem(
-        "[device]\nmass_kg = 0.15\ndamping_ns_per_m = 0.5\nsample_time_s = 0.00035\n"
-        "[environment]\nstiffness_n_per_m = 25000.0\ndamping_ns_per_m = 6.0\n[scene]\ncoupling = 'none'\n"
-        "[[scene.effects]]\nkind = 'environment'\n[[scene.effects]]\nkind = 'velocity-filter'\ncutoff_hz = 50.0\n"
-        "[[scene.effects]]\nkind = 'notch'\nfrequency_hz = 300.0\n",
-        name="p",
-    )
-    region, plain = zwidth(case), zwidth(case.changed(scene={"effects": ()}))
-    share, free = math.exp(-2 * math.pi * 50 * 0.00035), [(0.0, 0.0, 0.0)]
-    for found, filtered, limit in ((region, share, 17e3), (plain, 0.0, 36e3)):
-        curve = found.curves[-2]
-        assert np.interp(6.0, found.damping_ns_per_m, curve.stiffness_n_per_m) == pytest.approx(limit, rel=0.02)
-        assert curve.wanted == (worst(case.device, free, 6.0, 25e3, (-filtered, 0.0)) < 1)
-        passive = {one.key: one for one in found.curves}["passive-sampled-data"].stiffness_n_per_m
-        inside = np.isfinite(passive)
-        assert (passive[inside] <= curve.stiffness_n_per_m[inside] * (1 + 1e-9)).all()
-        for row in np.flatnonzero(inside)[[0, np.count_nonzero(inside) // 2, -1]]:
-            for factor, least in ((0.999, 1), (1.001, -1)):
-                assert np.sign(_least_real(found.damping_ns_per_m[row], factor * passive[row], filtered)) == least
-    assert region.used == ("scene.effects: velocity-filter",)
-    assert region.not_used == ("scene.effects: notch",)
-    assert "with the velocity filter of the scene" in region.curves[-1].claim
-    assert region.refused[0].startswith("passive with the paper's hold")
-
-
 # Where no damping holds the softest wall that is looked for, there is none: that wall is no answer.
 
 

@@ -1,6 +1,5 @@
 """A real browser for tests: headless Chromium of the system, at the widths of a desk, a tablet and a phone."""
 
-import base64
 import json
 import shutil
 import time
@@ -62,19 +61,6 @@ def requested(driver):
     return [event["params"]["request"]["url"] for event in events if event["method"] == "Network.requestWillBeSent"]
 
 
-def screenshot(driver, whole=True):
-    found = driver.execute_cdp_cmd("Page.captureScreenshot", {"format": "png", "captureBeyondViewport": whole})
-    return base64.b64decode(found["data"])
-
-
-def printed_pages(driver):
-    """The page as Chromium prints it on A4: PDF."""
-    found = driver.execute_cdp_cmd(
-        "Page.printToPDF", {"paperWidth": 8.27, "paperHeight": 11.69, "printBackground": False}
-    )
-    return base64.b64decode(found["data"])
-
-
 def until(question, seconds=120.0):
     end = time.monotonic() + seconds
     while time.monotonic() < end:
@@ -86,16 +72,6 @@ def until(question, seconds=120.0):
 
 def by_id(driver, name):
     return driver.find_element("id", name)
-
-
-def typed(driver, name, text):
-    by_id(driver, name).send_keys("\ue009a\ue000", text)  # all of it is selected, and typed over
-
-
-def state(driver):
-    return driver.execute_script(
-        "return location.hash ? JSON.parse(decodeURIComponent(location.hash.slice(1))) : {a: {values: {}}}"
-    )
 
 
 def shown(driver, figure):

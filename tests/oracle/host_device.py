@@ -112,17 +112,9 @@ class HostCore:
         """Open the enable line, or close it."""
         self._c.avc_host_disable(self._device, int(disabled))
 
-    def name_chip(self, unique: bytes) -> None:
-        """Give it the 12 bytes that no other chip has."""
-        self._c.avc_host_unique(self._device, unique)
-
     def overrun(self) -> None:
         """Say that the last tick took too long."""
         self._c.avc_host_overrun(self._device)
-
-    def started_after(self, codes: int) -> None:
-        """Latch what the board says of its last reset."""
-        self._c.avc_host_fault(self._device, codes)
 
     def drives(self) -> bool:
         """Return whether the amplifier is to be on."""

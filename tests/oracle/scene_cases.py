@@ -13,7 +13,6 @@ FEEDBACK = (
     "force_m_per_n = [-3.3e-6, -6.6e-6, 0.0]\ninnovation = [0.4, 0.08, 0.003]\nfeedback = [1.0, 3.0, 0.2]\n"
     "positions = [0]\ndead_zone_m = 1.5e-5\nface_m = 1e-5"
 )
-ENCODER = 'kind = "encoder"\nresolution_m = 2e-5'
 QUICK = 'kind = "press"\nspeed_m_per_s = 0.2\nstart_m = -0.002\n'
 
 CASES = {

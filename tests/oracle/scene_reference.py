@@ -33,9 +33,6 @@ def scene_problem(effects=(), *, b_e=10.0, k_e=1e5, scene="", motion="", head=HE
     return avc.parse_problem(text, name=name)
 
 
-MASSLESS = HEAD.replace("mass_kg = 0.1", "mass_kg = 0.0")
-
-
 class Reference:
     """The scene of a problem, sample by sample."""
 

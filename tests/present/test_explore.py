@@ -8,7 +8,6 @@ from hypothesis import strategies as st
 
 import avc_casadi as avc
 from avc_casadi.model.hands import hand_corners
-from avc_casadi.model.virtual_tool import RIGID_N_PER_M
 from avc_casadi.present.explore.answers import PARTS, answer
 from avc_casadi.present.explore.explorer import Explorer
 from avc_casadi.present.explore.settings import problem_of_settings, settings_of
@@ -81,22 +80,6 @@ def test_each_slider_reaches_the_value_that_the_problem_has(base):
         value = values[field["key"]]
         if isinstance(value, float) and value > 0:
             assert field["low"] <= value / field["factor"] <= field["high"], field["key"]
-
-
-def test_a_number_is_moved_whole_and_a_range_by_its_ends():
-    def tool(values, base=TOOL):
-        return problem_with({f"simulation.{key}": value for key, value in values.items()}, base)
-
-    assert tool({"tool_mass_kg.0": 0.1}).simulation.tool_mass_kg == (0.1, 0.1)
-    spread = tool({"tool_mass_kg.1": 0.3, "tool_mass_kg.0": 0.1})
-    assert spread.simulation.tool_mass_kg == (0.1, 0.3)
-    assert tool({"tool_mass_kg.0": 0.2}, spread).simulation.tool_mass_kg == (0.2, 0.3)
-    assert tool({"tool_mass_kg.0": None}).simulation.tool_mass_kg is None
-    soft = tool({"contact_stiffness_n_per_m.1": 3000.0})
-    assert soft.simulation.contact_stiffness_n_per_m == (0.0, 3000.0)
-    assert ask("evaluate", TOOL, gains=PAIR)["values"]["simulation.contact_stiffness_n_per_m.1"] is None
-    rigid = tool({"contact_stiffness_n_per_m.1": None}, soft).simulation
-    assert rigid.contact_stiffness_n_per_m == (0.0, RIGID_N_PER_M)
 
 
 def test_the_rows_of_a_law_are_those_of_certify():

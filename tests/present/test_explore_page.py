@@ -1,12 +1,9 @@
 """`avc explore` in Chromium: it follows sliders and typing, tells faults, keeps its settings, and asks nobody else."""
 
-import multiprocessing
-import re
 import threading
 from contextlib import contextmanager
 
 import pytest
-from background_work import endless
 from browser import (
     WIDTHS,
     by_id,
@@ -107,34 +104,6 @@ def test_a_run_is_begun_followed_and_its_coupling_saved(page, tmp_path, monkeypa
     by_id(page, "save-coupling").click()
     coupling = avc.read_coupling(until(lambda: next(tmp_path.glob("*.json"), None)))
     assert coupling.table.rows[0, 1:].tolist() == [0.0, 1000.0, 5.0]
-
-
-@pytest.mark.slow
-def test_it_opens_with_an_answer_while_the_recommendation_runs(driver, monkeypatch):
-    monkeypatch.setattr(_explorer, "_found", endless)
-    with served(avc.load_problem("soft").changed(frequency={"points": 40}), "soft.toml") as started:
-        driver.get("about:blank")
-        driver.get(started.url)
-        until(lambda: "Damping ratio" in text(driver, "own") and shown(driver, "c-position"))
-        until(lambda: "running for" in text(driver, "coupling"))
-        assert "your k and b" in text(driver, "charts")
-        assert "Nothing to draw" not in text(driver, "charts")
-    driver.get("about:blank")
-    until(lambda: not multiprocessing.active_children())
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["knob", "tool/mujoco-500hz"])
-def test_other_devices_and_ends_have_the_same_page(driver, name, monkeypatch):
-    monkeypatch.setattr(_explorer, "_found", endless)
-    with served(avc.load_problem(name), name) as started:
-        driver.get("about:blank")
-        driver.get(started.url)
-        until(lambda: shown(driver, "c-region") and len(driver.find_elements("css selector", "#own tbody tr")) > 5)
-        if name == "knob":
-            assert not re.search(r"N\.s/m|N/m|kg(?!\.m2)", driver.execute_script("return document.body.textContent"))
-        assert console_errors(driver) == []
-    driver.get("about:blank")
 
 
 @pytest.mark.slow

@@ -93,18 +93,6 @@ def test_axes_have_labels_with_units(figure):
 
 
 @pytest.mark.slow
-def test_delivered_gains_are_drawn_in_every_panel_of_figure_5(comparison):
-    gains = comparison.methods[comparison.delivered]
-    label = "direct" if comparison.scope == "pointwise" else f"schedule, scope {comparison.scope}"
-    curves = (np.abs(gains.impedance), gains.damping_ns_per_m, gains.stiffness_n_per_m, gains.real_part)
-    order = np.argsort(gains.frequency_hz)
-    panels = {axes.get_title(loc="left")[:3]: axes for axes in draw_perceived(comparison).axes}
-    for panel, curve in zip(("(a)", "(c)", "(d)", "(b)"), curves, strict=True):
-        (line,) = (line for line in panels[panel].lines if line.get_label() == label)
-        np.testing.assert_array_equal(line.get_ydata(), curve[order])
-
-
-@pytest.mark.slow
 def test_lines_differ_without_colour(figure):
     for axes in figure.axes:
         looks = [

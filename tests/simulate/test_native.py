@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scene_cases import CASES, FRICTION, HAND, QUICK, WALL
+from scene_cases import CASES, QUICK
 from scene_reference import scene_problem
 
 import avc_casadi as avc
@@ -17,16 +17,11 @@ from avc_casadi.model.gains import Gains
 from avc_casadi.model.hands import Hand
 from avc_casadi.simulation.compile import compile_scene
 from avc_casadi.simulation.effects.registry import build_effects
-from avc_casadi.simulation.execute import execute, execute_to_speed
-from avc_casadi.simulation.judge import judge
+from avc_casadi.simulation.execute import execute
 from avc_casadi.simulation.native import LANES, NativeScene, compiler
 from avc_casadi.simulation.scene import compile_for, held_by, settled, simulate_batch
 
 pytestmark = pytest.mark.skipif(compiler() is None, reason="no C compiler")
-
-ENCODER = 'kind = "encoder"\nresolution_m = 2e-6'
-RESONANCE = 'kind = "resonance"\nfrequency_hz = 180.0\ndamping_ratio = 0.02\nmass_ratio = 0.3'
-ADAPTED = (HAND, WALL, 'kind = "estimator"', 'kind = "adaptation"', FRICTION, ENCODER)
 
 
 def compiled_scene(effects, gains, scene=""):
@@ -71,36 +66,6 @@ def test_any_scene_in_any_lane(case, damping, stiffness, contact, integrator, ru
     for index, (name, values) in enumerate(alone.items()):
         assert name == scene.traces[index]
         assert_same_bits(lanes[:, :, index], values)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("effects", "gains"),
-    [
-        (ADAPTED, None),
-        ((HAND, WALL, FRICTION, ENCODER), Gains(10.0, 1e5)),
-        ((RESONANCE, HAND, WALL, ENCODER), Gains(10.0, 1e5)),
-    ],
-)
-def test_peaks_and_rest_are_those_of_the_traces(effects, gains):
-    scene, row = compiled_scene(effects, gains, 'duration_s = 0.8\nintegrator = "projected"\nsubsteps = 4\n')
-    parameters, inputs = several(row, LANES + 5, 3, 0.05), scene.input_values()
-    assert scene.speeds == ("velocity_m_per_s", "held_m_per_s")[: 1 + (RESONANCE in effects)]
-    lanes = NativeScene(scene)
-    alone = np.stack(list(execute(scene, parameters, inputs, engine="casadi").values()), axis=-1)
-    assert_same_bits(lanes(scene.initial, inputs.T, parameters, 3), alone)
-    with np.errstate(all="ignore"):
-        peaks = lanes.peaks(scene.initial, inputs.T, parameters, 2, scene.samples - 500)
-        np.testing.assert_array_equal(peaks[:, 0], np.abs(alone[:, :, 0]).max(axis=1))
-        named = {name: alone[..., place] for place, name in enumerate(scene.traces)}
-        speeds = [np.abs(named[name][:, -500:]).max(axis=1) for name in scene.speeds]
-        np.testing.assert_array_equal(peaks[:, 1], np.max(speeds, axis=0))
-        moved, force, time = (named["position_m"], named["velocity_m_per_s"]), named["force_n"], scene.sample_time_s
-        judged = judge(*moved, force, time, held_m_per_s=named.get("held_m_per_s"))
-        speed = execute_to_speed(scene, parameters, inputs, engine="native")
-        few = execute_to_speed(scene, parameters[:3], inputs, engine="casadi")
-    np.testing.assert_array_equal(speed < 1, judged.stable)
-    np.testing.assert_array_equal(few, speed[:3])
 
 
 @pytest.mark.slow

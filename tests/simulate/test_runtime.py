@@ -7,16 +7,9 @@ import subprocess
 import casadi as ca
 import numpy as np
 import pytest
-from exported import Exported
-from scene_reference import scene_problem
 
-from avc_casadi.coupling import Coupling
-from avc_casadi.design.methods import solve
-from avc_casadi.design.scene_coupling import simulate
-from avc_casadi.files.problem_file import load_problem, parse_problem
+from avc_casadi.files.problem_file import parse_problem
 from avc_casadi.model.gains import Gains, GainTable
-from avc_casadi.model.hands import Hand
-from avc_casadi.model.runtime import Runtime
 from avc_casadi.simulation.compile import compile_scene
 from avc_casadi.simulation.effects.computation import Adaptation
 from avc_casadi.simulation.effects.registry import build_effects
@@ -26,7 +19,6 @@ from avc_casadi.simulation.runtime.adaptation import AdaptationSettings, adaptat
 from avc_casadi.simulation.runtime.estimators import ESTIMATORS, estimator_step
 from avc_casadi.simulation.runtime.guard import GUARDS, GuardSettings, guard_step
 from avc_casadi.simulation.runtime.observer import ObserverSettings, observer_step
-from avc_casadi.simulation.scene import simulate_batch
 
 SOFT = """
 [device]
@@ -117,20 +109,6 @@ def test_anchor_is_forgotten_outside_the_wall_and_the_wall_does_not_melt(contact
     assert np.median(strokes[-200:]) > 0.95 * 2000
 
 
-@pytest.mark.slow
-def test_twenty_micrometre_encoder_without_friction_needs_the_observer():
-    problem = load_problem("scenes/adaptive-press")
-    gains = solve(problem, "schedule")
-    rng = np.random.default_rng(4)
-    hands = Hand(rng.uniform(0.05, 0.3, 24), rng.uniform(3, 20, 24), rng.uniform(200, 800, 24))
-    found = simulate_batch(problem, hands, gains)
-    assert found.stable.all()
-    assert not found.buzzing.any()
-    assert np.median(found.apparent_stiffness_n_per_m) > 0.9e5
-    effects = tuple(effect for effect in problem.scene.effects if effect.kind != "observer")
-    assert simulate_batch(problem.changed(scene={"effects": effects}), hands, gains).stable.sum() < 6
-
-
 @pytest.mark.parametrize("adaptive", [True, False])
 def test_a_guard_reckons_with_all_that_the_springs_hold(adaptive):
     """Its reserve is what passed less what is stored, both drawn up again from position, force and tool."""
@@ -197,18 +175,6 @@ def test_it_says_where_the_mass_will_be_when_the_next_force_acts(asked, ahead):
     assert error < 0.2 * unpredicted
 
 
-DELAYED = """
-[device]
-mass_kg = 0.1
-damping_ns_per_m = 2.0
-encoder_resolution_m = 2e-5
-delay_samples = {delay}
-[environment]
-damping_ns_per_m = 10.0
-stiffness_n_per_m = 2e4
-"""
-
-
 @pytest.mark.parametrize("ahead", [1, 2, 5])
 def test_forces_under_way_act_in_the_order_in_which_they_were_asked_for(ahead):
     """Without steps and without a load the model is the mass itself: the prediction is exact, whatever was asked."""
@@ -232,29 +198,6 @@ def test_parts_of_a_sample_are_looked_ahead_too(ahead):
     found = step.run(np.array([position[::parts], np.concatenate([[0.0], asked[:-1]])]))["position_m"]
     coming = position[late::parts]
     np.testing.assert_allclose(found[: len(coming)], coming, rtol=0, atol=1e-12)
-
-
-@pytest.mark.parametrize(
-    ("delay", "step_m", "believed"),
-    [(1, 2e-5, 1), (2, 2e-5, 1), (0, 2e-5, 1), (1, 5e-5, 1), (3, 1e-5, 1), (2, 2e-5, 0), (2, 2e-5, 0.5)],
-)
-def test_on_another_device_it_is_the_exported_one_of_the_device_that_it_was_made_for(delay, step_m, believed):
-    """Delay and steps are those of the device, what the observer believes of them is not."""
-    gains, mass = Gains(20.0, 1e4), 0.2
-    made = Coupling.constant(
-        scene_problem((), head=DELAYED.format(delay=believed)), gains, "x", Runtime(observer_mass_kg=mass)
-    )
-    effects = (
-        'kind = "hand"',
-        'kind = "wall"',
-        f'kind = "encoder"\nresolution_m = {step_m}',
-        f'kind = "observer"\nmass_kg = {mass}\nresolution_m = 2e-5\nahead_samples = {believed}',
-        *((f'kind = "delay"\nsamples = {delay}',) if delay else ()),
-    )
-    run = simulate(scene_problem(effects, scene="duration_s = 0.4\n", head=DELAYED.format(delay=believed)), gains)
-    forces = Exported(made).forces(step_m * np.floor(run.position_m / step_m + 0.5))
-    assert np.abs(forces).max() > 1.0
-    np.testing.assert_allclose(run.force_n[delay:], forces[: len(forces) - delay], rtol=0, atol=2e-3)
 
 
 # The generated C of every step in single precision follows the double-precision step, for a minute of motion.
