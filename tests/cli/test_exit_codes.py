@@ -130,12 +130,6 @@ def test_another_sample_time_is_refused(arguments, tmp_path, monkeypatch, capsys
     assert "0.001" in told
 
 
-@pytest.mark.slow
-def test_gains_that_are_infeasible_end_in_a_no(capsys):
-    assert main(["simulate", "hard/infeasible-box", "--json"]) == 1
-    assert json.loads(capsys.readouterr().out)["errors"][0]["key"] == "scene.coupling"
-
-
 # `avc --help` and the help of every verb load none of the libraries that take time.
 
 PROGRAM = """
@@ -167,29 +161,7 @@ def test_help_of_verbs(verb):
 
 # With --json, standard output is one JSON document and not a byte more, whatever libraries print.
 
-SOLVE_KEYS = {
-    "schema",
-    "problem",
-    "method",
-    "solver",
-    "structure",
-    "frequency_hz",
-    "damping_ns_per_m",
-    "stiffness_n_per_m",
-    "contact_damping_ns_per_m",
-    "impedance_re",
-    "impedance_im",
-    "target_re",
-    "target_im",
-    "magnitude_error",
-    "complex_error",
-    "real_part",
-    "status",
-    "seconds",
-    "certificate",
-    "requested_damping_ns_per_m",
-    "requested_stiffness_n_per_m",
-}
+SOLVE_KEYS = {"schema", "frequency_hz", "damping_ns_per_m", "stiffness_n_per_m", "complex_error", "real_part", "status"}
 
 
 @pytest.mark.slow
@@ -216,25 +188,6 @@ def test_solve(options, tmp_path):
     assert without == [not has for has in usable]
     assert done.returncode == (1 if any(without) else 0)
     assert bool(done.stderr) == any(without)
-
-
-@pytest.mark.slow
-def test_certify(tmp_path):
-    assert command("solve", "figure5", "--out", "gains.json", cwd=tmp_path).returncode == 0
-    done = command("certify", "figure5", "gains.json", "--json", cwd=tmp_path)
-    document = strict_json(done.stdout)
-    assert done.returncode == 1
-    assert document["deployable"]["pass"] is False
-    assert document["claimed"] == "L0"
-    assert document["levels"]["L0"]["pass"] is True
-    assert set(document["levels"]["L3"]) >= {"pass", "margin_ns_per_m", "frequency_hz", "model", "claim"}
-    assert document["passive_limit_n_per_m"] == pytest.approx(4000.0)
-    solved = strict_json((tmp_path / "gains.json").read_bytes())["certificate"]
-    # The file holds the thinned table alone: rows, and with them the worst of them, may differ.
-    assert {name: one["pass"] for name, one in solved["levels"].items()} == {
-        name: one["pass"] for name, one in document["levels"].items()
-    }
-    assert solved["deployable"]["pass"] == document["deployable"]["pass"]
 
 
 NOISE = """

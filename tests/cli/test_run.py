@@ -7,15 +7,6 @@ from avc_casadi import deployable, dump_problem, load_problem
 from avc_casadi.cli import main
 from avc_casadi.files.coupling_file import read_coupling
 
-FILES = {
-    "coupling.json",
-    "gains.json",
-    "gains.csv",
-    "compare.json",
-    "report.html",
-    *(f"{name}{ending}" for name in ("perceived", "comparison", "rendered", "loop") for ending in (".png", ".svg")),
-}
-
 # A wall that a contact damper holds, so that the coupling to deploy is found at once.
 HELD_PLAINLY = {"stiffness_n_per_m": 5e4}
 
@@ -47,13 +38,6 @@ def test_a_method_that_is_not_deployable_is_not_pushed_unless_asked(tmp_path):
     assert done.returncode == 1
     done = command("run", "few.toml", "--method", "direct", "--unsafe", "--json", cwd=tmp_path)
     assert strict_json(done.stdout)["push"]["readback_equal"] is True
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["gains.csv", *sorted(name for name in FILES if name.endswith((".png", ".svg")))])
-def test_files_repeat_byte_for_byte(results, name):
-    folder = results[0]
-    assert (folder / "avc-figure5" / name).read_bytes() == (folder / "again" / name).read_bytes()
 
 
 @pytest.mark.slow

@@ -2,9 +2,7 @@
 
 import json
 
-import numpy as np
 import pytest
-from engine_simulator import EngineSimulator
 
 import avc_casadi as avc
 from avc_casadi.cli import main
@@ -93,24 +91,3 @@ def test_a_row_of_the_region_is_stable_with_the_dampers_that_it_names(text, tmp_
         assert k >= 0.99 * max(curve["stiffness_n_per_m"])
         if curve["declared"]:
             assert ToolSearch(stated).limit[0] == ToolGains(k, b, local)
-
-
-def test_scene_with_the_gains_of_a_file_is_that_of_a_plain_simulation(tmp_path, capsys):
-    """Where the hand ends, pressed on the rigid wall, against sample by sample in plain Python."""
-    gains = ToolGains(5000.0, 20.0)
-    file = coupling_file(tmp_path, "tool/mujoco-500hz", gains)
-    trace = tmp_path / "t.npz"
-    code, found = answer(capsys, "simulate", file, "--trace", str(trace))
-    assert code == 0
-    assert found["stiffness_n_per_m"] == 5000.0
-    assert found["coupling"] == "given"
-    traces = np.load(trace)
-    problem, hand = avc.load_problem("tool/mujoco-500hz"), (0.2, 3.0, 500.0)
-    effect = problem.changed(scene={"effects": [{"kind": "hand"}]}).scene.effects[0]
-    hand = tuple(
-        getattr(effect, key) or value
-        for key, value in zip(("mass_kg", "damping_ns_per_m", "stiffness_n_per_m"), hand, strict=True)
-    )
-    simulator = EngineSimulator((0.12, 0.8, 1e-3, 1), hand, (0.2, 0.0), 0.002, contact="wall")
-    device, _ = simulator.run(5000.0, 20.0, len(traces["position_m"]), target=traces["target_m"], start=-0.01)
-    assert traces["position_m"][-1] == pytest.approx(device[-1], rel=0.02)

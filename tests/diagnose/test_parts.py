@@ -1,6 +1,5 @@
 """Parts of a diagnosis against what they are by definition, and what the verb takes and writes."""
 
-import json
 from dataclasses import replace
 
 import numpy as np
@@ -12,7 +11,6 @@ from hypothesis import strategies as st
 from scipy.signal import find_peaks
 
 import avc_casadi as avc
-from avc_casadi.cli import main
 from avc_casadi.diagnose.causes import diagnose, work_w
 from avc_casadi.diagnose.law import find_law
 from avc_casadi.diagnose.oscillation import find_oscillation, log_of
@@ -147,35 +145,3 @@ def test_a_force_that_drives_the_device_away_and_an_encoder_that_is_stuck_are_re
     assert diagnose(flipped, flip_force=True).verdict == "nothing wrong"
     with pytest.raises(avc.InputError, match="never changes"):
         diagnose(replace(log, position_m=0 * log.position_m))
-
-
-def write(path, log, header):
-    rows = np.stack([log.time_s, log.position_m, log.force_n], axis=1)
-    np.savetxt(path, rows, delimiter=",", header=header, comments="", fmt="%.9g")
-
-
-@pytest.mark.slow
-def test_the_verb_writes_text_json_picture_and_page(tmp_path, capsys):
-    log, page, picture = tmp_path / "log.csv", tmp_path / "page.html", tmp_path / "picture.png"
-    write(log, columns(replace(HEALTHY, delay=7.0)), "time_s,position_m,force_N")
-    assert main(["diagnose", str(log), "--report", str(page), "--plot", str(picture), "--json"]) == 0
-    document = json.loads(capsys.readouterr().out)
-    assert (document["schema"], document["kind"], document["cause"]) == ("avc/1", "diagnose", "delay")
-    text = page.read_text(encoding="utf-8")
-    assert document["conclusion"].split(":")[0] in text
-    assert "http" not in text.replace("http://www.w3.org", "")
-    assert picture.stat().st_size > 10_000
-
-
-@pytest.mark.parametrize("rows", [81, 140])
-def test_a_short_swing_of_what_turns_is_read_from_a_file_with_its_handle(rows, tmp_path, capsys):
-    time = 0.01 * np.arange(rows)
-    angle = np.minimum(0.02 * np.exp(4 * time), 0.35) * np.sin(20 * time)
-    path = tmp_path / "wheel.csv"
-    write(path, Columns("wheel", time, angle, -25 * angle), "time_s,angle_rad,torque_Nm")
-    assert main(["diagnose", str(path)]) == 2
-    assert "--handle-radius-m" in capsys.readouterr().err
-    assert main(["diagnose", str(path), "--handle-radius-m", "0.15", "--json"]) in {0, 1}
-    document = json.loads(capsys.readouterr().out)
-    assert document["motion"] == "rotary"
-    assert document["law"]["stiffness_nm_per_rad"] == pytest.approx(25, rel=1e-3)

@@ -56,35 +56,6 @@ def test_a_problem_is_written_and_read_in_its_own_keys():
     assert avc.parse_problem(text, name="knob") == problem
 
 
-def test_a_coupling_file_comes_back(tmp_path):
-    problem = avc.parse_problem(KNOB, name="knob")
-    avc.write_coupling(Coupling.constant(problem, Gains(0.0, 1e8, 0.0017), "mine"), tmp_path / "knob.json")
-    text = (tmp_path / "knob.json").read_text()
-    assert linear_keys(text) == []
-    found = avc.read_coupling(tmp_path / "knob.json")
-    assert found.problem == problem
-    avc.write_coupling(found, tmp_path / "again.json")
-    assert (tmp_path / "again.json").read_text() == text
-
-
-@pytest.mark.parametrize(
-    ("kind", "key", "value", "inner"),
-    [
-        ("noise", "rms_rad", 1e-4, "rms_m"),
-        ("encoder", "resolution_rad", 1e-3, "resolution_m"),
-        ("backlash", "gap_rad", 2e-3, "gap_m"),
-        ("viscous-friction", "damping_nms_per_rad", 1e-3, "damping_ns_per_m"),
-    ],
-)
-def test_keys_of_effects_are_those_of_the_turn(kind, key, value, inner):
-    text = KNOB + f'[[scene.effects]]\nkind = "hand"\n[[scene.effects]]\nkind = "{kind}"\n{key} = {value}\n'
-    problem = avc.parse_problem(text, name="knob")
-    assert getattr(problem.scene.effects[1], inner) == value
-    written = avc.dump_problem(problem)
-    assert f"{key} = " in written
-    assert avc.parse_problem(written, name="knob") == problem
-
-
 # A device that turns is the linear one at its handle: m = J/r^2, b = B/r^2, f = tau/r, x = r theta, and nothing else.
 
 FREQUENCY = {"values_hz": (1.0, 5.0, 30.0, 120.0)}

@@ -23,11 +23,11 @@ from hardware_bench import (
 from host_device import HostCore, HostLink
 
 import avc_hardware
-from avc_casadi import InputError, LinkError, NotDeployableError, UnsupportedError, load_problem
+from avc_casadi import InputError, LinkError, NotDeployableError, load_problem
 from avc_casadi.coupling import Coupling
 from avc_casadi.model.gains import Gains
 from avc_casadi.model.runtime import Runtime, StateFeedback
-from avc_hardware import Connection, TableImage, check_runs_on
+from avc_hardware import Connection, TableImage
 from avc_hardware.codegen.figures import Config
 from avc_hardware.codegen.firmware_fit import FEEDBACK_STATES
 from avc_hardware.link import messages as m
@@ -220,24 +220,6 @@ def test_bytes_of_a_table_are_those_of_the_document() -> None:
     assert len(plain.image) == 48
     assert plain.image[32:48] == table.image[32:48]
     assert plain.states == 0
-
-
-@pytest.mark.parametrize(
-    ("refuse", "named"),
-    [
-        (
-            made(dense_believer(9)),
-            r"it holds 8 states of an observer, the coupling has 9 .* design it with a simpler .*avc export",
-        ),
-        (coupling(5, runtime=Runtime(state_feedback=believer(1))), "beside constant gains alone .*avc export"),
-        (coupling(5, runtime=Runtime(state_feedback=dense_believer(16))), "the coupling has 16 .*constant gains alone"),
-    ],
-    ids=["too many", "varying", "both"],
-)
-def test_what_does_not_fit_is_refused_by_name_before_a_port_is_opened(refuse: Coupling, named: str) -> None:
-    for attempt in (check_runs_on, lambda found: push(found, "/dev/does-not-exist")):
-        with pytest.raises(UnsupportedError, match=named):
-            attempt(refuse)
 
 
 @pytest.mark.parametrize(("rows", "states"), [(1, 9), (2, 1), (256, 8), (1, 65535)])

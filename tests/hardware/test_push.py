@@ -5,7 +5,6 @@ import math
 
 import numpy as np
 import pytest
-from faulty_link import FaultKind, FaultyLink, LinkFault
 from hardware_bench import coupling, push, require, stream
 
 from avc_casadi.model.runtime import Runtime
@@ -76,34 +75,3 @@ def test_the_emulated_board_is_made_for_the_coupling() -> None:
     assert streamed.push.device.figures == found.figures
     ticks = streamed.status.ticks * 2.5e-4
     assert 0.3 < ticks < streamed.seconds + streamed.push.seconds + 1.0
-
-
-@pytest.mark.slow
-def test_stream_follows_the_frequency_and_ends_on_the_table() -> None:
-    made = coupling(50, seed=7)
-    result = stream(made, "emulator", rate_hz=100, seconds=2.0)
-    assert (result.sent, result.taken, result.lost, result.late, result.fell_back) == (200, 200, 0, 0, 0)
-    rows = made.table.single()
-    for before, after in zip(result.samples, result.samples[1:], strict=False):
-        assert after.stiffness_n_per_m == lookup(rows, np.float32(before.lookup_hz))[1]
-    assert len({sample.stiffness_n_per_m for sample in result.samples}) > 5
-    assert not result.status.streaming
-    assert result.status.stream_number == 199
-    assert result.status.stream_missing == 0
-    assert result.status.stream_expired == 1
-
-
-@pytest.mark.slow
-def test_lost_gains_are_counted_and_the_table_takes_over() -> None:
-    board = EmulatedBoard()
-    made = coupling(20)
-    pushed = push(made, board)
-    # half a second of silence in mid-stream: five times as long as streamed gains hold
-    link = FaultyLink(board, [LinkFault(True, 2500, FaultKind.STALL, 50)])
-    result = stream(made, link, rate_hz=50, seconds=3.0)
-    assert link.happened
-    assert result.push.table_id == pushed.table_id
-    assert result.lost >= 20
-    assert result.fell_back == 1
-    assert result.status.stream_missing == result.lost
-    assert result.taken == result.sent - result.lost

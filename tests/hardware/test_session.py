@@ -11,7 +11,6 @@ import pytest
 from hardware_bench import coupling, host_core, image, push, refused
 from host_device import HostLink
 
-from avc_casadi import LinkError
 from avc_hardware import Connection, TableImage
 from avc_hardware.link import messages as m
 from avc_hardware.link.faults import INTERFACE_VERSION, Reason, Refusal
@@ -105,21 +104,6 @@ def test_session_waits_and_sends_nothing_by_itself() -> None:
     with pytest.raises(StopIteration) as stop:
         dialogue.send((sequence, m.Committed(3, 4, 0)))
     assert stop.value.value == m.Committed(3, 4, 0)
-
-
-def test_a_table_read_back_is_compared_byte_by_byte() -> None:
-    """The right name over one wrong byte, as often as it is tried, is no success."""
-    table = TableImage.of(coupling(8))
-    spoilt = table.image[:-1] + bytes([table.image[-1] ^ 1])
-
-    class Spoiling(Session):
-        def read_table(self, size: int, part: int) -> Generator[Exchange, Any, tuple[int, bytes]]:
-            yield from super().read_table(size, part)
-            return table.table_id, spoilt
-
-    connection = Connection(HostLink(host_core()))
-    with pytest.raises(LinkError, match="differs from the one sent"):
-        connection.run(Spoiling(5, timeout_s=0.1).push(table, connection.device))
 
 
 # A table that must not run is refused by the device itself, with the row and the reason.

@@ -142,29 +142,6 @@ def heartbeat(core: HostCore, ticks: int) -> None:
     core.write(Session(1, timeout_s=1.0).message(Kind.HEARTBEAT, m.heartbeat(ticks))[1])
 
 
-def test_safe_gains_mean_the_same_whatever_the_table() -> None:
-    """After a lost heartbeat the wall sees the position as it is; back at the table, the observer begins anew."""
-    safe = SPRING
-    way = motions()[0]
-    fed, plain = made(believer(3)), made(None)
-    cores = [core_with(coupling, safe=safe) for coupling in (fed, plain)]
-    for core in cores:
-        heartbeat(core, 20)
-    found = [core.tick(way)[0] for core in cores]
-    assert [core.state().mode for core in cores] == [2, 2]
-    out = np.flatnonzero(way[200:] < 0)[0] + 200  # the ramp has ended, and the device has left the wall
-    assert (found[0][out:] > 0).any()
-    assert found[0][out:].tobytes() == found[1][out:].tobytes()
-    assert found[0][:120].tobytes() != found[1][:120].tobytes()
-    outside = np.full(1, -400, dtype=np.int32)
-    cores[0].tick(outside)
-    heartbeat(cores[0], 0)
-    assert cores[0].state().mode == 2
-    back = np.concatenate([outside, way])
-    assert cores[0].tick(back)[0].tobytes() == exported(fed, back[None])[0].tobytes()
-    assert cores[0].state().mode == 0
-
-
 def test_fading_force_is_the_one_that_the_observer_knows() -> None:
     way = np.full(200, 150, dtype=np.int32)
     coupling = made(believer(3))

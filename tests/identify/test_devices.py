@@ -149,18 +149,6 @@ def test_a_clock_that_scatters_is_taken_as_it_is(period, scatter):
     holds(found, 0.03, mass_kg=0.2, damping_ns_per_m=2.0, coulomb_friction_n=0.3)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("delay", [0, 2])
-def test_a_delay_that_is_counted_in_ticks_of_such_a_clock_leaves_the_damping(delay):
-    period = 5e-3
-    law = sines(0.15, 15.0, period, seed=3, spring=30.0, damper=0.5)
-    device = {"mass": 0.25, "damping": 1.2, "friction": 0.15, "delay": delay}
-    found = identify(of(held_log(law, **device, period=period, ticks=3200, scatter=0.4 * period, parts=40)))
-    holds(found, 0.01, mass_kg=0.25, damping_ns_per_m=1.2, coulomb_friction_n=0.15)
-    assert found.estimates["delay_samples"].value == pytest.approx(delay, abs=0.03)
-    assert "resonance" not in found.rungs
-
-
 def spinning(ways, seconds=6.0, friction=0.036):
     """A motor that turns freely under a torque of one sign in each record: more than a thousand radians."""
     truth = Truth(mass=1.2e-4, damping=9.5e-5, coulomb=friction, delay=1.0, encoder=2 * np.pi / 16384)

@@ -1,6 +1,5 @@
-"""Each kind of answer: few rows of a terminal's width, each number in its data, units of the device, plain words."""
+"""Each kind of answer: few rows of a terminal's width, each number in its data, units of the device."""
 
-import copy
 import re
 from functools import cache
 
@@ -30,8 +29,6 @@ delay_s = 0.001
 stiffness_n_per_m = 50.0
 """
 FEW = {"points": 6}
-# Idioms that no engineer uses of a loop, and names of levels without their meaning.
-WORDS = ("rings", "zeta", "shaken", "told", "least bad", "gives way", "bears", "may be lost", "off the", "L5", "L7")
 
 
 @cache
@@ -94,11 +91,6 @@ def test_an_answer_is_a_few_rows_whose_numbers_are_its_data(name, make):
     assert not re.search(r"\b(nan|inf|None|True|False)\b", whole)
     # A power of ten stands before no unit that takes a prefix.
     assert not re.search(r"\d(\.\d+)?e[+-]?\d+ ?(N|kg|g|m|Hz|s|J|rad)\b", text)
-    shown = [one for one in answer.rows if one.rank == 0]
-    said = " ".join(
-        [one.label for one in shown] + [one for each in shown for one in each.values if isinstance(one, str)]
-    )
-    assert [word for word in WORDS if re.search(rf"\b{word}\b", said)] == []
     known = np.array(sorted(numbers(answer.document())))
     counted = sum(numbers_of_row.number is not None for one in answer.rows for numbers_of_row in values(one))
     for one in answer.rows:
@@ -148,33 +140,6 @@ def test_marks_are_the_verdicts_of_the_data(wall_n_per_m, deployable):
     assert told["Coupling"] is told["Stability"] is verdict
     trial = data["trial"]
     assert (told["Simulated"] is Mark.PASS) == (trial["at_rest"] == trial["at_rest_without_friction"] == trial["hands"])
-
-
-# What of the data of a wall becomes another number, and the mark of a row then.
-CHANGES = [
-    ({}, "Coupling", Mark.PASS),
-    ({"deployable": False}, "Coupling", Mark.FAIL),
-    ({"not_used": ["device.backlash_m (no model of it)"]}, "Coupling", Mark.CAUTION),
-    ({"felt": {"share_of_wall": 0.17, "stiffness_in_motion_n_per_m": {"1": 10.0}}}, "Coupling", Mark.CAUTION),
-    ({"felt": {"share_of_wall": 1.13}}, "Rendered", Mark.CAUTION),
-    ({"felt": {"complex_error": {"1": 0.3, "10": 0.1}}}, "Impedance error", Mark.CAUTION),
-    ({"felt": {"complex_error": {"1": 0.1, "50": 1.4}}}, "Impedance error", Mark.NONE),
-    ({"felt": {"rest_error_m": 1.2e-3}}, "Dry friction", Mark.CAUTION),
-    ({"felt": {"rest_error_m": 0.8e-3}}, "Dry friction", None),
-    ({"with_friction_n_per_m": 700.0}, "With friction", Mark.NONE),
-    ({"with_friction_n_per_m": 520.0}, "With friction", None),
-    ({"simulated": {"at_rest": 3}}, "Simulated", Mark.FAIL),
-    ({"simulated": {"quiet": 2}}, "Simulated", Mark.CAUTION),
-]
-
-
-@pytest.mark.parametrize(("change", "label", "mark"), CHANGES, ids=str)
-def test_a_number_beyond_its_limit_marks_its_row(change, label, mark):
-    problem, found = judged(500.0)
-    data = copy.deepcopy(found.data())
-    for key, value in change.items():
-        data[key] = data[key] | value if isinstance(value, dict) else value
-    assert marks(data, problem).get(label) is mark
 
 
 FACTORS = {"n": 1e-9, "u": 1e-6, "m": 1e-3, "": 1.0, "k": 1e3, "M": 1e6, "G": 1e9}

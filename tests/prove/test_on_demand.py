@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from avc_process import command
 from boxes_of_hands import brute_force
-from drawn_loops import contradiction, drawn_loop
 from hardware_bench import believer
 
 import avc_casadi as avc
@@ -125,9 +124,3 @@ def test_what_is_said_of_a_device_that_is_not_rigid_agrees_with_brute_force(devi
     radius = brute_force(coupling.problem, np.array([0.0]), np.array([1e8]), np.array([b_p]), 5)[0]
     assert (radius < 1) == (word == "proved")
     assert word == "refuted" or Rest.from_document(found.detail["proofs"][0]).verified()
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_nothing_speaks_against_a_random_loop(seed):
-    """Proved loops rest from random states; unstable hands run away: all in the simulator of its own."""
-    assert contradiction(drawn_loop(seed, plain=True), seed) == ""

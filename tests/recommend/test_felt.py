@@ -1,6 +1,5 @@
 """The impedance error that is told is that of a handle shaken before a plant and a law written here."""
 
-import copy
 import math
 from dataclasses import replace
 
@@ -19,8 +18,6 @@ from avc_casadi.loops.margins import SETTLED, transients
 from avc_casadi.model.gains import Gains, near_rigid_n_per_m
 from avc_casadi.model.problem import Impedance
 from avc_casadi.model.runtime import Runtime
-from avc_casadi.present.row import Value
-from avc_casadi.present.rows.recommend import wall_rows
 from avc_casadi.recommendation.contact_onset import NOTICED_N, contact_onset_m
 from avc_casadi.recommendation.rebound import rebound
 from avc_casadi.recommendation.ripple import SPEEDS_M_PER_S, ripple
@@ -251,24 +248,6 @@ def test_the_rebound_is_that_of_a_device_that_is_thrown(delay, damper, friction)
         ]
         assert [came for came, _ in found] == pytest.approx([speed] * len(found), rel=0.05)
         assert share == pytest.approx(max(one for _, one in found), rel=0.05)
-
-
-def test_a_late_spring_gives_energy_and_a_damper_takes_it():
-    late = rebound(Coupling.constant(rebound_problem(1, 0.0), Gains(0.0, 1e9, 0.0), "mine"))
-    damped = rebound(Coupling.constant(rebound_problem(1, 0.0), Gains(0.0, 1e9, 6.0), "mine"))
-    assert min(late.values()) > 1.05
-    assert max(damped.values()) < 1.0
-
-
-@pytest.mark.slow
-def test_it_is_a_row_where_the_device_gains_speed_and_none_where_it_does_not():
-    found = avc.recommend("spring", hands=10)
-    data = copy.deepcopy(found.data())
-    assert max(data["felt"]["rebound"].values()) < 1.0
-    assert "Rebound" not in {row.label for row in wall_rows(data, found.problem)}
-    data["felt"]["rebound"] = {"0.1": 1.19, "0.4": 0.96}
-    (told,) = (row for row in wall_rows(data, found.problem) if row.label == "Rebound")
-    assert [value.number for value in told.values if isinstance(value, Value)] == [1.19, 0.1]
 
 
 # The steps of the encoder as the force of a moving handle has them, against the pulses of a damper written out.

@@ -1,7 +1,6 @@
 """`recommend` of a problem with [simulation]: it holds in a plain simulation, and says what no coupling mends."""
 
 import itertools
-import json
 import math
 
 import numpy as np
@@ -10,7 +9,6 @@ from engine_simulator import EngineSimulator
 
 import avc_casadi as avc
 from avc_casadi.design.virtual_tool import ToolSearch
-from avc_casadi.files.coupling_file import read_coupling, write_coupling
 from avc_casadi.model.hands import hand_corners
 from avc_casadi.recommendation.tool_sensitivity import least_tool_mass_kg
 
@@ -141,47 +139,3 @@ def test_felt_tool_is_what_a_driven_simulation_measures():
         impedance = seen * hold / (1j * omega) + 0.12j * omega + 0.8
         assert impedance.imag / omega == pytest.approx(felt.mass_kg, rel=1e-3)
         assert impedance.real == pytest.approx(felt.drag_ns_per_m, rel=1e-3)
-
-
-@pytest.mark.slow
-def test_wheel_with_a_spring_from_a_game_gets_a_damper_of_its_own():
-    """A spring of a game at 62.5 Hz and one frame late swings without a damper in the device's loop."""
-    wheel = (
-        '[device]\nmotion = "rotary"\nhandle_radius_m = 0.15\ninertia_kgm2 = 0.05\ndamping_nms_per_rad = 0.02\n'
-        "delay_samples = 1\nmax_torque_nm = 8.0\n"
-    )
-    text = 'step_s = 0.016\nexchange = "held-force"\nsteps_late = 1\nstiffness_nm_per_rad = 8.0'
-    found = avc.recommend(problem(text, wheel), hands=HANDS)
-    gains = found.coupling.gains
-    assert found.deployable
-    assert gains.local_damping_ns_per_m > 0.1
-
-    def swings(local, beside=0.0):
-        simulator = EngineSimulator(
-            (0.05, 0.02, 1e-3, 1), (0.0, 0.0, 0.0), (math.inf, 0.0), 0.016, exchange="held-force", steps_late=1
-        )
-        return simulator.run(8.0, beside, 6000, local=local, start=0.5)[0]
-
-    least, most = found.pair.local_dampers_ns_per_m
-    assert least <= gains.local_damping_ns_per_m <= most
-    assert np.abs(swings(0.0)[-500:]).max() > 0.4
-    # A damper beside the spring, in the game, holds it too.
-    assert max(np.abs(swings(0.0, damper)[-500:]).max() for damper in (0.3, 0.9)) < 0.1
-    assert np.abs(swings(0.0, 0.1)[-500:]).max() > 0.4
-    assert np.abs(swings(gains.local_damping_ns_per_m)[-500:]).max() < 1e-3
-
-
-@pytest.mark.slow
-def test_file_of_a_coupling_to_a_simulation_reads_back(tmp_path):
-    found = avc.recommend(problem("tool_mass_kg = 0.2\nstep_s = 0.002\nposition_scale = 10.0"), hands=HANDS)
-    path = tmp_path / "c.json"
-    write_coupling(found.coupling, path)
-    again = read_coupling(path)
-    assert again == found.coupling
-    assert again.problem == found.problem
-    assert again.in_scene.stiffness_n_per_m == pytest.approx(again.gains.stiffness_n_per_m / 10)
-    changed = json.loads(path.read_text())
-    changed["stiffness_n_per_m"] = 1.0
-    path.write_text(json.dumps(changed))
-    with pytest.raises(avc.InputError, match="it was changed since"):
-        read_coupling(path)

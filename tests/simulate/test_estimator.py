@@ -5,9 +5,9 @@ import math
 import numpy as np
 import plain_velocity
 import pytest
+from estimators import cramer_rao_hz
 from hypothesis import given
 from hypothesis import strategies as st
-from studies.estimators.study import cramer_rao_hz
 
 import avc_casadi as avc
 from avc_casadi.model.velocity import VelocityFilterEffect, velocity_poles

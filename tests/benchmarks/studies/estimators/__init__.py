@@ -1,1 +1,0 @@
-"""What the estimators of the interaction frequency are worth."""
