@@ -15,9 +15,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from avc_casadi._util.arrays import FloatArray
     from avc_casadi.claims.zwidth import LlewellynTable, ZWidth
-
 
 _LINES: dict[str, tuple[str, Any, float]] = {
     "passive-paper": ("#d1600a", (0, (5, 1.6)), 1.4),

@@ -88,7 +88,8 @@ def _in_the_loop(tried: Mapping[str, Any]) -> Row:
 
 def export(data: Mapping[str, Any], coupling: Coupling, shown: str) -> Answer:
     """Return the answer of `export` of a coupling to a wall."""
-    table = {key: one[coupling.schedule.usable].tolist() for key, one in _columns(coupling).items()}
+    keys = ("damping_ns_per_m", "stiffness_n_per_m", "contact_damping_ns_per_m")
+    table = {key: getattr(coupling.schedule, key)[coupling.schedule.usable].tolist() for key in keys}
     observer = "observer with state feedback," if coupling.runtime.state_feedback is not None else ""
     rate = (",", Value(1 / coupling.sample_time_s, "frequency"), f", {plural(data['rows'], 'row')}")
     rows = [
@@ -100,11 +101,6 @@ def export(data: Mapping[str, Any], coupling: Coupling, shown: str) -> Answer:
         *notes(data["lacks"], "Lacks"),
     ]
     return Answer("export", data, headline(coupling.problem, shown), tuple(rows), units=coupling.problem.units)
-
-
-def _columns(coupling: Coupling) -> dict[str, Any]:
-    keys = ("damping_ns_per_m", "stiffness_n_per_m", "contact_damping_ns_per_m")
-    return {key: getattr(coupling.schedule, key) for key in keys}
 
 
 def pair_export(data: Mapping[str, Any], coupling: Coupling, shown: str) -> Answer:

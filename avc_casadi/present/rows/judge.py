@@ -341,11 +341,12 @@ def scene(data: Mapping[str, Any], problem: Problem, shown: str = "", drawn: str
     written = [f"{data['trace']} and its manifest"] if data["trace"] is not None else []
     written += [] if drawn is None else [drawn]
     end, swing = _kept(data["mean_force_n"]), _kept(data["position_peak_to_peak_m"])
+    hard = None if tool else data["rate_hardness_n_per_m"]
     rows = [row("Outcome", _outcome(data), f"({data['steps']} samples)", mark=_mark(data))]
     rows.append(row("Coupling", f"{data['coupling']}:", pair(data)) if tool else _coupling(data, problem))
     rows += [
         _rendered(data, problem),
-        *([] if tool else [_hardness(data)]),
+        *([row("Rate-hardness", Value(hard, "stiffness"), "at contact")] if hard is not None else []),
         row("At the end", Value(end, "force"), ",", Value(swing, "length"), "peak to peak"),
         row("Ripple", Value(_kept(data["force_ripple_n"]), "force"), "rms between 20 and 500 Hz"),
         row("Energy", Value(_kept(data["energy_generated_j"]), "energy"), "given out beyond that taken in"),
@@ -422,13 +423,6 @@ def _rendered(data: Mapping[str, Any], problem: Problem) -> Row:
     if "saturation" not in kinds or limit is None or data["mean_force_n"] < _AT_LIMIT * limit:
         return row("Rendered", told)
     return row("Rendered", told, "; ends at the limit of", Value(limit, "force"), mark=Mark.CAUTION)
-
-
-def _hardness(data: Mapping[str, Any]) -> Row:
-    hardness = data["rate_hardness_n_per_m"]
-    if hardness is None:
-        return row("Rate-hardness", "none: no contact, or too few samples in it")
-    return row("Rate-hardness", Value(hardness, "stiffness"), "at contact")
 
 
 def _without_guard(data: Mapping[str, Any]) -> list[Row]:

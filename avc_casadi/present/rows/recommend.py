@@ -1,4 +1,4 @@
-"""Rows of a recommendation: a wall, a simulation, a follower; the stiffest wall."""
+"""Rows of a recommendation: a coupling to a wall, and the stiffest wall."""
 
 from __future__ import annotations
 
@@ -8,16 +8,12 @@ from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 from avc_casadi.present.row import Answer, Mark, Part, Quantity, Row, Value, count, listed, marked, parts, row, span
+from avc_casadi.present.rows.pair import AT_LIMIT, MOST_HELPS, pair_rows
 from avc_casadi.present.rows.subject import (
-    SAFE_GAIN,
-    gain_margin,
     gains,
-    hand,
     headline,
     name_of,
-    not_used,
     notes,
-    pair,
     settled,
     thin,
 )
@@ -28,9 +24,8 @@ if TYPE_CHECKING:
     from avc_casadi.model.problem import Problem
     from avc_casadi.recommendation.recommendation import Recommendation
 
-# An impedance error of a hand's motion above which it feels unlike a static press; a tap this near to the limit counts
-# as saturated.
-_SOFTER, _AT_LIMIT = 0.2, 0.97
+# An impedance error of a hand's motion above which it feels unlike a static press.
+_SOFTER = 0.2
 # Impedance of device and wall together over that of the wall below which errors are relative to hardly anything.
 _RESONANT = 0.3
 # Frequencies up to this are those of hands; a longer settling time is marked.
@@ -39,7 +34,6 @@ _OF_HANDS_HZ, _SLOW_S = 10.0, 1.0
 _THIN_GAIN, _THIN_DEG = 10 ** (3 / 20), 10.0
 # A stiffness gain by friction that is worth a row, and a share of the wall that is beyond what is wanted.
 _STIFFER = 1.1
-_MOST_HELPS = 3
 # Share of hands that may notice the encoder steps, or a vibration at rest, without a caution.
 _FEW_FEEL = 0.1
 # Steps of the force, and shortfalls of the handle, from which on they are printed.
@@ -48,8 +42,6 @@ _NOTICED_STEP_N, _NOTICED_SHORT_M = 0.1, 1e-3
 _HARDLY, _PUSH_THROUGH = 0.1, 0.5
 # A contact onset, and a rebound over that of a passive wall, that differ noticeably.
 _ELSEWHERE_M, _FASTER = 5e-4, 1.02
-# An impedance error in free motion above which the other end feels distinctly altered.
-_DRAGS = 1.0
 
 
 def recommendation(found: Recommendation, shown: str = "", written: str | None = None) -> Answer:
@@ -145,17 +137,15 @@ def _coupling(data: Mapping[str, Any], problem: Problem) -> Row:
             limit,
             ")",
         )
-    elif wall > 0 and min(felt["share_of_wall"] or 1.0, _at_1_hz(felt, wall) / wall) < _HARDLY:
+    elif (
+        wall > 0
+        and min(felt["share_of_wall"] or 1.0, felt["stiffness_in_motion_n_per_m"].get("1", wall) / wall) < _HARDLY
+    ):
         doubt = (", but hardly anything of the wall is rendered to a moving hand",)
     without = f"without {', '.join(names)}, which is declared and not used" if names else ""
     low = thin(min(one["disk"] for one in data["margins"].values()))
     mark = Mark.CAUTION if doubt or without or low else Mark.PASS
     return row("Coupling", listed(found), ": deployable", without, doubt, low, mark=mark)
-
-
-def _at_1_hz(felt: Mapping[str, Any], wall: float) -> float:
-    moving: float = felt["stiffness_in_motion_n_per_m"].get("1", wall)
-    return moving
 
 
 def _rendered(data: Mapping[str, Any], problem: Problem) -> list[Row]:
@@ -328,7 +318,7 @@ def _tap(data: Mapping[str, Any], problem: Problem) -> list[Row]:
     ripple, steps = felt["ripple"], felt["encoder_step_n"]
     tap = Value(trial["tap_force_n"], "force")
     rows = [row("Peak force", tap, "in a tap,", Value(trial["tap_depth_m"], "length"), "deep")]
-    if limit is not None and trial["tap_force_n"] >= _AT_LIMIT * limit:
+    if limit is not None and trial["tap_force_n"] >= AT_LIMIT * limit:
         presses = ("; so do", count(trial["at_force_limit"]), "presses") if trial["at_force_limit"] else None
         rows = [row("Peak force", "a tap saturates at", Value(limit, "force"), presses, mark=Mark.CAUTION)]
     loud = ripple["hands"] - ripple["quiet"] > _FEW_FEEL * ripple["hands"]
@@ -404,8 +394,8 @@ def _limit(data: Mapping[str, Any]) -> list[Row]:
         return []
     plain = ("plain coupling", Value(data["plain_wall_n_per_m"], "stiffness"))
     each = [(_change(one), Value(one["stiffest_wall_n_per_m"], "stiffness")) for one in helps]
-    rows = [row("Linear limit", listed([plain, *each[:_MOST_HELPS]], ";"))]
-    return rows + [row("What would help", one, rank=1) for one in each[_MOST_HELPS:]]
+    rows = [row("Linear limit", listed([plain, *each[:MOST_HELPS]], ";"))]
+    return rows + [row("What would help", one, rank=1) for one in each[MOST_HELPS:]]
 
 
 def _change(one: Mapping[str, Any]) -> str:
@@ -434,149 +424,6 @@ def _details(data: Mapping[str, Any]) -> list[Row]:
     rows.append(row("Reason", data["reason"], rank=1))
     rows += notes((one for one in data["assumed"] if not one.startswith(SLIP)), "Assumed", Mark.NONE, 1)
     return rows
-
-
-def pair_rows(data: Mapping[str, Any], problem: Problem) -> list[Row]:
-    """Return the rows of a coupling to a simulation or a follower."""
-    found, felt, trial = data["pair"], data["felt"], data["trial"]
-    unused = not_used(data["not_used"])
-    end = problem.simulation or problem.follower
-    if data["coupling"] is None:
-        none = row("Coupling", f"none is deployable: {data['reason']}", mark=Mark.FAIL)
-        # Where K is linearly stable hands refute it: what else is linearly stable with it is no help.
-        wanted = end and end.stiffness_n_per_m
-        refuted = wanted is not None and wanted <= found["stiffest"]["stiffness_n_per_m"]
-        return [none, *([] if refuted else _same_k(found, problem)), *_pair_limit(data), *unused]
-    local = "damper of each loop" if problem.follower is not None else "damper in the device's loop"
-    soft = end is not None and end.stiffness_n_per_m is None
-    soft = soft and found["gains"]["stiffness_n_per_m"] < problem.hands.stiffness_n_per_m[0]
-    scene = found["in_scene"] or found["at_follower"]
-    there = "in the scene" if found["in_scene"] else "at the follower"
-    rows = [
-        row(
-            "Coupling",
-            pair(found["gains"], local),
-            ": softer than the softest hand" if soft else "",
-            mark=Mark.CAUTION if soft else Mark.PASS,
-        ),
-        *([row("Scaled", there, pair(scene, local))] if scene and scene != found["gains"] else []),
-        *felt_rows(felt),
-        *_pair_stability(found, problem),
-        *_pair_trial(trial),
-    ]
-    if "tap_force_n" in trial:
-        limit = problem.device.max_force_n
-        full = limit is not None and trial["tap_force_n"] >= _AT_LIMIT * limit
-        tap = (
-            ("a tap saturates at", Value(limit, "force"))
-            if full
-            else (Value(trial["tap_force_n"], "force"), "in a tap")
-        )
-        rows.append(row("Peak force", tap, mark=Mark.CAUTION if full else Mark.NONE))
-    if found["set_by"]:
-        rows.append(row("K is set by", f"hands: {found['set_by']}"))
-    return [*rows, *_same_k(found, problem), *_pair_limit(data), *unused]
-
-
-def felt_rows(felt: Mapping[str, Any]) -> list[Row]:
-    """Return what the handle meets: on a rigid object, on the stiffest declared contact, and in free motion."""
-    if not felt["at"]:
-        return []
-    pressed = None if felt["stiffness_n_per_m"] is None else (Value(felt["stiffness_n_per_m"], "stiffness"), "pressed")
-    stiff = [(Value(one["stiffness_n_per_m"], "stiffness"), f"at {one['frequency_hz']:g} Hz") for one in felt["at"]]
-    rows = []
-    if felt["on_stiffest_contact_n_per_m"] is not None:
-        rows.append(row("Declared contact", Value(felt["on_stiffest_contact_n_per_m"], "stiffness"), "pressed"))
-    rows.append(row("Rigid object", listed([pressed, *stiff])))
-    moved = felt["at"][0]
-    if moved["mass_kg"] is not None:
-        mass: tuple[Part, ...] = (Value(moved["mass_kg"], "mass"),)
-        if moved["mass_kg"] < 0:
-            mass = ("a restoring spring",)
-        drag = ("drag", Value(moved["drag_ns_per_m"], "damping"), f"at {moved['frequency_hz']:g} Hz")
-        errors = listed((Value(one["free_error"], "share"), f"at {one['frequency_hz']:g} Hz") for one in felt["at"])
-        altered = max(one["free_error"] for one in felt["at"]) > _DRAGS
-        mark = Mark.CAUTION if altered else Mark.NONE
-        rows.append(row("Free motion", mass, ",", drag, "; impedance error", errors, mark=mark))
-    return rows
-
-
-def _pair_stability(found: Mapping[str, Any], problem: Problem) -> list[Row]:
-    mode, margin, steady = found["least_damped"], found["gain_margin"], found["mismatch_stable"] is not False
-    mark = Mark.PASS if margin >= SAFE_GAIN and steady else Mark.CAUTION
-    off = "" if steady else "; not on devices 10 % away"
-    rows = [
-        row(
-            "Stability",
-            "corner hands and released,",
-            count(found["loops"]),
-            "loops;",
-            gain_margin(margin),
-            off,
-            mark=mark,
-        )
-    ]
-    if mode["damping_ratio"] < 1:
-        damped = (Value(mode["damping_ratio"], "number", 2), "at", Value(mode["frequency_hz"], "frequency"))
-        seconds = ("; decays to 1/e in", Value(mode["time_constant_s"], "time", 2))
-        rows.append(row("Damping ratio", damped, "(least damped loop)", seconds))
-    if problem.follower is not None and found["passivity_margin_ns_per_m"] is not None:
-        passive = found["passivity_margin_ns_per_m"] >= 0
-        needed = ("not for any operator: that needs", Value(found["passive_damping_ns_per_m"], "damping"), "a device")
-        told = ("for any operator and environment",) if passive else needed
-        rows.append(row("Passivity", told, mark=marked(passive, Mark.CAUTION)))
-    return rows
-
-
-def _pair_trial(trial: Mapping[str, Any]) -> list[Row]:
-    hands, motions = trial["hands"], ", ".join(trial["motions"])
-    told = (count(trial["settled"]), "of", count(hands), f"hands settle ({motions})")
-    if "settled_without_friction" not in trial:
-        link = (";", Value(trial["jitter"], "share"), "of jitter,", Value(trial["lost_share"], "share"), "lost")
-        return [row("Simulated", told, link, mark=marked(trial["settled"] == hands))]
-    free, dropped = trial["settled_without_friction"], trial["settled_with_dropped_steps"]
-    missed = (",", count(dropped), "with", Value(trial["dropped_share"], "share"), "of the steps missed")
-    mark = marked(min(trial["settled"], free, dropped) == hands, Mark.CAUTION)
-    return [row("Simulated", told, ",", count(free), "without friction", missed, mark=mark)]
-
-
-def _same_k(found: Mapping[str, Any], problem: Problem) -> list[Row]:
-    """Return the lightest tool, the slowest step and the exchanges with which the same K is linearly stable."""
-    ends = found["searched_to"]
-    each: list[tuple[Part, ...]] = []
-    if (least := found["least_tool_mass_kg"]) is not None:
-        bound = "or less" if least <= ends["least_tool_mass_kg"] * 1.001 else "or more"
-        each.append(("a tool of", Value(least, "mass"), bound))
-    if (slowest := found["slowest_step_s"]) is not None:
-        bound = "at least" if slowest >= ends["slowest_step_s"] * 0.999 else ""
-        each.append(("a step up to", bound, Value(slowest, "time")))
-    if found["exchanges"]:
-        held = [name for name, holds in found["exchanges"].items() if holds]
-        each.append((f"exchange {', '.join(held)}" if held else "no exchange",))
-    rows = [row("Linear, same K", listed(each), ", with a B of its own and no margin")] if each else []
-    if problem.simulation is not None and found["local_dampers_ns_per_m"] is not None:
-        rows.append(row("Local damper", span(found["local_dampers_ns_per_m"], "damping"), "keeps the same K, B stable"))
-    return rows
-
-
-def _pair_limit(data: Mapping[str, Any]) -> list[Row]:
-    found = data["pair"]
-    stiffest, case = found["stiffest"]["stiffness_n_per_m"], found["limited_by"]
-    limit = ("K", Value(stiffest, "stiffness")) if stiffest else ("no K is stable",)
-    helps = [(one["change"], Value(one["stiffest_n_per_m"], "stiffness")) for one in data["what_would_help"]]
-    where: tuple[Part, ...] = hand(case["hand"])
-    if "step_s" in case:
-        where = parts(where, "; step", Value(case["step_s"], "time"))
-    else:
-        touched = case["environment_n_per_m"]
-        on = ("rigid object",) if touched is None else ("spring of", Value(touched, "stiffness")) if touched else "free"
-        delays = (Value(one, "time") for one in case["delays_s"])
-        where = parts(where, ", follower", on, "; delays", listed(delays))
-    return [
-        row("Linear limit", listed([limit, *helps[:_MOST_HELPS]], ";")),
-        row("Limited by", where, rank=1),
-        *(row("What would help", one, rank=1) for one in helps[_MOST_HELPS:]),
-    ]
 
 
 def stiffest(data: Mapping[str, Any], problem: Problem, shown: str = "") -> Answer:
