@@ -143,6 +143,7 @@ def stops(travel, stiffness=400.0, damping=2.0):
     return force
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("k", "travel", "seconds"),
     first_only([(25.0, 0.35, 0.81), (25.0, 0.35, 0.9), (25.0, 0.35, 1.4), (25.0, 0.35, 6.0), (40.0, 0.3, 6.0)]),

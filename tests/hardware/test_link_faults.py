@@ -77,8 +77,8 @@ def push_through(schedule_of_faults: list[LinkFault], pair: str = "rows") -> tup
     ("to_device", "pair", "size"), [(True, "rows", 1400), (False, "matrices", 600)], ids=["to device", "from device"]
 )
 def test_one_fault_at_any_byte(kind: FaultKind, to_device: bool, pair: str, size: int) -> None:
-    """Every byte of a push with AVC_FAULT_SCHEDULES above 1000, else every hundred-and-forty-ninth."""
-    step = 1 if SCHEDULES > 1000 else 149
+    """Every byte of a push with AVC_FAULT_SCHEDULES above 1000, else every hundred-and-ninety-ninth."""
+    step = 1 if SCHEDULES > 1000 else 199
     for at in range(0, size, step):
         core, link, done = push_through([LinkFault(to_device, at, kind, amount=1 + at % 40)], pair)
         if kind is not FaultKind.UNPLUG:
