@@ -151,26 +151,6 @@ def test_two_stable_rows_may_be_unstable_between():
     assert not verdict(GainTable(rows)).passed
 
 
-@pytest.mark.parametrize("device", [{}, {"amplifier_bandwidth_hz": 500.0}], ids=["rigid", "amplifier"])
-@pytest.mark.parametrize("let_go", [False, True])
-def test_a_wall_without_a_spring_is_judged_alike_by_the_level_and_for_deployment(device, let_go):
-    """Nothing calls a free device back: a place that is kept is no instability; a damper that feeds motion is one."""
-    damper = {"stiffness_n_per_m": 0.0, "damping_ns_per_m": 5.0}
-    problem = avc.load_problem("figure5").changed(
-        device=device,
-        environment=damper,
-        boundaries={"upper": damper, "lower": damper | {"damping_ns_per_m": 4.0}},
-        hands={"let_go": let_go},
-    )
-    for contact, rests in ((0.0, True), (900.0, False)):
-        coupling = Coupling.constant(problem, Gains(1.0, 100.0, contact), "x")
-        hands, released = avc.deployable(coupling).claims
-        level = avc.certify(problem, coupling.schedule).levels["L5"]
-        assert (hands.passed, released.passed) == (rests, rests)
-        assert (level.passed, level.detail["released_pass"]) == (rests, rests)
-        assert (level.margin_ns_per_m >= 0) == rests
-
-
 def test_a_coupling_of_a_small_disk_margin_is_asked_for_by_name(tmp_path, capsys):
     problem = avc.parse_problem(
         "[device]\nmass_kg = 0.12\ndamping_ns_per_m = 0.8\ndelay_samples = 1\n"

@@ -15,9 +15,7 @@ from avc_casadi.loops.sampled_loop import SampledLoop, fractions
 from avc_casadi.loops.wall import linear_stability
 from avc_casadi.model.corners import device_corners
 from avc_casadi.model.hands import hand_corners, no_hand
-from avc_casadi.model.schedule import Status
 from avc_casadi.paper.loop import loop_at
-from avc_casadi.paper.rendered import gain_schedule
 
 T = 1e-3
 
@@ -113,17 +111,6 @@ def test_llewellyn_table_scales_with_the_device():
     assert light.sampled_data[0] == pytest.approx(2.0)
     with pytest.raises(UnsupportedError, match="damping_ns_per_m is 0"):
         llewellyn_table(problem(0.0))
-
-
-def test_contact_damping_is_damping_of_the_rendered_wall():
-    case = problem(structure="damped")
-    n = len(case.frequencies_hz())
-    walls = [
-        rendered_wall(case, gain_schedule(case, "file", tuple(np.full(n, v) for v in gains), (Status.SOLVED,) * n))
-        for gains in ((5.0, 4e3, 33.0), (5.0, 4e3, 0.0))
-    ]
-    np.testing.assert_allclose(walls[0][0] - walls[1][0], 33.0, rtol=1e-9)
-    np.testing.assert_allclose(walls[0][1], walls[1][1], rtol=1e-9)
 
 
 # The K-B region of the device as declared: its edges stand at the worst corner, and what it leaves out is named.
@@ -232,10 +219,3 @@ def test_every_passive_wall_is_stable():
         inside = np.isfinite(passive)
         for key in ("stable-hands", "stable-released"):
             assert (passive[inside] <= curve(name, key)[inside] * (1 + 1e-4)).all()
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("stiffness", "met"), [(1e3, True), (3e4, False)])
-def test_the_wanted_wall_meets_what_its_curve_says(stiffness, met):
-    found = zwidth(zwidth_device_problem("mass").changed(environment={"stiffness_n_per_m": stiffness}))
-    assert [one.wanted for one in found.curves] == [met] * len(found.curves)

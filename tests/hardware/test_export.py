@@ -4,15 +4,13 @@ import dataclasses
 import functools
 import math
 import re
-import tempfile
-from pathlib import Path
 
 import numpy as np
 import pytest
 from exported import C99, CLANG, CLANG_CPP17, CPP11, WARNINGS, Exported
 from exported_bench import BOARDS, Ran, ran
 from exported_cases import drawn, motions, notched
-from hardware_bench import bench_problem, coupling, export_c, require, run, scratch, with_gains
+from hardware_bench import bench_problem, coupling, export_c, require, with_gains
 from hypothesis import example, given
 from hypothesis import strategies as st
 from reference_coupling import ReferenceCoupling
@@ -184,7 +182,7 @@ def test_200_rows_fit_an_arduino_uno_and_stay_in_flash() -> None:
     assert result.state_bytes + result.stack_bytes <= 1024
 
 
-# No text that reaches exported C becomes code, and two exported couplings link into one program.
+# No text that reaches exported C becomes code.
 
 PLAIN = with_gains(bench_problem((5.0, 5e3), max_force_n=8.0), 5.0, 4e3, 3.0)
 TRIGRAPHS = {f"??{last}": meant for last, meant in zip("/=()'<!>-", "\\#[]^{|}~", strict=True)}
@@ -233,44 +231,6 @@ def test_a_planted_statement_is_seen_by_this_test() -> None:
     for text in ("/* a */ int planted; /* */", "/* a *??/\n/ int planted; /* */", "/* a *\\\n/ int planted; /* */"):
         assert code(text) == "int planted;"
     assert code('/* a */ char *text = "/* no comment */";') == 'char *text = "/* no comment */";'
-
-
-MAIN = """
-#include "soft.h"
-#include "stiff.h"
-#include <stdio.h>
-int main(void)
-{
-    soft_t one;
-    stiff_t other;
-    soft_start(&one);
-    stiff_start(&other);
-    double soft = 0.0, stiff = 0.0;
-    for (int k = -5; k <= 5; k++) {
-        soft = (double)soft_step(&one, (soft_real_t)k * (soft_real_t)SOFT_SAMPLE_TIME_S * (soft_real_t)0.1f);
-        stiff = (double)stiff_step(&other, (stiff_real_t)k * (stiff_real_t)STIFF_SAMPLE_TIME_S * (stiff_real_t)0.1f);
-    }
-    printf("%a %a %s\\n", soft, stiff, SOFT_ID);
-    return 0;
-}
-"""
-
-
-def test_two_couplings_of_two_names_link_into_one_program() -> None:
-    require("gcc")
-    folder = Path(tempfile.mkdtemp(dir=scratch()))
-    gains = {"soft": with_gains(PLAIN.problem, 5.0, 1e3), "stiff": with_gains(PLAIN.problem, 5.0, 4e3)}
-    for name, made in gains.items():
-        for file, text in export_c(made, name=name).items():
-            (folder / file).write_text(text, encoding="ascii")
-    (folder / "main.c").write_text(MAIN, encoding="ascii")
-    tool, *options = C99
-    sources = [str(folder / file) for file in ("main.c", "soft.c", "stiff.c")]
-    run(tool, *options, *WARNINGS, f"-I{folder}", *sources, "-o", str(folder / "both"))
-    soft, stiff, told = run(str(folder / "both")).decode().split()
-    assert 0 < float.fromhex(soft) < float.fromhex(stiff) <= 8
-    assert told == gains["soft"].id
-    assert not any("avc_coupling" in text for text in export_c(PLAIN, name="soft").values())
 
 
 @pytest.mark.parametrize("name", ["", "Soft", "2nd", "a b", "a*/", "x" * 21, "soft_", "int main"])

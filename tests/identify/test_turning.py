@@ -1,19 +1,15 @@
 """A knob is excited, identified and diagnosed in rad, N.m and kg.m2: the same device as the linear one at its rim."""
 
-import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from buzzing_cases import declared_of
 from buzzing_device import Buzzing, logged
-from hardware_bench import require
 from linear_keys import linear_keys
 from measured_device import Truth, measured, multisine
 
 import avc_casadi as avc
-from avc_casadi._util import units
-from avc_casadi.cli import main
 from avc_casadi.diagnose.causes import diagnose
 from avc_casadi.files.device_file import parse_device
 from avc_casadi.identification.device import device_text
@@ -21,59 +17,8 @@ from avc_casadi.identification.identify import identify
 from avc_casadi.identification.log import Columns, Record
 from avc_casadi.identification.read import Layout, read_logs
 from avc_casadi.model.device import Device
-from avc_hardware.in_the_loop import tried_in_the_loop
 
 RADIUS = 0.02
-KNOB = """
-[device]
-motion = "rotary"
-handle_radius_m = 0.02
-inertia_kgm2 = {inertia}
-damping_nms_per_rad = {damping}
-delay_samples = 1
-coulomb_friction_nm = {friction}
-encoder_counts_per_turn = 16384
-max_torque_nm = 0.2
-"""
-GUESS = KNOB.format(inertia=3e-5, damping=2e-4, friction=0.002) + (
-    "[device.range]\ninertia_kgm2 = [2e-5, 6e-5]\ncoulomb_friction_nm = [0.0, 0.005]\n"
-)
-HIDDEN = {"mass_kg": 4.2e-5, "damping_ns_per_m": 1.5e-4, "coulomb_friction_n": 0.003}
-
-
-def document(capsys, *arguments):
-    """Return the JSON answer of a command, of which nothing is told in a linear unit."""
-    assert main([*arguments, "--json"]) == 0
-    text = capsys.readouterr().out
-    assert linear_keys(text) == []
-    return json.loads(text)
-
-
-@pytest.mark.slow
-def test_a_hidden_knob_is_found_and_its_wall_rests_on_it(tmp_path, monkeypatch, capsys):
-    require("unicorn")
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "guess.toml").write_text(GUESS)
-    (tmp_path / "hidden.toml").write_text(KNOB.format(inertia=4.2e-5, damping=1.5e-4, friction=0.003))
-    asked = ["--on-bench", "hidden.toml", "--seconds", "3", "--out", "log.csv"]
-    played = document(capsys, "excite", "guess.toml", *asked)
-    assert played["log"]["peak_torque_nm"] <= played["plan"]["limits"]["torque_nm"]
-    assert "tick,time_ms,angle_urad,torque_Nm" in (tmp_path / "log.csv").read_text()
-    page = ["--report", "page.html", "--out", "mine.toml"]
-    found = document(capsys, "identify", "log.csv", "--device", "guess.toml", *page)
-    for key, truth in HIDDEN.items():
-        one = found["estimates"][units.ROTARY.key(key)]
-        assert one["low"] <= truth <= one["high"], (key, one)
-    assert "encoder_resolution_rad" in found["estimates"]
-    assert linear_keys((tmp_path / "mine.toml").read_text()) == []
-    (tmp_path / "end.toml").write_text(
-        'device = "mine.toml"\n[environment]\nstiffness_nm_per_rad = 0.5\ndamping_nms_per_rad = 0.0\n'
-    )
-    assert main(["recommend", "end.toml", "--out", "c.json"]) == 0
-    assert linear_keys(capsys.readouterr().out) == []
-    hidden = avc.load_device(tmp_path / "hidden.toml").device
-    tried = tried_in_the_loop(avc.read_coupling(tmp_path / "c.json"), seconds=1.5, device=hidden)
-    assert tried.at_rest
 
 
 @pytest.mark.slow

@@ -149,17 +149,3 @@ def test_a_tool_that_stands_still_is_a_spring_and_a_damper(ratio):
     turn = np.exp(-2j * np.pi * 12.0 * T)
     found = loop.force_per_metre(ToolGains(800.0, 6.0, 2.0), 12.0)
     assert found == pytest.approx(800.0 + 8.0 * (1 - turn) / T)
-
-
-@pytest.mark.parametrize(("sooner", "later"), [("ahead", "on-time"), ("on-time", "late")])
-def test_an_exchange_hands_out_a_tool_one_step_before_the_next(sooner, later):
-    """Of a free tool on a soft coupling: its position lags by a step more."""
-    free, gains, hz = tool_states(engine(), 0.0)[-1], ToolGains(300.0, 4.0), 10.0
-    clock = clocks(4e-3, T)[0]
-    before, after = (
-        Engine(Body.driven(T), clock, engine(exchange=one), [free]).force_per_metre(gains, hz)
-        for one in (sooner, later)
-    )
-    spring = gains.stiffness_n_per_m + gains.damping_ns_per_m * 2j * np.pi * hz
-    turned = np.angle((spring - before) / (spring - after))
-    assert turned == pytest.approx(2 * np.pi * hz * 4e-3, rel=0.2)

@@ -177,19 +177,3 @@ def test_a_cobot_at_200_hz_with_two_samples_of_delay_is_too_stiff():
     assert not found.passed
     assert "2 samples of delay at 200 Hz" in found.reason
     assert found.damping_range_ns_per_m is None or found.damping_range_ns_per_m[0] > 2.0
-
-
-def test_a_damper_behind_a_noisy_encoder_shakes_what_it_damps():
-    """870 counts on 40 degrees, 0.7 counts of noise, b 0.12: 53 mN.m rms."""
-    count = math.radians(40) / 870
-    pedal = {"inertia_kgm2": 0.004, "damping_nms_per_rad": 0.002, "sample_time_s": 2e-3}
-    noise = {"encoder_resolution_rad": count, "position_noise_rms_rad": 0.7 * count}
-    found = answer({**pedal, **noise, "handle_radius_m": 0.15}, b=0.12)
-    assert found.stable
-    assert not found.quiet
-    assert "noise of the position" in found.reason
-    draw = np.random.default_rng(1)
-    position = 0.7 * count * draw.normal(size=200_000)
-    position += count * (draw.random(200_000) - 0.5)
-    assert found.noise_n == pytest.approx(np.std(0.12 * np.diff(position) / 2e-3), rel=0.01)
-    assert found.noise_n == pytest.approx(0.053, rel=0.1)

@@ -8,7 +8,6 @@ import pytest
 from scipy.linalg import expm
 
 import avc_casadi as avc
-from avc_casadi.model.corners import device_corners
 from avc_casadi.model.device import Device
 from avc_casadi.model.gains import NO_COUPLING
 from avc_casadi.model.hands import Hand, StylusHand
@@ -161,39 +160,6 @@ def test_the_closed_loop_is_the_jacobian_of_the_scene(seed):
     assert names == (*found.names, *(f"delayed_{place + 1}_n" for place in range(d)))
     rows = units(device, names)
     close(closed, jacobian, rows, rows)
-
-
-def test_many_hands_and_corners_stand_beside_one_another():
-    device = Device(
-        mass_kg=0.1,
-        damping_ns_per_m=2.0,
-        delay_samples=1,
-        amplifier_bandwidth_hz=900.0,
-        resonance={"frequency_hz": 150.0, "damping_ratio": 0.05, "mass_ratio": 0.5},
-        encoder_at="handle",
-        range={"mass_kg": (0.08, 0.12), "delay_samples": (0.5, 2), "resonance": {"frequency_hz": (120.0, 180.0)}},
-    )
-    hands = Hand(np.array([0.05, 0.1, 0.3]), np.array([3.0, 9.0, 20.0]), np.array([200.0, 500.0, 800.0]))
-    corners = device_corners(device)
-    whole = sampled_plant(corners, hands)
-    assert whole.matrix.shape == (8, 3, 5, 5)
-    assert whole.forces_under_way == 2
-    a, b = whole.with_forces_under_way()
-    for index, corner in enumerate(corners):
-        for hand in range(3):
-            one = Hand(*(float(np.asarray(value)[hand]) for value in vars(hands).values()))
-            alone = sampled_plant(corner, one)
-            np.testing.assert_array_equal(whole.matrix[index, hand], alone.matrix[0, 0])
-            np.testing.assert_array_equal(whole.new[index, hand], alone.new[0, 0])
-            np.testing.assert_array_equal(whole.old[index, hand], alone.old[0, 0])
-            # What waits longer than this corner's delay changes nothing.
-            own = np.abs(np.linalg.eigvals(alone.with_forces_under_way()[0][0, 0])).max()
-            assert np.abs(np.linalg.eigvals(a[index, hand])).max() == pytest.approx(own, rel=1e-9)
-    assert b.shape == (8, 3, 7)
-    names = dict(zip(whole.names, zip(whole.measured, whole.held, strict=True), strict=True))
-    assert names["handle_position_m"] == (1.0, 1.0)
-    motor = sampled_plant(device.model_copy(update={"encoder_at": "motor"}), hands)
-    assert dict(zip(motor.names, motor.measured, strict=True))["device_position_m"] == 1.0
 
 
 def test_a_device_alone_keeps_its_place_and_its_momentum_decays():

@@ -13,7 +13,6 @@ from avc_casadi.claims.zwidth import zwidth
 from avc_casadi.loops.walls import damping_range, loop_radius, softest_wall_n_per_m, stable_walls, stiffest_wall
 from avc_casadi.model.device import Device
 from avc_casadi.model.hands import Hand, hand_corners, hand_set, with_released
-from avc_casadi.recommendation.sensitivity import what_would_help
 from avc_casadi.recommendation.stiffest import stiffest
 from avc_casadi.simulation.population.coupling_trial import try_coupling
 from avc_casadi.simulation.population.operators import draw_hands
@@ -157,22 +156,6 @@ def test_a_device_that_holds_nothing_has_no_stiffest_wall(too_late):
     radius = loop_radius(too_late.device, people, np.full(len(damping), softest), damping)
     assert (radius >= 1).any(axis=1).all()
     assert math.isnan(damping_range(too_late.device, people, softest).lowest_ns_per_m)
-
-
-@pytest.mark.slow
-def test_what_helps_nothing_is_told_as_nothing(too_late):
-    helps = what_would_help(too_late, hand_corners(too_late.hands))
-    walls = {one.change: one.stiffest_wall_n_per_m for one in helps}
-    assert walls["half the sample time"] == 0
-    assert walls["no delay"] > 1
-    assert helps[0].change == "no delay"
-
-
-@pytest.mark.slow
-def test_the_search_of_laws_ends_where_not_even_a_softer_wall_is_held(too_late):
-    found = avc.solve(too_late.changed(environment={"stiffness_n_per_m": 1e4, "damping_ns_per_m": 0.0}), "robust")
-    assert not found.usable.any()
-    assert "no law is found that holds every hand" in found.reason[0]
 
 
 # The stiffest wall is one that simulated hands rest at.

@@ -9,7 +9,6 @@ from walled import has_wall
 import avc_casadi as avc
 from avc_casadi.design.methods import solve
 from avc_casadi.paper.cross_check import EXCESS_TOLERANCE
-from avc_casadi.paper.loop import loop_at
 
 
 def pointwise(problem):
@@ -67,35 +66,3 @@ def test_it_is_the_optimum_of_50_digits():
             excess = direct.magnitude_error[row] - float(series_error(problem, float(direct.frequency_hz[row])))
             assert abs(excess) <= 1e-8 * np.abs(direct.target[row]), problem
     assert compared > 12
-
-
-@pytest.mark.parametrize("name", ["figure5", "damped", "hard/undamped-device", "hard/massless"])
-def test_no_point_of_a_dense_grid_is_better(name):
-    problem = pointwise(avc.load_problem(name)).changed(frequency={"points": 12})
-    direct, loop = solve(problem, "direct"), loop_at(problem, problem.frequencies_hz())
-    box = problem.coupling
-    b, k, p = (
-        np.array([0.0, *np.geomspace(1e-6 * ends[1], ends[1], points)]) if ends[1] else np.zeros(1)
-        for ends, points in (
-            (box.damping_ns_per_m, 150),
-            (box.stiffness_n_per_m, 150),
-            (box.contact_damping_ns_per_m, 12),
-        )
-    )
-    z = loop.perceived(*(grid[..., None] for grid in np.meshgrid(b, k, p, indexing="ij")))
-    error = np.where(z.real >= problem.stability.margin_ns_per_m, np.abs(np.abs(z) - np.abs(loop.target)), np.inf)
-    best = error.min(axis=(0, 1, 2))
-    assert np.all(direct.magnitude_error <= best + 1e-9 * np.abs(loop.target))
-
-
-def test_one_frequency_alone_gives_what_it_gives_among_many():
-    problem = avc.load_problem("figure5")
-    together = solve(problem, "direct")
-    for row in (0, 77, 199):
-        alone = problem.model_copy(
-            update={"frequency": type(problem.frequency)(values_hz=(float(together.frequency_hz[row]),))}
-        )
-        one = solve(alone, "direct")
-        assert one.rows == 1
-        assert one.damping_ns_per_m[0] == together.damping_ns_per_m[row]
-        assert one.stiffness_n_per_m[0] == together.stiffness_n_per_m[row]

@@ -100,25 +100,6 @@ def test_the_charts_show_what_solve_gives(method):
     np.testing.assert_allclose(shown, avc.solve(BASE, method).stiffness_n_per_m, rtol=1e-5)
 
 
-def test_files_are_those_of_the_settings(tmp_path):
-    explorer = Explorer(BASE, "figure5")
-    values = {"device.mass_kg": 0.123456789012, "environment.stiffness_n_per_m": 12345.6789}
-    gains = {"stiffness_n_per_m": 1234.875, "damping_ns_per_m": 3.14159265}
-
-    def file(kind):
-        return ask("file", question={"kind": kind}, explorer=explorer, values=values, gains=gains)
-
-    saved = avc.parse_problem(file("problem")["text"], name="p")
-    assert (saved.device.mass_kg, saved.environment.stiffness_n_per_m) == tuple(values.values())
-    text = file("command")["text"]
-    problem = avc.parse_problem(text.partition("'AVC_PROBLEM'\n")[2].partition("AVC_PROBLEM\n")[0])
-    assert problem.device == saved.device
-    assert "avc certify figure5-explored.toml --k 1234.875 --b 3.14159265" in text
-    found = file("coupling")
-    (tmp_path / "c.json").write_text(found["text"])
-    assert avc.read_coupling(tmp_path / "c.json").problem.device.mass_kg == values["device.mass_kg"]
-
-
 def grows(pair, hand, tool_mass_kg):
     """Whether device and tool swing against each other ever more, by a plain simulation."""
     k, b = pair["stiffness_n_per_m"], pair["damping_ns_per_m"]

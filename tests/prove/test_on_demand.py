@@ -1,11 +1,9 @@
 """Level L7 is there when it is asked for, says proved, refuted or open, and why a loop is open."""
 
 import functools
-import json
 
 import numpy as np
 import pytest
-from avc_process import command
 from boxes_of_hands import brute_force
 from hardware_bench import believer
 
@@ -70,26 +68,6 @@ def test_an_observer_is_proved_without_its_dead_zone_and_open_with_it():
     assert "dead zone of 1e-05" in found["zone"].sentence
     assert found["zone"].outcome == "open"
     assert (found["plain"].outcome == "proved") == (found["zone"].multiplier is not None)
-
-
-@pytest.mark.slow
-def test_the_command_proves_when_asked(tmp_path):
-    coupling = coupling_of()
-    file, out = tmp_path / "c.json", tmp_path / "proofs"
-    avc.write_coupling(coupling, file)
-    asked = ((), ("--prove", "--proof-out", str(out)))
-    plain, found = (command("certify", str(file), *more, "--json") for more in asked)
-    levels = [json.loads(done.stdout)["levels"] for done in (plain, found)]
-    assert set(levels[1]) - set(levels[0]) == {"L7"}
-    assert plain.returncode == found.returncode
-    library = proved(coupling)
-    for level, one in library.items():
-        assert (levels[1][level]["outcome"] or "") == one.outcome
-        assert levels[1][level]["claim"].split(":")[0] == one.claim.split(":")[0]
-    files = {path.name: json.loads(path.read_text()) for path in out.iterdir()}
-    assert set(files) == {"L7.json"}
-    assert Rest.from_document(files["L7.json"]["proofs"][0]).verified()
-    assert files["L7.json"]["problem"]["device"] == coupling.problem.device.model_dump(mode="json")
 
 
 @pytest.mark.slow

@@ -287,22 +287,6 @@ def test_hands_feel_the_pulses_of_a_coarse_encoder_and_none_of_a_fine_one():
 
 # How long a released device swings in its wall is told, is what a simulation shows, and counts in what is chosen.
 
-WHEEL = """
-[device]
-motion = "rotary"
-handle_radius_m = 0.15
-inertia_kgm2 = 0.05
-damping_nms_per_rad = 0.02
-sample_time_s = 0.0166667
-delay_samples = 1
-coulomb_friction_nm = 0.05
-encoder_counts_per_turn = 65536
-max_torque_nm = {limit}
-[environment]
-stiffness_nm_per_rad = 8.0
-damping_nms_per_rad = 0.0
-"""
-
 
 def swinging(mass, damping, t, wall, damper, hand=(0.0, 0.0, 0.0), steps=50):
     """Return positions at the samples: a spring and damper held for a sample, the plant in fine explicit steps."""
@@ -333,17 +317,6 @@ def test_it_is_the_time_that_a_simulated_device_takes(hand):
     assert settled == pytest.approx(found.settling_s, rel=0.1, abs=1 / found.frequency_hz)
     peaks = np.flatnonzero((path[1:-1] > path[:-2]) & (path[1:-1] >= path[2:]) & (path[1:-1] > 0.01)) + 1
     assert t * float(np.diff(peaks).mean()) == pytest.approx(0.5 / found.frequency_hz, rel=0.05)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("limit", [8.0, 5.0])
-def test_a_wheel_is_damped_until_it_settles(limit):
-    """With the least damping that is stable it swings for seven seconds."""
-    found = avc.recommend(avc.parse_problem(WHEEL.format(limit=limit)), hands=20)
-    document = found.data()
-    assert found.deployable
-    assert document["felt"]["share_of_wall"] > 0.99
-    assert document["transient"]["released"]["settling_s"] < 1.0
 
 
 @pytest.mark.slow

@@ -18,18 +18,6 @@ def device(**changed):
     return found.model_copy(update={"delay_samples": 0, "encoder_resolution_m": STEP} | changed)
 
 
-def wandering(samples, lanes, seed=3):
-    """Readings of an encoder that wanders in and out of the wall at all speeds."""
-    random = np.random.default_rng(seed)
-    sizes = np.exp(random.uniform(np.log(0.2 * STEP), np.log(50 * STEP), (samples, lanes)))
-    steps = sizes * random.choice((-1.0, 1.0), (samples, lanes))
-    return STEP * np.round((np.cumsum(steps, axis=0) % 0.02 - 0.005) / STEP)
-
-
-def played(law, seen):
-    return np.array([law(row) for row in seen])
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("rigid", [False, True], ids=["structure", "rigid"])
 def test_the_plant_does_what_another_simulator_does(rigid):
@@ -60,16 +48,3 @@ def test_a_shaken_spring_and_damper_are_told_as_their_impedance():
     t, s = wall.device.sample_time_s, 2j * np.pi * hz
     exact = (2e3 + 3.0 * (1 - np.exp(-s * t)) / t) * (1 - np.exp(-s * t)) / (s * t)
     np.testing.assert_allclose(rendered, exact, rtol=1e-3)
-
-
-def test_energy_bounding_gives_out_no_more_than_the_damper_takes():
-    """At every moment: of the held force along its way, and of a damper on the straightest way between the samples."""
-    loop = Loop(device(), 1e5, 0.0)
-    seen = wandering(4000, 50)
-    force, moved = played(BASELINES["energy bounding"](loop, 50), seen), np.diff(seen, axis=0)
-    lost = loop.device.damping_ns_per_m * moved**2 / loop.device.sample_time_s
-    balance = np.cumsum(force[:-1] * moved + lost, axis=0)
-    assert balance.min() > -1e-12
-    plain = played(BASELINES["the wall itself"](loop, 50), seen)
-    assert np.cumsum(plain[:-1] * moved + lost, axis=0).min() < -1e-2
-    assert force.max() > 1

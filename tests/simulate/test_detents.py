@@ -109,14 +109,3 @@ def test_what_is_claimed_of_a_valley_is_what_the_device_does_let_go():
         )
         if not rests:
             assert "in a valley" in claim.sentence
-
-
-def test_a_detent_in_the_wall_adds_to_its_slope():
-    """A wall that is held alone, and not with the slope of the detents on it."""
-    alone = knob(torque=1e-6, wall=1.0)
-    gains = Gains(0.0, 1e8, 0.0017)
-    thin = alone.changed(robustness={"disk_margin": 0.01})
-    assert deployable(Coupling.constant(thin, gains, "mine")).passed
-    steep = knob(torque=0.3, wall=1.0, damping=0.002)
-    failed = [claim.name for claim in deployable(Coupling.constant(steep, gains, "mine")).claims if not claim.passed]
-    assert "detent-hands" in failed or "detent-let-go" in failed

@@ -1,7 +1,6 @@
 """The effect `simulation` of a scene: against a plain simulation of device, hand and engine."""
 
 import numpy as np
-import pytest
 from engine_simulator import EngineSimulator
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -88,15 +87,3 @@ def test_scene_moves_as_a_plain_simulation(ratio, integrator, exchange, late, st
     until = until[0] if len(until) else len(device)
     np.testing.assert_allclose(run.position_m[:until], device[:until], atol=1e-9)
     np.testing.assert_allclose(run.tool_m[:until], tool[:until], atol=1e-9)
-
-
-def test_missed_steps_of_the_engine_are_the_share_that_is_asked_for():
-    text = SCENE.format(
-        step=1e-3, integrator="implicit", exchange="late", late=0, stiffness=100.0, damping=1.0, local=0.0
-    )
-    runs = [
-        avc.simulate(avc.parse_problem(text.replace("= 1e12", f"= 0.0\ndropped_share = {share}")), NO_COUPLING)
-        for share in (0.0, 0.2)
-    ]
-    still = [int((np.diff(run.tool_m) == 0).sum()) for run in runs]
-    assert still[1] - still[0] == pytest.approx(0.2 * runs[0].samples, abs=40)

@@ -19,7 +19,7 @@ from avc_casadi.simulation.compile import compile_scene
 from avc_casadi.simulation.effects.registry import build_effects
 from avc_casadi.simulation.execute import execute
 from avc_casadi.simulation.native import LANES, NativeScene, compiler
-from avc_casadi.simulation.scene import compile_for, held_by, settled, simulate_batch
+from avc_casadi.simulation.scene import compile_for, settled, simulate_batch
 
 pytestmark = pytest.mark.skipif(compiler() is None, reason="no C compiler")
 
@@ -66,21 +66,6 @@ def test_any_scene_in_any_lane(case, damping, stiffness, contact, integrator, ru
     for index, (name, values) in enumerate(alone.items()):
         assert name == scene.traces[index]
         assert_same_bits(lanes[:, :, index], values)
-
-
-@pytest.mark.slow
-def test_threads_and_chunks_do_not_change_a_bit():
-    problem = scene_problem(('kind = "hand"', 'kind = "wall"', 'kind = "coulomb-friction"'), scene="duration_s = 0.3\n")
-    draw = np.random.default_rng(1).uniform
-    hands = Hand(draw(0.05, 0.3, 300), draw(3, 20, 300), draw(200, 800, 300))
-    effects = held_by(problem, compile_scene(problem).effects, hands)
-    scene = compile_scene(problem, effects)
-    parameters = scene.parameter_values(Gains(200.0, 1e5))
-    native = NativeScene(scene)
-    one, many = (native(scene.initial, scene.input_values().T, parameters, workers) for workers in (1, 3))
-    np.testing.assert_array_equal(one.view(np.int64), many.view(np.int64))
-    by_chunks = simulate_batch(problem, hands, Gains(200.0, 1e5))
-    np.testing.assert_array_equal(by_chunks.peak_velocity_m_per_s, np.abs(one[:, -500:, 1]).max(axis=1))
 
 
 # Any scene of sound numbers ends in JSON, finite or said to have diverged, or is refused by name: no warning.

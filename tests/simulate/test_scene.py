@@ -340,19 +340,6 @@ def test_projection_splits_the_sample_where_the_force_changes(share):
     np.testing.assert_allclose(one, four, rtol=0, atol=1e-13)
 
 
-def test_a_delay_that_tends_to_whole_samples_tends_to_the_whole_delay():
-    def run(samples):
-        effects = (HAND, WALL, f'kind = "delay"\nsamples = {samples}')
-        return simulate(
-            scene_problem(effects, scene="duration_s = 0.2\n", motion=SLOW_PRESS, **SOFT), Gains(10.0, 3e3)
-        ).position_m
-
-    whole = run(2)
-    for near in (1.999, 2.001):
-        assert 0 < np.abs(run(near) - whole).max() < 3e-6
-    assert np.abs(run(1.5) - whole).max() > 1e-5
-
-
 def test_play_holds_the_measured_position_until_it_is_taken_up():
     effects = (
         HAND,
