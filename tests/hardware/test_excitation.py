@@ -78,7 +78,7 @@ def test_silent_host_stops_it_within_a_second():
     force = np.array(bench.force_n[began:])
     assert np.abs(force[500:1000]).max() > 0.5
     assert not force[plan.silent_ticks + 1 :].any()
-    part = connection.run(connection.session.ask(Kind.RECORDS, m.records(7, 0), m.Records))
+    part = connection.run(connection.session.ask(Kind.RECORDS, m.words(7, 0), m.Records))
     assert part.state == 4
     assert part.made == plan.silent_ticks + 1
 
@@ -89,7 +89,7 @@ def test_stop_takes_the_force_away_at_the_next_tick():
     connection = Connection(bench.link)
     bench.play_unheard(connection, planned(), 700)
     assert bench.force_n[-1] != 0
-    connection.run(connection.session.ask(Kind.STOP, m.stop(7), m.Excited))
+    connection.run(connection.session.ask(Kind.STOP, m.words(7), m.Acknowledged))
     stopped = len(bench.force_n)
     bench.pass_by(1500)
     assert not np.any(bench.force_n[stopped:])
@@ -134,7 +134,7 @@ def test_device_refuses_a_plan_without_limits(wrong):
     connection = Connection(bench.link)
     plan = dataclasses.replace(planned(), **wrong)
     with pytest.raises(RefusedError, match="plan of the excitation"):
-        connection.run(connection.session.ask(Kind.EXCITE, plan_bytes(plan, 1), m.Excited))
+        connection.run(connection.session.ask(Kind.EXCITE, plan_bytes(plan, 1), m.Acknowledged))
     bench.pass_by(50)
     assert not np.any(bench.force_n)
 

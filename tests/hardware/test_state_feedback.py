@@ -83,8 +83,8 @@ def give(core: HostCore, coupling: Coupling) -> None:
     name = table.table_id
     for kind, payload in (
         (Kind.BEGIN, m.begin(1, name, table.crc32, 1, table.states)),
-        (Kind.CHUNK, m.chunk(1, name, 0, table.image)),
-        (Kind.COMMIT, m.commit(1, name, table.crc32)),
+        (Kind.CHUNK, m.words(1, name, 0) + table.image),
+        (Kind.COMMIT, m.words(1, name, table.crc32)),
     ):
         core.write(session.message(kind, payload)[1])
 
@@ -139,7 +139,7 @@ def test_observer_begins_anew_with_every_table() -> None:
 
 
 def heartbeat(core: HostCore, ticks: int) -> None:
-    core.write(Session(1, timeout_s=1.0).message(Kind.HEARTBEAT, m.heartbeat(ticks))[1])
+    core.write(Session(1, timeout_s=1.0).message(Kind.HEARTBEAT, m.words(ticks))[1])
 
 
 def test_fading_force_is_the_one_that_the_observer_knows() -> None:

@@ -82,7 +82,7 @@ def test_a_line_that_is_too_slow_drops_records_and_still_answers() -> None:
     assert 100 < len(samples) < 150
     assert samples[-1].ticks - samples[0].ticks == len(samples) - 1 + lost
     connection = Connection(board)
-    connection.run(connection.session.ask(Kind.SUBSCRIBE, m.subscribe(1, 2000), m.Subscribed))
+    connection.run(connection.session.ask(Kind.SUBSCRIBE, m.words(1, 2000), m.Acknowledged))
     for _ in range(20):
         before = board.now_s()
         connection.run(connection.session.ask(Kind.STATUS, b"", DeviceStatus))
@@ -92,11 +92,11 @@ def test_a_line_that_is_too_slow_drops_records_and_still_answers() -> None:
 def test_a_subscription_that_nobody_renews_ends() -> None:
     link = HostLink(pushed()[0])
     connection = Connection(link)
-    connection.run(connection.session.ask(Kind.SUBSCRIBE, m.subscribe(7, 70), m.Subscribed))
+    connection.run(connection.session.ask(Kind.SUBSCRIBE, m.words(7, 70), m.Acknowledged))
     found = [connection.telemetry(0.1) for _ in range(12)]
     assert [message is not None for message in found] == [True] * 10 + [False] * 2
     assert [message.number for message in found if message] == list(range(10))
-    answer = connection.run(connection.session.request(Kind.SUBSCRIBE, m.subscribe(7, 5001)))
+    answer = connection.run(connection.session.request(Kind.SUBSCRIBE, m.words(7, 5001)))
     assert isinstance(answer, Refusal)
     assert "at most 5000 ticks" in str(answer)
 

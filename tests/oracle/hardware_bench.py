@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from host_device import HostCore, HostLink
+from host_device import HOST_INSTALL, HostCore, HostLink, build_host
 
 import avc_hardware
 from avc_casadi import Problem, load_problem
@@ -25,7 +25,6 @@ from avc_casadi.model.runtime import Runtime, StateFeedback
 from avc_casadi.model.schedule import GainSchedule, Status
 from avc_hardware import BoardLimits, Connection, TableImage
 from avc_hardware.codegen.boards import ARM_INSTALL
-from avc_hardware.codegen.build import HOST_INSTALL, build_host
 from avc_hardware.link.faults import Refusal
 from avc_hardware.link.session import RefusedError
 

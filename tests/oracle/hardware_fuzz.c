@@ -7,7 +7,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "avc_crc32.h"
 #include "avc_device.h"
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
@@ -197,7 +196,6 @@ static void excite(const uint8_t *data, size_t size)
     plan.spring_n_per_m = 20.0f;
     plan.damper_ns_per_m = 1.0f;
     plan.window = (uint16_t)(1u + first % AVC_SPEED_WINDOW_MAX);
-    plan.shape = first & 1u;
     plan.tones = (uint16_t)(1u + first % AVC_TONES_MAX);
     for (uint32_t i = 0; i < AVC_KNOTS; i++) {
         plan.knot[i] = (uint16_t)(size > 1u ? data[i % size] << 7 : 0x8000);

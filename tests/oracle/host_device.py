@@ -13,14 +13,28 @@ from numpy.typing import NDArray
 
 from avc_casadi._util.arrays import Float32Array
 from avc_hardware import TableImage
+from avc_hardware.codegen.build import compile_with, compiler, generate, options_of, source_hash
 from avc_hardware.codegen.figures import BoardLimits, Config, RuntimeFigures
 from avc_hardware.link.frames import Decoder, Frame
 from avc_hardware.link.messages import parse
 from avc_hardware.link.session import Answer, Exchange, Session
 
+HOST_INSTALL = "apt-get install -y --no-install-recommends gcc"
 _ROOM = 8192
 # Counts: where a device stands that nobody has put anywhere, out of contact.
 BEFORE_WALL = -100
+
+
+def build_host(out: Path, *, cc: str = "gcc", flags: tuple[str, ...] = (), estimator: str = "fused") -> Path:
+    """Build the portable core as a shared library."""
+    out.mkdir(parents=True, exist_ok=True)
+    library = out / "libavc.so"
+    made = out / "generated"
+    sources = generate(made, Config(BoardLimits(), RuntimeFigures(estimator=estimator)), bound=True)
+    sources.append(Path(__file__).parent / "host_board.c")
+    options = [*options_of(made, source_hash(estimator)), *flags, "-fPIC", "-shared"]
+    compile_with([compiler(cc, HOST_INSTALL), *options, *map(str, sources), "-o", str(library)])
+    return library
 
 
 class State(ctypes.Structure):
@@ -50,7 +64,7 @@ class HostCore:
         *,
         bound: bool = True,
     ) -> None:
-        """Load the library that `build.build_host` made; figures are at the limits' sample time and encoder."""
+        """Load the library that `build_host` made; figures are at the limits' sample time and encoder."""
         self._c = ctypes.CDLL(str(library))
         self._c.avc_host_new.restype = ctypes.c_void_p
         self._c.avc_host_read.restype = ctypes.c_size_t

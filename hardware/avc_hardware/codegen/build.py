@@ -35,7 +35,6 @@ if TYPE_CHECKING:
 WARNINGS = ("-Wall", "-Wextra", "-Werror", "-Wconversion", "-Wshadow", "-Wdouble-promotion", "-pedantic")
 # One rounding an operation: without it a fused multiply-add would make boards disagree with each other and the host.
 EXACT_FLOAT = ("-ffp-contract=off", "-fno-fast-math")
-HOST_INSTALL = "apt-get install -y --no-install-recommends gcc"
 # Any motion is plausible to an image that waits for the configuration of its device.
 _WAITING = Config(BoardLimits().unwatched, RuntimeFigures())
 # The divider of the packaged boards' ports has 16 bits at up to 84 MHz and takes 16 clocks a bit.
@@ -137,18 +136,6 @@ def build_image(
         ]
         compile_with(command)
     return image
-
-
-def build_host(out: Path, *, cc: str = "gcc", flags: tuple[str, ...] = (), estimator: str = "fused") -> Path:
-    """Build the portable core as a shared library (``libavc.so``) for tests."""
-    out.mkdir(parents=True, exist_ok=True)
-    library = out / "libavc.so"
-    made = out / "generated"
-    sources = generate(made, Config(BoardLimits(), RuntimeFigures(estimator=estimator)), bound=True)
-    sources.append(FIRMWARE / "boards" / "host" / "board.c")
-    options = [*options_of(made, source_hash(estimator)), *flags, "-fPIC", "-shared"]
-    compile_with([compiler(cc, HOST_INSTALL), *options, *map(str, sources), "-o", str(library)])
-    return library
 
 
 BOARDS = {name: target.title for name, target in TARGETS.items()}

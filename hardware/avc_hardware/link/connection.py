@@ -18,9 +18,9 @@ from avc_casadi import InputError, LinkError, PortError
 from avc_hardware.codegen.boards import ARM_INSTALL, image_sha256
 from avc_hardware.emulator.board import EmulatedBoard, emulated_board
 from avc_hardware.link.bytes import ByteLink, SerialLink
-from avc_hardware.link.device import Device
+from avc_hardware.link.device import MODES, Device
 from avc_hardware.link.frames import DELIMITER, Decoder
-from avc_hardware.link.messages import HeartbeatSeen, Kind, Log, Message, heartbeat, parse
+from avc_hardware.link.messages import Acknowledged, Kind, Log, Message, parse, words
 from avc_hardware.link.session import Answer, Exchange, NoAnswerError, Session
 from avc_hardware.link.table import TableImage
 from avc_hardware.link.telemetry import Telemetry
@@ -215,11 +215,11 @@ class Connection:
     def heartbeat(self, within_s: float) -> str:
         """Send a heartbeat with the time to the next one, without which the device fades its force."""
         ticks = math.ceil(within_s / self.device.sample_time_s)
-        return self.run(self.session.ask(Kind.HEARTBEAT, heartbeat(ticks), HeartbeatSeen)).mode
+        return MODES[self.run(self.session.ask(Kind.HEARTBEAT, words(ticks), Acknowledged)).value]
 
     def let_force_fall(self) -> None:
         """End the heartbeats: the force falls to 0 within 0.1 s; returns after that."""
-        self.run(self.session.ask(Kind.HEARTBEAT, heartbeat(1), HeartbeatSeen))
+        self.run(self.session.ask(Kind.HEARTBEAT, words(1), Acknowledged))
         end = self.link.now_s() + RAMP_S + 3 * self.device.sample_time_s
         while (left := end - self.link.now_s()) > 0:
             self._read(left)

@@ -159,12 +159,12 @@ def excite_over(
     records = _Records(plan, connection.link.name)
     try:
         ask = connection.session.ask
-        connection.run(ask(Kind.EXCITE, plan_bytes(plan, number), m.Excited))
+        connection.run(ask(Kind.EXCITE, plan_bytes(plan, number), m.Acknowledged))
         return _read(connection, records, number, progress)
     except BaseException as error:
         with HeldInterrupt():
             with suppress(LinkError):
-                connection.run(connection.session.ask(Kind.STOP, m.stop(number), m.Excited))
+                connection.run(connection.session.ask(Kind.STOP, m.words(number), m.Acknowledged))
             if cut is not None and isinstance(error, KeyboardInterrupt) and records.index:
                 cut(records.log("cut by Ctrl-C"))
         raise
@@ -229,7 +229,7 @@ def _read(connection: Connection, records: _Records, number: int, progress: Prog
     plan = records.plan
     while True:
         following = records.following
-        part = connection.run(connection.session.ask(Kind.RECORDS, m.records(number, following), m.Records))
+        part = connection.run(connection.session.ask(Kind.RECORDS, m.words(number, following), m.Records))
         records.take(part)
         progress.advance(min(records.following, plan.ticks), plan.ticks, "records")
         waiting = part.made - records.following
@@ -256,7 +256,7 @@ def _check_device(plan: Plan, device: Device, name: str) -> None:
     faults = []
     for what, wanted, found in (
         ("a sample time", plan.sample_time_s, device.sample_time_s),
-        ("encoder steps", plan.metres_per_count, device.metres_per_count),
+        ("encoder steps", plan.metres_per_count, device.limits.metres_per_count),
     ):
         if not np.isclose(wanted, found, rtol=1e-5):
             faults.append(f"the plan is for {what} of {wanted:g}, the device has {found:g}")

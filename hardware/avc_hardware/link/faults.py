@@ -59,7 +59,7 @@ _ADVICE = {
     DeviceFault.HEARTBEAT: "no heartbeat in time; send them again, and let go of the device",
 }
 
-INTERFACE_VERSION = 11  # of the messages' meaning
+INTERFACE_VERSION = 12  # of the messages' meaning
 _REFUSED = struct.Struct("<HHI")
 
 

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from enum import IntEnum
 
-from avc_hardware.link.device import MODES, Device, DeviceStatus
+from avc_hardware.link.device import Device, DeviceStatus
 from avc_hardware.link.faults import INTERFACE_VERSION, Reason, Refusal
 from avc_hardware.link.frames import PROTOCOL_VERSION, Frame
 from avc_hardware.link.telemetry import Telemetry
@@ -41,26 +41,19 @@ class Kind(IntEnum):
     REFUSED = 0xFF
 
 
-_GREETING = struct.Struct("<IHH")
 _BEGIN = struct.Struct("<IIIHHHH")
-_CHUNK = struct.Struct("<III")
-_COMMIT = struct.Struct("<III")
-_READBACK = struct.Struct("<II")
 _SET_GAINS = struct.Struct("<II3fI")
 _GAINS_TAKEN = struct.Struct("<II3f")
 _RECORDS = struct.Struct("<5Ii")
-_TWO = struct.Struct("<II")
-_THREE = struct.Struct("<III")
-_ONE = struct.Struct("<I")
-_LIMITS = struct.Struct("<3f")
+_WORDS = 8  # bytes of two
 
 
 @dataclass(frozen=True)
 class Acknowledged:
-    """BEGIN, CHUNK or ABORT accepted: bytes of the table received in order so far."""
+    """Accepted, with two numbers: of a transfer its table and the bytes received in order so far."""
 
-    table_id: int
-    received: int
+    number: int
+    value: int
 
 
 @dataclass(frozen=True)
@@ -80,28 +73,18 @@ class Readback:
     offset: int
     data: bytes
 
+    @classmethod
+    def read(cls, payload: bytes) -> Readback:
+        """Read the payload of the answer to READBACK."""
+        table_id, offset = struct.unpack_from("<II", payload)
+        return cls(table_id, offset, payload[_WORDS:])
+
 
 @dataclass(frozen=True)
 class ConfigRead:
     """The configuration in force, its checksum first."""
 
     data: bytes
-
-
-@dataclass(frozen=True)
-class HeartbeatSeen:
-    """The device saw the heartbeat at tick ``ticks``."""
-
-    ticks: int
-    mode: str
-
-
-@dataclass(frozen=True)
-class ClearAsked:
-    """CLEAR accepted, for the next tick: the faults before it, and the mode."""
-
-    faults: int
-    mode: str
 
 
 @dataclass(frozen=True)
@@ -116,14 +99,6 @@ class GainsTaken:
 
 
 @dataclass(frozen=True)
-class Excited:
-    """EXCITE or STOP accepted: number and state of the excitation."""
-
-    number: int
-    state: int
-
-
-@dataclass(frozen=True)
 class Records:
     """A part of the records of an excitation."""
 
@@ -135,22 +110,13 @@ class Records:
     counts: tuple[int, ...]
     units: tuple[int, ...]
 
-
-@dataclass(frozen=True)
-class LimitsTaken:
-    """LIMITS accepted: they hold from the next tick on, a higher force from the next one out of contact."""
-
-    force_n: float
-    speed_m_per_s: float
-    energy_j: float
-
-
-@dataclass(frozen=True)
-class Subscribed:
-    """SUBSCRIBE accepted at tick ``ticks``: a record every so many ticks (0: none)."""
-
-    every: int
-    ticks: int
+    @classmethod
+    def read(cls, payload: bytes) -> Records:
+        """Read the payload of the answer to RECORDS."""
+        number, state, start_tick, made, first, count = _RECORDS.unpack_from(payload)
+        pairs = list(struct.iter_unpack("<hh", payload[_RECORDS.size :]))
+        counts = tuple(itertools.accumulate((step for step, _ in pairs), initial=count))
+        return cls(number, state, start_tick, made, first, counts[1:], tuple(unit for _, unit in pairs))
 
 
 @dataclass(frozen=True)
@@ -168,26 +134,21 @@ Message = (
     | Committed
     | Readback
     | ConfigRead
-    | HeartbeatSeen
-    | ClearAsked
     | GainsTaken
-    | Excited
     | Records
-    | LimitsTaken
-    | Subscribed
     | Telemetry
     | Log
 )
 
 
+def words(*values: int) -> bytes:
+    """Return the payload of whole numbers, in 32 bits each."""
+    return struct.pack(f"<{len(values)}I", *values)
+
+
 def hello(session: int, interface_version: int = INTERFACE_VERSION) -> bytes:
     """Payload of HELLO."""
-    return _GREETING.pack(session, interface_version, 0)
-
-
-def abort(session: int) -> bytes:
-    """Payload of ABORT."""
-    return _ONE.pack(session)
+    return words(session, interface_version)
 
 
 def begin(session: int, table_id: int, crc32: int, rows: int, states: int = 0) -> bytes:
@@ -195,89 +156,13 @@ def begin(session: int, table_id: int, crc32: int, rows: int, states: int = 0) -
     return _BEGIN.pack(session, table_id, crc32, rows, UNITS_SI, states, 0)
 
 
-def chunk(session: int, table_id: int, offset: int, data: bytes) -> bytes:
-    """Payload of CHUNK."""
-    return _CHUNK.pack(session, table_id, offset) + data
-
-
-def config(session: int, table_id: int, data: bytes) -> bytes:
-    """Payload of CONFIG: the configuration that a table brings; an empty one asks for that in force."""
-    return _TWO.pack(session, table_id) + data
-
-
-def commit(session: int, table_id: int, crc32: int) -> bytes:
-    """Payload of COMMIT."""
-    return _COMMIT.pack(session, table_id, crc32)
-
-
-def readback(offset: int, count: int) -> bytes:
-    """Payload of READBACK."""
-    return _READBACK.pack(offset, count)
-
-
-def heartbeat(ticks: int) -> bytes:
-    """Payload of HEARTBEAT: the next one follows within ``ticks`` (0: no supervision)."""
-    return _ONE.pack(ticks)
-
-
-def clear(faults: int) -> bytes:
-    """Payload of CLEAR: codes of the faults to clear."""
-    return _ONE.pack(faults)
-
-
-def limits(force_n: float, speed_m_per_s: float, energy_j: float) -> bytes:
-    """Payload of LIMITS; 0 stands for the board's own."""
-    return _LIMITS.pack(force_n, speed_m_per_s, energy_j)
-
-
-def subscribe(every: int, ticks: int) -> bytes:
-    """Payload of SUBSCRIBE: a record every so many ticks (0: none), for so many ticks unless it is renewed."""
-    return _TWO.pack(every, ticks)
-
-
 def set_gains(coupling_id: int, number: int, ticks: int, b: float, k: float, b_p: float) -> bytes:
     """Payload of SET_GAINS: gains of a coupling whose table the device runs; they hold for ``ticks``."""
     return _SET_GAINS.pack(number, ticks, b, k, b_p, coupling_id)
 
 
-def records(number: int, first: int) -> bytes:
-    """Payload of RECORDS: those of an excitation from an index on."""
-    return _TWO.pack(number, first)
-
-
-def stop(number: int) -> bytes:
-    """Payload of STOP."""
-    return _ONE.pack(number)
-
-
-def _records(payload: bytes) -> Records:
-    number, state, start_tick, made, first, count = _RECORDS.unpack_from(payload)
-    pairs = list(struct.iter_unpack("<hh", payload[_RECORDS.size :]))
-    counts = itertools.accumulate((step for step, _ in pairs), initial=count)
-    return Records(number, state, start_tick, made, first, tuple(counts)[1:], tuple(unit for _, unit in pairs))
-
-
-def _readback(payload: bytes) -> Readback:
-    table_id, offset = _TWO.unpack_from(payload)
-    return Readback(table_id, offset, payload[_TWO.size :])
-
-
-def _heartbeat(payload: bytes) -> HeartbeatSeen:
-    ticks, mode = _TWO.unpack(payload)
-    return HeartbeatSeen(ticks, MODES[mode])
-
-
-def _clear(payload: bytes) -> ClearAsked:
-    faults, mode = _TWO.unpack(payload)
-    return ClearAsked(faults, MODES[mode])
-
-
-def _config(payload: bytes) -> ConfigRead | Acknowledged:
-    return _acknowledged(payload) if len(payload) == _TWO.size else ConfigRead(payload)
-
-
 def _acknowledged(payload: bytes) -> Acknowledged:
-    return Acknowledged(*_TWO.unpack(payload))
+    return Acknowledged(*struct.unpack("<II", payload))
 
 
 _PARSERS: dict[int, Callable[[bytes], Message]] = {
@@ -285,18 +170,18 @@ _PARSERS: dict[int, Callable[[bytes], Message]] = {
     Kind.BEGIN | REPLY: _acknowledged,
     Kind.CHUNK | REPLY: _acknowledged,
     Kind.ABORT | REPLY: _acknowledged,
-    Kind.COMMIT | REPLY: lambda payload: Committed(*_THREE.unpack(payload)),
-    Kind.READBACK | REPLY: _readback,
-    Kind.CONFIG | REPLY: _config,
+    Kind.COMMIT | REPLY: lambda payload: Committed(*struct.unpack("<III", payload)),
+    Kind.READBACK | REPLY: Readback.read,
+    Kind.CONFIG | REPLY: lambda payload: _acknowledged(payload) if len(payload) == _WORDS else ConfigRead(payload),
     Kind.STATUS | REPLY: DeviceStatus.read,
-    Kind.HEARTBEAT | REPLY: _heartbeat,
-    Kind.CLEAR | REPLY: _clear,
+    Kind.HEARTBEAT | REPLY: _acknowledged,
+    Kind.CLEAR | REPLY: _acknowledged,
     Kind.SET_GAINS | REPLY: lambda payload: GainsTaken(*_GAINS_TAKEN.unpack(payload)),
-    Kind.EXCITE | REPLY: lambda payload: Excited(*_TWO.unpack(payload)),
-    Kind.STOP | REPLY: lambda payload: Excited(*_TWO.unpack(payload)),
-    Kind.RECORDS | REPLY: _records,
-    Kind.LIMITS | REPLY: lambda payload: LimitsTaken(*_LIMITS.unpack(payload)),
-    Kind.SUBSCRIBE | REPLY: lambda payload: Subscribed(*_TWO.unpack(payload)),
+    Kind.EXCITE | REPLY: _acknowledged,
+    Kind.STOP | REPLY: _acknowledged,
+    Kind.RECORDS | REPLY: Records.read,
+    Kind.LIMITS | REPLY: _acknowledged,
+    Kind.SUBSCRIBE | REPLY: _acknowledged,
     Kind.TELEMETRY: Telemetry.read,
     Kind.LOG: lambda payload: Log(payload.decode("utf-8", "replace")),
     Kind.REFUSED: Refusal.read,

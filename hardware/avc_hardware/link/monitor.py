@@ -91,8 +91,8 @@ def watch(
     """Maintain subscription and heartbeat over an open connection; yield for ever."""
     link, device = connection.link, connection.device
     every = _every(device, rate_hz)
-    subscribe = m.subscribe(every, math.ceil(_HOLDS_S / device.sample_time_s))
-    samples = Samples(device.sample_time_s, device.metres_per_count)
+    subscribe = m.words(every, math.ceil(_HOLDS_S / device.sample_time_s))
+    samples = Samples(device.sample_time_s, device.limits.metres_per_count)
     beat_at = math.inf if heartbeat_s is None else -math.inf
     renew_at = -math.inf
     start = time.monotonic() - link.now_s()
@@ -102,7 +102,7 @@ def watch(
             connection.heartbeat(heartbeat_s)
         if link.now_s() >= renew_at:
             renew_at = link.now_s() + _RENEW_S
-            connection.run(connection.session.ask(Kind.SUBSCRIBE, subscribe, m.Subscribed))
+            connection.run(connection.session.ask(Kind.SUBSCRIBE, subscribe, m.Acknowledged))
         message = connection.telemetry(min(beat_at, renew_at) - link.now_s())
         if message is None:
             continue
@@ -135,7 +135,7 @@ def _every(device: Device, rate_hz: float) -> int:
 def _end(connection: Connection, heartbeat_s: float | None, on_end: Callable[[DeviceStatus], None] | None) -> None:
     """End subscription and heartbeat; a lost device needs neither."""
     with suppress(LinkError):
-        connection.run(connection.session.ask(Kind.SUBSCRIBE, m.subscribe(0, 0), m.Subscribed))
+        connection.run(connection.session.ask(Kind.SUBSCRIBE, m.words(0, 0), m.Acknowledged))
         if heartbeat_s is not None:
             connection.let_force_fall()
         if on_end is not None:

@@ -187,10 +187,11 @@ def _notes(coupling: Coupling, device: Device) -> tuple[str, ...]:
             f"the device's force is limited to {device.lowered_force_n:g} at run time; raise it when the first touch "
             "was good: avc device --force-n F"
         )
-    if step and step < device.metres_per_count * (1 - 1e-6):
+    coarse = device.limits.metres_per_count
+    if step and step < coarse * (1 - 1e-6):
         notes.append(
-            f"the device's encoder has steps of {device.metres_per_count:g}, the coupling was made for {step:g}; its "
-            "trial does not know the coarser steps"
+            f"the device's encoder has steps of {coarse:g}, the coupling was made for {step:g}; its trial does not know "
+            "the coarser steps"
         )
     return tuple(notes)
 

@@ -133,7 +133,7 @@ class Session:
         table_id = 0
         while len(image) < size:
             count = min(part, size - len(image))
-            answer = yield from self.ask(Kind.READBACK, m.readback(len(image), count), m.Readback)
+            answer = yield from self.ask(Kind.READBACK, m.words(len(image), count), m.Readback)
             if image and answer.table_id != table_id:
                 raise LinkError("the table changed while it was read back; another host has pushed")
             if answer.offset != len(image) or len(answer.data) != count:
@@ -174,13 +174,13 @@ class Session:
         begin = m.begin(self.number, table_id, crc32, len(table.rows), table.states)
         begun = yield from self.ask(Kind.BEGIN, begin, m.Acknowledged)
         if table.config and table.config[:4] != device.config_crc32.to_bytes(4, "little"):
-            yield from self.ask(Kind.CONFIG, m.config(self.number, table_id, table.config), m.Acknowledged)
-        yield from self._chunks(image, table_id, begun.received, device)
+            yield from self.ask(Kind.CONFIG, m.words(self.number, table_id) + table.config, m.Acknowledged)
+        yield from self._chunks(image, table_id, begun.value, device)
         return (yield from self._commit(table))
 
     def _commit(self, table: TableImage) -> Generator[Exchange, Answer, m.Committed]:
         """Have the table swapped in; wait while the device is in contact, and finally withdraw it."""
-        payload = m.commit(self.number, table.table_id, table.crc32)
+        payload = m.words(self.number, table.table_id, table.crc32)
         for trial in range(CONTACT_TRIALS):
             try:
                 return (yield from self.ask(Kind.COMMIT, payload, m.Committed))
@@ -190,7 +190,7 @@ class Session:
             if trial == 0 and self.on_wait is not None:
                 self.on_wait()
             yield from _wait(CONTACT_WAIT_S)
-        yield from self.ask(Kind.ABORT, m.abort(self.number), m.Acknowledged)
+        yield from self.ask(Kind.ABORT, m.words(self.number), m.Acknowledged)
         device = yield from self.hello()  # it may have been released at the last moment
         if (device.table_id, device.table_crc32) == (table.table_id, table.crc32):
             return (yield from self.ask(Kind.COMMIT, payload, m.Committed))
@@ -220,7 +220,7 @@ class Session:
             credit = device.window_bytes - sum(size for _, size in on_the_way.values())
             while sent < len(image):
                 part = image[sent : sent + device.chunk_bytes]
-                sequence, frame = self.message(Kind.CHUNK, m.chunk(self.number, table_id, sent, part))
+                sequence, frame = self.message(Kind.CHUNK, m.words(self.number, table_id, sent) + part)
                 if len(frame) > credit:
                     self._sequence = (self._sequence - 1) & 0xFFFF
                     break
@@ -244,7 +244,7 @@ class Session:
                     raise RefusedError(message)
                 sent, on_the_way = received, {}
             elif isinstance(message, m.Acknowledged):
-                received = max(received, message.received)
+                received = max(received, message.value)
                 on_the_way = {key: value for key, value in on_the_way.items() if value[0] > received}
 
 

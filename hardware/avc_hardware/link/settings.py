@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import struct
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -39,7 +40,7 @@ def clear_faults(
     with Connection(link, baud=baud, on_silence=on_silence) as connection:
         ask = connection.session.ask
         before = connection.run(ask(Kind.STATUS, b"", DeviceStatus))
-        connection.run(ask(Kind.CLEAR, m.clear(before.faults), m.ClearAsked))
+        connection.run(ask(Kind.CLEAR, m.words(before.faults), m.Acknowledged))
         connection.run(pause(_TICKS_UNTIL_LATCHED * connection.device.sample_time_s))
         after = connection.run(ask(Kind.STATUS, b"", DeviceStatus))
     were, left, first = (DeviceFault(codes) for codes in (before.faults, after.faults, before.first_faults))
@@ -95,13 +96,14 @@ def set_limits(
 
 def limit_over(connection: Connection, limits: Limits) -> None:
     """Set limits over an open connection, and wait until the immediate ones hold."""
-    payload = m.limits(limits.force_n, limits.speed_m_per_s, limits.energy_j)
-    connection.run(connection.session.ask(Kind.LIMITS, payload, m.LimitsTaken))
+    payload = struct.pack("<3f", limits.force_n, limits.speed_m_per_s, limits.energy_j)
+    connection.run(connection.session.ask(Kind.LIMITS, payload, m.Acknowledged))
     connection.run(pause(_TICKS * connection.device.sample_time_s))
 
 
 def _boards(device: Device) -> Limits:
-    return Limits(device.max_force_n, device.max_speed_m_per_s, device.max_energy_j)
+    limits = device.limits
+    return Limits(limits.max_force_n, limits.max_speed_m_per_s, limits.max_energy_j)
 
 
 def _wanted(device: Device, wanted: tuple[float | None, ...], *, built_in: bool) -> Limits:

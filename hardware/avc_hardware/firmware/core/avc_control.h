@@ -13,10 +13,8 @@
 #include "avc_estimate.h"
 #include "avc_excite.h"
 #include "avc_fault.h"
-#include "avc_feedback.h"
 #include "avc_guard.h"
 #include "avc_table.h"
-#include "avc_telemetry.h"
 
 typedef enum { AVC_MODE_TABLE = 0, AVC_MODE_RAMP = 1, AVC_MODE_SAFE = 2, AVC_MODE_FAULT = 3 } avc_mode_t;
 
@@ -55,6 +53,45 @@ typedef struct {
     float speed_m_per_s;
     float energy_j;
 } avc_lowered_t;
+
+/* What an observer believes. */
+typedef struct {
+    bool started;
+    float s_m[AVC_STATES_MAX];
+} avc_feedback_state_t;
+
+/* Telemetry: records made at the device's own tick, every so many ticks, and pushed to the host that asked for them.
+ * A subscription holds for a time and is renewed by the host. What the line is too slow for is dropped and counted. */
+enum { AVC_SAMPLES_KEPT = 8 }; /* a power of two */
+
+/* As it travels: little-endian, no padding. */
+typedef struct {
+    uint32_t ticks;
+    int32_t encoder_count;
+    float velocity_m_per_s;
+    float force_n;
+    float frequency_hz;
+    float damping_ns_per_m;
+    float stiffness_n_per_m;
+    float contact_damping_ns_per_m;
+    float energy_j;
+    uint32_t faults;
+    uint8_t mode;
+    uint8_t streaming;
+    uint8_t contact;
+    uint8_t has_table;
+} avc_sample_t;
+
+typedef struct {
+    volatile uint32_t left;  /* ticks that the subscription holds; set by the link, counted down by the tick */
+    volatile uint32_t every; /* ticks; 0 before the first subscription */
+    volatile uint32_t wait;  /* ticks until the next record */
+    volatile uint32_t made;  /* records put into the ring */
+    volatile uint32_t sent;  /* of these, taken out again */
+    volatile uint32_t dropped;
+    uint32_t number; /* of the next message */
+    avc_sample_t kept[AVC_SAMPLES_KEPT];
+} avc_telemetry_t;
 
 /* What the tick reads every time comes first: near the start a load takes one instruction. */
 typedef struct {

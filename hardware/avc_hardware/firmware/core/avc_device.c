@@ -1,7 +1,6 @@
 #include "avc_device.h"
 
 #include <stdatomic.h>
-#include <string.h>
 
 #include "avc_link.h"
 
@@ -9,7 +8,54 @@
 #define AVC_BUILD "unnamed"
 #endif
 
-const char avc_build[8] = AVC_BUILD;
+/* Identity of this build. */
+static const char avc_build[8] = AVC_BUILD;
+
+/* As they travel: little-endian, no padding. */
+typedef struct {
+    uint32_t interface_version;
+    uint32_t boot_id;
+    uint32_t rows; /* capacities */
+    uint32_t states;
+    uint32_t tones;
+    uint32_t records;
+    uint32_t window;
+    uint32_t chunk;
+    uint32_t bound;
+    char build[8];
+    uint8_t unique[AVC_UNIQUE_SIZE];
+    uint32_t table_id; /* of the running table; 0: none */
+    uint32_t table_crc32;
+    uint32_t coupling_id;
+    uint32_t faults;
+    avc_lowered_t lowered;
+    uint32_t config_crc32;
+    avc_limits_t limits;
+    avc_figures_t figures;
+} avc_hello_t;
+
+typedef struct {
+    avc_state_t state;
+    uint32_t table_id;
+    uint32_t table_crc32;
+    uint32_t coupling_id;
+    uint32_t frames_good;
+    uint32_t frames_bad;
+    uint32_t rx_overruns;
+    uint32_t stream_number;
+    uint32_t stream_stale;
+    uint32_t stream_missing;
+    uint32_t boot_id;
+    uint32_t faults;
+    uint32_t first_faults;
+    uint32_t first_tick;
+    avc_lowered_t lowered;
+    uint32_t table_waits;
+    uint32_t limits_wait;
+} avc_status_t;
+
+_Static_assert(sizeof(avc_hello_t) == 152, "HELLO travels as 152 bytes");
+_Static_assert(sizeof(avc_status_t) == 144, "STATUS travels as 144 bytes");
 
 void avc_device_receive(avc_device_t *device, uint8_t byte)
 {
@@ -28,60 +74,73 @@ float avc_device_tick(avc_device_t *device, int32_t encoder_count)
     return avc_control_tick(&device->control, encoder_count);
 }
 
-static void on_hello(avc_device_t *device, const avc_request_t *request)
+avc_answer_t avc_answer(avc_device_t *device, uint8_t type, uint16_t sequence)
 {
-    if (avc_get16(&request->payload[4]) != AVC_INTERFACE_VERSION) {
-        avc_refuse(device, request->sequence, AVC_REFUSED_INTERFACE, AVC_INTERFACE_VERSION);
-        return;
+    device->content[0] = AVC_PROTOCOL_VERSION;
+    device->content[1] = type;
+    memcpy(&device->content[2], &sequence, sizeof sequence);
+    return (avc_answer_t){device, AVC_HEADER_SIZE};
+}
+
+void avc_put(avc_answer_t *a, const void *data, size_t size)
+{
+    memcpy(&a->device->content[a->size], data, size);
+    a->size += size;
+}
+
+void avc_send(avc_answer_t *a)
+{
+    avc_device_t *device = a->device;
+    const size_t size = avc_frame_encode(device->content, a->size, device->encoded);
+    for (size_t i = 0; i < size; i++) {
+        (void)avc_ring_put(&device->tx, device->encoded[i]); /* poll made sure of the room */
     }
-    const avc_limits_t *limits = &device->control.config.limits;
-    const avc_figures_t *figures = &device->control.config.figures;
-    const avc_table_t *table = avc_running(device);
-    const avc_table_header_t *header = &table->image.header;
-    const bool has_table = device->control.state.has_table != 0u;
-    avc_answer_t a = avc_answer(device, AVC_MESSAGE_HELLO | AVC_MESSAGE_REPLY, request->sequence);
-    avc_put16(&a, AVC_INTERFACE_VERSION);
-    avc_put16(&a, AVC_ROWS_MAX);
-    avc_put16(&a, AVC_WINDOW);
-    avc_put16(&a, AVC_CHUNK_MAX);
-    avc_put(&a, avc_build, sizeof avc_build);
-    avc_put32(&a, device->boot_id);
-    avc_put_float(&a, limits->sample_time_s);
-    avc_put_float(&a, limits->metres_per_count);
-    avc_put_float(&a, limits->max_force_n);
-    avc_put_float(&a, limits->max_damping_ns_per_m);
-    avc_put_float(&a, limits->max_stiffness_n_per_m);
-    avc_put_float(&a, limits->max_contact_damping_ns_per_m);
-    avc_put32(&a, has_table ? table->id : 0u);
-    avc_put32(&a, has_table ? table->crc32 : 0u);
-    avc_put16(&a, has_table ? header->rows : 0u);
-    avc_put16(&a, device->transfer.open ? 1u : 0u);
-    avc_put_float(&a, figures->hold_s);
-    avc_put_float(&a, figures->slew_per_s);
-    avc_put_float(&a, figures->guard_damping_ns_per_m);
-    avc_put_float(&a, figures->hand_m_per_unit);
-    avc_put16(&a, figures->estimator);
-    avc_put16(&a, figures->passive);
-    avc_put16(&a, AVC_STATES_MAX);
-    avc_put16(&a, has_table ? avc_states(header) : 0u);
-    avc_put16(&a, AVC_TONES_MAX);
-    avc_put16(&a, AVC_RECORDS_KEPT);
-    avc_put32(&a, has_table ? header->coupling_id : 0u);
-    avc_put_float(&a, has_table ? header->wall_damping_ns_per_m : 0.0f);
-    avc_put_float(&a, has_table ? header->wall_stiffness_n_per_m : 0.0f);
-    avc_put_float(&a, has_table ? avc_force_limit(header, limits) : 0.0f);
-    avc_put_float(&a, limits->max_speed_m_per_s);
-    avc_put_float(&a, limits->max_acceleration_m_per_s2);
-    avc_put_float(&a, limits->max_energy_j);
-    avc_put_float(&a, limits->stuck_swing_n);
-    avc_put_float(&a, limits->max_overruns);
-    avc_put32(&a, avc_faults(&device->control));
-    avc_put_lowered(&a, &device->control.lowered);
-    avc_put(&a, device->unique, sizeof device->unique);
-    avc_put32(&a, device->control.config.crc32);
-    avc_put16(&a, device->control.bound ? 1u : 0u);
-    avc_put16(&a, 0u);
+}
+
+avc_verdict_t avc_reply(avc_device_t *device, const avc_request_t *request, const void *data, size_t size)
+{
+    avc_answer_t a = avc_answer(device, (uint8_t)(request->type | AVC_MESSAGE_REPLY), request->sequence);
+    avc_put(&a, data, size);
     avc_send(&a);
+    return avc_no(AVC_OK, 0u);
+}
+
+avc_verdict_t avc_acknowledge(avc_device_t *device, const avc_request_t *request, uint32_t first, uint32_t second)
+{
+    const uint32_t words[2] = {first, second};
+    return avc_reply(device, request, words, sizeof words);
+}
+
+static avc_verdict_t on_hello(avc_device_t *device, const avc_request_t *request)
+{
+    if ((request->word[1] & 0xFFFFu) != AVC_INTERFACE_VERSION) {
+        return avc_no(AVC_REFUSED_INTERFACE, AVC_INTERFACE_VERSION);
+    }
+    const avc_control_t *control = &device->control;
+    avc_hello_t hello = {
+        .interface_version = AVC_INTERFACE_VERSION,
+        .boot_id = device->boot_id,
+        .rows = AVC_ROWS_MAX,
+        .states = AVC_STATES_MAX,
+        .tones = AVC_TONES_MAX,
+        .records = AVC_RECORDS_KEPT,
+        .window = AVC_WINDOW,
+        .chunk = AVC_CHUNK_MAX,
+        .bound = control->bound ? 1u : 0u,
+        .faults = avc_faults(control),
+        .lowered = control->lowered,
+        .config_crc32 = control->config.crc32,
+        .limits = control->config.limits,
+        .figures = control->config.figures,
+    };
+    memcpy(hello.build, avc_build, sizeof hello.build);
+    memcpy(hello.unique, device->unique, sizeof hello.unique);
+    if (control->state.has_table != 0u) {
+        hello.table_id = avc_running(device)->id;
+        hello.table_crc32 = avc_running(device)->crc32;
+        hello.coupling_id = avc_running(device)->image.header.coupling_id;
+    }
+    return avc_reply(device, request, &hello, sizeof hello);
 }
 
 /* A copy that no tick has torn. */
@@ -99,152 +158,118 @@ static avc_state_t snapshot(const avc_device_t *device)
     return state;
 }
 
-static void on_status(avc_device_t *device, const avc_request_t *request)
+static avc_verdict_t on_status(avc_device_t *device, const avc_request_t *request)
 {
-    const avc_state_t s = snapshot(device);
-    const bool has_table = s.has_table != 0u;
-    avc_answer_t a = avc_answer(device, AVC_MESSAGE_STATUS | AVC_MESSAGE_REPLY, request->sequence);
-    avc_put32(&a, s.ticks);
-    avc_put32(&a, s.overruns);
-    avc_put_float(&a, s.frequency_hz);
-    avc_put_float(&a, s.lookup_hz);
-    avc_put_gains(&a, &s.gains);
-    avc_put_float(&a, s.force_n);
-    avc_put_float(&a, s.position_m);
-    avc_put_float(&a, s.velocity_m_per_s);
-    avc_put_float(&a, s.energy_j);
-    avc_put32(&a, (uint32_t)s.encoder_count);
-    avc_put32(&a, has_table ? avc_running(device)->id : 0u);
-    avc_put32(&a, has_table ? avc_running(device)->crc32 : 0u);
-    avc_put32(&a, has_table ? avc_running(device)->image.header.coupling_id : 0u);
-    avc_put32(&a, device->frames_good);
-    avc_put32(&a, device->frames_bad);
-    avc_put32(&a, device->rx_overruns);
-    avc_put32(&a, s.saturated);
-    avc_put32(&a, s.not_finite);
-    avc_put32(&a, s.heartbeats_missed);
-    avc_put32(&a, s.swaps);
-    avc_put32(&a, device->stream_number);
-    avc_put32(&a, device->stream_stale);
-    avc_put32(&a, device->stream_missing);
-    avc_put32(&a, s.stream_expired);
-    avc_put32(&a, device->boot_id);
-    avc_put32(&a, avc_faults(&device->control));
-    avc_put32(&a, device->control.fault.first);
-    avc_put32(&a, device->control.fault.first_tick);
-    const uint8_t waits = device->control.swap_wanted != 0u ? 1u : 0u;
-    const uint8_t flags[8] = {s.mode, s.streaming, s.contact, s.has_table, waits,
-                              (uint8_t)device->control.limits_wanted, 0u, 0u};
-    avc_put(&a, flags, sizeof flags);
-    avc_put_lowered(&a, &device->control.lowered);
-    avc_send(&a);
+    const avc_control_t *control = &device->control;
+    avc_status_t status = {
+        .state = snapshot(device),
+        .frames_good = device->frames_good,
+        .frames_bad = device->frames_bad,
+        .rx_overruns = device->rx_overruns,
+        .stream_number = device->stream_number,
+        .stream_stale = device->stream_stale,
+        .stream_missing = device->stream_missing,
+        .boot_id = device->boot_id,
+        .faults = avc_faults(control),
+        .first_faults = control->fault.first,
+        .first_tick = control->fault.first_tick,
+        .lowered = control->lowered,
+        .table_waits = control->swap_wanted,
+        .limits_wait = control->limits_wanted,
+    };
+    if (status.state.has_table != 0u) {
+        status.table_id = avc_running(device)->id;
+        status.table_crc32 = avc_running(device)->crc32;
+        status.coupling_id = avc_running(device)->image.header.coupling_id;
+    }
+    return avc_reply(device, request, &status, sizeof status);
 }
 
-static void on_heartbeat(avc_device_t *device, const avc_request_t *request)
+static avc_verdict_t on_heartbeat(avc_device_t *device, const avc_request_t *request)
 {
-    const uint32_t ticks = avc_get32(&request->payload[0]);
-    const uint32_t most = avc_longest_hold(&device->control);
-    if (ticks > most) {
-        avc_refuse(device, request->sequence, AVC_REFUSED_HOLD, most);
-        return;
+    avc_control_t *control = &device->control;
+    const uint32_t most = avc_longest_hold(control);
+    if (request->word[0] > most) {
+        return avc_no(AVC_REFUSED_HOLD, most);
     }
-    device->control.heartbeat_wanted = ticks;
+    control->heartbeat_wanted = request->word[0];
     atomic_signal_fence(memory_order_release);
-    device->control.heartbeat_seen = 1u;
-    avc_answer_t a = avc_answer(device, AVC_MESSAGE_HEARTBEAT | AVC_MESSAGE_REPLY, request->sequence);
-    avc_put32(&a, device->control.state.ticks);
-    avc_put32(&a, device->control.state.mode);
-    avc_send(&a);
+    control->heartbeat_seen = 1u;
+    return avc_acknowledge(device, request, control->state.ticks, control->state.mode);
 }
 
 /* Takes effect with the next tick; what is still wrong then stays. */
-static void on_clear(avc_device_t *device, const avc_request_t *request)
+static avc_verdict_t on_clear(avc_device_t *device, const avc_request_t *request)
 {
     avc_control_t *control = &device->control;
-    control->fault.clear_wanted = avc_get32(&request->payload[0]) & control->fault.codes; /* none that comes later */
-    avc_answer_t a = avc_answer(device, AVC_MESSAGE_CLEAR | AVC_MESSAGE_REPLY, request->sequence);
-    avc_put32(&a, avc_faults(&device->control));
-    avc_put32(&a, device->control.state.mode);
-    avc_send(&a);
+    control->fault.clear_wanted = request->word[0] & control->fault.codes; /* none that comes later */
+    return avc_acknowledge(device, request, avc_faults(control), control->state.mode);
 }
 
 /* Takes effect with the next tick, a higher force out of contact. */
-static void on_limits(avc_device_t *device, const avc_request_t *request)
+static avc_verdict_t on_limits(avc_device_t *device, const avc_request_t *request)
 {
     avc_control_t *control = &device->control;
-    avc_lowered_t wanted = {avc_get_float(&request->payload[0]), avc_get_float(&request->payload[4]),
-                            avc_get_float(&request->payload[8])};
+    avc_lowered_t wanted;
+    memcpy(&wanted, request->payload, sizeof wanted);
     if (!avc_lowered_check(&wanted, &control->config.limits)) {
-        avc_refuse(device, request->sequence, AVC_REFUSED_LIMIT, AVC_AT_LIMITS);
-        return;
+        return avc_no(AVC_REFUSED_LIMIT, AVC_AT_LIMITS);
     }
     if (avc_excite_runs(&control->excite)) { /* it keeps the limit that its plan was taken for */
-        avc_refuse(device, request->sequence, AVC_REFUSED_EXCITED, control->excite.plan.number);
-        return;
+        return avc_no(AVC_REFUSED_EXCITED, control->excite.plan.number);
     }
     control->limits_wanted = 0u; /* the tick leaves them alone from here on */
     atomic_signal_fence(memory_order_release);
     control->wanted = wanted;
     atomic_signal_fence(memory_order_release);
     control->limits_wanted = 1u;
-    avc_answer_t a = avc_answer(device, AVC_MESSAGE_LIMITS | AVC_MESSAGE_REPLY, request->sequence);
-    avc_put_lowered(&a, &wanted);
-    avc_send(&a);
+    return avc_acknowledge(device, request, control->state.ticks, 0u);
 }
 
-static void on_set_gains(avc_device_t *device, const avc_request_t *request)
+static avc_verdict_t on_set_gains(avc_device_t *device, const avc_request_t *request)
 {
-    const uint32_t number = avc_get32(&request->payload[0]);
-    const uint32_t ticks = avc_get32(&request->payload[4]);
-    const avc_gains_t gains = {avc_get_float(&request->payload[8]), avc_get_float(&request->payload[12]),
-                               avc_get_float(&request->payload[16])};
-    const avc_reason_t reason = avc_gains_check(&gains, &device->control.config.limits);
+    avc_control_t *control = &device->control;
+    const uint32_t number = request->word[0];
+    avc_stream_t sent = {number, request->word[1], {0.0f, 0.0f, 0.0f}};
+    memcpy(&sent.gains, &request->word[2], sizeof sent.gains);
+    const avc_reason_t reason = avc_gains_check(&sent.gains, &control->config.limits);
     if (reason != AVC_OK) {
-        avc_refuse(device, request->sequence, reason, number);
-        return;
+        return avc_no(reason, number);
     }
-    if (ticks > avc_longest_hold(&device->control)) {
-        avc_refuse(device, request->sequence, AVC_REFUSED_HOLD, avc_longest_hold(&device->control));
-        return;
+    if (sent.ticks > avc_longest_hold(control)) {
+        return avc_no(AVC_REFUSED_HOLD, avc_longest_hold(control));
     }
-    if (device->control.state.has_table == 0u) { /* nothing to fall back to */
-        avc_refuse(device, request->sequence, AVC_REFUSED_NO_TABLE, number);
-        return;
+    if (control->state.has_table == 0u) { /* nothing to fall back to */
+        return avc_no(AVC_REFUSED_NO_TABLE, number);
     }
     const uint32_t running = avc_running(device)->image.header.coupling_id;
-    if (avc_get32(&request->payload[20]) != running) { /* judged with another wall */
-        avc_refuse(device, request->sequence, AVC_REFUSED_OTHER_COUPLING, running);
-        return;
+    if (request->word[5] != running) { /* judged with another wall */
+        return avc_no(AVC_REFUSED_OTHER_COUPLING, running);
     }
-    if (device->control.state.mode != AVC_MODE_TABLE) {
-        avc_refuse(device, request->sequence, AVC_REFUSED_MODE, device->control.state.mode);
-        return;
+    if (control->state.mode != AVC_MODE_TABLE) {
+        return avc_no(AVC_REFUSED_MODE, control->state.mode);
     }
     const uint32_t ahead = number - device->stream_number;
-    if (device->stream_seen && number != 0u && (ahead == 0u || ahead > 0x7FFFFFFFu)) { /* late or twice */
-        device->stream_stale++;
-        avc_refuse(device, request->sequence, AVC_REFUSED_STALE, device->stream_number);
-        return;
-    }
-    if (device->stream_seen && number != 0u) {
+    if (device->stream_seen && number != 0u) { /* number 0 begins a stream */
+        if (ahead == 0u || ahead > 0x7FFFFFFFu) { /* late or twice */
+            device->stream_stale++;
+            return avc_no(AVC_REFUSED_STALE, device->stream_number);
+        }
         device->stream_missing += ahead - 1u;
     }
     device->stream_seen = true;
-    device->stream_number = number; /* number 0 begins a stream */
-    avc_control_t *control = &device->control;
+    device->stream_number = number;
     const uint32_t slot = 1u - control->stream_slot;
-    control->stream[slot] = (avc_stream_t){number, ticks, gains};
+    control->stream[slot] = sent;
     atomic_signal_fence(memory_order_release);
     control->stream_slot = slot;
     control->stream_fresh = 1u;
     const avc_state_t s = snapshot(device);
-    avc_answer_t a = avc_answer(device, AVC_MESSAGE_SET_GAINS | AVC_MESSAGE_REPLY, request->sequence);
-    avc_put32(&a, number);
-    avc_put32(&a, s.ticks);
-    avc_put_float(&a, s.frequency_hz);
-    avc_put_float(&a, s.lookup_hz);
-    avc_put_float(&a, s.force_n);
-    avc_send(&a);
+    const struct {
+        uint32_t number, ticks;
+        float frequency_hz, lookup_hz, force_n;
+    } taken = {number, s.ticks, s.frequency_hz, s.lookup_hz, s.force_n};
+    return avc_reply(device, request, &taken, sizeof taken);
 }
 
 /* Payload of each message, smallest and largest. */
@@ -252,7 +277,7 @@ typedef struct {
     uint8_t type;
     uint16_t least;
     uint16_t most;
-    void (*handle)(avc_device_t *, const avc_request_t *);
+    avc_verdict_t (*handle)(avc_device_t *, const avc_request_t *);
 } avc_handler_t;
 
 static const avc_handler_t handlers[] = {
@@ -274,29 +299,38 @@ static const avc_handler_t handlers[] = {
     {AVC_MESSAGE_CONFIG, 0, 8 + sizeof(avc_config_t), avc_on_config},
 };
 
+static avc_verdict_t handle(avc_device_t *device, const avc_request_t *request)
+{
+    if (device->decoder.content[0] != AVC_PROTOCOL_VERSION) {
+        return avc_no(AVC_REFUSED_VERSION, AVC_PROTOCOL_VERSION);
+    }
+    for (size_t i = 0; i < sizeof handlers / sizeof handlers[0]; i++) {
+        if (handlers[i].type == request->type) {
+            const bool fits = request->size >= handlers[i].least && request->size <= handlers[i].most;
+            return fits ? handlers[i].handle(device, request) : avc_no(AVC_REFUSED_SIZE, handlers[i].most);
+        }
+    }
+    return avc_no(AVC_REFUSED_MESSAGE, request->type);
+}
+
 static void on_frame(avc_device_t *device)
 {
     const uint8_t *content = device->decoder.content;
-    const avc_request_t request = {avc_get16(&content[2]), &content[AVC_HEADER_SIZE],
-                                   (size_t)device->decoder.size - AVC_HEADER_SIZE - AVC_CRC_SIZE};
-    if ((content[1] & AVC_MESSAGE_REPLY) != 0u) {
+    avc_request_t request = {.type = content[1],
+                             .payload = &content[AVC_HEADER_SIZE],
+                             .size = (size_t)device->decoder.size - AVC_HEADER_SIZE - AVC_CRC_SIZE};
+    if ((request.type & AVC_MESSAGE_REPLY) != 0u) {
         return; /* an answer, sent back by a line that echoes: it is never answered */
     }
-    if (content[0] != AVC_PROTOCOL_VERSION) {
-        avc_refuse(device, request.sequence, AVC_REFUSED_VERSION, AVC_PROTOCOL_VERSION);
-        return;
+    memcpy(&request.sequence, &content[2], sizeof request.sequence);
+    memcpy(request.word, request.payload, request.size < sizeof request.word ? request.size : sizeof request.word);
+    const avc_verdict_t verdict = handle(device, &request);
+    if (verdict.reason != AVC_OK) {
+        const uint32_t words[2] = {(uint32_t)verdict.reason, verdict.detail};
+        avc_answer_t a = avc_answer(device, AVC_MESSAGE_REFUSED, request.sequence);
+        avc_put(&a, words, sizeof words);
+        avc_send(&a);
     }
-    for (size_t i = 0; i < sizeof handlers / sizeof handlers[0]; i++) {
-        if (handlers[i].type == content[1]) {
-            if (request.size < handlers[i].least || request.size > handlers[i].most) {
-                avc_refuse(device, request.sequence, AVC_REFUSED_SIZE, handlers[i].most);
-            } else {
-                handlers[i].handle(device, &request);
-            }
-            return;
-        }
-    }
-    avc_refuse(device, request.sequence, AVC_REFUSED_MESSAGE, content[1]);
 }
 
 bool avc_device_poll(avc_device_t *device)

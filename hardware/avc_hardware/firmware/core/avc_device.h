@@ -16,7 +16,7 @@
 
 enum {
     AVC_PROTOCOL_VERSION = 1,
-    AVC_INTERFACE_VERSION = 11,
+    AVC_INTERFACE_VERSION = 12,
     AVC_WINDOW = 1536,     /* bytes that the host may have on the way */
     AVC_CHUNK_MAX = 512, /* table bytes in one message */
     AVC_UNIQUE_SIZE = 12 /* bytes of the number that no other chip has; 0 where there is none */
@@ -90,8 +90,5 @@ bool avc_device_poll(avc_device_t *device);
 
 /* From the main loop: the next byte to send; false when there is none. */
 bool avc_device_transmit(avc_device_t *device, uint8_t *byte);
-
-/* Identity of this build, 8 bytes of text. */
-extern const char avc_build[8];
 
 #endif

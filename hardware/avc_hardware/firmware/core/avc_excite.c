@@ -1,11 +1,11 @@
-#include "avc_excite.h"
-
 #include <stdatomic.h>
+
+#include "avc_link.h"
 
 static const int32_t most_counts = 0x3FFFFFFF;
 
 /* Odd polynomial of a quarter turn, 30 bits after the point; within 1e-6 of the sine. */
-int32_t avc_sine(uint32_t phase)
+static int32_t sine(uint32_t phase)
 {
     static const int64_t c[4] = {1686624950, 693528462, 85303417, 4658781};
     const uint32_t quarter = 0x40000000u;
@@ -18,14 +18,6 @@ int32_t avc_sine(uint32_t phase)
     return (phase & 0x80000000u) != 0u ? -rounded : rounded;
 }
 
-/* Pulled slowly one way, let go, pulled the other way, let go. */
-static int32_t release(uint32_t phase)
-{
-    const int32_t pulled = (int32_t)((phase & 0x3FFFFFFFu) >> 15);
-    const uint32_t quadrant = phase >> 30;
-    return quadrant == 0u ? pulled : quadrant == 2u ? -pulled : 0;
-}
-
 static bool allowed(float x, float most)
 {
     return avc_is_finite(x) && x > 0.0f && x <= most;
@@ -34,7 +26,7 @@ static bool allowed(float x, float most)
 /* N, or N.m: of a smaller limit no unit of force is left in single precision. */
 static const float least_force_n = 1e-6f;
 
-avc_reason_t avc_plan_check(const avc_plan_t *plan, const avc_limits_t *limits)
+static avc_reason_t plan_check(const avc_plan_t *plan, const avc_limits_t *limits)
 {
     const float numbers[] = {plan->max_force_n,    plan->max_speed_m_per_s, plan->max_travel_m,
                              plan->spring_n_per_m, plan->damper_ns_per_m};
@@ -52,7 +44,7 @@ avc_reason_t avc_plan_check(const avc_plan_t *plan, const avc_limits_t *limits)
            plan->ticks >= 2u * plan->ramp_ticks && plan->ticks <= 0x7FFFFFFFu;
     const float silence_s = (float)plan->silent_ticks * limits->sample_time_s;
     good = good && plan->silent_ticks >= 1u && silence_s <= 2.0f;
-    good = good && plan->window >= 1u && plan->window <= AVC_SPEED_WINDOW_MAX && plan->shape <= AVC_SHAPE_RELEASE;
+    good = good && plan->window >= 1u && plan->window <= AVC_SPEED_WINDOW_MAX;
     good = good && plan->tones >= 1u && plan->tones <= AVC_TONES_MAX;
     for (uint32_t i = 0; i < AVC_KNOTS; i++) {
         good = good && plan->knot[i] <= 0x8000u;
@@ -128,9 +120,8 @@ static int32_t signal(avc_excite_t *e)
     const avc_plan_t *plan = &e->plan;
     int64_t sum = 0;
     for (uint32_t i = 0; i < plan->tones; i++) {
-        const int32_t value = plan->shape == AVC_SHAPE_SINE ? avc_sine(e->phase[i]) : release(e->phase[i]);
         const uint32_t step = (uint32_t)(e->step[i] >> 32);
-        sum += plan->tone[i].amplitude * value;
+        sum += plan->tone[i].amplitude * sine(e->phase[i]);
         e->phase[i] += step;
         e->step[i] += (uint64_t)step * plan->growth;
     }
@@ -180,4 +171,102 @@ float avc_excite_tick(avc_excite_t *e, int32_t encoder_count)
     e->state = (uint32_t)end;
     e->busy = end == AVC_EXCITE_RUNS ? 1u : 0u;
     return (float)units * e->unit_n;
+}
+
+/* The messages of an excitation. */
+
+static avc_verdict_t tell(avc_device_t *device, const avc_request_t *request)
+{
+    const avc_excite_t *e = &device->control.excite;
+    return avc_acknowledge(device, request, e->plan.number, e->busy != 0u ? (uint32_t)AVC_EXCITE_RUNS : e->state);
+}
+
+avc_verdict_t avc_on_excite(avc_device_t *device, const avc_request_t *request)
+{
+    avc_excite_t *e = &device->control.excite;
+    const uint32_t number = request->word[0];
+    if (number == e->plan.number && number != 0u) { /* its answer was lost; it is not played again */
+        return tell(device, request);
+    }
+    if (avc_excite_runs(e)) {
+        return avc_no(AVC_REFUSED_EXCITED, e->plan.number);
+    }
+    if (device->control.fault.codes != 0u) {
+        return avc_no(AVC_REFUSED_FAULT, device->control.fault.codes);
+    }
+    if (device->transfer.committing) {
+        return avc_no(AVC_REFUSED_BUSY, device->transfer.session);
+    }
+    avc_plan_t plan;
+    memset(&plan, 0, sizeof plan);
+    memcpy(&plan, request->payload, request->size);
+    avc_reason_t reason = plan_check(&plan, &device->control.config.limits);
+    if (reason == AVC_OK && plan.max_force_n > avc_most_force(&device->control)) {
+        reason = AVC_REFUSED_LIMIT;
+    }
+    if (reason != AVC_OK) {
+        return avc_no(reason, AVC_AT_EXCITATION);
+    }
+    if (request->size != AVC_PLAN_HEAD + plan.tones * sizeof(avc_tone_t)) {
+        return avc_no(AVC_REFUSED_SIZE, (uint32_t)request->size);
+    }
+    e->plan = plan;
+    e->stop_wanted = 0u;
+    e->heard = 0u;
+    e->made = 0u;
+    e->state = AVC_EXCITE_NEVER;
+    atomic_signal_fence(memory_order_release);
+    e->busy = 1u;
+    return tell(device, request);
+}
+
+static avc_verdict_t is_of(const avc_excite_t *e, const avc_request_t *request)
+{
+    const bool its = e->plan.number != 0u && request->word[0] == e->plan.number;
+    return avc_no(its ? AVC_OK : AVC_REFUSED_NO_EXCITATION, e->plan.number);
+}
+
+/* Records from an index on, the oldest that is kept where that one is gone. */
+avc_verdict_t avc_on_records(avc_device_t *device, const avc_request_t *request)
+{
+    avc_excite_t *e = &device->control.excite;
+    const avc_verdict_t its = is_of(e, request);
+    if (its.reason != AVC_OK) {
+        return its;
+    }
+    e->heard = 1u;
+    const uint32_t state = e->busy != 0u ? (uint32_t)AVC_EXCITE_RUNS : e->state;
+    atomic_signal_fence(memory_order_acquire); /* the end is told with the last record or after it */
+    const uint32_t made = e->made;
+    const uint32_t oldest = made > AVC_RECORDS_KEPT ? made - AVC_RECORDS_KEPT : 0u;
+    uint32_t first = request->word[1];
+    first = first > made ? made : first < oldest ? oldest : first;
+    uint32_t past = first;
+    int32_t before = first < made ? e->count[first % AVC_RECORDS] : 0;
+    avc_answer_t a = avc_answer(device, AVC_MESSAGE_RECORDS | AVC_MESSAGE_REPLY, request->sequence);
+    const uint32_t head[6] = {e->plan.number, state, e->start_tick, made, first, (uint32_t)before};
+    avc_put(&a, head, sizeof head);
+    while (past < made && past - first < (AVC_PAYLOAD_MAX - sizeof head) / 4u) {
+        const int32_t count = e->count[past % AVC_RECORDS];
+        const int32_t step = (int32_t)((uint32_t)count - (uint32_t)before);
+        if (step > INT16_MAX || step < INT16_MIN) {
+            break; /* the next answer begins with it */
+        }
+        const int16_t record[2] = {(int16_t)step, e->force[past % AVC_RECORDS]};
+        avc_put(&a, record, sizeof record);
+        before = count;
+        past++;
+    }
+    avc_send(&a);
+    return avc_no(AVC_OK, 0u);
+}
+
+avc_verdict_t avc_on_stop(avc_device_t *device, const avc_request_t *request)
+{
+    const avc_verdict_t its = is_of(&device->control.excite, request);
+    if (its.reason != AVC_OK) {
+        return its;
+    }
+    device->control.excite.stop_wanted = 1u;
+    return tell(device, request);
 }

@@ -27,8 +27,6 @@ enum {
 
 _Static_assert(AVC_RECORDS >= 128 && (AVC_RECORDS & (AVC_RECORDS - 1)) == 0, "records: a power of two, 128 or more");
 
-typedef enum { AVC_SHAPE_SINE = 0, AVC_SHAPE_RELEASE = 1 } avc_shape_t;
-
 typedef enum {
     AVC_EXCITE_NEVER = 0,
     AVC_EXCITE_RUNS = 1,
@@ -59,9 +57,9 @@ typedef struct {
     float spring_n_per_m;
     float damper_ns_per_m;
     uint16_t window; /* ticks over which a velocity is taken */
-    uint16_t shape;
+    uint16_t none; /* always 0 */
     uint16_t tones;
-    uint16_t none;
+    uint16_t none_either;
     uint16_t knot[AVC_KNOTS]; /* envelope of the signal, of 2^15 */
     uint16_t also_none;
     avc_tone_t tone[AVC_TONES_MAX];
@@ -95,8 +93,6 @@ typedef struct {
     int16_t force[AVC_RECORDS];
 } avc_excite_t;
 
-avc_reason_t avc_plan_check(const avc_plan_t *plan, const avc_limits_t *limits);
-
 static inline bool avc_excite_runs(const avc_excite_t *excite)
 {
     return excite->busy != 0u;
@@ -107,8 +103,5 @@ void avc_excite_start(avc_excite_t *excite, const avc_limits_t *limits, int32_t 
 
 /* One tick of a running excitation; returns the force along +position. */
 float avc_excite_tick(avc_excite_t *excite, int32_t encoder_count);
-
-/* Sine of a phase in turns of 2^32, of 32767. */
-int32_t avc_sine(uint32_t phase);
 
 #endif

@@ -9,6 +9,9 @@
 #include <stddef.h>
 #include <stdint.h>
 
+/* CRC-32 as in zlib: reflected polynomial 0xEDB88320, start and final value inverted. Continues crc; start with 0. */
+uint32_t avc_crc32(uint32_t crc, const uint8_t *data, size_t size);
+
 enum {
     AVC_FRAME_MAX = 1024,                    /* encoded, with its delimiter */
     AVC_CONTENT_MAX = 1016,                  /* decoded: 1016 bytes become at most 1022 with the delimiter */

@@ -5,7 +5,6 @@
 #include <stdatomic.h>
 
 #include "avc_lookup.h"
-#include "avc_supervision.h"
 #include "avc_takeover.h"
 
 /* N/m and N.s/m: slewed to 0 a gain is small at last, and gives a force that nothing tells from none. */

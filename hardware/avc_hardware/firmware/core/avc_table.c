@@ -1,6 +1,6 @@
 #include <stddef.h>
 
-#include "avc_crc32.h"
+#include "avc_frame.h"
 #include "avc_lookup.h"
 
 _Static_assert(sizeof(avc_table_header_t) == 32, "the table header travels as 32 bytes");

@@ -1,5 +1,6 @@
 /* How a coupling begins, passes to gains of another kind, and gives way to the next one: never with a force, or with energy
- * stored, that the new one knows nothing of. */
+ * stored, that the new one knows nothing of. What leads away from it, and back: a host that is silent, a fault; the force
+ * falls by a ramp, and comes back out of contact alone. */
 #ifndef AVC_TAKEOVER_H
 #define AVC_TAKEOVER_H
 
@@ -21,6 +22,11 @@ static inline void avc_see_penetration(avc_control_t *c)
     c->couple.environment_deflection_before_m = avc_at_least_0(c->couple.environment_deflection_before_m);
 }
 
+/* What the wall sees in place of the measured position, a weighted sum of what an observer with a dead zone believes: one
+ * tick, in the order of operations of the scene's step; force_n is that of the tick before, as the actuator gives it. The
+ * first tick takes the position as it is, the device at rest. */
+float avc_feedback_step(avc_feedback_state_t *state, const avc_image_t *image, float position_m, float force_n);
+
 /* No coupling runs: the next tick of one begins at rest. */
 void avc_rest(avc_control_t *c, float x);
 
@@ -40,5 +46,19 @@ void avc_adopt_limits(avc_control_t *c);
 /* Out of the wall of the new table, and of the old one too: nothing of it is left. Where an observer goes on believing in
  * contact, being measured out of it for some ticks is enough. */
 void avc_swap(avc_control_t *c, float x);
+
+/* A fault has ended it: nothing of the coupling is left. Returns the force, which falls. */
+float avc_fail(avc_control_t *c, uint32_t codes, float x);
+
+/* A tick in another mode than that of the table, or one that a host should have been heard by. */
+void avc_leave_or_return(avc_control_t *c, float x);
+
+/* Heartbeat: missed, the force ramps to zero; then static safe gains, from the next time out of contact. */
+static inline void avc_supervise(avc_control_t *c, float x)
+{
+    if ((c->heartbeat_seen | c->heartbeat_ticks | c->state.mode) != 0u) {
+        avc_leave_or_return(c, x);
+    }
+}
 
 #endif

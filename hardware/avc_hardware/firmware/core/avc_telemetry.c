@@ -1,5 +1,3 @@
-#include "avc_telemetry.h"
-
 #include <stdatomic.h>
 
 #include "avc_link.h"
@@ -42,15 +40,12 @@ void avc_telemetry_tick(avc_control_t *control)
 }
 
 /* Another rate begins anew; the same one goes on, so that renewing leaves no gap. */
-void avc_on_subscribe(avc_device_t *device, const avc_request_t *request)
+avc_verdict_t avc_on_subscribe(avc_device_t *device, const avc_request_t *request)
 {
     avc_telemetry_t *t = &device->control.telemetry;
-    const uint32_t every = avc_get32(&request->payload[0]);
-    const uint32_t ticks = avc_get32(&request->payload[4]);
-    const uint32_t most = avc_longest_hold(&device->control);
+    const uint32_t every = request->word[0], ticks = request->word[1], most = avc_longest_hold(&device->control);
     if (ticks > most) {
-        avc_refuse(device, request->sequence, AVC_REFUSED_HOLD, most);
-        return;
+        return avc_no(AVC_REFUSED_HOLD, most);
     }
     if (every == 0u || every != t->every || t->left == 0u) {
         t->left = 0u; /* the tick leaves all of it alone from here on */
@@ -63,10 +58,7 @@ void avc_on_subscribe(avc_device_t *device, const avc_request_t *request)
         atomic_signal_fence(memory_order_release);
     }
     t->left = every != 0u ? ticks : 0u;
-    avc_answer_t a = avc_answer(device, AVC_MESSAGE_SUBSCRIBE | AVC_MESSAGE_REPLY, request->sequence);
-    avc_put32(&a, t->every);
-    avc_put32(&a, device->control.state.ticks);
-    avc_send(&a);
+    return avc_acknowledge(device, request, t->every, device->control.state.ticks);
 }
 
 bool avc_push_telemetry(avc_device_t *device)
@@ -77,13 +69,10 @@ bool avc_push_telemetry(avc_device_t *device)
         return false;
     }
     atomic_signal_fence(memory_order_acquire);
-    const bool has_table = device->control.state.has_table != 0u;
+    const uint32_t coupling_id = device->control.state.has_table != 0u ? avc_running(device)->image.header.coupling_id : 0u;
+    const uint32_t head[5] = {t->number, t->dropped, t->every, device->boot_id, coupling_id};
     avc_answer_t a = avc_answer(device, AVC_MESSAGE_TELEMETRY, 0u);
-    avc_put32(&a, t->number);
-    avc_put32(&a, t->dropped);
-    avc_put32(&a, t->every);
-    avc_put32(&a, device->boot_id);
-    avc_put32(&a, has_table ? avc_running(device)->image.header.coupling_id : 0u);
+    avc_put(&a, head, sizeof head);
     for (uint32_t at = t->sent; at != made; at++) {
         avc_put(&a, &t->kept[at % AVC_SAMPLES_KEPT], sizeof(avc_sample_t));
     }

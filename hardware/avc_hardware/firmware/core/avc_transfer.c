@@ -1,6 +1,5 @@
 #include <stdatomic.h>
 
-#include "avc_crc32.h"
 #include "avc_link.h"
 
 /* A transfer without a message for so long may be taken over. */
@@ -17,12 +16,9 @@ static bool avc_runs(const avc_device_t *device, uint32_t table_id, uint32_t crc
            avc_running(device)->id == table_id && avc_running(device)->crc32 == crc32;
 }
 
-static void acknowledge(avc_device_t *device, uint8_t type, uint16_t sequence)
+static avc_verdict_t acknowledge(avc_device_t *device, const avc_request_t *request)
 {
-    avc_answer_t a = avc_answer(device, (uint8_t)(type | AVC_MESSAGE_REPLY), sequence);
-    avc_put32(&a, device->transfer.table_id);
-    avc_put32(&a, device->transfer.received);
-    avc_send(&a);
+    return avc_acknowledge(device, request, device->transfer.table_id, device->transfer.received);
 }
 
 static bool transfer_stale(const avc_device_t *device)
@@ -30,27 +26,22 @@ static bool transfer_stale(const avc_device_t *device)
     return device->control.state.ticks - device->transfer.last_tick > (uint32_t)(stale_s * device->control.rate_hz);
 }
 
-void avc_on_begin(avc_device_t *device, const avc_request_t *request)
+avc_verdict_t avc_on_begin(avc_device_t *device, const avc_request_t *request)
 {
     avc_transfer_t *transfer = &device->transfer;
-    const uint32_t session = avc_get32(&request->payload[0]);
-    const uint32_t table_id = avc_get32(&request->payload[4]);
-    const uint32_t crc32 = avc_get32(&request->payload[8]);
-    const uint16_t rows = avc_get16(&request->payload[12]);
-    const uint16_t units = avc_get16(&request->payload[14]);
+    const uint32_t session = request->word[0], table_id = request->word[1], crc32 = request->word[2];
+    const uint32_t rows = request->word[3] & 0xFFFFu;
+    const uint32_t units = request->word[3] >> 16;
+    const uint32_t states = request->word[4] & 0xFFFFu;
     if (units != 1u) { /* 1: Hz, N.s/m, N/m, N.s/m */
-        avc_refuse(device, request->sequence, AVC_REFUSED_MESSAGE, units);
-        return;
+        return avc_no(AVC_REFUSED_MESSAGE, units);
     }
-    const uint16_t states = avc_get16(&request->payload[16]);
     const avc_reason_t reason = avc_size_check(rows, states);
     if (reason != AVC_OK) {
-        avc_refuse(device, request->sequence, reason, reason == AVC_REFUSED_ROWS ? AVC_ROWS_MAX : AVC_STATES_MAX);
-        return;
+        return avc_no(reason, reason == AVC_REFUSED_ROWS ? AVC_ROWS_MAX : AVC_STATES_MAX);
     }
     if (transfer->committing || (transfer->open && transfer->session != session && !transfer_stale(device))) {
-        avc_refuse(device, request->sequence, AVC_REFUSED_BUSY, transfer->session);
-        return;
+        return avc_no(AVC_REFUSED_BUSY, transfer->session);
     }
     const uint32_t size = avc_image_size(rows, states);
     if (!transfer->open || transfer->session != session || transfer->table_id != table_id) { /* not the same once more */
@@ -64,40 +55,34 @@ void avc_on_begin(avc_device_t *device, const avc_request_t *request)
     transfer->size = size;
     transfer->received = avc_runs(device, table_id, crc32) ? size : 0u; /* nothing to do for a table that runs already */
     transfer->last_tick = device->control.state.ticks;
-    acknowledge(device, AVC_MESSAGE_BEGIN, request->sequence);
+    return acknowledge(device, request);
 }
 
-static bool in_transfer(avc_device_t *device, const avc_request_t *request)
+/* Whether a request is of the transfer that is open. */
+static avc_verdict_t in_transfer(const avc_device_t *device, const avc_request_t *request)
 {
     const avc_transfer_t *transfer = &device->transfer;
     if (!transfer->open) {
-        avc_refuse(device, request->sequence, AVC_REFUSED_NO_TRANSFER, 0u);
-        return false;
+        return avc_no(AVC_REFUSED_NO_TRANSFER, 0u);
     }
-    if (transfer->session != avc_get32(&request->payload[0]) || transfer->table_id != avc_get32(&request->payload[4])) {
-        avc_refuse(device, request->sequence, AVC_REFUSED_BUSY, transfer->session);
-        return false;
-    }
-    return true;
+    const bool its = transfer->session == request->word[0] && transfer->table_id == request->word[1];
+    return avc_no(its ? AVC_OK : AVC_REFUSED_BUSY, transfer->session);
 }
 
 /* Empty: the configuration in force; otherwise that of the transfer that is open. */
-void avc_on_config(avc_device_t *device, const avc_request_t *request)
+avc_verdict_t avc_on_config(avc_device_t *device, const avc_request_t *request)
 {
     avc_control_t *control = &device->control;
     avc_transfer_t *transfer = &device->transfer;
     if (request->size == 0u) {
-        avc_answer_t a = avc_answer(device, AVC_MESSAGE_CONFIG | AVC_MESSAGE_REPLY, request->sequence);
-        avc_put(&a, &control->config, sizeof control->config);
-        avc_send(&a);
-        return;
+        return avc_reply(device, request, &control->config, sizeof control->config);
     }
     if (request->size != 8u + sizeof(avc_config_t)) {
-        avc_refuse(device, request->sequence, AVC_REFUSED_SIZE, 8u + sizeof(avc_config_t));
-        return;
+        return avc_no(AVC_REFUSED_SIZE, 8u + sizeof(avc_config_t));
     }
-    if (!in_transfer(device, request)) {
-        return;
+    const avc_verdict_t its = in_transfer(device, request);
+    if (its.reason != AVC_OK) {
+        return its;
     }
     transfer->last_tick = control->state.ticks;
     if (!transfer->committing) {
@@ -106,84 +91,77 @@ void avc_on_config(avc_device_t *device, const avc_request_t *request)
         const avc_reason_t reason = avc_config_check(&config, &control->config, control->bound);
         if (reason != AVC_OK) {
             transfer->open = false;
-            avc_refuse(device, request->sequence, reason, AVC_AT_CONFIG);
-            return;
+            return avc_no(reason, AVC_AT_CONFIG);
         }
         control->next = config;
     }
-    acknowledge(device, AVC_MESSAGE_CONFIG, request->sequence);
+    return acknowledge(device, request);
 }
 
-void avc_on_chunk(avc_device_t *device, const avc_request_t *request)
+avc_verdict_t avc_on_chunk(avc_device_t *device, const avc_request_t *request)
 {
     avc_transfer_t *transfer = &device->transfer;
-    if (!in_transfer(device, request)) {
-        return;
+    const avc_verdict_t its = in_transfer(device, request);
+    if (its.reason != AVC_OK) {
+        return its;
     }
-    const uint32_t offset = avc_get32(&request->payload[8]);
+    const uint32_t offset = request->word[2];
     const uint32_t count = (uint32_t)(request->size - 12u);
     if (count == 0u || count > AVC_CHUNK_MAX || offset > transfer->size || count > transfer->size - offset) {
-        avc_refuse(device, request->sequence, AVC_REFUSED_SIZE, transfer->size);
-        return;
+        return avc_no(AVC_REFUSED_SIZE, transfer->size);
     }
     if (offset > transfer->received) {
-        avc_refuse(device, request->sequence, AVC_REFUSED_OFFSET, transfer->received); /* one before it was lost */
-        return;
+        return avc_no(AVC_REFUSED_OFFSET, transfer->received); /* one before it was lost */
     }
     if (offset + count > transfer->received && !transfer->committing) {
         memcpy((uint8_t *)&shadow(device)->image + offset, &request->payload[12], count);
         transfer->received = offset + count;
     }
     transfer->last_tick = device->control.state.ticks;
-    acknowledge(device, AVC_MESSAGE_CHUNK, request->sequence);
+    return acknowledge(device, request);
 }
 
 static void committed(avc_device_t *device, uint16_t sequence)
 {
+    const uint32_t words[3] = {avc_running(device)->id, device->control.swap_tick, device->control.swap_waited};
     avc_answer_t a = avc_answer(device, AVC_MESSAGE_COMMIT | AVC_MESSAGE_REPLY, sequence);
-    avc_put32(&a, avc_running(device)->id);
-    avc_put32(&a, device->control.swap_tick);
-    avc_put32(&a, device->control.swap_waited);
+    avc_put(&a, words, sizeof words);
     avc_send(&a);
 }
 
-void avc_on_commit(avc_device_t *device, const avc_request_t *request)
+avc_verdict_t avc_on_commit(avc_device_t *device, const avc_request_t *request)
 {
     avc_transfer_t *transfer = &device->transfer;
-    const uint32_t table_id = avc_get32(&request->payload[4]);
-    const uint32_t crc32 = avc_get32(&request->payload[8]);
+    const uint32_t table_id = request->word[1];
+    const uint32_t crc32 = request->word[2];
     if (avc_runs(device, table_id, crc32) && !transfer->committing) { /* its answer was lost, or it ran before */
-        if (transfer->session == avc_get32(&request->payload[0]) && transfer->table_id == table_id) {
+        if (transfer->session == request->word[0] && transfer->table_id == table_id) {
             transfer->open = false;
         }
         committed(device, request->sequence);
-        return;
+        return avc_no(AVC_OK, 0u);
     }
-    if (!in_transfer(device, request)) {
-        return;
+    const avc_verdict_t its = in_transfer(device, request);
+    if (its.reason != AVC_OK) {
+        return its;
     }
     if (avc_excite_runs(&device->control.excite)) {
-        avc_refuse(device, request->sequence, AVC_REFUSED_EXCITED, device->control.excite.plan.number);
-        return;
+        return avc_no(AVC_REFUSED_EXCITED, device->control.excite.plan.number);
     }
     transfer->last_tick = device->control.state.ticks;
     if (transfer->committing) {
         transfer->commit_sequence = request->sequence;
-        if (device->control.swap_wanted != 0u && transfer->last_tick - transfer->commit_tick > 1u) {
-            avc_refuse(device, request->sequence, AVC_REFUSED_IN_CONTACT, table_id); /* not yet */
-        }
-        return;
+        const bool waits = device->control.swap_wanted != 0u && transfer->last_tick - transfer->commit_tick > 1u;
+        return avc_no(waits ? AVC_REFUSED_IN_CONTACT : AVC_OK, table_id); /* not yet */
     }
     avc_table_t *table = shadow(device);
     const avc_table_header_t *header = &table->image.header;
     if (transfer->received != transfer->size || avc_image_size(header->rows, avc_states(header)) != transfer->size) {
-        avc_refuse(device, request->sequence, AVC_REFUSED_SIZE, transfer->received);
-        return;
+        return avc_no(AVC_REFUSED_SIZE, transfer->received);
     }
     if (crc32 != transfer->crc32 || avc_crc32(0, (const uint8_t *)&table->image, transfer->size) != crc32) {
         transfer->received = 0u;
-        avc_refuse(device, request->sequence, AVC_REFUSED_CRC, crc32);
-        return;
+        return avc_no(AVC_REFUSED_CRC, crc32);
     }
     uint16_t row = AVC_AT_HEADER;
     const avc_config_t *config = &device->control.next;
@@ -191,8 +169,7 @@ void avc_on_commit(avc_device_t *device, const avc_request_t *request)
     const avc_reason_t reason = alone ? AVC_OK : avc_image_check(&table->image, &config->limits, &row);
     if (reason != AVC_OK) {
         transfer->open = false;
-        avc_refuse(device, request->sequence, reason, row);
-        return;
+        return avc_no(reason, row);
     }
     table->id = table_id;
     table->crc32 = crc32;
@@ -206,6 +183,7 @@ void avc_on_commit(avc_device_t *device, const avc_request_t *request)
     device->control.away = 0u;
     atomic_signal_fence(memory_order_release);
     device->control.swap_wanted = 1u;
+    return avc_no(AVC_OK, 0u); /* answered by the tick that swaps */
 }
 
 /* The tick may swap until here, and not after. */
@@ -232,31 +210,30 @@ bool avc_watch_commit(avc_device_t *device)
     return true;
 }
 
-void avc_on_abort(avc_device_t *device, const avc_request_t *request)
+avc_verdict_t avc_on_abort(avc_device_t *device, const avc_request_t *request)
 {
-    if (device->transfer.open && device->transfer.session == avc_get32(&request->payload[0])) {
+    if (device->transfer.open && device->transfer.session == request->word[0]) {
         give_up_commit(device);
     }
-    acknowledge(device, AVC_MESSAGE_ABORT, request->sequence);
+    return acknowledge(device, request);
 }
 
-void avc_on_readback(avc_device_t *device, const avc_request_t *request)
+avc_verdict_t avc_on_readback(avc_device_t *device, const avc_request_t *request)
 {
     if (device->control.state.has_table == 0u) {
-        avc_refuse(device, request->sequence, AVC_REFUSED_NO_TABLE, 0u);
-        return;
+        return avc_no(AVC_REFUSED_NO_TABLE, 0u);
     }
     const avc_table_t *table = avc_running(device);
-    const uint32_t offset = avc_get32(&request->payload[0]);
-    const uint32_t count = avc_get32(&request->payload[4]);
+    const uint32_t offset = request->word[0];
+    const uint32_t count = request->word[1];
     const uint32_t size = avc_image_size(table->image.header.rows, avc_states(&table->image.header));
     if (count == 0u || count > AVC_CHUNK_MAX || offset > size || count > size - offset) {
-        avc_refuse(device, request->sequence, AVC_REFUSED_SIZE, size);
-        return;
+        return avc_no(AVC_REFUSED_SIZE, size);
     }
+    const uint32_t words[2] = {table->id, offset};
     avc_answer_t a = avc_answer(device, AVC_MESSAGE_READBACK | AVC_MESSAGE_REPLY, request->sequence);
-    avc_put32(&a, table->id);
-    avc_put32(&a, offset);
+    avc_put(&a, words, sizeof words);
     avc_put(&a, (const uint8_t *)&table->image + offset, count);
     avc_send(&a);
+    return avc_no(AVC_OK, 0u);
 }
