@@ -28,7 +28,6 @@ from avc_hardware.emulator.machine import CLOCK_HZ
 from avc_hardware.link.connection import Connection
 from avc_hardware.link.device import DeviceStatus
 from avc_hardware.link.faults import DeviceFault
-from avc_hardware.link.messages import Kind
 from avc_hardware.link.push import PushResult, push_over
 
 if TYPE_CHECKING:
@@ -97,7 +96,7 @@ class FirmwareInTheLoop:
 
     def status(self) -> DeviceStatus:
         """Query the state of the firmware."""
-        return self.connection.run(self.connection.session.ask(Kind.STATUS, b"", DeviceStatus))
+        return self.connection.status()
 
     def _encoder(self) -> int:
         """Move the plant from the last tick to this one."""

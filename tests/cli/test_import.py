@@ -18,8 +18,10 @@ PACKAGES = (avc, avc_hardware)
 def exported(package):
     """Return the names that a type checker sees."""
     tree = ast.parse(Path(package.__file__).read_text(encoding="utf-8"))
-    imports = [node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)]
-    return sorted(alias.asname for node in imports for alias in node.names if alias.asname)
+    imports = [
+        node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) and str(node.module).startswith("avc_")
+    ]
+    return sorted(alias.asname or alias.name for node in imports for alias in node.names)
 
 
 def test_no_heavy_library_is_loaded():

@@ -16,7 +16,6 @@ from avc_hardware.codegen.image import read_elf
 from avc_hardware.emulator.board import EmulatedBoard
 from avc_hardware.emulator.machine import CLOCK_HZ
 from avc_hardware.link.connection import Connection
-from avc_hardware.link.monitor import pause
 from avc_hardware.link.push import push_over
 
 if TYPE_CHECKING:
@@ -107,7 +106,7 @@ def tick_instructions(
     board = EmulatedBoard(image, encoder=encoder, on_instruction=seen)
     with Connection(board, session=1) as connection:
         push_over(connection, coupling)
-        connection.run(pause(0.3))
+        connection.wait(0.3)
     found.clear()
     moving = True
     board.machine.run_until(board.machine.cycle + (ticks + 1) * CLOCK_HZ // 1000)

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import importlib.metadata
 import math
 import os
 import secrets
-import shutil
 from collections import deque
 from collections.abc import Callable, Generator
 from dataclasses import dataclass
@@ -15,10 +13,9 @@ from typing import TYPE_CHECKING, Self, TypeVar
 from serial.tools import list_ports as tools
 
 from avc_casadi import InputError, LinkError, PortError
-from avc_hardware.codegen.boards import ARM_INSTALL, image_sha256
 from avc_hardware.emulator.board import EmulatedBoard, emulated_board
 from avc_hardware.link.bytes import ByteLink, SerialLink
-from avc_hardware.link.device import MODES, Device
+from avc_hardware.link.device import MODES, Device, DeviceStatus
 from avc_hardware.link.frames import DELIMITER, Decoder
 from avc_hardware.link.messages import Acknowledged, Kind, Log, Message, parse, words
 from avc_hardware.link.session import Answer, Exchange, NoAnswerError, Session
@@ -70,46 +67,6 @@ def find_port(serial_number: str) -> str:
     raise PortError(f"no serial port has the USB serial number {serial_number}; present: {known}")
 
 
-@dataclass(frozen=True)
-class Diagnosis:
-    """Facts about the installation, and advice."""
-
-    emulator: str | None
-    image_sha256: str
-    c_compiler: str | None
-    arm_compiler: str | None
-    ports: tuple[Port, ...]
-    advice: tuple[str, ...]
-
-
-def diagnose() -> Diagnosis:
-    """Inspect the installation, without opening a port."""
-    try:
-        emulator: str | None = importlib.metadata.version("unicorn")
-    except importlib.metadata.PackageNotFoundError:
-        emulator = None
-    arm = shutil.which("arm-none-eabi-gcc")
-    ports = list_ports()
-    advice = []
-    if emulator is None:
-        advice.append("no emulated device: pip install 'avc-casadi[emulator]'")
-    if arm is None:
-        advice.append(f"no cross compiler (needed only to change the firmware): {ARM_INSTALL}")
-    advice += [
-        f"{port.device} may not be opened by this user (on Debian: sudo usermod -aG dialout $USER, then log in again)"
-        for port in ports
-        if not port.accessible
-    ]
-    return Diagnosis(
-        emulator=emulator,
-        image_sha256=image_sha256(),
-        c_compiler=next((path for name in ("gcc", "clang", "cc") if (path := shutil.which(name))), None),
-        arm_compiler=arm,
-        ports=ports,
-        advice=tuple(advice),
-    )
-
-
 T = TypeVar("T")
 
 EMULATOR = "emulator"
@@ -153,60 +110,61 @@ class Connection:
         number = secrets.randbits(32) if session is None else session
         self.session = Session(number, timeout_s=timeout_s, on_wait=on_wait)
         self._deadline_s = _DEADLINE_S + 4 * 2 * 4200 * 10 / baud if deadline_s is None else deadline_s
-        self._on_log = on_log
+        self._on_log, self._on_silence = on_log, on_silence
         self._decoder = Decoder()
         self._waiting: deque[tuple[int, Message]] = deque()
         self._telemetry: deque[Telemetry] = deque()
+        silent = f"{link.name}: no answer at {baud} baud"
         try:
             self.link.write(DELIMITER)
-            self.device: Device = self.run(self._told_of_silence(self.session.hello(), baud, on_silence))
+            self.device: Device = self.run(self.session.hello(), silent=silent)
         except NoAnswerError as error:
             self.link.close()
             raise LinkError(
-                f"{link.name}: no answer at {baud} baud in {self.session.patience_s:.1f} s; is the avc firmware on the "
-                "device, the rate the firmware's, and is this the right port (`avc doctor --ports`)?"
+                f"{silent} in {self.session.patience_s:.1f} s; is the avc firmware on the device, the rate the "
+                "firmware's, and is this the right port (`avc doctor --ports`)?"
             ) from error
         except BaseException:
             self.link.close()
             raise
 
-    def _told_of_silence(
-        self, dialogue: Generator[Exchange, Answer, T], baud: int, on_silence: Callable[[str], None] | None
-    ) -> Generator[Exchange, Answer, T]:
-        """Run a dialogue, and report once that nothing has answered for a while."""
-        begun, told = self.link.now_s(), on_silence is None
-        exchange = next(dialogue)
+    def run(self, dialogue: Generator[Exchange, Answer, T], *, silent: str = "") -> T:
+        """Run a dialogue to its end; ``silent`` is reported once where nothing answers for a while."""
+        start = self.link.now_s()
         try:
+            exchange = next(dialogue)
             while True:
-                answer = yield exchange
-                waited_s = self.link.now_s() - begun
-                if answer is None and waited_s >= _SILENCE_S and not told and on_silence is not None:
-                    told = True
-                    left_s = max(self.session.patience_s - waited_s, 0.0)
-                    on_silence(
-                        f"{self.link.name}: no answer at {baud} baud for {waited_s:.1f} s; asking again for at most "
-                        f"{left_s:.1f} s (Ctrl-C ends it)"
+                answer = self._exchange(exchange, start + self._deadline_s)
+                waited_s = self.link.now_s() - start
+                if answer is None and waited_s >= self._deadline_s:
+                    dialogue.close()
+                    raise LinkError(
+                        f"{self.link.name}: gave up after {self._deadline_s:.0f} s; the link loses too much"
                     )
+                if answer is None and silent and self._on_silence is not None and waited_s >= _SILENCE_S:
+                    left_s = max(self.session.patience_s - waited_s, 0.0)
+                    self._on_silence(
+                        f"{silent} for {waited_s:.1f} s; asking again for at most {left_s:.1f} s (Ctrl-C ends it)"
+                    )
+                    silent = ""
                 exchange = dialogue.send(answer)
         except StopIteration as stop:
             result: T = stop.value
             return result
 
-    def run(self, dialogue: Generator[Exchange, Answer, T], *, deadline_s: float | None = None) -> T:
-        """Run a dialogue to its end."""
-        allowed_s = self._deadline_s if deadline_s is None else deadline_s
-        end = self.link.now_s() + allowed_s
-        try:
-            exchange = next(dialogue)
-            while True:
-                answer = self._exchange(exchange, end)
-                if answer is None and self.link.now_s() >= end:
-                    dialogue.close()
-                    raise LinkError(f"{self.link.name}: gave up after {allowed_s:.0f} s; the link loses too much")
-                exchange = dialogue.send(answer)
-        except StopIteration as stop:
-            result: T = stop.value
-            return result
+    def ask(self, kind: Kind, payload: bytes, expected: type[T]) -> T:
+        """Send a message until it is answered; raise for a refusal."""
+        return self.run(self.session.ask(kind, payload, expected))
+
+    def status(self) -> DeviceStatus:
+        """Return the state of the device."""
+        return self.ask(Kind.STATUS, b"", DeviceStatus)
+
+    def wait(self, seconds: float) -> None:
+        """Let time pass, whatever arrives."""
+        end = self.link.now_s() + seconds
+        while (left := end - self.link.now_s()) > 0:
+            self._read(left)
 
     def configure(self, config: Config) -> None:
         """Send a configuration without a table, after which none runs."""
@@ -215,35 +173,29 @@ class Connection:
     def heartbeat(self, within_s: float) -> str:
         """Send a heartbeat with the time to the next one, without which the device fades its force."""
         ticks = math.ceil(within_s / self.device.sample_time_s)
-        return MODES[self.run(self.session.ask(Kind.HEARTBEAT, words(ticks), Acknowledged)).value]
+        return MODES[self.ask(Kind.HEARTBEAT, words(ticks), Acknowledged).value]
 
     def let_force_fall(self) -> None:
         """End the heartbeats: the force falls to 0 within 0.1 s; returns after that."""
-        self.run(self.session.ask(Kind.HEARTBEAT, words(1), Acknowledged))
-        end = self.link.now_s() + RAMP_S + 3 * self.device.sample_time_s
-        while (left := end - self.link.now_s()) > 0:
-            self._read(left)
+        self.ask(Kind.HEARTBEAT, words(1), Acknowledged)
+        self.wait(RAMP_S + 3 * self.device.sample_time_s)
 
     def _exchange(self, exchange: Exchange, end: float) -> Answer:
         if exchange.data:
             self.link.write(exchange.data)
-        until = min(self.link.now_s() + exchange.timeout_s, end)
-        while not self._waiting:
-            left = until - self.link.now_s()
-            if left <= 0:
-                return None
-            self._read(left)
-        return self._waiting.popleft()
+        return self._next(self._waiting, min(self.link.now_s() + exchange.timeout_s, end))
 
     def telemetry(self, timeout_s: float) -> Telemetry | None:
         """Return the next message that the device has pushed; None when none comes in time."""
-        until = self.link.now_s() + timeout_s
-        while not self._telemetry:
-            left = until - self.link.now_s()
+        return self._next(self._telemetry, self.link.now_s() + timeout_s)
+
+    def _next(self, queue: deque[T], until_s: float) -> T | None:
+        while not queue:
+            left = until_s - self.link.now_s()
             if left <= 0:
                 return None
             self._read(left)
-        return self._telemetry.popleft()
+        return queue.popleft()
 
     def _read(self, timeout_s: float) -> None:
         """Sort incoming messages: answers, telemetry, lines of text."""

@@ -25,7 +25,6 @@ from avc_hardware.emulator.bench import BenchDevice, code_of_force, force_of_cod
 from avc_hardware.link import messages as m
 from avc_hardware.link.connection import DEFAULT_BAUD, EMULATOR, Connection, open_link
 from avc_hardware.link.messages import Kind
-from avc_hardware.link.monitor import pause
 
 if TYPE_CHECKING:
     from avc_casadi.model.device import Device as DeclaredDevice
@@ -158,13 +157,12 @@ def excite_over(
     number = secrets.randbits(32) or 1
     records = _Records(plan, connection.link.name)
     try:
-        ask = connection.session.ask
-        connection.run(ask(Kind.EXCITE, plan_bytes(plan, number), m.Acknowledged))
+        connection.ask(Kind.EXCITE, plan_bytes(plan, number), m.Acknowledged)
         return _read(connection, records, number, progress)
     except BaseException as error:
         with HeldInterrupt():
             with suppress(LinkError):
-                connection.run(connection.session.ask(Kind.STOP, m.words(number), m.Acknowledged))
+                connection.ask(Kind.STOP, m.words(number), m.Acknowledged)
             if cut is not None and isinstance(error, KeyboardInterrupt) and records.index:
                 cut(records.log("cut by Ctrl-C"))
         raise
@@ -229,14 +227,14 @@ def _read(connection: Connection, records: _Records, number: int, progress: Prog
     plan = records.plan
     while True:
         following = records.following
-        part = connection.run(connection.session.ask(Kind.RECORDS, m.words(number, following), m.Records))
+        part = connection.ask(Kind.RECORDS, m.words(number, following), m.Records)
         records.take(part)
         progress.advance(min(records.following, plan.ticks), plan.ticks, "records")
         waiting = part.made - records.following
         if part.state != _RUNS and not waiting:
             return records.log()
         if waiting < _WORTH:
-            connection.run(pause(min(_WAIT_S, (_WORTH - waiting) * plan.sample_time_s)))
+            connection.wait(min(_WAIT_S, (_WORTH - waiting) * plan.sample_time_s))
 
 
 def _check_rate(plan: Plan, device: Device, baud: int) -> None:

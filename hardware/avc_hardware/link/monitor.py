@@ -10,12 +10,10 @@ from contextlib import suppress
 from avc_casadi import InputError, LinkError
 from avc_casadi._util.interrupt import HeldInterrupt
 from avc_hardware.emulator.board import EmulatedBoard
-from avc_hardware.link import messages as m
 from avc_hardware.link.bytes import ByteLink
 from avc_hardware.link.connection import DEFAULT_BAUD, Connection, open_link
 from avc_hardware.link.device import Device, DeviceStatus, require_same
-from avc_hardware.link.messages import Kind
-from avc_hardware.link.session import Answer, Exchange
+from avc_hardware.link.messages import Acknowledged, Kind, words
 from avc_hardware.link.telemetry import Samples, TelemetrySample
 
 LONGEST_HEARTBEAT_S = 5.0
@@ -91,7 +89,7 @@ def watch(
     """Maintain subscription and heartbeat over an open connection; yield for ever."""
     link, device = connection.link, connection.device
     every = _every(device, rate_hz)
-    subscribe = m.words(every, math.ceil(_HOLDS_S / device.sample_time_s))
+    subscribe = words(every, math.ceil(_HOLDS_S / device.sample_time_s))
     samples = Samples(device.sample_time_s, device.limits.metres_per_count)
     beat_at = math.inf if heartbeat_s is None else -math.inf
     renew_at = -math.inf
@@ -102,7 +100,7 @@ def watch(
             connection.heartbeat(heartbeat_s)
         if link.now_s() >= renew_at:
             renew_at = link.now_s() + _RENEW_S
-            connection.run(connection.session.ask(Kind.SUBSCRIBE, subscribe, m.Acknowledged))
+            connection.ask(Kind.SUBSCRIBE, subscribe, Acknowledged)
         message = connection.telemetry(min(beat_at, renew_at) - link.now_s())
         if message is None:
             continue
@@ -135,14 +133,8 @@ def _every(device: Device, rate_hz: float) -> int:
 def _end(connection: Connection, heartbeat_s: float | None, on_end: Callable[[DeviceStatus], None] | None) -> None:
     """End subscription and heartbeat; a lost device needs neither."""
     with suppress(LinkError):
-        connection.run(connection.session.ask(Kind.SUBSCRIBE, m.words(0, 0), m.Acknowledged))
+        connection.ask(Kind.SUBSCRIBE, words(0, 0), Acknowledged)
         if heartbeat_s is not None:
             connection.let_force_fall()
         if on_end is not None:
-            on_end(connection.run(connection.session.ask(Kind.STATUS, b"", DeviceStatus)))
-
-
-def pause(seconds: float) -> Generator[Exchange, Answer, None]:
-    """Wait, whatever arrives."""
-    if seconds > 0:
-        yield Exchange(b"", seconds)
+            on_end(connection.status())

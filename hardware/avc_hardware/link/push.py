@@ -190,8 +190,8 @@ def _notes(coupling: Coupling, device: Device) -> tuple[str, ...]:
     coarse = device.limits.metres_per_count
     if step and step < coarse * (1 - 1e-6):
         notes.append(
-            f"the device's encoder has steps of {coarse:g}, the coupling was made for {step:g}; its trial does not know "
-            "the coarser steps"
+            f"the device's encoder has steps of {coarse:g}, the coupling was made for {step:g}; its trial does not "
+            "know the coarser steps"
         )
     return tuple(notes)
 

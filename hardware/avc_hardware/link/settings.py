@@ -8,16 +8,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from avc_casadi import Fault, InputError
-from avc_hardware.link import messages as m
 from avc_hardware.link.bytes import ByteLink
 from avc_hardware.link.connection import DEFAULT_BAUD, Connection, open_link
-from avc_hardware.link.device import Device, DeviceStatus
+from avc_hardware.link.device import DeviceStatus
 from avc_hardware.link.faults import DeviceFault
-from avc_hardware.link.messages import Kind
-from avc_hardware.link.monitor import pause
+from avc_hardware.link.messages import Acknowledged, Kind, words
 
-# Ticks until a persisting fault shows again after clearing.
-_TICKS_UNTIL_LATCHED = 5
+# Ticks until what was set acts: a limit that holds at once, a persisting fault that is latched again.
+_TICKS = 5
 
 
 @dataclass(frozen=True)
@@ -38,17 +36,12 @@ def clear_faults(
     """Clear the reported faults of a device, not those that occur meanwhile."""
     link = open_link(port, baud=baud)
     with Connection(link, baud=baud, on_silence=on_silence) as connection:
-        ask = connection.session.ask
-        before = connection.run(ask(Kind.STATUS, b"", DeviceStatus))
-        connection.run(ask(Kind.CLEAR, m.words(before.faults), m.Acknowledged))
-        connection.run(pause(_TICKS_UNTIL_LATCHED * connection.device.sample_time_s))
-        after = connection.run(ask(Kind.STATUS, b"", DeviceStatus))
+        before = connection.status()
+        connection.ask(Kind.CLEAR, words(before.faults), Acknowledged)
+        connection.wait(_TICKS * connection.device.sample_time_s)
+        after = connection.status()
     were, left, first = (DeviceFault(codes) for codes in (before.faults, after.faults, before.first_faults))
     return Cleared(link.name, were, left, first, before.fault_tick, after)
-
-
-# Ticks until immediate limits hold.
-_TICKS = 5
 
 
 @dataclass(frozen=True)
@@ -84,34 +77,26 @@ def set_limits(
     """Set limits of a device until it starts anew, or read them."""
     link = open_link(port, baud=baud)
     with Connection(link, baud=baud, on_silence=on_silence) as connection:
-        device = connection.device
+        limits = connection.device.limits
+        boards = Limits(limits.max_force_n, limits.max_speed_m_per_s, limits.max_energy_j)
         wanted = (force_n, speed_m_per_s, energy_j)
+        now = boards if built_in else _hold(connection.status())
+        asked = _wanted(boards, now, wanted)
         if built_in or any(value is not None for value in wanted):
-            limit_over(connection, _wanted(device, wanted, built_in=built_in))
-        status = connection.run(connection.session.ask(Kind.STATUS, b"", DeviceStatus))
-    hold = Limits(status.lowered_force_n, status.lowered_speed_m_per_s, status.lowered_energy_j)
-    asked = _wanted(device, wanted, built_in=built_in)
-    return DeviceLimits(link.name, _boards(device), asked, hold, status.limits_wait)
+            connection.ask(Kind.LIMITS, struct.pack("<3f", *vars(asked).values()), Acknowledged)
+            connection.wait(_TICKS * connection.device.sample_time_s)
+        status = connection.status()
+    return DeviceLimits(link.name, boards, asked, _hold(status), status.limits_wait)
 
 
-def limit_over(connection: Connection, limits: Limits) -> None:
-    """Set limits over an open connection, and wait until the immediate ones hold."""
-    payload = struct.pack("<3f", limits.force_n, limits.speed_m_per_s, limits.energy_j)
-    connection.run(connection.session.ask(Kind.LIMITS, payload, m.Acknowledged))
-    connection.run(pause(_TICKS * connection.device.sample_time_s))
+def _hold(status: DeviceStatus) -> Limits:
+    return Limits(status.lowered_force_n, status.lowered_speed_m_per_s, status.lowered_energy_j)
 
 
-def _boards(device: Device) -> Limits:
-    limits = device.limits
-    return Limits(limits.max_force_n, limits.max_speed_m_per_s, limits.max_energy_j)
-
-
-def _wanted(device: Device, wanted: tuple[float | None, ...], *, built_in: bool) -> Limits:
-    boards = vars(_boards(device))
-    now = (device.lowered_force_n, device.lowered_speed_m_per_s, device.lowered_energy_j)
+def _wanted(boards: Limits, now: Limits, wanted: tuple[float | None, ...]) -> Limits:
     values, faults = [], []
-    for (name, most), value, before in zip(boards.items(), wanted, now, strict=True):
-        values.append((most if built_in else before) if value is None else value)
+    for (name, most), before, value in zip(vars(boards).items(), vars(now).values(), wanted, strict=True):
+        values.append(before if value is None else value)
         if value is not None and not (math.isfinite(value) and 0 < value <= (most or math.inf)):
             allowed = f"above 0, at most the board's {most:g}" if most else "above 0"
             faults.append(Fault("", None, name, f"is {value:g}; allowed: {allowed}"))

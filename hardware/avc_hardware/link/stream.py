@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from avc_casadi import InputError, LinkError
-from avc_casadi._util.arrays import Float32Array, FloatArray
+from avc_casadi._util.arrays import FloatArray
 from avc_casadi.claims.deployable import require_deployable
 from avc_hardware.codegen.firmware_fit import check_runs_on
 from avc_hardware.link import messages as m
@@ -94,40 +94,40 @@ def stream(
     require_deployable(coupling, unsafe=unsafe)
     check_runs_on(coupling)
     link = open_link(port, baud=baud, coupling=coupling)
+    samples: list[StreamSample] = []
+    refusals: list[Refusal] = []
     with Connection(link, baud=baud, on_silence=on_silence) as connection:
         pushed = push_over(connection, coupling, unsafe=unsafe)
-        device = connection.device
         rows = coupling.table.single()
-        hold_ticks = max(1, math.ceil(HOLD_PERIODS / rate_hz / device.sample_time_s))
-        ask_status = connection.session.ask
-        before = connection.run(ask_status(Kind.STATUS, b"", DeviceStatus))
+        hold_ticks = max(1, math.ceil(HOLD_PERIODS / rate_hz / connection.device.sample_time_s))
+        before = connection.status()
         start = link.now_s()
-        samples: list[StreamSample] = []
-        refusals: list[Refusal] = []
         frequency = before.lookup_hz
         for number in range(max(1, round(seconds * rate_hz))):
-            end = start + (number + 1) / rate_hz
-            chosen = lookup(rows, np.float32(frequency))
-            sample, answer = _sample(connection, int(coupling.id, 16), number, hold_ticks, chosen, end, start)
+            end, at = start + (number + 1) / rate_hz, link.now_s()
+            b, k, b_p = map(float, lookup(rows, np.float32(frequency)))
+            payload = m.set_gains(int(coupling.id, 16), number, hold_ticks, b, k, b_p)
+            answer = connection.run(_send(connection.session, payload, max(end - at, _LEAST_WAIT_S)))
+            heard = (math.nan, math.nan, math.nan, math.nan)
             if isinstance(answer, GainsTaken):
                 frequency = answer.lookup_hz
+                heard = (answer.frequency_hz, frequency, answer.force_n, link.now_s() - at)
             elif isinstance(answer, Refusal):
                 if answer.reason not in _KEPT:
                     raise LinkError(f"{link.name}: the device refused streamed gains: {answer}")
                 refusals.append(answer)
-            samples.append(sample)
+            samples.append(StreamSample(number, at - start, *heard[:2], b, k, b_p, *heard[2:]))
             if on_sample is not None:
-                on_sample(sample)
-            connection.run(_idle(connection, end))
+                on_sample(samples[-1])
+            connection.wait(end - link.now_s())
         lasted = link.now_s() - start
-        middle = connection.run(ask_status(Kind.STATUS, b"", DeviceStatus))
-        after = middle
+        middle = after = connection.status()
         # The device counts in its own ticks, which may lag behind this computer's clock.
         for _ in range(_PATIENCE):
             if not after.streaming:
                 break
-            connection.run(_idle(connection, link.now_s() + HOLD_PERIODS / rate_hz))
-            after = connection.run(ask_status(Kind.STATUS, b"", DeviceStatus))
+            connection.wait(HOLD_PERIODS / rate_hz)
+            after = connection.status()
         device = connection.run(connection.session.hello())
     trips: FloatArray = np.array([s.round_trip_s for s in samples if math.isfinite(s.round_trip_s)])
     fell_back = middle.stream_expired - before.stream_expired
@@ -183,34 +183,9 @@ def faults_on_the_way(sent: int, lost: int, late: int, refusals: list[Refusal]) 
     return faults
 
 
-def _sample(
-    connection: Connection,
-    coupling_id: int,
-    number: int,
-    hold_ticks: int,
-    chosen: Float32Array,
-    end_s: float,
-    start_s: float,
-) -> tuple[StreamSample, m.Message | None]:
-    at = connection.link.now_s()
-    b, k, b_p = map(float, chosen)
-    payload = m.set_gains(coupling_id, number, hold_ticks, b, k, b_p)
-    answer = connection.run(_send(connection.session, payload, max(end_s - at, _LEAST_WAIT_S)))
-    frequency = lookup_hz = force = round_trip = math.nan
-    if isinstance(answer, GainsTaken):
-        frequency, lookup_hz, force = answer.frequency_hz, answer.lookup_hz, answer.force_n
-        round_trip = connection.link.now_s() - at
-    return StreamSample(number, at - start_s, frequency, lookup_hz, b, k, b_p, force, round_trip), answer
-
-
 def _send(session: Session, payload: bytes, wait_s: float) -> Generator[Exchange, Answer, m.Message | None]:
     sequence, data = session.message(Kind.SET_GAINS, payload)
     answer = yield Exchange(data, wait_s)
     while answer is not None and answer[0] != sequence:
         answer = yield Exchange(b"", wait_s)
     return None if answer is None else answer[1]
-
-
-def _idle(connection: Connection, until_s: float) -> Generator[Exchange, Answer, None]:
-    while (left := until_s - connection.link.now_s()) > 0:
-        yield Exchange(b"", left)
