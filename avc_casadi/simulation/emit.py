@@ -7,7 +7,7 @@ in place of a jump, so that a run has the bits of CasADi's own evaluation.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Container, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
@@ -324,11 +324,11 @@ class FloatProgram:
                 return self._place_of(_SELECT, second, b, a)
         return self._place_of(name, *arguments)
 
-    def _reachable(self, known: Container[int] = (), wanted: Iterable[int] | None = None) -> list[int]:
-        """Return the places that some results depend on, in order; known values have no dependencies."""
-        needed = set(self._results.values() if wanted is None else wanted)
+    def _reachable(self) -> list[int]:
+        """Return the places that the results depend on, in order."""
+        needed = set(self._results.values())
         for at in range(len(self._nodes) - 1, -1, -1):
-            if at in needed and at not in known and self._nodes[at].operation in _SCALAR:
+            if at in needed and self._nodes[at].operation in _SCALAR:
                 needed |= set(self._nodes[at].arguments)
         return sorted(needed)
 
@@ -356,29 +356,11 @@ class FloatProgram:
             return array if array.dtype == np.bool_ else array != 0
         return array.astype(self.precision.dtype, copy=False)
 
-    def settled_by(self, inputs: Collection[str]) -> tuple[int, ...]:
-        """Return the values that depend on inputs of these names alone and are used with others too."""
-        known: set[int] = set()
-        asked: set[int] = set(self._results.values())
-        for at in self._needed:
-            node = self._nodes[at]
-            if node.operation == "INPUT":
-                given = self.inputs[node.arguments[0]] in inputs
-            else:
-                literal = {place for place in node.arguments if self._nodes[place].operation == "CONST"}
-                given = node.operation != "CONST" and set(node.arguments) <= known | literal
-                if not given:
-                    asked |= set(node.arguments)
-            if given:
-                known.add(at)
-        return tuple(sorted(known & asked))
-
     def c_lines(
         self,
         of_input: Callable[[str], str],
         of_output: Callable[[str], str | None],
         *,
-        kept: Mapping[int, str] | None = None,
         prefix: str = "",
     ) -> list[str]:
         """Return the statements of a C function; an output may share its place with an input, as a state does.
@@ -386,13 +368,11 @@ class FloatProgram:
         Args:
             of_input: expression of an input.
             of_output: target of an output; None where it is unused.
-            kept: by place, where precomputed values are stored (`settled_by`, `settling_lines`).
             prefix: of the names of values, for two programs in one function.
         """
-        there = kept or {}
         real = self.precision.c_type
-        body = _Body(of_input, prefix, dict(there))
-        self._write(body, self._reachable(there))
+        body = _Body(of_input, prefix)
+        self._write(body, self._reachable())
         # States are read throughout the body: none is written before all is computed.
         late, stores = [], []
         for index, name in enumerate(self.outputs):
@@ -400,17 +380,11 @@ class FloatProgram:
             if place is None:
                 continue
             value = self._value(body, self._results[index], truth=False)
-            if "->" in value and value not in there.values():
+            if "->" in value:
                 late.append(f"const {real} {prefix}r{index} = {value};")
                 value = f"{prefix}r{index}"
             stores.append(f"{place} = {value};")
         return body.lines + late + stores
-
-    def settling_lines(self, of_input: Callable[[str], str], kept: Mapping[int, str]) -> list[str]:
-        """Return the statements that compute and store the values to be kept."""
-        body = _Body(of_input)
-        self._write(body, self._reachable((), kept))
-        return body.lines + [f"{place} = {self._value(body, at, truth=False)};" for at, place in kept.items()]
 
     def _write(self, body: _Body, places: list[int]) -> None:
         """Add the statements that compute the values at some places, in order."""

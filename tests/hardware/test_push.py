@@ -69,7 +69,7 @@ def test_the_emulated_board_is_made_for_the_coupling() -> None:
     assert result.readback_equal
     assert result.notes == ()
     found = result.device
-    assert (found.sample_time_s, found.metres_per_count, found.max_force_n) == (2.5e-4, 5.5e-5, 3.5)
+    assert (found.sample_time_s, found.limits.metres_per_count, found.max_force_n) == (2.5e-4, 5.5e-5, 3.5)
     assert found.figures == RuntimeFigures(2.5e-4, 5.5e-5, "fused", 0.31, 7.0, True, 1.25)
     streamed = stream(made, "emulator", rate_hz=50, seconds=0.3)
     assert streamed.push.device.figures == found.figures

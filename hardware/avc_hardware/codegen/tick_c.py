@@ -55,38 +55,11 @@ def _step(part: RuntimeProgram, types: str) -> list[str]:
     return _function(f"{name}({given})", "One tick.", part.program.c_lines(_of_input, _of_output))
 
 
-def _steady(part: RuntimeProgram) -> list[str]:
-    """Return the precomputation for constant gains, and the step with it."""
-    name = f"avc_{part.name}"
-    given = tuple(symbol for symbol in part.inputs if symbol != "position_m")
-    numbers = [symbol for symbol in part.program.inputs if symbol.startswith("number_")]
-    kept = {place: f"steady->v{place}" for place in part.program.settled_by((*given, *numbers))}
-
-    def of_input(symbol: str) -> str:
-        return symbol if symbol == "position_m" else _of_input(symbol)
-
-    return [
-        *_struct(name, tuple(place.removeprefix("steady->") for place in kept.values())),
-        *_struct(f"{name}_in", given),
-        *_struct(f"{name}_out", part.outputs),
-        *_function(
-            f"{name}_settle({name}_t *steady, const {name}_in_t *in, const float *number)",
-            "What gains and wall come to, computed once.",
-            part.program.settling_lines(_of_input, kept),
-        ),
-        *_function(
-            f"{name}_step(avc_couple_state_t *state, const {name}_t *steady, float position_m, {name}_out_t *out)",
-            "One tick; of the coupling's states only those that gains which stay have.",
-            part.program.c_lines(of_input, _of_output, kept=kept),
-        ),
-    ]
-
-
 def tick_sources(figures: RuntimeFigures) -> dict[str, str]:
     """Return the generated sources of a firmware by file name, of which estimator and passive change decide.
 
-    The estimator is a function. Short parts are compiled into the tick: the guard, and for each contact law of the
-    coupling one header for varying and one for constant gains, with the same states.
+    The estimator is a function. Short parts are compiled into the tick: the guard, and a header for each contact law of
+    the coupling, with the same states.
     """
     parts = {part.name: part for part in tick_programs(figures.estimator, figures.passive)[0]}
     estimate, guard, first = parts["estimate"], parts["guard"], parts[f"couple_{next(iter(LAWS))}"]
@@ -108,7 +81,6 @@ def tick_sources(figures: RuntimeFigures) -> dict[str, str]:
     for law in LAWS:
         below = '#include "avc_couple.h"'
         headers[f"avc_couple_{law}"] = [below, "", *_step(parts[f"couple_{law}"], "avc_couple")]
-        headers[f"avc_steady_{law}"] = [below, "", *_steady(parts[f"steady_{law}"])]
     source = [_BANNER, '#include "avc_estimate.h"', "", "#include <stdbool.h>", "", *functions]
     return {f"{name}.h": _header(name, lines) for name, lines in headers.items()} | {
         "avc_estimate.c": "\n".join(source)

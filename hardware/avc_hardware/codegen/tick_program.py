@@ -2,8 +2,8 @@
 
 A scene reads its gains from a table that is part of the expression; a device receives table and wall by message. So the
 tick is cut at the table: `estimate` gives the frequency of the look-up, `couple` takes the gains, and `guard` acts on
-the force. The contact law is an input of `couple`; for each law there is a specialised program, and one for constant
-gains without adaptation: these run on a processor. What depends on the figures alone is computed by the host, in double
+the force. The contact law is an input of `couple`; for each law there is a specialised program, which runs on a
+processor. What depends on the figures alone is computed by the host, in double
 precision, and sent: the numbers of a configuration.
 """
 
@@ -25,7 +25,7 @@ from avc_casadi.simulation.emit import FloatProgram
 from avc_casadi.simulation.runtime.adaptation import AdaptationSettings, HoldSettings
 from avc_casadi.simulation.runtime.guard import GuardSettings
 from avc_casadi.simulation.runtime.signal import EstimatorSettings
-from avc_casadi.simulation.tick import AdaptedGains, Tick
+from avc_casadi.simulation.tick import Tick
 from avc_hardware.codegen.figures import NO_SLEW_PER_S, RuntimeFigures
 
 LAWS = {"gated": False, "clips": True}
@@ -152,7 +152,7 @@ class AnyTable:
 
 @functools.lru_cache(maxsize=8)
 def tick_programs(estimator: str, passive: bool) -> tuple[tuple[RuntimeProgram, ...], Any]:
-    """Return the parts estimate, couple, guard, of each law couple_LAW and steady_LAW; and figures -> numbers."""
+    """Return the parts estimate, couple, guard, of each law couple_LAW; and figures -> numbers."""
     import casadi as ca  # noqa: PLC0415
 
     # CasADi calls Python for shapes while it builds an expression, and ignores exceptions then.
@@ -270,7 +270,7 @@ def _ticks(figures: dict[str, Any], estimator: str, passive: bool, start_m: floa
 
     parts = {"estimate": (estimate, seen, found), "couple": couple(None), "guard": (guard, pushed, guarded)}
     for name, law in LAWS.items():
-        parts |= {f"couple_{name}": couple(law), f"steady_{name}": _steady(time, rate_hz, start_m, clips_last=law)}
+        parts[f"couple_{name}"] = couple(law)
     return parts
 
 
@@ -307,24 +307,3 @@ def _couple(adaptation: Adaptation, estimate: _AnyTick, gains: dict[str, Any], *
     made |= {name: couple.traces[name] for name in (*GAINS, "anchor_m")}
     made["stored_j"] = couple.environment_energy_j + couple.coupling_energy_j
     return couple, given, made
-
-
-def _steady(sample_time_s: Any, rate_hz: Any, start_m: float, *, clips_last: bool) -> _Part:
-    """Build coupling and wall with constant gains."""
-    import casadi as ca  # noqa: PLC0415
-
-    gains: dict[str, Any] = {f"wanted_{name}": ca.SX.sym(name) for name in GAINS}
-    wall: dict[str, Any] = {name: ca.SX.sym(name) for name in _WALL}
-    tick = _AnyTick(sample_time_s, start_m, rate_hz=rate_hz)
-    tick.position = ca.SX.sym("position_m")
-    damping, stiffness, contact_damping = gains.values()
-    tick.adapt = lambda *_, **__: AdaptedGains(damping, stiffness, contact_damping, anchor_m=0, touching=1)
-    wall_stiffness, wall_damping = wall.values()
-    environment = _AnyWall(wall_stiffness, wall_damping, one_sided=True, clips_last=clips_last)
-    force = wall_force(tick, environment, rigid=False, damped=True)
-    made = {
-        "force_n": force,
-        "tool_m": tick.traces["tool_m"],
-        "stored_j": tick.environment_energy_j + tick.coupling_energy_j,
-    }
-    return tick, {"position_m": tick.position} | gains | wall, made

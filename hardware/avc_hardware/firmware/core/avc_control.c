@@ -125,9 +125,7 @@ float avc_control_tick(avc_control_t *c, int32_t encoder_count)
     const float work_j = c->previous_force * step;
     s->energy_j = s->energy_j + work_j;
     const uint32_t wrong = avc_fault_watch(&c->fault, watched, c->previous_force, s->overruns);
-    if (!c->steadies) {
-        estimate(c, table, x);
-    }
+    estimate(c, table, x);
     avc_supervise(c, x);
     float force = 0.0f;
     if ((wrong | c->fault.codes) != 0u) {

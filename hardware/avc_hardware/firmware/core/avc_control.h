@@ -105,7 +105,6 @@ typedef struct {
     avc_fault_t fault;
     avc_couple_state_t couple;
     avc_guard_state_t guard;
-    avc_steady_t steady; /* of the running table */
     avc_feedback_state_t feedback;
 
     volatile uint32_t active;      /* index of the running table */
@@ -123,7 +122,6 @@ typedef struct {
     uint32_t blind; /* ticks in which no movement is judged yet */
     bool estimates; /* the frequency, as long as gains follow it */
     bool begun;     /* the coupling, since it rested last */
-    bool steadies;  /* it runs with gains that stay: without estimate, look-up and adaptation */
 
     uint32_t near;        /* row of the last look-up */
     uint32_t waited;      /* ticks since the tick first saw that a table waits */

@@ -50,15 +50,13 @@ static inline avc_gains_t avc_choose_gains(avc_control_t *c, const avc_table_t *
     return goal;
 }
 
-/* The coupling's force with gains that may change. */
-static inline avc_steady_gated_out_t avc_couple(avc_control_t *c, const avc_table_t *table, float position_m)
+/* The coupling's force; gains that stay run without adaptation. */
+static inline avc_couple_out_t avc_couple(avc_control_t *c, const avc_table_t *table, float position_m, bool clips)
 {
     avc_state_t *s = &c->state;
     const avc_table_header_t *header = &table->image.header;
     float rest_stiffness_n_per_m;
     const avc_gains_t goal = avc_choose_gains(c, table, &rest_stiffness_n_per_m);
-    /* Safe gains mean the same whatever the table, and may be a damper alone, which clip-last would feel everywhere. */
-    const bool clips = (header->flags & AVC_TABLE_CLIPS) != 0u && s->mode != AVC_MODE_SAFE;
     const avc_couple_in_t in = {
         .position_m = position_m,
         .wanted_damping_ns_per_m = goal.damping_ns_per_m,
@@ -76,42 +74,28 @@ static inline avc_steady_gated_out_t avc_couple(avc_control_t *c, const avc_tabl
         avc_couple_gated_step(&c->couple, &in, &out, c->config.number);
     }
     s->gains = (avc_gains_t){out.damping_ns_per_m, out.stiffness_n_per_m, out.contact_damping_ns_per_m};
-    return (avc_steady_gated_out_t){out.force_n, out.tool_m, out.stored_j};
+    return out;
 }
 
 /* The force of the coupling that was pushed; the position becomes the one that the wall sees. */
-static inline avc_steady_gated_out_t avc_pushed_step(avc_control_t *c, const avc_table_t *table, float *position_m)
+static inline avc_couple_out_t avc_pushed_step(avc_control_t *c, const avc_table_t *table, float *position_m)
 {
-    const avc_state_t *s = &c->state;
-    const avc_table_header_t *header = &table->image.header;
-    if (!c->steadies) {
-        if (!c->begun) {
-            avc_begin(c, table);
-        }
-    } else if (c->stream_fresh != 0u || s->mode == AVC_MODE_SAFE) {
-        avc_adapt(c, table);
-    }
-    if (avc_states(header) != 0u && s->mode != AVC_MODE_SAFE) { /* safe gains mean the same whatever the table */
-        const bool begins = !c->feedback.started;
+    /* Safe gains mean the same whatever the table, and may be a damper alone, which clip-last would feel everywhere. */
+    const bool safe = c->state.mode == AVC_MODE_SAFE;
+    const bool clips = (table->image.header.flags & AVC_TABLE_CLIPS) != 0u && !safe;
+    bool begins = !c->begun;
+    c->begun = true;
+    if (avc_states(&table->image.header) != 0u && !safe) {
+        begins = begins || !c->feedback.started;
         *position_m = avc_feedback_step(&c->feedback, &table->image, *position_m, c->previous_force);
         if (begins) { /* from the measured position to the one that the wall sees nothing has moved */
             avc_couple_start(&c->couple, *position_m);
-            if ((header->flags & AVC_TABLE_CLIPS) == 0u) {
-                avc_see_penetration(c);
-            }
         }
     }
-    avc_steady_gated_out_t out;
-    if (!c->steadies) {
-        out = avc_couple(c, table, *position_m);
-    } else if ((header->flags & AVC_TABLE_CLIPS) == 0u) {
-        avc_steady_gated_step(&c->couple, &c->steady.gated, *position_m, &out);
-    } else {
-        avc_steady_clips_out_t made;
-        avc_steady_clips_step(&c->couple, &c->steady.clips, *position_m, &made);
-        out = (avc_steady_gated_out_t){made.force_n, made.tool_m, made.stored_j};
+    if (begins && !clips) {
+        avc_see_penetration(c);
     }
-    return out;
+    return avc_couple(c, table, *position_m, clips);
 }
 
 /* The coupling's force, guarded where the table asks for it, scaled by the supervision, limited last. */
@@ -120,7 +104,7 @@ static inline float avc_law(avc_control_t *c, const avc_table_t *table, float x,
     avc_state_t *s = &c->state;
     const avc_table_header_t *header = &table->image.header;
     float position_m = x;
-    const avc_steady_gated_out_t out = avc_pushed_step(c, table, &position_m);
+    const avc_couple_out_t out = avc_pushed_step(c, table, &position_m);
     s->contact = out.tool_m > 0.0f || out.force_n > 0.0f ? 1u : 0u; /* clip-last pushes before the surface */
     float force = out.force_n;
     if ((header->flags & AVC_TABLE_GUARD) != 0u) {

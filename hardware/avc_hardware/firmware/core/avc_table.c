@@ -192,26 +192,9 @@ avc_reason_t avc_image_check(const avc_image_t *image, const avc_limits_t *limit
     return AVC_OK;
 }
 
-void avc_table_prepare(avc_table_t *table, const avc_config_t *config)
+void avc_table_prepare(avc_table_t *table)
 {
     for (uint32_t i = 0; i < table->image.header.rows; i++) {
         table->ln_frequency[i] = avc_ln(table->image.row[i].frequency_hz);
-    }
-    const avc_table_header_t *header = &table->image.header;
-    const avc_row_t *row = &table->image.row[0];
-    if ((header->flags & AVC_TABLE_CLIPS) != 0u) {
-        const avc_steady_clips_in_t in = {.wanted_damping_ns_per_m = row->damping_ns_per_m,
-                                          .wanted_stiffness_n_per_m = row->stiffness_n_per_m,
-                                          .wanted_contact_damping_ns_per_m = row->contact_damping_ns_per_m,
-                                          .wall_damping_ns_per_m = header->wall_damping_ns_per_m,
-                                          .wall_stiffness_n_per_m = header->wall_stiffness_n_per_m};
-        avc_steady_clips_settle(&table->steady.clips, &in, config->number);
-    } else {
-        const avc_steady_gated_in_t in = {.wanted_damping_ns_per_m = row->damping_ns_per_m,
-                                          .wanted_stiffness_n_per_m = row->stiffness_n_per_m,
-                                          .wanted_contact_damping_ns_per_m = row->contact_damping_ns_per_m,
-                                          .wall_damping_ns_per_m = header->wall_damping_ns_per_m,
-                                          .wall_stiffness_n_per_m = header->wall_stiffness_n_per_m};
-        avc_steady_gated_settle(&table->steady.gated, &in, config->number);
     }
 }

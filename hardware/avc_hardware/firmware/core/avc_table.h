@@ -7,8 +7,6 @@
 #include <string.h>
 
 #include "avc_config.h"
-#include "avc_steady_clips.h"
-#include "avc_steady_gated.h"
 
 /* What a board with less memory defines otherwise. */
 #ifndef AVC_CAPACITY_ROWS
@@ -71,16 +69,9 @@ typedef struct {
     };
 } avc_image_t;
 
-/* What constant gains come to with the wall, by the table's contact law. */
-typedef union {
-    avc_steady_gated_t gated;
-    avc_steady_clips_t clips;
-} avc_steady_t;
-
 typedef struct {
     avc_image_t image;
     float ln_frequency[AVC_ROWS_MAX];
-    avc_steady_t steady; /* of the only row, where the gains are constant */
     uint32_t id;
     uint32_t crc32;
 } avc_table_t;
@@ -169,6 +160,6 @@ avc_reason_t avc_config_check(const avc_config_t *config, const avc_config_t *no
 avc_reason_t avc_image_check(const avc_image_t *image, const avc_limits_t *limits, uint16_t *at_row);
 
 /* Fill what the tick needs beside the image. */
-void avc_table_prepare(avc_table_t *table, const avc_config_t *config);
+void avc_table_prepare(avc_table_t *table);
 
 #endif

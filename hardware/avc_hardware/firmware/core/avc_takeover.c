@@ -49,46 +49,6 @@ void avc_rest(avc_control_t *c, float x)
     c->feedback.started = false;
     c->fault.settled = false;
     c->begun = false;
-    c->steadies = false;
-}
-
-void avc_begin(avc_control_t *c, const avc_table_t *table)
-{
-    c->begun = true;
-    if ((table->image.header.flags & AVC_TABLE_CLIPS) == 0u || c->state.mode == AVC_MODE_SAFE) {
-        avc_see_penetration(c);
-    }
-    if (avc_varies(table) || c->state.mode == AVC_MODE_SAFE || c->stream_fresh != 0u) {
-        return;
-    }
-    const avc_row_t *row = &table->image.row[0];
-    c->steadies = true;
-    c->steady = table->steady;
-    c->state.gains = (avc_gains_t){row->damping_ns_per_m, row->stiffness_n_per_m, row->contact_damping_ns_per_m};
-    c->state.streaming = 0u;
-}
-
-void avc_adapt(avc_control_t *c, const avc_table_t *table)
-{
-    const avc_table_header_t *header = &table->image.header;
-    avc_couple_state_t *state = &c->couple;
-    if (c->state.mode == AVC_MODE_SAFE) {
-        avc_see_penetration(c);
-    }
-    const float depth = avc_at_least_0(state->environment_deflection_before_m);
-    const float spring = state->coupling_deflection_before_m;
-    const float stretch = (header->flags & AVC_TABLE_CLIPS) != 0u ? avc_at_least_0(spring) : spring;
-    c->steadies = false;
-    state->environment_energy_j = 0.5f * header->wall_stiffness_n_per_m * depth * depth;
-    state->asked_force_n = c->previous_force;
-    state->adaptation_started = 1.0f;
-    state->adaptation_damping_ns_per_m = c->state.gains.damping_ns_per_m;
-    state->adaptation_stiffness_n_per_m = c->state.gains.stiffness_n_per_m;
-    state->adaptation_contact_damping_ns_per_m = c->state.gains.contact_damping_ns_per_m;
-    state->adaptation_stored_j =
-        0.5f * c->state.gains.stiffness_n_per_m * stretch * stretch + state->environment_energy_j;
-    state->adaptation_held_force_n = c->previous_force;
-    state->adaptation_position_m = avc_at_least_0(state->contact_position_before_m);
 }
 
 bool avc_out_of_wall(const avc_table_t *table, float x)

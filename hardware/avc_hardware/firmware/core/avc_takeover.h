@@ -1,4 +1,4 @@
-/* How a coupling begins, passes to gains of another kind, and gives way to the next one: never with a force, or with energy
+/* How a coupling begins, and gives way to the next one: never with a force, or with energy
  * stored, that the new one knows nothing of. What leads away from it, and back: a host that is silent, a fault; the force
  * falls by a ramp, and comes back out of contact alone. */
 #ifndef AVC_TAKEOVER_H
@@ -29,12 +29,6 @@ float avc_feedback_step(avc_feedback_state_t *state, const avc_image_t *image, f
 
 /* No coupling runs: the next tick of one begins at rest. */
 void avc_rest(avc_control_t *c, float x);
-
-/* The coupling begins, out of contact: with gains that stay where they may, and none of another kind are on the way. */
-void avc_begin(avc_control_t *c, const avc_table_t *table);
-
-/* Other gains come: they are slewed to from those that stayed, with nothing in the tank that pays for a change. */
-void avc_adapt(avc_control_t *c, const avc_table_t *table);
 
 /* Whether a table that begins here gives no force and stores no energy. */
 bool avc_out_of_wall(const avc_table_t *table, float x);

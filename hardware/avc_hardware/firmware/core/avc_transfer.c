@@ -164,18 +164,16 @@ avc_verdict_t avc_on_commit(avc_device_t *device, const avc_request_t *request)
         return avc_no(AVC_REFUSED_CRC, crc32);
     }
     uint16_t row = AVC_AT_HEADER;
-    const avc_config_t *config = &device->control.next;
+    const avc_limits_t *limits = &device->control.next.limits;
     const bool alone = transfer->size == 0u; /* a configuration, and no table */
-    const avc_reason_t reason = alone ? AVC_OK : avc_image_check(&table->image, &config->limits, &row);
+    const avc_reason_t reason = alone ? AVC_OK : avc_image_check(&table->image, limits, &row);
     if (reason != AVC_OK) {
         transfer->open = false;
         return avc_no(reason, row);
     }
     table->id = table_id;
     table->crc32 = crc32;
-    if (!alone) {
-        avc_table_prepare(table, config);
-    }
+    avc_table_prepare(table);
     transfer->committing = true;
     transfer->commit_sequence = request->sequence;
     transfer->commit_tick = transfer->last_tick;
