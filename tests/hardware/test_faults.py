@@ -137,7 +137,7 @@ def test_a_wall_without_gains_gives_no_force_and_lacks_no_energy(gains: str) -> 
     go(core, OUT)
     connection = Connection(HostLink(core))
     if gains == "safe":
-        connection.run(connection.session.request(Kind.HEARTBEAT, m.heartbeat(20)))
+        connection.run(connection.session.request(Kind.HEARTBEAT, m.words(20)))
         still(core, 200)
     else:
         payload = m.set_gains(int(WALL.id, 16), 0, 5000, 0.0, 0.0, 0.0)
@@ -146,7 +146,7 @@ def test_a_wall_without_gains_gives_no_force_and_lacks_no_energy(gains: str) -> 
     assert np.abs(go(core, 15_000, ticks=1500)).max() < 1e-6
     silent = gains == "safe"
     assert (core.faults(), core.state().mode) == (DeviceFault.HEARTBEAT * silent, 2 * silent)
-    connection.run(connection.session.request(Kind.HEARTBEAT, m.heartbeat(0)))
+    connection.run(connection.session.request(Kind.HEARTBEAT, m.words(0)))
     assert np.abs(go(core, OUT, ticks=1500)).max() < 1e-6
     still(core, 3000)
     assert (core.faults(), core.state().mode) == (0, 0)
@@ -159,7 +159,7 @@ def test_what_is_still_wrong_is_latched_again_and_nothing_unseen_is_cleared() ->
     assert clear_faults(HostLink(core)).left == DeviceFault.DISABLED
     core.disable(False)
     connection = Connection(HostLink(core))
-    connection.run(connection.session.ask(Kind.CLEAR, m.clear(DeviceFault.JUMP), m.ClearAsked))
+    connection.run(connection.session.ask(Kind.CLEAR, m.words(DeviceFault.JUMP), m.Acknowledged))
     still(core, 5)
     assert core.faults() == DeviceFault.DISABLED
     found = clear_faults(HostLink(core))

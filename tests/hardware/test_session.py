@@ -29,12 +29,12 @@ def test_second_host_is_refused_while_the_first_is_sending() -> None:
     table = image_of_session(50, seed=1)
     begin = m.begin(1, table.table_id, table.crc32, len(table.rows))
     first.run(first.session.ask(Kind.BEGIN, begin, m.Acknowledged))
-    first.run(first.session.ask(Kind.CHUNK, m.chunk(1, table.table_id, 0, table.image[:512]), m.Acknowledged))
+    first.run(first.session.ask(Kind.CHUNK, m.words(1, table.table_id, 0) + table.image[:512], m.Acknowledged))
     other = image_of_session(30, seed=2)
     with pytest.raises(RefusedError, match="another host is sending"):
         second.run(second.session.ask(Kind.BEGIN, m.begin(2, other.table_id, other.crc32, 30), m.Acknowledged))
     with pytest.raises(RefusedError, match="another host is sending"):
-        second.run(second.session.ask(Kind.CHUNK, m.chunk(2, other.table_id, 0, other.image[:64]), m.Acknowledged))
+        second.run(second.session.ask(Kind.CHUNK, m.words(2, other.table_id, 0) + other.image[:64], m.Acknowledged))
     first.run(first.session.push(table, first.device))
     assert core.image() == table.image
     second.run(second.session.push(other, second.device))
@@ -178,9 +178,9 @@ def refused_spoilt(table: bytes, rows: int, crc32: int, told: str) -> None:
     connection = Connection(HostLink(core), session=1)
     ask = connection.session.ask
     connection.run(ask(Kind.BEGIN, m.begin(1, 5, crc32, rows), m.Acknowledged))
-    connection.run(ask(Kind.CHUNK, m.chunk(1, 5, 0, table), m.Acknowledged))
+    connection.run(ask(Kind.CHUNK, m.words(1, 5, 0) + table, m.Acknowledged))
     with pytest.raises(RefusedError, match=told):
-        connection.run(ask(Kind.COMMIT, m.commit(1, 5, crc32), m.Committed))
+        connection.run(ask(Kind.COMMIT, m.words(1, 5, crc32), m.Committed))
     assert core.image() is None
 
 

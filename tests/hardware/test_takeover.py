@@ -150,7 +150,7 @@ def asked(core: HostCore, kind: Kind, payload: bytes, answer: Any, session: int 
 
 def silence(core: HostCore, within: int = 20) -> None:
     """Ask for heartbeats and send none: past the ramp, out of the wall."""
-    asked(core, Kind.HEARTBEAT, m.heartbeat(within), m.HeartbeatSeen)
+    asked(core, Kind.HEARTBEAT, m.words(within), m.Acknowledged)
     core.tick(np.full(within + 130, -500, dtype=np.int32))
 
 
@@ -161,7 +161,7 @@ def test_gains_for_a_device_that_does_not_run_its_table_are_refused_and_not_kept
     assert core.state().mode == 2
     with pytest.raises(RefusedError, match="nothing is kept for later"):
         asked(core, Kind.SET_GAINS, m.set_gains(ID, 0, 4000, 1.0, 5e4, 0.0), m.GainsTaken)
-    asked(core, Kind.HEARTBEAT, m.heartbeat(0), m.HeartbeatSeen, session=2)
+    asked(core, Kind.HEARTBEAT, m.words(0), m.Acknowledged, session=2)
     core.tick(np.full(50, -500, dtype=np.int32))
     assert (core.state().mode, core.state().streaming) == (0, 0)
 
@@ -192,7 +192,7 @@ def test_streamed_gains_end_with_the_table_they_were_for() -> None:
     [
         (Kind.SET_GAINS, m.set_gains(ID, 0, 5001, 1.0, 1.0, 0.0), m.GainsTaken),
         (Kind.SET_GAINS, m.set_gains(ID, 0, 2**32 - 1, 1.0, 1.0, 0.0), m.GainsTaken),
-        (Kind.HEARTBEAT, m.heartbeat(5001), m.HeartbeatSeen),
+        (Kind.HEARTBEAT, m.words(5001), m.Acknowledged),
     ],
 )
 def test_nothing_holds_for_longer_than_five_seconds(kind: Kind, payload: bytes, answer: Any) -> None:

@@ -16,7 +16,7 @@ import mpmath
 import numpy as np
 import pytest
 from hardware_bench import believer, coupling, dense_believer, host_library, require, scratch, unwatched
-from host_device import HostCore, State, queue
+from host_device import HostCore, State, build_host, queue
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -29,11 +29,9 @@ from avc_casadi.model.runtime import Runtime
 from avc_casadi.simulation.runtime.estimators import estimator_step
 from avc_casadi.simulation.runtime.signal import EstimatorSettings
 from avc_hardware import BoardLimits, Connection, EmulatedBoard, RuntimeFigures, TableImage
-from avc_hardware.codegen.build import build_host
 from avc_hardware.codegen.figures import Config
 from avc_hardware.codegen.tick_program import runtime_programs
 from avc_hardware.emulator.machine import CLOCK_HZ
-from avc_hardware.link.monitor import pause
 from avc_hardware.link.table import lookup
 
 Counts = NDArray[np.int32]
@@ -181,7 +179,7 @@ def send_all(link: EmulatedBoard, board: str = "1 ms") -> tuple[int, ...]:
         for table in tables(board):
             upload = connection.run(session.push(table, connection.device))
             swaps.append(upload.ticks - upload.waited)
-            connection.run(pause(200 * table.sample_time_s))
+            connection.wait(200 * table.sample_time_s)
     return tuple(swaps)
 
 
