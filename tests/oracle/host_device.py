@@ -84,7 +84,6 @@ class HostCore:
         self._device = ctypes.c_void_p(self._c.avc_host_new(self._config, int(self._bound), self._boots))
 
     def free(self) -> None:
-        """Give the memory back."""
         if self._device is not None:
             self._c.avc_host_free(self._device)
             self._device = None
@@ -93,11 +92,9 @@ class HostCore:
         self.free()
 
     def write(self, data: bytes) -> None:
-        """Bytes to the device."""
         self._c.avc_host_write(self._device, data, ctypes.c_size_t(len(data)))
 
     def read(self) -> bytes:
-        """Bytes from the device."""
         room = ctypes.create_string_buffer(_ROOM)
         size = self._c.avc_host_read(self._device, room, ctypes.c_size_t(_ROOM))
         return room.raw[:size]
@@ -117,29 +114,23 @@ class HostCore:
         return force, frequency
 
     def state(self) -> State:
-        """Return what the last tick left."""
         state = State()
         self._c.avc_host_state(self._device, ctypes.byref(state))
         return state
 
     def disable(self, disabled: bool) -> None:
-        """Open the enable line, or close it."""
         self._c.avc_host_disable(self._device, int(disabled))
 
     def overrun(self) -> None:
-        """Say that the last tick took too long."""
         self._c.avc_host_overrun(self._device)
 
     def drives(self) -> bool:
-        """Return whether the amplifier is to be on."""
         return bool(self._c.avc_host_drives(self._device))
 
     def faults(self) -> int:
-        """Return the codes of its faults."""
         return int(self._c.avc_host_faults(self._device))
 
     def image(self) -> bytes | None:
-        """Return the bytes of the table in force, or None."""
         room = ctypes.create_string_buffer(_ROOM)
         size = self._c.avc_host_image(self._device, room)
         return room.raw[:size] or None
@@ -163,15 +154,12 @@ class HostLink:
 
     @property
     def name(self) -> str:
-        """How the user calls it."""
         return "host"
 
     def now_s(self) -> float:
-        """Virtual time, seconds."""
         return self._ticks * self.core.limits.sample_time_s
 
     def write(self, data: bytes) -> None:
-        """Send all bytes."""
         self.core.write(data)
 
     def read(self, timeout_s: float) -> bytes:
@@ -184,7 +172,7 @@ class HostLink:
         return data
 
     def close(self) -> None:
-        """Nothing to give back."""
+        pass
 
 
 def queue(core: HostCore, table: TableImage) -> None:
