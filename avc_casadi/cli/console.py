@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 # A line of progress is written at most five times a second; where it stays, every ten seconds.
 _BETWEEN_S, _BETWEEN_LINES_S = 0.2, 10.0
-# A rate is shown after so long.
+# The remaining time is shown after so long.
 _RATE_AFTER_S = 1.0
 
 
@@ -38,13 +38,11 @@ class _Piece:
     began: float = 0.0
 
     def pace(self, now: float) -> str:
-        """Return the rate and the remaining time; empty while that is a guess."""
+        """Return the remaining time; empty while that is a guess."""
         seconds, made = now - self.began, self.done - self.first
         if seconds < _RATE_AFTER_S or made <= 0:
             return ""
-        rate = made / seconds
-        left = (self.total - self.done) / rate
-        return f"; {rate:.0f} a second, {left:.0f} s left" if rate >= 1 else f"; {left:.0f} s left"
+        return f"; {(self.total - self.done) * seconds / made:.0f} s left"
 
 
 class Console(Progress):
@@ -148,7 +146,7 @@ class Console(Progress):
                 self.complain(line)
 
     def advance(self, done: int, total: int, what: str = "") -> None:
-        """Show the progress of the present step, its rate and its remaining time."""
+        """Show the progress of the present step, and its remaining time."""
         if self._step is None:
             return
         now = time.perf_counter()
@@ -191,25 +189,16 @@ def silence(descriptor: int) -> None:
     os.close(nowhere)
 
 
-# A folder with such a name was meant to be a file.
-_FILE_ENDINGS = {".json", ".csv", ".toml", ".html", ".png", ".svg", ".c", ".h", ".txt"}
-
-
 @contextmanager
 def output_folder(text: str, key: str) -> Iterator[Path]:
     """Collect results in a folder that is yielded; at the end all of them move into the requested one, or none.
 
     An unwritable folder is found before the long work. Without a result it is removed again.
     """
-    if not text or "\0" in text:
-        raise InputError.of(f"{text!r} is no name; give the name of a folder", key=key)
-    path = Path(text)
-    if path.suffix.lower() in _FILE_ENDINGS and not path.is_dir():
-        raise InputError.of(f"{text!r} is the name of a file; choose another folder", key=key)
     from avc_casadi._util.files import gathered_folder
 
     try:
-        with gathered_folder(path) as gathered:
+        with gathered_folder(Path(text)) as gathered:
             yield gathered
     except OSError as error:
         if isinstance(error, AvcError | BrokenPipeError):

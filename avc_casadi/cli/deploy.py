@@ -107,7 +107,7 @@ def run_export(args: argparse.Namespace, console: Console) -> Answer:
     with faults_of(args.gains, args), console.step("C"):
         files = export_c(coupling, precision=args.precision, name=args.name, unsafe=args.unsafe)
     data["files"] = _write(args, files)
-    return (deploy.export if coupling.end == "wall" else deploy.pair_export)(data, coupling, args.gains)
+    return deploy.export(data, coupling, args.gains)
 
 
 def _write(args: argparse.Namespace, files: dict[str, str]) -> list[str]:

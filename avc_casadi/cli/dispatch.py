@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import re
+import shlex
 import sys
 import traceback
 from collections.abc import Sequence
@@ -100,7 +101,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             console = Console(as_json=as_json)
             return _refused(console, error)
         console = Console(as_json=as_json)
-        return _answered(args, console)
+        return _answered(args, console, arguments)
     except KeyboardInterrupt:
         take_interrupt()
         (console or Console(as_json=as_json)).interrupted()
@@ -112,7 +113,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return BROKEN_PIPE if isinstance(error, BrokenPipeError) else BAD_INPUT
 
 
-def _answered(args: argparse.Namespace, console: Console) -> int:
+def _answered(args: argparse.Namespace, console: Console, arguments: Sequence[str]) -> int:
     """Run the verb; every outcome is a document or a message, and an exit code."""
     try:
         keep_inputs(args)
@@ -130,8 +131,17 @@ def _answered(args: argparse.Namespace, console: Console) -> int:
         console.complain(traceback.format_exc())
         console.refuse(InputError.of(f"internal error: {error!r}"), "avc: internal error; please report it")
         return INTERNAL
-    console.answer(answer, verbose=getattr(args, "verbose", False))
+    commands = dict.fromkeys(_again(one, arguments) for one in answer.commands)
+    console.answer(replace(answer, commands=tuple(filter(None, commands))), verbose=getattr(args, "verbose", False))
     return int(answer.code)
+
+
+def _again(command: str, arguments: Sequence[str]) -> str:
+    """Return a command that shows more of the same answer with what was typed; empty where that was asked for."""
+    flag = command.rpartition(" ")[2]
+    if flag not in {"-v", "--explain"}:
+        return command
+    return "" if flag in arguments else shlex.join(["avc", *arguments, flag])
 
 
 def _refused(console: Console, error: AvcError | OSError) -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from shlex import quote
@@ -31,7 +32,6 @@ from avc_casadi.design.registry import methods_help
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
-    from avc_casadi.model.gains import Gains
     from avc_casadi.model.schedule import GainSchedule
     from avc_casadi.present.row import Answer
 
@@ -84,9 +84,7 @@ def run_certify(args: argparse.Namespace, console: Console) -> Answer:
     if coupling.end == "simulation":
         refuse(args, "prove", "proof_out", why=OF_WALLS)
         return _certify_pair(problem, coupling, args, console)
-    if args.proof_out is None:
-        return _certify_wall(problem, coupling, notes, args, console, None)
-    with output_folder(args.proof_out, "--proof-out") as folder:
+    with nullcontext() if args.proof_out is None else output_folder(args.proof_out, "--proof-out") as folder:
         return _certify_wall(problem, coupling, notes, args, console, folder)
 
 
@@ -115,7 +113,6 @@ def _certify_wall(
     from avc_casadi._util.json_values import json_text
     from avc_casadi.claims.proof_levels import proof_files
     from avc_casadi.claims.registry import asked_for
-    from avc_casadi.files.catalogue import catalogue_names
     from avc_casadi.present.rows import holes
     from avc_casadi.present.rows.judge import certificate
 
@@ -134,9 +131,19 @@ def _certify_wall(
         "proof_files": list(written),
         "deployable": verdict,
     }
-    # A coupling file names its problem, whose own file is not known here.
-    named = problem.name if problem.name in catalogue_names() else "P"
-    return certificate(data, problem, named if args.gains is None else args.problem)
+    return certificate(data, problem, args.problem if args.gains is not None else _file_of(problem))
+
+
+def _file_of(problem: avc.Problem) -> str:
+    """Return the name or the file that holds the problem of a coupling; empty where none here does."""
+    from avc_casadi.files.coupling_file import same_problem
+    from avc_casadi.present.rows.subject import name_of
+
+    name = name_of(problem)
+    try:
+        return name if same_problem(avc.load_problem(name), problem) else ""
+    except avc.InputError:
+        return ""
 
 
 @verb(
@@ -214,7 +221,9 @@ def _simulate_wall(
     from avc_casadi.present.rows.judge import scene
     from avc_casadi.simulation.screen import explain
 
-    others = _others(args.against)
+    others = [] if args.against is None else args.against.split(",")
+    if len(others) > _MOST_OTHERS:
+        raise avc.InputError.of(f"names {len(others)}; allowed: at most {_MOST_OTHERS}", key="--against")
     why = "" if gains is None else missing_rest_gains(gains.schedule if isinstance(gains, Coupling) else gains)
     if why:
         file, key = (problem.name, "scene.coupling") if args.gains is None else (args.gains, "--gains")
@@ -223,7 +232,10 @@ def _simulate_wall(
     with console.step(f"{problem.scene.duration_s:g} s of the scene"):
         found = avc.simulate(problem, gains, seed=args.seed)
         facts = told_beside(found)
-        beside = [avc.simulate(problem, _gains_by(name, problem), seed=args.seed) for name in others]
+        beside = [
+            avc.simulate(problem, NO_COUPLING if one == "none" else avc.solve(problem, one), seed=args.seed)
+            for one in others
+        ]
     with console.step("cost of each effect"):
         parts = explain(problem, NO_COUPLING if gains is None else gains)
     trace = _saved([found, *beside], None, args, console)
@@ -256,25 +268,6 @@ def _simulate_pair(
         **vars(gains),
     }
     return scene(data, problem, args.problem, args.plot and str(args.plot))
-
-
-def _others(text: str | None) -> list[str]:
-    """Split the couplings of --against and check them."""
-    from avc_casadi.design.registry import METHODS
-
-    names = [] if text is None else [name.strip() for name in text.split(",")]
-    wrong = [name for name in names if name not in ("none", *METHODS)]
-    if wrong or len(names) > _MOST_OTHERS:
-        what = f"{', '.join(wrong)}: no coupling" if wrong else f"{len(names)} couplings"
-        allowed = f"none, {', '.join(METHODS)}; at most {_MOST_OTHERS}, separated by commas"
-        raise avc.InputError.of(f"{what}; allowed: {allowed}", key="--against")
-    return names
-
-
-def _gains_by(name: str, problem: avc.Problem) -> Gains | GainSchedule:
-    from avc_casadi.model.gains import NO_COUPLING
-
-    return NO_COUPLING if name == "none" else avc.solve(problem, name)
 
 
 @verb(

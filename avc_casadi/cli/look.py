@@ -163,7 +163,7 @@ def run_doctor(args: argparse.Namespace, console: Console) -> Answer:
     found = _ports(args, console)
     rows = ports(found, asked=args.ask)
     if args.ports:
-        return Result("ports", {"ports": found}, ("serial ports",), tuple(rows), ("without a device: --port emulator",))
+        return Result("ports", {"ports": found}, ("serial ports; without a device: --port emulator",), tuple(rows))
     with console.step("solvers"):
         small = avc.load_problem("soft").changed(frequency={"points": 2})
         solvers = {name: "failed" not in avc.solve(small, solver=name).status for name in SOLVERS}

@@ -134,4 +134,5 @@ def parameters(coupling: Coupling, engine: str, shown: str = "coupling.json", un
     rows += [row("Device", step, Value(data["sample_time_s"], "time")), row("Each step", law)]
     rows += notes(data["traps"], "Trap")
     title = parts(shown, f"  for {known.title} ·", pair(vars(coupling.gains)), f"· exchange {tool.exchange}")
-    return Answer("parameters", data, title, tuple(rows), (f"avc export {quote(shown)} --c DIR",), units, whole=True)
+    onwards = (f"avc export {quote(shown)} --c firmware",)
+    return Answer("parameters", data, title, tuple(rows), onwards, units, whole=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 from avc_casadi.present.row import Answer, Mark, Part, Row, Value, count, listed, marked, parts, row
@@ -70,7 +71,7 @@ def push(data: Mapping[str, Any], coupling: Coupling, shown: str) -> Answer:
     if "in_the_loop" in data:
         rows.append(_in_the_loop(data["in_the_loop"]))
     rows += [*notes([*filter(None, [data["holes"]]), *data.get("notes", ())]), *notes(coupling.lacks, "Lacks")]
-    onwards = () if data["port"] == "emulator" else (f"avc monitor --port {data['port']}",)
+    onwards = () if data["port"] == "emulator" else (f"avc monitor --port {quote(data['port'])}",)
     return Answer("push", data, headline(problem, shown), tuple(rows), onwards, problem.units)
 
 
@@ -87,36 +88,27 @@ def _in_the_loop(tried: Mapping[str, Any]) -> Row:
 
 
 def export(data: Mapping[str, Any], coupling: Coupling, shown: str) -> Answer:
-    """Return the answer of `export` of a coupling to a wall."""
-    keys = ("damping_ns_per_m", "stiffness_n_per_m", "contact_damping_ns_per_m")
-    table = {key: getattr(coupling.schedule, key)[coupling.schedule.usable].tolist() for key in keys}
-    observer = "observer with state feedback," if coupling.runtime.state_feedback is not None else ""
-    rate = (",", Value(1 / coupling.sample_time_s, "frequency"), f", {plural(data['rows'], 'row')}")
+    """Return the answer of `export`."""
+    problem = coupling.problem
+    periods = dict.fromkeys(filter(None, (data["sample_time_s"], data.get("follower_sample_time_s"))))
+    rates = listed(Value(1 / one, "frequency") for one in periods)
+    if coupling.end == "wall":
+        keys = ("damping_ns_per_m", "stiffness_n_per_m", "contact_damping_ns_per_m")
+        table = {key: getattr(coupling.schedule, key)[coupling.schedule.usable].tolist() for key in keys}
+        observer = "observer with state feedback," if coupling.runtime.state_feedback is not None else ""
+        what, size = parts(observer, gains(table, problem)), plural(data["rows"], "row")
+    else:
+        there = parts("at the follower", pair(vars(coupling.at_follower))) if coupling.end == "follower" else None
+        what, size = listed([pair(vars(coupling.gains)), there], ";"), "both ends"
+    onwards = (f"avc export {quote(shown)} --parameters mujoco",) if coupling.end == "simulation" else ()
     rows = [
         *_unsafe(data),
-        row("Coupling", f"{coupling.id}:", observer, gains(table, coupling.problem)),
-        row("C", f"{data['precision']} precision", rate),
+        row("Coupling", f"{coupling.id}:", what),
+        row("C", f"{data['precision']} precision,", rates, f", {size}"),
         *_files(data["files"]),
-        *notes(filter(None, [data["holes"]])),
-        *notes(data["lacks"], "Lacks"),
+        *notes(filter(None, [data.get("holes")])),
+        *notes(data.get("lacks", ()), "Lacks"),
     ]
-    return Answer("export", data, headline(coupling.problem, shown), tuple(rows), units=coupling.problem.units)
-
-
-def pair_export(data: Mapping[str, Any], coupling: Coupling, shown: str) -> Answer:
-    """Return the answer of `export` of a coupling to a simulation or a follower."""
-    problem, far = coupling.problem, data.get("follower_sample_time_s")
-    springs = [pair(vars(coupling.gains))]
-    if problem.follower is not None:
-        springs.append(parts("at the follower", pair(vars(coupling.at_follower))))
-    rates = listed(Value(1 / one, "frequency") for one in dict.fromkeys(filter(None, (data["sample_time_s"], far))))
-    rows = [
-        *_unsafe(data),
-        row("Coupling", f"{coupling.id}:", listed(springs, ";")),
-        row("C", f"{data['precision']} precision,", rates, ", both ends"),
-        *_files(data["files"]),
-    ]
-    onwards = () if problem.simulation is None else (f"avc export {shown} --parameters ENGINE",)
     return Answer("export", data, headline(problem, shown), tuple(rows), onwards, problem.units)
 
 

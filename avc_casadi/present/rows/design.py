@@ -64,7 +64,8 @@ def solution(data: Mapping[str, Any], problem: Problem, shown: str = "", written
         rows.append(row("", error["effect"], rank=1))
     printed = " --as-printed" if "paper_errors" in data else ""
     again = f"avc solve {quote(shown)} --method {data['method']}{printed}"
-    onwards = f"{again} --out gains.json" if written is None else f"avc certify {quote(written)}"
+    beside = f"{quote(shown)} " if written and written.endswith(".csv") else ""
+    onwards = f"avc certify {beside}{quote(written)}" if written and data["deployable"] else f"{again} --out gains.json"
     missing = without_gains(data)
     return Answer(
         "solve",

@@ -56,9 +56,10 @@ _CURVES = {
 _ROWS = 16
 
 
-def certificate(data: Mapping[str, Any], problem: Problem, shown: str = "") -> Answer:
+def certificate(data: Mapping[str, Any], problem: Problem, shown: str | None = None) -> Answer:
     """Return the answer of `certify` of a coupling to a wall; ``gains`` is None where they stand in no file."""
-    shown, file, verdict = shown or name_of(problem), data["gains"], data["deployable"]
+    file, verdict = data["gains"], data["deployable"]
+    shown = name_of(problem) if shown is None else shown
     rows = [
         _verdict(verdict),
         *_claims(verdict, data["levels"]["L5"]),
@@ -76,9 +77,11 @@ def certificate(data: Mapping[str, Any], problem: Problem, shown: str = "") -> A
     if "claimed" in data:
         claimed = data["levels"][data["claimed"]]
         rows.append(row("Asked for", f"{claimed['title']}: {'met' if claimed['pass'] else 'not met'}", rank=1))
-    onwards = [] if verdict["pass"] else [f"avc recommend {quote(shown)} --out coupling.json"]
+    onwards = [f"avc recommend {quote(shown)} --out coupling.json"] if shown and not verdict["pass"] else []
     if file is not None:
-        onwards = [*(onwards or [f"avc export {quote(file)} --c DIR"]), f"avc certify {quote(file)} -v"]
+        beside = f" --problem {quote(shown)}" if file.endswith(".csv") else ""
+        onwards += [f"avc export {quote(file)} --c firmware{beside}"] if verdict["pass"] else []
+        onwards.append(f"avc certify {quote(file)} -v")
     complaint = "" if verdict["pass"] else f"avc: {problem.name}: {file} is not deployable"
     return Answer(
         "certify",

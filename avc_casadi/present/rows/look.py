@@ -131,8 +131,8 @@ def device(data: Mapping[str, Any], units: Units) -> Answer:
         example = {key: one for key, one in data["sdk_example"].items() if key != "source"}
         told = ", ".join(f"{units.key(key)} {one}" for key, one in example.items())
         rows.append(row("SDK example", f"{told}; {data['sdk_example']['source']}", rank=1))
-    onwards = (f'in a problem file: device = "{data["referred_as"]}"',)
-    return Answer("check", data, (f"{data['device']}   device file",), tuple(rows), onwards, units)
+    rows.append(row("Use", f'device = "{data["referred_as"]}" in a problem file'))
+    return Answer("check", data, (f"{data['device']}   device file",), tuple(rows), units=units)
 
 
 def _value(key: str, value: Any) -> tuple[Part, ...]:
@@ -153,8 +153,8 @@ def catalogue(data: Mapping[str, Any], folder: str) -> Answer:
     """Return the answer of `list`."""
     rows = [row(one["name"], one["title"]) for one in data["problems"]]
     rows += [row(f"devices/{one['name']}", one["title"]) for one in data["devices"]]
-    told = (f'in a problem file: device = "NAME"; files to copy from: {folder}',)
-    return Answer("list", data, ("problems and devices of the catalogue",), tuple(rows), told, whole=True)
+    title = f"problems, files of {folder}, and devices of the catalogue"
+    return Answer("list", data, (title,), tuple(rows), ("avc check figure5", "avc run figure5"), whole=True)
 
 
 def installation(data: Mapping[str, Any], ports: Sequence[Row]) -> Answer:

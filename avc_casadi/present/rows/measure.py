@@ -81,7 +81,7 @@ def identification(
         share, errors = Value(trial.change, "share"), f"on stretches held out, {trial.standard_errors:.2g} std errors"
         taken = "taken: error" if trial.taken else "not taken: error"
         rows.append(row(f"Rung {trial.rung}", taken, share, errors, f"; {trial.why}" if trial.why else "", rank=1))
-    onwards = [f"avc check {quote(written[0])}"] if written and found.device is not None else []
+    onwards = [f"avc check {quote(one)}" for one in written if one.endswith(".toml")]
     onwards.append(f"avc identify {' '.join(logs)} -v")
     return Answer("identify", data, title, tuple(rows), tuple(onwards), units)
 

@@ -54,7 +54,7 @@ def recommendation(found: Recommendation, shown: str = "", written: str | None =
     onwards = f"avc recommend {quote(shown)} --out coupling.json"
     nothing = data["reason"].startswith("nothing") or problem.environment.stiffness_n_per_m == 0
     if found.deployable and written is not None:
-        onwards = f"avc export {quote(written)} --c DIR"
+        onwards = f"avc export {quote(written)} --c firmware"
     elif found.coupling is None or (not found.deployable and (nothing or _slips(data))):
         onwards = f"avc check {quote(shown)}"
     elif not found.deployable:
