@@ -138,27 +138,7 @@ class Coupling:
         end: End = "simulation" if problem.simulation is not None else "follower"
         row = Gains(gains.damping_ns_per_m, gains.stiffness_n_per_m, gains.local_damping_ns_per_m)
         table = GainTable.constant_gains(row)
-        b, k, local = table.gains
-        nothing = np.full(1, np.nan + 0j)
-        schedule = GainSchedule(
-            problem=problem.name,
-            method="recommend",
-            solver=None,
-            structure="series",
-            model=problem.stability.model,
-            sample_time_s=problem.device.sample_time_s,
-            frequency_hz=table.frequency_hz,
-            damping_ns_per_m=b,
-            stiffness_n_per_m=k,
-            contact_damping_ns_per_m=local,
-            impedance=nothing,
-            target=nothing,
-            status=(Status.SOLVED,),
-            reason=("",),
-            requested_damping_ns_per_m=b,
-            requested_stiffness_n_per_m=k,
-            requested_contact_damping_ns_per_m=local,
-        )
+        schedule = schedule_of(problem, table, "recommend")
         return cls(problem, schedule, table, Runtime(), certificate, trial, versions or {}, end=end)
 
     @property

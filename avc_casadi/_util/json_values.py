@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping
+from dataclasses import is_dataclass
 from enum import Enum
 from typing import Any
 
@@ -14,7 +15,9 @@ from avc_casadi._util.units import LINEAR, Units
 
 
 def plain(value: Any) -> Any:
-    """Turn arrays, tuples, mappings and enumerations into JSON values; a number that is not finite becomes null."""
+    """Turn arrays, tuples, mappings, dataclasses and enumerations into JSON values; what is not finite becomes null."""
+    if is_dataclass(value):
+        value = vars(value)
     if isinstance(value, dict):
         return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, np.ndarray):

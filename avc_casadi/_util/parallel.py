@@ -93,66 +93,58 @@ def mapped(
     """
     weights = sizes or [1] * len(tasks)
     found: list[R] = []
-    with Crew(workers) as crew:
-        for result in crew.each([partial(work, task) for task in tasks], executor):
-            found.append(result)
-            progress.advance(sum(weights[: len(found)]), sum(weights), things)
-    return found
+    with Crew(workers, executor) as crew:
+        begun = [crew.begin(partial(work, task)) for task in tasks]
+        for done, result in enumerate(reversed(begun), start=1):  # helpers begin at the other end
+            found.append(result())
+            progress.advance(sum(weights[-done:]), sum(weights), things)
+    return found[::-1]
 
 
 class Crew:
     """This process and its helpers, which share tasks; results do not depend on which did them.
 
-    Helpers are fresh interpreters, as CasADi's threads do not survive a fork; at the end they are terminated.
+    Helpers are fresh interpreters, as CasADi's threads do not survive a fork; at the end they are terminated. An
+    executor does all tasks.
     """
 
-    def __init__(self, workers: int) -> None:
+    def __init__(self, workers: int, executor: Executor | None = None) -> None:
         if not isinstance(workers, int) or isinstance(workers, bool) or workers < 1:
             raise InputError.of(f"is {workers!r}; allowed: a whole number, 1 or more", key="workers")
-        self._size = min(workers, processors())
+        size = min(workers, processors())
+        self._executor = executor
         self._helpers: ProcessPoolExecutor | None = None
-        if self._size > 1:
-            share = max(1, processors() // self._size)
-            self._helpers = ProcessPoolExecutor(self._size - 1, get_context("spawn"), begin_process, (share,))
+        self._begun: list[Future[Any]] = []
+        if size > 1 and executor is None:
+            share = max(1, processors() // size)
+            self._helpers = ProcessPoolExecutor(size - 1, get_context("spawn"), begin_process, (share,))
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
+        for future in self._begun:
+            future.cancel()
         if self._helpers is not None:
             for process in list((self._helpers._processes or {}).values()):  # noqa: SLF001 - public from Python 3.14 on
                 process.terminate()
             self._helpers.shutdown(cancel_futures=True)
 
     def begin(self, task: Callable[[], R]) -> Callable[[], R]:
-        """Start a task, a function of a module with its arguments, on a helper; return a function that awaits it."""
-        if self._helpers is None:
+        """Start a task, a function of a module with its arguments; return a function that awaits its result.
+
+        This process does what is awaited where no helper has begun it.
+        """
+        helpers = self._executor or self._helpers
+        if helpers is None:
             return cache(task)
-        return cache(partial(_result, _submitted(self._helpers, task), task))
-
-    def each(self, tasks: Sequence[Callable[[], R]], executor: Executor | None = None) -> Iterator[R]:
-        """Yield the result of each task in order; this process does its share, unless an executor does all."""
-        helpers = executor or self._helpers
-        begun: dict[int, Future[R]] = {}
-        try:
-            for place, task in enumerate(tasks):
-                if helpers is not None and (executor or place % self._size):
-                    begun[place] = _submitted(helpers, task)
-            for place, task in enumerate(tasks):
-                own = None if executor else task
-                yield _result(begun[place], own) if place in begun else task()
-        finally:
-            for future in begun.values():
-                future.cancel()
-
-
-def _submitted(executor: Executor, task: Callable[[], R]) -> Future[R]:
-    with without_interrupts(), HeldInterrupt():  # another thread may take the signal for this one
-        return executor.submit(task)
+        with without_interrupts(), HeldInterrupt():  # another thread may take the signal for this one
+            future = helpers.submit(task)
+        self._begun.append(future)
+        return cache(partial(_result, future, None if self._executor else task))
 
 
 def _result(future: Future[R], task: Callable[[], R] | None) -> R:
-    """Return the result of a task, which this process does where it is given and no helper has begun it."""
     try:
         return task() if task is not None and future.cancel() else future.result()
     except BrokenExecutor as error:
@@ -160,7 +152,3 @@ def _result(future: Future[R], task: Callable[[], R] | None) -> R:
             "a worker died, of too little memory, or as the script that begins it has no "
             'if __name__ == "__main__": around what it does'
         ) from error
-
-
-ALONE = Crew(1)
-"""Without helpers."""

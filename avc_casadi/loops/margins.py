@@ -20,7 +20,7 @@ from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray, IndexAr
 from avc_casadi.loops.loop import Body
 from avc_casadi.loops.spectrum import eigenvalues
 from avc_casadi.loops.wall import Laws, Rendering, closed, force_over_innovation, force_over_position, frozen_rendering
-from avc_casadi.model.hands import Hand, hand_corners, no_hand, with_released
+from avc_casadi.model.hands import hand_corners, with_released
 from avc_casadi.model.sampled_plant import sampled_plant
 
 if TYPE_CHECKING:
@@ -258,17 +258,12 @@ class Transient:
     frequency_hz: float
 
     @classmethod
-    def of(cls, loops: FloatArray, sample_time_s: float) -> Transient:
-        """Return the worst of some loops, shape (..., s, s)."""
-        poles = eigenvalues(loops).ravel()
-        swinging = poles[_swings(poles)]
-        if len(swinging) == 0:
-            return cls(0.0, 1.0, 0.0)
-        rate = np.log(swinging) / sample_time_s
-        ratio = -rate.real / np.abs(rate)
+    def of(cls, poles: ComplexArray, sample_time_s: float) -> Transient:
+        """Return the worst of the poles of some loops."""
+        ratio = damping_ratios(poles)
         worst = int(np.argmin(ratio))
-        hz = float(np.abs(rate[worst].imag) / (2 * math.pi))
-        return cls(float(settling_s(poles, sample_time_s)), float(ratio[worst]), hz)
+        hz = np.abs(np.angle(poles[worst])) / (2 * math.pi * sample_time_s) if ratio[worst] < 1 else 0.0
+        return cls(float(settling_s(poles, sample_time_s)), float(ratio[worst]), float(hz))
 
 
 def settling_s(poles: ComplexArray, sample_time_s: float) -> FloatArray:
@@ -277,6 +272,12 @@ def settling_s(poles: ComplexArray, sample_time_s: float) -> FloatArray:
     with np.errstate(divide="ignore", invalid="ignore"):
         found = sample_time_s * math.log(SETTLED) / np.log(radius)
     return np.asarray(np.where(radius >= 1, np.inf, np.where(radius > 0, found, 0.0)))
+
+
+def damping_ratios(poles: ComplexArray) -> FloatArray:
+    """Return the damping ratio of each pole; 1 of one that does not oscillate."""
+    rate = np.log(np.where(_swings(poles), poles, 0.5))
+    return np.asarray(-rate.real / np.abs(rate))
 
 
 def _swings(poles: ComplexArray) -> BoolArray:
@@ -288,15 +289,5 @@ def transients(coupling: Coupling) -> tuple[Transient, Transient]:
 
     Linear: gains at rest, the innovation of a law unattenuated; an observer between encoder steps is left out.
     """
-    problem = coupling.problem
-    ranges = problem.hands.model_copy(update={"let_go": False})
-    return _transient(coupling, no_hand()), _transient(coupling, hand_corners(ranges))
-
-
-def _transient(coupling: Coupling, hands: Hand) -> Transient:
-    problem, gains = coupling.problem, coupling.table.at_rest
-    rendering = frozen_rendering(
-        problem, gains.damping_ns_per_m, gains.stiffness_n_per_m, gains.contact_damping_ns_per_m
-    )
-    body = Body.of(sampled_plant(problem.device, hands)).flat()
-    return Transient.of(closed(body, rendering, coupling.runtime.state_feedback), problem.device.sample_time_s)
+    loop = OpenLoop.of(coupling)
+    return Transient.of(loop.poles[-1], loop.sample_time_s), Transient.of(loop.poles[:-1].ravel(), loop.sample_time_s)

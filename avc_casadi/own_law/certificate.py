@@ -8,7 +8,7 @@ linear, with hold, delay, amplifier and resonance as declared, and without dry f
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,7 +20,7 @@ from avc_casadi._util.printed import Printed
 from avc_casadi.files.device_file import load_device
 from avc_casadi.files.problem_file import AnyProblem, as_problem, is_device
 from avc_casadi.loops.margins import LEAST_DISK, SOUND_DISK
-from avc_casadi.loops.wall import MAX_DELAY_SAMPLES
+from avc_casadi.loops.wall import MAX_DELAY_SAMPLES, force_over_position
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners, device_ranges
 from avc_casadi.model.problem import Impedance, Problem
 from avc_casadi.own_law.loops import Case, Law, Loops
@@ -124,27 +124,15 @@ class LawCertificate(Printed):
 
     def document(self) -> dict[str, Any]:
         """Return JSON values."""
-        whole = {key: value for key, value in vars(self).items() if key not in ("problem", "rendered_n_per_m")}
-        rendered = {f"at_{hz:g}_hz_n_per_m": value for hz, value in self.rendered_n_per_m.items()}
-        tables = {key: asdict(value) if key in _TABLES and value is not None else value for key, value in whole.items()}
         verdict = {"pass": self.passed, "stable": self.stable, "disk_margin": self.disk_margin, "quiet": self.quiet}
-        found = {
-            "schema": "avc/1",
-            "kind": "law",
-            "problem": self.problem.name,
-            "deployable": {**verdict, "reason": self.reason},
-            **tables,
-            "rendered": rendered,
-            "remedies": [asdict(remedy) for remedy in self.remedies],
-        }
-        return self.problem.units.document(plain(found))
+        rendered = {f"at_{hz:g}_hz_n_per_m": value for hz, value in self.rendered_n_per_m.items()}
+        own = {"problem": self.problem.name, "deployable": {**verdict, "reason": self.reason}, "rendered": rendered}
+        numbers = {key: value for key, value in vars(self).items() if key not in ("problem", "rendered_n_per_m")}
+        return self.problem.units.document(plain({"schema": "avc/1", "kind": "law", **own, **numbers}))
 
 
 def _safety(case: Case) -> tuple[bool, float]:
     return case.stable, case.margins.disk
-
-
-_TABLES = ("law", "held", "released", "free")
 
 
 def certify_law(
@@ -241,10 +229,9 @@ def _rendered(device: Device, law: Law) -> tuple[float, dict[float, float]]:
         share = mode.mass_ratio * (1 - mode.mass_ratio)
         joint = (2 * math.pi * mode.frequency_hz) ** 2 * device.mass_kg * share
         static = k * joint / (k + joint)
-    found, (force, velocity) = {}, (part[0] for part in vars(law.rendering(period)).values())
+    rendering, found = law.rendering(period), {}
     for hz in _AT_HZ:
         if hz < 0.5 / period:
-            z = np.exp(2j * math.pi * hz * period)
-            filtered = (velocity[0] + velocity[1] / z) / (1 - velocity[2] / z)
-            found[hz] = float(abs(force[0] + force[1] / z + force[2] / z * filtered))
+            turn = np.exp(2j * math.pi * hz * period)
+            found[hz] = float(abs(force_over_position(rendering, turn)))
     return static, found

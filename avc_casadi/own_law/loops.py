@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from avc_casadi._errors import UnsupportedError
-from avc_casadi.loops.margins import Margins, OpenLoop
+from avc_casadi.loops.margins import SETTLED, Margins, OpenLoop, damping_ratios
 from avc_casadi.loops.ranges import hand_boxes, worst_held
 from avc_casadi.loops.wall import RADIUS_TOLERANCE, Rendering
 from avc_casadi.loops.walls import stable_walls
@@ -26,9 +26,8 @@ if TYPE_CHECKING:
     from avc_casadi.model.problem import Problem
     from avc_casadi.model.sampled_plant import SampledPlant
 
-_SETTLED = 0.02
-# A pole that turns less per sample does not oscillate; a smaller one is deadbeat; so near to 1 a free device stays.
-_TURN, _GONE, _STAYS = 1e-6, 1e-9, 1e-9
+# A pole so near to 1 is that of a free device that stays.
+_STAYS = 1e-9
 # Dampings of a scan, of a zoom on one of its edges, zooms; searches of the ranges that confirm a limit, just inside it.
 _SCAN, _FINE, _ZOOMS, _CONFIRMED, _INSIDE = 81, 17, 5, 4, 1e-6
 
@@ -110,11 +109,11 @@ class Loops:
         every = list(product(self.corners, [hands.pick(slice(i, i + 1)) for i in range(len(hands))]))
         every += [self.worst(law, box, measure) for measure in (_radius, _undamped, OpenLoop.swings)]
         loop = self.around(law, every)
-        sizes, ratios = np.abs(loop.poles), _damping_ratios(loop.poles)
+        sizes, ratios = np.abs(loop.poles), damping_ratios(loop.poles)
         springy = law.stiffness_n_per_m > 0 or box["hand.stiffness_n_per_m"][0] > 0
         slowest = float(sizes[springy | (np.abs(loop.poles - 1) > _STAYS)].max(initial=0.0))
         with np.errstate(divide="ignore"):
-            settling_s = self.period * math.log(_SETTLED) / np.log(slowest) if slowest < 1 else math.inf
+            settling_s = self.period * math.log(SETTLED) / np.log(slowest) if slowest < 1 else math.inf
         hz = np.abs(np.angle(loop.poles)).ravel() / (2 * math.pi * self.period)
         return Case(
             spectral_radius=float(sizes.max()),
@@ -216,11 +215,4 @@ def _radius(loop: OpenLoop) -> FloatArray:
 
 
 def _undamped(loop: OpenLoop) -> FloatArray:
-    return np.asarray(1 - _damping_ratios(loop.poles).min(axis=1))
-
-
-def _damping_ratios(poles: ComplexArray) -> FloatArray:
-    """Return the damping ratio of each pole; 1 of one that does not oscillate."""
-    swings = (np.abs(np.angle(poles)) > _TURN) & (np.abs(poles) > _GONE)
-    rate = np.log(np.where(swings, poles, 0.5))
-    return np.asarray(np.where(swings, -rate.real / np.abs(rate), 1.0))
+    return np.asarray(1 - damping_ratios(loop.poles).min(axis=1))

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -16,7 +15,7 @@ if TYPE_CHECKING:
     from avc_casadi.model.problem import Problem
     from avc_casadi.own_law.certificate import LawCertificate
 
-_TRIED, _HALVINGS, _SHARES = 24, 12, (0.7, 0.5, 0.3, 0.2, 0.1, 0.03)
+_TRIED, _SHARES, _FINE = 24, (0.7, 0.5, 0.3, 0.2, 0.1, 0.03), tuple(0.85**step for step in range(1, 30))
 
 
 @dataclass(frozen=True)
@@ -31,6 +30,12 @@ def _rounded(value: float) -> float:
     return float(f"{value:.3g}")
 
 
+def _dampings(law: Law, most: float) -> list[Law]:
+    shares = (0.0, *np.geomspace(1e-3, 1.0, _TRIED))
+    laws = [replace(law, damping_ns_per_m=_rounded(most * share)) for share in shares]
+    return [one for one in laws if one.damping_ns_per_m or one.stiffness_n_per_m]
+
+
 def first_law(problem: Problem) -> Law:
     """Return a spring and damper to begin with: the wall's k, or the largest share of it that a b holds soundly."""
     loops, stiffest = Loops(problem), problem.environment.stiffness_n_per_m or 1e3 * problem.device.metres_per_unit**2
@@ -38,8 +43,7 @@ def first_law(problem: Problem) -> Law:
         law = Law(_rounded(share * stiffest))
         found = loops.damping_range(law)
         if found is not None:
-            tried = [replace(law, damping_ns_per_m=b) for b in _dampings(found[1])]
-            best = max(tried, key=loops.disk_margin)
+            best = max(_dampings(law, found[1]), key=loops.disk_margin)
             if loops.disk_margin(best) >= SOUND_DISK:
                 return best
     return Law(_rounded(1e-3 * stiffest), 0.0)
@@ -47,60 +51,38 @@ def first_law(problem: Problem) -> Law:
 
 def remedies(certificate: LawCertificate, loops: Loops) -> Iterator[Remedy]:
     """Yield changes that leave a sound disk margin and no noise that is felt, each as its loop shows."""
-    problem, law, allowed = certificate.problem, certificate.law, certificate.damping_range_ns_per_m
+    device, law, allowed = certificate.problem.device, certificate.law, certificate.damping_range_ns_per_m
 
-    def sound(changed: Law, around: Loops = loops) -> float:
+    def margin(changed: Law, around: Loops = loops) -> float:
         loud = changed.noise_n(around.device) > certificate.quiet_n
         return 0.0 if loud else around.disk_margin(changed)
 
-    def damped(stiffness: float, most: float) -> tuple[float, float]:
-        """Return the b of the largest disk margin at a stiffness, and that margin."""
-        soft = replace(law, stiffness_n_per_m=stiffness)
-        best = max((replace(soft, damping_ns_per_m=b) for b in _dampings(most) if b or stiffness), key=sound)
-        return best.damping_ns_per_m, sound(best)
+    def sound(laws: Iterable[Law], *keys: str) -> Iterator[Remedy]:
+        """Yield the first sound law, with what it changes."""
+        for one in laws:
+            if (disk := margin(one)) >= SOUND_DISK:
+                yield Remedy({key: getattr(one, key) for key in keys}, disk)
+                return
 
-    b, disk = (0.0, 0.0) if allowed is None else damped(law.stiffness_n_per_m, allowed[1])
-    if disk >= SOUND_DISK:
-        yield Remedy({"damping_ns_per_m": b}, disk)
-    softer = _softer(law, sound)
-    if softer is not None:
-        yield Remedy({"stiffness_n_per_m": softer.stiffness_n_per_m}, sound(softer))
-    if disk < SOUND_DISK and softer is None and law.stiffness_n_per_m:
-        for share in _SHARES:
-            k = _rounded(share * law.stiffness_n_per_m)
-            found = loops.damping_range(replace(law, stiffness_n_per_m=k))
-            b, disk = (0.0, 0.0) if found is None else damped(k, found[1])
-            if disk >= SOUND_DISK:
-                yield Remedy({"stiffness_n_per_m": k, "damping_ns_per_m": b}, disk)
-                break
+    def softer(shares: tuple[float, ...]) -> Iterator[Law]:
+        for share in shares if law.stiffness_n_per_m else ():
+            yield replace(law, stiffness_n_per_m=_rounded(share * law.stiffness_n_per_m))
+
+    def damped(laws: Iterable[Law]) -> Iterator[Law]:
+        for one in laws:
+            if (found := loops.damping_range(one)) is not None:
+                yield max(_dampings(one, found[1]), key=margin)
+
+    best = [] if allowed is None else [max(_dampings(law, allowed[1]), key=margin)]
+    one_change = [*sound(best, "damping_ns_per_m")]
+    one_change += sound(softer(_FINE), "stiffness_n_per_m")
+    yield from one_change or sound(damped(softer(_SHARES)), "stiffness_n_per_m", "damping_ns_per_m")
     if not certificate.quiet:
-        for share in _SHARES[1:]:
-            filtered = replace(law, cutoff_hz=_rounded(share * 0.5 / loops.period))
-            if (disk := sound(filtered)) >= SOUND_DISK:
-                yield Remedy({"cutoff_hz": filtered.cutoff_hz or 0.0}, disk)
-                break
+        cutoffs = (replace(law, cutoff_hz=_rounded(share * 0.5 / loops.period)) for share in _SHARES[1:])
+        yield from sound(cutoffs, "cutoff_hz")
     quicker = {"sample_time_s": loops.period / 2}, {"delay_samples": 0}
-    for change in quicker[: 2 if problem.device.delay_samples else 1]:
+    for change in quicker[: 2 if device.delay_samples else 1]:
         beside = {"range": {"delay_samples": None}} if "delay_samples" in change else {}
-        disk = sound(law, Loops(problem.changed(device={**change, **beside})))
+        disk = margin(law, Loops(certificate.problem.changed(device={**change, **beside})))
         if disk >= SOUND_DISK:
             yield Remedy(change, disk)
-
-
-def _dampings(most: float) -> list[float]:
-    return [0.0, *(_rounded(most * share) for share in np.geomspace(1e-3, 1.0, _TRIED))]
-
-
-def _softer(law: Law, sound: Callable[[Law], float]) -> Law | None:
-    """Return the law with the largest smaller k that is sound; None where a thousandth of it is not."""
-    low, high = 1e-3, 1.0
-
-    def of(share: float) -> Law:
-        return replace(law, stiffness_n_per_m=_rounded(share * law.stiffness_n_per_m))
-
-    if not law.stiffness_n_per_m or sound(of(low)) < SOUND_DISK:
-        return None
-    for _ in range(_HALVINGS):
-        middle = math.sqrt(low * high)
-        low, high = (middle, high) if sound(of(middle)) >= SOUND_DISK else (low, middle)
-    return of(low)

@@ -68,7 +68,7 @@ def deployed(coupling: Coupling) -> Deployed:
     device, period = problem.device, problem.device.sample_time_s
     hands = hand_corners(problem.hands.model_copy(update={"let_go": False}))
     loop = OpenLoop.of(coupling)
-    each = [Transient.of(one, period) for one in loop.closed]
+    each = [Transient.of(one, period) for one in loop.poles]
     settled_s = [one.settling_s for one in each if np.isfinite(one.settling_s)]
     samples = int(np.clip(_BEYOND * max(settled_s, default=0.0) / period, 50, _MOST))
     turn = loop.turns()
