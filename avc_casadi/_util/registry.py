@@ -1,4 +1,4 @@
-"""A registry: objects of one kind by name, each declared in a file of its own in one folder, which is scanned."""
+"""A registry: objects of one kind by name, each declared in one module, or in the files of one folder."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ Thing = TypeVar("Thing")
 class Registry(Mapping[str, Thing], Generic[Thing]):
     """Objects of one kind by name, in the order of their ranks."""
 
-    def __init__(self, what: str, folder: str) -> None:
+    def __init__(self, what: str, place: str) -> None:
         self.what = what
-        self.folder = folder
+        self.place = place
         self._things: dict[str, tuple[float, Thing]] = {}
         self._scanned = False
 
@@ -53,6 +53,6 @@ class Registry(Mapping[str, Thing], Generic[Thing]):
 
     def _scan(self) -> None:
         if not self._scanned:
-            for found in iter_modules(import_module(self.folder).__path__, f"{self.folder}."):
+            for found in iter_modules(getattr(import_module(self.place), "__path__", ()), f"{self.place}."):
                 import_module(found.name)
             self._scanned = True

@@ -236,7 +236,6 @@ def gain_pair(text: str) -> tuple[float, float]:
 )
 def run_compare(args: argparse.Namespace, console: Console) -> Answer:
     """Put the methods side by side, frequency by frequency, with a verdict."""
-    from avc_casadi.design.comparison.document import comparison_document
     from avc_casadi.present.rows.design import comparison
 
     problem = avc.load_problem(args.problem)
@@ -246,7 +245,7 @@ def run_compare(args: argparse.Namespace, console: Console) -> Answer:
 
         with console.step("figure"):
             write_figure(args.plot, draw_comparison(found))
-    return comparison(comparison_document(found), problem, args.problem, args.plot and str(args.plot))
+    return comparison(found.document(), problem, args.problem, args.plot and str(args.plot))
 
 
 def _compared(problem: avc.Problem, mine: tuple[float, float] | None, console: Console) -> Comparison:
@@ -311,7 +310,6 @@ def _run_wall(problem: avc.Problem, args: argparse.Namespace, console: Console, 
     """Recommend, push to the emulated device, answer the paper's question, draw and report."""
     from avc_casadi._util.json_values import json_text
     from avc_casadi.design.comparison.comparison import with_delivered
-    from avc_casadi.design.comparison.document import comparison_document
     from avc_casadi.files.gain_file import gain_csv, gain_document
     from avc_casadi.present.report import paper_pictures, paper_sections, report_html, wall_pictures
     from avc_casadi.present.rows import design
@@ -333,7 +331,7 @@ def _run_wall(problem: avc.Problem, args: argparse.Namespace, console: Console, 
         push = _pushed(found, unsafe=args.unsafe)
     with console.step("figures"):
         wall, paper = wall_pictures(found), paper_pictures(comparison)
-    compare = comparison_document(comparison)
+    compare = comparison.document()
     texts = {
         "gains.json": json_text(gain_document(gains) | {"certificate": certificate}, problem.units),
         "gains.csv": gain_csv(gains),

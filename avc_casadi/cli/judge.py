@@ -239,7 +239,7 @@ def _simulate_wall(
     with console.step("cost of each effect"):
         parts = explain(problem, NO_COUPLING if gains is None else gains)
     trace = _saved([found, *beside], None, args, console)
-    data = found.document(trace) | facts | parts.document() | {"notes": notes}
+    data = found.document(trace) | facts | parts | {"notes": notes}
     if beside:
         data["against"] = [compared(run) for run in beside]
     answer = scene(data, problem, args.problem, args.plot and str(args.plot))
@@ -286,7 +286,7 @@ def run_trial(args: argparse.Namespace, console: Console) -> Answer:
     """
     from avc_casadi._util.parallel import cluster, processors
     from avc_casadi.present.rows.judge import trial
-    from avc_casadi.simulation.population.settled import settled_hands
+    from avc_casadi.simulation.population.trial import settled_hands
 
     coupling = read_wall(args.coupling)
     with cluster(args.scheduler) as executor, console.step(f"{args.hands} hands"):
@@ -338,7 +338,7 @@ def _region_of_walls(problem: avc.Problem, args: argparse.Namespace, console: Co
     from avc_casadi._util.json_values import plain
     from avc_casadi.claims.levels import ideal
     from avc_casadi.claims.zwidth import llewellyn_table, rendered_wall, zwidth
-    from avc_casadi.design.constant.static import static_coupling
+    from avc_casadi.design.static import static_coupling
     from avc_casadi.present.rows.judge import walls
 
     with console.step("region"):

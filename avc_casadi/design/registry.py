@@ -1,4 +1,4 @@
-"""The registry of design methods; each is one file in `avc_casadi.design.method`.
+"""The registry of design methods.
 
 A solver takes the problem (and its options, where it has any) and returns a `GainSchedule`. It is named by module and
 function, so that naming the methods loads neither numpy nor CasADi.
@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from avc_casadi._util.registry import Registry
-    from avc_casadi.model.problem import Model, Structure
     from avc_casadi.model.schedule import GainSchedule
 
 MethodName = str
@@ -24,59 +23,18 @@ MethodName = str
 
 
 @dataclass(frozen=True)
-class Candidate:
-    """One coupling of a method that studies compare with the same hands.
-
-    Attributes:
-        name: its name in tables.
-        help: description, one line.
-        rank: its order among those of all methods.
-        tuned: structure in which it is tuned for the training hands; None designs the problem as it is stated.
-        model: model of the stability condition; None is the problem's.
-        constant: whether its gains are constant over frequency.
-        meets_others: whether it is tried with hands outside the design set too.
-    """
-
-    name: str
-    help: str
-    rank: float
-    tuned: Structure | None = None
-    model: Model | None = None
-    constant: bool = False
-    meets_others: bool = False
-
-
-@dataclass(frozen=True)
 class Method:
-    """One method from a problem to gains.
+    """One method from a problem to gains."""
 
-    Attributes:
-        place: ``package:function`` of its solver.
-        help: printed line.
-        options: names of `solve`'s options that it takes.
-        keeps_realism: whether it keeps ``realism.require``.
-        credits_hand: whether it credits ``schedule.hand_damping_ns_per_m`` to the device.
-        keeps_ranges: whether it keeps its claim over the parameters of the linear loop in ``[device.range]``.
-        reports: whether it takes long enough to report progress.
-        answers_paper: whether it solves the paper's problem, (11)-(12).
-        pointwise: whether it does so at each frequency alone; these are compared.
-        optimises: whether it minimises (11), so that the others are judged against it.
-        live: whether it is fast enough for interactive use.
-        candidates: the couplings by it that studies compare.
-    """
-
-    place: str
+    place: str  # package:function of its solver
     help: str
-    options: tuple[str, ...] = ()
-    keeps_realism: bool = False
-    credits_hand: bool = False
-    keeps_ranges: bool = False
-    reports: bool = False
-    answers_paper: bool = False
-    pointwise: bool = False
-    optimises: bool = False
-    live: bool = False
-    candidates: tuple[Candidate, ...] = ()
+    options: tuple[str, ...] = ()  # of `solve`, that it takes
+    keeps_realism: bool = False  # realism.require
+    credits_hand: bool = False  # schedule.hand_damping_ns_per_m
+    keeps_ranges: bool = False  # its claim holds over all of [device.range]
+    reports: bool = False  # takes long enough to report progress
+    pointwise: bool = False  # solves (11)-(12) at each frequency alone, fast enough for interactive use
+    optimises: bool = False  # minimises (11), so that the others are judged against it
 
     @property
     def solver(self) -> Callable[..., GainSchedule]:
@@ -87,6 +45,53 @@ class Method:
 
 
 METHODS: Registry[Method] = registries.METHODS
+_METHODS = {
+    "closed-form": Method(
+        "avc_casadi.paper.closed_form:solve_closed_form",
+        "the paper's projection onto Re Z_h >= 0, then back to b and k; for comparison",
+        options=("as_printed",),
+        pointwise=True,
+    ),
+    "direct": Method(
+        "avc_casadi.paper.direct:solve_direct",
+        "the paper's NLP (11)-(12), solved directly at every frequency",
+        options=("solver", "tolerance"),
+        reports=True,
+        pointwise=True,
+        optimises=True,
+    ),
+    "exact": Method(
+        "avc_casadi.paper.exact:solve_exact",
+        "the global optimum of (11)-(12) from arc geometry",
+        reports=True,
+        pointwise=True,
+        optimises=True,
+    ),
+    "schedule": Method(
+        "avc_casadi.design.schedule.solver:solve_schedule",
+        "all frequencies as one optimal-control problem: smooth gains that meet the problem's scope",
+        keeps_realism=True,
+        credits_hand=True,
+        reports=True,
+    ),
+    "static": Method(
+        "avc_casadi.design.static:solve_static",
+        "the best constant gains under Llewellyn's condition (6)",
+    ),
+    "static-tuned": Method(
+        "avc_casadi.design.tuned:solve_static_tuned",
+        "the best constant gains, stable with every hand of [hands] and at rest in the scene",
+        reports=True,
+    ),
+    "robust": Method(
+        "avc_casadi.design.robust:solve_robust",
+        "the wall behind an observer with state feedback, by a convex program with a disk margin for every hand",
+        keeps_ranges=True,
+        reports=True,
+    ),
+}
+for _rank, (_name, _method) in enumerate(_METHODS.items()):
+    METHODS.add(_name, _method, _rank)
 
 
 def methods_help() -> str:

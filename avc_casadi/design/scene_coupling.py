@@ -105,11 +105,7 @@ def simulate(
 
 
 def told_beside(run: Run) -> dict[str, Any]:
-    """Return further entries of the `simulate` document: frequency of a table's reading, and the run without guard.
-
-    Args:
-        run: of `simulate`.
-    """
+    """Return further entries of the `simulate` document: frequency of a table's reading, and the run without guard."""
     assert run.stated is not None  # noqa: S101 - of `simulate`
     free = _without_guard(run, run.stated)
     return {

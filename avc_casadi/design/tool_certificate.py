@@ -27,13 +27,7 @@ PASSIVITY = (
 
 
 def tool_certificate(problem: Problem, gains: ToolGains, search: ToolSearch | None = None) -> dict[str, Any]:
-    """Return the certificate: JSON values, stability and passivity apart.
-
-    Args:
-        problem: with [simulation].
-        gains: of the coupling, at the device.
-        search: of the problem, if available.
-    """
+    """Return the certificate: JSON values, stability and passivity apart."""
     search = ToolSearch(problem) if search is None else search
     stable, (radius, case) = search.loops.stable_over_ranges(gains), search.loops.radius(gains)
     found: dict[str, Any] = plain(

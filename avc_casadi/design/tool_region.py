@@ -37,15 +37,7 @@ _SEARCHED, _MOST_REFUTED = 0.98, 20
 
 @dataclass(frozen=True, eq=False)
 class ToolCurve:
-    """Largest stable K at each B with an engine's step.
-
-    Attributes:
-        step_s: of the engine; the longest of its range where it is the declared one.
-        declared: whether this is the declared step, with its whole range.
-        stiffness_n_per_m: K up to which every softer one is stable too, shape (n,); 0 where none is.
-        stiffest: the stiffest coupling of all dampers, as `recommend` searches it, with a damper of the device's loop
-            where one belongs to it; None where it was not asked for.
-    """
+    """Largest stable K at each B with an engine's step."""
 
     step_s: float
     declared: bool
@@ -58,17 +50,7 @@ class ToolCurve:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ToolRegion:
-    """The K-B region of a coupling to a simulation: with every hand, released, and every tool and contact.
-
-    Attributes:
-        problem: name of the problem.
-        damping_ns_per_m: B, shape (n,), the first 0.
-        local_damping_ratio: of a damper in the device's loop: of the released device on each K; 0 without such a
-            damper, or with a given one.
-        curves: one for each engine rate, fastest first.
-        chosen: a coupling to mark in the figure; None marks none.
-        units: of the device.
-    """
+    """The K-B region of a coupling to a simulation: with every hand, released, and every tool and contact."""
 
     problem: str
     damping_ns_per_m: FloatArray
@@ -125,13 +107,6 @@ def tool_region(
     with those that `recommend` searches; K is right to 2 %.
     With local damping (`VirtualTool.damped_locally`) the device's own loop damps the released device critically on each
     K.
-
-    Args:
-        problem: with [simulation].
-        progress: reported over the curves.
-        rates: steps beside the declared one, as factors of it.
-        local_damping_ns_per_m: a damper of the device's loop in place of that one, the same on each K.
-        summits: whether the stiffest coupling of each curve is searched too.
     """
     tool = required_tool(problem)
     t, declared = problem.device.sample_time_s, max(tool.step_s)

@@ -25,39 +25,25 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ToolSearchOptions:
-    """Numbers of the search.
+    """Numbers of the search."""
 
-    Attributes:
-        softest: stiffness below which a coupling counts as none, as a share of m/T_s^2.
-        stiffest: stiffness at which a search ends, as a share of m/T^2.
-        dampers: number of dampers B tried, from `lightest` to `heaviest` times m/T, before the best are refined: the
-            limit of K over B has several humps, some no wider than a third of B.
-        lightest: see above.
-        heaviest: see above.
-        precision: relative precision of a limit.
-        hump: share of the stiffest K from which a local maximum over B is refined.
-        near_best: share of the best damping ratio from which dampers are good; that of the largest gain margin is
-            taken.
-        widest_margin: upper limit of the gain margins searched.
-        lighter: shares of a good damping ratio at which a lighter damper is tried too.
-        local_ratios: dampers of the device's local loop tried beside a held force, as damping ratios of the released
-            device on the spring K: above 1 it would only creep back.
-    """
-
-    softest: float = 1e-5
-    stiffest: float = 10.0
+    # Dampers B tried before the best are refined: the limit of K over B has several humps, some no wider than a third.
     dampers: int = 49
-    lightest: float = 1e-4
-    heaviest: float = 1.0
     precision: float = 5e-3
-    hump: float = 0.5
-    near_best: float = 0.9
-    widest_margin: float = 4.0
-    lighter: tuple[float, ...] = (0.5, 0.25)
+    # Dampers of the device's local loop, as damping ratios of the released device on K: above 1 it only creeps back.
     local_ratios: tuple[float, ...] = (0.1, 0.2, 0.35, 0.5, 0.7, 1.0)
 
 
 DEFAULT_OPTIONS = ToolSearchOptions()
+WIDEST_MARGIN = 4.0
+"""Upper limit of the gain margins that are searched."""
+# Stiffness below which a coupling counts as none, as a share of m/T_s^2; at which a search ends, of m/T^2; and the
+# lightest and heaviest damper, of m/T.
+_SOFTEST, _STIFFEST, _DAMPERS = 1e-5, 10.0, (1e-4, 1.0)
+# Share of the stiffest K from which a local maximum over B is refined.
+_HUMP = 0.5
+# Share of the best damping ratio from which dampers are good, and parts of it at which a lighter one is tried too.
+_NEAR_BEST, _LIGHTER = 0.9, (0.5, 0.25)
 # Precision of a coarse search, the ratio of steps down from a guess, and that of the first steps up.
 _COARSE, _DOWN, _FIRST_STEP = 1.05, 2**0.5, 2.0
 # Shares of the limit with one damper at which stability is checked with the next.
@@ -92,17 +78,11 @@ class Scale:
 
     def dampers_ns_per_m(self, options: ToolSearchOptions = DEFAULT_OPTIONS) -> FloatArray:
         """Return the dampers B that are tried, in increasing order."""
-        return self.mass_kg / self.sample_time_s * np.geomspace(options.lightest, options.heaviest, options.dampers)
+        return self.mass_kg / self.sample_time_s * np.geomspace(*_DAMPERS, options.dampers)
 
 
 class CouplingSearch:
-    """Search for a spring and damper that stabilise all loops.
-
-    Args:
-        loops: all loops.
-        scale: scales of the search.
-        options: numbers of the search.
-    """
+    """Search for a spring and damper that stabilise all loops."""
 
     def __init__(self, loops: Loops, scale: Scale, options: ToolSearchOptions = DEFAULT_OPTIONS) -> None:
         self._judge, self.scale, self.options = loops, scale, options
@@ -115,11 +95,11 @@ class CouplingSearch:
     @property
     def stiffest_n_per_m(self) -> float:
         """Stiffness at which a search ends: that of a mass that oscillates faster than T resolves."""
-        return self.options.stiffest * self.scale.mass_kg / self.scale.sample_time_s**2
+        return _STIFFEST * self.scale.mass_kg / self.scale.sample_time_s**2
 
     @property
     def _softest_n_per_m(self) -> float:
-        return self.options.softest * self.scale.mass_kg / self.scale.slow_s**2
+        return _SOFTEST * self.scale.mass_kg / self.scale.slow_s**2
 
     @property
     def softest(self) -> ToolGains:
@@ -127,11 +107,7 @@ class CouplingSearch:
         return ToolGains(self._softest_n_per_m, float(self.dampers_ns_per_m[self.options.dampers // 2]))
 
     def stiffest(self, local_damping_ns_per_m: float = 0.0) -> ToolGains:
-        """Return the stiffest K up to which every loop is stable, with its best B; 0 where there is none.
-
-        Args:
-            local_damping_ns_per_m: damper of the device's local loop.
-        """
+        """Return the stiffest K up to which every loop is stable, with its best B; 0 where there is none."""
         return self._summit(lambda k, b: ToolGains(k, b, local_damping_ns_per_m))
 
     def stiffest_beside_local_damper(self) -> ToolGains:
@@ -153,11 +129,6 @@ class CouplingSearch:
         """Return the stiffest K that has a gain margin with some B; 0 where none has.
 
         It is the limit over the margin, but where the limit is the top of a narrow hump over B.
-
-        Args:
-            limit: the stiffest gains.
-            gain_margin: required.
-            local: whether the device's local loop may damp too.
         """
         judge, below = WithMargin(self._judge, gain_margin), limit.times(1 / gain_margin)
         if below.stiffness_n_per_m > 0 and judge.stable(below) and not judge.refuted(below):
@@ -167,11 +138,7 @@ class CouplingSearch:
         return (search.stiffest_beside_local_damper() if local else search.stiffest()).stiffness_n_per_m
 
     def _summit(self, gains: Callable[[float, float], ToolGains]) -> ToolGains:
-        """Return the gains with the stiffest stable K over the dampers, once no search of the ranges refutes them.
-
-        Args:
-            gains: of a stiffness and a damper.
-        """
+        """Return the gains with the stiffest stable K over the dampers, once no search of the ranges refutes them."""
         limits: list[float] = []
         for _ in range(_MOST_REFUTED):
             limits = self._lowered(gains, limits) if limits else self._limits(gains)
@@ -192,7 +159,7 @@ class CouplingSearch:
         """Return the limits where loops were added; those that stay below a hump are left as they were."""
         limits, top, low = before.copy(), 0.0, self._softest_n_per_m
         for place in sorted(range(len(before)), key=lambda at: -before[at]):
-            if before[place] <= max(low, self.options.hump * top):
+            if before[place] <= max(low, _HUMP * top):
                 break
             limits[place] = self._below(partial(_with, gains, float(self.dampers_ns_per_m[place])), before[place])
             top = max(top, limits[place])
@@ -201,7 +168,7 @@ class CouplingSearch:
     def _top(self, gains: Callable[[float, float], ToolGains], limits: list[float]) -> ToolGains:
         """Return the gains with the stiffest stable K: every hump of the limit is refined."""
         dampers = self.dampers_ns_per_m.tolist()
-        least, ends = self.options.hump * max(limits), [0.0, *limits, 0.0]
+        least, ends = _HUMP * max(limits), [0.0, *limits, 0.0]
         humps = [
             place
             for place, (before, here, after) in enumerate(zip(ends, limits, ends[2:], strict=False))
@@ -244,14 +211,6 @@ class CouplingSearch:
         Of dampers nearly as good as the best that of the largest gain margin is taken. A light one transmits less of
         the encoder's steps. Where no damper of the coupling affects the least damped oscillation, as in a contact that
         rings by itself, all are equally good: there the heaviest damps the other modes.
-
-        Args:
-            stiffness_n_per_m: K.
-            local: whether the device's local loop may damp too.
-            gain_margin: required; where no damper reaches it, that of the largest is returned alone.
-
-        Returns:
-            Empty where no damper makes every loop stable.
         """
         stable = [one for one in self._tried(stiffness_n_per_m, local=local) if self._judge.stable(one)]
         if not stable:
@@ -260,10 +219,9 @@ class CouplingSearch:
         if not safe:
             return [max(stable, key=self.gain_margin)]
         ratios = [self._judge.slowest(one).damping_ratio for one in safe]
-        share = self.options.near_best
-        best = max(_with_share(safe, ratios, share), key=self.gain_margin)
-        lighter = [min(_with_share(safe, ratios, share * part), key=_dampers) for part in self.options.lighter]
-        heaviest = max(_with_share(safe, ratios, share), key=_dampers)
+        best = max(_with_share(safe, ratios, _NEAR_BEST), key=self.gain_margin)
+        lighter = [min(_with_share(safe, ratios, _NEAR_BEST * part), key=_dampers) for part in _LIGHTER]
+        heaviest = max(_with_share(safe, ratios, _NEAR_BEST), key=_dampers)
         return list(dict.fromkeys((best, *lighter, heaviest)))
 
     def holds(self, stiffness_n_per_m: float, *, local: bool = False) -> bool:
@@ -274,12 +232,7 @@ class CouplingSearch:
         return any(self._judge.stable(tried[place]) and not self._judge.refuted(tried[place]) for place in order)
 
     def refuted(self, gains: ToolGains, gain_margin: float) -> bool:
-        """Return whether a search of the ranges refutes gains with their margin; without it where they have none.
-
-        Args:
-            gains: stable ones.
-            gain_margin: required.
-        """
+        """Return whether a search of the ranges refutes gains with their margin; without it where they have none."""
         judge = WithMargin(self._judge, gain_margin)
         return (judge if judge.stable(gains) else self._judge).refuted(gains)
 
@@ -297,7 +250,7 @@ class CouplingSearch:
         if not self._judge.stable(gains):
             return 0.0
         fine = 1 + self.options.precision
-        return edge(lambda factor: self._judge.stable(gains.times(factor)), 1.0, self.options.widest_margin, fine)
+        return edge(lambda factor: self._judge.stable(gains.times(factor)), 1.0, WIDEST_MARGIN, fine)
 
     def gain_margin_over_ranges(self, gains: ToolGains) -> float:
         """Return the common gain margin of K and B once no search of the ranges refutes it."""
@@ -307,11 +260,7 @@ class CouplingSearch:
         return found
 
     def local_dampers_ns_per_m(self, gains: ToolGains) -> tuple[float, float]:
-        """Return the range of the damper in the device's local loop with which K and B stay stable.
-
-        Args:
-            gains: stable ones; the least is 0 where none is needed.
-        """
+        """Return the range of the damper in the device's local loop with which K and B stay stable."""
         top, here = float(self.dampers_ns_per_m[-1]), gains.local_damping_ns_per_m
 
         def stable(damping: float) -> bool:
@@ -326,21 +275,20 @@ class CouplingSearch:
         least = start / edge(lambda part: stable(start / part), 1.0, start / (1e-6 * top), 1 + self.options.precision)
         return least, most
 
+    def _edge(self, gains: Callable[[float], ToolGains], low: float, high: float, precision: float = _COARSE) -> float:
+        return edge(lambda k: self._judge.stable(gains(k)), low, high, precision)
+
     def _followed(self, gains: Callable[[float], ToolGains], before_n_per_m: float) -> float:
         """Return roughly the largest K up to which softer ones are stable, from the limit with the damper before."""
         low = self._softest_n_per_m
-
-        def stable(stiffness: float) -> bool:
-            return self._judge.stable(gains(stiffness))
-
-        if not stable(low):
+        if not self._judge.stable(gains(low)):
             return 0.0
         for high in (share * before_n_per_m for share in _BELOW):
             if high > low:
-                if not stable(high):
-                    return edge(stable, low, high, _COARSE)
+                if not self._judge.stable(gains(high)):
+                    return self._edge(gains, low, high)
                 low = high
-        return edge(stable, low, self.stiffest_n_per_m, _COARSE)
+        return self._edge(gains, low, self.stiffest_n_per_m)
 
     def _below(self, gains: Callable[[float], ToolGains], most_n_per_m: float) -> float:
         """Return roughly the largest K up to a limit up to which softer ones are stable."""
@@ -349,7 +297,7 @@ class CouplingSearch:
             return most_n_per_m
         if not self._judge.stable(gains(low)):
             return 0.0
-        return edge(lambda k: self._judge.stable(gains(k)), low, most_n_per_m, _COARSE)
+        return self._edge(gains, low, most_n_per_m)
 
     def _limit(self, gains: Callable[[float], ToolGains], near: float, precision: float) -> float:
         """Return the largest stable K near an initial guess, 0 where there is none."""
@@ -359,7 +307,7 @@ class CouplingSearch:
             if low < self._softest_n_per_m:
                 return 0.0
         high = near if low < near else self.stiffest_n_per_m
-        return edge(lambda k: self._judge.stable(gains(k)), low, high, precision)
+        return self._edge(gains, low, high, precision)
 
     def _without_gaps(self, gains: Callable[[float], ToolGains], limit: float) -> ToolGains:
         """Return the gains at a limit, or below a gap in which a softer coupling is unstable with the same dampers."""
@@ -369,22 +317,12 @@ class CouplingSearch:
             return gains(0.0)
         for before, after in itertools.pairwise(softer):
             if not self._judge.stable(gains(after)):
-                end = edge(lambda k: self._judge.stable(gains(k)), before, after, 1 + self.options.precision)
-                return gains(end)
+                return gains(self._edge(gains, before, after, 1 + self.options.precision))
         return gains(limit)
 
 
 class ToolSearch(CouplingSearch):
-    """Search for couplings of one problem with [simulation].
-
-    Args:
-        problem: with [simulation].
-        options: numbers of the search.
-        beside: hands that are looked at beside the corners.
-
-    Attributes:
-        loops: of the problem.
-    """
+    """Search for couplings of one problem with [simulation]."""
 
     def __init__(
         self, problem: Problem, options: ToolSearchOptions = DEFAULT_OPTIONS, beside: Sequence[Hand] = ()
@@ -432,23 +370,3 @@ def edge(stable: Callable[[float], bool], low: float, high: float, precision: fl
         middle = math.sqrt(low * high)
         low, high = (middle, high) if stable(middle) else (low, middle)
     return low
-
-
-# Of the stiffest with its gain margin, where no stiffness is wanted; and that margin, where a damper reaches it.
-_SHARE_OF_SAFE, _GAIN_MARGIN = 0.9, 1.5
-
-
-def designed(search: ToolSearch) -> ToolGains | None:
-    """Return a coupling that is linearly stable: the wanted stiffness, or a share of the stiffest safe one; else None.
-
-    It is not tried with simulated hands, unlike `recommend_tool`'s.
-
-    Args:
-        search: of the problem.
-    """
-    stiffest, local = search.limit
-    wanted = search.loops.tool.stiffness_n_per_m
-    if wanted is None:
-        wanted = _SHARE_OF_SAFE * search.stiffest_with_margin(stiffest, _GAIN_MARGIN, local=local)
-    found = search.damped(wanted, local=local, gain_margin=_GAIN_MARGIN) if wanted > 0 else []
-    return next((one for one in found if not search.refuted(one, _GAIN_MARGIN)), None)

@@ -137,9 +137,3 @@ STYLUS_RANGES: dict[str, tuple[float, float]] = {
 
 FINGERTIP = Hands(mass_kg=(0.02, 0.1), damping_ns_per_m=(1.0, 5.0), stiffness_n_per_m=(100.0, 500.0))
 """One finger that touches the handle: assumed, lighter and less damped than a hand that holds it."""
-
-
-def stylus_corners() -> StylusHand:
-    """Return every corner of the ranges of hands on a stylus."""
-    corners = np.array(list(product(*STYLUS_RANGES.values())))
-    return StylusHand(**dict(zip(STYLUS_RANGES, corners.T, strict=True)))

@@ -1,4 +1,4 @@
-"""Registries of names used in problem files and declared by higher rooms, whose folders are scanned on demand."""
+"""Registries of names used in problem files and declared by higher rooms, which are imported on demand."""
 
 from __future__ import annotations
 
@@ -6,5 +6,5 @@ from typing import Any
 
 from avc_casadi._util.registry import Registry
 
-METHODS: Registry[Any] = Registry("method", "avc_casadi.design.method")
+METHODS: Registry[Any] = Registry("method", "avc_casadi.design.registry")
 EFFECTS: Registry[Any] = Registry("effect", "avc_casadi.simulation.effects")

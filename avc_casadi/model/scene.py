@@ -98,7 +98,7 @@ class _Couplings:
 
 CouplingChoice = Annotated[str, BeforeValidator(_Couplings())]
 _MOST_EFFECTS = 100
-Integrator = Literal["exact", "projected", "rk4"]
+Integrator = Literal["exact", "projected"]
 
 
 def _effects(value: Any) -> tuple[Any, ...]:
@@ -133,8 +133,8 @@ class Scene(t.Table):
         duration_s: of the simulation.
         coupling: method of the simulated gains.
         interaction_hz: where a gain table is read; None: its lowest frequency.
-        integrator: exact; projected and rk4 to compare.
-        substeps: of projected and rk4.
+        integrator: exact; projected is quicker.
+        substeps: equal parts of a sample.
         motion: of the hand's target.
         effects: these alone; none listed: a hand, a wall and all that the device declares.
     """

@@ -33,20 +33,13 @@ def real_roots(a: FloatArray, b: FloatArray, c: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class Arcs:
-    """A stack of arcs; every coefficient has a shape that broadcasts to (m, n) arcs.
-
-    Attributes:
-        a0: numerator at t = 0.
-        a1: slope of the numerator.
-        c0: denominator at t = 0.
-        c1: slope of the denominator.
-        turn: a1 c0 - a0 c1, given by the caller, free of cancellation; dZ/dt = turn/(c0 + c1 t)^2.
-    """
+    """A stack of arcs; every coefficient has a shape that broadcasts to (m, n) arcs."""
 
     a0: ComplexArray
     a1: ComplexArray
     c0: ComplexArray
     c1: ComplexArray
+    # a1 c0 - a0 c1, free of cancellation: dZ/dt = turn/(c0 + c1 t)^2.
     turn: ComplexArray
 
     def _numerator(self) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -61,15 +61,7 @@ SOLVERS: dict[str, Callable[[float], tuple[str, Options]]] = {
 
 
 def plugin_of(name: str, tolerance: float) -> tuple[str, Options]:
-    """Return CasADi's plugin of a solver, and all options.
-
-    Args:
-        name: a key of `SOLVERS`, or another plugin of `nlpsol`.
-        tolerance: requested.
-
-    Raises:
-        InputError: an unknown name, or another plugin with a tolerance.
-    """
+    """Return CasADi's plugin of a solver, and all options."""
     if name in SOLVERS:
         plugin, options = SOLVERS[name](tolerance)
         return plugin, _QUIET | options

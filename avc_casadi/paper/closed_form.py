@@ -31,15 +31,7 @@ NOTHING = "nothing to render: environment and goal are free space (b_e = k_e = 0
 
 @dataclass(frozen=True)
 class Quotient:
-    """Z_avc = Z_e Z_eavc/(Z_e - Z_eavc) with its rounding; arrays of shape (n,), N.s/m.
-
-    Attributes:
-        coupling: Z_avc.
-        rounding: bound of its rounding error.
-        rigid: the denominator is pure rounding.
-        nothing: environment and rendered impedance are 0, so that every coupling suffices.
-        impossible: the environment is 0 and the rendered impedance is not.
-    """
+    """Z_avc = Z_e Z_eavc/(Z_e - Z_eavc) with its rounding; arrays of shape (n,), N.s/m."""
 
     coupling: ComplexArray
     rounding: FloatArray
@@ -49,14 +41,7 @@ class Quotient:
 
     @classmethod
     def of(cls, loop: Loop, desired: ComplexArray, gap: ComplexArray, injected: FloatArray) -> Quotient:
-        """Return the quotient for Z_eavc = desired + injected/H.
-
-        Args:
-            loop: the loop at n frequencies.
-            desired: Z_ds, shape (n,).
-            gap: Z_e - Z_ds, shape (n,).
-            injected: damping delta of the projection, shape (n,); 0 where it injects nothing.
-        """
+        """Return the quotient for Z_eavc = desired + injected/H."""
         push = injected / loop.hold
         rendered, difference = desired + push, gap - push
         terms = np.abs(loop.device.real) + np.abs(loop.hold.real * desired.real)
@@ -104,29 +89,17 @@ class Projection:
 
     The projection renders the desired impedance plus delta/H. In the paper's model without delay 1/H = 1 + s_t T/2, so
     that it is a damper delta and a virtual mass delta T/2 beside the desired wall.
-
-    Attributes:
-        impedance: Z of (13), N.s/m.
-        rendered: Z_eavc of (15), N.s/m.
-        coupling: Z_avc of (16), N.s/m; infinite where the coupling would have to be rigid, 0 in free space.
-        injected_damping_ns_per_m: delta = max(0, margin - Re Z_h_ds).
-        virtual_mass_kg: delta T/2.
     """
 
-    impedance: ComplexArray
-    rendered: ComplexArray
-    coupling: ComplexArray
-    injected_damping_ns_per_m: FloatArray
+    impedance: ComplexArray  # Z of (13)
+    rendered: ComplexArray  # Z_eavc of (15)
+    coupling: ComplexArray  # Z_avc of (16): infinite where it would have to be rigid, 0 in free space
+    injected_damping_ns_per_m: FloatArray  # delta = max(0, margin - Re Z_h_ds)
     virtual_mass_kg: FloatArray
 
 
 def project(problem: Problem, *, as_printed: bool = False) -> Projection:
-    """Evaluate (10), (13), (15) and (16) at the problem's frequencies.
-
-    Args:
-        problem: the problem; the paper's margin is 0.
-        as_printed: take s of (10) as printed, T(z-1)/(2(z+1)), which is T^2/4 times the right one.
-    """
+    """Evaluate (10), (13), (15) and (16) at the problem's frequencies."""
     loop = loop_at(problem, problem.frequencies_hz())
     desired, gap = _desired(problem, loop, as_printed=as_printed)
     target = loop.device + loop.hold * desired
@@ -161,10 +134,6 @@ def solve_closed_form(problem: Problem, *, as_printed: bool = False) -> GainSche
     not realisable; their impedance is that of the projection. Gains that leave the box by rounding alone are
     moved to its end. In the damped structure the spring and damper render the desired wall and the contact damper
     b_p = delta/Re H injects the damping; only the virtual mass is left out.
-
-    Args:
-        problem: the problem.
-        as_printed: use (10) and (17) as the paper prints them.
     """
     started = time.perf_counter()
     loop = loop_at(problem, problem.frequencies_hz())

@@ -34,16 +34,7 @@ _TIED = 1e-9
 
 @dataclass(frozen=True)
 class CheckedGains:
-    """Gains of CasADi checked by `exact`; arrays of shape (n,).
-
-    Attributes:
-        gains: (b, k, b_p) of the NLP.
-        optimum: those of `exact`.
-        excess: by how much the magnitude error of ``gains`` exceeds that of ``optimum``, relative to |Z_h_ds|.
-        local: rows that ended in a local minimum, or short of the optimum, from the usual starts; they were solved
-            again from a finer lattice of starts.
-        failed: rows that are short of the optimum all the same, or have no gains where ``optimum`` has.
-    """
+    """Gains of CasADi checked by `exact`; arrays of shape (n,)."""
 
     gains: GainArrays
     optimum: GainArrays
@@ -63,13 +54,6 @@ def checked_gains(
     """Solve the NLP, and again from more starts where `exact` refutes the result.
 
     No start is an answer of `exact`: a row that it refutes twice fails.
-
-    Args:
-        problem: the problem.
-        loop: its loop at n frequencies.
-        name: of the solver.
-        tolerance: relative tolerance requested.
-        progress: reports the frequencies.
     """
     gains = nlp_gains(problem, loop, name, tolerance, progress=progress)
     optimum = exact_gains(problem, loop)

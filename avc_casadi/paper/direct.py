@@ -30,17 +30,6 @@ def solve_direct(
 
     Every row's feasibility and first-order optimality are recomputed from the NLP, and CasADi's result is compared with
     the global optimum of `exact`; a row that fails is marked so, whatever the solver's status.
-
-    Args:
-        problem: the problem.
-        solver: of CasADi; None is `DEFAULT_SOLVER`.
-        tolerance: relative tolerance requested; None is `DEFAULT_TOLERANCE`.
-        progress: reports the frequencies.
-
-    Raises:
-        InputError: unknown solver.
-        UnsupportedError: a wider scope or required realism, or a solver that refuses these problems.
-        KeyboardInterrupt: Ctrl-C, also from within a solver.
     """
     scope, require = problem.stability.scope, problem.realism.require
     if scope != "pointwise" or require != "none":

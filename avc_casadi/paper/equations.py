@@ -18,15 +18,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class SampleAngle:
-    """Trigonometry of one frequency (or an array of them) at one sample time.
-
-    Attributes:
-        numbers: the number system of all values.
-        turns: frequency times sample time, dimensionless; 1/2 is the Nyquist frequency.
-        sample_time_s: T.
-        sin: sin(phi).
-        cos: cos(phi).
-    """
+    """Trigonometry of one frequency (or an array of them) at one sample time."""
 
     numbers: NumberSystem
     turns: Real

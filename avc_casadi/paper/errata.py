@@ -7,14 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class PaperError:
-    """One error of the printed paper.
-
-    Attributes:
-        equation: its number.
-        as_printed: what is printed.
-        correct: the corrected form.
-        effect: consequence for a result.
-    """
+    """One error of the printed paper."""
 
     equation: str
     as_printed: str
@@ -24,12 +17,7 @@ class PaperError:
 
 @dataclass(frozen=True)
 class Assumption:
-    """An assumption on which results depend and that the paper does not state.
-
-    Attributes:
-        what: the quantity or form.
-        assumed: the choice of this package.
-    """
+    """An assumption on which results depend and that the paper does not state."""
 
     what: str
     assumed: str

@@ -105,13 +105,7 @@ def _segment_candidates(
 
 
 def exact_gains(problem: Problem, loop: Loop, *, progress: Progress = SILENT) -> GainArrays:
-    """Return the optimal (b, k, b_p), each (n,); not a number where no gains of the box meet the constraint.
-
-    Args:
-        problem: the problem.
-        loop: its loop at n frequencies.
-        progress: reports the frequencies.
-    """
+    """Return the optimal (b, k, b_p), each (n,); not a number where no gains of the box meet the constraint."""
     margin = margin_over_range(problem)
     rows = np.arange(len(loop.target))
     found = [
@@ -136,15 +130,7 @@ def _by_arcs(problem: Problem, loop: Loop, margin: float) -> GainArrays:
 
 
 def solve_exact(problem: Problem, *, progress: Progress = SILENT) -> GainSchedule:
-    """Solve (11)-(12) at every frequency by arc geometry: the global optimum, without iteration.
-
-    Args:
-        problem: the problem.
-        progress: reports the frequencies.
-
-    Returns:
-        The schedule; infeasible rows state by how much the constraint is violated.
-    """
+    """Solve (11)-(12) at every frequency by arc geometry: the global optimum, without iteration."""
     started = time.perf_counter()
     loop = loop_at(problem, problem.frequencies_hz())
     gains = exact_gains(problem, loop, progress=progress)

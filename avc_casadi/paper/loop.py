@@ -17,23 +17,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Loop:
-    """Impedances of device, environment and goal at one or many frequencies, in one number system.
-
-    Attributes:
-        angle: trigonometry of the frequencies.
-        device: Z_d, N.s/m.
-        hold: H.
-        environment: Z_e, N.s/m.
-        desired: Z_ds, mean of the realistic bounds U and L, N.s/m.
-        desired_gap: Z_e - Z_ds from the differences of the parameters, which do not cancel, N.s/m.
-    """
+    """Impedances of device, environment and goal at one or many frequencies, in one number system."""
 
     angle: eq.SampleAngle
-    device: Complex
-    hold: Complex
-    environment: Complex
-    desired: Complex
-    desired_gap: Complex
+    device: Complex  # Z_d
+    hold: Complex  # H
+    environment: Complex  # Z_e
+    desired: Complex  # Z_ds, mean of the realistic bounds
+    desired_gap: Complex  # Z_e - Z_ds from the differences of the parameters, which do not cancel
 
     @property
     def target(self) -> Complex:
@@ -72,16 +63,7 @@ class Loop:
 
 
 def loop_at(problem: Problem, frequency_hz: Real, numbers: NumberSystem = NUMPY) -> Loop:
-    """Return the gain-free part of a problem's loop.
-
-    Args:
-        problem: a validated problem.
-        frequency_hz: scalar or array of shape (n,), 0 < frequency_hz < Nyquist; a CasADi symbol in that system.
-        numbers: the number system.
-
-    Returns:
-        The loop; each impedance has the shape of ``frequency_hz``.
-    """
+    """Return the gain-free part of a problem's loop."""
     device, environment, model = problem.device, problem.environment, problem.stability.model
     upper, lower = problem.boundaries.upper, problem.boundaries.lower
     n = numbers.number

@@ -28,17 +28,7 @@ _NAMES = (
 
 @dataclass(frozen=True)
 class CouplingNlp:
-    """One frequency's NLP; all members are CasADi SX expressions.
-
-    Attributes:
-        gains: (b, k, b_p), the decision variables, N.s/m and N/m.
-        parameters: everything that depends on device, environment, bounds, margin and frequency, shape (15,), so that
-            one NLP serves all problems.
-        impedance: Z_h_avc.
-        target: Z_h_ds.
-        objective: (|Z_h_ds| - |Z_h_avc|)^2   (11).
-        constraint: Re Z_h_avc - margin   (12).
-    """
+    """One frequency's NLP; all members are CasADi SX expressions."""
 
     gains: Any
     parameters: Any
@@ -110,12 +100,7 @@ _ACTIVE = 1e-6
 
 @dataclass(frozen=True)
 class Optimality:
-    """Recomputed quality of each row, arrays of shape (n,); not a number for rows without gains.
-
-    Attributes:
-        violation_ns_per_m: violation of (12), 0 where it is met up to rounding; infinite outside the gain box.
-        kkt_residual: first-order optimality of (11)-(12), dimensionless.
-    """
+    """Recomputed quality of each row, arrays of shape (n,); not a number for rows without gains."""
 
     violation_ns_per_m: FloatArray
     kkt_residual: FloatArray
@@ -167,12 +152,6 @@ def _residual(df: FloatArray, dg: FloatArray, down: FloatArray, up: FloatArray) 
 
     The residual of a gain is the slope times its admissible change, down where the goal rises and up where it falls. It
     is piecewise linear in lambda, so that the smallest maximum lies where two gains balance or one vanishes.
-
-    Args:
-        df: gradient of the goal.
-        dg: gradient of the constraint, 0 where it is not active.
-        down: largest decrease of each gain.
-        up: largest increase of each gain.
     """
     with np.errstate(invalid="ignore", divide="ignore"):
         choices = [np.zeros(df.shape[1]), *(df / dg)]

@@ -43,21 +43,7 @@ def nlp_gains(
     lattice: Lattice = COARSE,
     progress: Progress = SILENT,
 ) -> GainArrays:
-    """Return the best (b, k, b_p) that the solver found, each (n,); not a number where none is feasible.
-
-    Args:
-        problem: the problem.
-        loop: its loop at n frequencies.
-        name: of the solver.
-        tolerance: relative tolerance requested.
-        lattice: of its starts.
-        progress: reports the frequencies.
-
-    Raises:
-        InputError: unknown solver.
-        UnsupportedError: a solver that refuses these problems.
-        KeyboardInterrupt: Ctrl-C, also while the solver runs.
-    """
+    """Return the best (b, k, b_p) that the solver found, each (n,); not a number where none is feasible."""
     margin = margin_over_range(problem)
     solvers = solvers_for(problem, name, tolerance)
     rows = np.arange(len(loop.target))

@@ -37,14 +37,7 @@ _LAST_SHARE = 1.0 - 2.0**-52
 
 @dataclass(frozen=True)
 class NlpSolvers:
-    """CasADi functions of one solver, in the lexicographic order of the goals.
-
-    Attributes:
-        error: minimises (|Z_h_ds| - |Z_h|)^2 subject to Re Z_h >= margin   (11), (12).
-        turn: of all |Z_h| = |Z_h_ds|, minimises |Z_h - Z_h_ds|, as tan of half the angle between the two, on the side
-            of Z_h_ds where it starts: along the circle both increase together, but the angle has no flat minimum.
-        contact: of all gains with the same Z_h, minimises b_p; None where b_p is fixed.
-    """
+    """CasADi functions of one solver, in the lexicographic order of the goals."""
 
     error: Any
     turn: Any
@@ -53,17 +46,7 @@ class NlpSolvers:
 
 @lru_cache(maxsize=16)
 def nlp_solvers(name: str, tolerance: float, *, contact: bool = False) -> NlpSolvers:
-    """Return the solvers, built once for each solver and tolerance.
-
-    Args:
-        name: of the solver.
-        tolerance: relative tolerance requested.
-        contact: whether b_p is a variable beside b and k.
-
-    Raises:
-        InputError: unknown solver.
-        UnsupportedError: a solver that refuses these problems.
-    """
+    """Return the solvers, built once for each solver and tolerance."""
     (plugin, options), nlp = plugin_of(name, tolerance), coupling_nlp()
     u = ca.SX.sym("u", 3 if contact else 2)
     low, span, scale, sizes, point = (ca.SX.sym(label, n) for label, n in _SCALING)
@@ -106,15 +89,6 @@ class NlpRows:
     """The NLPs of n frequencies with their scales; a rotary device in units of its handle.
 
     Tolerances of solvers are absolute, and values of order 1 in N.s/m are tiny in N.m.s/rad.
-
-    Attributes:
-        loop: the loop, in the problem's own units.
-        size: its units over those of all other values here.
-        margin: least Re Z_h.
-        low: lower ends of the box of (b, k, b_p), (3, 1).
-        high: upper ends, (3, 1).
-        natural: gains that weigh as much as the environment, and b_p as much as the goal, (3, n).
-        radius: |Z_h_ds|, but 1 where that is 0, (n,).
     """
 
     def __init__(self, problem: Problem, loop: Loop, margin_ns_per_m: float, solvers: NlpSolvers) -> None:

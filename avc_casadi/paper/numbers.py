@@ -76,15 +76,7 @@ class ComplexExpr:
 
 @dataclass(frozen=True)
 class NumberSystem:
-    """Operations that an equation needs beyond arithmetic.
-
-    Attributes:
-        name: for messages.
-        sin_pi: x -> sin(pi x), with pi to the precision of the system.
-        complex: (re, im) -> complex number.
-        number: float -> real number of the system, exactly.
-        one_for_zero: x -> x, but 1 where x is 0, so that 0/0 becomes 0.
-    """
+    """Operations that an equation needs beyond arithmetic."""
 
     name: str
     sin_pi: Callable[[Real], Real]
@@ -127,14 +119,7 @@ def casadi_numbers() -> NumberSystem:
 
 
 def mpmath_numbers(digits: int = 50) -> NumberSystem:
-    """Return the reference system with its own mpmath context, so that no global precision is touched.
-
-    Args:
-        digits: decimal digits carried.
-
-    Raises:
-        MissingExtraError: mpmath is not installed.
-    """
+    """Return the reference system with its own mpmath context, so that no global precision is touched."""
     try:
         import mpmath  # noqa: PLC0415
     except ModuleNotFoundError as error:

@@ -22,13 +22,7 @@ _UNFELT = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class RealismResult:
-    """Realism at each frequency; arrays of shape (n,). Frequencies without gains are not inside.
-
-    Attributes:
-        inside_bounds: |Z_h| lies between |Z_h| of the bounds L and U, as in the paper, regardless of phase.
-        inside_jnd: |Z_h - Z_h_ds| <= rho |Z_h_ds|: magnitude and phase within the just-noticeable difference.
-        jnd: rho.
-    """
+    """Realism at each frequency; arrays of shape (n,). Frequencies without gains are not inside."""
 
     inside_bounds: BoolArray
     inside_jnd: BoolArray
@@ -56,13 +50,7 @@ class RealismResult:
 
 
 def judge_realism(problem: Problem, impedance: ComplexArray, usable: BoolArray | None = None) -> RealismResult:
-    """Judge perceived impedances at the problem's frequencies.
-
-    Args:
-        problem: bounds and just-noticeable difference.
-        impedance: Z_h at each frequency, shape (n,), N.s/m; not a number where there are no gains.
-        usable: which rows have gains; None takes all finite ones.
-    """
+    """Judge perceived impedances at the problem's frequencies."""
     if usable is not None:
         impedance = np.where(usable, impedance, np.nan)
     loop = loop_at(problem, problem.frequencies_hz())
@@ -99,15 +87,7 @@ def perceived_bounds(problem: Problem, loop: Loop) -> tuple[ComplexArray, Comple
 def relative_errors(
     impedance: ComplexArray, target: ComplexArray, objective: Objective = "magnitude", jnd: float = 0.0
 ) -> FloatArray:
-    """Return the relative errors of perceived impedances, of the broadcast shape of the arguments.
-
-    Args:
-        impedance: Z_h.
-        target: Z_h_ds, not 0.
-        objective: magnitude: ||Z_h| - |Z_h_ds||; complex: |Z_h - Z_h_ds|; perceptual: excess of the complex error
-            over the just-noticeable difference, in such differences.
-        jnd: the just-noticeable difference as a share of |Z_h_ds|; used by perceptual alone.
-    """
+    """Return the relative errors of perceived impedances, of the broadcast shape of the arguments."""
     size = np.abs(target)
     if objective == "magnitude":
         return np.asarray(np.abs(np.abs(impedance) - size) / size)

@@ -84,9 +84,6 @@ def best_candidate(
     The order: inside the box and Re Z_h >= margin, strictly; smallest magnitude error; smallest distance to Z_h_ds;
     smallest b_p, k, b. Errors and distances within ``tie`` of |Z_h_ds| are equal. A margin of None is the problem's,
     kept by every device of its range.
-
-    Returns:
-        (b, k, b_p), each (n,); not a number where no candidate is feasible.
     """
     margin = margin_over_range(problem) if margin_ns_per_m is None else margin_ns_per_m
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):

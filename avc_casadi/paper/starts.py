@@ -22,14 +22,7 @@ _CENTRE = 0.5
 
 @dataclass(frozen=True)
 class Lattice:
-    """Density of the lattice, and number of its best nodes taken as starts.
-
-    Attributes:
-        series: nodes along b and k.
-        damped: nodes along b, k and b_p.
-        error: starts of (11)-(12) with |Z_h| below |Z_h_ds|, and as many above.
-        turn: starts of its ties on one side of Z_h_ds, and as many on the other.
-    """
+    """Density of the lattice, and number of its best nodes taken as starts."""
 
     series: tuple[int, int]
     damped: tuple[int, int, int]

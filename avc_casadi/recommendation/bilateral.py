@@ -17,14 +17,15 @@ from avc_casadi.recommendation.preconditions import assumed, not_used
 from avc_casadi.recommendation.recommendation import Pair, Recommendation
 from avc_casadi.recommendation.tool_impedance import rendered_follower
 from avc_casadi.recommendation.virtual_tool import why_not_wanted
-from avc_casadi.simulation.population.bilateral_trial import BilateralTrial, try_bilateral
 from avc_casadi.simulation.population.operators import people_of
+from avc_casadi.simulation.population.other_ends import try_bilateral
 
 if TYPE_CHECKING:
     from avc_casadi.model.device import Device
     from avc_casadi.model.hands import Hand
     from avc_casadi.model.problem import Problem
     from avc_casadi.model.virtual_tool import ToolGains
+    from avc_casadi.simulation.population.trial import Trial
 
 
 @dataclass(frozen=True)
@@ -122,7 +123,7 @@ def _tried(
     options: BilateralOptions,
     *,
     local: bool,
-) -> tuple[ToolGains | None, BilateralTrial | None]:
+) -> tuple[ToolGains | None, Trial | None]:
     """Return the stiffest coupling with which all hands settle, or none; a wanted K alone, twice: loops get known."""
     count, softer = (2, 1.0) if required_follower(problem).stiffness_n_per_m else (options.tries, options.softer)
     trial, stiffness = None, first_n_per_m
@@ -173,7 +174,7 @@ def _longest_delay(device: Device) -> float:
     return device.delay_samples if known is None else known[1]
 
 
-def _reason(problem: Problem, gains: ToolGains | None, stiffest: ToolGains, trial: BilateralTrial | None) -> str:
+def _reason(problem: Problem, gains: ToolGains | None, stiffest: ToolGains, trial: Trial | None) -> str:
     wanted = required_follower(problem).stiffness_n_per_m
     if gains is not None:
         what = (

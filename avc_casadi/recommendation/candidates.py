@@ -10,9 +10,8 @@ import numpy as np
 from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.coupling import Coupling
-from avc_casadi.design.constant.static_tuned import tuned_margin
 from avc_casadi.design.program import solve_program, why_no_law
-from avc_casadi.design.tuning import tuned
+from avc_casadi.design.tuned import tuned, tuned_margin
 from avc_casadi.loops.walls import DampingRange, damping_range
 from avc_casadi.model.gains import Gains, near_rigid_n_per_m, spring_before
 from avc_casadi.model.hands import hand_corners, with_released
@@ -122,10 +121,10 @@ def tuned_gains(problem: Problem, progress: Progress = SILENT) -> Iterator[Coupl
     safe = problem.changed(hands={"let_go": True})
     for share in (1.0, 3.0):
         try:
-            found = tuned(safe, scheduled=False, margin_ns_per_m=share * tuned_margin(safe), progress=progress)
+            found = tuned(safe, share * tuned_margin(safe), progress)
         except UnsupportedError:
             return
-        if isinstance(found, Gains):
+        if found is not None:
             one = Coupling.constant(problem, found, "static-tuned")
             yield from (one, *behind_observer([one]))
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from avc_casadi.model.hands import Hand
 from avc_casadi.model.scene import Press
-from avc_casadi.simulation.population.trial import Conditions, traces
+from avc_casadi.simulation.population.setup import Setup, traces
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
@@ -37,12 +37,11 @@ def contact_onset_m(coupling: Coupling) -> dict[str, float | None]:
     """
     device = coupling.problem.device
     radius, hand = device.metres_per_unit, _FIRM.at_handle(device.metres_per_unit)
-    chosen = coupling.table.at_rest if coupling.table.constant else coupling.table
     found: dict[str, float | None] = {}
     for speed in SPEEDS_M_PER_S:
         press = Press(start_m=_FROM_M / radius, end_m=REACHED_M / radius, speed_m_per_s=speed / radius)
         duration_s = (REACHED_M - _FROM_M) / speed
-        (run,) = traces(coupling.problem, chosen, hand, press, Conditions.of(coupling), duration_s)
+        (run,) = traces(Setup.of(coupling), hand, press, duration_s)
         pushed = np.flatnonzero(run.force_n[0] / radius > NOTICED_N)
         found[f"{speed / radius:g}"] = float(run.depth_m[0, pushed[0]]) if len(pushed) else None
     return found

@@ -12,7 +12,7 @@ from avc_casadi.model.hands import hand_corners
 from avc_casadi.model.scene import Press
 from avc_casadi.recommendation.shaken import Shaken, shaken
 from avc_casadi.simulation.population.motions import at_handle
-from avc_casadi.simulation.population.trial import Conditions, traces
+from avc_casadi.simulation.population.setup import Setup, traces
 
 if TYPE_CHECKING:
     from avc_casadi._util.arrays import ComplexArray, FloatArray
@@ -72,13 +72,12 @@ def deployed(coupling: Coupling) -> Deployed:
     settled_s = [one.settling_s for one in each if np.isfinite(one.settling_s)]
     samples = int(np.clip(_BEYOND * max(settled_s, default=0.0) / period, 50, _MOST))
     turn = loop.turns()
-    chosen = coupling.table.at_rest if coupling.table.constant else coupling.table
     # The wall's face lies at mid-step of the encoder, as in a scene.
-    conditions = replace(Conditions.of(coupling), steps_anywhere=False)
+    setup = replace(Setup.of(coupling), steps_anywhere=False)
     pressed = np.concatenate(
         [
             one.position_m if one.held_m is None else one.held_m
-            for one in traces(problem, chosen, hands, at_handle(Press(), device), conditions, _PRESSED_S)
+            for one in traces(setup, hands, at_handle(Press(), device), _PRESSED_S)
         ]
     )
     return Deployed(

@@ -14,9 +14,8 @@ from avc_casadi.claims.deployable import deployable
 from avc_casadi.model.corners import device_corners, device_set
 from avc_casadi.model.robustness import Robustness, unmodelled
 from avc_casadi.recommendation.rank import Judged, best_of
-from avc_casadi.simulation.population.coupling_trial import try_coupling, try_on_devices
 from avc_casadi.simulation.population.operators import GRIPS, draw_hands, draw_population, loose_grips, people_of
-from avc_casadi.simulation.population.settled import residual_speeds
+from avc_casadi.simulation.population.trial import residual_speeds, try_coupling, try_on_devices
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -56,7 +55,7 @@ class Group:
     def settles(self, coupling: Coupling, *, friction: bool) -> BoolArray:
         """Return which hands settle in every motion."""
         how: dict[str, Any] = {"friction": friction, "beyond": True, "device": self.device, "effects": self.effects}
-        return np.asarray(residual_speeds([coupling], self.people, **how)[0] < 1)
+        return np.asarray(residual_speeds(coupling, self.people, **how) < 1)
 
 
 def beyond_file(problem: Problem, asked: Robustness, people: Hand) -> tuple[Group, ...]:
@@ -97,7 +96,7 @@ class Evaluator:
         self._lean, self._stiffest = lean_on_friction, stiffest
         count = 2 * len(people)
         self._others = (
-            draw_hands(problem.hands, count, seed, "training", first=first) for first in itertools.count(0, count)
+            draw_hands(problem.hands, count, seed, first=first, training=True) for first in itertools.count(0, count)
         )
         some = people_of(problem.hands, BEYOND_HANDS, seed)
         self._beyond = (

@@ -11,8 +11,8 @@ from avc_casadi.loops.margins import OpenLoop
 from avc_casadi.model.corners import device_with, linear_values
 from avc_casadi.model.declared import declared
 from avc_casadi.recommendation.evaluator import FIRST
-from avc_casadi.simulation.population.coupling_trial import CouplingTrial, try_on_devices
 from avc_casadi.simulation.population.operators import people_of
+from avc_casadi.simulation.population.trial import CouplingTrial, try_on_devices
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling

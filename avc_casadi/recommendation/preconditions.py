@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
     from avc_casadi.model.device import Device
     from avc_casadi.model.problem import Problem
-    from avc_casadi.simulation.population.coupling_trial import CouplingTrial
+    from avc_casadi.simulation.population.trial import CouplingTrial
 
 SLIP = "what may be a slip: "
 _OF_SOLVE = " (asked of avc solve)"

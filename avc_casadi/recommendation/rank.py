@@ -14,8 +14,7 @@ from avc_casadi.claims.passivity.worst_port import impedance_at_handle
 from avc_casadi.loops.margins import transients
 from avc_casadi.loops.wall import Laws, force_over_innovation, force_over_position, frozen_rendering
 from avc_casadi.recommendation.limit_cycle_freedom import likely_provable
-from avc_casadi.simulation.population.coupling_trial import CouplingTrial
-from avc_casadi.simulation.population.settled import exact_interval
+from avc_casadi.simulation.population.trial import CouplingTrial, exact_interval
 
 if TYPE_CHECKING:
     from avc_casadi._util.arrays import BoolArray

@@ -11,8 +11,7 @@ from avc_casadi.model.hands import Hand
 from avc_casadi.model.scene import Hold
 from avc_casadi.recommendation.contact_onset import SPEEDS_M_PER_S
 from avc_casadi.simulation.execute import execute
-from avc_casadi.simulation.population.prepared import prepared
-from avc_casadi.simulation.population.trial import Conditions, engine_for
+from avc_casadi.simulation.population.setup import FRICTION, Setup, engine_for, prepared
 
 if TYPE_CHECKING:
     from avc_casadi._util.arrays import FloatArray
@@ -33,28 +32,26 @@ def rebound(coupling: Coupling) -> dict[str, float]:
     Args:
         coupling: gains and runtime.
     """
-    conditions, radius = Conditions.of(coupling), coupling.problem.device.metres_per_unit
-    some = (conditions, conditions.without_friction()) if conditions.friction_n > 0 else (conditions,)
+    setup, radius = Setup.of(coupling), coupling.problem.device.metres_per_unit
+    some = (setup, setup.without(FRICTION)) if setup.rough else (setup,)
     return {
-        f"{speed / radius:g}": max(float(_strikes(coupling, one, speed / radius).max()) for one in some)
+        f"{speed / radius:g}": max(float(_strikes(one, speed / radius).max()) for one in some)
         for speed in SPEEDS_M_PER_S
     }
 
 
-def _strikes(coupling: Coupling, conditions: Conditions, speed_m_per_s: float) -> FloatArray:
+def _strikes(setup: Setup, speed_m_per_s: float) -> FloatArray:
     """Return the rebound of each strike, shape (strikes,)."""
-    device = coupling.problem.device
+    device = setup.problem.device
+    friction_n = device.coulomb_friction_n if setup.rough else 0.0
     far = _FROM_M / device.metres_per_unit
     # Back from the wall: m v dv/dx = -(friction + b v).
     start = speed_m_per_s
     for _ in range(_BACK):
-        start += far / _BACK * (conditions.friction_n / start + device.damping_ns_per_m) / device.mass_kg
+        start += far / _BACK * (friction_n / start + device.damping_ns_per_m) / device.mass_kg
     nobody = Hand(*(np.zeros(_STRIKES),) * 3)
-    gains = coupling.table.at_rest if coupling.table.constant else coupling.table
     duration_s = far / speed_m_per_s + _LATER_S
-    scene, parameters, inputs = prepared(
-        coupling.problem, gains, nobody, Hold(start_m=-far, end_m=-far), conditions, duration_s
-    )
+    scene, parameters, inputs = prepared(setup, nobody, Hold(start_m=-far, end_m=-far), duration_s)
     moving = [start if name.endswith("_velocity_m_per_s") else 0.0 for name in scene.states]
     run = execute(replace(scene, initial=scene.initial + moving), parameters, inputs, engine=engine_for(_STRIKES))
     return np.array([_rebound(*pair) for pair in zip(run["position_m"], run["velocity_m_per_s"], strict=True)])

@@ -26,8 +26,8 @@ from avc_casadi.recommendation.rank import best_of, devices_of, reason_of
 from avc_casadi.recommendation.recommendation import Recommendation
 from avc_casadi.recommendation.sensitivity import what_would_help
 from avc_casadi.recommendation.trade_off import trade_off
-from avc_casadi.simulation.population.coupling_trial import try_coupling
 from avc_casadi.simulation.population.operators import people_of
+from avc_casadi.simulation.population.trial import try_coupling
 
 if TYPE_CHECKING:
     from avc_casadi.model.schedule import GainSchedule

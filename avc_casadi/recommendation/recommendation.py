@@ -18,7 +18,7 @@ from avc_casadi.recommendation.contact_onset import NOTICED_N, contact_onset_m
 from avc_casadi.recommendation.rebound import rebound
 from avc_casadi.recommendation.ripple import ripple
 from avc_casadi.recommendation.shaken import shaken
-from avc_casadi.simulation.population.coupling_trial import CouplingTrial
+from avc_casadi.simulation.population.trial import CouplingTrial
 
 if TYPE_CHECKING:
     from avc_casadi.loops.engine import ToolCase
@@ -34,8 +34,7 @@ if TYPE_CHECKING:
     from avc_casadi.recommendation.tool_impedance import Felt
     from avc_casadi.recommendation.tool_sensitivity import ToolHelp
     from avc_casadi.recommendation.trade_off import Trade
-    from avc_casadi.simulation.population.bilateral_trial import BilateralTrial
-    from avc_casadi.simulation.population.tool_trial import ToolTrial
+    from avc_casadi.simulation.population.trial import Trial
 
 
 @dataclass(frozen=True)
@@ -114,7 +113,7 @@ class Recommendation(Printed):
     coupling: Coupling | None
     deployable: bool
     reason: str
-    trial: CouplingTrial | ToolTrial | BilateralTrial | None = None
+    trial: Trial | None = None
     helps: tuple[Help | ToolHelp, ...] = ()
     assumed: tuple[str, ...] = ()
     not_used: tuple[str, ...] = ()

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from avc_casadi.model.scene import Press
 from avc_casadi.recommendation.shaken import led
-from avc_casadi.simulation.population.motions import QUIET
+from avc_casadi.simulation.judge import QUIET
 from avc_casadi.simulation.population.operators import people_of
-from avc_casadi.simulation.population.trial import Conditions, traces
+from avc_casadi.simulation.population.setup import Setup, traces
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
@@ -55,10 +55,9 @@ def ripple(coupling: Coupling, seed: int = 0) -> Ripple:
     speeds = [speed / radius for speed in SPEEDS_M_PER_S]
     found = {f"{speed:g}": ripple_n(coupling, speed) for speed in speeds}
     people = people_of(problem.hands, _HANDS, seed)
-    gains: Any = coupling.table.at_rest if coupling.table.constant else coupling.table
     slowest = speeds[0]
     drawn = Press(start_m=0.0, end_m=2 * slowest * _DRAWN_S, speed_m_per_s=slowest)
-    felt = [part.vibration for part in traces(problem, gains, people, drawn, Conditions.of(coupling), _DRAWN_S)]
+    felt = [part.vibration for part in traces(Setup.of(coupling), people, drawn, _DRAWN_S)]
     return Ripple(found, len(people), int((np.concatenate(felt) < QUIET).sum()))
 
 

@@ -13,8 +13,7 @@ from avc_casadi.model.device import DeviceRange
 from avc_casadi.model.hands import Hand
 from avc_casadi.model.scene import Hold
 from avc_casadi.simulation.execute import execute
-from avc_casadi.simulation.population.prepared import prepared
-from avc_casadi.simulation.population.trial import engine_for, on_device
+from avc_casadi.simulation.population.setup import Setup, engine_for, prepared
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -136,15 +135,13 @@ def led(
     """
     device = coupling.problem.device
     read = {"encoder_resolution_m": 0.0} if exact else {}
-    met, conditions = on_device(coupling, device.model_copy(update=_IDEAL | read))
-    conditions = replace(conditions, guarded=False, steps_anywhere=False)
+    setup = Setup.of(coupling, device.model_copy(update=_IDEAL | read)).without("guard")
+    setup = replace(setup, steps_anywhere=False)
     fast = 2 * math.pi * max(_FASTER * fastest_hz, _LEAST_HZ)
     mass = _HEAVY * (device.mass_kg + coupling.problem.hands.mass_kg[1])
     hand = Hand(*(np.array([value]) for value in (mass, 2 * mass * fast, mass * fast**2)))
-    table, t = coupling.table, device.sample_time_s
-    gains = table.at_rest if table.constant else table
-    samples = len(position_m) - 1
-    scene, parameters, held = prepared(met.problem, gains, hand, Hold(end_m=0.0), conditions, samples * t)
+    samples, t = len(position_m) - 1, device.sample_time_s
+    scene, parameters, held = prepared(setup, hand, Hold(end_m=0.0), samples * t)
     inputs = held.copy()
     inputs[scene.inputs.index("target_position_m")] = position_m[:-1]
     inputs[scene.inputs.index("target_velocity_m_per_s")] = np.diff(position_m) / t

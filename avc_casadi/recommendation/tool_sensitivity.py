@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from avc_casadi.design.virtual_tool import ToolSearch, ToolSearchOptions
+from avc_casadi.design.virtual_tool import WIDEST_MARGIN, ToolSearch, ToolSearchOptions
 from avc_casadi.loops.engine import ToolLoops, required_tool
 from avc_casadi.model.virtual_tool import HEAVIEST_TOOL_KG, LIGHTEST_TOOL_KG, LONGEST_STEP_S
 
@@ -64,7 +64,7 @@ def search_ends(problem: Problem) -> dict[str, float]:
     return {
         "least_tool_mass_kg": lightest,
         "slowest_step_s": _most_samples(tool, t) * t,
-        "gain_margin": _ROUGHLY.widest_margin,
+        "gain_margin": WIDEST_MARGIN,
     }
 
 

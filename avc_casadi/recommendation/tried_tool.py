@@ -9,12 +9,13 @@ from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi._util.text import quantity
 from avc_casadi.loops.engine import required_tool
 from avc_casadi.simulation.population.operators import people_of
-from avc_casadi.simulation.population.tool_trial import ToolTrial, try_tool
+from avc_casadi.simulation.population.other_ends import try_tool
 
 if TYPE_CHECKING:
     from avc_casadi.design.virtual_tool import ToolSearch
     from avc_casadi.model.problem import Problem
     from avc_casadi.model.virtual_tool import ToolGains
+    from avc_casadi.simulation.population.trial import Trial
 
 
 @dataclass(frozen=True)
@@ -50,7 +51,7 @@ def tried_coupling(
     seed: int = 0,
     progress: Progress = SILENT,
     options: ToolOptions = OPTIONS,
-) -> tuple[ToolGains | None, ToolTrial | None, tuple[float, ToolTrial] | None]:
+) -> tuple[ToolGains | None, Trial | None, tuple[float, Trial] | None]:
     """Return the coupling that is recommended, alone: the stiffest with its margin with which all hands settle.
 
     Args:
@@ -85,7 +86,7 @@ def _tried(
     options: ToolOptions,
     *,
     local: bool,
-) -> tuple[ToolGains | None, ToolTrial | None, tuple[float, ToolTrial] | None]:
+) -> tuple[ToolGains | None, Trial | None, tuple[float, Trial] | None]:
     """Return the stiffest coupling with which all hands settle, without dry friction if one does.
 
     Returns:
@@ -96,12 +97,12 @@ def _tried(
     count = options.tries if tool.stiffness_n_per_m is None else 1
     trial, stiffness = None, first_n_per_m
     first = people.pick(slice(0, _FIRST))
-    leaning: tuple[ToolGains, ToolTrial] | None = None
-    refuted: tuple[float, ToolTrial] | None = None
+    leaning: tuple[ToolGains, Trial] | None = None
+    refuted: tuple[float, Trial] | None = None
     before = refuted
     for number in range(count):
         progress.advance(number, count, f"K of {quantity(stiffness, problem.units.unit('N/m'))}")
-        tries: list[ToolTrial] = []
+        tries: list[Trial] = []
         for gains in search.damped(stiffness, local=local, gain_margin=options.gain_margin):
             trial = try_tool(problem, gains, first, seed, _HARDEST)
             if trial.settled_with_friction and search.refuted(gains, options.gain_margin):
@@ -121,12 +122,12 @@ def _tried(
     return (*leaning, before) if leaning else (None, trial, refuted)
 
 
-def _settled_share(trial: ToolTrial) -> float:
+def _settled_share(trial: Trial) -> float:
     each = trial.stable & trial.stable_with_dropped_steps & trial.stable_without_friction
     return float(each.mean())
 
 
-def unsettled(stiffness_n_per_m: float, trial: ToolTrial) -> str:
+def unsettled(stiffness_n_per_m: float, trial: Trial) -> str:
     """Return how many hands do not settle with a stiffness, and in which motion most of them.
 
     Args:

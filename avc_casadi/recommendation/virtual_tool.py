@@ -28,7 +28,7 @@ from avc_casadi.recommendation.tried_tool import OPTIONS, ToolOptions, tried_cou
 if TYPE_CHECKING:
     from avc_casadi.model.problem import Problem
     from avc_casadi.model.virtual_tool import VirtualTool
-    from avc_casadi.simulation.population.tool_trial import ToolTrial
+    from avc_casadi.simulation.population.trial import Trial
 
 
 def recommend_tool(
@@ -140,7 +140,7 @@ def why_not_wanted(wanted_n_per_m: float, limit_n_per_m: float) -> str:
     return f"{asked} is wanted, and no damper makes that stable, though a stiffer coupling, {most}, is stable"
 
 
-def _why_none(problem: Problem, wanted: float | None, limit: float, trial: ToolTrial | None) -> str:
+def _why_none(problem: Problem, wanted: float | None, limit: float, trial: Trial | None) -> str:
     if wanted is not None and trial is None:
         return why_not_wanted(wanted, limit)
     if trial is None:
@@ -163,7 +163,7 @@ def _reason(
     wanted: float | None,
     margin: float,
     options: ToolOptions,
-    stiffer: tuple[float, ToolTrial] | None,
+    stiffer: tuple[float, Trial] | None,
 ) -> str:
     what = (
         "the stiffness that is wanted" if wanted is not None else "the stiffest with its margin and all hands settled"

@@ -11,31 +11,19 @@ import numpy as np
 
 from avc_casadi._errors import InputError, UnsupportedError
 from avc_casadi._util.arrays import FloatArray
-from avc_casadi.coupling import contact_law, thinned
-from avc_casadi.model.gains import Gains, GainTable
+from avc_casadi._util.interrupt import HeldInterrupt
+from avc_casadi.coupling import contact_law
+from avc_casadi.model.gains import NO_COUPLING, Gains
 from avc_casadi.model.plant import DEVICE, GROUND, HANDLE, LinearPlant, Plant
-from avc_casadi.simulation.advance.advance import Advance, Drive, Layout, MatrixExponential, column
-from avc_casadi.simulation.advance.friction import Projected, RungeKutta, TaylorSeries
+from avc_casadi.simulation.advance import Advance, Drive, MatrixExponential, Projected, TaylorSeries, column
 from avc_casadi.simulation.contact import Environment, coupling_parameters, wall_force
 from avc_casadi.simulation.effects.base import SceneEffect, Station
-from avc_casadi.simulation.effects.computation import Adaptation
 from avc_casadi.simulation.effects.registry import build_effects
 from avc_casadi.simulation.motion import Target, target_of
 from avc_casadi.simulation.tick import Tick
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
     from avc_casadi.model.problem import Contact, Problem
-    from avc_casadi.model.schedule import GainSchedule
-
-
-def bind(effects: tuple[SceneEffect, ...], gains: Gains | GainTable | GainSchedule) -> tuple[SceneEffect, ...]:
-    """Return the effects with the table bound to the adaptation; constant gains ignore the estimate."""
-    if isinstance(gains, Gains) or not any(isinstance(effect, Adaptation) for effect in effects):
-        return effects
-    table = gains if isinstance(gains, GainTable) else thinned(GainTable.of(gains))
-    return tuple(replace(effect, table=table) if isinstance(effect, Adaptation) else effect for effect in effects)
 
 
 _SPEEDS = ("velocity_m_per_s", "held_m_per_s")
@@ -82,6 +70,12 @@ class CompiledScene:
         """Number of states that an effect owns."""
         return Counter(self.owners)[kind]
 
+    def with_numbers(self, kind: str, **numbers: Any) -> CompiledScene:
+        """Return the scene with other numbers of an effect, of one structure."""
+        return replace(
+            self, effects=tuple(replace(one, **numbers) if one.kind == kind else one for one in self.effects)
+        )
+
     def input_values(self, seed: int = 0) -> FloatArray:
         """Return the inputs at every sample, shape (inputs, samples)."""
         if seed < 0:
@@ -105,36 +99,35 @@ class CompiledScene:
 
 
 def compile_scene(
-    problem: Problem,
-    effects: tuple[SceneEffect, ...] | None = None,
-    *,
-    coupled: bool = True,
-    damped: bool = False,
-    stiffness_n_per_m: float = np.inf,
+    problem: Problem, effects: tuple[SceneEffect, ...] | None = None, gains: Gains = NO_COUPLING
 ) -> CompiledScene:
-    """Compile the scene of a problem."""
+    """Compile the scene of a problem with the parameters that the gains need."""
+    # CasADi calls Python for shapes while it builds an expression, and ignores exceptions there.
+    with HeldInterrupt():
+        return _compiled(problem, build_effects(problem) if effects is None else effects, gains)
+
+
+def _compiled(problem: Problem, effects: tuple[SceneEffect, ...], gains: Gains) -> CompiledScene:
     started = time.perf_counter()
-    effects = build_effects(problem) if effects is None else effects
     sample_time_s = problem.device.sample_time_s
     samples = max(1, round(problem.scene.duration_s / sample_time_s))
     target = target_of(problem.scene.motion, samples, sample_time_s)
     plant, owners = _mechanics(problem, effects)
     environment = next((effect.environment for effect in effects if effect.environment is not None), None)
-    if environment is not None and not environment.present:
-        environment = None
-    coupled, damped = coupled and environment is not None, damped and environment is not None
     table = next((effect.gain_table for effect in effects if effect.gain_table is not None), None)
-    adapted = table is not None and environment is not None
     if environment is not None:
-        environment = _lawful(environment, stiffness_n_per_m if table is None else table.gains[1])
+        asked: Contact = "clip-last" if environment.clips_last else "gated"
+        stiffness = gains.stiffness_n_per_m if table is None else table.gains[1]
+        law = contact_law(asked, environment.stiffness_n_per_m, stiffness)
+        environment = replace(environment, clips_last=law == "clip-last") if environment.present else None
+    coupled, damped = not gains.rigid and environment is not None, gains.contact_damping_ns_per_m > 0
+    damped = damped and environment is not None
+    adapted = table is not None and environment is not None
     tick = Tick(sample_time_s, target.device_start_m)
     for name in plant.names:
         with tick.owned_by(owners[name]):
             tick.state(name, target.device_start_m if name.endswith("_position_m") else 0.0, computed=False)
     tick.position = _sensed(problem, effects, tick)
-    _watch(tick)
-    if tick.position is not tick.states[0].symbol:
-        tick.trace("measured_m", tick.position)
     damper = damped if table is None else bool(np.any(table.gains[2] > 0))
     _sample(tick, effects, environment, coupled=coupled or adapted, damped=damper)
     advance = _advance(problem, effects, plant, tick)
@@ -184,31 +177,22 @@ def _mechanics(problem: Problem, effects: tuple[SceneEffect, ...]) -> tuple[Line
     return linear, {name: owners[name.split("_", 1)[0]] for name in linear.names}
 
 
-def _watch(tick: Tick) -> None:
-    """Record the motion of the device, and of its handle where that is another body."""
+def _sensed(problem: Problem, effects: tuple[SceneEffect, ...], tick: Tick) -> Any:
+    """Record the motion of device and handle; return the measured position: the motor's, unless an effect names one."""
     moves = {slot.name: slot.symbol for slot in tick.states}
     tick.trace("position_m", moves[f"{DEVICE}_position_m"])
     tick.trace("velocity_m_per_s", moves[f"{DEVICE}_velocity_m_per_s"])
     if f"{HANDLE}_position_m" in moves:
         tick.trace("held_m_per_s", moves[f"{HANDLE}_velocity_m_per_s"])
         tick.trace("held_m", moves[f"{HANDLE}_position_m"])
-
-
-def _lawful(environment: Environment, stiffness_n_per_m: ArrayLike) -> Environment:
-    """Return the environment with the contact law that is possible with such gains."""
-    asked: Contact = "clip-last" if environment.clips_last else "gated"
-    law = contact_law(asked, environment.stiffness_n_per_m, stiffness_n_per_m)
-    return replace(environment, clips_last=law == "clip-last")
-
-
-def _sensed(problem: Problem, effects: tuple[SceneEffect, ...], tick: Tick) -> Any:
-    """Return the true position of the measured body: the motor, unless an effect names another."""
     body = next((effect.sensed_body for effect in effects if effect.sensed_body is not None), DEVICE)
-    symbols = {slot.name: slot.symbol for slot in tick.states}
-    if f"{body}_position_m" not in symbols:
+    if f"{body}_position_m" not in moves:
         message = f"measure the {body}, of which there is none; allowed: beside the effect resonance"
         raise InputError.of(message, file=problem.name, key="scene.effects")
-    return symbols[f"{body}_position_m"]
+    measured = moves[f"{body}_position_m"]
+    if body != DEVICE:
+        tick.trace("measured_m", measured)
+    return measured
 
 
 def _sample(
@@ -239,13 +223,11 @@ def _advance(problem: Problem, effects: tuple[SceneEffect, ...], plant: LinearPl
     constant = tick.late if isinstance(tick.late, float) else 0.0
     varying = tick.late is not None and constant == 0
     held, driven = tick.command is not None, bool(np.any(plant.target))
-    if integrator == "rk4":
-        return RungeKutta(Layout.of(plant, friction), substeps)
     if integrator == "projected" and friction > 0:
         if varying:
             raise UnsupportedError(
                 f'{problem.name}: scene.integrator = "projected" needs whole substeps, which the lateness of '
-                'the effect jitter breaks up; take "exact" or "rk4", or jitter with rms_s = 0'
+                'the effect jitter breaks up; take "exact", or jitter with rms_s = 0'
             )
         return Projected(substeps, held=held, driven=driven, late=constant, friction_n=friction)
     if friction > 0 or varying:

@@ -21,14 +21,7 @@ from avc_casadi.model.gains import DeviceLn, double_ln, single_ln
 
 @dataclass(frozen=True)
 class Precision:
-    """IEEE numbers of one size.
-
-    Attributes:
-        name: as users write it.
-        c_type: of C.
-        suffix: of a C literal.
-        ln: natural logarithm as on the device.
-    """
+    """IEEE numbers of one size."""
 
     name: str
     c_type: str
@@ -64,15 +57,7 @@ PRECISIONS = {precision.name: precision for precision in (SINGLE, DOUBLE)}
 
 @dataclass(frozen=True)
 class Operation:
-    """One operation in scalar C, in numpy, and in C over lanes.
-
-    Attributes:
-        c: with places for the arguments, zero, one, the suffix of functions and the number that rounds.
-        numpy: the same.
-        lanes: where it differs from `c`.
-        truth: whether the result is boolean.
-        of_truth: which arguments are.
-    """
+    """One operation in scalar C, in numpy, and in C over lanes."""
 
     c: str
     numpy: Callable[..., Any]
@@ -198,16 +183,7 @@ def _instructions(function: Any) -> Iterator[tuple[str, list[int], list[int], in
 
 
 def in_lanes(function: Any, given: Sequence[str], results: Sequence[str]) -> str:
-    """Return the C of a function in lanes, to follow `LANES_HEAD`.
-
-    Args:
-        function: of SX.
-        given: how an element of each argument is read, with {} for its index: ``SPREAD(u[{}])`` is one for all lanes.
-        results: how an element of each result is named.
-
-    Raises:
-        LookupError: an instruction that has no form in lanes.
-    """
+    """Return the C of a function in lanes, to follow `LANES_HEAD`."""
     lines = []
     for name, taken, to, index in _instructions(function):
         if name == "INPUT":
@@ -246,13 +222,7 @@ class _Body:
 
 
 class FloatProgram:
-    """A CasADi function of scalars in one precision, each value computed once: called it is numpy, printed it is C.
-
-    Attributes:
-        inputs: names of the scalar inputs.
-        outputs: names of the scalar outputs.
-        precision: of every operation.
-    """
+    """A CasADi function of scalars in one precision, each value computed once: called it is numpy, printed it is C."""
 
     def __init__(self, function: Any, precision: Precision = SINGLE) -> None:
         """Read the instructions; UnsupportedError for one that has no form in C here."""
@@ -363,13 +333,7 @@ class FloatProgram:
         *,
         prefix: str = "",
     ) -> list[str]:
-        """Return the statements of a C function; an output may share its place with an input, as a state does.
-
-        Args:
-            of_input: expression of an input.
-            of_output: target of an output; None where it is unused.
-            prefix: of the names of values, for two programs in one function.
-        """
+        """Return the statements of a C function; an output may share its place with an input, as a state does."""
         real = self.precision.c_type
         body = _Body(of_input, prefix)
         self._write(body, self._reachable())

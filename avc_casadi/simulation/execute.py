@@ -44,7 +44,7 @@ def execute_to_speed(
     native = _compiled(scene, len(parameters), engine)
     if native is not None:
         first = scene.samples - judged_samples(scene.samples, scene.sample_time_s)
-        far, fast = native.peaks(scene.initial, inputs.T, parameters, workers, first).T
+        far, fast = native(scene.initial, inputs.T, parameters, workers, first).T
         return _over_rest(scene, far, fast)
     found = [np.zeros(0)]
     for begin in range(0, len(parameters), _TRACES):

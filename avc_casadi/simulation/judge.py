@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -10,6 +12,9 @@ from numpy.typing import ArrayLike
 from avc_casadi._util.arrays import BoolArray, FloatArray
 from avc_casadi._util.printed import Columns, Tabular
 from avc_casadi.simulation.contact import Environment
+
+if TYPE_CHECKING:
+    from avc_casadi.model.device import Device
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,6 +102,11 @@ class Judgement(Tabular):
     apparent_stiffness_n_per_m: FloatArray
     rate_hardness_n_per_m: FloatArray
 
+    @classmethod
+    def joined(cls, parts: Sequence[Judgement]) -> Judgement:
+        """Return the figures of all runs, in the order of the parts."""
+        return cls(**{name: np.concatenate([vars(part)[name] for part in parts]) for name in vars(parts[0])})
+
     def to_dict(self) -> Columns:
         """Return the figures as columns, a row for each run."""
         figures = {name: np.atleast_1d(value).ravel() for name, value in vars(self).items()}
@@ -107,42 +117,65 @@ class Judgement(Tabular):
         return f"{int(stable.sum())} of {stable.size} runs settle, {int(np.sum(self.buzzing))} buzzing"
 
 
-def judge(
-    position_m: FloatArray,
-    velocity_m_per_s: FloatArray,
-    force_n: FloatArray,
-    sample_time_s: float,
-    metres_per_unit: float = 1.0,
-    measured_m: FloatArray | None = None,
-    held_m_per_s: FloatArray | None = None,
-) -> Judgement:
-    """Judge runs by the last half second (or the whole run, where it is shorter)."""
-    last = slice(-judged_samples(position_m.shape[-1], sample_time_s), None)
-    here = np.all(np.abs(position_m) < DIVERGED_M / metres_per_unit, axis=-1)
-    diverged = ~here
-    measured = position_m if measured_m is None else measured_m
-    with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
-        peak = np.abs(velocity_m_per_s[..., last]).max(axis=-1)
-        if held_m_per_s is not None:
-            peak = np.maximum(peak, np.abs(held_m_per_s[..., last]).max(axis=-1))
-        travel = np.ptp(position_m[..., last], axis=-1)
-        force, depth = force_n[..., last].mean(axis=-1), measured[..., last].mean(axis=-1)
-        ripple = _ripple(force_n[..., last], sample_time_s)
-        touching = (force > TOUCH_N * metres_per_unit) & (depth > 0) & ~diverged
-        apparent = np.where(touching, force / depth, np.nan)
-        buzzing = diverged | (ripple > BUZZ_SHARE * np.abs(force))
-    return Judgement(
-        stable=here & (peak < AT_REST_M_PER_S / metres_per_unit),
-        diverged=diverged,
-        buzzing=buzzing,
-        peak_velocity_m_per_s=peak,
-        position_peak_to_peak_m=travel,
-        mean_force_n=force,
-        mean_penetration_m=depth,
-        force_ripple_n=ripple,
-        apparent_stiffness_n_per_m=apparent,
-        rate_hardness_n_per_m=_rate_hardness(measured, velocity_m_per_s, force_n, sample_time_s),
-    )
+@dataclass(frozen=True)
+class Traces:
+    """Traces of runs, each of shape (..., samples); of the handle where it is another body than the device."""
+
+    position_m: FloatArray
+    velocity_m_per_s: FloatArray
+    force_n: FloatArray
+    sample_time_s: float
+    metres_per_unit: float = 1.0
+    measured_m: FloatArray | None = None
+    held_m: FloatArray | None = None
+    held_m_per_s: FloatArray | None = None
+
+    @classmethod
+    def of(cls, found: Mapping[str, FloatArray], device: Device) -> Traces:
+        """Return the traces of an executed scene; in free space there is no force."""
+        position = found["position_m"]
+        force = found.get("force_n", np.zeros_like(position))
+        beside = (found.get(name) for name in ("measured_m", "held_m", "held_m_per_s"))
+        return cls(position, found["velocity_m_per_s"], force, device.sample_time_s, device.metres_per_unit, *beside)
+
+    @property
+    def depth_m(self) -> FloatArray:
+        """Penetration of the measured body."""
+        return self.position_m if self.measured_m is None else self.measured_m
+
+    @property
+    def vibration(self) -> FloatArray:
+        """Vibration at the hand at the end, in multiples of the detection threshold, shape (...)."""
+        held = self.position_m if self.held_m is None else self.held_m
+        return felt_vibration(held * self.metres_per_unit, self.sample_time_s)
+
+    def judged(self) -> Judgement:
+        """Judge runs by the last half second (or the whole run, where it is shorter)."""
+        sample_time_s, unit, depth = self.sample_time_s, self.metres_per_unit, self.depth_m
+        last = slice(-judged_samples(self.position_m.shape[-1], sample_time_s), None)
+        here = np.all(np.abs(self.position_m) < DIVERGED_M / unit, axis=-1)
+        with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
+            peak = np.abs(self.velocity_m_per_s[..., last]).max(axis=-1)
+            if self.held_m_per_s is not None:
+                peak = np.maximum(peak, np.abs(self.held_m_per_s[..., last]).max(axis=-1))
+            travel = np.ptp(self.position_m[..., last], axis=-1)
+            force, penetration = self.force_n[..., last].mean(axis=-1), depth[..., last].mean(axis=-1)
+            ripple = _ripple(self.force_n[..., last], sample_time_s)
+            touching = (force > TOUCH_N * unit) & (penetration > 0) & here
+            apparent = np.where(touching, force / penetration, np.nan)
+            buzzing = ~here | (ripple > BUZZ_SHARE * np.abs(force))
+        return Judgement(
+            stable=here & (peak < AT_REST_M_PER_S / unit),
+            diverged=~here,
+            buzzing=buzzing,
+            peak_velocity_m_per_s=peak,
+            position_peak_to_peak_m=travel,
+            mean_force_n=force,
+            mean_penetration_m=penetration,
+            force_ripple_n=ripple,
+            apparent_stiffness_n_per_m=apparent,
+            rate_hardness_n_per_m=_rate_hardness(depth, self.velocity_m_per_s, self.force_n, sample_time_s),
+        )
 
 
 def judged_samples(samples: int, sample_time_s: float) -> int:
@@ -175,3 +208,35 @@ def _rate_hardness(depth: FloatArray, velocity: FloatArray, force: FloatArray, s
         before = np.where(window > 0, np.take_along_axis(force, np.maximum(window - 1, 0), axis=-1), 0.0)
         rate = (np.take_along_axis(force, window, axis=-1) - before) / sample_time_s
         return np.where(pushing.any(axis=-1) & (speed > 0), rate.max(axis=-1) / speed, np.nan)
+
+
+# Peak displacement at the detection threshold of a hand in a pen-hold posture, approximately after Israr, Choi and Tan
+# (IROS 2006, "Detection threshold and mechanical impedance of the hand in a pen-hold posture"); read off, indicative.
+THRESHOLD_HZ = np.array([10.0, 20.0, 40.0, 80.0, 160.0, 320.0, 500.0])
+THRESHOLD_M = np.array([20e-6, 12e-6, 5e-6, 1.6e-6, 0.5e-6, 0.25e-6, 0.7e-6])
+QUIET = 1.0
+"""Multiple of the vibrotactile detection threshold below which a vibration is not detected."""
+# Mean square of Hann's window over its squared mean.
+_HANN_BANDWIDTH = 1.5
+
+
+def felt_vibration(position_m: FloatArray, sample_time_s: float) -> FloatArray:
+    """Return the vibration at the end of runs in multiples of the vibrotactile detection threshold.
+
+    The peak displacement of each frequency from 10 to 500 Hz over its threshold; several add as the root of the sum of
+    squares. The last half second counts, a straight drift taken out.
+    """
+    last = position_m[..., -max(8, round(JUDGED_S / sample_time_s)) :]
+    n = last.shape[-1]
+    time = np.linspace(-1.0, 1.0, n)
+    with np.errstate(invalid="ignore", over="ignore"):
+        slope = (last * time).sum(axis=-1, keepdims=True) / (time**2).sum()
+        moved = last - last.mean(axis=-1, keepdims=True) - slope * time
+        window = np.hanning(n)
+        peak = 2 * np.abs(np.fft.rfft(moved * window, axis=-1)) / window.sum()
+        frequency = np.fft.rfftfreq(n, sample_time_s)
+        heard = (frequency >= THRESHOLD_HZ[0]) & (frequency <= THRESHOLD_HZ[-1])
+        threshold_m = np.exp(np.interp(np.log(frequency[heard]), np.log(THRESHOLD_HZ), np.log(THRESHOLD_M)))
+        ratio = peak[..., heard] / threshold_m
+        whole = np.sqrt((ratio**2).sum(axis=-1) / _HANN_BANDWIDTH)
+    return np.asarray(np.where(np.isfinite(whole), whole, np.inf))

@@ -110,45 +110,25 @@ class NativeScene:
         self._run.restype = ctypes.c_int
         self._run.argtypes = [ctypes.c_longlong] * 3 + [ctypes.c_void_p] * 5
 
-    def __call__(self, initial: FloatArray, inputs: FloatArray, parameters: FloatArray, workers: int) -> FloatArray:
-        """Run every row of the parameters from the same initial state."""
-        traces = np.empty((len(parameters), len(inputs), self._traces))
-        self._go(initial, inputs, parameters, workers, 0, traces, None)
-        return traces
-
-    def peaks(
-        self, initial: FloatArray, inputs: FloatArray, parameters: FloatArray, workers: int, judged: int
+    def __call__(
+        self, initial: FloatArray, inputs: FloatArray, parameters: FloatArray, workers: int, judged: int | None = None
     ) -> FloatArray:
-        """Return only the peaks of the first trace, and of the speeds from a sample on, shape (runs, 2)."""
-        peaks = np.empty((len(parameters), 2))
-        self._go(initial, inputs, parameters, workers, judged, None, peaks)
-        return peaks
+        """Run every row of the parameters from the same initial state; return the traces.
 
-    def _go(
-        self,
-        initial: FloatArray,
-        inputs: FloatArray,
-        parameters: FloatArray,
-        workers: int,
-        judged: int,
-        traces: FloatArray | None,
-        peaks: FloatArray | None,
-    ) -> None:
+        With a first judged sample return only the peaks of the first trace, and of the speeds from then on, (runs, 2).
+        """
         initial, inputs, parameters = (np.ascontiguousarray(one, np.float64) for one in (initial, inputs, parameters))
+        runs, samples = len(parameters), len(inputs)
+        found = np.empty((runs, samples, self._traces) if judged is None else (runs, 2))
 
         def work(rows: slice) -> None:
-            self._run(
-                len(parameters[rows]),
-                len(inputs),
-                judged,
-                initial.ctypes.data,
-                inputs.ctypes.data,
-                parameters[rows].ctypes.data,
-                None if traces is None else traces[rows].ctypes.data,
-                None if peaks is None else peaks[rows].ctypes.data,
-            )
+            some, result = parameters[rows], found[rows].ctypes.data
+            arrays = initial.ctypes.data, inputs.ctypes.data, some.ctypes.data
+            results = (result, None) if judged is None else (None, result)
+            self._run(len(some), samples, judged or 0, *arrays, *results)
 
-        _in_threads(work, len(parameters), workers)
+        _in_threads(work, runs, workers)
+        return found
 
 
 def _in_threads(work: Callable[[slice], None], rows: int, workers: int) -> None:
@@ -204,19 +184,12 @@ def _begun(source: str, found: str | None) -> Future[ctypes.CDLL]:
 def _library(source: str, found: str | None) -> ctypes.CDLL:
     if found is None:
         raise FileNotFoundError("no C compiler: neither $CC nor cc is there")
-    try:
-        return _built(found, source, (*_FLAGS, _VECTORS))
-    except subprocess.CalledProcessError:
-        return _built(found, source, _FLAGS)
-
-
-def _built(found: str, source: str, flags: tuple[str, ...]) -> ctypes.CDLL:
-    folder = Path(tempfile.mkdtemp(prefix="avc-scene-"))
-    try:
-        code, shared = folder / "sample.c", folder / "sample.so"
+    with tempfile.TemporaryDirectory(prefix="avc-scene-", ignore_cleanup_errors=True) as folder:
+        code, shared = Path(folder, "sample.c"), Path(folder, "sample.so")
         code.write_text(source, encoding="utf-8")
-        command = [found, *flags, str(code), "-o", str(shared), "-lm"]
-        subprocess.run(command, check=True, capture_output=True, text=True)  # noqa: S603 - the user's own compiler
-        return ctypes.CDLL(str(shared))
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
+        for flags in ((*_FLAGS, _VECTORS), _FLAGS):
+            command = [found, *flags, str(code), "-o", str(shared), "-lm"]
+            done = subprocess.run(command, check=False, capture_output=True, text=True)  # noqa: S603 - the user's own
+            if done.returncode == 0:
+                return ctypes.CDLL(str(shared))
+        raise subprocess.CalledProcessError(done.returncode, command, done.stdout, done.stderr)

@@ -3,27 +3,27 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from avc_casadi._errors import InputError
 from avc_casadi._util.arrays import FloatArray
-from avc_casadi._util.interrupt import HeldInterrupt
-from avc_casadi.coupling import Coupling, check_sample_time, require_coupling
+from avc_casadi.coupling import Coupling, check_sample_time, require_coupling, thinned
 from avc_casadi.model.declared import scene_effects
 from avc_casadi.model.gains import NO_COUPLING, Gains, GainTable, gains_at
 from avc_casadi.model.registries import EFFECTS
 from avc_casadi.model.schedule import GainSchedule
-from avc_casadi.simulation.compile import CompiledScene, bind, compile_scene
+from avc_casadi.simulation.compile import CompiledScene, compile_scene
 from avc_casadi.simulation.effects.base import SceneEffect
+from avc_casadi.simulation.effects.computation import Adaptation
 from avc_casadi.simulation.effects.hand import Grip
 from avc_casadi.simulation.effects.mechanics import CoulombFriction
 from avc_casadi.simulation.effects.registry import build_effects
 from avc_casadi.simulation.effects.wall import Detents
 from avc_casadi.simulation.execute import execute
-from avc_casadi.simulation.judge import Judgement, energy_ledger, judge
+from avc_casadi.simulation.judge import Judgement, Traces, energy_ledger
 from avc_casadi.simulation.run import Claim, Run
 
 if TYPE_CHECKING:
@@ -41,21 +41,7 @@ def simulate(
     hand: Hand | StylusHand | None = None,
     seed: int = 0,
 ) -> Run:
-    """Simulate the scene of a problem.
-
-    Args:
-        problem: a validated problem.
-        gains: a coupling, whose runtime replaces that of the scene; gains, or a gain table.
-        hand: a hand in place of the scene's.
-        seed: added to the seeds of all noises, for other draws of one scene.
-
-    Returns:
-        The run, with its claim: a stable run with dry friction is repeated without it.
-
-    Raises:
-        InputError: an impossible scene, or gains that are missing or were designed for another sample time.
-        UnsupportedError: an effect that scenes do not simulate.
-    """
+    """Simulate the scene of a problem."""
     problem = staged(problem, gains)
     effects = build_effects(problem)
     effects = effects if hand is None else held_by(problem, effects, hand)
@@ -71,21 +57,20 @@ def simulate_effects(
     seed: int = 0,
 ) -> Run:
     """Simulate resolved effects and gains, of `settled`, in place of those of the problem file."""
-    scene = compile_for(problem, effects, chosen)
+    scene = compile_scene(problem, effects, chosen)
     started = time.perf_counter()
     traces = _traces(scene, chosen, seed)
     seconds = time.perf_counter() - started
-    found = _judged(problem, scene, traces)
+    found = Traces.of(traces, problem.device).judged()
     claim: Claim = "asymptotic" if found.stable else "unstable"
     if found.stable and any(effect.friction_n > 0 for effect in effects):
-        frictionless = compile_for(problem, without(effects, CoulombFriction.kind), chosen)
-        free = _traces(frictionless, chosen, seed)
-        again = _judged(problem, scene, free)
-        claim = "asymptotic" if again.stable else "held-by-friction"
+        frictionless = compile_scene(problem, without(effects, CoulombFriction.kind), chosen)
+        free = Traces.of(_traces(frictionless, chosen, seed), problem.device)
+        claim = "asymptotic" if free.judged().stable else "held-by-friction"
     whole = np.ones(scene.samples)
     b, k, b_p = (traces.get(gain, whole * value) for gain, value in vars(chosen).items())
     stiffness = np.full(scene.samples, np.inf) if chosen.rigid else k
-    anchor = traces.get("anchor_m", 0.0)
+    hz = traces.get("interaction_hz")
     return Run(
         problem=problem.name,
         coupling=coupling,
@@ -99,14 +84,14 @@ def simulate_effects(
         damping_ns_per_m=b,
         stiffness_n_per_m=k,
         contact_damping_ns_per_m=b_p,
-        interaction_hz=_estimate(traces),
+        interaction_hz=None if hz is None else np.where(hz > 0, hz, np.nan),
         ledger=energy_ledger(
             traces["position_m"],
             traces["force_n"],
             traces["tool_m"],
             stiffness,
             scene.environment,
-            anchor,
+            traces.get("anchor_m", 0.0),
             sum(one.potential_j(traces["position_m"]) for one in effects if isinstance(one, Detents)),
         ),
         judgement=found,
@@ -150,24 +135,14 @@ def simulate_batch(
     if not friction:
         effects = without(effects, CoulombFriction.kind)
     effects, chosen, _ = settled(problem, effects, gains)
-    scene = compile_for(problem, effects, chosen)
+    scene = compile_scene(problem, effects, chosen)
     parameters, inputs = scene.parameter_values(chosen), scene.input_values()
-    parts = []
-    for first in range(0, len(parameters), _CHUNK):
-        traces = _completed(scene, execute(scene, parameters[first : first + _CHUNK], inputs))
-        parts.append(_judged(problem, scene, traces))
-    return Judgement(**{name: np.concatenate([vars(part)[name] for part in parts]) for name in vars(parts[0])})
-
-
-def _judged(problem: Problem, scene: CompiledScene, traces: Mapping[str, FloatArray]) -> Judgement:
-    return judge(
-        traces["position_m"],
-        traces["velocity_m_per_s"],
-        traces["force_n"],
-        scene.sample_time_s,
-        problem.device.metres_per_unit,
-        traces.get("measured_m"),
-        traces.get("held_m_per_s"),
+    device = problem.device
+    return Judgement.joined(
+        [
+            Traces.of(execute(scene, parameters[first : first + _CHUNK], inputs), device).judged()
+            for first in range(0, len(parameters), _CHUNK)
+        ]
     )
 
 
@@ -190,30 +165,20 @@ def staged(problem: Problem, gains: AnyGains) -> Problem:
 def settled(
     problem: Problem, effects: tuple[SceneEffect, ...], gains: AnyGains
 ) -> tuple[tuple[SceneEffect, ...], Gains, str]:
-    """Return the effects with their gain table, or else the gains, and the method of these."""
-    frequency = problem.scene.interaction_hz
+    """Return the effects with the table that an adaptation follows, the gains at the start, and their method."""
     if isinstance(gains, Gains):
         return effects, gains, "none" if gains == NO_COUPLING else "given"
-    if isinstance(gains, GainTable):
-        at = gains.at_rest if frequency is None else Gains(*gains(frequency).tolist())
-        return bind(effects, gains), at, "given"
     if isinstance(gains, Coupling):
-        found, at, _ = settled(problem, effects, gains.table)
-        return found, at, gains.method
-    return bind(effects, gains), gains_at(gains, frequency), gains.method
-
-
-def compile_for(problem: Problem, effects: tuple[SceneEffect, ...], gains: Gains) -> CompiledScene:
-    """Compile the scene with the parameters that the gains need."""
-    # CasADi calls Python for shapes while it builds an expression, and ignores exceptions there.
-    with HeldInterrupt():
-        return compile_scene(
-            problem,
-            effects,
-            coupled=not gains.rigid,
-            damped=gains.contact_damping_ns_per_m > 0,
-            stiffness_n_per_m=gains.stiffness_n_per_m,
-        )
+        return *settled(problem, effects, gains.table)[:2], gains.method
+    frequency, method = problem.scene.interaction_hz, "given"
+    if isinstance(gains, GainSchedule):
+        at, method = gains_at(gains, frequency), gains.method
+    else:
+        at = gains.at_rest if frequency is None else Gains(*gains(frequency).tolist())
+    if any(isinstance(effect, Adaptation) for effect in effects):
+        table = gains if isinstance(gains, GainTable) else thinned(GainTable.of(gains))
+        effects = tuple(replace(one, table=table) if isinstance(one, Adaptation) else one for one in effects)
+    return effects, at, method
 
 
 def without(effects: tuple[SceneEffect, ...], kind: str) -> tuple[SceneEffect, ...]:
@@ -232,18 +197,9 @@ def held_by(problem: Problem, effects: tuple[SceneEffect, ...], hand: Hand | Sty
     return tuple(Grip(hand) if effect.kind == Grip.kind else effect for effect in effects)
 
 
-def _estimate(traces: dict[str, FloatArray]) -> FloatArray | None:
-    """Return the estimated frequency, not a number where there is none."""
-    found = traces.get("interaction_hz")
-    return None if found is None else np.where(found > 0, found, np.nan)
-
-
 def _traces(scene: CompiledScene, gains: Gains, seed: int) -> dict[str, FloatArray]:
+    """Return the traces of one run, with those missing in free space: no force, and a tool at the device."""
     results = execute(scene, scene.parameter_values(gains), scene.input_values(seed))
-    return {name: values[0] for name, values in _completed(scene, results).items()}
-
-
-def _completed(scene: CompiledScene, traces: dict[str, FloatArray]) -> dict[str, FloatArray]:
-    """Add the traces missing in free space: no force, and a tool at the device."""
-    free = {"force_n": np.zeros_like(traces["position_m"]), "tool_m": traces["position_m"]}
-    return (free if scene.environment is None else {}) | traces
+    traces = {name: values[0] for name, values in results.items()}
+    position = traces["position_m"]
+    return ({"force_n": np.zeros_like(position), "tool_m": position} if scene.environment is None else {}) | traces

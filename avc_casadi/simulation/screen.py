@@ -13,16 +13,16 @@ from avc_casadi._util.arrays import FloatArray
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.printed import Columns, Tabular
 from avc_casadi._util.progress import SILENT, Progress
-from avc_casadi.model.gains import Gains
 from avc_casadi.model.registries import EFFECTS
-from avc_casadi.simulation.compile import CompiledScene
+from avc_casadi.simulation.compile import CompiledScene, compile_scene
 from avc_casadi.simulation.effects.base import SceneEffect
 from avc_casadi.simulation.effects.registry import build_effects
-from avc_casadi.simulation.run import Run
-from avc_casadi.simulation.scene import AnyGains, compile_for, settled, simulate_effects, staged, without
+from avc_casadi.simulation.scene import AnyGains, settled, simulate_effects, staged, without
 
 if TYPE_CHECKING:
+    from avc_casadi.model.gains import Gains
     from avc_casadi.model.problem import Problem
+    from avc_casadi.simulation.run import Run
 
 
 # About so many instructions are timed, in a few repeats of so many samples.
@@ -30,66 +30,39 @@ _TIMED_INSTRUCTIONS = 2_000_000
 _TIMED_SAMPLES = (50, 2000)
 _REPEATS = 9
 DEFAULT_TOLERANCE = 0.01
+_CHANGES = ("position_change", "force_change", "stiffness_change")
 
 
-@dataclass(frozen=True)
-class EffectCost:
-    """Cost of one effect: the scene with it less the scene without it; None of the only mass."""
-
-    kind: str
-    station: str
-    states: int
-    instructions: int | None = None
-    ns_per_step: float | None = None
-
-
-@dataclass(frozen=True)
-class Explanation:
-    """Composition of a scene."""
-
-    effects: tuple[EffectCost, ...]
-    absent: tuple[str, ...]
-    states: int
-    state_names: tuple[str, ...]
-    instructions: int
-    ns_per_step: float
-    scatter_ns: float
-
-    def document(self) -> dict[str, Any]:
-        """Return the part of the JSON document."""
-        return {**vars(self), "effects": [vars(effect) for effect in self.effects]}
-
-
-def explain(problem: Problem, gains: AnyGains) -> Explanation:
-    """Return the cost of each effect of a scene."""
+def explain(problem: Problem, gains: AnyGains) -> dict[str, Any]:
+    """Return what a scene is composed of, and the cost of each effect: the scene less the scene without it."""
     problem = staged(problem, gains)
     effects, chosen, _ = settled(problem, build_effects(problem), gains)
-    return _explain(problem, effects, chosen)
+    return _explained(problem, effects, chosen)
 
 
-def _explain(problem: Problem, effects: tuple[SceneEffect, ...], gains: Gains) -> Explanation:
-    scene = compile_for(problem, effects, gains)
+def _explained(problem: Problem, effects: tuple[SceneEffect, ...], gains: Gains) -> dict[str, Any]:
+    scene = compile_scene(problem, effects, gains)
     times_ns = _times_ns(scene, gains)
     costs = []
     for effect in effects:
-        kind, station = effect.kind, effect.station.name.lower()
+        cost = {"kind": effect.kind, "station": effect.station.name.lower(), "states": scene.states_of(effect.kind)}
         try:
-            rest = compile_for(problem, without(effects, kind), gains)
+            rest = compile_scene(problem, without(effects, effect.kind), gains)
         except InputError:  # the only mass
-            costs.append(EffectCost(kind, station, scene.states_of(kind)))
+            costs.append(cost | {"instructions": None, "ns_per_step": None})
             continue
-        states, instructions = len(scene.states) - len(rest.states), scene.instructions - rest.instructions
-        took_ns = min(times_ns) - min(_times_ns(rest, gains))
-        costs.append(EffectCost(kind, station, states, instructions, took_ns))
-    return Explanation(
-        effects=tuple(costs),
-        absent=tuple(kind for kind in EFFECTS if kind not in {effect.kind for effect in effects}),
-        states=len(scene.states),
-        state_names=scene.states,
-        instructions=scene.instructions,
-        ns_per_step=min(times_ns),
-        scatter_ns=float(np.median(times_ns)) - min(times_ns),
-    )
+        cost["states"] = len(scene.states) - len(rest.states)
+        cost["instructions"] = scene.instructions - rest.instructions
+        costs.append(cost | {"ns_per_step": min(times_ns) - min(_times_ns(rest, gains))})
+    return {
+        "effects": costs,
+        "absent": [kind for kind in EFFECTS if kind not in {effect.kind for effect in effects}],
+        "states": len(scene.states),
+        "state_names": scene.states,
+        "instructions": scene.instructions,
+        "ns_per_step": min(times_ns),
+        "scatter_ns": float(np.median(times_ns)) - min(times_ns),
+    }
 
 
 def _times_ns(scene: CompiledScene, gains: Gains) -> list[float]:
@@ -109,46 +82,24 @@ def _times_ns(scene: CompiledScene, gains: Gains) -> list[float]:
     return times_ns
 
 
-@dataclass(frozen=True)
-class Screened:
-    """Change of a scene without some of its effects."""
-
-    kinds: tuple[str, ...]
-    position_change: float
-    force_change: float
-    stiffness_change: float | None
-    outcome: str
-    outcome_changed: bool
-    needed: bool
-
-    @property
-    def change(self) -> float:
-        """The largest of the changes."""
-        return max(self.position_change, self.force_change, self.stiffness_change or 0.0)
-
-    def document(self) -> dict[str, Any]:
-        """Return JSON values."""
-        found: dict[str, Any] = plain(vars(self))
-        return found
-
-
 @dataclass(frozen=True, eq=False, repr=False)
 class Screening(Tabular):
     """Effects by the change that they make; together those that the scene does not need."""
 
     tolerance: float
     whole: Run
-    effects: tuple[tuple[Screened, EffectCost], ...]
+    effects: tuple[dict[str, Any], ...]
     essential: tuple[str, ...]
-    together: Screened | None
+    together: dict[str, Any] | None
     scatter_ns: float
 
     def to_dict(self) -> Columns:
         """Return the effects as columns, a row for each that can be left out."""
-        rows = [vars(found) | {"effect": cost.kind, "instructions": cost.instructions} for found, cost in self.effects]
-        changes = ("position_change", "force_change", "stiffness_change")
-        keys = ("effect", *changes, "outcome", "outcome_changed", "needed", "instructions")
-        return {key: np.array([np.nan if row[key] is None else row[key] for row in rows]) for key in keys}
+        keys = (*_CHANGES, "outcome", "outcome_changed", "needed", "instructions")
+        columns = {key: [np.nan if one[key] is None else one[key] for one in self.effects] for key in keys}
+        return {"effect": np.array([one["kind"] for one in self.effects])} | {
+            key: np.array(column) for key, column in columns.items()
+        }
 
     def _summary(self) -> str:
         whole = self.whole
@@ -158,33 +109,28 @@ class Screening(Tabular):
     @property
     def unneeded(self) -> tuple[str, ...]:
         """Effects that the scene does not need at this tolerance."""
-        return tuple(cost.kind for found, cost in self.effects if not found.needed)
+        return tuple(one["kind"] for one in self.effects if not one["needed"])
 
     def document(self) -> dict[str, Any]:
         """Return the JSON document."""
-        effects = []
-        for found, cost in self.effects:
-            changes = {key: value for key, value in found.document().items() if key != "kinds"}
-            effects.append({key: value for key, value in vars(cost).items() if key != "station"} | changes)
-        return {
-            "problem": self.whole.problem,
-            "coupling": self.whole.coupling,
-            "tolerance": self.tolerance,
-            "outcome": self.whole.claim,
-            "effects": effects,
-            "essential": list(self.essential),
-            "unneeded": list(self.unneeded),
-            "scatter_ns": self.scatter_ns,
-            "together": self.together and self.together.document(),
-        }
+        found: dict[str, Any] = plain(
+            {
+                "problem": self.whole.problem,
+                "coupling": self.whole.coupling,
+                "tolerance": self.tolerance,
+                "outcome": self.whole.claim,
+                "effects": self.effects,
+                "essential": self.essential,
+                "unneeded": self.unneeded,
+                "scatter_ns": self.scatter_ns,
+                "together": self.together,
+            }
+        )
+        return found
 
 
 def screen(
-    problem: Problem,
-    gains: AnyGains,
-    *,
-    tolerance: float = DEFAULT_TOLERANCE,
-    progress: Progress = SILENT,
+    problem: Problem, gains: AnyGains, *, tolerance: float = DEFAULT_TOLERANCE, progress: Progress = SILENT
 ) -> Screening:
     """Leave out each effect of a scene in turn, then all that it does not need together."""
     if not 0 <= tolerance < 1:
@@ -192,33 +138,40 @@ def screen(
     problem = staged(problem, gains)
     effects, chosen, coupling = settled(problem, build_effects(problem), gains)
     whole = simulate_effects(problem, effects, chosen, coupling)
-    explained = _explain(problem, effects, chosen)
+    explained = _explained(problem, effects, chosen)
 
-    def dropped(kinds: tuple[str, ...]) -> Screened:
+    def changes(kinds: tuple[str, ...]) -> dict[str, Any]:
         rest = tuple(effect for effect in effects if effect.kind not in kinds)
-        return _compare(whole, simulate_effects(problem, rest, chosen, coupling), kinds, tolerance)
+        return _compared(whole, simulate_effects(problem, rest, chosen, coupling), tolerance)
 
     found, essential = [], []
-    for done, cost in enumerate(explained.effects):
-        progress.advance(done, len(explained.effects), f"effects, without {cost.kind}")
+    for done, cost in enumerate(explained["effects"]):
+        kind = cost["kind"]
+        progress.advance(done, len(explained["effects"]), f"effects, without {kind}")
         try:
-            found.append((dropped((cost.kind,)), cost))
+            found.append({key: value for key, value in cost.items() if key != "station"} | changes((kind,)))
         except InputError:  # the only mass
-            essential.append(cost.kind)
-    found.sort(key=lambda one: (not one[0].outcome_changed, -one[0].change))
-    unneeded = tuple(cost.kind for one, cost in found if not one.needed)
-    together = dropped(unneeded) if unneeded else None
-    return Screening(tolerance, whole, tuple(found), tuple(essential), together, explained.scatter_ns)
+            essential.append(kind)
+    found.sort(key=lambda one: (not one["outcome_changed"], -max(one[key] or 0.0 for key in _CHANGES)))
+    unneeded = tuple(one["kind"] for one in found if not one["needed"])
+    together = {"kinds": unneeded, **changes(unneeded)} if unneeded else None
+    return Screening(tolerance, whole, tuple(found), tuple(essential), together, explained["scatter_ns"])
 
 
-def _compare(whole: Run, rest: Run, kinds: tuple[str, ...], tolerance: float) -> Screened:
+def _compared(whole: Run, rest: Run, tolerance: float) -> dict[str, Any]:
+    """Return the change of a scene without some of its effects."""
     position = _relative(whole.position_m - whole.position_m[0], rest.position_m - rest.position_m[0])
     force = _relative(whole.force_n, rest.force_n)
     one, other = whole.apparent_stiffness_n_per_m, rest.apparent_stiffness_n_per_m
     stiffness = abs(other / one - 1) if np.isfinite(one) and np.isfinite(other) else None
     changed = bool((rest.claim, rest.buzzing) != (whole.claim, whole.buzzing) or np.isfinite(one) != np.isfinite(other))
     needed = changed or not max(position, force, stiffness or 0.0) <= tolerance
-    return Screened(kinds, position, force, stiffness, rest.claim, changed, needed)
+    return {
+        **dict(zip(_CHANGES, (position, force, stiffness), strict=True)),
+        "outcome": rest.claim,
+        "outcome_changed": changed,
+        "needed": needed,
+    }
 
 
 def _relative(whole: FloatArray, rest: FloatArray) -> float:

@@ -114,26 +114,23 @@ class Tick:
 
     def held_force(self) -> Expr:
         """Return the force held until now, a state that is added once."""
-        name = "held_force_n"
-        known = self.known(name)
-        if known is not None:
-            return known
-        self.at_end.append(lambda: self.follow(name, 0.0 if self.command is None else self.command))
-        return self.state(name, computed=False)
+        return self._once("held_force_n", lambda: self.command, computed=False)
 
     def asked_force(self) -> Expr:
-        """Return the force commanded in the previous sample, a state that is added once."""
-        name = "asked_force_n"
+        """Return the force commanded in the previous sample, before any delay, a state that is added once."""
+        return self._once("asked_force_n", lambda: self.command if self.asked is None else self.asked, computed=True)
+
+    def _once(self, name: str, force: Callable[[], Expr], *, computed: bool) -> Expr:
         known = self.known(name)
         if known is not None:
             return known
 
         def settle() -> None:
-            before_delay = self.command if self.asked is None else self.asked
-            self.follow(name, 0.0 if before_delay is None else before_delay)
+            value = force()
+            self.follow(name, 0.0 if value is None else value)
 
         self.at_end.append(settle)
-        return self.state(name)
+        return self.state(name, computed=computed)
 
     def known(self, name: str) -> Expr:
         """Return the symbol of an existing state, or None."""

@@ -18,7 +18,7 @@ from avc_casadi.simulation.effects.actuation import Saturation
 from avc_casadi.simulation.effects.base import SceneEffect
 from avc_casadi.simulation.effects.registry import build_effects
 from avc_casadi.simulation.effects.sensing import Delay
-from avc_casadi.simulation.judge import judge
+from avc_casadi.simulation.judge import Traces
 from avc_casadi.simulation.motion import target_of
 from avc_casadi.simulation.population.motions import TRIAL_S, course_of
 from avc_hardware.codegen.figures import board_limits, device_config
@@ -215,21 +215,21 @@ def tried_in_the_loop(coupling: Coupling, *, seconds: float | None = None, devic
         )
         return LoopResult(
             seconds=whole_s,
-            judgement=judge(
+            judgement=Traces(
                 position,
                 velocity,
                 force,
                 coupling.sample_time_s,
                 coupling.problem.device.metres_per_unit,
                 held_m_per_s=np.array(trace.held_m_per_s[:samples]) if trace.held_m_per_s else None,
-            ),
+            ).judged(),
             peak_force_n=float(np.abs(force).max(initial=0.0)),
             left_out=left_out,
             push=pushed,
             status=loop.status(),
         )
 
-    found, swings_s = after(lasts, lasts), course_of(true).longest_s - TRIAL_S
+    found, swings_s = after(lasts, lasts), course_of(true).duration_s - TRIAL_S
     if seconds is None and swings_s > 0 and not (found.at_rest or found.status.faults):
         return after(swings_s, lasts + swings_s)
     return found

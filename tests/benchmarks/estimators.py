@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
+from run_step import run_step
 from script_arguments import script_arguments
 
 from avc_casadi._util.arrays import BoolArray, FloatArray
@@ -99,7 +100,7 @@ def _time(duration_s: float, sample_time_s: float) -> FloatArray:
 
 
 def _estimate(step: Step, position: NDArray[np.floating[Any]], sample_time_s: float) -> tuple[FloatArray, BoolArray]:
-    found = step.run(np.diff(position, prepend=position[0])[None] / sample_time_s)
+    found = run_step(step, np.diff(position, prepend=position[0])[None] / sample_time_s)
     return found["frequency_hz"], found["valid"] > 0
 
 

@@ -31,9 +31,8 @@ from avc_casadi.model.hands import hand_corners, with_released
 from avc_casadi.model.problem import Problem
 from avc_casadi.model.runtime import Runtime
 from avc_casadi.recommendation.recommendation import Recommendation
-from avc_casadi.simulation.population.coupling_trial import CouplingTrial, try_coupling
 from avc_casadi.simulation.population.operators import draw_hands, people_of
-from avc_casadi.simulation.population.settled import exact_interval
+from avc_casadi.simulation.population.trial import CouplingTrial, exact_interval, try_coupling
 
 SEED = 3355
 # Of the hands that `recommend` tries, and of those it never saw.

@@ -16,9 +16,9 @@ from avc_casadi.claims.certify import certify
 from avc_casadi.claims.passivity.llewellyn import llewellyn_margin
 from avc_casadi.claims.passivity.worst_frequency import worst_margin
 from avc_casadi.claims.scope import scope_slack
-from avc_casadi.design.constant.static import static_coupling
-from avc_casadi.design.constant.static_tuned import tune_static
 from avc_casadi.design.methods import solve
+from avc_casadi.design.static import static_coupling
+from avc_casadi.design.tuned import tune_static
 from avc_casadi.loops.sampled_loop import SampledLoop
 from avc_casadi.loops.wall import frozen_parts, linear_stability
 from avc_casadi.model.corners import least_damped

@@ -11,27 +11,12 @@ import pytest
 
 import avc_casadi as avc
 from avc_casadi._util.parallel import mapped
-from avc_casadi.coupling import Coupling
-from avc_casadi.design.comparison import table1 as _table1
-from avc_casadi.simulation.population import coupling_trial as _coupling_trial
 
 
 @pytest.fixture
-def executor(monkeypatch):
-    for module, name in ((_table1, "HANDS_AT_ONCE"), (_coupling_trial, "_AT_ONCE")):
-        monkeypatch.setattr(module, name, 7)
+def executor():
     with ThreadPoolExecutor(2) as found:
         yield found
-
-
-@pytest.fixture(scope="module")
-def problem():
-    return avc.load_problem("ve7")
-
-
-@pytest.fixture(scope="module")
-def coupling(problem):
-    return Coupling.of(problem, avc.solve(problem, "static"))
 
 
 def late(number):

@@ -8,9 +8,9 @@ from avc_casadi import parse_problem
 from avc_casadi.claims.certify import certify
 from avc_casadi.claims.passivity.llewellyn import largest_llewellyn_stiffness, llewellyn_margin
 from avc_casadi.claims.passivity.worst_frequency import worst_margin
-from avc_casadi.design.constant.static import static_coupling
-from avc_casadi.design.constant.static_tuned import Budget, tune_static
 from avc_casadi.design.methods import solve
+from avc_casadi.design.static import static_coupling
+from avc_casadi.design.tuned import tune_static
 from avc_casadi.loops.sampled_loop import SampledLoop
 from avc_casadi.loops.wall import frozen_parts, linear_stability
 from avc_casadi.model.gains import Gains
@@ -107,7 +107,7 @@ def test_damped_structure_uses_contact_damping_where_it_pays():
 
 # Tuned constant gains: stable with hands never seen, no better ones nearby, honest about what was tried.
 
-SMALL = Budget(draws=8)
+SMALL = {"draws": 8}
 COARSE = 'kind = "encoder"\nresolution_m = 5e-6'
 
 
@@ -133,13 +133,13 @@ def error(case, gains):
 
 @pytest.fixture(scope="module")
 def series():
-    return tuned_problem(), tune_static(tuned_problem(), SMALL)
+    return tuned_problem(), tune_static(tuned_problem(), **SMALL)
 
 
 @pytest.fixture(scope="module")
 def damped():
     case = tuned_problem("damped", 200.0, "complex")
-    return case, tune_static(case, SMALL)
+    return case, tune_static(case, **SMALL)
 
 
 @pytest.mark.slow
@@ -175,12 +175,12 @@ def test_gains_beyond_the_tuned_ones_are_unstable_or_farther_off(series):
 @pytest.mark.slow
 def test_where_somebody_does_not_rest_the_reserve_is_raised():
     case = tuned_problem("damped", 200.0, "complex", effects=('kind = "hand"', 'kind = "wall"', COARSE))
-    found = tune_static(case, SMALL)
+    found = tune_static(case, **SMALL)
     assert found.raised > 0
-    hands = hand_set(case.hands, draws=SMALL.draws)
+    hands = hand_set(case.hands, draws=SMALL["draws"])
     assert simulate_batch(case, hands, found.gains).stable.all()
     before = case.changed(stability={"margin_ns_per_m": found.reserve_ns_per_m / 1.5})
-    least = tune_static(before, Budget(draws=8, raises=0))
+    least = tune_static(before, draws=8, raises=0)
     assert least.gains is None
     assert f"{least.rested} of 16" in least.sentence()
 
@@ -188,8 +188,8 @@ def test_where_somebody_does_not_rest_the_reserve_is_raised():
 @pytest.mark.slow
 def test_the_margin_is_kept_in_reserve():
     case = tuned_problem()
-    careful = tune_static(case.changed(stability={"margin_ns_per_m": 4.0}), SMALL)
-    bold = tune_static(case.changed(stability={"margin_ns_per_m": 2.0}), SMALL)
+    careful = tune_static(case.changed(stability={"margin_ns_per_m": 4.0}), **SMALL)
+    bold = tune_static(case.changed(stability={"margin_ns_per_m": 2.0}), **SMALL)
     hands = hand_set(case.hands)
 
     def stable_without(damping, found):

@@ -21,6 +21,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from reference_device import ReferenceDevice
+from run_step import run_step
 
 from avc_casadi._util.arrays import Float32Array
 from avc_casadi.coupling import Coupling
@@ -233,7 +234,7 @@ def test_numbers_are_those_of_the_scenes_own_estimator(estimator: str) -> None:
         figures = RuntimeFigures(time_s, step_m, estimator, hand_m_per_unit=reach)
         settings = EstimatorSettings.for_encoder(step_m, time_s, reach)
         way = 3e-3 / reach * np.sin(2 * math.pi * 5 * time_s * np.arange(600))
-        scene = estimator_step(estimator, time_s, settings).run(np.diff(way, prepend=0.0)[None] / time_s)
+        scene = run_step(estimator_step(estimator, time_s, settings), np.diff(way, prepend=0.0)[None] / time_s)
         part = runtime_programs(figures)[0]
         states, found = part.start(np.zeros(1, dtype=np.float32)), []
         for x in way.astype(np.float32):

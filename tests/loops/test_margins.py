@@ -22,7 +22,7 @@ from avc_casadi.model.hands import hand_corners, with_released
 from avc_casadi.model.robustness import Robustness, unmodelled
 from avc_casadi.model.sampled_plant import sampled_plant
 from avc_casadi.simulation.population.operators import people_of
-from avc_casadi.simulation.population.settled import residual_speeds
+from avc_casadi.simulation.population.trial import residual_speeds
 
 # Mass, damping, T, samples of delay; wall k_e and b_e; coupling k and b_p.
 LOOPS = {
@@ -203,7 +203,7 @@ def everybody(found):
 
 def told(found, asked, hands):
     (one,) = unmodelled(found.problem.device, asked)
-    return residual_speeds([found], hands, friction=False, device=one.device, effects=one.effects)[0] < 1
+    return residual_speeds(found, hands, friction=False, device=one.device, effects=one.effects) < 1
 
 
 @pytest.mark.slow

@@ -139,7 +139,7 @@ def scene_jacobian(device, hand):
     text += "".join(f"[[scene.effects]]\n{effect}\n" for effect in effects)
     problem = avc.parse_problem(text).changed(device=device)
     built = tuple(Grip(hand) if isinstance(effect, Grip) else effect for effect in build_effects(problem))
-    scene = compile_scene(problem, built, coupled=False)
+    scene = compile_scene(problem, built)
     states, inputs, parameters = (ca.SX.sym(name, scene.function.numel_in(i)) for i, name in enumerate("xup"))
     slope = ca.Function(
         "slope", [states, inputs, parameters], [ca.jacobian(scene.function(states, inputs, parameters)[0], states)]

@@ -62,7 +62,7 @@ def scene_eigenvalues(device, law, gains, wall):
     listed = (*problem.scene.effects, StateFeedbackEffect(**vars(law)))
     problem = problem.changed(scene={"effects": listed})
     built = tuple(Grip(HAND) if isinstance(one, Grip) else one for one in build_effects(problem))
-    scene = compile_scene(problem, built)
+    scene = compile_scene(problem, built, gains)
     shape = [scene.function.numel_in(place) for place in range(3)]
     symbols = [ca.SX.sym(name, count) for name, count in zip("xup", shape, strict=True)]
     slope = ca.Function("slope", symbols, [ca.jacobian(scene.function(*symbols)[0], symbols[0])])

@@ -14,8 +14,8 @@ from avc_casadi.loops.walls import damping_range, loop_radius, softest_wall_n_pe
 from avc_casadi.model.device import Device
 from avc_casadi.model.hands import Hand, hand_corners, hand_set, with_released
 from avc_casadi.recommendation.stiffest import stiffest
-from avc_casadi.simulation.population.coupling_trial import try_coupling
 from avc_casadi.simulation.population.operators import draw_hands
+from avc_casadi.simulation.population.trial import try_coupling
 
 
 def decades(low, high):

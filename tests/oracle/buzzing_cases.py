@@ -11,7 +11,7 @@ from avc_casadi.identification.log import Columns
 from avc_casadi.model.device import Device
 from avc_casadi.model.gains import NO_COUPLING
 from avc_casadi.model.problem import Hands
-from avc_casadi.simulation.population.motions import QUIET, felt_vibration
+from avc_casadi.simulation.judge import QUIET, felt_vibration
 from avc_casadi.simulation.scene import simulate
 
 CAUSES = ("delay", "damping", "encoder", "resonance", "stiffness", "let-go", "ticks", "rate")

@@ -1,7 +1,6 @@
 """The report of a run before a wall, without its files."""
 
 import avc_casadi as avc
-from avc_casadi.design.comparison.document import comparison_document
 from avc_casadi.present.report import paper_pictures, paper_sections, report_html, wall_pictures
 from avc_casadi.present.rows import design
 from avc_casadi.present.rows.recommend import recommendation
@@ -14,6 +13,6 @@ def report_of(problem, push, hands=10):
     certificate = avc.certify(problem, gains).document()
     question = [*design.paper(design.paper_data(comparison, gains)), design.device(push)]
     drawn = paper_pictures(comparison)
-    more = paper_sections(comparison_document(comparison), certificate, problem, drawn, question)
+    more = paper_sections(comparison.document(), certificate, problem, drawn, question)
     pictures = list(wall_pictures(found).values())
     return report_html(recommendation(found), problem, pictures, {"avc-casadi": avc.__version__}, more)

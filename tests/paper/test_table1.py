@@ -7,11 +7,12 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 import avc_casadi as avc
-from avc_casadi.design.comparison.table1 import choose, distance, reference_traces, table1
+from avc_casadi.design.comparison.table1 import choose, distance, of_paper, reference_traces, table1
 from avc_casadi.model.gains import NO_COUPLING
-from avc_casadi.simulation.population.motions import MOTIONS
+from avc_casadi.simulation.judge import Traces
+from avc_casadi.simulation.population.motions import AT_WALL, MOTIONS
 from avc_casadi.simulation.population.operators import draw_population
-from avc_casadi.simulation.population.trial import Conditions, Traces, judged
+from avc_casadi.simulation.population.setup import judged
 
 COUPLINGS = ("none", "static", "closed-form", "static-tuned", "schedule")
 
@@ -25,7 +26,8 @@ def document():
 def test_counts_are_those_of_the_runs(document):
     problem = avc.load_problem("ve7")
     people = draw_population("A", 12, 5)
-    runs = [judged(problem, NO_COUPLING, people, motion, Conditions.declared(problem)) for motion in MOTIONS.values()]
+    setup = of_paper(problem, NO_COUPLING, "encoder", "delay")
+    runs = [judged(setup, people, MOTIONS[name]) for name in AT_WALL]
     row = document["rows"][0]
     assert row["coupling"] == "none"
     assert row["stable"] == np.all([run.stable for run in runs], axis=0).sum()
@@ -94,9 +96,9 @@ def continuous_press(problem, hand):
 
 @pytest.mark.parametrize("wall", ["ve4"])
 def test_the_reference_is_the_continuous_wall(wall):
-    problem = avc.load_problem(wall)
+    problem = avc.load_problem(wall).changed(device={"coulomb_friction_n": 0.0})
     people = draw_population("A", 1, 4)
-    reference = reference_traces(problem, people, 0.0)
+    reference = reference_traces(problem, people)
     exact = continuous_press(problem, people.values(0))
     touched = exact > 0
     error = np.sqrt(np.mean((reference.position_m[0, :1000] - exact)[touched] ** 2) / np.mean(exact[touched] ** 2))

@@ -111,7 +111,7 @@ BOUNCE, SPEED_M_PER_S = 8, 0.085
 def step(contact):
     """One sample of the scene with the light hand, its target at rest, pressing with 5 N."""
     problem = pressed(LIGHT, contact, end_m=PUSH_N / LIGHT[2])
-    compiled = compile_scene(problem, damped=True)
+    compiled = compile_scene(problem, gains=CONSTANT)
     state = ca.SX.sym("state", len(compiled.states))
     aim, numbers = ca.DM([PUSH_N / LIGHT[2], 0.0]), ca.DM(compiled.parameter_values(CONSTANT)[0])
     return compiled, ca.Function("step", [state], [compiled.function(state, aim, numbers)[0]])

@@ -10,8 +10,8 @@ import avc_casadi as avc
 from avc_casadi.coupling import Coupling
 from avc_casadi.model.gains import Gains
 from avc_casadi.model.runtime import Runtime
-from avc_casadi.simulation.population.coupling_trial import try_coupling
 from avc_casadi.simulation.population.operators import people_of
+from avc_casadi.simulation.population.trial import try_coupling
 
 
 def wall(stiffness, **device):

@@ -26,8 +26,8 @@ from avc_casadi.recommendation.limit_cycle_freedom import with_rest
 from avc_casadi.recommendation.preconditions import nothing_rendered
 from avc_casadi.recommendation.rank import Judged, best_of
 from avc_casadi.recommendation.recommendation import Recommendation
-from avc_casadi.simulation.population.coupling_trial import CouplingTrial, try_coupling, try_on_devices
 from avc_casadi.simulation.population.operators import people_of
+from avc_casadi.simulation.population.trial import CouplingTrial, try_coupling, try_on_devices
 
 HANDS = 10
 PROBLEM = avc.load_problem("figure5")
@@ -40,9 +40,8 @@ def trial(stable: int, free: int, quiet: int) -> CouplingTrial:
     return CouplingTrial(
         seed=0,
         effects=(),
-        stable=np.arange(HANDS) < stable,
-        stable_without_friction=np.arange(HANDS) < free,
-        by_motion={},
+        by_motion={"press": np.arange(HANDS) < stable},
+        beside={"without_friction": np.arange(HANDS) < free},
         vibration=np.where(np.arange(HANDS) < quiet, 0.0, 10.0),
         stiffness_n_per_m=np.full(HANDS, np.nan),
         at_force_limit=nothing > 0,

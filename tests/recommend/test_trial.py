@@ -16,11 +16,10 @@ from avc_casadi.model.scene import Press
 from avc_casadi.recommendation.perturbed_devices import off_file, perturbed
 from avc_casadi.simulation.judge import AT_REST_M_PER_S
 from avc_casadi.simulation.motion import target_of
-from avc_casadi.simulation.population.coupling_trial import try_coupling
 from avc_casadi.simulation.population.motions import LONGEST_S, MOTIONS, TRIAL_S, course_of
 from avc_casadi.simulation.population.operators import BLOCK, draw_hands, draw_population, loose_grips
-from avc_casadi.simulation.population.settled import residual_speeds, settled_hands
-from avc_casadi.simulation.population.trial import Conditions, judged
+from avc_casadi.simulation.population.setup import Setup, judged
+from avc_casadi.simulation.population.trial import residual_speeds, settled_hands, try_coupling
 
 JUDGED_S = 0.5
 R1 = avc.load_problem("reference-r1")
@@ -59,7 +58,8 @@ def speed_alone(problem, motion, duration_s):
 @given(mass=st.floats(0.02, 5.0), damping=st.just(0.0) | st.floats(1e-3, 20.0))
 def test_without_a_wall_everybody_is_at_rest_at_the_end(mass, damping):
     problem = R1.changed(device={"mass_kg": mass, "damping_ns_per_m": damping})
-    motion, duration_s = course_of(problem).motions["tap"]
+    motions, duration_s = course_of(problem)
+    motion = motions["tap"]
     assert speed_alone(problem, motion, duration_s) < 1.25
     assert TRIAL_S <= duration_s <= LONGEST_S
 
@@ -69,10 +69,10 @@ def test_a_heavy_device_that_is_only_slow_counts_as_at_rest():
     trial = try_coupling(coupling, PEOPLE)
     assert speed_alone(HEAVY, MOTIONS["tap"], TRIAL_S) > 10
     assert trial.stable.all()
-    assert trial.longest_s == trial.document()["longest_s"] == course_of(HEAVY).longest_s
+    assert trial.longest_s == trial.document()["longest_s"] == course_of(HEAVY).duration_s
     assert np.isfinite(trial.vibration).all()
     assert settled_hands(coupling, 40, seed=3).at_rest == 40
-    assert (residual_speeds([coupling], PEOPLE) < 1).all()
+    assert (residual_speeds(coupling, PEOPLE) < 1).all()
 
 
 @pytest.mark.slow
@@ -143,9 +143,9 @@ def test_loose_hands_that_touch_lightly_come_to_rest(touched, end_m):
     coupling = touched.coupling
     assert coupling.runtime.state_feedback is not None
     assert touched.felt()["stiffness_n_per_m"] > 10e3
-    hands, gains = touched.problem.hands, Gains(**vars(coupling.table.at_rest))
+    hands = touched.problem.hands
     for people in (hand_corners(hands), loose_grips(hands, 100, 5)):
-        run = judged(touched.problem, gains, people, Press(end_m=end_m, speed_m_per_s=0.03), Conditions.of(coupling))
+        run = judged(Setup.of(coupling), people, Press(end_m=end_m, speed_m_per_s=0.03))
         assert np.count_nonzero(~run.stable) <= (5 if end_m < 5e-4 else 2)
 
 

@@ -15,8 +15,8 @@ import avc_hardware
 from avc_casadi.coupling import Coupling
 from avc_casadi.loops.walls import stiffest_wall
 from avc_casadi.model.hands import hand_corners, with_released
-from avc_casadi.simulation.population.coupling_trial import try_coupling
 from avc_casadi.simulation.population.operators import people_of
+from avc_casadi.simulation.population.trial import try_coupling
 
 NAMES = ["reference-r1", "reference-r2"]
 # Softly, twice a second, and hard, m/s.

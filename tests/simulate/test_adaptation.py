@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from run_step import run_step
 
 import avc_casadi as avc
 from avc_casadi.design.methods import solve
@@ -172,7 +173,7 @@ def test_anchor_returns_to_zero_under_load_on_dissipated_energy_and_at_once_outs
         "touching": np.arange(ticks) < 2900,
     }
     rows = np.array([inputs.get(name, np.zeros(ticks)) for name in step.inputs], dtype=float)
-    anchor = step.run(rows)["anchor_m"]
+    anchor = run_step(step, rows)["anchor_m"]
     assert anchor[99] == 0.0
     assert anchor[100] > 0.8e-3
     assert abs(anchor[2899]) < 0.05 * anchor[100]
@@ -182,7 +183,7 @@ def test_anchor_returns_to_zero_under_load_on_dissipated_energy_and_at_once_outs
 def test_without_anchor_the_published_switch_injects_45_mj():
     step = adaptation_step(T, AdaptationSettings(passive=False))
     rows = {"wanted_stiffness_n_per_m": [1e4, 1e5], "deflection_m": [1e-3, 1e-3]}
-    found = step.run(np.array([rows.get(name, [0.0, 0.0]) for name in step.inputs]))
+    found = run_step(step, np.array([rows.get(name, [0.0, 0.0]) for name in step.inputs]))
     energy = 0.5 * found["stiffness_n_per_m"] * 1e-3**2
     assert energy[1] - energy[0] == pytest.approx(45e-3, rel=1e-12)
 
@@ -241,7 +242,7 @@ def test_tank_gives_out_no_more_than_it_holds():
     position = np.cumsum(rng.normal(0, 1e-5, 2000))
     wanted, held = rng.normal(0, 1, (2, 2000))
     rows = {"force_n": wanted, "position_m": position, "held_force_n": held, "stored_j": np.full(2000, 1e-6)}
-    found = step.run(np.array([rows[name] for name in step.inputs]))
+    found = run_step(step, np.array([rows[name] for name in step.inputs]))
     moved = np.diff(position, prepend=position[0])
     available = np.maximum(found["reserve_j"] + 1e-6, 0)
     assert np.all(-found["force_n"] * moved <= available * (1 + 1e-9) + 1e-18)

@@ -8,6 +8,7 @@ import pytest
 from estimators import cramer_rao_hz
 from hypothesis import given
 from hypothesis import strategies as st
+from run_step import run_step
 
 import avc_casadi as avc
 from avc_casadi.model.velocity import VelocityFilterEffect, velocity_poles
@@ -20,7 +21,7 @@ ROBUST = pytest.mark.parametrize("method", ["spectral-peak", "fused"])
 
 
 def estimate(method, position, step=None):
-    found = (step or STEPS[method]).run(np.diff(position, prepend=position[0])[None] / T)
+    found = run_step(step or STEPS[method], np.diff(position, prepend=position[0])[None] / T)
     return found["frequency_hz"], found["valid"] > 0
 
 

@@ -7,6 +7,7 @@ import subprocess
 import casadi as ca
 import numpy as np
 import pytest
+from run_step import run_step
 
 from avc_casadi.files.problem_file import parse_problem
 from avc_casadi.model.gains import Gains, GainTable
@@ -99,7 +100,8 @@ def test_a_guard_reckons_with_all_that_the_springs_hold(adaptive):
     if adaptive:
         found, ledger = with_table(scene((*ADAPTIVE, guard)), JUMPING)
     else:
-        compiled, gains = compile_scene(scene((guard,))), Gains(5.0, 3e3)
+        gains = Gains(5.0, 3e3)
+        compiled = compile_scene(scene((guard,)), gains=gains)
         traces = execute(compiled, compiled.parameter_values(gains), compiled.input_values())
         found = {name: values[0] for name, values in traces.items()}
         drawn = (found[name] for name in ("position_m", "force_n", "tool_m"))
@@ -128,7 +130,7 @@ def observed(asked, position, ahead):
     """Run the observer; asked[k] is asked for at tick k."""
     step = observer_step(T, ObserverSettings(STEP_M, MASS, ahead))
     counted = STEP_M * np.round(position / STEP_M)
-    return counted, step.run(np.array([counted, np.concatenate([[0.0], asked[:-1]])]))["position_m"]
+    return counted, run_step(step, np.array([counted, np.concatenate([[0.0], asked[:-1]])]))["position_m"]
 
 
 @pytest.fixture
@@ -164,7 +166,7 @@ def test_forces_under_way_act_in_the_order_in_which_they_were_asked_for(ahead):
     asked = np.random.default_rng(2).normal(0, 1.0, 400)
     position = moved(np.concatenate([np.zeros(ahead), asked[:-ahead]]), 0.0)
     step = observer_step(T, ObserverSettings(0.0, MASS, ahead))
-    found = step.run(np.array([position, np.concatenate([[0.0], asked[:-1]])]))["position_m"]
+    found = run_step(step, np.array([position, np.concatenate([[0.0], asked[:-1]])]))["position_m"]
     np.testing.assert_allclose(found[:-ahead], position[ahead:], rtol=0, atol=1e-12)
 
 
@@ -178,7 +180,7 @@ def test_parts_of_a_sample_are_looked_ahead_too(ahead):
     velocity = np.concatenate([[0.0], np.cumsum(acceleration * h)])[:-1]
     position = np.concatenate([[0.0], np.cumsum(velocity * h + 0.5 * acceleration * h * h)])[:-1]
     step = observer_step(T, ObserverSettings(0.0, MASS, ahead))
-    found = step.run(np.array([position[::parts], np.concatenate([[0.0], asked[:-1]])]))["position_m"]
+    found = run_step(step, np.array([position[::parts], np.concatenate([[0.0], asked[:-1]])]))["position_m"]
     coming = position[late::parts]
     np.testing.assert_allclose(found[: len(coming)], coming, rtol=0, atol=1e-12)
 
@@ -249,7 +251,7 @@ def _motion(seconds=60.0):
 def test_estimators(method, tmp_path):
     step = estimator_step(method, SINGLE_PRECISION_T)
     velocity = np.diff(_motion(20.0), prepend=0.01)[None] / SINGLE_PRECISION_T
-    exact, single = step.run(velocity), _in_single(step, velocity, [], tmp_path)
+    exact, single = run_step(step, velocity), _in_single(step, velocity, [], tmp_path)
     both = (exact["valid"] > 0) & (single["valid"] > 0)
     assert both.mean() > 0.4
     assert np.mean(exact["valid"] != single["valid"]) < 1e-3
@@ -272,7 +274,7 @@ def test_adaptation(tmp_path):
         "touching": position > 0,
     }
     inputs = np.array([np.asarray(rows.get(name, np.zeros(60000)), dtype=float) for name in step.inputs])
-    exact, single = step.run(inputs), _in_single(step, inputs, [], tmp_path)
+    exact, single = run_step(step, inputs), _in_single(step, inputs, [], tmp_path)
     np.testing.assert_allclose(single["stiffness_n_per_m"], exact["stiffness_n_per_m"], rtol=1e-4)
     force = [found["stiffness_n_per_m"] * (inputs[3] - found["anchor_m"]) for found in (exact, single)]
     assert np.abs(force[0]).max() > 10
@@ -286,7 +288,7 @@ def test_guards(method, tmp_path):
     depth = np.maximum(position, 0)
     force = 1e4 * depth
     inputs = np.array([force, position, 0.5 * force * depth, np.roll(force, 1)])
-    exact, single = step.run(inputs), _in_single(step, inputs, [], tmp_path)
+    exact, single = run_step(step, inputs), _in_single(step, inputs, [], tmp_path)
     # Reserves are differences of energies of 10 mJ; where one rounds through 0 the force differs by what it is worth.
     assert np.abs(single["reserve_j"] - exact["reserve_j"]).max() < 1e-4
     assert np.quantile(np.abs(single["force_n"] - exact["force_n"]), 0.99) < 0.01
@@ -296,7 +298,7 @@ def test_observer(tmp_path):
     step = observer_step(SINGLE_PRECISION_T, ObserverSettings(resolution_m=2e-5, mass_kg=0.2))
     position = 2e-5 * np.round(_motion(60.0) / 2e-5) - 0.01
     inputs = np.array([position, np.roll(2e3 * np.maximum(position, 0), 1)])
-    exact, single = step.run(inputs), _in_single(step, inputs, [], tmp_path)
+    exact, single = run_step(step, inputs), _in_single(step, inputs, [], tmp_path)
     assert np.abs(single["position_m"] - exact["position_m"]).max() < 2e-6
     # It never contradicts the encoder.
     assert np.all(np.abs(exact["position_m"] - position) <= 1e-5 * (1 + 1e-9))

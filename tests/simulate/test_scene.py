@@ -15,13 +15,13 @@ from avc_casadi.model.gains import NO_COUPLING, Gains
 from avc_casadi.simulation.compile import compile_scene
 from avc_casadi.simulation.effects.registry import build_effects
 from avc_casadi.simulation.execute import execute
-from avc_casadi.simulation.scene import compile_for, settled
+from avc_casadi.simulation.scene import settled
 
 
 def both(problem, gains, samples):
     """Traces of the scene and of the reference, which draws nothing itself."""
     run = simulate(problem, gains)
-    scene = compile_scene(problem, coupled=not gains.rigid)
+    scene = compile_scene(problem, gains=gains)
     inputs = dict(zip(scene.inputs, scene.input_values(), strict=True))
     reference = Reference(problem, gains, scene.target.position_m, scene.target.device_start_m).run(
         samples, inputs.get("noise_m"), inputs.get("late_share"), inputs.get("dropped")
@@ -116,12 +116,6 @@ def test_projected_friction_converges_to_the_located_events():
     found = errors("projected", FRICTION, Gains(10.0, 7e3), (1, 4, 16, 64), contact="gated")
     assert found[0] > 1e-9
     assert all(fine < coarse / 3 for coarse, fine in pairwise(found))
-
-
-def test_runge_kutta_has_order_four_without_friction():
-    found = errors("rk4", FRICTION[:2], Gains(10.0, 7e3), (1, 2, 4))
-    assert found[0] > 1e-12
-    assert all(10 < coarse / fine < 22 for coarse, fine in pairwise(found))
 
 
 # The energy ledger: what a held force passes, what springs hold, what sampling creates.
@@ -283,7 +277,7 @@ def test_the_declared_device_agrees_with_an_independent_integration():
     listed = "\n[[scene.effects]]\n".join(("", *(f'kind = "{kind}"' for kind in sorted(ALL))))
     problem = scene_problem(head=DEVICE, **SOFT, scene="duration_s = 0.12\n", motion=SLOW_PRESS)
     gains = Gains(2.0, 1.5e3)
-    scene = compile_scene(problem)
+    scene = compile_scene(problem, gains=gains)
     noise = dict(zip(scene.inputs, scene.input_values(), strict=True))["noise_m"]
     same = avc.parse_problem(avc.dump_problem(problem) + listed, name="listed")
     device = Reference(same, gains, scene.target.position_m, scene.target.device_start_m)
@@ -295,7 +289,7 @@ def test_the_declared_device_agrees_with_an_independent_integration():
     ):
         assert np.abs(mine - other).max() < size
     held = execute(
-        compile_for(problem, build_effects(problem), gains), scene.parameter_values(gains), scene.input_values()
+        compile_scene(problem, build_effects(problem), gains), scene.parameter_values(gains), scene.input_values()
     )
     for name, other, size in zip(("held_m", "held_m_per_s"), device.handle, (1e-10, 1e-7), strict=True):
         assert np.ptp(other - reference[0 if name == "held_m" else 1]) > 0

@@ -39,22 +39,7 @@ _SOLVER_FREQUENCIES = 25
 
 @dataclass(frozen=True)
 class SolverCost:
-    """One point of the work-precision diagram.
-
-    Attributes:
-        method: closed-form, exact or direct.
-        solver: of `direct`.
-        tolerance: of a CasADi solver.
-        frequencies: how many frequencies were solved.
-        seconds_first: a frequency, first run with all that is built.
-        seconds_per_frequency: a frequency, median of the later runs.
-        excess_error: median over the frequencies with admissible gains of the magnitude error beyond the optimum's,
-            relative to |Z_h_ds|; None where the method returns no gains at all.
-        largest_excess_error: the largest of them.
-        optimal_share: share of these frequencies whose gains are admissible and whose excess is below 1e-8.
-        solved_share: share that passes the package's own checks and is reported as solved.
-        default: whether it is the default of the package.
-    """
+    """One point of the work-precision diagram."""
 
     method: str
     solver: str | None
@@ -98,14 +83,7 @@ def solver_costs(
     tolerances: Sequence[float] = TOLERANCES,
     solvers: Sequence[str] = tuple(SOLVERS),
 ) -> list[SolverCost]:
-    """Time every method and solver.
-
-    Args:
-        problem: the problem; its frequencies are the rows.
-        progress: of the methods and solvers.
-        tolerances: of each CasADi solver.
-        solvers: CasADi's.
-    """
+    """Time every method and solver."""
     loop = loop_at(problem, problem.frequencies_hz())
     reference = _magnitude_error(loop, exact_gains(problem, loop))
     default = (DEFAULT_SOLVER, DEFAULT_TOLERANCE)

@@ -4,21 +4,23 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from enum import StrEnum
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from avc_casadi._errors import InputError
 from avc_casadi._util.arrays import ComplexArray, FloatArray
+from avc_casadi._util.json_values import plain
 from avc_casadi._util.printed import Columns, Tabular, short
-from avc_casadi.design.comparison.cross_check import CrossCheck, cross_check
 from avc_casadi.design.comparison.judged import HandTuned, Judged, constant_pair, judge_gains, judge_hand_tuned
-from avc_casadi.design.comparison.verdict import AGREEMENT, Verdict, judge
+from avc_casadi.design.comparison.judged import parts as _parts
 from avc_casadi.design.methods import solve
 from avc_casadi.design.registry import METHODS, MethodName
+from avc_casadi.files.gain_file import gain_document
 from avc_casadi.files.problem_file import AnyProblem, of_problem, with_wall
 from avc_casadi.loops.sampled_loop import passive_limit_n_per_m
-from avc_casadi.model.schedule import GainSchedule
+from avc_casadi.model.schedule import GainSchedule, Status
 from avc_casadi.paper.closed_form import project
 from avc_casadi.paper.equations import tustin
 from avc_casadi.paper.loop import Loop, loop_at
@@ -26,8 +28,6 @@ from avc_casadi.paper.realism import perceived_bounds
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
-
-    from numpy.typing import NDArray
 
     from avc_casadi.model.problem import Problem
 
@@ -91,8 +91,8 @@ class Comparison(Tabular):
     delivered: str
     verdict: tuple[Verdict, ...]
     reason: tuple[str, ...]
-    injection: DampingInjection
-    cross_check: CrossCheck | None
+    injection: Mapping[str, Any]
+    cross_check: Mapping[str, Any] | None
     mine: HandTuned | None
     judged: Mapping[str, Judged]
     passive_limit_n_per_m: float
@@ -120,6 +120,134 @@ class Comparison(Tabular):
         """Return how many frequencies have each verdict; verdicts that do not occur count 0."""
         found = Counter(self.verdict)
         return {verdict.value: found[verdict] for verdict in Verdict}
+
+    def document(self) -> dict[str, Any]:
+        """Return the JSON document, null where a number is undefined."""
+        mine = self.mine
+        found: dict[str, Any] = plain(
+            {
+                "problem": self.problem,
+                "title": self.title,
+                "model": self.model,
+                "structure": self.structure,
+                "scope": "pointwise",
+                "problem_scope": self.scope,
+                "margin_ns_per_m": self.margin_ns_per_m,
+                "frequency_hz": self.frequency_hz,
+                "methods": {
+                    name: gain_document(gains) | self.judged[name].document() for name, gains in self.methods.items()
+                },
+                "optimum": self.optimum,
+                "delivered": self.delivered,
+                "verdict": [verdict.value for verdict in self.verdict],
+                "reason": self.reason,
+                "counts": self.counts(),
+                **_parts("without_coupling", self.without_coupling),
+                **_parts("target", self.target),
+                **_parts("upper", self.upper),
+                **_parts("lower", self.lower),
+                "damping_injection": self.injection,
+                "safety": {name: judged.safety.document() for name, judged in self.judged.items()},
+                "cross_check": self.cross_check,
+                "mine": None if mine is None else mine.document() | self.judged["mine"].document(),
+                "passive_limit_n_per_m": self.passive_limit_n_per_m,
+            }
+        )
+        return found
+
+
+# Two methods agree when their magnitude errors differ by less than this share of |Z_d| + |H Z_ds|: the NLP stays
+# strictly inside (12) while the projection stands on it, and the error moves much faster than Re Z_h along it.
+AGREEMENT = 1e-8
+
+
+class Verdict(StrEnum):
+    """The verdict at one frequency; the first of this list that applies.
+
+    The optimiser cannot be compared where it has no gains, nor the closed form where it is not realisable; a difference
+    in error precedes a gain at its limit.
+    """
+
+    INFEASIBLE = "infeasible"
+    CLOSED_FORM_NOT_REALISABLE = "closed-form-not-realisable"
+    DIRECT_BETTER = "direct-better"
+    BOUND_ACTIVE = "bound-active"
+    AGREE = "agree"
+
+
+def verdicts(
+    closed_form: GainSchedule, optimum: GainSchedule, scale: FloatArray
+) -> tuple[tuple[Verdict, ...], tuple[str, ...]]:
+    """Judge every frequency: the better of closed form and optimum, and why they differ."""
+    rows = range(optimum.rows)
+    better = closed_form.magnitude_error > optimum.magnitude_error + AGREEMENT * scale
+    found = tuple(_verdict(closed_form.status[row], optimum.status[row], bool(better[row])) for row in rows)
+    reasons = tuple(_why(found[row], closed_form, optimum, row) for row in rows)
+    return found, reasons
+
+
+def _verdict(closed_form: Status, optimum: Status, better: bool) -> Verdict:
+    if not optimum.has_gains:
+        return Verdict.INFEASIBLE
+    if not closed_form.has_gains:
+        return Verdict.CLOSED_FORM_NOT_REALISABLE
+    if better:
+        return Verdict.DIRECT_BETTER
+    return Verdict.BOUND_ACTIVE if optimum is Status.ACTIVE_BOUND else Verdict.AGREE
+
+
+def _why(verdict: Verdict, closed_form: GainSchedule, optimum: GainSchedule, row: int) -> str:
+    method, error = optimum.method, f"{optimum.magnitude_error[row]:.3g}"
+    if verdict is Verdict.INFEASIBLE:
+        return optimum.reason[row] or f"{method} found no gains"
+    if verdict is Verdict.CLOSED_FORM_NOT_REALISABLE:
+        return f"the closed form {closed_form.reason[row]}; {method} reaches a magnitude error of {error}"
+    if verdict is Verdict.DIRECT_BETTER:
+        left = f"{closed_form.magnitude_error[row]:.3g}"
+        if optimum.structure == "damped":
+            return f"the contact damper leaves out the virtual mass: an error of {left}; {method} reaches {error}"
+        return f"the projection keeps Im Z_h_ds and leaves a magnitude error of {left}; {method} reaches {error}"
+    if verdict is Verdict.BOUND_ACTIVE:
+        return f"same error; {optimum.reason[row] or f'{method} stands on a bound of the gain box'}"
+    return f"both reach a magnitude error of {error}"
+
+
+# Points of the same magnitude error whose distances to Z_h_ds differ by more than this, relative to |Z_d| + |H Z_ds|,
+# are two points.
+_NEARER = 1e-6
+
+
+def cross_check(direct: GainSchedule, exact: GainSchedule, scale: FloatArray) -> dict[str, Any]:
+    """Compare two independent solutions of (11)-(12): by how much they differ, relative to a scale, where and why."""
+    both = direct.usable & exact.usable
+    magnitude = np.where(both, direct.magnitude_error - exact.magnitude_error, 0.0) / scale
+    farther = np.abs(direct.impedance - direct.target) - np.abs(exact.impedance - exact.target)
+    distance = np.where(both, farther, 0.0) / scale
+    one = direct.usable != exact.usable
+    parted = np.flatnonzero(one | (np.abs(magnitude) > AGREEMENT) | (np.abs(distance) > _NEARER)).tolist()
+    most, farthest = (float(np.abs(each).max(initial=0.0)) for each in (magnitude, distance))
+    return {
+        "agree": bool(most <= AGREEMENT and not one.any()),
+        "magnitude_error": most,
+        "distance": farthest,
+        "only_one": int(one.sum()),
+        "partings": [
+            {"frequency_hz": float(direct.frequency_hz[row]), "reason": _parting(direct, exact, row, magnitude[row])}
+            for row in parted
+        ],
+    }
+
+
+def _parting(direct: GainSchedule, exact: GainSchedule, row: int, magnitude: float) -> str:
+    if not (direct.usable[row] and exact.usable[row]):
+        without = exact if direct.usable[row] else direct
+        return without.reason[row] or f"{without.method} has no gains"
+    if abs(magnitude) > AGREEMENT:
+        farther = direct if magnitude > 0 else exact
+        return (
+            f"{farther.method} stopped short: its magnitude error is larger by {abs(magnitude):.2g} of |Z_d| + |H Z_ds|"
+        )
+    return "the same magnitude error at another point: a local minimum of the distance to Z_h_ds"
 
 
 @of_problem
@@ -169,7 +297,7 @@ def compare(
     loop = loop_at(problem, problem.frequencies_hz())
     gains: dict[str, GainSchedule] = {method: solver(problem, method) for method in dict.fromkeys(methods)}
     scale = np.abs(loop.device) + np.abs(loop.hold * loop.desired)
-    verdict, reason = judge(gains["closed-form"], gains[optimum], scale)
+    verdict, reason = verdicts(gains["closed-form"], gains[optimum], scale)
     both = all(method in gains for method in OPTIMISERS)
     tables = dict(gains) if mine is None else {**gains, "mine": constant_pair(problem, mine)}
     judged = {name: judge_gains(problem, table) for name, table in tables.items()}
@@ -225,47 +353,26 @@ def _demanded(problem: Problem) -> str:
 _MOST_NS_PER_M = 1e9
 
 
-@dataclass(frozen=True, eq=False)
-class DampingInjection:
-    """The projection read as damping injection; arrays of shape (n,), 0 where the desired wall is passive already.
+def damping_injection(problem: Problem, loop: Loop) -> dict[str, Any]:
+    """Read the closed form as damping injection; arrays of shape (n,), 0 where the desired wall is passive already.
 
     Z_h = Z_h_ds + delta with delta = max(0, margin - Re Z_h_ds), so that the coupling renders Z_ds + delta/H. In the
-    paper's model without delay 1/H = 1 + s_t T/2: a damper delta and a virtual mass delta T/2.
-
-    Attributes:
-        injected_damping_ns_per_m: delta.
-        virtual_mass_kg: the part of delta/H that behaves as a mass, Im(delta/H)/Im(s_t).
-        contact_damper_ns_per_m: b_p = delta/Re H, which renders delta in the damped structure; not a number where
-            Re H <= 0 and no damper can.
-        residual_error: |H b_p - delta|/|Z_h_ds|, the relative error of a damper without the virtual mass.
-        damped_realisable: whether the damped structure realises it: spring and damper in the gain box render the
-            desired wall, and b_p, however large, the injected damping.
-        damped_reason: why not; empty where it does.
+    paper's model without delay 1/H = 1 + s_t T/2: a damper delta and a virtual mass delta T/2. A contact damper alone
+    is b_p = delta/Re H, not a number where Re H <= 0 and none can; it lacks the virtual mass.
     """
-
-    injected_damping_ns_per_m: FloatArray
-    virtual_mass_kg: FloatArray
-    contact_damper_ns_per_m: FloatArray
-    residual_error: FloatArray
-    damped_realisable: NDArray[np.bool_]
-    damped_reason: tuple[str, ...]
-
-
-def damping_injection(problem: Problem, loop: Loop) -> DampingInjection:
-    """Read the closed form of a problem as damping injection."""
     delta = project(problem).injected_damping_ns_per_m
     hold = np.asarray(loop.hold)
-    can = hold.real > 0
-    needed = delta > 0
+    can, needed = hold.real > 0, delta > 0
     contact = np.where(needed, np.where(can, delta / np.where(can, hold.real, 1.0), np.nan), 0.0)
-    size = np.abs(loop.target)
     with np.errstate(divide="ignore", invalid="ignore"):
-        residual = np.where(needed, np.abs(hold * contact - delta) / size, 0.0)
-    mass = np.imag(delta / hold) / tustin(loop.angle).imag
-    damped = solve(_damped(problem), "closed-form")
-    return DampingInjection(delta, mass, contact, residual, damped.usable, damped.reason)
-
-
-def _damped(problem: Problem) -> Problem:
-    """Return the same problem in the damped structure, any contact damping allowed."""
-    return problem.changed(coupling={"structure": "damped", "contact_damping_ns_per_m": (0.0, _MOST_NS_PER_M)})
+        residual = np.where(needed, np.abs(hold * contact - delta) / np.abs(loop.target), 0.0)
+    any_damper = {"structure": "damped", "contact_damping_ns_per_m": (0.0, _MOST_NS_PER_M)}
+    damped = solve(problem.changed(coupling=any_damper), "closed-form")
+    return {
+        "injected_damping_ns_per_m": delta,
+        "virtual_mass_kg": np.imag(delta / hold) / tustin(loop.angle).imag,
+        "contact_damper_ns_per_m": contact,
+        "residual_error": residual,
+        "damped_realisable": damped.usable,
+        "damped_reason": damped.reason,
+    }

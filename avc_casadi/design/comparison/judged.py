@@ -31,16 +31,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Safety:
-    """Safety of a gain table by its certificate.
-
-    Attributes:
-        levels: whether every row meets each level; None where the level is refused on this device.
-        hands: L5, linearly stable with every hand, at the rows and where the device interpolates between them.
-        let_go: the same with the device released.
-        passive: L3, passive in the model of the loop that runs.
-        rows_failed: by level, how many rows do not meet it.
-        rows: how many rows there are.
-    """
+    """Safety of a gain table by its certificate."""
 
     levels: dict[str, bool | None]
     hands: bool
@@ -73,6 +64,15 @@ class Safety:
         """Whether the frozen gains may be deployed: stable with every hand and released."""
         return self.hands and self.let_go
 
+    @property
+    def lacks(self) -> str:
+        """Why it is not deployable."""
+        return "the released device is not stable" if self.hands else self.failing("L5")
+
+    def failing(self, level: str) -> str:
+        """Return at how many rows a level is not met."""
+        return f"{level} fails at {self.rows_failed[level]} of {self.rows} rows"
+
     def document(self) -> dict[str, Any]:
         """Return JSON values."""
         return {"levels": self.levels, "let_go": self.let_go, "deployable": self.deployable}
@@ -86,69 +86,28 @@ def safer(mine: Safety, other: Safety, name: str) -> str:
 
 
 def safety_reason(mine: Safety, other: Safety, name: str) -> str:
-    """Return one sentence on the safety of two tables and which not to deploy.
-
-    Args:
-        mine: of the hand-tuned pair.
-        other: of the method that it is compared with.
-        name: that method's name.
-    """
+    """Return one sentence on the safety of a hand-tuned pair and of a method, and which not to deploy."""
     if mine.rank == other.rank:
-        return _equal(mine, other, name)
-    ahead = mine.rank > other.rank
-    better, worse = (mine, other) if ahead else (other, mine)
-    names = ("mine", name) if ahead else (name, "mine")
-    what, why = _first_difference(better, worse)
-    advice = "" if worse.deployable else f": do not deploy {names[1]}"
-    also = "" if worse.deployable or better.deployable else f", nor {names[0]} ({_lacks(better)})"
-    return f"{names[0]} is {what}, {names[1]} is not ({why}){advice}{also}"
-
-
-def _equal(mine: Safety, other: Safety, name: str) -> str:
-    if not mine.deployable:
-        return f"deploy neither mine ({_lacks(mine)}) nor {name} ({_lacks(other)})"
-    passive = "and passive in the sampled-data model" if mine.passive else "neither is passive (L3)"
-    return f"mine and {name} are both stable with every hand and released, {passive}"
-
-
-def _first_difference(better: Safety, worse: Safety) -> tuple[str, str]:
-    """Return the first claim that one meets and the other does not, and why."""
-    if better.hands != worse.hands:
-        return "stable with every hand", _failing(worse, "L5")
-    if better.let_go != worse.let_go:
-        return "stable when released", "the released device is not stable"
-    return "passive in the sampled-data model", _failing(worse, "L3")
-
-
-def _lacks(safety: Safety) -> str:
-    return "the released device is not stable" if safety.hands else _failing(safety, "L5")
-
-
-def _failing(safety: Safety, level: str) -> str:
-    return f"{level} fails at {safety.rows_failed[level]} of {safety.rows} rows"
+        if not mine.deployable:
+            return f"deploy neither mine ({mine.lacks}) nor {name} ({other.lacks})"
+        passive = "and passive in the sampled-data model" if mine.passive else "neither is passive (L3)"
+        return f"mine and {name} are both stable with every hand and released, {passive}"
+    (better, ahead), (worse, behind) = sorted(((mine, "mine"), (other, name)), key=lambda one: one[0].rank)[::-1]
+    claims = (
+        ("stable with every hand", worse.failing("L5")),
+        ("stable when released", "the released device is not stable"),
+        ("passive in the sampled-data model", worse.failing("L3")),
+    )
+    pairs = zip(claims, better.rank, worse.rank, strict=True)
+    what, why = next(claim for claim, one, other in pairs if one != other)
+    advice = "" if worse.deployable else f": do not deploy {behind}"
+    also = "" if worse.deployable or better.deployable else f", nor {ahead} ({better.lacks})"
+    return f"{ahead} is {what}, {behind} is not ({why}){advice}{also}"
 
 
 @dataclass(frozen=True, eq=False)
 class HandTuned:
-    """One constant series coupling at every frequency; arrays of shape (n,).
-
-    Attributes:
-        stiffness_n_per_m: k.
-        damping_ns_per_m: b.
-        impedance: perceived impedance, N.s/m.
-        magnitude_error: ||Z_h_ds| - |Z_h||, N.s/m.
-        complex_error: |Z_h - Z_h_ds|/|Z_h_ds|.
-        real_part: Re Z_h, N.s/m.
-        meets_margin: Re Z_h >= margin, (12).
-        inside_box: whether both gains lie in the problem's gain box.
-        compared: the method that it is compared with.
-        share_schedule_better: share of frequencies where the schedule has the smaller magnitude error, or meets (12)
-            where the pair does not.
-        share_pair_better: share where the pair meets (12) and has the smaller magnitude error, or the schedule has no
-            gains; possible only with gains outside the box.
-        safer: which is safe for more, "mine", the method's name or "equal"; errors count only where it is "equal".
-        safety_reason: why, in one sentence.
-    """
+    """One constant series coupling at every frequency; arrays of shape (n,)."""
 
     stiffness_n_per_m: float
     damping_ns_per_m: float
@@ -171,6 +130,17 @@ class HandTuned:
             return self.safer
         return "mine" if self.share_pair_better > self.share_schedule_better else self.compared
 
+    def document(self) -> dict[str, Any]:
+        """Return JSON values."""
+        values = {name: value for name, value in vars(self).items() if name != "impedance"}
+        found: dict[str, Any] = plain({**values, "better": self.better, **parts("impedance", self.impedance)})
+        return found
+
+
+def parts(name: str, impedance: ComplexArray) -> dict[str, FloatArray]:
+    """Return an impedance as JSON holds it."""
+    return {f"{name}_re": impedance.real, f"{name}_im": impedance.imag}
+
 
 def constant_pair(problem: Problem, pair: tuple[float, float]) -> GainSchedule:
     """Return the pair (k in N/m, b in N.s/m) as a table of constant series gains."""
@@ -188,16 +158,7 @@ def judge_hand_tuned(
     tolerance: FloatArray,
     safety: tuple[Safety, Safety],
 ) -> HandTuned:
-    """Judge a constant pair.
-
-    Args:
-        problem: the problem.
-        loop: its loop at its frequencies.
-        pair: (k in N/m, b in N.s/m).
-        schedule: the designed gains.
-        tolerance: differences in magnitude error below this count as equal, N.s/m, shape (n,).
-        safety: what the pair and the designed gains are safe for.
-    """
+    """Judge a constant pair."""
     k, b = pair
     box = problem.coupling
     impedance = np.asarray(loop.perceived(np.full(schedule.rows, b), np.full(schedule.rows, k)))
@@ -228,14 +189,7 @@ def judge_hand_tuned(
 
 @dataclass(frozen=True, eq=False)
 class Judged:
-    """One gain table judged; arrays have shape (n,).
-
-    Attributes:
-        certificate: of the gains that exist.
-        realism: of the rendered impedance.
-        real_part: Re Z_h at its own frequency by hold model, N.s/m; rows without gains show the requested
-            value, or not a number where that is not finite.
-    """
+    """One gain table judged; arrays have shape (n,)."""
 
     certificate: Certificate
     realism: RealismResult

@@ -23,22 +23,24 @@ from avc_casadi._util.arrays import BoolArray, FloatArray
 from avc_casadi._util.parallel import mapped
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.design.methods import solve
-from avc_casadi.design.registry import METHODS
-from avc_casadi.design.tuning import tuning_problem
+from avc_casadi.design.tuned import tuning_problem
 from avc_casadi.files.problem_file import load_problem
+from avc_casadi.model.declared import declared_effects
+from avc_casadi.model.effects import AdaptationEffect, EstimatorEffect
 from avc_casadi.model.gains import NO_COUPLING, Gains, gains_at
 from avc_casadi.model.problem import Impedance
 from avc_casadi.paper.closed_form import project
-from avc_casadi.simulation.population.motions import MOTIONS
+from avc_casadi.simulation.judge import Traces
+from avc_casadi.simulation.population.motions import AT_WALL, MOTIONS
 from avc_casadi.simulation.population.operators import Population, draw_population
-from avc_casadi.simulation.population.settled import exact_interval
-from avc_casadi.simulation.population.trial import HANDS_AT_ONCE, Conditions, Traces, judged, traces
+from avc_casadi.simulation.population.setup import FRICTION, HANDS_AT_ONCE, Setup, judged, traces
+from avc_casadi.simulation.population.trial import exact_interval
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
 
     from avc_casadi.model.hands import Hand, StylusHand
-    from avc_casadi.model.problem import Problem
+    from avc_casadi.model.problem import Model, Problem, Structure
     from avc_casadi.model.schedule import GainSchedule
 
 # Between the 7 % of force and the 23 % of stiffness that people notice.
@@ -67,25 +69,63 @@ PAPER = {
     "VE6": PaperRow(0, 1, 9, 0),
     "VE7": PaperRow(0, 2, 8, 0),
 }
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One coupling that all hands try."""
+
+    method: str
+    help: str
+    tuned: Structure | None = None  # structure in which it is tuned for the training hands
+    model: Model | None = None  # of the stability condition, in place of the problem's
+    constant: bool = False
+    meets_others: bool = False  # hands of set B try it too
+
+
 _CANDIDATES = {
-    one.name: (method, one)
-    for method, one in sorted(
-        ((name, one) for name, method in METHODS.items() for one in method.candidates), key=lambda pair: pair[1].rank
-    )
+    "static": Candidate(
+        "static",
+        "best constant series coupling under Llewellyn's condition (6) with the printed hold",
+        constant=True,
+        meets_others=True,
+    ),
+    "static-sampled": Candidate(
+        "static",
+        "best constant series coupling under condition (6) with the hold of a sampled loop, z^-1",
+        model="sampled-data",
+        constant=True,
+    ),
+    "direct": Candidate("direct", "the paper's pointwise optimum (11)-(12), series"),
+    "closed-form": Candidate(
+        "closed-form", "the paper's projection as what it is: the desired wall and a constant contact damper"
+    ),
+    "static-tuned-series": Candidate(
+        "static-tuned", "constant series gains tuned for the training hands", tuned="series", constant=True
+    ),
+    "schedule-series": Candidate(
+        "schedule", "series gains scheduled on frequency, tuned for the training hands", tuned="series"
+    ),
+    "static-tuned": Candidate(
+        "static-tuned",
+        "constant gains with a contact damper, tuned for the training hands",
+        tuned="damped",
+        constant=True,
+        meets_others=True,
+    ),
+    "schedule": Candidate(
+        "schedule",
+        "gains with a contact damper scheduled on frequency, tuned for the training hands",
+        tuned="damped",
+        meets_others=True,
+    ),
 }
-COUPLINGS = {"none": "device and wall joined directly", **{name: one.help for name, (_, one) in _CANDIDATES.items()}}
+COUPLINGS = {"none": "device and wall joined directly", **{name: one.help for name, one in _CANDIDATES.items()}}
 
 
 @dataclass(frozen=True)
 class Design:
-    """One coupling for one wall.
-
-    Attributes:
-        problem: device and wall that are simulated.
-        in_force: what a device would run; None where there are no gains.
-        gains: those of a hand at rest; None where there are none.
-        reason: why there are no gains.
-    """
+    """One coupling for one wall."""
 
     problem: Problem
     in_force: Gains | GainSchedule | None
@@ -105,13 +145,13 @@ def design(problem: Problem, coupling: str) -> Design:
         return Design(problem, NO_COUPLING, NO_COUPLING)
     if coupling == "closed-form":
         return _injection(problem)
-    method, one = _CANDIDATES[coupling]
+    one = _CANDIDATES[coupling]
     if one.tuned is not None:
         problem = tuning_problem(problem, one.tuned)
     elif one.model is not None:
         problem = problem.changed(stability={"model": one.model})
     try:
-        table = solve(problem, method)
+        table = solve(problem, one.method)
     except UnsupportedError as refusal:
         return Design(problem, None, None, str(refusal))
     rows = np.flatnonzero(table.usable)
@@ -132,12 +172,19 @@ def _injection(problem: Problem) -> Design:
     return Design(problem.changed(environment=wall), gains, gains)
 
 
-def reference_traces(problem: Problem, people: Hand | StylusHand, friction_n: float) -> Traces:
+def of_paper(problem: Problem, gains: Gains | GainSchedule, *more: str) -> Setup:
+    """Return gains on the paper's device: a wall, with what more the problem declares of some kinds."""
+    effects = [one for one in declared_effects(problem) if one.kind in {"hand", "wall", FRICTION, *more}]
+    adapted = () if isinstance(gains, Gains) else (EstimatorEffect(), AdaptationEffect())
+    return Setup(problem, gains, (*effects, *adapted))
+
+
+def reference_traces(problem: Problem, people: Hand | StylusHand) -> Traces:
     """Press a wall that is sampled so fast that it feels continuous; keep the samples of the device's own clock."""
     step_s, wall = problem.device.sample_time_s / REFERENCE_FACTOR, problem.environment
     made_up = {"damping_ns_per_m": wall.damping_ns_per_m + wall.stiffness_n_per_m * step_s / 2}
     fast = problem.changed(device={"sample_time_s": step_s, "delay_samples": 0}, environment=made_up)
-    (found,) = traces(fast, NO_COUPLING, people, MOTIONS["press"], Conditions(friction_n))
+    (found,) = traces(of_paper(fast, NO_COUPLING), people, MOTIONS["press"])
     position, velocity, force = (
         values[:, ::REFERENCE_FACTOR] for values in (found.position_m, found.velocity_m_per_s, found.force_n)
     )
@@ -177,20 +224,7 @@ def table1(
     executor: Executor | None = None,
     progress: Progress = SILENT,
 ) -> dict[str, Any]:
-    """Rebuild Table 1; the same seed gives the same hands and the same counts.
-
-    Args:
-        hands: simulated hands of each population.
-        seed: of the test hands; the designs never see them.
-        walls: of the catalogue.
-        couplings: of `COUPLINGS`.
-        workers: as for `mapped`.
-        executor: as for `mapped`.
-        progress: of the hands.
-
-    Returns:
-        The document of `avc table1`: ``rows`` for hands of set A, ``rows_set_b`` for stylus hands and their arms.
-    """
+    """Rebuild Table 1; the same seed gives the same hands and the same counts."""
     tasks = [
         (wall, first, min(HANDS_AT_ONCE, hands - first)) for wall in walls for first in range(0, hands, HANDS_AT_ONCE)
     ]
@@ -229,7 +263,7 @@ def _joined(parts: Sequence[_Outcome]) -> _Outcome:
 
 def _meets(coupling: str, population: Population) -> bool:
     """Return whether a population tries a coupling: those made for set A alone are tried by it alone."""
-    return population == "A" or coupling == "none" or _CANDIDATES[coupling][1].meets_others
+    return population == "A" or coupling == "none" or _CANDIDATES[coupling].meets_others
 
 
 @lru_cache(maxsize=128)
@@ -240,32 +274,24 @@ def _designed(wall: str, coupling: str) -> Design:
 def _tried(couplings: tuple[str, ...], seed: int, task: tuple[str, int, int]) -> _Part:
     wall, first, count = task
     problem = load_problem(wall.lower())
-    conditions = Conditions.declared(problem)
     made = {name: _designed(wall, name) for name in couplings}
     tried: dict[Population, dict[str, _Outcome]] = {"A": {}, "B": {}}
     for population, found in tried.items():
         people = draw_population(population, count, seed, first=first)
-        reference = reference_traces(problem, people, conditions.friction_n) if population == "A" else None
+        reference = reference_traces(problem, people) if population == "A" else None
         for name, one in made.items():
             if one.in_force is not None and _meets(name, population):
-                found[name] = _outcome(one.problem, one.in_force, people, conditions, reference)
+                found[name] = _outcome(of_paper(one.problem, one.in_force, "encoder", "delay"), people, reference)
     return _Part({name: (one.document(), one.reason) for name, one in made.items()}, tried)
 
 
-def _outcome(
-    problem: Problem,
-    gains: Gains | GainSchedule,
-    people: Hand | StylusHand,
-    conditions: Conditions,
-    reference: Traces | None,
-) -> _Outcome:
-    (press,) = traces(problem, gains, people, MOTIONS["press"], conditions)
+def _outcome(setup: Setup, people: Hand | StylusHand, reference: Traces | None) -> _Outcome:
+    (press,) = traces(setup, people, MOTIONS["press"])
     pressed = press.judged()
     rest = {
-        name: pressed.stable if name == "press" else judged(problem, gains, people, motion, conditions).stable
-        for name, motion in MOTIONS.items()
+        name: pressed.stable if name == "press" else judged(setup, people, MOTIONS[name]).stable for name in AT_WALL
     }
-    free = judged(problem, gains, people, MOTIONS["press"], conditions.without_friction())
+    free = judged(setup.without(FRICTION), people, MOTIONS["press"])
     felt = np.where(pressed.stable, pressed.apparent_stiffness_n_per_m, np.nan)
     outcome = {**rest, "asymptotic": free.stable, "stiffness_n_per_m": felt}
     return outcome if reference is None else outcome | {"distance": distance(press, reference)}
@@ -293,7 +319,7 @@ def _row(
     if coupling not in outcomes:
         return row
     outcome = outcomes[coupling]
-    rest = {name: outcome[name] for name in MOTIONS}
+    rest = {name: outcome[name] for name in AT_WALL}
     stable = np.all(list(rest.values()), axis=0)
     felt = outcome["stiffness_n_per_m"][np.isfinite(outcome["stiffness_n_per_m"])]
     row |= {

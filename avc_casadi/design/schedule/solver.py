@@ -42,20 +42,7 @@ _ROUNDING = 1 + 1e-9
 
 
 def solve_schedule(problem: Problem, *, constant: bool = False, progress: Progress = SILENT) -> GainSchedule:
-    """Solve the joint schedule of a problem for all its frequencies, which increase.
-
-    Args:
-        problem: the problem.
-        constant: find the best gains that do not vary with frequency: same goal, scope and box.
-        progress: reports the steps.
-
-    Returns:
-        The schedule; its notes state what is known of its optimality. A row whose scope no gains of the box can meet is
-        infeasible and states by how much; where no schedule meets the slope limit, all rows have failed.
-
-    Raises:
-        KeyboardInterrupt: Ctrl-C.
-    """
+    """Solve the joint schedule of a problem for all its frequencies, which increase."""
     started = time.perf_counter()
     programme = Programme.of(problem, constant=constant)
     built = time.perf_counter()

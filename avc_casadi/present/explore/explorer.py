@@ -44,8 +44,8 @@ class Explorer:
         live: tuple[str, ...] = ()
         slow: tuple[str, ...] = ("recommend",)
         if self.base.simulation is None and self.base.follower is None:
-            live = tuple(name for name, one in METHODS.items() if one.live)
-            slow += tuple(name for name, one in METHODS.items() if not one.live)
+            live = tuple(name for name, one in METHODS.items() if one.pointwise)
+            slow += tuple(name for name, one in METHODS.items() if not one.pointwise)
         return Form(problem_fields(self.base), gain_fields(self.base), live, slow)
 
     def settings(self, question: Mapping[str, Any]) -> Settings:

@@ -11,7 +11,6 @@ from avc_casadi.claims.deployable import deployable
 from avc_casadi.claims.zwidth import ZWidth
 from avc_casadi.coupling import Coupling
 from avc_casadi.design.comparison.comparison import Comparison
-from avc_casadi.design.comparison.document import comparison_document
 from avc_casadi.design.scene_coupling import told_beside
 from avc_casadi.files.gain_file import gain_document
 from avc_casadi.loops.sampled_loop import passive_limit_n_per_m
@@ -86,7 +85,7 @@ def _certificate(result: Certificate) -> Answer:
 
 @answer_of.register
 def _comparison(result: Comparison) -> Answer:
-    return design.comparison(comparison_document(result), result.stated)
+    return design.comparison(result.document(), result.stated)
 
 
 @answer_of.register

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from avc_casadi.design.virtual_tool import ToolSearchOptions
+from avc_casadi.design.virtual_tool import WIDEST_MARGIN
 from avc_casadi.files.catalogue import catalogue_names
 from avc_casadi.loops.margins import LEAST_DISK, SOUND_DISK
 from avc_casadi.present.row import Mark, Part, Quantity, Row, Value, listed, parts, row, span
@@ -84,8 +84,8 @@ def hand(values: Mapping[str, float]) -> tuple[Part, ...]:
 
 def gain_margin(margin: float) -> tuple[Part, ...]:
     """Return a gain margin of a pair; where its search ended, as at least that."""
-    if margin >= (most := ToolSearchOptions().widest_margin):
-        return (f"gain margin {most:g} or more",)
+    if margin >= WIDEST_MARGIN:
+        return (f"gain margin {WIDEST_MARGIN:g} or more",)
     return (f"gain margin {math.floor(100 * margin) / 100:.3g}",)
 
 

@@ -4,32 +4,21 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, ClassVar, Self
+from typing import Any, Self
 
 from avc_casadi.model.device import CURRENT_LOOP_DAMPING_RATIO
-from avc_casadi.model.effects import AmplifierEffect, EffectTable, SaturationEffect
+from avc_casadi.model.effects import AmplifierEffect, SaturationEffect
 from avc_casadi.model.plant import Plant
 from avc_casadi.model.problem import Problem
-from avc_casadi.simulation.effects.base import SceneEffect, Station, required_number
+from avc_casadi.simulation.effects.base import SceneEffect, declared_number
 from avc_casadi.simulation.tick import Tick
 
 
 @dataclass(frozen=True)
-class Saturation(SceneEffect):
+class Saturation(SceneEffect, keys=SaturationEffect, rank=200, declared={"force_n": "max_force_n"}):
     """Saturation of the commanded force."""
 
-    kind: ClassVar[str] = "saturation"
-    keys: ClassVar[type[EffectTable]] = SaturationEffect
-    rank: ClassVar[float] = 200
-    station: ClassVar[Station] = Station.ACTUATION
-
     force_n: float
-
-    @classmethod
-    def build(cls, table: Any, problem: Problem, place: str) -> Self:
-        """Build it; missing numbers are taken from the device."""
-        source, default = "device.max_force_n", problem.device.max_force_n
-        return cls(required_number(table.force_n, default, key="force_n", place=place, problem=problem, source=source))
 
     def sample(self, tick: Tick) -> None:
         """Clip."""
@@ -40,14 +29,8 @@ class Saturation(SceneEffect):
 
 
 @dataclass(frozen=True)
-class Amplifier(SceneEffect):
+class Amplifier(SceneEffect, keys=AmplifierEffect, rank=230, scene_alone=True):
     """Lag between the command and the force."""
-
-    kind: ClassVar[str] = "amplifier"
-    keys: ClassVar[type[EffectTable]] = AmplifierEffect
-    rank: ClassVar[float] = 230
-    scene_alone: ClassVar[bool] = True
-    station: ClassVar[Station] = Station.ACTUATION
 
     bandwidth_hz: float
     order: int = 1
@@ -56,9 +39,8 @@ class Amplifier(SceneEffect):
     @classmethod
     def build(cls, table: Any, problem: Problem, place: str) -> Self:
         """Build it; missing numbers are taken from the device."""
-        device, key, source = problem.device, "bandwidth_hz", "device.amplifier_bandwidth_hz"
-        default = device.amplifier_bandwidth_hz
-        bandwidth = required_number(table.bandwidth_hz, default, key=key, place=place, problem=problem, source=source)
+        device, key = problem.device, "amplifier_bandwidth_hz"
+        bandwidth = declared_number(table.bandwidth_hz, problem, f"{place}.bandwidth_hz", key)
         ratio = table.damping_ratio or device.amplifier_damping_ratio
         return cls(bandwidth, table.order or device.amplifier_order, ratio)
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
 from enum import IntEnum
 from typing import Any, ClassVar, Self
 
@@ -32,38 +32,49 @@ def insert(tick: Tick, prefix: str, step: Step, inputs: list[Expr], parameters: 
 
 
 class Station(IntEnum):
-    """Stations of the loop in the order in which a signal passes them."""
+    """Stations of the loop in the order in which a signal passes them, by the rank from which they begin."""
 
     MECHANICS = 0
-    HAND = 1
-    SENSING = 2
-    COMPUTATION = 3
-    ENVIRONMENT = 4
-    GUARD = 5
-    ACTUATION = 6
+    HAND = 40
+    SENSING = 60
+    COMPUTATION = 100
+    ENVIRONMENT = 160
+    GUARD = 180
+    ACTUATION = 200
 
 
 @dataclass(frozen=True)
-class SceneEffect(ABC):
-    """One effect with its numbers resolved. A subclass that gives its kind is in the registry `EFFECTS`."""
+class SceneEffect:
+    """One effect with its numbers resolved; a subclass with the table of its keys is in the registry `EFFECTS`."""
 
     kind: ClassVar[str]
     keys: ClassVar[type[EffectTable]]
-    rank: ClassVar[float]
+    rank: ClassVar[float]  # its order in the loop
     station: ClassVar[Station]
-    role: ClassVar[str] = ""
+    role: ClassVar[str] = ""  # effects of one role exclude each other
     of_coupling: ClassVar[bool] = False
-    scene_alone: ClassVar[bool] = False
+    scene_alone: ClassVar[bool] = False  # certificates do not know it
+    # Keys that must not be 0, with those of the device that are taken where the table leaves them out.
+    declared: ClassVar[Mapping[str, str]] = {}
 
-    def __init_subclass__(cls, **options: Any) -> None:
-        super().__init_subclass__(**options)
-        if "kind" in vars(cls):
-            EFFECTS.add(cls.kind, cls, cls.rank)
+    def __init_subclass__(
+        cls, *, keys: type[EffectTable], rank: float, declared: Mapping[str, str] | None = None, **options: Any
+    ) -> None:
+        super().__init_subclass__()
+        cls.kind, cls.keys, cls.rank = keys.model_fields["kind"].default, keys, rank
+        cls.station = max(station for station in Station if station <= rank)
+        cls.declared = declared or {}
+        for name, value in options.items():
+            setattr(cls, name, value)
+        EFFECTS.add(cls.kind, cls, rank)
 
     @classmethod
-    @abstractmethod
     def build(cls, table: Any, problem: Problem, place: str) -> Self:
         """Resolve the numbers: what the table leaves out is taken from the problem."""
+        given = {item.name: getattr(table, item.name) for item in fields(cls)}
+        for key, source in cls.declared.items():
+            given[key] = declared_number(given[key], problem, f"{place}.{key}", source)
+        return cls(**given)
 
     @property
     def environment(self) -> Environment | None:
@@ -93,20 +104,24 @@ class SceneEffect(ABC):
         """Dry friction between device and ground."""
         return 0.0
 
-    def mechanics(self, plant: Plant) -> None:  # noqa: B027 - most effects add nothing here
+    def mechanics(self, plant: Plant) -> None:
         """Add masses, springs and dampers."""
 
-    def sample(self, tick: Tick) -> None:  # noqa: B027 - nor here
+    def sample(self, tick: Tick) -> None:
         """Add states, inputs and expressions to the sample."""
 
 
-def required_number(
-    value: float | None, default: float | None, *, key: str, place: str, problem: Problem, source: str
-) -> float:
+def declared_number(value: float | None, problem: Problem, place: str, source: str = "") -> float:
+    """Return a number of a table, or what the device declares; one of both must be above 0."""
+    default = getattr(problem.device, source) if source else None
+    return required_number(value, default, problem, place, source and f"device.{source}")
+
+
+def required_number(value: float | None, default: float | None, problem: Problem, place: str, source: str) -> float:
     """Return the value of a table or its default, which must not both be 0."""
     number = default if value is None else value
     if not number:
         message = f"is {'missing' if value is None else '0'}{f' and so is {source}' if source else ''}; allowed: "
         message += f"above 0{f' here or in {source}' if source else ''}, or leave the effect out"
-        raise InputError([Fault(problem.name or "problem", None, f"{place}.{key}", message)])
+        raise InputError([Fault(problem.name or "problem", None, place, message)])
     return number

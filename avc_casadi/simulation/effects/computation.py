@@ -1,16 +1,15 @@
-"""The estimator of the interaction frequency."""
+"""Effects of the control computer: observers, estimator of the frequency, adaptation and guard."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar, Self
+from typing import Any, Self
 
 from avc_casadi._errors import Fault, InputError
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi.model.effects import (
     AdaptationEffect,
     DelayEffect,
-    EffectTable,
     EncoderEffect,
     EstimatorEffect,
     GuardEffect,
@@ -21,7 +20,7 @@ from avc_casadi.model.gains import GainTable
 from avc_casadi.model.problem import Problem
 from avc_casadi.model.runtime import STATE_FEEDBACK_KEYS
 from avc_casadi.model.runtime import StateFeedback as Settings
-from avc_casadi.simulation.effects.base import SceneEffect, Station, insert, required_number
+from avc_casadi.simulation.effects.base import SceneEffect, declared_number, insert, required_number
 from avc_casadi.simulation.runtime.adaptation import AdaptationSettings, HoldSettings, adaptation_step, hold_step
 from avc_casadi.simulation.runtime.estimators import estimator_step
 from avc_casadi.simulation.runtime.guard import GuardSettings, guard_step
@@ -31,14 +30,8 @@ from avc_casadi.simulation.tick import AdaptedGains, Expr, Tick
 
 
 @dataclass(frozen=True)
-class Guard(SceneEffect):
+class Guard(SceneEffect, keys=GuardEffect, rank=190, of_coupling=True):
     """Monitors the energy through the held force and acts on a deficit."""
-
-    kind: ClassVar[str] = "guard"
-    keys: ClassVar[type[EffectTable]] = GuardEffect
-    rank: ClassVar[float] = 190
-    of_coupling: ClassVar[bool] = True
-    station: ClassVar[Station] = Station.GUARD
 
     method: str
     settings: GuardSettings
@@ -61,15 +54,8 @@ class Guard(SceneEffect):
 
 
 @dataclass(frozen=True)
-class StateFeedback(SceneEffect):
+class StateFeedback(SceneEffect, keys=StateFeedbackEffect, rank=120, role="observer", of_coupling=True):
     """Replaces the measured position by a weighted sum of the observer's states."""
-
-    kind: ClassVar[str] = "state-feedback"
-    keys: ClassVar[type[EffectTable]] = StateFeedbackEffect
-    rank: ClassVar[float] = 120
-    role: ClassVar[str] = "observer"
-    of_coupling: ClassVar[bool] = True
-    station: ClassVar[Station] = Station.COMPUTATION
 
     settings: Settings
 
@@ -100,15 +86,8 @@ _ABOVE = 1.07
 
 
 @dataclass(frozen=True)
-class Observer(SceneEffect):
+class Observer(SceneEffect, keys=ObserverEffect, rank=90, role="observer", of_coupling=True):
     """Replaces the counted position by one predicted from the commanded forces, at the time when the next one acts."""
-
-    kind: ClassVar[str] = "observer"
-    keys: ClassVar[type[EffectTable]] = ObserverEffect
-    rank: ClassVar[float] = 90
-    role: ClassVar[str] = "observer"
-    of_coupling: ClassVar[bool] = True
-    station: ClassVar[Station] = Station.SENSING
 
     settings: ObserverSettings
     late: bool = False
@@ -120,14 +99,11 @@ class Observer(SceneEffect):
         if encoder is None:
             message = "has no steps to look between; allowed: beside the effect encoder"
             raise InputError([Fault(problem.name, None, place, message)])
-        source, default = "device.encoder_resolution_m", problem.device.encoder_resolution_m
         told = encoder.resolution_m if table.resolution_m is None else table.resolution_m
-        resolution = required_number(told, default, key="resolution_m", place=place, problem=problem, source=source)
+        resolution = declared_number(told, problem, f"{place}.resolution_m", "encoder_resolution_m")
         lightest = problem.device.mass_kg + problem.hands.mass_kg[0]
         source = "that of device and lightest hand"
-        mass = required_number(
-            table.mass_kg, _ABOVE * lightest, key="mass_kg", place=place, problem=problem, source=source
-        )
+        mass = required_number(table.mass_kg, _ABOVE * lightest, problem, f"{place}.mass_kg", source)
         delay = next((effect for effect in problem.scene.effects if isinstance(effect, DelayEffect)), None)
         late = 0 if delay is None else delay.samples or problem.device.delay_samples
         ahead = late if table.ahead_samples is None else table.ahead_samples
@@ -141,14 +117,8 @@ class Observer(SceneEffect):
 
 
 @dataclass(frozen=True)
-class Adaptation(SceneEffect):
+class Adaptation(SceneEffect, keys=AdaptationEffect, rank=150, of_coupling=True):
     """Look-up with hold and decay, slew limit and passive change."""
-
-    kind: ClassVar[str] = "adaptation"
-    keys: ClassVar[type[EffectTable]] = AdaptationEffect
-    rank: ClassVar[float] = 150
-    of_coupling: ClassVar[bool] = True
-    station: ClassVar[Station] = Station.COMPUTATION
 
     hold: HoldSettings
     settings: AdaptationSettings
@@ -207,14 +177,8 @@ class Adaptation(SceneEffect):
 
 
 @dataclass(frozen=True)
-class Estimator(SceneEffect):
+class Estimator(SceneEffect, keys=EstimatorEffect, rank=140, of_coupling=True):
     """Estimates the frequency from the velocity between samples."""
-
-    kind: ClassVar[str] = "estimator"
-    keys: ClassVar[type[EffectTable]] = EstimatorEffect
-    rank: ClassVar[float] = 140
-    of_coupling: ClassVar[bool] = True
-    station: ClassVar[Station] = Station.COMPUTATION
 
     method: str
     settings: EstimatorSettings

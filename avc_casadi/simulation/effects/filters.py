@@ -4,25 +4,19 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, ClassVar, Self
+from typing import Any, Self
 
 from avc_casadi._errors import Fault, InputError
-from avc_casadi.model.effects import EffectTable, NotchEffect
+from avc_casadi.model.effects import NotchEffect
 from avc_casadi.model.problem import Problem
 from avc_casadi.model.velocity import Poles, VelocityFilterEffect, velocity_poles
-from avc_casadi.simulation.effects.base import SceneEffect, Station
+from avc_casadi.simulation.effects.base import SceneEffect
 from avc_casadi.simulation.tick import Tick
 
 
 @dataclass(frozen=True)
-class Notch(SceneEffect):
+class Notch(SceneEffect, keys=NotchEffect, rank=100, scene_alone=True):
     """(s^2 + d w omega s + omega^2)/(s^2 + w omega s + omega^2) by Tustin's rule, exact at its frequency; 1 at rest."""
-
-    kind: ClassVar[str] = "notch"
-    keys: ClassVar[type[EffectTable]] = NotchEffect
-    rank: ClassVar[float] = 100
-    scene_alone: ClassVar[bool] = True
-    station: ClassVar[Station] = Station.COMPUTATION
 
     frequency_hz: float
     depth: float
@@ -35,7 +29,7 @@ class Notch(SceneEffect):
         if table.frequency_hz >= nyquist:
             message = f"is {table.frequency_hz:g}; allowed: below the Nyquist frequency {nyquist:g} Hz"
             raise InputError([Fault(problem.name, None, f"{place}.frequency_hz", message)])
-        return cls(table.frequency_hz, table.depth, table.width)
+        return super().build(table, problem, place)
 
     def section(self, sample_time_s: float) -> tuple[float, float, float, float, float]:
         """Return b0, b1, b2, a1, a2 of the discrete filter."""
@@ -63,14 +57,8 @@ class Notch(SceneEffect):
 
 
 @dataclass(frozen=True)
-class VelocityFilter(SceneEffect):
+class VelocityFilter(SceneEffect, keys=VelocityFilterEffect, rank=130, scene_alone=True):
     """Velocity estimator of coupling, environment and contact damper."""
-
-    kind: ClassVar[str] = "velocity-filter"
-    keys: ClassVar[type[EffectTable]] = VelocityFilterEffect
-    rank: ClassVar[float] = 130
-    scene_alone: ClassVar[bool] = True
-    station: ClassVar[Station] = Station.COMPUTATION
 
     poles: Poles
 

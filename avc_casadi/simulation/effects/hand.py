@@ -3,24 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from typing import Any, ClassVar, Self
+from typing import Any, Self
 
-from avc_casadi.model.effects import EffectTable, HandEffect, StylusHandEffect
+from avc_casadi.model.effects import HandEffect, StylusHandEffect
 from avc_casadi.model.hands import Hand, StylusHand
 from avc_casadi.model.plant import Plant
 from avc_casadi.model.problem import Problem
-from avc_casadi.simulation.effects.base import SceneEffect, Station, required_number
+from avc_casadi.simulation.effects.base import SceneEffect, declared_number
 
 
 @dataclass(frozen=True)
-class Grip(SceneEffect):
+class Grip(SceneEffect, keys=HandEffect, rank=40, role="hand"):
     """The hand at the device; an array of hands stands for as many scenes."""
-
-    kind: ClassVar[str] = "hand"
-    keys: ClassVar[type[EffectTable]] = HandEffect
-    rank: ClassVar[float] = 40
-    role: ClassVar[str] = "hand"
-    station: ClassVar[Station] = Station.HAND
 
     hand: Hand | StylusHand
 
@@ -38,16 +32,11 @@ class Grip(SceneEffect):
 
 
 @dataclass(frozen=True)
-class StylusGrip(Grip):
+class StylusGrip(Grip, keys=StylusHandEffect, rank=50, role="hand"):
     """The same with a hand on a stylus."""
-
-    kind: ClassVar[str] = "stylus-hand"
-    keys: ClassVar[type[EffectTable]] = StylusHandEffect
-    rank: ClassVar[float] = 50
-    role: ClassVar[str] = "hand"
 
     @classmethod
     def build(cls, table: Any, problem: Problem, place: str) -> Self:
         """Build it from the table as given; the hand needs a mass."""
-        required_number(table.mass_kg, None, key="mass_kg", place=place, problem=problem, source="")
+        declared_number(table.mass_kg, problem, f"{place}.mass_kg")
         return cls(StylusHand(**{item.name: getattr(table, item.name) for item in fields(StylusHand)}))

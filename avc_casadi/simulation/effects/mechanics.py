@@ -1,45 +1,32 @@
-"""Dry friction between device and ground, with true sticking."""
+"""Effects of the mechanics: resonance, friction, and play before the encoder."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar, Self
+from typing import Any, Self
 
 from avc_casadi._errors import Fault, InputError
 from avc_casadi.model.effects import (
     BacklashEffect,
     CoulombFrictionEffect,
-    EffectTable,
     ResonanceEffect,
     ViscousFrictionEffect,
 )
 from avc_casadi.model.plant import DEVICE, GROUND, Plant
 from avc_casadi.model.problem import Problem
-from avc_casadi.simulation.effects.base import SceneEffect, Station, required_number
+from avc_casadi.simulation.effects.base import SceneEffect
 from avc_casadi.simulation.tick import Tick
 
 
 @dataclass(frozen=True)
-class Backlash(SceneEffect):
+class Backlash(SceneEffect, keys=BacklashEffect, rank=60, scene_alone=True, declared={"gap_m": "backlash_m"}):
     """The encoder at the motor follows the position only beyond half the play either way: a hysteresis (play operator).
 
     The force passes without play, as in a gear under load; the play is taken up at the samples. A dead zone of the
     force would need the stiffness of the gear's flanks, which is not declared.
     """
 
-    kind: ClassVar[str] = "backlash"
-    keys: ClassVar[type[EffectTable]] = BacklashEffect
-    rank: ClassVar[float] = 60
-    scene_alone: ClassVar[bool] = True
-    station: ClassVar[Station] = Station.SENSING
-
     gap_m: float
-
-    @classmethod
-    def build(cls, table: Any, problem: Problem, place: str) -> Self:
-        """Build it; missing numbers are taken from the device."""
-        source, default = "device.backlash_m", problem.device.backlash_m
-        return cls(required_number(table.gap_m, default, key="gap_m", place=place, problem=problem, source=source))
 
     def sample(self, tick: Tick) -> None:
         """Follow the position with play."""
@@ -53,14 +40,8 @@ class Backlash(SceneEffect):
 
 
 @dataclass(frozen=True)
-class Resonance(SceneEffect):
+class Resonance(SceneEffect, keys=ResonanceEffect, rank=10, scene_alone=True):
     """The device's mass split in two: sensor and actuator on one, the hand on the other."""
-
-    kind: ClassVar[str] = "resonance"
-    keys: ClassVar[type[EffectTable]] = ResonanceEffect
-    rank: ClassVar[float] = 10
-    scene_alone: ClassVar[bool] = True
-    station: ClassVar[Station] = Station.MECHANICS
 
     frequency_hz: float
     damping_ratio: float
@@ -100,22 +81,12 @@ class Resonance(SceneEffect):
 
 
 @dataclass(frozen=True)
-class ViscousFriction(SceneEffect):
-    """A damper between device and ground, in addition to ``device.damping_ns_per_m``."""
-
-    kind: ClassVar[str] = "viscous-friction"
-    keys: ClassVar[type[EffectTable]] = ViscousFrictionEffect
-    rank: ClassVar[float] = 20
-    scene_alone: ClassVar[bool] = True
-    station: ClassVar[Station] = Station.MECHANICS
+class ViscousFriction(
+    SceneEffect, keys=ViscousFrictionEffect, rank=20, scene_alone=True, declared={"damping_ns_per_m": ""}
+):
+    """A damper between device and ground, in addition to ``device.damping_ns_per_m``, which is not counted twice."""
 
     damping_ns_per_m: float
-
-    @classmethod
-    def build(cls, table: Any, problem: Problem, place: str) -> Self:
-        """Build it from the table; the damping of the device model is not counted twice."""
-        key = "damping_ns_per_m"
-        return cls(required_number(table.damping_ns_per_m, None, key=key, place=place, problem=problem, source=""))
 
     def mechanics(self, plant: Plant) -> None:
         """Add the damper."""
@@ -123,21 +94,10 @@ class ViscousFriction(SceneEffect):
 
 
 @dataclass(frozen=True)
-class CoulombFriction(SceneEffect):
+class CoulombFriction(SceneEffect, keys=CoulombFrictionEffect, rank=30, declared={"force_n": "coulomb_friction_n"}):
     """A force of constant magnitude against the velocity; at rest it balances the load up to that magnitude."""
 
-    kind: ClassVar[str] = "coulomb-friction"
-    keys: ClassVar[type[EffectTable]] = CoulombFrictionEffect
-    rank: ClassVar[float] = 30
-    station: ClassVar[Station] = Station.MECHANICS
-
     force_n: float
-
-    @classmethod
-    def build(cls, table: Any, problem: Problem, place: str) -> Self:
-        """Build it; missing numbers are taken from the device."""
-        source, default = "device.coulomb_friction_n", problem.device.coulomb_friction_n
-        return cls(required_number(table.force_n, default, key="force_n", place=place, problem=problem, source=source))
 
     @property
     def friction_n(self) -> float:

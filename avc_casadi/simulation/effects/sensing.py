@@ -1,34 +1,28 @@
-"""An encoder: the position in whole steps."""
+"""Effects between the plant and the computer: noise and encoder, delay and jitter."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar, Self
+from typing import Any, Self
 
 import numpy as np
 
 from avc_casadi._errors import Fault, InputError
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi.model.declared import scene_effects
-from avc_casadi.model.effects import DelayEffect, EffectTable, EncoderEffect, JitterEffect, NoiseEffect
+from avc_casadi.model.effects import DelayEffect, EncoderEffect, JitterEffect, NoiseEffect
 from avc_casadi.model.plant import DEVICE, HANDLE
 from avc_casadi.model.problem import Problem
-from avc_casadi.simulation.effects.base import SceneEffect, Station, required_number
+from avc_casadi.simulation.effects.base import SceneEffect, declared_number
 from avc_casadi.simulation.tick import Tick
 
 
 @dataclass(frozen=True)
-class Jitter(SceneEffect):
+class Jitter(SceneEffect, keys=JitterEffect, rank=220, scene_alone=True):
     """The position is sampled in time; the new force is late by |e|, e Gaussian, at most one sample.
 
     In a dropped sample the computer does nothing: the force is held, and the next velocity is taken over two samples.
     """
-
-    kind: ClassVar[str] = "jitter"
-    keys: ClassVar[type[EffectTable]] = JitterEffect
-    rank: ClassVar[float] = 220
-    scene_alone: ClassVar[bool] = True
-    station: ClassVar[Station] = Station.ACTUATION
 
     rms_s: float
     seed: int
@@ -40,7 +34,7 @@ class Jitter(SceneEffect):
         if table.rms_s == 0 and table.dropped_share == 0:
             message = "rms_s and dropped_share are both 0; allowed: one above 0, or leave the effect out"
             raise InputError([Fault(problem.name, None, place, message)])
-        return cls(table.rms_s, table.seed, table.dropped_share)
+        return super().build(table, problem, place)
 
     def sample(self, tick: Tick) -> None:
         """Draw lateness and drops, and store the last force."""
@@ -68,21 +62,10 @@ class Jitter(SceneEffect):
 
 
 @dataclass(frozen=True)
-class Delay(SceneEffect):
+class Delay(SceneEffect, keys=DelayEffect, rank=210, declared={"samples": "delay_samples"}):
     """A delay line of commands; a fractional part lets the previous command act for a share of the sample."""
 
-    kind: ClassVar[str] = "delay"
-    keys: ClassVar[type[EffectTable]] = DelayEffect
-    rank: ClassVar[float] = 210
-    station: ClassVar[Station] = Station.ACTUATION
-
     samples: float
-
-    @classmethod
-    def build(cls, table: Any, problem: Problem, place: str) -> Self:
-        """Build it; missing numbers are taken from the device."""
-        source, default = "device.delay_samples", problem.device.delay_samples
-        return cls(required_number(table.samples, default, key="samples", place=place, problem=problem, source=source))
 
     def sample(self, tick: Tick) -> None:
         """Shift the command into the line and take the oldest, or the last two."""
@@ -103,43 +86,25 @@ class Delay(SceneEffect):
 
 
 @dataclass(frozen=True)
-class Noise(SceneEffect):
+class Noise(SceneEffect, keys=NoiseEffect, rank=70, scene_alone=True, declared={"rms_m": "position_noise_rms_m"}):
     """White Gaussian noise on each sampled position, before an encoder."""
-
-    kind: ClassVar[str] = "noise"
-    keys: ClassVar[type[EffectTable]] = NoiseEffect
-    rank: ClassVar[float] = 70
-    scene_alone: ClassVar[bool] = True
-    station: ClassVar[Station] = Station.SENSING
 
     rms_m: float
     seed: int
 
-    @classmethod
-    def build(cls, table: Any, problem: Problem, place: str) -> Self:
-        """Build it; missing numbers are taken from the device."""
-        source, default = "device.position_noise_rms_m", problem.device.position_noise_rms_m
-        rms = required_number(table.rms_m, default, key="rms_m", place=place, problem=problem, source=source)
-        return cls(rms, table.seed)
-
     def sample(self, tick: Tick) -> None:
         """Add the noise to the position."""
         rms, seed = self.rms_m, self.seed
-        tick.position += tick.input("noise_m", lambda samples, run: rms * _draw(seed, run, samples))
 
+        def noise_m(samples: int, run: int) -> FloatArray:
+            return np.asarray(rms * np.random.default_rng((seed, run)).standard_normal(samples))
 
-def _draw(seed: int, run: int, samples: int) -> np.ndarray:
-    return np.random.default_rng((seed, run)).standard_normal(samples)
+        tick.position += tick.input("noise_m", noise_m)
 
 
 @dataclass(frozen=True)
-class Encoder(SceneEffect):
+class Encoder(SceneEffect, keys=EncoderEffect, rank=80):
     """Rounds the position to the nearest step, of the motor or of the handle."""
-
-    kind: ClassVar[str] = "encoder"
-    keys: ClassVar[type[EffectTable]] = EncoderEffect
-    rank: ClassVar[float] = 80
-    station: ClassVar[Station] = Station.SENSING
 
     resolution_m: float
     body: str = DEVICE
@@ -148,15 +113,14 @@ class Encoder(SceneEffect):
     @classmethod
     def build(cls, table: Any, problem: Problem, place: str) -> Self:
         """Build it; missing numbers are taken from the device."""
-        source, default = "device.encoder_resolution_m", problem.device.encoder_resolution_m
+        default = problem.device.encoder_resolution_m
         resonant = any(effect.kind == "resonance" for effect in scene_effects(problem))
         if (table.at or problem.device.encoder_at) == "handle" and (table.at is not None or resonant):
             if not resonant:
                 message = 'is "handle", where there is none; allowed: beside the effect resonance, or "motor"'
                 raise InputError([Fault(problem.name, None, f"{place}.at", message)])
             return cls(default if table.resolution_m is None else table.resolution_m, HANDLE)
-        key = "resolution_m"
-        return cls(required_number(table.resolution_m, default, key=key, place=place, problem=problem, source=source))
+        return cls(declared_number(table.resolution_m, problem, f"{place}.resolution_m", "encoder_resolution_m"))
 
     @property
     def sensed_body(self) -> str | None:

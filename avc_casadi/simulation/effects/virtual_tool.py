@@ -3,33 +3,27 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
-from typing import Any, ClassVar, Self
+from dataclasses import dataclass
+from typing import Any, Self
 
 import numpy as np
 
 from avc_casadi._errors import Fault, InputError
 from avc_casadi._util.arrays import FloatArray
-from avc_casadi.model.effects import EffectTable, SimulationEffect
+from avc_casadi.model.effects import SimulationEffect
 from avc_casadi.model.problem import Problem
 from avc_casadi.model.virtual_tool import RIGID_N_PER_M, ToolGains, ToolState, VirtualTool, tool_states
-from avc_casadi.simulation.effects.base import SceneEffect, Station
+from avc_casadi.simulation.effects.base import SceneEffect
 from avc_casadi.simulation.tick import Expr, Tick
 
 
 @dataclass(frozen=True)
-class Engine(SceneEffect):
+class Engine(SceneEffect, keys=SimulationEffect, rank=155, role="environment"):
     """An engine, its tool with the contact, and the coupling to the device.
 
     The contact is one-sided, at x = 0: rigid, the tool stops there within the step, as constraint solvers have it; or a
     spring and damper that never pull.
     """
-
-    kind: ClassVar[str] = "simulation"
-    keys: ClassVar[type[EffectTable]] = SimulationEffect
-    rank: ClassVar[float] = 155
-    role: ClassVar[str] = "environment"
-    station: ClassVar[Station] = Station.COMPUTATION
 
     tool: VirtualTool
     state: ToolState
@@ -52,10 +46,6 @@ class Engine(SceneEffect):
         contact = stiffest if table.contact_stiffness_n_per_m is None else table.contact_stiffness_n_per_m
         gains = ToolGains(table.stiffness_n_per_m, table.damping_ns_per_m, table.local_damping_ns_per_m)
         return cls(tool, tool_states(tool, contact)[-1], gains, table.dropped_share, table.seed)
-
-    def touching(self, contact_stiffness_n_per_m: float) -> Self:
-        """Return the same with another contact, in the scene."""
-        return replace(self, state=tool_states(self.tool, contact_stiffness_n_per_m)[-1])
 
     @property
     def numbers(self) -> FloatArray:

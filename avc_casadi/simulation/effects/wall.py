@@ -4,28 +4,23 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, ClassVar, Self
+from typing import Any, Self
 
 import numpy as np
 
 from avc_casadi._errors import Fault, InputError
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi.model.device import Detent
-from avc_casadi.model.effects import DetentEffect, EffectTable, EnvironmentEffect, WallEffect
+from avc_casadi.model.effects import DetentEffect, EnvironmentEffect, WallEffect
 from avc_casadi.model.problem import Contact, Problem
 from avc_casadi.simulation.contact import Environment
-from avc_casadi.simulation.effects.base import SceneEffect, Station
+from avc_casadi.simulation.effects.base import SceneEffect
 from avc_casadi.simulation.tick import Rate, Tick
 
 
 @dataclass(frozen=True)
-class Detents(SceneEffect):
+class Detents(SceneEffect, keys=DetentEffect, rank=180):
     """The force of the detents of a problem and their damper."""
-
-    kind: ClassVar[str] = "detent"
-    keys: ClassVar[type[EffectTable]] = DetentEffect
-    rank: ClassVar[float] = 180
-    station: ClassVar[Station] = Station.GUARD
 
     detent: Detent
 
@@ -65,14 +60,8 @@ class Detents(SceneEffect):
 
 
 @dataclass(frozen=True)
-class Wall(SceneEffect):
+class Wall(SceneEffect, keys=WallEffect, rank=160, role="environment"):
     """A spring and a damper that begin at x = 0 and never pull."""
-
-    kind: ClassVar[str] = "wall"
-    keys: ClassVar[type[EffectTable]] = WallEffect
-    rank: ClassVar[float] = 160
-    role: ClassVar[str] = "environment"
-    station: ClassVar[Station] = Station.ENVIRONMENT
 
     damping_ns_per_m: float
     stiffness_n_per_m: float
@@ -96,13 +85,8 @@ class Wall(SceneEffect):
 
 
 @dataclass(frozen=True)
-class TwoSidedEnvironment(Wall):
+class TwoSidedEnvironment(Wall, keys=EnvironmentEffect, rank=170, role="environment"):
     """A spring towards x = 0 and a damper, always in contact."""
-
-    kind: ClassVar[str] = "environment"
-    keys: ClassVar[type[EffectTable]] = EnvironmentEffect
-    rank: ClassVar[float] = 170
-    role: ClassVar[str] = "environment"
 
     @property
     def environment(self) -> Environment:

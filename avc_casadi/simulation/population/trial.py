@@ -1,300 +1,381 @@
-"""Simulation of a coupling at a wall with many hands: which of them settle."""
+"""Trials: many hands with a coupling to a wall, a virtual tool or a follower, and which of them settle."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor, ThreadPoolExecutor
+from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from avc_casadi._util.arrays import BoolArray, FloatArray
-from avc_casadi._util.parallel import processors
-from avc_casadi.model.declared import declared_effects
-from avc_casadi.model.effects import (
-    AdaptationEffect,
-    CoulombFrictionEffect,
-    DelayEffect,
-    Effect,
-    EncoderEffect,
-    EstimatorEffect,
-    GuardEffect,
-    HandEffect,
-    JitterEffect,
-    ObserverEffect,
-    SaturationEffect,
-    StateFeedbackEffect,
-    WallEffect,
-)
-from avc_casadi.model.gains import Gains
-from avc_casadi.simulation.execute import Engine, execute, execute_to_speed
-from avc_casadi.simulation.judge import Judgement, judge
-from avc_casadi.simulation.native import compile_ahead, compiler
-from avc_casadi.simulation.population.motions import Watched, felt_vibration, motions_at
-from avc_casadi.simulation.population.prepared import prepared, with_law
+from avc_casadi._errors import InputError
+from avc_casadi._util.arrays import BoolArray, FloatArray, IndexArray
+from avc_casadi._util.json_values import plain
+from avc_casadi._util.parallel import mapped, processors
+from avc_casadi._util.printed import Columns, Tabular, short
+from avc_casadi._util.progress import SILENT, Progress
+from avc_casadi.simulation.execute import execute_to_speed
+from avc_casadi.simulation.judge import QUIET, Traces
+from avc_casadi.simulation.native import compile_ahead
+from avc_casadi.simulation.population.motions import AT_WALL, TRIAL_S, course_of
+from avc_casadi.simulation.population.operators import BLOCK, draw_hands
+from avc_casadi.simulation.population.setup import FRICTION, Setup, engine_for, prepared, simulations
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
     from avc_casadi.model.device import Device
-    from avc_casadi.model.gains import GainTable
+    from avc_casadi.model.effects import Effect
     from avc_casadi.model.hands import Hand, StylusHand
-    from avc_casadi.model.problem import Problem
-    from avc_casadi.model.runtime import StateFeedback
-    from avc_casadi.model.scene import Motion
-    from avc_casadi.model.schedule import GainSchedule
+
+CONFIDENCE = 0.95
+# A press that ends above this share of the largest force is saturated: its stiffness is not the wall's.
+NEAR_LIMIT = 0.97
+# Hands of one task of an executor.
+_AT_ONCE = 1000
+# Unsettled hands whose indices are reported.
+_NAMED = 20
+# Covered neither by [device] nor by a scene.
+NOT_SIMULATED = ("hands that change while they hold on", "several axes")
 
 
-DURATION_S = 3.0
-# Up to so many hands, the scene chooses its engine itself.
-_FEW = 3
-# Hands whose traces are held at a time, and samples of them all.
-HANDS_AT_ONCE = 250
-_SAMPLES_AT_ONCE = 4_000_000
+def exact_interval(count: int, trials: int) -> tuple[float, float]:
+    """Return Clopper and Pearson's interval of a probability, of at least the stated confidence."""
+    from scipy.special import betaincinv  # noqa: PLC0415 - statistics load slowly, and most calls need none
+
+    beyond = (1 - CONFIDENCE) / 2
+    low = 0.0 if count == 0 else float(betaincinv(count, trials - count + 1, beyond))
+    high = 1.0 if count == trials else float(betaincinv(count + 1, trials - count, 1 - beyond))
+    return low, high
 
 
-@dataclass(frozen=True)
-class Conditions:
-    """Simulated effects of the device."""
+@dataclass(frozen=True, eq=False, repr=False)
+class Trial(Tabular):
+    """Results by simulated hand; every array has shape (hands,)."""
 
-    friction_n: float = 0.0
-    encoder_m: float = 0.0
-    delay_samples: float = 0
-    max_force_n: float | None = None
-    dropped_share: float = 0.0
-    observer: ObserverEffect | None = None
-    state_feedback: StateFeedback | None = None
-    guarded: bool = False
-    runtime: tuple[Effect, ...] = (EstimatorEffect(), AdaptationEffect())
-    others: tuple[Effect, ...] = ()
-    steps_anywhere: bool = True
-
-    @classmethod
-    def declared(cls, problem: Problem) -> Conditions:
-        """Take what the problem declares of its device."""
-        device = problem.device
-        return cls(device.coulomb_friction_n, device.encoder_resolution_m, device.delay_samples)
-
-    @classmethod
-    def of(cls, coupling: Coupling) -> Conditions:
-        """Take all that the problem of a coupling declares of its device, and the coupling's runtime."""
-        device, runtime = coupling.problem.device, coupling.runtime
-        return cls(
-            device.coulomb_friction_n,
-            device.encoder_resolution_m,
-            device.delay_samples,
-            device.max_force_n,
-            observer=None if runtime.observer_mass_kg is None else ObserverEffect(mass_kg=runtime.observer_mass_kg),
-            state_feedback=runtime.state_feedback,
-            guarded=runtime.guard is not None,
-            runtime=tuple(
-                effect for effect in runtime.effects(constant=False) if effect.kind in {"estimator", "adaptation"}
-            ),
-            others=_others(coupling.problem),
-        )
-
-    def without_friction(self) -> Conditions:
-        """Return the same without dry friction."""
-        return replace(self, friction_n=0.0)
-
-    def effects(self) -> tuple[Effect, ...]:
-        """Return the effects of a scene with a hand and a one-sided wall; what is 0 is not listed."""
-        listed: list[Effect] = [HandEffect(), WallEffect(), *self.others]
-        if self.friction_n > 0:
-            listed.append(CoulombFrictionEffect(force_n=self.friction_n))
-        if self.encoder_m > 0:
-            # Of motor or handle, as the problem says.
-            listed.append(EncoderEffect(resolution_m=self.encoder_m))
-            if self.observer is not None:
-                listed.append(self.observer)
-        if self.state_feedback is not None:
-            listed.append(StateFeedbackEffect(**vars(self.state_feedback)))
-        if self.guarded:
-            listed.append(GuardEffect())
-        if self.delay_samples > 0:
-            listed.append(DelayEffect(samples=self.delay_samples))
-        if self.max_force_n is not None:
-            listed.append(SaturationEffect(force_n=self.max_force_n))
-        if self.dropped_share > 0:
-            listed.append(JitterEffect(rms_s=0.0, dropped_share=self.dropped_share))
-        return tuple(listed)
-
-
-def on_device(
-    coupling: Coupling, device: Device | None, effects: tuple[Effect, ...] = ()
-) -> tuple[Coupling, Conditions]:
-    """Return a coupling designed for one device on another, and the simulated conditions."""
-    met = coupling if device is None else replace(coupling, problem=coupling.problem.changed(device=device))
-    conditions, made_for = Conditions.of(met), coupling.problem.device
-    observer = conditions.observer
-    if device is not None and observer is not None:
-        # The controller keeps the declared model, whatever the device.
-        observer = ObserverEffect(
-            mass_kg=observer.mass_kg,
-            resolution_m=made_for.encoder_resolution_m or None,
-            ahead_samples=made_for.delay_samples,
-        )
-    return met, replace(conditions, observer=observer, others=(*conditions.others, *effects))
-
-
-def _others(problem: Problem) -> tuple[Effect, ...]:
-    """Return the declared effects without a field of `Conditions`; of encoders the one without steps, at the handle."""
-    numbered = {"hand", "wall", "detent", "coulomb-friction", "delay", "saturation"}
-    if problem.device.encoder_resolution_m > 0:
-        numbered.add("encoder")
-    return tuple(effect for effect in declared_effects(problem) if effect.kind not in numbered)
-
-
-@dataclass(frozen=True)
-class Traces:
-    """Traces of some hands, each of shape (hands, samples)."""
-
-    position_m: FloatArray
-    velocity_m_per_s: FloatArray
-    force_n: FloatArray
-    sample_time_s: float
-    metres_per_unit: float = 1.0
-    measured_m: FloatArray | None = None
-    held_m: FloatArray | None = None
-    held_m_per_s: FloatArray | None = None
+    seed: int
+    by_motion: dict[str, BoolArray]
+    stiffness_n_per_m: FloatArray
+    tap_force_n: FloatArray
+    beside: dict[str, BoolArray] = field(default_factory=dict)
+    """Whether a hand settles in every motion too without friction, or with dropped steps."""
+    facts: dict[str, float] = field(default_factory=dict)
 
     @property
-    def depth_m(self) -> FloatArray:
-        """Penetration of the measured body, shape (hands, samples)."""
-        return self.position_m if self.measured_m is None else self.measured_m
+    def stable(self) -> BoolArray:
+        """Settled in every motion."""
+        return np.asarray(np.all(list(self.by_motion.values()), axis=0))
 
     @property
-    def vibration(self) -> FloatArray:
-        """Vibration at the hand at the end, in multiples of the detection threshold, shape (hands,)."""
-        held = self.position_m if self.held_m is None else self.held_m
-        return felt_vibration(held * self.metres_per_unit, self.sample_time_s)
+    def stable_without_friction(self) -> BoolArray:
+        """Settled in every motion without dry friction too."""
+        return self.beside["without_friction"]
 
-    def judged(self) -> Judgement:
-        """Return the verdicts of every run."""
-        return judge(
-            self.position_m,
-            self.velocity_m_per_s,
-            self.force_n,
-            self.sample_time_s,
-            self.metres_per_unit,
-            self.measured_m,
-            self.held_m_per_s,
+    @property
+    def stable_with_dropped_steps(self) -> BoolArray:
+        """Settled in every motion where steps of an engine are missed too."""
+        return self.beside["with_dropped_steps"]
+
+    @property
+    def hands(self) -> int:
+        """Number of hands."""
+        return len(self.stiffness_n_per_m)
+
+    @property
+    def settled(self) -> bool:
+        """Whether all hands settle, without friction and with missed steps too."""
+        return all(bool(one.all()) for one in (self.stable, *self.beside.values()))
+
+    @property
+    def settled_with_friction(self) -> bool:
+        """Whether all hands settle as declared, with missed steps too."""
+        return bool(np.all(self.stable & self.stable_with_dropped_steps))
+
+    @property
+    def stiffness(self) -> float:
+        """Median rendered stiffness; not a number where no hand is in contact."""
+        felt = self.stiffness_n_per_m[np.isfinite(self.stiffness_n_per_m)]
+        return float(np.median(felt)) if len(felt) else np.nan
+
+    def to_dict(self) -> Columns:
+        """Return the results by hand as columns, each of shape (hands,)."""
+        return {
+            "hand": np.arange(self.hands),
+            "stable": self.stable,
+            **{f"stable_{name}": each for name, each in self.beside.items()},
+            "stiffness_n_per_m": self.stiffness_n_per_m,
+            "tap_force_n": self.tap_force_n,
+        }
+
+    def document(self) -> dict[str, Any]:
+        """Return JSON values."""
+        found: dict[str, Any] = plain(
+            {
+                "hands": self.hands,
+                "seed": self.seed,
+                "motions": list(self.by_motion),
+                "settled": int(self.stable.sum()),
+                "settled_by_motion": {name: int(runs.sum()) for name, runs in self.by_motion.items()},
+                **{f"settled_{name}": int(each.sum()) for name, each in self.beside.items()},
+                **self.facts,
+                "rendered_stiffness_n_per_m": self.stiffness,
+                "tap_force_n": float(self.tap_force_n.max()),
+            }
         )
+        return found
+
+    def _summary(self) -> str:
+        beside = "".join(f", {int(each.sum())} {name.replace('_', ' ')}" for name, each in self.beside.items())
+        return f"{int(self.stable.sum())} of {self.hands} hands settle{beside}; {short(self.stiffness_n_per_m)}"
 
 
-def traces(
-    problem: Problem,
-    gains: Gains | GainTable | GainSchedule,
-    subjects: Hand | StylusHand,
-    motion: Motion,
-    conditions: Conditions,
-    duration_s: float = DURATION_S,
-) -> Iterator[Traces]:
-    """Simulate all hands, in blocks; arguments as for `simulations`."""
-    for simulation in simulations(problem, gains, subjects, motion, conditions, duration_s):
-        yield simulation()
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class CouplingTrial(Trial):
+    """Results at a wall."""
 
+    effects: tuple[str, ...]
+    vibration: FloatArray
+    at_force_limit: BoolArray
+    tap_depth_m: FloatArray
+    wall_n_per_m: float
+    devices: int = 1
+    longest_s: float = TRIAL_S
 
-def simulations(
-    problem: Problem,
-    gains: Gains | GainTable | GainSchedule,
-    subjects: Hand | StylusHand,
-    motion: Motion,
-    conditions: Conditions,
-    duration_s: float = DURATION_S,
-) -> Iterator[Callable[[], Traces]]:
-    """Prepare to simulate all hands, in blocks; each block is simulated when it is called."""
-    compiled, parameters, inputs = prepared(problem, gains, subjects, motion, conditions, duration_s)
-    engine = engine_for(len(parameters))
+    @property
+    def quiet(self) -> BoolArray:
+        """Settled with a vibration below the vibrotactile detection threshold."""
+        return np.asarray(self.stable & (self.vibration < QUIET))
 
-    def of(people: slice) -> Traces:
-        found = execute(compiled, parameters[people], inputs, engine=engine)
-        position, device = found["position_m"], problem.device
-        return Traces(
-            position,
-            found["velocity_m_per_s"],
-            found.get("force_n", np.zeros_like(position)),
-            device.sample_time_s,
-            device.metres_per_unit,
-            found.get("measured_m"),
-            found.get("held_m"),
-            found.get("held_m_per_s"),
+    def to_dict(self) -> Columns:
+        """Return the results by hand as columns, each of shape (hands,)."""
+        more = ("vibration", "at_force_limit", "tap_depth_m")
+        return super().to_dict() | {name: getattr(self, name) for name in more}
+
+    def counts(self) -> dict[str, int]:
+        """Return counts: hands, devices, settled, settled without friction, settled below the detection threshold."""
+        return {
+            "hands": self.hands,
+            "devices": self.devices,
+            "at_rest": int(self.stable.sum()),
+            "at_rest_without_friction": int(self.stable_without_friction.sum()),
+            "quiet": int(self.quiet.sum()),
+        }
+
+    def document(self) -> dict[str, Any]:
+        """Return JSON values."""
+        felt = self.stiffness_n_per_m[np.isfinite(self.stiffness_n_per_m)]
+        document: dict[str, Any] = plain(
+            {
+                **self.counts(),
+                "seed": self.seed,
+                "effects": list(self.effects),
+                "motions": list(self.by_motion),
+                "longest_s": self.longest_s,
+                "at_rest_interval": list(exact_interval(int(self.stable.sum()), self.hands)),
+                "at_rest_by_motion": {name: int(runs.sum()) for name, runs in self.by_motion.items()},
+                "felt_vibration": float(np.median(self.vibration)),
+                "felt_vibration_worst": float(self.vibration.max()),
+                "stiffness_n_per_m": {
+                    "lowest": float(felt.min()) if len(felt) else None,
+                    "median": self.stiffness,
+                    "highest": float(felt.max()) if len(felt) else None,
+                    "nine_in_ten": np.quantile(felt, (0.05, 0.95)).tolist() if len(felt) else None,
+                },
+                "at_force_limit": int(self.at_force_limit.sum()),
+                "share_of_wall": self.stiffness / self.wall_n_per_m if self.wall_n_per_m else None,
+                "tap_force_n": float(self.tap_force_n.max()),
+                "tap_depth_m": float(self.tap_depth_m.max()),
+                "not_simulated": list(NOT_SIMULATED),
+            }
         )
+        return document
 
-    at_once = min(HANDS_AT_ONCE, max(1, _SAMPLES_AT_ONCE // inputs.shape[-1]))
-    for first in range(0, len(parameters), at_once):
-        yield partial(of, slice(first, first + at_once))
-
-
-def resting(
-    problem: Problem,
-    gains: Gains | GainTable | GainSchedule,
-    subjects: Hand | StylusHand,
-    motion: Watched,
-    conditions: Conditions,
-) -> BoolArray:
-    """Return whether each hand settles, on one thread and without traces; arguments as for `simulations`."""
-    compiled, parameters, inputs = prepared(problem, gains, subjects, motion[0], conditions, motion[1])
-    return execute_to_speed(compiled, parameters, inputs, engine=engine_for(len(subjects))) < 1
+    @classmethod
+    def joined(cls, parts: Sequence[CouplingTrial], order: IndexArray | slice = slice(None)) -> CouplingTrial:
+        """Return the trial of all hands, in the order of the parts or another one."""
+        whole: dict[str, Any] = {}
+        for name in ("stiffness_n_per_m", "tap_force_n", "vibration", "at_force_limit", "tap_depth_m"):
+            whole[name] = np.concatenate([getattr(part, name) for part in parts])[order]
+        for name in ("by_motion", "beside"):
+            tables = [getattr(part, name) for part in parts]
+            whole[name] = {key: np.concatenate([table[key] for table in tables])[order] for key in tables[0]}
+        return replace(parts[0], **whole)
 
 
-class Ends:
-    """Largest residual speed of each hand over all motions, with any state feedback of one structure."""
+def try_coupling(
+    coupling: Coupling,
+    people: Hand | StylusHand,
+    seed: int = 0,
+    progress: Progress = SILENT,
+    executor: Executor | None = None,
+) -> CouplingTrial:
+    """Simulate press, tap and hold by all hands, with all that the problem declares of the device."""
+    setup = Setup.of(coupling)
+    if executor is None:
+        return _tried(setup, people, seed, progress)
+    some = [people.pick(slice(first, first + _AT_ONCE)) for first in range(0, len(people), _AT_ONCE)]
+    sizes = [len(one) for one in some]
+    work = partial(_tried, setup, seed=seed)
+    return CouplingTrial.joined(mapped(work, some, executor, sizes=sizes, things="people", progress=progress))
 
-    def __init__(
-        self,
-        problem: Problem,
-        gains: Gains,
-        subjects: Hand | StylusHand,
-        motions: Iterable[tuple[Watched, Conditions]],
-        *,
-        racing: bool = False,
-    ) -> None:
-        self._gains, self.people, self._racing = gains, len(subjects), racing
-        self._scenes = [
-            prepared(problem, gains, subjects, motion, conditions, duration_s)
-            for (motion, duration_s), conditions in motions
+
+def try_on_devices(
+    coupling: Coupling,
+    people: Hand | StylusHand,
+    devices: Sequence[Device],
+    seed: int = 0,
+    executor: Executor | None = None,
+) -> CouplingTrial:
+    """Simulate hands with a coupling, each on one of several devices, assigned in turn."""
+    dealt = [np.arange(place, len(people), len(devices)) for place in range(len(devices))]
+    met = [(Setup.of(coupling, one), people.pick(rows)) for rows, one in zip(dealt, devices, strict=True) if len(rows)]
+    trials = mapped(partial(_tried_on, seed), met, executor)
+    return replace(
+        CouplingTrial.joined(trials, np.argsort(np.concatenate(dealt), kind="stable")),
+        effects=tuple(dict.fromkeys(effect for one in trials for effect in one.effects)),
+        devices=len(trials),
+        longest_s=max(one.longest_s for one in trials),
+    )
+
+
+def _tried_on(seed: int, met: tuple[Setup, Hand | StylusHand]) -> CouplingTrial:
+    return _tried(*met, seed)
+
+
+def _tried(setup: Setup, people: Hand | StylusHand, seed: int, progress: Progress = SILENT) -> CouplingTrial:
+    """Simulate every motion as declared, then without dry friction where some is declared."""
+    motions, duration_s = course_of(setup.problem)
+    settings = [setup, setup.without(FRICTION)] if setup.rough else [setup]
+    limit = setup.problem.device.max_force_n
+    found: dict[tuple[str, bool], list[dict[str, Any]]] = {}
+    with ThreadPoolExecutor(1) as pool:  # a scene is built while another is simulated
+        work = [
+            ((name, one is setup), pool.submit(_figures, name if one is setup else "", limit, simulation))
+            for one in settings
+            for name in AT_WALL
+            for simulation in simulations(one, people, motions[name], duration_s)
         ]
-        if engine_for(self.people) == "native":
-            for compiled, *_ in self._scenes:
-                compile_ahead(compiled)
+        for key, future in work:
+            found.setdefault(key, []).append(future.result())
+            if key[1]:
+                progress.advance(len(found), len(AT_WALL), f"motions, {key[0]} the last")
 
-    def __call__(self, laws: Sequence[StateFeedback | None]) -> FloatArray:
-        """Return the largest speed as of `execute_to_speed` over the simulated motions, shape (laws, hands)."""
-        found, left = np.zeros((len(laws), self.people)), np.arange(len(laws))
-        for scene in self._scenes:
-            compiled, _, inputs = scene
-            each = [replace(compiled, effects=with_law(compiled.effects, laws[row])) for row in left.tolist()]
-            parameters = np.concatenate([one.parameter_values(self._gains) for one in each])
-            engine = engine_for(len(parameters))
-            speed = execute_to_speed(compiled, parameters, inputs, engine=engine, workers=processors())
-            found[left] = np.maximum(found[left], np.reshape(speed, (len(left), self.people)))
-            if self._racing and scene is not self._scenes[-1]:
-                rest = (found < 1).all(axis=1)
-                found[~rest] = np.maximum(found[~rest], 1.0)
-                left = np.flatnonzero(rest)
-            if len(left) == 0:
-                break
+    def whole(name: str, figure: str, *, as_declared: bool = True) -> Any:
+        return np.concatenate([part[figure] for part in found[name, as_declared]])
+
+    free = [whole(name, "stable", as_declared=not setup.rough) for name in AT_WALL]
+    return CouplingTrial(
+        seed=seed,
+        by_motion={name: whole(name, "stable") for name in AT_WALL},
+        beside={"without_friction": np.asarray(np.all(free, axis=0))},
+        effects=setup.kinds,
+        **{figure: whole("press", figure) for figure in ("vibration", "stiffness_n_per_m", "at_force_limit")},
+        **{figure: whole("tap", figure) for figure in ("tap_force_n", "tap_depth_m")},
+        wall_n_per_m=setup.problem.environment.stiffness_n_per_m,
+        longest_s=duration_s,
+    )
+
+
+def _figures(name: str, limit_n: float | None, simulation: Callable[[], Traces]) -> dict[str, Any]:
+    """Return the results of a motion."""
+    part = simulation()
+    found = part.judged()
+    figures: dict[str, Any] = {"stable": found.stable}
+    if name == "press":
+        limited = np.abs(found.mean_force_n) > NEAR_LIMIT * (np.inf if limit_n is None else limit_n)
+        figures["at_force_limit"] = limited
+        figures["stiffness_n_per_m"] = np.where(limited, np.nan, found.apparent_stiffness_n_per_m)
+        figures["vibration"] = part.vibration
+    if name == "tap":
+        figures["tap_force_n"] = np.abs(part.force_n).max(axis=-1)
+        figures["tap_depth_m"] = part.depth_m.max(axis=-1)
+    return figures
+
+
+@dataclass(frozen=True)
+class SettledHands:
+    """Counts of settled hands."""
+
+    coupling: str
+    hands: int
+    seed: int
+    friction: bool
+    at_rest: int
+    by_motion: dict[str, int]
+    moving: tuple[int, ...]
+    effects: tuple[str, ...]
+
+    def document(self) -> dict[str, Any]:
+        """Return the document of `avc trial`: JSON values."""
+        interval = exact_interval(self.at_rest, self.hands)
+        found: dict[str, Any] = plain(vars(self) | {"at_rest_interval": interval, "confidence": CONFIDENCE})
         return found
 
 
-def engine_for(runs: int) -> Engine:
-    """Return the engine for many scenes at once: generated C where there is a compiler and more than a few runs."""
-    return "native" if compiler() is not None and runs > _FEW else "auto"
+def settled_hands(
+    coupling: Coupling,
+    hands: int,
+    seed: int = 0,
+    *,
+    friction: bool = True,
+    block: int = BLOCK,
+    workers: int = 1,
+    executor: Executor | None = None,
+    progress: Progress = SILENT,
+) -> SettledHands:
+    """Count press, tap and hold by any number of hands, drawn uniformly from the problem's set in blocks."""
+    if hands < 1:
+        raise InputError.of(f"is {hands}; allowed: 1 or more", key="hands")
+    setup = Setup.of(coupling)
+    setup = setup if friction else setup.without(FRICTION)
+    tasks = [(first, min(block, hands - first)) for first in range(0, hands, block)]
+    sizes = [count for _, count in tasks]
+    work = partial(_settled, setup, seed)
+    parts = mapped(work, tasks, executor, workers=workers, sizes=sizes, things="hands", progress=progress)
+    rest = {name: np.concatenate([part[name] for part in parts]) for name in AT_WALL}
+    whole = np.all(list(rest.values()), axis=0)
+    return SettledHands(
+        coupling=coupling.method,
+        hands=hands,
+        seed=seed,
+        friction=friction,
+        at_rest=int(whole.sum()),
+        by_motion={name: int(found.sum()) for name, found in rest.items()},
+        moving=tuple(np.flatnonzero(~whole)[:_NAMED].tolist()),
+        effects=setup.kinds,
+    )
 
 
-def judged(
-    problem: Problem, gains: Gains | GainSchedule, subjects: Hand | StylusHand, motion: Motion, conditions: Conditions
-) -> Judgement:
-    """Return the verdicts of all hands; every array has shape (hands,)."""
-    parts = [part.judged() for part in traces(problem, gains, subjects, motion, conditions)]
-    return Judgement(**{name: np.concatenate([vars(part)[name] for part in parts]) for name in vars(parts[0])})
+def _settled(setup: Setup, seed: int, task: tuple[int, int]) -> dict[str, BoolArray]:
+    """Simulate a block of the draw, from a first index on."""
+    first, count = task
+    people = draw_hands(setup.problem.hands, count, seed, first=first)
+    motions, duration_s = course_of(setup.problem)
+    engine = engine_for(count)
+    scenes = (prepared(setup, people, motions[name], duration_s) for name in AT_WALL)
+    return {name: execute_to_speed(*scene, engine=engine) < 1 for name, scene in zip(AT_WALL, scenes, strict=True)}
 
 
-def all_motions(
-    problem: Problem, gains: Gains | GainSchedule, subjects: Hand | StylusHand, conditions: Conditions
-) -> BoolArray:
-    """Return whether each hand settles in every motion."""
-    motions = motions_at(problem.device).values()
-    runs = [judged(problem, gains, subjects, motion, conditions).stable for motion in motions]
-    return np.asarray(np.all(runs, axis=0))
+def residual_speeds(
+    coupling: Coupling,
+    people: Hand | StylusHand,
+    *,
+    friction: bool = True,
+    beyond: bool = False,
+    device: Device | None = None,
+    effects: tuple[Effect, ...] = (),
+) -> FloatArray:
+    """Return the largest residual speed of each hand over all motions, over that of rest."""
+    setup = Setup.of(coupling, device, effects)
+    whole = setup if friction else setup.without(FRICTION)
+    motions, duration_s = course_of(setup.problem)
+    tried = [(whole, name) for name in (*AT_WALL, *(("strike", "touch") if beyond else ()))]
+    tried += [(setup, "graze")] * beyond
+    scenes = [prepared(one, people, motions[name], duration_s) for one, name in tried]
+    engine = engine_for(len(people))
+    if engine == "native":
+        for compiled, *_ in scenes:
+            compile_ahead(compiled)
+    speeds = [execute_to_speed(*scene, engine=engine, workers=processors()) for scene in scenes]
+    return np.asarray(np.max(speeds, axis=0))

@@ -3,17 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import cached_property
 from typing import Any
-
-import numpy as np
-from numpy.typing import ArrayLike
-
-from avc_casadi._util.arrays import FloatArray
 
 # A CasADi SX expression; CasADi ships no types.
 Expr = Any
-_BLOCK = 200
 
 
 @dataclass(frozen=True)
@@ -32,11 +25,6 @@ class Step:
     outputs: tuple[str, ...]
     function: Any
 
-    @property
-    def instructions(self) -> int:
-        """Number of instructions of one tick."""
-        return int(self.function.n_instructions())
-
     def apply(self, state: list[Expr], inputs: list[Expr], parameters: list[Expr]) -> tuple[list[Expr], list[Expr]]:
         """Apply the tick to expressions and return the next states and the outputs."""
         import casadi as ca  # noqa: PLC0415
@@ -44,26 +32,6 @@ class Step:
         columns = (ca.SX(ca.vertcat(*part)) if part else ca.SX(0, 1) for part in (state, inputs, parameters))
         following, outputs = self.function(*columns)
         return list(ca.vertsplit(following)), list(ca.vertsplit(outputs))
-
-    def run(self, inputs: ArrayLike, parameters: ArrayLike = ()) -> dict[str, FloatArray]:
-        """Run from the initial state."""
-        columns = np.atleast_2d(np.asarray(inputs, dtype=np.float64))
-        ticks = columns.shape[1]
-        held = np.tile(np.asarray(parameters, dtype=np.float64).reshape(-1, 1), _BLOCK)
-        results = np.empty((len(self.outputs), ticks))
-        state = np.array(self.initial)
-        for first in range(0, ticks, _BLOCK):
-            block = columns[:, first : first + _BLOCK]
-            whole = np.pad(block, ((0, 0), (0, _BLOCK - block.shape[1])))
-            states, outputs = self._block(state, whole, held)
-            state = states.full()[:, -1]
-            results[:, first : first + _BLOCK] = outputs.full()[:, : block.shape[1]]
-        return dict(zip(self.outputs, results, strict=True))
-
-    @cached_property
-    def _block(self) -> Any:
-        """`_BLOCK` ticks in one call: building it for all ticks of a run would take longer than the run."""
-        return self.function.mapaccum("block", _BLOCK)
 
 
 @dataclass

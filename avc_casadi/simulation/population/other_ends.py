@@ -1,94 +1,123 @@
-"""A teleoperator tried by many hands: in free motion, making and breaking contact, pressed, over an uneven link.
+"""Trials of a coupling to a virtual tool and to a follower: many hands in free motion, in and out of contact.
 
-Both devices are integrated exactly from sample to sample while the contact state does not change; encoders, force
-limits, delayed and lost messages are simulated. Dry friction is not, so that it settles no unstable loop.
+A tool is simulated in the scene of all declared effects. Both devices of a teleoperator are integrated exactly from
+sample to sample while the contact state does not change; encoders, force limits, delayed and lost messages are
+simulated. Dry friction is not, so that it settles no unstable loop.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, FloatArray, IndexArray
+from avc_casadi.loops.engine import contact_stiffnesses_n_per_m, required_tool
 from avc_casadi.loops.follower import contact_dampers_ns_per_m, environments, required_follower
+from avc_casadi.model.declared import declared_effects
+from avc_casadi.model.effects import SimulationEffect
+from avc_casadi.model.gains import NO_COUPLING
 from avc_casadi.model.hands import Hand
 from avc_casadi.model.plant import transitions
 from avc_casadi.model.sampled_plant import device_plant, sampled_plant
-from avc_casadi.model.scene import Free, Hold, Motion, Press, Stroke
-from avc_casadi.simulation.judge import AT_REST_M_PER_S
+from avc_casadi.model.scene import Free, Stroke
+from avc_casadi.model.virtual_tool import HEAVIEST_TOOL_KG, tool_states
+from avc_casadi.simulation.execute import execute
+from avc_casadi.simulation.judge import AT_REST_M_PER_S, JUDGED_S, Traces, judged_samples
 from avc_casadi.simulation.motion import target_of
-from avc_casadi.simulation.population.motions import at_handle
-from avc_casadi.simulation.population.other_end_trial import OtherEndTrial
+from avc_casadi.simulation.population.motions import course_of, motions_at
+from avc_casadi.simulation.population.setup import FRICTION, Setup, engine_for, prepared
+from avc_casadi.simulation.population.trial import NEAR_LIMIT, Trial
 
 if TYPE_CHECKING:
     from avc_casadi.model.device import Device
     from avc_casadi.model.problem import Problem
     from avc_casadi.model.virtual_tool import ToolGains
 
-BILATERAL_MOTIONS: dict[str, Motion] = {
-    "free": Free(frequency_hz=2.0, amplitude_m=0.008, rest_s=2.0),
-    "press": Press(),
-    "tap": Stroke(frequency_hz=2.0, amplitude_m=0.015, rest_s=2.0),
-    "hold": Hold(),
-    "strike": Press(speed_m_per_s=0.3),
-}
-"""Free motion; a press; taps that break contact; held in contact; struck. The follower's contact begins at x = 0."""
-TRIAL_S = 5.0
-"""Duration of a motion; settling is judged in the last half second."""
-_JUDGED_S = 0.5
+WITH_TOOL = ("free", "press", "tap", "hold", "drag", "strike", "touch")
+"""Motions of a trial with a tool."""
+DROPPED_SHARE = 0.01
+"""Share of the engine's steps that are missed in the runs with dropped steps."""
+WITH_FOLLOWER = ("free", "press", "tap", "hold", "strike")
+"""Motions of a trial with a follower, whose contact begins at x = 0."""
+# Duration of a motion with a follower, and the rest of those that oscillate.
+_FOLLOWED_S, _REST_S = 5.0, 2.0
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class BilateralTrial(OtherEndTrial):
-    """Results by simulated hand, at the leader; settled: leader and follower; the seed is of the messages too."""
+def try_tool(
+    problem: Problem, gains: ToolGains, people: Hand, seed: int = 0, motions: Sequence[str] = WITH_TOOL
+) -> Trial:
+    """Simulate hands that move a tool: as declared, without dry friction and with missed steps, on every contact."""
+    tool, device = required_tool(problem), problem.device
+    contacts = [one for one in contact_stiffnesses_n_per_m(tool) if one > 0] or [0.0]
+    # In free motion the tool's mass swings with the device.
+    mass = device.mass_kg + (0.0 if tool.tool_mass_kg is None else tool.scale * tool.tool_mass_kg[1])
+    heavier = problem.changed(device={"mass_kg": min(mass, HEAVIEST_TOOL_KG), "range": {"mass_kg": None}})
+    course, duration_s = course_of(heavier)
+    kept = tuple(one for one in declared_effects(problem) if not isinstance(one, SimulationEffect))
+    setups = [
+        Setup(problem, NO_COUPLING, (*kept, SimulationEffect(stiffness_n_per_m=1.0, dropped_share=share)), None, False)
+        for share in (0.0, DROPPED_SHARE)
+    ]
+    setups += [setups[0].without(FRICTION)] * setups[0].rough
+    limit = np.inf if device.max_force_n is None else device.max_force_n
+    settled = [dict.fromkeys(motions, np.ones(len(people), dtype=bool)) for _ in setups]
+    stiffness, tap = np.full(len(people), np.nan), np.zeros(len(people))
+    for setup, rests in zip(setups, settled, strict=True):
+        for name in motions:
+            scene, _, inputs = prepared(setup, people, course[name], duration_s)
+            for contact in contacts:
+                run = scene.with_numbers("simulation", gains=gains, state=tool_states(tool, contact)[-1])
+                parameters = run.parameter_values(NO_COUPLING)
+                found = execute(run, parameters, inputs, engine=engine_for(len(people)))
+                judged = Traces.of(found, device).judged()
+                last = judged_samples(run.samples, device.sample_time_s)
+                with np.errstate(invalid="ignore", over="ignore"):
+                    speed = np.abs(np.diff(found["tool_m"][:, -last:], axis=-1)).max(axis=-1) / device.sample_time_s
+                    slow = speed * device.metres_per_unit < AT_REST_M_PER_S
+                rests[name] = rests[name] & judged.stable & slow
+                if setup is setups[0] and name == "press":
+                    at_limit = np.abs(judged.mean_force_n) > NEAR_LIMIT * limit
+                    stiffness = np.where(at_limit, np.nan, judged.apparent_stiffness_n_per_m)
+                if setup is setups[0] and name == "tap":
+                    tap = np.abs(found["force_n"]).max(axis=-1)
+    declared, dropped, free = (np.asarray(np.all(list(settled[at].values()), axis=0)) for at in (0, 1, -1))
+    beside = {"without_friction": free if setups[0].rough else declared, "with_dropped_steps": dropped}
+    return Trial(seed, settled[0], stiffness, tap, beside, {"dropped_share": DROPPED_SHARE})
 
-    jitter: float
-    lost_share: float
 
-    def _more(self) -> dict[str, Any]:
-        return {"jitter": self.jitter, "lost_share": self.lost_share}
-
-
-@dataclass(frozen=True)
-class Link:
-    """Arrivals of messages by the receiver's samples."""
-
-    newest: IndexArray
-
-    @classmethod
-    def drawn(
-        cls, sender_s: float, receiver_s: float, delay_s: float, samples: int, jitter: float, lost: float, seed: int
-    ) -> Link:
-        """Draw the arrivals of a sender's messages at a receiver, which keeps the newest."""
-        rng = np.random.default_rng(seed)
-        count = int(np.ceil(samples * receiver_s / sender_s)) + 1
-        arrival = np.arange(count) * sender_s + delay_s * (1 + jitter * rng.uniform(-1, 1, count))
-        arrival[rng.random(count) < lost] = np.inf
-        # A message that arrives after a newer one is discarded.
-        order = np.argsort(arrival, kind="stable")
-        best = np.maximum.accumulate(order)
-        place = np.searchsorted(arrival[order], np.arange(samples) * receiver_s + 1e-12, side="right") - 1
-        return cls(np.where(place >= 0, best[np.maximum(place, 0)], -1))
-
-
-def try_bilateral(problem: Problem, gains: ToolGains, hands: Hand, seed: int = 0) -> BilateralTrial:
-    """Simulate hands that move a follower, on a link with the declared delay, jitter and losses."""
+def try_bilateral(problem: Problem, gains: ToolGains, people: Hand, seed: int = 0) -> Trial:
+    """Simulate hands that move a follower, on a link with the declared delay, jitter and losses, which a seed draws."""
     follower = required_follower(problem)
     stiffness, _ = environments(follower)
     some = sorted({float(stiffness[place]) for place in (len(stiffness) // 2, -1)})
-    shape = len(BILATERAL_MOTIONS), len(some), len(hands)
+    shape = len(WITH_FOLLOWER), len(some), len(people)
     settled = np.ones(shape, dtype=bool)
     for delays_s in follower.delays_s:
-        run = _Run(problem, gains, hands, some, delays_s, seed)
+        run = _Run(problem, gains, people, some, delays_s, seed)
         settled &= run.settled.reshape(shape)
-    names = list(BILATERAL_MOTIONS)
-    felt = run.stiffness_n_per_m.reshape(shape)[names.index("press"), -1]
-    tap = run.peak_n.reshape(shape)[names.index("tap"), -1]
-    by_motion = {name: np.asarray(settled[place].all(axis=0)) for place, name in enumerate(names)}
-    return BilateralTrial(seed, by_motion, felt, tap, follower.jitter, follower.lost_share)
+    felt = run.stiffness_n_per_m.reshape(shape)[WITH_FOLLOWER.index("press"), -1]
+    tap = run.peak_n.reshape(shape)[WITH_FOLLOWER.index("tap"), -1]
+    by_motion = {name: np.asarray(settled[place].all(axis=0)) for place, name in enumerate(WITH_FOLLOWER)}
+    facts = {"jitter": follower.jitter, "lost_share": follower.lost_share}
+    return Trial(seed, by_motion, felt, tap, facts=facts)
+
+
+def _newest(
+    sender_s: float, receiver_s: float, delay_s: float, samples: int, jitter: float, lost: float, seed: int
+) -> IndexArray:
+    """Draw the arrivals of a sender's messages; return the newest one at each of the receiver's samples."""
+    rng = np.random.default_rng(seed)
+    count = int(np.ceil(samples * receiver_s / sender_s)) + 1
+    arrival = np.arange(count) * sender_s + delay_s * (1 + jitter * rng.uniform(-1, 1, count))
+    arrival[rng.random(count) < lost] = np.inf
+    # A message that arrives after a newer one is discarded.
+    order = np.argsort(arrival, kind="stable")
+    best = np.maximum.accumulate(order)
+    place = np.searchsorted(arrival[order], np.arange(samples) * receiver_s + 1e-12, side="right") - 1
+    return np.asarray(np.where(place >= 0, best[np.maximum(place, 0)], -1))
 
 
 class _Side:
@@ -144,8 +173,12 @@ class _Run:
         self.follower, leader, self.gains = required_follower(problem), problem.device, gains
         other = self.follower.at_leader()
         self.times = leader.sample_time_s, other.sample_time_s
-        samples = round(TRIAL_S / self.times[0])
-        motions = [at_handle(one, leader) for one in BILATERAL_MOTIONS.values()]
+        samples = round(_FOLLOWED_S / self.times[0])
+        there = motions_at(leader)
+        motions = [
+            one.model_copy(update={"rest_s": _REST_S}) if isinstance(one, Free | Stroke) else one
+            for one in (there[name] for name in WITH_FOLLOWER)
+        ]
         targets = [target_of(one, samples, self.times[0]) for one in motions]
         each = len(contacts_n_per_m) * len(hands)
         self.lanes = len(motions) * each
@@ -164,12 +197,12 @@ class _Run:
         self.sides = _Side(leader, [held], start), _Side(other, [free, touched], start)
         uneven = self.follower.jitter, self.follower.lost_share
         self.links = (
-            Link.drawn(self.times[1], self.times[0], delays_s[1], samples, *uneven, seed + 1),
-            Link.drawn(*self.times, delays_s[0], math.ceil(samples * self.times[0] / self.times[1]) + 2, *uneven, seed),
+            _newest(self.times[1], self.times[0], delays_s[1], samples, *uneven, seed + 1),
+            _newest(*self.times, delays_s[0], math.ceil(samples * self.times[0] / self.times[1]) + 2, *uneven, seed),
         )
         self.forces = [np.zeros(self.lanes)]
         self.peak_n = np.zeros(self.lanes)
-        judged = max(1, round(_JUDGED_S / self.times[0]))
+        judged = max(1, round(JUDGED_S / self.times[0]))
         speed, force, depth = np.zeros(self.lanes), np.zeros(self.lanes), np.zeros(self.lanes)
         other_sample = 0
         for sample in range(samples):
@@ -190,11 +223,11 @@ class _Run:
         with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
             self.settled = np.asarray(speed * leader.metres_per_unit < AT_REST_M_PER_S)
             stiff = np.where(depth > 0, force / depth, np.nan)
-            self.stiffness_n_per_m = np.where(np.abs(force) > 0.97 * self.sides[0].limit_n, np.nan, stiff)
+            self.stiffness_n_per_m = np.where(np.abs(force) > NEAR_LIMIT * self.sides[0].limit_n, np.nan, stiff)
 
     def _lead(self, sample: int) -> FloatArray:
         """Advance the leader by a sample and return the force held over it."""
-        newest = int(self.links[0].newest[sample])
+        newest = int(self.links[0][sample])
         felt = self.follower.architecture == "position-force"
         pull = -self.forces[max(newest, 0)] if felt else self._pull(0, newest)
         side = self.sides[0]
@@ -205,7 +238,7 @@ class _Run:
 
     def _follow(self, sample: int) -> None:
         """Advance the follower by a sample."""
-        side, pull = self.sides[1], self._pull(1, int(self.links[1].newest[sample]))
+        side, pull = self.sides[1], self._pull(1, int(self.links[1][sample]))
         asked = np.clip(pull + self._local(1), -side.limit_n, side.limit_n)
         touching = side.state[:, 0] > 0
         speed = (side.sent[-1] - side.sent[-2]) / self.times[1]

@@ -221,18 +221,7 @@ _CONDITIONS = {
 
 @dataclass(frozen=True)
 class StaticCoupling:
-    """A constant coupling.
-
-    Attributes:
-        condition: llewellyn or all.
-        model: hold model of the condition.
-        damping_ns_per_m: b.
-        stiffness_n_per_m: k.
-        contact_damping_ns_per_m: b_p; 0 in the series structure.
-        margin_ns_per_m: slack of the condition; below the required margin where nothing meets it.
-        error: root of the mean squared relative error over the problem's frequencies, by the problem's objective.
-        found: whether the condition is met.
-    """
+    """A constant coupling."""
 
     condition: StaticCondition
     model: Model
@@ -262,14 +251,6 @@ def static_coupling(
 
     The search is global on a logarithmic grid, then refined from its best cells; only gains that meet the condition
     with its margin, without tolerance, are compared.
-
-    Args:
-        problem: the problem; its objective defines the error.
-        condition: llewellyn: (4) to (6); all: Re Z_h >= margin at all frequencies with the problem's environment.
-        model: hold model of the condition; None is the problem's.
-
-    Raises:
-        UnsupportedError: a device without damping, for which (6) allows nothing.
     """
     if problem.device.damping_ns_per_m == 0:
         raise UnsupportedError(
@@ -291,9 +272,6 @@ def solve_static(problem: Problem) -> GainSchedule:
     """Solve by a constant coupling under Llewellyn's condition, in the problem's model.
 
     The notes compare it with the best constant coupling that is passive with this environment alone.
-
-    Raises:
-        UnsupportedError: a device without damping.
     """
     started = time.perf_counter()
     certified = static_coupling(problem)

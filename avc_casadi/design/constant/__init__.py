@@ -1,1 +1,0 @@
-"""Methods that find gains which do not vary with frequency."""

@@ -1,0 +1,168 @@
+"""Method `static-tuned`: the best constant gains with which every hand of the set settles.
+
+The joint programme finds the gains of least error that are linearly stable with every hand with the damping of the
+device reduced by a reserve. All hands try them in the problem's scene, without dry friction and with it; where some
+hand does not settle, the reserve is raised and the programme solved again.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from avc_casadi._errors import UnsupportedError
+from avc_casadi._util.progress import SILENT, Progress
+from avc_casadi.design.schedule.solver import solve_schedule
+from avc_casadi.model.declared import scene_effects
+from avc_casadi.model.effects import HandEffect, WallEffect
+from avc_casadi.model.gains import Gains, gains_at
+from avc_casadi.model.hands import hand_set
+from avc_casadi.model.problem import Boundaries, Frequency, Impedance
+from avc_casadi.model.scene import Scene
+from avc_casadi.model.schedule import GainSchedule, Status
+from avc_casadi.paper.loop import loop_at
+from avc_casadi.paper.realism import relative_errors
+from avc_casadi.paper.rendered import gain_schedule
+from avc_casadi.simulation.scene import simulate_batch
+
+if TYPE_CHECKING:
+    from avc_casadi.model.problem import Problem, Structure
+
+# Default reserve as a share of k_e T/2, the damping that sampling takes from the wall. It ensures decay, not only the
+# absence of growth: 6 N.s/m at the wall of figure 5, where with less some hand bounces for ever.
+_MARGIN_SHARE = 0.12
+_RAISE = 1.5
+# The smallest margin that a problem can state.
+_LEAST_NS_PER_M = 1e-9
+# Hands in the scene beside the corners of their ranges, the seed of their draws, and how often the reserve is raised.
+_DRAWS, _SEED, _RAISES = 32, 0, 8
+
+
+@dataclass(frozen=True)
+class StaticTuned:
+    """Tuned constant gains, and the hands of the last trial; without gains the reason."""
+
+    gains: Gains | None
+    error: float
+    reserve_ns_per_m: float
+    raised: int
+    rested: int
+    hands: int
+    reason: str = ""
+
+    def sentence(self) -> str:
+        """Return a line on the result and its trial."""
+        if self.gains is None:
+            return self.reason
+        b, k, b_p = vars(self.gains).values()
+        contact = f", b_p = {b_p:.6g}" if b_p else ""
+        raised = f", raised {self.raised} times" if self.raised else ""
+        return (
+            f"tuned constant gains: b = {b:.6g}, k = {k:.6g}{contact}, error "
+            f"{100 * self.error:.4g} %; linearly stable with every hand with {self.reserve_ns_per_m:.4g} of "
+            f"damping in reserve{raised}; {self.hands} hands (seed {_SEED}) at rest in the scene"
+        )
+
+
+def tuned_margin(problem: Problem) -> float:
+    """Return the default damping reserve of tuned gains, N.s/m."""
+    reserve = _MARGIN_SHARE * problem.environment.stiffness_n_per_m * problem.device.sample_time_s / 2
+    return reserve if reserve >= _LEAST_NS_PER_M else 0.0
+
+
+def tune_static(
+    problem: Problem, *, draws: int = _DRAWS, raises: int = _RAISES, progress: Progress = SILENT
+) -> StaticTuned:
+    """Tune constant gains for the problem's set of hands, in its structure, gain box, frequencies and scene."""
+    kinds = {effect.kind for effect in scene_effects(problem)}
+    if "hand" not in kinds:
+        raise UnsupportedError(
+            f"{problem.name}: static-tuned tries the hands of [hands] in the scene, which needs the effect hand "
+            f"there; listed: {', '.join(sorted(kinds))}"
+        )
+    hands = hand_set(problem.hands, draws=draws, seed=_SEED)
+    reserve = problem.stability.margin_ns_per_m or tuned_margin(problem)
+    rested, raised, error, why = 0, 0, np.inf, ""
+    for raised in range(1 + raises):
+        progress.advance(raised, 1 + raises, f"{reserve:.4g} in reserve")
+        # Realism applies to tables: the best constant gains may be unrealistic at some row.
+        stated = problem.changed(stability={"scope": "hands", "margin_ns_per_m": reserve}, realism={"require": "none"})
+        table = solve_schedule(stated, constant=True)
+        if not table.usable.all():
+            why = f"{why}, and with more none are found" if raised else table.reason[0]
+            return StaticTuned(None, error, reserve, raised, rested, len(hands), why)
+        gains, rest = gains_at(table), np.ones(len(hands), dtype=bool)
+        # The trial without friction costs least and comes first; where it fails the next is skipped.
+        for friction in (False, True) if "coulomb-friction" in kinds else (False,):
+            if rest.all():
+                rest = simulate_batch(problem, hands, gains, friction=friction).stable
+        rested = int(np.count_nonzero(rest))
+        if rested == len(hands):
+            loop, realism = loop_at(problem, problem.frequencies_hz()), problem.realism
+            perceived = loop.perceived(*vars(gains).values())
+            errors = relative_errors(perceived, np.asarray(loop.target), realism.objective, realism.jnd)
+            error = float(np.sqrt(np.mean(errors**2)))
+            return StaticTuned(gains, error, reserve, raised, rested, len(hands))
+        why = (
+            f"no constant gains of the box make every hand settle in the scene: {rested} of {len(hands)} with the "
+            "last; narrow [hands], widen the box of [coupling], add device damping or soften the wall"
+        )
+        reserve *= _RAISE
+    return StaticTuned(None, error, reserve / _RAISE, raised, rested, len(hands), why)
+
+
+def solve_static_tuned(problem: Problem, *, progress: Progress = SILENT) -> GainSchedule:
+    """Solve by tuned constant gains; the same at every row; the notes report their trial."""
+    started = time.perf_counter()
+    found = tune_static(problem, progress=progress)
+    n = len(problem.frequencies_hz())
+    values = (np.nan,) * 3 if found.gains is None else tuple(vars(found.gains).values())
+    b, k, contact = (np.full(n, value) for value in values)
+    return gain_schedule(
+        problem,
+        "static-tuned",
+        (b, k, contact),
+        (Status.INFEASIBLE if found.gains is None else Status.SOLVED,) * n,
+        reason=(found.reason,) * n,
+        solve_seconds=time.perf_counter() - started,
+        notes=(found.sentence(),),
+    )
+
+
+# From a sustained press, in which a damper without a spring would creep, to contact transients; the upper limit also as
+# a share of Nyquist, for devices of low sample rate.
+_HZ, _POINTS, _OF_NYQUIST = (0.01, 100.0), 50, 0.9
+_SLOPE_PENALTY = 1e-4
+
+
+def tuning_problem(problem: Problem, structure: Structure, margin_ns_per_m: float | None = None) -> Problem:
+    """Return the problem of tuned designs: goal without sampling, all training hands with a reserve, the whole band.
+
+    A spring on a sampled position, held for T, has the negative damping k_e T/2. The goal compensates it, so that H
+    Z_ds is b_e + k_e/(j omega) up to the second power of omega T. The contact damper may reach 2 m/T of the device
+    alone, beyond which it is unstable by itself. Constant gains are tried in a press without dry friction and encoder
+    quantisation, against which no damping reserve helps; other motions and the complete device are left to a trial.
+    """
+    device, wall = problem.device, problem.environment
+    made_up = wall.damping_ns_per_m + wall.stiffness_n_per_m * device.sample_time_s / 2
+    goal = Impedance(damping_ns_per_m=made_up, stiffness_n_per_m=wall.stiffness_n_per_m)
+    margin = tuned_margin(problem) if margin_ns_per_m is None else margin_ns_per_m
+    most = 2 * device.mass_kg / device.sample_time_s if structure == "damped" else 0.0
+    stop = min(_HZ[1], _OF_NYQUIST * 0.5 / device.sample_time_s)
+    return problem.changed(
+        boundaries=Boundaries(upper=goal, lower=goal),
+        coupling={"structure": structure, "contact_damping_ns_per_m": (0.0, most)},
+        stability={"model": "sampled-data", "scope": "hands", "margin_ns_per_m": margin},
+        realism={"objective": "complex"},
+        schedule={"slope_penalty": _SLOPE_PENALTY},
+        frequency=Frequency(start_hz=_HZ[0], stop_hz=stop, points=_POINTS),
+        scene=Scene(effects=(HandEffect(), WallEffect())),
+    )
+
+
+def tuned(problem: Problem, margin_ns_per_m: float, progress: Progress = SILENT) -> Gains | None:
+    """Tune constant gains with a contact damper for the training hands; None where the margin cannot be met."""
+    return tune_static(tuning_problem(problem, "damped", margin_ns_per_m), progress=progress).gains

@@ -1,0 +1,422 @@
+"""From one sample to the next: the device and the hand move while the force is held.
+
+Without dry friction the plant is linear, and a step is its matrix exponential. With it the plant is linear while it
+slides one way or sticks: each stretch is the power series of exp(A t), truncated below rounding; its end, where the
+velocity reaches 0 or the load exceeds the friction, is a root of a polynomial. Time is counted in samples, so that all
+coefficients are of the size of the state. Quicker, in substeps, is friction by projection: the constant force that
+stops the device, or the largest available.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Any, Protocol
+
+import numpy as np
+
+from avc_casadi._errors import UnsupportedError
+from avc_casadi._util.arrays import FloatArray
+from avc_casadi.model.plant import LinearPlant, time_scale, transition
+from avc_casadi.simulation.tick import Expr, Tick
+
+# The first power left out, relative to the change of the state in a sample.
+_REST = 1e-17
+_HIGHEST_ORDER = 22
+_MOST_SUBSTEPS = 32
+# Larger terms would cancel and lose digits.
+_LARGEST_TERM = 1e3
+_NEWTON_STEPS = 4
+# Changes between sliding and sticking that are located in one series; a third one waits for its end.
+_EVENTS = 2
+
+
+def column(*symbols: Expr) -> Expr:
+    """Stack symbols, in the order in which CasADi stores their entries."""
+    import casadi as ca  # noqa: PLC0415
+
+    return ca.veccat(*symbols) if symbols else ca.SX(0, 1)
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Structure of a plant: its entries that are nonzero for any hand."""
+
+    states: int
+    entries: tuple[tuple[int, int], ...]
+    force_row: int
+    target_row: int | None
+    friction_n: float
+
+    @classmethod
+    def of(cls, plant: LinearPlant, friction_n: float) -> Layout:
+        """Return the layout of a plant, of all hands."""
+        hands = tuple(range(plant.matrix.ndim - 2))
+        rows = np.flatnonzero(np.any(plant.target != 0, axis=(*hands, plant.target.ndim - 1)))
+        return cls(
+            states=plant.states,
+            entries=tuple((int(i), int(j)) for i, j in np.argwhere(np.any(plant.matrix != 0, axis=hands))),
+            force_row=int(np.flatnonzero(np.any(plant.force != 0, axis=hands))[0]),
+            target_row=int(rows[0]) if len(rows) else None,
+            friction_n=friction_n,
+        )
+
+    def parameters(self, plant: LinearPlant, sample_time_s: float) -> FloatArray:
+        """Return the numbers as changes in one sample, shape (..., p), in the order of `PlantSymbols`."""
+        columns = [plant.matrix[..., row, column] for row, column in self.entries]
+        columns.append(plant.force[..., self.force_row])
+        if self.target_row is not None:
+            columns += [plant.target[..., self.target_row, 0], plant.target[..., self.target_row, 1]]
+        if self.friction_n > 0:
+            columns.append(-self.friction_n * plant.friction[..., 1])
+        return np.stack(columns, axis=-1) * sample_time_s
+
+
+class PlantSymbols:
+    """The numbers of a layout as parameters of a sample; time is counted in samples."""
+
+    def __init__(self, layout: Layout, tick: Tick) -> None:
+        self._sample_time_s = tick.sample_time_s
+        self._entries = {entry: tick.parameter(f"plant_{entry[0]}_{entry[1]}") for entry in layout.entries}
+        self._force = (layout.force_row, tick.parameter("plant_force"))
+        self._target: Any = None
+        if layout.target_row is not None:
+            self._target = (layout.target_row, tick.parameter("plant_spring"), tick.parameter("plant_damper"))
+        self.friction: Expr = tick.parameter("plant_friction") if layout.friction_n > 0 else None
+
+    def moved(self, target: Any, share: Expr) -> Any:
+        """Return the target a share of a sample later."""
+        return None if target is None else (target[0] + target[1] * (self._sample_time_s * share), target[1])
+
+    def rates(self, state: list[Expr], force: Expr, target: Any) -> list[Expr]:
+        """Return the change of the state per sample, without dry friction."""
+        rates = self.coupled(state)
+        if force is not None:
+            rates[self._force[0]] += self._force[1] * force
+        if target is not None:
+            row, spring, damper = self._target
+            rates[row] += spring * target[0] + damper * target[1]
+        return rates
+
+    def coupled(self, state: list[Expr]) -> list[Expr]:
+        """Return A times a state, per sample."""
+        rates: list[Expr] = [0.0] * len(state)
+        for (row, column), entry in self._entries.items():
+            rates[row] += entry * state[column]
+        return rates
+
+    def driven(self, rates: list[Expr], target: Any) -> list[Expr]:
+        """Add how the rates change because the target moves, per sample squared."""
+        if target is not None:
+            row, spring, _ = self._target
+            rates[row] += spring * (target[1] * self._sample_time_s)
+        return rates
+
+
+@dataclass(frozen=True)
+class Drive:
+    """Inputs of the plant between two samples."""
+
+    force: Expr
+    force_before: Expr
+    late: Expr
+    target: tuple[Expr, Expr] | None
+
+
+class Advance(Protocol):
+    """Propagation of the continuous part from one sample to the next."""
+
+    def step(self, tick: Tick, state: list[Expr], drive: Drive) -> list[Expr]:
+        """Add the parameters and return the state one sample later."""
+
+    def parameters(self, plant: LinearPlant, sample_time_s: float) -> FloatArray:
+        """Return the parameters for each hand, shape (..., p), in the order in which `step` adds them."""
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """A part of the sample of constant force."""
+
+    name: str
+    begin: float
+    share: float
+    before: bool
+
+
+def stretches(late: float) -> tuple[Stretch, ...]:
+    """Return the parts of a sample whose new force arrives at `late`, the same share of every sample."""
+    if late == 0:
+        return (Stretch("", 0.0, 1.0, False),)
+    return (Stretch("_before", 0.0, late, True), Stretch("", late, 1.0 - late, False))
+
+
+@dataclass(frozen=True)
+class MatrixExponential:
+    """Linear plant whose force is held, or changes at a moment that is the same in every sample: exact to rounding."""
+
+    substeps: int
+    held: bool
+    driven: bool
+    late: float = 0.0
+
+    def step(self, tick: Tick, state: list[Expr], drive: Drive) -> list[Expr]:
+        """Add the transition matrices and return the state one sample later."""
+        import casadi as ca  # noqa: PLC0415
+
+        x = ca.vertcat(*state)
+        for stretch in stretches(self.late):
+            x = self._through(tick, stretch, x, drive)
+        return list(ca.vertsplit(x))
+
+    def _through(self, tick: Tick, stretch: Stretch, x: Expr, drive: Drive) -> Expr:
+        import casadi as ca  # noqa: PLC0415
+
+        n, name = x.numel(), f"transition{stretch.name}"
+        matrix = tick.parameter(name, ca.Sparsity.dense(n, n))
+        of_force: Expr = tick.parameter(f"{name}_of_force", ca.Sparsity.dense(n, 1)) if self.held else None
+        of_target: Expr = tick.parameter(f"{name}_of_target", ca.Sparsity.dense(n, 2)) if self.driven else None
+        for substep in range(self.substeps):
+            x = ca.mtimes(matrix, x)
+            if self.held:
+                x += of_force * (drive.force_before if stretch.before else drive.force)
+            if drive.target is not None:
+                position, velocity = drive.target
+                elapsed = tick.sample_time_s * (stretch.begin + stretch.share * substep / self.substeps)
+                x += ca.mtimes(of_target, ca.vertcat(position + velocity * elapsed if elapsed else position, velocity))
+        return x
+
+    def parameters(self, plant: LinearPlant, sample_time_s: float) -> FloatArray:
+        """Return the transition matrices, columns first, as CasADi stores them."""
+        parts = []
+        for stretch in stretches(self.late):
+            moves = transition(plant, sample_time_s * stretch.share / self.substeps)
+            parts.append(_columns_first(moves.matrix))
+            if self.held:
+                parts.append(moves.force)
+            if self.driven:
+                parts.append(_columns_first(moves.target))
+        return np.concatenate(parts, axis=-1)
+
+
+def _columns_first(matrix: FloatArray) -> FloatArray:
+    return np.swapaxes(matrix, -1, -2).reshape(*matrix.shape[:-2], -1)
+
+
+@dataclass(frozen=True)
+class Projected:
+    """Implicit, without events; exact while the device slides, of first order where it stops or breaks away."""
+
+    substeps: int
+    held: bool
+    driven: bool
+    late: float
+    friction_n: float
+
+    def step(self, tick: Tick, state: list[Expr], drive: Drive) -> list[Expr]:
+        """Add the transition matrices and return the state one sample later."""
+        for stretch in stretches(self.late):
+            state = self._through(tick, stretch, state, drive)
+        return state
+
+    def _through(self, tick: Tick, stretch: Stretch, state: list[Expr], drive: Drive) -> list[Expr]:
+        import casadi as ca  # noqa: PLC0415
+
+        free = MatrixExponential(1, self.held, self.driven)
+        inner = Tick(tick.sample_time_s * stretch.share / self.substeps, tick.start_m)
+        now = [ca.SX.sym(f"x{index}") for index in range(len(state))]
+        symbols = {name: ca.SX.sym(name) for name in ("force", "position", "velocity")}
+        target = (symbols["position"], symbols["velocity"]) if self.driven else None
+        moved = free.step(inner, now, Drive(symbols["force"] if self.held else None, None, None, target))
+        parameters = [slot.symbol for slot in inner.parameters]
+        substep = ca.Function("substep", [*now, *symbols.values(), *parameters], moved)
+        held = [tick.parameter(f"{slot.name}{stretch.name}", slot.symbol.sparsity()) for slot in inner.parameters]
+        of_friction = tick.parameter(f"transition_of_friction{stretch.name}", ca.Sparsity.dense(len(state), 1))
+        force = drive.force_before if stretch.before else drive.force
+        for index in range(self.substeps):
+            elapsed = tick.sample_time_s * (stretch.begin + stretch.share * index / self.substeps)
+            aim = (0.0, 0.0) if drive.target is None else (drive.target[0] + drive.target[1] * elapsed, drive.target[1])
+            sliding = substep(*state, 0.0 if force is None else force, *aim, *held)
+            stopping = -sliding[1] / of_friction[1]
+            friction = ca.fmin(ca.fmax(stopping, -self.friction_n), self.friction_n)
+            state = [x + of_friction[row] * friction for row, x in enumerate(sliding)]
+            state[1] *= ca.fabs(stopping) > self.friction_n
+        return state
+
+    def parameters(self, plant: LinearPlant, sample_time_s: float) -> FloatArray:
+        """Return the transition matrices of each stretch, that of the friction last."""
+        parts = []
+        for stretch in stretches(self.late):
+            step_s = sample_time_s * stretch.share / self.substeps
+            parts.append(MatrixExponential(1, self.held, self.driven).parameters(plant, step_s))
+            parts.append(transition(replace(plant, force=plant.friction), step_s).force)
+        return np.concatenate(parts, axis=-1)
+
+
+@dataclass(frozen=True)
+class TaylorSeries:
+    """Plant with dry friction, or with a force that changes inside the sample: exact to rounding."""
+
+    layout: Layout
+    substeps: int
+    order: int
+
+    @classmethod
+    def of(cls, plant: LinearPlant, sample_time_s: float, friction_n: float, substeps: int) -> TaylorSeries:
+        """Choose the order, and more substeps where the plant is fast."""
+        # Higher powers are cheaper than more substeps, as long as their sum does not cancel.
+        order = _order(plant, sample_time_s / substeps)
+        while order > _HIGHEST_ORDER and substeps <= _MOST_SUBSTEPS:
+            substeps *= 2
+            order = _order(plant, sample_time_s / substeps)
+        if order > _HIGHEST_ORDER or substeps > _MOST_SUBSTEPS:
+            instead = 'scene.integrator = "projected"' if friction_n > 0 else "the effect jitter with rms_s = 0"
+            raise UnsupportedError(
+                f"the scene's mechanics move so fast within a sample of {sample_time_s:g} s that exact dry friction or "
+                f"late forces would take more than {_MOST_SUBSTEPS} substeps; take {instead}, a heavier hand or "
+                "device, or a slower amplifier or resonance"
+            )
+        return cls(Layout.of(plant, friction_n), substeps, order)
+
+    def parameters(self, plant: LinearPlant, sample_time_s: float) -> FloatArray:
+        """Return the plant's numbers over one sample, shape (..., p)."""
+        return self.layout.parameters(plant, sample_time_s)
+
+    def step(self, tick: Tick, state: list[Expr], drive: Drive) -> list[Expr]:
+        """Add the plant's numbers and return the state one sample later."""
+        plant = PlantSymbols(self.layout, tick)
+        if drive.late is None:
+            return self._through(plant, state, drive.force, drive.target, 1.0)
+        middle = self._through(plant, state, drive.force_before, drive.target, drive.late)
+        return self._through(plant, middle, drive.force, plant.moved(drive.target, drive.late), 1.0 - drive.late)
+
+    def _through(self, plant: PlantSymbols, state: list[Expr], force: Expr, target: Any, duration: Expr) -> list[Expr]:
+        """Return the state after a stretch, its duration a share of the sample."""
+        part = duration / self.substeps
+        for _ in range(self.substeps):
+            remaining, breaking = part, 0
+            for _ in range(_EVENTS if self.layout.friction_n > 0 else 0):
+                state, used, breaking = self._until_event(plant, state, force, target, remaining, breaking)
+                remaining -= used
+                target = plant.moved(target, used)
+            state = self._to_the_end(plant, state, force, target, remaining, breaking)
+            target = plant.moved(target, remaining)
+        return state
+
+    def _until_event(
+        self, plant: PlantSymbols, state: list[Expr], force: Expr, target: Any, remaining: Expr, breaking: Expr
+    ) -> tuple[list[Expr], Expr, Expr]:
+        """Slide or stick until an event or the end; return the state, the time used and the break-away direction."""
+        import casadi as ca  # noqa: PLC0415
+
+        sliding, direction = _mode(plant, state, force, target, breaking)
+        series, loads = self._series(plant, state, force, target, direction * plant.friction, sliding)
+        sticking = 1 - sliding
+        # The event function: the velocity in its direction, or the remaining friction force. While the device sticks,
+        # all powers of its velocity are 0.
+        sign = sliding * direction - sticking * ca.sign(_horner(loads, remaining))
+        reserve = [sign * (v + sticking * r) for v, r in zip(series[1], loads, strict=False)]
+        reserve[0] += sticking * plant.friction
+        # From rest the velocity has a zero at the beginning, which is divided out.
+        from_rest = ca.logic_and(sliding, state[1] == 0)
+        reserve = [ca.if_else(from_rest, after, power) for power, after in pairwise(reserve)]
+        used = _first_zero(reserve, remaining)
+        moved = [_horner(powers, used) for powers in series]
+        ended = used < remaining
+        # Sliding ends at a velocity of exactly 0.
+        moved[1] *= ca.logic_or(sticking, ca.logic_not(ended))
+        return moved, used, ca.logic_and(sticking, ended)
+
+    def _to_the_end(
+        self, plant: PlantSymbols, state: list[Expr], force: Expr, target: Any, remaining: Expr, breaking: Expr
+    ) -> list[Expr]:
+        """Propagate for the remaining time; with dry friction, a velocity that would reverse is set to 0 at the end."""
+        if self.layout.friction_n == 0:
+            return [_horner(powers, remaining) for powers in self._series(plant, state, force, target)[0]]
+        sliding, direction = _mode(plant, state, force, target, breaking)
+        series, _ = self._series(plant, state, force, target, direction * plant.friction, sliding)
+        moved = [_horner(powers, remaining) for powers in series]
+        moved[1] *= direction * moved[1] >= 0
+        return moved
+
+    def _series(
+        self,
+        plant: PlantSymbols,
+        state: list[Expr],
+        force: Expr,
+        target: Any,
+        friction: Expr = None,
+        sliding: Expr = None,
+    ) -> tuple[list[list[Expr]], list[Expr]]:
+        """Return the power series of each state, and that of the device's acceleration without friction."""
+        powers, loads = [state], []
+        for power in range(self.order):
+            rates = plant.coupled(powers[-1]) if power else plant.rates(state, force, target)
+            if power == 1:
+                rates = plant.driven(rates, target)
+            loads.append(rates[1])
+            if friction is not None and power == 0:
+                rates[1] -= friction
+            if sliding is not None:
+                rates[1] *= sliding
+            powers.append([rate * (1.0 / (power + 1)) for rate in rates])
+        return [list(column) for column in zip(*powers, strict=True)], loads
+
+
+def _mode(plant: PlantSymbols, state: list[Expr], force: Expr, target: Any, breaking: Expr) -> tuple[Expr, Expr]:
+    """Return whether the device slides (1) or sticks (0), and the direction in which it slides or would break away.
+
+    At break-away the load equals the friction but for rounding, so that the two are not compared.
+    """
+    import casadi as ca  # noqa: PLC0415
+
+    velocity, load = state[1], plant.rates(state, force, target)[1]
+    moving = velocity != 0
+    sliding = ca.logic_or(ca.logic_or(moving, breaking), ca.fabs(load) > plant.friction)
+    return sliding, ca.sign(velocity) + (1 - moving) * ca.sign(load)
+
+
+def _first_zero(powers: list[Expr], remaining: Expr) -> Expr:
+    """Return where a polynomial that is not negative at 0 becomes negative, or `remaining`."""
+    import casadi as ca  # noqa: PLC0415
+
+    value, slope = powers[0], powers[1]
+    # The parabola with this value and slope, through the end.
+    curve = ((_horner(powers, remaining) - value) / remaining - slope) / remaining
+    # A dip between two ends that are not negative lies near the parabola's vertex.
+    vertex = -0.5 * slope / curve
+    dips = ca.logic_and(ca.logic_and(curve > 0, slope < 0), vertex < remaining)
+    until = ca.if_else(dips, vertex, remaining)
+    root = ca.sqrt(ca.fmax(slope * slope - 4 * value * curve, 0))
+    guess = ca.if_else(slope > 0, -0.5 * (slope + root) / curve, 2 * value / (root - slope))
+    slopes = [power * coefficient for power, coefficient in enumerate(powers)][1:]
+    low: Expr = 0
+    high = until
+    for _ in range(_NEWTON_STEPS):
+        inside = ca.logic_and(guess >= low, guess <= high)
+        guess = ca.if_else(inside, guess, 0.5 * (low + high))
+        value = _horner(powers, guess)
+        high, low = ca.if_else(value < 0, guess, high), ca.if_else(value < 0, low, guess)
+        guess -= value / _horner(slopes, guess)
+    return ca.if_else(_horner(powers, until) < 0, ca.fmin(ca.fmax(guess, low), high), remaining)
+
+
+def _horner(powers: list[Expr], at: Expr) -> Expr:
+    value = powers[-1]
+    for power in reversed(powers[:-1]):
+        value = power + at * value
+    return value
+
+
+def _order(plant: LinearPlant, step_s: float) -> int:
+    """Return the power beyond which the terms of exp(A h) are negligible, with velocities in metres a step."""
+    scale = time_scale(plant, step_s)
+    matrix = plant.matrix * step_s * scale[:, None] / scale
+    term = np.eye(plant.states)
+    for power in range(1, _HIGHEST_ORDER + 1):
+        term = term @ matrix / power
+        largest = np.abs(term).max()
+        if largest < _REST:
+            return power
+        if largest > _LARGEST_TERM:
+            break
+    return _HIGHEST_ORDER + 1

@@ -1,1 +1,0 @@
-"""From one sample to the next: exact propagation, dry friction, other integrators."""

@@ -1,0 +1,190 @@
+"""What many hands try: a coupling on its device with the simulated effects, compiled once for all of its structure."""
+
+from __future__ import annotations
+
+import math
+import zlib
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
+from functools import lru_cache, partial
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+
+from avc_casadi._util.arrays import FloatArray
+from avc_casadi.model.declared import declared_effects
+from avc_casadi.model.effects import Effect, ObserverEffect, StateFeedbackEffect
+from avc_casadi.model.gains import Gains
+from avc_casadi.model.registries import EFFECTS
+from avc_casadi.model.scene import Scene
+from avc_casadi.simulation.compile import CompiledScene, compile_scene
+from avc_casadi.simulation.effects.registry import build_effects
+from avc_casadi.simulation.effects.sensing import Encoder
+from avc_casadi.simulation.execute import Engine, execute
+from avc_casadi.simulation.judge import Judgement, Traces
+from avc_casadi.simulation.native import compiler
+from avc_casadi.simulation.scene import held_by, settled
+
+if TYPE_CHECKING:
+    from avc_casadi.coupling import Coupling
+    from avc_casadi.model.device import Device
+    from avc_casadi.model.gains import GainTable
+    from avc_casadi.model.hands import Hand, StylusHand
+    from avc_casadi.model.problem import Problem
+    from avc_casadi.model.runtime import StateFeedback
+    from avc_casadi.model.scene import Motion
+    from avc_casadi.model.schedule import GainSchedule
+    from avc_casadi.simulation.effects.base import SceneEffect
+
+FRICTION = "coulomb-friction"
+# Friction projections per sample: several times quicker for a stylus hand than exact events, with the same share of
+# stable hands (58.8 against 59.8 % of 500 where they differ most).
+_FRICTION_SUBSTEPS = 4
+# Multiples of a hand's parameters whose fractional parts scatter evenly (low discrepancy).
+_SCATTER, _PRIMES = 1e3, (2, 3, 5, 7, 11)
+# Cached scenes: all motions, of usual and long duration, with and without friction, on some two dozen devices of the
+# ranges.
+_KEPT = 512
+# Up to so many hands, the scene chooses its engine itself.
+_FEW = 3
+# Hands whose traces are held at a time, and samples of them all.
+HANDS_AT_ONCE = 250
+_SAMPLES_AT_ONCE = 4_000_000
+DURATION_S = 3.0
+
+Prepared: TypeAlias = tuple[CompiledScene, "FloatArray", "FloatArray"]
+"""A scene, the parameters of each hand, and the inputs common to all."""
+
+
+@dataclass(frozen=True)
+class Setup:
+    """A device, gains, and the effects of a scene with a hand; encoders may stand anywhere between two steps."""
+
+    problem: Problem
+    gains: Gains | GainTable | GainSchedule
+    effects: tuple[Effect, ...]
+    law: StateFeedback | None = None
+    steps_anywhere: bool = True
+
+    @classmethod
+    def of(cls, coupling: Coupling, device: Device | None = None, effects: tuple[Effect, ...] = ()) -> Setup:
+        """Take a coupling's runtime and all that its problem declares, or another device; the controller stays."""
+        problem, designed_for = coupling.problem, coupling.problem.device
+        problem = problem if device is None else problem.changed(device=device)
+        table, law = coupling.table, coupling.runtime.state_feedback
+        listed = [one for one in declared_effects(problem) if one.kind != "detent"]
+        counted = problem.device.encoder_resolution_m > 0
+        for one in replace(coupling.runtime, state_feedback=None).effects(constant=table.constant):
+            if not isinstance(one, ObserverEffect):
+                listed.append(one)
+            elif counted:
+                known = {
+                    "resolution_m": designed_for.encoder_resolution_m or None,
+                    "ahead_samples": designed_for.delay_samples,
+                }
+                listed.append(one.model_copy(update=known))
+        return cls(problem, table.at_rest if table.constant else table, (*listed, *effects), law)
+
+    def without(self, kind: str) -> Setup:
+        """Return the same without an effect."""
+        return replace(self, effects=tuple(one for one in self.effects if one.kind != kind))
+
+    @property
+    def rough(self) -> bool:
+        """Whether there is dry friction."""
+        return any(one.kind == FRICTION for one in self.effects)
+
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """Kinds of the effects in the order of the loop."""
+        law = () if self.law is None else ("state-feedback",)
+        return tuple(sorted((*(one.kind for one in self.effects), *law), key=list(EFFECTS).index))
+
+    def staged(
+        self, people: Hand | StylusHand, motion: Motion, duration_s: float
+    ) -> tuple[Problem, tuple[SceneEffect, ...]]:
+        """Return the problem with the scene, and the effects with all hands in place of the declared one."""
+        law = () if self.law is None else (StateFeedbackEffect(**vars(self.law)),)
+        how: dict[str, Any] = {"integrator": "projected", "substeps": _FRICTION_SUBSTEPS} if self.rough else {}
+        scene = Scene(duration_s=duration_s, motion=motion, effects=(*self.effects, *law), **how)
+        run = self.problem.changed(scene=scene)
+        effects = held_by(run, build_effects(run), people)
+        if self.steps_anywhere:
+            phase = _phases(people, motion)
+            effects = tuple(replace(one, phase=phase) if isinstance(one, Encoder) else one for one in effects)
+        return run, effects
+
+
+def _phases(people: Hand | StylusHand, motion: Motion) -> FloatArray:
+    """Return the phase of the wall's face between two encoder steps, by hand and motion.
+
+    It depends on the hand alone, so that the other hands of a run change nothing.
+    """
+    begin = zlib.crc32(motion.model_dump_json().encode()) / 2**32
+    values = (np.atleast_1d(np.asarray(value, dtype=np.float64)) for value in vars(people).values())
+    turned = sum(_SCATTER * math.sqrt(prime) * value for prime, value in zip(_PRIMES, values, strict=False))
+    return np.asarray((begin + turned) % 1.0)
+
+
+@dataclass(frozen=True)
+class _Shared:
+    """A scene that all of its structure share; the first builds it."""
+
+    key: tuple[Any, ...]
+    build: Callable[[], CompiledScene] = field(compare=False)
+
+
+@lru_cache(_KEPT)
+def _built(scene: _Shared) -> tuple[CompiledScene, FloatArray]:
+    compiled = scene.build()
+    return compiled, compiled.input_values()
+
+
+def prepared(setup: Setup, people: Hand | StylusHand, motion: Motion, duration_s: float) -> Prepared:
+    """Return the scene, the parameters of each hand and the common inputs; constant gains of one structure share it."""
+    gains, law = setup.gains, setup.law
+    if not isinstance(gains, Gains):
+        run, effects = setup.staged(people, motion, duration_s)
+        effects, chosen, _ = settled(run, effects, gains)
+        compiled = compile_scene(run, effects, chosen)
+        return compiled, compiled.parameter_values(chosen), compiled.input_values()
+    structure = (
+        None if law is None else (law.states, law.positions, law.measures),
+        (not gains.rigid, gains.stiffness_n_per_m > 0, gains.contact_damping_ns_per_m > 0),
+    )
+    hands = type(people), *(np.asarray(one).tobytes() for one in vars(people).values())
+    key = (setup.problem, setup.effects, setup.steps_anywhere, structure, hands, motion, duration_s)
+    compiled, inputs = _built(_Shared(key, lambda: compile_scene(*setup.staged(people, motion, duration_s), gains)))
+    if law is not None:
+        compiled = compiled.with_numbers("state-feedback", settings=law)
+    return compiled, compiled.parameter_values(gains), inputs
+
+
+def engine_for(runs: int) -> Engine:
+    """Return the engine for many scenes at once: generated C where there is a compiler and more than a few runs."""
+    return "native" if compiler() is not None and runs > _FEW else "auto"
+
+
+def simulations(
+    setup: Setup, people: Hand | StylusHand, motion: Motion, duration_s: float = DURATION_S
+) -> Iterator[Callable[[], Traces]]:
+    """Prepare to simulate all hands, in blocks; each block is simulated when it is called."""
+    compiled, parameters, inputs = prepared(setup, people, motion, duration_s)
+    engine, device = engine_for(len(parameters)), setup.problem.device
+
+    def traces_of(some: FloatArray) -> Traces:
+        return Traces.of(execute(compiled, some, inputs, engine=engine), device)
+
+    at_once = min(HANDS_AT_ONCE, max(1, _SAMPLES_AT_ONCE // inputs.shape[-1]))
+    for first in range(0, len(parameters), at_once):
+        yield partial(traces_of, parameters[first : first + at_once])
+
+
+def traces(setup: Setup, people: Hand | StylusHand, motion: Motion, duration_s: float = DURATION_S) -> Iterator[Traces]:
+    """Simulate all hands, in blocks."""
+    return (simulation() for simulation in simulations(setup, people, motion, duration_s))
+
+
+def judged(setup: Setup, people: Hand | StylusHand, motion: Motion, duration_s: float = DURATION_S) -> Judgement:
+    """Return the verdicts of all hands; every array has shape (hands,)."""
+    return Judgement.joined([part.judged() for part in traces(setup, people, motion, duration_s)])
