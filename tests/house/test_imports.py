@@ -2,6 +2,7 @@
 
 import ast
 import re
+from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
@@ -106,12 +107,14 @@ def room(name):
     return max(found, key=len) if found else ""
 
 
-ARROWS = [
-    (name, target, line)
-    for name, path in MODULES.items()
-    for target, line in imported(name, path)
-    if target.split(".")[0] in {"avc_casadi", "avc_hardware"}
-]
+@cache
+def arrows():
+    return [
+        (name, target, line)
+        for name, path in MODULES.items()
+        for target, line in imported(name, path)
+        if target.split(".")[0] in {"avc_casadi", "avc_hardware"}
+    ]
 
 
 def test_every_module_has_a_room():
@@ -122,7 +125,7 @@ def test_every_module_has_a_room():
 def test_no_arrow_points_up():
     upward = [
         f"{name}:{line} -> {target}"
-        for name, target, line in ARROWS
+        for name, target, line in arrows()
         if room(name) and room(target) and ROOMS.index(room(target)) > ROOMS.index(room(name))
     ]
     assert not upward
@@ -136,4 +139,4 @@ def test_no_room_imports_what_is_private_to_another():
         package = name if MODULES[name].name == "__init__.py" else name.rpartition(".")[0]
         return last.startswith("_") and not f"{package}.".startswith(f"{owner}.")
 
-    assert not [f"{name}:{line} -> {target}" for name, target, line in ARROWS if foreign(name, target)]
+    assert not [f"{name}:{line} -> {target}" for name, target, line in arrows() if foreign(name, target)]
