@@ -7,9 +7,9 @@ import pytest
 from declared_device import MODE, growth, lowest_eigenvalue
 
 import avc_casadi as avc
-from avc_casadi import UnsupportedError, parse_problem
+from avc_casadi import parse_problem
 from avc_casadi.claims.passivity.worst_frequency import worst_margin
-from avc_casadi.claims.zwidth import llewellyn_table, rendered_wall, zwidth
+from avc_casadi.claims.zwidth import rendered_wall, zwidth
 from avc_casadi.design.methods import solve
 from avc_casadi.loops.sampled_loop import SampledLoop, fractions
 from avc_casadi.loops.wall import linear_stability
@@ -102,15 +102,6 @@ def test_rendered_wall_is_what_the_row_renders(structure):
     wall, coupling = 10.0 + 1e5 / s, gains.damping_ns_per_m + gains.stiffness_n_per_m / s
     rendered = wall * coupling / (wall + coupling) + gains.contact_damping_ns_per_m
     np.testing.assert_allclose(b + k / s, rendered, rtol=1e-9)
-
-
-def test_llewellyn_table_scales_with_the_device():
-    light, heavy = llewellyn_table(problem(0.5)), llewellyn_table(problem(5.0))
-    np.testing.assert_allclose(light.paper, heavy.paper, rtol=1e-9, atol=1e-9)
-    assert light.paper[0] == pytest.approx(8.0)
-    assert light.sampled_data[0] == pytest.approx(2.0)
-    with pytest.raises(UnsupportedError, match="damping_ns_per_m is 0"):
-        llewellyn_table(problem(0.0))
 
 
 # The K-B region of the device as declared: its edges stand at the worst corner, and what it leaves out is named.

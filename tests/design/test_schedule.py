@@ -5,6 +5,7 @@ import re
 
 import numpy as np
 import pytest
+from declared_device import growth
 from plain_schedule import PlainSchedule, perceived
 from schedule_problems import changed, figure5
 
@@ -12,11 +13,14 @@ from avc_casadi import solve
 from avc_casadi.claims.certify import certify
 from avc_casadi.claims.scope import scope_slack
 from avc_casadi.design.schedule.dynamic_programme import cheapest_path
+from avc_casadi.design.schedule.hands import hands_slack
 from avc_casadi.design.schedule.programme import Programme
 from avc_casadi.design.schedule.scope import Slots
 from avc_casadi.design.schedule.states import States
 from avc_casadi.files.problem_file import load_problem
+from avc_casadi.model.corners import device_corners
 from avc_casadi.model.device import DeviceRange
+from avc_casadi.model.hands import hand_corners
 from avc_casadi.model.schedule import Status
 from avc_casadi.paper.loop import loop_at
 
@@ -367,3 +371,25 @@ def test_cost_grows_with_every_demand():
     smooth = [schedule_pointwise_cost(schedule={"slope_limit": limit}) for limit in (20.0, 2.0, 0.5)]
     assert smooth == sorted(smooth)
     assert smooth[0] < smooth[-1]
+
+
+def test_the_slack_of_the_hands_is_that_of_the_worst_corner_of_the_device():
+    """Against the loop written out, where corners differ: the table behind the schedule asks for no less."""
+    known = DeviceRange(mass_kg=(0.05, 0.2), damping_ns_per_m=(1.2, 3.0))
+    problem = figure5(device={"range": known}, stability={"model": "sampled-data", "scope": "hands"})
+    states = States.of(problem, loop_at(problem, problem.frequencies_hz()))
+    at = states.low[:, None] + (states.high - states.low)[:, None] * np.random.default_rng(2).uniform(size=(2, 12))
+    hands = hand_corners(problem.hands)
+    wall = problem.environment.damping_ns_per_m, problem.environment.stiffness_n_per_m
+    slack = 1 - np.array(
+        [
+            [
+                max(growth(corner, tuple(hands.values(one).values()), gains, wall) for one in range(len(hands)))
+                for corner in device_corners(problem.device)
+            ]
+            for gains in zip(*states.gains(at), strict=True)
+        ]
+    )
+    found = hands_slack(problem, states, at)
+    np.testing.assert_allclose(found, np.clip(slack.min(axis=1), -0.1, 0.1), atol=1e-8)
+    assert np.ptp(np.clip(slack, -0.1, 0.1), axis=1).max() > 1e-3

@@ -11,6 +11,7 @@ from avc_casadi.claims.passivity.worst_frequency import worst_margin
 from avc_casadi.design.methods import solve
 from avc_casadi.design.static import static_coupling
 from avc_casadi.design.tuned import tune_static
+from avc_casadi.files.problem_file import load_problem
 from avc_casadi.loops.sampled_loop import SampledLoop
 from avc_casadi.loops.wall import frozen_parts, linear_stability
 from avc_casadi.model.gains import Gains
@@ -204,3 +205,24 @@ def test_the_margin_is_kept_in_reserve():
 
 
 # No drawn gains, and no path of a lattice, better a design.
+
+
+STUCK = {
+    "device": {"mass_kg": 0.10145828779356615, "damping_ns_per_m": 0.9454524378196049},
+    "environment": {"damping_ns_per_m": 1.3767377871714668, "stiffness_n_per_m": 8849.542231005213},
+    "boundaries": {
+        "upper": {"damping_ns_per_m": 1.7500933859031227, "stiffness_n_per_m": 10149.82832916103},
+        "lower": {"damping_ns_per_m": 0.7143123391682861, "stiffness_n_per_m": 5367.405097705343},
+    },
+    "coupling": {"structure": "damped", "contact_damping_ns_per_m": (0.0, 34.76110464082077)},
+    "frequency": {"start_hz": 0.6156526748181337, "stop_hz": 241.23545833436233, "points": 30},
+}
+
+
+@pytest.mark.slow
+def test_constant_gains_where_several_frequencies_decide_together():
+    problem = load_problem("figure5").changed(**STUCK)
+    found = static_coupling(problem, "all")
+    # A pattern search ended at 0.0189.
+    assert found.error <= 0.01361
+    assert found.margin_ns_per_m >= 0

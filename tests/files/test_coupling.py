@@ -8,7 +8,7 @@ import pytest
 import avc_casadi as avc
 from avc_casadi import InputError
 from avc_casadi.cli import main
-from avc_casadi.coupling import THINNING, Coupling
+from avc_casadi.coupling import THINNING, Coupling, thinned
 from avc_casadi.files.coupling_file import read_file
 from avc_casadi.model.gains import Gains, GainTable
 from avc_casadi.model.runtime import Runtime
@@ -125,3 +125,21 @@ def test_a_file_of_which_a_part_was_changed_is_refused(key, change, tmp_path):
     with pytest.raises(InputError) as caught:
         avc.read_coupling(path)
     assert key in [fault.key for fault in caught.value.faults]
+
+
+def test_constant_gains_are_one_row_and_long_tables_no_more_than_a_device_holds():
+    rows = np.array([[f, 2.0, 300.0, 4.0] for f in np.geomspace(1, 400, 264)])
+    one = thinned(GainTable(rows))
+    assert one.rows.tolist() == [[1.0, 2.0, 300.0, 4.0]]
+    assert (one.constant, one.at_rest) == (True, Gains(2.0, 300.0, 4.0))
+    rows[::2, 2] = 600.0
+    long = thinned(GainTable(rows))
+    assert not long.constant
+    assert len(long) <= 256
+
+
+@pytest.mark.parametrize("key", ["hold_s", "slew_per_s", "observer_mass_kg"])
+@pytest.mark.parametrize("value", [-1e-3, float("inf"), float("nan")])
+def test_times_and_masses_are_finite_and_not_negative(key, value):
+    with pytest.raises(InputError, match=key):
+        Runtime(**{key: value})

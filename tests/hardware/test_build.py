@@ -103,20 +103,6 @@ def board(folder: Path, **changes: tuple[str, str]) -> Path:
     return folder
 
 
-@pytest.mark.slow
-def test_the_build_that_is_told_stands_in_the_image(tmp_path: Path) -> None:
-    require("arm-none-eabi-gcc")
-    made = coupling(1)
-    own = board(tmp_path / "own")
-    (own / "board.c").write_text((own / "board.c").read_text() + "\n/* mine */\n")
-    names = set()
-    for target in ("netduinoplus2", str(own)):
-        built = build_firmware(made.problem, target, tmp_path / target[-3:])
-        assert built.build.encode() in built.files[0].read_bytes()
-        names.add(built.build)
-    assert len(names) == 2
-
-
 # Instructions of a control tick: counted one by one, the same in two emulators, and within the budget.
 
 MADE = coupling(200, seed=3, largest=(300.0, 1e5, 50.0), runtime=Runtime(guard="passivity-controller"))

@@ -252,3 +252,9 @@ def test_device_refuses_what_its_tick_could_not_run(place: int, change: bytes, r
     refusal = link_state_feedback_refused(bytes(image), 1, 3)
     assert refusal == reason
     assert ("state feedback" in str(refusal)) == (refusal.detail == AT_FEEDBACK)
+
+
+def test_unusable_rows_are_left_out_and_counted() -> None:
+    core = host_core()
+    result = push(coupling(9, unusable=4), HostLink(core))
+    assert (result.rows, result.left_out) == (5, 4)

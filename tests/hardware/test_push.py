@@ -5,10 +5,9 @@ import math
 
 import numpy as np
 import pytest
-from hardware_bench import coupling, push, require, stream
+from hardware_bench import coupling, push, require
 
-from avc_casadi.model.runtime import Runtime
-from avc_hardware import Connection, EmulatedBoard, RuntimeFigures, TableImage, monitor
+from avc_hardware import Connection, EmulatedBoard, TableImage, monitor
 from avc_hardware.link.table import lookup
 
 
@@ -57,21 +56,3 @@ def test_gains_in_force_follow_the_table_at_the_estimated_frequency() -> None:
     near = lookup(rows, np.float32(status.frequency_hz) * np.array([0.97, 1.03], dtype=np.float32))
     for index, value in enumerate((status.damping_ns_per_m, status.stiffness_n_per_m)):
         assert near[:, index].min() * 0.97 <= value <= near[:, index].max() * 1.03
-
-
-@pytest.mark.slow
-def test_the_emulated_board_is_made_for_the_coupling() -> None:
-    """Its sample time, encoder, force limit, guard and settings, all at once."""
-    runtime = Runtime(guard="passivity-controller", hold_s=0.31, slew_per_s=7.0)
-    device = {"sample_time_s": 2.5e-4, "encoder_resolution_m": 5.5e-5, "max_force_n": 3.5, "damping_ns_per_m": 1.25}
-    made = coupling(9, runtime=runtime, **device)
-    result = push(made, "emulator")
-    assert result.readback_equal
-    assert result.notes == ()
-    found = result.device
-    assert (found.sample_time_s, found.limits.metres_per_count, found.max_force_n) == (2.5e-4, 5.5e-5, 3.5)
-    assert found.figures == RuntimeFigures(2.5e-4, 5.5e-5, "fused", 0.31, 7.0, True, 1.25)
-    streamed = stream(made, "emulator", rate_hz=50, seconds=0.3)
-    assert streamed.push.device.figures == found.figures
-    ticks = streamed.status.ticks * 2.5e-4
-    assert 0.3 < ticks < streamed.seconds + streamed.push.seconds + 1.0

@@ -71,17 +71,6 @@ def test_line_of_the_page_is_spring_and_damper_in_mujoco(keys, integrator):
     assert abs(place) > 5e-4
 
 
-@pytest.mark.parametrize("mass", [0.005, 0.2])
-def test_numbers_for_sofa_are_the_certified_step_in_its_implicit_solver(mass):
-    """One spring in EulerImplicitSolver: (M + h (h + s) K) dv = h (f - (h + s) K v), s its rayleighStiffness."""
-    told = numbers(f'tool_mass_kg = {mass}\nstep_s = 0.005\nintegrator = "implicit"\n', "sofa")
-    k, reach, h = told["K"], 0.005 + told["B/K"], 0.005
-    goal, rate, place, speed = 0.001, 0.02, 0.0004, -0.03
-    pull = k * (goal - place) + B * rate
-    after = speed + h * (pull - reach * k * speed) / (mass + h * reach * k)
-    assert mass * (after - speed) / h == pytest.approx(K * (goal - place - h * after) + B * (rate - after), rel=1e-9)
-
-
 # Welds and contacts of MuJoCo in N/m: what MuJoCo itself measures under a load.
 
 MUJOCO_WELD = """<mujoco><option gravity="0 0 0" timestep="0.001"/><worldbody><body name="hand" mocap="true"/>

@@ -3,7 +3,6 @@
 import math
 
 import numpy as np
-import pytest
 from scipy.linalg import expm
 
 import avc_casadi as avc
@@ -78,16 +77,6 @@ def test_the_scene_is_that_of_a_simulation_of_its_own():
     assert np.ptp(angles) > 0.5  # over several detents
     np.testing.assert_allclose(found.position_m, angles, atol=1e-7)
     assert found.energy_generated_j < 1e-3
-
-
-def test_slopes_are_those_of_the_profile():
-    detent = knob(width=0.7).detent
-    turn = np.linspace(-math.pi / 24, math.pi / 24, 20_001)
-    u = turn / (2 * math.pi / 24) / 0.7
-    torque = np.where(np.abs(u) < 0.5, 0.01 * np.sin(2 * math.pi * u), 0.0)
-    slope = np.gradient(torque, turn)
-    assert slope.max() == pytest.approx(detent.slope_n_per_m, rel=1e-3)
-    assert -slope.min() == pytest.approx(detent.slope_n_per_m, rel=2e-3)
 
 
 def test_what_is_claimed_of_a_valley_is_what_the_device_does_let_go():
