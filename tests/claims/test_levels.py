@@ -2,13 +2,11 @@
 
 import dataclasses
 import json
-from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scene_reference import scene_problem
 from schedule_problems import changed, figure5
 
 from avc_casadi import load_problem, parse_problem
@@ -18,7 +16,6 @@ from avc_casadi.claims.passivity.worst_frequency import worst_margin
 from avc_casadi.claims.scope import scope_slack
 from avc_casadi.design.methods import solve
 from avc_casadi.design.static import static_coupling
-from avc_casadi.design.tuned import tune_static
 from avc_casadi.loops.sampled_loop import SampledLoop
 from avc_casadi.loops.wall import frozen_parts, linear_stability
 from avc_casadi.model.corners import least_damped
@@ -296,31 +293,6 @@ def test_gains_that_keep_it():
         hand_set(robbed.hands),
     ).radius
     assert (radius.max(axis=1) > 1).any()
-
-
-def reserve(case, b, k):
-    """Damping that every hand may lose before one of them becomes unstable: device and hand share theirs."""
-    hands, parts = hand_set(case.hands), frozen_parts(case, b, k)
-    low, high = 0.0, 60.0
-    for _ in range(40):
-        middle = (low + high) / 2
-        robbed = replace(hands, damping_ns_per_m=hands.damping_ns_per_m - middle)
-        stable = (linear_stability(case.device, parts, 0.0, robbed).radius < 1).all()
-        low, high = (middle, high) if stable else (low, middle)
-    return low
-
-
-@pytest.mark.slow
-def test_tuned_constant_gains_keep_it_in_reserve():
-    """The one pair of a box is taken with a margin just below its reserve and refused just above."""
-    b, k = 20.0, 1.2e4
-    case = scene_problem(('kind = "hand"', 'kind = "wall"'), scene="duration_s = 1.0\n").changed(
-        coupling={"damping_ns_per_m": (b, b), "stiffness_n_per_m": (k, k)}, frequency={"points": 5}
-    )
-    spare = reserve(case, b, k)
-    assert 0 < spare < 60
-    assert tune_static(case.changed(stability={"margin_ns_per_m": 0.98 * spare})).gains is not None
-    assert tune_static(case.changed(stability={"margin_ns_per_m": 1.02 * spare})).gains is None
 
 
 # Every method keeps its claim for every device of the range; the hand's damping counts in `schedule` alone.

@@ -1,4 +1,4 @@
-"""One function of many tasks gives the same on one worker, on several and on Dask, whoever is done first."""
+"""One function of many tasks gives the same on one worker, on several and on an executor, whoever is done first."""
 
 import os
 import signal
@@ -13,12 +13,6 @@ import avc_casadi as avc
 from avc_casadi._util.parallel import mapped
 
 
-@pytest.fixture
-def executor():
-    with ThreadPoolExecutor(2) as found:
-        yield found
-
-
 def late(number):
     time.sleep(0.2 if number == 0 else 0.0)  # the first task is done last
     return number**2
@@ -29,7 +23,7 @@ def deadly(_):
         os.kill(os.getpid(), signal.SIGKILL)
 
 
-def test_results_come_in_order(executor):
+def test_results_come_in_order():
     told = []
 
     class Listener:
@@ -37,7 +31,8 @@ def test_results_come_in_order(executor):
             told.append(of)
 
     expected = [number**2 for number in range(5)]
-    assert mapped(late, range(5), executor, sizes=[2] * 5, things="things", progress=Listener()) == expected
+    with ThreadPoolExecutor(2) as executor:
+        assert mapped(late, range(5), executor, sizes=[2] * 5, things="things", progress=Listener()) == expected
     assert told[-1] == (10, 10, "things")
     assert mapped(late, range(5), workers=2) == mapped(late, range(5)) == expected
 

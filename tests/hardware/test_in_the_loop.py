@@ -1,11 +1,9 @@
 """Hardware in the loop: a frictionless hand presses a stiff wall that the firmware renders on the emulated core."""
 
-import dataclasses
 import functools
 
 import numpy as np
 import pytest
-import scipy.linalg
 from hardware_bench import require, with_gains
 
 import avc_casadi as avc
@@ -18,8 +16,6 @@ from avc_casadi.model.effects import (
     HandEffect,
     WallEffect,
 )
-from avc_casadi.model.gains import Gains
-from avc_casadi.model.runtime import Runtime, StateFeedback
 from avc_hardware import FirmwareInTheLoop, LoopResult, tried_in_the_loop
 from avc_hardware.link import messages as m
 from avc_hardware.link.messages import Kind
@@ -166,34 +162,3 @@ def test_coupling_of_any_wall_and_rate_is_at_rest_with_its_own_wall(name: str, t
     assert (found.status.overruns, found.status.not_finite, found.status.saturated) == (0, 0, 0)
     assert 0 < found.peak_force_n < 50
     assert found.document()["at_rest"] is True
-
-
-@functools.cache
-def believed() -> Coupling:
-    """No coupling before a wall of 50 kN/m but a Kalman observer of device and hand, and the velocity fed back."""
-    effects = (HandEffect(), WallEffect(), EncoderEffect())
-    stiff = {"damping_ns_per_m": 0.0, "stiffness_n_per_m": 5e4}
-    problem = wall().changed(scene={"effects": effects}, environment=stiff)
-    device = problem.device
-    time, mass = device.sample_time_s, device.mass_kg
-    moved, blur = time**2 / mass, device.encoder_resolution_m**2 / 12
-    state = np.array([[1.0, 1.0, 0.5], [0.0, 1 - time * device.damping_ns_per_m / mass, 1.0], [0.0, 0.0, 0.995]])
-    noise = np.diag([1e-14, (0.05 * moved) ** 2, (0.2 * moved) ** 2])
-    spread = scipy.linalg.solve_discrete_are(state.T, np.eye(3)[:, :1], noise, [[blur]])
-    innovation = spread[:, 0] / (spread[0, 0] + blur)
-    law = StateFeedback(
-        tuple(map(tuple, state.tolist())), (-moved / 2, -moved, 0.0), tuple(innovation), (1.0, 1.0, 0.0), (0,), 0
-    )
-    return Coupling.constant(problem, Gains(0.0, 1e8), "by hand", Runtime(state_feedback=law))
-
-
-@pytest.mark.slow
-def test_a_wall_that_only_state_feedback_holds_is_at_rest_in_the_firmware() -> None:
-    plain = tried_in_the_loop(dataclasses.replace(believed(), runtime=Runtime()))
-    found = tried_in_the_loop(believed())
-    assert (plain.at_rest, found.at_rest) == (False, True)
-    assert found.push.readback_equal
-    assert found.push.coupling_id == found.status.coupling_id == believed().id != plain.push.coupling_id
-    assert found.apparent_stiffness_n_per_m == pytest.approx(5e4, rel=0.01)
-    assert (found.status.overruns, found.status.not_finite, found.status.saturated) == (0, 0, 0)
-    assert found.left_out == ()
