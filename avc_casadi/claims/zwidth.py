@@ -222,7 +222,7 @@ def zwidth(problem: AnyProblem, progress: Progress = SILENT) -> ZWidth:
         progress.advance(len(curves), len(claims), claim)
         found = walls(rows, poles=poles)
         late = device.delay_samples + (key == "passive-delayed")
-        wanted = found.holds(-1, wall.stiffness_n_per_m)
+        wanted = bool(found.holds(wall.stiffness_n_per_m)[-1])
         curves.append(Curve(key, claim, late, found.first_n_per_m[:-1], wanted))
     limit = _encoder_limit(device)
     used, not_used = _keys(problem, bounded=limit is not None)

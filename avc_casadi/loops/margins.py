@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray, IndexArray
+from avc_casadi._util.search import lowest, root
 from avc_casadi.loops.loop import Body
 from avc_casadi.loops.spectrum import eigenvalues
 from avc_casadi.loops.wall import Laws, Rendering, closed, force_over_innovation, force_over_position, frozen_rendering
@@ -35,10 +36,8 @@ _POINTS, _ABOUT = 200, np.sinh(np.linspace(-4.0, 4.0, 17))
 _LOWEST_TURN = 1e-5
 # A pole so near to 1 belongs to an unconstrained position.
 _ANYWHERE = 1e-9
-# Ridders steps to a crossing between two angles; each doubles the correct digits.
-_STEPS = 10
 # Highest maxima on the angles that are searched closer, by quarters; angles beside those about the poles of a loop.
-_FEW, _PEAKS, _ZOOMS, _NINE = 40, 12, 14, np.linspace(0.0, 1.0, 9)
+_FEW, _PEAKS, _ZOOMS = 40, 12, 14
 
 
 @dataclass(frozen=True)
@@ -168,14 +167,11 @@ class OpenLoop:
         beside = np.pad(size, ((0, 0), (1, 1)), constant_values=-np.inf)
         size[(size < beside[:, :-2]) | (size < beside[:, 2:])] = -np.inf
         row, top = np.unravel_index(np.argsort(size, axis=None)[-_PEAKS:], size.shape)
-        low, high, rows = turn[np.maximum(top - 1, 0)], turn[np.minimum(top + 1, len(turn) - 1)], np.arange(len(row))
-        for _ in range(_ZOOMS):
-            angles = low[:, None] + (high - low)[:, None] * _NINE
-            size = _swing(self.gain(angles, loops[row]))
-            best = size.argmax(axis=1)
-            low, high = angles[rows, np.maximum(best - 1, 0)], angles[rows, np.minimum(best + 1, len(_NINE) - 1)]
-        worst = int(size.max(axis=1).argmax())
-        return float(2 / size[worst].max()), float(low[worst] + high[worst]) / 2
+        ends = turn[np.maximum(top - 1, 0)], turn[top], turn[np.minimum(top + 1, len(turn) - 1)]
+        best = lowest(lambda angles: -_swing(self.gain(angles, loops[row])), *ends, _ZOOMS)
+        size = _swing(self.gain(best[:, None], loops[row]))[:, 0]
+        worst = int(size.argmax())
+        return float(2 / size[worst]), float(best[worst])
 
     def _of_crossings(
         self, loops: IndexArray, crossed: FloatArray, there: ComplexArray, real: BoolArray, disk: tuple[float, float]
@@ -204,33 +200,13 @@ class OpenLoop:
         )
 
     def _crossings(self, real: BoolArray, who: IndexArray, low: FloatArray, high: FloatArray) -> FloatArray:
-        """Return the angles between two at which L of a hand becomes real, or of size 1, by Ridders' method."""
+        """Return the angles between two at which L of a hand becomes real, or of size 1."""
 
         def value(turn: FloatArray) -> FloatArray:
             gain = self.gain(turn[:, None], who)[:, 0]
             return np.where(real, gain.imag / np.abs(gain), np.log(np.abs(gain)))
 
-        if len(who) == 0:
-            return low
-        below, above = value(low), value(high)
-        for _ in range(_STEPS):
-            half = (low + high) / 2
-            middle = value(half)
-            slope = np.sqrt(middle**2 - below * above)
-            new = half + (half - low) * np.sign(below) * middle / np.where(slope > 0, slope, 1.0)
-            found = value(new)
-            # The closest of the four that still bracket the crossing.
-            ordered = np.sort(np.stack([half, new]), axis=0)
-            first = np.where(half <= new, middle, found)
-            second = np.where(half <= new, found, middle)
-            before, behind = np.sign(first) != np.sign(below), np.sign(second) == np.sign(below)
-            low, high, below, above = (
-                np.where(before, low, np.where(behind, ordered[1], ordered[0])),
-                np.where(before, ordered[0], np.where(behind, high, ordered[1])),
-                np.where(before, below, np.where(behind, second, first)),
-                np.where(before, first, np.where(behind, above, second)),
-            )
-        return np.where(np.abs(below) < np.abs(above), low, high)
+        return root(value, low, high) if len(who) else low
 
 
 def _swing(gain: ComplexArray) -> FloatArray:

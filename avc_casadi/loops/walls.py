@@ -22,7 +22,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray, IndexArray
-from avc_casadi.loops.loop import Body
+from avc_casadi._util.search import lowest, root
+from avc_casadi.loops.loop import Body, Map
+from avc_casadi.loops.spectrum import eigenvalues, largest_radius
 from avc_casadi.loops.wall import Rendering, plants_of, wall
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners
 from avc_casadi.model.hands import Hand
@@ -40,18 +42,12 @@ _A_DECADE, _A_HALF_WAVE = 20, 12
 _MOST_TURN, _SPLITS = 0.4, 40
 # Nodes about each pole, in bandwidths of its resonance.
 _ABOUT = np.array([0.0, 0.3, 1.0, 3.0, 10.0, 30.0])
-# Each zoom narrows the bracket of an extremum to a quarter, each root step at least every second one to a half.
-_CLOSER, _NINE = 6, np.linspace(0.0, 1.0, 9)
-_ROOT_STEPS, _ROOT, _NEAR = 60, 1e-13, 1e-9
+# Zooms to an extremum of a curve; a pole nearer to the circle than this share of the slopes is on it but for rounding.
+_CLOSER, _NEAR = 6, 1e-9
 _EVENTS_AT_ONCE = 8_000_000
-_SCAN, _HALVINGS = 121, 40
-# Up to so many pairs of device and hand all are evaluated every time; of more only those once critical, the others at
-# the end.
-_FEW = 32
-# The initial critical pairs are the worst at each of so many dampings.
-_PROBED = 9
-# The damping of the stiffest wall is scanned at so many values, then repeatedly at so many about the best.
-_COARSE, _FINE, _ZOOMS = 61, 61, 2
+_HALVINGS = 50
+# Dampings are scanned at so many values, then repeatedly at as many about the one with the stiffest wall.
+_SCAN, _ZOOMS = 61, 2
 # Relative distance of the result below the boundary, so that eigenvalues confirm it.
 _BELOW = 5e-5
 
@@ -68,10 +64,10 @@ class Stretches:
         """Upper end of the softest interval, shape (n,); not a number where there is none."""
         return self.largest_n_per_m[:, 0]
 
-    def holds(self, row: int, stiffness_n_per_m: float) -> bool:
-        """Whether the claim holds for a wall of the damping of a row."""
-        low, high = self.lowest_n_per_m[row], self.largest_n_per_m[row]
-        return bool(((low <= stiffness_n_per_m) & (stiffness_n_per_m <= high)).any())
+    def holds(self, stiffness_n_per_m: float) -> BoolArray:
+        """Whether the claim holds for a wall at each damping, shape (n,)."""
+        inside = (self.lowest_n_per_m <= stiffness_n_per_m) & (stiffness_n_per_m <= self.largest_n_per_m)
+        return np.asarray(inside.any(axis=1))
 
 
 def stable_walls(
@@ -195,15 +191,12 @@ def _nodes(loops: _Curves, corners: Sequence[Device], most_damping_ns_per_m: flo
     if len(case) == 0:
         return angle
     some, down = loops.pick(case), curve[case, index] < curve[case, index - 1]
-    left, right, best = angle[case, index - 1], angle[case, index + 1], angle[case, index]
-    every = np.arange(len(case))
-    for _ in range(_CLOSER):
-        points = np.sort(np.concatenate([left[:, None] + (right - left)[:, None] * _NINE, best[:, None]], axis=1))
-        inverse, damper = some.response(points)
-        values = inverse.imag / damper.imag
-        found = np.argmin(np.where(down[:, None], values, -values), axis=1)
-        best, last = points[every, found], points.shape[1] - 1
-        left, right = points[every, np.maximum(found - 1, 0)], points[every, np.minimum(found + 1, last)]
+
+    def upright(at: FloatArray) -> FloatArray:
+        inverse, damper = some.response(at)
+        return np.where(down[:, None], 1, -1) * inverse.imag / damper.imag
+
+    best = lowest(upright, angle[case, index - 1], angle[case, index], angle[case, index + 1], _CLOSER)
     extremum = angle.copy()
     extremum[case, index] = best
     return _inserted(angle, turns, extremum)
@@ -216,24 +209,6 @@ def _inserted(angle: FloatArray, where: BoolArray, at: FloatArray) -> FloatArray
     new = np.repeat(angle[:, :1], int(where.sum(axis=1).max()), axis=1)
     new[case, place] = at[case, index]
     return np.sort(np.concatenate([angle, new], axis=1))
-
-
-def _root(value: Callable[[FloatArray], FloatArray], left: FloatArray, right: FloatArray) -> FloatArray:
-    """Return a root in each bracket: false position that halves the weight of a retained end (Illinois)."""
-    at_left, at_right = value(left), value(right)
-    middle = right
-    for _ in range(_ROOT_STEPS):
-        span = at_right - at_left
-        share = np.where(span == 0, 0.5, at_right / np.where(span == 0, 1.0, span))
-        middle = right - (right - left) * np.where(np.isfinite(share), share, 0.5)
-        at_middle = value(middle)
-        crossed = np.sign(at_middle) != np.sign(at_right)
-        moved = np.abs(middle - right)
-        left, at_left = np.where(crossed, right, left), np.where(crossed, at_right, at_left / 2)
-        right, at_right = middle, at_middle
-        if (moved <= _ROOT * np.abs(middle)).all() or not at_middle.any():
-            break
-    return middle
 
 
 def _crossings(
@@ -249,7 +224,7 @@ def _crossings(
         inverse, damper = some.response(at)
         return np.asarray(inverse.imag - b * damper.imag)
 
-    inverse, damper = some.response(_root(beyond, angle[case, index], angle[case, index + 1]))
+    inverse, damper = some.response(root(beyond, angle[case, index], angle[case, index + 1]))
     stiffness = inverse.real - b * damper.real
     leaving = np.where(above[row, case, index], -2, 2)
     of_row, of_case = (axis.ravel() for axis in np.indices((len(damping), len(angle))))
@@ -271,7 +246,7 @@ def _outside_without_spring(
         inverse, damper = some.response(at)
         return np.asarray(inverse / damper)
 
-    at = ratio(_root(lambda at: ratio(at).imag, angle[case, index], angle[case, index + 1])).real
+    at = ratio(root(lambda at: ratio(at).imag, angle[case, index], angle[case, index + 1])).real
     # Poles of a device and hand without any damping are on the circle at B = 0, but for rounding: out only if B drives.
     at[np.abs(at) < _NEAR * np.median(np.abs(slope), axis=1)[case]] = 0
     inverse, damper = loops.response(np.full(len(angle), np.pi))
@@ -309,11 +284,23 @@ def _stretches(outside: IndexArray, row: IndexArray, stiffness: FloatArray, leav
     )
 
 
+def _pairs(device: Device, subjects: Hand | StylusHand) -> Body:
+    """Return every corner of a device with every hand."""
+    return Body.of(sampled_plant(device_corners(device, LINEAR_KEYS), subjects)).flat()
+
+
+def _in_contact(pairs: Body, stiffness_n_per_m: FloatArray, damping_ns_per_m: FloatArray) -> Map:
+    """Return the loops of walls with pairs, shape (walls, pairs, s, s); such a rendering has no state of its own."""
+    rate = damping_ns_per_m / pairs.sample_time_s
+    force = np.stack([stiffness_n_per_m + rate, -rate, 0 * rate], axis=-1)
+    return wall(pairs, Rendering(force, 0 * force).column)[..., :-1, :-1]
+
+
 def loop_radius(
     device: Device, subjects: Hand | StylusHand, stiffness_n_per_m: FloatArray, damping_ns_per_m: FloatArray
 ) -> FloatArray:
     """Return the spectral radius of the loop in contact at the device's worst corner, shape (walls, hands)."""
-    every = _Loops.of(device, subjects).radius(stiffness_n_per_m, damping_ns_per_m)
+    every = largest_radius(_in_contact(_pairs(device, subjects), stiffness_n_per_m, damping_ns_per_m))
     return np.asarray(every.reshape(len(every), -1, len(subjects)).max(axis=1))
 
 
@@ -321,64 +308,8 @@ def loop_poles(
     device: Device, subjects: Hand | StylusHand, stiffness_n_per_m: float, damping_ns_per_m: float
 ) -> ComplexArray:
     """Return the poles of the loop in contact with a spring of either sign and a damper, shape (pairs, poles)."""
-    loops = _Loops.of(device, subjects)
-    rate = damping_ns_per_m / loops.body.sample_time_s
-    rendering = Rendering(np.array([[stiffness_n_per_m + rate, -rate, 0.0]]), np.zeros((1, 3)))
-    return np.asarray(np.linalg.eigvals(wall(loops.body, rendering)[..., :-1, :-1]))
-
-
-@dataclass(frozen=True)
-class _Loops:
-    """Every corner of a device with every hand."""
-
-    body: Body
-    most_damping_ns_per_m: float
-    deciding: set[int]
-
-    @classmethod
-    def of(cls, device: Device, subjects: Hand | StylusHand) -> _Loops:
-        corners = device_corners(device, LINEAR_KEYS)
-        body = Body.of(sampled_plant(corners, subjects)).flat()
-        mass = max(corner.mass_kg for corner in corners) + float(np.max(subjects.mass_kg))
-        most = 2 * mass / device.sample_time_s
-        few = set(range(len(body.a))) if len(body.a) <= _FEW else set()
-        return cls(body, most, few)
-
-    def radius(
-        self, stiffness_n_per_m: FloatArray, damping_ns_per_m: FloatArray, pairs: IndexArray | None = None
-    ) -> FloatArray:
-        """Return the spectral radius of walls with all pairs, or some, shape (walls, pairs)."""
-        rate = damping_ns_per_m / self.body.sample_time_s
-        force = np.stack([stiffness_n_per_m + rate, -rate, np.zeros_like(rate)], axis=-1)
-        rendering = Rendering(force, np.zeros_like(force))
-        loop = wall(self.body.axes(slice(None) if pairs is None else pairs), rendering.column)
-        # The rendering has no state of its own here.
-        return np.asarray(np.abs(np.linalg.eigvals(loop[..., :-1, :-1])).max(axis=-1))
-
-    def worst(self, stiffness_n_per_m: float) -> Callable[[FloatArray], FloatArray]:
-        """Return the spectral radius of a wall as a function of its damping, with the worst critical pair."""
-
-        def radius(damping: FloatArray) -> FloatArray:
-            stiffness = np.full(len(damping), stiffness_n_per_m)
-            return np.asarray(self.radius(stiffness, damping, np.array(sorted(self.deciding))).max(axis=1))
-
-        return radius
-
-    def confirmed(self, stiffness_n_per_m: float, damping_ns_per_m: FloatArray) -> bool:
-        """Return whether a wall is stable with all pairs; where it is not, the worst become critical."""
-        if len(self.deciding) == len(self.body.a):
-            return True
-        every = self.radius(np.full(len(damping_ns_per_m), stiffness_n_per_m), damping_ns_per_m)
-        found = {int(pair) for row in every if row.max() >= 1 for pair in (np.argmax(row),)} - self.deciding
-        self.deciding.update(found)
-        return not found
-
-    def start(self, stiffness_n_per_m: float) -> None:
-        """Take the worst pairs at a scan of dampings as critical."""
-        if not self.deciding:
-            damping = np.linspace(0.0, self.most_damping_ns_per_m, _PROBED)
-            every = self.radius(np.full(len(damping), stiffness_n_per_m), damping)
-            self.deciding.update(int(pair) for pair in np.argmax(every, axis=1))
+    walls = np.array([stiffness_n_per_m]), np.array([damping_ns_per_m])
+    return eigenvalues(_in_contact(_pairs(device, subjects), *walls))[0]
 
 
 @dataclass(frozen=True)
@@ -391,59 +322,15 @@ class DampingRange:
 
 
 def damping_range(device: Device, subjects: Hand | StylusHand, stiffness_n_per_m: float) -> DampingRange:
-    """Return the damping with which a wall is stable with every hand at every corner of the device.
-
-    The stable damping of each hand is an interval below 2 m/T of the total moving mass.
-    """
-    return _damping_range(_Loops.of(device, subjects), stiffness_n_per_m)
-
-
-def _damping_range(loops: _Loops, stiffness_n_per_m: float, known_ns_per_m: float | None = None) -> DampingRange:
-    radius = loops.worst(stiffness_n_per_m)
-    while True:
-        scan, inside = _stable_dampings(loops, stiffness_n_per_m, known_ns_per_m)
-        if len(inside) == 0:
-            return DampingRange(stiffness_n_per_m, np.nan, np.nan)
-        low = 0.0 if scan[inside[0]] == 0 else _edge(radius, scan[inside[0] - 1], scan[inside[0]])
-        high = scan[-1] if inside[-1] == len(scan) - 1 else _edge(radius, scan[inside[-1] + 1], scan[inside[-1]])
-        if loops.confirmed(stiffness_n_per_m, np.array([low, high])):
-            return DampingRange(stiffness_n_per_m, float(low), float(high))
-
-
-def _stable_dampings(
-    loops: _Loops, stiffness_n_per_m: float, known_ns_per_m: float | None
-) -> tuple[FloatArray, IndexArray]:
-    """Return a scan of dampings and which of them are stable; finer about the least radius where none is.
-
-    The scan is short where one stable damping is known.
-    """
-    most = loops.most_damping_ns_per_m
-    first = np.linspace(0.0, most, _SCAN) if known_ns_per_m is None else np.array([0.0, known_ns_per_m, most])
-    loops.start(stiffness_n_per_m)
-    radius = loops.worst(stiffness_n_per_m)
-    while True:
-        scan, found = first, radius(first)
-        if not (found < 1).any():
-            scan = _about(scan, int(np.argmin(found)))
-            found = radius(scan)
-        inside = np.flatnonzero(found < 1)
-        if len(inside) == 0 or loops.confirmed(stiffness_n_per_m, scan[inside[[0, -1]]]):
-            return scan, inside
-
-
-def _about(scan: FloatArray, best: int) -> FloatArray:
-    """Return a finer scan between the neighbours of the best."""
-    return np.linspace(scan[max(best - 1, 0)], scan[min(best + 1, len(scan) - 1)], _SCAN)
-
-
-def _edge(radius: Callable[[FloatArray], FloatArray], outside: float, inside: float) -> float:
-    for _ in range(_HALVINGS):
-        middle = (outside + inside) / 2
-        if radius(np.array([middle]))[0] < 1:
-            inside = middle
-        else:
-            outside = middle
-    return inside
+    """Return the damping, one interval, with which a wall is stable with every hand at every corner of the device."""
+    corners, scan = device_corners(device, LINEAR_KEYS), np.linspace(0.0, _most_damping(device, subjects), _SCAN)
+    for _ in range(1 + _ZOOMS):
+        found = stable_walls(corners, subjects, scan)
+        inside = np.flatnonzero(found.holds(stiffness_n_per_m))
+        if len(inside):
+            return _between_edges(device, subjects, stiffness_n_per_m, scan, inside)
+        scan = _about(scan, found)
+    return DampingRange(stiffness_n_per_m, np.nan, np.nan)
 
 
 def softest_wall_n_per_m(device: Device) -> float:
@@ -454,18 +341,57 @@ def softest_wall_n_per_m(device: Device) -> float:
 def stiffest_wall(device: Device, subjects: Hand | StylusHand) -> DampingRange:
     """Return the stiffest wall that is stable with every hand for some damping, to 0.01 %.
 
-    For each damping the boundary curves give the largest stable stiffness. It is 0, and the damping not a number,
-    without any mass, or where no damping stabilises 1 N/m at the hand.
+    It is 0, and the damping not a number, without any mass, or where no damping stabilises 1 N/m at the hand.
     """
-    none = DampingRange(0.0, np.nan, np.nan)
-    if device.mass_kg + float(np.min(subjects.mass_kg)) == 0:
-        return none
-    loops, corners = _Loops.of(device, subjects), device_corners(device, LINEAR_KEYS)
-    damping, stiffest, best = np.linspace(0.0, loops.most_damping_ns_per_m, _COARSE), 0.0, 0
-    for _ in range(1 + _ZOOMS):
-        largest = np.nan_to_num(stable_walls(corners, subjects, damping).first_n_per_m)
-        best = int(np.argmax(largest))
-        stiffest, known = float(largest[best]), float(damping[best])
-        damping = np.linspace(damping[max(best - 1, 0)], damping[min(best + 1, len(damping) - 1)], _FINE)
-    stiffest *= 1 - _BELOW
-    return none if stiffest < softest_wall_n_per_m(device) else _damping_range(loops, stiffest, known)
+    stiffest = 0.0
+    if device.mass_kg + float(np.min(subjects.mass_kg)) > 0:
+        corners, scan = device_corners(device, LINEAR_KEYS), np.linspace(0.0, _most_damping(device, subjects), _SCAN)
+        for _ in range(1 + _ZOOMS):
+            found = stable_walls(corners, subjects, scan)
+            best = int(np.argmax(np.nan_to_num(found.first_n_per_m)))
+            stiffest, known = float(np.nan_to_num(found.first_n_per_m)[best]) * (1 - _BELOW), scan[best]
+            scan = _about(scan, found)
+    if stiffest < softest_wall_n_per_m(device):
+        return DampingRange(0.0, np.nan, np.nan)
+    scan = np.array([0.0, known, _most_damping(device, subjects)])
+    return _between_edges(device, subjects, stiffest, scan, np.array([1]))
+
+
+def _most_damping(device: Device, subjects: Hand | StylusHand) -> float:
+    """Return 2 m/T of the total moving mass: more damping stabilises no wall."""
+    heaviest = max(corner.mass_kg for corner in device_corners(device, LINEAR_KEYS)) + float(np.max(subjects.mass_kg))
+    return 2 * heaviest / device.sample_time_s
+
+
+def _about(scan: FloatArray, found: Stretches) -> FloatArray:
+    """Return dampings between the neighbours of the one with the stiffest wall."""
+    best = int(np.argmax(np.nan_to_num(found.first_n_per_m)))
+    return np.linspace(scan[max(best - 1, 0)], scan[min(best + 1, len(scan) - 1)], _SCAN)
+
+
+def _between_edges(
+    device: Device, subjects: Hand | StylusHand, stiffness_n_per_m: float, scan: FloatArray, inside: IndexArray
+) -> DampingRange:
+    """Return the range of stable dampings, its ends by bisection, from a scan and the stable ones in it."""
+    pairs, stiffness = _pairs(device, subjects), np.array([stiffness_n_per_m])
+
+    def radius(damping: float, some: slice = slice(None)) -> FloatArray:
+        return largest_radius(_in_contact(pairs.axes(some), stiffness, np.array([damping])))[0]
+
+    def edge(stable: float, unstable: float) -> float:
+        while stable != unstable:
+            every = radius(unstable)
+            worst = int(np.argmax(every))
+            if every[worst] < 1:
+                break
+            inside = stable
+            for _ in range(_HALVINGS):
+                middle = (inside + unstable) / 2
+                fits = radius(middle, slice(worst, worst + 1))[0] < 1
+                inside, unstable = (middle, unstable) if fits else (inside, middle)
+            unstable = inside
+        return unstable
+
+    low, high = inside[0], inside[-1]
+    ends = edge(scan[low], scan[max(low - 1, 0)]), edge(scan[high], scan[min(high + 1, len(scan) - 1)])
+    return DampingRange(stiffness_n_per_m, float(ends[0]), float(ends[1]))

@@ -10,6 +10,7 @@ import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray, IndexArray
 from avc_casadi._util.progress import SILENT, Progress
+from avc_casadi._util.search import lowest
 from avc_casadi.claims.passivity.handle_port import HandlePort, handle_port, least_loss_ns_per_m, response
 from avc_casadi.claims.passivity.worst_frequency import refine_minima
 from avc_casadi.loops.sampled_loop import RIGID
@@ -27,7 +28,6 @@ _A_DECADE_BELOW = 60
 _LOW_TURNS = 0.01
 _A_HALF_WAVE = 24
 _ZOOMS = 4
-_NINE = np.linspace(0.0, 1.0, 9)
 _HALVINGS = 44
 _MOST_NS_PER_M = 1e12
 
@@ -179,16 +179,10 @@ def _refined(
     device: Device, slack: Slack, frequency: FloatArray, found: IndexArray, rows: IndexArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return frequency, slack and its rounding, refined near the lowest point of the scan."""
-    low, high = frequency[np.maximum(found - 1, 0)], frequency[np.minimum(found + 1, len(frequency) - 1)]
-    own = np.arange(len(rows))
-    best = frequency[found]
-    for _ in range(_ZOOMS):
-        points = np.sort(np.concatenate([low[:, None] + (high - low)[:, None] * _NINE, best[:, None]], axis=1), axis=1)
-        left, near = slack(handle_port(device, points), rows)
-        lowest = np.argmin(left, axis=1)
-        best = points[own, lowest]
-        low, high = points[own, np.maximum(lowest - 1, 0)], points[own, np.minimum(lowest + 1, points.shape[1] - 1)]
-    return best, left[own, lowest], near[own, lowest]
+    ends = frequency[np.maximum(found - 1, 0)], frequency[found], frequency[np.minimum(found + 1, len(frequency) - 1)]
+    best = lowest(lambda points: slack(handle_port(device, points), rows)[0], *ends, _ZOOMS)
+    left, near = slack(handle_port(device, best[:, None]), rows)
+    return best, left[:, 0], near[:, 0]
 
 
 def _margin(device: Device, slack: Slack, frequency: FloatArray, rows: IndexArray, left: FloatArray) -> FloatArray:
