@@ -76,7 +76,7 @@ if TYPE_CHECKING:
     from avc_casadi._errors import UnsupportedError as UnsupportedError
     from avc_casadi._errors import WorkerLostError as WorkerLostError
     from avc_casadi._errors import fault_document as fault_document
-    from avc_casadi.claims.certificate import Certificate as Certificate
+    from avc_casadi.claims.certify import Certificate as Certificate
     from avc_casadi.claims.certify import certify as certify
     from avc_casadi.claims.deployable import Deployable as Deployable
     from avc_casadi.claims.deployable import deployable as deployable
@@ -109,8 +109,7 @@ else:
     _NAMES = {
         "_errors": "AvcError Fault InputError LinkError MissingExtraError "
         "NotDeployableError PortError UnsupportedError WorkerLostError fault_document",
-        "claims.certificate": "Certificate",
-        "claims.certify": "certify",
+        "claims.certify": "Certificate certify",
         "claims.zwidth": "zwidth",
         "claims.deployable": "Deployable deployable",
         "own_law.certificate": "LawCertificate certify_law",

@@ -19,22 +19,23 @@ import numpy as np
 from avc_casadi._errors import NotDeployableError, UnsupportedError
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.progress import SILENT, Progress
-from avc_casadi.claims.certificate import radius_limit
 from avc_casadi.claims.certify import certify
 from avc_casadi.claims.detent import detent_verdict
-from avc_casadi.claims.feedback import Worst, feedback_radius
-from avc_casadi.claims.hands_level import every_hand, looked_at, released_radius
+from avc_casadi.claims.hands import every_hand, feedback_radius, looked_at, radius_limit, released_radius
 from avc_casadi.coupling import require_coupling
 from avc_casadi.loops.margins import LEAST_DISK, OpenLoop
-from avc_casadi.loops.wall import RADIUS_TOLERANCE, frozen_parts
-from avc_casadi.model.corners import linear_values
+from avc_casadi.loops.wall import frozen_parts
+from avc_casadi.model.corners import LINEAR_KEYS, device_ranges, linear_values
 from avc_casadi.model.hands import hand_text, no_hand
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from avc_casadi._util.arrays import BoolArray, FloatArray
     from avc_casadi.coupling import Coupling
     from avc_casadi.model.device import Device
     from avc_casadi.model.gains import GainTable
+    from avc_casadi.model.hands import Hand
     from avc_casadi.model.problem import Problem
     from avc_casadi.model.runtime import Runtime
 
@@ -99,21 +100,10 @@ class Deployable:
 
     def document(self) -> dict[str, Any]:
         """Return JSON values."""
-        return {
-            "pass": self.passed,
-            "sentence": self.sentence,
-            "disk_margin": plain(self.disk_margin),
-            "claims": [
-                {
-                    "name": claim.name,
-                    "pass": claim.passed,
-                    "sentence": claim.sentence,
-                    "advice": claim.advice,
-                    "spectral_radius": plain(claim.radius),
-                }
-                for claim in self.claims
-            ],
-        }
+        names = {"passed": "pass", "radius": "spectral_radius"}
+        claims = [{names.get(key, key): plain(value) for key, value in vars(one).items()} for one in self.claims]
+        verdict = {"pass": self.passed, "sentence": self.sentence, "disk_margin": plain(self.disk_margin)}
+        return verdict | {"claims": claims}
 
 
 def deployable(coupling: Coupling, progress: Progress = SILENT) -> Deployable:
@@ -153,14 +143,26 @@ def _verdict(coupling: Coupling, progress: Progress) -> Deployable:
         if coupling.runtime.state_feedback is not None:
             beside = () if problem.detent is None else (_UNJUDGED_DETENTS,)
             return Deployable(_feedback_claims(coupling) + beside)
-        claims = tuple(one(problem, frequency, gains, progress) for one in (_hands_claim, _released_claim))
-        claims += _detent_claims(problem, frequency, gains, progress) + _nothing_claim(problem, gains)
+        claims = _frozen_claims(problem, frequency, gains, progress)
+        if problem.detent is not None:
+            # In the wall the slope of a detent adds to that of the wall.
+            steepest = problem.environment.stiffness_n_per_m + problem.detent.slope_n_per_m
+            inside = problem.changed(environment={"stiffness_n_per_m": steepest})
+            both = [
+                replace(one, name=f"detent-{one.name}", sentence=f"in the wall with its detents: {one.sentence}")
+                for one in _frozen_claims(inside, frequency, gains, progress)
+            ]
+            claims += (DeployClaim("detent", *detent_verdict(problem)), *both)
+        wall = problem.environment
+        if not np.any(gains != 0) and (wall.stiffness_n_per_m or wall.damping_ns_per_m):
+            claims += (_NOTHING,)
     except UnsupportedError as refusal:
-        why = f"not judged: {refusal}"
         advice = "shorten the delay, or judge the loop by other means"
+        why = f"not judged: {refusal}"
         return Deployable(tuple(DeployClaim(name, False, why, advice, np.nan) for name in ("hands", "let-go")))
     if coupling.runtime.observer_mass_kg is not None:
-        claims = tuple(replace(claim, sentence=claim.sentence + _OBSERVER) for claim in claims)
+        beside_it = " (judged without the observer, which is not linear)"
+        claims = tuple(replace(claim, sentence=claim.sentence + beside_it) for claim in claims)
     return Deployable(claims)
 
 
@@ -177,16 +179,6 @@ def _thin_claim(problem: Problem, disk_margin: float) -> tuple[DeployClaim, ...]
     return (DeployClaim("disk-margin", False, what, advice, np.nan),)
 
 
-def _nothing_claim(problem: Problem, gains: FloatArray) -> tuple[DeployClaim, ...]:
-    """Return the claim that the gains render no wall at all; none where they render one, or where there is no wall."""
-    wall = problem.environment
-    if np.any(gains != 0) or not (wall.stiffness_n_per_m or wall.damping_ns_per_m):
-        return ()
-    what = "nothing of the wall is rendered: b, k and b_p are 0"
-    advice = "take a softer wall, a shorter sample time, or a method that is not bound to realism (avc recommend)"
-    return (DeployClaim("renders", False, what, advice, np.nan),)
-
-
 def _judged(table: GainTable) -> tuple[FloatArray, FloatArray]:
     """Return the frequencies at which a table is judged and its gains there, (3, n): the rows and points between."""
     rows = table.frequency_hz
@@ -199,91 +191,61 @@ def _judged(table: GainTable) -> tuple[FloatArray, FloatArray]:
     return frequency, table(frequency)
 
 
-def _hands_claim(problem: Problem, frequency: FloatArray, gains: FloatArray, progress: Progress) -> DeployClaim:
-    b, k, contact = gains
-    found = every_hand(problem, frozen_parts(problem, b, k), contact, draws=_DRAWS, seed=0, progress=progress)
-    row = int(np.argmax(found.radius))
-    who = f"with every hand of [hands] (worst by {looked_at(problem, _DRAWS, 0)})"
-    held = found.hands.values(row)
-    worst = f"with {hand_text(held)}" if any(held.values()) else "when released"
-    at = _Worst(float(found.radius[row]), frequency[row], found.devices[found.corner[row]], found.devices)
-    return at.claim("hands", found.stable, who, worst)
-
-
-def _released_claim(problem: Problem, frequency: FloatArray, gains: FloatArray, progress: Progress) -> DeployClaim:
-    b, k, contact = gains
-    parts = frozen_parts(problem, b, k)
+def _frozen_claims(
+    problem: Problem, frequency: FloatArray, gains: FloatArray, progress: Progress
+) -> tuple[DeployClaim, ...]:
+    """Return the claims of frozen gains: stable with every hand, and released."""
+    parts, contact = frozen_parts(problem, *gains[:2]), gains[2]
+    held = every_hand(problem, parts, contact, draws=_DRAWS, seed=0, progress=progress)
     radius, corner, devices = released_radius(problem, parts, contact, progress)
-    stable = np.asarray(radius < radius_limit(problem.device, parts, no_hand())[:, 0])
-    row = int(np.argmax(radius))
-    at = _Worst(float(radius[row]), frequency[row], devices[corner[row]], devices)
-    return at.claim("let-go", stable, "when released", "when released")
+    free = np.asarray(radius < radius_limit(problem.device, parts, no_hand())[:, 0])
 
-
-@dataclass(frozen=True)
-class _Worst:
-    """The largest spectral radius and its case."""
-
-    radius: float
-    frequency_hz: float
-    device: Device
-    corners: list[Device]
-
-    def claim(self, name: str, stable: BoolArray, passing: str, failing: str) -> DeployClaim:
-        if stable.all():
-            sentence = f"linearly stable {passing}, spectral radius {self.radius:.6g} at most"
-            return DeployClaim(name, True, sentence, "", self.radius)
+    def claim(
+        name: str, stable: BoolArray, radius: FloatArray, devices: Sequence[Device], passing: str, hands: Hand | None
+    ) -> DeployClaim:
+        row = int(np.argmax(radius))
+        hand = {} if hands is None else hands.values(row)
+        who = f"with {hand_text(hand)}" if any(hand.values()) else "when released"
         count = f"({np.count_nonzero(~stable)} of {len(stable)} gains judged)"
-        where = "" if len(stable) == 1 else f" at {self.frequency_hz:.4g} Hz {count}"
-        sentence = f"linearly unstable {failing}{where}: spectral radius {self.radius:.6g}"
-        return DeployClaim(name, False, sentence + _of(self.device, self.corners), _ADVICE, self.radius)
+        where = "" if len(stable) == 1 else f" at {frequency[row]:.4g} Hz {count}"
+        failing = who + where + _on(problem, devices[row])
+        return _claim(name, bool(stable.all()), float(radius[row]), passing, failing)
 
-
-def _feedback_claims(coupling: Coupling) -> tuple[DeployClaim, ...]:
-    found = feedback_radius(coupling)
-    every = f"with every hand of [hands] (worst by search from {found.hands})"
-
-    def held(worst: Worst) -> str:
-        return f"with {hand_text(worst.hand)}" + _of(worst.device, found.devices)
-
+    every = f"with every hand of [hands] (worst by {looked_at(problem, _DRAWS, 0)})"
     return (
-        _claim_of("hands", found.held.radius, every, held(found.held)),
-        _claim_of(
-            "let-go", found.free.radius, "when released", "when released" + _of(found.free.device, found.devices)
-        ),
-        _claim_of(
-            "dead-zone",
-            found.any_share.radius,
-            f"{every}, whatever share of the innovation passes the dead zone",
-            f"{held(found.any_share)} where {found.any_share.share:.3g} of the innovation passes the dead zone",
-        ),
+        claim("hands", held.stable, held.radius, [held.devices[one] for one in held.corner], every, held.hands),
+        claim("let-go", free, radius, [devices[one] for one in corner], "when released", None),
     )
 
 
-def _claim_of(name: str, radius: float, passing: str, failing: str) -> DeployClaim:
-    if radius < 1 - RADIUS_TOLERANCE:
+def _feedback_claims(coupling: Coupling) -> tuple[DeployClaim, ...]:
+    every = "with every hand of [hands] (worst by search)"
+    passing = {
+        "hands": every,
+        "let-go": "when released",
+        "dead-zone": f"{every}, whatever share of the innovation passes the dead zone",
+    }
+    found = []
+    for name, worst in feedback_radius(coupling).items():
+        failing = "when released" if name == "let-go" else f"with {hand_text(worst.hand)}"
+        failing += _on(coupling.problem, worst.device)
+        if name == "dead-zone":
+            failing += f" where {worst.share:.3g} of the innovation passes the dead zone"
+        found.append(_claim(name, worst.stable, worst.radius, passing[name], failing))
+    return tuple(found)
+
+
+def _claim(name: str, stable: bool, radius: float, passing: str, failing: str) -> DeployClaim:
+    if stable:
         return DeployClaim(name, True, f"linearly stable {passing}, spectral radius {radius:.6g} at most", "", radius)
     return DeployClaim(name, False, f"linearly unstable {failing}: spectral radius {radius:.6g}", _ADVICE, radius)
 
 
-def _on_detents(problem: Problem) -> tuple[DeployClaim, ...]:
-    """Return the claim on the slopes of the detents in front of the wall; none without detents."""
-    return () if problem.detent is None else (DeployClaim("detent", *detent_verdict(problem)),)
-
-
-def _detent_claims(
-    problem: Problem, frequency: FloatArray, gains: FloatArray, progress: Progress
-) -> tuple[DeployClaim, ...]:
-    """Return the claims on the detents in front of the wall, and where their slope adds to that of the wall."""
-    if problem.detent is None:
-        return ()
-    steepest = problem.environment.stiffness_n_per_m + problem.detent.slope_n_per_m
-    inside = problem.changed(environment={"stiffness_n_per_m": steepest})
-    both = [
-        replace(claim, name=f"detent-{claim.name}", sentence=f"in the wall with its detents: {claim.sentence}")
-        for claim in (one(inside, frequency, gains, progress) for one in (_hands_claim, _released_claim))
-    ]
-    return (*_on_detents(problem), *both)
+def _on(problem: Problem, device: Device) -> str:
+    """Return the name of a device within its ranges; none where it has none."""
+    values = linear_values(device)
+    ranged = [f"{key} {values[key]:.4g}" for key in device_ranges(problem.device, LINEAR_KEYS)]
+    return f" (device {', '.join(ranged)})" if ranged else ""
 
 
 _CALLED = {
@@ -297,17 +259,6 @@ _CALLED = {
     "disk-margin": "disk margin",
 }
 _ADVICE = "take `avc recommend P`, which gives the stiffest coupling that is deployable, or soften the wall"
-
-
-def _of(device: Device, corners: list[Device]) -> str:
-    """Return the name of a device corner, by the values that distinguish it."""
-    if len(corners) == 1:
-        return ""
-    every = [linear_values(corner) for corner in corners]
-    changed = {key: value for key, value in linear_values(device).items() if len({one[key] for one in every}) > 1}
-    return f" (device {', '.join(f'{key} {value:.4g}' for key, value in changed.items())})"
-
-
 _UNJUDGED_DETENTS = DeployClaim(
     "detent",
     False,
@@ -315,7 +266,13 @@ _UNJUDGED_DETENTS = DeployClaim(
     "take a coupling without state feedback: avc solve P --method static-tuned",
     np.nan,
 )
-_OBSERVER = " (judged without the observer, which is not linear)"
+_NOTHING = DeployClaim(
+    "renders",
+    False,
+    "nothing of the wall is rendered: b, k and b_p are 0",
+    "take a softer wall, a shorter sample time, or a method that is not bound to realism (avc recommend)",
+    np.nan,
+)
 
 
 def certified(coupling: Coupling, progress: Progress = SILENT, *, prove: bool = False) -> Coupling:

@@ -1,33 +1,117 @@
-"""Passivity of frozen gains, each level on the rows that have gains."""
+"""Levels of a certificate: what each claims of the rows of a gain table; L0 to L4, passivity of frozen gains."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.arrays import BoolArray, FloatArray
+from avc_casadi._util.json_values import plain
 from avc_casadi._util.progress import SILENT, Progress, chunks
-from avc_casadi.claims.certificate import LevelResult
 from avc_casadi.claims.passivity.llewellyn import llewellyn_margin
-from avc_casadi.claims.passivity.worst_frequency import RELATIVE_TOLERANCE, WorstMargin, worst_margin
-from avc_casadi.claims.passivity.worst_port import CouplingSlack, PortWorst, RenderingSlack, perceived_worst, port_worst
+from avc_casadi.claims.passivity.worst_frequency import RELATIVE_TOLERANCE, worst_margin
+from avc_casadi.claims.passivity.worst_port import (
+    CouplingSlack,
+    RenderingSlack,
+    passive_hand,
+    perceived_worst,
+    port_worst,
+)
+from avc_casadi.coupling import Coupling
 from avc_casadi.loops.sampled_loop import Fractions, SampledLoop, fractions
 from avc_casadi.loops.wall import RADIUS_TOLERANCE, linear_stability, rigid
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners, least_damped
-from avc_casadi.model.hands import Hand
 
 if TYPE_CHECKING:
-    from avc_casadi.claims.certificate import Level
-    from avc_casadi.claims.registry import Judged, PassivityClaim, Where
     from avc_casadi.model.device import Device
-    from avc_casadi.model.problem import Model, Problem
+    from avc_casadi.model.problem import Model, Problem, Scope
+    from avc_casadi.model.schedule import GainSchedule
+
+Where = Literal["own", "band", "all"]
+"""Frequencies at which a row is judged: its own, a band about it, or all."""
+
+
+@dataclass(frozen=True)
+class Level:
+    """What one level claims and leaves; where and with which hold, and the scope of a problem that it decides."""
+
+    title: str
+    claims: str
+    leaves: str
+    scope: Scope | None = None
+    where: Where = "all"
+    hold: Model | None = None
+    any_environment: bool = False
+    on_demand: bool = False
+
+
+LEVELS = {
+    "L0": Level(
+        "passive at its own frequency",
+        "Re Z_h >= 0 at each row's own frequency: the paper's (12); a table of one row runs at every frequency of the"
+        " problem, and is judged there",
+        "anything of the other frequencies, though the hand excites them all",
+        scope="pointwise",
+        where="own",
+    ),
+    "L1": Level(
+        "passive in a band about its own frequency",
+        "the same in a band about it (`band_factor`)",
+        "the rest of the spectrum",
+        scope="band",
+        where="band",
+    ),
+    "L2": Level(
+        "passive at all frequencies, paper's hold",
+        "each frozen row passive with this wall at every frequency, paper's hold",
+        "the hold of a real device: each force stands for a whole sample",
+        scope="all",
+        hold="paper",
+    ),
+    "L3": Level(
+        "passive at all frequencies, sampled-data hold",
+        "the same, sampled-data hold: the condition of Colgate and Schenkel, exact",
+        "changing gains; friction, encoder, saturation",
+        scope="all",
+        hold="sampled-data",
+    ),
+    "L4": Level(
+        "Llewellyn, any passive environment",
+        "Llewellyn's (6): passive for any passive wall that the device's own loop computes, every T",
+        "as L2 or L3, in the problem's model; an engine's tool: a mass that is moved explicitly is no passive wall, "
+        "nor is one at another rate a wall of this loop (`[simulation]`, the engine's port)",
+        any_environment=True,
+    ),
+    "L5": Level(
+        "linearly stable with a set of hands",
+        "each frozen row linearly stable with every hand of the ranges, on the loop that runs, without friction:"
+        " *checked* by corners, draws and a search for the worst hand",
+        "passivity; hands outside the ranges; switching",
+        scope="hands",
+    ),
+    "L7": Level(
+        "settles with every hand, making and breaking contact",
+        "each frozen row settles with every hand of the box, wherever it rests and from any state, making and"
+        " breaking contact, on the device that the claim names (with `--prove`)",
+        "changing gains; friction, encoder; with play it is open",
+        on_demand=True,
+    ),
+}
+
+
+def asked_for(problem: Problem) -> str:
+    """Return the level that the scope of a problem requires."""
+    stated = problem.stability
+    return next(name for name, one in LEVELS.items() if one.scope == stated.scope and one.hold in {None, stated.model})
 
 
 # Rows of Llewellyn's condition at a time.
 _ROWS_AT_ONCE = 4000
+_HOLD = {"paper": "the paper's hold", "sampled-data": "the sampled-data hold"}
 
 
 @dataclass(frozen=True)
@@ -48,142 +132,75 @@ class Rows:
         return whole
 
 
-def judge_passivity(judged: Judged, claim: PassivityClaim) -> LevelResult:
-    """Judge a claim of passivity on the rows; a device for which it is not available does not meet it."""
-    rows, stated = judged.rows, judged.problem.stability.model
-    if judged.behind_feedback:
-        why = "the level knows gains alone, and these run behind an observer with state feedback"
-        return not_judged(rows, claim.name, stated, why)
-    model = claim.hold or stated
-    try:
-        if not ideal(rows.problem.device):
-            return _with_device(rows, claim, model, judged.progress)
-        # Re Z_h grows with the device's damping, so that the lower end of its range covers the others.
-        lean = replace(rows, problem=least_damped(rows.problem))
-        if claim.any_environment:
-            return llewellyn_level(lean, claim.name, model, judged.progress)
-        return passivity_level(lean, claim.name, model, claim.where, judged.progress)
-    except UnsupportedError as refusal:
-        return not_judged(rows, claim.name, model, str(refusal))
+@dataclass(frozen=True)
+class Judged:
+    """Inputs of a certificate."""
+
+    problem: Problem
+    rows: Rows
+    gains: GainSchedule
+    whole: GainSchedule | Coupling
+    draws: int
+    seed: int
+    progress: Progress = SILENT
+
+    @property
+    def behind_feedback(self) -> bool:
+        """Whether the gains run behind an observer with state feedback."""
+        return self.gains.state_feedback is not None and bool(self.gains.usable.any())
+
+    @cached_property
+    def coupling(self) -> Coupling | None:
+        """The deployed table with its runtime; None where no row has gains."""
+        if isinstance(self.whole, Coupling):
+            return self.whole.on(self.problem)
+        return Coupling.of(self.problem, self.gains) if self.gains.usable.any() else None
 
 
-def _with_device(rows: Rows, claim: PassivityClaim, model: Model, progress: Progress) -> LevelResult:
-    """Judge on a device that is not `ideal`."""
-    if claim.where != "all":
-        return _own_frequency(rows, claim.name, model, claim.where)
-    if model == "paper":
-        what = what_is_declared(rows.problem.device)
-        raise UnsupportedError(
-            f"{claim.name} with the paper's hold has no proof on a device with {what}: that hold "
-            "gives no loop from sample to sample; L3 judges the device as declared, and L4 with stability.model = "
-            '"sampled-data"'
-        )
-    return _all_frequencies(rows, claim.name, progress, any_environment=claim.any_environment)
+@dataclass(frozen=True, eq=False)
+class LevelResult:
+    """One level of a certificate; row arrays have shape (n,) in the order of the gains."""
 
+    level: str
+    passed: bool
+    margin_ns_per_m: float
+    frequency_hz: float
+    model: Model
+    claim: str
+    tolerance_ns_per_m: float
+    row: int | None
+    row_passed: BoolArray
+    row_margin_ns_per_m: FloatArray
+    row_frequency_hz: FloatArray
+    detail: dict[str, Any] = field(default_factory=dict)
+    refused: str = ""
+    outcome: str = ""
 
-def passivity_level(rows: Rows, level: Level, model: Model, where_: Where, progress: Progress = SILENT) -> LevelResult:
-    """Judge Re Z_h >= 0 at frequencies in a given model; at all frequencies the poles too."""
-    whole = where_ == "all"
-    if where_ != "all":
-        low, high, where = own_frequencies(rows, where_)
-    else:
-        low, high = np.zeros(len(rows.b)), np.full(len(rows.b), np.inf)
-        where = "at every frequency up to Nyquist"
-    worst = _worst_of(
-        [worst_margin(loop, rows.b, rows.k, rows.contact, low, high, progress=progress) for loop in _loops(rows, model)]
-    )
-    hold = "the paper's hold" if model == "paper" else "the sampled-data hold"
-    # Poles and residue are conditions of a rendering as a whole; other claims are on Re Z_h alone.
-    passed = worst.passive if whole else worst.margin_ns_per_m >= -worst.tolerance_ns_per_m
-    claim = f"Re Z_h >= 0 {where}, under {hold}"
-    if whole:
-        claim = f"each frozen row is passive with this environment {where}, under {hold}"
-    return level_result(
-        rows,
-        level,
-        model,
-        claim,
-        passed,
-        worst.margin_ns_per_m,
-        worst.frequency_hz,
-        worst.tolerance_ns_per_m,
-        faults=_faults(worst) if whole else None,
-    )
+    def __repr__(self) -> str:
+        return f"LevelResult({self.level}, {self.word}: {self.claim})"
 
+    @property
+    def word(self) -> str:
+        """pass, fail, or refused: not judged; of a proof its outcome."""
+        return self.outcome or ("refused" if self.refused else "pass" if self.passed else "fail")
 
-def own_frequencies(rows: Rows, where_: Where) -> tuple[FloatArray, FloatArray, str]:
-    """Return the band in which each present row is judged, or its own frequency, and its description.
+    @property
+    def rows_failed(self) -> int:
+        """Number of rows that do not meet it."""
+        return int(np.count_nonzero(~self.row_passed))
 
-    A table of one row runs at every frequency of the problem: each counts as its own.
-    """
-    factor = rows.problem.stability.band_factor if where_ == "band" else 1.0
-    own = rows.frequency_hz[rows.present]
-    if len(rows.present) > 1:
-        where = "at its own frequency"
-        if where_ == "band":
-            where = f"from 1/{factor:g} to {factor:g} times its own frequency"
-        return own / factor, own * factor, f"{where} for each frozen row"
-    every = rows.problem.frequencies_hz()
-    low, high = every.min() / factor, every.max() * factor
-    where = f"from {low:.4g} to {high:.4g} Hz, where the one row runs"
-    return np.full(len(own), low), np.full(len(own), high), where
-
-
-def llewellyn_level(rows: Rows, level: Level, model: Model, progress: Progress = SILENT) -> LevelResult:
-    """Judge whether the coupling alone protects any passive environment from any passive hand."""
-    margin, frequency = np.full(len(rows.b), np.inf), np.zeros(len(rows.b))
-    for loop in _loops(rows, model):
-        found = [
-            llewellyn_margin(loop, rows.b[some], rows.k[some], rows.contact[some])
-            for some in chunks(len(rows.b), _ROWS_AT_ONCE, progress, "Llewellyn")
-        ]
-        left, at = (np.concatenate(column) for column in zip(*found, strict=True))
-        frequency, margin = np.where(left < margin, at, frequency), np.minimum(left, margin)
-    tolerance = RELATIVE_TOLERANCE * (rows.problem.device.damping_ns_per_m + rows.contact + np.abs(margin))
-    tolerance = np.where(np.isfinite(margin), tolerance, 0.0)
-    hold = "the paper's hold" if model == "paper" else "the sampled-data hold"
-    claim = f"each frozen row meets Llewellyn's condition (6) for any passive environment, under {hold}"
-    return level_result(rows, level, model, claim, margin >= -tolerance, margin, frequency, tolerance)
-
-
-def _loops(rows: Rows, model: Model) -> list[SampledLoop]:
-    """Return the loop at each end of the range of the delay."""
-    delays = {corner.delay_samples for corner in device_corners(rows.problem.device, ("delay_samples",))}
-    loop = SampledLoop.of(rows.problem, model)
-    return [replace(loop, delay_samples=delay) for delay in sorted(delays)]
-
-
-def _worst_of(found: list[WorstMargin]) -> WorstMargin:
-    """Return the lowest margin of each row; poles and DC stiffness of a rendering do not depend on the delay."""
-    worst = found[0]
-    for other in found[1:]:
-        lower = other.margin_ns_per_m < worst.margin_ns_per_m
-        worst = replace(
-            worst,
-            margin_ns_per_m=np.where(lower, other.margin_ns_per_m, worst.margin_ns_per_m),
-            frequency_hz=np.where(lower, other.frequency_hz, worst.frequency_hz),
-            tolerance_ns_per_m=np.where(lower, other.tolerance_ns_per_m, worst.tolerance_ns_per_m),
-        )
-    return worst
-
-
-def not_judged(rows: Rows, level: Level, model: Model, why: str) -> LevelResult:
-    """Return a level with the reason why no row is judged; it is not met."""
-    nothing = np.full(len(rows.b), np.nan)
-    result = level_result(rows, level, model, "", np.zeros(len(rows.b), bool), nothing, nothing, nothing)
-    return replace(result, claim=f"Not judged: {why}", refused=why)
-
-
-def _faults(worst: WorstMargin) -> list[str]:
-    return [
-        "a pole outside the unit circle" if not stable else f"a negative DC stiffness of {dc:.4g}" if dc < 0 else ""
-        for stable, dc in zip(worst.poles_stable, worst.dc_stiffness_n_per_m, strict=True)
-    ]
+    def document(self) -> dict[str, Any]:
+        """Return JSON values."""
+        known = {name: value for name, value in vars(self).items() if name not in ("level", "detail")}
+        empty = {"refused": self.refused or None, "outcome": self.outcome or None, "rows_failed": self.rows_failed}
+        found: dict[str, Any] = plain(known | empty | self.detail)
+        title = LEVELS[self.level].title
+        return {"title": title, "pass": found.pop("passed"), "row_pass": found.pop("row_passed")} | found
 
 
 def level_result(
     rows: Rows,
-    level: Level,
+    level: str,
     model: Model,
     claim: str,
     passed: BoolArray,
@@ -226,6 +243,138 @@ def level_result(
     )
 
 
+def not_judged(rows: Rows, level: str, model: Model, why: str) -> LevelResult:
+    """Return a level with the reason why no row is judged; it is not met."""
+    nothing = np.full(len(rows.b), np.nan)
+    result = level_result(rows, level, model, "", np.zeros(len(rows.b), bool), nothing, nothing, nothing)
+    return replace(result, claim=f"Not judged: {why}", refused=why)
+
+
+def passivity_level(judged: Judged, level: str) -> LevelResult:
+    """Judge a claim of passivity on the rows; refused where that is not available."""
+    rows, claim = judged.rows, LEVELS[level]
+    model, device = claim.hold or judged.problem.stability.model, judged.problem.device
+    if judged.behind_feedback:
+        why = "the level knows gains alone, and these run behind an observer with state feedback"
+        return not_judged(rows, level, judged.problem.stability.model, why)
+    try:
+        if ideal(device):
+            return _exact(rows, level, model, judged.progress)
+        if claim.where != "all":
+            return _perceived(rows, level, model)
+        if model == "paper":
+            why = (
+                f"{level} with the paper's hold has no proof on a device with {what_is_declared(device)}: that hold "
+                "gives no loop from sample to sample; L3 judges the device as declared, and L4 with stability.model = "
+                '"sampled-data"'
+            )
+            return not_judged(rows, level, model, why)
+        return _at_port(rows, level, judged.progress)
+    except UnsupportedError as refusal:
+        return not_judged(rows, level, model, str(refusal))
+
+
+def _exact(rows: Rows, level: str, model: Model, progress: Progress) -> LevelResult:
+    """Judge on an ideal device, at each end of the range of its delay."""
+    # Re Z_h grows with the device's damping, so that the lower end of its range covers the others.
+    lean, (low, high, words) = least_damped(rows.problem), _band_hz(rows, LEVELS[level].where)
+    any_environment, whole = LEVELS[level].any_environment, LEVELS[level].where == "all"
+    sound, faults, found = np.ones(len(rows.b), dtype=bool), None, []
+    for delay in sorted({corner.delay_samples for corner in device_corners(lean.device, ("delay_samples",))}):
+        loop = replace(SampledLoop.of(lean, model), delay_samples=delay)
+        if any_environment:
+            parts = [
+                llewellyn_margin(loop, rows.b[some], rows.k[some], rows.contact[some])
+                for some in chunks(len(rows.b), _ROWS_AT_ONCE, progress, "Llewellyn")
+            ]
+            margin, at = (np.concatenate(column) for column in zip(*parts, strict=True))
+            size = lean.device.damping_ns_per_m + rows.contact + np.abs(margin)
+            found.append([margin, at, np.where(np.isfinite(margin), RELATIVE_TOLERANCE * size, 0.0)])
+        else:
+            worst = worst_margin(loop, rows.b, rows.k, rows.contact, low, high, progress=progress)
+            found.append([worst.margin_ns_per_m, worst.frequency_hz, worst.tolerance_ns_per_m])
+            if whole:
+                # Poles and residue are conditions of a rendering as a whole; other claims are on Re Z_h alone.
+                sound = worst.poles_stable & (worst.dc_stiffness_n_per_m >= 0)
+                faults = _faults(~worst.poles_stable, worst.dc_stiffness_n_per_m)
+    each = np.array(found)
+    margin, at, tolerance = np.take_along_axis(each, each[:, :1].argmin(axis=0)[None], axis=0)[0]
+    if any_environment:
+        claim = f"each frozen row meets Llewellyn's condition (6) for any passive environment, under {_HOLD[model]}"
+    elif whole:
+        claim = f"each frozen row is passive with this environment {words}, under {_HOLD[model]}"
+    else:
+        claim = f"Re Z_h >= 0 {words}, under {_HOLD[model]}"
+    return level_result(rows, level, model, claim, sound & (margin >= -tolerance), margin, at, tolerance, faults)
+
+
+def _band_hz(rows: Rows, where: Where) -> tuple[FloatArray, FloatArray, str]:
+    """Return the band in which each present row is judged, or its own frequency, and its description.
+
+    A table of one row runs at every frequency of the problem: each counts as its own.
+    """
+    factor = rows.problem.stability.band_factor if where == "band" else 1.0
+    own = rows.frequency_hz[rows.present]
+    if where == "all":
+        return np.zeros(len(own)), np.full(len(own), np.inf), "at every frequency up to Nyquist"
+    if len(rows.present) > 1:
+        words = (
+            f"from 1/{factor:g} to {factor:g} times its own frequency" if where == "band" else "at its own frequency"
+        )
+        return own / factor, own * factor, f"{words} for each frozen row"
+    every = rows.problem.frequencies_hz()
+    low, high = every.min() / factor, every.max() * factor
+    words = f"from {low:.4g} to {high:.4g} Hz, where the one row runs"
+    return np.full(len(own), low), np.full(len(own), high), words
+
+
+def _perceived(rows: Rows, level: str, model: Model) -> LevelResult:
+    """Judge Re Z_h in a band, at the handle of a device as declared."""
+    low, high, words = _band_hz(rows, LEVELS[level].where)
+    parts = fractions(SampledLoop.of(rows.problem, model), rows.b, rows.k)
+    corners = device_corners(rows.problem.device, LINEAR_KEYS)
+    worst = perceived_worst(corners, parts, rows.contact, low, high, model)
+    claim = f"Re Z_h >= 0 {words}, under {_HOLD[model]}, with the device as declared{_at_corners(corners)}"
+    found = worst.margin_ns_per_m, worst.frequency_hz, worst.tolerance_ns_per_m
+    return level_result(rows, level, model, claim, worst.passed, *found)
+
+
+def _at_port(rows: Rows, level: str, progress: Progress) -> LevelResult:
+    """Judge passivity at every frequency, at the handle of a device as declared."""
+    # A constant coupling repeats one row.
+    (b, k, contact), back = np.unique(np.stack([rows.b, rows.k, rows.contact]), axis=1, return_inverse=True)
+    back = back.ravel()
+    parts = fractions(SampledLoop.of(rows.problem, "sampled-data"), b, k)
+    corners = device_corners(rows.problem.device, LINEAR_KEYS)
+    time, any_environment = rows.problem.device.sample_time_s, LEVELS[level].any_environment
+    slack = CouplingSlack(b, k, contact, time) if any_environment else RenderingSlack(parts, contact)
+    worst = port_worst(corners, slack, len(b), progress).pick(back)
+    # For any passive wall the DC stiffness of this one is no condition.
+    stiffness = np.zeros(len(back)) if any_environment else (parts.integral / time)[back]
+    sound = stable_with_one_hand(corners, parts, contact)[back] & (stiffness >= 0)
+    claim = "each frozen row is passive with this environment at every frequency up to Nyquist"
+    if any_environment:
+        claim = "each frozen row meets Llewellyn's condition (6) for any passive environment"
+    claim += f", under {_HOLD['sampled-data']}, with the device as declared{_at_corners(corners)}"
+    faults = [
+        fault if passed else "" for fault, passed in zip(_faults(stiffness >= 0, stiffness), worst.passed, strict=True)
+    ]
+    found = worst.margin_ns_per_m, worst.frequency_hz, worst.tolerance_ns_per_m
+    return level_result(rows, level, "sampled-data", claim, worst.passed & sound, *found, faults)
+
+
+def _faults(unstable: BoolArray, dc_n_per_m: FloatArray) -> list[str]:
+    """Return what fails of each row besides a margin, in words."""
+    return [
+        "a pole outside the unit circle" if grows else f"a negative DC stiffness of {dc:.4g}" if dc < 0 else ""
+        for grows, dc in zip(unstable, dc_n_per_m, strict=True)
+    ]
+
+
+def _at_corners(corners: list[Device]) -> str:
+    return "" if len(corners) == 1 else f" at {len(corners)} corners of [device.range]"
+
+
 def ideal(device: Device) -> bool:
     """Return whether a device is rigid, with an ideal amplifier and whole samples of delay: levels in closed form."""
     delays = [corner.delay_samples for corner in device_corners(device, ("delay_samples",))]
@@ -234,77 +383,19 @@ def ideal(device: Device) -> bool:
 
 def what_is_declared(device: Device) -> str:
     """Return the properties that make the device not ideal, in words."""
+    late = any(corner.delay_samples % 1 for corner in device_corners(device, ("delay_samples",)))
     found = {
         "device.amplifier_bandwidth_hz": device.amplifier_bandwidth_hz is not None,
         "device.resonance": device.resonance is not None,
+        "part of a sample of delay (device.delay_samples)": late,
     }
-    named = [key for key, there in found.items() if there]
-    if any(corner.delay_samples % 1 for corner in device_corners(device, ("delay_samples",))):
-        named.append("part of a sample of delay (device.delay_samples)")
-    return " and ".join(named)
-
-
-def _own_frequency(rows: Rows, level: Level, model: Model, where_: Where) -> LevelResult:
-    low, high, where = own_frequencies(rows, where_)
-    parts = fractions(SampledLoop.of(rows.problem, model), rows.b, rows.k)
-    corners = device_corners(rows.problem.device, LINEAR_KEYS)
-    worst = perceived_worst(corners, parts, rows.contact, low, high, model)
-    hold = "the paper's hold" if model == "paper" else "the sampled-data hold"
-    claim = f"Re Z_h >= 0 {where}, under {hold}, with the device as declared{_at_corners(corners)}"
-    return _result(rows, level, model, claim, worst, worst.passed, None)
-
-
-def _all_frequencies(rows: Rows, level: Level, progress: Progress, *, any_environment: bool) -> LevelResult:
-    # A constant coupling repeats one row.
-    (b, k, contact), back = np.unique(np.stack([rows.b, rows.k, rows.contact]), axis=1, return_inverse=True)
-    back = back.ravel()
-    parts = fractions(SampledLoop.of(rows.problem, "sampled-data"), b, k)
-    corners = device_corners(rows.problem.device, LINEAR_KEYS)
-    time = rows.problem.device.sample_time_s
-    slack = CouplingSlack(b, k, contact, time) if any_environment else RenderingSlack(parts, contact)
-    worst = port_worst(corners, slack, len(b), progress).pick(back)
-    stiffness = (parts.integral / time)[back]
-    sound = stable_with_one_hand(corners, parts, contact)[back]
-    # For any passive wall the DC stiffness of this one is no condition.
-    sound &= (stiffness >= 0) | any_environment
-    faults = [
-        _fault(bool(lacks), 0.0 if any_environment else float(dc))
-        for lacks, dc in zip(~worst.passed, stiffness, strict=True)
-    ]
-    claim = "each frozen row meets Llewellyn's condition (6) for any passive environment"
-    if not any_environment:
-        claim = "each frozen row is passive with this environment at every frequency up to Nyquist"
-    claim += f", under the sampled-data hold, with the device as declared{_at_corners(corners)}"
-    return _result(rows, level, "sampled-data", claim, worst, worst.passed & sound, faults)
-
-
-def _result(
-    rows: Rows, level: Level, model: Model, claim: str, worst: PortWorst, passed: BoolArray, faults: list[str] | None
-) -> LevelResult:
-    margin = worst.margin_ns_per_m
-    return level_result(rows, level, model, claim, passed, margin, worst.frequency_hz, worst.tolerance_ns_per_m, faults)
-
-
-def _at_corners(corners: list[Device]) -> str:
-    return "" if len(corners) == 1 else f" at {len(corners)} corners of [device.range]"
-
-
-def _fault(lacks_damping: bool, dc_n_per_m: float) -> str:
-    """Return what fails besides a lack of damping at the handle, in words."""
-    if lacks_damping:
-        return ""
-    if dc_n_per_m < 0:
-        return f"a negative DC stiffness of {dc_n_per_m:.4g}"
-    return "a pole outside the unit circle"
+    return " and ".join(name for name, there in found.items() if there)
 
 
 def stable_with_one_hand(corners: list[Device], parts: Fractions, contact: FloatArray) -> BoolArray:
     """Return whether each row is stable with one passive hand, and so with any where the port is passive."""
     stable = np.array(parts.stable, dtype=bool)
     for device in corners:
-        time = device.sample_time_s
-        mass = max(device.mass_kg, device.damping_ns_per_m * time, 1e-6)
-        hand = Hand(*(np.array([value]) for value in (mass, mass / (10 * time), mass / (10 * time) ** 2)))
-        radius = linear_stability(device, parts, contact, hand).radius[:, 0]
+        radius = linear_stability(device, parts, contact, passive_hand(device)).radius[:, 0]
         stable &= radius < 1 - RADIUS_TOLERANCE
     return stable

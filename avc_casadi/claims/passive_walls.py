@@ -15,10 +15,9 @@ import numpy as np
 from avc_casadi._util.arrays import ComplexArray, FloatArray
 from avc_casadi.claims.passivity.handle_port import handle_port
 from avc_casadi.claims.passivity.worst_frequency import quadratic_stretch, refine_minima
-from avc_casadi.claims.passivity.worst_port import frequencies_hz, wave
+from avc_casadi.claims.passivity.worst_port import frequencies_hz, passive_hand, wave
 from avc_casadi.loops.sampled_loop import Fractions
 from avc_casadi.loops.walls import Stretches, stable_walls
-from avc_casadi.model.hands import Hand
 from avc_casadi.model.velocity import PLAIN, Poles, low_pass
 
 if TYPE_CHECKING:
@@ -65,7 +64,7 @@ def passive_walls(
             slope = 2 * (spring * port.centre).real - 2 * port.excess * (wall * spring.conj()).real
             free = 1 + 2 * (wall * port.centre).real - port.excess * np.abs(wall) ** 2
             softest, stiffest = quadratic_stretch(*(np.where(port.damped, one, -1.0) for one in (bend, slope, free)))
-            held = _held(corner, damping_ns_per_m, poles)
+            held = stable_walls([corner], passive_hand(corner), damping_ns_per_m, poles)
             low, high = np.maximum(low, held.lowest_n_per_m[:, 0]), np.minimum(high, held.first_n_per_m)
         low, high = np.maximum(low, softest.max(axis=1)), np.minimum(high, stiffest.min(axis=1))
     none = ~(high > low)
@@ -81,11 +80,3 @@ def _waves(turns: FloatArray, period: float, model: Model, poles: Poles) -> tupl
     back = 2 * np.sin(np.pi * turns) * np.exp(1j * np.pi * (0.5 - turns))
     filtered = wave(damper, nothing, turns, model) * low_pass(back, poles)
     return filtered, wave(spring, nothing, turns, model)
-
-
-def _held(corner: Device, damping: FloatArray, poles: Poles) -> Stretches:
-    """Return the walls that are stable with one passive hand; the passive ones among them are so with any."""
-    time = corner.sample_time_s
-    mass = max(corner.mass_kg, corner.damping_ns_per_m * time, 1e-6)
-    hand = Hand(*(np.array([value]) for value in (mass, mass / (10 * time), mass / (10 * time) ** 2)))
-    return stable_walls([corner], hand, damping, poles)

@@ -11,16 +11,16 @@ from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.arrays import BoolArray
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.progress import SILENT, Progress
-from avc_casadi.claims.certificate import LevelResult
+from avc_casadi.claims.levels import LevelResult
 from avc_casadi.claims.prove.held_device import HAND, SampledPlantBox
 from avc_casadi.claims.prove.law import ContactLaw
 from avc_casadi.claims.prove.rest import Rest, promising, prove_rest
 from avc_casadi.loops.wall import rigid
 
 if TYPE_CHECKING:
-    from avc_casadi.claims.certificate import Certificate
+    from avc_casadi.claims.certify import Certificate
+    from avc_casadi.claims.levels import Judged
     from avc_casadi.claims.prove.rest import Outcome
-    from avc_casadi.claims.registry import Judged
     from avc_casadi.coupling import Coupling
     from avc_casadi.model.problem import Problem
 

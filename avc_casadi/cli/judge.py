@@ -111,8 +111,8 @@ def _certify_wall(
 ) -> Answer:
     from avc_casadi._util.files import write_file
     from avc_casadi._util.json_values import json_text
+    from avc_casadi.claims.levels import asked_for
     from avc_casadi.claims.proof_levels import proof_files
-    from avc_casadi.claims.registry import asked_for
     from avc_casadi.present.rows import holes
     from avc_casadi.present.rows.judge import certificate
 

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray, IndexArray
-from avc_casadi._util.search import lowest, root
+from avc_casadi.loops.brackets import lowest, root
 from avc_casadi.loops.loop import Body
 from avc_casadi.loops.spectrum import eigenvalues
 from avc_casadi.loops.wall import Laws, Rendering, closed, force_over_innovation, force_over_position, frozen_rendering

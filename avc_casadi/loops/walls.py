@@ -15,14 +15,14 @@ the same way along B from the device alone.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray, IndexArray
-from avc_casadi._util.search import lowest, root
+from avc_casadi.loops.brackets import lowest, root
 from avc_casadi.loops.loop import Body, Map
 from avc_casadi.loops.spectrum import eigenvalues, largest_radius
 from avc_casadi.loops.wall import Rendering, plants_of, wall
@@ -309,7 +309,7 @@ def loop_poles(
 ) -> ComplexArray:
     """Return the poles of the loop in contact with a spring of either sign and a damper, shape (pairs, poles)."""
     walls = np.array([stiffness_n_per_m]), np.array([damping_ns_per_m])
-    return eigenvalues(_in_contact(_pairs(device, subjects), *walls))[0]
+    return np.asarray(eigenvalues(_in_contact(_pairs(device, subjects), *walls))[0])
 
 
 @dataclass(frozen=True)
@@ -376,7 +376,7 @@ def _between_edges(
     pairs, stiffness = _pairs(device, subjects), np.array([stiffness_n_per_m])
 
     def radius(damping: float, some: slice = slice(None)) -> FloatArray:
-        return largest_radius(_in_contact(pairs.axes(some), stiffness, np.array([damping])))[0]
+        return np.asarray(largest_radius(_in_contact(pairs.axes(some), stiffness, np.array([damping])))[0])
 
     def edge(stable: float, unstable: float) -> float:
         while stable != unstable:

@@ -20,7 +20,7 @@ from pydantic_core import PydanticUndefined
 from script_arguments import script_arguments
 from studied import table
 
-from avc_casadi.claims.registry import CLAIMS
+from avc_casadi.claims.levels import LEVELS
 from avc_casadi.model.effects import EffectTable
 from avc_casadi.model.problem import Problem
 from avc_casadi.model.registries import EFFECTS
@@ -150,8 +150,8 @@ def key_tables() -> str:
 
 
 def levels_table() -> str:
-    """The levels of a certificate, as their registry says."""
-    rows = [(name, claim.claims, claim.leaves) for name, claim in CLAIMS.items()]
+    """The levels of a certificate, as their table says."""
+    rows = [(name, claim.claims, claim.leaves) for name, claim in LEVELS.items()]
     return table(("level", "claim, if it passes", "what it does not say"), rows)
 
 

@@ -13,7 +13,7 @@ from sampled_wall import spectral_radius
 from teleoperator_simulator import run
 
 import avc_casadi as avc
-from avc_casadi.claims.hands_level import every_hand, released_radius
+from avc_casadi.claims.hands import every_hand, released_radius
 from avc_casadi.design.virtual_tool import CouplingSearch, Scale, ToolSearch
 from avc_casadi.loops.engine import ToolLoops
 from avc_casadi.loops.follower import FollowerLoops, link_clocks

@@ -8,7 +8,7 @@ import pytest
 from hardware_bench import believer
 
 import avc_casadi as avc
-from avc_casadi.claims.feedback import feedback_radius
+from avc_casadi.claims.hands import feedback_radius
 from avc_casadi.coupling import Coupling
 from avc_casadi.design.observer_law import regulator
 from avc_casadi.loops.loop import Body
@@ -157,5 +157,5 @@ def test_no_drawn_hand_and_share_is_worse_than_the_worst_that_is_found(seed):
     low, high = hand_ranges(problem.hands).T
     drawn = Hand(*(low + (high - low) * rng.random((500, 3))).T)
     found, slack = feedback_radius(made), 1e-6
-    assert radii(made, drawn, np.exp(rng.uniform(np.log(0.01), 0.0, 12))).max() <= found.any_share.radius + slack
-    assert radii(made, drawn, [1.0]).max() <= found.held.radius + slack
+    assert radii(made, drawn, np.exp(rng.uniform(np.log(0.01), 0.0, 12))).max() <= found["dead-zone"].radius + slack
+    assert radii(made, drawn, [1.0]).max() <= found["hands"].radius + slack

@@ -10,10 +10,11 @@ import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray, IndexArray
 from avc_casadi._util.progress import SILENT, Progress
-from avc_casadi._util.search import lowest
 from avc_casadi.claims.passivity.handle_port import HandlePort, handle_port, least_loss_ns_per_m, response
 from avc_casadi.claims.passivity.worst_frequency import refine_minima
+from avc_casadi.loops.brackets import lowest
 from avc_casadi.loops.sampled_loop import RIGID
+from avc_casadi.model.hands import Hand
 
 if TYPE_CHECKING:
     from avc_casadi.loops.sampled_loop import Fractions
@@ -27,7 +28,7 @@ _A_DECADE = 150
 _A_DECADE_BELOW = 60
 _LOW_TURNS = 0.01
 _A_HALF_WAVE = 24
-_ZOOMS = 4
+_ZOOMS = 8
 _HALVINGS = 44
 _MOST_NS_PER_M = 1e12
 
@@ -205,6 +206,12 @@ def _margin(device: Device, slack: Slack, frequency: FloatArray, rows: IndexArra
         fits = meets(middle)
         inside, outside = np.where(fits, middle, inside), np.where(fits, outside, middle)
     return np.where(waiting, -np.inf, inside)
+
+
+def passive_hand(device: Device) -> Hand:
+    """Return one passive hand: what is passive at the port and stable with it is stable with any."""
+    mass, ten = max(device.mass_kg, device.damping_ns_per_m * device.sample_time_s, 1e-6), 10 * device.sample_time_s
+    return Hand(*(np.array([value]) for value in (mass, mass / ten, mass / ten**2)))
 
 
 _POINTS = 400

@@ -21,7 +21,7 @@ from avc_casadi.paper.rendered import gain_schedule
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from avc_casadi.claims.certificate import Certificate
+    from avc_casadi.claims.certify import Certificate
     from avc_casadi.claims.deployable import Deployable
     from avc_casadi.model.problem import Model, Problem
     from avc_casadi.model.schedule import GainSchedule

@@ -6,7 +6,7 @@ from functools import singledispatch
 from typing import TYPE_CHECKING, Any
 
 from avc_casadi._util.json_values import plain
-from avc_casadi.claims.certificate import Certificate
+from avc_casadi.claims.certify import Certificate
 from avc_casadi.claims.deployable import deployable
 from avc_casadi.claims.zwidth import ZWidth
 from avc_casadi.coupling import Coupling

@@ -40,7 +40,6 @@ def lowest(
     rows = np.arange(len(best))
     for _ in range(zooms):
         points = np.sort(np.concatenate([left[:, None] + (right - left)[:, None] * _NINE, best[:, None]], axis=1))
-        found = np.argmin(value(points), axis=1)
-        best = points[rows, found]
-        left, right = points[rows, np.maximum(found - 1, 0)], points[rows, np.minimum(found + 1, points.shape[1] - 1)]
+        best, step = points[rows, np.argmin(value(points), axis=1)], (right - left) / (len(_NINE) - 1)
+        left, right = np.maximum(left, best - step), np.minimum(right, best + step)
     return best
