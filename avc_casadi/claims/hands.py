@@ -20,7 +20,6 @@ from avc_casadi.loops.spectrum import largest_eigenvalue
 from avc_casadi.loops.wall import (
     MAX_DELAY_SAMPLES,
     RADIUS_TOLERANCE,
-    Laws,
     fraction_rendering,
     frozen_parts,
     frozen_rendering,
@@ -190,11 +189,11 @@ def feedback_radius(coupling: Coupling) -> dict[str, Worst]:
         raise UnsupportedError("state feedback is judged before constant gains only; make the gains constant")
     if max(one.delay_samples for one in device_corners(problem.device, ("delay_samples",))) > MAX_DELAY_SAMPLES:
         raise UnsupportedError(f"linear stability is computed up to {MAX_DELAY_SAMPLES} samples of delay")
-    laws, rendering = Laws.of(law), frozen_rendering(problem, *vars(coupling.table.at_rest).values())
+    rendering = frozen_rendering(problem, *vars(coupling.table.at_rest).values())
 
     def leading(plant: SampledPlant, values: Mapping[str, FloatArray]) -> ComplexArray:
         # The loop is affine in the share.
-        none, all_ = observed_wall(Body.of(plant).flat(), laws, rendering, (0.0, 1.0))[0]
+        none, all_ = observed_wall(Body.of(plant).flat(), law, rendering, (0.0, 1.0))
         return largest_eigenvalue(none + values["share"][:, None, None] * (all_ - none))
 
     def worst(hand: Ranges, least_share: float) -> Worst:
@@ -293,7 +292,8 @@ def damping_reserve(device: Device, parts: Fractions, contact: FloatArray, hand:
     bound = radius_limit(device, parts, hand)
 
     def stable(shift: float) -> bool:
-        return bool((linear_stability(device, parts, contact, hand, shift).radius < bound).all())
+        damping = {"damping_ns_per_m": device.damping_ns_per_m + shift}
+        return bool((linear_stability(device.model_copy(update=damping), parts, contact, hand).radius < bound).all())
 
     starts_stable = stable(0.0)
     available = device.damping_ns_per_m + hand.values(0)["damping_ns_per_m"]

@@ -72,7 +72,8 @@ def scope_slack(
     margin = problem.stability.margin_ns_per_m
     if problem.stability.scope == "hands":
         parts, most = frozen_parts(problem, b, k), 1 - RADIUS_TOLERANCE
-        worst = worst_hands(problem.device, parts, contact, problem.hands, -margin, enough=most)
+        lean = problem.device.model_copy(update={"damping_ns_per_m": problem.device.damping_ns_per_m - margin})
+        worst = worst_hands(lean, parts, contact, problem.hands, enough=most)
         return ScopeSlack(most - worst.radius, worst.frequency_hz)
     worst_case = worst_margin(SampledLoop.of(problem), b, k, contact, *scope_band_hz(problem, own))
     sound = worst_case.poles_stable & (worst_case.dc_stiffness_n_per_m >= 0)

@@ -31,15 +31,23 @@ def root(value: Callable[[FloatArray], FloatArray], left: FloatArray, right: Flo
 
 
 def lowest(
-    value: Callable[[FloatArray], FloatArray], left: FloatArray, best: FloatArray, right: FloatArray, zooms: int
+    value: Callable[[FloatArray], FloatArray],
+    left: FloatArray,
+    right: FloatArray,
+    zooms: int,
+    known: FloatArray | None = None,
 ) -> FloatArray:
-    """Return the place of the lowest value in each bracket, that of a best known point at least.
+    """Return the place of the lowest value in each bracket, that of a known point at least.
 
-    Each zoom evaluates `value` at nine points and the best, shape (n, 10), and narrows the bracket to a quarter.
+    Each zoom evaluates `value` at nine points, shape (n, 9), and narrows the bracket to a quarter.
     """
-    rows = np.arange(len(best))
+    rows = np.arange(len(left))
     for _ in range(zooms):
-        points = np.sort(np.concatenate([left[:, None] + (right - left)[:, None] * _NINE, best[:, None]], axis=1))
-        best, step = points[rows, np.argmin(value(points), axis=1)], (right - left) / (len(_NINE) - 1)
-        left, right = np.maximum(left, best - step), np.minimum(right, best + step)
+        points = left[:, None] + (right - left)[:, None] * _NINE
+        if known is not None:
+            points = np.sort(np.concatenate([points, known[:, None]], axis=1))
+        found = np.argmin(value(points), axis=1)
+        best: FloatArray = points[rows, found]
+        left, right = points[rows, np.maximum(found - 1, 0)], points[rows, np.minimum(found + 1, points.shape[1] - 1)]
+        known = None if known is None else best
     return best

@@ -20,7 +20,7 @@ from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray, IndexAr
 from avc_casadi.loops.brackets import lowest, root
 from avc_casadi.loops.loop import Body
 from avc_casadi.loops.spectrum import eigenvalues
-from avc_casadi.loops.wall import Laws, Rendering, closed, force_over_innovation, force_over_position, frozen_rendering
+from avc_casadi.loops.wall import Rendering, closed, force_over_position, frozen_rendering
 from avc_casadi.model.hands import hand_corners, with_released
 from avc_casadi.model.sampled_plant import sampled_plant
 
@@ -72,11 +72,9 @@ class OpenLoop:
     @classmethod
     def of(cls, coupling: Coupling) -> Self:
         """Return the loop of a coupling, its gains with their runtime."""
-        problem, law, gains = coupling.problem, coupling.runtime.state_feedback, coupling.table.at_rest
+        problem, law = coupling.problem, coupling.runtime.state_feedback
         corners = hand_corners(problem.hands.model_copy(update={"let_go": False}))
-        rendering = frozen_rendering(
-            problem, gains.damping_ns_per_m, gains.stiffness_n_per_m, gains.contact_damping_ns_per_m
-        )
+        rendering = frozen_rendering(problem, *vars(coupling.table.at_rest).values())
         return cls.around(sampled_plant(problem.device, with_released(corners)), rendering, law)
 
     @classmethod
@@ -110,11 +108,8 @@ class OpenLoop:
         pencil = z[..., None, None] * np.eye(body.size) - body.a[:, None]
         pushed = np.broadcast_to(body.b[:, None], (*angles.shape, body.size))
         position = np.linalg.solve(pencil, pushed.astype(np.complex128)[..., None])[..., 0] @ body.measured
-        if self.law is None:
-            return np.asarray(-force_over_position(self.rendering, z) * position)
-        hz = angles.ravel() / (2 * math.pi * self.sample_time_s)
-        asked, believed = force_over_innovation(Laws.of(self.law), self.rendering, hz, self.sample_time_s)
-        return np.asarray(-(asked[0] / (1 + believed[0])).reshape(angles.shape) * position)
+        force = force_over_position(self.rendering, z.ravel(), self.law).reshape(angles.shape)
+        return np.asarray(-force * position)
 
     def turns(self) -> FloatArray:
         """Return angles of z at which L is evaluated, dense at peaks of it or of 1/(1 + L), shape (n,)."""
@@ -167,7 +162,7 @@ class OpenLoop:
         beside = np.pad(size, ((0, 0), (1, 1)), constant_values=-np.inf)
         size[(size < beside[:, :-2]) | (size < beside[:, 2:])] = -np.inf
         row, top = np.unravel_index(np.argsort(size, axis=None)[-_PEAKS:], size.shape)
-        ends = turn[np.maximum(top - 1, 0)], turn[top], turn[np.minimum(top + 1, len(turn) - 1)]
+        ends = turn[np.maximum(top - 1, 0)], turn[np.minimum(top + 1, len(turn) - 1)]
         best = lowest(lambda angles: -_swing(self.gain(angles, loops[row])), *ends, _ZOOMS)
         size = _swing(self.gain(best[:, None], loops[row]))[:, 0]
         worst = int(size.argmax())

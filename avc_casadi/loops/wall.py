@@ -14,13 +14,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from avc_casadi._errors import UnsupportedError
-from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray, IndexArray
+from avc_casadi._util.arrays import ComplexArray, FloatArray, IndexArray
 from avc_casadi._util.progress import SILENT, Progress, chunks
 from avc_casadi.loops.loop import Body, Loop, Map
 from avc_casadi.loops.sampled_loop import Fractions, SampledLoop, Values, fractions
 from avc_casadi.loops.spectrum import largest_eigenvalue
 from avc_casadi.model.hands import Hand, StylusHand
 from avc_casadi.model.sampled_plant import SampledPlant, sampled_plant
+from avc_casadi.paper.rendered import force_behind
 
 if TYPE_CHECKING:
     from avc_casadi.model.device import Device
@@ -58,59 +59,6 @@ def fraction_rendering(parts: Fractions, contact_damping_ns_per_m: FloatArray, s
     return Rendering(force, np.stack([one, -one, parts.pole + 0 * one], axis=-1))
 
 
-def joint_rendering(
-    problem: Problem, damping_ns_per_m: FloatArray, stiffness_n_per_m: FloatArray, contact_damping_ns_per_m: FloatArray
-) -> Rendering:
-    """Return the rendering of gains with the joint between coupling and wall as state, as on a device.
-
-    This state keeps its meaning when the gains switch. The gains must not leave the joint undefined (all of b, k, b_e
-    and k_e zero); where b or k is infinite the joint moves with the device.
-    """
-    t, wall = problem.device.sample_time_s, problem.environment
-    rigid = np.isinf(damping_ns_per_m) | np.isinf(stiffness_n_per_m)
-    b, k = (np.where(rigid, 1.0, gain) for gain in (damping_ns_per_m, stiffness_n_per_m))
-    contact = contact_damping_ns_per_m
-    lead, wall_lead = b + k * t, wall.damping_ns_per_m + wall.stiffness_n_per_m * t
-    total = lead + wall_lead
-    joint = np.stack([lead / total, -b / total, (b + wall.damping_ns_per_m) / total], axis=-1)
-    joint[rigid] = (1.0, 0.0, 0.0)
-    force = wall_lead / t * joint
-    force[:, 2] -= wall.damping_ns_per_m / t
-    force[:, 0] += contact / t
-    force[:, 1] -= contact / t
-    return Rendering(force, joint)
-
-
-@dataclass(frozen=True)
-class Laws:
-    """Laws of one structure, as arrays."""
-
-    state: FloatArray
-    force_m_per_n: FloatArray
-    innovation: FloatArray
-    feedback: FloatArray
-    measures: int
-    positions: tuple[int, ...]
-
-    @classmethod
-    def of(cls, law: StateFeedback) -> Laws:
-        """Return one law as arrays."""
-        state, asked, gain, weight = (
-            np.array(part)[None] for part in (law.state, law.force_m_per_n, law.innovation, law.feedback)
-        )
-        return cls(state, asked, gain, weight, law.measures, law.positions)
-
-    def __len__(self) -> int:
-        return len(self.state)
-
-    def pick(self, rows: IndexArray) -> Laws:
-        """Return some of the laws."""
-        state, asked, gain, weight = (
-            part[rows] for part in (self.state, self.force_m_per_n, self.innovation, self.feedback)
-        )
-        return Laws(state, asked, gain, weight, self.measures, self.positions)
-
-
 # Takes seconds for a table of 200 rows and 32 hands.
 MAX_DELAY_SAMPLES = 32
 # Eigenvalues of these matrices are right to about 1e-12; slower decay than this is indistinguishable from none.
@@ -125,11 +73,6 @@ class LinearStability:
     radius: FloatArray
     frequency_hz: FloatArray
 
-    @property
-    def stable(self) -> BoolArray:
-        """Whether each row is stable with every hand, shape (n,)."""
-        return np.asarray(np.max(self.radius, axis=1) < 1 - RADIUS_TOLERANCE)
-
 
 def wall(body: Body, rendering: Rendering) -> Map:
     """Return the loops of renderings (..., 3) around plants, shape (..., s + 2, s + 2): both broadcast.
@@ -142,42 +85,41 @@ def wall(body: Body, rendering: Rendering) -> Map:
     return loop.event(plant=moved, before=seen[:1], own=(rendering.state @ seen)[..., None, :])
 
 
-def observed_wall(body: Body, laws: Laws, rendering: Rendering, shares: FloatArray | tuple[float, ...] = (1.0,)) -> Map:
-    """Return the loops of p plants with each law, shape (laws, a, p, s + n + 2, s + n + 2)."""
+def observed_wall(
+    body: Body, law: StateFeedback, rendering: Rendering, shares: FloatArray | tuple[float, ...] = (1.0,)
+) -> Map:
+    """Return the loops of p plants with a law, some shares of its innovation, shape (a, p, s + n + 2, s + n + 2)."""
     (now, before, own), kept = rendering.force[0], int(rendering.force[0, 1:].any())
-    loop = Loop(plant=body.size, observer=laws.state.shape[-1], before=kept, own=kept)
+    loop = Loop(plant=body.size, observer=law.states, before=kept, own=kept)
     observer = loop["observer"]
-    missed = body.measured @ loop["plant"] - observer[laws.measures]
-    passed = np.asarray(shares)[:, None] * laws.innovation[:, None]
-    corrected = observer + passed[..., None] * missed
-    seen = (laws.feedback[:, None, None, :] @ corrected)[..., 0, :]
-    force = now * seen
-    new = {}
+    missed = body.measured @ loop["plant"] - observer[law.measures]
+    corrected = observer + np.multiply.outer(np.asarray(shares), np.array(law.innovation))[..., None] * missed
+    seen = (np.array(law.feedback) @ corrected)[:, None]
+    force, new = now * seen, {}
     if kept:
-        force = force + before * loop["before"][0] + own * loop["own"][0]
+        force = force + before * loop["before"] + own * loop["own"]
         first, past, self_ = rendering.state[0]
-        inner = first * seen + past * loop["before"][0] + self_ * loop["own"][0]
-        new = {"before": seen[..., None, None, :], "own": inner[..., None, None, :]}
-    asked = laws.force_m_per_n[:, None, :, None] * force[..., None, :]
-    believed = (laws.state[:, None] @ corrected + asked)[:, :, None]
-    return loop.event(plant=body.moved(loop["plant"], force[:, :, None]), observer=believed, **new)
+        new = {"before": seen[:, None], "own": (first * seen + past * loop["before"] + self_ * loop["own"])[:, None]}
+    asked = np.array(law.force_m_per_n)[:, None] * force
+    believed = (np.array(law.state) @ corrected + asked)[:, None]
+    return loop.event(plant=body.moved(loop["plant"], force), observer=believed, **new)
 
 
 def closed(body: Body, rendering: Rendering, law: StateFeedback | None = None) -> Map:
     """Return the loops of one rendering, with an observer or without, around p plants, shape (p, n, n)."""
     if law is None:
         return wall(body, rendering.pick(slice(0, 1)))
-    return np.asarray(observed_wall(body, Laws.of(law), rendering)[0, 0])
+    return np.asarray(observed_wall(body, law, rendering)[0])
 
 
-def plants_of(devices: Sequence[Device], hands: Hand | StylusHand, damping_shift_ns_per_m: float = 0.0) -> SampledPlant:
+def plants_of(devices: Sequence[Device], hands: Hand | StylusHand) -> SampledPlant:
     """Return every device with every hand; a rigid one without any mass is of first order, another not a number."""
     light = np.array([np.broadcast_to(one.mass_kg + np.asarray(hands.mass_kg) == 0, len(hands)) for one in devices])
     if isinstance(hands, StylusHand) or not light.any():
-        return sampled_plant(devices, hands, damping_shift_ns_per_m)
+        return sampled_plant(devices, hands)
     heavy = [Hand(np.where(row, 1.0, hands.mass_kg), *list(vars(hands).values())[1:]) for row in light]
-    plant = sampled_plant(devices, heavy, damping_shift_ns_per_m)
-    drag = np.array([one.damping_ns_per_m for one in devices])[:, None] + damping_shift_ns_per_m
+    plant = sampled_plant(devices, heavy)
+    drag = np.array([one.damping_ns_per_m for one in devices])[:, None]
     k, b = (np.broadcast_to(one, light.shape) for one in (hands.stiffness_n_per_m, drag + hands.damping_ns_per_m))
     late = np.array([one.delay_samples % 1 for one in devices])[:, None]
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -199,7 +141,6 @@ def linear_stability(
     parts: Fractions,
     contact_damping_ns_per_m: Values,
     hands: Hand,
-    damping_shift_ns_per_m: float = 0.0,
     progress: Progress = SILENT,
 ) -> LinearStability:
     """Return the spectral radius of each frozen rendering with each hand, on the device as declared."""
@@ -210,7 +151,7 @@ def linear_stability(
     n, h = len(parts.direct), len(hands)
     contact = np.broadcast_to(np.asarray(contact_damping_ns_per_m, dtype=np.float64), (n,))
     rendering = fraction_rendering(parts, contact, device.sample_time_s)
-    body = Body.of(plants_of([device], hands, damping_shift_ns_per_m)).flat()
+    body = Body.of(plants_of([device], hands)).flat()
     # Nothing moves without mass, damping and spring; a light device with its damping reduced may overflow in a sample.
     defined = np.isfinite(body.a).all(axis=(-2, -1)) & np.isfinite(body.b).all(axis=-1)
     body = replace(body, a=np.where(defined[:, None, None], body.a, 0.0), b=np.where(defined[:, None], body.b, 0.0))
@@ -238,31 +179,10 @@ def frozen_rendering(
     return fraction_rendering(parts, contact, problem.device.sample_time_s)
 
 
-def force_over_innovation(
-    laws: Laws, rendering: Rendering, frequency_hz: FloatArray, sample_time_s: float
-) -> tuple[ComplexArray, ComplexArray]:
-    """Return force and estimated position over the innovation at each frequency, without dead zone."""
-    z = np.exp(2j * np.pi * frequency_hz * sample_time_s)
-    wall = force_over_position(rendering, z)
-    gain = laws.innovation[:, None, :]
-    closed = (
-        laws.state[:, None] + wall[:, None, None] * (laws.force_m_per_n[:, :, None] * laws.feedback[:, None])[:, None]
-    )
-    pencil = z[:, None, None] * np.eye(laws.state.shape[-1]) - closed
-    believed = np.linalg.solve(pencil, closed @ gain[..., None])[..., 0]
-    # One product for each law: a single product rounds differently where there is one frequency.
-    force = [wall * (states @ weight) for states, weight in zip(believed + gain, laws.feedback, strict=True)]
-    return np.reshape(force, believed.shape[:2]), np.asarray(believed[..., laws.measures])
-
-
-def stiffness_at_rest(rendering: Rendering) -> float:
-    """Return the stiffness of a rendering at rest."""
-    return float(force_over_position(rendering, np.ones(1, dtype=np.complex128))[0].real)
-
-
-def force_over_position(rendering: Rendering, z: ComplexArray) -> ComplexArray:
-    """Return the force of one rendering over its input position, N/m."""
+def force_over_position(rendering: Rendering, z: ComplexArray, law: StateFeedback | None = None) -> ComplexArray:
+    """Return the force of one rendering over the measured position, N/m; behind an observer without dead zone."""
     now, before, own = rendering.force[0]
     state = rendering.state[0]
     inner = (state[0] + state[1] / z) / (z - state[2]) if own else 0.0
-    return np.asarray(now + before / z + own * inner)
+    stiffness = np.asarray(now + before / z + own * inner)
+    return stiffness if law is None else force_behind(law, stiffness, z)

@@ -196,7 +196,7 @@ def _nodes(loops: _Curves, corners: Sequence[Device], most_damping_ns_per_m: flo
         inverse, damper = some.response(at)
         return np.where(down[:, None], 1, -1) * inverse.imag / damper.imag
 
-    best = lowest(upright, angle[case, index - 1], angle[case, index], angle[case, index + 1], _CLOSER)
+    best = lowest(upright, angle[case, index - 1], angle[case, index + 1], _CLOSER, angle[case, index])
     extremum = angle.copy()
     extremum[case, index] = best
     return _inserted(angle, turns, extremum)

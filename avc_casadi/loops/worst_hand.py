@@ -48,7 +48,6 @@ def worst_hands(
     parts: Fractions,
     contact_damping_ns_per_m: Values,
     hands: Hands,
-    damping_shift_ns_per_m: float = 0.0,
     *,
     draws: int = 24,
     seed: int = 0,
@@ -67,7 +66,6 @@ def worst_hands(
             parts.pick(one),
             contact[one],
             hands,
-            damping_shift_ns_per_m,
             draws=draws,
             seed=seed,
             enough=enough,
@@ -75,7 +73,7 @@ def worst_hands(
         )
         return each.pick(same.ravel())
     first = hand_set(hands, draws=draws, seed=seed)
-    known = linear_stability(device, parts, contact_damping_ns_per_m, first, damping_shift_ns_per_m, progress)
+    known = linear_stability(device, parts, contact_damping_ns_per_m, first, progress)
     n = len(parts.direct)
     ranges = hand_ranges(hands)
     at = np.array([np.broadcast_to(value, (len(first),)) for value in vars(first).values()])
@@ -90,7 +88,7 @@ def worst_hands(
     wide = (ranges[:, 1] > ranges[:, 0]).any()
     going = np.flatnonzero(np.isfinite(radius) & (radius < enough)) if wide else np.zeros(0, dtype=np.intp)
     if going.size:
-        search = _Search(device, rendering, ranges, damping_shift_ns_per_m)
+        search = _Search(device, rendering, ranges)
         rows = np.repeat(going, order.shape[1])
         found, top, where = search.climb(rows, at[:, order[going].ravel()])
         winner = top.reshape(len(going), -1).argmax(axis=1) + np.arange(len(going)) * order.shape[1]
@@ -119,13 +117,12 @@ class _Search:
     device: Device
     rendering: Rendering
     ranges: FloatArray
-    shift: float
 
     def leading(self, rows: IndexArray, shares: FloatArray) -> ComplexArray:
         """Return the largest eigenvalue of rows (m,), each with its own hand, (3, m) in shares of the ranges."""
         low, width = self.ranges[:, :1], np.ptp(self.ranges, axis=1)[:, None]
         hands = Hand(*(low + width * shares))
-        body = Body.of(plants_of([self.device], hands, self.shift)).flat()
+        body = Body.of(plants_of([self.device], hands)).flat()
         return largest_eigenvalue(wall(body, self.rendering.pick(rows)))
 
     def climb(self, rows: IndexArray, places: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:

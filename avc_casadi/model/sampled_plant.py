@@ -26,13 +26,11 @@ class Mode:
     mass_ratio: float
 
 
-def device_plant(
-    device: Device, hand: Mechanics | None = None, damping_shift_ns_per_m: float = 0.0, mode: Mode | None = None
-) -> Plant:
+def device_plant(device: Device, hand: Mechanics | None = None, mode: Mode | None = None) -> Plant:
     """Return motor, handle and amplifier of a device, and the hand that holds it, as a continuous plant."""
     plant = Plant()
     plant.add_mass(DEVICE, device.mass_kg)
-    plant.join(DEVICE, GROUND, 0.0, device.damping_ns_per_m + damping_shift_ns_per_m)
+    plant.join(DEVICE, GROUND, 0.0, device.damping_ns_per_m)
     split = device.resonance if mode is None else mode
     if split is not None:
         plant.split(split.frequency_hz, split.damping_ratio, split.mass_ratio)
@@ -85,14 +83,13 @@ class SampledPlant:
 def sampled_plant(
     devices: Device | Sequence[Device],
     hand: Mechanics | Sequence[Mechanics] | None = None,
-    damping_shift_ns_per_m: float = 0.0,
     mode: Mode | None = None,
 ) -> SampledPlant:
     """Discretise devices with a hand exactly."""
     some = devices if isinstance(devices, Sequence) else (devices,)
     first = some[0]
     hands = hand if isinstance(hand, Sequence) else [hand] * len(some)
-    plants = [device_plant(device, one, damping_shift_ns_per_m, mode) for device, one in zip(some, hands, strict=True)]
+    plants = [device_plant(device, one, mode) for device, one in zip(some, hands, strict=True)]
     grip = plants[0].grip
     linear, steps_s = [plant.linear() for plant in plants], [_steps_s(device) for device in some]
     names = linear[0].names

@@ -42,11 +42,11 @@ def perceived_impedance_of(
     stiffness = (contact + series(coupling, behind, numbers=NUMPY)) * backward_difference(angle)
     # The impedance of a 1 N/m spring converts force over position to force over velocity, in the problem's model.
     unit = environment_impedance(angle, problem.stability.model, 0.0, 1.0)
-    force = force_over_position(law, stiffness, np.exp(2j * np.pi * angle.turns))
+    force = force_behind(law, stiffness, np.exp(2j * np.pi * angle.turns))
     return np.asarray(perceived_impedance(loop.device, loop.hold, force * unit))
 
 
-def force_over_position(law: StateFeedback, stiffness_n_per_m: ComplexArray, z: ComplexArray) -> ComplexArray:
+def force_behind(law: StateFeedback, stiffness_n_per_m: ComplexArray, z: ComplexArray) -> ComplexArray:
     """Return force over the measured position at each frequency, N/m, shape (n,), at a dead-zone gain of 1."""
     gain, weight = np.array(law.innovation), np.array(law.feedback)
     closed = np.array(law.state) + stiffness_n_per_m[:, None, None] * np.outer(law.force_m_per_n, weight)

@@ -12,7 +12,7 @@ import numpy as np
 from avc_casadi.claims.passivity.rendered_impedance import Handle, below_quarter_rate
 from avc_casadi.claims.passivity.worst_port import impedance_at_handle
 from avc_casadi.loops.margins import transients
-from avc_casadi.loops.wall import Laws, force_over_innovation, force_over_position, frozen_rendering
+from avc_casadi.loops.wall import force_over_position, frozen_rendering
 from avc_casadi.recommendation.limit_cycle_freedom import likely_provable
 from avc_casadi.simulation.population.trial import CouplingTrial, exact_interval
 
@@ -117,15 +117,8 @@ def impedance_error(coupling: Coupling) -> float:
     problem, gains, law = coupling.problem, coupling.table.at_rest, coupling.runtime.state_feedback
     device, wall, t = problem.device, problem.environment, problem.device.sample_time_s
     hz = below_quarter_rate(device, BAND_HZ)
-    rendering = frozen_rendering(
-        problem, gains.damping_ns_per_m, gains.stiffness_n_per_m, gains.contact_damping_ns_per_m
-    )
     s = 2j * np.pi * hz
-    if law is None:
-        force = force_over_position(rendering, np.exp(s * t))
-    else:
-        over, believed = force_over_innovation(Laws.of(law), rendering, hz, t)
-        force = over[0] / (1 + believed[0])
+    force = force_over_position(frozen_rendering(problem, *vars(gains).values()), np.exp(s * t), law)
     felt = impedance_at_handle(device, force * Handle.of(problem, hz).unit, hz)
     own = wall.damping_ns_per_m + wall.stiffness_n_per_m / s
     wanted = device.mass_kg * s + device.damping_ns_per_m + own

@@ -29,7 +29,7 @@ import avc_casadi as avc
 from avc_casadi.coupling import Coupling
 from avc_casadi.design.program import ProgramAnswer, solve_program
 from avc_casadi.loops.margins import OpenLoop
-from avc_casadi.loops.wall import Laws, force_over_innovation, force_over_position, frozen_rendering
+from avc_casadi.loops.wall import force_over_position, frozen_rendering
 from avc_casadi.model.problem import Problem
 from avc_casadi.recommendation.rank import impedance_error
 
@@ -66,11 +66,7 @@ def law_n_per_m(coupling: Coupling, turn: np.ndarray) -> np.ndarray:
     """Commanded force over measured position at angles of z, without dead zone."""
     problem, gains = coupling.problem, coupling.table.at_rest
     wall = frozen_rendering(problem, gains.damping_ns_per_m, gains.stiffness_n_per_m, gains.contact_damping_ns_per_m)
-    law, t = coupling.runtime.state_feedback, problem.device.sample_time_s
-    if law is None:
-        return force_over_position(wall, np.exp(1j * turn))
-    force, believed = force_over_innovation(Laws.of(law), wall, turn / (2 * np.pi * t), t)
-    return force[0] / (1 + believed[0])
+    return force_over_position(wall, np.exp(1j * turn), coupling.runtime.state_feedback)
 
 
 def measured(coupling: Coupling) -> dict[str, Any]:

@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
+from sampled_wall import joint_rendering
 from scipy.linalg import expm
 
 import avc_casadi as avc
 from avc_casadi.loops.loop import Body
-from avc_casadi.loops.wall import frozen_parts, joint_rendering, linear_stability, wall
+from avc_casadi.loops.wall import frozen_parts, linear_stability, wall
 from avc_casadi.model.hands import Hand
 from avc_casadi.model.sampled_plant import sampled_plant
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from sampled_wall import joint_rendering
 from scipy.linalg import expm
 
 from avc_casadi import parse_problem
@@ -10,7 +11,6 @@ from avc_casadi.loops.sampled_loop import SampledLoop, fractions
 from avc_casadi.loops.wall import (
     fraction_rendering,
     frozen_parts,
-    joint_rendering,
     linear_stability,
     plants_of,
     wall,
@@ -59,7 +59,7 @@ def largest_wall(b_d, b_e, delay, hand):
     for _ in range(50):
         middle = (low + high) / 2
         wall = fractions(SampledLoop(b_d, b_e, np.array([middle]), T, delay, "sampled-data"), np.inf, 1.0)
-        low, high = (middle, high) if linear_stability(device, wall, 0.0, hand).stable[0] else (low, middle)
+        low, high = (middle, high) if linear_stability(device, wall, 0.0, hand).radius.max() < 1 else (low, middle)
     return low
 
 

@@ -16,7 +16,7 @@ import avc_hardware
 from avc_casadi.coupling import Coupling
 from avc_casadi.loops.loop import Body
 from avc_casadi.loops.margins import OpenLoop
-from avc_casadi.loops.wall import Laws, frozen_rendering, observed_wall
+from avc_casadi.loops.wall import frozen_rendering, observed_wall
 from avc_casadi.model.gains import Gains
 from avc_casadi.model.hands import hand_corners, with_released
 from avc_casadi.model.robustness import Robustness, unmodelled
@@ -175,7 +175,7 @@ def test_with_state_feedback_the_observer_knows_the_force_that_was_asked_for(fed
         else:
             first *= factor
         pushed = replace(body, a=moved, b=first)
-        return np.abs(np.linalg.eigvals(observed_wall(pushed, Laws.of(law), rendering)[0][0])).max(axis=-1)
+        return np.abs(np.linalg.eigvals(observed_wall(pushed, law, rendering)[0])).max(axis=-1)
 
     released, held = OpenLoop.of(fed_back).margins()
     for found, some in ((released, slice(-1, None)), (held, slice(-1))):

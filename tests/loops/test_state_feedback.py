@@ -13,7 +13,7 @@ from avc_casadi.coupling import Coupling
 from avc_casadi.design.observer_law import regulator
 from avc_casadi.loops.loop import Body
 from avc_casadi.loops.spectrum import largest_radius
-from avc_casadi.loops.wall import Laws, Rendering, force_over_innovation, frozen_rendering, observed_wall
+from avc_casadi.loops.wall import Rendering, force_over_position, frozen_rendering, observed_wall
 from avc_casadi.model.device import Device
 from avc_casadi.model.effects import StateFeedbackEffect
 from avc_casadi.model.gains import Gains
@@ -84,8 +84,8 @@ def test_its_eigenvalues_are_those_of_the_jacobian(seed):
     # The share may stand in the innovation or beside it.
     whole = law_of(np.random.default_rng(seed))
     for found in (
-        observed_wall(plants, Laws.of(law), rendering)[0][0, 0],
-        observed_wall(plants, Laws.of(whole), rendering, (share,))[0][0, 0],
+        observed_wall(plants, law, rendering)[0, 0],
+        observed_wall(plants, whole, rendering, (share,))[0, 0],
     ):
         ours = np.linalg.eigvals(found)
         ours, theirs = (np.sort_complex(values[np.abs(values) > 1e-3]) for values in (ours, expected))
@@ -95,9 +95,8 @@ def test_its_eigenvalues_are_those_of_the_jacobian(seed):
         assert distance.min(axis=1).max() < 1e-6
 
 
-def force_over_position(law, rendering, frequency_hz, sample_time_s):
-    force, believed = force_over_innovation(Laws.of(law), rendering, frequency_hz, sample_time_s)
-    return force[0] / (1 + believed[0])
+def at(law, rendering, frequency_hz, sample_time_s):
+    return force_over_position(rendering, np.exp(2j * np.pi * frequency_hz * sample_time_s), law)
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -120,7 +119,7 @@ def test_force_over_position_is_that_of_the_step_in_time(seed):
     last = slice(-2000, None)
     turn = np.exp(-2j * np.pi * hz * ticks[last] * t)
     expected = (np.array(forces)[last] @ turn) / (position[last] @ turn)
-    np.testing.assert_allclose(force_over_position(law, rendering, np.array([hz]), t)[0], expected, rtol=1e-6)
+    np.testing.assert_allclose(at(law, rendering, np.array([hz]), t)[0], expected, rtol=1e-6)
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -131,7 +130,7 @@ def test_at_rest_the_wall_has_its_own_stiffness(seed):
     stiffness = float(np.exp(rng.uniform(np.log(300), np.log(2e4))))
     law = regulator(device, Hands(), stiffness, seed % 3)
     rendering = Rendering(np.array([[stiffness, 0.0, 0.0]]), np.zeros((1, 3)))
-    force = force_over_position(law, rendering, np.array([1e-7 / device.sample_time_s]), device.sample_time_s)[0]
+    force = at(law, rendering, np.array([1e-7 / device.sample_time_s]), device.sample_time_s)[0]
     assert force.real == pytest.approx(stiffness, rel=1e-3)
 
 
@@ -145,7 +144,7 @@ def feedback(problem, guess, slower=1.0):
 def radii(coupling, hands, shares):
     plants = Body.of(sampled_plant(coupling.problem.device, hands)).flat()
     rendering = frozen_rendering(coupling.problem, 0.0, coupling.table.at_rest.stiffness_n_per_m)
-    return largest_radius(observed_wall(plants, Laws.of(coupling.runtime.state_feedback), rendering, shares)[0])
+    return largest_radius(observed_wall(plants, coupling.runtime.state_feedback, rendering, shares))
 
 
 @pytest.mark.parametrize("seed", range(8))

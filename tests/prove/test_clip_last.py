@@ -9,10 +9,10 @@ import itertools
 import casadi as ca
 import numpy as np
 import pytest
+from sampled_wall import joint_rendering
 from scipy.linalg import expm
 
 import avc_casadi as avc
-from avc_casadi.loops.wall import joint_rendering
 from avc_casadi.model.effects import HandEffect, SaturationEffect, WallEffect
 from avc_casadi.model.gains import Gains
 from avc_casadi.model.scene import Press, Scene

@@ -28,7 +28,7 @@ _A_DECADE = 150
 _A_DECADE_BELOW = 60
 _LOW_TURNS = 0.01
 _A_HALF_WAVE = 24
-_ZOOMS = 8
+_ZOOMS = 4
 _HALVINGS = 44
 _MOST_NS_PER_M = 1e12
 
@@ -180,8 +180,8 @@ def _refined(
     device: Device, slack: Slack, frequency: FloatArray, found: IndexArray, rows: IndexArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return frequency, slack and its rounding, refined near the lowest point of the scan."""
-    ends = frequency[np.maximum(found - 1, 0)], frequency[found], frequency[np.minimum(found + 1, len(frequency) - 1)]
-    best = lowest(lambda points: slack(handle_port(device, points), rows)[0], *ends, _ZOOMS)
+    ends = frequency[np.maximum(found - 1, 0)], frequency[np.minimum(found + 1, len(frequency) - 1)]
+    best = lowest(lambda points: slack(handle_port(device, points), rows)[0], *ends, _ZOOMS, frequency[found])
     left, near = slack(handle_port(device, best[:, None]), rows)
     return best, left[:, 0], near[:, 0]
 

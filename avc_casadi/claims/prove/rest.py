@@ -22,7 +22,7 @@ from avc_casadi.claims.prove.law import ContactLaw
 from avc_casadi.claims.prove.multiplier import LAGS, Multiplier, Verified, search, verify
 from avc_casadi.loops.loop import Body
 from avc_casadi.loops.spectrum import largest_radius
-from avc_casadi.loops.wall import Laws, observed_wall, wall
+from avc_casadi.loops.wall import closed
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners, linear_values
 from avc_casadi.model.device import Device
 from avc_casadi.model.hands import Hand, StylusHand, hand_text
@@ -203,9 +203,7 @@ def unstable_hand(law: ContactLaw, device: Device, hands: Hand | StylusHand) -> 
 def contact_radius(law: ContactLaw, device: Device, hands: Hand | StylusHand) -> FloatArray:
     """Return the spectral radius in permanent contact of a device, known exactly, with h hands, shape (h,)."""
     plants = Body.of(sampled_plant(device, hands)).flat()
-    if law.state_feedback is None:
-        return largest_radius(wall(plants, law.rendering.column)[0])
-    return largest_radius(observed_wall(plants, Laws.of(law.state_feedback), law.rendering)[0][0])
+    return largest_radius(closed(plants, law.rendering, law.state_feedback))
 
 
 def promising(law: ContactLaw, held: SampledPlantBox) -> float:

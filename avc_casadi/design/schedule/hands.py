@@ -26,10 +26,10 @@ def hands_slack(problem: Problem, states: States, at: FloatArray) -> FloatArray:
     """Return 1 - spectral radius of the frozen loop, the least over the hands' corners and the device's, (m,)."""
     b, k, contact = states.gains(at)
     hands, margin = hand_corners(problem.hands), problem.stability.margin_ns_per_m
-    slack = [
-        1 - linear_stability(corner.device, frozen_parts(corner, b, k), contact, hands, -margin).radius.max(axis=1)
-        for corner in deciding_corners(problem)
-    ]
+    slack = []
+    for corner in deciding_corners(problem):
+        lean = corner.device.model_copy(update={"damping_ns_per_m": corner.device.damping_ns_per_m - margin})
+        slack.append(1 - linear_stability(lean, frozen_parts(corner, b, k), contact, hands).radius.max(axis=1))
     return np.asarray(np.clip(np.min(slack, axis=0), -_CLIP, _CLIP))
 
 
