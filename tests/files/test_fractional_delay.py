@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from sampled_wall import joint_rendering
 from scipy.linalg import expm
 
 import avc_casadi as avc
+from avc_casadi.claims.prove.law import ContactLaw
 from avc_casadi.loops.loop import Body
 from avc_casadi.loops.wall import frozen_parts, linear_stability, wall
 from avc_casadi.model.hands import Hand
@@ -46,10 +46,10 @@ def marched(case, b, k, contact, samples):
 @pytest.mark.parametrize("delay", [0.25, 0.6, 1.0, 1.7, 2.5])
 def test_the_judged_loop_is_the_marched_one(delay):
     case = problem(delay)
-    rendering = joint_rendering(case, *(np.array([gain]) for gain in (5.0, 2e4, 10.0)))
+    rendering = ContactLaw.of(case, 5.0, 2e4, 10.0).rendering
     matrix = wall(Body.of(sampled_plant(case.device, HAND)).flat(), rendering)[0]
     state, trace = np.zeros(len(matrix)), []
-    state[[0, -2]] = 1e-3
+    state[[0, -2, -1]] = 1e-3
     for _ in range(100):
         trace.append(state[0])
         state = matrix @ state

@@ -2,21 +2,17 @@
 
 import numpy as np
 import pytest
-from sampled_wall import joint_rendering
 from scipy.linalg import expm
 
 from avc_casadi import parse_problem
 from avc_casadi.loops.loop import Body
 from avc_casadi.loops.sampled_loop import SampledLoop, fractions
 from avc_casadi.loops.wall import (
-    fraction_rendering,
     frozen_parts,
     linear_stability,
     plants_of,
-    wall,
 )
-from avc_casadi.model.hands import Hand, hand_set, no_hand
-from avc_casadi.model.sampled_plant import sampled_plant
+from avc_casadi.model.hands import Hand, no_hand
 
 T = 1e-3
 
@@ -112,16 +108,3 @@ def test_spectral_radius_is_the_growth_of_the_running_loop(delay, b, k, contact)
     trace = np.abs(step_by_step(case, b, k, contact, hand, 1200))
     early, late = trace[400:800].max(), trace[800:1200].max()
     assert (late / early) ** (1 / 400) == pytest.approx(radius, abs=2e-3)
-
-
-@pytest.mark.parametrize("delay", [0, 2])
-def test_both_realisations_have_the_same_eigenvalues(delay):
-    rng = np.random.default_rng(0)
-    case = problem(delay=delay)
-    b, k, contact = rng.uniform(0.1, 50, 40), rng.uniform(100, 1e5, 40), rng.uniform(0, 50, 40)
-    hands = hand_set(case.hands, draws=4)
-    body = Body.of(sampled_plant(case.device, hands)).flat()
-    fraction = wall(body, fraction_rendering(frozen_parts(case, b, k), contact, T).column)
-    joint = wall(body, joint_rendering(case, b, k, contact).column)
-    radius = [np.abs(np.linalg.eigvals(matrices)).max(axis=-1) for matrices in (fraction, joint)]
-    np.testing.assert_allclose(*radius, rtol=1e-9)

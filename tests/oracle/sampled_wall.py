@@ -5,8 +5,6 @@ import math
 import numpy as np
 from scipy.linalg import expm
 
-from avc_casadi.loops.wall import Rendering
-
 
 def mechanics(device, hand):
     """Return A and the column of the commanded force, amplifier included, and the state that is measured."""
@@ -72,20 +70,3 @@ def spectral_radius(device, hand, damping, stiffness, poles=(0.0, 0.0)):
     loop[before, measured] = 1.0
     loop[velocity], loop[velocity + 1, velocity] = rate, 1.0
     return float(np.abs(np.linalg.eigvals(loop)).max())
-
-
-def joint_rendering(problem, damping_ns_per_m, stiffness_n_per_m, contact_damping_ns_per_m):
-    """A rendering of gains with the joint between coupling and wall as its state, as a device computes it."""
-    t, wall = problem.device.sample_time_s, problem.environment
-    rigid = np.isinf(damping_ns_per_m) | np.isinf(stiffness_n_per_m)
-    b, k = (np.where(rigid, 1.0, gain) for gain in (damping_ns_per_m, stiffness_n_per_m))
-    contact = contact_damping_ns_per_m
-    lead, wall_lead = b + k * t, wall.damping_ns_per_m + wall.stiffness_n_per_m * t
-    total = lead + wall_lead
-    joint = np.stack([lead / total, -b / total, (b + wall.damping_ns_per_m) / total], axis=-1)
-    joint[rigid] = (1.0, 0.0, 0.0)
-    force = wall_lead / t * joint
-    force[:, 2] -= wall.damping_ns_per_m / t
-    force[:, 0] += contact / t
-    force[:, 1] -= contact / t
-    return Rendering(force, joint)

@@ -9,10 +9,10 @@ import itertools
 import casadi as ca
 import numpy as np
 import pytest
-from sampled_wall import joint_rendering
 from scipy.linalg import expm
 
 import avc_casadi as avc
+from avc_casadi.claims.prove.law import ContactLaw
 from avc_casadi.model.effects import HandEffect, SaturationEffect, WallEffect
 from avc_casadi.model.gains import Gains
 from avc_casadi.model.scene import Press, Scene
@@ -94,12 +94,12 @@ def test_scene_is_the_law_of_first_principles(seed):
 def test_linear_part_is_that_of_the_frozen_loops(gains):
     problem = pressed((0.1, 5.0, 400.0), "clip-last")
     run = simulate(problem, gains)
-    part = joint_rendering(problem, *(np.array([gain]) for gain in vars(gains).values()))
-    before = joint = run.position_m[0]
+    part = ContactLaw.of(problem, *vars(gains).values()).rendering
+    before, stretch = run.position_m[0], 0.0
     for x, force in zip(run.position_m, run.force_n, strict=True):
-        given = np.array([x, before, joint])
+        given = np.array([x, before, stretch])
         assert force == pytest.approx(max(0.0, float(part.force[0] @ given)), abs=1e-8)
-        before, joint = x, float(part.state[0] @ given)
+        before, stretch = x, float(part.state[0] @ given)
     assert run.force_n.max() > 1
 
 
