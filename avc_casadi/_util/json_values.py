@@ -9,8 +9,6 @@ from dataclasses import is_dataclass
 from enum import Enum
 from typing import Any
 
-import numpy as np
-
 from avc_casadi._util.units import LINEAR, Units
 
 
@@ -18,14 +16,12 @@ def plain(value: Any) -> Any:
     """Turn arrays, tuples, mappings, dataclasses and enumerations into JSON values; what is not finite becomes null."""
     if is_dataclass(value):
         value = vars(value)
+    if hasattr(value, "tolist"):  # an array, or a number of one
+        value = value.tolist()
     if isinstance(value, dict):
         return {str(key): plain(item) for key, item in value.items()}
-    if isinstance(value, np.ndarray):
-        return plain(value.tolist())
     if isinstance(value, list | tuple):
         return [plain(item) for item in value]
-    if isinstance(value, np.generic):
-        value = value.item()
     if isinstance(value, Enum):
         return plain(value.value)
     if isinstance(value, float) and not math.isfinite(value):

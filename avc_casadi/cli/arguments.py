@@ -47,16 +47,20 @@ Run = Callable[[argparse.Namespace, "Console"], "Answer"]
 
 @dataclass(frozen=True)
 class Verb:
-    """A verb: the question that it answers, its arguments, what it does, and its help, whose first line is listed."""
+    """A verb: its arguments, and what it does."""
 
-    question: str
     arguments: tuple[Argument | Group, ...]
     run: Run
 
     @property
     def help(self) -> str:
-        """Its help: the text of the function."""
+        """Its help, whose first line is listed: the text of the function."""
         return cleandoc(self.run.__doc__ or "")
+
+    @property
+    def module(self) -> str:
+        """Name of its module."""
+        return self.run.__module__.rpartition(".")[2]
 
     def declare(self, parser: argparse.ArgumentParser) -> None:
         """Add its arguments to a parser."""
@@ -68,15 +72,22 @@ class Verb:
 
 VERBS: dict[str, Verb] = {}
 """All verbs."""
-QUESTIONS = ("design a coupling", "judge it", "measure a device", "deploy", "operate a device", "look", "study")
-"""The questions that they answer, in the order of the help."""
+QUESTIONS = {
+    "design": "design a coupling",
+    "judge": "judge it",
+    "measure": "measure a device",
+    "deploy": "deploy",
+    "operate": "operate a device",
+    "look": "look",
+}
+"""What the verbs of each module are for, in the order of the help."""
 
 
-def verb(question: str, *arguments: Argument | Group) -> Callable[[Run], Run]:
+def verb(*arguments: Argument | Group) -> Callable[[Run], Run]:
     """Declare a function ``run_<verb>`` as a verb."""
 
     def declared(run: Run) -> Run:
-        VERBS[run.__name__.removeprefix("run_")] = Verb(question, arguments, run)
+        VERBS[run.__name__.removeprefix("run_")] = Verb(arguments, run)
         return run
 
     return declared

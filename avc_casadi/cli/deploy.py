@@ -8,59 +8,44 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import avc_casadi as avc
+from avc_casadi._util.files import write_file
+from avc_casadi._util.json_values import plain
 from avc_casadi._util.text import number
-from avc_casadi.cli.arguments import (
-    BESIDE,
-    COUPLING,
-    PORT,
-    UNSAFE,
-    VERBOSE,
-    argument,
-    faults_of,
-    flag,
-    is_coupling,
-    positive_int,
-    read_wall,
-    refuse,
-    unsafe_note,
-    verb,
-)
+from avc_casadi.cli import arguments as cli
 from avc_casadi.cli.console import Console, output_folder
+from avc_casadi.present.row import Answer
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
     from avc_casadi.model.device import Device as DeviceModel
-    from avc_casadi.present.row import Answer
     from avc_hardware import BoardLimits
 
-_QUESTION = "deploy"
 # Names of `avc_casadi.present.engines`.
 ENGINES = ("mujoco", "chai3d", "unity", "sofa", "openhaptics", "imstk", "ros2", "pybullet")
 _IN_CONTACT = "the device is in contact: release it, out of the wall; the new coupling takes over there"
 _USUAL_BAUD = 115200
 
 
-@verb(
-    _QUESTION,
-    COUPLING,
-    argument("--c", metavar="DIR", text="folder for avc_coupling.h and avc_coupling.c"),
-    argument(
+@cli.verb(
+    cli.COUPLING,
+    cli.argument("--c", metavar="DIR", text="folder for avc_coupling.h and avc_coupling.c"),
+    cli.argument(
         "--parameters",
         choices=ENGINES,
         metavar="ENGINE",
         text=f"in place of C: numbers of a coupling to a [simulation] for an engine: {', '.join(ENGINES)}",
     ),
-    argument(
+    cli.argument(
         "--precision",
         choices=("single", "double"),
         default="single",
         text="single (default): float, as in the packaged firmware; double: where a processor has it in hardware",
     ),
-    argument("--name", default="avc_coupling", text="what files and names in C begin with (default: avc_coupling)"),
-    flag("--force", "write over a file that is there and is no export"),
-    BESIDE,
-    UNSAFE,
-    VERBOSE,
+    cli.argument("--name", default="avc_coupling", text="what files and names in C begin with (default: avc_coupling)"),
+    cli.flag("--force", "write over a file that is there and is no export"),
+    cli.BESIDE,
+    cli.UNSAFE,
+    cli.VERBOSE,
 )
 def run_export(args: argparse.Namespace, console: Console) -> Answer:
     """Write a coupling as C for firmware of your own: avc_coupling.h and avc_coupling.c.
@@ -80,7 +65,7 @@ def run_export(args: argparse.Namespace, console: Console) -> Answer:
         raise avc.InputError.of("is missing; allowed: --c DIR or --parameters ENGINE", key="--c")
     coupling = avc.read_coupling(args.gains, args.problem)
     if coupling.end != "simulation":
-        refuse(args, "parameters", why=f"is of a coupling to a [simulation], not to a {coupling.end}; for C: --c DIR")
+        cli.refuse(args, "parameters", why=f"is of a [simulation], not of a {coupling.end}; for C: --c DIR")
     data: dict[str, Any] = {
         "coupling": coupling.id,
         "sample_time_s": coupling.sample_time_s,
@@ -91,7 +76,7 @@ def run_export(args: argparse.Namespace, console: Console) -> Answer:
         data |= {
             "rows": len(coupling.table),
             "deployable": verdict.document(),
-            "unsafe": unsafe_note(verdict),
+            "unsafe": cli.unsafe_note(verdict),
             "lacks": list(coupling.lacks),
             "holes": holes(coupling.schedule) or None,
         }
@@ -104,7 +89,7 @@ def run_export(args: argparse.Namespace, console: Console) -> Answer:
         data |= {"step_s": list(coupling.tool.step_s), "exchange": coupling.tool.exchange}
     elif coupling.end == "follower":
         data["follower_sample_time_s"] = coupling.follower.sample_time_s
-    with faults_of(args.gains, args), console.step("C"):
+    with cli.faults_of(args.gains, args), console.step("C"):
         files = export_c(coupling, precision=args.precision, name=args.name, unsafe=args.unsafe)
     data["files"] = _write(args, files)
     return deploy.export(data, coupling, args.gains)
@@ -112,8 +97,6 @@ def run_export(args: argparse.Namespace, console: Console) -> Answer:
 
 def _write(args: argparse.Namespace, files: dict[str, str]) -> list[str]:
     """Write files into the folder; return their paths."""
-    from avc_casadi._util.files import write_file
-
     paths = [Path(args.c) / name for name in files]
     for path in paths:
         if path.is_file() and not args.force and b"; do not edit." not in path.read_bytes().partition(b"\n")[0]:
@@ -125,13 +108,12 @@ def _write(args: argparse.Namespace, files: dict[str, str]) -> list[str]:
     return [str(path) for path in paths]
 
 
-@verb(
-    _QUESTION,
-    COUPLING,
-    *PORT,
-    argument("--device-id", metavar="ID", text="number of the device's chip; another one is refused"),
-    BESIDE,
-    UNSAFE,
+@cli.verb(
+    cli.COUPLING,
+    *cli.PORT,
+    cli.argument("--device-id", metavar="ID", text="number of the device's chip; another one is refused"),
+    cli.BESIDE,
+    cli.UNSAFE,
 )
 def run_push(args: argparse.Namespace, console: Console) -> Answer:
     """Send a coupling to a device: its table, wall and limits, swapped at once and read back.
@@ -140,14 +122,13 @@ def run_push(args: argparse.Namespace, console: Console) -> Answer:
     code 1; --unsafe overrides. The emulated device is a fresh one for every command; it runs at the coupling's own
     sample time, encoder and force limit, with a hand on it.
     """
-    from avc_casadi._util.json_values import plain
     from avc_casadi.claims.deployable import require_deployable
     from avc_casadi.present.rows import deploy, holes
     from avc_hardware import EMULATOR, push
 
-    coupling = read_wall(args.gains, args.problem)
+    coupling = cli.read_wall(args.gains, args.problem)
     verdict = require_deployable(coupling, unsafe=args.unsafe)
-    with faults_of(args.gains, args), console.step(f"push to {args.port}"):
+    with cli.faults_of(args.gains, args), console.step(f"push to {args.port}"):
         done = push(
             coupling,
             args.port,
@@ -158,8 +139,8 @@ def run_push(args: argparse.Namespace, console: Console) -> Answer:
             # The emulated device is released by itself.
             on_wait=lambda: None if args.port == EMULATOR else console.say(_IN_CONTACT),
         )
-    beside = {"unsafe": unsafe_note(verdict), "holes": holes(coupling.schedule) or None, "lacks": list(coupling.lacks)}
-    data = plain({"coupling": coupling.id, "deployable": verdict.document()} | done.document()) | beside
+    data = plain({"coupling": coupling.id, "deployable": verdict.document()} | done.document())
+    data |= {"unsafe": cli.unsafe_note(verdict), "holes": holes(coupling.schedule) or None, "lacks": [*coupling.lacks]}
     if args.port == EMULATOR:
         with console.step("firmware and plant in the loop"):
             data["in_the_loop"] = in_the_loop(coupling)
@@ -172,7 +153,6 @@ def run_push(args: argparse.Namespace, console: Console) -> Answer:
 
 def in_the_loop(coupling: Coupling) -> dict[str, Any]:
     """Try a pushed coupling with a hand on the emulated device; an unsupported trial is ``{"skipped": why}``."""
-    from avc_casadi._util.json_values import plain
     from avc_hardware import tried_in_the_loop
 
     try:
@@ -182,16 +162,15 @@ def in_the_loop(coupling: Coupling) -> dict[str, Any]:
     return found
 
 
-@verb(
-    _QUESTION,
-    argument(
+@cli.verb(
+    cli.argument(
         "subject", metavar="SUBJECT", text="device or problem; or a coupling file, for what runs beside its gains"
     ),
-    argument(
+    cli.argument(
         "--board", required=True, text="a board (a wrong name lists them), or the folder of your own (PORTING.md)"
     ),
-    argument("--out", required=True, metavar="DIR", text="folder for the .elf, .bin and .hex file"),
-    argument("--baud", type=positive_int, text="rate of its serial port; default 115200; push needs the same"),
+    cli.argument("--out", required=True, metavar="DIR", text="folder for the .elf, .bin and .hex file"),
+    cli.argument("--baud", type=cli.positive_int, text="rate of its serial port; default 115200; push needs the same"),
 )
 def run_firmware(args: argparse.Namespace, console: Console) -> Answer:
     """Build firmware for a device, its sample time, encoder and force limit built in.
@@ -199,14 +178,13 @@ def run_firmware(args: argparse.Namespace, console: Console) -> Answer:
     No gains are in it: they are pushed (avc push), and a coupling for another sample time or for more force is refused
     by the device. It needs the board's compiler: arm-none-eabi-gcc, or that of your folder.
     """
-    from avc_casadi._util.json_values import plain
     from avc_casadi.files.problem_file import is_device
     from avc_casadi.present.rows.deploy import firmware
     from avc_hardware import build_firmware
 
     subject: Coupling | avc.Problem | DeviceModel
-    if is_coupling(args.subject):
-        subject = read_wall(args.subject)
+    if cli.is_coupling(args.subject):
+        subject = cli.read_wall(args.subject)
     else:
         subject = avc.load_device(args.subject).device if is_device(args.subject) else avc.load_problem(args.subject)
     with output_folder(args.out, "--out") as folder, console.step(f"firmware for {args.board}"):

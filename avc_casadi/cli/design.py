@@ -9,49 +9,32 @@ from typing import TYPE_CHECKING, Any
 
 import avc_casadi as avc
 from avc_casadi._util.files import write_file
-from avc_casadi.cli.arguments import (
-    OF_WALLS,
-    PROBLEM,
-    UNSAFE,
-    VERBOSE,
-    argument,
-    flag,
-    output,
-    plot,
-    positive_int,
-    recommended,
-    refuse,
-    require_compiler,
-    unsafe_note,
-    verb,
-)
+from avc_casadi._util.json_values import json_text
+from avc_casadi.cli import arguments as cli
 from avc_casadi.cli.console import Console, output_folder, package_versions, write_figure, write_text
 from avc_casadi.design.registry import methods_help
 from avc_casadi.files.new_options import DAMPING, EVERY, HANDS, HOLDS, MASS, RADIUS
+from avc_casadi.present.row import Answer
 
 if TYPE_CHECKING:
     from avc_casadi.design.comparison.comparison import Comparison
     from avc_casadi.files.new_problem import NewProblem
     from avc_casadi.model.schedule import GainSchedule
     from avc_casadi.present.report import Picture
-    from avc_casadi.present.row import Answer
-
-_QUESTION = "design a coupling"
 
 
-@verb(
-    _QUESTION,
-    output("file", "problem file to write, .toml", ".toml"),
-    argument("--like", metavar="D", text="device to begin from: a name of `avc list`, or a device file"),
-    argument("--held", choices=tuple(HOLDS), default="grip", text="what holds it; default grip"),
+@cli.verb(
+    cli.output("file", "problem file to write, .toml", ".toml"),
+    cli.argument("--like", metavar="D", text="device to begin from: a name of `avc list`, or a device file"),
+    cli.argument("--held", choices=tuple(HOLDS), default="grip", text="what holds it; default grip"),
     *(
-        argument(name, metavar="V", text=f"{one.text}: {', '.join(dict.fromkeys(one.examples))}")
+        cli.argument(name, metavar="V", text=f"{one.text}: {', '.join(dict.fromkeys(one.examples))}")
         for one in EVERY
         for name in dict.fromkeys(one.names)
     ),
-    argument("--model", metavar="M", text="device of several axes, MJCF or URDF: mass from it (MuJoCo)"),
-    argument("--tip", metavar="NAME", text="site, body or geom of the model that the hand holds"),
-    flag("--force", "write over a file that is there"),
+    cli.argument("--model", metavar="M", text="device of several axes, MJCF or URDF: mass from it (MuJoCo)"),
+    cli.argument("--tip", metavar="NAME", text="site, body or geom of the model that the hand holds"),
+    cli.flag("--force", "write over a file that is there"),
 )
 def run_new(args: argparse.Namespace, console: Console) -> Answer:  # noqa: ARG001
     """Write a problem file from what you know of a device, its wall and what holds it.
@@ -120,16 +103,15 @@ def _at_tip(new: NewProblem, model: str | None, tip: str | None) -> NewProblem:
     return replace(new, typed=typed, tip=found)
 
 
-@verb(
-    _QUESTION,
-    PROBLEM,
-    output("--out", "write the coupling, .json: for push, stream, export, simulate", ".json"),
-    flag("--stiffest", "search the stiffest wall that the device can give, and what would help"),
-    flag("--lean-on-friction", "the stiffest coupling with which hands settle by the dry friction, if not without it"),
-    flag("--prove", "prove what is chosen, as avc certify --prove does: minutes where it is robust"),
-    flag("--trade-off", "tell what a disk margin costs in impedance error"),
-    argument("--hands", type=positive_int, default=100, metavar="N", text="simulated hands (default 100)"),
-    VERBOSE,
+@cli.verb(
+    cli.PROBLEM,
+    cli.output("--out", "write the coupling, .json: for push, stream, export, simulate", ".json"),
+    cli.flag("--stiffest", "search the stiffest wall that the device can give, and what would help"),
+    cli.flag("--lean-on-friction", "the stiffest with which hands settle by the dry friction, if not without it"),
+    cli.flag("--prove", "prove what is chosen, as avc certify --prove does: minutes where it is robust"),
+    cli.flag("--trade-off", "tell what a disk margin costs in impedance error"),
+    cli.argument("--hands", type=cli.positive_int, default=100, metavar="N", text="simulated hands (default 100)"),
+    cli.VERBOSE,
 )
 def run_recommend(args: argparse.Namespace, console: Console) -> Answer:
     """Recommend the coupling to deploy: its gains, what it renders, what limits it.
@@ -140,17 +122,17 @@ def run_recommend(args: argparse.Namespace, console: Console) -> Answer:
     from avc_casadi.recommendation.stiffest import stiffest as search
 
     if args.stiffest:
-        refuse(args, "out", "prove", "trade_off", why="goes with a recommendation, not with --stiffest; leave it out")
+        cli.refuse(args, "out", "prove", "trade_off", why="does not go with --stiffest; leave it out")
     with console.step(args.problem):
         problem = avc.load_problem(args.problem)
     if _is_pair(problem):
-        refuse(args, "stiffest", "lean_on_friction", "prove", "trade_off", why=OF_WALLS)
+        cli.refuse(args, "stiffest", "lean_on_friction", "prove", "trade_off", why=cli.OF_WALLS)
     if args.stiffest:
-        require_compiler(console)
+        cli.require_compiler(console)
         data = search(problem, args.hands, lean_on_friction=args.lean_on_friction, progress=console)
         return stiffest(data, problem, args.problem)
     options = {"lean_on_friction": args.lean_on_friction, "prove": args.prove, "with_trade_off": args.trade_off}
-    found = recommended(problem, console, args.hands, **options)
+    found = cli.recommended(problem, console, args.hands, **options)
     written = None
     # What the trials refuse, other verbs would take: they judge linear stability alone.
     if args.out is not None and found.coupling is not None and found.deployable:
@@ -165,21 +147,19 @@ def _is_pair(problem: avc.Problem) -> bool:
 
 def coupling_text(coupling: avc.Coupling, **beside: Any) -> str:
     """Return the text of a coupling file, with what else stands in it."""
-    from avc_casadi._util.json_values import json_text
     from avc_casadi.files.coupling_file import coupling_document
 
     return json_text(beside | coupling_document(coupling), coupling.units)
 
 
-@verb(
-    _QUESTION,
-    PROBLEM,
-    argument("--method", text=f"{methods_help()}; default direct"),
-    argument("--solver", text="of direct: sqpmethod-qrqp (default), sqpmethod, ipopt, or another nlpsol plugin"),
-    argument("--tolerance", type=float, metavar="TOL", text="tolerance asked of the solver"),
-    flag("--as-printed", "closed form with the paper's errors; -v lists them"),
-    output("--out", "write the coupling: .json (everything), or .csv (the bare table)", ".json", ".csv"),
-    VERBOSE,
+@cli.verb(
+    cli.PROBLEM,
+    cli.argument("--method", text=f"{methods_help()}; default direct"),
+    cli.argument("--solver", text="of direct: sqpmethod-qrqp (default), sqpmethod, ipopt, or another nlpsol plugin"),
+    cli.argument("--tolerance", type=float, metavar="TOL", text="tolerance asked of the solver"),
+    cli.flag("--as-printed", "closed form with the paper's errors; -v lists them"),
+    cli.output("--out", "write the coupling: .json (everything), or .csv (the bare table)", ".json", ".csv"),
+    cli.VERBOSE,
 )
 def run_solve(args: argparse.Namespace, console: Console) -> Answer:
     """Compute the gains of a problem by one method.
@@ -187,7 +167,6 @@ def run_solve(args: argparse.Namespace, console: Console) -> Answer:
     Exit code 1 if a frequency has no gains. Whether the gains may go into a device is said on one line; the verbs that
     deploy refuse those that may not.
     """
-    from avc_casadi._util.json_values import json_text
     from avc_casadi.coupling import Coupling
     from avc_casadi.files.gain_file import gain_csv
     from avc_casadi.present.rows import solution_data
@@ -227,12 +206,11 @@ def gain_pair(text: str) -> tuple[float, float]:
     return k, b
 
 
-@verb(
-    _QUESTION,
-    PROBLEM,
-    argument("--mine", type=gain_pair, metavar="K,B", text="judge a constant pair too, as 7000,10: N/m and N.s/m"),
-    plot("the comparison"),
-    VERBOSE,
+@cli.verb(
+    cli.PROBLEM,
+    cli.argument("--mine", type=gain_pair, metavar="K,B", text="judge a constant pair too, as 7000,10: N/m and N.s/m"),
+    cli.plot("the comparison"),
+    cli.VERBOSE,
 )
 def run_compare(args: argparse.Namespace, console: Console) -> Answer:
     """Put the methods side by side, frequency by frequency, with a verdict."""
@@ -252,13 +230,12 @@ def _compared(problem: avc.Problem, mine: tuple[float, float] | None, console: C
     return avc.compare(problem, mine=mine, solver=lambda problem, method: _solved(problem, method, console))
 
 
-@verb(
-    _QUESTION,
-    PROBLEM,
-    argument("--out", metavar="DIR", text="folder for the results; default avc-<name>"),
-    argument("--method", metavar="NAME", text=f"deploy the gains of a method instead: {methods_help()}"),
-    VERBOSE,
-    UNSAFE,
+@cli.verb(
+    cli.PROBLEM,
+    cli.argument("--out", metavar="DIR", text="folder for the results; default avc-<name>"),
+    cli.argument("--method", metavar="NAME", text=f"deploy the gains of a method instead: {methods_help()}"),
+    cli.VERBOSE,
+    cli.UNSAFE,
 )
 def run_run(args: argparse.Namespace, console: Console) -> Answer:
     """Do all of it: recommend a coupling, try it, report and push, and answer the paper's question.
@@ -271,7 +248,7 @@ def run_run(args: argparse.Namespace, console: Console) -> Answer:
         problem = avc.load_problem(args.problem)
     shown = Path(f"avc-{problem.name.replace('/', '-')}" if args.out is None else args.out)
     if _is_pair(problem):
-        refuse(args, "method", "unsafe", why=OF_WALLS)
+        cli.refuse(args, "method", "unsafe", why=cli.OF_WALLS)
     with output_folder(str(args.out if args.out is not None else shown), "--out") as folder:
         console.begin(f"{args.problem} ... all of it, into {shown}")
         return (_run_pair if _is_pair(problem) else _run_wall)(problem, args, console, folder, shown)
@@ -282,7 +259,7 @@ def _run_pair(problem: avc.Problem, args: argparse.Namespace, console: Console, 
     from avc_casadi.present.report import pair_pictures, report_html
     from avc_casadi.present.rows.recommend import recommendation
 
-    found = recommended(problem, console)
+    found = cli.recommended(problem, console)
     texts = {} if found.coupling is None else {"coupling.json": coupling_text(found.coupling)}
     with console.step("figures"):
         drawn = pair_pictures(found, console)
@@ -308,7 +285,6 @@ def _written(
 
 def _run_wall(problem: avc.Problem, args: argparse.Namespace, console: Console, folder: Path, shown: Path) -> Answer:
     """Recommend, push to the emulated device, answer the paper's question, draw and report."""
-    from avc_casadi._util.json_values import json_text
     from avc_casadi.design.comparison.comparison import with_delivered
     from avc_casadi.files.gain_file import gain_csv, gain_document
     from avc_casadi.present.report import paper_pictures, paper_sections, report_html, wall_pictures
@@ -317,7 +293,7 @@ def _run_wall(problem: avc.Problem, args: argparse.Namespace, console: Console, 
     from avc_casadi.recommendation.recommend import judged_as_recommended
 
     if args.method is None:
-        found = recommended(problem, console)
+        found = cli.recommended(problem, console)
     else:
         gains = _solved(problem, args.method, console)
         with console.step(f"coupling to deploy: {args.method}"):
@@ -369,7 +345,7 @@ def _pushed(found: avc.Recommendation, *, unsafe: bool) -> dict[str, Any]:
     if not found.deployable and not unsafe:
         return {"refused": found.reason, "deployable": False}
     try:
-        note = unsafe_note(require_deployable(coupling, unsafe=unsafe))
+        note = cli.unsafe_note(require_deployable(coupling, unsafe=unsafe))
         if not found.deployable:
             note = note or f"UNSAFE, went on by request: {found.reason}"
         done = push(coupling, "emulator", unsafe=unsafe).document()

@@ -62,7 +62,8 @@ def build_parser() -> argparse.ArgumentParser:
         metavar=_VERB, prog="avc", required=True, parser_class=_Parser, help=argparse.SUPPRESS
     )
     listed: list[str] = []
-    for name, verb in sorted(VERBS.items(), key=lambda one: QUESTIONS.index(one[1].question)):
+    order = list(QUESTIONS)
+    for name, verb in sorted(VERBS.items(), key=lambda one: order.index(one[1].module)):
         command = verbs.add_parser(
             name,
             description=verb.help,
@@ -74,8 +75,8 @@ def build_parser() -> argparse.ArgumentParser:
         # A positional argument has no option as its name.
         options = {action.dest: action.option_strings[-1] for action in command._actions if action.option_strings}  # noqa: SLF001
         command.set_defaults(run=verb.run, options=options)
-        if f"{verb.question}:" not in listed:
-            listed.append(f"{verb.question}:")
+        if (question := f"{QUESTIONS[verb.module]}:") not in listed:
+            listed.append(question)
         summary = verb.help.partition("\n")[0].rstrip(".")
         listed += wrap(summary, 110, initial_indent=f"  {name:<12}", subsequent_indent=" " * 14)
     parser.epilog = "\n".join([*listed, "", _EPILOG])

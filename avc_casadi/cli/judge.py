@@ -10,54 +10,38 @@ from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 import avc_casadi as avc
-from avc_casadi.cli.arguments import (
-    OF_WALLS,
-    PROBLEM,
-    VERBOSE,
-    WORKERS,
-    Group,
-    argument,
-    flag,
-    output,
-    plot,
-    positive_int,
-    read_wall,
-    recommended_coupling,
-    refuse,
-    subject,
-    verb,
-)
+from avc_casadi._util.files import write_file
+from avc_casadi._util.json_values import json_text, plain
+from avc_casadi.cli import arguments as cli
 from avc_casadi.cli.console import Console, output_folder, write_figure, writing
 from avc_casadi.design.registry import methods_help
+from avc_casadi.present.row import Answer
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
     from avc_casadi.model.schedule import GainSchedule
-    from avc_casadi.present.row import Answer
 
-_QUESTION = "judge it"
 _OF_LAW = ("k", "b", "b_p", "cutoff_hz")
 # A figure holds four distinguishable runs.
 _MOST_OTHERS = 3
 
 
-@verb(
-    _QUESTION,
-    argument("problem", metavar="P", text="problem to judge against; or a coupling file, which has its own"),
-    argument("gains", metavar="GAINS", nargs="?", text="coupling or gain file, .json or .csv"),
-    flag("--prove", "ask for a proof of rest (L7), seconds a row: proved, refuted (with the hand) or open (why)"),
-    argument("--proof-out", metavar="DIR", text="with --prove: write proofs and witnesses"),
-    Group(
+@cli.verb(
+    cli.argument("problem", metavar="P", text="problem to judge against; or a coupling file, which has its own"),
+    cli.argument("gains", metavar="GAINS", nargs="?", text="coupling or gain file, .json or .csv"),
+    cli.flag("--prove", "ask for a proof of rest (L7), seconds a row: proved, refuted (with the hand) or open (why)"),
+    cli.argument("--proof-out", metavar="DIR", text="with --prove: write proofs and witnesses"),
+    cli.Group(
         "your own law in place of GAINS",
         "force = -(k x + (b + b_p) v); what is left out is 0. The wall of P is not used; P may be a device file.",
         (
-            argument("--k", "--kp", type=float, metavar="K", text="spring, N/m; N.m/rad of a device that turns"),
-            argument("--b", "--kd", type=float, metavar="B", text="damper in the wall, N.s/m or N.m.s/rad"),
-            argument("--b-p", type=float, metavar="B", text="damper that acts outside the wall too"),
-            argument("--cutoff-hz", type=float, metavar="F", text="first-order filter of the velocity (default: none)"),
+            cli.argument("--k", "--kp", type=float, metavar="K", text="spring, N/m; N.m/rad of a device that turns"),
+            cli.argument("--b", "--kd", type=float, metavar="B", text="damper in the wall, N.s/m or N.m.s/rad"),
+            cli.argument("--b-p", type=float, metavar="B", text="damper that acts outside the wall too"),
+            cli.argument("--cutoff-hz", type=float, metavar="F", text="first-order filter of the velocity (none)"),
         ),
     ),
-    VERBOSE,
+    cli.VERBOSE,
 )
 def run_certify(args: argparse.Namespace, console: Console) -> Answer:
     """Say whether a coupling may be deployed, and which stability claims it meets.
@@ -70,19 +54,19 @@ def run_certify(args: argparse.Namespace, console: Console) -> Answer:
     if law := {key: value for key in _OF_LAW if (value := getattr(args, key)) is not None}:
         from avc_casadi.present.rows.own_law import own_law
 
-        refuse(args, "prove", "proof_out", why="goes with a file of gains, not with --k, --b")
+        cli.refuse(args, "prove", "proof_out", why="goes with a file of gains, not with --k, --b")
         if args.gains is not None:
             raise avc.InputError.of("goes with a file of gains, not with --k, --b", key="GAINS")
         with console.step("your own law"):
             return own_law(avc.certify_law(args.problem, **law), args.problem)
     if args.proof_out is not None and not args.prove:
         raise avc.InputError.of("writes what --prove finds; give --prove too", key="--proof-out")
-    problem, coupling, notes = subject(args.problem, args.gains)
+    problem, coupling, notes = cli.subject(args.problem, args.gains)
     if coupling is None:
         make = f"avc recommend {quote(args.problem)} --out c.json"
         raise avc.InputError.of(f"is missing; give a coupling or gain file: {make}", key="GAINS")
     if coupling.end == "simulation":
-        refuse(args, "prove", "proof_out", why=OF_WALLS)
+        cli.refuse(args, "prove", "proof_out", why=cli.OF_WALLS)
         return _certify_pair(problem, coupling, args, console)
     with nullcontext() if args.proof_out is None else output_folder(args.proof_out, "--proof-out") as folder:
         return _certify_wall(problem, coupling, notes, args, console, folder)
@@ -109,8 +93,6 @@ def _certify_wall(
     console: Console,
     proofs: Path | None,
 ) -> Answer:
-    from avc_casadi._util.files import write_file
-    from avc_casadi._util.json_values import json_text
     from avc_casadi.claims.levels import asked_for
     from avc_casadi.claims.proof_levels import proof_files
     from avc_casadi.present.rows import holes
@@ -146,17 +128,16 @@ def _file_of(problem: avc.Problem) -> str:
         return ""
 
 
-@verb(
-    _QUESTION,
-    argument("problem", metavar="P", text="problem file or name of the catalogue; or a coupling file"),
-    argument("--gains", metavar="GAINS", text="coupling or gain file in place of the scene's own coupling"),
-    argument("--against", metavar="C1,C2", text="draw others too: up to 3 of none and the methods"),
-    flag("--explain", "show what each effect adds, and which are absent"),
-    argument("--seed", type=int, default=0, metavar="S", text="other draws of all noises (default 0)"),
-    output("--trace", "write all traces (.npz) and a manifest beside them (.json)", ".npz"),
-    plot("the run"),
-    flag("--screen", "leave out each effect in turn instead, and say which ones it needs"),
-    VERBOSE,
+@cli.verb(
+    cli.argument("problem", metavar="P", text="problem file or name of the catalogue; or a coupling file"),
+    cli.argument("--gains", metavar="GAINS", text="coupling or gain file in place of the scene's own coupling"),
+    cli.argument("--against", metavar="C1,C2", text="draw others too: up to 3 of none and the methods"),
+    cli.flag("--explain", "show what each effect adds, and which are absent"),
+    cli.argument("--seed", type=int, default=0, metavar="S", text="other draws of all noises (default 0)"),
+    cli.output("--trace", "write all traces (.npz) and a manifest beside them (.json)", ".npz"),
+    cli.plot("the run"),
+    cli.flag("--screen", "leave out each effect in turn instead, and say which ones it needs"),
+    cli.VERBOSE,
 )
 def run_simulate(args: argparse.Namespace, console: Console) -> Answer:
     """Simulate the scene of a problem: whether the device settles, and what is rendered.
@@ -164,9 +145,9 @@ def run_simulate(args: argparse.Namespace, console: Console) -> Answer:
     With its listed effects only, or with none listed with a hand, a wall and all that the device declares.
     Exit code 1 if the device does not settle.
     """
-    problem, coupling, notes = subject(args.problem, args.gains)
+    problem, coupling, notes = cli.subject(args.problem, args.gains)
     if problem.simulation is not None:
-        refuse(args, "against", "explain", "screen", why=OF_WALLS)
+        cli.refuse(args, "against", "explain", "screen", why=cli.OF_WALLS)
         return _simulate_pair(problem, coupling, args, console)
     gains: Coupling | GainSchedule | None = coupling
     if coupling is None:
@@ -176,7 +157,7 @@ def run_simulate(args: argparse.Namespace, console: Console) -> Answer:
         from avc_casadi.present.rows.judge import screening
         from avc_casadi.simulation.screen import screen
 
-        refuse(args, "against", "explain", "seed", "trace", "plot", why="does not go with --screen")
+        cli.refuse(args, "against", "explain", "seed", "trace", "plot", why="does not go with --screen")
         with console.step("the scene without each of its effects"):
             found = screen(problem, NO_COUPLING if gains is None else gains, progress=console)
         return screening(found.document() | {"notes": notes}, problem, args.problem)
@@ -217,7 +198,6 @@ def _simulate_wall(
     from avc_casadi.coupling import Coupling
     from avc_casadi.design.scene_coupling import compared, told_beside
     from avc_casadi.model.gains import NO_COUPLING, missing_rest_gains
-    from avc_casadi.present.row import Answer as Result
     from avc_casadi.present.rows.judge import scene
     from avc_casadi.simulation.screen import explain
 
@@ -228,7 +208,7 @@ def _simulate_wall(
     if why:
         file, key = (problem.name, "scene.coupling") if args.gains is None else (args.gains, "--gains")
         no = avc.InputError.of(why, file=file, key=key)
-        return Result("refused", avc.fault_document(no), code=1, complaint=f"avc: {no}")
+        return Answer("refused", avc.fault_document(no), code=1, complaint=f"avc: {no}")
     with console.step(f"{problem.scene.duration_s:g} s of the scene"):
         found = avc.simulate(problem, gains, seed=args.seed)
         facts = told_beside(found)
@@ -256,7 +236,7 @@ def _simulate_pair(
     from avc_casadi.model.declared import with_gains
     from avc_casadi.present.rows.judge import scene
 
-    gains = (coupling or recommended_coupling(problem, console)).gains
+    gains = (coupling or cli.recommended_coupling(problem, console)).gains
     staged = with_gains(problem, gains)
     with console.step(f"{staged.scene.duration_s:g} s of the scene"):
         found = avc.simulate(staged, seed=args.seed)
@@ -270,13 +250,12 @@ def _simulate_pair(
     return scene(data, problem, args.problem, args.plot and str(args.plot))
 
 
-@verb(
-    _QUESTION,
-    argument("coupling", metavar="COUPLING", text="coupling file, of `avc recommend P --out`"),
-    argument("--hands", type=positive_int, default=10_000, metavar="N", text="hands (default 10000)"),
-    argument("--seed", type=int, default=0, metavar="S", text="the same seed, the same hands (default 0)"),
-    flag("--without-friction", "leave the declared dry friction out"),
-    *WORKERS,
+@cli.verb(
+    cli.argument("coupling", metavar="COUPLING", text="coupling file, of `avc recommend P --out`"),
+    cli.argument("--hands", type=cli.positive_int, default=10_000, metavar="N", text="hands (default 10000)"),
+    cli.argument("--seed", type=int, default=0, metavar="S", text="the same seed, the same hands (default 0)"),
+    cli.flag("--without-friction", "leave the declared dry friction out"),
+    *cli.WORKERS,
 )
 def run_trial(args: argparse.Namespace, console: Console) -> Answer:
     """Try a coupling with any number of simulated hands: how many settle, with the exact interval.
@@ -288,7 +267,7 @@ def run_trial(args: argparse.Namespace, console: Console) -> Answer:
     from avc_casadi.present.rows.judge import trial
     from avc_casadi.simulation.population.trial import settled_hands
 
-    coupling = read_wall(args.coupling)
+    coupling = cli.read_wall(args.coupling)
     with cluster(args.scheduler) as executor, console.step(f"{args.hands} hands"):
         found = settled_hands(
             coupling,
@@ -302,18 +281,17 @@ def run_trial(args: argparse.Namespace, console: Console) -> Answer:
     return trial(found.document(), coupling.problem.units, args.coupling)
 
 
-@verb(
-    _QUESTION,
-    PROBLEM,
-    argument("--method", text=f"place the walls that its gains render in the region: {methods_help()}"),
-    plot("the region"),
-    VERBOSE,
+@cli.verb(
+    cli.PROBLEM,
+    cli.argument("--method", text=f"place the walls that its gains render in the region: {methods_help()}"),
+    cli.plot("the region"),
+    cli.VERBOSE,
 )
 def run_zwidth(args: argparse.Namespace, console: Console) -> Answer:
     """Show which walls the device can render, without coupling and with a constant one."""
     problem = avc.load_problem(args.problem)
     if problem.simulation is not None:
-        refuse(args, "method", why=OF_WALLS)
+        cli.refuse(args, "method", why=cli.OF_WALLS)
         return _region_of_pairs(problem, args, console)
     return _region_of_walls(problem, args, console)
 
@@ -335,7 +313,6 @@ def _region_of_pairs(problem: avc.Problem, args: argparse.Namespace, console: Co
 def _region_of_walls(problem: avc.Problem, args: argparse.Namespace, console: Console) -> Answer:
     import numpy as np
 
-    from avc_casadi._util.json_values import plain
     from avc_casadi.claims.levels import ideal
     from avc_casadi.claims.zwidth import llewellyn_table, rendered_wall, zwidth
     from avc_casadi.design.static import static_coupling

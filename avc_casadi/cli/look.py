@@ -9,20 +9,19 @@ import shutil
 import sys
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import avc_casadi as avc
 from avc_casadi._util.interrupt import take_interrupt
-from avc_casadi.cli.arguments import BAUD, PROBLEM, VERBOSE, WORKERS, argument, flag, plot, positive_int, verb
+from avc_casadi._util.json_values import plain
+from avc_casadi.cli import arguments as cli
 from avc_casadi.cli.console import Console, package_versions, write_figure
-
-if TYPE_CHECKING:
-    from avc_casadi.present.row import Answer
+from avc_casadi.present.row import Answer
 
 _PROGRAMS = ("cc", "gcc", "clang", "arm-none-eabi-gcc", "qemu-system-arm")
 
 
-@verb("look")
+@cli.verb()
 def run_list(args: argparse.Namespace, console: Console) -> Answer:  # noqa: ARG001
     """Show the catalogue of problems and devices.
 
@@ -37,10 +36,9 @@ def run_list(args: argparse.Namespace, console: Console) -> Answer:  # noqa: ARG
     return catalogue({"problems": problems, "devices": devices}, str(avc.catalogue_path("figure5").parent))
 
 
-@verb("look", argument("problem", metavar="P", text="problem or device: a file, or a name of the catalogue"), VERBOSE)
+@cli.verb(cli.argument("problem", metavar="P", text="problem or device: a file or a name"), cli.VERBOSE)
 def run_check(args: argparse.Namespace, console: Console) -> Answer:  # noqa: ARG001
     """Check a problem file or a device file and show what it means."""
-    from avc_casadi._util.json_values import plain
     from avc_casadi.files.plausibility import plausibility
     from avc_casadi.files.problem_file import is_device
     from avc_casadi.loops.sampled_loop import passive_limit_n_per_m
@@ -104,11 +102,10 @@ def _device(source: str) -> Answer:
     return device(data, file.device.units)
 
 
-@verb(
-    "look",
-    argument("problem", metavar="P", nargs="?", default="figure5", text="problem file or name; default figure5"),
-    argument("--port", type=int, default=0, metavar="N", text="port of 127.0.0.1; default any free one"),
-    flag("--open", "open the page in the browser"),
+@cli.verb(
+    cli.argument("problem", metavar="P", nargs="?", default="figure5", text="problem file or name; default figure5"),
+    cli.argument("--port", type=int, default=0, metavar="N", text="port of 127.0.0.1; default any free one"),
+    cli.flag("--open", "open the page in the browser"),
 )
 def run_explore(args: argparse.Namespace, console: Console) -> Answer:
     """Turn knobs on a local page: device, hands, and wall or engine as sliders beside what they make of a coupling.
@@ -121,7 +118,6 @@ def run_explore(args: argparse.Namespace, console: Console) -> Answer:
 
     from avc_casadi.present.explore.explorer import Explorer
     from avc_casadi.present.explore.server import ExploreServer
-    from avc_casadi.present.row import Answer as Result
 
     problem = avc.load_problem(args.problem)
     explorer = Explorer(problem, args.problem, package_versions())
@@ -141,15 +137,14 @@ def run_explore(args: argparse.Namespace, console: Console) -> Answer:
         except KeyboardInterrupt:
             take_interrupt()
             explorer.close()
-    return Result("explore", {"problem": problem.name, "url": server.url})
+    return Answer("explore", {"problem": problem.name, "url": server.url})
 
 
-@verb(
-    "look",
-    flag("--ports", "list the serial ports alone, USB devices first"),
-    flag("--ask", "open each port and ask which avc device is there; boards like the Arduino start anew by that"),
-    BAUD,
-    VERBOSE,
+@cli.verb(
+    cli.flag("--ports", "list the serial ports alone, USB devices first"),
+    cli.flag("--ask", "open each port and ask which avc device is there; boards like the Arduino start anew by that"),
+    cli.BAUD,
+    cli.VERBOSE,
 )
 def run_doctor(args: argparse.Namespace, console: Console) -> Answer:
     """Show versions, solvers, compiler, ports and permissions.
@@ -157,13 +152,12 @@ def run_doctor(args: argparse.Namespace, console: Console) -> Answer:
     Each solver of the method direct solves a small problem; its answer is checked, whatever it reports.
     """
     from avc_casadi.paper.backends import SOLVERS
-    from avc_casadi.present.row import Answer as Result
     from avc_casadi.present.rows.look import installation, ports
 
     found = _ports(args, console)
     rows = ports(found, asked=args.ask)
     if args.ports:
-        return Result("ports", {"ports": found}, ("serial ports; without a device: --port emulator",), tuple(rows))
+        return Answer("ports", {"ports": found}, ("serial ports; without a device: --port emulator",), tuple(rows))
     with console.step("solvers"):
         small = avc.load_problem("soft").changed(frequency={"points": 2})
         solvers = {name: "failed" not in avc.solve(small, solver=name).status for name in SOLVERS}
@@ -214,7 +208,7 @@ def _hello(port: str, baud: int) -> dict[str, Any] | None:
     }
 
 
-@verb("study", PROBLEM, plot("time against error"), VERBOSE)
+@cli.verb(cli.PROBLEM, cli.plot("time against error"), cli.VERBOSE)
 def run_accuracy(args: argparse.Namespace, console: Console) -> Answer:
     """Measure what accuracy costs in time: methods and solvers over tolerances against the true optimum.
 
@@ -235,12 +229,11 @@ def run_accuracy(args: argparse.Namespace, console: Console) -> Answer:
     return accuracy(accuracy_document(problem, costs))
 
 
-@verb(
-    "study",
-    argument("--hands", type=positive_int, default=200, metavar="N", text="hands of each set (default 200)"),
-    argument("--seed", type=int, default=2026, metavar="S", text="the same seed, the same counts"),
-    *WORKERS,
-    VERBOSE,
+@cli.verb(
+    cli.argument("--hands", type=cli.positive_int, default=200, metavar="N", text="hands of each set (default 200)"),
+    cli.argument("--seed", type=int, default=2026, metavar="S", text="the same seed, the same counts"),
+    *cli.WORKERS,
+    cli.VERBOSE,
 )
 def run_table1(args: argparse.Namespace, console: Console) -> Answer:
     """Rebuild the paper's Table 1 with simulated hands: stable or not, and which coupling feels like the wall.

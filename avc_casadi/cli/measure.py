@@ -10,53 +10,38 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import avc_casadi as avc
+from avc_casadi._util.json_values import plain
 from avc_casadi._util.text import number
-from avc_casadi.cli.arguments import (
-    BAUD,
-    LOGS,
-    VERBOSE,
-    argument,
-    flag,
-    load_known,
-    log_layout,
-    of_motion,
-    output,
-    plot,
-    positive,
-    read_wall,
-    turning,
-    verb,
-)
+from avc_casadi._util.units import units_for
+from avc_casadi.cli import arguments as cli
 from avc_casadi.cli.console import Console, package_versions, write_figure, write_text
+from avc_casadi.present.row import Answer
 
 if TYPE_CHECKING:
     from avc_casadi.identification.excitation.design import Excitation
-    from avc_casadi.present.row import Answer
     from avc_hardware import ExcitationLog
 
-_QUESTION = "measure a device"
 # Least travel for `avc identify`, encoder steps.
 _FEWEST_STEPS = 12.0
 
 
-@verb(
-    _QUESTION,
-    argument("device", metavar="DEVICE", text="what is known of it: a device or problem, a file or a name"),
-    argument("--port", default="emulator", text="serial port (avc doctor --ports); default `emulator`, a model"),
-    argument(
+@cli.verb(
+    cli.argument("device", metavar="DEVICE", text="what is known of it: a device or problem, a file or a name"),
+    cli.argument("--port", default="emulator", text="serial port (avc doctor --ports); default `emulator`, a model"),
+    cli.argument(
         "--signal",
         choices=("multisine", "chirp"),
         default="multisine",
         text="multisine: all frequencies at once (default); chirp: one after the other",
     ),
-    argument("--seconds", type=positive, default=10.0, metavar="S", text="how long; default 10"),
-    *turning("force_n", "N", "force limit; default: half of the device's"),
-    *turning("speed_m_per_s", "V", "speed limit; default 0.3 m/s at the hand, at most 10 rad/s"),
-    *turning("travel_m", "X", "travel limit to either side; default 20 mm at the hand"),
-    output("--out", "write the log (.csv)", ".csv"),
-    flag("--plan-only", "say what would be done; nothing moves"),
-    argument("--on-bench", metavar="DEVICE", text="with --port emulator: the device there, if not the declared one"),
-    BAUD,
+    cli.argument("--seconds", type=cli.positive, default=10.0, metavar="S", text="how long; default 10"),
+    *cli.turning("force_n", "N", "force limit; default: half of the device's"),
+    *cli.turning("speed_m_per_s", "V", "speed limit; default 0.3 m/s at the hand, at most 10 rad/s"),
+    *cli.turning("travel_m", "X", "travel limit to either side; default 20 mm at the hand"),
+    cli.output("--out", "write the log (.csv)", ".csv"),
+    cli.flag("--plan-only", "say what would be done; nothing moves"),
+    cli.argument("--on-bench", metavar="DEVICE", text="with --port emulator: the device there, if another"),
+    cli.BAUD,
 )
 def run_excite(args: argparse.Namespace, console: Console) -> Answer:
     """Excite a device within limits of force, speed and travel, and log it for `avc identify`.
@@ -70,8 +55,8 @@ def run_excite(args: argparse.Namespace, console: Console) -> Answer:
     from avc_casadi.present.rows import measure
     from avc_hardware import excite
 
-    device = load_known(args.device).device
-    on_bench = load_known(args.on_bench).device if args.on_bench else device
+    device = cli.load_known(args.device).device
+    on_bench = cli.load_known(args.on_bench).device if args.on_bench else device
     if args.plan_only and args.out:
         raise avc.InputError.of("makes a log, and --plan-only plays nothing; leave one of them out", key="--out")
     if args.on_bench and args.port != "emulator":
@@ -82,7 +67,7 @@ def run_excite(args: argparse.Namespace, console: Console) -> Answer:
             args.signal,
             seconds=args.seconds,
             progress=console,
-            **{key: of_motion(args, device.units, key) for key in ("force_n", "speed_m_per_s", "travel_m")},
+            **{key: cli.of_motion(args, device.units, key) for key in ("force_n", "speed_m_per_s", "travel_m")},
         )
     data: dict[str, Any] = {"plan": _plan(made), "out": None, "log": None}
     planned = measure.plan(data, device.units, args.device, args.port)
@@ -133,7 +118,6 @@ _STUCK = "as if dry friction or a hand held it: free it, or give more force"
 
 
 def _plan(made: Excitation) -> dict[str, Any]:
-    from avc_casadi._util.json_values import plain
 
     plan, forecast = made.plan, vars(made.forecast)
     low, high = plan.band_hz
@@ -159,12 +143,11 @@ def _plan(made: Excitation) -> dict[str, Any]:
     return data
 
 
-@verb(
-    _QUESTION,
-    *LOGS,
-    output("--out", "write the device file (.toml)", ".toml"),
-    argument("--device", metavar="BASE", text="device or problem: what the logs do not tell is taken from it"),
-    VERBOSE,
+@cli.verb(
+    *cli.LOGS,
+    cli.output("--out", "write the device file (.toml)", ".toml"),
+    cli.argument("--device", metavar="BASE", text="device or problem: what the logs do not tell is taken from it"),
+    cli.VERBOSE,
 )
 def run_identify(args: argparse.Namespace, console: Console) -> Answer:
     """Identify a device from logs of time, position and commanded force.
@@ -173,7 +156,6 @@ def run_identify(args: argparse.Namespace, console: Console) -> Answer:
     interval; it is used at once: device = "device.toml" in a problem file. What the logs do not identify is named, with
     the log that would.
     """
-    from avc_casadi._util.units import units_for
     from avc_casadi.identification.device import device_text
     from avc_casadi.identification.identify import identify
     from avc_casadi.present.report import identification_html
@@ -181,8 +163,8 @@ def run_identify(args: argparse.Namespace, console: Console) -> Answer:
 
     found = identify(
         args.log,
-        layout=log_layout(args),
-        base=load_known(args.device) if args.device else None,
+        layout=cli.log_layout(args),
+        base=cli.load_known(args.device) if args.device else None,
         flip_force=args.flip_force,
         handle_radius_m=args.handle_radius_m,
         progress=console,
@@ -205,13 +187,12 @@ def run_identify(args: argparse.Namespace, console: Console) -> Answer:
     return replace(answer, code=int(found.device is None), complaint=complaint)
 
 
-@verb(
-    _QUESTION,
-    *LOGS,
-    argument("--device", metavar="D", text="device, or problem with its hands: what it was declared to be"),
-    argument("--coupling", metavar="FILE", text="coupling.json that was meant to run"),
-    plot("each log"),
-    VERBOSE,
+@cli.verb(
+    *cli.LOGS,
+    cli.argument("--device", metavar="D", text="device, or problem with its hands: what it was declared to be"),
+    cli.argument("--coupling", metavar="FILE", text="coupling.json that was meant to run"),
+    cli.plot("each log"),
+    cli.VERBOSE,
 )
 def run_diagnose(args: argparse.Namespace, console: Console) -> Answer:
     """Diagnose a log of a loop that swings: the cause, the evidence, a remedy that was simulated.
@@ -231,11 +212,11 @@ def run_diagnose(args: argparse.Namespace, console: Console) -> Answer:
     elif args.device is not None:
         problem = avc.load_problem(args.device)
         device, hands = problem.device, problem.hands
-    coupling = None if args.coupling is None else read_wall(args.coupling)
+    coupling = None if args.coupling is None else cli.read_wall(args.coupling)
     found = [
         diagnose(
             log,
-            layout=log_layout(args),
+            layout=cli.log_layout(args),
             device=device,
             hands=hands,
             coupling=coupling,

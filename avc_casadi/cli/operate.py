@@ -9,62 +9,44 @@ from typing import TYPE_CHECKING, Any
 
 import avc_casadi as avc
 from avc_casadi._util.interrupt import EXIT_CODE, HeldInterrupt, take_interrupt
-from avc_casadi.cli.arguments import (
-    MOTION,
-    PORT,
-    UNSAFE,
-    argument,
-    faults_of,
-    flag,
-    is_coupling,
-    of_motion,
-    output,
-    positive,
-    read_wall,
-    recommended_coupling,
-    turning,
-    unsafe_note,
-    verb,
-)
+from avc_casadi._util.json_values import plain
+from avc_casadi._util.units import units_for
+from avc_casadi.cli import arguments as cli
 from avc_casadi.cli.console import Console
+from avc_casadi.present.row import Answer, Mark, Part, Value, listed, row, text_of
 
 if TYPE_CHECKING:
     from avc_casadi._util.units import Units
     from avc_casadi.coupling import Coupling
-    from avc_casadi.present.row import Answer, Part
     from avc_hardware import Device, DeviceStatus, StreamSample, TelemetrySample
 
-_QUESTION = "operate a device"
 _SECONDS_WITH_JSON = 5.0
 _HEARTBEAT_S = 0.5
 # Rate of readable lines of text.
 _LINES_HZ = 5.0
 
 
-@verb(
-    _QUESTION,
-    argument("subject", metavar="COUPLING", text="coupling file; or a problem, whose recommended coupling is streamed"),
-    *PORT,
-    argument("--rate-hz", type=positive, default=50.0, metavar="HZ", text="messages a second, 1 to 100; default 50"),
-    argument("--seconds", type=positive, default=5.0, metavar="S", text="duration; default 5"),
-    UNSAFE,
+@cli.verb(
+    cli.argument("subject", metavar="COUPLING", text="coupling file; or a problem, for its recommended one"),
+    *cli.PORT,
+    cli.argument("--rate-hz", type=cli.positive, default=50.0, metavar="HZ", text="messages a second, 1 to 100 (50)"),
+    cli.argument("--seconds", type=cli.positive, default=5.0, metavar="S", text="duration; default 5"),
+    cli.UNSAFE,
 )
 def run_stream(args: argparse.Namespace, console: Console) -> Answer:
     """Stream a coupling's gains live: read the device's frequency estimate, send the gains for it.
 
     The table is pushed first, as what the device falls back to. Exit code 1 if it does not end on it.
     """
-    from avc_casadi._util.json_values import plain
     from avc_casadi.claims.deployable import require_deployable
     from avc_casadi.coupling import require_coupling
-    from avc_casadi.present.row import Value, text_of
     from avc_casadi.present.rows import deploy
     from avc_hardware import stream
 
-    if is_coupling(args.subject):
-        coupling = read_wall(args.subject)
+    if cli.is_coupling(args.subject):
+        coupling = cli.read_wall(args.subject)
     else:
-        coupling = recommended_coupling(avc.load_problem(args.subject), console)
+        coupling = cli.recommended_coupling(avc.load_problem(args.subject), console)
         require_coupling(coupling)
     verdict = require_deployable(coupling, unsafe=args.unsafe)
     units, shown, sent = coupling.problem.units, -1.0, 0
@@ -80,7 +62,7 @@ def run_stream(args: argparse.Namespace, console: Console) -> Answer:
             console.say(f"{sample.time_s:7.2f} s  {text_of((*heard, *given), units)}")
 
     try:
-        with faults_of(args.subject, args):
+        with cli.faults_of(args.subject, args):
             result = stream(
                 coupling,
                 args.port,
@@ -100,7 +82,7 @@ def run_stream(args: argparse.Namespace, console: Console) -> Answer:
         {"problem": coupling.problem.name, "coupling": coupling.id}
         | {key: value for key, value in vars(result).items() if key not in {"samples", "push", "status"}}
         | {"push": result.push.document(), "status": vars(result.status)}
-        | {"deployable": verdict.document(), "unsafe": unsafe_note(verdict)}
+        | {"deployable": verdict.document(), "unsafe": cli.unsafe_note(verdict)}
         | {"samples": [vars(sample) for sample in result.samples]}
     )
     complaint = f"avc: {result.port}: {'; '.join(result.faults)}" if result.faults else ""
@@ -110,38 +92,36 @@ def run_stream(args: argparse.Namespace, console: Console) -> Answer:
 
 def _stream_interrupted(coupling: Coupling, args: argparse.Namespace, sent: int) -> Answer:
     """Describe the device's behaviour after the stream was interrupted."""
-    from avc_casadi.present.row import Answer as Result
     from avc_hardware import HOLD_PERIODS
 
     data: dict[str, Any] = dict(avc.fault_document(avc.InputError.of("interrupted")))
     data |= {"problem": coupling.problem.name, "coupling": coupling.id, "sent": sent}
     stays = f"{args.port} goes back to its table, coupling {coupling.id}, within {HOLD_PERIODS / args.rate_hz:.2g} s"
     left = "the emulated board ends with this command" if args.port == "emulator" else stays
-    return Result("stream", data, (f"interrupted after {sent} messages; {left}",), code=EXIT_CODE)
+    return Answer("stream", data, (f"interrupted after {sent} messages; {left}",), code=EXIT_CODE)
 
 
-@verb(
-    _QUESTION,
-    *PORT,
-    argument(
+@cli.verb(
+    *cli.PORT,
+    cli.argument(
         "--rate-hz",
-        type=positive,
+        type=cli.positive,
         default=_LINES_HZ,
         metavar="HZ",
         text="records a second; default 5; 115200 baud carry about 250. At most 5 a second are shown as text",
     ),
-    argument("--seconds", type=positive, metavar="S", text="duration; default until Ctrl-C, with --json 5 seconds"),
-    argument(
+    cli.argument("--seconds", type=cli.positive, metavar="S", text="default until Ctrl-C, with --json 5 seconds"),
+    cli.argument(
         "--heartbeat",
         dest="heartbeat_s",
-        type=positive,
+        type=cli.positive,
         nargs="?",
         const=_HEARTBEAT_S,
         metavar="S",
         text=f"keep the device's heartbeat: the force falls when none comes for S seconds; default {_HEARTBEAT_S:g}",
     ),
-    output("--out", "log every record as it comes: .csv", ".csv"),
-    MOTION,
+    cli.output("--out", "log every record as it comes: .csv", ".csv"),
+    cli.MOTION,
 )
 def run_monitor(args: argparse.Namespace, console: Console) -> Answer:
     """Watch a device: records of its own ticks, as text or log; and keep its heartbeat.
@@ -150,9 +130,6 @@ def run_monitor(args: argparse.Namespace, console: Console) -> Answer:
     With --heartbeat the device lives as long as this command: when it ends, is killed or loses the line, the force
     falls to 0 within 0.1 s, and comes back out of contact with the next heartbeat.
     """
-    from avc_casadi._util.json_values import plain
-    from avc_casadi._util.units import units_for
-    from avc_casadi.present.row import Value, text_of
     from avc_hardware import EMULATOR, EMULATOR_IS_FRESH, DeviceFault, TelemetryLog, monitor
 
     units = units_for(args.motion)
@@ -211,8 +188,6 @@ def run_monitor(args: argparse.Namespace, console: Console) -> Answer:
 
 
 def _monitor_end(data: dict[str, Any], args: argparse.Namespace, units: Units, code: int) -> Answer:
-    from avc_casadi.present.row import Answer as Result
-    from avc_casadi.present.row import Mark, Value, row
 
     rows, ended = [], data["ended"]
     if lost := data["lost"]:
@@ -225,11 +200,10 @@ def _monitor_end(data: dict[str, Any], args: argparse.Namespace, units: Units, c
         rows.append(row("Heartbeat", "ended, at", Value(ended["force_n"], "force"), until))
     elif args.heartbeat_s:
         rows.append(row("Heartbeat", "ended, and the device did not answer: it falls to 0 by itself"))
-    return Result("monitor", data, rows=tuple(rows), units=units, code=code)
+    return Answer("monitor", data, rows=tuple(rows), units=units, code=code)
 
 
 def _monitor_state(sample: TelemetrySample, faults: str) -> tuple[Part, ...]:
-    from avc_casadi.present.row import Value, listed
 
     mode = sample.mode if sample.has_table or faults else "idle"
     coupling = f"coupling {sample.coupling_id}" if sample.has_table else "no coupling"
@@ -249,27 +223,24 @@ def _monitor_state(sample: TelemetrySample, faults: str) -> tuple[Part, ...]:
     )
 
 
-@verb(
-    _QUESTION,
-    *PORT,
-    flag("--clear", "show the latched faults and clear them; 1 if one stays"),
-    *turning("force_n", "N", "limit of the force; a higher one holds from the next time out of contact"),
-    *turning("speed_m_per_s", "V", "a fault is latched beyond it"),
-    argument("--energy-j", type=positive, metavar="E", text="that a coupling may give a second, beyond what it got"),
-    MOTION,
+@cli.verb(
+    *cli.PORT,
+    cli.flag("--clear", "show the latched faults and clear them; 1 if one stays"),
+    *cli.turning("force_n", "N", "limit of the force; a higher one holds from the next time out of contact"),
+    *cli.turning("speed_m_per_s", "V", "a fault is latched beyond it"),
+    cli.argument("--energy-j", type=cli.positive, metavar="E", text="given out in a second beyond what came in"),
+    cli.MOTION,
 )
 def run_device(args: argparse.Namespace, console: Console) -> Answer:
     """Show or lower the limits of a device, or clear its faults.
 
     Limits are never above those built into the firmware, and hold until the device starts anew.
     """
-    from avc_casadi._util.json_values import plain
-    from avc_casadi._util.units import units_for
     from avc_casadi.present.rows.deploy import limits
     from avc_hardware import set_limits
 
     units = units_for(args.motion)
-    asked = {key: of_motion(args, units, key) for key in ("force_n", "speed_m_per_s", "energy_j")}
+    asked = {key: cli.of_motion(args, units, key) for key in ("force_n", "speed_m_per_s", "energy_j")}
     if args.clear:
         if given := [key for key, value in asked.items() if value is not None]:
             raise avc.InputError.of("is a limit, and --clear sets none; leave it out", key=units.key(given[0]))
