@@ -45,16 +45,7 @@ _SURE, _FEW_STEPS, _OTHER, _FEWEST = 2 / 3, 14.0, "other", 60
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
-    """The diagnosis of one log.
-
-    Attributes:
-        verdict, cause: what was found; the cause by key, None where none is named.
-        candidates, shares: causes that remain, and shares of the hypotheses by cause.
-        conclusion: one sentence.
-        decides: the log that would decide; empty where none is needed.
-        remedies: changes that settled in simulation.
-        fit: device and hand, None where no loop was fitted.
-    """
+    """The diagnosis of one log."""
 
     log: Log
     swing: Oscillation
@@ -116,22 +107,7 @@ def diagnose(
     seed: int = 0,
     progress: Progress = SILENT,
 ) -> Diagnosis:
-    """Diagnose one log of time, position and commanded force.
-
-    Args:
-        log: a file, or its columns.
-        layout: columns and units of the file.
-        device: as declared; None assumes a usual one.
-        hands: for which the loop was designed; None takes the usual ranges.
-        coupling: the intended one; its device and hands are used where none are given.
-        handle_radius_m: of a device that turns, where no device is given.
-        flip_force: whether the log counts the force against +position.
-        seed: of the draws.
-        progress: of the diagnosis.
-
-    Raises:
-        InputError: a fault of the log, or a force that drives the device away from its equilibrium.
-    """
+    """Diagnose one log of time, position and commanded force."""
     columns = log if isinstance(log, Columns) else read_columns(log, layout)
     if coupling is not None:
         device, hands = device or coupling.problem.device, hands or coupling.problem.hands
@@ -309,7 +285,7 @@ def _judged(found: Diagnosis, law: Law, fits: Sequence[Fit]) -> Diagnosis:
 
 
 def _doubts(first: str, fit: Fit, law: Law, scene: Scene, found: Diagnosis, shares: Mapping[str, float]) -> list[str]:
-    """Return what speaks against the first cause: odds, residual, and a simulation without it."""
+    """Return the doubts about the first cause: odds, residual, and a simulation without it."""
     one, log, declared = fit.best, found.log, found.declared
     if first == _OTHER:
         return ["no single change makes the loop settle, or its model settles already"]

@@ -19,13 +19,7 @@ _EXPLAINS, _BETTER, _EXACT, _MOST_LAG, _FEWEST = 0.05, 0.3, 5e-3, 8, 25
 
 @dataclass(frozen=True)
 class Switch:
-    """c sign(s): s is the position between two edges, where the force is none, the speed, or the rest of the force.
-
-    Attributes:
-        force_n: c; below 0 of the speed where it acts along the motion, as compensated friction does.
-        by: switching variable.
-        edges_m: lower and upper edge of the position.
-    """
+    """c sign(s): s is the position between two edges, where the force is none, the speed, or the rest of the force."""
 
     force_n: float
     by: Literal["position", "speed", "force"]
@@ -43,13 +37,7 @@ class Frames:
 
 @dataclass(frozen=True)
 class Law:
-    """F(n) = k x(n-lag) + b v(n-lag) + offset + switch; v(n) = keep v(n-1) + (1 - keep) (x(n) - x(n-1))/T.
-
-    Attributes:
-        lag: samples from a position to its force in the log.
-        misfit: residual of the force, root mean square, as a share of its changes.
-        samples: that identify it.
-    """
+    """F(n) = k x(n-lag) + b v(n-lag) + offset + switch; v(n) = keep v(n-1) + (1 - keep) (x(n) - x(n-1))/T."""
 
     stiffness_n_per_m: float
     damping_ns_per_m: float

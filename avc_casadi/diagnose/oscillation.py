@@ -18,15 +18,7 @@ Kind = Literal["none", "decaying", "growing", "limit cycle", "irregular"]
 
 @dataclass(frozen=True, eq=False)
 class Log:
-    """One record on an even grid; the force counts against +position and is held over missed ticks.
-
-    Attributes:
-        period_s, sample_time_s: time from one new force to the next, and from tick to tick.
-        held: samples for which each force is held.
-        missed_share: share of the ticks without a row.
-        uneven_share: scatter of the steps as a share of the period, where stamps keep to no even grid.
-        ran: whether a tick is in the log.
-    """
+    """One record on an even grid; the force counts against +position and is held over missed ticks."""
 
     name: str
     period_s: float
@@ -119,17 +111,7 @@ def _held(position: FloatArray, force: FloatArray) -> tuple[int, int]:
 
 @dataclass(frozen=True, eq=False)
 class Oscillation:
-    """An oscillation of the measured position between two samples.
-
-    Attributes:
-        kind: none, decaying, growing, limit cycle, or irregular: persistent without an even cycle.
-        first, last: its samples.
-        fast_m, envelope_m: the position without slow motion, and its amplitude.
-        frequency_hz: mean over its cycles.
-        peak_to_peak_m, force_peak_to_peak_n: of position and commanded force at the end.
-        steps: peak to peak in encoder steps; infinite without an encoder.
-        contact_share: share of its time with a force.
-    """
+    """An oscillation of the measured position between two samples."""
 
     kind: Kind
     first: int

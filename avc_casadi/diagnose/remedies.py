@@ -199,10 +199,7 @@ _Change = tuple[Remedy, Hypothesis, Law, Scene]
 def remedies_of(
     cause: str, answers: Sequence[Hypothesis], law: Law, scene: Scene, log: Log, declared: Declared
 ) -> tuple[Remedy, ...]:
-    """Return the changes that settle a simulation of the fitted plant, one of each kind, those of the cause first.
-
-    The first of the answers, device and hand, is simulated; the loop of one rate has to be stable with all.
-    """
+    """Return the changes that settle a simulation of the fitted plant, one of each kind, those of the cause first."""
     found: dict[str, Remedy] = {}
     nonlinear = law.switch is not None or law.frames is not None or scene.swing.steps < _FEW_STEPS
     others = [_changes(cause, one, answers, law, scene, log, declared) for one in answers]

@@ -43,16 +43,7 @@ class SdkExample(t.Table):
 
 
 class DeviceFile(t.Table):
-    """A device of the catalogue or of a user.
-
-    Attributes:
-        name: catalogue name or file stem.
-        title: one line.
-        device: the device; unknown properties have cautious values.
-        gaps: keys of unknown properties.
-        sources: of every value; or of none, in a file of one's own estimates.
-        sdk_example: limits shipped with an SDK.
-    """
+    """A device of the catalogue or of a user."""
 
     name: t.Text = ""
     title: t.Text = ""

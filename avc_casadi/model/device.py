@@ -18,18 +18,7 @@ _Width = Annotated[float, BeforeValidator(q.Quantity("", 1e-2, 1, zero=False))]
 
 
 class Detent(t.Table):
-    """Valleys at equal distances: F = force sin(2 pi u/width), u from the nearest valley, as a share of the pitch.
-
-    Beyond half the width there is no force. The steepest slope, 2 pi force/(width pitch), is that of a spring in the
-    valleys, and with the other sign at the tops, where it drives the device away.
-
-    Attributes:
-        force_n: its largest.
-        pitch_m: from one valley to the next.
-        width: share of the pitch on which there is a force.
-        centre_m: one of the valleys, from the wall: that is at 0, and is the end stop of a knob.
-        damping_ns_per_m: of a damper beside it, everywhere.
-    """
+    """Valleys at equal distances: F = force sin(2 pi u/width), u from the nearest valley, as a share of the pitch."""
 
     force_n: q.ForceLimit
     pitch_m: _Pitch
@@ -48,20 +37,11 @@ CURRENT_LOOP_DAMPING_RATIO = 0.7
 
 
 class Resonance(t.Table):
-    """A structural resonance: motor and handle, two shares of the device's mass, joined by a spring.
+    """A structural resonance: motor and handle, two shares of the device's mass, joined by a spring."""
 
-    The frequency is that of the two against each other, the device free; the mass ratio is that of the handle to the
-    whole.
-
-    Attributes:
-        frequency_hz: of motor and handle against each other, the device free.
-        damping_ratio: of that oscillation.
-        mass_ratio: share of the handle in the device's mass.
-    """
-
-    frequency_hz: q.Hertz
+    frequency_hz: q.Hertz  # of the two against each other, the device free
     damping_ratio: q.DampingRatio
-    mass_ratio: q.MassShare
+    mass_ratio: q.MassShare  # of the handle to the whole
 
 
 class ResonanceRange(t.Table):
@@ -89,32 +69,9 @@ class DeviceRange(t.Table):
 
 
 class Device(t.Table):
-    """The haptic device; 0 and None mean absent.
+    """The haptic device; 0 and None mean absent."""
 
-    All values of a rotary device are rotational: kg.m2 in `mass_kg`, N.m.s/rad in `damping_ns_per_m`, N.m in
-    forces and rad in lengths; its file has keys of its own for them.
-
-    Attributes:
-        motion: linear, or rotary: a knob, wheel, pedal or lever, whose position is an angle.
-        handle_radius_m: of a rotary device: distance of the grip from the axis, at which forces are felt.
-        mass_kg: moving mass, at the handle.
-        damping_ns_per_m: viscous friction of the device.
-        sample_time_s: from one force to the next.
-        delay_samples: from measurement to force, on top of the hold; an int where it is whole.
-        coulomb_friction_n: dry friction.
-        encoder_resolution_m: a step of the measured position.
-        position_noise_rms_m: white noise of the measured position.
-        amplifier_bandwidth_hz: of the actuator's force; None: ideal.
-        amplifier_order: 1, a lag; 2, a current loop.
-        amplifier_damping_ratio: of a current loop.
-        max_force_n: largest force of the actuator; None: no limit.
-        backlash_m: play of the measured position; without effect with a resonance and the encoder at the handle.
-        resonance: motor and handle joined by a spring; None: rigid.
-        encoder_at: the side of the resonance on which the position is measured.
-        held: by a hand that grips it, as [hands] states; also by hands on a stylus, or by a fingertip.
-        range: ranges of its values.
-    """
-
+    # A rotary device has kg.m2 in masses, N.m in forces, rad in lengths.
     motion: MotionKind = "linear"
     handle_radius_m: q.Radius | None = None
     mass_kg: q.Mass

@@ -11,23 +11,13 @@ from avc_casadi.model import table as t
 
 
 class EffectTable(t.Table):
-    """An effect of a scene: the keys of one [[scene.effects]].
-
-    Attributes:
-        kind: which; a name that `avc_casadi.model.registries.EFFECTS` knows.
-    """
+    """An effect of a scene: the keys of one [[scene.effects]]."""
 
     kind: Any
 
 
 class HandEffect(EffectTable):
-    """A hand between its moving target and the device: mass, damper and spring.
-
-    Attributes:
-        mass_kg: None: the middle of [hands].
-        damping_ns_per_m: None: the middle of [hands].
-        stiffness_n_per_m: None: the middle of [hands].
-    """
+    """A hand between its moving target and the device: mass, damper and spring."""
 
     kind: Literal["hand"] = "hand"
     mass_kg: q.Mass | None = None
@@ -36,18 +26,9 @@ class HandEffect(EffectTable):
 
 
 class StylusHandEffect(EffectTable):
-    """A hand on a stylus: tip, grip (k1, b1), mass, arm (k2, b2), ground.
+    """A hand on a stylus: tip, grip (k1, b1), mass, arm (k2, b2), ground."""
 
-    The defaults are the means of 15 subjects (Fu & Cavusoglu 2012).
-
-    Attributes:
-        mass_kg: between grip and arm.
-        grip_damping_ns_per_m: b1.
-        grip_stiffness_n_per_m: k1.
-        arm_damping_ns_per_m: b2.
-        arm_stiffness_n_per_m: k2.
-    """
-
+    # Means of 15 subjects: Fu and Cavusoglu 2012.
     kind: Literal["stylus-hand"] = "stylus-hand"
     mass_kg: q.Mass = 0.21
     grip_damping_ns_per_m: q.Damping = 1.3
@@ -57,12 +38,7 @@ class StylusHandEffect(EffectTable):
 
 
 class _Surroundings(EffectTable):
-    """An environment.
-
-    Attributes:
-        damping_ns_per_m: None: that of [environment].
-        stiffness_n_per_m: None: that of [environment].
-    """
+    """An environment."""
 
     damping_ns_per_m: q.Damping | None = None
     stiffness_n_per_m: q.Stiffness | None = None
@@ -81,16 +57,7 @@ class EnvironmentEffect(_Surroundings):
 
 
 class SimulationEffect(EffectTable):
-    """The engine and its tool of [simulation], joined to the device by a spring and a damper.
-
-    Attributes:
-        stiffness_n_per_m: K, at the device; None: that of the coupling that is simulated.
-        damping_ns_per_m: B, at the device.
-        local_damping_ns_per_m: damper of the device's own loop.
-        contact_stiffness_n_per_m: of the object touched at x = 0, in the scene; None: the stiffest of [simulation].
-        dropped_share: share of the engine's steps that it misses.
-        seed: of the draw of missed steps, and of steps between two lengths.
-    """
+    """The engine and its tool of [simulation], joined to the device by a spring and a damper."""
 
     kind: Literal["simulation"] = "simulation"
     stiffness_n_per_m: q.Stiffness | None = None
@@ -108,35 +75,21 @@ class DetentEffect(EffectTable):
 
 
 class CoulombFrictionEffect(EffectTable):
-    """Dry friction of the device, with true sticking.
-
-    Attributes:
-        force_n: None: that of [device].
-    """
+    """Dry friction of the device, with true sticking."""
 
     kind: Literal["coulomb-friction"] = "coulomb-friction"
     force_n: q.Force | None = None
 
 
 class ViscousFrictionEffect(EffectTable):
-    """Viscous friction of the device.
-
-    Attributes:
-        damping_ns_per_m: on top of the device's own; required.
-    """
+    """Viscous friction of the device."""
 
     kind: Literal["viscous-friction"] = "viscous-friction"
     damping_ns_per_m: q.Damping | None = None
 
 
 class ResonanceEffect(EffectTable):
-    """A structural resonance of the device.
-
-    Attributes:
-        frequency_hz: None: that of [device].
-        damping_ratio: None: that of [device].
-        mass_ratio: share of the handle in the mass; None: that of [device].
-    """
+    """A structural resonance of the device."""
 
     kind: Literal["resonance"] = "resonance"
     frequency_hz: q.Hertz | None = None
@@ -145,23 +98,14 @@ class ResonanceEffect(EffectTable):
 
 
 class BacklashEffect(EffectTable):
-    """Play between the handle and the motor, on which the encoder sits.
-
-    Attributes:
-        gap_m: the play; None: that of [device].
-    """
+    """Play between the handle and the motor, on which the encoder sits."""
 
     kind: Literal["backlash"] = "backlash"
     gap_m: q.Length | None = None
 
 
 class EncoderEffect(EffectTable):
-    """Quantised position, at the motor or at the handle beyond the resonance.
-
-    Attributes:
-        resolution_m: a step; None: that of [device].
-        at: the side of the resonance; None: that of [device].
-    """
+    """Quantised position, at the motor or at the handle beyond the resonance."""
 
     kind: Literal["encoder"] = "encoder"
     resolution_m: q.Length | None = None
@@ -169,12 +113,7 @@ class EncoderEffect(EffectTable):
 
 
 class NoiseEffect(EffectTable):
-    """White noise on the sampled position.
-
-    Attributes:
-        rms_m: None: that of [device].
-        seed: of the draw.
-    """
+    """White noise on the sampled position."""
 
     kind: Literal["noise"] = "noise"
     rms_m: q.Length | None = None
@@ -182,13 +121,7 @@ class NoiseEffect(EffectTable):
 
 
 class NotchEffect(EffectTable):
-    """A notch on the measured position: gain `depth` at its frequency, `width` its band as a share of that.
-
-    Attributes:
-        frequency_hz: its middle.
-        depth: gain there.
-        width: its band as a share of that frequency.
-    """
+    """A notch on the measured position: gain `depth` at its frequency, `width` its band as a share of that."""
 
     kind: Literal["notch"] = "notch"
     frequency_hz: q.Hertz
@@ -197,15 +130,7 @@ class NotchEffect(EffectTable):
 
 
 class ObserverEffect(EffectTable):
-    """An observer of the position between encoder steps; the mass is that of device and hand together.
-
-    Its resolution and its prediction horizon default to those of encoder and delay.
-
-    Attributes:
-        mass_kg: of device and hand together; None: a little more than device and lightest hand.
-        resolution_m: encoder step that it assumes; None: that of the encoder.
-        ahead_samples: prediction horizon; None: the delay.
-    """
+    """An observer of the position between encoder steps; the mass is that of device and hand together."""
 
     kind: Literal["observer"] = "observer"
     mass_kg: q.Mass | None = None
@@ -214,18 +139,7 @@ class ObserverEffect(EffectTable):
 
 
 class StateFeedbackEffect(EffectTable):
-    """An observer with a dead zone and state feedback, as of a robust design; its states are lengths.
-
-    Attributes:
-        state: matrix from state to state, by rows.
-        force_m_per_n: from force to state.
-        innovation: from innovation to state.
-        feedback: weights of the states in the position that the wall acts on.
-        positions: which states are positions.
-        measures: which one is measured.
-        dead_zone_m: half width of the dead zone of the innovation.
-        face_m: outward shift of the wall's face, which compensates the lag of the dead zone.
-    """
+    """An observer with a dead zone and state feedback, as of a robust design; its states are lengths."""
 
     kind: Literal["state-feedback"] = "state-feedback"
     state: q.EntryRows
@@ -239,24 +153,14 @@ class StateFeedbackEffect(EffectTable):
 
 
 class DelayEffect(EffectTable):
-    """Samples between measurement and force, whole or not.
-
-    Attributes:
-        samples: None: that of [device].
-    """
+    """Samples between measurement and force, whole or not."""
 
     kind: Literal["delay"] = "delay"
     samples: q.DelaySamples | None = None
 
 
 class JitterEffect(EffectTable):
-    """Irregular sampling and lost samples.
-
-    Attributes:
-        rms_s: of the forces' delay.
-        seed: of the draw.
-        dropped_share: of samples that are lost.
-    """
+    """Irregular sampling and lost samples."""
 
     kind: Literal["jitter"] = "jitter"
     rms_s: q.Wait
@@ -265,13 +169,7 @@ class JitterEffect(EffectTable):
 
 
 class AmplifierEffect(EffectTable):
-    """Bandwidth of the actuator: a lag of order 1, or a current loop of order 2.
-
-    Attributes:
-        bandwidth_hz: None: that of [device].
-        order: None: that of [device].
-        damping_ratio: of a current loop; None: that of [device].
-    """
+    """Bandwidth of the actuator: a lag of order 1, or a current loop of order 2."""
 
     kind: Literal["amplifier"] = "amplifier"
     bandwidth_hz: q.Hertz | None = None
@@ -280,35 +178,21 @@ class AmplifierEffect(EffectTable):
 
 
 class SaturationEffect(EffectTable):
-    """Largest force of the actuator.
-
-    Attributes:
-        force_n: None: that of [device].
-    """
+    """Largest force of the actuator."""
 
     kind: Literal["saturation"] = "saturation"
     force_n: q.ForceLimit | None = None
 
 
 class EstimatorEffect(EffectTable):
-    """Estimate of the interaction frequency that selects the gains.
-
-    Attributes:
-        method: which algorithm.
-    """
+    """Estimate of the interaction frequency that selects the gains."""
 
     kind: Literal["estimator"] = "estimator"
     method: Literal["zero-crossing", "spectral-peak", "adaptive-notch", "fused"] = "fused"
 
 
 class AdaptationEffect(EffectTable):
-    """Adaptation of the gains to the estimate: hold time, slew limit (None: no limit), passivity.
-
-    Attributes:
-        hold_s: time for which a lost estimate is held.
-        slew_per_s: largest relative change of a gain per second; None: no limit.
-        passive: whether changes must not create energy.
-    """
+    """Adaptation of the gains to the estimate: hold time, slew limit (None: no limit), passivity."""
 
     kind: Literal["adaptation"] = "adaptation"
     hold_s: q.Wait = 0.0
@@ -317,11 +201,7 @@ class AdaptationEffect(EffectTable):
 
 
 class GuardEffect(EffectTable):
-    """A guard in the time domain that dissipates what the loop generates.
-
-    Attributes:
-        method: a passivity controller, or an energy tank.
-    """
+    """A guard in the time domain that dissipates what the loop generates."""
 
     kind: Literal["guard"] = "guard"
     method: Literal["passivity-controller", "energy-tank"] = "passivity-controller"

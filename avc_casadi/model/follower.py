@@ -17,27 +17,7 @@ _Delays = Annotated[Interval, BeforeValidator(Ends(Quantity("s", 1e-6, 10)))]
 
 
 class Follower(Device):
-    """The table [follower]: all keys of [device], the link to it, and its environment.
-
-    Leader and follower each hold, every sample time of their own, the force of a spring K and a damper B between their
-    position and the newest one of the other that has arrived. Positions of the follower are `position_scale` times
-    those of the leader, forces at the leader `force_scale` times those of the follower.
-
-    Attributes:
-        delay_s: of a message from the leader, [shortest, longest]; at most 64 samples of the faster device.
-        return_delay_s: of one from the follower, at most as long; None: as the other way.
-        jitter: share of the delay by which single messages are late or early, in trials.
-        lost_share: share of messages that are lost, in trials.
-        architecture: position-position: both are coupled to the other's position; position-force: the follower is, and
-            the leader is given a force of the follower.
-        force: of position-force: commanded, by the follower's controller; measured, its contact force.
-        contact_stiffness_n_per_m: of the follower's environment, from free to the stiffest; unbounded: rigid.
-        contact_damping_ns_per_m: damper of its environment; None: a tenth of the critical one of follower and contact.
-            Without any, a stiff, ringing contact is destabilised by every delayed damper.
-        position_scale: metres of the follower for a metre of the leader.
-        force_scale: newtons at the leader for a newton of the follower.
-        stiffness_n_per_m: wanted K, at the leader; None: the stiffest.
-    """
+    """The table [follower]: all keys of [device], the link to it, and its environment."""
 
     delay_s: _Delays = (0.0, 0.0)
     return_delay_s: _Delays | None = None
@@ -46,6 +26,7 @@ class Follower(Device):
     architecture: Architecture = "position-position"
     force: ForceSent = "commanded"
     contact_stiffness_n_per_m: Contacts = (0.0, RIGID_N_PER_M)
+    # None: a tenth of the critical one; every delayed damper destabilises a stiff contact that rings undamped.
     contact_damping_ns_per_m: Dampings | None = None
     position_scale: Scale = 1.0
     force_scale: Scale = 1.0

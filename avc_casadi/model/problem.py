@@ -37,12 +37,7 @@ Required = Literal["none", "jnd", "bounds"]
 
 
 class Impedance(t.Table):
-    """A damper and a spring side by side, b + k/s.
-
-    Attributes:
-        damping_ns_per_m: damper b.
-        stiffness_n_per_m: spring k.
-    """
+    """A damper and a spring side by side, b + k/s."""
 
     damping_ns_per_m: q.Damping
     stiffness_n_per_m: q.Stiffness
@@ -63,21 +58,10 @@ class Boundaries(t.Table):
 
 
 class GainBox(t.Table):
-    """Structure of the coupling, its law at a one-sided wall, and the box of admissible gains, each [lowest, highest].
-
-    Contact clip-last: F = max(0, y), y the force of the coupling to an environment on both sides. Gated: the same on
-    the tool's penetration, and only where the device is in the wall; it always applies where the wall or the
-    coupling has no spring.
-
-    Attributes:
-        structure: series, the paper's spring and damper; damped, the same with a contact damper.
-        contact: law at a one-sided wall.
-        damping_ns_per_m: b, [lowest, highest].
-        stiffness_n_per_m: k, [lowest, highest].
-        contact_damping_ns_per_m: b_p, [lowest, highest]; structure damped only.
-    """
+    """Structure of the coupling, its law at a one-sided wall, and the box of admissible gains."""
 
     structure: Structure = "series"
+    # clip-last: max(0, y) of the force y to an environment on both sides; gated: y of the penetration, inside alone.
     contact: Contact = "clip-last"
     damping_ns_per_m: q.Pair[q.Damping] = (0.0, 1e4)
     stiffness_n_per_m: q.Pair[q.Stiffness] = (0.0, 1e7)
@@ -92,14 +76,7 @@ class GainBox(t.Table):
 
 
 class Stability(t.Table):
-    """The claim that the gains must meet: hold model, scope of frequencies, margin on Re Z_h   (12).
-
-    Attributes:
-        model: paper, its hold (z+1)/(2z); sampled-data, the loop that runs on a device.
-        scope: frequencies or hands for which each row of gains must meet the claim.
-        band_factor: for the scope band: from f/factor to f factor.
-        margin_ns_per_m: least Re Z_h.
-    """
+    """The claim that the gains must meet: hold model, scope of frequencies, margin on Re Z_h   (12)."""
 
     model: Model = "paper"
     scope: Scope = "pointwise"
@@ -108,17 +85,7 @@ class Stability(t.Table):
 
 
 class Realism(t.Table):
-    """Error measure, just-noticeable difference as a share of |Z|, and the requirement on every row of gains.
-
-    Required: nothing; |Z_h - Z_h_ds| <= jnd |Z_h_ds|; or |Z_h| between those of the boundaries. The methods direct and
-    schedule keep it as a constraint.
-
-    Attributes:
-        objective: magnitude, (11); complex, phase too; perceptual, the excess over the just-noticeable difference.
-        jnd: just-noticeable difference as a share of |Z|.
-        require: kept by schedule at every row: within jnd of the desired impedance, or |Z| within
-            the boundaries.
-    """
+    """Error measure, just-noticeable difference as a share of |Z|, and the requirement on every row of gains."""
 
     objective: Objective = "magnitude"
     jnd: q.Threshold = 0.10
@@ -126,18 +93,7 @@ class Realism(t.Table):
 
 
 class ScheduleSettings(t.Table):
-    """Smoothness of the joint schedule over ln(frequency), and the terms of its cost.
-
-    A slope limit of None is no limit. Outside `interaction_hz` the error weighs a tenth. The contact damping penalty
-    weighs the mean of (b_p/|Z_h_ds|)^2. The hand's damping is credited to the device in the constraints on Re Z_h.
-
-    Attributes:
-        slope_penalty: weight of (d ln b/d ln f)^2 + (d ln k/d ln f)^2.
-        slope_limit: largest |d ln b/d ln f| and |d ln k/d ln f|; None: no limit.
-        hand_damping_ns_per_m: damping credited to the hand.
-        interaction_hz: band of interaction: errors elsewhere weigh a tenth; None: equal weight everywhere.
-        contact_damping_penalty: weight of the mean of (b_p/|Z_h_ds|)^2.
-    """
+    """Smoothness of the joint schedule over ln(frequency), and the terms of its cost."""
 
     slope_penalty: q.Weight = 1e-3
     slope_limit: q.Slope | None = None
@@ -147,16 +103,7 @@ class ScheduleSettings(t.Table):
 
 
 class Hands(t.Table):
-    """The set of hands, each value [lowest, highest]: corners and draws of it are used.
-
-    With `let_go` the released device belongs to the set, as is required for deployment.
-
-    Attributes:
-        mass_kg: [lowest, highest].
-        damping_ns_per_m: [lowest, highest].
-        stiffness_n_per_m: [lowest, highest].
-        let_go: whether the released device (no operator) belongs to the set.
-    """
+    """The set of hands, each value [lowest, highest]: corners and draws of it are used."""
 
     mass_kg: q.Pair[q.Mass] = (0.05, 0.3)
     damping_ns_per_m: q.Pair[q.Damping] = (3.0, 20.0)
@@ -165,15 +112,7 @@ class Hands(t.Table):
 
 
 class Frequency(t.Table):
-    """The frequencies of interaction: a range, or the list `values_hz` in its place.
-
-    Attributes:
-        start_hz: lowest frequency of interaction.
-        stop_hz: highest; below half the sampling rate. If that is below the default, it is 0.45 of the rate.
-        points: how many rows.
-        spacing: even in ln f, or in f.
-        values_hz: a list in place of all four.
-    """
+    """The frequencies of interaction: a range, or the list `values_hz` in its place."""
 
     start_hz: q.Hertz = 1.0
     stop_hz: q.Hertz = 450.0

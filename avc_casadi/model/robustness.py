@@ -16,16 +16,7 @@ if TYPE_CHECKING:
 
 
 class Robustness(Table):
-    """Margins beyond [device] and its ranges, and unmodelled effects with each of which all hands must settle.
-
-    Attributes:
-        mass_share: the device is lighter by this share of its lowest mass; None: not required.
-        dropped_share: the computer misses this share of the samples; None: not required.
-        disk_margin: the least of the loop at the actuator, with every hand and released; None: 0.15, and laws are
-            designed for 0.2.
-        ripple_n: force that a sine of one encoder step may give to the hand by a law; None: 1.5 N, or more where the
-            stiffness of the wall needs it.
-    """
+    """Margins beyond [device] and its ranges, and unmodelled effects with each of which all hands must settle."""
 
     mass_share: MassShare | None = None
     dropped_share: Share | None = None

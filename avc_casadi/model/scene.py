@@ -12,13 +12,7 @@ from avc_casadi.model.registries import EFFECTS, METHODS
 
 
 class _Motion(t.Table):
-    """Motion of the hand's target along the axis of the device; the wall begins at 0 and lies at x > 0.
-
-    Attributes:
-        start_m: where the target begins.
-        end_m: where it moves to.
-        speed_m_per_s: its speed.
-    """
+    """Motion of the hand's target along the axis of the device; the wall begins at 0 and lies at x > 0."""
 
     start_m: q.Position = -0.01
     end_m: q.Position = 0.01
@@ -32,12 +26,7 @@ class Press(_Motion):
 
 
 class Tap(_Motion):
-    """To and fro between start and end.
-
-    Attributes:
-        frequency_hz: taps per second.
-        rest_s: least dwell time of the target at the end.
-    """
+    """To and fro between start and end."""
 
     kind: Literal["tap"] = "tap"
     frequency_hz: q.Hertz = 2.0
@@ -51,13 +40,7 @@ class Hold(_Motion):
 
 
 class _Oscillation(_Motion):
-    """Oscillation of the target.
-
-    Attributes:
-        frequency_hz: of the oscillation.
-        amplitude_m: of the oscillation.
-        rest_s: least dwell time of the target at the end.
-    """
+    """Oscillation of the target."""
 
     kind: Any  # first, as in what is written
     frequency_hz: q.Hertz = 1.0
@@ -127,17 +110,7 @@ def _effects(value: Any) -> tuple[Any, ...]:
 
 
 class Scene(t.Table):
-    """The simulated scene: motion of the hand's target, coupling and effects.
-
-    Attributes:
-        duration_s: of the simulation.
-        coupling: method of the simulated gains.
-        interaction_hz: where a gain table is read; None: its lowest frequency.
-        integrator: exact; projected is quicker.
-        substeps: equal parts of a sample.
-        motion: of the hand's target.
-        effects: these alone; none listed: a hand, a wall and all that the device declares.
-    """
+    """The simulated scene: motion of the hand's target, coupling and effects."""
 
     duration_s: q.Span = 3.0
     coupling: CouplingChoice = "static"

@@ -28,14 +28,7 @@ _KEYS = {"first-order": ("cutoff_hz",), "kalman": ("acceleration_m_per_s2", "noi
 
 
 class VelocityFilterEffect(EffectTable):
-    """Estimator of the velocity in place of the backward difference; each has its own keys.
-
-    Attributes:
-        estimator: its name.
-        cutoff_hz: first-order: -3 dB frequency; required.
-        acceleration_m_per_s2: kalman: its rms; required.
-        noise_rms_m: kalman: of the measured position; None: a step of the encoder over sqrt(12), and the noise.
-    """
+    """Estimator of the velocity in place of the backward difference; each has its own keys."""
 
     kind: Literal["velocity-filter"] = "velocity-filter"
     estimator: Literal["first-order", "kalman"] = "first-order"

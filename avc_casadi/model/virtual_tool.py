@@ -57,31 +57,10 @@ _Late = Annotated[int, BeforeValidator(q.Whole(0, 8))]
 
 
 class VirtualTool(t.Table):
-    """The table [simulation]: a tool that an engine moves, joined to the device by a spring K and a damper B.
+    """The table [simulation]: a tool that an engine moves, joined to the device by a spring K and a damper B."""
 
-    Every T the device holds F = -(K (x - x_s) + B (v - v_s)), x_s and v_s its data of the tool; every step the
-    engine moves the tool by F_t = K (x - x_t) + B (v - v_t), x the newest sample of the device. Every value with
-    [lowest, highest] may be a number. Positions and forces of the scene are `position_scale` times those of the device,
-    and divided by `force_scale`: a tool of the mass m feels as heavy as m position_scale force_scale.
-
-    Attributes:
-        tool_mass_kg: [lowest, highest]; None: nothing moves, and the spring acts towards a position that the engine
-            sets.
-        step_s: time between two steps of the engine, [shortest, longest].
-        tool_damping_ns_per_m: of the tool towards the ground of the scene.
-        integrator: semi-implicit (MuJoCo's Euler, Bullet, PhysX, CHAI3D), explicit, implicit-damping (MuJoCo's
-            implicitfast, with the coupling's damper in the engine), implicit (SOFA).
-        exchange: data of the tool sent to the device: on-time, the state that the engine's step began with; late, that
-            of the step before; ahead, the state that the step has just computed; held-force, the force that the
-            engine computes from the device's sample, held for a step.
-        steps_late: additional delay in whole steps.
-        contact_stiffness_n_per_m: of the tool's contact, from free; unbounded: rigid.
-        contact_damping_ns_per_m: damper of the contact; None: the critical one of tool and contact, MuJoCo's default.
-        position_scale: metres of the scene for a metre of the device.
-        force_scale: newtons at the device for a newton of the scene.
-        stiffness_n_per_m: wanted K, at the device; None: the stiffest.
-    """
-
+    # Every T the device holds -(K (x - x_s) + B (v - v_s)), s the newest data of the tool, and every step the engine
+    # moves the tool by K (x - x_t) + B (v - v_t), x the newest sample of the device.
     tool_mass_kg: _Masses | None = None
     step_s: _Steps
     tool_damping_ns_per_m: Dampings = (0.0, 0.0)

@@ -1,4 +1,4 @@
-"""Write the keys of problem files and the levels of a certificate into the pages, from the model and its docstrings.
+"""Write the keys of problem files and the levels of a certificate into the pages; meanings stay as written there.
 
 python tests/benchmarks/write_documents.py
 
@@ -8,7 +8,6 @@ Overwrites problems/README.md and avc_casadi/claims/README.md, and in them nothi
 
 from __future__ import annotations
 
-import inspect
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -28,13 +27,16 @@ from avc_casadi.model.registries import EFFECTS
 _HEAD = ("key", "unit", "default", "allowed", "meaning")
 
 
-def meanings(model: type[BaseModel]) -> dict[str, str]:
-    """What the docstring says of each attribute, those of its bases too."""
-    found: dict[str, str] = {}
-    for base in reversed(model.__mro__):
-        part = (inspect.cleandoc(base.__doc__ or "")).partition("Attributes:\n")[2]
-        for name, text in re.findall(r"^    (\w+): (.*(?:\n        .*)*)", part, re.MULTILINE):
-            found[name] = " ".join(text.split()).rstrip(".")
+def meanings() -> dict[tuple[str, str, str], str]:
+    """What the page says of each key, by heading, kind and key: that is written there, by hand."""
+    found, heading, kind = {}, "", ""
+    for line in PAGES["problem"].read_text(encoding="utf-8").splitlines():
+        if line.startswith("#"):
+            heading, kind = line, ""
+        elif line.startswith("| `"):
+            first, *_, said = (cell.strip() for cell in re.split(r"(?<!\\)\|", line)[1:-1])
+            kind = first if first.startswith("`kind") else kind
+            found[heading, kind, first] = said
     return found
 
 
@@ -92,10 +94,10 @@ def toml(value: Any) -> str:
     return "" if value is None else f"{value:g}"
 
 
-def rows(model: type[BaseModel], prefix: str = "") -> list[tuple[str, ...]]:
-    """A row for each key of a table; tables inside it are written with dots."""
+def rows(model: type[BaseModel], prefix: str = "", place: tuple[str, str] = ("", "")) -> list[tuple[str, ...]]:
+    """A row for each key of a table, meanings as they stand; tables inside it are written with dots."""
     found: list[tuple[str, ...]] = []
-    said = meanings(model)
+    said = meanings()
     for name, field in model.model_fields.items():
         metadata = tuple(part for part in field.metadata if isinstance(part, BeforeValidator))
         annotation = Annotated[field.annotation, *metadata] if metadata else field.annotation
@@ -103,14 +105,13 @@ def rows(model: type[BaseModel], prefix: str = "") -> list[tuple[str, ...]]:
         if name == "kind" or len(inner) > 1:
             continue
         if len(inner) == 1:
-            found += rows(inner[0], f"{prefix}{name}.")
+            found += rows(inner[0], f"{prefix}{name}.", place)
             continue
         required = field.default is PydanticUndefined and field.default_factory is None
         unit, may = allowed(annotation)
         default = "must be there" if required else toml(field.default)
-        meaning = said.get(name, "")
-        meaning = re.sub(r"[;,]? ?None: ", "; left out: " if not meaning.startswith("None") else "left out: ", meaning)
-        found.append((f"`{prefix}{name}`", unit, default, may, meaning.replace("|", "\\|")))
+        key = f"`{prefix}{name}`"
+        found.append((key, unit, default, may, said.get((*place, key), "")))
     return found
 
 
@@ -130,22 +131,25 @@ def key_tables() -> str:
             continue
         model = inner[0]
         said = (model.__doc__ or "").partition("\n")[0].rstrip(".")
-        left = rows(model)
+        left = rows(model, place=(f"### [{name}]", ""))
         head = f"### [{name}]\n\n{said.replace('|', chr(92) + '|')}."
         parts.append(f"{head}\n\n{table(_HEAD, left)}")
         if name == "device":
             parts[-1] += "\n\nA table `resonance` is all three keys or none; `range` says how well each value is known."
         if name == "scene":
             for key, title in (("motion", "[scene.motion]"), ("effects", "[[scene.effects]]")):
-                shared = rows(kinds(key)[0].__bases__[0])
+                place = f"### {title}"
+                shared = rows(kinds(key)[0].__bases__[0], place=(place, ""))
                 lines = [("of every kind", "", "", "", ""), *shared] if shared else []
                 for one in kinds(key):
                     kind = one.model_fields["kind"].default
                     what = (one.__doc__ or "").partition("\n")[0].rstrip(".").replace("|", "\\|")
-                    lines.append((f'`kind = "{kind}"`', "", "", "", f"**{what}**"))
-                    lines += [row for row in rows(one) if row not in shared]
+                    head = f'`kind = "{kind}"`'
+                    lines.append((head, "", "", "", f"**{what}**"))
+                    known = {row[0] for row in shared}
+                    lines += [row for row in rows(one, place=(place, head)) if row[0] not in known]
                 parts.append(f"### {title}\n\n{table(_HEAD, lines)}")
-    top = [row for row in rows(Problem) if "." not in row[0] and row[0] != "`name`"]
+    top = [row for row in rows(Problem, place=("## Every key", "")) if "." not in row[0] and row[0] != "`name`"]
     return "\n\n".join([table(_HEAD, top), *parts])
 
 

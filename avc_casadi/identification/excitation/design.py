@@ -47,10 +47,7 @@ def plan_excitation(
     travel_m: float | None = None,
     progress: Progress = SILENT,
 ) -> Excitation:
-    """Plan an excitation that takes no device of the ranges beyond the limits.
-
-    Limits are by default half of the device's own force, 0.3 m/s and 20 mm to either side, at the hand.
-    """
+    """Plan an excitation that takes no device of the ranges beyond the limits."""
     reach, period = device.metres_per_unit, device.sample_time_s
     speed = min(_SPEED_M_PER_S / reach, _FIRMWARE_MOST) if speed_m_per_s is None else speed_m_per_s
     travel = _TRAVEL_M / reach if travel_m is None else travel_m

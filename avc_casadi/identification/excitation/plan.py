@@ -31,15 +31,7 @@ _WINDOW_MOST = 32
 
 @dataclass(frozen=True)
 class Plan:
-    """An excitation as the device plays it; rotary has rad and N.m in all of these.
-
-    Attributes:
-        ticks, ramp_ticks: played, with the ramps; in, and out.
-        max_force_n: limit of signal and centring together.
-        max_speed_m_per_s, max_travel_m: beyond them, to either side of the start, the force stays off.
-        spring_n_per_m, damper_ns_per_m: weak centring.
-        window: ticks over which the velocity is taken, 1 to 32.
-    """
+    """An excitation as the device plays it; rotary has rad and N.m in all of these."""
 
     kind: Kind
     sample_time_s: float

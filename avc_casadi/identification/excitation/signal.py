@@ -28,15 +28,7 @@ _POLYNOMIAL = (1686624950, 693528462, 85303417, 4658781)
 
 @dataclass(frozen=True)
 class Signal:
-    """Sines under an envelope, in the integers of the device.
-
-    Attributes:
-        step: of each phase in a tick, in turns of 2^32.
-        phase: at the beginning, in turns of 2^16.
-        amplitude: units, FULL being the largest force.
-        growth: of every step in a tick, in 2^-32: a chirp whose frequency grows by a constant factor.
-        knots: envelope at 33 times evenly spread over the time played, of 2^15.
-    """
+    """Sines under an envelope, in the integers of the device."""
 
     step: tuple[int, ...]
     phase: tuple[int, ...]
@@ -119,10 +111,7 @@ def ramp(ticks: int, ramp_ticks: int) -> Integers:
 
 
 def low_crest_phases(frequency_hz: FloatArray, amplitude: FloatArray, time_s: FloatArray) -> FloatArray:
-    """Return phases of a multisine with a low crest factor: Schroeder's (1970), refined by norms of rising order.
-
-    The norms are those of Guillaume et al. (1991).
-    """
+    """Return phases of a multisine with a low crest factor: Schroeder's (1970), refined by norms of rising order."""
     share = amplitude**2 / np.sum(amplitude**2)
     turns = np.outer(time_s, 2 * np.pi * frequency_hz)
     cosine, sine = np.cos(turns) * np.sqrt(2 * share), np.sin(turns) * np.sqrt(2 * share)
