@@ -95,7 +95,7 @@ def plan_excitation(
         motion=device.motion,
     )
     plan = _scaled(replace(plan, signal=_signal(plan, devices)), devices, progress)
-    after = _checked(plan, devices, progress)
+    after = forecast(plan, devices, progress=progress)
     steps = float((after.travel_m[:, 0] / step_m).min())
     if steps < 10 or plan.peak_force_n < 1.2 * friction:
         raise InputError.of(
@@ -105,30 +105,6 @@ def plan_excitation(
             key="limits",
         )
     return Excitation(plan, tuple(devices), after)
-
-
-def check_plan(plan: Plan, device: Device) -> Forecast:
-    """Return the forecast at every corner; an InputError names the limits that would be exceeded."""
-    return _checked(plan, corners_of(device))
-
-
-def _checked(plan: Plan, devices: Sequence[Device], progress: Progress = SILENT) -> Forecast:
-    after = forecast(plan, devices, progress=progress)
-    faults = []
-    for key, most in plan.limits.items():
-        reached = getattr(after, key)[:, 0]
-        worst = int(np.argmax(reached))
-        if not reached[worst] <= most:
-            one = devices[worst]
-            message = (
-                f"would reach {number(float(reached[worst]))} on a device of the ranges (mass {number(one.mass_kg)}, "
-                f"damping {number(one.damping_ns_per_m)}, friction {number(one.coulomb_friction_n)}); allowed: "
-                f"{number(most)}"
-            )
-            faults.append(Fault("", None, key, message))
-    if faults:
-        raise InputError(faults)
-    return after
 
 
 def _signal(plan: Plan, devices: Sequence[Device]) -> Signal:
