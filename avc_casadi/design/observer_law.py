@@ -33,6 +33,8 @@ DEAD_ZONE_STEPS = 0.75
 _USUAL_SAMPLE_TIME_S = 1e-3
 # Regularises states without weight or noise.
 _NOTHING = 1e-9
+# Relative distance of the point of inverse iteration from a pole.
+_BESIDE = 1e-9
 _HAND = ("mass_kg", "damping_ns_per_m", "stiffness_n_per_m")
 _LEAST = (0.01, 1.0, 10.0)
 # Of each guess, for a rigid device and for one with a resonance: position and velocity weight relative to that of the
@@ -186,11 +188,20 @@ class Structure:
         force = push[:, :, None] * (self.stiffness_n_per_m * self.feedback)
         return seen, np.concatenate([force, np.broadcast_to(self.closed, (len(push), n, n))], axis=1)
 
-    def slopes(self, plants: Loops, gain: FloatArray, passed: float) -> tuple[ComplexArray, ComplexArray]:
-        """Return the poles of each loop and their derivatives by L, shapes (p, m) and (p, m, n)."""
-        poles, right = np.linalg.eig(self.loops(plants, gain, passed))
+    def slopes(self, plants: Loops, gain: FloatArray, passed: float, poles: ComplexArray) -> ComplexArray:
+        """Return the derivatives by L of one pole of the loop of each plant, shape (p, n).
+
+        Eigenvectors by inverse iteration: all at once are badly conditioned, as a delay is defective.
+        """
+        loops = self.loops(plants, gain, passed)
+        near = loops - ((1 + _BESIDE) * poles)[:, None, None] * np.eye(loops.shape[-1])
+        right = left = np.ones((*loops.shape[:2], 1), dtype=np.complex128)
+        for _ in range(3):
+            right, left = np.linalg.solve(near, right), np.linalg.solve(near.swapaxes(1, 2), left)
+            right, left = (one / np.linalg.norm(one, axis=1, keepdims=True) for one in (right, left))
         seen, moved = self._through(plants)
-        return poles, passed * (np.linalg.inv(right) @ moved) * (seen @ right)[..., None]
+        over = (left * right).sum(axis=1)
+        return np.asarray(passed * (left.swapaxes(1, 2) @ moved)[:, 0] * (seen @ right) / over)
 
     def law(self, gain: FloatArray, problem: Problem) -> StateFeedback:
         """Return the law that runs; a damper of the wall acts on its position and is taken out of it before."""

@@ -64,6 +64,8 @@ _FASTEST_PER_S, _SLOWEST_PER_S, _SLOW_HZ = 5.0, 10.0, 4.0
 _FREE = np.array([0.35, 0.25, 0.17, 0.12, 0.06, 0.0, 0.0])
 # Share of Phi on contours, and twice that of the observer, that a step leaves at least; after one that failed, more.
 _LEFT, _CONTACT = (0.2, 0.6, 0.85), 0.01
+# Poles of which the derivative counts: decay over the required one; and the difference for the slope of the latter.
+_NEAR_CONTOUR, _DIFFERENCE_HZ = 1.5, 1e-3
 # Judged as met: shares of the goals.
 _MET, _NOISE_MET, _CONTACT_MET = 0.985, 1.02, 0.003
 _ITERATIONS, _STEPS = 40, (1.0, 0.6, 0.3, 0.1)
@@ -100,11 +102,10 @@ class Judged:
     free: FloatArray
     radius: float
 
-    @property
-    def lack(self) -> float:
-        """Largest missing share of decay and of |Phi|; 0 where none is missing."""
-        asked = _FREE > 0
-        return max(0.0, 0.97 - float(self.decay.min()), 0.95 - float((self.free[asked] / _FREE[asked]).min()))
+    def lack(self, free: FloatArray) -> float:
+        """Return the largest missing share of decay and of |1 + g (Phi - 1)|; 0 where none is missing."""
+        some = free > 0
+        return max(0.0, 0.97 - float(self.decay.min()), 0.95 - float((self.free[some] / free[some]).min()))
 
 
 @dataclass(eq=False)
@@ -117,6 +118,7 @@ class Program:
         hands: corners of [hands], without the released device, which is always there.
         disk_margin: goal.
         noise_n_per_m: goal.
+        distance: goal: of 1 + g (Phi - 1) from 0, as a share of the usual one.
         solved: number of cone programs solved.
     """
 
@@ -125,12 +127,14 @@ class Program:
     hands: Hand | StylusHand
     disk_margin: float
     noise_n_per_m: float
+    distance: float = 1.0
     solved: int = 0
     _multipliers: dict[int, ComplexArray] = field(default_factory=dict, init=False)
     _near: dict[object, BoolArray] = field(default_factory=dict, init=False)
     _contours: dict[tuple[int, float], ComplexArray] = field(default_factory=dict, init=False)
 
     def __post_init__(self) -> None:
+        self._free = self.distance * _FREE
         device = self.problem.device
         corners = device_corners(device, LINEAR_KEYS)
         held, free = (plants_with_forces(sampled_plant(corners, who)) for who in (self.hands, no_hand()))
@@ -221,7 +225,7 @@ class Program:
 
     def met(self, found: Judged) -> bool:
         """Return whether all but the error is as asked for."""
-        return self._excess(found) <= 0 and found.lack <= 0 and found.radius < 1
+        return self._excess(found) <= 0 and found.lack(self._free) <= 0 and found.radius < 1
 
     def _excess(self, found: Judged) -> float:
         """Return by how much margin, noise and contact miss their goals, weighed; 0 where they do not."""
@@ -233,7 +237,7 @@ class Program:
         return 20 * (margin + contact) + noise
 
     def _cost(self, found: Judged) -> float:
-        return 30 * self._excess(found) + PER_LACK * found.lack + found.error**2
+        return 30 * self._excess(found) + PER_LACK * found.lack(self._free) + found.error**2
 
     def improved(self, gain: FloatArray) -> tuple[FloatArray, Judged]:
         """Return a gain improved by programs about the last one until nothing is gained, and what it reaches.
@@ -296,57 +300,65 @@ class Program:
     ) -> FloatArray:
         """Solve the program about a gain, with those cones that matter: cutting planes."""
         c = 1 + self.phi @ gain
-        size = 1 / np.abs(c)
-        turned = np.conj(c) * size**2
         # Variables are whitened by the relative change of Phi.
-        relative = _flat(size[..., None] * self.phi)
+        relative = _flat(self.phi / np.abs(c)[..., None])
         _, values, axes = np.linalg.svd(np.concatenate([relative.real, relative.imag]), full_matrices=False)
         scale = np.sqrt(2 * len(relative)) / np.maximum(values, 1e-7 * values[0])
         cones = Cones(gain, axes.T * scale)
-        # What lies between the points is asked for at the points.
-        margin_there, noise_there = _margin_and_noise(gain, self.x, self.y, self.phi)
-        margin *= max(1.0, margin_there / now.disk_margin)
-        noise *= min(1.0, noise_there / now.noise_n_per_m)
-        real, real_0 = _flat((turned[..., None] * self.phi).real), turned.real.ravel()
-        away = _flat(size[..., None] * (2 * self.y - self.phi))
+        x, y, phi = self.dense
+        there = 1 + phi @ gain
+        size = 1 / np.abs(there)
+        turned = np.conj(there) * size**2
+        real, real_0 = _flat((turned[..., None] * phi).real), turned.real.ravel()
+        away = _flat(size[..., None] * (2 * y - phi))
         cones.second("margin", (2 / margin * real, 2 / margin * real_0), away, size.ravel())
-        cones.second("noise", (real, real_0), _flat(size[..., None] / noise * self.x), 0 * size.ravel())
+        cones.second("noise", (real, real_0), _flat(size[..., None] / noise * x), 0 * size.ravel())
         for row, passed in enumerate(GAINS):
-            self._decaying(cones, gain, row, (float(decay[row]), left), slow=now.decay[row] < 0.999)
-            if _FREE[row] > 0:
+            self._decaying(cones, gain, row, (float(decay[row]), left))
+            if self._free[row] > 0:
                 held = 1 + passed * (c[: len(self.held[0])] - 1)
                 unit = np.conj(held) / np.abs(held)
                 rows = _flat((passed * unit[..., None] * self.phi[: len(held)]).real)
                 level = unit.real.ravel()
-                cones.linear(("free", row), rows, level - min(_FREE[row], 0.98 * now.free[row]))
-                if now.free[row] < 0.98 * _FREE[row]:
-                    cones.linear(("freer", row), rows / _FREE[row], level / _FREE[row] - 1, lack=1.0)
+                cones.linear(("free", row), rows, level - min(self._free[row], 0.98 * now.free[row]))
+                if now.free[row] < 0.98 * self._free[row]:
+                    cones.linear(("freer", row), rows / self._free[row], level / self._free[row] - 1, lack=1.0)
         observer = 1 + self.observer @ gain
         unit = np.conj(observer) / np.abs(observer) ** 2
         cones.linear("observer", (unit[:, None] * self.observer).real, unit.real - 0.5 * left)
         for row, one in enumerate(c):
             weight = self._multipliers[row] / observer / np.abs(one / observer)
-            rows = (weight[:, None] * self.phi[row]).real
-            cones.linear(("contact", row), rows, weight.real - _CONTACT, contact=1.0)
+            rows = (weight[:, None] * (self.phi[row] - (one / observer)[:, None] * self.observer)).real
+            cones.linear(("contact", row), rows, (weight * one).real - rows @ gain - _CONTACT, contact=1.0)
         cones.error(*self.error)
         self.solved += 1
         return cones.solved(self._near)
 
-    def _decaying(self, cones: Cones, gain: FloatArray, row: int, kept: tuple[float, float], *, slow: bool) -> None:
-        """Keep the poles at one of `GAINS` inside their contour, and move those that decay too slowly."""
+    def _decaying(self, cones: Cones, gain: FloatArray, row: int, kept: tuple[float, float]) -> None:
+        """Keep the poles at one of `GAINS` inside their contour; those near it by their derivatives.
+
+        The peak of a pole near the contour is narrower than the grid.
+        """
         passed, rows = float(GAINS[row]), self._contour(row, kept[0]) * GAINS[row]
         value = 1 + rows @ gain
         turned = np.conj(value) / np.abs(value) ** 2
         cones.linear(("decay", row), _flat((turned[..., None] * rows).real), turned.real.ravel() - kept[1])
-        if not slow:
-            return
-        poles, slopes = self.structure.slopes(self.plants if row == 0 else self.held, gain, passed)
+        plants = self.plants if row == 0 else self.held
+        poles = eigenvalues(self.structure.loops(plants, gain, passed))
         t, reached = self.problem.device.sample_time_s, self._decays(poles, row)
-        some = (reached < 1.1) & (poles.imag >= 0) & (np.abs(poles) > 0.5)
-        wanted = contour_per_s(self.problem.device, np.abs(np.angle(poles[some])) / (2 * np.pi * t), row)
-        change = -(slopes[some] / poles[some][:, None]).real / t / wanted[:, None]
-        aim = np.minimum(1.02, reached[some] + 0.5)
-        cones.linear(("pole", row), change, reached[some] - change @ gain - aim, lack=1.0)
+        some = (reached < _NEAR_CONTOUR) & (poles.imag >= 0) & (np.abs(poles) > 0.5)
+        if not some.any():
+            return
+        matrix, push, measured = plants
+        whose = np.nonzero(some)[0]
+        slopes = self.structure.slopes((matrix[whose], push[whose], measured), gain, passed, poles[some])
+        hz, reached = np.angle(poles[some]) / (2 * np.pi * t), reached[some]
+        wanted, more = (contour_per_s(self.problem.device, f, row) for f in (hz, hz + _DIFFERENCE_HZ))
+        per_hz = (more - wanted) / _DIFFERENCE_HZ
+        moved = slopes / poles[some][:, None] / t
+        change = (-moved.real - (reached * per_hz)[:, None] * moved.imag / (2 * np.pi)) / wanted[:, None]
+        aim = np.minimum(1.02, reached + 0.5)
+        cones.linear(("pole", row), change, reached - change @ gain - aim, lack=1.0)
 
 
 def _margin_and_noise(gain: FloatArray, x: ComplexArray, y: ComplexArray, phi: ComplexArray) -> tuple[float, float]:
@@ -473,9 +485,16 @@ class ProgramAnswer:
         """Return the impedance error at frequencies."""
         return self.program.errors(self.gain, self.program.error_rows(hz))
 
-    def moved(self, disk_margin: float, noise_n_per_m: float) -> ProgramAnswer:
-        """Return the coupling for other goals, from this one on."""
-        program = replace(self.program, disk_margin=disk_margin, noise_n_per_m=noise_n_per_m, solved=0)
+    def moved(self, disk_margin: float = 1.0, noise: float = 1.0, distance: float = 1.0) -> ProgramAnswer:
+        """Return the coupling for goals multiplied by factors, from this one on."""
+        one = self.program
+        program = replace(
+            one,
+            disk_margin=disk_margin * one.disk_margin,
+            noise_n_per_m=noise * one.noise_n_per_m,
+            distance=distance * one.distance,
+            solved=0,
+        )
         gain, found = program.improved(self.gain)
         return replace(self, program=program, gain=gain, judged=found, solved=self.solved + program.solved)
 
@@ -503,6 +522,22 @@ def solve_program(
 ) -> ProgramAnswer | None:
     """Return the coupling of the smallest impedance error with a disk margin; None where none is found.
 
+    Args and errors as of `program_answers`.
+    """
+    answers = program_answers(problem, disk_margin, noise_n_per_m, stiffness_n_per_m=stiffness_n_per_m, filters=filters)
+    return replace(answers[0], solved=sum(one.solved for one in answers)) if answers else None
+
+
+def program_answers(
+    problem: Problem,
+    disk_margin: float | None = None,
+    noise_n_per_m: float | None = None,
+    *,
+    stiffness_n_per_m: float | None = None,
+    filters: int = 4,
+) -> list[ProgramAnswer]:
+    """Return the couplings that the guesses of model and feedback lead to: those that meet the goals, then by error.
+
     Args:
         problem: device with its ranges, hands and wall.
         disk_margin: of every hand and released; None is that of [robustness].
@@ -526,18 +561,15 @@ def solve_program(
         least = NOISE_OVER_STIFFNESS * inner.environment.stiffness_n_per_m if asked.ripple_n is None else 0.0
         ripple_n = device.metres_per_unit * (RIPPLE_N if asked.ripple_n is None else asked.ripple_n)
         noise_n_per_m = max(ripple_n / step, least)
-    best: ProgramAnswer | None = None
-    hands, solved = hand_corners(problem.hands.model_copy(update={"let_go": False})), 0
+    answers: list[ProgramAnswer] = []
+    hands = hand_corners(problem.hands.model_copy(update={"let_go": False}))
     for guess in GUESSES:
         with suppress(np.linalg.LinAlgError):
             program = Program(inner, Structure.of(inner, guess, filters), hands, disk_margin, noise_n_per_m)
             if (gain := started(program)) is None:
                 continue
             gain, found = program.improved(gain)
-            solved += program.solved
-            answer = ProgramAnswer(problem, program, gain, found, solved)
-            if best is None or (answer.met, -found.error) > (best.met, -best.judged.error):
-                best = answer
-        if best is not None and best.met and best.judged.error <= NEAR:
-            break
-    return None if best is None else replace(best, solved=solved)
+            answers.append(ProgramAnswer(problem, program, gain, found, program.solved))
+            if answers[-1].met and found.error <= NEAR:
+                break
+    return sorted(answers, key=lambda one: (not one.met, one.judged.error))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING
 
@@ -10,9 +11,9 @@ import numpy as np
 from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.coupling import Coupling
-from avc_casadi.design.program import solve_program, why_no_law
+from avc_casadi.design.program import ProgramAnswer, program_answers, why_no_law
 from avc_casadi.design.tuned import tuned, tuned_margin
-from avc_casadi.loops.walls import DampingRange, damping_range
+from avc_casadi.loops.walls import DampingRange, damping_range, softest_wall_n_per_m
 from avc_casadi.model.gains import Gains, near_rigid_n_per_m, spring_before
 from avc_casadi.model.hands import hand_corners, with_released
 from avc_casadi.model.runtime import Runtime
@@ -32,8 +33,8 @@ _SOFTER_LAWS, _RISE = (0.6, 0.36, 0.22), 1.5
 _MOST_RISES = 6
 # Impedance error above which a softer spring may be nearer.
 _POOR = 0.5
-# Each further law of a wall: disk margin and noise gain as shares of those of the last.
-_WIDER, _QUIETER, _LAWS = 1.25, 0.6, 6
+# Steps of the goals of further laws: factors on disk margin, noise gain and distance of the dead zone's loop from 0.
+_STEPS = ((1.0, 0.6, 1.0), (1.0, 1.0, 1.3), (1.25, 0.6, 1.0), (1.0, 0.6, 1.3), (1.25, 0.6, 1.0), (1.25, 0.6, 1.3))
 
 
 def judge_all(problem: Problem, evaluator: Evaluator, limit: DampingRange, progress: Progress = SILENT) -> None:
@@ -53,7 +54,7 @@ def judge_all(problem: Problem, evaluator: Evaluator, limit: DampingRange, progr
         if not evaluator.quiet():
             evaluator.first_complete(behind_observer(plain))
     if evaluator.least_error() > FELT_ERROR:
-        evaluator.first_complete(laws(problem, wall))
+        judge_laws(problem, evaluator, wall)
     if evaluator.least_error() > _POOR:
         for share in _SOFTER:
             springs = list(softened(problem, share * min(wall, plainly)))
@@ -61,7 +62,7 @@ def judge_all(problem: Problem, evaluator: Evaluator, limit: DampingRange, progr
                 break
     for share in _SOFTER_LAWS:
         if not evaluator.holds() and share * wall > plainly:
-            evaluator.first_complete(laws(problem, share * wall))
+            judge_laws(problem, evaluator, share * wall)
     if not evaluator.holds():
         evaluator.first_complete(tuned_gains(problem, progress))
 
@@ -78,9 +79,10 @@ def judge_stiffest(problem: Problem, evaluator: Evaluator, limit: DampingRange) 
         springs = list(softened(problem, share * limit.stiffness_n_per_m))
         if evaluator.first_complete((*springs, *behind_observer(springs))):
             break
-    stiffness_n_per_m = max(limit.stiffness_n_per_m, evaluator.stiffest_n_per_m())
+    softest = softest_wall_n_per_m(problem.device)
+    stiffness_n_per_m = max(limit.stiffness_n_per_m, evaluator.stiffest_n_per_m(), softest)
     for _ in range(_MOST_RISES):
-        if not evaluator.first_complete(laws(problem, stiffness_n_per_m)):
+        if not judge_laws(problem, evaluator, stiffness_n_per_m):
             return
         stiffness_n_per_m *= _RISE
 
@@ -103,17 +105,33 @@ def softened(problem: Problem, felt_n_per_m: float) -> Iterator[Coupling]:
     yield from sorted(alike, key=impedance_error)
 
 
-def laws(problem: Problem, felt_n_per_m: float) -> Iterator[Coupling]:
-    """Yield laws of the convex program that render a wall at a stiffness, then with wider margins and less noise."""
+def judge_laws(problem: Problem, evaluator: Evaluator, felt_n_per_m: float) -> bool:
+    """Judge laws for a wall at a stiffness, for stricter and stricter goals; return whether one is complete.
+
+    Stricter goals cost error: they end where the least of theirs is above that of a complete law.
+    """
+    least = math.inf
+    for answers in laws(problem, felt_n_per_m):
+        nearer = sorted((one for one in answers if one.judged.error < least), key=lambda one: one.judged.error)
+        if not nearer:
+            break
+        for one in nearer:
+            if evaluator.first_complete([one.coupling]):
+                least = one.judged.error
+                break
+    return least < math.inf
+
+
+def laws(problem: Problem, felt_n_per_m: float) -> Iterator[list[ProgramAnswer]]:
+    """Yield what the program finds for a wall at a stiffness, of each guess, then for stricter and stricter goals."""
     # Slopes of detents are not analysed behind an observer.
     if problem.detent is not None or why_no_law(problem):
         return
-    answer = solve_program(problem, stiffness_n_per_m=felt_n_per_m)
-    for _ in range(_LAWS):
-        if answer is None:
-            return
-        yield answer.coupling
-        answer = answer.moved(_WIDER * answer.program.disk_margin, _QUIETER * answer.program.noise_n_per_m)
+    answers = program_answers(problem, stiffness_n_per_m=felt_n_per_m)
+    yield answers
+    for step in _STEPS:
+        answers = [one.moved(*step) for one in answers]
+        yield answers
 
 
 def tuned_gains(problem: Problem, progress: Progress = SILENT) -> Iterator[Coupling]:

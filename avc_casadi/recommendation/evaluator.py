@@ -33,7 +33,9 @@ FIRST = 16
 BEYOND_HANDS = 60
 """Number of hands on each device with an unmodelled effect."""
 LOOSE_HANDS = 100
-"""Number of loose grips that must settle too, after strikes and light touches."""
+"""Number of loose grips that strike and touch lightly too: the last that come to rest behind a law."""
+_FEW = 0.03
+"""Share of the loose grips that may still be on the way when the trial ends."""
 # Number of devices of the declared ranges among which the confirming hands are divided.
 _DEVICES = 16
 
@@ -100,11 +102,10 @@ class Evaluator:
         )
         some = people_of(problem.hands, BEYOND_HANDS, seed)
         self._beyond = (
-            # Light touches by loose grips are the last that come to rest behind a law.
-            Group(loose_grips(problem.hands, LOOSE_HANDS, seed)),
             *beyond_file(problem, problem.robustness, some),
             *held_otherwise(problem, BEYOND_HANDS, seed),
         )
+        self._loose = Group(loose_grips(problem.hands, LOOSE_HANDS, seed))
         self._devices = _devices(problem.device, seed)
 
     def __call__(self, coupling: Coupling) -> Judged | None:
@@ -117,8 +118,9 @@ class Evaluator:
         if one.safety <= int(self._lean) and len(self._people) > FIRST:
             one = replace(one, trial=self._trial(coupling, self._people))
         if self._complete(one):
-            settled = (group.settles(coupling, friction=self._lean) for group in self._beyond)
-            one = replace(one, beyond=tuple(settled))
+            loose = self._loose.settles(coupling, friction=self._lean)
+            others = (group.settles(coupling, friction=self._lean) for group in self._beyond)
+            one = replace(one, beyond=(loose,) if loose.mean() < 1 - _FEW else tuple(others))
         self.judged.append(one)
         return one
 

@@ -49,7 +49,7 @@ def trade_off(problem: Problem, progress: Progress = SILENT) -> tuple[Trade, ...
         progress.advance(done, len(MARGINS), "convex programs of the trade-off")
         if answer is None:
             break
-        answer = answer if done == 0 else answer.moved(margin, answer.program.noise_n_per_m)
+        answer = answer if done == 0 else answer.moved(margin / answer.program.disk_margin)
         if found and abs(answer.judged.disk_margin - found[-1].disk_margin) < _SAME:
             continue
         one, two, three = answer.errors(np.array(_HZ)).tolist()

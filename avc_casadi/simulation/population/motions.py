@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from avc_casadi.model.device import Device
     from avc_casadi.model.problem import Problem
 
-_TAP = Stroke(frequency_hz=2.0, amplitude_m=0.015)
+_TAP = Stroke(frequency_hz=2.0, amplitude_m=0.015, rest_s=2.0)
 _TOUCH_M_PER_S = 0.03
 MOTIONS: dict[str, Motion] = {
     "free": Free(frequency_hz=2.0, amplitude_m=0.008, rest_s=1.5),
@@ -32,9 +32,8 @@ MOTIONS: dict[str, Motion] = {
 }
 AT_WALL = ("press", "tap", "hold")
 """Motions of a trial at a wall."""
-# A quarter of a second more than the paper's experiment: settling is judged a second after the last tap, which tells a
-# decaying response from a sustained one.
-TRIAL_S = 3.25
+# Settling is judged two seconds after the last tap, which tells a decaying response from a sustained one.
+TRIAL_S = 4.25
 """Shortest duration of a motion."""
 LONGEST_S = 30.0
 """Longest duration of a motion."""
