@@ -71,7 +71,8 @@ def recommend_tool(
         margin, mode = search.gain_margin_over_ranges(gains), search.loops.slowest(gains)
         certificate = tool_certificate(problem, gains, search)
         coupling = Coupling.between(problem, gains, certificate, trial.document(), versions or {})
-    same = gains.stiffness_n_per_m if gains is not None else wanted
+    # What is only linearly stable is no help where hands refute it.
+    same = gains.stiffness_n_per_m if gains is not None else wanted if trial is None else None
     return Recommendation(
         problem=problem,
         coupling=coupling,
