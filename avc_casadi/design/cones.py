@@ -62,11 +62,7 @@ class Cones:
         self._blocks.append(("error", matrix, level, True))
 
     def solved(self, near: dict[object, BoolArray]) -> FloatArray:
-        """Minimise gamma and the slacks: a few of the cones, then those that the solution violates, until none is.
-
-        Args:
-            near: cones to begin with, by key, of the last time; changed.
-        """
+        """Minimise gamma and the slacks: a few of the cones, then those that the solution violates, until none is."""
         import clarabel  # noqa: PLC0415
         from scipy import sparse  # noqa: PLC0415
 
@@ -113,13 +109,7 @@ def _gap(values: FloatArray) -> FloatArray:
 
 
 def multiplier(z: ComplexArray, loop: ComplexArray, known: ComplexArray | None = None) -> tuple[ComplexArray, float]:
-    """Return M = 1 - sum h_k z^-k, h >= 0 of sum below 1, of the largest least cosine of M times a loop; and that.
-
-    Args:
-        z: points on the unit circle.
-        loop: its values there.
-        known: M of a loop nearby, kept where it serves.
-    """
+    """Return M = 1 - sum h_k z^-k, h >= 0 of sum below 1, of the largest least cosine of M times a loop; and that."""
     from scipy.optimize import linprog  # noqa: PLC0415
 
     unit = loop / np.abs(loop)

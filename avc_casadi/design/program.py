@@ -243,9 +243,6 @@ class Program:
         """Return a gain improved by programs about the last one until nothing is gained, and what it reaches.
 
         A step is shortened until all holds that held, judged exactly.
-
-        Args:
-            gain: a stable start.
         """
         best, failed = self.judged(gain), 0
         for _ in range(_ITERATIONS):
@@ -536,18 +533,7 @@ def program_answers(
     stiffness_n_per_m: float | None = None,
     filters: int = 4,
 ) -> list[ProgramAnswer]:
-    """Return the couplings that the guesses of model and feedback lead to: those that meet the goals, then by error.
-
-    Args:
-        problem: device with its ranges, hands and wall.
-        disk_margin: of every hand and released; None is that of [robustness].
-        noise_n_per_m: largest force over a sine of encoder noise; None is that of [robustness].
-        stiffness_n_per_m: of the wall as rendered; None is its own.
-        filters: of the innovation, at most.
-
-    Raises:
-        UnsupportedError: a device or wall without laws.
-    """
+    """Return the couplings that the guesses of model and feedback lead to: those that meet the goals, then by error."""
     if why := why_no_law(problem):
         raise UnsupportedError(f"{problem.name}: program: {why}")
     device, k = problem.device, problem.environment.stiffness_n_per_m

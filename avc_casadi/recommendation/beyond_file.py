@@ -35,12 +35,7 @@ class Withstood:
 
 
 def margins(coupling: Coupling, seed: int = 0) -> tuple[Withstood, ...]:
-    """Return the trials of a coupling, each with one unmodelled effect.
-
-    Args:
-        coupling: designed for the nominal device.
-        seed: of the hands.
-    """
+    """Return the trials of a coupling, each with one unmodelled effect."""
     problem = coupling.problem
     given = {key: value for key, value in vars(problem.robustness).items() if value is not None}
     people = people_of(problem.hands, BEYOND_HANDS, seed)
@@ -59,12 +54,7 @@ def margins(coupling: Coupling, seed: int = 0) -> tuple[Withstood, ...]:
 
 
 def missed(found: tuple[Withstood, ...], *, by_friction: bool) -> str:
-    """Return the requirements of [robustness] that are not met.
-
-    Args:
-        found: of the coupling.
-        by_friction: whether settling by the declared dry friction suffices.
-    """
+    """Return the requirements of [robustness] that are not met."""
     short = []
     for one in found:
         rest = one.at_rest if by_friction and one.at_rest is not None else one.at_rest_without_friction

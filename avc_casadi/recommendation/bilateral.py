@@ -60,19 +60,7 @@ def recommend_bilateral(
     progress: Progress = SILENT,
     options: BilateralOptions = OPTIONS,
 ) -> Recommendation:
-    """Return the spring and dampers between a leader and its follower.
-
-    Args:
-        problem: with [follower].
-        hands: number of simulated hands, corners of [hands] among them.
-        seed: of their draw and of the messages.
-        versions: of what answers, for the coupling's file.
-        progress: reports the couplings tried.
-        options: numbers of the recommendation.
-
-    Raises:
-        InputError: the problem has no [follower].
-    """
+    """Return the spring and dampers between a leader and its follower."""
     follower, loops = required_follower(problem), FollowerLoops(problem)
     slow_s = max(sum(one) for one in follower.delays_s)
     search = CouplingSearch(loops, Scale.of(problem, slow_s), _SEARCH)

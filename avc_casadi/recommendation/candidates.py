@@ -38,14 +38,7 @@ _STEPS = ((1.0, 0.6, 1.0), (1.0, 1.0, 1.3), (1.25, 0.6, 1.0), (1.0, 0.6, 1.3), (
 
 
 def judge_all(problem: Problem, evaluator: Evaluator, limit: DampingRange, progress: Progress = SILENT) -> None:
-    """Judge candidates for the wall, the plainest first; softer ones only where none holds it.
-
-    Args:
-        problem: device, wall and hands.
-        evaluator: judges, and keeps what is deployable.
-        limit: the stiffest wall that is linearly stable with spring and damper, every hand and released.
-        progress: reports the tuning.
-    """
+    """Judge candidates for the wall, the plainest first; softer ones only where none holds it."""
     wall, plainly = problem.environment.stiffness_n_per_m, limit.stiffness_n_per_m
     if wall <= plainly:
         plain = list(springs_and_dampers(problem))
@@ -68,13 +61,7 @@ def judge_all(problem: Problem, evaluator: Evaluator, limit: DampingRange, progr
 
 
 def judge_stiffest(problem: Problem, evaluator: Evaluator, limit: DampingRange) -> None:
-    """Judge softer and softer springs until one holds, then laws for stiffer and stiffer walls until none does.
-
-    Args:
-        problem: its wall is out of reach.
-        evaluator: judges, and keeps what is deployable.
-        limit: as in `judge_all`.
-    """
+    """Judge softer and softer springs until one holds, then laws for stiffer and stiffer walls until none does."""
     for share in _SOFTER:
         springs = list(softened(problem, share * limit.stiffness_n_per_m))
         if evaluator.first_complete((*springs, *behind_observer(springs))):

@@ -31,9 +31,6 @@ def contact_onset_m(coupling: Coupling) -> dict[str, float | None]:
 
     The hand approaches from free space, with every declared effect of the device simulated. None where no detectable
     force sets in within `REACHED_M`.
-
-    Args:
-        coupling: gains and runtime.
     """
     device = coupling.problem.device
     radius, hand = device.metres_per_unit, _FIRM.at_handle(device.metres_per_unit)

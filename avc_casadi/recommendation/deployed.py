@@ -59,11 +59,7 @@ class Deployed:
 
 
 def deployed(coupling: Coupling) -> Deployed:
-    """Return the responses of a coupling.
-
-    Args:
-        coupling: gains and runtime.
-    """
+    """Return the responses of a coupling."""
     problem = coupling.problem
     device, period = problem.device, problem.device.sample_time_s
     hands = hand_corners(problem.hands.model_copy(update={"let_go": False}))

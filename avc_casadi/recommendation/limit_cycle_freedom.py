@@ -38,12 +38,7 @@ class LimitCycleFreedom:
 
 
 def with_rest(coupling: Coupling, progress: Progress = SILENT) -> tuple[Coupling, LimitCycleFreedom]:
-    """Return a certified coupling with L7 in its certificate, where that takes a second or two, and the result.
-
-    Args:
-        coupling: with its certificate, in which L7 may stand already.
-        progress: reports the proof.
-    """
+    """Return a certified coupling with L7 in its certificate, where that takes a second or two, and the result."""
     certificate = dict(coupling.certificate or {})
     levels = dict(certificate.get("levels", {}))
     if "L7" not in levels:

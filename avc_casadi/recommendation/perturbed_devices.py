@@ -46,15 +46,7 @@ class PerturbedDevices:
 
 
 def off_file(coupling: Coupling, seed: int = 0) -> PerturbedDevices | None:
-    """Return a trial of the corner hands on devices perturbed by a tenth, each value up or down at random.
-
-    Args:
-        coupling: designed for the nominal device.
-        seed: of hands and devices.
-
-    Returns:
-        The result; None where every value of the device has a range, as those devices are tried elsewhere.
-    """
+    """Return a trial of the corner hands on devices perturbed by a tenth, each value up or down at random."""
     problem = coupling.problem
     keys = _without_range(problem)
     if not keys:

@@ -38,11 +38,7 @@ _BOX, _ANY = ("damping_ns_per_m", "stiffness_n_per_m", "contact_damping_ns_per_m
 
 
 def why_infeasible(problem: Problem) -> str:
-    """Return why no coupling is deployable at any gains; empty where one may be.
-
-    Args:
-        problem: device, wall, hands and detents.
-    """
+    """Return why no coupling is deployable at any gains; empty where one may be."""
     device, wall = problem.device, problem.environment
     if device.mass_kg == 0:
         return (
@@ -102,13 +98,7 @@ def nothing_rendered(problem: Problem, felt_n_per_m: float, trial: CouplingTrial
 
 
 def assumed(problem: Problem, coupling: Coupling | None = None, *, devices: int = 1) -> tuple[str, ...]:
-    """Return the assumptions.
-
-    Args:
-        problem: device, wall and hands.
-        coupling: the recommended one.
-        devices: number of devices of the declared ranges on which it was confirmed.
-    """
+    """Return the assumptions."""
     gaps = ["hands are linear, on one axis, and constant while they hold on"]
     of: dict[str, Device] = {"": problem.device}
     if problem.follower is not None:
@@ -139,12 +129,7 @@ def _ideal(device: Device) -> list[str]:
 
 
 def _of_trials(device: Device, *, friction: bool) -> list[str]:
-    """Return the assumptions that concern trials alone.
-
-    Args:
-        device: its keys and their ranges.
-        friction: whether a trial has dry friction.
-    """
+    """Return the assumptions that concern trials alone."""
     gaps = []
     if friction and device.coulomb_friction_n == 0 and device.range.coulomb_friction_n is None:
         gaps.append("no dry friction is declared: none is assumed, the cautious end")
@@ -281,19 +266,11 @@ def not_used(problem: Problem) -> tuple[str, ...]:
 
 
 def not_judged(unused: Sequence[str]) -> list[str]:
-    """Return the entries of `not_used` that weaken a verdict: what is asked of other methods does not.
-
-    Args:
-        unused: as of `not_used`.
-    """
+    """Return the entries of `not_used` that weaken a verdict: what is asked of other methods does not."""
     return [what for what in unused if not what.endswith(_OF_SOLVE)]
 
 
 def asked_of_others(unused: Sequence[str]) -> list[str]:
-    """Return one sentence on the tables by which other methods are asked; none where there are none.
-
-    Args:
-        unused: as of `not_used`.
-    """
+    """Return one sentence on the tables by which other methods are asked; none where there are none."""
     tables = [what.removesuffix(_OF_SOLVE) for what in unused if what.endswith(_OF_SOLVE)]
     return [f"{', '.join(tables)}: asked of avc solve, not of avc recommend"] if tables else []

@@ -126,13 +126,7 @@ def impedance_error(coupling: Coupling) -> float:
 
 
 def best_of(judged: list[Judged], *, lean_on_friction: bool = False, stiffest: bool = False) -> Judged:
-    """Return the best: by safety, vibration threshold, distance; of those as near to the senses the plainest.
-
-    Args:
-        judged: at least one.
-        lean_on_friction: whether settling by the declared dry friction counts as settling without it.
-        stiffest: whether static stiffness counts before mismatch.
-    """
+    """Return the best: by safety, vibration threshold, distance; of those as near to the senses the plainest."""
 
     def safety(one: Judged) -> int:
         return max(one.safety, 1) if lean_on_friction else one.safety

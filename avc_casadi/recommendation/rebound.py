@@ -28,9 +28,6 @@ def rebound(coupling: Coupling) -> dict[str, float]:
 
     Above 1 the wall gives energy: a passive one never does. 0 where the device stays in the wall, or does not reach it.
     Speeds are the device's, in rad/s of a rotary one.
-
-    Args:
-        coupling: gains and runtime.
     """
     setup, radius = Setup.of(coupling), coupling.problem.device.metres_per_unit
     some = (setup, setup.without(FRICTION)) if setup.rough else (setup,)

@@ -41,15 +41,7 @@ def judged_as_recommended(
     versions: Mapping[str, str] | None = None,
     progress: Progress = SILENT,
 ) -> Recommendation:
-    """Certify and try the gains of a method as `recommend` does its own, whatever the verdict.
-
-    Args:
-        problem: problem of the gains.
-        gains: by any method.
-        hands: number of simulated hands.
-        versions: of the software that made it, by package.
-        progress: reports the rows judged and the motions simulated.
-    """
+    """Certify and try the gains of a method as `recommend` does its own, whatever the verdict."""
     found = certified(Coupling.of(problem, gains, versions=versions), progress)
     found, rest = with_rest(found, progress)
     tried = try_coupling(found, people_of(problem.hands, hands), 0, progress)

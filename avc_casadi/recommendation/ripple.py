@@ -45,10 +45,6 @@ def ripple(coupling: Coupling, seed: int = 0) -> Ripple:
 
     With a damper of b behind a step of the encoder q the force has pulses of b q/T, for b sqrt(q v/T - v^2) rms while
     the handle passes less than a step in a sample.
-
-    Args:
-        coupling: gains and runtime.
-        seed: of the hands.
     """
     problem = coupling.problem
     radius = problem.device.metres_per_unit
@@ -62,12 +58,7 @@ def ripple(coupling: Coupling, seed: int = 0) -> Ripple:
 
 
 def ripple_n(coupling: Coupling, speed_per_s: float) -> float:
-    """Return the rms force ripple of the encoder on a handle in prescribed motion in the wall.
-
-    Args:
-        coupling: gains and runtime.
-        speed_per_s: of the device, varied slightly: at a constant speed encoder steps may coincide with samples.
-    """
+    """Return the rms force ripple of the encoder on a handle in prescribed motion in the wall."""
     device = coupling.problem.device
     if device.encoder_resolution_m == 0:
         return 0.0

@@ -47,12 +47,7 @@ def linear_changes(problem: Problem) -> dict[str, Problem]:
 
 
 def what_would_help(problem: Problem, extreme: Hand | StylusHand) -> tuple[Help, ...]:
-    """Return the limit of a plain spring and damper after each change, most effective first.
-
-    Args:
-        problem: the device as it is; of a wall without a spring nothing is told.
-        extreme: the corners of its hands.
-    """
+    """Return the limit of a plain spring and damper after each change, most effective first."""
     if problem.environment.stiffness_n_per_m == 0:
         return ()
     people = with_released(extreme)

@@ -80,12 +80,6 @@ def shaken(
 
     By the force at the frequency of the motion (describing function: Gelb and Vander Velde 1968), without dry
     friction, which belongs to the device.
-
-    Args:
-        coupling: gains, or a table, which then follows the motion; and runtime.
-        felt_n_per_m: static rendered stiffness.
-        frequency_hz: below a quarter of the sample rate; others are left out, and if none remain that is taken.
-        wanted: problem of the reference wall; None is that of the coupling.
     """
     device = coupling.problem.device
     heard, excitation = below_quarter_rate(device, np.array(frequency_hz)), Excitation.of(device, felt_n_per_m)
@@ -95,13 +89,7 @@ def shaken(
 
 
 def force_over_position(coupling: Coupling, excitation: Excitation, frequency_hz: FloatArray) -> ComplexArray:
-    """Return commanded force over measured position for imposed sines, N/m, shape (n,).
-
-    Args:
-        coupling: as for `shaken`.
-        excitation: depth and amplitude of the sines.
-        frequency_hz: of the sines, shape (n,).
-    """
+    """Return commanded force over measured position for imposed sines, N/m, shape (n,)."""
     period = coupling.problem.device.sample_time_s
     time = period * np.arange(round(_END_S / period) + 1)
     ramp = excitation.depth_m * np.clip(time / _RAMP_S, 0.0, 1.0)
@@ -122,17 +110,7 @@ def led(
     *,
     exact: bool = False,
 ) -> tuple[FloatArray, FloatArray]:
-    """Return position and commanded force for an imposed motion, with an ideal actuator.
-
-    Args:
-        coupling: as for `shaken`.
-        position_m: imposed, at each sample and at the end, shape (samples + 1,).
-        fastest_hz: highest frequency of the motion.
-        exact: whether the position is read without quantisation.
-
-    Returns:
-        Position and commanded force, shape (samples,) each.
-    """
+    """Return position and commanded force for an imposed motion, with an ideal actuator."""
     device = coupling.problem.device
     read = {"encoder_resolution_m": 0.0} if exact else {}
     setup = Setup.of(coupling, device.model_copy(update=_IDEAL | read)).without("guard")

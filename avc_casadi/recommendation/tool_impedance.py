@@ -69,12 +69,7 @@ class RenderedBand:
 
 
 def rendered_band(problem: Problem, gains: ToolGains) -> RenderedBand:
-    """Return the rendered impedance of the remote end over the band of hand motion and perception.
-
-    Args:
-        problem: with [simulation] or [follower].
-        gains: of the coupling.
-    """
+    """Return the rendered impedance of the remote end over the band of hand motion and perception."""
     device = problem.device
     if problem.follower is not None:
         felt, other = rendered_follower, problem.follower.at_leader()
@@ -88,13 +83,7 @@ def rendered_band(problem: Problem, gains: ToolGains) -> RenderedBand:
 
 
 def rendered_tool(problem: Problem, gains: ToolGains, frequencies_hz: Sequence[float] = REPORTED_HZ) -> list[Felt]:
-    """Return the rendered impedance of the heaviest tool, with the nominal device as a rigid body.
-
-    Args:
-        problem: with [simulation].
-        gains: of the coupling.
-        frequencies_hz: at which; those that the device's samples cannot follow are left out.
-    """
+    """Return the rendered impedance of the heaviest tool, with the nominal device as a rigid body."""
     device, engine = problem.device, required_tool(problem)
     free, rigid = tool_states(engine, 0.0)[-1], tool_states(engine, RIGID_N_PER_M)[-1]
     t = device.sample_time_s
@@ -111,13 +100,7 @@ def rendered_tool(problem: Problem, gains: ToolGains, frequencies_hz: Sequence[f
 
 
 def rendered_follower(problem: Problem, gains: ToolGains, frequencies_hz: Sequence[float] = REPORTED_HZ) -> list[Felt]:
-    """Return the rendered impedance of the follower, with both nominal devices as rigid bodies.
-
-    Args:
-        problem: with [follower].
-        gains: of the coupling.
-        frequencies_hz: at which; those that the leader's samples cannot follow are left out.
-    """
+    """Return the rendered impedance of the follower, with both nominal devices as rigid bodies."""
     leader, follower = problem.device, required_follower(problem)
     other = follower.at_leader()
     none = np.zeros(2)
@@ -145,16 +128,7 @@ def _felt(
     free: complex | None,
     rigid: complex,
 ) -> Felt:
-    """Return the impedance rendered by the commanded forces in free motion and in rigid contact.
-
-    Args:
-        device: with the hold and delay of its forces.
-        gains: of the coupling.
-        frequency_hz: of the motion.
-        far: mass and damping of the remote end.
-        free: force per metre; None where nothing moves.
-        rigid: force per metre.
-    """
+    """Return the impedance rendered by the commanded forces in free motion and in rigid contact."""
     t, s = device.sample_time_s, 2j * np.pi * frequency_hz
     hold = (1 - np.exp(-s * t)) / (s * t) * np.exp(-s * t * device.delay_samples) / s
     alone = device.mass_kg * s + device.damping_ns_per_m

@@ -38,12 +38,7 @@ class ToolHelp:
 
 
 def stable_on_other_devices(problem: Problem, gains: ToolGains) -> bool:
-    """Return whether the gains are stable on perturbed devices, or throughout the declared ranges.
-
-    Args:
-        problem: with [simulation].
-        gains: of the coupling.
-    """
+    """Return whether the gains are stable on perturbed devices, or throughout the declared ranges."""
     device, known, off = problem.device, problem.device.range, _MISMATCH
     about = {
         key: getattr(known, key) or (getattr(device, key) * (1 - off), getattr(device, key) * (1 + off))
@@ -54,11 +49,7 @@ def stable_on_other_devices(problem: Problem, gains: ToolGains) -> bool:
 
 
 def search_ends(problem: Problem) -> dict[str, float]:
-    """Return where the searches of mass, step and gain margin end: what is found there is no limit.
-
-    Args:
-        problem: with [simulation].
-    """
+    """Return where the searches of mass, step and gain margin end: what is found there is no limit."""
     tool, t = required_tool(problem), problem.device.sample_time_s
     lightest, _ = _masses_kg(tool)
     return {
@@ -84,13 +75,7 @@ def _most_samples(tool: VirtualTool, sample_time_s: float) -> int:
 
 
 def least_tool_mass_kg(problem: Problem, stiffness_n_per_m: float, *, local: bool) -> float | None:
-    """Return the lightest tool with which a stiffness is stable, searched from the declared mass down, or up.
-
-    Args:
-        problem: with [simulation].
-        stiffness_n_per_m: K, at the device.
-        local: whether the device's local loop may damp too.
-    """
+    """Return the lightest tool with which a stiffness is stable, searched from the declared mass down, or up."""
     tool = required_tool(problem)
     declared = min(tool.tool_mass_kg or (1.0,))
     lightest, heaviest = _masses_kg(tool)
@@ -109,13 +94,7 @@ def least_tool_mass_kg(problem: Problem, stiffness_n_per_m: float, *, local: boo
 
 
 def slowest_step_s(problem: Problem, stiffness_n_per_m: float, *, local: bool) -> float | None:
-    """Return the longest step, a multiple of T, up to which a stiffness is stable; None where not even T is.
-
-    Args:
-        problem: with [simulation].
-        stiffness_n_per_m: K, at the device.
-        local: whether the device's local loop may damp too.
-    """
+    """Return the longest step, a multiple of T, up to which a stiffness is stable; None where not even T is."""
     tool, t = required_tool(problem), problem.device.sample_time_s
 
     def holds(samples: int) -> bool:
@@ -133,13 +112,7 @@ def slowest_step_s(problem: Problem, stiffness_n_per_m: float, *, local: bool) -
 
 
 def exchanges_that_hold(problem: Problem, stiffness_n_per_m: float, *, local: bool) -> dict[str, bool]:
-    """Return the exchanges with which a stiffness is stable at some damping.
-
-    Args:
-        problem: with [simulation].
-        stiffness_n_per_m: K, at the device.
-        local: whether the device's local loop may damp too; beside a held force it may in any case.
-    """
+    """Return the exchanges with which a stiffness is stable at some damping."""
     names: tuple[Exchange, ...] = ("on-time", "late", "ahead", "held-force")
     return {
         name: _search(problem, exchange=name).holds(stiffness_n_per_m, local=local or name == "held-force")
@@ -148,13 +121,7 @@ def exchanges_that_hold(problem: Problem, stiffness_n_per_m: float, *, local: bo
 
 
 def what_would_help(problem: Problem, search: ToolSearch, *, local: bool) -> tuple[ToolHelp, ...]:
-    """Return the sensitivities of the stiffness limit, largest first.
-
-    Args:
-        problem: with [simulation].
-        search: of the unchanged problem, with its limit.
-        local: whether the device's local loop damps already; if not, that is one of the changes.
-    """
+    """Return the sensitivities of the stiffness limit, largest first."""
     tool, t = required_tool(problem), problem.device.sample_time_s
     step_s, hands = max(tool.step_s), search.loops.worst_hands
     changes: dict[str, dict[str, Any]] = {}

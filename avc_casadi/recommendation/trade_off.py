@@ -37,12 +37,7 @@ class Trade:
 
 
 def trade_off(problem: Problem, progress: Progress = SILENT) -> tuple[Trade, ...]:
-    """Return the points of a wall at `MARGINS` that differ, each from the last; empty where there is no law.
-
-    Args:
-        problem: device, wall and hands.
-        progress: reports the programs.
-    """
+    """Return the points of a wall at `MARGINS` that differ, each from the last; empty where there is no law."""
     answer = None if problem.detent is not None or why_no_law(problem) else solve_program(problem, MARGINS[0])
     found: list[Trade] = []
     for done, margin in enumerate(MARGINS):

@@ -52,20 +52,7 @@ def tried_coupling(
     progress: Progress = SILENT,
     options: ToolOptions = OPTIONS,
 ) -> tuple[ToolGains | None, Trial | None, tuple[float, Trial] | None]:
-    """Return the coupling that is recommended, alone: the stiffest with its margin with which all hands settle.
-
-    Args:
-        problem: with [simulation], for which some coupling is stable (`why_infeasible`).
-        search: of it.
-        hands: number of simulated hands.
-        seed: of their draw.
-        progress: reports the couplings tried.
-        options: numbers of the recommendation.
-
-    Returns:
-        Gains and trial, and of the last stiffer coupling that was refuted K and trial; without gains where hands settle
-        with none, with the trial of the last one, or without where none is stable.
-    """
+    """Return the coupling that is recommended, alone: the stiffest with its margin with which all hands settle."""
     (stiffest, local), wanted = search.limit, required_tool(problem).stiffness_n_per_m
     if wanted is not None:
         if not search.holds(wanted, local=local):
@@ -87,11 +74,7 @@ def _tried(
     *,
     local: bool,
 ) -> tuple[ToolGains | None, Trial | None, tuple[float, Trial] | None]:
-    """Return the stiffest coupling with which all hands settle, without dry friction if one does.
-
-    Returns:
-        As `tried_coupling`.
-    """
+    """Return the stiffest coupling with which all hands settle, without dry friction if one does."""
     tool = required_tool(problem)
     people = people_of(problem.hands, hands, seed)
     count = options.tries if tool.stiffness_n_per_m is None else 1
@@ -128,12 +111,7 @@ def _settled_share(trial: Trial) -> float:
 
 
 def unsettled(stiffness_n_per_m: float, trial: Trial) -> str:
-    """Return how many hands do not settle with a stiffness, and in which motion most of them.
-
-    Args:
-        stiffness_n_per_m: K.
-        trial: with it.
-    """
+    """Return how many hands do not settle with a stiffness, and in which motion most of them."""
     name, settled = min(trial.by_motion.items(), key=lambda one: int(one[1].sum()))
     count, where = int((~settled).sum()), f"in {name}"
     if count == 0:

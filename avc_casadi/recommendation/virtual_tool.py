@@ -44,17 +44,6 @@ def recommend_tool(
 
     Every loop of the answer is linearly stable: hands of [hands] and the device released, free and rigid contact and
     the springs between, every corner of device and tool, with a margin; and simulated hands settle in every motion.
-
-    Args:
-        problem: with [simulation].
-        hands: number of simulated hands, corners of [hands] among them.
-        seed: of their draw.
-        versions: of the software that made it, by package; written into the coupling.
-        progress: reports the couplings tried.
-        options: numbers of the recommendation.
-
-    Raises:
-        InputError: the problem has no [simulation].
     """
     tool, search = required_tool(problem), ToolSearch(problem)
     (stiffest, local), wanted = search.limit, tool.stiffness_n_per_m
@@ -103,12 +92,7 @@ def recommend_tool(
 
 
 def why_infeasible(problem: Problem, search: ToolSearch) -> str:
-    """Return why no coupling is stable at all; empty where one is.
-
-    Args:
-        problem: with [simulation].
-        search: of it.
-    """
+    """Return why no coupling is stable at all; empty where one is."""
     tool = required_tool(problem)
     if problem.device.mass_kg == 0:
         return "the device has no mass (device.mass_kg is 0): released, nothing is there that a coupling could hold"
@@ -127,12 +111,7 @@ def why_infeasible(problem: Problem, search: ToolSearch) -> str:
 
 
 def why_not_wanted(wanted_n_per_m: float, limit_n_per_m: float) -> str:
-    """Return why a wanted stiffness is not to be had.
-
-    Args:
-        wanted_n_per_m: of the file.
-        limit_n_per_m: the stiffest that is stable.
-    """
+    """Return why a wanted stiffness is not to be had."""
     asked, most = (f"{one:.6g}" for one in (wanted_n_per_m, limit_n_per_m))
     if wanted_n_per_m == 0:
         return f"{asked} is wanted, which couples nothing: leave stiffness_n_per_m out for the stiffest"
@@ -177,11 +156,7 @@ def _reason(
 
 
 def unusual(problem: Problem) -> dict[str, str]:
-    """Return unusual values of a [simulation] by key: costliest in stiffness, or beyond any coupling.
-
-    Args:
-        problem: with [simulation].
-    """
+    """Return unusual values of a [simulation] by key: costliest in stiffness, or beyond any coupling."""
     tool, t, found = required_tool(problem), problem.device.sample_time_s, {}
     if not ToolLoops(problem).engine_alone_stable():
         found["contact_stiffness_n_per_m"] = (
