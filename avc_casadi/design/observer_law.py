@@ -64,17 +64,7 @@ def dead_zone_m(device: Device) -> float:
 
 
 def regulator(device: Device, hands: Hands, stiffness_n_per_m: float, guess: int) -> StateFeedback:
-    """Return one of the `GUESSES`.
-
-    Args:
-        device: modelled as it is declared.
-        hands: ranges of the hands.
-        stiffness_n_per_m: K of the rendered wall.
-        guess: its number.
-
-    Raises:
-        numpy.linalg.LinAlgError: a Riccati equation has no solution.
-    """
+    """Return one of the `GUESSES`."""
     rigid, t = device.resonance is None, device.sample_time_s
     light_kg, faster = device.mass_kg + hands.mass_kg[0], min(1.0, t / _USUAL_SAMPLE_TIME_S)
     turned = device.metres_per_unit**2

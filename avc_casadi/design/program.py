@@ -456,14 +456,12 @@ class ProgramAnswer:
         program: of the structure with the smallest error, with the goals.
         gain: L.
         judged: what it reaches.
-        solved: number of cone programs solved.
     """
 
     problem: Problem
     program: Program
     gain: FloatArray
     judged: Judged
-    solved: int
 
     @property
     def met(self) -> bool:
@@ -493,7 +491,7 @@ class ProgramAnswer:
             solved=0,
         )
         gain, found = program.improved(self.gain)
-        return replace(self, program=program, gain=gain, judged=found, solved=self.solved + program.solved)
+        return replace(self, program=program, gain=gain, judged=found)
 
 
 def why_no_law(problem: Problem) -> str:
@@ -507,22 +505,6 @@ def why_no_law(problem: Problem) -> str:
     if device.delay_samples > MAX_DELAY_SAMPLES / 4:
         faults.append(f"the delay of {device.delay_samples:g} samples is above {MAX_DELAY_SAMPLES // 4}")
     return "; ".join(faults)
-
-
-def solve_program(
-    problem: Problem,
-    disk_margin: float | None = None,
-    noise_n_per_m: float | None = None,
-    *,
-    stiffness_n_per_m: float | None = None,
-    filters: int = 4,
-) -> ProgramAnswer | None:
-    """Return the coupling of the smallest impedance error with a disk margin; None where none is found.
-
-    Args and errors as of `program_answers`.
-    """
-    answers = program_answers(problem, disk_margin, noise_n_per_m, stiffness_n_per_m=stiffness_n_per_m, filters=filters)
-    return replace(answers[0], solved=sum(one.solved for one in answers)) if answers else None
 
 
 def program_answers(
@@ -555,7 +537,7 @@ def program_answers(
             if (gain := started(program)) is None:
                 continue
             gain, found = program.improved(gain)
-            answers.append(ProgramAnswer(problem, program, gain, found, program.solved))
+            answers.append(ProgramAnswer(problem, program, gain, found))
             if answers[-1].met and found.error <= NEAR:
                 break
     return sorted(answers, key=lambda one: (not one.met, one.judged.error))

@@ -9,7 +9,7 @@ import numpy as np
 
 from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.progress import SILENT, Progress
-from avc_casadi.design.program import solve_program, why_no_law
+from avc_casadi.design.program import program_answers, why_no_law
 from avc_casadi.model.schedule import GainSchedule, Status
 from avc_casadi.paper.rendered import gain_schedule
 
@@ -20,20 +20,13 @@ if TYPE_CHECKING:
 def solve_robust(problem: Problem, *, progress: Progress = SILENT) -> GainSchedule:
     """Solve by an observer with state feedback; every row has the same gains.
 
-    The law is in ``state_feedback``; `solve_program` says what it meets.
-
-    Args:
-        problem: device, hands and wall; scope, structure, gain box and frequencies do not matter.
-        progress: reports the program.
-
-    Raises:
-        UnsupportedError: no mass, no stiffness to render, or too long a delay.
+    The law is in ``state_feedback``; `program_answers` says what it meets.
     """
     if why := why_no_law(problem):
         raise UnsupportedError(f"{problem.name}: robust: {why}; take another method, such as static")
     started = time.perf_counter()
     with progress.step("convex program"):
-        answer = solve_program(problem)
+        answer = next(iter(program_answers(problem)), None)
     n = len(problem.frequencies_hz())
     coupling = None if answer is None else answer.coupling
     values = (np.nan,) * 3 if coupling is None else tuple(vars(coupling.table.at_rest).values())

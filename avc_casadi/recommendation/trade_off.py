@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from avc_casadi._util.progress import SILENT, Progress
-from avc_casadi.design.program import solve_program, why_no_law
+from avc_casadi.design.program import program_answers, why_no_law
 
 if TYPE_CHECKING:
     from avc_casadi.model.problem import Problem
@@ -38,7 +38,8 @@ class Trade:
 
 def trade_off(problem: Problem, progress: Progress = SILENT) -> tuple[Trade, ...]:
     """Return the points of a wall at `MARGINS` that differ, each from the last; empty where there is no law."""
-    answer = None if problem.detent is not None or why_no_law(problem) else solve_program(problem, MARGINS[0])
+    none = problem.detent is not None or why_no_law(problem)
+    answer = None if none else next(iter(program_answers(problem, MARGINS[0])), None)
     found: list[Trade] = []
     for done, margin in enumerate(MARGINS):
         progress.advance(done, len(MARGINS), "convex programs of the trade-off")

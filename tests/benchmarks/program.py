@@ -27,7 +27,7 @@ from whole_device import WholeDevice, people, rests_as_tried
 
 import avc_casadi as avc
 from avc_casadi.coupling import Coupling
-from avc_casadi.design.program import ProgramAnswer, solve_program
+from avc_casadi.design.program import ProgramAnswer, program_answers
 from avc_casadi.loops.margins import OpenLoop
 from avc_casadi.loops.wall import force_over_position, frozen_rendering
 from avc_casadi.model.problem import Problem
@@ -98,7 +98,7 @@ def told(coupling: Coupling | None, cpu_s: float, **more: Any) -> dict[str, Any]
 def designed(problem: Problem, margin: float, noise: float | None = None) -> dict[str, Any]:
     """Figures of the program's coupling."""
     before = cpu_seconds()
-    answer: ProgramAnswer | None = solve_program(problem, margin, noise)
+    answer: ProgramAnswer | None = next(iter(program_answers(problem, margin, noise)), None)
     return told(answer and answer.coupling, cpu_seconds() - before, met=answer is not None and answer.met)
 
 
