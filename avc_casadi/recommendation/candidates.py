@@ -102,10 +102,7 @@ def judge_laws(problem: Problem, evaluator: Evaluator, felt_n_per_m: float) -> b
         nearer = sorted((one for one in answers if one.judged.error < least), key=lambda one: one.judged.error)
         if not nearer:
             break
-        for one in nearer:
-            if evaluator.first_complete([one.coupling]):
-                least = one.judged.error
-                break
+        least = next((one.judged.error for one in nearer if evaluator.first_complete([one.coupling])), least)
     return least < math.inf
 
 
