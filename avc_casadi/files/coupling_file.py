@@ -162,7 +162,14 @@ def read_file(path: str | Path) -> Coupling | GainTable:
     path, file = Path(path), str(path)
     if path.suffix.lower() == ".csv":
         return read_csv(path)
-    document = _read_document(path)
+    text = read_text(path, MOST_BYTES, NEXT_STEP)
+    try:
+        document = json.loads(text)
+    except (ValueError, RecursionError) as error:  # ValueError: also an integer of more digits than Python reads
+        line = getattr(error, "lineno", None)
+        raise InputError([Fault(file, line, "", f"is not JSON ({error}); {NEXT_STEP}")]) from error
+    if not isinstance(document, dict):
+        raise InputError.of(f"holds no coupling; {NEXT_STEP}", file=file)
     units = ROTARY if document.get("motion") == ROTARY.motion else LINEAR
     with in_keys_of(units):
         document = units.read(document)
@@ -221,15 +228,3 @@ def same_problem(one: Problem, other: Problem) -> bool:
     """Return whether two problems are equal but for their names and titles."""
     words = {"name", "title", "source"}
     return one.model_dump(exclude=words) == other.model_dump(exclude=words)
-
-
-def _read_document(path: Path) -> dict[str, Any]:
-    file, text = str(path), read_text(path, MOST_BYTES, NEXT_STEP)
-    try:
-        document = json.loads(text)
-    except (ValueError, RecursionError) as error:  # ValueError: also an integer of more digits than Python reads
-        line = getattr(error, "lineno", None)
-        raise InputError([Fault(file, line, "", f"is not JSON ({error}); {NEXT_STEP}")]) from error
-    if not isinstance(document, dict):
-        raise InputError.of(f"holds no coupling; {NEXT_STEP}", file=file)
-    return document

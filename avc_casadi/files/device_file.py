@@ -15,7 +15,7 @@ from avc_casadi.files.key_lines import KeyLines
 from avc_casadi.files.toml_text import tables_of, text_of
 from avc_casadi.model import quantity as q
 from avc_casadi.model import table as t
-from avc_casadi.model.device import Device, radius_findings
+from avc_casadi.model.device import Device
 
 Grade = Literal["measured", "computed", "vendor", "example", "assumed"]
 
@@ -54,7 +54,6 @@ class DeviceFile(t.Table):
 
     def faults(self) -> Iterator[t.Finding]:
         """Require a source of every value, every gap named and its value graded assumed; or no sources at all."""
-        yield from radius_findings(self.device)
         allowed = f"allowed: {', '.join(_QUANTITIES)}"
         unknown = [("sources", key) for key in self.sources if key not in _QUANTITIES]
         yield from ((path, f"{t.UNKNOWN}{allowed}") for path in unknown)

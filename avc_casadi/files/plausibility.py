@@ -71,25 +71,24 @@ def _numbers(value: Any) -> tuple[float, ...]:
 def _doubts(problem: Problem) -> Iterator[tuple[bool, str, str]]:
     """Yield whether values contradict or have no effect, the key of one, and why."""
     device, detent, hands = problem.device, problem.detent, problem.hands
-    limit, handle = device.max_force_n, device.encoder_at == "handle"
+    limit, handle, alone = device.max_force_n, device.encoder_at == "handle", device.resonance is None
     for key in ("device.delay_samples", "device.range.delay_samples"):
         value = _at(problem, key)
         short = 0 < max(_numbers(value), default=0.0) < _LEAST_DELAY
         yield short, key, f"is {shown(value)}, a part of a sample; are seconds meant?"
-    alone = device.resonance is None
     yield handle and alone, "device.encoder_at", 'is "handle", which says nothing without device.resonance'
     unlimited = device.amplifier_order == 2 and device.amplifier_bandwidth_hz is None
     yield unlimited, "device.amplifier_order", "is 2, which says nothing without device.amplifier_bandwidth_hz"
-    lag, of_a_lag = device.amplifier_order == 1, "says nothing of a lag: a current loop is device.amplifier_order = 2"
     given = device.amplifier_damping_ratio != CURRENT_LOOP_DAMPING_RATIO
-    yield lag and given, "device.amplifier_damping_ratio", of_a_lag
-    given = device.range.amplifier_damping_ratio is not None
-    yield lag and given, "device.range.amplifier_damping_ratio", of_a_lag
+    ranged = device.range.amplifier_damping_ratio is not None
+    for there, key in ((given, "device.amplifier_damping_ratio"), (ranged, "device.range.amplifier_damping_ratio")):
+        of_a_lag = "says nothing of a lag: a current loop is device.amplifier_order = 2"
+        yield there and device.amplifier_order == 1, key, of_a_lag
     beyond = device.backlash_m > 0 and handle and not alone
     yield beyond, "device.backlash_m", "is play between motor and encoder; an encoder at the handle stands beyond it"
     stuck = limit is not None and device.coulomb_friction_n >= limit
     yield stuck, "device.coulomb_friction_n", "is no less than device.max_force_n: nothing that it gives moves it"
     loose = not any((hands.stiffness_n_per_m[1], hands.damping_ns_per_m[1]))
     yield loose, "hands.stiffness_n_per_m", "is 0, as is their damping: no hand presses, and all settle"
-    beyond = detent is not None and limit is not None and detent.force_n > limit
-    yield beyond, "detent.force_n", "is more than device.max_force_n"
+    strong = detent is not None and limit is not None and detent.force_n > limit
+    yield strong, "detent.force_n", "is more than device.max_force_n"

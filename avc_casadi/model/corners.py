@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from functools import lru_cache
 from itertools import product
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,10 +17,10 @@ if TYPE_CHECKING:
     from avc_casadi.model.problem import Problem
 
 
-RIGID_KEYS = ("mass_kg", "damping_ns_per_m", "delay_samples")
-"""Keys of a device used by a loop with rigid mechanics and an ideal amplifier."""
 LINEAR_KEYS = (
-    *RIGID_KEYS,
+    "mass_kg",
+    "damping_ns_per_m",
+    "delay_samples",
     "amplifier_bandwidth_hz",
     "amplifier_damping_ratio",
     "resonance.frequency_hz",
@@ -33,8 +33,7 @@ LINEAR_KEYS = (
 def device_corners(device: Device, keys: Collection[str] | None = None) -> list[Device]:
     """Return the devices at the corners of the declared ranges, each without ranges."""
     ends = {key: tuple(sorted(set(interval))) for key, interval in device_ranges(device, keys).items()}
-    whole = device.model_dump(exclude={"range"})
-    return [_changed(whole, dict(zip(ends, corner, strict=True))) for corner in product(*ends.values())]
+    return [device_with(device, dict(zip(ends, corner, strict=True))) for corner in product(*ends.values())]
 
 
 def device_set(device: Device, keys: Collection[str] | None = None, *, draws: int = 16, seed: int = 0) -> list[Device]:
@@ -61,21 +60,20 @@ def device_ranges(device: Device, keys: Collection[str] | None = None) -> dict[s
 
 
 def device_with(device: Device, values: Mapping[str, float]) -> Device:
-    """Return a device without ranges, with other values of some keys, such as ``resonance.frequency_hz``."""
-    return _changed(device.model_dump(exclude={"range"}), values)
+    """Return a device without ranges, with other values of some keys; a delay that none may have is 0."""
+    changed = device.model_dump(exclude={"range"})
+    for key, value in values.items():
+        table, _, inner = key.rpartition(".")
+        (changed[table] if table else changed)[inner] = value
+    if changed["delay_samples"] < LEAST_DELAY_SAMPLES:
+        changed["delay_samples"] = 0
+    return Device.model_validate(changed)
 
 
 def devices_with(device: Device, values: Mapping[str, FloatArray]) -> list[Device]:
-    """Return m devices without ranges with values of some keys, each of shape (m,); a delay that none may have is 0."""
-    whole = device.model_dump(exclude={"range"})
+    """Return m devices without ranges with values of some keys, each of shape (m,)."""
     rows = np.array(list(values.values())).T.tolist()
-    devices = []
-    for row in rows:
-        one = dict(zip(values, row, strict=True))
-        if one.get("delay_samples", 1.0) < LEAST_DELAY_SAMPLES:
-            one["delay_samples"] = 0.0
-        devices.append(_changed(whole, one))
-    return devices
+    return [device_with(device, dict(zip(values, row, strict=True))) for row in rows]
 
 
 def linear_values(device: Device) -> dict[str, float]:
@@ -90,17 +88,6 @@ def linear_values(device: Device) -> dict[str, float]:
         if value is not None:
             found[key] = value
     return found
-
-
-def _changed(whole: dict[str, Any], values: Mapping[str, float]) -> Device:
-    changed = dict(whole)
-    for key, value in values.items():
-        table, _, inner = key.rpartition(".")
-        if table:
-            changed[table] = {**changed[table], inner: value}
-        else:
-            changed[key] = value
-    return Device.model_validate(changed)
 
 
 # Cached: every check of a schedule needs the corners of the same few problems.

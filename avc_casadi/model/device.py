@@ -102,7 +102,12 @@ class Device(t.Table):
         return 1.0 if self.motion == "linear" else (self.handle_radius_m or 1.0)
 
     def faults(self) -> Iterator[t.Finding]:
-        """Yield ranges that do not hold their value."""
+        """Yield a radius that is missing or means nothing, and ranges that do not hold their value."""
+        if self.motion == "rotary" and self.handle_radius_m is None:
+            message = "is missing; allowed: the radius at which the hand holds what turns, 0.002 to 10 m"
+            yield ("handle_radius_m",), message
+        if self.motion == "linear" and self.handle_radius_m is not None:
+            yield ("handle_radius_m",), 'says nothing of a linear device; allowed: beside motion = "rotary"'
         for ranges, nominal, path in (
             (self.range, self, ("range",)),
             (self.range.resonance, self.resonance, ("range", "resonance")),
@@ -130,15 +135,6 @@ class Device(t.Table):
             for key in ("motion", "handle_radius_m"):
                 kept.pop(key, None)
         return kept
-
-
-def radius_findings(device: Device) -> Iterator[t.Finding]:
-    """Yield the fault of a radius: required where a device turns, as forces are felt there; else without meaning."""
-    if device.motion == "rotary" and device.handle_radius_m is None:
-        message = "is missing; allowed: the radius at which the hand holds what turns, 0.002 to 10 m"
-        yield ("device", "handle_radius_m"), message
-    if device.motion == "linear" and device.handle_radius_m is not None:
-        yield ("device", "handle_radius_m"), 'says nothing of a linear device; allowed: beside motion = "rotary"'
 
 
 def whole_delay(delay_samples: float, what: str) -> int:

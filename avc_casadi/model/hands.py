@@ -6,7 +6,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from itertools import product
-from typing import TYPE_CHECKING, Self
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,12 +14,6 @@ from numpy.typing import NDArray
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi.model.plant import TARGET, Plant
 from avc_casadi.model.problem import Hands
-
-if TYPE_CHECKING:
-    from avc_casadi.model.problem import Hands
-
-
-_BODY = "hand"
 
 
 class _Held:
@@ -76,9 +70,9 @@ class StylusHand(_Held):
 
     def mechanics(self, plant: Plant) -> None:
         """Add the hand as a body between the device and the target."""
-        plant.add_mass(_BODY, self.mass_kg)
-        plant.join(plant.grip, _BODY, self.grip_stiffness_n_per_m, self.grip_damping_ns_per_m)
-        plant.join(_BODY, TARGET, self.arm_stiffness_n_per_m, self.arm_damping_ns_per_m)
+        plant.add_mass("hand", self.mass_kg)
+        plant.join(plant.grip, "hand", self.grip_stiffness_n_per_m, self.grip_damping_ns_per_m)
+        plant.join("hand", TARGET, self.arm_stiffness_n_per_m, self.arm_damping_ns_per_m)
 
 
 def hand_text(values: Mapping[str, float]) -> str:

@@ -168,16 +168,7 @@ def transition(plant: LinearPlant, step_s: float) -> Transition:
 
 def transitions(cases: Sequence[tuple[LinearPlant, float]]) -> list[Transition]:
     """Discretise many plants of one shape at once, each with its step."""
-    steps_s = np.array([step_s for _, step_s in cases])
-    augmented, scales = _augmented([plant for plant, _ in cases], steps_s)
-    scale = scales.reshape(len(cases), *(1,) * (augmented.ndim - 3), -1)
-    wholes = expm(augmented * scale[..., None] / scale[..., None, :]) / scale[..., None] * scale[..., None, :]
-    n = wholes.shape[-1] - 3
-    return [Transition(one[..., :n, :n], one[..., :n, n], one[..., :n, n + 1 :]) for one in wholes]
-
-
-def _augmented(plants: Sequence[LinearPlant], steps_s: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the matrices to be exponentiated, shape (cases, ..., n + 3, n + 3), and scales that balance them."""
+    plants, steps_s = [plant for plant, _ in cases], np.array([step_s for _, step_s in cases])
     n = plants[0].states
     matrix, force, target = (
         np.stack([getattr(plant, name) for plant in plants]) for name in ("matrix", "force", "target")
@@ -193,4 +184,6 @@ def _augmented(plants: Sequence[LinearPlant], steps_s: FloatArray) -> tuple[Floa
     # The unit of force is chosen so that its column does not dominate the norm.
     scales[:, n] = np.maximum(1.0, np.abs(force).reshape(len(plants), -1).max(axis=1) * steps_s**2)
     scales[:, n + 2] = steps_s
-    return augmented, scales
+    scale = scales.reshape(len(cases), *(1,) * (augmented.ndim - 3), -1)
+    wholes = expm(augmented * scale[..., None] / scale[..., None, :]) / scale[..., None] * scale[..., None, :]
+    return [Transition(one[..., :n, :n], one[..., :n, n], one[..., :n, n + 1 :]) for one in wholes]

@@ -16,7 +16,7 @@ from avc_casadi._util.printed import short
 from avc_casadi._util.units import Units
 from avc_casadi.model import quantity as q
 from avc_casadi.model import table as t
-from avc_casadi.model.device import Detent, Device, radius_findings
+from avc_casadi.model.device import Detent, Device
 from avc_casadi.model.follower import Follower
 from avc_casadi.model.robustness import Robustness
 from avc_casadi.model.scene import MOTIONS, Scene
@@ -248,7 +248,6 @@ class Problem(t.Table):
 
     def faults(self) -> Iterator[t.Finding]:
         """Yield the faults between tables."""
-        yield from radius_findings(self.device)
         yield from self._below_nyquist()
         bounds, period = self.boundaries, self.device.sample_time_s
         at_least = f"allowed: device.sample_time_s = {t.shown(period)} or more"

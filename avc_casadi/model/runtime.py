@@ -76,8 +76,6 @@ class StateFeedback:
 
 
 STATE_FEEDBACK_KEYS: tuple[str, ...] = tuple(item.name for item in fields(StateFeedback))
-
-
 ESTIMATOR_METHODS: tuple[str, ...] = get_args(EstimatorEffect.model_fields["method"].annotation)
 GUARD_METHODS: tuple[str, ...] = get_args(GuardEffect.model_fields["method"].annotation)
 

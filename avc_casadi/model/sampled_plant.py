@@ -122,12 +122,8 @@ def _sampled(moves: Sequence[Transition]) -> tuple[FloatArray, FloatArray, Float
     new, old = whole.force, np.zeros_like(whole.force)
     if len(moves) > 1:
         _, before, after = moves
-        new, old = after.force, _moved(after, before.force)
+        new, old = after.force, (after.matrix @ before.force[..., None])[..., 0]
     return whole.matrix.reshape(-1, n, n), new.reshape(-1, n), old.reshape(-1, n)
-
-
-def _moved(step: Transition, state: FloatArray) -> FloatArray:
-    return np.asarray((step.matrix @ state[..., None])[..., 0])
 
 
 def _row(names: tuple[str, ...], body: str) -> FloatArray:
