@@ -165,15 +165,10 @@ class Adaptation(SceneEffect, keys=AdaptationEffect, rank=150, of_coupling=True)
             step = adaptation_step(tick.sample_time_s, self.settings)
             outputs = insert(tick, "adaptation", step, inputs)
         named = dict(zip(step.outputs, outputs, strict=True))
-        for name in ("damping_ns_per_m", "stiffness_n_per_m", "contact_damping_ns_per_m", "anchor_m"):
+        names = ("damping_ns_per_m", "stiffness_n_per_m", "contact_damping_ns_per_m", "anchor_m")
+        for name in names:
             tick.trace(name, named[name])
-        return AdaptedGains(
-            damping_ns_per_m=named["damping_ns_per_m"],
-            stiffness_n_per_m=named["stiffness_n_per_m"],
-            contact_damping_ns_per_m=named["contact_damping_ns_per_m"],
-            anchor_m=named["anchor_m"],
-            touching=touching,
-        )
+        return AdaptedGains(**{name: named[name] for name in names}, touching=touching)
 
 
 @dataclass(frozen=True)

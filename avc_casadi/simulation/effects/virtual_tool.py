@@ -75,10 +75,11 @@ class Engine(SceneEffect, keys=SimulationEffect, rank=155, role="environment"):
         place = tick.position
         last, older = tick.state("engine_last_m", tick.start_m), tick.state("engine_older_m", tick.start_m)
         x, v = tick.state("tool_m", start_m), tick.state("tool_m_per_s")
-        time_s = tick.input("engine_step_s", self._steps_s(tick.sample_time_s))
-        aged = tick.input("engine_between_samples", self._aged(tick.sample_time_s))
+        t = tick.sample_time_s
+        time_s = tick.input("engine_step_s", lambda samples, run: self._steps(samples, run, t)[0])
+        aged = tick.input("engine_between_samples", lambda samples, run: self._steps(samples, run, t)[1])
         steps = time_s > 0
-        t, period = tick.sample_time_s, ca.if_else(steps, time_s, 1.0)
+        period = ca.if_else(steps, time_s, 1.0)
         seen = ca.if_else(aged, last, place)
         speed = ca.if_else(aged, last - older, place - last) / t
         moved = (x, v)
@@ -146,37 +147,20 @@ class Engine(SceneEffect, keys=SimulationEffect, rank=155, role="environment"):
                 fresh[row] = now if late == self.tool.queued else kept
         return fresh
 
-    def _steps_s(self, sample_time_s: float) -> Any:
-        """Return the signal of the engine's step lengths, at the first samples after the steps; 0 elsewhere."""
+    def _steps(self, samples: int, run: int, sample_time_s: float) -> FloatArray:
+        """Return, at the first samples after the engine's steps, their lengths and whether they fell between samples.
 
-        def values(samples: int, run: int) -> FloatArray:
-            ends, lengths = self._course(samples, run, sample_time_s)
-            dropped = np.random.default_rng((self.seed, run, 3)).random(len(ends)) < self.dropped_share
-            found = np.zeros(samples)
-            first = np.ceil(ends - 1e-6).astype(int)
-            kept = (first < samples) & ~dropped
-            found[first[kept]] = lengths[kept]
-            return found
-
-        return values
-
-    def _aged(self, sample_time_s: float) -> Any:
-        """Return the signal that is 1 at the same samples where the step fell between two of them, 0 elsewhere."""
-
-        def values(samples: int, run: int) -> FloatArray:
-            ends, _ = self._course(samples, run, sample_time_s)
-            first = np.ceil(ends - 1e-6).astype(int)
-            found = np.zeros(samples)
-            inside = first < samples
-            found[first[inside]] = (first - ends > 1e-6)[inside]
-            return found
-
-        return values
-
-    def _course(self, samples: int, run: int, sample_time_s: float) -> tuple[FloatArray, FloatArray]:
-        """Return the times of the engine's steps, in samples, and their lengths, s."""
+        Shape (2, samples), 0 elsewhere; a missed step has no length.
+        """
         low, high = self.tool.step_s
         count = math.ceil(samples * sample_time_s / low) + 1
         share = np.random.default_rng((self.seed, run, 4)).random(count) if high > low else np.zeros(count)
         lengths = low + (high - low) * share
-        return np.concatenate([[0.0], np.cumsum(lengths[:-1])]) / sample_time_s, lengths
+        ends = np.concatenate([[0.0], np.cumsum(lengths[:-1])]) / sample_time_s
+        first = np.ceil(ends - 1e-6).astype(int)
+        there = first < samples
+        kept = there & (np.random.default_rng((self.seed, run, 3)).random(count) >= self.dropped_share)
+        found = np.zeros((2, samples))
+        found[0, first[kept]] = lengths[kept]
+        found[1, first[there]] = (first - ends > 1e-6)[there]
+        return found
