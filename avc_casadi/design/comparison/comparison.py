@@ -324,7 +324,7 @@ def compare(
         mine=None
         if mine is None
         else judge_hand_tuned(
-            problem, loop, mine, gains[optimum], AGREEMENT * scale, (judged["mine"].safety, judged[optimum].safety)
+            problem, tables["mine"], gains[optimum], AGREEMENT * scale, (judged["mine"].safety, judged[optimum].safety)
         ),
         judged=judged,
         passive_limit_n_per_m=passive_limit_n_per_m(problem.device),

@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from avc_casadi.claims.deployable import Deployable
     from avc_casadi.model.problem import Model, Problem
     from avc_casadi.model.schedule import GainSchedule
-    from avc_casadi.paper.loop import Loop
     from avc_casadi.paper.realism import RealismResult
 
 
@@ -144,44 +143,32 @@ def parts(name: str, impedance: ComplexArray) -> dict[str, FloatArray]:
 
 def constant_pair(problem: Problem, pair: tuple[float, float]) -> GainSchedule:
     """Return the pair (k in N/m, b in N.s/m) as a table of constant series gains."""
-    k, b = pair
     n = len(problem.frequencies_hz())
-    gains = (np.full(n, b), np.full(n, k), np.zeros(n))
+    gains = (np.full(n, pair[1]), np.full(n, pair[0]), np.zeros(n))
     return gain_schedule(problem, "mine", gains, (Status.SOLVED,) * n)
 
 
 def judge_hand_tuned(
-    problem: Problem,
-    loop: Loop,
-    pair: tuple[float, float],
-    schedule: GainSchedule,
-    tolerance: FloatArray,
-    safety: tuple[Safety, Safety],
+    problem: Problem, own: GainSchedule, schedule: GainSchedule, tolerance: FloatArray, safety: tuple[Safety, Safety]
 ) -> HandTuned:
-    """Judge a constant pair."""
-    k, b = pair
-    box = problem.coupling
-    impedance = np.asarray(loop.perceived(np.full(schedule.rows, b), np.full(schedule.rows, k)))
-    target = np.asarray(loop.target)
-    error = np.abs(np.abs(target) - np.abs(impedance))
-    meets = impedance.real >= margin_over_range(problem)
+    """Judge a constant pair, of `constant_pair`, beside designed gains."""
+    k, b, box = float(own.stiffness_n_per_m[0]), float(own.damping_ns_per_m[0]), problem.coupling
+    error, meets = own.magnitude_error, own.real_part >= margin_over_range(problem)
     usable = schedule.usable
-    ours = np.where(usable, schedule.magnitude_error, np.inf)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        relative = np.abs(impedance - target) / np.abs(target)
+    theirs = np.where(usable, schedule.magnitude_error, np.inf)
     return HandTuned(
         stiffness_n_per_m=k,
         damping_ns_per_m=b,
-        impedance=impedance,
+        impedance=own.impedance,
         magnitude_error=error,
-        complex_error=relative,
-        real_part=impedance.real,
+        complex_error=own.complex_error,
+        real_part=own.real_part,
         meets_margin=meets,
         inside_box=box.damping_ns_per_m[0] <= b <= box.damping_ns_per_m[1]
         and box.stiffness_n_per_m[0] <= k <= box.stiffness_n_per_m[1],
         compared=schedule.method,
-        share_schedule_better=float(np.mean(usable & (~meets | (ours + tolerance < error)))),
-        share_pair_better=float(np.mean(meets & (error + tolerance < ours))),
+        share_schedule_better=float(np.mean(usable & (~meets | (theirs + tolerance < error)))),
+        share_pair_better=float(np.mean(meets & (error + tolerance < theirs))),
         safer=safer(*safety, schedule.method),
         safety_reason=safety_reason(*safety, schedule.method),
     )
