@@ -11,7 +11,7 @@ from avc_casadi.files.problem_file import load_problem
 from avc_casadi.model.gains import Gains, GainTable
 from avc_casadi.simulation.run import Run
 from avc_casadi.simulation.runtime.adaptation import AdaptationSettings, adaptation_step
-from avc_casadi.simulation.runtime.guard import GuardSettings, guard_step
+from avc_casadi.simulation.runtime.guard import guard_step
 
 ADAPTIVE = [{"kind": "estimator"}, {"kind": "adaptation"}]
 
@@ -237,7 +237,7 @@ def test_held_force_sees_the_generation_that_the_other_pairing_hides(unguarded):
 
 
 def test_tank_gives_out_no_more_than_it_holds():
-    step = guard_step("energy-tank", 1e-3, GuardSettings(damping_limit_ns_per_m=0.0))
+    step = guard_step("energy-tank", 1e-3, 0.0)
     rng = np.random.default_rng(1)
     position = np.cumsum(rng.normal(0, 1e-5, 2000))
     wanted, held = rng.normal(0, 1, (2, 2000))

@@ -18,7 +18,7 @@ from avc_casadi.simulation.execute import execute
 from avc_casadi.simulation.judge import energy_ledger
 from avc_casadi.simulation.runtime.adaptation import AdaptationSettings, adaptation_step
 from avc_casadi.simulation.runtime.estimators import ESTIMATORS, estimator_step
-from avc_casadi.simulation.runtime.guard import GUARDS, GuardSettings, guard_step
+from avc_casadi.simulation.runtime.guard import GUARDS, guard_step
 from avc_casadi.simulation.runtime.observer import ObserverSettings, observer_step
 
 SOFT = """
@@ -56,7 +56,7 @@ def with_table(problem, table):
     """Run a scene with a table of one's own; returns traces and ledger."""
     effects = build_effects(problem)
     bound = tuple(
-        effect if not isinstance(effect, Adaptation) else type(effect)(effect.hold, effect.settings, table)
+        effect if not isinstance(effect, Adaptation) else type(effect)(effect.hold_s, effect.settings, table)
         for effect in effects
     )
     compiled = compile_scene(problem, bound)
@@ -275,7 +275,7 @@ def test_adaptation(tmp_path):
 
 @pytest.mark.parametrize("method", GUARDS)
 def test_guards(method, tmp_path):
-    step = guard_step(method, SINGLE_PRECISION_T, GuardSettings(damping_limit_ns_per_m=2.0))
+    step = guard_step(method, SINGLE_PRECISION_T, 2.0)
     position = _motion(60.0) - 0.01
     depth = np.maximum(position, 0)
     force = 1e4 * depth

@@ -21,9 +21,9 @@ from avc_casadi.model.problem import Problem
 from avc_casadi.model.runtime import STATE_FEEDBACK_KEYS
 from avc_casadi.model.runtime import StateFeedback as Settings
 from avc_casadi.simulation.effects.base import SceneEffect, declared_number, insert, required_number
-from avc_casadi.simulation.runtime.adaptation import AdaptationSettings, HoldSettings, adaptation_step, hold_step
+from avc_casadi.simulation.runtime.adaptation import AdaptationSettings, adaptation_step, hold_step
 from avc_casadi.simulation.runtime.estimators import estimator_step
-from avc_casadi.simulation.runtime.guard import GuardSettings, guard_step
+from avc_casadi.simulation.runtime.guard import guard_step
 from avc_casadi.simulation.runtime.observer import ObserverSettings, observer_step, state_feedback_step
 from avc_casadi.simulation.runtime.signal import EstimatorSettings
 from avc_casadi.simulation.tick import AdaptedGains, Expr, Tick
@@ -34,19 +34,19 @@ class Guard(SceneEffect, keys=GuardEffect, rank=190, of_coupling=True):
     """Monitors the energy through the held force and acts on a deficit."""
 
     method: str
-    settings: GuardSettings
+    damping_limit_ns_per_m: float
 
     @classmethod
     def build(cls, table: Any, problem: Problem, place: str) -> Self:
         """Limit the damper to the device's own damping."""
         del place
-        return cls(table.method, GuardSettings(damping_limit_ns_per_m=problem.device.damping_ns_per_m))
+        return cls(table.method, problem.device.damping_ns_per_m)
 
     def sample(self, tick: Tick) -> None:
         """Replace the command."""
         if tick.command is None:
             return
-        step = guard_step(self.method, tick.sample_time_s, self.settings)
+        step = guard_step(self.method, tick.sample_time_s, self.damping_limit_ns_per_m)
         stored = tick.environment_energy_j + tick.coupling_energy_j
         outputs = insert(tick, "guard", step, [tick.command, tick.position, stored, tick.held_force()])
         tick.command, reserve = outputs
@@ -120,7 +120,7 @@ class Observer(SceneEffect, keys=ObserverEffect, rank=90, role="observer", of_co
 class Adaptation(SceneEffect, keys=AdaptationEffect, rank=150, of_coupling=True):
     """Look-up with hold and decay, slew limit and passive change."""
 
-    hold: HoldSettings
+    hold_s: float
     settings: AdaptationSettings
     table: GainTable | None = None
 
@@ -130,7 +130,7 @@ class Adaptation(SceneEffect, keys=AdaptationEffect, rank=150, of_coupling=True)
         if not any(effect.kind == "estimator" for effect in problem.scene.effects):
             message = "has no estimate to follow; allowed: beside the effect estimator"
             raise InputError([Fault(problem.name, None, place, message)])
-        return cls(HoldSettings(table.hold_s), AdaptationSettings(table.slew_per_s, table.passive))
+        return cls(table.hold_s, AdaptationSettings(table.slew_per_s, table.passive))
 
     @property
     def gain_table(self) -> GainTable | None:
@@ -142,7 +142,7 @@ class Adaptation(SceneEffect, keys=AdaptationEffect, rank=150, of_coupling=True)
         if self.table is None:
             return
         rows = self.table
-        step = hold_step(tick.sample_time_s, self.hold)
+        step = hold_step(tick.sample_time_s, self.hold_s)
         # Without an estimator, as where its effect is screened, the gains are those at rest.
         estimate = [0.0, 0.0] if tick.frequency_hz is None else [tick.frequency_hz, tick.frequency_valid]
         frequency, _ = insert(tick, "hold", step, estimate, (rows.rest_hz,))

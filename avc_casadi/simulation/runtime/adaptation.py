@@ -27,17 +27,12 @@ from dataclasses import dataclass
 
 from avc_casadi.simulation.runtime.step import Expr, Step, StepBuilder
 
-
-@dataclass(frozen=True)
-class HoldSettings:
-    """How the look-up treats a lost estimate."""
-
-    hold_s: float = 0.0
-    decay_s: float = 0.1
+# Time constant with which the frequency of a lost estimate falls to that of rest.
+_DECAY_S = 0.1
 
 
-def hold_step(sample_time_s: float, settings: HoldSettings) -> Step:
-    """Return the step from an estimate to the frequency of the look-up.
+def hold_step(sample_time_s: float, hold_s: float) -> Step:
+    """Return the step from an estimate to the frequency of the look-up, which keeps a lost one for a time.
 
     The gains follow the rows of the table, each of which was designed, down to rest: the frequency decays, not the
     gains. The age saturates at the hold time, so that all states are bounded.
@@ -47,12 +42,11 @@ def hold_step(sample_time_s: float, settings: HoldSettings) -> Step:
     builder = StepBuilder()
     estimate, valid, rest = builder.input("frequency_hz"), builder.input("valid"), builder.parameter("rest_hz")
     # Initially as after a long rest.
-    frequency, age = builder.state("frequency_hz"), builder.state("age_s", settings.hold_s)
+    frequency, age = builder.state("frequency_hz"), builder.state("age_s", hold_s)
     known = ca.if_else(frequency > 0, frequency, rest)
-    older = ca.fmin(age + sample_time_s, settings.hold_s)
-    share = ca.fmin(1.0, sample_time_s / settings.decay_s) if settings.decay_s > 0 else 1.0
-    falling = known + share * (rest - known)
-    lost = ca.if_else(age < settings.hold_s, known, falling)
+    older = ca.fmin(age + sample_time_s, hold_s)
+    falling = known + ca.fmin(1.0, sample_time_s / _DECAY_S) * (rest - known)
+    lost = ca.if_else(age < hold_s, known, falling)
     following = ca.if_else(valid, estimate, lost)
     builder.follow("frequency_hz", following)
     builder.follow("age_s", ca.if_else(valid, 0, older))

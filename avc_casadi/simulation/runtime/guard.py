@@ -7,24 +7,17 @@ activity.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from avc_casadi._errors import UnsupportedError
 from avc_casadi.simulation.runtime.step import Expr, Step, StepBuilder
 
 GUARDS = ("passivity-controller", "energy-tank")
 
 
-@dataclass(frozen=True)
-class GuardSettings:
-    """Limits of a guard."""
-
-    damping_limit_ns_per_m: float
-    ceiling_j: float = 0.0
-    debt_j: float = 0.01
+# Limits of the reserve.
+_CEILING_J, _DEBT_J = 0.0, 0.01
 
 
-def guard_step(method: str, sample_time_s: float, settings: GuardSettings) -> Step:
+def guard_step(method: str, sample_time_s: float, damping_limit_ns_per_m: float) -> Step:
     """Return the step from the desired to the allowed force.
 
     ``passivity-controller`` adds the damper that dissipates the deficit within one tick, up to the limit (Hannaford and
@@ -43,9 +36,9 @@ def guard_step(method: str, sample_time_s: float, settings: GuardSettings) -> St
     reserve = builder.state("reserve_j")
     moved = ca.if_else(started, position - last_position, 0)
     change = held * moved - ca.if_else(started, stored - last_stored, 0)
-    now = ca.fmax(ca.fmin(reserve + change, settings.ceiling_j), -settings.debt_j)
+    now = ca.fmax(ca.fmin(reserve + change, _CEILING_J), -_DEBT_J)
     if method == "passivity-controller":
-        force = wanted + _damping(now, moved, settings, sample_time_s) * moved
+        force = wanted + _damping(now, moved, damping_limit_ns_per_m / sample_time_s) * moved
     else:
         force = _within(wanted, moved, ca.fmax(now + stored, 0))
     builder.follow("started", 1)
@@ -57,11 +50,10 @@ def guard_step(method: str, sample_time_s: float, settings: GuardSettings) -> St
     return builder.done("guard")
 
 
-def _damping(reserve: Expr, moved: Expr, settings: GuardSettings, sample_time_s: float) -> Expr:
+def _damping(reserve: Expr, moved: Expr, most: float) -> Expr:
     """Return the damping over T that dissipates the deficit if the next displacement equals the last."""
     import casadi as ca  # noqa: PLC0415
 
-    most = settings.damping_limit_ns_per_m / sample_time_s
     square = moved * moved
     acts = ca.logic_and(reserve < 0, square > 0)
     return ca.if_else(acts, ca.fmin(-reserve / ca.if_else(acts, square, 1), most), 0)

@@ -22,8 +22,7 @@ from avc_casadi._util.interrupt import HeldInterrupt
 from avc_casadi.simulation.contact import Environment, wall_force
 from avc_casadi.simulation.effects.computation import Adaptation, Estimator, Guard
 from avc_casadi.simulation.emit import FloatProgram
-from avc_casadi.simulation.runtime.adaptation import AdaptationSettings, HoldSettings
-from avc_casadi.simulation.runtime.guard import GuardSettings
+from avc_casadi.simulation.runtime.adaptation import AdaptationSettings
 from avc_casadi.simulation.runtime.signal import EstimatorSettings
 from avc_casadi.simulation.tick import Tick
 from avc_hardware.codegen.figures import NO_SLEW_PER_S, RuntimeFigures
@@ -249,7 +248,7 @@ def _ticks(figures: dict[str, Any], estimator: str, passive: bool, start_m: floa
     settings = _AnyEncoder(floor_m_per_s=floor, fastest_m_per_s=fastest)
     with estimate.owned_by("estimate"):
         Estimator(estimator, settings).sample(estimate)
-        adaptation = Adaptation(HoldSettings(hold_s), AdaptationSettings(slew_per_s, passive), table)
+        adaptation = Adaptation(hold_s, AdaptationSettings(slew_per_s, passive), table)
         adaptation.sample(estimate)
     found = {
         "estimate_hz": estimate.frequency_hz,
@@ -260,7 +259,7 @@ def _ticks(figures: dict[str, Any], estimator: str, passive: bool, start_m: floa
     guard = _AnyTick(time, start_m, rate_hz=rate_hz)
     pushed = symbols("position_m", "force_n", "stored_j")
     guard.position, guard.command, guard.environment_energy_j = pushed.values()
-    Guard("passivity-controller", GuardSettings(guard_damping)).sample(guard)
+    Guard("passivity-controller", guard_damping).sample(guard)
     for settle in guard.at_end:
         settle()
     guarded = {"guarded_n": guard.command, "reserve_j": guard.traces["guard_reserve_j"]}
