@@ -196,7 +196,7 @@ def _simulate_wall(
     console: Console,
 ) -> Answer:
     from avc_casadi.coupling import Coupling
-    from avc_casadi.design.scene_coupling import compared, told_beside
+    from avc_casadi.design.scene_coupling import facts_of, figures_of
     from avc_casadi.model.gains import NO_COUPLING, missing_rest_gains
     from avc_casadi.present.rows.judge import scene
     from avc_casadi.simulation.screen import explain
@@ -211,7 +211,7 @@ def _simulate_wall(
         return Answer("refused", avc.fault_document(no), code=1, complaint=f"avc: {no}")
     with console.step(f"{problem.scene.duration_s:g} s of the scene"):
         found = avc.simulate(problem, gains, seed=args.seed)
-        facts = told_beside(found)
+        facts = facts_of(found)
         beside = [
             avc.simulate(problem, NO_COUPLING if one == "none" else avc.solve(problem, one), seed=args.seed)
             for one in others
@@ -221,7 +221,7 @@ def _simulate_wall(
     trace = _saved([found, *beside], None, args, console)
     data = found.document(trace) | facts | parts | {"notes": notes}
     if beside:
-        data["against"] = [compared(run) for run in beside]
+        data["against"] = [figures_of(run) for run in beside]
     answer = scene(data, problem, args.problem, args.plot and str(args.plot))
     if args.explain:
         names = ("Effect", "Whole sample", "States", "Absent")
@@ -265,11 +265,11 @@ def run_trial(args: argparse.Namespace, console: Console) -> Answer:
     """
     from avc_casadi._util.parallel import cluster, processors
     from avc_casadi.present.rows.judge import trial
-    from avc_casadi.simulation.population.trial import settled_hands
+    from avc_casadi.simulation.population.trial import count_settled
 
     coupling = cli.read_wall(args.coupling)
     with cluster(args.scheduler) as executor, console.step(f"{args.hands} hands"):
-        found = settled_hands(
+        found = count_settled(
             coupling,
             args.hands,
             args.seed,

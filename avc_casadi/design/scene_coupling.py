@@ -104,7 +104,7 @@ def simulate(
     return replace(run, stated=stated, asked=asked, notes=tuple(notes))
 
 
-def told_beside(run: Run) -> dict[str, Any]:
+def facts_of(run: Run) -> dict[str, Any]:
     """Return further entries of the `simulate` document: frequency of a table's reading, and the run without guard."""
     assert run.stated is not None  # noqa: S101 - of `simulate`
     free = _without_guard(run, run.stated)
@@ -113,11 +113,11 @@ def told_beside(run: Run) -> dict[str, Any]:
         "gains_from_hz": _read_at(run, run.stated),
         "notes": list(run.notes),
         "left_out": list(left_out(run.stated)),
-        "without_guard": None if free is None else compared(free),
+        "without_guard": None if free is None else figures_of(free),
     }
 
 
-def compared(run: Run) -> dict[str, Any]:
+def figures_of(run: Run) -> dict[str, Any]:
     """Return the figures by which runs are compared."""
     document = run.document()
     return {name: document[name] for name in _COMPARED}

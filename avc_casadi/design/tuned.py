@@ -163,6 +163,6 @@ def tuning_problem(problem: Problem, structure: Structure, margin_ns_per_m: floa
     )
 
 
-def tuned(problem: Problem, margin_ns_per_m: float, progress: Progress = SILENT) -> Gains | None:
+def tune(problem: Problem, margin_ns_per_m: float, progress: Progress = SILENT) -> Gains | None:
     """Tune constant gains with a contact damper for the training hands; None where the margin cannot be met."""
     return tune_static(tuning_problem(problem, "damped", margin_ns_per_m), progress=progress).gains

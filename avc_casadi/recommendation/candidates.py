@@ -12,7 +12,7 @@ from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.coupling import Coupling
 from avc_casadi.design.program import ProgramAnswer, program_answers, why_no_law
-from avc_casadi.design.tuned import tuned, tuned_margin
+from avc_casadi.design.tuned import tune, tuned_margin
 from avc_casadi.loops.walls import DampingRange, damping_range, softest_wall_n_per_m
 from avc_casadi.model.gains import Gains, near_rigid_n_per_m, spring_before
 from avc_casadi.model.hands import hand_corners, with_released
@@ -123,7 +123,7 @@ def tuned_gains(problem: Problem, progress: Progress = SILENT) -> Iterator[Coupl
     safe = problem.changed(hands={"let_go": True})
     for share in (1.0, 3.0):
         try:
-            found = tuned(safe, share * tuned_margin(safe), progress)
+            found = tune(safe, share * tuned_margin(safe), progress)
         except UnsupportedError:
             return
         if found is not None:

@@ -11,7 +11,7 @@ from avc_casadi.model.hands import Hand
 from avc_casadi.model.scene import Hold
 from avc_casadi.recommendation.contact_onset import SPEEDS_M_PER_S
 from avc_casadi.simulation.execute import execute
-from avc_casadi.simulation.population.setup import FRICTION, Setup, engine_for, prepared
+from avc_casadi.simulation.population.setup import FRICTION, Setup, engine_for, prepare
 
 if TYPE_CHECKING:
     from avc_casadi._util.arrays import FloatArray
@@ -48,7 +48,7 @@ def _strikes(setup: Setup, speed_m_per_s: float) -> FloatArray:
         start += far / _BACK * (friction_n / start + device.damping_ns_per_m) / device.mass_kg
     nobody = Hand(*(np.zeros(_STRIKES),) * 3)
     duration_s = far / speed_m_per_s + _LATER_S
-    scene, parameters, inputs = prepared(setup, nobody, Hold(start_m=-far, end_m=-far), duration_s)
+    scene, parameters, inputs = prepare(setup, nobody, Hold(start_m=-far, end_m=-far), duration_s)
     moving = [start if name.endswith("_velocity_m_per_s") else 0.0 for name in scene.states]
     run = execute(replace(scene, initial=scene.initial + moving), parameters, inputs, engine=engine_for(_STRIKES))
     return np.array([_rebound(*pair) for pair in zip(run["position_m"], run["velocity_m_per_s"], strict=True)])

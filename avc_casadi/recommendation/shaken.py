@@ -13,7 +13,7 @@ from avc_casadi.model.device import DeviceRange
 from avc_casadi.model.hands import Hand
 from avc_casadi.model.scene import Hold
 from avc_casadi.simulation.execute import execute
-from avc_casadi.simulation.population.setup import Setup, engine_for, prepared
+from avc_casadi.simulation.population.setup import Setup, engine_for, prepare
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -119,7 +119,7 @@ def led(
     mass = _HEAVY * (device.mass_kg + coupling.problem.hands.mass_kg[1])
     hand = Hand(*(np.array([value]) for value in (mass, 2 * mass * fast, mass * fast**2)))
     samples, t = len(position_m) - 1, device.sample_time_s
-    scene, parameters, held = prepared(setup, hand, Hold(end_m=0.0), samples * t)
+    scene, parameters, held = prepare(setup, hand, Hold(end_m=0.0), samples * t)
     inputs = held.copy()
     inputs[scene.inputs.index("target_position_m")] = position_m[:-1]
     inputs[scene.inputs.index("target_velocity_m_per_s")] = np.diff(position_m) / t

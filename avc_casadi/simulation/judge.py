@@ -103,7 +103,7 @@ class Judgement(Tabular):
     rate_hardness_n_per_m: FloatArray
 
     @classmethod
-    def joined(cls, parts: Sequence[Judgement]) -> Judgement:
+    def join(cls, parts: Sequence[Judgement]) -> Judgement:
         """Return the figures of all runs, in the order of the parts."""
         return cls(**{name: np.concatenate([vars(part)[name] for part in parts]) for name in vars(parts[0])})
 
@@ -149,7 +149,7 @@ class Traces:
         held = self.position_m if self.held_m is None else self.held_m
         return felt_vibration(held * self.metres_per_unit, self.sample_time_s)
 
-    def judged(self) -> Judgement:
+    def judge(self) -> Judgement:
         """Judge runs by the last half second (or the whole run, where it is shorter)."""
         sample_time_s, unit, depth = self.sample_time_s, self.metres_per_unit, self.depth_m
         last = slice(-judged_samples(self.position_m.shape[-1], sample_time_s), None)

@@ -42,10 +42,10 @@ def simulate(
     seed: int = 0,
 ) -> Run:
     """Simulate the scene of a problem."""
-    problem = staged(problem, gains)
+    problem = stage(problem, gains)
     effects = build_effects(problem)
-    effects = effects if hand is None else held_by(problem, effects, hand)
-    return simulate_effects(problem, *settled(problem, effects, gains), seed=seed)
+    effects = effects if hand is None else with_hand(problem, effects, hand)
+    return simulate_effects(problem, *resolve(problem, effects, gains), seed=seed)
 
 
 def simulate_effects(
@@ -61,12 +61,12 @@ def simulate_effects(
     started = time.perf_counter()
     traces = _traces(scene, chosen, seed)
     seconds = time.perf_counter() - started
-    found = Traces.of(traces, problem.device).judged()
+    found = Traces.of(traces, problem.device).judge()
     claim: Claim = "asymptotic" if found.stable else "unstable"
     if found.stable and any(effect.friction_n > 0 for effect in effects):
         frictionless = compile_scene(problem, without(effects, CoulombFriction.kind), chosen)
         free = Traces.of(_traces(frictionless, chosen, seed), problem.device)
-        claim = "asymptotic" if free.judged().stable else "held-by-friction"
+        claim = "asymptotic" if free.judge().stable else "held-by-friction"
     whole = np.ones(scene.samples)
     b, k, b_p = (traces.get(gain, whole * value) for gain, value in vars(chosen).items())
     stiffness = np.full(scene.samples, np.inf) if chosen.rigid else k
@@ -130,17 +130,17 @@ def simulate_batch(
         >>> avc.simulate_batch(problem, hands, avc.solve(problem, "static")).stable.shape == (len(hands),)
         True
     """
-    problem = staged(problem, gains)
-    effects = held_by(problem, build_effects(problem), hands)
+    problem = stage(problem, gains)
+    effects = with_hand(problem, build_effects(problem), hands)
     if not friction:
         effects = without(effects, CoulombFriction.kind)
-    effects, chosen, _ = settled(problem, effects, gains)
+    effects, chosen, _ = resolve(problem, effects, gains)
     scene = compile_scene(problem, effects, chosen)
     parameters, inputs = scene.parameter_values(chosen), scene.input_values()
     device = problem.device
-    return Judgement.joined(
+    return Judgement.join(
         [
-            Traces.of(execute(scene, parameters[first : first + _CHUNK], inputs), device).judged()
+            Traces.of(execute(scene, parameters[first : first + _CHUNK], inputs), device).judge()
             for first in range(0, len(parameters), _CHUNK)
         ]
     )
@@ -150,7 +150,7 @@ def simulate_batch(
 _CHUNK = 256
 
 
-def staged(problem: Problem, gains: AnyGains) -> Problem:
+def stage(problem: Problem, gains: AnyGains) -> Problem:
     """Return the problem with the scene for some gains: a coupling brings its own part of the control computer."""
     if isinstance(gains, GainSchedule):
         check_sample_time(gains.sample_time_s, problem, f"gains by {gains.method} for {gains.problem}")
@@ -162,14 +162,14 @@ def staged(problem: Problem, gains: AnyGains) -> Problem:
     return problem.changed(scene={"effects": (*kept, *gains.runtime.effects(constant=gains.table.constant))})
 
 
-def settled(
+def resolve(
     problem: Problem, effects: tuple[SceneEffect, ...], gains: AnyGains
 ) -> tuple[tuple[SceneEffect, ...], Gains, str]:
     """Return the effects with the table that an adaptation follows, the gains at the start, and their method."""
     if isinstance(gains, Gains):
         return effects, gains, "none" if gains == NO_COUPLING else "given"
     if isinstance(gains, Coupling):
-        return *settled(problem, effects, gains.table)[:2], gains.method
+        return *resolve(problem, effects, gains.table)[:2], gains.method
     frequency, method = problem.scene.interaction_hz, "given"
     if isinstance(gains, GainSchedule):
         at, method = gains_at(gains, frequency), gains.method
@@ -186,7 +186,7 @@ def without(effects: tuple[SceneEffect, ...], kind: str) -> tuple[SceneEffect, .
     return tuple(effect for effect in effects if effect.kind != kind)
 
 
-def held_by(problem: Problem, effects: tuple[SceneEffect, ...], hand: Hand | StylusHand) -> tuple[SceneEffect, ...]:
+def with_hand(problem: Problem, effects: tuple[SceneEffect, ...], hand: Hand | StylusHand) -> tuple[SceneEffect, ...]:
     """Return the effects with a hand, or many, in place of the effect ``hand``."""
     if not any(effect.kind == Grip.kind for effect in effects):
         raise InputError.of(

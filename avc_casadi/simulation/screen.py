@@ -17,7 +17,7 @@ from avc_casadi.model.registries import EFFECTS
 from avc_casadi.simulation.compile import CompiledScene, compile_scene
 from avc_casadi.simulation.effects.base import SceneEffect
 from avc_casadi.simulation.effects.registry import build_effects
-from avc_casadi.simulation.scene import AnyGains, settled, simulate_effects, staged, without
+from avc_casadi.simulation.scene import AnyGains, resolve, simulate_effects, stage, without
 
 if TYPE_CHECKING:
     from avc_casadi.model.gains import Gains
@@ -35,8 +35,8 @@ _CHANGES = ("position_change", "force_change", "stiffness_change")
 
 def explain(problem: Problem, gains: AnyGains) -> dict[str, Any]:
     """Return what a scene is composed of, and the cost of each effect: the scene less the scene without it."""
-    problem = staged(problem, gains)
-    effects, chosen, _ = settled(problem, build_effects(problem), gains)
+    problem = stage(problem, gains)
+    effects, chosen, _ = resolve(problem, build_effects(problem), gains)
     return _explained(problem, effects, chosen)
 
 
@@ -135,8 +135,8 @@ def screen(
     """Leave out each effect of a scene in turn, then all that it does not need together."""
     if not 0 <= tolerance < 1:
         raise InputError.of(f"is {tolerance:g}; allowed: 0 or more and below 1", key="tolerance")
-    problem = staged(problem, gains)
-    effects, chosen, coupling = settled(problem, build_effects(problem), gains)
+    problem = stage(problem, gains)
+    effects, chosen, coupling = resolve(problem, build_effects(problem), gains)
     whole = simulate_effects(problem, effects, chosen, coupling)
     explained = _explained(problem, effects, chosen)
 

@@ -222,7 +222,7 @@ def tried_in_the_loop(coupling: Coupling, *, seconds: float | None = None, devic
                 coupling.sample_time_s,
                 coupling.problem.device.metres_per_unit,
                 held_m_per_s=np.array(trace.held_m_per_s[:samples]) if trace.held_m_per_s else None,
-            ).judged(),
+            ).judge(),
             peak_force_n=float(np.abs(force).max(initial=0.0)),
             left_out=left_out,
             push=pushed,

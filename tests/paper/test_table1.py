@@ -12,7 +12,7 @@ from avc_casadi.model.gains import NO_COUPLING
 from avc_casadi.simulation.judge import Traces
 from avc_casadi.simulation.population.motions import AT_WALL, MOTIONS
 from avc_casadi.simulation.population.operators import draw_population
-from avc_casadi.simulation.population.setup import judged
+from avc_casadi.simulation.population.setup import judge
 
 COUPLINGS = ("none", "static", "closed-form", "static-tuned", "schedule")
 
@@ -27,7 +27,7 @@ def test_counts_are_those_of_the_runs(document):
     problem = avc.load_problem("ve7")
     people = draw_population("A", 12, 5)
     setup = of_paper(problem, NO_COUPLING, "encoder", "delay")
-    runs = [judged(setup, people, MOTIONS[name]) for name in AT_WALL]
+    runs = [judge(setup, people, MOTIONS[name]) for name in AT_WALL]
     row = document["rows"][0]
     assert row["coupling"] == "none"
     assert row["stable"] == np.all([run.stable for run in runs], axis=0).sum()

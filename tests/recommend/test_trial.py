@@ -18,8 +18,8 @@ from avc_casadi.simulation.judge import AT_REST_M_PER_S
 from avc_casadi.simulation.motion import target_of
 from avc_casadi.simulation.population.motions import LONGEST_S, MOTIONS, TRIAL_S, course_of
 from avc_casadi.simulation.population.operators import BLOCK, draw_hands, draw_population, loose_grips
-from avc_casadi.simulation.population.setup import Setup, judged
-from avc_casadi.simulation.population.trial import residual_speeds, settled_hands, try_coupling
+from avc_casadi.simulation.population.setup import Setup, judge
+from avc_casadi.simulation.population.trial import count_settled, residual_speeds, try_coupling
 
 JUDGED_S = 0.5
 R1 = avc.load_problem("reference-r1")
@@ -71,7 +71,7 @@ def test_a_heavy_device_that_is_only_slow_counts_as_at_rest():
     assert trial.stable.all()
     assert trial.longest_s == trial.document()["longest_s"] == course_of(HEAVY).duration_s
     assert np.isfinite(trial.vibration).all()
-    assert settled_hands(coupling, 40, seed=3).at_rest == 40
+    assert count_settled(coupling, 40, seed=3).at_rest == 40
     assert (residual_speeds(coupling, PEOPLE) < 1).all()
 
 
@@ -97,12 +97,12 @@ def coupling():
 
 @pytest.mark.slow
 def test_counts_are_those_of_a_trial(coupling):
-    found = settled_hands(coupling, 40, SEED, block=17)
+    found = count_settled(coupling, 40, SEED, block=17)
     trial = try_coupling(coupling, draw_hands(coupling.problem.hands, 40, SEED), SEED)
     assert found.at_rest == trial.stable.sum()
     assert found.by_motion == {name: int(rest.sum()) for name, rest in trial.by_motion.items()}
     assert found.moving == tuple(np.flatnonzero(~trial.stable)[:20])
-    free = settled_hands(coupling, 40, SEED, friction=False)
+    free = count_settled(coupling, 40, SEED, friction=False)
     assert free.at_rest == trial.stable_without_friction.sum()
     assert "coulomb-friction" in found.effects
     assert "coulomb-friction" not in free.effects
@@ -145,7 +145,7 @@ def test_loose_hands_that_touch_lightly_come_to_rest(touched, end_m):
     assert touched.felt()["stiffness_n_per_m"] > 10e3
     hands = touched.problem.hands
     for people in (hand_corners(hands), loose_grips(hands, 100, 5)):
-        run = judged(Setup.of(coupling), people, Press(end_m=end_m, speed_m_per_s=0.03))
+        run = judge(Setup.of(coupling), people, Press(end_m=end_m, speed_m_per_s=0.03))
         assert np.count_nonzero(~run.stable) <= (5 if end_m < 5e-4 else 2)
 
 

@@ -19,14 +19,14 @@ from avc_casadi.simulation.compile import compile_scene
 from avc_casadi.simulation.effects.registry import build_effects
 from avc_casadi.simulation.execute import execute
 from avc_casadi.simulation.native import LANES, NativeScene, compiler
-from avc_casadi.simulation.scene import settled, simulate_batch
+from avc_casadi.simulation.scene import resolve, simulate_batch
 
 pytestmark = pytest.mark.skipif(compiler() is None, reason="no C compiler")
 
 
 def compiled_scene(effects, gains, scene=""):
     problem = scene_problem(effects, motion=QUICK, scene=scene)
-    bound, chosen, _ = settled(problem, build_effects(problem), gains or avc.solve(problem, "exact"))
+    bound, chosen, _ = resolve(problem, build_effects(problem), gains or avc.solve(problem, "exact"))
     found = compile_scene(problem, bound, chosen)
     return found, found.parameter_values(chosen)[0]
 

@@ -15,7 +15,7 @@ from avc_casadi.model.gains import NO_COUPLING, Gains
 from avc_casadi.simulation.compile import compile_scene
 from avc_casadi.simulation.effects.registry import build_effects
 from avc_casadi.simulation.execute import execute
-from avc_casadi.simulation.scene import settled
+from avc_casadi.simulation.scene import resolve
 
 
 def both(problem, gains, samples):
@@ -79,7 +79,7 @@ def test_catalogue_scenes_agree_with_an_event_accurate_integration(name):
     if LEARNING & {effect.kind for effect in problem.scene.effects}:
         ours, reference = replayed(problem, samples)
     else:
-        gains = GIVEN.get(name) or settled(problem, build_effects(problem), scene_coupling(problem))[1]
+        gains = GIVEN.get(name) or resolve(problem, build_effects(problem), scene_coupling(problem))[1]
         ours, reference = both(problem, gains, samples)
     assert np.ptp(reference[0]) > 1e-5
     for trace, mine, other, size in zip("xvF", ours, reference, (1e-13, 1e-10, 1e-8), strict=True):

@@ -33,7 +33,7 @@ from avc_casadi.paper.closed_form import project
 from avc_casadi.simulation.judge import Traces
 from avc_casadi.simulation.population.motions import AT_WALL, MOTIONS
 from avc_casadi.simulation.population.operators import Population, draw_population
-from avc_casadi.simulation.population.setup import FRICTION, HANDS_AT_ONCE, Setup, judged, traces
+from avc_casadi.simulation.population.setup import FRICTION, HANDS_AT_ONCE, Setup, judge, traces
 from avc_casadi.simulation.population.trial import exact_interval
 
 if TYPE_CHECKING:
@@ -287,11 +287,9 @@ def _tried(couplings: tuple[str, ...], seed: int, task: tuple[str, int, int]) ->
 
 def _outcome(setup: Setup, people: Hand | StylusHand, reference: Traces | None) -> _Outcome:
     (press,) = traces(setup, people, MOTIONS["press"])
-    pressed = press.judged()
-    rest = {
-        name: pressed.stable if name == "press" else judged(setup, people, MOTIONS[name]).stable for name in AT_WALL
-    }
-    free = judged(setup.without(FRICTION), people, MOTIONS["press"])
+    pressed = press.judge()
+    rest = {name: pressed.stable if name == "press" else judge(setup, people, MOTIONS[name]).stable for name in AT_WALL}
+    free = judge(setup.without(FRICTION), people, MOTIONS["press"])
     felt = np.where(pressed.stable, pressed.apparent_stiffness_n_per_m, np.nan)
     outcome = {**rest, "asymptotic": free.stable, "stiffness_n_per_m": felt}
     return outcome if reference is None else outcome | {"distance": distance(press, reference)}

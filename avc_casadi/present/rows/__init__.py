@@ -11,7 +11,7 @@ from avc_casadi.claims.deployable import deployable
 from avc_casadi.claims.zwidth import ZWidth
 from avc_casadi.coupling import Coupling
 from avc_casadi.design.comparison.comparison import Comparison
-from avc_casadi.design.scene_coupling import told_beside
+from avc_casadi.design.scene_coupling import facts_of
 from avc_casadi.files.gain_file import gain_document
 from avc_casadi.loops.sampled_loop import passive_limit_n_per_m
 from avc_casadi.model.schedule import GainSchedule
@@ -90,7 +90,7 @@ def _comparison(result: Comparison) -> Answer:
 
 @answer_of.register
 def _run(result: Run) -> Answer:
-    return judge.scene(result.document() | told_beside(result), _stated(result))
+    return judge.scene(result.document() | facts_of(result), _stated(result))
 
 
 @answer_of.register

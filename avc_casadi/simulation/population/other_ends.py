@@ -28,7 +28,7 @@ from avc_casadi.simulation.execute import execute
 from avc_casadi.simulation.judge import AT_REST_M_PER_S, JUDGED_S, Traces, judged_samples
 from avc_casadi.simulation.motion import target_of
 from avc_casadi.simulation.population.motions import course_of, motions_at
-from avc_casadi.simulation.population.setup import FRICTION, Setup, engine_for, prepared
+from avc_casadi.simulation.population.setup import FRICTION, Setup, engine_for, prepare
 from avc_casadi.simulation.population.trial import NEAR_LIMIT, Trial
 
 if TYPE_CHECKING:
@@ -67,12 +67,12 @@ def try_tool(
     stiffness, tap = np.full(len(people), np.nan), np.zeros(len(people))
     for setup, rests in zip(setups, settled, strict=True):
         for name in motions:
-            scene, _, inputs = prepared(setup, people, course[name], duration_s)
+            scene, _, inputs = prepare(setup, people, course[name], duration_s)
             for contact in contacts:
                 run = scene.with_numbers("simulation", gains=gains, state=tool_states(tool, contact)[-1])
                 parameters = run.parameter_values(NO_COUPLING)
                 found = execute(run, parameters, inputs, engine=engine_for(len(people)))
-                judged = Traces.of(found, device).judged()
+                judged = Traces.of(found, device).judge()
                 last = judged_samples(run.samples, device.sample_time_s)
                 with np.errstate(invalid="ignore", over="ignore"):
                     speed = np.abs(np.diff(found["tool_m"][:, -last:], axis=-1)).max(axis=-1) / device.sample_time_s

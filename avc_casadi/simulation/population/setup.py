@@ -23,7 +23,7 @@ from avc_casadi.simulation.effects.sensing import Encoder
 from avc_casadi.simulation.execute import Engine, execute
 from avc_casadi.simulation.judge import Judgement, Traces
 from avc_casadi.simulation.native import compiler
-from avc_casadi.simulation.scene import held_by, settled
+from avc_casadi.simulation.scene import resolve, with_hand
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
@@ -100,7 +100,7 @@ class Setup:
         law = () if self.law is None else ("state-feedback",)
         return tuple(sorted((*(one.kind for one in self.effects), *law), key=list(EFFECTS).index))
 
-    def staged(
+    def stage(
         self, people: Hand | StylusHand, motion: Motion, duration_s: float
     ) -> tuple[Problem, tuple[SceneEffect, ...]]:
         """Return the problem with the scene, and the effects with all hands in place of the declared one."""
@@ -108,7 +108,7 @@ class Setup:
         how: dict[str, Any] = {"integrator": "projected", "substeps": _FRICTION_SUBSTEPS} if self.rough else {}
         scene = Scene(duration_s=duration_s, motion=motion, effects=(*self.effects, *law), **how)
         run = self.problem.changed(scene=scene)
-        effects = held_by(run, build_effects(run), people)
+        effects = with_hand(run, build_effects(run), people)
         if self.steps_anywhere:
             phase = _phases(people, motion)
             effects = tuple(replace(one, phase=phase) if isinstance(one, Encoder) else one for one in effects)
@@ -140,12 +140,12 @@ def _built(scene: _Shared) -> tuple[CompiledScene, FloatArray]:
     return compiled, compiled.input_values()
 
 
-def prepared(setup: Setup, people: Hand | StylusHand, motion: Motion, duration_s: float) -> Prepared:
+def prepare(setup: Setup, people: Hand | StylusHand, motion: Motion, duration_s: float) -> Prepared:
     """Return the scene, the parameters of each hand and the common inputs; constant gains of one structure share it."""
     gains, law = setup.gains, setup.law
     if not isinstance(gains, Gains):
-        run, effects = setup.staged(people, motion, duration_s)
-        effects, chosen, _ = settled(run, effects, gains)
+        run, effects = setup.stage(people, motion, duration_s)
+        effects, chosen, _ = resolve(run, effects, gains)
         compiled = compile_scene(run, effects, chosen)
         return compiled, compiled.parameter_values(chosen), compiled.input_values()
     structure = (
@@ -154,7 +154,7 @@ def prepared(setup: Setup, people: Hand | StylusHand, motion: Motion, duration_s
     )
     hands = type(people), *(np.asarray(one).tobytes() for one in vars(people).values())
     key = (setup.problem, setup.effects, setup.steps_anywhere, structure, hands, motion, duration_s)
-    compiled, inputs = _built(_Shared(key, lambda: compile_scene(*setup.staged(people, motion, duration_s), gains)))
+    compiled, inputs = _built(_Shared(key, lambda: compile_scene(*setup.stage(people, motion, duration_s), gains)))
     if law is not None:
         compiled = compiled.with_numbers("state-feedback", settings=law)
     return compiled, compiled.parameter_values(gains), inputs
@@ -169,7 +169,7 @@ def simulations(
     setup: Setup, people: Hand | StylusHand, motion: Motion, duration_s: float = DURATION_S
 ) -> Iterator[Callable[[], Traces]]:
     """Prepare to simulate all hands, in blocks; each block is simulated when it is called."""
-    compiled, parameters, inputs = prepared(setup, people, motion, duration_s)
+    compiled, parameters, inputs = prepare(setup, people, motion, duration_s)
     engine, device = engine_for(len(parameters)), setup.problem.device
 
     def traces_of(some: FloatArray) -> Traces:
@@ -185,6 +185,6 @@ def traces(setup: Setup, people: Hand | StylusHand, motion: Motion, duration_s: 
     return (simulation() for simulation in simulations(setup, people, motion, duration_s))
 
 
-def judged(setup: Setup, people: Hand | StylusHand, motion: Motion, duration_s: float = DURATION_S) -> Judgement:
+def judge(setup: Setup, people: Hand | StylusHand, motion: Motion, duration_s: float = DURATION_S) -> Judgement:
     """Return the verdicts of all hands; every array has shape (hands,)."""
-    return Judgement.joined([part.judged() for part in traces(setup, people, motion, duration_s)])
+    return Judgement.join([part.judge() for part in traces(setup, people, motion, duration_s)])

@@ -21,7 +21,7 @@ from avc_casadi.simulation.judge import QUIET, Traces
 from avc_casadi.simulation.native import compile_ahead
 from avc_casadi.simulation.population.motions import AT_WALL, TRIAL_S, course_of
 from avc_casadi.simulation.population.operators import BLOCK, draw_hands
-from avc_casadi.simulation.population.setup import FRICTION, Setup, engine_for, prepared, simulations
+from avc_casadi.simulation.population.setup import FRICTION, Setup, engine_for, prepare, simulations
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
@@ -192,7 +192,7 @@ class CouplingTrial(Trial):
         return document
 
     @classmethod
-    def joined(cls, parts: Sequence[CouplingTrial], order: IndexArray | slice = slice(None)) -> CouplingTrial:
+    def join(cls, parts: Sequence[CouplingTrial], order: IndexArray | slice = slice(None)) -> CouplingTrial:
         """Return the trial of all hands, in the order of the parts or another one."""
         whole: dict[str, Any] = {}
         for name in ("stiffness_n_per_m", "tap_force_n", "vibration", "at_force_limit", "tap_depth_m"):
@@ -217,7 +217,7 @@ def try_coupling(
     some = [people.pick(slice(first, first + _AT_ONCE)) for first in range(0, len(people), _AT_ONCE)]
     sizes = [len(one) for one in some]
     work = partial(_tried, setup, seed=seed)
-    return CouplingTrial.joined(mapped(work, some, executor, sizes=sizes, things="people", progress=progress))
+    return CouplingTrial.join(mapped(work, some, executor, sizes=sizes, things="people", progress=progress))
 
 
 def try_on_devices(
@@ -232,7 +232,7 @@ def try_on_devices(
     met = [(Setup.of(coupling, one), people.pick(rows)) for rows, one in zip(dealt, devices, strict=True) if len(rows)]
     trials = mapped(partial(_tried_on, seed), met, executor)
     return replace(
-        CouplingTrial.joined(trials, np.argsort(np.concatenate(dealt), kind="stable")),
+        CouplingTrial.join(trials, np.argsort(np.concatenate(dealt), kind="stable")),
         effects=tuple(dict.fromkeys(effect for one in trials for effect in one.effects)),
         devices=len(trials),
         longest_s=max(one.longest_s for one in trials),
@@ -280,7 +280,7 @@ def _tried(setup: Setup, people: Hand | StylusHand, seed: int, progress: Progres
 def _figures(name: str, limit_n: float | None, simulation: Callable[[], Traces]) -> dict[str, Any]:
     """Return the results of a motion."""
     part = simulation()
-    found = part.judged()
+    found = part.judge()
     figures: dict[str, Any] = {"stable": found.stable}
     if name == "press":
         limited = np.abs(found.mean_force_n) > NEAR_LIMIT * (np.inf if limit_n is None else limit_n)
@@ -313,7 +313,7 @@ class SettledHands:
         return found
 
 
-def settled_hands(
+def count_settled(
     coupling: Coupling,
     hands: int,
     seed: int = 0,
@@ -353,7 +353,7 @@ def _settled(setup: Setup, seed: int, task: tuple[int, int]) -> dict[str, BoolAr
     people = draw_hands(setup.problem.hands, count, seed, first=first)
     motions, duration_s = course_of(setup.problem)
     engine = engine_for(count)
-    scenes = (prepared(setup, people, motions[name], duration_s) for name in AT_WALL)
+    scenes = (prepare(setup, people, motions[name], duration_s) for name in AT_WALL)
     return {name: execute_to_speed(*scene, engine=engine) < 1 for name, scene in zip(AT_WALL, scenes, strict=True)}
 
 
@@ -372,7 +372,7 @@ def residual_speeds(
     motions, duration_s = course_of(setup.problem)
     tried = [(whole, name) for name in (*AT_WALL, *(("strike", "touch") if beyond else ()))]
     tried += [(setup, "graze")] * beyond
-    scenes = [prepared(one, people, motions[name], duration_s) for one, name in tried]
+    scenes = [prepare(one, people, motions[name], duration_s) for one, name in tried]
     engine = engine_for(len(people))
     if engine == "native":
         for compiled, *_ in scenes:
