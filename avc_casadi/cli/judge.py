@@ -278,7 +278,7 @@ def run_trial(args: argparse.Namespace, console: Console) -> Answer:
             executor=executor,
             progress=console,
         )
-    return trial(found.document(), coupling.problem.units, args.coupling)
+    return trial(found, coupling.problem.units, args.coupling)
 
 
 @cli.verb(

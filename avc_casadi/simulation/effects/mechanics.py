@@ -51,29 +51,25 @@ class Resonance(SceneEffect, keys=ResonanceEffect, rank=10, scene_alone=True):
     def build(cls, table: Any, problem: Problem, place: str) -> Self:
         """Build it; missing numbers are taken from the device; a device without mass has no resonance."""
         keys = ("frequency_hz", "damping_ratio", "mass_ratio")
-        declared = [getattr(problem.device.resonance, key, None) for key in keys]
-        values = [getattr(table, key) for key in keys]
-        values = [default if value is None else value for value, default in zip(values, declared, strict=True)]
+        given = {key: getattr(table, key) for key in keys}
+        values: dict[str, Any] = {
+            key: getattr(problem.device.resonance, key, None) if one is None else one for key, one in given.items()
+        }
         faults = [
-            Fault(
-                problem.name,
-                None,
-                f"{place}.{key}",
-                f"is missing and so is device.resonance.{key}; allowed: one of both",
-            )
-            for key, value in zip(keys, values, strict=True)
+            (f".{key}", f"is missing and so is device.resonance.{key}; allowed: one of both")
+            for key, value in values.items()
             if value is None
         ]
-        frequency, damping, mass_ratio = values
-        if mass_ratio is not None and not 0 < mass_ratio < 1:
-            message = f"is {mass_ratio}; allowed: above 0 and below 1, the share on the side of the hand"
-            faults.append(Fault(problem.name, None, f"{place}.mass_ratio", message))
+        ratio = values["mass_ratio"]
+        if ratio is not None and not 0 < ratio < 1:
+            faults.append(
+                (".mass_ratio", f"is {ratio}; allowed: above 0 and below 1, the share on the side of the hand")
+            )
         if problem.device.mass_kg == 0:
-            message = "needs device.mass_kg above 0; leave the effect out or give the device its mass"
-            faults.append(Fault(problem.name, None, place, message))
+            faults.append(("", "needs device.mass_kg above 0; leave the effect out or give the device its mass"))
         if faults:
-            raise InputError(faults)
-        return cls(frequency, damping, mass_ratio)
+            raise InputError([Fault(problem.name, None, f"{place}{key}", message) for key, message in faults])
+        return cls(**values)
 
     def mechanics(self, plant: Plant) -> None:
         """Move a share of the device's mass to a second body, at the hand."""

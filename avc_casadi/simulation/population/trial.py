@@ -293,26 +293,6 @@ def _figures(name: str, limit_n: float | None, simulation: Callable[[], Traces])
     return figures
 
 
-@dataclass(frozen=True)
-class SettledHands:
-    """Counts of settled hands."""
-
-    coupling: str
-    hands: int
-    seed: int
-    friction: bool
-    at_rest: int
-    by_motion: dict[str, int]
-    moving: tuple[int, ...]
-    effects: tuple[str, ...]
-
-    def document(self) -> dict[str, Any]:
-        """Return the document of `avc trial`: JSON values."""
-        interval = exact_interval(self.at_rest, self.hands)
-        found: dict[str, Any] = plain(vars(self) | {"at_rest_interval": interval, "confidence": CONFIDENCE})
-        return found
-
-
 def count_settled(
     coupling: Coupling,
     hands: int,
@@ -323,8 +303,8 @@ def count_settled(
     workers: int = 1,
     executor: Executor | None = None,
     progress: Progress = SILENT,
-) -> SettledHands:
-    """Count press, tap and hold by any number of hands, drawn uniformly from the problem's set in blocks."""
+) -> dict[str, Any]:
+    """Count press, tap and hold by any number of hands, drawn in blocks; return the document of `avc trial`."""
     if hands < 1:
         raise InputError.of(f"is {hands}; allowed: 1 or more", key="hands")
     setup = Setup.of(coupling)
@@ -335,16 +315,19 @@ def count_settled(
     parts = mapped(work, tasks, executor, workers=workers, sizes=sizes, things="hands", progress=progress)
     rest = {name: np.concatenate([part[name] for part in parts]) for name in AT_WALL}
     whole = np.all(list(rest.values()), axis=0)
-    return SettledHands(
-        coupling=coupling.method,
-        hands=hands,
-        seed=seed,
-        friction=friction,
-        at_rest=int(whole.sum()),
-        by_motion={name: int(found.sum()) for name, found in rest.items()},
-        moving=tuple(np.flatnonzero(~whole)[:_NAMED].tolist()),
-        effects=setup.kinds,
-    )
+    at_rest = int(whole.sum())
+    return {
+        "coupling": coupling.method,
+        "hands": hands,
+        "seed": seed,
+        "friction": friction,
+        "at_rest": at_rest,
+        "by_motion": {name: int(found.sum()) for name, found in rest.items()},
+        "moving": np.flatnonzero(~whole)[:_NAMED].tolist(),
+        "effects": list(setup.kinds),
+        "at_rest_interval": list(exact_interval(at_rest, hands)),
+        "confidence": CONFIDENCE,
+    }
 
 
 def _settled(setup: Setup, seed: int, task: tuple[int, int]) -> dict[str, BoolArray]:
