@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections import Counter
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -65,10 +64,6 @@ class CompiledScene:
     def speeds(self) -> tuple[str, ...]:
         """Names of the velocity traces; they follow the first trace."""
         return tuple(name for name in self.traces if name in _SPEEDS)
-
-    def states_of(self, kind: str) -> int:
-        """Number of states that an effect owns."""
-        return Counter(self.owners)[kind]
 
     def with_numbers(self, kind: str, **numbers: Any) -> CompiledScene:
         """Return the scene with other numbers of an effect, of one structure."""

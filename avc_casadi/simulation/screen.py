@@ -45,7 +45,7 @@ def _explained(problem: Problem, effects: tuple[SceneEffect, ...], gains: Gains)
     times_ns = _times_ns(scene, gains)
     costs = []
     for effect in effects:
-        cost = {"kind": effect.kind, "station": effect.station.name.lower(), "states": scene.states_of(effect.kind)}
+        cost = {"kind": effect.kind, "station": effect.station.name.lower(), "states": scene.owners.count(effect.kind)}
         try:
             rest = compile_scene(problem, without(effects, effect.kind), gains)
         except InputError:  # the only mass
