@@ -11,7 +11,6 @@ import numpy as np
 
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi._util.json_values import plain
-from avc_casadi._util.printed import short
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi._util.units import LINEAR, Units
 from avc_casadi.design.virtual_tool import Scale, ToolSearch, edge
@@ -44,11 +43,8 @@ class ToolCurve:
     stiffness_n_per_m: FloatArray
     stiffest: ToolGains | None
 
-    def __repr__(self) -> str:
-        return f"ToolCurve({1 / self.step_s:.4g} Hz: {short(self.stiffness_n_per_m)})"
 
-
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass(frozen=True, eq=False)
 class ToolRegion:
     """The K-B region of a coupling to a simulation: with every hand, released, and every tool and contact."""
 
@@ -58,9 +54,6 @@ class ToolRegion:
     curves: tuple[ToolCurve, ...]
     chosen: ToolGains | None = None
     units: Units = LINEAR
-
-    def __repr__(self) -> str:
-        return f"ToolRegion({self.problem!r}: {', '.join(map(repr, self.curves))})"
 
     def document(self) -> dict[str, Any]:
         """Return the `zwidth` document: JSON values only."""

@@ -14,7 +14,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache, partial
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -52,22 +52,15 @@ _OPPONENT = {"schedule": "static"}
 _ADAPTIVE = "schedule"
 
 
-class PaperRow(NamedTuple):
-    """What the paper counted at one wall, of 10 people; static and adaptive coupling were stable for all of them."""
-
-    stable_without_coupling: int
-    nearer_static: int
-    nearer_adaptive: int
-    unable: int
-
-
+# What the paper counted of 10 people: stable without coupling (with one, all were), nearer to the wall with the static
+# and with the adaptive coupling, and unable to tell.
 PAPER = {
-    "VE2": PaperRow(10, 3, 3, 4),
-    "VE3": PaperRow(10, 3, 5, 2),
-    "VE4": PaperRow(10, 6, 4, 0),
-    "VE5": PaperRow(4, 1, 9, 0),
-    "VE6": PaperRow(0, 1, 9, 0),
-    "VE7": PaperRow(0, 2, 8, 0),
+    "VE2": (10, 3, 3, 4),
+    "VE3": (10, 3, 5, 2),
+    "VE4": (10, 6, 4, 0),
+    "VE5": (4, 1, 9, 0),
+    "VE6": (0, 1, 9, 0),
+    "VE7": (0, 2, 8, 0),
 }
 
 
@@ -334,13 +327,8 @@ def _row(
 
 
 def _paper(wall: str, coupling: str) -> dict[str, int | None] | None:
-    paper = PAPER.get(wall)
-    if paper is None:
+    if wall not in PAPER or coupling not in ("none", "static", "schedule"):
         return None
-    known: dict[str, tuple[int, int | None]] = {
-        "none": (paper.stable_without_coupling, None),
-        "static": (10, paper.nearer_static),
-        "schedule": (10, paper.nearer_adaptive),
-    }
-    stable, matched = known.get(coupling, (None, None))
-    return None if stable is None else {"stable": stable, "matched": matched, "unable": paper.unable}
+    stable, static, adaptive, unable = PAPER[wall]
+    matched = {"none": None, "static": static, "schedule": adaptive}[coupling]
+    return {"stable": stable if coupling == "none" else 10, "matched": matched, "unable": unable}
