@@ -58,8 +58,8 @@ def try_tool(
     course, duration_s = course_of(heavier)
     kept = tuple(one for one in declared_effects(problem) if not isinstance(one, SimulationEffect))
     setups = [
-        Setup(problem, NO_COUPLING, (*kept, SimulationEffect(stiffness_n_per_m=1.0, dropped_share=share)), None, False)
-        for share in (0.0, DROPPED_SHARE)
+        Setup(problem, NO_COUPLING, (*kept, engine), steps_anywhere=False)
+        for engine in (SimulationEffect(stiffness_n_per_m=1.0, dropped_share=share) for share in (0.0, DROPPED_SHARE))
     ]
     setups += [setups[0].without(FRICTION)] * setups[0].rough
     limit = np.inf if device.max_force_n is None else device.max_force_n
