@@ -22,6 +22,7 @@ from avc_casadi.model.sampled_plant import sampled_plant
 if TYPE_CHECKING:
     from avc_casadi._util.arrays import ComplexArray, FloatArray
     from avc_casadi.loops.ranges import Ranges
+    from avc_casadi.loops.walls import Stretches
     from avc_casadi.model.device import Device
     from avc_casadi.model.problem import Problem
     from avc_casadi.model.sampled_plant import SampledPlant
@@ -156,19 +157,19 @@ class Loops:
                 self.found.append(pair)
         return len(self.found) == before
 
-    def _walls(self, law: Law, dampers_ns_per_m: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the ends of the intervals of stable stiffness for some dampers, each of shape (n, m)."""
+    def _walls(self, law: Law, dampers_ns_per_m: FloatArray) -> Stretches:
+        """Return the intervals of stable stiffness for some dampings."""
         people = self.hands if len(self.boxes) == 1 else joined(self.hands, no_hand())
         for _, hand in self.found:
             people = joined(people, hand)
         devices = [*self.corners, *(device for device, _ in self.found)]
-        found = stable_walls(devices, people, dampers_ns_per_m, (-law.pole(self.period), 0.0))
-        return found.lowest_n_per_m, found.largest_n_per_m
+        return stable_walls(devices, people, dampers_ns_per_m, (-law.pole(self.period), 0.0))
 
     def largest_stiffness(self, law: Law) -> float:
         """Return the largest stable k at the dampers of a law: the end of its own interval, or of the softest."""
         for _ in range(_CONFIRMED):
-            low, high = (ends[0] for ends in self._walls(law, np.array([law.damper_ns_per_m])))
+            walls = self._walls(law, np.array([law.damper_ns_per_m]))
+            low, high = walls.lowest_n_per_m[0], walls.largest_n_per_m[0]
             own = (low <= law.stiffness_n_per_m) & (law.stiffness_n_per_m <= high)
             limit = float(np.nan_to_num(high[own][0] if own.any() else high[0]))
             if not limit or self._confirmed(replace(law, stiffness_n_per_m=limit * (1 - _INSIDE))):
@@ -182,32 +183,25 @@ class Loops:
         top = 4 * max(heavy / self.period, 2 * max(one.damping_ns_per_m for one in self.corners))
         scan = np.append(0.0, np.geomspace(1e-5, 1.0, _SCAN) * top * (1 + pole) / (1 - pole))
         scan = np.unique(np.append(scan, law.damper_ns_per_m))
-
-        def holds(dampers: FloatArray) -> FloatArray:
-            low, high = self._walls(law, dampers)
-            return np.asarray(((low <= wall) & (wall <= high)).any(axis=1))
-
         for _ in range(_CONFIRMED):
-            inside = np.flatnonzero(holds(scan))
+            inside = np.flatnonzero(self._walls(law, scan).holds(wall))
             if not inside.size:
                 return None
             runs = np.split(inside, np.flatnonzero(np.diff(inside) > 1) + 1)
-            away = [np.abs(scan[run] - law.damper_ns_per_m).min() for run in runs]
-            run = runs[int(np.argmin(away))]
-            ends = []
-            for last, step in ((run[0], -1), (run[-1], 1)):
-                good, bad = scan[last], scan[min(max(last + step, 0), len(scan) - 1)]
-                for _ in range(_ZOOMS if good != bad else 0):
-                    fine = np.linspace(good, bad, _FINE)
-                    stable = max(int(np.argmin(holds(fine))) - 1, 0)
-                    good, bad = fine[stable], fine[stable + 1]
-                ends.append(0.0 if step < 0 and last == 1 and wall == 0 else float(good))
-            dampers = [replace(law, damping_ns_per_m=0.0, local_damping_ns_per_m=end) for end in ends]
-            confirmed = [self._confirmed(one) for one in dampers]
+            first, last = min(runs, key=lambda run: np.abs(scan[run] - law.damper_ns_per_m).min())[[0, -1]]
+            good, bad = scan[[first, last]], scan[[max(first - 1, 0), min(last + 1, len(scan) - 1)]]
+            for _ in range(_ZOOMS):
+                fine = np.linspace(good, bad, _FINE)
+                stable = self._walls(law, fine.ravel()).holds(wall).reshape(fine.shape)
+                row = np.maximum(stable.argmin(axis=0) - 1, 0)
+                good, bad = fine[row, [0, 1]], fine[row + 1, [0, 1]]
+            good[0] *= wall > 0 or first != 1  # without k and b there is no law
+            ends = [replace(law, damping_ns_per_m=0.0, local_damping_ns_per_m=float(end)) for end in good]
+            confirmed = [self._confirmed(one) for one in ends]
             if all(confirmed):
                 break
-        low, high = (end - law.local_damping_ns_per_m for end in ends)
-        return None if high < 0 else (max(low, 0.0), high)
+        low, high = good - law.local_damping_ns_per_m
+        return None if high < 0 else (max(float(low), 0.0), float(high))
 
 
 def _radius(loop: OpenLoop) -> FloatArray:
