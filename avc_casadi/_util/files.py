@@ -49,9 +49,6 @@ def write_file(path: str | Path, content: str | bytes) -> None:
     """Write a file atomically: to a temporary name beside it, renamed."""
     place = Path(os.path.realpath(path))
     data = content.encode() if isinstance(content, str) else content
-    if place.exists() and not place.is_file():  # a pipe or a device, or a folder, which is refused
-        place.write_bytes(data)
-        return
     if place.exists() and not os.access(place, os.W_OK):
         raise PermissionError(13, os.strerror(13), str(path))
     part = place.with_name(f".avc-{uuid4().hex}")

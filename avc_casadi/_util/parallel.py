@@ -95,9 +95,10 @@ def mapped(
     found: list[R] = []
     with Crew(workers, executor) as crew:
         begun = [crew.begin(partial(work, task)) for task in tasks]
-        for done, result in enumerate(reversed(begun), start=1):  # helpers begin at the other end
-            found.append(result())
-            progress.advance(sum(weights[-done:]), sum(weights), things)
+        for own in reversed(range(len(tasks))):  # helpers begin at the other end
+            found.append(begun[own]())
+            done = [size for place, size in enumerate(weights) if place >= own or crew.done(place)]
+            progress.advance(sum(done), sum(weights), things)
     return found[::-1]
 
 
@@ -142,6 +143,10 @@ class Crew:
             future = helpers.submit(task)
         self._begun.append(future)
         return cache(partial(_result, future, None if self._executor else task))
+
+    def done(self, place: int) -> bool:
+        """Return whether a helper or the executor has done the task that was begun so many tasks after the first."""
+        return bool(self._begun) and self._begun[place].done()
 
 
 def _result(future: Future[R], task: Callable[[], R] | None) -> R:

@@ -24,9 +24,6 @@ class Registry(Mapping[str, Thing], Generic[Thing]):
 
     def add(self, name: str, thing: Thing, rank: float) -> None:
         """Declare one object."""
-        for other, (taken, _) in self._things.items():
-            if other == name or taken == rank:
-                raise ValueError(f"{self.what} {name} of rank {rank:g}: taken by {other} of rank {taken:g}")
         self._things[name] = rank, thing
 
     def named(self, name: str, key: str | None = None) -> Thing:

@@ -82,8 +82,7 @@ class Units:
         """Return JSON values with the names of this motion; a rotary document declares its motion and units."""
         if self.linear:
             return dict(document)
-        head = {"motion": self.motion, "units": UNIT_BLOCK}
-        return {**{key: value for key, value in head.items() if key not in document}, **self.keyed(document)}
+        return {"motion": self.motion, "units": UNIT_BLOCK} | dict(self.keyed(document))
 
     def keyed(self, value: Any) -> Any:
         """Return tables with the keys of this motion; their values stay unchanged."""
