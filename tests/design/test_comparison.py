@@ -141,5 +141,3 @@ def test_a_stable_pair_beats_a_nearer_one_that_is_not(soft):
     assert soft.judged["mine"].certificate.levels["L5"].passed
     assert mine.share_schedule_better == 1.0
     assert (mine.safer, mine.better) == ("mine", "mine")
-    failed = f"L5 fails at {levels['L5'].rows_failed} of 200 rows"
-    assert mine.safety_reason == f"mine is stable with every hand, direct is not ({failed}): do not deploy direct"

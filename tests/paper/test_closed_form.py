@@ -76,8 +76,6 @@ def test_a_stiff_wall_asks_for_negative_stiffness_and_for_enormous_damping():
     assert b == pytest.approx(2.6e8, rel=2e-2)
     assert k * 1e5 / (k + 1e5) < 0, "DC stiffness of the frozen pair"
     assert set(schedule.status) == {"not-realisable"}
-    assert "negative stiffness" in schedule.reason[0]
-    assert "damping 2.6" in schedule.reason[0]
 
 
 def test_damped_structure_renders_it_but_for_the_mass():

@@ -65,7 +65,6 @@ def test_wanted_stiffness_is_given_or_what_it_needs():
     assert avc.recommend(problem(f"{late}500.0"), hands=HANDS).coupling.gains.local_damping_ns_per_m == 0
     light = avc.recommend(problem("tool_mass_kg = 0.01\nstep_s = 0.016\nstiffness_n_per_m = 3000.0"), hands=HANDS)
     assert not light.deployable
-    assert "stiffest coupling that is stable" in light.reason
     # The prototype's 1 kg at 62 Hz has no damper in the device's loop, which takes two thirds off it.
     assert least_tool_mass_kg(light.problem, 3000.0, local=False) == pytest.approx(1.0, rel=0.1)
     assert light.pair.least_tool_mass_kg < 0.5
