@@ -129,7 +129,7 @@ def _without_guard(run: Run, problem: Problem) -> Run | None:
         return None
     gains = run.asked["gains"]
     if isinstance(gains, Coupling):
-        gains = replace(gains, runtime=replace(gains.runtime, guard=None))
+        gains = replace(gains, runtime=gains.runtime.model_copy(update={"guard": None}))
     kept = tuple(effect for effect in scene_effects(problem) if not isinstance(effect, GuardEffect))
     return simulate_with(problem.changed(scene={"effects": kept}), **{**run.asked, "gains": gains})
 

@@ -21,10 +21,9 @@ from avc_casadi.files.gain_file import MOST_BYTES, NEXT_STEP, GainColumns, read_
 from avc_casadi.files.problem_file import AnyProblem, as_problem, problem_document
 from avc_casadi.model import quantity as q
 from avc_casadi.model import table as t
-from avc_casadi.model.effects import StateFeedbackEffect
 from avc_casadi.model.gains import GainTable
 from avc_casadi.model.problem import Problem
-from avc_casadi.model.runtime import Runtime, StateFeedback
+from avc_casadi.model.runtime import Runtime
 from avc_casadi.model.table import checked
 from avc_casadi.model.virtual_tool import ToolGains
 
@@ -37,31 +36,6 @@ _LACKS = (
     "what runs beside the gains: observer, estimator, adaptation, guard; those of a coupling that names none are taken",
     "its certificate on the loop as it is",
 )
-
-
-class RuntimeDocument(t.Table):
-    """What runs beside the gains, as a file states it."""
-
-    estimator: Literal["zero-crossing", "spectral-peak", "adaptive-notch", "fused"] = "fused"
-    hold_s: q.Wait = 0.2
-    slew_per_s: q.Rate | None = 20.0
-    passive: bool = True
-    observer_mass_kg: q.Mass | None = None
-    guard: Literal["passivity-controller", "energy-tank"] | None = None
-    state_feedback: StateFeedbackEffect | None = None
-
-    def faults(self) -> Iterator[t.Finding]:
-        """Yield what the runtime refuses."""
-        try:
-            self.runtime()
-        except InputError as error:
-            yield from ((("state_feedback", fault.key), fault.message) for fault in error.faults)
-
-    def runtime(self) -> Runtime:
-        """Return the runtime."""
-        law = self.state_feedback
-        feedback = None if law is None else StateFeedback(**law.model_dump(exclude={"kind"}))
-        return Runtime(**{**dict(self), "state_feedback": feedback})
 
 
 class _Document(t.Table):
@@ -81,13 +55,13 @@ class WallDocument(_Document):
 
     method: t.Text
     table: GainColumns
-    runtime: RuntimeDocument
+    runtime: Runtime
     without_gains_hz: tuple[q.Hertz, ...] = Field((), strict=False)
     lacks: tuple[t.Text, ...] = Field((), strict=False)
 
     def coupling(self) -> Coupling:
         """Return the coupling."""
-        table, runtime = self.table.table(), self.runtime.runtime()
+        table, runtime = self.table.table(), self.runtime
         schedule = schedule_of(self.problem_file, table, self.method, runtime.state_feedback, self.without_gains_hz)
         return Coupling(self.problem_file, schedule, table, runtime, lacks=self.lacks)
 

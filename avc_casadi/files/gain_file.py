@@ -6,7 +6,6 @@ import csv
 import io
 import math
 from collections.abc import Iterator
-from dataclasses import asdict
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any
@@ -85,7 +84,7 @@ def gain_document(gains: GainSchedule) -> dict[str, Any]:
         | {f"{name}_im": plain(curve.imag) for name, curve in curves.items()}
         | {
             "counts": gains.counts(),
-            "state_feedback": None if gains.state_feedback is None else asdict(gains.state_feedback),
+            "state_feedback": gains.state_feedback and gains.state_feedback.model_dump(exclude={"kind"}),
             "seconds": {"build": gains.build_seconds, "solve": gains.solve_seconds},
         }
     )

@@ -138,20 +138,6 @@ class ObserverEffect(EffectTable):
     ahead_samples: q.DelaySamples | None = None
 
 
-class StateFeedbackEffect(EffectTable):
-    """An observer with a dead zone and state feedback, as of a robust design; its states are lengths."""
-
-    kind: Literal["state-feedback"] = "state-feedback"
-    state: q.EntryRows
-    force_m_per_n: q.Entries
-    innovation: q.Entries
-    feedback: q.Entries
-    positions: q.Places
-    measures: q.Place = 0
-    dead_zone_m: q.Length = 0.0
-    face_m: q.Length = 0.0
-
-
 class DelayEffect(EffectTable):
     """Samples between measurement and force, whole or not."""
 

@@ -141,5 +141,5 @@ def test_constant_gains_are_one_row_and_long_tables_no_more_than_a_device_holds(
 @pytest.mark.parametrize("key", ["hold_s", "slew_per_s", "observer_mass_kg"])
 @pytest.mark.parametrize("value", [-1e-3, float("inf"), float("nan")])
 def test_times_and_masses_are_finite_and_not_negative(key, value):
-    with pytest.raises(InputError, match=key):
+    with pytest.raises(ValueError, match=key):
         Runtime(**{key: value})

@@ -1,6 +1,5 @@
 """The firmware compiles without a warning, and the packaged image is exactly what its sources give."""
 
-import dataclasses
 import functools
 import math
 import shutil
@@ -62,7 +61,7 @@ RUNTIME = Runtime(guard="passivity-controller", hold_s=0.31, slew_per_s=7.0)
 @pytest.mark.slow
 def test_it_takes_the_coupling_of_its_device_and_no_other() -> None:
     require("arm-none-eabi-gcc", "unicorn")
-    made = coupling(9, runtime=dataclasses.replace(RUNTIME, estimator="zero-crossing", slew_per_s=None), **DEVICE)
+    made = coupling(9, runtime=RUNTIME.model_copy(update={"estimator": "zero-crossing", "slew_per_s": None}), **DEVICE)
     with pytest.raises(UnsupportedError, match="estimator is fused"):  # another program
         push(made, "emulator")
     elf = build_firmware(made, "netduinoplus2", scratch() / "made").files[0]

@@ -23,10 +23,10 @@ def laws() -> dict[str, Coupling]:
     problem = bench_problem((5.0, STIFFNESS), encoder_resolution_m=STEP, max_force_n=8.0)
     plain = with_gains(problem, 5.0, 4e3, 3.0)
     runtimes = {
-        "plain": Runtime("zero-crossing"),
-        "observer": Runtime("zero-crossing", observer_mass_kg=0.25),
-        "state feedback": Runtime("zero-crossing", state_feedback=believer(3)),
-        "guard": Runtime("zero-crossing", guard="passivity-controller"),
+        "plain": Runtime(estimator="zero-crossing"),
+        "observer": Runtime(estimator="zero-crossing", observer_mass_kg=0.25),
+        "state feedback": Runtime(estimator="zero-crossing", state_feedback=believer(3)),
+        "guard": Runtime(estimator="zero-crossing", guard="passivity-controller"),
     }
     return {name: dataclasses.replace(plain, runtime=runtime) for name, runtime in runtimes.items()}
 
@@ -68,9 +68,9 @@ def test_the_first_sample_outside_gives_no_force(share: float, stiffness_n_per_m
     """The position of a law begins elsewhere than the measured one: no damper may take that for a movement."""
     problem = bench_problem((5.0, STIFFNESS), encoder_resolution_m=STEP, max_force_n=8.0)
     law = believer(3)
-    law = dataclasses.replace(law, feedback=tuple(share * one for one in law.feedback))
+    law = law.model_copy(update={"feedback": tuple(share * one for one in law.feedback)})
     coupling = with_gains(problem, 0.0, stiffness_n_per_m, 3.0)
-    device = Exported(dataclasses.replace(coupling, runtime=Runtime("zero-crossing", state_feedback=law)))
+    device = Exported(dataclasses.replace(coupling, runtime=Runtime(estimator="zero-crossing", state_feedback=law)))
     for place_m in (-1.0, -0.05, -1e-3, -STEP):
         device.start()
         assert np.abs(device.forces(np.full(20, place_m))).max() == 0

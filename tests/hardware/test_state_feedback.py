@@ -110,7 +110,7 @@ def test_firmware_gives_the_bits_of_the_exported_coupling(
     coupling = dataclasses.replace(
         coupling,
         problem=coupling.problem.changed(coupling={"contact": contact}),
-        runtime=dataclasses.replace(coupling.runtime, guard=guard),
+        runtime=coupling.runtime.model_copy(update={"guard": guard}),
     )
     ways = motions()
     expected = exported(coupling, ways)
@@ -185,7 +185,8 @@ def test_streamed_gains_keep_the_feedback_of_the_table() -> None:
 
 def test_observer_that_runs_away_ends_in_a_fault() -> None:
     """Finite matrices may end beyond single precision: the force is never infinite, and falls."""
-    doubling = StateFeedback(((3e37,),), (1.0,), (0.0,), (1.0,), (0,), 0)
+    row = dict.fromkeys(("force_m_per_n", "feedback"), (1.0,))
+    doubling = StateFeedback.model_construct(state=((3e37,),), innovation=(0.0,), positions=(0,), **row)
     core = core_with(made(doubling))
     force, _ = core.tick(np.full(50, 100, dtype=np.int32))
     assert (core.state().not_finite, core.faults()) == (1, DeviceFault.NOT_FINITE)

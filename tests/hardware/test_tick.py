@@ -68,7 +68,7 @@ def couplings(board: str) -> tuple[Coupling, ...]:
         "max_force_n": force,
     }
     runtime = Runtime(hold_s=figures.hold_s, slew_per_s=figures.slew_per_s)
-    guarded = dataclasses.replace(runtime, guard="passivity-controller")
+    guarded = runtime.model_copy(update={"guard": "passivity-controller"})
     sparse, dense = (Runtime(state_feedback=found) for found in (believer(5), dense_believer(8)))
     dense, limited = dataclasses.replace(dense, guard="passivity-controller"), device | {"max_force_n": 6.0}
     return (

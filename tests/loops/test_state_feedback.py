@@ -1,7 +1,5 @@
 """The loop of a coupling with state feedback: the Jacobian of its scene, its step in time, its stiffness at rest."""
 
-from dataclasses import replace
-
 import casadi as ca
 import numpy as np
 import pytest
@@ -15,11 +13,10 @@ from avc_casadi.loops.loop import Body
 from avc_casadi.loops.spectrum import largest_radius
 from avc_casadi.loops.wall import Rendering, force_over_position, frozen_rendering, observed_wall
 from avc_casadi.model.device import Device
-from avc_casadi.model.effects import StateFeedbackEffect
 from avc_casadi.model.gains import Gains
 from avc_casadi.model.hands import Hand, hand_ranges
 from avc_casadi.model.problem import Hands
-from avc_casadi.model.runtime import Runtime, StateFeedback
+from avc_casadi.model.runtime import Runtime
 from avc_casadi.model.sampled_plant import sampled_plant
 from avc_casadi.simulation.compile import compile_scene
 from avc_casadi.simulation.effects.hand import Grip
@@ -46,7 +43,7 @@ def random_device(rng):
 def law_of(rng, share=1.0):
     found = believer(int(rng.integers(0, 1000)))
     gain = tuple(share * value for value in found.innovation)
-    return StateFeedback(found.state, found.force_m_per_n, gain, found.feedback, found.positions, found.measures)
+    return found.model_copy(update={"innovation": gain, "dead_zone_m": 0.0, "face_m": 0.0})
 
 
 def scene_eigenvalues(device, law, gains, wall):
@@ -59,7 +56,7 @@ def scene_eigenvalues(device, law, gains, wall):
     text += f"damping_ns_per_m = {wall[0]}\nstiffness_n_per_m = {wall[1]}\n"
     text += "".join(f'[[scene.effects]]\nkind = "{kind}"\n' for kind in kinds)
     problem = avc.parse_problem(text).changed(device=device)
-    listed = (*problem.scene.effects, StateFeedbackEffect(**vars(law)))
+    listed = (*problem.scene.effects, law)
     problem = problem.changed(scene={"effects": listed})
     built = tuple(Grip(HAND) if isinstance(one, Grip) else one for one in build_effects(problem))
     scene = compile_scene(problem, built, gains)
@@ -137,7 +134,7 @@ def test_at_rest_the_wall_has_its_own_stiffness(seed):
 def feedback(problem, guess, slower=1.0):
     """The wall of a problem behind a regulator, its observer slowed."""
     law = regulator(problem.device, problem.hands, problem.environment.stiffness_n_per_m, guess)
-    law = replace(law, innovation=tuple(slower * np.array(law.innovation)))
+    law = law.model_copy(update={"innovation": tuple(slower * np.array(law.innovation))})
     return Coupling.constant(problem, Gains(0.0, 1e8), "x", Runtime(state_feedback=law))
 
 

@@ -91,7 +91,9 @@ def believer(seed: int) -> StateFeedback:
     if seed % 2:  # a handle that follows, in place of the position first
         state = (*((*row, 0.0) for row in state), (0.7, 0.0, 0.0, 0.3))
         asked, innovation, feedback, places = (*asked, 0.0), (*innovation, 0.1), (0.6, *feedback[1:], 0.4), (0, 3)
-    return StateFeedback(state, asked, innovation, feedback, places, 0, 1.5e-5 * (seed % 3), 1e-5 * (seed % 3))
+    rows = {"state": state, "force_m_per_n": asked, "innovation": innovation, "feedback": feedback}
+    zones = {"dead_zone_m": 1.5e-5 * (seed % 3), "face_m": 1e-5 * (seed % 3)}
+    return StateFeedback.model_validate(rows | zones | {"positions": places})
 
 
 def dense_believer(states: int, seed: int = 0) -> StateFeedback:

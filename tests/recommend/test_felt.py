@@ -1,7 +1,6 @@
 """The impedance error that is told is that of a handle shaken before a plant and a law written here."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -95,7 +94,9 @@ def test_of_a_law_with_a_dead_zone(hz):
     told, found = told_and_measured(coupling, WALL, force_of, hz)
     assert told == pytest.approx(found, rel=0.05, abs=5e-3)
     linear = shaken(
-        Coupling.constant(problem(), Gains(0.0, 1e12), "mine", Runtime(state_feedback=replace(law, dead_zone_m=0.0))),
+        Coupling.constant(
+            problem(), Gains(0.0, 1e12), "mine", Runtime(state_feedback=law.model_copy(update={"dead_zone_m": 0.0}))
+        ),
         WALL,
         [hz],
     )

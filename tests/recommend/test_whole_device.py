@@ -180,8 +180,8 @@ def test_every_motion_dies_out_where_the_loop_is_linear(name):
     """What `deployable` claims of all of the innovation: no friction, no encoder, and no dead zone."""
     found = recommended(name)
     runtime = found.coupling.runtime
-    law = dataclasses.replace(runtime.state_feedback, dead_zone_m=0.0, face_m=0.0)
-    coupling = dataclasses.replace(found.coupling, runtime=dataclasses.replace(runtime, state_feedback=law))
+    law = runtime.state_feedback.model_copy(update={"dead_zone_m": 0.0, "face_m": 0.0})
+    coupling = dataclasses.replace(found.coupling, runtime=runtime.model_copy(update={"state_feedback": law}))
     linear = WholeDevice(found.problem.device, avc_hardware.export_c(coupling))
     hands = people(found.problem.hands, 0, 0)
     deeds = [move(hand) for hand in hands for move in MOTIONS.values()] + [leaning(1.0), leaning(3.0), leaning(6.0)]

@@ -132,16 +132,13 @@ class ContactLaw:
         """Return JSON values; an infinite gain is null."""
         found = {name: plain(value) for name, value in vars(self).items() if name in _NUMBERS}
         law = self.state_feedback
-        return found | {"state_feedback": None if law is None else plain(vars(law))}
+        return found | {"state_feedback": None if law is None else plain(law.model_dump(exclude={"kind"}))}
 
     @classmethod
     def from_document(cls, found: dict[str, Any]) -> Self:
         """Read the output of `document`."""
         numbers = {name: math.inf if found[name] is None else float(found[name]) for name in _NUMBERS}
-        law = found["state_feedback"]
-        if law is not None:
-            lists = {key: tuple(law[key]) for key in ("force_m_per_n", "innovation", "feedback", "positions")}
-            law = StateFeedback(**{**law, **lists, "state": tuple(tuple(row) for row in law["state"])})
+        law = found["state_feedback"] and StateFeedback.model_validate(found["state_feedback"])
         return cls(**numbers, state_feedback=law)
 
 

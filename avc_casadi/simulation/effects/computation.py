@@ -14,11 +14,9 @@ from avc_casadi.model.effects import (
     EstimatorEffect,
     GuardEffect,
     ObserverEffect,
-    StateFeedbackEffect,
 )
 from avc_casadi.model.gains import GainTable
 from avc_casadi.model.problem import Problem
-from avc_casadi.model.runtime import STATE_FEEDBACK_KEYS
 from avc_casadi.model.runtime import StateFeedback as Settings
 from avc_casadi.simulation.effects.base import SceneEffect, declared_number, insert, required_number
 from avc_casadi.simulation.runtime.adaptation import AdaptationSettings, adaptation_step, hold_step
@@ -54,19 +52,16 @@ class Guard(SceneEffect, keys=GuardEffect, rank=190, of_coupling=True):
 
 
 @dataclass(frozen=True)
-class StateFeedback(SceneEffect, keys=StateFeedbackEffect, rank=120, role="observer", of_coupling=True):
+class StateFeedback(SceneEffect, keys=Settings, rank=120, role="observer", of_coupling=True):
     """Replaces the measured position by a weighted sum of the observer's states."""
 
     settings: Settings
 
     @classmethod
     def build(cls, table: Any, problem: Problem, place: str) -> Self:
-        """Build it from the table; its rows must be of one size."""
-        try:
-            return cls(Settings(**{key: getattr(table, key) for key in STATE_FEEDBACK_KEYS}))
-        except InputError as error:
-            faults = [Fault(problem.name, None, f"{place}.{one.key}", one.message) for one in error.faults]
-            raise InputError(faults) from None
+        """Build it; its keys are the settings."""
+        del problem, place
+        return cls(table)
 
     @property
     def numbers(self) -> FloatArray:

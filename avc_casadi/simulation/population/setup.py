@@ -13,7 +13,7 @@ import numpy as np
 
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi.model.declared import declared_effects
-from avc_casadi.model.effects import Effect, ObserverEffect, StateFeedbackEffect
+from avc_casadi.model.effects import Effect, ObserverEffect
 from avc_casadi.model.gains import Gains
 from avc_casadi.model.registries import EFFECTS
 from avc_casadi.model.scene import Scene
@@ -74,7 +74,7 @@ class Setup:
         table, law = coupling.table, coupling.runtime.state_feedback
         listed = [one for one in declared_effects(problem) if one.kind != "detent"]
         counted = problem.device.encoder_resolution_m > 0
-        for one in replace(coupling.runtime, state_feedback=None).effects(constant=table.constant):
+        for one in coupling.runtime.model_copy(update={"state_feedback": None}).effects(constant=table.constant):
             if not isinstance(one, ObserverEffect):
                 listed.append(one)
             elif counted:
@@ -104,7 +104,7 @@ class Setup:
         self, people: Hand | StylusHand, motion: Motion, duration_s: float
     ) -> tuple[Problem, tuple[SceneEffect, ...]]:
         """Return the problem with the scene, and the effects with all hands in place of the declared one."""
-        law = () if self.law is None else (StateFeedbackEffect(**vars(self.law)),)
+        law = () if self.law is None else (self.law,)
         how: dict[str, Any] = {"integrator": "projected", "substeps": _FRICTION_SUBSTEPS} if self.rough else {}
         scene = Scene(duration_s=duration_s, motion=motion, effects=(*self.effects, *law), **how)
         run = self.problem.changed(scene=scene)
