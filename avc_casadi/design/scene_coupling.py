@@ -46,10 +46,7 @@ def scene_coupling(problem: Problem) -> Gains | GainSchedule:
 
 
 def scene_gains(problem: Problem, method: MethodName) -> GainSchedule:
-    """Solve by the method that the scene names.
-
-    The default coupling, of a scene that names none, is designed for the delay rounded up to whole samples.
-    """
+    """Solve by a method; the default coupling, of a scene that names none, for a delay rounded up to whole samples."""
     return solve(problem.changed(device={"delay_samples": _designed_for(problem)}), method)
 
 

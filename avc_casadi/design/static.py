@@ -247,11 +247,7 @@ class StaticCoupling:
 def static_coupling(
     problem: Problem, condition: StaticCondition = "llewellyn", model: Model | None = None
 ) -> StaticCoupling:
-    """Return the constant coupling with the least mean squared relative error that a condition allows.
-
-    The search is global on a logarithmic grid, then refined from its best cells; only gains that meet the condition
-    with its margin, without tolerance, are compared.
-    """
+    """Return the constant coupling of least mean squared relative error that a condition allows, without tolerance."""
     if problem.device.damping_ns_per_m == 0:
         raise UnsupportedError(
             "static needs device.damping_ns_per_m > 0: with 0 neither Llewellyn's condition (6) nor "
@@ -269,10 +265,7 @@ def static_coupling(
 
 
 def solve_static(problem: Problem) -> GainSchedule:
-    """Solve by a constant coupling under Llewellyn's condition, in the problem's model.
-
-    The notes compare it with the best constant coupling that is passive with this environment alone.
-    """
+    """Solve by a constant coupling under Llewellyn's condition; notes tell the best that is passive here alone."""
     started = time.perf_counter()
     certified = static_coupling(problem)
     special = static_coupling(problem, "all")

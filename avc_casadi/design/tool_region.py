@@ -94,13 +94,7 @@ def tool_region(
     local_damping_ns_per_m: float | None = None,
     summits: bool = True,
 ) -> ToolRegion:
-    """Return the region at the declared step of the engine, and at 2 and 4 times faster and slower ones.
-
-    Each curve is followed from the softest spring up to the first that is unstable, without a damper and
-    with those that `recommend` searches; K is right to 2 %.
-    With local damping (`VirtualTool.damped_locally`) the device's own loop damps the released device critically on each
-    K.
-    """
+    """Return the largest stable K, to 2 %, at each damper, for the engine's step and faster and slower ones."""
     tool = required_tool(problem)
     t, declared = problem.device.sample_time_s, max(tool.step_s)
     scale = Scale.of(problem, declared)

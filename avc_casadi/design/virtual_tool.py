@@ -332,10 +332,7 @@ class ToolSearch(CouplingSearch):
 
     @cached_property
     def limit(self) -> tuple[ToolGains, bool]:
-        """The stiffest that is stable, and whether a damper of the device's own loop belongs to it.
-
-        It does where the exchange asks for it, and where a stiffness is wanted that is not to be had without: it drags.
-        """
+        """The stiffest that is stable, and whether a damper of the device's loop belongs to it."""
         tool, local = self.loops.tool, self.loops.tool.damped_locally
         stiffest = self.stiffest_beside_local_damper() if local else self.stiffest()
         if not local and tool.stiffness_n_per_m is not None and tool.stiffness_n_per_m > stiffest.stiffness_n_per_m:

@@ -30,10 +30,7 @@ _SPEEDS = ("velocity_m_per_s", "held_m_per_s")
 
 @dataclass(frozen=True)
 class CompiledScene:
-    """One sample of a scene as a function, and the data common to its runs.
-
-    The function is (states, inputs, parameters) -> (states one sample later, traces).
-    """
+    """One sample of a scene, (states, inputs, parameters) -> (next states, traces), and the data common to its runs."""
 
     problem: str
     effects: tuple[SceneEffect, ...]

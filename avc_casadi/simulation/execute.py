@@ -37,10 +37,7 @@ def execute(
 def execute_to_speed(
     scene: CompiledScene, parameters: FloatArray, inputs: FloatArray, *, engine: Engine = "auto", workers: int = 1
 ) -> FloatArray:
-    """Run a scene once for every row of the parameters and return only the residual speeds.
-
-    Machine code keeps no trace.
-    """
+    """Run a scene once for every row of the parameters; return the residual speeds, without traces in C."""
     native = _compiled(scene, len(parameters), engine)
     if native is not None:
         first = scene.samples - judged_samples(scene.samples, scene.sample_time_s)

@@ -20,10 +20,7 @@ class Target:
 
 
 def target_of(motion: Motion, samples: int, sample_time_s: float) -> Target:
-    """Return the target of a motion.
-
-    A held target begins with the device at rest at the surface, x = 0, or at the target if that lies before it.
-    """
+    """Return the target of a motion; a held one begins with the device at rest at the surface, or before it."""
     time = np.arange(samples + 1, dtype=np.float64) * np.float64(sample_time_s)
     position = _position(motion, time)
     velocity = np.diff(position) / sample_time_s
@@ -51,9 +48,6 @@ def _position(motion: Motion, time: FloatArray) -> FloatArray:
 
 
 def _resting_from(duration_s: float, begin_s: float, motion: Tap | Stroke | Free) -> float:
-    """Return the end of the last whole period before the pause, or of the first one in a run too short for that.
-
-    An oscillating target stops before the end, so that settling can be judged in every run.
-    """
+    """Return the end of the last whole period before the pause, in which settling is judged, or of the first one."""
     periods = max(1.0, np.floor((duration_s - motion.rest_s - begin_s) * motion.frequency_hz))
     return float(begin_s + periods / motion.frequency_hz)

@@ -41,10 +41,7 @@ class AdaptedGains:
 
 @dataclass
 class Tick:
-    """The loop at one sample, built up station by station.
-
-    Signals between stations are attributes; None where no effect has set them.
-    """
+    """The loop at one sample, built up station by station; signals are None where no effect has set them."""
 
     sample_time_s: float
     start_m: float
@@ -100,10 +97,7 @@ class Tick:
         return self._add(self.parameters, name, sparsity=sparsity)
 
     def since_start(self, before: Expr) -> Expr:
-        """Return the previous value of something that moves with the position; in an observer's first sample the same.
-
-        An observer's first position need not be the measured one: from that to it nothing has moved.
-        """
+        """Return the previous value of what moves with the position; an observer begins at the same."""
         import casadi as ca  # noqa: PLC0415
 
         return before if self.observing is None else ca.if_else(self.observing, before, self.position)
@@ -162,10 +156,7 @@ class Tick:
 
 
 class Rate:
-    """Velocity in the computer: backward difference, behind the low pass of the scene.
-
-    The value may be unknown when the rate is needed (an implicit force law): rate = gain * value - offset.
-    """
+    """Velocity in the computer, gain * value - offset: the value may be known only later, in an implicit force law."""
 
     def __init__(
         self, tick: Tick, name: str, initial: float = 0.0, *, seen: Callable[[Expr], Expr] = lambda before: before

@@ -185,10 +185,7 @@ def reference_traces(problem: Problem, people: Hand | StylusHand) -> Traces:
 
 
 def distance(felt: Traces, reference: Traces) -> FloatArray:
-    """Return how far each hand's traces are from the reference from its first contact on, as a share, shape (hands,).
-
-    A run that diverges is infinitely far.
-    """
+    """Return how far each hand is from the reference from its first contact on, as a share; infinite if diverged."""
     touched = np.cumsum(reference.force_n > 0, axis=1) > 0
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         shares = [

@@ -93,10 +93,7 @@ class SceneEffect:
 
     @property
     def numbers(self) -> FloatArray:
-        """Its parameters of a run, in the order in which it adds them to the sample; none where they are constants.
-
-        Shape (n,), or (hands, n) where they differ between hands.
-        """
+        """Its parameters of a run, shape (n,) or (hands, n), in the order in which it adds them."""
         return np.zeros(0)
 
     @property

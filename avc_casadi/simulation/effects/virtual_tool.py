@@ -148,10 +148,7 @@ class Engine(SceneEffect, keys=SimulationEffect, rank=155, role="environment"):
         return fresh
 
     def _steps(self, samples: int, run: int, sample_time_s: float) -> FloatArray:
-        """Return, at the first samples after the engine's steps, their lengths and whether they fell between samples.
-
-        Shape (2, samples), 0 elsewhere; a missed step has no length.
-        """
+        """Return lengths (0 if missed) and lateness of the steps at the first samples after them, (2, samples)."""
         low, high = self.tool.step_s
         count = math.ceil(samples * sample_time_s / low) + 1
         share = np.random.default_rng((self.seed, run, 4)).random(count) if high > low else np.zeros(count)

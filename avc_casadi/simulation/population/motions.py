@@ -51,10 +51,7 @@ class Course(NamedTuple):
 
 
 def course_of(problem: Problem) -> Course:
-    """Return the motions with a device, those that oscillate with a longer rest where device and hand alone do so.
-
-    An oscillation that is there without the coupling is not the coupling's.
-    """
+    """Return the motions with a device, with a longer rest where device and hand oscillate by themselves."""
     longer_s = float(np.clip(_swinging_s(problem) - _TAP.rest_s, 0.0, LONGEST_S - TRIAL_S))
     longer_s = _STEP_S * float(np.ceil(longer_s / _STEP_S))
     motions = {

@@ -116,10 +116,7 @@ class Setup:
 
 
 def _phases(people: Hand | StylusHand, motion: Motion) -> FloatArray:
-    """Return the phase of the wall's face between two encoder steps, by hand and motion.
-
-    It depends on the hand alone, so that the other hands of a run change nothing.
-    """
+    """Return the phase of the wall's face between two encoder steps by motion and hand, whoever else is there."""
     begin = zlib.crc32(motion.model_dump_json().encode()) / 2**32
     values = (np.atleast_1d(np.asarray(value, dtype=np.float64)) for value in vars(people).values())
     turned = sum(_SCATTER * math.sqrt(prime) * value for prime, value in zip(_PRIMES, values, strict=False))
