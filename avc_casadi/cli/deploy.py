@@ -148,7 +148,7 @@ def run_push(args: argparse.Namespace, console: Console) -> Answer:
     if data["readback_equal"]:
         return answer
     complaint = f"avc: {args.port}: the table read back is not the one sent; push again"
-    return replace(answer, code=1, complaint=complaint)
+    return replace(answer, complaint=complaint)
 
 
 def in_the_loop(coupling: Coupling) -> dict[str, Any]:

@@ -219,7 +219,7 @@ def run_compare(args: argparse.Namespace, console: Console) -> Answer:
     problem = avc.load_problem(args.problem)
     found = _compared(problem, args.mine, console)
     if args.plot is not None:
-        from avc_casadi.present.figures.comparison import draw_comparison
+        from avc_casadi.present.figures.paper import draw_comparison
 
         with console.step("figure"):
             write_figure(args.plot, draw_comparison(found))
@@ -329,7 +329,7 @@ def _run_wall(problem: avc.Problem, args: argparse.Namespace, console: Console, 
         why = "push refused"
     missing = design.without_gains(gain_document(gains))
     complaint = "\n".join(filter(None, [missing, f"avc: {problem.name}: {why}" if why else ""]))
-    return replace(answer, code=1 if complaint else 0, complaint=complaint)
+    return replace(answer, complaint=complaint)
 
 
 def _pushed(found: avc.Recommendation, *, unsafe: bool) -> dict[str, Any]:

@@ -134,7 +134,7 @@ def _answered(args: argparse.Namespace, console: Console, arguments: Sequence[st
         return INTERNAL
     commands = dict.fromkeys(_again(one, arguments) for one in answer.commands)
     console.answer(replace(answer, commands=tuple(filter(None, commands))), verbose=getattr(args, "verbose", False))
-    return int(answer.code)
+    return answer.code or int(bool(answer.complaint))
 
 
 def _again(command: str, arguments: Sequence[str]) -> str:

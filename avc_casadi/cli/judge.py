@@ -208,7 +208,7 @@ def _simulate_wall(
     if why:
         file, key = (problem.name, "scene.coupling") if args.gains is None else (args.gains, "--gains")
         no = avc.InputError.of(why, file=file, key=key)
-        return Answer("refused", avc.fault_document(no), code=1, complaint=f"avc: {no}")
+        return Answer("refused", avc.fault_document(no), complaint=f"avc: {no}")
     with console.step(f"{problem.scene.duration_s:g} s of the scene"):
         found = avc.simulate(problem, gains, seed=args.seed)
         facts = facts_of(found)
@@ -303,7 +303,7 @@ def _region_of_pairs(problem: avc.Problem, args: argparse.Namespace, console: Co
     with console.step("region"):
         found = tool_region(problem, console)
     if args.plot is not None:
-        from avc_casadi.present.figures.tool_region import draw_tool_region
+        from avc_casadi.present.figures.regions import draw_tool_region
 
         with console.step("figure"):
             write_figure(args.plot, draw_tool_region(found))
@@ -311,8 +311,6 @@ def _region_of_pairs(problem: avc.Problem, args: argparse.Namespace, console: Co
 
 
 def _region_of_walls(problem: avc.Problem, args: argparse.Namespace, console: Console) -> Answer:
-    import numpy as np
-
     from avc_casadi.claims.levels import ideal
     from avc_casadi.claims.zwidth import llewellyn_table, rendered_wall, zwidth
     from avc_casadi.design.static import static_coupling
@@ -336,11 +334,10 @@ def _region_of_walls(problem: avc.Problem, args: argparse.Namespace, console: Co
     if not known:
         refused.append("constant couplings: known for a rigid device, ideal amplifier and whole samples of delay")
     if args.plot is not None:
-        from avc_casadi.present.figures.zwidth import draw_zwidth
+        from avc_casadi.present.figures.regions import draw_zwidth
 
         with console.step("figure"):
-            drawn = None if llewellyn is None else llewellyn_table(problem, np.linspace(0.0, 8.0, 401))
-            write_figure(args.plot, draw_zwidth(found, drawn, rendered))
+            write_figure(args.plot, draw_zwidth(found, rendered))
     table: dict[str, Any] | None = None
     if llewellyn is not None:
         table = plain({"delay_samples": llewellyn.delay_samples} | llewellyn.to_dict())

@@ -107,7 +107,7 @@ def run_excite(args: argparse.Namespace, console: Console) -> Answer:
             )
     title = f"{args.device}   {args.signal} on {log.port}"
     answer = measure.log(data, device.units, title, str(args.out or ""), onwards)
-    return replace(answer, code=1, complaint=f"avc: {log.port}: {complaint}") if complaint else answer
+    return replace(answer, complaint=f"avc: {log.port}: {complaint}") if complaint else answer
 
 
 _AT_A_LIMIT = (
@@ -184,7 +184,7 @@ def run_identify(args: argparse.Namespace, console: Console) -> Answer:
     if args.report is not None:
         with console.step("page"):
             write_text(args.report, identification_html(answer, found, package_versions()), "--report")
-    return replace(answer, code=int(found.device is None), complaint=complaint)
+    return replace(answer, complaint=complaint)
 
 
 @cli.verb(
@@ -230,7 +230,7 @@ def run_diagnose(args: argparse.Namespace, console: Console) -> Answer:
     data: dict[str, Any] = documents[0] if len(found) == 1 else {"logs": documents}
     pictures: list[Path] = []
     if args.plot is not None:
-        from avc_casadi.present.figures.diagnosis import draw_diagnosis
+        from avc_casadi.present.figures.logs import draw_diagnosis
 
         many = len(found) > 1
         pictures = [args.plot.with_stem(f"{args.plot.stem}-{i + 1}") if many else args.plot for i in range(len(found))]

@@ -87,7 +87,7 @@ def run_stream(args: argparse.Namespace, console: Console) -> Answer:
     )
     complaint = f"avc: {result.port}: {'; '.join(result.faults)}" if result.faults else ""
     answer = deploy.stream(document, result.faults)
-    return replace(answer, units=units, code=1 if complaint else 0, complaint=complaint)
+    return replace(answer, units=units, complaint=complaint)
 
 
 def _stream_interrupted(coupling: Coupling, args: argparse.Namespace, sent: int) -> Answer:
@@ -267,4 +267,4 @@ def _cleared(args: argparse.Namespace, console: Console) -> Answer:
         "mode": found.status.mode,
     }
     complaint = f"avc: {found.port}: still there: {found.left.word}" if found.left else ""
-    return replace(faults(document, list(found.were.advice)), code=1 if complaint else 0, complaint=complaint)
+    return replace(faults(document, list(found.were.advice)), complaint=complaint)

@@ -168,6 +168,16 @@ def marked(passed: bool, otherwise: Mark = Mark.FAIL) -> Mark:
     return Mark.PASS if passed else otherwise
 
 
+def doubted(doubt: object) -> Mark:
+    """Return the mark of what is only noted unless there is a doubt."""
+    return Mark.CAUTION if doubt else Mark.NONE
+
+
+def written(*files: str | None, label: str = "Written") -> list[Row]:
+    """Return the row of the files that were written, if any."""
+    return [row(label, ", ".join(filter(None, files)))] if any(files) else []
+
+
 @dataclass(frozen=True)
 class Answer:
     """What a command has found: the same rows on terminal, report, page and notebook, and JSON values.
@@ -181,8 +191,8 @@ class Answer:
         units: of the device.
         figures: what draws it, by name.
         whole: whether it is printed at any length.
-        code: exit code: 0 done, 1 the answer is no.
-        complaint: reason of another code than 0.
+        complaint: why the answer is no; its exit code is 1.
+        code: exit code of an answer that is no for no other reason than its rows.
     """
 
     kind: str
@@ -193,8 +203,8 @@ class Answer:
     units: Units = LINEAR
     figures: Mapping[str, Callable[[], Figure]] = field(default_factory=dict)
     whole: bool = False
-    code: int = 0
     complaint: str = ""
+    code: int = 0
 
     def document(self) -> dict[str, Any]:
         """Return the JSON document in the names of the device's motion."""

@@ -113,11 +113,8 @@ def grows(pair, hand, tool_mass_kg):
 @pytest.mark.parametrize("pair", [(5000.0, 20.0), (17000.0, 37.0), (5000.0, 70.0), (600.0, 0.2), (18500.0, 55.0)])
 def test_who_is_stable_with_what_is_so_in_a_plain_simulation(pair):
     gains = dict(zip(PAIR, pair, strict=True))
-    rows = rows_of(ask("evaluate", TOOL, gains=gains))
+    stability = rows_of(ask("evaluate", TOOL, gains=gains))["Stability"]
     hands = hand_corners(TOOL.hands)
-    every = list(zip(hands.mass_kg, hands.damping_ns_per_m, hands.stiffness_n_per_m, strict=True))
-    for label, mass_kg in (("Tool free", 0.2), ("Tool held", np.inf)):
-        held, released = any(grows(gains, hand, mass_kg) for hand in every), grows(gains, (0.0, 0.0, 0.0), mass_kg)
-        words = f"{'unstable with a' if held else 'stable with every corner'} hand, {'un' * released}stable released"
-        expected = words if held or released else "stable with every corner hand and released"
-        assert rows[label] == expected
+    every = [(0.0, 0.0, 0.0), *zip(hands.mass_kg, hands.damping_ns_per_m, hands.stiffness_n_per_m, strict=True)]
+    unstable = any(grows(gains, hand, mass_kg) for mass_kg in (0.2, np.inf) for hand in every)
+    assert stability.startswith("not all of") == unstable

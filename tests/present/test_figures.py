@@ -10,8 +10,7 @@ from matplotlib.text import Text
 
 import avc_casadi as avc
 from avc_casadi.design.comparison.comparison import with_delivered
-from avc_casadi.present.figures.comparison import draw_comparison
-from avc_casadi.present.figures.perceived import draw_perceived
+from avc_casadi.present.figures.paper import draw_comparison, draw_perceived
 
 DRAWERS = (draw_perceived, draw_comparison)
 

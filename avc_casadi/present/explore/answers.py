@@ -13,7 +13,7 @@ from avc_casadi.files.catalogue import catalogue_names, device_names
 from avc_casadi.files.coupling_file import coupling_document
 from avc_casadi.files.device_file import load_device, parse_device
 from avc_casadi.files.problem_file import dump_problem, problem_document
-from avc_casadi.present.explore.explorer import Explorer, run_rows
+from avc_casadi.present.explore.explorer import Explorer
 from avc_casadi.present.explore.fields import value_of
 from avc_casadi.present.explore.pair import pair_answer, pair_coupling
 from avc_casadi.present.explore.settings import (
@@ -58,7 +58,7 @@ def evaluate(explorer: Explorer, question: Mapping[str, Any]) -> dict[str, Any]:
     answer = wall_answer if explorer.form.live else pair_answer
     gains, own, method, charts = answer(explorer, settings, problem, whole=whole)
     if settings.method in explorer.form.slow:
-        method = [*run_rows(run, settings.method), *method]
+        method = [*explorer.run_rows(settings), *method]
     tables = problem_document(problem)
     units = problem.units
     return {
@@ -84,7 +84,7 @@ def run(explorer: Explorer, question: Mapping[str, Any]) -> dict[str, Any]:
     if settings.method not in explorer.form.slow:
         raise RequestError(400, f"{settings.method} follows at once and is no run")
     found = explorer.run(settings, begin=bool(question.get("begin")), cancel=bool(question.get("cancel")))
-    rows = _rows(run_rows(found, settings.method), explorer.base)
+    rows = _rows(explorer.run_rows(settings), explorer.base)
     done = found is not None and found.result is not None
     return {"rows": rows, "running": found is not None and not found.over, "done": done}
 

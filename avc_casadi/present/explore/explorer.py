@@ -5,14 +5,19 @@ from __future__ import annotations
 import threading
 import time
 from collections import OrderedDict
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from functools import cached_property
+from multiprocessing import get_context
+from multiprocessing.connection import Connection
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from avc_casadi._errors import AvcError
+from avc_casadi._util.parallel import begin_process, without_interrupts
+from avc_casadi._util.progress import Progress
 from avc_casadi.coupling import Coupling
 from avc_casadi.design.methods import solve
 from avc_casadi.design.registry import METHODS
-from avc_casadi.present.explore.background import Background
 from avc_casadi.present.explore.fields import gain_fields, problem_fields
 from avc_casadi.present.explore.settings import Form, RequestError, Settings, problem_of_settings, settings_of
 from avc_casadi.present.row import Mark, Row, row
@@ -20,13 +25,108 @@ from avc_casadi.present.rows.recommend import recommendation
 from avc_casadi.recommendation.answer import recommend
 
 if TYPE_CHECKING:
-    from avc_casadi._util.progress import Progress
     from avc_casadi.model.problem import Problem
 
 T = TypeVar("T")
 _KEPT, _AT_ONCE = 64, 2
 # A page that was closed no longer asks: its runs end.
 _IDLE_S = 15.0
+_BETWEEN_S = 0.1
+
+
+class SlowRun:
+    """A slow method in a process of its own, with progress and cancellation."""
+
+    def __init__(self, problem: Problem, method: str) -> None:
+        self.method, self.began_s, self.wanted_s = method, time.monotonic(), time.monotonic()
+        self.state: tuple[int, int, str] = (0, 0, "")
+        self.result: tuple[Coupling | None, list[Row]] | None = None
+        self.error = ""
+        context = get_context("spawn")  # CasADi's threads do not survive a fork
+        here, there = context.Pipe(duplex=False)
+        with without_interrupts():
+            self._process = context.Process(target=_work, args=(_found, (problem, method), there), daemon=True)
+            self._process.start()
+        there.close()
+        self._listener = threading.Thread(target=self._listen, args=(here,), daemon=True)
+        self._listener.start()
+
+    @property
+    def over(self) -> bool:
+        """Whether it has ended, for any reason."""
+        return not self._listener.is_alive()
+
+    def cancel(self) -> None:
+        """Terminate it, without a result."""
+        if not self.over:
+            self.error = "cancelled"
+            self._process.terminate()
+
+    def _listen(self, connection: Connection) -> None:
+        kind, content = "state", None
+        try:
+            while kind == "state":
+                kind, content = connection.recv()
+                if kind == "state":
+                    self.state = content
+        except (EOFError, OSError):
+            kind, content = "error", "it ended without a result; there may be too little memory"
+        if not self.error:
+            self.result, self.error = (content, "") if kind == "result" else (None, str(content))
+        self._process.join()
+
+    def rows(self) -> list[Row]:
+        """Return how far it is, or what it has found."""
+        label = _label(self.method)
+        if not self.over:
+            done, total, what = self.state
+            step = f": {what}, {done} of {total or '?'}" if what else ""
+            return [row(label, f"running for {time.monotonic() - self.began_s:.0f} s{step}")]
+        if self.result is None:
+            return [row(label, f"ended: {self.error}", mark=Mark.FAIL)]
+        return self.result[1]
+
+
+class _Piped(Progress):
+    """Progress through a pipe, a few times a second."""
+
+    def __init__(self, connection: Connection) -> None:
+        self._connection, self._last_s = connection, 0.0
+
+    @contextmanager
+    def step(self, what: str) -> Iterator[None]:
+        self._connection.send(("state", (0, 0, what)))
+        yield
+
+    def advance(self, done: int, total: int, what: str = "") -> None:
+        now = time.monotonic()
+        if now - self._last_s >= _BETWEEN_S:
+            self._last_s = now
+            self._connection.send(("state", (done, total, what)))
+
+
+def _work(work: Callable[[Any, Progress], Any], task: Any, connection: Connection) -> None:
+    begin_process()
+    try:
+        connection.send(("result", work(task, _Piped(connection))))
+    except AvcError as error:
+        connection.send(("error", str(error)))
+
+
+def _found(task: tuple[Problem, str], progress: Progress) -> tuple[Coupling | None, list[Row]]:
+    """Return the coupling of a slow method, and its rows."""
+    problem, method = task
+    if method == "recommend":
+        found = recommend(problem, progress=progress)
+        return found.coupling, [one for one in recommendation(found).rows if one.rank == 0]
+    gains = solve(problem, method, progress=progress)
+    usable = bool(gains.usable.any())
+    notes = [row("Note", note) for note in (gains.notes if usable else dict.fromkeys(gains.reason))]
+    return Coupling.of(problem, gains) if usable else None, notes
+
+
+def _label(method: str) -> str:
+    return "Recommendation" if method == "recommend" else method.capitalize()
 
 
 class Explorer:
@@ -36,17 +136,15 @@ class Explorer:
         self.base, self.source, self.versions = base, source, versions or {}
         self._cache: OrderedDict[str, tuple[threading.Lock, list[Any]]] = OrderedDict()
         self._lock = threading.Lock()
-        self._runs: dict[str, tuple[Background, list[float]]] = {}
+        self._runs: dict[str, SlowRun] = {}
 
     @cached_property
     def form(self) -> Form:
         """What the page asks of its problem."""
-        live: tuple[str, ...] = ()
-        slow: tuple[str, ...] = ("recommend",)
-        if self.base.simulation is None and self.base.follower is None:
-            live = tuple(name for name, one in METHODS.items() if one.pointwise)
-            slow += tuple(name for name, one in METHODS.items() if not one.pointwise)
-        return Form(problem_fields(self.base), gain_fields(self.base), live, slow)
+        if self.base.simulation is not None or self.base.follower is not None:
+            return Form(problem_fields(self.base), gain_fields(self.base), (), ("recommend",))
+        live, slow = ([name for name, one in METHODS.items() if one.pointwise is at_once] for at_once in (True, False))
+        return Form(problem_fields(self.base), gain_fields(self.base), tuple(live), ("recommend", *slow))
 
     def settings(self, question: Mapping[str, Any]) -> Settings:
         """Return the settings of a question."""
@@ -71,57 +169,38 @@ class Explorer:
             result: T = found[0]
             return result
 
-    def run(self, settings: Settings, *, begin: bool = False, cancel: bool = False) -> Background | None:
+    def run(self, settings: Settings, *, begin: bool = False, cancel: bool = False) -> SlowRun | None:
         """Return the run of the settings; begin it or cancel it. None where there is none."""
-        key = settings.key("method")
+        key, now = settings.key("method"), time.monotonic()
+        problem = self.problem(settings) if begin else self.base
         with self._lock:
-            now = time.monotonic()
-            for one, last in self._runs.values():
-                if not one.over and now - last[0] > _IDLE_S:
+            for one in self._runs.values():
+                if now - one.wanted_s > _IDLE_S:
                     one.cancel()
-            found, last = self._runs.get(key, (None, [now]))
-            last[0] = now
-            if cancel and found is not None:
-                found.cancel()
-            if not begin or (found is not None and not found.error):
-                return found
-        problem = self.problem(settings)
-        with self._lock:
-            if sum(not one.over for one, _ in self._runs.values()) >= _AT_ONCE:
-                raise RequestError(409, f"{_AT_ONCE} runs are under way; cancel one of them first")
-            self._runs[key] = (Background(_found, (problem, settings.method)), [now])
-            for old in [old for old, (one, _) in self._runs.items() if one.over][:-_KEPT]:
-                del self._runs[old]
-            return self._runs[key][0]
+            found = self._runs.get(key)
+            if found is not None:
+                found.wanted_s = now
+                if cancel:
+                    found.cancel()
+            if begin and (found is None or found.error):
+                if sum(not one.over for one in self._runs.values()) >= _AT_ONCE:
+                    raise RequestError(409, f"{_AT_ONCE} runs are under way; cancel one of them first")
+                found = self._runs[key] = SlowRun(problem, settings.method)
+            return found
+
+    def coupling(self, settings: Settings) -> Coupling | None:
+        """Return what the run of the settings has found; None where there is nothing yet."""
+        run = self.run(settings)
+        return None if run is None or run.result is None else run.result[0]
+
+    def run_rows(self, settings: Settings) -> list[Row]:
+        """Return the rows of the run of the settings: how far it is, or what it has found."""
+        run = self.run(settings)
+        if run is None:
+            return [row(_label(settings.method), "not computed for these settings yet: Run begins it")]
+        return run.rows()
 
     def close(self) -> None:
         """End all runs."""
-        for one, _ in self._runs.values():
+        for one in self._runs.values():
             one.cancel()
-
-
-def run_rows(run: Background | None, method: str) -> list[Row]:
-    """Return the rows of a run: how far it is, or what it has found."""
-    label = "Recommendation" if method == "recommend" else method.capitalize()
-    if run is None:
-        return [row(label, "not computed for these settings yet: Run begins it")]
-    if not run.over:
-        done, total, what = run.state
-        step = f": {what}, {done} of {total or '?'}" if what else ""
-        return [row(label, f"running for {run.seconds:.0f} s{step}")]
-    if run.error:
-        return [row(label, f"ended: {run.error}", mark=Mark.FAIL)]
-    found: list[Row] = run.result[1]
-    return found
-
-
-def _found(task: tuple[Problem, str], progress: Progress) -> tuple[Coupling | None, list[Row]]:
-    """Return the coupling of a slow method, and its rows."""
-    problem, method = task
-    if method == "recommend":
-        found = recommend(problem, progress=progress)
-        return found.coupling, [one for one in recommendation(found).rows if one.rank == 0]
-    gains = solve(problem, method, progress=progress)
-    usable = bool(gains.usable.any())
-    notes = [row("Note", note) for note in (gains.notes if usable else dict.fromkeys(gains.reason))]
-    return Coupling.of(problem, gains) if usable else None, notes

@@ -21,8 +21,8 @@ from avc_casadi.model.declared import with_gains
 from avc_casadi.model.virtual_tool import ToolGains
 from avc_casadi.present.explore.series import HZ, chart, line, touches
 from avc_casadi.present.row import Row, count, marked, row
-from avc_casadi.present.rows.judge import contacts, passivity, stability
-from avc_casadi.present.rows.pair import felt_rows
+from avc_casadi.present.rows.judge import passivity
+from avc_casadi.present.rows.pair import felt_rows, stability
 from avc_casadi.present.rows.subject import pair
 from avc_casadi.recommendation.tool_impedance import rendered_band, rendered_follower, rendered_tool
 
@@ -44,8 +44,7 @@ def pair_answer(
     loops: Any = search.loops if search else explorer.cached(f"loops {stated}", lambda: FollowerLoops(problem))
     first = explorer.cached("first", lambda: _first(explorer.base, loops))
     own = ToolGains(**(vars(first) | _typed(settings)))
-    run = explorer.run(settings)
-    found: Coupling | None = None if run is None or run.result is None else run.result[0]
+    found = explorer.coupling(settings)
     pairs = {"own": own} | ({} if found is None else {"method": found.gains})
     rows = explorer.cached(f"rows {stated} {own}", lambda: _rows(problem, search, loops, own))
     charts = _felt(problem, pairs)
@@ -101,9 +100,7 @@ def _rows(problem: Problem, search: ToolSearch | None, loops: Any, gains: ToolGa
         text = "corner hands and released," if stable else "not all of"
         return [*rows, row("Stability", text, count(len(loops)), "loops", mark=marked(stable)), *felt]
     certificate = tool_certificate(problem, gains, search)
-    rows += [*stability(certificate), *contacts(search.loops, gains, problem), *felt]
-    moves = problem.simulation is not None and problem.simulation.tool_mass_kg is not None
-    return [*rows, *(passivity(certificate["passivity"], problem) if moves else [])]
+    return [*rows, *stability(certificate), *felt, *passivity(certificate["passivity"], problem)]
 
 
 def _felt(problem: Problem, pairs: dict[str, ToolGains]) -> list[dict[str, Any]]:
@@ -154,9 +151,7 @@ def _region(problem: Problem, region: ToolRegion, pairs: dict[str, ToolGains]) -
 
 def pair_coupling(explorer: Explorer, settings: Settings, problem: Problem) -> tuple[Coupling, str]:
     """Return the coupling to save, and what is said of it: one's own K and B where they were typed."""
-    run = explorer.run(settings)
-    if not settings.gains and run is not None and run.result is not None and run.result[0] is not None:
-        found: Coupling = run.result[0]
+    if not settings.gains and (found := explorer.coupling(settings)) is not None:
         return replace(found, versions=explorer.versions), "the recommended coupling"
     if problem.simulation is None or not settings.gains:
         raise InputError.of("no coupling yet: there is nothing to save", key="method")

@@ -44,8 +44,7 @@ def coupling_of(explorer: Explorer, settings: Settings, problem: Problem) -> Cou
         key = f"coupling {settings.key('method', 'motion')}"
         usable = bool(schedule.usable.any())
         return explorer.cached(key, lambda: Coupling.of(problem, schedule)) if usable else None
-    run = explorer.run(settings)
-    found: Coupling | None = None if run is None or run.result is None else run.result[0]
+    found = explorer.coupling(settings)
     return None if found is None else replace(found, problem=problem, versions=explorer.versions)
 
 

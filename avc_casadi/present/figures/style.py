@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import wraps
 from itertools import cycle
@@ -26,10 +26,8 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from avc_casadi._util.arrays import BoolArray
-    from avc_casadi.design.comparison.comparison import Comparison
 
 P = ParamSpec("P")
-FREQUENCY = "Interaction frequency (Hz)"
 PERCEIVED = "|Zₕ|"
 _WIDTH_INCHES = 7.2
 # Values below this share of the largest count as 0 when an axis chooses its scale.
@@ -106,8 +104,6 @@ class Line:
             self.draw(axes, x, wanted, markers=60, label=label, linestyle="none", marker="x", markersize=3.2)
 
 
-DESIRED = Line("desired", "0.78", "-", "", 4.5, 2, 0.0)
-NO_COUPLING = Line("no coupling", "0.35", (0, (1, 1.4)), "", 1.4, 3, 0.0)
 _LINES = (
     Line("", "#d1600a", (0, (5, 1.6)), "^", 1.3, 5, 0.0),
     Line("", "#08306b", "-", "o", 1.1, 6, 0.5),
@@ -120,20 +116,6 @@ METHODS: dict[str, Line] = {
     name: replace(line, label=name.replace("-", " ")) for name, line in zip(_POINTWISE, cycle(_LINES), strict=False)
 }
 """The lines of the compared methods."""
-MINE = Line("mine", "#8a0f5c", (0, (3, 1, 1, 1)), "D", 1.2, 5, 0.75)
-
-
-def method_lines(comparison: Comparison) -> dict[str, Line]:
-    """Return the line of each method; gains of the problem's own scope are drawn as the chosen ones."""
-    if comparison.delivered == comparison.optimum:
-        return dict(METHODS)
-    beside = {
-        name: replace(METHODS[name], label=f"{name}, pointwise, for reference")
-        for name, one in registry.METHODS.items()
-        if one.optimises
-    }
-    beside["direct"] = replace(beside["direct"], colour="#6f94c4", style=(0, (2, 1.2)), marker="x", layer=5)
-    return METHODS | beside | {comparison.delivered: replace(METHODS["direct"], label=comparison.delivered)}
 
 
 def impedance_unit(result: Any) -> str:
@@ -179,7 +161,7 @@ def frequency_axis(axes: Axes, frequency_hz: ArrayLike, *, label: bool = True) -
     if high > low:
         axes.set_xlim(low, high)
     if label:
-        axes.set_xlabel(FREQUENCY)
+        axes.set_xlabel("frequency (Hz)")
     else:
         axes.tick_params(labelbottom=False)
 
@@ -233,15 +215,6 @@ def save_figure(figure: Figure, path: Path) -> None:
     write_file(path, files_of(figure, path.suffix.lower()[1:])[0])
 
 
-def entries_of(*panels: Axes) -> dict[str, Any]:
-    """Return the handles of a legend by label."""
-    found: dict[str, Any] = {}
-    for axes in panels:
-        for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
-            found.setdefault(label, handle)
-    return found
-
-
 GivenAxes = Axes | Sequence[Axes] | NDArray[np.object_] | None
 """One Axes, or one for each panel in the order of their letters (row by row); None makes a figure."""
 
@@ -256,35 +229,34 @@ class Panels:
 
     @classmethod
     def of(
-        cls, given: GivenAxes, titles: Sequence[str], height_inches: float, make: Callable[[Figure], Iterable[Axes]]
+        cls, given: GivenAxes, titles: Sequence[str], height_inches: float, layout: str = "a", **more: Any
     ) -> Panels:
-        """Use the given axes, or make a figure."""
+        """Use the given axes, or make a figure; the layout is that of `Figure.subplot_mosaic`."""
         if given is None:
             figure = Figure(figsize=(_WIDTH_INCHES, height_inches), layout="constrained")
-            axes = list(make(figure))
-            for one, title in zip(axes, titles, strict=True):
+            panels = list(figure.subplot_mosaic(layout, **more).values())
+            for one, title in zip(panels, titles, strict=True):
                 one.set_title(title)
-            return cls(figure, axes, own=True)
-        found = [given] if isinstance(given, Axes) else list(np.ravel(np.asarray(given, dtype=object)))
-        wrong = [type(one).__name__ for one in found if not isinstance(one, Axes)]
-        if wrong:
-            message = f"holds {', '.join(dict.fromkeys(wrong))}; allowed: matplotlib Axes, as plt.subplots() gives"
-            raise InputError.of(message, key="axes")
-        if len(found) != len(titles):
-            panels = "; ".join(title.replace("\n", " ") for title in titles)
-            message = f"are {len(found)}; allowed: {len(titles)}, one a panel, row by row: {panels}"
-            raise InputError.of(message, key="axes")
-        holder: Any = found[0].get_figure()
+            return cls(figure, panels, own=True)
+        axes = list(np.ravel(np.asarray(given, dtype=object)))
+        if len(axes) != len(titles) or not all(isinstance(one, Axes) for one in axes):
+            kinds = ", ".join(dict.fromkeys(type(one).__name__ for one in axes))
+            message = f"are {len(axes)} of {kinds}; allowed: {len(titles)} Axes, one a panel, row by row: "
+            raise InputError.of(message + "; ".join(titles), key="axes")
+        holder: Any = axes[0].get_figure()
         while not isinstance(holder, Figure):  # a part of a figure
             holder = holder.figure
-        return cls(holder, found, own=False)
+        return cls(holder, axes, own=False)
 
-    def legend(self, entries: dict[str, Any], columns: int) -> None:
-        """Put a legend of handles by label below an own figure, or into the first of the given axes."""
+    def legend(self, columns: int, more: Mapping[str, Any] | None = None) -> None:
+        """Put a legend of all lines below an own figure, or into the first of the given axes."""
+        entries: dict[str, Any] = {}
+        for axes in self.axes:
+            for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
+                entries.setdefault(label, handle)
+        entries |= more or {}
         if self.own:
-            longest = max(map(len, entries), default=1)
-            columns = max(1, min(columns, int(125 / (longest + 12))))
-            place: dict[str, Any] = {"loc": "outside lower center", "ncols": columns}
-            self.figure.legend(list(entries.values()), list(entries), **place)
+            columns = max(1, min(columns, int(125 / (max(map(len, entries), default=1) + 12))))
+            self.figure.legend(list(entries.values()), list(entries), loc="outside lower center", ncols=columns)
         else:
             self.axes[0].legend(list(entries.values()), list(entries))

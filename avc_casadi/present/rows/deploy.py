@@ -7,7 +7,7 @@ from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 from avc_casadi.present.row import Answer, Mark, Part, Row, Value, count, listed, marked, parts, row
-from avc_casadi.present.rows.subject import gains, headline, notes, pair, plural
+from avc_casadi.present.rows.subject import answer, gains, notes, pair, plural
 
 if TYPE_CHECKING:
     from avc_casadi._util.units import Units
@@ -72,7 +72,7 @@ def push(data: Mapping[str, Any], coupling: Coupling, shown: str) -> Answer:
         rows.append(_in_the_loop(data["in_the_loop"]))
     rows += [*notes([*filter(None, [data["holes"]]), *data.get("notes", ())]), *notes(coupling.lacks, "Lacks")]
     onwards = () if data["port"] == "emulator" else (f"avc monitor --port {quote(data['port'])}",)
-    return Answer("push", data, headline(problem, shown), tuple(rows), onwards, problem.units)
+    return answer("push", data, problem, shown, rows, onwards)
 
 
 def _in_the_loop(tried: Mapping[str, Any]) -> Row:
@@ -109,7 +109,7 @@ def export(data: Mapping[str, Any], coupling: Coupling, shown: str) -> Answer:
         *notes(filter(None, [data.get("holes")])),
         *notes(data.get("lacks", ()), "Lacks"),
     ]
-    return Answer("export", data, headline(problem, shown), tuple(rows), onwards, problem.units)
+    return answer("export", data, problem, shown, rows, onwards)
 
 
 def firmware(data: Mapping[str, Any], title: str, units: Units, held: str) -> Answer:

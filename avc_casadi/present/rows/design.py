@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.text import sample_rows
-from avc_casadi.present.row import Answer, Mark, Part, Row, Value, count, listed, marked, parts, row, span
+from avc_casadi.present.row import Answer, Mark, Part, Row, Value, count, listed, marked, parts, row, span, written
 from avc_casadi.present.rows.judge import levels
 from avc_casadi.present.rows.subject import (
     HAND,
+    answer,
     counts,
     deployable,
     gains,
-    headline,
     name_of,
     notes,
     passive_limit,
@@ -28,55 +28,48 @@ if TYPE_CHECKING:
     from avc_casadi.model.problem import Problem
     from avc_casadi.model.schedule import GainSchedule
 
-# Frequencies at which direct and exact differ that are listed.
-_PARTINGS = 5
 _GAINS = (("b", "damping_ns_per_m"), ("k", "stiffness_n_per_m"), ("b_p", "contact_damping_ns_per_m"))
 # Rows of the recommendation in the answer of a run.
 _FIRST = 8
 
 
-def solution(data: Mapping[str, Any], problem: Problem, shown: str = "", written: str | None = None) -> Answer:
+def solution(data: Mapping[str, Any], problem: Problem, shown: str = "", file: str | None = None) -> Answer:
     """Return the answer of `solve`."""
     shown, status = shown or name_of(problem), data["status"]
     have = sum(b is not None for b in data["damping_ns_per_m"])
     by = data["method"] + (f" ({data['solver']})" if data["solver"] else "")
     seconds = Value(data["seconds"]["solve"], "time")
+    real = data["realism"]
+    inside = ("between U and L at", Value(real["share_inside_bounds"], "share"), "of the frequencies, within")
+    near = (Value(real["jnd"], "share"), "of the impedance at", Value(real["share_inside_jnd"], "share"))
     told = (f"{by}: at", count(have), "of", count(len(status)), "frequencies in", seconds)
     rows = [
         row("Gains", told, mark=marked(have == len(status))),
         *([row("Coupling", gains(data, problem))] if have else []),
         row("Status", counts(data["counts"])),
         *_errors(data),
-        _realism(data["realism"]),
+        row("Realism", inside, near),
         deployable(data["deployable"]),
         passive_limit(data["passive_limit_n_per_m"]),
     ]
     if "paper_errors" in data:
         told_errors = f"{len(data['paper_errors'])} in the printed paper; these gains have those of (10) and (17)"
         rows.append(row("Paper's errors", told_errors, mark=Mark.CAUTION))
-    if written is not None:
-        rows.append(row("Written", written))
-    rows += gain_rows(data)
-    rows += notes(data["notes"], rank=1, mark=Mark.NONE)
-    rows += levels(data["certificate"]["levels"])
-    for error in data.get("paper_errors", ()):
-        rows.append(row(error["equation"], f"printed {error['as_printed']}; correct {error['correct']}", rank=1))
-        rows.append(row("", error["effect"], rank=1))
+    rows += [*written(file), *gain_rows(data), *notes(data["notes"], rank=1, mark=Mark.NONE)]
+    rows += [*levels(data["certificate"]["levels"]), *printed_errors(data.get("paper_errors", ()))]
     printed = " --as-printed" if "paper_errors" in data else ""
     again = f"avc solve {quote(shown)} --method {data['method']}{printed}"
-    beside = f"{quote(shown)} " if written and written.endswith(".csv") else ""
-    onwards = f"avc certify {beside}{quote(written)}" if written and data["deployable"] else f"{again} --out gains.json"
-    missing = without_gains(data)
-    return Answer(
-        "solve",
-        data,
-        headline(problem, shown),
-        tuple(rows),
-        (onwards, f"{again} -v"),
-        problem.units,
-        code=1 if missing else 0,
-        complaint=missing,
-    )
+    beside = f"{quote(shown)} " if file and file.endswith(".csv") else ""
+    onwards = f"avc certify {beside}{quote(file)}" if file and data["deployable"] else f"{again} --out gains.json"
+    return answer("solve", data, problem, shown, rows, (onwards, f"{again} -v"), without_gains(data))
+
+
+def printed_errors(errors: Sequence[Mapping[str, Any]]) -> list[Row]:
+    """Return the errors of the printed paper, of lower rank."""
+    return [
+        row(one["equation"], f"printed {one['as_printed']}; correct {one['correct']}; {one['effect']}", rank=1)
+        for one in errors
+    ]
 
 
 def without_gains(data: Mapping[str, Any]) -> str:
@@ -130,12 +123,6 @@ def _errors(data: Mapping[str, Any]) -> list[Row]:
     return rows
 
 
-def _realism(found: Mapping[str, Any]) -> Row:
-    inside = ("between U and L at", Value(found["share_inside_bounds"], "share"), "of the frequencies, within")
-    near = (Value(found["jnd"], "share"), "of the impedance at", Value(found["share_inside_jnd"], "share"))
-    return row("Realism", inside, near)
-
-
 def comparison(data: Mapping[str, Any], problem: Problem, shown: str = "", drawn: str | None = None) -> Answer:
     """Return the answer of `compare`."""
     shown, realism = shown or name_of(problem), {name: one["realism"] for name, one in data["methods"].items()}
@@ -157,23 +144,15 @@ def comparison(data: Mapping[str, Any], problem: Problem, shown: str = "", drawn
     ]
     if data["problem_scope"] != data["scope"]:
         rows.append(row("Not compared", f"gains of scope {data['problem_scope']} (avc solve)", mark=Mark.CAUTION))
-    if drawn is not None:
-        rows.append(row("Drawn", drawn))
+    rows += written(drawn, label="Drawn")
     missing = [at for at, verdict in enumerate(data["verdict"]) if verdict == "infeasible"]
     complaint = ""
     if missing:
         first = f"first at {data['frequency_hz'][missing[0]]:.4g} Hz: {data['reason'][missing[0]]}"
         complaint = f"avc: {len(missing)} of {len(data['verdict'])} frequencies are infeasible, {first}"
-    return Answer(
-        "compare",
-        data,
-        headline(problem, shown),
-        (*rows, *_verdicts(data), *_partings(data), *_safety(data), *gain_rows(data["methods"][data["optimum"]])),
-        (f"avc recommend {quote(shown)}", f"avc compare {quote(shown)} -v"),
-        problem.units,
-        code=1 if missing else 0,
-        complaint=complaint,
-    )
+    rows += [*_verdicts(data), *gain_rows(data["methods"][data["optimum"]])]
+    onwards = (f"avc recommend {quote(shown)}", f"avc compare {quote(shown)} -v")
+    return answer("compare", data, problem, shown, rows, onwards, complaint)
 
 
 def _method(name: str, found: Mapping[str, Any], data: Mapping[str, Any]) -> Row:
@@ -183,13 +162,20 @@ def _method(name: str, found: Mapping[str, Any], data: Mapping[str, Any]) -> Row
     told: tuple[Part, ...] = parts("at", count(len(damping) - len(missing)), "of", count(len(damping)), "frequencies")
     mark = Mark.PASS if not missing else Mark.FAIL if name == data["optimum"] else Mark.CAUTION
     if name == "exact" and check is not None:
-        agrees = ("agrees with direct within", Value(check["magnitude_error"], "number", 1), "of |Z|")
-        parted = f", differs at {len(check['partings'])} frequencies" if check["partings"] else ""
-        told = parts(told, ";", agrees if check["agree"] else "DISAGREES with direct", parted)
-        mark = Mark.FAIL if not check["agree"] else Mark.CAUTION if check["partings"] else mark
+        agreement, agrees = _cross_check(check)
+        told, mark = parts(told, ";", agreement), mark if agrees is Mark.PASS else agrees
     elif missing:
         told = parts(told, "; at", Value(data["frequency_hz"][missing[0]], "frequency"), found["reason"][missing[0]])
     return row(name.replace("-", " ").capitalize(), told, mark=mark)
+
+
+def _cross_check(check: Mapping[str, Any]) -> tuple[tuple[Part, ...], Mark]:
+    """Return how the exact optimum and that of the NLP agree."""
+    if not check["agree"]:
+        return ("DISAGREES with direct",), Mark.FAIL
+    differ = f", differs at {len(check['partings'])} frequencies" if check["partings"] else ""
+    text = parts("agrees with direct within", Value(check["magnitude_error"], "number", 1), "of |Z|", differ)
+    return text, marked(not differ, Mark.CAUTION)
 
 
 def _deployable(data: Mapping[str, Any]) -> Row:
@@ -237,33 +223,13 @@ def _verdicts(data: Mapping[str, Any]) -> list[Row]:
     return rows
 
 
-def _partings(data: Mapping[str, Any]) -> list[Row]:
-    check = data["cross_check"]
-    found = [] if check is None else check["partings"][:_PARTINGS]
-    return [row("Differ at", Value(one["frequency_hz"], "frequency"), f": {one['reason']}", rank=1) for one in found]
-
-
-def _safety(data: Mapping[str, Any]) -> list[Row]:
-    """Return what each method is safe for; passivity and stability are different claims."""
-    words = {True: "pass", False: "fail", None: "not judged"}
-    return [
-        row(
-            f"Safety, {name}",
-            ", ".join(f"{level} {words[passed]}" for level, passed in one["levels"].items()),
-            f", released {words[one['let_go']]}",
-            rank=1,
-        )
-        for name, one in data["safety"].items()
-    ]
-
-
-def run(data: Mapping[str, Any], found: Answer, written: str) -> Answer:
+def run(data: Mapping[str, Any], found: Answer, files: str) -> Answer:
     """Return the answer of `run`: what to deploy; before a wall what the device received and the paper's question."""
     shown = [one for one in found.rows if one.rank == 0 and one.label != "Written"]
     beside = (device(data["push"]), *paper(data)) if "push" in data else ()
     first = shown[:_FIRST] if beside else shown
     later = [replace(one, rank=1) for one in shown[len(first) :]] + [one for one in found.rows if one.rank > 0]
-    return replace(found, kind="run", data=data, rows=(*first, *beside, row("Written", written), *later))
+    return replace(found, kind="run", data=data, rows=(*first, *beside, *written(files), *later))
 
 
 def paper(data: Mapping[str, Any]) -> list[Row]:
@@ -283,10 +249,8 @@ def paper(data: Mapping[str, Any]) -> list[Row]:
         row(f"CasADi, {data['method']}", solved, scope, ":" if spans else "", spans, mark=marked(have == rows)),
     ]
     if check is not None:
-        differ = f", differs at {len(check['partings'])} frequencies" if check["partings"] else ""
-        agrees = ("agrees with direct within", Value(check["magnitude_error"], "number", 1), "of |Z|")
-        mark = Mark.FAIL if not check["agree"] else marked(not differ, Mark.CAUTION)
-        found.append(row("Exact optimum", agrees if check["agree"] else "DISAGREES with direct", differ, mark=mark))
+        text, mark = _cross_check(check)
+        found.append(row("Exact optimum", text, mark=mark))
     return [*found, row("Verdicts", f"{counts(data['counts'])}, pointwise")]
 
 
@@ -323,7 +287,7 @@ def new(data: Mapping[str, Any], problem: Problem, shown: str) -> Answer:
         *notes((f"{one['key']} {one['message']}" for one in data["warnings"]), "Warning"),
     ]
     onwards = (f"avc recommend {quote(shown)} --out coupling.json",)
-    return Answer("new", data, headline(problem, shown), tuple(rows), onwards, units)
+    return answer("new", data, problem, shown, rows, onwards)
 
 
 def _model(model: Mapping[str, Any] | None) -> list[Row]:

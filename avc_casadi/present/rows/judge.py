@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 from avc_casadi._util.text import sample_rows
-from avc_casadi.loops.system import TOLERANCE
 from avc_casadi.model.effects import SaturationEffect
 from avc_casadi.model.registries import EFFECTS
-from avc_casadi.present.row import Answer, Mark, Part, Row, Value, count, listed, marked, parts, row
+from avc_casadi.present.row import Answer, Mark, Part, Row, Value, count, doubted, listed, marked, parts, row, written
+from avc_casadi.present.rows.pair import stability
 from avc_casadi.present.rows.subject import (
     RIGID,
-    SAFE_GAIN,
+    answer,
     deployable,
-    gain_margin,
     hand,
-    headline,
     name_of,
     not_used,
     notes,
@@ -28,18 +25,15 @@ from avc_casadi.present.rows.subject import (
 
 if TYPE_CHECKING:
     from avc_casadi._util.units import Units
-    from avc_casadi.loops.engine import ToolLoops
     from avc_casadi.model.problem import Problem
-    from avc_casadi.model.virtual_tool import ToolGains
 
-# Name of each deployment claim, and the text of its failure.
 _CLAIMS = {
-    "hands": ("Corner hands", "with hands"),
-    "let-go": ("Released", "when released"),
-    "dead-zone": ("Dead zone", "in the dead zone"),
-    "detent": ("Detents", "on detents"),
-    "disk-margin": ("Disk margin", "with the motor a little off"),
-    "renders": ("Rendering", "as no wall is rendered"),
+    "hands": "Corner hands",
+    "let-go": "Released",
+    "dead-zone": "Dead zone",
+    "detent": "Detents",
+    "disk-margin": "Disk margin",
+    "renders": "Rendering",
 }
 _OUTCOMES = {"proved": Mark.PASS, "refuted": Mark.FAIL, "open": Mark.CAUTION}
 _SETTLES = {"asymptotic": Mark.PASS, "held-by-friction": Mark.CAUTION, "unstable": Mark.FAIL}
@@ -61,7 +55,7 @@ def certificate(data: Mapping[str, Any], problem: Problem, shown: str | None = N
     file, verdict = data["gains"], data["deployable"]
     shown = name_of(problem) if shown is None else shown
     rows = [
-        _verdict(verdict),
+        deployable(verdict),
         *_claims(verdict, data["levels"]["L5"]),
         *(
             row(one["title"].capitalize(), f"{one['outcome']}: {one['claim']}", mark=_OUTCOMES[one["outcome"]])
@@ -71,7 +65,7 @@ def certificate(data: Mapping[str, Any], problem: Problem, shown: str | None = N
         _per_frequency(data["levels"]),
         passive_limit(data["passive_limit_n_per_m"]),
         *notes(data["notes"]),
-        *([row("Written", ", ".join(data["proof_files"]))] if data["proof_files"] else []),
+        *written(*data["proof_files"]),
         *levels(data["levels"]),
     ]
     if "claimed" in data:
@@ -83,35 +77,14 @@ def certificate(data: Mapping[str, Any], problem: Problem, shown: str | None = N
         onwards += [f"avc export {quote(file)} --c firmware{beside}"] if verdict["pass"] else []
         onwards.append(f"avc certify {quote(file)} -v")
     complaint = "" if verdict["pass"] else f"avc: {problem.name}: {file} is not deployable"
-    return Answer(
-        "certify",
-        data,
-        headline(problem, file or shown),
-        tuple(rows),
-        tuple(onwards),
-        problem.units,
-        code=1 if complaint else 0,
-        complaint=complaint,
-    )
-
-
-def _verdict(verdict: Mapping[str, Any]) -> Row:
-    if verdict["pass"]:
-        return deployable(verdict)
-    failed = dict.fromkeys(_claim(one["name"])[1] for one in verdict.get("claims", ()) if not one["pass"])
-    why = f"not linearly stable {' and '.join(failed)}" if failed else "no row has gains"
-    return row("Deployable", f"no: {why}", mark=Mark.FAIL)
-
-
-def _claim(name: str) -> tuple[str, str]:
-    return _CLAIMS["detent" if name.startswith("detent") else name]
+    return answer("certify", data, problem, file or shown, rows, onwards, complaint)
 
 
 def _claims(verdict: Mapping[str, Any], hands: Mapping[str, Any]) -> list[Row]:
     """Return each claim with its worst spectral radius; of those on detents the worst alone."""
     worst: dict[str, Mapping[str, Any]] = {}
     for one in verdict.get("claims", ()):
-        label, _ = _claim(one["name"])
+        label = _CLAIMS["detent" if one["name"].startswith("detent") else one["name"]]
         hardest = (not one["pass"], one["spectral_radius"] or 0.0)
         if label not in worst or hardest > (not worst[label]["pass"], worst[label]["spectral_radius"] or 0.0):
             worst[label] = one
@@ -152,78 +125,23 @@ def levels(found: Mapping[str, Any]) -> list[Row]:
             at = ("at", Value(one["frequency_hz"], "frequency")) if one["frequency_hz"] is not None else None
             margin = parts(", margin", Value(one["margin_ns_per_m"], "damping"), at)
         word = one.get("outcome") or _state(one)
-        rows.append(row(name, f"{one['title']}: {word}", margin, rank=1))
-        rows.append(row("", one["claim"], rank=1))
+        rows.append(row(name, f"{one['title']}: {word}", margin, f"; {one['claim']}", rank=1))
     return rows
 
 
 def pair_certificate(data: Mapping[str, Any], problem: Problem, shown: str) -> Answer:
     """Return the answer of `certify` of a coupling to a simulation: stability, and passivity apart."""
-    rows = [row("Coupling", pair(data)), *stability(data)]
-    # Where the tool is fixed the engine is no port.
-    if problem.simulation is not None and problem.simulation.tool_mass_kg is not None:
-        rows += passivity(data["passivity"], problem)
+    rows = [row("Coupling", pair(data)), *stability(data), *passivity(data["passivity"], problem)]
     rows += [*not_used(data["not_used"]), row("Claim", data["claim"], rank=1)]
     complaint = "" if data["stable"] else f"avc: {problem.name}: {data['gains']} is not deployable"
-    return Answer(
-        "certify",
-        data,
-        headline(problem, shown),
-        tuple(rows),
-        units=problem.units,
-        code=1 if complaint else 0,
-        complaint=complaint,
-    )
-
-
-def stability(found: Mapping[str, Any]) -> list[Row]:
-    """Return whether all loops are stable, with their margins, and the worst of them."""
-    loops, margin, case, mode = found["loops"], found["gain_margin"], found["worst"], found["least_damped"]
-    tool = case["tool"]
-    touches: tuple[Part, ...] = ("free",)
-    if tool["contact_stiffness_n_per_m"] is None or tool["mass_kg"] is None:
-        touches = ("held rigidly",)
-    elif tool["contact_stiffness_n_per_m"] > 0:
-        touches = ("on", Value(tool["contact_stiffness_n_per_m"], "stiffness"))
-    what = ("fixed place",) if tool["mass_kg"] is None else ("tool of", Value(tool["mass_kg"], "mass"), ",", *touches)
-    step = ("; step", Value(case["step_s"], "time"))
-    radius = ("; spectral radius", Value(found["spectral_radius"], "number", 6), "a step")
-    worst = row("Worst loop", hand(case["hand"]), ";", what, step, radius)
-    if not found["stable"]:
-        return [row("Stability", "not all of", count(loops), "loops are stable", mark=Mark.FAIL), worst]
-    told = ("corner hands and released,", count(loops), "loops;", gain_margin(margin))
-    rows = [row("Stability", told, mark=marked(margin >= SAFE_GAIN, Mark.CAUTION)), worst]
-    if mode["damping_ratio"] < 1:
-        damped = (Value(mode["damping_ratio"], "number", 2), "at", Value(mode["frequency_hz"], "frequency"))
-        rows.append(row("Damping ratio", damped, "(least damped loop)"))
-    return rows
-
-
-def contacts(loops: ToolLoops, gains: ToolGains, problem: Problem) -> list[Row]:
-    """Return with whom the coupling is stable where the tool is free, on a spring and held rigidly, a row for each."""
-    radius = loops.radii(gains).max(axis=1)
-    stiff = [one.contact_stiffness_n_per_m for one in loops.tools]
-    names = {
-        "Tool free": [one == 0 for one in stiff],
-        "Tool on a spring": [0 < one < math.inf for one in stiff],
-        "Tool held": [math.isinf(one) for one in stiff],
-    }
-    if problem.simulation is not None and problem.simulation.tool_mass_kg is None:
-        names = {"Fixed place": [True]}
-    rows = []
-    for name, chosen in names.items():
-        if any(chosen):
-            hands, free = (bool((radius[chosen][:, part] < 1 - TOLERANCE).all()) for part in (slice(-1), -1))
-            told = "stable with every corner hand and released"
-            if not (hands and free):
-                words = [("stable" if good else "unstable") for good in (hands, free)]
-                told = f"{words[0]} with {'every corner' if hands else 'a'} hand, {words[1]} released"
-            rows.append(row(name, told, mark=marked(hands and free)))
-    return rows
+    return answer("certify", data, problem, shown, rows, complaint=complaint)
 
 
 def passivity(found: Mapping[str, Any], problem: Problem) -> list[Row]:
     """Return whether the engine's port is passive, and the engines to which that applies."""
+    tool = problem.simulation
+    if tool is None or tool.tool_mass_kg is None:  # where the tool is fixed the engine is no port
+        return []
     if found["refused"]:
         return [row("Engine's port", f"not judged: {found['refused']}", mark=Mark.CAUTION)]
     margin = Value(None if found["margin_ns_per_m"] is None else abs(found["margin_ns_per_m"]), "damping")
@@ -237,11 +155,8 @@ def passivity(found: Mapping[str, Any], problem: Problem) -> list[Row]:
         told = (*told, f"; {'with' if found['any_hand'] else 'not with'} any passive hand (Llewellyn)")
     rows = [row("Engine's port", told, mark=Mark.PASS if found["passive"] else Mark.NONE)]
     if not found["engine_is_implicit"]:
-        integrator = "this integrator" if problem.simulation is None else problem.simulation.integrator
-        told_engine = (
-            f"{integrator} is none: it integrates the tool explicitly; Stability holds, for the declared tools"
-        )
-        rows.append(row("Passive engine", told_engine, mark=Mark.CAUTION if found["passive"] else Mark.NONE))
+        why = f"{tool.integrator} is none: it integrates the tool explicitly; Stability holds, for the declared tools"
+        rows.append(row("Passive engine", why, mark=doubted(found["passive"])))
     return rows
 
 
@@ -260,13 +175,11 @@ def region(data: Mapping[str, Any], problem: Problem, shown: str = "", drawn: st
         label = Value(one["rate_hz"], "frequency").text(problem.units)
         mark = Mark.NONE if one["stiffest_n_per_m"] is not None else Mark.FAIL
         rows.append(row(label, told, ", as declared" if one["declared"] else "", mark=mark))
-    if drawn is not None:
-        rows.append(row("Drawn", drawn))
+    rows += written(drawn, label="Drawn")
     for at in sample_rows(len(damping), _ROWS // 2):
         each = [(Value(one["rate_hz"], "frequency"), _stiffest(one["stiffness_n_per_m"][at])) for one in curves]
         rows.append(row("Largest K", "with B", Value(damping[at], "damping"), ":", listed(each), rank=1))
-    onwards = (f"avc recommend {quote(shown)} --out coupling.json",)
-    return Answer("zwidth", data, headline(problem, shown), tuple(rows), onwards, problem.units)
+    return answer("zwidth", data, problem, shown, rows, [f"avc recommend {quote(shown)} --out coupling.json"])
 
 
 def _stiffest(stiffness_n_per_m: float | None) -> Part:
@@ -294,55 +207,38 @@ def walls(data: Mapping[str, Any], problem: Problem, shown: str = "", drawn: str
             told = parts("up to", Value(k, "stiffness"), "with a wall damping of", Value(b, "damping"), ends)
         # A device that is a sample later is another device.
         rows.append(row(_CURVES[key], told, rank=1 if key == "passive-delayed" else 0))
-    rows += [*_constant(data), *_bounds(data), *notes(data["refused"], "Not judged")]
-    if drawn is not None:
-        rows.append(row("Drawn", drawn))
-    for at in sample_rows(len(damping), _ROWS):
-        each = [(_CURVES[key].lower(), _stiffest(one["stiffness_n_per_m"][at])) for key, one in curves.items()]
-        rows.append(row("Largest K", "with B", Value(damping[at], "damping"), ":", listed(each), rank=1))
-    if (found := data["llewellyn"]) is not None:
-        columns = (found["damping_ratio"], found["paper_kc_t_over_b_d"], found["sampled_data_kc_t_over_b_d"])
-        for ratio, paper, sampled in zip(*columns, strict=True):
-            pair_of = ("paper's hold", Value(paper, "number"), ", sampled-data hold", Value(sampled, "number"))
-            rows.append(row("Llewellyn", "k_c T/b_d with b_c/b_d", Value(ratio, "number"), ":", pair_of, rank=1))
-    onwards = (f"avc recommend {quote(shown)} --stiffest", f"avc zwidth {quote(shown)} -v")
-    return Answer("zwidth", data, headline(problem, shown), tuple(rows), onwards, problem.units)
-
-
-def _constant(data: Mapping[str, Any]) -> list[Row]:
-    """Return the best constant couplings: for this wall in both models, and of lower rank for any passive wall."""
-    rows = []
-    for one in data["static"]:
-        label, rank = f"Constant, {one['model'].removesuffix('-data')}", 0 if one["condition"] == "all" else 1
-        if not one["found"]:
-            rows.append(row(label, "no constant coupling is passive at all frequencies", rank=rank))
-            continue
-        b_p = one["contact_damping_ns_per_m"]
-        found = [("k", Value(one["stiffness_n_per_m"], "stiffness")), ("b", Value(one["damping_ns_per_m"], "damping"))]
-        found += [("b_p", Value(b_p, "damping"))] if b_p else []
-        what = ": passive at all frequencies, error" if rank == 0 else ": for any passive wall, error"
-        rows.append(row(label, listed(found), what, Value(one["error"], "share"), rank=rank))
-    return rows
-
-
-def _bounds(data: Mapping[str, Any]) -> list[Row]:
-    """Return the bounds of the literature, with their sources."""
-    rows = [passive_limit(data["passive_limit_n_per_m"])]
-    if data["passive_spring_n_per_m"] is not None:
-        spring, rule = Value(data["passive_spring_n_per_m"], "stiffness"), Value(data["rule_n_per_m"][0], "stiffness")
-        rows.append(row("Passive spring", spring, ", 2 b/((1 + 2 d) T) (Diolaiti et al. 2006)"))
-        rows.append(row("Linear rule", rule, "at B = 0, (b + b_h + B)/(T/2 + t_d) (Gil, Hulin et al. 2009)"))
+    rows += [*_constant(data), passive_limit(data["passive_limit_n_per_m"])]
     if data["encoder_limit_n_per_m"] is not None:
         limit = Value(data["encoder_limit_n_per_m"], "stiffness")
         rows.append(row("Encoder limit", limit, "for a passive wall, 2 f_c/Delta (Abbott and Okamura 2005)"))
+    rows += [*notes(data["refused"], "Not judged"), *written(drawn, label="Drawn")]
+    for at in sample_rows(len(damping), _ROWS):
+        each = [(_CURVES[key].lower(), _stiffest(one["stiffness_n_per_m"][at])) for key, one in curves.items()]
+        rows.append(row("Largest K", "with B", Value(damping[at], "damping"), ":", listed(each), rank=1))
+    onwards = (f"avc recommend {quote(shown)} --stiffest", f"avc zwidth {quote(shown)} -v")
+    return answer("zwidth", data, problem, shown, rows, onwards)
+
+
+def _constant(data: Mapping[str, Any]) -> list[Row]:
+    """Return the best constant coupling for this wall in both models."""
+    rows = []
+    for one in data["static"]:
+        if one["condition"] != "all":
+            continue
+        told: tuple[Part, ...] = ("no constant coupling is passive at all frequencies",)
+        if one["found"]:
+            b_p = one["contact_damping_ns_per_m"]
+            k, b = Value(one["stiffness_n_per_m"], "stiffness"), Value(one["damping_ns_per_m"], "damping")
+            found = listed([("k", k), ("b", b), ("b_p", Value(b_p, "damping")) if b_p else None])
+            told = (*found, ": passive at all frequencies, error", Value(one["error"], "share"))
+        rows.append(row(f"Constant, {one['model'].removesuffix('-data')}", told))
     return rows
 
 
 def scene(data: Mapping[str, Any], problem: Problem, shown: str = "", drawn: str | None = None) -> Answer:
     """Return the answer of `simulate`, of a coupling to a wall or to a simulation."""
     shown, tool = shown or name_of(problem), "local_damping_ns_per_m" in data
-    written = [f"{data['trace']} and its manifest"] if data["trace"] is not None else []
-    written += [] if drawn is None else [drawn]
+    trace = None if data["trace"] is None else f"{data['trace']} and its manifest"
     end, swing = _kept(data["mean_force_n"]), _kept(data["position_peak_to_peak_m"])
     hard = None if tool else data["rate_hardness_n_per_m"]
     rows = [row("Outcome", _outcome(data), f"({data['steps']} samples)", mark=_mark(data))]
@@ -353,31 +249,20 @@ def scene(data: Mapping[str, Any], problem: Problem, shown: str = "", drawn: str
         row("At the end", Value(end, "force"), ",", Value(swing, "length"), "peak to peak"),
         row("Ripple", Value(_kept(data["force_ripple_n"]), "force"), "rms between 20 and 500 Hz"),
         row("Energy", Value(_kept(data["energy_generated_j"]), "energy"), "given out beyond that taken in"),
-        *_without_guard(data),
-        *(_other(one) for one in data.get("against", ())),
+        *([_beside("No guard", guarded)] if (guarded := data.get("without_guard")) is not None else []),
+        *(_beside(f"With {one['coupling']}", one) for one in data.get("against", ())),
         *notes(data.get("notes", ())),
     ]
     if data.get("left_out"):
         left = f"declared, but not listed in the scene: {', '.join(map(problem.units.key, data['left_out']))}"
         rows.append(row("Left out", left, mark=Mark.CAUTION))
-    if written:
-        rows.append(row("Written", ", ".join(written)))
-    rows += explanation(data)
+    rows += [*written(trace, drawn), *_explanation(data)]
     if "criterion" in data:
         rows.append(row("Criterion", data["criterion"], rank=1))
     settles = data["stable"]
     complaint = "" if settles else f"avc: {problem.name}: the device {outcome(data)}"
     onwards = () if tool else (f"avc simulate {quote(shown)} --explain",)
-    return Answer(
-        "simulate",
-        data,
-        headline(problem, shown),
-        tuple(rows),
-        onwards,
-        problem.units,
-        code=1 if complaint else 0,
-        complaint=complaint,
-    )
+    return answer("simulate", data, problem, shown, rows, onwards, complaint)
 
 
 def outcome(data: Mapping[str, Any]) -> str:
@@ -428,24 +313,13 @@ def _rendered(data: Mapping[str, Any], problem: Problem) -> Row:
     return row("Rendered", told, "; ends at the limit of", Value(limit, "force"), mark=Mark.CAUTION)
 
 
-def _without_guard(data: Mapping[str, Any]) -> list[Row]:
-    free = data.get("without_guard")
-    if free is None:
-        return []
-    swing = Value(_kept(free["position_peak_to_peak_m"]), "length")
-    return [row("No guard", f"{_WORDS[free['outcome']]},", swing, "peak to peak", mark=_SETTLES[free["outcome"]])]
-
-
-def _other(one: Mapping[str, Any]) -> Row:
-    sensed = one["apparent_stiffness_n_per_m"]
-    swing, energy = (
-        Value(_kept(one["position_peak_to_peak_m"]), "length"),
-        Value(_kept(one["energy_generated_j"]), "energy"),
-    )
+def _beside(label: str, one: Mapping[str, Any]) -> Row:
+    """Return the outcome of another run of the scene."""
     what = f"{_WORDS[one['outcome']]}{', buzzes' if one['buzzing'] else ''}:"
+    sensed, swing = one["apparent_stiffness_n_per_m"], Value(_kept(one["position_peak_to_peak_m"]), "length")
     stiffness = "no stiffness" if sensed is None else Value(sensed, "stiffness")
-    told = (what, stiffness, ",", swing, "peak to peak,", energy, "given out")
-    return row(f"With {one['coupling']}", told, mark=_mark(one))
+    energy = (",", Value(_kept(one["energy_generated_j"]), "energy"), "given out")
+    return row(label, what, stiffness, ",", swing, "peak to peak", energy, mark=_mark(one))
 
 
 def _kept(value: float | None) -> float | None:
@@ -453,7 +327,7 @@ def _kept(value: float | None) -> float | None:
     return 0.0 if value is not None and abs(value) < _ROUND_OFF else value
 
 
-def explanation(data: Mapping[str, Any], rank: int = 1) -> list[Row]:
+def _explanation(data: Mapping[str, Any]) -> list[Row]:
     """Return what each effect adds to a sample: states, instructions and time."""
     if "states" not in data or "absent" not in data:
         return []
@@ -462,11 +336,11 @@ def explanation(data: Mapping[str, Any], rank: int = 1) -> list[Row]:
         states = (count(one["states"]), "states,")
         made = ("the only mass",) if one["instructions"] is None else (count(one["instructions"]), "instructions,")
         cost = _cost(one["ns_per_step"], data["scatter_ns"])
-        rows.append(row(f"Effect {one['kind']}", states, made, cost, rank=rank))
+        rows.append(row(f"Effect {one['kind']}", states, made, cost, rank=1))
     whole = (count(data["states"]), "states,", count(data["instructions"]), "instructions,")
-    rows.append(row("Whole sample", whole, f"{data['ns_per_step']:.0f} ns", rank=rank))
-    rows.append(row("States", ", ".join(data["state_names"]), rank=rank))
-    return [*rows, row("Absent", ", ".join(data["absent"]), rank=rank)]
+    rows.append(row("Whole sample", whole, f"{data['ns_per_step']:.0f} ns", rank=1))
+    rows.append(row("States", ", ".join(data["state_names"]), rank=1))
+    return [*rows, row("Absent", ", ".join(data["absent"]), rank=1)]
 
 
 def _cost(cost_ns: float | None, scatter_ns: float) -> str:
@@ -498,7 +372,7 @@ def screening(data: Mapping[str, Any], problem: Problem, shown: str) -> Answer:
         saves = ("; saves", count(one["instructions"]), "instructions,", _cost(one["ns_per_step"], data["scatter_ns"]))
         rows.append(row(f"No {one['kind']}", _changes(one, problem.units), f", {one['outcome']}", saves, rank=1))
     onwards = (f"avc simulate {quote(shown)} --screen -v",)
-    return Answer("screen", data, headline(problem, shown), tuple(rows), onwards, problem.units)
+    return answer("screen", data, problem, shown, rows, onwards)
 
 
 def _changes(found: Mapping[str, Any], units: Units) -> tuple[Part, ...]:

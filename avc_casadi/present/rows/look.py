@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from avc_casadi._util.units import Units
 from avc_casadi.present.row import Answer, Mark, Part, Quantity, Row, Value, count, listed, marked, parts, row, span
-from avc_casadi.present.rows.subject import headline, name_of, not_used, notes, passive_limit
+from avc_casadi.present.rows.subject import answer, name_of, not_used, notes, passive_limit
 from avc_casadi.recommendation.preconditions import asked_of_others, not_judged
 
 if TYPE_CHECKING:
@@ -52,7 +52,7 @@ def problem(data: Mapping[str, Any], stated: Problem, shown: str = "") -> Answer
     # Where nothing is deployable whatever the gains, its row says so.
     none = any(one["key"] == "avc recommend" for one in data["warnings"])
     onwards = () if none else (f"avc recommend {quote(shown)} --out coupling.json",)
-    return Answer("check", data, headline(stated, shown), tuple(rows), onwards, stated.units)
+    return answer("check", data, stated, shown, rows, onwards)
 
 
 def _wall(data: Mapping[str, Any], stated: Problem) -> list[Row]:
@@ -177,7 +177,7 @@ def installation(data: Mapping[str, Any], ports: Sequence[Row]) -> Answer:
     bad = ", ".join(name for name, solves in solvers.items() if not solves)
     complaint = f"avc: {bad} does not solve; install casadi again: pip install --force-reinstall casadi" if bad else ""
     title = (f"{data['executable']} on {data['platform']}",)
-    return Answer("doctor", data, title, tuple(rows), ("avc doctor -v",), code=1 if bad else 0, complaint=complaint)
+    return Answer("doctor", data, title, tuple(rows), ("avc doctor -v",), complaint=complaint)
 
 
 def ports(found: Sequence[Mapping[str, Any]], *, asked: bool) -> list[Row]:

@@ -8,7 +8,7 @@ from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 from avc_casadi._util.text import number
-from avc_casadi.present.row import Answer, Mark, Part, Quantity, Row, Value, listed, marked, parts, row, span
+from avc_casadi.present.row import Answer, Mark, Part, Quantity, Row, Value, listed, marked, parts, row, span, written
 from avc_casadi.present.rows.subject import HAND, notes, plural
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ def plan(data: Mapping[str, Any], units: Units, shown: str, port: str) -> Answer
     return Answer("excite", data, title, tuple(rows), units=units)
 
 
-def log(data: Mapping[str, Any], units: Units, title: str, written: str = "", onwards: Sequence[str] = ()) -> Answer:
+def log(data: Mapping[str, Any], units: Units, title: str, file: str = "", onwards: Sequence[str] = ()) -> Answer:
     """Return the answer of `excite`: the log that was played."""
     found = data["log"]
     lost = f"{found['lost']} lost, seen as gaps" if found["lost"] else "none lost"
@@ -50,13 +50,13 @@ def log(data: Mapping[str, Any], units: Units, title: str, written: str = "", on
         row("Played", found["end"], mark=marked(found["whole"])),
         row("Recorded", f"{plural(found['records'], 'record')} in", Value(found["seconds"], "time"), f", {lost}"),
         row("At most", listed(Value(found[f"peak_{key}"], of) for _, key, of in _MOVED)),
-        *([row("Written", written)] if written else []),
+        *written(file),
     ]
     return Answer("excite", data, (title,), tuple(rows), tuple(onwards), units)
 
 
 def identification(
-    data: Mapping[str, Any], found: Identification, units: Units, logs: Sequence[str], written: Sequence[str]
+    data: Mapping[str, Any], found: Identification, units: Units, logs: Sequence[str], files: Sequence[str]
 ) -> Answer:
     """Return the answer of `identify`: a row for each value of the device."""
     records = f"in {plural(found.records, 'record')} at"
@@ -74,14 +74,13 @@ def identification(
         rows.append(row(units.key(key), values, mark=mark, rank=0 if len(rows) < _MOST_VALUES else 1))
     rows.append(row("Model", ", ".join(found.rungs)))
     rows += notes(found.notes, mark=Mark.CAUTION)
-    if written:
-        rows.append(row("Written", ", ".join(written), mark=Mark.PASS))
+    rows += written(*files)
     rows.append(row("Not told", ", ".join(map(units.key, found.unknown)), rank=1))
     for trial in found.trials:
         share, errors = Value(trial.change, "share"), f"on stretches held out, {trial.standard_errors:.2g} std errors"
         taken = "taken: error" if trial.taken else "not taken: error"
         rows.append(row(f"Rung {trial.rung}", taken, share, errors, f"; {trial.why}" if trial.why else "", rank=1))
-    onwards = [f"avc check {quote(one)}" for one in written if one.endswith(".toml")]
+    onwards = [f"avc check {quote(one)}" for one in files if one.endswith(".toml")]
     onwards.append(f"avc identify {' '.join(logs)} -v")
     return Answer("identify", data, title, tuple(rows), tuple(onwards), units)
 
@@ -107,9 +106,9 @@ def _ends(one: Estimate, units: Units) -> str:
     return f"{low} to {high}"
 
 
-def diagnosis(data: Mapping[str, Any], found: Sequence[Diagnosis], command: str, written: Sequence[str]) -> Answer:
+def diagnosis(data: Mapping[str, Any], found: Sequence[Diagnosis], command: str, files: Sequence[str]) -> Answer:
     """Return the answer of `diagnose`: the rows of one log, or a row for each of several."""
-    beside = [row("Written", ", ".join(written))] if written else []
+    beside = written(*files)
     units = found[0].declared.device.units
     if len(found) > 1:
         rows = [row(one.log.name, one.conclusion, mark=_verdict(one)) for one in found[:10]]

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from shlex import quote
 from typing import TYPE_CHECKING
 
 from avc_casadi.loops.margins import LEAST_DISK, SOUND_DISK
-from avc_casadi.present.row import Answer, Mark, Part, Quantity, Row, Value, listed, marked, parts, row, span
+from avc_casadi.present.row import Answer, Mark, Part, Quantity, Row, Value, doubted, listed, marked, parts, row, span
+from avc_casadi.present.rows.margins import damping_ratio, margins_by_loop, settling, smallest_margins
 from avc_casadi.present.rows.subject import HAND, name_of
 
 if TYPE_CHECKING:
     from avc_casadi.own_law.certificate import LawCertificate
-    from avc_casadi.own_law.loops import Case
 
 _NAMES: dict[str, tuple[str, Quantity, str]] = {
     "stiffness_n_per_m": ("k", "stiffness", "--k"),
@@ -32,16 +32,8 @@ def own_law(found: LawCertificate, shown: str = "") -> Answer:
     law = _values({key: value for key, value in vars(found.law).items() if value})
     title = parts(shown, " ", law, "· device", Value(device.mass_kg, "mass"), ",", rate, ", delay", late)
     complaint = "" if found.passed else f"avc: {shown}: this law is not deployable"
-    return Answer(
-        "certify-law",
-        found.document(),
-        title,
-        tuple(_rows(found)),
-        tuple(_onwards(found, shown)),
-        problem.units,
-        code=1 if complaint else 0,
-        complaint=complaint,
-    )
+    rows, onwards = tuple(_rows(found)), tuple(_onwards(found, shown))
+    return Answer("certify-law", found.document(), title, rows, onwards, problem.units, complaint=complaint)
 
 
 def _values(values: Mapping[str, float]) -> tuple[Part, ...]:
@@ -49,38 +41,33 @@ def _values(values: Mapping[str, float]) -> tuple[Part, ...]:
 
 
 def _rows(found: LawCertificate) -> list[Row]:
-    sound = found.disk_margin >= SOUND_DISK and found.quiet
+    sound, period_s = found.disk_margin >= SOUND_DISK and found.quiet, found.problem.device.sample_time_s
     somebody = any(found.held.hand.values())
-    cases = {"worst hand": found.held if somebody or found.released is None else None, "released": found.released}
-
-    def both(label: str, text: Callable[[Case], tuple[Part, ...]], mark: Mark = Mark.NONE) -> Row:
-        each = (parts(text(case), f"({name})") for name, case in cases.items() if case is not None)
-        return row(label, listed(each, ";"), mark=mark)
-
-    disk = min(case.margins.disk for case in (found.held, found.released) if case is not None)
+    cases = {"worst_hand": found.held} if somebody or found.released is None else {}
+    cases |= {} if found.released is None else {"released": found.released}
+    margins = {who: vars(case.margins) for who, case in cases.items()}
+    disk = min(case.margins.disk for case in cases.values())
+    seconds, slowest = max((case.settling_s, who) for who, case in cases.items())
+    ratio, hz, swinging = min((case.damping_ratio, case.damping_ratio_hz, who) for who, case in cases.items())
     most, allowed = found.largest_stiffness_n_per_m, found.damping_range_ns_per_m
     rendered = [(Value(value, "stiffness"), f"at {hz:g} Hz") for hz, value in found.rendered_n_per_m.items()]
     loud = (Value(found.noise_n, "force"), "rms at rest;", Value(found.encoder_step_n, "force"), "by one encoder step")
     mark = Mark.FAIL if not found.passed else marked(sound, Mark.CAUTION)
     rows = [
         row("Deployable", f"{'yes' if found.passed else 'no'}: {found.reason}", mark=mark),
-        both("Disk margin", _disk, Mark.FAIL if disk < LEAST_DISK else marked(disk >= SOUND_DISK, Mark.CAUTION)),
-        both("Damping ratio", lambda one: (Value(one.damping_ratio, "number"), *_at(one.damping_ratio_hz))),
-        both("Settling time", lambda one: ("never" if math.isinf(one.settling_s) else Value(one.settling_s, "time"),)),
-        both("Spectral radius", lambda one: (Value(one.spectral_radius, "number", 6), *_at(one.frequency_hz))),
+        smallest_margins(margins, Mark.FAIL if disk < LEAST_DISK else marked(disk >= SOUND_DISK, Mark.CAUTION)),
+        settling(None if math.isinf(seconds) else seconds, slowest),
+        damping_ratio(ratio, hz, swinging, period_s),
         row("Worst hand", listed(Value(found.held.hand[key], of) for key, of in HAND) if somebody else "released"),
-        both("Gain margin", lambda one: (Value(one.margins.gain, "gain"), *_at(one.margins.gain_hz))),
-        both("Phase margin", lambda one: (Value(one.margins.phase_deg, "phase"), *_at(one.margins.phase_hz))),
-        both("Delay margin", lambda one: (Value(one.margins.delay_samples, "samples"),)),
     ]
     if found.free is not None:
-        rows.append(row("Outside the wall", "disk margin", _disk(found.free), mark=marked(found.free.stable)))
-    at_rest = (Value(found.static_stiffness_n_per_m, "stiffness"), "at rest")
+        outside = Value(found.free.margins.disk, "number", 2)
+        rows.append(row("Outside the wall", "disk margin", outside, mark=marked(found.free.stable)))
     rows += [
-        row("Rendered", listed([at_rest, *rendered])),
+        row("Rendered", listed([(Value(found.static_stiffness_n_per_m, "stiffness"), "at rest"), *rendered])),
         row("Largest k", Value(most, "stiffness") if most else "none", "at this b"),
         row("Stable b", "none" if allowed is None else span(allowed, "damping"), "at this k"),
-        row("Force noise", loud, mark=Mark.NONE if found.quiet else Mark.CAUTION),
+        row("Force noise", loud, mark=doubted(not found.quiet)),
     ]
     if not sound:
         helps = [
@@ -88,19 +75,7 @@ def _rows(found: LawCertificate) -> list[Row]:
         ]
         none = "no change of k, b, cutoff, sample time or delay alone"
         rows.append(row("Would help", listed(helps, ";") or none))
-    return rows
-
-
-def _disk(case: Case) -> tuple[Part, ...]:
-    """Return a disk margin with the gain and the phase that it leaves."""
-    alpha = case.margins.disk
-    gain = "any gain" if alpha >= 2 else f"{20 * math.log10((2 + alpha) / (2 - alpha)):.1f} dB"
-    left = f", {gain} or {math.degrees(2 * math.atan(alpha / 2)):.0f} deg" if alpha else ""
-    return parts(Value(alpha, "number", 2), left, _at(case.margins.disk_hz) if alpha else None)
-
-
-def _at(hz: float) -> tuple[Part, ...]:
-    return ("at", Value(hz, "frequency")) if hz else ()
+    return [*rows, *margins_by_loop(margins)]
 
 
 def _onwards(found: LawCertificate, shown: str) -> list[str]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from avc_casadi.design.virtual_tool import WIDEST_MARGIN
 from avc_casadi.files.catalogue import catalogue_names
 from avc_casadi.loops.margins import LEAST_DISK, SOUND_DISK
-from avc_casadi.present.row import Mark, Part, Quantity, Row, Value, listed, parts, row, span
+from avc_casadi.present.row import Answer, Mark, Part, Quantity, Row, Value, count, listed, parts, row, span
 
 if TYPE_CHECKING:
     from avc_casadi.model.problem import Problem
@@ -18,6 +18,8 @@ RIGID = 100.0
 """A spring so many times stiffer than the wall renders the wall itself."""
 SAFE_GAIN = 1.5
 """A gain margin of a pair below which a row warns."""
+# A force this near to its limit is at it.
+_AT_LIMIT = 0.97
 HAND: tuple[tuple[str, Quantity], ...] = (
     ("mass_kg", "mass"),
     ("damping_ns_per_m", "damping"),
@@ -48,6 +50,20 @@ def headline(problem: Problem, shown: str) -> tuple[Part, ...]:
     stiffness, damping = Value(wall.stiffness_n_per_m, "stiffness"), Value(wall.damping_ns_per_m, "damping")
     rendered = listed(one for one in (stiffness, damping) if one.number)
     return parts(shown, "  wall", rendered or "none", "·", of_device)
+
+
+def answer(
+    kind: str,
+    data: Mapping[str, Any],
+    problem: Problem,
+    shown: str,
+    rows: Iterable[Row],
+    onwards: Iterable[str] = (),
+    complaint: str = "",
+) -> Answer:
+    """Return the answer to a question about a problem."""
+    title = headline(problem, shown)
+    return Answer(kind, data, title, tuple(rows), tuple(onwards), problem.units, complaint=complaint)
 
 
 def gains(table: Mapping[str, Sequence[float | None]], problem: Problem) -> tuple[Part, ...]:
@@ -114,17 +130,19 @@ def deployable(verdict: Mapping[str, Any] | None) -> Row:
         said = f"yes: linearly stable with every corner hand and released{doubt}"
         return row("Deployable", said, mark=Mark.CAUTION if doubt else Mark.PASS)
     failed = [claim["sentence"] for claim in verdict.get("claims", ()) if not claim["pass"]]
-    return row("Deployable", f"no: {failed[0] if failed else verdict['sentence']}", mark=Mark.FAIL)
+    return row(
+        "Deployable", f"no: {failed[0] if failed else verdict.get('sentence', 'no row has gains')}", mark=Mark.FAIL
+    )
 
 
 def counts(found: Mapping[str, int]) -> str:
     """Return counts as "187 solved, 13 infeasible", without zeros."""
-    return ", ".join(f"{count} {name}" for name, count in found.items() if count) or "none"
+    return ", ".join(f"{number} {name}" for name, number in found.items() if number) or "none"
 
 
-def plural(count: int, thing: str) -> str:
+def plural(number: int, thing: str) -> str:
     """Return a number of things: "1 row", "3 rows"."""
-    return f"{count} {thing}{'' if count == 1 else 's'}"
+    return f"{number} {thing}{'' if number == 1 else 's'}"
 
 
 def settled(found: Mapping[str, Any]) -> Mark:
@@ -132,6 +150,15 @@ def settled(found: Mapping[str, Any]) -> Mark:
     if found["at_rest"] < found["hands"]:
         return Mark.FAIL
     return Mark.CAUTION if found["at_rest_without_friction"] < found["hands"] else Mark.PASS
+
+
+def peak_force(trial: Mapping[str, Any], limit_n: float | None, limited: int = 0) -> Row:
+    """Return the largest force of a tap; where it saturates, how many presses do so too."""
+    if limit_n is not None and trial["tap_force_n"] >= _AT_LIMIT * limit_n:
+        presses = ("; so do", count(limited), "presses") if limited else None
+        return row("Peak force", "a tap saturates at", Value(limit_n, "force"), presses, mark=Mark.CAUTION)
+    deep = (",", Value(trial["tap_depth_m"], "length"), "deep") if "tap_depth_m" in trial else None
+    return row("Peak force", Value(trial["tap_force_n"], "force"), "in a tap", deep)
 
 
 def not_used(declared: Iterable[str]) -> list[Row]:

@@ -1,0 +1,173 @@
+"""The paper's question: perceived impedance and gains of figure 5, errors of the methods, and the verdicts."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib.patches import Patch
+
+from avc_casadi._util.arrays import BoolArray, ComplexArray
+from avc_casadi.design import registry
+from avc_casadi.present.figures.style import (
+    METHODS,
+    PERCEIVED,
+    GivenAxes,
+    Line,
+    Panels,
+    frequency_axis,
+    impedance_unit,
+    log_ticks,
+    styled,
+    value_axis,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from avc_casadi.design.comparison.comparison import Comparison
+    from avc_casadi.model.problem import Model
+
+_DESIRED = Line("desired", "0.78", "-", "", 4.5, 2, 0.0)
+_NO_COUPLING = Line("no coupling", "0.35", (0, (1, 1.4)), "", 1.4, 3, 0.0)
+_MINE = Line("mine", "#8a0f5c", (0, (3, 1, 1, 1)), "D", 1.2, 5, 0.75)
+# Smaller errors, in per cent, are drawn on this line: they are rounding, imperceptible to a hand.
+_ROUNDING, _UNNOTICED = 1e-9, 1e-2
+_VERDICTS = {
+    "agree": ("methods agree", "0.97", ""),
+    "direct-better": ("optimiser better", "0.82", "...."),
+    "closed-form-not-realisable": ("closed form not realisable", "0.66", "////"),
+    "bound-active": ("bound active", "0.9", "||||"),
+    "infeasible": ("infeasible", "0.25", "xxxx"),
+}
+
+
+def _lines(comparison: Comparison) -> dict[str, Line]:
+    """Return the line of each method; gains of the problem's own scope are drawn as the chosen ones."""
+    if comparison.delivered == comparison.optimum:
+        return METHODS | {"mine": _MINE}
+    beside = {
+        name: replace(METHODS[name], label=f"{name}, pointwise, for reference")
+        for name, one in registry.METHODS.items()
+        if one.optimises
+    }
+    beside["direct"] = replace(beside["direct"], colour="#6f94c4", style=(0, (2, 1.2)), marker="x", layer=5)
+    chosen = replace(METHODS["direct"], label=comparison.delivered)
+    return METHODS | beside | {comparison.delivered: chosen, "mine": _MINE}
+
+
+@styled
+def draw_perceived(comparison: Comparison, axes: GivenAxes = None) -> Figure:
+    """Draw the perceived impedance without coupling, by the closed form and by the delivered gains, and these gains."""
+    damping, hz, lines = impedance_unit(comparison), comparison.frequency_hz, _lines(comparison)
+    titles = ["(a) perceived impedance", f"(b) real part, {comparison.model} model", "(c) damping b", "(d) stiffness k"]
+    gains = [("damping_ns_per_m", f"b ({damping})"), ("stiffness_n_per_m", f"k ({comparison.units.unit('N/m')})")]
+    layout, height = "ab;cd", 5.4
+    if comparison.structure == "damped":
+        layout, height = "ab;cd;ee", 7.4
+        titles.append("(e) contact damping")
+        gains.append(("contact_damping_ns_per_m", f"b_p ({damping})"))
+    panels = Panels.of(axes, titles, height, layout)
+    perceived, real, *others = panels.axes
+    everywhere = np.ones(hz.shape, dtype=bool)
+    shown = {name: comparison.methods[name] for name in ("closed-form", comparison.delivered)}
+    curves: list[tuple[Line, ComplexArray, BoolArray]] = [
+        (_DESIRED, comparison.target, everywhere),
+        (_NO_COUPLING, comparison.without_coupling, everywhere),
+        *((lines[name], one.impedance, one.usable) for name, one in shown.items()),
+    ]
+    sizes = [np.abs(comparison.lower), np.abs(comparison.upper), *(np.abs(one) for _, one, _ in curves)]
+    perceived.fill_between(hz, sizes[0], sizes[1], color="0.92", zorder=1, label="feels real")
+    for (line, impedance, usable), size in zip(curves, sizes[2:], strict=True):
+        line.draw_where(usable, perceived, hz, size)
+        line.draw_where(usable, real, hz, impedance.real, markers=20)
+    value_axis(perceived, *sizes)
+    perceived.set_ylabel(f"{PERCEIVED} ({damping})")
+    _real_part(real, comparison, [impedance.real for _, impedance, _ in curves], {one: lines[one] for one in shown})
+    for panel, (key, label) in zip(others, gains, strict=True):
+        drawn = []
+        for name, one in shown.items():
+            wanted = getattr(one, f"requested_{key}", np.full(one.rows, np.nan))
+            drawn.append(np.where(one.usable, getattr(one, key), wanted))
+            lines[name].draw_where(one.usable, panel, hz, drawn[-1])
+        value_axis(panel, *drawn, wide=1.2)
+        panel.set_ylabel(label)
+        if panel.get_yscale() != "log":  # 0 has no place here, and would move the limits
+            panel.axhline(0, color="0.5", linewidth=0.8, zorder=1)
+    if np.isfinite(limit := comparison.passive_limit_n_per_m):
+        look: dict[str, Any] = {"color": "0.45", "linestyle": (0, (2, 2)), "linewidth": 1.0}
+        others[1].axhline(limit, label="passive limit of DC stiffness", **look)
+    for panel in panels.axes:
+        frequency_axis(panel, hz)
+    panels.legend(3)
+    return panels.figure
+
+
+def _real_part(axes: Axes, comparison: Comparison, drawn: list[np.ndarray], lines: dict[str, Line]) -> None:
+    """Draw Re Z in the model that is not the problem's too, and the part that (12) forbids."""
+    other: Model = "sampled-data" if comparison.model == "paper" else "paper"
+    for name, line in lines.items():
+        values = np.where(comparison.methods[name].usable, comparison.judged[name].real_part[other], np.nan)
+        label = f"{line.label}, {other} model"
+        if np.isfinite(values).any():
+            line.draw(axes, comparison.frequency_hz, values, linewidth=0.9, marker="", alpha=0.6, label=label)
+        drawn.append(values)
+    value_axis(axes, *drawn)
+    (lowest, highest), margin = axes.get_ylim(), comparison.margin_ns_per_m
+    if lowest < margin:
+        axes.axhspan(lowest, margin, facecolor="0.96", edgecolor="0.8", hatch="////", linewidth=0, zorder=0)
+        axes.set_ylim(lowest, highest)
+    axes.axhline(margin, color="0.5", linewidth=0.8, zorder=1)
+    axes.set_ylabel(f"Re Zₕ ({impedance_unit(comparison)})")
+
+
+@styled
+def draw_comparison(comparison: Comparison, axes: GivenAxes = None) -> Figure:
+    """Draw the magnitude error, the impedance error and the verdict at each frequency."""
+    titles = (
+        "(a) the goal (11); 1e-9 % and less is rounding",
+        f"(b) magnitude and phase; {_UNNOTICED:g} % and less drawn as such",
+        "(c) verdict, pointwise",
+    )
+    panels = Panels.of(axes, titles, 6.2, "a;b;c", height_ratios=[3, 3, 0.5])
+    magnitude, complex_, strip = panels.axes
+    hz, lines, size = comparison.frequency_hz, _lines(comparison), np.abs(comparison.target)
+    errors = {name: (one.magnitude_error, one.complex_error, one.usable) for name, one in comparison.methods.items()}
+    if (mine := comparison.mine) is not None:
+        errors["mine"] = mine.magnitude_error, mine.complex_error, np.ones(hz.shape, dtype=bool)
+    for name, (of_magnitude, of_impedance, usable) in errors.items():
+        with np.errstate(divide="ignore", invalid="ignore"):
+            share = 100 * of_magnitude / size
+        lines[name].draw_where(usable, magnitude, hz, np.maximum(share, _ROUNDING))
+        lines[name].draw_where(usable, complex_, hz, np.maximum(100 * of_impedance, _UNNOTICED))
+    for panel, floor, label in (
+        (magnitude, _ROUNDING, f"error of {PERCEIVED} (%)"),
+        (complex_, _UNNOTICED, "impedance error (%)"),
+    ):
+        panel.set(yscale="log", ylabel=label)
+        panel.set_ylim(floor / 3, max(panel.get_ylim()[1], 1.0))
+        log_ticks(panel.yaxis, *panel.get_ylim())
+        frequency_axis(panel, hz, label=False)
+    panels.legend(3, _verdicts(strip, comparison, magnitude.get_xlim()))
+    return panels.figure
+
+
+def _verdicts(axes: Axes, comparison: Comparison, ends: tuple[float, float]) -> dict[str, Patch]:
+    """Draw one band for each run of equal verdicts, from end to end of the axis."""
+    frequency, counts, patches = comparison.frequency_hz, comparison.counts(), {}
+    verdicts = [verdict.value for verdict in comparison.verdict]
+    edges = np.concatenate([ends[:1], np.sqrt(frequency[1:] * frequency[:-1]), ends[1:]])
+    start = 0
+    for row in range(1, len(verdicts) + 1):
+        if row == len(verdicts) or verdicts[row] != verdicts[start]:
+            label, colour, hatch = _VERDICTS[verdicts[start]]
+            look: dict[str, Any] = {"facecolor": colour, "edgecolor": "0.3", "hatch": hatch, "linewidth": 0.6}
+            axes.axvspan(edges[start], edges[row], **look)
+            patches[f"{label} ({counts[verdicts[start]]})"] = Patch(**look)
+            start = row
+    frequency_axis(axes, frequency)
+    axes.set(xlim=ends, yticks=[])
+    axes.grid(visible=False)
+    return patches
