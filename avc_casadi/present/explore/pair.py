@@ -19,7 +19,7 @@ from avc_casadi.design.virtual_tool import ToolSearch
 from avc_casadi.loops.follower import FollowerLoops
 from avc_casadi.model.declared import with_gains
 from avc_casadi.model.virtual_tool import ToolGains
-from avc_casadi.present.explore.series import HZ, chart, line, touches
+from avc_casadi.present.explore.series import HZ, chart, line, region, touches
 from avc_casadi.present.row import Row, count, marked, row
 from avc_casadi.present.rows.judge import passivity
 from avc_casadi.present.rows.pair import felt_rows, stability
@@ -50,8 +50,8 @@ def pair_answer(
     charts = _felt(problem, pairs)
     if tool is not None:
         rates: dict[str, Any] = {} if whole else {"rates": ()}
-        region = explorer.cached(f"region {whole} {stated}", lambda: tool_region(problem, summits=False, **rates))
-        charts.insert(0, _region(problem, region, pairs))
+        stable = explorer.cached(f"region {whole} {stated}", lambda: tool_region(problem, summits=False, **rates))
+        charts.insert(0, _region(problem, stable, pairs))
         if whole:
             runs = {}
             for cls, one in pairs.items():
@@ -104,49 +104,35 @@ def _rows(problem: Problem, search: ToolSearch | None, loops: Any, gains: ToolGa
 
 
 def _felt(problem: Problem, pairs: dict[str, ToolGains]) -> list[dict[str, Any]]:
-    bands = {cls: rendered_band(problem, gains) for cls, gains in pairs.items()}
     z, k = problem.units.unit("N.s/m"), problem.units.unit("N/m")
     free: list[dict[str, Any]] = []
     rigid: list[dict[str, Any]] = []
-    for cls, band in bands.items():
-        hz = np.array([one.frequency_hz for one in band.felt])
-        omega = 2 * np.pi * hz
-        if band.felt and band.felt[0].mass_kg is not None:
-            drag, mass = (np.array([getattr(one, key) for one in band.felt]) for key in ("drag_ns_per_m", "mass_kg"))
+    for cls, gains in pairs.items():
+        band = rendered_band(problem, gains)
+        hz, drag, mass, stiffness = (
+            np.array([getattr(one, key) for one in band.felt])
+            for key in ("frequency_hz", "drag_ns_per_m", "mass_kg", "stiffness_n_per_m")
+        )
+        rigid.append(line(_NAMES[cls], cls, hz, stiffness))
+        if band.felt[0].mass_kg is not None:
+            omega = 2 * np.pi * hz
             if not free:
                 wanted = np.hypot(band.damping_ns_per_m, omega * band.mass_kg)
                 free.append(line("device and other end as one body", "desired", hz, wanted))
             free.append(line(_NAMES[cls], cls, hz, np.hypot(drag, omega * mass)))
-        rigid.append(line(_NAMES[cls], cls, hz, [one.stiffness_n_per_m for one in band.felt]))
     charts = [chart("free", "Impedance |Z| in free motion", HZ, (z, "log"), free)] if free else []
     return [*charts, chart("rigid", "Stiffness on a rigid object", HZ, (k, "log"), rigid)]
 
 
-def _region(problem: Problem, region: ToolRegion, pairs: dict[str, ToolGains]) -> dict[str, Any]:
-    damping = region.damping_ns_per_m[1:]
-    lines = []
-    for one in region.curves:
+def _region(problem: Problem, found: ToolRegion, pairs: dict[str, ToolGains]) -> dict[str, Any]:
+    damping, lines = found.damping_ns_per_m[1:], []
+    for one in found.curves:
         name = f"{quantity(1 / one.step_s, 'Hz')}{', as declared' if one.declared else ''}"
         stiffness = np.where(one.stiffness_n_per_m[1:] > 0, one.stiffness_n_per_m[1:], np.nan)
         lines.append(line(name, "stable-hands" if one.declared else "without", damping, stiffness))
-    b, k = problem.units.unit("N.s/m"), problem.units.unit("N/m")
-    return chart(
-        "region",
-        "Springs and dampers that are stable with every corner hand, tool and contact: below each curve",
-        {"label": f"damper B, {b}", "kind": "log"},
-        (f"spring K, {k}", "log"),
-        lines,
-        points=[
-            {
-                "name": _NAMES[cls],
-                "cls": cls,
-                "x": max(one.damping_ns_per_m, float(damping[0])),
-                "y": one.stiffness_n_per_m,
-            }
-            for cls, one in pairs.items()
-        ],
-        wide=True,
-    )
+    marks = {(_NAMES[cls], cls): (one.stiffness_n_per_m, one.damping_ns_per_m) for cls, one in pairs.items()}
+    title = "Springs and dampers that are stable with every corner hand, tool and contact: below each curve"
+    return region(problem, title, "coupling's", lines, marks)
 
 
 def pair_coupling(explorer: Explorer, settings: Settings, problem: Problem) -> tuple[Coupling, str]:

@@ -41,6 +41,21 @@ def short(values: Any) -> list[float | None]:
     return [float(f"{value:.6g}") if math.isfinite(value) else None for value in flat]
 
 
+def region(
+    problem: Problem, title: str, of: str, lines: Sequence[Mapping[str, Any]], pairs: Mapping[tuple[str, str], Any]
+) -> dict[str, Any]:
+    """Return a chart of stiffness over damping, with pairs of stiffness and damping by name and class."""
+    b, k = problem.units.unit("N.s/m"), problem.units.unit("N/m")
+    least = min(x for one in lines for x in one["x"])
+    points = [
+        {"name": name, "cls": cls, "x": max(damping, least), "y": stiffness}
+        for (name, cls), (stiffness, damping) in pairs.items()
+        if stiffness
+    ]
+    x, y = {"label": f"{of} damping, {b}", "kind": "log"}, (f"{of} stiffness, {k}", "log")
+    return chart("region", title, x, y, lines, points=points, wide=True)
+
+
 def touches(runs: Mapping[str, Run], problem: Problem, begins: str) -> list[dict[str, Any]]:
     """Return position and force of simulated touches over time, with their peaks kept."""
     names, time = {"own": "your k and b", "method": "coupling"}, {"label": "time, s", "kind": "linear"}

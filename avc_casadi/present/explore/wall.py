@@ -21,7 +21,7 @@ from avc_casadi.own_law.remedies import first_law
 from avc_casadi.paper.loop import loop_at
 from avc_casadi.paper.realism import perceived_bounds
 from avc_casadi.paper.rendered import gain_schedule
-from avc_casadi.present.explore.series import HZ, chart, line, short, touches
+from avc_casadi.present.explore.series import HZ, chart, line, region, short, touches
 from avc_casadi.present.row import Row, row
 from avc_casadi.present.rows.own_law import own_law
 from avc_casadi.present.rows.subject import counts
@@ -74,7 +74,7 @@ def wall_answer(
         if whole:
             method.append(verdict_row(None if coupling is None else deployable(coupling).document()))
     else:
-        schedule = None if coupling is None else _at_frequencies(coupling)
+        schedule = None if coupling is None else _schedule(coupling)
     charts = _impedances(problem, direct, schedule)
     if whole:
         runs = {}
@@ -89,15 +89,11 @@ def wall_answer(
     return law, [one for one in own_law(found).rows if one.rank == 0], method, charts
 
 
-def _at_frequencies(coupling: Coupling) -> GainSchedule:
-    frequency = coupling.problem.frequencies_hz()
-    return gain_schedule(
-        coupling.problem,
-        coupling.method,
-        tuple(coupling.table(frequency)),
-        (Status.SOLVED,) * len(frequency),
-        state_feedback=coupling.runtime.state_feedback,
-    )
+def _schedule(coupling: Coupling) -> GainSchedule:
+    """Return the gains of a coupling at the frequencies of its problem."""
+    hz = coupling.problem.frequencies_hz()
+    solved, law = (Status.SOLVED,) * len(hz), coupling.runtime.state_feedback
+    return gain_schedule(coupling.problem, coupling.method, tuple(coupling.table(hz)), solved, state_feedback=law)
 
 
 def _impedances(problem: Problem, direct: Problem, schedule: GainSchedule | None) -> list[dict[str, Any]]:
@@ -130,22 +126,15 @@ def _impedances(problem: Problem, direct: Problem, schedule: GainSchedule | None
 
 
 def _region(explorer: Explorer, problem: Problem, stated: str, law: Mapping[str, float]) -> dict[str, Any]:
-    found = explorer.cached(f"region {stated}", lambda: zwidth(problem))
-    damping, wall = found.damping_ns_per_m[1:], problem.environment
-    marks = [
-        ("wanted wall", "desired", wall.damping_ns_per_m, wall.stiffness_n_per_m),
-        ("your k and b", "own", law["damping_ns_per_m"], law["stiffness_n_per_m"]),
-    ]
-    b, k = problem.units.unit("N.s/m"), problem.units.unit("N/m")
-    return chart(
-        "region",
-        "Walls without coupling that this device renders: stiffness below each curve",
-        {"label": f"wall damping, {b}", "kind": "log"},
-        (f"wall stiffness, {k}", "log"),
-        [line(one.claim, one.key, damping, one.stiffness_n_per_m[1:]) for one in found.curves],
-        points=[{"name": name, "cls": cls, "x": max(x, float(damping[0])), "y": y} for name, cls, x, y in marks if y],
-        wide=True,
-    )
+    found, wall = explorer.cached(f"region {stated}", lambda: zwidth(problem)), problem.environment
+    damping = found.damping_ns_per_m[1:]
+    lines = [line(one.claim, one.key, damping, one.stiffness_n_per_m[1:]) for one in found.curves]
+    pairs = {
+        ("wanted wall", "desired"): (wall.stiffness_n_per_m, wall.damping_ns_per_m),
+        ("your k and b", "own"): (law["stiffness_n_per_m"], law["damping_ns_per_m"]),
+    }
+    title = "Walls without coupling that this device renders: stiffness below each curve"
+    return region(problem, title, "wall", lines, pairs)
 
 
 def wall_coupling(explorer: Explorer, settings: Settings, problem: Problem) -> tuple[Coupling, str]:

@@ -70,47 +70,33 @@ def _wall(data: Mapping[str, Any], stated: Problem) -> list[Row]:
 
 
 def _engine(stated: Problem) -> list[Row]:
-    tool, t = stated.simulation, stated.device.sample_time_s
+    """Return what the headline does not hold: what the tool touches, and what the exchange means."""
+    tool = stated.simulation
     assert tool is not None  # noqa: S101 - asked of problems with one
     what: tuple[Part, ...] = ("none: the spring leads to a place that the engine sets",)
     if tool.tool_mass_kg is not None:
         low, high = tool.contact_stiffness_n_per_m
-        damping = (", damping", *span(tool.tool_damping_ns_per_m, "damping"))
-        springs = (
-            () if tool.rigid and low == 0 else ("springs of", *span((low,) if tool.rigid else (low, high), "stiffness"))
-        )
-        touches = ("; touches rigid objects", ("and", springs) if springs else None)
-        what = parts(span(tool.tool_mass_kg, "mass"), damping, touches)
-    late = f", {tool.steps_late} steps late" if tool.steps_late else ""
-    samples = (",", Value(max(tool.step_s) / t, "samples", 4), f"of the device; {tool.integrator}")
-    rows = [
-        row("Tool", what),
-        row("Engine", "a step every", span(tool.step_s, "time"), samples),
-        row("Exchange", f"{tool.exchange}{late}: {_EXCHANGES[tool.exchange]}"),
-    ]
-    if tool.scale != 1:
-        rows.append(row("Scales", f"position {tool.position_scale:g}, force {tool.force_scale:g} times the device's"))
-    return rows
+        ends = [low] * (low > 0) if tool.rigid else [low, high]
+        springs = ("springs of", span(ends, "stiffness")) if ends else None
+        touches = listed(["rigid objects" if tool.rigid else None, springs], "and")
+        what = parts(span(tool.tool_mass_kg, "mass"), ", damping", span(tool.tool_damping_ns_per_m, "damping"))
+        what = parts(what, "; touches", touches)
+    return [row("Tool", what), row("Exchange", f"{tool.exchange}: {_EXCHANGES[tool.exchange]}")]
 
 
 def _follower(stated: Problem) -> list[Row]:
+    """Return what the headline does not hold: link, what is sent back, what the follower touches."""
     far = stated.follower
     assert far is not None  # noqa: S101 - asked of problems with one
     there, back = (span(one, "time") for one in (far.delay_s, far.return_delay_s or far.delay_s))
-    values = (Value(far.mass_kg, "mass"), ",", Value(far.damping_ns_per_m, "damping"))
-    rate = (",", Value(1 / far.sample_time_s, "frequency"), ", delay", Value(far.delay_samples, "samples"))
     lost = (";", Value(far.jitter, "share"), "of jitter,", Value(far.lost_share, "share"), "of the messages lost")
     sent = f", {far.force} is sent back" if far.architecture == "position-force" else ""
     end = ("a rigid object",) if far.rigid else ("a spring of", Value(far.contact_stiffness_n_per_m[1], "stiffness"))
-    rows = [
-        row("Follower", values, rate),
+    return [
         row("Link", there, "there,", back, "back", lost),
         row("Architecture", f"{far.architecture}{sent}"),
         row("Touches", "nothing, up to", end),
     ]
-    if (far.position_scale, far.force_scale) != (1, 1):
-        rows.append(row("Scales", f"position {far.position_scale:g}, force {1 / far.force_scale:g} times the leader's"))
-    return rows
 
 
 def device(data: Mapping[str, Any], units: Units) -> Answer:

@@ -26,9 +26,10 @@ def smallest_margins(found: Mapping[str, Mapping[str, Any]], mark: Mark = Mark.N
         value, who = min(known, default=(None, ""))
         thin = thin or (value is not None and value < {"gain": _THIN_GAIN, "phase": _THIN_DEG}.get(word, 0.0))
         each.append((word, Value(value, of), who))
-    if len({who for _, _, who in each}) == 1:
-        each = [(word, value, who if word == "disk" else "") for word, value, who in each]
-    return row("Margins", listed(each), mark=doubted(thin) if mark is Mark.NONE else mark)
+    whose = {who for _, _, who in each}
+    alike = f"{whose.pop().strip('()')}:" if len(whose) == 1 else ""
+    text = listed((word, value, "" if alike else who) for word, value, who in each)
+    return row("Margins", alike, text, mark=doubted(thin) if mark is Mark.NONE else mark)
 
 
 def margins_by_loop(found: Mapping[str, Mapping[str, Any]]) -> list[Row]:
