@@ -92,16 +92,16 @@ def gain_fields(problem: Problem) -> tuple[Field, ...]:
     size = device.metres_per_unit**2
     stiffness = (problem.environment.stiffness_n_per_m if wall else 0.0) or 1e3 * size
     damping = (stiffness * device.mass_kg) ** 0.5 or size
-    stated = {
-        "stiffness_n_per_m": (f"spring {names[0]}", Quantity("N/m", 1e-9, 1e12), stiffness, ""),
-        "damping_ns_per_m": (f"damper {names[1]}", Quantity("N.s/m", 1e-9, 1e9), damping, ""),
-        "local_damping_ns_per_m": (f"{names[2]} damper, everywhere", Quantity("N.s/m", 1e-9, 1e9), None, "none"),
-    }
+    spring, damper = Quantity("N/m", 1e-9, 1e12), Quantity("N.s/m", 1e-9, 1e9)
+    stated: list[tuple[str, str, Quantity, float | None, str]] = [
+        ("stiffness_n_per_m", f"spring {names[0]}", spring, stiffness, ""),
+        ("damping_ns_per_m", f"damper {names[1]}", damper, damping, ""),
+        ("local_damping_ns_per_m", f"{names[2]} damper, everywhere", damper, None if wall else damping, "none"),
+    ]
     if wall:
-        stated["cutoff_hz"] = ("filter of the velocity", Quantity("Hz", 1e-6, 1e7), 100.0, "none")
+        stated.append(("cutoff_hz", "filter of the velocity", Quantity("Hz", 1e-6, 1e7), 100.0, "none"))
     return tuple(
-        _number(problem, key, group, label, of, value, blank, folded=False)
-        for key, (label, of, value, blank) in stated.items()
+        _number(problem, key, group, label, of, value, blank, folded=False) for key, label, of, value, blank in stated
     )
 
 
@@ -161,7 +161,11 @@ def _number(
     unit = of.unit if isinstance(of, Quantity) else "samples" if of is None else ""
     turns = "handle_radius" not in key
     factor = 1e-3 if unit in _MILLI else 1.0
-    size = 1.0 if problem.units.linear or not turns else problem.device.metres_per_unit ** -power_at_handle(_bare(key))
+    size = (
+        1.0
+        if problem.units.linear or not turns
+        else problem.device.metres_per_unit ** -power_at_handle(re.sub(r"\.\d$", "", key))
+    )
     log = of is not None and value is not None and value > 0
     low, high = (value / 30, value * 30) if log and value else (0.0, size * _USUAL.get(unit, 1.0))
     if of is not None:
@@ -189,10 +193,6 @@ def _flat(hint: Any) -> Iterator[Any]:
     if get_origin(hint) is not Literal:
         for one in (*get_args(hint), *getattr(hint, "__metadata__", ())):
             yield from _flat(one)
-
-
-def _bare(key: str) -> str:
-    return re.sub(r"\.\d$", "", key)
 
 
 def _label(problem: Problem, key: str, group: str) -> str:

@@ -2,7 +2,7 @@
 
 const STEPS = 1000;
 
-function made(name, attributes = {}, ...children) {
+export function made(name, attributes = {}, ...children) {
   const element = document.createElement(name);
   for (const [key, value] of Object.entries(attributes)) {
     if (value === true) element.setAttribute(key, "");
@@ -123,5 +123,3 @@ export class Fields {
     return rest;
   }
 }
-
-export { made };
