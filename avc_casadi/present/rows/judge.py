@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from shlex import quote
 from typing import TYPE_CHECKING, Any
@@ -12,9 +13,9 @@ from avc_casadi.model.registries import EFFECTS
 from avc_casadi.present.row import Answer, Mark, Part, Row, Value, count, doubted, listed, marked, parts, row, written
 from avc_casadi.present.rows.pair import stability
 from avc_casadi.present.rows.subject import (
-    RIGID,
     answer,
     deployable,
+    gains,
     hand,
     name_of,
     not_used,
@@ -283,19 +284,15 @@ def _mark(data: Mapping[str, Any]) -> Mark:
 
 
 def _coupling(data: Mapping[str, Any], problem: Problem) -> Row:
-    b, k, b_p = (data[key] for key in ("damping_ns_per_m", "stiffness_n_per_m", "contact_damping_ns_per_m"))
     if data["coupling"] == "none":
         return row("Coupling", "none: the wall itself")
-    found: list[Any] = [("contact damper b_p", Value(b_p, "damping"))] if b_p else []
-    if k is None or k >= RIGID * problem.environment.stiffness_n_per_m:
-        found.append("wall rendered directly")
-    else:
-        found += [("spring k", Value(k, "stiffness")), ("damper b", Value(b, "damping")) if b else None]
+    keys = ("damping_ns_per_m", "stiffness_n_per_m", "contact_damping_ns_per_m")
+    table = {key: [math.inf if data[key] is None else data[key]] for key in keys}
     read: tuple[Part, ...] = ()
     if data["gains_from_hz"] is not None:
         adapts = any(effect["kind"] == "adaptation" for effect in data["effects"])
-        read = parts("; at first" if adapts else ";", "the table at", Value(data["gains_from_hz"], "frequency"))
-    return row("Coupling", f"{data['coupling']}:", listed(found), read)
+        read = ("; at first" if adapts else ";", "the table at", Value(data["gains_from_hz"], "frequency"))
+    return row("Coupling", f"{data['coupling']}:", gains(table, problem), read)
 
 
 def _rendered(data: Mapping[str, Any], problem: Problem) -> Row:

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
+from avc_casadi.design.virtual_tool import WIDEST_MARGIN
 from avc_casadi.present.row import Mark, Part, Row, Value, count, doubted, listed, marked, parts, row, span
-from avc_casadi.present.rows.subject import SAFE_GAIN, gain_margin, hand, not_used, pair, peak_force
+from avc_casadi.present.rows.subject import hand, not_used, pair, peak_force
 
 if TYPE_CHECKING:
     from avc_casadi.model.problem import Problem
 
 MOST_HELPS = 3
 """What would help most, on the first screen."""
+# A gain margin below which a row warns.
+_SAFE_GAIN = 1.5
 # An impedance error in free motion above which the other end feels distinctly altered.
 _DRAGS = 1.0
 
@@ -68,8 +72,11 @@ def stability(found: Mapping[str, Any]) -> list[Row]:
         rows.append(row("Stability", "not all of", loops, "loops are stable", mark=Mark.FAIL))
     else:
         steady = found.get("mismatch_stable") is not False
-        text = ("corner hands and released,", loops, "loops;", gain_margin(found["gain_margin"]))
-        mark = marked(found["gain_margin"] >= SAFE_GAIN and steady, Mark.CAUTION)
+        margin = f"{WIDEST_MARGIN:g} or more"  # where its search ended
+        if found["gain_margin"] < WIDEST_MARGIN:
+            margin = f"{math.floor(100 * found['gain_margin']) / 100:.3g}"
+        text = ("corner hands and released,", loops, f"loops; gain margin {margin}")
+        mark = marked(found["gain_margin"] >= _SAFE_GAIN and steady, Mark.CAUTION)
         rows.append(row("Stability", text, "" if steady else "; not on devices 10 % away", mark=mark))
     if case := found.get("worst"):
         tool, stiffness = case["tool"], case["tool"]["contact_stiffness_n_per_m"]

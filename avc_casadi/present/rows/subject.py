@@ -6,7 +6,6 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from avc_casadi.design.virtual_tool import WIDEST_MARGIN
 from avc_casadi.files.catalogue import catalogue_names
 from avc_casadi.loops.margins import LEAST_DISK, SOUND_DISK
 from avc_casadi.present.row import Answer, Mark, Part, Quantity, Row, Value, count, listed, parts, row, span
@@ -14,10 +13,8 @@ from avc_casadi.present.row import Answer, Mark, Part, Quantity, Row, Value, cou
 if TYPE_CHECKING:
     from avc_casadi.model.problem import Problem
 
-RIGID = 100.0
-"""A spring so many times stiffer than the wall renders the wall itself."""
-SAFE_GAIN = 1.5
-"""A gain margin of a pair below which a row warns."""
+# A spring so many times stiffer than the wall renders the wall itself.
+_RIGID = 100.0
 # A force this near to its limit is at it.
 _AT_LIMIT = 0.97
 HAND: tuple[tuple[str, Quantity], ...] = (
@@ -73,7 +70,7 @@ def gains(table: Mapping[str, Sequence[float | None]], problem: Problem) -> tupl
     contact = ("contact damper b_p", span(b_p, "damping")) if max(b_p, default=0.0) > 0 else None
     if not k:
         return listed([contact, "no spring"])
-    if min(k) >= RIGID * problem.environment.stiffness_n_per_m:
+    if min(k) >= _RIGID * problem.environment.stiffness_n_per_m:
         return listed([contact, "wall rendered directly"])
     damper = ("damper b", span(b, "damping")) if max(b, default=0.0) > 0 else None
     return listed([contact, ("spring k", span(k, "stiffness")), damper])
@@ -96,13 +93,6 @@ def hand(values: Mapping[str, float]) -> tuple[Part, ...]:
     if not any(values.values()):
         return ("device released",)
     return ("hand of", *listed(Value(values[key], of) for key, of in HAND))
-
-
-def gain_margin(margin: float) -> tuple[Part, ...]:
-    """Return a gain margin of a pair; where its search ended, as at least that."""
-    if margin >= WIDEST_MARGIN:
-        return (f"gain margin {WIDEST_MARGIN:g} or more",)
-    return (f"gain margin {math.floor(100 * margin) / 100:.3g}",)
 
 
 def passive_limit(limit_n_per_m: float | None) -> Row:
