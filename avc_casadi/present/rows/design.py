@@ -42,9 +42,9 @@ def solution(data: Mapping[str, Any], problem: Problem, shown: str = "", file: s
     real = data["realism"]
     inside = ("between U and L at", Value(real["share_inside_bounds"], "share"), "of the frequencies, within")
     near = (Value(real["jnd"], "share"), "of the impedance at", Value(real["share_inside_jnd"], "share"))
-    told = (f"{by}: at", count(have), "of", count(len(status)), "frequencies in", seconds)
+    text = (f"{by}: at", count(have), "of", count(len(status)), "frequencies in", seconds)
     rows = [
-        row("Gains", told, mark=marked(have == len(status))),
+        row("Gains", text, mark=marked(have == len(status))),
         *([row("Coupling", gains(data, problem))] if have else []),
         row("Status", counts(data["counts"])),
         *_errors(data),
@@ -53,8 +53,8 @@ def solution(data: Mapping[str, Any], problem: Problem, shown: str = "", file: s
         passive_limit(data["passive_limit_n_per_m"]),
     ]
     if "paper_errors" in data:
-        told_errors = f"{len(data['paper_errors'])} in the printed paper; these gains have those of (10) and (17)"
-        rows.append(row("Paper's errors", told_errors, mark=Mark.CAUTION))
+        errors = f"{len(data['paper_errors'])} in the printed paper; these gains have those of (10) and (17)"
+        rows.append(row("Paper's errors", errors, mark=Mark.CAUTION))
     rows += [*written(file), *gain_rows(data), *notes(data["notes"], rank=1, mark=Mark.NONE)]
     rows += [*levels(data["certificate"]["levels"]), *printed_errors(data.get("paper_errors", ()))]
     printed = " --as-printed" if "paper_errors" in data else ""
@@ -88,26 +88,18 @@ def without_gains(data: Mapping[str, Any]) -> str:
 
 def gain_rows(data: Mapping[str, Any], most: int = 20) -> list[Row]:
     """Return the gains and errors at some of the frequencies, of lower rank."""
-    return [
-        row(
-            f"{data['frequency_hz'][at]:.4g} Hz",
-            listed(
-                [
-                    *(
-                        (symbol, Value(data[key][at], "stiffness" if symbol == "k" else "damping"))
-                        for symbol, key in _GAINS
-                        if data[key][at]
-                    ),
-                    ("error of |Z|", Value(data["magnitude_error"][at], "damping")),
-                    ("impedance error", Value(data["complex_error"][at], "share")),
-                    ("Re Z_h", Value(data["real_part"][at], "damping")),
-                    data["status"][at],
-                ]
-            ),
-            rank=1,
-        )
-        for at in sample_rows(len(data["frequency_hz"]), most)
-    ]
+    rows = []
+    for at in sample_rows(len(data["frequency_hz"]), most):
+        each: list[Any] = [
+            (symbol, Value(data[key][at], "stiffness" if symbol == "k" else "damping"))
+            for symbol, key in _GAINS
+            if data[key][at]
+        ]
+        each.append(("error of |Z|", Value(data["magnitude_error"][at], "damping")))
+        each.append(("impedance error", Value(data["complex_error"][at], "share")))
+        each += [("Re Z_h", Value(data["real_part"][at], "damping")), data["status"][at]]
+        rows.append(row(f"{data['frequency_hz'][at]:.4g} Hz", listed(each), rank=1))
+    return rows
 
 
 def _errors(data: Mapping[str, Any]) -> list[Row]:
@@ -159,14 +151,14 @@ def _method(name: str, found: Mapping[str, Any], data: Mapping[str, Any]) -> Row
     """Return where a method has gains, and the first reason why not, or its distance from the other optimum."""
     damping, check = found["damping_ns_per_m"], data["cross_check"]
     missing = [at for at, b in enumerate(damping) if b is None]
-    told: tuple[Part, ...] = parts("at", count(len(damping) - len(missing)), "of", count(len(damping)), "frequencies")
+    text: tuple[Part, ...] = parts("at", count(len(damping) - len(missing)), "of", count(len(damping)), "frequencies")
     mark = Mark.PASS if not missing else Mark.FAIL if name == data["optimum"] else Mark.CAUTION
     if name == "exact" and check is not None:
         agreement, agrees = _cross_check(check)
-        told, mark = parts(told, ";", agreement), mark if agrees is Mark.PASS else agrees
+        text, mark = parts(text, ";", agreement), mark if agrees is Mark.PASS else agrees
     elif missing:
-        told = parts(told, "; at", Value(data["frequency_hz"][missing[0]], "frequency"), found["reason"][missing[0]])
-    return row(name.replace("-", " ").capitalize(), told, mark=mark)
+        text = parts(text, "; at", Value(data["frequency_hz"][missing[0]], "frequency"), found["reason"][missing[0]])
+    return row(name.replace("-", " ").capitalize(), text, mark=mark)
 
 
 def _cross_check(check: Mapping[str, Any]) -> tuple[tuple[Part, ...], Mark]:

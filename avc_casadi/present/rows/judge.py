@@ -106,11 +106,11 @@ def _per_frequency(found: Mapping[str, Any]) -> Row:
     """Return the claims of the paper, which deployment does not need."""
     others = {name: one for name, one in found.items() if not one["outcome"] and name != "L5"}
     words = {"met": "pass", "not met": "fail", "not judged": "refused"}
-    told = []
+    text = []
     for word, state in words.items():
         names = [one["title"].removeprefix("passive ") for one in others.values() if _state(one) == state]
-        told += [f"{word}: {', '.join(names)}"] if names else []
-    return row("Passivity", "; ".join(told))
+        text += [f"{word}: {', '.join(names)}"] if names else []
+    return row("Passivity", "; ".join(text))
 
 
 def _state(level: Mapping[str, Any]) -> str:
@@ -146,15 +146,15 @@ def passivity(found: Mapping[str, Any], problem: Problem) -> list[Row]:
     if found["refused"]:
         return [row("Engine's port", f"not judged: {found['refused']}", mark=Mark.CAUTION)]
     margin = Value(None if found["margin_ns_per_m"] is None else abs(found["margin_ns_per_m"]), "damping")
-    told: tuple[Part, ...] = ("not passive: with the tool held in place the device is unstable",)
+    text: tuple[Part, ...] = ("not passive: with the tool held in place the device is unstable",)
     if found["passive"]:
-        told = ("passive with", margin, "to spare: stable with any passive engine, whatever its tool touches")
+        text = ("passive with", margin, "to spare: stable with any passive engine, whatever its tool touches")
     elif found["margin_ns_per_m"] is not None:
         at = ("at", Value(found["frequency_hz"], "frequency"))
-        told = ("not passive: lacks", margin, *at, ",", *hand(found["hand"]))
+        text = ("not passive: lacks", margin, *at, ",", *hand(found["hand"]))
     if found["any_hand"] is not None:
-        told = (*told, f"; {'with' if found['any_hand'] else 'not with'} any passive hand (Llewellyn)")
-    rows = [row("Engine's port", told, mark=Mark.PASS if found["passive"] else Mark.NONE)]
+        text = (*text, f"; {'with' if found['any_hand'] else 'not with'} any passive hand (Llewellyn)")
+    rows = [row("Engine's port", text, mark=Mark.PASS if found["passive"] else Mark.NONE)]
     if not found["engine_is_implicit"]:
         why = f"{tool.integrator} is none: it integrates the tool explicitly; Stability holds, for the declared tools"
         rows.append(row("Passive engine", why, mark=doubted(found["passive"])))
@@ -165,17 +165,17 @@ def region(data: Mapping[str, Any], problem: Problem, shown: str = "", drawn: st
     """Return the answer of `zwidth` of a problem with [simulation]: a row for each engine rate."""
     shown, curves, damping, rows = shown or name_of(problem), data["curves"], data["damping_ns_per_m"], []
     for one in curves:
-        told: tuple[Part, ...] = ("no coupling is stable",)
+        text: tuple[Part, ...] = ("no coupling is stable",)
         if one["stiffest_n_per_m"] is not None:
             best = {
                 "stiffness_n_per_m": one["stiffest_n_per_m"],
                 "damping_ns_per_m": one["stiffest_with_ns_per_m"],
                 "local_damping_ns_per_m": one["stiffest_with_local_ns_per_m"],
             }
-            told = ("stiffest", *pair(best))
+            text = ("stiffest", *pair(best))
         label = Value(one["rate_hz"], "frequency").text(problem.units)
         mark = Mark.NONE if one["stiffest_n_per_m"] is not None else Mark.FAIL
-        rows.append(row(label, told, ", as declared" if one["declared"] else "", mark=mark))
+        rows.append(row(label, text, ", as declared" if one["declared"] else "", mark=mark))
     rows += written(drawn, label="Drawn")
     for at in sample_rows(len(damping), _ROWS // 2):
         each = [(Value(one["rate_hz"], "frequency"), _stiffest(one["stiffness_n_per_m"][at])) for one in curves]
@@ -201,13 +201,13 @@ def walls(data: Mapping[str, Any], problem: Problem, shown: str = "", drawn: str
         rows.append(row("Not used", f"{unused}: declared, and no part of these claims", mark=Mark.CAUTION))
     for key, one in curves.items():
         known = [(k, b) for k, b in zip(one["stiffness_n_per_m"], damping, strict=True) if k is not None]
-        told: tuple[Part, ...] = ("no wall",)
+        text: tuple[Part, ...] = ("no wall",)
         if known:
             k, b = max(known)
             ends = "; beyond it not looked at" if b == damping[-1] else ""
-            told = parts("up to", Value(k, "stiffness"), "with a wall damping of", Value(b, "damping"), ends)
+            text = parts("up to", Value(k, "stiffness"), "with a wall damping of", Value(b, "damping"), ends)
         # A device that is a sample later is another device.
-        rows.append(row(_CURVES[key], told, rank=1 if key == "passive-delayed" else 0))
+        rows.append(row(_CURVES[key], text, rank=1 if key == "passive-delayed" else 0))
     rows += [*_constant(data), passive_limit(data["passive_limit_n_per_m"])]
     if data["encoder_limit_n_per_m"] is not None:
         limit = Value(data["encoder_limit_n_per_m"], "stiffness")
@@ -226,13 +226,13 @@ def _constant(data: Mapping[str, Any]) -> list[Row]:
     for one in data["static"]:
         if one["condition"] != "all":
             continue
-        told: tuple[Part, ...] = ("no constant coupling is passive at all frequencies",)
+        text: tuple[Part, ...] = ("no constant coupling is passive at all frequencies",)
         if one["found"]:
             b_p = one["contact_damping_ns_per_m"]
             k, b = Value(one["stiffness_n_per_m"], "stiffness"), Value(one["damping_ns_per_m"], "damping")
             found = listed([("k", k), ("b", b), ("b_p", Value(b_p, "damping")) if b_p else None])
-            told = (*found, ": passive at all frequencies, error", Value(one["error"], "share"))
-        rows.append(row(f"Constant, {one['model'].removesuffix('-data')}", told))
+            text = (*found, ": passive at all frequencies, error", Value(one["error"], "share"))
+        rows.append(row(f"Constant, {one['model'].removesuffix('-data')}", text))
     return rows
 
 
@@ -302,12 +302,12 @@ def _rendered(data: Mapping[str, Any], problem: Problem) -> Row:
     kinds = {one if isinstance(one, str) else one["kind"] for one in data["effects"]}
     beside = ", with the slope of the detents" if "detent" in kinds else ""
     share = f"({100 * sensed / wall:.2g} % of the wall)" if wall and problem.simulation is None else ""
-    told = parts(Value(sensed, "stiffness"), "at the sensor", share, beside)
+    text = parts(Value(sensed, "stiffness"), "at the sensor", share, beside)
     own = [one.force_n for one in problem.scene.effects if isinstance(one, SaturationEffect)]
     limit = own[0] if own and own[0] is not None else problem.device.max_force_n
     if "saturation" not in kinds or limit is None or data["mean_force_n"] < _AT_LIMIT * limit:
-        return row("Rendered", told)
-    return row("Rendered", told, "; ends at the limit of", Value(limit, "force"), mark=Mark.CAUTION)
+        return row("Rendered", text)
+    return row("Rendered", text, "; ends at the limit of", Value(limit, "force"), mark=Mark.CAUTION)
 
 
 def _beside(label: str, one: Mapping[str, Any]) -> Row:

@@ -115,8 +115,8 @@ def device(data: Mapping[str, Any], units: Units) -> Answer:
     rows += [row(units.key(key), f"{one['grade']}, {one['source']}", rank=1) for key, one in sources.items()]
     if data["sdk_example"] is not None:
         example = {key: one for key, one in data["sdk_example"].items() if key != "source"}
-        told = ", ".join(f"{units.key(key)} {one}" for key, one in example.items())
-        rows.append(row("SDK example", f"{told}; {data['sdk_example']['source']}", rank=1))
+        text = ", ".join(f"{units.key(key)} {one}" for key, one in example.items())
+        rows.append(row("SDK example", f"{text}; {data['sdk_example']['source']}", rank=1))
     rows.append(row("Use", f'device = "{data["referred_as"]}" in a problem file'))
     return Answer("check", data, (f"{data['device']}   device file",), tuple(rows), units=units)
 
@@ -147,11 +147,11 @@ def installation(data: Mapping[str, Any], ports: Sequence[Row]) -> Answer:
     """Return the answer of `doctor`: working solvers, packages, compilers, ports."""
     solvers, programs = data["solvers"], data["programs"]
     missing = [name for name, place in programs.items() if not place]
-    told = ", ".join(f"{name} {'solves' if solves else 'does NOT solve'}" for name, solves in solvers.items())
+    text = ", ".join(f"{name} {'solves' if solves else 'does NOT solve'}" for name, solves in solvers.items())
     emulator = "installed" if data["emulator"] else "absent; pip install 'avc-casadi[emulator]'"
     writable = "writable" if data["folder_writable"] else "NOT writable"
     rows = [
-        row("Solvers", told, mark=marked(all(solvers.values()))),
+        row("Solvers", text, mark=marked(all(solvers.values()))),
         row("Packages", ", ".join(f"{name} {version}" for name, version in data["packages"].items())),
         row("Programs", ", ".join(name for name in programs if programs[name]) or "none"),
         *([row("Absent", ", ".join(missing), mark=Mark.CAUTION)] if missing else []),
@@ -171,14 +171,14 @@ def ports(found: Sequence[Mapping[str, Any]], *, asked: bool) -> list[Row]:
     rows = []
     for port in found:
         own = f"serial number {port['serial_number']}" if port["serial_number"] else ""
-        told = [port["description"], own, "may be opened" if port["accessible"] else _NO_RIGHT]
+        text = [port["description"], own, "may be opened" if port["accessible"] else _NO_RIGHT]
         if asked and (behind := port["avc_device"]) is not None:
             number = behind["unique_id"] or "without a number"
-            told.append(f"avc device {number}, coupling {behind['coupling_id'] or 'none'}")
+            text.append(f"avc device {number}, coupling {behind['coupling_id'] or 'none'}")
         elif asked:
-            told.append("no avc device")
+            text.append("no avc device")
         mark = marked(port["accessible"], Mark.CAUTION)
-        rows.append(row(port["device"], ", ".join(filter(None, told)), mark=mark))
+        rows.append(row(port["device"], ", ".join(filter(None, text)), mark=mark))
     return rows or [row("Serial ports", "none")]
 
 
@@ -193,8 +193,8 @@ def accuracy(data: Mapping[str, Any]) -> Answer:
         worst = (Value(one["largest_excess_error"], "number", 2), "at most; optimal at")
         notable = f"{', fastest of its accuracy' if one['pareto'] else ''}{', default' if one['default'] else ''}"
         shown = 0 if one["pareto"] or one["default"] else 1
-        told = (f"{by}:" if by else "", seconds, excess, worst, Value(one["optimal_share"], "share"), notable)
-        rows.append(row(one["method"], told, rank=shown))
+        text = (f"{by}:" if by else "", seconds, excess, worst, Value(one["optimal_share"], "share"), notable)
+        rows.append(row(one["method"], text, rank=shown))
     title = (f"{data['problem']}   error of |Z_h| beyond the optimum of `exact`, relative to |Z_h_ds|",)
     return Answer("accuracy", data, title, tuple(rows), (f"avc accuracy {data['problem']} -v",))
 
@@ -205,18 +205,18 @@ def table1(data: Mapping[str, Any]) -> Answer:
     for name, found in (("A", data["rows"]), ("B", data["rows_set_b"])):
         for one in found:
             paper, stable, felt = one["paper"] or {}, one["stable"], one["apparent_stiffness_n_per_m"]
-            told: list[Any] = [f"{one['coupling']}: stable" if stable is not None else f"{one['coupling']}: not tried"]
+            text: list[Any] = [f"{one['coupling']}: stable" if stable is not None else f"{one['coupling']}: not tried"]
             if stable is not None:
                 low, high = Value(one["stable_low"], "share"), Value(one["stable_high"], "share")
-                told += [count(stable), "of", count(hands), "(95 %", low, "to", high, ")"]
-            told += [f", paper {paper['stable']}"] if "stable" in paper else []
-            told += [] if one["asymptotic"] is None else [",", count(one["asymptotic"]), "without friction"]
-            told += [] if felt is None else [", felt", Value(felt, "stiffness")]
-            told += [] if one["matched"] is None else [", nearer", count(one["matched"])]
-            told += [] if one["unable"] is None else [", unable", count(one["unable"])]
-            told += [] if paper.get("matched") is None else [f"(paper {paper['matched']}/{paper['unable']})"]
+                text += [count(stable), "of", count(hands), "(95 %", low, "to", high, ")"]
+            text += [f", paper {paper['stable']}"] if "stable" in paper else []
+            text += [] if one["asymptotic"] is None else [",", count(one["asymptotic"]), "without friction"]
+            text += [] if felt is None else [", felt", Value(felt, "stiffness")]
+            text += [] if one["matched"] is None else [", nearer", count(one["matched"])]
+            text += [] if one["unable"] is None else [", unable", count(one["unable"])]
+            text += [] if paper.get("matched") is None else [f"(paper {paper['matched']}/{paper['unable']})"]
             wall = Value(one["stiffness_n_per_m"], "stiffness").text(Units("linear"))
-            rows.append(row(f"Set {name}, {one['ve']}, {wall}", told))
+            rows.append(row(f"Set {name}, {one['ve']}, {wall}", text))
     title = f"Table 1 of the paper with {hands} simulated hands, seed {data['seed']}; of 10 people in the paper"
     rows += [
         row("Set A", "mass 0.05 to 0.3 kg, damping 3 to 20 N.s/m, stiffness 200 to 800 N/m"),

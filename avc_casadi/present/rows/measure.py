@@ -75,7 +75,7 @@ def identification(
     rows.append(row("Model", ", ".join(found.rungs)))
     rows += notes(found.notes, mark=Mark.CAUTION)
     rows += written(*files)
-    rows.append(row("Not told", ", ".join(map(units.key, found.unknown)), rank=1))
+    rows.append(row("Not known", ", ".join(map(units.key, found.unknown)), rank=1))
     for trial in found.trials:
         share, errors = Value(trial.change, "share"), f"on stretches held out, {trial.standard_errors:.2g} std errors"
         taken = "taken: error" if trial.taken else "not taken: error"
