@@ -115,6 +115,10 @@ def page_html(
     return frame.substitute(title=escape(title), source=escape(source), body=body, versions=made)
 
 
+def _shown(answer: Answer) -> list[Row]:
+    return [one for one in answer.rows if one.rank == 0 and one.label != "Written"]
+
+
 def report_html(
     answer: Answer,
     problem: Problem,
@@ -123,7 +127,7 @@ def report_html(
     more: Sequence[Section] = (),
 ) -> str:
     """Return the report of a recommendation: verdict, one picture and ten rows first, then the rest of it."""
-    shown = [one for one in answer.rows if one.rank == 0 and one.label != "Written"]
+    shown = _shown(answer)
     certificate = answer.data["certificate"] or {}
     claims: list[Row] = levels(certificate.get("levels", {}))
     if problem.simulation is not None and certificate:
@@ -223,9 +227,8 @@ def identification_html(answer: Answer, found: Identification, versions: Mapping
     caption = "The model on the commanded input, held near by a slow observer; frequency response where it is coherent"
     text = "no device file: see the rows" if found.device is None else device_text(found.device)
     lines = [row(f"{place + 1}", line) for place, line in enumerate(text.splitlines())]
-    shown = [one for one in answer.rows if one.rank == 0]
     sections = [
-        Section("What the logs show", shown, [Picture.of(draw_identification(found), caption)]),
+        Section("What the logs show", _shown(answer), [Picture.of(draw_identification(found), caption)]),
         Section("Evidence", [one for one in answer.rows if one.rank > 0]),
         Section("Device file", lines, folded=True),
     ]

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from avc_casadi._util.units import units_for
-from avc_casadi.present.figures.style import GivenAxes, Panels, frequency_axis, styled
+from avc_casadi.present.figures.style import GivenAxes, Panels, frequency_axis, log_ticks, styled
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -61,6 +61,7 @@ def draw_identification(found: Identification, axes: GivenAxes = None) -> Figure
     phase.plot(band, turned, **_POINTS)
     phase.plot(frequency[span], model, **(_MODEL | {"label": "_"}))
     size.set(yscale="log", ylabel=f"|v/F| ({units.unit('m/s')}/({units.unit('N')}))")
+    log_ticks(size.yaxis, *size.get_ylim())
     phase.set_ylabel("phase (degrees)")
     for panel in (size, phase):
         frequency_axis(panel, band)
@@ -95,6 +96,7 @@ def draw_diagnosis(found: Diagnosis, axes: GivenAxes = None) -> Figure:
     top = max(float(amplitude[1:].max(initial=0.0)), 1e-9)
     spectrum.plot(hertz[1:], amplitude[1:], color=_BLUE, linewidth=0.9)
     spectrum.set(yscale="log", ylabel=f"amplitude ({unit})", ylim=(1e-4 * top, 3 * top))
+    log_ticks(spectrum.yaxis, *spectrum.get_ylim())
     frequency_axis(spectrum, hertz[1:])
     if log.encoder_m:
         half, place = size * log.encoder_m / 2, spectrum.get_yaxis_transform()
