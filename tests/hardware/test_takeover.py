@@ -122,6 +122,8 @@ def test_a_hand_that_leans_on_the_wall_feels_no_other_one(soft_first: bool) -> N
 
 def test_a_device_that_is_held_in_its_wall_keeps_what_it_runs() -> None:
     core = host_core()
+    with pytest.raises(InContactError, match=r"stood at 0.0006, inside the new wall, which begins at -?0,"):
+        push(COUPLINGS[0], HostLink(core, position=lambda _: 300))
     push(COUPLINGS[0], HostLink(core))
     told = []
     with pytest.raises(InContactError):

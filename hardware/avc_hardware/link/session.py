@@ -195,18 +195,14 @@ class Session:
         if (device.table_id, device.table_crc32) == (table.table_id, table.crc32):
             return (yield from self.ask(Kind.COMMIT, payload, m.Committed))
         status = yield from self.ask(Kind.STATUS, b"", DeviceStatus)
+        face_m = 0.0 if table.feedback is None else -table.feedback.face_m
+        why = f"the device stood at {status.position_m:.4g}, inside the new wall, which begins at {face_m:.4g},"
+        if status.contact and status.has_table and not status.faults:  # after a fault nothing of it runs
+            why = "the device was in contact with the wall that it runs"
         raise InContactError(
-            f"{self._why_it_waits(table, status)} for {CONTACT_TRIALS * CONTACT_WAIT_S:.0f} s, and no coupling takes "
-            "over there; it runs what it ran before: let go of it, out of the wall, and push again"
+            f"{why} for {CONTACT_TRIALS * CONTACT_WAIT_S:.0f} s, and no coupling takes over there; it runs what it ran "
+            "before: let go of it, out of the wall, and push again"
         )
-
-    def _why_it_waits(self, table: TableImage, status: DeviceStatus) -> str:
-        """Return what the takeover waited for."""
-        if status.contact:
-            return "the device was in contact with the wall that it runs"
-        face = 0.0 if table.feedback is None else table.feedback.face_m
-        ahead = ", where the observer of the new coupling sees its face" if face else ""
-        return f"the device stood at {status.position_m:.4g}, inside the new wall, which begins at {-face:.4g}{ahead},"
 
     def _chunks(self, image: bytes, table_id: int, received: int, device: Device) -> Generator[Exchange, Answer, None]:
         """Keep the device's window full; after a loss go back to the first missing byte."""
