@@ -20,7 +20,7 @@ from host_device import HostCore, State, build_host, queue
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from reference_device import ReferenceDevice
+from reference_device import ReferenceDevice, runtime_programs
 from run_step import run_step
 
 from avc_casadi._util.arrays import Float32Array
@@ -31,7 +31,6 @@ from avc_casadi.simulation.runtime.estimators import estimator_step
 from avc_casadi.simulation.runtime.signal import EstimatorSettings
 from avc_hardware import BoardLimits, Connection, EmulatedBoard, RuntimeFigures, TableImage
 from avc_hardware.codegen.figures import Config
-from avc_hardware.codegen.tick_program import runtime_programs
 from avc_hardware.emulator.machine import CLOCK_HZ
 from avc_hardware.link.table import lookup
 

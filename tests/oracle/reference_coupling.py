@@ -5,12 +5,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from reference_device import states_at_rest
 
 from avc_casadi.model.gains import interpolate
 from avc_casadi.simulation.emit import SINGLE, Precision
 from avc_hardware.codegen.coupling_program import coupling_program
 from avc_hardware.codegen.sensor_rule import FARTHEST_M, SensorBounds
-from avc_hardware.codegen.tick_program import GAINS, states_at_rest
+from avc_hardware.codegen.tick_program import GAINS
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray

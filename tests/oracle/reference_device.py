@@ -15,13 +15,57 @@ from avc_casadi.simulation.emit import FloatProgram
 from avc_casadi.simulation.runtime.observer import state_feedback_step
 from avc_casadi.simulation.runtime.step import Step
 from avc_hardware.codegen.figures import BoardLimits, RuntimeFigures
-from avc_hardware.codegen.tick_program import GAINS, RuntimeProgram, runtime_programs
+from avc_hardware.codegen.tick_program import GAINS, RuntimeProgram, tick_numbers, tick_programs
 from avc_hardware.link.table import TableImage, lookup
 
 _f = np.float32
 Columns = dict[str, Float32Array]
 # Where an observer goes on believing in contact, a table takes over when the device was out of its wall for so long.
 TICKS_AWAY = 10
+
+
+def states_at_rest(
+    states: tuple[str, ...], initial: tuple[tuple[float, float, float], ...], position_m: NDArray[Any]
+) -> dict[str, NDArray[Any]]:
+    """Return the states of a device that has always been at rest at a position, each of its shape and precision."""
+    zero = np.zeros_like(position_m)
+    found = {}
+    for name, (middle, high, low) in zip(states, initial, strict=True):
+        value = zero + zero.dtype.type(middle)
+        if (high, low) == (middle + 1, middle - 1):
+            value = position_m
+        elif (high, low) == (middle + 1, middle):
+            value = np.where(position_m > 0, position_m, zero)
+        found[name] = value
+    return found
+
+
+@dataclass(frozen=True)
+class Part:
+    """A part of the tick, run in single precision with the numbers of some figures."""
+
+    program: RuntimeProgram
+    numbers: Float32Array
+
+    def start(self, position_m: Float32Array) -> Columns:
+        of_number = [(float(one),) * 3 for one in self.numbers]
+        known = [of_number[int(x.removeprefix("number_"))] if isinstance(x, str) else x for x in self.program.initial]
+        return states_at_rest(self.program.states, tuple(known), position_m)
+
+    def __call__(self, states: Columns, inputs: Columns) -> tuple[Columns, Columns]:
+        """Run one tick; returns the next states and the outputs."""
+        part = self.program
+        results = part.program(
+            *(inputs[name] for name in part.inputs), *self.numbers, *(states[name] for name in part.states)
+        )
+        outputs = dict(zip(part.outputs, results, strict=False))
+        return dict(zip(part.states, results[len(outputs) :], strict=True)), outputs
+
+
+def runtime_programs(figures: RuntimeFigures) -> tuple[Part, ...]:
+    """Return the parts estimate, couple and guard of the tick."""
+    numbers = tick_numbers(figures)
+    return tuple(Part(part, numbers) for part in tick_programs(figures.estimator, figures.passive)[0][:3])
 
 
 @dataclass(frozen=True)
@@ -100,7 +144,7 @@ class ReferenceDevice:
     def __init__(self, figures: RuntimeFigures, limits: BoardLimits, devices: int) -> None:
         """Make devices without a table."""
         self._limits = limits
-        self._estimate, self._couple, self._guard = runtime_programs(figures)[:3]
+        self._estimate, self._couple, self._guard = runtime_programs(figures)
         self._states: dict[str, Columns] = {}
         self._force = np.zeros(devices, dtype=np.float32)
         self._contact = np.zeros(devices, dtype=np.bool_)
@@ -183,10 +227,10 @@ class ReferenceDevice:
         for part in (self._couple, self._guard):
             self._begin(part, where, x)
 
-    def _begin(self, part: RuntimeProgram, where: BoolArray, x: Float32Array) -> None:
+    def _begin(self, part: Part, where: BoolArray, x: Float32Array) -> None:
         begun = part.start(x)
-        states = self._states.get(part.name, begun)
-        self._states[part.name] = {name: np.where(where, begun[name], states[name]) for name in begun}
+        states = self._states.get(part.program.name, begun)
+        self._states[part.program.name] = {name: np.where(where, begun[name], states[name]) for name in begun}
 
     def _each(self, number: Callable[[TableImage], float], without: float = 0.0) -> Float32Array:
         """Return a number of each device's table, shape (devices,)."""
@@ -195,6 +239,7 @@ class ReferenceDevice:
             values = np.where(one.runs, _f(number(one.table)), values)
         return values
 
-    def _run(self, part: RuntimeProgram, inputs: Columns) -> Columns:
-        self._states[part.name], outputs = part(self._states[part.name], inputs)
+    def _run(self, part: Part, inputs: Columns) -> Columns:
+        name = part.program.name
+        self._states[name], outputs = part(self._states[name], inputs)
         return outputs

@@ -23,7 +23,7 @@ from avc_casadi import InputError, MissingExtraError, UnsupportedError
 from avc_casadi._util.files import write_file
 from avc_casadi.coupling import Coupling
 from avc_casadi.model.problem import Problem
-from avc_hardware.codegen.boards import FIRMWARE, IMAGE, MANIFEST, TARGETS, Target, read_board
+from avc_hardware.codegen.boards import FIRMWARE, IMAGE, MANIFEST, PACKAGED, Board, read_board
 from avc_hardware.codegen.figures import ESTIMATOR_NUMBERS, BoardLimits, Config, RuntimeFigures, board_limits
 from avc_hardware.codegen.firmware_fit import check_runs_on, figures_of, wall_alone
 from avc_hardware.codegen.image import as_binary, as_intel_hex, read_elf
@@ -69,7 +69,7 @@ def source_hash(estimator: str = "fused", passive: bool = True, *further: bytes)
     return digest.hexdigest()[:8]
 
 
-def build_name(board: Target, figures: RuntimeFigures) -> str:
+def _build_name(board: Board, figures: RuntimeFigures) -> str:
     """Return the name of the sources of an image, those of a custom board among them, as in HELLO."""
     own = [(board.root / source).read_bytes() for source in board.sources] if board.own else []
     return source_hash(figures.estimator, figures.passive, *own)
@@ -99,7 +99,7 @@ def generate(made: Path, config: Config, *, bound: bool) -> list[Path]:
 
 
 def build_image(
-    board: Target = TARGETS["netduinoplus2"],
+    board: Board | None = None,
     out: Path = IMAGE.parent,
     *,
     baud: int | None = None,
@@ -108,20 +108,23 @@ def build_image(
 ) -> Path:
     """Build the ELF image of a board, whose configuration is its own for ever where it is bound."""
     boards = FIRMWARE / "boards"
-    common = ("memory.c", "main.c", "defaults.c", "start.c", "systick.c")
+    board = board or read_board(boards / PACKAGED)
+    common = ("memory.c", "main.c", "defaults.c", "start.c")
     image = out / f"{board.name}.elf"
     out.mkdir(parents=True, exist_ok=True)
-    places = dict(zip(("FLASH_ORIGIN", "FLASH_SIZE", "RAM_ORIGIN", "RAM_SIZE"), board.flash + board.ram, strict=True))
+    places = {"FLASH_ORIGIN": board.flash.origin, "FLASH_SIZE": board.flash.bytes}
+    places |= {"RAM_ORIGIN": board.memory.origin, "RAM_SIZE": board.memory.bytes}
     with tempfile.TemporaryDirectory() as folder:
         made = Path(folder)
         sources = [*(boards / source for source in common), *(board.root / source for source in board.sources)]
         sources += generate(made, config, bound=bound)
         command = [
             compiler(board.compiler, board.install),
-            *options_of(made, build_name(board, config.figures)),
-            *board.cpu,
+            *options_of(made, _build_name(board, config.figures)),
+            *board.flags,
             *EXACT_FLOAT,  # whatever the flags of a custom board
-            *board.defines,
+            f"-DAVC_CAPACITY_ROWS={board.capacity.rows}",
+            f"-DAVC_CAPACITY_RECORDS={board.capacity.records}",
             *([f"-DBOARD_BAUD={baud}u"] if baud else []),
             f"-I{boards}",
             f"-I{board.root}",
@@ -136,10 +139,6 @@ def build_image(
         ]
         compile_with(command)
     return image
-
-
-BOARDS = {name: target.title for name, target in TARGETS.items()}
-"""Boards of the firmware, with descriptions."""
 
 
 @dataclass(frozen=True)
@@ -165,7 +164,7 @@ def build_firmware(of: Coupling | Problem | Device, board: str, out: Path, *, ba
     if baud is not None and not _BAUDS[0] <= baud <= _BAUDS[1]:
         told = f"is {baud}; allowed: {_BAUDS[0]} to {_BAUDS[1]}, what serial ports divide to"
         raise InputError.of(told, key="baud")
-    target = _target(board)
+    target = _board(board)
     problem = of.problem if isinstance(of, Coupling) else of
     device = problem.device if isinstance(problem, Problem) else problem
     limits, reach = board_limits(device), device.metres_per_unit
@@ -183,21 +182,19 @@ def build_firmware(of: Coupling | Problem | Device, board: str, out: Path, *, ba
     write_file(files[1], data)
     write_file(files[2], as_intel_hex(image))
     commands = tuple(command.replace("{name}", target.name) for command in target.commands)
-    build = build_name(target, figures)
+    build = _build_name(target, figures)
     return BuiltFirmware(target.name, target.title, build, files, address, len(data), limits, figures, commands)
 
 
-def _target(board: str) -> Target:
-    if board in BOARDS:
-        return TARGETS[board]
-    if Path(board).is_dir():
-        return read_board(Path(board))
-    if Path(board).name == MANIFEST:
-        raise InputError.of(f"is {board!r}, a manifest; allowed: its folder, {str(Path(board).parent)!r}", key="board")
-    raise InputError.of(
-        f"is {board!r}; allowed: {', '.join(BOARDS)}, or the folder of a board of your own (hardware/PORTING.md)",
-        key="board",
-    )
+def _board(name: str) -> Board:
+    if name == PACKAGED:
+        return read_board(FIRMWARE / "boards" / PACKAGED)
+    if Path(name).is_dir():
+        return read_board(Path(name))
+    if Path(name).name == MANIFEST:
+        raise InputError.of(f"is {name!r}, a manifest; allowed: its folder, {str(Path(name).parent)!r}", key="board")
+    allowed = f"{PACKAGED}, or the folder of a board of your own (hardware/PORTING.md)"
+    raise InputError.of(f"is {name!r}; allowed: {allowed}", key="board")
 
 
 def main(argv: list[str] | None = None) -> int:

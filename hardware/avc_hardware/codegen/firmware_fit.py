@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
@@ -96,51 +96,35 @@ def check_runs_on(coupling: Coupling, device: RunningFirmware | None = None) -> 
     lacks = []
     if runtime.observer_mass_kg is not None:
         lacks.append("it has no observer between encoder steps (runtime.observer_mass_kg)")
-    lacks += _lacks_of_feedback(coupling, FEEDBACK_STATES if device is None else device.capacity_states)
+    feedback, constant = runtime.state_feedback, coupling.table.constant
+    most = FEEDBACK_STATES if device is None else device.capacity_states
+    if feedback is not None and feedback.states > most:
+        lacks.append(
+            f"it holds {most} states of an observer, the coupling has {feedback.states} (runtime.state_feedback; "
+            "design it with a simpler hand or device)"
+        )
+    if feedback is not None and not constant:
+        lacks.append("it feeds states back beside constant gains alone (runtime.state_feedback)")
     if runtime.guard not in {None, GUARD}:
         lacks.append(f"it has no guard {runtime.guard} (allowed: {GUARD}, or none)")
-    if device is not None:
-        lacks += _other_settings(coupling, device)
+    if device is not None and not constant:  # what its program, or its handle where it keeps its own, has otherwise
+        wanted, has = figures_of(coupling), device.figures
+        reach = wanted.hand_m_per_unit if device.bound else has.hand_m_per_unit
+        lacks += [
+            f"its {name} is {getattr(has, name)}, the coupling's {getattr(wanted, name)}"
+            for name, same in (
+                ("estimator", wanted.estimator == has.estimator),
+                ("passive", wanted.passive == has.passive),
+                ("hand_m_per_unit", math.isclose(reach, has.hand_m_per_unit, rel_tol=1e-6)),
+            )
+            if not same
+        ]
     if lacks:
         raise FirmwareLacksError(
             f"{coupling.problem.name}: the coupling does not run on this firmware: {'; '.join(lacks)}. "
             f"Take a coupling that it can run (of a method: avc solve P --method static-tuned --out FILE), or export "
             "it for firmware of your own: avc export FILE --c DIR"
         )
-
-
-def _lacks_of_feedback(coupling: Coupling, most: int) -> list[str]:
-    feedback = coupling.runtime.state_feedback
-    if feedback is None:
-        return []
-    lacks = []
-    if feedback.states > most:
-        lacks.append(
-            f"it holds {most} states of an observer, the coupling has {feedback.states} (runtime.state_feedback; "
-            "design it with a simpler hand or device)"
-        )
-    if not coupling.table.constant:
-        lacks.append("it feeds states back beside constant gains alone (runtime.state_feedback)")
-    return lacks
-
-
-def _other_settings(coupling: Coupling, device: RunningFirmware) -> list[str]:
-    """Return what the device's program, or its handle where it keeps its own, has otherwise for gains that vary."""
-    wanted, has = figures_of(coupling), device.figures
-    if coupling.table.constant:
-        return []
-    asked = ["estimator", "passive", *(["hand_m_per_unit"] if device.bound else [])]
-    return [
-        f"its {name} is {getattr(has, name)}, the coupling's {getattr(wanted, name)}"
-        for name in asked
-        if not _same(getattr(wanted, name), getattr(has, name))
-    ]
-
-
-def _same(one: Any, other: Any) -> bool:
-    if isinstance(one, float) and isinstance(other, float):
-        return math.isclose(one, other, rel_tol=1e-6)
-    return bool(one == other)
 
 
 def config_for(coupling: Coupling, device: RunningFirmware) -> Config:

@@ -14,7 +14,6 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from avc_casadi import UnsupportedError
 from avc_casadi._util.arrays import Float32Array
@@ -80,45 +79,6 @@ class RuntimeProgram:
     outputs: tuple[str, ...]
     initial: tuple[Start, ...]
     program: FloatProgram
-    numbers: Float32Array | None = None  # of the figures that it is run at
-
-    def start(self, position_m: Float32Array) -> dict[str, Float32Array]:
-        """Return the states of a device that has always been at rest at a position, each of its shape."""
-        assert self.numbers is not None  # noqa: S101 - only parts of `runtime_programs` run
-        known = [
-            (value := float(self.numbers[int(one.removeprefix("number_"))]), value, value)
-            if isinstance(one, str)
-            else one
-            for one in self.initial
-        ]
-        return states_at_rest(self.states, tuple(known), position_m)
-
-    def __call__(
-        self, states: dict[str, Float32Array], inputs: dict[str, Any]
-    ) -> tuple[dict[str, Float32Array], dict[str, Float32Array]]:
-        """Run one tick in single precision; returns the next states and the outputs."""
-        assert self.numbers is not None  # noqa: S101 - only parts of `runtime_programs` run
-        given = (*(inputs[name] for name in self.inputs), *self.numbers, *(states[name] for name in self.states))
-        results = self.program(*given)
-        outputs = dict(zip(self.outputs, results, strict=False))
-        following = dict(zip(self.states, results[len(self.outputs) :], strict=True))
-        return following, outputs
-
-
-def states_at_rest(
-    states: tuple[str, ...], initial: tuple[tuple[float, float, float], ...], position_m: NDArray[Any]
-) -> dict[str, NDArray[Any]]:
-    """Return the states of a device that has always been at rest at a position, each of its shape and precision."""
-    zero = np.zeros_like(position_m)
-    found = {}
-    for name, (middle, high, low) in zip(states, initial, strict=True):
-        value = zero + zero.dtype.type(middle)
-        if (high, low) == (middle + 1, middle - 1):
-            value = position_m
-        elif (high, low) == (middle + 1, middle):
-            value = np.where(position_m > 0, position_m, zero)
-        found[name] = value
-    return found
 
 
 @dataclass(frozen=True)
@@ -220,12 +180,6 @@ def tick_numbers(figures: RuntimeFigures) -> Float32Array:
     )
     found: Float32Array = tick_programs(figures.estimator, figures.passive)[1](*given).full().ravel().astype(np.float32)
     return found
-
-
-def runtime_programs(figures: RuntimeFigures) -> tuple[RuntimeProgram, ...]:
-    """Return the parts of the tick with the numbers of some figures."""
-    numbers = tick_numbers(figures)
-    return tuple(replace(part, numbers=numbers) for part in tick_programs(figures.estimator, figures.passive)[0])
 
 
 _Part = tuple[Tick, dict[str, Any], dict[str, Any]]

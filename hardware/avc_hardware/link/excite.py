@@ -139,8 +139,7 @@ def excite(
     with Connection(link, baud=baud, on_silence=on_silence) as connection:
         if port == EMULATOR and on_bench is not None:
             connection.configure(device_config(on_bench))
-        _check_device(plan, connection.device, link.name)
-        _check_rate(plan, connection.device, baud)
+        _check(plan, connection.device, link.name, baud)
         log = excite_over(connection, plan, progress=progress, cut=cut)
         # The output's step of a wired board is unknown here.
         return log.through(connection.device.max_force_n) if port == EMULATOR else log
@@ -237,8 +236,21 @@ def _read(connection: Connection, records: _Records, number: int, progress: Prog
             connection.wait(min(_WAIT_S, (_WORTH - waiting) * plan.sample_time_s))
 
 
-def _check_rate(plan: Plan, device: Device, baud: int) -> None:
-    """Refuse a plan whose records the link is too slow for."""
+def _check(plan: Plan, device: Device, name: str, baud: int) -> None:
+    """Refuse a plan of another device, and one whose records the link is too slow for."""
+    limits, faults = device.limits, []
+    for what, wanted, found in (
+        ("a sample time", plan.sample_time_s, limits.sample_time_s),
+        ("encoder steps", plan.metres_per_count, limits.metres_per_count),
+    ):
+        if not np.isclose(wanted, found, rtol=1e-5):
+            faults.append(f"the plan is for {what} of {wanted:g}, the device has {found:g}")
+    if plan.max_force_n > limits.max_force_n * (1 + 1e-6):
+        faults.append(f"the plan has max_force_n = {plan.max_force_n:g}, the device gives {limits.max_force_n:g}")
+    if len(plan.signal.step) > device.capacity_tones:
+        faults.append(f"the plan has {len(plan.signal.step)} tones, the device holds {device.capacity_tones}")
+    if faults:
+        raise LinkError(f"{name}: not excited: {'; '.join(faults)}; correct the device file")
     carried = _ANSWER_RECORDS / (_ANSWER_BYTES * 10 / baud + _THINKS_S)
     surplus = 1 / plan.sample_time_s - carried
     if surplus > 0 and surplus * plan.seconds > device.kept_records:
@@ -248,19 +260,3 @@ def _check_rate(plan: Plan, device: Device, baud: int) -> None:
             f"{device.kept_records / surplus:.2g} s, or a faster --baud",
             key="seconds",
         )
-
-
-def _check_device(plan: Plan, device: Device, name: str) -> None:
-    faults = []
-    for what, wanted, found in (
-        ("a sample time", plan.sample_time_s, device.sample_time_s),
-        ("encoder steps", plan.metres_per_count, device.limits.metres_per_count),
-    ):
-        if not np.isclose(wanted, found, rtol=1e-5):
-            faults.append(f"the plan is for {what} of {wanted:g}, the device has {found:g}")
-    if plan.max_force_n > device.max_force_n * (1 + 1e-6):
-        faults.append(f"the plan has max_force_n = {plan.max_force_n:g}, the device gives {device.max_force_n:g}")
-    if len(plan.signal.step) > device.capacity_tones:
-        faults.append(f"the plan has {len(plan.signal.step)} tones, the device holds {device.capacity_tones}")
-    if faults:
-        raise LinkError(f"{name}: not excited: {'; '.join(faults)}; correct the device file")

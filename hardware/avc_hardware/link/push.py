@@ -44,18 +44,8 @@ class PushResult:
 
     def document(self) -> dict[str, object]:
         """Return the `push` document: JSON values only."""
-        return {
-            "port": self.port,
-            "coupling_id": self.coupling_id,
-            "table_id": self.table_id,
-            "rows": self.rows,
-            "crc32": self.crc32,
-            "readback_equal": self.readback_equal,
-            "attempts": self.attempts,
-            "seconds": self.seconds,
-            "rounding_max": self.rounding_max,
-            "left_out": self.left_out,
-            "max_force_n": self.max_force_n,
+        found = {key: value for key, value in vars(self).items() if key != "device"}
+        return found | {
             "notes": list(self.notes),
             "build": self.device.build,
             "sample_time_s": self.device.sample_time_s,
@@ -107,7 +97,7 @@ def push_over(
     table = replace(TableImage.of(coupling, safe=safe), config=config.packed())
     if unsafe and table.max_force_n > config.limits.max_force_n:
         table = replace(table, max_force_n=config.limits.max_force_n)
-    check_limits(coupling, table, config.limits, device.capacity_rows, connection.link.name)
+    _check_limits(table, config.limits, device.capacity_rows, connection.link.name)
     upload = connection.run(connection.session.push(table, device))
     device = upload.device
     return PushResult(
@@ -136,21 +126,14 @@ def _require_safe(coupling: Coupling, safe: Gains, *, unsafe: bool) -> None:
             key="safe",
         )
     board = board_limits(coupling.problem.device)
-    limits = {
-        "damping_ns_per_m": board.max_damping_ns_per_m,
-        "stiffness_n_per_m": board.max_stiffness_n_per_m,
-    }
+    limits = (board.max_damping_ns_per_m, board.max_stiffness_n_per_m, 0.0)
     faults = [
         Fault("", None, f"safe.{name}", f"is {value:g}; allowed: 0 to {most:g}, what a board takes")
-        for name, most in limits.items()
-        if not 0 <= (value := getattr(safe, name)) <= most
+        for (name, value), most in zip(vars(safe).items(), limits, strict=True)
+        if not 0 <= value <= most
     ]
     if faults:
         raise InputError(faults)
-    if safe.contact_damping_ns_per_m:
-        raise InputError.of(
-            f"is {safe.contact_damping_ns_per_m:g}; allowed: 0, b and k alone", key="safe.contact_damping_ns_per_m"
-        )
     if safe.damping_ns_per_m or safe.stiffness_n_per_m:
         require_deployable(Coupling.constant(coupling.problem, safe, "safe gains"), unsafe=unsafe)
 
@@ -166,33 +149,24 @@ def _require_device(connection: Connection, device_id: str) -> None:
 
 def _notes(coupling: Coupling, device: Device) -> tuple[str, ...]:
     """Describe where the device differs from the one that the coupling was made for."""
-    notes = []
-    if device.faults:
-        word = DeviceFault(device.faults).word
-        notes.append(f"the device gives no force until its faults are cleared (avc device --clear): {word}")
     force, step = coupling.max_force_n, coupling.problem.device.encoder_resolution_m
+    most, coarse = device.max_force_n, device.limits.metres_per_count
     tapped = float((coupling.trial or {}).get("tap_force_n") or 0.0)
-    if force is None and tapped > device.max_force_n:
-        notes.append(
-            f"the device limits the force at {device.max_force_n:g}, the coupling was made without a limit, and in its "
-            f"trial a tap took {tapped:.3g}; give device.max_force_n and make it again"
-        )
-    if force is not None and force > device.max_force_n * (1 + 1e-6):
-        notes.append(
-            f"the device limits the force at {device.max_force_n:g}, the coupling was made for {force:g}; its "
-            "certificate does not know the lower limit"
-        )
-    if device.lowered_force_n < min(device.max_force_n, force or device.max_force_n) * (1 - 1e-6):
-        notes.append(
-            f"the device's force is limited to {device.lowered_force_n:g} at run time; raise it when the first touch "
-            "was good: avc device --force-n F"
-        )
-    coarse = device.limits.metres_per_count
-    if step and step < coarse * (1 - 1e-6):
-        notes.append(
-            f"the device's encoder has steps of {coarse:g}, the coupling was made for {step:g}; its trial does not "
-            "know the coarser steps"
-        )
+    notes = []
+    if word := DeviceFault(device.faults).word:
+        notes.append(f"the device gives no force until its faults are cleared (avc device --clear): {word}")
+    if force is None and tapped > most:
+        made = f"made without a limit, and in its trial a tap took {tapped:.3g}; give device.max_force_n"
+        notes.append(f"the device limits the force at {most:g}, the coupling was {made} and make it again")
+    if force is not None and force > most * _ROUNDED:
+        made = f"made for {force:g}; its certificate does not know the lower limit"
+        notes.append(f"the device limits the force at {most:g}, the coupling was {made}")
+    if device.lowered_force_n * _ROUNDED < min(most, force or most):
+        then = "raise it when the first touch was good: avc device --force-n F"
+        notes.append(f"the device's force is limited to {device.lowered_force_n:g} at run time; {then}")
+    if step and step * _ROUNDED < coarse:
+        made = f"made for {step:g}; its trial does not know the coarser steps"
+        notes.append(f"the device's encoder has steps of {coarse:g}, the coupling was {made}")
     return tuple(notes)
 
 
@@ -200,7 +174,7 @@ def _notes(coupling: Coupling, device: Device) -> tuple[str, ...]:
 _ROUNDED = 1 + 1e-6
 
 
-def check_limits(coupling: Coupling, table: TableImage, device: BoardLimits, capacity_rows: int, port: str) -> None:
+def _check_limits(table: TableImage, device: BoardLimits, capacity_rows: int, port: str) -> None:
     """Refuse a table that the device would refuse, with every reason."""
     faults = []
     if not math.isclose(table.sample_time_s, device.sample_time_s, rel_tol=1e-5):
@@ -227,7 +201,13 @@ def check_limits(coupling: Coupling, table: TableImage, device: BoardLimits, cap
                 f"{name} is {table.rows[worst, column]:.6g} at {table.rows[worst, 0]:.4g} Hz "
                 f"({len(over)} of {len(table.rows)} rows above the device's {most:.6g}); narrow {key}"
             )
-    faults += _wall_faults(coupling, device)
+    if not table.wall_damping_ns_per_m + table.wall_stiffness_n_per_m > 0:
+        faults.append("the coupling has no wall; give environment.stiffness_n_per_m")
+    wall = (table.wall_damping_ns_per_m, table.wall_stiffness_n_per_m)
+    for (name, most, _), value in zip(limits, wall, strict=False):
+        if value > most:
+            key = f"environment.{name.split()[0]}_*"
+            faults.append(f"the wall's {name.split()[0]} is {value:.6g}, the device's limit {most:.6g}; lower {key}")
     if table.max_force_n > device.max_force_n * _ROUNDED:
         faults.append(
             f"the coupling was made for a force limit of {table.max_force_n:g}, the device gives "
@@ -235,18 +215,3 @@ def check_limits(coupling: Coupling, table: TableImage, device: BoardLimits, cap
         )
     if faults:
         raise LinkError(f"{port}: not sent: " + "; ".join(faults))
-
-
-def _wall_faults(coupling: Coupling, device: BoardLimits) -> list[str]:
-    wall = coupling.wall
-    if not wall.damping_ns_per_m + wall.stiffness_n_per_m > 0:
-        return ["the coupling has no wall; give environment.stiffness_n_per_m"]
-    limits = (
-        ("damping", wall.damping_ns_per_m, device.max_damping_ns_per_m),
-        ("stiffness", wall.stiffness_n_per_m, device.max_stiffness_n_per_m),
-    )
-    return [
-        f"the wall's {name} is {value:.6g}, the device's limit {most:.6g}; lower environment.{name}_*"
-        for name, value, most in limits
-        if value > most
-    ]

@@ -2,35 +2,12 @@
  * tick too late and one that can be set anew. */
 #include "hal.h"
 
-__attribute__((weak)) bool hal_enabled(void)
-{
-    return true;
-}
+#define WEAK __attribute__((weak))
 
-__attribute__((weak)) void hal_drive(bool on)
-{
-    (void)on;
-}
-
-__attribute__((weak)) uint32_t hal_reset_faults(void)
-{
-    return 0u;
-}
-
-__attribute__((weak)) void hal_feed_watchdog(void)
-{
-}
-
-__attribute__((weak)) void hal_unique(uint8_t id[12])
-{
-    (void)id;
-}
-
-__attribute__((weak)) bool hal_tick_is_due(void)
-{
-    return false;
-}
-
-__attribute__((weak)) void hal_set_sample_time(void)
-{
-}
+WEAK bool hal_enabled(void) { return true; }
+WEAK void hal_drive(bool on) { (void)on; }
+WEAK uint32_t hal_reset_faults(void) { return 0u; }
+WEAK void hal_feed_watchdog(void) {}
+WEAK void hal_unique(uint8_t id[12]) { (void)id; }
+WEAK bool hal_tick_is_due(void) { return false; }
+WEAK void hal_set_sample_time(void) {}

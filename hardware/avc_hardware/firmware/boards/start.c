@@ -1,7 +1,6 @@
-/* Vector table and reset for Cortex-M; board.h names the serial port's interrupt. */
-#include <stdint.h>
-
+/* Vector table, reset and tick by SysTick for Cortex-M; board.h names the serial port's interrupt and the core's clock. */
 #include "board.h"
+#include "cortex_m.h"
 #include "hal.h"
 
 extern uint32_t stack_top[], data_start[], data_end[], data_load[], bss_start[], bss_end[];
@@ -30,6 +29,22 @@ void reset_handler(void)
     __asm volatile("dsb\n\tisb");
 #endif
     (void)main();
+}
+
+void systick_handler(void)
+{
+    (void)SYSTICK_CONTROL; /* clears its flag */
+    avc_on_tick();
+}
+
+void hal_set_sample_time(void)
+{
+    SYSTICK_RELOAD = (uint32_t)((float)BOARD_CLOCK_HZ * hal_limits()->sample_time_s + 0.5f) - 1u;
+}
+
+bool hal_tick_is_due(void)
+{
+    return (SYSTICK_CONTROL & SYSTICK_COUNTED) != 0u;
 }
 
 typedef union {
