@@ -157,31 +157,23 @@ class LoopResult:
         """Mean force over mean penetration at the end; NaN without contact."""
         return float(self.judgement.apparent_stiffness_n_per_m)
 
-    @property
-    def sentence(self) -> str:
-        """The result in one line."""
-        if self.status.faults:
-            word = DeviceFault(self.status.faults).word
-            return f"with a hand for {self.seconds:g} s it STOPPED ITSELF and gives no force: {word}"
-        stiffness = self.apparent_stiffness_n_per_m
-        felt = (
-            f", apparent stiffness {stiffness:.4g} at the sensor" if self.at_rest and math.isfinite(stiffness) else ""
-        )
-        rest = "settled" if self.at_rest else "DID NOT SETTLE"
-        return f"with a hand for {self.seconds:g} s it {rest}; peak force {self.peak_force_n:.3g}{felt}"
-
     def document(self) -> dict[str, Any]:
         """Return the figures: JSON values only."""
-        stiffness = self.apparent_stiffness_n_per_m
+        stiffness, faults = self.apparent_stiffness_n_per_m, DeviceFault(self.status.faults).word
+        known = math.isfinite(stiffness)
+        felt = f", apparent stiffness {stiffness:.4g} at the sensor" if self.at_rest and known else ""
+        rest = f"{'settled' if self.at_rest else 'DID NOT SETTLE'}; peak force {self.peak_force_n:.3g}{felt}"
+        if faults:
+            rest = f"STOPPED ITSELF and gives no force: {faults}"
         return {
             "at_rest": self.at_rest,
-            "sentence": self.sentence,
+            "sentence": f"with a hand for {self.seconds:g} s it {rest}",
             "seconds": self.seconds,
             "peak_force_n": self.peak_force_n,
-            "apparent_stiffness_n_per_m": stiffness if math.isfinite(stiffness) else None,
+            "apparent_stiffness_n_per_m": stiffness if known else None,
             "peak_velocity_m_per_s": float(self.judgement.peak_velocity_m_per_s),
             "mode": self.status.mode,
-            "faults": DeviceFault(self.status.faults).word if self.status.faults else "",
+            "faults": faults,
             "overruns": self.status.overruns,
             "saturated_ticks": self.status.saturated,
             "coupling_id": self.status.coupling_id,

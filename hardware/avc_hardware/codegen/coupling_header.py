@@ -8,9 +8,10 @@ from avc_hardware.codegen.c_frame import FRAME, comment, comment_lines, head_wor
 from avc_hardware.codegen.sensor_rule import FARTHEST_M, SensorBounds
 
 if TYPE_CHECKING:
+    from pydantic import BaseModel
+
     from avc_casadi.claims.deployable import Deployable
     from avc_casadi.coupling import Coupling
-    from avc_casadi.model.problem import Problem
     from avc_casadi.simulation.emit import Precision
     from avc_hardware.codegen.coupling_program import CouplingProgram
 
@@ -62,39 +63,30 @@ void avc_coupling_start(avc_coupling_t *coupling);
 {real} avc_coupling_step(avc_coupling_t *coupling, {real} position_m);
 
 {end_c}"""
-_UNBELIEVED = (
-    "Not believed is a position that is NaN, infinite or beyond {farthest:.0e} m; one that is more than {jump:.4g} m "
-    "from the one before, {fastest:.4g} m/s, which no hand does; and one that comes by a movement which differs "
-    "from the one before by more than {outside:.4g} m outside of the wall, {inside:.4g} m inside. Then the force is 0; "
-)
-_OF_WALLS = (
-    "the coupling goes on as soon as a position is believed, at the depth that it knows. What a device went into the "
-    "wall unseen, before the first sample or in a fault, does not count: the wall begins so much deeper until the "
-    "device has been at 0 or below."
-)
+_UNBELIEVED = """\
+Not believed is a position that is NaN, infinite or beyond {farthest:.0e} m; one that is more than {jump:.4g} m from the
+one before, {fastest:.4g} m/s, which no hand does; and one that comes by a movement which differs from the one before by
+more than {outside:.4g} m outside of the wall, {inside:.4g} m inside. Then the force is 0; """
+_OF_WALLS = """\
+the coupling goes on as soon as a position is believed, at the depth that it knows. What a device went into the wall
+unseen, before the first sample or in a fault, does not count: the wall begins so much deeper until the device has been
+at 0 or below."""
 _OF_DETENTS = "so it is until the device has been at 0 or below."
 
 
 def coupling_header(coupling: Coupling, program: CouplingProgram, precision: Precision, verdict: Deployable) -> str:
     """Return the header; a verdict stands in it."""
-    problem, runtime, force = coupling.problem, coupling.runtime, coupling.max_force_n
-    beside = []
-    if runtime.observer_mass_kg is not None:
-        ahead = problem.device.delay_samples
-        beside.append(f"observer for {runtime.observer_mass_kg:g} kg" + (f", {ahead} samples ahead" if ahead else ""))
-    if runtime.state_feedback is not None:
-        half = runtime.state_feedback.dead_zone_m
-        beside.append(
-            f"observer of {runtime.state_feedback.states} states with a dead zone of +-{half:.4g} m, and feedback"
-        )
-    if program.before is not None:
-        slew = "no slew limit" if runtime.slew_per_s is None else f"at most {runtime.slew_per_s:g} a second"
-        passive = ", passive" if runtime.passive else ""
-        beside.append(f"estimator {runtime.estimator}, hold {runtime.hold_s:g} s, {slew}{passive}")
-    if runtime.guard is not None:
-        beside.append(f"guard {runtime.guard}")
-    count = len(coupling.table)
+    problem, force, detent = coupling.problem, coupling.max_force_n, coupling.problem.detent
+    bounds = SensorBounds.of(problem.device, detents=detent is not None)
+    faults = _UNBELIEVED.format(
+        farthest=FARTHEST_M,
+        jump=bounds.jump_m,
+        fastest=bounds.fastest_m_per_s,
+        outside=bounds.outside_m,
+        inside=bounds.change_m,
+    )
     low, high = coupling.table.frequency_hz[[0, -1]]
+    detents = "" if detent is None else f"\n * detents everywhere: {_values(detent)}"
     return _HEADER.format(
         **FRAME,
         id=coupling.id,
@@ -102,14 +94,14 @@ def coupling_header(coupling: Coupling, program: CouplingProgram, precision: Pre
         method=comment(coupling.method),
         structure=comment(coupling.structure),
         contact=comment(coupling.contact),
-        rows="constant gains" if program.before is None else f"{count} rows from {low:.6g} to {high:.6g} Hz",
+        rows="constant gains" if program.before is None else f"{len(coupling.table)} rows, {low:.6g} to {high:.6g} Hz",
         verdict=comment_lines(
             verdict.sentence if verdict.passed else f"UNSAFE, written by request: {verdict.sentence}"
         ),
         wall_b=coupling.wall.damping_ns_per_m,
         wall_k=coupling.wall.stiffness_n_per_m,
-        beside=comment("; ".join(beside) or "nothing"),
-        detents=_detents(problem),
+        beside=_beside(coupling),
+        detents=detents,
         force="the problem knows no limit; limit it yourself" if force is None else f"limited at {force:.9g} N",
         sample_time=coupling.sample_time_s,
         sample_time_literal=precision.literal(coupling.sample_time_s),
@@ -120,31 +112,20 @@ def coupling_header(coupling: Coupling, program: CouplingProgram, precision: Pre
         table="" if program.before is None else "; on AVR the table stays in flash",
         states="\n".join(f"    {precision.c_type} {name};" for name in program.states),
         limited="" if force is None else ", limited at AVC_COUPLING_MAX_FORCE_N",
-        faults=f" * {comment_lines(_faults(coupling))}",
+        faults=f" * {comment_lines(faults + (_OF_WALLS if detent is None else _OF_DETENTS))}",
     )
 
 
-def _faults(coupling: Coupling) -> str:
-    detents = coupling.problem.detent is not None
-    bounds = SensorBounds.of(coupling.problem.device, detents=detents)
-    told = _UNBELIEVED.format(
-        farthest=FARTHEST_M,
-        jump=bounds.jump_m,
-        fastest=bounds.fastest_m_per_s,
-        outside=bounds.outside_m,
-        inside=bounds.change_m,
-    )
-    return told + (_OF_DETENTS if detents else _OF_WALLS)
+def _beside(coupling: Coupling) -> str:
+    """Return what runs beside the gains, by the keys of [runtime]."""
+    runtime = coupling.runtime
+    found = [] if coupling.table.constant else ["estimator", "hold_s", "slew_per_s", "passive"]
+    found += [key for key in ("observer_mass_kg", "guard") if getattr(runtime, key) is not None]
+    told = [f"{key} {getattr(runtime, key)}" for key in found]
+    if runtime.state_feedback is not None:
+        told.append(f"an observer of {runtime.state_feedback.states} states, and feedback")
+    return comment(", ".join(told) or "nothing")
 
 
-def _detents(problem: Problem) -> str:
-    """Return the line on the detents; none where there are none."""
-    one = problem.detent
-    if one is None:
-        return ""
-    damper = f", a damper of {one.damping_ns_per_m:.9g} N.s/m" if one.damping_ns_per_m else ""
-    return (
-        f"\n * detents everywhere: {one.force_n:.9g} N at most, every {one.pitch_m:.9g} m from "
-        f"{one.centre_m:.9g} m, on"
-        f"\n * {100 * one.width:.9g} % of the way{damper}"
-    )
+def _values(of: BaseModel) -> str:
+    return comment(", ".join(f"{key} {value:.9g}" for key, value in of.model_dump().items()))

@@ -71,22 +71,18 @@ class RunningFirmware(Protocol):
     @property
     def capacity_states(self) -> int:
         """Largest number of observer states."""
-        ...
 
     @property
     def figures(self) -> RuntimeFigures:
         """Figures of its control tick."""
-        ...
 
     @property
     def limits(self) -> BoardLimits:
         """Limits built in, or last sent."""
-        ...
 
     @property
     def bound(self) -> bool:
         """Whether it keeps its limits and its handle."""
-        ...
 
 
 def check_runs_on(coupling: Coupling, device: RunningFirmware | None = None) -> None:

@@ -5,13 +5,9 @@ from __future__ import annotations
 import importlib
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from avc_casadi import MissingExtraError, UnsupportedError
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
 
 _ALLOWED = "allowed: a 32-bit little-endian image of an ARM processor"
 
@@ -53,14 +49,11 @@ def read_elf(path: Path) -> Image:
             Segment(part["p_paddr"], part.data()) for part in elf.iter_segments("PT_LOAD") if part["p_filesz"]
         )
         table = elf.get_section_by_name(".symtab")
-        symbols = {one.name: _place(one) for one in (table.iter_symbols() if table else ()) if one.name}
+        symbols = {}
+        for one in table.iter_symbols() if table else ():
+            thumb = int(one["st_info"]["type"] == "STT_FUNC")  # a bit of the address of a function
+            symbols[one.name] = (one["st_value"] & ~thumb, one["st_size"])
     return Image(segments, symbols)
-
-
-def _place(symbol: Any) -> tuple[int, int]:
-    """Return address and size of a symbol, without the Thumb bit of a function."""
-    address, size = symbol["st_value"], symbol["st_size"]
-    return (address & ~1 if symbol["st_info"]["type"] == "STT_FUNC" else address), size
 
 
 _ERASED = 0xFF
@@ -81,21 +74,13 @@ def as_binary(image: Image) -> tuple[int, bytes]:
 
 def as_intel_hex(image: Image) -> str:
     """Return the lines of an Intel HEX file."""
-    return "".join(f":{line.hex().upper()}\n" for line in _records(image))
-
-
-def _records(image: Image) -> Iterator[bytes]:
-    high = -1
+    records, high = [], -1
     first, data = as_binary(image)
     for at in range(0, len(data), _LINE):
         address = first + at
         if address >> 16 != high:
             high = address >> 16
-            yield _record(0, _HIGH_ADDRESS, high.to_bytes(2, "big"))
-        yield _record(address & 0xFFFF, _DATA, data[at : at + _LINE])
-    yield _record(0, _END, b"")
-
-
-def _record(address: int, kind: int, data: bytes) -> bytes:
-    content = bytes([len(data), *address.to_bytes(2, "big"), kind]) + data
-    return content + bytes([-sum(content) & 0xFF])
+            records.append((0, _HIGH_ADDRESS, high.to_bytes(2, "big")))
+        records.append((address & 0xFFFF, _DATA, data[at : at + _LINE]))
+    lines = [bytes([len(part), *at.to_bytes(2, "big"), kind]) + part for at, kind, part in [*records, (0, _END, b"")]]
+    return "".join(f":{line.hex().upper()}{-sum(line) & 0xFF:02X}\n" for line in lines)

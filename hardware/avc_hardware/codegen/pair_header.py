@@ -8,12 +8,11 @@ from avc_hardware.codegen.c_frame import FRAME, comment, comment_lines, head_wor
 from avc_hardware.codegen.sensor_rule import SensorBounds
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from avc_casadi.coupling import Coupling
     from avc_casadi.model.device import Device
-    from avc_casadi.model.follower import Follower
-    from avc_casadi.model.virtual_tool import ToolGains, VirtualTool
+    from avc_casadi.model.virtual_tool import VirtualTool
     from avc_casadi.simulation.emit import Precision
 
 _WRONG = """\
@@ -198,6 +197,16 @@ _SOLVED = {
 }
 
 
+_ENGINE_DEFINES = """\
+#define AVC_COUPLING_EXCHANGE "{exchange}"
+#define AVC_COUPLING_SAMPLE_TIME_S {time}
+#define AVC_COUPLING_SAMPLE_TIME_NS {time_ns}L
+/* Spring and damper between device and tool, in units of the scene. */
+#define AVC_COUPLING_TOOL_STIFFNESS {stiffness}
+#define AVC_COUPLING_TOOL_DAMPING {damping}
+{loop}"""
+
+
 def fade_samples(device: Device) -> int:
     """Return the number of samples in which a force fades."""
     return max(1, round(FADE_S / device.sample_time_s))
@@ -206,10 +215,9 @@ def fade_samples(device: Device) -> int:
 def pair_header(coupling: Coupling, precision: Precision, verdict: str, silences_s: Sequence[float]) -> str:
     """Return the header; every text of a file passes the allow-list of comments."""
     problem, tool, device = coupling.problem, coupling.problem.simulation, coupling.problem.device
-    of_end = _of_follower(coupling, precision) if tool is None else _of_engine(coupling, tool, precision)
     ends = [("device", device)] if tool else [("leader", device), ("follower", coupling.follower)]
+    of_end = _of_engine(coupling, tool, precision) if tool else _of_follower(coupling, precision)
     bounds = [(who, SensorBounds.of(own)) for who, own in ends]
-    limits = [f"{who} {_limit(own)}" for who, own in ends]
     silence = " or ".join(f"{one:.4g} s ({who})" for one, (who, _) in zip(silences_s, ends, strict=True))
     wrong = _WRONG.format(
         first="The first sample has no velocity." if tool else "The force comes in over 50 ms, wherever both ends are.",
@@ -218,14 +226,18 @@ def pair_header(coupling: Coupling, precision: Precision, verdict: str, silences
         more="" if tool else "; no new message is made, and the other end fades too",
     )
     also = of_end.pop("also").format(silence=silence)
-    facts = [*of_end.pop("told"), f"force limits: {'; '.join(limits)}"]
+    limits = [
+        (who, "none is known, limit it yourself" if (n := own.max_force_n) is None else f"{n:g} N") for who, own in ends
+    ]
+    facts = [*of_end.pop("facts"), f"force limits: {'; '.join(f'{who} {limit}' for who, limit in limits)}"]
     return _HEADER.format(
         **FRAME,
         **head_words(problem),
         **of_end,
         id=coupling.id,
-        facts="\n".join(f" * {comment(fact)}" for fact in facts),
+        facts="\n".join(f" * {comment_lines(fact)}" for fact in facts),
         verdict=comment_lines(verdict),
+        times=" and ".join(f"{own.sample_time_s:.9g} s ({who})" for who, own in ends),
         wrong="\n * - ".join(comment_lines(one).replace("\n * ", "\n *   ") for one in (wrong, also)),
         fade_s=max(fade_samples(own) * own.sample_time_s for _, own in ends),
         precision=precision.name,
@@ -233,40 +245,30 @@ def pair_header(coupling: Coupling, precision: Precision, verdict: str, silences
     )
 
 
-def _limit(own: Device) -> str:
-    return "no limit is known, limit it yourself" if own.max_force_n is None else f"{own.max_force_n:.9g} N"
-
-
-def _law(where: str, gains: ToolGains) -> str:
-    own = gains.local_damping_ns_per_m
-    local = f", damper of its own loop {own:.9g} N.s/m" if own else ""
-    return f"at the {where}: spring {gains.stiffness_n_per_m:.9g} N/m, damper {gains.damping_ns_per_m:.9g} N.s/m{local}"
-
-
-def _scales(end: VirtualTool | Follower) -> str:
-    return f"position scale {end.position_scale:.9g}, force scale {end.force_scale:.9g}"
+def _keys(values: Mapping[str, Any]) -> str:
+    """Return keys and values as in a problem file."""
+    return ", ".join(f"{key} {value}" for key, value in values.items() if value is not None)
 
 
 def _of_follower(coupling: Coupling, precision: Precision) -> dict[str, Any]:
     device, follower = coupling.problem.device, coupling.follower
-    there, back = follower.delays_s[-1]
-    feels = follower.architecture == "position-force"
-    measured = feels and follower.force == "measured"
-    lossy = f"jitter {follower.jitter:.9g}, lost {follower.lost_share:.9g}"
+    link = follower.model_dump(exclude=set(type(device).model_fields), exclude_none=True)
+    measured = follower.architecture == "position-force" and follower.force == "measured"
+    times = (("LEADER", device), ("FOLLOWER", follower))
+    defines = (
+        f"#define AVC_COUPLING_{end}_SAMPLE_TIME_S {precision.literal(own.sample_time_s)}\n" for end, own in times
+    )
     return {
         "between": "a leader and its follower",
-        "told": [
-            _law("leader", coupling.gains),
-            _law("follower", coupling.at_follower),
-            f"{follower.architecture}{f', force {follower.force}' if feels else ''}; {_scales(follower)}",
-            f"link: up to {there:.9g} s to the follower, {back:.9g} s back; {lossy}",
+        "facts": [
+            f"leader: {_keys(vars(coupling.gains))}",
+            f"follower: {_keys(vars(coupling.at_follower))}",
+            f"[follower] {_keys(link)}",
         ],
-        "times": f"leader {device.sample_time_s:.9g} s, follower {follower.sample_time_s:.9g} s",
         "use": _USE_OF_FOLLOWER + (_MEASURED if measured else ""),
         "also": _OF_FOLLOWER,
         "threads": "",
-        "defines": f"#define AVC_COUPLING_LEADER_SAMPLE_TIME_S {precision.literal(device.sample_time_s)}\n"
-        f"#define AVC_COUPLING_FOLLOWER_SAMPLE_TIME_S {precision.literal(follower.sample_time_s)}\n",
+        "defines": "".join(defines),
         "engine_forces": "",
         "calls": _FOLLOWER_CALLS.format(real=precision.c_type),
     }
@@ -274,54 +276,50 @@ def _of_follower(coupling: Coupling, precision: Precision) -> dict[str, Any]:
 
 def _of_engine(coupling: Coupling, tool: VirtualTool, precision: Precision) -> dict[str, Any]:
     device, scene, real, literal = coupling.problem.device, coupling.in_scene, precision.c_type, precision.literal
-    held = tool.exchange == "held-force"
+    held, solves = tool.exchange == "held-force", tool.solved == "spring and damper"
     given = f"{real} tool_force_n" if held else f"{real} tool_position_m, {real} tool_velocity_m_per_s"
-    calls = _ENGINE_CALLS + (_TARGET if tool.solved == "spring and damper" else _TOOL_FORCE)
+    calls = _ENGINE_CALLS + (_TARGET if solves else _TOOL_FORCE)
     calls += _HANDED_FORCE if held and tool.solved != "nothing" else ""
-    call = "avc_coupling_target" if tool.solved == "spring and damper" else "avc_coupling_tool_force"
-    steps = " to ".join(f"{one:.9g}" for one in dict.fromkeys(tool.step_s))
-    masses = " to ".join(f"{one:.9g}" for one in dict.fromkeys(tool.tool_mass_kg or ()))
-    moves = f"a tool of {masses} kg, {tool.integrator}" if masses else "the spring leads where the engine sets it"
+    call = "avc_coupling_target" if solves else "avc_coupling_tool_force"
     late = f", and {_steps(tool.steps_late)} later" if tool.steps_late else ""
     order = "\n".join(f" *   {number}. {one}" for number, one in enumerate(_order(tool), 1))
+    without = " without the damper" if tool.solved == "damper" else ""
     return {
         "between": "a haptic device and the tool of a simulation",
-        "told": [
-            _law("device", coupling.gains),
-            f"in the scene: spring {scene.stiffness_n_per_m:.9g}, damper {scene.damping_ns_per_m:.9g}; {_scales(tool)}",
-            f"engine: a step every {steps} s, {moves}",
+        "facts": [
+            f"device: {_keys(vars(coupling.gains))}",
+            f"scene: {_keys(vars(scene))}",
+            f"[simulation] {_keys(tool.model_dump(exclude_none=True))}",
         ],
-        "times": f"{device.sample_time_s:.9g} s",
         "use": _USE_OF_ENGINE.format(exchange=comment(tool.exchange + late), order=order, solved=_SOLVED[tool.solved]),
         "also": _OF_ENGINE.format(silence="{silence}", call=call),
         "threads": _THREADS.format(call=call),
-        "defines": f'#define AVC_COUPLING_EXCHANGE "{tool.exchange}"\n'
-        f"#define AVC_COUPLING_SAMPLE_TIME_S {literal(device.sample_time_s)}\n"
-        f"#define AVC_COUPLING_SAMPLE_TIME_NS {round(device.sample_time_s * 1e9)}L\n"
-        "/* Spring and damper between device and tool, in units of the scene. */\n"
-        f"#define AVC_COUPLING_TOOL_STIFFNESS {literal(scene.stiffness_n_per_m)}\n"
-        f"#define AVC_COUPLING_TOOL_DAMPING {literal(scene.damping_ns_per_m)}\n{FRAME['loop']}",
+        "defines": _ENGINE_DEFINES.format(
+            exchange=tool.exchange,
+            time=literal(device.sample_time_s),
+            time_ns=round(device.sample_time_s * 1e9),
+            stiffness=literal(scene.stiffness_n_per_m),
+            damping=literal(scene.damping_ns_per_m),
+            loop=FRAME["loop"],
+        ),
         "engine_forces": ", to_tool_n, handed_n",
-        "calls": calls.format(real=real, given=given, without=" without the damper" if tool.solved == "damper" else "")
-        + "\n",
+        "calls": calls.format(real=real, given=given, without=without) + "\n",
     }
 
 
 def _order(tool: VirtualTool) -> list[str]:
     """Return the operations of a sample of the exchange, in order."""
-    handed = tool.exchange == "held-force" and tool.solved != "nothing"
     first = "force = avc_coupling_tool_force(its state)"
     if tool.solved == "spring and damper":
         first = "avc_coupling_target(...) for its spring and damper"
-    engine = f"where the engine steps: {first}"
-    engine += "; force to hand out = avc_coupling_handed_force(its state)" if handed else ""
-    engine += "; then the step"
+    if tool.exchange == "held-force" and tool.solved != "nothing":
+        first += "; force to hand out = avc_coupling_handed_force(its state)"
+    engine = f"where the engine steps: {first}; then the step"
     late = f"{_steps(tool.queued)} before this one" if tool.queued else ""
-    if tool.exchange == "held-force":
+    if tool.exchange in {"held-force", "ahead"}:
         given = f"the force of {late}" if late else "that force"
-        return ["avc_coupling_sample(position)", engine, f"avc_coupling_force({given})"]
-    if tool.exchange == "ahead":
-        given = f"the state that {late or 'this step'} has made"
+        if tool.exchange == "ahead":
+            given = f"the state that {late or 'this step'} has made"
         return ["avc_coupling_sample(position)", engine, f"avc_coupling_force({given})"]
     given = f"the state that {late} began with" if late else "the state that a step now due begins with"
     return [f"avc_coupling_step(position, {given})", engine]

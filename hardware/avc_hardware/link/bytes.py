@@ -23,23 +23,18 @@ class ByteLink(Protocol):
     @property
     def name(self) -> str:
         """Its name as a port."""
-        ...
 
     def now_s(self) -> float:
         """Time on the link's clock, seconds."""
-        ...
 
     def write(self, data: bytes) -> None:
         """Send all bytes, or raise `LinkError`."""
-        ...
 
     def read(self, timeout_s: float) -> bytes:
         """Return the bytes that have arrived, waiting at most ``timeout_s`` for the first; empty when nothing came."""
-        ...
 
     def close(self) -> None:
         """Close the link; harmless when repeated."""
-        ...
 
 
 class SerialLink:

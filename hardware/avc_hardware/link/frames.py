@@ -87,10 +87,10 @@ class Decoder:
     def feed(self, data: bytes) -> list[Frame]:
         """Return the frames that these bytes complete."""
         frames = []
-        for piece in _pieces(data):
-            if piece != DELIMITER:
-                self._collect(piece)
-            elif self._pending or self._skipping:
+        *ended, rest = data.split(DELIMITER)
+        for piece in ended:
+            self._collect(piece)
+            if self._pending or self._skipping:
                 frame = None if self._skipping else decode(bytes(self._pending))
                 self._pending.clear()
                 self._skipping = False
@@ -98,6 +98,7 @@ class Decoder:
                     self.broken += 1
                 else:
                     frames.append(frame)
+        self._collect(rest)
         return frames
 
     def _collect(self, piece: bytes) -> None:
@@ -105,13 +106,3 @@ class Decoder:
         if len(self._pending) >= MAX_ENCODED:  # no delimiter for too long: not a frame
             self._pending.clear()
             self._skipping = True
-
-
-def _pieces(data: bytes) -> list[bytes]:
-    pieces: list[bytes] = []
-    for index, part in enumerate(data.split(DELIMITER)):
-        if index:
-            pieces.append(DELIMITER)
-        if part:
-            pieces.append(part)
-    return pieces

@@ -133,7 +133,7 @@ def stream(
     fell_back = middle.stream_expired - before.stream_expired
     late = sum(one.reason is Reason.STALE for one in refusals)
     lost = len(samples) - len(trips) - len(refusals)
-    faults = [*_faults_of_end(pushed, after, device), *faults_on_the_way(len(samples), lost, late, refusals)]
+    faults = [*_faults_of_end(pushed, after, device), *_faults_on_the_way(len(samples), lost, late, refusals)]
     if fell_back > 0:
         faults.append(f"the device went back to its table in mid-stream, {fell_back} times")
     return StreamResult(
@@ -172,14 +172,14 @@ def _faults_of_end(pushed: PushResult, status: DeviceStatus, device: Device) -> 
     return faults
 
 
-def faults_on_the_way(sent: int, lost: int, late: int, refusals: list[Refusal]) -> list[str]:
+def _faults_on_the_way(sent: int, lost: int, late: int, refusals: list[Refusal]) -> list[str]:
     """Describe losses and refusals above a small share of the messages."""
     faults = []
     if lost + late > _SHARE_LOST * sent:
         faults.append(f"{lost} of {sent} messages were lost, {late} late")
-    refused = [one for one in refusals if one.reason is not Reason.STALE]
-    if len(refused) > _SHARE_LOST * sent:
-        faults.append(f"{len(refused)} of {sent} messages were refused, the last: {refused[-1]}")
+    if len(refusals) - late > _SHARE_LOST * sent:
+        last = next(one for one in reversed(refusals) if one.reason is not Reason.STALE)
+        faults.append(f"{len(refusals) - late} of {sent} messages were refused, the last: {last}")
     return faults
 
 

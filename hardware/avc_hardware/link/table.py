@@ -100,17 +100,17 @@ class TableImage:
         flags = FLAG_DAMPED * self.damped | FLAG_VARIES * self.varies | FLAG_GUARD * self.guard
         flags |= FLAG_CLIPS * self.clips_last | self.states << STATES_BIT
         header = HEADER.pack(
-            len(self.rows),
-            flags,
-            self.sample_time_s,
-            self.wall_damping_ns_per_m,
-            self.wall_stiffness_n_per_m,
-            self.safe_damping_ns_per_m,
-            self.safe_stiffness_n_per_m,
-            self.max_force_n,
-            self.coupling_id,
+            *(len(self.rows), flags, self.sample_time_s, self.wall_damping_ns_per_m, self.wall_stiffness_n_per_m),
+            *(self.safe_damping_ns_per_m, self.safe_stiffness_n_per_m, self.max_force_n, self.coupling_id),
         )
-        return header + self.rows.astype("<f4").tobytes() + _feedback_image(self.feedback)
+        image = header + self.rows.astype("<f4").tobytes()
+        if self.feedback is None:
+            return image
+        # After the rows: which states are positions, dead zone, face, then A by rows, B, L and R.
+        *matrices, dead_zone_m, face_m = single_feedback(self.feedback)
+        positions = sum(1 << place for place in set(self.feedback.positions))
+        head = FEEDBACK_HEADER.pack(self.feedback.measures, positions, dead_zone_m, face_m)
+        return image + head + np.array(matrices, dtype="<f4").tobytes()
 
     @property
     def crc32(self) -> int:
@@ -121,16 +121,6 @@ class TableImage:
     def table_id(self) -> int:
         """Name of the table, from its content: the same table has the same name."""
         return int.from_bytes(hashlib.sha256(self.config + self.image).digest()[:4], "little") or 1
-
-
-def _feedback_image(feedback: StateFeedback | None) -> bytes:
-    """Return the bytes after the rows: which states are positions, dead zone, face, then A by rows, B, L and R."""
-    if feedback is None:
-        return b""
-    *matrices, dead_zone_m, face_m = single_feedback(feedback)
-    positions = sum(1 << place for place in set(feedback.positions))
-    head = FEEDBACK_HEADER.pack(feedback.measures, positions, dead_zone_m, face_m)
-    return head + np.array(matrices, dtype="<f4").tobytes()
 
 
 def _rounding(wide: FloatArray, narrow: Float32Array) -> float:

@@ -234,6 +234,41 @@ static float law(avc_control_t *c, const avc_table_t *table, float x, float work
     return force;
 }
 
+/* Of a tick that has ended, while a host is subscribed. */
+static void record(avc_control_t *control)
+{
+    avc_telemetry_t *t = &control->telemetry;
+    const avc_state_t *s = &control->state;
+    t->left--;
+    if (t->wait != 0u) {
+        t->wait--;
+        return;
+    }
+    t->wait = t->every - 1u;
+    if (t->made - t->sent >= AVC_SAMPLES_KEPT) {
+        t->dropped++;
+        return;
+    }
+    t->kept[t->made % AVC_SAMPLES_KEPT] = (avc_sample_t){
+        .ticks = s->ticks,
+        .encoder_count = s->encoder_count,
+        .velocity_m_per_s = s->velocity_m_per_s,
+        .force_n = s->force_n,
+        .frequency_hz = s->frequency_hz,
+        .damping_ns_per_m = s->gains.damping_ns_per_m,
+        .stiffness_n_per_m = s->gains.stiffness_n_per_m,
+        .contact_damping_ns_per_m = s->gains.contact_damping_ns_per_m,
+        .energy_j = s->energy_j,
+        .faults = avc_faults(control),
+        .mode = s->mode,
+        .streaming = s->streaming,
+        .contact = s->contact,
+        .has_table = s->has_table,
+    };
+    atomic_signal_fence(memory_order_release);
+    t->made++;
+}
+
 float avc_control_tick(avc_control_t *c, int32_t encoder_count)
 {
     if (c->limits_wanted != 0u) {
@@ -277,7 +312,7 @@ float avc_control_tick(avc_control_t *c, int32_t encoder_count)
     c->previous_force = force;
     s->ticks++;
     if (c->telemetry.left != 0u) {
-        avc_telemetry_tick(c);
+        record(c);
     }
     return force;
 }

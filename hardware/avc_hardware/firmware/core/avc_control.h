@@ -26,13 +26,8 @@ typedef struct {
 
 /* What the outside may read of a tick. */
 typedef struct {
-    uint32_t ticks;
-    uint32_t overruns;
-    uint32_t saturated;
-    uint32_t not_finite;
-    uint32_t stream_expired;
-    uint32_t heartbeats_missed;
-    uint32_t swaps;
+    uint32_t ticks, overruns, saturated, not_finite; /* numbers of ticks */
+    uint32_t stream_expired, heartbeats_missed, swaps;
     int32_t encoder_count;
     float position_m;
     float velocity_m_per_s;
@@ -41,17 +36,12 @@ typedef struct {
     avc_gains_t gains;  /* in force */
     float force_n;
     float energy_j; /* that the hand has given: sum of the held force times the next displacement */
-    uint8_t mode;
-    uint8_t streaming;
-    uint8_t contact;
-    uint8_t has_table;
+    uint8_t mode, streaming, contact, has_table;
 } avc_state_t;
 
 /* Limits at run time, never above those of the board. */
 typedef struct {
-    float force_n;
-    float speed_m_per_s;
-    float energy_j;
+    float force_n, speed_m_per_s, energy_j;
 } avc_lowered_t;
 
 /* What an observer believes. */
@@ -68,18 +58,11 @@ enum { AVC_SAMPLES_KEPT = 8 }; /* a power of two */
 typedef struct {
     uint32_t ticks;
     int32_t encoder_count;
-    float velocity_m_per_s;
-    float force_n;
-    float frequency_hz;
-    float damping_ns_per_m;
-    float stiffness_n_per_m;
-    float contact_damping_ns_per_m;
+    float velocity_m_per_s, force_n, frequency_hz;
+    float damping_ns_per_m, stiffness_n_per_m, contact_damping_ns_per_m;
     float energy_j;
     uint32_t faults;
-    uint8_t mode;
-    uint8_t streaming;
-    uint8_t contact;
-    uint8_t has_table;
+    uint8_t mode, streaming, contact, has_table;
 } avc_sample_t;
 
 typedef struct {
@@ -162,9 +145,6 @@ bool avc_lowered_check(avc_lowered_t *lowered, const avc_limits_t *boards);
 
 /* The force that is allowed, with what is lowered from the next tick on. */
 float avc_most_force(const avc_control_t *control);
-
-/* Of a tick that has ended, while a host is subscribed. */
-void avc_telemetry_tick(avc_control_t *control);
 
 /* One tick; returns the force in newtons that the device shall push back with (positive out of the wall). */
 float avc_control_tick(avc_control_t *control, int32_t encoder_count);

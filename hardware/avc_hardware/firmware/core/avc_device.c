@@ -13,20 +13,12 @@ static const char avc_build[8] = AVC_BUILD;
 
 /* As they travel: little-endian, no padding. */
 typedef struct {
-    uint32_t interface_version;
-    uint32_t boot_id;
-    uint32_t rows; /* capacities */
-    uint32_t states;
-    uint32_t tones;
-    uint32_t records;
-    uint32_t window;
-    uint32_t chunk;
+    uint32_t interface_version, boot_id;
+    uint32_t rows, states, tones, records, window, chunk; /* capacities */
     uint32_t bound;
     char build[8];
     uint8_t unique[AVC_UNIQUE_SIZE];
-    uint32_t table_id; /* of the running table; 0: none */
-    uint32_t table_crc32;
-    uint32_t coupling_id;
+    uint32_t table_id, table_crc32, coupling_id; /* of the running table; 0: none */
     uint32_t faults;
     avc_lowered_t lowered;
     uint32_t config_crc32;
@@ -36,26 +28,19 @@ typedef struct {
 
 typedef struct {
     avc_state_t state;
-    uint32_t table_id;
-    uint32_t table_crc32;
-    uint32_t coupling_id;
-    uint32_t frames_good;
-    uint32_t frames_bad;
-    uint32_t rx_overruns;
-    uint32_t stream_number;
-    uint32_t stream_stale;
-    uint32_t stream_missing;
+    uint32_t table_id, table_crc32, coupling_id;
+    uint32_t frames_good, frames_bad, rx_overruns;
+    uint32_t stream_number, stream_stale, stream_missing;
     uint32_t boot_id;
-    uint32_t faults;
-    uint32_t first_faults;
-    uint32_t first_tick;
+    uint32_t faults, first_faults, first_tick;
     avc_lowered_t lowered;
-    uint32_t table_waits;
-    uint32_t limits_wait;
+    uint32_t table_waits, limits_wait;
 } avc_status_t;
 
 _Static_assert(sizeof(avc_hello_t) == 152, "HELLO travels as 152 bytes");
 _Static_assert(sizeof(avc_status_t) == 144, "STATUS travels as 144 bytes");
+_Static_assert(sizeof(avc_sample_t) == 44, "a record travels as 44 bytes");
+_Static_assert(AVC_SAMPLES_KEPT * sizeof(avc_sample_t) + 128u <= AVC_RING_SIZE, "a message of all records fits the ring");
 
 void avc_device_receive(avc_device_t *device, uint8_t byte)
 {
@@ -272,6 +257,50 @@ static avc_verdict_t on_set_gains(avc_device_t *device, const avc_request_t *req
     return avc_reply(device, request, &taken, sizeof taken);
 }
 
+/* Another rate begins anew; the same one goes on, so that renewing leaves no gap. */
+static avc_verdict_t on_subscribe(avc_device_t *device, const avc_request_t *request)
+{
+    avc_telemetry_t *t = &device->control.telemetry;
+    const uint32_t every = request->word[0], ticks = request->word[1], most = avc_longest_hold(&device->control);
+    if (ticks > most) {
+        return avc_no(AVC_REFUSED_HOLD, most);
+    }
+    if (every == 0u || every != t->every || t->left == 0u) {
+        t->left = 0u; /* the tick leaves all of it alone from here on */
+        atomic_signal_fence(memory_order_release);
+        t->every = every;
+        t->wait = 0u;
+        t->sent = t->made;
+        t->dropped = 0u;
+        t->number = 0u;
+        atomic_signal_fence(memory_order_release);
+    }
+    t->left = every != 0u ? ticks : 0u;
+    return avc_acknowledge(device, request, t->every, device->control.state.ticks);
+}
+
+static bool push_telemetry(avc_device_t *device)
+{
+    avc_telemetry_t *t = &device->control.telemetry;
+    const uint32_t made = t->made;
+    if (made == t->sent || AVC_RING_SIZE - avc_ring_room(&device->tx) > 64u) { /* at most one is ahead of an answer */
+        return false;
+    }
+    atomic_signal_fence(memory_order_acquire);
+    const uint32_t coupling_id = device->control.state.has_table != 0u ? avc_running(device)->image.header.coupling_id : 0u;
+    const uint32_t head[5] = {t->number, t->dropped, t->every, device->boot_id, coupling_id};
+    avc_answer_t a = avc_answer(device, AVC_MESSAGE_TELEMETRY, 0u);
+    avc_put(&a, head, sizeof head);
+    for (uint32_t at = t->sent; at != made; at++) {
+        avc_put(&a, &t->kept[at % AVC_SAMPLES_KEPT], sizeof(avc_sample_t));
+    }
+    atomic_signal_fence(memory_order_release);
+    t->sent = made;
+    t->number++;
+    avc_send(&a);
+    return true;
+}
+
 /* Payload of each message, smallest and largest. */
 typedef struct {
     uint8_t type;
@@ -294,7 +323,7 @@ static const avc_handler_t handlers[] = {
     {AVC_MESSAGE_RECORDS, 8, 8, avc_on_records},
     {AVC_MESSAGE_STOP, 4, 4, avc_on_stop},
     {AVC_MESSAGE_CLEAR, 4, 4, on_clear},
-    {AVC_MESSAGE_SUBSCRIBE, 8, 8, avc_on_subscribe},
+    {AVC_MESSAGE_SUBSCRIBE, 8, 8, on_subscribe},
     {AVC_MESSAGE_LIMITS, 12, 12, on_limits},
     {AVC_MESSAGE_CONFIG, 0, 8 + sizeof(avc_config_t), avc_on_config},
 };
@@ -354,7 +383,7 @@ bool avc_device_poll(avc_device_t *device)
             device->frames_bad++;
         }
     }
-    return avc_push_telemetry(device) || did;
+    return push_telemetry(device) || did;
 }
 
 void avc_device_init(avc_device_t *device, const avc_config_t *config, bool bound, uint32_t boot_id)

@@ -90,11 +90,8 @@ typedef struct {
     bool committing;      /* the tick has been asked to swap; its reply is still owed */
     uint16_t commit_sequence;
     uint32_t commit_tick; /* when the tick was asked */
-    uint32_t session;
-    uint32_t table_id;
-    uint32_t crc32;
-    uint32_t size;
-    uint32_t received;
+    uint32_t session, table_id, crc32;
+    uint32_t size, received; /* bytes */
     uint32_t last_tick;
 } avc_transfer_t;
 
@@ -109,11 +106,8 @@ typedef struct {
     uint32_t boot_id;
     uint8_t unique[AVC_UNIQUE_SIZE];
     volatile uint32_t rx_overruns;
-    uint32_t frames_good;
-    uint32_t frames_bad;
-    uint32_t stream_number;
-    uint32_t stream_stale;
-    uint32_t stream_missing;
+    uint32_t frames_good, frames_bad;
+    uint32_t stream_number, stream_stale, stream_missing;
     bool stream_seen;
 } avc_device_t;
 

@@ -51,15 +51,10 @@ typedef struct {
     uint32_t ramp_ticks;   /* in and out */
     uint32_t silent_ticks; /* without a word from the host: stop */
     uint32_t growth;       /* of every step, a tick, in 2^-32 */
-    float max_force_n;
-    float max_speed_m_per_s;
-    float max_travel_m; /* from where it began */
-    float spring_n_per_m;
-    float damper_ns_per_m;
+    float max_force_n, max_speed_m_per_s, max_travel_m; /* from where it began */
+    float spring_n_per_m, damper_ns_per_m;
     uint16_t window; /* ticks over which a velocity is taken */
-    uint16_t none; /* always 0 */
-    uint16_t tones;
-    uint16_t none_either;
+    uint16_t none, tones, none_either; /* none: always 0 */
     uint16_t knot[AVC_KNOTS]; /* envelope of the signal, of 2^15 */
     uint16_t also_none;
     avc_tone_t tone[AVC_TONES_MAX];
@@ -76,16 +71,11 @@ typedef struct {
     volatile uint32_t made; /* records */
     uint32_t start_tick;
     uint32_t left; /* ticks until the host counts as silent */
-    int32_t centre;
-    int32_t last;
-    int32_t most_moved; /* counts in a window, and in a tick */
-    int32_t most_at_once;
-    int32_t most_away;
+    int32_t centre, last;
+    int32_t most_moved, most_at_once, most_away; /* counts in a window, in a tick, from the centre */
     float unit_n;
-    float spring_units; /* a count */
-    float damper_units; /* a count moved in a window */
-    uint32_t envelope_at;
-    uint32_t envelope_step;
+    float spring_units, damper_units; /* a count; a count moved in a window */
+    uint32_t envelope_at, envelope_step;
     uint64_t step[AVC_TONES_MAX]; /* 32 bits after the point */
     uint32_t phase[AVC_TONES_MAX];
     int32_t passed[AVC_SPEED_WINDOW_MAX];

@@ -29,9 +29,7 @@ typedef struct {
     uint32_t most_change; /* counts by which a tick's movement may differ from that of the tick before */
     uint32_t most_moved;  /* counts in a tick */
     int32_t moved;
-    uint32_t overruns;
-    uint32_t overruns_in_a_row;
-    uint32_t most_overruns;
+    uint32_t overruns, overruns_in_a_row, most_overruns;
     float swing_n; /* how far a force swings to count; 0: not watched */
     float extreme_n;
     uint32_t swings;
@@ -43,8 +41,7 @@ typedef struct {
     float keep;      /* share of what is lacking that a tick leaves */
     float least_j;
     float lacking_j; /* energy given out and never taken in, forgotten within a second; never above 0 */
-    float fading_n; /* what is left of the force */
-    float fade_n;   /* that it loses in a tick */
+    float fading_n, fade_n; /* what is left of the force, and what it loses in a tick */
 } avc_fault_t;
 
 void avc_fault_init(avc_fault_t *fault, const avc_limits_t *limits);

@@ -44,10 +44,6 @@ avc_verdict_t avc_on_excite(avc_device_t *device, const avc_request_t *request);
 avc_verdict_t avc_on_records(avc_device_t *device, const avc_request_t *request);
 avc_verdict_t avc_on_stop(avc_device_t *device, const avc_request_t *request);
 
-/* Telemetry. */
-avc_verdict_t avc_on_subscribe(avc_device_t *device, const avc_request_t *request);
-bool avc_push_telemetry(avc_device_t *device);
-
 /* The transfer of a table. */
 avc_verdict_t avc_on_begin(avc_device_t *device, const avc_request_t *request);
 avc_verdict_t avc_on_chunk(avc_device_t *device, const avc_request_t *request);

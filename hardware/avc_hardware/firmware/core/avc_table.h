@@ -42,10 +42,7 @@ typedef struct {
 } avc_table_header_t;
 
 typedef struct {
-    float frequency_hz;
-    float damping_ns_per_m;
-    float stiffness_n_per_m;
-    float contact_damping_ns_per_m;
+    float frequency_hz, damping_ns_per_m, stiffness_n_per_m, contact_damping_ns_per_m;
 } avc_row_t;
 
 /* An observer with a dead zone and state feedback; all states are lengths. Only as many numbers travel as n states have. */
@@ -72,14 +69,11 @@ typedef struct {
 typedef struct {
     avc_image_t image;
     float ln_frequency[AVC_ROWS_MAX];
-    uint32_t id;
-    uint32_t crc32;
+    uint32_t id, crc32;
 } avc_table_t;
 
 typedef struct {
-    float damping_ns_per_m;
-    float stiffness_n_per_m;
-    float contact_damping_ns_per_m;
+    float damping_ns_per_m, stiffness_n_per_m, contact_damping_ns_per_m;
 } avc_gains_t;
 
 /* Why a table or a message is refused; the host turns each into a sentence. */
