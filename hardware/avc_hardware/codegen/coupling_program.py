@@ -24,9 +24,6 @@ if TYPE_CHECKING:
     from avc_casadi.model.effects import Effect
 
 
-FORCES = ("command_n", "force_n")
-
-
 @dataclass(frozen=True)
 class CouplingProgram:
     """One tick of a coupling."""
@@ -124,34 +121,30 @@ class _Built:
         import casadi as ca  # noqa: PLC0415
 
         tick = self.tick
-        asked = tick.command if tick.asked is None else tick.asked
-        successors = [ca.SX(value) for value in tick.successors()]
-        symbols = [slot.symbol for slot in tick.states]
         names = tuple(slot.name for slot in tick.states)
+        successors = dict(zip(names, map(ca.SX, tick.successors()), strict=True))
+
+        def part(name: str, given: dict[str, Any], made: dict[str, Any], following: tuple[str, ...]) -> FloatProgram:
+            results = self._settled([*map(ca.SX, made.values()), *(successors[state] for state in following)])
+            function = ca.Function(
+                name,
+                [*given.values(), *(slot.symbol for slot in tick.states)],
+                results,
+                [*given, *(f"state_{state}" for state in names)],
+                [*(f"out_{output}" for output in made), *(f"next_{state}" for state in following)],
+            )
+            return FloatProgram(function, precision)
+
+        measured = {"position_m": self.measured}
+        forces = {"command_n": self.command, "force_n": tick.command if tick.asked is None else tick.asked}
         if self.frequency is None:
-            results = self._settled([ca.SX(self.command), ca.SX(asked), *successors])
-            after = _program("after", {"position_m": self.measured}, names, symbols, FORCES, names, results, precision)
-            return CouplingProgram(names, initial, None, after, ())
+            return CouplingProgram(names, initial, None, part("after", measured, forces, names), ())
         read = ca.vertcat(self.cut, *self.wanted)
-        late = [bool(ca.depends_on(value, read)) for value in successors]
-        early = tuple(name for name, other in zip(names, late, strict=True) if not other)
-        rest = tuple(name for name, other in zip(names, late, strict=True) if other)
-        first = [value for value, other in zip(successors, late, strict=True) if not other]
-        last = [value for value, other in zip(successors, late, strict=True) if other]
-        before = _program(
-            "before",
-            {"position_m": self.measured},
-            names,
-            symbols,
-            ("frequency_hz", "seen_m"),
-            early,
-            self._settled([ca.SX(self.frequency), ca.SX(self.seen), *first]),
-            precision,
-        )
-        given = {"seen_m": self.cut} | dict(zip((f"wanted_{name}" for name in GAINS), self.wanted, strict=True))
-        results = self._settled([ca.SX(self.command), ca.SX(asked), *last])
-        after = _program("after", given, names, symbols, FORCES, rest, results, precision)
-        return CouplingProgram(names, initial, before, after, early)
+        early = tuple(name for name in names if not ca.depends_on(successors[name], read))
+        late = tuple(name for name in names if name not in early)
+        before = part("before", measured, {"frequency_hz": self.frequency, "seen_m": self.seen}, early)
+        given = {"seen_m": self.cut} | {f"wanted_{name}": one for name, one in zip(GAINS, self.wanted, strict=True)}
+        return CouplingProgram(names, initial, before, part("after", given, forces, late), early)
 
     def _settled(self, results: list[Any]) -> list[Any]:
         """Substitute the tick's parameters."""
@@ -179,27 +172,3 @@ class _Built:
         given = [] if feedback is None else feedback.numbers().tolist()
         # Effects before the wall have added their parameters before the wall's.
         return [*given, *(known[slot.name] for slot in self.tick.parameters[len(given) :])]
-
-
-def _program(
-    name: str,
-    given: dict[str, Any],
-    states: tuple[str, ...],
-    symbols: list[Any],
-    outputs: tuple[str, ...],
-    following: tuple[str, ...],
-    results: list[Any],
-    precision: Precision,
-) -> FloatProgram:
-    import casadi as ca  # noqa: PLC0415
-
-    return FloatProgram(
-        ca.Function(
-            name,
-            [*given.values(), *symbols],
-            results,
-            [*given, *(f"state_{state}" for state in states)],
-            [*(f"out_{output}" for output in outputs), *(f"next_{state}" for state in following)],
-        ),
-        precision,
-    )

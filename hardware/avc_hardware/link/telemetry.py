@@ -19,8 +19,28 @@ _RECORD = struct.Struct("<Ii7fI4B")
 
 
 @dataclass(frozen=True)
-class Record:
-    """The state of a device at the end of a tick, as sent."""
+class Telemetry:
+    """A telemetry message."""
+
+    number: int
+    dropped: int
+    every: int
+    boot_id: int
+    coupling_id: str
+    records: tuple[tuple[Any, ...], ...]  # values of a `TelemetrySample` down to `has_table`
+
+    @classmethod
+    def read(cls, payload: bytes) -> Telemetry:
+        """Read the payload of TELEMETRY."""
+        number, dropped, every, boot_id, coupling_id = _HEAD.unpack_from(payload)
+        unpacked = _RECORD.iter_unpack(payload[_HEAD.size :])
+        records = tuple((*one[:-4], MODES[one[-4]], *map(bool, one[-3:])) for one in unpacked)
+        return cls(number, dropped, every, boot_id, f"{coupling_id:08x}" if coupling_id else "", records)
+
+
+@dataclass(frozen=True)
+class TelemetrySample:
+    """The state of a device at the end of a tick, as sent, with the host's derived values."""
 
     ticks: int
     encoder_count: int
@@ -36,35 +56,6 @@ class Record:
     streaming: bool
     contact: bool
     has_table: bool
-
-
-@dataclass(frozen=True)
-class Telemetry:
-    """A telemetry message."""
-
-    number: int
-    dropped: int
-    every: int
-    boot_id: int
-    coupling_id: str
-    records: tuple[Record, ...]
-
-    @classmethod
-    def read(cls, payload: bytes) -> Telemetry:
-        """Read the payload of TELEMETRY."""
-        number, dropped, every, boot_id, coupling_id = _HEAD.unpack_from(payload)
-        records = []
-        for *numbers, mode, streaming, contact, has_table in _RECORD.iter_unpack(payload[_HEAD.size :]):
-            flags = (MODES[mode], *map(bool, (streaming, contact, has_table)))
-            records.append(Record(*numbers, *flags))
-        coupling = f"{coupling_id:08x}" if coupling_id else ""
-        return cls(number, dropped, every, boot_id, coupling, tuple(records))
-
-
-@dataclass(frozen=True)
-class TelemetrySample(Record):
-    """A record with the host's derived values."""
-
     time_s: float
     position_m: float
     coupling_id: str
@@ -82,22 +73,17 @@ class Samples:
 
     def take(self, message: Telemetry) -> list[TelemetrySample]:
         """Return the samples of a message."""
-        return [self._sample(message, record) for record in message.records]
-
-    def _sample(self, message: Telemetry, record: Record) -> TelemetrySample:
-        ticks, lost = record.ticks, 0
-        if self._last is not None and self._last[0] == message.boot_id:
-            # Counted in 32 bits; the first record after an expired subscription may come sooner.
-            lost = max(((ticks - self._last[1]) & 0xFFFFFFFF) // max(message.every, 1) - 1, 0)
-        self._last = (message.boot_id, ticks)
-        return TelemetrySample(
-            **vars(record),
-            time_s=ticks * self._sample_time_s,
-            position_m=record.encoder_count * self._metres_per_count,
-            coupling_id=message.coupling_id,
-            boot_id=message.boot_id,
-            lost=lost,
-        )
+        samples = []
+        for record in message.records:
+            ticks, count = record[:2]
+            lost = 0
+            if self._last is not None and self._last[0] == message.boot_id:
+                # Counted in 32 bits; the first record after an expired subscription may come sooner.
+                lost = max(((ticks - self._last[1]) & 0xFFFFFFFF) // max(message.every, 1) - 1, 0)
+            self._last = (message.boot_id, ticks)
+            time_s, position_m = ticks * self._sample_time_s, count * self._metres_per_count
+            samples.append(TelemetrySample(*[*record, time_s, position_m, message.coupling_id, message.boot_id, lost]))
+        return samples
 
 
 _COLUMNS: tuple[str, ...] = (

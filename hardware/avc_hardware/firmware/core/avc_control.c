@@ -47,26 +47,6 @@ uint32_t avc_longest_hold(const avc_control_t *control)
     return (uint32_t)(longest_hold_s * control->rate_hz + 0.5f);
 }
 
-static bool within(float *limit, float boards)
-{
-    if (*limit == 0.0f) {
-        *limit = boards;
-    }
-    return avc_is_finite(*limit) && *limit >= 0.0f && (boards <= 0.0f || *limit <= boards);
-}
-
-bool avc_lowered_check(avc_lowered_t *lowered, const avc_limits_t *boards)
-{
-    return within(&lowered->force_n, boards->max_force_n) && within(&lowered->speed_m_per_s, boards->max_speed_m_per_s) &&
-           within(&lowered->energy_j, boards->max_energy_j);
-}
-
-float avc_most_force(const avc_control_t *c)
-{
-    const bool falls = c->limits_wanted != 0u && c->wanted.force_n < c->lowered.force_n;
-    return falls ? c->wanted.force_n : c->lowered.force_n;
-}
-
 /* How often the hand moves, as long as gains follow it. */
 static void estimate(avc_control_t *c, const avc_table_t *table, float x)
 {
@@ -297,7 +277,9 @@ float avc_control_tick(avc_control_t *c, int32_t encoder_count)
     s->energy_j = s->energy_j + work_j;
     const uint32_t wrong = avc_fault_watch(&c->fault, watched, c->previous_force, s->overruns);
     estimate(c, table, x);
-    avc_supervise(c, x);
+    if ((c->heartbeat_seen | c->heartbeat_ticks | s->mode) != 0u) {
+        avc_leave_or_return(c, x);
+    }
     float force = 0.0f;
     if ((wrong | c->fault.codes) != 0u) {
         force = avc_fail(c, wrong, x);

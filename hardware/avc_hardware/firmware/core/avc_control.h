@@ -140,12 +140,6 @@ void avc_control_fault(avc_control_t *control, uint32_t codes);
 /* Whether a force may come, so that the amplifier is to be on. */
 bool avc_control_drives(const avc_control_t *control);
 
-/* Whether limits are such, within the board's; 0 becomes the board's. */
-bool avc_lowered_check(avc_lowered_t *lowered, const avc_limits_t *boards);
-
-/* The force that is allowed, with what is lowered from the next tick on. */
-float avc_most_force(const avc_control_t *control);
-
 /* One tick; returns the force in newtons that the device shall push back with (positive out of the wall). */
 float avc_control_tick(avc_control_t *control, int32_t encoder_count);
 

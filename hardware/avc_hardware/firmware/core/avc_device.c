@@ -191,16 +191,31 @@ static avc_verdict_t on_clear(avc_device_t *device, const avc_request_t *request
     return avc_acknowledge(device, request, avc_faults(control), control->state.mode);
 }
 
+/* Whether limits are within the board's; 0 becomes the board's. */
+static bool within(float *limit, float boards)
+{
+    if (*limit == 0.0f) {
+        *limit = boards;
+    }
+    return avc_is_finite(*limit) && *limit >= 0.0f && (boards <= 0.0f || *limit <= boards);
+}
+
+static bool lowered_check(avc_lowered_t *lowered, const avc_limits_t *boards)
+{
+    return within(&lowered->force_n, boards->max_force_n) && within(&lowered->speed_m_per_s, boards->max_speed_m_per_s) &&
+           within(&lowered->energy_j, boards->max_energy_j);
+}
+
 /* Takes effect with the next tick, a higher force out of contact. */
 static avc_verdict_t on_limits(avc_device_t *device, const avc_request_t *request)
 {
     avc_control_t *control = &device->control;
     avc_lowered_t wanted;
     memcpy(&wanted, request->payload, sizeof wanted);
-    if (!avc_lowered_check(&wanted, &control->config.limits)) {
+    if (!lowered_check(&wanted, &control->config.limits)) {
         return avc_no(AVC_REFUSED_LIMIT, AVC_AT_LIMITS);
     }
-    if (avc_excite_runs(&control->excite)) { /* it keeps the limit that its plan was taken for */
+    if (control->excite.busy != 0u) { /* it keeps the limit that its plan was taken for */
         return avc_no(AVC_REFUSED_EXCITED, control->excite.plan.number);
     }
     control->limits_wanted = 0u; /* the tick leaves them alone from here on */

@@ -188,7 +188,7 @@ avc_verdict_t avc_on_excite(avc_device_t *device, const avc_request_t *request)
     if (number == e->plan.number && number != 0u) { /* its answer was lost; it is not played again */
         return tell(device, request);
     }
-    if (avc_excite_runs(e)) {
+    if (e->busy != 0u) {
         return avc_no(AVC_REFUSED_EXCITED, e->plan.number);
     }
     if (device->control.fault.codes != 0u) {
@@ -201,7 +201,9 @@ avc_verdict_t avc_on_excite(avc_device_t *device, const avc_request_t *request)
     memset(&plan, 0, sizeof plan);
     memcpy(&plan, request->payload, request->size);
     avc_reason_t reason = plan_check(&plan, &device->control.config.limits);
-    if (reason == AVC_OK && plan.max_force_n > avc_most_force(&device->control)) {
+    const avc_control_t *c = &device->control;
+    const bool lowers = c->limits_wanted != 0u && c->wanted.force_n < c->lowered.force_n; /* from the next tick on */
+    if (reason == AVC_OK && plan.max_force_n > (lowers ? c->wanted.force_n : c->lowered.force_n)) {
         reason = AVC_REFUSED_LIMIT;
     }
     if (reason != AVC_OK) {

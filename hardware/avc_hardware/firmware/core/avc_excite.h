@@ -83,11 +83,6 @@ typedef struct {
     int16_t force[AVC_RECORDS];
 } avc_excite_t;
 
-static inline bool avc_excite_runs(const avc_excite_t *excite)
-{
-    return excite->busy != 0u;
-}
-
 /* From the first tick of an excitation. */
 void avc_excite_start(avc_excite_t *excite, const avc_limits_t *limits, int32_t encoder_count, uint32_t tick);
 

@@ -46,15 +46,6 @@ typedef struct {
 
 void avc_fault_init(avc_fault_t *fault, const avc_limits_t *limits);
 
-/* Other limits of speed and energy than those of the board; 0: not watched. */
-void avc_fault_limit(avc_fault_t *fault, const avc_limits_t *limits, float speed_m_per_s, float energy_j);
-
-/* Latch codes at a tick; the force falls from force_n. */
-void avc_fault_raise(avc_fault_t *fault, uint32_t codes, uint32_t tick, float force_n, float sample_time_s);
-
-/* The force at one tick of the ramp. */
-float avc_fault_fade(avc_fault_t *fault);
-
 /* What follows runs in every tick, and is compiled into it. */
 
 /* Swings of the force without a single count: two may be a force that settles after a blow. */

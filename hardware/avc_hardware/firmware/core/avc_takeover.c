@@ -10,6 +10,31 @@ static const float slow_s = 0.02f;
 /* Counts that quantisation adds to a movement, and to the difference of two. */
 static const float quantised = 2.0f;
 
+/* As many as no movement has where there is no limit. */
+static uint32_t counts_of(float metres, float metres_per_count)
+{
+    const float counts = metres / metres_per_count;
+    return metres > 0.0f && counts < 5e8f ? (uint32_t)(counts + quantised) : 0x7FFFFFFFu;
+}
+
+/* Limits of speed and energy; 0: not watched. */
+static void limit_motion(avc_fault_t *fault, const avc_limits_t *limits, float speed_m_per_s, float energy_j)
+{
+    fault->most_moved = counts_of(speed_m_per_s * limits->sample_time_s, limits->metres_per_count);
+    fault->least_j = energy_j > 0.0f ? -energy_j : -3e38f;
+}
+
+void avc_fault_init(avc_fault_t *fault, const avc_limits_t *limits)
+{
+    const float time = limits->sample_time_s;
+    fault->most_change = counts_of(limits->max_acceleration_m_per_s2 * time * time, limits->metres_per_count);
+    fault->most_overruns = limits->max_overruns > 0.0f ? (uint32_t)limits->max_overruns : 0xFFFFFFFFu;
+    fault->swing_n = limits->stuck_swing_n;
+    fault->slow_ticks = (uint32_t)(slow_s / time);
+    fault->keep = 1.0f - time / forget_s;
+    limit_motion(fault, limits, limits->max_speed_m_per_s, limits->max_energy_j);
+}
+
 float avc_feedback_step(avc_feedback_state_t *state, const avc_image_t *image, float position_m, float force_n)
 {
     const avc_feedback_t *feedback = &image->feedback;
@@ -81,7 +106,7 @@ void avc_adopt_limits(avc_control_t *c)
     }
     c->lowered = c->wanted;
     limit_force(c);
-    avc_fault_limit(&c->fault, &c->config.limits, c->wanted.speed_m_per_s, c->wanted.energy_j);
+    limit_motion(&c->fault, &c->config.limits, c->wanted.speed_m_per_s, c->wanted.energy_j);
     c->limits_wanted = 0u;
 }
 
@@ -115,12 +140,26 @@ void avc_swap(avc_control_t *c, float x)
     c->swap_wanted = 0u;
 }
 
+static float size_of(float force_n)
+{
+    return force_n < 0.0f ? -force_n : force_n;
+}
+
+/* The force falls from the last good one. */
 void avc_control_fault(avc_control_t *c, uint32_t codes)
 {
-    if (codes != 0u) {
-        avc_fault_raise(&c->fault, codes, c->state.ticks, c->previous_force, c->config.limits.sample_time_s);
-        c->state.mode = AVC_MODE_FAULT;
+    avc_fault_t *fault = &c->fault;
+    if (codes == 0u) {
+        return;
     }
+    if (fault->codes == 0u) {
+        fault->first = codes;
+        fault->first_tick = c->state.ticks;
+        fault->fading_n = c->previous_force;
+        fault->fade_n = size_of(c->previous_force) * c->config.limits.sample_time_s / fade_s;
+    }
+    fault->codes |= codes;
+    c->state.mode = AVC_MODE_FAULT;
 }
 
 uint32_t avc_faults(const avc_control_t *c)
@@ -143,7 +182,10 @@ float avc_fail(avc_control_t *c, uint32_t codes, float x)
         c->state.has_table = 0u;
         c->excite.busy = 0u;
     }
-    return avc_fault_fade(&c->fault);
+    const float left = size_of(c->fault.fading_n) - c->fault.fade_n;
+    const float size = left > 0.0f ? left : 0.0f;
+    c->fault.fading_n = c->fault.fading_n < 0.0f ? -size : size;
+    return c->fault.fading_n;
 }
 
 /* Whether the host has been heard of in time, where it wants to be watched. */
@@ -204,47 +246,4 @@ void avc_leave_or_return(avc_control_t *c, float x)
             c->state.mode = AVC_MODE_TABLE;
         }
     }
-}
-
-/* As many as no movement has where there is no limit. */
-static uint32_t counts_of(float metres, float metres_per_count)
-{
-    const float counts = metres / metres_per_count;
-    return metres > 0.0f && counts < 5e8f ? (uint32_t)(counts + quantised) : 0x7FFFFFFFu;
-}
-
-void avc_fault_init(avc_fault_t *fault, const avc_limits_t *limits)
-{
-    const float time = limits->sample_time_s;
-    fault->most_change = counts_of(limits->max_acceleration_m_per_s2 * time * time, limits->metres_per_count);
-    fault->most_overruns = limits->max_overruns > 0.0f ? (uint32_t)limits->max_overruns : 0xFFFFFFFFu;
-    fault->swing_n = limits->stuck_swing_n;
-    fault->slow_ticks = (uint32_t)(slow_s / time);
-    fault->keep = 1.0f - time / forget_s;
-    avc_fault_limit(fault, limits, limits->max_speed_m_per_s, limits->max_energy_j);
-}
-
-void avc_fault_limit(avc_fault_t *fault, const avc_limits_t *limits, float speed_m_per_s, float energy_j)
-{
-    fault->most_moved = counts_of(speed_m_per_s * limits->sample_time_s, limits->metres_per_count);
-    fault->least_j = energy_j > 0.0f ? -energy_j : -3e38f;
-}
-
-void avc_fault_raise(avc_fault_t *fault, uint32_t codes, uint32_t tick, float force_n, float sample_time_s)
-{
-    if (fault->codes == 0u) {
-        fault->first = codes;
-        fault->first_tick = tick;
-        fault->fading_n = force_n;
-        fault->fade_n = (force_n < 0.0f ? -force_n : force_n) * sample_time_s / fade_s;
-    }
-    fault->codes |= codes;
-}
-
-float avc_fault_fade(avc_fault_t *fault)
-{
-    const float left = (fault->fading_n < 0.0f ? -fault->fading_n : fault->fading_n) - fault->fade_n;
-    const float size = left > 0.0f ? left : 0.0f;
-    fault->fading_n = fault->fading_n < 0.0f ? -size : size;
-    return fault->fading_n;
 }

@@ -11,15 +11,11 @@ static inline bool avc_varies(const avc_table_t *table)
     return (table->image.header.flags & AVC_TABLE_VARIES) != 0u;
 }
 
-static inline float avc_at_least_0(float x)
-{
-    return x > 0.0f ? x : 0.0f;
-}
-
 /* What the gated law remembers of the wall: where the other one, or a start, has left a place before it, there is none. */
 static inline void avc_see_penetration(avc_control_t *c)
 {
-    c->couple.environment_deflection_before_m = avc_at_least_0(c->couple.environment_deflection_before_m);
+    const float before_m = c->couple.environment_deflection_before_m;
+    c->couple.environment_deflection_before_m = before_m > 0.0f ? before_m : 0.0f;
 }
 
 /* What the wall sees in place of the measured position, a weighted sum of what an observer with a dead zone believes: one
@@ -44,15 +40,8 @@ void avc_swap(avc_control_t *c, float x);
 /* A fault has ended it: nothing of the coupling is left. Returns the force, which falls. */
 float avc_fail(avc_control_t *c, uint32_t codes, float x);
 
-/* A tick in another mode than that of the table, or one that a host should have been heard by. */
+/* A tick in another mode than that of the table, or one that a host should have been heard by: missed, the force ramps to
+ * zero; then static safe gains, from the next time out of contact. */
 void avc_leave_or_return(avc_control_t *c, float x);
-
-/* Heartbeat: missed, the force ramps to zero; then static safe gains, from the next time out of contact. */
-static inline void avc_supervise(avc_control_t *c, float x)
-{
-    if ((c->heartbeat_seen | c->heartbeat_ticks | c->state.mode) != 0u) {
-        avc_leave_or_return(c, x);
-    }
-}
 
 #endif

@@ -145,7 +145,7 @@ avc_verdict_t avc_on_commit(avc_device_t *device, const avc_request_t *request)
     if (its.reason != AVC_OK) {
         return its;
     }
-    if (avc_excite_runs(&device->control.excite)) {
+    if (device->control.excite.busy != 0u) {
         return avc_no(AVC_REFUSED_EXCITED, device->control.excite.plan.number);
     }
     transfer->last_tick = device->control.state.ticks;
