@@ -33,28 +33,21 @@ class Port:
 
     device: str
     description: str
-    manufacturer: str | None
-    vendor_id: int | None
-    product_id: int | None
     serial_number: str | None
     accessible: bool
 
 
 def list_ports() -> tuple[Port, ...]:
     """Return the serial ports, USB devices first; pseudo-terminals never appear."""
-    found = [
+    return tuple(
         Port(
             device=info.device,
             description=info.description or "",
-            manufacturer=info.manufacturer,
-            vendor_id=info.vid,
-            product_id=info.pid,
             serial_number=info.serial_number,
             accessible=os.access(info.device, os.R_OK | os.W_OK) or os.name == "nt",
         )
-        for info in tools.comports()
-    ]
-    return tuple(sorted(found, key=lambda port: (port.vendor_id is None, port.device)))
+        for info in sorted(tools.comports(), key=lambda info: (info.vid is None, info.device))
+    )
 
 
 def find_port(serial_number: str) -> str:
