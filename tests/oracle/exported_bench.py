@@ -25,14 +25,7 @@ _SEMIHOSTED = (*_NO_WINDOW, "-serial", "none", "-semihosting-config", "enable=on
 
 @dataclass(frozen=True)
 class Board:
-    """A processor and what runs it.
-
-    Attributes:
-        tools: prefix of the compiler and its tools.
-        flags: of the compiler.
-        libraries: at the end of the link.
-        emulator: command; the image is its last argument.
-    """
+    """A processor and what runs it."""
 
     tools: str
     flags: tuple[str, ...]
@@ -70,17 +63,7 @@ BOARDS = {
 
 @dataclass(frozen=True)
 class Ran:
-    """What a board did.
-
-    Attributes:
-        forces: shape (strokes, samples).
-        flash_bytes: of the coupling alone, its table included, without the processor's float routines.
-        copied_bytes: of the coupling, what is copied from flash to memory at the start.
-        program_bytes: of all that was loaded, test and positions included.
-        state_bytes: memory that it keeps between samples.
-        stack_bytes: deepest of a step.
-        cycles: most of a step; 0 where the emulator does not count them.
-    """
+    """What a board did."""
 
     forces: Float32Array
     flash_bytes: int

@@ -93,18 +93,7 @@ class ExportedLoop(EngineSimulator):
         return asked, speed + t / m * (asked - drag * speed - k_c * place)
 
     def run_exported(self, c, tool, samples, *, target, kick, start=0.0, silent=(), glitch=_sound):
-        """Return positions of device and tool at each sample, before the engine's steps since the last, and forces.
-
-        Args:
-            c: the exported coupling.
-            tool: the [simulation].
-            samples: how many.
-            target: position of the hand's target at each sample.
-            kick: speed of the device at the beginning.
-            start: where device and tool begin.
-            silent: steps of the engine that do not happen.
-            glitch: what the device's loop reads for a position at a sample.
-        """
+        """Return positions of device and tool at each sample, before the engine's steps since the last, and forces."""
         x, v, held = start, kick, [0.0] * self.delay
         place, speed = start * tool.position_scale, 0.0
         queue = [0.0 if self.exchange == "held-force" else (place, speed)] * (1 + self.late)

@@ -27,14 +27,7 @@ class FaultKind(StrEnum):
 
 @dataclass(frozen=True)
 class LinkFault:
-    """One fault.
-
-    Attributes:
-        to_device: direction; otherwise from the device.
-        at: which byte of that direction, counted from 0 since the link was opened.
-        kind: what happens.
-        amount: bits to flip (mask), bytes to drop, duplicate or let pass, the byte to insert, or 10 ms of stall.
-    """
+    """One fault."""
 
     to_device: bool
     at: int

@@ -21,14 +21,7 @@ _SOURCE = Path(__file__).with_name("faulty_sensor.c")
 
 @dataclass(frozen=True)
 class Found:
-    """What is found of many runs, each of shape (runs,).
-
-    Attributes:
-        faults: how many samples were faults, or the first of one that lasts.
-        outside_n: largest force on a device that began at rest outside; 0 for one that is thrown at the wall.
-        given_j: most energy that the device had been given at any moment.
-        entry_j: with which it was thrown.
-    """
+    """What is found of many runs, each of shape (runs,)."""
 
     faults: FloatArray
     outside_n: FloatArray
@@ -62,17 +55,7 @@ class FaultySensor:
         sizes_m: tuple[float, float] = (1e-3, 1e6),
         seconds: float = 0.5,
     ) -> Found:
-        """Let the device meet faults of a kind.
-
-        Args:
-            kind: of `KINDS`.
-            runs: how many, each from a place of its own 0.1 to 20 mm outside.
-            seed: of places, speeds and faults.
-            thrown: at 0.02 to 0.5 m/s; otherwise it rests.
-            spring_n_per_m: of a plain spring in place of the coupling, within the same force limit; 0 is the coupling.
-            sizes_m: of glitches, least and largest, at the handle.
-            seconds: of each run.
-        """
+        """Let the device meet faults of a kind."""
         device, rng = self._device, np.random.default_rng(seed)
         unit, time = device.metres_per_unit, device.sample_time_s
         numbers = (

@@ -26,13 +26,7 @@ class ReferenceCoupling:
     """Devices with the same coupling, each with its own motion."""
 
     def __init__(self, coupling: Coupling, devices: int = 1, precision: Precision = SINGLE) -> None:
-        """Start them, as `avc_coupling_start`.
-
-        Args:
-            coupling: what runs.
-            devices: how many.
-            precision: of every operation.
-        """
+        """Start them, as `avc_coupling_start`."""
         self._program = coupling_program(coupling, precision)
         self._precision = precision
         self._rows: NDArray[Any] = coupling.table.rows.astype(precision.dtype)

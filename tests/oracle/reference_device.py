@@ -70,14 +70,7 @@ def runtime_programs(figures: RuntimeFigures) -> tuple[Part, ...]:
 
 @dataclass(frozen=True)
 class ReferenceTick:
-    """What one tick gives, each of shape (devices,).
-
-    Attributes:
-        force_n: output.
-        frequency_hz: estimate; NaN at rest, and where constant gains run.
-        lookup_hz: where the table is read.
-        gains: b, k, b_p in force, shape (devices, 3).
-    """
+    """What one tick gives, each of shape (devices,)."""
 
     force_n: Float32Array
     frequency_hz: Float32Array

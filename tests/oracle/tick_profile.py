@@ -41,12 +41,7 @@ def _conditional(code: Callable[[int, int], bytes], address: int) -> tuple[int, 
 
 @dataclass(frozen=True)
 class TickCount:
-    """Instructions of the longest of many ticks.
-
-    Attributes:
-        functions: instructions in each function, without what it calls.
-        total: of the whole tick, from the call of `avc_device_tick` to its return.
-    """
+    """Instructions of the longest of many ticks."""
 
     functions: dict[str, int]
     total: int
@@ -59,14 +54,7 @@ def tick_instructions(
     ticks: int = 500,
     image: Path = IMAGE,
 ) -> tuple[TickCount, ...]:
-    """Push a coupling to an emulated board at rest, then move and count every tick.
-
-    Args:
-        coupling: for a sample time of 1 ms.
-        counts: position of the encoder at a tick of the motion.
-        ticks: how many.
-        image: of the netduinoplus2 board.
-    """
+    """Push a coupling to an emulated board at rest, then move and count every tick."""
     symbols = read_elf(image).symbols
     functions = sorted((address, address + size, name) for name, (address, size) in symbols.items() if size)
     starts = [address for address, _, _ in functions]
