@@ -54,23 +54,17 @@ _LARGE = 10
 _LOST, _LEAST_TRACE = 1e-7, 1e-5
 
 
-def worst_radius(loops: FloatArray) -> FloatArray:
-    """Return the largest spectral radius of each group of loops, the same numbers as by the eigenvalues of all."""
-    return np.asarray(leading_radii(loops, 1).max(axis=-1))
-
-
-def leading_radii(loops: FloatArray, leaders: int) -> FloatArray:
-    """Return the spectral radii of those loops of each group that may have the largest ones, by their eigenvalues.
+def leading_radii(loops: FloatArray) -> FloatArray:
+    """Return the spectral radii of those loops (n, s, s) that may have the largest one; of others minus infinity.
 
     The radius r of an (s, s) matrix M lies between powers: abs(trace(M^N)) / s <= r^N <= s max(abs(M^N)). A product
     takes a fiftieth of the time of eigenvalues.
     """
-    p, s = loops.shape[-3], loops.shape[-1]
+    s = loops.shape[-1]
     if s < _LARGE:
-        return np.asarray(np.abs(eigenvalues(loops)).max(axis=-1))
-    matrices = loops.reshape(-1, s, s)
-    left = np.arange(len(matrices))
-    power, logarithm, times = matrices, np.zeros(len(matrices)), 1
+        return largest_radius(loops)
+    left = np.arange(len(loops))
+    power, logarithm, times = loops, np.zeros(len(loops)), 1
     for done in range(1, _ROUNDS + 1):
         power = power @ power
         power = power @ power
@@ -83,14 +77,11 @@ def leading_radii(loops: FloatArray, leaders: int) -> FloatArray:
         if done >= _FIRST:
             trace = np.abs(np.trace(power, axis1=1, axis2=2))
             known = np.where(trace > _LEAST_TRACE, np.log(np.maximum(trace, _LEAST_TRACE) / s), -np.inf)
-            at_least = np.full(len(matrices), -np.inf)
-            at_least[left] = (logarithm + known) / times
-            of_leaders = -np.partition(-at_least.reshape(-1, p), min(leaders, p) - 1, axis=1)[:, min(leaders, p) - 1]
-            may = (logarithm + np.log(s)) / times + _LOST >= of_leaders[left // p]
+            may = (logarithm + np.log(s)) / times + _LOST >= ((logarithm + known) / times).max()
             left, power, logarithm = left[may], power[may], logarithm[may]
-    radius = np.full(len(matrices), -np.inf)
-    radius[left] = np.abs(eigenvalues(matrices[left])).max(axis=-1)
-    return np.asarray(radius.reshape(loops.shape[:-2]))
+    radius = np.full(len(loops), -np.inf)
+    radius[left] = largest_radius(loops[left])
+    return radius
 
 
 def _balanced(power: FloatArray) -> FloatArray:

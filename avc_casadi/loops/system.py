@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import product
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
-from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray, IndexArray
+from avc_casadi._util.arrays import ComplexArray, FloatArray, IndexArray
 from avc_casadi.loops.ranges import Box, worst_point
 from avc_casadi.loops.spectrum import eigenvalues, leading_radii
 from avc_casadi.model.virtual_tool import ToolGains
@@ -27,15 +27,7 @@ UNIT_S = 1e-3
 
 @dataclass(frozen=True)
 class Pattern:
-    """Loops of one pattern of samples.
-
-    Attributes:
-        maps: over a period with some gains, shape (loops, size, size).
-        shift: the state with all positions one metre on, shape (size,).
-        period_s: after which the pattern recurs.
-        ticks: events of the period by which a spectral radius is stated.
-        case: what one of the loops is: hand, device, contact.
-    """
+    """Loops of one pattern of samples: their maps over a period, and what each is; a radius is stated by the tick."""
 
     maps: Callable[[ToolGains], FloatArray]
     shift: FloatArray
@@ -46,12 +38,7 @@ class Pattern:
 
 @dataclass(frozen=True)
 class Region:
-    """Ranges that are searched, of one pattern of samples and one kind of contact.
-
-    Attributes:
-        box: of all ranges.
-        pattern: of m points of the box, from their values as of `Box.values`, one loop each.
-    """
+    """Ranges that are searched, and the loops at m of their points, from values as of `Box.values`."""
 
     box: Box
     pattern: Callable[[dict[str, FloatArray]], Pattern]
@@ -69,65 +56,17 @@ class Region:
 
 @dataclass(frozen=True)
 class Mode:
-    """An oscillation of a loop.
-
-    Attributes:
-        damping_ratio: as a share of critical damping; 1 without oscillation.
-        frequency_hz: of the oscillation.
-        time_constant_s: of its decay to 1/e.
-    """
+    """An oscillation of a loop; damping ratio 1 without one."""
 
     damping_ratio: float
     frequency_hz: float
     time_constant_s: float
 
 
-class Loops(Protocol):
-    """All loops that a coupling must stabilise."""
-
-    def stable(self, gains: ToolGains) -> bool:
-        """Return whether every known loop is stable."""
-
-    def refuted(self, gains: ToolGains) -> bool:
-        """Return whether a search of the ranges finds an unstable loop; from then on it is known."""
-
-    def slowest(self, gains: ToolGains) -> Mode:
-        """Return the least damped oscillation of all loops."""
-
-
-@dataclass(frozen=True)
-class WithMargin:
-    """All loops, with K and B as they are and up to a gain margin times as large."""
-
-    loops: Loops
-    gain_margin: float
-
-    def stable(self, gains: ToolGains) -> bool:
-        """Return whether every loop is stable with the gains, and with larger ones."""
-        factors = {self.gain_margin, 1.0, math.sqrt(self.gain_margin)}
-        return all(self.loops.stable(gains.times(factor)) for factor in sorted(factors, reverse=True))
-
-    def refuted(self, gains: ToolGains) -> bool:
-        """Return whether a search of the ranges finds an unstable loop, with the margin or without."""
-        return any(self.loops.refuted(gains.times(factor)) for factor in (self.gain_margin, 1.0))
-
-    def slowest(self, gains: ToolGains) -> Mode:
-        """Return the least damped oscillation of all loops."""
-        return self.loops.slowest(gains)
-
-
-class System(Loops):
+class System:
     """Loops, of one or several patterns, that a coupling must stabilise: corners of all ranges and points inside.
 
     A point inside joins them where a search of the ranges with some gains finds a loop worse than all known ones.
-
-    Args:
-        patterns: the loops at the corners.
-        regions: the ranges between them.
-
-    Attributes:
-        patterns: those of the corners, then that of each worst point inside the ranges.
-        corners: how many of the patterns are of corners.
     """
 
     def __init__(self, patterns: Sequence[Pattern], regions: Sequence[Region]) -> None:
@@ -168,7 +107,9 @@ class System(Loops):
 
     def stable(self, gains: ToolGains) -> bool:
         """Return whether every known loop is stable; loops that failed before are checked first."""
-        if not self._settle(gains, self._few):
+        if not all(
+            np.abs(self.eigenvalues(place, gains, some)).max() < 1 - TOLERANCE for place, some in self._few.items()
+        ):
             return False
         failed = self._first_unstable(gains)
         if failed is None:
@@ -202,12 +143,9 @@ class System(Loops):
                 found = Mode(float(ratio[row]), float(abs(pole.imag) / (2 * np.pi)), float(-1 / pole.real))
         return found
 
-    def _settle(self, gains: ToolGains, rows: Mapping[int, Sequence[int]]) -> bool:
-        return all(_contracts(self.eigenvalues(place, gains, some)).all() for place, some in rows.items())
-
     def _first_unstable(self, gains: ToolGains) -> tuple[int, int] | None:
         for place in range(len(self.patterns)):
-            radii = leading_radii(self._held(place, gains)[None], 1)[0]
+            radii = leading_radii(self._held(place, gains))
             row = int(np.argmax(radii))
             if not radii[row] < 1 - TOLERANCE:
                 return place, row
@@ -226,20 +164,35 @@ class System(Loops):
         return last[1] if rows is None else last[1][rows]
 
 
-def _contracts(values: ComplexArray) -> BoolArray:
-    return np.asarray(np.abs(values).max(axis=-1) < 1 - TOLERANCE)
+@dataclass(frozen=True)
+class WithMargin:
+    """All loops, with K and B as they are and up to a gain margin times as large."""
+
+    loops: System | WithMargin
+    gain_margin: float
+
+    def stable(self, gains: ToolGains) -> bool:
+        """Return whether every loop is stable with the gains, and with larger ones."""
+        factors = {self.gain_margin, 1.0, math.sqrt(self.gain_margin)}
+        return all(self.loops.stable(gains.times(factor)) for factor in sorted(factors, reverse=True))
+
+    def refuted(self, gains: ToolGains) -> bool:
+        """Return whether a search of the ranges finds an unstable loop, with the margin or without."""
+        return any(self.loops.refuted(gains.times(factor)) for factor in (self.gain_margin, 1.0))
+
+    def slowest(self, gains: ToolGains) -> Mode:
+        """Return the least damped oscillation of all loops."""
+        return self.loops.slowest(gains)
+
+
+Loops = System | WithMargin
 
 
 def leading(matrices: FloatArray, pattern: Pattern, *, slow: bool) -> ComplexArray:
     """Return the largest eigenvalue of loops of a pattern (m, size, size), without a free translation.
 
-    Its modulus is that over a millisecond, comparable between patterns.
-
-    Args:
-        matrices: of the loops.
-        pattern: of all of them.
-        slow: whether a stable mode below 2 Hz counts: a soft hand or a drifting tool decays more slowly than what is
-            about to become unstable, and would hide it from a search.
+    Its modulus is that over a millisecond, comparable between patterns. Without slow ones, a stable mode below 2 Hz
+    counts half: it would hide what is about to become unstable.
     """
     values = eigenvalues(_held(matrices, pattern.shift))
     grown = values * np.maximum(np.abs(values), _DEAD) ** (UNIT_S / pattern.period_s - 1)

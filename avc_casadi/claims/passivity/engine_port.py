@@ -21,6 +21,7 @@ N = 1 Llewellyn's condition is the same for every hand at once (Adams and Hannaf
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -29,12 +30,15 @@ import numpy as np
 from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.arrays import ComplexArray, FloatArray
 from avc_casadi.claims.passivity.llewellyn import llewellyn_margin
-from avc_casadi.loops.engine import clocks
-from avc_casadi.loops.loop import Body, Loop
+from avc_casadi.loops.engine import Clock, Engine, clocks
+from avc_casadi.loops.loop import Body
 from avc_casadi.loops.sampled_loop import SampledLoop
+from avc_casadi.loops.spectrum import largest_radius
+from avc_casadi.loops.system import TOLERANCE
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners
 from avc_casadi.model.hands import hand_corners, with_released
 from avc_casadi.model.sampled_plant import sampled_plant
+from avc_casadi.model.virtual_tool import ToolState
 
 if TYPE_CHECKING:
     from avc_casadi.model.device import Device
@@ -46,8 +50,6 @@ if TYPE_CHECKING:
 _ANGLES, _SMALLEST, _FINER = 400, 1e-5, 3
 # Rounding error of a real part, as a share of the largest term: the spring's is K T_s/angle.
 _TOLERANCE = 1e-9
-# Slower decay than this is indistinguishable from none.
-_RADIUS_TOLERANCE = 1e-9
 
 
 @dataclass(frozen=True)
@@ -75,11 +77,9 @@ class PortDelays:
 
     @classmethod
     def of(cls, tool: VirtualTool) -> PortDelays:
-        """Return those of an exchange; v(n) is the velocity that is solved together with the force of step n.
-
-        An implicit engine uses the state that it solves for, so that on-time sends the previous one. An explicit one
-        uses and sends the state at the beginning of its step; the new one is ahead.
-        """
+        """Return those of an exchange; v(n) is the velocity that is solved together with the force of step n."""
+        # An implicit engine uses the state that it solves for, so that on-time sends the previous one. An explicit one
+        # uses and sends the state at the beginning of its step; the new one is ahead.
         implicit = tool.integrator == "implicit"
         solves = implicit or tool.integrator == "implicit-damping"
         held = int(solves)
@@ -94,7 +94,6 @@ def engine_port(device: Device, hands: Hands, tool: VirtualTool, gains: ToolGain
     """Return the passivity of a coupling at the engine's port; the tool's mass and its contacts do not enter."""
     t, people = device.sample_time_s, with_released(hand_corners(hands))
     plant = sampled_plant(device_corners(device, LINEAR_KEYS), people)
-    port = Port(plant, gains, PortDelays.of(tool), held_force=tool.exchange == "held-force")
     found = []
     for step_s in sorted(set(tool.step_s)):
         clock = clocks(step_s, t)[0]
@@ -104,7 +103,7 @@ def engine_port(device: Device, hands: Hands, tool: VirtualTool, gains: ToolGain
                 f"{step_s:g} s: the port is no single map then; the spectral radius of the lifted loop judges it",
                 key="simulation.step_s",
             )
-        found.append((*port.lowest(clock.samples[0]), step_s))
+        found.append((*_Port(plant, clock, tool, gains).lowest(), step_s))
     margin, angle, row, step_s = min(found)
     tolerance = _TOLERANCE * (gains.damping_ns_per_m + gains.stiffness_n_per_m * max(tool.step_s))
     llewellyn = _with_any_hand(device, tool, gains)
@@ -120,53 +119,44 @@ def engine_port(device: Device, hands: Hands, tool: VirtualTool, gains: ToolGain
     )
 
 
-class Port:
-    """G of some devices with hands."""
+class _Port:
+    """G of a coupling at some devices with hands, at one step of an engine; the engine's loop with its tool driven."""
 
-    def __init__(self, plant: SampledPlant, gains: ToolGains, delays: PortDelays, *, held_force: bool) -> None:
-        self._gains, self._delays, self._held_force = gains, delays, held_force
-        self._body = body = Body.of(plant)
-        self._loop = loop = Loop(plant=body.size, before=1, told=1 + delays.told if held_force else 2)
-        x, told, k, b = body.measured @ loop["plant"], loop["told"], gains.stiffness_n_per_m, gains.damping_ns_per_m
-        v = (x - loop["before"][0]) / body.sample_time_s
-        self._coupled = k * x + b * v
-        pull = told[-1] if held_force else self._coupled - k * told[0] - b * told[1]
-        force = pull + gains.local_damping_ns_per_m * v
-        self._sample = loop.event(plant=body.moved(loop["plant"], force), before=x[None])
+    def __init__(self, plant: SampledPlant, clock: Clock, tool: VirtualTool, gains: ToolGains) -> None:
+        fixed = ToolState(math.inf, 0.0, 0.0, 0.0)
+        self._engine = engine = Engine(Body.of(plant), clock, tool, [fixed])
+        self._gains, self._late, self._held_force = gains, PortDelays.of(tool), tool.exchange == "held-force"
+        self._whole = np.linalg.matrix_power(engine.sample(gains), clock.samples[0])
 
-    def impedance(self, samples: int, angles: FloatArray) -> ComplexArray:
+    def impedance(self, angles: FloatArray) -> ComplexArray:
         """Return G, N.s/m, shape (angles, devices, hands)."""
-        k, b, late = self._gains.stiffness_n_per_m, self._gains.damping_ns_per_m, self._delays
+        k, b, late, loop = self._gains.stiffness_n_per_m, self._gains.damping_ns_per_m, self._late, self._engine.loop
+        body, inner = self._engine.body, loop.at["tool"].start
+        x = body.measured @ loop["plant"]
+        coupled = (k * x + b * (x - loop["seen"][0]) / body.sample_time_s)[:inner]
         z = np.exp(1j * angles)[:, None, None]
-        place = samples * self._body.sample_time_s * z / (z - 1)
+        place = self._engine.clock.step_s * z / (z - 1)
         own = k * place * z**-late.spring + b * z**-late.damper
-        whole, inner = np.linalg.matrix_power(self._sample, samples), self._body.size + 1
-        matrix, drive = whole[..., :inner, :inner], whole[..., :inner, -1 if self._held_force else inner :]
+        matrix, drive = self._whole[..., :inner, :inner], self._whole[..., :inner, -1 if self._held_force else -2 :]
         inverse = np.linalg.solve(z[..., None, None] * np.eye(inner) - matrix, drive.astype(complex))
-        moved = np.tensordot(inverse, self._coupled[:inner], axes=(-2, 0)) * z[..., None] ** -late.told
+        moved = np.tensordot(inverse, coupled, axes=(-2, 0)) * z[..., None] ** -late.told
         if self._held_force:
-            loop = moved[..., 0]
-            return np.asarray(own + loop / (1 - loop) * z**-late.held * (k * place + b))
+            back = moved[..., 0]
+            return np.asarray(own + back / (1 - back) * z**-late.held * (k * place + b))
         return np.asarray(own - moved[..., 0] * place - moved[..., 1])
 
-    def radius(self, samples: int) -> float:
-        """Return the largest magnitude of a pole of G: of devices on the coupling with the tool fixed."""
-        whole = np.linalg.matrix_power(self._sample, samples)
-        told = self._loop.queue("told", self._coupled[None]) if self._held_force else 0.0 * self._loop["told"]
-        return float(np.abs(np.linalg.eigvals(whole @ self._loop.event(told=told))).max())
-
-    def lowest(self, samples: int) -> tuple[float, float, int]:
+    def lowest(self) -> tuple[float, float, int]:
         """Return the lowest Re G, its angle and the indices of device and hand.
 
-        Minus infinity where a pole lies on or outside the unit circle.
+        Minus infinity where a pole of G, of the coupling with the tool fixed, lies on or outside the unit circle.
         """
-        if not self.radius(samples) < 1 - _RADIUS_TOLERANCE:
+        if not largest_radius(self._engine.maps(self._gains)).max() < 1 - TOLERANCE:
             return -np.inf, 0.0, 0
         angles = np.concatenate(
             [np.geomspace(_SMALLEST, 0.1, _ANGLES // 4, endpoint=False), np.linspace(0.1, np.pi, _ANGLES)]
         )
         for _ in range(_FINER + 1):
-            values = self.impedance(samples, angles).real.reshape(len(angles), -1)
+            values = self.impedance(angles).real.reshape(len(angles), -1)
             place, row = divmod(int(np.argmin(values)), values.shape[1])
             found = float(values[place, row]), float(angles[place]), row
             angles = np.linspace(angles[max(place - 1, 0)], angles[min(place + 1, len(angles) - 1)], 41)
