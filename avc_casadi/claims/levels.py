@@ -13,9 +13,10 @@ from avc_casadi._util.arrays import BoolArray, FloatArray
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.progress import SILENT, Progress, chunks
 from avc_casadi.claims.passivity.llewellyn import llewellyn_margin
-from avc_casadi.claims.passivity.worst_frequency import RELATIVE_TOLERANCE, worst_margin
+from avc_casadi.claims.passivity.worst_frequency import RELATIVE_TOLERANCE, lowest_of, worst_margin
 from avc_casadi.claims.passivity.worst_port import (
     CouplingSlack,
+    PortWorst,
     RenderingSlack,
     passive_hand,
     perceived_worst,
@@ -297,8 +298,7 @@ def _exact(rows: Rows, level: str, model: Model, progress: Progress) -> LevelRes
                 # Poles and residue are conditions of a rendering as a whole; other claims are on Re Z_h alone.
                 sound = worst.poles_stable & (worst.dc_stiffness_n_per_m >= 0)
                 faults = _faults(~worst.poles_stable, worst.dc_stiffness_n_per_m)
-    each = np.array(found)
-    margin, at, tolerance = np.take_along_axis(each, each[:, :1].argmin(axis=0)[None], axis=0)[0]
+    margin, at, tolerance = lowest_of(found)
     if any_environment:
         claim = f"each frozen row meets Llewellyn's condition (6) for any passive environment, under {_HOLD[model]}"
     elif whole:
@@ -335,8 +335,7 @@ def _perceived(rows: Rows, level: str, model: Model) -> LevelResult:
     corners = device_corners(rows.problem.device, LINEAR_KEYS)
     worst = perceived_worst(corners, parts, rows.contact, low, high, model)
     claim = f"Re Z_h >= 0 {words}, under {_HOLD[model]}, with the device as declared{_at_corners(corners)}"
-    found = worst.margin_ns_per_m, worst.frequency_hz, worst.tolerance_ns_per_m
-    return level_result(rows, level, model, claim, worst.passed, *found)
+    return level_result(rows, level, model, claim, *worst)
 
 
 def _at_port(rows: Rows, level: str, progress: Progress) -> LevelResult:
@@ -348,7 +347,7 @@ def _at_port(rows: Rows, level: str, progress: Progress) -> LevelResult:
     corners = device_corners(rows.problem.device, LINEAR_KEYS)
     time, any_environment = rows.problem.device.sample_time_s, LEVELS[level].any_environment
     slack = CouplingSlack(b, k, contact, time) if any_environment else RenderingSlack(parts, contact)
-    worst = port_worst(corners, slack, len(b), progress).pick(back)
+    worst = PortWorst._make(column[back] for column in port_worst(corners, slack, len(b), progress))
     # For any passive wall the DC stiffness of this one is no condition.
     stiffness = np.zeros(len(back)) if any_environment else (parts.integral / time)[back]
     sound = stable_with_one_hand(corners, parts, contact)[back] & (stiffness >= 0)
@@ -356,11 +355,8 @@ def _at_port(rows: Rows, level: str, progress: Progress) -> LevelResult:
     if any_environment:
         claim = "each frozen row meets Llewellyn's condition (6) for any passive environment"
     claim += f", under {_HOLD['sampled-data']}, with the device as declared{_at_corners(corners)}"
-    faults = [
-        fault if passed else "" for fault, passed in zip(_faults(stiffness >= 0, stiffness), worst.passed, strict=True)
-    ]
-    found = worst.margin_ns_per_m, worst.frequency_hz, worst.tolerance_ns_per_m
-    return level_result(rows, level, "sampled-data", claim, worst.passed & sound, *found, faults)
+    faults = [fault if met else "" for fault, met in zip(_faults(stiffness >= 0, stiffness), worst.passed, strict=True)]
+    return level_result(rows, level, "sampled-data", claim, worst.passed & sound, *worst[1:], faults)
 
 
 def _faults(unstable: BoolArray, dc_n_per_m: FloatArray) -> list[str]:

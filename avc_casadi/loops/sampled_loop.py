@@ -26,11 +26,10 @@ if TYPE_CHECKING:
 def passive_limit_n_per_m(device: Device) -> float:
     """Return 2 b_d/((1 + d) T): no passive linear time-invariant rendering has a larger DC stiffness.
 
-    Taken with the lowest damping and the longest delay of the device's ranges. Not a number for a fractional delay, an
-    amplifier or a resonance, for which no such limit is known here. F(z) = b_d + z^-(1+d) Z(z) is positive real; the d
-    coefficients of its expansion in 1/z after b_d vanish, so that of its measure, b_d in all, z = 1 carries b_d/(1 + d)
-    at most, and that is half the residue K T.
+    Not a number for a fractional delay, an amplifier or a resonance, for which no such limit is known here.
     """
+    # F(z) = b_d + z^-(1+d) Z(z) is positive real; the d coefficients of its expansion in 1/z after b_d vanish, so that
+    # of its measure, b_d in all, z = 1 carries b_d/(1 + d) at most, and that is half the residue K T.
     if device.amplifier_bandwidth_hz is not None or device.resonance is not None:
         return float("nan")
     corners = device_corners(device, ("damping_ns_per_m", "delay_samples"))
@@ -93,30 +92,15 @@ class Fractions:
 
     def pick(self, index: Any) -> Fractions:
         """Index every array alike: some rows, or a new axis."""
-        return Fractions(
-            self.direct[index],
-            self.integral[index],
-            self.decaying[index],
-            self.pole[index],
-            self.pole_gap[index],
-            self.stable[index],
-        )
+        return Fractions(*(values[index] for values in vars(self).values()))
 
 
 def fractions(loop: SampledLoop, damping_ns_per_m: Values, stiffness_n_per_m: Values) -> Fractions:
     """Return the partial fractions of coupling and environment in series."""
     t = loop.sample_time_s
-    b, k, b_e, k_e = np.broadcast_arrays(
-        *(
-            np.asarray(value, dtype=np.float64)
-            for value in (
-                damping_ns_per_m,
-                stiffness_n_per_m,
-                loop.environment_damping_ns_per_m,
-                loop.environment_stiffness_n_per_m,
-            )
-        )
-    )
+    wall = loop.environment_damping_ns_per_m, loop.environment_stiffness_n_per_m
+    given = (np.asarray(value, dtype=np.float64) for value in (damping_ns_per_m, stiffness_n_per_m, *wall))
+    b, k, b_e, k_e = np.broadcast_arrays(*given)
     rigid = (b > RIGID) | (k > RIGID)
     b, k = (np.where(rigid, 1.0, np.maximum(gain, -RIGID)) for gain in (b, k))
     kt, ket = k * t, k_e * t

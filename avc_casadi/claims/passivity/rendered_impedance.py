@@ -28,8 +28,6 @@ _DEPTH_M = 0.01
 _A_PERIOD = 1024
 # A smaller share of the wall counts as zero.
 _NOTHING = 1e-9
-# Halvings of the interval of the gain of a dead zone.
-_HALVED = 30
 
 
 @dataclass(frozen=True)
@@ -104,21 +102,6 @@ def wall_over_position(wall: Impedance, excitation: Excitation, frequency_hz: Fl
     force = np.maximum(0.0, wall.stiffness_n_per_m * (excitation.depth_m + moved) + wall.damping_ns_per_m * speed)
     wave = np.exp(-1j * angle)
     return np.asarray((force @ wave) / (moved @ wave))
-
-
-def dead_zone_gain(loop: ComplexArray, amplitude: float, half: float) -> FloatArray:
-    """Return the describing function N of a dead zone in a loop that is driven by a sine.
-
-    The input of the dead zone has the amplitude A/|1 + N L|; N solves that together with N(A) of the dead zone (Gelb
-    and Vander Velde 1968): 1 far beyond the zone, 0 within it.
-    """
-    low, high = np.zeros(loop.shape), np.ones(loop.shape)
-    for _ in range(_HALVED):
-        gain = (low + high) / 2
-        share = np.minimum(half * np.abs(1 + gain * loop) / amplitude, 1.0)
-        passed = 1 - 2 / np.pi * (np.arcsin(share) + share * np.sqrt(1 - share**2))
-        low, high = np.where(passed > gain, gain, low), np.where(passed > gain, high, gain)
-    return np.asarray((low + high) / 2)
 
 
 def _log_ratio(rendered: ComplexArray, wanted: NDArray[np.complexfloating[Any, Any]]) -> FloatArray:

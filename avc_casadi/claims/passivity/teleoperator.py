@@ -11,7 +11,7 @@ and Spong, IEEE Trans. Robotics 22(2), 2006.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -48,15 +48,7 @@ def passivity_margin(device: Teleoperator, gains: ToolGains) -> tuple[float, flo
 
 def damping_needed_ns_per_m(device: Teleoperator, gains: ToolGains) -> float:
     """Return the damping that both devices need for passivity, the same at both ends."""
-    bare = Teleoperator(
-        0.0,
-        0.0,
-        device.sample_time_s,
-        device.there_samples,
-        device.back_samples,
-        device.leader_delay_samples,
-        device.follower_delay_samples,
-    )
+    bare = replace(device, leader_damping_ns_per_m=0.0, follower_damping_ns_per_m=0.0)
     return max(0.0, -passivity_margin(bare, gains)[0])
 
 

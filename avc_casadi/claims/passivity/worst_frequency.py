@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.polynomial import chebyshev
@@ -13,10 +12,7 @@ from avc_casadi._util.progress import SILENT, Progress, chunks
 from avc_casadi.loops.sampled_loop import Fractions, SampledLoop, Values, fractions, real_part, size_of_terms
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from avc_casadi.loops.sampled_loop import Fractions, SampledLoop
-    from avc_casadi.model.problem import Model
+    from collections.abc import Callable, Sequence
 
 
 _EPS = float(np.finfo(np.float64).eps)
@@ -174,8 +170,7 @@ RELATIVE_TOLERANCE = 1e-12
 _EQUAL = 1e-15
 
 
-@dataclass(frozen=True)
-class WorstMargin:
+class WorstMargin(NamedTuple):
     """The smallest Re Z_h of each row, shape (n,)."""
 
     margin_ns_per_m: FloatArray
@@ -184,11 +179,11 @@ class WorstMargin:
     dc_stiffness_n_per_m: FloatArray
     tolerance_ns_per_m: FloatArray
 
-    @property
-    def passive(self) -> BoolArray:
-        """Whether each row is passive at these frequencies to the stated tolerance."""
-        residue = self.dc_stiffness_n_per_m >= 0
-        return (self.margin_ns_per_m >= -self.tolerance_ns_per_m) & self.poles_stable & residue
+
+def lowest_of(found: Sequence[Sequence[FloatArray]]) -> FloatArray:
+    """Return, for each of n rows, all values of that entry (values, n) whose first value is the lowest."""
+    each = np.array(found)
+    return np.asarray(np.take_along_axis(each, each[:, :1].argmin(axis=0)[None], axis=0)[0])
 
 
 def worst_margin(
@@ -229,24 +224,21 @@ def worst_margin(
         _worst(loop, [column[some] for column in columns], degree, refine=refine)
         for some in chunks(rows, at_once, progress, "passivity")
     ]
-    return WorstMargin(
-        np.concatenate([piece.margin_ns_per_m for piece in pieces]),
-        np.concatenate([piece.frequency_hz for piece in pieces]),
-        np.concatenate([piece.poles_stable for piece in pieces]),
-        np.concatenate([piece.dc_stiffness_n_per_m for piece in pieces]),
-        np.concatenate([piece.tolerance_ns_per_m for piece in pieces]),
-    )
+    return WorstMargin._make(np.concatenate(column) for column in zip(*pieces, strict=True))
 
 
 def _worst(loop: SampledLoop, columns: list[FloatArray], degree: int | None, *, refine: bool) -> WorstMargin:
     """Return the margins of some rows; `degree` of Re Z_h in cos(omega T), None for bands of a single frequency."""
-    b, k, contact, low, high, b_d, b_e, k_e = columns
-    loop = SampledLoop(b_d, b_e, k_e, loop.sample_time_s, loop.delay_samples, loop.model)
+    b, k, contact, low, high = columns[:5]
+    b_d, b_e, k_e = columns[5:]
+
+    def of(rows: Any) -> SampledLoop:
+        return SampledLoop(b_d[rows], b_e[rows], k_e[rows], loop.sample_time_s, loop.delay_samples, loop.model)
+
     nyquist = loop.nyquist_hz
     low, high = np.minimum(low, nyquist), np.minimum(high, nyquist)
-    parts = fractions(loop, b, k)
+    parts, columned = fractions(of(slice(None)), b, k), of((slice(None), None))
 
-    columned = SampledLoop(b_d[:, None], b_e[:, None], k_e[:, None], *_rest(loop))
     spread = parts.pick((slice(None), None))
 
     def value(frequency_hz: FloatArray) -> FloatArray:
@@ -269,10 +261,6 @@ def _worst(loop: SampledLoop, columns: list[FloatArray], degree: int | None, *, 
     tolerance = RELATIVE_TOLERANCE * size[:, 0]
     margin = value(at)[:, 0]
     return WorstMargin(margin, at[:, 0], parts.stable, parts.integral / loop.sample_time_s, tolerance)
-
-
-def _rest(loop: SampledLoop) -> tuple[float, float, Model]:
-    return loop.sample_time_s, loop.delay_samples, loop.model
 
 
 def _resolving_points(loop: SampledLoop, parts: Fractions, degree: int) -> FloatArray:

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from functools import partial
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray, IndexArray
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.claims.passivity.handle_port import HandlePort, handle_port, least_loss_ns_per_m, response
-from avc_casadi.claims.passivity.worst_frequency import refine_minima
+from avc_casadi.claims.passivity.worst_frequency import lowest_of, refine_minima
 from avc_casadi.loops.brackets import lowest
 from avc_casadi.loops.sampled_loop import RIGID
 from avc_casadi.model.hands import Hand
@@ -120,19 +121,13 @@ class CouplingSlack:
         return np.where(valid[column], left, -np.inf), np.where(port.damped, rounding, 0.0)
 
 
-@dataclass(frozen=True)
-class PortWorst:
+class PortWorst(NamedTuple):
     """The worst of all frequencies and devices for n rows, each of shape (n,)."""
 
     passed: BoolArray
     margin_ns_per_m: FloatArray
     frequency_hz: FloatArray
-    device: IndexArray
     tolerance_ns_per_m: FloatArray
-
-    def pick(self, rows: IndexArray) -> PortWorst:
-        """Return some of the rows."""
-        return PortWorst(**{name: values[rows] for name, values in vars(self).items()})
 
 
 def frequencies_hz(device: Device) -> FloatArray:
@@ -150,40 +145,30 @@ def port_worst(devices: Sequence[Device], slack: Slack, rows: int, progress: Pro
     lightly damped pole. 60 points a decade, 150 in the last two, and more where the delay turns the phase; the worst
     point of all devices is refined.
     """
-    every = np.arange(rows)
-    least, rounding = np.full(rows, np.inf), np.zeros(rows)
-    at, at_index, which = np.zeros(rows), np.zeros(rows, dtype=np.intp), np.zeros(rows, dtype=np.intp)
-    passed = np.ones(rows, dtype=bool)
+    every, passed, scans = np.arange(rows), np.ones(rows, dtype=bool), []
     for index, device in enumerate(devices):
         progress.advance(index, len(devices), "passivity at the handle")
-        frequency = frequencies_hz(device)
-        left, near = slack(handle_port(device, frequency), every)
+        left, near = slack(handle_port(device, frequencies_hz(device)), every)
         passed &= (left >= -near).all(axis=1)
-        found = np.argmin(left, axis=1)
-        lowest = left[every, found]
-        worse = lowest < least
-        least, at_index = np.where(worse, lowest, least), np.where(worse, found, at_index)
-        which = np.where(worse, index, which)
-    margin, tolerance = np.full(rows, np.nan), np.full(rows, np.nan)
+        scans.append((left.min(axis=1), left.argmin(axis=1)))
+    which = np.argmin([least for least, _ in scans], axis=0)
+    margin, at, tolerance = np.full((3, rows), np.nan)
     for index, device in enumerate(devices):
-        own = every[which == index]
+        own = np.flatnonzero(which == index)
         if len(own) == 0:
             continue
-        at[own], least[own], rounding[own] = _refined(device, slack, frequencies_hz(device), at_index[own], own)
-        passed[own] &= least[own] >= -rounding[own]
-        margin[own] = _margin(device, slack, at[own], own, least[own])
-        tolerance[own] = rounding[own] * (1e-12 + abs(least_loss_ns_per_m(device)))
-    return PortWorst(passed, margin, at, which, tolerance)
+        hz, found = frequencies_hz(device), scans[index][1][own]
+        ends = hz[np.maximum(found - 1, 0)], hz[np.minimum(found + 1, len(hz) - 1)]
+        at[own] = lowest(partial(_left, device, slack, own), *ends, _ZOOMS, hz[found])
+        left, near = slack(handle_port(device, at[own, None]), own)
+        passed[own] &= left[:, 0] >= -near[:, 0]
+        margin[own] = _margin(device, slack, at[own], own, left[:, 0])
+        tolerance[own] = near[:, 0] * (1e-12 + abs(least_loss_ns_per_m(device)))
+    return PortWorst(passed, margin, at, tolerance)
 
 
-def _refined(
-    device: Device, slack: Slack, frequency: FloatArray, found: IndexArray, rows: IndexArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return frequency, slack and its rounding, refined near the lowest point of the scan."""
-    ends = frequency[np.maximum(found - 1, 0)], frequency[np.minimum(found + 1, len(frequency) - 1)]
-    best = lowest(lambda points: slack(handle_port(device, points), rows)[0], *ends, _ZOOMS, frequency[found])
-    left, near = slack(handle_port(device, best[:, None]), rows)
-    return best, left[:, 0], near[:, 0]
+def _left(device: Device, slack: Slack, rows: IndexArray, frequency_hz: FloatArray) -> FloatArray:
+    return slack(handle_port(device, frequency_hz), rows)[0]
 
 
 def _margin(device: Device, slack: Slack, frequency: FloatArray, rows: IndexArray, left: FloatArray) -> FloatArray:
@@ -251,14 +236,9 @@ def perceived_worst(
     model: Model,
 ) -> PortWorst:
     """Find the smallest Re Z_h over a band of each row and over devices, by a scan with refinement."""
-    rows = len(low_hz)
-    every = np.arange(rows)
-    column = parts.pick((slice(None), None))
-    contact = contact_damping_ns_per_m[:, None]
-    least, rounding, at = np.full(rows, np.inf), np.zeros(rows), np.array(low_hz, dtype=np.float64)
-    which: IndexArray = np.zeros(rows, dtype=np.intp)
-    for index, device in enumerate(devices):
-        nyquist = 0.5 / device.sample_time_s
+    rows, found = np.arange(len(low_hz)), []
+    column, contact = parts.pick((slice(None), None)), contact_damping_ns_per_m[:, None]
+    for device in devices:
 
         def real(frequency: FloatArray, device: Device = device) -> FloatArray:
             return perceived_real(device, column, contact, frequency, model)[0]
@@ -266,17 +246,13 @@ def perceived_worst(
         def smooth(frequency: FloatArray, device: Device = device) -> FloatArray:
             return perceived_real(device, column, contact, frequency, model)[1]
 
-        low, high = np.minimum(low_hz, nyquist), np.minimum(high_hz, nyquist)
+        low, high = (np.minimum(end, 0.5 / device.sample_time_s) for end in (low_hz, high_hz))
         points = low[:, None]
         if (high > low).any():
             points = np.clip(np.geomspace(low, high, _POINTS, axis=1), low[:, None], high[:, None])
             points = np.concatenate([refine_minima(real, points, 1), refine_minima(smooth, points, 1)], axis=1)
-        found, _, size = perceived_real(device, column, contact, points, model)
-        lowest = np.argmin(found, axis=1)
-        value = found[every, lowest]
-        worse = value < least
-        least = np.where(worse, value, least)
-        at = np.where(worse, points[every, lowest], at)
-        rounding = np.where(worse, _TOLERANCE * size[every, lowest], rounding)
-        which = np.where(worse, index, which)
-    return PortWorst(least >= -rounding, least, at, which, rounding)
+        values, _, size = perceived_real(device, column, contact, points, model)
+        place = np.argmin(values, axis=1)
+        found.append([values[rows, place], points[rows, place], _TOLERANCE * size[rows, place]])
+    margin, at, rounding = lowest_of(found)
+    return PortWorst(margin >= -rounding, margin, at, rounding)
