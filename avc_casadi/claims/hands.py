@@ -15,7 +15,7 @@ from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray, IndexAr
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.claims.levels import Judged, LevelResult, Rows, level_result, not_judged
 from avc_casadi.loops.loop import Body
-from avc_casadi.loops.ranges import Ranges, hand_boxes, worst_held
+from avc_casadi.loops.ranges import Ranges, hand_boxes, worst_hands, worst_held
 from avc_casadi.loops.spectrum import largest_eigenvalue
 from avc_casadi.loops.wall import (
     MAX_DELAY_SAMPLES,
@@ -28,7 +28,6 @@ from avc_casadi.loops.wall import (
     rigid,
     wall,
 )
-from avc_casadi.loops.worst_hand import worst_hands
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners, device_ranges, linear_values
 from avc_casadi.model.hands import Hand, hand_corners, hand_set, hand_text, no_hand
 

@@ -9,9 +9,9 @@ import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, FloatArray
 from avc_casadi.claims.passivity.worst_frequency import worst_margin
+from avc_casadi.loops.ranges import worst_hands
 from avc_casadi.loops.sampled_loop import SampledLoop
 from avc_casadi.loops.wall import RADIUS_TOLERANCE, frozen_parts
-from avc_casadi.loops.worst_hand import worst_hands
 
 if TYPE_CHECKING:
     from avc_casadi.loops.sampled_loop import Values

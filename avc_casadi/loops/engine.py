@@ -250,12 +250,8 @@ class ToolLoops(System):
 
 
 def _pattern(engine: Engine, case: Callable[[int], ToolCase]) -> Pattern:
-    def maps(gains: ToolGains) -> FloatArray:
-        found = engine.maps(gains)
-        return np.asarray(found.reshape(-1, *found.shape[-2:]))
-
     samples = engine.clock.samples
-    return Pattern(maps, engine.shift, sum(samples) * engine.body.sample_time_s, len(samples), case)
+    return Pattern.of(engine, sum(samples) * engine.body.sample_time_s, len(samples), case)
 
 
 def _region(problem: Problem, clock: Clock, contact: tuple[float, float], hand: Ranges) -> Region:

@@ -258,11 +258,7 @@ class FollowerLoops(System):
 
 
 def _pattern(pair: Link, case: Callable[[int], BilateralCase]) -> Pattern:
-    def maps(gains: ToolGains) -> FloatArray:
-        found = pair.maps(gains)
-        return np.asarray(found.reshape(-1, *found.shape[-2:]))
-
-    return Pattern(maps, pair.shift, pair.samples * pair.leader.sample_time_s, pair.samples, case)
+    return Pattern.of(pair, pair.samples * pair.leader.sample_time_s, pair.samples, case)
 
 
 def _region(

@@ -5,21 +5,27 @@ A search, not a proof: corners, lines along the sides through the worst of them,
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from itertools import combinations, product
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from avc_casadi._util.arrays import ComplexArray, FloatArray, IndexArray
+from avc_casadi._util.progress import SILENT, Progress
+from avc_casadi.loops.loop import Body
+from avc_casadi.loops.spectrum import largest_eigenvalue
+from avc_casadi.loops.wall import LinearStability, fraction_rendering, linear_stability, plants_of, wall
 from avc_casadi.model.corners import LINEAR_KEYS, device_ranges, devices_with
-from avc_casadi.model.hands import Hand, hand_ranges
+from avc_casadi.model.hands import Hand, hand_ranges, hand_set
 from avc_casadi.model.sampled_plant import sampled_plant
 
 if TYPE_CHECKING:
+    from avc_casadi.loops.sampled_loop import Fractions, Values
     from avc_casadi.model.device import Device
-    from avc_casadi.model.problem import Problem
+    from avc_casadi.model.problem import Hands, Problem
     from avc_casadi.model.sampled_plant import SampledPlant
 
 Leading = Callable[[IndexArray, FloatArray], ComplexArray]
@@ -32,6 +38,8 @@ _REACH, _SHRINK = 0.2, 0.45
 # Boxes of more sides have drawn corners. Points drawn inside for each side, starts of lines and of ascents, points of a
 # line, how far starts lie apart: maxima near a resonance of tool, contact or device are narrow.
 _MOST_SIDES, _DRAWN, _LINES, _ASCENTS, _POINTS, _APART = 6, 40, 6, 5, 15, 0.25
+# Initial hands of a row of gains, and how far they lie apart.
+_HANDS, _HANDS_APART, _NUMBERS_AT_ONCE = 4, 0.6, 2_000_000
 # A range that spans more than this factor is searched by its logarithm.
 _WIDE = 3.0
 
@@ -220,3 +228,81 @@ def _model_top(moves: FloatArray, gains: FloatArray, low: FloatArray, high: Floa
             top = np.where(curved, -rise / np.where(curved, bend[i, i], 1.0), np.where(rise > 0, np.inf, -np.inf))
             step[i] = np.clip(np.where(~curved & (rise == 0), 0.0, top), low[i], high[i])
     return step
+
+
+@dataclass(frozen=True)
+class WorstHands:
+    """The worst hand that was found for each of n rows."""
+
+    radius: FloatArray
+    frequency_hz: FloatArray
+    hands: Hand
+    known: LinearStability
+
+    def pick(self, rows: IndexArray) -> WorstHands:
+        """Return some of the rows."""
+        known = LinearStability(self.known.radius[rows], self.known.frequency_hz[rows])
+        return WorstHands(self.radius[rows], self.frequency_hz[rows], self.hands.pick(rows), known)
+
+
+def worst_hands(
+    device: Device,
+    parts: Fractions,
+    contact_damping_ns_per_m: Values,
+    hands: Hands,
+    *,
+    draws: int = 24,
+    seed: int = 0,
+    enough: float = np.inf,
+    progress: Progress = SILENT,
+) -> WorstHands:
+    """Search the ranges for the hand with which each frozen row has the largest spectral radius."""
+    contact = np.broadcast_to(np.asarray(contact_damping_ns_per_m, dtype=np.float64), (len(parts.direct),))
+    rendering = fraction_rendering(parts, contact, device.sample_time_s)
+    _, one, same = np.unique(
+        np.concatenate([rendering.force, rendering.state], axis=1), axis=0, return_index=True, return_inverse=True
+    )
+    if len(one) < len(same):
+        options: dict[str, Any] = {"draws": draws, "seed": seed, "enough": enough, "progress": progress}
+        each = worst_hands(device, parts.pick(one), contact[one], hands, **options)
+        return each.pick(same.ravel())
+    first = hand_set(hands, draws=draws, seed=seed)
+    known = linear_stability(device, parts, contact_damping_ns_per_m, first, progress)
+    low, width = hand_ranges(hands)[:, :1], np.ptp(hand_ranges(hands), axis=1)[:, None]
+    at = np.array([np.broadcast_to(value, (len(first),)) for value in vars(first).values()])
+    # The released device lies outside the ranges and is no initial guess.
+    inside = ((at >= low) & (at <= hand_ranges(hands)[:, 1:])).all(axis=0)
+    shares = (at - low) / np.where(width > 0, width, 1.0)
+    order = _worst_apart(np.where(inside, known.radius, -np.inf), shares)
+    best = np.arange(len(parts.direct)), known.radius.argmax(axis=1)
+    radius, frequency, place = known.radius[best], known.frequency_hz[best], at[:, best[1]]
+
+    def leading(rows: IndexArray, shares: FloatArray) -> ComplexArray:
+        body = Body.of(plants_of([device], Hand(*(low + width * shares)))).flat()
+        return largest_eigenvalue(wall(body, rendering.pick(rows)))
+
+    going = np.flatnonzero(np.isfinite(radius) & (radius < enough) & width.any())
+    starts = order.shape[1]
+    at_once = max(1, _NUMBERS_AT_ONCE // (9 * starts * (4 + math.ceil(device.delay_samples)) ** 2))
+    for begin in range(0, len(going), at_once):
+        rows = going[begin : begin + at_once]
+        begins = np.clip(shares[:, order[rows].ravel()], 0.0, 1.0)
+        ends, values = ascend(leading, np.repeat(rows, starts), begins)
+        winner = np.abs(values).reshape(-1, starts).argmax(axis=1) + np.arange(len(rows)) * starts
+        better = np.abs(values[winner]) > radius[rows]
+        rows, winner = rows[better], winner[better]
+        radius[rows], place[:, rows] = np.abs(values[winner]), low + width * ends[:, winner]
+        frequency[rows] = np.abs(np.angle(values[winner])) / (2 * math.pi * device.sample_time_s)
+    return WorstHands(radius, frequency, Hand(*place), known)
+
+
+def _worst_apart(radius: FloatArray, places: FloatArray) -> IndexArray:
+    """Return the worst hands of each row that lie apart, worst first; places (3, h) as shares of the box."""
+    distance = np.abs(places[:, :, None] - places[:, None, :]).max(axis=0)
+    left = radius.copy()
+    chosen = []
+    for _ in range(min(_HANDS, radius.shape[1])):
+        worst = left.argmax(axis=1)
+        chosen.append(worst)
+        left = np.where(distance[worst] < _HANDS_APART, -np.inf, left)
+    return np.stack(chosen, axis=1)

@@ -6,11 +6,12 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import product
-from typing import Any
+from typing import Any, Protocol, Self
 
 import numpy as np
 
 from avc_casadi._util.arrays import ComplexArray, FloatArray, IndexArray
+from avc_casadi.loops.loop import Map
 from avc_casadi.loops.ranges import Box, worst_point
 from avc_casadi.loops.spectrum import eigenvalues, leading_radii
 from avc_casadi.model.virtual_tool import ToolGains
@@ -25,6 +26,17 @@ _DEAD, _DRIFT_HZ, _SLOW_HZ = 1e-6, 0.1, 2.0
 UNIT_S = 1e-3
 
 
+class Lifted(Protocol):
+    """A loop over a period of its clocks."""
+
+    @property
+    def shift(self) -> FloatArray:
+        """The state with all positions one metre on."""
+
+    def maps(self, gains: ToolGains) -> Map:
+        """Return the maps over one period."""
+
+
 @dataclass(frozen=True)
 class Pattern:
     """Loops of one pattern of samples: their maps over a period, and what each is; a radius is stated by the tick."""
@@ -34,6 +46,16 @@ class Pattern:
     period_s: float
     ticks: int
     case: Callable[[int], Any]
+
+    @classmethod
+    def of(cls, loop: Lifted, period_s: float, ticks: int, case: Callable[[int], Any]) -> Self:
+        """Return the pattern of a loop whose maps have any leading axes."""
+
+        def maps(gains: ToolGains) -> FloatArray:
+            found = loop.maps(gains)
+            return np.asarray(found.reshape(-1, *found.shape[-2:]))
+
+        return cls(maps, loop.shift, period_s, ticks, case)
 
 
 @dataclass(frozen=True)
