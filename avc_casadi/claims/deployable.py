@@ -276,10 +276,7 @@ _NOTHING = DeployClaim(
 
 
 def certified(coupling: Coupling, progress: Progress = SILENT, *, prove: bool = False) -> Coupling:
-    """Return the coupling with its certificate: the levels of its rows, and the verdict on the deployed table.
-
-    The certificate is the `certify` document; ``deployable`` in it holds the verdict.
-    """
+    """Return the coupling with its certificate: the levels of its rows, and the verdict on the deployed table."""
     found = certify(coupling.problem, coupling, prove=prove, progress=progress)
     return coupling.with_certificate(found.document() | {"deployable": deployable(coupling, progress).document()})
 

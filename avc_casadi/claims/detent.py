@@ -20,11 +20,7 @@ _OSCILLATES = 1e-6
 
 
 def detent_verdict(problem: Problem) -> tuple[bool, str, str, float]:
-    """Judge the linear loops at the steepest slopes of the detents, of both signs, with every hand and released.
-
-    A top is no equilibrium for a hand softer than the slope, nor for the released device: they move into a valley. The
-    claim is that they do so without oscillation.
-    """
+    """Judge the linear loops at the steepest slopes of the detents, of both signs, with every hand and released."""
     detent = problem.detent
     if detent is None:
         raise ValueError("the problem has no detents")

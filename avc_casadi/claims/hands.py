@@ -77,10 +77,7 @@ class EveryHand:
 def every_hand(
     problem: Problem, parts: Fractions, contact: FloatArray, *, draws: int, seed: int, progress: Progress = SILENT
 ) -> EveryHand:
-    """Search for the worst hand of each row.
-
-    A row that is unstable with one of the initial hands is not searched further, except the worst of all rows.
-    """
+    """Search for the worst hand of each row."""
     devices = device_corners(problem.device, LINEAR_KEYS)
     first = hand_set(problem.hands, draws=draws, seed=seed)
     limits = radius_limit(problem.device, parts, first)
@@ -179,10 +176,7 @@ class Worst:
 
 
 def feedback_radius(coupling: Coupling) -> dict[str, Worst]:
-    """Return the worst loops of a coupling with state feedback, over the ranges of hands and device.
-
-    By claim: hands, without dead zone; let-go, when released; dead-zone, with whatever share of the innovation.
-    """
+    """Return the worst loops of a coupling with state feedback, over the ranges of hands and device."""
     law, problem = coupling.runtime.state_feedback, coupling.problem
     if law is None or not coupling.table.constant:
         raise UnsupportedError("state feedback is judged before constant gains only; make the gains constant")
@@ -206,11 +200,7 @@ def feedback_radius(coupling: Coupling) -> dict[str, Worst]:
 
 
 def hands_level(judged: Judged) -> LevelResult:
-    """Judge L5 on the loop of the device as declared, whatever model the gains were designed for.
-
-    The margin of a row is the damping that its device can lose, with the worst hand, at the boundary of stability
-    (negative: lacking); it is computed for the worst row alone.
-    """
+    """Judge L5 on the loop of the device as declared, whatever model the gains were designed for."""
     rows, problem, draws, seed = judged.rows, judged.problem, judged.draws, judged.seed
     if judged.behind_feedback and judged.coupling is not None:
         return _feedback_level(rows, feedback_radius(judged.coupling))
@@ -284,10 +274,7 @@ def _feedback_level(rows: Rows, found: dict[str, Worst]) -> LevelResult:
 
 
 def damping_reserve(device: Device, parts: Fractions, contact: FloatArray, hand: Hand) -> float:
-    """Return the device damping to spare before a row with a hand becomes unstable, N.s/m; negative where it lacks.
-
-    Not a number where no damping up to 1e6 N.s/m stabilises the loop.
-    """
+    """Return the device damping to spare before a row with a hand becomes unstable, N.s/m; negative where it lacks."""
     bound = radius_limit(device, parts, hand)
 
     def stable(shift: float) -> bool:

@@ -309,10 +309,7 @@ def _exact(rows: Rows, level: str, model: Model, progress: Progress) -> LevelRes
 
 
 def _band_hz(rows: Rows, where: Where) -> tuple[FloatArray, FloatArray, str]:
-    """Return the band in which each present row is judged, or its own frequency, and its description.
-
-    A table of one row runs at every frequency of the problem: each counts as its own.
-    """
+    """Return the band in which each present row is judged, or its own frequency, and its description."""
     factor = rows.problem.stability.band_factor if where == "band" else 1.0
     own = rows.frequency_hz[rows.present]
     if where == "all":

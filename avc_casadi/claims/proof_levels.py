@@ -74,10 +74,7 @@ def rest_level(judged: Judged) -> LevelResult:
 
 
 def quick_rest_level(coupling: Coupling, progress: Progress = SILENT) -> LevelResult | None:
-    """Prove L7 where it takes a second or two: constant gains alone, clipped last, on a rigid device known exactly.
-
-    A device with play is not known exactly.
-    """
+    """Prove L7 where it takes a second or two: constant gains alone, clipped last, on a rigid device known exactly."""
     if not quickly_proved(coupling):
         return None
     law, box = _law(coupling, coupling.table.rows[0].tolist()), _box(coupling)

@@ -43,11 +43,7 @@ def scope_band_hz(problem: Problem, frequency_hz: FloatArray) -> tuple[FloatArra
 
 
 def deciding_frequencies_hz(problem: Problem, frequency_hz: FloatArray) -> FloatArray | None:
-    """Return frequencies at which Re Z_h >= margin implies the whole scope, shape (n, m); None if none are known.
-
-    In the sampled-data model without delay N(c) is concave for admissible gains: the ends of a band decide, and for all
-    frequencies Nyquist alone.
-    """
+    """Return frequencies at which Re Z_h >= margin implies the whole scope, shape (n, m); None if none are known."""
     scope = problem.stability.scope
     if scope == "pointwise":
         return frequency_hz[:, None]

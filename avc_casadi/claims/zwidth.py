@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.printed import Columns, Tabular, short
@@ -39,40 +38,20 @@ if TYPE_CHECKING:
 _RATIOS = (0.0, 0.25, 0.5, 0.75, 1.0, 1.175, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 7.5, 7.9, 8.0)
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class LlewellynTable(Tabular):
+class LlewellynTable(NamedTuple):
     """k_c T/b_d against b_c/b_d for both holds, each of shape (n,); not a number where no stiffness is allowed."""
 
     damping_ratio: FloatArray
-    paper: FloatArray
-    sampled_data: FloatArray
+    paper_kc_t_over_b_d: FloatArray
+    sampled_data_kc_t_over_b_d: FloatArray
     delay_samples: int
-
-    def to_dict(self) -> Columns:
-        """Return the table as columns, each of shape (n,)."""
-        return {
-            "damping_ratio": self.damping_ratio,
-            "paper_kc_t_over_b_d": self.paper,
-            "sampled_data_kc_t_over_b_d": self.sampled_data,
-        }
-
-    def _summary(self) -> str:
-        return f"b_c/b_d {short(self.damping_ratio)}: k_c T/b_d {short(self.paper)} with the paper's hold"
 
 
 def llewellyn_table(problem: Problem, damping_ratio: FloatArray | None = None) -> LlewellynTable:
-    """Return the largest stiffness, the minimum over the range of the delay; environment and mass do not enter."""
-    device = problem.device
-    if device.damping_ns_per_m == 0:
-        raise UnsupportedError("Llewellyn's condition (6) allows no coupling where device.damping_ns_per_m is 0")
-    ratio = np.array(_RATIOS) if damping_ratio is None else damping_ratio
+    """Return the largest stiffness, the minimum over the range of the delay, of an `ideal` device with damping."""
+    device, ratio = problem.device, np.array(_RATIOS) if damping_ratio is None else damping_ratio
     ends = {corner.delay_samples for corner in device_corners(device, ("delay_samples",))} | {device.delay_samples}
     delays = [whole_delay(end, "Llewellyn's table") for end in sorted(ends)]
-    if not ideal(device):
-        raise UnsupportedError(
-            f"Llewellyn's table knows no {what_is_declared(device)}: it is that of a rigid device with an ideal "
-            "amplifier; level L4 judges gains on the device as declared"
-        )
     scale = device.sample_time_s / device.damping_ns_per_m
     models: tuple[Model, ...] = ("paper", "sampled-data")
     found = []
@@ -84,11 +63,7 @@ def llewellyn_table(problem: Problem, damping_ratio: FloatArray | None = None) -
 
 
 def rendered_wall(problem: Problem, gains: GainSchedule) -> tuple[FloatArray, FloatArray]:
-    """Return (B, K) of the spring and damper equivalent to each row at its own frequency, shape (n,) each.
-
-    Contact damping counts as damping of the wall. The loop is the implemented one (sampled-data), whatever model the
-    gains were designed for. Rows without gains are not a number.
-    """
+    """Return (B, K) of the spring and damper equivalent to each row at its own frequency, shape (n,) each."""
     loop = loop_at(problem.changed(stability={"model": "sampled-data"}), gains.frequency_hz)
     usable = gains.usable
     b, k, contact = (
@@ -112,9 +87,6 @@ class Curve:
     delay_samples: float
     stiffness_n_per_m: FloatArray
     wanted: bool
-
-    def __repr__(self) -> str:
-        return f"Curve({self.key}: {short(self.stiffness_n_per_m)})"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -149,47 +121,32 @@ class ZWidth(Tabular):
     def document(self) -> dict[str, Any]:
         """Return the `zwidth` document: JSON values only, without the constant couplings that ``-v`` adds."""
         kept = ("encoder_limit_n_per_m", "passive_limit_n_per_m", "passive_spring_n_per_m", "rule_n_per_m")
-        found: dict[str, Any] = plain(
-            {
-                "problem": self.problem,
-                "wall_damping_ns_per_m": self.damping_ns_per_m,
-                "curves": {
-                    curve.key: {
-                        "claim": curve.claim,
-                        "delay_samples": curve.delay_samples,
-                        "wanted_wall": curve.wanted,
-                        "stiffness_n_per_m": curve.stiffness_n_per_m,
-                    }
-                    for curve in self.curves
-                },
-                "wanted": {
-                    "damping_ns_per_m": self.wanted_damping_ns_per_m,
-                    "stiffness_n_per_m": self.wanted_stiffness_n_per_m,
-                },
-                "hands": self.hands,
-                "device_corners": self.corners,
-                "used": [*map(self.stated.units.key, self.used)],
-                "not_used": [*map(self.stated.units.key, self.not_used)],
-                "refused": self.refused,
-                **{key: getattr(self, key) for key in kept},
-                "llewellyn": None,
-                "static": [],
-                "gains": None,
+        found: dict[str, Any] = {name: getattr(self, name) for name in ("problem", "hands", "refused", *kept)}
+        found |= {"llewellyn": None, "static": [], "gains": None, "device_corners": self.corners}
+        found |= {name: [*map(self.stated.units.key, vars(self)[name])] for name in ("used", "not_used")}
+        found["wall_damping_ns_per_m"] = self.damping_ns_per_m
+        found["curves"] = {
+            curve.key: {
+                "claim": curve.claim,
+                "delay_samples": curve.delay_samples,
+                "wanted_wall": curve.wanted,
+                "stiffness_n_per_m": curve.stiffness_n_per_m,
             }
-        )
-        return found
+            for curve in self.curves
+        }
+        wanted = {"damping_ns_per_m": self.wanted_damping_ns_per_m, "stiffness_n_per_m": self.wanted_stiffness_n_per_m}
+        document: dict[str, Any] = plain(found | {"wanted": wanted})
+        return document
 
 
 @of_problem
 def zwidth(problem: AnyProblem, progress: Progress = SILENT) -> ZWidth:
     """Return the walls that a device can render (K-B region), passive or stable with its hands, without a coupling.
 
-    Each claim holds at every corner of [device.range], on the device as declared: delay, amplifier, resonance, side of
-    the encoder; a linear velocity filter of [scene] acts on the damper; for another the claims say that it does not.
-    Without a delay the passive region of one sample of delay is added. The stable regions are exact, by their boundary
-    curves. On a rigid device with an ideal amplifier and whole samples of delay the passive ones are so too; on another
-    the sampled-data one comes from a scan of frequencies (as L3). That with the paper's hold is refused there, and with
-    a filter. A region ends at the smallest stiffness that does not meet the claim.
+    Each claim holds at every corner of [device.range], on the device as declared; a linear velocity filter of [scene]
+    acts on the damper. The stable regions are exact, by their boundary curves, and the passive ones of a rigid device
+    with an ideal amplifier and whole samples of delay; others come from a scan of frequencies (as L3), and that with
+    the paper's hold is refused there. A region ends at the smallest stiffness that does not meet the claim.
 
     Args:
         problem: the problem; or a problem file, or a name of the catalogue.
@@ -255,10 +212,9 @@ def _estimator(problem: Problem) -> tuple[Poles, str]:
     return velocity_poles(problem, filters[-1]), ", with the velocity filter of the scene"
 
 
-_Claims = dict[str, tuple[str, partial[Stretches]]]
-
-
-def _passivity(device: Device, corners: Sequence[Device], poles: Poles, beside: str) -> tuple[_Claims, tuple[str, ...]]:
+def _passivity(
+    device: Device, corners: Sequence[Device], poles: Poles, beside: str
+) -> tuple[dict[str, tuple[str, partial[Stretches]]], tuple[str, ...]]:
     """Return the claims of passivity, and those that have no proof on this device."""
     at, known = _at(device, len(corners), beside), ideal(device)
     walls = partial(passive_walls, corners, ideal=known)

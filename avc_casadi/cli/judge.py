@@ -340,7 +340,7 @@ def _region_of_walls(problem: avc.Problem, args: argparse.Namespace, console: Co
             write_figure(args.plot, draw_zwidth(found, rendered))
     table: dict[str, Any] | None = None
     if llewellyn is not None:
-        table = plain({"delay_samples": llewellyn.delay_samples} | llewellyn.to_dict())
+        table = plain(llewellyn._asdict())
     constant = {"llewellyn": table, "static": [plain(vars(one)) for one in static], "refused": refused}
     data = found.document() | constant | columns
     return walls(data, problem, args.problem, args.plot and str(args.plot))

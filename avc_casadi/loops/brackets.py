@@ -37,10 +37,7 @@ def lowest(
     zooms: int,
     known: FloatArray | None = None,
 ) -> FloatArray:
-    """Return the place of the lowest value in each bracket, that of a known point at least.
-
-    Each zoom evaluates `value` at nine points, shape (n, 9), and narrows the bracket to a quarter.
-    """
+    """Return the place of the lowest value in each bracket, that of a known point at least."""
     rows = np.arange(len(left))
     for _ in range(zooms):
         points = left[:, None] + (right - left)[:, None] * _NINE

@@ -89,11 +89,7 @@ class ToolCase:
 
 @dataclass(frozen=True)
 class Engine:
-    """Device, engine and tools as events of one loop.
-
-    State: the device, its last two measured positions, position and velocity of the tool, and the queued outputs of the
-    engine (position and velocity, or a force).
-    """
+    """Device, engine and tools as events of one loop."""
 
     body: Body
     clock: Clock
@@ -289,10 +285,7 @@ def required_tool(problem: Problem) -> VirtualTool:
 
 
 def contact_stiffnesses_n_per_m(tool: VirtualTool) -> list[float]:
-    """Return the contacts that are tried, in the scene: free and rigid, and the springs of a range that has an end.
-
-    An unbounded range stands for an engine that solves contacts as constraints: the tool is free or stopped.
-    """
+    """Return the contacts that are tried, in the scene: free and rigid, and the springs of a range that has an end."""
     lowest, highest = tool.contact_stiffness_n_per_m
     if tool.rigid:
         return [0.0, *([lowest] if 0 < lowest < RIGID_N_PER_M else []), RIGID_N_PER_M]

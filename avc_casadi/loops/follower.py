@@ -120,11 +120,7 @@ class Touch:
 
 @dataclass(frozen=True)
 class Link:
-    """Leader and follower as events of one loop.
-
-    A force that is sent was commanded, or measured, at the follower's last sample before the leader's own. State: both
-    devices, the positions that each has sent (the newest first), and the forces that the follower has sent.
-    """
+    """Leader and follower as events of one loop."""
 
     leader: Body
     touch: Touch

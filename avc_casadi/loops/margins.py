@@ -57,10 +57,7 @@ class Margins:
 
 @dataclass(frozen=True, eq=False)
 class OpenLoop:
-    """The loop of a coupling, broken at the actuator, with h hands: the corners of the set, then none.
-
-    Linear: gains at rest, the innovation of a law unattenuated; an observer between encoder steps is left out.
-    """
+    """The loop of a coupling, broken at the actuator, with h hands: the corners of the set, then none."""
 
     law: StateFeedback | None
     rendering: Rendering
@@ -256,9 +253,6 @@ def _swings(poles: ComplexArray) -> BoolArray:
 
 
 def transients(coupling: Coupling) -> tuple[Transient, Transient]:
-    """Return the transients of the device in contact: released, and with the worst corner of the hands.
-
-    Linear: gains at rest, the innovation of a law unattenuated; an observer between encoder steps is left out.
-    """
+    """Return the transients of the device in contact: released, and with the worst corner of the hands."""
     loop = OpenLoop.of(coupling)
     return Transient.of(loop.poles[-1], loop.sample_time_s), Transient.of(loop.poles[:-1].ravel(), loop.sample_time_s)

@@ -24,10 +24,7 @@ if TYPE_CHECKING:
 
 
 def passive_limit_n_per_m(device: Device) -> float:
-    """Return 2 b_d/((1 + d) T): no passive linear time-invariant rendering has a larger DC stiffness.
-
-    Not a number for a fractional delay, an amplifier or a resonance, for which no such limit is known here.
-    """
+    """Return 2 b_d/((1 + d) T): no passive linear time-invariant rendering has a larger DC stiffness."""
     # F(z) = b_d + z^-(1+d) Z(z) is positive real; the d coefficients of its expansion in 1/z after b_d vanish, so that
     # of its measure, b_d in all, z = 1 carries b_d/(1 + d) at most, and that is half the residue K T.
     if device.amplifier_bandwidth_hz is not None or device.resonance is not None:

@@ -15,10 +15,7 @@ _MANY = 48
 
 
 def eigenvalues(matrices: FloatArray) -> ComplexArray:
-    """Return the eigenvalues of matrices, shape (..., s, s), as shape (..., s).
-
-    A second thread computes half of many, where there is a processor for it: LAPACK releases the interpreter lock.
-    """
+    """Return the eigenvalues of matrices, shape (..., s, s), as shape (..., s)."""
     flat = matrices.reshape(-1, *matrices.shape[-2:])
     if len(flat) < _MANY or processors() == 1:
         return np.asarray(np.linalg.eigvals(matrices), dtype=np.complex128)

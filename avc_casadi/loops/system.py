@@ -86,10 +86,7 @@ class Mode:
 
 
 class System:
-    """Loops, of one or several patterns, that a coupling must stabilise: corners of all ranges and points inside.
-
-    A point inside joins them where a search of the ranges with some gains finds a loop worse than all known ones.
-    """
+    """Loops, of one or several patterns, that a coupling must stabilise: corners of all ranges and points inside."""
 
     def __init__(self, patterns: Sequence[Pattern], regions: Sequence[Region]) -> None:
         self.patterns, self.corners, self._regions = list(patterns), len(patterns), regions
@@ -211,11 +208,7 @@ Loops = System | WithMargin
 
 
 def leading(matrices: FloatArray, pattern: Pattern, *, slow: bool) -> ComplexArray:
-    """Return the largest eigenvalue of loops of a pattern (m, size, size), without a free translation.
-
-    Its modulus is that over a millisecond, comparable between patterns. Without slow ones, a stable mode below 2 Hz
-    counts half: it would hide what is about to become unstable.
-    """
+    """Return the largest eigenvalue of loops of a pattern (m, size, size), without a free translation."""
     values = eigenvalues(_held(matrices, pattern.shift))
     grown = values * np.maximum(np.abs(values), _DEAD) ** (UNIT_S / pattern.period_s - 1)
     size = np.abs(grown)

@@ -75,10 +75,7 @@ class LinearStability:
 
 
 def wall(body: Body, rendering: Rendering) -> Map:
-    """Return the loops of renderings (..., 3) around plants, shape (..., s + 2, s + 2): both broadcast.
-
-    States: those of the plant, the previous measured position, the rendering's own.
-    """
+    """Return the loops of renderings (..., 3) around plants, shape (..., s + 2, s + 2): both broadcast."""
     loop = Loop(plant=body.size, before=1, own=1)
     seen = np.concatenate([(body.measured @ loop["plant"])[None], loop["before"], loop["own"]])
     moved = body.moved(loop["plant"], rendering.force @ seen)

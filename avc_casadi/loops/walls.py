@@ -339,10 +339,7 @@ def softest_wall_n_per_m(device: Device) -> float:
 
 
 def stiffest_wall(device: Device, subjects: Hand | StylusHand) -> DampingRange:
-    """Return the stiffest wall that is stable with every hand for some damping, to 0.01 %.
-
-    It is 0, and the damping not a number, without any mass, or where no damping stabilises 1 N/m at the hand.
-    """
+    """Return the stiffest wall that is stable with every hand for some damping, to 0.01 %."""
     stiffest = 0.0
     if device.mass_kg + float(np.min(subjects.mass_kg)) > 0:
         corners, scan = device_corners(device, LINEAR_KEYS), np.linspace(0.0, _most_damping(device, subjects), _SCAN)

@@ -11,12 +11,8 @@ force F_e, L being the loop from it back to itself,
 
     G(z) = z^-a K X + z^-c B + L/(1 - L) z^-e (K X + B).
 
-An engine is a passive operator at this port if the sum of F v over its steps is bounded below. Brown and Colgate
-(Passive implementation of multibody simulations for haptic display, 1997): it must then be implicit, its v(n) solved
-together with F(n). With G positive real (Re G >= 0 on the unit circle, no pole outside it; Colgate and Schenkel 1997)
-the loop with any of them is stable. An explicit mass is not passive: T_s/(m (z - 1)) has the real part -T_s/(2 m)
-(Brown and Colgate, Minimum mass for haptic display simulations, 1998), and no strictly causal map is positive real. For
-N = 1 Llewellyn's condition is the same for every hand at once (Adams and Hannaford 1999).
+With G positive real the loop with any passive engine is stable; such an engine solves v(n) together with F(n) (Brown
+and Colgate 1997). An explicit mass is not passive: T_s/(m (z - 1)) has the real part -T_s/(2 m).
 """
 
 from __future__ import annotations
@@ -146,10 +142,7 @@ class _Port:
         return np.asarray(own - moved[..., 0] * place - moved[..., 1])
 
     def lowest(self) -> tuple[float, float, int]:
-        """Return the lowest Re G, its angle and the indices of device and hand.
-
-        Minus infinity where a pole of G, of the coupling with the tool fixed, lies on or outside the unit circle.
-        """
+        """Return the lowest Re G, its angle and the indices of device and hand."""
         if not largest_radius(self._engine.maps(self._gains)).max() < 1 - TOLERANCE:
             return -np.inf, 0.0, 0
         angles = np.concatenate(

@@ -148,11 +148,7 @@ def response(device: Device, frequency_hz: FloatArray) -> Response:
 
 
 def handle_port(device: Device, frequency_hz: FloatArray, taken_ns_per_m: FloatArray | float = 0.0) -> HandlePort:
-    """Return the port of a device at frequencies above 0, each with all its aliases.
-
-    Sums over aliases are right to about 1e-11 of themselves, 81 terms and an integral for the rest; to 1e-8 with a
-    delay of part of a sample, where 801 terms end in a taper.
-    """
+    """Return the port of a device at frequencies above 0, each with all its aliases."""
     turns, taken = np.broadcast_arrays(np.asarray(frequency_hz) * device.sample_time_s, taken_ns_per_m)
     shape, turns, taken = turns.shape, turns.ravel(), taken.ravel()
     mechanics = _Mechanics(device)
@@ -186,11 +182,7 @@ def _ideal(device: Device, turns: FloatArray, taken: FloatArray) -> _Part:
 
 
 def _aliases(mechanics: _Mechanics) -> tuple[FloatArray, FloatArray, int]:
-    """Return the indices n, 0 first, their weights, and the last plain one.
-
-    The remainder is an integral from the middle between two numbers, by a Gauss rule in 1/n, and a 24th of the
-    difference of the two (Euler and Maclaurin).
-    """
+    """Return the indices n, 0 first, their weights, and the last plain one."""
     least = _ALIASES_OF_A_FRACTION if mechanics.device.delay_samples % 1 else _ALIASES
     last = max(least, math.ceil(4 * mechanics.fastest_turns))
     plain = np.arange(1.0, last + 2)

@@ -33,11 +33,7 @@ def llewellyn_margin(
     *,
     refine: bool = True,
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the device damping to spare in (6) at the worst of all frequencies.
-
-    With Z_d + H b_p for Z_d, (6) reads b_d + b_p Re H >= (|H| - Re H)/(2 Re(1/Z_c)); the margin is the left side less
-    the right one. It does not depend on the environment.
-    """
+    """Return the device damping to spare in (6) at the worst of all frequencies."""
     given = (damping_ns_per_m, stiffness_n_per_m, contact_damping_ns_per_m, loop.device_damping_ns_per_m)
     b, k, contact, b_d = (
         np.ravel(column) for column in np.broadcast_arrays(*(np.asarray(v, dtype=np.float64) for v in given))
@@ -124,11 +120,7 @@ def largest_llewellyn_stiffness(
     contact_damping_ns_per_m: Values = 0.0,
     margin_ns_per_m: float = 0.0,
 ) -> FloatArray:
-    """Return the largest k that (6) allows at given b, N/m; not a number where it allows none. Shape (n,).
-
-    The loss in (6) is jointly convex in b and k, so that the allowed k of one b are an interval from 0. At each
-    frequency (6) is a quadratic in k; the least of its upper ends is refined.
-    """
+    """Return the largest k that (6) allows at given b, N/m; not a number where it allows none. Shape (n,)."""
     b, contact = (
         np.ravel(v).astype(np.float64) for v in np.broadcast_arrays(damping_ns_per_m, contact_damping_ns_per_m)
     )

@@ -93,10 +93,7 @@ class Handle:
 
 
 def wall_over_position(wall: Impedance, excitation: Excitation, frequency_hz: FloatArray) -> ComplexArray:
-    """Return max(0, k_e x + b_e dx/dt) over x, N/m, at the frequency of a sine about a depth, shape (n,).
-
-    A wall never pulls: of a damper alone that leaves the half of b_e (describing function: Gelb and Vander Velde 1968).
-    """
+    """Return max(0, k_e x + b_e dx/dt) over x, N/m, at the frequency of a sine about a depth, shape (n,)."""
     angle, amplitude = 2 * np.pi * np.arange(_A_PERIOD) / _A_PERIOD, excitation.amplitude_m
     moved, speed = amplitude * np.sin(angle), 2 * np.pi * frequency_hz[:, None] * amplitude * np.cos(angle)
     force = np.maximum(0.0, wall.stiffness_n_per_m * (excitation.depth_m + moved) + wall.damping_ns_per_m * speed)

@@ -114,11 +114,7 @@ def quadratic_stretch(bend: FloatArray, slope: FloatArray, free: FloatArray) -> 
 
 
 def stationary_cosines(loop: SampledLoop, parts: Fractions, contact_damping_ns_per_m: FloatArray) -> FloatArray:
-    """Return the real parts of all roots, clipped to [-1, 1].
-
-    Roots of any imaginary part are included: the caller evaluates Re Z_h there, which costs little, and no double root
-    is lost to rounding.
-    """
+    """Return the real parts of all roots, clipped to [-1, 1]."""
     gain, integral, kernel = _shapes(loop)
     rho = parts.pole[:, None]
     gain_slope: FloatArray = np.asarray(chebyshev.chebder(gain), dtype=np.float64)
@@ -199,10 +195,8 @@ def worst_margin(
 ) -> WorstMargin:
     """Return the smallest Re Z_h of frozen gains over low_hz <= f <= high_hz, exactly.
 
-    Re Z_h is rational in c = cos(omega T). Every stationary point and both ends are evaluated, together with points
-    that resolve the slowest pole of the coupling, and the lowest ones are refined on Re Z_h itself: the margin is right
-    to about 1e-12 of its terms. Beyond 62 samples of delay, where roots cost too much, a scan with 24 points to each
-    half-wave of the delay takes the place of the stationary points.
+    Re Z_h is rational in cos(omega T): every stationary point and both ends are evaluated, and the lowest are refined
+    on Re Z_h itself. Beyond 62 samples of delay, where roots cost too much, a scan takes the place of these points.
     """
     given = (
         damping_ns_per_m,

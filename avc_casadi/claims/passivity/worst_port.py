@@ -141,9 +141,7 @@ def frequencies_hz(device: Device) -> FloatArray:
 def port_worst(devices: Sequence[Device], slack: Slack, rows: int, progress: Progress = SILENT) -> PortWorst:
     """Return the smallest slack over all frequencies and devices.
 
-    A scan, no root-finding: the slack is a smooth function of the logarithm of the frequency, for the port has no
-    lightly damped pole. 60 points a decade, 150 in the last two, and more where the delay turns the phase; the worst
-    point of all devices is refined.
+    A scan: the slack is a smooth function of the logarithm of the frequency, for the port has no lightly damped pole.
     """
     every, passed, scans = np.arange(rows), np.ones(rows, dtype=bool), []
     for index, device in enumerate(devices):
@@ -217,11 +215,7 @@ def perceived_real(
 
 
 def impedance_at_handle(device: Device, rendered: ComplexArray, frequency_hz: FloatArray) -> ComplexArray:
-    """Z_h of the device as declared, at its handle, for a rendering of the model 'sampled-data', N.s/m.
-
-    The model's W relates sampled force and velocity; at the frequency itself, which the aliases leave out, it is kappa
-    = (sin(omega T/2)/(omega T/2))^2 times that.
-    """
+    """Z_h of the device as declared, at its handle, for a rendering of the model 'sampled-data', N.s/m."""
     port = response(device, frequency_hz)
     force = rendered * np.sinc(frequency_hz * device.sample_time_s) ** 2 * port.force
     return np.asarray(port.alone + port.sent * port.seen * force / (1 + force * port.admittance))

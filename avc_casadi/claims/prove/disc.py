@@ -237,10 +237,7 @@ def smallest(*discs: Disc) -> Disc:
 
 
 def in_series(near: Moving, far: Moving) -> Moving:
-    """Return near far/(near + far), two impedances in series, each occurring once in the bound.
-
-    Which form is tight depends on which of the two is small and which is uncertain; the tightest is taken.
-    """
+    """Return near far/(near + far), two impedances in series, each occurring once in the bound."""
     one, other = near.value, far.value
     both = (one + other).reciprocal()
     # near/(near + far) and far/(near + far), which add up to 1.
