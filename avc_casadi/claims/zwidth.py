@@ -47,9 +47,9 @@ class LlewellynTable(NamedTuple):
     delay_samples: int
 
 
-def llewellyn_table(problem: Problem, damping_ratio: FloatArray | None = None) -> LlewellynTable:
+def llewellyn_table(problem: Problem) -> LlewellynTable:
     """Return the largest stiffness, the minimum over the range of the delay, of an `ideal` device with damping."""
-    device, ratio = problem.device, np.array(_RATIOS) if damping_ratio is None else damping_ratio
+    device, ratio = problem.device, np.array(_RATIOS)
     ends = {corner.delay_samples for corner in device_corners(device, ("delay_samples",))} | {device.delay_samples}
     delays = [whole_delay(end, "Llewellyn's table") for end in sorted(ends)]
     scale = device.sample_time_s / device.damping_ns_per_m
