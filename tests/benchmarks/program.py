@@ -2,10 +2,10 @@
 
 OPENBLAS_NUM_THREADS=1 nice python tests/benchmarks/program.py --count 12
 
-Overwrites results/program.json and RESULTS_program.md after every problem and goes on where it stopped; figures of 0.2.0
-stay in the results file. Largest error of the impedance at the handle from 1 to 30 Hz, relative to the larger of wall
-with device and wall alone; disk margin and peak noise gain over every corner of [hands] and released; and the exported C
-in the simulator of the tests.
+Overwrites results/program.json and RESULTS_program.md after every problem and goes on where it stopped; figures of
+0.2.0 stay in the results file. Largest error of the impedance at the handle from 1 to 30 Hz, relative to the larger of
+wall with device and wall alone; disk margin and peak noise gain over every corner of [hands] and released; and the
+exported C in the simulator of the tests.
 """
 
 from __future__ import annotations
