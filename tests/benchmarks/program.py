@@ -110,13 +110,13 @@ def cell(problem: Problem) -> dict[str, Any]:
     cpu_s = round(cpu_seconds() - before, 1)
     if found.coupling is None or found.trial is None:
         return {"cpu_s": cpu_s, "reason": found.reason}
-    row = {"cpu_s": cpu_s, "kind": "law" if _has_law(found.coupling) else "plain", **measured(found.coupling)}
+    row = {
+        "cpu_s": cpu_s,
+        "kind": "plain" if found.coupling.runtime.state_feedback is None else "law",
+        **measured(found.coupling),
+    }
     row["settled"] = settled(found.coupling, found.trial.longest_s)
     return row | {"nearby": nearby(problem)}
-
-
-def _has_law(coupling: Coupling | None) -> bool:
-    return coupling is not None and coupling.runtime.state_feedback is not None
 
 
 def page(document: dict[str, Any]) -> str:
