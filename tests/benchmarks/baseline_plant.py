@@ -86,15 +86,7 @@ class Found:
 
 
 def simulated(device: Device, law: Law, deeds: Deeds, phase: Floats, seconds: float) -> Found:
-    """Run all lanes.
-
-    Args:
-        device: the numbers of a device that moves in a line; whole samples of delay.
-        law: what runs in the control computer.
-        deeds: what the hands do.
-        phase: where the encoders count from, steps, -1/2 to 1/2, shape (lanes,).
-        seconds: how long.
-    """
+    """Run all lanes."""
     t, h = device.sample_time_s, device.sample_time_s / STEPS
     limit, step = device.max_force_n or math.inf, device.encoder_resolution_m
     mode, late = device.resonance, round(device.delay_samples)
@@ -143,13 +135,6 @@ def shaken(device: Device, law: Law, depth_m: float, hz: Floats, phase: Floats) 
     """Lead the motor along depth (1 + sin(2 pi f t)/2), from outside, and return force over position at f, N/m.
 
     Hold and delay are counted, and of the force its part at the frequency of the motion.
-
-    Args:
-        device: as above.
-        law: as above.
-        depth_m: mean depth.
-        hz: frequency of each lane, whole numbers.
-        phase: as above, shape (lanes,).
     """
     t, step, ramp_s, settled_s, end_s = device.sample_time_s, device.encoder_resolution_m, 0.25, 1.25, 3.25
     time = t * np.arange(round(end_s / t))[:, None]

@@ -70,13 +70,7 @@ class Run:
 
 
 def sampled(axis: Axis, hands: Array, share: float) -> Array:
-    """Return the exact maps over a share of T, shape (hands, 2, 5), of position, velocity, force, target and its speed.
-
-    Args:
-        axis: device.
-        hands: rows of mass, damping and stiffness.
-        share: of T.
-    """
+    """Return the exact maps over a share of T, shape (hands, 2, 5), of position, velocity, force, target and its speed."""
     maps = []
     for mass, damping, stiffness in hands:
         m = axis.mass_kg + mass
@@ -166,21 +160,7 @@ def run(
     dropped: Callable[[int], bool] = lambda _: False,
     force_limit_n: float = np.inf,
 ) -> Run:
-    """Simulate all axes.
-
-    Args:
-        axis: what they share.
-        hands: rows of mass, damping and stiffness, one an axis.
-        gains: K, B and the damper of the device's own loop, each of shape (axes,).
-        samples: how many.
-        held: which tools stand still.
-        target_m: of the hands, shape (samples,); None: 0, and the devices are kicked.
-        box: whether the tools run against a box at x = 0.
-        start_m: where device and tool begin.
-        phase: share of T by which the engine's first step comes after a sample.
-        dropped: tells whether a step of the engine, by its number, is missed.
-        force_limit_n: of the device.
-    """
+    """Simulate all axes."""
     k, b, local = gains
     count, t = len(k), axis.sample_time_s
     kept = int(np.ceil(axis.delay_samples))
@@ -266,15 +246,6 @@ def largest_stable_n_per_m(
     """Return the largest K up to which no axis grows after a kick: every hand, tool free and held.
 
     From half to 1.8 times a K that is near, at last within 0.3 %; 1.8 times that K stands for more.
-
-    Args:
-        axis: device, tool and engine.
-        hands: rows of mass, damping and stiffness.
-        near_n_per_m: about which it is sought.
-        damping: B of a K.
-        local: damper of the device's own loop of a K.
-        seconds: of each run.
-        phases: see `run`.
     """
 
     def stable(stiffnesses: Array) -> NDArray[np.bool_]:

@@ -104,13 +104,7 @@ def deeds_of(hands: Floats, device: Device) -> Deeds:
 
 
 def measured(loop: Loop, made: Callable[[int], Law], hands: Floats) -> dict[str, Any]:
-    """Run a law and tell what is found.
-
-    Args:
-        loop: device and wall.
-        made: from a number of lanes to the law in so many devices.
-        hands: of `hands_of`.
-    """
+    """Run a law and tell what is found."""
     device, count = loop.device, len(hands)
     deeds = deeds_of(hands, device)
     lanes = len(deeds.mass_kg)

@@ -190,12 +190,7 @@ def _couplings(problem: Problem, limit: float) -> Iterator[Coupling]:
 
 
 def below(found: dict[str, Any], key: str) -> tuple[bool, bool]:
-    """Whether fresh hands refute a claim.
-
-    Returns:
-        Whether fewer of the fresh hands rest, as a share, than claimed beyond their own exact interval; and whether
-        their share is below the exact interval of the claim.
-    """
+    """Whether fresh hands refute a claim."""
     claim, fresh = found["claimed"], found["fresh"]
     high = exact_interval(fresh[key], fresh["people"])[1]
     low = exact_interval(claim[key], claim["people"])[0]

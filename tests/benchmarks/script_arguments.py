@@ -29,15 +29,7 @@ def script_arguments(
     only: tuple[str, ...] = (),
     results: Path | None = None,
 ) -> argparse.Namespace:
-    """Parse the command line of a script; --help ends it before it does anything.
-
-    Args:
-        about: the script's docstring, which names the files that it overwrites.
-        people: default of the argument PEOPLE; None is a script without it.
-        out: default of the argument OUT; None is a script without it.
-        results: what the option --write overwrites; None is a script without it.
-        only: choices of the option --only; empty is a script without it.
-    """
+    """Parse the command line of a script; --help ends it before it does anything."""
     parser = argparse.ArgumentParser(description=about, formatter_class=argparse.RawDescriptionHelpFormatter)
     if people is not None:
         parser.add_argument("people", metavar="PEOPLE", nargs="?", type=int, default=people, help=f"default {people}")

@@ -72,20 +72,7 @@ def run_campaign(
     about: dict[str, Any],
     progress: Progress = SILENT,
 ) -> dict[str, Any]:
-    """Compute the cells that a file does not hold yet.
-
-    Args:
-        cells: name of each cell and what computes it, JSON values.
-        path: JSON document; written anew after each cell.
-        about: command, seed and whatever else the cells depend on. A file with another one is not continued.
-        progress: told of each cell that is finished.
-
-    Returns:
-        The document {about, cells}.
-
-    Raises:
-        ValueError: the file belongs to another study.
-    """
+    """Compute the cells that a file does not hold yet."""
     document: dict[str, Any] = {"about": about, "cells": {}}
     if path.exists():
         found = json.loads(path.read_text(encoding="utf-8"))
@@ -104,11 +91,7 @@ def run_campaign(
 
 
 def campaign_text(document: Mapping[str, Any]) -> str:
-    """Return the JSON of a campaign, a line for each cell: a cell that changes is one line that changes.
-
-    Raises:
-        ValueError: a number that JSON does not have.
-    """
+    """Return the JSON of a campaign, a line for each cell: a cell that changes is one line that changes."""
     cells = (f"{json.dumps(name)}: {json.dumps(cell, allow_nan=False)}" for name, cell in document["cells"].items())
     lines = ",\n".join(cells)
     return f'{{"about": {json.dumps(document["about"])},\n"cells": {{\n{lines}\n}}}}\n'

@@ -303,15 +303,7 @@ def lanes_of(people: np.ndarray, contact: float, delay_s: float, jitter: float =
 
 
 def tried(law, people: np.ndarray, contact: float, delay_s: float, **uneven: float) -> dict[str, Any]:
-    """Let people move in every motion: who settles, and what is felt at the end of a press.
-
-    Args:
-        law: makes what couples, of the number of lanes.
-        people: mass, damping, stiffness of each.
-        contact: of the follower, one-sided.
-        delay_s: each way.
-        uneven: jitter and losses.
-    """
+    """Let people move in every motion: who settles, and what is felt at the end of a press."""
     every = np.concatenate([people] * len(MOTIONS))
     run, samples = lanes_of(every, contact, delay_s, **uneven), round(SECONDS / T)
     time = T * np.arange(samples)
