@@ -70,7 +70,7 @@ class Run:
 
 
 def sampled(axis: Axis, hands: Array, share: float) -> Array:
-    """Return the exact maps over a share of T, shape (hands, 2, 5), of position, velocity, force, target and its speed."""
+    """Return exact maps over a share of T, (hands, 2, 5), of position, velocity, force, target and its speed."""
     maps = []
     for mass, damping, stiffness in hands:
         m = axis.mass_kg + mass
