@@ -50,10 +50,8 @@ _USUAL_BAUD = 115200
 def run_export(args: argparse.Namespace, console: Console) -> Answer:
     """Write a coupling as C for firmware of your own: avc_coupling.h and avc_coupling.c.
 
-    The whole coupling at its own sample time: wall, look-up, estimator, adaptation, observer, guard and force limit, in
-    C99 that is also C++11 and later. A coupling that is not deployable is refused with exit code 1; --unsafe overrides.
-    Of a coupling to a [simulation] both ends, the device's and the engine's; or its numbers in the parameters of an
-    engine (--parameters). Of a coupling to a [follower] one source for both ends.
+    The whole coupling at its own sample time, in C99 that is also C++11; of one to a [simulation] or a [follower] both
+    ends. What is not deployable is refused with exit code 1; --unsafe overrides.
     """
     from avc_casadi.claims.deployable import require_deployable
     from avc_casadi.present.engines import parameters
@@ -118,9 +116,8 @@ def _write(args: argparse.Namespace, files: dict[str, str]) -> list[str]:
 def run_push(args: argparse.Namespace, console: Console) -> Answer:
     """Send a coupling to a device: its table, wall and limits, swapped at once and read back.
 
-    A coupling that is not deployable (linearly stable with every hand of [hands] and released) is refused with exit
-    code 1; --unsafe overrides. The emulated device is a fresh one for every command; it runs at the coupling's own
-    sample time, encoder and force limit, with a hand on it.
+    What is not deployable is refused with exit code 1; --unsafe overrides. The emulated device is a fresh one for every
+    command, of the coupling's own sample time, encoder and force limit, with a hand on it.
     """
     from avc_casadi.claims.deployable import require_deployable
     from avc_casadi.present.rows import deploy, holes
@@ -175,8 +172,7 @@ def in_the_loop(coupling: Coupling) -> dict[str, Any]:
 def run_firmware(args: argparse.Namespace, console: Console) -> Answer:
     """Build firmware for a device, its sample time, encoder and force limit built in.
 
-    No gains are in it: they are pushed (avc push), and a coupling for another sample time or for more force is refused
-    by the device. It needs the board's compiler: arm-none-eabi-gcc, or that of your folder.
+    No gains are in it: they are pushed (avc push). It needs the board's compiler: arm-none-eabi-gcc, or your folder's.
     """
     from avc_casadi.files.problem_file import is_device
     from avc_casadi.present.rows.deploy import firmware

@@ -164,8 +164,7 @@ def coupling_text(coupling: avc.Coupling, **beside: Any) -> str:
 def run_solve(args: argparse.Namespace, console: Console) -> Answer:
     """Compute the gains of a problem by one method.
 
-    Exit code 1 if a frequency has no gains. Whether the gains may go into a device is said on one line; the verbs that
-    deploy refuse those that may not.
+    Exit code 1 if a frequency has no gains. Whether they may go into a device is said on one line.
     """
     from avc_casadi.coupling import Coupling
     from avc_casadi.files.gain_file import gain_csv
@@ -240,9 +239,8 @@ def _compared(problem: avc.Problem, mine: tuple[float, float] | None, console: C
 def run_run(args: argparse.Namespace, console: Console) -> Answer:
     """Do all of it: recommend a coupling, try it, report and push, and answer the paper's question.
 
-    What goes into the device is the recommended coupling (coupling.json), or that of --method. The gains that answer
-    the paper's question are for comparison (gains.json). Writes the figures and one self-contained report.html too. A
-    [simulation] or a [follower] has no paper's question: the coupling, its certificate and figures alone.
+    The recommended coupling goes into the device (coupling.json), or that of --method; the gains of the paper's
+    question are for comparison (gains.json). Of a [simulation] or a [follower] coupling, figures and report alone.
     """
     with console.step(args.problem):
         problem = avc.load_problem(args.problem)

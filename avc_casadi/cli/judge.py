@@ -19,7 +19,7 @@ from avc_casadi.present.row import Answer
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
-    from avc_casadi.model.schedule import GainSchedule
+    from avc_casadi.model.gains import Gains
 
 _OF_LAW = ("k", "b", "b_p", "cutoff_hz")
 # A figure holds four distinguishable runs.
@@ -46,10 +46,8 @@ _MOST_OTHERS = 3
 def run_certify(args: argparse.Namespace, console: Console) -> Answer:
     """Say whether a coupling may be deployed, and which stability claims it meets.
 
-    Each claim is given with its worst margin and where that stands. A coupling may go into a device where it is stable
-    with every hand of [hands] and released. Or your own spring and damper: avc certify P --k 230 --b 1.2. Exit code 1
-    if it may not. --prove proves rest (L7) of the device as declared, over its ranges and without friction; not with a
-    dead zone, with an observer between encoder steps, or a guard.
+    It may where it is stable with every hand of [hands] and released; exit code 1 if not. Or of your own spring and
+    damper: avc certify P --k 230 --b 1.2. --prove proves rest (L7) over the device's ranges, without friction.
     """
     if law := {key: value for key in _OF_LAW if (value := getattr(args, key)) is not None}:
         from avc_casadi.present.rows.own_law import own_law
@@ -142,36 +140,51 @@ def _file_of(problem: avc.Problem) -> str:
 def run_simulate(args: argparse.Namespace, console: Console) -> Answer:
     """Simulate the scene of a problem: whether the device settles, and what is rendered.
 
-    With its listed effects only, or with none listed with a hand, a wall and all that the device declares.
-    Exit code 1 if the device does not settle.
+    With its listed effects, or a hand, a wall and all that the device declares. Exit code 1 if it does not settle.
     """
-    problem, coupling, notes = cli.subject(args.problem, args.gains)
+    from avc_casadi.coupling import Coupling
+    from avc_casadi.design.scene_coupling import facts_of, figures_of, scene_coupling, scene_notes
+    from avc_casadi.model.gains import NO_COUPLING, missing_rest_gains
+    from avc_casadi.model.schedule import GainSchedule
+    from avc_casadi.present.rows.judge import scene, screening
+    from avc_casadi.simulation.screen import explain, screen
+
+    problem, gains, notes = cli.subject(args.problem, args.gains)
     if problem.simulation is not None:
         cli.refuse(args, "against", "explain", "screen", why=cli.OF_WALLS)
-        return _simulate_pair(problem, coupling, args, console)
-    gains: Coupling | GainSchedule | None = coupling
-    if coupling is None:
-        gains, notes = _gains_of_scene(problem, console)
+        return _simulate_pair(problem, gains, args, console)
+    given: Coupling | GainSchedule | Gains | None = gains
+    if given is None:
+        with console.step(f"coupling: {problem.scene.coupling}"):
+            given, notes = scene_coupling(problem), scene_notes(problem)
     if args.screen:
-        from avc_casadi.model.gains import NO_COUPLING
-        from avc_casadi.present.rows.judge import screening
-        from avc_casadi.simulation.screen import screen
-
         cli.refuse(args, "against", "explain", "seed", "trace", "plot", why="does not go with --screen")
         with console.step("the scene without each of its effects"):
-            found = screen(problem, NO_COUPLING if gains is None else gains, progress=console)
-        return screening(found.document() | {"notes": notes}, problem, args.problem)
-    return _simulate_wall(problem, gains, notes, args, console)
-
-
-def _gains_of_scene(problem: avc.Problem, console: Console) -> tuple[GainSchedule | None, list[str]]:
-    """Return the gains that the scene names, and notes; None for a scene without coupling."""
-    from avc_casadi.design.scene_coupling import scene_gains, scene_notes
-
-    if (method := problem.scene.coupling) == "none":
-        return None, []
-    with console.step(f"coupling: {method}"):
-        return scene_gains(problem, method), scene_notes(problem)
+            data = screen(problem, given, progress=console).document() | {"notes": notes}
+        return screening(data, problem, args.problem)
+    others = [] if args.against is None else args.against.split(",")
+    if len(others) > _MOST_OTHERS:
+        raise avc.InputError.of(f"names {len(others)}; allowed: at most {_MOST_OTHERS}", key="--against")
+    rows = given.schedule if isinstance(given, Coupling) else given
+    if isinstance(rows, GainSchedule) and (why := missing_rest_gains(rows)):
+        file, key = (problem.name, "scene.coupling") if args.gains is None else (args.gains, "--gains")
+        no = avc.InputError.of(why, file=file, key=key)
+        return Answer("refused", avc.fault_document(no), complaint=f"avc: {no}")
+    with console.step(f"{problem.scene.duration_s:g} s of the scene"):
+        laws = [given, *(NO_COUPLING if one == "none" else avc.solve(problem, one) for one in others)]
+        runs = [avc.simulate(problem, law, seed=args.seed) for law in laws]
+        facts = facts_of(runs[0])
+    with console.step("cost of each effect"):
+        parts = explain(problem, given)
+    data = runs[0].document(_saved(runs, None, args, console)) | facts | parts | {"notes": notes}
+    if others:
+        data["against"] = [figures_of(run) for run in runs[1:]]
+    answer = scene(data, problem, args.problem, args.plot and str(args.plot))
+    if args.explain:
+        names = ("Effect", "Whole sample", "States", "Absent")
+        kept = [one for one in answer.rows if one.label.startswith(("Outcome", *names))]
+        answer = replace(answer, rows=tuple(replace(one, rank=0) for one in kept))
+    return answer
 
 
 def _saved(runs: list[avc.Run], labels: list[str] | None, args: argparse.Namespace, console: Console) -> Path | None:
@@ -186,48 +199,6 @@ def _saved(runs: list[avc.Run], labels: list[str] | None, args: argparse.Namespa
         with console.step("figure"):
             write_figure(args.plot, draw_scene(runs) if labels is None else draw_scene(runs, labels))
     return trace
-
-
-def _simulate_wall(
-    problem: avc.Problem,
-    gains: Coupling | GainSchedule | None,
-    notes: list[str],
-    args: argparse.Namespace,
-    console: Console,
-) -> Answer:
-    from avc_casadi.coupling import Coupling
-    from avc_casadi.design.scene_coupling import facts_of, figures_of
-    from avc_casadi.model.gains import NO_COUPLING, missing_rest_gains
-    from avc_casadi.present.rows.judge import scene
-    from avc_casadi.simulation.screen import explain
-
-    others = [] if args.against is None else args.against.split(",")
-    if len(others) > _MOST_OTHERS:
-        raise avc.InputError.of(f"names {len(others)}; allowed: at most {_MOST_OTHERS}", key="--against")
-    why = "" if gains is None else missing_rest_gains(gains.schedule if isinstance(gains, Coupling) else gains)
-    if why:
-        file, key = (problem.name, "scene.coupling") if args.gains is None else (args.gains, "--gains")
-        no = avc.InputError.of(why, file=file, key=key)
-        return Answer("refused", avc.fault_document(no), complaint=f"avc: {no}")
-    with console.step(f"{problem.scene.duration_s:g} s of the scene"):
-        found = avc.simulate(problem, gains, seed=args.seed)
-        facts = facts_of(found)
-        beside = [
-            avc.simulate(problem, NO_COUPLING if one == "none" else avc.solve(problem, one), seed=args.seed)
-            for one in others
-        ]
-    with console.step("cost of each effect"):
-        parts = explain(problem, NO_COUPLING if gains is None else gains)
-    trace = _saved([found, *beside], None, args, console)
-    data = found.document(trace) | facts | parts | {"notes": notes}
-    if beside:
-        data["against"] = [figures_of(run) for run in beside]
-    answer = scene(data, problem, args.problem, args.plot and str(args.plot))
-    if args.explain:
-        names = ("Effect", "Whole sample", "States", "Absent")
-        kept = [one for one in answer.rows if one.label.startswith(("Outcome", *names))]
-        answer = replace(answer, rows=tuple(replace(one, rank=0) for one in kept))
-    return answer
 
 
 def _simulate_pair(
@@ -260,8 +231,7 @@ def _simulate_pair(
 def run_trial(args: argparse.Namespace, console: Console) -> Answer:
     """Try a coupling with any number of simulated hands: how many settle, with the exact interval.
 
-    Hands are drawn uniformly from [hands] of the coupling's problem; each presses, taps and holds, with all that the
-    problem declares of the device. No trace is kept: a million hands take some minutes on two cores.
+    Hands are drawn uniformly from [hands]; each presses, taps and holds, with all that is declared of the device.
     """
     from avc_casadi._util.parallel import cluster, processors
     from avc_casadi.present.rows.judge import trial

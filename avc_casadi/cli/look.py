@@ -110,9 +110,7 @@ def _device(source: str) -> Answer:
 def run_explore(args: argparse.Namespace, console: Console) -> Answer:
     """Turn knobs on a local page: device, hands, and wall or engine as sliders beside what they make of a coupling.
 
-    The page is served to this machine alone (127.0.0.1, a random token in its address), needs no network and ends with
-    Ctrl-C. Its settings stand in its address; it saves problem and coupling as files, and shows the commands for the
-    same.
+    The page is served to this machine alone, ends with Ctrl-C, saves problem and coupling, and shows their commands.
     """
     import webbrowser
 
@@ -212,8 +210,7 @@ def _hello(port: str, baud: int) -> dict[str, Any] | None:
 def run_accuracy(args: argparse.Namespace, console: Console) -> Answer:
     """Measure what accuracy costs in time: methods and solvers over tolerances against the true optimum.
 
-    Every method, and every solver over tolerances from 1e-2 to 1e-12, against the true optimum of each frequency, which
-    `exact` finds by geometry. Takes about a minute.
+    Tolerances from 1e-2 to 1e-12; the optimum of each frequency is found by geometry (`exact`). Takes about a minute.
     """
     from avc_casadi.design.comparison.accuracy import accuracy_document, solver_costs
     from avc_casadi.present.rows.look import accuracy
@@ -238,8 +235,7 @@ def run_accuracy(args: argparse.Namespace, console: Console) -> Answer:
 def run_table1(args: argparse.Namespace, console: Console) -> Answer:
     """Rebuild the paper's Table 1 with simulated hands: stable or not, and which coupling feels like the wall.
 
-    Six walls, nine couplings, two populations of hands, three motions. Walls VE4 to VE6 are calibrated to the paper's
-    column without coupling; every other count is predicted. 200 hands take about a minute on two cores.
+    Walls VE4 to VE6 are calibrated to the paper's column without coupling; every other count is predicted.
     """
     from avc_casadi._util.parallel import cluster, processors
     from avc_casadi.design.comparison.table1 import table1 as study

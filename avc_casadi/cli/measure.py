@@ -46,10 +46,8 @@ _FEWEST_STEPS = 12.0
 def run_excite(args: argparse.Namespace, console: Console) -> Answer:
     """Excite a device within limits of force, speed and travel, and log it for `avc identify`.
 
-    Before anything moves, the plan is simulated on the declared device and at every corner of [device.range]; one that
-    would break a limit is refused. The firmware checks force, speed and travel at every tick and holds the device near
-    where it stands by a weak spring and damper; hands off. After the end, a limit exceeded, Ctrl-C or a second without
-    the host there is no force until a coupling is pushed.
+    The plan is simulated first on every corner of [device.range]; one that would break a limit is refused. The firmware
+    checks the limits at every tick and holds the device near where it stands; hands off. Afterwards there is no force.
     """
     from avc_casadi.identification.excitation.design import plan_excitation
     from avc_casadi.present.rows import measure
@@ -152,9 +150,7 @@ def _plan(made: Excitation) -> dict[str, Any]:
 def run_identify(args: argparse.Namespace, console: Console) -> Answer:
     """Identify a device from logs of time, position and commanded force.
 
-    The device file that is written holds measured values, each with its source and, in [device.range], its 95 %
-    interval; it is used at once: device = "device.toml" in a problem file. What the logs do not identify is named, with
-    the log that would.
+    The device file holds each value with its source and 95 % interval, for device = "device.toml" in a problem.
     """
     from avc_casadi.identification.device import device_text
     from avc_casadi.identification.identify import identify
@@ -197,9 +193,7 @@ def run_identify(args: argparse.Namespace, console: Console) -> Answer:
 def run_diagnose(args: argparse.Namespace, console: Console) -> Answer:
     """Diagnose a log of a loop that swings: the cause, the evidence, a remedy that was simulated.
 
-    Reads the logs that `avc identify` reads. Names one of: delay, sample rate, stiffness or damping over the limit,
-    hand released, resonance, a force switched by a sign, two rates in one loop, encoder steps or noise, dropped ticks;
-    says that nothing is wrong, or that it cannot tell, and the log that would decide.
+    Or that nothing is wrong, or that it cannot tell, and the log that would decide. Reads what `avc identify` reads.
     """
     from avc_casadi.diagnose.causes import diagnose
     from avc_casadi.files.problem_file import is_device

@@ -126,9 +126,8 @@ def _stream_interrupted(coupling: Coupling, args: argparse.Namespace, sent: int)
 def run_monitor(args: argparse.Namespace, console: Console) -> Answer:
     """Watch a device: records of its own ticks, as text or log; and keep its heartbeat.
 
-    The device pushes a record every so many of its own ticks, with the tick's number; one that is lost is seen by it.
-    With --heartbeat the device lives as long as this command: when it ends, is killed or loses the line, the force
-    falls to 0 within 0.1 s, and comes back out of contact with the next heartbeat.
+    With --heartbeat the device lives as long as this command: when that ends or loses the line, the force falls to 0
+    within 0.1 s, and comes back out of contact with the next heartbeat.
     """
     from avc_hardware import EMULATOR, EMULATOR_IS_FRESH, DeviceFault, TelemetryLog, monitor
 
