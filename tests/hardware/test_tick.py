@@ -69,7 +69,7 @@ def couplings(board: str) -> tuple[Coupling, ...]:
     runtime = Runtime(hold_s=figures.hold_s, slew_per_s=figures.slew_per_s)
     guarded = runtime.model_copy(update={"guard": "passivity-controller"})
     sparse, dense = (Runtime(state_feedback=found) for found in (believer(5), dense_believer(8)))
-    dense, limited = dataclasses.replace(dense, guard="passivity-controller"), device | {"max_force_n": 6.0}
+    dense, limited = dense.model_copy(update={"guard": "passivity-controller"}), device | {"max_force_n": 6.0}
     return (
         coupling(200, seed=1, largest=(300.0, 1e5, 50.0), runtime=runtime, **device),
         coupling(1, seed=4, largest=(50.0, 5e4, 30.0), wall=(0.0, 3e4), runtime=sparse, contact="clip-last", **device),
