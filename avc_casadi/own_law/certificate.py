@@ -71,9 +71,8 @@ class LawCertificate(Printed):
 
     @property
     def cases(self) -> tuple[Case, ...]:
-        """Every case, that of the smallest disk margin first."""
-        every = [case for case in (self.held, self.released, self.free) if case is not None]
-        return tuple(sorted(every, key=_safety))
+        """Held, and released and free where there are these."""
+        return tuple(case for case in (self.held, self.released, self.free) if case is not None)
 
     @property
     def stable(self) -> bool:
@@ -104,20 +103,19 @@ class LawCertificate(Printed):
         ranges = ", over [device.range]" if device_ranges(device, LINEAR_KEYS) else ""
         late = f"with {delay} at {1 / device.sample_time_s:g} Hz{ranges}"
         low, high = allowed or (0.0, 0.0)
-        thin, loud = f"a disk margin of {self.disk_margin:.2g}", "noise of the position shakes the handle through b"
-        said = {
-            f"stable, but {thin} is below {LEAST_DISK}": self.stable and not self.passed,
-            f"stable, but {thin} is thin": self.stable and self.disk_margin < SOUND_DISK and self.quiet,
-            f"stable, but {thin} is thin, and {loud}": self.stable and self.disk_margin < SOUND_DISK,
-            f"stable, but {loud}": self.stable and not self.quiet,
-            "stable with every hand and released": self.stable,
-            f"unstable: no b holds this k {late}": allowed is None,
-            f"unstable: b {b:.4g} is above its largest, {high:.4g}, {late}": b > high,
-            f"unstable: b {b:.4g} is below the {low:.4g} that this k needs {late}": b < low,
-            f"unstable: k {k:.4g} is above its largest, {largest:.4g}, {late}": k > largest,
-            f"unstable outside the wall: b_p {law.local_damping_ns_per_m:.4g} is too much {late}": True,
+        if self.stable:
+            thin = f"a disk margin of {self.disk_margin:.2g} is {'thin' if self.passed else f'below {LEAST_DISK}'}"
+            doubts = [thin] if self.disk_margin < SOUND_DISK else []
+            doubts += [] if self.quiet else ["noise of the position shakes the handle through b"]
+            return f"stable, but {', and '.join(doubts)}" if doubts else "stable with every hand and released"
+        unstable = {
+            f"no b holds this k {late}": allowed is None,
+            f"b {b:.4g} is above its largest, {high:.4g}, {late}": b > high,
+            f"b {b:.4g} is below the {low:.4g} that this k needs {late}": b < low,
+            f"k {k:.4g} is above its largest, {largest:.4g}, {late}": k > largest,
+            f"b_p {law.local_damping_ns_per_m:.4g} is too much outside the wall {late}": True,
         }
-        return next(text for text, holds in said.items() if holds)
+        return f"unstable: {next(text for text, holds in unstable.items() if holds)}"
 
     def __repr__(self) -> str:
         return f"LawCertificate({'deployable' if self.passed else 'not deployable'}: {self.reason})"
@@ -129,10 +127,6 @@ class LawCertificate(Printed):
         own = {"problem": self.problem.name, "deployable": {**verdict, "reason": self.reason}, "rendered": rendered}
         numbers = {key: value for key, value in vars(self).items() if key not in ("problem", "rendered_n_per_m")}
         return self.problem.units.document(plain({"schema": "avc/1", "kind": "law", **own, **numbers}))
-
-
-def _safety(case: Case) -> tuple[bool, float]:
-    return case.stable, case.margins.disk
 
 
 def certify_law(
@@ -169,7 +163,8 @@ def certify_law(
     held, released = loops.case(law, 0), loops.case(law, 1) if len(loops.boxes) > 1 else None
     local, outside = Law(local_damping_ns_per_m=b_p, cutoff_hz=cutoff_hz), None
     if b_p:
-        outside = min((loops.case(local, side) for side in range(len(loops.boxes))), key=_safety)
+        sides = (loops.case(local, side) for side in range(len(loops.boxes)))
+        outside = min(sides, key=lambda case: (case.stable, case.margins.disk))
     static, rendered = _rendered(found.device, law)
     certificate = LawCertificate(
         problem=found,
