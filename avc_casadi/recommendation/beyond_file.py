@@ -60,12 +60,9 @@ def missed(found: tuple[Withstood, ...], *, by_friction: bool) -> str:
         rest = one.at_rest if by_friction and one.at_rest is not None else one.at_rest_without_friction
         if one.asked and rest < one.hands:
             short.append(f"{one.hands - rest} of {one.hands} hands do not settle with {one.key} = {one.value}")
-    told = "; ".join(short)
-    return (
-        f"what is asked for beyond [hands] is not withstood: {told}; ask for less, or for a softer wall"
-        if short
-        else ""
-    )
+    if not short:
+        return ""
+    return f"what is asked for beyond [hands] is not withstood: {'; '.join(short)}; ask for less, or for a softer wall"
 
 
 def _resting(coupling: Coupling, group: Group, *, friction: bool) -> int:

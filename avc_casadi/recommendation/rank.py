@@ -27,10 +27,8 @@ FELT_ERROR = 0.1
 # Settling time after release below which no difference is noticed; twice as long counts as an error of 0.35, and
 # stiffness at rest as a fifth of the same share in motion.
 _AT_ONCE_S, _PER_SETTLING, _PER_SOFTER = 0.5, 0.5, 0.2
-# Stiffnesses closer than this share are equal.
-_AS_STIFF = 0.01
-# Share of the static stiffness at the end of a press, below which the latter counts.
-_SLOW = 0.95
+# Share within which stiffnesses are equal; and of the static one at the end of a press, below which the latter counts.
+_AS_STIFF, _SLOW = 0.01, 0.95
 # Share of the hands below the vibration threshold that suffices: a stiff wall is kept despite a few light hands.
 BELOW_THRESHOLD_SHARE = 0.9
 
@@ -146,7 +144,12 @@ def best_of(judged: list[Judged], *, lean_on_friction: bool = False, stiffest: b
     quietest = [one for one in as_near if int(one.trial.quiet.sum()) == quiet]
     left = likely_provable(quietest)
     most_n_per_m = max(one.felt_n_per_m for one in left)
-    return min((one for one in left if one.felt_n_per_m >= (1 - _AS_STIFF) * most_n_per_m), key=lambda one: one.order)
+    return min((one for one in left if one.felt_n_per_m >= (1 - _AS_STIFF) * most_n_per_m), key=_plainness)
+
+
+def _plainness(one: Judged) -> tuple[float, ...]:
+    """Return what orders candidates that are equally near: a law after all others, of laws the nearest first."""
+    return (1.0, one.distance) if one.coupling.runtime.state_feedback is not None else (0.0, one.order)
 
 
 def devices_of(best: Judged | None) -> int:
