@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from avc_casadi import LinkError
 from avc_hardware.codegen.figures import ESTIMATOR_NUMBERS, NO_SLEW_PER_S, BoardLimits, RuntimeFigures
 
 MODES = ("table", "ramp", "safe", "fault")
@@ -73,15 +72,6 @@ class Device:
     def max_force_n(self) -> float:
         """Full scale of its output."""
         return self.limits.max_force_n
-
-
-def require_same(first: Device, now: Device) -> None:
-    """Refuse another device than the first one, by the numbers of their chips; some chips have none."""
-    if now.unique_id != first.unique_id:
-        raise LinkError(
-            f"another device answers than before, chip {now.unique_id or 'without a number'} in place of "
-            f"{first.unique_id or 'one without'}; nothing was sent to it"
-        )
 
 
 @dataclass(frozen=True)

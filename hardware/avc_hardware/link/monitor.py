@@ -12,14 +12,12 @@ from avc_casadi._util.interrupt import HeldInterrupt
 from avc_hardware.emulator.board import EmulatedBoard
 from avc_hardware.link.bytes import ByteLink
 from avc_hardware.link.connection import DEFAULT_BAUD, Connection, open_link
-from avc_hardware.link.device import Device, DeviceStatus, require_same
+from avc_hardware.link.device import Device, DeviceStatus
 from avc_hardware.link.messages import Acknowledged, Kind, words
 from avc_hardware.link.telemetry import Samples, TelemetrySample
 
 LONGEST_HEARTBEAT_S = 5.0
 """Longest time from one heartbeat to the next that a device allows."""
-# Polling interval for an unplugged device.
-_LOOK_AGAIN_S = 0.2
 # A subscription holds so long without renewal; heartbeats come three times as often as necessary.
 _HOLDS_S, _RENEW_S, _BEATS = 2.0, 0.5, 3
 # A heartbeat, its answer and the head of a message of telemetry: a delimiter first, their contents, ten bytes of frame
@@ -34,7 +32,6 @@ def monitor(
     seconds: float | None = None,
     heartbeat_s: float | None = None,
     baud: int = DEFAULT_BAUD,
-    reconnect_s: float = 0.0,
     on_device: Callable[[Device], None] | None = None,
     on_end: Callable[[DeviceStatus], None] | None = None,
     on_silence: Callable[[str], None] | None = None,
@@ -45,42 +42,27 @@ def monitor(
     if heartbeat_s is not None and not 0 < heartbeat_s <= LONGEST_HEARTBEAT_S:
         message = f"{heartbeat_s:g} s; allowed: above 0, at most {LONGEST_HEARTBEAT_S:g} s"
         raise InputError.of(message, key="heartbeat_s")
-    left: float | None = math.inf if seconds is None else None
-    give_up: float | None = None
-    first: Device | None = None
-    while left is None or left > 0:
+    with Connection(open_link(port, baud=baud), baud=baud, on_silence=on_silence) as connection:
+        device = connection.device
+        if heartbeat_s is not None:
+            _check_heartbeat(heartbeat_s, rate_hz, device, baud)
+        if on_device is not None:
+            on_device(device)
+        between_s = _every(device, rate_hz) * device.sample_time_s
+        left = math.inf if seconds is None else math.floor(seconds / between_s * (1 + 1e-9)) + 1
         try:
-            link = open_link(port, baud=baud)
-            with Connection(link, baud=baud, on_silence=on_silence) as connection:
-                first = first or connection.device
-                require_same(first, connection.device)
-                if heartbeat_s is not None:
-                    _check_heartbeat(heartbeat_s, rate_hz, connection.device, baud)
-                if on_device is not None:
-                    on_device(connection.device)
-                if left is None:
-                    between_s = _every(connection.device, rate_hz) * connection.device.sample_time_s
-                    left = math.floor((seconds or 0.0) / between_s * (1 + 1e-9)) + 1
-                try:
-                    for sample in watch(connection, rate_hz, heartbeat_s, paced=seconds is None):
-                        give_up = None
-                        left -= 1 + sample.lost
-                        yield sample
-                        if left <= 0:
-                            break
-                except LinkError:
-                    raise
-                except BaseException:
-                    with HeldInterrupt():
-                        _end(connection, heartbeat_s, on_end)
-                    raise
-                _end(connection, heartbeat_s, on_end)
+            for sample in watch(connection, rate_hz, heartbeat_s, paced=seconds is None):
+                left -= 1 + sample.lost
+                yield sample
+                if left <= 0:
+                    break
         except LinkError:
-            now = time.monotonic()
-            give_up = now + reconnect_s if give_up is None else give_up
-            if not isinstance(port, str) or now >= give_up:
-                raise
-            time.sleep(_LOOK_AGAIN_S)
+            raise
+        except BaseException:
+            with HeldInterrupt():
+                _end(connection, heartbeat_s, on_end)
+            raise
+        _end(connection, heartbeat_s, on_end)
 
 
 def watch(

@@ -8,7 +8,7 @@ from typing import TypeVar
 
 from avc_casadi import LinkError
 from avc_hardware.link import messages as m
-from avc_hardware.link.device import Device, DeviceStatus, require_same
+from avc_hardware.link.device import Device, DeviceStatus
 from avc_hardware.link.faults import INTERFACE_VERSION, Reason, Refusal
 from avc_hardware.link.frames import DELIMITER, Frame, encode
 from avc_hardware.link.messages import Kind, Message
@@ -149,7 +149,11 @@ class Session:
             try:
                 if attempt > 1:
                     again = yield from self.hello()
-                    require_same(device, again)
+                    if again.unique_id != device.unique_id:  # some chips have none
+                        raise LinkError(
+                            f"another device answers than before, chip {again.unique_id or 'without a number'} in "
+                            f"place of {device.unique_id or 'one without'}; nothing was sent to it"
+                        )
                     device = again
                 committed = yield from self._transfer(table, device)
                 config = table.config  # before the table, which a device that was reset since has not
