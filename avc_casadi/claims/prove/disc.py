@@ -2,10 +2,7 @@
 
 A disc is a centre c and a radius r; the result of a function contains its value at every point of its arguments. Radii
 are rounded up by a factor far above the errors of double precision. exp, sin and cos are assumed right to four units in
-the last place.
-
-The rectangles of `interval` suit real numbers and their signs: here numbers are rotated and inverted repeatedly, by
-which a disc stays a disc.
+the last place. Numbers are rotated and inverted repeatedly, by which a disc stays a disc.
 """
 
 from __future__ import annotations
@@ -147,9 +144,7 @@ class Moving:
     def __add__(self, other: Moving | Disc | Number) -> Moving:
         if not isinstance(other, Moving):
             return Moving(self.value + other, self.slopes)
-        slopes = dict(self.slopes)
-        for number, slope in other.slopes.items():
-            slopes[number] = slopes[number] + slope if number in slopes else slope
+        slopes = _added(self.slopes, other.slopes)
         return Moving(self.value + other.value, slopes)
 
     __radd__ = __add__
@@ -166,10 +161,8 @@ class Moving:
     def __mul__(self, other: Moving | Disc | Number) -> Moving:
         if not isinstance(other, Moving):
             return Moving(self.value * other, {number: slope * other for number, slope in self.slopes.items()})
-        slopes = {number: slope * other.value for number, slope in self.slopes.items()}
-        for number, slope in other.slopes.items():
-            own = slope * self.value
-            slopes[number] = slopes[number] + own if number in slopes else own
+        own = {number: slope * other.value for number, slope in self.slopes.items()}
+        slopes = _added(own, {number: slope * self.value for number, slope in other.slopes.items()})
         return Moving(self.value * other.value, slopes)
 
     __rmul__ = __mul__
@@ -196,6 +189,11 @@ class Moving:
         square = -(inverse * inverse)
         whole = Moving(inverse, {number: slope * square for number, slope in self.slopes.items()})
         return whole if other == 1 else whole * other
+
+
+def _added(one: dict[int, Disc], other: dict[int, Disc]) -> dict[int, Disc]:
+    """Add rates of change by their variables."""
+    return one | {number: one[number] + rate if number in one else rate for number, rate in other.items()}
 
 
 def turned(angle: Moving) -> Moving:
@@ -245,7 +243,5 @@ def in_series(near: Moving, far: Moving) -> Moving:
     high = smallest(other * both, 1 / (1 + one * other.reciprocal()))
     low, high = smallest(low, 1 - high), smallest(high, 1 - low)
     slopes = {number: slope * (high * high) for number, slope in near.slopes.items()}
-    for number, slope in far.slopes.items():
-        own = slope * (low * low)
-        slopes[number] = slopes[number] + own if number in slopes else own
+    slopes = _added(slopes, {number: slope * (low * low) for number, slope in far.slopes.items()})
     return Moving(smallest(one * high, other * low), slopes)

@@ -112,20 +112,14 @@ class Rest:
 
     def document(self) -> dict[str, Any]:
         """Return JSON values; `from_document` reads them."""
-        return {
-            "schema": "avc-proof/1",
-            "claim": "rest",
-            "outcome": self.outcome,
-            "sentence": self.sentence,
-            "contact": self.contact,
-            "law": self.law.document(),
-            "device": self.device.model_dump(mode="json"),
-            "hand": plain(dict(self.hand)),
+        kept: dict[str, Any] = plain(
+            {**vars(self), "law": self.law.document(), "device": self.device.model_dump(mode="json")}
+        )
+        beside = {
             "multiplier": None if self.multiplier is None else plain(dict(self.multiplier.taps)),
-            "cells": self.cells,
-            "seconds": plain(self.seconds),
             "unstable": None if self.unstable is None else plain(vars(self.unstable)),
         }
+        return {"schema": "avc-proof/1", "claim": "rest"} | kept | beside
 
     @classmethod
     def from_document(cls, found: Mapping[str, Any]) -> Rest:
