@@ -24,7 +24,6 @@ from avc_casadi.model import table as t
 from avc_casadi.model.gains import GainTable
 from avc_casadi.model.problem import Problem
 from avc_casadi.model.runtime import Runtime
-from avc_casadi.model.table import checked
 from avc_casadi.model.virtual_tool import ToolGains
 
 COUPLING_SCHEMA = "avc-coupling/1"
@@ -149,9 +148,10 @@ def read_file(path: str | Path) -> Coupling | GainTable:
         document = units.read(document)
         if document.pop("schema", None) != COUPLING_SCHEMA:
             raise InputError.of(f'is not "{COUPLING_SCHEMA}", that of a coupling; {NEXT_STEP}', file=file, key="schema")
-        found: Any = checked(WallDocument if document.get("end", "wall") == "wall" else PairDocument, document)
-        if isinstance(found, list):
-            raise InputError([Fault(file, None, t.dotted(key), message) for key, message in found])
+        kind: type[WallDocument | PairDocument] = (
+            WallDocument if document.get("end", "wall") == "wall" else PairDocument
+        )
+        found = t.valid(kind, document, file)
         coupling: Coupling = found.coupling()
         if found.id != coupling.id:
             message = f"is {t.shown(found.id)}, and what the file holds is {coupling.id!r}: it was changed since"

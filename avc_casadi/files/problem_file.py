@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from functools import wraps
 from pathlib import Path
 from typing import Any, Literal, TypeVar, cast
@@ -17,7 +17,7 @@ from avc_casadi.files.device_file import DeviceFile, with_device
 from avc_casadi.files.key_lines import KeyLines
 from avc_casadi.files.toml_text import tables_of, text_of
 from avc_casadi.model.problem import Frequency, Problem
-from avc_casadi.model.table import Finding, checked, dotted, shown
+from avc_casadi.model.table import Finding, dotted, refused, shown, valid
 from avc_casadi.model.table import Path as KeyPath
 
 BELOW_NYQUIST = 0.45
@@ -73,7 +73,7 @@ def as_problem(problem: AnyProblem) -> Problem:
     """Return a problem unchanged, or load its file or catalogue name, or make it of its tables."""
     if isinstance(problem, Problem):
         if wrong := list(_not_finite((), problem.model_dump())):
-            raise _refused(wrong, problem.name or "problem")
+            raise refused(wrong, problem.name or "problem")
         return problem
     if isinstance(problem, str | Path):
         return load_problem(problem)
@@ -83,12 +83,7 @@ def as_problem(problem: AnyProblem) -> Problem:
     found = _of_tables(plain(dict(problem)), "problem", "", None)
     if isinstance(found, Problem):
         return found
-    raise _refused(found)
-
-
-def _refused(findings: Iterable[Finding], file: str = "problem") -> InputError:
-    """Return the error of faults that stand on no line."""
-    return InputError([Fault(file, None, dotted(path), message) for path, message in findings])
+    raise refused(found, "problem")
 
 
 def _not_finite(path: KeyPath, value: Any) -> Iterator[Finding]:
@@ -227,10 +222,7 @@ def _tables_of(problem: Problem, mode: Literal["json", "python"]) -> dict[str, A
 def problem_of(document: Mapping[str, Any], *, file: str = "problem") -> Problem:
     """Read `problem_document` back."""
     tables = {table: values for table, values in document.items() if table != "name"}
-    found = checked(Problem, tables, str(document.get("name", "")))
-    if isinstance(found, list):
-        raise _refused(found, file)
-    return found
+    return valid(Problem, tables, file, str(document.get("name", "")))
 
 
 def toml_lines(path: tuple[str, ...], table: Mapping[str, Any]) -> Iterator[str]:

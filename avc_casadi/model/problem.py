@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, Field, model_validator
 
-from avc_casadi._errors import Fault, InputError
 from avc_casadi._util.printed import short
 from avc_casadi._util.units import Units
 from avc_casadi.model import quantity as q
@@ -20,7 +19,6 @@ from avc_casadi.model.device import Detent, Device
 from avc_casadi.model.follower import Follower
 from avc_casadi.model.robustness import Robustness
 from avc_casadi.model.scene import MOTIONS, Scene
-from avc_casadi.model.table import checked
 from avc_casadi.model.virtual_tool import VirtualTool
 
 MOST_LINK_SAMPLES = 64
@@ -305,17 +303,11 @@ class Problem(t.Table):
             InputError: with every refused value and every broken rule.
         """
         whole = {name: getattr(self, name) for name in type(self).model_fields if name != "name"}
-        found = checked(
-            type(self),
-            {
-                name: _merged(whole.get(name), tables[name]) if name in tables else whole[name]
-                for name in {**whole, **tables}
-            },
-            self.name,
-        )
-        if isinstance(found, list):
-            raise InputError([Fault(self.name or "problem", None, t.dotted(path), message) for path, message in found])
-        return found
+        new = {
+            name: _merged(whole.get(name), tables[name]) if name in tables else whole[name]
+            for name in {**whole, **tables}
+        }
+        return t.valid(type(self), new, self.name or "problem", self.name)
 
     def __repr__(self) -> str:
         device, wall, f, unit = self.device, self.environment, self.frequencies_hz(), self.units.unit

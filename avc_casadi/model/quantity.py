@@ -216,10 +216,14 @@ LEAST_DELAY_SAMPLES = 1e-3
 """Least delay other than 0."""
 
 
-def _delay(value: Any) -> float:
-    """Return a number of samples, an int where it is whole."""
-    number = Quantity("samples", LEAST_DELAY_SAMPLES, 1000)(value)
-    return int(number) if number.is_integer() else number
+@dataclass(frozen=True)
+class Samples(Quantity):
+    """Validator of a number of samples, an int where it is whole."""
+
+    def __call__(self, value: Any) -> float:
+        """Return the number, or refuse it."""
+        number = super().__call__(value)
+        return int(number) if number.is_integer() else number
 
 
 def _pair(value: Any) -> Any:
@@ -282,7 +286,7 @@ LoopDampingRatio = Annotated[float, BeforeValidator(Quantity("", 0.05, 10, zero=
 MassRatio = Annotated[float, BeforeValidator(Quantity("", 1e-6, 1e3, zero=False))]
 MassShare = Annotated[float, BeforeValidator(Quantity("", 1e-6, 0.999999, zero=False))]
 DiskMargin = Annotated[float, BeforeValidator(Quantity("", 0.01, 1, zero=False))]
-DelaySamples = Annotated[int | float, BeforeValidator(_delay)]
+DelaySamples = Annotated[int | float, BeforeValidator(Samples("samples", LEAST_DELAY_SAMPLES, 1000))]
 Substeps = Annotated[int, BeforeValidator(Whole(1, 1000))]
 Points = Annotated[int, BeforeValidator(Whole(1, MOST_FREQUENCIES))]
 Seed = Annotated[int, BeforeValidator(Whole(0, 2**32 - 1))]

@@ -20,6 +20,7 @@ from pydantic import (
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticCustomError
 
+from avc_casadi._errors import Fault, InputError
 from avc_casadi._util.units import ROTARY
 
 Path = tuple[str | int, ...]
@@ -83,6 +84,19 @@ def checked(model: type[M], tables: Mapping[str, Any], name: str = "") -> M | li
     except ValidationError as error:
         return found + faults_of(error)
     return found or read
+
+
+def refused(found: Iterable[Finding], file: str) -> InputError:
+    """Return the error of findings that stand on no line."""
+    return InputError([Fault(file, None, dotted(path), message) for path, message in found])
+
+
+def valid(model: type[M], tables: Mapping[str, Any], file: str, name: str = "") -> M:
+    """Return tables as a model, or raise all their faults."""
+    found = checked(model, tables, name)
+    if isinstance(found, list):
+        raise refused(found, file)
+    return found
 
 
 def faults_of(error: ValidationError) -> list[Finding]:

@@ -74,11 +74,10 @@ def allowed(annotation: Any) -> tuple[str, str]:
     for part in validators(annotation):
         if hasattr(part, "choices"):
             return "", ", ".join(toml(value) for value in part.choices)
-    found = [part for part in validators(annotation) if hasattr(part, "allowed") or part.__name__ == "_delay"]
+    found = [part for part in validators(annotation) if hasattr(part, "allowed")]
     if not found:
         return "", "true, false" if annotation is bool else "text" if annotation is str else ""
-    said = found[0].allowed if hasattr(found[0], "allowed") else "0 or 1e-3 to 1000"
-    unit = getattr(getattr(found[0], "one", found[0]), "unit", "" if hasattr(found[0], "allowed") else "samples")
+    said, unit = found[0].allowed, getattr(getattr(found[0], "one", found[0]), "unit", "")
     pair = any(getattr(part, "__name__", "") == "_pair" for part in validators(annotation))
     return unit, f"[lowest, highest], each {said}" if pair else said
 
