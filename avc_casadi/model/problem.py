@@ -138,16 +138,6 @@ class Frequency(t.Table):
         """Return a note where a key was not given."""
         return "" if key in self.model_fields_set else " (the default)"
 
-    def grid_hz(self) -> NDArray[np.float64]:
-        """Return the frequencies, shape (points,), Hz; a range of one point is its start."""
-        if self.values_hz is not None:
-            return np.array(self.values_hz, dtype=np.float64)
-        if self.points == 1:
-            return np.array([self.start_hz])
-        if self.spacing == "linear":
-            return np.linspace(self.start_hz, self.stop_hz, self.points)
-        return np.geomspace(self.start_hz, self.stop_hz, self.points)
-
 
 def _given(table: Any) -> Any:
     """Return the keys of a table that were given, its kind included."""
@@ -326,5 +316,9 @@ class Problem(t.Table):
         return self.device.units
 
     def frequencies_hz(self) -> NDArray[np.float64]:
-        """Return the frequencies of interaction, shape (n,), Hz."""
-        return self.frequency.grid_hz()
+        """Return the frequencies of interaction, shape (n,), Hz; a range of one point is its start."""
+        band = self.frequency
+        if band.values_hz is not None:
+            return np.array(band.values_hz, dtype=np.float64)
+        spread = np.linspace if band.spacing == "linear" else np.geomspace
+        return spread(band.start_hz, band.stop_hz, band.points)

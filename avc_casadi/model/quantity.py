@@ -254,9 +254,6 @@ LARGEST_STIFFNESS_N_PER_M = 1e12
 """Largest spring of a problem or of a coupling."""
 RADII_M = (2e-3, 10.0)
 """Admissible radii of the grip on a rotary device."""
-FREQUENCIES_HZ = (1e-6, 1e7)
-"""Lowest and highest frequency of a problem or of a gain table."""
-
 MOST_FREQUENCIES = 20_000
 """Largest number of rows of a problem or of a gain table."""
 
@@ -274,7 +271,7 @@ Acceleration = Annotated[float, BeforeValidator(Quantity("m/s^2", 1e-6, 1e9, zer
 SampleTime = Annotated[float, BeforeValidator(Quantity("s", 1e-7, 10, zero=False))]
 Span = Annotated[float, BeforeValidator(Quantity("s", 1e-7, 3600, zero=False))]
 Wait = Annotated[float, BeforeValidator(Quantity("s", 1e-9, 3600))]
-Hertz = Annotated[float, BeforeValidator(Quantity("Hz", *FREQUENCIES_HZ, zero=False))]
+Hertz = Annotated[float, BeforeValidator(Quantity("Hz", 1e-6, 1e7, zero=False))]
 Rate = Annotated[float, BeforeValidator(Quantity("1/s", 1e-6, 1e9, zero=False))]
 Weight = Annotated[float, BeforeValidator(Quantity("", 1e-12, 1e12))]
 Slope = Annotated[float, BeforeValidator(Quantity("", 1e-6, 1e6, zero=False))]

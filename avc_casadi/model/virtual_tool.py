@@ -36,16 +36,11 @@ class Ends:
 
     def __call__(self, value: Any) -> Interval:
         """Return the pair, or refuse it."""
-        if not isinstance(value, list | tuple):
-            return (self._end(value), self._end(value))
-        if len(value) != 2:
+        ends = value if isinstance(value, list | tuple) else (value, value)
+        if len(ends) != 2:
             raise t.refusal(f"is {t.shown(value)}; allowed: a number, or two, [lowest, highest]")
-        return q.ordered((self._end(value[0]), self._end(value[1])))
-
-    def _end(self, value: Any) -> float:
-        if self.unbounded and isinstance(value, float) and value == math.inf:
-            return self.one.highest
-        return self.one(value)
+        low, high = (self.one.highest if self.unbounded and one == math.inf else self.one(one) for one in ends)
+        return q.ordered((low, high))
 
 
 _Masses = Annotated[Interval, BeforeValidator(Ends(q.Quantity("kg", LIGHTEST_TOOL_KG, HEAVIEST_TOOL_KG, zero=False)))]
