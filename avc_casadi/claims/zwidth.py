@@ -9,15 +9,17 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from avc_casadi._util.arrays import FloatArray
+from avc_casadi._util.arrays import ComplexArray, FloatArray
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.printed import Columns, Tabular, short
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.claims.levels import ideal, what_is_declared
-from avc_casadi.claims.passive_walls import passive_walls
+from avc_casadi.claims.passivity.handle_port import handle_port
 from avc_casadi.claims.passivity.llewellyn import largest_llewellyn_stiffness
+from avc_casadi.claims.passivity.worst_frequency import quadratic_stretch, refine_minima
+from avc_casadi.claims.passivity.worst_port import frequencies_hz, passive_hand, wave
 from avc_casadi.files.problem_file import AnyProblem, of_problem, with_wall
-from avc_casadi.loops.sampled_loop import SampledLoop, passive_limit_n_per_m
+from avc_casadi.loops.sampled_loop import Fractions, SampledLoop, passive_limit_n_per_m
 from avc_casadi.loops.wall import rigid
 from avc_casadi.loops.walls import Stretches, stable_walls
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners
@@ -25,7 +27,7 @@ from avc_casadi.model.declared import declared, declared_effects
 from avc_casadi.model.device import whole_delay
 from avc_casadi.model.hands import hand_set, no_hand
 from avc_casadi.model.registries import EFFECTS
-from avc_casadi.model.velocity import PLAIN, Poles, VelocityFilterEffect, velocity_poles
+from avc_casadi.model.velocity import PLAIN, Poles, VelocityFilterEffect, low_pass, velocity_poles
 from avc_casadi.paper.equations import coupling_gains
 from avc_casadi.paper.loop import loop_at
 
@@ -139,6 +141,64 @@ class ZWidth(Tabular):
         return document
 
 
+_LOWEST_TURNS, _A_HALF_WAVE = 1e-8, 24
+
+
+def passive_walls(
+    corners: Sequence[Device],
+    damping_ns_per_m: FloatArray,
+    model: Model,
+    poles: Poles = PLAIN,
+    more_delay: int = 0,
+) -> Stretches:
+    """Return the softest interval of stiffnesses with which a wall is passive at every corner of a device."""
+    # At each frequency a quadratic in K: on a rigid device with an ideal amplifier and whole samples of delay
+    # b_d + Re(z^-d W) >= 0 is linear in K and B; at the port of any other |1 + W X|^2 >= |W|^2 U^2, W = B W_b + K W_k.
+    exact = all(ideal(corner) for corner in corners)
+    low, high = np.zeros(len(damping_ns_per_m)), np.full(len(damping_ns_per_m), np.inf)
+    for corner in corners:
+        if exact:
+
+            def ends(hz: FloatArray, corner: Device = corner) -> tuple[FloatArray, FloatArray]:
+                turns = hz * corner.sample_time_s
+                late = np.exp(-2j * np.pi * turns * (corner.delay_samples + more_delay))
+                damper, spring = (late * one for one in _waves(turns, corner.sample_time_s, model, poles))
+                free = corner.damping_ns_per_m + damping_ns_per_m[:, None] * damper.real
+                return quadratic_stretch(np.zeros_like(free), spring.real + 0 * free, free)
+
+            order = int(corner.delay_samples) + more_delay + 2
+            seeds = np.linspace(_LOWEST_TURNS, 0.5, _A_HALF_WAVE * order + 1) / corner.sample_time_s
+            every = np.broadcast_to(seeds, (len(low), len(seeds)))
+            softest, stiffest = ends(every)
+            if softest.any():
+                softest = ends(refine_minima(lambda hz, ends=ends: -ends(hz)[0], every, order))[0]  # type: ignore[misc]
+            stiffest = ends(refine_minima(lambda hz, ends=ends: ends(hz)[1], every, order))[1]  # type: ignore[misc]
+        else:
+            port = handle_port(corner, frequencies_hz(corner))
+            damper, spring = _waves(port.turns, corner.sample_time_s, model, poles)
+            wall = damping_ns_per_m[:, None] * damper
+            bend = -port.excess * np.abs(spring) ** 2 + 0 * wall.real
+            slope = 2 * (spring * port.centre).real - 2 * port.excess * (wall * spring.conj()).real
+            free = 1 + 2 * (wall * port.centre).real - port.excess * np.abs(wall) ** 2
+            softest, stiffest = quadratic_stretch(*(np.where(port.damped, one, -1.0) for one in (bend, slope, free)))
+            held = stable_walls([corner], passive_hand(corner), damping_ns_per_m, poles)
+            low, high = np.maximum(low, held.lowest_n_per_m[:, 0]), np.minimum(high, held.first_n_per_m)
+        low, high = np.maximum(low, softest.max(axis=1)), np.minimum(high, stiffest.min(axis=1))
+    none = ~(high > low)
+    return Stretches(np.where(none, np.nan, low)[:, None], np.where(none, np.nan, high)[:, None])
+
+
+def _waves(turns: FloatArray, period: float, model: Model, poles: Poles) -> tuple[ComplexArray, ComplexArray]:
+    """Return W of a wall of 1 N.s/m and of one of 1 N/m."""
+    nothing, one = np.zeros(1), np.ones(1)
+    damper = Fractions(one, nothing, nothing, nothing, one, one > 0)
+    direct = period / 2 if model == "paper" else period
+    spring = replace(damper, direct=one * direct, integral=one * period)
+    back = 2 * np.sin(np.pi * turns) * np.exp(1j * np.pi * (0.5 - turns))
+    filtered = wave(damper, nothing, turns, model) * low_pass(back, poles)
+    return filtered, wave(spring, nothing, turns, model)
+
+
 @of_problem
 def zwidth(problem: AnyProblem, progress: Progress = SILENT) -> ZWidth:
     """Return the walls that a device can render (K-B region), passive or stable with its hands, without a coupling.
@@ -217,7 +277,7 @@ def _passivity(
 ) -> tuple[dict[str, tuple[str, partial[Stretches]]], tuple[str, ...]]:
     """Return the claims of passivity, and those that have no proof on this device."""
     at, known = _at(device, len(corners), beside), ideal(device)
-    walls = partial(passive_walls, corners, ideal=known)
+    walls = partial(passive_walls, corners)
     sampled = {"passive-sampled-data": (f"passive, sampled-data{at}", partial(walls, model="sampled-data"))}
     if not known or poles != PLAIN:
         what = "a velocity filter" if known else what_is_declared(device)

@@ -21,9 +21,9 @@ from script_arguments import script_arguments
 from studied import about, write_rows
 
 import avc_casadi as avc
-from avc_casadi.claims.passive_walls import passive_walls
 from avc_casadi.claims.passivity.llewellyn import largest_llewellyn_stiffness
 from avc_casadi.claims.passivity.teleoperator import Teleoperator, damping_needed_ns_per_m
+from avc_casadi.claims.zwidth import passive_walls
 from avc_casadi.loops.engine import ToolLoops
 from avc_casadi.loops.sampled_loop import SampledLoop
 from avc_casadi.loops.walls import stable_walls
@@ -115,7 +115,7 @@ def passive() -> list[Row]:
         tau = 0.0 if hz is None else 1 / (2 * math.pi * hz)
         share = tau / (tau + T)
         device = Device(mass_kg=MASS, damping_ns_per_m=LOSSY, sample_time_s=T, delay_samples=delay)
-        wall = passive_walls([device], np.array([damping]), "sampled-data", ideal=True, poles=(-share, 0.0))
+        wall = passive_walls([device], np.array([damping]), "sampled-data", poles=(-share, 0.0))
         ours = float(wall.first_n_per_m[0])
         row = {"part": "passive", "damping_ns_per_m": damping, "filter_hz": hz, "delay_samples": delay}
         row |= {"published_n_per_m": (LOSSY - damping * T / (T + 2 * tau)) / ((0.5 + delay) * T), "ours_n_per_m": ours}
