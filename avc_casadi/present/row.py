@@ -6,44 +6,18 @@ import math
 import os
 import shutil
 import textwrap
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from enum import Enum
-from typing import TYPE_CHECKING, Any, Literal, TextIO
+from typing import Any, Literal, TextIO
 
 from avc_casadi._util.text import number, percent, quantity
 from avc_casadi._util.units import LINEAR, Units
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-Quantity = Literal[
-    "stiffness",
-    "damping",
-    "mass",
-    "force",
-    "length",
-    "speed",
-    "time",
-    "frequency",
-    "energy",
-    "share",
-    "gain",
-    "phase",
-    "samples",
-    "number",
-]
-_UNITS = {
-    "stiffness": "N/m",
-    "damping": "N.s/m",
-    "mass": "kg",
-    "force": "N",
-    "length": "m",
-    "speed": "m/s",
-    "time": "s",
-    "frequency": "Hz",
-    "energy": "J",
-}
+_Of = Literal["stiffness", "damping", "mass", "force", "length", "speed", "time", "frequency", "energy"]
+Quantity = _Of | Literal["share", "gain", "phase", "samples", "number"]
+_UNITS = {"stiffness": "N/m", "damping": "N.s/m", "mass": "kg", "force": "N", "length": "m", "speed": "m/s"}
+_UNITS |= {"time": "s", "frequency": "Hz", "energy": "J"}
 SCHEMA = "avc/1"
 MOST_ROWS, MOST_LINES, WIDTH = 15, 22, 100
 """Rows and lines of an answer on a terminal, and their length."""
@@ -189,7 +163,6 @@ class Answer:
         rows: its facts, the most important first.
         commands: to type next.
         units: of the device.
-        figures: what draws it, by name.
         whole: whether it is printed at any length.
         complaint: why the answer is no; its exit code is 1.
         code: exit code of an answer that is no for no other reason than its rows.
@@ -201,7 +174,6 @@ class Answer:
     rows: tuple[Row, ...] = ()
     commands: tuple[str, ...] = ()
     units: Units = LINEAR
-    figures: Mapping[str, Callable[[], Figure]] = field(default_factory=dict)
     whole: bool = False
     complaint: str = ""
     code: int = 0
