@@ -8,13 +8,26 @@ from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 from avc_casadi._util.text import number
-from avc_casadi.present.row import Answer, Mark, Part, Quantity, Row, Value, listed, marked, parts, row, span, written
+from avc_casadi.present.row import (
+    Answer,
+    Mark,
+    Quantity,
+    Row,
+    Value,
+    doubted,
+    listed,
+    marked,
+    parts,
+    row,
+    span,
+    written,
+)
 from avc_casadi.present.rows.subject import HAND, notes, plural
 
 if TYPE_CHECKING:
     from avc_casadi._util.units import Units
     from avc_casadi.diagnose.causes import Diagnosis
-    from avc_casadi.identification.device import Estimate, Identification
+    from avc_casadi.identification.device import Identification
 
 _MOVED: tuple[tuple[str, str, Quantity], ...] = (
     ("Force", "force_n", "force"),
@@ -59,18 +72,16 @@ def identification(
     data: Mapping[str, Any], found: Identification, units: Units, logs: Sequence[str], files: Sequence[str]
 ) -> Answer:
     """Return the answer of `identify`: a row for each value of the device."""
-    records = f"in {plural(found.records, 'record')} at"
-    title = parts(
-        ", ".join(logs),
-        " ",
-        Value(found.seconds, "time"),
-        records,
-        Value(1 / found.sample_time_s, "frequency"),
-    )
+    records, rate = f"in {plural(found.records, 'record')} at", Value(1 / found.sample_time_s, "frequency")
+    title = parts(", ".join(logs), " ", Value(found.seconds, "time"), records, rate)
     rows: list[Row] = []
     for key, one in found.estimates.items():
-        values = (_between(one), "; not identified") if not one.identified else (_value(one), f"({_ends(one, units)})")
-        mark = Mark.NONE if one.identified else Mark.CAUTION
+        # As many digits as the interval supports.
+        half, size = (one.high - one.low) / 2, max(abs(one.low), abs(one.high))
+        digits = min(max(3, 1 + math.ceil(math.log10(size / half))), 15) if 0 < half < size else 3
+        value, low, high = (Value(end, one.quantity, digits) for end in (one.value, one.low, one.high))
+        values = (value, "(", low, "to", high, ")") if one.identified else (low, "to", high, "; not identified")
+        mark = doubted(not one.identified)
         rows.append(row(units.key(key), values, mark=mark, rank=0 if len(rows) < _MOST_VALUES else 1))
     rows.append(row("Model", ", ".join(found.rungs)))
     rows += notes(found.notes, mark=Mark.CAUTION)
@@ -83,27 +94,6 @@ def identification(
     onwards = [f"avc check {quote(one)}" for one in files if one.endswith(".toml")]
     onwards.append(f"avc identify {' '.join(logs)} -v")
     return Answer("identify", data, title, tuple(rows), tuple(onwards), units)
-
-
-def _digits(one: Estimate) -> int:
-    """Return the digits that the interval supports."""
-    half, size = (one.high - one.low) / 2, max(abs(one.low), abs(one.high))
-    return min(max(3, 1 + math.ceil(math.log10(size / half))), 15) if 0 < half < size else 3
-
-
-def _value(one: Estimate, number: float | None = None) -> Value:
-    return Value(one.value if number is None else number, one.quantity, _digits(one))
-
-
-def _between(one: Estimate) -> tuple[Part, ...]:
-    return (_value(one, one.low), "to", _value(one, one.high))
-
-
-def _ends(one: Estimate, units: Units) -> str:
-    low, high = (_value(one, end).text(units) for end in (one.low, one.high))
-    if low.partition(" ")[2] == high.partition(" ")[2]:
-        low = low.partition(" ")[0]
-    return f"{low} to {high}"
 
 
 def diagnosis(data: Mapping[str, Any], found: Sequence[Diagnosis], command: str, files: Sequence[str]) -> Answer:
