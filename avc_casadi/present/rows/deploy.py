@@ -69,13 +69,13 @@ def push(data: Mapping[str, Any], coupling: Coupling, shown: str) -> Answer:
         row("Limit", limit),
     ]
     if "in_the_loop" in data:
-        rows.append(_in_the_loop(data["in_the_loop"]))
+        rows.append(in_the_loop(data["in_the_loop"]))
     rows += [*notes([*filter(None, [data["holes"]]), *data.get("notes", ())]), *notes(coupling.lacks, "Lacks")]
     onwards = () if data["port"] == "emulator" else (f"avc monitor --port {quote(data['port'])}",)
     return answer("push", data, problem, shown, rows, onwards)
 
 
-def _in_the_loop(tried: Mapping[str, Any]) -> Row:
+def in_the_loop(tried: Mapping[str, Any]) -> Row:
     """Return how the pushed coupling performed with a hand on the emulated device."""
     if "skipped" in tried:
         return row("In the loop", f"not tried; {tried['skipped']}", mark=Mark.CAUTION)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.text import sample_rows
 from avc_casadi.present.row import Answer, Mark, Part, Row, Value, count, listed, marked, parts, row, span, written
+from avc_casadi.present.rows.deploy import in_the_loop
 from avc_casadi.present.rows.judge import levels
 from avc_casadi.present.rows.subject import (
     HAND,
@@ -250,18 +251,18 @@ def device(push: Mapping[str, Any]) -> Row:
     """Return what became of the push."""
     if "skipped" in push:
         return row("Device", f"push skipped; {push['skipped']}", mark=Mark.CAUTION)
-    if push.get("deployable") is False:
-        return row("Device", "push refused: the coupling is not deployable; --unsafe overrides", mark=Mark.FAIL)
     if "refused" in push:
-        return row("Device", f"push refused; {push['refused']}", mark=Mark.FAIL)
-    tried, equal = push.get("in_the_loop"), "read back equal" if push["readback_equal"] else "read back NOT EQUAL"
-    settles = tried is not None and tried.get("at_rest") is True
-    loop = "" if tried is None else "; settles with a hand in the loop" if settles else "; does not settle with a hand"
-    if tried is not None and "skipped" in tried:
-        loop = f"; not tried with a hand: {tried['skipped']}"
-    unsafe = f"; {push['unsafe']}" if push.get("unsafe") else ""
-    mark = Mark.FAIL if not push["readback_equal"] else marked(settles and not unsafe, Mark.CAUTION)
-    return row("Device", f"coupling {push['coupling_id']} on {push['port']}, {equal}{loop}{unsafe}", mark=mark)
+        advice = "the coupling is not deployable; --unsafe overrides"
+        why = advice if push.get("deployable") is False else push["refused"]
+        return row("Device", f"push refused; {why}", mark=Mark.FAIL)
+    equal, loop = (
+        "read back equal" if push["readback_equal"] else "read back NOT EQUAL",
+        in_the_loop(push["in_the_loop"]),
+    )
+    unsafe = f"; {push['unsafe']}" if push["unsafe"] else ""
+    mark = marked(loop.mark is Mark.PASS and not unsafe, Mark.CAUTION) if push["readback_equal"] else Mark.FAIL
+    what = f"coupling {push['coupling_id']} on {push['port']}, {equal};"
+    return row("Device", what, loop.values, unsafe, mark=mark)
 
 
 def new(data: Mapping[str, Any], problem: Problem, shown: str) -> Answer:

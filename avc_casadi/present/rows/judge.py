@@ -352,11 +352,10 @@ def screening(data: Mapping[str, Any], problem: Problem, shown: str) -> Answer:
     together, tolerance = data["together"], Value(data["tolerance"], "share")
     all_effects = f"{_WORDS[data['outcome']]}, coupling {data['coupling']}"
     rows = [row("All effects", all_effects, mark=_SETTLES[data["outcome"]])]
-    rows += [
-        row(f"No {one['kind']}", _changes(one, problem.units), f", {_WORDS[one['outcome']]}: needed")
-        for one in data["effects"]
-        if one["needed"]
-    ]
+    for one in data["effects"]:
+        ending, rank = f", {_WORDS[one['outcome']]}{': needed' if one['needed'] else ''}", 0 if one["needed"] else 1
+        saves = ("; saves", count(one["instructions"]), "instructions,", _cost(one["ns_per_step"], data["scatter_ns"]))
+        rows.append(row(f"No {one['kind']}", _changes(one, problem.units), ending, saves if rank else None, rank=rank))
     if data["essential"]:
         rows.append(row("Only mass", f"cannot be left out: {', '.join(data['essential'])}"))
     if together is None:
@@ -365,9 +364,6 @@ def screening(data: Mapping[str, Any], problem: Problem, shown: str) -> Answer:
         rows.append(row("Not needed", "at a tolerance of", tolerance, f": {', '.join(data['unneeded'])}"))
         rows.append(row("Without these", _changes(together, problem.units), f", {_WORDS[together['outcome']]}"))
     rows += notes(data["notes"])
-    for one in data["effects"]:
-        saves = ("; saves", count(one["instructions"]), "instructions,", _cost(one["ns_per_step"], data["scatter_ns"]))
-        rows.append(row(f"No {one['kind']}", _changes(one, problem.units), f", {one['outcome']}", saves, rank=1))
     onwards = (f"avc simulate {quote(shown)} --screen -v",)
     return answer("screen", data, problem, shown, rows, onwards)
 
