@@ -79,13 +79,16 @@ def _rows(found: LawCertificate) -> list[Row]:
 
 
 def _onwards(found: LawCertificate, shown: str) -> list[str]:
-    """Return the commands of what would help, and that of a recommendation where the file has a wall."""
+    """Return the commands of what would help, of a recommendation where the file has a wall, and of all rows."""
+    options = {key: option for key, (_, _, option) in _NAMES.items() if option}
+
+    def command(law: Mapping[str, float]) -> str:
+        typed = " ".join(f"{options[key]} {value:g}" for key, value in law.items() if value)
+        return f"avc certify {quote(shown)} {typed}"
+
     commands = []
-    options = {key for key, (_, _, option) in _NAMES.items() if option}
-    if one := next((one for one in found.remedies if set(one.changes) <= options), None):
-        law = {key: value for key, value in {**vars(found.law), **one.changes}.items() if value}
-        typed = " ".join(f"{_NAMES[key][2]} {value:g}" for key, value in law.items())
-        commands.append(f"avc certify {quote(shown)} {typed}")
+    if one := next((one for one in found.remedies if set(one.changes) <= set(options)), None):
+        commands.append(command({**vars(found.law), **one.changes}))
     if found.problem.environment.stiffness_n_per_m:
         commands.append(f"avc recommend {quote(shown)} --out coupling.json")
-    return commands
+    return [*commands, f"{command(vars(found.law))} -v"]
