@@ -77,13 +77,3 @@ def by_id(driver, name):
 def shown(driver, figure):
     # In one go: the picture is drawn anew while it is asked for.
     return driver.execute_script(f"return document.querySelector('#{figure} svg')?.getAttribute('aria-label') ?? ''")
-
-
-def found_at_once(task, progress):
-    """In place of the search of `recommend`, in a process that imports this module but no test."""
-    from avc_casadi.coupling import Coupling  # noqa: PLC0415 - a browser needs none of it
-    from avc_casadi.model.gains import Gains  # noqa: PLC0415 - likewise
-    from avc_casadi.present.row import row  # noqa: PLC0415 - likewise
-
-    progress.advance(1, 2, "trial")
-    return Coupling.constant(task[0], Gains(0.0, 1000.0, 5.0), "recommend"), [row("Coupling", "a softened wall")]

@@ -9,7 +9,6 @@ from browser import (
     by_id,
     chromium,
     console_errors,
-    found_at_once,
     requested,
     resize,
     shown,
@@ -18,9 +17,12 @@ from browser import (
 )
 
 import avc_casadi as avc
+from avc_casadi.coupling import Coupling
+from avc_casadi.model.gains import Gains
 from avc_casadi.present.explore import explorer as _explorer
 from avc_casadi.present.explore.explorer import Explorer
 from avc_casadi.present.explore.server import ExploreServer
+from avc_casadi.present.row import row
 
 WALL, MASS, K = "f-environment-stiffness_n_per_m", "f-device-mass_kg", "f-stiffness_n_per_m"
 
@@ -82,6 +84,12 @@ def test_a_slider_moves_the_picture_and_undo_brings_it_back(page):
     by_id(page, "undo").click()
     until(lambda: shown(page, "c-magnitude") == before)
     assert float(by_id(page, WALL).get_attribute("value")) == 1e5
+
+
+def found_at_once(task, progress):
+    """In place of the search of `recommend`, which has tests of its own."""
+    progress.advance(1, 2, "trial")
+    return Coupling.constant(task[0], Gains(0.0, 1000.0, 5.0), "recommend"), [row("Coupling", "a softened wall")]
 
 
 @pytest.mark.slow

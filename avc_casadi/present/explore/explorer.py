@@ -48,13 +48,12 @@ class SlowRun:
             self._process = context.Process(target=_work, args=(_found, (problem, method), there), daemon=True)
             self._process.start()
         there.close()
-        self._listener = threading.Thread(target=self._listen, args=(here,), daemon=True)
-        self._listener.start()
+        threading.Thread(target=self._listen, args=(here,), daemon=True).start()
 
     @property
     def over(self) -> bool:
         """Whether it has ended, for any reason."""
-        return not self._listener.is_alive()
+        return self.result is not None or bool(self.error)
 
     def cancel(self) -> None:
         """Terminate it, without a result."""
