@@ -33,7 +33,6 @@ class Detent(t.Table):
 
 
 CURRENT_LOOP_DAMPING_RATIO = 0.7
-"""Default for an amplifier of order 2."""
 
 
 class Resonance(t.Table):

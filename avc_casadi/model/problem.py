@@ -23,8 +23,6 @@ from avc_casadi.model.virtual_tool import VirtualTool
 
 MOST_LINK_SAMPLES = 64
 """Largest delay of a link between two devices, in samples, each way."""
-# Closer frequencies would coincide after rounding.
-_SMALLEST_STEP = 1e-12
 
 Model = Literal["paper", "sampled-data"]
 Structure = Literal["series", "damped"]
@@ -126,7 +124,7 @@ class Frequency(t.Table):
             for index, (one, two) in enumerate(itertools.pairwise(self.values_hz), start=1):
                 if two <= one:
                     yield ("values_hz", index), f"is {t.shown(two)} after {t.shown(one)}; allowed: increasing values"
-        elif self.points > 1 and self.stop_hz - self.start_hz < _SMALLEST_STEP * self.stop_hz * (self.points - 1):
+        elif self.points > 1 and self.stop_hz - self.start_hz < 1e-12 * self.stop_hz * (self.points - 1):
             key = "stop_hz" if self.stop_hz < self.start_hz else "points"
             band = f"{t.shown(self.start_hz)} to {t.shown(self.stop_hz)}{self.origin('stop_hz')} Hz"
             yield (

@@ -213,7 +213,6 @@ class Whole:
 
 
 LEAST_DELAY_SAMPLES = 1e-3
-"""Least delay other than 0."""
 
 
 @dataclass(frozen=True)

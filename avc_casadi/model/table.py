@@ -58,7 +58,10 @@ class Table(BaseModel):
         try:
             read = handler(table)
         except ValidationError as error:
-            raise inner_faults([*found, *_findings(cls, error, value)]) from None
+            # A key that an unknown one stands for is not missing as well.
+            meant = {(message.rpartition("did you mean ")[2][:-1],) for _, message in found}
+            found += (one for one in _findings(cls, error, value) if one[0] not in meant or one[0][0] in table)
+            raise inner_faults(found) from None
         if found or (found := list(read.faults())):
             raise inner_faults(found)
         return read
