@@ -166,6 +166,7 @@ def run_identify(args: argparse.Namespace, console: Console) -> Answer:
         progress=console,
     )
     units, complaint = units_for(found.motion), ""
+    text = "no device file: see the rows" if found.device is None else device_text(found.device)
     written = [] if args.report is None else [str(args.report)]
     data = found.data() | {"out": None}
     if found.device is None:
@@ -173,13 +174,13 @@ def run_identify(args: argparse.Namespace, console: Console) -> Answer:
         keys = ", ".join(map(units.key, missing))
         complaint = f"avc: no device file: {keys} not known; log it, or state it by --device BASE or an option"
     elif args.out is not None:
-        write_text(args.out, device_text(found.device))
+        write_text(args.out, text)
         data["out"] = str(args.out)
         written = [str(args.out), *written]
     answer = identification(data, found, units, args.log, written)
     if args.report is not None:
         with console.step("page"):
-            write_text(args.report, identification_html(answer, found, package_versions()), "--report")
+            write_text(args.report, identification_html(answer, found, text, package_versions()), "--report")
     return replace(answer, complaint=complaint)
 
 

@@ -11,8 +11,6 @@ from string import Template
 from typing import TYPE_CHECKING, Any
 
 from avc_casadi._util.text import number
-from avc_casadi.design.tool_region import tool_region
-from avc_casadi.identification.device import device_text
 from avc_casadi.paper.errata import ASSUMPTIONS, PAPER_ERRORS
 from avc_casadi.present.figures.deployed import draw_loop, draw_rendered, draw_rendered_impedance
 from avc_casadi.present.figures.logs import draw_diagnosis, draw_identification
@@ -192,6 +190,8 @@ def paper_pictures(found: Comparison) -> dict[str, Picture]:
 
 def pair_pictures(found: Recommendation, progress: Progress) -> dict[str, Picture]:
     """Return the figures of a coupling to another end: the rendering, and of a simulation the stable couplings."""
+    from avc_casadi.design.tool_region import tool_region  # noqa: PLC0415 - of few reports, and slow to load
+
     drawn, gains = {}, None if found.coupling is None else found.coupling.gains
     if gains is not None:
         caption = "Rendered against wanted: device and other end as one body, and the coupling's spring."
@@ -222,10 +222,9 @@ def _text(value: Any) -> str:
     return number(value) if isinstance(value, float) else str(value)
 
 
-def identification_html(answer: Answer, found: Identification, versions: Mapping[str, str]) -> str:
+def identification_html(answer: Answer, found: Identification, text: str, versions: Mapping[str, str]) -> str:
     """Return the report of an identification: its rows, log and model side by side, and the device file."""
     caption = "The model on the commanded input, held near by a slow observer; frequency response where it is coherent"
-    text = "no device file: see the rows" if found.device is None else device_text(found.device)
     lines = [row(f"{place + 1}", line) for place, line in enumerate(text.splitlines())]
     sections = [
         Section("What the logs show", _shown(answer), [Picture.of(draw_identification(found), caption)]),
