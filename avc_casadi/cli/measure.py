@@ -175,8 +175,7 @@ def run_identify(args: argparse.Namespace, console: Console) -> Answer:
         complaint = f"avc: no device file: {keys} not known; log it, or state it by --device BASE or an option"
     elif args.out is not None:
         write_text(args.out, text)
-        data["out"] = str(args.out)
-        written = [str(args.out), *written]
+        data["out"], *written = str(args.out), str(args.out), *written
     answer = identification(data, found, units, args.log, written)
     if args.report is not None:
         with console.step("page"):
