@@ -10,7 +10,6 @@ import numpy as np
 from avc_casadi.loops.margins import OpenLoop
 from avc_casadi.model.corners import device_with, linear_values
 from avc_casadi.model.declared import declared
-from avc_casadi.recommendation.evaluator import FIRST
 from avc_casadi.simulation.population.operators import people_of
 from avc_casadi.simulation.population.trial import CouplingTrial, try_on_devices
 
@@ -19,6 +18,8 @@ if TYPE_CHECKING:
     from avc_casadi.model.device import Device
     from avc_casadi.model.problem import Problem
 
+FIRST = 16
+"""Hands of a first trial, corners included."""
 SHARE = 0.1
 """Relative perturbation of a value without a stated range."""
 _DEVICES = 8
