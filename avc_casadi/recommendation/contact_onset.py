@@ -27,10 +27,7 @@ REACHED_M = 0.01
 def contact_onset_m(coupling: Coupling) -> dict[str, float | None]:
     """Return the depth at which the device's force sets in, by speed of the hand; below 0 before the wall.
 
-    Depth and speed are the device's, in rad and rad/s of a rotary one; the force is that at its handle.
-
-    The hand approaches from free space, with every declared effect of the device simulated. None where no detectable
-    force sets in within `REACHED_M`.
+    The hand comes from free space, every declared effect simulated; None where no force is felt within `REACHED_M`.
     """
     device = coupling.problem.device
     radius, hand = device.metres_per_unit, _FIRM.at_handle(device.metres_per_unit)

@@ -35,15 +35,7 @@ BELOW_THRESHOLD_SHARE = 0.9
 
 @dataclass(frozen=True)
 class Judged:
-    """A deployable coupling and its trials with simulated hands.
-
-    Attributes:
-        coupling: the one tried.
-        trial: result with simulated hands.
-        order: rank among the candidates, simpler ones first.
-        others: trial with hands outside the selection; None before it.
-        beyond: which hands settle on each perturbed device that the problem requires.
-    """
+    """A deployable coupling and its trials, those beyond the problem too; the order is that of proposal."""
 
     coupling: Coupling
     trial: CouplingTrial

@@ -36,8 +36,7 @@ from avc_casadi.recommendation.rank import impedance_error
 
 SEED, HANDS = 90417, 192
 NAMED = ("figure5", "reference-r1", "reference-r2", "reference-r3")
-# Difference of the error that counts as none.
-ALIKE = 0.005
+ALIKE = 0.005  # difference of the error that counts as none
 OUT = Path(__file__).parent / "results" / "program.json"
 PAGE = Path(__file__).parent / "RESULTS_program.md"
 
@@ -94,8 +93,8 @@ def settled(coupling: Coupling, longest_s: float) -> list[int]:
 def nearby(problem: Problem) -> list[float | None]:
     """Errors of the program's nearest answers for devices nearby, over that for the device itself."""
     device = problem.device
-    changes: list[dict[str, float]] = [{}, {"mass_kg": 0.99 * device.mass_kg}, {"mass_kg": 1.01 * device.mass_kg}]
-    changes.append({"delay_samples": device.delay_samples + 0.1})
+    nearby_kg, later = (0.99 * device.mass_kg, 1.01 * device.mass_kg), device.delay_samples + 0.1
+    changes = [{}, *({"mass_kg": mass_kg} for mass_kg in nearby_kg), {"delay_samples": later}]
     errors: list[float | None] = []
     for change in changes:
         answers = program_answers(problem.changed(device=change))
@@ -150,9 +149,9 @@ def page(document: dict[str, Any]) -> str:
 
 
 def _figures(one: dict[str, Any] | None) -> list[str]:
-    if not one:
-        return ["-"] * 3
-    return [percent(one["error"]), rounded(one["disk_margin"], 2), f"{one['noise_n_per_m']:.2g}"]
+    return (
+        ["-"] * 3 if not one else [percent(one["error"]), rounded(one["disk_margin"], 2), f"{one['noise_n_per_m']:.2g}"]
+    )
 
 
 def main() -> None:
