@@ -21,8 +21,7 @@ from avc_casadi.simulation.population.trial import try_coupling
 NAMES = ["reference-r1", "reference-r2"]
 # Softly, twice a second, and hard, m/s.
 MOTIONS = {"press": lambda hand: held(hand, 0.07), "tap": tapping, "strike": lambda hand: held(hand, 0.3)}
-# Stability alone.
-ANY_MARGIN = {"disk_margin": 0.01}
+ANY_MARGIN = {"disk_margin": 0.01}  # stability alone
 IDEAL = {"resonance": None, "amplifier_bandwidth_hz": None, "delay_samples": 0}
 
 
@@ -170,7 +169,6 @@ def test_a_blow_without_any_friction_leaves_all_but_a_hand_at_rest(name):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_lying_on_the_wall_without_hand_and_friction_it_stays_near(name):
-    """A limit of what is recommended, bounded here: nothing damps a device alone inside the dead zone."""
     for weight in (1.0, 3.0, 6.0):
         assert fastest([bench(name).meets(leaning(weight), friction=0.0)]) < 0.06
 
@@ -178,7 +176,6 @@ def test_lying_on_the_wall_without_hand_and_friction_it_stays_near(name):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_every_motion_dies_out_where_the_loop_is_linear(name):
-    """What `deployable` claims of all of the innovation: no friction, no encoder, and no dead zone."""
     found = recommended(name)
     runtime = found.coupling.runtime
     law = runtime.state_feedback.model_copy(update={"dead_zone_m": 0.0, "face_m": 0.0})
