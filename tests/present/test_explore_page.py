@@ -75,7 +75,6 @@ def text(driver, name):
 
 
 @pytest.mark.slow
-@pytest.mark.xfail(strict=False, reason="the picture after an undo is not always that of before: a race of the page")
 def test_a_slider_moves_the_picture_and_undo_brings_it_back(page):
     before = shown(page, "c-magnitude")
     slider = page.find_element("css selector", "[aria-label='Wall: stiffness']")

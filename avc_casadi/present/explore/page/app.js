@@ -108,7 +108,8 @@ async function follow(column) {
     if (!found || !state[column]) break;
     mine.errors = found.errors ?? [];
     if (found.rows) mine.answer = found;
-    if (whole || found.errors) mine.of = wanted;
+    // A first answer is not all of its settings, and no longer that of the settings before.
+    mine.of = whole || found.errors ? wanted : "";
     if (column === state.on) showControls();
     draw();
     if (found.errors || JSON.stringify(state[column]) !== wanted) break;
