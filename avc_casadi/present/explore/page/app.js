@@ -96,7 +96,7 @@ function restate() {
 
 // ---- answers
 
-/** Ask for what follows a slider, then for the rest; an answer to settings that have changed meanwhile asks again. */
+/** Ask for what follows a slider, then for the rest: only that is the answer `of` its settings. Newer settings ask again. */
 async function follow(column) {
   const mine = shown[column];
   const wanted = JSON.stringify(state[column]);
@@ -108,7 +108,6 @@ async function follow(column) {
     if (!found || !state[column]) break;
     mine.errors = found.errors ?? [];
     if (found.rows) mine.answer = found;
-    // A first answer is not all of its settings, and no longer that of the settings before.
     mine.of = whole || found.errors ? wanted : "";
     if (column === state.on) showControls();
     draw();
