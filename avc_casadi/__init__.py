@@ -80,6 +80,8 @@ if TYPE_CHECKING:
     from avc_casadi.claims.certify import certify as certify
     from avc_casadi.claims.deployable import Deployable as Deployable
     from avc_casadi.claims.deployable import deployable as deployable
+    from avc_casadi.claims.own_law import LawCertificate as LawCertificate
+    from avc_casadi.claims.own_law import certify_law as certify_law
     from avc_casadi.claims.zwidth import zwidth as zwidth
     from avc_casadi.coupling import Coupling as Coupling
     from avc_casadi.design.comparison.comparison import Comparison as Comparison
@@ -97,8 +99,6 @@ if TYPE_CHECKING:
     from avc_casadi.files.problem_file import parse_problem as parse_problem
     from avc_casadi.model.problem import Problem as Problem
     from avc_casadi.model.schedule import GainSchedule as GainSchedule
-    from avc_casadi.own_law.certificate import LawCertificate as LawCertificate
-    from avc_casadi.own_law.certificate import certify_law as certify_law
     from avc_casadi.present import figures as figures
     from avc_casadi.recommendation.answer import recommend as recommend
     from avc_casadi.recommendation.recommendation import Recommendation as Recommendation
@@ -112,7 +112,7 @@ else:
         "claims.certify": "Certificate certify",
         "claims.zwidth": "zwidth",
         "claims.deployable": "Deployable deployable",
-        "own_law.certificate": "LawCertificate certify_law",
+        "claims.own_law": "LawCertificate certify_law",
         "recommendation.recommendation": "Recommendation",
         "recommendation.answer": "recommend",
         "coupling": "Coupling",

@@ -31,7 +31,6 @@ ROOMS = (
     "design",
     "design.comparison",
     "recommendation",
-    "own_law",
     "present.row",
     "present.rows",
     "present.engines",

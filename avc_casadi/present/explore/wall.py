@@ -11,13 +11,12 @@ import numpy as np
 from avc_casadi._errors import Fault, InputError
 from avc_casadi.claims.certify import certify
 from avc_casadi.claims.deployable import deployable
+from avc_casadi.claims.own_law import certify_law, first_law
 from avc_casadi.claims.zwidth import zwidth
 from avc_casadi.coupling import Coupling
 from avc_casadi.design.methods import solve
 from avc_casadi.model.gains import NO_COUPLING
 from avc_casadi.model.schedule import GainSchedule, Status
-from avc_casadi.own_law.certificate import certify_law
-from avc_casadi.own_law.remedies import first_law
 from avc_casadi.paper.loop import loop_at
 from avc_casadi.paper.realism import perceived_bounds
 from avc_casadi.paper.rendered import gain_schedule

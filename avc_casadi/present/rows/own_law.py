@@ -13,7 +13,7 @@ from avc_casadi.present.rows.margins import damping_ratio, margins_by_loop, sett
 from avc_casadi.present.rows.subject import HAND, name_of
 
 if TYPE_CHECKING:
-    from avc_casadi.own_law.certificate import LawCertificate
+    from avc_casadi.claims.own_law import LawCertificate
 
 _NAMES: dict[str, tuple[str, Quantity, str]] = {
     "stiffness_n_per_m": ("k", "stiffness", "--k"),
