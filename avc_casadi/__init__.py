@@ -97,8 +97,8 @@ if TYPE_CHECKING:
     from avc_casadi.files.problem_file import dump_problem as dump_problem
     from avc_casadi.files.problem_file import load_problem as load_problem
     from avc_casadi.files.problem_file import parse_problem as parse_problem
+    from avc_casadi.model.gains import GainSchedule as GainSchedule
     from avc_casadi.model.problem import Problem as Problem
-    from avc_casadi.model.schedule import GainSchedule as GainSchedule
     from avc_casadi.present import figures as figures
     from avc_casadi.recommendation.answer import recommend as recommend
     from avc_casadi.recommendation.recommendation import Recommendation as Recommendation
@@ -116,7 +116,7 @@ else:
         "recommendation.recommendation": "Recommendation",
         "recommendation.answer": "recommend",
         "coupling": "Coupling",
-        "model.schedule": "GainSchedule",
+        "model.gains": "GainSchedule",
         "files.coupling_file": "read_coupling write_coupling",
         "design.scene_coupling": "screen simulate",
         "design.methods": "solve",

@@ -15,21 +15,18 @@ import numpy as np
 from avc_casadi._errors import InputError
 from avc_casadi._util.units import Units
 from avc_casadi.model.device import CURRENT_LOOP_DAMPING_RATIO
-from avc_casadi.model.gains import Gains, GainTable
+from avc_casadi.model.ends import ToolGains
+from avc_casadi.model.gains import Gains, GainSchedule, GainTable, Status, fewest_rows
 from avc_casadi.model.runtime import Runtime
-from avc_casadi.model.schedule import GainSchedule, Status
-from avc_casadi.model.thinning import fewest_rows
-from avc_casadi.model.virtual_tool import ToolGains
 from avc_casadi.paper.rendered import gain_schedule
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from avc_casadi.model.device import Device
-    from avc_casadi.model.follower import Follower
+    from avc_casadi.model.ends import Follower, VirtualTool
     from avc_casadi.model.problem import Contact, Impedance, Problem
     from avc_casadi.model.runtime import StateFeedback
-    from avc_casadi.model.virtual_tool import VirtualTool
 
 
 End = Literal["wall", "simulation", "follower"]

@@ -17,7 +17,7 @@ from avc_casadi.coupling import check_sample_time, require_coupling
 from avc_casadi.files.problem_file import AnyProblem, of_problem, with_wall
 from avc_casadi.loops.sampled_loop import SampledLoop, fractions, passive_limit_n_per_m
 from avc_casadi.loops.wall import frozen_parts
-from avc_casadi.model.schedule import GainSchedule
+from avc_casadi.model.gains import GainSchedule
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling

@@ -37,8 +37,8 @@ if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
     from avc_casadi.loops.sampled_loop import Fractions
     from avc_casadi.model.device import Device
+    from avc_casadi.model.plant import SampledPlant
     from avc_casadi.model.problem import Problem
-    from avc_casadi.model.sampled_plant import SampledPlant
 
 # Rows of gains whose devices are searched inside their ranges.
 _ROWS_INSIDE = 4

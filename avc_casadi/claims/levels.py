@@ -29,8 +29,8 @@ from avc_casadi.model.corners import LINEAR_KEYS, device_corners, least_damped
 
 if TYPE_CHECKING:
     from avc_casadi.model.device import Device
+    from avc_casadi.model.gains import GainSchedule
     from avc_casadi.model.problem import Model, Problem, Scope
-    from avc_casadi.model.schedule import GainSchedule
 
 Where = Literal["own", "band", "all"]
 """Frequencies at which a row is judged: its own, a band about it, or all."""

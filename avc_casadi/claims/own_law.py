@@ -27,14 +27,14 @@ from avc_casadi.loops.wall import MAX_DELAY_SAMPLES, RADIUS_TOLERANCE, Rendering
 from avc_casadi.loops.walls import stable_walls
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners, device_ranges
 from avc_casadi.model.hands import Hand, hand_corners, joined, no_hand
+from avc_casadi.model.plant import sampled_plant
 from avc_casadi.model.problem import Impedance, Problem
-from avc_casadi.model.sampled_plant import sampled_plant
 
 if TYPE_CHECKING:
     from avc_casadi._util.arrays import ComplexArray, FloatArray
     from avc_casadi.loops.walls import Stretches
     from avc_casadi.model.device import Device
-    from avc_casadi.model.sampled_plant import SampledPlant
+    from avc_casadi.model.plant import SampledPlant
 
 FELT_N = 0.05
 """Rms of a force at the handle below which noise of it is taken as not felt."""

@@ -22,19 +22,19 @@ from avc_casadi.files.problem_file import AnyProblem, of_problem, with_wall
 from avc_casadi.loops.sampled_loop import Fractions, SampledLoop, passive_limit_n_per_m
 from avc_casadi.loops.wall import rigid
 from avc_casadi.loops.walls import Stretches, stable_walls
+from avc_casadi.model import EFFECTS
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners
-from avc_casadi.model.declared import declared, declared_effects
 from avc_casadi.model.device import whole_delay
 from avc_casadi.model.hands import hand_set, no_hand
-from avc_casadi.model.registries import EFFECTS
-from avc_casadi.model.velocity import PLAIN, Poles, VelocityFilterEffect, low_pass, velocity_poles
+from avc_casadi.model.runtime import PLAIN, Poles, VelocityFilterEffect, low_pass, velocity_poles
+from avc_casadi.model.scene import declared, declared_effects
 from avc_casadi.paper.equations import coupling_gains
 from avc_casadi.paper.loop import loop_at
 
 if TYPE_CHECKING:
     from avc_casadi.model.device import Device
+    from avc_casadi.model.gains import GainSchedule
     from avc_casadi.model.problem import Model, Problem
-    from avc_casadi.model.schedule import GainSchedule
 
 
 _RATIOS = (0.0, 0.25, 0.5, 0.75, 1.0, 1.175, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 7.5, 7.9, 8.0)

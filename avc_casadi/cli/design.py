@@ -19,7 +19,7 @@ from avc_casadi.present.row import Answer
 if TYPE_CHECKING:
     from avc_casadi.design.comparison.comparison import Comparison
     from avc_casadi.files.new_problem import NewProblem
-    from avc_casadi.model.schedule import GainSchedule
+    from avc_casadi.model.gains import GainSchedule
     from avc_casadi.present.report import Picture
 
 
@@ -167,7 +167,7 @@ def run_solve(args: argparse.Namespace, console: Console) -> Answer:
     Exit code 1 if a frequency has no gains. Whether they may go into a device is said on one line.
     """
     from avc_casadi.coupling import Coupling
-    from avc_casadi.files.gain_file import gain_csv
+    from avc_casadi.files.coupling_file import gain_csv
     from avc_casadi.present.rows import solution_data
     from avc_casadi.present.rows.design import solution
 
@@ -284,7 +284,7 @@ def _written(
 def _run_wall(problem: avc.Problem, args: argparse.Namespace, console: Console, folder: Path, shown: Path) -> Answer:
     """Recommend, push to the emulated device, answer the paper's question, draw and report."""
     from avc_casadi.design.comparison.comparison import with_delivered
-    from avc_casadi.files.gain_file import gain_csv, gain_document
+    from avc_casadi.files.coupling_file import gain_csv, gain_document
     from avc_casadi.present.report import paper_pictures, paper_sections, report_html, wall_pictures
     from avc_casadi.present.rows import design
     from avc_casadi.present.rows.recommend import recommendation

@@ -144,8 +144,7 @@ def run_simulate(args: argparse.Namespace, console: Console) -> Answer:
     """
     from avc_casadi.coupling import Coupling
     from avc_casadi.design.scene_coupling import facts_of, figures_of, scene_coupling, scene_notes
-    from avc_casadi.model.gains import NO_COUPLING, missing_rest_gains
-    from avc_casadi.model.schedule import GainSchedule
+    from avc_casadi.model.gains import NO_COUPLING, GainSchedule, missing_rest_gains
     from avc_casadi.present.rows.judge import scene, screening
     from avc_casadi.simulation.screen import explain, screen
 
@@ -204,7 +203,7 @@ def _saved(runs: list[avc.Run], labels: list[str] | None, args: argparse.Namespa
 def _simulate_pair(
     problem: avc.Problem, coupling: Coupling | None, args: argparse.Namespace, console: Console
 ) -> Answer:
-    from avc_casadi.model.declared import with_gains
+    from avc_casadi.model.scene import with_gains
     from avc_casadi.present.rows.judge import scene
 
     gains = (coupling or cli.recommended_coupling(problem, console)).gains

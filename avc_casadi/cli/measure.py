@@ -18,7 +18,7 @@ from avc_casadi.cli.console import Console, package_versions, write_figure, writ
 from avc_casadi.present.row import Answer
 
 if TYPE_CHECKING:
-    from avc_casadi.identification.excitation.design import Excitation
+    from avc_casadi.identification.excitation import Excitation
     from avc_hardware import ExcitationLog
 
 # Least travel for `avc identify`, encoder steps.
@@ -49,7 +49,7 @@ def run_excite(args: argparse.Namespace, console: Console) -> Answer:
     The plan is simulated first on every corner of [device.range]; one that would break a limit is refused. The firmware
     checks the limits at every tick and holds the device near where it stands; hands off. Afterwards there is no force.
     """
-    from avc_casadi.identification.excitation.design import plan_excitation
+    from avc_casadi.identification.excitation import plan_excitation
     from avc_casadi.present.rows import measure
     from avc_hardware import excite
 

@@ -16,9 +16,8 @@ import numpy as np
 
 from avc_casadi._util.arrays import ComplexArray, FloatArray
 from avc_casadi.model.hands import Hand
-from avc_casadi.model.plant import DEVICE, transition
+from avc_casadi.model.plant import DEVICE, Mode, device_plant, sampled_plant, transition
 from avc_casadi.model.runtime import MOST_STATES, StateFeedback
-from avc_casadi.model.sampled_plant import Mode, device_plant, sampled_plant
 
 if TYPE_CHECKING:
     from avc_casadi.model.device import Device

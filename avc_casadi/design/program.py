@@ -36,16 +36,16 @@ from avc_casadi.loops.wall import MAX_DELAY_SAMPLES
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners
 from avc_casadi.model.gains import Gains, spring_before
 from avc_casadi.model.hands import Hand, hand_corners, no_hand
+from avc_casadi.model.plant import sampled_plant
 from avc_casadi.model.runtime import Runtime
-from avc_casadi.model.sampled_plant import sampled_plant
 
 if TYPE_CHECKING:
     from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray
     from avc_casadi.design.observer_law import Loops
     from avc_casadi.model.device import Device
     from avc_casadi.model.hands import StylusHand
+    from avc_casadi.model.plant import SampledPlant
     from avc_casadi.model.problem import Problem
-    from avc_casadi.model.sampled_plant import SampledPlant
 
     ErrorRows = tuple[ComplexArray, ComplexArray, ComplexArray, ComplexArray]
 

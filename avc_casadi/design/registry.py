@@ -10,13 +10,13 @@ from dataclasses import dataclass
 from importlib import import_module
 from typing import TYPE_CHECKING
 
-from avc_casadi.model import registries
+from avc_casadi import model
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from avc_casadi._util.registry import Registry
-    from avc_casadi.model.schedule import GainSchedule
+    from avc_casadi.model.gains import GainSchedule
 
 MethodName = str
 """A name that `METHODS` knows."""
@@ -44,7 +44,7 @@ class Method:
         return found
 
 
-METHODS: Registry[Method] = registries.METHODS
+METHODS: Registry[Method] = model.METHODS
 _METHODS = {
     "closed-form": Method(
         "avc_casadi.paper.closed_form:solve_closed_form",

@@ -10,7 +10,7 @@ import numpy as np
 from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.design.program import program_answers, why_no_law
-from avc_casadi.model.schedule import GainSchedule, Status
+from avc_casadi.model.gains import GainSchedule, Status
 from avc_casadi.paper.rendered import gain_schedule
 
 if TYPE_CHECKING:

@@ -9,17 +9,17 @@ from typing import TYPE_CHECKING, Any
 from avc_casadi.coupling import Coupling
 from avc_casadi.design.methods import solve
 from avc_casadi.files.problem_file import AnyProblem, as_problem, of_problem
-from avc_casadi.model.declared import left_out, scene_effects
 from avc_casadi.model.effects import GuardEffect
 from avc_casadi.model.gains import NO_COUPLING, Gains, GainTable
 from avc_casadi.model.problem import Problem
+from avc_casadi.model.scene import left_out, scene_effects
 from avc_casadi.simulation.scene import simulate as simulate_with
 from avc_casadi.simulation.screen import screen as screen_with
 
 if TYPE_CHECKING:
     from avc_casadi.design.registry import MethodName
+    from avc_casadi.model.gains import GainSchedule
     from avc_casadi.model.hands import Hand
-    from avc_casadi.model.schedule import GainSchedule
     from avc_casadi.simulation.run import Run
     from avc_casadi.simulation.scene import AnyGains
     from avc_casadi.simulation.screen import Screening

@@ -15,7 +15,7 @@ from avc_casadi.claims.passivity.llewellyn import llewellyn_margin
 from avc_casadi.claims.passivity.worst_frequency import worst_margin
 from avc_casadi.loops.sampled_loop import SampledLoop
 from avc_casadi.model.corners import margin_over_range
-from avc_casadi.model.schedule import GainSchedule, Status
+from avc_casadi.model.gains import GainSchedule, Status
 from avc_casadi.paper.loop import loop_at
 from avc_casadi.paper.realism import relative_errors
 from avc_casadi.paper.rendered import gain_schedule

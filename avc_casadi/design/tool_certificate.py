@@ -12,8 +12,8 @@ from avc_casadi.design.virtual_tool import ToolSearch
 from avc_casadi.loops.engine import required_tool
 
 if TYPE_CHECKING:
+    from avc_casadi.model.ends import ToolGains
     from avc_casadi.model.problem import Problem
-    from avc_casadi.model.virtual_tool import ToolGains
 
 STABILITY = (
     "linear stability of the lifted loop: hands of [hands] and the device released, devices, tools and contacts of "

@@ -15,7 +15,7 @@ from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi._util.units import LINEAR, Units
 from avc_casadi.design.virtual_tool import Scale, ToolSearch, edge
 from avc_casadi.loops.engine import ToolLoops, required_tool
-from avc_casadi.model.virtual_tool import LONGEST_STEP_S, ToolGains
+from avc_casadi.model.ends import LONGEST_STEP_S, ToolGains
 
 if TYPE_CHECKING:
     from avc_casadi.model.problem import Problem

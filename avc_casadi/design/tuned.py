@@ -16,13 +16,11 @@ import numpy as np
 from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.design.schedule.solver import solve_schedule
-from avc_casadi.model.declared import scene_effects
 from avc_casadi.model.effects import HandEffect, WallEffect
-from avc_casadi.model.gains import Gains, gains_at
+from avc_casadi.model.gains import Gains, GainSchedule, Status, gains_at
 from avc_casadi.model.hands import hand_set
 from avc_casadi.model.problem import Boundaries, Frequency, Impedance
-from avc_casadi.model.scene import Scene
-from avc_casadi.model.schedule import GainSchedule, Status
+from avc_casadi.model.scene import Scene, scene_effects
 from avc_casadi.paper.loop import loop_at
 from avc_casadi.paper.realism import relative_errors
 from avc_casadi.paper.rendered import gain_schedule

@@ -14,7 +14,7 @@ from scipy.optimize import minimize_scalar
 
 from avc_casadi.loops.engine import ToolLoops
 from avc_casadi.loops.system import WithMargin
-from avc_casadi.model.virtual_tool import ToolGains
+from avc_casadi.model.ends import ToolGains
 
 if TYPE_CHECKING:
     from avc_casadi._util.arrays import FloatArray

@@ -10,7 +10,7 @@ import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, FloatArray, IndexArray
 from avc_casadi.diagnose.oscillation import Log, Oscillation
-from avc_casadi.identification.closed_loop import feedback, regression
+from avc_casadi.identification.regression import feedback, regression
 
 # Residual up to which a law explains the force; a more complex law has to leave so much less; an exact one needs no
 # other. Lags that are tried, and the fewest samples of a law that is not exact.

@@ -15,8 +15,8 @@ from avc_casadi.diagnose.oscillation import Log, Oscillation
 from avc_casadi.loops.loop import Body, Loop
 from avc_casadi.model.device import Device
 from avc_casadi.model.hands import Hand, hand_corners, hand_ranges, joined, no_hand
+from avc_casadi.model.plant import sampled_plant
 from avc_casadi.model.problem import Hands
-from avc_casadi.model.sampled_plant import sampled_plant
 
 # Delays that are searched, samples; draws of each structure; ln odds against a resonance and against stops.
 _LEAST_DELAY, _MOST_DELAY, _DRAWS, _RESONANCE_ODDS, _STOP_ODDS = 2e-3, 14.0, 12, 12.0, 8.0

@@ -14,8 +14,7 @@ from avc_casadi.diagnose.law import Law, Switch
 from avc_casadi.diagnose.oscillation import Log, Oscillation
 from avc_casadi.diagnose.plant import Declared, Hypothesis, stable
 from avc_casadi.model.hands import Hand
-from avc_casadi.model.plant import LinearPlant, transition
-from avc_casadi.model.sampled_plant import device_plant, sampled_plant
+from avc_casadi.model.plant import LinearPlant, device_plant, sampled_plant, transition
 
 # Over fewer encoder steps a swing is compared by its force; a remedy leaves this share of a swing, or a step and a
 # half; a simulation that swings keeps at least a third.

@@ -11,8 +11,7 @@ from pydantic import Field
 from avc_casadi._errors import Fault, InputError
 from avc_casadi.files.border import COUNTS, Border, overridden
 from avc_casadi.files.catalogue import device_path, require_source
-from avc_casadi.files.key_lines import KeyLines
-from avc_casadi.files.toml_text import tables_of, text_of
+from avc_casadi.files.toml import KeyLines, tables_of, text_of
 from avc_casadi.model import quantity as q
 from avc_casadi.model import table as t
 from avc_casadi.model.device import Device

@@ -17,7 +17,8 @@ from avc_casadi.files.catalogue import device_names
 from avc_casadi.files.device_file import load_device
 from avc_casadi.files.new_options import DAMPING, DELAY, HANDS, HOLDS, OPTIONS, OWN_RANGES, RADIUS, RATE, Option
 from avc_casadi.files.plausibility import plausibility
-from avc_casadi.files.problem_file import parse_problem, toml_value
+from avc_casadi.files.problem_file import parse_problem
+from avc_casadi.files.toml import toml_value
 from avc_casadi.model.hands import FINGERTIP
 from avc_casadi.model.quantity import read_quantity, unit_of_key
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Callable, Iterator, Mapping
 from functools import wraps
@@ -14,8 +13,7 @@ from avc_casadi._util.json_values import plain
 from avc_casadi.files.border import in_keys_of
 from avc_casadi.files.catalogue import DEVICES, catalogue_names, catalogue_path, device_names, require_source
 from avc_casadi.files.device_file import DeviceFile, with_device
-from avc_casadi.files.key_lines import KeyLines
-from avc_casadi.files.toml_text import tables_of, text_of
+from avc_casadi.files.toml import KeyLines, tables_of, text_of, toml_lines
 from avc_casadi.model.problem import Frequency, Problem
 from avc_casadi.model.table import Finding, dotted, refused, shown, valid
 from avc_casadi.model.table import Path as KeyPath
@@ -223,36 +221,3 @@ def problem_of(document: Mapping[str, Any], *, file: str = "problem") -> Problem
     """Read `problem_document` back."""
     tables = {table: values for table, values in document.items() if table != "name"}
     return valid(Problem, tables, file, str(document.get("name", "")))
-
-
-def toml_lines(path: tuple[str, ...], table: Mapping[str, Any]) -> Iterator[str]:
-    """Write the plain keys of a table, its kind first, then the tables in it."""
-    for key in sorted(table, key=lambda key: key != "kind"):
-        if not _holds_tables(table[key]):
-            yield f"{key} = {toml_value(table[key])}"
-    for key, value in table.items():
-        if not _holds_tables(value):
-            continue
-        inner, header = (*path, key), ".".join((*path, key))
-        for item in (value,) if isinstance(value, Mapping) else value:
-            if not isinstance(value, Mapping):
-                yield f"\n[[{header}]]"
-            elif not all(map(_holds_tables, item.values())):
-                yield f"\n[{header}]"
-            yield from toml_lines(inner, item)
-
-
-def _holds_tables(value: object) -> bool:
-    """Return whether a value is a table or a list of tables; no plain list of a problem is empty."""
-    return isinstance(value, Mapping) or (isinstance(value, tuple) and all(isinstance(item, Mapping) for item in value))
-
-
-def toml_value(value: object) -> str:
-    """Return a value as TOML."""
-    if isinstance(value, tuple):
-        return f"[{', '.join(map(toml_value, value))}]"
-    if isinstance(value, str):
-        return json.dumps(value, ensure_ascii=False)  # a TOML string too: control characters were refused
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    return repr(value)

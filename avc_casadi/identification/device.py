@@ -18,9 +18,9 @@ from avc_casadi._util.json_values import plain
 from avc_casadi._util.text import number
 from avc_casadi._util.units import MotionKind, units_for
 from avc_casadi.files.device_file import DeviceFile
-from avc_casadi.files.problem_file import toml_lines
-from avc_casadi.identification.frequency import Response
-from avc_casadi.identification.intervals import Trial
+from avc_casadi.files.toml import toml_lines
+from avc_casadi.identification.fit import Trial
+from avc_casadi.identification.ladder import Response
 from avc_casadi.identification.log import Record
 from avc_casadi.identification.terms import FRICTION, LOOP_RATIO, Measured
 

@@ -15,16 +15,13 @@ from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi._util.text import number
 from avc_casadi._util.units import MotionKind
 from avc_casadi.files.device_file import DeviceFile
-from avc_casadi.identification.closed_loop import autocorrelation, coloured, only_feedback
 from avc_casadi.identification.device import Estimate, Identification, check_against, device_file
-from avc_casadi.identification.fit import Window
-from avc_casadi.identification.frequency import measured_response, model_response
-from avc_casadi.identification.intervals import bootstrap
-from avc_casadi.identification.ladder import WIDEST, Ladder
+from avc_casadi.identification.fit import Window, bootstrap
+from avc_casadi.identification.ladder import WIDEST, Ladder, measured_response, model_response
 from avc_casadi.identification.log import Record, lattice_step, shortened
 from avc_casadi.identification.predictor import Observer, Predictor
 from avc_casadi.identification.read import Layout, read_logs
-from avc_casadi.identification.regression import Motion, Start, in_ticks
+from avc_casadi.identification.regression import Motion, Start, autocorrelation, coloured, in_ticks, only_feedback
 from avc_casadi.identification.terms import FRICTION, MASS_RATIO, OFFSET, Structure, offset_of
 
 MOST_SAMPLES = 120_000

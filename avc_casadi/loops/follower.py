@@ -23,10 +23,9 @@ from avc_casadi.loops.loop import Body, Loop, Map, Rows, period, response, turn_
 from avc_casadi.loops.ranges import Box, Ranges, hand_at, hand_boxes, held_plant
 from avc_casadi.loops.system import Pattern, Region, System
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners, device_ranges, linear_values
-from avc_casadi.model.follower import Follower
+from avc_casadi.model.ends import Follower, ToolGains
 from avc_casadi.model.hands import Hand, hand_corners, with_released
-from avc_casadi.model.sampled_plant import SampledPlant, sampled_plant
-from avc_casadi.model.virtual_tool import ToolGains
+from avc_casadi.model.plant import SampledPlant, sampled_plant
 
 if TYPE_CHECKING:
     from avc_casadi.model.device import Device

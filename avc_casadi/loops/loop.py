@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avc_casadi._util.arrays import FloatArray
-from avc_casadi.model.sampled_plant import SampledPlant
+from avc_casadi.model.plant import SampledPlant
 
 Rows = NDArray[Any]
 """Linear forms of the state, shape (..., k, size), or (..., size) for a single one."""

@@ -22,12 +22,12 @@ from avc_casadi.loops.loop import Body
 from avc_casadi.loops.spectrum import eigenvalues
 from avc_casadi.loops.wall import Rendering, closed, force_over_position, frozen_rendering
 from avc_casadi.model.hands import hand_corners, with_released
-from avc_casadi.model.sampled_plant import sampled_plant
+from avc_casadi.model.plant import sampled_plant
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
+    from avc_casadi.model.plant import SampledPlant
     from avc_casadi.model.runtime import StateFeedback
-    from avc_casadi.model.sampled_plant import SampledPlant
 
 LEAST_DISK, SOUND_DISK = 0.15, 0.2
 """Disk margins below which a coupling should not run on a device, and below which it is thin."""

@@ -20,13 +20,13 @@ from avc_casadi.loops.spectrum import largest_eigenvalue
 from avc_casadi.loops.wall import LinearStability, fraction_rendering, linear_stability, plants_of, wall
 from avc_casadi.model.corners import LINEAR_KEYS, device_ranges, devices_with
 from avc_casadi.model.hands import Hand, hand_ranges, hand_set
-from avc_casadi.model.sampled_plant import sampled_plant
+from avc_casadi.model.plant import sampled_plant
 
 if TYPE_CHECKING:
     from avc_casadi.loops.sampled_loop import Fractions, Values
     from avc_casadi.model.device import Device
+    from avc_casadi.model.plant import SampledPlant
     from avc_casadi.model.problem import Hands, Problem
-    from avc_casadi.model.sampled_plant import SampledPlant
 
 Leading = Callable[[IndexArray, FloatArray], ComplexArray]
 """The eigenvalue of largest modulus of each of m loops, by row (m,) and place in the unit box (sides, m)."""

@@ -14,7 +14,7 @@ from avc_casadi._util.arrays import ComplexArray, FloatArray, IndexArray
 from avc_casadi.loops.loop import Map
 from avc_casadi.loops.ranges import Box, worst_point
 from avc_casadi.loops.spectrum import eigenvalues, leading_radii
-from avc_casadi.model.virtual_tool import ToolGains
+from avc_casadi.model.ends import ToolGains
 
 # Eigenvalues of these matrices are right to about 1e-12; slower decay than this is indistinguishable from none.
 TOLERANCE = 1e-9

@@ -20,7 +20,7 @@ from avc_casadi.loops.loop import Body, Loop, Map
 from avc_casadi.loops.sampled_loop import Fractions, SampledLoop, Values, fractions
 from avc_casadi.loops.spectrum import largest_eigenvalue
 from avc_casadi.model.hands import Hand, StylusHand
-from avc_casadi.model.sampled_plant import SampledPlant, sampled_plant
+from avc_casadi.model.plant import SampledPlant, sampled_plant
 from avc_casadi.paper.rendered import force_behind
 
 if TYPE_CHECKING:

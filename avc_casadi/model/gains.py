@@ -1,25 +1,158 @@
-"""The gains of the coupling in a scene: from a table at one interaction frequency, from numbers, or none."""
+"""The gains of a coupling: the schedule that a method finds, the table that runs, and its thinning."""
 
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
+from enum import StrEnum
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from avc_casadi._errors import InputError
-from avc_casadi._util.arrays import Float32Array, FloatArray
+from avc_casadi._util.arrays import BoolArray, ComplexArray, Float32Array, FloatArray, IndexArray
 from avc_casadi._util.printed import Columns, Tabular, short
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
     from avc_casadi.model.device import Device
-    from avc_casadi.model.problem import Problem
-    from avc_casadi.model.schedule import GainSchedule
+    from avc_casadi.model.problem import Problem, Structure
+    from avc_casadi.model.runtime import StateFeedback
+
+
+class Status(StrEnum):
+    """Outcome at one frequency; the last of this list that applies."""
+
+    SOLVED = "solved"
+    ACTIVE_BOUND = "active-bound"
+    NOT_REALISABLE = "not-realisable"
+    INFEASIBLE = "infeasible"
+    FAILED = "failed"
+
+    @property
+    def has_gains(self) -> bool:
+        """Whether the row carries gains that may be used."""
+        return self in {Status.SOLVED, Status.ACTIVE_BOUND}
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class GainSchedule(Tabular):
+    """Gains of a coupling against interaction frequency; every array has shape (n,) in the order of ``frequency_hz``.
+
+    Attributes:
+        problem: name of the problem.
+        method: closed-form, direct, exact, ...
+        solver: its name, or None where the method has no solver.
+        structure: series or damped.
+        model: hold model that the gains were designed for.
+        sample_time_s: T.
+        frequency_hz: interaction frequencies, Hz.
+        damping_ns_per_m: b; not a number where the row has no gains.
+        stiffness_n_per_m: k; the same.
+        contact_damping_ns_per_m: b_p of the damped structure, otherwise 0.
+        impedance: perceived Z_h_avc, N.s/m.
+        target: Z_h_ds, N.s/m.
+        status: a `Status` for each row.
+        reason: a sentence for each row, or empty.
+        requested_damping_ns_per_m: requested by an unrealisable row, otherwise equal to the gains.
+        requested_stiffness_n_per_m: the same for the stiffness; both infinite for a rigid coupling.
+        requested_contact_damping_ns_per_m: the same for the contact damper.
+        build_seconds: time to set the method up.
+        solve_seconds: time to solve all rows.
+        notes: further printed facts, for example a quality statement.
+        state_feedback: observer and feedback that belong to the gains; None for gains without.
+        stated: the problem given to `solve`, for ``print``; None for gains from elsewhere.
+
+    Example:
+        >>> gains = avc.solve("soft", "exact")
+        >>> gains.rows, len(gains.stiffness_n_per_m)
+        (200, 200)
+    """
+
+    problem: str
+    method: str
+    solver: str | None
+    structure: Structure
+    model: str
+    sample_time_s: float
+    frequency_hz: FloatArray
+    damping_ns_per_m: FloatArray
+    stiffness_n_per_m: FloatArray
+    contact_damping_ns_per_m: FloatArray
+    impedance: ComplexArray
+    target: ComplexArray
+    status: tuple[Status, ...]
+    reason: tuple[str, ...]
+    requested_damping_ns_per_m: FloatArray
+    requested_stiffness_n_per_m: FloatArray
+    requested_contact_damping_ns_per_m: FloatArray
+    build_seconds: float = 0.0
+    solve_seconds: float = 0.0
+    notes: tuple[str, ...] = ()
+    state_feedback: StateFeedback | None = None
+    stated: Problem | None = None
+
+    @property
+    def rows(self) -> int:
+        """Number of frequencies."""
+        return len(self.frequency_hz)
+
+    @property
+    def usable(self) -> BoolArray:
+        """Whether each row carries gains, shape (n,)."""
+        return np.array([status.has_gains for status in self.status], dtype=bool)
+
+    @property
+    def requested_rigid(self) -> BoolArray:
+        """Whether each row requested a rigid coupling, shape (n,): an infinite spring or damper."""
+        rigid: BoolArray = np.isinf(self.requested_damping_ns_per_m) | np.isinf(self.requested_stiffness_n_per_m)
+        return rigid
+
+    @property
+    def magnitude_error(self) -> FloatArray:
+        """||Z_h_ds| - |Z_h_avc||, N.s/m: the root of the paper's goal (11)."""
+        error: FloatArray = np.abs(np.abs(self.target) - np.abs(self.impedance))
+        return error
+
+    @property
+    def complex_error(self) -> FloatArray:
+        """|Z_h_avc - Z_h_ds|/|Z_h_ds|, relative."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            error: FloatArray = np.abs(self.impedance - self.target) / np.abs(self.target)
+        return error
+
+    @property
+    def real_part(self) -> FloatArray:
+        """Re Z_h_avc, N.s/m, which (12) keeps at or above the margin."""
+        return np.real(self.impedance)
+
+    def to_dict(self) -> Columns:
+        """Return the rows as columns by name with unit, each of shape (n,)."""
+        return {
+            "frequency_hz": self.frequency_hz,
+            "damping_ns_per_m": self.damping_ns_per_m,
+            "stiffness_n_per_m": self.stiffness_n_per_m,
+            "contact_damping_ns_per_m": self.contact_damping_ns_per_m,
+            "impedance_ns_per_m": self.impedance,
+            "target_ns_per_m": self.target,
+            "magnitude_error_ns_per_m": self.magnitude_error,
+            "complex_error": self.complex_error,
+            "status": np.array([status.value for status in self.status]),
+        }
+
+    def _summary(self) -> str:
+        found = ", ".join(f"{count} {status}" for status, count in self.counts().items())
+        return (
+            f"{self.problem!r} by {self.method}, {self.rows} rows {short(self.frequency_hz, 'Hz')}: {found};\n"
+            f"  b {short(self.damping_ns_per_m)}, k {short(self.stiffness_n_per_m)}, "
+            f"b_p {short(self.contact_damping_ns_per_m)}"
+        )
+
+    def counts(self) -> dict[str, int]:
+        """Return how many rows have each status."""
+        return dict(Counter(status.value for status in self.status))
 
 
 Precision = TypeVar("Precision", np.float32, np.float64)
@@ -251,3 +384,38 @@ class GainTable(Tabular):
                 if slope != 0:
                     values[gain] += slope * ramp
         return [ca.SX(value) for value in values]
+
+
+_AT_ONCE = 64
+
+
+def fewest_rows(table: FloatArray, tolerance: float) -> IndexArray:
+    """Return positions of the fewest rows between which all others are within a tolerance of the gains."""
+    # A line from a row is within tolerance while its slope lies in the interval of each row between: a narrowing cone.
+    ln_frequency, gains = np.log(table[:, 0]), table[:, 1:]
+    size = np.where(gains == 0, np.maximum(gains.max(axis=0), 1.0), gains)
+    room = tolerance * size
+    count = len(gains)
+    steps = np.full(count, count)
+    steps[0] = 0
+    came = np.zeros(count, dtype=np.intp)
+    at_once = _AT_ONCE
+    for first in range(count - 1):
+        low, high = np.full((1, gains.shape[1]), -np.inf), np.full((1, gains.shape[1]), np.inf)
+        start = first + 1
+        while start < count and bool((low <= high).all()):
+            some = slice(start, start + at_once)
+            away = (ln_frequency[some] - ln_frequency[first])[:, None]
+            lows = np.maximum.accumulate(np.vstack([low, (gains[some] - room[some] - gains[first]) / away]))
+            highs = np.minimum.accumulate(np.vstack([high, (gains[some] + room[some] - gains[first]) / away]))
+            slope = (gains[some] - gains[first]) / away
+            met = np.all((lows[:-1] <= slope) & (slope <= highs[:-1]), axis=1)
+            last = start + np.flatnonzero(met & (steps[some] > steps[first] + 1))
+            steps[last], came[last] = steps[first] + 1, first
+            low, high, start = lows[-1:], highs[-1:], start + at_once
+        # The next cone ends about where this one did.
+        at_once = max(_AT_ONCE, start - at_once - first + int(np.count_nonzero((lows <= highs).all(axis=1))))
+    path = [count - 1]
+    while path[-1]:
+        path.append(int(came[path[-1]]))
+    return np.array(path[::-1], dtype=np.intp)

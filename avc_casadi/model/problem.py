@@ -15,11 +15,10 @@ from avc_casadi._util.printed import short
 from avc_casadi._util.units import Units
 from avc_casadi.model import quantity as q
 from avc_casadi.model import table as t
+from avc_casadi.model.corners import Robustness
 from avc_casadi.model.device import Detent, Device
-from avc_casadi.model.follower import Follower
-from avc_casadi.model.robustness import Robustness
+from avc_casadi.model.ends import Follower, VirtualTool
 from avc_casadi.model.scene import MOTIONS, Scene
-from avc_casadi.model.virtual_tool import VirtualTool
 
 MOST_LINK_SAMPLES = 64
 """Largest delay of a link between two devices, in samples, each way."""

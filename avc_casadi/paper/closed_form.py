@@ -10,7 +10,7 @@ import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray
 from avc_casadi.model.corners import margin_over_range
-from avc_casadi.model.schedule import GainSchedule, Status
+from avc_casadi.model.gains import GainSchedule, Status
 from avc_casadi.paper.equations import coupling_gains, environment_impedance
 from avc_casadi.paper.loop import Loop, loop_at
 from avc_casadi.paper.rendered import gain_schedule

@@ -9,7 +9,7 @@ import numpy as np
 
 from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.progress import SILENT, Progress
-from avc_casadi.model.schedule import GainSchedule, Status
+from avc_casadi.model.gains import GainSchedule, Status
 from avc_casadi.paper.backends import DEFAULT_SOLVER, DEFAULT_TOLERANCE
 from avc_casadi.paper.cross_check import EXCESS_TOLERANCE, CheckedGains, checked_gains, cross_check_notes
 from avc_casadi.paper.infeasible import row_reasons

@@ -17,7 +17,7 @@ import numpy as np
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi._util.progress import SILENT, Progress, chunks
 from avc_casadi.model.corners import margin_over_range
-from avc_casadi.model.schedule import GainSchedule
+from avc_casadi.model.gains import GainSchedule
 from avc_casadi.paper.arcs import Arcs, Edges
 from avc_casadi.paper.equations import coupling_gains
 from avc_casadi.paper.infeasible import row_reasons

@@ -8,7 +8,7 @@ import numpy as np
 
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi.model.corners import least_damped
-from avc_casadi.model.schedule import Status
+from avc_casadi.model.gains import Status
 from avc_casadi.paper.arcs import Edges
 from avc_casadi.paper.loop import loop_at
 

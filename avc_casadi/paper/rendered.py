@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from avc_casadi.model.schedule import GainSchedule
+from avc_casadi.model.gains import GainSchedule
 from avc_casadi.paper.equations import (
     SampleAngle,
     backward_difference,
@@ -20,9 +20,9 @@ from avc_casadi.paper.numbers import NUMPY
 
 if TYPE_CHECKING:
     from avc_casadi._util.arrays import ComplexArray, FloatArray
+    from avc_casadi.model.gains import Status
     from avc_casadi.model.problem import Problem
     from avc_casadi.model.runtime import StateFeedback
-    from avc_casadi.model.schedule import Status
 
 
 def perceived_impedance_of(

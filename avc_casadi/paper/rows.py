@@ -8,7 +8,7 @@ import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray
 from avc_casadi.model.corners import margin_over_range
-from avc_casadi.model.schedule import Status
+from avc_casadi.model.gains import Status
 from avc_casadi.paper.loop import Loop
 
 if TYPE_CHECKING:

@@ -9,8 +9,7 @@ from shlex import quote
 from typing import TYPE_CHECKING, Any, NamedTuple, get_args
 
 from avc_casadi._errors import InputError
-from avc_casadi.model.mujoco_constraint import SOFT_IMPEDANCE, MujocoConstraint
-from avc_casadi.model.virtual_tool import ToolIntegrator
+from avc_casadi.model.ends import SOFT_IMPEDANCE, MujocoConstraint, ToolIntegrator
 from avc_casadi.present.row import Answer, Mark, Value, parts, row
 from avc_casadi.present.rows.subject import notes, pair
 

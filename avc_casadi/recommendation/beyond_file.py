@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from avc_casadi.model.robustness import USUAL, Robustness, unmodelled
+from avc_casadi.model.corners import USUAL, Robustness, unmodelled
 from avc_casadi.recommendation.evaluator import BEYOND_HANDS, Group, beyond_file, held_otherwise
 from avc_casadi.simulation.population.operators import people_of
 

@@ -22,9 +22,9 @@ from avc_casadi.simulation.population.other_ends import try_bilateral
 
 if TYPE_CHECKING:
     from avc_casadi.model.device import Device
+    from avc_casadi.model.ends import ToolGains
     from avc_casadi.model.hands import Hand
     from avc_casadi.model.problem import Problem
-    from avc_casadi.model.virtual_tool import ToolGains
     from avc_casadi.simulation.population.trial import Trial
 
 

@@ -11,8 +11,7 @@ import numpy as np
 
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.claims.deployable import deployable
-from avc_casadi.model.corners import device_corners, device_set
-from avc_casadi.model.robustness import Robustness, unmodelled
+from avc_casadi.model.corners import Robustness, device_corners, device_set, unmodelled
 from avc_casadi.recommendation.perturbed_devices import FIRST, off_file
 from avc_casadi.recommendation.rank import Judged, best_of
 from avc_casadi.simulation.population.operators import GRIPS, draw_hands, draw_population, loose_grips, people_of

@@ -9,7 +9,7 @@ import numpy as np
 
 from avc_casadi.loops.margins import OpenLoop
 from avc_casadi.model.corners import device_with, linear_values
-from avc_casadi.model.declared import declared
+from avc_casadi.model.scene import declared
 from avc_casadi.simulation.population.operators import people_of
 from avc_casadi.simulation.population.trial import CouplingTrial, try_on_devices
 

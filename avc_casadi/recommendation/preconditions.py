@@ -12,12 +12,12 @@ from avc_casadi.files.plausibility import plausibility
 from avc_casadi.files.problem_file import BELOW_NYQUIST
 from avc_casadi.loops.wall import MAX_DELAY_SAMPLES
 from avc_casadi.loops.walls import damping_range, softest_wall_n_per_m
+from avc_casadi.model import EFFECTS
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners
-from avc_casadi.model.declared import declared, declared_effects
+from avc_casadi.model.ends import RIGID_N_PER_M, VirtualTool
 from avc_casadi.model.hands import hand_corners, with_released
 from avc_casadi.model.problem import Frequency, GainBox, Realism, ScheduleSettings, Stability, defaults_at
-from avc_casadi.model.registries import EFFECTS
-from avc_casadi.model.virtual_tool import RIGID_N_PER_M, VirtualTool
+from avc_casadi.model.scene import declared, declared_effects
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

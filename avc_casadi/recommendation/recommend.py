@@ -30,7 +30,7 @@ from avc_casadi.simulation.population.operators import people_of
 from avc_casadi.simulation.population.trial import try_coupling
 
 if TYPE_CHECKING:
-    from avc_casadi.model.schedule import GainSchedule
+    from avc_casadi.model.gains import GainSchedule
 
 
 def judged_as_recommended(

@@ -13,7 +13,7 @@ from avc_casadi._util.printed import Printed
 from avc_casadi.coupling import Coupling
 from avc_casadi.files.coupling_file import coupling_document
 from avc_casadi.loops.margins import OpenLoop, transients
-from avc_casadi.model.virtual_tool import RIGID_N_PER_M
+from avc_casadi.model.ends import RIGID_N_PER_M
 from avc_casadi.recommendation.contact_onset import NOTICED_N, contact_onset_m
 from avc_casadi.recommendation.rebound import rebound
 from avc_casadi.recommendation.ripple import ripple
@@ -25,8 +25,8 @@ if TYPE_CHECKING:
     from avc_casadi.loops.follower import BilateralCase
     from avc_casadi.loops.system import Mode
     from avc_casadi.model.device import Device
+    from avc_casadi.model.ends import ToolGains
     from avc_casadi.model.problem import Problem
-    from avc_casadi.model.virtual_tool import ToolGains
     from avc_casadi.recommendation.beyond_file import Withstood
     from avc_casadi.recommendation.limit_cycle_freedom import LimitCycleFreedom
     from avc_casadi.recommendation.perturbed_devices import PerturbedDevices

@@ -12,9 +12,9 @@ from avc_casadi.loops.engine import Engine, clocks, required_tool
 from avc_casadi.loops.follower import Link, Touch, link_clocks, required_follower
 from avc_casadi.loops.loop import Body
 from avc_casadi.model.device import DeviceRange
+from avc_casadi.model.ends import RIGID_N_PER_M, ToolGains, tool_states
 from avc_casadi.model.hands import Hand
-from avc_casadi.model.sampled_plant import sampled_plant
-from avc_casadi.model.virtual_tool import RIGID_N_PER_M, ToolGains, tool_states
+from avc_casadi.model.plant import sampled_plant
 
 if TYPE_CHECKING:
     from avc_casadi._util.units import Units

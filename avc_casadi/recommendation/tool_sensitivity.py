@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 from avc_casadi.design.virtual_tool import WIDEST_MARGIN, ToolSearch, ToolSearchOptions
 from avc_casadi.loops.engine import ToolLoops, required_tool
-from avc_casadi.model.virtual_tool import HEAVIEST_TOOL_KG, LIGHTEST_TOOL_KG, LONGEST_STEP_S
+from avc_casadi.model.ends import HEAVIEST_TOOL_KG, LIGHTEST_TOOL_KG, LONGEST_STEP_S
 
 if TYPE_CHECKING:
+    from avc_casadi.model.ends import Exchange, ToolGains, VirtualTool
     from avc_casadi.model.problem import Problem
-    from avc_casadi.model.virtual_tool import Exchange, ToolGains, VirtualTool
 
 
 # Relative change of the device's mass and damping, and additional delay, samples, with which gains must stay stable.

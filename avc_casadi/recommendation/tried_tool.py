@@ -13,8 +13,8 @@ from avc_casadi.simulation.population.other_ends import try_tool
 
 if TYPE_CHECKING:
     from avc_casadi.design.virtual_tool import ToolSearch
+    from avc_casadi.model.ends import ToolGains
     from avc_casadi.model.problem import Problem
-    from avc_casadi.model.virtual_tool import ToolGains
     from avc_casadi.simulation.population.trial import Trial
 
 

@@ -26,8 +26,8 @@ from avc_casadi.recommendation.tool_sensitivity import (
 from avc_casadi.recommendation.tried_tool import OPTIONS, ToolOptions, tried_coupling, unsettled
 
 if TYPE_CHECKING:
+    from avc_casadi.model.ends import VirtualTool
     from avc_casadi.model.problem import Problem
-    from avc_casadi.model.virtual_tool import VirtualTool
     from avc_casadi.simulation.population.trial import Trial
 
 

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from avc_casadi._util.arrays import FloatArray
-from avc_casadi.model.velocity import PLAIN
+from avc_casadi.model.runtime import PLAIN
 from avc_casadi.simulation.tick import Expr, Rate, Tick
 
 # N/m: far below any gain, far above the smallest number of single precision.

@@ -11,10 +11,9 @@ import numpy as np
 from avc_casadi._errors import InputError
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi.coupling import Coupling, check_sample_time, require_coupling, thinned
-from avc_casadi.model.declared import scene_effects
-from avc_casadi.model.gains import NO_COUPLING, Gains, GainTable, gains_at
-from avc_casadi.model.registries import EFFECTS
-from avc_casadi.model.schedule import GainSchedule
+from avc_casadi.model import EFFECTS
+from avc_casadi.model.gains import NO_COUPLING, Gains, GainSchedule, GainTable, gains_at
+from avc_casadi.model.scene import scene_effects
 from avc_casadi.simulation.compile import CompiledScene, compile_scene
 from avc_casadi.simulation.effects.base import SceneEffect
 from avc_casadi.simulation.effects.computation import Adaptation

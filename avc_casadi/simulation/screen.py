@@ -13,7 +13,7 @@ from avc_casadi._util.arrays import FloatArray
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.printed import Columns, Tabular
 from avc_casadi._util.progress import SILENT, Progress
-from avc_casadi.model.registries import EFFECTS
+from avc_casadi.model import EFFECTS
 from avc_casadi.simulation.compile import CompiledScene, compile_scene
 from avc_casadi.simulation.effects.base import SceneEffect
 from avc_casadi.simulation.effects.registry import build_effects

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from avc_casadi._util.arrays import FloatArray
-from avc_casadi.model.velocity import PLAIN, Poles
+from avc_casadi.model.runtime import PLAIN, Poles
 
 # A CasADi SX expression; CasADi ships no types.
 Expr = Any

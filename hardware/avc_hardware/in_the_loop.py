@@ -10,10 +10,10 @@ import numpy as np
 
 from avc_casadi import InputError, UnsupportedError
 from avc_casadi.coupling import Coupling, require_coupling
-from avc_casadi.model.declared import scene_effects
+from avc_casadi.model import EFFECTS
 from avc_casadi.model.effects import HandEffect, WallEffect
 from avc_casadi.model.plant import DEVICE, GROUND, HANDLE, Plant
-from avc_casadi.model.registries import EFFECTS
+from avc_casadi.model.scene import scene_effects
 from avc_casadi.simulation.effects.actuation import Saturation
 from avc_casadi.simulation.effects.base import SceneEffect
 from avc_casadi.simulation.effects.registry import build_effects

@@ -26,9 +26,9 @@ from studied import about, computed
 import avc_casadi as avc
 from avc_casadi.design.virtual_tool import ToolSearch
 from avc_casadi.loops.engine import ToolLoops
+from avc_casadi.model.ends import ToolGains
 from avc_casadi.model.hands import hand_corners
 from avc_casadi.model.problem import Problem
-from avc_casadi.model.virtual_tool import ToolGains
 
 SEED = 5207
 OUT = Path(__file__).parent / "results" / "engine_boundaries.json"

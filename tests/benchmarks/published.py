@@ -28,9 +28,9 @@ from avc_casadi.loops.engine import ToolLoops
 from avc_casadi.loops.sampled_loop import SampledLoop
 from avc_casadi.loops.walls import stable_walls
 from avc_casadi.model.device import Device
+from avc_casadi.model.ends import ToolGains
 from avc_casadi.model.gains import NO_COUPLING
 from avc_casadi.model.hands import Hand, no_hand
-from avc_casadi.model.virtual_tool import ToolGains
 
 HERE = Path(__file__).parent
 RESULTS = HERE / "results" / "published.json"

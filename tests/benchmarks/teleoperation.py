@@ -28,7 +28,7 @@ from teleoperator_lanes import Lanes, SpringAndDampers
 import avc_casadi as avc
 from avc_casadi.claims.passivity.teleoperator import Teleoperator, damping_needed_ns_per_m
 from avc_casadi.loops.follower import FollowerLoops
-from avc_casadi.model.virtual_tool import ToolGains
+from avc_casadi.model.ends import ToolGains
 from avc_casadi.recommendation.bilateral import recommend_bilateral
 
 HERE = Path(__file__).parent

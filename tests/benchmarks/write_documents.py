@@ -20,9 +20,9 @@ from script_arguments import script_arguments
 from studied import table
 
 from avc_casadi.claims.levels import LEVELS
+from avc_casadi.model import EFFECTS
 from avc_casadi.model.effects import EffectTable
 from avc_casadi.model.problem import Problem
-from avc_casadi.model.registries import EFFECTS
 
 _HEAD = ("key", "unit", "default", "allowed", "meaning")
 

@@ -19,8 +19,8 @@ from avc_casadi.design.static import static_coupling
 from avc_casadi.loops.sampled_loop import SampledLoop
 from avc_casadi.loops.wall import frozen_parts, linear_stability
 from avc_casadi.model.corners import least_damped
+from avc_casadi.model.gains import Status
 from avc_casadi.model.hands import hand_corners, hand_set
-from avc_casadi.model.schedule import Status
 from avc_casadi.paper.loop import loop_at
 from avc_casadi.paper.rendered import gain_schedule
 

@@ -16,8 +16,8 @@ from avc_casadi.loops.sampled_loop import SampledLoop, fractions
 from avc_casadi.loops.wall import linear_stability
 from avc_casadi.model.corners import device_corners
 from avc_casadi.model.device import Device
+from avc_casadi.model.gains import Status
 from avc_casadi.model.hands import Hand
-from avc_casadi.model.schedule import Status
 from avc_casadi.paper.rendered import gain_schedule
 
 

@@ -9,8 +9,8 @@ from scipy.linalg import expm
 
 import avc_casadi as avc
 from avc_casadi.claims.passivity.engine_port import engine_port as judge_port
+from avc_casadi.model.ends import ToolGains
 from avc_casadi.model.hands import hand_corners
-from avc_casadi.model.virtual_tool import ToolGains
 
 MASS, DAMPING, T, DELAY = 0.12, 0.8, 1e-3, 1
 DEVICE = f"[device]\nmass_kg = {MASS}\ndamping_ns_per_m = {DAMPING}\ndelay_samples = {DELAY}\n"

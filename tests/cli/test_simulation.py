@@ -11,7 +11,7 @@ from avc_casadi.design.tool_region import tool_region
 from avc_casadi.design.virtual_tool import ToolSearch
 from avc_casadi.files.coupling_file import write_coupling
 from avc_casadi.loops.engine import ToolLoops
-from avc_casadi.model.virtual_tool import ToolGains
+from avc_casadi.model.ends import ToolGains
 
 NAMES = ("tool/mujoco-500hz", "tool/unity-60hz", "tool/sofa-implicit", "tool/wheel-game-62hz")
 

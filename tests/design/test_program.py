@@ -15,7 +15,7 @@ import avc_casadi as avc
 from avc_casadi.design.cones import multiplier
 from avc_casadi.design.program import BAND_HZ, force_to_position, plants_with_forces, program_answers
 from avc_casadi.model.hands import Hand
-from avc_casadi.model.sampled_plant import sampled_plant
+from avc_casadi.model.plant import sampled_plant
 from avc_casadi.simulation.population.motions import TRIAL_S
 
 CORNERS = [(m, b, k) for m in (0.05, 0.3) for b in (3.0, 20.0) for k in (200.0, 800.0)]

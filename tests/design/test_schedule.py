@@ -20,8 +20,8 @@ from avc_casadi.design.schedule.states import States
 from avc_casadi.files.problem_file import load_problem
 from avc_casadi.model.corners import device_corners
 from avc_casadi.model.device import DeviceRange
+from avc_casadi.model.gains import Status
 from avc_casadi.model.hands import hand_corners
-from avc_casadi.model.schedule import Status
 from avc_casadi.paper.loop import loop_at
 
 

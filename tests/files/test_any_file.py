@@ -20,7 +20,7 @@ from avc_casadi import InputError
 from avc_casadi.coupling import Coupling
 from avc_casadi.files.coupling_file import coupling_document, read_coupling, read_file
 from avc_casadi.identification.read import read_columns
-from avc_casadi.model.virtual_tool import ToolGains
+from avc_casadi.model.ends import ToolGains
 
 MOST_CHARACTERS = 2000
 SCRAPS = st.one_of(

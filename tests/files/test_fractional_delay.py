@@ -9,7 +9,7 @@ from avc_casadi.claims.prove.law import ContactLaw
 from avc_casadi.loops.loop import Body
 from avc_casadi.loops.wall import frozen_parts, linear_stability, wall
 from avc_casadi.model.hands import Hand
-from avc_casadi.model.sampled_plant import sampled_plant
+from avc_casadi.model.plant import sampled_plant
 
 T = 1e-3
 HAND = Hand(np.array([0.05]), np.array([3.0]), np.array([800.0]))

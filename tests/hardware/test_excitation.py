@@ -10,9 +10,7 @@ from hardware_bench import coupling, push, require
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from avc_casadi.identification.excitation.design import plan_excitation
-from avc_casadi.identification.excitation.plan import corners_of
-from avc_casadi.identification.excitation.signal import FULL, Signal
+from avc_casadi.identification.excitation import FULL, Signal, corners_of, plan_excitation
 from avc_casadi.identification.read import read_logs
 from avc_hardware import Connection, RefusedError, excite
 from avc_hardware.link import messages as m

@@ -15,7 +15,7 @@ from hardware_bench import coupling, host_core, push, stream
 from host_device import HostCore
 
 from avc_casadi import LinkError
-from avc_casadi.identification.excitation.plan import Plan
+from avc_casadi.identification.excitation import Plan
 from avc_hardware import TableImage, excite, monitor
 
 pty = pytest.importorskip("pty", reason="pseudo-terminals need a Unix system")

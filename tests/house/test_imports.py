@@ -55,8 +55,8 @@ SHARED = {
 # prints is asked for by name too.
 PLUGGED = {
     ("avc_casadi._util.printed", "avc_casadi.present.rows"),
-    ("avc_casadi.model.registries", "avc_casadi.design.registry"),
-    ("avc_casadi.model.registries", "avc_casadi.simulation.effects"),
+    ("avc_casadi.model", "avc_casadi.design.registry"),
+    ("avc_casadi.model", "avc_casadi.simulation.effects"),
 }
 NAMED = re.compile(r"^(avc_casadi|avc_hardware)(\.[a-z_0-9]+)*(:[a-z_0-9]+)?$")
 

@@ -9,7 +9,7 @@ from hardware_bench import require
 
 import avc_casadi as avc
 from avc_casadi.cli import main
-from avc_casadi.identification.excitation.signal import FULL
+from avc_casadi.identification.excitation import FULL
 from avc_hardware import BenchDevice, Connection, excite
 from avc_hardware.codegen.figures import device_config
 from avc_hardware.link.excite import excite_over

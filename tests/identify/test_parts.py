@@ -7,12 +7,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from measured_device import Truth, measured, multisine
 
-from avc_casadi.identification.closed_loop import only_feedback
-from avc_casadi.identification.fit import Block, Fit
-from avc_casadi.identification.intervals import bootstrap, compared, held_out
+from avc_casadi.identification.fit import Block, Fit, bootstrap, compared, held_out
 from avc_casadi.identification.log import Record, lattice_step
 from avc_casadi.identification.predictor import Observer, Predictor
-from avc_casadi.identification.regression import Motion
+from avc_casadi.identification.regression import Motion, only_feedback
 from avc_casadi.identification.terms import RUNGS, Structure
 
 VALUES = {

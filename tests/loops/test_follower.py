@@ -13,9 +13,9 @@ import avc_casadi as avc
 from avc_casadi.claims.passivity.teleoperator import Teleoperator, damping_needed_ns_per_m, passivity_margin
 from avc_casadi.loops.follower import FollowerLoops, Link, Touch, link_clocks
 from avc_casadi.loops.loop import Body
+from avc_casadi.model.ends import ToolGains
 from avc_casadi.model.hands import Hand, hand_corners
-from avc_casadi.model.sampled_plant import sampled_plant
-from avc_casadi.model.virtual_tool import ToolGains
+from avc_casadi.model.plant import sampled_plant
 from avc_casadi.recommendation.bilateral import recommend_bilateral
 
 LEADER = "[device]\nmass_kg = 0.12\ndamping_ns_per_m = 0.8\ndelay_samples = 1\n"

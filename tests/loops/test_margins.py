@@ -17,10 +17,10 @@ from avc_casadi.coupling import Coupling
 from avc_casadi.loops.loop import Body
 from avc_casadi.loops.margins import OpenLoop
 from avc_casadi.loops.wall import frozen_rendering, observed_wall
+from avc_casadi.model.corners import Robustness, unmodelled
 from avc_casadi.model.gains import Gains
 from avc_casadi.model.hands import hand_corners, with_released
-from avc_casadi.model.robustness import Robustness, unmodelled
-from avc_casadi.model.sampled_plant import sampled_plant
+from avc_casadi.model.plant import sampled_plant
 from avc_casadi.simulation.population.operators import people_of
 from avc_casadi.simulation.population.trial import residual_speeds
 

@@ -21,8 +21,8 @@ from avc_casadi.loops.ranges import worst_point
 from avc_casadi.loops.wall import frozen_parts
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners, device_set, device_with, linear_values
 from avc_casadi.model.device import Device
+from avc_casadi.model.ends import ToolGains
 from avc_casadi.model.hands import hand_corners
-from avc_casadi.model.virtual_tool import ToolGains
 
 DEVICE = "[device]\nmass_kg = {}\ndamping_ns_per_m = {}\ndelay_samples = 1\nmax_force_n = 20.0\n"
 

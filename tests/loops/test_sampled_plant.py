@@ -11,7 +11,7 @@ import avc_casadi as avc
 from avc_casadi.model.device import Device
 from avc_casadi.model.gains import NO_COUPLING
 from avc_casadi.model.hands import Hand, StylusHand
-from avc_casadi.model.sampled_plant import device_plant, sampled_plant
+from avc_casadi.model.plant import device_plant, sampled_plant
 from avc_casadi.simulation.compile import compile_scene
 from avc_casadi.simulation.effects.hand import Grip
 from avc_casadi.simulation.effects.registry import build_effects

@@ -15,9 +15,9 @@ from avc_casadi.loops.wall import Rendering, force_over_position, frozen_renderi
 from avc_casadi.model.device import Device
 from avc_casadi.model.gains import Gains
 from avc_casadi.model.hands import Hand, hand_ranges
+from avc_casadi.model.plant import sampled_plant
 from avc_casadi.model.problem import Hands
 from avc_casadi.model.runtime import Runtime
-from avc_casadi.model.sampled_plant import sampled_plant
 from avc_casadi.simulation.compile import compile_scene
 from avc_casadi.simulation.effects.hand import Grip
 from avc_casadi.simulation.effects.registry import build_effects

@@ -8,7 +8,7 @@ import numpy as np
 from hardware_bench import host_library
 from host_device import HostCore, HostLink
 
-from avc_casadi.identification.excitation.design import plan_excitation
+from avc_casadi.identification.excitation import plan_excitation
 from avc_casadi.model.device import Device
 from avc_hardware import BenchDevice, excite
 from avc_hardware.link.excite import plan_bytes

@@ -9,7 +9,7 @@ from exported import C99, library
 
 import avc_casadi as avc
 from avc_casadi.coupling import Coupling
-from avc_casadi.model.virtual_tool import ToolGains
+from avc_casadi.model.ends import ToolGains
 
 LEADER = "[device]\nmass_kg = 0.12\ndamping_ns_per_m = 0.8\ndelay_samples = 1\n"
 # More than any end remembers.

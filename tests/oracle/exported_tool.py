@@ -11,7 +11,7 @@ from exported import C99, library
 
 import avc_casadi as avc
 from avc_casadi.coupling import Coupling
-from avc_casadi.model.virtual_tool import ToolGains
+from avc_casadi.model.ends import ToolGains
 
 DEVICE = "[device]\nmass_kg = 0.12\ndamping_ns_per_m = 0.8\ndelay_samples = 1\nmax_force_n = 8.0\n"
 # More than any coupling remembers.

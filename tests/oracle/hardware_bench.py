@@ -20,9 +20,8 @@ from host_device import HOST_INSTALL, HostCore, HostLink, build_host
 import avc_hardware
 from avc_casadi import Problem, load_problem
 from avc_casadi.coupling import Coupling
-from avc_casadi.model.gains import Gains, GainTable
+from avc_casadi.model.gains import Gains, GainSchedule, GainTable, Status
 from avc_casadi.model.runtime import Runtime, StateFeedback
-from avc_casadi.model.schedule import GainSchedule, Status
 from avc_hardware import BoardLimits, Connection, TableImage
 from avc_hardware.codegen.boards import ARM_INSTALL
 from avc_hardware.link.faults import Refusal

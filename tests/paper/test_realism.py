@@ -10,8 +10,8 @@ from schedule_problems import figure5
 
 from avc_casadi import solve
 from avc_casadi.claims.scope import scope_slack
+from avc_casadi.model.gains import GainSchedule
 from avc_casadi.model.problem import Problem
-from avc_casadi.model.schedule import GainSchedule
 from avc_casadi.paper.loop import Loop, loop_at
 
 ROUNDING = 1e-9

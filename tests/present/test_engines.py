@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from exported_tool import DEVICE, tool_coupling
 
-from avc_casadi.model.mujoco_constraint import MujocoConstraint
+from avc_casadi.model.ends import MujocoConstraint
 from avc_casadi.present.engines import parameters
 
 TOOL = "tool_mass_kg = 0.2\nstep_s = 0.002\n"

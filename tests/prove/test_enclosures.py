@@ -20,7 +20,7 @@ from avc_casadi.loops.wall import closed, fraction_rendering, frozen_parts
 from avc_casadi.model.device import Device
 from avc_casadi.model.gains import Gains
 from avc_casadi.model.hands import Hand
-from avc_casadi.model.sampled_plant import sampled_plant
+from avc_casadi.model.plant import sampled_plant
 
 BOX = {"mass_kg": (0.05, 0.3), "damping_ns_per_m": (3.0, 20.0), "stiffness_n_per_m": (200.0, 800.0)}
 DEVICES = {

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from run_step import run_step
 
 import avc_casadi as avc
-from avc_casadi.model.velocity import VelocityFilterEffect, velocity_poles
+from avc_casadi.model.runtime import VelocityFilterEffect, velocity_poles
 from avc_casadi.simulation.runtime.estimators import ESTIMATORS, estimator_step
 
 T = 1e-3

@@ -32,15 +32,15 @@ from avc_casadi.loops.sampled_loop import SampledLoop
 from avc_casadi.loops.spectrum import largest_radius
 from avc_casadi.loops.system import TOLERANCE
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners
+from avc_casadi.model.ends import ToolState
 from avc_casadi.model.hands import hand_corners, with_released
-from avc_casadi.model.sampled_plant import sampled_plant
-from avc_casadi.model.virtual_tool import ToolState
+from avc_casadi.model.plant import sampled_plant
 
 if TYPE_CHECKING:
     from avc_casadi.model.device import Device
+    from avc_casadi.model.ends import ToolGains, VirtualTool
+    from avc_casadi.model.plant import SampledPlant
     from avc_casadi.model.problem import Hands
-    from avc_casadi.model.sampled_plant import SampledPlant
-    from avc_casadi.model.virtual_tool import ToolGains, VirtualTool
 
 # Angles per step, linearly and logarithmically spaced, and refinements about the lowest.
 _ANGLES, _SMALLEST, _FINER = 400, 1e-5, 3

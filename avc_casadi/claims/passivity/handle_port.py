@@ -32,8 +32,7 @@ import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray
 from avc_casadi.model.corners import device_with
-from avc_casadi.model.plant import DEVICE
-from avc_casadi.model.sampled_plant import device_plant
+from avc_casadi.model.plant import DEVICE, device_plant
 
 if TYPE_CHECKING:
     from avc_casadi.model.device import Device

@@ -18,7 +18,7 @@ import numpy as np
 
 if TYPE_CHECKING:
     from avc_casadi._util.arrays import ComplexArray, FloatArray
-    from avc_casadi.model.virtual_tool import ToolGains
+    from avc_casadi.model.ends import ToolGains
 
 _POINTS = 2000
 

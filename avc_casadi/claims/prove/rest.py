@@ -26,7 +26,7 @@ from avc_casadi.loops.wall import closed
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners, linear_values
 from avc_casadi.model.device import Device
 from avc_casadi.model.hands import Hand, StylusHand, hand_text
-from avc_casadi.model.sampled_plant import sampled_plant
+from avc_casadi.model.plant import sampled_plant
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

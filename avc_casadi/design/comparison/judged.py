@@ -14,7 +14,7 @@ from avc_casadi.claims.deployable import deployable
 from avc_casadi.coupling import Coupling
 from avc_casadi.loops.sampled_loop import SampledLoop, fractions, real_part
 from avc_casadi.model.corners import margin_over_range
-from avc_casadi.model.schedule import GainSchedule, Status
+from avc_casadi.model.gains import GainSchedule, Status
 from avc_casadi.paper.realism import judge_realism
 from avc_casadi.paper.rendered import gain_schedule
 
@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 
     from avc_casadi.claims.certify import Certificate
     from avc_casadi.claims.deployable import Deployable
+    from avc_casadi.model.gains import GainSchedule
     from avc_casadi.model.problem import Model, Problem
-    from avc_casadi.model.schedule import GainSchedule
     from avc_casadi.paper.realism import RealismResult
 
 

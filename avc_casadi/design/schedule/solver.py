@@ -20,8 +20,8 @@ from avc_casadi.design.schedule.hands import HandsTable
 from avc_casadi.design.schedule.infeasible import Missing, missing_rows
 from avc_casadi.design.schedule.programme import BACKOFF, Programme, Solution
 from avc_casadi.design.schedule.scope import Slots, deciding_corners, realism_slack, worst_slack
+from avc_casadi.model.gains import GainSchedule, Status
 from avc_casadi.model.problem import Problem
-from avc_casadi.model.schedule import GainSchedule, Status
 from avc_casadi.paper.exact import exact_gains
 from avc_casadi.paper.loop import loop_at
 from avc_casadi.paper.rendered import gain_schedule

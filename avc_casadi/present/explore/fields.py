@@ -9,10 +9,10 @@ from types import UnionType
 from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
 from avc_casadi.files.problem_file import problem_document
+from avc_casadi.model.ends import Ends
 from avc_casadi.model.problem import Problem
 from avc_casadi.model.quantity import Quantity, Whole, power_at_handle
 from avc_casadi.model.table import Table
-from avc_casadi.model.virtual_tool import Ends
 
 _GROUPS = {
     "simulation": "Simulation",

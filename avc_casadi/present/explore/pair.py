@@ -17,8 +17,8 @@ from avc_casadi.design.tool_certificate import tool_certificate
 from avc_casadi.design.tool_region import tool_region
 from avc_casadi.design.virtual_tool import ToolSearch
 from avc_casadi.loops.follower import FollowerLoops
-from avc_casadi.model.declared import with_gains
-from avc_casadi.model.virtual_tool import ToolGains
+from avc_casadi.model.ends import ToolGains
+from avc_casadi.model.scene import with_gains
 from avc_casadi.present.explore.series import HZ, chart, line, region, touches
 from avc_casadi.present.row import Row, count, marked, row
 from avc_casadi.present.rows.judge import passivity

@@ -15,8 +15,7 @@ from avc_casadi.claims.own_law import certify_law, first_law
 from avc_casadi.claims.zwidth import zwidth
 from avc_casadi.coupling import Coupling
 from avc_casadi.design.methods import solve
-from avc_casadi.model.gains import NO_COUPLING
-from avc_casadi.model.schedule import GainSchedule, Status
+from avc_casadi.model.gains import NO_COUPLING, GainSchedule, Status
 from avc_casadi.paper.loop import loop_at
 from avc_casadi.paper.realism import perceived_bounds
 from avc_casadi.paper.rendered import gain_schedule

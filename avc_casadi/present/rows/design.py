@@ -26,8 +26,8 @@ from avc_casadi.present.rows.subject import (
 
 if TYPE_CHECKING:
     from avc_casadi.design.comparison.comparison import Comparison
+    from avc_casadi.model.gains import GainSchedule
     from avc_casadi.model.problem import Problem
-    from avc_casadi.model.schedule import GainSchedule
 
 _GAINS = (("b", "damping_ns_per_m"), ("k", "stiffness_n_per_m"), ("b_p", "contact_damping_ns_per_m"))
 # Rows of the recommendation in the answer of a run.

@@ -8,8 +8,8 @@ from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 from avc_casadi._util.text import sample_rows
+from avc_casadi.model import EFFECTS
 from avc_casadi.model.effects import SaturationEffect
-from avc_casadi.model.registries import EFFECTS
 from avc_casadi.present.row import Answer, Mark, Part, Row, Value, count, doubted, listed, marked, parts, row, written
 from avc_casadi.present.rows.pair import stability
 from avc_casadi.present.rows.subject import (

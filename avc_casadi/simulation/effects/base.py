@@ -11,11 +11,11 @@ import numpy as np
 
 from avc_casadi._errors import Fault, InputError
 from avc_casadi._util.arrays import FloatArray
+from avc_casadi.model import EFFECTS
 from avc_casadi.model.effects import EffectTable
 from avc_casadi.model.gains import GainTable
 from avc_casadi.model.plant import Plant
 from avc_casadi.model.problem import Problem
-from avc_casadi.model.registries import EFFECTS
 from avc_casadi.simulation.contact import Environment
 from avc_casadi.simulation.runtime.step import Step
 from avc_casadi.simulation.tick import Expr, Tick

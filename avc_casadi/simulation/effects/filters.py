@@ -9,7 +9,7 @@ from typing import Any, Self
 from avc_casadi._errors import Fault, InputError
 from avc_casadi.model.effects import NotchEffect
 from avc_casadi.model.problem import Problem
-from avc_casadi.model.velocity import Poles, VelocityFilterEffect, velocity_poles
+from avc_casadi.model.runtime import Poles, VelocityFilterEffect, velocity_poles
 from avc_casadi.simulation.effects.base import SceneEffect
 from avc_casadi.simulation.tick import Tick
 

@@ -6,10 +6,10 @@ from collections import Counter
 from itertools import combinations
 
 from avc_casadi._errors import Fault, InputError
-from avc_casadi.model.declared import scene_effects
+from avc_casadi.model import EFFECTS
 from avc_casadi.model.plant import HANDLE
 from avc_casadi.model.problem import Problem
-from avc_casadi.model.registries import EFFECTS
+from avc_casadi.model.scene import scene_effects
 from avc_casadi.simulation.effects.base import SceneEffect
 from avc_casadi.simulation.effects.filters import VelocityFilter
 from avc_casadi.simulation.effects.mechanics import Backlash

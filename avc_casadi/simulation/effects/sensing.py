@@ -9,10 +9,10 @@ import numpy as np
 
 from avc_casadi._errors import Fault, InputError
 from avc_casadi._util.arrays import FloatArray
-from avc_casadi.model.declared import scene_effects
 from avc_casadi.model.effects import DelayEffect, EncoderEffect, JitterEffect, NoiseEffect
 from avc_casadi.model.plant import DEVICE, HANDLE
 from avc_casadi.model.problem import Problem
+from avc_casadi.model.scene import scene_effects
 from avc_casadi.simulation.effects.base import SceneEffect, declared_number
 from avc_casadi.simulation.tick import Tick
 

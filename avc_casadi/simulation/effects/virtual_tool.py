@@ -11,8 +11,8 @@ import numpy as np
 from avc_casadi._errors import Fault, InputError
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi.model.effects import SimulationEffect
+from avc_casadi.model.ends import RIGID_N_PER_M, ToolGains, ToolState, VirtualTool, tool_states
 from avc_casadi.model.problem import Problem
-from avc_casadi.model.virtual_tool import RIGID_N_PER_M, ToolGains, ToolState, VirtualTool, tool_states
 from avc_casadi.simulation.effects.base import SceneEffect
 from avc_casadi.simulation.tick import Expr, Tick
 

@@ -16,14 +16,12 @@ import numpy as np
 from avc_casadi._util.arrays import BoolArray, FloatArray, IndexArray
 from avc_casadi.loops.engine import contact_stiffnesses_n_per_m, required_tool
 from avc_casadi.loops.follower import contact_dampers_ns_per_m, environments, required_follower
-from avc_casadi.model.declared import declared_effects
 from avc_casadi.model.effects import SimulationEffect
+from avc_casadi.model.ends import HEAVIEST_TOOL_KG, tool_states
 from avc_casadi.model.gains import NO_COUPLING
 from avc_casadi.model.hands import Hand
-from avc_casadi.model.plant import transitions
-from avc_casadi.model.sampled_plant import device_plant, sampled_plant
-from avc_casadi.model.scene import Free, Stroke
-from avc_casadi.model.virtual_tool import HEAVIEST_TOOL_KG, tool_states
+from avc_casadi.model.plant import device_plant, sampled_plant, transitions
+from avc_casadi.model.scene import Free, Stroke, declared_effects
 from avc_casadi.simulation.execute import execute
 from avc_casadi.simulation.judge import AT_REST_M_PER_S, JUDGED_S, Traces, judged_samples
 from avc_casadi.simulation.motion import target_of
@@ -33,8 +31,8 @@ from avc_casadi.simulation.population.trial import NEAR_LIMIT, Trial
 
 if TYPE_CHECKING:
     from avc_casadi.model.device import Device
+    from avc_casadi.model.ends import ToolGains
     from avc_casadi.model.problem import Problem
-    from avc_casadi.model.virtual_tool import ToolGains
 
 WITH_TOOL = ("free", "press", "tap", "hold", "drag", "strike", "touch")
 """Motions of a trial with a tool."""

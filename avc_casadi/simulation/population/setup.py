@@ -12,11 +12,10 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from avc_casadi._util.arrays import FloatArray
-from avc_casadi.model.declared import declared_effects
+from avc_casadi.model import EFFECTS
 from avc_casadi.model.effects import Effect, ObserverEffect
 from avc_casadi.model.gains import Gains
-from avc_casadi.model.registries import EFFECTS
-from avc_casadi.model.scene import Scene
+from avc_casadi.model.scene import Scene, declared_effects
 from avc_casadi.simulation.compile import CompiledScene, compile_scene
 from avc_casadi.simulation.effects.registry import build_effects
 from avc_casadi.simulation.effects.sensing import Encoder
@@ -28,12 +27,11 @@ from avc_casadi.simulation.scene import resolve, with_hand
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
     from avc_casadi.model.device import Device
-    from avc_casadi.model.gains import GainTable
+    from avc_casadi.model.gains import GainSchedule, GainTable
     from avc_casadi.model.hands import Hand, StylusHand
     from avc_casadi.model.problem import Problem
     from avc_casadi.model.runtime import StateFeedback
     from avc_casadi.model.scene import Motion
-    from avc_casadi.model.schedule import GainSchedule
     from avc_casadi.simulation.effects.base import SceneEffect
 
 FRICTION = "coulomb-friction"

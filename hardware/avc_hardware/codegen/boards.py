@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, StringConstraints, ValidationError
 
 from avc_casadi import Fault, InputError
-from avc_casadi.files.toml_text import tables_of, text_of
+from avc_casadi.files.toml import tables_of, text_of
 
 MANIFEST = "board.toml"
 FIRMWARE = Path(__file__).resolve().parent.parent / "firmware"

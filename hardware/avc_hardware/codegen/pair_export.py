@@ -19,7 +19,7 @@ from avc_hardware.codegen.sensor_rule import FARTHEST_M, SensorBounds
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
     from avc_casadi.model.device import Device
-    from avc_casadi.model.virtual_tool import ToolGains, VirtualTool
+    from avc_casadi.model.ends import ToolGains, VirtualTool
     from avc_casadi.simulation.emit import Precision
 
 # A link without so many messages in a row, jitter aside, is silent: with 1 % of losses once in 1e10 messages.

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
     from avc_casadi.coupling import Coupling
     from avc_casadi.model.device import Device
-    from avc_casadi.model.virtual_tool import VirtualTool
+    from avc_casadi.model.ends import VirtualTool
     from avc_casadi.simulation.emit import Precision
 
 _WRONG = """\

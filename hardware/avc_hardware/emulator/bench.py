@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from avc_casadi.model.plant import LinearPlant, Transition, transition
-from avc_casadi.model.sampled_plant import device_plant
+from avc_casadi.model.plant import LinearPlant, Transition, device_plant, transition
 from avc_hardware.codegen.figures import board_limits
 from avc_hardware.emulator.board import EmulatedBoard
 

@@ -18,8 +18,7 @@ from avc_casadi._util.files import write_file
 from avc_casadi._util.interrupt import HeldInterrupt
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi._util.units import Units
-from avc_casadi.identification.excitation.plan import Plan
-from avc_casadi.identification.excitation.signal import FULL
+from avc_casadi.identification.excitation import FULL, Plan
 from avc_hardware.codegen.figures import device_config
 from avc_hardware.emulator.bench import BenchDevice, code_of_force, force_of_code
 from avc_hardware.link import messages as m

@@ -1,4 +1,4 @@
-"""The simulation at the remote end of a coupling: a tool of its own mass, moved by an engine at its own rate."""
+"""The remote end of a coupling: a simulation with a tool of its own, or a second device; and MuJoCo's constraints."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from pydantic import BeforeValidator
 
 from avc_casadi.model import quantity as q
 from avc_casadi.model import table as t
+from avc_casadi.model.device import Device
 
 ToolIntegrator = Literal["semi-implicit", "explicit", "implicit-damping", "implicit"]
 Exchange = Literal["on-time", "late", "ahead", "held-force"]
@@ -166,3 +167,110 @@ def tool_at(
     elif damper is None:
         damper = 2 * math.sqrt(stiffness * mass_kg)
     return ToolState(*(tool.scale * one for one in (mass_kg, damping_ns_per_m, stiffness, damper)))
+
+
+Architecture = Literal["position-position", "position-force"]
+ForceSent = Literal["commanded", "measured"]
+
+_Delays = Annotated[Interval, BeforeValidator(Ends(q.Quantity("s", 1e-6, 10)))]
+
+
+class Follower(Device):
+    """The table [follower]: all keys of [device], the link to it, and its environment."""
+
+    delay_s: _Delays = (0.0, 0.0)
+    return_delay_s: _Delays | None = None
+    jitter: q.Share = 0.0
+    lost_share: q.Share = 0.0
+    architecture: Architecture = "position-position"
+    force: ForceSent = "commanded"
+    contact_stiffness_n_per_m: Contacts = (0.0, RIGID_N_PER_M)
+    # None: a tenth of the critical one; every delayed damper destabilises a stiff contact that rings undamped.
+    contact_damping_ns_per_m: Dampings | None = None
+    position_scale: Scale = 1.0
+    force_scale: Scale = 1.0
+    stiffness_n_per_m: q.Stiffness | None = None
+
+    @property
+    def scale(self) -> float:
+        """Ratio of mass, damping or stiffness at the leader to that of the follower."""
+        return self.position_scale * self.force_scale
+
+    @property
+    def rigid(self) -> bool:
+        """Whether its environment may be rigid."""
+        return self.contact_stiffness_n_per_m[1] >= RIGID_N_PER_M
+
+    @property
+    def delays_s(self) -> list[tuple[float, float]]:
+        """Pairs of delays, to the follower and back: the shortest and the longest both ways."""
+        there, back = self.delay_s, self.return_delay_s or self.delay_s
+        return sorted({(there[0], back[0]), (there[1], back[1])})
+
+    def at_leader(self) -> Device:
+        """Return the follower in the leader's units of position and force."""
+        keys = {key: getattr(self, key) for key in Device.model_fields if key in self.model_fields_set}
+        ranges = self.range
+        forces, lengths = self.force_scale, 1 / self.position_scale
+        scales = {
+            **dict.fromkeys(("mass_kg", "damping_ns_per_m"), self.scale),
+            **dict.fromkeys(("coulomb_friction_n", "max_force_n"), forces),
+            **dict.fromkeys(("encoder_resolution_m", "position_noise_rms_m", "backlash_m"), lengths),
+        }
+        for key, factor in scales.items():
+            if (value := getattr(self, key)) is not None:
+                keys[key] = factor * value
+        known = {
+            key: tuple(factor * end for end in ends)
+            for key, factor in scales.items()
+            if (ends := getattr(ranges, key)) is not None
+        }
+        keys["range"] = ranges.model_copy(update=known)
+        return Device.model_validate(keys)
+
+
+# With it the tool is a thousandth heavier, and spring and damper act nearly as a force.
+SOFT_IMPEDANCE = 1e-3
+
+
+@dataclass(frozen=True)
+class MujocoConstraint:
+    """`solref` and `solimp` of a constraint; the defaults are MuJoCo's own of contacts and welds."""
+
+    solref: tuple[float, float] = (0.02, 1.0)
+    solimp: tuple[float, float, float, float, float] = (0.9, 0.95, 0.001, 0.5, 2.0)
+
+    @classmethod
+    def of(
+        cls, stiffness_n_per_m: float, damping_ns_per_m: float, mass_kg: float, impedance: float = SOFT_IMPEDANCE
+    ) -> MujocoConstraint:
+        """Return the constraint that is a spring and a damper for a tool of some mass, whatever the load."""
+        share = (1 - impedance) / mass_kg
+        return cls((-stiffness_n_per_m * share, -damping_ns_per_m * share), (impedance, impedance, 0.001, 0.5, 2.0))
+
+    def impedance(self, violation_m: float) -> float:
+        """Return d at a violation r."""
+        first, last, width, midpoint, power = self.solimp
+        share = min(abs(violation_m) / width, 1.0)
+        if share <= midpoint:
+            share = midpoint * math.pow(share / midpoint, power)
+        else:
+            share = 1 - (1 - midpoint) * math.pow((1 - share) / (1 - midpoint), power)
+        return first + share * (last - first)
+
+    def force_n(self, mass_kg: float, violation_m: float) -> float:
+        """Return the static force on a point of some mass at a violation."""
+        d, last, (first, second) = self.impedance(violation_m), self.solimp[1], self.solref
+        k = 1 / (last * first * second) ** 2 if first > 0 else -first / last**2
+        # k is d times as large at small r.
+        return mass_kg * d * d * k * violation_m / (1 - d)
+
+    def stiffness_n_per_m(self, mass_kg: float, load_n: float) -> float:
+        """Return static load over violation for a point of some mass."""
+        low, high = 0.0, 1e-6
+        while self.force_n(mass_kg, high) < load_n:
+            low, high = high, 2 * high
+        for _ in range(100):
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if self.force_n(mass_kg, middle) < load_n else (low, middle)
+        return load_n / high

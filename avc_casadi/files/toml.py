@@ -1,0 +1,167 @@
+"""TOML: read robustly against any input, the lines of its keys, and written."""
+
+from __future__ import annotations
+
+import json
+import re
+import tomllib
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from avc_casadi._errors import Fault, InputError
+from avc_casadi._util.files import read_text
+from avc_casadi.model.table import Path as KeyPath
+from avc_casadi.model.table import visible
+
+MAX_BYTES = 2**20
+
+NEXT_STEP = "give the path of a problem file or a name from `avc list`"
+"""Advice on an unreadable problem file."""
+
+# The parser's message on a duplicate key or table.
+_TWICE = re.compile(r"Cannot overwrite a value|Cannot declare .* twice")
+
+# The parser's time grows with the square of a key's length: a file of dots would hang it.
+_LONG_KEY = re.compile(r"""(?<![\w-])(?:(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){32}""", re.ASCII)
+
+
+def text_of(path: Path, next_step: str = NEXT_STEP) -> str:
+    """Read a file of at most `MAX_BYTES`, without reading a larger one."""
+    return read_text(path, MAX_BYTES, next_step)
+
+
+def tables_of(text: str, file: str) -> dict[str, Any]:
+    """Parse TOML; a syntax error is reported with its line."""
+    if not text.strip():
+        raise InputError.of("is empty; allowed: at least the tables device and environment", file=file)
+    long_key = _LONG_KEY.search(text)
+    if long_key is not None:
+        line = text.count("\n", 0, long_key.start()) + 1
+        raise InputError([Fault(file, line, "", "a key has more than 32 parts; allowed: keys as in the catalogue")])
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise InputError([_syntax_fault(str(error), text, file)]) from error
+    except RecursionError as error:
+        raise InputError.of("is nested too deeply; allowed: tables as in the catalogue", file=file) from error
+    except ValueError as error:  # of the integer conversion, without a line
+        message = "holds an integer of thousands of digits; allowed: numbers as in the catalogue"
+        raise InputError.of(message, file=file) from error
+
+
+def _syntax_fault(parser_message: str, text: str, file: str) -> Fault:
+    what, _, place = parser_message.partition(" (at ")
+    found = re.match(r"line (\d+), column (\d+)", place)
+    line = int(found[1]) if found else text.rstrip().count("\n") + 1
+    where = f" at column {found[2]}" if found else " at the end of the file"
+    content = text.replace("\r\n", "\n").split("\n")[line - 1].strip() or "an empty line"
+    if _TWICE.match(what):
+        message = f"gives a key or table a second time: {visible(content)}; allowed: each once"
+        if content.startswith("[device]"):
+            message += ', a device of a file with other values as [device] with from = "name" and the keys that differ'
+        return Fault(file, line, "", message)
+    return Fault(file, line, "", f"is not TOML{where}: {visible(what.lower())}, in: {visible(content)}")
+
+
+# Strings and comments first, so that brackets and line feeds inside them are skipped. Possessive quantifiers keep the
+# time linear.
+_TOKEN = re.compile(
+    r'''"""(?:[^"\\]|\\.|"{1,2}(?!"))*+"{3,5}'''
+    r"""|'''(?:[^']|'{1,2}(?!'))*+'{3,5}"""
+    r"""|"(?:[^"\\\n]|\\.)*+"|'[^'\n]*+'"""
+    r"""|\#[^\n]*+|(?P<open>[\[{])|(?P<close>[\]}])|(?P<feed>\n)""",
+    re.DOTALL,
+)
+
+
+def _statements(text: str) -> Iterator[tuple[int, str]]:
+    """Yield each statement of a valid TOML text with the line at which it begins."""
+    depth, begin, line, begin_line = 0, 0, 1, 1
+    for token in _TOKEN.finditer(text):
+        depth += (token["open"] is not None) - (token["close"] is not None)
+        line += token[0].count("\n")
+        if token["feed"] and depth == 0:
+            yield begin_line, text[begin : token.end()].strip()
+            begin, begin_line = token.end(), line
+    yield begin_line, text[begin:].strip()
+
+
+class KeyLines:
+    """The line of every key of a valid TOML text."""
+
+    def __init__(self, text: str) -> None:
+        self._lines: dict[KeyPath, int] = {}
+        self._last: dict[KeyPath, int] = {}
+        table: KeyPath = ()
+        for line, statement in _statements(text):
+            parsed = tomllib.loads(statement)
+            if statement.startswith("["):
+                table = self._header(parsed)
+                self._lines.setdefault(table, line)
+            else:
+                self._record(table, parsed, line)
+
+    def _header(self, parsed: Mapping[str, Any]) -> KeyPath:
+        """Return the path of [a.b] or [[a.b]], with the indices of the tables that it lies in."""
+        path: KeyPath = ()
+        node: Any = parsed
+        while node:
+            ((key, node),) = node.items()
+            path = (*path, key)
+            if isinstance(node, list):
+                self._last[path] = self._last.get(path, -1) + 1
+                node = node[0]
+            if path in self._last:
+                path = (*path, self._last[path])
+        return path
+
+    def _record(self, path: KeyPath, value: Any, line: int) -> None:
+        self._lines.setdefault(path, line)
+        inner: Any = ()
+        if isinstance(value, Mapping):
+            inner = value.items()
+        elif isinstance(value, list):
+            inner = ((index, item) for index, item in enumerate(value) if isinstance(item, Mapping))
+        for key, item in inner:
+            self._record((*path, key), item, line)
+
+    def __getitem__(self, path: KeyPath) -> int | None:
+        """Return the line of a key, or of the table that lacks it; None where there is neither."""
+        for length in range(len(path), 0, -1):
+            if path[:length] in self._lines:
+                return self._lines[path[:length]]
+        return None
+
+
+def toml_lines(path: tuple[str, ...], table: Mapping[str, Any]) -> Iterator[str]:
+    """Write the plain keys of a table, its kind first, then the tables in it."""
+    for key in sorted(table, key=lambda key: key != "kind"):
+        if not _holds_tables(table[key]):
+            yield f"{key} = {toml_value(table[key])}"
+    for key, value in table.items():
+        if not _holds_tables(value):
+            continue
+        inner, header = (*path, key), ".".join((*path, key))
+        for item in (value,) if isinstance(value, Mapping) else value:
+            if not isinstance(value, Mapping):
+                yield f"\n[[{header}]]"
+            elif not all(map(_holds_tables, item.values())):
+                yield f"\n[{header}]"
+            yield from toml_lines(inner, item)
+
+
+def _holds_tables(value: object) -> bool:
+    """Return whether a value is a table or a list of tables; no plain list of a problem is empty."""
+    return isinstance(value, Mapping) or (isinstance(value, tuple) and all(isinstance(item, Mapping) for item in value))
+
+
+def toml_value(value: object) -> str:
+    """Return a value as TOML."""
+    if isinstance(value, tuple):
+        return f"[{', '.join(map(toml_value, value))}]"
+    if isinstance(value, str):
+        return json.dumps(value, ensure_ascii=False)  # a TOML string too: control characters were refused
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    return repr(value)

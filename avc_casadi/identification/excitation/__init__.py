@@ -1,1 +1,0 @@
-"""Excitation signals for identification, played within limits."""
