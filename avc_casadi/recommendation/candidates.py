@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,8 +11,9 @@ import numpy as np
 from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.coupling import Coupling
-from avc_casadi.design.program import ProgramAnswer, program_answers, why_no_law
+from avc_casadi.design.program import DISK_MARGIN, ProgramAnswer, program_answers, why_no_law
 from avc_casadi.design.tuned import tune, tuned_margin
+from avc_casadi.loops.margins import OpenLoop
 from avc_casadi.loops.walls import DampingRange, damping_range, softest_wall_n_per_m
 from avc_casadi.model.gains import Gains, near_rigid_n_per_m, spring_before
 from avc_casadi.model.hands import hand_corners, with_released
@@ -23,9 +24,8 @@ if TYPE_CHECKING:
     from avc_casadi.model.problem import Problem
     from avc_casadi.recommendation.evaluator import Evaluator
 
-# Contact damper as a share of the interval of stable dampings.
-_SHARES = (0.5, 0.25, 0.1, 0.03, 0.01)
-_MANY_SHARES = (0.5, 0.35, 0.25, 0.12, 0.05)
+# Disk margins of dampers, as multiples of the goal; and where they are looked for, as shares of the stable dampings.
+_MARGINS, _SHARES, _HALVINGS = (4.0, 3.0, 2.0, 1.5, 1.0), np.geomspace(0.5, 0.005, 12), 4
 # Rendered stiffness where the wall itself does not hold, as shares of what spring and damper hold linearly.
 _SOFTER = (0.9, 0.75, 0.6, 0.45, 0.33, 0.24, 0.15)
 # The same of laws, as shares of the wall; and the rise of stiffness in the search for the stiffest.
@@ -46,9 +46,8 @@ def judge_all(problem: Problem, evaluator: Evaluator, limit: DampingRange, progr
             evaluator(one)
         if not evaluator.quiet():
             evaluator.first_complete(behind_observer(plain))
-    if evaluator.least_error() > FELT_ERROR:
-        judge_laws(problem, evaluator, wall)
-    if evaluator.least_error() > _POOR:
+    judge_laws(problem, evaluator, wall, evaluator.least_distance() - FELT_ERROR)
+    if evaluator.least_distance() > _POOR:
         for share in _SOFTER:
             springs = list(softened(problem, share * min(wall, plainly)))
             if evaluator.first_complete((*springs, *behind_observer(springs))):
@@ -78,32 +77,43 @@ def springs_and_dampers(problem: Problem) -> Iterator[Coupling]:
     """Yield the wall itself without a coupling, then rigid couplings with a contact damper."""
     wall, rigid = problem.environment, near_rigid_n_per_m(problem.device)
     yield Coupling.constant(problem, Gains(0.0, rigid), "none")
-    for total in _dampings(problem, wall.stiffness_n_per_m, _SHARES):
-        gains = Gains(0.0, rigid, max(0.0, total - wall.damping_ns_per_m))
-        yield Coupling.constant(problem, gains, "contact damper")
+
+    def contact_damper(total_ns_per_m: float) -> Coupling:
+        gains = Gains(0.0, rigid, max(0.0, total_ns_per_m - wall.damping_ns_per_m))
+        return Coupling.constant(problem, gains, "contact damper")
+
+    yield from _dampers(problem, wall.stiffness_n_per_m, contact_damper)
 
 
 def softened(problem: Problem, felt_n_per_m: float) -> Iterator[Coupling]:
     """Yield springs with a damper that render a wall at a stiffness, the nearest in motion first."""
     if not 0 < felt_n_per_m < problem.environment.stiffness_n_per_m:
         return
-    spring, dampings = spring_before(problem, felt_n_per_m), _dampings(problem, felt_n_per_m, _MANY_SHARES)
-    alike = [Coupling.constant(problem, Gains(0.0, spring, total), "softened wall") for total in dampings]
+    spring = spring_before(problem, felt_n_per_m)
+    alike = _dampers(
+        problem, felt_n_per_m, lambda total: Coupling.constant(problem, Gains(0.0, spring, total), "softened wall")
+    )
     yield from sorted(alike, key=impedance_error)
 
 
-def judge_laws(problem: Problem, evaluator: Evaluator, felt_n_per_m: float) -> bool:
+def judge_laws(problem: Problem, evaluator: Evaluator, felt_n_per_m: float, least: float = math.inf) -> bool:
     """Judge laws for a wall at a stiffness, for stricter and stricter goals; return whether one is complete.
 
-    Stricter goals cost error: they end where the least of theirs is above that of a complete law.
+    Stricter goals cost error: they end where the least of theirs is above the distance of a complete law, or `least`.
     """
-    least = math.inf
+    complete = False
+    if least <= 0:
+        return False
     for answers in laws(problem, felt_n_per_m):
         nearer = sorted((one for one in answers if one.judged.error < least), key=lambda one: one.judged.error)
         if not nearer:
             break
-        least = next((one.judged.error for one in nearer if evaluator.first_complete([one.coupling])), least)
-    return least < math.inf
+        for answer in nearer:
+            error = answer.judged.error
+            one = evaluator.first_complete([answer.coupling]) if error < least else None
+            if one is not None:
+                complete, least = True, min(least, error + one.distance - one.error)
+    return complete
 
 
 def laws(problem: Problem, felt_n_per_m: float) -> Iterator[list[ProgramAnswer]]:
@@ -139,9 +149,26 @@ def behind_observer(couplings: Iterable[Coupling]) -> Iterator[Coupling]:
             yield Coupling.constant(one.problem, one.table.at_rest, one.method, runtime)
 
 
-def _dampings(problem: Problem, stiffness_n_per_m: float, shares: tuple[float, ...]) -> list[float]:
-    people = with_released(hand_corners(problem.hands))
-    found = damping_range(problem.device, people, stiffness_n_per_m)
+def _dampers(problem: Problem, stiffness_n_per_m: float, damper: Callable[[float], Coupling]) -> list[Coupling]:
+    """Return the couplings of the least damping that has each disk margin, or the widest there is; the widest first."""
+    found = damping_range(problem.device, with_released(hand_corners(problem.hands)), stiffness_n_per_m)
     if np.isnan(found.lowest_ns_per_m):
         return []
-    return [found.lowest_ns_per_m + share * (found.highest_ns_per_m - found.lowest_ns_per_m) for share in shares]
+    goal = DISK_MARGIN if problem.robustness.disk_margin is None else problem.robustness.disk_margin
+
+    def coupling(share: float) -> Coupling:
+        return damper(found.lowest_ns_per_m + share * (found.highest_ns_per_m - found.lowest_ns_per_m))
+
+    def disk(share: float) -> float:
+        return OpenLoop.of(coupling(share)).least().disk
+
+    disks = np.array([disk(share) for share in _SHARES])
+    shares = set()
+    for margin in np.minimum(goal * np.array(_MARGINS), disks.max()):
+        widest = np.flatnonzero(disks >= margin)[-1]
+        enough, less = _SHARES[widest], _SHARES[min(widest + 1, len(_SHARES) - 1)]
+        for _ in range(_HALVINGS):
+            middle = math.sqrt(enough * less)
+            enough, less = (middle, less) if disk(middle) >= margin else (enough, middle)
+        shares.add(float(enough))
+    return [coupling(share) for share in sorted(shares, reverse=True)]

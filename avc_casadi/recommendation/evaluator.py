@@ -131,13 +131,13 @@ class Evaluator:
             return (off.trial.stable,)
         return tuple(group.settles(coupling, friction=self._lean) for group in self._beyond)
 
-    def first_complete(self, couplings: Iterable[Coupling]) -> bool:
-        """Judge couplings until one is complete and confirmed; return whether there is one."""
+    def first_complete(self, couplings: Iterable[Coupling]) -> Judged | None:
+        """Judge couplings until one is complete and confirmed, and return it; None where none is."""
         for coupling in couplings:
             one = self(coupling)
             if one is not None and self._complete(one) and self._complete(self._confirmed(one)):
-                return True
-        return False
+                return one
+        return None
 
     def best(self) -> Judged | None:
         """Return the best coupling that stays the best with hands never seen; None without any deployable one."""
@@ -156,9 +156,9 @@ class Evaluator:
         """Return whether all hands settle without a detectable vibration with a complete coupling."""
         return any(self._complete(one) and bool(one.trial.quiet.all()) for one in self.judged)
 
-    def least_error(self) -> float:
-        """Return the smallest impedance error of the complete couplings; infinite without any."""
-        return min((one.error for one in self.judged if self._complete(one)), default=math.inf)
+    def least_distance(self) -> float:
+        """Return the smallest distance of the complete couplings from the wall; infinite without any."""
+        return min((one.distance for one in self.judged if self._complete(one)), default=math.inf)
 
     def stiffest_n_per_m(self) -> float:
         """Return the largest stiffness of the complete couplings; 0 without any."""

@@ -21,7 +21,8 @@ if TYPE_CHECKING:
 FIRST = 16
 """Hands of a first trial, corners included."""
 SHARE = 0.1
-"""Relative perturbation of a value without a stated range."""
+"""Relative perturbation of a value without a stated range; a delay is later, by up to LATER_SAMPLES."""
+LATER_SAMPLES = 0.25
 _DEVICES = 8
 
 
@@ -70,15 +71,15 @@ def perturbed(device: Device, keys: tuple[str, ...], seed: int) -> list[Device]:
     """Draw perturbed devices; a value at the end of its admissible range moves inwards only."""
     random = np.random.default_rng(seed)
     values = linear_values(device)
-    ends = {key: [end for end in _ends(values[key]) if _possible(device, key, end)] for key in keys}
+    ends = {key: [end for end in _ends(key, values[key]) if _possible(device, key, end)] for key in keys}
     return [
         device_with(device, {key: some[random.integers(len(some))] for key, some in ends.items()})
         for _ in range(_DEVICES)
     ]
 
 
-def _ends(value: float) -> tuple[float, float]:
-    return (1 - SHARE) * value, (1 + SHARE) * value
+def _ends(key: str, value: float) -> tuple[float, float]:
+    return (value, value + LATER_SAMPLES) if key == "delay_samples" else ((1 - SHARE) * value, (1 + SHARE) * value)
 
 
 def _possible(device: Device, key: str, value: float) -> bool:

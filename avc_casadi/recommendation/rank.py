@@ -14,6 +14,7 @@ from avc_casadi.claims.passivity.worst_port import impedance_at_handle
 from avc_casadi.loops.margins import transients
 from avc_casadi.loops.wall import force_over_position, frozen_rendering
 from avc_casadi.recommendation.limit_cycle_freedom import likely_provable
+from avc_casadi.recommendation.rebound import rebound
 from avc_casadi.simulation.population.trial import CouplingTrial, exact_interval
 
 if TYPE_CHECKING:
@@ -87,11 +88,12 @@ class Judged:
 
     @cached_property
     def distance(self) -> float:
-        """Distance from the wall: impedance error, with prices on settling time and softness at rest."""
+        """Distance from the wall: of impedance or rebound, with prices on settling time and softness at rest."""
         wall, settling_s = self.coupling.wall.stiffness_n_per_m, transients(self.coupling)[0].settling_s
         share = self.coupling.static_stiffness_n_per_m / wall if wall > 0 else 1.0
         slow, soft = math.log(max(settling_s, _AT_ONCE_S) / _AT_ONCE_S), max(0.0, -math.log(max(share, 1e-9)))
-        return max(self.error, FELT_ERROR) + _PER_SETTLING * slow + _PER_SOFTER * soft
+        active = max(rebound(self.coupling).values()) - 1
+        return max(self.error, active, FELT_ERROR) + _PER_SETTLING * slow + _PER_SOFTER * soft
 
     def complete(self, *, lean_on_friction: bool) -> bool:
         """Return whether it is acceptable: as safe as required, vibration below the threshold."""

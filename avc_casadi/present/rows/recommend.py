@@ -209,7 +209,7 @@ def _simulated(data: Mapping[str, Any]) -> list[Row]:
     simulated = _resting("Simulated", total)
     rows = [replace(simulated, mark=_or_caution(simulated.mark, doubt=loud))]
     if off is not None:
-        devices = ("on", count(off["devices"]), "devices with values changed by", Value(off["share"], "share"))
+        devices = ("on", count(off["devices"]), "devices with values off by", Value(off["share"], "share"))
         unstable = off["linearly_unstable"]
         more = ("; linearly unstable on", count(unstable)) if unstable else None
         mark = _or_caution(settled(off), doubt=bool(unstable))
