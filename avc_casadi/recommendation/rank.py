@@ -15,7 +15,7 @@ from avc_casadi.loops.margins import transients
 from avc_casadi.loops.wall import force_over_position, frozen_rendering
 from avc_casadi.recommendation.limit_cycle_freedom import likely_provable
 from avc_casadi.recommendation.rebound import rebound
-from avc_casadi.simulation.population.trial import CouplingTrial, exact_interval
+from avc_casadi.simulation.population.trial import CouplingTrial
 
 if TYPE_CHECKING:
     from avc_casadi._util.arrays import BoolArray
@@ -155,20 +155,7 @@ def reason_of(best: Judged | None, judged: list[Judged], considered: int) -> str
     """Return why this one, or why none."""
     if best is None:
         return f"none of {considered} couplings is linearly stable with every hand of [hands] and released"
-    trial, device = best.trial, best.coupling.problem.device
-    rough = device.coulomb_friction_n > 0 or device.range.coulomb_friction_n is not None
-    who = {
-        0: f"all of {trial.hands} simulated hands settle{', with and without dry friction' if rough else ''}",
-        1: f"all of {trial.hands} simulated hands settle, but only thanks to the declared dry friction",
-        2: f"{int(trial.stable.sum())} of {trial.hands} simulated hands settle, as many as with any candidate",
-    }[best.safety]
-    if best.others is not None:
-        rest, free = best.others.stable, best.others.stable_without_friction
-        where = "" if best.others.devices == 1 else f" on {best.others.devices} devices of [device.range]"
-        who += f"; of {len(rest)} others{where} {int(rest.sum())}"
-        who += f", without dry friction {int(free.sum())}" if rough else ""
-        fewest = int((free if best.safety == 0 else rest).sum())
-        who += f", so at least {100 * exact_interval(fewest, len(rest))[0]:.3g} % of all such hands, to 95 %"
-    if len(judged) == 1:
-        return f"the only deployable candidate that was tried, nothing stiffer being asked for: {who}"
-    return f"the nearest to the wall, in motion and when released, of {len(judged)} deployable candidates: {who}"
+    if best.safety == 2:
+        return f"not all simulated hands settle with any of {len(judged)} deployable candidates"
+    lean = "; hands settle only thanks to the declared dry friction" if best.safety else ""
+    return f"the nearest to the wall, in motion and when released, of {len(judged)} deployable candidates{lean}"
