@@ -10,7 +10,12 @@ from hypothesis import strategies as st
 from walled import has_wall
 
 import avc_casadi as avc
+from avc_casadi.coupling import Coupling
+from avc_casadi.design.comparison.causal import causal_gains
+from avc_casadi.design.comparison.comparison import with_causal
+from avc_casadi.model.gains import Gains
 from avc_casadi.model.problem import Frequency
+from avc_casadi.paper.loop import loop_at
 
 PROBLEMS = [entry.name for entry in avc.catalogue() if has_wall(entry.name)][::3]
 
@@ -141,3 +146,18 @@ def test_a_stable_pair_beats_a_nearer_one_that_is_not(soft):
     assert soft.judged["mine"].certificate.levels["L5"].passed
     assert mine.share_schedule_better == 1.0
     assert (mine.safer, mine.better) == ("mine", "mine")
+
+
+def test_the_equivalent_of_a_causal_coupling():
+    """Of a spring and damper it is that pair at every frequency; of a law, (8) with it is what the law renders."""
+    problem = avc.load_problem("figure5").changed(stability={"model": "sampled-data"})
+    found = causal_gains(Coupling.constant(problem, Gains(30.0, 20e3), "own"))
+    assert found.stiffness_n_per_m == pytest.approx(20e3, rel=1e-9)
+    assert found.damping_ns_per_m == pytest.approx(30.0, rel=1e-6)
+    law = avc.recommend("figure5", hands=8)
+    found, loop = causal_gains(law.coupling), loop_at(law.problem, law.problem.frequencies_hz())
+    felt = loop.perceived(found.damping_ns_per_m, found.stiffness_n_per_m)[found.usable]
+    assert found.usable.all()
+    assert felt == pytest.approx(found.impedance, rel=1e-9)
+    told = with_causal(avc.compare("figure5"), law.coupling).document()["causal"]
+    assert told["magnitude_error"] == pytest.approx(np.abs(np.abs(felt) - np.abs(loop.target)), rel=1e-9)

@@ -13,6 +13,7 @@ from avc_casadi._errors import InputError
 from avc_casadi._util.arrays import ComplexArray, FloatArray
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.printed import Columns, Tabular, short
+from avc_casadi.design.comparison.causal import CausalGains, causal_gains
 from avc_casadi.design.comparison.judged import HandTuned, Judged, constant_pair, judge_gains, judge_hand_tuned
 from avc_casadi.design.comparison.judged import parts as _parts
 from avc_casadi.design.methods import solve
@@ -29,6 +30,7 @@ from avc_casadi.paper.realism import perceived_bounds
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
+    from avc_casadi.coupling import Coupling
     from avc_casadi.model.problem import Problem
 
 
@@ -64,6 +66,7 @@ class Comparison(Tabular):
         injection: the closed form as damping injection.
         cross_check: `direct` against `exact`, where both were requested.
         mine: a hand-tuned pair, where one was given.
+        causal: what a causal coupling renders, after `with_causal`.
         judged: certificate and realism of each method, and of the pair under the name "mine".
         passive_limit_n_per_m: largest DC stiffness of any passive linear time-invariant rendering, sampled-data:
             2 b_d/((1 + delay) T).
@@ -97,6 +100,7 @@ class Comparison(Tabular):
     judged: Mapping[str, Judged]
     passive_limit_n_per_m: float
     stated: Problem
+    causal: CausalGains | None = None
 
     def to_dict(self) -> Columns:
         """Return frequency x method as columns "method: quantity with unit", each of shape (n,)."""
@@ -150,6 +154,7 @@ class Comparison(Tabular):
                 "safety": {name: judged.safety.document() for name, judged in self.judged.items()},
                 "cross_check": self.cross_check,
                 "mine": None if mine is None else mine.document() | self.judged["mine"].document(),
+                "causal": None if self.causal is None else self.causal.document(),
                 "passive_limit_n_per_m": self.passive_limit_n_per_m,
             }
         )
@@ -341,6 +346,11 @@ def with_delivered(comparison: Comparison, problem: Problem, gains: GainSchedule
         judged={**comparison.judged, name: judge_gains(problem, gains)},
         delivered=name,
     )
+
+
+def with_causal(comparison: Comparison, coupling: Coupling) -> Comparison:
+    """Add what a causal coupling, stable with every hand, renders: what causality and every hand cost."""
+    return replace(comparison, causal=causal_gains(coupling))
 
 
 def _demanded(problem: Problem) -> str:
