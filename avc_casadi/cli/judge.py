@@ -50,7 +50,7 @@ def run_certify(args: argparse.Namespace, console: Console) -> Answer:
     damper: avc certify P --k 230 --b 1.2. --prove proves rest (L7) over the device's ranges, without friction.
     """
     if law := {key: value for key in _OF_LAW if (value := getattr(args, key)) is not None}:
-        from avc_casadi.present.rows.own_law import own_law
+        from avc_casadi.present.rows.judge import own_law
 
         cli.refuse(args, "prove", "proof_out", why="goes with a file of gains, not with --k, --b")
         if args.gains is not None:

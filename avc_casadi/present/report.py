@@ -21,8 +21,7 @@ from avc_casadi.present.row import Row, row
 from avc_casadi.present.rows.design import comparison, gain_rows, printed_errors
 from avc_casadi.present.rows.judge import levels, passivity
 from avc_casadi.present.rows.measure import diagnosis
-from avc_casadi.present.rows.pair import stability
-from avc_casadi.present.rows.recommend import verdict
+from avc_casadi.present.rows.recommend import stability, verdict
 from avc_casadi.recommendation.deployed import deployed
 from avc_casadi.recommendation.tool_impedance import rendered_band
 

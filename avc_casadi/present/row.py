@@ -9,6 +9,7 @@ import textwrap
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
+from string import Formatter
 from typing import Any, Literal, TextIO
 
 from avc_casadi._util.text import number, percent, quantity
@@ -18,12 +19,23 @@ _Of = Literal["stiffness", "damping", "mass", "force", "length", "speed", "time"
 Quantity = _Of | Literal["share", "gain", "phase", "samples", "number"]
 _UNITS = {"stiffness": "N/m", "damping": "N.s/m", "mass": "kg", "force": "N", "length": "m", "speed": "m/s"}
 _UNITS |= {"time": "s", "frequency": "Hz", "energy": "J"}
-SCHEMA = "avc/1"
+# Quantity of a key by its ending, the longest first.
+_ENDINGS: dict[str, Quantity] = {
+    "_ns_per_m": "damping",
+    "_n_per_m": "stiffness",
+    "_m_per_s": "speed",
+    "_kg": "mass",
+    "_hz": "frequency",
+    "_n": "force",
+    "_m": "length",
+    "_s": "time",
+    "_j": "energy",
+    "_deg": "phase",
+    "_samples": "samples",
+    "share": "share",
+}
 MOST_ROWS, MOST_LINES, WIDTH = 15, 22, 100
 """Rows and lines of an answer on a terminal, and their length."""
-_NARROWEST = 60
-_COLOURS = {"✓": "32", "✗": "31", "!": "33"}
-_ASCII = str.maketrans({"✓": "+", "✗": "X", "·": ";", "±": "+"})
 
 
 class Mark(Enum):
@@ -74,18 +86,31 @@ def parts(*given: Parts) -> tuple[Part, ...]:
     return tuple(found)
 
 
-# Stands between a number and its unit while lines are broken.
-_TIE = "\0"
-
-
 def text_of(values: Iterable[Part], units: Units, tie: str = " ") -> str:
-    """Return values and texts as one line."""
+    """Return values and texts as one line; ``tie`` stands between a number and its unit."""
     line = ""
     for one in values:
         text = one if isinstance(one, str) else one.text(units).replace(" ", tie)
         close = not line or line.endswith("(") or text[:1] in {",", ";", ")", ":"}
         line += text if close else f" {text}"
     return line
+
+
+def quantity_of(key: str) -> Quantity:
+    """Return what a value measures by the ending of its key."""
+    return next((of for ending, of in _ENDINGS.items() if key.endswith(ending)), "number")
+
+
+def fill(template: str, values: Mapping[str, Any]) -> tuple[Part, ...]:
+    """Return a template with the value of each {key} in its quantity; a colon begins its digits, or its quantity."""
+    found: list[Parts] = []
+    for text, key, how, _ in Formatter().parse(template):
+        found.append(text.strip())
+        if key is not None:
+            value, digits = values[key], int(how) if how and how.isdigit() else 3
+            of: Any = how if how and not how.isdigit() else quantity_of(key)
+            found.append(value if isinstance(value, str) else Value(value, of, digits))
+    return parts(*found)
 
 
 def listed(groups: Iterable[Parts], between: str = ",") -> tuple[Part, ...]:
@@ -113,14 +138,7 @@ def count(things: float) -> Value:
 
 @dataclass(frozen=True)
 class Row:
-    """A fact of an answer.
-
-    Attributes:
-        label: its subject.
-        values: numbers with their quantity, and words between them.
-        mark: whether it passes.
-        rank: 0 is printed, 1 with -v.
-    """
+    """A fact of an answer: its subject, its values, whether it passes; rank 0 is printed, 1 with -v."""
 
     label: str
     values: tuple[Part, ...]
@@ -156,16 +174,8 @@ def written(*files: str | None, label: str = "Written") -> list[Row]:
 class Answer:
     """What a command has found: the same rows on terminal, report, page and notebook, and JSON values.
 
-    Attributes:
-        kind: which answer.
-        data: JSON values in the names of a linear device.
-        title: its subject.
-        rows: its facts, the most important first.
-        commands: to type next.
-        units: of the device.
-        whole: whether it is printed at any length.
-        complaint: why the answer is no; its exit code is 1.
-        code: exit code of an answer that is no for no other reason than its rows.
+    ``commands`` are to be typed next; a whole answer is printed at any length; with a complaint the answer is no and
+    the exit code 1; ``code`` is that of an answer that is no by its rows alone.
     """
 
     kind: str
@@ -180,8 +190,8 @@ class Answer:
 
     def document(self) -> dict[str, Any]:
         """Return the JSON document in the names of the device's motion."""
-        head = {"schema": SCHEMA, "kind": self.kind}
-        return self.units.document(head | {key: one for key, one in self.data.items() if key not in head})
+        head = {"schema": "avc/1", "kind": self.kind}
+        return self.units.document({**head, **self.data, **head})
 
 
 @dataclass(frozen=True)
@@ -198,13 +208,13 @@ class Page:
         if stream is None:
             return cls()
         terminal = stream.isatty()
-        width = shutil.get_terminal_size((WIDTH, 24)).columns if terminal else WIDTH
+        width = min(max(shutil.get_terminal_size((WIDTH, 24)).columns, 60), WIDTH) if terminal else WIDTH
         colour = terminal and not os.environ.get("NO_COLOR") and os.environ.get("TERM") != "dumb"
         try:
             "✓✗·±".encode(stream.encoding or "utf-8")
         except (UnicodeEncodeError, LookupError):
-            return cls(min(max(width, _NARROWEST), WIDTH), colour, plain=True)
-        return cls(min(max(width, _NARROWEST), WIDTH), colour)
+            return cls(width, colour, plain=True)
+        return cls(width, colour)
 
     def rendered(self, answer: Answer, *, verbose: bool = False) -> str:
         """Return an answer as text; without verbose the last unmarked rows go while it is longer than a screen."""
@@ -217,7 +227,7 @@ class Page:
             rows.remove(spare[-1])
             lines = self._lines(answer, rows)
         text = "\n".join(lines)
-        return text.translate(_ASCII) if self.plain else text
+        return text.translate(str.maketrans("✓✗·±", "+X;+")) if self.plain else text
 
     def _lines(self, answer: Answer, rows: Sequence[Row]) -> list[str]:
         label = max((len(one.label) for one in rows), default=0)
@@ -233,11 +243,11 @@ class Page:
         return lines
 
     def _mark(self, mark: Mark) -> str:
-        colour = _COLOURS.get(mark.value) if self.colour else None
+        colour = {Mark.PASS: "32", Mark.FAIL: "31", Mark.CAUTION: "33"}.get(mark) if self.colour else None
         return mark.value if colour is None else f"\x1b[{colour}m{mark.value}\x1b[0m"
 
 
 def _broken(values: Iterable[Part], units: Units, width: int) -> list[str]:
     """Return values and texts as lines; a number keeps its unit."""
-    lines = textwrap.wrap(text_of(values, units, _TIE), width, break_on_hyphens=False)
-    return [line.replace(_TIE, " ") for line in lines]
+    lines = textwrap.wrap(text_of(values, units, tie="\0"), width, break_on_hyphens=False)
+    return [line.replace("\0", " ") for line in lines]

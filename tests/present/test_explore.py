@@ -12,7 +12,7 @@ from avc_casadi.present.explore.answers import PARTS, answer
 from avc_casadi.present.explore.explorer import Explorer
 from avc_casadi.present.explore.settings import problem_of_settings, settings_of
 from avc_casadi.present.row import Mark
-from avc_casadi.present.rows.own_law import own_law
+from avc_casadi.present.rows.judge import own_law
 
 BASE = avc.load_problem("figure5").changed(frequency={"points": 12})
 KNOB = avc.load_problem("knob").changed(frequency={"points": 12}, detent=None)

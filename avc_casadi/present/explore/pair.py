@@ -22,7 +22,7 @@ from avc_casadi.model.scene import with_gains
 from avc_casadi.present.explore.series import HZ, chart, line, region, touches
 from avc_casadi.present.row import Row, count, marked, row
 from avc_casadi.present.rows.judge import passivity
-from avc_casadi.present.rows.pair import felt_rows, stability
+from avc_casadi.present.rows.recommend import felt_rows, stability
 from avc_casadi.present.rows.subject import pair
 from avc_casadi.recommendation.tool_impedance import rendered_band, rendered_follower, rendered_tool
 

@@ -21,7 +21,7 @@ from avc_casadi.paper.realism import perceived_bounds
 from avc_casadi.paper.rendered import gain_schedule
 from avc_casadi.present.explore.series import HZ, chart, line, region, short, touches
 from avc_casadi.present.row import Row, row
-from avc_casadi.present.rows.own_law import own_law
+from avc_casadi.present.rows.judge import own_law
 from avc_casadi.present.rows.subject import counts
 from avc_casadi.present.rows.subject import deployable as verdict_row
 from avc_casadi.simulation.scene import simulate

@@ -20,7 +20,6 @@ from avc_casadi.paper.errata import PAPER_ERRORS
 from avc_casadi.paper.realism import judge_realism
 from avc_casadi.present.row import Answer, Page
 from avc_casadi.present.rows import design, judge
-from avc_casadi.present.rows.own_law import own_law
 from avc_casadi.present.rows.recommend import recommendation
 from avc_casadi.recommendation.recommendation import Recommendation
 from avc_casadi.simulation.run import Run
@@ -41,7 +40,7 @@ def text_of(result: object) -> str:
 
 
 answer_of.register(Recommendation, recommendation)
-answer_of.register(LawCertificate, own_law)
+answer_of.register(LawCertificate, judge.own_law)
 
 
 def _stated(result: GainSchedule | Run) -> Problem:

@@ -6,18 +6,12 @@ from collections.abc import Mapping, Sequence
 from shlex import quote
 from typing import TYPE_CHECKING, Any
 
-from avc_casadi.present.row import Answer, Mark, Part, Row, Value, count, listed, marked, parts, row
+from avc_casadi.present.row import Answer, Mark, Row, Value, fill, listed, marked, parts, row
 from avc_casadi.present.rows.subject import answer, gains, notes, pair, plural
 
 if TYPE_CHECKING:
     from avc_casadi._util.units import Units
     from avc_casadi.coupling import Coupling
-
-_LIMITED: tuple[tuple[str, str, Any], ...] = (
-    ("Force", "force_n", "force"),
-    ("Speed", "speed_m_per_s", "speed"),
-    ("Energy", "energy_j", "energy"),
-)
 
 
 def _unsafe(data: Mapping[str, Any]) -> list[Row]:
@@ -26,21 +20,19 @@ def _unsafe(data: Mapping[str, Any]) -> list[Row]:
 
 def _files(files: Sequence[str]) -> list[Row]:
     """List the written files: all where they fit into a line or two, or the first and their number."""
-    if len(files) <= 4:
-        return [row("Written", ", ".join(files))]
-    every = [row("Written", one, rank=1) for one in files]
-    return [row("Written", f"{', '.join(files[:2])} and {len(files) - 2} more files"), *every]
+    more = f" and {len(files) - 2} more files" if len(files) > 4 else ""
+    return [row("Written", ", ".join(files[:2] if more else files) + more)]
 
 
 def limits(data: Mapping[str, Any], units: Units) -> Answer:
     """Return the answer of `device`."""
-    rows = [
-        row(label, Value(data["hold"][key], of), "of", Value(data["boards"][key], of), "built in")
-        for label, key, of in _LIMITED
-    ]
+    rows = []
+    for label, key in (("Force", "force_n"), ("Speed", "speed_m_per_s"), ("Energy", "energy_j")):
+        built_in = fill(f"of {{{key}}} built in", data["boards"])
+        rows.append(row(label, fill(f"{{{key}}}", data["hold"]), built_in))
     if data["waits"]:
-        wanted = Value(data["asked"]["force_n"], "force")
-        rows.append(row("Waits", wanted, "hold when the device is released, out of contact", mark=Mark.CAUTION))
+        wanted = fill("{force_n} hold when the device is released, out of contact", data["asked"])
+        rows.append(row("Waits", wanted, mark=Mark.CAUTION))
     return Answer("limits", data, (f"{data['port']}   limits",), tuple(rows), units=units)
 
 
@@ -60,13 +52,13 @@ def push(data: Mapping[str, Any], coupling: Coupling, shown: str) -> Answer:
     """Return the answer of `push`."""
     equal, problem = data["readback_equal"], coupling.problem
     rounding = "exact in" if not data["rounding_max"] else f"within {data['rounding_max']:.0e} by"
-    took = ("(", Value(data["seconds"], "time"), f", {plural(data['attempts'], 'attempt')}), CRC {data['crc32']:08x}")
-    limit: Part = "the device's own" if coupling.max_force_n is None else Value(coupling.max_force_n, "force")
+    took = fill(f"({{seconds:time}}, {plural(data['attempts'], 'attempt')}), CRC {data['crc32']:08x}", data)
+    limit = None if coupling.max_force_n is None else Value(coupling.max_force_n, "force")
     rows = [
         *_unsafe(data),
         row("Pushed", f"coupling {coupling.id}, {plural(data['rows'], 'row')} on {data['port']}", took),
         row("Read back", f"equal, {rounding} single precision" if equal else "NOT EQUAL", mark=marked(equal)),
-        row("Limit", limit),
+        row("Limit", limit or "the device's own"),
     ]
     if "in_the_loop" in data:
         rows.append(in_the_loop(data["in_the_loop"]))
@@ -81,10 +73,9 @@ def in_the_loop(tried: Mapping[str, Any]) -> Row:
         return row("In the loop", f"not tried; {tried['skipped']}", mark=Mark.CAUTION)
     left = f"; without {', '.join(tried['left_out'])}" if tried["left_out"] else ""
     faulty = f"; faults: {tried['faults']}" if tried["faults"] else ""
-    what = ("settles with a hand" if tried["at_rest"] else "does NOT settle with a hand", ": at most")
-    felt = (Value(tried["peak_force_n"], "force"), ",", Value(tried["apparent_stiffness_n_per_m"], "stiffness"))
-    mark = marked(tried["at_rest"] and not faulty)
-    return row("In the loop", what, felt, "at the sensor", left, faulty, mark=mark)
+    what = f"{'settles' if tried['at_rest'] else 'does NOT settle'} with a hand: at most"
+    force = fill(f"{what} {{peak_force_n}}, {{apparent_stiffness_n_per_m}} at the sensor{left}{faulty}", tried)
+    return row("In the loop", force, mark=marked(tried["at_rest"] and not faulty))
 
 
 def export(data: Mapping[str, Any], coupling: Coupling, shown: str) -> Answer:
@@ -114,14 +105,9 @@ def export(data: Mapping[str, Any], coupling: Coupling, shown: str) -> Answer:
 
 def firmware(data: Mapping[str, Any], title: str, units: Units, held: str) -> Answer:
     """Return the answer of `firmware`: what it is made for, what it runs, how it is flashed."""
-    made = data["limits"]
+    made = "T {sample_time_s}, encoder steps of {metres_per_count:length}, at most {max_force_n}"
     rows = [
-        row(
-            "Made for",
-            ("T", Value(made["sample_time_s"], "time")),
-            (", encoder steps of", Value(made["metres_per_count"], "length")),
-            (", at most", Value(made["max_force_n"], "force")),
-        ),
+        row("Made for", fill(made, data["limits"])),
         row("Gains", held),
         row("Serial line", f"{data['baud']} baud"),
         *_files(data["files"]),
@@ -135,16 +121,16 @@ def firmware(data: Mapping[str, Any], title: str, units: Units, held: str) -> An
 
 def stream(data: Mapping[str, Any], deviations: Sequence[str]) -> Answer:
     """Return the answer of `stream`: messages taken and lost, and the state of the device afterwards."""
-    mode, fell = data["status"]["mode"], data["fell_back"]
-    taken = listed((count(data[key]), key) for key in ("sent", "taken", "late", "lost"))
-    median, largest = (Value(data[key], "time") for key in ("round_trip_s", "round_trip_max_s"))
+    mode = data["status"]["mode"]
     after = f"NOT as it should be ({mode})" if deviations else f"the device is on its table ({mode})"
+    taken = "{sent:9} sent, {taken:9} taken, {late:9} late, {lost:9} lost"
+    fell = Mark.CAUTION if data["fell_back"] else Mark.NONE
     rows = [
         *_unsafe(data),
-        row("Messages", taken, mark=marked(not data["late"] and not data["lost"], Mark.CAUTION)),
-        row("Round trip", "median", median, ", largest", largest),
-        row("Back to table", count(fell), "times", mark=Mark.CAUTION if fell else Mark.NONE),
+        row("Messages", fill(taken, data), mark=marked(not data["late"] and not data["lost"], Mark.CAUTION)),
+        row("Round trip", fill("median {round_trip_s}, largest {round_trip_max_s}", data)),
+        row("Back to table", fill("{fell_back:9} times", data), mark=fell),
         row("Afterwards", after, mark=marked(not deviations)),
     ]
-    length = ("for", Value(data["seconds"], "time"), f"at {data['rate_hz']:g} Hz")
-    return Answer("stream", data, parts(f"{data['port']}   coupling {data['coupling']} streamed", length), tuple(rows))
+    title = fill(f"coupling {data['coupling']} streamed for {{seconds:time}} at {data['rate_hz']:g} Hz", data)
+    return Answer("stream", data, parts(data["port"], " ", title), tuple(rows))

@@ -9,7 +9,21 @@ from typing import TYPE_CHECKING, Any
 
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.text import sample_rows
-from avc_casadi.present.row import Answer, Mark, Part, Row, Value, count, listed, marked, parts, row, span, written
+from avc_casadi.present.row import (
+    Answer,
+    Mark,
+    Part,
+    Row,
+    Value,
+    fill,
+    listed,
+    marked,
+    parts,
+    quantity_of,
+    row,
+    span,
+    written,
+)
 from avc_casadi.present.rows.deploy import in_the_loop
 from avc_casadi.present.rows.judge import levels
 from avc_casadi.present.rows.subject import (
@@ -29,9 +43,7 @@ if TYPE_CHECKING:
     from avc_casadi.model.gains import GainSchedule
     from avc_casadi.model.problem import Problem
 
-_GAINS = (("b", "damping_ns_per_m"), ("k", "stiffness_n_per_m"), ("b_p", "contact_damping_ns_per_m"))
-# Rows of the recommendation in the answer of a run.
-_FIRST = 8
+_GAINS = {"damping_ns_per_m": "b", "stiffness_n_per_m": "k", "contact_damping_ns_per_m": "b_p"}
 
 
 def solution(data: Mapping[str, Any], problem: Problem, shown: str = "", file: str | None = None) -> Answer:
@@ -39,17 +51,14 @@ def solution(data: Mapping[str, Any], problem: Problem, shown: str = "", file: s
     shown, status = shown or name_of(problem), data["status"]
     have = sum(b is not None for b in data["damping_ns_per_m"])
     by = data["method"] + (f" ({data['solver']})" if data["solver"] else "")
-    seconds = Value(data["seconds"]["solve"], "time")
-    real = data["realism"]
-    inside = ("between U and L at", Value(real["share_inside_bounds"], "share"), "of the frequencies, within")
-    near = (Value(real["jnd"], "share"), "of the impedance at", Value(real["share_inside_jnd"], "share"))
-    text = (f"{by}: at", count(have), "of", count(len(status)), "frequencies in", seconds)
+    solved = fill(f"{by}: at {have} of {len(status)} frequencies in {{solve:time}}", data["seconds"])
+    inside = "between U and L at {share_inside_bounds} of the frequencies, within {jnd:share} of the impedance at"
     rows = [
-        row("Gains", text, mark=marked(have == len(status))),
+        row("Gains", solved, mark=marked(have == len(status))),
         *([row("Coupling", gains(data, problem))] if have else []),
         row("Status", counts(data["counts"])),
         *_errors(data),
-        row("Realism", inside, near),
+        row("Realism", fill(f"{inside} {{share_inside_jnd:share}}", data["realism"])),
         deployable(data["deployable"]),
         passive_limit(data["passive_limit_n_per_m"]),
     ]
@@ -74,16 +83,15 @@ def printed_errors(errors: Sequence[Mapping[str, Any]]) -> list[Row]:
 
 
 def without_gains(data: Mapping[str, Any]) -> str:
-    """Describe the rows without gains, with reasons; empty where all have."""
-    states, reasons, frequency = data["status"], data["reason"], data["frequency_hz"]
+    """Describe the rows without gains, each state with its first reason; empty where all have."""
     missing = [at for at, b in enumerate(data["damping_ns_per_m"]) if b is None]
     if not missing:
         return ""
-    lines = [f"avc: {len(missing)} of {len(states)} frequencies have no gains ({data['method']})"]
-    for state in dict.fromkeys(states[at] for at in missing):
-        alike = [at for at in missing if states[at] == state]
-        lines += [f"  {state} at {frequency[at]:.4g} Hz: {reasons[at]}" for at in dict.fromkeys((alike[0], alike[-1]))]
-        lines += [f"  and {len(alike) - 2} more {state} between"] if len(alike) > 2 else []
+    lines = [f"avc: {len(missing)} of {len(data['status'])} frequencies have no gains ({data['method']})"]
+    for state in dict.fromkeys(data["status"][at] for at in missing):
+        first, *more = (at for at in missing if data["status"][at] == state)
+        also = f"; {len(more)} more {state}" if more else ""
+        lines.append(f"  {state} at {data['frequency_hz'][first]:.4g} Hz: {data['reason'][first]}{also}")
     return "\n".join(lines)
 
 
@@ -92,9 +100,7 @@ def gain_rows(data: Mapping[str, Any], most: int = 20) -> list[Row]:
     rows = []
     for at in sample_rows(len(data["frequency_hz"]), most):
         each: list[Any] = [
-            (symbol, Value(data[key][at], "stiffness" if symbol == "k" else "damping"))
-            for symbol, key in _GAINS
-            if data[key][at]
+            (symbol, Value(data[key][at], quantity_of(key))) for key, symbol in _GAINS.items() if data[key][at]
         ]
         each.append(("error of |Z|", Value(data["magnitude_error"][at], "damping")))
         each.append(("impedance error", Value(data["complex_error"][at], "share")))
@@ -106,13 +112,14 @@ def gain_rows(data: Mapping[str, Any], most: int = 20) -> list[Row]:
 def _errors(data: Mapping[str, Any]) -> list[Row]:
     """Return the largest errors of magnitude and impedance, and their frequencies."""
     rows = []
-    for label, key in (("Error of |Z|", "magnitude_error"), ("Impedance error", "complex_error")):
+    for label, key, of in (
+        ("Error of |Z|", "magnitude_error", "damping"),
+        ("Impedance error", "complex_error", "share"),
+    ):
         found = zip(data[key], data["frequency_hz"], data["damping_ns_per_m"], strict=True)
-        known = [(error, at) for error, at, b in found if None not in (error, b)]
-        if known:
+        if known := [(error, at) for error, at, b in found if None not in (error, b)]:
             error, at = max(known)
-            value = Value(error, "damping" if key == "magnitude_error" else "share")
-            rows.append(row(label, "at most", value, ", at", Value(at, "frequency")))
+            rows.append(row(label, fill(f"at most {{error:{of}}}, at {{at:frequency}}", {"error": error, "at": at})))
     return rows
 
 
@@ -130,7 +137,7 @@ def comparison(data: Mapping[str, Any], problem: Problem, shown: str = "", drawn
         row("Verdicts", f"{counts(data['counts'])}, pointwise"),
         _deployable(data),
         row("Between U, L", "of the frequencies:", between),
-        row("Impedance error", "within", Value(next(iter(realism.values()))["jnd"], "share"), ":", near),
+        row("Impedance error", fill("within {jnd:share}:", next(iter(realism.values()))), near),
         _injection(data["damping_injection"]),
         *_mine(data),
         passive_limit(data["passive_limit_n_per_m"]),
@@ -143,7 +150,10 @@ def comparison(data: Mapping[str, Any], problem: Problem, shown: str = "", drawn
     if missing:
         first = f"first at {data['frequency_hz'][missing[0]]:.4g} Hz: {data['reason'][missing[0]]}"
         complaint = f"avc: {len(missing)} of {len(data['verdict'])} frequencies are infeasible, {first}"
-    rows += [*_verdicts(data), *gain_rows(data["methods"][data["optimum"]])]
+    for verdict in (name for name, times in data["counts"].items() if times):
+        at = data["verdict"].index(verdict)
+        why = f"first at {data['frequency_hz'][at]:.4g} Hz: {data['reason'][at]}"
+        rows.append(row(verdict.capitalize(), why, rank=1))
     onwards = (f"avc recommend {quote(shown)}", f"avc compare {quote(shown)} -v")
     return answer("compare", data, problem, shown, rows, onwards, complaint)
 
@@ -152,7 +162,7 @@ def _method(name: str, found: Mapping[str, Any], data: Mapping[str, Any]) -> Row
     """Return where a method has gains, and the first reason why not, or its distance from the other optimum."""
     damping, check = found["damping_ns_per_m"], data["cross_check"]
     missing = [at for at, b in enumerate(damping) if b is None]
-    text: tuple[Part, ...] = parts("at", count(len(damping) - len(missing)), "of", count(len(damping)), "frequencies")
+    text: tuple[Part, ...] = (f"at {len(damping) - len(missing)} of {len(damping)} frequencies",)
     mark = Mark.PASS if not missing else Mark.FAIL if name == data["optimum"] else Mark.CAUTION
     if name == "exact" and check is not None:
         agreement, agrees = _cross_check(check)
@@ -167,19 +177,21 @@ def _cross_check(check: Mapping[str, Any]) -> tuple[tuple[Part, ...], Mark]:
     if not check["agree"]:
         return ("DISAGREES with direct",), Mark.FAIL
     differ = f", differs at {len(check['partings'])} frequencies" if check["partings"] else ""
-    text = parts("agrees with direct within", Value(check["magnitude_error"], "number", 1), "of |Z|", differ)
+    text = fill(f"agrees with direct within {{magnitude_error:1}} of |Z|{differ}", check)
     return text, marked(not differ, Mark.CAUTION)
 
 
 def _deployable(data: Mapping[str, Any]) -> Row:
-    found = {name: one["deployable"] is True for name, one in data["safety"].items()}
-    passing, failing = ([name for name, passed in found.items() if passed is right] for right in (True, False))
+    passing, failing = (
+        ", ".join(name for name, one in data["safety"].items() if (one["deployable"] is True) is right)
+        for right in (True, False)
+    )
     if not failing:
-        return row("Deployable", f"all: {', '.join(passing)}", mark=Mark.PASS)
+        return row("Deployable", f"all: {passing}", mark=Mark.PASS)
     if not passing:
-        what = f"none of {', '.join(failing)}: not stable with every corner hand and released"
+        what = f"none of {failing}: not stable with every corner hand and released"
         return row("Deployable", what, mark=Mark.FAIL)
-    return row("Deployable", f"{', '.join(passing)}; not {', '.join(failing)}", mark=Mark.CAUTION)
+    return row("Deployable", f"{passing}; not {failing}", mark=Mark.CAUTION)
 
 
 def _injection(found: Mapping[str, Any]) -> Row:
@@ -189,38 +201,27 @@ def _injection(found: Mapping[str, Any]) -> Row:
     if not needed:
         return row("Injected", "nothing: the desired wall meets (12) everywhere")
     worst = max(needed, key=delta.__getitem__)
-    most = ("damper", Value(delta[worst], "damping"), ", virtual mass", Value(found["virtual_mass_kg"][worst], "mass"))
-    return row("Injected", f"by the closed form at {len(needed)} frequencies:", most, "at most")
+    most = {"ns_per_m": delta[worst], "kg": found["virtual_mass_kg"][worst]}
+    text = f"by the closed form at {len(needed)} frequencies: damper {{ns_per_m:damping}}, mass {{kg:mass}} at most"
+    return row("Injected", fill(text, most))
 
 
 def _mine(data: Mapping[str, Any]) -> list[Row]:
     mine = data["mine"]
     if mine is None:
         return []
-    pair = (Value(mine["stiffness_n_per_m"], "stiffness"), ",", Value(mine["damping_ns_per_m"], "damping"))
-    meets = f": meets (12) at {sum(mine['meets_margin'])} of {len(mine['meets_margin'])} frequencies"
-    nearer = (f"; {mine['compared']} better at", Value(mine["share_schedule_better"], "share"))
+    meets = f"meets (12) at {sum(mine['meets_margin'])} of {len(mine['meets_margin'])} frequencies"
+    better = f"{mine['compared']} better at {{share_schedule_better:share}}"
     outside = "" if mine["inside_box"] else "; outside the gain box"
-    mark = marked(all(mine["meets_margin"]), Mark.CAUTION)
-    return [row("Mine", pair, meets, nearer, outside, mark=mark), row("Mine", mine["safety_reason"], rank=1)]
-
-
-def _verdicts(data: Mapping[str, Any]) -> list[Row]:
-    """Return each verdict with the first frequency where it applies and why."""
-    rows = []
-    for verdict, times in data["counts"].items():
-        if times:
-            at = data["verdict"].index(verdict)
-            first = ("at", count(times), "frequencies, first at", Value(data["frequency_hz"][at], "frequency"))
-            rows.append(row(verdict.capitalize(), first, f": {data['reason'][at]}", rank=1))
-    return rows
+    text = fill(f"{{stiffness_n_per_m}}, {{damping_ns_per_m}}: {meets}; {better}{outside}", mine)
+    return [row("Mine", text, mark=marked(all(mine["meets_margin"]), Mark.CAUTION))]
 
 
 def run(data: Mapping[str, Any], found: Answer, files: str) -> Answer:
     """Return the answer of `run`: what to deploy; before a wall what the device received and the paper's question."""
     shown = [one for one in found.rows if one.rank == 0 and one.label != "Written"]
     beside = (device(data["push"]), *paper(data)) if "push" in data else ()
-    first = shown[:_FIRST] if beside else shown
+    first = shown[:8] if beside else shown
     later = [replace(one, rank=1) for one in shown[len(first) :]] + [one for one in found.rows if one.rank > 0]
     return replace(found, kind="run", data=data, rows=(*first, *beside, *written(files), *later))
 
@@ -229,17 +230,13 @@ def paper(data: Mapping[str, Any]) -> list[Row]:
     """Answer the paper's question: closed form, CasADi's NLP, the exact optimum, the verdict."""
     rows, closed, check, have = data["rows"], data["closed_form"], data["cross_check"], data["rows_with_gains"]
     realisable = closed.get("solved", 0) + closed.get("active-bound", 0)
-    spans = listed(
-        (symbol, span(data[key], "stiffness" if symbol == "k" else "damping"))
-        for symbol, key in _GAINS[:2]
-        if data[key] is not None
-    )
+    spans = listed((_GAINS[key], span(data[key], quantity_of(key))) for key in [*_GAINS][:2] if data[key] is not None)
     scope = "" if data["scope"] == "pointwise" else f", scope {data['scope']}"
-    solved = ("gains at", count(have), "of", count(rows), "frequencies in", Value(data["seconds"]["solve"], "time", 2))
-    buildable = (f"realisable at {realisable} of", count(rows), "frequencies")
+    solved = fill(f"gains at {have} of {rows} frequencies in {{solve:time}}{scope}", data["seconds"])
+    buildable = f"realisable at {realisable} of {rows} frequencies"
     found = [
         row("Closed form", buildable, mark=marked(realisable == rows, Mark.CAUTION)),
-        row(f"CasADi, {data['method']}", solved, scope, ":" if spans else "", spans, mark=marked(have == rows)),
+        row(f"CasADi, {data['method']}", solved, ":" if spans else "", spans, mark=marked(have == rows)),
     ]
     if check is not None:
         text, mark = _cross_check(check)
@@ -255,25 +252,29 @@ def device(push: Mapping[str, Any]) -> Row:
         advice = "the coupling is not deployable; --unsafe overrides"
         why = advice if push.get("deployable") is False else push["refused"]
         return row("Device", f"push refused; {why}", mark=Mark.FAIL)
-    equal, loop = (
-        "read back equal" if push["readback_equal"] else "read back NOT EQUAL",
-        in_the_loop(push["in_the_loop"]),
-    )
-    unsafe = f"; {push['unsafe']}" if push["unsafe"] else ""
-    mark = marked(loop.mark is Mark.PASS and not unsafe, Mark.CAUTION) if push["readback_equal"] else Mark.FAIL
-    what = f"coupling {push['coupling_id']} on {push['port']}, {equal};"
+    equal = push["readback_equal"]
+    loop, unsafe = in_the_loop(push["in_the_loop"]), f"; {push['unsafe']}" if push["unsafe"] else ""
+    mark = marked(loop.mark is Mark.PASS and not unsafe, Mark.CAUTION) if equal else Mark.FAIL
+    what = f"coupling {push['coupling_id']} on {push['port']}, read back {'equal' if equal else 'NOT EQUAL'};"
     return row("Device", what, loop.values, unsafe, mark=mark)
 
 
 def new(data: Mapping[str, Any], problem: Problem, shown: str) -> Answer:
     """Return the answer of `new`: what was written, what is unknown and what is unlikely."""
-    hands, units = problem.hands, problem.units
-    ranges = listed(span(getattr(hands, key), of) for key, of in HAND)
+    units, model = problem.units, data["model"]
+    ranges = listed(span(getattr(problem.hands, key), quantity_of(key)) for key in HAND)
     assumed = ", ".join(f"{units.key(key)} {value}" for key, value in data["assumed"].items())
     not_known = [f"{one['key'].partition('.')[2]}: {one['message']}" for one in data["not_known"]]
-    rows = [
-        row("Written", data["file"], mark=Mark.PASS),
-        *_model(data["model"]),
+    rows = [row("Written", data["file"], mark=Mark.PASS)]
+    if model is not None:
+        poses = f"over {plural(model['poses'], 'pose')} and all normals of {model['tip']}"
+        rows.append(row("Mass", fill("{mass_kg},", model), span(model["range_kg"], "mass"), poses))
+        if left := model["singular_poses"]:
+            near = f"{plural(left, 'pose')} near a singular one, where the mass grows without limit"
+            rows.append(row("Left out", near, mark=Mark.CAUTION))
+        if model["has_dry_friction"]:
+            rows += notes(["dry friction of the model's joints; that at the tip: --friction"], "Not used")
+    rows += [
         row("Hands", f"{data['held']}:", ranges),
         *([row("Assumed", assumed)] if assumed else []),
         *notes(not_known, "Not known"),
@@ -283,45 +284,19 @@ def new(data: Mapping[str, Any], problem: Problem, shown: str) -> Answer:
     return answer("new", data, problem, shown, rows, onwards)
 
 
-def _model(model: Mapping[str, Any] | None) -> list[Row]:
-    """Return what a model says of the mass, and what was left out of it."""
-    if model is None:
-        return []
-    poses = f"over {plural(model['poses'], 'pose')} and all normals of {model['tip']}"
-    rows = [row("Mass", Value(model["mass_kg"], "mass"), ",", span(model["range_kg"], "mass"), poses)]
-    if left := model["singular_poses"]:
-        near = f"{plural(left, 'pose')} near a singular one, where the mass grows without limit"
-        rows.append(row("Left out", near, mark=Mark.CAUTION))
-    if model["has_dry_friction"]:
-        rows += notes(["dry friction of the model's joints; that at the tip: --friction"], "Not used")
-    return rows
-
-
 def paper_data(found: Comparison, best: GainSchedule) -> dict[str, Any]:
     """Return the numbers of the paper's question as JSON values: of the comparison and of the gains of its scope."""
-    usable, check = best.usable, found.cross_check
-    ends = {
-        key: [float(values[usable].min()), float(values[usable].max())] if usable.any() else None
-        for key, values in (
-            ("damping_ns_per_m", best.damping_ns_per_m),
-            ("stiffness_n_per_m", best.stiffness_n_per_m),
-        )
+    document, usable = found.document(), best.usable
+    ends = {key: getattr(best, key)[usable] for key in ("damping_ns_per_m", "stiffness_n_per_m")}
+    same = ("structure", "model", "passive_limit_n_per_m", "cross_check", "counts")
+    return {
+        **{key: document[key] for key in same},
+        "scope": document["problem_scope"],
+        "method": best.method,
+        "solver": best.solver,
+        "rows": best.rows,
+        "rows_with_gains": int(usable.sum()),
+        "seconds": plain({"build": best.build_seconds, "solve": best.solve_seconds}),
+        **{key: [float(one.min()), float(one.max())] if one.size else None for key, one in ends.items()},
+        "closed_form": document["methods"]["closed-form"]["counts"],
     }
-    data: dict[str, Any] = plain(
-        {
-            "structure": found.structure,
-            "model": found.model,
-            "scope": found.scope,
-            "passive_limit_n_per_m": found.passive_limit_n_per_m,
-            "method": best.method,
-            "solver": best.solver,
-            "rows": best.rows,
-            "rows_with_gains": int(usable.sum()),
-            "seconds": {"build": best.build_seconds, "solve": best.solve_seconds},
-            **ends,
-            "cross_check": check,
-            "counts": found.counts(),
-            "closed_form": found.methods["closed-form"].counts(),
-        }
-    )
-    return data

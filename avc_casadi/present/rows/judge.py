@@ -1,4 +1,4 @@
-"""Rows of judgements: certificates, regions of stable walls and pairs, simulated scenes, trials."""
+"""Rows of judgements: certificates, laws of one's own, stable walls and pairs, simulated scenes, trials."""
 
 from __future__ import annotations
 
@@ -7,14 +7,32 @@ from collections.abc import Mapping
 from shlex import quote
 from typing import TYPE_CHECKING, Any
 
-from avc_casadi._util.text import sample_rows
-from avc_casadi.model import EFFECTS
+from avc_casadi.loops.margins import LEAST_DISK, SOUND_DISK
 from avc_casadi.model.effects import SaturationEffect
-from avc_casadi.present.row import Answer, Mark, Part, Row, Value, count, doubted, listed, marked, parts, row, written
-from avc_casadi.present.rows.pair import stability
+from avc_casadi.model import EFFECTS
+from avc_casadi.present.row import (
+    Answer,
+    Mark,
+    Part,
+    Row,
+    Value,
+    count,
+    doubted,
+    fill,
+    listed,
+    marked,
+    parts,
+    quantity_of,
+    row,
+    span,
+    written,
+)
+from avc_casadi.present.rows.recommend import stability
 from avc_casadi.present.rows.subject import (
     answer,
+    damping_ratio,
     deployable,
+    device_line,
     gains,
     hand,
     name_of,
@@ -22,11 +40,15 @@ from avc_casadi.present.rows.subject import (
     notes,
     pair,
     passive_limit,
+    saturates,
+    settling,
+    smallest_margins,
 )
 
 if TYPE_CHECKING:
     from avc_casadi._util.units import Units
     from avc_casadi.model.problem import Problem
+    from avc_casadi.claims.own_law import LawCertificate
 
 _CLAIMS = {
     "hands": "Corner hands",
@@ -39,8 +61,6 @@ _CLAIMS = {
 _OUTCOMES = {"proved": Mark.PASS, "refuted": Mark.FAIL, "open": Mark.CAUTION}
 _SETTLES = {"asymptotic": Mark.PASS, "held-by-friction": Mark.CAUTION, "unstable": Mark.FAIL}
 _WORDS = {"asymptotic": "settles", "held-by-friction": "settles by dry friction alone", "unstable": "does not settle"}
-# A force this near to its limit counts as limited; smaller travel, forces and energies are round-off.
-_AT_LIMIT, _ROUND_OFF = 0.97, 1e-12
 _CURVES = {
     "passive-paper": "Passive, paper",
     "passive-sampled-data": "Passive, sampled",
@@ -48,7 +68,15 @@ _CURVES = {
     "stable-released": "Stable, released",
     "stable-hands": "Stable, all hands",
 }
-_ROWS = 16
+# Values of a law: name and option of the command line.
+_LAW = {
+    "stiffness_n_per_m": ("k", "--k"),
+    "damping_ns_per_m": ("b", "--b"),
+    "local_damping_ns_per_m": ("b_p", "--b-p"),
+    "cutoff_hz": ("cutoff", "--cutoff-hz"),
+    "sample_time_s": ("sample time", ""),
+    "delay_samples": ("delay", ""),
+}
 
 
 def certificate(data: Mapping[str, Any], problem: Problem, shown: str | None = None) -> Answer:
@@ -84,11 +112,8 @@ def certificate(data: Mapping[str, Any], problem: Problem, shown: str | None = N
 def _claims(verdict: Mapping[str, Any], hands: Mapping[str, Any]) -> list[Row]:
     """Return each claim with its worst spectral radius; of those on detents the worst alone."""
     worst: dict[str, Mapping[str, Any]] = {}
-    for one in verdict.get("claims", ()):
-        label = _CLAIMS["detent" if one["name"].startswith("detent") else one["name"]]
-        hardest = (not one["pass"], one["spectral_radius"] or 0.0)
-        if label not in worst or hardest > (not worst[label]["pass"], worst[label]["spectral_radius"] or 0.0):
-            worst[label] = one
+    for one in sorted(verdict.get("claims", ()), key=lambda one: (one["pass"], -(one["spectral_radius"] or 0.0))):
+        worst.setdefault(_CLAIMS["detent" if one["name"].startswith("detent") else one["name"]], one)
     rows = []
     for label, one in worst.items():
         if not one["pass"] or one["spectral_radius"] is None:
@@ -96,37 +121,99 @@ def _claims(verdict: Mapping[str, Any], hands: Mapping[str, Any]) -> list[Row]:
             continue
         less = None
         if one["name"] == "hands" and hands["margin_ns_per_m"] is not None:
-            less = ("; stays stable down to", Value(hands["margin_ns_per_m"], "damping"), "less device damping")
-        radius = ("spectral radius", Value(one["spectral_radius"], "number", 5), "at most")
-        rows.append(row(label, radius, less, mark=Mark.PASS))
+            less = fill("; stays stable down to {margin_ns_per_m} less device damping", hands)
+        rows.append(row(label, fill("spectral radius {spectral_radius:5} at most", one), less, mark=Mark.PASS))
     return rows
 
 
 def _per_frequency(found: Mapping[str, Any]) -> Row:
     """Return the claims of the paper, which deployment does not need."""
-    others = {name: one for name, one in found.items() if not one["outcome"] and name != "L5"}
-    words = {"met": "pass", "not met": "fail", "not judged": "refused"}
+    others = [one for name, one in found.items() if not one["outcome"] and name != "L5"]
     text = []
-    for word, state in words.items():
-        names = [one["title"].removeprefix("passive ") for one in others.values() if _state(one) == state]
+    for word in ("pass", "fail", "not judged"):
+        names = [one["title"].removeprefix("passive ") for one in others if _state(one) == word]
         text += [f"{word}: {', '.join(names)}"] if names else []
     return row("Passivity", "; ".join(text))
 
 
 def _state(level: Mapping[str, Any]) -> str:
-    return "refused" if level["refused"] else "pass" if level["pass"] else "fail"
+    return "not judged" if level["refused"] else "pass" if level["pass"] else "fail"
 
 
 def levels(found: Mapping[str, Any]) -> list[Row]:
     """Return each level of a certificate with its meaning and worst margin, of lower rank."""
     rows = []
     for name, one in found.items():
-        margin: tuple[Part, ...] = ()
-        if one["margin_ns_per_m"] is not None:
-            at = ("at", Value(one["frequency_hz"], "frequency")) if one["frequency_hz"] is not None else None
-            margin = parts(", margin", Value(one["margin_ns_per_m"], "damping"), at)
-        word = one.get("outcome") or _state(one)
-        rows.append(row(name, f"{one['title']}: {word}", margin, f"; {one['claim']}", rank=1))
+        margin = fill(", margin {margin_ns_per_m}", one) if one["margin_ns_per_m"] is not None else None
+        at = fill("at {frequency_hz}", one) if margin and one["frequency_hz"] is not None else None
+        text = f"{one['title']}: {one.get('outcome') or _state(one)}"
+        rows.append(row(name, text, margin, at, f"; {one['claim']}", rank=1))
+    return rows
+
+
+def own_law(found: LawCertificate, shown: str = "") -> Answer:
+    """Return the answer of `certify` of a law of one's own."""
+    problem, shown = found.problem, shown or name_of(found.problem)
+    law = {key: value for key, value in vars(found.law).items() if value}
+    title = parts(shown, " ", _law(law), device_line(problem.device))
+
+    def command(law: Mapping[str, float]) -> str:
+        typed = " ".join(f"{_LAW[key][1]} {value:g}" for key, value in law.items() if value)
+        return f"avc certify {quote(shown)} {typed}"
+
+    helps = (one.changes for one in found.remedies if all(_LAW[key][1] for key in one.changes))
+    onwards = [command(law | dict(changes)) for changes in helps][:1]
+    if problem.environment.stiffness_n_per_m:
+        onwards.append(f"avc recommend {quote(shown)} --out coupling.json")
+    complaint = "" if found.passed else f"avc: {shown}: this law is not deployable"
+    onwards.append(f"{command(law)} -v")
+    return Answer(
+        "certify-law",
+        found.document(),
+        title,
+        tuple(_law_rows(found)),
+        tuple(onwards),
+        problem.units,
+        complaint=complaint,
+    )
+
+
+def _law(values: Mapping[str, float]) -> tuple[Part, ...]:
+    return listed((_LAW[key][0], Value(value, quantity_of(key))) for key, value in values.items())
+
+
+def _law_rows(found: LawCertificate) -> list[Row]:
+    sound, period_s = found.disk_margin >= SOUND_DISK and found.quiet, found.problem.device.sample_time_s
+    somebody = any(found.held.hand.values())
+    cases = {"worst_hand": found.held} if somebody or found.released is None else {}
+    cases |= {} if found.released is None else {"released": found.released}
+    disk = min(case.margins.disk for case in cases.values())
+    seconds, slowest = max((case.settling_s, who) for who, case in cases.items())
+    ratio, hz, swinging = min((case.damping_ratio, case.damping_ratio_hz, who) for who, case in cases.items())
+    most, allowed = found.largest_stiffness_n_per_m, found.damping_range_ns_per_m
+    rendered = [(Value(value, "stiffness"), f"at {hz:g} Hz") for hz, value in found.rendered_n_per_m.items()]
+    mark = Mark.FAIL if not found.passed else marked(sound, Mark.CAUTION)
+    of_disk = Mark.FAIL if disk < LEAST_DISK else marked(disk >= SOUND_DISK, Mark.CAUTION)
+    rows = [
+        row("Deployable", f"{'yes' if found.passed else 'no'}: {found.reason}", mark=mark),
+        smallest_margins({who: vars(case.margins) for who, case in cases.items()}, of_disk),
+        settling(None if math.isinf(seconds) else seconds, slowest),
+        damping_ratio(ratio, hz, swinging, period_s),
+        row("Worst hand", hand(found.held.hand)),
+    ]
+    if found.free is not None:
+        outside = fill("disk margin {disk:2}", vars(found.free.margins))
+        rows.append(row("Outside the wall", outside, mark=marked(found.free.stable)))
+    loud = fill("{noise_n} rms at rest; {encoder_step_n} by one encoder step", vars(found))
+    rows += [
+        row("Rendered", listed([(Value(found.static_stiffness_n_per_m, "stiffness"), "at rest"), *rendered])),
+        row("Largest k", Value(most, "stiffness") if most else "none", "at this b"),
+        row("Stable b", "none" if allowed is None else span(allowed, "damping"), "at this k"),
+        row("Force noise", loud, mark=doubted(not found.quiet)),
+    ]
+    if not sound:
+        helps = [(_law(one.changes), fill("(disk margin {disk_margin:2})", vars(one))) for one in found.remedies]
+        rows.append(row("Would help", listed(helps, ";") or "no change of k, b, cutoff, sample time or delay alone"))
     return rows
 
 
@@ -145,13 +232,12 @@ def passivity(found: Mapping[str, Any], problem: Problem) -> list[Row]:
         return []
     if found["refused"]:
         return [row("Engine's port", f"not judged: {found['refused']}", mark=Mark.CAUTION)]
-    margin = Value(None if found["margin_ns_per_m"] is None else abs(found["margin_ns_per_m"]), "damping")
     text: tuple[Part, ...] = ("not passive: with the tool held in place the device is unstable",)
-    if found["passive"]:
-        text = ("passive with", margin, "to spare: stable with any passive engine, whatever its tool touches")
-    elif found["margin_ns_per_m"] is not None:
-        at = ("at", Value(found["frequency_hz"], "frequency"))
-        text = ("not passive: lacks", margin, *at, ",", *hand(found["hand"]))
+    if found["margin_ns_per_m"] is not None:
+        known = {**found, "margin_ns_per_m": abs(found["margin_ns_per_m"])}
+        spare = "passive with {margin_ns_per_m} to spare: stable with any passive engine, whatever its tool touches"
+        lacks = "not passive: lacks {margin_ns_per_m} at {frequency_hz},"
+        text = fill(spare, known) if found["passive"] else parts(fill(lacks, known), hand(found["hand"]))
     if found["any_hand"] is not None:
         text = (*text, f"; {'with' if found['any_hand'] else 'not with'} any passive hand (Llewellyn)")
     rows = [row("Engine's port", text, mark=Mark.PASS if found["passive"] else Mark.NONE)]
@@ -163,38 +249,30 @@ def passivity(found: Mapping[str, Any], problem: Problem) -> list[Row]:
 
 def region(data: Mapping[str, Any], problem: Problem, shown: str = "", drawn: str | None = None) -> Answer:
     """Return the answer of `zwidth` of a problem with [simulation]: a row for each engine rate."""
-    shown, curves, damping, rows = shown or name_of(problem), data["curves"], data["damping_ns_per_m"], []
-    for one in curves:
-        text: tuple[Part, ...] = ("no coupling is stable",)
-        if one["stiffest_n_per_m"] is not None:
-            best = {
-                "stiffness_n_per_m": one["stiffest_n_per_m"],
-                "damping_ns_per_m": one["stiffest_with_ns_per_m"],
-                "local_damping_ns_per_m": one["stiffest_with_local_ns_per_m"],
-            }
-            text = ("stiffest", *pair(best))
+    shown, rows = shown or name_of(problem), []
+    for one in data["curves"]:
+        best = {
+            "stiffness_n_per_m": one["stiffest_n_per_m"],
+            "damping_ns_per_m": one["stiffest_with_ns_per_m"],
+            "local_damping_ns_per_m": one["stiffest_with_local_ns_per_m"],
+        }
+        some = one["stiffest_n_per_m"] is not None
+        text = ("stiffest", *pair(best)) if some else ("no coupling is stable",)
         label = Value(one["rate_hz"], "frequency").text(problem.units)
-        mark = Mark.NONE if one["stiffest_n_per_m"] is not None else Mark.FAIL
+        mark = Mark.NONE if some else Mark.FAIL
         rows.append(row(label, text, ", as declared" if one["declared"] else "", mark=mark))
     rows += written(drawn, label="Drawn")
-    for at in sample_rows(len(damping), _ROWS // 2):
-        each = [(Value(one["rate_hz"], "frequency"), _stiffest(one["stiffness_n_per_m"][at])) for one in curves]
-        rows.append(row("Largest K", "with B", Value(damping[at], "damping"), ":", listed(each), rank=1))
     return answer("zwidth", data, problem, shown, rows, [f"avc recommend {quote(shown)} --out coupling.json"])
-
-
-def _stiffest(stiffness_n_per_m: float | None) -> Part:
-    return Value(stiffness_n_per_m, "stiffness") if stiffness_n_per_m else "none"
 
 
 def walls(data: Mapping[str, Any], problem: Problem, shown: str = "", drawn: str | None = None) -> Answer:
     """Return the answer of `zwidth`: the walls that the device can render."""
     shown, curves, damping = shown or name_of(problem), data["curves"], data["wall_damping_ns_per_m"]
     met = [one["claim"] for one in curves.values() if one["wanted_wall"]]
+    whole = len(met) == len(curves)
     if curves["stable-hands"]["wanted_wall"] and not curves["stable-released"]["wanted_wall"]:
         met.append("unstable when released")
     bare = f"this wall is {'; '.join(met)}" if met else "this wall is neither passive nor stable"
-    whole = len(met) == len(curves) and all(one["wanted_wall"] for one in curves.values())
     rows = [row("Without coupling", bare, mark=marked(whole, Mark.CAUTION))]
     if data["not_used"]:
         unused = ", ".join(map(problem.units.key, data["not_used"]))
@@ -208,48 +286,40 @@ def walls(data: Mapping[str, Any], problem: Problem, shown: str = "", drawn: str
             text = parts("up to", Value(k, "stiffness"), "with a wall damping of", Value(b, "damping"), ends)
         # A device that is a sample later is another device.
         rows.append(row(_CURVES[key], text, rank=1 if key == "passive-delayed" else 0))
-    rows += [*_constant(data), passive_limit(data["passive_limit_n_per_m"])]
+    for one in data["static"]:
+        if one["condition"] == "all" and one["found"]:
+            b_p = fill(", b_p {contact_damping_ns_per_m}", one) if one["contact_damping_ns_per_m"] else None
+            error = fill(": passive at all frequencies, error {error:share}", one)
+            text = parts(fill("k {stiffness_n_per_m}, b {damping_ns_per_m}", one), b_p, error)
+            rows.append(row(f"Constant, {one['model'].removesuffix('-data')}", text))
+    rows.append(passive_limit(data["passive_limit_n_per_m"]))
     if data["encoder_limit_n_per_m"] is not None:
-        limit = Value(data["encoder_limit_n_per_m"], "stiffness")
-        rows.append(row("Encoder limit", limit, "for a passive wall, 2 f_c/Delta (Abbott and Okamura 2005)"))
+        limit = "{encoder_limit_n_per_m} for a passive wall, 2 f_c/Delta (Abbott and Okamura 2005)"
+        rows.append(row("Encoder limit", fill(limit, data)))
     rows += [*notes(data["refused"], "Not judged"), *written(drawn, label="Drawn")]
-    for at in sample_rows(len(damping), _ROWS):
-        each = [(_CURVES[key].lower(), _stiffest(one["stiffness_n_per_m"][at])) for key, one in curves.items()]
-        rows.append(row("Largest K", "with B", Value(damping[at], "damping"), ":", listed(each), rank=1))
     onwards = (f"avc recommend {quote(shown)} --stiffest", f"avc zwidth {quote(shown)} -v")
     return answer("zwidth", data, problem, shown, rows, onwards)
-
-
-def _constant(data: Mapping[str, Any]) -> list[Row]:
-    """Return the best constant coupling for this wall in both models."""
-    rows = []
-    for one in data["static"]:
-        if one["condition"] != "all":
-            continue
-        text: tuple[Part, ...] = ("no constant coupling is passive at all frequencies",)
-        if one["found"]:
-            b_p = one["contact_damping_ns_per_m"]
-            k, b = Value(one["stiffness_n_per_m"], "stiffness"), Value(one["damping_ns_per_m"], "damping")
-            found = listed([("k", k), ("b", b), ("b_p", Value(b_p, "damping")) if b_p else None])
-            text = (*found, ": passive at all frequencies, error", Value(one["error"], "share"))
-        rows.append(row(f"Constant, {one['model'].removesuffix('-data')}", text))
-    return rows
 
 
 def scene(data: Mapping[str, Any], problem: Problem, shown: str = "", drawn: str | None = None) -> Answer:
     """Return the answer of `simulate`, of a coupling to a wall or to a simulation."""
     shown, tool = shown or name_of(problem), "local_damping_ns_per_m" in data
     trace = None if data["trace"] is None else f"{data['trace']} and its manifest"
-    end, swing = _kept(data["mean_force_n"]), _kept(data["position_peak_to_peak_m"])
-    hard = None if tool else data["rate_hardness_n_per_m"]
-    rows = [row("Outcome", _outcome(data), f"({data['steps']} samples)", mark=_mark(data))]
-    rows.append(row("Coupling", f"{data['coupling']}:", pair(data)) if tool else _coupling(data, problem))
-    rows += [
+    sizes = ("mean_force_n", "position_peak_to_peak_m", "force_ripple_n", "energy_generated_j")
+    known = {**data, **{key: _or_zero(data[key]) for key in sizes}}
+    free = ", without need of dry friction" if data["outcome"] == "asymptotic" else ""
+    ending = f"{outcome(data)}{free}{'; buzzes' if data['buzzing'] else ''}"
+    rows = [
+        row("Outcome", ending, f"({data['steps']} samples)", mark=_mark(data)),
+        row("Coupling", f"{data['coupling']}:", pair(data)) if tool else _coupling(data, problem),
         _rendered(data, problem),
-        *([row("Rate-hardness", Value(hard, "stiffness"), "at contact")] if hard is not None else []),
-        row("At the end", Value(end, "force"), ",", Value(swing, "length"), "peak to peak"),
-        row("Ripple", Value(_kept(data["force_ripple_n"]), "force"), "rms between 20 and 500 Hz"),
-        row("Energy", Value(_kept(data["energy_generated_j"]), "energy"), "given out beyond that taken in"),
+    ]
+    if not tool and data["rate_hardness_n_per_m"] is not None:
+        rows.append(row("Rate-hardness", fill("{rate_hardness_n_per_m} at contact", data)))
+    rows += [
+        row("At the end", fill("{mean_force_n}, {position_peak_to_peak_m} peak to peak", known)),
+        row("Ripple", fill("{force_ripple_n} rms between 20 and 500 Hz", known)),
+        row("Energy", fill("{energy_generated_j} given out beyond that taken in", known)),
         *([_beside("No guard", guarded)] if (guarded := data.get("without_guard")) is not None else []),
         *(_beside(f"With {one['coupling']}", one) for one in data.get("against", ())),
         *notes(data.get("notes", ())),
@@ -258,24 +328,19 @@ def scene(data: Mapping[str, Any], problem: Problem, shown: str = "", drawn: str
         left = f"declared, but not listed in the scene: {', '.join(map(problem.units.key, data['left_out']))}"
         rows.append(row("Left out", left, mark=Mark.CAUTION))
     rows += [*written(trace, drawn), *_explanation(data)]
-    if "criterion" in data:
-        rows.append(row("Criterion", data["criterion"], rank=1))
-    settles = data["stable"]
-    complaint = "" if settles else f"avc: {problem.name}: the device {outcome(data)}"
+    complaint = "" if data["stable"] else f"avc: {problem.name}: the device {outcome(data)}"
     onwards = () if tool else (f"avc simulate {quote(shown)} --explain",)
     return answer("simulate", data, problem, shown, rows, onwards, complaint)
 
 
 def outcome(data: Mapping[str, Any]) -> str:
     """Return the outcome for the one simulated hand."""
-    kinds = [one if isinstance(one, str) else one["kind"] for one in data["effects"]]
-    held = any(EFFECTS[kind].role == "hand" for kind in kinds)
+    held = any(EFFECTS[kind].role == "hand" for kind in _kinds(data))
     return f"{_WORDS[data['outcome']]}{' with this hand' if held else ''}"
 
 
-def _outcome(data: Mapping[str, Any]) -> str:
-    free = ", without need of dry friction" if data["outcome"] == "asymptotic" else ""
-    return f"{outcome(data)}{free}{'; buzzes' if data['buzzing'] else ''}"
+def _kinds(data: Mapping[str, Any]) -> list[str]:
+    return [one if isinstance(one, str) else one["kind"] for one in data["effects"]]
 
 
 def _mark(data: Mapping[str, Any]) -> Mark:
@@ -290,8 +355,7 @@ def _coupling(data: Mapping[str, Any], problem: Problem) -> Row:
     table = {key: [math.inf if data[key] is None else data[key]] for key in keys}
     read: tuple[Part, ...] = ()
     if data["gains_from_hz"] is not None:
-        adapts = any(effect["kind"] == "adaptation" for effect in data["effects"])
-        read = ("; at first" if adapts else ";", "the table at", Value(data["gains_from_hz"], "frequency"))
+        read = fill(f"; {'at first ' * ('adaptation' in _kinds(data))}the table at {{gains_from_hz}}", data)
     return row("Coupling", f"{data['coupling']}:", gains(table, problem), read)
 
 
@@ -299,13 +363,12 @@ def _rendered(data: Mapping[str, Any], problem: Problem) -> Row:
     sensed, wall = data["apparent_stiffness_n_per_m"], problem.environment.stiffness_n_per_m
     if sensed is None:
         return row("Rendered", "no stiffness: the scene does not end in steady contact")
-    kinds = {one if isinstance(one, str) else one["kind"] for one in data["effects"]}
-    beside = ", with the slope of the detents" if "detent" in kinds else ""
+    beside = ", with the slope of the detents" if "detent" in _kinds(data) else ""
     share = f"({100 * sensed / wall:.2g} % of the wall)" if wall and problem.simulation is None else ""
     text = parts(Value(sensed, "stiffness"), "at the sensor", share, beside)
     own = [one.force_n for one in problem.scene.effects if isinstance(one, SaturationEffect)]
     limit = own[0] if own and own[0] is not None else problem.device.max_force_n
-    if "saturation" not in kinds or limit is None or data["mean_force_n"] < _AT_LIMIT * limit:
+    if "saturation" not in _kinds(data) or not saturates(data["mean_force_n"], limit):
         return row("Rendered", text)
     return row("Rendered", text, "; ends at the limit of", Value(limit, "force"), mark=Mark.CAUTION)
 
@@ -313,15 +376,15 @@ def _rendered(data: Mapping[str, Any], problem: Problem) -> Row:
 def _beside(label: str, one: Mapping[str, Any]) -> Row:
     """Return the outcome of another run of the scene."""
     what = f"{_WORDS[one['outcome']]}{', buzzes' if one['buzzing'] else ''}:"
-    sensed, swing = one["apparent_stiffness_n_per_m"], Value(_kept(one["position_peak_to_peak_m"]), "length")
-    stiffness = "no stiffness" if sensed is None else Value(sensed, "stiffness")
-    energy = (",", Value(_kept(one["energy_generated_j"]), "energy"), "given out")
-    return row(label, what, stiffness, ",", swing, "peak to peak", energy, mark=_mark(one))
+    stiffness = "no stiffness" if one["apparent_stiffness_n_per_m"] is None else "{apparent_stiffness_n_per_m}"
+    known = {**one, **{key: _or_zero(one[key]) for key in ("position_peak_to_peak_m", "energy_generated_j")}}
+    text = f"{what} {stiffness}, {{position_peak_to_peak_m}} peak to peak, {{energy_generated_j}} given out"
+    return row(label, fill(text, known), mark=_mark(one))
 
 
-def _kept(value: float | None) -> float | None:
+def _or_zero(value: float | None) -> float | None:
     """Return a value; 0 for a rounding residue."""
-    return 0.0 if value is not None and abs(value) < _ROUND_OFF else value
+    return 0.0 if value is not None and abs(value) < 1e-12 else value
 
 
 def _explanation(data: Mapping[str, Any]) -> list[Row]:
@@ -330,12 +393,11 @@ def _explanation(data: Mapping[str, Any]) -> list[Row]:
         return []
     rows = []
     for one in data["effects"]:
-        states = (count(one["states"]), "states,")
-        made = ("the only mass",) if one["instructions"] is None else (count(one["instructions"]), "instructions,")
+        made = "the only mass" if one["instructions"] is None else "{instructions:9} instructions,"
         cost = _cost(one["ns_per_step"], data["scatter_ns"])
-        rows.append(row(f"Effect {one['kind']}", states, made, cost, rank=1))
-    whole = (count(data["states"]), "states,", count(data["instructions"]), "instructions,")
-    rows.append(row("Whole sample", whole, f"{data['ns_per_step']:.0f} ns", rank=1))
+        rows.append(row(f"Effect {one['kind']}", fill(f"{{states:9}} states, {made} {cost}", one), rank=1))
+    whole = f"{{states:9}} states, {{instructions:9}} instructions, {data['ns_per_step']:.0f} ns"
+    rows.append(row("Whole sample", fill(whole, data), rank=1))
     rows.append(row("States", ", ".join(data["state_names"]), rank=1))
     return [*rows, row("Absent", ", ".join(data["absent"]), rank=1)]
 
@@ -349,29 +411,32 @@ def _cost(cost_ns: float | None, scatter_ns: float) -> str:
 
 def screening(data: Mapping[str, Any], problem: Problem, shown: str) -> Answer:
     """Return the answer of `simulate --screen`: a row for each effect that the scene needs."""
-    together, tolerance = data["together"], Value(data["tolerance"], "share")
     all_effects = f"{_WORDS[data['outcome']]}, coupling {data['coupling']}"
     rows = [row("All effects", all_effects, mark=_SETTLES[data["outcome"]])]
     for one in data["effects"]:
-        ending, rank = f", {_WORDS[one['outcome']]}{': needed' if one['needed'] else ''}", 0 if one["needed"] else 1
-        saves = ("; saves", count(one["instructions"]), "instructions,", _cost(one["ns_per_step"], data["scatter_ns"]))
-        rows.append(row(f"No {one['kind']}", _changes(one, problem.units), ending, saves if rank else None, rank=rank))
+        rank = 0 if one["needed"] else 1
+        cost = _cost(one["ns_per_step"], data["scatter_ns"])
+        saves = fill(f"; saves {{instructions:9}} instructions, {cost}", one) if rank else ": needed"
+        rows.append(row(f"No {one['kind']}", _changes(one, problem.units), saves, rank=rank))
     if data["essential"]:
         rows.append(row("Only mass", f"cannot be left out: {', '.join(data['essential'])}"))
-    if together is None:
-        rows.append(row("Not needed", "none at a tolerance of", tolerance))
+    if data["together"] is None:
+        rows.append(row("Not needed", fill("none at a tolerance of {tolerance:share}", data)))
     else:
-        rows.append(row("Not needed", "at a tolerance of", tolerance, f": {', '.join(data['unneeded'])}"))
-        rows.append(row("Without these", _changes(together, problem.units), f", {_WORDS[together['outcome']]}"))
+        names = ", ".join(data["unneeded"])
+        rows.append(row("Not needed", fill(f"at a tolerance of {{tolerance:share}}: {names}", data)))
+        rows.append(row("Without these", _changes(data["together"], problem.units)))
     rows += notes(data["notes"])
-    onwards = (f"avc simulate {quote(shown)} --screen -v",)
-    return answer("screen", data, problem, shown, rows, onwards)
+    return answer("screen", data, problem, shown, rows, (f"avc simulate {quote(shown)} --screen -v",))
 
 
 def _changes(found: Mapping[str, Any], units: Units) -> tuple[Part, ...]:
-    """Return relative changes, rms over the run for position and force."""
-    names = ("position", "force", "stiffness")
-    return listed((units.key(name), Value(found[f"{name}_change"], "share")) for name in names)
+    """Return relative changes, rms over the run for position and force, and the outcome."""
+    force = units.key("force")
+    changes = (
+        f"position {{position_change:share}}, {force} {{force_change:share}}, stiffness {{stiffness_change:share}}"
+    )
+    return fill(f"{changes}, {_WORDS[found['outcome']]}", found)
 
 
 def trial(data: Mapping[str, Any], units: Units, shown: str) -> Answer:
@@ -379,8 +444,9 @@ def trial(data: Mapping[str, Any], units: Units, shown: str) -> Answer:
     hands, rests, moving = data["hands"], data["at_rest"], data["moving"]
     low, high = (f"{100 * end:.4g}" for end in data["at_rest_interval"])
     interval = f"hands in every motion ({100 * data['confidence']:g} % interval {low} to {high} %)"
+    settle = fill(f"{{at_rest:9}} of {{hands:9}} {interval}", data)
     rows = [
-        row("Settle", count(rests), "of", count(hands), interval, mark=marked(rests == hands, Mark.CAUTION)),
+        row("Settle", settle, mark=marked(rests == hands, Mark.CAUTION)),
         row("By motion", listed((name, count(one)) for name, one in data["by_motion"].items())),
         row("Simulated", ", ".join(data["effects"])),
     ]

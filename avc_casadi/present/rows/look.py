@@ -6,34 +6,33 @@ from collections.abc import Mapping, Sequence
 from shlex import quote
 from typing import TYPE_CHECKING, Any
 
-from avc_casadi._util.units import Units
-from avc_casadi.present.row import Answer, Mark, Part, Quantity, Row, Value, count, listed, marked, parts, row, span
+from avc_casadi._util.units import LINEAR, Units
+from avc_casadi.present.row import (
+    Answer,
+    Mark,
+    Part,
+    Row,
+    Value,
+    fill,
+    listed,
+    marked,
+    parts,
+    quantity_of,
+    row,
+    span,
+)
 from avc_casadi.present.rows.subject import answer, name_of, not_used, notes, passive_limit
 from avc_casadi.recommendation.preconditions import asked_of_others, not_judged
 
 if TYPE_CHECKING:
     from avc_casadi.model.problem import Problem
 
-# Quantity of a key of a linear device by its ending, the longest first.
-_QUANTITIES: dict[str, Quantity] = {
-    "_ns_per_m": "damping",
-    "_n_per_m": "stiffness",
-    "_m_per_s": "speed",
-    "_kg": "mass",
-    "_hz": "frequency",
-    "_n": "force",
-    "_m": "length",
-    "_s": "time",
-}
-# Values of a device on the first screen.
-_MOST_VALUES = 9
 _EXCHANGES = {
     "on-time": "the device is given the state that the engine's step began with",
     "late": "the device is given the state of the step before",
     "ahead": "the device is given the state that the step has just made",
     "held-force": "the engine computes the coupling, and the device holds its output for a step",
 }
-_NO_RIGHT = "no right to open it: add yourself to its group (dialout)"
 
 
 def problem(data: Mapping[str, Any], stated: Problem, shown: str = "") -> Answer:
@@ -56,11 +55,10 @@ def problem(data: Mapping[str, Any], stated: Problem, shown: str = "") -> Answer
 
 
 def _wall(data: Mapping[str, Any], stated: Problem) -> list[Row]:
-    band = span((data["lowest_hz"], data["highest_hz"]), "frequency")
-    nyquist = ("; Nyquist", Value(data["nyquist_hz"], "frequency"))
+    band = "{frequencies:9}, {lowest_hz} to {highest_hz}; Nyquist {nyquist_hz}"
     rows = [
         row("Asked for", f"structure {data['structure']}, model {data['model']}, scope {data['scope']}"),
-        row("Frequencies", count(data["frequencies"]), ",", band, nyquist),
+        row("Frequencies", fill(band, data)),
         passive_limit(data["passive_limit_n_per_m"]),
     ]
     if data["declared"]:
@@ -89,7 +87,10 @@ def _follower(stated: Problem) -> list[Row]:
     far = stated.follower
     assert far is not None  # noqa: S101 - asked of problems with one
     there, back = (span(one, "time") for one in (far.delay_s, far.return_delay_s or far.delay_s))
-    lost = (";", Value(far.jitter, "share"), "of jitter,", Value(far.lost_share, "share"), "of the messages lost")
+    lost = fill(
+        "; {jitter:share} of jitter, {lost_share} of the messages lost",
+        {"jitter": far.jitter, "lost_share": far.lost_share},
+    )
     sent = f", {far.force} is sent back" if far.architecture == "position-force" else ""
     end = ("a rigid object",) if far.rigid else ("a spring of", Value(far.contact_stiffness_n_per_m[1], "stiffness"))
     return [
@@ -100,23 +101,20 @@ def _follower(stated: Problem) -> list[Row]:
 
 
 def device(data: Mapping[str, Any], units: Units) -> Answer:
-    """Return the answer of `check` of a device file: a value each with its range and grade."""
+    """Return the answer of `check` of a device file: a value each with its range and source."""
     sources, ranges = data["sources"], data["range"]
-    rows: list[Row] = []
+    rows = [row("Valid", data["title"] or "yes", mark=Mark.PASS)]
     for key, value in data["values"].items():
         ends = ranges.get(key)
         between = ("(", _value(key, ends[0]), "to", _value(key, ends[1]), ")") if isinstance(ends, list) else None
         grade = f", {sources[key]['grade']}" if key in sources else ""
-        rows.append(row(units.key(key), _value(key, value), between, grade, rank=0 if len(rows) < _MOST_VALUES else 1))
-    rows.insert(0, row("Valid", data["title"] or "yes", mark=Mark.PASS))
-    gaps = [gap for gap in data["gaps"] if units.inner(gap) not in data["values"]]
-    if gaps:
+        rows.append(row(units.key(key), _value(key, value), between, grade, rank=0 if len(rows) < 10 else 1))
+    if gaps := [gap for gap in data["gaps"] if units.inner(gap) not in data["values"]]:
         rows.append(row("Not known", ", ".join(map(units.key, gaps)), mark=Mark.CAUTION))
     rows += [row(units.key(key), f"{one['grade']}, {one['source']}", rank=1) for key, one in sources.items()]
     if data["sdk_example"] is not None:
-        example = {key: one for key, one in data["sdk_example"].items() if key != "source"}
-        text = ", ".join(f"{units.key(key)} {one}" for key, one in example.items())
-        rows.append(row("SDK example", f"{text}; {data['sdk_example']['source']}", rank=1))
+        text = "; ".join(f"{units.key(key)} {one}" for key, one in data["sdk_example"].items())
+        rows.append(row("SDK example", text, rank=1))
     rows.append(row("Use", f'device = "{data["referred_as"]}" in a problem file'))
     return Answer("check", data, (f"{data['device']}   device file",), tuple(rows), units=units)
 
@@ -127,12 +125,7 @@ def _value(key: str, value: Any) -> tuple[Part, ...]:
         return listed((name.replace("_", " "), _value(name, one)) for name, one in value.items())
     if isinstance(value, bool) or not isinstance(value, int | float):
         return (str(value),)
-    of = (
-        None if key.endswith("radius_m") else next((_QUANTITIES[one] for one in _QUANTITIES if key.endswith(one)), None)
-    )
-    if of is None:
-        return (Value(value, "number"),)
-    return (Value(value, of),)
+    return (Value(value, "number" if key.endswith("radius_m") else quantity_of(key)),)
 
 
 def catalogue(data: Mapping[str, Any], folder: str) -> Answer:
@@ -171,8 +164,9 @@ def ports(found: Sequence[Mapping[str, Any]], *, asked: bool) -> list[Row]:
     rows = []
     for port in found:
         own = f"serial number {port['serial_number']}" if port["serial_number"] else ""
-        text = [port["description"], own, "may be opened" if port["accessible"] else _NO_RIGHT]
-        if asked and (behind := port["avc_device"]) is not None:
+        no_right = "no right to open it: add yourself to its group (dialout)"
+        text = [port["description"], own, "may be opened" if port["accessible"] else no_right]
+        if behind := port["avc_device"] if asked else None:
             number = behind["unique_id"] or "without a number"
             text.append(f"avc device {number}, coupling {behind['coupling_id'] or 'none'}")
         elif asked:
@@ -186,15 +180,11 @@ def accuracy(data: Mapping[str, Any]) -> Answer:
     """Return the answer of `accuracy`: time and error of each solver."""
     rows = []
     for one in data["solvers"]:
-        to = "" if one["tolerance"] is None else f"{one['tolerance']:g}"
-        by = f"{one['solver'] or ''} {to}".strip()
-        seconds = (Value(one["seconds_per_frequency"], "time"), "a frequency")
-        excess = ("; excess error", Value(one["excess_error"], "number", 2), "median,")
-        worst = (Value(one["largest_excess_error"], "number", 2), "at most; optimal at")
+        by = " ".join(filter(None, [one["solver"], one["tolerance"] and f"{one['tolerance']:g}"]))
+        error = "excess error {excess_error:2} median, {largest_excess_error:2} at most; optimal at {optimal_share}"
+        text = fill(f"{by}{':' if by else ''} {{seconds_per_frequency:time}} a frequency; {error}", one)
         notable = f"{', fastest of its accuracy' if one['pareto'] else ''}{', default' if one['default'] else ''}"
-        shown = 0 if one["pareto"] or one["default"] else 1
-        text = (f"{by}:" if by else "", seconds, excess, worst, Value(one["optimal_share"], "share"), notable)
-        rows.append(row(one["method"], text, rank=shown))
+        rows.append(row(one["method"], text, notable, rank=0 if notable else 1))
     title = (f"{data['problem']}   error of |Z_h| beyond the optimum of `exact`, relative to |Z_h_ds|",)
     return Answer("accuracy", data, title, tuple(rows), (f"avc accuracy {data['problem']} -v",))
 
@@ -204,19 +194,18 @@ def table1(data: Mapping[str, Any]) -> Answer:
     hands, rows = data["hands"], []
     for name, found in (("A", data["rows"]), ("B", data["rows_set_b"])):
         for one in found:
-            paper, stable, felt = one["paper"] or {}, one["stable"], one["apparent_stiffness_n_per_m"]
-            text: list[Any] = [f"{one['coupling']}: stable" if stable is not None else f"{one['coupling']}: not tried"]
-            if stable is not None:
-                low, high = Value(one["stable_low"], "share"), Value(one["stable_high"], "share")
-                text += [count(stable), "of", count(hands), "(95 %", low, "to", high, ")"]
-            text += [f", paper {paper['stable']}"] if "stable" in paper else []
-            text += [] if one["asymptotic"] is None else [",", count(one["asymptotic"]), "without friction"]
-            text += [] if felt is None else [", felt", Value(felt, "stiffness")]
-            text += [] if one["matched"] is None else [", nearer", count(one["matched"])]
-            text += [] if one["unable"] is None else [", unable", count(one["unable"])]
-            text += [] if paper.get("matched") is None else [f"(paper {paper['matched']}/{paper['unable']})"]
-            wall = Value(one["stiffness_n_per_m"], "stiffness").text(Units("linear"))
-            rows.append(row(f"Set {name}, {one['ve']}, {wall}", text))
+            paper, text = one["paper"] or {}, f"{one['coupling']}: not tried"
+            if one["stable"] is not None:
+                of = f"{{stable:9}} of {hands} (95 % {{stable_low:share}} to {{stable_high:share}})"
+                text = f"{one['coupling']}: stable {of}"
+            text += f", paper {paper['stable']}" if "stable" in paper else ""
+            text += "" if one["asymptotic"] is None else ", {asymptotic:9} without friction"
+            text += "" if one["apparent_stiffness_n_per_m"] is None else ", felt {apparent_stiffness_n_per_m}"
+            text += "" if one["matched"] is None else ", nearer {matched:9}"
+            text += "" if one["unable"] is None else ", unable {unable:9}"
+            text += "" if paper.get("matched") is None else f" (paper {paper['matched']}/{paper['unable']})"
+            wall = Value(one["stiffness_n_per_m"], "stiffness").text(LINEAR)
+            rows.append(row(f"Set {name}, {one['ve']}, {wall}", fill(text, one)))
     title = f"Table 1 of the paper with {hands} simulated hands, seed {data['seed']}; of 10 people in the paper"
     rows += [
         row("Set A", "mass 0.05 to 0.3 kg, damping 3 to 20 N.s/m, stiffness 200 to 800 N/m"),

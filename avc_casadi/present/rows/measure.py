@@ -11,15 +11,15 @@ from avc_casadi._util.text import number
 from avc_casadi.present.row import (
     Answer,
     Mark,
-    Quantity,
     Row,
     Value,
     doubted,
+    fill,
     listed,
     marked,
     parts,
+    quantity_of,
     row,
-    span,
     written,
 )
 from avc_casadi.present.rows.subject import HAND, notes, plural
@@ -29,29 +29,21 @@ if TYPE_CHECKING:
     from avc_casadi.diagnose.causes import Diagnosis
     from avc_casadi.identification.device import Identification
 
-_MOVED: tuple[tuple[str, str, Quantity], ...] = (
-    ("Force", "force_n", "force"),
-    ("Speed", "speed_m_per_s", "speed"),
-    ("Travel", "travel_m", "length"),
-)
-# Values of a device on the first screen.
-_MOST_VALUES = 9
+_MOVED = {"Force": "force_n", "Speed": "speed_m_per_s", "Travel": "travel_m"}
 
 
 def plan(data: Mapping[str, Any], units: Units, shown: str, port: str) -> Answer:
     """Return the plan of `excite`."""
     found = data["plan"]
     corners = "worst of its ranges" if found["devices"] > 1 else "declared device"
-    band = span((found["lowest_hz"], found["highest_hz"]), "frequency")
-    centring = found["centring"]
-    spring, damper = Value(centring["spring_n_per_m"], "stiffness"), Value(centring["damper_ns_per_m"], "damping")
-    peak = (", peak", Value(found["peak_force_n"], "force"), f"; bounded by {found['held_back_by']}")
-    rows = [row("Signal", f"{found['signal']},", band, peak)]
-    for label, key, of in _MOVED:
-        worst, allowed = Value(found["forecast"]["worst"][key], of), Value(found["limits"][key], of)
-        rows.append(row(label, worst, "of", allowed, f"allowed, {corners}"))
-    rows.append(row("Centred by", "spring", spring, ", damper", damper, ": hands off"))
-    title = parts(shown, f"  {found['signal']} of", Value(found["seconds"], "time"), f"on {port}")
+    signal = f"{found['signal']}, {{lowest_hz}} to {{highest_hz}}, peak {{peak_force_n}}; bounded by {{held_back_by}}"
+    rows = [row("Signal", fill(signal, found))]
+    for label, key in _MOVED.items():
+        allowed = fill(f"of {{{key}}} allowed, {corners}", found["limits"])
+        rows.append(row(label, fill(f"{{{key}}}", found["forecast"]["worst"]), allowed))
+    centring = "spring {spring_n_per_m}, damper {damper_ns_per_m}: hands off"
+    rows.append(row("Centred by", fill(centring, found["centring"])))
+    title = parts(shown, " ", fill(f"{found['signal']} of {{seconds:time}} on {port}", found))
     return Answer("excite", data, title, tuple(rows), units=units)
 
 
@@ -61,8 +53,8 @@ def log(data: Mapping[str, Any], units: Units, title: str, file: str = "", onwar
     lost = f"{found['lost']} lost, seen as gaps" if found["lost"] else "none lost"
     rows = [
         row("Played", found["end"], mark=marked(found["whole"])),
-        row("Recorded", f"{plural(found['records'], 'record')} in", Value(found["seconds"], "time"), f", {lost}"),
-        row("At most", listed(Value(found[f"peak_{key}"], of) for _, key, of in _MOVED)),
+        row("Recorded", fill(f"{plural(found['records'], 'record')} in {{seconds:time}}, {lost}", found)),
+        row("At most", fill("{peak_force_n}, {peak_speed_m_per_s}, {peak_travel_m}", found)),
         *written(file),
     ]
     return Answer("excite", data, (title,), tuple(rows), tuple(onwards), units)
@@ -72,8 +64,10 @@ def identification(
     data: Mapping[str, Any], found: Identification, units: Units, logs: Sequence[str], files: Sequence[str]
 ) -> Answer:
     """Return the answer of `identify`: a row for each value of the device."""
-    records, rate = f"in {plural(found.records, 'record')} at", Value(1 / found.sample_time_s, "frequency")
-    title = parts(", ".join(logs), " ", Value(found.seconds, "time"), records, rate)
+    known = {"seconds": found.seconds, "rate_hz": 1 / found.sample_time_s}
+    title = parts(
+        ", ".join(logs), " ", fill(f"{{seconds:time}} in {plural(found.records, 'record')} at {{rate_hz}}", known)
+    )
     rows: list[Row] = []
     for key, one in found.estimates.items():
         # As many digits as the interval supports.
@@ -82,15 +76,15 @@ def identification(
         value, low, high = (Value(end, one.quantity, digits) for end in (one.value, one.low, one.high))
         values = (value, "(", low, "to", high, ")") if one.identified else (low, "to", high, "; not identified")
         mark = doubted(not one.identified)
-        rows.append(row(units.key(key), values, mark=mark, rank=0 if len(rows) < _MOST_VALUES else 1))
+        rows.append(row(units.key(key), values, mark=mark, rank=0 if len(rows) < 9 else 1))
     rows.append(row("Model", ", ".join(found.rungs)))
     rows += notes(found.notes, mark=Mark.CAUTION)
     rows += written(*files)
     rows.append(row("Not known", ", ".join(map(units.key, found.unknown)), rank=1))
     for trial in found.trials:
-        share, errors = Value(trial.change, "share"), f"on stretches held out, {trial.standard_errors:.2g} std errors"
-        taken = "taken: error" if trial.taken else "not taken: error"
-        rows.append(row(f"Rung {trial.rung}", taken, share, errors, f"; {trial.why}" if trial.why else "", rank=1))
+        error = f"error {{change:share}} on stretches held out, {trial.standard_errors:.2g} std errors"
+        text = f"{'taken' if trial.taken else 'not taken'}: {error}{'; ' if trial.why else ''}{trial.why}"
+        rows.append(row(f"Rung {trial.rung}", fill(text, vars(trial)), rank=1))
     onwards = [f"avc check {quote(one)}" for one in files if one.endswith(".toml")]
     onwards.append(f"avc identify {' '.join(logs)} -v")
     return Answer("identify", data, title, tuple(rows), tuple(onwards), units)
@@ -108,24 +102,23 @@ def diagnosis(data: Mapping[str, Any], found: Sequence[Diagnosis], command: str,
     swing, law, fit = one.swing, one.law, one.fit
     rows = [row("Verdict", one.conclusion, mark=_verdict(one))]
     for cure in one.remedies[:3]:
-        values = Value(cure.value, cure.quantity), Value(cure.before, cure.quantity)
-        rows.append(row("Remedy", cure.key.replace("_", " "), values[0], "in place of", values[1]))
+        text = f"{cure.key.replace('_', ' ')} {{value:{cure.quantity}}} in place of {{before:{cure.quantity}}}"
+        rows.append(row("Remedy", fill(text, vars(cure))))
     rows += [row("Next log", one.decides)] if one.decides else []
     if swing.kind != "none":
-        size = Value(swing.peak_to_peak_m, "length"), ",", Value(swing.force_peak_to_peak_n, "force")
-        contact = ", in contact", Value(swing.contact_share, "share")
-        rows.append(row("Oscillation", swing.kind, Value(swing.frequency_hz, "frequency"), ":", size, contact))
+        size = "{peak_to_peak_m}, {force_peak_to_peak_n}, in contact {contact_share}"
+        rows.append(row("Oscillation", fill(f"{swing.kind} {{frequency_hz}}: {size}", vars(swing))))
     if one.log.missed_share:
         rows.append(row("Ticks", Value(one.log.missed_share, "share"), "missing", mark=Mark.CAUTION))
     if law is not None:
-        k, b = Value(law.stiffness_n_per_m, "stiffness"), Value(law.damping_ns_per_m, "damping")
-        rows.append(row("Force", "k", k, ", b", b, "; residual", Value(max(law.misfit, 1e-3), "share")))
+        known = {**vars(law), "misfit": max(law.misfit, 1e-3)}
+        rows.append(row("Force", fill("k {stiffness_n_per_m}, b {damping_ns_per_m}; residual {misfit:share}", known)))
     if fit is not None and law is not None:
         ends = " to ".join(dict.fromkeys(number(end, 3) for end in one.declared.delay_samples))
         late = f"± {number(fit.delay_error, 1)}; {'declared' if one.declared.known else 'assumed'} {ends}"
         rows.append(row("Delay", Value(fit.best.delay + law.lag, "samples"), late))
         hand = () if fit.best.hand is None else zip(fit.best.hand.values(0).values(), HAND, strict=True)
-        rows.append(row("Hand", listed(Value(value, of) for value, (_, of) in hand) or "none"))
+        rows.append(row("Hand", listed(Value(value, quantity_of(key)) for value, key in hand) or "none"))
         if fit.best.stops is not None:
             rows.append(row("Stops", listed(Value(each, "length") for each in fit.best.stops)))
     rows += [*beside, *notes(one.notes, "Assumed", Mark.NONE, 1)]

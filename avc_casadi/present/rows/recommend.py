@@ -1,13 +1,13 @@
-"""Rows of a recommendation: a coupling to a wall, and the stiffest wall."""
+"""Rows of a recommendation: a coupling to a wall, a simulation or a follower, and the stiffest wall."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from shlex import quote
 from typing import TYPE_CHECKING, Any
 
+from avc_casadi.design.virtual_tool import WIDEST_MARGIN
 from avc_casadi.present.row import (
     Answer,
     Mark,
@@ -16,14 +16,28 @@ from avc_casadi.present.row import (
     Value,
     count,
     doubted,
+    fill,
     listed,
+    marked,
     row,
     span,
     written,
 )
-from avc_casadi.present.rows.margins import damping_ratio, margins_by_loop, settling, smallest_margins
-from avc_casadi.present.rows.pair import MOST_HELPS, pair_rows
-from avc_casadi.present.rows.subject import answer, gains, name_of, notes, peak_force, settled, thin
+from avc_casadi.present.rows.subject import (
+    answer,
+    damping_ratio,
+    gains,
+    hand,
+    name_of,
+    not_used,
+    notes,
+    pair,
+    peak_force,
+    settled,
+    settling,
+    smallest_margins,
+    thin,
+)
 from avc_casadi.recommendation.contact_onset import REACHED_M
 from avc_casadi.recommendation.preconditions import SLIP, asked_of_others, not_judged
 
@@ -31,34 +45,21 @@ if TYPE_CHECKING:
     from avc_casadi.model.problem import Problem
     from avc_casadi.recommendation.recommendation import Recommendation
 
-# An impedance error of a hand's motion above which it feels unlike a static press.
-_SOFTER = 0.2
-# Impedance of device and wall together over that of the wall below which errors are relative to hardly anything.
-_RESONANT = 0.3
-# Frequencies up to this are those of hands.
-_OF_HANDS_HZ = 10.0
-# A stiffness gain by friction that is worth a row, and a share of the wall that is beyond what is wanted.
-_STIFFER = 1.1
-# Share of hands that may notice the encoder steps, or a vibration at rest, without a caution.
-_FEW_FEEL = 0.1
-# Steps of the force, and shortfalls of the handle, from which on they are printed.
-_NOTICED_STEP_N, _NOTICED_SHORT_M = 0.1, 1e-3
-# Of the wall: a share that is hardly a wall; of the hands: those at the force limit.
-_HARDLY, _PUSH_THROUGH = 0.1, 0.5
-# A contact onset, and a rebound over that of a passive wall, that differ noticeably.
-_ELSEWHERE_M, _FASTER = 5e-4, 1.02
+# An impedance error of a hand's motion above which it feels unlike a static press; a gain of stiffness worth a row.
+_SOFTER, _STIFFER = 0.2, 1.1
 _CYCLES = {
     "proved": "proved to settle from any state, making and breaking contact",
     "refuted": "a limit cycle without friction exists",
     "open": "freedom from limit cycles is open",
     "simulated": "freedom from limit cycles is simulated, not proved",
 }
+_SETTLE = "{at_rest:9} of {hands:9} hands settle, {at_rest_without_friction:9} without friction"
 
 
 def recommendation(found: Recommendation, shown: str = "", file: str | None = None) -> Answer:
     """Return the answer of `recommend`; ``file`` holds the coupling."""
     problem, data, shown = found.problem, found.data(), shown or name_of(found.problem)
-    rows = wall_rows(data, problem) if found.pair is None else pair_rows(data, problem)
+    rows = wall_rows(data, problem) if found.pair is None else _pair_rows(data, problem)
     onwards = f"avc recommend {quote(shown)} --out coupling.json"
     nothing = data["reason"].startswith("nothing") or problem.environment.stiffness_n_per_m == 0
     if found.deployable and file is not None:
@@ -100,9 +101,7 @@ def wall_rows(data: Mapping[str, Any], problem: Problem) -> list[Row]:
         *_simulated(data),
         *_unmodelled(data),
         peak_force(data["trial"], limit, data["trial"]["at_force_limit"]),
-        *_quantisation(data["felt"], problem),
-        *_contact(data["felt"], problem),
-        *_friction(data, problem),
+        *_contact(data, problem),
         *notes(asked_of_others(data["not_used"]), "Not used", Mark.NONE),
         *_limit(data),
     ]
@@ -116,12 +115,11 @@ def _slips(data: Mapping[str, Any]) -> list[Row]:
 def _coupling(data: Mapping[str, Any], problem: Problem) -> Row:
     coupling, trial, felt, wall = data["coupling"], data["trial"], data["felt"], problem.environment.stiffness_n_per_m
     runtime, law = coupling["runtime"], coupling["runtime"]["state_feedback"]
-    mass = runtime["observer_mass_kg"]
     found = listed(
         [
             None if law is None else f"observer ({len(law['innovation'])} states) with state feedback",
             gains(coupling["table"], problem),
-            None if mass is None else ("observer of assumed", Value(mass, "mass")),
+            None if runtime["observer_mass_kg"] is None else fill("observer of assumed {observer_mass_kg}", runtime),
             None if coupling["constant"] else f"{len(coupling['table']['frequency_hz'])} rows",
         ]
     )
@@ -130,12 +128,12 @@ def _coupling(data: Mapping[str, Any], problem: Problem) -> Row:
         return row("Coupling", found, ": NOT deployable", why, mark=Mark.FAIL)
     names = ", ".join(what.partition(" (")[0] for what in not_judged(data["not_used"]))
     doubt: tuple[Part, ...] = ()
-    if trial["at_force_limit"] > _PUSH_THROUGH * trial["hands"]:
-        pushing = (", but", count(trial["at_force_limit"]), "of", count(trial["hands"]), "hands push through the wall")
-        doubt = (*pushing, "(limit", Value(coupling["max_force_n"], "force"), ")")
+    if trial["at_force_limit"] > trial["hands"] / 2:
+        through = ", but {at_force_limit:9} of {hands:9} hands push through the wall (limit {max_force_n})"
+        doubt = fill(through, {**trial, **coupling})
     elif wall > 0:
         moving = felt["stiffness_in_motion_n_per_m"].get("1", wall)
-        if min(felt["share_of_wall"] or 1.0, moving / wall) < _HARDLY:
+        if min(felt["share_of_wall"] or 1.0, moving / wall) < 0.1:
             doubt = (", but hardly anything of the wall is rendered to a moving hand",)
     without = f"without {names}, which is declared and not used" if names else ""
     low = thin(min(one["disk"] for one in data["margins"].values()))
@@ -148,7 +146,7 @@ def _rendered(data: Mapping[str, Any], problem: Problem) -> list[Row]:
     errors = listed((Value(error, "share"), f"at {hz} Hz") for hz, error in felt["complex_error"].items())
 
     def moving(key: str) -> dict[str, float]:
-        return {hz: one for hz, one in felt[key].items() if float(hz) <= _OF_HANDS_HZ}
+        return {hz: one for hz, one in felt[key].items() if float(hz) <= 10}  # a hand moves no faster
 
     if wall.stiffness_n_per_m == 0:
         damping = moving("damping_in_motion_ns_per_m")
@@ -165,31 +163,18 @@ def _rendered(data: Mapping[str, Any], problem: Problem) -> list[Row]:
     stiffer = any(one > (1 + _SOFTER) * abs(wanted[hz]) for hz, one in motion.items())
     spread = min(low_high) < 0.9 * sensed or max(low_high) > 1.1 * sensed
     stiffnesses = [
-        (Value(sensed, "stiffness"), "static (", Value(share, "share"), "of the wall)"),
+        fill("{stiffness_n_per_m} static ({share_of_wall:share} of the wall)", felt),
         *((Value(one, "stiffness"), f"at {hz} Hz") for hz, one in motion.items()),
-        None if handle == sensed else (Value(handle, "stiffness"), "at the handle"),
+        None if handle == sensed else fill("{stiffness_at_handle_n_per_m} at the handle", felt),
         (span(low_high, "stiffness"), "over 90 % of hands") if spread else None,
         "above the wall in motion, damping included" if stiffer else None,
     ]
     worst = max(moving("complex_error").values(), default=0.0)
-    near = " and ".join(_near_resonance(felt["complex_error"], problem))
-    resonance = f"; resonance of device and wall near {near}, where |Z| is small" if near else ""
-    sine = (", sine of", Value(felt["shaken"]["amplitude_m"], "length"))
+    sine = fill(", sine of {amplitude_m}", felt["shaken"])
     return [
         row("Rendered", listed(stiffnesses), mark=doubted(stiffer or share > _STIFFER)),
-        row("Impedance error", errors, sine, resonance, mark=doubted(worst > max(_SOFTER, 1 - share))),
+        row("Impedance error", errors, sine, mark=doubted(worst > max(_SOFTER, 1 - share))),
     ]
-
-
-def _near_resonance(errors: Mapping[str, float], problem: Problem) -> list[str]:
-    """Return the frequencies near the resonance of device and wall, where |Z| nearly vanishes."""
-    device, wall, near = problem.device, problem.environment, []
-    for hz in errors:
-        s = 2j * math.pi * float(hz)
-        of_wall = wall.damping_ns_per_m + wall.stiffness_n_per_m / s
-        if abs(device.mass_kg * s + device.damping_ns_per_m + of_wall) < _RESONANT * abs(of_wall):
-            near.append(f"{hz} Hz")
-    return near
 
 
 def _failed(data: Mapping[str, Any]) -> list[str]:
@@ -203,41 +188,33 @@ def _stability(data: Mapping[str, Any]) -> Row:
     return row("Stability", text, mark=Mark.CAUTION if data["rest"]["word"] == "refuted" else Mark.PASS)
 
 
-def _simulated(data: Mapping[str, Any]) -> list[Row]:
-    total, off = data["simulated"], data["off_file"]
-    loud = total["hands"] - total["quiet"] > _FEW_FEEL * total["hands"]
-    simulated = _resting("Simulated", total)
-    rows = [replace(simulated, mark=_or_caution(simulated.mark, doubt=loud))]
-    if off is not None:
-        devices = ("on", count(off["devices"]), "devices with values off by", Value(off["share"], "share"))
-        unstable = off["linearly_unstable"]
-        more = ("; linearly unstable on", count(unstable)) if unstable else None
-        mark = _or_caution(settled(off), doubt=bool(unstable))
-        rows.append(row("Model mismatch", _settle(off), devices, more, mark=mark))
-    return rows
-
-
 def _or_caution(mark: Mark, *, doubt: bool) -> Mark:
     return Mark.CAUTION if doubt and mark is Mark.PASS else mark
 
 
-def _settle(found: Mapping[str, Any]) -> tuple[Part, ...]:
-    free = ("settle,", count(found["at_rest_without_friction"]), "without friction")
-    return (count(found["at_rest"]), "of", count(found["hands"]), "hands", *free)
+def _loud(found: Mapping[str, Any]) -> bool:
+    """Whether many hands may notice a vibration at rest."""
+    return bool(found["hands"] - found["quiet"] > 0.1 * found["hands"])
 
 
-def _resting(label: str, found: Mapping[str, Any]) -> Row:
-    quiet = (";", count(found["quiet"]), "below the vibrotactile threshold")
-    return row(label, _settle(found), quiet, mark=settled(found))
+def _simulated(data: Mapping[str, Any]) -> list[Row]:
+    total, off = data["simulated"], data["off_file"]
+    quiet = fill(f"{_SETTLE}; {{quiet:9}} below the vibrotactile threshold", total)
+    rows = [row("Simulated", quiet, mark=_or_caution(settled(total), doubt=_loud(total)))]
+    if off is not None:
+        unstable = fill("; linearly unstable on {linearly_unstable}", off) if off["linearly_unstable"] else None
+        on = fill(f"{_SETTLE} on {{devices:9}} devices with values off by {{share}}", off)
+        rows.append(row("Model mismatch", on, unstable, mark=_or_caution(settled(off), doubt=bool(unstable))))
+    return rows
 
 
 def _unmodelled(data: Mapping[str, Any]) -> list[Row]:
     """Return how many hands settle with each unmodelled effect, and how many of those that hold the device."""
-    by_label: dict[str, list[Mapping[str, Any]]] = {"Unmodelled": [], "Declared grip": []}
-    for one in data["beyond_file"]:
-        by_label["Declared grip" if one["key"] == "held" else "Unmodelled"].append(one)
     rows = []
-    for label, found in by_label.items():
+    for label, found in (
+        ("Unmodelled", [one for one in data["beyond_file"] if one["key"] != "held"]),
+        ("Declared grip", [one for one in data["beyond_file"] if one["key"] == "held"]),
+    ):
         each, whole = [], True
         for place, one in enumerate(found):
             # A requirement is met, if not without dry friction, then with it where that may be counted on.
@@ -257,23 +234,17 @@ def _effect(one: Mapping[str, Any]) -> tuple[Part, ...]:
     return (Value(value, "share"), "less mass" if one["key"] == "mass_share" else "of samples lost")
 
 
-def _quantisation(felt: Mapping[str, Any], problem: Problem) -> list[Row]:
-    ripple, steps = felt["ripple"], felt["encoder_step_n"]
-    loud = ripple["hands"] - ripple["quiet"] > _FEW_FEEL * ripple["hands"]
-    if not loud and sum(steps.values()) <= _NOTICED_STEP_N * problem.device.metres_per_unit:
-        return []
-    step = (Value(steps["spring"], "force"), "by the spring and", Value(steps["damping"], "force"), "by the damper")
-    slow = Value(next(iter(ripple["force_n"].values())), "force")
-    quiet = (count(ripple["quiet"]), "of", count(ripple["hands"]), "hands below the vibrotactile threshold")
-    text = (step, "per encoder step; ripple", slow, "in slow motion,", quiet)
-    return [row("Quantisation", text, mark=doubted(loud))]
-
-
-def _contact(felt: Mapping[str, Any], problem: Problem) -> list[Row]:
-    """Return where the force sets in for a moving hand, and rebounds of the released device that exceed its speed."""
-    size, rows = problem.device.metres_per_unit, []
-    stiffness, noticed = felt["stiffness_n_per_m"], felt["edge_force_n"]
-    give, elsewhere = noticed / stiffness if stiffness else 0.0, _ELSEWHERE_M / size
+def _contact(data: Mapping[str, Any], problem: Problem) -> list[Row]:
+    """Return encoder steps, contact onset, rebound and dry friction where a hand may notice them."""
+    felt, size, rows = data["felt"], problem.device.metres_per_unit, []
+    ripple, steps, short = felt["ripple"], felt["encoder_step_n"], felt["rest_error_m"]
+    if _loud(ripple) or sum(steps.values()) > 0.1 * size:
+        known = {**ripple, **steps, "slow_n": next(iter(ripple["force_n"].values()))}
+        step = fill("{spring:force} by the spring and {damping:force} by the damper per encoder step;", known)
+        quiet = fill("ripple {slow_n} in slow motion, {quiet:9} of {hands:9} hands below the threshold", known)
+        rows.append(row("Quantisation", step, quiet, mark=doubted(_loud(ripple))))
+    stiffness, elsewhere = felt["stiffness_n_per_m"], 5e-4 / size
+    give = felt["edge_force_n"] / stiffness if stiffness else 0.0
     if not all(depth is not None and -elsewhere < depth < elsewhere + give for depth in felt["edge_m"].values()):
         places = []
         for speed, depth in felt["edge_m"].items():
@@ -282,26 +253,17 @@ def _contact(felt: Mapping[str, Any], problem: Problem) -> list[Row]:
                 where = (Value(abs(depth), "length"), "before the face" if depth < 0 else "behind the face")
             places.append((*where, "at", Value(float(speed), "speed")))
         rows.append(row("Contact onset", listed(places), mark=Mark.CAUTION))
-    fast = {speed: share for speed, share in felt["rebound"].items() if share > _FASTER}
-    if fast:
+    if fast := {speed: share for speed, share in felt["rebound"].items() if share > 1.02}:
         each = listed((Value(share, "number"), "times", Value(float(speed), "speed")) for speed, share in fast.items())
         rows.append(row("Rebound", "the released device leaves the wall at", each, mark=Mark.CAUTION))
-    return rows
-
-
-def _friction(data: Mapping[str, Any], problem: Problem) -> list[Row]:
-    leaning, sensed, short = (
-        data["with_friction_n_per_m"],
-        data["felt"]["stiffness_n_per_m"],
-        data["felt"]["rest_error_m"],
-    )
-    rows = []
-    if short is not None and short > _NOTICED_SHORT_M / problem.device.metres_per_unit:
-        text = ("holds the handle up to", Value(short, "length"), "from rest")
-        rows.append(row("Dry friction", text, mark=Mark.CAUTION))
-    if leaning is not None and sensed is not None and leaning > _STIFFER * sensed:
-        stiffer = Value(leaning, "stiffness")
-        rows.append(row("With friction", "at least", stiffer, "if its help is enough: --lean-on-friction"))
+    if short is not None and short > 1e-3 / size:
+        rows.append(
+            row("Dry friction", fill("holds the handle up to {rest_error_m} from rest", felt), mark=Mark.CAUTION)
+        )
+    leaning = data["with_friction_n_per_m"]
+    if None not in (leaning, stiffness) and leaning > _STIFFER * stiffness:
+        text = fill("at least {with_friction_n_per_m} if its help is enough: --lean-on-friction", data)
+        rows.append(row("With friction", text))
     return rows
 
 
@@ -309,26 +271,24 @@ def _trade_off(data: Mapping[str, Any]) -> list[Row]:
     """Return what a disk margin costs in impedance error at 1, 10 and 30 Hz, and the ripple of an encoder step."""
     each = []
     for one in data["trade_off"] or ():
-        errors = [(Value(share, "share"), ",") for share in one["error"]]
-        ripple = ("ripple", Value(one["ripple_n"], "force"), "" if one["met"] else "(contact or decay not met)")
-        each.append(("disk margin", Value(one["disk_margin"], "number", 2), ": error", errors, ripple))
+        errors = listed(Value(share, "share") for share in one["error"])
+        missed = "" if one["met"] else "(contact or decay not met)"
+        each.append((fill("disk margin {disk_margin:2}: error", one), errors, fill(", ripple {ripple_n}", one), missed))
     return [row("At 1, 10, 30 Hz", listed(each, ";"))] if each else []
 
 
 def _limit(data: Mapping[str, Any]) -> list[Row]:
-    plain = ("plain coupling", Value(data["plain_wall_n_per_m"], "stiffness"))
-    each = [(_change(one), Value(one["stiffest_wall_n_per_m"], "stiffness")) for one in data["what_would_help"]]
-    rows = [row("Linear limit", listed([plain, *each[:MOST_HELPS]], ";"))] if each else []
-    return rows + [row("What would help", one, rank=1) for one in each[MOST_HELPS:]]
-
-
-def _change(one: Mapping[str, Any]) -> str:
-    return str(one["change"]).removesuffix(" of the device")
+    each = [
+        (str(one["change"]).removesuffix(" of the device"), fill("{stiffest_wall_n_per_m}", one))
+        for one in data["what_would_help"]
+    ]
+    limit = fill("plain coupling {plain_wall_n_per_m}", data)
+    return [row("Linear limit", listed([limit, *each[:3]], ";"))] if each else []
 
 
 def _details(data: Mapping[str, Any]) -> list[Row]:
-    """Return the rows of lower rank: margins of each loop, what was simulated, why this one, assumptions."""
-    rows = margins_by_loop(data.get("margins", {}))
+    """Return the rows of lower rank: limit cycles, what was simulated, why this one, assumptions."""
+    rows = []
     if data.get("rest"):
         rows.append(row("Limit cycles", f"{data['rest']['word']}: {data['rest']['sentence']}", rank=1))
     if (trial := data["trial"]) is not None:
@@ -343,21 +303,134 @@ def stiffest(data: Mapping[str, Any], problem: Problem, shown: str = "") -> Answ
     shown, others, limited = shown or name_of(problem), data["confirmed"], data["at_force_limit"]
     rows = [row("Stiffest wall", "none was found", mark=Mark.FAIL)]
     if data["stiffest_wall_n_per_m"] is not None:
-        reached = (Value(data["stiffest_wall_n_per_m"], "stiffness"), f"({data['by']})", ":", _settle(data))
+        reached = fill(f"{{stiffest_wall_n_per_m}} ({data['by']}): {_SETTLE}", data)
         rows = [row("Stiffest wall", reached, mark=settled(data))]
     if limited:
-        limit = Value(problem.device.max_force_n, "force")
-        at = (count(limited), "of", count(data["hands"]), "presses end at the limit of", limit)
+        known = {**data, "limit_n": problem.device.max_force_n}
+        at = fill("{at_force_limit:9} of {hands:9} presses end at the limit of {limit_n}", known)
         rows.append(row("Limit", at, mark=Mark.CAUTION))
     if others is not None:
-        rows.append(_resting("Confirmed", others))
+        quiet = fill(f"{_SETTLE}; {{quiet:9}} below the vibrotactile threshold", others)
+        rows.append(row("Confirmed", quiet, mark=settled(others)))
     if data["plain_wall_n_per_m"]:
-        plain = ("plain coupling", Value(data["plain_wall_n_per_m"], "stiffness"))
-        rows.append(row("Linear limit", plain, ", with damping of", span(data["damping_ns_per_m"], "damping")))
+        damping = span(data["damping_ns_per_m"], "damping")
+        rows.append(row("Linear limit", fill("plain coupling {plain_wall_n_per_m}, with damping of", data), damping))
     else:
         rows.append(row("Linear limit", "a plain coupling is stable at no wall", mark=Mark.CAUTION))
-    helps = data["what_would_help"]
-    rows += [row(_change(one).capitalize(), Value(one["stiffest_wall_n_per_m"], "stiffness")) for one in helps]
+    rows += [
+        row(str(one["change"]).removesuffix(" of the device").capitalize(), fill("{stiffest_wall_n_per_m}", one))
+        for one in data["what_would_help"]
+    ]
     rows += [*notes(data["assumed"], "Assumed", Mark.NONE, 1), *notes(data["not_used"], "Not used", rank=1)]
     onwards = (f"avc recommend {quote(shown)} --out coupling.json", f"avc recommend {quote(shown)} --stiffest -v")
     return answer("stiffest", data, problem, shown, rows, onwards)
+
+
+def _pair_rows(data: Mapping[str, Any], problem: Problem) -> list[Row]:
+    """Return the rows of a coupling to a simulation or a follower."""
+    found, trial, end = data["pair"], data["trial"], problem.simulation or problem.follower
+    wanted = end and end.stiffness_n_per_m
+    more = [_pair_limit(data), *not_used(data["not_used"])]
+    if data["coupling"] is None:
+        none = row("Coupling", f"none is deployable: {data['reason']}", mark=Mark.FAIL)
+        # Where K is linearly stable hands refute it: what else is linearly stable with it is no help.
+        refuted = wanted is not None and wanted <= found["stiffest"]["stiffness_n_per_m"]
+        return [none, *([] if refuted else _same_k(found)), *more]
+    local = "damper of each loop" if problem.follower is not None else "damper in the device's loop"
+    soft = wanted is None and found["gains"]["stiffness_n_per_m"] < problem.hands.stiffness_n_per_m[0]
+    softer = ": softer than the softest hand" if soft else ""
+    rows = [row("Coupling", pair(found["gains"], local), softer, mark=marked(not soft, Mark.CAUTION))]
+    for where, there in (("in the scene", found["in_scene"]), ("at the follower", found["at_follower"])):
+        if there and there != found["gains"]:
+            rows.append(row("Scaled", where, pair(there, local)))
+    rows += [*felt_rows(data["felt"]), *stability(found), *_passivity(found, problem), _pair_simulated(trial)]
+    if "tap_force_n" in trial:
+        rows.append(peak_force(trial, problem.device.max_force_n))
+    if found["set_by"]:
+        rows.append(row("K is set by", f"hands: {found['set_by']}"))
+    return [*rows, *_same_k(found), *more]
+
+
+def felt_rows(felt: Mapping[str, Any]) -> list[Row]:
+    """Return what the handle meets: on a rigid object, on the stiffest declared contact, and in free motion."""
+    if not felt["at"]:
+        return []
+    rows, moved = [], felt["at"][0]
+    if felt["on_stiffest_contact_n_per_m"] is not None:
+        rows.append(row("Declared contact", fill("{on_stiffest_contact_n_per_m} pressed", felt)))
+    pressed = None if felt["stiffness_n_per_m"] is None else fill("{stiffness_n_per_m} pressed", felt)
+    stiff = [fill(f"{{stiffness_n_per_m}} at {one['frequency_hz']:g} Hz", one) for one in felt["at"]]
+    rows.append(row("Rigid object", listed([pressed, *stiff])))
+    if moved["mass_kg"] is not None:
+        mass: Part = "a restoring spring" if moved["mass_kg"] < 0 else Value(moved["mass_kg"], "mass")
+        drag = fill(f", drag {{drag_ns_per_m}} at {moved['frequency_hz']:g} Hz; impedance error", moved)
+        errors = listed((Value(one["free_error"], "share"), f"at {one['frequency_hz']:g} Hz") for one in felt["at"])
+        altered = max(one["free_error"] for one in felt["at"]) > 1
+        rows.append(row("Free motion", mass, drag, errors, mark=doubted(altered)))
+    return rows
+
+
+def stability(found: Mapping[str, Any]) -> list[Row]:
+    """Return whether all loops are stable, with their margin, and the worst or least damped of them."""
+    rows, mode = [], found["least_damped"]
+    if not found.get("stable", True):
+        rows.append(row("Stability", fill("not all of {loops:9} loops are stable", found), mark=Mark.FAIL))
+    else:
+        steady = found.get("mismatch_stable") is not False
+        margin = f"{WIDEST_MARGIN:g} or more"  # where its search ended
+        if found["gain_margin"] < WIDEST_MARGIN:
+            margin = f"{math.floor(100 * found['gain_margin']) / 100:.3g}"
+        text = fill(f"corner hands and released, {{loops:9}} loops; gain margin {margin}", found)
+        mark = marked(found["gain_margin"] >= 1.5 and steady, Mark.CAUTION)
+        rows.append(row("Stability", text, "" if steady else "; not on devices 10 % away", mark=mark))
+    if case := found.get("worst"):
+        tool, stiffness = case["tool"], case["tool"]["contact_stiffness_n_per_m"]
+        on = "held rigidly" if stiffness is None else "on {contact_stiffness_n_per_m}" if stiffness else "free"
+        at = "fixed place" if tool["mass_kg"] is None else fill(f"tool of {{mass_kg}}, {on}", tool)
+        step = fill("; step {step_s}; spectral radius {spectral_radius:6} a step", {**case, **found})
+        rows.append(row("Worst loop", hand(case["hand"]), ";", at, step))
+    if found.get("stable", True) and mode["damping_ratio"] < 1:
+        rows.append(row("Damping ratio", fill("{damping_ratio:2} at {frequency_hz} (least damped loop)", mode)))
+    return rows
+
+
+def _passivity(found: Mapping[str, Any], problem: Problem) -> list[Row]:
+    """Return whether a teleoperator is passive at both ports."""
+    if problem.follower is None or found["passivity_margin_ns_per_m"] is None:
+        return []
+    if found["passivity_margin_ns_per_m"] >= 0:
+        return [row("Passivity", "for any operator and environment", mark=Mark.PASS)]
+    needed = fill("not for any operator: that needs {passive_damping_ns_per_m} a device", found)
+    return [row("Passivity", needed, mark=Mark.CAUTION)]
+
+
+def _pair_simulated(trial: Mapping[str, Any]) -> Row:
+    text, settle = f"{{settled:9}} of {{hands:9}} hands settle ({', '.join(trial['motions'])})", [trial["settled"]]
+    if "settled_without_friction" in trial:
+        settle += [trial["settled_without_friction"], trial["settled_with_dropped_steps"]]
+        text += ", {settled_without_friction:9} without friction"
+        text += ", {settled_with_dropped_steps:9} with {dropped_share} of the steps missed"
+    else:
+        text += "; {jitter:share} of jitter, {lost_share} lost"
+    mark = marked(min(settle) == trial["hands"], Mark.CAUTION if len(settle) > 1 else Mark.FAIL)
+    return row("Simulated", fill(text, trial), mark=mark)
+
+
+def _same_k(found: Mapping[str, Any]) -> list[Row]:
+    """Return the lightest tool, the slowest step and the exchanges with which the same K is linearly stable."""
+    each = []
+    if found["least_tool_mass_kg"] is not None:
+        each.append(fill("a tool from {least_tool_mass_kg}", found))
+    if found["slowest_step_s"] is not None:
+        each.append(fill("a step up to {slowest_step_s}", found))
+    if found["exchanges"]:
+        stable = ", ".join(name for name, holds in found["exchanges"].items() if holds)
+        each.append((f"exchange {stable}" if stable else "no exchange",))
+    return [row("Linear, same K", listed(each), ", with a B of its own and no margin")] if each else []
+
+
+def _pair_limit(data: Mapping[str, Any]) -> Row:
+    stiffest = data["pair"]["stiffest"]
+    limit = fill("K {stiffness_n_per_m}", stiffest) if stiffest["stiffness_n_per_m"] else ("no K is stable",)
+    helps = [(one["change"], fill("{stiffest_n_per_m}", one)) for one in data["what_would_help"]]
+    return row("Linear limit", listed([limit, *helps[:3]], ";"))

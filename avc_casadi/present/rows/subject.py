@@ -1,4 +1,4 @@
-"""Parts of answers: a problem in a line, gains with their spans, limits, what is declared and not used."""
+"""Parts of answers: a problem in a line, gains with their spans, limits, margins, what is declared and not used."""
 
 from __future__ import annotations
 
@@ -8,21 +8,35 @@ from typing import TYPE_CHECKING, Any
 
 from avc_casadi.files.catalogue import catalogue_names
 from avc_casadi.loops.margins import LEAST_DISK, SOUND_DISK
-from avc_casadi.present.row import Answer, Mark, Part, Quantity, Row, Value, count, listed, parts, row, span
+from avc_casadi.present.row import (
+    Answer,
+    Mark,
+    Part,
+    Quantity,
+    Row,
+    Value,
+    count,
+    doubted,
+    fill,
+    listed,
+    parts,
+    row,
+    span,
+)
 
 if TYPE_CHECKING:
+    from avc_casadi.model.device import Device
     from avc_casadi.model.problem import Problem
 
-# A spring so many times stiffer than the wall renders the wall itself.
-_RIGID = 100.0
-# A force this near to its limit is at it.
-_AT_LIMIT = 0.97
-HAND: tuple[tuple[str, Quantity], ...] = (
-    ("mass_kg", "mass"),
-    ("damping_ns_per_m", "damping"),
-    ("stiffness_n_per_m", "stiffness"),
-)
+HAND = ("mass_kg", "damping_ns_per_m", "stiffness_n_per_m")
 """Numbers of a hand."""
+_WHO = {"released": "released", "worst_hand": "worst corner hand"}
+_MARGINS: tuple[tuple[str, str, Quantity], ...] = (
+    ("gain", "gain", "gain"),
+    ("phase", "phase_deg", "phase"),
+    ("delay", "delay_samples", "samples"),
+    ("disk", "disk", "number"),
+)
 
 
 def name_of(problem: Problem) -> str:
@@ -30,23 +44,28 @@ def name_of(problem: Problem) -> str:
     return problem.name if problem.name in catalogue_names() else f"{problem.name or 'problem'}.toml"
 
 
+def device_line(device: Device) -> tuple[Part, ...]:
+    """Return a device in a line."""
+    known = {"mass_kg": device.mass_kg, "rate_hz": 1 / device.sample_time_s, "delay_samples": device.delay_samples}
+    return fill("· device {mass_kg}, {rate_hz}, delay {delay_samples}", known)
+
+
 def headline(problem: Problem, shown: str) -> tuple[Part, ...]:
     """Return a problem in a line: what is rendered, and the device."""
     device, wall, tool, follower = problem.device, problem.environment, problem.simulation, problem.follower
-    rate = Value(1 / device.sample_time_s, "frequency")
-    of_device = ("device", Value(device.mass_kg, "mass"), ",", rate, ", delay", Value(device.delay_samples, "samples"))
+    of_device = device_line(device)
     if tool is not None:
         what = ("fixed place",) if tool.tool_mass_kg is None else ("tool", *span(tool.tool_mass_kg, "mass"))
         late = f", {tool.steps_late} steps late" if tool.steps_late else ""
         rates = span([1 / step for step in tool.step_s], "frequency")
-        return parts(shown, " ", what, "at", rates, f", {tool.integrator}, {tool.exchange}{late}", "·", of_device)
+        return parts(shown, " ", what, "at", rates, f", {tool.integrator}, {tool.exchange}{late}", of_device)
     if follower is not None:
-        far = Value(follower.mass_kg, "mass"), ",", Value(1 / follower.sample_time_s, "frequency")
-        delay = Value(follower.delays_s[-1][0], "time")
-        return parts(shown, "  follower", far, ",", delay, f"away, {follower.architecture}", "·", of_device)
+        rate, delay = 1 / follower.sample_time_s, follower.delays_s[-1][0]
+        known = {"mass_kg": follower.mass_kg, "rate_hz": rate, "delay_s": delay}
+        far = fill(f"follower {{mass_kg}}, {{rate_hz}}, {{delay_s}} away, {follower.architecture}", known)
+        return parts(shown, " ", far, of_device)
     stiffness, damping = Value(wall.stiffness_n_per_m, "stiffness"), Value(wall.damping_ns_per_m, "damping")
-    rendered = listed(one for one in (stiffness, damping) if one.number)
-    return parts(shown, "  wall", rendered or "none", "·", of_device)
+    return parts(shown, "  wall", listed(one for one in (stiffness, damping) if one.number) or "none", of_device)
 
 
 def answer(
@@ -70,7 +89,7 @@ def gains(table: Mapping[str, Sequence[float | None]], problem: Problem) -> tupl
     contact = ("contact damper b_p", span(b_p, "damping")) if max(b_p, default=0.0) > 0 else None
     if not k:
         return listed([contact, "no spring"])
-    if min(k) >= _RIGID * problem.environment.stiffness_n_per_m:
+    if min(k) >= 100 * problem.environment.stiffness_n_per_m:  # so stiff a spring renders the wall itself
         return listed([contact, "wall rendered directly"])
     damper = ("damper b", span(b, "damping")) if max(b, default=0.0) > 0 else None
     return listed([contact, ("spring k", span(k, "stiffness")), damper])
@@ -78,21 +97,16 @@ def gains(table: Mapping[str, Sequence[float | None]], problem: Problem) -> tupl
 
 def pair(gains: Mapping[str, Any], local: str = "damper in the device's loop") -> tuple[Part, ...]:
     """Return spring and dampers of a coupling to another end."""
-    own = gains["local_damping_ns_per_m"]
-    return listed(
-        [
-            ("spring K", Value(gains["stiffness_n_per_m"], "stiffness")),
-            ("damper B", Value(gains["damping_ns_per_m"], "damping")) if gains["damping_ns_per_m"] else None,
-            (local, Value(own, "damping")) if own else None,
-        ]
-    )
+    damper = fill("damper B {damping_ns_per_m}", gains) if gains["damping_ns_per_m"] else None
+    own = fill(f"{local} {{local_damping_ns_per_m}}", gains) if gains["local_damping_ns_per_m"] else None
+    return listed([fill("spring K {stiffness_n_per_m}", gains), damper, own])
 
 
 def hand(values: Mapping[str, float]) -> tuple[Part, ...]:
     """Return a hand by its numbers; all 0 for the device released."""
     if not any(values.values()):
         return ("device released",)
-    return ("hand of", *listed(Value(values[key], of) for key, of in HAND))
+    return fill("hand of {mass_kg}, {damping_ns_per_m}, {stiffness_n_per_m}", values)
 
 
 def passive_limit(limit_n_per_m: float | None) -> Row:
@@ -113,16 +127,14 @@ def thin(disk_margin: float | None) -> str:
 
 def deployable(verdict: Mapping[str, Any] | None) -> Row:
     """Return the verdict on deployment: the claims that hold, or the first that fails."""
-    if verdict is None:
-        return row("Deployable", "no: no row has gains", mark=Mark.FAIL)
-    if verdict["pass"]:
-        doubt = thin(verdict.get("disk_margin"))
-        said = f"yes: linearly stable with every corner hand and released{doubt}"
-        return row("Deployable", said, mark=Mark.CAUTION if doubt else Mark.PASS)
-    failed = [claim["sentence"] for claim in verdict.get("claims", ()) if not claim["pass"]]
-    return row(
-        "Deployable", f"no: {failed[0] if failed else verdict.get('sentence', 'no row has gains')}", mark=Mark.FAIL
-    )
+    found = verdict or {"pass": False}
+    if found["pass"]:
+        doubt = thin(found.get("disk_margin"))
+        text = f"yes: linearly stable with every corner hand and released{doubt}"
+        return row("Deployable", text, mark=Mark.CAUTION if doubt else Mark.PASS)
+    failed = [claim["sentence"] for claim in found.get("claims", ()) if not claim["pass"]]
+    why = failed[0] if failed else found.get("sentence", "no row has gains")
+    return row("Deployable", f"no: {why}", mark=Mark.FAIL)
 
 
 def counts(found: Mapping[str, int]) -> str:
@@ -142,13 +154,18 @@ def settled(found: Mapping[str, Any]) -> Mark:
     return Mark.CAUTION if found["at_rest_without_friction"] < found["hands"] else Mark.PASS
 
 
+def saturates(force_n: float | None, limit_n: float | None) -> bool:
+    """Whether a force is at its limit, or hardly below it."""
+    return None not in (force_n, limit_n) and force_n >= 0.97 * limit_n  # type: ignore[operator]
+
+
 def peak_force(trial: Mapping[str, Any], limit_n: float | None, limited: int = 0) -> Row:
     """Return the largest force of a tap; where it saturates, how many presses do so too."""
-    if limit_n is not None and trial["tap_force_n"] >= _AT_LIMIT * limit_n:
+    if saturates(trial["tap_force_n"], limit_n):
         presses = ("; so do", count(limited), "presses") if limited else None
         return row("Peak force", "a tap saturates at", Value(limit_n, "force"), presses, mark=Mark.CAUTION)
-    deep = (",", Value(trial["tap_depth_m"], "length"), "deep") if "tap_depth_m" in trial else None
-    return row("Peak force", Value(trial["tap_force_n"], "force"), "in a tap", deep)
+    deep = fill(", {tap_depth_m} deep", trial) if "tap_depth_m" in trial else None
+    return row("Peak force", fill("{tap_force_n} in a tap", trial), deep)
 
 
 def not_used(declared: Iterable[str]) -> list[Row]:
@@ -163,3 +180,31 @@ def not_used(declared: Iterable[str]) -> list[Row]:
 def notes(found: Iterable[str], label: str = "Note", mark: Mark = Mark.CAUTION, rank: int = 0) -> list[Row]:
     """Return a row for each sentence."""
     return [row(label, one, mark=mark, rank=rank) for one in found]
+
+
+def smallest_margins(found: Mapping[str, Mapping[str, Any]], mark: Mark = Mark.NONE) -> Row:
+    """Return the smallest margin of each kind and its loop; a caution where gain or phase is half of what is usual."""
+    least, each, is_thin = {"gain": 10 ** (3 / 20), "phase": 10.0}, [], False
+    for word, key, of in _MARGINS:
+        known = [(one[key], f"({_WHO[who]})") for who, one in found.items() if one[key] is not None]
+        value, who = min(known, default=(None, ""))
+        is_thin = is_thin or (value is not None and value < least.get(word, 0.0))
+        each.append((word, Value(value, of), who))
+    whose = {who for _, _, who in each}
+    alike = f"{whose.pop().strip('()')}:" if len(whose) == 1 else ""
+    text = listed((word, value, "" if alike else who) for word, value, who in each)
+    return row("Margins", alike, text, mark=doubted(is_thin) if mark is Mark.NONE else mark)
+
+
+def settling(seconds: float | None, who: str) -> Row:
+    """Return the settling time of a loop; None where it never settles."""
+    text = "never" if seconds is None else Value(seconds, "time")
+    return row("Settling time", text, f"({_WHO[who]})", mark=doubted(seconds is None or seconds > 1.0))
+
+
+def damping_ratio(ratio: float, hz: float, who: str, sample_time_s: float) -> Row:
+    """Return the damping ratio of the least damped oscillation of a loop."""
+    text: tuple[Part, ...] = ("no oscillation below the Nyquist frequency",)
+    if 0 < hz < 0.99 * 0.5 / sample_time_s:
+        text = (Value(ratio, "number", 2), "at", Value(hz, "frequency"))
+    return row("Damping ratio", text, f"({_WHO[who]})")
