@@ -317,7 +317,7 @@ def _run_wall(problem: avc.Problem, args: argparse.Namespace, console: Console, 
     answer = recommendation(found, args.problem, written)
     beside = design.paper_data(comparison, gains) | {"push": push}
     question = [*design.paper(beside), design.device(push)]
-    more = paper_sections(compare, certificate, problem, paper, question)
+    more = paper_sections(compare, problem, paper, question)
     texts["report.html"] = report_html(answer, problem, list(wall.values()), package_versions(), more)
     answer = _written(answer, folder, shown, texts, wall | paper, beside)
     why = "no coupling is deployable" if found.coupling is None else ""

@@ -193,7 +193,7 @@ def _saved(runs: list[avc.Run], labels: list[str] | None, args: argparse.Namespa
         with writing(trace, "--trace"):
             trace = runs[0].save(trace)
     if args.plot is not None:
-        from avc_casadi.present.figures.scene import draw_scene
+        from avc_casadi.present.figures.traces import draw_scene
 
         with console.step("figure"):
             write_figure(args.plot, draw_scene(runs) if labels is None else draw_scene(runs, labels))

@@ -219,7 +219,7 @@ def run_accuracy(args: argparse.Namespace, console: Console) -> Answer:
     with console.step("time and error of each solver"):
         costs = solver_costs(problem, console)
     if args.plot is not None:
-        from avc_casadi.present.figures.accuracy import draw_accuracy
+        from avc_casadi.present.figures.paper import draw_accuracy
 
         with console.step("figure"):
             write_figure(args.plot, draw_accuracy(costs))

@@ -224,7 +224,7 @@ def run_diagnose(args: argparse.Namespace, console: Console) -> Answer:
     data: dict[str, Any] = documents[0] if len(found) == 1 else {"logs": documents}
     pictures: list[Path] = []
     if args.plot is not None:
-        from avc_casadi.present.figures.logs import draw_diagnosis
+        from avc_casadi.present.figures.traces import draw_diagnosis
 
         many = len(found) > 1
         pictures = [args.plot.with_stem(f"{args.plot.stem}-{i + 1}") if many else args.plot for i in range(len(found))]

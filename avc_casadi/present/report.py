@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Any
 from avc_casadi._util.text import number
 from avc_casadi.paper.errata import ASSUMPTIONS, PAPER_ERRORS
 from avc_casadi.present.figures.deployed import draw_loop, draw_rendered, draw_rendered_impedance
-from avc_casadi.present.figures.logs import draw_diagnosis, draw_identification
 from avc_casadi.present.figures.paper import draw_comparison, draw_perceived
 from avc_casadi.present.figures.regions import draw_tool_region
 from avc_casadi.present.figures.style import files_of
+from avc_casadi.present.figures.traces import draw_diagnosis, draw_identification
 from avc_casadi.present.row import Row, row
 from avc_casadi.present.rows.design import comparison, gain_rows, printed_errors
 from avc_casadi.present.rows.judge import levels, passivity
@@ -36,9 +36,6 @@ if TYPE_CHECKING:
     from avc_casadi.model.problem import Problem
     from avc_casadi.present.row import Answer
     from avc_casadi.recommendation.recommendation import Recommendation
-
-# Rows of the first screen.
-_FIRST = 10
 
 
 @dataclass(frozen=True)
@@ -75,7 +72,7 @@ class Section:
     def html(self, units: Units) -> str:
         """Return it as HTML."""
         text = f"<p>{escape(self.text)}</p>" if self.text else ""
-        body = "\n".join([text, *(one.html() for one in self.pictures), _rows_html(self.title, self.rows, units)])
+        body = "\n".join([text, *(one.html() for one in self.pictures), _table(self.title, self.rows, units)])
         if self.folded:
             return f"<details>\n<summary>{escape(self.title)}</summary>\n{body}\n</details>"
         return f"<h2>{escape(self.title)}</h2>\n{body}"
@@ -86,7 +83,7 @@ def _wide(name: str, content: str) -> str:
     return f'<div class="wide" tabindex="0" role="region" aria-label="{escape(name)}">{content}</div>'
 
 
-def _rows_html(title: str, rows: Iterable[Row], units: Units) -> str:
+def _table(title: str, rows: Iterable[Row], units: Units) -> str:
     lines = [
         f'<tr><td class="{one.mark.name.lower()}">{escape(one.label)}</td><td>{escape(one.text(units))}</td></tr>'
         for one in rows
@@ -94,7 +91,7 @@ def _rows_html(title: str, rows: Iterable[Row], units: Units) -> str:
     return _wide(title, f"<table>{''.join(lines)}</table>") if lines else ""
 
 
-def page_html(
+def _page(
     title: str,
     source: str,
     conclusion: tuple[str, bool],
@@ -104,12 +101,11 @@ def page_html(
 ) -> str:
     """Return a page: its title and source, a verdict and whether that is a yes, its sections, and the versions."""
     text, good = conclusion
-    parts = [f'<p class="verdict {"pass" if good else "fail"}">{escape(text)}</p>']
-    parts += [one.html(units) for one in sections if one.rows or one.pictures]
-    made = _rows_html("versions", (row(name, version) for name, version in versions.items()), units)
+    body = [f'<p class="verdict {"pass" if good else "fail"}">{escape(text)}</p>']
+    body += [one.html(units) for one in sections if one.rows or one.pictures]
+    made = _table("versions", (row(name, version) for name, version in versions.items()), units)
     frame = Template(Path(__file__).with_suffix(".html").read_text(encoding="utf-8"))
-    body = "\n\n".join(parts)
-    return frame.substitute(title=escape(title), source=escape(source), body=body, versions=made)
+    return frame.substitute(title=escape(title), source=escape(source), body="\n\n".join(body), versions=made)
 
 
 def _shown(answer: Answer) -> list[Row]:
@@ -124,30 +120,25 @@ def report_html(
     more: Sequence[Section] = (),
 ) -> str:
     """Return the report of a recommendation: verdict, one picture and ten rows first, then the rest of it."""
-    shown = _shown(answer)
-    certificate = answer.data["certificate"] or {}
+    shown, certificate = _shown(answer), answer.data["certificate"] or {}
     claims: list[Row] = levels(certificate.get("levels", {}))
     if problem.simulation is not None and certificate:
         claims = [*stability(certificate), *passivity(certificate["passivity"], problem)]
     values = _values(problem.model_dump(exclude={"name", "title", "source"}))
     sections = [
-        Section("What to deploy", shown[:_FIRST], pictures[:1]),
-        Section("Margins and time responses", shown[_FIRST:], pictures[1:]),
+        Section("What to deploy", shown[:10], pictures[:1]),
+        Section("Margins and time responses", shown[10:], pictures[1:]),
         *more,
         Section("Details", [one for one in answer.rows if one.rank > 0], folded=True),
         Section("Certificate", claims, folded=True),
         Section("Problem: every value of it", [row(problem.units.key(key), text) for key, text in values], folded=True),
     ]
     title = ": ".join(filter(None, (problem.name, problem.title)))
-    return page_html(title, problem.source, verdict(answer.data, shown), sections, problem.units, versions)
+    return _page(title, problem.source, verdict(answer.data, shown), sections, problem.units, versions)
 
 
 def paper_sections(
-    data: Mapping[str, Any],
-    certificate: Mapping[str, Any],
-    problem: Problem,
-    drawn: Mapping[str, Picture],
-    question: Sequence[Row],
+    data: Mapping[str, Any], problem: Problem, drawn: Mapping[str, Picture], question: Sequence[Row]
 ) -> list[Section]:
     """Return the paper's question: closed form, CasADi and the exact optimum, and what the comparison is made of."""
     text = "Which gains keep each frequency passive and feel real? They are for comparison, not for a hand."
@@ -157,7 +148,6 @@ def paper_sections(
     return [
         Section("The paper's question", question, list(drawn.values()), text),
         Section("Comparison of the methods", comparison(data, problem).rows, folded=True),
-        Section(f"Certificate of the gains of {name}", levels(certificate["levels"]), folded=True),
         Section(f"Gains: all rows of {name}", every, folded=True),
         Section("What is assumed", [row(one.what, str(one.assumed)) for one in ASSUMPTIONS], folded=True),
         Section("Errors of the printed paper", errors, folded=True),
@@ -214,8 +204,6 @@ def _values(table: Mapping[str, Any], prefix: str = "") -> list[tuple[str, str]]
 
 
 def _text(value: Any) -> str:
-    if isinstance(value, bool):
-        return "yes" if value else "no"
     if isinstance(value, list | tuple):
         return ", ".join(map(_text, value)) or "none"
     return number(value) if isinstance(value, float) else str(value)
@@ -234,7 +222,7 @@ def identification_html(answer: Answer, found: Identification, text: str, versio
     title = "Device identified from its log" if found.device is None else found.device.title
     count = sum(one.identified for one in found.estimates.values())
     conclusion = (f"{count} values identified.", found.device is not None)
-    return page_html(title, source, conclusion, sections, answer.units, versions)
+    return _page(title, source, conclusion, sections, answer.units, versions)
 
 
 def diagnosis_html(answer: Answer, found: Sequence[Diagnosis], versions: Mapping[str, str]) -> str:
@@ -246,4 +234,4 @@ def diagnosis_html(answer: Answer, found: Sequence[Diagnosis], versions: Mapping
         sections.append(Section(one.log.name, rows, [Picture.of(draw_diagnosis(one), caption)]))
     title = "Diagnosis of a log" if len(found) == 1 else f"Diagnosis of {len(found)} logs"
     conclusion = ("; ".join(one.conclusion for one in found), all(one.verdict == "nothing wrong" for one in found))
-    return page_html(title, ", ".join(one.log.name for one in found), conclusion, sections, answer.units, versions)
+    return _page(title, ", ".join(one.log.name for one in found), conclusion, sections, answer.units, versions)

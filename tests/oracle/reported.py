@@ -10,9 +10,8 @@ def report_of(problem, push, hands=10):
     """The page, with the result of a push."""
     found, comparison = avc.recommend(problem, hands=hands), avc.compare(problem)
     gains = comparison.methods[comparison.delivered]
-    certificate = avc.certify(problem, gains).document()
     question = [*design.paper(design.paper_data(comparison, gains)), design.device(push)]
     drawn = paper_pictures(comparison)
-    more = paper_sections(comparison.document(), certificate, problem, drawn, question)
+    more = paper_sections(comparison.document(), problem, drawn, question)
     pictures = list(wall_pictures(found).values())
     return report_html(recommendation(found), problem, pictures, {"avc-casadi": avc.__version__}, more)

@@ -9,10 +9,10 @@ scales, limits and labels only:
 
 from avc_casadi.present.figures.deployed import draw_loop as draw_loop
 from avc_casadi.present.figures.deployed import draw_rendered as draw_rendered
-from avc_casadi.present.figures.logs import draw_diagnosis as draw_diagnosis
-from avc_casadi.present.figures.logs import draw_identification as draw_identification
 from avc_casadi.present.figures.paper import draw_comparison as draw_comparison
 from avc_casadi.present.figures.paper import draw_perceived as draw_perceived
 from avc_casadi.present.figures.regions import draw_zwidth as draw_zwidth
-from avc_casadi.present.figures.scene import draw_scene as draw_scene
 from avc_casadi.present.figures.style import save_figure as save_figure
+from avc_casadi.present.figures.traces import draw_diagnosis as draw_diagnosis
+from avc_casadi.present.figures.traces import draw_identification as draw_identification
+from avc_casadi.present.figures.traces import draw_scene as draw_scene

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from avc_casadi._util.text import quantity
-from avc_casadi.present.figures.style import GivenAxes, Panels, frequency_axis, impedance_unit, log_ticks, styled
+from avc_casadi.present.figures import style
 from avc_casadi.recommendation.deployed import STRUCK_M_PER_S, Deployed, deployed
 
 if TYPE_CHECKING:
@@ -19,23 +19,20 @@ if TYPE_CHECKING:
     from avc_casadi.recommendation.tool_impedance import RenderedBand
 
 _WANTED: dict[str, Any] = {"color": "0.72", "linewidth": 4.0, "zorder": 2}
-_WORST: dict[str, Any] = {"color": "#08306b", "linewidth": 1.5, "zorder": 5}
-_RELEASED: dict[str, Any] = {"color": "#d1600a", "linewidth": 1.4, "linestyle": (0, (5, 1.6)), "zorder": 6}
+_WORST: dict[str, Any] = {"color": style.BLUE, "linewidth": 1.5, "zorder": 5}
+_RELEASED: dict[str, Any] = {"color": style.ORANGE, "linewidth": 1.4, "linestyle": style.DASHED, "zorder": 6}
 _OTHERS: dict[str, Any] = {"color": "0.6", "linewidth": 0.6, "zorder": 3}
 _ZERO: dict[str, Any] = {"color": "0.5", "linewidth": 0.8, "zorder": 1}
-_MARGIN: dict[str, Any] = {"color": "#8a0f5c", "linewidth": 2.2, "zorder": 7}
-_TURNED: dict[str, Any] = {**_MARGIN, "color": "#2f7d32", "marker": "o", "markersize": 3.5}
-# Ranges of Bode and Nyquist: decades about a gain of 1, and Re and Im about the point -1, so that the circle is round
-# in panels of this figure's shape.
-_DECADES, _NEAR = 2.0, ((-3.2, 2.0), (-1.7, 1.7))
+_MARGIN: dict[str, Any] = {"color": style.PURPLE, "linewidth": 2.2, "zorder": 7}
+_TURNED: dict[str, Any] = {**_MARGIN, "color": style.GREEN, "marker": "o", "markersize": 3.5}
 
 
-@styled
-def draw_rendered(found: Deployed | Coupling, axes: GivenAxes = None) -> Figure:
+@style.styled
+def draw_rendered(found: Deployed | Coupling, axes: style.GivenAxes = None) -> Figure:
     """Draw rendered against wanted: dynamic stiffness at the handle, and presses against time."""
     found = found if isinstance(found, Deployed) else deployed(found)
     titles = ("(a) stiffness by sinusoidal excitation", "(b) simulated hands press, approach cut")
-    panels = Panels.of(axes, titles, 2.9, "ab")
+    panels = style.Panels.of(axes, titles, 2.9, "ab")
     problem, shaken, (left, press) = found.coupling.problem, found.shaken, panels.axes
     wall, hz = problem.environment, found.shaken.frequency_hz
     wanted = np.abs(wall.stiffness_n_per_m + 2j * np.pi * hz * wall.damping_ns_per_m)
@@ -58,21 +55,21 @@ def draw_rendered(found: Deployed | Coupling, axes: GivenAxes = None) -> Figure:
     return panels.figure
 
 
-@styled
-def draw_rendered_impedance(band: RenderedBand, axes: GivenAxes = None) -> Figure:
+@style.styled
+def draw_rendered_impedance(band: RenderedBand, axes: style.GivenAxes = None) -> Figure:
     """Draw impedance in free motion against that of device and other end as one body, and stiffness against K."""
     hz = np.array([one.frequency_hz for one in band.felt])
     omega, moves = 2 * np.pi * hz, band.felt[0].mass_kg is not None
     titles = ("(a) impedance in free motion", "(b) stiffness on a rigid object")[0 if moves else 1 :]
-    panels = Panels.of(axes, titles, 2.9, "ab"[: len(titles)])
+    panels = style.Panels.of(axes, titles, 2.9, "ab"[: len(titles)])
     *free, stiff = panels.axes
     for panel in free:
         mass, drag = (np.array([getattr(one, key) for one in band.felt]) for key in ("mass_kg", "drag_ns_per_m"))
         panel.plot(hz, np.hypot(band.damping_ns_per_m, omega * band.mass_kg), **_WANTED)
         panel.plot(hz, np.hypot(drag, omega * mass), **_WORST)
-        panel.set(yscale="log", ylabel=f"|Z| ({impedance_unit(band)})")
-        log_ticks(panel.yaxis, *panel.get_ylim())
-        frequency_axis(panel, hz)
+        panel.set(yscale="log", ylabel=f"|Z| ({band.units.unit('N·s/m')})")
+        style.log_ticks(panel.yaxis, *panel.get_ylim())
+        style.frequency_axis(panel, hz)
     rendered = np.array([one.stiffness_n_per_m for one in band.felt])
     stiff.plot(hz, rendered, label="rendered", **_WORST)
     _stiffness(stiff, hz, np.full(len(hz), band.stiffness_n_per_m), rendered, band.units.unit("N/m"))
@@ -87,42 +84,43 @@ def _stiffness(axes: Axes, hz: FloatArray, wanted: FloatArray, rendered: FloatAr
     every = every[np.isfinite(every) & (every > 0)]
     if every.size and every.max() > 3 * np.median(every):
         axes.set_yscale("log")
-        log_ticks(axes.yaxis, *axes.get_ylim())
+        style.log_ticks(axes.yaxis, *axes.get_ylim())
     else:
         axes.set_ylim(0, 1.1 * float(every.max(initial=1.0)))
     axes.set_ylabel(f"stiffness ({unit})")
-    frequency_axis(axes, hz)
+    style.frequency_axis(axes, hz)
 
 
-@styled
-def draw_loop(found: Deployed | Coupling, axes: GivenAxes = None) -> Figure:
+@style.styled
+def draw_loop(found: Deployed | Coupling, axes: style.GivenAxes = None) -> Figure:
     """Draw the loop opened at the actuator, Bode and Nyquist with gain and phase margin, and the impact on the wall."""
     found = found if isinstance(found, Deployed) else deployed(found)
     titles = ("(a) loop gain |L|", "(b) Nyquist plot of L", "(c) phase of L", "(d) impact on the wall, linear")
-    panels = Panels.of(axes, titles, 5.6, "ab;cd")
+    panels = style.Panels.of(axes, titles, 5.6, "ab;cd")
     size, circle, phase, struck = panels.axes
     others = [one for row, one in enumerate(found.gain[:-1]) if row != found.worst]
     curves = [(found.gain[found.worst], _WORST, "least damped hand"), (found.gain[-1], _RELEASED, "released")]
-    for curve, style, label in [*curves, *((one, _OTHERS, "_") for one in others)]:
-        size.plot(found.frequency_hz, np.abs(curve), label=label, **style)
-        phase.plot(found.frequency_hz, _degrees(curve), label=label, **style)
-        circle.plot(curve.real, curve.imag, label=label, **style)
+    for curve, look, label in [*curves, *((one, _OTHERS, "_") for one in others)]:
+        size.plot(found.frequency_hz, np.abs(curve), label=label, **look)
+        phase.plot(found.frequency_hz, _degrees(curve), label=label, **look)
+        circle.plot(curve.real, curve.imag, label=label, **look)
     _margins(size, circle, phase, found)
     shown = found.frequency_hz[found.frequency_hz >= min(1.0, found.frequency_hz[-1] / 100)]
     for panel in (size, phase):
-        frequency_axis(panel, shown)
-    size.set(yscale="log", ylim=(10**-_DECADES, 10**_DECADES), ylabel="|L|")
-    log_ticks(size.yaxis, *size.get_ylim())
+        style.frequency_axis(panel, shown)
+    size.set(yscale="log", ylim=(0.01, 100), ylabel="|L|")
+    style.log_ticks(size.yaxis, *size.get_ylim())
     size.axhline(1, **_ZERO)
     phase.set(ylim=(-360, 0), yticks=range(-360, 1, 90), ylabel="phase (deg)")
     phase.axhline(-180, **_ZERO)
     around = np.linspace(0, 2 * np.pi, 200)
     circle.plot(np.cos(around), np.sin(around), **_ZERO)
     circle.plot([-1], [0], marker="+", markersize=9, color="black", zorder=8)
-    circle.set(xlim=_NEAR[0], ylim=_NEAR[1], xlabel="Re L", ylabel="Im L")
+    # In a panel of this shape the circle is round.
+    circle.set(xlim=(-3.2, 2.0), ylim=(-1.7, 1.7), xlabel="Re L", ylabel="Im L")
     device, units = found.coupling.problem.device, found.coupling.problem.units
-    for row, style in ((found.worst, _WORST), (-1, _RELEASED)):
-        struck.plot(found.struck_s, 1e3 * found.struck_m[row], **style)
+    for row, look in ((found.worst, _WORST), (-1, _RELEASED)):
+        struck.plot(found.struck_s, 1e3 * found.struck_m[row], **look)
     struck.plot([], [], label="other hands of the box", **_OTHERS)
     struck.axhline(0, **_ZERO)
     speed = quantity(STRUCK_M_PER_S / device.metres_per_unit, units.unit("m/s"))

@@ -1,38 +1,31 @@
-"""The paper's question: perceived impedance and gains of figure 5, errors of the methods, and the verdicts."""
+"""The paper's question: perceived impedance and gains of figure 5, errors of the methods, what accuracy costs."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from matplotlib import colormaps
 from matplotlib.patches import Patch
 
 from avc_casadi._util.arrays import BoolArray, ComplexArray
 from avc_casadi.design import registry
-from avc_casadi.present.figures.style import (
-    METHODS,
-    PERCEIVED,
-    GivenAxes,
-    Line,
-    Panels,
-    frequency_axis,
-    impedance_unit,
-    log_ticks,
-    styled,
-    value_axis,
-)
+from avc_casadi.design.comparison.accuracy import fastest
+from avc_casadi.present.figures import style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from avc_casadi.design.comparison.accuracy import SolverCost
     from avc_casadi.design.comparison.comparison import Comparison
     from avc_casadi.model.problem import Model
 
-_DESIRED = Line("desired", "0.78", "-", "", 4.5, 2, 0.0)
-_NO_COUPLING = Line("no coupling", "0.35", (0, (1, 1.4)), "", 1.4, 3, 0.0)
-_MINE = Line("mine", "#8a0f5c", (0, (3, 1, 1, 1)), "D", 1.2, 5, 0.75)
+_DESIRED = style.Line("desired", "0.78", "-", "", 4.5, 2, 0.0)
+_NO_COUPLING = style.Line("no coupling", "0.35", style.DOTTED, "", 1.4, 3, 0.0)
+_MINE = style.Line("mine", style.PURPLE, (0, (3, 1, 1, 1)), "D", 1.2, 5, 0.75)
 # Smaller errors, in per cent, are drawn on this line: they are rounding, imperceptible to a hand.
 _ROUNDING, _UNNOTICED = 1e-9, 1e-2
 _VERDICTS = {
@@ -44,24 +37,24 @@ _VERDICTS = {
 }
 
 
-def _lines(comparison: Comparison) -> dict[str, Line]:
+def _lines(comparison: Comparison) -> dict[str, style.Line]:
     """Return the line of each method; gains of the problem's own scope are drawn as the chosen ones."""
     if comparison.delivered == comparison.optimum:
-        return METHODS | {"mine": _MINE}
+        return style.METHODS | {"mine": _MINE}
     beside = {
-        name: replace(METHODS[name], label=f"{name}, pointwise, for reference")
+        name: replace(style.METHODS[name], label=f"{name}, pointwise, for reference")
         for name, one in registry.METHODS.items()
         if one.optimises
     }
     beside["direct"] = replace(beside["direct"], colour="#6f94c4", style=(0, (2, 1.2)), marker="x", layer=5)
-    chosen = replace(METHODS["direct"], label=comparison.delivered)
-    return METHODS | beside | {comparison.delivered: chosen, "mine": _MINE}
+    chosen = replace(style.METHODS["direct"], label=comparison.delivered)
+    return style.METHODS | beside | {comparison.delivered: chosen, "mine": _MINE}
 
 
-@styled
-def draw_perceived(comparison: Comparison, axes: GivenAxes = None) -> Figure:
+@style.styled
+def draw_perceived(comparison: Comparison, axes: style.GivenAxes = None) -> Figure:
     """Draw the perceived impedance without coupling, by the closed form and by the delivered gains, and these gains."""
-    damping, hz, lines = impedance_unit(comparison), comparison.frequency_hz, _lines(comparison)
+    damping, hz, lines = comparison.units.unit("N·s/m"), comparison.frequency_hz, _lines(comparison)
     titles = ["(a) perceived impedance", f"(b) real part, {comparison.model} model", "(c) damping b", "(d) stiffness k"]
     gains = [("damping_ns_per_m", f"b ({damping})"), ("stiffness_n_per_m", f"k ({comparison.units.unit('N/m')})")]
     layout, height = "ab;cd", 5.4
@@ -69,11 +62,11 @@ def draw_perceived(comparison: Comparison, axes: GivenAxes = None) -> Figure:
         layout, height = "ab;cd;ee", 7.4
         titles.append("(e) contact damping")
         gains.append(("contact_damping_ns_per_m", f"b_p ({damping})"))
-    panels = Panels.of(axes, titles, height, layout)
+    panels = style.Panels.of(axes, titles, height, layout)
     perceived, real, *others = panels.axes
     everywhere = np.ones(hz.shape, dtype=bool)
     shown = {name: comparison.methods[name] for name in ("closed-form", comparison.delivered)}
-    curves: list[tuple[Line, ComplexArray, BoolArray]] = [
+    curves: list[tuple[style.Line, ComplexArray, BoolArray]] = [
         (_DESIRED, comparison.target, everywhere),
         (_NO_COUPLING, comparison.without_coupling, everywhere),
         *((lines[name], one.impedance, one.usable) for name, one in shown.items()),
@@ -83,8 +76,8 @@ def draw_perceived(comparison: Comparison, axes: GivenAxes = None) -> Figure:
     for (line, impedance, usable), size in zip(curves, sizes[2:], strict=True):
         line.draw_where(usable, perceived, hz, size)
         line.draw_where(usable, real, hz, impedance.real, markers=20)
-    value_axis(perceived, *sizes)
-    perceived.set_ylabel(f"{PERCEIVED} ({damping})")
+    style.value_axis(perceived, *sizes)
+    perceived.set_ylabel(f"{style.PERCEIVED} ({damping})")
     _real_part(real, comparison, [impedance.real for _, impedance, _ in curves], {one: lines[one] for one in shown})
     for panel, (key, label) in zip(others, gains, strict=True):
         drawn = []
@@ -92,7 +85,7 @@ def draw_perceived(comparison: Comparison, axes: GivenAxes = None) -> Figure:
             wanted = getattr(one, f"requested_{key}", np.full(one.rows, np.nan))
             drawn.append(np.where(one.usable, getattr(one, key), wanted))
             lines[name].draw_where(one.usable, panel, hz, drawn[-1])
-        value_axis(panel, *drawn, wide=1.2)
+        style.value_axis(panel, *drawn, wide=1.2)
         panel.set_ylabel(label)
         if panel.get_yscale() != "log":  # 0 has no place here, and would move the limits
             panel.axhline(0, color="0.5", linewidth=0.8, zorder=1)
@@ -100,12 +93,12 @@ def draw_perceived(comparison: Comparison, axes: GivenAxes = None) -> Figure:
         look: dict[str, Any] = {"color": "0.45", "linestyle": (0, (2, 2)), "linewidth": 1.0}
         others[1].axhline(limit, label="passive limit of DC stiffness", **look)
     for panel in panels.axes:
-        frequency_axis(panel, hz)
+        style.frequency_axis(panel, hz)
     panels.legend(3)
     return panels.figure
 
 
-def _real_part(axes: Axes, comparison: Comparison, drawn: list[np.ndarray], lines: dict[str, Line]) -> None:
+def _real_part(axes: Axes, comparison: Comparison, drawn: list[np.ndarray], lines: dict[str, style.Line]) -> None:
     """Draw Re Z in the model that is not the problem's too, and the part that (12) forbids."""
     other: Model = "sampled-data" if comparison.model == "paper" else "paper"
     for name, line in lines.items():
@@ -114,24 +107,24 @@ def _real_part(axes: Axes, comparison: Comparison, drawn: list[np.ndarray], line
         if np.isfinite(values).any():
             line.draw(axes, comparison.frequency_hz, values, linewidth=0.9, marker="", alpha=0.6, label=label)
         drawn.append(values)
-    value_axis(axes, *drawn)
+    style.value_axis(axes, *drawn)
     (lowest, highest), margin = axes.get_ylim(), comparison.margin_ns_per_m
     if lowest < margin:
         axes.axhspan(lowest, margin, facecolor="0.96", edgecolor="0.8", hatch="////", linewidth=0, zorder=0)
         axes.set_ylim(lowest, highest)
     axes.axhline(margin, color="0.5", linewidth=0.8, zorder=1)
-    axes.set_ylabel(f"Re Zₕ ({impedance_unit(comparison)})")
+    axes.set_ylabel(f"Re Zₕ ({comparison.units.unit('N·s/m')})")
 
 
-@styled
-def draw_comparison(comparison: Comparison, axes: GivenAxes = None) -> Figure:
+@style.styled
+def draw_comparison(comparison: Comparison, axes: style.GivenAxes = None) -> Figure:
     """Draw the magnitude error, the impedance error and the verdict at each frequency."""
     titles = (
         "(a) the goal (11); 1e-9 % and less is rounding",
         f"(b) magnitude and phase; {_UNNOTICED:g} % and less drawn as such",
         "(c) verdict, pointwise",
     )
-    panels = Panels.of(axes, titles, 6.2, "a;b;c", height_ratios=[3, 3, 0.5])
+    panels = style.Panels.of(axes, titles, 6.2, "a;b;c", height_ratios=[3, 3, 0.5])
     magnitude, complex_, strip = panels.axes
     hz, lines, size = comparison.frequency_hz, _lines(comparison), np.abs(comparison.target)
     errors = {name: (one.magnitude_error, one.complex_error, one.usable) for name, one in comparison.methods.items()}
@@ -143,13 +136,13 @@ def draw_comparison(comparison: Comparison, axes: GivenAxes = None) -> Figure:
         lines[name].draw_where(usable, magnitude, hz, np.maximum(share, _ROUNDING))
         lines[name].draw_where(usable, complex_, hz, np.maximum(100 * of_impedance, _UNNOTICED))
     for panel, floor, label in (
-        (magnitude, _ROUNDING, f"error of {PERCEIVED} (%)"),
+        (magnitude, _ROUNDING, f"error of {style.PERCEIVED} (%)"),
         (complex_, _UNNOTICED, "impedance error (%)"),
     ):
         panel.set(yscale="log", ylabel=label)
         panel.set_ylim(floor / 3, max(panel.get_ylim()[1], 1.0))
-        log_ticks(panel.yaxis, *panel.get_ylim())
-        frequency_axis(panel, hz, label=False)
+        style.log_ticks(panel.yaxis, *panel.get_ylim())
+        style.frequency_axis(panel, hz, label=False)
     panels.legend(3, _verdicts(strip, comparison, magnitude.get_xlim()))
     return panels.figure
 
@@ -167,7 +160,42 @@ def _verdicts(axes: Axes, comparison: Comparison, ends: tuple[float, float]) -> 
             axes.axvspan(edges[start], edges[row], **look)
             patches[f"{label} ({counts[verdicts[start]]})"] = Patch(**look)
             start = row
-    frequency_axis(axes, frequency)
+    style.frequency_axis(axes, frequency)
     axes.set(xlim=ends, yticks=[])
     axes.grid(visible=False)
     return patches
+
+
+@style.styled
+def draw_accuracy(costs: Sequence[SolverCost], axes: style.GivenAxes = None) -> Figure:
+    """Draw time against error; open markers where some frequency is not at the optimum."""
+    panels = style.Panels.of(axes, ("",), 4.8)
+    (work,) = panels.axes
+    looks: dict[str, tuple[Any, str]] = {name: (one.colour, one.marker) for name, one in style.METHODS.items()}
+    groups: dict[str, list[SolverCost]] = {"closed-form": [], "exact": []}
+    for one in costs:
+        groups.setdefault(one.method if one.solver is None else f"direct, {one.solver}", []).append(one)
+    for place, (label, group) in enumerate(groups.items()):
+        colour, marker = looks.get(label, (colormaps["tab10"](place % 10), "ov<>DPXsh"[place % 9]))
+        known = sorted(group, key=lambda one: -(one.tolerance or 0.0))
+        for name, some, look in (
+            (label, known, {"linewidth": 1.0}),
+            ("_", [one for one in known if one.optimal_share < 1], {"linestyle": "none", "markerfacecolor": "white"}),
+        ):
+            work.plot(*_points(some), color=colour, marker=marker, label=name, **look)
+    front = [one for one, best in zip(costs, fastest(costs), strict=True) if best]
+    front.sort(key=lambda one: one.seconds_per_frequency)
+    work.plot(*_points(front), color="0.2", linestyle=(0, (2, 2)), linewidth=0.9, label="nearest to the optimum")
+    work.plot([], [], "o", color="0.2", markerfacecolor="white", label="not everywhere")
+    work.set(xscale="log", yscale="log", ylabel="time a frequency (µs)")
+    work.set_xlabel(f"largest error of {style.PERCEIVED} beyond the optimum's, relative")
+    for axis, ends in ((work.xaxis, work.get_xlim()), (work.yaxis, work.get_ylim())):
+        style.log_ticks(axis, *ends)
+    panels.legend(3)
+    return panels.figure
+
+
+def _points(costs: Sequence[SolverCost]) -> tuple[list[float], list[float]]:
+    known = [one for one in costs if one.largest_excess_error is not None]
+    errors = [max(one.largest_excess_error or 0.0, 1e-16) for one in known]
+    return errors, [1e6 * one.seconds_per_frequency for one in known]

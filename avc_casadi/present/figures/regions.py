@@ -9,7 +9,7 @@ from matplotlib import colormaps
 
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi._util.text import quantity
-from avc_casadi.present.figures.style import GivenAxes, Panels, impedance_unit, log_ticks, styled
+from avc_casadi.present.figures import style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -19,31 +19,29 @@ if TYPE_CHECKING:
     from avc_casadi.design.tool_region import ToolRegion
 
 _LINES: dict[str, tuple[str, Any, float]] = {
-    "passive-paper": ("#d1600a", (0, (5, 1.6)), 1.4),
-    "passive-sampled-data": ("#08306b", "-", 2.0),
-    "passive-delayed": ("#5a9bd4", (0, (1, 1.4)), 1.6),
-    "stable-released": ("#5a5a00", (0, (4, 1.5, 1, 1.5)), 1.3),
+    "passive-paper": (style.ORANGE, style.DASHED, 1.4),
+    "passive-sampled-data": (style.BLUE, "-", 2.0),
+    "passive-delayed": ("#5a9bd4", style.DOTTED, 1.6),
+    "stable-released": (style.OLIVE, style.DASH_DOT, 1.3),
     "stable-hands": ("#1b7837", "-", 1.3),
 }
 _THIN: dict[str, Any] = {"color": "0.45", "linewidth": 1.0}
-# Decades of stiffness that are drawn at most.
-_LEAST = 1e-4
 
 
-@styled
+@style.styled
 def draw_zwidth(
-    region: ZWidth, rendered: dict[str, tuple[FloatArray, FloatArray]] | None = None, axes: GivenAxes = None
+    region: ZWidth, rendered: dict[str, tuple[FloatArray, FloatArray]] | None = None, axes: style.GivenAxes = None
 ) -> Figure:
     """Draw the K-B region of walls, the bounds of the literature, and the walls that gains render."""
-    panels = Panels.of(axes, ("walls without coupling: stiffness below each curve",), 4.4)
+    panels = style.Panels.of(axes, ("walls without coupling: stiffness below each curve",), 4.4)
     (plane,), damping, unit = panels.axes, region.damping_ns_per_m[1:], region.units.unit
     shown = [np.array([region.encoder_limit_n_per_m or 0.0])]
     for curve in region.curves:
-        colour, style, width = _LINES[curve.key]
+        colour, dash, width = _LINES[curve.key]
         label = f"{curve.claim} (of {region.hands})" if curve.key == "stable-hands" else curve.claim
         shown.append(curve.stiffness_n_per_m[1:])
         fill = curve.key == "passive-sampled-data"
-        _curve(plane, damping, shown[-1], label, fill=fill, color=colour, linestyle=style, linewidth=width)
+        _curve(plane, damping, shown[-1], label, fill=fill, color=colour, linestyle=dash, linewidth=width)
     if np.isfinite(region.rule_n_per_m).any():
         rule = "linear rule (b + b_h + B)/(T/2 + t_d), Gil, Hulin et al. 2009"
         plane.plot(region.damping_ns_per_m, region.rule_n_per_m, **_THIN, linestyle=(0, (1, 1)), label=rule)
@@ -69,17 +67,17 @@ def draw_zwidth(
         widest.append(b[some].max(initial=0.0))
     right = 1.5 * max(widest) or float(damping[-1])
     _plane(plane, shown, (float(damping[0]), right))
-    plane.set(xlabel=f"wall damping B ({impedance_unit(region)})", ylabel=f"wall stiffness K ({unit('N/m')})")
+    plane.set(xlabel=f"wall damping B ({region.units.unit('N·s/m')})", ylabel=f"wall stiffness K ({unit('N/m')})")
     panels.legend(2)
     return panels.figure
 
 
-@styled
-def draw_tool_region(region: ToolRegion, axes: GivenAxes = None) -> Figure:
+@style.styled
+def draw_tool_region(region: ToolRegion, axes: style.GivenAxes = None) -> Figure:
     """Draw the K-B region of a coupling to a simulation, a curve for each engine rate."""
     title = "couplings to the simulation: stable below each curve"
     title += ", with a critical damper in the device's loop" if region.local_damping_ratio else ""
-    panels = Panels.of(axes, (title,), 4.2)
+    panels = style.Panels.of(axes, (title,), 4.2)
     (plane,), damping = panels.axes, region.damping_ns_per_m[1:]
     colours = colormaps["viridis"](np.linspace(0.0, 0.85, len(region.curves)))
     shown = [one.stiffness_n_per_m[1:] for one in region.curves]
@@ -91,7 +89,7 @@ def draw_tool_region(region: ToolRegion, axes: GivenAxes = None) -> Figure:
         b, k = region.chosen.damping_ns_per_m, region.chosen.stiffness_n_per_m
         plane.plot(max(b, float(damping[0])), k, "k*", markersize=11, label="recommended")
     _plane(plane, shown, (float(damping[0]), float(damping[-1])))
-    plane.set(xlabel=f"damper B ({impedance_unit(region)})", ylabel=f"spring K ({region.units.unit('N/m')})")
+    plane.set(xlabel=f"damper B ({region.units.unit('N·s/m')})", ylabel=f"spring K ({region.units.unit('N/m')})")
     panels.legend(5)
     return panels.figure
 
@@ -109,7 +107,7 @@ def _plane(axes: Axes, shown: list[FloatArray], damping: tuple[float, float]) ->
     """Make both axes logarithmic, from below the lowest of the curves' summits to above the highest."""
     summits = [float(one) for one in (np.nanmax(values, initial=0.0) for values in shown) if one > 0] or [1.0]
     top = 2.5 * max(summits)
-    bottom = max(0.2 * min(summits), _LEAST * top)
+    bottom = max(0.2 * min(summits), 1e-4 * top)
     axes.set(xscale="log", yscale="log", xlim=damping, ylim=(bottom, top))
-    log_ticks(axes.xaxis, *damping)
-    log_ticks(axes.yaxis, bottom, top)
+    style.log_ticks(axes.xaxis, *damping)
+    style.log_ticks(axes.yaxis, bottom, top)

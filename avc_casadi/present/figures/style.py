@@ -6,7 +6,6 @@ import io
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import wraps
-from itertools import cycle
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ParamSpec
 
@@ -29,10 +28,10 @@ if TYPE_CHECKING:
 
 P = ParamSpec("P")
 PERCEIVED = "|Zₕ|"
-_WIDTH_INCHES = 7.2
-# Values below this share of the largest count as 0 when an axis chooses its scale.
-_NEGLIGIBLE = 1e-10
-_SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+BLUE, ORANGE, OLIVE, GREEN, PURPLE = "#08306b", "#d1600a", "#5a5a00", "#2f7d32", "#8a0f5c"
+DASHED: Any = (0, (5, 1.6))
+DASH_DOT: Any = (0, (4, 1.5, 1, 1.5))
+DOTTED: Any = (0, (1, 1.4))
 _RC: dict[Any, Any] = {
     "font.family": "DejaVu Sans",
     "font.size": 8.5,
@@ -54,12 +53,6 @@ _RC: dict[Any, Any] = {
     "figure.constrained_layout.h_pad": 0.06,
     "savefig.dpi": 120,
     "svg.hashsalt": "avc-casadi",
-}
-# Without dates and version numbers equal figures are equal files.
-_METADATA: dict[str, dict[str, str | None]] = {
-    "png": {"Software": None},
-    "svg": {"Date": None, "Creator": None},
-    "pdf": {"CreationDate": None, "Creator": None, "Producer": None},
 }
 
 
@@ -105,23 +98,17 @@ class Line:
 
 
 _LINES = (
-    Line("", "#d1600a", (0, (5, 1.6)), "^", 1.3, 5, 0.0),
-    Line("", "#08306b", "-", "o", 1.1, 6, 0.5),
-    Line("", "#5a5a00", (0, (4, 1.5, 1, 1.5)), "s", 1.1, 5, 0.25),
-    Line("", "#2f7d32", (0, (2, 1.2)), "P", 1.1, 5, 0.75),
+    Line("", ORANGE, DASHED, "^", 1.3, 5, 0.0),
+    Line("", BLUE, "-", "o", 1.1, 6, 0.5),
+    Line("", OLIVE, DASH_DOT, "s", 1.1, 5, 0.25),
+    Line("", GREEN, (0, (2, 1.2)), "P", 1.1, 5, 0.75),
     Line("", "#6a51a3", (0, (6, 1.5, 1, 1.5)), "v", 1.1, 5, 0.4),
 )
-_POINTWISE = (name for name, one in registry.METHODS.items() if one.pointwise)
 METHODS: dict[str, Line] = {
-    name: replace(line, label=name.replace("-", " ")) for name, line in zip(_POINTWISE, cycle(_LINES), strict=False)
+    name: replace(line, label=name.replace("-", " "))
+    for name, line in zip((name for name, one in registry.METHODS.items() if one.pointwise), _LINES, strict=False)
 }
 """The lines of the compared methods."""
-
-
-def impedance_unit(result: Any) -> str:
-    """Return the unit of impedance and damping of a result's device."""
-    unit: str = result.units.unit("N·s/m")
-    return unit
 
 
 def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
@@ -141,7 +128,8 @@ def _power(value: float, _: object) -> str:
         return f"{value:g}"
     mantissa, _, power = f"{value:e}".partition("e")
     head = "" if float(mantissa) == 1 else f"{float(mantissa):g}·"
-    return f"{head}10{str(int(power)).translate(_SUPERSCRIPTS)}"
+    raised = str(int(power)).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
+    return f"{head}10{raised}"
 
 
 def log_ticks(axis: Axis, low: float, high: float) -> None:
@@ -171,10 +159,11 @@ def value_axis(axes: Axes, *curves: ArrayLike, wide: float = 10.0) -> None:
     values = np.concatenate([np.ravel(np.asarray(curve, dtype=float)) for curve in curves])
     values = values[np.isfinite(values)]
     largest = float(np.abs(values).max(initial=0.0))
-    sizes = np.abs(values[np.abs(values) > _NEGLIGIBLE * largest])
+    negligible = 1e-10 * largest  # what counts as 0
+    sizes = np.abs(values[np.abs(values) > negligible])
     if sizes.size == 0 or largest < wide * np.quantile(sizes, 0.25):
         return
-    if values.min() > _NEGLIGIBLE * largest:
+    if values.min() > negligible:
         if largest > 10 * values.min():
             axes.set_yscale("log")
             log_ticks(axes.yaxis, float(values.min()), largest)
@@ -194,19 +183,18 @@ def value_axis(axes: Axes, *curves: ArrayLike, wide: float = 10.0) -> None:
 
 
 def files_of(figure: Figure, *endings: str) -> list[bytes]:
-    """Return a figure as the contents of files, png, svg or pdf, laid out once for all of them."""
+    """Return a figure as the contents of files, png, svg or pdf; without dates and versions equal ones are equal."""
+    dates: dict[str, dict[str, None]] = {
+        "png": {"Software": None},
+        "svg": {"Date": None, "Creator": None},
+        "pdf": {"CreationDate": None, "Creator": None, "Producer": None},
+    }
     found = []
     with mpl.rc_context(_RC):
-        engine = figure.get_layout_engine()
-        if engine is not None:
-            engine.execute(figure)
-            with mpl.rc_context({"figure.autolayout": False, "figure.constrained_layout.use": False}):
-                figure.set_layout_engine(None)
         for ending in endings:
             content = io.BytesIO()
-            figure.savefig(content, format=ending, metadata=_METADATA[ending])
+            figure.savefig(content, format=ending, metadata=dates[ending])
             found.append(content.getvalue())
-        figure.set_layout_engine(engine)
     return found
 
 
@@ -233,7 +221,7 @@ class Panels:
     ) -> Panels:
         """Use the given axes, or make a figure; the layout is that of `Figure.subplot_mosaic`."""
         if given is None:
-            figure = Figure(figsize=(_WIDTH_INCHES, height_inches), layout="constrained")
+            figure = Figure(figsize=(7.2, height_inches), layout="constrained")
             panels = list(figure.subplot_mosaic(layout, **more).values())
             for one, title in zip(panels, titles, strict=True):
                 one.set_title(title)

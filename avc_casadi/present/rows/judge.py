@@ -115,7 +115,8 @@ def _claims(verdict: Mapping[str, Any], hands: Mapping[str, Any]) -> list[Row]:
     for one in sorted(verdict.get("claims", ()), key=lambda one: (one["pass"], -(one["spectral_radius"] or 0.0))):
         worst.setdefault(_CLAIMS["detent" if one["name"].startswith("detent") else one["name"]], one)
     rows = []
-    for label, one in worst.items():
+    for label in filter(worst.__contains__, _CLAIMS.values()):
+        one = worst[label]
         if not one["pass"] or one["spectral_radius"] is None:
             rows.append(row(label, one["sentence"], mark=marked(one["pass"])))
             continue
@@ -130,14 +131,14 @@ def _per_frequency(found: Mapping[str, Any]) -> Row:
     """Return the claims of the paper, which deployment does not need."""
     others = [one for name, one in found.items() if not one["outcome"] and name != "L5"]
     text = []
-    for word in ("pass", "fail", "not judged"):
+    for word in ("met", "not met", "not judged"):
         names = [one["title"].removeprefix("passive ") for one in others if _state(one) == word]
         text += [f"{word}: {', '.join(names)}"] if names else []
     return row("Passivity", "; ".join(text))
 
 
 def _state(level: Mapping[str, Any]) -> str:
-    return "not judged" if level["refused"] else "pass" if level["pass"] else "fail"
+    return "not judged" if level["refused"] else "met" if level["pass"] else "not met"
 
 
 def levels(found: Mapping[str, Any]) -> list[Row]:

@@ -1,0 +1,187 @@
+"""Motion over time: simulated runs of a scene, an identified device beside its log, an oscillation and its spectrum."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from avc_casadi._util.units import units_for
+from avc_casadi.present.figures import style
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from avc_casadi.diagnose.causes import Diagnosis
+    from avc_casadi.identification.device import Identification
+    from avc_casadi.simulation.run import Run
+
+_RUNS: tuple[tuple[str, Any, float], ...] = (
+    (style.BLUE, "-", 1.6),
+    (style.ORANGE, style.DASHED, 1.4),
+    (style.OLIVE, style.DASH_DOT, 1.4),
+    (style.PURPLE, style.DOTTED, 1.6),
+)
+_MEASURED: dict[str, Any] = {"color": "0.55", "linewidth": 2.6, "label": "measured"}
+_MODEL: dict[str, Any] = {"color": style.BLUE, "linewidth": 1.2, "linestyle": style.DASHED, "label": "model"}
+_POINTS: dict[str, Any] = {"marker": "o", "markersize": 2.4, "color": "0.55", "linestyle": "none"}
+# Motion from which on it is drawn in millimetres.
+_LARGE_M = 2e-3
+
+
+@style.styled
+def draw_identification(found: Identification, axes: style.GivenAxes = None) -> Figure:
+    """Draw a model against its log over time, and their frequency responses."""
+    titles = (
+        "(a) position, the model all but free",
+        "(b) measured less model",
+        "(c) velocity over force",
+        "(d) its phase, less that of a mass",
+    )
+    panels = style.Panels.of(axes, titles, 5.8, "ab;cd")
+    position, left, size, phase = panels.axes
+    units, (time, measured, simulated) = units_for(found.motion), found.stretch
+    position.plot(time, 1e3 * measured, **_MEASURED)
+    position.plot(time, 1e3 * simulated, **_MODEL)
+    difference = measured - simulated
+    scale, unit = (1e3, "mm") if np.abs(difference).max(initial=0.0) > _LARGE_M else (1e6, "um")
+    left.plot(time, scale * difference, color=style.BLUE, linewidth=0.8)
+    for panel, label in ((position, f"position ({units.unit('mm')})"), (left, f"difference ({units.unit(unit)})")):
+        panel.set(xlabel="time (s)", ylabel=label, xlim=(float(time[0]), float(time[-1])))
+    response, frequency = found.response, found.response.frequency_hz
+    use = response.driven & (response.coherence > 0.3)
+    if not use.any():
+        use = np.ones_like(use)
+    band = frequency[use]
+    span = (frequency >= band[0]) & (frequency <= band[-1])
+    # A mass has -90 degrees; the rest is damping, delay, amplifier and resonance.
+    turned = np.degrees(np.angle(1j * response.velocity_per_force[use]))
+    model = np.degrees(np.unwrap(np.angle(1j * found.modelled[span])))
+    # Each measured phase is unwrapped to that of the model.
+    turned += 360 * np.round((np.interp(band, frequency[span], model) - turned) / 360)
+    size.plot(band, np.abs(response.velocity_per_force[use]), **_POINTS)
+    size.plot(frequency[span], np.abs(found.modelled[span]), **(_MODEL | {"label": "_"}))
+    phase.plot(band, turned, **_POINTS)
+    phase.plot(frequency[span], model, **(_MODEL | {"label": "_"}))
+    size.set(yscale="log", ylabel=f"|v/F| ({units.unit('m/s')}/({units.unit('N')}))")
+    style.log_ticks(size.yaxis, *size.get_ylim())
+    phase.set_ylabel("phase (degrees)")
+    for panel in (size, phase):
+        style.frequency_axis(panel, band)
+    panels.legend(2)
+    return panels.figure
+
+
+@style.styled
+def draw_diagnosis(found: Diagnosis, axes: style.GivenAxes = None) -> Figure:
+    """Draw the oscillation of a log: position, envelope, cycles of the force, spectrum."""
+    titles = ("(a) position", "(b) oscillation and envelope", "(c) force against position", "(d) spectrum")
+    panels = style.Panels.of(axes, titles, 5.8, "ab;cd")
+    position, swing, cycles, spectrum = panels.axes
+    log, one, units = found.log, found.swing, found.declared.device.units
+    time, inside = log.time_s, slice(one.first, one.last)
+    size, unit = (1e3, units.unit("mm")) if one.peak_to_peak_m > _LARGE_M else (1e6, units.unit("um"))
+    position.plot(time, 1e3 * log.position_m, color=style.BLUE, linewidth=0.8)
+    swing.plot(time, size * one.fast_m, color=style.BLUE, linewidth=0.6, label="position without slow motion")
+    for sign, label in ((1, "envelope"), (-1, "_")):
+        swing.plot(time, sign * size * one.envelope_m, color=style.ORANGE, linewidth=1.0, label=label)
+    for panel, label in ((position, f"position ({units.unit('mm')})"), (swing, f"oscillation ({unit})")):
+        panel.set(xlabel="time (s)", ylabel=label, xlim=(float(time[0]), float(time[-1])))
+        if one.kind != "none":
+            panel.axvspan(float(time[one.first]), float(time[one.last - 1]), color="0.92", zorder=0)
+    length = 6 / one.frequency_hz if math.isfinite(one.frequency_hz) else 0.2
+    middle = np.abs(time - (time[one.first] + time[one.last - 1]) / 2) <= length / 2
+    cycles.plot(size * log.position_m[middle], -log.force_n[middle], color=style.BLUE, linewidth=0.8)
+    cycles.set(xlabel=f"position ({unit})", ylabel=f"commanded {units.key('force')} ({units.unit('N')})")
+    window = np.hanning(one.fast_m[inside].size)
+    amplitude = size * 2 * np.abs(np.fft.rfft(one.fast_m[inside] * window)) / max(window.sum(), 1.0)
+    hertz = np.fft.rfftfreq(window.size, log.period_s)
+    top = max(float(amplitude[1:].max(initial=0.0)), 1e-9)
+    spectrum.plot(hertz[1:], amplitude[1:], color=style.BLUE, linewidth=0.9)
+    spectrum.set(yscale="log", ylabel=f"amplitude ({unit})", ylim=(1e-4 * top, 3 * top))
+    style.log_ticks(spectrum.yaxis, *spectrum.get_ylim())
+    style.frequency_axis(spectrum, hertz[1:])
+    if log.encoder_m:
+        half, place = size * log.encoder_m / 2, spectrum.get_yaxis_transform()
+        spectrum.axhline(half, color="0.55", linewidth=0.9, linestyle=(0, (4, 2)))
+        spectrum.text(0.02, 1.15 * half, "half an encoder step", transform=place, fontsize=7)
+    panels.legend(2)
+    return panels.figure
+
+
+@style.styled
+def draw_scene(runs: Sequence[Run], names: Sequence[str] | None = None, axes: style.GivenAxes = None) -> Figure:
+    """Draw up to four runs of scenes with one motion in the same four panels."""
+    units, aim = runs[0].units, runs[0].target_m
+    force_word, mm, newton = units.key("force"), units.unit("mm"), units.unit("N")
+    titles = (
+        "(a) position; the wall begins at 0",
+        f"(b) {force_word} on the device",
+        f"(c) {force_word} against penetration",
+        "(d) energy taken in by the virtual side",
+    )
+    panels = style.Panels.of(axes, titles, 5.6, "ab;cd")
+    position, force, loop, energy = panels.axes
+    label = f"target of the hand, up to {1e3 * aim.max():.3g} {mm}"
+    position.plot(runs[0].time_s, 1e3 * aim, color="0.65", linewidth=2.4, label=label, zorder=1)
+    some_rest = any(run.stable for run in runs)
+    for index, (run, name) in enumerate(zip(runs, names or [run.coupling for run in runs], strict=True)):
+        colour, dash, width = _RUNS[index % len(_RUNS)]
+        line: dict[str, Any] = {"color": colour, "linestyle": dash, "linewidth": width, "zorder": 6 - index}
+        if not run.stable:
+            # Thousands of cycles: a thin line, and a grey veil behind the runs that settle.
+            line |= {"linestyle": "-", "linewidth": 0.35} | ({"color": "0.55", "zorder": 2} if some_rest else {})
+        outcome = {"asymptotic": "stable", "held-by-friction": "held by friction"}.get(run.claim, "unstable")
+        label = f"{name}: {outcome}{', buzzes' if run.buzzing else ''}"
+        time, x, pushing, taken = (values[: run.samples_in_reach] for values in _traces(run))
+        position.plot(time, x, label=label, **line)
+        force.plot(time, pushing, **line)
+        loop.plot(x, pushing, **line)
+        energy.plot(time, taken, **line)
+    _limits(panels.axes, runs)
+    labels = ("position", mm), (force_word, newton), (force_word, newton), ("energy", "mJ")
+    for panel, (word, unit) in zip(panels.axes, labels, strict=True):
+        panel.set(xlabel="time (s)", ylabel=f"{word} ({unit})")
+    loop.set_xlabel(f"penetration ({mm})")
+    for panel in (position, energy):
+        panel.axhline(0, color="0.4", linewidth=0.7, zorder=0)
+    loop.axvline(0, color="0.4", linewidth=0.7, zorder=0)
+    loop.locator_params(axis="x", nbins=5)
+    panels.legend(2)
+    return panels.figure
+
+
+def _traces(run: Run) -> tuple[Any, ...]:
+    """Return time, position, force and energy of a run: s, mm, N, mJ."""
+    return run.time_s, 1e3 * run.position_m, run.force_n, 1e3 * run.ledger.absorbed_j
+
+
+def _limits(panels: Sequence[Axes], runs: Sequence[Run]) -> None:
+    """Keep a run that does not settle from flattening the others."""
+    position, force, loop, energy = panels
+    calm = [run for run in runs if run.stable] or list(runs)
+    room, aim = 1.6 if len(calm) < len(runs) else 1.0, 1e3 * runs[0].target_m
+    traces = zip(*([values[: run.samples_in_reach] for values in _traces(run)] for run in calm), strict=True)
+    _, depth, pushing, taken = (np.concatenate(each) for each in traces)
+    travel = 2 * max(float(np.ptp(aim)), 1e-3)
+    depth = np.clip(depth, aim.min() - travel, aim.max() + travel)
+    contact = depth[pushing != 0]
+    lowest, deepest = min(depth.min(), aim.min()), float(contact.max(initial=0.0))
+    if deepest > 0:  # the wall's surface and its inside, not the target of the hand
+        _span(position, max(-deepest, lowest), 1.3 * deepest)
+        wide = max(float(np.ptp(contact)), 1e-6)
+        loop.set_xlim(contact.min() - 0.3 * wide, contact.max() + 0.2 * wide)
+    else:
+        _span(position, lowest, max(depth.max(), aim.max()))
+    for axes in (force, loop):
+        _span(axes, room * min(pushing.min(), 0.0), room * max(pushing.max(), 0.0))
+    _span(energy, min(taken.min(), -0.3 * taken.max() * (room - 1)), room * taken.max())
+
+
+def _span(axes: Axes, low: float, high: float) -> None:
+    """Show a range with some room; an axis without any range keeps matplotlib's."""
+    if high > low:
+        axes.set_ylim(low - 0.05 * (high - low), high + 0.05 * (high - low))
