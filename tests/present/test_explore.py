@@ -8,8 +8,7 @@ from hypothesis import strategies as st
 
 import avc_casadi as avc
 from avc_casadi.model.hands import hand_corners
-from avc_casadi.present.explore.answers import PARTS, answer
-from avc_casadi.present.explore.explorer import Explorer
+from avc_casadi.present.explore.explorer import Explorer, answer
 from avc_casadi.present.explore.settings import problem_of_settings, settings_of
 from avc_casadi.present.row import Mark
 from avc_casadi.present.rows.judge import own_law
@@ -37,7 +36,7 @@ EXPLORERS = {id(base): Explorer(base, base.name) for base in (BASE, KNOB, TOOL)}
 def ask(part, base=BASE, question=None, explorer=None, **changes):
     beside = {} if question is None else question
     asked = {"settings": fresh(base, changes)} | beside
-    return answer(explorer or EXPLORERS.get(id(base)) or Explorer(base, base.name), PARTS[part], asked)
+    return answer(explorer or EXPLORERS.get(id(base)) or Explorer(base, base.name), part, asked)
 
 
 def faults(base=BASE, **changes):

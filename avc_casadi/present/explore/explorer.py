@@ -1,89 +1,53 @@
-"""What stands behind the page: the problem that it began with, a cache of results, and runs in processes."""
+"""What the page asks: one question, `evaluate`, returns rows and charts of its settings; others begin runs, save files.
+
+Behind it stand the problem that it began with, a cache of results, and runs in processes of their own.
+"""
 
 from __future__ import annotations
 
+import shlex
 import threading
 import time
 from collections import OrderedDict
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from functools import cached_property
+from dataclasses import asdict
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from avc_casadi._errors import AvcError
+from avc_casadi._errors import AvcError, Fault, InputError, fault_document
+from avc_casadi._util.json_values import json_text
 from avc_casadi._util.parallel import begin_process, without_interrupts
 from avc_casadi._util.progress import Progress
 from avc_casadi.coupling import Coupling
 from avc_casadi.design.methods import solve
 from avc_casadi.design.registry import METHODS
-from avc_casadi.present.explore.fields import gain_fields, problem_fields
-from avc_casadi.present.explore.settings import Form, RequestError, Settings, problem_of_settings, settings_of
-from avc_casadi.present.row import Mark, Row, row
+from avc_casadi.files.catalogue import catalogue_names, device_names
+from avc_casadi.files.coupling_file import coupling_document
+from avc_casadi.files.device_file import load_device, parse_device
+from avc_casadi.files.problem_file import dump_problem, problem_document
+from avc_casadi.present.explore.ends import LAW, pair_answer, pair_coupling, wall_answer, wall_coupling
+from avc_casadi.present.explore.settings import (
+    Form,
+    RequestError,
+    Settings,
+    dropped_ranges,
+    gain_fields,
+    problem_fields,
+    problem_of_settings,
+    require_motion,
+    settings_of,
+)
+from avc_casadi.present.row import Mark, Row, row, text_of
 from avc_casadi.present.rows.recommend import recommendation
+from avc_casadi.present.rows.subject import headline
 from avc_casadi.recommendation.answer import recommend
 
 if TYPE_CHECKING:
     from avc_casadi.model.problem import Problem
 
 T = TypeVar("T")
-_KEPT, _AT_ONCE = 64, 2
-# A page that was closed no longer asks: its runs end.
-_IDLE_S = 15.0
-_BETWEEN_S = 0.1
-
-
-class SlowRun:
-    """A slow method in a process of its own, with progress and cancellation."""
-
-    def __init__(self, problem: Problem, method: str) -> None:
-        self.method, self.began_s, self.wanted_s = method, time.monotonic(), time.monotonic()
-        self.state: tuple[int, int, str] = (0, 0, "")
-        self.result: tuple[Coupling | None, list[Row]] | None = None
-        self.error = ""
-        context = get_context("spawn")  # CasADi's threads do not survive a fork
-        here, there = context.Pipe(duplex=False)
-        with without_interrupts():
-            self._process = context.Process(target=_work, args=(_found, (problem, method), there), daemon=True)
-            self._process.start()
-        there.close()
-        threading.Thread(target=self._listen, args=(here,), daemon=True).start()
-
-    @property
-    def over(self) -> bool:
-        """Whether it has ended, for any reason."""
-        return self.result is not None or bool(self.error)
-
-    def cancel(self) -> None:
-        """Terminate it, without a result."""
-        if not self.over:
-            self.error = "cancelled"
-            self._process.terminate()
-
-    def _listen(self, connection: Connection) -> None:
-        kind, content = "state", None
-        try:
-            while kind == "state":
-                kind, content = connection.recv()
-                if kind == "state":
-                    self.state = content
-        except (EOFError, OSError):
-            kind, content = "error", "it ended without a result; there may be too little memory"
-        if not self.error:
-            self.result, self.error = (content, "") if kind == "result" else (None, str(content))
-        self._process.join()
-
-    def rows(self) -> list[Row]:
-        """Return how far it is, or what it has found."""
-        label = _label(self.method)
-        if not self.over:
-            done, total, what = self.state
-            step = f": {what}, {done} of {total or '?'}" if what else ""
-            return [row(label, f"running for {time.monotonic() - self.began_s:.0f} s{step}")]
-        if self.result is None:
-            return [row(label, f"ended: {self.error}", mark=Mark.FAIL)]
-        return self.result[1]
 
 
 class _Piped(Progress):
@@ -94,14 +58,14 @@ class _Piped(Progress):
 
     @contextmanager
     def step(self, what: str) -> Iterator[None]:
-        self._connection.send(("state", (0, 0, what)))
+        self._connection.send(("state", f": {what}"))
         yield
 
     def advance(self, done: int, total: int, what: str = "") -> None:
         now = time.monotonic()
-        if now - self._last_s >= _BETWEEN_S:
+        if now - self._last_s >= 0.1:
             self._last_s = now
-            self._connection.send(("state", (done, total, what)))
+            self._connection.send(("state", f": {what}, {done} of {total or '?'}"))
 
 
 def _work(work: Callable[[Any, Progress], Any], task: Any, connection: Connection) -> None:
@@ -124,8 +88,43 @@ def _found(task: tuple[Problem, str], progress: Progress) -> tuple[Coupling | No
     return Coupling.of(problem, gains) if usable else None, notes
 
 
-def _label(method: str) -> str:
-    return "Recommendation" if method == "recommend" else method.capitalize()
+class SlowRun:
+    """A slow method in a process of its own, with progress and cancellation."""
+
+    def __init__(self, problem: Problem, method: str) -> None:
+        self.began_s = self.wanted_s = time.monotonic()
+        self.state = self.error = ""
+        self.result: tuple[Coupling | None, list[Row]] | None = None
+        context = get_context("spawn")  # CasADi's threads do not survive a fork
+        here, there = context.Pipe(duplex=False)
+        with without_interrupts():
+            self._process = context.Process(target=_work, args=(_found, (problem, method), there), daemon=True)
+            self._process.start()
+        there.close()
+        threading.Thread(target=self._listen, args=(here,), daemon=True).start()
+
+    @property
+    def over(self) -> bool:
+        """Whether it has ended, for any reason."""
+        return self.result is not None or bool(self.error)
+
+    def cancel(self) -> None:
+        """Terminate it, without a result."""
+        if not self.over:
+            self.error = "cancelled"
+            self._process.terminate()
+
+    def _listen(self, connection: Connection) -> None:
+        kind, content = "state", ""
+        try:
+            while kind == "state":
+                self.state = content
+                kind, content = connection.recv()
+        except (EOFError, OSError):
+            kind, content = "error", "it ended without a result; there may be too little memory"
+        if not self.error:
+            self.result, self.error = (content, "") if kind == "result" else (None, content)  # type: ignore[assignment]
+        self._process.join()
 
 
 class Explorer:
@@ -133,17 +132,13 @@ class Explorer:
 
     def __init__(self, base: Problem, source: str, versions: Mapping[str, str] | None = None) -> None:
         self.base, self.source, self.versions = base, source, versions or {}
+        pair = base.simulation is not None or base.follower is not None
+        live, slow = ([name for name, one in METHODS.items() if one.pointwise is at_once] for at_once in (True, False))
+        kinds = ((), ("recommend",)) if pair else (tuple(live), ("recommend", *slow))
+        self.form = Form(problem_fields(base), gain_fields(base), *kinds)
         self._cache: OrderedDict[str, tuple[threading.Lock, list[Any]]] = OrderedDict()
         self._lock = threading.Lock()
         self._runs: dict[str, SlowRun] = {}
-
-    @cached_property
-    def form(self) -> Form:
-        """What the page asks of its problem."""
-        if self.base.simulation is not None or self.base.follower is not None:
-            return Form(problem_fields(self.base), gain_fields(self.base), (), ("recommend",))
-        live, slow = ([name for name, one in METHODS.items() if one.pointwise is at_once] for at_once in (True, False))
-        return Form(problem_fields(self.base), gain_fields(self.base), tuple(live), ("recommend", *slow))
 
     def settings(self, question: Mapping[str, Any]) -> Settings:
         """Return the settings of a question."""
@@ -151,8 +146,7 @@ class Explorer:
 
     def problem(self, settings: Settings) -> Problem:
         """Return the problem of the settings."""
-        live = settings.method in self.form.live
-        key = f"problem {live} {settings.key('motion')}"
+        key = f"problem {settings.method in self.form.live} {settings.key('motion')}"
         return self.cached(key, lambda: problem_of_settings(self.base, settings, self.form))
 
     def cached(self, key: str, make: Callable[[], T]) -> T:
@@ -160,7 +154,7 @@ class Explorer:
         with self._lock:
             lock, found = self._cache.setdefault(key, (threading.Lock(), []))
             self._cache.move_to_end(key)
-            while len(self._cache) > _KEPT:
+            while len(self._cache) > 64:
                 self._cache.popitem(last=False)
         with lock:
             if not found:
@@ -174,7 +168,7 @@ class Explorer:
         problem = self.problem(settings) if begin else self.base
         with self._lock:
             for one in self._runs.values():
-                if now - one.wanted_s > _IDLE_S:
+                if now - one.wanted_s > 15:  # a page that was closed no longer asks
                     one.cancel()
             found = self._runs.get(key)
             if found is not None:
@@ -182,8 +176,8 @@ class Explorer:
                 if cancel:
                     found.cancel()
             if begin and (found is None or found.error):
-                if sum(not one.over for one in self._runs.values()) >= _AT_ONCE:
-                    raise RequestError(409, f"{_AT_ONCE} runs are under way; cancel one of them first")
+                if sum(not one.over for one in self._runs.values()) >= 2:
+                    raise RequestError(409, "2 runs are under way; cancel one of them first")
                 found = self._runs[key] = SlowRun(problem, settings.method)
             return found
 
@@ -195,11 +189,133 @@ class Explorer:
     def run_rows(self, settings: Settings) -> list[Row]:
         """Return the rows of the run of the settings: how far it is, or what it has found."""
         run = self.run(settings)
+        label = "Recommendation" if settings.method == "recommend" else settings.method.capitalize()
         if run is None:
-            return [row(_label(settings.method), "not computed for these settings yet: Run begins it")]
-        return run.rows()
+            return [row(label, "not computed for these settings yet: Run begins it")]
+        if not run.over:
+            return [row(label, f"running for {time.monotonic() - run.began_s:.0f} s{run.state}")]
+        return [row(label, f"ended: {run.error}", mark=Mark.FAIL)] if run.result is None else run.result[1]
 
     def close(self) -> None:
         """End all runs."""
         for one in self._runs.values():
             one.cancel()
+
+
+def start(explorer: Explorer, _: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what the page is built from: fields, devices, methods."""
+    base, form = explorer.base, explorer.form
+    devices = [one for one in map(load_device, device_names()) if one.device.motion == base.device.motion]
+    # A file of one's own is opened to deploy; the catalogue shows the paper's question.
+    own = explorer.source not in catalogue_names()
+    return {
+        "fields": [field.document() for field in form.fields],
+        "gains": [field.document() for field in form.gains],
+        "devices": [{"name": one.name, "title": one.title} for one in devices],
+        "live": form.live,
+        "slow": form.slow,
+        "method": "recommend" if own or not form.live else "direct",
+    }
+
+
+def evaluate(explorer: Explorer, question: Mapping[str, Any]) -> dict[str, Any]:
+    """Return rows and charts of one's own gains and of the method; with ``whole`` what takes a second or more too."""
+    settings, form = explorer.settings(question), explorer.form
+    problem = explorer.problem(settings)
+    run = explorer.run(settings)
+    answer = wall_answer if form.live else pair_answer
+    gains, own, method, charts = answer(explorer, settings, problem, whole=bool(question.get("whole")))
+    if settings.method in form.slow:
+        method = [*explorer.run_rows(settings), *method]
+    tables = problem_document(problem)
+    return {
+        "title": problem.title or problem.name,
+        "headline": text_of(headline(problem, ""), problem.units).strip(),
+        "values": {field.key: field.value(tables) for field in form.fields},
+        "dropped": dropped_ranges(explorer.base, settings, problem),
+        "gains": gains,
+        "rows": {"own": _rows(own, problem), "method": _rows(method, problem)},
+        "running": run is not None and not run.over,
+        "done": run is not None and run.result is not None,
+        "charts": charts,
+    }
+
+
+def _rows(rows: Sequence[Row], problem: Problem) -> list[dict[str, str]]:
+    return [{"label": one.label, "text": one.text(problem.units), "mark": one.mark.name.lower()} for one in rows]
+
+
+def run(explorer: Explorer, question: Mapping[str, Any]) -> dict[str, Any]:
+    """Begin or cancel the run of a slow method, and return its rows."""
+    settings = explorer.settings(question)
+    if settings.method not in explorer.form.slow:
+        raise RequestError(400, f"{settings.method} follows at once and is no run")
+    found = explorer.run(settings, begin=bool(question.get("begin")), cancel=bool(question.get("cancel")))
+    rows = _rows(explorer.run_rows(settings), explorer.base)
+    done = found is not None and found.result is not None
+    return {"rows": rows, "running": found is not None and not found.over, "done": done}
+
+
+def device(explorer: Explorer, question: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the values of a device file that was read in the browser, or of a device of the catalogue."""
+    text, name = question.get("text"), question.get("name")
+    if isinstance(text, str):
+        found = parse_device(text, file=str(question.get("file", "device.toml"))[:200])
+    elif isinstance(name, str):
+        found = load_device(name)
+    else:
+        raise RequestError(400, "device needs text or name")
+    require_motion(found.device, explorer.base.device)
+    gaps = ", ".join(map(found.device.units.key, found.gaps))
+    note = f"Not known of it, and taken cautiously: {gaps}." if gaps else ""
+    return {"note": note, "device": found.device.model_dump(mode="json", exclude_unset=True)}
+
+
+def file(explorer: Explorer, question: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the problem or the coupling as a file, or both as commands to type."""
+    settings, kind = explorer.settings(question), question.get("kind")
+    problem = explorer.problem(settings)
+    whole = problem_of_settings(explorer.base, settings, explorer.form, to_save=True)
+    stem = f"{problem.name.replace('/', '-') or 'problem'}{'-b' if question.get('column') == 'b' else ''}"
+    stem = f"./{stem}" if stem.startswith("-") else stem  # no option
+    if kind == "problem":
+        return {"name": f"{stem}.toml", "text": dump_problem(whole)}
+    if kind == "command":
+        return {"name": "", "text": _command(explorer, settings, whole, stem)}
+    if kind != "coupling":
+        raise RequestError(400, "kind is problem, coupling or command")
+    of = wall_coupling if explorer.form.live else pair_coupling
+    coupling, verdict = of(explorer, settings, problem)
+    text = json_text(coupling_document(coupling), problem.units)
+    return {"name": f"{stem}-coupling.json", "text": text, "note": verdict}
+
+
+def _command(explorer: Explorer, settings: Settings, problem: Problem, stem: str) -> str:
+    """Return what to type for the same: the problem as a file where it is none yet, then the verbs."""
+    lines, which, out = [], shlex.quote(explorer.source), shlex.quote(f"{stem}-coupling.json")
+    if settings.values or settings.device is not None:
+        which = shlex.quote(f"{stem}.toml")
+        lines = [f"cat > {which} <<'AVC_PROBLEM'", dump_problem(problem).rstrip(), "AVC_PROBLEM"]
+    method = "" if settings.method == "recommend" else f" --method {settings.method}"
+    lines.append(f"avc {'solve' if method else 'recommend'} {which}{method} --out {out}")
+    if explorer.form.live:
+        law = {name: settings.gains[key] for name, key in LAW.items() if settings.gains.get(key) is not None}
+        typed = " ".join(f"--{name.replace('_', '-')} {value!r}" for name, value in law.items())
+        lines += [f"avc certify {which} {typed}"] if typed else []
+    return "\n".join(lines) + "\n"
+
+
+PARTS = {each.__name__: each for each in (start, evaluate, run, device, file)}
+"""What the page can ask, by name."""
+
+
+def answer(explorer: Explorer, part: str, question: Mapping[str, Any]) -> dict[str, Any]:
+    """Answer a question; what is wrong with the settings is an answer too, each fault with its field."""
+    try:
+        return PARTS[part](explorer, question)
+    except InputError as error:
+        return {"errors": fault_document(error)["errors"]}
+    except RequestError:
+        raise
+    except AvcError as error:
+        return {"errors": [asdict(Fault("", None, "", str(error)))]}

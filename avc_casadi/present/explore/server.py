@@ -12,7 +12,7 @@ from importlib.resources import files
 from typing import TYPE_CHECKING, Any
 
 from avc_casadi._util.json_values import json_text
-from avc_casadi.present.explore.answers import PARTS, answer
+from avc_casadi.present.explore.explorer import PARTS, answer
 from avc_casadi.present.explore.settings import RequestError
 
 if TYPE_CHECKING:
@@ -120,12 +120,11 @@ class _Handler(BaseHTTPRequestHandler):
         return f"{kind}; charset=utf-8", self.server.page[name]
 
     def _part(self, path: str) -> tuple[str, bytes]:
-        part = PARTS.get(path)
-        if part is None:
+        if path not in PARTS:
             raise RequestError(405 if path in (*self.server.page, "") else 404, "there is nothing to ask there")
         if self.headers.get_content_type() != "application/json":
             raise RequestError(415, "a question is JSON: Content-Type application/json")
-        document = json.dumps(answer(self.server.explorer, part, self._question()), allow_nan=False)
+        document = json.dumps(answer(self.server.explorer, path, self._question()), allow_nan=False)
         return "application/json", document.encode()
 
     def _question(self) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Settings of the page as a validated problem: a base, a device of the catalogue, and values typed anew.
+"""Settings of the page as a validated problem: fields from the schema of a problem file, and values typed anew.
 
 The settings are the whole state: they stand in the address of the page and come with every question.
 """
@@ -7,30 +7,37 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+import re
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, TypeGuard
+from types import UnionType
+from typing import Any, Literal, TypeGuard, Union, get_args, get_origin, get_type_hints
 
 from avc_casadi._errors import AvcError, Fault, InputError
 from avc_casadi.files.device_file import load_device
 from avc_casadi.files.problem_file import problem_document, problem_of
 from avc_casadi.model.device import Device
 from avc_casadi.model.problem import Problem
-from avc_casadi.model.quantity import power_at_handle
-from avc_casadi.present.explore.fields import Field
+from avc_casadi.model.quantity import Quantity, Whole, power_at_handle
+from avc_casadi.model.table import Table
+from avc_casadi.model.virtual_tool import Ends
 
 MOTIONS = ("press", "tap", "hold")
-_KINDS = {"device": (str, dict, type(None)), "values": dict, "gains": dict, "method": str, "motion": str}
-# The page shows six digits: a value typed as it is shown is the value itself.
-_SAME = 5e-6
-# What answers while a slider moves, in SI units.
-_QUICK = {
-    "device.sample_time_s": (2e-5, 0.1, "0.02 to 100 ms"),
-    "device.delay_samples": (0, 50, "0 to 50 samples"),
-    "frequency.points": (1, 5000, "1 to 5000"),
-    "simulation.step_s.0": (1e-5, 0.1, "0.01 to 100 ms"),
-    "simulation.step_s.1": (1e-5, 0.1, "0.01 to 100 ms"),
+_GROUPS = {
+    "simulation": "Simulation",
+    "follower": "Follower",
+    "environment": "Wall",
+    "device": "Device",
+    "hands": "Hands",
+    "device.range": "Ranges of the device",
+    "follower.range": "Ranges of the follower",
+    "detent": "Detents",
+    "boundaries": "Bounds of what feels real",
+    "stability": "Stability",
+    "frequency": "Frequencies",
 }
+# Largest value of a slider whose value is 0.
+_USUAL = {"N/m": 1e3, "N.s/m": 10.0, "kg": 1.0, "N": 10.0, "m": 1e-3, "s": 0.1, "Hz": 1e3, "samples": 8.0}
 
 
 class RequestError(AvcError):
@@ -39,6 +46,154 @@ class RequestError(AvcError):
     def __init__(self, status: int, message: str) -> None:
         super().__init__(message)
         self.status = status
+
+
+@dataclass(frozen=True)
+class Field:
+    """One value of a problem on the page; ``factor`` is one of its unit in SI units.
+
+    Values of a pair end in .0 and .1. A slider goes from ``low`` to ``high`` in the field's unit.
+    """
+
+    key: str
+    group: str
+    label: str
+    unit: str = ""
+    factor: float = 1.0
+    low: float = 0.0
+    high: float = 1.0
+    log: bool = False
+    whole: bool = False
+    blank: str = ""
+    choices: tuple[str | int, ...] = ()
+    validator: Quantity | Whole | None = None
+
+    def document(self) -> dict[str, Any]:
+        """Return JSON values."""
+        folded = not self.group.startswith(("Simulation", "Follower", "Wall", "Device", "Hands", "Your"))
+        return {key: value for key, value in vars(self).items() if key != "validator"} | {"folded": folded}
+
+    def fault(self, message: str) -> str:
+        """Return the message of a fault in the field's unit."""
+        if self.factor == 1 or not isinstance(self.validator, Quantity) or self.validator.allowed not in message:
+            return message
+        ends = self.validator.lowest / self.factor, self.validator.highest / self.factor
+        allowed = Quantity(self.unit, *ends, self.validator.zero, self.validator.signed).allowed
+        return f"allowed: {allowed} {self.unit}"
+
+    def value(self, tables: Mapping[str, Any]) -> Any:
+        """Return its value in the document of a problem; None where it is empty."""
+        found: Any = tables
+        for part in self.key.split("."):
+            found = found[int(part)] if isinstance(found, list | tuple) else found.get(part)
+            if found is None:
+                return None
+        return None if self.blank == "rigid" and found >= self.validator.highest else found  # type: ignore[union-attr]
+
+
+def problem_fields(problem: Problem) -> tuple[Field, ...]:
+    """Return the fields of a problem: those of its other end first."""
+    tables, found = problem_document(problem), list[Field]()
+    unused = {"simulation": problem.simulation, "follower": problem.follower}
+    left_out = {name for name, one in unused.items() if one is None}
+    if len(left_out) < len(unused):
+        left_out |= {"environment", "detent", "boundaries", "stability", "frequency"}
+    for name, hint in get_type_hints(Problem, include_extras=True).items():
+        if name in _GROUPS and name not in left_out:
+            found += _fields(problem, name, _table(hint), tables.get(name) or {})
+    order = list(_GROUPS.values())
+    return tuple(sorted(found, key=lambda field: order.index(field.group)))
+
+
+def gain_fields(problem: Problem) -> tuple[Field, ...]:
+    """Return the fields of one's own spring and damper; of a law before a wall with a filter of the velocity."""
+    device, wall = problem.device, problem.simulation is None and problem.follower is None
+    names = ("k", "b", "b_p") if wall else ("K", "B", "local")
+    group = f"Your own {names[0]} and {names[1]}"
+    size = device.metres_per_unit**2
+    stiffness = (problem.environment.stiffness_n_per_m if wall else 0.0) or 1e3 * size
+    damping = (stiffness * device.mass_kg) ** 0.5 or size
+    spring, damper, local = Quantity("N/m", 1e-9, 1e12), Quantity("N.s/m", 1e-9, 1e9), None if wall else damping
+    found = [
+        _number(problem, "stiffness_n_per_m", group, f"spring {names[0]}", spring, stiffness, ""),
+        _number(problem, "damping_ns_per_m", group, f"damper {names[1]}", damper, damping, ""),
+        _number(problem, "local_damping_ns_per_m", group, f"{names[2]} damper, everywhere", damper, local, "none"),
+    ]
+    if wall:
+        hz = Quantity("Hz", 1e-6, 1e7)
+        found.append(_number(problem, "cutoff_hz", group, "filter of the velocity", hz, 100.0, "none"))
+    return tuple(found)
+
+
+def _table(hint: Any) -> type[Table] | None:
+    """Return the class of a table in a hint."""
+    kinds = [hint, *get_args(hint)] if get_origin(hint) in (Union, UnionType, None) else []
+    return next((one for one in kinds if isinstance(one, type) and issubclass(one, Table)), None)
+
+
+def _fields(problem: Problem, path: str, model: type[Table] | None, values: Mapping[str, Any]) -> Iterator[Field]:
+    skipped = {"model_config", "motion", "held", "scope", "spacing", "values_hz"}
+    if problem.units.linear:
+        skipped.add("handle_radius_m")
+    for name, hint in get_type_hints(model, include_extras=True).items() if model else ():
+        key, inner = f"{path}.{name}", _table(hint)
+        if name in skipped:
+            continue
+        if inner is not None:
+            yield from _fields(problem, key, inner, values.get(name) or {})
+        else:
+            yield from _of_value(problem, key, hint, values.get(name))
+
+
+def _of_value(problem: Problem, key: str, hint: Any, value: Any) -> Iterator[Field]:
+    path = next(one for one in sorted(_GROUPS, key=len, reverse=True) if f"{key}.".startswith(f"{one}."))
+    ending = re.compile(r"(_rms)?_(kg|ns_per_m|n_per_m|samples|hz|n|m|s)$")
+    words = [problem.units.key(ending.sub("", part)) for part in key.removeprefix(f"{path}.").split(".")]
+    group, label, parts = _GROUPS[path], " ".join(words).replace("_", " "), list(_flat(hint))
+    validators = [one for one in (getattr(part, "func", None) for part in parts) if one is not None]
+    if choices := next((get_args(part) for part in parts if get_origin(part) is Literal), ()):
+        yield Field(key, group, label, choices=tuple(choices))
+        return
+    ends = next((one for one in validators if isinstance(one, Ends)), None)
+    of = ends.one if ends else next((one for one in validators if isinstance(one, Quantity | Whole)), None)
+    if of is None and not key.endswith("_samples"):
+        return
+    none = "" if value is not None else "none"
+    if ends is None and not any(get_origin(part) is tuple for part in parts):
+        yield _number(problem, key, group, label, of, value, none)
+        return
+    for end, word in enumerate(("least", "most")):
+        given = None if value is None else value[end]
+        blank = "rigid" if ends and ends.unbounded and end == 1 else none
+        if blank == "rigid" and given is not None and given >= ends.one.highest:  # type: ignore[union-attr]
+            given = None
+        yield _number(problem, f"{key}.{end}", group, f"{label}, {word}", of, given, blank)
+
+
+def _number(
+    problem: Problem, key: str, group: str, label: str, of: Quantity | Whole | None, value: float | None, blank: str
+) -> Field:
+    unit = of.unit if isinstance(of, Quantity) else "samples" if of is None else ""
+    shown, size = {"m": "mm", "s": "ms"}.get(unit, unit), 1.0
+    factor = 1.0 if shown == unit else 1e-3
+    if "handle_radius" not in key:
+        shown = problem.units.unit(shown)
+        if not problem.units.linear:
+            size = problem.device.metres_per_unit ** -power_at_handle(re.sub(r"\.\d$", "", key))
+    log = of is not None and value is not None and value > 0
+    low, high = (value / 30, value * 30) if log and value else (0.0, size * _USUAL.get(unit, 1.0))
+    if of is not None:
+        low, high = max(low, of.lowest) if log else low, min(high, of.highest)
+    low, high = (float(f"{end / factor:.1g}") for end in (low, high))
+    return Field(key, group, label, shown, factor, low, high, log, isinstance(of, Whole), blank, validator=of)
+
+
+def _flat(hint: Any) -> Iterator[Any]:
+    """Yield a hint and all in it: classes, validators and choices."""
+    yield hint
+    if get_origin(hint) is not Literal:
+        for one in (*get_args(hint), *getattr(hint, "__metadata__", ())):
+            yield from _flat(one)
 
 
 @dataclass(frozen=True)
@@ -68,9 +223,10 @@ class Form:
 
 def settings_of(document: Any, form: Form) -> Settings:
     """Read the settings of a request."""
-    if not isinstance(document, dict) or set(document) != set(_KINDS):
-        raise RequestError(400, f"settings are an object with {', '.join(_KINDS)}")
-    for key, kinds in _KINDS.items():
+    allowed = {"device": (str, dict, type(None)), "values": dict, "gains": dict, "method": str, "motion": str}
+    if not isinstance(document, dict) or set(document) != set(allowed):
+        raise RequestError(400, f"settings are an object with {', '.join(allowed)}")
+    for key, kinds in allowed.items():
         if not isinstance(document[key], kinds):  # type: ignore[arg-type]
             raise RequestError(400, f"{key} is of another kind")
     found = Settings(**document)
@@ -117,31 +273,19 @@ def problem_of_settings(base: Problem, settings: Settings, form: Form, *, to_sav
 
 
 def _checked(tables: dict[str, Any], settings: Settings, form: Form, base: Problem) -> Problem:
-    slow = [
-        Fault("", None, key, f"takes too long to follow here; allowed on this page: {allowed}")
-        for key, (low, high, allowed) in _QUICK.items()
-        if _is_number(value := settings.values.get(key)) and not low <= value <= high
-    ]
+    """Return the problem of tables; faults have the keys of their fields, in their units."""
+    fields, found = {field.key: field for field in form.fields}, []
     try:
-        problem = problem_of(tables, file="")
+        return problem_of(tables, file="")
     except InputError as error:
-        fields = {field.key: field for field in form.fields}
-        faults = [_of_field(fault, fields, settings.values, base) for fault in error.faults]
-        typed = any(fault.key.startswith("environment.") for fault in faults)
-        kept = [one for one in faults if not (typed and one.key.startswith("boundaries."))]
-        raise InputError([*kept, *(one for one in slow if one.key not in {fault.key for fault in kept})]) from None
-    if slow:
-        raise InputError(slow)
-    return problem
-
-
-def _of_field(fault: Fault, fields: Mapping[str, Field], typed: Mapping[str, Any], base: Problem) -> Fault:
-    """Return a fault with the key of its field, in its unit; that of a pair at the end that was typed."""
-    key = fault.key.replace("[", ".").replace("]", "")
-    if f"{key}.0" in fields:
-        key = next((end for end in (f"{key}.0", f"{key}.1") if end in typed), f"{key}.0")
-    message = fields[key].fault(fault.message) if key in fields else fault.message
-    return Fault("", None, key if key in fields else base.units.key(key), base.units.words(message))
+        faults = error.faults
+    for fault in faults:
+        key = fault.key.replace("[", ".").replace("]", "")
+        if f"{key}.0" in fields:  # of a pair the end that was typed
+            key = f"{key}.1" if f"{key}.1" in settings.values and f"{key}.0" not in settings.values else f"{key}.0"
+        message = base.units.words(fields[key].fault(fault.message) if key in fields else fault.message)
+        found.append(Fault("", None, key if key in fields else base.units.key(key), message))
+    raise InputError(found)
 
 
 def _device_table(base: Problem, device: str | Mapping[str, Any]) -> dict[str, Any]:
@@ -176,7 +320,8 @@ def _is_number(value: Any) -> TypeGuard[float]:
 
 
 def _same(value: Any, before: Any) -> bool:
-    return _is_number(value) and _is_number(before) and math.isclose(value, before, rel_tol=_SAME)
+    """Whether a value is the one before, of which the page shows six digits."""
+    return _is_number(value) and _is_number(before) and math.isclose(value, before, rel_tol=5e-6)
 
 
 def _put(tables: dict[str, Any], key: str, values: Mapping[str, Any]) -> None:
