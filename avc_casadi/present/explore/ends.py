@@ -27,14 +27,13 @@ from avc_casadi.design.tool_certificate import tool_certificate
 from avc_casadi.design.tool_region import tool_region
 from avc_casadi.design.virtual_tool import ToolSearch
 from avc_casadi.loops.follower import FollowerLoops
-from avc_casadi.model.declared import with_gains
-from avc_casadi.model.gains import NO_COUPLING
-from avc_casadi.model.schedule import GainSchedule, Status
-from avc_casadi.model.virtual_tool import ToolGains
+from avc_casadi.model.ends import ToolGains
+from avc_casadi.model.gains import NO_COUPLING, GainSchedule, Status
+from avc_casadi.model.scene import with_gains
 from avc_casadi.paper.loop import loop_at
 from avc_casadi.paper.realism import perceived_bounds
 from avc_casadi.paper.rendered import gain_schedule
-from avc_casadi.present.row import Row, fill, marked, row
+from avc_casadi.present.row import Row, marked, row
 from avc_casadi.present.rows import subject
 from avc_casadi.present.rows.judge import own_law, passivity
 from avc_casadi.present.rows.recommend import felt_rows, stability
@@ -48,21 +47,17 @@ if TYPE_CHECKING:
     from avc_casadi.present.explore.settings import Settings
     from avc_casadi.simulation.run import Run
 
-# Points of a trace: a lowest and a highest in each of half as many stretches.
-_TRACE_POINTS = 1200
-HZ = {"label": "frequency, Hz", "kind": "log"}
+Answers = tuple[dict[str, Any], list[Row], list[Row], list[dict[str, Any]]]
+"""Gains of one's own, rows of them and of the method, charts of both."""
+_HZ = ("frequency, Hz", "log")
 
 
 def chart(
-    name: str,
-    title: str,
-    x: Mapping[str, Any],
-    y: tuple[str, str],
-    series: Sequence[Mapping[str, Any]],
-    **more: Any,
+    name: str, title: str, x: tuple[str, str], y: tuple[str, str], series: Sequence[Mapping[str, Any]], **more: Any
 ) -> dict[str, Any]:
     """Return a chart: lines of values over x, with bands and points."""
-    return {"id": name, "title": title, "x": x, "y": {"label": y[0], "kind": y[1]}, "series": series, **more}
+    axes = {axis: {"label": label, "kind": kind} for axis, (label, kind) in (("x", x), ("y", y))}
+    return {"id": name, "title": title, **axes, "series": series, **more}
 
 
 def line(name: str, cls: str, x: Any, y: Any) -> dict[str, Any]:
@@ -87,14 +82,13 @@ def region(
         for (name, cls), (stiffness, damping) in pairs.items()
         if stiffness
     ]
-    x, y = {"label": f"{of} damping, {b}", "kind": "log"}, (f"{of} stiffness, {k}", "log")
+    x, y = (f"{of} damping, {b}", "log"), (f"{of} stiffness, {k}", "log")
     return chart("region", title, x, y, lines, points=points, wide=True)
 
 
 def touches(runs: Mapping[str, Run], problem: Problem, begins: str) -> list[dict[str, Any]]:
     """Return position and force of simulated touches over time, with their peaks kept."""
-    names, time = {"own": "your k and b", "method": "coupling"}, {"label": "time, s", "kind": "linear"}
-    position, force = [], []
+    names, time, position, force = {"own": "your k and b", "method": "coupling"}, ("time, s", "linear"), [], []
     for cls, run in runs.items():
         kept = slice(0, run.samples_in_reach)
         rows = _peaks(run.force_n[kept], run.position_m[kept])
@@ -106,23 +100,21 @@ def touches(runs: Mapping[str, Run], problem: Problem, begins: str) -> list[dict
     if runs:
         first = next(iter(runs.values()))
         position.insert(0, line("target of the hand", "desired", first.time_s[::10], 1e3 * first.target_m[::10]))
-    mm, newton, turns = problem.units.unit("mm"), problem.units.unit("N"), problem.units.key("force").capitalize()
+    mm, newton, turns = problem.units.unit("mm"), problem.units.unit("N"), problem.units.key("force")
     found = [
         chart("position", f"Simulated touch: position, {begins}", time, (mm, "linear"), position),
-        chart("force", f"Simulated touch: {turns.lower()}", time, (newton, "linear"), force),
+        chart("force", f"Simulated touch: {turns}", time, (newton, "linear"), force),
     ]
     found[0]["y"]["span"] = span
     return found
 
 
 def _peaks(*traces: Any) -> Any:
-    """Return the rows of each trace's lowest and highest value in every stretch; all rows of a short one."""
-    samples = len(traces[0])
-    if samples <= _TRACE_POINTS:
+    """Return the rows of each trace's lowest and highest value in 300 stretches; all rows of a short one."""
+    samples, found = len(traces[0]), {0, len(traces[0]) - 1}
+    if samples <= 1200:
         return np.arange(samples)
-    edges = np.linspace(0, samples, _TRACE_POINTS // (2 * len(traces)) + 1).astype(int)
-    found = {0, samples - 1}
-    for first, last in pairwise(edges.tolist()):
+    for first, last in pairwise(np.linspace(0, samples, 301).astype(int).tolist()):
         for trace in traces:
             found |= {first + int(np.argmin(trace[first:last])), first + int(np.argmax(trace[first:last]))}
     return np.array(sorted(found))
@@ -143,10 +135,8 @@ def coupling_of(explorer: Explorer, settings: Settings, problem: Problem) -> Cou
     return None if found is None else replace(found, problem=problem, versions=explorer.versions)
 
 
-def wall_answer(
-    explorer: Explorer, settings: Settings, problem: Problem, *, whole: bool
-) -> tuple[dict[str, Any], list[Row], list[Row], list[dict[str, Any]]]:
-    """Return the law of one's own, rows of it and of the method, and charts of both."""
+def wall_answer(explorer: Explorer, settings: Settings, problem: Problem, *, whole: bool) -> Answers:
+    """Return the law of one's own before a wall beside the coupling of the method."""
     stated = settings.key()
     law = vars(explorer.cached("first", lambda: first_law(explorer.base))) | dict(settings.gains)
     wrong = [Fault("", None, key, f"is {one!r}, not a number") for key, one in law.items() if isinstance(one, str)]
@@ -208,15 +198,15 @@ def _impedances(problem: Problem, direct: Problem, schedule: GainSchedule | None
     real = [line(name, cls, hz, one.real) for name, cls, one in [("no coupling", "without", without), *curves]]
     title = "Real part of Z: below 0 the loop gives out energy"
     found = [
-        chart("magnitude", "Impedance |Z| that the hand meets", HZ, (z, "log"), size, bands=[band]),
-        chart("real", title, HZ, (z, "symlog"), real),
+        chart("magnitude", "Impedance |Z| that the hand meets", _HZ, (z, "log"), size, bands=[band]),
+        chart("real", title, _HZ, (z, "symlog"), real),
     ]
     if schedule is not None:
         for name, title, unit, gains in (
             ("damping", "Damper b of the coupling", z, schedule.damping_ns_per_m),
             ("stiffness", "Spring k of the coupling", k, schedule.stiffness_n_per_m),
         ):
-            found.append(chart(name, title, HZ, (unit, "symlog"), [line(schedule.method, "method", hz, gains)]))
+            found.append(chart(name, title, _HZ, (unit, "symlog"), [line(schedule.method, "method", hz, gains)]))
     return found
 
 
@@ -245,10 +235,8 @@ def wall_coupling(explorer: Explorer, settings: Settings, problem: Problem) -> t
 _NAMES = {"own": "your K and B", "method": "recommended"}
 
 
-def pair_answer(
-    explorer: Explorer, settings: Settings, problem: Problem, *, whole: bool
-) -> tuple[dict[str, Any], list[Row], list[Row], list[dict[str, Any]]]:
-    """Return K and B of one's own, rows of them and of the recommendation, and charts of both."""
+def pair_answer(explorer: Explorer, settings: Settings, problem: Problem, *, whole: bool) -> Answers:
+    """Return K and B of one's own to a simulation or a follower beside the recommendation."""
     stated, tool = settings.key(), problem.simulation
     search = explorer.cached(f"search {stated}", lambda: ToolSearch(problem) if tool is not None else None)
     loops: Any = search.loops if search else explorer.cached(f"loops {stated}", lambda: FollowerLoops(problem))
@@ -261,7 +249,7 @@ def pair_answer(
     if tool is not None:
         rates: dict[str, Any] = {} if whole else {"rates": ()}
         stable = explorer.cached(f"region {whole} {stated}", lambda: tool_region(problem, summits=False, **rates))
-        charts.insert(0, _region(problem, stable, pairs))
+        charts.insert(0, _pairs_region(problem, stable, pairs))
         if whole:
             runs = {}
             for cls, one in pairs.items():
@@ -307,8 +295,8 @@ def _rows(problem: Problem, search: ToolSearch | None, loops: Any, gains: ToolGa
     felt = felt_rows({"stiffness_n_per_m": None, "on_stiffest_contact_n_per_m": None, "at": at})
     if search is None:
         stable = loops.stable_over_ranges(gains)
-        text = "corner hands and released," if stable else "not all of"
-        return [*rows, row("Stability", text, count(len(loops)), "loops", mark=marked(stable)), *felt]
+        text = f"{'corner hands and released,' if stable else 'not all of'} {len(loops)} loops"
+        return [*rows, row("Stability", text, mark=marked(stable)), *felt]
     certificate = tool_certificate(problem, gains, search)
     return [*rows, *stability(certificate), *felt, *passivity(certificate["passivity"], problem)]
 
@@ -330,11 +318,11 @@ def _felt(problem: Problem, pairs: dict[str, ToolGains]) -> list[dict[str, Any]]
                 wanted = np.hypot(band.damping_ns_per_m, omega * band.mass_kg)
                 free.append(line("device and other end as one body", "desired", hz, wanted))
             free.append(line(_NAMES[cls], cls, hz, np.hypot(drag, omega * mass)))
-    charts = [chart("free", "Impedance |Z| in free motion", HZ, (z, "log"), free)] if free else []
-    return [*charts, chart("rigid", "Stiffness on a rigid object", HZ, (k, "log"), rigid)]
+    charts = [chart("free", "Impedance |Z| in free motion", _HZ, (z, "log"), free)] if free else []
+    return [*charts, chart("rigid", "Stiffness on a rigid object", _HZ, (k, "log"), rigid)]
 
 
-def _region(problem: Problem, found: ToolRegion, pairs: dict[str, ToolGains]) -> dict[str, Any]:
+def _pairs_region(problem: Problem, found: ToolRegion, pairs: dict[str, ToolGains]) -> dict[str, Any]:
     damping, lines = found.damping_ns_per_m[1:], []
     for one in found.curves:
         name = f"{quantity(1 / one.step_s, 'Hz')}{', as declared' if one.declared else ''}"

@@ -17,10 +17,10 @@ from avc_casadi._errors import AvcError, Fault, InputError
 from avc_casadi.files.device_file import load_device
 from avc_casadi.files.problem_file import problem_document, problem_of
 from avc_casadi.model.device import Device
+from avc_casadi.model.ends import Ends
 from avc_casadi.model.problem import Problem
 from avc_casadi.model.quantity import Quantity, Whole, power_at_handle
 from avc_casadi.model.table import Table
-from avc_casadi.model.virtual_tool import Ends
 
 MOTIONS = ("press", "tap", "hold")
 _GROUPS = {

@@ -8,8 +8,8 @@ from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 from avc_casadi.loops.margins import LEAST_DISK, SOUND_DISK
-from avc_casadi.model.effects import SaturationEffect
 from avc_casadi.model import EFFECTS
+from avc_casadi.model.effects import SaturationEffect
 from avc_casadi.present.row import (
     Answer,
     Mark,
@@ -47,8 +47,8 @@ from avc_casadi.present.rows.subject import (
 
 if TYPE_CHECKING:
     from avc_casadi._util.units import Units
-    from avc_casadi.model.problem import Problem
     from avc_casadi.claims.own_law import LawCertificate
+    from avc_casadi.model.problem import Problem
 
 _CLAIMS = {
     "hands": "Corner hands",
