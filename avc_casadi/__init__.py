@@ -102,7 +102,7 @@ if TYPE_CHECKING:
     from avc_casadi.present import figures as figures
     from avc_casadi.recommendation.answer import recommend as recommend
     from avc_casadi.recommendation.recommendation import Recommendation as Recommendation
-    from avc_casadi.simulation.run import Run as Run
+    from avc_casadi.simulation.scene import Run as Run
     from avc_casadi.simulation.scene import simulate_batch as simulate_batch
 else:
     # Imported at first use: pydantic, numpy and CasADi would make `avc --help` slow.
@@ -124,8 +124,7 @@ else:
         "files.catalogue": "catalogue catalogue_path",
         "files.problem_file": "dump_problem load_problem parse_problem",
         "files.device_file": "load_device",
-        "simulation.run": "Run",
-        "simulation.scene": "simulate_batch",
+        "simulation.scene": "Run simulate_batch",
         "design.comparison.comparison": "Comparison compare",
     }
     _LAZY = {name: module for module, names in _NAMES.items() for name in names.split()}

@@ -321,7 +321,7 @@ def recommended_coupling(problem: avc.Problem, console: Console) -> Coupling:
 
 def require_compiler(console: Console) -> None:
     """Tell that hands are simulated slowly without a C compiler."""
-    from avc_casadi.simulation.native import compiler
+    from avc_casadi.simulation.execute import compiler
 
     if compiler() is None:
         console.notice("avc: no C compiler is found (cc, or CC): hands are simulated some fifteen times as slowly")

@@ -20,8 +20,7 @@ if TYPE_CHECKING:
     from avc_casadi.design.registry import MethodName
     from avc_casadi.model.gains import GainSchedule
     from avc_casadi.model.hands import Hand
-    from avc_casadi.simulation.run import Run
-    from avc_casadi.simulation.scene import AnyGains
+    from avc_casadi.simulation.scene import AnyGains, Run
     from avc_casadi.simulation.screen import Screening
 
 _COMPARED = (

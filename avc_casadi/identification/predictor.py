@@ -26,7 +26,7 @@ from avc_casadi.model.device import Device, Resonance
 from avc_casadi.model.hands import Hand
 from avc_casadi.model.plant import LinearPlant, SampledPlant, Transition, device_plant, sampled_plant, transitions
 from avc_casadi.simulation.emit import LANES_HEAD, in_lanes
-from avc_casadi.simulation.native import compiler, library
+from avc_casadi.simulation.execute import compiler, library
 
 # Step of the differences that give the slopes of a prediction, in search coordinates.
 _STEP = 1e-5

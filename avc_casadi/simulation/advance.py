@@ -18,7 +18,7 @@ import numpy as np
 from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi.model.plant import LinearPlant, time_scale, transition
-from avc_casadi.simulation.tick import Expr, Tick
+from avc_casadi.simulation.tick import Expr, Tick, ca
 
 # The first power left out, relative to the change of the state in a sample.
 _REST = 1e-17
@@ -33,8 +33,6 @@ _EVENTS = 2
 
 def column(*symbols: Expr) -> Expr:
     """Stack symbols, in the order in which CasADi stores their entries."""
-    import casadi as ca  # noqa: PLC0415
-
     return ca.veccat(*symbols) if symbols else ca.SX(0, 1)
 
 
@@ -161,16 +159,12 @@ class MatrixExponential:
 
     def step(self, tick: Tick, state: list[Expr], drive: Drive) -> list[Expr]:
         """Add the transition matrices and return the state one sample later."""
-        import casadi as ca  # noqa: PLC0415
-
         x = ca.vertcat(*state)
         for stretch in stretches(self.late):
             x = self._through(tick, stretch, x, drive)
         return list(ca.vertsplit(x))
 
     def _through(self, tick: Tick, stretch: Stretch, x: Expr, drive: Drive) -> Expr:
-        import casadi as ca  # noqa: PLC0415
-
         n, name = x.numel(), f"transition{stretch.name}"
         matrix = tick.parameter(name, ca.Sparsity.dense(n, n))
         of_force: Expr = tick.parameter(f"{name}_of_force", ca.Sparsity.dense(n, 1)) if self.held else None
@@ -219,8 +213,6 @@ class Projected:
         return state
 
     def _through(self, tick: Tick, stretch: Stretch, state: list[Expr], drive: Drive) -> list[Expr]:
-        import casadi as ca  # noqa: PLC0415
-
         free = MatrixExponential(1, self.held, self.driven)
         inner = Tick(tick.sample_time_s * stretch.share / self.substeps, tick.start_m)
         now = [ca.SX.sym(f"x{index}") for index in range(len(state))]
@@ -306,8 +298,6 @@ class TaylorSeries:
         self, plant: PlantSymbols, state: list[Expr], force: Expr, target: Any, remaining: Expr, breaking: Expr
     ) -> tuple[list[Expr], Expr, Expr]:
         """Slide or stick until an event or the end; return the state, the time used and the break-away direction."""
-        import casadi as ca  # noqa: PLC0415
-
         sliding, direction = _mode(plant, state, force, target, breaking)
         series, loads = self._series(plant, state, force, target, direction * plant.friction, sliding)
         sticking = 1 - sliding
@@ -367,8 +357,6 @@ def _mode(plant: PlantSymbols, state: list[Expr], force: Expr, target: Any, brea
 
     At break-away the load equals the friction but for rounding, so that the two are not compared.
     """
-    import casadi as ca  # noqa: PLC0415
-
     velocity, load = state[1], plant.rates(state, force, target)[1]
     moving = velocity != 0
     sliding = ca.logic_or(ca.logic_or(moving, breaking), ca.fabs(load) > plant.friction)
@@ -377,8 +365,6 @@ def _mode(plant: PlantSymbols, state: list[Expr], force: Expr, target: Any, brea
 
 def _first_zero(powers: list[Expr], remaining: Expr) -> Expr:
     """Return where a polynomial that is not negative at 0 becomes negative, or `remaining`."""
-    import casadi as ca  # noqa: PLC0415
-
     value, slope = powers[0], powers[1]
     # The parabola with this value and slope, through the end.
     curve = ((_horner(powers, remaining) - value) / remaining - slope) / remaining

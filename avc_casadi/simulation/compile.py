@@ -3,26 +3,122 @@
 from __future__ import annotations
 
 import time
+from collections import Counter
 from dataclasses import dataclass, replace
+from itertools import combinations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from avc_casadi._errors import InputError, UnsupportedError
+from avc_casadi._errors import Fault, InputError, UnsupportedError
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi._util.interrupt import HeldInterrupt
 from avc_casadi.coupling import contact_law
+from avc_casadi.model import EFFECTS
 from avc_casadi.model.gains import NO_COUPLING, Gains
 from avc_casadi.model.plant import DEVICE, GROUND, HANDLE, LinearPlant, Plant
+from avc_casadi.model.problem import Problem
+from avc_casadi.model.scene import Free, Motion, Stroke, Tap, scene_effects
 from avc_casadi.simulation.advance import Advance, Drive, MatrixExponential, Projected, TaylorSeries, column
 from avc_casadi.simulation.contact import Environment, coupling_parameters, wall_force
 from avc_casadi.simulation.effects.base import SceneEffect, Station
-from avc_casadi.simulation.effects.registry import build_effects
-from avc_casadi.simulation.motion import Target, target_of
-from avc_casadi.simulation.tick import Tick
+from avc_casadi.simulation.effects.environment import Engine
+from avc_casadi.simulation.effects.interface import Delay, Jitter, VelocityFilter
+from avc_casadi.simulation.effects.mechanics import Backlash
+from avc_casadi.simulation.tick import Tick, ca
 
 if TYPE_CHECKING:
     from avc_casadi.model.problem import Contact, Problem
+
+
+def build_effects(problem: Problem) -> tuple[SceneEffect, ...]:
+    """Return the effects of a problem's scene, in the order of the loop; with none listed, all declared ones."""
+    tables = scene_effects(problem)
+    faults = _impossible(problem, [table.kind for table in tables])
+    built: list[SceneEffect] = []
+    for index, table in enumerate(tables):
+        try:
+            built.append(EFFECTS[table.kind].build(table, problem, f"scene.effects[{index}]"))
+        except InputError as error:
+            faults.extend(error.faults)
+    faults.extend(_clashes(problem, built))
+    if faults:
+        raise InputError(faults)
+    return tuple(sorted(built, key=lambda effect: effect.rank))
+
+
+def _impossible(problem: Problem, kinds: list[str]) -> list[Fault]:
+    messages = [f"{kind} is listed {count} times; allowed: once" for kind, count in Counter(kinds).items() if count > 1]
+    messages += [
+        f"{one} and {other} exclude each other; allowed: one of them"
+        for one, other in combinations(sorted(set(kinds), key=list(EFFECTS).index), 2)
+        if EFFECTS[one].role and EFFECTS[one].role == EFFECTS[other].role
+    ]
+    carried = problem.device.mass_kg > 0 or "hand" in kinds
+    if not carried:
+        messages.append("nothing has a mass; allowed: device.mass_kg above 0, or the effect hand with a mass")
+    return [Fault(problem.name, None, "scene.effects", message) for message in messages]
+
+
+def _clashes(problem: Problem, built: list[SceneEffect]) -> list[Fault]:
+    """Return errors of effects with incompatible numbers."""
+    messages = []
+    delays = [effect.samples for effect in built if isinstance(effect, Delay)]
+    late = any(isinstance(effect, Jitter) and effect.rms_s > 0 for effect in built)
+    if late and any(samples != int(samples) for samples in delays):
+        messages.append(
+            f"delay of {delays[0]:g} samples and forces that come late at random exclude each other; allowed: whole "
+            "samples, or jitter with rms_s = 0"
+        )
+    filtered = any(isinstance(effect, VelocityFilter) for effect in built)
+    if filtered and any(isinstance(effect, Engine) for effect in built):
+        messages.append("the engine of simulation sees plain differences; allowed: leave velocity-filter out")
+    if any(isinstance(effect, Backlash) for effect in built) and any(effect.sensed_body == HANDLE for effect in built):
+        messages.append("backlash and an encoder at the handle exclude each other; allowed: one of them")
+    return [Fault(problem.name, None, "scene.effects", message) for message in messages]
+
+
+@dataclass(frozen=True)
+class Target:
+    """The target at the samples; between two samples it moves at constant velocity."""
+
+    position_m: FloatArray
+    velocity_m_per_s: FloatArray
+    device_start_m: float
+
+
+def target_of(motion: Motion, samples: int, sample_time_s: float) -> Target:
+    """Return the target of a motion; a held one begins with the device at rest at the surface, or before it."""
+    time = np.arange(samples + 1, dtype=np.float64) * np.float64(sample_time_s)
+    position = _position(motion, time)
+    velocity = np.diff(position) / sample_time_s
+    start = min(motion.end_m, 0.0) if motion.kind == "hold" else float(position[0])
+    return Target(position[:-1], velocity, start)
+
+
+def _position(motion: Motion, time: FloatArray) -> FloatArray:
+    start, end = motion.start_m, motion.end_m
+    if motion.kind == "hold":
+        return np.full(time.shape, end)
+    if motion.kind == "tap":
+        phase = np.minimum(time, _resting_from(time[-1], 0.0, motion)) * motion.frequency_hz
+        return start + (end - start) * np.sin(np.pi * phase) ** 2
+    if motion.kind == "free":
+        phase = np.minimum(time, _resting_from(time[-1], 0.0, motion)) * motion.frequency_hz
+        return start + motion.amplitude_m * np.sin(2 * np.pi * phase)
+    arrival = abs(end - start) / motion.speed_m_per_s
+    ramp = start + (end - start) * np.clip(time / arrival, 0.0, 1.0) if arrival > 0 else np.full(time.shape, end)
+    if motion.kind == "press":
+        return ramp
+    resting = _resting_from(time[-1], arrival, motion)
+    phase = np.clip(time, arrival, max(arrival, resting)) - arrival
+    return ramp + motion.amplitude_m * np.sin(2 * np.pi * motion.frequency_hz * phase)
+
+
+def _resting_from(duration_s: float, begin_s: float, motion: Tap | Stroke | Free) -> float:
+    """Return the end of the last whole period before the pause, in which settling is judged, or of the first one."""
+    periods = max(1.0, np.floor((duration_s - motion.rest_s - begin_s) * motion.frequency_hz))
+    return float(begin_s + periods / motion.frequency_hz)
 
 
 _SPEEDS = ("velocity_m_per_s", "held_m_per_s")
@@ -242,8 +338,6 @@ def _continue(tick: Tick, plant: LinearPlant, target: Target, advance: Advance) 
 
 
 def _function(tick: Tick) -> Any:
-    import casadi as ca  # noqa: PLC0415
-
     return ca.Function(
         "sample",
         [column(*(slot.symbol for slot in slots)) for slots in (tick.states, tick.inputs, tick.parameters)],

@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike
 
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi.model.runtime import PLAIN
-from avc_casadi.simulation.tick import Expr, Rate, Tick
+from avc_casadi.simulation.tick import Expr, Rate, Tick, ca
 
 # N/m: far below any gain, far above the smallest number of single precision.
 _NO_GAINS = 1e-20
@@ -51,8 +51,6 @@ class Environment:
 
     def by_law(self, clip_last: Expr, gated: Expr) -> Expr:
         """Select a value by contact law; a two-sided environment is linear, as the clip-last law is."""
-        import casadi as ca  # noqa: PLC0415
-
         if not self.one_sided or self.clips_last is True:
             return clip_last
         return gated if self.clips_last is False else ca.if_else(self.clips_last, clip_last, gated)
@@ -75,8 +73,6 @@ def coupling_parameters(
 
 def wall_force(tick: Tick, environment: Environment, *, rigid: bool, damped: bool) -> Expr:
     """Add coupling, environment and contact damper by the contact law and return the force on the device."""
-    import casadi as ca  # noqa: PLC0415
-
     force = _series_force(tick, environment, rigid=rigid)
     if damped:
         force += _contact_damper(tick)
@@ -89,8 +85,6 @@ def wall_force(tick: Tick, environment: Environment, *, rigid: bool, damped: boo
 
 def _series_force(tick: Tick, environment: Environment, *, rigid: bool) -> Expr:
     """Return f."""
-    import casadi as ca  # noqa: PLC0415
-
     x, by_law = tick.position, environment.by_law
     k_e, b_e, one_sided = environment.stiffness_n_per_m, environment.damping_ns_per_m, environment.one_sided
     offset: Expr = 0.0
@@ -125,8 +119,6 @@ def _series_force(tick: Tick, environment: Environment, *, rigid: bool) -> Expr:
 
 def _surface(tick: Tick, environment: Environment) -> Rate:
     """Return the deflection rate of the environment's spring: of the tool, or of its penetration."""
-    import casadi as ca  # noqa: PLC0415
-
     name, penetration = "environment_deflection", max(tick.start_m, 0.0)
     if not environment.one_sided or environment.clips_last is True:
         return Rate(tick, name, tick.start_m, seen=tick.since_start)
@@ -143,8 +135,6 @@ def _surface(tick: Tick, environment: Environment) -> Rate:
 
 def _gains(tick: Tick, stretch: Rate, kappa_e: Expr, environment: Environment) -> tuple[Expr, Expr, Expr, Expr]:
     """Return b/kappa, 1/kappa, the stiffness in series and k/kappa: parameters of a run, or from the current gains."""
-    import casadi as ca  # noqa: PLC0415
-
     if tick.adapt is None:
         memory, compliance, series = (tick.parameter(name) for name in COUPLING_PARAMETERS)
         return memory, compliance, series, None
@@ -163,8 +153,6 @@ def _spring_energy(
     tick: Tick, environment: Environment, deflection: Expr, rate_gain_per_s: Expr, memory: Expr, compliance: Expr
 ) -> Expr:
     """Return the energy of the coupling's spring that the hand can recover."""
-    import casadi as ca  # noqa: PLC0415
-
     if environment.one_sided:
         deflection = environment.by_law(ca.fmax(deflection, 0), deflection)
     if tick.adapted is not None:
@@ -176,8 +164,6 @@ def _spring_energy(
 
 
 def _pushing_only(tick: Tick, force: Expr, free: Expr, compliance: Expr | None) -> Expr:
-    import casadi as ca  # noqa: PLC0415
-
     if tick.poles == PLAIN:
         # A plain difference never pushes a tool outside the wall: f > 0 implies p > 0.
         return ca.fmax(force, 0)

@@ -169,9 +169,9 @@ LANES_HEAD = "\n".join(
 
 @lru_cache(maxsize=1)
 def _names() -> dict[int, str]:
-    import casadi as ca  # noqa: PLC0415
+    import casadi  # noqa: PLC0415
 
-    return {getattr(ca, name): name.removeprefix("OP_") for name in dir(ca) if name.startswith("OP_")}
+    return {value: name.removeprefix("OP_") for name, value in vars(casadi).items() if name.startswith("OP_")}
 
 
 def _instructions(function: Any) -> Iterator[tuple[str, list[int], list[int], int]]:

@@ -1,10 +1,23 @@
-"""Execution of a compiled scene: CasADi's own loop over samples, or generated C where that is faster."""
+"""Execution of a compiled scene: CasADi's own loop over samples, or machine code where that is faster.
+
+The machine code is C written from CasADi's instructions. Several runs lie side by side in the lanes of vectors. Lanes
+are independent, no instruction is reordered or fused, and a choice is a bit mask instead of a jump: a run has the bits
+of CasADi's own evaluation, in any lane, alone or with others.
+"""
 
 from __future__ import annotations
 
+import ctypes
+import os
+import shutil
 import subprocess
+import tempfile
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
 from functools import lru_cache
-from typing import Any, Literal
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -12,8 +25,181 @@ from avc_casadi._util.arrays import FloatArray
 from avc_casadi._util.interrupt import HeldInterrupt
 from avc_casadi._util.parallel import processors
 from avc_casadi.simulation.compile import CompiledScene
+from avc_casadi.simulation.emit import LANES_HEAD, in_lanes
 from avc_casadi.simulation.judge import AT_REST_M_PER_S, DIVERGED_M, judged_samples
-from avc_casadi.simulation.native import NativeScene, compiler
+from avc_casadi.simulation.tick import ca
+
+if TYPE_CHECKING:
+    from avc_casadi.simulation.compile import CompiledScene
+
+
+# Cached machine code: a device with ranges is tried in some hundreds of scenes, many of the same text.
+_KEPT = 1024
+# Kept, as starting a thread takes as long as some runs.
+_THREADS = ThreadPoolExecutor(processors(), thread_name_prefix="scene")
+_COMPILING = ThreadPoolExecutor(processors(), thread_name_prefix="compile")
+LANES = 16
+"""Runs side by side."""
+# Nothing fused; no errno, for which a root would leave its lanes. -O2 takes half as long again and is no faster.
+_FLAGS = ("-O1", "-ffp-contract=off", "-fno-math-errno", "-fPIC", "-shared", "-w")
+# The machine's own vectors; not every compiler has this option.
+_VECTORS = "-march=native"
+
+_SAMPLE = """
+static inline void sample(const Lanes* restrict now, const double* restrict u, const Lanes* restrict p,
+                          Lanes* restrict next, Lanes* restrict traces) {{
+  {body}
+}}
+"""
+
+_LOOP = """
+#define VECTORS (LANES / WIDTH)
+/* The largest so far; once not a number, always not a number. */
+static inline Lanes peak(Lanes value, Lanes before) {{
+  const Lanes size = (Lanes)((Bits)value & 0x7fffffffffffffffLL);
+  return PICK((size > before) | (size != size), size, before);
+}}
+
+int avc_run(long long runs, long long samples, long long judged, const double* initial, const double* inputs,
+            const double* parameters, double* traces, double* peaks) {{
+  for (long long first = 0; first < runs; first += LANES) {{
+    const long long left = (runs - first + WIDTH - 1) / WIDTH, vectors = left < VECTORS ? left : VECTORS;
+    Lanes now[2][VECTORS][{states}], p[VECTORS][{parameters}], seen[VECTORS][{traces}], far[VECTORS], fast[VECTORS];
+    for (int v = 0; v < vectors; ++v) {{
+      for (int lane = 0; lane < WIDTH; ++lane) {{
+        /* Lanes without a run of their own go through the last one. */
+        const long long mine = first + v * WIDTH + lane, run = mine < runs ? mine : runs - 1;
+        for (int i = 0; i < {n_parameters}; ++i) p[v][i][lane] = parameters[run * {n_parameters} + i];
+      }}
+      for (int i = 0; i < {n_states}; ++i) now[0][v][i] = SPREAD(initial[i]);
+      far[v] = fast[v] = SPREAD(0.);
+    }}
+    for (long long tick = 0; tick < samples; ++tick) {{
+      for (int v = 0; v < vectors; ++v) {{
+        sample(now[tick & 1][v], inputs + tick * {n_inputs}, p[v], now[~tick & 1][v], seen[v]);
+        far[v] = peak(seen[v][0], far[v]);
+        if (tick >= judged)
+          for (int i = 1; i <= {speeds}; ++i) fast[v] = peak(seen[v][i], fast[v]);
+      }}
+      if (traces)
+        for (int lane = 0; lane < LANES && first + lane < runs; ++lane)
+          for (int i = 0; i < {n_traces}; ++i)
+            traces[((first + lane) * samples + tick) * {n_traces} + i] = seen[lane / WIDTH][i][lane % WIDTH];
+    }}
+    if (peaks)
+      for (int lane = 0; lane < LANES && first + lane < runs; ++lane) {{
+        peaks[2 * (first + lane)] = far[lane / WIDTH][lane % WIDTH];
+        peaks[2 * (first + lane) + 1] = fast[lane / WIDTH][lane % WIDTH];
+      }}
+  }}
+  return 0;
+}}
+"""
+
+
+def compiler() -> str | None:
+    """Return the path of the C compiler ($CC, or cc), or None."""
+    return _found(os.environ.get("CC") or "cc", os.environ.get("PATH"))
+
+
+@lru_cache(maxsize=8)
+def _found(name: str, path: str | None) -> str | None:
+    return shutil.which(name, path=path)
+
+
+class NativeScene:
+    """The compiled loop over samples; calls release the interpreter, so that threads run side by side."""
+
+    def __init__(self, scene: CompiledScene) -> None:
+        self._traces = int(scene.function.numel_out(1))
+        self._run = _compiled(scene.function, len(scene.speeds)).result().avc_run
+        self._run.restype = ctypes.c_int
+        self._run.argtypes = [ctypes.c_longlong] * 3 + [ctypes.c_void_p] * 5
+
+    def __call__(
+        self, initial: FloatArray, inputs: FloatArray, parameters: FloatArray, workers: int, judged: int | None = None
+    ) -> FloatArray:
+        """Run every row of the parameters from the same initial state; return the traces.
+
+        With a first judged sample return only the peaks of the first trace, and of the speeds from then on, (runs, 2).
+        """
+        initial, inputs, parameters = (np.ascontiguousarray(one, np.float64) for one in (initial, inputs, parameters))
+        runs, samples = len(parameters), len(inputs)
+        found = np.empty((runs, samples, self._traces) if judged is None else (runs, 2))
+
+        def work(rows: slice) -> None:
+            some, result = parameters[rows], found[rows].ctypes.data
+            arrays = initial.ctypes.data, inputs.ctypes.data, some.ctypes.data
+            results = (result, None) if judged is None else (None, result)
+            self._run(len(some), samples, judged or 0, *arrays, *results)
+
+        _in_threads(work, runs, workers)
+        return found
+
+
+def _in_threads(work: Callable[[slice], None], rows: int, workers: int) -> None:
+    """Distribute rows over threads."""
+    groups = -(-rows // LANES)
+    each = LANES * -(-groups // max(1, min(workers, groups)))
+    parts = [slice(first, min(first + each, rows)) for first in range(0, rows, max(1, each))]
+    others = [_THREADS.submit(work, part) for part in parts[1:]]
+    try:
+        for part in parts[:1]:
+            work(part)
+    finally:
+        for other in others:
+            other.result()
+
+
+def compile_ahead(scene: CompiledScene) -> None:
+    """Start to compile a scene in the background."""
+    with suppress(LookupError):
+        _compiled(scene.function, len(scene.speeds))
+
+
+@lru_cache(maxsize=_KEPT)
+def _compiled(function: Any, speeds: int) -> Future[ctypes.CDLL]:
+    """Start to compile the loop of a sample, cached: the text of its C takes as long as some runs."""
+    return _begun(_code(function, speeds), compiler())
+
+
+def _code(function: Any, speeds: int) -> str:
+    """Return the C of a sample and its loop."""
+    body = in_lanes(function, ("now[{}]", "SPREAD(u[{}])", "p[{}]"), ("next[{}]", "traces[{}]"))
+    sizes = {
+        "states": function.numel_in(0),
+        "inputs": function.numel_in(1),
+        "parameters": function.numel_in(2),
+        "traces": function.numel_out(1),
+    }
+    least = {name: max(1, size) for name, size in sizes.items()}
+    loop = _LOOP.format(**least, **{f"n_{name}": size for name, size in sizes.items()}, speeds=speeds)
+    return "\n".join([LANES_HEAD, f"#define LANES {LANES}", _SAMPLE.format(body=body), loop])
+
+
+def library(source: str) -> ctypes.CDLL:
+    """Compile C for this machine, once per process."""
+    return _begun(source, compiler()).result()
+
+
+@lru_cache(maxsize=_KEPT)
+def _begun(source: str, found: str | None) -> Future[ctypes.CDLL]:
+    return _COMPILING.submit(_library, source, found)
+
+
+def _library(source: str, found: str | None) -> ctypes.CDLL:
+    if found is None:
+        raise FileNotFoundError("no C compiler: neither $CC nor cc is there")
+    with tempfile.TemporaryDirectory(prefix="avc-scene-", ignore_cleanup_errors=True) as folder:
+        code, shared = Path(folder, "sample.c"), Path(folder, "sample.so")
+        code.write_text(source, encoding="utf-8")
+        for flags in ((*_FLAGS, _VECTORS), _FLAGS):
+            command = [found, *flags, str(code), "-o", str(shared), "-lm"]
+            done = subprocess.run(command, check=False, capture_output=True, text=True)  # noqa: S603 - the user's own
+            if done.returncode == 0:
+                return ctypes.CDLL(str(shared))
+        raise subprocess.CalledProcessError(done.returncode, command, done.stdout, done.stderr)
+
 
 Engine = Literal["auto", "casadi", "native"]
 
@@ -27,7 +213,7 @@ def execute(
     scene: CompiledScene, parameters: FloatArray, inputs: FloatArray, *, engine: Engine = "auto"
 ) -> dict[str, FloatArray]:
     """Run a scene once for every row of the parameters."""
-    native = _compiled(scene, len(parameters), engine)
+    native = _native(scene, len(parameters), engine)
     if native is None:
         return _by_casadi(scene, parameters, inputs)
     traces = native(scene.initial, inputs.T, parameters, min(len(parameters), processors()))
@@ -38,7 +224,7 @@ def execute_to_speed(
     scene: CompiledScene, parameters: FloatArray, inputs: FloatArray, *, engine: Engine = "auto", workers: int = 1
 ) -> FloatArray:
     """Run a scene once for every row of the parameters; return the residual speeds, without traces in C."""
-    native = _compiled(scene, len(parameters), engine)
+    native = _native(scene, len(parameters), engine)
     if native is not None:
         first = scene.samples - judged_samples(scene.samples, scene.sample_time_s)
         far, fast = native(scene.initial, inputs.T, parameters, workers, first).T
@@ -57,7 +243,7 @@ def _over_rest(scene: CompiledScene, far_m: FloatArray, fast_m_per_s: FloatArray
     return np.where(here, fast_m_per_s / (AT_REST_M_PER_S / scene.metres_per_unit), np.inf)
 
 
-def _compiled(scene: CompiledScene, runs: int, engine: Engine) -> NativeScene | None:
+def _native(scene: CompiledScene, runs: int, engine: Engine) -> NativeScene | None:
     """Return the scene as machine code, or None where CasADi runs it."""
     saved = runs * scene.samples * scene.instructions * _SAVED_S
     pays = saved > _COMPILE_S + scene.instructions * _COMPILE_S_PER_INSTRUCTION
@@ -72,8 +258,6 @@ def _compiled(scene: CompiledScene, runs: int, engine: Engine) -> NativeScene | 
 
 
 def _by_casadi(scene: CompiledScene, parameters: FloatArray, inputs: FloatArray) -> dict[str, FloatArray]:
-    import casadi as ca  # noqa: PLC0415
-
     loop = _loop(scene.function, scene.samples)
     held = ca.DM(inputs)
     results = np.empty((len(parameters), len(scene.traces), scene.samples))

@@ -14,15 +14,15 @@ from avc_casadi._util.json_values import plain
 from avc_casadi._util.printed import Columns, Tabular
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.model import EFFECTS
-from avc_casadi.simulation.compile import CompiledScene, compile_scene
+from avc_casadi.simulation.compile import CompiledScene, build_effects, compile_scene
 from avc_casadi.simulation.effects.base import SceneEffect
-from avc_casadi.simulation.effects.registry import build_effects
 from avc_casadi.simulation.scene import AnyGains, resolve, simulate_effects, stage, without
+from avc_casadi.simulation.tick import ca
 
 if TYPE_CHECKING:
     from avc_casadi.model.gains import Gains
     from avc_casadi.model.problem import Problem
-    from avc_casadi.simulation.run import Run
+    from avc_casadi.simulation.scene import Run
 
 
 # About so many instructions are timed, in a few repeats of so many samples.
@@ -67,8 +67,6 @@ def _explained(problem: Problem, effects: tuple[SceneEffect, ...], gains: Gains)
 
 def _times_ns(scene: CompiledScene, gains: Gains) -> list[float]:
     """Measure one sample in CasADi's loop a few times: processor times, ns."""
-    import casadi as ca  # noqa: PLC0415
-
     samples = int(np.clip(_TIMED_INSTRUCTIONS // scene.instructions, *_TIMED_SAMPLES))
     inputs = np.resize(scene.input_values(), (len(scene.inputs), samples))
     parameters = np.repeat(scene.parameter_values(gains)[:1].T, samples, axis=1)

@@ -14,12 +14,10 @@ from avc_casadi.model import EFFECTS
 from avc_casadi.model.effects import HandEffect, WallEffect
 from avc_casadi.model.plant import DEVICE, GROUND, HANDLE, Plant
 from avc_casadi.model.scene import scene_effects
-from avc_casadi.simulation.effects.actuation import Saturation
+from avc_casadi.simulation.compile import build_effects, target_of
 from avc_casadi.simulation.effects.base import SceneEffect
-from avc_casadi.simulation.effects.registry import build_effects
-from avc_casadi.simulation.effects.sensing import Delay
+from avc_casadi.simulation.effects.interface import Delay, Saturation
 from avc_casadi.simulation.judge import Traces
-from avc_casadi.simulation.motion import target_of
 from avc_casadi.simulation.population.motions import TRIAL_S, course_of
 from avc_hardware.codegen.figures import board_limits, device_config
 from avc_hardware.emulator.bench import BenchPlant, force_of_code

@@ -20,7 +20,7 @@ from script_arguments import script_arguments
 from avc_casadi._util.arrays import BoolArray, FloatArray
 from avc_casadi.present.figures.style import Line, Panels, save_figure, styled
 from avc_casadi.simulation.runtime.estimators import ESTIMATORS, estimator_step
-from avc_casadi.simulation.runtime.step import Step
+from avc_casadi.simulation.tick import Step
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

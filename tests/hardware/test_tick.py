@@ -27,8 +27,7 @@ from avc_casadi._util.arrays import Float32Array
 from avc_casadi.coupling import Coupling
 from avc_casadi.model.gains import single_ln as ln
 from avc_casadi.model.runtime import Runtime
-from avc_casadi.simulation.runtime.estimators import estimator_step
-from avc_casadi.simulation.runtime.signal import EstimatorSettings
+from avc_casadi.simulation.runtime.estimators import EstimatorSettings, estimator_step
 from avc_hardware import BoardLimits, Connection, EmulatedBoard, RuntimeFigures, TableImage
 from avc_hardware.codegen.figures import Config
 from avc_hardware.emulator.machine import CLOCK_HZ

@@ -12,9 +12,8 @@ from avc_casadi.model.device import Device
 from avc_casadi.model.gains import NO_COUPLING
 from avc_casadi.model.hands import Hand, StylusHand
 from avc_casadi.model.plant import device_plant, sampled_plant
-from avc_casadi.simulation.compile import compile_scene
-from avc_casadi.simulation.effects.hand import Grip
-from avc_casadi.simulation.effects.registry import build_effects
+from avc_casadi.simulation.compile import build_effects, compile_scene
+from avc_casadi.simulation.effects.mechanics import Grip
 
 SPRING = 700.0
 

@@ -18,9 +18,8 @@ from avc_casadi.model.hands import Hand, hand_ranges
 from avc_casadi.model.plant import sampled_plant
 from avc_casadi.model.problem import Hands
 from avc_casadi.model.runtime import Runtime
-from avc_casadi.simulation.compile import compile_scene
-from avc_casadi.simulation.effects.hand import Grip
-from avc_casadi.simulation.effects.registry import build_effects
+from avc_casadi.simulation.compile import build_effects, compile_scene
+from avc_casadi.simulation.effects.mechanics import Grip
 from avc_casadi.simulation.runtime.observer import state_feedback_step
 
 HAND = Hand(0.12, 7.0, 450.0)

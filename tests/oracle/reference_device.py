@@ -13,7 +13,7 @@ from avc_casadi._util.arrays import BoolArray, Float32Array
 from avc_casadi.model.runtime import StateFeedback
 from avc_casadi.simulation.emit import FloatProgram
 from avc_casadi.simulation.runtime.observer import state_feedback_step
-from avc_casadi.simulation.runtime.step import Step
+from avc_casadi.simulation.tick import Step
 from avc_hardware.codegen.figures import BoardLimits, RuntimeFigures
 from avc_hardware.codegen.tick_program import GAINS, RuntimeProgram, tick_numbers, tick_programs
 from avc_hardware.link.table import TableImage, lookup

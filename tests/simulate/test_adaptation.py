@@ -9,9 +9,8 @@ from avc_casadi.design.methods import solve
 from avc_casadi.design.scene_coupling import simulate
 from avc_casadi.files.problem_file import load_problem
 from avc_casadi.model.gains import Gains, GainTable
-from avc_casadi.simulation.run import Run
-from avc_casadi.simulation.runtime.adaptation import AdaptationSettings, adaptation_step
-from avc_casadi.simulation.runtime.guard import guard_step
+from avc_casadi.simulation.runtime.adaptation import AdaptationSettings, adaptation_step, guard_step
+from avc_casadi.simulation.scene import Run
 
 ADAPTIVE = [{"kind": "estimator"}, {"kind": "adaptation"}]
 

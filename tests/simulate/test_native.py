@@ -15,10 +15,8 @@ from avc_casadi import UnsupportedError
 from avc_casadi.design.scene_coupling import simulate
 from avc_casadi.model.gains import Gains
 from avc_casadi.model.hands import Hand
-from avc_casadi.simulation.compile import compile_scene
-from avc_casadi.simulation.effects.registry import build_effects
-from avc_casadi.simulation.execute import execute
-from avc_casadi.simulation.native import LANES, NativeScene, compiler
+from avc_casadi.simulation.compile import build_effects, compile_scene
+from avc_casadi.simulation.execute import LANES, NativeScene, compiler, execute
 from avc_casadi.simulation.scene import resolve, simulate_batch
 
 pytestmark = pytest.mark.skipif(compiler() is None, reason="no C compiler")

@@ -11,14 +11,12 @@ from run_step import run_step
 
 from avc_casadi.files.problem_file import parse_problem
 from avc_casadi.model.gains import Gains, GainTable
-from avc_casadi.simulation.compile import compile_scene
+from avc_casadi.simulation.compile import build_effects, compile_scene
 from avc_casadi.simulation.effects.computation import Adaptation
-from avc_casadi.simulation.effects.registry import build_effects
 from avc_casadi.simulation.execute import execute
 from avc_casadi.simulation.judge import energy_ledger
-from avc_casadi.simulation.runtime.adaptation import AdaptationSettings, adaptation_step
+from avc_casadi.simulation.runtime.adaptation import GUARDS, AdaptationSettings, adaptation_step, guard_step
 from avc_casadi.simulation.runtime.estimators import ESTIMATORS, estimator_step
-from avc_casadi.simulation.runtime.guard import GUARDS, guard_step
 from avc_casadi.simulation.runtime.observer import ObserverSettings, observer_step
 
 SOFT = """

@@ -12,8 +12,7 @@ import avc_casadi as avc
 from avc_casadi.design.scene_coupling import scene_coupling, simulate
 from avc_casadi.model.gains import NO_COUPLING, Gains
 from avc_casadi.model.scene import declared_effects
-from avc_casadi.simulation.compile import compile_scene
-from avc_casadi.simulation.effects.registry import build_effects
+from avc_casadi.simulation.compile import build_effects, compile_scene
 from avc_casadi.simulation.execute import execute
 from avc_casadi.simulation.scene import resolve
 

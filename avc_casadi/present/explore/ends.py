@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     from avc_casadi.model.problem import Problem
     from avc_casadi.present.explore.explorer import Explorer
     from avc_casadi.present.explore.settings import Settings
-    from avc_casadi.simulation.run import Run
+    from avc_casadi.simulation.scene import Run
 
 Answers = tuple[dict[str, Any], list[Row], list[Row], list[dict[str, Any]]]
 """Gains of one's own, rows of them and of the method, charts of both."""

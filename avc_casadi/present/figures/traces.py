@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from avc_casadi.diagnose.causes import Diagnosis
     from avc_casadi.identification.device import Identification
-    from avc_casadi.simulation.run import Run
+    from avc_casadi.simulation.scene import Run
 
 _RUNS: tuple[tuple[str, Any, float], ...] = (
     (style.BLUE, "-", 1.6),

@@ -22,7 +22,7 @@ from avc_casadi.present.row import Answer, Page
 from avc_casadi.present.rows import design, judge
 from avc_casadi.present.rows.recommend import recommendation
 from avc_casadi.recommendation.recommendation import Recommendation
-from avc_casadi.simulation.run import Run
+from avc_casadi.simulation.scene import Run
 
 if TYPE_CHECKING:
     from avc_casadi.model.problem import Problem

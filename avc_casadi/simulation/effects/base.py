@@ -17,8 +17,7 @@ from avc_casadi.model.gains import GainTable
 from avc_casadi.model.plant import Plant
 from avc_casadi.model.problem import Problem
 from avc_casadi.simulation.contact import Environment
-from avc_casadi.simulation.runtime.step import Step
-from avc_casadi.simulation.tick import Expr, Tick
+from avc_casadi.simulation.tick import Expr, Step, Tick
 
 
 def insert(tick: Tick, prefix: str, step: Step, inputs: list[Expr], parameters: tuple[Expr, ...] = ()) -> list[Expr]:

@@ -19,12 +19,10 @@ from avc_casadi.model.gains import GainTable
 from avc_casadi.model.problem import Problem
 from avc_casadi.model.runtime import StateFeedback as Settings
 from avc_casadi.simulation.effects.base import SceneEffect, declared_number, insert, required_number
-from avc_casadi.simulation.runtime.adaptation import AdaptationSettings, adaptation_step, hold_step
-from avc_casadi.simulation.runtime.estimators import estimator_step
-from avc_casadi.simulation.runtime.guard import guard_step
+from avc_casadi.simulation.runtime.adaptation import AdaptationSettings, adaptation_step, guard_step, hold_step
+from avc_casadi.simulation.runtime.estimators import EstimatorSettings, estimator_step
 from avc_casadi.simulation.runtime.observer import ObserverSettings, observer_step, state_feedback_step
-from avc_casadi.simulation.runtime.signal import EstimatorSettings
-from avc_casadi.simulation.tick import AdaptedGains, Expr, Tick
+from avc_casadi.simulation.tick import AdaptedGains, Expr, Tick, ca
 
 
 @dataclass(frozen=True)
@@ -146,8 +144,6 @@ class Adaptation(SceneEffect, keys=AdaptationEffect, rank=150, of_coupling=True)
         tick.adapt = lambda deflection, one_sided: self._change(tick, wanted, rest, deflection, one_sided=one_sided)
 
     def _change(self, tick: Tick, wanted: list[Expr], rest: Expr, deflection: Expr, *, one_sided: bool) -> AdaptedGains:
-        import casadi as ca  # noqa: PLC0415
-
         inputs = [*wanted, deflection]
         touching: Expr = 1
         with tick.owned_by(self.kind):

@@ -22,9 +22,9 @@ from avc_casadi.model.gains import NO_COUPLING
 from avc_casadi.model.hands import Hand
 from avc_casadi.model.plant import device_plant, sampled_plant, transitions
 from avc_casadi.model.scene import Free, Stroke, declared_effects
+from avc_casadi.simulation.compile import target_of
 from avc_casadi.simulation.execute import execute
 from avc_casadi.simulation.judge import AT_REST_M_PER_S, JUDGED_S, Traces, judged_samples
-from avc_casadi.simulation.motion import target_of
 from avc_casadi.simulation.population.motions import course_of, motions_at
 from avc_casadi.simulation.population.setup import FRICTION, Setup, engine_for, prepare
 from avc_casadi.simulation.population.trial import NEAR_LIMIT, Trial

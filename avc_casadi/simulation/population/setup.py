@@ -16,12 +16,10 @@ from avc_casadi.model import EFFECTS
 from avc_casadi.model.effects import Effect, ObserverEffect
 from avc_casadi.model.gains import Gains
 from avc_casadi.model.scene import Scene, declared_effects
-from avc_casadi.simulation.compile import CompiledScene, compile_scene
-from avc_casadi.simulation.effects.registry import build_effects
-from avc_casadi.simulation.effects.sensing import Encoder
-from avc_casadi.simulation.execute import Engine, execute
+from avc_casadi.simulation.compile import CompiledScene, build_effects, compile_scene
+from avc_casadi.simulation.effects.interface import Encoder
+from avc_casadi.simulation.execute import Engine, compiler, execute
 from avc_casadi.simulation.judge import Judgement, Traces
-from avc_casadi.simulation.native import compiler
 from avc_casadi.simulation.scene import resolve, with_hand
 
 if TYPE_CHECKING:

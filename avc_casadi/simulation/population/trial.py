@@ -16,9 +16,8 @@ from avc_casadi._util.json_values import plain
 from avc_casadi._util.parallel import mapped, processors
 from avc_casadi._util.printed import Columns, Tabular, short
 from avc_casadi._util.progress import SILENT, Progress
-from avc_casadi.simulation.execute import execute_to_speed
+from avc_casadi.simulation.execute import compile_ahead, execute_to_speed
 from avc_casadi.simulation.judge import QUIET, Traces
-from avc_casadi.simulation.native import compile_ahead
 from avc_casadi.simulation.population.motions import AT_WALL, TRIAL_S, course_of
 from avc_casadi.simulation.population.operators import BLOCK, draw_hands
 from avc_casadi.simulation.population.setup import FRICTION, Setup, engine_for, prepare, simulations

@@ -25,7 +25,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from avc_casadi.simulation.runtime.step import Expr, Step, StepBuilder
+from avc_casadi._errors import UnsupportedError
+from avc_casadi.simulation.tick import Expr, Step, StepBuilder, ca
 
 # Time constant with which the frequency of a lost estimate falls to that of rest.
 _DECAY_S = 0.1
@@ -37,8 +38,6 @@ def hold_step(sample_time_s: float, hold_s: float) -> Step:
     The gains follow the rows of the table, each of which was designed, down to rest: the frequency decays, not the
     gains. The age saturates at the hold time, so that all states are bounded.
     """
-    import casadi as ca  # noqa: PLC0415
-
     builder = StepBuilder()
     estimate, valid, rest = builder.input("frequency_hz"), builder.input("valid"), builder.parameter("rest_hz")
     # Initially as after a long rest.
@@ -74,8 +73,6 @@ class AdaptationSettings:
 
 def adaptation_step(sample_time_s: float, settings: AdaptationSettings) -> Step:
     """Return the step from desired gains to acting gains and the anchor."""
-    import casadi as ca  # noqa: PLC0415
-
     builder = StepBuilder()
     wanted = [builder.input(f"wanted_{name}") for name in GAINS]
     deflection = builder.input("deflection_m")
@@ -97,8 +94,6 @@ def adaptation_step(sample_time_s: float, settings: AdaptationSettings) -> Step:
 
 
 def _slewed(before: Expr, wanted: Expr, settings: AdaptationSettings, sample_time_s: float) -> Expr:
-    import casadi as ca  # noqa: PLC0415
-
     if settings.slew_per_s is None:
         return wanted
     step = settings.slew_per_s * sample_time_s * ca.fmax(before, wanted)
@@ -108,8 +103,6 @@ def _slewed(before: Expr, wanted: Expr, settings: AdaptationSettings, sample_tim
 def _anchored(
     builder: StepBuilder, settings: AdaptationSettings, sample_time_s: float, deflection: Expr, k_before: Expr, k: Expr
 ) -> tuple[Expr, Expr, Expr]:
-    import casadi as ca  # noqa: PLC0415
-
     filled = _filled(builder, settings, deflection, k_before)
     touching, rest = builder.input("touching"), builder.input("rest_stiffness_n_per_m")
     anchor, mean = builder.state("anchor_m"), builder.state("mean_deflection_m")
@@ -134,8 +127,6 @@ def _anchored(
 
 def _filled(builder: StepBuilder, settings: AdaptationSettings, deflection: Expr, k_before: Expr) -> Expr:
     """Return the tank's energy after the previous tick; the cost of the spring is in the stored energy."""
-    import casadi as ca  # noqa: PLC0415
-
     environment, force = builder.input("environment_energy_j"), builder.input("held_force_n")
     position = builder.input("position_m")
     tank, stored = builder.state("tank_j"), builder.state("stored_j")
@@ -149,3 +140,55 @@ def _filled(builder: StepBuilder, settings: AdaptationSettings, deflection: Expr
     builder.follow("moved_m", position - builder.state("position_m"))
     builder.follow("position_m", position)
     return filled
+
+
+GUARDS = ("passivity-controller", "energy-tank")
+
+
+# Limits of the reserve.
+_CEILING_J, _DEBT_J = 0.0, 0.01
+
+
+def guard_step(method: str, sample_time_s: float, damping_limit_ns_per_m: float) -> Step:
+    """Return the step from the desired to the allowed force.
+
+    ``passivity-controller`` adds the damper that dissipates the deficit within one tick, up to the limit (Hannaford and
+    Ryu 2002, with the held force in the observer). ``energy-tank`` reduces a force that would give out more in the next
+    tick than reserve and stored energy together.
+    """
+    if method not in GUARDS:
+        raise UnsupportedError(f'guard "{method}" is unknown; allowed: {", ".join(GUARDS)}')
+    builder = StepBuilder()
+    wanted, position, stored, held = (
+        builder.input(name) for name in ("force_n", "position_m", "stored_j", "held_force_n")
+    )
+    started, last_position, last_stored = (builder.state(name) for name in ("started", "position_m", "stored_j"))
+    reserve = builder.state("reserve_j")
+    moved = ca.if_else(started, position - last_position, 0)
+    change = held * moved - ca.if_else(started, stored - last_stored, 0)
+    now = ca.fmax(ca.fmin(reserve + change, _CEILING_J), -_DEBT_J)
+    if method == "passivity-controller":
+        force = wanted + _damping(now, moved, damping_limit_ns_per_m / sample_time_s) * moved
+    else:
+        force = _within(wanted, moved, ca.fmax(now + stored, 0))
+    builder.follow("started", 1)
+    builder.follow("position_m", position)
+    builder.follow("stored_j", stored)
+    builder.follow("reserve_j", now)
+    builder.output("force_n", force)
+    builder.output("reserve_j", now)
+    return builder.done("guard")
+
+
+def _damping(reserve: Expr, moved: Expr, most: float) -> Expr:
+    """Return the damping over T that dissipates the deficit if the next displacement equals the last."""
+    square = moved * moved
+    acts = ca.logic_and(reserve < 0, square > 0)
+    return ca.if_else(acts, ca.fmin(-reserve / ca.if_else(acts, square, 1), most), 0)
+
+
+def _within(wanted: Expr, moved: Expr, available: Expr) -> Expr:
+    """Limit the energy given out if the next displacement equals the last."""
+    gives = -wanted * moved
+    over = gives > available
+    return ca.if_else(over, wanted * available / ca.if_else(over, gives, 1), wanted)

@@ -4,10 +4,61 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 
 from avc_casadi._errors import UnsupportedError
-from avc_casadi.simulation.runtime.signal import EstimatorSettings, band_passed, envelope
-from avc_casadi.simulation.runtime.step import Expr, Step, StepBuilder
+from avc_casadi.simulation.tick import Expr, Step, StepBuilder, ca
+
+# Of the hand; for a rotary device, at its handle.
+_FLOOR_M_PER_S = 3e-3
+_FASTEST_M_PER_S = 5.0
+
+
+@dataclass(frozen=True)
+class EstimatorSettings:
+    """Thresholds of motion of an estimator, in the unit of the position: metres, or rad for a rotary device."""
+
+    low_hz: float = 1.0
+    high_hz: float = 60.0
+    floor_m_per_s: float = _FLOOR_M_PER_S
+    fastest_m_per_s: float = _FASTEST_M_PER_S
+
+    def top_hz(self, sample_time_s: float) -> float:
+        """Highest frequency at a sampling rate."""
+        return max(min(self.high_hz, 0.2 / sample_time_s), 1.5 * self.low_hz)
+
+    @classmethod
+    def for_encoder(cls, resolution_m: float, sample_time_s: float, metres_per_unit: float = 1.0) -> EstimatorSettings:
+        """Return settings with the floor above the response of the estimators' low pass to one encoder step."""
+        corner = min(1.0, math.tau * cls().top_hz(sample_time_s) * sample_time_s)
+        floor, fastest = _FLOOR_M_PER_S / metres_per_unit, _FASTEST_M_PER_S / metres_per_unit
+        return cls(floor_m_per_s=max(floor, 0.5 * corner * resolution_m / sample_time_s), fastest_m_per_s=fastest)
+
+
+def band_passed(builder: StepBuilder, velocity: Expr, settings: EstimatorSettings, sample_time_s: float) -> Expr:
+    """Remove drift by a first-order high pass at half the lowest frequency, noise by two low passes."""
+    mean = builder.state("mean_m_per_s")
+    slow = 1.0 - ca.exp(-math.tau * 0.5 * settings.low_hz * sample_time_s)
+    seen = ca.fmin(ca.fmax(velocity, -settings.fastest_m_per_s), settings.fastest_m_per_s)
+    builder.follow("mean_m_per_s", mean + slow * (seen - mean))
+    signal = seen - mean
+    fast = 1.0 - ca.exp(-math.tau * settings.top_hz(sample_time_s) * sample_time_s)
+    for name in ("smoothed_m_per_s", "twice_smoothed_m_per_s"):
+        before = builder.state(name)
+        signal = before + fast * (signal - before)
+        builder.follow(name, signal)
+    return signal
+
+
+def envelope(
+    builder: StepBuilder, signal: Expr, frequency_hz: Expr, settings: EstimatorSettings, sample_time_s: float
+) -> Expr:
+    """Return the envelope, decaying over half a period: it distinguishes a hand at rest from a filter that rings on."""
+    before = builder.state("envelope_m_per_s")
+    held = ca.fmax(ca.fabs(signal), before * (1 - 2 * sample_time_s * ca.fmax(frequency_hz, settings.low_hz)))
+    builder.follow("envelope_m_per_s", held)
+    return held
+
 
 # Resonators per decade, and the centre frequency of each over its decay rate.
 _PER_DECADE = 9
@@ -25,8 +76,6 @@ def spectral_peak_step(sample_time_s: float, settings: EstimatorSettings) -> Ste
     position and velocity, favours neither drift nor harmonics; its fifth power weights each phase advance (besides the
     power in it), which selects the strongest ones without switching.
     """
-    import casadi as ca  # noqa: PLC0415
-
     builder = StepBuilder()
     signal = band_passed(builder, builder.input("velocity_m_per_s"), settings, sample_time_s)
     peak: Expr = 0.0
@@ -71,8 +120,6 @@ def _resonator(
     builder: StepBuilder, name: str, signal: Expr, centre_hz: float, sample_time_s: float
 ) -> tuple[Expr, Expr, Expr]:
     """Return the sine and cosine of the phase's advance in this tick, times the power, and the power."""
-    import casadi as ca  # noqa: PLC0415
-
     decay = ca.exp(-math.tau * centre_hz * sample_time_s / _QUALITY)
     turn = math.tau * centre_hz * sample_time_s
     real, imaginary = decay * ca.cos(turn), decay * ca.sin(turn)
@@ -112,8 +159,6 @@ def zero_crossing_step(sample_time_s: float, settings: EstimatorSettings) -> Ste
     Without a crossing the frequency is at most half the inverse of the elapsed time: the estimate falls with it, and
     ends at the lowest frequency. A half period counts only if it exceeds the floor.
     """
-    import casadi as ca  # noqa: PLC0415
-
     builder = StepBuilder()
     now = band_passed(builder, builder.input("velocity_m_per_s"), settings, sample_time_s)
     before = builder.state("before_m_per_s")
@@ -176,8 +221,6 @@ def fused_step(sample_time_s: float, settings: EstimatorSettings) -> Step:
     A harmonic that adds crossings makes the half periods irregular, so that the spectral peak decides; a step in
     frequency leaves them regular after two or three, long before the resonators have settled.
     """
-    import casadi as ca  # noqa: PLC0415
-
     builder = StepBuilder()
     velocity = builder.input("velocity_m_per_s")
     fast = builder.insert("fast", zero_crossing_step(sample_time_s, settings), [velocity])
@@ -203,8 +246,6 @@ _LOCKED = 0.6
 
 def adaptive_notch_step(sample_time_s: float, settings: EstimatorSettings) -> Step:
     """Return the step of a second-order generalised integrator with frequency-locked loop, normalised by its power."""
-    import casadi as ca  # noqa: PLC0415
-
     builder = StepBuilder()
     signal = band_passed(builder, builder.input("velocity_m_per_s"), settings, sample_time_s)
     low, high = (math.tau * hz * sample_time_s for hz in (settings.low_hz, settings.top_hz(sample_time_s)))

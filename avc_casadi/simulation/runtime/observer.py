@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 from avc_casadi.model.runtime import StateFeedback
-from avc_casadi.simulation.runtime.step import Expr, Step, StepBuilder
+from avc_casadi.simulation.tick import Expr, Step, StepBuilder, ca
 
 
 @dataclass(frozen=True)
@@ -27,8 +27,6 @@ def observer_step(sample_time_s: float, settings: ObserverSettings) -> Step:
     not jump by stiffness times step; outside, position, velocity and load are corrected by the excess. Over a delay the
     pending forces are known, so that the position is predicted to when the next one acts.
     """
-    import casadi as ca  # noqa: PLC0415
-
     builder = StepBuilder()
     measured, asked = builder.input("position_m"), builder.input("force_n")
     started, position = builder.state("started"), builder.state("position_m")
@@ -92,8 +90,6 @@ def state_feedback_step(settings: StateFeedback) -> Step:
 
 @lru_cache(maxsize=64)
 def _step_of(n: int, positions: tuple[int, ...], measures: int) -> Step:
-    import casadi as ca  # noqa: PLC0415
-
     builder = StepBuilder()
     measured, asked = builder.input("position_m"), builder.input("force_n")
     started = builder.state("started")

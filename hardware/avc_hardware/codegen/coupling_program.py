@@ -8,13 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 from avc_casadi import InputError
 from avc_casadi.model.effects import DelayEffect, DetentEffect, EncoderEffect, HandEffect, SaturationEffect, WallEffect
+from avc_casadi.simulation.compile import build_effects
 from avc_casadi.simulation.contact import Environment, coupling_parameters, wall_force
-from avc_casadi.simulation.effects.actuation import Saturation
 from avc_casadi.simulation.effects.base import SceneEffect
 from avc_casadi.simulation.effects.computation import Adaptation, Estimator, Guard, Observer, StateFeedback
-from avc_casadi.simulation.effects.registry import build_effects
-from avc_casadi.simulation.effects.sensing import Delay
-from avc_casadi.simulation.effects.wall import Detents, Wall
+from avc_casadi.simulation.effects.environment import Detents, Wall
+from avc_casadi.simulation.effects.interface import Delay, Saturation
 from avc_casadi.simulation.emit import SINGLE, FloatProgram, Precision
 from avc_casadi.simulation.tick import Tick
 from avc_hardware.codegen.tick_program import GAINS, AnyTable

@@ -22,7 +22,7 @@ from avc_casadi.simulation.contact import Environment, wall_force
 from avc_casadi.simulation.effects.computation import Adaptation, Estimator, Guard
 from avc_casadi.simulation.emit import FloatProgram
 from avc_casadi.simulation.runtime.adaptation import AdaptationSettings
-from avc_casadi.simulation.runtime.signal import EstimatorSettings
+from avc_casadi.simulation.runtime.estimators import EstimatorSettings
 from avc_casadi.simulation.tick import Tick
 from avc_hardware.codegen.figures import NO_SLEW_PER_S, RuntimeFigures
 

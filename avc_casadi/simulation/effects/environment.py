@@ -1,4 +1,4 @@
-"""A simulation at the other end of the coupling: a physics engine that moves its tool at its own rate."""
+"""What the device meets: a wall on one side or both, detents, or the tool of a physics engine at its own rate."""
 
 from __future__ import annotations
 
@@ -10,11 +10,87 @@ import numpy as np
 
 from avc_casadi._errors import Fault, InputError
 from avc_casadi._util.arrays import FloatArray
-from avc_casadi.model.effects import SimulationEffect
+from avc_casadi.model.device import Detent
+from avc_casadi.model.effects import DetentEffect, EnvironmentEffect, SimulationEffect, WallEffect
 from avc_casadi.model.ends import RIGID_N_PER_M, ToolGains, ToolState, VirtualTool, tool_states
-from avc_casadi.model.problem import Problem
+from avc_casadi.model.problem import Contact, Problem
+from avc_casadi.simulation.contact import Environment
 from avc_casadi.simulation.effects.base import SceneEffect
-from avc_casadi.simulation.tick import Expr, Tick
+from avc_casadi.simulation.tick import Expr, Rate, Tick, ca
+
+
+@dataclass(frozen=True)
+class Detents(SceneEffect, keys=DetentEffect, rank=180):
+    """The force of the detents of a problem and their damper."""
+
+    detent: Detent
+
+    @classmethod
+    def build(cls, table: Any, problem: Problem, place: str) -> Self:  # noqa: ARG003
+        """Build it from the detents of the problem."""
+        if problem.detent is None:
+            message = "is listed and [detent] is missing; allowed: both, or neither"
+            raise InputError([Fault(problem.name or "problem", None, place, message)])
+        return cls(problem.detent)
+
+    def sample(self, tick: Tick) -> None:
+        """Add their force to the commanded force."""
+        one = self.detent
+        turns = (tick.position - one.centre_m) / one.pitch_m
+        share = (turns - ca.floor(turns + 0.5)) / one.width
+        inside = ca.fabs(share) < 0.5
+        force = ca.if_else(inside, one.force_n * ca.sin(2 * math.pi * share), 0)
+        tick.environment_energy_j += self._depth_j * (1 - ca.cos(2 * math.pi * ca.fmin(ca.fabs(share), 0.5)))
+        if one.damping_ns_per_m > 0:
+            force += one.damping_ns_per_m * Rate(tick, "detent_position", tick.start_m).settle(tick.position)
+        tick.command = force if tick.command is None else tick.command + force
+
+    @property
+    def _depth_j(self) -> float:
+        one = self.detent
+        return one.force_n * one.width * one.pitch_m / (2 * math.pi)
+
+    def potential_j(self, position_m: FloatArray) -> FloatArray:
+        """Return the energy stored in the detents at positions, 0 in the valleys."""
+        one = self.detent
+        turns = (position_m - one.centre_m) / one.pitch_m
+        share = np.minimum(np.abs(turns - np.floor(turns + 0.5)) / one.width, 0.5)
+        return np.asarray(self._depth_j * (1 - np.cos(2 * math.pi * share)))
+
+
+@dataclass(frozen=True)
+class Wall(SceneEffect, keys=WallEffect, rank=160, role="environment"):
+    """A spring and a damper that begin at x = 0 and never pull."""
+
+    damping_ns_per_m: float
+    stiffness_n_per_m: float
+    contact: Contact
+
+    @classmethod
+    def build(cls, table: Any, problem: Problem, place: str) -> Self:  # noqa: ARG003
+        """Build it; missing numbers are taken from the environment."""
+        given = problem.environment
+        return cls(
+            given.damping_ns_per_m if table.damping_ns_per_m is None else table.damping_ns_per_m,
+            given.stiffness_n_per_m if table.stiffness_n_per_m is None else table.stiffness_n_per_m,
+            problem.coupling.contact,
+        )
+
+    @property
+    def environment(self) -> Environment:
+        """The environment on one side."""
+        clips_last = self.contact == "clip-last"
+        return Environment(self.stiffness_n_per_m, self.damping_ns_per_m, one_sided=True, clips_last=clips_last)
+
+
+@dataclass(frozen=True)
+class TwoSidedEnvironment(Wall, keys=EnvironmentEffect, rank=170, role="environment"):
+    """A spring towards x = 0 and a damper, always in contact."""
+
+    @property
+    def environment(self) -> Environment:
+        """The environment on both sides."""
+        return Environment(self.stiffness_n_per_m, self.damping_ns_per_m, one_sided=False)
 
 
 @dataclass(frozen=True)
@@ -65,8 +141,6 @@ class Engine(SceneEffect, keys=SimulationEffect, rank=155, role="environment"):
 
     def sample(self, tick: Tick) -> None:
         """Step the engine where a step is due, and add the force of the coupling."""
-        import casadi as ca  # noqa: PLC0415
-
         names = ("coupling_n_per_m", "coupling_ns_per_m", "local_ns_per_m", "tool_kg", "tool_ns_per_m")
         k, b, local, mass, drag = (tick.parameter(name) for name in names)
         contact, contact_damping = tick.parameter("contact_n_per_m"), tick.parameter("contact_ns_per_m")
@@ -105,8 +179,6 @@ class Engine(SceneEffect, keys=SimulationEffect, rank=155, role="environment"):
         contact: tuple[Expr, Expr],
     ) -> tuple[Expr, Expr]:
         """Return position and velocity of the tool after a step, as in `loops.engine`, with a one-sided contact."""
-        import casadi as ca  # noqa: PLC0415
-
         (x, v), (seen, speed), (k, b, mass, drag), (k_c, b_c) = tool, device, joined, contact
         rigid = k_c > RIGID_N_PER_M
 
@@ -132,8 +204,6 @@ class Engine(SceneEffect, keys=SimulationEffect, rank=155, role="environment"):
         self, tick: Tick, steps: Expr, before: tuple[Expr, Expr], after: tuple[Expr, Expr], force: Expr, start_m: float
     ) -> list[Expr]:
         """Delay the engine's output by its queued steps and return what the device receives now."""
-        import casadi as ca  # noqa: PLC0415
-
         exchange = self.tool.exchange
         fresh = [force] if exchange == "held-force" else list(after if exchange == "ahead" else before)
         starts = [0.0] if exchange == "held-force" else [start_m, 0.0]

@@ -1,7 +1,8 @@
-"""Effects between the plant and the computer: noise and encoder, delay and jitter."""
+"""Effects between plant and computer: noise, encoder and filters on the way in; limit, delay and lag on the way out."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any, Self
 
@@ -9,12 +10,22 @@ import numpy as np
 
 from avc_casadi._errors import Fault, InputError
 from avc_casadi._util.arrays import FloatArray
-from avc_casadi.model.effects import DelayEffect, EncoderEffect, JitterEffect, NoiseEffect
-from avc_casadi.model.plant import DEVICE, HANDLE
+from avc_casadi.model.device import CURRENT_LOOP_DAMPING_RATIO
+from avc_casadi.model.effects import (
+    AmplifierEffect,
+    DelayEffect,
+    EncoderEffect,
+    JitterEffect,
+    NoiseEffect,
+    NotchEffect,
+    SaturationEffect,
+)
+from avc_casadi.model.plant import DEVICE, HANDLE, Plant
 from avc_casadi.model.problem import Problem
+from avc_casadi.model.runtime import Poles, VelocityFilterEffect, velocity_poles
 from avc_casadi.model.scene import scene_effects
 from avc_casadi.simulation.effects.base import SceneEffect, declared_number
-from avc_casadi.simulation.tick import Tick
+from avc_casadi.simulation.tick import Tick, ca
 
 
 @dataclass(frozen=True)
@@ -38,8 +49,6 @@ class Jitter(SceneEffect, keys=JitterEffect, rank=220, scene_alone=True):
 
     def sample(self, tick: Tick) -> None:
         """Draw lateness and drops, and store the last force."""
-        import casadi as ca  # noqa: PLC0415
-
         if tick.command is None:
             return
         before = tick.state("force_before_n", computed=False)
@@ -134,8 +143,99 @@ class Encoder(SceneEffect, keys=EncoderEffect, rank=80):
 
     def sample(self, tick: Tick) -> None:
         """Quantise."""
-        import casadi as ca  # noqa: PLC0415
-
         if self.resolution_m > 0:
             phase = 0.0 if self.phase is None else tick.parameter("encoder_phase")
             tick.position = self.resolution_m * (ca.floor(tick.position / self.resolution_m - phase + 0.5) + phase)
+
+
+@dataclass(frozen=True)
+class Notch(SceneEffect, keys=NotchEffect, rank=100, scene_alone=True):
+    """(s^2 + d w omega s + omega^2)/(s^2 + w omega s + omega^2) by Tustin's rule, exact at its frequency; 1 at rest."""
+
+    frequency_hz: float
+    depth: float
+    width: float
+
+    @classmethod
+    def build(cls, table: Any, problem: Problem, place: str) -> Self:
+        """Build it from the table; the frequency lies below that of Nyquist."""
+        nyquist = 0.5 / problem.device.sample_time_s
+        if table.frequency_hz >= nyquist:
+            message = f"is {table.frequency_hz:g}; allowed: below the Nyquist frequency {nyquist:g} Hz"
+            raise InputError([Fault(problem.name, None, f"{place}.frequency_hz", message)])
+        return super().build(table, problem, place)
+
+    def section(self, sample_time_s: float) -> tuple[float, float, float, float, float]:
+        """Return b0, b1, b2, a1, a2 of the discrete filter."""
+        turned = math.tan(math.pi * self.frequency_hz * sample_time_s)
+        wide, square = self.width * turned, turned * turned
+        whole = 1 + wide + square
+        middle = 2 * (square - 1) / whole
+        return (
+            (1 + self.depth * wide + square) / whole,
+            middle,
+            (1 - self.depth * wide + square) / whole,
+            middle,
+            (1 - wide + square) / whole,
+        )
+
+    def sample(self, tick: Tick) -> None:
+        """Replace the position: y(k) = b0 u(k) + b1 u(k-1) + b2 u(k-2) - a1 y(k-1) - a2 y(k-2), initially at rest."""
+        b0, b1, b2, a1, a2 = self.section(tick.sample_time_s)
+        first = tick.state("notch_first_m", (1 - b0) * tick.start_m)
+        second = tick.state("notch_second_m", (b2 - a2) * tick.start_m)
+        coming = tick.position
+        tick.position = b0 * coming + first
+        tick.follow("notch_first_m", b1 * coming - a1 * tick.position + second)
+        tick.follow("notch_second_m", b2 * coming - a2 * tick.position)
+
+
+@dataclass(frozen=True)
+class VelocityFilter(SceneEffect, keys=VelocityFilterEffect, rank=130, scene_alone=True):
+    """Velocity estimator of coupling, environment and contact damper."""
+
+    poles: Poles
+
+    @classmethod
+    def build(cls, table: Any, problem: Problem, place: str) -> Self:
+        """Resolve the numbers."""
+        return cls(velocity_poles(problem, table, place))
+
+    def sample(self, tick: Tick) -> None:
+        """Set the poles."""
+        tick.poles = self.poles
+
+
+@dataclass(frozen=True)
+class Saturation(SceneEffect, keys=SaturationEffect, rank=200, declared={"force_n": "max_force_n"}):
+    """Saturation of the commanded force."""
+
+    force_n: float
+
+    def sample(self, tick: Tick) -> None:
+        """Clip."""
+        if tick.command is not None:
+            tick.command = ca.fmin(ca.fmax(tick.command, -self.force_n), self.force_n)
+
+
+@dataclass(frozen=True)
+class Amplifier(SceneEffect, keys=AmplifierEffect, rank=230, scene_alone=True):
+    """Lag between the command and the force."""
+
+    bandwidth_hz: float
+    order: int = 1
+    damping_ratio: float = CURRENT_LOOP_DAMPING_RATIO
+
+    @classmethod
+    def build(cls, table: Any, problem: Problem, place: str) -> Self:
+        """Build it; missing numbers are taken from the device."""
+        device, key = problem.device, "amplifier_bandwidth_hz"
+        bandwidth = declared_number(table.bandwidth_hz, problem, f"{place}.bandwidth_hz", key)
+        ratio = table.damping_ratio or device.amplifier_damping_ratio
+        return cls(bandwidth, table.order or device.amplifier_order, ratio)
+
+    def mechanics(self, plant: Plant) -> None:
+        """Make the force a state of the continuous part."""
+        plant.actuator_rate_per_s = 2 * math.pi * self.bandwidth_hz
+        plant.actuator_order = self.order
+        plant.actuator_damping_ratio = self.damping_ratio
