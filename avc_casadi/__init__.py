@@ -100,7 +100,7 @@ if TYPE_CHECKING:
     from avc_casadi.model.gains import GainSchedule as GainSchedule
     from avc_casadi.model.problem import Problem as Problem
     from avc_casadi.present import figures as figures
-    from avc_casadi.recommendation.answer import recommend as recommend
+    from avc_casadi.recommendation.recommend import recommend as recommend
     from avc_casadi.recommendation.recommendation import Recommendation as Recommendation
     from avc_casadi.simulation.scene import Run as Run
     from avc_casadi.simulation.scene import simulate_batch as simulate_batch
@@ -114,7 +114,7 @@ else:
         "claims.deployable": "Deployable deployable",
         "claims.own_law": "LawCertificate certify_law",
         "recommendation.recommendation": "Recommendation",
-        "recommendation.answer": "recommend",
+        "recommendation.recommend": "recommend",
         "coupling": "Coupling",
         "model.gains": "GainSchedule",
         "files.coupling_file": "read_coupling write_coupling",

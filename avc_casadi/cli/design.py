@@ -119,7 +119,7 @@ def run_recommend(args: argparse.Namespace, console: Console) -> Answer:
     Exit code 1 if no coupling is deployable: linearly stable with every hand of [hands] and released.
     """
     from avc_casadi.present.rows.recommend import recommendation, stiffest
-    from avc_casadi.recommendation.stiffest import stiffest as search
+    from avc_casadi.recommendation.recommend import stiffest as search
 
     if args.stiffest:
         cli.refuse(args, "out", "prove", "trade_off", why="does not go with --stiffest; leave it out")

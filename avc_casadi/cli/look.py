@@ -44,8 +44,8 @@ def run_check(args: argparse.Namespace, console: Console) -> Answer:  # noqa: AR
     from avc_casadi.loops.sampled_loop import passive_limit_n_per_m
     from avc_casadi.model.scene import declared
     from avc_casadi.present.rows import look
+    from avc_casadi.recommendation.pair import unusual
     from avc_casadi.recommendation.preconditions import not_used, why_infeasible
-    from avc_casadi.recommendation.virtual_tool import unusual
 
     if is_device(args.problem):
         return _device(args.problem)

@@ -22,8 +22,7 @@ from avc_casadi.present.rows.design import comparison, gain_rows, printed_errors
 from avc_casadi.present.rows.judge import levels, passivity
 from avc_casadi.present.rows.measure import diagnosis
 from avc_casadi.present.rows.recommend import stability, verdict
-from avc_casadi.recommendation.deployed import deployed
-from avc_casadi.recommendation.tool_impedance import rendered_band
+from avc_casadi.recommendation.felt import deployed, rendered_band
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -11,11 +11,11 @@ import numpy as np
 
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.claims.deployable import deployable
-from avc_casadi.model.corners import Robustness, device_corners, device_set, unmodelled
+from avc_casadi.model.corners import USUAL, Robustness, device_corners, device_set, unmodelled
 from avc_casadi.recommendation.perturbed_devices import FIRST, off_file
 from avc_casadi.recommendation.rank import Judged, best_of
 from avc_casadi.simulation.population.operators import GRIPS, draw_hands, draw_population, loose_grips, people_of
-from avc_casadi.simulation.population.trial import residual_speeds, try_coupling, try_on_devices
+from avc_casadi.simulation.population.trial import CouplingTrial, residual_speeds, try_coupling, try_on_devices
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -28,14 +28,8 @@ if TYPE_CHECKING:
     from avc_casadi.model.hands import Hand, StylusHand
     from avc_casadi.model.problem import Problem
 
-BEYOND_HANDS = 60
-"""Number of hands on each device with an unmodelled effect."""
-LOOSE_HANDS = 100
-"""Number of loose grips that strike and touch lightly too: the last that come to rest behind a law."""
 _FEW = 0.03
 """Share of the loose grips that may still be on the way when the trial ends."""
-# Number of devices of the declared ranges among which the confirming hands are divided.
-_DEVICES = 16
 
 
 @dataclass(frozen=True)
@@ -46,11 +40,15 @@ class Group:
         people: the hands.
         device: theirs; None is that of the problem.
         effects: simulated beside those that the device declares.
+        key: of [robustness], the unmodelled effect; or `held`, of [device].
+        value: of the key.
     """
 
     people: Hand | StylusHand
     device: Device | None = None
     effects: tuple[Effect, ...] = ()
+    key: str = ""
+    value: float | str = ""
 
     def settles(self, coupling: Coupling, *, friction: bool) -> BoolArray:
         """Return which hands settle in every motion."""
@@ -58,17 +56,14 @@ class Group:
         return np.asarray(residual_speeds(coupling, self.people, **how) < 1)
 
 
-def beyond_file(problem: Problem, asked: Robustness, people: Hand) -> tuple[Group, ...]:
-    """Return hands on each device with an unmodelled effect."""
-    return tuple(Group(people, one.device, one.effects) for one in unmodelled(problem.device, asked))
-
-
-def held_otherwise(problem: Problem, count: int, seed: int) -> tuple[Group, ...]:
-    """Return hands with the grip that the device is made for, where that is not the grip of [hands]."""
-    device = problem.device
-    if device.held == "grip":
-        return ()
-    return (Group(draw_population(GRIPS[device.held], count, seed).at_handle(device.metres_per_unit)),)
+def groups_beyond(problem: Problem, asked: Robustness, seed: int, count: int = 60) -> tuple[Group, ...]:
+    """Return hands on each device with an unmodelled effect, and with the grip of the device where [hands] is none."""
+    device, people = problem.device, people_of(problem.hands, count, seed)
+    found = [Group(people, one.device, one.effects, one.key, one.value) for one in unmodelled(device, asked)]
+    if device.held != "grip":
+        drawn = draw_population(GRIPS[device.held], count, seed).at_handle(device.metres_per_unit)
+        found.append(Group(drawn, key="held", value=device.held))
+    return tuple(found)
 
 
 class Evaluator:
@@ -98,12 +93,9 @@ class Evaluator:
         self._others = (
             draw_hands(problem.hands, count, seed, first=first, training=True) for first in itertools.count(0, count)
         )
-        some = people_of(problem.hands, BEYOND_HANDS, seed)
-        self._beyond = (
-            *beyond_file(problem, problem.robustness, some),
-            *held_otherwise(problem, BEYOND_HANDS, seed),
-        )
-        self._loose = Group(loose_grips(problem.hands, LOOSE_HANDS, seed))
+        self._beyond = groups_beyond(problem, problem.robustness, seed)
+        # They strike and touch lightly too: the last that come to rest behind a law.
+        self._loose = Group(loose_grips(problem.hands, 100, seed))
         self._devices = _devices(problem.device, seed)
 
     def __call__(self, coupling: Coupling) -> Judged | None:
@@ -167,7 +159,7 @@ class Evaluator:
     def _complete(self, one: Judged) -> bool:
         return one.complete(lean_on_friction=self._lean)
 
-    def _trial(self, coupling: Coupling, people: Hand | StylusHand) -> Any:
+    def _trial(self, coupling: Coupling, people: Hand | StylusHand) -> CouplingTrial:
         return try_coupling(coupling, people, self._seed, executor=self._executor)
 
     def _confirmed(self, one: Judged) -> Judged:
@@ -175,20 +167,64 @@ class Evaluator:
 
         Selection among many with the same hands is biased.
         """
-        whole = (
-            one if one.trial.hands == len(self._people) else replace(one, trial=self._trial(one.coupling, self._people))
-        )
+        whole = one.trial if one.trial.hands == len(self._people) else self._trial(one.coupling, self._people)
         others = try_on_devices(one.coupling, next(self._others), self._devices, self._seed, self._executor)
-        found = replace(whole, others=others)
+        found = replace(one, trial=whole, others=others)
         self.judged = [found if other is one else other for other in self.judged]
         return found
 
 
-def _devices(device: Device, seed: int) -> list[Device]:
-    """Return devices of the declared ranges, nominal first, then corners and interior points."""
+def _devices(device: Device, seed: int, count: int = 16) -> list[Device]:
+    """Return devices of the ranges for the confirming hands: nominal first, then corners and interior points."""
     corners = device_corners(device)
     if len(corners) == 1:
         return [device]
-    some = np.random.default_rng(seed).permutation(len(corners))[: _DEVICES // 2]
-    within = device_set(device, draws=_DEVICES - 1 - len(some), seed=seed)[len(corners) :]
+    some = np.random.default_rng(seed).permutation(len(corners))[: count // 2]
+    within = device_set(device, draws=count - 1 - len(some), seed=seed)[len(corners) :]
     return [device, *(corners[place] for place in some), *within]
+
+
+@dataclass(frozen=True)
+class Withstood:
+    """Trial with one unmodelled effect, or with hands outside the design set.
+
+    Attributes:
+        key: of [robustness], the unmodelled effect; or `held`, of [device].
+        value: of the key.
+        asked: whether the problem requires it.
+        hands: how many were simulated.
+        at_rest_without_friction: how many of them settle in every motion without the declared dry friction.
+        at_rest: the same with it; None where all settle without.
+    """
+
+    key: str
+    value: float | str
+    asked: bool
+    hands: int
+    at_rest_without_friction: int
+    at_rest: int | None
+
+
+def withstood(coupling: Coupling, seed: int = 0) -> tuple[Withstood, ...]:
+    """Return the trials of a coupling, each with one unmodelled effect."""
+    problem = coupling.problem
+    given = {key: value for key, value in vars(problem.robustness).items() if value is not None}
+    found = []
+    for group in groups_beyond(problem, Robustness(**(vars(USUAL) | given)), seed):
+        hands, asked = len(group.people), group.key in given or group.key == "held"
+        free = int(group.settles(coupling, friction=False).sum())
+        rests = None if free == hands else int(group.settles(coupling, friction=True).sum())
+        found.append(Withstood(group.key, group.value, asked, hands, free, rests))
+    return tuple(found)
+
+
+def missed(found: tuple[Withstood, ...], *, by_friction: bool) -> str:
+    """Return the requirements of [robustness] that are not met."""
+    short = []
+    for one in found:
+        rest = one.at_rest if by_friction and one.at_rest is not None else one.at_rest_without_friction
+        if one.asked and rest < one.hands:
+            short.append(f"{one.hands - rest} of {one.hands} hands do not settle with {one.key} = {one.value}")
+    if not short:
+        return ""
+    return f"what is asked for beyond [hands] is not withstood: {'; '.join(short)}; ask for less, or for a softer wall"

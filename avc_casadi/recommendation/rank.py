@@ -6,15 +6,16 @@ import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from avc_casadi.claims.passivity.rendered_impedance import Handle, below_quarter_rate
 from avc_casadi.claims.passivity.worst_port import impedance_at_handle
+from avc_casadi.claims.proof_levels import promises_rest
 from avc_casadi.loops.margins import transients
 from avc_casadi.loops.wall import force_over_position, frozen_rendering
-from avc_casadi.recommendation.limit_cycle_freedom import likely_provable
-from avc_casadi.recommendation.rebound import rebound
+from avc_casadi.recommendation.felt import rebound
 from avc_casadi.simulation.population.trial import CouplingTrial
 
 if TYPE_CHECKING:
@@ -32,6 +33,8 @@ _AT_ONCE_S, _PER_SETTLING, _PER_SOFTER = 0.5, 0.5, 0.2
 _AS_STIFF, _SLOW = 0.01, 0.95
 # Share of the hands below the vibration threshold that suffices: a stiff wall is kept despite a few light hands.
 BELOW_THRESHOLD_SHARE = 0.9
+# Cache of results, as long as their couplings are in use.
+_PROMISED: WeakKeyDictionary[Coupling, bool] = WeakKeyDictionary()
 
 
 @dataclass(frozen=True)
@@ -136,9 +139,21 @@ def best_of(judged: list[Judged], *, lean_on_friction: bool = False, stiffest: b
     as_near = [one for one in left if one.distance <= nearest + FELT_ERROR]
     quiet = max(int(one.trial.quiet.sum()) for one in as_near)
     quietest = [one for one in as_near if int(one.trial.quiet.sum()) == quiet]
-    left = likely_provable(quietest)
+    left = _likely_provable(quietest)
     most_n_per_m = max(one.felt_n_per_m for one in left)
     return min((one for one in left if one.felt_n_per_m >= (1 - _AS_STIFF) * most_n_per_m), key=_plainness)
+
+
+def _likely_provable(judged: list[Judged]) -> list[Judged]:
+    """Return those for which a proof of L7 is likely, or all if there are none; a single one is not tested."""
+    return ([one for one in judged if _promises(one.coupling)] or judged) if len(judged) > 1 else judged
+
+
+def _promises(coupling: Coupling) -> bool:
+    """Return whether a proof of L7 is likely, cached: the same couplings are compared again after each trial."""
+    if coupling not in _PROMISED:
+        _PROMISED[coupling] = promises_rest(coupling)
+    return _PROMISED[coupling]
 
 
 def _plainness(one: Judged) -> tuple[float, ...]:

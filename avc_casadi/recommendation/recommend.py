@@ -1,31 +1,32 @@
-"""Recommend a coupling to deploy, with its rendered stiffness, its limits and their sensitivities."""
+"""Recommend a coupling to deploy, or search for the stiffest wall: what it renders, its limits and sensitivities."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from concurrent.futures import Executor
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+from avc_casadi._errors import InputError
+from avc_casadi._util.json_values import plain
 from avc_casadi._util.parallel import Crew
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.claims.deployable import certified, deployable
+from avc_casadi.claims.proof_levels import quick_rest_level
 from avc_casadi.coupling import Coupling
-from avc_casadi.files.problem_file import AnyProblem, of_problem, with_wall
-from avc_casadi.loops.walls import stiffest_wall
+from avc_casadi.files.problem_file import AnyProblem, as_problem, of_problem, with_wall
+from avc_casadi.loops.walls import softest_wall_n_per_m, stiffest_wall
 from avc_casadi.model.hands import hand_corners, with_released
 from avc_casadi.model.problem import Problem
-from avc_casadi.recommendation.beyond_file import Withstood, margins, missed
-from avc_casadi.recommendation.candidates import judge_all
-from avc_casadi.recommendation.evaluator import Evaluator
-from avc_casadi.recommendation.limit_cycle_freedom import with_rest
+from avc_casadi.recommendation.candidates import judge_all, judge_stiffest
+from avc_casadi.recommendation.evaluator import Evaluator, Withstood, missed, withstood
+from avc_casadi.recommendation.pair import recommend_bilateral, recommend_tool
 from avc_casadi.recommendation.perturbed_devices import off_file
 from avc_casadi.recommendation.preconditions import assumed, not_used, nothing_rendered, why_infeasible
 from avc_casadi.recommendation.rank import best_of, devices_of, reason_of
-from avc_casadi.recommendation.recommendation import Recommendation
-from avc_casadi.recommendation.sensitivity import what_would_help
-from avc_casadi.recommendation.trade_off import trade_off
+from avc_casadi.recommendation.recommendation import LimitCycleFreedom, Recommendation
+from avc_casadi.recommendation.sensitivity import trade_off, what_would_help
 from avc_casadi.simulation.population.operators import people_of
 from avc_casadi.simulation.population.trial import try_coupling
 
@@ -33,46 +34,40 @@ if TYPE_CHECKING:
     from avc_casadi.model.gains import GainSchedule
 
 
-def judged_as_recommended(
-    problem: Problem,
-    gains: GainSchedule,
-    hands: int = 100,
-    *,
-    versions: Mapping[str, str] | None = None,
-    progress: Progress = SILENT,
-) -> Recommendation:
-    """Certify and try the gains of a method as `recommend` does its own, whatever the verdict."""
-    found = certified(Coupling.of(problem, gains, versions=versions), progress)
-    found, rest = with_rest(found, progress)
-    tried = try_coupling(found, people_of(problem.hands, hands), 0, progress)
-    verdict = deployable(found, progress)
-    extreme = hand_corners(problem.hands)
-    limit = stiffest_wall(problem.device, with_released(extreme))
-    beyond = margins(found)
-    lacks = nothing_rendered(problem, found.static_stiffness_n_per_m, tried) or missed(beyond, by_friction=False)
-    return Recommendation(
-        problem=problem,
-        coupling=found.with_trial(tried.document()),
-        trial=tried,
-        confirmed=None,
-        off_file=off_file(found, 0),
-        beyond_file=beyond,
-        deployable=verdict.passed and not lacks,
-        rest=rest,
-        stiffest_wall_n_per_m=limit.stiffness_n_per_m,
-        plain_wall_n_per_m=limit.stiffness_n_per_m,
-        with_friction_n_per_m=None,
-        helps=what_would_help(problem, extreme),
-        considered=1,
-        reason=f"the gains of {gains.method}, as asked for; {lacks or verdict.sentence}",
-        assumed=assumed(problem, found),
-        not_used=not_used(problem),
-    )
-
-
 @of_problem
-def recommend(
-    problem: AnyProblem,
+def recommend(problem: AnyProblem, hands: int = 100, seed: int = 0, **options: Any) -> Recommendation:
+    """Return the coupling to deploy to a wall, a [simulation] or a [follower], with its analysis.
+
+    Args:
+        problem: with exactly one of them; or a file, or a name.
+        hands: number of simulated hands, corners of [hands] among them.
+        seed: of their draw.
+        options: of `recommend_wall`, or ``versions`` and ``progress`` of the others.
+
+    Raises:
+        InputError: faults of the file, or an option that does not apply to the remote end.
+
+    Example:
+        >>> found = avc.recommend("spring", hands=10)
+        >>> found.deployable
+        True
+    """
+    stated = as_problem(problem)
+    if stated.simulation is None and stated.follower is None:
+        return recommend_wall(with_wall(stated), hands, seed, **options)
+    of_walls = ("lean_on_friction", "prove", "with_trade_off", "workers", "executor")
+    alien = [name for name in of_walls if name in options and options[name] not in (False, None, 1)]
+    if alien:
+        allowed = "allowed: hands, seed, versions, progress"
+        raise InputError.of(f"is an option of walls, and the other end is none; {allowed}", key=alien[0])
+    known = {name: value for name, value in options.items() if name not in of_walls}
+    if stated.follower is not None:
+        return recommend_bilateral(stated, hands, seed, **known)
+    return recommend_tool(stated, hands, seed, **known)
+
+
+def recommend_wall(
+    problem: Problem,
     hands: int = 100,
     seed: int = 0,
     *,
@@ -94,7 +89,7 @@ def recommend(
     on devices throughout [device.range].
 
     Args:
-        problem: device with its ranges, wall and hands; or a problem file, or a name of the catalogue.
+        problem: device with its ranges, wall and hands.
         hands: number of simulated hands, corners of [hands] among them.
         seed: of their draw.
         lean_on_friction: whether settling by the declared dry friction alone suffices.
@@ -110,13 +105,7 @@ def recommend(
     Raises:
         InputError: workers that are no whole number of 1 or more.
         WorkerLostError: a worker died.
-
-    Example:
-        >>> found = avc.recommend("spring", hands=10)
-        >>> found.felt()["share_of_wall"] > 0.99 and found.felt()["stiffness_n_per_m"] < found.stiffest_wall_n_per_m
-        True
     """
-    problem = with_wall(problem)
     people, extreme = people_of(problem.hands, hands, seed), hand_corners(problem.hands)
     why_none = why_infeasible(problem)
     evaluator = Evaluator(problem, people, seed, progress, lean_on_friction=lean_on_friction, executor=executor)
@@ -133,7 +122,7 @@ def recommend(
         beyond: tuple[Withstood, ...] = ()
         if best is not None:
             mismatched = crew.begin(partial(off_file, best.coupling, seed))
-            unmodelled = crew.begin(partial(margins, best.coupling, seed))
+            unmodelled = crew.begin(partial(withstood, best.coupling, seed))
             known = certified(best.coupling, progress, prove=prove)
             known, rest = with_rest(known, progress)
             coupling = replace(known.with_trial(best.trial.document()), versions=versions or {})
@@ -160,3 +149,109 @@ def recommend(
             not_used=not_used(problem),
             trade_off=trade_off(problem, progress) if with_trade_off and coupling is not None else (),
         )
+
+
+def with_rest(coupling: Coupling, progress: Progress = SILENT) -> tuple[Coupling, LimitCycleFreedom]:
+    """Return a certified coupling with L7 in its certificate, where that takes a second or two, and the result."""
+    certificate = dict(coupling.certificate or {})
+    levels = dict(certificate.get("levels", {}))
+    if "L7" not in levels:
+        level = quick_rest_level(coupling, progress)
+        if level is None:
+            return coupling, LimitCycleFreedom(
+                "simulated", "no proof was asked for; avc recommend P --prove asks for one, in minutes"
+            )
+        levels["L7"] = level.document()
+        coupling = coupling.with_certificate(certificate | {"levels": levels})
+    word, claim = levels["L7"]["outcome"], levels["L7"]["claim"]
+    if coupling.problem.detent is not None:
+        claim = f"{claim}; of the wall alone, without [detent]"
+    return coupling, LimitCycleFreedom(word, claim)
+
+
+def judged_as_recommended(
+    problem: Problem,
+    gains: GainSchedule,
+    hands: int = 100,
+    *,
+    versions: Mapping[str, str] | None = None,
+    progress: Progress = SILENT,
+) -> Recommendation:
+    """Certify and try the gains of a method as `recommend` does its own, whatever the verdict."""
+    found, rest = with_rest(certified(Coupling.of(problem, gains, versions=versions), progress), progress)
+    tried = try_coupling(found, people_of(problem.hands, hands), 0, progress)
+    verdict, beyond = deployable(found, progress), withstood(found)
+    extreme = hand_corners(problem.hands)
+    limit = stiffest_wall(problem.device, with_released(extreme)).stiffness_n_per_m
+    lacks = nothing_rendered(problem, found.static_stiffness_n_per_m, tried) or missed(beyond, by_friction=False)
+    return Recommendation(
+        problem=problem,
+        coupling=found.with_trial(tried.document()),
+        trial=tried,
+        off_file=off_file(found, 0),
+        beyond_file=beyond,
+        deployable=verdict.passed and not lacks,
+        rest=rest,
+        stiffest_wall_n_per_m=limit,
+        plain_wall_n_per_m=limit,
+        helps=what_would_help(problem, extreme),
+        reason=f"the gains of {gains.method}, as asked for; {lacks or verdict.sentence}",
+        assumed=assumed(problem, found),
+        not_used=not_used(problem),
+    )
+
+
+def stiffest(
+    problem: Problem,
+    hands: int = 100,
+    seed: int = 0,
+    *,
+    lean_on_friction: bool = False,
+    progress: Progress = SILENT,
+    executor: Executor | None = None,
+) -> dict[str, Any]:
+    """Return the stiffest wall at which simulated hands settle as safely as in `recommend`.
+
+    Args:
+        problem: the device and its hands; its wall and detents do not matter.
+        hands: number of simulated hands, corners of [hands] among them.
+        seed: of their draw.
+        lean_on_friction: whether settling by the declared dry friction alone suffices.
+        progress: reports the couplings judged.
+        executor: runs the trials, as for `mapped`.
+
+    Returns:
+        The document of `avc recommend P --stiffest`: JSON values. ``stiffest_wall_n_per_m`` is the static stiffness
+        rendered by the coupling found, None where there is none; ``plain_wall_n_per_m`` is that of a spring and damper
+        by linear stability alone, with the ``damping_ns_per_m`` that it needs; 0 where none is stable;
+        ``what_would_help`` says what that becomes with one property of the device changed.
+    """
+    extreme = hand_corners(problem.hands)
+    limit = stiffest_wall(problem.device, with_released(extreme))
+    # Unreachable, over the limit of spring and damper.
+    far = 1e3 * max(limit.stiffness_n_per_m, softest_wall_n_per_m(problem.device))
+    walled = problem.changed(environment={"stiffness_n_per_m": far, "damping_ns_per_m": 0.0}, detent=None)
+    people = people_of(problem.hands, hands, seed)
+    evaluator = Evaluator(
+        walled, people, seed, progress, lean_on_friction=lean_on_friction, stiffest=True, executor=executor
+    )
+    if not why_infeasible(walled):
+        judge_stiffest(walled, evaluator, limit)
+    best = evaluator.best()
+    counts = None if best is None else best.trial.counts()
+    document: dict[str, Any] = plain(
+        {
+            "problem": problem.name,
+            "stiffest_wall_n_per_m": None if best is None else best.felt_n_per_m,
+            **{key: counts and counts[key] for key in ("hands", "at_rest", "at_rest_without_friction", "quiet")},
+            "by": None if best is None else best.coupling.method,
+            "at_force_limit": None if best is None else int(best.trial.at_force_limit.sum()),
+            "confirmed": None if best is None or best.others is None else best.others.counts(),
+            "plain_wall_n_per_m": limit.stiffness_n_per_m,
+            "damping_ns_per_m": [limit.lowest_ns_per_m, limit.highest_ns_per_m],
+            "what_would_help": [asdict(one) for one in what_would_help(walled, extreme)],
+            "assumed": list(assumed(problem.changed(detent=None), devices=devices_of(best))),
+            "not_used": list(not_used(problem)),
+        }
+    )
+    return document

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.printed import Printed
@@ -14,10 +14,7 @@ from avc_casadi.coupling import Coupling
 from avc_casadi.files.coupling_file import coupling_document
 from avc_casadi.loops.margins import OpenLoop, transients
 from avc_casadi.model.ends import RIGID_N_PER_M
-from avc_casadi.recommendation.contact_onset import NOTICED_N, contact_onset_m
-from avc_casadi.recommendation.rebound import rebound
-from avc_casadi.recommendation.ripple import ripple
-from avc_casadi.recommendation.shaken import shaken
+from avc_casadi.recommendation.felt import NOTICED_N, Felt, contact_onset_m, rebound, ripple, shaken
 from avc_casadi.simulation.population.trial import CouplingTrial
 
 if TYPE_CHECKING:
@@ -27,14 +24,23 @@ if TYPE_CHECKING:
     from avc_casadi.model.device import Device
     from avc_casadi.model.ends import ToolGains
     from avc_casadi.model.problem import Problem
-    from avc_casadi.recommendation.beyond_file import Withstood
-    from avc_casadi.recommendation.limit_cycle_freedom import LimitCycleFreedom
+    from avc_casadi.recommendation.evaluator import Withstood
     from avc_casadi.recommendation.perturbed_devices import PerturbedDevices
-    from avc_casadi.recommendation.sensitivity import Help
-    from avc_casadi.recommendation.tool_impedance import Felt
-    from avc_casadi.recommendation.tool_sensitivity import ToolHelp
-    from avc_casadi.recommendation.trade_off import Trade
+    from avc_casadi.recommendation.sensitivity import Help, ToolHelp, Trade
     from avc_casadi.simulation.population.trial import Trial
+
+
+@dataclass(frozen=True)
+class LimitCycleFreedom:
+    """Settling of a coupling with every hand, making and breaking contact (level L7).
+
+    Attributes:
+        word: proved, refuted or open; simulated where no proof was requested.
+        sentence: the claim that holds, or why it does not.
+    """
+
+    word: Literal["proved", "refuted", "open", "simulated"]
+    sentence: str
 
 
 @dataclass(frozen=True)
@@ -164,7 +170,7 @@ class Recommendation(Printed):
     def _of_wall(self) -> dict[str, Any]:
         coupling = self.coupling
         return {
-            "rest": None if self.rest is None else self.rest.document(),
+            "rest": None if self.rest is None else vars(self.rest),
             "coupling": None if coupling is None else coupling_document(coupling),
             "felt": self.felt(),
             "transient": {} if coupling is None else _transient(coupling),
@@ -216,16 +222,17 @@ class Recommendation(Printed):
         sensed = tried["stiffness_n_per_m"]["median"] if springy else None
         static, damping = coupling.static_stiffness_n_per_m, coupling.table.at_rest.contact_damping_ns_per_m
         motion = shaken(coupling, static)
+        stiffness = motion.by_frequency(motion.stiffness_n_per_m)
         step, damping = device.encoder_resolution_m, damping + self.problem.environment.damping_ns_per_m
         return {
             "stiffness_n_per_m": sensed,
             "stiffness_at_handle_n_per_m": None if sensed is None else _at_handle(device, sensed),
             "share_of_wall": tried["share_of_wall"] if springy else None,
-            "complex_error": motion.errors(),
-            "stiffness_in_motion_n_per_m": motion.stiffnesses(),
+            "complex_error": motion.by_frequency(motion.error),
+            "stiffness_in_motion_n_per_m": stiffness,
             # A wall never pulls, so that of a sine a damper renders the half.
             "damping_in_motion_ns_per_m": {
-                hz: one / (math.pi * float(hz)) for hz, one in motion.stiffnesses().items() if not springy
+                hz: one / (math.pi * float(hz)) for hz, one in stiffness.items() if not springy
             },
             "shaken": {"depth_m": motion.depth_m, "amplitude_m": motion.amplitude_m},
             "tap_force_n": tried["tap_force_n"],

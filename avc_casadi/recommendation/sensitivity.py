@@ -1,35 +1,51 @@
-"""Sensitivity of the stiffness limit: devices with one property changed."""
+"""What would help: the stiffness limit with one property changed, the range of a stiffness, and what a margin costs."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from avc_casadi._util.progress import SILENT, Progress
+from avc_casadi.design.program import program_answers, why_no_law
+from avc_casadi.design.virtual_tool import WIDEST_MARGIN, ToolSearch, ToolSearchOptions
+from avc_casadi.loops.engine import ToolLoops, required_tool
 from avc_casadi.loops.walls import stiffest_wall
+from avc_casadi.model.ends import HEAVIEST_TOOL_KG, LIGHTEST_TOOL_KG, LONGEST_STEP_S
 from avc_casadi.model.hands import with_released
 
 if TYPE_CHECKING:
     from avc_casadi.model.device import Device
+    from avc_casadi.model.ends import Exchange, ToolGains, VirtualTool
     from avc_casadi.model.hands import Hand, StylusHand
     from avc_casadi.model.problem import Problem
 
 
 @dataclass(frozen=True)
 class Help:
-    """One change of the device.
-
-    Attributes:
-        change: in words.
-        stiffest_wall_n_per_m: the stiffest wall that is then stable with every hand and released; 0 where none is.
-    """
+    """A change of the device in words, and the stiffest wall that is then stable with every hand and released, or 0."""
 
     change: str
     stiffest_wall_n_per_m: float
 
 
-def linear_changes(problem: Problem) -> dict[str, Problem]:
-    """Return improvements that linear stability captures, one at a time, with the changed problem."""
-    device = problem.device
+def what_would_help(problem: Problem, extreme: Hand | StylusHand) -> tuple[Help, ...]:
+    """Return the limit of a plain spring and damper after each change, most effective first."""
+    if problem.environment.stiffness_n_per_m == 0:
+        return ()
+    people = with_released(extreme)
+    found = [
+        Help(change, float(stiffest_wall(problem.changed(device=values).device, people).stiffness_n_per_m))
+        for change, values in _linear_changes(problem.device).items()
+    ]
+    return tuple(sorted(found, key=lambda one: -one.stiffest_wall_n_per_m))
+
+
+def _linear_changes(device: Device) -> dict[str, dict[str, Any]]:
+    """Return improvements that linear stability captures, one at a time, with the keys that change."""
     keys: dict[str, dict[str, Any]] = {"half the sample time": {"sample_time_s": device.sample_time_s / 2}}
     if device.damping_ns_per_m:
         keys["twice the damping of the device"] = _times(2, device, "damping_ns_per_m")
@@ -43,23 +59,7 @@ def linear_changes(problem: Problem) -> dict[str, Problem]:
     if device.resonance is not None:
         nothing = dict.fromkeys(type(device.resonance).model_fields)
         keys["no resonance"] = {"resonance": None, "encoder_at": "motor", "range": {"resonance": nothing}}
-    return {change: problem.changed(device=values) for change, values in keys.items()}
-
-
-def what_would_help(problem: Problem, extreme: Hand | StylusHand) -> tuple[Help, ...]:
-    """Return the limit of a plain spring and damper after each change, most effective first."""
-    if problem.environment.stiffness_n_per_m == 0:
-        return ()
-    people = with_released(extreme)
-    found = [
-        Help(change, float(stiffest_wall(other.device, people).stiffness_n_per_m))
-        for change, other in linear_changes(problem).items()
-    ]
-    return _ranked(found)
-
-
-def _ranked(found: list[Help]) -> tuple[Help, ...]:
-    return tuple(sorted(found, key=lambda one: -one.stiffest_wall_n_per_m))
+    return keys
 
 
 def _times(share: float, device: Device, key: str) -> dict[str, Any]:
@@ -69,3 +69,171 @@ def _times(share: float, device: Device, key: str) -> dict[str, Any]:
         key: share * getattr(device, key),
         "range": {key: None if interval is None else tuple(share * end for end in interval)},
     }
+
+
+@dataclass(frozen=True)
+class Trade:
+    """What the best law found reaches at a disk margin of every corner hand and released.
+
+    Attributes:
+        disk_margin: reached.
+        error: that of `impedance_error` at 1, 10 and 30 Hz.
+        ripple_n: force at the hand for a sine of one encoder step.
+        met: whether contact, decay and noise are as asked for too.
+    """
+
+    disk_margin: float
+    error: tuple[float, float, float]
+    ripple_n: float
+    met: bool
+
+
+def trade_off(problem: Problem, progress: Progress = SILENT) -> tuple[Trade, ...]:
+    """Return the points of a wall at disk margins that differ, each from the last; empty where there is no law."""
+    margins = (0.1, 0.2, 0.3, 0.5)
+    none = problem.detent is not None or why_no_law(problem)
+    answer = None if none else next(iter(program_answers(problem, margins[0])), None)
+    found: list[Trade] = []
+    for done, margin in enumerate(margins):
+        progress.advance(done, len(margins), "convex programs of the trade-off")
+        if answer is None:
+            break
+        answer = answer if done == 0 else answer.moved(margin / answer.program.disk_margin)
+        if found and abs(answer.judged.disk_margin - found[-1].disk_margin) < 0.01:
+            continue
+        one, two, three = answer.errors(np.array([1.0, 10.0, 30.0])).tolist()
+        step = problem.device.encoder_resolution_m / problem.device.metres_per_unit
+        ripple = answer.judged.noise_n_per_m * step
+        found.append(Trade(answer.judged.disk_margin, (one, two, three), ripple, answer.met))
+    return tuple(found)
+
+
+@dataclass(frozen=True)
+class ToolHelp:
+    """A change in words, and the stiffest coupling to a tool that it allows, by linear stability alone."""
+
+    change: str
+    stiffest_n_per_m: float
+
+
+def what_would_help_tool(problem: Problem, search: ToolSearch, *, local: bool) -> tuple[ToolHelp, ...]:
+    """Return the sensitivities of the stiffness limit, largest first."""
+    tool, t = required_tool(problem), problem.device.sample_time_s
+    step_s, hands = max(tool.step_s), search.loops.worst_hands
+    changes: dict[str, dict[str, Any]] = {}
+    if step_s >= 2 * t:
+        changes["an engine twice as fast"] = {"step_s": step_s / 2}
+    if tool.exchange != "on-time" or tool.steps_late:
+        changes["the tool's state on time"] = {"exchange": "on-time", "steps_late": 0}
+    if tool.tool_mass_kg is not None:
+        heavier = [min(2 * mass, HEAVIEST_TOOL_KG) for mass in tool.tool_mass_kg]
+        changes["a tool twice as heavy"] = {"tool_mass_kg": heavier}
+    if tool.integrator != "implicit" and tool.tool_mass_kg is not None:
+        changes["an implicit integrator"] = {"integrator": "implicit"}
+    roughly = ToolSearchOptions(precision=0.01)  # one part in a hundred, beside a limit
+    found = [
+        ToolHelp(change, ToolSearch(problem.changed(simulation=keys), roughly, hands).stiffest().stiffness_n_per_m)
+        for change, keys in changes.items()
+    ]
+    if not local:
+        beside = ToolSearch(problem, roughly, hands).stiffest_beside_local_damper()
+        damper = f"{beside.local_damping_ns_per_m:.3g}"
+        found.append(ToolHelp(f"a damper of {damper} in the device's own loop", beside.stiffness_n_per_m))
+    better = [one for one in found if one.stiffest_n_per_m > 1.02 * search.limit[0].stiffness_n_per_m]
+    return tuple(sorted(better, key=lambda one: -one.stiffest_n_per_m))
+
+
+def stable_on_other_devices(problem: Problem, gains: ToolGains) -> bool:
+    """Return whether gains are stable on devices a tenth off and a quarter sample late, or throughout the ranges."""
+    device, known = problem.device, problem.device.range
+    about = {
+        key: getattr(known, key) or (getattr(device, key) * 0.9, getattr(device, key) * 1.1)
+        for key in ("mass_kg", "damping_ns_per_m")
+    }
+    about["delay_samples"] = known.delay_samples or (device.delay_samples, device.delay_samples + 0.25)
+    return ToolLoops(problem.changed(device={"range": about})).stable_over_ranges(gains)
+
+
+def search_ends(problem: Problem) -> dict[str, float]:
+    """Return where the searches of mass, step and gain margin end: what is found there is no limit."""
+    tool, t = required_tool(problem), problem.device.sample_time_s
+    return {
+        "least_tool_mass_kg": _masses_kg(tool)[0],
+        "slowest_step_s": _most_samples(tool, t) * t,
+        "gain_margin": WIDEST_MARGIN,
+    }
+
+
+def _masses_kg(tool: VirtualTool, most: float = 100.0) -> tuple[float, float, float]:
+    """Return the lightest tool that is searched, the declared one, and the heaviest that is searched."""
+    declared = min(tool.tool_mass_kg or (1.0,))
+    return max(declared / most, LIGHTEST_TOOL_KG), declared, min(declared * most, HEAVIEST_TOOL_KG)
+
+
+def _most_samples(tool: VirtualTool, sample_time_s: float) -> int:
+    """Return the longest step that is searched, in samples."""
+    longest_s = min(64.0 * max(tool.step_s), LONGEST_STEP_S)
+    return math.floor(longest_s / sample_time_s * (1 + 1e-9))
+
+
+def least_tool_mass_kg(problem: Problem, stiffness_n_per_m: float, *, local: bool) -> float | None:
+    """Return the lightest tool with which a stiffness is stable, searched from the declared mass down, or up."""
+    lightest, declared, heaviest = _masses_kg(required_tool(problem))
+
+    def holds(mass_kg: float) -> bool:
+        return _holds(problem, stiffness_n_per_m, local=local, tool_mass_kg=mass_kg)
+
+    if holds(declared):
+        return _between(holds, lightest, declared)
+    mass = declared
+    while mass < heaviest:
+        before, mass = mass, min(2 * mass, heaviest)
+        if holds(mass):
+            return _between(holds, before, mass)
+    return None
+
+
+def _between(holds: Callable[[float], bool], low: float, high: float) -> float:
+    """Return the smallest value, down to `low`, above which all up to `high` hold, within 2 %."""
+    while high > low:
+        lower = max(high / 2, low)
+        if not holds(lower):
+            low = lower
+            break
+        high = lower
+    else:
+        return high
+    while high > 1.02 * low:
+        middle = math.sqrt(low * high)
+        low, high = (low, middle) if holds(middle) else (middle, high)
+    return high
+
+
+def slowest_step_s(problem: Problem, stiffness_n_per_m: float, *, local: bool) -> float | None:
+    """Return the longest step, a multiple of T, up to which a stiffness is stable; None where not even T is."""
+    t = problem.device.sample_time_s
+
+    def holds(samples: int) -> bool:
+        return _holds(problem, stiffness_n_per_m, local=local, step_s=samples * t)
+
+    most = _most_samples(required_tool(problem), t)
+    good, bad = 0, 1
+    while good < most and holds(bad):
+        good, bad = bad, min(2 * bad, most)
+    while bad - good > 1:
+        middle = (good + bad) // 2
+        good, bad = (middle, bad) if holds(middle) else (good, middle)
+    return good * t if good else None
+
+
+def exchanges_that_hold(problem: Problem, stiffness_n_per_m: float, *, local: bool) -> dict[str, bool]:
+    """Return the exchanges with which a stiffness is stable at some damping."""
+    names: tuple[Exchange, ...] = ("on-time", "late", "ahead", "held-force")
+    return {
+        name: _holds(problem, stiffness_n_per_m, local=local or name == "held-force", exchange=name) for name in names
+    }
+
+
+def _holds(problem: Problem, stiffness_n_per_m: float, *, local: bool, **simulation: Any) -> bool:
+    """Return whether a stiffness is stable at some damping with keys of [simulation] changed."""
+    return ToolSearch(problem.changed(simulation=simulation)).holds(stiffness_n_per_m, local=local)

@@ -29,7 +29,7 @@ import avc_casadi as avc
 from avc_casadi.claims.passivity.teleoperator import Teleoperator, damping_needed_ns_per_m
 from avc_casadi.loops.follower import FollowerLoops
 from avc_casadi.model.ends import ToolGains
-from avc_casadi.recommendation.bilateral import recommend_bilateral
+from avc_casadi.recommendation.pair import recommend_bilateral
 
 HERE = Path(__file__).parent
 RESULTS = HERE / "results" / "teleoperation.json"

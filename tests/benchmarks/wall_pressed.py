@@ -17,7 +17,7 @@ from script_arguments import script_arguments
 import avc_casadi as avc
 from avc_casadi.coupling import Coupling
 from avc_casadi.model.gains import NO_COUPLING
-from avc_casadi.recommendation.shaken import shaken
+from avc_casadi.recommendation.felt import shaken
 
 if TYPE_CHECKING:
     from avc_casadi.model.gains import Gains

@@ -14,7 +14,7 @@ from write_documents import key_tables, written
 import avc_casadi
 from avc_casadi.cli import main
 from avc_casadi.cli.dispatch import build_parser
-from avc_casadi.recommendation import answer as answering
+from avc_casadi.recommendation import recommend as answering
 
 # The README first: what it writes, others read.
 ORDER = sorted((page for page in PAGES if not page.name.startswith("RESULTS")), key=lambda page: len(page.parts))

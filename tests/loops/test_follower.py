@@ -16,7 +16,7 @@ from avc_casadi.loops.loop import Body
 from avc_casadi.model.ends import ToolGains
 from avc_casadi.model.hands import Hand, hand_corners
 from avc_casadi.model.plant import sampled_plant
-from avc_casadi.recommendation.bilateral import recommend_bilateral
+from avc_casadi.recommendation.pair import recommend_bilateral
 
 LEADER = "[device]\nmass_kg = 0.12\ndamping_ns_per_m = 0.8\ndelay_samples = 1\n"
 

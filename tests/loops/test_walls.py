@@ -13,7 +13,7 @@ from avc_casadi.claims.zwidth import zwidth
 from avc_casadi.loops.walls import damping_range, loop_radius, softest_wall_n_per_m, stable_walls, stiffest_wall
 from avc_casadi.model.device import Device
 from avc_casadi.model.hands import Hand, hand_corners, hand_set, with_released
-from avc_casadi.recommendation.stiffest import stiffest
+from avc_casadi.recommendation.recommend import stiffest
 from avc_casadi.simulation.population.operators import draw_hands
 from avc_casadi.simulation.population.trial import try_coupling
 

@@ -17,10 +17,7 @@ from avc_casadi.loops.margins import SETTLED, transients
 from avc_casadi.model.gains import Gains, near_rigid_n_per_m
 from avc_casadi.model.problem import Impedance
 from avc_casadi.model.runtime import Runtime
-from avc_casadi.recommendation.contact_onset import NOTICED_N, contact_onset_m
-from avc_casadi.recommendation.rebound import rebound
-from avc_casadi.recommendation.ripple import SPEEDS_M_PER_S, ripple
-from avc_casadi.recommendation.shaken import shaken
+from avc_casadi.recommendation.felt import NOTICED_N, SLOW_M_PER_S, contact_onset_m, rebound, ripple, shaken
 
 T, WALL, MASS, DAMPING = 1e-3, 20e3, 0.2, 1.0
 BASE = {"mass_kg": MASS, "damping_ns_per_m": DAMPING, "sample_time_s": T, "max_force_n": 8.0}
@@ -272,7 +269,7 @@ def damper(step, period, damping, **device):
 @given(step=st.floats(1e-5, 2e-4), period=st.sampled_from([5e-4, 1e-3, 2e-3]), damping=st.floats(0.5, 8.0))
 def test_ripple_of_a_damper_is_that_of_its_pulses(step, period, damping):
     found = ripple(damper(step, period, damping)).force_n
-    for speed in SPEEDS_M_PER_S:
+    for speed in SLOW_M_PER_S:
         # So many whole steps in a sample, and one more for a part of the samples.
         shares = np.modf(np.linspace(1.0, 1.1, 2001) * speed * period / step)[0]
         expected = damping * step / period * math.sqrt(np.mean(shares * (1 - shares)))

@@ -19,11 +19,11 @@ from avc_casadi.design.observer_law import regulator
 from avc_casadi.model.corners import device_with
 from avc_casadi.model.gains import Gains, spring_before
 from avc_casadi.model.runtime import Runtime
-from avc_casadi.recommendation.deployed import deployed
 from avc_casadi.recommendation.evaluator import Evaluator
-from avc_casadi.recommendation.limit_cycle_freedom import with_rest
+from avc_casadi.recommendation.felt import deployed
 from avc_casadi.recommendation.preconditions import nothing_rendered
 from avc_casadi.recommendation.rank import Judged, best_of
+from avc_casadi.recommendation.recommend import with_rest
 from avc_casadi.recommendation.recommendation import Recommendation
 from avc_casadi.simulation.population.operators import people_of
 from avc_casadi.simulation.population.trial import CouplingTrial, try_coupling, try_on_devices

@@ -10,7 +10,7 @@ from engine_simulator import EngineSimulator
 import avc_casadi as avc
 from avc_casadi.design.virtual_tool import ToolSearch
 from avc_casadi.model.hands import hand_corners
-from avc_casadi.recommendation.tool_sensitivity import least_tool_mass_kg
+from avc_casadi.recommendation.sensitivity import least_tool_mass_kg
 
 DEVICE = "[device]\nmass_kg = 0.12\ndamping_ns_per_m = 0.8\ndelay_samples = 1\nmax_force_n = 8.0\n"
 HANDS = 20

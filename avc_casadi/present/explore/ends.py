@@ -37,7 +37,7 @@ from avc_casadi.present.row import Row, marked, row
 from avc_casadi.present.rows import subject
 from avc_casadi.present.rows.judge import own_law, passivity
 from avc_casadi.present.rows.recommend import felt_rows, stability
-from avc_casadi.recommendation.tool_impedance import rendered_band, rendered_follower, rendered_tool
+from avc_casadi.recommendation.felt import rendered_band, rendered_pair
 from avc_casadi.simulation.scene import simulate
 
 if TYPE_CHECKING:
@@ -290,8 +290,7 @@ def _first(problem: Problem, loops: Any) -> ToolGains:
 
 def _rows(problem: Problem, search: ToolSearch | None, loops: Any, gains: ToolGains) -> list[Row]:
     rows = [row("Coupling", subject.pair(vars(gains)))]
-    rendered = rendered_follower if search is None else rendered_tool
-    at = [asdict(one) for one in rendered(problem, gains)]
+    at = [asdict(one) for one in rendered_pair(problem, gains)]
     felt = felt_rows({"stiffness_n_per_m": None, "on_stiffest_contact_n_per_m": None, "at": at})
     if search is None:
         stable = loops.stable_over_ranges(gains)

@@ -42,7 +42,7 @@ from avc_casadi.present.explore.settings import (
 from avc_casadi.present.row import Mark, Row, row, text_of
 from avc_casadi.present.rows.recommend import recommendation
 from avc_casadi.present.rows.subject import headline
-from avc_casadi.recommendation.answer import recommend
+from avc_casadi.recommendation.recommend import recommend
 
 if TYPE_CHECKING:
     from avc_casadi.model.problem import Problem

@@ -8,7 +8,7 @@ import numpy as np
 
 from avc_casadi._util.text import quantity
 from avc_casadi.present.figures import style
-from avc_casadi.recommendation.deployed import STRUCK_M_PER_S, Deployed, deployed
+from avc_casadi.recommendation.felt import STRUCK_M_PER_S, Deployed, deployed
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from avc_casadi._util.arrays import ComplexArray, FloatArray
     from avc_casadi.coupling import Coupling
-    from avc_casadi.recommendation.tool_impedance import RenderedBand
+    from avc_casadi.recommendation.felt import RenderedBand
 
 _WANTED: dict[str, Any] = {"color": "0.72", "linewidth": 4.0, "zorder": 2}
 _WORST: dict[str, Any] = {"color": style.BLUE, "linewidth": 1.5, "zorder": 5}

@@ -38,7 +38,7 @@ from avc_casadi.present.rows.subject import (
     smallest_margins,
     thin,
 )
-from avc_casadi.recommendation.contact_onset import REACHED_M
+from avc_casadi.recommendation.felt import REACHED_M
 from avc_casadi.recommendation.preconditions import SLIP, asked_of_others, not_judged
 
 if TYPE_CHECKING:

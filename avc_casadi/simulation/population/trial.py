@@ -72,24 +72,24 @@ class Trial(Tabular):
         return self.beside["without_friction"]
 
     @property
-    def stable_with_dropped_steps(self) -> BoolArray:
-        """Settled in every motion where steps of an engine are missed too."""
-        return self.beside["with_dropped_steps"]
-
-    @property
     def hands(self) -> int:
         """Number of hands."""
         return len(self.stiffness_n_per_m)
 
     @property
+    def settled_each(self) -> BoolArray:
+        """Settled in every motion, without friction and with missed steps too."""
+        return np.asarray(np.all([self.stable, *self.beside.values()], axis=0))
+
+    @property
     def settled(self) -> bool:
         """Whether all hands settle, without friction and with missed steps too."""
-        return all(bool(one.all()) for one in (self.stable, *self.beside.values()))
+        return bool(self.settled_each.all())
 
     @property
     def settled_with_friction(self) -> bool:
         """Whether all hands settle as declared, with missed steps too."""
-        return bool(np.all(self.stable & self.stable_with_dropped_steps))
+        return bool(np.all(self.stable & self.beside.get("with_dropped_steps", self.stable)))
 
     @property
     def stiffness(self) -> float:

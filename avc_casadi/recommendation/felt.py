@@ -1,0 +1,388 @@
+"""What a coupling feels like: impedance of the shaken handle, contact onset, rebound, ripple, and responses to plot."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from avc_casadi.claims.passivity.rendered_impedance import Excitation, Handle, below_quarter_rate
+from avc_casadi.loops.engine import Engine, clocks, required_tool
+from avc_casadi.loops.follower import Link, Touch, link_clocks
+from avc_casadi.loops.loop import Body
+from avc_casadi.loops.margins import OpenLoop, Transient
+from avc_casadi.model.device import DeviceRange
+from avc_casadi.model.ends import RIGID_N_PER_M, tool_states
+from avc_casadi.model.hands import Hand, hand_corners
+from avc_casadi.model.plant import sampled_plant
+from avc_casadi.model.scene import Hold, Press
+from avc_casadi.simulation.execute import execute
+from avc_casadi.simulation.judge import QUIET
+from avc_casadi.simulation.population.motions import at_handle
+from avc_casadi.simulation.population.operators import people_of
+from avc_casadi.simulation.population.setup import FRICTION, Setup, engine_for, prepare, traces
+
+if TYPE_CHECKING:
+    from avc_casadi._util.arrays import ComplexArray, FloatArray
+    from avc_casadi._util.units import Units
+    from avc_casadi.coupling import Coupling
+    from avc_casadi.model.ends import ToolGains
+    from avc_casadi.model.problem import Problem
+
+STRIKES_M_PER_S = (0.1, 0.4)
+"""Approach speeds of exploration and of a strike."""
+SLOW_M_PER_S = (0.02, 0.05)
+"""Speeds of ripple: at higher ones the encoder steps are more frequent and less detectable."""
+NOTICED_N = 0.1
+"""Detectable force."""
+REACHED_M = 0.01
+"""Depth to which the hand is led, at the handle."""
+STRUCK_M_PER_S = 0.1
+"""Impact speed in the linear loop."""
+
+
+@dataclass(frozen=True)
+class Shaken:
+    """Impedance rendered to a handle excited about a mean depth.
+
+    Attributes:
+        depth_m: mean depth.
+        amplitude_m: of the sine about it.
+        frequency_hz: shape (n,), those below a quarter of the sample rate.
+        stiffness_n_per_m: |Z_h - Z_d| omega, rendered beside the device, shape (n,).
+        error: |Z_h - Z|/|Z| with the physical wall Z = m s + b_d + b_e + k_e/s, shape (n,).
+        mismatch: |ln((Z_h - Z_d)/Z_e)|, rendered impedance over the wall b_e + k_e/s, shape (n,).
+    """
+
+    depth_m: float
+    amplitude_m: float
+    frequency_hz: FloatArray
+    stiffness_n_per_m: FloatArray
+    error: FloatArray
+    mismatch: FloatArray
+
+    def by_frequency(self, values: FloatArray) -> dict[str, float]:
+        """Return values as a table."""
+        return {f"{hz:g}": float(one) for hz, one in zip(self.frequency_hz, values, strict=True)}
+
+
+def shaken(
+    coupling: Coupling, felt_n_per_m: float, frequency_hz: Sequence[float] | FloatArray = (1.0, 10.0, 50.0)
+) -> Shaken:
+    """Return the impedance rendered to the sinusoidally excited handle in the wall.
+
+    By the force at the frequency of the motion (describing function: Gelb and Vander Velde 1968), without dry
+    friction, which belongs to the device.
+    """
+    device = coupling.problem.device
+    heard, excitation = below_quarter_rate(device, np.array(frequency_hz)), Excitation.of(device, felt_n_per_m)
+    found = Handle.of(coupling.problem, heard).rendered(_shaken_force(coupling, excitation, heard), excitation)
+    return Shaken(**vars(excitation), frequency_hz=heard, **vars(found))
+
+
+def _shaken_force(coupling: Coupling, excitation: Excitation, frequency_hz: FloatArray) -> ComplexArray:
+    """Return commanded force over measured position for imposed sines, N/m, shape (n,)."""
+    ramp_s, settled_s, end_s = 0.25, 2.0, 4.0  # into the wall, until the transient has decayed, and the record
+    period = coupling.problem.device.sample_time_s
+    time = period * np.arange(round(end_s / period) + 1)
+    ramp = excitation.depth_m * np.clip(time / ramp_s, 0.0, 1.0)
+    last = slice(round(settled_s / period), None)
+    found = []
+    for hz in frequency_hz:
+        goes = ramp + excitation.amplitude_m * np.sin(2 * np.pi * hz * np.maximum(time - ramp_s, 0.0))
+        position, force = (part[last] for part in _led(coupling, goes, float(np.max(frequency_hz))))
+        wave = np.exp(-2j * np.pi * hz * time[:-1][last]) * np.hanning(len(position))
+        found.append(((force - force.mean()) @ wave) / ((position - position.mean()) @ wave))
+    return np.array(found)
+
+
+def _led(
+    coupling: Coupling, position_m: FloatArray, fastest_hz: float = 0.0, *, exact: bool = False
+) -> tuple[FloatArray, FloatArray]:
+    """Return position and commanded force for an imposed motion, with an ideal actuator."""
+    device = coupling.problem.device
+    # What lies between command and handle is linear and computed analytically.
+    ideal: dict[str, Any] = {
+        "delay_samples": 0,
+        "coulomb_friction_n": 0.0,
+        "amplifier_bandwidth_hz": None,
+        "max_force_n": None,
+        "resonance": None,
+        "encoder_at": "motor",
+        "range": DeviceRange(),
+    }
+    read = {"encoder_resolution_m": 0.0} if exact else {}
+    setup = Setup.of(coupling, device.model_copy(update=ideal | read)).without("guard")
+    setup = replace(setup, steps_anywhere=False)
+    # The motion is imposed by a mass far beyond the device's force, on a spring much faster than the motion.
+    fast = 2 * math.pi * max(20.0 * fastest_hz, 30.0)
+    mass = 1e7 * (device.mass_kg + coupling.problem.hands.mass_kg[1])
+    hand = Hand(*(np.array([value]) for value in (mass, 2 * mass * fast, mass * fast**2)))
+    samples, t = len(position_m) - 1, device.sample_time_s
+    scene, parameters, held = prepare(setup, hand, Hold(end_m=0.0), samples * t)
+    inputs = held.copy()
+    inputs[scene.inputs.index("target_position_m")] = position_m[:-1]
+    inputs[scene.inputs.index("target_velocity_m_per_s")] = np.diff(position_m) / t
+    run = execute(scene, parameters, inputs, engine=engine_for(1))
+    # Without a wall no force is commanded.
+    return run["position_m"][0], run["force_n"][0] if "force_n" in run else np.zeros(samples)
+
+
+def contact_onset_m(coupling: Coupling) -> dict[str, float | None]:
+    """Return the depth at which the device's force sets in, by speed of the hand; below 0 before the wall.
+
+    The hand comes from free space, every declared effect simulated; None where no force is felt within `REACHED_M`.
+    """
+    from_m, radius = -0.04, coupling.problem.device.metres_per_unit
+    # A grip stiff enough that the wall does not slow the hand.
+    hand = Hand(np.array([1.0]), np.array([600.0]), np.array([1e5])).at_handle(radius)
+    found: dict[str, float | None] = {}
+    for speed in STRIKES_M_PER_S:
+        press = Press(start_m=from_m / radius, end_m=REACHED_M / radius, speed_m_per_s=speed / radius)
+        (run,) = traces(Setup.of(coupling), hand, press, (REACHED_M - from_m) / speed)
+        pushed = np.flatnonzero(run.force_n[0] / radius > NOTICED_N)
+        found[f"{speed / radius:g}"] = float(run.depth_m[0, pushed[0]]) if len(pushed) else None
+    return found
+
+
+def rebound(coupling: Coupling) -> dict[str, float]:
+    """Return the released device's speed when it leaves the wall over that when it came, the largest by approach speed.
+
+    With the declared dry friction and without. Above 1 the wall gives energy: a passive one never does. 0 where the
+    device stays in the wall, or does not reach it. Speeds are the device's, in rad/s of a rotary one.
+    """
+    setup, radius = Setup.of(coupling), coupling.problem.device.metres_per_unit
+    some = (setup, setup.without(FRICTION)) if setup.rough else (setup,)
+    return {
+        f"{speed / radius:g}": max(float(_strikes(one, speed / radius).max()) for one in some)
+        for speed in STRIKES_M_PER_S
+    }
+
+
+def _strikes(setup: Setup, speed_m_per_s: float, strikes: int = 8, steps: int = 200) -> FloatArray:
+    """Return the rebound of each strike, the wall's face anywhere between two encoder steps, shape (strikes,)."""
+    device = setup.problem.device
+    friction_n = device.coulomb_friction_n if setup.rough else 0.0
+    far = 0.03 / device.metres_per_unit  # enough for an observer to know the speed before the wall
+    # Back from the wall: m v dv/dx = -(friction + b v).
+    start = speed_m_per_s
+    for _ in range(steps):
+        start += far / steps * (friction_n / start + device.damping_ns_per_m) / device.mass_kg
+    nobody = Hand(*(np.zeros(strikes),) * 3)
+    scene, parameters, inputs = prepare(setup, nobody, Hold(start_m=-far, end_m=-far), far / speed_m_per_s + 0.5)
+    moving = [start if name.endswith("_velocity_m_per_s") else 0.0 for name in scene.states]
+    run = execute(replace(scene, initial=scene.initial + moving), parameters, inputs, engine=engine_for(strikes))
+    return np.array([_rebound(*pair) for pair in zip(run["position_m"], run["velocity_m_per_s"], strict=True)])
+
+
+def _rebound(position_m: FloatArray, velocity_m_per_s: FloatArray) -> float:
+    inside = position_m > 0
+    came = int(np.argmax(inside))
+    left = came + int(np.argmax(~inside[came:]))
+    if not inside[came] or left == came:
+        return 0.0
+    return float(-velocity_m_per_s[left] / velocity_m_per_s[came - 1])
+
+
+@dataclass(frozen=True)
+class Ripple:
+    """Force ripple from encoder quantisation on a handle in steady motion in the wall.
+
+    Attributes:
+        force_n: rms of the ripple by speed of the device, m/s.
+        hands: number simulated at the lowest of these.
+        quiet: how many of them stay below the vibrotactile detection threshold.
+    """
+
+    force_n: dict[str, float]
+    hands: int
+    quiet: int
+
+
+def ripple(coupling: Coupling, seed: int = 0) -> Ripple:
+    """Return the ripple in steady motion, prescribed first, then by hands whose target moves.
+
+    With a damper of b behind a step of the encoder q the force has pulses of b q/T, for b sqrt(q v/T - v^2) rms while
+    the handle passes less than a step in a sample.
+    """
+    radius, drawn_s = coupling.problem.device.metres_per_unit, 1.5
+    speeds = [speed / radius for speed in SLOW_M_PER_S]
+    found = {f"{speed:g}": _ripple_n(coupling, speed) for speed in speeds}
+    people = people_of(coupling.problem.hands, 16, seed)
+    drawn = Press(start_m=0.0, end_m=2 * speeds[0] * drawn_s, speed_m_per_s=speeds[0])
+    felt = [part.vibration for part in traces(Setup.of(coupling), people, drawn, drawn_s)]
+    return Ripple(found, len(people), int((np.concatenate(felt) < QUIET).sum()))
+
+
+def _ripple_n(coupling: Coupling, speed_per_s: float) -> float:
+    """Return the rms force ripple of the encoder on a handle in prescribed motion in the wall."""
+    device = coupling.problem.device
+    if device.encoder_resolution_m == 0:
+        return 0.0
+    period, led_s, counts_s, faster = device.sample_time_s, 1.0, 0.5, 0.2  # the last part counts; the speed rises
+    time = period * np.arange(round(led_s / period) + 1)
+    goes = speed_per_s * time * (1 + faster * (time / (2 * led_s) - 0.5))
+    last = slice(-max(8, round(counts_s / period)), None)
+    added = _led(coupling, goes)[1][last] - _led(coupling, goes, exact=True)[1][last]
+    line = np.polynomial.Polynomial.fit(time[:-1][last], added, 1)
+    return float(np.std(added - line(time[:-1][last])))
+
+
+@dataclass(frozen=True, eq=False)
+class Deployed:
+    """Responses of a coupling with h corners of the hands, to plot.
+
+    Attributes:
+        coupling: gains and runtime.
+        shaken: rendered impedance of the excited handle.
+        hands: the corners.
+        worst: the one with the least damped loop.
+        press_s: time of the presses, shape (n,).
+        press_m: position of each pressing hand, with every declared effect simulated, shape (h, n).
+        loop: broken at the actuator, with the corners, then released.
+        frequency_hz: of its gain, shape (f,).
+        gain: L, shape (h + 1, f).
+        struck_s: time after impact, shape (m,).
+        struck_m: position of the device in the linear loop, shape (h + 1, m).
+    """
+
+    coupling: Coupling
+    shaken: Shaken
+    hands: Hand
+    worst: int
+    press_s: FloatArray
+    press_m: FloatArray
+    loop: OpenLoop
+    frequency_hz: FloatArray
+    gain: ComplexArray
+    struck_s: FloatArray
+    struck_m: FloatArray
+
+
+def deployed(coupling: Coupling) -> Deployed:
+    """Return the responses of a coupling."""
+    problem = coupling.problem
+    device, period = problem.device, problem.device.sample_time_s
+    hands = hand_corners(problem.hands.model_copy(update={"let_go": False}))
+    loop = OpenLoop.of(coupling)
+    each = [Transient.of(one, period) for one in loop.poles]
+    settled_s = [one.settling_s for one in each if np.isfinite(one.settling_s)]
+    samples = int(np.clip(1.2 * max(settled_s, default=0.0) / period, 50, 5000))
+    turn = loop.turns()
+    # The wall's face lies at mid-step of the encoder, as in a scene.
+    setup = replace(Setup.of(coupling), steps_anywhere=False)
+    presses = traces(setup, hands, at_handle(Press(), device), 1.0)
+    pressed = np.concatenate([one.position_m if one.held_m is None else one.held_m for one in presses])
+    hz = (1.0, 2.0, 3.0, 5.0, 7.0, 10.0, 15.0, 20.0, 30.0, 50.0, 70.0, 100.0)
+    return Deployed(
+        coupling=coupling,
+        shaken=shaken(coupling, coupling.static_stiffness_n_per_m, hz),
+        hands=hands,
+        worst=int(np.argmin([one.damping_ratio for one in each[:-1]])),
+        press_s=np.asarray(period * np.arange(pressed.shape[-1])),
+        press_m=pressed,
+        loop=loop,
+        frequency_hz=turn / (2 * np.pi * period),
+        gain=loop.gain(turn),
+        struck_s=np.asarray(period * np.arange(samples)),
+        struck_m=loop.struck(STRUCK_M_PER_S / device.metres_per_unit, samples),
+    )
+
+
+@dataclass(frozen=True)
+class Felt:
+    """Impedance of a tool or a follower at the handle at one frequency.
+
+    Attributes:
+        frequency_hz: of the motion.
+        mass_kg: rendered in free motion, Im(Z)/omega; None where nothing moves.
+        drag_ns_per_m: rendered in free motion, Re(Z), of device, tool and loop.
+        free_error: distance from device and tool as one body, relative to its |Z|; None where nothing moves.
+        stiffness_n_per_m: rendered against a rigid object, |F/x|.
+        contact_error: distance from the device on a spring K, relative to its |Z|.
+    """
+
+    frequency_hz: float
+    mass_kg: float | None
+    drag_ns_per_m: float | None
+    free_error: float | None
+    stiffness_n_per_m: float
+    contact_error: float
+
+
+@dataclass(frozen=True)
+class RenderedBand:
+    """Rendered and wanted impedance over a band of frequencies.
+
+    Attributes:
+        problem: name of the problem.
+        felt: rendered impedance by frequency, ascending.
+        mass_kg: wanted in free motion: of the device and the remote mass, as one body.
+        damping_ns_per_m: of both.
+        stiffness_n_per_m: wanted on a rigid object: K.
+        units: of the device.
+    """
+
+    problem: str
+    felt: tuple[Felt, ...]
+    mass_kg: float
+    damping_ns_per_m: float
+    stiffness_n_per_m: float
+    units: Units
+
+
+def rendered_band(problem: Problem, gains: ToolGains) -> RenderedBand:
+    """Return the rendered impedance of the remote end over the band of hand motion and perception."""
+    device, (far_kg, far_ns_per_m) = problem.device, _far(problem)
+    found = rendered_pair(problem, gains, np.geomspace(0.3, 100.0, 80).tolist())
+    mass, damping = device.mass_kg + far_kg, device.damping_ns_per_m + far_ns_per_m
+    return RenderedBand(problem.name, found, mass, damping, gains.stiffness_n_per_m, problem.units)
+
+
+def _far(problem: Problem) -> tuple[float, float]:
+    """Return mass and damping of the remote end in free motion, of a tool the heaviest."""
+    if problem.follower is not None:
+        other = problem.follower.at_leader()
+        return other.mass_kg, other.damping_ns_per_m
+    tool = tool_states(required_tool(problem), 0.0)[-1]
+    return (0.0, 0.0) if tool.fixed else (tool.mass_kg, tool.damping_ns_per_m)
+
+
+def rendered_pair(
+    problem: Problem, gains: ToolGains, frequencies_hz: Sequence[float] = (1.0, 10.0)
+) -> tuple[Felt, ...]:
+    """Return the rendered impedance of the heaviest tool or the follower, nominal devices as rigid bodies."""
+    device = problem.device
+    t, driven = device.sample_time_s, Body.driven(device.sample_time_s)
+    ends: list[Engine] | list[Link]
+    if problem.follower is not None:
+        other, none = problem.follower.at_leader(), np.zeros(2)
+        touched = sampled_plant(other.model_copy(update={"range": DeviceRange()}), Hand(none, none, none))
+        touch = Touch.of(touched, np.array([0.0, np.inf]), none)
+        link = link_clocks(t, other.sample_time_s, *problem.follower.delays_s[-1])[-1]
+        ends, moves = [Link(driven, touch.axes(place), link, problem.follower) for place in (0, 1)], True
+    else:
+        engine = required_tool(problem)
+        states = [tool_states(engine, contact)[-1] for contact in (0.0, RIGID_N_PER_M)]
+        clock = clocks(max(engine.step_s), t)[-1]
+        ends, moves = [Engine(driven, clock, engine, [state]) for state in states], not states[0].fixed
+
+    def at(frequency_hz: float) -> Felt:
+        """Of the commanded forces in free motion and in rigid contact."""
+        free, rigid = (one.force_per_metre(gains, frequency_hz) for one in ends)
+        s = 2j * np.pi * frequency_hz
+        hold = (1 - np.exp(-s * t)) / (s * t) * np.exp(-s * t * device.delay_samples) / s
+        alone = device.mass_kg * s + device.damping_ns_per_m
+        contact, wanted = alone + rigid * hold, alone + gains.stiffness_n_per_m / s
+        stiffness, error = float(abs((contact - alone) * s)), float(abs(contact - wanted) / abs(wanted))
+        if not moves:
+            return Felt(frequency_hz, None, None, None, stiffness, error)
+        far_kg, far_ns_per_m = _far(problem)
+        moved, body = alone + free * hold, alone + far_kg * s + far_ns_per_m
+        free_error = float(abs(moved - body) / abs(body))
+        return Felt(frequency_hz, float(moved.imag / abs(s)), float(moved.real), free_error, stiffness, error)
+
+    return tuple(at(hz) for hz in frequencies_hz if hz * t < 0.25)
