@@ -20,13 +20,13 @@ from avc_casadi._errors import NotDeployableError, UnsupportedError
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.claims.certify import certify
-from avc_casadi.claims.detent import detent_verdict
 from avc_casadi.claims.hands import every_hand, feedback_radius, looked_at, radius_limit, released_radius
 from avc_casadi.coupling import require_coupling
 from avc_casadi.loops.margins import LEAST_DISK, OpenLoop
 from avc_casadi.loops.wall import frozen_parts
-from avc_casadi.model.corners import LINEAR_KEYS, device_ranges, linear_values
-from avc_casadi.model.hands import hand_text, no_hand
+from avc_casadi.loops.walls import damping_range, loop_poles, stiffest_wall
+from avc_casadi.model.corners import LINEAR_KEYS, device_corners, device_ranges, linear_values
+from avc_casadi.model.hands import hand_set, hand_text, joined, no_hand
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -42,11 +42,15 @@ if TYPE_CHECKING:
 
 # Points judged between two neighbouring rows, where the device interpolates.
 _BETWEEN = 3
+
 _DRAWS = 24
+
 # Verbs judge before they push, export or report; the numbers are part of the key, as arrays are mutable. Tables are
 # compared by value: equal gains with different runtimes need separate entries.
 _VERDICTS: WeakKeyDictionary[GainTable, list[tuple[Problem, Runtime, bytes, Deployable]]] = WeakKeyDictionary()
+
 _KEPT = 32
+
 # Share of a stated disk margin that is taken for it.
 _AS_ASKED = 0.97
 
@@ -258,7 +262,9 @@ _CALLED = {
     "renders": "rendering",
     "disk-margin": "disk margin",
 }
+
 _ADVICE = "take `avc recommend P`, which gives the stiffest coupling that is deployable, or soften the wall"
+
 _UNJUDGED_DETENTS = DeployClaim(
     "detent",
     False,
@@ -266,6 +272,7 @@ _UNJUDGED_DETENTS = DeployClaim(
     "take a coupling without state feedback: avc solve P --method static-tuned",
     np.nan,
 )
+
 _NOTHING = DeployClaim(
     "renders",
     False,
@@ -290,3 +297,49 @@ def require_deployable(coupling: Coupling, *, unsafe: bool = False) -> Deployabl
             f"{verdict.advice[1:]}; --unsafe (in Python unsafe=True) overrides."
         )
     return verdict
+
+
+# A pole so far from the real axis oscillates.
+_OSCILLATES = 1e-6
+
+
+def detent_verdict(problem: Problem) -> tuple[bool, str, str, float]:
+    """Judge the linear loops at the steepest slopes of the detents, of both signs, with every hand and released."""
+    detent = problem.detent
+    if detent is None:
+        raise ValueError("the problem has no detents")
+    slope, damping = detent.slope_n_per_m, detent.damping_ns_per_m
+    people = joined(hand_set(problem.hands), no_hand())
+    valley, top = (loop_poles(problem.device, people, sign * slope, damping) for sign in (1.0, -1.0))
+    radius = float(np.abs(valley).max())
+    leaving = top[np.abs(top) >= 1]
+    swings = bool((np.abs(leaving.imag) > _OSCILLATES).any())
+    if radius < 1 and not swings:
+        corners = len(device_corners(problem.device, LINEAR_KEYS))
+        held = int((np.abs(top).max(axis=-1).reshape(corners, -1).max(axis=0) < 1).sum())
+        quickest = float(np.log(np.abs(leaving)).max()) / problem.device.sample_time_s if len(leaving) else math.nan
+        rest = "" if held == len(people) else f", the others leave it without swinging, by e in {1 / quickest:.3g} s"
+        sentence = (
+            f"detents: in a valley, a spring of {slope:.4g}, linearly stable with every hand of [hands] and "
+            f"released, spectral radius {radius:.6g} at most; at a top, a spring of {-slope:.4g}, {held} of "
+            f"{len(people)} hands, one of them none, hold it{rest}"
+        )
+        return True, sentence, "", radius
+    where = (
+        f"in a valley, a spring of {slope:.4g} with {damping:.4g}: spectral radius {radius:.6g}"
+        if radius >= 1
+        else f"at a top, a spring of {-slope:.4g}: what leaves it swings"
+    )
+    return False, f"detents: linearly unstable {where}", _advice(problem, slope), radius
+
+
+def _advice(problem: Problem, slope: float) -> str:
+    people = joined(hand_set(problem.hands), no_hand())
+    found = damping_range(problem.device, people, slope)
+    if math.isfinite(found.lowest_ns_per_m):
+        return (
+            f"give the detents a damping of {found.lowest_ns_per_m:.4g} to {found.highest_ns_per_m:.4g}, "
+            "or make the detents weaker or wider"
+        )
+    most = stiffest_wall(problem.device, people).stiffness_n_per_m
+    return f"make the detents weaker or wider: no damping holds a slope above {most:.4g}"

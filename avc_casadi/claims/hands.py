@@ -5,6 +5,8 @@ A search, not a proof: corners, draws and ascent; where the device has ranges, i
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -14,38 +16,128 @@ from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray, IndexArray
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.claims.levels import Judged, LevelResult, Rows, level_result, not_judged
+from avc_casadi.claims.worst_frequency import worst_margin
 from avc_casadi.loops.loop import Body
-from avc_casadi.loops.ranges import Ranges, hand_boxes, worst_hands, worst_held
 from avc_casadi.loops.spectrum import largest_eigenvalue
+from avc_casadi.loops.system import Ranges, ascend, hand_boxes, worst_held
 from avc_casadi.loops.wall import (
     MAX_DELAY_SAMPLES,
     RADIUS_TOLERANCE,
+    LinearStability,
+    SampledLoop,
     fraction_rendering,
     frozen_parts,
     frozen_rendering,
     linear_stability,
     observed_wall,
+    plants_of,
     rigid,
     wall,
 )
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners, device_ranges, linear_values
-from avc_casadi.model.hands import Hand, hand_corners, hand_set, hand_text, no_hand
+from avc_casadi.model.hands import Hand, hand_corners, hand_ranges, hand_set, hand_text, no_hand
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from avc_casadi.coupling import Coupling
-    from avc_casadi.loops.sampled_loop import Fractions
+    from avc_casadi.loops.wall import Fractions, Values
     from avc_casadi.model.device import Device
     from avc_casadi.model.plant import SampledPlant
-    from avc_casadi.model.problem import Problem
+    from avc_casadi.model.problem import Hands, Problem
+
+
+# Initial hands of a row of gains, and how far they lie apart.
+_HANDS, _HANDS_APART, _NUMBERS_AT_ONCE = 4, 0.6, 2_000_000
+
+
+@dataclass(frozen=True)
+class WorstHands:
+    """The worst hand that was found for each of n rows."""
+
+    radius: FloatArray
+    frequency_hz: FloatArray
+    hands: Hand
+    known: LinearStability
+
+    def pick(self, rows: IndexArray) -> WorstHands:
+        """Return some of the rows."""
+        known = LinearStability(self.known.radius[rows], self.known.frequency_hz[rows])
+        return WorstHands(self.radius[rows], self.frequency_hz[rows], self.hands.pick(rows), known)
+
+
+def worst_hands(
+    device: Device,
+    parts: Fractions,
+    contact_damping_ns_per_m: Values,
+    hands: Hands,
+    *,
+    draws: int = 24,
+    seed: int = 0,
+    enough: float = np.inf,
+    progress: Progress = SILENT,
+) -> WorstHands:
+    """Search the ranges for the hand with which each frozen row has the largest spectral radius."""
+    contact = np.broadcast_to(np.asarray(contact_damping_ns_per_m, dtype=np.float64), (len(parts.direct),))
+    rendering = fraction_rendering(parts, contact, device.sample_time_s)
+    _, one, same = np.unique(
+        np.concatenate([rendering.force, rendering.state], axis=1), axis=0, return_index=True, return_inverse=True
+    )
+    if len(one) < len(same):
+        options: dict[str, Any] = {"draws": draws, "seed": seed, "enough": enough, "progress": progress}
+        each = worst_hands(device, parts.pick(one), contact[one], hands, **options)
+        return each.pick(same.ravel())
+    first = hand_set(hands, draws=draws, seed=seed)
+    known = linear_stability(device, parts, contact_damping_ns_per_m, first, progress)
+    low, width = hand_ranges(hands)[:, :1], np.ptp(hand_ranges(hands), axis=1)[:, None]
+    at = np.array([np.broadcast_to(value, (len(first),)) for value in vars(first).values()])
+    # The released device lies outside the ranges and is no initial guess.
+    inside = ((at >= low) & (at <= hand_ranges(hands)[:, 1:])).all(axis=0)
+    shares = (at - low) / np.where(width > 0, width, 1.0)
+    order = _worst_apart(np.where(inside, known.radius, -np.inf), shares)
+    best = np.arange(len(parts.direct)), known.radius.argmax(axis=1)
+    radius, frequency, place = known.radius[best], known.frequency_hz[best], at[:, best[1]]
+
+    def leading(rows: IndexArray, shares: FloatArray) -> ComplexArray:
+        body = Body.of(plants_of([device], Hand(*(low + width * shares)))).flat()
+        return largest_eigenvalue(wall(body, rendering.pick(rows)))
+
+    going = np.flatnonzero(np.isfinite(radius) & (radius < enough) & width.any())
+    starts = order.shape[1]
+    at_once = max(1, _NUMBERS_AT_ONCE // (9 * starts * (4 + math.ceil(device.delay_samples)) ** 2))
+    for begin in range(0, len(going), at_once):
+        rows = going[begin : begin + at_once]
+        begins = np.clip(shares[:, order[rows].ravel()], 0.0, 1.0)
+        ends, values = ascend(leading, np.repeat(rows, starts), begins)
+        winner = np.abs(values).reshape(-1, starts).argmax(axis=1) + np.arange(len(rows)) * starts
+        better = np.abs(values[winner]) > radius[rows]
+        rows, winner = rows[better], winner[better]
+        radius[rows], place[:, rows] = np.abs(values[winner]), low + width * ends[:, winner]
+        frequency[rows] = np.abs(np.angle(values[winner])) / (2 * math.pi * device.sample_time_s)
+    return WorstHands(radius, frequency, Hand(*place), known)
+
+
+def _worst_apart(radius: FloatArray, places: FloatArray) -> IndexArray:
+    """Return the worst hands of each row that lie apart, worst first; places (3, h) as shares of the box."""
+    distance = np.abs(places[:, :, None] - places[:, None, :]).max(axis=0)
+    left = radius.copy()
+    chosen = []
+    for _ in range(min(_HANDS, radius.shape[1])):
+        worst = left.argmax(axis=1)
+        chosen.append(worst)
+        left = np.where(distance[worst] < _HANDS_APART, -np.inf, left)
+    return np.stack(chosen, axis=1)
+
 
 # Rows of gains whose devices are searched inside their ranges.
 _ROWS_INSIDE = 4
+
 _LARGEST_SHIFT_NS_PER_M = 1e6
+
 # A free, undamped device has the eigenvalue 1 twice: rounding moves a double one by its root, unless the matrix is
 # triangular, as that of a rigid device is.
 _FREE_TOLERANCE = 1e-7
+
 # Least share of the innovation that passes a dead zone: with less the hand alone decides.
 _LEAST_SHARE = 0.01
 
@@ -295,3 +387,62 @@ def damping_reserve(device: Device, parts: Fractions, contact: FloatArray, hand:
         middle = (near + far) / 2
         near, far = (middle, far) if stable(sign * middle) == starts_stable else (near, middle)
     return near if starts_stable else -far
+
+
+@dataclass(frozen=True)
+class ScopeSlack:
+    """Slack of each row within its scope, shape (n,)."""
+
+    slack: FloatArray
+    frequency_hz: FloatArray
+
+    @property
+    def met(self) -> BoolArray:
+        """Whether each row meets its scope strictly, without any tolerance."""
+        return np.asarray(self.slack >= 0)
+
+
+def scope_band_hz(problem: Problem, frequency_hz: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the band in which the row of each frequency must be passive; the frequency itself for scope hands."""
+    nyquist = 0.5 / problem.device.sample_time_s
+    scope, factor = problem.stability.scope, problem.stability.band_factor
+    if scope == "all":
+        return np.zeros_like(frequency_hz), np.full_like(frequency_hz, nyquist)
+    if scope == "band":
+        return np.asarray(frequency_hz / factor), np.minimum(frequency_hz * factor, nyquist)
+    return frequency_hz, frequency_hz
+
+
+def deciding_frequencies_hz(problem: Problem, frequency_hz: FloatArray) -> FloatArray | None:
+    """Return frequencies at which Re Z_h >= margin implies the whole scope, shape (n, m); None if none are known."""
+    scope = problem.stability.scope
+    if scope == "pointwise":
+        return frequency_hz[:, None]
+    if scope == "hands" or problem.stability.model == "paper" or problem.device.delay_samples:
+        return None
+    low, high = scope_band_hz(problem, frequency_hz)
+    return high[:, None] if scope == "all" else np.stack([low, high], axis=1)
+
+
+def scope_slack(
+    problem: Problem,
+    frequency_hz: Values,
+    damping_ns_per_m: Values,
+    stiffness_n_per_m: Values,
+    contact_damping_ns_per_m: Values = 0.0,
+) -> ScopeSlack:
+    """Return the slack of rows of gains in the scope, model and margin of a problem."""
+    given = (frequency_hz, damping_ns_per_m, stiffness_n_per_m, contact_damping_ns_per_m)
+    own, b, k, contact = (
+        np.ravel(value) for value in np.broadcast_arrays(*(np.asarray(v, dtype=np.float64) for v in given))
+    )
+    margin = problem.stability.margin_ns_per_m
+    if problem.stability.scope == "hands":
+        parts, most = frozen_parts(problem, b, k), 1 - RADIUS_TOLERANCE
+        lean = problem.device.model_copy(update={"damping_ns_per_m": problem.device.damping_ns_per_m - margin})
+        worst = worst_hands(lean, parts, contact, problem.hands, enough=most)
+        return ScopeSlack(most - worst.radius, worst.frequency_hz)
+    worst_case = worst_margin(SampledLoop.of(problem), b, k, contact, *scope_band_hz(problem, own))
+    sound = worst_case.poles_stable & (worst_case.dc_stiffness_n_per_m >= 0)
+    slack = np.where(sound, worst_case.margin_ns_per_m - margin, -np.inf)
+    return ScopeSlack(slack, worst_case.frequency_hz)

@@ -12,19 +12,12 @@ from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.arrays import BoolArray, FloatArray
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.progress import SILENT, Progress, chunks
-from avc_casadi.claims.passivity.llewellyn import llewellyn_margin
-from avc_casadi.claims.passivity.worst_frequency import RELATIVE_TOLERANCE, lowest_of, worst_margin
-from avc_casadi.claims.passivity.worst_port import (
-    CouplingSlack,
-    PortWorst,
-    RenderingSlack,
-    passive_hand,
-    perceived_worst,
-    port_worst,
-)
+from avc_casadi.claims.impedance import PortWorst, perceived_worst
+from avc_casadi.claims.llewellyn import llewellyn_margin
+from avc_casadi.claims.port import CouplingSlack, RenderingSlack, passive_hand, port_worst
+from avc_casadi.claims.worst_frequency import RELATIVE_TOLERANCE, lowest_of, worst_margin
 from avc_casadi.coupling import Coupling
-from avc_casadi.loops.sampled_loop import Fractions, SampledLoop, fractions
-from avc_casadi.loops.wall import RADIUS_TOLERANCE, linear_stability, rigid
+from avc_casadi.loops.wall import RADIUS_TOLERANCE, Fractions, SampledLoop, fractions, linear_stability, rigid
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners, least_damped
 
 if TYPE_CHECKING:

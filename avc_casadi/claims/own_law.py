@@ -22,7 +22,7 @@ from avc_casadi._util.printed import Printed
 from avc_casadi.files.device_file import load_device
 from avc_casadi.files.problem_file import AnyProblem, as_problem, is_device
 from avc_casadi.loops.margins import LEAST_DISK, SETTLED, SOUND_DISK, Margins, OpenLoop, damping_ratios
-from avc_casadi.loops.ranges import hand_boxes, worst_held
+from avc_casadi.loops.system import hand_boxes, worst_held
 from avc_casadi.loops.wall import MAX_DELAY_SAMPLES, RADIUS_TOLERANCE, Rendering, force_over_position
 from avc_casadi.loops.walls import stable_walls
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners, device_ranges

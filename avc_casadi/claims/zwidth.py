@@ -13,14 +13,13 @@ from avc_casadi._util.arrays import ComplexArray, FloatArray
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.printed import Columns, Tabular, short
 from avc_casadi._util.progress import SILENT, Progress
+from avc_casadi.claims.impedance import wave
 from avc_casadi.claims.levels import ideal, what_is_declared
-from avc_casadi.claims.passivity.handle_port import handle_port
-from avc_casadi.claims.passivity.llewellyn import largest_llewellyn_stiffness
-from avc_casadi.claims.passivity.worst_frequency import quadratic_stretch, refine_minima
-from avc_casadi.claims.passivity.worst_port import frequencies_hz, passive_hand, wave
+from avc_casadi.claims.llewellyn import largest_llewellyn_stiffness
+from avc_casadi.claims.port import frequencies_hz, handle_port, passive_hand
+from avc_casadi.claims.worst_frequency import quadratic_stretch, refine_minima
 from avc_casadi.files.problem_file import AnyProblem, of_problem, with_wall
-from avc_casadi.loops.sampled_loop import Fractions, SampledLoop, passive_limit_n_per_m
-from avc_casadi.loops.wall import rigid
+from avc_casadi.loops.wall import Fractions, SampledLoop, passive_limit_n_per_m, rigid
 from avc_casadi.loops.walls import Stretches, stable_walls
 from avc_casadi.model import EFFECTS
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners

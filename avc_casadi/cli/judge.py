@@ -91,8 +91,8 @@ def _certify_wall(
     console: Console,
     proofs: Path | None,
 ) -> Answer:
+    from avc_casadi.claims.certify import proof_files
     from avc_casadi.claims.levels import asked_for
-    from avc_casadi.claims.proof_levels import proof_files
     from avc_casadi.present.rows import holes
     from avc_casadi.present.rows.judge import certificate
 

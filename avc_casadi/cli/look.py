@@ -41,7 +41,7 @@ def run_check(args: argparse.Namespace, console: Console) -> Answer:  # noqa: AR
     """Check a problem file or a device file and show what it means."""
     from avc_casadi.files.plausibility import plausibility
     from avc_casadi.files.problem_file import is_device
-    from avc_casadi.loops.sampled_loop import passive_limit_n_per_m
+    from avc_casadi.loops.wall import passive_limit_n_per_m
     from avc_casadi.model.scene import declared
     from avc_casadi.present.rows import look
     from avc_casadi.recommendation.pair import unusual

@@ -26,8 +26,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from avc_casadi._errors import UnsupportedError
-from avc_casadi.claims.passivity.rendered_impedance import Handle
-from avc_casadi.claims.passivity.worst_port import impedance_at_handle
+from avc_casadi.claims.impedance import Handle, impedance_at_handle
 from avc_casadi.coupling import Coupling
 from avc_casadi.design.cones import PER_LACK, Cones, multiplier
 from avc_casadi.design.observer_law import GUESSES, Structure

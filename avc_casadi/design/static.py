@@ -11,9 +11,9 @@ import numpy as np
 
 from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.arrays import BoolArray, FloatArray
-from avc_casadi.claims.passivity.llewellyn import llewellyn_margin
-from avc_casadi.claims.passivity.worst_frequency import worst_margin
-from avc_casadi.loops.sampled_loop import SampledLoop
+from avc_casadi.claims.llewellyn import llewellyn_margin
+from avc_casadi.claims.worst_frequency import worst_margin
+from avc_casadi.loops.wall import SampledLoop
 from avc_casadi.model.corners import margin_over_range
 from avc_casadi.model.gains import GainSchedule, Status
 from avc_casadi.paper.loop import loop_at

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.json_values import plain
-from avc_casadi.claims.passivity.engine_port import engine_port
+from avc_casadi.claims.engine_port import engine_port
 from avc_casadi.design.virtual_tool import ToolSearch
 from avc_casadi.loops.engine import required_tool
 

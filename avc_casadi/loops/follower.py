@@ -20,8 +20,7 @@ import numpy as np
 from avc_casadi._errors import InputError
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi.loops.loop import Body, Loop, Map, Rows, period, response, turn_of
-from avc_casadi.loops.ranges import Box, Ranges, hand_at, hand_boxes, held_plant
-from avc_casadi.loops.system import Pattern, Region, System
+from avc_casadi.loops.system import Box, Pattern, Ranges, Region, System, hand_at, hand_boxes, held_plant
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners, device_ranges, linear_values
 from avc_casadi.model.ends import Follower, ToolGains
 from avc_casadi.model.hands import Hand, hand_corners, with_released

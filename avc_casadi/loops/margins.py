@@ -17,9 +17,8 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray, IndexArray
-from avc_casadi.loops.brackets import lowest, root
 from avc_casadi.loops.loop import Body
-from avc_casadi.loops.spectrum import eigenvalues
+from avc_casadi.loops.spectrum import eigenvalues, lowest, root
 from avc_casadi.loops.wall import Rendering, closed, force_over_position, frozen_rendering
 from avc_casadi.model.hands import hand_corners, with_released
 from avc_casadi.model.plant import sampled_plant

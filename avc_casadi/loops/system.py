@@ -3,25 +3,241 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from itertools import product
-from typing import Any, Protocol, Self
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, fields
+from itertools import combinations, product
+from typing import TYPE_CHECKING, Any, Protocol, Self
 
 import numpy as np
 
 from avc_casadi._util.arrays import ComplexArray, FloatArray, IndexArray
 from avc_casadi.loops.loop import Map
-from avc_casadi.loops.ranges import Box, worst_point
 from avc_casadi.loops.spectrum import eigenvalues, leading_radii
+from avc_casadi.model.corners import LINEAR_KEYS, device_ranges, devices_with
 from avc_casadi.model.ends import ToolGains
+from avc_casadi.model.hands import Hand, hand_ranges
+from avc_casadi.model.plant import sampled_plant
+
+if TYPE_CHECKING:
+    from avc_casadi.model.device import Device
+    from avc_casadi.model.plant import SampledPlant
+    from avc_casadi.model.problem import Problem
+
+
+Leading = Callable[[IndexArray, FloatArray], ComplexArray]
+"""The eigenvalue of largest modulus of each of m loops, by row (m,) and place in the unit box (sides, m)."""
+
+_ROUNDS, _SWEEPS = 12, 15
+
+# An ascent ends below this gain, step or reach, steps and reach as shares of the box.
+_GAINED, _STILL, _SHORTEST = 1e-10, 1e-4, 3e-3
+
+_REACH, _SHRINK = 0.2, 0.45
+
+# Boxes of more sides have drawn corners. Points drawn inside for each side, starts of lines and of ascents, points of a
+# line, how far starts lie apart: maxima near a resonance of tool, contact or device are narrow.
+_MOST_SIDES, _DRAWN, _LINES, _ASCENTS, _POINTS, _APART = 6, 40, 6, 5, 15, 0.25
+
+# A range that spans more than this factor is searched by its logarithm.
+_WIDE = 3.0
+
+Interval = tuple[float, float]
+
+Ranges = dict[str, Interval]
+"""[lowest, highest] by name."""
+
+_HAND = tuple(f"hand.{item.name}" for item in fields(Hand))
+
+
+@dataclass(frozen=True)
+class Box:
+    """Ranges as a unit box; a range of one value is no side of it."""
+
+    ranges: Ranges
+
+    @property
+    def sides(self) -> tuple[str, ...]:
+        """Names of the ranges of more than one value."""
+        return tuple(name for name, (low, high) in self.ranges.items() if high > low)
+
+    def values(self, places: FloatArray) -> dict[str, FloatArray]:
+        """Return the values at places (sides, m), each of shape (m,)."""
+        shares = dict(zip(self.sides, places, strict=True))
+        found = {}
+        for name, (low, high) in self.ranges.items():
+            share = shares.get(name)
+            if share is None:
+                found[name] = np.full(places.shape[1], low)
+                continue
+            wide = low > 0 and high > _WIDE * low
+            inside = low * (high / low) ** share if wide else low + (high - low) * share
+            found[name] = np.clip(inside, low, high)
+        return found
+
+
+def worst_point(leading: Leading, sides: int) -> tuple[FloatArray, complex]:
+    """Return the place (sides,) of a unit box with the largest modulus, and the eigenvalue there."""
+    drawn = np.random.default_rng(1).random((sides, _DRAWN * sides))
+    places = np.concatenate([_corners(sides), drawn], axis=1)
+    values = leading(np.zeros(places.shape[1], dtype=np.intp), places)
+    if not sides:
+        return places[:, 0], complex(values[0])
+    for _ in range(2):
+        lines = np.concatenate([_lines(places[:, at]) for at in _far_apart(np.abs(values), places, _LINES)], axis=1)
+        places = np.concatenate([places, lines], axis=1)
+        values = np.concatenate([values, leading(np.zeros(lines.shape[1], dtype=np.intp), lines)])
+    starts = _far_apart(np.abs(values), places, _ASCENTS)
+    tops, ends = ascend(leading, np.zeros(len(starts), dtype=np.intp), places[:, starts])
+    best = int(np.abs(ends).argmax())
+    return tops[:, best], complex(ends[best])
+
+
+def hand_boxes(problem: Problem) -> list[Ranges]:
+    """Return the ranges of a hand by key, such as ``hand.mass_kg``, and those of none where the device has a mass."""
+    low, high = hand_ranges(problem.hands).T.tolist()
+    held = dict(zip(_HAND, zip(low, high, strict=True), strict=True))
+    return [held, dict.fromkeys(_HAND, (0.0, 0.0))] if problem.device.mass_kg else [held]
+
+
+def hand_at(values: Mapping[str, FloatArray], place: int) -> dict[str, float]:
+    """Return one of m hands by name, from values as of `Box.values`."""
+    return {key.removeprefix("hand."): float(values[key][place]) for key in _HAND}
+
+
+def held_plant(device: Device, values: Mapping[str, FloatArray]) -> tuple[list[Device], SampledPlant]:
+    """Return m devices of the declared ranges, each in its own hand, from values as of `Box.values`."""
+    hands = [values[key] for key in _HAND]
+    ranges = device_ranges(device, LINEAR_KEYS)
+    if not ranges:
+        return [device] * len(hands[0]), sampled_plant(device, Hand(*hands))
+    devices = devices_with(device, {key: values[key] for key in ranges})
+    return devices, sampled_plant(devices, [Hand(*row) for row in np.array(hands).T.tolist()])
+
+
+def worst_held(
+    device: Device,
+    hand: Ranges,
+    leading: Callable[[SampledPlant, Mapping[str, FloatArray]], ComplexArray],
+    **more: Interval,
+) -> tuple[complex, dict[str, float], Device, dict[str, FloatArray]]:
+    """Return the largest eigenvalue over a hand's and a device's ranges: its hand, its device and all its values."""
+    box = Box({**hand, **device_ranges(device, LINEAR_KEYS), **more})
+
+    def of_places(_: IndexArray, places: FloatArray) -> ComplexArray:
+        values = box.values(places)
+        return leading(held_plant(device, values)[1], values)
+
+    place, value = worst_point(of_places, len(box.sides))
+    found = box.values(place[:, None])
+    return value, hand_at(found, 0), held_plant(device, found)[0][0], found
+
+
+def _corners(sides: int) -> FloatArray:
+    if sides <= _MOST_SIDES:
+        return np.array(list(product((0.0, 1.0), repeat=sides))).reshape(2**sides, sides).T
+    return np.random.default_rng(0).integers(0, 2, (sides, 2**_MOST_SIDES)).astype(np.float64)
+
+
+def _lines(place: FloatArray) -> FloatArray:
+    """Return points along each side of the box through a place (sides,)."""
+    lines = np.repeat(place[:, None], len(place) * _POINTS, axis=1)
+    for side in range(len(place)):
+        lines[side, side * _POINTS : (side + 1) * _POINTS] = np.linspace(0.0, 1.0, _POINTS)
+    return lines
+
+
+def _far_apart(values: FloatArray, places: FloatArray, count: int) -> list[int]:
+    """Return where the largest values are that lie apart, the largest first."""
+    chosen: list[int] = []
+    left = np.where(np.isnan(values), -np.inf, values)
+    while len(chosen) < count and np.isfinite(left).any():
+        worst = int(left.argmax())
+        chosen.append(worst)
+        left = np.where(np.abs(places - places[:, [worst]]).max(axis=0) < _APART, -np.inf, left)
+    return chosen or [0]
+
+
+def ascend(leading: Leading, rows: IndexArray, places: FloatArray) -> tuple[FloatArray, ComplexArray]:
+    """Ascend the modulus of each row from its place (sides, m); return the last places and their eigenvalues."""
+    at, reach = places.copy(), np.full(len(rows), _REACH)
+    top = leading(rows, at)
+    going = np.arange(len(rows))
+    for _ in range(_ROUNDS):
+        here, near, best = at[:, going], reach[going], top[going]
+        probes = np.clip(here + _moves(here, near), 0.0, 1.0)
+        values = _at(leading, rows[going], probes)
+        ends = -np.minimum(here, 2 * near), np.minimum(1 - here, 2 * near)
+        guess = here + _model_top(probes - here, np.abs(values) - np.abs(best), *ends)
+        value = _at(leading, rows[going], guess[None])
+        probes = np.concatenate([here[None], probes, guess[None]])
+        values = np.concatenate([best[None], values, value])
+        chosen, pick = np.abs(values).argmax(axis=0), np.arange(len(going))
+        at[:, going], top[going] = probes[chosen, :, pick].T, values[chosen, pick]
+        moved = np.abs(at[:, going] - here).max(axis=0)
+        reach[going] = np.where(moved < near, near * _SHRINK, near)
+        gained = (np.abs(top[going]) > np.abs(best) + _GAINED) & (moved > _STILL)
+        going = going[gained | (reach[going] > _SHORTEST)]
+        if not going.size:
+            break
+    return at, top
+
+
+def _at(leading: Leading, rows: IndexArray, places: FloatArray) -> ComplexArray:
+    """Return the eigenvalues at p places for each row, (p, sides, m), as (p, m)."""
+    flat = places.transpose(1, 0, 2).reshape(places.shape[1], -1)
+    return leading(np.tile(rows, len(places)), flat).reshape(-1, len(rows))
+
+
+def _moves(at: FloatArray, reach: FloatArray) -> FloatArray:
+    """Return probes both ways along each side of the box, then inwards along two sides at once, (p, sides, m)."""
+    sides = len(at)
+    inner = np.where(at <= 0.5, reach, -reach)
+    moves = [move for i in range(sides) for move in (_only(inner, i), _only(-inner, i))]
+    return np.array([*moves, *(_only(inner, i) + _only(inner, j) for i, j in combinations(range(sides), 2))])
+
+
+def _only(move: FloatArray, side: int) -> FloatArray:
+    one = np.zeros_like(move)
+    one[side] = move[side]
+    return one
+
+
+def _model_top(moves: FloatArray, gains: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
+    """Return the step (sides, m) to the maximum of the quadratic through the probes, between two bounds."""
+    sides, m = moves.shape[1:]
+    slope, bend = np.zeros((sides, m)), np.zeros((sides, sides, m))
+    for i in range(sides):
+        d, e = moves[2 * i, i], moves[2 * i + 1, i]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            one, other = gains[2 * i] / d, gains[2 * i + 1] / e
+            both = (d != 0) & (e != 0)
+            bend[i, i] = np.where(both, 2 * (one - other) / (d - e), 0.0)
+            slope[i] = np.where(both, one - 0.5 * bend[i, i] * d, np.where(d != 0, one, 0.0))
+    for number, (i, j) in enumerate(combinations(range(sides), 2)):
+        d, e = moves[2 * i, i], moves[2 * j, j]
+        cross = gains[2 * sides + number] - gains[2 * i] - gains[2 * j]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            bend[i, j] = bend[j, i] = np.where((d != 0) & (e != 0), cross / (d * e), 0.0)
+    slope, bend = (np.where(np.isfinite(values), values, 0.0) for values in (slope, bend))
+    step = np.zeros((sides, m))
+    for _ in range(_SWEEPS):
+        for i in range(sides):
+            rise = slope[i] + (bend[i] * step).sum(axis=0) - bend[i, i] * step[i]
+            curved = bend[i, i] < 0
+            top = np.where(curved, -rise / np.where(curved, bend[i, i], 1.0), np.where(rise > 0, np.inf, -np.inf))
+            step[i] = np.clip(np.where(~curved & (rise == 0), 0.0, top), low[i], high[i])
+    return step
+
 
 # Eigenvalues of these matrices are right to about 1e-12; slower decay than this is indistinguishable from none.
 TOLERANCE = 1e-9
+
 # Products of maps beyond this overflow, or soon do: their loops count as unstable.
 _OVERFLOWING = 1e60
+
 # Eigenvalues this small are deadbeat; oscillations slower than this are drift.
 _DEAD, _DRIFT_HZ, _SLOW_HZ = 1e-6, 0.1, 2.0
+
 # Growth of loops with different patterns is compared over this time.
 UNIT_S = 1e-3
 

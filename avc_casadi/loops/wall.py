@@ -9,24 +9,124 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from avc_casadi._errors import UnsupportedError
-from avc_casadi._util.arrays import ComplexArray, FloatArray, IndexArray
+from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray, IndexArray
 from avc_casadi._util.progress import SILENT, Progress, chunks
 from avc_casadi.loops.loop import Body, Loop, Map
-from avc_casadi.loops.sampled_loop import Fractions, SampledLoop, Values, fractions
 from avc_casadi.loops.spectrum import largest_eigenvalue
+from avc_casadi.model.corners import device_corners
+from avc_casadi.model.device import whole_delay
 from avc_casadi.model.hands import Hand, StylusHand
 from avc_casadi.model.plant import SampledPlant, sampled_plant
 from avc_casadi.paper.rendered import force_behind
 
 if TYPE_CHECKING:
     from avc_casadi.model.device import Device
-    from avc_casadi.model.problem import Problem
+    from avc_casadi.model.problem import Model, Problem
     from avc_casadi.model.runtime import StateFeedback
+
+
+def passive_limit_n_per_m(device: Device) -> float:
+    """Return 2 b_d/((1 + d) T): no passive linear time-invariant rendering has a larger DC stiffness."""
+    # F(z) = b_d + z^-(1+d) Z(z) is positive real; the d coefficients of its expansion in 1/z after b_d vanish, so that
+    # of its measure, b_d in all, z = 1 carries b_d/(1 + d) at most, and that is half the residue K T.
+    if device.amplifier_bandwidth_hz is not None or device.resonance is not None:
+        return float("nan")
+    corners = device_corners(device, ("damping_ns_per_m", "delay_samples"))
+    if any(corner.delay_samples != int(corner.delay_samples) for corner in corners):
+        return float("nan")
+    return min(2 * corner.damping_ns_per_m / ((1 + corner.delay_samples) * corner.sample_time_s) for corner in corners)
+
+
+Values = float | FloatArray
+
+# Gains beyond this equal a rigid coupling in double precision, whatever the wall.
+RIGID = 1e40
+
+
+@dataclass(frozen=True)
+class SampledLoop:
+    """Parameters of the conditions; device and environment values may be arrays."""
+
+    device_damping_ns_per_m: Values
+    environment_damping_ns_per_m: Values
+    environment_stiffness_n_per_m: Values
+    sample_time_s: float
+    delay_samples: float
+    model: Model
+
+    @classmethod
+    def of(cls, problem: Problem, model: Model | None = None) -> SampledLoop:
+        """Return the loop of a problem, in its own model or in a given one."""
+        return cls(
+            problem.device.damping_ns_per_m,
+            problem.environment.damping_ns_per_m,
+            problem.environment.stiffness_n_per_m,
+            problem.device.sample_time_s,
+            problem.device.delay_samples,
+            model or problem.stability.model,
+        )
+
+    def whole_delay(self, what: str) -> int:
+        """Return the delay for `what`, which covers whole samples only."""
+        return whole_delay(self.delay_samples, what)
+
+    @property
+    def nyquist_hz(self) -> float:
+        """Half the sampling frequency."""
+        return 0.5 / self.sample_time_s
+
+
+@dataclass(frozen=True)
+class Fractions:
+    """Z_eavc = g + r w/(1 - w) + c w/(1 - rho w); arrays that broadcast together."""
+
+    direct: FloatArray
+    integral: FloatArray
+    decaying: FloatArray
+    pole: FloatArray
+    pole_gap: FloatArray
+    stable: BoolArray
+
+    def pick(self, index: Any) -> Fractions:
+        """Index every array alike: some rows, or a new axis."""
+        return Fractions(*(values[index] for values in vars(self).values()))
+
+
+def fractions(loop: SampledLoop, damping_ns_per_m: Values, stiffness_n_per_m: Values) -> Fractions:
+    """Return the partial fractions of coupling and environment in series."""
+    t = loop.sample_time_s
+    wall = loop.environment_damping_ns_per_m, loop.environment_stiffness_n_per_m
+    given = (np.asarray(value, dtype=np.float64) for value in (damping_ns_per_m, stiffness_n_per_m, *wall))
+    b, k, b_e, k_e = np.broadcast_arrays(*given)
+    rigid = (b > RIGID) | (k > RIGID)
+    b, k = (np.where(rigid, 1.0, np.maximum(gain, -RIGID)) for gain in (b, k))
+    kt, ket = k * t, k_e * t
+    lead_e = b_e + ket if loop.model == "sampled-data" else b_e + ket / 2
+    cross = kt * b_e - b * ket - (kt * ket / 2 if loop.model == "paper" else 0.0)
+    total, spring = b + kt + lead_e, kt + ket
+    plain = (total != 0) & (spring != 0)
+    total_or_1, spring_or_1 = np.where(total != 0, total, 1.0), np.where(spring != 0, spring, 1.0)
+    direct = np.where(total != 0, (b + kt) * (lead_e / total_or_1), 0.0)
+    integral = np.where(spring != 0, kt * (ket / spring_or_1), 0.0)
+    decaying = np.where(plain, (cross / total_or_1) ** 2 / spring_or_1, 0.0)
+    # A pole without residue is no pole; 0 excludes it from every test.
+    real_pole = (decaying != 0) & ~rigid
+    gap = np.where(real_pole, spring / total_or_1, 1.0)
+    double = (spring == 0) & (kt != 0)
+    improper = (total == 0) & ((b != 0) | (kt != 0) | (lead_e != 0))
+    return Fractions(
+        direct=np.where(rigid, lead_e, direct),
+        integral=np.where(rigid, ket, integral),
+        decaying=np.where(real_pole, decaying, 0.0),
+        pole=1.0 - gap,
+        pole_gap=gap,
+        stable=rigid | ((gap > 0) & (gap < 2) & ~double & ~improper),
+    )
 
 
 def rigid(device: Device) -> bool:
@@ -61,8 +161,10 @@ def fraction_rendering(parts: Fractions, contact_damping_ns_per_m: FloatArray, s
 
 # Takes seconds for a table of 200 rows and 32 hands.
 MAX_DELAY_SAMPLES = 32
+
 # Eigenvalues of these matrices are right to about 1e-12; slower decay than this is indistinguishable from none.
 RADIUS_TOLERANCE = 1e-10
+
 _NUMBERS_AT_ONCE = 4_000_000
 
 

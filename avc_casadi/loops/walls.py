@@ -22,9 +22,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray, IndexArray
-from avc_casadi.loops.brackets import lowest, root
 from avc_casadi.loops.loop import Body, Map
-from avc_casadi.loops.spectrum import eigenvalues, largest_radius
+from avc_casadi.loops.spectrum import eigenvalues, largest_radius, lowest, root
 from avc_casadi.loops.wall import Rendering, plants_of, wall
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners
 from avc_casadi.model.hands import Hand

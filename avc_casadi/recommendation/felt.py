@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from avc_casadi.claims.passivity.rendered_impedance import Excitation, Handle, below_quarter_rate
+from avc_casadi.claims.impedance import Excitation, Handle, below_quarter_rate
 from avc_casadi.loops.engine import Engine, clocks, required_tool
 from avc_casadi.loops.follower import Link, Touch, link_clocks
 from avc_casadi.loops.loop import Body

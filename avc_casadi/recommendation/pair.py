@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi._util.text import quantity
-from avc_casadi.claims.passivity.teleoperator import Teleoperator, damping_needed_ns_per_m, passivity_margin
+from avc_casadi.claims.llewellyn import Teleoperator, damping_needed_ns_per_m, passivity_margin
 from avc_casadi.coupling import Coupling
 from avc_casadi.design.tool_certificate import tool_certificate
 from avc_casadi.design.virtual_tool import CouplingSearch, Scale, ToolSearch, ToolSearchOptions

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from avc_casadi.claims.detent import detent_verdict
-from avc_casadi.claims.passivity.rendered_impedance import PRESS_N
+from avc_casadi.claims.deployable import detent_verdict
+from avc_casadi.claims.impedance import PRESS_N
 from avc_casadi.files.plausibility import plausibility
 from avc_casadi.files.problem_file import BELOW_NYQUIST
 from avc_casadi.loops.wall import MAX_DELAY_SAMPLES

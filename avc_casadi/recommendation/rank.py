@@ -10,9 +10,8 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from avc_casadi.claims.passivity.rendered_impedance import Handle, below_quarter_rate
-from avc_casadi.claims.passivity.worst_port import impedance_at_handle
-from avc_casadi.claims.proof_levels import promises_rest
+from avc_casadi.claims.certify import promises_rest
+from avc_casadi.claims.impedance import Handle, below_quarter_rate, impedance_at_handle
 from avc_casadi.loops.margins import transients
 from avc_casadi.loops.wall import force_over_position, frozen_rendering
 from avc_casadi.recommendation.felt import rebound

@@ -12,8 +12,8 @@ from avc_casadi._errors import InputError
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.parallel import Crew
 from avc_casadi._util.progress import SILENT, Progress
+from avc_casadi.claims.certify import quick_rest_level
 from avc_casadi.claims.deployable import certified, deployable
-from avc_casadi.claims.proof_levels import quick_rest_level
 from avc_casadi.coupling import Coupling
 from avc_casadi.files.problem_file import AnyProblem, as_problem, of_problem, with_wall
 from avc_casadi.loops.walls import softest_wall_n_per_m, stiffest_wall

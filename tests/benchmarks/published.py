@@ -21,11 +21,10 @@ from script_arguments import script_arguments
 from studied import about, write_rows
 
 import avc_casadi as avc
-from avc_casadi.claims.passivity.llewellyn import largest_llewellyn_stiffness
-from avc_casadi.claims.passivity.teleoperator import Teleoperator, damping_needed_ns_per_m
+from avc_casadi.claims.llewellyn import Teleoperator, damping_needed_ns_per_m, largest_llewellyn_stiffness
 from avc_casadi.claims.zwidth import passive_walls
 from avc_casadi.loops.engine import ToolLoops
-from avc_casadi.loops.sampled_loop import SampledLoop
+from avc_casadi.loops.wall import SampledLoop
 from avc_casadi.loops.walls import stable_walls
 from avc_casadi.model.device import Device
 from avc_casadi.model.ends import ToolGains

@@ -26,7 +26,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "oracle"))
 from teleoperator_lanes import Lanes, SpringAndDampers
 
 import avc_casadi as avc
-from avc_casadi.claims.passivity.teleoperator import Teleoperator, damping_needed_ns_per_m
+from avc_casadi.claims.llewellyn import Teleoperator, damping_needed_ns_per_m
 from avc_casadi.loops.follower import FollowerLoops
 from avc_casadi.model.ends import ToolGains
 from avc_casadi.recommendation.pair import recommend_bilateral

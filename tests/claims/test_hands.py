@@ -5,8 +5,7 @@ import pytest
 from boxes_of_hands import INSIDE, brute_force, random_gains, random_problem
 
 import avc_casadi as avc
-from avc_casadi.claims.scope import scope_slack
-from avc_casadi.loops.ranges import worst_hands
+from avc_casadi.claims.hands import scope_slack, worst_hands
 from avc_casadi.loops.wall import frozen_parts, linear_stability
 from avc_casadi.model.hands import hand_set
 

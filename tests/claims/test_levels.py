@@ -11,13 +11,12 @@ from schedule_problems import changed, figure5
 
 from avc_casadi import load_problem, parse_problem
 from avc_casadi.claims.certify import certify
-from avc_casadi.claims.passivity.llewellyn import llewellyn_margin
-from avc_casadi.claims.passivity.worst_frequency import worst_margin
-from avc_casadi.claims.scope import scope_slack
+from avc_casadi.claims.hands import scope_slack
+from avc_casadi.claims.llewellyn import llewellyn_margin
+from avc_casadi.claims.worst_frequency import worst_margin
 from avc_casadi.design.methods import solve
 from avc_casadi.design.static import static_coupling
-from avc_casadi.loops.sampled_loop import SampledLoop
-from avc_casadi.loops.wall import frozen_parts, linear_stability
+from avc_casadi.loops.wall import SampledLoop, frozen_parts, linear_stability
 from avc_casadi.model.corners import least_damped
 from avc_casadi.model.gains import Status
 from avc_casadi.model.hands import hand_corners, hand_set

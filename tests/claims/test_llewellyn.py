@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from avc_casadi.claims.passivity.llewellyn import largest_llewellyn_stiffness, llewellyn_margin
-from avc_casadi.loops.sampled_loop import SampledLoop
+from avc_casadi.claims.llewellyn import largest_llewellyn_stiffness, llewellyn_margin
+from avc_casadi.loops.wall import SampledLoop
 
 T = 1e-3
 

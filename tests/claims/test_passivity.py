@@ -7,13 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.linalg import eig
 
-from avc_casadi.claims.passivity.worst_frequency import worst_margin
-from avc_casadi.loops.sampled_loop import (
-    SampledLoop,
-    fractions,
-    real_part,
-    size_of_terms,
-)
+from avc_casadi.claims.worst_frequency import real_part, size_of_terms, worst_margin
+from avc_casadi.loops.wall import SampledLoop, fractions
 from avc_casadi.paper.equations import (
     SampleAngle,
     coupling_impedance,

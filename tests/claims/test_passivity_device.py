@@ -10,10 +10,8 @@ from declared_device import MODE, lowest_eigenvalue, port_equations, random_devi
 
 import avc_casadi as avc
 from avc_casadi.claims.certify import certify
-from avc_casadi.claims.passivity.handle_port import handle_port
-from avc_casadi.claims.passivity.worst_port import CouplingSlack, RenderingSlack, port_worst
-from avc_casadi.loops.sampled_loop import SampledLoop, fractions
-from avc_casadi.loops.wall import linear_stability
+from avc_casadi.claims.port import CouplingSlack, RenderingSlack, handle_port, port_worst
+from avc_casadi.loops.wall import SampledLoop, fractions, linear_stability
 from avc_casadi.model.corners import device_corners
 from avc_casadi.model.device import Device
 from avc_casadi.model.gains import Status

@@ -8,7 +8,7 @@ from engine_simulator import EngineSimulator
 from scipy.linalg import expm
 
 import avc_casadi as avc
-from avc_casadi.claims.passivity.engine_port import engine_port as judge_port
+from avc_casadi.claims.engine_port import engine_port as judge_port
 from avc_casadi.model.ends import ToolGains
 from avc_casadi.model.hands import hand_corners
 

@@ -8,11 +8,10 @@ from declared_device import MODE, growth, lowest_eigenvalue
 
 import avc_casadi as avc
 from avc_casadi import parse_problem
-from avc_casadi.claims.passivity.worst_frequency import worst_margin
+from avc_casadi.claims.worst_frequency import worst_margin
 from avc_casadi.claims.zwidth import rendered_wall, zwidth
 from avc_casadi.design.methods import solve
-from avc_casadi.loops.sampled_loop import SampledLoop, fractions
-from avc_casadi.loops.wall import linear_stability
+from avc_casadi.loops.wall import SampledLoop, fractions, linear_stability
 from avc_casadi.model.corners import device_corners
 from avc_casadi.model.hands import hand_corners, no_hand
 from avc_casadi.paper.loop import loop_at

@@ -11,7 +11,7 @@ from schedule_problems import changed, figure5
 
 from avc_casadi import solve
 from avc_casadi.claims.certify import certify
-from avc_casadi.claims.scope import scope_slack
+from avc_casadi.claims.hands import scope_slack
 from avc_casadi.design.schedule.dynamic_programme import cheapest_path
 from avc_casadi.design.schedule.hands import hands_slack
 from avc_casadi.design.schedule.programme import Programme

@@ -6,14 +6,13 @@ from scene_reference import scene_problem
 
 from avc_casadi import parse_problem
 from avc_casadi.claims.certify import certify
-from avc_casadi.claims.passivity.llewellyn import largest_llewellyn_stiffness, llewellyn_margin
-from avc_casadi.claims.passivity.worst_frequency import worst_margin
+from avc_casadi.claims.llewellyn import largest_llewellyn_stiffness, llewellyn_margin
+from avc_casadi.claims.worst_frequency import worst_margin
 from avc_casadi.design.methods import solve
 from avc_casadi.design.static import static_coupling
 from avc_casadi.design.tuned import tune_static
 from avc_casadi.files.problem_file import load_problem
-from avc_casadi.loops.sampled_loop import SampledLoop
-from avc_casadi.loops.wall import frozen_parts, linear_stability
+from avc_casadi.loops.wall import SampledLoop, frozen_parts, linear_stability
 from avc_casadi.model.gains import Gains
 from avc_casadi.model.hands import Hand, hand_set
 from avc_casadi.model.problem import Frequency

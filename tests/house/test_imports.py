@@ -17,7 +17,6 @@ ROOMS = (
     "coupling",
     "loops",
     "files",
-    "claims.passivity",
     "claims.prove",
     "claims",
     "simulation.runtime",

@@ -10,7 +10,7 @@ from teleoperator_lanes import Lanes, SpringAndDampers
 from teleoperator_simulator import run
 
 import avc_casadi as avc
-from avc_casadi.claims.passivity.teleoperator import Teleoperator, damping_needed_ns_per_m, passivity_margin
+from avc_casadi.claims.llewellyn import Teleoperator, damping_needed_ns_per_m, passivity_margin
 from avc_casadi.loops.follower import FollowerLoops, Link, Touch, link_clocks
 from avc_casadi.loops.loop import Body
 from avc_casadi.model.ends import ToolGains

@@ -6,8 +6,9 @@ from scipy.linalg import expm
 
 from avc_casadi import parse_problem
 from avc_casadi.loops.loop import Body
-from avc_casadi.loops.sampled_loop import SampledLoop, fractions
 from avc_casadi.loops.wall import (
+    SampledLoop,
+    fractions,
     frozen_parts,
     linear_stability,
     plants_of,

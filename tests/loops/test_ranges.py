@@ -17,7 +17,7 @@ from avc_casadi.claims.hands import every_hand, released_radius
 from avc_casadi.design.virtual_tool import CouplingSearch, Scale, ToolSearch
 from avc_casadi.loops.engine import ToolLoops
 from avc_casadi.loops.follower import FollowerLoops, link_clocks
-from avc_casadi.loops.ranges import worst_point
+from avc_casadi.loops.system import worst_point
 from avc_casadi.loops.wall import frozen_parts
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners, device_set, device_with, linear_values
 from avc_casadi.model.device import Device

@@ -9,7 +9,7 @@ import pytest
 from schedule_problems import figure5
 
 from avc_casadi import solve
-from avc_casadi.claims.scope import scope_slack
+from avc_casadi.claims.hands import scope_slack
 from avc_casadi.model.gains import GainSchedule
 from avc_casadi.model.problem import Problem
 from avc_casadi.paper.loop import Loop, loop_at

@@ -8,8 +8,7 @@ from boxes_of_hands import brute_force
 from hardware_bench import believer
 
 import avc_casadi as avc
-from avc_casadi.claims.certify import certify
-from avc_casadi.claims.proof_levels import quickly_proved
+from avc_casadi.claims.certify import certify, quickly_proved
 from avc_casadi.claims.prove.held_device import HAND
 from avc_casadi.claims.prove.law import ContactLaw
 from avc_casadi.claims.prove.rest import Rest, prove_rest

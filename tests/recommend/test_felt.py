@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 import avc_casadi as avc
-from avc_casadi.claims.passivity.rendered_impedance import Excitation, wall_over_position
+from avc_casadi.claims.impedance import Excitation, wall_over_position
 from avc_casadi.coupling import Coupling
 from avc_casadi.design.observer_law import regulator
 from avc_casadi.loops.margins import SETTLED, transients

@@ -20,7 +20,7 @@ from avc_casadi.design.methods import solve
 from avc_casadi.design.registry import METHODS, MethodName
 from avc_casadi.files.coupling_file import gain_document
 from avc_casadi.files.problem_file import AnyProblem, of_problem, with_wall
-from avc_casadi.loops.sampled_loop import passive_limit_n_per_m
+from avc_casadi.loops.wall import passive_limit_n_per_m
 from avc_casadi.model.gains import GainSchedule, Status
 from avc_casadi.paper.closed_form import project
 from avc_casadi.paper.equations import tustin

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, FloatArray
-from avc_casadi.claims.scope import ScopeSlack, deciding_frequencies_hz, scope_band_hz, scope_slack
+from avc_casadi.claims.hands import ScopeSlack, deciding_frequencies_hz, scope_band_hz, scope_slack
 from avc_casadi.model.corners import corner_problems, least_damped
 from avc_casadi.model.problem import Problem
 from avc_casadi.paper.loop import Loop, loop_at

@@ -14,7 +14,7 @@ from avc_casadi.coupling import Coupling
 from avc_casadi.design.comparison.comparison import Comparison
 from avc_casadi.design.scene_coupling import facts_of
 from avc_casadi.files.coupling_file import gain_document
-from avc_casadi.loops.sampled_loop import passive_limit_n_per_m
+from avc_casadi.loops.wall import passive_limit_n_per_m
 from avc_casadi.model.gains import GainSchedule
 from avc_casadi.paper.errata import PAPER_ERRORS
 from avc_casadi.paper.realism import judge_realism

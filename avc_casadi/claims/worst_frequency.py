@@ -9,17 +9,79 @@ from numpy.polynomial import chebyshev
 
 from avc_casadi._util.arrays import BoolArray, FloatArray, IndexArray
 from avc_casadi._util.progress import SILENT, Progress, chunks
-from avc_casadi.loops.sampled_loop import Fractions, SampledLoop, Values, fractions, real_part, size_of_terms
+from avc_casadi.loops.wall import Fractions, SampledLoop, Values, fractions
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
 
+# Represents the limit of zero frequency: small enough for every term, large enough to divide by.
+_ZERO_TURNS = 1e-150
+
+
+def real_part(
+    loop: SampledLoop, parts: Fractions, contact_damping_ns_per_m: Values, frequency_hz: Values
+) -> FloatArray:
+    """Re Z_h at 0 <= frequency_hz <= Nyquist, N.s/m; at 0 its limit; all arguments broadcast.
+
+    With H = h exp(-j psi): Re Z_h = b_d + h {(g + b_p) cos psi - r sin(psi + phi)/(2 sin phi)
+    + c [(1 - rho) cos psi - 2 sin phi sin(psi + phi)]/[(1 - rho)^2 + 4 rho sin^2 phi]}.
+    """
+    amplitude, terms = _terms(loop, parts, contact_damping_ns_per_m, frequency_hz)
+    return np.asarray(loop.device_damping_ns_per_m + amplitude * sum(terms))
+
+
+def size_of_terms(
+    loop: SampledLoop, parts: Fractions, contact_damping_ns_per_m: Values, frequency_hz: Values | None = None
+) -> FloatArray:
+    """Sum of the magnitudes of the terms of Re Z_h, N.s/m: rounding errors are a multiple of it."""
+    if frequency_hz is not None:
+        amplitude, terms = _terms(loop, parts, contact_damping_ns_per_m, frequency_hz)
+        return np.asarray(loop.device_damping_ns_per_m + amplitude * sum(np.abs(term) for term in terms))
+    reach = loop.delay_samples + 1.5
+    decay = np.abs(parts.decaying) / np.maximum(np.abs(parts.pole_gap), np.finfo(np.float64).tiny)
+    steady = np.abs(parts.direct) + np.abs(contact_damping_ns_per_m) + reach * np.abs(parts.integral)
+    return np.asarray(loop.device_damping_ns_per_m + steady + decay)
+
+
+def _terms(
+    loop: SampledLoop, parts: Fractions, contact: Values, frequency_hz: Values
+) -> tuple[FloatArray, tuple[FloatArray, ...]]:
+    """Return h and the terms of Re Z_h in the braces of `real_part`, those of opposite sign separate."""
+    turns = np.maximum(np.asarray(frequency_hz, dtype=np.float64) * loop.sample_time_s, _ZERO_TURNS)
+    sine, cosine = np.sin(np.pi * turns), np.sin(np.pi * (0.5 - turns))
+    half_turns = 2 * loop.delay_samples + (1 if loop.model == "paper" else 2)
+    amplitude = cosine if loop.model == "paper" else np.ones_like(cosine)
+    cos_psi = _cos_half_turns(half_turns, turns)
+    sin_next = np.sin(np.pi * (half_turns + 1) * turns)
+    distance2 = parts.pole_gap**2 + 4 * parts.pole * sine**2
+    decaying = parts.decaying / np.where(distance2 == 0, np.finfo(np.float64).tiny, distance2)
+    return amplitude, (
+        parts.direct * cos_psi,
+        contact * cos_psi,
+        -parts.integral * (sin_next / (2 * sine)),
+        decaying * parts.pole_gap * cos_psi,
+        -decaying * (2 * sine * sin_next),
+    )
+
+
+def _cos_half_turns(count: float, turns: FloatArray) -> FloatArray:
+    """cos(count phi), accurate at its zero at Nyquist where ``count`` is odd."""
+    if count % 2 == 1:
+        sign = 1.0 if count % 4 == 1 else -1.0
+        return np.asarray(sign * np.sin(np.pi * count * (0.5 - turns)))
+    return np.asarray(np.cos(np.pi * count * turns))
+
+
 _EPS = float(np.finfo(np.float64).eps)
+
 _GOLDEN = (5**0.5 - 1) / 2
+
 # Reduces the bracket to 2e-7, so that the value, flat there, is right to 4e-14 of its change over the bracket.
 _STEPS = 32
+
 _MINIMA = 6
+
 # Eigenvalues cost the cube of the degree.
 _MOST_ROOTS = 64
 
@@ -161,8 +223,10 @@ def _fit(rows: FloatArray, degree: int) -> FloatArray:
 
 
 _NUMBERS_AT_ONCE = 400_000
+
 # Relative to the terms of the sum: rounding of gains given in double precision and of the evaluation.
 RELATIVE_TOLERANCE = 1e-12
+
 _EQUAL = 1e-15
 
 

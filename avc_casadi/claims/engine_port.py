@@ -25,12 +25,12 @@ import numpy as np
 
 from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.arrays import ComplexArray, FloatArray
-from avc_casadi.claims.passivity.llewellyn import llewellyn_margin
+from avc_casadi.claims.llewellyn import llewellyn_margin
 from avc_casadi.loops.engine import Clock, Engine, clocks
 from avc_casadi.loops.loop import Body
-from avc_casadi.loops.sampled_loop import SampledLoop
 from avc_casadi.loops.spectrum import largest_radius
 from avc_casadi.loops.system import TOLERANCE
+from avc_casadi.loops.wall import SampledLoop
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners
 from avc_casadi.model.ends import ToolState
 from avc_casadi.model.hands import hand_corners, with_released

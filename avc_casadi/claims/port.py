@@ -1,54 +1,171 @@
-"""Passivity of frozen renderings on the device as declared, over all frequencies up to Nyquist."""
+"""The port between hand and device as declared, with a sampled rendering behind it.
+
+The hand moves at all frequencies omega_n = omega + n omega_s at once, which the sampler aliases. With
+
+    tau = Z_r/(Z_1 + Z_r)     motor velocity over handle velocity; Z_1 = m_1 s + b_d, Z_r = k_r/s + c_r; rigid: 1
+    Y = 1/(Z_1 + Z_r)         motor admittance, the handle held (0 where the encoder sits at the handle, or rigid)
+    R = b_d |tau|^2 + c_r |1 - tau|^2     real part of the impedance of the device alone
+    A, e                      amplifier, exp(-j omega_n delay)
+    kappa_n = (sin(omega T/2)/(omega_n T/2))^2     hold and sampler; their sum over n is 1
+    W = (Z_eavc + b_p)/z      the rendering
+
+the impedance at the port is a diagonal matrix over n and one of rank 1. The Hermitian part of such a matrix is not
+negative, by the two eigenvalues that may be, if and only if
+
+    |1 + W X| >= |W| U,    X = sum kappa A e (Y + tau t/(2R)),
+                           U^2 = sum kappa |A|^2 |tau|^2/(2R) sum kappa |t|^2/(2R),
+
+t being tau, or 1 for an encoder at the handle. That is passivity of the sampled system at all these frequencies
+together, and so stability with any passive hand, given that it is stable with one. For a rigid device with an ideal
+amplifier and d samples of delay X = z^-d/(2 b_d), U = 1/(2 b_d), and the condition is that of Colgate and Schenkel
+(1997): b_d + Re(z^-d W) >= 0.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray, IndexArray
 from avc_casadi._util.progress import SILENT, Progress
-from avc_casadi.claims.passivity.handle_port import HandlePort, handle_port, least_loss_ns_per_m, response
-from avc_casadi.claims.passivity.worst_frequency import lowest_of, refine_minima
-from avc_casadi.loops.brackets import lowest
-from avc_casadi.loops.sampled_loop import RIGID
+from avc_casadi.claims.impedance import Mechanics, PortWorst, wave
+from avc_casadi.loops.spectrum import lowest
+from avc_casadi.loops.wall import RIGID
 from avc_casadi.model.hands import Hand
 
 if TYPE_CHECKING:
-    from avc_casadi.loops.sampled_loop import Fractions
+    from avc_casadi.loops.wall import Fractions
     from avc_casadi.model.device import Device
-    from avc_casadi.model.problem import Model
+
+
+_ALIASES = 40
+
+# A fraction of a sample leaves an oscillating tail, which is faded out.
+_ALIASES_OF_A_FRACTION = 400
+
+_TAIL_NODES = 12
+
+_NUMBERS_AT_ONCE = 1_000_000
+
+
+@dataclass(frozen=True)
+class HandlePort:
+    """X, U and U^2 - |X|^2 of a device, each of the shape of the frequencies."""
+
+    turns: FloatArray
+    centre: ComplexArray
+    spread: FloatArray
+    excess: FloatArray
+    damped: BoolArray
+
+
+def handle_port(device: Device, frequency_hz: FloatArray, taken_ns_per_m: FloatArray | float = 0.0) -> HandlePort:
+    """Return the port of a device at frequencies above 0, each with all its aliases."""
+    turns, taken = np.broadcast_arrays(np.asarray(frequency_hz) * device.sample_time_s, taken_ns_per_m)
+    shape, turns, taken = turns.shape, turns.ravel(), taken.ravel()
+    mechanics = Mechanics(device)
+    if mechanics.rigid and device.amplifier_bandwidth_hz is None:
+        parts = [_ideal(device, turns, taken)]
+    else:
+        number, weight, last = _aliases(mechanics)
+        at_once = max(1, _NUMBERS_AT_ONCE // len(number))
+        starts = range(0, len(turns), at_once)
+        parts = [
+            _summed(mechanics, number, weight, last, turns[i : i + at_once], taken[i : i + at_once]) for i in starts
+        ] or [_ideal(device, turns, taken)]
+    centre, spread, excess, damped = (
+        np.concatenate([part[index] for part in parts]).reshape(shape) for index in range(4)
+    )
+    return HandlePort(turns.reshape(shape), centre, spread.real, excess.real, damped.astype(bool))
+
+
+_Part = tuple[ComplexArray, FloatArray, FloatArray, BoolArray]
+
+
+def _ideal(device: Device, turns: FloatArray, taken: FloatArray) -> _Part:
+    """Return the port of a rigid, ideal device: closed sums over aliases, linear in a fraction f of a sample."""
+    left = device.damping_ns_per_m - taken
+    damped = left > 0
+    half = np.where(damped, 0.5 / np.where(damped, left, 1.0), 0.0)
+    whole = int(device.delay_samples)
+    late = device.delay_samples - whole
+    centre = half * (1 - late + late * np.exp(-2j * np.pi * turns)) * np.exp(-2j * np.pi * whole * turns)
+    return centre, half, half**2 * 4 * late * (1 - late) * np.sin(np.pi * turns) ** 2, damped
+
+
+def _aliases(mechanics: Mechanics) -> tuple[FloatArray, FloatArray, int]:
+    """Return the indices n, 0 first, their weights, and the last plain one."""
+    least = _ALIASES_OF_A_FRACTION if mechanics.device.delay_samples % 1 else _ALIASES
+    last = max(least, math.ceil(4 * mechanics.fastest_turns))
+    plain = np.arange(1.0, last + 2)
+    plain_weight = np.ones(last + 1)
+    plain_weight[-2:] = 23 / 24, 1 / 24
+    node, share = np.polynomial.legendre.leggauss(_TAIL_NODES)
+    node, share = (node + 1) / 2, share / 2
+    far, far_weight = (last + 0.5) / node, (last + 0.5) * share / node**2
+    number = np.concatenate([[0.0], plain, -plain, far, -far])
+    return number, np.concatenate([[1.0], plain_weight, plain_weight, far_weight, far_weight]), last
+
+
+def _summed(
+    mechanics: Mechanics, number: FloatArray, weight: FloatArray, last: int, turns: FloatArray, taken: FloatArray
+) -> _Part:
+    device = mechanics.device
+    of = turns[:, None] + number
+    s = np.asarray(2j * np.pi * of / device.sample_time_s, dtype=np.complex128)
+    kappa = weight * (np.sin(np.pi * turns)[:, None] / (np.pi * of)) ** 2
+    tau, admittance, loss = mechanics.transmission(s)
+    left = loss - taken[:, None]
+    damped: BoolArray = np.asarray((left > 0).all(axis=1))
+    half = 0.5 / np.where(left > 0, left, 1.0)
+    amplifier = mechanics.amplifier(s)
+    late = device.delay_samples % 1
+    delayed = np.exp(-2j * np.pi * (int(device.delay_samples) * turns[:, None] + late * of))
+    if late:
+        delayed *= np.cos(np.pi / 2 * np.clip(2 * np.abs(number) / last - 1, 0.0, 1.0)) ** 2
+    force_gain = np.abs(amplifier) ** 2
+    if mechanics.at_handle:
+        centre, sent, seen = tau * half, np.abs(tau) ** 2 * half, half
+        own = np.zeros_like(half[:, 0])
+    else:
+        centre = admittance + tau**2 * half
+        sent = seen = np.abs(tau) ** 2 * half
+        own = -(np.abs(admittance[:, 0]) ** 2) - 2 * half[:, 0] * (admittance[:, 0].conj() * tau[:, 0] ** 2).real
+    x, u, v = kappa * amplifier * delayed * centre, kappa * force_gain * sent, kappa * seen
+    x_rest, u_rest, v_rest = (np.sum(term[:, 1:], axis=1) for term in (x, u, v))
+    excess = (
+        kappa[:, 0] ** 2 * force_gain[:, 0] * own
+        + u[:, 0] * v_rest
+        + v[:, 0] * u_rest
+        + u_rest * v_rest
+        - 2 * (x[:, 0].conj() * x_rest).real
+        - np.abs(x_rest) ** 2
+    )
+    spread = np.sqrt((u[:, 0] + u_rest) * (v[:, 0] + v_rest))
+    return np.asarray(x[:, 0] + x_rest), np.asarray(spread), np.asarray(excess), damped
 
 
 _LOWEST_TURNS = 1e-8
+
 _A_DECADE = 150
+
 # Below a hundredth of the sampling frequency the device hardly changes, and poles of a coupling are real.
 _A_DECADE_BELOW = 60
+
 _LOW_TURNS = 0.01
+
 _A_HALF_WAVE = 24
+
 _ZOOMS = 4
+
 _HALVINGS = 44
+
 _MOST_NS_PER_M = 1e12
-
-
-def wave(
-    parts: Fractions, contact_damping_ns_per_m: FloatArray, turns: FloatArray, model: Model = "sampled-data"
-) -> ComplexArray:
-    """W = H (Z_eavc + b_p), H = 1/z or the paper's (z + 1)/(2 z), without the device's delay."""
-    half = np.pi * turns
-    sine, cosine = np.sin(half), np.sin(np.pi * (0.5 - turns))
-    z = np.exp(2j * half)
-    hold = cosine * np.exp(-1j * half) if model == "paper" else 1 / z
-    # H w/(1 - w): its real part, small beside a large number at low frequency, is written out.
-    steps = 2 if model == "paper" else 3
-    integral = (-np.sin(steps * half) - 1j * np.cos(steps * half)) / (2 * sine)
-    integral = integral * cosine if model == "paper" else integral
-    distance = parts.pole_gap + 2 * parts.pole * sine * (sine + 1j * cosine)
-    decaying = parts.decaying / np.where(distance == 0, np.finfo(np.float64).tiny, distance)
-    return np.asarray(hold * (parts.direct + contact_damping_ns_per_m + decaying / z) + parts.integral * integral)
 
 
 class Slack(Protocol):
@@ -121,15 +238,6 @@ class CouplingSlack:
         return np.where(valid[column], left, -np.inf), np.where(port.damped, rounding, 0.0)
 
 
-class PortWorst(NamedTuple):
-    """The worst of all frequencies and devices for n rows, each of shape (n,)."""
-
-    passed: BoolArray
-    margin_ns_per_m: FloatArray
-    frequency_hz: FloatArray
-    tolerance_ns_per_m: FloatArray
-
-
 def frequencies_hz(device: Device) -> FloatArray:
     """Return frequencies, shape (m,), that resolve every pole of a port, the delay, and the end at Nyquist."""
     low = np.geomspace(_LOWEST_TURNS, _LOW_TURNS, round(_A_DECADE_BELOW * np.log10(_LOW_TURNS / _LOWEST_TURNS)))
@@ -161,7 +269,7 @@ def port_worst(devices: Sequence[Device], slack: Slack, rows: int, progress: Pro
         left, near = slack(handle_port(device, at[own, None]), own)
         passed[own] &= left[:, 0] >= -near[:, 0]
         margin[own] = _margin(device, slack, at[own], own, left[:, 0])
-        tolerance[own] = near[:, 0] * (1e-12 + abs(least_loss_ns_per_m(device)))
+        tolerance[own] = near[:, 0] * (1e-12 + abs(Mechanics(device).least_loss))
     return PortWorst(passed, margin, at, tolerance)
 
 
@@ -175,7 +283,7 @@ def _margin(device: Device, slack: Slack, frequency: FloatArray, rows: IndexArra
     def meets(taken: FloatArray) -> BoolArray:
         return np.asarray(slack(handle_port(device, frequency[:, None], taken[:, None]), rows)[0][:, 0] >= 0)
 
-    most = np.full(len(rows), least_loss_ns_per_m(device))
+    most = np.full(len(rows), Mechanics(device).least_loss)
     reach = 1e-3 * (1.0 + most)
     inside = np.where(left >= 0, 0.0, -reach)
     waiting = ~meets(inside)
@@ -195,58 +303,3 @@ def passive_hand(device: Device) -> Hand:
     """Return one passive hand: what is passive at the port and stable with it is stable with any."""
     mass, ten = max(device.mass_kg, device.damping_ns_per_m * device.sample_time_s, 1e-6), 10 * device.sample_time_s
     return Hand(*(np.array([value]) for value in (mass, mass / ten, mass / ten**2)))
-
-
-_POINTS = 400
-_TOLERANCE = 1e-12
-
-
-def perceived_real(
-    device: Device, parts: Fractions, contact_damping_ns_per_m: FloatArray, frequency_hz: FloatArray, model: Model
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Re Z_h, Z_h = Z_d + tau t A e W/(1 + A e W Y), of renderings at frequencies above 0."""
-    port = response(device, frequency_hz)
-    w = wave(parts, contact_damping_ns_per_m, frequency_hz * device.sample_time_s, model) * port.force
-    closed = 1 + w * port.admittance
-    share = np.abs(closed) ** 2
-    added = (port.sent * port.seen * w * closed.conj()).real
-    real = port.loss + added / np.where(share > 0, share, np.finfo(np.float64).tiny)
-    return np.asarray(real), np.asarray(port.loss * share + added), np.asarray(port.loss + np.abs(w))
-
-
-def impedance_at_handle(device: Device, rendered: ComplexArray, frequency_hz: FloatArray) -> ComplexArray:
-    """Z_h of the device as declared, at its handle, for a rendering of the model 'sampled-data', N.s/m."""
-    port = response(device, frequency_hz)
-    force = rendered * np.sinc(frequency_hz * device.sample_time_s) ** 2 * port.force
-    return np.asarray(port.alone + port.sent * port.seen * force / (1 + force * port.admittance))
-
-
-def perceived_worst(
-    devices: Sequence[Device],
-    parts: Fractions,
-    contact_damping_ns_per_m: FloatArray,
-    low_hz: FloatArray,
-    high_hz: FloatArray,
-    model: Model,
-) -> PortWorst:
-    """Find the smallest Re Z_h over a band of each row and over devices, by a scan with refinement."""
-    rows, found = np.arange(len(low_hz)), []
-    column, contact = parts.pick((slice(None), None)), contact_damping_ns_per_m[:, None]
-    for device in devices:
-
-        def real(frequency: FloatArray, device: Device = device) -> FloatArray:
-            return perceived_real(device, column, contact, frequency, model)[0]
-
-        def smooth(frequency: FloatArray, device: Device = device) -> FloatArray:
-            return perceived_real(device, column, contact, frequency, model)[1]
-
-        low, high = (np.minimum(end, 0.5 / device.sample_time_s) for end in (low_hz, high_hz))
-        points = low[:, None]
-        if (high > low).any():
-            points = np.clip(np.geomspace(low, high, _POINTS, axis=1), low[:, None], high[:, None])
-            points = np.concatenate([refine_minima(real, points, 1), refine_minima(smooth, points, 1)], axis=1)
-        values, _, size = perceived_real(device, column, contact, points, model)
-        place = np.argmin(values, axis=1)
-        found.append([values[rows, place], points[rows, place], _TOLERANCE * size[rows, place]])
-    margin, at, rounding = lowest_of(found)
-    return PortWorst(margin >= -rounding, margin, at, rounding)

@@ -1,1 +1,0 @@
-"""Passivity of the sampled loop: worst frequency, worst port, Llewellyn."""
