@@ -176,7 +176,6 @@ def proof_files(problem: Problem, certificate: Certificate) -> dict[str, dict[st
 
 
 _WORST_FIRST = ("refuted", "open", "proved")
-
 # Budget of a proof within a second or two.
 _FEW_CELLS = 60_000
 

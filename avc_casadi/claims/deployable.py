@@ -42,15 +42,11 @@ if TYPE_CHECKING:
 
 # Points judged between two neighbouring rows, where the device interpolates.
 _BETWEEN = 3
-
 _DRAWS = 24
-
 # Verbs judge before they push, export or report; the numbers are part of the key, as arrays are mutable. Tables are
 # compared by value: equal gains with different runtimes need separate entries.
 _VERDICTS: WeakKeyDictionary[GainTable, list[tuple[Problem, Runtime, bytes, Deployable]]] = WeakKeyDictionary()
-
 _KEPT = 32
-
 # Share of a stated disk margin that is taken for it.
 _AS_ASKED = 0.97
 

@@ -131,13 +131,10 @@ def _worst_apart(radius: FloatArray, places: FloatArray) -> IndexArray:
 
 # Rows of gains whose devices are searched inside their ranges.
 _ROWS_INSIDE = 4
-
 _LARGEST_SHIFT_NS_PER_M = 1e6
-
 # A free, undamped device has the eigenvalue 1 twice: rounding moves a double one by its root, unless the matrix is
 # triangular, as that of a rigid device is.
 _FREE_TOLERANCE = 1e-7
-
 # Least share of the innovation that passes a dead zone: with less the hand alone decides.
 _LEAST_SHARE = 0.01
 

@@ -115,7 +115,6 @@ def response(device: Device, frequency_hz: FloatArray) -> Response:
 
 
 _POINTS = 400
-
 _TOLERANCE = 1e-12
 
 
@@ -201,13 +200,10 @@ PRESS_N = 10.0
 
 # Amplitude over mean depth: the handle never leaves the wall.
 _SHARE = 0.5
-
 # Mean depth for a wall without a spring.
 _DEPTH_M = 0.01
-
 # Samples of a period, for the wall's own force.
 _A_PERIOD = 1024
-
 # A smaller share of the wall counts as zero.
 _NOTHING = 1e-9
 

@@ -44,12 +44,9 @@ if TYPE_CHECKING:
 
 
 _ALIASES = 40
-
 # A fraction of a sample leaves an oscillating tail, which is faded out.
 _ALIASES_OF_A_FRACTION = 400
-
 _TAIL_NODES = 12
-
 _NUMBERS_AT_ONCE = 1_000_000
 
 
@@ -151,20 +148,13 @@ def _summed(
 
 
 _LOWEST_TURNS = 1e-8
-
 _A_DECADE = 150
-
 # Below a hundredth of the sampling frequency the device hardly changes, and poles of a coupling are real.
 _A_DECADE_BELOW = 60
-
 _LOW_TURNS = 0.01
-
 _A_HALF_WAVE = 24
-
 _ZOOMS = 4
-
 _HALVINGS = 44
-
 _MOST_NS_PER_M = 1e12
 
 

@@ -74,14 +74,10 @@ def _cos_half_turns(count: float, turns: FloatArray) -> FloatArray:
 
 
 _EPS = float(np.finfo(np.float64).eps)
-
 _GOLDEN = (5**0.5 - 1) / 2
-
 # Reduces the bracket to 2e-7, so that the value, flat there, is right to 4e-14 of its change over the bracket.
 _STEPS = 32
-
 _MINIMA = 6
-
 # Eigenvalues cost the cube of the degree.
 _MOST_ROOTS = 64
 
@@ -223,10 +219,8 @@ def _fit(rows: FloatArray, degree: int) -> FloatArray:
 
 
 _NUMBERS_AT_ONCE = 400_000
-
 # Relative to the terms of the sum: rounding of gains given in double precision and of the evaluation.
 RELATIVE_TOLERANCE = 1e-12
-
 _EQUAL = 1e-15
 
 

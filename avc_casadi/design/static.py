@@ -84,7 +84,7 @@ class StaticSearch:
         """Return the slack of the condition beyond the margin, N.s/m, shape (m,)."""
         b, k, contact = self.gains(points)
         if self.condition == "llewellyn":
-            margin = llewellyn_margin(self.loop, b, k, contact, refine=self.exact)[0]
+            margin = llewellyn_margin(self.loop, b, k, contact)[0]
         else:
             margin = worst_margin(self.loop, b, k, contact, refine=self.exact).margin_ns_per_m
         return np.asarray(margin - margin_over_range(self.problem))

@@ -45,10 +45,8 @@ def _helper() -> ThreadPoolExecutor:
 
 # Repeated raising to the power 4; loops exceeded by another drop out from the first of these on.
 _FIRST, _ROUNDS = 5, 11
-
 # For smaller matrices eigenvalues are as quick.
 _LARGE = 10
-
 # Rounding error of the logarithm of the radius by powers; traces smaller than this relative to a power's largest
 # element may be rounding.
 _LOST, _LEAST_TRACE = 1e-7, 1e-5
@@ -93,7 +91,6 @@ def _balanced(power: FloatArray) -> FloatArray:
 
 
 _STEPS, _ROUNDING = 60, 1e-13
-
 _NINE = np.linspace(0.0, 1.0, 9)
 
 

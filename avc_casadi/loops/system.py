@@ -28,21 +28,15 @@ Leading = Callable[[IndexArray, FloatArray], ComplexArray]
 """The eigenvalue of largest modulus of each of m loops, by row (m,) and place in the unit box (sides, m)."""
 
 _ROUNDS, _SWEEPS = 12, 15
-
 # An ascent ends below this gain, step or reach, steps and reach as shares of the box.
 _GAINED, _STILL, _SHORTEST = 1e-10, 1e-4, 3e-3
-
 _REACH, _SHRINK = 0.2, 0.45
-
 # Boxes of more sides have drawn corners. Points drawn inside for each side, starts of lines and of ascents, points of a
 # line, how far starts lie apart: maxima near a resonance of tool, contact or device are narrow.
 _MOST_SIDES, _DRAWN, _LINES, _ASCENTS, _POINTS, _APART = 6, 40, 6, 5, 15, 0.25
-
 # A range that spans more than this factor is searched by its logarithm.
 _WIDE = 3.0
-
 Interval = tuple[float, float]
-
 Ranges = dict[str, Interval]
 """[lowest, highest] by name."""
 
@@ -231,13 +225,10 @@ def _model_top(moves: FloatArray, gains: FloatArray, low: FloatArray, high: Floa
 
 # Eigenvalues of these matrices are right to about 1e-12; slower decay than this is indistinguishable from none.
 TOLERANCE = 1e-9
-
 # Products of maps beyond this overflow, or soon do: their loops count as unstable.
 _OVERFLOWING = 1e60
-
 # Eigenvalues this small are deadbeat; oscillations slower than this are drift.
 _DEAD, _DRIFT_HZ, _SLOW_HZ = 1e-6, 0.1, 2.0
-
 # Growth of loops with different patterns is compared over this time.
 UNIT_S = 1e-3
 

@@ -43,7 +43,6 @@ def passive_limit_n_per_m(device: Device) -> float:
 
 
 Values = float | FloatArray
-
 # Gains beyond this equal a rigid coupling in double precision, whatever the wall.
 RIGID = 1e40
 
@@ -161,10 +160,8 @@ def fraction_rendering(parts: Fractions, contact_damping_ns_per_m: FloatArray, s
 
 # Takes seconds for a table of 200 rows and 32 hands.
 MAX_DELAY_SAMPLES = 32
-
 # Eigenvalues of these matrices are right to about 1e-12; slower decay than this is indistinguishable from none.
 RADIUS_TOLERANCE = 1e-10
-
 _NUMBERS_AT_ONCE = 4_000_000
 
 

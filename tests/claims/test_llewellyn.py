@@ -68,12 +68,3 @@ def test_margin_is_the_lowest_of_a_dense_grid(model, delay):
         size = 1 + contact[row] + b[row] + k[row] * T + abs(lowest)
         assert margin[row] <= lowest + 1e-9 * size
         assert lowest - margin[row] <= 1e-7 * (delay + 1) ** 3 * size
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("model", ["paper", "sampled-data"])
-def test_a_margin_is_damping_that_the_device_does_not_have(model):
-    asked = largest_llewellyn_stiffness(loop(model), np.array([0.0, 0.1]), margin_ns_per_m=0.4)
-    robbed = largest_llewellyn_stiffness(loop(model, b_d=0.6), np.array([0.0, 0.1]))
-    np.testing.assert_allclose(asked, robbed, rtol=1e-9)
-    assert (asked < largest_llewellyn_stiffness(loop(model), np.array([0.0, 0.1]))).all()

@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from avc_casadi._util.json_values import plain
-from avc_casadi.loops.wall import Rendering
+from avc_casadi.loops.wall import Rendering, SampledLoop, fraction_rendering, fractions
 from avc_casadi.model.runtime import StateFeedback
 
 if TYPE_CHECKING:
@@ -114,19 +114,11 @@ class ContactLaw:
 
     @property
     def rendering(self) -> Rendering:
-        """The law behind the observer as a `Rendering` of one row, with the stretch of the coupling as its state."""
-        t = self.sample_time_s
-        wall = self.wall_stiffness_n_per_m + self.wall_damping_ns_per_m / t
-        wall_memory = self.wall_damping_ns_per_m / (wall * t) if wall else 0.0
-        series, memory, compliance = wall, 0.0, 0.0
-        if not self.rigid:
-            kappa = self.stiffness_n_per_m + self.damping_ns_per_m / t
-            series = kappa * (wall / (kappa + wall)) if kappa else 0.0
-            memory, compliance = (self.damping_ns_per_m / (kappa * t), 1 / kappa) if kappa else (0.0, 0.0)
-        spring = series * np.array([1.0, -wall_memory, wall_memory - memory])
-        damper = self.contact_damping_ns_per_m / t * np.array([1.0, -1.0, 0.0])
-        stretch = compliance * spring + np.array([0.0, 0.0, memory])
-        return Rendering((spring + damper)[None], stretch[None])
+        """The law behind the observer as a `Rendering` of one row."""
+        t, b_p = self.sample_time_s, np.array([self.contact_damping_ns_per_m])
+        wall = SampledLoop(0.0, self.wall_damping_ns_per_m, self.wall_stiffness_n_per_m, t, 0.0, "sampled-data")
+        parts = fractions(wall, np.array([self.damping_ns_per_m]), np.array([self.stiffness_n_per_m]))
+        return fraction_rendering(parts, b_p, t)
 
     def document(self) -> dict[str, Any]:
         """Return JSON values; an infinite gain is null."""
