@@ -18,7 +18,7 @@ from avc_casadi.model.device import CURRENT_LOOP_DAMPING_RATIO
 from avc_casadi.model.ends import ToolGains
 from avc_casadi.model.gains import Gains, GainSchedule, GainTable, Status, fewest_rows
 from avc_casadi.model.runtime import Runtime
-from avc_casadi.paper.rendered import gain_schedule
+from avc_casadi.paper.rows import gain_schedule
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike

@@ -15,8 +15,7 @@ from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray
 from avc_casadi.claims.worst_frequency import lowest_of, refine_minima
 from avc_casadi.model.corners import device_with
 from avc_casadi.model.plant import DEVICE, device_plant
-from avc_casadi.paper.equations import SampleAngle, environment_impedance
-from avc_casadi.paper.loop import loop_at
+from avc_casadi.paper.equations import SampleAngle, environment_impedance, loop_at
 from avc_casadi.paper.numbers import NUMPY
 
 if TYPE_CHECKING:

@@ -27,8 +27,7 @@ from avc_casadi.model.device import whole_delay
 from avc_casadi.model.hands import hand_set, no_hand
 from avc_casadi.model.runtime import PLAIN, Poles, VelocityFilterEffect, low_pass, velocity_poles
 from avc_casadi.model.scene import declared, declared_effects
-from avc_casadi.paper.equations import coupling_gains
-from avc_casadi.paper.loop import loop_at
+from avc_casadi.paper.equations import coupling_gains, loop_at
 
 if TYPE_CHECKING:
     from avc_casadi.model.device import Device

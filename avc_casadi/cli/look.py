@@ -149,7 +149,7 @@ def run_doctor(args: argparse.Namespace, console: Console) -> Answer:
 
     Each solver of the method direct solves a small problem; its answer is checked, whatever it reports.
     """
-    from avc_casadi.paper.backends import SOLVERS
+    from avc_casadi.paper.nlp_solver import SOLVERS
     from avc_casadi.present.rows.look import installation, ports
 
     found = _ports(args, console)

@@ -11,7 +11,7 @@ from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.design.program import program_answers, why_no_law
 from avc_casadi.model.gains import GainSchedule, Status
-from avc_casadi.paper.rendered import gain_schedule
+from avc_casadi.paper.rows import gain_schedule
 
 if TYPE_CHECKING:
     from avc_casadi.model.problem import Problem

@@ -16,10 +16,9 @@ from avc_casadi.claims.worst_frequency import worst_margin
 from avc_casadi.loops.wall import SampledLoop
 from avc_casadi.model.corners import margin_over_range
 from avc_casadi.model.gains import GainSchedule, Status
-from avc_casadi.paper.loop import loop_at
+from avc_casadi.paper.equations import loop_at
 from avc_casadi.paper.realism import relative_errors
-from avc_casadi.paper.rendered import gain_schedule
-from avc_casadi.paper.rows import row_status
+from avc_casadi.paper.rows import gain_schedule, row_status
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -21,9 +21,9 @@ from avc_casadi.model.gains import Gains, GainSchedule, Status, gains_at
 from avc_casadi.model.hands import hand_set
 from avc_casadi.model.problem import Boundaries, Frequency, Impedance
 from avc_casadi.model.scene import Scene, scene_effects
-from avc_casadi.paper.loop import loop_at
+from avc_casadi.paper.equations import loop_at
 from avc_casadi.paper.realism import relative_errors
-from avc_casadi.paper.rendered import gain_schedule
+from avc_casadi.paper.rows import gain_schedule
 from avc_casadi.simulation.scene import simulate_batch
 
 if TYPE_CHECKING:

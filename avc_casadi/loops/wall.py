@@ -22,7 +22,7 @@ from avc_casadi.model.corners import device_corners
 from avc_casadi.model.device import whole_delay
 from avc_casadi.model.hands import Hand, StylusHand
 from avc_casadi.model.plant import SampledPlant, sampled_plant
-from avc_casadi.paper.rendered import force_behind
+from avc_casadi.paper.rows import force_behind
 
 if TYPE_CHECKING:
     from avc_casadi.model.device import Device

@@ -3,24 +3,133 @@
 from __future__ import annotations
 
 import time
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from avc_casadi._errors import UnsupportedError
+from avc_casadi._util.arrays import BoolArray, FloatArray
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.model.gains import GainSchedule, Status
-from avc_casadi.paper.backends import DEFAULT_SOLVER, DEFAULT_TOLERANCE
-from avc_casadi.paper.cross_check import EXCESS_TOLERANCE, CheckedGains, checked_gains, cross_check_notes
-from avc_casadi.paper.infeasible import row_reasons
-from avc_casadi.paper.loop import loop_at
+from avc_casadi.paper.closed_form import solve_closed_form
+from avc_casadi.paper.equations import Loop, loop_at
+from avc_casadi.paper.exact import exact_gains, row_reasons
 from avc_casadi.paper.nlp import KKT_TOLERANCE, Optimality, optimality
-from avc_casadi.paper.nlp_gains import solvers_for
-from avc_casadi.paper.rendered import gain_schedule
-from avc_casadi.paper.rows import row_status
+from avc_casadi.paper.nlp_gains import FINE, nlp_gains, solvers_for
+from avc_casadi.paper.nlp_solver import DEFAULT_SOLVER, DEFAULT_TOLERANCE
+from avc_casadi.paper.rows import GainArrays, best_candidate, gain_schedule, row_status
 
 if TYPE_CHECKING:
     from avc_casadi.model.problem import Problem
+
+
+EXCESS_TOLERANCE = 1e-6
+"""A magnitude error that exceeds the global optimum's by more than this share of |Z_h_ds| is a failed row."""
+_SAME = 1e-8
+"""Magnitude errors closer than this, relative to |Z_d| + |H Z_ds|, are called the same."""
+_OTHERS = {DEFAULT_SOLVER: ("sqpmethod", "ipopt")}
+"""Fallback solvers: the default is fast but fails at one frequency in a thousand."""
+_AGAIN = 1e-8
+"""A row is solved again where its magnitude error exceeds that of `exact` by more than this share of |Z_h_ds|."""
+_TIED = 1e-9
+"""Of magnitude errors closer than this share of |Z_h_ds| the smaller distance decides."""
+
+
+@dataclass(frozen=True)
+class CheckedGains:
+    """Gains of CasADi checked by `exact`; arrays of shape (n,)."""
+
+    gains: GainArrays
+    optimum: GainArrays
+    excess: FloatArray
+    local: BoolArray
+    failed: BoolArray
+
+
+def checked_gains(
+    problem: Problem,
+    loop: Loop,
+    name: str = DEFAULT_SOLVER,
+    tolerance: float = DEFAULT_TOLERANCE,
+    *,
+    progress: Progress = SILENT,
+) -> CheckedGains:
+    """Solve the NLP, and again from more starts where `exact` refutes the result.
+
+    No start is an answer of `exact`: a row that it refutes twice fails.
+    """
+    gains = nlp_gains(problem, loop, name, tolerance, progress=progress)
+    optimum = exact_gains(problem, loop)
+    local = _short(loop, gains, optimum, _AGAIN, distance=True)
+    short = local
+    for other in (name, *_OTHERS.get(name, ())):
+        again = np.flatnonzero(short)
+        if not again.size:
+            break
+        part = loop.rows(again)
+        new = nlp_gains(problem, part, other, tolerance, lattice=FINE)
+        b, k, p = (np.stack((own[again], found)) for own, found in zip(gains, new, strict=True))
+        for gain, better in zip(gains, best_candidate(problem, part, b, k, p), strict=True):
+            gain[again] = better
+        short = _short(loop, gains, optimum, _AGAIN, distance=True)
+    failed = _short(loop, gains, optimum, EXCESS_TOLERANCE, distance=False)
+    return CheckedGains(gains, optimum, excess_error(loop, gains, optimum), local, failed)
+
+
+def excess_error(loop: Loop, gains: GainArrays, optimum: GainArrays) -> FloatArray:
+    """Return the excess of the gains' magnitude error over the optimum's, relative to |Z_h_ds|, shape (n,)."""
+    radius = np.abs(loop.target)
+    own, best = (np.abs(np.abs(loop.perceived(*each)) - radius) for each in (gains, optimum))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        excess: FloatArray = (own - best) / np.where(radius == 0, 1.0, radius)
+    return excess
+
+
+def _short(loop: Loop, gains: GainArrays, optimum: GainArrays, tolerance: float, *, distance: bool) -> BoolArray:
+    """Return the rows whose magnitude error (or, if equal, distance to Z_h_ds) is larger than the optimum's."""
+    excess, radius = excess_error(loop, gains, optimum), np.abs(loop.target)
+    own, best = (np.abs(loop.perceived(*each) - loop.target) for each in (gains, optimum))
+    with np.errstate(invalid="ignore"):
+        short: BoolArray = ~(excess <= tolerance)
+        if distance:
+            short |= (np.abs(excess) <= _TIED) & (own - best > EXCESS_TOLERANCE * radius)
+    short &= np.isfinite(optimum[0])
+    return short
+
+
+def cross_check_notes(problem: Problem, loop: Loop, checked: CheckedGains) -> tuple[str, ...]:
+    """Return notes that compare `direct`, `exact` and the closed form; empty where no row has gains."""
+    good = np.isfinite(checked.excess) & ~checked.failed
+    if not good.any():
+        return ()
+    excess = checked.excess[good]
+    exact = f"cross-check with exact: magnitude errors within {np.abs(excess).max():.1e} of |Z_h_ds|"
+    if checked.failed.any():
+        exact += f", but at {checked.failed.sum()} failed frequencies"
+    worse = int((excess < -EXCESS_TOLERANCE).sum())
+    if worse:
+        exact += f"; exact is the worse at {worse} of them"
+    if checked.local.any():
+        exact += (
+            f"; {checked.local.sum()} frequencies stopped at a local minimum and were solved again from a finer lattice"
+            " of starts"
+        )
+    closed = solve_closed_form(problem)
+    both = closed.usable & good
+    if not both.any():
+        return (exact, "cross-check with the closed form: it can be built at no frequency with gains")
+    error = np.abs(np.abs(loop.perceived(*checked.gains)) - np.abs(loop.target))
+    more = (closed.magnitude_error - error)[both] > _SAME * (np.abs(loop.device) + np.abs(loop.hold * loop.desired))[
+        both
+    ]
+    return (
+        exact,
+        (
+            f"cross-check with the closed form: it can be built at {both.sum()} of {len(both)} frequencies, with the"
+            f" same magnitude error at {both.sum() - more.sum()}, a larger one at {more.sum()}"
+        ),
+    )
 
 
 def solve_direct(

@@ -10,24 +10,215 @@ feasible ones are compared, and ties are broken lexicographically.
 from __future__ import annotations
 
 import time
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
-from avc_casadi._util.arrays import FloatArray
+from avc_casadi._util.arrays import ComplexArray, FloatArray
 from avc_casadi._util.progress import SILENT, Progress, chunks
-from avc_casadi.model.corners import margin_over_range
-from avc_casadi.model.gains import GainSchedule
-from avc_casadi.paper.arcs import Arcs, Edges
-from avc_casadi.paper.equations import coupling_gains
-from avc_casadi.paper.infeasible import row_reasons
-from avc_casadi.paper.loop import Loop, loop_at
+from avc_casadi.model.corners import least_damped, margin_over_range
+from avc_casadi.model.gains import GainSchedule, Status
+from avc_casadi.paper.equations import Loop, coupling_gains, coupling_impedance, loop_at
 from avc_casadi.paper.numbers import abs2
-from avc_casadi.paper.rendered import gain_schedule
-from avc_casadi.paper.rows import GainArrays, best_candidate, guarded_margin, pointwise_notes, row_status, wanted_points
+from avc_casadi.paper.rows import (
+    GainArrays,
+    best_candidate,
+    gain_schedule,
+    guarded_margin,
+    pointwise_notes,
+    row_status,
+    wanted_points,
+)
 
 if TYPE_CHECKING:
     from avc_casadi.model.problem import Problem
+
+
+def real_roots(a: FloatArray, b: FloatArray, c: FloatArray) -> FloatArray:
+    """Return the real roots of a t^2 + b t + c, shape (2, ...), not a number where there is none.
+
+    The larger root comes from the sum that does not cancel, the smaller from the product of the roots.
+    """
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        half = -0.5 * (b + np.copysign(np.sqrt(b * b - 4 * a * c), b))
+        return np.stack((half / a, c / half))
+
+
+@dataclass(frozen=True)
+class Arcs:
+    """A stack of arcs; every coefficient has a shape that broadcasts to (m, n) arcs."""
+
+    a0: ComplexArray
+    a1: ComplexArray
+    c0: ComplexArray
+    c1: ComplexArray
+    # a1 c0 - a0 c1, free of cancellation: dZ/dt = turn/(c0 + c1 t)^2.
+    turn: ComplexArray
+
+    def _numerator(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        return abs2(self.a1), 2 * (self.a0.real * self.a1.real + self.a0.imag * self.a1.imag), abs2(self.a0)
+
+    def _denominator(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        return abs2(self.c1), 2 * (self.c0.real * self.c1.real + self.c0.imag * self.c1.imag), abs2(self.c0)
+
+    def magnitude_roots(self, magnitude: FloatArray) -> FloatArray:
+        """Return t where |Z(t)| has a given value, shape (2, m, n)."""
+        pairs = zip(self._numerator(), self._denominator(), strict=True)
+        a, b, c = (top - magnitude * magnitude * bottom for top, bottom in pairs)
+        return real_roots(a, b, c)
+
+    def magnitude_extrema(self) -> FloatArray:
+        """Return t where d|Z|^2/dt = 0, shape (2, m, n): Re{turn conj((a0 + a1 t)(c0 + c1 t))} = 0."""
+        turn = np.conj(self.turn)
+        return real_roots(
+            (turn * self.a1 * self.c1).real,
+            (turn * (self.a0 * self.c1 + self.a1 * self.c0)).real,
+            (turn * self.a0 * self.c0).real,
+        )
+
+    def _projected(self, direction: complex) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return the quadratic of Re(direction * numerator * conj(denominator))."""
+        a0, a1 = direction * self.a0, direction * self.a1
+        c0, c1 = self.c0, self.c1
+        return (
+            a1.real * c1.real + a1.imag * c1.imag,
+            a0.real * c1.real + a0.imag * c1.imag + a1.real * c0.real + a1.imag * c0.imag,
+            a0.real * c0.real + a0.imag * c0.imag,
+        )
+
+    def level_roots(self, level: FloatArray | float, *, imaginary: bool = False) -> FloatArray:
+        """Return t where Re Z (or Im Z) has a given value, shape (2, m, n)."""
+        pairs = zip(self._projected(-1j if imaginary else 1.0), self._denominator(), strict=True)
+        a, b, c = (top - level * bottom for top, bottom in pairs)
+        return real_roots(a, b, c)
+
+    def level_extrema(self, *, imaginary: bool = False) -> FloatArray:
+        """Return t where Re Z (or Im Z) is stationary, shape (2, m, n): Re{turn conj(c0 + c1 t)^2} = 0."""
+        turn = np.conj(self.turn) * (1j if imaginary else 1.0)
+        return real_roots(
+            (turn * self.c1 * self.c1).real,
+            2 * (turn * self.c0 * self.c1).real,
+            (turn * self.c0 * self.c0).real,
+        )
+
+
+@dataclass(frozen=True)
+class Edges:
+    """The four edges of the (b, k) box at given contact dampings; arrays broadcast to (edges, n)."""
+
+    loop: Loop
+    base: ComplexArray
+    slope: ComplexArray
+    damping: FloatArray
+    stiffness: FloatArray
+    moves_k: NDArray[np.bool_]
+    low: FloatArray
+    high: FloatArray
+    contact: FloatArray
+
+    @classmethod
+    def of(cls, problem: Problem, loop: Loop, contacts: tuple[float, ...]) -> Edges:
+        """Return the edges of a problem's gain box at each contact damping, N.s/m."""
+        (b0, b1), (k0, k1) = problem.coupling.damping_ns_per_m, problem.coupling.stiffness_n_per_m
+        corners = [(b0, k0, True), (b1, k0, True), (b0, k0, False), (b0, k1, False)] * len(contacts)
+        b, k, moves = (np.array(column)[:, None] for column in zip(*corners, strict=True))
+        moves_k = moves.astype(bool)
+        base = coupling_impedance(loop.angle, np.where(moves_k, b, 0.0), np.where(moves_k, 0.0, k))
+        slope = np.where(moves_k, coupling_impedance(loop.angle, 0.0, 1.0), 1.0)
+        low, high = np.where(moves_k, k0, b0), np.where(moves_k, k1, b1)
+        return cls(loop, base, slope, b, k, moves_k, low, high, np.repeat(contacts, 4)[:, None])
+
+    def rendered(self) -> Arcs:
+        """Return Z_eavc along each edge."""
+        environment = self.loop.environment
+        return Arcs(
+            environment * self.base,
+            environment * self.slope,
+            environment + self.base,
+            self.slope,
+            environment * environment * self.slope,
+        )
+
+    def perceived(self) -> Arcs:
+        """Return Z_h_avc along each edge."""
+        start = self.loop.device + self.loop.hold * self.contact
+        inner = self.rendered()
+        return Arcs(
+            start * inner.c0 + self.loop.hold * inner.a0,
+            start * inner.c1 + self.loop.hold * inner.a1,
+            inner.c0,
+            inner.c1,
+            self.loop.hold * inner.turn,
+        )
+
+    def derivative(self, t: FloatArray) -> ComplexArray:
+        """Return dZ/dt along each edge, without cancellation."""
+        b, k = np.where(self.moves_k, self.damping, t), np.where(self.moves_k, t, self.stiffness)
+        along: ComplexArray = self.loop.sensitivity(b, k) * self.slope
+        return along
+
+    def gains(self, t: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return (b, k, b_p) at t, not a number outside the edge."""
+        t = np.where((t >= self.low) & (t <= self.high), t, np.nan)
+        return (
+            np.where(self.moves_k, self.damping, t),
+            np.where(self.moves_k, t, self.stiffness),
+            self.contact + 0 * t,
+        )
+
+
+def row_reasons(problem: Problem, status: tuple[Status, ...]) -> tuple[str, ...]:
+    """Return for each infeasible row the violated constraint, by how much, and the smallest relaxation."""
+    rows = [row for row, item in enumerate(status) if item is Status.INFEASIBLE]
+    reasons = [""] * len(status)
+    if rows:
+        margin = problem.stability.margin_ns_per_m
+        # Reported for the least damped device of the range, which is critical.
+        best, b, k, _ = largest_real_part(least_damped(problem), problem.frequencies_hz()[rows])
+        for row, value, damping, stiffness in zip(rows, best, b, k, strict=True):
+            at = f"{value:.6g}, at b = {damping:.6g}, k = {stiffness:.6g}"
+            claim = f"Re Z_h >= {margin:g} (stability.margin_ns_per_m)"
+            if value >= margin:
+                reasons[row] = (
+                    f"{claim} is met in the gain box with no room: {at}; missed by no more than rounding: add device"
+                    " damping, or widen the box of [coupling]"
+                )
+                continue
+            missing = _rounded_up(margin - value)
+            # A margin cannot be lowered below 0.
+            lower = "lower the margin by that, " if margin >= missing else ""
+            reasons[row] = (
+                f"{claim} cannot be met in the gain box: at most {at}; missed by {missing:.6g}: {lower}add "
+                "as much device damping, or widen the box of [coupling]"
+            )
+    return tuple(reasons)
+
+
+def _rounded_up(value: float) -> float:
+    """Round to six digits, upwards, so that the relaxation shown suffices."""
+    step = 10.0 ** (np.floor(np.log10(value)) - 5)
+    return float(np.ceil(value / step) * step) if step > 0 else value
+
+
+def largest_real_part(
+    problem: Problem, frequency_hz: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Return (max Re Z_h over the gain box, b, k, b_p), each (n,).
+
+    Re Z_h is harmonic in the coupling's impedance, so that its maximum lies on an edge of the box: at an end of it or
+    where it is stationary.
+    """
+    loop = loop_at(problem, frequency_hz)
+    edges = Edges.of(problem, loop, problem.coupling.contact_damping_ns_per_m)
+    stationary = edges.perceived().level_extrema()
+    ends = np.broadcast_to(np.stack((edges.low, edges.high)), stationary.shape)
+    t = np.concatenate((stationary, ends))
+    b, k, p = (gain.reshape(-1, t.shape[-1]) for gain in edges.gains(t))
+    value = loop.perceived(b, k, p).real
+    best = np.nanargmax(value, axis=0), np.arange(value.shape[1])
+    return value[best], b[best], k[best], p[best]
 
 
 # Frequencies solved at a time: few enough for memory and for progress reports.

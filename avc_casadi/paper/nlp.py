@@ -11,8 +11,7 @@ import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, FloatArray
 from avc_casadi.model.corners import margin_over_range
-from avc_casadi.paper.equations import SampleAngle, coupling_impedance
-from avc_casadi.paper.loop import Loop
+from avc_casadi.paper.equations import Loop, SampleAngle, coupling_impedance
 from avc_casadi.paper.numbers import ComplexExpr, abs2, casadi_numbers
 from avc_casadi.paper.rows import GainArrays, admissible
 

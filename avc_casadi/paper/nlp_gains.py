@@ -7,18 +7,136 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from avc_casadi._util.arrays import FloatArray
+from avc_casadi._util.arrays import BoolArray, FloatArray, IndexArray
 from avc_casadi._util.progress import SILENT, Progress, chunks
 from avc_casadi.model.corners import margin_over_range
-from avc_casadi.paper.backends import DEFAULT_SOLVER, DEFAULT_TOLERANCE
-from avc_casadi.paper.equations import coupling_impedance
-from avc_casadi.paper.loop import Loop
-from avc_casadi.paper.nlp_solver import NlpRows, NlpSolvers, nlp_solvers
+from avc_casadi.paper.closed_form import Quotient
+from avc_casadi.paper.equations import Loop, coupling_gains, coupling_impedance
+from avc_casadi.paper.nlp_solver import DEFAULT_SOLVER, DEFAULT_TOLERANCE, NlpRows, NlpSolvers, nlp_solvers
 from avc_casadi.paper.rows import TIE, GainArrays, best_candidate, guarded_margin
-from avc_casadi.paper.starts import COARSE, Lattice, Starts, joined, starts_of
 
 if TYPE_CHECKING:
     from avc_casadi.model.problem import Problem
+    from avc_casadi.paper.nlp_solver import NlpRows
+
+
+_DECADES = 5.0
+"""Decades that the nodes extend beyond a gain's natural scale, beside the ends of the box."""
+_CENTRE = 0.5
+"""Decades about the natural scale with evenly spaced nodes; farther away they are sparser."""
+
+
+@dataclass(frozen=True)
+class Lattice:
+    """Density of the lattice, and number of its best nodes taken as starts."""
+
+    series: tuple[int, int]
+    damped: tuple[int, int, int]
+    error: int
+    turn: int
+
+
+COARSE = Lattice((17, 17), (9, 9, 7), error=2, turn=2)
+FINE = Lattice((49, 49), (21, 21, 15), error=8, turn=4)
+
+
+@dataclass(frozen=True)
+class Starts:
+    """Gains (3, m) to start from, and the frequency of each, (m,)."""
+
+    gains: FloatArray
+    row: IndexArray
+
+    def only(self, some: BoolArray) -> Starts:
+        """Return a subset."""
+        return Starts(self.gains[:, some], self.row[some])
+
+
+def starts_of(nlp: NlpRows, lattice: Lattice) -> tuple[Starts, Starts]:
+    """Return the starts of (11)-(12), and further ones of its ties.
+
+    (11)-(12) starts at feasible nodes whose error is the least of their neighbourhood, at the one with the largest
+    Re Z_h where none is feasible, and at the gains of the closed form where they lie in the box.
+    """
+    nodes, shape = _nodes(nlp, lattice)
+    z, target = nlp.perceived(nodes), nlp.loop.target / nlp.size
+    excess = np.abs(z) - np.abs(target)
+    feasible = z.real >= nlp.margin
+    error = np.where(feasible, np.abs(excess), np.inf)
+    # Away from the circle |Z_h| = |Z_h_ds| a node predicts its solution less well.
+    distance = np.where(feasible, np.abs(z - target) + 2 * np.abs(excess), np.inf)
+    anticlockwise = (z * np.conj(target)).imag >= 0
+    none = np.flatnonzero(~feasible.any(axis=0))
+    first = [
+        *(_least(nodes, error, shape, lattice.error, side) for side in (excess < 0, excess >= 0)),
+        Starts(nodes[:, z.real.argmax(axis=0)[none], none], none),
+        _closed_form(nlp),
+    ]
+    ties = [_least(nodes, distance, shape, lattice.turn, side) for side in (~anticlockwise, anticlockwise)]
+    return joined(first), joined(ties)
+
+
+def joined(some: list[Starts]) -> Starts:
+    """Return the concatenation of starts."""
+    return Starts(np.concatenate([each.gains for each in some], axis=1), np.concatenate([each.row for each in some]))
+
+
+def _nodes(nlp: NlpRows, lattice: Lattice) -> tuple[FloatArray, tuple[int, ...]]:
+    """Return the nodes (3, m, n) and the shape of the lattice, of m nodes."""
+    moving = nlp.high[2, 0] > nlp.low[2, 0]
+    counts = lattice.damped if moving else (*lattice.series, 1)
+    axes = [_axis(*gain) for gain in zip(nlp.low[:, 0], nlp.high[:, 0], nlp.natural, counts, strict=True)]
+    shape = tuple(len(axis) for axis in axes)
+    grid = np.broadcast_arrays(axes[0][:, None, None], axes[1][None, :, None], axes[2][None, None, :])
+    return np.array(grid).reshape(3, -1, nlp.natural.shape[1]), shape
+
+
+def _axis(low: float, high: float, natural: FloatArray, count: int) -> FloatArray:
+    """Return values of one gain, (count, n), both ends among them."""
+    if high == low or count == 1:
+        return np.full((1, len(natural)), low)
+    with np.errstate(divide="ignore"):
+        decades = [np.clip(np.log10(end / natural), -_DECADES, _DECADES) for end in (low, high)]
+    first, last = (np.arcsinh(each / _CENTRE) for each in decades)
+    even = first + (last - first) * np.linspace(0, 1, count)[:, None]
+    values = np.clip(natural * 10 ** (_CENTRE * np.sinh(even)), low, high)
+    values[0], values[-1] = low, high
+    return values
+
+
+def _least(nodes: FloatArray, value: FloatArray, shape: tuple[int, ...], count: int, among: BoolArray) -> Starts:
+    """Return the ``count`` smallest local minima of the values (m, n) on the lattice."""
+    rows = value.shape[1]
+    value = np.where(among, value, np.inf)
+    on_lattice = value.reshape(*shape, rows)
+    least = np.isfinite(on_lattice)
+    for axis, length in enumerate(shape):
+        outside = np.full_like(on_lattice.take([0], axis), np.inf)
+        padded = np.concatenate((outside, on_lattice, outside), axis)
+        before, after = padded.take(range(length), axis), padded.take(range(2, length + 2), axis)
+        # Of equal nodes the first.
+        least &= (on_lattice < before) & (on_lattice <= after)
+    value = np.where(least.reshape(-1, rows), value, np.inf)
+    count = min(count, len(value))
+    node = np.argpartition(value, count - 1, axis=0)[:count]
+    row = np.broadcast_to(np.arange(rows), node.shape)
+    found = np.isfinite(value[node, row])
+    return Starts(nodes[:, node[found], row[found]], row[found])
+
+
+def _closed_form(nlp: NlpRows) -> Starts:
+    """Return the gains of the paper's projection, where they lie in the box; b_p injects its damping if admitted."""
+    loop = nlp.loop
+    injected = np.maximum(0.0, nlp.margin * nlp.size - loop.target.real)
+    moving = nlp.high[2, 0] > nlp.low[2, 0]
+    with np.errstate(all="ignore"):
+        rendered = Quotient.of(loop, loop.desired, loop.desired_gap, 0 * injected if moving else injected)
+        b, k = coupling_gains(loop.angle, rendered.coupling)
+        contact = injected / loop.hold.real if moving else nlp.low[2] * nlp.size + 0 * injected
+        gains = np.array([b, k, contact]) / nlp.size
+        row = np.flatnonzero(((gains >= nlp.low) & (gains <= nlp.high)).all(axis=0))
+    return Starts(gains[:, row], row)
+
 
 _ROWS_AT_ONCE = 50
 """Frequencies solved at a time: few enough for progress reports."""

@@ -8,12 +8,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray
-from avc_casadi.paper.equations import environment_impedance, perceived_impedance
-from avc_casadi.paper.loop import loop_at
+from avc_casadi.paper.equations import environment_impedance, loop_at, perceived_impedance
 
 if TYPE_CHECKING:
     from avc_casadi.model.problem import Objective, Problem
-    from avc_casadi.paper.loop import Loop
+    from avc_casadi.paper.equations import Loop
 
 
 # Relative tolerance of the bounds, imperceptible: a solver ends this close to a bound, which counts as inside.

@@ -20,8 +20,8 @@ from avc_casadi.loops.wall import SampledLoop, frozen_parts, linear_stability
 from avc_casadi.model.corners import least_damped
 from avc_casadi.model.gains import Status
 from avc_casadi.model.hands import hand_corners, hand_set
-from avc_casadi.paper.loop import loop_at
-from avc_casadi.paper.rendered import gain_schedule
+from avc_casadi.paper.equations import loop_at
+from avc_casadi.paper.rows import gain_schedule
 
 
 def problem(b_d=1.0, delay=0, rows=5, **stability):

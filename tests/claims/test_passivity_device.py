@@ -16,7 +16,7 @@ from avc_casadi.model.corners import device_corners
 from avc_casadi.model.device import Device
 from avc_casadi.model.gains import Status
 from avc_casadi.model.hands import Hand
-from avc_casadi.paper.rendered import gain_schedule
+from avc_casadi.paper.rows import gain_schedule
 
 
 def extrapolated(device, impedance, turns):

@@ -14,7 +14,7 @@ from avc_casadi.design.methods import solve
 from avc_casadi.loops.wall import SampledLoop, fractions, linear_stability
 from avc_casadi.model.corners import device_corners
 from avc_casadi.model.hands import hand_corners, no_hand
-from avc_casadi.paper.loop import loop_at
+from avc_casadi.paper.equations import loop_at
 
 T = 1e-3
 

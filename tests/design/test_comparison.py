@@ -15,7 +15,7 @@ from avc_casadi.design.comparison.causal import causal_gains
 from avc_casadi.design.comparison.comparison import with_causal
 from avc_casadi.model.gains import Gains
 from avc_casadi.model.problem import Frequency
-from avc_casadi.paper.loop import loop_at
+from avc_casadi.paper.equations import loop_at
 
 PROBLEMS = [entry.name for entry in avc.catalogue() if has_wall(entry.name)][::3]
 

@@ -9,7 +9,7 @@ from schedule_problems import figure5
 from avc_casadi import InputError, solve
 from avc_casadi.files.problem_file import load_problem
 from avc_casadi.model.gains import Gains, GainTable, Status, fewest_rows, gains_at, interpolate, single_ln
-from avc_casadi.paper.rendered import gain_schedule
+from avc_casadi.paper.rows import gain_schedule
 from avc_hardware.link.table import lookup
 
 

@@ -22,7 +22,7 @@ from avc_casadi.model.corners import device_corners
 from avc_casadi.model.device import DeviceRange
 from avc_casadi.model.gains import Status
 from avc_casadi.model.hands import hand_corners
-from avc_casadi.paper.loop import loop_at
+from avc_casadi.paper.equations import loop_at
 
 
 def steepest(problem, gains):

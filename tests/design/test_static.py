@@ -16,7 +16,7 @@ from avc_casadi.loops.wall import SampledLoop, frozen_parts, linear_stability
 from avc_casadi.model.gains import Gains
 from avc_casadi.model.hands import Hand, hand_set
 from avc_casadi.model.problem import Frequency
-from avc_casadi.paper.loop import loop_at
+from avc_casadi.paper.equations import loop_at
 from avc_casadi.paper.realism import relative_errors
 from avc_casadi.simulation.scene import simulate_batch
 

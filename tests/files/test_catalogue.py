@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import avc_casadi as avc
-from avc_casadi.paper.loop import loop_at
+from avc_casadi.paper.equations import loop_at
 
 LADDER = ["ve2", "ve3", "ve4", "ve5", "ve6", "ve7"]
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from avc_casadi.model.corners import margin_over_range
-from avc_casadi.paper.loop import Loop, loop_at
+from avc_casadi.paper.equations import Loop, loop_at
 from avc_casadi.paper.numbers import Complex, Real, abs2, mpmath_numbers
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ import avc_casadi as avc
 from avc_casadi.cli import main
 from avc_casadi.design.comparison.accuracy import solver_costs
 from avc_casadi.design.methods import solve
-from avc_casadi.paper.backends import DEFAULT_SOLVER
+from avc_casadi.paper.nlp_solver import DEFAULT_SOLVER
 
 
 def fewer(points):

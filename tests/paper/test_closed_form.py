@@ -7,8 +7,7 @@ import avc_casadi as avc
 from avc_casadi.design.methods import solve
 from avc_casadi.model.problem import Problem
 from avc_casadi.paper.closed_form import project
-from avc_casadi.paper.equations import tustin
-from avc_casadi.paper.loop import loop_at
+from avc_casadi.paper.equations import loop_at, tustin
 
 
 def wall(*, share=None, desired=None, model="paper", device=2.0, delay=0, start=0.05):

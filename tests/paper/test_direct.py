@@ -8,7 +8,7 @@ from walled import has_wall
 
 import avc_casadi as avc
 from avc_casadi.design.methods import solve
-from avc_casadi.paper.cross_check import EXCESS_TOLERANCE
+from avc_casadi.paper.direct import EXCESS_TOLERANCE
 
 
 def pointwise(problem):

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from avc_casadi.model.problem import Problem
-from avc_casadi.paper.equations import SampleAngle, backward_difference, coupling_impedance, hold, tustin
-from avc_casadi.paper.loop import loop_at
+from avc_casadi.paper.equations import SampleAngle, backward_difference, coupling_impedance, hold, loop_at, tustin
 from avc_casadi.paper.numbers import NUMPY, abs2
 
 T = 1e-3

@@ -8,8 +8,7 @@ from walled import has_wall
 
 import avc_casadi as avc
 from avc_casadi.design.methods import solve
-from avc_casadi.paper.equations import coupling_impedance
-from avc_casadi.paper.loop import loop_at
+from avc_casadi.paper.equations import coupling_impedance, loop_at
 
 WITHIN = 1e-10
 

@@ -10,8 +10,7 @@ import avc_casadi as avc
 from avc_casadi.design.methods import solve
 from avc_casadi.model.problem import Problem
 from avc_casadi.paper.closed_form import project
-from avc_casadi.paper.equations import coupling_gains
-from avc_casadi.paper.loop import loop_at
+from avc_casadi.paper.equations import coupling_gains, loop_at
 
 WITHIN = {"exact": 1e-10, "direct": 1e-8}
 

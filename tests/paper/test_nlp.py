@@ -9,11 +9,10 @@ from drawn_problems import drawn_problem
 
 import avc_casadi as avc
 from avc_casadi.design.methods import solve
-from avc_casadi.paper.backends import DEFAULT_SOLVER, SOLVERS
-from avc_casadi.paper.cross_check import EXCESS_TOLERANCE
-from avc_casadi.paper.loop import loop_at
+from avc_casadi.paper.direct import EXCESS_TOLERANCE
+from avc_casadi.paper.equations import loop_at
 from avc_casadi.paper.nlp import coupling_nlp, nlp_parameters, optimality
-from avc_casadi.paper.nlp_solver import nlp_solvers
+from avc_casadi.paper.nlp_solver import DEFAULT_SOLVER, SOLVERS, nlp_solvers
 
 
 def evaluated(problem, gains, expressions):

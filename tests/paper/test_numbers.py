@@ -6,7 +6,6 @@ import pytest
 from reference_optimum import MP, NUMBERS
 
 from avc_casadi.model.problem import Problem
-from avc_casadi.paper.arcs import real_roots
 from avc_casadi.paper.equations import (
     SampleAngle,
     backward_difference,
@@ -14,10 +13,11 @@ from avc_casadi.paper.equations import (
     coupling_impedance,
     environment_impedance,
     hold,
+    loop_at,
     series,
     tustin,
 )
-from avc_casadi.paper.loop import loop_at
+from avc_casadi.paper.exact import real_roots
 from avc_casadi.paper.numbers import NUMPY, ComplexExpr, casadi_numbers, mpmath_numbers
 
 DIGITS = mpmath_numbers(50)

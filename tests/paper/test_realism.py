@@ -12,7 +12,7 @@ from avc_casadi import solve
 from avc_casadi.claims.hands import scope_slack
 from avc_casadi.model.gains import GainSchedule
 from avc_casadi.model.problem import Problem
-from avc_casadi.paper.loop import Loop, loop_at
+from avc_casadi.paper.equations import Loop, loop_at
 
 ROUNDING = 1e-9
 SEPARATE = {"slope_penalty": 0.0, "contact_damping_penalty": 0.0}

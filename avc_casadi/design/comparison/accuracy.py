@@ -14,15 +14,13 @@ import numpy as np
 from avc_casadi._util.arrays import BoolArray, FloatArray
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.model.corners import margin_over_range
-from avc_casadi.paper.backends import DEFAULT_SOLVER, DEFAULT_TOLERANCE, SOLVERS
 from avc_casadi.paper.closed_form import project
-from avc_casadi.paper.cross_check import EXCESS_TOLERANCE
-from avc_casadi.paper.equations import coupling_gains
+from avc_casadi.paper.direct import EXCESS_TOLERANCE
+from avc_casadi.paper.equations import Loop, coupling_gains, loop_at
 from avc_casadi.paper.exact import exact_gains
-from avc_casadi.paper.loop import Loop, loop_at
 from avc_casadi.paper.nlp import optimality
 from avc_casadi.paper.nlp_gains import nlp_gains
-from avc_casadi.paper.nlp_solver import nlp_solvers
+from avc_casadi.paper.nlp_solver import DEFAULT_SOLVER, DEFAULT_TOLERANCE, SOLVERS, nlp_solvers
 from avc_casadi.paper.rows import GainArrays, admissible
 
 if TYPE_CHECKING:

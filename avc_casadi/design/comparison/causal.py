@@ -10,7 +10,7 @@ import numpy as np
 from avc_casadi._util.json_values import plain
 from avc_casadi.loops.wall import force_over_position, frozen_rendering
 from avc_casadi.paper import equations as eq
-from avc_casadi.paper.loop import loop_at
+from avc_casadi.paper.equations import loop_at
 
 if TYPE_CHECKING:
     from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray

@@ -23,8 +23,7 @@ from avc_casadi.files.problem_file import AnyProblem, of_problem, with_wall
 from avc_casadi.loops.wall import passive_limit_n_per_m
 from avc_casadi.model.gains import GainSchedule, Status
 from avc_casadi.paper.closed_form import project
-from avc_casadi.paper.equations import tustin
-from avc_casadi.paper.loop import Loop, loop_at
+from avc_casadi.paper.equations import Loop, loop_at, tustin
 from avc_casadi.paper.realism import perceived_bounds
 
 if TYPE_CHECKING:

@@ -17,7 +17,7 @@ from avc_casadi.loops.wall import SampledLoop, fractions
 from avc_casadi.model.corners import margin_over_range
 from avc_casadi.model.gains import GainSchedule, Status
 from avc_casadi.paper.realism import judge_realism
-from avc_casadi.paper.rendered import gain_schedule
+from avc_casadi.paper.rows import gain_schedule
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -24,7 +24,7 @@ from avc_casadi.design.schedule.scope import (
 )
 from avc_casadi.design.schedule.states import States
 from avc_casadi.model.problem import Problem
-from avc_casadi.paper.loop import Loop, loop_at
+from avc_casadi.paper.equations import Loop, loop_at
 from avc_casadi.paper.numbers import ComplexExpr, Real, abs2, casadi_numbers
 from avc_casadi.paper.realism import relative_errors
 from avc_casadi.paper.rows import GainArrays

@@ -10,7 +10,7 @@ from avc_casadi._util.arrays import BoolArray, FloatArray
 from avc_casadi.claims.hands import ScopeSlack, deciding_frequencies_hz, scope_band_hz, scope_slack
 from avc_casadi.model.corners import corner_problems, least_damped
 from avc_casadi.model.problem import Problem
-from avc_casadi.paper.loop import Loop, loop_at
+from avc_casadi.paper.equations import Loop, loop_at
 from avc_casadi.paper.numbers import Complex, Real, abs2
 from avc_casadi.paper.realism import bound_magnitudes
 from avc_casadi.paper.rows import GainArrays

@@ -22,10 +22,9 @@ from avc_casadi.design.schedule.programme import BACKOFF, Programme, Solution
 from avc_casadi.design.schedule.scope import Slots, deciding_corners, realism_slack, worst_slack
 from avc_casadi.model.gains import GainSchedule, Status
 from avc_casadi.model.problem import Problem
+from avc_casadi.paper.equations import loop_at
 from avc_casadi.paper.exact import exact_gains
-from avc_casadi.paper.loop import loop_at
-from avc_casadi.paper.rendered import gain_schedule
-from avc_casadi.paper.rows import row_status
+from avc_casadi.paper.rows import gain_schedule, row_status
 
 _STAGES = 40
 """Stages of the dynamic programme."""

@@ -9,8 +9,7 @@ import numpy as np
 
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi.model.problem import Problem
-from avc_casadi.paper.equations import coupling_impedance
-from avc_casadi.paper.loop import Loop
+from avc_casadi.paper.equations import Loop, coupling_impedance
 from avc_casadi.paper.rows import GainArrays
 
 _FLOOR_SHARE = 1e-4

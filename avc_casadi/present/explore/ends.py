@@ -30,9 +30,9 @@ from avc_casadi.loops.follower import FollowerLoops
 from avc_casadi.model.ends import ToolGains
 from avc_casadi.model.gains import NO_COUPLING, GainSchedule, Status
 from avc_casadi.model.scene import with_gains
-from avc_casadi.paper.loop import loop_at
+from avc_casadi.paper.equations import loop_at
 from avc_casadi.paper.realism import perceived_bounds
-from avc_casadi.paper.rendered import gain_schedule
+from avc_casadi.paper.rows import gain_schedule
 from avc_casadi.present.row import Row, marked, row
 from avc_casadi.present.rows import subject
 from avc_casadi.present.rows.judge import own_law, passivity
