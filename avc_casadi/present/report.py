@@ -11,6 +11,7 @@ from string import Template
 from typing import TYPE_CHECKING, Any
 
 from avc_casadi._util.text import number
+from avc_casadi.files.problem_file import dump_problem
 from avc_casadi.paper.errata import ASSUMPTIONS, PAPER_ERRORS
 from avc_casadi.present.figures.deployed import draw_loop, draw_rendered, draw_rendered_impedance
 from avc_casadi.present.figures.paper import draw_comparison, draw_perceived
@@ -60,18 +61,20 @@ class Picture:
 
 @dataclass(frozen=True)
 class Section:
-    """A part of a report: a heading, a sentence, figures and rows; folded up at first where it holds details."""
+    """A part of a report: a heading, a sentence, figures, rows, a file; folded up at first where it holds details."""
 
     title: str
     rows: Sequence[Row] = ()
     pictures: Sequence[Picture] = ()
     text: str = ""
     folded: bool = False
+    file: str = ""
 
     def html(self, units: Units) -> str:
         """Return it as HTML."""
         text = f"<p>{escape(self.text)}</p>" if self.text else ""
-        body = "\n".join([text, *(one.html() for one in self.pictures), _table(self.title, self.rows, units)])
+        file = _wide(self.title, f"<pre>{escape(self.file)}</pre>") if self.file else ""
+        body = "\n".join([text, *(one.html() for one in self.pictures), _table(self.title, self.rows, units), file])
         if self.folded:
             return f"<details>\n<summary>{escape(self.title)}</summary>\n{body}\n</details>"
         return f"<h2>{escape(self.title)}</h2>\n{body}"
@@ -101,7 +104,7 @@ def _page(
     """Return a page: its title and source, a verdict and whether that is a yes, its sections, and the versions."""
     text, good = conclusion
     body = [f'<p class="verdict {"pass" if good else "fail"}">{escape(text)}</p>']
-    body += [one.html(units) for one in sections if one.rows or one.pictures]
+    body += [one.html(units) for one in sections if one.rows or one.pictures or one.file]
     made = _table("versions", (row(name, version) for name, version in versions.items()), units)
     frame = Template(Path(__file__).with_suffix(".html").read_text(encoding="utf-8"))
     return frame.substitute(title=escape(title), source=escape(source), body="\n\n".join(body), versions=made)
@@ -123,14 +126,13 @@ def report_html(
     claims: list[Row] = levels(certificate.get("levels", {}))
     if problem.simulation is not None and certificate:
         claims = [*stability(certificate), *passivity(certificate["passivity"], problem)]
-    values = _values(problem.model_dump(exclude={"name", "title", "source"}))
     sections = [
         Section("What to deploy", shown[:10], pictures[:1]),
         Section("Margins and time responses", shown[10:], pictures[1:]),
         *more,
         Section("Details", [one for one in answer.rows if one.rank > 0], folded=True),
         Section("Certificate", claims, folded=True),
-        Section("Problem: every value of it", [row(problem.units.key(key), text) for key, text in values], folded=True),
+        Section("Problem file", file=dump_problem(problem), folded=True),
     ]
     title = ": ".join(filter(None, (problem.name, problem.title)))
     return _page(title, problem.source, verdict(answer.data, shown), sections, problem.units, versions)
@@ -191,31 +193,13 @@ def pair_pictures(found: Recommendation, progress: Progress) -> dict[str, Pictur
     return drawn
 
 
-def _values(table: Mapping[str, Any], prefix: str = "") -> list[tuple[str, str]]:
-    """Return every value of nested tables beside its dotted key, without those not given."""
-    rows = []
-    for key, value in table.items():
-        if isinstance(value, Mapping):
-            rows += _values(value, f"{prefix}{key}.")
-        elif value is not None:
-            rows.append((f"{prefix}{key}", _text(value)))
-    return rows
-
-
-def _text(value: Any) -> str:
-    if isinstance(value, list | tuple):
-        return ", ".join(map(_text, value)) or "none"
-    return number(value) if isinstance(value, float) else str(value)
-
-
 def identification_html(answer: Answer, found: Identification, text: str, versions: Mapping[str, str]) -> str:
     """Return the report of an identification: its rows, log and model side by side, and the device file."""
     caption = "The model on the commanded input, held near by a slow observer; frequency response where it is coherent"
-    lines = [row(f"{place + 1}", line) for place, line in enumerate(text.splitlines())]
     sections = [
         Section("What the logs show", _shown(answer), [Picture.of(draw_identification(found), caption)]),
         Section("Evidence", [one for one in answer.rows if one.rank > 0]),
-        Section("Device file", lines, folded=True),
+        Section("Device file", file=text, folded=True),
     ]
     source = f"{', '.join(found.sources)}: {number(found.seconds, 3)} s at {number(1 / found.sample_time_s)} Hz"
     title = "Device identified from its log" if found.device is None else found.device.title

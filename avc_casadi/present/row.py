@@ -47,6 +47,11 @@ class Mark(Enum):
     NONE = " "
 
 
+def quantity_of(key: str) -> Quantity:
+    """Return what a value measures by the ending of its key."""
+    return next((of for ending, of in _ENDINGS.items() if key.endswith(ending)), "number")
+
+
 @dataclass(frozen=True)
 class Value:
     """A number and what it measures, in SI units of a linear device."""
@@ -54,6 +59,11 @@ class Value:
     number: float | None
     quantity: Quantity
     digits: int = 3
+
+    @classmethod
+    def of(cls, key: str, number: float | None, digits: int = 3) -> Value:
+        """Return the value of a key, which measures what its ending says."""
+        return cls(number, quantity_of(key), digits)
 
     def text(self, units: Units) -> str:
         """Return the number with its unit for a device that slides or turns."""
@@ -96,20 +106,17 @@ def text_of(values: Iterable[Part], units: Units, tie: str = " ") -> str:
     return line
 
 
-def quantity_of(key: str) -> Quantity:
-    """Return what a value measures by the ending of its key."""
-    return next((of for ending, of in _ENDINGS.items() if key.endswith(ending)), "number")
-
-
 def fill(template: str, values: Mapping[str, Any]) -> tuple[Part, ...]:
     """Return a template with the value of each {key} in its quantity; a colon begins its digits, or its quantity."""
     found: list[Parts] = []
     for text, key, how, _ in Formatter().parse(template):
         found.append(text.strip())
         if key is not None:
-            value, digits = values[key], int(how) if how and how.isdigit() else 3
-            of: Any = how if how and not how.isdigit() else quantity_of(key)
-            found.append(value if isinstance(value, str) else Value(value, of, digits))
+            value, measure = values[key], how or "3"
+            if isinstance(value, str):
+                found.append(value)
+            else:
+                found.append(Value.of(key, value, int(measure)) if measure.isdigit() else Value(value, measure))  # type: ignore[arg-type]
     return parts(*found)
 
 
@@ -129,11 +136,6 @@ def span(values: Iterable[float | None], of: Quantity) -> tuple[Part, ...]:
     known = [one for one in values if one is not None]
     low, high = min(known), max(known)
     return (Value(low, of),) if low == high else (Value(low, of), "to", Value(high, of))
-
-
-def count(things: float) -> Value:
-    """Return a number of things."""
-    return Value(things, "number", 9)
 
 
 @dataclass(frozen=True)
@@ -163,11 +165,6 @@ def marked(passed: bool, otherwise: Mark = Mark.FAIL) -> Mark:
 def doubted(doubt: object) -> Mark:
     """Return the mark of what is only noted unless there is a doubt."""
     return Mark.CAUTION if doubt else Mark.NONE
-
-
-def written(*files: str | None, label: str = "Written") -> list[Row]:
-    """Return the row of the files that were written, if any."""
-    return [row(label, ", ".join(filter(None, files)))] if any(files) else []
 
 
 @dataclass(frozen=True)

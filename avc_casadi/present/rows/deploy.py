@@ -7,7 +7,7 @@ from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 from avc_casadi.present.row import Answer, Mark, Row, Value, fill, listed, marked, parts, row
-from avc_casadi.present.rows.subject import answer, gains, notes, pair, plural
+from avc_casadi.present.rows import subject
 
 if TYPE_CHECKING:
     from avc_casadi._util.units import Units
@@ -38,7 +38,7 @@ def limits(data: Mapping[str, Any], units: Units) -> Answer:
 
 def faults(data: Mapping[str, Any], advice: Sequence[str]) -> Answer:
     """Return the answer of `device --clear`: a row for each fault."""
-    rows = notes(advice, "Fault") or [row("Faults", "none was latched", mark=Mark.PASS)]
+    rows = subject.notes(advice, "Fault") or [row("Faults", "none was latched", mark=Mark.PASS)]
     if set(data["were"]) & set(data["first"]):
         rows.append(row("First", f"{', '.join(data['first'])}, at tick {data['tick']}"))
     if data["left"]:
@@ -52,19 +52,22 @@ def push(data: Mapping[str, Any], coupling: Coupling, shown: str) -> Answer:
     """Return the answer of `push`."""
     equal, problem = data["readback_equal"], coupling.problem
     rounding = "exact in" if not data["rounding_max"] else f"within {data['rounding_max']:.0e} by"
-    took = fill(f"({{seconds:time}}, {plural(data['attempts'], 'attempt')}), CRC {data['crc32']:08x}", data)
+    took = fill(f"({{seconds:time}}, {subject.plural(data['attempts'], 'attempt')}), CRC {data['crc32']:08x}", data)
     limit = None if coupling.max_force_n is None else Value(coupling.max_force_n, "force")
     rows = [
         *_unsafe(data),
-        row("Pushed", f"coupling {coupling.id}, {plural(data['rows'], 'row')} on {data['port']}", took),
+        row("Pushed", f"coupling {coupling.id}, {subject.plural(data['rows'], 'row')} on {data['port']}", took),
         row("Read back", f"equal, {rounding} single precision" if equal else "NOT EQUAL", mark=marked(equal)),
         row("Limit", limit or "the device's own"),
     ]
     if "in_the_loop" in data:
         rows.append(in_the_loop(data["in_the_loop"]))
-    rows += [*notes([*filter(None, [data["holes"]]), *data.get("notes", ())]), *notes(coupling.lacks, "Lacks")]
+    rows += [
+        *subject.notes([*filter(None, [data["holes"]]), *data.get("notes", ())]),
+        *subject.notes(coupling.lacks, "Lacks"),
+    ]
     onwards = () if data["port"] == "emulator" else (f"avc monitor --port {quote(data['port'])}",)
-    return answer("push", data, problem, shown, rows, onwards)
+    return subject.answer("push", data, problem, shown, rows, onwards)
 
 
 def in_the_loop(tried: Mapping[str, Any]) -> Row:
@@ -87,20 +90,22 @@ def export(data: Mapping[str, Any], coupling: Coupling, shown: str) -> Answer:
         keys = ("damping_ns_per_m", "stiffness_n_per_m", "contact_damping_ns_per_m")
         table = {key: getattr(coupling.schedule, key)[coupling.schedule.usable].tolist() for key in keys}
         observer = "observer with state feedback," if coupling.runtime.state_feedback is not None else ""
-        what, size = parts(observer, gains(table, problem)), plural(data["rows"], "row")
+        what, size = parts(observer, subject.gains(table, problem)), subject.plural(data["rows"], "row")
     else:
-        there = parts("at the follower", pair(vars(coupling.at_follower))) if coupling.end == "follower" else None
-        what, size = listed([pair(vars(coupling.gains)), there], ";"), "both ends"
+        there = (
+            parts("at the follower", subject.pair(vars(coupling.at_follower))) if coupling.end == "follower" else None
+        )
+        what, size = listed([subject.pair(vars(coupling.gains)), there], ";"), "both ends"
     onwards = (f"avc export {quote(shown)} --parameters mujoco",) if coupling.end == "simulation" else ()
     rows = [
         *_unsafe(data),
         row("Coupling", f"{coupling.id}:", what),
         row("C", f"{data['precision']} precision,", rates, f", {size}"),
         *_files(data["files"]),
-        *notes(filter(None, [data.get("holes")])),
-        *notes(data.get("lacks", ()), "Lacks"),
+        *subject.notes(filter(None, [data.get("holes")])),
+        *subject.notes(data.get("lacks", ()), "Lacks"),
     ]
-    return answer("export", data, problem, shown, rows, onwards)
+    return subject.answer("export", data, problem, shown, rows, onwards)
 
 
 def firmware(data: Mapping[str, Any], title: str, units: Units, held: str) -> Answer:
@@ -111,7 +116,7 @@ def firmware(data: Mapping[str, Any], title: str, units: Units, held: str) -> An
         row("Gains", held),
         row("Serial line", f"{data['baud']} baud"),
         *_files(data["files"]),
-        *notes(data["notes"]),
+        *subject.notes(data["notes"]),
         *(row("or by" if place else "Flash by", one) for place, one in enumerate(data["commands"])),
     ]
     size = f"{data['size_bytes']} bytes from {data['address']:#010x}"

@@ -9,34 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.text import sample_rows
-from avc_casadi.present.row import (
-    Answer,
-    Mark,
-    Part,
-    Row,
-    Value,
-    fill,
-    listed,
-    marked,
-    parts,
-    quantity_of,
-    row,
-    span,
-    written,
-)
+from avc_casadi.present.row import Answer, Mark, Part, Row, Value, fill, listed, marked, parts, quantity_of, row, span
+from avc_casadi.present.rows import subject
 from avc_casadi.present.rows.deploy import in_the_loop
 from avc_casadi.present.rows.judge import levels
-from avc_casadi.present.rows.subject import (
-    HAND,
-    answer,
-    counts,
-    deployable,
-    gains,
-    name_of,
-    notes,
-    passive_limit,
-    plural,
-)
 
 if TYPE_CHECKING:
     from avc_casadi.design.comparison.comparison import Comparison
@@ -48,30 +24,30 @@ _GAINS = {"damping_ns_per_m": "b", "stiffness_n_per_m": "k", "contact_damping_ns
 
 def solution(data: Mapping[str, Any], problem: Problem, shown: str = "", file: str | None = None) -> Answer:
     """Return the answer of `solve`."""
-    shown, status = shown or name_of(problem), data["status"]
+    shown, status = shown or subject.name_of(problem), data["status"]
     have = sum(b is not None for b in data["damping_ns_per_m"])
     by = data["method"] + (f" ({data['solver']})" if data["solver"] else "")
     solved = fill(f"{by}: at {have} of {len(status)} frequencies in {{solve:time}}", data["seconds"])
     inside = "between U and L at {share_inside_bounds} of the frequencies, within {jnd:share} of the impedance at"
     rows = [
         row("Gains", solved, mark=marked(have == len(status))),
-        *([row("Coupling", gains(data, problem))] if have else []),
-        row("Status", counts(data["counts"])),
+        *([row("Coupling", subject.gains(data, problem))] if have else []),
+        row("Status", subject.counts(data["counts"])),
         *_errors(data),
         row("Realism", fill(f"{inside} {{share_inside_jnd:share}}", data["realism"])),
-        deployable(data["deployable"]),
-        passive_limit(data["passive_limit_n_per_m"]),
+        subject.deployable(data["deployable"]),
+        subject.passive_limit(data["passive_limit_n_per_m"]),
     ]
     if "paper_errors" in data:
         errors = f"{len(data['paper_errors'])} in the printed paper; these gains have those of (10) and (17)"
         rows.append(row("Paper's errors", errors, mark=Mark.CAUTION))
-    rows += [*written(file), *gain_rows(data), *notes(data["notes"], rank=1, mark=Mark.NONE)]
+    rows += [*subject.written(file), *gain_rows(data), *subject.notes(data["notes"], rank=1, mark=Mark.NONE)]
     rows += [*levels(data["certificate"]["levels"]), *printed_errors(data.get("paper_errors", ()))]
     printed = " --as-printed" if "paper_errors" in data else ""
     again = f"avc solve {quote(shown)} --method {data['method']}{printed}"
     beside = f"{quote(shown)} " if file and file.endswith(".csv") else ""
     onwards = f"avc certify {beside}{quote(file)}" if file and data["deployable"] else f"{again} --out gains.json"
-    return answer("solve", data, problem, shown, rows, (onwards, f"{again} -v"), without_gains(data))
+    return subject.answer("solve", data, problem, shown, rows, (onwards, f"{again} -v"), without_gains(data))
 
 
 def printed_errors(errors: Sequence[Mapping[str, Any]]) -> list[Row]:
@@ -99,9 +75,7 @@ def gain_rows(data: Mapping[str, Any], most: int = 20) -> list[Row]:
     """Return the gains and errors at some of the frequencies, of lower rank."""
     rows = []
     for at in sample_rows(len(data["frequency_hz"]), most):
-        each: list[Any] = [
-            (symbol, Value(data[key][at], quantity_of(key))) for key, symbol in _GAINS.items() if data[key][at]
-        ]
+        each: list[Any] = [(symbol, Value.of(key, data[key][at])) for key, symbol in _GAINS.items() if data[key][at]]
         each.append(("error of |Z|", Value(data["magnitude_error"][at], "damping")))
         each.append(("impedance error", Value(data["complex_error"][at], "share")))
         each += [("Re Z_h", Value(data["real_part"][at], "damping")), data["status"][at]]
@@ -125,7 +99,7 @@ def _errors(data: Mapping[str, Any]) -> list[Row]:
 
 def comparison(data: Mapping[str, Any], problem: Problem, shown: str = "", drawn: str | None = None) -> Answer:
     """Return the answer of `compare`."""
-    shown, realism = shown or name_of(problem), {name: one["realism"] for name, one in data["methods"].items()}
+    shown, realism = shown or subject.name_of(problem), {name: one["realism"] for name, one in data["methods"].items()}
     if data["mine"] is not None:
         realism["mine"] = data["mine"]["realism"]
     between, near = (
@@ -134,17 +108,17 @@ def comparison(data: Mapping[str, Any], problem: Problem, shown: str = "", drawn
     )
     rows = [
         *(_method(name, one, data) for name, one in data["methods"].items()),
-        row("Verdicts", f"{counts(data['counts'])}, pointwise"),
+        row("Verdicts", f"{subject.counts(data['counts'])}, pointwise"),
         _deployable(data),
         row("Between U, L", "of the frequencies:", between),
         row("Impedance error", fill("within {jnd:share}:", next(iter(realism.values()))), near),
         _injection(data["damping_injection"]),
         *_mine(data),
-        passive_limit(data["passive_limit_n_per_m"]),
+        subject.passive_limit(data["passive_limit_n_per_m"]),
     ]
     if data["problem_scope"] != data["scope"]:
         rows.append(row("Not compared", f"gains of scope {data['problem_scope']} (avc solve)", mark=Mark.CAUTION))
-    rows += written(drawn, label="Drawn")
+    rows += subject.written(drawn, label="Drawn")
     missing = [at for at, verdict in enumerate(data["verdict"]) if verdict == "infeasible"]
     complaint = ""
     if missing:
@@ -155,7 +129,7 @@ def comparison(data: Mapping[str, Any], problem: Problem, shown: str = "", drawn
         why = f"first at {data['frequency_hz'][at]:.4g} Hz: {data['reason'][at]}"
         rows.append(row(verdict.capitalize(), why, rank=1))
     onwards = (f"avc recommend {quote(shown)}", f"avc compare {quote(shown)} -v")
-    return answer("compare", data, problem, shown, rows, onwards, complaint)
+    return subject.answer("compare", data, problem, shown, rows, onwards, complaint)
 
 
 def _method(name: str, found: Mapping[str, Any], data: Mapping[str, Any]) -> Row:
@@ -223,7 +197,7 @@ def run(data: Mapping[str, Any], found: Answer, files: str) -> Answer:
     beside = (device(data["push"]), *paper(data)) if "push" in data else ()
     first = shown[:8] if beside else shown
     later = [replace(one, rank=1) for one in shown[len(first) :]] + [one for one in found.rows if one.rank > 0]
-    return replace(found, kind="run", data=data, rows=(*first, *beside, *written(files), *later))
+    return replace(found, kind="run", data=data, rows=(*first, *beside, *subject.written(files), *later))
 
 
 def paper(data: Mapping[str, Any]) -> list[Row]:
@@ -241,7 +215,7 @@ def paper(data: Mapping[str, Any]) -> list[Row]:
     if check is not None:
         text, mark = _cross_check(check)
         found.append(row("Exact optimum", text, mark=mark))
-    return [*found, row("Verdicts", f"{counts(data['counts'])}, pointwise")]
+    return [*found, row("Verdicts", f"{subject.counts(data['counts'])}, pointwise")]
 
 
 def device(push: Mapping[str, Any]) -> Row:
@@ -262,26 +236,26 @@ def device(push: Mapping[str, Any]) -> Row:
 def new(data: Mapping[str, Any], problem: Problem, shown: str) -> Answer:
     """Return the answer of `new`: what was written, what is unknown and what is unlikely."""
     units, model = problem.units, data["model"]
-    ranges = listed(span(getattr(problem.hands, key), quantity_of(key)) for key in HAND)
+    ranges = listed(span(getattr(problem.hands, key), quantity_of(key)) for key in subject.HAND)
     assumed = ", ".join(f"{units.key(key)} {value}" for key, value in data["assumed"].items())
     not_known = [f"{one['key'].partition('.')[2]}: {one['message']}" for one in data["not_known"]]
     rows = [row("Written", data["file"], mark=Mark.PASS)]
     if model is not None:
-        poses = f"over {plural(model['poses'], 'pose')} and all normals of {model['tip']}"
+        poses = f"over {subject.plural(model['poses'], 'pose')} and all normals of {model['tip']}"
         rows.append(row("Mass", fill("{mass_kg},", model), span(model["range_kg"], "mass"), poses))
         if left := model["singular_poses"]:
-            near = f"{plural(left, 'pose')} near a singular one, where the mass grows without limit"
+            near = f"{subject.plural(left, 'pose')} near a singular one, where the mass grows without limit"
             rows.append(row("Left out", near, mark=Mark.CAUTION))
         if model["has_dry_friction"]:
-            rows += notes(["dry friction of the model's joints; that at the tip: --friction"], "Not used")
+            rows += subject.notes(["dry friction of the model's joints; that at the tip: --friction"], "Not used")
     rows += [
         row("Hands", f"{data['held']}:", ranges),
         *([row("Assumed", assumed)] if assumed else []),
-        *notes(not_known, "Not known"),
-        *notes((f"{one['key']} {one['message']}" for one in data["warnings"]), "Warning"),
+        *subject.notes(not_known, "Not known"),
+        *subject.notes((f"{one['key']} {one['message']}" for one in data["warnings"]), "Warning"),
     ]
     onwards = (f"avc recommend {quote(shown)} --out coupling.json",)
-    return answer("new", data, problem, shown, rows, onwards)
+    return subject.answer("new", data, problem, shown, rows, onwards)
 
 
 def paper_data(found: Comparison, best: GainSchedule) -> dict[str, Any]:

@@ -16,34 +16,16 @@ from avc_casadi.present.row import (
     Part,
     Row,
     Value,
-    count,
     doubted,
     fill,
     listed,
     marked,
     parts,
-    quantity_of,
     row,
     span,
-    written,
 )
+from avc_casadi.present.rows import subject
 from avc_casadi.present.rows.recommend import stability
-from avc_casadi.present.rows.subject import (
-    answer,
-    damping_ratio,
-    deployable,
-    device_line,
-    gains,
-    hand,
-    name_of,
-    not_used,
-    notes,
-    pair,
-    passive_limit,
-    saturates,
-    settling,
-    smallest_margins,
-)
 
 if TYPE_CHECKING:
     from avc_casadi._util.units import Units
@@ -82,9 +64,9 @@ _LAW = {
 def certificate(data: Mapping[str, Any], problem: Problem, shown: str | None = None) -> Answer:
     """Return the answer of `certify` of a coupling to a wall; ``gains`` is None where they stand in no file."""
     file, verdict = data["gains"], data["deployable"]
-    shown = name_of(problem) if shown is None else shown
+    shown = subject.name_of(problem) if shown is None else shown
     rows = [
-        deployable(verdict),
+        subject.deployable(verdict),
         *_claims(verdict, data["levels"]["L5"]),
         *(
             row(one["title"].capitalize(), f"{one['outcome']}: {one['claim']}", mark=_OUTCOMES[one["outcome"]])
@@ -92,9 +74,9 @@ def certificate(data: Mapping[str, Any], problem: Problem, shown: str | None = N
             if one["outcome"]
         ),
         _per_frequency(data["levels"]),
-        passive_limit(data["passive_limit_n_per_m"]),
-        *notes(data["notes"]),
-        *written(*data["proof_files"]),
+        subject.passive_limit(data["passive_limit_n_per_m"]),
+        *subject.notes(data["notes"]),
+        *subject.written(*data["proof_files"]),
         *levels(data["levels"]),
     ]
     if "claimed" in data:
@@ -106,7 +88,7 @@ def certificate(data: Mapping[str, Any], problem: Problem, shown: str | None = N
         onwards += [f"avc export {quote(file)} --c firmware{beside}"] if verdict["pass"] else []
         onwards.append(f"avc certify {quote(file)} -v")
     complaint = "" if verdict["pass"] else f"avc: {problem.name}: {file} is not deployable"
-    return answer("certify", data, problem, file or shown, rows, onwards, complaint)
+    return subject.answer("certify", data, problem, file or shown, rows, onwards, complaint)
 
 
 def _claims(verdict: Mapping[str, Any], hands: Mapping[str, Any]) -> list[Row]:
@@ -154,9 +136,9 @@ def levels(found: Mapping[str, Any]) -> list[Row]:
 
 def own_law(found: LawCertificate, shown: str = "") -> Answer:
     """Return the answer of `certify` of a law of one's own."""
-    problem, shown = found.problem, shown or name_of(found.problem)
+    problem, shown = found.problem, shown or subject.name_of(found.problem)
     law = {key: value for key, value in vars(found.law).items() if value}
-    title = parts(shown, " ", _law(law), device_line(problem.device))
+    title = parts(shown, " ", _law(law), subject.device_line(problem.device))
 
     def command(law: Mapping[str, float]) -> str:
         typed = " ".join(f"{_LAW[key][1]} {value:g}" for key, value in law.items() if value)
@@ -180,7 +162,7 @@ def own_law(found: LawCertificate, shown: str = "") -> Answer:
 
 
 def _law(values: Mapping[str, float]) -> tuple[Part, ...]:
-    return listed((_LAW[key][0], Value(value, quantity_of(key))) for key, value in values.items())
+    return listed((_LAW[key][0], Value.of(key, value)) for key, value in values.items())
 
 
 def _law_rows(found: LawCertificate) -> list[Row]:
@@ -197,10 +179,10 @@ def _law_rows(found: LawCertificate) -> list[Row]:
     of_disk = Mark.FAIL if disk < LEAST_DISK else marked(disk >= SOUND_DISK, Mark.CAUTION)
     rows = [
         row("Deployable", f"{'yes' if found.passed else 'no'}: {found.reason}", mark=mark),
-        smallest_margins({who: vars(case.margins) for who, case in cases.items()}, of_disk),
-        settling(None if math.isinf(seconds) else seconds, slowest),
-        damping_ratio(ratio, hz, swinging, period_s),
-        row("Worst hand", hand(found.held.hand)),
+        subject.smallest_margins({who: vars(case.margins) for who, case in cases.items()}, of_disk),
+        subject.settling(None if math.isinf(seconds) else seconds, slowest),
+        subject.damping_ratio(ratio, hz, swinging, period_s),
+        row("Worst hand", subject.hand(found.held.hand)),
     ]
     if found.free is not None:
         outside = fill("disk margin {disk:2}", vars(found.free.margins))
@@ -220,10 +202,10 @@ def _law_rows(found: LawCertificate) -> list[Row]:
 
 def pair_certificate(data: Mapping[str, Any], problem: Problem, shown: str) -> Answer:
     """Return the answer of `certify` of a coupling to a simulation: stability, and passivity apart."""
-    rows = [row("Coupling", pair(data)), *stability(data), *passivity(data["passivity"], problem)]
-    rows += [*not_used(data["not_used"]), row("Claim", data["claim"], rank=1)]
+    rows = [row("Coupling", subject.pair(data)), *stability(data), *passivity(data["passivity"], problem)]
+    rows += [*subject.not_used(data["not_used"]), row("Claim", data["claim"], rank=1)]
     complaint = "" if data["stable"] else f"avc: {problem.name}: {data['gains']} is not deployable"
-    return answer("certify", data, problem, shown, rows, complaint=complaint)
+    return subject.answer("certify", data, problem, shown, rows, complaint=complaint)
 
 
 def passivity(found: Mapping[str, Any], problem: Problem) -> list[Row]:
@@ -238,7 +220,7 @@ def passivity(found: Mapping[str, Any], problem: Problem) -> list[Row]:
         known = {**found, "margin_ns_per_m": abs(found["margin_ns_per_m"])}
         spare = "passive with {margin_ns_per_m} to spare: stable with any passive engine, whatever its tool touches"
         lacks = "not passive: lacks {margin_ns_per_m} at {frequency_hz},"
-        text = fill(spare, known) if found["passive"] else parts(fill(lacks, known), hand(found["hand"]))
+        text = fill(spare, known) if found["passive"] else parts(fill(lacks, known), subject.hand(found["hand"]))
     if found["any_hand"] is not None:
         text = (*text, f"; {'with' if found['any_hand'] else 'not with'} any passive hand (Llewellyn)")
     rows = [row("Engine's port", text, mark=Mark.PASS if found["passive"] else Mark.NONE)]
@@ -250,7 +232,7 @@ def passivity(found: Mapping[str, Any], problem: Problem) -> list[Row]:
 
 def region(data: Mapping[str, Any], problem: Problem, shown: str = "", drawn: str | None = None) -> Answer:
     """Return the answer of `zwidth` of a problem with [simulation]: a row for each engine rate."""
-    shown, rows = shown or name_of(problem), []
+    shown, rows = shown or subject.name_of(problem), []
     for one in data["curves"]:
         best = {
             "stiffness_n_per_m": one["stiffest_n_per_m"],
@@ -258,17 +240,17 @@ def region(data: Mapping[str, Any], problem: Problem, shown: str = "", drawn: st
             "local_damping_ns_per_m": one["stiffest_with_local_ns_per_m"],
         }
         some = one["stiffest_n_per_m"] is not None
-        text = ("stiffest", *pair(best)) if some else ("no coupling is stable",)
+        text = ("stiffest", *subject.pair(best)) if some else ("no coupling is stable",)
         label = Value(one["rate_hz"], "frequency").text(problem.units)
         mark = Mark.NONE if some else Mark.FAIL
         rows.append(row(label, text, ", as declared" if one["declared"] else "", mark=mark))
-    rows += written(drawn, label="Drawn")
-    return answer("zwidth", data, problem, shown, rows, [f"avc recommend {quote(shown)} --out coupling.json"])
+    rows += subject.written(drawn, label="Drawn")
+    return subject.answer("zwidth", data, problem, shown, rows, [f"avc recommend {quote(shown)} --out coupling.json"])
 
 
 def walls(data: Mapping[str, Any], problem: Problem, shown: str = "", drawn: str | None = None) -> Answer:
     """Return the answer of `zwidth`: the walls that the device can render."""
-    shown, curves, damping = shown or name_of(problem), data["curves"], data["wall_damping_ns_per_m"]
+    shown, curves, damping = shown or subject.name_of(problem), data["curves"], data["wall_damping_ns_per_m"]
     met = [one["claim"] for one in curves.values() if one["wanted_wall"]]
     whole = len(met) == len(curves)
     if curves["stable-hands"]["wanted_wall"] and not curves["stable-released"]["wanted_wall"]:
@@ -293,18 +275,18 @@ def walls(data: Mapping[str, Any], problem: Problem, shown: str = "", drawn: str
             error = fill(": passive at all frequencies, error {error:share}", one)
             text = parts(fill("k {stiffness_n_per_m}, b {damping_ns_per_m}", one), b_p, error)
             rows.append(row(f"Constant, {one['model'].removesuffix('-data')}", text))
-    rows.append(passive_limit(data["passive_limit_n_per_m"]))
+    rows.append(subject.passive_limit(data["passive_limit_n_per_m"]))
     if data["encoder_limit_n_per_m"] is not None:
         limit = "{encoder_limit_n_per_m} for a passive wall, 2 f_c/Delta (Abbott and Okamura 2005)"
         rows.append(row("Encoder limit", fill(limit, data)))
-    rows += [*notes(data["refused"], "Not judged"), *written(drawn, label="Drawn")]
+    rows += [*subject.notes(data["refused"], "Not judged"), *subject.written(drawn, label="Drawn")]
     onwards = (f"avc recommend {quote(shown)} --stiffest", f"avc zwidth {quote(shown)} -v")
-    return answer("zwidth", data, problem, shown, rows, onwards)
+    return subject.answer("zwidth", data, problem, shown, rows, onwards)
 
 
 def scene(data: Mapping[str, Any], problem: Problem, shown: str = "", drawn: str | None = None) -> Answer:
     """Return the answer of `simulate`, of a coupling to a wall or to a simulation."""
-    shown, tool = shown or name_of(problem), "local_damping_ns_per_m" in data
+    shown, tool = shown or subject.name_of(problem), "local_damping_ns_per_m" in data
     trace = None if data["trace"] is None else f"{data['trace']} and its manifest"
     sizes = ("mean_force_n", "position_peak_to_peak_m", "force_ripple_n", "energy_generated_j")
     known = {**data, **{key: _or_zero(data[key]) for key in sizes}}
@@ -312,7 +294,7 @@ def scene(data: Mapping[str, Any], problem: Problem, shown: str = "", drawn: str
     ending = f"{outcome(data)}{free}{'; buzzes' if data['buzzing'] else ''}"
     rows = [
         row("Outcome", ending, f"({data['steps']} samples)", mark=_mark(data)),
-        row("Coupling", f"{data['coupling']}:", pair(data)) if tool else _coupling(data, problem),
+        row("Coupling", f"{data['coupling']}:", subject.pair(data)) if tool else _coupling(data, problem),
         _rendered(data, problem),
     ]
     if not tool and data["rate_hardness_n_per_m"] is not None:
@@ -323,15 +305,15 @@ def scene(data: Mapping[str, Any], problem: Problem, shown: str = "", drawn: str
         row("Energy", fill("{energy_generated_j} given out beyond that taken in", known)),
         *([_beside("No guard", guarded)] if (guarded := data.get("without_guard")) is not None else []),
         *(_beside(f"With {one['coupling']}", one) for one in data.get("against", ())),
-        *notes(data.get("notes", ())),
+        *subject.notes(data.get("notes", ())),
     ]
     if data.get("left_out"):
         left = f"declared, but not listed in the scene: {', '.join(map(problem.units.key, data['left_out']))}"
         rows.append(row("Left out", left, mark=Mark.CAUTION))
-    rows += [*written(trace, drawn), *_explanation(data)]
+    rows += [*subject.written(trace, drawn), *_explanation(data)]
     complaint = "" if data["stable"] else f"avc: {problem.name}: the device {outcome(data)}"
     onwards = () if tool else (f"avc simulate {quote(shown)} --explain",)
-    return answer("simulate", data, problem, shown, rows, onwards, complaint)
+    return subject.answer("simulate", data, problem, shown, rows, onwards, complaint)
 
 
 def outcome(data: Mapping[str, Any]) -> str:
@@ -357,7 +339,7 @@ def _coupling(data: Mapping[str, Any], problem: Problem) -> Row:
     read: tuple[Part, ...] = ()
     if data["gains_from_hz"] is not None:
         read = fill(f"; {'at first ' * ('adaptation' in _kinds(data))}the table at {{gains_from_hz}}", data)
-    return row("Coupling", f"{data['coupling']}:", gains(table, problem), read)
+    return row("Coupling", f"{data['coupling']}:", subject.gains(table, problem), read)
 
 
 def _rendered(data: Mapping[str, Any], problem: Problem) -> Row:
@@ -369,7 +351,7 @@ def _rendered(data: Mapping[str, Any], problem: Problem) -> Row:
     text = parts(Value(sensed, "stiffness"), "at the sensor", share, beside)
     own = [one.force_n for one in problem.scene.effects if isinstance(one, SaturationEffect)]
     limit = own[0] if own and own[0] is not None else problem.device.max_force_n
-    if "saturation" not in _kinds(data) or not saturates(data["mean_force_n"], limit):
+    if "saturation" not in _kinds(data) or not subject.saturates(data["mean_force_n"], limit):
         return row("Rendered", text)
     return row("Rendered", text, "; ends at the limit of", Value(limit, "force"), mark=Mark.CAUTION)
 
@@ -427,8 +409,8 @@ def screening(data: Mapping[str, Any], problem: Problem, shown: str) -> Answer:
         names = ", ".join(data["unneeded"])
         rows.append(row("Not needed", fill(f"at a tolerance of {{tolerance:share}}: {names}", data)))
         rows.append(row("Without these", _changes(data["together"], problem.units)))
-    rows += notes(data["notes"])
-    return answer("screen", data, problem, shown, rows, (f"avc simulate {quote(shown)} --screen -v",))
+    rows += subject.notes(data["notes"])
+    return subject.answer("screen", data, problem, shown, rows, (f"avc simulate {quote(shown)} --screen -v",))
 
 
 def _changes(found: Mapping[str, Any], units: Units) -> tuple[Part, ...]:
@@ -448,7 +430,7 @@ def trial(data: Mapping[str, Any], units: Units, shown: str) -> Answer:
     settle = fill(f"{{at_rest:9}} of {{hands:9}} {interval}", data)
     rows = [
         row("Settle", settle, mark=marked(rests == hands, Mark.CAUTION)),
-        row("By motion", listed((name, count(one)) for name, one in data["by_motion"].items())),
+        row("By motion", ", ".join(f"{name} {one}" for name, one in data["by_motion"].items())),
         row("Simulated", ", ".join(data["effects"])),
     ]
     if moving:

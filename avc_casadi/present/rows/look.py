@@ -7,21 +7,8 @@ from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 from avc_casadi._util.units import LINEAR, Units
-from avc_casadi.present.row import (
-    Answer,
-    Mark,
-    Part,
-    Row,
-    Value,
-    fill,
-    listed,
-    marked,
-    parts,
-    quantity_of,
-    row,
-    span,
-)
-from avc_casadi.present.rows.subject import answer, name_of, not_used, notes, passive_limit
+from avc_casadi.present.row import Answer, Mark, Part, Row, Value, fill, listed, marked, parts, quantity_of, row, span
+from avc_casadi.present.rows import subject
 from avc_casadi.recommendation.preconditions import asked_of_others, not_judged
 
 if TYPE_CHECKING:
@@ -37,21 +24,21 @@ _EXCHANGES = {
 
 def problem(data: Mapping[str, Any], stated: Problem, shown: str = "") -> Answer:
     """Return the answer of `check` of a problem: what it asks for, its other end, what is unusual."""
-    shown = shown or name_of(stated)
+    shown = shown or subject.name_of(stated)
     rows = [row("Valid", data["title"] or "yes", mark=Mark.PASS)]
     if stated.simulation is not None:
-        rows += [*_engine(stated), *not_used(data["not_used"])]
+        rows += [*_engine(stated), *subject.not_used(data["not_used"])]
     elif stated.follower is not None:
-        rows += [*_follower(stated), *not_used(data["not_used"])]
+        rows += [*_follower(stated), *subject.not_used(data["not_used"])]
     else:
         rows += _wall(data, stated)
-    rows += notes((f"{one['key']} {one['message']}" for one in data["warnings"]), "Warning")
+    rows += subject.notes((f"{one['key']} {one['message']}" for one in data["warnings"]), "Warning")
     if data["source"]:
         rows.append(row("Source", data["source"], rank=1))
     # Where nothing is deployable whatever the gains, its row says so.
     none = any(one["key"] == "avc recommend" for one in data["warnings"])
     onwards = () if none else (f"avc recommend {quote(shown)} --out coupling.json",)
-    return answer("check", data, stated, shown, rows, onwards)
+    return subject.answer("check", data, stated, shown, rows, onwards)
 
 
 def _wall(data: Mapping[str, Any], stated: Problem) -> list[Row]:
@@ -59,12 +46,14 @@ def _wall(data: Mapping[str, Any], stated: Problem) -> list[Row]:
     rows = [
         row("Asked for", f"structure {data['structure']}, model {data['model']}, scope {data['scope']}"),
         row("Frequencies", fill(band, data)),
-        passive_limit(data["passive_limit_n_per_m"]),
+        subject.passive_limit(data["passive_limit_n_per_m"]),
     ]
     if data["declared"]:
         rows.append(row("Declared", ", ".join(map(stated.units.key, data["declared"]))))
-    rows += notes((f"{what}: no recommendation is judged with it" for what in not_judged(data["not_used"])), "Not used")
-    return rows + notes(asked_of_others(data["not_used"]), "Not used", Mark.NONE)
+    rows += subject.notes(
+        (f"{what}: no recommendation is judged with it" for what in not_judged(data["not_used"])), "Not used"
+    )
+    return rows + subject.notes(asked_of_others(data["not_used"]), "Not used", Mark.NONE)
 
 
 def _engine(stated: Problem) -> list[Row]:

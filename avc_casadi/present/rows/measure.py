@@ -8,21 +8,8 @@ from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 from avc_casadi._util.text import number
-from avc_casadi.present.row import (
-    Answer,
-    Mark,
-    Row,
-    Value,
-    doubted,
-    fill,
-    listed,
-    marked,
-    parts,
-    quantity_of,
-    row,
-    written,
-)
-from avc_casadi.present.rows.subject import HAND, notes, plural
+from avc_casadi.present.row import Answer, Mark, Row, Value, doubted, fill, listed, marked, parts, row
+from avc_casadi.present.rows import subject
 
 if TYPE_CHECKING:
     from avc_casadi._util.units import Units
@@ -53,9 +40,9 @@ def log(data: Mapping[str, Any], units: Units, title: str, file: str = "", onwar
     lost = f"{found['lost']} lost, seen as gaps" if found["lost"] else "none lost"
     rows = [
         row("Played", found["end"], mark=marked(found["whole"])),
-        row("Recorded", fill(f"{plural(found['records'], 'record')} in {{seconds:time}}, {lost}", found)),
+        row("Recorded", fill(f"{subject.plural(found['records'], 'record')} in {{seconds:time}}, {lost}", found)),
         row("At most", fill("{peak_force_n}, {peak_speed_m_per_s}, {peak_travel_m}", found)),
-        *written(file),
+        *subject.written(file),
     ]
     return Answer("excite", data, (title,), tuple(rows), tuple(onwards), units)
 
@@ -66,7 +53,9 @@ def identification(
     """Return the answer of `identify`: a row for each value of the device."""
     known = {"seconds": found.seconds, "rate_hz": 1 / found.sample_time_s}
     title = parts(
-        ", ".join(logs), " ", fill(f"{{seconds:time}} in {plural(found.records, 'record')} at {{rate_hz}}", known)
+        ", ".join(logs),
+        " ",
+        fill(f"{{seconds:time}} in {subject.plural(found.records, 'record')} at {{rate_hz}}", known),
     )
     rows: list[Row] = []
     for key, one in found.estimates.items():
@@ -78,8 +67,8 @@ def identification(
         mark = doubted(not one.identified)
         rows.append(row(units.key(key), values, mark=mark, rank=0 if len(rows) < 9 else 1))
     rows.append(row("Model", ", ".join(found.rungs)))
-    rows += notes(found.notes, mark=Mark.CAUTION)
-    rows += written(*files)
+    rows += subject.notes(found.notes, mark=Mark.CAUTION)
+    rows += subject.written(*files)
     rows.append(row("Not known", ", ".join(map(units.key, found.unknown)), rank=1))
     for trial in found.trials:
         error = f"error {{change:share}} on stretches held out, {trial.standard_errors:.2g} std errors"
@@ -92,11 +81,11 @@ def identification(
 
 def diagnosis(data: Mapping[str, Any], found: Sequence[Diagnosis], command: str, files: Sequence[str]) -> Answer:
     """Return the answer of `diagnose`: the rows of one log, or a row for each of several."""
-    beside = written(*files)
+    beside = subject.written(*files)
     units = found[0].declared.device.units
     if len(found) > 1:
         rows = [row(one.log.name, one.conclusion, mark=_verdict(one)) for one in found[:10]]
-        rows += [row("Others", plural(len(found) - 10, "log"))] if len(found) > 10 else []
+        rows += [row("Others", subject.plural(len(found) - 10, "log"))] if len(found) > 10 else []
         return Answer("diagnose", data, (f"{len(found)} logs",), (*rows, *beside), (command,), units)
     (one,) = found
     swing, law, fit = one.swing, one.law, one.fit
@@ -117,11 +106,11 @@ def diagnosis(data: Mapping[str, Any], found: Sequence[Diagnosis], command: str,
         ends = " to ".join(dict.fromkeys(number(end, 3) for end in one.declared.delay_samples))
         late = f"± {number(fit.delay_error, 1)}; {'declared' if one.declared.known else 'assumed'} {ends}"
         rows.append(row("Delay", Value(fit.best.delay + law.lag, "samples"), late))
-        hand = () if fit.best.hand is None else zip(fit.best.hand.values(0).values(), HAND, strict=True)
-        rows.append(row("Hand", listed(Value(value, quantity_of(key)) for value, key in hand) or "none"))
+        hand = () if fit.best.hand is None else zip(fit.best.hand.values(0).values(), subject.HAND, strict=True)
+        rows.append(row("Hand", listed(Value.of(key, value) for value, key in hand) or "none"))
         if fit.best.stops is not None:
             rows.append(row("Stops", listed(Value(each, "length") for each in fit.best.stops)))
-    rows += [*beside, *notes(one.notes, "Assumed", Mark.NONE, 1)]
+    rows += [*beside, *subject.notes(one.notes, "Assumed", Mark.NONE, 1)]
     title = parts(one.log.name, " ", Value(one.log.position_m.size * one.log.period_s, "time"))
     return Answer("diagnose", data, title, tuple(rows), (command,), units)
 

@@ -8,36 +8,8 @@ from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 from avc_casadi.design.virtual_tool import WIDEST_MARGIN
-from avc_casadi.present.row import (
-    Answer,
-    Mark,
-    Part,
-    Row,
-    Value,
-    count,
-    doubted,
-    fill,
-    listed,
-    marked,
-    row,
-    span,
-    written,
-)
-from avc_casadi.present.rows.subject import (
-    answer,
-    damping_ratio,
-    gains,
-    hand,
-    name_of,
-    not_used,
-    notes,
-    pair,
-    peak_force,
-    settled,
-    settling,
-    smallest_margins,
-    thin,
-)
+from avc_casadi.present.row import Answer, Mark, Part, Row, Value, doubted, fill, listed, marked, row, span
+from avc_casadi.present.rows import subject
 from avc_casadi.recommendation.felt import REACHED_M
 from avc_casadi.recommendation.preconditions import SLIP, asked_of_others, not_judged
 
@@ -58,7 +30,7 @@ _SETTLE = "{at_rest:9} of {hands:9} hands settle, {at_rest_without_friction:9} w
 
 def recommendation(found: Recommendation, shown: str = "", file: str | None = None) -> Answer:
     """Return the answer of `recommend`; ``file`` holds the coupling."""
-    problem, data, shown = found.problem, found.data(), shown or name_of(found.problem)
+    problem, data, shown = found.problem, found.data(), shown or subject.name_of(found.problem)
     rows = wall_rows(data, problem) if found.pair is None else _pair_rows(data, problem)
     onwards = f"avc recommend {quote(shown)} --out coupling.json"
     nothing = data["reason"].startswith("nothing") or problem.environment.stiffness_n_per_m == 0
@@ -69,8 +41,10 @@ def recommendation(found: Recommendation, shown: str = "", file: str | None = No
     elif not found.deployable:
         onwards = f"avc recommend {quote(shown)} --stiffest"
     complaint = "" if found.deployable else f"avc: {problem.name}: no coupling is deployable"
-    rows += [*written(file), *_details(data)]
-    return answer("recommend", data, problem, shown, rows, (onwards, f"avc recommend {quote(shown)} -v"), complaint)
+    rows += [*subject.written(file), *_details(data)]
+    return subject.answer(
+        "recommend", data, problem, shown, rows, (onwards, f"avc recommend {quote(shown)} -v"), complaint
+    )
 
 
 def verdict(data: Mapping[str, Any], rows: Sequence[Row]) -> tuple[str, bool]:
@@ -94,15 +68,17 @@ def wall_rows(data: Mapping[str, Any], problem: Problem) -> list[Row]:
     limit, worst = data["coupling"]["max_force_n"], data["transient"]["worst_hand"]
     return [
         *found,
-        smallest_margins(data["margins"]),
-        settling(data["transient"]["released"]["settling_s"], "released"),
-        damping_ratio(worst["damping_ratio"], worst["frequency_hz"], "worst_hand", data["coupling"]["sample_time_s"]),
+        subject.smallest_margins(data["margins"]),
+        subject.settling(data["transient"]["released"]["settling_s"], "released"),
+        subject.damping_ratio(
+            worst["damping_ratio"], worst["frequency_hz"], "worst_hand", data["coupling"]["sample_time_s"]
+        ),
         *_trade_off(data),
         *_simulated(data),
         *_unmodelled(data),
-        peak_force(data["trial"], limit, data["trial"]["at_force_limit"]),
+        subject.peak_force(data["trial"], limit, data["trial"]["at_force_limit"]),
         *_contact(data, problem),
-        *notes(asked_of_others(data["not_used"]), "Not used", Mark.NONE),
+        *subject.notes(asked_of_others(data["not_used"]), "Not used", Mark.NONE),
         *_limit(data),
     ]
 
@@ -118,7 +94,7 @@ def _coupling(data: Mapping[str, Any], problem: Problem) -> Row:
     found = listed(
         [
             None if law is None else f"observer ({len(law['innovation'])} states) with state feedback",
-            gains(coupling["table"], problem),
+            subject.gains(coupling["table"], problem),
             None if runtime["observer_mass_kg"] is None else fill("observer of assumed {observer_mass_kg}", runtime),
             None if coupling["constant"] else f"{len(coupling['table']['frequency_hz'])} rows",
         ]
@@ -136,7 +112,7 @@ def _coupling(data: Mapping[str, Any], problem: Problem) -> Row:
         if min(felt["share_of_wall"] or 1.0, moving / wall) < 0.1:
             doubt = (", but hardly anything of the wall is rendered to a moving hand",)
     without = f"without {names}, which is declared and not used" if names else ""
-    low = thin(min(one["disk"] for one in data["margins"].values()))
+    low = subject.thin(min(one["disk"] for one in data["margins"].values()))
     mark = Mark.CAUTION if doubt or without or low else Mark.PASS
     return row("Coupling", found, ": deployable", without, doubt, low, mark=mark)
 
@@ -200,11 +176,11 @@ def _loud(found: Mapping[str, Any]) -> bool:
 def _simulated(data: Mapping[str, Any]) -> list[Row]:
     total, off = data["simulated"], data["off_file"]
     quiet = fill(f"{_SETTLE}; {{quiet:9}} below the vibrotactile threshold", total)
-    rows = [row("Simulated", quiet, mark=_or_caution(settled(total), doubt=_loud(total)))]
+    rows = [row("Simulated", quiet, mark=_or_caution(subject.settled(total), doubt=_loud(total)))]
     if off is not None:
         unstable = fill("; linearly unstable on {linearly_unstable}", off) if off["linearly_unstable"] else None
         on = fill(f"{_SETTLE} on {{devices:9}} devices with values off by {{share}}", off)
-        rows.append(row("Model mismatch", on, unstable, mark=_or_caution(settled(off), doubt=bool(unstable))))
+        rows.append(row("Model mismatch", on, unstable, mark=_or_caution(subject.settled(off), doubt=bool(unstable))))
     return rows
 
 
@@ -220,8 +196,8 @@ def _unmodelled(data: Mapping[str, Any]) -> list[Row]:
             # A requirement is met, if not without dry friction, then with it where that may be counted on.
             key = "at_rest" if one["asked"] and one["at_rest"] is not None else "at_rest_without_friction"
             whole = whole and one[key] == one["at_rest_without_friction"] == one["hands"]
-            of = None if place else ("of", count(one["hands"]), "hands settle")
-            each.append((count(one[key]), of, "with", _effect(one)))
+            settle = f"{{{key}:9}} with" if place else f"{{{key}:9}} of {{hands:9}} hands settle with"
+            each.append((fill(settle, one), _effect(one)))
         if each:
             rows.append(row(label, listed(each), mark=Mark.PASS if whole else Mark.CAUTION))
     return rows
@@ -295,23 +271,23 @@ def _details(data: Mapping[str, Any]) -> list[Row]:
         effects = [", ".join(trial.get("effects", ())), ", ".join(trial["motions"])]
         rows.append(row("Simulated effects", "; ".join(filter(None, effects)), rank=1))
     rows.append(row("Reason", data["reason"], rank=1))
-    return rows + notes((one for one in data["assumed"] if not one.startswith(SLIP)), "Assumed", Mark.NONE, 1)
+    return rows + subject.notes((one for one in data["assumed"] if not one.startswith(SLIP)), "Assumed", Mark.NONE, 1)
 
 
 def stiffest(data: Mapping[str, Any], problem: Problem, shown: str = "") -> Answer:
     """Return the answer of `recommend --stiffest`."""
-    shown, others, limited = shown or name_of(problem), data["confirmed"], data["at_force_limit"]
+    shown, others, limited = shown or subject.name_of(problem), data["confirmed"], data["at_force_limit"]
     rows = [row("Stiffest wall", "none was found", mark=Mark.FAIL)]
     if data["stiffest_wall_n_per_m"] is not None:
         reached = fill(f"{{stiffest_wall_n_per_m}} ({data['by']}): {_SETTLE}", data)
-        rows = [row("Stiffest wall", reached, mark=settled(data))]
+        rows = [row("Stiffest wall", reached, mark=subject.settled(data))]
     if limited:
         known = {**data, "limit_n": problem.device.max_force_n}
         at = fill("{at_force_limit:9} of {hands:9} presses end at the limit of {limit_n}", known)
         rows.append(row("Limit", at, mark=Mark.CAUTION))
     if others is not None:
         quiet = fill(f"{_SETTLE}; {{quiet:9}} below the vibrotactile threshold", others)
-        rows.append(row("Confirmed", quiet, mark=settled(others)))
+        rows.append(row("Confirmed", quiet, mark=subject.settled(others)))
     if data["plain_wall_n_per_m"]:
         damping = span(data["damping_ns_per_m"], "damping")
         rows.append(row("Linear limit", fill("plain coupling {plain_wall_n_per_m}, with damping of", data), damping))
@@ -321,16 +297,19 @@ def stiffest(data: Mapping[str, Any], problem: Problem, shown: str = "") -> Answ
         row(str(one["change"]).removesuffix(" of the device").capitalize(), fill("{stiffest_wall_n_per_m}", one))
         for one in data["what_would_help"]
     ]
-    rows += [*notes(data["assumed"], "Assumed", Mark.NONE, 1), *notes(data["not_used"], "Not used", rank=1)]
+    rows += [
+        *subject.notes(data["assumed"], "Assumed", Mark.NONE, 1),
+        *subject.notes(data["not_used"], "Not used", rank=1),
+    ]
     onwards = (f"avc recommend {quote(shown)} --out coupling.json", f"avc recommend {quote(shown)} --stiffest -v")
-    return answer("stiffest", data, problem, shown, rows, onwards)
+    return subject.answer("stiffest", data, problem, shown, rows, onwards)
 
 
 def _pair_rows(data: Mapping[str, Any], problem: Problem) -> list[Row]:
     """Return the rows of a coupling to a simulation or a follower."""
     found, trial, end = data["pair"], data["trial"], problem.simulation or problem.follower
     wanted = end and end.stiffness_n_per_m
-    more = [_pair_limit(data), *not_used(data["not_used"])]
+    more = [_pair_limit(data), *subject.not_used(data["not_used"])]
     if data["coupling"] is None:
         none = row("Coupling", f"none is deployable: {data['reason']}", mark=Mark.FAIL)
         # Where K is linearly stable hands refute it: what else is linearly stable with it is no help.
@@ -339,13 +318,13 @@ def _pair_rows(data: Mapping[str, Any], problem: Problem) -> list[Row]:
     local = "damper of each loop" if problem.follower is not None else "damper in the device's loop"
     soft = wanted is None and found["gains"]["stiffness_n_per_m"] < problem.hands.stiffness_n_per_m[0]
     softer = ": softer than the softest hand" if soft else ""
-    rows = [row("Coupling", pair(found["gains"], local), softer, mark=marked(not soft, Mark.CAUTION))]
+    rows = [row("Coupling", subject.pair(found["gains"], local), softer, mark=marked(not soft, Mark.CAUTION))]
     for where, there in (("in the scene", found["in_scene"]), ("at the follower", found["at_follower"])):
         if there and there != found["gains"]:
-            rows.append(row("Scaled", where, pair(there, local)))
+            rows.append(row("Scaled", where, subject.pair(there, local)))
     rows += [*felt_rows(data["felt"]), *stability(found), *_passivity(found, problem), _pair_simulated(trial)]
     if "tap_force_n" in trial:
-        rows.append(peak_force(trial, problem.device.max_force_n))
+        rows.append(subject.peak_force(trial, problem.device.max_force_n))
     if found["set_by"]:
         rows.append(row("K is set by", f"hands: {found['set_by']}"))
     return [*rows, *_same_k(found), *more]
@@ -388,7 +367,7 @@ def stability(found: Mapping[str, Any]) -> list[Row]:
         on = "held rigidly" if stiffness is None else "on {contact_stiffness_n_per_m}" if stiffness else "free"
         at = "fixed place" if tool["mass_kg"] is None else fill(f"tool of {{mass_kg}}, {on}", tool)
         step = fill("; step {step_s}; spectral radius {spectral_radius:6} a step", {**case, **found})
-        rows.append(row("Worst loop", hand(case["hand"]), ";", at, step))
+        rows.append(row("Worst loop", subject.hand(case["hand"]), ";", at, step))
     if found.get("stable", True) and mode["damping_ratio"] < 1:
         rows.append(row("Damping ratio", fill("{damping_ratio:2} at {frequency_hz} (least damped loop)", mode)))
     return rows

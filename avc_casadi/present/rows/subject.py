@@ -15,7 +15,6 @@ from avc_casadi.present.row import (
     Quantity,
     Row,
     Value,
-    count,
     doubted,
     fill,
     listed,
@@ -162,7 +161,7 @@ def saturates(force_n: float | None, limit_n: float | None) -> bool:
 def peak_force(trial: Mapping[str, Any], limit_n: float | None, limited: int = 0) -> Row:
     """Return the largest force of a tap; where it saturates, how many presses do so too."""
     if saturates(trial["tap_force_n"], limit_n):
-        presses = ("; so do", count(limited), "presses") if limited else None
+        presses = f"; so do {limited} presses" if limited else None
         return row("Peak force", "a tap saturates at", Value(limit_n, "force"), presses, mark=Mark.CAUTION)
     deep = fill(", {tap_depth_m} deep", trial) if "tap_depth_m" in trial else None
     return row("Peak force", fill("{tap_force_n} in a tap", trial), deep)
@@ -180,6 +179,11 @@ def not_used(declared: Iterable[str]) -> list[Row]:
 def notes(found: Iterable[str], label: str = "Note", mark: Mark = Mark.CAUTION, rank: int = 0) -> list[Row]:
     """Return a row for each sentence."""
     return [row(label, one, mark=mark, rank=rank) for one in found]
+
+
+def written(*files: str | None, label: str = "Written") -> list[Row]:
+    """Return the row of the files that were written, if any."""
+    return [row(label, ", ".join(filter(None, files)))] if any(files) else []
 
 
 def smallest_margins(found: Mapping[str, Mapping[str, Any]], mark: Mark = Mark.NONE) -> Row:
