@@ -19,7 +19,7 @@ from avc_casadi.present.figures.regions import draw_tool_region
 from avc_casadi.present.figures.style import files_of
 from avc_casadi.present.figures.traces import draw_diagnosis, draw_identification
 from avc_casadi.present.row import Row, row
-from avc_casadi.present.rows.design import comparison, gain_rows, printed_errors
+from avc_casadi.present.rows.design import comparison, printed_errors
 from avc_casadi.present.rows.judge import levels, passivity
 from avc_casadi.present.rows.measure import diagnosis
 from avc_casadi.present.rows.recommend import stability, verdict
@@ -143,13 +143,10 @@ def paper_sections(
 ) -> list[Section]:
     """Return the paper's question: closed form, CasADi and the exact optimum, and what the comparison is made of."""
     text = "Which gains keep each frequency passive and feel real? They are for comparison, not for a hand."
-    name = data["delivered"]
-    every = gain_rows(data["methods"][name], len(data["frequency_hz"]))
     errors = printed_errors([vars(one) for one in PAPER_ERRORS])
     return [
         Section("The paper's question", question, list(drawn.values()), text),
         Section("Comparison of the methods", comparison(data, problem).rows, folded=True),
-        Section(f"Gains: all rows of {name}", every, folded=True),
         Section("What is assumed", [row(one.what, str(one.assumed)) for one in ASSUMPTIONS], folded=True),
         Section("Errors of the printed paper", errors, folded=True),
     ]

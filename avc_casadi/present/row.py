@@ -10,29 +10,25 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from string import Formatter
-from typing import Any, Literal, TextIO
+from typing import Any, TextIO
 
 from avc_casadi._util.text import number, percent, quantity
 from avc_casadi._util.units import LINEAR, Units
 
-_Of = Literal["stiffness", "damping", "mass", "force", "length", "speed", "time", "frequency", "energy"]
-Quantity = _Of | Literal["share", "gain", "phase", "samples", "number"]
-_UNITS = {"stiffness": "N/m", "damping": "N.s/m", "mass": "kg", "force": "N", "length": "m", "speed": "m/s"}
-_UNITS |= {"time": "s", "frequency": "Hz", "energy": "J"}
-# Quantity of a key by its ending, the longest first.
-_ENDINGS: dict[str, Quantity] = {
-    "_ns_per_m": "damping",
-    "_n_per_m": "stiffness",
-    "_m_per_s": "speed",
-    "_kg": "mass",
-    "_hz": "frequency",
-    "_n": "force",
-    "_m": "length",
-    "_s": "time",
-    "_j": "energy",
-    "_deg": "phase",
-    "_samples": "samples",
-    "share": "share",
+# Ending of keys and unit of each quantity, the longest ending first.
+_QUANTITIES: dict[str, tuple[str, str]] = {
+    "damping": ("_ns_per_m", "N.s/m"),
+    "stiffness": ("_n_per_m", "N/m"),
+    "speed": ("_m_per_s", "m/s"),
+    "mass": ("_kg", "kg"),
+    "frequency": ("_hz", "Hz"),
+    "force": ("_n", "N"),
+    "length": ("_m", "m"),
+    "time": ("_s", "s"),
+    "energy": ("_j", "J"),
+    "phase": ("_deg", ""),
+    "samples": ("_samples", ""),
+    "share": ("share", ""),
 }
 MOST_ROWS, MOST_LINES, WIDTH = 15, 22, 100
 """Rows and lines of an answer on a terminal, and their length."""
@@ -47,9 +43,9 @@ class Mark(Enum):
     NONE = " "
 
 
-def quantity_of(key: str) -> Quantity:
+def quantity_of(key: str) -> str:
     """Return what a value measures by the ending of its key."""
-    return next((of for ending, of in _ENDINGS.items() if key.endswith(ending)), "number")
+    return next((of for of, (ending, _) in _QUANTITIES.items() if key.endswith(ending)), "number")
 
 
 @dataclass(frozen=True)
@@ -57,7 +53,7 @@ class Value:
     """A number and what it measures, in SI units of a linear device."""
 
     number: float | None
-    quantity: Quantity
+    quantity: str
     digits: int = 3
 
     @classmethod
@@ -67,9 +63,9 @@ class Value:
 
     def text(self, units: Units) -> str:
         """Return the number with its unit for a device that slides or turns."""
-        value = self.number
-        if self.quantity in _UNITS:
-            return quantity(value, units.unit(_UNITS[self.quantity]), self.digits)
+        value, unit = self.number, _QUANTITIES.get(self.quantity, ("", ""))[1]
+        if unit:
+            return quantity(value, units.unit(unit), self.digits)
         if self.quantity == "share":
             return percent(value)
         if self.quantity == "number":
@@ -78,7 +74,7 @@ class Value:
             return "unlimited"
         if self.quantity == "gain":
             return f"{20 * math.log10(value):.1f} dB" if value > 0 else "-"
-        return f"{number(value, self.digits)} {'deg' if self.quantity == 'phase' else 'samples'}"
+        return f"{number(value, self.digits)} {'deg' if self.quantity == 'phase' else self.quantity}"
 
 
 Part = Value | str
@@ -112,11 +108,9 @@ def fill(template: str, values: Mapping[str, Any]) -> tuple[Part, ...]:
     for text, key, how, _ in Formatter().parse(template):
         found.append(text.strip())
         if key is not None:
-            value, measure = values[key], how or "3"
-            if isinstance(value, str):
-                found.append(value)
-            else:
-                found.append(Value.of(key, value, int(measure)) if measure.isdigit() else Value(value, measure))  # type: ignore[arg-type]
+            value, of = values[key], how if how and how.isalpha() else quantity_of(key)
+            digits = int(how) if how and how.isdigit() else 3
+            found.append(value if isinstance(value, str) else Value(value, of, digits))
     return parts(*found)
 
 
@@ -131,7 +125,7 @@ def listed(groups: Iterable[Parts], between: str = ",") -> tuple[Part, ...]:
     return tuple(found)
 
 
-def span(values: Iterable[float | None], of: Quantity) -> tuple[Part, ...]:
+def span(values: Iterable[float | None], of: str) -> tuple[Part, ...]:
     """Return the lowest and the highest value, or the only one."""
     known = [one for one in values if one is not None]
     low, high = min(known), max(known)

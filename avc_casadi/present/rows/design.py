@@ -8,7 +8,6 @@ from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 from avc_casadi._util.json_values import plain
-from avc_casadi._util.text import sample_rows
 from avc_casadi.present.row import Answer, Mark, Part, Row, Value, fill, listed, marked, parts, quantity_of, row, span
 from avc_casadi.present.rows import subject
 from avc_casadi.present.rows.deploy import in_the_loop
@@ -41,7 +40,7 @@ def solution(data: Mapping[str, Any], problem: Problem, shown: str = "", file: s
     if "paper_errors" in data:
         errors = f"{len(data['paper_errors'])} in the printed paper; these gains have those of (10) and (17)"
         rows.append(row("Paper's errors", errors, mark=Mark.CAUTION))
-    rows += [*subject.written(file), *gain_rows(data), *subject.notes(data["notes"], rank=1, mark=Mark.NONE)]
+    rows += [*subject.written(file), *subject.notes(data["notes"], rank=1, mark=Mark.NONE)]
     rows += [*levels(data["certificate"]["levels"]), *printed_errors(data.get("paper_errors", ()))]
     printed = " --as-printed" if "paper_errors" in data else ""
     again = f"avc solve {quote(shown)} --method {data['method']}{printed}"
@@ -69,18 +68,6 @@ def without_gains(data: Mapping[str, Any]) -> str:
         also = f"; {len(more)} more {state}" if more else ""
         lines.append(f"  {state} at {data['frequency_hz'][first]:.4g} Hz: {data['reason'][first]}{also}")
     return "\n".join(lines)
-
-
-def gain_rows(data: Mapping[str, Any], most: int = 20) -> list[Row]:
-    """Return the gains and errors at some of the frequencies, of lower rank."""
-    rows = []
-    for at in sample_rows(len(data["frequency_hz"]), most):
-        each: list[Any] = [(symbol, Value.of(key, data[key][at])) for key, symbol in _GAINS.items() if data[key][at]]
-        each.append(("error of |Z|", Value(data["magnitude_error"][at], "damping")))
-        each.append(("impedance error", Value(data["complex_error"][at], "share")))
-        each += [("Re Z_h", Value(data["real_part"][at], "damping")), data["status"][at]]
-        rows.append(row(f"{data['frequency_hz'][at]:.4g} Hz", listed(each), rank=1))
-    return rows
 
 
 def _errors(data: Mapping[str, Any]) -> list[Row]:
@@ -112,7 +99,6 @@ def comparison(data: Mapping[str, Any], problem: Problem, shown: str = "", drawn
         _deployable(data),
         row("Between U, L", "of the frequencies:", between),
         row("Impedance error", fill("within {jnd:share}:", next(iter(realism.values()))), near),
-        _injection(data["damping_injection"]),
         *_mine(data),
         subject.passive_limit(data["passive_limit_n_per_m"]),
     ]
@@ -166,18 +152,6 @@ def _deployable(data: Mapping[str, Any]) -> Row:
         what = f"none of {failing}: not stable with every corner hand and released"
         return row("Deployable", what, mark=Mark.FAIL)
     return row("Deployable", f"{passing}; not {failing}", mark=Mark.CAUTION)
-
-
-def _injection(found: Mapping[str, Any]) -> Row:
-    """Return what the closed form adds to the desired wall."""
-    delta = found["injected_damping_ns_per_m"]
-    needed = [at for at, value in enumerate(delta) if value > 0]
-    if not needed:
-        return row("Injected", "nothing: the desired wall meets (12) everywhere")
-    worst = max(needed, key=delta.__getitem__)
-    most = {"ns_per_m": delta[worst], "kg": found["virtual_mass_kg"][worst]}
-    text = f"by the closed form at {len(needed)} frequencies: damper {{ns_per_m:damping}}, mass {{kg:mass}} at most"
-    return row("Injected", fill(text, most))
 
 
 def _mine(data: Mapping[str, Any]) -> list[Row]:

@@ -10,20 +10,7 @@ from typing import TYPE_CHECKING, Any
 from avc_casadi.loops.margins import LEAST_DISK, SOUND_DISK
 from avc_casadi.model import EFFECTS
 from avc_casadi.model.effects import SaturationEffect
-from avc_casadi.present.row import (
-    Answer,
-    Mark,
-    Part,
-    Row,
-    Value,
-    doubted,
-    fill,
-    listed,
-    marked,
-    parts,
-    row,
-    span,
-)
+from avc_casadi.present.row import Answer, Mark, Part, Row, Value, doubted, fill, listed, marked, parts, row, span
 from avc_casadi.present.rows import subject
 from avc_casadi.present.rows.recommend import stability
 

@@ -187,27 +187,19 @@ def _simulated(data: Mapping[str, Any]) -> list[Row]:
 def _unmodelled(data: Mapping[str, Any]) -> list[Row]:
     """Return how many hands settle with each unmodelled effect, and how many of those that hold the device."""
     rows = []
-    for label, found in (
-        ("Unmodelled", [one for one in data["beyond_file"] if one["key"] != "held"]),
-        ("Declared grip", [one for one in data["beyond_file"] if one["key"] == "held"]),
-    ):
-        each, whole = [], True
-        for place, one in enumerate(found):
+    for label, held in (("Unmodelled", False), ("Declared grip", True)):
+        whole, each = True, list[tuple[Part, ...]]()
+        for one in (one for one in data["beyond_file"] if (one["key"] == "held") is held):
             # A requirement is met, if not without dry friction, then with it where that may be counted on.
             key = "at_rest" if one["asked"] and one["at_rest"] is not None else "at_rest_without_friction"
             whole = whole and one[key] == one["at_rest_without_friction"] == one["hands"]
-            settle = f"{{{key}:9}} with" if place else f"{{{key}:9}} of {{hands:9}} hands settle with"
-            each.append((fill(settle, one), _effect(one)))
+            effect = "{value:share} less mass" if one["key"] == "mass_share" else "{value:share} of samples lost"
+            if held:
+                effect = "one fingertip" if one["value"] == "fingertip" else "hands on a {value}"
+            each.append(fill(f"{{{key}:9}}{'' if each else ' of {hands:9} hands settle'} with {effect}", one))
         if each:
-            rows.append(row(label, listed(each), mark=Mark.PASS if whole else Mark.CAUTION))
+            rows.append(row(label, listed(each), mark=marked(whole, Mark.CAUTION)))
     return rows
-
-
-def _effect(one: Mapping[str, Any]) -> tuple[Part, ...]:
-    value = one["value"]
-    if one["key"] == "held":
-        return ("one fingertip" if value == "fingertip" else f"hands on a {value}",)
-    return (Value(value, "share"), "less mass" if one["key"] == "mass_share" else "of samples lost")
 
 
 def _contact(data: Mapping[str, Any], problem: Problem) -> list[Row]:

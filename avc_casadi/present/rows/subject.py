@@ -8,20 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from avc_casadi.files.catalogue import catalogue_names
 from avc_casadi.loops.margins import LEAST_DISK, SOUND_DISK
-from avc_casadi.present.row import (
-    Answer,
-    Mark,
-    Part,
-    Quantity,
-    Row,
-    Value,
-    doubted,
-    fill,
-    listed,
-    parts,
-    row,
-    span,
-)
+from avc_casadi.present.row import Answer, Mark, Part, Row, Value, doubted, fill, listed, parts, row, span
 
 if TYPE_CHECKING:
     from avc_casadi.model.device import Device
@@ -30,7 +17,7 @@ if TYPE_CHECKING:
 HAND = ("mass_kg", "damping_ns_per_m", "stiffness_n_per_m")
 """Numbers of a hand."""
 _WHO = {"released": "released", "worst_hand": "worst corner hand"}
-_MARGINS: tuple[tuple[str, str, Quantity], ...] = (
+_MARGINS: tuple[tuple[str, str, str], ...] = (
     ("gain", "gain", "gain"),
     ("phase", "phase_deg", "phase"),
     ("delay", "delay_samples", "samples"),
