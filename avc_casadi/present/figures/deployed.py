@@ -18,13 +18,15 @@ if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
     from avc_casadi.recommendation.felt import RenderedBand
 
-_WANTED: dict[str, Any] = {"color": "0.72", "linewidth": 4.0, "zorder": 2}
-_WORST: dict[str, Any] = {"color": style.BLUE, "linewidth": 1.5, "zorder": 5}
-_RELEASED: dict[str, Any] = {"color": style.ORANGE, "linewidth": 1.4, "linestyle": style.DASHED, "zorder": 6}
-_OTHERS: dict[str, Any] = {"color": "0.6", "linewidth": 0.6, "zorder": 3}
-_ZERO: dict[str, Any] = {"color": "0.5", "linewidth": 0.8, "zorder": 1}
-_MARGIN: dict[str, Any] = {"color": style.PURPLE, "linewidth": 2.2, "zorder": 7}
-_TURNED: dict[str, Any] = {**_MARGIN, "color": style.GREEN, "marker": "o", "markersize": 3.5}
+_LINES: dict[str, dict[str, Any]] = {
+    "wanted": {"color": "0.72", "linewidth": 4.0, "zorder": 2},
+    "worst": {"color": style.BLUE, "linewidth": 1.5, "zorder": 5},
+    "released": {"color": style.ORANGE, "linewidth": 1.4, "linestyle": style.DASHED, "zorder": 6},
+    "others": {"color": "0.6", "linewidth": 0.6, "zorder": 3},
+    "zero": {"color": "0.5", "linewidth": 0.8, "zorder": 1},
+    "gain": {"color": style.PURPLE, "linewidth": 2.2, "zorder": 7},
+    "phase": {"color": style.GREEN, "linewidth": 2.2, "zorder": 7},
+}
 
 
 @style.styled
@@ -36,16 +38,16 @@ def draw_rendered(found: Deployed | Coupling, axes: style.GivenAxes = None) -> F
     problem, shaken, (left, press) = found.coupling.problem, found.shaken, panels.axes
     wall, hz = problem.environment, found.shaken.frequency_hz
     wanted = np.abs(wall.stiffness_n_per_m + 2j * np.pi * hz * wall.damping_ns_per_m)
-    left.plot(hz, shaken.stiffness_n_per_m, label="rendered", marker="o", markerfacecolor="white", **_WORST)
+    left.plot(hz, shaken.stiffness_n_per_m, label="rendered", marker="o", markerfacecolor="white", **_LINES["worst"])
     _stiffness(left, hz, wanted, shaken.stiffness_n_per_m, problem.units.unit("N/m"))
-    press.plot(found.press_s, 1e3 * np.delete(found.press_m, found.worst, axis=0).T, label="_", **_OTHERS)
-    press.plot([], [], label="other hands of the box", **_OTHERS)
-    press.plot(found.press_s, 1e3 * found.press_m[found.worst], label="least damped hand", **_WORST)
+    press.plot(found.press_s, 1e3 * np.delete(found.press_m, found.worst, axis=0).T, label="_", **_LINES["others"])
+    press.plot([], [], label="other hands of the box", **_LINES["others"])
+    press.plot(found.press_s, 1e3 * found.press_m[found.worst], label="least damped hand", **_LINES["worst"])
     spring = float(np.atleast_1d(found.hands.stiffness_n_per_m)[found.worst])
     if wall.stiffness_n_per_m > 0:
         aim_mm = 10.0 / problem.device.metres_per_unit
-        press.axhline(aim_mm * spring / (wall.stiffness_n_per_m + spring), label="wanted", **_WANTED)
-    press.axhline(0, **_ZERO)
+        press.axhline(aim_mm * spring / (wall.stiffness_n_per_m + spring), label="wanted", **_LINES["wanted"])
+    press.axhline(0, **_LINES["zero"])
     deepest = float(np.max(1e3 * found.press_m, initial=0.0))
     if np.isfinite(deepest) and deepest > 0:
         press.set_ylim(-0.6 * deepest, 1.15 * deepest)
@@ -65,13 +67,13 @@ def draw_rendered_impedance(band: RenderedBand, axes: style.GivenAxes = None) ->
     *free, stiff = panels.axes
     for panel in free:
         mass, drag = (np.array([getattr(one, key) for one in band.felt]) for key in ("mass_kg", "drag_ns_per_m"))
-        panel.plot(hz, np.hypot(band.damping_ns_per_m, omega * band.mass_kg), **_WANTED)
-        panel.plot(hz, np.hypot(drag, omega * mass), **_WORST)
+        panel.plot(hz, np.hypot(band.damping_ns_per_m, omega * band.mass_kg), **_LINES["wanted"])
+        panel.plot(hz, np.hypot(drag, omega * mass), **_LINES["worst"])
         panel.set(yscale="log", ylabel=f"|Z| ({band.units.unit('N·s/m')})")
         style.log_ticks(panel.yaxis, *panel.get_ylim())
         style.frequency_axis(panel, hz)
     rendered = np.array([one.stiffness_n_per_m for one in band.felt])
-    stiff.plot(hz, rendered, label="rendered", **_WORST)
+    stiff.plot(hz, rendered, label="rendered", **_LINES["worst"])
     _stiffness(stiff, hz, np.full(len(hz), band.stiffness_n_per_m), rendered, band.units.unit("N/m"))
     panels.legend(2)
     return panels.figure
@@ -79,7 +81,7 @@ def draw_rendered_impedance(band: RenderedBand, axes: style.GivenAxes = None) ->
 
 def _stiffness(axes: Axes, hz: FloatArray, wanted: FloatArray, rendered: FloatArray, unit: str) -> None:
     """Draw the wanted stiffness; logarithmic where the rendered one goes far beyond most of it."""
-    axes.plot(hz, wanted, label="wanted", **_WANTED)
+    axes.plot(hz, wanted, label="wanted", **_LINES["wanted"])
     every = np.concatenate([wanted, rendered])
     every = every[np.isfinite(every) & (every > 0)]
     if every.size and every.max() > 3 * np.median(every):
@@ -99,8 +101,11 @@ def draw_loop(found: Deployed | Coupling, axes: style.GivenAxes = None) -> Figur
     panels = style.Panels.of(axes, titles, 5.6, "ab;cd")
     size, circle, phase, struck = panels.axes
     others = [one for row, one in enumerate(found.gain[:-1]) if row != found.worst]
-    curves = [(found.gain[found.worst], _WORST, "least damped hand"), (found.gain[-1], _RELEASED, "released")]
-    for curve, look, label in [*curves, *((one, _OTHERS, "_") for one in others)]:
+    curves = [
+        (found.gain[found.worst], _LINES["worst"], "least damped hand"),
+        (found.gain[-1], _LINES["released"], "released"),
+    ]
+    for curve, look, label in [*curves, *((one, _LINES["others"], "_") for one in others)]:
         size.plot(found.frequency_hz, np.abs(curve), label=label, **look)
         phase.plot(found.frequency_hz, _degrees(curve), label=label, **look)
         circle.plot(curve.real, curve.imag, label=label, **look)
@@ -110,19 +115,19 @@ def draw_loop(found: Deployed | Coupling, axes: style.GivenAxes = None) -> Figur
         style.frequency_axis(panel, shown)
     size.set(yscale="log", ylim=(0.01, 100), ylabel="|L|")
     style.log_ticks(size.yaxis, *size.get_ylim())
-    size.axhline(1, **_ZERO)
+    size.axhline(1, **_LINES["zero"])
     phase.set(ylim=(-360, 0), yticks=range(-360, 1, 90), ylabel="phase (deg)")
-    phase.axhline(-180, **_ZERO)
+    phase.axhline(-180, **_LINES["zero"])
     around = np.linspace(0, 2 * np.pi, 200)
-    circle.plot(np.cos(around), np.sin(around), **_ZERO)
+    circle.plot(np.cos(around), np.sin(around), **_LINES["zero"])
     circle.plot([-1], [0], marker="+", markersize=9, color="black", zorder=8)
     # In a panel of this shape the circle is round.
     circle.set(xlim=(-3.2, 2.0), ylim=(-1.7, 1.7), xlabel="Re L", ylabel="Im L")
     device, units = found.coupling.problem.device, found.coupling.problem.units
-    for row, look in ((found.worst, _WORST), (-1, _RELEASED)):
+    for row, look in ((found.worst, _LINES["worst"]), (-1, _LINES["released"])):
         struck.plot(found.struck_s, 1e3 * found.struck_m[row], **look)
-    struck.plot([], [], label="other hands of the box", **_OTHERS)
-    struck.axhline(0, **_ZERO)
+    struck.plot([], [], label="other hands of the box", **_LINES["others"])
+    struck.axhline(0, **_LINES["zero"])
     speed = quantity(STRUCK_M_PER_S / device.metres_per_unit, units.unit("m/s"))
     label = f"position ({units.unit('mm')}), impact at {speed}"
     struck.set(xlim=(0, found.struck_s[-1]), xlabel="time (s)", ylabel=label)
@@ -137,16 +142,23 @@ def _margins(size: Axes, circle: Axes, phase: Axes, found: Deployed) -> None:
     turn, turn_hz = min((released.phase_deg, released.phase_hz), (worst.phase_deg, worst.phase_hz))
     if np.isfinite(gain) and gain > 1:
         label = f"gain margin {gain:.3g} ({20 * np.log10(gain):.1f} dB)"
-        size.plot([gain_hz] * 2, [1 / gain, 1], label=label, **_MARGIN)
-        circle.plot([-1, -1 / gain], [0, 0], **_MARGIN)
+        size.plot([gain_hz] * 2, [1 / gain, 1], label=label, **_LINES["gain"])
+        circle.plot([-1, -1 / gain], [0, 0], **_LINES["gain"])
     if np.isfinite(turn) and turn > 0:
         # The side of -180 on which the curve lies whose magnitude is nearest to 1.
         there = found.gain[:, int(np.argmin(np.abs(found.frequency_hz - turn_hz)))]
         nearest = there[int(np.argmin(np.abs(np.log(np.abs(there)))))]
         end = -180 + (turn if np.degrees(np.angle(nearest)) % 360 > 180 else -turn)
-        phase.plot([turn_hz] * 2, [-180, end], label=f"phase margin {turn:.3g} deg", **_TURNED)
+        phase.plot(
+            [turn_hz] * 2,
+            [-180, end],
+            label=f"phase margin {turn:.3g} deg",
+            **_LINES["phase"],
+            marker="o",
+            markersize=3.5,
+        )
         arc = np.radians(np.linspace(-180, end, 30))
-        circle.plot(np.cos(arc), np.sin(arc), **(_TURNED | {"marker": ""}))
+        circle.plot(np.cos(arc), np.sin(arc), **_LINES["phase"])
 
 
 def _degrees(curve: ComplexArray) -> FloatArray:

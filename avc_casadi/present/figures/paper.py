@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from avc_casadi.design.comparison.comparison import Comparison
     from avc_casadi.model.problem import Model
 
-_DESIRED = style.Line("desired", "0.78", "-", "", 4.5, 2, 0.0)
-_NO_COUPLING = style.Line("no coupling", "0.35", style.DOTTED, "", 1.4, 3, 0.0)
 _MINE = style.Line("mine", style.PURPLE, (0, (3, 1, 1, 1)), "D", 1.2, 5, 0.75)
 # Smaller errors, in per cent, are drawn on this line: they are rounding, imperceptible to a hand.
 _ROUNDING, _UNNOTICED = 1e-9, 1e-2
@@ -67,8 +65,8 @@ def draw_perceived(comparison: Comparison, axes: style.GivenAxes = None) -> Figu
     everywhere = np.ones(hz.shape, dtype=bool)
     shown = {name: comparison.methods[name] for name in ("closed-form", comparison.delivered)}
     curves: list[tuple[style.Line, ComplexArray, BoolArray]] = [
-        (_DESIRED, comparison.target, everywhere),
-        (_NO_COUPLING, comparison.without_coupling, everywhere),
+        (style.Line("desired", "0.78", "-", "", 4.5, 2, 0.0), comparison.target, everywhere),
+        (style.Line("no coupling", "0.35", style.DOTTED, "", 1.4, 3, 0.0), comparison.without_coupling, everywhere),
         *((lines[name], one.impedance, one.usable) for name, one in shown.items()),
     ]
     sizes = [np.abs(comparison.lower), np.abs(comparison.upper), *(np.abs(one) for _, one, _ in curves)]

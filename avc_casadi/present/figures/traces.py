@@ -25,9 +25,6 @@ _RUNS: tuple[tuple[str, Any, float], ...] = (
     (style.OLIVE, style.DASH_DOT, 1.4),
     (style.PURPLE, style.DOTTED, 1.6),
 )
-_MEASURED: dict[str, Any] = {"color": "0.55", "linewidth": 2.6, "label": "measured"}
-_MODEL: dict[str, Any] = {"color": style.BLUE, "linewidth": 1.2, "linestyle": style.DASHED, "label": "model"}
-_POINTS: dict[str, Any] = {"marker": "o", "markersize": 2.4, "color": "0.55", "linestyle": "none"}
 # Motion from which on it is drawn in millimetres.
 _LARGE_M = 2e-3
 
@@ -43,9 +40,12 @@ def draw_identification(found: Identification, axes: style.GivenAxes = None) -> 
     )
     panels = style.Panels.of(axes, titles, 5.8, "ab;cd")
     position, left, size, phase = panels.axes
+    grey: dict[str, Any] = {"color": "0.55", "linewidth": 2.6}
+    points: dict[str, Any] = {"color": "0.55", "linestyle": "none", "marker": "o", "markersize": 2.4}
+    blue: dict[str, Any] = {"color": style.BLUE, "linewidth": 1.2, "linestyle": style.DASHED}
     units, (time, measured, simulated) = units_for(found.motion), found.stretch
-    position.plot(time, 1e3 * measured, **_MEASURED)
-    position.plot(time, 1e3 * simulated, **_MODEL)
+    position.plot(time, 1e3 * measured, label="measured", **grey)
+    position.plot(time, 1e3 * simulated, label="model", **blue)
     difference = measured - simulated
     scale, unit = (1e3, "mm") if np.abs(difference).max(initial=0.0) > _LARGE_M else (1e6, "um")
     left.plot(time, scale * difference, color=style.BLUE, linewidth=0.8)
@@ -62,10 +62,10 @@ def draw_identification(found: Identification, axes: style.GivenAxes = None) -> 
     model = np.degrees(np.unwrap(np.angle(1j * found.modelled[span])))
     # Each measured phase is unwrapped to that of the model.
     turned += 360 * np.round((np.interp(band, frequency[span], model) - turned) / 360)
-    size.plot(band, np.abs(response.velocity_per_force[use]), **_POINTS)
-    size.plot(frequency[span], np.abs(found.modelled[span]), **(_MODEL | {"label": "_"}))
-    phase.plot(band, turned, **_POINTS)
-    phase.plot(frequency[span], model, **(_MODEL | {"label": "_"}))
+    size.plot(band, np.abs(response.velocity_per_force[use]), **points)
+    size.plot(frequency[span], np.abs(found.modelled[span]), **blue)
+    phase.plot(band, turned, **points)
+    phase.plot(frequency[span], model, **blue)
     size.set(yscale="log", ylabel=f"|v/F| ({units.unit('m/s')}/({units.unit('N')}))")
     style.log_ticks(size.yaxis, *size.get_ylim())
     phase.set_ylabel("phase (degrees)")

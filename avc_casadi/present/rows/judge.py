@@ -27,9 +27,11 @@ _CLAIMS = {
     "disk-margin": "Disk margin",
     "renders": "Rendering",
 }
-_OUTCOMES = {"proved": Mark.PASS, "refuted": Mark.FAIL, "open": Mark.CAUTION}
-_SETTLES = {"asymptotic": Mark.PASS, "held-by-friction": Mark.CAUTION, "unstable": Mark.FAIL}
-_WORDS = {"asymptotic": "settles", "held-by-friction": "settles by dry friction alone", "unstable": "does not settle"}
+_ENDINGS = {
+    "asymptotic": ("settles", Mark.PASS),
+    "held-by-friction": ("settles by dry friction alone", Mark.CAUTION),
+    "unstable": ("does not settle", Mark.FAIL),
+}
 _CURVES = {
     "passive-paper": "Passive, paper",
     "passive-sampled-data": "Passive, sampled",
@@ -52,11 +54,12 @@ def certificate(data: Mapping[str, Any], problem: Problem, shown: str | None = N
     """Return the answer of `certify` of a coupling to a wall; ``gains`` is None where they stand in no file."""
     file, verdict = data["gains"], data["deployable"]
     shown = subject.name_of(problem) if shown is None else shown
+    marks = {"proved": Mark.PASS, "refuted": Mark.FAIL, "open": Mark.CAUTION}
     rows = [
         subject.deployable(verdict),
         *_claims(verdict, data["levels"]["L5"]),
         *(
-            row(one["title"].capitalize(), f"{one['outcome']}: {one['claim']}", mark=_OUTCOMES[one["outcome"]])
+            row(one["title"].capitalize(), f"{one['outcome']}: {one['claim']}", mark=marks[one["outcome"]])
             for one in data["levels"].values()
             if one["outcome"]
         ),
@@ -306,7 +309,7 @@ def scene(data: Mapping[str, Any], problem: Problem, shown: str = "", drawn: str
 def outcome(data: Mapping[str, Any]) -> str:
     """Return the outcome for the one simulated hand."""
     held = any(EFFECTS[kind].role == "hand" for kind in _kinds(data))
-    return f"{_WORDS[data['outcome']]}{' with this hand' if held else ''}"
+    return f"{_ENDINGS[data['outcome']][0]}{' with this hand' if held else ''}"
 
 
 def _kinds(data: Mapping[str, Any]) -> list[str]:
@@ -314,7 +317,7 @@ def _kinds(data: Mapping[str, Any]) -> list[str]:
 
 
 def _mark(data: Mapping[str, Any]) -> Mark:
-    mark = _SETTLES[data["outcome"]]
+    mark = _ENDINGS[data["outcome"]][1]
     return Mark.CAUTION if mark is Mark.PASS and data["buzzing"] else mark
 
 
@@ -345,7 +348,7 @@ def _rendered(data: Mapping[str, Any], problem: Problem) -> Row:
 
 def _beside(label: str, one: Mapping[str, Any]) -> Row:
     """Return the outcome of another run of the scene."""
-    what = f"{_WORDS[one['outcome']]}{', buzzes' if one['buzzing'] else ''}:"
+    what = f"{_ENDINGS[one['outcome']][0]}{', buzzes' if one['buzzing'] else ''}:"
     stiffness = "no stiffness" if one["apparent_stiffness_n_per_m"] is None else "{apparent_stiffness_n_per_m}"
     known = {**one, **{key: _or_zero(one[key]) for key in ("position_peak_to_peak_m", "energy_generated_j")}}
     text = f"{what} {stiffness}, {{position_peak_to_peak_m}} peak to peak, {{energy_generated_j}} given out"
@@ -381,8 +384,8 @@ def _cost(cost_ns: float | None, scatter_ns: float) -> str:
 
 def screening(data: Mapping[str, Any], problem: Problem, shown: str) -> Answer:
     """Return the answer of `simulate --screen`: a row for each effect that the scene needs."""
-    all_effects = f"{_WORDS[data['outcome']]}, coupling {data['coupling']}"
-    rows = [row("All effects", all_effects, mark=_SETTLES[data["outcome"]])]
+    all_effects = f"{_ENDINGS[data['outcome']][0]}, coupling {data['coupling']}"
+    rows = [row("All effects", all_effects, mark=_ENDINGS[data["outcome"]][1])]
     for one in data["effects"]:
         rank = 0 if one["needed"] else 1
         cost = _cost(one["ns_per_step"], data["scatter_ns"])
@@ -406,7 +409,7 @@ def _changes(found: Mapping[str, Any], units: Units) -> tuple[Part, ...]:
     changes = (
         f"position {{position_change:share}}, {force} {{force_change:share}}, stiffness {{stiffness_change:share}}"
     )
-    return fill(f"{changes}, {_WORDS[found['outcome']]}", found)
+    return fill(f"{changes}, {_ENDINGS[found['outcome']][0]}", found)
 
 
 def trial(data: Mapping[str, Any], units: Units, shown: str) -> Answer:
