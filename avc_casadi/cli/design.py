@@ -51,7 +51,7 @@ def run_new(args: argparse.Namespace, console: Console) -> Answer:  # noqa: ARG0
         raise avc.InputError.of(what, key="FILE")
     given = [(one, name) for one in EVERY for name in dict.fromkeys(one.names) if _value(args, name) is not None]
     typed = {one.key: _value(args, name) for one, name in given}
-    turned = any(one is RADIUS or name == one.turning for one, name in given)
+    turned = any(one is RADIUS or name == one.option_turning for one, name in given)
     new = NewProblem(args.file, args.like or "", "rotary" if turned else "linear", args.held, typed)
     if args.model is not None or args.tip is not None:
         new = _at_tip(new, args.model, args.tip)

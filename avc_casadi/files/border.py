@@ -21,12 +21,6 @@ from avc_casadi.model.table import UNKNOWN, checked
 COUNTS = "encoder_counts_per_turn"
 CAPSTAN = "capstan_radius_m"
 """Key of a rotary device with a linear handle: metres per radian."""
-_COUNTS = q.Quantity("counts", 8, 1e9, zero=False)
-_DETENTS = q.Whole(1, 100_000)
-_RADIUS = q.Quantity("m", 2e-3, 10, zero=False)
-# Replaces a faulty value, so that the rest of the file is checked.
-_SOME_RADIUS_M = 0.01
-_NAMES_A_UNIT = re.compile(r"[^-+.\d\seE]")
 M = TypeVar("M", bound=t.Table)
 
 
@@ -98,7 +92,7 @@ class Border:
         """Return a text with a unit as the number that it is; anything else unchanged."""
         if isinstance(value, list):
             return [self._typed(item, unit, (*place, index)) for index, item in enumerate(value)]
-        if not isinstance(value, str) or not _NAMES_A_UNIT.search(value):
+        if not isinstance(value, str) or not re.search(r"[^-+.\d\seE]", value):
             return value
         try:
             return q.read_quantity(value, unit)
@@ -137,12 +131,13 @@ class Border:
         if isinstance(sources, dict) and COUNTS in sources and not units.linear:
             sources["encoder_resolution_m"] = self._replaced(sources, COUNTS, "encoder_resolution_m", ("sources",))
         if isinstance(detent, dict) and not self.rest.linear:
-            self._per_turn(detent, "per_turn", "pitch_m", _DETENTS, ("detent",))
+            self._per_turn(detent, "per_turn", "pitch_m", q.Whole(1, 100_000), ("detent",))
 
     def _counted(self, device: dict[str, Any], path: t.Path) -> None:
-        self._per_turn(device, COUNTS, "encoder_resolution_m", _COUNTS, path)
-        if isinstance(ranges := device.get("range"), dict):
-            self._per_turn(ranges, COUNTS, "encoder_resolution_m", _COUNTS, (*path, "range"))
+        counts = q.Quantity("counts", 8, 1e9, zero=False)
+        for table, place in ((device, path), (device.get("range"), (*path, "range"))):
+            if isinstance(table, dict):
+                self._per_turn(table, COUNTS, "encoder_resolution_m", counts, place)
 
     def _per_turn(
         self, table: dict[str, Any], key: str, name: str, allowed: q.Quantity | q.Whole, path: t.Path
@@ -178,7 +173,8 @@ class Border:
             return rest
         if "handle_radius_m" in rest:
             self.fault((table, "handle_radius_m"), f"stands beside {CAPSTAN}; allowed: one of the two")
-        return at_handle(rest, self._valid(_RADIUS, device[CAPSTAN], (table, CAPSTAN)) or _SOME_RADIUS_M)
+        radius = self._valid(q.Quantity("m", *q.RADII_M, zero=False), device[CAPSTAN], (table, CAPSTAN))
+        return at_handle(rest, radius or 0.01)  # in place of a faulty one, so that the rest of the file is checked
 
 
 def at_handle(device: Mapping[str, Any], radius_m: float) -> dict[str, Any]:

@@ -73,7 +73,6 @@ class GainColumns(t.Table):
 
 
 _COLUMNS = tuple(GainColumns.model_fields)
-_HEADERS = (_COLUMNS[:3], _COLUMNS)
 
 
 def gain_document(gains: GainSchedule) -> dict[str, Any]:
@@ -101,7 +100,7 @@ def gain_csv(gains: GainSchedule) -> str:
     """Return the usable rows as CSV text; a contact damping column is added in the damped structure."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    keys = _HEADERS[gains.structure == "damped"]
+    keys = _COLUMNS if gains.structure == "damped" else _COLUMNS[:3]
     writer.writerow(map(gains.units.key, keys))
     for row in np.flatnonzero(gains.usable).tolist():
         writer.writerow([repr(float(getattr(gains, key)[row])) for key in keys])
@@ -116,8 +115,8 @@ def read_csv(path: Path) -> GainTable:
     except csv.Error as error:
         raise InputError.of(f"is not CSV ({error}); {NEXT_STEP}", file=file) from error
     header = tuple(ROTARY.inner(cell.strip()) for cell in rows[0][1]) if rows else ()
-    if header not in _HEADERS:
-        message = f"header is {','.join(header) or 'missing'}; allowed: {','.join(_HEADERS[0])}[,{_COLUMNS[3]}]"
+    if header not in (_COLUMNS[:3], _COLUMNS):
+        message = f"header is {','.join(header) or 'missing'}; allowed: {','.join(_COLUMNS[:3])}[,{_COLUMNS[3]}]"
         raise InputError([Fault(file, 1, "", message)])
     lines = [line for line, _ in rows[1:]]
     faults = [
@@ -147,14 +146,6 @@ def _number(cell: str) -> float | str:
 
 
 COUPLING_SCHEMA = "avc-coupling/1"
-_GAINS_ALONE = (
-    "is a table of gains alone; it lacks the problem (wall, hands, device, force limit) and what runs beside. "
-    "Give the problem that it was made for beside it: --problem P, or read_coupling(path, problem)"
-)
-_LACKS = (
-    "what runs beside the gains: observer, estimator, adaptation, guard; those of a coupling that names none are taken",
-    "its certificate on the loop as it is",
-)
 
 
 class _Document(t.Table):
@@ -299,7 +290,11 @@ def read_coupling(path: str | Path, problem: AnyProblem | None = None) -> Coupli
     if problem is None:
         if isinstance(found, Coupling):
             return found
-        raise InputError.of(_GAINS_ALONE, file=file)
+        message = (
+            "is a table of gains alone; it lacks the problem (wall, hands, device, force limit) and what runs beside. "
+            "Give the problem that it was made for beside it: --problem P, or read_coupling(path, problem)"
+        )
+        raise InputError.of(message, file=file)
     stated = as_problem(problem)
     if isinstance(found, GainTable):
         return coupling_beside(stated, found, file)
@@ -315,7 +310,11 @@ def coupling_beside(problem: Problem, table: GainTable, file: str) -> Coupling:
     if table.frequency_hz[-1] >= nyquist_hz:
         message = f"is {table.frequency_hz[-1]:g} Hz; allowed: below half the sampling rate, {nyquist_hz:g} Hz"
         raise InputError.of(message, file=file, key="frequency_hz")
-    return Coupling(problem, schedule_of(problem, table, "file"), thinned(table), lacks=_LACKS)
+    lacks = (
+        "what runs beside the gains (observer, estimator, adaptation, guard): that of a coupling naming none is taken",
+        "its certificate on the loop as it is",
+    )
+    return Coupling(problem, schedule_of(problem, table, "file"), thinned(table), lacks=lacks)
 
 
 def same_problem(one: Problem, other: Problem) -> bool:

@@ -18,11 +18,12 @@ from avc_casadi.model.device import Device
 
 Grade = Literal["measured", "computed", "vendor", "example", "assumed"]
 
-# Keys that qualify another key and are no quantities.
-_NO_QUANTITY = {"motion", "handle_radius_m", "amplifier_order", "encoder_at", "held", "range"}
-_QUANTITIES = tuple(key for key in Device.model_fields if key not in _NO_QUANTITY)
-# Not a gap where absent: a lag has none, and most files give a lag.
-_NEED_NOT_BE_SAID = {"amplifier_damping_ratio"}
+# The others qualify another key.
+_QUANTITIES = tuple(
+    key
+    for key in Device.model_fields
+    if key not in {"motion", "handle_radius_m", "amplifier_order", "encoder_at", "held", "range"}
+)
 
 
 class Source(t.Table):
@@ -63,7 +64,8 @@ class DeviceFile(t.Table):
         stated_keys = self.device.model_fields_set | self.device.range.model_fields_set
         for key in _QUANTITIES:
             stated, source = key in stated_keys, self.sources.get(key)
-            if not stated and key not in self.gaps and key not in _NEED_NOT_BE_SAID:
+            # A lag has no damping ratio, and most files give a lag.
+            if not stated and key not in (*self.gaps, "amplifier_damping_ratio"):
                 yield ("device", key), f"is neither given nor a gap; allowed: a value with its source, or {key} in gaps"
             if stated != (source is not None):
                 what = "is missing" if stated else "is the source of a value that is not given"

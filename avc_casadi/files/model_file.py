@@ -21,13 +21,10 @@ from avc_casadi._errors import InputError, MissingExtraError, UnsupportedError
 if TYPE_CHECKING:
     from avc_casadi._util.arrays import FloatArray
 
-_POSES, _STARTS = 2000, 6
 MARGIN = 0.01
 """Share by which the range is wider than what was found."""
 SINGULAR = 30.0
 """Poses whose heaviest direction is to the lightest so many times what it is in the best pose are left out."""
-# Eigenvalues of the mobility below this share of the largest are directions in which the tip cannot move.
-_IMMOBILE = 1e-9
 
 
 @dataclass(frozen=True)
@@ -45,7 +42,7 @@ class TipMass:
 def tip_mass(path: Path, tip: str) -> TipMass:
     """Return the mass at a site, body or geom of a model, over all poses within the limits of its joints."""
     moved = _Tip(_model(path), tip)
-    poses = np.random.default_rng(0).uniform(*moved.limits, size=(_POSES, len(moved.limits[0])))
+    poses = np.random.default_rng(0).uniform(*moved.limits, size=(2000, len(moved.limits[0])))
     masses = np.array([moved.masses(pose) for pose in poses])
     axes = int(np.isfinite(masses).sum(axis=1).max())
     ratio = masses[:, axes - 1] / masses[:, 0]
@@ -62,7 +59,7 @@ def tip_mass(path: Path, tip: str) -> TipMass:
         ((1 - MARGIN) * lightest, -(1 + MARGIN) * moved.least(heaviest, poses[regular])),
         (1 - MARGIN) * moved.least(moved.damping, poses) if moved.dampings.min() > 0 else 0.0,
         bool(moved.model.dof_frictionloss[moved.dofs].any()),
-        _POSES,
+        len(poses),
         int((~regular).sum()),
     )
 
@@ -157,7 +154,7 @@ class _Tip:
         accelerations = np.zeros_like(columns)
         _mujoco().mj_solveM(self.model, self.data, accelerations, columns)
         mobility = np.linalg.eigvalsh(accelerations @ columns.T)[::-1]
-        movable = mobility > _IMMOBILE * mobility[0]
+        movable = mobility > 1e-9 * mobility[0]  # in the other directions the tip cannot move
         return np.where(movable, 1 / np.where(movable, mobility, 1.0), np.inf)
 
     def damping(self, pose: FloatArray) -> float:
@@ -167,6 +164,6 @@ class _Tip:
 
     def least(self, value: Callable[[FloatArray], float], poses: FloatArray) -> float:
         """Return the least value over poses: of the lowest among many, by a search from each."""
-        lowest = np.argsort([value(pose) for pose in poses])[:_STARTS]
+        lowest = np.argsort([value(pose) for pose in poses])[:6]
         bounds = list(zip(*self.limits, strict=True))
         return min(float(minimize(value, poses[at], method="Nelder-Mead", bounds=bounds).fun) for at in lowest)

@@ -28,12 +28,6 @@ if TYPE_CHECKING:
     from avc_casadi.files.model_file import TipMass
     from avc_casadi.model.problem import Problem
 
-_COMMENT_AT = 31
-# Without a value the reader would take a default, or refuse no more than the radius.
-_REQUIRED = (RADIUS, *HANDS)
-_RANGE = re.compile(r"(.+?)(?:\bto\b|\.\.)(.+)")
-_BARE = re.compile(r"[-+.0-9eE ]+")
-
 
 @dataclass(frozen=True)
 class NewProblem:
@@ -131,17 +125,19 @@ class NewProblem:
 
     def _line(self, option: Option) -> Iterator[str]:
         key, typed = self.units.key(option.key).partition(".")[2], self.typed.get(option.key, option.default)
-        if self._kept(option) or not (typed or option.key in self.typed or option.cost or option in _REQUIRED):
+        # Without a value the reader would take a default, or refuse no more than the radius.
+        stated = typed or option.key in self.typed or option in (RADIUS, *HANDS)
+        if self._kept(option) or not (stated or option.cost):
             return
-        if typed or option.key in self.typed or option in _REQUIRED:
+        if stated:
             value, comment = self._value(option, " ".join(typed.split())), " ".join(typed.split())
             comment = comment if option.key in self.typed else f"{comment}, assumed"
         elif option is DAMPING:
             value, comment = 0.0, f"not known, {option.cost}"
         else:
-            yield f"{f'# {key}':<{_COMMENT_AT}} # not known, {option.cost}"
+            yield f"{f'# {key}':<31} # not known, {option.cost}"
             return
-        yield f"{f'{key} = {toml_value(value)}':<{_COMMENT_AT}} # {comment}"
+        yield f"{f'{key} = {toml_value(value)}':<31} # {comment}"
 
     def _value(self, option: Option, typed: str) -> Any:
         """Return a value in SI units, or the text where it is none, which the reader refuses."""
@@ -155,9 +151,10 @@ class NewProblem:
             return int(samples) if isinstance(samples, float) and samples.is_integer() else samples
         if option not in HANDS:
             return _read(typed, unit)
-        both = _RANGE.fullmatch(typed)
+        both = re.fullmatch(r"(.+?)(?:\bto\b|\.\.)(.+)", typed)
         low, high = both.groups() if both else (typed, typed)
-        of_both = _BARE.sub("", high, count=1) if _BARE.fullmatch(low) else ""
+        bare = re.compile(r"[-+.0-9eE ]+")
+        of_both = bare.sub("", high, count=1) if bare.fullmatch(low) else ""
         radius = None if self.units.linear else self._radius_m()
         return _read(f"{low} {of_both}", unit, radius), _read(high, unit, radius)
 

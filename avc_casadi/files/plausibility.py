@@ -37,9 +37,6 @@ _USUAL = {
     "hands.stiffness_n_per_m": (1, 1e4),
 }
 
-# A fraction of a sample that no driver tells apart from none.
-_LEAST_DELAY = 0.02
-
 
 def plausibility(problem: Problem) -> tuple[Fault, ...]:
     """Return the key of each value far from the usual, or without effect; the problem is valid all the same."""
@@ -74,7 +71,7 @@ def _doubts(problem: Problem) -> Iterator[tuple[bool, str, str]]:
     limit, handle, alone = device.max_force_n, device.encoder_at == "handle", device.resonance is None
     for key in ("device.delay_samples", "device.range.delay_samples"):
         value = _at(problem, key)
-        short = 0 < max(_numbers(value), default=0.0) < _LEAST_DELAY
+        short = 0 < max(_numbers(value), default=0.0) < 0.02  # no driver tells it apart from none
         yield short, key, f"is {shown(value)}, a part of a sample; are seconds meant?"
     yield handle and alone, "device.encoder_at", 'is "handle", which says nothing without device.resonance'
     unlimited = device.amplifier_order == 2 and device.amplifier_bandwidth_hz is None

@@ -20,8 +20,6 @@ from avc_casadi.model.table import Path as KeyPath
 
 BELOW_NYQUIST = 0.45
 """End of the band of a slow device, as a share of the sampling rate, the same as by default."""
-# For slower devices an error says that the band has no room.
-_SLOWEST_S = 0.25
 
 
 def load_problem(source: str | Path) -> Problem:
@@ -179,7 +177,8 @@ def _with_band(tables: Mapping[str, Any]) -> Mapping[str, Any]:
     if not isinstance(band, Mapping) or isinstance(time, bool) or not isinstance(time, int | float):
         return tables
     usual = float(Frequency.model_fields["stop_hz"].default)
-    if {"stop_hz", "values_hz"} & set(band) or not 0.5 / usual <= time <= _SLOWEST_S:
+    # For slower devices an error says that the band has no room.
+    if {"stop_hz", "values_hz"} & set(band) or not 0.5 / usual <= time <= 0.25:
         return tables
     return {**tables, "frequency": {**band, "stop_hz": BELOW_NYQUIST / time}}
 

@@ -238,12 +238,11 @@ class Gains:
 
 
 NO_COUPLING = Gains(math.inf, math.inf)
-_NEAR_RIGID_N_PER_M = 1e8
 
 
 def near_rigid_n_per_m(device: Device) -> float:
     """Return a spring imperceptibly different from a rigid joint, within single precision of a device."""
-    return _NEAR_RIGID_N_PER_M * device.metres_per_unit**2
+    return 1e8 * device.metres_per_unit**2
 
 
 def spring_before(problem: Problem, felt_n_per_m: float) -> float:
@@ -278,10 +277,6 @@ def gains_at(schedule: GainSchedule, frequency_hz: float | None = None) -> Gains
     if fault:
         raise InputError.of(fault, file=schedule.problem, key="frequency_hz")
     return Gains(*GainTable.of(schedule)(frequency).tolist())
-
-
-# Rows whose gains are this close to the first's, relative to the largest, count as constant.
-_SAME = 1e-12
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -343,9 +338,9 @@ class GainTable(Tabular):
 
     @property
     def constant(self) -> bool:
-        """Whether the gains are the same at every frequency, so that no estimator is needed."""
+        """Whether the gains are the same but for rounding at every frequency, so that no estimator is needed."""
         gains = self.rows[:, 1:]
-        return len(gains) == 1 or bool(np.all(np.abs(gains - gains[0]) <= _SAME * np.abs(gains).max(axis=0)))
+        return len(gains) == 1 or bool(np.all(np.abs(gains - gains[0]) <= 1e-12 * np.abs(gains).max(axis=0)))
 
     @property
     def rest_hz(self) -> float:
@@ -386,10 +381,7 @@ class GainTable(Tabular):
         return [ca.SX(value) for value in values]
 
 
-_AT_ONCE = 64
-
-
-def fewest_rows(table: FloatArray, tolerance: float) -> IndexArray:
+def fewest_rows(table: FloatArray, tolerance: float, at_once: int = 64) -> IndexArray:
     """Return positions of the fewest rows between which all others are within a tolerance of the gains."""
     # A line from a row is within tolerance while its slope lies in the interval of each row between: a narrowing cone.
     ln_frequency, gains = np.log(table[:, 0]), table[:, 1:]
@@ -399,7 +391,7 @@ def fewest_rows(table: FloatArray, tolerance: float) -> IndexArray:
     steps = np.full(count, count)
     steps[0] = 0
     came = np.zeros(count, dtype=np.intp)
-    at_once = _AT_ONCE
+    fewest = at_once
     for first in range(count - 1):
         low, high = np.full((1, gains.shape[1]), -np.inf), np.full((1, gains.shape[1]), np.inf)
         start = first + 1
@@ -414,7 +406,7 @@ def fewest_rows(table: FloatArray, tolerance: float) -> IndexArray:
             steps[last], came[last] = steps[first] + 1, first
             low, high, start = lows[-1:], highs[-1:], start + at_once
         # The next cone ends about where this one did.
-        at_once = max(_AT_ONCE, start - at_once - first + int(np.count_nonzero((lows <= highs).all(axis=1))))
+        at_once = max(fewest, start - at_once - first + int(np.count_nonzero((lows <= highs).all(axis=1))))
     path = [count - 1]
     while path[-1]:
         path.append(int(came[path[-1]]))

@@ -43,13 +43,11 @@ _ALONE = {
     **dict.fromkeys(("CPR", "cpr"), (1 / (2 * math.pi), (0, 0, 0, -1))),
     **dict.fromkeys(("count", "counts", "step", "steps", "sample", "samples"), (1.0, (0, 0, 0, 0))),
 }
-_PREFIXES = {"": 0, "k": 3, "c": -2, "m": -3, "u": -6, "n": -9, "M": 6, "G": 9}
-_NAMED = {p + s: (size * 10.0**power, of) for s, (size, of) in _SYMBOLS.items() for p, power in _PREFIXES.items()}
-_SAME_LETTER = {"\N{MICRO SIGN}": "u", "\N{GREEK SMALL LETTER MU}": "u", "\N{SUPERSCRIPT TWO}": "2", "^": ""}
-_BITS = re.compile(r"\s*(\d{1,2})[\s-]*bits?\b")
-_NUMBER = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*", re.DOTALL)
-_FACTOR = re.compile(r"\d+\.?\d*|[^\W\d_]+\d?|\N{DEGREE SIGN}|/|[^\s.\N{MIDDLE DOT}*]")
-_GEARED = re.compile(r"(.+?)[\s,]+(?:gear\s+(\d+\.?\d*)(?:\s*:\s*(\d+\.?\d*))?|pitch\s+(.+?))\s*")
+_NAMED = {
+    prefix + symbol: (size * 10.0**power, of)
+    for symbol, (size, of) in _SYMBOLS.items()
+    for prefix, power in {"": 0, "k": 3, "c": -2, "m": -3, "u": -6, "n": -9, "M": 6, "G": 9}.items()
+}
 # Unit of a key, as its ending, the longest first; and the power of the metres per radian that takes a value of what
 # turns to the handle.
 _ENDINGS = {
@@ -68,7 +66,6 @@ _ENDINGS = {
 _POWERS = dict(_ENDINGS.values())
 _Unit = tuple[float, tuple[int, ...]]
 _NO_POWERS: tuple[int, ...] = (0, 0, 0, 0)
-_LONGEST_WORD = 12
 
 
 def power_at_handle(key: str) -> int:
@@ -98,16 +95,16 @@ def _words(word: str) -> Iterator[_Unit]:
 
 def _readings(text: str) -> Iterator[_Unit]:
     """Yield each reading of a unit, such as ``N.m/rad`` or ``counts per 10 mm``: its size in SI units, its powers."""
-    for mark, same in _SAME_LETTER.items():
-        text = text.replace(mark, same)
+    text = text.translate(str.maketrans("\N{MICRO SIGN}\N{GREEK SMALL LETTER MU}\N{SUPERSCRIPT TWO}", "uu2", "^"))
     sign, factors = 1, []
-    for one in _FACTOR.findall(re.sub(r"\bper\b", "/", text)):
+    factor = r"\d+\.?\d*|[^\W\d_]+\d?|\N{DEGREE SIGN}|/|[^\s.\N{MIDDLE DOT}*]"
+    for one in re.findall(factor, re.sub(r"\bper\b", "/", text)):
         if one == "/":
             sign = -1
         elif one[0].isdecimal():
             factors.append([(float(one) ** sign, _NO_POWERS)] if float(one) else [])
         else:
-            read = _words(one) if len(one) <= _LONGEST_WORD else ()
+            read = _words(one) if len(one) <= 12 else ()
             factors.append([(size**sign, tuple(sign * power for power in powers)) for size, powers in read])
     for parts in itertools.product(*factors):
         powers = zip(_NO_POWERS, *(powers for _, powers in parts), strict=True)
@@ -116,11 +113,12 @@ def _readings(text: str) -> Iterator[_Unit]:
 
 def read_quantity(text: str, unit: str, metres_per_radian: float | None = None) -> float:
     """Return a quantity as typed in SI units: ``55 um`` as 5.5e-5, ``1 kHz`` for a time, ``450 dpi`` for a step."""
-    if geared := _GEARED.fullmatch(text):
+    gear = r"(.+?)[\s,]+(?:gear\s+(\d+\.?\d*)(?:\s*:\s*(\d+\.?\d*))?|pitch\s+(.+?))\s*"
+    if geared := re.fullmatch(gear, text):
         return _behind(geared, unit)
-    if bits := _BITS.match(text):
+    if bits := re.match(r"\s*(\d{1,2})[\s-]*bits?\b", text):
         text = f"{2 ** int(bits[1])} counts{text[bits.end() :]}"
-    found = _NUMBER.fullmatch(text)
+    found = re.fullmatch(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*", text, re.DOTALL)
     readings = [] if found is None else list(_readings(found[2]))
     if found is None or not readings or not math.isfinite(number := float(found[1])):
         raise ValueError(f"{text!r} is no number with a unit")
@@ -215,14 +213,9 @@ class Whole:
 LEAST_DELAY_SAMPLES = 1e-3
 
 
-@dataclass(frozen=True)
-class Samples(Quantity):
-    """Validator of a number of samples, an int where it is whole."""
-
-    def __call__(self, value: Any) -> float:
-        """Return the number, or refuse it."""
-        number = super().__call__(value)
-        return int(number) if number.is_integer() else number
+def _whole(number: float) -> float:
+    """Return a number of samples, an int where it is whole."""
+    return int(number) if float(number).is_integer() else number
 
 
 def _pair(value: Any) -> Any:
@@ -282,7 +275,8 @@ LoopDampingRatio = Annotated[float, BeforeValidator(Quantity("", 0.05, 10, zero=
 MassRatio = Annotated[float, BeforeValidator(Quantity("", 1e-6, 1e3, zero=False))]
 MassShare = Annotated[float, BeforeValidator(Quantity("", 1e-6, 0.999999, zero=False))]
 DiskMargin = Annotated[float, BeforeValidator(Quantity("", 0.01, 1, zero=False))]
-DelaySamples = Annotated[int | float, BeforeValidator(Samples("samples", LEAST_DELAY_SAMPLES, 1000))]
+_Samples = BeforeValidator(Quantity("samples", LEAST_DELAY_SAMPLES, 1000))
+DelaySamples = Annotated[int | float, _Samples, AfterValidator(_whole)]
 Substeps = Annotated[int, BeforeValidator(Whole(1, 1000))]
 Points = Annotated[int, BeforeValidator(Whole(1, MOST_FREQUENCIES))]
 Seed = Annotated[int, BeforeValidator(Whole(0, 2**32 - 1))]

@@ -30,10 +30,6 @@ Poles = tuple[float, float]
 PLAIN: Poles = (0.0, 0.0)
 """No filter: the backward difference itself."""
 
-# Keys of each estimator, the required one first. The motor's largest acceleration would make a Kalman filter a lead,
-# with up to 217 times the difference's noise: it has no default.
-_KEYS = {"first-order": ("cutoff_hz",), "kalman": ("acceleration_m_per_s2", "noise_rms_m")}
-
 
 class VelocityFilterEffect(EffectTable):
     """Estimator of the velocity in place of the backward difference; each has its own keys."""
@@ -46,7 +42,9 @@ class VelocityFilterEffect(EffectTable):
 
     def faults(self) -> Iterator[t.Finding]:
         """Yield keys of the other estimator, which would be ignored, and a missing one."""
-        keys = _KEYS[self.estimator]
+        # The required key first. The motor's largest acceleration would make a Kalman filter a lead, with up to 217
+        # times the difference's noise: it has no default.
+        keys = {"first-order": ("cutoff_hz",), "kalman": ("acceleration_m_per_s2", "noise_rms_m")}[self.estimator]
         given = [key for key, value in self if value is not None and key not in ("kind", "estimator")]
         for key in given:
             if key not in keys:

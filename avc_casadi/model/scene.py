@@ -71,30 +71,18 @@ MOTIONS: dict[str, type[_Motion]] = {"press": Press, "tap": Tap, "hold": Hold, "
 Motion = Annotated[Press | Tap | Hold | Stroke | Free, Field(discriminator="kind")]
 
 
-class _Couplings:
-    """Validator of the coupling of a scene: none, or a method of the registry."""
-
-    @property
-    def choices(self) -> tuple[str, ...]:
-        """Allowed names."""
-        return ("none", *METHODS)
-
-    def __call__(self, value: Any) -> str:
-        """Return the name, or refuse it."""
-        if not isinstance(value, str) or value not in self.choices:
-            raise t.refusal(f"is {t.shown(value)}; allowed: {t.one_of(self.choices, value)}")
-        return value
-
-
-CouplingChoice = Annotated[str, BeforeValidator(_Couplings())]
-_MOST_EFFECTS = 100
-Integrator = Literal["exact", "projected"]
+def _coupling(value: Any) -> str:
+    """Return the coupling of a scene, none or a method of the registry, or refuse it."""
+    choices = ("none", *METHODS)
+    if not isinstance(value, str) or value not in choices:
+        raise t.refusal(f"is {t.shown(value)}; allowed: {t.one_of(choices, value)}")
+    return value
 
 
 def _effects(value: Any) -> tuple[Any, ...]:
     """Return the effects of a scene, each read by the keys of its kind; all faults are reported at once."""
-    if not isinstance(value, list | tuple) or len(value) > _MOST_EFFECTS:
-        raise t.refusal(f"is {t.shown(value)}; allowed: one [[scene.effects]] for each effect, {_MOST_EFFECTS} at most")
+    if not isinstance(value, list | tuple) or len(value) > 100:
+        raise t.refusal(f"is {t.shown(value)}; allowed: one [[scene.effects]] for each effect, 100 at most")
     found: list[Any] = []
     faults: list[t.Finding] = []
     for index, one in enumerate(value):
@@ -120,9 +108,9 @@ class Scene(t.Table):
     """The simulated scene: motion of the hand's target, coupling and effects."""
 
     duration_s: q.Span = 3.0
-    coupling: CouplingChoice = "static"
+    coupling: Annotated[str, BeforeValidator(_coupling)] = "static"
     interaction_hz: q.Hertz | None = None
-    integrator: Integrator = "exact"
+    integrator: Literal["exact", "projected"] = "exact"
     substeps: q.Substeps = 1
     motion: Motion = Press()
     effects: Annotated[tuple[SerializeAsAny[EffectTable], ...], BeforeValidator(_effects)] = ()

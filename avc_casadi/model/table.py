@@ -29,10 +29,6 @@ Finding = tuple[Path, str]
 
 UNKNOWN = "is not a known key; "
 """Beginning of the finding of a mistyped key."""
-# Largest numbers reported of a table: a file of a million wrong keys must be answered quickly too.
-_MOST_UNKNOWN = 100
-_SHOWN = 60
-_BARE_KEY = re.compile(r"[A-Za-z0-9_-]{1,60}")
 _ALLOWED = {"bool_type": "true or false", "tuple_type": "a list", "dict_type": "a table"}
 
 
@@ -52,7 +48,7 @@ class Table(BaseModel):
             table = {key: item for key, item in value.items() if key in cls.model_fields}
             found = [
                 ((key,), _unknown(cls, key))
-                for key in list(value)[: len(cls.model_fields) + _MOST_UNKNOWN]
+                for key in list(value)[: len(cls.model_fields) + 100]  # a million wrong keys are answered quickly too
                 if key not in table
             ]
         try:
@@ -189,7 +185,7 @@ def dotted(path: Path) -> str:
         if isinstance(part, int):
             text += f"[{part}]"
         else:
-            text += f".{part}" if _BARE_KEY.fullmatch(part) else f".{shown(part)}"
+            text += f".{part}" if re.fullmatch("[A-Za-z0-9_-]{1,60}", part) else f".{shown(part)}"
     return text.removeprefix(".")
 
 
@@ -200,8 +196,8 @@ def refusal(text: str) -> PydanticCustomError:
 
 def visible(text: str) -> str:
     """Return a text of the file, shortened, with control and invisible characters escaped."""
-    marks = [mark if mark.isprintable() else f"\\u{ord(mark):04x}" for mark in text[:_SHOWN]]
-    return "".join(marks) + ("..." if len(text) > _SHOWN else "")
+    marks = [mark if mark.isprintable() else f"\\u{ord(mark):04x}" for mark in text[:60]]
+    return "".join(marks) + ("..." if len(text) > 60 else "")
 
 
 def shown(value: object) -> str:
@@ -212,10 +208,10 @@ def shown(value: object) -> str:
         return "a table"
     if isinstance(value, str):
         return f'"{visible(value)}"'
-    if isinstance(value, int) and abs(value) >= 10**_SHOWN:
-        return f"an integer of more than {_SHOWN} digits"
+    if isinstance(value, int) and abs(value) >= 10**60:
+        return "an integer of more than 60 digits"
     if isinstance(value, list | tuple):
-        return visible(f"[{', '.join(shown(item) for item in value[:_SHOWN])}]")
+        return visible(f"[{', '.join(shown(item) for item in value[:60])}]")
     return visible(str(value))
 
 
