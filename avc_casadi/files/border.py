@@ -6,7 +6,7 @@ import difflib
 import math
 import re
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from typing import Any, TypeVar
 
@@ -45,6 +45,7 @@ class Border:
     def __init__(self) -> None:
         self.tables: dict[str, Any] = {}
         self.device = self.rest = LINEAR
+        self._radius_m: float | None = None
         self._findings: dict[t.Path, str] = {}
         self._written: dict[t.Path, t.Path] = {(): ()}
 
@@ -70,12 +71,17 @@ class Border:
             message = f"{message}; did you mean {COUNTS}?"
         return (*self._written[path[:known]], *rest), units.words(message)
 
-    def inner(self, value: Any, units: Units, path: t.Path, written: t.Path) -> Any:
-        """Return a value of the file with the common keys; texts of quantities are read in their units."""
+    def inner(self, value: Any, units: Units, path: t.Path, written: t.Path, radius_m: float | None = None) -> Any:
+        """Return a value of the file with the common keys; texts of quantities are read in their units.
+
+        Of a device that turns a text may be of the way, force or stiffness at its radius.
+        """
         if isinstance(value, list):
-            return [self.inner(item, units, (*path, index), (*written, index)) for index, item in enumerate(value)]
+            places = ((item, (*path, at), (*written, at)) for at, item in enumerate(value))
+            return [self.inner(item, units, inner, place, radius_m) for item, inner, place in places]
         if not isinstance(value, Mapping):
             return value
+        radius_m = _radius_m(value) if path == ("follower",) else radius_m
         inner: dict[str, Any] = {}
         for key, item in value.items():
             name, place = units.inner(key), (*written, key)
@@ -85,21 +91,22 @@ class Border:
                     continue
             self._written[*path, name] = place
             unit = q.unit_of_key(key, units)
-            inner[name] = self.inner(self._typed(item, unit, place) if unit else item, units, (*path, name), place)
+            # A mass typed for an inertia may be that of the handle, or of the rotor.
+            reach = None if name == "mass_kg" and path[:1] != ("hands",) else radius_m
+            typed = self._typed(item, unit, place, reach) if unit else item
+            inner[name] = self.inner(typed, units, (*path, name), place, radius_m)
         return inner
 
-    def _typed(self, value: Any, unit: str, place: t.Path) -> Any:
+    def _typed(self, value: Any, unit: str, place: t.Path, radius_m: float | None) -> Any:
         """Return a text with a unit as the number that it is; anything else unchanged."""
         if isinstance(value, list):
-            return [self._typed(item, unit, (*place, index)) for index, item in enumerate(value)]
+            return [self._typed(item, unit, (*place, index), radius_m) for index, item in enumerate(value)]
         if not isinstance(value, str) or not re.search(r"[^-+.\d\seE]", value):
             return value
         try:
-            return q.read_quantity(value, unit)
-        except ValueError:
-            self.fault(
-                place, f"is {t.shown(value)}, no quantity in {unit}; allowed: a number, or a text in such a unit"
-            )
+            return q.read_quantity(value, unit, radius_m)
+        except ValueError as error:
+            self.fault(place, f"is {t.shown(value)}, {error}")
             return value
 
     def device_table(self, device: Any, base: Mapping[str, Any], table: str = "device") -> tuple[Any, Units]:
@@ -113,7 +120,8 @@ class Border:
             self.fault(
                 (table, "motion"), f'is {t.shown(motion)}, and that of `from` is "{before}"; allowed: that, or none'
             )
-        own = self.inner(device, units, (table,), (table,))
+        self._radius_m = None if units.linear else _radius_m({**base, **device})
+        own = self.inner(device, units, (table,), (table,), self._radius_m)
         if not units.linear:
             self._counted(own, (table,))
         whole = overridden(base, own)
@@ -124,7 +132,9 @@ class Border:
         self.device = units
         self.rest = LINEAR if isinstance(tables.get("device"), Mapping) and CAPSTAN in tables["device"] else units
         others = {key: value for key, value in tables.items() if key != "device"}
-        self.tables = self.inner(others, self.rest, (), ()) | ({"device": device} if "device" in tables else {})
+        self.tables = self.inner(others, self.rest, (), (), self._radius_m)
+        if "device" in tables:
+            self.tables["device"] = device
         detent, follower, sources = (self.tables.get(table) for table in ("detent", "follower", "sources"))
         if isinstance(follower, dict) and not self.rest.linear:
             self._counted(follower, ("follower",))
@@ -175,6 +185,15 @@ class Border:
             self.fault((table, "handle_radius_m"), f"stands beside {CAPSTAN}; allowed: one of the two")
         radius = self._valid(q.Quantity("m", *q.RADII_M, zero=False), device[CAPSTAN], (table, CAPSTAN))
         return at_handle(rest, radius or 0.01)  # in place of a faulty one, so that the rest of the file is checked
+
+
+def _radius_m(device: Mapping[str, Any]) -> float | None:
+    """Return the radius of a device's handle or capstan; a fault of it is found where it is read."""
+    radius = device.get("handle_radius_m", device.get(CAPSTAN))
+    with suppress(ValueError, PydanticCustomError):
+        radius = q.read_quantity(radius, "m") if isinstance(radius, str) else radius
+        return q.Quantity("m", *q.RADII_M, zero=False)(radius)
+    return None
 
 
 def at_handle(device: Mapping[str, Any], radius_m: float) -> dict[str, Any]:

@@ -15,7 +15,7 @@ from avc_casadi._errors import Fault, InputError
 from avc_casadi._util.units import units_for
 from avc_casadi.files.catalogue import device_names
 from avc_casadi.files.device_file import load_device
-from avc_casadi.files.new_options import DAMPING, DELAY, HANDS, HOLDS, OPTIONS, OWN_RANGES, RADIUS, RATE, Option
+from avc_casadi.files.new_options import DAMPING, DELAY, HANDS, HOLDS, MASS, OPTIONS, OWN_RANGES, RADIUS, RATE, Option
 from avc_casadi.files.plausibility import plausibility
 from avc_casadi.files.problem_file import parse_problem
 from avc_casadi.files.toml import toml_value
@@ -149,13 +149,13 @@ class NewProblem:
                 # A faulty rate is reported by itself.
                 samples = float(f"{seconds / (period if isinstance(period, float) and period > 0 else 1e-3):.12g}")
             return int(samples) if isinstance(samples, float) and samples.is_integer() else samples
+        radius = None if self.units.linear or option in (RADIUS, MASS) else self._radius_m()
         if option not in HANDS:
-            return _read(typed, unit)
+            return _read(typed, unit, radius)
         both = re.fullmatch(r"(.+?)(?:\bto\b|\.\.)(.+)", typed)
         low, high = both.groups() if both else (typed, typed)
         bare = re.compile(r"[-+.0-9eE ]+")
         of_both = bare.sub("", high, count=1) if bare.fullmatch(low) else ""
-        radius = None if self.units.linear else self._radius_m()
         return _read(f"{low} {of_both}", unit, radius), _read(high, unit, radius)
 
     def _kept(self, option: Option) -> bool:

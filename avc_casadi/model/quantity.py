@@ -9,6 +9,7 @@ import math
 import numbers
 import re
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Annotated, Any, TypeVar
 
@@ -37,8 +38,12 @@ _ALONE = {
     "dpi": (1 / 0.0254, (0, -1, 0, 0)),
     "lb": (0.45359237, (1, 0, 0, 0)),
     "lbf": (4.4482216152605, (1, 1, -2, 0)),
+    "kgf": (9.80665, (1, 1, -2, 0)),
+    "gf": (9.80665e-3, (1, 1, -2, 0)),
     "ozf": (0.27801385095378, (1, 1, -2, 0)),
     **dict.fromkeys(("deg", "degrees", "\N{DEGREE SIGN}"), (math.pi / 180, (0, 0, 0, 1))),
+    "arcmin": (math.pi / 10800, (0, 0, 0, 1)),
+    "arcsec": (math.pi / 648000, (0, 0, 0, 1)),
     **dict.fromkeys(("turn", "turns", "rev"), (2 * math.pi, (0, 0, 0, 1))),
     **dict.fromkeys(("CPR", "cpr"), (1 / (2 * math.pi), (0, 0, 0, -1))),
     **dict.fromkeys(("count", "counts", "step", "steps", "sample", "samples"), (1.0, (0, 0, 0, 0))),
@@ -82,8 +87,10 @@ def unit_of_key(key: str, units: Units) -> str:
 
 def _words(word: str) -> Iterator[_Unit]:
     """Yield each reading of a word as units without a sign between them: ``Ncm``, ``gcm2``, ``mNm``."""
-    if not word or word in _ALONE:
-        yield _ALONE.get(word, (1.0, _NO_POWERS))
+    alone, times = (word[:-1], int(word[-1])) if word[-1:].isdecimal() else (word, 1)
+    if not word or alone in _ALONE:
+        size, powers = _ALONE.get(alone, (1.0, _NO_POWERS))
+        yield size**times, tuple(times * one for one in powers)
         return
     for name, (size, powers) in _NAMED.items():
         if word.startswith(name):
@@ -121,7 +128,7 @@ def read_quantity(text: str, unit: str, metres_per_radian: float | None = None) 
     found = re.fullmatch(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*", text, re.DOTALL)
     readings = [] if found is None else list(_readings(found[2]))
     if found is None or not readings or not math.isfinite(number := float(found[1])):
-        raise ValueError(f"{text!r} is no number with a unit")
+        raise ValueError(_no_quantity(unit))
     if not found[2]:
         return number
     _, wanted = next(_readings(unit))
@@ -136,8 +143,22 @@ def read_quantity(text: str, unit: str, metres_per_radian: float | None = None) 
             return float(f"{1 / value:.15g}")
     linear = _linear(unit)
     if metres_per_radian is not None and linear != unit:
-        return float(f"{read_quantity(text, linear) * metres_per_radian ** -_POWERS[linear]:.15g}")
-    raise ValueError(f"{' '.join(text.split())!r} is in another unit than {unit}")
+        with suppress(ValueError):
+            return float(f"{read_quantity(text, linear) * metres_per_radian ** -_POWERS[linear]:.15g}")
+    raise ValueError(_no_quantity(unit))
+
+
+def _no_quantity(unit: str) -> str:
+    """Return what to write for a unit."""
+    as_in = {
+        "rad": ': "2000 counts" (four times the lines), "12 bit", "0.09 deg"; beside a radius "4000 counts per 10 mm"',
+        "m": ': "5 um", "450 dpi", "4000 counts per 10 mm", "4096 counts, pitch 5 mm"',
+        "N.m": ': "45 N.cm", "13 kgf.cm", "25 ozf.in", "90 mN.m, gear 30:1"',
+        "N": ': "8 N", "2 lbf", "0.2 N.m, pitch 5 mm"',
+        "kg.m2": ': "300 g.cm2", "50 g.cm2, gear 10"',
+        "kg": ': "45 g", "50 g.cm2, pitch 10 mm"',
+    }.get(unit, "")
+    return f"no quantity in {unit}; allowed: a number, or a text in such a unit{as_in}"
 
 
 def _linear(unit: str) -> str:
@@ -150,13 +171,13 @@ def _behind(geared: re.Match[str], unit: str) -> float:
     typed, teeth, others, pitch = geared.groups()
     power = _POWERS.get(_linear(unit), 0)
     if not power or (pitch and unit != _linear(unit)):
-        raise ValueError(f"{typed!r}: no {'pitch' if pitch else 'gear'} changes {unit} of such a device; leave it out")
+        raise ValueError(f"with a {'pitch' if pitch else 'gear'}, which changes no {unit} here; allowed: without it")
     if pitch:
         per_radian = read_quantity(pitch, "m") / (2 * math.pi)
     else:
         per_radian = min(float(teeth), float(others or 1)) / max(float(teeth), float(others or 1))
     if not per_radian > 0:
-        raise ValueError(f"{typed!r}: allowed: a gear or pitch above 0")
+        raise ValueError("with a gear or pitch of 0; allowed: above 0")
     return float(f"{read_quantity(typed, ROTARY.unit(unit) if pitch else unit) * per_radian**power:.15g}")
 
 

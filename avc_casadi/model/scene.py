@@ -71,7 +71,7 @@ MOTIONS: dict[str, type[_Motion]] = {"press": Press, "tap": Tap, "hold": Hold, "
 Motion = Annotated[Press | Tap | Hold | Stroke | Free, Field(discriminator="kind")]
 
 
-def _coupling(value: Any) -> str:
+def coupling_name(value: Any) -> str:
     """Return the coupling of a scene, none or a method of the registry, or refuse it."""
     choices = ("none", *METHODS)
     if not isinstance(value, str) or value not in choices:
@@ -108,7 +108,7 @@ class Scene(t.Table):
     """The simulated scene: motion of the hand's target, coupling and effects."""
 
     duration_s: q.Span = 3.0
-    coupling: Annotated[str, BeforeValidator(_coupling)] = "static"
+    coupling: Annotated[str, BeforeValidator(coupling_name)] = "static"
     interaction_hz: q.Hertz | None = None
     integrator: Literal["exact", "projected"] = "exact"
     substeps: q.Substeps = 1

@@ -20,9 +20,10 @@ from script_arguments import script_arguments
 from studied import table
 
 from avc_casadi.claims.levels import LEVELS
-from avc_casadi.model import EFFECTS
+from avc_casadi.model import EFFECTS, METHODS
 from avc_casadi.model.effects import EffectTable
 from avc_casadi.model.problem import Problem
+from avc_casadi.model.scene import coupling_name
 
 _HEAD = ("key", "unit", "default", "allowed", "meaning")
 
@@ -72,8 +73,8 @@ def allowed(annotation: Any) -> tuple[str, str]:
     if named := literals(annotation):
         return "", ", ".join(toml(value) for value in named)
     for part in validators(annotation):
-        if hasattr(part, "choices"):
-            return "", ", ".join(toml(value) for value in part.choices)
+        if part is coupling_name:
+            return "", ", ".join(toml(value) for value in ("none", *METHODS))
     found = [part for part in validators(annotation) if hasattr(part, "allowed")]
     if not found:
         return "", "true, false" if annotation is bool else "text" if annotation is str else ""

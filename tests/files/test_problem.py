@@ -175,6 +175,11 @@ TURN = 2 * math.pi
         (ROTARY, "encoder_resolution_rad", "0.088 deg", "encoder_resolution_m", math.radians(0.088)),
         (ROTARY, "encoder_resolution_rad", "14-bit", "encoder_resolution_m", TURN / 2**14),
         (ROTARY, "encoder_resolution_rad", "2000 CPR, gear 4", "encoder_resolution_m", TURN / 8000),
+        (ROTARY, "encoder_resolution_rad", "4000 counts per 10 mm", "encoder_resolution_m", 2.5e-6 / 0.05),
+        (ROTARY, "encoder_resolution_rad", "20 arcmin", "encoder_resolution_m", math.radians(1 / 3)),
+        (ROTARY, "max_torque_nm", "60 N", "max_force_n", 3.0),
+        (ROTARY, "max_torque_nm", "13 kgf.cm", "max_force_n", 13 * 0.0980665),
+        (ROTARY, "inertia_kgm2", "0.01 lb.in2", "mass_kg", 0.01 * 0.45359237 * 0.0254**2),
         (ROTARY, "encoder_counts_per_turn", 4096, "encoder_resolution_m", TURN / 4096),
         (ROTARY, "sample_time_s", "1 kHz", "sample_time_s", 1e-3),
         (ROTARY, "handle_radius_m", "150 mm", "handle_radius_m", 0.15),
@@ -185,6 +190,38 @@ def test_a_value_of_a_sheet_is_the_value_of_the_file(sheet, key, typed, attribut
     lines = [line for line in sheet.splitlines() if not line.startswith(f"{key} =")]
     found = avc.parse_problem("\n".join(lines).format(key=key, value=written)).device
     assert getattr(found, attribute) == pytest.approx(value, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("key", "typed", "write"),
+    [
+        ("encoder_resolution_rad", "1024 ppr", "counts"),
+        ("encoder_resolution_rad", "500 lines", "counts"),
+        ("inertia_kgm2", "120 g", "g.cm2"),
+        ("max_torque_nm", "13 kg.cm", "kgf.cm"),
+        ("max_torque_nm", "25 oz-in", "ozf.in"),
+        ("max_torque_nm", "90 mNm, gear 0", "above 0"),
+        ("max_torque_nm", "0.2 N.m, pitch 5 mm", "without it"),
+    ],
+)
+def test_a_value_that_cannot_be_read_is_refused_with_what_to_write(key, typed, write):
+    lines = [line for line in ROTARY.splitlines() if not line.startswith(f"{key} =")]
+    with pytest.raises(avc.InputError) as refused:
+        avc.parse_problem("\n".join(lines).format(key=key, value=f'"{typed}"'))
+    (fault,) = refused.value.faults
+    assert fault.key == f"device.{key}"
+    assert write in fault.message
+
+
+def test_a_way_on_a_device_that_turns_is_at_the_radius_of_its_own_table():
+    wall = ROTARY.replace("nm_per_rad = 1.0", 'nm_per_rad = "3 kN/m"')
+    follower = ROTARY.partition("[environment]")[0].replace("[device]", "[follower]").replace("0.05", '"2 cm"')
+    found = avc.parse_problem(
+        wall.format(key="encoder_resolution_rad", value='"4000 counts per 10 mm"')
+        + follower.format(key="max_torque_nm", value='"10 N"')
+    )
+    assert found.environment.stiffness_n_per_m == pytest.approx(3e3 * 0.05**2)
+    assert found.follower.max_force_n == pytest.approx(0.2)
 
 
 PLANTED = st.one_of(
