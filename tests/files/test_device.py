@@ -3,28 +3,9 @@
 import pytest
 
 import avc_casadi as avc
+from avc_casadi.files.catalogue import device_names
 from avc_casadi.model.device import Device
 
-CATALOGUE = (
-    "reference-r1",
-    "reference-r2",
-    "reference-r3",
-    "phantom-premium-1.5",
-    "phantom-omni",
-    "phantom-touch",
-    "touch-x",
-    "novint-falcon",
-    "omega-3",
-    "sigma-7",
-    "lambda-7",
-    "direct-drive-wheel",
-    "hapkit",
-    "haply-inverse3",
-    "dvrk-mtm-joint1",
-    "smartknob",
-    "teaching-one-axis",
-    "excalibur",
-)
 HOW_MEANT = {"motion", "handle_radius_m", "amplifier_order", "encoder_at", "held", "range"}
 # Most amplifiers are lags, which have no damping ratio.
 QUANTITIES = set(Device.model_fields) - HOW_MEANT - {"amplifier_damping_ratio"}
@@ -56,7 +37,7 @@ def device_of(text, **options):
     return avc.parse_problem(text + WALL, **options).device
 
 
-@pytest.mark.parametrize("name", CATALOGUE)
+@pytest.mark.parametrize("name", sorted(device_names()))
 def test_every_value_has_a_source_and_every_gap_a_name(name):
     file = avc.load_device(name)
     assert file.name == name

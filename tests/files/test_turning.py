@@ -59,26 +59,14 @@ def test_a_problem_is_written_and_read_in_its_own_keys():
 # A device that turns is the linear one at its handle: m = J/r^2, b = B/r^2, f = tau/r, x = r theta, and nothing else.
 
 FREQUENCY = {"values_hz": (1.0, 5.0, 30.0, 120.0)}
-# Powers of the radius with which a value of the handle becomes one of the turn.
+# Powers of the radius with which a value of the handle becomes one of the turn, and its key there.
 POWERS = {
-    "mass_kg": 2,
-    "damping_ns_per_m": 2,
-    "stiffness_n_per_m": 2,
-    "coulomb_friction_n": 1,
-    "max_force_n": 1,
-    "encoder_resolution_m": -1,
-    "position_noise_rms_m": -1,
-    "backlash_m": -1,
-}
-NAMES = {
-    "mass_kg": "inertia_kgm2",
-    "damping_ns_per_m": "damping_nms_per_rad",
-    "stiffness_n_per_m": "stiffness_nm_per_rad",
-    "coulomb_friction_n": "coulomb_friction_nm",
-    "max_force_n": "max_torque_nm",
-    "encoder_resolution_m": "encoder_resolution_rad",
-    "position_noise_rms_m": "position_noise_rms_rad",
-    "backlash_m": "backlash_rad",
+    "mass_kg": (2, "inertia_kgm2"),
+    "damping_ns_per_m": (2, "damping_nms_per_rad"),
+    "stiffness_n_per_m": (2, "stiffness_nm_per_rad"),
+    "coulomb_friction_n": (1, "coulomb_friction_nm"),
+    "max_force_n": (1, "max_torque_nm"),
+    "encoder_resolution_m": (-1, "encoder_resolution_rad"),
 }
 
 DEVICES = st.fixed_dictionaries(
@@ -96,18 +84,15 @@ WALLS = st.fixed_dictionaries(
 )
 
 
-def turned(table, radius):
-    return {key: value * radius ** POWERS.get(key, 0) for key, value in table.items()}
-
-
-def written(table):
-    return "\n".join(f"{NAMES.get(key, key)} = {value!r}" for key, value in table.items())
+def written(table, radius):
+    turned = ((key, value, *POWERS.get(key, (0, key))) for key, value in table.items())
+    return "\n".join(f"{name} = {value * radius**power!r}" for _, value, power, name in turned)
 
 
 def both(device, wall, radius):
     linear = Problem(name="p", device=device, environment=wall, frequency=FREQUENCY)
-    text = f'[device]\nmotion = "rotary"\nhandle_radius_m = {radius}\n{written(turned(device, radius))}\n'
-    text += f"[environment]\n{written(turned(wall, radius))}\n[frequency]\nvalues_hz = {list(FREQUENCY['values_hz'])}"
+    text = f'[device]\nmotion = "rotary"\nhandle_radius_m = {radius}\n{written(device, radius)}\n'
+    text += f"[environment]\n{written(wall, radius)}\n[frequency]\nvalues_hz = {list(FREQUENCY['values_hz'])}"
     return linear, avc.parse_problem(text, name="p")
 
 
