@@ -71,7 +71,7 @@ def run_certify(args: argparse.Namespace, console: Console) -> Answer:
 
 
 def _certify_pair(problem: avc.Problem, coupling: Coupling, args: argparse.Namespace, console: Console) -> Answer:
-    from avc_casadi.design.tool_certificate import tool_certificate
+    from avc_casadi.design.virtual_tool import tool_certificate
     from avc_casadi.present.rows.judge import pair_certificate
     from avc_casadi.recommendation.preconditions import not_used
 

@@ -68,7 +68,7 @@ _METHODS = {
         optimises=True,
     ),
     "schedule": Method(
-        "avc_casadi.design.schedule.solver:solve_schedule",
+        "avc_casadi.design.schedule:solve_schedule",
         "all frequencies as one optimal-control problem: smooth gains that meet the problem's scope",
         keeps_realism=True,
         credits_hand=True,

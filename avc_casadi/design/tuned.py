@@ -15,7 +15,7 @@ import numpy as np
 
 from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.progress import SILENT, Progress
-from avc_casadi.design.schedule.solver import solve_schedule
+from avc_casadi.design.schedule import solve_schedule
 from avc_casadi.model.effects import HandEffect, WallEffect
 from avc_casadi.model.gains import Gains, GainSchedule, Status, gains_at
 from avc_casadi.model.hands import hand_set

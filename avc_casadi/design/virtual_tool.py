@@ -1,24 +1,28 @@
-"""Spring and damper between a device and a virtual tool: the stiffest stable ones, and the best damper for one."""
+"""Spring and damper between a device and a virtual tool: the stiffest stable ones, the best damper, the certificate."""
 
 from __future__ import annotations
 
 import itertools
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property, partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from avc_casadi.loops.engine import ToolLoops
+from avc_casadi._errors import UnsupportedError
+from avc_casadi._util.json_values import plain
+from avc_casadi.claims.engine_port import engine_port
+from avc_casadi.loops.engine import ToolLoops, required_tool
 from avc_casadi.loops.system import WithMargin
 from avc_casadi.model.ends import ToolGains
 
 if TYPE_CHECKING:
     from avc_casadi._util.arrays import FloatArray
     from avc_casadi.loops.system import Loops
+    from avc_casadi.model.ends import ToolGains
     from avc_casadi.model.hands import Hand
     from avc_casadi.model.problem import Problem
 
@@ -367,3 +371,41 @@ def edge(stable: Callable[[float], bool], low: float, high: float, precision: fl
         middle = math.sqrt(low * high)
         low, high = (middle, high) if stable(middle) else (low, middle)
     return low
+
+
+STABILITY = (
+    "linear stability of the lifted loop: hands of [hands] and the device released, devices, tools and contacts of "
+    "their ranges (corners, then a search for the worst point inside), every phase of the clocks"
+)
+PASSIVITY = (
+    "the port at which the engine meets the coupling is passive, with the corner hands of [hands] and released: "
+    "stable with any engine that is passive there, whatever its tool weighs and touches. Such an engine solves the "
+    "tool together with the coupling's force (implicit); one that moves a mass explicitly is none, however heavy"
+)
+
+
+def tool_certificate(problem: Problem, gains: ToolGains, search: ToolSearch | None = None) -> dict[str, Any]:
+    """Return the certificate: JSON values, stability and passivity apart."""
+    search = ToolSearch(problem) if search is None else search
+    stable, (radius, case) = search.loops.stable_over_ranges(gains), search.loops.radius(gains)
+    found: dict[str, Any] = plain(
+        {
+            "stable": stable,
+            "spectral_radius": radius,
+            "worst": asdict(case),
+            "loops": len(search.loops),
+            "gain_margin": search.gain_margin_over_ranges(gains),
+            "least_damped": asdict(search.loops.slowest(gains)) if stable else None,
+            "claim": STABILITY,
+            "passivity": _passivity(problem, gains),
+        }
+    )
+    return found
+
+
+def _passivity(problem: Problem, gains: ToolGains) -> dict[str, Any]:
+    try:
+        port = engine_port(problem.device, problem.hands, required_tool(problem), gains)
+    except UnsupportedError as refusal:
+        return {"passive": None, "refused": str(refusal), "claim": PASSIVITY}
+    return {**asdict(port), "refused": None, "claim": PASSIVITY}

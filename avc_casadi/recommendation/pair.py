@@ -10,8 +10,7 @@ from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi._util.text import quantity
 from avc_casadi.claims.llewellyn import Teleoperator, damping_needed_ns_per_m, passivity_margin
 from avc_casadi.coupling import Coupling
-from avc_casadi.design.tool_certificate import tool_certificate
-from avc_casadi.design.virtual_tool import CouplingSearch, Scale, ToolSearch, ToolSearchOptions
+from avc_casadi.design.virtual_tool import CouplingSearch, Scale, ToolSearch, ToolSearchOptions, tool_certificate
 from avc_casadi.loops.engine import ToolLoops, required_tool
 from avc_casadi.loops.follower import FollowerLoops, required_follower
 from avc_casadi.recommendation.felt import rendered_pair

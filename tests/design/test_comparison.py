@@ -11,8 +11,8 @@ from walled import has_wall
 
 import avc_casadi as avc
 from avc_casadi.coupling import Coupling
-from avc_casadi.design.comparison.causal import causal_gains
 from avc_casadi.design.comparison.comparison import with_causal
+from avc_casadi.design.comparison.judged import causal_gains
 from avc_casadi.model.gains import Gains
 from avc_casadi.model.problem import Frequency
 from avc_casadi.paper.equations import loop_at

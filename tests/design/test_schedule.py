@@ -12,11 +12,8 @@ from schedule_problems import changed, figure5
 from avc_casadi import solve
 from avc_casadi.claims.certify import certify
 from avc_casadi.claims.hands import scope_slack
-from avc_casadi.design.schedule.dynamic_programme import cheapest_path
-from avc_casadi.design.schedule.hands import hands_slack
-from avc_casadi.design.schedule.programme import Programme
-from avc_casadi.design.schedule.scope import Slots
-from avc_casadi.design.schedule.states import States
+from avc_casadi.design.schedule import cheapest_path
+from avc_casadi.design.schedule_programme import Programme, Slots, States, hands_slack
 from avc_casadi.files.problem_file import load_problem
 from avc_casadi.model.corners import device_corners
 from avc_casadi.model.device import DeviceRange

@@ -26,7 +26,6 @@ ROOMS = (
     "identification",
     "identification.excitation",
     "diagnose",
-    "design.schedule",
     "design",
     "design.comparison",
     "recommendation",

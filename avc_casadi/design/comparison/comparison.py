@@ -13,8 +13,15 @@ from avc_casadi._errors import InputError
 from avc_casadi._util.arrays import ComplexArray, FloatArray
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.printed import Columns, Tabular, short
-from avc_casadi.design.comparison.causal import CausalGains, causal_gains
-from avc_casadi.design.comparison.judged import HandTuned, Judged, constant_pair, judge_gains, judge_hand_tuned
+from avc_casadi.design.comparison.judged import (
+    CausalGains,
+    HandTuned,
+    Judged,
+    causal_gains,
+    constant_pair,
+    judge_gains,
+    judge_hand_tuned,
+)
 from avc_casadi.design.comparison.judged import parts as _parts
 from avc_casadi.design.methods import solve
 from avc_casadi.design.registry import METHODS, MethodName

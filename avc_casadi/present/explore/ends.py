@@ -23,9 +23,8 @@ from avc_casadi.claims.zwidth import zwidth
 from avc_casadi.coupling import Coupling
 from avc_casadi.design import scene_coupling
 from avc_casadi.design.methods import solve
-from avc_casadi.design.tool_certificate import tool_certificate
 from avc_casadi.design.tool_region import tool_region
-from avc_casadi.design.virtual_tool import ToolSearch
+from avc_casadi.design.virtual_tool import ToolSearch, tool_certificate
 from avc_casadi.loops.follower import FollowerLoops
 from avc_casadi.model.ends import ToolGains
 from avc_casadi.model.gains import NO_COUPLING, GainSchedule, Status

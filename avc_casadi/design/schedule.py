@@ -9,35 +9,29 @@ lattice gives the start, a sparse NLP the solution; frequencies that violate a s
 from __future__ import annotations
 
 import time
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from avc_casadi._util.arrays import FloatArray
+from avc_casadi._util.arrays import BoolArray, FloatArray
 from avc_casadi._util.progress import SILENT, Progress
-from avc_casadi.design.schedule.dynamic_programme import cheapest_path
-from avc_casadi.design.schedule.hands import HandsTable
-from avc_casadi.design.schedule.infeasible import Missing, missing_rows
-from avc_casadi.design.schedule.programme import BACKOFF, Programme, Solution
-from avc_casadi.design.schedule.scope import Slots, deciding_corners, realism_slack, worst_slack
+from avc_casadi.design.schedule_programme import (
+    BACKOFF,
+    HandsTable,
+    Programme,
+    Slots,
+    Solution,
+    deciding_corners,
+    realism_slack,
+    worst_slack,
+)
 from avc_casadi.model.gains import GainSchedule, Status
 from avc_casadi.model.problem import Problem
-from avc_casadi.paper.equations import loop_at
 from avc_casadi.paper.exact import exact_gains
-from avc_casadi.paper.rows import gain_schedule, row_status
-
-_STAGES = 40
-"""Stages of the dynamic programme."""
-_POINTS = {2: (64, 64), 3: (22, 22, 10)}
-_MISS, _SCOPE_FIRST = 1e3, 1e3
-"""Cost in the lattice of missing a constraint by its scale, far above any error; weight of a scope beside realism."""
-_ROUNDS = 20
-_NEARLY = 1e-4
-"""Violations below this share of the scale are removed by tightening; larger ones need their frequency added first."""
-_BEYOND = 0.05
-"""Margin about the path of the finer table of the hands, as a share of the box."""
-_FINER = {2: (32, 32), 3: (16, 16, 14)}
-_ROUNDING = 1 + 1e-9
+from avc_casadi.paper.equations import loop_at
+from avc_casadi.paper.realism import bound_magnitudes
+from avc_casadi.paper.rows import gain_schedule
+from avc_casadi.paper.rows import row_status
 
 
 def solve_schedule(problem: Problem, *, constant: bool = False, progress: Progress = SILENT) -> GainSchedule:
@@ -56,10 +50,12 @@ def solve_schedule(problem: Problem, *, constant: bool = False, progress: Progre
 def _from_lattice(programme: Programme) -> list[FloatArray]:
     """Return states (d, n) to start from: the cheapest path of a lattice first."""
     n, problem, x = len(programme.frequency_hz), programme.problem, programme.log_frequency
-    chosen = np.unique(np.linspace(0, n - 1, min(n, _STAGES)).round().astype(int))
+    chosen = np.unique(np.linspace(0, n - 1, min(n, 40)).round().astype(int))
     table = programme.hands
     # With hands on the nodes of the table, where it is exact.
-    axes, nodes = programme.states.lattice(_POINTS) if table is None else (table.axes, table.nodes)
+    axes, nodes = (
+        programme.states.lattice({2: (64, 64), 3: (22, 22, 10)}) if table is None else (table.axes, table.nodes)
+    )
     gains, few = programme.states.gains(nodes), replace(programme, frequency_hz=programme.frequency_hz[chosen])
     slots = Slots.of(problem, few.frequency_hz, spread=True).frequency_hz
     costs = np.empty((len(chosen), nodes.shape[1]))
@@ -70,9 +66,9 @@ def _from_lattice(programme: Programme) -> list[FloatArray]:
         if table is None and (stage == 0 or (slots[:, stage] != slots[:, stage - 1]).any()):
             spare = loop_at(corner, slots[:, stage, None]).perceived(*gains).real.min(axis=0) - margin
         scale = 1.0 if table is not None else one.scale_ns_per_m
-        missed = _SCOPE_FIRST * np.maximum(0.0, -spare / scale)
-        missed += np.maximum(0.0, -realism_slack(problem, one.loop, gains))
-        costs[stage] = few.weight[stage] * (one.errors(gains) + _MISS * missed)
+        # Missing a constraint by its scale costs far more than any error, and a scope comes before realism.
+        missed = 1e6 * np.maximum(0.0, -spare / scale) + 1e3 * np.maximum(0.0, -realism_slack(problem, one.loop, gains))
+        costs[stage] = few.weight[stage] * (one.errors(gains) + missed)
     constant = np.repeat(nodes[:, [costs.sum(axis=0).argmin()]], n, axis=1)
     if programme.constant:
         return [constant]
@@ -105,7 +101,8 @@ def _solved(programme: Programme, missing: Missing, starts: list[FloatArray]) ->
 def _checked(programme: Programme, missing: Missing, states: FloatArray) -> Solution:
     """Return states (d, n) as a solution, if all rows meet scope and realism and the slopes their limit."""
     spare, real = programme.spare(states)
-    steep = np.abs(np.diff(states, axis=1)) > programme.slope_limit * _ROUNDING * np.diff(programme.log_frequency)
+    rounding = 1 + 1e-9
+    steep = np.abs(np.diff(states, axis=1)) > programme.slope_limit * rounding * np.diff(programme.log_frequency)
     kept = not steep.any() and (((spare >= 0) & (real >= 0)) | missing.rows).all()
     return Solution(states, programme.cost_of(states)) if kept else Solution(states, np.inf, "violated scopes")
 
@@ -117,7 +114,7 @@ def _refined(programme: Programme, missing: Missing, states: FloatArray) -> Solu
     backoff = np.where(missing.rows, -np.inf, inside)
     gains = programme.states.gains(states)
     slots.add(problem, gains, worst_slack(problem, programme.frequency_hz, gains), ~missing.rows)
-    for _ in range(_ROUNDS):
+    for _ in range(20):
         solution = programme.solve(slots, backoff, states)
         if solution.failure:
             return solution
@@ -129,8 +126,9 @@ def _refined(programme: Programme, missing: Missing, states: FloatArray) -> Solu
             return solution
         slots.add(problem, gains, worst, missed)
         if programme.hands is None:
+            # A small violation is removed by tightening; a larger one needs its frequency added first.
             short = -worst.slack / programme.scale_ns_per_m
-            closer = backoff[0] + np.where(short < _NEARLY, 2 * short, 0.0) + programme.tolerance
+            closer = backoff[0] + np.where(short < 1e-4, 2 * short, 0.0) + programme.tolerance
         else:
             # The table misses hands between the corners, and what lies between its nodes.
             table = programme.hands.spline(states).full()[0]
@@ -141,11 +139,11 @@ def _refined(programme: Programme, missing: Missing, states: FloatArray) -> Solu
 
 
 def _about(programme: Programme, found: Solution, missing: Missing) -> Programme:
-    """Return the programme with a finer table of the hands, within a box about a path."""
+    """Return the programme with a finer table of the hands, within a twentieth of the box about a path."""
     states = found.states[:, ~missing.rows]
-    reach = _BEYOND * (programme.states.high - programme.states.low)
+    reach = 0.05 * (programme.states.high - programme.states.low)
     near = programme.states.within(states.min(axis=1) - reach, states.max(axis=1) + reach)
-    return replace(programme, states=near, hands=HandsTable.of(programme.problem, near, _FINER))
+    return replace(programme, states=near, hands=HandsTable.of(programme.problem, near, {2: (32, 32), 3: (16, 16, 14)}))
 
 
 def _schedule(programme: Programme, missing: Missing, found: Solution | None) -> GainSchedule:
@@ -170,3 +168,111 @@ def _schedule(programme: Programme, missing: Missing, found: Solution | None) ->
     return gain_schedule(
         problem, "schedule", (b, k, contact), status, solver="ipopt", reason=reasons, notes=tuple(notes)
     )
+
+
+@dataclass(frozen=True)
+class Missing:
+    """Stages without admissible gains and why, those with nothing to spare of their scope, and the best states."""
+
+    rows: BoolArray
+    reasons: tuple[str, ...]
+    tight: BoolArray
+    states: FloatArray
+
+
+def missing_rows(programme: Programme, path: FloatArray) -> Missing:
+    """Return the stages at which no gains meet scope and required realism; those of states (d, n) are tried first."""
+    n, states = len(programme.frequency_hz), path.copy()
+    rows, tight, reasons = np.zeros(n, dtype=bool), np.zeros(n, dtype=bool), [""] * n
+    softest = np.repeat(programme.states.low[:, None], n, axis=1)
+    for elastic in ("scope", "realism") if programme.problem.realism.require != "none" else ("scope",):
+        known = rows.copy()
+        for tried in (path, softest):
+            spare, real = programme.spare(tried)
+            known |= (spare >= programme.tolerance) & (real >= 0 if elastic == "realism" else True)
+        if known.all():
+            continue
+        some = replace(programme.at(~known), constant=False, elastic=elastic)
+        best = _nearest(some, path[:, ~known])
+        spare, real = some.spare(best)
+        if elastic == "scope":  # A solver only approaches what meets a scope with nothing to spare.
+            softer = some.spare(softest[:, ~known])[0]
+            best, spare = np.where(softer > spare, softest[:, ~known], best), np.maximum(spare, softer)
+        states[:, ~known] = best
+        lost = (spare < 0) | ((real < 0) & (elastic == "realism"))
+        tight[~known] |= (spare >= 0) & (spare < programme.tolerance)
+        for place, row in enumerate(np.flatnonzero(~known)):
+            rows[row] |= lost[place]
+            reasons[row] = _reason(some, place, best) if lost[place] else ""
+    return Missing(rows, tuple(reasons), tight & ~rows, states)
+
+
+def _nearest(programme: Programme, start: FloatArray) -> FloatArray:
+    """Return the states (d, n) that miss the least; worst frequencies are added."""
+    slots, scope = Slots.of(programme.problem, programme.frequency_hz), programme.elastic == "scope"
+    backoff = np.repeat([[0.0], [-np.inf]] if scope else [[1.5 * programme.tolerance], [0.0]], start.shape[1], axis=1)
+    for _ in range(6):
+        found = programme.solve(slots, backoff, start)
+        start, gains = found.states, programme.states.gains(found.states)
+        worst = worst_slack(programme.problem, programme.frequency_hz, gains)
+        short = 1.001 * np.maximum(found.short, 0) + programme.tolerance
+        missed = worst.slack < -short * programme.scale_ns_per_m
+        if len(slots.frequency_hz) == slots.fixed or not missed.any():
+            break
+        slots.add(programme.problem, gains, worst, missed)
+    return start
+
+
+def _reason(programme: Programme, at: int, states: FloatArray) -> str:
+    """Return what is short at a stage with the best gains there, and the next step."""
+    problem, gains = programme.problem, programme.states.gains(states)
+    b, k, p = (float(gain[at]) for gain in gains)
+    best = f"with the best, b = {b:.6g}, k = {k:.6g}, b_p = {p:.6g}"
+    told = f"no gains meet scope {problem.stability.scope} at {programme.frequency_hz[at]:.6g} Hz"
+    next_step = "widen the box of [coupling], narrow the scope or add device damping"
+    if programme.elastic == "realism":
+        z, target = programme.loop.perceived(*gains)[at], np.asarray(programme.loop.target)[at]
+        low, high = (float(end[at]) for end in bound_magnitudes(problem, programme.loop))
+        wanted = {
+            "bounds": f"|Z_h| is at best {abs(z):.6g}, not {low:.6g} to {high:.6g}",
+            "jnd": f"|Z_h - Z_h_ds| is at best {abs(z / target - 1):.6g} |Z_h_ds|, not {problem.realism.jnd:g}",
+        }
+        return f"{told} and realism.require: {wanted[problem.realism.require]}, {best}; {next_step}"
+    worst = worst_slack(problem, programme.frequency_hz, gains)
+    short = f"Re Z_h is short by {-worst.slack[at]:.6g} at {worst.frequency_hz[at]:.6g} Hz"
+    if programme.hands is not None:
+        short = f"the spectral radius is {1 - worst.slack[at]:.6g}"
+    return f"{told}: {short} {best}; {next_step}"
+
+
+def cheapest_path(
+    costs: FloatArray, axes: list[FloatArray], log_frequency: FloatArray, slope_penalty: float, slope_limit: float
+) -> FloatArray:
+    """Return the states (d, n) of the cheapest path through a lattice; ``costs`` (n, nodes in C order) are weighted.
+
+    The slope penalty is a sum over the states: the minimum over the predecessor is taken one state at a time.
+    """
+    shape = tuple(len(axis) for axis in axes)
+    span = log_frequency[-1] - log_frequency[0]
+    value, values, moves = costs[0].reshape(shape), [], []
+    for here, step in zip(costs[1:], np.diff(log_frequency), strict=True):
+        for dimension, axis in enumerate(axes):
+            distance = np.abs(axis[:, None] - axis)
+            within = distance <= max(slope_limit * step, 1.001 * np.diff(axis[:2]).sum())
+            values.append(value)
+            moves.append(np.where(within, slope_penalty / (span * step) * distance**2, np.inf))
+            lines = np.ascontiguousarray(np.moveaxis(value, dimension, 0))
+            best = np.full_like(lines, np.inf)
+            for line, move in zip(lines, moves[-1].T, strict=True):
+                np.minimum(best, line + move.reshape(-1, *([1] * line.ndim)), out=best)
+            value = np.moveaxis(best, 0, dimension)
+        value = value + here.reshape(shape)
+    at = list(np.unravel_index(int(value.argmin()), shape))
+    states = [[axis[i] for axis, i in zip(axes, at, strict=True)]]
+    for number in reversed(range(len(moves))):
+        dimension = number % len(axes)
+        line = values[number][tuple(slice(None) if axis == dimension else i for axis, i in enumerate(at))]
+        at[dimension] = (line + moves[number][at[dimension]]).argmin()
+        if dimension == 0:
+            states.append([axis[i] for axis, i in zip(axes, at, strict=True)])
+    return np.array(states[::-1]).T

@@ -1,0 +1,420 @@
+"""The schedule in numbers: states and their lattice, the constraints of each stage, and all stages as one NLP."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from avc_casadi._util.arrays import BoolArray, FloatArray
+from avc_casadi.claims.hands import ScopeSlack, deciding_frequencies_hz, scope_band_hz, scope_slack
+from avc_casadi.loops.wall import frozen_parts, linear_stability
+from avc_casadi.model.corners import corner_problems, least_damped
+from avc_casadi.model.hands import hand_corners
+from avc_casadi.model.problem import Problem
+from avc_casadi.paper.equations import coupling_impedance
+from avc_casadi.paper.loop import Loop
+from avc_casadi.paper.equations import loop_at
+from avc_casadi.paper.numbers import Complex, ComplexExpr, Real, abs2, casadi_numbers
+from avc_casadi.paper.realism import bound_magnitudes, relative_errors
+from avc_casadi.paper.rows import GainArrays
+
+
+@dataclass(frozen=True)
+class States:
+    """The map between gains and states, sigma = ln(gain + floor), and the box of both."""
+
+    floors: FloatArray
+    least: FloatArray
+    most: FloatArray
+
+    @classmethod
+    def of(cls, problem: Problem, loop: Loop) -> States:
+        """Return the map with floors for a problem at the frequencies of ``loop``."""
+        weight = np.abs(loop.environment)
+        weight = np.where(weight > 0, weight, max(problem.device.damping_ns_per_m, 1.0))
+        share = 1e-4  # of the smallest gain that weighs as much as the environment
+        b = share * float(weight.min())
+        k = share * float((weight / np.abs(coupling_impedance(loop.angle, 0.0, 1.0))).min())
+        floors, box = [b, k], problem.coupling
+        ends = [box.damping_ns_per_m, box.stiffness_n_per_m]
+        if box.contact_damping_ns_per_m[1] > 0:
+            floors.append(max(problem.device.damping_ns_per_m, 10 * b))
+            ends.append(box.contact_damping_ns_per_m)
+        least, most = np.array(ends).T
+        return cls(np.array(floors), least, most)
+
+    @property
+    def low(self) -> FloatArray:
+        """Lower ends of the states, (d,)."""
+        return np.asarray(np.log(self.least + self.floors))
+
+    @property
+    def high(self) -> FloatArray:
+        """Upper ends of the states, (d,)."""
+        return np.asarray(np.log(self.most + self.floors))
+
+    def within(self, low: FloatArray, high: FloatArray) -> States:
+        """Return the states of a part of the box, between states of shape (d,) clipped to the box."""
+        least = np.where(low > self.low, np.exp(low) - self.floors, self.least)
+        most = np.where(high < self.high, np.exp(high) - self.floors, self.most)
+        return replace(self, least=np.clip(least, self.least, self.most), most=np.clip(most, self.least, self.most))
+
+    def lattice(self, points: Mapping[int, tuple[int, ...]]) -> tuple[list[FloatArray], FloatArray]:
+        """Return the axes of a lattice over the box and its nodes, (d, m): so many along each state."""
+        ends = zip(self.low, self.high, points[len(self.floors)], strict=True)
+        axes = [np.linspace(low, high, count if high > low else 1) for low, high, count in ends]
+        return axes, np.array([grid.ravel() for grid in np.meshgrid(*axes, indexing="ij")])
+
+    def gains(self, states: FloatArray) -> GainArrays:
+        """Return (b, k, b_p) of states of shape (d, ...), inside the box to the last bit."""
+        last = states.T
+        inside = np.clip(np.exp(last) - self.floors, self.least, self.most)
+        # An interior point method only approaches an end.
+        low, high = last <= self.low + 1e-5, last >= self.high - 1e-5
+        gains = np.where(low, self.least, np.where(high, self.most, inside)).T
+        return gains[0], gains[1], gains[2] if len(gains) == 3 else np.zeros_like(gains[0])
+
+    def states(self, gains: GainArrays) -> FloatArray:
+        """Return the states of (b, k, b_p), shape (d, ...), clipped to the box."""
+        kept = np.array(gains[: len(self.floors)]).T
+        return np.asarray(np.clip(np.log(kept + self.floors), self.low, self.high).T)
+
+
+REALISM_ROWS = {"none": 0, "jnd": 1, "bounds": 2}
+"""Number of non-negative values of each requirement."""
+
+
+def deciding_corners(problem: Problem) -> tuple[Problem, ...]:
+    """Return the problem at the critical corners of its device: all for hands, the least damped one for Re Z_h."""
+    if problem.stability.scope == "hands":
+        return corner_problems(problem)
+    # Re Z_h does not depend on the mass and grows with the damping; the hand's is credited.
+    return (least_damped(problem, problem.schedule.hand_damping_ns_per_m),)
+
+
+def worst_slack(problem: Problem, frequency_hz: FloatArray, gains: GainArrays) -> ScopeSlack:
+    """Return the exact slack of each row over its whole scope, at the worst corner of the device."""
+    corners = deciding_corners(problem)
+    deciding = deciding_frequencies_hz(problem, frequency_hz)
+    if deciding is not None:
+        at = _evaluable(problem, deciding.T)
+        real = loop_at(corners[0], at).perceived(*gains).real
+        lowest = real.argmin(axis=0), np.arange(real.shape[1])
+        return ScopeSlack(real[lowest] - problem.stability.margin_ns_per_m, at[lowest])
+    all_slacks = [scope_slack(corner, frequency_hz, *gains) for corner in corners]
+    slack = np.array([item.slack for item in all_slacks])
+    worst = slack.argmin(axis=0), np.arange(slack.shape[1])
+    return ScopeSlack(slack[worst], np.array([item.frequency_hz for item in all_slacks])[worst])
+
+
+@dataclass
+class Slots:
+    """Frequencies at which Re Z_h is kept above the margin; violating ones are added until none is left."""
+
+    frequency_hz: FloatArray
+    fixed: int
+
+    @classmethod
+    def of(cls, problem: Problem, frequency_hz: FloatArray, *, spread: bool = False) -> Slots:
+        """Return the critical frequencies, where known, or else the ends of each scope and some between."""
+        if problem.stability.scope == "hands":
+            return cls(np.empty((0, len(frequency_hz))), 0)
+        deciding = deciding_frequencies_hz(problem, frequency_hz)
+        if deciding is not None:
+            return cls(_evaluable(problem, deciding.T), deciding.shape[1])
+        low, high = scope_band_hz(problem, frequency_hz)
+        lowest = np.minimum(np.maximum(low, 0.5e-4 / problem.device.sample_time_s), high)
+        # In the NLP, and spread in the lattice.
+        count = {"band": (3, 5), "all": (3, 23)}[problem.stability.scope][spread]
+        between = np.geomspace(lowest, high, count + 2)[1:-1]
+        return cls(_evaluable(problem, np.concatenate((low[None], high[None], between))), 2)
+
+    def add(self, problem: Problem, gains: GainArrays, worst: ScopeSlack, missed: BoolArray) -> None:
+        """Replace the least active frequency of each stage by its worst one, ``missed`` (n,)."""
+        if len(self.frequency_hz) == self.fixed:
+            return
+        free = loop_at(deciding_corners(problem)[0], self.frequency_hz[self.fixed :]).perceived(*gains).real
+        slot, stages = self.fixed + free.argmax(axis=0), np.flatnonzero(missed)
+        self.frequency_hz[slot[stages], stages] = _evaluable(problem, worst.frequency_hz[stages])
+
+
+def _evaluable(problem: Problem, frequency_hz: FloatArray) -> FloatArray:
+    """Return frequencies just inside 0 and Nyquist, where an impedance is infinite though its real part is not."""
+    nyquist = 0.5 / problem.device.sample_time_s
+    return np.asarray(np.clip(frequency_hz, 1e-7 * nyquist, (1 - 1e-9) * nyquist))
+
+
+def realism_values(problem: Problem, z: Complex, target: Complex, bounds: FloatArray | list[Real]) -> list[Real]:
+    """Return what must not be negative, of symbols or arrays; bounds of |Z_h|^2 over |Z_h_ds|^2."""
+    if problem.realism.require == "jnd":
+        return [1 - abs2(z - target) / (abs2(target) * problem.realism.jnd**2)]
+    size2 = abs2(z) / abs2(target)
+    return [size2 - bounds[0], bounds[1] - size2] if problem.realism.require == "bounds" else []
+
+
+def relative_bounds(problem: Problem, loop: Loop) -> FloatArray:
+    """Return least and largest |Z_h|^2 of the problem's bounds, over |Z_h_ds|^2, (2, n)."""
+    return np.asarray((np.array(bound_magnitudes(problem, loop)) / np.abs(loop.target)) ** 2)
+
+
+def realism_slack(problem: Problem, loop: Loop, gains: GainArrays) -> FloatArray:
+    """Return the relative slack of gains, each (..., n), in the required realism at n frequencies; infinite if none."""
+    if problem.realism.require == "none":
+        return np.full(gains[0].shape, np.inf)
+    target, bounds = np.asarray(loop.target), relative_bounds(problem, loop)
+    return np.asarray(np.min(realism_values(problem, loop.perceived(*gains), target, bounds), axis=0))
+
+
+def hands_slack(problem: Problem, states: States, at: FloatArray) -> FloatArray:
+    """Return 1 - spectral radius of the frozen loop, the least over the hands' corners and the device's, (m,)."""
+    b, k, contact = states.gains(at)
+    hands, margin = hand_corners(problem.hands), problem.stability.margin_ns_per_m
+    slack = []
+    for corner in deciding_corners(problem):
+        lean = corner.device.model_copy(update={"damping_ns_per_m": corner.device.damping_ns_per_m - margin})
+        slack.append(1 - linear_stability(lean, frozen_parts(corner, b, k), contact, hands).radius.max(axis=1))
+    # A spline would ring at a larger step.
+    return np.asarray(np.clip(np.min(slack, axis=0), -0.1, 0.1))
+
+
+@dataclass(frozen=True)
+class HandsTable:
+    """Slack of the worst hand on the lattice of the dynamic programme."""
+
+    axes: list[FloatArray]
+    nodes: FloatArray
+    values: FloatArray
+    spline: Any
+
+    @classmethod
+    def of(cls, problem: Problem, states: States, points: Mapping[int, tuple[int, ...]] | None = None) -> HandsTable:
+        """Return the table over the box of the states, with nodes along each; b_p, the sharpest, has more of them."""
+        counts = (points or {2: (64, 64), 3: (20, 20, 28)})[len(states.low)]
+        axes = [
+            np.linspace(low, high if high > low else low + 1e-3, count)
+            for low, high, count in zip(states.low, states.high, counts, strict=True)
+        ]
+        nodes = np.array([grid.ravel() for grid in np.meshgrid(*axes, indexing="ij")])
+        values = hands_slack(problem, states, nodes)
+        return cls(axes, nodes, values, _spline(axes, values.reshape([len(axis) for axis in axes])))
+
+
+def _spline(axes: list[FloatArray], values: FloatArray) -> Any:
+    """Return CasADi's interpolating cubic spline; its coefficients come one axis after another, 300 times as fast."""
+    from scipy.interpolate import make_interp_spline  # noqa: PLC0415 - half a second that few designs need
+
+    knots, coefficients = [], values
+    for place, axis in enumerate(axes):
+        along = make_interp_spline(axis, np.moveaxis(coefficients, place, 0), k=3)
+        knots.append(along.t.tolist())
+        coefficients = np.moveaxis(along.c, 0, place)
+    return ca.Function.bspline("hands", knots, coefficients.ravel(order="F").tolist(), [3] * len(axes), 1, {})
+
+
+_OPTIONS: dict[str, Any] = {
+    "print_time": False,
+    "error_on_fail": False,
+    "ipopt.print_level": 0,
+    "ipopt.sb": "yes",
+    "ipopt.tol": 1e-8,
+    "ipopt.constr_viol_tol": 1e-9,
+    "ipopt.bound_relax_factor": 0.0,
+    "ipopt.max_iter": 400,
+    # The starts are good: a larger barrier pushes them out of their basin, often into a worse one.
+    "ipopt.mu_init": 1e-6,
+    "ipopt.bound_push": 1e-6,
+    "ipopt.bound_frac": 1e-6,
+}
+BACKOFF, _HANDS_BACKOFF = 1e-7, 1e-6
+"""Backoff of the NLP from scope and realism, and in spectral radius, so that its tolerance never violates them."""
+
+
+@dataclass(frozen=True)
+class Solution:
+    """States (d, n), their cost, infinite after a failure, and what each stage lacks where that was minimised."""
+
+    states: FloatArray
+    cost: float
+    failure: str = ""
+    short: FloatArray = field(default_factory=lambda: np.empty(0))
+
+
+@dataclass(frozen=True)
+class Programme:
+    """A schedule problem in numbers, and its NLP."""
+
+    problem: Problem
+    frequency_hz: FloatArray
+    states: States
+    hands: HandsTable | None
+    constant: bool = False
+    elastic: str = ""
+
+    @classmethod
+    def of(cls, problem: Problem, *, constant: bool = False) -> Programme:
+        """Return the programme of a problem at its frequencies, which increase."""
+        frequency = problem.frequencies_hz()
+        states = States.of(problem, loop_at(problem, frequency))
+        hands = HandsTable.of(problem, states) if problem.stability.scope == "hands" else None
+        return cls(problem, frequency, states, hands, constant=constant)
+
+    @cached_property
+    def loop(self) -> Loop:
+        """The loop at the stages."""
+        return loop_at(self.problem, self.frequency_hz)
+
+    @cached_property
+    def scale_ns_per_m(self) -> FloatArray:
+        """Scale of Re Z_h at each stage, (n,): the size of its terms."""
+        target = np.asarray(self.loop.target)
+        return np.asarray(self.problem.device.damping_ns_per_m + np.abs(target.real) + 1e-3 * np.abs(target))
+
+    @property
+    def tolerance(self) -> float:
+        """Backoff of each stage from its scope, in the scale of Re Z or in spectral radius."""
+        return BACKOFF if self.hands is None else _HANDS_BACKOFF
+
+    @cached_property
+    def log_frequency(self) -> FloatArray:
+        """ln(omega) up to a constant, (n,)."""
+        return np.asarray(np.log(self.frequency_hz))
+
+    @cached_property
+    def weight(self) -> FloatArray:
+        """Trapezoidal weights over ln(omega), a tenth outside the interaction frequencies; they sum to 1."""
+        x = self.log_frequency
+        weight = np.ones(1) if len(x) == 1 else np.convolve(np.diff(x), [0.5, 0.5])
+        interaction = self.problem.schedule.interaction_hz
+        if interaction is not None:
+            inside = (self.frequency_hz >= interaction[0]) & (self.frequency_hz <= interaction[1])
+            weight = np.where(inside, weight, 0.1 * weight)
+        return np.asarray(weight / weight.sum())
+
+    @property
+    def slope_limit(self) -> float:
+        """Largest |d sigma/d ln(omega)|."""
+        limit = self.problem.schedule.slope_limit
+        return np.inf if limit is None else limit
+
+    def errors(self, gains: GainArrays) -> FloatArray:
+        """Return squared error and cost of b_p at each stage, for gains (..., n) or (..., 1)."""
+        goal, target = self.problem.realism, np.asarray(self.loop.target)
+        error = relative_errors(self.loop.perceived(*gains), target, goal.objective, goal.jnd)
+        return np.asarray(error**2 + self.problem.schedule.contact_damping_penalty * (gains[2] / np.abs(target)) ** 2)
+
+    def cost_of(self, path: FloatArray) -> float:
+        """Return the NLP's objective at states (d, n)."""
+        goal = float(self.errors(self.states.gains(path)) @ self.weight)
+        if self.constant or path.shape[1] == 1:
+            return goal
+        step = np.diff(self.log_frequency)
+        roughness = float((np.diff(path, axis=1) ** 2 / step).sum() / step.sum())
+        return goal + self.problem.schedule.slope_penalty * roughness
+
+    def spare(self, path: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return what states (d, n) leave of the scope, exactly, in the unit of `tolerance`, and of realism."""
+        gains = self.states.gains(path)
+        slack = worst_slack(self.problem, self.frequency_hz, gains).slack
+        real = realism_slack(self.problem, self.loop, gains)
+        return slack if self.hands is not None else slack / self.scale_ns_per_m, real
+
+    def at(self, rows: BoolArray) -> Programme:
+        """Return the programme of some stages."""
+        return replace(self, frequency_hz=self.frequency_hz[rows])
+
+    def solve(self, slots: Slots, backoff: FloatArray, start: FloatArray) -> Solution:
+        """Solve from states (d, n)."""
+        d, n = start.shape
+        free = 1 if self.constant else n
+        low, high = (np.repeat(end[:, None], free, axis=1) for end in (self.states.low, self.states.high))
+        begin = np.clip(start[:, :free], low, high)
+        margin = self.problem.stability.margin_ns_per_m / self.scale_ns_per_m
+        bounded = [margin + backoff[0]] * len(slots.frequency_hz)
+        bounded += [backoff[1]] * REALISM_ROWS[self.problem.realism.require]
+        bounded += [backoff[0]] * (self.hands is not None)
+        least = np.array(bounded).reshape(-1, n)
+        slopes = np.full(d * (n - 1) if self._steep else 0, self.slope_limit)
+        lacking = np.full(n if self.elastic else 0, self.tolerance)
+        given = (self.frequency_hz, self.scale_ns_per_m, *relative_bounds(self.problem, self.loop), *slots.frequency_hz)
+        # CasADi warns of the evaluation interrupted by Ctrl-C; other faults show in the exact checks.
+        with contextlib.redirect_stderr(io.StringIO()):
+            result = self._solver(
+                x0=np.concatenate((begin.ravel("F"), 1 + lacking)),
+                p=np.array(given),
+                lbx=np.concatenate((low.ravel("F"), -2 * lacking)),
+                ubx=np.concatenate((high.ravel("F"), np.inf + lacking)),
+                lbg=np.concatenate((least.ravel("F"), -slopes)),
+                ubg=np.concatenate((np.full(least.size, np.inf), slopes)),
+            )
+        stats, found = self._solver.stats(), result["x"].full()[:, 0]
+        if stats["return_status"] == "NonIpopt_Exception_Thrown":  # which Ctrl-C is to IPOPT
+            raise KeyboardInterrupt
+        states = found[: d * free].reshape((d, free), order="F")
+        cost, failure = (float(result["f"]), "") if stats["success"] else (np.inf, str(stats["return_status"]))
+        return Solution(np.repeat(states, n // free, axis=1), cost, failure, found[d * free :])
+
+    @property
+    def _steep(self) -> bool:
+        """Whether slopes are limited."""
+        return np.isfinite(self.slope_limit) and len(self.frequency_hz) > 1 and not (self.constant or self.elastic)
+
+    def _stage(self, slots: int) -> Any:
+        """Return (sigma, parameters) -> cost, margins: Re Z_h of each slot over its scale, then realism's values."""
+        problem, goal = self.problem, self.problem.realism
+        sigma, given = ca.SX.sym("sigma", len(self.states.floors)), ca.SX.sym("given", 4 + slots)
+        frequency, scale, *bounds = ca.vertsplit(given[:4])
+        gains = [ca.exp(state) - floor for state, floor in zip(ca.vertsplit(sigma), self.states.floors, strict=True)]
+        b, k, contact = (*gains, ca.SX(0))[:3]
+        numbers = casadi_numbers()
+        loop = loop_at(problem, frequency, numbers)
+        z, target = loop.perceived(b, k, contact), loop.target
+        cost = _error(goal.objective, z, target, goal.jnd)
+        cost += problem.schedule.contact_damping_penalty * contact * contact / abs2(target)
+        corner = deciding_corners(problem)[0]
+        margins = [
+            loop_at(corner, given[4 + slot], numbers).perceived(b, k, contact).real / scale for slot in range(slots)
+        ]
+        margins += realism_values(problem, z, target, bounds)
+        return ca.Function("stage", [sigma, given], [cost, ca.vertcat(ca.SX(0, 1), *margins)], {"cse": True})
+
+    @cached_property
+    def _solver(self) -> Any:
+        """IPOPT, with the frequencies of the scopes as parameters."""
+        slots = len(Slots.of(self.problem, self.frequency_hz).frequency_hz)
+        d, n = len(self.states.floors), len(self.frequency_hz)
+        x, given = ca.MX.sym("x", d, 1 if self.constant else n), ca.MX.sym("given", 4 + slots, n)
+        sigma = ca.repmat(x, 1, n) if self.constant else x
+        cost, margins = self._stage(slots).map(n)(sigma, given)
+        if self.hands is not None:
+            margins = ca.vertcat(margins, self.hands.spline.map(n)(sigma))
+        short = ca.MX.sym("short", 1, n if self.elastic else 0)
+        if self.elastic:
+            rows = np.zeros(margins.shape[0])
+            rows[slots : slots + REALISM_ROWS[self.problem.realism.require]] = 1.0
+            margins += ca.mtimes(ca.DM(rows if self.elastic == "realism" else 1 - rows), short)
+            nlp = {"x": ca.veccat(x, short), "f": ca.sum2(short), "g": ca.vec(margins), "p": given}
+            return ca.nlpsol("shortest", "ipopt", nlp, _OPTIONS)
+        goal, limits = ca.dot(cost, ca.DM(self.weight).T), []
+        if n > 1 and not self.constant:
+            step, move = ca.repmat(ca.DM(np.diff(self.log_frequency)).T, d), x[:, 1:] - x[:, :-1]
+            goal += self.problem.schedule.slope_penalty / np.ptp(self.log_frequency) * ca.dot(move, move / step)
+            limits = [ca.vec(move / step)] if self._steep else []
+        nlp = {"x": ca.vec(x), "f": goal, "g": ca.vertcat(ca.vec(margins), *limits), "p": given}
+        return ca.nlpsol("schedule", "ipopt", nlp, _OPTIONS)
+
+
+def _error(objective: str, z: ComplexExpr, target: ComplexExpr, noticeable: Real) -> Real:
+    """Return the squared relative error of Z_h: of its magnitude, complex, or of its noticeable part."""
+    error2 = abs2(z - target) / abs2(target)
+    if objective == "magnitude":
+        return (1 - ca.sqrt(abs2(z) / abs2(target) + 1e-30)) ** 2
+    if objective == "complex":
+        return error2
+    return (ca.sqrt(ca.fmax(error2 / noticeable**2, 1.0)) - 1) ** 2
