@@ -81,25 +81,15 @@ def contour_per_s(device: Device, hz: FloatArray, row: int) -> FloatArray:
 
 @dataclass(frozen=True)
 class Judged:
-    """What a law reaches over all hands and devices.
+    """What a law reaches over all hands and devices."""
 
-    Attributes:
-        error: largest |Z_h - Z|/max(|Z|, |Z_e|) from 1 to 30 Hz, Z of device and physical wall, Z_e of the wall.
-        disk_margin: the smallest, a hand or released: 2/max |(1 - L)/(1 + L)| of the loop L at the actuator.
-        noise_n_per_m: largest force over a sine of encoder noise.
-        contact: least cosine of a multiplied loop of the clip; above 0 contact is absolutely stable.
-        decay: least decay over the required one, at each of `GAINS`.
-        free: least |1 + g (Phi - 1)| with a hand, at each of `GAINS`.
-        radius: spectral radius.
-    """
-
-    error: float
-    disk_margin: float
-    noise_n_per_m: float
-    contact: float
-    decay: FloatArray
-    free: FloatArray
-    radius: float
+    error: float  # largest |Z_h - Z|/max(|Z|, |Z_e|) from 1 to 30 Hz, Z of device and physical wall, Z_e of the wall
+    disk_margin: float  # 2/max |(1 - L)/(1 + L)| of the loop L at the actuator, a hand or released
+    noise_n_per_m: float  # largest force over a sine of encoder noise
+    contact: float  # least cosine of a multiplied loop of the clip; above 0 contact is absolutely stable
+    decay: FloatArray  # least decay over the required one, at each of `GAINS`
+    free: FloatArray  # least |1 + g (Phi - 1)| with a hand, at each of `GAINS`
+    radius: float  # spectral
 
     def lack(self, free: FloatArray) -> float:
         """Return the largest missing share of decay and of |1 + g (Phi - 1)|; 0 where none is missing."""
@@ -109,25 +99,15 @@ class Judged:
 
 @dataclass(eq=False)
 class Program:
-    """The program of one structure on a problem.
-
-    Attributes:
-        problem: device with its ranges, hands and wall.
-        structure: of the law.
-        hands: corners of [hands], without the released device, which is always there.
-        disk_margin: goal.
-        noise_n_per_m: goal.
-        distance: goal: of 1 + g (Phi - 1) from 0, as a share of the usual one.
-        solved: number of cone programs solved.
-    """
+    """The program of one structure on a problem."""
 
     problem: Problem
     structure: Structure
-    hands: Hand | StylusHand
-    disk_margin: float
-    noise_n_per_m: float
-    distance: float = 1.0
-    solved: int = 0
+    hands: Hand | StylusHand  # corners, without the released device, which is always there
+    disk_margin: float  # goal
+    noise_n_per_m: float  # goal
+    distance: float = 1.0  # goal of 1 + g (Phi - 1) from 0, as a share of the usual one
+    solved: int = 0  # cone programs
     _multipliers: dict[int, ComplexArray] = field(default_factory=dict, init=False)
     _near: dict[object, BoolArray] = field(default_factory=dict, init=False)
     _contours: dict[tuple[int, float], ComplexArray] = field(default_factory=dict, init=False)
@@ -448,18 +428,11 @@ def started(program: Program) -> FloatArray | None:
 
 @dataclass(frozen=True, eq=False)
 class ProgramAnswer:
-    """The coupling of the program, not yet tried.
-
-    Attributes:
-        problem: device with its ranges, hands and wall.
-        program: of the structure with the smallest error, with the goals.
-        gain: L.
-        judged: what it reaches.
-    """
+    """The coupling of the program, not yet tried."""
 
     problem: Problem
-    program: Program
-    gain: FloatArray
+    program: Program  # of the structure with the smallest error, with the goals
+    gain: FloatArray  # L
     judged: Judged
 
     @property

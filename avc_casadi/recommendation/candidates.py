@@ -24,17 +24,8 @@ if TYPE_CHECKING:
     from avc_casadi.model.problem import Problem
     from avc_casadi.recommendation.evaluator import Evaluator
 
-# Disk margins of dampers, as multiples of the goal; and where they are looked for, as shares of the stable dampings.
-_MARGINS, _SHARES, _HALVINGS = (4.0, 3.0, 2.0, 1.5, 1.0), np.geomspace(0.5, 0.005, 12), 4
 # Rendered stiffness where the wall itself does not hold, as shares of what spring and damper hold linearly.
 _SOFTER = (0.9, 0.75, 0.6, 0.45, 0.33, 0.24, 0.15)
-# The same of laws, as shares of the wall; and the rise of stiffness in the search for the stiffest.
-_SOFTER_LAWS, _RISE = (0.6, 0.36, 0.22), 1.5
-_MOST_RISES = 6
-# Impedance error above which a softer spring may be nearer.
-_POOR = 0.5
-# Steps of the goals of further laws: factors on disk margin, noise gain and distance of the dead zone's loop from 0.
-_STEPS = ((1.0, 0.6, 1.0), (1.0, 1.0, 1.3), (1.25, 0.6, 1.0), (1.0, 0.6, 1.3), (1.25, 0.6, 1.0), (1.25, 0.6, 1.3))
 
 
 def judge_all(problem: Problem, evaluator: Evaluator, limit: DampingRange, progress: Progress = SILENT) -> None:
@@ -44,18 +35,18 @@ def judge_all(problem: Problem, evaluator: Evaluator, limit: DampingRange, progr
         plain = list(springs_and_dampers(problem))
         for one in plain:
             evaluator(one)
-        if not evaluator.quiet():
+        if not any(bool(one.trial.quiet.all()) for one in evaluator.complete()):
             evaluator.first_complete(behind_observer(plain))
     judge_laws(problem, evaluator, wall, evaluator.least_distance() - FELT_ERROR)
-    if evaluator.least_distance() > _POOR:
+    if evaluator.least_distance() > 0.5:  # a softer spring may be nearer
         for share in _SOFTER:
             springs = list(softened(problem, share * min(wall, plainly)))
             if evaluator.first_complete((*springs, *behind_observer(springs))):
                 break
-    for share in _SOFTER_LAWS:
-        if not evaluator.holds() and share * wall > plainly:
+    for share in (0.6, 0.36, 0.22):
+        if not evaluator.complete() and share * wall > plainly:
             judge_laws(problem, evaluator, share * wall)
-    if not evaluator.holds():
+    if not evaluator.complete():
         evaluator.first_complete(tuned_gains(problem, progress))
 
 
@@ -66,11 +57,11 @@ def judge_stiffest(problem: Problem, evaluator: Evaluator, limit: DampingRange) 
         if evaluator.first_complete((*springs, *behind_observer(springs))):
             break
     softest = softest_wall_n_per_m(problem.device)
-    stiffness_n_per_m = max(limit.stiffness_n_per_m, evaluator.stiffest_n_per_m(), softest)
-    for _ in range(_MOST_RISES):
+    stiffness_n_per_m = max(limit.stiffness_n_per_m, softest, *(one.felt_n_per_m for one in evaluator.complete()))
+    for _ in range(6):
         if not judge_laws(problem, evaluator, stiffness_n_per_m):
             return
-        stiffness_n_per_m *= _RISE
+        stiffness_n_per_m *= 1.5
 
 
 def springs_and_dampers(problem: Problem) -> Iterator[Coupling]:
@@ -123,7 +114,9 @@ def laws(problem: Problem, felt_n_per_m: float) -> Iterator[list[ProgramAnswer]]
         return
     answers = program_answers(problem, stiffness_n_per_m=felt_n_per_m)
     yield answers
-    for step in _STEPS:
+    # Factors on disk margin, noise gain and distance of the dead zone's loop from 0.
+    noise, both = (1.0, 0.6, 1.0), (1.25, 0.6, 1.0)
+    for step in (noise, (1.0, 1.0, 1.3), both, (1.0, 0.6, 1.3), both, (1.25, 0.6, 1.3)):
         answers = [one.moved(*step) for one in answers]
         yield answers
 
@@ -162,12 +155,13 @@ def _dampers(problem: Problem, stiffness_n_per_m: float, damper: Callable[[float
     def disk(share: float) -> float:
         return OpenLoop.of(coupling(share)).least().disk
 
-    disks = np.array([disk(share) for share in _SHARES])
+    margins, tried = goal * np.array([4.0, 3.0, 2.0, 1.5, 1.0]), np.geomspace(0.5, 0.005, 12)
+    disks = np.array([disk(share) for share in tried])
     shares = set()
-    for margin in np.minimum(goal * np.array(_MARGINS), disks.max()):
+    for margin in np.minimum(margins, disks.max()):
         widest = np.flatnonzero(disks >= margin)[-1]
-        enough, less = _SHARES[widest], _SHARES[min(widest + 1, len(_SHARES) - 1)]
-        for _ in range(_HALVINGS):
+        enough, less = tried[widest], tried[min(widest + 1, len(tried) - 1)]
+        for _ in range(4):
             middle = math.sqrt(enough * less)
             enough, less = (middle, less) if disk(middle) >= margin else (enough, middle)
         shares.add(float(enough))

@@ -34,20 +34,12 @@ _FEW = 0.03
 
 @dataclass(frozen=True)
 class Group:
-    """Hands that press, tap, hold, strike and touch lightly on a device with an unmodelled effect.
-
-    Attributes:
-        people: the hands.
-        device: theirs; None is that of the problem.
-        effects: simulated beside those that the device declares.
-        key: of [robustness], the unmodelled effect; or `held`, of [device].
-        value: of the key.
-    """
+    """Hands that press, tap, hold, strike and touch lightly on a device with an unmodelled effect."""
 
     people: Hand | StylusHand
-    device: Device | None = None
-    effects: tuple[Effect, ...] = ()
-    key: str = ""
+    device: Device | None = None  # None is that of the problem
+    effects: tuple[Effect, ...] = ()  # beside those that the device declares
+    key: str = ""  # of [robustness]; or held, of [device]
     value: float | str = ""
 
     def settles(self, coupling: Coupling, *, friction: bool) -> BoolArray:
@@ -67,12 +59,7 @@ def groups_beyond(problem: Problem, asked: Robustness, seed: int, count: int = 6
 
 
 class Evaluator:
-    """Judges couplings of one problem, the only place that does.
-
-    Attributes:
-        judged: deployable couplings with their trials.
-        considered: number of couplings proposed.
-    """
+    """Judges couplings of one problem, the only place that does."""
 
     def __init__(
         self,
@@ -140,21 +127,13 @@ class Evaluator:
             self._confirmed(one)
         return None
 
-    def holds(self) -> bool:
-        """Return whether a coupling is complete."""
-        return any(self._complete(one) for one in self.judged)
-
-    def quiet(self) -> bool:
-        """Return whether all hands settle without a detectable vibration with a complete coupling."""
-        return any(self._complete(one) and bool(one.trial.quiet.all()) for one in self.judged)
+    def complete(self) -> list[Judged]:
+        """Return the complete couplings."""
+        return [one for one in self.judged if self._complete(one)]
 
     def least_distance(self) -> float:
         """Return the smallest distance of the complete couplings from the wall; infinite without any."""
-        return min((one.distance for one in self.judged if self._complete(one)), default=math.inf)
-
-    def stiffest_n_per_m(self) -> float:
-        """Return the largest stiffness of the complete couplings; 0 without any."""
-        return max((one.felt_n_per_m for one in self.judged if self._complete(one)), default=0.0)
+        return min((one.distance for one in self.complete()), default=math.inf)
 
     def _complete(self, one: Judged) -> bool:
         return one.complete(lean_on_friction=self._lean)
@@ -186,23 +165,14 @@ def _devices(device: Device, seed: int, count: int = 16) -> list[Device]:
 
 @dataclass(frozen=True)
 class Withstood:
-    """Trial with one unmodelled effect, or with hands outside the design set.
+    """Trial with one unmodelled effect, or with hands outside the design set."""
 
-    Attributes:
-        key: of [robustness], the unmodelled effect; or `held`, of [device].
-        value: of the key.
-        asked: whether the problem requires it.
-        hands: how many were simulated.
-        at_rest_without_friction: how many of them settle in every motion without the declared dry friction.
-        at_rest: the same with it; None where all settle without.
-    """
-
-    key: str
+    key: str  # of [robustness]; or held, of [device]
     value: float | str
-    asked: bool
+    asked: bool  # whether the problem requires it
     hands: int
     at_rest_without_friction: int
-    at_rest: int | None
+    at_rest: int | None  # by friction too; None where all settle without
 
 
 def withstood(coupling: Coupling, seed: int = 0) -> tuple[Withstood, ...]:

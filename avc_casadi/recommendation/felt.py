@@ -46,23 +46,14 @@ STRUCK_M_PER_S = 0.1
 
 @dataclass(frozen=True)
 class Shaken:
-    """Impedance rendered to a handle excited about a mean depth.
-
-    Attributes:
-        depth_m: mean depth.
-        amplitude_m: of the sine about it.
-        frequency_hz: shape (n,), those below a quarter of the sample rate.
-        stiffness_n_per_m: |Z_h - Z_d| omega, rendered beside the device, shape (n,).
-        error: |Z_h - Z|/|Z| with the physical wall Z = m s + b_d + b_e + k_e/s, shape (n,).
-        mismatch: |ln((Z_h - Z_d)/Z_e)|, rendered impedance over the wall b_e + k_e/s, shape (n,).
-    """
+    """Impedance rendered to a handle excited about a mean depth."""
 
     depth_m: float
     amplitude_m: float
-    frequency_hz: FloatArray
-    stiffness_n_per_m: FloatArray
-    error: FloatArray
-    mismatch: FloatArray
+    frequency_hz: FloatArray  # shape (n,), as of all below; those under a quarter of the sample rate
+    stiffness_n_per_m: FloatArray  # |Z_h - Z_d| omega, rendered beside the device
+    error: FloatArray  # |Z_h - Z|/|Z| with the physical wall Z = m s + b_d + b_e + k_e/s
+    mismatch: FloatArray  # |ln((Z_h - Z_d)/Z_e)|, rendered impedance over the wall b_e + k_e/s
 
     def by_frequency(self, values: FloatArray) -> dict[str, float]:
         """Return values as a table."""
@@ -189,17 +180,11 @@ def _rebound(position_m: FloatArray, velocity_m_per_s: FloatArray) -> float:
 
 @dataclass(frozen=True)
 class Ripple:
-    """Force ripple from encoder quantisation on a handle in steady motion in the wall.
+    """Force ripple from encoder quantisation on a handle in steady motion in the wall."""
 
-    Attributes:
-        force_n: rms of the ripple by speed of the device, m/s.
-        hands: number simulated at the lowest of these.
-        quiet: how many of them stay below the vibrotactile detection threshold.
-    """
-
-    force_n: dict[str, float]
-    hands: int
-    quiet: int
+    force_n: dict[str, float]  # rms by speed of the device
+    hands: int  # simulated at the lowest speed
+    quiet: int  # of them, below the vibrotactile detection threshold
 
 
 def ripple(coupling: Coupling, seed: int = 0) -> Ripple:
@@ -233,33 +218,19 @@ def _ripple_n(coupling: Coupling, speed_per_s: float) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Deployed:
-    """Responses of a coupling with h corners of the hands, to plot.
-
-    Attributes:
-        coupling: gains and runtime.
-        shaken: rendered impedance of the excited handle.
-        hands: the corners.
-        worst: the one with the least damped loop.
-        press_s: time of the presses, shape (n,).
-        press_m: position of each pressing hand, with every declared effect simulated, shape (h, n).
-        loop: broken at the actuator, with the corners, then released.
-        frequency_hz: of its gain, shape (f,).
-        gain: L, shape (h + 1, f).
-        struck_s: time after impact, shape (m,).
-        struck_m: position of the device in the linear loop, shape (h + 1, m).
-    """
+    """Responses of a coupling with h corners of the hands, to plot."""
 
     coupling: Coupling
     shaken: Shaken
     hands: Hand
-    worst: int
+    worst: int  # the hand with the least damped loop
     press_s: FloatArray
-    press_m: FloatArray
-    loop: OpenLoop
+    press_m: FloatArray  # of each hand, with every declared effect simulated, (h, n)
+    loop: OpenLoop  # broken at the actuator, with the corners, then released
     frequency_hz: FloatArray
-    gain: ComplexArray
+    gain: ComplexArray  # L, (h + 1, f)
     struck_s: FloatArray
-    struck_m: FloatArray
+    struck_m: FloatArray  # of the linear loop after impact, (h + 1, m)
 
 
 def deployed(coupling: Coupling) -> Deployed:
@@ -294,43 +265,25 @@ def deployed(coupling: Coupling) -> Deployed:
 
 @dataclass(frozen=True)
 class Felt:
-    """Impedance of a tool or a follower at the handle at one frequency.
-
-    Attributes:
-        frequency_hz: of the motion.
-        mass_kg: rendered in free motion, Im(Z)/omega; None where nothing moves.
-        drag_ns_per_m: rendered in free motion, Re(Z), of device, tool and loop.
-        free_error: distance from device and tool as one body, relative to its |Z|; None where nothing moves.
-        stiffness_n_per_m: rendered against a rigid object, |F/x|.
-        contact_error: distance from the device on a spring K, relative to its |Z|.
-    """
+    """Impedance of a tool or a follower at the handle at one frequency."""
 
     frequency_hz: float
-    mass_kg: float | None
-    drag_ns_per_m: float | None
-    free_error: float | None
-    stiffness_n_per_m: float
-    contact_error: float
+    mass_kg: float | None  # in free motion, Im(Z)/omega; None where nothing moves
+    drag_ns_per_m: float | None  # in free motion, Re(Z)
+    free_error: float | None  # from device and tool as one body, over its |Z|
+    stiffness_n_per_m: float  # against a rigid object, |F/x|
+    contact_error: float  # from the device on a spring K, over its |Z|
 
 
 @dataclass(frozen=True)
 class RenderedBand:
-    """Rendered and wanted impedance over a band of frequencies.
-
-    Attributes:
-        problem: name of the problem.
-        felt: rendered impedance by frequency, ascending.
-        mass_kg: wanted in free motion: of the device and the remote mass, as one body.
-        damping_ns_per_m: of both.
-        stiffness_n_per_m: wanted on a rigid object: K.
-        units: of the device.
-    """
+    """Rendered and wanted impedance over a band of frequencies."""
 
     problem: str
     felt: tuple[Felt, ...]
-    mass_kg: float
+    mass_kg: float  # wanted in free motion, both ends as one body
     damping_ns_per_m: float
-    stiffness_n_per_m: float
+    stiffness_n_per_m: float  # wanted on a rigid object: K
     units: Units
 
 

@@ -28,18 +28,11 @@ _DEVICES = 8
 
 @dataclass(frozen=True)
 class PerturbedDevices:
-    """Result of a trial with model mismatch; no claim is made for it.
-
-    Attributes:
-        keys: perturbed keys of the device.
-        trial: of the corner hands, each on every device.
-        unstable: number of devices on which a corner hand, or the released device, is not linearly stable, though hands
-            may settle.
-    """
+    """Result of a trial with model mismatch; no claim is made for it."""
 
     keys: tuple[str, ...]
-    trial: CouplingTrial
-    unstable: int
+    trial: CouplingTrial  # of the corner hands, each on every device
+    unstable: int  # devices on which the linear loop is not stable, though hands may settle
 
     def document(self) -> dict[str, Any]:
         """Return JSON values."""

@@ -16,7 +16,7 @@ from avc_casadi.model import EFFECTS
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners
 from avc_casadi.model.ends import RIGID_N_PER_M, VirtualTool
 from avc_casadi.model.hands import hand_corners, with_released
-from avc_casadi.model.problem import Frequency, GainBox, Realism, ScheduleSettings, Stability, defaults_at
+from avc_casadi.model.problem import Frequency, GainBox, defaults_at
 from avc_casadi.model.scene import declared, declared_effects
 
 if TYPE_CHECKING:
@@ -29,12 +29,8 @@ if TYPE_CHECKING:
 
 SLIP = "what may be a slip: "
 _OF_SOLVE = " (asked of avc solve)"
-_RANGE = "device.range."
 # Keys of a device that neither loop nor trial of a teleoperator has.
 _NOT_OF_TELEOPERATORS = ("coulomb_friction_n", "position_noise_rms_m", "backlash_m")
-# Tables that concern a wall in the device's own loop.
-_WALLS = ("boundaries", "coupling", "stability", "realism", "schedule", "robustness")
-_BOX, _ANY = ("damping_ns_per_m", "stiffness_n_per_m", "contact_damping_ns_per_m"), (-np.inf, np.inf)
 
 
 def why_infeasible(problem: Problem) -> str:
@@ -100,55 +96,49 @@ def nothing_rendered(problem: Problem, felt_n_per_m: float, trial: CouplingTrial
 def assumed(problem: Problem, coupling: Coupling | None = None, *, devices: int = 1) -> tuple[str, ...]:
     """Return the assumptions."""
     gaps = ["hands are linear, on one axis, and constant while they hold on"]
-    of: dict[str, Device] = {"": problem.device}
-    if problem.follower is not None:
-        of = {"leader: ": problem.device, "follower: ": problem.follower}
-    for who, device in of.items():
-        gaps += [f"{who}{gap}" for gap in _ideal(device)]
+    if problem.follower is None:
+        gaps += _undeclared(problem.device, friction=True)
+    else:
+        for who, device in (("leader", problem.device), ("follower", problem.follower)):
+            gaps += [f"{who}: {gap}" for gap in _undeclared(device, friction=False)]
     if problem.detent is not None:
         gaps.append("the trial has no detents: their slopes are judged in the claims, and avc simulate has them")
-    for who, device in of.items():
-        gaps += [f"{who}{gap}" for gap in _of_trials(device, friction=problem.follower is None)]
-    linear, rest = _ranges(problem)
     at = "trial at nominal" if devices == 1 else f"trial at nominal, and by others at {devices} devices of the ranges"
-    gaps += [f"{key}: linear stability at its corners, {at}" for key in linear]
-    gaps += [f"{key}: {at}; no part of linear stability" for key in rest]
+    for key in _ranges(problem):
+        linear = key.partition(".range.")[2] in LINEAR_KEYS
+        gaps.append(
+            f"{key}: {f'linear stability at its corners, {at}' if linear else f'{at}; no part of linear stability'}"
+        )
     if coupling is not None:
         gaps += _outside(coupling)
     gaps += [f"{SLIP}{doubt.key} {doubt.message}" for doubt in plausibility(problem)]
     return tuple(gaps)
 
 
-def _ideal(device: Device) -> list[str]:
-    """Return the assumptions on amplifier and structure."""
-    if device.amplifier_bandwidth_hz is None and device.resonance is None:
-        return ["amplifier and structure are ideal: no bandwidth and no resonance is declared"]
+def _undeclared(device: Device, *, friction: bool) -> list[str]:
+    """Return the assumptions on what a device does not declare."""
+    known, gaps = device.range, []
     if device.amplifier_bandwidth_hz is None:
-        return ["the amplifier is ideal: no bandwidth is declared"]
-    return ["the structure is rigid: no resonance is declared"] if device.resonance is None else []
-
-
-def _of_trials(device: Device, *, friction: bool) -> list[str]:
-    """Return the assumptions that concern trials alone."""
-    gaps = []
-    if friction and device.coulomb_friction_n == 0 and device.range.coulomb_friction_n is None:
+        gaps.append("the amplifier is ideal: no bandwidth is declared")
+    if device.resonance is None:
+        gaps.append("the structure is rigid: no resonance is declared")
+    if friction and device.coulomb_friction_n == 0 and known.coulomb_friction_n is None:
         gaps.append("no dry friction is declared: none is assumed, the cautious end")
-    if device.encoder_resolution_m == 0 and device.range.encoder_resolution_m is None:
+    if device.encoder_resolution_m == 0 and known.encoder_resolution_m is None:
         gaps.append("no encoder resolution is declared: the position is taken as exact, the ideal end")
     if device.max_force_n is None:
         gaps.append("no force limit is declared: any force is taken as given")
     return gaps
 
 
-def _ranges(problem: Problem) -> tuple[list[str], list[str]]:
-    """Return the declared ranges that linear stability is judged over, and those used in simulation alone."""
-    keys = [key for key in declared(problem) if key.startswith(_RANGE) and key not in _not_simulated(problem)]
+def _ranges(problem: Problem) -> list[str]:
+    """Return the declared ranges, of a follower too."""
+    keys = [key for key in declared(problem) if key not in _not_simulated(problem.device)]
     if problem.follower is not None:
         far = problem.model_copy(update={"device": problem.follower.at_leader()})
-        keys += [key.replace("device", "follower", 1) for key in declared(far) if key.startswith(_RANGE)]
+        keys += [key.replace("device", "follower", 1) for key in declared(far)]
         keys = [key for key in keys if key.rpartition(".")[2] not in _NOT_OF_TELEOPERATORS]
-    linear = [key for key in keys if key.partition(".range.")[2] in LINEAR_KEYS]
-    return linear, [key for key in keys if key not in linear]
+    return [key for key in keys if ".range." in key]
 
 
 def _outside(coupling: Coupling) -> list[str]:
@@ -156,61 +146,59 @@ def _outside(coupling: Coupling) -> list[str]:
     box, gains, device = coupling.problem.coupling, coupling.table.gains, coupling.problem.device
     # Defaults, where the file of a rotary device states none.
     usual = defaults_at(GainBox, device.metres_per_unit) if device.motion == "rotary" else {}
-    given = {key: getattr(box, key) for key in box.model_fields_set}
-    stated = (_ANY if given.get(key) in {None, usual.get(key)} else given[key] for key in _BOX)
-    left = [
-        f"{symbol} of {outside[np.argmax(np.abs(outside - low))]:.4g} lies outside [{low:g}, {high:g}]"
-        for symbol, (low, high), values in zip(("b", "k", "b_p"), stated, gains, strict=True)
-        if len(outside := values[(values < low) | (values > high)])
-    ]
-    if not left:
-        return []
-    return [f"the gain box of [coupling] does not bound what is recommended: {' and '.join(left)}"]
+    left = []
+    names = {"b": "damping_ns_per_m", "k": "stiffness_n_per_m", "b_p": "contact_damping_ns_per_m"}
+    for (symbol, key), values in zip(names.items(), gains, strict=True):
+        low, high = getattr(box, key)
+        outside = values[(values < low) | (values > high)]
+        if key in box.model_fields_set and (low, high) != usual.get(key) and len(outside):
+            left.append(f"{symbol} of {outside[np.argmax(np.abs(outside - low))]:.4g} lies outside [{low:g}, {high:g}]")
+    return [f"the gain box of [coupling] does not bound what is recommended: {' and '.join(left)}"] if left else []
 
 
-def _not_simulated(problem: Problem) -> set[str]:
+def _not_simulated(device: Device) -> set[str]:
     """Return the declared keys without effect with an encoder at the handle: play is between it and the motor."""
-    device = problem.device
     at_handle = device.encoder_at == "handle" and device.resonance is not None
     return {"device.backlash_m", "device.range.backlash_m"} if at_handle else set()
 
 
-def _far_end(problem: Problem) -> str:
-    """Return the table of the remote end that replaces the wall; empty where there is none."""
-    return "simulation" if problem.simulation is not None else "follower" if problem.follower is not None else ""
-
-
-def _band_stated(problem: Problem) -> bool:
-    """Return whether [frequency] asks for another band than the default, which ends lower for a slow device."""
-    ends = (Frequency(), Frequency(stop_hz=BELOW_NYQUIST / problem.device.sample_time_s))
-    return problem.frequency not in ends
-
-
-def _of_walls(problem: Problem) -> list[str]:
-    """Return the tables beside another end that concern a wall in the device's own loop alone."""
-    wall = problem.environment
+def not_used(problem: Problem) -> tuple[str, ...]:
+    """Return the declared keys that no candidate, certificate or trial uses."""
+    unseen = _not_simulated(problem.device)
+    unused = [f"{key} (not seen by an encoder at the handle)" for key in declared(problem) if key in unseen]
+    wall, tool, follower = problem.environment, problem.simulation, problem.follower
     bare = type(problem)(
-        device=problem.device,
-        environment=wall,
-        simulation=problem.simulation,
-        follower=problem.follower,
-        frequency=problem.frequency,
+        device=problem.device, environment=wall, simulation=tool, follower=follower, frequency=problem.frequency
     )
-    found = ["environment"] if wall.stiffness_n_per_m or wall.damping_ns_per_m else []
-    found += [key for key in _WALLS if getattr(problem, key) != getattr(bare, key)]
-    found += ["frequency"] if _band_stated(problem) else []
-    reason = f"of a wall in the device's own loop: leave [{_far_end(problem)}] out for it"
-    told = [f"{key} ({reason})" for key in found]
-    if problem.scene != bare.scene:
-        where = "of avc simulate alone" if problem.follower is None else "of avc simulate, which knows no [follower]"
-        told.append(f"scene ({where})")
-    return told
+    tables = ("boundaries", "stability", "realism", "schedule", "coupling", "robustness")
+    stated = [key for key in tables if getattr(problem, key) != getattr(bare, key)]
+    # The default band ends lower for a slow device.
+    if problem.frequency not in (Frequency(), Frequency(stop_hz=BELOW_NYQUIST / problem.device.sample_time_s)):
+        stated.append("frequency")
+    if tool is None and follower is None:
+        unused += [f"{table}{_OF_SOLVE}" for table in stated if table not in {"coupling", "robustness"}]
+    else:
+        stated += ["environment"] if wall.stiffness_n_per_m or wall.damping_ns_per_m else []
+        end = "simulation" if tool is not None else "follower"
+        unused += [f"{key} (of a wall in the device's own loop: leave [{end}] out for it)" for key in stated]
+        if problem.scene != bare.scene:
+            knows = "of avc simulate alone" if follower is None else "of avc simulate, which knows no [follower]"
+            unused.append(f"scene ({knows})")
+        unused += _of_simulation(tool) if tool is not None else _of_teleoperator(problem)
+    simulated = {effect.kind for effect in declared_effects(problem)}
+    known = {"velocity-filter": "known to avc simulate and avc zwidth alone"}
+    return (
+        *unused,
+        *(
+            f"scene.effects: {effect.kind} ({known.get(effect.kind, 'simulated by avc simulate alone')})"
+            for effect in problem.scene.effects
+            if EFFECTS[effect.kind].scene_alone and effect.kind not in simulated
+        ),
+    )
 
 
-def _of_simulation(tool: VirtualTool | None) -> list[str]:
+def _of_simulation(tool: VirtualTool) -> list[str]:
     """Return the keys of a [simulation] without effect beside its others."""
-    if tool is None:
-        return []
     default, keys, why = (
         VirtualTool(step_s=tool.step_s),
         ["contact_damping_ns_per_m"],
@@ -226,43 +214,12 @@ def _of_simulation(tool: VirtualTool | None) -> list[str]:
 
 def _of_teleoperator(problem: Problem) -> list[str]:
     """Return the keys of leader and follower that neither loop nor trial of a teleoperator has."""
-    if problem.follower is None:
-        return []
     return [
         f"{table}.{key} (the trial of a teleoperator has none)"
         for table, device in (("device", problem.device), ("follower", problem.follower))
         for key in _NOT_OF_TELEOPERATORS
-        if getattr(device, key) > 0 or getattr(device.range, key) is not None
+        if device is not None and (getattr(device, key) > 0 or getattr(device.range, key) is not None)
     ]
-
-
-def not_used(problem: Problem) -> tuple[str, ...]:
-    """Return the declared keys that no candidate, certificate or trial uses."""
-    unseen = [key for key in declared(problem) if key in _not_simulated(problem)]
-    unused = [f"{key} (not seen by an encoder at the handle)" for key in unseen]
-    simulated = {effect.kind for effect in declared_effects(problem)}
-    listed = [
-        effect.kind
-        for effect in problem.scene.effects
-        if EFFECTS[effect.kind].scene_alone and effect.kind not in simulated
-    ]
-    if _far_end(problem):
-        unused += [*_of_walls(problem), *_of_simulation(problem.simulation), *_of_teleoperator(problem)]
-    else:
-        bounds, wall = problem.boundaries, problem.environment
-        asked = (
-            ("boundaries", not bounds.upper == bounds.lower == wall),
-            ("stability", problem.stability != Stability()),
-            ("realism", problem.realism != Realism()),
-            ("schedule", problem.schedule != ScheduleSettings()),
-            ("frequency", _band_stated(problem)),
-        )
-        unused += [f"{table}{_OF_SOLVE}" for table, stated in asked if stated]
-    known = {"velocity-filter": "known to avc simulate and avc zwidth alone"}
-    return (
-        *unused,
-        *(f"scene.effects: {kind} ({known.get(kind, 'simulated by avc simulate alone')})" for kind in listed),
-    )
 
 
 def not_judged(unused: Sequence[str]) -> list[str]:

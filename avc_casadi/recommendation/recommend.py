@@ -42,10 +42,14 @@ def recommend(problem: AnyProblem, hands: int = 100, seed: int = 0, **options: A
         problem: with exactly one of them; or a file, or a name.
         hands: number of simulated hands, corners of [hands] among them.
         seed: of their draw.
-        options: of `recommend_wall`, or ``versions`` and ``progress`` of the others.
+        options: ``versions`` of the software, written into the coupling, and ``progress``; of a wall also
+            ``lean_on_friction``, settling by the declared dry friction suffices; ``prove``, as `certify` does;
+            ``with_trade_off``, what a disk margin costs; ``workers``, processes, this one among them; ``executor``,
+            which runs the trials.
 
     Raises:
         InputError: faults of the file, or an option that does not apply to the remote end.
+        WorkerLostError: a worker died.
 
     Example:
         >>> found = avc.recommend("spring", hands=10)
@@ -87,24 +91,6 @@ def recommend_wall(
     nine hands in ten; then by impedance mismatch from 1 to 30 Hz, with a price on a long settling time when released;
     of those within a just noticeable error the plainest. Twice as many hands outside the selection confirm the choice,
     on devices throughout [device.range].
-
-    Args:
-        problem: device with its ranges, wall and hands.
-        hands: number of simulated hands, corners of [hands] among them.
-        seed: of their draw.
-        lean_on_friction: whether settling by the declared dry friction alone suffices.
-        prove: request proofs of the chosen coupling, as `certify` does; without it limit-cycle freedom is proved where
-            that takes a second or two, and simulated otherwise.
-        with_trade_off: tell what a disk margin costs in impedance error and ripple too, at four of them.
-        versions: of the software that made it, by package; written into the coupling.
-        workers: processes, this one among them; more than one start this program anew, so that a script needs its
-            guard. The result does not depend on it.
-        progress: reports the candidates tuned, judged and tried.
-        executor: runs the trials, as for `mapped`: for many thousands.
-
-    Raises:
-        InputError: workers that are no whole number of 1 or more.
-        WorkerLostError: a worker died.
     """
     people, extreme = people_of(problem.hands, hands, seed), hand_corners(problem.hands)
     why_none = why_infeasible(problem)
@@ -210,22 +196,7 @@ def stiffest(
     progress: Progress = SILENT,
     executor: Executor | None = None,
 ) -> dict[str, Any]:
-    """Return the stiffest wall at which simulated hands settle as safely as in `recommend`.
-
-    Args:
-        problem: the device and its hands; its wall and detents do not matter.
-        hands: number of simulated hands, corners of [hands] among them.
-        seed: of their draw.
-        lean_on_friction: whether settling by the declared dry friction alone suffices.
-        progress: reports the couplings judged.
-        executor: runs the trials, as for `mapped`.
-
-    Returns:
-        The document of `avc recommend P --stiffest`: JSON values. ``stiffest_wall_n_per_m`` is the static stiffness
-        rendered by the coupling found, None where there is none; ``plain_wall_n_per_m`` is that of a spring and damper
-        by linear stability alone, with the ``damping_ns_per_m`` that it needs; 0 where none is stable;
-        ``what_would_help`` says what that becomes with one property of the device changed.
-    """
+    """Return the stiffest wall at which hands settle as safely as in `recommend`: `avc recommend P --stiffest`."""
     extreme = hand_corners(problem.hands)
     limit = stiffest_wall(problem.device, with_released(extreme))
     # Unreachable, over the limit of spring and damper.

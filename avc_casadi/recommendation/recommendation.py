@@ -32,55 +32,31 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class LimitCycleFreedom:
-    """Settling of a coupling with every hand, making and breaking contact (level L7).
+    """Settling of a coupling with every hand, making and breaking contact (level L7)."""
 
-    Attributes:
-        word: proved, refuted or open; simulated where no proof was requested.
-        sentence: the claim that holds, or why it does not.
-    """
-
-    word: Literal["proved", "refuted", "open", "simulated"]
-    sentence: str
+    word: Literal["proved", "refuted", "open", "simulated"]  # simulated where no proof was requested
+    sentence: str  # the claim that holds, or why it does not
 
 
 @dataclass(frozen=True)
 class Pair:
-    """Analysis of a spring and damper to a simulation or a follower.
+    """Analysis of a spring and damper to a simulation or a follower."""
 
-    Attributes:
-        stiffest: the limit: the stiffest K that is linearly stable with every hand and contact, with its B.
-        worst: the loop with the largest spectral radius at the limit.
-        loops: number of loops judged.
-        gain_margin: common gain margin of K and B; None without a coupling.
-        mode: the least damped oscillation of all loops; None without a coupling.
-        felt: impedance rendered at the handle; empty without a coupling.
-        set_by: which hands do not settle with the next stiffer K that was tried; empty where none was.
-        mismatch_stable: whether devices a tenth off and a quarter of a sample late are linearly stable too.
-        local_dampers_ns_per_m: range of the damper in the device's local loop that keeps K and B stable.
-        least_tool_mass_kg: the lightest tool with which the same K is stable with some B.
-        slowest_step_s: the longest step of the engine with which it is.
-        exchanges: with which exchanges it is.
-        searched_to: ends of these searches.
-        passivity_margin_ns_per_m: of the two-port for any operator and environment, 0 or more is passive; None where
-            the condition is not known.
-        passive_damping_ns_per_m: damping that passivity requires of each device with the same gains.
-    """
-
-    stiffest: ToolGains
-    worst: ToolCase | BilateralCase
+    stiffest: ToolGains  # linearly stable with every hand and contact
+    worst: ToolCase | BilateralCase  # of the largest spectral radius at that limit
     loops: int
-    gain_margin: float | None = None
-    mode: Mode | None = None
-    felt: tuple[Felt, ...] = ()
-    set_by: str = ""
-    mismatch_stable: bool | None = None
-    local_dampers_ns_per_m: tuple[float, float] | None = None
-    least_tool_mass_kg: float | None = None
+    gain_margin: float | None = None  # common, of K and B; None without a coupling
+    mode: Mode | None = None  # the least damped oscillation of all loops
+    felt: tuple[Felt, ...] = ()  # at the handle
+    set_by: str = ""  # which hands do not settle with the next stiffer K that was tried
+    mismatch_stable: bool | None = None  # on devices a tenth off and a quarter sample late
+    local_dampers_ns_per_m: tuple[float, float] | None = None  # that keep K and B stable
+    least_tool_mass_kg: float | None = None  # with which the same K is stable with some B
     slowest_step_s: float | None = None
-    exchanges: Mapping[str, bool] = field(default_factory=dict)
-    searched_to: Mapping[str, float] = field(default_factory=dict)
-    passivity_margin_ns_per_m: float | None = None
-    passive_damping_ns_per_m: float | None = None
+    exchanges: Mapping[str, bool] = field(default_factory=dict)  # with which it is
+    searched_to: Mapping[str, float] = field(default_factory=dict)  # ends of these searches
+    passivity_margin_ns_per_m: float | None = None  # of the two-port; passive at 0 or more
+    passive_damping_ns_per_m: float | None = None  # that passivity requires of each device
 
 
 @dataclass(frozen=True, eq=False, repr=False)

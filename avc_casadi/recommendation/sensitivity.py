@@ -73,19 +73,12 @@ def _times(share: float, device: Device, key: str) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class Trade:
-    """What the best law found reaches at a disk margin of every corner hand and released.
-
-    Attributes:
-        disk_margin: reached.
-        error: that of `impedance_error` at 1, 10 and 30 Hz.
-        ripple_n: force at the hand for a sine of one encoder step.
-        met: whether contact, decay and noise are as asked for too.
-    """
+    """What the best law found reaches at a disk margin of every corner hand and released."""
 
     disk_margin: float
-    error: tuple[float, float, float]
-    ripple_n: float
-    met: bool
+    error: tuple[float, float, float]  # that of `impedance_error` at 1, 10 and 30 Hz
+    ripple_n: float  # at the hand, for a sine of one encoder step
+    met: bool  # contact, decay and noise too
 
 
 def trade_off(problem: Problem, progress: Progress = SILENT) -> tuple[Trade, ...]:

@@ -226,21 +226,12 @@ def _real_part(problem: Problem, gains: GainSchedule, model: Model) -> FloatArra
 
 @dataclass(frozen=True, eq=False)
 class CausalGains:
-    """The series coupling that renders, at each frequency, what a causal coupling does; arrays of shape (n,).
+    """The series coupling that renders, at each frequency, what a causal coupling does; arrays of shape (n,)."""
 
-    Attributes:
-        damping_ns_per_m: b of Z_avc = Z_r Z_e/(Z_e - Z_r) for the rendered impedance Z_r, by (17); of either sign, as a
-            causal coupling may render more than the wall; not a number where it renders the wall itself.
-        stiffness_n_per_m: k of the same.
-        impedance: perceived impedance Z_h = Z_d + H Z_r of the problem's model, N.s/m.
-        magnitude_error: ||Z_h| - |Z_h_ds||, N.s/m, the goal (11).
-        complex_error: |Z_h - Z_h_ds|/|Z_h_ds|.
-    """
-
-    damping_ns_per_m: FloatArray
+    damping_ns_per_m: FloatArray  # b of Z_avc = Z_r Z_e/(Z_e - Z_r), Z_r rendered, by (17), of either sign
     stiffness_n_per_m: FloatArray
-    impedance: ComplexArray
-    magnitude_error: FloatArray
+    impedance: ComplexArray  # Z_h = Z_d + H Z_r of the problem's model
+    magnitude_error: FloatArray  # the goal (11)
     complex_error: FloatArray
 
     @property

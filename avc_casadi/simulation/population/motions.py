@@ -37,10 +37,6 @@ TRIAL_S = 4.25
 """Shortest duration of a motion."""
 LONGEST_S = 30.0
 """Longest duration of a motion."""
-# Margin on the initial speed: a tap may add to an oscillation that has not decayed.
-_SURELY = 1.25
-# Durations are rounded up to multiples of this, so that similar devices share a scene.
-_STEP_S = 0.25
 
 
 class Course(NamedTuple):
@@ -53,7 +49,7 @@ class Course(NamedTuple):
 def course_of(problem: Problem) -> Course:
     """Return the motions with a device, with a longer rest where device and hand oscillate by themselves."""
     longer_s = float(np.clip(_swinging_s(problem) - _TAP.rest_s, 0.0, LONGEST_S - TRIAL_S))
-    longer_s = _STEP_S * float(np.ceil(longer_s / _STEP_S))
+    longer_s = 0.25 * float(np.ceil(longer_s / 0.25))  # so that similar devices share a scene
     motions = {
         name: motion.model_copy(update={"rest_s": motion.rest_s + longer_s})
         if isinstance(motion, Free | Stroke)
@@ -98,7 +94,8 @@ def _swinging_s(problem: Problem) -> float:
         needed = []
         for decay in (fast, slow):
             frequency = np.where(spread > 0, decay, np.sqrt(square))
-            speed = _SURELY * more * np.minimum(tap * _TAP.amplitude_m, frequency * way_m)
+            # A quarter more: a tap may add to an oscillation that has not decayed.
+            speed = 1.25 * more * np.minimum(tap * _TAP.amplitude_m, frequency * way_m)
             # Not a number where there is no such pole; below 0 where the speed never exceeds the threshold of settling.
             needed.append(np.fmax(np.log(speed / AT_REST_M_PER_S) / decay, 0.0))
     return float(np.max(needed, initial=0.0))

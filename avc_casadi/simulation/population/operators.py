@@ -19,8 +19,6 @@ from avc_casadi.model.problem import Hands
 Population = Literal["A", "B", "fingertip"]
 GRIPS: dict[str, Population] = {"stylus": "B", "fingertip": "fingertip"}
 """Grips other than [hands], with the population of each."""
-# Loose grips, as shares of the ranges of mass, damping and stiffness.
-_LOOSE = np.array([1.0, 0.15, 0.35])
 _TRAINING, _TEST, _STYLUS = 1, 2, 4
 # Hands drawn with one seed. The first block has the seed itself, all others one spawned from it, so that any hand among
 # millions is drawn without those before.
@@ -58,8 +56,8 @@ def _uniform(entropy: list[int], first: int, count: int, columns: int) -> FloatA
 def loose_grips(hands: Hands, count: int, seed: int) -> Hand:
     """Draw loose grips, which encoder quantisation keeps moving longest: little damping and stiffness, any mass."""
     low, high = hand_ranges(hands).T
-    random = np.random.default_rng([seed, _TRAINING])
-    return Hand(*(low + (high - low) * _LOOSE * random.random((count, len(low)))).T)
+    random, loose = np.random.default_rng([seed, _TRAINING]), np.array([1.0, 0.15, 0.35])
+    return Hand(*(low + (high - low) * loose * random.random((count, len(low)))).T)
 
 
 def people_of(hands: Hands, count: int, seed: int = 0) -> Hand:

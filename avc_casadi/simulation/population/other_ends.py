@@ -40,8 +40,6 @@ DROPPED_SHARE = 0.01
 """Share of the engine's steps that are missed in the runs with dropped steps."""
 WITH_FOLLOWER = ("free", "press", "tap", "hold", "strike")
 """Motions of a trial with a follower, whose contact begins at x = 0."""
-# Duration of a motion with a follower, and the rest of those that oscillate.
-_FOLLOWED_S, _REST_S = 5.0, 2.0
 
 
 def try_tool(
@@ -171,10 +169,10 @@ class _Run:
         self.follower, leader, self.gains = required_follower(problem), problem.device, gains
         other = self.follower.at_leader()
         self.times = leader.sample_time_s, other.sample_time_s
-        samples = round(_FOLLOWED_S / self.times[0])
+        samples = round(5.0 / self.times[0])
         there = motions_at(leader)
         motions = [
-            one.model_copy(update={"rest_s": _REST_S}) if isinstance(one, Free | Stroke) else one
+            one.model_copy(update={"rest_s": 2.0}) if isinstance(one, Free | Stroke) else one
             for one in (there[name] for name in WITH_FOLLOWER)
         ]
         targets = [target_of(one, samples, self.times[0]) for one in motions]

@@ -33,19 +33,8 @@ if TYPE_CHECKING:
     from avc_casadi.simulation.effects.base import SceneEffect
 
 FRICTION = "coulomb-friction"
-# Friction projections per sample: several times quicker for a stylus hand than exact events, with the same share of
-# stable hands (58.8 against 59.8 % of 500 where they differ most).
-_FRICTION_SUBSTEPS = 4
-# Multiples of a hand's parameters whose fractional parts scatter evenly (low discrepancy).
-_SCATTER, _PRIMES = 1e3, (2, 3, 5, 7, 11)
-# Cached scenes: all motions, of usual and long duration, with and without friction, on some two dozen devices of the
-# ranges.
-_KEPT = 512
-# Up to so many hands, the scene chooses its engine itself.
-_FEW = 3
-# Hands whose traces are held at a time, and samples of them all.
 HANDS_AT_ONCE = 250
-_SAMPLES_AT_ONCE = 4_000_000
+"""Hands whose traces are held at a time."""
 DURATION_S = 3.0
 
 Prepared: TypeAlias = tuple[CompiledScene, "FloatArray", "FloatArray"]
@@ -101,7 +90,9 @@ class Setup:
     ) -> tuple[Problem, tuple[SceneEffect, ...]]:
         """Return the problem with the scene, and the effects with all hands in place of the declared one."""
         law = () if self.law is None else (self.law,)
-        how: dict[str, Any] = {"integrator": "projected", "substeps": _FRICTION_SUBSTEPS} if self.rough else {}
+        # Several times quicker for a stylus hand than exact events, with the same share of stable hands (58.8 against
+        # 59.8 % of 500 where they differ most).
+        how: dict[str, Any] = {"integrator": "projected", "substeps": 4} if self.rough else {}
         scene = Scene(duration_s=duration_s, motion=motion, effects=(*self.effects, *law), **how)
         run = self.problem.changed(scene=scene)
         effects = with_hand(run, build_effects(run), people)
@@ -115,7 +106,8 @@ def _phases(people: Hand | StylusHand, motion: Motion) -> FloatArray:
     """Return the phase of the wall's face between two encoder steps by motion and hand, whoever else is there."""
     begin = zlib.crc32(motion.model_dump_json().encode()) / 2**32
     values = (np.atleast_1d(np.asarray(value, dtype=np.float64)) for value in vars(people).values())
-    turned = sum(_SCATTER * math.sqrt(prime) * value for prime, value in zip(_PRIMES, values, strict=False))
+    # Multiples whose fractional parts scatter evenly (low discrepancy).
+    turned = sum(1e3 * math.sqrt(prime) * value for prime, value in zip((2, 3, 5, 7, 11), values, strict=False))
     return np.asarray((begin + turned) % 1.0)
 
 
@@ -127,7 +119,8 @@ class _Shared:
     build: Callable[[], CompiledScene] = field(compare=False)
 
 
-@lru_cache(_KEPT)
+# All motions, of usual and long duration, with and without friction, on some two dozen devices of the ranges.
+@lru_cache(512)
 def _built(scene: _Shared) -> tuple[CompiledScene, FloatArray]:
     compiled = scene.build()
     return compiled, compiled.input_values()
@@ -155,7 +148,7 @@ def prepare(setup: Setup, people: Hand | StylusHand, motion: Motion, duration_s:
 
 def engine_for(runs: int) -> Engine:
     """Return the engine for many scenes at once: generated C where there is a compiler and more than a few runs."""
-    return "native" if compiler() is not None and runs > _FEW else "auto"
+    return "native" if compiler() is not None and runs > 3 else "auto"
 
 
 def simulations(
@@ -168,7 +161,7 @@ def simulations(
     def traces_of(some: FloatArray) -> Traces:
         return Traces.of(execute(compiled, some, inputs, engine=engine), device)
 
-    at_once = min(HANDS_AT_ONCE, max(1, _SAMPLES_AT_ONCE // inputs.shape[-1]))
+    at_once = min(HANDS_AT_ONCE, max(1, 4_000_000 // inputs.shape[-1]))
     for first in range(0, len(parameters), at_once):
         yield partial(traces_of, parameters[first : first + at_once])
 

@@ -31,12 +31,6 @@ if TYPE_CHECKING:
 CONFIDENCE = 0.95
 # A press that ends above this share of the largest force is saturated: its stiffness is not the wall's.
 NEAR_LIMIT = 0.97
-# Hands of one task of an executor.
-_AT_ONCE = 1000
-# Unsettled hands whose indices are reported.
-_NAMED = 20
-# Covered neither by [device] nor by a scene.
-NOT_SIMULATED = ("hands that change while they hold on", "several axes")
 
 
 def exact_interval(count: int, trials: int) -> tuple[float, float]:
@@ -185,7 +179,7 @@ class CouplingTrial(Trial):
                 "share_of_wall": self.stiffness / self.wall_n_per_m if self.wall_n_per_m else None,
                 "tap_force_n": float(self.tap_force_n.max()),
                 "tap_depth_m": float(self.tap_depth_m.max()),
-                "not_simulated": list(NOT_SIMULATED),
+                "not_simulated": ["hands that change while they hold on", "several axes"],
             }
         )
         return document
@@ -210,13 +204,11 @@ def try_coupling(
     executor: Executor | None = None,
 ) -> CouplingTrial:
     """Simulate press, tap and hold by all hands, with all that the problem declares of the device."""
-    setup = Setup.of(coupling)
-    if executor is None:
-        return _tried(setup, people, seed, progress)
-    some = [people.pick(slice(first, first + _AT_ONCE)) for first in range(0, len(people), _AT_ONCE)]
-    sizes = [len(one) for one in some]
-    work = partial(_tried, setup, seed=seed)
-    return CouplingTrial.join(mapped(work, some, executor, sizes=sizes, things="people", progress=progress))
+    setup, at_once = Setup.of(coupling), 1000
+    tasks = [(setup, people.pick(slice(first, first + at_once))) for first in range(0, len(people), at_once)]
+    sizes = [len(some) for _, some in tasks]
+    work = partial(_tried, seed)
+    return CouplingTrial.join(mapped(work, tasks, executor, sizes=sizes, things="hands", progress=progress))
 
 
 def try_on_devices(
@@ -229,7 +221,7 @@ def try_on_devices(
     """Simulate hands with a coupling, each on one of several devices, assigned in turn."""
     dealt = [np.arange(place, len(people), len(devices)) for place in range(len(devices))]
     met = [(Setup.of(coupling, one), people.pick(rows)) for rows, one in zip(dealt, devices, strict=True) if len(rows)]
-    trials = mapped(partial(_tried_on, seed), met, executor)
+    trials = mapped(partial(_tried, seed), met, executor)
     return replace(
         CouplingTrial.join(trials, np.argsort(np.concatenate(dealt), kind="stable")),
         effects=tuple(dict.fromkeys(effect for one in trials for effect in one.effects)),
@@ -238,12 +230,9 @@ def try_on_devices(
     )
 
 
-def _tried_on(seed: int, met: tuple[Setup, Hand | StylusHand]) -> CouplingTrial:
-    return _tried(*met, seed)
-
-
-def _tried(setup: Setup, people: Hand | StylusHand, seed: int, progress: Progress = SILENT) -> CouplingTrial:
+def _tried(seed: int, task: tuple[Setup, Hand | StylusHand]) -> CouplingTrial:
     """Simulate every motion as declared, then without dry friction where some is declared."""
+    setup, people = task
     motions, duration_s = course_of(setup.problem)
     settings = [setup, setup.without(FRICTION)] if setup.rough else [setup]
     limit = setup.problem.device.max_force_n
@@ -257,8 +246,6 @@ def _tried(setup: Setup, people: Hand | StylusHand, seed: int, progress: Progres
         ]
         for key, future in work:
             found.setdefault(key, []).append(future.result())
-            if key[1]:
-                progress.advance(len(found), len(AT_WALL), f"motions, {key[0]} the last")
 
     def whole(name: str, figure: str, *, as_declared: bool = True) -> Any:
         return np.concatenate([part[figure] for part in found[name, as_declared]])
@@ -322,7 +309,7 @@ def count_settled(
         "friction": friction,
         "at_rest": at_rest,
         "by_motion": {name: int(found.sum()) for name, found in rest.items()},
-        "moving": np.flatnonzero(~whole)[:_NAMED].tolist(),
+        "moving": np.flatnonzero(~whole)[:20].tolist(),
         "effects": list(setup.kinds),
         "at_rest_interval": list(exact_interval(at_rest, hands)),
         "confidence": CONFIDENCE,
