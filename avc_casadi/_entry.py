@@ -20,7 +20,7 @@ def run() -> int:
 
         if find_spec("avc_hardware") is None:  # a plain checkout
             sys.path.append(str(Path(__file__).resolve().parent.parent / "hardware"))
-        from avc_casadi.cli.dispatch import main
+        from avc_casadi.cli import main  # noqa: PLC0415
     except KeyboardInterrupt:
         (sys.stdout if "--json" in sys.argv else sys.stderr).write(
             _INTERRUPTED if "--json" in sys.argv else "avc: interrupted\n"

@@ -27,11 +27,10 @@ from avc_casadi.design.schedule_programme import (
 )
 from avc_casadi.model.gains import GainSchedule, Status
 from avc_casadi.model.problem import Problem
-from avc_casadi.paper.exact import exact_gains
 from avc_casadi.paper.equations import loop_at
+from avc_casadi.paper.exact import exact_gains
 from avc_casadi.paper.realism import bound_magnitudes
-from avc_casadi.paper.rows import gain_schedule
-from avc_casadi.paper.rows import row_status
+from avc_casadi.paper.rows import gain_schedule, row_status
 
 
 def solve_schedule(problem: Problem, *, constant: bool = False, progress: Progress = SILENT) -> GainSchedule:

@@ -18,9 +18,7 @@ from avc_casadi.loops.wall import frozen_parts, linear_stability
 from avc_casadi.model.corners import corner_problems, least_damped
 from avc_casadi.model.hands import hand_corners
 from avc_casadi.model.problem import Problem
-from avc_casadi.paper.equations import coupling_impedance
-from avc_casadi.paper.loop import Loop
-from avc_casadi.paper.equations import loop_at
+from avc_casadi.paper.equations import Loop, coupling_impedance, loop_at
 from avc_casadi.paper.numbers import Complex, ComplexExpr, Real, abs2, casadi_numbers
 from avc_casadi.paper.realism import bound_magnitudes, relative_errors
 from avc_casadi.paper.rows import GainArrays

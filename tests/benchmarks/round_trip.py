@@ -25,7 +25,7 @@ import numpy as np
 from studied import about, kept_rows, made_by, write_rows
 
 from avc_casadi import load_device, read_coupling
-from avc_casadi.cli.dispatch import main
+from avc_casadi.cli import main
 from avc_hardware import tried_in_the_loop
 
 HERE = Path(__file__).parent

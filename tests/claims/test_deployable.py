@@ -12,7 +12,7 @@ from declared_device import MODE, growth, loop, random_device
 
 import avc_casadi as avc
 from avc_casadi.claims.certify import certify
-from avc_casadi.cli.dispatch import main
+from avc_casadi.cli import main
 from avc_casadi.coupling import Coupling, schedule_of
 from avc_casadi.loops.wall import frozen_parts, linear_stability
 from avc_casadi.loops.walls import damping_range, loop_radius, stiffest_wall

@@ -4,7 +4,7 @@ import pytest
 
 import avc_casadi as avc
 import avc_hardware
-from avc_casadi.cli.dispatch import main
+from avc_casadi.cli import main
 from avc_casadi.coupling import Coupling
 from avc_casadi.model.gains import Gains
 from avc_casadi.model.runtime import Runtime

@@ -4,7 +4,7 @@ import pytest
 from avc_process import command, strict_json
 
 from avc_casadi import deployable, dump_problem, load_problem
-from avc_casadi.cli.dispatch import main
+from avc_casadi.cli import main
 from avc_casadi.files.coupling_file import read_coupling
 
 # A wall that a contact damper holds, so that the coupling to deploy is found at once.

@@ -5,7 +5,7 @@ import json
 import pytest
 
 import avc_casadi as avc
-from avc_casadi.cli.dispatch import main
+from avc_casadi.cli import main
 from avc_casadi.coupling import Coupling
 from avc_casadi.design.tool_region import tool_region
 from avc_casadi.design.virtual_tool import ToolSearch

@@ -7,7 +7,7 @@ import pytest
 
 import avc_casadi as avc
 from avc_casadi import InputError
-from avc_casadi.cli.dispatch import main
+from avc_casadi.cli import main
 from avc_casadi.coupling import THINNING, Coupling, thinned
 from avc_casadi.files.coupling_file import read_file
 from avc_casadi.model.gains import Gains, GainTable

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 import avc_casadi
 import avc_casadi as avc
-from avc_casadi.cli.dispatch import main
+from avc_casadi.cli import main
 from avc_casadi.files.new_problem import NewProblem
 
 # What people write for a quantity, and how much it is of the unit of the file.

@@ -8,7 +8,7 @@ from excited import Bench, device, planned
 from hardware_bench import require
 
 import avc_casadi as avc
-from avc_casadi.cli.dispatch import main
+from avc_casadi.cli import main
 from avc_casadi.identification.excitation import FULL
 from avc_hardware import BenchDevice, Connection, excite
 from avc_hardware.codegen.figures import device_config

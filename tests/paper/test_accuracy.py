@@ -7,7 +7,7 @@ import pytest
 from reference_optimum import series_error
 
 import avc_casadi as avc
-from avc_casadi.cli.dispatch import main
+from avc_casadi.cli import main
 from avc_casadi.design.comparison.accuracy import solver_costs
 from avc_casadi.design.methods import solve
 from avc_casadi.paper.nlp_solver import DEFAULT_SOLVER

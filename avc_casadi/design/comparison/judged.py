@@ -11,10 +11,9 @@ from avc_casadi._util.arrays import ComplexArray, FloatArray
 from avc_casadi._util.json_values import plain
 from avc_casadi.claims.certify import certify
 from avc_casadi.claims.deployable import deployable
-from avc_casadi.coupling import Coupling
-from avc_casadi.loops.wall import SampledLoop, fractions
 from avc_casadi.claims.worst_frequency import real_part
-from avc_casadi.loops.wall import force_over_position, frozen_rendering
+from avc_casadi.coupling import Coupling
+from avc_casadi.loops.wall import SampledLoop, force_over_position, fractions, frozen_rendering
 from avc_casadi.model.corners import margin_over_range
 from avc_casadi.model.gains import GainSchedule, Status
 from avc_casadi.paper import equations as eq
