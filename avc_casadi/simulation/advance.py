@@ -31,11 +31,6 @@ _NEWTON_STEPS = 4
 _EVENTS = 2
 
 
-def column(*symbols: Expr) -> Expr:
-    """Stack symbols, in the order in which CasADi stores their entries."""
-    return ca.veccat(*symbols) if symbols else ca.SX(0, 1)
-
-
 @dataclass(frozen=True)
 class Layout:
     """Structure of a plant: its entries that are nonzero for any hand."""

@@ -19,13 +19,13 @@ from avc_casadi.model.gains import NO_COUPLING, Gains
 from avc_casadi.model.plant import DEVICE, GROUND, HANDLE, LinearPlant, Plant
 from avc_casadi.model.problem import Problem
 from avc_casadi.model.scene import Free, Motion, Stroke, Tap, scene_effects
-from avc_casadi.simulation.advance import Advance, Drive, MatrixExponential, Projected, TaylorSeries, column
+from avc_casadi.simulation.advance import Advance, Drive, MatrixExponential, Projected, TaylorSeries
 from avc_casadi.simulation.contact import Environment, coupling_parameters, wall_force
 from avc_casadi.simulation.effects.base import SceneEffect, Station
 from avc_casadi.simulation.effects.environment import Engine
 from avc_casadi.simulation.effects.interface import Delay, Jitter, VelocityFilter
 from avc_casadi.simulation.effects.mechanics import Backlash
-from avc_casadi.simulation.tick import Tick, ca
+from avc_casadi.simulation.tick import Tick, ca, column
 
 if TYPE_CHECKING:
     from avc_casadi.model.problem import Contact, Problem

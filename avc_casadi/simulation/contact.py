@@ -44,11 +44,6 @@ class Environment:
         """Whether it can exert a force."""
         return self.stiffness_n_per_m > 0 or self.damping_ns_per_m > 0
 
-    @property
-    def damped(self) -> bool:
-        """Whether it has a damper, whose rate needs a state."""
-        return self.damping_ns_per_m > 0
-
     def by_law(self, clip_last: Expr, gated: Expr) -> Expr:
         """Select a value by contact law; a two-sided environment is linear, as the clip-last law is."""
         if not self.one_sided or self.clips_last is True:
@@ -89,7 +84,7 @@ def _series_force(tick: Tick, environment: Environment, *, rigid: bool) -> Expr:
     k_e, b_e, one_sided = environment.stiffness_n_per_m, environment.damping_ns_per_m, environment.one_sided
     offset: Expr = 0.0
     kappa_e = k_e
-    if environment.damped:
+    if b_e > 0:
         surface = _surface(tick, environment)
         kappa_e = k_e + b_e * surface.gain
         offset = b_e / kappa_e * surface.offset
@@ -108,7 +103,7 @@ def _series_force(tick: Tick, environment: Environment, *, rigid: bool) -> Expr:
     if series is not None:
         stretch.settle(x - tool)
     depth = ca.fmax(tool, 0) if one_sided else tool
-    if environment.damped:
+    if b_e > 0:
         surface.settle(by_law(tool, depth))
     tick.trace("tool_m", tool)
     tick.environment_energy_j = 0.5 * k_e * depth * depth
@@ -120,17 +115,14 @@ def _series_force(tick: Tick, environment: Environment, *, rigid: bool) -> Expr:
 def _surface(tick: Tick, environment: Environment) -> Rate:
     """Return the deflection rate of the environment's spring: of the tool, or of its penetration."""
     name, penetration = "environment_deflection", max(tick.start_m, 0.0)
-    if not environment.one_sided or environment.clips_last is True:
-        return Rate(tick, name, tick.start_m, seen=tick.since_start)
-    if environment.clips_last is False:
-        return Rate(tick, name, penetration, seen=lambda before: ca.fmax(tick.since_start(before), 0))
-    # One state serves both laws: in front of the wall the gated one takes it as a penetration of 0.
-    return Rate(
-        tick,
-        name,
-        tick.start_m,
-        seen=lambda before: environment.by_law(tick.since_start(before), ca.fmax(tick.since_start(before), 0)),
-    )
+
+    def seen(before: Expr) -> Expr:
+        """Serve both laws with one state: in front of the wall the gated one takes it as a penetration of 0."""
+        known = tick.since_start(before)
+        return environment.by_law(known, ca.fmax(known, 0))
+
+    gated = environment.one_sided and environment.clips_last is False
+    return Rate(tick, name, penetration if gated else tick.start_m, seen=seen)
 
 
 def _gains(tick: Tick, stretch: Rate, kappa_e: Expr, environment: Environment) -> tuple[Expr, Expr, Expr, Expr]:
@@ -174,11 +166,9 @@ def _pushing_only(tick: Tick, force: Expr, free: Expr, compliance: Expr | None) 
 
 
 def _contact_damper(tick: Tick) -> Expr:
-    """Return the force of the damper b_p between device and ground.
-
-    It acts on the velocity of the device. The rate of the penetration would miss a part of it at the first sample of a
-    contact, and light hands would bounce for ever.
-    """
+    """Return the force of the damper b_p between device and ground."""
+    # The rate of the penetration would miss a part of the velocity at the first sample of a contact, and light hands
+    # would bounce for ever.
     adapted = tick.adapted
     damping = tick.parameter("contact_damping_ns_per_m") if adapted is None else adapted.contact_damping_ns_per_m
     rate = Rate(tick, "contact_position", tick.start_m, seen=tick.since_start)

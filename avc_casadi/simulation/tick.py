@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
@@ -23,6 +23,12 @@ class _CasADi:
 ca: Any = _CasADi()
 # A CasADi SX expression; CasADi ships no types.
 Expr = Any
+
+
+def column(*symbols: Expr) -> Expr:
+    """Stack symbols, in the order in which CasADi stores their entries."""
+    return ca.veccat(*symbols) if symbols else ca.SX(0, 1)
+
 
 # (samples, seed of the run) -> one number a sample.
 InputValues = Callable[[int, int], FloatArray]
@@ -210,12 +216,6 @@ class Step:
     outputs: tuple[str, ...]
     function: Any
 
-    def apply(self, state: list[Expr], inputs: list[Expr], parameters: list[Expr]) -> tuple[list[Expr], list[Expr]]:
-        """Apply the tick to expressions and return the next states and the outputs."""
-        columns = (ca.SX(ca.vertcat(*part)) if part else ca.SX(0, 1) for part in (state, inputs, parameters))
-        following, outputs = self.function(*columns)
-        return list(ca.vertsplit(following)), list(ca.vertsplit(outputs))
-
 
 @dataclass
 class StepBuilder:
@@ -229,15 +229,15 @@ class StepBuilder:
 
     def state(self, name: str, initial: float = 0.0) -> Expr:
         """Add a state."""
-        return self._states.setdefault(name, (_symbol(name), initial))[0]
+        return self._states.setdefault(name, (ca.SX.sym(name), initial))[0]
 
     def input(self, name: str) -> Expr:
         """Add an input."""
-        return self._inputs.setdefault(name, _symbol(name))
+        return self._inputs.setdefault(name, ca.SX.sym(name))
 
     def parameter(self, name: str) -> Expr:
         """Add a parameter."""
-        return self._parameters.setdefault(name, _symbol(name))
+        return self._parameters.setdefault(name, ca.SX.sym(name))
 
     def follow(self, name: str, value: Expr) -> None:
         """Set the next value of a state."""
@@ -247,26 +247,13 @@ class StepBuilder:
         """Add an output."""
         self._outputs[name] = value
 
-    def insert(self, prefix: str, step: Step, inputs: list[Expr]) -> dict[str, Expr]:
-        """Insert another step, which has no parameters, and return its outputs."""
-        names = [f"{prefix}_{name}" for name in step.states]
-        state = [self.state(name, initial) for name, initial in zip(names, step.initial, strict=True)]
-        following, outputs = step.apply(state, inputs, [])
-        for name, value in zip(names, following, strict=True):
-            self.follow(name, value)
-        return dict(zip(step.outputs, outputs, strict=True))
-
     def done(self, name: str) -> Step:
         """Return the step."""
-
-        def column(values: list[Expr]) -> Expr:
-            return ca.vertcat(*values) if values else ca.SX(0, 1)
-
         symbols = [symbol for symbol, _ in self._states.values()]
         function = ca.Function(
             name,
-            [column(symbols), column(list(self._inputs.values())), column(list(self._parameters.values()))],
-            [ca.SX(column([self._next[key] for key in self._states])), ca.SX(column(list(self._outputs.values())))],
+            [column(*symbols), column(*self._inputs.values()), column(*self._parameters.values())],
+            [ca.SX(column(*(self._next[key] for key in self._states))), ca.SX(column(*self._outputs.values()))],
             ["state", "input", "parameter"],
             ["next", "output"],
             # Numbers may be symbols of what surrounds the step.
@@ -283,5 +270,13 @@ class StepBuilder:
         )
 
 
-def _symbol(name: str) -> Expr:
-    return ca.SX.sym(name)
+def insert(
+    host: Tick | StepBuilder, prefix: str, step: Step, inputs: list[Expr], parameters: Sequence[Expr] = ()
+) -> dict[str, Expr]:
+    """Add a step's states to a sample, or to another step, and return its outputs."""
+    names = [f"{prefix}_{name}" for name in step.states]
+    state = [host.state(name, initial) for name, initial in zip(names, step.initial, strict=True)]
+    following, outputs = step.function(*(ca.SX(column(*part)) for part in (state, inputs, parameters)))
+    for name, value in zip(names, ca.vertsplit(following), strict=True):
+        host.follow(name, value)
+    return dict(zip(step.outputs, ca.vertsplit(outputs), strict=True))

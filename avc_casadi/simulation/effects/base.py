@@ -17,17 +17,7 @@ from avc_casadi.model.gains import GainTable
 from avc_casadi.model.plant import Plant
 from avc_casadi.model.problem import Problem
 from avc_casadi.simulation.contact import Environment
-from avc_casadi.simulation.tick import Expr, Step, Tick
-
-
-def insert(tick: Tick, prefix: str, step: Step, inputs: list[Expr], parameters: tuple[Expr, ...] = ()) -> list[Expr]:
-    """Add a step's states to the sample and return its outputs."""
-    names = [f"{prefix}_{name}" for name in step.states]
-    state = [tick.state(name, initial) for name, initial in zip(names, step.initial, strict=True)]
-    following, outputs = step.apply(state, inputs, list(parameters))
-    for name, value in zip(names, following, strict=True):
-        tick.follow(name, value)
-    return outputs
+from avc_casadi.simulation.tick import Tick
 
 
 class Station(IntEnum):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Self
 
-from avc_casadi._errors import Fault, InputError
+from avc_casadi._errors import InputError
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi.model.effects import (
     AdaptationEffect,
@@ -18,11 +18,11 @@ from avc_casadi.model.effects import (
 from avc_casadi.model.gains import GainTable
 from avc_casadi.model.problem import Problem
 from avc_casadi.model.runtime import StateFeedback as Settings
-from avc_casadi.simulation.effects.base import SceneEffect, declared_number, insert, required_number
+from avc_casadi.simulation.effects.base import SceneEffect, declared_number, required_number
 from avc_casadi.simulation.runtime.adaptation import AdaptationSettings, adaptation_step, guard_step, hold_step
 from avc_casadi.simulation.runtime.estimators import EstimatorSettings, estimator_step
 from avc_casadi.simulation.runtime.observer import ObserverSettings, observer_step, state_feedback_step
-from avc_casadi.simulation.tick import AdaptedGains, Expr, Tick, ca
+from avc_casadi.simulation.tick import AdaptedGains, Expr, Tick, ca, insert
 
 
 @dataclass(frozen=True)
@@ -34,19 +34,17 @@ class Guard(SceneEffect, keys=GuardEffect, rank=190, of_coupling=True):
 
     @classmethod
     def build(cls, table: Any, problem: Problem, place: str) -> Self:
-        """Limit the damper to the device's own damping."""
         del place
         return cls(table.method, problem.device.damping_ns_per_m)
 
     def sample(self, tick: Tick) -> None:
-        """Replace the command."""
         if tick.command is None:
             return
         step = guard_step(self.method, tick.sample_time_s, self.damping_limit_ns_per_m)
         stored = tick.environment_energy_j + tick.coupling_energy_j
         outputs = insert(tick, "guard", step, [tick.command, tick.position, stored, tick.held_force()])
-        tick.command, reserve = outputs
-        tick.trace("guard_reserve_j", reserve)
+        tick.command = outputs["force_n"]
+        tick.trace("guard_reserve_j", outputs["reserve_j"])
 
 
 @dataclass(frozen=True)
@@ -57,7 +55,6 @@ class StateFeedback(SceneEffect, keys=Settings, rank=120, role="observer", of_co
 
     @classmethod
     def build(cls, table: Any, problem: Problem, place: str) -> Self:
-        """Build it; its keys are the settings."""
         del problem, place
         return cls(table)
 
@@ -67,10 +64,9 @@ class StateFeedback(SceneEffect, keys=Settings, rank=120, role="observer", of_co
         return self.settings.numbers()
 
     def sample(self, tick: Tick) -> None:
-        """Replace the position."""
         step = state_feedback_step(self.settings)
-        numbers = tuple(tick.parameter(f"state_feedback_{name}") for name in step.parameters)
-        tick.position = insert(tick, "state_feedback", step, [tick.position, tick.asked_force()], numbers)[0]
+        numbers = [tick.parameter(f"state_feedback_{name}") for name in step.parameters]
+        tick.position = insert(tick, "state_feedback", step, [tick.position, tick.asked_force()], numbers)["position_m"]
         tick.observing = tick.known("state_feedback_started")
 
 
@@ -91,7 +87,7 @@ class Observer(SceneEffect, keys=ObserverEffect, rank=90, role="observer", of_co
         encoder = next((effect for effect in problem.scene.effects if isinstance(effect, EncoderEffect)), None)
         if encoder is None:
             message = "has no steps to look between; allowed: beside the effect encoder"
-            raise InputError([Fault(problem.name, None, place, message)])
+            raise InputError.of(message, file=problem.name, key=place)
         told = encoder.resolution_m if table.resolution_m is None else table.resolution_m
         resolution = declared_number(told, problem, f"{place}.resolution_m", "encoder_resolution_m")
         lightest = problem.device.mass_kg + problem.hands.mass_kg[0]
@@ -103,10 +99,9 @@ class Observer(SceneEffect, keys=ObserverEffect, rank=90, role="observer", of_co
         return cls(ObserverSettings(resolution, mass, float(ahead)), bool(late))
 
     def sample(self, tick: Tick) -> None:
-        """Replace the position."""
         step = observer_step(tick.sample_time_s, self.settings)
         force = tick.asked_force() if self.settings.ahead or self.late else tick.held_force()
-        tick.position = insert(tick, "observer", step, [tick.position, force])[0]
+        tick.position = insert(tick, "observer", step, [tick.position, force])["position_m"]
 
 
 @dataclass(frozen=True)
@@ -119,15 +114,13 @@ class Adaptation(SceneEffect, keys=AdaptationEffect, rank=150, of_coupling=True)
 
     @classmethod
     def build(cls, table: Any, problem: Problem, place: str) -> Self:
-        """Build it from the table; an estimator is required."""
         if not any(effect.kind == "estimator" for effect in problem.scene.effects):
             message = "has no estimate to follow; allowed: beside the effect estimator"
-            raise InputError([Fault(problem.name, None, place, message)])
+            raise InputError.of(message, file=problem.name, key=place)
         return cls(table.hold_s, AdaptationSettings(table.slew_per_s, table.passive))
 
     @property
     def gain_table(self) -> GainTable | None:
-        """The gain table, where one is bound."""
         return self.table
 
     def sample(self, tick: Tick) -> None:
@@ -138,8 +131,7 @@ class Adaptation(SceneEffect, keys=AdaptationEffect, rank=150, of_coupling=True)
         step = hold_step(tick.sample_time_s, self.hold_s)
         # Without an estimator, as where its effect is screened, the gains are those at rest.
         estimate = [0.0, 0.0] if tick.frequency_hz is None else [tick.frequency_hz, tick.frequency_valid]
-        frequency, _ = insert(tick, "hold", step, estimate, (rows.rest_hz,))
-        wanted = rows.expressions(frequency)
+        wanted = rows.expressions(insert(tick, "hold", step, estimate, [rows.rest_hz])["frequency_hz"])
         rest = rows.rest_stiffness_n_per_m
         tick.adapt = lambda deflection, one_sided: self._change(tick, wanted, rest, deflection, one_sided=one_sided)
 
@@ -155,11 +147,10 @@ class Adaptation(SceneEffect, keys=AdaptationEffect, rank=150, of_coupling=True)
                 inputs += [environment, tick.asked_force(), depth, touching, rest]
             step = adaptation_step(tick.sample_time_s, self.settings)
             outputs = insert(tick, "adaptation", step, inputs)
-        named = dict(zip(step.outputs, outputs, strict=True))
         names = ("damping_ns_per_m", "stiffness_n_per_m", "contact_damping_ns_per_m", "anchor_m")
         for name in names:
-            tick.trace(name, named[name])
-        return AdaptedGains(**{name: named[name] for name in names}, touching=touching)
+            tick.trace(name, outputs[name])
+        return AdaptedGains(**{name: outputs[name] for name in names}, touching=touching)
 
 
 @dataclass(frozen=True)
@@ -181,10 +172,10 @@ class Estimator(SceneEffect, keys=EstimatorEffect, rank=140, of_coupling=True):
         return cls(table.method, seen)
 
     def sample(self, tick: Tick) -> None:
-        """Add the estimator's states and the estimate."""
         before = tick.state("estimator_position_m", tick.start_m)
         tick.follow("estimator_position_m", tick.position)
         velocity = (tick.position - before) / tick.sample_time_s
         step = estimator_step(self.method, tick.sample_time_s, self.settings)
-        tick.frequency_hz, tick.frequency_valid = insert(tick, "estimator", step, [velocity])[:2]
+        outputs = insert(tick, "estimator", step, [velocity])
+        tick.frequency_hz, tick.frequency_valid = outputs["frequency_hz"], outputs["valid"]
         tick.trace("interaction_hz", tick.frequency_hz)

@@ -27,14 +27,12 @@ class Detents(SceneEffect, keys=DetentEffect, rank=180):
 
     @classmethod
     def build(cls, table: Any, problem: Problem, place: str) -> Self:  # noqa: ARG003
-        """Build it from the detents of the problem."""
         if problem.detent is None:
             message = "is listed and [detent] is missing; allowed: both, or neither"
-            raise InputError([Fault(problem.name or "problem", None, place, message)])
+            raise InputError.of(message, file=problem.name, key=place)
         return cls(problem.detent)
 
     def sample(self, tick: Tick) -> None:
-        """Add their force to the commanded force."""
         one = self.detent
         turns = (tick.position - one.centre_m) / one.pitch_m
         share = (turns - ca.floor(turns + 0.5)) / one.width
@@ -68,7 +66,6 @@ class Wall(SceneEffect, keys=WallEffect, rank=160, role="environment"):
 
     @classmethod
     def build(cls, table: Any, problem: Problem, place: str) -> Self:  # noqa: ARG003
-        """Build it; missing numbers are taken from the environment."""
         given = problem.environment
         return cls(
             given.damping_ns_per_m if table.damping_ns_per_m is None else table.damping_ns_per_m,
@@ -78,7 +75,6 @@ class Wall(SceneEffect, keys=WallEffect, rank=160, role="environment"):
 
     @property
     def environment(self) -> Environment:
-        """The environment on one side."""
         clips_last = self.contact == "clip-last"
         return Environment(self.stiffness_n_per_m, self.damping_ns_per_m, one_sided=True, clips_last=clips_last)
 
@@ -89,7 +85,6 @@ class TwoSidedEnvironment(Wall, keys=EnvironmentEffect, rank=170, role="environm
 
     @property
     def environment(self) -> Environment:
-        """The environment on both sides."""
         return Environment(self.stiffness_n_per_m, self.damping_ns_per_m, one_sided=False)
 
 
@@ -124,26 +119,25 @@ class Engine(SceneEffect, keys=SimulationEffect, rank=155, role="environment"):
         return cls(tool, tool_states(tool, contact)[-1], gains, table.dropped_share, table.seed)
 
     @property
-    def numbers(self) -> FloatArray:
+    def _numbers(self) -> dict[str, float]:
         """Gains, tool and contact; an immovable mass and a rigid contact are infinite."""
         gains, state = self.gains, self.state
-        return np.array(
-            [
-                gains.stiffness_n_per_m,
-                gains.damping_ns_per_m,
-                gains.local_damping_ns_per_m,
-                state.mass_kg,
-                state.damping_ns_per_m,
-                state.contact_stiffness_n_per_m,
-                state.contact_damping_ns_per_m,
-            ]
-        )
+        return {
+            "coupling_n_per_m": gains.stiffness_n_per_m,
+            "coupling_ns_per_m": gains.damping_ns_per_m,
+            "local_ns_per_m": gains.local_damping_ns_per_m,
+            "tool_kg": state.mass_kg,
+            "tool_ns_per_m": state.damping_ns_per_m,
+            "contact_n_per_m": state.contact_stiffness_n_per_m,
+            "contact_ns_per_m": state.contact_damping_ns_per_m,
+        }
+
+    @property
+    def numbers(self) -> FloatArray:
+        return np.array([*self._numbers.values()])
 
     def sample(self, tick: Tick) -> None:
-        """Step the engine where a step is due, and add the force of the coupling."""
-        names = ("coupling_n_per_m", "coupling_ns_per_m", "local_ns_per_m", "tool_kg", "tool_ns_per_m")
-        k, b, local, mass, drag = (tick.parameter(name) for name in names)
-        contact, contact_damping = tick.parameter("contact_n_per_m"), tick.parameter("contact_ns_per_m")
+        k, b, local, mass, drag, contact, contact_damping = (tick.parameter(name) for name in self._numbers)
         moves = not math.isinf(self.state.mass_kg)
         start_m = min(tick.start_m, 0.0) if moves else 0.0
         place = tick.position

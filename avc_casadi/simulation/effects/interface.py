@@ -8,7 +8,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from avc_casadi._errors import Fault, InputError
+from avc_casadi._errors import InputError
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi.model.device import CURRENT_LOOP_DAMPING_RATIO
 from avc_casadi.model.effects import (
@@ -41,14 +41,12 @@ class Jitter(SceneEffect, keys=JitterEffect, rank=220, scene_alone=True):
 
     @classmethod
     def build(cls, table: Any, problem: Problem, place: str) -> Self:
-        """Build it from the table; lateness or drops are required."""
         if table.rms_s == 0 and table.dropped_share == 0:
             message = "rms_s and dropped_share are both 0; allowed: one above 0, or leave the effect out"
-            raise InputError([Fault(problem.name, None, place, message)])
+            raise InputError.of(message, file=problem.name, key=place)
         return super().build(table, problem, place)
 
     def sample(self, tick: Tick) -> None:
-        """Draw lateness and drops, and store the last force."""
         if tick.command is None:
             return
         before = tick.state("force_before_n", computed=False)
@@ -102,7 +100,6 @@ class Noise(SceneEffect, keys=NoiseEffect, rank=70, scene_alone=True, declared={
     seed: int
 
     def sample(self, tick: Tick) -> None:
-        """Add the noise to the position."""
         rms, seed = self.rms_m, self.seed
 
         def noise_m(samples: int, run: int) -> FloatArray:
@@ -121,19 +118,17 @@ class Encoder(SceneEffect, keys=EncoderEffect, rank=80):
 
     @classmethod
     def build(cls, table: Any, problem: Problem, place: str) -> Self:
-        """Build it; missing numbers are taken from the device."""
         default = problem.device.encoder_resolution_m
         resonant = any(effect.kind == "resonance" for effect in scene_effects(problem))
         if (table.at or problem.device.encoder_at) == "handle" and (table.at is not None or resonant):
             if not resonant:
                 message = 'is "handle", where there is none; allowed: beside the effect resonance, or "motor"'
-                raise InputError([Fault(problem.name, None, f"{place}.at", message)])
+                raise InputError.of(message, file=problem.name, key=f"{place}.at")
             return cls(default if table.resolution_m is None else table.resolution_m, HANDLE)
         return cls(declared_number(table.resolution_m, problem, f"{place}.resolution_m", "encoder_resolution_m"))
 
     @property
     def sensed_body(self) -> str | None:
-        """The body whose position is measured."""
         return self.body
 
     @property
@@ -142,7 +137,6 @@ class Encoder(SceneEffect, keys=EncoderEffect, rank=80):
         return np.zeros(0) if self.phase is None or self.resolution_m == 0 else self.phase[:, None]
 
     def sample(self, tick: Tick) -> None:
-        """Quantise."""
         if self.resolution_m > 0:
             phase = 0.0 if self.phase is None else tick.parameter("encoder_phase")
             tick.position = self.resolution_m * (ca.floor(tick.position / self.resolution_m - phase + 0.5) + phase)
@@ -158,11 +152,10 @@ class Notch(SceneEffect, keys=NotchEffect, rank=100, scene_alone=True):
 
     @classmethod
     def build(cls, table: Any, problem: Problem, place: str) -> Self:
-        """Build it from the table; the frequency lies below that of Nyquist."""
         nyquist = 0.5 / problem.device.sample_time_s
         if table.frequency_hz >= nyquist:
             message = f"is {table.frequency_hz:g}; allowed: below the Nyquist frequency {nyquist:g} Hz"
-            raise InputError([Fault(problem.name, None, f"{place}.frequency_hz", message)])
+            raise InputError.of(message, file=problem.name, key=f"{place}.frequency_hz")
         return super().build(table, problem, place)
 
     def section(self, sample_time_s: float) -> tuple[float, float, float, float, float]:
@@ -198,11 +191,9 @@ class VelocityFilter(SceneEffect, keys=VelocityFilterEffect, rank=130, scene_alo
 
     @classmethod
     def build(cls, table: Any, problem: Problem, place: str) -> Self:
-        """Resolve the numbers."""
         return cls(velocity_poles(problem, table, place))
 
     def sample(self, tick: Tick) -> None:
-        """Set the poles."""
         tick.poles = self.poles
 
 
@@ -213,7 +204,6 @@ class Saturation(SceneEffect, keys=SaturationEffect, rank=200, declared={"force_
     force_n: float
 
     def sample(self, tick: Tick) -> None:
-        """Clip."""
         if tick.command is not None:
             tick.command = ca.fmin(ca.fmax(tick.command, -self.force_n), self.force_n)
 
@@ -228,14 +218,12 @@ class Amplifier(SceneEffect, keys=AmplifierEffect, rank=230, scene_alone=True):
 
     @classmethod
     def build(cls, table: Any, problem: Problem, place: str) -> Self:
-        """Build it; missing numbers are taken from the device."""
         device, key = problem.device, "amplifier_bandwidth_hz"
         bandwidth = declared_number(table.bandwidth_hz, problem, f"{place}.bandwidth_hz", key)
         ratio = table.damping_ratio or device.amplifier_damping_ratio
         return cls(bandwidth, table.order or device.amplifier_order, ratio)
 
     def mechanics(self, plant: Plant) -> None:
-        """Make the force a state of the continuous part."""
         plant.actuator_rate_per_s = 2 * math.pi * self.bandwidth_hz
         plant.actuator_order = self.order
         plant.actuator_damping_ratio = self.damping_ratio

@@ -29,14 +29,12 @@ class Grip(SceneEffect, keys=HandEffect, rank=40, role="hand"):
 
     @classmethod
     def build(cls, table: Any, problem: Problem, place: str) -> Self:  # noqa: ARG003
-        """Build it; missing numbers are taken from the middle of the problem's set of hands."""
         given = {item.name: getattr(table, item.name) for item in fields(Hand)}
         return cls(
             Hand(**{key: sum(getattr(problem.hands, key)) / 2 if one is None else one for key, one in given.items()})
         )
 
     def mechanics(self, plant: Plant) -> None:
-        """Add the hand to the handle."""
         self.hand.mechanics(plant)
 
 
@@ -46,7 +44,6 @@ class StylusGrip(Grip, keys=StylusHandEffect, rank=50, role="hand"):
 
     @classmethod
     def build(cls, table: Any, problem: Problem, place: str) -> Self:
-        """Build it from the table as given; the hand needs a mass."""
         declared_number(table.mass_kg, problem, f"{place}.mass_kg")
         return cls(StylusHand(**{item.name: getattr(table, item.name) for item in fields(StylusHand)}))
 
@@ -62,7 +59,6 @@ class Backlash(SceneEffect, keys=BacklashEffect, rank=60, scene_alone=True, decl
     gap_m: float
 
     def sample(self, tick: Tick) -> None:
-        """Follow the position with play."""
         name = "backlash_position_m"
         before = tick.state(name, tick.start_m, computed=False)
         half = self.gap_m / 2
@@ -103,7 +99,6 @@ class Resonance(SceneEffect, keys=ResonanceEffect, rank=10, scene_alone=True):
         return cls(**values)
 
     def mechanics(self, plant: Plant) -> None:
-        """Move a share of the device's mass to a second body, at the hand."""
         plant.split(self.frequency_hz, self.damping_ratio, self.mass_ratio)
 
 
@@ -116,7 +111,6 @@ class ViscousFriction(
     damping_ns_per_m: float
 
     def mechanics(self, plant: Plant) -> None:
-        """Add the damper."""
         plant.join(DEVICE, GROUND, 0.0, self.damping_ns_per_m)
 
 
@@ -128,5 +122,4 @@ class CoulombFriction(SceneEffect, keys=CoulombFrictionEffect, rank=30, declared
 
     @property
     def friction_n(self) -> float:
-        """Its magnitude."""
         return self.force_n

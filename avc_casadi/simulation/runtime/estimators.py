@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from avc_casadi._errors import UnsupportedError
-from avc_casadi.simulation.tick import Expr, Step, StepBuilder, ca
+from avc_casadi.simulation.tick import Expr, Step, StepBuilder, ca, insert
 
 # Of the hand; for a rotary device, at its handle.
 _FLOOR_M_PER_S = 3e-3
@@ -223,8 +223,8 @@ def fused_step(sample_time_s: float, settings: EstimatorSettings) -> Step:
     """
     builder = StepBuilder()
     velocity = builder.input("velocity_m_per_s")
-    fast = builder.insert("fast", zero_crossing_step(sample_time_s, settings), [velocity])
-    robust = builder.insert("robust", spectral_peak_step(sample_time_s, settings), [velocity])
+    fast = insert(builder, "fast", zero_crossing_step(sample_time_s, settings), [velocity])
+    robust = insert(builder, "robust", spectral_peak_step(sample_time_s, settings), [velocity])
     quick, steady = fast["frequency_hz"], robust["frequency_hz"]
     apart = ca.fabs(quick - steady) > _AGREE * steady
     # Harmonics add crossings and never remove any: two equal, longer half periods suffice.
