@@ -221,9 +221,11 @@ class Coupling:
         """Identifier, a hash of table, runtime, wall and device: 8 hexadecimal digits."""
         wall = self.wall
         if self.end != "wall":
-            there = self.tool if self.end == "simulation" else self.follower
+            there = (self.tool if self.end == "simulation" else self.follower).model_dump(mode="json")
+            if there.get("substeps") == 1:
+                del there["substeps"]
             device = self.problem.device.model_dump(mode="json")
-            return _named({"gains": vars(self.gains), "device": device, self.end: there.model_dump(mode="json")})
+            return _named({"gains": vars(self.gains), "device": device, self.end: there})
         runs = {
             "rows": self.table.rows.tolist(),
             "runtime": self.runtime.document(),

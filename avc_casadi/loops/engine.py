@@ -22,7 +22,7 @@ from avc_casadi._util.arrays import FloatArray
 from avc_casadi.loops.loop import Body, Loop, Map, Rows, period, response, turn_of
 from avc_casadi.loops.system import TOLERANCE, Box, Pattern, Ranges, Region, System, hand_at, hand_boxes, held_plant
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners, device_ranges, linear_values
-from avc_casadi.model.ends import RIGID_N_PER_M, ToolGains, ToolState, VirtualTool, tool_at, tool_states
+from avc_casadi.model.ends import RIGID_N_PER_M, ToolGains, ToolState, VirtualTool, tool_at, tool_states, tool_step
 from avc_casadi.model.hands import Hand, hand_corners, joined, with_released
 from avc_casadi.model.plant import sampled_plant
 
@@ -173,14 +173,15 @@ class Engine:
         loop, (x, v) = self.loop, self._seen(late=late)
         place, speed = loop["tool"]
         free, mass, drag, k_c = self._of_tools
-        k, b, t = gains.stiffness_n_per_m, gains.damping_ns_per_m, self.clock.step_s
-        push = k * (x - place) - k_c * place + b * v
-        if self.engine.integrator in ("implicit", "implicit-damping"):
-            solved = k + k_c if self.engine.integrator == "implicit" else 0.0
-            after = (mass * speed + t * push) / (mass + t * (drag + b) + t**2 * solved)
-        else:
-            after = speed + t / mass * (push - (drag + b) * speed)
-        moved = place + t * (speed if self.engine.integrator == "explicit" else after)
+        k, b, t = gains.stiffness_n_per_m, gains.damping_ns_per_m, self.clock.step_s / self.engine.substeps
+        solved_k, solved_b = self.engine.solved_of(k, b)
+        push = k * x + b * v - (k - solved_k) * place - (b - solved_b) * speed
+        drag, k_c = drag + solved_b, k_c + solved_k
+        doublings = 10 + int(np.log2(1 + t * np.max((drag + np.sqrt(k_c * mass)) / mass)))
+        rows = tool_step(self.engine.integrator, t, mass, drag, k_c, doublings)
+        moved, after = place, speed
+        for _ in range(self.engine.substeps):
+            moved, after = (one * moved + other * after + force * push for one, other, force in rows)
         tool = np.stack([free * moved, free * after], axis=-2)
         if self._wide == 1:
             out = (k * (x - free * place) + b * (v - free * speed))[..., None, :]

@@ -12,7 +12,7 @@ from avc_casadi.model import quantity as q
 from avc_casadi.model import table as t
 from avc_casadi.model.device import Device
 
-ToolIntegrator = Literal["semi-implicit", "explicit", "implicit-damping", "implicit"]
+ToolIntegrator = Literal["semi-implicit", "explicit", "exact", "implicit-damping", "implicit"]
 Exchange = Literal["on-time", "late", "ahead", "held-force"]
 Interval = tuple[float, float]
 
@@ -50,6 +50,7 @@ Contacts = Annotated[Interval, BeforeValidator(Ends(q.Quantity("N/m", 1e-9, RIGI
 _Steps = Annotated[Interval, BeforeValidator(Ends(q.Quantity("s", 1e-7, LONGEST_STEP_S, zero=False)))]
 Scale = Annotated[float, BeforeValidator(q.Quantity("", 1e-6, 1e6, zero=False))]
 _Late = Annotated[int, BeforeValidator(q.Whole(0, 8))]
+_Substeps = Annotated[int, BeforeValidator(q.Whole(1, 64))]
 
 
 class VirtualTool(t.Table):
@@ -61,6 +62,7 @@ class VirtualTool(t.Table):
     step_s: _Steps
     tool_damping_ns_per_m: Dampings = (0.0, 0.0)
     integrator: ToolIntegrator = "semi-implicit"
+    substeps: _Substeps = 1
     exchange: Exchange = "on-time"
     steps_late: _Late = 0
     contact_stiffness_n_per_m: Contacts = (0.0, RIGID_N_PER_M)
@@ -82,9 +84,16 @@ class VirtualTool(t.Table):
     @property
     def solved(self) -> Literal["nothing", "damper", "spring and damper"]:
         """What of the coupling the engine's integrator solves for its new state, and no force on the tool may hold."""
-        if self.tool_mass_kg is None or self.integrator in ("semi-implicit", "explicit"):
+        if self.tool_mass_kg is None or not self.integrator.startswith("implicit"):
             return "nothing"
         return "damper" if self.integrator == "implicit-damping" else "spring and damper"
+
+    def solved_of(self, stiffness: Any, damping: Any) -> tuple[Any, Any]:
+        """Return the part of K and B that the integrator solves in each internal step; a force holds the rest."""
+        return (
+            stiffness if self.solved == "spring and damper" else 0.0,
+            damping if self.solved != "nothing" else 0.0,
+        )
 
     @property
     def damped_locally(self) -> bool:
@@ -167,6 +176,46 @@ def tool_at(
     elif damper is None:
         damper = 2 * math.sqrt(stiffness * mass_kg)
     return ToolState(*(tool.scale * one for one in (mass_kg, damping_ns_per_m, stiffness, damper)))
+
+
+def tool_step(
+    integrator: ToolIntegrator, t: Any, mass: Any, drag: Any, stiffness: Any, doublings: int = 10
+) -> tuple[tuple[Any, Any, Any], tuple[Any, Any, Any]]:
+    """Return position and velocity of a mass on spring and damper after an internal step, of arrays or expressions.
+
+    Rows of what position, velocity and the held force before it make of them. `exact` is the motion itself, as
+    integrators of high order approach it.
+    """
+    if integrator == "exact":
+        of_place, of_speed, of_force = _motion(t, drag / mass, stiffness / mass, doublings)
+        return (of_place[0], of_speed[0], of_force[0] / mass), (of_place[1], of_speed[1], of_force[1] / mass)
+    if integrator.startswith("implicit"):
+        solved = mass + t * drag + (t * t * stiffness if integrator == "implicit" else 0.0)
+        speed = -t * stiffness / solved, mass / solved, t / solved
+    else:
+        speed = -t * stiffness / mass, 1 - t * drag / mass, t / mass
+    if integrator == "explicit":
+        return (1.0, t, 0.0), speed
+    return (1 + t * speed[0], t * speed[1], t * speed[2]), speed
+
+
+def _motion(t: Any, drag: Any, stiffness: Any, doublings: int) -> tuple[tuple[Any, Any], ...]:
+    """Return what position, velocity and a held force of a unit mass make of both: Taylor's series, then doublings."""
+    t = t / 2**doublings
+    # Of a kick: the swing, its rate and the way under it, which a held force has as its own.
+    swing, rate, way = t, 1.0, t * t / 2
+    before, term = 0.0, t
+    for order in range(1, 18):
+        before, term = term, -(drag * t * order * term + stiffness * t * t * before) / (order * (order + 1))
+        swing, rate, way = swing + term, rate + (order + 1) * term / t, way + t * term / (order + 2)
+    for _ in range(doublings):
+        place = rate + drag * swing
+        way, swing, rate = (
+            (place + 1) * way + swing * swing,
+            swing * (place + rate),
+            rate * rate - stiffness * swing * swing,
+        )
+    return (rate + drag * swing, -stiffness * swing), (swing, rate), (way, swing)
 
 
 Architecture = Literal["position-position", "position-force"]

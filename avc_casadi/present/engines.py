@@ -33,7 +33,7 @@ class Engine(NamedTuple):
 
 _ANY: dict[ToolIntegrator, str] = {one: one for one in get_args(ToolIntegrator)}
 _SEMI: dict[ToolIntegrator, str] = {"semi-implicit": "semi-implicit"}
-_MUJOCO: dict[ToolIntegrator, str] = {"semi-implicit": "Euler", "implicit-damping": "implicitfast"}
+_MUJOCO: dict[ToolIntegrator, str] = {"semi-implicit": "Euler", "implicit-damping": "implicitfast", "exact": "RK4"}
 _TOOL = "avc_coupling_tool_force(&c, place, velocity)"
 _QFRC = "data.qfrc_applied[dof] = K*(x - data.qpos[dof]) + B*(v - data.qvel[dof])"
 _REST = "avc_coupling_target(&c, &place, &velocity) before the step: place is the spring's rest"
@@ -65,7 +65,8 @@ def values_of(coupling: Coupling) -> dict[str, float]:
     device, p, f = coupling.problem.device, tool.position_scale, tool.force_scale
     found = {"K": k, "B": b, "B/K": b / k if k else 0.0, "K f": k * f, "B p f": b * p * f, "0": 0.0, "1": 1.0}
     found |= {"K p f/1000": k * p * f / 1e3, "B p f/1000": b * p * f / 1e3, "p": p, "f": f}
-    found |= {"h": max(tool.step_s), "1/T": 1 / device.sample_time_s}
+    h, n = max(tool.step_s), tool.substeps
+    found |= {"h": h, "h/n": h / n, "n": n, "1/T": 1 / device.sample_time_s}
     if device.max_force_n is not None:
         found["F/f"] = device.max_force_n / f
     if tool.tool_mass_kg is None:
@@ -87,13 +88,15 @@ def parameters(coupling: Coupling, engine: str, shown: str = "coupling.json", un
     if not known.turns and not units.linear:
         others = ", ".join(name for name, one in ENGINES.items() if one.turns)
         raise InputError.of(f"is {engine!r}, which knows no device that turns; allowed: {others}", key="--parameters")
-    integrators = known.integrators
-    if tool.solved != "nothing" and tool.integrator not in integrators:
-        message = f"is {engine!r}, which solves no {tool.solved} of this coupling, as {tool.integrator} does"
-        wanted = " or ".join(integrators) or "semi-implicit"
-        raise InputError.of(
-            f'{message}; say integrator = "{wanted}" in [simulation] and make it again', key="--parameters"
-        )
+    integrators, wanted = known.integrators, ""
+    if tool.integrator not in (integrators or _SEMI) and tool.tool_mass_kg is not None:
+        wanted = f'integrator = "{" or ".join(integrators or _SEMI)}"'
+    elif tool.substeps > 1 and not any(one["engine"] == engine and one["formula"] == "n" for one in TABLE):
+        wanted = f"substeps = 1, step_s = {max(tool.step_s) / tool.substeps:.6g}"
+    if wanted:
+        loop = f"integrator = {tool.integrator!r}, substeps = {tool.substeps}"
+        message = f"is {engine!r}, which has no {loop} of this coupling; say {wanted} in [simulation] and make it again"
+        raise InputError.of(message, key="--parameters")
     # The joint has the damper that implicitfast solves.
     law = known.law.replace(" - data.qvel[dof]", "") if engine == "mujoco" and tool.solved == "damper" else known.law
     handed = "tool_x, tool_v"
@@ -101,8 +104,6 @@ def parameters(coupling: Coupling, engine: str, shown: str = "coupling.json", un
         handed = "force on the tool" if tool.solved == "nothing" else "avc_coupling_handed_force(...)"
     late = f", {tool.steps_late} steps later" if tool.steps_late else ""
     traps = [unsafe, _EXCHANGE[tool.exchange].format(step=known.step) + late]
-    if tool.tool_mass_kg is not None and integrators and tool.integrator not in integrators:
-        traps.append(f"certified with {tool.integrator}; {known.title} has {', '.join(integrators.values())}")
     table: list[dict[str, Any]] = [
         {**one, "value": values[one["formula"]], "unit": units.unit(one["unit"])}
         for one in TABLE

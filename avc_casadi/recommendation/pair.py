@@ -370,7 +370,9 @@ def unusual(problem: Problem) -> dict[str, str]:
             "state that the step began with (on-time)"
         )
     if tool.integrator == "explicit":
-        found["integrator"] = "is explicit: it gives energy to whatever swings; no engine of note has it by default"
+        found["integrator"] = "is explicit: it gives energy to whatever swings, as pymunk (Chipmunk) does"
+    if tool.substeps > 1:
+        found["substeps"] = "hold a force as long as a slower engine: compute it anew in each of them (step_s)"
     if any(abs(one / t - round(one / t)) > 1e-6 for one in tool.step_s):
         found["step_s"] = f"is no whole multiple of T = {t:g} s: every phase of the two clocks is judged"
     return found

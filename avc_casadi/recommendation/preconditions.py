@@ -205,7 +205,7 @@ def _of_simulation(tool: VirtualTool) -> list[str]:
         "of a spring, and none is touched",
     )
     if tool.tool_mass_kg is None:
-        keys += ["tool_damping_ns_per_m", "integrator", "contact_stiffness_n_per_m"]
+        keys += ["tool_damping_ns_per_m", "integrator", "substeps", "contact_stiffness_n_per_m"]
         why = "of a tool, and no tool_mass_kg is given"
     elif any(0 < one < RIGID_N_PER_M for one in tool.contact_stiffness_n_per_m):
         return []

@@ -116,6 +116,8 @@ def what_would_help_tool(problem: Problem, search: ToolSearch, *, local: bool) -
     changes: dict[str, dict[str, Any]] = {}
     if step_s >= 2 * t:
         changes["an engine twice as fast"] = {"step_s": step_s / 2}
+    if tool.substeps > 1 and min(tool.step_s) >= t * tool.substeps:
+        changes["the force anew in each substep"] = {"step_s": [s / tool.substeps for s in tool.step_s], "substeps": 1}
     if tool.exchange != "on-time" or tool.steps_late:
         changes["the tool's state on time"] = {"exchange": "on-time", "steps_late": 0}
     if tool.tool_mass_kg is not None:

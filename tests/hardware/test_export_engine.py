@@ -50,11 +50,17 @@ def target():
         ("held-force", 1, (150.0, 3.0, 4.0), 2, (2.0, 1.0), DEVICE, None, "implicit"),
         ("on-time", 0, (40.0, 0.6, 0.0), 2, (3.0, 0.5), TURNING, None, "implicit-damping"),
         ("on-time", 0, (40.0, 0.6, 0.0), 2, (3.0, 0.5), TURNING, None, "implicit"),
+        ("on-time", 1, (500.0, 8.0, 1.0), 5, (0.5, 3.0), DEVICE, (1000.0, 5.0), "exact"),
+        ("held-force", 0, (300.0, 3.0, 4.0), 3, (4.0, 0.5), DEVICE, None, "exact"),
     ],
 )
-def test_exported_loop_is_the_plain_simulation(exchange, late, gains, ratio, scales, device, contact, integrator):
+@pytest.mark.parametrize("substeps", [1, 3])
+def test_exported_loop_is_the_plain_simulation(
+    exchange, late, gains, ratio, scales, device, contact, integrator, substeps
+):
     step = ratio * T
     keys = f'step_s = {step!r}\nexchange = "{exchange}"\nsteps_late = {late}\nintegrator = "{integrator}"\n'
+    keys += f"substeps = {substeps}\n"
     keys += f"position_scale = {scales[0]}\n{'torque' if device is TURNING else 'force'}_scale = {scales[1]}\n"
     keys += "tool_inertia_kgm2 = 0.05\n" if device is TURNING else "tool_mass_kg = 0.2\n"
     coupling = tool_coupling(keys, *gains, device=device)
@@ -62,7 +68,7 @@ def test_exported_loop_is_the_plain_simulation(exchange, late, gains, ratio, sca
     plant = (stated.mass_kg, stated.damping_ns_per_m, T, 1)
     mass = coupling.tool.tool_mass_kg[0]
     scale = coupling.tool.scale
-    tuned = {"exchange": exchange, "steps_late": late, "integrator": integrator}
+    tuned = {"exchange": exchange, "steps_late": late, "integrator": integrator, "substeps": substeps}
     seen = None if contact is None else (scale * contact[0], scale * contact[1])
     simulator = EngineSimulator(plant, HAND, (scale * mass, scale * 0.5), step, contact=seen, **tuned)
     wanted = simulator.run(*gains[:2], SAMPLES, local=gains[2], target=target(), kick=0.2)

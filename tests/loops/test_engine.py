@@ -35,14 +35,15 @@ def growth(simulator, gains, steps):
     )
     size = np.diff(device) ** 2 + np.diff(tool) ** 2
     first, last = size[samples // 2 : 3 * samples // 4].sum(), size[3 * samples // 4 :].sum()
-    return (last / first) ** (1 / (steps / 2))
+    return (last / first) ** (1 / (steps / 2)) if first > 0 else 0.0
 
 
 @settings(max_examples=30, deadline=None)
 @given(
     mass=st.floats(0.02, 2.0),
     ratio=st.sampled_from([1, 2, 3, 5, 16, 2.5, 4 / 3]),
-    integrator=st.sampled_from(["semi-implicit", "explicit", "implicit-damping", "implicit"]),
+    integrator=st.sampled_from(["semi-implicit", "explicit", "exact", "implicit-damping", "implicit"]),
+    substeps=st.sampled_from([1, 2, 5]),
     exchange=st.sampled_from(["on-time", "late", "ahead", "held-force"]),
     late=st.integers(0, 2),
     stiffness=st.floats(50.0, 2e4),
@@ -51,13 +52,13 @@ def growth(simulator, gains, steps):
     hand=st.sampled_from([(0.05, 3.0, 200.0), (0.3, 20.0, 800.0)]),
 )
 def test_spectral_radius_is_the_growth_of_a_plain_simulation(
-    mass, ratio, integrator, exchange, late, stiffness, damping, local, hand
+    mass, ratio, integrator, substeps, exchange, late, stiffness, damping, local, hand
 ):
     m, b, k = hand
     hands = f"[hands]\nmass_kg = [{m}, {m}]\ndamping_ns_per_m = [{b}, {b}]\nstiffness_n_per_m = [{k}, {k}]"
     text = (
         f"tool_mass_kg = {mass}\nstep_s = {ratio * 1e-3!r}\nintegrator = '{integrator}'\nexchange = '{exchange}'\n"
-        f"steps_late = {late}\ncontact_stiffness_n_per_m = 0.0"
+        f"steps_late = {late}\nsubsteps = {substeps}\ncontact_stiffness_n_per_m = 0.0"
     )
     gains = ToolGains(stiffness, damping, local)
     radius, worst = ToolLoops(problem(text, hands=hands)).radius(gains)
@@ -76,9 +77,61 @@ def test_spectral_radius_is_the_growth_of_a_plain_simulation(
                     exchange,
                     late,
                     phase=phase if ratio % 1 else 0.0,
+                    substeps=substeps,
                 )
                 grown.append(growth(simulator, gains, 12 * round(3 / np.log(radius) + 1)))
     assert max(grown) == pytest.approx(radius, rel=0.03), worst
+
+
+HANDS = [(m, b, k) for m in (0.05, 0.3) for b in (3.0, 20.0) for k in (200.0, 800.0)]
+NEW = [("exact", 1), ("exact", 3), ("semi-implicit", 2), ("semi-implicit", 7), ("implicit-damping", 4), ("implicit", 3)]
+
+
+def simulators(integrator, substeps, ratio, mass, exchange, drag, hands):
+    return [
+        EngineSimulator((0.12, 0.8, 1e-3, 1), hand, (tool, drag), ratio * 1e-3, integrator, exchange, substeps=substeps)
+        for hand in (*hands, (0.0, 0.0, 0.0))
+        for tool in (mass, np.inf)
+    ]
+
+
+@pytest.mark.parametrize("exchange", ["on-time", "late", "ahead", "held-force"])
+@pytest.mark.parametrize(("integrator", "substeps"), NEW)
+def test_radius_is_the_dominant_root_of_a_plain_simulation(integrator, substeps, exchange):
+    """From all of a step and the one before, of device and tool, follows the next one: that map has the roots."""
+    ratio, periods, found = 5, 40, []
+    text = (
+        f"tool_mass_kg = 0.03\nstep_s = 5e-3\ntool_damping_ns_per_m = 0.7\nintegrator = '{integrator}'\n"
+        f"substeps = {substeps}\nexchange = '{exchange}'\ncontact_stiffness_n_per_m = 0.0"
+    )
+    hands = "[hands]\nmass_kg = [0.3, 0.3]\ndamping_ns_per_m = [3, 3]\nstiffness_n_per_m = [200, 200]"
+    radius = ToolLoops(problem(text, hands=hands)).radius(ToolGains(9e4, 22.0))[0]
+    for simulator in simulators(integrator, substeps, ratio, 0.03, exchange, 0.7, [(0.3, 3.0, 200.0)]):
+        known = []
+        for start, kick in ((0.0, 1e-3), (1e-3, 0.0)):
+            both = np.array(simulator.run(9e4, 22.0, ratio * periods, kick=kick, start=start, force=np.inf))
+            steps = both.reshape(2, periods, ratio).transpose(1, 0, 2).reshape(periods, -1)
+            known.append(np.stack([steps[:-2], steps[1:-1], steps[2:]]) / np.abs(steps[:-2]).max(axis=1, keepdims=True))
+        before, last, after = np.concatenate(known, axis=1)
+        one = np.linalg.lstsq(np.hstack([before, last]), np.hstack([last, after]), rcond=1e-11)[0]
+        found.append(np.abs(np.linalg.eigvals(one)).max())
+    assert radius > 1.1
+    assert radius == pytest.approx(max(found), rel=1e-9)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("exchange", ["on-time", "held-force"])
+@pytest.mark.parametrize(("integrator", "substeps"), NEW)
+def test_limit_is_that_of_a_plain_simulation(integrator, substeps, exchange):
+    text = (
+        f'tool_mass_kg = 0.05\nstep_s = 4e-3\nintegrator = "{integrator}"\nsubsteps = {substeps}\n'
+        f'exchange = "{exchange}"'
+    )
+    limit = ToolSearch(problem(text)).stiffest()
+    for share, holds in ((0.99, True), (1.01, False)):
+        gains = ToolGains(share * limit.stiffness_n_per_m, limit.damping_ns_per_m)
+        grown = [growth(one, gains, 4000) for one in simulators(integrator, substeps, 4, 0.05, exchange, 0.0, HANDS)]
+        assert (max(grown) < 1) == holds
 
 
 @pytest.mark.slow

@@ -14,7 +14,7 @@ class EngineSimulator:
         hand: mass, damping and stiffness, all 0 for a released device.
         tool: mass and damping.
         step_s: of the engine.
-        integrator, exchange, steps_late: as in [simulation].
+        integrator, exchange, steps_late, substeps: as in [simulation].
         contact: None for free motion; (k_c, b_c) on both sides; "wall" for a rigid one at x = 0.
         phase: share of T by which the engine's first step comes after a sample.
     """
@@ -30,6 +30,7 @@ class EngineSimulator:
         steps_late=0,
         contact=None,
         phase=0.0,
+        substeps=1,
     ):
         mass, damping, self.T, self.delay = device
         hand_mass, hand_damping, hand_stiffness = hand
@@ -42,7 +43,7 @@ class EngineSimulator:
         self.tool_mass, self.tool_damping = tool
         self.step_s, self.integrator, self.exchange = step_s, integrator, exchange
         self.late = steps_late + (exchange == "late")
-        self.contact, self.phase = contact, phase
+        self.contact, self.phase, self.substeps = contact, phase, substeps
 
     def run(self, stiffness, damping, samples, *, local=0.0, target=None, start=0.0, kick=0.0, force=8.0, drop=None):
         """Return positions of device and tool at each sample, before a step of the engine there.
@@ -87,19 +88,35 @@ class EngineSimulator:
         return np.array(found).T
 
     def _moved(self, x, v, seen, rate, k, b):
-        m, d, t = self.tool_mass, self.tool_damping, self.step_s
-        if math.isinf(m):
+        """One step: the engine solves in each internal step what its integrator has, the rest of the force is held."""
+        if math.isinf(self.tool_mass):
             return 0.0, 0.0
+        held = k * seen + b * rate
+        if self.integrator != "implicit":
+            held, k = held - k * x, 0.0
+        if self.integrator[:8] != "implicit":
+            held, b = held - b * v, 0.0
+        for _ in range(self.substeps):
+            x, v = self._internal(x, v, held, k, b)
+        return x, v
+
+    def _internal(self, x, v, held, k, b):
+        m, d, t = self.tool_mass, self.tool_damping, self.step_s / self.substeps
         k_c, b_c = self.contact if isinstance(self.contact, tuple) else (0.0, 0.0)
-        if self.integrator == "implicit":
-            after = (m * v + t * (k * (seen - x) + b * rate - k_c * x)) / (m + t * (d + b + b_c) + t * t * (k + k_c))
+        wall = self.contact == "wall"
+        if self.integrator == "exact":
+            rate = np.array([[0, 1, 0], [-k_c / m, -(d + b_c) / m, 1 / m], [0, 0, 0]])
+            place, after = (expm(rate * t) @ [x, v, held])[:2]
+        elif self.integrator == "implicit":
+            after = (m * v + t * (held - (k + k_c) * x)) / (m + t * (d + b + b_c) + t * t * (k + k_c))
         elif self.integrator == "implicit-damping":
-            after = (m * v + t * (k * (seen - x) + b * rate - k_c * x)) / (m + t * (d + b + b_c))
+            after = (m * v + t * (held - k_c * x)) / (m + t * (d + b + b_c))
         else:
-            after = v + t / m * (k * (seen - x) + b * (rate - v) - (d + b_c) * v - k_c * x)
+            after = v + t / m * (held - (d + b_c) * v - k_c * x)
         if self.integrator == "explicit":
             place = x + t * v
-            return (0.0, min(after, 0.0)) if self.contact == "wall" and place > 0 else (place, after)
-        if self.contact == "wall":
+        if self.integrator in ("explicit", "exact"):
+            return (0.0, min(after, 0.0)) if wall and place > 0 else (place, after)
+        if wall:
             after = min(after, -x / t)
         return x + t * after, after

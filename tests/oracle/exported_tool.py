@@ -75,22 +75,20 @@ class ExportedLoop(EngineSimulator):
     """The same device and engine with the exported C between them; the tool moves in units of the scene."""
 
     def _engine(self, c, joint, place, speed):
-        """Return the force that is handed out and the velocity after a step of an engine that has `joint` = (K, B)."""
-        m, t, (k_c, b_c) = self.tool_mass, self.step_s, self.contact or (0.0, 0.0)
-        drag = self.tool_damping + b_c
+        """Return the force that is handed out and the state after a step of an engine that has `joint` = (K, B)."""
         handed = c.handed_force(place, speed) if self.exchange == "held-force" and self.integrator[0] == "i" else None
+        k = b = 0.0
         if self.integrator == "implicit":
             share, goal, goal_speed = c.target()
             k, b = share * joint[0], share * joint[1]
-            # Backward Euler of m a = k (goal - x) + b (goal_speed - v) - drag v - k_c x, both at the end of the step.
-            matrix = np.array([[1.0, -t], [t * (k + k_c), m + t * (b + drag)]])
-            after = np.linalg.solve(matrix, [place, m * speed + t * (k * goal + b * goal_speed)])[1]
-            return handed, float(after)
-        asked = c.tool_force(place, speed)
-        if self.integrator == "implicit-damping":
-            # Dampers at the end of the step, everything else at its beginning, as MuJoCo's implicitfast.
-            return handed, (m * speed + t * (asked - k_c * place)) / (m + t * (joint[1] + drag))
-        return asked, speed + t / m * (asked - drag * speed - k_c * place)
+            asked = k * goal + b * goal_speed
+        else:
+            asked = c.tool_force(place, speed)
+            b = joint[1] if self.integrator == "implicit-damping" else b
+            handed = asked if handed is None else handed
+        for _ in range(self.substeps):
+            place, speed = self._internal(place, speed, asked, k, b)
+        return handed, (place, speed)
 
     def run_exported(self, c, tool, samples, *, target, kick, start=0.0, silent=(), glitch=_sound):
         """Return positions of device and tool at each sample, before the engine's steps since the last, and forces."""
@@ -105,9 +103,7 @@ class ExportedLoop(EngineSimulator):
             nonlocal place, speed, queue, count
             if count not in silent:
                 before = (place, speed)
-                asked, after = self._engine(c, joint, place, speed)
-                place += self.step_s * (speed if self.integrator == "explicit" else after)
-                speed = after
+                asked, (place, speed) = self._engine(c, joint, place, speed)
                 queue = [*queue[1:], {"held-force": asked, "ahead": (place, speed)}.get(self.exchange, before)]
             count += 1
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from exported_tool import DEVICE, tool_coupling
 
+import avc_casadi as avc
 from avc_casadi.model.ends import MujocoConstraint
 from avc_casadi.present.engines import parameters
 
@@ -24,7 +25,7 @@ def numbers(keys, engine, local=0.0, device=DEVICE):
 WELD = """<mujoco><option gravity="0 0 0" timestep="0.002"/><worldbody><body name="hand" mocap="true"/>
 <body name="tool"><freejoint/><geom type="sphere" size="0.02" mass="0.2" contype="0" conaffinity="0"/></body>
 </worldbody><equality><weld body1="tool" body2="hand" solref="{solref}" solimp="{solimp}"/></equality></mujoco>"""
-SLIDE = """<mujoco><option gravity="0 0 0" timestep="0.002" integrator="{integrator}"/><worldbody><body name="tool">
+SLIDE = """<mujoco><option gravity="0 0 0" timestep="{step_s}" integrator="{integrator}"/><worldbody><body name="tool">
 <joint type="slide" axis="1 0 0" damping="{damping}"/><geom type="sphere" size="0.02" mass="0.2"/></body></worldbody>
 </mujoco>"""
 
@@ -43,32 +44,46 @@ def test_weld_of_the_page_has_the_stiffness_of_the_coupling_in_mujoco(keys):
     assert 1.0 / data.qpos[0] == pytest.approx(wanted, rel=1e-4)
 
 
-@pytest.mark.parametrize("integrator", ["semi-implicit", "implicit-damping"])
+@pytest.mark.parametrize(
+    ("integrator", "substeps"), [("semi-implicit", 1), ("semi-implicit", 4), ("implicit-damping", 1), ("exact", 1)]
+)
 @pytest.mark.parametrize("keys", [TOOL, SCALED])
-def test_line_of_the_page_is_spring_and_damper_in_mujoco(keys, integrator):
+def test_line_of_the_page_is_spring_and_damper_in_mujoco(keys, integrator, substeps):
     """The line is run as it stands: the tool of a device at rest swings as a mass on the spring and the damper."""
     mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install 'avc-casadi[model]'")
-    stated = f'{keys}integrator = "{integrator}"\n'
+    stated = f'{keys}integrator = "{integrator}"\nsubsteps = {substeps}\n'
     document, told = parameters(tool_coupling(stated, K, B), "mujoco").data, numbers(stated, "mujoco")
     damping = told["B"] if integrator == "implicit-damping" else 0.0
-    text = SLIDE.format(integrator=document["integrator"], damping=damping)
+    text = SLIDE.format(integrator=document["integrator"], damping=damping, step_s=told["h/n"])
     model = mujoco.MjModel.from_xml_string(text)
     data = mujoco.MjData(model)
     scale = 1.0 if keys is TOOL else 10.0
     k, b = (K, B) if keys is TOOL else (K / 5, B / 5)
-    place, speed, t, m = 0.0, 0.0, 0.002, 0.2
+    place, speed, t, m = 0.0, 0.0, 0.002 / substeps, 0.2
     for x, v in [(1e-3, 0.0)] * 50 + [(1e-3 + 1e-5 * j, 0.005) for j in range(50)]:
         seen = {"K": told["K"], "B": told["B"], "x": scale * x, "v": scale * v}
         exec(document["law"], {"data": data, "dof": 0, **seen})  # noqa: S102 - the line of our own page
-        mujoco.mj_step(model, data)
+        mujoco.mj_step(model, data, nstep=told["n"])
         pull = k * (scale * x - place) + b * scale * v
-        if integrator == "semi-implicit":
-            speed += t / m * (pull - b * speed)
-        else:
-            speed = (m * speed + t * pull) / (m + t * b)
-        place += t * speed
+        before, held = speed, pull - b * speed
+        for _ in range(substeps):
+            speed = (m * speed + t * pull) / (m + t * b) if integrator == "implicit-damping" else speed + t / m * held
+            place += t * (0.5 * (speed + before) if integrator == "exact" else speed)
         assert data.qpos[0] == pytest.approx(place, abs=1e-7)
     assert abs(place) > 5e-4
+
+
+@pytest.mark.parametrize(
+    ("keys", "engine", "instead"),
+    [
+        ('integrator = "exact"', "pybullet", 'integrator = "semi-implicit"'),
+        ('integrator = "implicit"', "imstk", 'integrator = "semi-implicit"'),
+        ("substeps = 4", "unity", "substeps = 1, step_s = 0.0005"),
+    ],
+)
+def test_another_loop_of_the_engine_is_refused_with_what_to_say(keys, engine, instead):
+    with pytest.raises(avc.InputError, match=instead):
+        parameters(tool_coupling(f"{TOOL}{keys}\n", K, B), engine)
 
 
 # Welds and contacts of MuJoCo in N/m: what MuJoCo itself measures under a load.

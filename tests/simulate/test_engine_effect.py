@@ -18,6 +18,7 @@ tool_mass_kg = 0.3
 tool_damping_ns_per_m = 0.5
 step_s = {step!r}
 integrator = "{integrator}"
+substeps = {substeps}
 exchange = "{exchange}"
 steps_late = {late}
 [scene]
@@ -50,19 +51,21 @@ force_n = 5.0
 @settings(max_examples=25, deadline=None)
 @given(
     ratio=st.sampled_from([1, 2, 5, 16, 2.5, 4 / 3]),
-    integrator=st.sampled_from(["semi-implicit", "explicit", "implicit-damping", "implicit"]),
+    integrator=st.sampled_from(["semi-implicit", "explicit", "exact", "implicit-damping", "implicit"]),
+    substeps=st.sampled_from([1, 2, 5]),
     exchange=st.sampled_from(["on-time", "late", "ahead", "held-force"]),
     late=st.integers(0, 1),
     stiffness=st.sampled_from([100.0, 500.0, 3000.0]),
     damping=st.sampled_from([0.0, 2.0, 10.0]),
     local=st.sampled_from([0.0, 3.0]),
 )
-def test_scene_moves_as_a_plain_simulation(ratio, integrator, exchange, late, stiffness, damping, local):
+def test_scene_moves_as_a_plain_simulation(ratio, integrator, substeps, exchange, late, stiffness, damping, local):
     step = ratio * 1e-3
     problem = avc.parse_problem(
         SCENE.format(
             step=step,
             integrator=integrator,
+            substeps=substeps,
             exchange=exchange,
             late=late,
             stiffness=stiffness,
@@ -80,6 +83,7 @@ def test_scene_moves_as_a_plain_simulation(ratio, integrator, exchange, late, st
         exchange,
         late,
         contact="wall",
+        substeps=substeps,
     )
     start = run.position_m[0]
     device, tool = plain.run(stiffness, damping, run.samples, local=local, target=run.target_m, start=start, force=5.0)

@@ -43,6 +43,7 @@ def headline(problem: Problem, shown: str) -> tuple[Part, ...]:
     if tool is not None:
         what = ("fixed place",) if tool.tool_mass_kg is None else ("tool", *span(tool.tool_mass_kg, "mass"))
         late = f", {tool.steps_late} steps late" if tool.steps_late else ""
+        late += f", a force for {tool.substeps} substeps" if tool.substeps > 1 else ""
         rates = span([1 / step for step in tool.step_s], "frequency")
         return parts(shown, " ", what, "at", rates, f", {tool.integrator}, {tool.exchange}{late}", of_device)
     if follower is not None:

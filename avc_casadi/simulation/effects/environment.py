@@ -12,7 +12,7 @@ from avc_casadi._errors import Fault, InputError
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi.model.device import Detent
 from avc_casadi.model.effects import DetentEffect, EnvironmentEffect, SimulationEffect, WallEffect
-from avc_casadi.model.ends import RIGID_N_PER_M, ToolGains, ToolState, VirtualTool, tool_states
+from avc_casadi.model.ends import RIGID_N_PER_M, ToolGains, ToolState, VirtualTool, tool_states, tool_step
 from avc_casadi.model.problem import Contact, Problem
 from avc_casadi.simulation.contact import Environment
 from avc_casadi.simulation.effects.base import SceneEffect
@@ -174,25 +174,23 @@ class Engine(SceneEffect, keys=SimulationEffect, rank=155, role="environment"):
     ) -> tuple[Expr, Expr]:
         """Return position and velocity of the tool after a step, as in `loops.engine`, with a one-sided contact."""
         (x, v), (seen, speed), (k, b, mass, drag), (k_c, b_c) = tool, device, joined, contact
-        rigid = k_c > RIGID_N_PER_M
-
-        def velocity(stiffness: Expr, damping: Expr) -> Expr:
-            pull = k * (seen - x) + b * speed - stiffness * x
-            if self.tool.integrator == "implicit":
-                return (mass * v + t * pull) / (mass + t * (drag + damping + b) + t * t * (k + stiffness))
-            if self.tool.integrator == "implicit-damping":
-                return (mass * v + t * pull) / (mass + t * (drag + damping + b))
-            return v + t / mass * (pull - (drag + damping + b) * v)
-
-        free = velocity(0, 0)
-        spring = ca.if_else(rigid, 0, k_c)
-        touching = ca.if_else(x > 0, ca.fmin(free, velocity(spring, ca.if_else(rigid, 0, b_c))), free)
-        if self.tool.integrator == "explicit":
-            after = x + t * v
-            stopped = ca.logic_and(rigid, after > 0)
-            return ca.if_else(stopped, 0, after), ca.if_else(stopped, ca.fmin(touching, 0), touching)
-        speed_after = ca.if_else(rigid, ca.fmin(touching, -x / t), touching)
-        return x + t * speed_after, speed_after
+        rigid, integrator, t = k_c > RIGID_N_PER_M, self.tool.integrator, t / self.tool.substeps
+        solved_k, solved_b = self.tool.solved_of(k, b)
+        push = k * seen + b * speed - (k - solved_k) * x - (b - solved_b) * v
+        k_c, b_c = ca.if_else(rigid, 0, k_c), ca.if_else(rigid, 0, b_c)
+        free = tool_step(integrator, t, mass, drag + solved_b, solved_k)
+        touching = tool_step(integrator, t, mass, drag + solved_b + b_c, solved_k + k_c)
+        for _ in range(self.tool.substeps):
+            (place, rate), (touched, slower) = (
+                [one * x + other * v + force * push for one, other, force in rows] for rows in (free, touching)
+            )
+            pressed = ca.logic_and(x > 0, slower < rate)
+            place, rate = ca.if_else(pressed, touched, place), ca.if_else(pressed, slower, rate)
+            stopped = ca.logic_and(rigid, place > 0)
+            # Where the new velocity moves the tool it ends at the face.
+            at_face = ca.fmin(rate, 0) if integrator in ("explicit", "exact") else -x / t
+            x, v = ca.if_else(stopped, 0, place), ca.if_else(stopped, at_face, rate)
+        return x, v
 
     def _handed(
         self, tick: Tick, steps: Expr, before: tuple[Expr, Expr], after: tuple[Expr, Expr], force: Expr, start_m: float

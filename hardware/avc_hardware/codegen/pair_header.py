@@ -315,6 +315,8 @@ def _order(tool: VirtualTool) -> list[str]:
     if tool.exchange == "held-force" and tool.solved != "nothing":
         first += "; force to hand out = avc_coupling_handed_force(its state)"
     engine = f"where the engine steps: {first}; then the step"
+    if tool.substeps > 1:
+        engine += f", {tool.substeps} internal ones of the engine for one call: the force is held over all of them"
     late = f"{_steps(tool.queued)} before this one" if tool.queued else ""
     if tool.exchange in {"held-force", "ahead"}:
         given = f"the force of {late}" if late else "that force"
