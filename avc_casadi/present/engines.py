@@ -66,7 +66,7 @@ def values_of(coupling: Coupling) -> dict[str, float]:
     found = {"K": k, "B": b, "B/K": b / k if k else 0.0, "K f": k * f, "B p f": b * p * f, "0": 0.0, "1": 1.0}
     found |= {"K p f/1000": k * p * f / 1e3, "B p f/1000": b * p * f / 1e3, "p": p, "f": f}
     h, n = max(tool.step_s), tool.substeps
-    found |= {"h": h, "h/n": h / n, "n": n, "1/T": 1 / device.sample_time_s}
+    found |= {"h": h, "h/n": h / n, "n": n, "T": device.sample_time_s, "1/T": 1 / device.sample_time_s}
     if device.max_force_n is not None:
         found["F/f"] = device.max_force_n / f
     if tool.tool_mass_kg is None:
@@ -92,7 +92,7 @@ def parameters(coupling: Coupling, engine: str, shown: str = "coupling.json", un
     if tool.integrator not in (integrators or _SEMI) and tool.tool_mass_kg is not None:
         wanted = f'integrator = "{" or ".join(integrators or _SEMI)}"'
     elif tool.substeps > 1 and not any(one["engine"] == engine and one["formula"] == "n" for one in TABLE):
-        wanted = f"substeps = 1, step_s = {max(tool.step_s) / tool.substeps:.6g}"
+        wanted = f"substeps = 1, step_s = {max(values['h/n'], values['T']):.6g}"
     if wanted:
         loop = f"integrator = {tool.integrator!r}, substeps = {tool.substeps}"
         message = f"is {engine!r}, which has no {loop} of this coupling; say {wanted} in [simulation] and make it again"

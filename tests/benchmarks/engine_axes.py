@@ -18,7 +18,7 @@ from scipy.linalg import expm
 Array = NDArray[np.float64]
 
 # A kick of the device, m/s; what grows beyond the second is taken out of the run, as engines refuse such numbers.
-_KICK_M_PER_S, _LOST_M_PER_S = 1e-3, 1e4
+_KICK_M_PER_S, _LOST_M_PER_S = 1e-3, 100.0
 # Energies below this share of the kick's are rounding.
 _ROUNDING = 1e-20
 SOLREF_WALL = '<geom type="box" pos="1 0 0" size="1 {wide} 1"/>'
@@ -125,7 +125,7 @@ class MujocoTools:
         )
         self.model.dof_damping[:] = np.broadcast_to(damping_ns_per_m, held.shape)[~held]
         self.data: Any = mujoco.MjData(self.model)
-        self.moves = ~held
+        self.moves, self.substeps = ~held, 1
         self.start_m = start_m if box else 0.0
 
     def state(self) -> tuple[Array, Array]:
@@ -138,7 +138,7 @@ class MujocoTools:
     def step(self, force_n: Array) -> None:
         """Move all by one step under a force each."""
         self.data.qfrc_applied[:] = force_n[self.moves]
-        mujoco.mj_step(self.model, self.data)
+        mujoco.mj_step(self.model, self.data, nstep=self.substeps)
 
     def stop(self, rows: NDArray[np.bool_]) -> None:
         """Bring some back to where nothing moves."""
@@ -159,6 +159,7 @@ def run(
     phase: float = 0.0,
     dropped: Callable[[int], bool] = lambda _: False,
     force_limit_n: float = np.inf,
+    tools: Any = None,
 ) -> Run:
     """Simulate all axes."""
     k, b, local = gains
@@ -169,7 +170,7 @@ def run(
     parts = [
         (np.ascontiguousarray(sampled(axis, hands, share).transpose(2, 1, 0)), share, back) for share, back in shares
     ]
-    tools = MujocoTools(
+    tools = tools or MujocoTools(
         axis.tool_mass_kg, axis.step_s, held, b if axis.engine_damps else 0.0, box=box, start_m=min(start_m, 0.0)
     )
     x, v = np.full(count, start_m), np.full(count, 0.0 if target_m is not None else _KICK_M_PER_S)

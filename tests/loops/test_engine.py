@@ -38,6 +38,19 @@ def growth(simulator, gains, steps):
     return (last / first) ** (1 / (steps / 2)) if first > 0 else 0.0
 
 
+def largest_root(simulator, gains, samples):
+    """Return the largest root a step: from device and tool over some samples and those before, the next follow."""
+    known = []
+    for start, kick in ((0.0, 1e-3), (1e-3, 0.0)):
+        k, b, local = vars(gains).values()
+        both = np.array(simulator.run(k, b, 30 * samples, local=local, start=start, kick=kick, force=np.inf))
+        spans = both.reshape(2, 30, samples).transpose(1, 0, 2).reshape(30, -1)
+        known.append(np.stack([spans[:-2], spans[1:-1], spans[2:]]) / np.abs(spans[:-2]).max(axis=1, keepdims=True))
+    before, last, after = np.concatenate(known, axis=1)
+    over = np.linalg.lstsq(np.hstack([before, last]), np.hstack([last, after]), rcond=1e-12)[0]
+    return np.abs(np.linalg.eigvals(over)).max() ** (simulator.step_s / (samples * simulator.T))
+
+
 @settings(max_examples=30, deadline=None)
 @given(
     mass=st.floats(0.02, 2.0),
@@ -51,72 +64,40 @@ def growth(simulator, gains, steps):
     local=st.sampled_from([0.0, 5.0]),
     hand=st.sampled_from([(0.05, 3.0, 200.0), (0.3, 20.0, 800.0)]),
 )
-def test_spectral_radius_is_the_growth_of_a_plain_simulation(
+def test_spectral_radius_is_the_largest_root_of_a_plain_simulation(
     mass, ratio, integrator, substeps, exchange, late, stiffness, damping, local, hand
 ):
     m, b, k = hand
     hands = f"[hands]\nmass_kg = [{m}, {m}]\ndamping_ns_per_m = [{b}, {b}]\nstiffness_n_per_m = [{k}, {k}]"
     text = (
         f"tool_mass_kg = {mass}\nstep_s = {ratio * 1e-3!r}\nintegrator = '{integrator}'\nexchange = '{exchange}'\n"
-        f"steps_late = {late}\nsubsteps = {substeps}\ncontact_stiffness_n_per_m = 0.0"
+        f"steps_late = {late}\nsubsteps = {substeps}\ntool_damping_ns_per_m = 0.7\ncontact_stiffness_n_per_m = 0.0"
     )
     gains = ToolGains(stiffness, damping, local)
     radius, worst = ToolLoops(problem(text, hands=hands)).radius(gains)
-    if not 1.05 < radius < 3:  # other loops die, or drown in rounding, before their growth can be read
+    if not 1.02 < radius < 4:  # a tool that floats has roots of 1, which are none of the loop's
         return
-    grown = []
-    for phase in (0.0, 0.37):
-        for contact in (None, "fixed"):
-            for held in ((m, b, k), (0.0, 0.0, 0.0)):
-                simulator = EngineSimulator(
-                    (0.12, 0.8, 1e-3, 1),
-                    held,
-                    (np.inf if contact else mass, 0.0),
-                    ratio * 1e-3,
-                    integrator,
-                    exchange,
-                    late,
-                    phase=phase if ratio % 1 else 0.0,
-                    substeps=substeps,
-                )
-                grown.append(growth(simulator, gains, 12 * round(3 / np.log(radius) + 1)))
-    assert max(grown) == pytest.approx(radius, rel=0.03), worst
+    whole = round(ratio * 12)  # samples until every pattern of both clocks recurs, and more than the state has
+    found = [
+        largest_root(one, gains, whole)
+        for phase in ((0.0, 0.37) if ratio % 1 else (0.0,))
+        for one in simulators(integrator, substeps, ratio, mass, exchange, 0.7, [hand], late, phase)
+    ]
+    assert max(found) == pytest.approx(radius, rel=1e-9), worst
 
 
 HANDS = [(m, b, k) for m in (0.05, 0.3) for b in (3.0, 20.0) for k in (200.0, 800.0)]
 NEW = [("exact", 1), ("exact", 3), ("semi-implicit", 2), ("semi-implicit", 7), ("implicit-damping", 4), ("implicit", 3)]
 
 
-def simulators(integrator, substeps, ratio, mass, exchange, drag, hands):
+def simulators(integrator, substeps, ratio, mass, exchange, drag, hands, late=0, phase=0.0):
     return [
-        EngineSimulator((0.12, 0.8, 1e-3, 1), hand, (tool, drag), ratio * 1e-3, integrator, exchange, substeps=substeps)
+        EngineSimulator(
+            (0.12, 0.8, 1e-3, 1), hand, (tool, drag), ratio * 1e-3, integrator, exchange, late, None, phase, substeps
+        )
         for hand in (*hands, (0.0, 0.0, 0.0))
         for tool in (mass, np.inf)
     ]
-
-
-@pytest.mark.parametrize("exchange", ["on-time", "late", "ahead", "held-force"])
-@pytest.mark.parametrize(("integrator", "substeps"), NEW)
-def test_radius_is_the_dominant_root_of_a_plain_simulation(integrator, substeps, exchange):
-    """From all of a step and the one before, of device and tool, follows the next one: that map has the roots."""
-    ratio, periods, found = 5, 40, []
-    text = (
-        f"tool_mass_kg = 0.03\nstep_s = 5e-3\ntool_damping_ns_per_m = 0.7\nintegrator = '{integrator}'\n"
-        f"substeps = {substeps}\nexchange = '{exchange}'\ncontact_stiffness_n_per_m = 0.0"
-    )
-    hands = "[hands]\nmass_kg = [0.3, 0.3]\ndamping_ns_per_m = [3, 3]\nstiffness_n_per_m = [200, 200]"
-    radius = ToolLoops(problem(text, hands=hands)).radius(ToolGains(9e4, 22.0))[0]
-    for simulator in simulators(integrator, substeps, ratio, 0.03, exchange, 0.7, [(0.3, 3.0, 200.0)]):
-        known = []
-        for start, kick in ((0.0, 1e-3), (1e-3, 0.0)):
-            both = np.array(simulator.run(9e4, 22.0, ratio * periods, kick=kick, start=start, force=np.inf))
-            steps = both.reshape(2, periods, ratio).transpose(1, 0, 2).reshape(periods, -1)
-            known.append(np.stack([steps[:-2], steps[1:-1], steps[2:]]) / np.abs(steps[:-2]).max(axis=1, keepdims=True))
-        before, last, after = np.concatenate(known, axis=1)
-        one = np.linalg.lstsq(np.hstack([before, last]), np.hstack([last, after]), rcond=1e-11)[0]
-        found.append(np.abs(np.linalg.eigvals(one)).max())
-    assert radius > 1.1
-    assert radius == pytest.approx(max(found), rel=1e-9)
 
 
 @pytest.mark.slow
