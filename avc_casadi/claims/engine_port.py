@@ -90,11 +90,8 @@ def engine_port(device: Device, hands: Hands, tool: VirtualTool, gains: ToolGain
     """Return the passivity of a coupling at the engine's port; the tool's mass and its contacts do not enter."""
     t, people = device.sample_time_s, with_released(hand_corners(hands))
     if tool.integrator == "exact" or tool.substeps > 1:
-        raise UnsupportedError(
-            "passivity at the engine's port is known of engines that move the tool by its new velocity, once for each "
-            "force of the coupling; the spectral radius of the lifted loop judges this one",
-            key="simulation.substeps" if tool.substeps > 1 else "simulation.integrator",
-        )
+        why = "passivity at the engine's port is known of steps by the new velocity, one for each force of the coupling"
+        raise UnsupportedError(f"{why}; the spectral radius of the lifted loop judges it", key="simulation.integrator")
     plant = sampled_plant(device_corners(device, LINEAR_KEYS), people)
     found = []
     for step_s in sorted(set(tool.step_s)):

@@ -89,11 +89,9 @@ class VirtualTool(t.Table):
         return "damper" if self.integrator == "implicit-damping" else "spring and damper"
 
     def solved_of(self, stiffness: Any, damping: Any) -> tuple[Any, Any]:
-        """Return the part of K and B that the integrator solves in each internal step; a force holds the rest."""
-        return (
-            stiffness if self.solved == "spring and damper" else 0.0,
-            damping if self.solved != "nothing" else 0.0,
-        )
+        """Return what of K and B each internal step solves anew; the force of the rest is held over all of them."""
+        solved = self.solved
+        return stiffness * (solved == "spring and damper"), damping * (solved != "nothing")
 
     @property
     def damped_locally(self) -> bool:
@@ -178,31 +176,31 @@ def tool_at(
     return ToolState(*(tool.scale * one for one in (mass_kg, damping_ns_per_m, stiffness, damper)))
 
 
+_Row = tuple[Any, Any, Any]
+
+
 def tool_step(
     integrator: ToolIntegrator, t: Any, mass: Any, drag: Any, stiffness: Any, doublings: int = 10
-) -> tuple[tuple[Any, Any, Any], tuple[Any, Any, Any]]:
-    """Return position and velocity of a mass on spring and damper after an internal step, of arrays or expressions.
+) -> tuple[_Row, _Row]:
+    """Return what position, velocity and a held force make of position and velocity in an internal step.
 
-    Rows of what position, velocity and the held force before it make of them. `exact` is the motion itself, as
-    integrators of high order approach it.
+    Numbers are arrays or expressions. `exact` is the motion itself, as integrators of high order approach it.
     """
     if integrator == "exact":
-        of_place, of_speed, of_force = _motion(t, drag / mass, stiffness / mass, doublings)
-        return (of_place[0], of_speed[0], of_force[0] / mass), (of_place[1], of_speed[1], of_force[1] / mass)
+        return _motion(t, mass, drag / mass, stiffness / mass, doublings)
+    solved = mass
     if integrator.startswith("implicit"):
         solved = mass + t * drag + (t * t * stiffness if integrator == "implicit" else 0.0)
-        speed = -t * stiffness / solved, mass / solved, t / solved
-    else:
-        speed = -t * stiffness / mass, 1 - t * drag / mass, t / mass
+    kept = mass if integrator.startswith("implicit") else mass - t * drag
+    speed = -t * stiffness / solved, kept / solved, t / solved
     if integrator == "explicit":
         return (1.0, t, 0.0), speed
     return (1 + t * speed[0], t * speed[1], t * speed[2]), speed
 
 
-def _motion(t: Any, drag: Any, stiffness: Any, doublings: int) -> tuple[tuple[Any, Any], ...]:
-    """Return what position, velocity and a held force of a unit mass make of both: Taylor's series, then doublings."""
+def _motion(t: Any, mass: Any, drag: Any, stiffness: Any, doublings: int) -> tuple[_Row, _Row]:
     t = t / 2**doublings
-    # Of a kick: the swing, its rate and the way under it, which a held force has as its own.
+    # After a kick: where it swings, how fast, and the way under it, by Taylor's series; then twice the time, each time.
     swing, rate, way = t, 1.0, t * t / 2
     before, term = 0.0, t
     for order in range(1, 18):
@@ -210,12 +208,9 @@ def _motion(t: Any, drag: Any, stiffness: Any, doublings: int) -> tuple[tuple[An
         swing, rate, way = swing + term, rate + (order + 1) * term / t, way + t * term / (order + 2)
     for _ in range(doublings):
         place = rate + drag * swing
-        way, swing, rate = (
-            (place + 1) * way + swing * swing,
-            swing * (place + rate),
-            rate * rate - stiffness * swing * swing,
-        )
-    return (rate + drag * swing, -stiffness * swing), (swing, rate), (way, swing)
+        way, square = (place + 1) * way + swing * swing, swing * swing
+        swing, rate = swing * (place + rate), rate * rate - stiffness * square
+    return (rate + drag * swing, swing, way / mass), (-stiffness * swing, rate, swing / mass)
 
 
 Architecture = Literal["position-position", "position-force"]

@@ -156,7 +156,6 @@ def run(
     target_m: Array | None = None,
     box: bool = False,
     start_m: float = 0.0,
-    phase: float = 0.0,
     dropped: Callable[[int], bool] = lambda _: False,
     force_limit_n: float = np.inf,
     tools: Any = None,
@@ -185,8 +184,8 @@ def run(
     number, ratio = 0, axis.step_s / t
     place, velocity = tools.state()
     for sample in range(samples):
-        while number * ratio + phase <= sample + 1e-9:
-            fresh = abs(number * ratio + phase - sample) < 1e-6
+        while number * ratio <= sample + 1e-9:
+            fresh = abs(number * ratio - sample) < 1e-6
             seen, speed = (x, (x - last) / t) if fresh else (last, (last - older) / t)
             if not dropped(number):
                 before = place, velocity
@@ -242,7 +241,6 @@ def largest_stable_n_per_m(
     local: Callable[[Array], Array],
     *,
     seconds: float = 4.0,
-    phases: tuple[float, ...] = (0.0,),
 ) -> float:
     """Return the largest K up to which no axis grows after a kick: every hand, tool free and held.
 
@@ -254,11 +252,8 @@ def largest_stable_n_per_m(
         every = np.tile(np.concatenate([hands, hands]), (len(stiffnesses), 1))
         held = np.tile(np.repeat([False, True], len(hands)), len(stiffnesses))
         count = int(seconds / axis.sample_time_s)
-        good = np.ones(len(stiffnesses), dtype=bool)
-        for phase in phases:
-            found = run(axis, every, (k, damping(k), local(k)), count, held=held, phase=phase)
-            good &= ~found.grows.reshape(len(stiffnesses), -1).any(axis=1)
-        return good
+        found = run(axis, every, (k, damping(k), local(k)), count, held=held)
+        return ~found.grows.reshape(len(stiffnesses), -1).any(axis=1)
 
     grid = near_n_per_m * np.geomspace(0.5, 1.8, 9)
     for points in (8, 8, 0):

@@ -1,4 +1,4 @@
-"""[simulation] against real engines: limits, recommended pairs at a box, minimum mass, a wheel with a game's spring.
+"""[simulation] against real engines: limits, and recommended pairs at a box.
 
 OPENBLAS_NUM_THREADS=1 nice -n 10 python tests/benchmarks/engine_boundaries.py
 
@@ -25,7 +25,6 @@ from studied import about, computed
 
 import avc_casadi as avc
 from avc_casadi.design.virtual_tool import ToolSearch
-from avc_casadi.loops.engine import ToolLoops
 from avc_casadi.model.ends import ToolGains
 from avc_casadi.model.hands import hand_corners
 from avc_casadi.model.problem import Problem
@@ -33,10 +32,6 @@ from avc_casadi.model.problem import Problem
 SEED = 5207
 OUT = Path(__file__).parent / "results" / "engine_boundaries.json"
 
-MASSES_KG, RATES_HZ = (0.05, 0.2, 1.0), (1000.0, 500.0, 200.0, 62.5)
-# And of the exchange ahead the limit with a damper of the device's own loop, which belongs to it.
-DAMPED = "ahead, damped"
-EXCHANGES = ("on-time", "late", "ahead", DAMPED)
 RANDOM, BOXES, PEOPLE = 100, 12, 200
 BEYOND = 1.3
 # Runs of the exchange ahead without that damper: light negative dampers grow slowly, and stiffnesses are low.
@@ -99,35 +94,6 @@ def in_mujoco(axis: Axis, gains: ToolGains) -> float | None:
         local,
         seconds=AHEAD_S if axis.exchange == "ahead" and not gains.local_damping_ns_per_m else 4.0,
     )
-
-
-def table_cell(mass_kg: float, rate_hz: float, exchange: str) -> dict[str, Any]:
-    """Limits of one tool at one rate: the project's by integrator, MuJoCo's where it has that integrator."""
-    axis = Axis(0.12, 0.8, 1e-3, 1.0, mass_kg, 1 / rate_hz, "ahead" if exchange == DAMPED else exchange)
-    problem = problem_of(axis)
-    found: dict[str, Any] = {}
-    for name in ("semi-implicit", "implicit-damping", "implicit"):
-        one = problem.changed(simulation={"integrator": name})
-        gains = stiffest(one) if exchange == DAMPED else ToolSearch(one).stiffest()
-        found[name] = [gains.stiffness_n_per_m, gains.damping_ns_per_m]
-        if name != "implicit":
-            engine = Axis(**(vars(axis) | {"engine_damps": name == "implicit-damping"}))
-            found[f"{name} in MuJoCo"] = in_mujoco(engine, gains)
-    if exchange == DAMPED:
-        return found
-    loops = ToolLoops(problem)
-
-    def critical(k: Any) -> Any:
-        return 2 * np.sqrt(k * mass_kg)
-
-    grid = np.geomspace(1.0, 1e5, 600)
-    stable = [loops.stable(ToolGains(float(k), float(critical(k)))) for k in grid]
-    default = float(grid[int(np.argmin(stable)) - 1]) if stable[0] else 0.0
-    found["default damping"] = default
-    found["default damping in MuJoCo"] = (
-        largest_stable_n_per_m(axis, corners(problem), default, critical, np.zeros_like) if default else None
-    )
-    return found
 
 
 def drawn(index: int, last_mass_kg: float = 2.0) -> Axis:
@@ -245,121 +211,11 @@ def box_cell(index: int) -> dict[str, Any]:
     }
 
 
-# Steering wheel of simulators: moment of inertia, drag, radius of the rim, as in the project's guide.
-WHEEL = """[device]
-motion = "rotary"
-handle_radius_m = 0.15
-inertia_kgm2 = 0.05
-damping_nms_per_rad = 0.02
-delay_samples = 1
-max_torque_nm = 8.0
-[simulation]
-step_s = {step_s!r}
-exchange = "held-force"
-steps_late = {frames}
-stiffness_nm_per_rad = {spring!r}
-"""
-SPRINGS_NM_PER_RAD, FRAMES = (2.0, 8.0, 20.0), (0, 1, 2)
-
-
-def wheel_cell(spring: float, frames: int) -> dict[str, Any]:
-    """Dampers of the wheel's own loop with which a game's spring at 60 Hz holds: the project's, and simulated ones."""
-    problem = avc.parse_problem(WHEEL.format(step_s=1 / 60, frames=frames, spring=spring))
-    axis = Axis(0.05, 0.02, 1e-3, 1.0, 1.0, 1 / 60, "held-force", steps_late=frames)
-    hands = corners(problem) * 0.15**2
-    dampers = np.geomspace(0.02, 200.0, 60)
-    loops = ToolLoops(problem)
-    stated = [loops.stable(ToolGains(spring, 0.0, float(one))) for one in dampers]
-    every, local = np.tile(hands, (len(dampers), 1)), np.repeat(dampers, len(hands))
-    good = np.ones(len(dampers), dtype=bool)
-    for phase in (0.0, 0.5):
-        k, none = np.full(len(local), spring), np.zeros(len(local))
-        found = run(axis, every, (k, none, local), 9_000, held=np.ones(len(local), dtype=bool), phase=phase)
-        good &= ~found.grows.reshape(len(dampers), -1).any(axis=1)
-    answer = avc.recommend(problem, hands=20)
-    recommended = None if answer.coupling is None else answer.coupling.gains.local_damping_ns_per_m
-    return {
-        "project": _range(dampers, stated),
-        "simulated": _range(dampers, good.tolist()),
-        "apart": int(sum(one != other for one, other in zip(stated, good, strict=True))),
-        "recommended": recommended,
-        "reason": answer.reason,
-    }
-
-
-def _range(values: Array, good: list[bool]) -> list[float] | None:
-    some = values[np.array(good)]
-    return [float(some.min()), float(some.max())] if len(some) else None
-
-
-def passive_mass_kg(k: float, b: float, drag: float, t: float) -> float:
-    """Return the lightest passive tool by frequencies: sampled-data passivity of a device with this drag, on-time.
-
-    Colgate and Schenkel's condition drag > T/2 Re((1 - 1/z) H(z)) / (1 - cos(w T)) with H of coupling and a mass moved
-    by semi-implicit Euler at T; bisected. Infinite where a rigid end is not passive either.
-    """
-    angle = np.linspace(1e-3, math.pi, 4000)
-    z = np.exp(1j * angle)
-    joined = k + b * (1 - 1 / z) / t
-
-    def passive(mass: float) -> bool:
-        # Position of the mass for a force, before the step: T^2 / m * z / (z - 1)^2; its speed T / m / (z - 1).
-        compliance = t * t / mass * z / (z - 1) ** 2
-        h = joined / (1 + k * compliance + b * t / mass / (z - 1))
-        return bool(np.all(drag > t / 2 * ((1 - 1 / z) * h).real / (1 - np.cos(angle))))
-
-    if not passive(1e6):
-        return math.inf
-    # A tool this light, or lighter, is unstable on a device that stands still: its pole is at -1.
-    low, high = t / 2 * (b + k * t / 2), 1e6
-    while high > 1.0005 * low:
-        middle = math.sqrt(low * high)
-        low, high = (low, middle) if passive(middle) else (middle, high)
-    return high
-
-
-def mass_cell(index: int) -> dict[str, Any]:
-    """Minimum mass for passivity, by frequencies and in closed form, and the project's verdict on it."""
-    random = np.random.default_rng([SEED, index, 2])
-    t, drag = float(random.choice([0.5e-3, 1e-3, 2e-3])), float(np.exp(random.uniform(np.log(0.3), np.log(5))))
-    share, split = random.uniform(0.05, 0.9), random.uniform(0.1, 0.9)
-    c = share * drag  # B + K T/2, below the drag: the condition of Colgate and Schenkel for a rigid end
-    b, k = split * c, 2 * (1 - split) * c / t
-    mass = passive_mass_kg(k, b, drag, t)
-    axis = Axis(0.12, drag, t, 0.0, mass, t, "on-time")
-    loops = ToolLoops(problem_of(axis))
-    lighter = next(
-        (
-            factor
-            for factor in np.geomspace(1.0, 1e-4, 60)
-            if not ToolLoops(problem_of(Axis(**(vars(axis) | {"tool_mass_kg": factor * mass})))).stable(ToolGains(k, b))
-        ),
-        0.0,
-    )
-    return {
-        "numbers": [k, b, drag, t],
-        "by_frequencies_kg": mass,
-        "closed_form_kg": t / 2 * drag * c / (drag - c),
-        "stable_there": loops.stable(ToolGains(k, b)),
-        "unstable_below_kg": float(lighter * mass),
-    }
-
-
 def cells() -> dict[str, Callable[[], dict[str, Any]]]:
     """Return every cell by name."""
     found: dict[str, Callable[[], dict[str, Any]]] = {}
     found |= {f"random {index}": partial(random_cell, index) for index in range(RANDOM)}
     found |= {f"box {index}": partial(box_cell, index) for index in range(BOXES)}
-    found |= {f"mass {index}": partial(mass_cell, index) for index in range(20)}
-    found |= {
-        f"wheel {spring:g} {frames}": partial(wheel_cell, spring, frames)
-        for spring in SPRINGS_NM_PER_RAD
-        for frames in FRAMES
-    }
-    for exchange in EXCHANGES:
-        for mass in MASSES_KG:
-            for rate in RATES_HZ:
-                found[f"table {mass:g} {rate:g} {exchange}"] = partial(table_cell, mass, rate, exchange)
     return found
 
 

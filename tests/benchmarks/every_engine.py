@@ -2,7 +2,7 @@
 
 OPENBLAS_NUM_THREADS=1 nice -n 10 python tests/benchmarks/every_engine.py
 
-Needs `pip install mujoco pybullet dartpy Box2D pymunk drake`. Device, hand and coupling are engine_axes.py's; each engine
+Needs `pip install mujoco pybullet dartpy Box2D pymunk drake`. Device, hand and coupling are engine_axes.py's; an engine
 moves tools without contact. Overwrites results/every_engine.json after every cell and goes on where it stopped.
 """
 
@@ -12,13 +12,14 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import cache, partial
+from importlib import import_module
 from importlib.metadata import version
+from itertools import count
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
-import mujoco
 import numpy as np
-from engine_axes import Array, Axis, MujocoTools, run
+from engine_axes import Axis, MujocoTools, run
 from engine_boundaries import BEYOND, SEED, corners, drawn, problem_of
 from script_arguments import script_arguments
 from studied import about, computed
@@ -27,191 +28,172 @@ import avc_casadi as avc
 from avc_casadi.design.virtual_tool import ToolSearch
 
 OUT = Path(__file__).parent / "results" / "every_engine.json"
-PAIRS, SOFTER = 12, 0.7
+PAIRS, SOFTER, SECONDS = 12, 0.7, 8.0
 
 
-class Bodies:
-    """Tools of one engine along x, far from each other; those that are held stay at 0."""
+class Bodies(NamedTuple):
+    """Tools of one engine that move along x: place and velocity of one, its force, a step of all, one stopped at 0."""
 
-    def __init__(self, mass_kg: float, step_s: float, held: Any, substeps: int = 1) -> None:
-        self.mass_kg, self.step_s, self.moves, self.substeps = mass_kg, step_s, ~held, substeps
-        self.make(int(self.moves.sum()))
+    known: Callable[[int], Any]
+    push: Callable[[int, float], Any]
+    advance: Callable[[], Any]
+    rest: Callable[[int], Any]
 
-    def state(self) -> tuple[Array, Array]:
-        """Return positions and velocities, shape (n,)."""
+
+class Tools:
+    """Tools of one engine; those that are held stay at 0."""
+
+    def __init__(self, engine: Callable[..., Bodies], mass_kg: float, step_s: float, held: Any, substeps: int) -> None:
+        self.moves = ~held
+        self.rows = range(int(self.moves.sum()))
+        self.bodies = engine(mass_kg, step_s, substeps, self.rows)
+
+    def state(self) -> Any:
+        """Return positions and velocities, shape (2, n)."""
         found = np.zeros((2, len(self.moves)))
-        found[:, self.moves] = np.transpose(self.known())
-        return found[0], found[1]
+        found[:, self.moves] = np.transpose([self.bodies.known(row) for row in self.rows])
+        return found
 
-    def step(self, force_n: Array) -> None:
+    def step(self, force_n: Any) -> None:
         """Move all by one step under a force each."""
-        self.push(force_n[self.moves].tolist())
+        for row, force in zip(self.rows, force_n[self.moves].tolist(), strict=True):
+            self.bodies.push(row, force)
+        self.bodies.advance()
 
     def stop(self, rows: Any) -> None:
         """Bring some back to where nothing moves."""
-        for place in np.flatnonzero(rows[self.moves]).tolist():
-            self.rest(place)
+        for row in np.flatnonzero(rows[self.moves]).tolist():
+            self.bodies.rest(row)
 
 
-class Pybullet(Bodies):
-    def make(self, count: int) -> None:
-        import pybullet  # noqa: PLC0415
+def of_pybullet(mass_kg: float, step_s: float, substeps: int, rows: range) -> Bodies:
+    p = import_module("pybullet")
+    if not p.isConnected():
+        p.connect(p.DIRECT)
+    p.resetSimulation()
+    p.setTimeStep(step_s)
+    p.setPhysicsEngineParameter(numSubSteps=substeps)
+    for row in rows:
+        p.createMultiBody(mass_kg, p.createCollisionShape(p.GEOM_SPHERE, radius=0.02), basePosition=[0, row, 0])
+        p.changeDynamics(row, -1, linearDamping=0)
 
-        self.p = p = pybullet
-        if not p.isConnected():
-            p.connect(p.DIRECT)
-        p.resetSimulation()
-        p.setTimeStep(self.step_s)
-        p.setPhysicsEngineParameter(numSubSteps=self.substeps)
-        ball = p.createCollisionShape(p.GEOM_SPHERE, radius=0.02)
-        self.all = [p.createMultiBody(self.mass_kg, ball, basePosition=[0, row, 0]) for row in range(count)]
-        for one in self.all:
-            p.changeDynamics(one, -1, linearDamping=0)
+    def place(row: int) -> Any:
+        return p.getBasePositionAndOrientation(row)[0]
 
-    def known(self) -> list[tuple[float, float]]:
-        places = (self.p.getBasePositionAndOrientation(one)[0][0] for one in self.all)
-        return [(x, self.p.getBaseVelocity(one)[0][0]) for x, one in zip(places, self.all, strict=True)]
+    def rest(row: int) -> None:
+        p.resetBasePositionAndOrientation(row, [0, row, 0], [0, 0, 0, 1])
+        p.resetBaseVelocity(row, [0, 0, 0], [0, 0, 0])
 
-    def push(self, forces: list[float]) -> None:
-        for one, force in zip(self.all, forces, strict=True):
-            place = self.p.getBasePositionAndOrientation(one)[0]
-            self.p.applyExternalForce(one, -1, [force, 0, 0], place, self.p.WORLD_FRAME)
-        self.p.stepSimulation()
-
-    def rest(self, place: int) -> None:
-        self.p.resetBasePositionAndOrientation(self.all[place], [0, place, 0], [0, 0, 0, 1])
-        self.p.resetBaseVelocity(self.all[place], [0, 0, 0], [0, 0, 0])
+    return Bodies(
+        lambda row: (place(row)[0], p.getBaseVelocity(row)[0][0]),
+        lambda row, force: p.applyExternalForce(row, -1, [force, 0, 0], place(row), p.WORLD_FRAME),
+        p.stepSimulation,
+        rest,
+    )
 
 
-class Dart(Bodies):
-    def make(self, count: int) -> None:
-        import dartpy  # noqa: PLC0415
-
-        self.world = dartpy.simulation.World()
-        self.world.setTimeStep(self.step_s)
-        self.world.setGravity([0, 0, 0])
-        self.all = [dartpy.dynamics.Skeleton(str(row)) for row in range(count)]
-        for one in self.all:
-            one.createPrismaticJointAndBodyNodePair()[1].setMass(self.mass_kg)
-            self.world.addSkeleton(one)
-
-    def known(self) -> list[tuple[float, float]]:
-        return [(one.getPositions()[0], one.getVelocities()[0]) for one in self.all]
-
-    def push(self, forces: list[float]) -> None:
-        for one, force in zip(self.all, forces, strict=True):
-            one.setForces([force])
-        self.world.step()
-
-    def rest(self, place: int) -> None:
-        self.all[place].setPositions([0.0])
-        self.all[place].setVelocities([0.0])
+def of_dart(mass_kg: float, step_s: float, _: int, rows: range) -> Bodies:
+    dart = import_module("dartpy")
+    world, every = dart.simulation.World(), [dart.dynamics.Skeleton(str(row)) for row in rows]
+    world.setTimeStep(step_s)
+    world.setGravity([0, 0, 0])
+    for one in every:
+        one.createPrismaticJointAndBodyNodePair()[1].setMass(mass_kg)
+        world.addSkeleton(one)
+    return Bodies(
+        lambda row: (every[row].getPositions()[0], every[row].getVelocities()[0]),
+        lambda row, force: every[row].setForces([force]),
+        world.step,
+        lambda row: (every[row].setPositions([0.0]), every[row].setVelocities([0.0])),
+    )
 
 
-class Box2d(Bodies):
-    def make(self, count: int) -> None:
-        import Box2D  # noqa: PLC0415
+def of_box2d(mass_kg: float, step_s: float, _: int, rows: range) -> Bodies:
+    box = import_module("Box2D")
+    world = box.b2World(gravity=(0, 0), doSleep=False)
+    every = [world.CreateDynamicBody() for row in rows]
+    for one in every:
+        one.massData = box.b2MassData(mass=mass_kg, I=1.0)
 
-        self.world = Box2D.b2World(gravity=(0, 0), doSleep=False)
-        self.all = [self.world.CreateDynamicBody(position=(0, row)) for row in range(count)]
-        for one in self.all:
-            one.massData = Box2D.b2MassData(mass=self.mass_kg, I=1.0)
+    def rest(row: int) -> None:
+        every[row].position = every[row].linearVelocity = (0, 0)
 
-    def known(self) -> list[tuple[float, float]]:
-        return [(one.position.x, one.linearVelocity.x) for one in self.all]
-
-    def push(self, forces: list[float]) -> None:
-        for one, force in zip(self.all, forces, strict=True):
-            one.ApplyForceToCenter((force, 0), True)
-        self.world.Step(self.step_s, 8, 3)
-
-    def rest(self, place: int) -> None:
-        self.all[place].position, self.all[place].linearVelocity = (0, place), (0, 0)
+    return Bodies(
+        lambda row: (every[row].position.x, every[row].linearVelocity.x),
+        lambda row, force: every[row].ApplyForceToCenter((force, 0), True),
+        partial(world.Step, step_s, 8, 3),
+        rest,
+    )
 
 
-class Pymunk(Bodies):
-    def make(self, count: int) -> None:
-        import pymunk  # noqa: PLC0415
+def of_pymunk(mass_kg: float, step_s: float, _: int, rows: range) -> Bodies:
+    munk = import_module("pymunk")
+    space, every = munk.Space(), [munk.Body(mass_kg, 1.0) for row in rows]
+    space.add(*every)
 
-        self.world = pymunk.Space()
-        self.all = [pymunk.Body(self.mass_kg, 1.0) for _ in range(count)]
-        self.world.add(*self.all)
+    def rest(row: int) -> None:
+        every[row].position = every[row].velocity = (0, 0)
 
-    def known(self) -> list[tuple[float, float]]:
-        return [(one.position.x, one.velocity.x) for one in self.all]
-
-    def push(self, forces: list[float]) -> None:
-        for one, force in zip(self.all, forces, strict=True):
-            one.force = (force, 0)
-        self.world.step(self.step_s)
-
-    def rest(self, place: int) -> None:
-        self.all[place].position = self.all[place].velocity = (0, 0)
+    return Bodies(
+        lambda row: (every[row].position.x, every[row].velocity.x),
+        lambda row, force: every[row].apply_force_at_local_point((force, 0)),
+        partial(space.step, step_s),
+        rest,
+    )
 
 
-class Drake(Bodies):
-    discrete = True
+def of_drake(mass_kg: float, step_s: float, _: int, rows: range, *, discrete: bool) -> Bodies:
+    tree = import_module("pydrake.multibody.tree")
+    plant = import_module("pydrake.multibody.plant").MultibodyPlant(step_s if discrete else 0.0)
+    for row in rows:
+        body = plant.AddRigidBody(str(row), tree.SpatialInertia.SolidSphereWithMass(mass_kg, 0.02))
+        plant.AddJoint(tree.PrismaticJoint(str(row), plant.world_frame(), body.body_frame(), [1, 0, 0]))
+    plant.mutable_gravity_field().set_gravity_vector([0, 0, 0])
+    plant.Finalize()
+    simulator, forces, steps = import_module("pydrake.systems.analysis").Simulator(plant), np.zeros(len(rows)), count(1)
+    context = simulator.get_mutable_context()
 
-    def make(self, count: int) -> None:
-        from pydrake.multibody import plant, tree  # noqa: PLC0415
-        from pydrake.systems.analysis import Simulator  # noqa: PLC0415
+    def advance() -> None:
+        plant.get_applied_generalized_force_input_port().FixValue(context, forces)
+        simulator.AdvanceTo(next(steps) * step_s)
 
-        self.plant = plant.MultibodyPlant(self.step_s if self.discrete else 0.0)
-        for row in range(count):
-            inertia = tree.SpatialInertia.SolidSphereWithMass(self.mass_kg, 0.02)
-            frame = self.plant.AddRigidBody(str(row), inertia).body_frame()
-            self.plant.AddJoint(tree.PrismaticJoint(str(row), self.plant.world_frame(), frame, [1, 0, 0]))
-        self.plant.mutable_gravity_field().set_gravity_vector([0, 0, 0])
-        self.plant.Finalize()
-        self.simulator, self.steps = Simulator(self.plant), 0
-        self.context = self.simulator.get_mutable_context()
-        self.simulator.Initialize()
+    def rest(row: int) -> None:
+        state = plant.GetPositionsAndVelocities(context)
+        state[row :: len(rows)] = 0.0
+        plant.SetPositionsAndVelocities(context, state)
 
-    def known(self) -> Array:
-        return np.asarray(self.plant.GetPositionsAndVelocities(self.context)).reshape(2, -1).T
-
-    def push(self, forces: list[float]) -> None:
-        self.plant.get_applied_generalized_force_input_port().FixValue(self.context, np.array(forces))
-        self.steps += 1
-        self.simulator.AdvanceTo(self.steps * self.step_s)
-
-    def rest(self, place: int) -> None:
-        state = self.known()
-        state[place] = 0.0
-        self.plant.SetPositionsAndVelocities(self.context, state.T.ravel())
+    return Bodies(
+        lambda row: plant.GetPositionsAndVelocities(context)[row :: len(rows)],
+        forces.__setitem__,
+        advance,
+        rest,
+    )
 
 
-class Continuous(Drake):
-    discrete = False
-
-
-def of_mujoco(mass_kg: float, step_s: float, held: Any, substeps: int = 1, *, exact: bool = False) -> MujocoTools:
-    """Return tools of MuJoCo, by Euler or RK4."""
+def of_mujoco(mass_kg: float, step_s: float, held: Any, substeps: int, integrator: int = 0) -> MujocoTools:
+    """Return tools of MuJoCo, by Euler (0) or RK4 (1)."""
     tools = MujocoTools(mass_kg, step_s / substeps, held)
-    tools.substeps = substeps
-    if exact:
-        tools.model.opt.integrator = mujoco.mjtIntegrator.mjINT_RK4
+    tools.substeps, tools.model.opt.integrator = substeps, integrator
     return tools
 
 
-# By name: integrator and substeps of [simulation], what makes the tools, and the package.
-SEMI = {"integrator": "semi-implicit"}
-ENGINES: dict[str, tuple[Mapping[str, Any], Callable[..., Any], str]] = {
-    "MuJoCo, Euler": (SEMI, of_mujoco, "mujoco"),
-    "PyBullet": (SEMI, Pybullet, "pybullet"),
-    "DART": (SEMI, Dart, "dartpy"),
-    "Box2D": (SEMI, Box2d, "Box2D"),
-    "Drake, discrete": (SEMI, Drake, "drake"),
-    "pymunk": ({"integrator": "explicit"}, Pymunk, "pymunk"),
-    "MuJoCo, RK4": ({"integrator": "exact"}, partial(of_mujoco, exact=True), "mujoco"),
-    "Drake, continuous": ({"integrator": "exact"}, Continuous, "drake"),
-    "MuJoCo, Euler, nstep 4": (SEMI | {"substeps": 4}, of_mujoco, "mujoco"),
-    "PyBullet, numSubSteps 4": (SEMI | {"substeps": 4}, Pybullet, "pybullet"),
+# By name: package, integrator and substeps of [simulation], what makes the tools.
+ENGINES: dict[str, tuple[str, tuple[str, int], Callable[..., Any]]] = {
+    "MuJoCo, Euler": ("mujoco", ("semi-implicit", 1), of_mujoco),
+    "PyBullet": ("pybullet", ("semi-implicit", 1), partial(Tools, of_pybullet)),
+    "DART": ("dartpy", ("semi-implicit", 1), partial(Tools, of_dart)),
+    "Box2D": ("Box2D", ("semi-implicit", 1), partial(Tools, of_box2d)),
+    "Drake, discrete": ("drake", ("semi-implicit", 1), partial(Tools, partial(of_drake, discrete=True))),
+    "pymunk": ("pymunk", ("explicit", 1), partial(Tools, of_pymunk)),
+    "MuJoCo, RK4": ("mujoco", ("exact", 1), partial(of_mujoco, integrator=1)),
+    "Drake, continuous": ("drake", ("exact", 1), partial(Tools, partial(of_drake, discrete=False))),
+    "MuJoCo, Euler, nstep 4": ("mujoco", ("semi-implicit", 4), of_mujoco),
+    "PyBullet, numSubSteps 4": ("pybullet", ("semi-implicit", 4), partial(Tools, of_pybullet)),
 }
 
 
 @cache
-def asked(index: int, integrator: str, substeps: int = 1) -> tuple[Axis, Any, Any]:
+def asked(index: int, integrator: str, substeps: int) -> tuple[Axis, Any, Any]:
     """Return a drawn device and engine, what is recommended for it, and the stiffest pair."""
     axis = replace(drawn(20_000 + index, 0.5), engine_damps=False)
     problem = problem_of(axis, integrator=integrator, substeps=substeps).changed(device={"max_force_n": 10.0})
@@ -221,38 +203,26 @@ def asked(index: int, integrator: str, substeps: int = 1) -> tuple[Axis, Any, An
 
 def cell(name: str, index: int) -> dict[str, Any]:
     """Count the axes that grow with the recommended pair, with 0.7 of it and beyond the limit."""
-    keys, make, _ = ENGINES[name]
-    axis, gains, limit = asked(index, **keys)
-    hands = corners(problem_of(axis))
-    softer = None if gains is None else gains.times(SOFTER)
-    tried = {
-        "recommended": gains,
-        "softer": softer,
-        "beyond": replace(limit, stiffness_n_per_m=BEYOND * limit.stiffness_n_per_m),
-    }
-    grown = {}
+    _, loop, make = ENGINES[name]
+    axis, gains, limit = asked(index, *loop)
+    hands, grown = corners(problem_of(axis)), {}
+    held = np.repeat([False, True], len(hands))
+    tried = {"beyond": replace(limit, stiffness_n_per_m=BEYOND * limit.stiffness_n_per_m)}
+    tried |= {} if gains is None else {"recommended": gains, "softer": gains.times(SOFTER)}
     for which, pair in tried.items():
-        if pair is None:
-            continue
-        every, held = np.tile(hands, (2, 1)), np.repeat([False, True], len(hands))
-        numbers = tuple(np.full(len(every), one) for one in vars(pair).values())
-        tools = make(axis.tool_mass_kg, axis.step_s, held, keys.get("substeps", 1))
-        samples = math.ceil(4.0 / axis.sample_time_s)
-        grown[which] = int(run(axis, every, numbers, samples, held=held, tools=tools).grows.sum())
-    return {
-        "axis": vars(axis),
-        "gains": gains and vars(gains),
-        "limit": vars(limit),
-        "grown": grown,
-        "of": 2 * len(hands),
-    }
+        numbers: Any = tuple(np.full(len(held), one) for one in vars(pair).values())
+        tools, samples = make(axis.tool_mass_kg, axis.step_s, held, loop[1]), math.ceil(SECONDS / axis.sample_time_s)
+        grown[which] = int(run(axis, np.tile(hands, (2, 1)), numbers, samples, held=held, tools=tools).grows.sum())
+    return {"axis": vars(axis), "gains": gains and vars(gains), "limit": vars(limit), "grown": grown}
 
 
 def main() -> None:
     script_arguments(__doc__)
     told = about("python tests/benchmarks/every_engine.py", SEED)
-    told["versions"] |= {package: version(package) for _, _, package in ENGINES.values()}
-    cells = {f"{name} {index}": partial(cell, name, index) for name in ENGINES for index in range(PAIRS)}
+    told["versions"] |= {package: version(package) for package, _, _ in ENGINES.values()}
+    cells: Mapping[str, Any] = {
+        f"{name} {index}": partial(cell, name, index) for name in ENGINES for index in range(PAIRS)
+    }
     computed(cells, OUT, told)
 
 

@@ -13,29 +13,13 @@ import avc_casadi as avc
 from avc_casadi.design.virtual_tool import CouplingSearch, Scale, ToolSearch
 from avc_casadi.loops.engine import Engine, ToolLoops, clocks
 from avc_casadi.loops.loop import Body
-from avc_casadi.model.ends import RIGID_N_PER_M, ToolGains, ToolState, VirtualTool, tool_states
+from avc_casadi.model.ends import RIGID_N_PER_M, ToolGains, VirtualTool, tool_states
 
 DEVICE = "[device]\nmass_kg = 0.12\ndamping_ns_per_m = 0.8\ndelay_samples = 1\n"
 
 
 def problem(simulation, device=DEVICE, hands=""):
     return avc.parse_problem(f"{device}[simulation]\n{simulation}\n{hands}")
-
-
-def growth(simulator, gains, steps):
-    """Return by how much a loop grows in a step of the engine, from the last quarter of a long run."""
-    samples = round(steps * simulator.step_s / simulator.T)
-    device, tool = simulator.run(
-        gains.stiffness_n_per_m,
-        gains.damping_ns_per_m,
-        samples,
-        local=gains.local_damping_ns_per_m,
-        kick=1e-3,
-        force=np.inf,
-    )
-    size = np.diff(device) ** 2 + np.diff(tool) ** 2
-    first, last = size[samples // 2 : 3 * samples // 4].sum(), size[3 * samples // 4 :].sum()
-    return (last / first) ** (1 / (steps / 2)) if first > 0 else 0.0
 
 
 def largest_root(simulator, gains, samples):
@@ -71,7 +55,8 @@ def test_spectral_radius_is_the_largest_root_of_a_plain_simulation(
     hands = f"[hands]\nmass_kg = [{m}, {m}]\ndamping_ns_per_m = [{b}, {b}]\nstiffness_n_per_m = [{k}, {k}]"
     text = (
         f"tool_mass_kg = {mass}\nstep_s = {ratio * 1e-3!r}\nintegrator = '{integrator}'\nexchange = '{exchange}'\n"
-        f"steps_late = {late}\nsubsteps = {substeps}\ntool_damping_ns_per_m = 0.7\ncontact_stiffness_n_per_m = 0.0"
+        f"steps_late = {late}\nsubsteps = {substeps}\ntool_damping_ns_per_m = 0.7\n"
+        "contact_stiffness_n_per_m = 900.0\ncontact_damping_ns_per_m = 5.0"
     )
     gains = ToolGains(stiffness, damping, local)
     radius, worst = ToolLoops(problem(text, hands=hands)).radius(gains)
@@ -81,7 +66,8 @@ def test_spectral_radius_is_the_largest_root_of_a_plain_simulation(
     found = [
         largest_root(one, gains, whole)
         for phase in ((0.0, 0.37) if ratio % 1 else (0.0,))
-        for one in simulators(integrator, substeps, ratio, mass, exchange, 0.7, [hand], late, phase)
+        for contact in (None, (900.0, 5.0))
+        for one in simulators(integrator, substeps, ratio, mass, exchange, 0.7, [hand], late, phase, contact)
     ]
     assert max(found) == pytest.approx(radius, rel=1e-9), worst
 
@@ -90,10 +76,10 @@ HANDS = [(m, b, k) for m in (0.05, 0.3) for b in (3.0, 20.0) for k in (200.0, 80
 NEW = [("exact", 1), ("exact", 3), ("semi-implicit", 2), ("semi-implicit", 7), ("implicit-damping", 4), ("implicit", 3)]
 
 
-def simulators(integrator, substeps, ratio, mass, exchange, drag, hands, late=0, phase=0.0):
+def simulators(integrator, substeps, ratio, mass, exchange, drag, hands, late=0, phase=0.0, contact=None):
     return [
         EngineSimulator(
-            (0.12, 0.8, 1e-3, 1), hand, (tool, drag), ratio * 1e-3, integrator, exchange, late, None, phase, substeps
+            (0.12, 0.8, 1e-3, 1), hand, (tool, drag), ratio * 1e-3, integrator, exchange, late, contact, phase, substeps
         )
         for hand in (*hands, (0.0, 0.0, 0.0))
         for tool in (mass, np.inf)
@@ -111,8 +97,9 @@ def test_limit_is_that_of_a_plain_simulation(integrator, substeps, exchange):
     limit = ToolSearch(problem(text)).stiffest()
     for share, holds in ((0.99, True), (1.01, False)):
         gains = ToolGains(share * limit.stiffness_n_per_m, limit.damping_ns_per_m)
-        grown = [growth(one, gains, 4000) for one in simulators(integrator, substeps, 4, 0.05, exchange, 0.0, HANDS)]
-        assert (max(grown) < 1) == holds
+        every = simulators(integrator, substeps, 4, 0.05, exchange, 0.0, HANDS)
+        # A released device with a free tool floats: its root is 1.
+        assert (max(largest_root(one, gains, 20) for one in every) < 1 + 1e-6) == holds
 
 
 @pytest.mark.slow
@@ -158,22 +145,6 @@ T = 1e-3
 
 def engine(**keys):
     return VirtualTool.model_validate({"tool_mass_kg": 0.2, "step_s": 4e-3} | keys)
-
-
-INTEGRATORS = {
-    "semi-implicit": lambda m, c, k, t: np.array(
-        [[1 - t**2 * k / m, t * (1 - t * c / m)], [-t * k / m, 1 - t * c / m]]
-    ),
-    "explicit": lambda m, c, k, t: np.array([[1, t], [-t * k / m, 1 - t * c / m]]),
-    "implicit": lambda m, c, k, t: np.linalg.inv([[1, -t], [t * k / m, 1 + t * c / m]]),
-}
-
-
-@pytest.mark.parametrize("integrator", INTEGRATORS)
-def test_a_tool_in_contact_moves_as_its_integrator_has_it(integrator):
-    tool, step_s = ToolState(0.2, 0.7, 900.0, 5.0), 4e-3
-    loop = Engine(Body.driven(T), clocks(step_s, T)[0], engine(integrator=integrator), [tool])
-    np.testing.assert_allclose(loop.alone()[0], INTEGRATORS[integrator](0.2, 5.7, 900.0, step_s), rtol=1e-9)
 
 
 @pytest.mark.parametrize("ratio", [1.0, 4.0, 2.5])
