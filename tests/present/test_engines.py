@@ -61,7 +61,7 @@ def test_line_of_the_page_is_spring_and_damper_in_mujoco(keys, integrator, subst
     [
         ('integrator = "exact"', "pybullet", 'integrator = "semi-implicit"'),
         ('integrator = "implicit"', "imstk", 'integrator = "semi-implicit"'),
-        ("substeps = 4", "unity", "substeps = 1, step_s = 0.0005"),
+        ("substeps = 2", "unity", "substeps = 1, step_s = 0.001"),
     ],
 )
 def test_another_loop_of_the_engine_is_refused_with_what_to_say(keys, engine, instead):
