@@ -25,68 +25,74 @@ if TYPE_CHECKING:
 
     Loops = tuple[FloatArray, FloatArray, FloatArray]
 
-DEAD_ZONE_STEPS = 0.75
-"""Half width of the dead zone in encoder steps: half a step of quantisation and a quarter for model error."""
 
-# Sample time of the guesses; at shorter ones the filter is as fast in seconds, at longer ones in samples.
-_USUAL_SAMPLE_TIME_S = 1e-3
+@dataclass(frozen=True)
+class _Guess:
+    """Weights of a regulator, noises of its filter, and the hand and the resonance that they assume.
+
+    Noises by the force that moves the lightest device and hand by one unit of the encoder's noise in a sample.
+    """
+
+    position: float  # weight, relative to that of the force
+    velocity: float  # weight, in units of sqrt(K m)
+    walk: float  # noise of the push
+    motor: float  # noise of the force on the motor
+    handle: float  # and on the handle
+    hand: tuple[float, float, float]  # mass, damping and stiffness, over the middles of their ranges
+    mode: tuple[float, float] = (1.0, 0.0)  # frequency over the declared one, and damping ratio
+
+
+# A stiff regulator behind a slow filter twice, and a soft one: middles of what suits devices drawn at random.
+_RIGID = (
+    _Guess(17.0, 1.9, 0.0065, 0.64, 0.0, (0.15, 3.2, 1.7)),
+    _Guess(20.0, 2.0, 0.0022, 0.12, 0.0, (0.13, 1.4, 4.9)),
+    _Guess(2.2, 0.4, 0.009, 0.6, 0.0, (0.43, 1.4, 3.8)),
+)
+_RESONANT = (
+    _Guess(22.0, 0.96, 0.0025, 0.16, 0.13, (0.25, 2.2, 4.7), (0.81, 0.09)),
+    _Guess(20.0, 2.0, 0.0022, 0.12, 0.11, (0.13, 1.4, 4.9), (0.87, 0.16)),
+    _Guess(2.2, 0.4, 0.009, 0.6, 0.23, (0.43, 1.4, 3.8), (0.87, 0.16)),
+)
+GUESSES = range(len(_RIGID))
 # Regularises states without weight or noise.
 _NOTHING = 1e-9
-# Relative distance of the point of inverse iteration from a pole.
-_BESIDE = 1e-9
-_HAND = ("mass_kg", "damping_ns_per_m", "stiffness_n_per_m")
-_LEAST = (0.01, 1.0, 10.0)
-# Of each guess, for a rigid device and for one with a resonance: position and velocity weight relative to that of the
-# force, velocities in units of sqrt(K m).
-_WEIGHTS = {True: ((17.0, 1.9), (20.0, 2.0), (2.2, 0.4)), False: ((22.0, 0.96), (20.0, 2.0), (2.2, 0.4))}
-# Noises: walk of the push, force on motor and on handle, by the force that moves the lightest device and hand by one
-# unit of the encoder's noise in a sample.
-_NOISES = {
-    True: ((0.0065, 0.64, 0.0), (0.0022, 0.12, 0.0), (0.009, 0.6, 0.0)),
-    False: ((0.0025, 0.16, 0.13), (0.0022, 0.12, 0.11), (0.009, 0.6, 0.23)),
-}
-# Believed mass, damping and stiffness of the hand, relative to the middle of its ranges; frequency and damping ratio of
-# the resonance, the frequency relative to the declared one.
-_HANDS = {
-    True: ((0.15, 3.2, 1.7), (0.13, 1.4, 4.9), (0.43, 1.4, 3.8)),
-    False: ((0.25, 2.2, 4.7), (0.13, 1.4, 4.9), (0.43, 1.4, 3.8)),
-}
-_MODES = ((0.81, 0.09), (0.87, 0.16), (0.87, 0.16))
-GUESSES = range(3)
-"""A stiff regulator behind a slow filter twice, and a soft one: middles of what suits devices drawn at random."""
-
-
-def dead_zone_m(device: Device) -> float:
-    """Return the half width of the dead zone, m: that of the coarsest encoder of the declared range."""
-    known = device.range.encoder_resolution_m
-    return DEAD_ZONE_STEPS * (device.encoder_resolution_m if known is None else known[1])
 
 
 def regulator(device: Device, hands: Hands, stiffness_n_per_m: float, guess: int) -> StateFeedback:
     """Return one of the `GUESSES`."""
-    rigid, t = device.resonance is None, device.sample_time_s
-    light_kg, faster = device.mass_kg + hands.mass_kg[0], min(1.0, t / _USUAL_SAMPLE_TIME_S)
-    turned = device.metres_per_unit**2
-    middles = (max(sum(getattr(hands, name)) / 2, least * turned) for name, least in zip(_HAND, _LEAST, strict=True))
-    hand = Hand(*(share * middle for share, middle in zip(_HANDS[rigid][guess], middles, strict=True)))
+    one, t = (_RIGID if device.resonance is None else _RESONANT)[guess], device.sample_time_s
+    # At a sample time below 1 ms the filter is as fast in seconds, above it in samples.
+    light_kg, faster = device.mass_kg + hands.mass_kg[0], min(1.0, t / 1e-3)
+    least = {"mass_kg": 0.01, "damping_ns_per_m": 1.0, "stiffness_n_per_m": 10.0}
+    middles = [max(sum(getattr(hands, name)) / 2, low * device.metres_per_unit**2) for name, low in least.items()]
+    hand = Hand(*(share * middle for share, middle in zip(one.hand, middles, strict=True)))
     mode = None
     if device.resonance is not None:
-        share, damping = _MODES[guess]
-        mode = Mode(device.resonance.frequency_hz * share, damping, device.resonance.mass_ratio)
+        mode = Mode(device.resonance.frequency_hz * one.mode[0], one.mode[1], device.resonance.mass_ratio)
     model = _Model.of(device, hand, mode, stiffness_n_per_m)
-    position, velocity = _WEIGHTS[rigid][guess]
-    walk, motor, handle = _NOISES[rigid][guess]
     unit = light_kg / t**2 / stiffness_n_per_m
-    half_m = dead_zone_m(device)
-    innovation = model.innovation(unit * faster**3 * walk, (unit * faster**2 * motor, unit * faster**2 * handle))
-    feedback = model.feedback(position, velocity * math.sqrt(light_kg / stiffness_n_per_m) / t)
+    forces = unit * faster**2 * one.motor, unit * faster**2 * one.handle
+    innovation = model.innovation(unit * faster**3 * one.walk, forces)
+    feedback = model.feedback(one.position, one.velocity * math.sqrt(light_kg / stiffness_n_per_m) / t)
+    positions = tuple(place for place, name in enumerate(model.names) if name.endswith("_position_m"))
+    return _law(device, (model.state, model.push / stiffness_n_per_m, innovation, feedback), positions, model.measured)
+
+
+def _law(device: Device, parts: tuple[FloatArray, ...], positions: tuple[int, ...], measures: int) -> StateFeedback:
+    """Return the law of A, B, L and R.
+
+    The dead zone is half a step of quantisation and a quarter for model error, of the coarsest encoder of the range.
+    """
+    state, force, innovation, feedback = parts
+    known = device.range.encoder_resolution_m
+    half_m = 0.75 * (device.encoder_resolution_m if known is None else known[1])
     return StateFeedback(
-        state=tuple(map(tuple, model.state.tolist())),
-        force_m_per_n=tuple((model.push / stiffness_n_per_m).tolist()),
+        state=tuple(map(tuple, state.tolist())),
+        force_m_per_n=tuple(force.tolist()),
         innovation=tuple(innovation.tolist()),
         feedback=tuple(feedback.tolist()),
-        positions=tuple(place for place, name in enumerate(model.names) if name.endswith("_position_m")),
-        measures=model.measured,
+        positions=positions,
+        measures=measures,
         dead_zone_m=half_m,
         face_m=half_m,
     )
@@ -94,27 +100,16 @@ def regulator(device: Device, hands: Hands, stiffness_n_per_m: float, guess: int
 
 @dataclass(frozen=True, eq=False)
 class Structure:
-    """Model and feedback of a law, and filters of its innovation; see `StateFeedback` for A, B, R.
+    """Model and feedback of a law, and filters of its innovation; see `StateFeedback` for A, B, R."""
 
-    Attributes:
-        state: A, shape (n, n), a diagonal part for the filters.
-        force: B, shape (n,).
-        feedback: R, shape (n,).
-        measures: index of the estimated measured position.
-        positions: indices of the positions.
-        modelled: number of states that the force moves.
-        innovation: L of the regulator that the model comes from, shape (n,).
-        stiffness_n_per_m: K.
-    """
-
-    state: FloatArray
-    force: FloatArray
-    feedback: FloatArray
-    measures: int
+    state: FloatArray  # A, (n, n), a diagonal part for the filters
+    force: FloatArray  # B
+    feedback: FloatArray  # R
+    measures: int  # index of the estimated measured position
     positions: tuple[int, ...]
-    modelled: int
-    innovation: FloatArray
-    stiffness_n_per_m: float
+    modelled: int  # number of states that the force moves
+    innovation: FloatArray  # L of the regulator that the model comes from
+    stiffness_n_per_m: float  # K
 
     @classmethod
     def of(cls, problem: Problem, guess: int, filters: int) -> Structure:
@@ -183,7 +178,7 @@ class Structure:
         Eigenvectors by inverse iteration: all at once are badly conditioned, as a delay is defective.
         """
         loops = self.loops(plants, gain, passed)
-        near = loops - ((1 + _BESIDE) * poles)[:, None, None] * np.eye(loops.shape[-1])
+        near = loops - ((1 + 1e-9) * poles)[:, None, None] * np.eye(loops.shape[-1])
         right = left = np.ones((*loops.shape[:2], 1), dtype=np.complex128)
         for _ in range(3):
             right, left = np.linalg.solve(near, right), np.linalg.solve(near.swapaxes(1, 2), left)
@@ -201,36 +196,18 @@ class Structure:
             r = np.append(self.stiffness_n_per_m * r, per_sample) / total
             a = np.concatenate([np.pad(a, ((0, 0), (0, 1))), r[None]])
             b, found = np.append(b, 0.0), np.append(found, 0.0)
-        half_m = dead_zone_m(problem.device)
-        return StateFeedback(
-            state=tuple(map(tuple, a.tolist())),
-            force_m_per_n=tuple(b.tolist()),
-            innovation=tuple(found.tolist()),
-            feedback=tuple(r.tolist()),
-            positions=self.positions,
-            measures=self.measures,
-            dead_zone_m=half_m,
-            face_m=half_m,
-        )
+        return _law(problem.device, (a, b, found, r), self.positions, self.measures)
 
 
 @dataclass(frozen=True, eq=False)
 class _Model:
-    """The observer's model: s+ = A s + B u in metres; rates times T, forces over K. The disturbance is the last state.
+    """The observer's model, s+ = A s + B u in metres: rates times T, forces over K, the disturbance last."""
 
-    Attributes:
-        state: A, shape (n, n).
-        push: B of u = F/K, shape (n,).
-        names: of the states.
-        measured: index of the measured position.
-        kicks: response to a force of K times a metre on motor and handle for one sample, shape (2, n).
-    """
-
-    state: FloatArray
-    push: FloatArray
+    state: FloatArray  # A, (n, n)
+    push: FloatArray  # B of u = F/K
     names: tuple[str, ...]
-    measured: int
-    kicks: FloatArray
+    measured: int  # index of the measured position
+    kicks: FloatArray  # response to a force of K times a metre on motor and handle for one sample, (2, n)
 
     @classmethod
     def of(cls, device: Device, hand: Hand, mode: Mode | None, stiffness_n_per_m: float) -> _Model:

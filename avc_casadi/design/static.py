@@ -27,23 +27,9 @@ if TYPE_CHECKING:
 
 
 StaticCondition = Literal["llewellyn", "all"]
-# Gains are searched on a logarithmic scale down to this share of their largest value, and at their lower bound itself.
-_DECADES = 6
-_COARSE = {2: 49, 3: 21}
-_FINE = {2: 9, 3: 5}
-# Number of distinct best points refined, to this step size; then of the best of them, to the next.
-_STARTS, _APART = 3, 1.5
-_NEAR = 2e-3
-_SHRINK = 0.4
-_MOST_MOVES = 200
 _SMALLEST_STEP = 1e-10
 # Costs that differ by less are equal; a gain at its bound is then preferred.
 _FLAT = 1e-9
-# Points nearer than this to an end are at the end.
-_AT_END = 1e-9
-_EDGE_STEPS = 24
-# Slack, as a share of the damping of the device, below which a stiffness counts as the largest allowed.
-_ON_EDGE = 1e-13
 
 
 class StaticSearch:
@@ -70,7 +56,8 @@ class StaticSearch:
 
     def gains(self, points: FloatArray) -> FloatArray:
         """Return b, k and b_p of points, shape (3, m)."""
-        scale = self.high * 10.0**-_DECADES
+        # A logarithmic scale down to a millionth of the largest value, and the lower bound itself.
+        scale = self.high * 1e-6
         ratio = (self.high + scale) / np.where(self.high > 0, self.low + scale, 1.0)
         values = (self.low + scale) * np.where(self.high > 0, ratio, 1.0) ** points - scale
         values = np.where(points <= 0, self.low, np.where(points >= 1, self.high, values))
@@ -109,8 +96,8 @@ class StaticSearch:
         slack_in, slack_out = self.slack(inside), self.slack(outside)
         reachable, spare = slack_in >= 0, slack_in
         last = np.zeros(len(inside), dtype=int)
-        close = _ON_EDGE * self.problem.device.damping_ns_per_m
-        for step in range(_EDGE_STEPS):
+        close = 1e-13 * self.problem.device.damping_ns_per_m
+        for step in range(24):
             # Converged, or narrower than any later step.
             open_rows = reachable & (spare > close) & (outside[:, 1] - inside[:, 1] > _SMALLEST_STEP)
             if not open_rows.any():
@@ -149,8 +136,8 @@ class StaticSearch:
     def run(self) -> tuple[FloatArray, float]:
         """Return the best point and its cost; if the cost is infinite, the point of least violation."""
         size = len(self.low)
-        grid = _grid(np.linspace(0, 1, _COARSE[size]), size)
-        step = 1.0 / (_COARSE[size] - 1)
+        coarse, near_step = {2: 49, 3: 21}[size], 2e-3
+        grid, step = _grid(np.linspace(0, 1, coarse), size), 1.0 / (coarse - 1)
         cost, points = self.cost(grid)
         if not np.isfinite(cost).any():
             start = grid[np.argmax(self.slack(grid))]
@@ -158,10 +145,10 @@ class StaticSearch:
             cost, points = self.cost(nearest[None])
             if not np.isfinite(cost).any():
                 return nearest, np.inf
-        starts = _apart(points[np.argsort(cost, kind="stable")][: np.count_nonzero(np.isfinite(cost))], _APART * step)
-        near, _ = min((_descend(start, self.cost, step, _NEAR) for start in starts), key=lambda end: end[1])
-        best, _ = _descend(near, self.cost, 10 * _NEAR)
-        best = np.where(best < _AT_END, 0.0, np.where(best > 1 - _AT_END, 1.0, best))
+        starts = _apart(points[np.argsort(cost, kind="stable")][: np.count_nonzero(np.isfinite(cost))], 1.5 * step)
+        near, _ = min((_descend(start, self.cost, step, near_step) for start in starts), key=lambda end: end[1])
+        best, _ = _descend(near, self.cost, 10 * near_step)
+        best = np.where(best < 1e-9, 0.0, np.where(best > 1 - 1e-9, 1.0, best))
         # A flat error may stop the search short of a bound.
         rounded = np.repeat(best[None], 2 * size - 1, axis=0)
         for row, (gain, end) in enumerate(product([0, *range(2, size)], (0.0, 1.0)), start=1):
@@ -178,11 +165,11 @@ def _grid(axis: FloatArray, size: int) -> FloatArray:
     return np.stack(np.meshgrid(*[axis] * size, indexing="ij"), axis=-1).reshape(-1, size)
 
 
-def _apart(points: FloatArray, distance: float) -> FloatArray:
+def _apart(points: FloatArray, distance: float, count: int = 3) -> FloatArray:
     """Return the first of the points, (m, d), and the next ones distinct from those before."""
     taken = points[:1]
     for point in points:
-        if len(taken) == _STARTS:
+        if len(taken) == count:
             break
         if np.abs(taken - point).max(axis=1).min() > distance:
             taken = np.concatenate((taken, point[None]))
@@ -196,9 +183,9 @@ def _descend(
     smallest: float = _SMALLEST_STEP,
 ) -> tuple[FloatArray, float]:
     """Move to the best point of a small grid about the present one; shrink the grid when the best is not at its rim."""
-    offsets = _grid(np.linspace(-1, 1, _FINE[len(start)]), len(start))
+    offsets = _grid(np.linspace(-1, 1, {2: 9, 3: 5}[len(start)]), len(start))
     best = float(value(start[None])[0][0])
-    for _ in range(_MOST_MOVES):
+    for _ in range(200):
         if step < smallest:
             break
         values, points = value(np.clip(start + step * offsets, 0.0, 1.0))
@@ -208,14 +195,8 @@ def _descend(
             best, start = float(values[lowest]), points[lowest]
         # At the rim the same step is repeated, unless the gain is negligible.
         if not gained > _FLAT * abs(best) or np.max(np.abs(offsets[lowest])) < 1:
-            step *= _SHRINK
+            step *= 0.4
     return start, best
-
-
-_CONDITIONS = {
-    "llewellyn": "Llewellyn (6), any passive environment",
-    "all": "passive with this environment at all frequencies",
-}
 
 
 @dataclass(frozen=True)
@@ -233,7 +214,11 @@ class StaticCoupling:
 
     def sentence(self) -> str:
         """Return a printed line."""
-        name = f"{_CONDITIONS[self.condition]}, {self.model} model"
+        names = {
+            "llewellyn": "Llewellyn (6), any passive environment",
+            "all": "passive with this environment at all frequencies",
+        }
+        name = f"{names[self.condition]}, {self.model} model"
         if not self.found:
             return f"{name}: no constant coupling of the gain box"
         contact = f", b_p = {self.contact_damping_ns_per_m:.6g}" if self.contact_damping_ns_per_m else ""

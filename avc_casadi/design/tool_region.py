@@ -20,19 +20,6 @@ from avc_casadi.model.ends import LONGEST_STEP_S, ToolGains
 if TYPE_CHECKING:
     from avc_casadi.model.problem import Problem
 
-# Lightest of the searched dampers that is in the region, as a share of the heaviest.
-_LIGHTEST = 1e-3
-# Engine rates, as factors of the declared step.
-_RATES = (0.25, 0.5, 1.0, 2.0, 4.0)
-# Damping ratio of the released device with the damper of the device's own loop.
-_LOCAL_RATIO = 1.0
-# Softest spring, as a share of m/T_s^2, and stiffest, as one of m/T^2.
-_SOFTEST, _STIFFEST = 1e-3, 10.0
-# Precision of a limit.
-_PRECISION = 1.02
-# Share of a curve's highest limit at which the ranges are searched, and the most searches that may lower it.
-_SEARCHED, _MOST_REFUTED = 0.98, 20
-
 
 @dataclass(frozen=True, eq=False)
 class ToolCurve:
@@ -90,7 +77,7 @@ def tool_region(
     problem: Problem,
     progress: Progress = SILENT,
     *,
-    rates: Sequence[float] = _RATES,
+    rates: Sequence[float] = (0.25, 0.5, 1.0, 2.0, 4.0),
     local_damping_ns_per_m: float | None = None,
     summits: bool = True,
 ) -> ToolRegion:
@@ -100,16 +87,17 @@ def tool_region(
     scale = Scale.of(problem, declared)
     mass, least = scale.mass_kg, scale.damping_ns_per_m
     tried = scale.dampers_ns_per_m()
-    damping = np.concatenate([[0.0], tried[tried >= 0.999 * _LIGHTEST * tried[-1]]])
+    damping = np.concatenate([[0.0], tried[tried >= 0.999e-3 * tried[-1]]])
     rounded = [round(factor * declared / t) * t for factor in rates if round(factor * declared / t) >= 1]
     others = [step for step in rounded if step <= LONGEST_STEP_S and not math.isclose(step, declared, rel_tol=0.1)]
     steps = dict.fromkeys(others, False) | {declared: True}
-    ratio = _LOCAL_RATIO if tool.damped_locally and local_damping_ns_per_m is None else 0.0
+    # Damping ratio of the released device with the damper of its own loop.
+    ratio = 1.0 if tool.damped_locally and local_damping_ns_per_m is None else 0.0
     curves = []
     for place, step_s in enumerate(sorted(steps)):
         progress.advance(place, len(steps), f"{1 / step_s:.4g} Hz")
         of_engine = problem if steps[step_s] else problem.changed(simulation={"step_s": step_s})
-        softest = _SOFTEST * mass / step_s**2
+        softest = 1e-3 * mass / step_s**2
         stiffest = ToolSearch(of_engine).limit[0] if summits else None
 
         def gains(k: float, b: float) -> ToolGains:
@@ -117,7 +105,7 @@ def tool_region(
             return ToolGains(k, b, critical if local_damping_ns_per_m is None else local_damping_ns_per_m)
 
         # Of its own: what the search of the stiffest has refuted is no part of it, so that a curve is the same without.
-        limits = _curve(ToolLoops(of_engine), gains, damping.tolist(), softest, _STIFFEST * mass / t**2)
+        limits = _curve(ToolLoops(of_engine), gains, damping.tolist(), softest, 10 * mass / t**2)
         curves.append(ToolCurve(step_s, steps[step_s], limits, stiffest))
     return ToolRegion(problem.name, damping, ratio, tuple(curves), units=problem.units)
 
@@ -131,14 +119,14 @@ def _curve(
 ) -> FloatArray:
     """Return the limit with each damper, once no search of the ranges refutes the highest."""
     limits = np.zeros(len(damping_ns_per_m))
-    for _ in range(_MOST_REFUTED):
+    for _ in range(20):
         for row, b in enumerate(damping_ns_per_m):
 
             def stable(k: float, b: float = b) -> bool:
                 return loops.stable(gains(k, b))
 
-            limits[row] = edge(stable, softest, stiffest, _PRECISION) if stable(softest) else 0.0
+            limits[row] = edge(stable, softest, stiffest, 1.02) if stable(softest) else 0.0
         top = int(limits.argmax())
-        if not loops.refuted(gains(_SEARCHED * limits[top], damping_ns_per_m[top])):
+        if not loops.refuted(gains(0.98 * limits[top], damping_ns_per_m[top])):
             break
     return limits

@@ -29,14 +29,8 @@ from avc_casadi.simulation.scene import simulate_batch
 if TYPE_CHECKING:
     from avc_casadi.model.problem import Problem, Structure
 
-# Default reserve as a share of k_e T/2, the damping that sampling takes from the wall. It ensures decay, not only the
-# absence of growth: 6 N.s/m at the wall of figure 5, where with less some hand bounces for ever.
-_MARGIN_SHARE = 0.12
+_SEED = 0
 _RAISE = 1.5
-# The smallest margin that a problem can state.
-_LEAST_NS_PER_M = 1e-9
-# Hands in the scene beside the corners of their ranges, the seed of their draws, and how often the reserve is raised.
-_DRAWS, _SEED, _RAISES = 32, 0, 8
 
 
 @dataclass(frozen=True)
@@ -66,14 +60,16 @@ class StaticTuned:
 
 
 def tuned_margin(problem: Problem) -> float:
-    """Return the default damping reserve of tuned gains, N.s/m."""
-    reserve = _MARGIN_SHARE * problem.environment.stiffness_n_per_m * problem.device.sample_time_s / 2
-    return reserve if reserve >= _LEAST_NS_PER_M else 0.0
+    """Return the default damping reserve of tuned gains, N.s/m: a share of k_e T/2, which sampling takes from the wall.
+
+    It ensures decay, not only the absence of growth: 6 N.s/m at the wall of figure 5, where with less some hand bounces
+    for ever. The smallest margin that a problem can state is 1e-9.
+    """
+    reserve = 0.12 * problem.environment.stiffness_n_per_m * problem.device.sample_time_s / 2
+    return reserve if reserve >= 1e-9 else 0.0
 
 
-def tune_static(
-    problem: Problem, *, draws: int = _DRAWS, raises: int = _RAISES, progress: Progress = SILENT
-) -> StaticTuned:
+def tune_static(problem: Problem, *, draws: int = 32, raises: int = 8, progress: Progress = SILENT) -> StaticTuned:
     """Tune constant gains for the problem's set of hands, in its structure, gain box, frequencies and scene."""
     kinds = {effect.kind for effect in scene_effects(problem)}
     if "hand" not in kinds:
@@ -130,12 +126,6 @@ def solve_static_tuned(problem: Problem, *, progress: Progress = SILENT) -> Gain
     )
 
 
-# From a sustained press, in which a damper without a spring would creep, to contact transients; the upper limit also as
-# a share of Nyquist, for devices of low sample rate.
-_HZ, _POINTS, _OF_NYQUIST = (0.01, 100.0), 50, 0.9
-_SLOPE_PENALTY = 1e-4
-
-
 def tuning_problem(problem: Problem, structure: Structure, margin_ns_per_m: float | None = None) -> Problem:
     """Return the problem of tuned designs: goal without sampling, all training hands with a reserve, the whole band.
 
@@ -149,14 +139,15 @@ def tuning_problem(problem: Problem, structure: Structure, margin_ns_per_m: floa
     goal = Impedance(damping_ns_per_m=made_up, stiffness_n_per_m=wall.stiffness_n_per_m)
     margin = tuned_margin(problem) if margin_ns_per_m is None else margin_ns_per_m
     most = 2 * device.mass_kg / device.sample_time_s if structure == "damped" else 0.0
-    stop = min(_HZ[1], _OF_NYQUIST * 0.5 / device.sample_time_s)
+    # From a sustained press, in which a damper without a spring would creep, to contact transients.
+    band = Frequency(start_hz=0.01, stop_hz=min(100.0, 0.45 / device.sample_time_s), points=50)
     return problem.changed(
         boundaries=Boundaries(upper=goal, lower=goal),
         coupling={"structure": structure, "contact_damping_ns_per_m": (0.0, most)},
         stability={"model": "sampled-data", "scope": "hands", "margin_ns_per_m": margin},
         realism={"objective": "complex"},
-        schedule={"slope_penalty": _SLOPE_PENALTY},
-        frequency=Frequency(start_hz=_HZ[0], stop_hz=stop, points=_POINTS),
+        schedule={"slope_penalty": 1e-4},
+        frequency=band,
         scene=Scene(effects=(HandEffect(), WallEffect())),
     )
 

@@ -69,13 +69,14 @@ class Safety:
         return self.hands and self.let_go
 
     @property
-    def lacks(self) -> str:
-        """Why it is not deployable."""
-        return "the released device is not stable" if self.hands else self.failing("L5")
-
-    def failing(self, level: str) -> str:
-        """Return at how many rows a level is not met."""
-        return f"{level} fails at {self.rows_failed[level]} of {self.rows} rows"
+    def words(self) -> str:
+        """The first claim that does not hold, or that all do."""
+        if not self.hands:
+            return f"not stable with every hand: L5 fails at {self.rows_failed['L5']} of {self.rows} rows"
+        if not self.let_go:
+            return "not stable when released"
+        passive = "" if self.passive else f", not passive: L3 fails at {self.rows_failed['L3']} of {self.rows} rows"
+        return f"stable with every hand and released{passive or ', and passive'}"
 
     def document(self) -> dict[str, Any]:
         """Return JSON values."""
@@ -91,22 +92,10 @@ def safer(mine: Safety, other: Safety, name: str) -> str:
 
 def safety_reason(mine: Safety, other: Safety, name: str) -> str:
     """Return one sentence on the safety of a hand-tuned pair and of a method, and which not to deploy."""
-    if mine.rank == other.rank:
-        if not mine.deployable:
-            return f"deploy neither mine ({mine.lacks}) nor {name} ({other.lacks})"
-        passive = "and passive in the sampled-data model" if mine.passive else "neither is passive (L3)"
-        return f"mine and {name} are both stable with every hand and released, {passive}"
-    (better, ahead), (worse, behind) = sorted(((mine, "mine"), (other, name)), key=lambda one: one[0].rank)[::-1]
-    claims = (
-        ("stable with every hand", worse.failing("L5")),
-        ("stable when released", "the released device is not stable"),
-        ("passive in the sampled-data model", worse.failing("L3")),
-    )
-    pairs = zip(claims, better.rank, worse.rank, strict=True)
-    what, why = next(claim for claim, one, other in pairs if one != other)
-    advice = "" if worse.deployable else f": do not deploy {behind}"
-    also = "" if worse.deployable or better.deployable else f", nor {ahead} ({better.lacks})"
-    return f"{ahead} is {what}, {behind} is not ({why}){advice}{also}"
+    both = {"mine": mine, name: other}
+    unsafe = " and ".join(who for who, one in both.items() if not one.deployable)
+    advice = f"; do not deploy {unsafe}" if unsafe else ""
+    return "; ".join(f"{who} is {one.words}" for who, one in both.items()) + advice
 
 
 @dataclass(frozen=True, eq=False)

@@ -43,15 +43,6 @@ if TYPE_CHECKING:
     from avc_casadi.model.hands import Hand, StylusHand
     from avc_casadi.model.problem import Model, Problem, Structure
 
-# Between the 7 % of force and the 23 % of stiffness that people notice.
-WEBER = 0.10
-# The reference is sampled this much faster, and its damping makes up for what is left of k_e T/2.
-REFERENCE_FACTOR = 8
-# The paper compared static and adaptive coupling; all others are set against the adaptive one.
-_OPPONENT = {"schedule": "static"}
-_ADAPTIVE = "schedule"
-
-
 # What the paper counted of 10 people: stable without coupling (with one, all were), nearer to the wall with the static
 # and with the adaptive coupling, and unable to tell.
 PAPER = {
@@ -69,51 +60,23 @@ class Candidate:
     """One coupling that all hands try."""
 
     method: str
-    help: str
     tuned: Structure | None = None  # structure in which it is tuned for the training hands
     model: Model | None = None  # of the stability condition, in place of the problem's
     constant: bool = False
     meets_others: bool = False  # hands of set B try it too
 
 
-_CANDIDATES = {
-    "static": Candidate(
-        "static",
-        "best constant series coupling under Llewellyn's condition (6) with the printed hold",
-        constant=True,
-        meets_others=True,
-    ),
-    "static-sampled": Candidate(
-        "static",
-        "best constant series coupling under condition (6) with the hold of a sampled loop, z^-1",
-        model="sampled-data",
-        constant=True,
-    ),
-    "direct": Candidate("direct", "the paper's pointwise optimum (11)-(12), series"),
-    "closed-form": Candidate(
-        "closed-form", "the paper's projection as what it is: the desired wall and a constant contact damper"
-    ),
-    "static-tuned-series": Candidate(
-        "static-tuned", "constant series gains tuned for the training hands", tuned="series", constant=True
-    ),
-    "schedule-series": Candidate(
-        "schedule", "series gains scheduled on frequency, tuned for the training hands", tuned="series"
-    ),
-    "static-tuned": Candidate(
-        "static-tuned",
-        "constant gains with a contact damper, tuned for the training hands",
-        tuned="damped",
-        constant=True,
-        meets_others=True,
-    ),
-    "schedule": Candidate(
-        "schedule",
-        "gains with a contact damper scheduled on frequency, tuned for the training hands",
-        tuned="damped",
-        meets_others=True,
-    ),
+COUPLINGS = {
+    "none": Candidate("none", meets_others=True),
+    "static": Candidate("static", constant=True, meets_others=True),
+    "static-sampled": Candidate("static", model="sampled-data", constant=True),
+    "direct": Candidate("direct"),
+    "closed-form": Candidate("closed-form"),
+    "static-tuned-series": Candidate("static-tuned", tuned="series", constant=True),
+    "schedule-series": Candidate("schedule", tuned="series"),
+    "static-tuned": Candidate("static-tuned", tuned="damped", constant=True, meets_others=True),
+    "schedule": Candidate("schedule", tuned="damped", meets_others=True),
 }
-COUPLINGS = {"none": "device and wall joined directly", **{name: one.help for name, one in _CANDIDATES.items()}}
 
 
 @dataclass(frozen=True)
@@ -138,7 +101,7 @@ def design(problem: Problem, coupling: str) -> Design:
         return Design(problem, NO_COUPLING, NO_COUPLING)
     if coupling == "closed-form":
         return _injection(problem)
-    one = _CANDIDATES[coupling]
+    one = COUPLINGS[coupling]
     if one.tuned is not None:
         problem = tuning_problem(problem, one.tuned)
     elif one.model is not None:
@@ -174,12 +137,14 @@ def of_paper(problem: Problem, gains: Gains | GainSchedule, *more: str) -> Setup
 
 def reference_traces(problem: Problem, people: Hand | StylusHand) -> Traces:
     """Press a wall that is sampled so fast that it feels continuous; keep the samples of the device's own clock."""
-    step_s, wall = problem.device.sample_time_s / REFERENCE_FACTOR, problem.environment
+    # The damping makes up for what is left of k_e T/2.
+    factor = 8
+    step_s, wall = problem.device.sample_time_s / factor, problem.environment
     made_up = {"damping_ns_per_m": wall.damping_ns_per_m + wall.stiffness_n_per_m * step_s / 2}
     fast = problem.changed(device={"sample_time_s": step_s, "delay_samples": 0}, environment=made_up)
     (found,) = traces(of_paper(fast, NO_COUPLING), people, MOTIONS["press"])
     position, velocity, force = (
-        values[:, ::REFERENCE_FACTOR] for values in (found.position_m, found.velocity_m_per_s, found.force_n)
+        values[:, ::factor] for values in (found.position_m, found.velocity_m_per_s, found.force_n)
     )
     return Traces(position, velocity, force, problem.device.sample_time_s)
 
@@ -196,8 +161,11 @@ def distance(felt: Traces, reference: Traces) -> FloatArray:
     return np.asarray(np.where(np.isfinite(far), far, np.inf))
 
 
-def choose(first: FloatArray, second: FloatArray, weber: float = WEBER) -> tuple[BoolArray, BoolArray]:
-    """Return who finds the first of two couplings nearer, and who the second, by their distances from the reference."""
+def choose(first: FloatArray, second: FloatArray, weber: float = 0.10) -> tuple[BoolArray, BoolArray]:
+    """Return who finds the first of two couplings nearer, and who the second, by their distances from the reference.
+
+    The Weber fraction lies between the 7 % of force and the 23 % of stiffness that people notice.
+    """
     noticed = np.maximum(first, second) > weber
     with np.errstate(invalid="ignore"):
         able = noticed & (np.abs(first - second) > weber)
@@ -225,12 +193,15 @@ def table1(
     for wall in walls:
         of_wall = [part for (other, *_), part in zip(tasks, parts, strict=True) if other == wall]
         for population, found in rows.items():
-            tried = [part.tried[population] for part in of_wall]
-            outcomes = {name: _joined([one[name] for one in tried]) for name in tried[0]}
+            tried = [part[population] for part in of_wall]
+            outcomes = {
+                name: {key: np.concatenate([one[name][key] for one in tried]) for key in first}
+                for name, first in tried[0].items()
+            }
             found += [
-                _row(wall, name, made, outcomes, population)
-                for name, made in of_wall[0].designs.items()
-                if _meets(name, population)
+                _row(wall, name, outcomes, population)
+                for name in couplings
+                if population == "A" or COUPLINGS[name].meets_others
             ]
     return {"hands": hands, "seed": seed, "rows": rows["A"], "rows_set_b": rows["B"]}
 
@@ -239,29 +210,13 @@ def table1(
 _Outcome = dict[str, Any]
 
 
-@dataclass(frozen=True)
-class _Part:
-    """Some hands at one wall: what was designed for it, and the outcomes by population and coupling."""
-
-    designs: dict[str, tuple[dict[str, float | None] | None, str]]
-    tried: dict[Population, dict[str, _Outcome]]
-
-
-def _joined(parts: Sequence[_Outcome]) -> _Outcome:
-    return {key: np.concatenate([part[key] for part in parts]) for key in parts[0]}
-
-
-def _meets(coupling: str, population: Population) -> bool:
-    """Return whether a population tries a coupling: those made for set A alone are tried by it alone."""
-    return population == "A" or coupling == "none" or _CANDIDATES[coupling].meets_others
-
-
 @lru_cache(maxsize=128)
 def _designed(wall: str, coupling: str) -> Design:
     return design(load_problem(wall.lower()), coupling)
 
 
-def _tried(couplings: tuple[str, ...], seed: int, task: tuple[str, int, int]) -> _Part:
+def _tried(couplings: tuple[str, ...], seed: int, task: tuple[str, int, int]) -> dict[Population, dict[str, _Outcome]]:
+    """Return the outcomes of some hands at one wall, by population and coupling."""
     wall, first, count = task
     problem = load_problem(wall.lower())
     made = {name: _designed(wall, name) for name in couplings}
@@ -270,9 +225,9 @@ def _tried(couplings: tuple[str, ...], seed: int, task: tuple[str, int, int]) ->
         people = draw_population(population, count, seed, first=first)
         reference = reference_traces(problem, people) if population == "A" else None
         for name, one in made.items():
-            if one.in_force is not None and _meets(name, population):
+            if one.in_force is not None and (population == "A" or COUPLINGS[name].meets_others):
                 found[name] = _outcome(of_paper(one.problem, one.in_force, "encoder", "delay"), people, reference)
-    return _Part({name: (one.document(), one.reason) for name, one in made.items()}, tried)
+    return tried
 
 
 def _outcome(setup: Setup, people: Hand | StylusHand, reference: Traces | None) -> _Outcome:
@@ -285,20 +240,16 @@ def _outcome(setup: Setup, people: Hand | StylusHand, reference: Traces | None) 
     return outcome if reference is None else outcome | {"distance": distance(press, reference)}
 
 
-def _row(
-    wall: str,
-    coupling: str,
-    made: tuple[dict[str, float | None] | None, str],
-    outcomes: dict[str, _Outcome],
-    population: Population,
-) -> dict[str, Any]:
-    opponent = _OPPONENT.get(coupling, _ADAPTIVE)
+def _row(wall: str, coupling: str, outcomes: dict[str, _Outcome], population: Population) -> dict[str, Any]:
+    made = _designed(wall, coupling)
+    # The paper compared static and adaptive coupling; all others are set against the adaptive one.
+    opponent = "static" if coupling == "schedule" else "schedule"
     row: dict[str, Any] = {
         "ve": wall,
         "stiffness_n_per_m": load_problem(wall.lower()).environment.stiffness_n_per_m,
         "coupling": coupling,
-        "gains": made[0],
-        "reason": made[1],
+        "gains": made.document(),
+        "reason": made.reason,
         "paper": _paper(wall, coupling) if population == "A" else None,
         **dict.fromkeys(("stable", "stable_low", "stable_high", "stable_by_motion", "asymptotic")),
         **dict.fromkeys(("apparent_stiffness_n_per_m", "matched", "unable")),
