@@ -66,8 +66,8 @@ def push(data: Mapping[str, Any], coupling: Coupling, shown: str) -> Answer:
         *subject.notes([*filter(None, [data["holes"]]), *data.get("notes", ())]),
         *subject.notes(coupling.lacks, "Lacks"),
     ]
-    onwards = () if data["port"] == "emulator" else (f"avc monitor --port {quote(data['port'])}",)
-    return subject.answer("push", data, problem, shown, rows, onwards)
+    onwards = [] if data["port"] == "emulator" else [f"monitor --port {quote(data['port'])}"]
+    return subject.answer("push", data, problem, shown, rows, *onwards)
 
 
 def in_the_loop(tried: Mapping[str, Any]) -> Row:
@@ -96,7 +96,7 @@ def export(data: Mapping[str, Any], coupling: Coupling, shown: str) -> Answer:
             parts("at the follower", subject.pair(vars(coupling.at_follower))) if coupling.end == "follower" else None
         )
         what, size = listed([subject.pair(vars(coupling.gains)), there], ";"), "both ends"
-    onwards = (f"avc export {quote(shown)} --parameters mujoco",) if coupling.end == "simulation" else ()
+    onwards = ["export {} --parameters mujoco"] if coupling.end == "simulation" else []
     rows = [
         *_unsafe(data),
         row("Coupling", f"{coupling.id}:", what),
@@ -105,7 +105,7 @@ def export(data: Mapping[str, Any], coupling: Coupling, shown: str) -> Answer:
         *subject.notes(filter(None, [data.get("holes")])),
         *subject.notes(data.get("lacks", ()), "Lacks"),
     ]
-    return subject.answer("export", data, problem, shown, rows, onwards)
+    return subject.answer("export", data, problem, shown, rows, *onwards)
 
 
 def firmware(data: Mapping[str, Any], title: str, units: Units, held: str) -> Answer:

@@ -23,7 +23,7 @@ _GAINS = {"damping_ns_per_m": "b", "stiffness_n_per_m": "k", "contact_damping_ns
 
 def solution(data: Mapping[str, Any], problem: Problem, shown: str = "", file: str | None = None) -> Answer:
     """Return the answer of `solve`."""
-    shown, status = shown or subject.name_of(problem), data["status"]
+    status = data["status"]
     have = sum(b is not None for b in data["damping_ns_per_m"])
     by = data["method"] + (f" ({data['solver']})" if data["solver"] else "")
     solved = fill(f"{by}: at {have} of {len(status)} frequencies in {{solve:time}}", data["seconds"])
@@ -43,10 +43,10 @@ def solution(data: Mapping[str, Any], problem: Problem, shown: str = "", file: s
     rows += [*subject.written(file), *subject.notes(data["notes"], rank=1, mark=Mark.NONE)]
     rows += [*levels(data["certificate"]["levels"]), *printed_errors(data.get("paper_errors", ()))]
     printed = " --as-printed" if "paper_errors" in data else ""
-    again = f"avc solve {quote(shown)} --method {data['method']}{printed}"
-    beside = f"{quote(shown)} " if file and file.endswith(".csv") else ""
-    onwards = f"avc certify {beside}{quote(file)}" if file and data["deployable"] else f"{again} --out gains.json"
-    return subject.answer("solve", data, problem, shown, rows, (onwards, f"{again} -v"), without_gains(data))
+    again = f"solve {{}} --method {data['method']}{printed}"
+    beside = "{} " if file and file.endswith(".csv") else ""
+    onwards = f"certify {beside}{quote(file)}" if file and data["deployable"] else f"{again} --out gains.json"
+    return subject.answer("solve", data, problem, shown, rows, onwards, f"{again} -v", complaint=without_gains(data))
 
 
 def printed_errors(errors: Sequence[Mapping[str, Any]]) -> list[Row]:
@@ -86,7 +86,7 @@ def _errors(data: Mapping[str, Any]) -> list[Row]:
 
 def comparison(data: Mapping[str, Any], problem: Problem, shown: str = "", drawn: str | None = None) -> Answer:
     """Return the answer of `compare`."""
-    shown, realism = shown or subject.name_of(problem), {name: one["realism"] for name, one in data["methods"].items()}
+    realism = {name: one["realism"] for name, one in data["methods"].items()}
     if data["mine"] is not None:
         realism["mine"] = data["mine"]["realism"]
     between, near = (
@@ -114,8 +114,7 @@ def comparison(data: Mapping[str, Any], problem: Problem, shown: str = "", drawn
         at = data["verdict"].index(verdict)
         why = f"first at {data['frequency_hz'][at]:.4g} Hz: {data['reason'][at]}"
         rows.append(row(verdict.capitalize(), why, rank=1))
-    onwards = (f"avc recommend {quote(shown)}", f"avc compare {quote(shown)} -v")
-    return subject.answer("compare", data, problem, shown, rows, onwards, complaint)
+    return subject.answer("compare", data, problem, shown, rows, "recommend {}", "compare {} -v", complaint=complaint)
 
 
 def _method(name: str, found: Mapping[str, Any], data: Mapping[str, Any]) -> Row:
@@ -228,8 +227,7 @@ def new(data: Mapping[str, Any], problem: Problem, shown: str) -> Answer:
         *subject.notes(not_known, "Not known"),
         *subject.notes((f"{one['key']} {one['message']}" for one in data["warnings"]), "Warning"),
     ]
-    onwards = (f"avc recommend {quote(shown)} --out coupling.json",)
-    return subject.answer("new", data, problem, shown, rows, onwards)
+    return subject.answer("new", data, problem, shown, rows, "recommend {} --out coupling.json")
 
 
 def paper_data(found: Comparison, best: GainSchedule) -> dict[str, Any]:

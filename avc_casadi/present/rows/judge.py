@@ -72,13 +72,13 @@ def certificate(data: Mapping[str, Any], problem: Problem, shown: str | None = N
     if "claimed" in data:
         claimed = data["levels"][data["claimed"]]
         rows.append(row("Asked for", f"{claimed['title']}: {'met' if claimed['pass'] else 'not met'}", rank=1))
-    onwards = [f"avc recommend {quote(shown)} --out coupling.json"] if shown and not verdict["pass"] else []
+    onwards = [f"recommend {quote(shown)} --out coupling.json"] if shown and not verdict["pass"] else []
     if file is not None:
         beside = f" --problem {quote(shown)}" if file.endswith(".csv") else ""
-        onwards += [f"avc export {quote(file)} --c firmware{beside}"] if verdict["pass"] else []
-        onwards.append(f"avc certify {quote(file)} -v")
+        onwards += [f"export {quote(file)} --c firmware{beside}"] if verdict["pass"] else []
+        onwards.append(f"certify {quote(file)} -v")
     complaint = "" if verdict["pass"] else f"avc: {problem.name}: {file} is not deployable"
-    return subject.answer("certify", data, problem, file or shown, rows, onwards, complaint)
+    return subject.answer("certify", data, problem, file or shown, rows, *onwards, complaint=complaint)
 
 
 def _claims(verdict: Mapping[str, Any], hands: Mapping[str, Any]) -> list[Row]:
@@ -222,7 +222,7 @@ def passivity(found: Mapping[str, Any], problem: Problem) -> list[Row]:
 
 def region(data: Mapping[str, Any], problem: Problem, shown: str = "", drawn: str | None = None) -> Answer:
     """Return the answer of `zwidth` of a problem with [simulation]: a row for each engine rate."""
-    shown, rows = shown or subject.name_of(problem), []
+    rows = []
     for one in data["curves"]:
         best = {
             "stiffness_n_per_m": one["stiffest_n_per_m"],
@@ -235,12 +235,12 @@ def region(data: Mapping[str, Any], problem: Problem, shown: str = "", drawn: st
         mark = Mark.NONE if some else Mark.FAIL
         rows.append(row(label, text, ", as declared" if one["declared"] else "", mark=mark))
     rows += subject.written(drawn, label="Drawn")
-    return subject.answer("zwidth", data, problem, shown, rows, [f"avc recommend {quote(shown)} --out coupling.json"])
+    return subject.answer("zwidth", data, problem, shown, rows, "recommend {} --out coupling.json")
 
 
 def walls(data: Mapping[str, Any], problem: Problem, shown: str = "", drawn: str | None = None) -> Answer:
     """Return the answer of `zwidth`: the walls that the device can render."""
-    shown, curves, damping = shown or subject.name_of(problem), data["curves"], data["wall_damping_ns_per_m"]
+    curves, damping = data["curves"], data["wall_damping_ns_per_m"]
     met = [one["claim"] for one in curves.values() if one["wanted_wall"]]
     whole = len(met) == len(curves)
     if curves["stable-hands"]["wanted_wall"] and not curves["stable-released"]["wanted_wall"]:
@@ -270,13 +270,12 @@ def walls(data: Mapping[str, Any], problem: Problem, shown: str = "", drawn: str
         limit = "{encoder_limit_n_per_m} for a passive wall, 2 f_c/Delta (Abbott and Okamura 2005)"
         rows.append(row("Encoder limit", fill(limit, data)))
     rows += [*subject.notes(data["refused"], "Not judged"), *subject.written(drawn, label="Drawn")]
-    onwards = (f"avc recommend {quote(shown)} --stiffest", f"avc zwidth {quote(shown)} -v")
-    return subject.answer("zwidth", data, problem, shown, rows, onwards)
+    return subject.answer("zwidth", data, problem, shown, rows, "recommend {} --stiffest", "zwidth {} -v")
 
 
 def scene(data: Mapping[str, Any], problem: Problem, shown: str = "", drawn: str | None = None) -> Answer:
     """Return the answer of `simulate`, of a coupling to a wall or to a simulation."""
-    shown, tool = shown or subject.name_of(problem), "local_damping_ns_per_m" in data
+    tool = "local_damping_ns_per_m" in data
     trace = None if data["trace"] is None else f"{data['trace']} and its manifest"
     sizes = ("mean_force_n", "position_peak_to_peak_m", "force_ripple_n", "energy_generated_j")
     known = {**data, **{key: _or_zero(data[key]) for key in sizes}}
@@ -302,8 +301,8 @@ def scene(data: Mapping[str, Any], problem: Problem, shown: str = "", drawn: str
         rows.append(row("Left out", left, mark=Mark.CAUTION))
     rows += [*subject.written(trace, drawn), *_explanation(data)]
     complaint = "" if data["stable"] else f"avc: {problem.name}: the device {outcome(data)}"
-    onwards = () if tool else (f"avc simulate {quote(shown)} --explain",)
-    return subject.answer("simulate", data, problem, shown, rows, onwards, complaint)
+    onwards = [] if tool else ["simulate {} --explain"]
+    return subject.answer("simulate", data, problem, shown, rows, *onwards, complaint=complaint)
 
 
 def outcome(data: Mapping[str, Any]) -> str:
@@ -400,7 +399,7 @@ def screening(data: Mapping[str, Any], problem: Problem, shown: str) -> Answer:
         rows.append(row("Not needed", fill(f"at a tolerance of {{tolerance:share}}: {names}", data)))
         rows.append(row("Without these", _changes(data["together"], problem.units)))
     rows += subject.notes(data["notes"])
-    return subject.answer("screen", data, problem, shown, rows, (f"avc simulate {quote(shown)} --screen -v",))
+    return subject.answer("screen", data, problem, shown, rows, "simulate {} --screen -v")
 
 
 def _changes(found: Mapping[str, Any], units: Units) -> tuple[Part, ...]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 from avc_casadi._util.units import LINEAR, Units
@@ -24,7 +23,6 @@ _EXCHANGES = {
 
 def problem(data: Mapping[str, Any], stated: Problem, shown: str = "") -> Answer:
     """Return the answer of `check` of a problem: what it asks for, its other end, what is unusual."""
-    shown = shown or subject.name_of(stated)
     rows = [row("Valid", data["title"] or "yes", mark=Mark.PASS)]
     if stated.simulation is not None:
         rows += [*_engine(stated), *subject.not_used(data["not_used"])]
@@ -37,8 +35,8 @@ def problem(data: Mapping[str, Any], stated: Problem, shown: str = "") -> Answer
         rows.append(row("Source", data["source"], rank=1))
     # Where nothing is deployable whatever the gains, its row says so.
     none = any(one["key"] == "avc recommend" for one in data["warnings"])
-    onwards = () if none else (f"avc recommend {quote(shown)} --out coupling.json",)
-    return subject.answer("check", data, stated, shown, rows, onwards)
+    onwards = [] if none else ["recommend {} --out coupling.json"]
+    return subject.answer("check", data, stated, shown, rows, *onwards)
 
 
 def _wall(data: Mapping[str, Any], stated: Problem) -> list[Row]:

@@ -30,21 +30,19 @@ _SETTLE = "{at_rest:9} of {hands:9} hands settle, {at_rest_without_friction:9} w
 
 def recommendation(found: Recommendation, shown: str = "", file: str | None = None) -> Answer:
     """Return the answer of `recommend`; ``file`` holds the coupling."""
-    problem, data, shown = found.problem, found.data(), shown or subject.name_of(found.problem)
+    problem, data = found.problem, found.data()
     rows = wall_rows(data, problem) if found.pair is None else _pair_rows(data, problem)
-    onwards = f"avc recommend {quote(shown)} --out coupling.json"
+    onwards = "recommend {} --out coupling.json"
     nothing = data["reason"].startswith("nothing") or problem.environment.stiffness_n_per_m == 0
     if found.deployable and file is not None:
-        onwards = f"avc export {quote(file)} --c firmware"
+        onwards = f"export {quote(file)} --c firmware"
     elif found.coupling is None or (not found.deployable and (nothing or _slips(data))):
-        onwards = f"avc check {quote(shown)}"
+        onwards = "check {}"
     elif not found.deployable:
-        onwards = f"avc recommend {quote(shown)} --stiffest"
+        onwards = "recommend {} --stiffest"
     complaint = "" if found.deployable else f"avc: {problem.name}: no coupling is deployable"
     rows += [*subject.written(file), *_details(data)]
-    return subject.answer(
-        "recommend", data, problem, shown, rows, (onwards, f"avc recommend {quote(shown)} -v"), complaint
-    )
+    return subject.answer("recommend", data, problem, shown, rows, onwards, "recommend {} -v", complaint=complaint)
 
 
 def verdict(data: Mapping[str, Any], rows: Sequence[Row]) -> tuple[str, bool]:
@@ -268,7 +266,7 @@ def _details(data: Mapping[str, Any]) -> list[Row]:
 
 def stiffest(data: Mapping[str, Any], problem: Problem, shown: str = "") -> Answer:
     """Return the answer of `recommend --stiffest`."""
-    shown, others, limited = shown or subject.name_of(problem), data["confirmed"], data["at_force_limit"]
+    others, limited = data["confirmed"], data["at_force_limit"]
     rows = [row("Stiffest wall", "none was found", mark=Mark.FAIL)]
     if data["stiffest_wall_n_per_m"] is not None:
         reached = fill(f"{{stiffest_wall_n_per_m}} ({data['by']}): {_SETTLE}", data)
@@ -293,8 +291,8 @@ def stiffest(data: Mapping[str, Any], problem: Problem, shown: str = "") -> Answ
         *subject.notes(data["assumed"], "Assumed", Mark.NONE, 1),
         *subject.notes(data["not_used"], "Not used", rank=1),
     ]
-    onwards = (f"avc recommend {quote(shown)} --out coupling.json", f"avc recommend {quote(shown)} --stiffest -v")
-    return subject.answer("stiffest", data, problem, shown, rows, onwards)
+    onwards = "recommend {} --out coupling.json", "recommend {} --stiffest -v"
+    return subject.answer("stiffest", data, problem, shown, rows, *onwards)
 
 
 def _pair_rows(data: Mapping[str, Any], problem: Problem) -> list[Row]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 from avc_casadi.files.catalogue import catalogue_names
@@ -61,12 +62,13 @@ def answer(
     problem: Problem,
     shown: str,
     rows: Iterable[Row],
-    onwards: Iterable[str] = (),
+    *onwards: str,
     complaint: str = "",
 ) -> Answer:
-    """Return the answer to a question about a problem."""
-    title = headline(problem, shown)
-    return Answer(kind, data, title, tuple(rows), tuple(onwards), problem.units, complaint=complaint)
+    """Return the answer to a question about a problem; {} in a command to type next is the problem."""
+    shown = shown or name_of(problem)
+    commands = tuple(f"avc {one.replace('{}', quote(shown))}" for one in onwards)
+    return Answer(kind, data, headline(problem, shown), tuple(rows), commands, problem.units, complaint=complaint)
 
 
 def gains(table: Mapping[str, Sequence[float | None]], problem: Problem) -> tuple[Part, ...]:
