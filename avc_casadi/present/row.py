@@ -225,17 +225,15 @@ class Page:
         lines = [*_broken(answer.title, answer.units, self.width), ""] if answer.title else []
         for one in rows:
             first, *more = _broken(one.values, answer.units, self.width - label - 6) or [""]
-            lines.append(f"  {self._mark(one.mark)} {one.label:<{label}}  {first}".rstrip())
+            colour = {Mark.PASS: "32", Mark.FAIL: "31", Mark.CAUTION: "33"}.get(one.mark) if self.colour else None
+            mark = one.mark.value if colour is None else f"\x1b[{colour}m{one.mark.value}\x1b[0m"
+            lines.append(f"  {mark} {one.label:<{label}}  {first}".rstrip())
             lines += [f"{'':{label + 6}}{line}" for line in more]
         if answer.commands:
             onwards = "    ".join(answer.commands)
             between = "    " if len(onwards) + 8 <= self.width else f"\n{'':8}"
             lines += ["", *f"  next: {between.join(answer.commands)}".split("\n")]
         return lines
-
-    def _mark(self, mark: Mark) -> str:
-        colour = {Mark.PASS: "32", Mark.FAIL: "31", Mark.CAUTION: "33"}.get(mark) if self.colour else None
-        return mark.value if colour is None else f"\x1b[{colour}m{mark.value}\x1b[0m"
 
 
 def _broken(values: Iterable[Part], units: Units, width: int) -> list[str]:

@@ -157,8 +157,12 @@ def wall_answer(explorer: Explorer, settings: Settings, problem: Problem, *, who
         method.append(row("Gains", f"{settings.method}: {subject.counts(schedule.counts())}"))
         if whole:
             method.append(subject.deployable(None if coupling is None else deployable(coupling).document()))
+    elif coupling is None:
+        schedule = None
     else:
-        schedule = None if coupling is None else _schedule(coupling)
+        hz, feedback = coupling.problem.frequencies_hz(), coupling.runtime.state_feedback
+        table, solved = tuple(coupling.table(hz)), (Status.SOLVED,) * len(hz)
+        schedule = gain_schedule(coupling.problem, coupling.method, table, solved, state_feedback=feedback)
     charts = _impedances(problem, direct, schedule)
     if whole:
         runs = {}
@@ -171,13 +175,6 @@ def wall_answer(explorer: Explorer, settings: Settings, problem: Problem, *, who
         charts += touches(runs, problem, "the wall begins at 0")
         charts.append(_region(explorer, problem, stated, wall))
     return law, [one for one in own_law(found).rows if one.rank == 0], method, charts
-
-
-def _schedule(coupling: Coupling) -> GainSchedule:
-    """Return the gains of a coupling at the frequencies of its problem."""
-    hz = coupling.problem.frequencies_hz()
-    solved, law = (Status.SOLVED,) * len(hz), coupling.runtime.state_feedback
-    return gain_schedule(coupling.problem, coupling.method, tuple(coupling.table(hz)), solved, state_feedback=law)
 
 
 def _impedances(problem: Problem, direct: Problem, schedule: GainSchedule | None) -> list[dict[str, Any]]:

@@ -45,7 +45,9 @@ class ExploreServer(ThreadingHTTPServer):
     def __init__(self, explorer: Explorer, port: int = 0) -> None:
         self.explorer = explorer
         self.token = secrets.token_urlsafe(18)
-        self.page = _page_files()
+        folder = files("avc_casadi.present.explore").joinpath("page")
+        kept = (item for item in folder.iterdir() if item.name[item.name.rfind(".") :] in _TYPES)
+        self.page = {item.name: item.read_bytes() for item in kept}
         super().__init__((HOST, port), _Handler)
 
     @property
@@ -147,12 +149,6 @@ class _Handler(BaseHTTPRequestHandler):
             self.send_header(name, value)
         self.end_headers()
         self.wfile.write(content)
-
-
-def _page_files() -> dict[str, bytes]:
-    """Return the files of the page by name."""
-    folder = files("avc_casadi.present.explore").joinpath("page")
-    return {item.name: item.read_bytes() for item in folder.iterdir() if item.name[item.name.rfind(".") :] in _TYPES}
 
 
 def _error(message: str) -> bytes:

@@ -86,9 +86,14 @@ def _errors(data: Mapping[str, Any]) -> list[Row]:
 
 def comparison(data: Mapping[str, Any], problem: Problem, shown: str = "", drawn: str | None = None) -> Answer:
     """Return the answer of `compare`."""
-    realism = {name: one["realism"] for name, one in data["methods"].items()}
-    if data["mine"] is not None:
-        realism["mine"] = data["mine"]["realism"]
+    realism, mine = {name: one["realism"] for name, one in data["methods"].items()}, list[Row]()
+    if (pair := data["mine"]) is not None:
+        realism["mine"], met = pair["realism"], pair["meets_margin"]
+        better = f"{pair['compared']} better at {{share_schedule_better:share}}"
+        outside = "" if pair["inside_box"] else "; outside the gain box"
+        meets = f"meets (12) at {sum(met)} of {len(met)} frequencies; {better}{outside}"
+        text = fill(f"{{stiffness_n_per_m}}, {{damping_ns_per_m}}: {meets}", pair)
+        mine.append(row("Mine", text, mark=marked(all(met), Mark.CAUTION)))
     between, near = (
         listed((name.replace("-", " "), Value(one[key], "share")) for name, one in realism.items())
         for key in ("share_inside_bounds", "share_inside_jnd")
@@ -99,7 +104,7 @@ def comparison(data: Mapping[str, Any], problem: Problem, shown: str = "", drawn
         _deployable(data),
         row("Between U, L", "of the frequencies:", between),
         row("Impedance error", fill("within {jnd:share}:", next(iter(realism.values()))), near),
-        *_mine(data),
+        *mine,
         subject.passive_limit(data["passive_limit_n_per_m"]),
     ]
     if data["problem_scope"] != data["scope"]:
@@ -151,17 +156,6 @@ def _deployable(data: Mapping[str, Any]) -> Row:
         what = f"none of {failing}: not stable with every corner hand and released"
         return row("Deployable", what, mark=Mark.FAIL)
     return row("Deployable", f"{passing}; not {failing}", mark=Mark.CAUTION)
-
-
-def _mine(data: Mapping[str, Any]) -> list[Row]:
-    mine = data["mine"]
-    if mine is None:
-        return []
-    meets = f"meets (12) at {sum(mine['meets_margin'])} of {len(mine['meets_margin'])} frequencies"
-    better = f"{mine['compared']} better at {{share_schedule_better:share}}"
-    outside = "" if mine["inside_box"] else "; outside the gain box"
-    text = fill(f"{{stiffness_n_per_m}}, {{damping_ns_per_m}}: {meets}; {better}{outside}", mine)
-    return [row("Mine", text, mark=marked(all(mine["meets_margin"]), Mark.CAUTION))]
 
 
 def run(data: Mapping[str, Any], found: Answer, files: str) -> Answer:

@@ -54,7 +54,12 @@ def certificate(data: Mapping[str, Any], problem: Problem, shown: str | None = N
     """Return the answer of `certify` of a coupling to a wall; ``gains`` is None where they stand in no file."""
     file, verdict = data["gains"], data["deployable"]
     shown = subject.name_of(problem) if shown is None else shown
-    marks = {"proved": Mark.PASS, "refuted": Mark.FAIL, "open": Mark.CAUTION}
+    marks, text = {"proved": Mark.PASS, "refuted": Mark.FAIL, "open": Mark.CAUTION}, []
+    # The claims of the paper, which deployment does not need.
+    others = [one for name, one in data["levels"].items() if not one["outcome"] and name != "L5"]
+    for word in ("met", "not met", "not judged"):
+        names = [one["title"].removeprefix("passive ") for one in others if _state(one) == word]
+        text += [f"{word}: {', '.join(names)}"] if names else []
     rows = [
         subject.deployable(verdict),
         *_claims(verdict, data["levels"]["L5"]),
@@ -63,7 +68,7 @@ def certificate(data: Mapping[str, Any], problem: Problem, shown: str | None = N
             for one in data["levels"].values()
             if one["outcome"]
         ),
-        _per_frequency(data["levels"]),
+        row("Passivity", "; ".join(text)),
         subject.passive_limit(data["passive_limit_n_per_m"]),
         *subject.notes(data["notes"]),
         *subject.written(*data["proof_files"]),
@@ -97,16 +102,6 @@ def _claims(verdict: Mapping[str, Any], hands: Mapping[str, Any]) -> list[Row]:
             less = fill("; stays stable down to {margin_ns_per_m} less device damping", hands)
         rows.append(row(label, fill("spectral radius {spectral_radius:5} at most", one), less, mark=Mark.PASS))
     return rows
-
-
-def _per_frequency(found: Mapping[str, Any]) -> Row:
-    """Return the claims of the paper, which deployment does not need."""
-    others = [one for name, one in found.items() if not one["outcome"] and name != "L5"]
-    text = []
-    for word in ("met", "not met", "not judged"):
-        names = [one["title"].removeprefix("passive ") for one in others if _state(one) == word]
-        text += [f"{word}: {', '.join(names)}"] if names else []
-    return row("Passivity", "; ".join(text))
 
 
 def _state(level: Mapping[str, Any]) -> str:

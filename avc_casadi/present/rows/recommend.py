@@ -63,7 +63,12 @@ def wall_rows(data: Mapping[str, Any], problem: Problem) -> list[Row]:
     found = [*_slips(data), _coupling(data, problem), *_rendered(data, problem), _stability(data)]
     if not data["deployable"]:
         return [*found, *_simulated(data)]
-    limit, worst = data["coupling"]["max_force_n"], data["transient"]["worst_hand"]
+    limit, worst, trade_off = data["coupling"]["max_force_n"], data["transient"]["worst_hand"], []
+    for one in data["trade_off"] or ():
+        errors = listed(Value(share, "share") for share in one["error"])
+        missed = "" if one["met"] else "(contact or decay not met)"
+        what = fill("disk margin {disk_margin:2}: error", one)
+        trade_off.append((what, errors, fill(", ripple {ripple_n}", one), missed))
     return [
         *found,
         subject.smallest_margins(data["margins"]),
@@ -71,7 +76,7 @@ def wall_rows(data: Mapping[str, Any], problem: Problem) -> list[Row]:
         subject.damping_ratio(
             worst["damping_ratio"], worst["frequency_hz"], "worst_hand", data["coupling"]["sample_time_s"]
         ),
-        *_trade_off(data),
+        *([row("At 1, 10, 30 Hz", listed(trade_off, ";"))] if trade_off else []),
         *_simulated(data),
         *_unmodelled(data),
         subject.peak_force(data["trial"], limit, data["trial"]["at_force_limit"]),
@@ -233,16 +238,6 @@ def _contact(data: Mapping[str, Any], problem: Problem) -> list[Row]:
     return rows
 
 
-def _trade_off(data: Mapping[str, Any]) -> list[Row]:
-    """Return what a disk margin costs in impedance error at 1, 10 and 30 Hz, and the ripple of an encoder step."""
-    each = []
-    for one in data["trade_off"] or ():
-        errors = listed(Value(share, "share") for share in one["error"])
-        missed = "" if one["met"] else "(contact or decay not met)"
-        each.append((fill("disk margin {disk_margin:2}: error", one), errors, fill(", ripple {ripple_n}", one), missed))
-    return [row("At 1, 10, 30 Hz", listed(each, ";"))] if each else []
-
-
 def _limit(data: Mapping[str, Any]) -> list[Row]:
     each = [
         (str(one["change"]).removesuffix(" of the device"), fill("{stiffest_wall_n_per_m}", one))
@@ -299,11 +294,14 @@ def _pair_rows(data: Mapping[str, Any], problem: Problem) -> list[Row]:
     """Return the rows of a coupling to a simulation or a follower."""
     found, trial, end = data["pair"], data["trial"], problem.simulation or problem.follower
     wanted = end and end.stiffness_n_per_m
-    more = [_pair_limit(data), *subject.not_used(data["not_used"])]
+    stiffest, helps = found["stiffest"], data["what_would_help"]
+    limit = fill("K {stiffness_n_per_m}", stiffest) if stiffest["stiffness_n_per_m"] else ("no K is stable",)
+    each = [limit, *((one["change"], fill("{stiffest_n_per_m}", one)) for one in helps[:3])]
+    more = [row("Linear limit", listed(each, ";")), *subject.not_used(data["not_used"])]
     if data["coupling"] is None:
         none = row("Coupling", f"none is deployable: {data['reason']}", mark=Mark.FAIL)
         # Where K is linearly stable hands refute it: what else is linearly stable with it is no help.
-        refuted = wanted is not None and wanted <= found["stiffest"]["stiffness_n_per_m"]
+        refuted = wanted is not None and wanted <= stiffest["stiffness_n_per_m"]
         return [none, *([] if refuted else _same_k(found)), *more]
     local = "damper of each loop" if problem.follower is not None else "damper in the device's loop"
     soft = wanted is None and found["gains"]["stiffness_n_per_m"] < problem.hands.stiffness_n_per_m[0]
@@ -312,7 +310,13 @@ def _pair_rows(data: Mapping[str, Any], problem: Problem) -> list[Row]:
     for where, there in (("in the scene", found["in_scene"]), ("at the follower", found["at_follower"])):
         if there and there != found["gains"]:
             rows.append(row("Scaled", where, subject.pair(there, local)))
-    rows += [*felt_rows(data["felt"]), *stability(found), *_passivity(found, problem), _pair_simulated(trial)]
+    rows += [*felt_rows(data["felt"]), *stability(found)]
+    if problem.follower is not None and found["passivity_margin_ns_per_m"] is not None:
+        passive = found["passivity_margin_ns_per_m"] >= 0
+        needed = "not for any operator: that needs {passive_damping_ns_per_m} a device"
+        text = fill("for any operator and environment" if passive else needed, found)
+        rows.append(row("Passivity", text, mark=marked(passive, Mark.CAUTION)))
+    rows.append(_pair_simulated(trial))
     if "tap_force_n" in trial:
         rows.append(subject.peak_force(trial, problem.device.max_force_n))
     if found["set_by"]:
@@ -363,16 +367,6 @@ def stability(found: Mapping[str, Any]) -> list[Row]:
     return rows
 
 
-def _passivity(found: Mapping[str, Any], problem: Problem) -> list[Row]:
-    """Return whether a teleoperator is passive at both ports."""
-    if problem.follower is None or found["passivity_margin_ns_per_m"] is None:
-        return []
-    if found["passivity_margin_ns_per_m"] >= 0:
-        return [row("Passivity", "for any operator and environment", mark=Mark.PASS)]
-    needed = fill("not for any operator: that needs {passive_damping_ns_per_m} a device", found)
-    return [row("Passivity", needed, mark=Mark.CAUTION)]
-
-
 def _pair_simulated(trial: Mapping[str, Any]) -> Row:
     text, settle = f"{{settled:9}} of {{hands:9}} hands settle ({', '.join(trial['motions'])})", [trial["settled"]]
     if "settled_without_friction" in trial:
@@ -396,10 +390,3 @@ def _same_k(found: Mapping[str, Any]) -> list[Row]:
         stable = ", ".join(name for name, holds in found["exchanges"].items() if holds)
         each.append((f"exchange {stable}" if stable else "no exchange",))
     return [row("Linear, same K", listed(each), ", with a B of its own and no margin")] if each else []
-
-
-def _pair_limit(data: Mapping[str, Any]) -> Row:
-    stiffest = data["pair"]["stiffest"]
-    limit = fill("K {stiffness_n_per_m}", stiffest) if stiffest["stiffness_n_per_m"] else ("no K is stable",)
-    helps = [(one["change"], fill("{stiffest_n_per_m}", one)) for one in data["what_would_help"]]
-    return row("Linear limit", listed([limit, *helps[:3]], ";"))
