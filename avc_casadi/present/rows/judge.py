@@ -167,7 +167,7 @@ def _law_rows(found: LawCertificate) -> list[Row]:
         subject.smallest_margins({who: vars(case.margins) for who, case in cases.items()}, of_disk),
         subject.settling(None if math.isinf(seconds) else seconds, slowest),
         subject.damping_ratio(ratio, hz, swinging, period_s),
-        row("Worst hand", subject.hand(found.held.hand)),
+        row("Worst case", subject.hand(found.held.hand)),
     ]
     if found.free is not None:
         outside = fill("disk margin {disk:2}", vars(found.free.margins))
