@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,7 +10,6 @@ from matplotlib import colormaps
 from matplotlib.patches import Patch
 
 from avc_casadi._util.arrays import BoolArray, ComplexArray
-from avc_casadi.design import registry
 from avc_casadi.design.comparison.accuracy import fastest
 from avc_casadi.present.figures import style
 
@@ -23,7 +21,6 @@ if TYPE_CHECKING:
     from avc_casadi.design.comparison.comparison import Comparison
     from avc_casadi.model.problem import Model
 
-_MINE = style.Line("mine", style.PURPLE, (0, (3, 1, 1, 1)), "D", 1.2, 5, 0.75)
 # Smaller errors, in per cent, are drawn on this line: they are rounding, imperceptible to a hand.
 _ROUNDING, _UNNOTICED = 1e-9, 1e-2
 _VERDICTS = {
@@ -36,17 +33,10 @@ _VERDICTS = {
 
 
 def _lines(comparison: Comparison) -> dict[str, style.Line]:
-    """Return the line of each method; gains of the problem's own scope are drawn as the chosen ones."""
-    if comparison.delivered == comparison.optimum:
-        return style.METHODS | {"mine": _MINE}
-    beside = {
-        name: replace(style.METHODS[name], label=f"{name}, pointwise, for reference")
-        for name, one in registry.METHODS.items()
-        if one.optimises
-    }
-    beside["direct"] = replace(beside["direct"], colour="#6f94c4", style=(0, (2, 1.2)), marker="x", layer=5)
-    chosen = replace(style.METHODS["direct"], label=comparison.delivered)
-    return style.METHODS | beside | {comparison.delivered: chosen, "mine": _MINE}
+    """Return the line of each method, of the gains of the problem's own scope, and of one's own pair."""
+    chosen = style.Line(comparison.delivered, style.GREEN, (0, (2, 1.2)), "P", 1.1, 6, 0.75)
+    mine = style.Line("mine", style.PURPLE, (0, (3, 1, 1, 1)), "D", 1.2, 5, 0.6)
+    return {comparison.delivered: chosen, **style.METHODS, "mine": mine}
 
 
 @style.styled
