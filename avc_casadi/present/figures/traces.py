@@ -12,7 +12,6 @@ from avc_casadi._util.units import units_for
 from avc_casadi.present.figures import style
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from avc_casadi.diagnose.causes import Diagnosis
@@ -127,21 +126,28 @@ def draw_scene(runs: Sequence[Run], names: Sequence[str] | None = None, axes: st
     position, force, loop, energy = panels.axes
     label = f"target of the hand, up to {1e3 * aim.max():.3g} {mm}"
     position.plot(runs[0].time_s, 1e3 * aim, color="0.65", linewidth=2.4, label=label, zorder=1)
-    some_rest = any(run.stable for run in runs)
-    for index, (run, name) in enumerate(zip(runs, names or [run.coupling for run in runs], strict=True)):
+    named = list(zip(runs, names or [run.coupling for run in runs], strict=True))
+    deepest, some_rest = 0.0, any(run.stable for run in runs)
+    for index, (run, name) in enumerate(sorted(named, key=lambda one: not one[0].stable)):
         colour, dash, width = _RUNS[index % len(_RUNS)]
         line: dict[str, Any] = {"color": colour, "linestyle": dash, "linewidth": width, "zorder": 6 - index}
         if not run.stable:
-            # Thousands of cycles: a thin line, and a grey veil behind the runs that settle.
+            # Thousands of cycles: a thin line, and a grey veil behind the runs that settle, which keep their limits.
             line |= {"linestyle": "-", "linewidth": 0.35} | ({"color": "0.55", "zorder": 2} if some_rest else {})
+            for panel in panels.axes if some_rest else ():
+                panel.set(xlim=panel.get_xlim(), ylim=panel.get_ylim())
         outcome = {"asymptotic": "stable", "held-by-friction": "held by friction"}.get(run.claim, "unstable")
         label = f"{name}: {outcome}{', buzzes' if run.buzzing else ''}"
-        time, x, pushing, taken = (values[: run.samples_in_reach] for values in _traces(run))
+        traces = run.time_s, 1e3 * run.position_m, run.force_n, 1e3 * run.ledger.absorbed_j
+        time, x, pushing, taken = (values[: run.samples_in_reach] for values in traces)
         position.plot(time, x, label=label, **line)
         force.plot(time, pushing, **line)
-        loop.plot(x, pushing, **line)
+        loop.plot(x[pushing != 0], pushing[pushing != 0], **line)
         energy.plot(time, taken, **line)
-    _limits(panels.axes, runs)
+        if run.stable or not some_rest:
+            deepest = max(deepest, float(x[pushing != 0].max(initial=0.0)))
+    if deepest > 0:  # the wall's surface and its inside, not the target of the hand
+        position.set_ylim(-deepest, 1.3 * deepest)
     labels = ("position", mm), (force_word, newton), (force_word, newton), ("energy", "mJ")
     for panel, (word, unit) in zip(panels.axes, labels, strict=True):
         panel.set(xlabel="time (s)", ylabel=f"{word} ({unit})")
@@ -152,36 +158,3 @@ def draw_scene(runs: Sequence[Run], names: Sequence[str] | None = None, axes: st
     loop.locator_params(axis="x", nbins=5)
     panels.legend(2)
     return panels.figure
-
-
-def _traces(run: Run) -> tuple[Any, ...]:
-    """Return time, position, force and energy of a run: s, mm, N, mJ."""
-    return run.time_s, 1e3 * run.position_m, run.force_n, 1e3 * run.ledger.absorbed_j
-
-
-def _limits(panels: Sequence[Axes], runs: Sequence[Run]) -> None:
-    """Keep a run that does not settle from flattening the others."""
-    position, force, loop, energy = panels
-    calm = [run for run in runs if run.stable] or list(runs)
-    room, aim = 1.6 if len(calm) < len(runs) else 1.0, 1e3 * runs[0].target_m
-    traces = zip(*([values[: run.samples_in_reach] for values in _traces(run)] for run in calm), strict=True)
-    _, depth, pushing, taken = (np.concatenate(each) for each in traces)
-    travel = 2 * max(float(np.ptp(aim)), 1e-3)
-    depth = np.clip(depth, aim.min() - travel, aim.max() + travel)
-    contact = depth[pushing != 0]
-    lowest, deepest = min(depth.min(), aim.min()), float(contact.max(initial=0.0))
-    if deepest > 0:  # the wall's surface and its inside, not the target of the hand
-        _span(position, max(-deepest, lowest), 1.3 * deepest)
-        wide = max(float(np.ptp(contact)), 1e-6)
-        loop.set_xlim(contact.min() - 0.3 * wide, contact.max() + 0.2 * wide)
-    else:
-        _span(position, lowest, max(depth.max(), aim.max()))
-    for axes in (force, loop):
-        _span(axes, room * min(pushing.min(), 0.0), room * max(pushing.max(), 0.0))
-    _span(energy, min(taken.min(), -0.3 * taken.max() * (room - 1)), room * taken.max())
-
-
-def _span(axes: Axes, low: float, high: float) -> None:
-    """Show a range with some room; an axis without any range keeps matplotlib's."""
-    if high > low:
-        axes.set_ylim(low - 0.05 * (high - low), high + 0.05 * (high - low))
