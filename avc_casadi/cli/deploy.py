@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from avc_casadi.model.device import Device as DeviceModel
     from avc_hardware import BoardLimits
 
-# Names of `avc_casadi.present.engines`.
+# Names of engines in `avc_casadi.present.rows.deploy`.
 ENGINES = ("mujoco", "chai3d", "unity", "sofa", "openhaptics", "imstk", "ros2", "pybullet")
 _IN_CONTACT = "the device is in contact: release it, out of the wall; the new coupling takes over there"
 _USUAL_BAUD = 115200
@@ -54,8 +54,8 @@ def run_export(args: argparse.Namespace, console: Console) -> Answer:
     ends. What is not deployable is refused with exit code 1; --unsafe overrides.
     """
     from avc_casadi.claims.deployable import require_deployable
-    from avc_casadi.present.engines import parameters
     from avc_casadi.present.rows import deploy, holes
+    from avc_casadi.present.rows.deploy import parameters
     from avc_hardware import export_c
     from avc_hardware.codegen.pair_export import pair_verdict
 

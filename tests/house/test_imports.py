@@ -31,7 +31,6 @@ ROOMS = (
     "recommendation",
     "present.row",
     "present.rows",
-    "present.engines",
     "present.figures",
     "present.report",
     "present.explore",
