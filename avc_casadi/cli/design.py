@@ -283,7 +283,7 @@ def _written(
 
 def _run_wall(problem: avc.Problem, args: argparse.Namespace, console: Console, folder: Path, shown: Path) -> Answer:
     """Recommend, push to the emulated device, answer the paper's question, draw and report."""
-    from avc_casadi.design.comparison.comparison import with_delivered
+    from avc_casadi.design.comparison.comparison import with_causal, with_delivered
     from avc_casadi.files.coupling_file import gain_csv, gain_document
     from avc_casadi.present.report import paper_pictures, paper_sections, report_html, wall_pictures
     from avc_casadi.present.rows import design
@@ -299,6 +299,8 @@ def _run_wall(problem: avc.Problem, args: argparse.Namespace, console: Console, 
     comparison = _compared(problem, None, console)
     if comparison.scope != "pointwise":
         comparison = with_delivered(comparison, problem, _solved(problem, "schedule", console))
+    if found.coupling is not None and found.coupling.table.constant:
+        comparison = with_causal(comparison, found.coupling)
     gains = comparison.methods[comparison.delivered]
     certificate = comparison.judged[comparison.delivered].certificate.document()
     with console.step("device"):
@@ -316,7 +318,7 @@ def _run_wall(problem: avc.Problem, args: argparse.Namespace, console: Console, 
         texts["coupling.json"], written = coupling_text(found.coupling), str(shown / "coupling.json")
     answer = recommendation(found, args.problem, written)
     beside = design.paper_data(comparison, gains) | {"push": push}
-    question = [*design.paper(beside), design.device(push)]
+    question = [*design.paper(beside), *design.causality(beside), design.device(push)]
     more = paper_sections(compare, problem, paper, question)
     texts["report.html"] = report_html(answer, problem, list(wall.values()), package_versions(), more)
     answer = _written(answer, folder, shown, texts, wall | paper, beside)

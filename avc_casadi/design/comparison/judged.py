@@ -224,8 +224,9 @@ class CausalGains:
 
     @property
     def usable(self) -> BoolArray:
-        """Where there is a pair."""
-        return np.asarray(np.isfinite(self.stiffness_n_per_m))
+        """Where a spring and damper could do the same."""
+        pairs = np.isfinite(self.stiffness_n_per_m) & (self.stiffness_n_per_m >= 0) & (self.damping_ns_per_m >= 0)
+        return np.asarray(pairs)
 
     def document(self) -> dict[str, Any]:
         """Return JSON values: the pair and both errors at each frequency."""

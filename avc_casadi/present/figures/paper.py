@@ -36,7 +36,8 @@ def _lines(comparison: Comparison) -> dict[str, style.Line]:
     """Return the line of each method, of the gains of the problem's own scope, and of one's own pair."""
     chosen = style.Line(comparison.delivered, style.GREEN, (0, (2, 1.2)), "P", 1.1, 6, 0.75)
     mine = style.Line("mine", style.PURPLE, (0, (3, 1, 1, 1)), "D", 1.2, 5, 0.6)
-    return {comparison.delivered: chosen, **style.METHODS, "mine": mine}
+    causal = style.Line("causal, every hand", "#17818c", (0, (3, 1.2)), "d", 1.3, 6, 0.75)
+    return {comparison.delivered: chosen, **style.METHODS, "mine": mine, "causal": causal}
 
 
 @style.styled
@@ -59,6 +60,8 @@ def draw_perceived(comparison: Comparison, axes: style.GivenAxes = None) -> Figu
         (style.Line("no coupling", "0.35", style.DOTTED, "", 1.4, 3, 0.0), comparison.without_coupling, everywhere),
         *((lines[name], one.impedance, one.usable) for name, one in shown.items()),
     ]
+    if (causal := comparison.causal) is not None:
+        curves.append((lines["causal"], causal.impedance, everywhere))
     sizes = [np.abs(comparison.lower), np.abs(comparison.upper), *(np.abs(one) for _, one, _ in curves)]
     perceived.fill_between(hz, sizes[0], sizes[1], color="0.92", zorder=1, label="feels real")
     for (line, impedance, usable), size in zip(curves, sizes[2:], strict=True):
@@ -73,6 +76,9 @@ def draw_perceived(comparison: Comparison, axes: style.GivenAxes = None) -> Figu
             wanted = getattr(one, f"requested_{key}", np.full(one.rows, np.nan))
             drawn.append(np.where(one.usable, getattr(one, key), wanted))
             lines[name].draw_where(one.usable, panel, hz, drawn[-1])
+        if causal is not None and hasattr(causal, key):
+            drawn.append(np.where(causal.usable, getattr(causal, key), np.nan))
+            lines["causal"].draw(panel, hz, drawn[-1])
         style.value_axis(panel, *drawn, wide=1.2)
         panel.set_ylabel(label)
         if panel.get_yscale() != "log":  # 0 has no place here, and would move the limits
@@ -118,6 +124,8 @@ def draw_comparison(comparison: Comparison, axes: style.GivenAxes = None) -> Fig
     errors = {name: (one.magnitude_error, one.complex_error, one.usable) for name, one in comparison.methods.items()}
     if (mine := comparison.mine) is not None:
         errors["mine"] = mine.magnitude_error, mine.complex_error, np.ones(hz.shape, dtype=bool)
+    if (causal := comparison.causal) is not None:
+        errors["causal"] = causal.magnitude_error, causal.complex_error, np.ones(hz.shape, dtype=bool)
     for name, (of_magnitude, of_impedance, usable) in errors.items():
         with np.errstate(divide="ignore", invalid="ignore"):
             share = 100 * of_magnitude / size
