@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -35,7 +35,6 @@ _EVENTS = 2
 class Layout:
     """Structure of a plant: its entries that are nonzero for any hand."""
 
-    states: int
     entries: tuple[tuple[int, int], ...]
     force_row: int
     target_row: int | None
@@ -47,22 +46,11 @@ class Layout:
         hands = tuple(range(plant.matrix.ndim - 2))
         rows = np.flatnonzero(np.any(plant.target != 0, axis=(*hands, plant.target.ndim - 1)))
         return cls(
-            states=plant.states,
             entries=tuple((int(i), int(j)) for i, j in np.argwhere(np.any(plant.matrix != 0, axis=hands))),
             force_row=int(np.flatnonzero(np.any(plant.force != 0, axis=hands))[0]),
             target_row=int(rows[0]) if len(rows) else None,
             friction_n=friction_n,
         )
-
-    def parameters(self, plant: LinearPlant, sample_time_s: float) -> FloatArray:
-        """Return the numbers as changes in one sample, shape (..., p), in the order of `PlantSymbols`."""
-        columns = [plant.matrix[..., row, column] for row, column in self.entries]
-        columns.append(plant.force[..., self.force_row])
-        if self.target_row is not None:
-            columns += [plant.target[..., self.target_row, 0], plant.target[..., self.target_row, 1]]
-        if self.friction_n > 0:
-            columns.append(-self.friction_n * plant.friction[..., 1])
-        return np.stack(columns, axis=-1) * sample_time_s
 
 
 class PlantSymbols:
@@ -116,16 +104,6 @@ class Drive:
     target: tuple[Expr, Expr] | None
 
 
-class Advance(Protocol):
-    """Propagation of the continuous part from one sample to the next."""
-
-    def step(self, tick: Tick, state: list[Expr], drive: Drive) -> list[Expr]:
-        """Add the parameters and return the state one sample later."""
-
-    def parameters(self, plant: LinearPlant, sample_time_s: float) -> FloatArray:
-        """Return the parameters for each hand, shape (..., p), in the order in which `step` adds them."""
-
-
 @dataclass(frozen=True)
 class Stretch:
     """A part of the sample of constant force."""
@@ -145,12 +123,17 @@ def stretches(late: float) -> tuple[Stretch, ...]:
 
 @dataclass(frozen=True)
 class MatrixExponential:
-    """Linear plant whose force is held, or changes at a moment that is the same in every sample: exact to rounding."""
+    """Linear plant whose force is held, or changes at a moment that is the same in every sample: exact to rounding.
+
+    Dry friction is projected, implicit and without events: exact while the device slides, of first order where it stops
+    or breaks away.
+    """
 
     substeps: int
     held: bool
     driven: bool
     late: float = 0.0
+    friction_n: float = 0.0
 
     def step(self, tick: Tick, state: list[Expr], drive: Drive) -> list[Expr]:
         """Add the transition matrices and return the state one sample later."""
@@ -164,6 +147,8 @@ class MatrixExponential:
         matrix = tick.parameter(name, ca.Sparsity.dense(n, n))
         of_force: Expr = tick.parameter(f"{name}_of_force", ca.Sparsity.dense(n, 1)) if self.held else None
         of_target: Expr = tick.parameter(f"{name}_of_target", ca.Sparsity.dense(n, 2)) if self.driven else None
+        rubs = self.friction_n > 0
+        of_friction: Expr = tick.parameter(f"{name}_of_friction", ca.Sparsity.dense(n, 1)) if rubs else None
         for substep in range(self.substeps):
             x = ca.mtimes(matrix, x)
             if self.held:
@@ -172,71 +157,31 @@ class MatrixExponential:
                 position, velocity = drive.target
                 elapsed = tick.sample_time_s * (stretch.begin + stretch.share * substep / self.substeps)
                 x += ca.mtimes(of_target, ca.vertcat(position + velocity * elapsed if elapsed else position, velocity))
+            if rubs:
+                stopping = -x[1] / of_friction[1]
+                friction = ca.fmin(ca.fmax(stopping, -self.friction_n), self.friction_n)
+                x += of_friction * friction
+                x[1] *= ca.fabs(stopping) > self.friction_n
         return x
 
     def parameters(self, plant: LinearPlant, sample_time_s: float) -> FloatArray:
         """Return the transition matrices, columns first, as CasADi stores them."""
         parts = []
         for stretch in stretches(self.late):
-            moves = transition(plant, sample_time_s * stretch.share / self.substeps)
+            step_s = sample_time_s * stretch.share / self.substeps
+            moves = transition(plant, step_s)
             parts.append(_columns_first(moves.matrix))
             if self.held:
                 parts.append(moves.force)
             if self.driven:
                 parts.append(_columns_first(moves.target))
+            if self.friction_n > 0:
+                parts.append(transition(replace(plant, force=plant.friction), step_s).force)
         return np.concatenate(parts, axis=-1)
 
 
 def _columns_first(matrix: FloatArray) -> FloatArray:
     return np.swapaxes(matrix, -1, -2).reshape(*matrix.shape[:-2], -1)
-
-
-@dataclass(frozen=True)
-class Projected:
-    """Implicit, without events; exact while the device slides, of first order where it stops or breaks away."""
-
-    substeps: int
-    held: bool
-    driven: bool
-    late: float
-    friction_n: float
-
-    def step(self, tick: Tick, state: list[Expr], drive: Drive) -> list[Expr]:
-        """Add the transition matrices and return the state one sample later."""
-        for stretch in stretches(self.late):
-            state = self._through(tick, stretch, state, drive)
-        return state
-
-    def _through(self, tick: Tick, stretch: Stretch, state: list[Expr], drive: Drive) -> list[Expr]:
-        free = MatrixExponential(1, self.held, self.driven)
-        inner = Tick(tick.sample_time_s * stretch.share / self.substeps, tick.start_m)
-        now = [ca.SX.sym(f"x{index}") for index in range(len(state))]
-        symbols = {name: ca.SX.sym(name) for name in ("force", "position", "velocity")}
-        target = (symbols["position"], symbols["velocity"]) if self.driven else None
-        moved = free.step(inner, now, Drive(symbols["force"] if self.held else None, None, None, target))
-        parameters = [slot.symbol for slot in inner.parameters]
-        substep = ca.Function("substep", [*now, *symbols.values(), *parameters], moved)
-        held = [tick.parameter(f"{slot.name}{stretch.name}", slot.symbol.sparsity()) for slot in inner.parameters]
-        of_friction = tick.parameter(f"transition_of_friction{stretch.name}", ca.Sparsity.dense(len(state), 1))
-        force = drive.force_before if stretch.before else drive.force
-        for index in range(self.substeps):
-            elapsed = tick.sample_time_s * (stretch.begin + stretch.share * index / self.substeps)
-            aim = (0.0, 0.0) if drive.target is None else (drive.target[0] + drive.target[1] * elapsed, drive.target[1])
-            sliding = substep(*state, 0.0 if force is None else force, *aim, *held)
-            stopping = -sliding[1] / of_friction[1]
-            friction = ca.fmin(ca.fmax(stopping, -self.friction_n), self.friction_n)
-            state = [x + of_friction[row] * friction for row, x in enumerate(sliding)]
-            state[1] *= ca.fabs(stopping) > self.friction_n
-        return state
-
-    def parameters(self, plant: LinearPlant, sample_time_s: float) -> FloatArray:
-        """Return the transition matrices of each stretch, that of the friction last."""
-        parts = []
-        for stretch in stretches(self.late):
-            step_s = sample_time_s * stretch.share / self.substeps
-            parts.append(MatrixExponential(1, self.held, self.driven).parameters(plant, step_s))
-            parts.append(transition(replace(plant, force=plant.friction), step_s).force)
-        return np.concatenate(parts, axis=-1)
 
 
 @dataclass(frozen=True)
@@ -265,8 +210,15 @@ class TaylorSeries:
         return cls(Layout.of(plant, friction_n), substeps, order)
 
     def parameters(self, plant: LinearPlant, sample_time_s: float) -> FloatArray:
-        """Return the plant's numbers over one sample, shape (..., p)."""
-        return self.layout.parameters(plant, sample_time_s)
+        """Return the numbers as changes in one sample, shape (..., p), in the order of `PlantSymbols`."""
+        layout = self.layout
+        columns = [plant.matrix[..., row, column] for row, column in layout.entries]
+        columns.append(plant.force[..., layout.force_row])
+        if layout.target_row is not None:
+            columns += [plant.target[..., layout.target_row, 0], plant.target[..., layout.target_row, 1]]
+        if layout.friction_n > 0:
+            columns.append(-layout.friction_n * plant.friction[..., 1])
+        return np.stack(columns, axis=-1) * sample_time_s
 
     def step(self, tick: Tick, state: list[Expr], drive: Drive) -> list[Expr]:
         """Add the plant's numbers and return the state one sample later."""
@@ -345,6 +297,10 @@ class TaylorSeries:
                 rates[1] *= sliding
             powers.append([rate * (1.0 / (power + 1)) for rate in rates])
         return [list(column) for column in zip(*powers, strict=True)], loads
+
+
+Advance = MatrixExponential | TaylorSeries
+"""Propagation of the continuous part from one sample to the next, and the parameters that it adds, (hands, p)."""
 
 
 def _mode(plant: PlantSymbols, state: list[Expr], force: Expr, target: Any, breaking: Expr) -> tuple[Expr, Expr]:

@@ -19,7 +19,7 @@ from avc_casadi.model.gains import NO_COUPLING, Gains
 from avc_casadi.model.plant import DEVICE, GROUND, HANDLE, LinearPlant, Plant
 from avc_casadi.model.problem import Problem
 from avc_casadi.model.scene import Free, Motion, Stroke, Tap, scene_effects
-from avc_casadi.simulation.advance import Advance, Drive, MatrixExponential, Projected, TaylorSeries
+from avc_casadi.simulation.advance import Advance, Drive, MatrixExponential, TaylorSeries
 from avc_casadi.simulation.contact import Environment, coupling_parameters, wall_force
 from avc_casadi.simulation.effects.base import SceneEffect, Station
 from avc_casadi.simulation.effects.environment import Engine
@@ -311,16 +311,15 @@ def _advance(problem: Problem, effects: tuple[SceneEffect, ...], plant: LinearPl
     constant = tick.late if isinstance(tick.late, float) else 0.0
     varying = tick.late is not None and constant == 0
     held, driven = tick.command is not None, bool(np.any(plant.target))
-    if integrator == "projected" and friction > 0:
-        if varying:
-            raise UnsupportedError(
-                f'{problem.name}: scene.integrator = "projected" needs whole substeps, which the lateness of '
-                'the effect jitter breaks up; take "exact", or jitter with rms_s = 0'
-            )
-        return Projected(substeps, held=held, driven=driven, late=constant, friction_n=friction)
-    if friction > 0 or varying:
+    projected = integrator == "projected" and friction > 0
+    if projected and varying:
+        raise UnsupportedError(
+            f'{problem.name}: scene.integrator = "projected" needs whole substeps, which the lateness of '
+            'the effect jitter breaks up; take "exact", or jitter with rms_s = 0'
+        )
+    if varying or (friction > 0 and not projected):
         return TaylorSeries.of(plant, tick.sample_time_s, friction, substeps)
-    return MatrixExponential(substeps, held=held, driven=driven, late=constant)
+    return MatrixExponential(substeps, held, driven, constant, friction)
 
 
 def _continue(tick: Tick, plant: LinearPlant, target: Target, advance: Advance) -> None:
