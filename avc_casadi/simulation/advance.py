@@ -20,15 +20,8 @@ from avc_casadi._util.arrays import FloatArray
 from avc_casadi.model.plant import LinearPlant, time_scale, transition
 from avc_casadi.simulation.tick import Expr, Tick, ca
 
-# The first power left out, relative to the change of the state in a sample.
-_REST = 1e-17
+# Higher powers cost less than more substeps, as long as their sum does not cancel.
 _HIGHEST_ORDER = 22
-_MOST_SUBSTEPS = 32
-# Larger terms would cancel and lose digits.
-_LARGEST_TERM = 1e3
-_NEWTON_STEPS = 4
-# Changes between sliding and sticking that are located in one series; a third one waits for its end.
-_EVENTS = 2
 
 
 @dataclass(frozen=True)
@@ -195,16 +188,16 @@ class TaylorSeries:
     @classmethod
     def of(cls, plant: LinearPlant, sample_time_s: float, friction_n: float, substeps: int) -> TaylorSeries:
         """Choose the order, and more substeps where the plant is fast."""
-        # Higher powers are cheaper than more substeps, as long as their sum does not cancel.
+        most_substeps = 32
         order = _order(plant, sample_time_s / substeps)
-        while order > _HIGHEST_ORDER and substeps <= _MOST_SUBSTEPS:
+        while order > _HIGHEST_ORDER and substeps <= most_substeps:
             substeps *= 2
             order = _order(plant, sample_time_s / substeps)
-        if order > _HIGHEST_ORDER or substeps > _MOST_SUBSTEPS:
+        if order > _HIGHEST_ORDER or substeps > most_substeps:
             instead = 'scene.integrator = "projected"' if friction_n > 0 else "the effect jitter with rms_s = 0"
             raise UnsupportedError(
                 f"the scene's mechanics move so fast within a sample of {sample_time_s:g} s that exact dry friction or "
-                f"late forces would take more than {_MOST_SUBSTEPS} substeps; take {instead}, a heavier hand or "
+                f"late forces would take more than {most_substeps} substeps; take {instead}, a heavier hand or "
                 "device, or a slower amplifier or resonance"
             )
         return cls(Layout.of(plant, friction_n), substeps, order)
@@ -233,7 +226,8 @@ class TaylorSeries:
         part = duration / self.substeps
         for _ in range(self.substeps):
             remaining, breaking = part, 0
-            for _ in range(_EVENTS if self.layout.friction_n > 0 else 0):
+            # Two changes between sliding and sticking are located in a series; a third one waits for its end.
+            for _ in range(2 if self.layout.friction_n > 0 else 0):
                 state, used, breaking = self._until_event(plant, state, force, target, remaining, breaking)
                 remaining -= used
                 target = plant.moved(target, used)
@@ -328,7 +322,7 @@ def _first_zero(powers: list[Expr], remaining: Expr) -> Expr:
     slopes = [power * coefficient for power, coefficient in enumerate(powers)][1:]
     low: Expr = 0
     high = until
-    for _ in range(_NEWTON_STEPS):
+    for _ in range(4):
         inside = ca.logic_and(guess >= low, guess <= high)
         guess = ca.if_else(inside, guess, 0.5 * (low + high))
         value = _horner(powers, guess)
@@ -352,8 +346,10 @@ def _order(plant: LinearPlant, step_s: float) -> int:
     for power in range(1, _HIGHEST_ORDER + 1):
         term = term @ matrix / power
         largest = np.abs(term).max()
-        if largest < _REST:
+        # Relative to the change of the state in a sample.
+        if largest < 1e-17:
             return power
-        if largest > _LARGEST_TERM:
+        # Larger terms would cancel and lose digits.
+        if largest > 1e3:
             break
     return _HIGHEST_ORDER + 1

@@ -121,9 +121,6 @@ def _resting_from(duration_s: float, begin_s: float, motion: Tap | Stroke | Free
     return float(begin_s + periods / motion.frequency_hz)
 
 
-_SPEEDS = ("velocity_m_per_s", "held_m_per_s")
-
-
 @dataclass(frozen=True)
 class CompiledScene:
     """One sample of a scene, (states, inputs, parameters) -> (next states, traces), and the data common to its runs."""
@@ -156,7 +153,7 @@ class CompiledScene:
     @property
     def speeds(self) -> tuple[str, ...]:
         """Names of the velocity traces; they follow the first trace."""
-        return tuple(name for name in self.traces if name in _SPEEDS)
+        return tuple(name for name in self.traces if name in ("velocity_m_per_s", "held_m_per_s"))
 
     def with_numbers(self, kind: str, **numbers: Any) -> CompiledScene:
         """Return the scene with other numbers of an effect, of one structure."""

@@ -25,10 +25,6 @@ from avc_casadi._util.arrays import FloatArray
 from avc_casadi.model.runtime import PLAIN
 from avc_casadi.simulation.tick import Expr, Rate, Tick, ca
 
-# N/m: far below any gain, far above the smallest number of single precision.
-_NO_GAINS = 1e-20
-COUPLING_PARAMETERS = ("coupling_memory_s", "coupling_compliance_m_per_n", "series_stiffness_n_per_m")
-
 
 @dataclass(frozen=True)
 class Environment:
@@ -128,15 +124,19 @@ def _surface(tick: Tick, environment: Environment) -> Rate:
 def _gains(tick: Tick, stretch: Rate, kappa_e: Expr, environment: Environment) -> tuple[Expr, Expr, Expr, Expr]:
     """Return b/kappa, 1/kappa, the stiffness in series and k/kappa: parameters of a run, or from the current gains."""
     if tick.adapt is None:
-        memory, compliance, series = (tick.parameter(name) for name in COUPLING_PARAMETERS)
+        memory, compliance, series = (
+            tick.parameter(name)
+            for name in ("coupling_memory_s", "coupling_compliance_m_per_n", "series_stiffness_n_per_m")
+        )
         return memory, compliance, series, None
     # Out of contact the clip-last coupling stretches without a force on the device: nothing is stored there.
     held = ca.fmax(stretch.before, 0) if environment.one_sided else stretch.before
     tick.adapted = gains = tick.adapt(environment.by_law(held, stretch.before), environment.one_sided)
     stretch.forget(environment.by_law(1, gains.touching))
     kappa = gains.stiffness_n_per_m + gains.damping_ns_per_m * stretch.gain
-    # Without gains there is no force, whatever the compliance: it only has to be finite.
-    compliance = 1 / (kappa + _NO_GAINS)
+    # Without gains there is no force, whatever the compliance: it only has to be finite. 1e-20 N/m is far below any
+    # gain, far above the smallest number of single precision.
+    compliance = 1 / (kappa + 1e-20)
     series = kappa * (kappa_e / (kappa + kappa_e))
     return gains.damping_ns_per_m * compliance, compliance, series, gains.stiffness_n_per_m * compliance
 

@@ -40,19 +40,14 @@ _THREADS = ThreadPoolExecutor(processors(), thread_name_prefix="scene")
 _COMPILING = ThreadPoolExecutor(processors(), thread_name_prefix="compile")
 LANES = 16
 """Runs side by side."""
-# Nothing fused; no errno, for which a root would leave its lanes. -O2 takes half as long again and is no faster.
-_FLAGS = ("-O1", "-ffp-contract=off", "-fno-math-errno", "-fPIC", "-shared", "-w")
-# The machine's own vectors; not every compiler has this option.
-_VECTORS = "-march=native"
 
-_SAMPLE = """
+_LOOP = """
+#define LANES {lanes}
 static inline void sample(const Lanes* restrict now, const double* restrict u, const Lanes* restrict p,
                           Lanes* restrict next, Lanes* restrict traces) {{
   {body}
 }}
-"""
 
-_LOOP = """
 #define VECTORS (LANES / WIDTH)
 /* The largest so far; once not a number, always not a number. */
 static inline Lanes peak(Lanes value, Lanes before) {{
@@ -99,12 +94,7 @@ int avc_run(long long runs, long long samples, long long judged, const double* i
 
 def compiler() -> str | None:
     """Return the path of the C compiler ($CC, or cc), or None."""
-    return _found(os.environ.get("CC") or "cc", os.environ.get("PATH"))
-
-
-@lru_cache(maxsize=8)
-def _found(name: str, path: str | None) -> str | None:
-    return shutil.which(name, path=path)
+    return shutil.which(os.environ.get("CC") or "cc")
 
 
 class NativeScene:
@@ -173,8 +163,8 @@ def _code(function: Any, speeds: int) -> str:
         "traces": function.numel_out(1),
     }
     least = {name: max(1, size) for name, size in sizes.items()}
-    loop = _LOOP.format(**least, **{f"n_{name}": size for name, size in sizes.items()}, speeds=speeds)
-    return "\n".join([LANES_HEAD, f"#define LANES {LANES}", _SAMPLE.format(body=body), loop])
+    exact = {f"n_{name}": size for name, size in sizes.items()}
+    return LANES_HEAD + _LOOP.format(**least, **exact, speeds=speeds, body=body, lanes=LANES)
 
 
 def library(source: str) -> ctypes.CDLL:
@@ -193,7 +183,10 @@ def _library(source: str, found: str | None) -> ctypes.CDLL:
     with tempfile.TemporaryDirectory(prefix="avc-scene-", ignore_cleanup_errors=True) as folder:
         code, shared = Path(folder, "sample.c"), Path(folder, "sample.so")
         code.write_text(source, encoding="utf-8")
-        for flags in ((*_FLAGS, _VECTORS), _FLAGS):
+        # Nothing fused; no errno, for which a root would leave its lanes. -O2 is no faster.
+        plain = ("-O1", "-ffp-contract=off", "-fno-math-errno", "-fPIC", "-shared", "-w")
+        # The machine's own vectors; not every compiler has this option.
+        for flags in ((*plain, "-march=native"), plain):
             command = [found, *flags, str(code), "-o", str(shared), "-lm"]
             done = subprocess.run(command, check=False, capture_output=True, text=True)  # noqa: S603 - the user's own
             if done.returncode == 0:
@@ -202,11 +195,6 @@ def _library(source: str, found: str | None) -> ctypes.CDLL:
 
 
 Engine = Literal["auto", "casadi", "native"]
-
-# Compiling takes about 0.1 s and 0.25 ms an instruction, and saves some 1.5 ns each time an instruction is evaluated.
-_COMPILE_S, _COMPILE_S_PER_INSTRUCTION, _SAVED_S = 0.1, 2.5e-4, 1.5e-9
-# Runs whose traces are held at a time, where only verdicts are wanted.
-_TRACES = 250
 
 
 def execute(
@@ -229,9 +217,9 @@ def execute_to_speed(
         first = scene.samples - judged_samples(scene.samples, scene.sample_time_s)
         far, fast = native(scene.initial, inputs.T, parameters, workers, first).T
         return _over_rest(scene, far, fast)
-    found = [np.zeros(0)]
-    for begin in range(0, len(parameters), _TRACES):
-        run = _by_casadi(scene, parameters[begin : begin + _TRACES], inputs)
+    found, at_once = [np.zeros(0)], 250
+    for begin in range(0, len(parameters), at_once):
+        run = _by_casadi(scene, parameters[begin : begin + at_once], inputs)
         last = slice(-judged_samples(scene.samples, scene.sample_time_s), None)
         fast = np.max([np.abs(run[name][:, last]).max(axis=-1) for name in scene.speeds], axis=0)
         found.append(_over_rest(scene, np.abs(run["position_m"]).max(axis=-1), fast))
@@ -245,8 +233,8 @@ def _over_rest(scene: CompiledScene, far_m: FloatArray, fast_m_per_s: FloatArray
 
 def _native(scene: CompiledScene, runs: int, engine: Engine) -> NativeScene | None:
     """Return the scene as machine code, or None where CasADi runs it."""
-    saved = runs * scene.samples * scene.instructions * _SAVED_S
-    pays = saved > _COMPILE_S + scene.instructions * _COMPILE_S_PER_INSTRUCTION
+    # Compiling takes about 0.1 s and 0.25 ms an instruction, and saves 1.5 ns each time an instruction is evaluated.
+    pays = runs * scene.samples * scene.instructions * 1.5e-9 > 0.1 + scene.instructions * 2.5e-4
     if engine != "native" and not (engine == "auto" and pays and compiler() is not None):
         return None
     try:

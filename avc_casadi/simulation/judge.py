@@ -32,8 +32,7 @@ class Ledger:
     @property
     def generated_j(self) -> FloatArray:
         """Largest energy given out beyond the absorbed energy, shape (...)."""
-        generated: FloatArray = 0.0 - np.minimum(0.0, self.absorbed_j.min(axis=-1))
-        return generated
+        return np.asarray(0.0 - np.minimum(0.0, self.absorbed_j.min(axis=-1)))
 
 
 def energy_ledger(
@@ -69,11 +68,6 @@ AT_REST_M_PER_S = 5e-3
 """Speed of device and handle below which a run counts as settled."""
 RIPPLE_HZ = (20.0, 500.0)
 BUZZ_SHARE = 0.07
-IMPACT_S = 0.01
-RISE_SAMPLES = 4
-"""Samples of an impact below which the rise of its force is not resolved."""
-# Below what a finger can feel.
-TOUCH_N = 1e-6
 # Beyond any desktop workspace: the run has diverged.
 DIVERGED_M = 10.0
 
@@ -161,7 +155,8 @@ class Traces:
             travel = np.ptp(self.position_m[..., last], axis=-1)
             force, penetration = self.force_n[..., last].mean(axis=-1), depth[..., last].mean(axis=-1)
             ripple = _ripple(self.force_n[..., last], sample_time_s)
-            touching = (force > TOUCH_N * unit) & (penetration > 0) & here
+            # Less than a micronewton is no touch.
+            touching = (force > 1e-6 * unit) & (penetration > 0) & here
             apparent = np.where(touching, force / penetration, np.nan)
             buzzing = ~here | (ripple > BUZZ_SHARE * np.abs(force))
         return Judgement(
@@ -187,45 +182,43 @@ def _ripple(force: FloatArray, sample_time_s: float) -> FloatArray:
     """Return the rms of a signal's spectrum between 20 and 500 Hz (or the Nyquist frequency)."""
     n = force.shape[-1]
     frequency = np.fft.rfftfreq(n, sample_time_s)
-    spectrum = np.fft.rfft(force, axis=-1)[..., (frequency >= RIPPLE_HZ[0]) & (frequency <= RIPPLE_HZ[1])]
+    within = (frequency >= RIPPLE_HZ[0]) & (frequency <= RIPPLE_HZ[1])
     # Every frequency but that of Nyquist counts twice, for its mirror image.
-    weight = np.where(np.isclose(frequency * sample_time_s, 0.5), 1.0, 2.0)
-    weight = weight[(frequency >= RIPPLE_HZ[0]) & (frequency <= RIPPLE_HZ[1])]
-    rms: FloatArray = np.sqrt((weight * np.abs(spectrum) ** 2).sum(axis=-1)) / n
-    return rms
+    weight = np.where(np.isclose(frequency * sample_time_s, 0.5), 1.0, 2.0)[within]
+    spectrum = np.fft.rfft(force, axis=-1)[..., within]
+    return np.asarray(np.sqrt((weight * np.abs(spectrum) ** 2).sum(axis=-1)) / n)
 
 
 def _rate_hardness(depth: FloatArray, velocity: FloatArray, force: FloatArray, sample_time_s: float) -> FloatArray:
-    if force.shape[-1] < 2 or sample_time_s * RISE_SAMPLES > IMPACT_S:
+    impact_s = 0.01
+    # Of fewer than four samples of an impact the rise of its force is not resolved.
+    if force.shape[-1] < 2 or sample_time_s * 4 > impact_s:
         return np.full(force.shape[:-1], np.nan)
     pushing = force > 0
     first = pushing.argmax(axis=-1)[..., None]
     # The last sample before the face: a force that comes late may meet a hand that has stopped.
     met = (pushing | (depth > 0)).argmax(axis=-1)[..., None]
     speed = np.abs(np.take_along_axis(velocity, np.maximum(met - 1, 0), axis=-1)[..., 0])
-    window = np.minimum(first + np.arange(1 + round(IMPACT_S / sample_time_s)), force.shape[-1] - 1)
+    window = np.minimum(first + np.arange(1 + round(impact_s / sample_time_s)), force.shape[-1] - 1)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         before = np.where(window > 0, np.take_along_axis(force, np.maximum(window - 1, 0), axis=-1), 0.0)
         rate = (np.take_along_axis(force, window, axis=-1) - before) / sample_time_s
         return np.where(pushing.any(axis=-1) & (speed > 0), rate.max(axis=-1) / speed, np.nan)
 
 
-# Peak displacement at the detection threshold of a hand in a pen-hold posture, approximately after Israr, Choi and Tan
-# (IROS 2006, "Detection threshold and mechanical impedance of the hand in a pen-hold posture"); read off, indicative.
-THRESHOLD_HZ = np.array([10.0, 20.0, 40.0, 80.0, 160.0, 320.0, 500.0])
-THRESHOLD_M = np.array([20e-6, 12e-6, 5e-6, 1.6e-6, 0.5e-6, 0.25e-6, 0.7e-6])
 QUIET = 1.0
 """Multiple of the vibrotactile detection threshold below which a vibration is not detected."""
-# Mean square of Hann's window over its squared mean.
-_HANN_BANDWIDTH = 1.5
 
 
 def felt_vibration(position_m: FloatArray, sample_time_s: float) -> FloatArray:
-    """Return the vibration at the end of runs in multiples of the vibrotactile detection threshold.
+    """Return the vibration in the last half second, without a straight drift, in multiples of the detection threshold.
 
-    The peak displacement of each frequency from 10 to 500 Hz over its threshold; several add as the root of the sum of
-    squares. The last half second counts, a straight drift taken out.
+    The peak displacement of each frequency over its threshold; several add as the root of the sum of squares. The
+    threshold is that of a hand in a pen-hold posture, approximately after Israr, Choi and Tan (IROS 2006, "Detection
+    threshold and mechanical impedance of the hand in a pen-hold posture"); read off, indicative.
     """
+    known_hz = np.array([10.0, 20.0, 40.0, 80.0, 160.0, 320.0, 500.0])
+    known_m = np.array([20e-6, 12e-6, 5e-6, 1.6e-6, 0.5e-6, 0.25e-6, 0.7e-6])
     last = position_m[..., -max(8, round(JUDGED_S / sample_time_s)) :]
     n = last.shape[-1]
     time = np.linspace(-1.0, 1.0, n)
@@ -235,8 +228,9 @@ def felt_vibration(position_m: FloatArray, sample_time_s: float) -> FloatArray:
         window = np.hanning(n)
         peak = 2 * np.abs(np.fft.rfft(moved * window, axis=-1)) / window.sum()
         frequency = np.fft.rfftfreq(n, sample_time_s)
-        heard = (frequency >= THRESHOLD_HZ[0]) & (frequency <= THRESHOLD_HZ[-1])
-        threshold_m = np.exp(np.interp(np.log(frequency[heard]), np.log(THRESHOLD_HZ), np.log(THRESHOLD_M)))
+        heard = (frequency >= known_hz[0]) & (frequency <= known_hz[-1])
+        threshold_m = np.exp(np.interp(np.log(frequency[heard]), np.log(known_hz), np.log(known_m)))
         ratio = peak[..., heard] / threshold_m
-        whole = np.sqrt((ratio**2).sum(axis=-1) / _HANN_BANDWIDTH)
+        # 1.5 is the mean square of Hann's window over its squared mean.
+        whole = np.sqrt((ratio**2).sum(axis=-1) / 1.5)
     return np.asarray(np.where(np.isfinite(whole), whole, np.inf))

@@ -43,10 +43,6 @@ _CLAIMS: dict[Claim, str] = {
 }
 
 
-_TRACES = ("position_m", "velocity_m_per_s", "force_n", "tool_m", "target_m")
-_GAINS = ("damping_ns_per_m", "stiffness_n_per_m", "contact_damping_ns_per_m")
-
-
 @dataclass(frozen=True, eq=False, repr=False)
 class Run(Tabular):
     """A simulated scene: traces of shape (samples,), energies, and whether the device settles.
@@ -112,8 +108,10 @@ class Run(Tabular):
 
     def to_dict(self) -> Columns:
         """Return the traces against time as columns, each of shape (samples,)."""
-        names = ("time_s", *_TRACES, *_GAINS, *(() if self.interaction_hz is None else ("interaction_hz",)))
-        return {name: getattr(self, name) for name in names}
+        traces = ("time_s", "position_m", "velocity_m_per_s", "force_n", "tool_m", "target_m")
+        gains = ("damping_ns_per_m", "stiffness_n_per_m", "contact_damping_ns_per_m")
+        estimate = () if self.interaction_hz is None else ("interaction_hz",)
+        return {name: getattr(self, name) for name in (*traces, *gains, *estimate)}
 
     def _summary(self) -> str:
         duration = self.samples * self.sample_time_s
@@ -222,13 +220,7 @@ AnyGains = Coupling | Gains | GainTable | GainSchedule
 """Gains of a scene: a coupling, constant gains, a gain table, or the schedule of a method."""
 
 
-def simulate(
-    problem: Problem,
-    gains: AnyGains,
-    *,
-    hand: Hand | StylusHand | None = None,
-    seed: int = 0,
-) -> Run:
+def simulate(problem: Problem, gains: AnyGains, *, hand: Hand | StylusHand | None = None, seed: int = 0) -> Run:
     """Simulate the scene of a problem."""
     problem = stage(problem, gains)
     effects = build_effects(problem)
@@ -237,14 +229,9 @@ def simulate(
 
 
 def simulate_effects(
-    problem: Problem,
-    effects: tuple[SceneEffect, ...],
-    chosen: Gains,
-    coupling: str,
-    *,
-    seed: int = 0,
+    problem: Problem, effects: tuple[SceneEffect, ...], chosen: Gains, coupling: str, *, seed: int = 0
 ) -> Run:
-    """Simulate resolved effects and gains, of `settled`, in place of those of the problem file."""
+    """Simulate effects and gains, of `resolve`, in place of those of the problem file."""
     scene = compile_scene(problem, effects, chosen)
     started = time.perf_counter()
     traces = _traces(scene, chosen, seed)
@@ -293,13 +280,7 @@ def simulate_effects(
     )
 
 
-def simulate_batch(
-    problem: Problem,
-    hands: Hand | StylusHand,
-    gains: AnyGains,
-    *,
-    friction: bool = True,
-) -> Judgement:
+def simulate_batch(problem: Problem, hands: Hand | StylusHand, gains: AnyGains, *, friction: bool = True) -> Judgement:
     """Simulate a scene for many hands at once and judge every run; all share the motion and the noises.
 
     Args:
@@ -325,17 +306,9 @@ def simulate_batch(
     effects, chosen, _ = resolve(problem, effects, gains)
     scene = compile_scene(problem, effects, chosen)
     parameters, inputs = scene.parameter_values(chosen), scene.input_values()
-    device = problem.device
-    return Judgement.join(
-        [
-            Traces.of(execute(scene, parameters[first : first + _CHUNK], inputs), device).judge()
-            for first in range(0, len(parameters), _CHUNK)
-        ]
-    )
-
-
-# Hands whose traces are held at a time.
-_CHUNK = 256
+    at_once = 256
+    parts = (parameters[first : first + at_once] for first in range(0, len(parameters), at_once))
+    return Judgement.join([Traces.of(execute(scene, some, inputs), problem.device).judge() for some in parts])
 
 
 def stage(problem: Problem, gains: AnyGains) -> Problem:

@@ -25,11 +25,6 @@ if TYPE_CHECKING:
     from avc_casadi.simulation.scene import Run
 
 
-# About so many instructions are timed, in a few repeats of so many samples.
-_TIMED_INSTRUCTIONS = 2_000_000
-_TIMED_SAMPLES = (50, 2000)
-_REPEATS = 9
-DEFAULT_TOLERANCE = 0.01
 _CHANGES = ("position_change", "force_change", "stiffness_change")
 
 
@@ -67,13 +62,13 @@ def _explained(problem: Problem, effects: tuple[SceneEffect, ...], gains: Gains)
 
 def _times_ns(scene: CompiledScene, gains: Gains) -> list[float]:
     """Measure one sample in CasADi's loop a few times: processor times, ns."""
-    samples = int(np.clip(_TIMED_INSTRUCTIONS // scene.instructions, *_TIMED_SAMPLES))
+    samples = int(np.clip(2_000_000 // scene.instructions, 50, 2000))
     inputs = np.resize(scene.input_values(), (len(scene.inputs), samples))
     parameters = np.repeat(scene.parameter_values(gains)[:1].T, samples, axis=1)
     loop = scene.function.mapaccum("timed", samples)
     arguments = [ca.DM(scene.initial), ca.DM(inputs), ca.DM(parameters)]
     times_ns = []
-    for _ in range(_REPEATS):
+    for _ in range(9):
         started = time.process_time()
         loop(*arguments)
         times_ns.append((time.process_time() - started) / samples * 1e9)
@@ -127,9 +122,7 @@ class Screening(Tabular):
         return found
 
 
-def screen(
-    problem: Problem, gains: AnyGains, *, tolerance: float = DEFAULT_TOLERANCE, progress: Progress = SILENT
-) -> Screening:
+def screen(problem: Problem, gains: AnyGains, *, tolerance: float = 0.01, progress: Progress = SILENT) -> Screening:
     """Leave out each effect of a scene in turn, then all that it does not need together."""
     if not 0 <= tolerance < 1:
         raise InputError.of(f"is {tolerance:g}; allowed: 0 or more and below 1", key="tolerance")

@@ -70,10 +70,6 @@ class StateFeedback(SceneEffect, keys=Settings, rank=120, role="observer", of_co
         tick.observing = tick.known("state_feedback_started")
 
 
-# An assumed mass too small predicts too much motion; far above the lightest hand's, light hands buzz.
-_ABOVE = 1.07
-
-
 @dataclass(frozen=True)
 class Observer(SceneEffect, keys=ObserverEffect, rank=90, role="observer", of_coupling=True):
     """Replaces the counted position by one predicted from the commanded forces, at the time when the next one acts."""
@@ -92,7 +88,8 @@ class Observer(SceneEffect, keys=ObserverEffect, rank=90, role="observer", of_co
         resolution = declared_number(told, problem, f"{place}.resolution_m", "encoder_resolution_m")
         lightest = problem.device.mass_kg + problem.hands.mass_kg[0]
         source = "that of device and lightest hand"
-        mass = required_number(table.mass_kg, _ABOVE * lightest, problem, f"{place}.mass_kg", source)
+        # An assumed mass too small predicts too much motion; far above the lightest hand's, light hands buzz.
+        mass = required_number(table.mass_kg, 1.07 * lightest, problem, f"{place}.mass_kg", source)
         delay = next((effect for effect in problem.scene.effects if isinstance(effect, DelayEffect)), None)
         late = 0 if delay is None else delay.samples or problem.device.delay_samples
         ahead = late if table.ahead_samples is None else table.ahead_samples

@@ -28,9 +28,6 @@ from dataclasses import dataclass
 from avc_casadi._errors import UnsupportedError
 from avc_casadi.simulation.tick import Expr, Step, StepBuilder, ca
 
-# Time constant with which the frequency of a lost estimate falls to that of rest.
-_DECAY_S = 0.1
-
 
 def hold_step(sample_time_s: float, hold_s: float) -> Step:
     """Return the step from an estimate to the frequency of the look-up, which keeps a lost one for a time.
@@ -44,7 +41,8 @@ def hold_step(sample_time_s: float, hold_s: float) -> Step:
     frequency, age = builder.state("frequency_hz"), builder.state("age_s", hold_s)
     known = ca.if_else(frequency > 0, frequency, rest)
     older = ca.fmin(age + sample_time_s, hold_s)
-    falling = known + ca.fmin(1.0, sample_time_s / _DECAY_S) * (rest - known)
+    # A tenth of a second is the time constant of a lost estimate.
+    falling = known + ca.fmin(1.0, sample_time_s / 0.1) * (rest - known)
     lost = ca.if_else(age < hold_s, known, falling)
     following = ca.if_else(valid, estimate, lost)
     builder.follow("frequency_hz", following)
@@ -55,9 +53,6 @@ def hold_step(sample_time_s: float, hold_s: float) -> Step:
 
 
 GAINS = ("damping_ns_per_m", "stiffness_n_per_m", "contact_damping_ns_per_m")
-# Against division by 0. So soft a spring carries no mean force; so small a gain or energy counts as 0.
-_SOFTEST_N_PER_M = 1.0
-_TINY = 1e-30
 
 
 @dataclass(frozen=True)
@@ -108,16 +103,18 @@ def _anchored(
     anchor, mean = builder.state("anchor_m"), builder.state("mean_deflection_m")
 
     mean += (1 - ca.exp(-sample_time_s / settings.mean_s)) * (deflection - mean)
+    # Against division by 0. So soft a spring carries no mean force; so small a gain or energy counts as 0.
+    softest_n_per_m, tiny = 1.0, 1e-30
     # g = -mean * missing.
-    missing = ca.fmax(rest / (k + _SOFTEST_N_PER_M) - 1, 0)
-    held = (deflection - anchor) * (k_before / (ca.fmax(k_before, k) + _TINY))
+    missing = ca.fmax(rest / (k + softest_n_per_m) - 1, 0)
+    held = (deflection - anchor) * (k_before / (ca.fmax(k_before, k) + tiny))
     moved = deflection - held
     carried = -mean * ca.fmax(missing - builder.state("missing"), 0)
     step = carried - (1 - ca.exp(-sample_time_s / settings.return_s)) * (moved + carried + mean * missing)
     cost = 0.5 * k * step * (step - 2 * held)
     there = ca.fmax(filled, 0)
     # The energy is convex in the step: a fraction of it costs at most that fraction.
-    paid = ca.if_else(cost > there, there / (cost + _TINY), 1)
+    paid = ca.if_else(cost > there, there / (cost + tiny), 1)
     following = ca.if_else(touching, moved + paid * step, 0)
     builder.follow("anchor_m", following)
     builder.follow("mean_deflection_m", ca.if_else(touching, mean, 0))
@@ -145,10 +142,6 @@ def _filled(builder: StepBuilder, settings: AdaptationSettings, deflection: Expr
 GUARDS = ("passivity-controller", "energy-tank")
 
 
-# Limits of the reserve.
-_CEILING_J, _DEBT_J = 0.0, 0.01
-
-
 def guard_step(method: str, sample_time_s: float, damping_limit_ns_per_m: float) -> Step:
     """Return the step from the desired to the allowed force.
 
@@ -166,7 +159,7 @@ def guard_step(method: str, sample_time_s: float, damping_limit_ns_per_m: float)
     reserve = builder.state("reserve_j")
     moved = ca.if_else(started, position - last_position, 0)
     change = held * moved - ca.if_else(started, stored - last_stored, 0)
-    now = ca.fmax(ca.fmin(reserve + change, _CEILING_J), -_DEBT_J)
+    now = ca.fmax(ca.fmin(reserve + change, 0.0), -0.01)
     if method == "passivity-controller":
         force = wanted + _damping(now, moved, damping_limit_ns_per_m / sample_time_s) * moved
     else:

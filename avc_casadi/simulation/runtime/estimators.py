@@ -9,10 +9,6 @@ from dataclasses import dataclass
 from avc_casadi._errors import UnsupportedError
 from avc_casadi.simulation.tick import Expr, Step, StepBuilder, ca, insert
 
-# Of the hand; for a rotary device, at its handle.
-_FLOOR_M_PER_S = 3e-3
-_FASTEST_M_PER_S = 5.0
-
 
 @dataclass(frozen=True)
 class EstimatorSettings:
@@ -20,8 +16,8 @@ class EstimatorSettings:
 
     low_hz: float = 1.0
     high_hz: float = 60.0
-    floor_m_per_s: float = _FLOOR_M_PER_S
-    fastest_m_per_s: float = _FASTEST_M_PER_S
+    floor_m_per_s: float = 3e-3
+    fastest_m_per_s: float = 5.0
 
     def top_hz(self, sample_time_s: float) -> float:
         """Highest frequency at a sampling rate."""
@@ -30,8 +26,9 @@ class EstimatorSettings:
     @classmethod
     def for_encoder(cls, resolution_m: float, sample_time_s: float, metres_per_unit: float = 1.0) -> EstimatorSettings:
         """Return settings with the floor above the response of the estimators' low pass to one encoder step."""
-        corner = min(1.0, math.tau * cls().top_hz(sample_time_s) * sample_time_s)
-        floor, fastest = _FLOOR_M_PER_S / metres_per_unit, _FASTEST_M_PER_S / metres_per_unit
+        handle = cls()
+        corner = min(1.0, math.tau * handle.top_hz(sample_time_s) * sample_time_s)
+        floor, fastest = handle.floor_m_per_s / metres_per_unit, handle.fastest_m_per_s / metres_per_unit
         return cls(floor_m_per_s=max(floor, 0.5 * corner * resolution_m / sample_time_s), fastest_m_per_s=fastest)
 
 
@@ -58,14 +55,6 @@ def envelope(
     held = ca.fmax(ca.fabs(signal), before * (1 - 2 * sample_time_s * ca.fmax(frequency_hz, settings.low_hz)))
     builder.follow("envelope_m_per_s", held)
     return held
-
-
-# Resonators per decade, and the centre frequency of each over its decay rate.
-_PER_DECADE = 9
-_QUALITY = 4.0
-# Smoothing of the ripple at twice the frequency, in periods; and periods of motion before the estimate is valid.
-_RIPPLE_PERIODS = 0.3
-_FIRST_TURN = 0.75
 
 
 def spectral_peak_step(sample_time_s: float, settings: EstimatorSettings) -> Step:
@@ -99,10 +88,12 @@ def spectral_peak_step(sample_time_s: float, settings: EstimatorSettings) -> Ste
     slope = ca.if_else(present, sine / ca.if_else(present, cosine, 1), 0)
     instant = _arc_tangent(slope) / (math.tau * sample_time_s)
     instant = ca.fmin(ca.fmax(instant, 0.5 * settings.low_hz), 1.5 * settings.top_hz(sample_time_s))
-    share = ca.fmin(instant * sample_time_s / _RIPPLE_PERIODS, 1)
+    # The ripple at twice the frequency is smoothed over 0.3 periods.
+    share = ca.fmin(instant * sample_time_s / 0.3, 1)
     following = ca.if_else(present, ca.if_else(moving, smooth + share * (instant - smooth), instant), 0)
     turned = ca.if_else(present, ca.fmin(turns + following * sample_time_s, 1), 0)
-    valid = turned >= _FIRST_TURN
+    # Periods of motion before the estimate is valid.
+    valid = turned >= 0.75
     builder.follow("smooth_hz", following)
     builder.follow("turns", turned)
     builder.output("frequency_hz", ca.if_else(valid, following, 0))
@@ -112,7 +103,8 @@ def spectral_peak_step(sample_time_s: float, settings: EstimatorSettings) -> Ste
 
 def _centres_hz(settings: EstimatorSettings, sample_time_s: float) -> list[float]:
     low, high = settings.low_hz, settings.top_hz(sample_time_s)
-    steps = max(1, math.ceil(_PER_DECADE * math.log10(high / low)))
+    per_decade = 9
+    steps = max(1, math.ceil(per_decade * math.log10(high / low)))
     return [low * (high / low) ** (index / steps) for index in range(steps + 1)]
 
 
@@ -120,7 +112,8 @@ def _resonator(
     builder: StepBuilder, name: str, signal: Expr, centre_hz: float, sample_time_s: float
 ) -> tuple[Expr, Expr, Expr]:
     """Return the sine and cosine of the phase's advance in this tick, times the power, and the power."""
-    decay = ca.exp(-math.tau * centre_hz * sample_time_s / _QUALITY)
+    # The centre frequency over the decay rate is 4.
+    decay = ca.exp(-math.tau * centre_hz * sample_time_s / 4.0)
     turn = math.tau * centre_hz * sample_time_s
     real, imaginary = decay * ca.cos(turn), decay * ca.sin(turn)
     gain = 1.0 - decay
@@ -145,14 +138,6 @@ def _arc_tangent(slope: Expr) -> Expr:
     return slope * (1 + 0.43157974 * square) / (1 + square * (0.76443945 + 0.05831938 * square))
 
 
-# Three half periods from rest on: the first began at rest and does not count.
-_HALVES = 3
-# Half periods within this relative difference are regular.
-_REGULAR = 0.12
-# Share of the lowest frequency below which the device is at rest.
-_SLOWEST = 0.8
-
-
 def zero_crossing_step(sample_time_s: float, settings: EstimatorSettings) -> Step:
     """Return the step that estimates the frequency from the last two half periods, timed by linear interpolation.
 
@@ -165,7 +150,10 @@ def zero_crossing_step(sample_time_s: float, settings: EstimatorSettings) -> Ste
     side, counted = builder.state("side"), builder.state("halves")
     age, crossing = builder.state("age_ticks"), builder.state("crossing_ticks")
     last, earlier = builder.state("last_half_ticks"), builder.state("earlier_half_ticks")
-    longest = 0.5 / (_SLOWEST * settings.low_hz * sample_time_s)
+    # Below this share of the lowest frequency the device is at rest.
+    longest = 0.5 / (0.8 * settings.low_hz * sample_time_s)
+    # Three half periods from rest on: the first began at rest and does not count. Regular ones differ by less.
+    halves_needed, regular_share = 3, 0.12
 
     older = age + 1
     passes = (before < 0) != (now < 0)
@@ -175,20 +163,20 @@ def zero_crossing_step(sample_time_s: float, settings: EstimatorSettings) -> Ste
     turned = ca.logic_and(here != 0, here != side)
     rests = ca.logic_and(ca.logic_not(turned), older > longest)
     started = side != 0
-    count = ca.if_else(turned, ca.fmin(counted + started, _HALVES), counted)
+    count = ca.if_else(turned, ca.fmin(counted + started, halves_needed), counted)
     half = ca.if_else(turned, at, last)
     half_before = ca.if_else(turned, last, earlier)
     half_long_before = builder.state("earliest_half_ticks")
     half_third = ca.if_else(turned, earlier, half_long_before)
     passed = ca.if_else(turned, ca.if_else(started, older - at, 0), older)
 
-    valid = ca.logic_and(count >= _HALVES, ca.logic_not(rests))
+    valid = ca.logic_and(count >= halves_needed, ca.logic_not(rests))
     halves = ca.fmax(half, passed) + ca.fmax(half_before, ca.fmin(passed, half))
     frequency = ca.if_else(valid, 1 / (sample_time_s * ca.if_else(valid, halves, 1)), 0)
     mean = 0.5 * (half + half_before)
-    in_time = ca.logic_and(valid, passed < (1 + _REGULAR) * mean)
-    even = ca.logic_and(in_time, ca.fabs(half - half_before) < _REGULAR * mean)
-    regular = ca.logic_and(even, ca.fabs(half_third - half_before) < _REGULAR * mean)
+    in_time = ca.logic_and(valid, passed < (1 + regular_share) * mean)
+    even = ca.logic_and(in_time, ca.fabs(half - half_before) < regular_share * mean)
+    regular = ca.logic_and(even, ca.fabs(half_third - half_before) < regular_share * mean)
 
     builder.follow("before_m_per_s", now)
     builder.follow("side", ca.if_else(rests, 0, ca.if_else(turned, here, side)))
@@ -209,12 +197,6 @@ def zero_crossing_step(sample_time_s: float, settings: EstimatorSettings) -> Ste
     return builder.done("zero_crossing")
 
 
-# Estimates closer than this share agree.
-_AGREE = 0.05
-# No half period of the true frequency is longer than this many of its own.
-_LONGEST_HALVES = 1.5
-
-
 def fused_step(sample_time_s: float, settings: EstimatorSettings) -> Step:
     """Return the step of the spectral peak, overridden by regular zero crossings until the resonators settle.
 
@@ -226,22 +208,16 @@ def fused_step(sample_time_s: float, settings: EstimatorSettings) -> Step:
     fast = insert(builder, "fast", zero_crossing_step(sample_time_s, settings), [velocity])
     robust = insert(builder, "robust", spectral_peak_step(sample_time_s, settings), [velocity])
     quick, steady = fast["frequency_hz"], robust["frequency_hz"]
-    apart = ca.fabs(quick - steady) > _AGREE * steady
+    apart = ca.fabs(quick - steady) > 0.05 * steady
     # Harmonics add crossings and never remove any: two equal, longer half periods suffice.
     slower = ca.logic_and(fast["even"], quick < steady)
     trusted = ca.logic_and(apart, ca.logic_or(fast["regular"], slower))
     take_fast = ca.logic_or(trusted, ca.logic_not(robust["valid"]))
-    bound = _LONGEST_HALVES * 0.5 / ca.fmax(fast["longest_half_s"], sample_time_s)
+    # No half period of the true frequency is longer than one and a half of its own.
+    bound = 1.5 * 0.5 / ca.fmax(fast["longest_half_s"], sample_time_s)
     builder.output("frequency_hz", ca.if_else(take_fast, quick, ca.fmin(steady, bound)))
     builder.output("valid", ca.logic_or(fast["valid"], robust["valid"]))
     return builder.done("fused")
-
-
-# Damping of the oscillator, and gain of the frequency loop in units of the frequency.
-_DAMPING = 1.0
-_LOOP_GAIN = 0.6
-# Residual share of the signal's power below which the notch counts as locked.
-_LOCKED = 0.6
 
 
 def adaptive_notch_step(sample_time_s: float, settings: EstimatorSettings) -> Step:
@@ -250,17 +226,20 @@ def adaptive_notch_step(sample_time_s: float, settings: EstimatorSettings) -> St
     signal = band_passed(builder, builder.input("velocity_m_per_s"), settings, sample_time_s)
     low, high = (math.tau * hz * sample_time_s for hz in (settings.low_hz, settings.top_hz(sample_time_s)))
     start = ca.sqrt(low * high)
+    # Of the oscillator; of the frequency loop, in units of the frequency; and the residual share of the signal's power
+    # below which the notch counts as locked.
+    damping, loop_gain, locked = 1.0, 0.6, 0.6
     turn = builder.state("turn_rad", start)
     inphase, quadrature = builder.state("inphase_m_per_s"), builder.state("quadrature_m_per_s")
     left_over, whole = builder.state("left_over_power"), builder.state("power")
 
     rest = signal - inphase
-    inphase_next = inphase + turn * (_DAMPING * rest - quadrature)
+    inphase_next = inphase + turn * (damping * rest - quadrature)
     quadrature_next = quadrature + turn * inphase_next
     power = inphase_next * inphase_next + quadrature_next * quadrature_next
     floor = settings.floor_m_per_s**2
     # The floor in the denominator keeps noise at rest from shifting the frequency.
-    gain = _LOOP_GAIN * _DAMPING * turn / (power + rest * rest + 0.25 * floor)
+    gain = loop_gain * damping * turn / (power + rest * rest + 0.25 * floor)
     change = ca.fmin(ca.fmax(-gain * rest * quadrature_next, -0.05), 0.05)
     turn_next = ca.fmin(ca.fmax(turn * (1 + change), low), high)
 
@@ -272,7 +251,7 @@ def adaptive_notch_step(sample_time_s: float, settings: EstimatorSettings) -> St
     frequency = turn_next * (1 + turn_next * turn_next / 24) / (math.tau * sample_time_s)
     lasting = envelope(builder, signal, frequency, settings, sample_time_s)
     moving = ca.logic_and(moving, lasting > 0.5 * settings.floor_m_per_s)
-    valid = ca.logic_and(moving, left_over_next < _LOCKED * whole_next)
+    valid = ca.logic_and(moving, left_over_next < locked * whole_next)
     builder.follow("turn_rad", ca.if_else(moving, turn_next, turn + share * (start - turn)))
     builder.follow("inphase_m_per_s", inphase_next)
     builder.follow("quadrature_m_per_s", quadrature_next)
