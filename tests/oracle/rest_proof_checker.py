@@ -16,7 +16,6 @@ from scipy.linalg import expm
 
 DIGITS = 80
 HAND = ("mass_kg", "damping_ns_per_m", "stiffness_n_per_m")
-STYLUS = ("mass_kg", *(f"{part}_{what}" for part in ("grip", "arm") for what in HAND[1:]))
 GRID = np.concatenate([np.geomspace(1e-4, 0.1, 150), np.linspace(0.1, math.pi, 450)])
 
 
@@ -37,10 +36,8 @@ def accepts(document, hands=8, seed=0):
         or device["sample_time_s"] != law["sample_time_s"]
     ):
         return False
-    names = STYLUS if "arm_stiffness_n_per_m" in document["hand"] else HAND
-    box = [document["hand"][name] for name in names]
-    loose = any(ends[0] <= 0 for name, ends in zip(names, box, strict=True) if "stiffness" in name)
-    if loose or any(not 0 <= low <= high for low, high in box):
+    box = [document["hand"][name] for name in HAND]
+    if box[2][0] <= 0 or any(not 0 <= low <= high for low, high in box):
         return False
     corners = list(itertools.product(*box))
     if not all(_positive_on_grid(device, law, taps, hand) for hand in corners):
@@ -55,13 +52,8 @@ def _mechanics(device, hand, exponential, number):
     """Numerator and denominator of position over force in w = 1/z, the force held: exact discretisation."""
     m, b, t = (number(device[name]) for name in ("mass_kg", "damping_ns_per_m", "sample_time_s"))
     held = [number(value) for value in hand]
-    if len(held) == len(HAND):
-        m, b, k = m + held[0], b + held[1], held[2]
-        rate = [[0, 1, 0], [-k / m, -b / m, 1 / m]]
-    else:
-        own, b_1, k_1, b_2, k_2 = held
-        rate = [[0, 1, 0, 0, 0], [-k_1 / m, -(b + b_1) / m, k_1 / m, b_1 / m, 1 / m]]
-        rate += [[0, 0, 0, 1, 0], [k_1 / own, b_1 / own, -(k_1 + k_2) / own, -(b_1 + b_2) / own, 0]]
+    m, b, k = m + held[0], b + held[1], held[2]
+    rate = [[0, 1, 0], [-k / m, -b / m, 1 / m]]
     n = len(rate)
     step = exponential([[t * value for value in row] for row in (*rate, [0] * (n + 1))])
     above, poles = _transfer([[step[i, j] for j in range(n)] for i in range(n)], [step[i, n] for i in range(n)])

@@ -223,25 +223,3 @@ def _hold_rate(angle: FloatArray) -> ComplexArray:
         series += term / (power + 2)
         term = term * near / (power + 1)
     return np.where(small, -1j * series, closed)
-
-
-def smallest(*discs: Disc) -> Disc:
-    """Return the smallest of several enclosures of the same numbers."""
-    best = discs[0]
-    for other in discs[1:]:
-        less = (other.radius < best.radius) | np.isnan(best.radius)
-        best = Disc(np.where(less, other.centre, best.centre), np.where(less, other.radius, best.radius))
-    return best
-
-
-def in_series(near: Moving, far: Moving) -> Moving:
-    """Return near far/(near + far), two impedances in series, each occurring once in the bound."""
-    one, other = near.value, far.value
-    both = (one + other).reciprocal()
-    # near/(near + far) and far/(near + far), which add up to 1.
-    low = smallest(one * both, 1 / (1 + other * one.reciprocal()))
-    high = smallest(other * both, 1 / (1 + one * other.reciprocal()))
-    low, high = smallest(low, 1 - high), smallest(high, 1 - low)
-    slopes = {number: slope * (high * high) for number, slope in near.slopes.items()}
-    slopes = _added(slopes, {number: slope * (low * low) for number, slope in far.slopes.items()})
-    return Moving(smallest(one * high, other * low), slopes)

@@ -20,7 +20,7 @@ import numpy as np
 
 from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.arrays import ComplexArray, FloatArray
-from avc_casadi.claims.prove.disc import Disc, Moving, held, in_series, turned
+from avc_casadi.claims.prove.disc import Disc, Moving, held, turned
 from avc_casadi.model.hands import hand_ranges
 
 if TYPE_CHECKING:
@@ -33,13 +33,6 @@ if TYPE_CHECKING:
 Value = Any
 
 HAND = ("mass_kg", "damping_ns_per_m", "stiffness_n_per_m")
-STYLUS = (
-    "mass_kg",
-    "grip_damping_ns_per_m",
-    "grip_stiffness_n_per_m",
-    "arm_damping_ns_per_m",
-    "arm_stiffness_n_per_m",
-)
 _RATIO = "amplifier_damping_ratio"
 # Damping ratio of a current loop without resonance peak.
 _NO_PEAK = 0.7072
@@ -66,27 +59,19 @@ class SampledPlantBox:
 
     def __post_init__(self) -> None:
         low = {name: ends[0] for name, ends in self.ranges.items()}
-        fault = None
-        if tuple(self.hand) not in (HAND, STYLUS):
+        fault, moves = None, self.device.resonance is None
+        if tuple(self.hand) != HAND:
             fault = f"hands of {', '.join(self.hand)} are not known here"
         elif not all(one <= other for one, other in self.hand.values()):
             fault = "the range of a hand ends below where it begins"
-        elif not min(self.device.mass_kg, low.get("device.mass_kg", math.inf)) + self._moves * low["mass_kg"] > 0:
+        elif not min(self.device.mass_kg, low.get("device.mass_kg", math.inf)) + moves * low["mass_kg"] > 0:
             fault = "a device without mass follows no sampled force that a proof could enclose"
-        elif not all(low[name] > 0 for name in self.hand if name.endswith("stiffness_n_per_m")):
+        elif not low["stiffness_n_per_m"] > 0:
             fault = "a hand without stiffness has no place of rest"
-        elif not max(low.get("device.damping_ns_per_m", self.device.damping_ns_per_m), *self._dampings()) > 0:
+        elif not max(low.get("device.damping_ns_per_m", self.device.damping_ns_per_m), low["damping_ns_per_m"]) > 0:
             fault = "device and hand without damping never settle"
         if fault is not None:
             raise UnsupportedError(fault)
-
-    @property
-    def _moves(self) -> bool:
-        """Whether the mass of the hand moves with the device."""
-        return tuple(self.hand) == HAND and self.device.resonance is None
-
-    def _dampings(self) -> list[float]:
-        return [ends[0] for name, ends in self.hand.items() if name.endswith("damping_ns_per_m")]
 
     @cached_property
     def ranges(self) -> dict[str, tuple[float, float]]:
@@ -227,11 +212,8 @@ class SampledPlantBox:
         t, device = self.device.sample_time_s, self.device
         mass = self._ends("device.mass_kg", device.mass_kg)[0]
         damping = self._ends("device.damping_ns_per_m", device.damping_ns_per_m)[1]
-        if tuple(self.hand) == HAND:
-            mass, damping = mass + self.hand["mass_kg"][0], damping + self.hand["damping_ns_per_m"][1]
-            return mass, damping * t, self.hand["stiffness_n_per_m"][1] * t**2
-        near = self._grip_bound()
-        return mass, (damping + near[0]) * t, near[1] * t**2
+        mass, damping = mass + self.hand["mass_kg"][0], damping + self.hand["damping_ns_per_m"][1]
+        return mass, damping * t, self.hand["stiffness_n_per_m"][1] * t**2
 
     def _amplifier(self) -> tuple[float, int]:
         """Bound the amplifier's gain beyond the included terms: c/w^order, c and the order."""
@@ -264,28 +246,10 @@ class SampledPlantBox:
         ratio = self._ends("device.resonance.damping_ratio", mode.damping_ratio)[1]
         link = high * 0.25 * (angle**2 / first**2 + 2 * ratio * angle / first)
         handle = low * ratios[0]
-        if tuple(self.hand) == HAND:
-            grip = self.hand["stiffness_n_per_m"][1] * t**2 / first**2
-        else:
-            damping, stiffness = self._grip_bound()
-            grip = t / first * (damping + stiffness * t / first)
+        grip = self.hand["stiffness_n_per_m"][1] * t**2 / first**2
         far = handle - grip - link
         motor = low * (1 - ratios[1]) - link
         return _bounded(motor - link**2 / far if far > link else -1.0)
-
-    def _grip_bound(self) -> tuple[float, float]:
-        """Return damping and stiffness that bound a hand on a stylus beyond the included terms.
-
-        Its mass hardly moves there, so that its impedance is at most twice that of its grip.
-        """
-        first = (2 * self.terms + 1) * math.pi / self.device.sample_time_s
-        damping, stiffness = (self.hand[name][1] for name in STYLUS[1:3])
-        near = damping / first + stiffness / first**2
-        far = self.hand["mass_kg"][0] - self.hand["arm_damping_ns_per_m"][1] / first
-        far -= self.hand["arm_stiffness_n_per_m"][1] / first**2
-        if not near < 0.5 * far:
-            raise UnsupportedError(_TOO_SLOW)
-        return 2 * damping, 2 * stiffness
 
     def _ends(self, name: str, own: float) -> tuple[float, float]:
         return self.ranges.get(name, (own, own))
@@ -298,18 +262,8 @@ _ROUGH = np.asarray(1e-12)
 def _grip(s: Value, numbers: dict[str, Value], t: float) -> Value:
     """Return the impedance of the hand times T^2 over the sample."""
     known = Disc.rounded if isinstance(s, Moving) else complex
-    once, twice = known(t), known(t * t)
-    if "grip_stiffness_n_per_m" not in numbers:
-        mass, damping, stiffness = (numbers[name] for name in HAND)
-        return s * (s * mass + damping * once) + stiffness * twice
-    mass, grip_damping, grip_stiffness, arm_damping, arm_stiffness = (numbers[name] for name in STYLUS)
-    near = s * (grip_damping * once) + grip_stiffness * twice
-    far = s * (s * mass + arm_damping * once) + arm_stiffness * twice
-    return _in_series(near, far)
-
-
-def _in_series(near: Value, far: Value) -> Value:
-    return in_series(near, far) if isinstance(far, Moving) else near * far / (near + far)
+    mass, damping, stiffness = (numbers[name] for name in HAND)
+    return s * (s * mass + damping * known(t)) + stiffness * known(t * t)
 
 
 def _left_out(power: int, terms: int) -> float:

@@ -95,10 +95,10 @@ _NO_TAP = 1e-9
 _QUIET: dict[str, Any] = {"error_on_fail": False, "highs": {"output_flag": False}}
 
 
+MOST_CELLS = 400_000
+"""Budget of a proof: some seconds."""
 _AT_ONCE = 4096
 _FIRST_ANGLES = 64
-# A second or two for the three numbers of a hand, about two minutes for the five of one on a stylus.
-MOST_CELLS = {3: 400_000, 5: 10_000_000}
 
 
 @dataclass(frozen=True)
@@ -115,7 +115,7 @@ def verify(
     device: SampledPlantBox,
     multiplier: Multiplier,
     *,
-    most_cells: int | None = None,
+    most_cells: int = MOST_CELLS,
     progress: Progress = SILENT,
 ) -> Verified:
     """Decide whether Re{M (1 + P C1 - C2)} > 0 for every angle of [0, pi] and every hand of the box."""
@@ -126,7 +126,6 @@ def verify(
     low = np.column_stack([angles[:-1], np.tile(ends[:, 0], (_FIRST_ANGLES, 1))])
     high = np.column_stack([angles[1:], np.tile(ends[:, 1], (_FIRST_ANGLES, 1))])
     whole = (high - low)[0]
-    most = MOST_CELLS[len(device.hand)] if most_cells is None else most_cells
     share, unknown = np.full(_FIRST_ANGLES, 1 / _FIRST_ANGLES), np.full(_FIRST_ANGLES, np.nan)
     open_, cells, done = [_Cells(low, high, share, unknown)], 0, 0.0
     while open_:
@@ -145,7 +144,7 @@ def verify(
         if left.size:
             worse = some.pick(left).at_worse_ends(found.way[left], found.left_out[left])
             open_.append(_cut(worse, found.across[left], whole))
-        if cells > most:
+        if cells > most_cells:
             return Verified(False, cells, None)
     return Verified(True, cells, None)
 

@@ -17,15 +17,15 @@ from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.arrays import ComplexArray, FloatArray
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.progress import SILENT, Progress
-from avc_casadi.claims.prove.held_device import HAND, STYLUS, SampledPlantBox
+from avc_casadi.claims.prove.held_device import SampledPlantBox
 from avc_casadi.claims.prove.law import ContactLaw
-from avc_casadi.claims.prove.multiplier import LAGS, Multiplier, Verified, search, verify
+from avc_casadi.claims.prove.multiplier import LAGS, MOST_CELLS, Multiplier, Verified, search, verify
 from avc_casadi.loops.loop import Body
 from avc_casadi.loops.spectrum import largest_radius
 from avc_casadi.loops.wall import closed
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners, linear_values
 from avc_casadi.model.device import Device
-from avc_casadi.model.hands import Hand, StylusHand, hand_text
+from avc_casadi.model.hands import Hand, hand_text
 from avc_casadi.model.plant import sampled_plant
 
 if TYPE_CHECKING:
@@ -67,9 +67,6 @@ def _between(value: float, ends: tuple[float, float] | None) -> str:
     return f"{value:g}" if ends is None else f"{ends[0]:g} to {ends[1]:g}"
 
 
-_DRAWS = 24
-# Loops with a radius this near to 1 are not taken as unstable.
-_UNSTABLE = 1 + 1e-9
 _SEARCHES = 6
 _LOW_ANGLE = 1e-4
 _NEAR = np.array([0.97, 0.99, 1.0, 1.01, 1.03])
@@ -145,7 +142,7 @@ def prove_rest(
     device: Device,
     hand: Mapping[str, tuple[float, float]],
     *,
-    most_cells: int | None = None,
+    most_cells: int = MOST_CELLS,
     seed: int = 0,
     progress: Progress = SILENT,
 ) -> Rest:
@@ -155,13 +152,19 @@ def prove_rest(
     def told(outcome: Outcome, sentence: str, **more: Any) -> Rest:
         return Rest(outcome, sentence, contact, law, device, dict(hand), seconds=time.perf_counter() - began, **more)
 
-    hands = sampled_hands(hand, seed)
-    if hands is not None:
-        unstable = unstable_hand(law, device, hands)
-        if unstable is not None:
-            who = f"with {hand_text(unstable.hand)}"
-            how = f"the loop is unstable in contact, with a spectral radius of {unstable.spectral_radius:.6g} {who}"
-            return told("refuted", how, unstable=unstable)
+    # Corners of the box and draws within it.
+    ends = np.array(list(hand.values()))
+    corners = np.stack([grid.ravel() for grid in np.meshgrid(*ends, indexing="ij")])
+    drawn = np.random.default_rng(seed).uniform(ends[:, :1], ends[:, 1:], (len(ends), 24))
+    hands = Hand(*np.append(corners, drawn, axis=1))
+    devices = device_corners(device, LINEAR_KEYS)
+    body = Body.of(sampled_plant(devices, hands)).flat()
+    radius = largest_radius(closed(body, law.rendering, law.state_feedback))
+    worst, who = divmod(int(radius.argmax()), len(hands))
+    if radius.max() > 1 + 1e-9:
+        unstable = Unstable(hands.values(who), linear_values(devices[worst]), float(radius.max()))
+        how = f"the loop is unstable in contact, with a spectral radius of {unstable.spectral_radius:.6g}"
+        return told("refuted", f"{how} with {hand_text(unstable.hand)}", unstable=unstable)
     why, found, cells = _proof(law, device, hand, most_cells, progress)
     dead_zone = 0.0 if law.state_feedback is None else law.state_feedback.dead_zone_m
     play = max(device.backlash_m, *(device.range.backlash_m or (0.0,)))
@@ -183,23 +186,6 @@ def prove_rest(
     return told("open", ("; ".join(open_for) + beside).removeprefix("; "), multiplier=found, cells=cells)
 
 
-def unstable_hand(law: ContactLaw, device: Device, hands: Hand | StylusHand) -> Unstable | None:
-    """Return the hand and device with the largest spectral radius in contact, where it is above 1."""
-    worst: Unstable | None = None
-    for corner in device_corners(device, LINEAR_KEYS):
-        radius = contact_radius(law, corner, hands)
-        at = int(np.argmax(radius))
-        if radius[at] > max(_UNSTABLE, 0.0 if worst is None else worst.spectral_radius):
-            worst = Unstable(hands.values(at), linear_values(corner), float(radius[at]))
-    return worst
-
-
-def contact_radius(law: ContactLaw, device: Device, hands: Hand | StylusHand) -> FloatArray:
-    """Return the spectral radius in permanent contact of a device, known exactly, with h hands, shape (h,)."""
-    plants = Body.of(sampled_plant(device, hands)).flat()
-    return largest_radius(closed(plants, law.rendering, law.state_feedback))
-
-
 def promising(law: ContactLaw, held: SampledPlantBox) -> float:
     """Return t of the best multiplier at the corners of the box: a proof is likely where it is positive."""
     points = _Points.of(law, held)
@@ -207,7 +193,7 @@ def promising(law: ContactLaw, held: SampledPlantBox) -> float:
 
 
 def _proof(
-    law: ContactLaw, device: Device, hand: Mapping[str, tuple[float, float]], most_cells: int | None, progress: Progress
+    law: ContactLaw, device: Device, hand: Mapping[str, tuple[float, float]], most_cells: int, progress: Progress
 ) -> tuple[str, Multiplier | None, int]:
     """Return the reason why there is no proof, or the multiplier; and the number of evaluated cells."""
     if not law.stable:
@@ -258,15 +244,3 @@ def _loop(
     from_position, from_force, poles = (np.polyval([float(part) for part in one], step) for one in law.transfer)
     loop = (held.at(omega, hands) * from_position - from_force) / poles
     return np.tile(omega, len(hands)), loop.ravel()
-
-
-def sampled_hands(hand: Mapping[str, tuple[float, float]], seed: int) -> Hand | StylusHand | None:
-    """Return corners of the box and draws within it; None for hands that are not known."""
-    kinds: dict[tuple[str, ...], type[Hand | StylusHand]] = {HAND: Hand, STYLUS: StylusHand}
-    kind = kinds.get(tuple(hand))
-    if kind is None:
-        return None
-    ends = np.array(list(hand.values()))
-    corners = np.stack([grid.ravel() for grid in np.meshgrid(*ends, indexing="ij")])
-    drawn = np.random.default_rng(seed).uniform(ends[:, :1], ends[:, 1:], (len(ends), _DRAWS))
-    return kind(*np.append(corners, drawn, axis=1))
