@@ -20,7 +20,7 @@ from avc_casadi._errors import NotDeployableError, UnsupportedError
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.claims.certify import certify
-from avc_casadi.claims.hands import every_hand, feedback_radius, looked_at, radius_limit, released_radius
+from avc_casadi.claims.hands import WorstLoops, every_hand, feedback_radius, looked_at, released
 from avc_casadi.coupling import require_coupling
 from avc_casadi.loops.margins import LEAST_DISK, OpenLoop
 from avc_casadi.loops.wall import frozen_parts
@@ -29,20 +29,16 @@ from avc_casadi.model.corners import LINEAR_KEYS, device_corners, device_ranges,
 from avc_casadi.model.hands import hand_set, hand_text, joined, no_hand
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from avc_casadi._util.arrays import BoolArray, FloatArray
+    from avc_casadi._util.arrays import FloatArray
     from avc_casadi.coupling import Coupling
     from avc_casadi.model.device import Device
     from avc_casadi.model.gains import GainTable
-    from avc_casadi.model.hands import Hand
     from avc_casadi.model.problem import Problem
     from avc_casadi.model.runtime import Runtime
 
 
 # Points judged between two neighbouring rows, where the device interpolates.
 _BETWEEN = 3
-_DRAWS = 24
 # Verbs judge before they push, export or report; the numbers are part of the key, as arrays are mutable. Tables are
 # compared by value: equal gains with different runtimes need separate entries.
 _VERDICTS: WeakKeyDictionary[GainTable, list[tuple[Problem, Runtime, bytes, Deployable]]] = WeakKeyDictionary()
@@ -196,26 +192,20 @@ def _frozen_claims(
 ) -> tuple[DeployClaim, ...]:
     """Return the claims of frozen gains: stable with every hand, and released."""
     parts, contact = frozen_parts(problem, *gains[:2]), gains[2]
-    held = every_hand(problem, parts, contact, draws=_DRAWS, seed=0, progress=progress)
-    radius, corner, devices = released_radius(problem, parts, contact, progress)
-    free = np.asarray(radius < radius_limit(problem.device, parts, no_hand())[:, 0])
+    held = every_hand(problem, parts, contact, progress=progress)
+    free = released(problem, parts, contact, progress)
 
-    def claim(
-        name: str, stable: BoolArray, radius: FloatArray, devices: Sequence[Device], passing: str, hands: Hand | None
-    ) -> DeployClaim:
-        row = int(np.argmax(radius))
-        hand = {} if hands is None else hands.values(row)
+    def claim(name: str, worst: WorstLoops, passing: str) -> DeployClaim:
+        row = int(np.argmax(worst.radius))
+        hand, failed = worst.hands.values(row), np.count_nonzero(~worst.stable)
         who = f"with {hand_text(hand)}" if any(hand.values()) else "when released"
-        count = f"({np.count_nonzero(~stable)} of {len(stable)} gains judged)"
-        where = "" if len(stable) == 1 else f" at {frequency[row]:.4g} Hz {count}"
-        failing = who + where + _on(problem, devices[row])
-        return _claim(name, bool(stable.all()), float(radius[row]), passing, failing)
+        count = f"({failed} of {len(frequency)} gains judged)"
+        where = "" if len(frequency) == 1 else f" at {frequency[row]:.4g} Hz {count}"
+        failing = who + where + _on(problem, worst.devices[row])
+        return _claim(name, not failed, float(worst.radius[row]), passing, failing)
 
-    every = f"with every hand of [hands] (worst by {looked_at(problem, _DRAWS, 0)})"
-    return (
-        claim("hands", held.stable, held.radius, [held.devices[one] for one in held.corner], every, held.hands),
-        claim("let-go", free, radius, [devices[one] for one in corner], "when released", None),
-    )
+    every = f"with every hand of [hands] (worst by {looked_at(problem, 24, 0)})"
+    return claim("hands", held, every), claim("let-go", free, "when released")
 
 
 def _feedback_claims(coupling: Coupling) -> tuple[DeployClaim, ...]:

@@ -23,7 +23,7 @@ from avc_casadi.loops.system import Ranges, ascend, hand_boxes, worst_held
 from avc_casadi.loops.wall import (
     MAX_DELAY_SAMPLES,
     RADIUS_TOLERANCE,
-    LinearStability,
+    Rendering,
     SampledLoop,
     fraction_rendering,
     frozen_parts,
@@ -47,23 +47,14 @@ if TYPE_CHECKING:
     from avc_casadi.model.problem import Hands, Problem
 
 
-# Initial hands of a row of gains, and how far they lie apart.
-_HANDS, _HANDS_APART, _NUMBERS_AT_ONCE = 4, 0.6, 2_000_000
-
-
 @dataclass(frozen=True)
 class WorstHands:
-    """The worst hand that was found for each of n rows."""
+    """The worst hand that was found for each of n rows, and the radius with all hands that were known, (n, h)."""
 
     radius: FloatArray
     frequency_hz: FloatArray
     hands: Hand
-    known: LinearStability
-
-    def pick(self, rows: IndexArray) -> WorstHands:
-        """Return some of the rows."""
-        known = LinearStability(self.known.radius[rows], self.known.frequency_hz[rows])
-        return WorstHands(self.radius[rows], self.frequency_hz[rows], self.hands.pick(rows), known)
+    known_radius: FloatArray
 
 
 def worst_hands(
@@ -80,15 +71,12 @@ def worst_hands(
     """Search the ranges for the hand with which each frozen row has the largest spectral radius."""
     contact = np.broadcast_to(np.asarray(contact_damping_ns_per_m, dtype=np.float64), (len(parts.direct),))
     rendering = fraction_rendering(parts, contact, device.sample_time_s)
-    _, one, same = np.unique(
-        np.concatenate([rendering.force, rendering.state], axis=1), axis=0, return_index=True, return_inverse=True
-    )
-    if len(one) < len(same):
-        options: dict[str, Any] = {"draws": draws, "seed": seed, "enough": enough, "progress": progress}
-        each = worst_hands(device, parts.pick(one), contact[one], hands, **options)
-        return each.pick(same.ravel())
+    # A constant coupling repeats one row.
+    rows = np.concatenate([rendering.force, rendering.state], axis=1)
+    _, one, same = np.unique(rows, axis=0, return_index=True, return_inverse=True)
+    same, parts, contact, rendering = same.ravel(), parts.pick(one), contact[one], rendering.pick(one)
     first = hand_set(hands, draws=draws, seed=seed)
-    known = linear_stability(device, parts, contact_damping_ns_per_m, first, progress)
+    known = linear_stability(device, parts, contact, first, progress)
     low, width = hand_ranges(hands)[:, :1], np.ptp(hand_ranges(hands), axis=1)[:, None]
     at = np.array([np.broadcast_to(value, (len(first),)) for value in vars(first).values()])
     # The released device lies outside the ranges and is no initial guess.
@@ -104,7 +92,7 @@ def worst_hands(
 
     going = np.flatnonzero(np.isfinite(radius) & (radius < enough) & width.any())
     starts = order.shape[1]
-    at_once = max(1, _NUMBERS_AT_ONCE // (9 * starts * (4 + math.ceil(device.delay_samples)) ** 2))
+    at_once = max(1, 2_000_000 // (9 * starts * (4 + math.ceil(device.delay_samples)) ** 2))
     for begin in range(0, len(going), at_once):
         rows = going[begin : begin + at_once]
         begins = np.clip(shares[:, order[rows].ravel()], 0.0, 1.0)
@@ -114,139 +102,102 @@ def worst_hands(
         rows, winner = rows[better], winner[better]
         radius[rows], place[:, rows] = np.abs(values[winner]), low + width * ends[:, winner]
         frequency[rows] = np.abs(np.angle(values[winner])) / (2 * math.pi * device.sample_time_s)
-    return WorstHands(radius, frequency, Hand(*place), known)
+    return WorstHands(radius[same], frequency[same], Hand(*place[:, same]), known.radius[same])
 
 
 def _worst_apart(radius: FloatArray, places: FloatArray) -> IndexArray:
-    """Return the worst hands of each row that lie apart, worst first; places (3, h) as shares of the box."""
+    """Return the four worst hands of each row that lie apart, worst first; places (3, h) as shares of the box."""
     distance = np.abs(places[:, :, None] - places[:, None, :]).max(axis=0)
     left = radius.copy()
     chosen = []
-    for _ in range(min(_HANDS, radius.shape[1])):
+    for _ in range(min(4, radius.shape[1])):
         worst = left.argmax(axis=1)
         chosen.append(worst)
-        left = np.where(distance[worst] < _HANDS_APART, -np.inf, left)
+        left = np.where(distance[worst] < 0.6, -np.inf, left)
     return np.stack(chosen, axis=1)
 
 
-# Rows of gains whose devices are searched inside their ranges.
-_ROWS_INSIDE = 4
-_LARGEST_SHIFT_NS_PER_M = 1e6
-# A free, undamped device has the eigenvalue 1 twice: rounding moves a double one by its root, unless the matrix is
-# triangular, as that of a rigid device is.
-_FREE_TOLERANCE = 1e-7
-# Least share of the innovation that passes a dead zone: with less the hand alone decides.
-_LEAST_SHARE = 0.01
+def radius_limit(device: Device, integral: FloatArray, hand_n_per_m: float | FloatArray) -> FloatArray:
+    """Return the bound of the spectral radius of renderings with hands; both broadcast.
 
-
-def radius_limit(device: Device, parts: Fractions, hands: Hand) -> FloatArray:
-    """Return the bound of the spectral radius of n renderings with h hands, shape (n, h).
-
-    Below 1, where a spring of wall or hand restores the device; without any its position is an eigenvalue of 1.
+    Below 1, where a spring of wall or hand restores the device; without any its position is an eigenvalue of 1. A free,
+    undamped device has that twice: rounding moves a double one by its root, unless the matrix is triangular, as that of
+    a rigid device is.
     """
-    free = 1 + (RADIUS_TOLERANCE if rigid(device) else _FREE_TOLERANCE)
-    held = np.broadcast_to(np.asarray(hands.stiffness_n_per_m) > 0, (len(hands),))
-    called_back = (np.asarray(parts.integral) > 0)[:, None] | held[None, :]
-    return np.where(called_back, 1 - RADIUS_TOLERANCE, free)
+    restored = (integral > 0) | (np.asarray(hand_n_per_m) > 0)
+    return np.where(restored, 1 - RADIUS_TOLERANCE, 1 + (RADIUS_TOLERANCE if rigid(device) else 1e-7))
 
 
 @dataclass(frozen=True)
-class EveryHand:
-    """The worst of all evaluated hands and devices, for each of n rows."""
+class WorstLoops:
+    """The worst loop of all evaluated hands and devices, for each of n rows."""
 
     stable: BoolArray
     radius: FloatArray
     frequency_hz: FloatArray
     hands: Hand
-    corner: IndexArray
     devices: list[Device]
-    looked_at: int
 
 
 def every_hand(
-    problem: Problem, parts: Fractions, contact: FloatArray, *, draws: int, seed: int, progress: Progress = SILENT
-) -> EveryHand:
-    """Search for the worst hand of each row."""
-    devices = device_corners(problem.device, LINEAR_KEYS)
-    first = hand_set(problem.hands, draws=draws, seed=seed)
-    limits = radius_limit(problem.device, parts, first)
+    problem: Problem,
+    parts: Fractions,
+    contact: FloatArray,
+    *,
+    draws: int = 24,
+    seed: int = 0,
+    progress: Progress = SILENT,
+) -> WorstLoops:
+    """Search for the worst hand of each row at each corner of the device, and inside its ranges."""
+    device, people = problem.device, problem.hands
+    corners = device_corners(device, LINEAR_KEYS)
+    limits = radius_limit(device, parts.integral[:, None], hand_set(people, draws=draws, seed=seed).stiffness_n_per_m)
     stable = np.ones(len(contact), dtype=bool)
     found = []
-    for device in devices:
-        one = worst_hands(device, parts, contact, problem.hands, draws=draws, seed=seed, enough=1.0, progress=progress)
-        own = _own_limit(problem.device, parts, one.hands)
-        stable &= (one.known.radius < limits).all(axis=1) & (one.radius < own)
+    for corner in corners:
+        one = worst_hands(corner, parts, contact, people, draws=draws, seed=seed, enough=1.0, progress=progress)
+        own = radius_limit(device, parts.integral, one.hands.stiffness_n_per_m)
+        stable &= (one.known_radius < limits).all(axis=1) & (one.radius < own)
         found.append(one)
-    radii = np.array([one.radius for one in found])
-    corner = radii.argmax(axis=0)
-    pick = corner, np.arange(radii.shape[1])
-    radius, frequency = radii[pick], np.array([one.frequency_hz for one in found])[pick]
-    places = np.array([list(vars(one.hands).values()) for one in found])[corner, :, pick[1]].T
+    each, rows = np.array([one.radius for one in found]), np.arange(len(contact))
+    where = each.argmax(axis=0)
+    radius, frequency = each[where, rows], np.array([one.frequency_hz for one in found])[where, rows]
+    places = np.array([list(vars(one.hands).values()) for one in found])[where, :, rows].T
+    devices = [corners[place] for place in where]
     if radius.size and radius.max() >= 1.0:
         row = slice(int(radius.argmax()), int(radius.argmax()) + 1)
-        last = worst_hands(
-            devices[corner[row][0]], parts.pick(row), contact[row], problem.hands, draws=draws, seed=seed
-        )
+        last = worst_hands(devices[row][0], parts.pick(row), contact[row], people, draws=draws, seed=seed)
         radius[row], frequency[row] = last.radius, last.frequency_hz
         places[:, row] = np.array(list(vars(last.hands).values()))
-    for row in _hardest(problem.device, radius):
-        value, hand, device = _worst_inside(problem.device, parts, contact, int(row), hand_boxes(problem)[0])
-        if abs(value) > radius[row]:
-            radius[row], frequency[row] = abs(value), abs(np.angle(value)) / (2 * np.pi * device.sample_time_s)
-            places[:, row], corner[row] = list(hand.values()), len(devices)
-            devices = [*devices, device]
-            stable[row] &= radius[row] < _own_limit(device, parts.pick(slice(row, row + 1)), Hand(**hand))[0]
-    return EveryHand(stable, radius, frequency, Hand(*places), corner, devices, len(first))
-
-
-def released_radius(
-    problem: Problem, parts: Fractions, contact: FloatArray, progress: Progress = SILENT
-) -> tuple[FloatArray, IndexArray, list[Device]]:
-    """Return the largest released spectral radius of each row, shape (n,), its device, and all devices."""
-    devices = device_corners(problem.device, LINEAR_KEYS)
-    radii = [linear_stability(device, parts, contact, no_hand(), progress=progress).radius[:, 0] for device in devices]
-    corner, radius = np.argmax(radii, axis=0), np.max(radii, axis=0)
-    for row in _hardest(problem.device, radius):
-        value, _, device = _worst_inside(problem.device, parts, contact, int(row), hand_boxes(problem)[-1])
-        if abs(value) > radius[row]:
-            radius[row], corner[row] = abs(value), len(devices)
-            devices = [*devices, device]
-    return radius, corner, devices
-
-
-def _hardest(device: Device, radius: FloatArray) -> IndexArray:
-    """Return the rows whose devices are searched inside the ranges: of those not refuted at corners the worst."""
-    if not device_ranges(device, LINEAR_KEYS):
-        return np.zeros(0, dtype=np.intp)
+    inside = bool(device_ranges(device, LINEAR_KEYS)) and device.mass_kg + people.mass_kg[1] > 0
     order = np.argsort(-radius, kind="stable")
-    return np.asarray(order[radius[order] < 1.0][:_ROWS_INSIDE])
+    # Of the rows that corners do not refute the worst are searched inside the ranges of the device.
+    for row in order[radius[order] < 1.0][:4].tolist() if inside else ():
+        only = slice(row, row + 1)
+        rendering = fraction_rendering(parts.pick(only), contact[only], device.sample_time_s)
+
+        def leading(plant: SampledPlant, _: object, rendering: Rendering = rendering) -> ComplexArray:
+            return largest_eigenvalue(wall(Body.of(plant).flat(), rendering))
+
+        value, hand, worst, _ = worst_held(device, hand_boxes(problem)[0], leading)
+        if abs(value) > radius[row]:
+            radius[row], frequency[row] = abs(value), abs(np.angle(value)) / (2 * np.pi * worst.sample_time_s)
+            places[:, row], devices[row] = list(hand.values()), worst
+            stable[row] &= abs(value) < radius_limit(worst, parts.integral[row], hand["stiffness_n_per_m"])
+    return WorstLoops(stable, radius, frequency, Hand(*places), devices)
 
 
-def _worst_inside(
-    device: Device, parts: Fractions, contact: FloatArray, row: int, hand: Ranges
-) -> tuple[complex, dict[str, float], Device]:
-    """Return the largest eigenvalue of one row over the ranges of a hand and the device, that hand and that device."""
-    only = slice(row, row + 1)
-    rendering = fraction_rendering(parts.pick(only), contact[only], device.sample_time_s)
-
-    def leading(plant: SampledPlant, _: object) -> ComplexArray:
-        return largest_eigenvalue(wall(Body.of(plant).flat(), rendering))
-
-    return worst_held(device, hand, leading)[:3]
+def released(problem: Problem, parts: Fractions, contact: FloatArray, progress: Progress = SILENT) -> WorstLoops:
+    """Search for the worst released device of each row."""
+    nobody = dict.fromkeys(vars(no_hand()), (0.0, 0.0)) | {"let_go": False}
+    alone = problem.model_copy(update={"hands": problem.hands.model_copy(update=nobody)})
+    return every_hand(alone, parts, contact, draws=0, progress=progress)
 
 
 def looked_at(problem: Problem, draws: int, seed: int) -> str:
     """Return the hands behind a verdict, in words."""
     corners = len(hand_corners(problem.hands))
     return f"{corners} corners, {draws} draws (seed {seed}) and a search of the ranges"
-
-
-def _own_limit(device: Device, parts: Fractions, hands: Hand) -> FloatArray:
-    """Return the bound on the radius of each row with its own hand, shape (n,)."""
-    held = np.asarray(hands.stiffness_n_per_m) > 0
-    one_each = Hand(np.zeros(2), np.zeros(2), np.array([0.0, 1.0]))
-    free, back = radius_limit(device, parts, one_each).T
-    return np.asarray(np.where(held, back, free))
 
 
 @dataclass(frozen=True)
@@ -283,7 +234,8 @@ def feedback_radius(coupling: Coupling) -> dict[str, Worst]:
         return Worst(abs(value), device, held, float(values["share"][0]))
 
     boxes = hand_boxes(problem)
-    found = {"hands": worst(boxes[0], 1.0), "let-go": worst(boxes[-1], 1.0), "dead-zone": worst(boxes[0], _LEAST_SHARE)}
+    # With less than a hundredth of the innovation the hand alone decides.
+    found = {"hands": worst(boxes[0], 1.0), "let-go": worst(boxes[-1], 1.0), "dead-zone": worst(boxes[0], 0.01)}
     # Its search may end in another maximum.
     return found | {"dead-zone": max(found["hands"], found["dead-zone"], key=lambda one: one.radius)}
 
@@ -301,14 +253,13 @@ def hands_level(judged: Judged) -> LevelResult:
     parts = frozen_parts(problem, rows.b, rows.k)
     found = every_hand(problem, parts, rows.contact, draws=draws, seed=seed, progress=judged.progress)
     radius = found.radius
-    released = released_radius(problem, parts, rows.contact)[0]
-    limit = radius_limit(problem.device, parts, no_hand())[:, 0]
+    free = released(problem, parts, rows.contact)
     detail: dict[str, Any] = {
         "spectral_radius": float(np.max(radius)) if len(radius) else None,
         "row_spectral_radius": rows.spread(radius),
-        "released_spectral_radius": float(np.max(released)) if len(radius) else None,
-        "released_pass": bool(len(radius) and (released < limit).all()),
-        "hands": found.looked_at,
+        "released_spectral_radius": float(np.max(free.radius)) if len(radius) else None,
+        "released_pass": bool(len(radius) and free.stable.all()),
+        "hands": len(hand_corners(problem.hands)) + draws,
         "hands_seed": seed,
         "row_worst_hand": {name: rows.spread(np.asarray(value)) for name, value in vars(found.hands).items()},
     }
@@ -319,7 +270,7 @@ def hands_level(judged: Judged) -> LevelResult:
         return replace(result, detail=detail)
     worst = int(np.count_nonzero(rows.present[: result.row]))
     only = slice(worst, worst + 1)
-    hand, device = found.hands.pick(only), found.devices[found.corner[worst]]
+    hand, device = found.hands.pick(only), found.devices[worst]
     margin, held = damping_reserve(device, parts.pick(only), rows.contact[only], hand), hand.values(0)
     if not found.stable[worst]:
         missing = len(rows.present) - len(radius)
@@ -340,7 +291,7 @@ def hands_level(judged: Judged) -> LevelResult:
 
 def _feedback_level(rows: Rows, found: dict[str, Worst]) -> LevelResult:
     """Judge L5 on the loop of a coupling with state feedback."""
-    worst, released, one = found["dead-zone"], found["let-go"], np.ones(len(rows.b))
+    worst, free, one = found["dead-zone"], found["let-go"], np.ones(len(rows.b))
     claim = (
         "the loop with observer and state feedback is linearly stable, with no friction, with the worst hand that a "
         "search of [hands] found, whatever share of the innovation passes the dead zone"
@@ -353,8 +304,8 @@ def _feedback_level(rows: Rows, found: dict[str, Worst]) -> LevelResult:
     result = level_result(rows, "L5", "sampled-data", claim, passed, margin, 0 * one, tolerance)
     detail = {
         "spectral_radius": worst.radius,
-        "released_spectral_radius": released.radius,
-        "released_pass": released.stable,
+        "released_spectral_radius": free.radius,
+        "released_pass": free.stable,
         "hands": len(hand_corners(rows.problem.hands)),
         "worst_hand": worst.hand,
         "worst_share": worst.share,
@@ -364,7 +315,7 @@ def _feedback_level(rows: Rows, found: dict[str, Worst]) -> LevelResult:
 
 def damping_reserve(device: Device, parts: Fractions, contact: FloatArray, hand: Hand) -> float:
     """Return the device damping to spare before a row with a hand becomes unstable, N.s/m; negative where it lacks."""
-    bound = radius_limit(device, parts, hand)
+    bound = radius_limit(device, parts.integral[:, None], hand.stiffness_n_per_m)
 
     def stable(shift: float) -> bool:
         damping = {"damping_ns_per_m": device.damping_ns_per_m + shift}
@@ -374,7 +325,7 @@ def damping_reserve(device: Device, parts: Fractions, contact: FloatArray, hand:
     available = device.damping_ns_per_m + hand.values(0)["damping_ns_per_m"]
     near, far = 0.0, 1e-3 * (1.0 + available)
     sign = -1.0 if starts_stable else 1.0
-    limit = available if starts_stable else _LARGEST_SHIFT_NS_PER_M
+    limit = available if starts_stable else 1e6
     while far < limit and stable(sign * far) == starts_stable:
         near, far = far, 2 * far
     far = min(far, limit)

@@ -13,7 +13,7 @@ from sampled_wall import spectral_radius
 from teleoperator_simulator import run
 
 import avc_casadi as avc
-from avc_casadi.claims.hands import every_hand, released_radius
+from avc_casadi.claims.hands import every_hand, released
 from avc_casadi.design.virtual_tool import CouplingSearch, Scale, ToolSearch
 from avc_casadi.loops.engine import ToolLoops
 from avc_casadi.loops.follower import FollowerLoops, link_clocks
@@ -100,7 +100,7 @@ def test_no_device_inside_breaks_a_wall(wall_n_per_m, mode_hz):
     rigid, dampers = 1e8, np.array([0.3, 1.0, 2.0, 4.0, 6.0])
     parts = frozen_parts(stated, np.zeros(5), np.full(5, rigid))
     told = every_hand(stated, parts, dampers, draws=24, seed=0).radius
-    free = released_radius(stated, parts, dampers)[0]
+    free = released(stated, parts, dampers).radius
     stiffness = 1 / (1 / wall_n_per_m + 1 / rigid)
     devices = [
         *device_corners(stated.device),
