@@ -5,18 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
-from typing import TYPE_CHECKING, Any, NamedTuple
+from functools import cached_property, partial
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray
 from avc_casadi.claims.worst_frequency import lowest_of, refine_minima
 from avc_casadi.model.corners import device_with
 from avc_casadi.model.plant import DEVICE, device_plant
-from avc_casadi.paper.equations import SampleAngle, environment_impedance, loop_at
-from avc_casadi.paper.numbers import NUMPY
 
 if TYPE_CHECKING:
     from avc_casadi.loops.wall import Fractions
@@ -91,14 +88,12 @@ class Mechanics:
         return np.asarray((mass - motor) * s + (motor * s + b) * tau)
 
 
-@dataclass(frozen=True)
-class Response:
-    """Frequency responses of a device at its handle, each of the shape of the frequencies."""
+class Response(NamedTuple):
+    """Frequency responses of a device at its handle: alone, R, tau t, Y and A e of the module of the port."""
 
     alone: ComplexArray
     loss: FloatArray
-    sent: ComplexArray
-    seen: ComplexArray
+    through: ComplexArray
     admittance: ComplexArray
     force: ComplexArray
 
@@ -108,13 +103,9 @@ def response(device: Device, frequency_hz: FloatArray) -> Response:
     mechanics = Mechanics(device)
     s = np.asarray(2j * np.pi * frequency_hz, dtype=np.complex128)
     tau, admittance, loss = mechanics.transmission(s)
-    seen, admittance = (np.ones_like(tau), np.zeros_like(tau)) if mechanics.at_handle else (tau, admittance)
+    through, admittance = (tau, np.zeros_like(tau)) if mechanics.at_handle else (tau**2, admittance)
     force = mechanics.amplifier(s) * np.exp(-s * device.delay_samples * device.sample_time_s)
-    return Response(mechanics.alone(s), loss, tau, seen, admittance, force)
-
-
-_POINTS = 400
-_TOLERANCE = 1e-12
+    return Response(mechanics.alone(s), loss, through, admittance, force)
 
 
 def wave(
@@ -151,16 +142,20 @@ def perceived_real(
     w = wave(parts, contact_damping_ns_per_m, frequency_hz * device.sample_time_s, model) * port.force
     closed = 1 + w * port.admittance
     share = np.abs(closed) ** 2
-    added = (port.sent * port.seen * w * closed.conj()).real
+    added = (port.through * w * closed.conj()).real
     real = port.loss + added / np.where(share > 0, share, np.finfo(np.float64).tiny)
     return np.asarray(real), np.asarray(port.loss * share + added), np.asarray(port.loss + np.abs(w))
 
 
-def impedance_at_handle(device: Device, rendered: ComplexArray, frequency_hz: FloatArray) -> ComplexArray:
-    """Z_h of the device as declared, at its handle, for a rendering of the model 'sampled-data', N.s/m."""
-    port = response(device, frequency_hz)
-    force = rendered * np.sinc(frequency_hz * device.sample_time_s) ** 2 * port.force
-    return np.asarray(port.alone + port.sent * port.seen * force / (1 + force * port.admittance))
+def impedance_at_handle(
+    device: Device, force_n_per_m: complex | ComplexArray, frequency_hz: FloatArray
+) -> ComplexArray:
+    """Return Z_h of a device as declared, at its handle, for a sampled force over the measured position, N.s/m."""
+    port, turns = response(device, frequency_hz), frequency_hz * device.sample_time_s
+    # Held for a sample, over a velocity.
+    rendered = force_n_per_m * device.sample_time_s / np.expm1(2j * np.pi * turns)
+    force = rendered * np.sinc(turns) ** 2 * port.force
+    return np.asarray(port.alone + port.through * force / (1 + force * port.admittance))
 
 
 def perceived_worst(
@@ -176,35 +171,23 @@ def perceived_worst(
     column, contact = parts.pick((slice(None), None)), contact_damping_ns_per_m[:, None]
     for device in devices:
 
-        def real(frequency: FloatArray, device: Device = device) -> FloatArray:
-            return perceived_real(device, column, contact, frequency, model)[0]
-
-        def smooth(frequency: FloatArray, device: Device = device) -> FloatArray:
-            return perceived_real(device, column, contact, frequency, model)[1]
+        def value(frequency: FloatArray, which: int, device: Device = device) -> FloatArray:
+            return perceived_real(device, column, contact, frequency, model)[which]
 
         low, high = (np.minimum(end, 0.5 / device.sample_time_s) for end in (low_hz, high_hz))
         points = low[:, None]
         if (high > low).any():
-            points = np.clip(np.geomspace(low, high, _POINTS, axis=1), low[:, None], high[:, None])
-            points = np.concatenate([refine_minima(real, points, 1), refine_minima(smooth, points, 1)], axis=1)
+            points = np.clip(np.geomspace(low, high, 400, axis=1), low[:, None], high[:, None])
+            points = np.hstack([refine_minima(partial(value, which=one), points, 1) for one in (0, 1)])
         values, _, size = perceived_real(device, column, contact, points, model)
         place = np.argmin(values, axis=1)
-        found.append([values[rows, place], points[rows, place], _TOLERANCE * size[rows, place]])
+        found.append([values[rows, place], points[rows, place], 1e-12 * size[rows, place]])
     margin, at, rounding = lowest_of(found)
     return PortWorst(margin >= -rounding, margin, at, rounding)
 
 
 PRESS_N = 10.0
 """A firm press of a hand. The handle is excited about half of it, or half the force limit if that is less."""
-
-# Amplitude over mean depth: the handle never leaves the wall.
-_SHARE = 0.5
-# Mean depth for a wall without a spring.
-_DEPTH_M = 0.01
-# Samples of a period, for the wall's own force.
-_A_PERIOD = 1024
-# A smaller share of the wall counts as zero.
-_NOTHING = 1e-9
 
 
 @dataclass(frozen=True)
@@ -216,11 +199,11 @@ class Excitation:
 
     @classmethod
     def of(cls, device: Device, stiffness_n_per_m: float) -> Excitation:
-        """Return the excitation about half of a firm press, or of the force limit."""
+        """Return the excitation about half of a firm press, or of the force limit, which never leaves the wall."""
         press_n = PRESS_N * device.metres_per_unit
         mean_n = min(press_n, press_n if device.max_force_n is None else device.max_force_n) / 2
-        depth = mean_n / stiffness_n_per_m if stiffness_n_per_m > 0 else _DEPTH_M / device.metres_per_unit
-        return cls(depth, _SHARE * depth)
+        depth = mean_n / stiffness_n_per_m if stiffness_n_per_m > 0 else 0.01 / device.metres_per_unit
+        return cls(depth, 0.5 * depth)
 
 
 def below_quarter_rate(device: Device, frequency_hz: FloatArray) -> FloatArray:
@@ -238,48 +221,25 @@ class Rendered:
     mismatch: FloatArray
 
 
-@dataclass(frozen=True)
-class Handle:
-    """The handle of a device in front of a wall, at some frequencies."""
-
-    device: Device
-    environment: Impedance
-    frequency_hz: FloatArray
-    unit: ComplexArray
-
-    @classmethod
-    def of(cls, problem: Problem, frequency_hz: FloatArray) -> Handle:
-        """Return the handle of a problem's device."""
-        device = problem.device
-        loop = loop_at(problem.changed(stability={"model": "sampled-data"}), frequency_hz)
-        angle = SampleAngle.at(NUMPY, frequency_hz, device.sample_time_s)
-        # The hold includes the delay, which belongs to the port of the handle.
-        on_time = np.exp(2j * np.pi * frequency_hz * device.delay_samples * device.sample_time_s)
-        unit = loop.hold * environment_impedance(angle, "sampled-data", 0.0, 1.0) * on_time
-        return cls(device, problem.environment, frequency_hz, np.asarray(unit))
-
-    def rendered(self, force_n_per_m: ComplexArray, excitation: Excitation) -> Rendered:
-        """Return what a transfer from measured position to force renders."""
-        device, wall, s = self.device, self.environment, 2j * np.pi * self.frequency_hz
-        alone = device.mass_kg * s + device.damping_ns_per_m
-        felt = impedance_at_handle(device, force_n_per_m * self.unit, self.frequency_hz)
-        wanted = alone + wall.damping_ns_per_m + wall.stiffness_n_per_m / s
-        spring = (felt - alone) * s
-        own = wall_over_position(wall, excitation, self.frequency_hz)
-        return Rendered(np.abs(spring), np.asarray(np.abs(felt - wanted) / np.abs(wanted)), _log_ratio(spring, own))
+def rendered(
+    problem: Problem, force_n_per_m: ComplexArray, excitation: Excitation, frequency_hz: FloatArray
+) -> Rendered:
+    """Return what a transfer from measured position to force renders to the handle in front of the wall."""
+    device, wall, s = problem.device, problem.environment, 2j * np.pi * frequency_hz
+    alone = device.mass_kg * s + device.damping_ns_per_m
+    felt = impedance_at_handle(device, force_n_per_m, frequency_hz)
+    wanted = alone + wall.damping_ns_per_m + wall.stiffness_n_per_m / s
+    spring, own = (felt - alone) * s, wall_over_position(wall, excitation, frequency_hz)
+    # |ln(spring/own)|, 0 where both vanish; a smaller share of the wall than the last counts as zero.
+    ratio = np.abs(np.where(own != 0, spring / np.where(own != 0, own, 1.0), 1.0))
+    mismatch = np.abs(np.log(np.maximum(ratio, 1e-9)))
+    return Rendered(np.abs(spring), np.asarray(np.abs(felt - wanted) / np.abs(wanted)), mismatch)
 
 
 def wall_over_position(wall: Impedance, excitation: Excitation, frequency_hz: FloatArray) -> ComplexArray:
     """Return max(0, k_e x + b_e dx/dt) over x, N/m, at the frequency of a sine about a depth, shape (n,)."""
-    angle, amplitude = 2 * np.pi * np.arange(_A_PERIOD) / _A_PERIOD, excitation.amplitude_m
+    angle, amplitude = 2 * np.pi * np.arange(1024) / 1024, excitation.amplitude_m
     moved, speed = amplitude * np.sin(angle), 2 * np.pi * frequency_hz[:, None] * amplitude * np.cos(angle)
     force = np.maximum(0.0, wall.stiffness_n_per_m * (excitation.depth_m + moved) + wall.damping_ns_per_m * speed)
     wave = np.exp(-1j * angle)
     return np.asarray((force @ wave) / (moved @ wave))
-
-
-def _log_ratio(rendered: ComplexArray, wanted: NDArray[np.complexfloating[Any, Any]]) -> FloatArray:
-    """Return |ln(rendered/wanted)|, 0 where both vanish."""
-    there = wanted != 0
-    ratio = np.where(there, rendered / np.where(there, wanted, 1.0), 1.0)
-    return np.asarray(np.abs(np.log(np.where(np.abs(ratio) > _NOTHING, ratio, _NOTHING))))

@@ -26,7 +26,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
@@ -41,13 +40,6 @@ from avc_casadi.model.hands import Hand
 if TYPE_CHECKING:
     from avc_casadi.loops.wall import Fractions
     from avc_casadi.model.device import Device
-
-
-_ALIASES = 40
-# A fraction of a sample leaves an oscillating tail, which is faded out.
-_ALIASES_OF_A_FRACTION = 400
-_TAIL_NODES = 12
-_NUMBERS_AT_ONCE = 1_000_000
 
 
 @dataclass(frozen=True)
@@ -70,7 +62,7 @@ def handle_port(device: Device, frequency_hz: FloatArray, taken_ns_per_m: FloatA
         parts = [_ideal(device, turns, taken)]
     else:
         number, weight, last = _aliases(mechanics)
-        at_once = max(1, _NUMBERS_AT_ONCE // len(number))
+        at_once = max(1, 1_000_000 // len(number))
         starts = range(0, len(turns), at_once)
         parts = [
             _summed(mechanics, number, weight, last, turns[i : i + at_once], taken[i : i + at_once]) for i in starts
@@ -97,12 +89,13 @@ def _ideal(device: Device, turns: FloatArray, taken: FloatArray) -> _Part:
 
 def _aliases(mechanics: Mechanics) -> tuple[FloatArray, FloatArray, int]:
     """Return the indices n, 0 first, their weights, and the last plain one."""
-    least = _ALIASES_OF_A_FRACTION if mechanics.device.delay_samples % 1 else _ALIASES
+    # A fraction of a sample leaves an oscillating tail, which is faded out.
+    least = 400 if mechanics.device.delay_samples % 1 else 40
     last = max(least, math.ceil(4 * mechanics.fastest_turns))
     plain = np.arange(1.0, last + 2)
     plain_weight = np.ones(last + 1)
     plain_weight[-2:] = 23 / 24, 1 / 24
-    node, share = np.polynomial.legendre.leggauss(_TAIL_NODES)
+    node, share = np.polynomial.legendre.leggauss(12)
     node, share = (node + 1) / 2, share / 2
     far, far_weight = (last + 0.5) / node, (last + 0.5) * share / node**2
     number = np.concatenate([[0.0], plain, -plain, far, -far])
@@ -145,17 +138,6 @@ def _summed(
     )
     spread = np.sqrt((u[:, 0] + u_rest) * (v[:, 0] + v_rest))
     return np.asarray(x[:, 0] + x_rest), np.asarray(spread), np.asarray(excess), damped
-
-
-_LOWEST_TURNS = 1e-8
-_A_DECADE = 150
-# Below a hundredth of the sampling frequency the device hardly changes, and poles of a coupling are real.
-_A_DECADE_BELOW = 60
-_LOW_TURNS = 0.01
-_A_HALF_WAVE = 24
-_ZOOMS = 4
-_HALVINGS = 44
-_MOST_NS_PER_M = 1e12
 
 
 class Slack(Protocol):
@@ -230,9 +212,9 @@ class CouplingSlack:
 
 def frequencies_hz(device: Device) -> FloatArray:
     """Return frequencies, shape (m,), that resolve every pole of a port, the delay, and the end at Nyquist."""
-    low = np.geomspace(_LOWEST_TURNS, _LOW_TURNS, round(_A_DECADE_BELOW * np.log10(_LOW_TURNS / _LOWEST_TURNS)))
-    high = np.geomspace(_LOW_TURNS, 0.5, round(_A_DECADE * np.log10(0.5 / _LOW_TURNS)))
-    even = np.linspace(0.0, 0.5, 1 + round(_A_HALF_WAVE * (device.delay_samples + 3)))[1:]
+    # Below a hundredth of the sampling frequency the device hardly changes, and poles of a coupling are real.
+    low, high = np.geomspace(1e-8, 0.01, 360), np.geomspace(0.01, 0.5, round(150 * np.log10(50)))
+    even = np.linspace(0.0, 0.5, 1 + round(24 * (device.delay_samples + 3)))[1:]
     return np.unique(np.concatenate([low, high, even, 0.5 - low[::4]])) / device.sample_time_s
 
 
@@ -254,17 +236,17 @@ def port_worst(devices: Sequence[Device], slack: Slack, rows: int, progress: Pro
         if len(own) == 0:
             continue
         hz, found = frequencies_hz(device), scans[index][1][own]
-        ends = hz[np.maximum(found - 1, 0)], hz[np.minimum(found + 1, len(hz) - 1)]
-        at[own] = lowest(partial(_left, device, slack, own), *ends, _ZOOMS, hz[found])
+        around = (hz[np.clip(found + side, 0, len(hz) - 1)] for side in (-1, 0, 1))
+
+        def left_at(hz: FloatArray, device: Device = device, own: IndexArray = own) -> FloatArray:
+            return slack(handle_port(device, hz[:, None]), own)[0][:, 0]
+
+        at[own] = lowest(left_at, *around)
         left, near = slack(handle_port(device, at[own, None]), own)
         passed[own] &= left[:, 0] >= -near[:, 0]
         margin[own] = _margin(device, slack, at[own], own, left[:, 0])
         tolerance[own] = near[:, 0] * (1e-12 + abs(Mechanics(device).least_loss))
     return PortWorst(passed, margin, at, tolerance)
-
-
-def _left(device: Device, slack: Slack, rows: IndexArray, frequency_hz: FloatArray) -> FloatArray:
-    return slack(handle_port(device, frequency_hz), rows)[0]
 
 
 def _margin(device: Device, slack: Slack, frequency: FloatArray, rows: IndexArray, left: FloatArray) -> FloatArray:
@@ -277,12 +259,12 @@ def _margin(device: Device, slack: Slack, frequency: FloatArray, rows: IndexArra
     reach = 1e-3 * (1.0 + most)
     inside = np.where(left >= 0, 0.0, -reach)
     waiting = ~meets(inside)
-    while waiting.any() and reach[0] < _MOST_NS_PER_M:
+    while waiting.any() and reach[0] < 1e12:
         reach = 4 * reach
         inside = np.where(waiting, -reach, inside)
         waiting = ~meets(inside)
     outside = np.where(left >= 0, most, 0.0)
-    for _ in range(_HALVINGS):
+    for _ in range(44):
         middle = (inside + outside) / 2
         fits = meets(middle)
         inside, outside = np.where(fits, middle, inside), np.where(fits, outside, middle)

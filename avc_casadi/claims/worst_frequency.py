@@ -9,6 +9,7 @@ from numpy.polynomial import chebyshev
 
 from avc_casadi._util.arrays import BoolArray, FloatArray, IndexArray
 from avc_casadi._util.progress import SILENT, Progress, chunks
+from avc_casadi.loops.spectrum import lowest
 from avc_casadi.loops.wall import Fractions, SampledLoop, Values, fractions
 
 if TYPE_CHECKING:
@@ -74,9 +75,6 @@ def _cos_half_turns(count: float, turns: FloatArray) -> FloatArray:
 
 
 _EPS = float(np.finfo(np.float64).eps)
-_GOLDEN = (5**0.5 - 1) / 2
-# Reduces the bracket to 2e-7, so that the value, flat there, is right to 4e-14 of its change over the bracket.
-_STEPS = 32
 _MINIMA = 6
 # Eigenvalues cost the cube of the degree.
 _MOST_ROOTS = 64
@@ -131,15 +129,7 @@ def refine_minima(value: Callable[[FloatArray], FloatArray], points: FloatArray,
     chosen = np.argsort(local, axis=1)[:, :count]
     left, right = (np.take_along_axis(points, np.take_along_axis(other, chosen, 1), 1) for other in (before, after))
     centre = np.take_along_axis(points, chosen, axis=1)
-    for _ in range(_STEPS):
-        step = (1 - _GOLDEN) * np.where(right - centre > centre - left, right - centre, left - centre)
-        probe = centre + step
-        better = value(probe) < value(centre)
-        outer = step > 0
-        left = np.where(better & outer, centre, np.where(~better & ~outer, probe, left))
-        right = np.where(better & ~outer, centre, np.where(~better & outer, probe, right))
-        centre = np.where(better, probe, centre)
-    return np.concatenate([points, centre], axis=1)
+    return np.concatenate([points, lowest(value, left, centre, right)], axis=1)
 
 
 def _neighbours(points: FloatArray) -> tuple[IndexArray, IndexArray, BoolArray]:
@@ -305,8 +295,8 @@ def _worst(loop: SampledLoop, columns: list[FloatArray], degree: int | None, *, 
     candidates = np.sort(np.clip(candidates, low[:, None], high[:, None]), axis=1)
     frequency = refine_minima(value, candidates, degree) if refine and degree is not None else candidates
     values = value(frequency)
-    lowest = np.take_along_axis(frequency, np.argmin(values, axis=1)[:, None], axis=1)
-    size = size_of_terms(columned, spread, contact[:, None], lowest)
+    worst = np.take_along_axis(frequency, np.argmin(values, axis=1)[:, None], axis=1)
+    size = size_of_terms(columned, spread, contact[:, None], worst)
     # Among equal values the first: an end or a stationary point, rather than a refinement within rounding.
     first = np.argmax(values <= values.min(axis=1, keepdims=True) + _EQUAL * size, axis=1)[:, None]
     at = np.take_along_axis(frequency, first, axis=1)

@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from avc_casadi._errors import UnsupportedError
-from avc_casadi.claims.impedance import Handle, impedance_at_handle
+from avc_casadi.claims.impedance import impedance_at_handle
 from avc_casadi.coupling import Coupling
 from avc_casadi.design.cones import PER_LACK, Cones, multiplier
 from avc_casadi.design.observer_law import GUESSES, Structure
@@ -150,9 +150,9 @@ class Program:
     def error_rows(self, hz: FloatArray) -> ErrorRows:
         """Return rows and constants of E_n and E_d: the handle's impedance is a ratio of terms linear in the law's."""
         device, wall, k = self.problem.device, self.problem.environment, self.structure.stiffness_n_per_m
-        unit, s = Handle.of(self.problem, hz).unit, 2j * np.pi * hz
+        s = 2j * np.pi * hz
         # Z = (z_0 + p C)/(1 + q C), from three laws C.
-        alone, one, other = (impedance_at_handle(device, c * unit, hz) for c in (0j, k + 0j, 1j * k))
+        alone, one, other = (impedance_at_handle(device, c, hz) for c in (0j, k + 0j, 1j * k))
         matrix = np.array([[k + 0 * one, -k * one], [1j * k + 0 * one, -1j * k * other]]).transpose(2, 0, 1)
         p, q = np.linalg.solve(matrix, np.array([one - alone, other - alone]).T[..., None])[..., 0].T
         own = wall.damping_ns_per_m + wall.stiffness_n_per_m / s

@@ -158,9 +158,13 @@ class OpenLoop:
         beside = np.pad(size, ((0, 0), (1, 1)), constant_values=-np.inf)
         size[(size < beside[:, :-2]) | (size < beside[:, 2:])] = -np.inf
         row, top = np.unravel_index(np.argsort(size, axis=None)[-_PEAKS:], size.shape)
-        ends = turn[np.maximum(top - 1, 0)], turn[np.minimum(top + 1, len(turn) - 1)]
-        best = lowest(lambda angles: -_swing(self.gain(angles, loops[row])), *ends, _ZOOMS)
-        size = _swing(self.gain(best[:, None], loops[row]))[:, 0]
+        around = (turn[np.clip(top + side, 0, len(turn) - 1)] for side in (-1, 0, 1))
+
+        def size_at(angles: FloatArray) -> FloatArray:
+            return _swing(self.gain(angles[:, None], loops[row]))[:, 0]
+
+        best = lowest(lambda angles: -size_at(angles), *around)
+        size = size_at(best)
         worst = int(size.argmax())
         return float(2 / size[worst]), float(best[worst])
 

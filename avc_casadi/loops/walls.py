@@ -193,9 +193,9 @@ def _nodes(loops: _Curves, corners: Sequence[Device], most_damping_ns_per_m: flo
 
     def upright(at: FloatArray) -> FloatArray:
         inverse, damper = some.response(at)
-        return np.where(down[:, None], 1, -1) * inverse.imag / damper.imag
+        return np.asarray(np.where(down, 1, -1) * inverse.imag / damper.imag)
 
-    best = lowest(upright, angle[case, index - 1], angle[case, index + 1], _CLOSER, angle[case, index])
+    best = lowest(upright, *(angle[case, index + side] for side in (-1, 0, 1)))
     extremum = angle.copy()
     extremum[case, index] = best
     return _inserted(angle, turns, extremum)

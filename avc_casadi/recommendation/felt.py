@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from avc_casadi.claims.impedance import Excitation, Handle, below_quarter_rate
+from avc_casadi.claims.impedance import Excitation, below_quarter_rate, rendered
 from avc_casadi.loops.engine import Engine, clocks, required_tool
 from avc_casadi.loops.follower import Link, Touch, link_clocks
 from avc_casadi.loops.loop import Body
@@ -70,7 +70,7 @@ def shaken(
     """
     device = coupling.problem.device
     heard, excitation = below_quarter_rate(device, np.array(frequency_hz)), Excitation.of(device, felt_n_per_m)
-    found = Handle.of(coupling.problem, heard).rendered(_shaken_force(coupling, excitation, heard), excitation)
+    found = rendered(coupling.problem, _shaken_force(coupling, excitation, heard), excitation, heard)
     return Shaken(**vars(excitation), frequency_hz=heard, **vars(found))
 
 

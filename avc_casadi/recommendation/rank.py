@@ -11,7 +11,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from avc_casadi.claims.certify import promises_rest
-from avc_casadi.claims.impedance import Handle, below_quarter_rate, impedance_at_handle
+from avc_casadi.claims.impedance import below_quarter_rate, impedance_at_handle
 from avc_casadi.loops.margins import transients
 from avc_casadi.loops.wall import force_over_position, frozen_rendering
 from avc_casadi.recommendation.felt import rebound
@@ -113,7 +113,7 @@ def impedance_error(coupling: Coupling) -> float:
     hz = below_quarter_rate(device, BAND_HZ)
     s = 2j * np.pi * hz
     force = force_over_position(frozen_rendering(problem, *vars(gains).values()), np.exp(s * t), law)
-    felt = impedance_at_handle(device, force * Handle.of(problem, hz).unit, hz)
+    felt = impedance_at_handle(device, force, hz)
     own = wall.damping_ns_per_m + wall.stiffness_n_per_m / s
     wanted = device.mass_kg * s + device.damping_ns_per_m + own
     return float((np.abs(felt - wanted) / np.maximum(np.abs(wanted), np.abs(own))).max())
