@@ -37,14 +37,9 @@ if TYPE_CHECKING:
     from avc_casadi.model.runtime import Runtime
 
 
-# Points judged between two neighbouring rows, where the device interpolates.
-_BETWEEN = 3
 # Verbs judge before they push, export or report; the numbers are part of the key, as arrays are mutable. Tables are
 # compared by value: equal gains with different runtimes need separate entries.
 _VERDICTS: WeakKeyDictionary[GainTable, list[tuple[Problem, Runtime, bytes, Deployable]]] = WeakKeyDictionary()
-_KEPT = 32
-# Share of a stated disk margin that is taken for it.
-_AS_ASKED = 0.97
 
 
 @dataclass(frozen=True)
@@ -55,7 +50,7 @@ class DeployClaim:
     passed: bool
     sentence: str
     advice: str
-    radius: float
+    radius: float = math.nan
 
 
 @dataclass(frozen=True)
@@ -87,7 +82,17 @@ class Deployable:
         failed = [claim for claim in self.claims if not claim.passed]
         if not failed:
             return "deployable: linearly stable with every hand of [hands] and released"
-        return "not deployable: " + "; ".join(f"{_CALLED[claim.name]}: {claim.sentence}" for claim in failed)
+        names = {
+            "hands": "hands (L5)",
+            "let-go": "released",
+            "dead-zone": "dead zone",
+            "detent": "detents",
+            "detent-hands": "detents in the wall, hands",
+            "detent-let-go": "detents in the wall, released",
+            "renders": "rendering",
+            "disk-margin": "disk margin",
+        }
+        return "not deployable: " + "; ".join(f"{names[claim.name]}: {claim.sentence}" for claim in failed)
 
     @property
     def advice(self) -> str:
@@ -126,9 +131,16 @@ def deployable(coupling: Coupling, progress: Progress = SILENT) -> Deployable:
     verdict = _verdict(coupling, progress)
     if verdict.passed and coupling.problem.device.mass_kg > 0:  # released, a massless device has no loop
         margin = min(one.disk for one in OpenLoop.of(coupling).margins())
-        verdict = Deployable(verdict.claims + _thin_claim(coupling.problem, margin), margin)
+        asked = coupling.problem.robustness.disk_margin
+        # Of a margin that is asked for, 0.97 is taken for it.
+        least, claims = LEAST_DISK if asked is None else 0.97 * asked, verdict.claims
+        if margin < least:
+            why = f"{margin:.2g}, below {least:.2g}: some hand, or the released device, vibrates with the motor a little off"
+            advice = "take `avc recommend P`, soften the wall, or ask for less by [robustness] disk_margin"
+            claims += (DeployClaim("disk-margin", False, why, advice),)
+        verdict = Deployable(claims, margin)
     known.append((coupling.problem, coupling.runtime, numbers, verdict))
-    del known[:-_KEPT]
+    del known[:-32]
     return verdict
 
 
@@ -137,8 +149,11 @@ def _verdict(coupling: Coupling, progress: Progress) -> Deployable:
     frequency, gains = _judged(coupling.table)
     try:
         if coupling.runtime.state_feedback is not None:
-            beside = () if problem.detent is None else (_UNJUDGED_DETENTS,)
-            return Deployable(_feedback_claims(coupling) + beside)
+            claims = _feedback_claims(coupling)
+            if problem.detent is not None:
+                advice = "take a coupling without state feedback: avc solve P --method static-tuned"
+                claims += (DeployClaim("detent", False, "not judged: state feedback beside [detent]", advice),)
+            return Deployable(claims)
         claims = _frozen_claims(problem, frequency, gains, progress)
         if problem.detent is not None:
             # In the wall the slope of a detent adds to that of the wall.
@@ -148,31 +163,22 @@ def _verdict(coupling: Coupling, progress: Progress) -> Deployable:
                 replace(one, name=f"detent-{one.name}", sentence=f"in the wall with its detents: {one.sentence}")
                 for one in _frozen_claims(inside, frequency, gains, progress)
             ]
-            claims += (DeployClaim("detent", *detent_verdict(problem)), *both)
+            claims += (detent_claim(problem), *both)
         wall = problem.environment
         if not np.any(gains != 0) and (wall.stiffness_n_per_m or wall.damping_ns_per_m):
-            claims += (_NOTHING,)
+            why = "nothing of the wall is rendered: b, k and b_p are 0"
+            advice = (
+                "take a softer wall, a shorter sample time, or a method that is not bound to realism (avc recommend)"
+            )
+            claims += (DeployClaim("renders", False, why, advice),)
     except UnsupportedError as refusal:
         advice = "shorten the delay, or judge the loop by other means"
         why = f"not judged: {refusal}"
-        return Deployable(tuple(DeployClaim(name, False, why, advice, np.nan) for name in ("hands", "let-go")))
+        return Deployable(tuple(DeployClaim(name, False, why, advice) for name in ("hands", "let-go")))
     if coupling.runtime.observer_mass_kg is not None:
         beside_it = " (judged without the observer, which is not linear)"
         claims = tuple(replace(claim, sentence=claim.sentence + beside_it) for claim in claims)
     return Deployable(claims)
-
-
-def _thin_claim(problem: Problem, disk_margin: float) -> tuple[DeployClaim, ...]:
-    """Return the claim that the disk margin is too small; none where it is large enough."""
-    asked = problem.robustness.disk_margin
-    least = LEAST_DISK if asked is None else _AS_ASKED * asked
-    if disk_margin >= least:
-        return ()
-    what = (
-        f"{disk_margin:.2g}, below {least:.2g}: some hand, or the released device, vibrates with the motor a little off"
-    )
-    advice = "take `avc recommend P`, soften the wall, or ask for less by [robustness] disk_margin"
-    return (DeployClaim("disk-margin", False, what, advice, np.nan),)
 
 
 def _judged(table: GainTable) -> tuple[FloatArray, FloatArray]:
@@ -180,7 +186,8 @@ def _judged(table: GainTable) -> tuple[FloatArray, FloatArray]:
     rows = table.frequency_hz
     if len(rows) == 1:
         return rows, table.gains
-    shares = np.linspace(0.0, 1.0, _BETWEEN + 1, endpoint=False)
+    # Three points between two neighbouring rows, where the device interpolates.
+    shares = np.linspace(0.0, 1.0, 4, endpoint=False)
     log = np.log(rows)
     between = np.exp((log[:-1, None] + shares * np.diff(log)[:, None]).ravel())
     frequency = np.unique(np.concatenate([rows, between]))
@@ -228,7 +235,8 @@ def _feedback_claims(coupling: Coupling) -> tuple[DeployClaim, ...]:
 def _claim(name: str, stable: bool, radius: float, passing: str, failing: str) -> DeployClaim:
     if stable:
         return DeployClaim(name, True, f"linearly stable {passing}, spectral radius {radius:.6g} at most", "", radius)
-    return DeployClaim(name, False, f"linearly unstable {failing}: spectral radius {radius:.6g}", _ADVICE, radius)
+    advice = "take `avc recommend P`, which gives the stiffest coupling that is deployable, or soften the wall"
+    return DeployClaim(name, False, f"linearly unstable {failing}: spectral radius {radius:.6g}", advice, radius)
 
 
 def _on(problem: Problem, device: Device) -> str:
@@ -236,36 +244,6 @@ def _on(problem: Problem, device: Device) -> str:
     values = linear_values(device)
     ranged = [f"{key} {values[key]:.4g}" for key in device_ranges(problem.device, LINEAR_KEYS)]
     return f" (device {', '.join(ranged)})" if ranged else ""
-
-
-_CALLED = {
-    "hands": "hands (L5)",
-    "let-go": "released",
-    "dead-zone": "dead zone",
-    "detent": "detents",
-    "detent-hands": "detents in the wall, hands",
-    "detent-let-go": "detents in the wall, released",
-    "renders": "rendering",
-    "disk-margin": "disk margin",
-}
-
-_ADVICE = "take `avc recommend P`, which gives the stiffest coupling that is deployable, or soften the wall"
-
-_UNJUDGED_DETENTS = DeployClaim(
-    "detent",
-    False,
-    "not judged: state feedback beside [detent]",
-    "take a coupling without state feedback: avc solve P --method static-tuned",
-    np.nan,
-)
-
-_NOTHING = DeployClaim(
-    "renders",
-    False,
-    "nothing of the wall is rendered: b, k and b_p are 0",
-    "take a softer wall, a shorter sample time, or a method that is not bound to realism (avc recommend)",
-    np.nan,
-)
 
 
 def certified(coupling: Coupling, progress: Progress = SILENT, *, prove: bool = False) -> Coupling:
@@ -285,11 +263,7 @@ def require_deployable(coupling: Coupling, *, unsafe: bool = False) -> Deployabl
     return verdict
 
 
-# A pole so far from the real axis oscillates.
-_OSCILLATES = 1e-6
-
-
-def detent_verdict(problem: Problem) -> tuple[bool, str, str, float]:
+def detent_claim(problem: Problem) -> DeployClaim:
     """Judge the linear loops at the steepest slopes of the detents, of both signs, with every hand and released."""
     detent = problem.detent
     if detent is None:
@@ -299,8 +273,7 @@ def detent_verdict(problem: Problem) -> tuple[bool, str, str, float]:
     valley, top = (loop_poles(problem.device, people, sign * slope, damping) for sign in (1.0, -1.0))
     radius = float(np.abs(valley).max())
     leaving = top[np.abs(top) >= 1]
-    swings = bool((np.abs(leaving.imag) > _OSCILLATES).any())
-    if radius < 1 and not swings:
+    if radius < 1 and not (np.abs(leaving.imag) > 1e-6).any():
         corners = len(device_corners(problem.device, LINEAR_KEYS))
         held = int((np.abs(top).max(axis=-1).reshape(corners, -1).max(axis=0) < 1).sum())
         quickest = float(np.log(np.abs(leaving)).max()) / problem.device.sample_time_s if len(leaving) else math.nan
@@ -310,22 +283,17 @@ def detent_verdict(problem: Problem) -> tuple[bool, str, str, float]:
             f"released, spectral radius {radius:.6g} at most; at a top, a spring of {-slope:.4g}, {held} of "
             f"{len(people)} hands, one of them none, hold it{rest}"
         )
-        return True, sentence, "", radius
+        return DeployClaim("detent", True, sentence, "", radius)
     where = (
         f"in a valley, a spring of {slope:.4g} with {damping:.4g}: spectral radius {radius:.6g}"
         if radius >= 1
         else f"at a top, a spring of {-slope:.4g}: what leaves it swings"
     )
-    return False, f"detents: linearly unstable {where}", _advice(problem, slope), radius
-
-
-def _advice(problem: Problem, slope: float) -> str:
-    people = joined(hand_set(problem.hands), no_hand())
     found = damping_range(problem.device, people, slope)
     if math.isfinite(found.lowest_ns_per_m):
-        return (
-            f"give the detents a damping of {found.lowest_ns_per_m:.4g} to {found.highest_ns_per_m:.4g}, "
-            "or make the detents weaker or wider"
-        )
-    most = stiffest_wall(problem.device, people).stiffness_n_per_m
-    return f"make the detents weaker or wider: no damping holds a slope above {most:.4g}"
+        advice = f"give the detents a damping of {found.lowest_ns_per_m:.4g} to {found.highest_ns_per_m:.4g}, "
+        advice += "or make the detents weaker or wider"
+    else:
+        most = stiffest_wall(problem.device, people).stiffness_n_per_m
+        advice = f"make the detents weaker or wider: no damping holds a slope above {most:.4g}"
+    return DeployClaim("detent", False, f"detents: linearly unstable {where}", advice, radius)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from avc_casadi.claims.deployable import detent_verdict
+from avc_casadi.claims.deployable import detent_claim
 from avc_casadi.claims.impedance import PRESS_N
 from avc_casadi.files.plausibility import plausibility
 from avc_casadi.files.problem_file import BELOW_NYQUIST
@@ -59,9 +59,9 @@ def why_infeasible(problem: Problem) -> str:
                 "for less"
             )
     if problem.detent is not None:
-        passed, sentence, advice, _ = detent_verdict(problem)
-        if not passed:
-            return f"whatever the coupling, {sentence}; {advice}"
+        claim = detent_claim(problem)
+        if not claim.passed:
+            return f"whatever the coupling, {claim.sentence}; {claim.advice}"
     return ""
 
 
