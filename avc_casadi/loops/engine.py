@@ -221,14 +221,6 @@ class ToolLoops(System):
         shape = self.corners, len(self.tools), len(self._devices), len(self.hands)
         return math.prod(shape) + len(self.patterns) - self.corners
 
-    def radii(self, gains: ToolGains) -> FloatArray:
-        """Return the spectral radius of each loop at the corners for a step of the engine, over all clocks."""
-        each = [
-            np.abs(self.eigenvalues(place, gains)).max(axis=-1) ** (1 / pattern.ticks)
-            for place, pattern in enumerate(self.patterns[: self.corners])
-        ]
-        return np.asarray(np.max(each, axis=0).reshape(len(self.tools), len(self._devices), len(self.hands)))
-
     def engine_alone_stable(self) -> bool:
         """Return whether the tool in contact is stable without any coupling, a property of the engine alone."""
         touching = [one for one in self.tools if not one.fixed and one.contact_stiffness_n_per_m > 0]

@@ -30,13 +30,8 @@ if TYPE_CHECKING:
 
 LEAST_DISK, SOUND_DISK = 0.15, 0.2
 """Disk margins below which a coupling should not run on a device, and below which it is thin."""
-# Angles of z up to half the sample rate, from the lowest of interest, and about each pole, in its bandwidths.
-_POINTS, _ABOUT = 200, np.sinh(np.linspace(-4.0, 4.0, 17))
+# The lowest angle of z of interest.
 _LOWEST_TURN = 1e-5
-# A pole so near to 1 belongs to an unconstrained position.
-_ANYWHERE = 1e-9
-# Highest maxima on the angles that are searched closer, by quarters; angles beside those about the poles of a loop.
-_FEW, _PEAKS, _ZOOMS = 40, 12, 14
 
 
 @dataclass(frozen=True)
@@ -113,7 +108,7 @@ class OpenLoop:
         poles = poles[np.abs(poles) > _LOWEST_TURN]
         about = _about(poles[:, None])
         about = about[(about > _LOWEST_TURN) & (about < math.pi)]
-        return np.unique(np.concatenate([np.geomspace(_LOWEST_TURN, math.pi, _POINTS), about]))
+        return np.unique(np.concatenate([np.geomspace(_LOWEST_TURN, math.pi, 200), about]))
 
     def struck(self, speed_m_per_s: float, samples: int) -> FloatArray:
         """Return the position of a device that meets its wall at a speed, the wall two-sided, shape (h, samples)."""
@@ -148,7 +143,7 @@ class OpenLoop:
     def swings(self) -> FloatArray:
         """Return the largest |(1 - L)/(1 + L)| of each loop on angles dense at its own poles, shape (h,)."""
         about = _about(self.poles[..., None]).reshape(len(self.poles), -1)
-        even = np.broadcast_to(np.geomspace(1e-4, math.pi, _FEW), (len(about), _FEW))
+        even = np.broadcast_to(np.geomspace(1e-4, math.pi, 40), (len(about), 40))
         angles = np.concatenate([even, np.clip(about, _LOWEST_TURN, math.pi)], axis=1)
         return np.asarray(_swing(self.gain(angles)).max(axis=1))
 
@@ -157,7 +152,7 @@ class OpenLoop:
         size = _swing(gain)
         beside = np.pad(size, ((0, 0), (1, 1)), constant_values=-np.inf)
         size[(size < beside[:, :-2]) | (size < beside[:, 2:])] = -np.inf
-        row, top = np.unravel_index(np.argsort(size, axis=None)[-_PEAKS:], size.shape)
+        row, top = np.unravel_index(np.argsort(size, axis=None)[-12:], size.shape)
         around = (turn[np.clip(top + side, 0, len(turn) - 1)] for side in (-1, 0, 1))
 
         def size_at(angles: FloatArray) -> FloatArray:
@@ -173,7 +168,7 @@ class OpenLoop:
     ) -> Margins:
         poles = self.poles[loops].ravel()
         # At a wall without a spring any position is an equilibrium.
-        if np.abs(poles[np.abs(poles - 1) > _ANYWHERE]).max(initial=0.0) >= 1:
+        if np.abs(poles[np.abs(poles - 1) > 1e-9]).max(initial=0.0) >= 1:
             return Margins(1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
         hz = 1 / (2 * math.pi * self.sample_time_s)
         with np.errstate(divide="ignore"):  # nothing is rendered
@@ -210,14 +205,13 @@ def _swing(gain: ComplexArray) -> FloatArray:
 
 
 def _about(poles: ComplexArray) -> FloatArray:
-    """Return angles of z about poles (..., 1)."""
-    return np.asarray(np.abs(np.angle(poles)) + np.maximum(np.abs(1 - np.abs(poles)), _LOWEST_TURN) * _ABOUT)
+    """Return angles of z about poles (..., 1), from within to far beyond their bandwidths."""
+    bandwidth = np.maximum(np.abs(1 - np.abs(poles)), _LOWEST_TURN)
+    return np.asarray(np.abs(np.angle(poles)) + bandwidth * np.sinh(np.linspace(-4.0, 4.0, 17)))
 
 
 SETTLED = 0.02
 """Share of its initial amplitude below which an oscillation counts as settled."""
-# A pole that turns less per sample does not oscillate; a smaller one is deadbeat.
-_TURN, _GONE = 1e-6, 1e-9
 
 
 @dataclass(frozen=True)
@@ -252,7 +246,8 @@ def damping_ratios(poles: ComplexArray) -> FloatArray:
 
 
 def _swings(poles: ComplexArray) -> BoolArray:
-    return np.asarray((np.abs(np.angle(poles)) > _TURN) & (np.abs(poles) > _GONE))
+    # A pole that turns less per sample does not oscillate; a smaller one is deadbeat.
+    return np.asarray((np.abs(np.angle(poles)) > 1e-6) & (np.abs(poles) > 1e-9))
 
 
 def transients(coupling: Coupling) -> tuple[Transient, Transient]:

@@ -27,15 +27,6 @@ if TYPE_CHECKING:
 Leading = Callable[[IndexArray, FloatArray], ComplexArray]
 """The eigenvalue of largest modulus of each of m loops, by row (m,) and place in the unit box (sides, m)."""
 
-_ROUNDS, _SWEEPS = 12, 15
-# An ascent ends below this gain, step or reach, steps and reach as shares of the box.
-_GAINED, _STILL, _SHORTEST = 1e-10, 1e-4, 3e-3
-_REACH, _SHRINK = 0.2, 0.45
-# Boxes of more sides have drawn corners. Points drawn inside for each side, starts of lines and of ascents, points of a
-# line, how far starts lie apart: maxima near a resonance of tool, contact or device are narrow.
-_MOST_SIDES, _DRAWN, _LINES, _ASCENTS, _POINTS, _APART = 6, 40, 6, 5, 15, 0.25
-# A range that spans more than this factor is searched by its logarithm.
-_WIDE = 3.0
 Interval = tuple[float, float]
 Ranges = dict[str, Interval]
 """[lowest, highest] by name."""
@@ -63,7 +54,8 @@ class Box:
             if share is None:
                 found[name] = np.full(places.shape[1], low)
                 continue
-            wide = low > 0 and high > _WIDE * low
+            # A range that spans more than this factor is searched by its logarithm.
+            wide = low > 0 and high > 3 * low
             inside = low * (high / low) ** share if wide else low + (high - low) * share
             found[name] = np.clip(inside, low, high)
         return found
@@ -71,16 +63,17 @@ class Box:
 
 def worst_point(leading: Leading, sides: int) -> tuple[FloatArray, complex]:
     """Return the place (sides,) of a unit box with the largest modulus, and the eigenvalue there."""
-    drawn = np.random.default_rng(1).random((sides, _DRAWN * sides))
+    # Many points, lines and ascents: maxima near a resonance of tool, contact or device are narrow.
+    drawn = np.random.default_rng(1).random((sides, 40 * sides))
     places = np.concatenate([_corners(sides), drawn], axis=1)
     values = leading(np.zeros(places.shape[1], dtype=np.intp), places)
     if not sides:
         return places[:, 0], complex(values[0])
     for _ in range(2):
-        lines = np.concatenate([_lines(places[:, at]) for at in _far_apart(np.abs(values), places, _LINES)], axis=1)
+        lines = np.concatenate([_lines(places[:, at]) for at in _far_apart(np.abs(values), places, 6)], axis=1)
         places = np.concatenate([places, lines], axis=1)
         values = np.concatenate([values, leading(np.zeros(lines.shape[1], dtype=np.intp), lines)])
-    starts = _far_apart(np.abs(values), places, _ASCENTS)
+    starts = _far_apart(np.abs(values), places, 5)
     tops, ends = ascend(leading, np.zeros(len(starts), dtype=np.intp), places[:, starts])
     best = int(np.abs(ends).argmax())
     return tops[:, best], complex(ends[best])
@@ -127,16 +120,16 @@ def worst_held(
 
 
 def _corners(sides: int) -> FloatArray:
-    if sides <= _MOST_SIDES:
+    if sides <= 6:
         return np.array(list(product((0.0, 1.0), repeat=sides))).reshape(2**sides, sides).T
-    return np.random.default_rng(0).integers(0, 2, (sides, 2**_MOST_SIDES)).astype(np.float64)
+    return np.random.default_rng(0).integers(0, 2, (sides, 2**6)).astype(np.float64)
 
 
 def _lines(place: FloatArray) -> FloatArray:
     """Return points along each side of the box through a place (sides,)."""
-    lines = np.repeat(place[:, None], len(place) * _POINTS, axis=1)
+    lines = np.repeat(place[:, None], len(place) * 15, axis=1)
     for side in range(len(place)):
-        lines[side, side * _POINTS : (side + 1) * _POINTS] = np.linspace(0.0, 1.0, _POINTS)
+        lines[side, side * 15 : (side + 1) * 15] = np.linspace(0.0, 1.0, 15)
     return lines
 
 
@@ -147,16 +140,16 @@ def _far_apart(values: FloatArray, places: FloatArray, count: int) -> list[int]:
     while len(chosen) < count and np.isfinite(left).any():
         worst = int(left.argmax())
         chosen.append(worst)
-        left = np.where(np.abs(places - places[:, [worst]]).max(axis=0) < _APART, -np.inf, left)
+        left = np.where(np.abs(places - places[:, [worst]]).max(axis=0) < 0.25, -np.inf, left)
     return chosen or [0]
 
 
 def ascend(leading: Leading, rows: IndexArray, places: FloatArray) -> tuple[FloatArray, ComplexArray]:
     """Ascend the modulus of each row from its place (sides, m); return the last places and their eigenvalues."""
-    at, reach = places.copy(), np.full(len(rows), _REACH)
+    at, reach = places.copy(), np.full(len(rows), 0.2)
     top = leading(rows, at)
     going = np.arange(len(rows))
-    for _ in range(_ROUNDS):
+    for _ in range(12):
         here, near, best = at[:, going], reach[going], top[going]
         probes = np.clip(here + _moves(here, near), 0.0, 1.0)
         values = _at(leading, rows[going], probes)
@@ -168,9 +161,10 @@ def ascend(leading: Leading, rows: IndexArray, places: FloatArray) -> tuple[Floa
         chosen, pick = np.abs(values).argmax(axis=0), np.arange(len(going))
         at[:, going], top[going] = probes[chosen, :, pick].T, values[chosen, pick]
         moved = np.abs(at[:, going] - here).max(axis=0)
-        reach[going] = np.where(moved < near, near * _SHRINK, near)
-        gained = (np.abs(top[going]) > np.abs(best) + _GAINED) & (moved > _STILL)
-        going = going[gained | (reach[going] > _SHORTEST)]
+        reach[going] = np.where(moved < near, near * 0.45, near)
+        # An ascent ends below a gain, a step and a reach, the last two as shares of the box.
+        gained = (np.abs(top[going]) > np.abs(best) + 1e-10) & (moved > 1e-4)
+        going = going[gained | (reach[going] > 3e-3)]
         if not going.size:
             break
     return at, top
@@ -214,7 +208,7 @@ def _model_top(moves: FloatArray, gains: FloatArray, low: FloatArray, high: Floa
             bend[i, j] = bend[j, i] = np.where((d != 0) & (e != 0), cross / (d * e), 0.0)
     slope, bend = (np.where(np.isfinite(values), values, 0.0) for values in (slope, bend))
     step = np.zeros((sides, m))
-    for _ in range(_SWEEPS):
+    for _ in range(15):
         for i in range(sides):
             rise = slope[i] + (bend[i] * step).sum(axis=0) - bend[i, i] * step[i]
             curved = bend[i, i] < 0
@@ -225,10 +219,8 @@ def _model_top(moves: FloatArray, gains: FloatArray, low: FloatArray, high: Floa
 
 # Eigenvalues of these matrices are right to about 1e-12; slower decay than this is indistinguishable from none.
 TOLERANCE = 1e-9
-# Products of maps beyond this overflow, or soon do: their loops count as unstable.
-_OVERFLOWING = 1e60
-# Eigenvalues this small are deadbeat; oscillations slower than this are drift.
-_DEAD, _DRIFT_HZ, _SLOW_HZ = 1e-6, 0.1, 2.0
+# Eigenvalues this small are deadbeat.
+_DEAD = 1e-6
 # Growth of loops with different patterns is compared over this time.
 UNIT_S = 1e-3
 
@@ -359,7 +351,7 @@ class System:
         for place, pattern in enumerate(self.patterns):
             values = self.eigenvalues(place, gains).ravel()
             poles = np.log(values[np.abs(values) > _DEAD]) / pattern.period_s
-            poles = poles[np.abs(poles.imag) > 2 * np.pi * _DRIFT_HZ]
+            poles = poles[np.abs(poles.imag) > 2 * np.pi * 0.1]
             if len(poles) == 0:
                 continue
             ratio = -poles.real / np.abs(poles)
@@ -420,7 +412,7 @@ def leading(matrices: FloatArray, pattern: Pattern, *, slow: bool) -> ComplexArr
     grown = values * np.maximum(np.abs(values), _DEAD) ** (UNIT_S / pattern.period_s - 1)
     size = np.abs(grown)
     if not slow:
-        still = (np.abs(np.angle(values)) < 2 * np.pi * _SLOW_HZ * pattern.period_s) & (size < 1)
+        still = (np.abs(np.angle(values)) < 2 * np.pi * 2.0 * pattern.period_s) & (size < 1)
         size = np.where(still, 0.5 * size, size)
     largest = np.argmax(size, axis=-1)[..., None]
     found = np.take_along_axis(grown, largest, axis=-1)[..., 0]
@@ -432,5 +424,7 @@ def _held(matrices: FloatArray, shift: FloatArray) -> FloatArray:
     floats = np.abs(matrices @ shift - shift).max(axis=-1) < 1e-9
     taken = matrices - shift[:, None] * matrices[..., :1, :]
     found = np.where(floats[..., None, None], taken, matrices)
-    finite = np.abs(found).max(axis=(-2, -1)) < _OVERFLOWING
-    return np.where(finite[..., None, None], found, _OVERFLOWING * np.eye(found.shape[-1]))
+    # Products of maps beyond this overflow, or soon do: their loops count as unstable.
+    overflowing = 1e60
+    finite = np.abs(found).max(axis=(-2, -1)) < overflowing
+    return np.where(finite[..., None, None], found, overflowing * np.eye(found.shape[-1]))

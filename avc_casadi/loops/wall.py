@@ -162,7 +162,6 @@ def fraction_rendering(parts: Fractions, contact_damping_ns_per_m: FloatArray, s
 MAX_DELAY_SAMPLES = 32
 # Eigenvalues of these matrices are right to about 1e-12; slower decay than this is indistinguishable from none.
 RADIUS_TOLERANCE = 1e-10
-_NUMBERS_AT_ONCE = 4_000_000
 
 
 @dataclass(frozen=True)
@@ -251,7 +250,7 @@ def linear_stability(
     # Nothing moves without mass, damping and spring; a light device with its damping reduced may overflow in a sample.
     defined = np.isfinite(body.a).all(axis=(-2, -1)) & np.isfinite(body.b).all(axis=-1)
     body = replace(body, a=np.where(defined[:, None, None], body.a, 0.0), b=np.where(defined[:, None], body.b, 0.0))
-    rows_at_once = max(1, _NUMBERS_AT_ONCE // (h * (body.size + 2) ** 2))
+    rows_at_once = max(1, 4_000_000 // (h * (body.size + 2) ** 2))
     radius, frequency = np.empty((n, h)), np.empty((n, h))
     for some in chunks(n, rows_at_once, progress, "spectral radius") if n else ():
         value = largest_eigenvalue(wall(body, rendering.pick(some).column))

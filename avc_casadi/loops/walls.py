@@ -15,7 +15,7 @@ the same way along B from the device alone.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -33,22 +33,6 @@ from avc_casadi.model.runtime import PLAIN, Poles, low_pass
 if TYPE_CHECKING:
     from avc_casadi.model.device import Device
     from avc_casadi.model.hands import StylusHand
-
-# Start of the curves: walls softer than m (theta/T)^2, m the total moving mass, are taken as this one.
-_LOWEST_ANGLE = 1e-7
-_A_DECADE, _A_HALF_WAVE = 20, 12
-# A zero of the device near the circle turns the phase of L by pi within few nodes: more are inserted.
-_MOST_TURN, _SPLITS = 0.4, 40
-# Nodes about each pole, in bandwidths of its resonance.
-_ABOUT = np.array([0.0, 0.3, 1.0, 3.0, 10.0, 30.0])
-# Zooms to an extremum of a curve; a pole nearer to the circle than this share of the slopes is on it but for rounding.
-_CLOSER, _NEAR = 6, 1e-9
-_EVENTS_AT_ONCE = 8_000_000
-_HALVINGS = 50
-# Dampings are scanned at so many values, then repeatedly at as many about the one with the stiffest wall.
-_SCAN, _ZOOMS = 61, 2
-# Relative distance of the result below the boundary, so that eigenvalues confirm it.
-_BELOW = 5e-5
 
 
 @dataclass(frozen=True)
@@ -83,7 +67,7 @@ def stable_walls(
     nodes = _nodes(loops, corners, float(damping_ns_per_m.max(initial=0.0)))
     outside = np.zeros(rows, dtype=np.intp)
     events: list[tuple[IndexArray, FloatArray, IndexArray]] = []
-    at_once = max(1, _EVENTS_AT_ONCE // (rows * nodes.shape[1]))
+    at_once = max(1, 8_000_000 // (rows * nodes.shape[1]))
     for begin in range(0, len(nodes), at_once):
         some = slice(begin, begin + at_once)
         part = loops.pick(some)
@@ -164,18 +148,21 @@ class _Curves:
 def _nodes(loops: _Curves, corners: Sequence[Device], most_damping_ns_per_m: float) -> FloatArray:
     """Return angles, shape (cases, m), between which B(theta) is monotone."""
     delay = max(corner.delay_samples for corner in corners)
-    low = np.geomspace(_LOWEST_ANGLE, 0.1, 1 + _A_DECADE * 6)
-    even = np.linspace(0.0, np.pi, 1 + _A_HALF_WAVE * math.ceil(delay + 3))[1:-1]
+    # Walls softer than m (theta/T)^2 at the first angle, m the total moving mass, are taken as that one.
+    low = np.geomspace(1e-7, 0.1, 121)
+    even = np.linspace(0.0, np.pi, 1 + 12 * math.ceil(delay + 3))[1:-1]
     common = np.unique(np.concatenate([low, even, np.pi - low]))
     angle = np.broadcast_to(common, (len(loops.new), len(common)))
     if loops.change.shape[-1] > 2:
         poles = 1 + np.linalg.eigvals(loops.change).astype(np.complex128)
         width = np.maximum(np.abs(np.log(np.maximum(np.abs(poles), 1e-9))), 1e-4)[..., None]
-        about = np.abs(np.angle(poles))[..., None] + width * np.concatenate([-_ABOUT, _ABOUT])
+        bandwidths = np.array([0.0, 0.3, 1.0, 3.0, 10.0, 30.0])
+        about = np.abs(np.angle(poles))[..., None] + width * np.concatenate([-bandwidths, bandwidths])
         angle = np.sort(np.concatenate([angle, np.clip(about.reshape(len(angle), -1), low[0], np.pi - low[0])], axis=1))
     inverse, damper = loops.response(angle)
-    for _ in range(_SPLITS):
-        turned = np.abs(np.angle(inverse[:, 1:] * inverse[:, :-1].conj())) > _MOST_TURN
+    # A zero of the device near the circle turns the phase of L by pi within few nodes: more are inserted.
+    for _ in range(40):
+        turned = np.abs(np.angle(inverse[:, 1:] * inverse[:, :-1].conj())) > 0.4
         turned &= np.diff(angle) > 1e-9 * angle[:, 1:]
         if not turned.any():
             break
@@ -247,7 +234,7 @@ def _outside_without_spring(
 
     at = ratio(root(lambda at: ratio(at).imag, angle[case, index], angle[case, index + 1])).real
     # Poles of a device and hand without any damping are on the circle at B = 0, but for rounding: out only if B drives.
-    at[np.abs(at) < _NEAR * np.median(np.abs(slope), axis=1)[case]] = 0
+    at[np.abs(at) < 1e-9 * np.median(np.abs(slope), axis=1)[case]] = 0
     inverse, damper = loops.response(np.full(len(angle), np.pi))
     places = np.concatenate([at, np.nan_to_num((inverse / damper).real, nan=np.inf)])
     leaving = np.concatenate([np.where(slope[case, index] > 0, -2, 2), np.where(slope[:, -1] > 0, -1, 1)])
@@ -295,14 +282,6 @@ def _in_contact(pairs: Body, stiffness_n_per_m: FloatArray, damping_ns_per_m: Fl
     return wall(pairs, Rendering(force, 0 * force).column)[..., :-1, :-1]
 
 
-def loop_radius(
-    device: Device, subjects: Hand | StylusHand, stiffness_n_per_m: FloatArray, damping_ns_per_m: FloatArray
-) -> FloatArray:
-    """Return the spectral radius of the loop in contact at the device's worst corner, shape (walls, hands)."""
-    every = largest_radius(_in_contact(_pairs(device, subjects), stiffness_n_per_m, damping_ns_per_m))
-    return np.asarray(every.reshape(len(every), -1, len(subjects)).max(axis=1))
-
-
 def loop_poles(
     device: Device, subjects: Hand | StylusHand, stiffness_n_per_m: float, damping_ns_per_m: float
 ) -> ComplexArray:
@@ -322,13 +301,10 @@ class DampingRange:
 
 def damping_range(device: Device, subjects: Hand | StylusHand, stiffness_n_per_m: float) -> DampingRange:
     """Return the damping, one interval, with which a wall is stable with every hand at every corner of the device."""
-    corners, scan = device_corners(device, LINEAR_KEYS), np.linspace(0.0, _most_damping(device, subjects), _SCAN)
-    for _ in range(1 + _ZOOMS):
-        found = stable_walls(corners, subjects, scan)
+    for scan, found in _scans(device, subjects):
         inside = np.flatnonzero(found.holds(stiffness_n_per_m))
         if len(inside):
             return _between_edges(device, subjects, stiffness_n_per_m, scan, inside)
-        scan = _about(scan, found)
     return DampingRange(stiffness_n_per_m, np.nan, np.nan)
 
 
@@ -341,12 +317,11 @@ def stiffest_wall(device: Device, subjects: Hand | StylusHand) -> DampingRange:
     """Return the stiffest wall that is stable with every hand for some damping, to 0.01 %."""
     stiffest = 0.0
     if device.mass_kg + float(np.min(subjects.mass_kg)) > 0:
-        corners, scan = device_corners(device, LINEAR_KEYS), np.linspace(0.0, _most_damping(device, subjects), _SCAN)
-        for _ in range(1 + _ZOOMS):
-            found = stable_walls(corners, subjects, scan)
+        for scan, found in _scans(device, subjects):
             best = int(np.argmax(np.nan_to_num(found.first_n_per_m)))
-            stiffest, known = float(np.nan_to_num(found.first_n_per_m)[best]) * (1 - _BELOW), scan[best]
-            scan = _about(scan, found)
+            stiffest, known = float(np.nan_to_num(found.first_n_per_m)[best]), scan[best]
+    # So far below the boundary eigenvalues confirm it.
+    stiffest *= 1 - 5e-5
     if stiffest < softest_wall_n_per_m(device):
         return DampingRange(0.0, np.nan, np.nan)
     scan = np.array([0.0, known, _most_damping(device, subjects)])
@@ -359,10 +334,14 @@ def _most_damping(device: Device, subjects: Hand | StylusHand) -> float:
     return 2 * heaviest / device.sample_time_s
 
 
-def _about(scan: FloatArray, found: Stretches) -> FloatArray:
-    """Return dampings between the neighbours of the one with the stiffest wall."""
-    best = int(np.argmax(np.nan_to_num(found.first_n_per_m)))
-    return np.linspace(scan[max(best - 1, 0)], scan[min(best + 1, len(scan) - 1)], _SCAN)
+def _scans(device: Device, subjects: Hand | StylusHand) -> Iterator[tuple[FloatArray, Stretches]]:
+    """Yield dampings with their stable walls, twice more about the one with the stiffest wall."""
+    corners, scan = device_corners(device, LINEAR_KEYS), np.linspace(0.0, _most_damping(device, subjects), 61)
+    for _ in range(3):
+        found = stable_walls(corners, subjects, scan)
+        yield scan, found
+        best = int(np.argmax(np.nan_to_num(found.first_n_per_m)))
+        scan = np.linspace(scan[max(best - 1, 0)], scan[min(best + 1, len(scan) - 1)], 61)
 
 
 def _between_edges(
@@ -381,7 +360,7 @@ def _between_edges(
             if every[worst] < 1:
                 break
             inside = stable
-            for _ in range(_HALVINGS):
+            for _ in range(50):
                 middle = (inside + unstable) / 2
                 fits = radius(middle, slice(worst, worst + 1))[0] < 1
                 inside, unstable = (middle, unstable) if fits else (inside, middle)

@@ -8,6 +8,7 @@ from itertools import product
 import numpy as np
 import pytest
 import scipy.linalg
+from boxes_of_hands import loop_radius
 from declared_device import MODE, growth, loop, random_device
 
 import avc_casadi as avc
@@ -15,7 +16,7 @@ from avc_casadi.claims.certify import certify
 from avc_casadi.cli import main
 from avc_casadi.coupling import Coupling, schedule_of
 from avc_casadi.loops.wall import frozen_parts, linear_stability
-from avc_casadi.loops.walls import damping_range, loop_radius, stiffest_wall
+from avc_casadi.loops.walls import damping_range, stiffest_wall
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners
 from avc_casadi.model.gains import Gains, GainTable
 from avc_casadi.model.hands import Hand, hand_corners, with_released

@@ -4,13 +4,14 @@ import math
 
 import numpy as np
 import pytest
+from boxes_of_hands import loop_radius
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from sampled_wall import spectral_radius
 
 import avc_casadi as avc
 from avc_casadi.claims.zwidth import zwidth
-from avc_casadi.loops.walls import damping_range, loop_radius, softest_wall_n_per_m, stable_walls, stiffest_wall
+from avc_casadi.loops.walls import damping_range, softest_wall_n_per_m, stable_walls, stiffest_wall
 from avc_casadi.model.device import Device
 from avc_casadi.model.hands import Hand, hand_corners, hand_set, with_released
 from avc_casadi.recommendation.recommend import stiffest
