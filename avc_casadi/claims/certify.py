@@ -175,11 +175,6 @@ def proof_files(problem: Problem, certificate: Certificate) -> dict[str, dict[st
     }
 
 
-_WORST_FIRST = ("refuted", "open", "proved")
-# Budget of a proof within a second or two.
-_FEW_CELLS = 60_000
-
-
 def rest_level(judged: Judged) -> LevelResult:
     """Prove or refute rest at each row of the deployed table with constant gains; else give the reason it is open."""
     coupling = judged.coupling
@@ -190,11 +185,11 @@ def rest_level(judged: Judged) -> LevelResult:
     for done, row in enumerate(rows.tolist()):
         with judged.progress.step(f"proof of rest, {done + 1} of {len(rows)} rows"):
             found.append(_of_row(coupling, row, judged.seed, judged.progress))
-    outcomes = [one.outcome for one in found]
-    worst = min(range(len(found)), key=lambda row: _WORST_FIRST.index(outcomes[row]))
+    outcomes, worst_first = [one.outcome for one in found], ("refuted", "open", "proved")
+    worst = min(range(len(found)), key=lambda row: worst_first.index(outcomes[row]))
     claim = found[worst].sentence
     if len(found) > 1:
-        counts = ", ".join(f"{outcomes.count(one)} {one}" for one in _WORST_FIRST if one in outcomes)
+        counts = ", ".join(f"{outcomes.count(one)} {one}" for one in worst_first if one in outcomes)
         claim = f"{counts} of {len(found)} rows, each held; the row of {rows[worst, 0]:.5g} Hz: {claim}"
         claim += "; this says nothing of gains that change"
     passed = np.array([outcome == "proved" for outcome in outcomes])
@@ -207,9 +202,7 @@ def quick_rest_level(coupling: Coupling, progress: Progress = SILENT) -> LevelRe
         return None
     law, box = _law(coupling, coupling.table.rows[0].tolist()), _box(coupling)
     with progress.step("proof of rest"):
-        found = prove_rest(
-            law, coupling.contact, coupling.problem.device, box, most_cells=_FEW_CELLS, progress=progress
-        )
+        found = prove_rest(law, coupling.contact, coupling.problem.device, box, most_cells=60_000, progress=progress)
     return _rest_result([found], found.outcome, found.sentence, np.array([found.outcome == "proved"]))
 
 

@@ -103,8 +103,6 @@ def asked_for(problem: Problem) -> str:
     return next(name for name, one in LEVELS.items() if one.scope == stated.scope and one.hold in {None, stated.model})
 
 
-# Rows of Llewellyn's condition at a time.
-_ROWS_AT_ONCE = 4000
 _HOLD = {"paper": "the paper's hold", "sampled-data": "the sampled-data hold"}
 
 
@@ -279,7 +277,7 @@ def _exact(rows: Rows, level: str, model: Model, progress: Progress) -> LevelRes
         if any_environment:
             parts = [
                 llewellyn_margin(loop, rows.b[some], rows.k[some], rows.contact[some])
-                for some in chunks(len(rows.b), _ROWS_AT_ONCE, progress, "Llewellyn")
+                for some in chunks(len(rows.b), 4000, progress, "Llewellyn")
             ]
             margin, at = (np.concatenate(column) for column in zip(*parts, strict=True))
             size = lean.device.damping_ns_per_m + rows.contact + np.abs(margin)

@@ -35,9 +35,6 @@ if TYPE_CHECKING:
     from avc_casadi.model.problem import Model, Problem
 
 
-_RATIOS = (0.0, 0.25, 0.5, 0.75, 1.0, 1.175, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 7.5, 7.9, 8.0)
-
-
 class LlewellynTable(NamedTuple):
     """k_c T/b_d against b_c/b_d for both holds, each of shape (n,); not a number where no stiffness is allowed."""
 
@@ -49,7 +46,8 @@ class LlewellynTable(NamedTuple):
 
 def llewellyn_table(problem: Problem) -> LlewellynTable:
     """Return the largest stiffness, the minimum over the range of the delay, of an `ideal` device with damping."""
-    device, ratio = problem.device, np.array(_RATIOS)
+    device = problem.device
+    ratio = np.array([0.0, 0.25, 0.5, 0.75, 1.0, 1.175, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 7.5, 7.9, 8.0])
     ends = {corner.delay_samples for corner in device_corners(device, ("delay_samples",))} | {device.delay_samples}
     delays = [whole_delay(end, "Llewellyn's table") for end in sorted(ends)]
     scale = device.sample_time_s / device.damping_ns_per_m
@@ -72,10 +70,6 @@ def rendered_wall(problem: Problem, gains: GainSchedule) -> tuple[FloatArray, Fl
     )
     wall = coupling_gains(loop.angle, loop.rendered(b, k) + contact)
     return np.where(usable, wall[0], np.nan), np.where(usable, wall[1], np.nan)
-
-
-# With a quarter of them narrow peaks of a resonant device were passed by: 11 % of their stiffness.
-_DAMPINGS = 241
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,9 +133,6 @@ class ZWidth(Tabular):
         return document
 
 
-_LOWEST_TURNS, _A_HALF_WAVE = 1e-8, 24
-
-
 def passive_walls(
     corners: Sequence[Device],
     damping_ns_per_m: FloatArray,
@@ -165,7 +156,7 @@ def passive_walls(
                 return quadratic_stretch(np.zeros_like(free), spring.real + 0 * free, free)
 
             order = int(corner.delay_samples) + more_delay + 2
-            seeds = np.linspace(_LOWEST_TURNS, 0.5, _A_HALF_WAVE * order + 1) / corner.sample_time_s
+            seeds = np.linspace(1e-8, 0.5, 24 * order + 1) / corner.sample_time_s
             every = np.broadcast_to(seeds, (len(low), len(seeds)))
             softest, stiffest = ends(every)
             if softest.any():
@@ -221,7 +212,8 @@ def zwidth(problem: AnyProblem, progress: Progress = SILENT) -> ZWidth:
     mass = max(corner.mass_kg for corner in corners) + max(problem.hands.mass_kg)
     damped = max(corner.damping_ns_per_m for corner in corners)
     top = 2 * max(mass / device.sample_time_s, 2 * damped, 1e-3)
-    damping = np.concatenate([[0.0], np.geomspace(1e-4 * top, top, _DAMPINGS - 1)])
+    # With a quarter of them narrow peaks of a resonant device were passed by: 11 % of their stiffness.
+    damping = np.append(0.0, np.geomspace(1e-4 * top, top, 240))
     # The last row is that of the requested wall.
     rows = np.append(damping, wall.damping_ns_per_m)
     hands = hand_set(problem.hands)
@@ -239,8 +231,11 @@ def zwidth(problem: AnyProblem, progress: Progress = SILENT) -> ZWidth:
         late = device.delay_samples + (key == "passive-delayed")
         wanted = bool(found.holds(wall.stiffness_n_per_m)[-1])
         curves.append(Curve(key, claim, late, found.first_n_per_m[:-1], wanted))
-    limit = _encoder_limit(device)
-    used, not_used = _keys(problem, bounded=limit is not None)
+    ends = device_corners(device, ("coulomb_friction_n", "encoder_resolution_m"))
+    limit = min(
+        (2 * one.coulomb_friction_n / one.encoder_resolution_m for one in ends if one.encoder_resolution_m), default=0.0
+    )
+    used, not_used = _keys(problem, bounded=limit > 0)
     least = min(corner.damping_ns_per_m for corner in corners) if rigid(device) else np.nan
     delayed_s = (0.5 + max(corner.delay_samples for corner in corners)) * device.sample_time_s
     return ZWidth(
@@ -251,7 +246,7 @@ def zwidth(problem: AnyProblem, progress: Progress = SILENT) -> ZWidth:
         wanted_stiffness_n_per_m=wall.stiffness_n_per_m,
         rule_n_per_m=(least + min(problem.hands.damping_ns_per_m) + damping) / delayed_s,
         passive_spring_n_per_m=least / delayed_s,
-        encoder_limit_n_per_m=limit,
+        encoder_limit_n_per_m=limit or None,
         passive_limit_n_per_m=passive_limit_n_per_m(device),
         hands=len(hands),
         corners=len(corners),
@@ -296,13 +291,6 @@ def _at(device: Device, corners: int, beside: str) -> str:
     late = device.delay_samples
     delay = f", {late:g} sample{'' if late == 1 else 's'} of delay" if late else ""
     return delay + beside + (f", at {corners} corners of the device" if corners > 1 else "")
-
-
-def _encoder_limit(device: Device) -> float | None:
-    keys = ("coulomb_friction_n", "encoder_resolution_m")
-    ends = [(one.coulomb_friction_n, one.encoder_resolution_m) for one in device_corners(device, keys)]
-    limits = [2 * friction / resolution for friction, resolution in ends if resolution > 0]
-    return min(limits) if limits and min(limits) > 0 else None
 
 
 def _keys(problem: Problem, *, bounded: bool) -> tuple[tuple[str, ...], tuple[str, ...]]:

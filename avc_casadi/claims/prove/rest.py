@@ -35,12 +35,6 @@ if TYPE_CHECKING:
 
 Outcome = Literal["proved", "refuted", "open"]
 
-_LEFT_OUT = {
-    "coulomb_friction_n": "dry friction",
-    "encoder_resolution_m": "encoder",
-    "position_noise_rms_m": "noise",
-}
-
 
 def covered(device: Device) -> str:
     """Return what a proof of rest covers, in words: mechanics, amplifier and delay as declared, and what is omitted."""
@@ -54,9 +48,14 @@ def covered(device: Device) -> str:
         amplifier = f"an amplifier of {_between(device.amplifier_bandwidth_hz, spread.amplifier_bandwidth_hz)} Hz"
     late = _between(device.delay_samples, spread.delay_samples)
     delay = f"{late} sample{'' if late == '1' else 's'} of delay"
+    left_out = {
+        "coulomb_friction_n": "dry friction",
+        "encoder_resolution_m": "encoder",
+        "position_noise_rms_m": "noise",
+    }
     declared = [
         f"{name} ({value:.4g})"
-        for key, name in _LEFT_OUT.items()
+        for key, name in left_out.items()
         if (value := max(getattr(device, key), *(getattr(spread, key) or (0.0,)))) > 0
     ]
     beside = f"; left out: {', '.join(declared)}" if declared else ", without friction and measured exactly"
@@ -65,11 +64,6 @@ def covered(device: Device) -> str:
 
 def _between(value: float, ends: tuple[float, float] | None) -> str:
     return f"{value:g}" if ends is None else f"{ends[0]:g} to {ends[1]:g}"
-
-
-_SEARCHES = 6
-_LOW_ANGLE = 1e-4
-_NEAR = np.array([0.97, 0.99, 1.0, 1.01, 1.03])
 
 
 @dataclass(frozen=True)
@@ -205,7 +199,7 @@ def _proof(
         return str(refusal), None, 0
     points = _Points.of(law, held)
     cells = 0
-    for _ in range(_SEARCHES):
+    for _ in range(6):
         found, margin = search(points.omega, points.loop)
         if not margin > 0 or not found.valid:
             return f"no multiplier of {len(LAGS)} taps serves all hands", None, cells
@@ -216,7 +210,7 @@ def _proof(
         if result.fails_at is None:
             return f"verification gave up after {cells} cells", None, cells
         points = points.with_hand(law, held, result.fails_at)
-    return f"the multiplier failed between the hands it was found for, {_SEARCHES} times over", None, cells
+    return "the multiplier failed between the hands it was found for, six times over", None, cells
 
 
 @dataclass(frozen=True)
@@ -228,12 +222,14 @@ class _Points:
 
     @classmethod
     def of(cls, law: ContactLaw, held: SampledPlantBox) -> _Points:
-        omega = np.concatenate([np.geomspace(_LOW_ANGLE, 0.1, 120, endpoint=False), np.linspace(0.1, np.pi, 280)])
+        omega = np.concatenate([np.geomspace(1e-4, 0.1, 120, endpoint=False), np.linspace(0.1, np.pi, 280)])
         return cls(*_loop(law, held, omega, held.corners()))
 
     def with_hand(self, law: ContactLaw, held: SampledPlantBox, where: FloatArray) -> _Points:
         """Add a hand at an angle and its neighbourhood."""
-        omega, loop = _loop(law, held, np.clip(where[0] * _NEAR, 0.0, np.pi), where[None, 1:])
+        omega, loop = _loop(
+            law, held, np.clip(where[0] * np.array([0.97, 0.99, 1.0, 1.01, 1.03]), 0.0, np.pi), where[None, 1:]
+        )
         return _Points(np.append(self.omega, omega), np.append(self.loop, loop))
 
 
