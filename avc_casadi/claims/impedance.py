@@ -231,8 +231,8 @@ def rendered(
     wanted = alone + wall.damping_ns_per_m + wall.stiffness_n_per_m / s
     spring, own = (felt - alone) * s, wall_over_position(wall, excitation, frequency_hz)
     # |ln(spring/own)|, 0 where both vanish; a smaller share of the wall than the last counts as zero.
-    ratio = np.abs(np.where(own != 0, spring / np.where(own != 0, own, 1.0), 1.0))
-    mismatch = np.abs(np.log(np.maximum(ratio, 1e-9)))
+    ratio = np.where(own != 0, spring / np.where(own != 0, own, 1.0), 1.0)
+    mismatch = np.abs(np.log(np.where(np.abs(ratio) > 1e-9, ratio, 1e-9)))
     return Rendered(np.abs(spring), np.asarray(np.abs(felt - wanted) / np.abs(wanted)), mismatch)
 
 
