@@ -226,7 +226,7 @@ def _reached(tree: ast.AST, own: str, modules: dict[str, Path], passed: dict[str
         elif isinstance(node, ast.Constant) and isinstance(node.value, str) and node.value.isprintable():
             beside, told = own.rpartition(".")[0], node.value.replace(":", ".")
             names += [told, f"{beside}.{told}", f"{beside}._{told}", f"avc_casadi.{told}"] if beside else []
-            names += ["avc_casadi.cli.dispatch"] if told == "avc_casadi" and not beside else []
+            names += ["avc_casadi.cli"] if told == "avc_casadi" and not beside else []
             # A registry names a package and takes each of its modules.
             names += [one for one in modules if told.startswith("avc_") and one.rpartition(".")[0] == told]
     found = set()

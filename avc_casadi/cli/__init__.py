@@ -1,4 +1,174 @@
-"""The command `avc`: its verbs stand in six modules, which declare them."""
+"""The command `avc`: its verbs stand in five modules, which declare them; here they are parsed and run."""
 
-from avc_casadi.cli.arguments import VERBS as VERBS
-from avc_casadi.cli.dispatch import main as main
+from __future__ import annotations
+
+import argparse
+import re
+import shlex
+import sys
+import traceback
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import replace
+from difflib import get_close_matches
+from inspect import cleandoc
+from pathlib import Path
+from textwrap import wrap
+from typing import Any, NoReturn
+
+from avc_casadi import AvcError, InputError, LinkError, NotDeployableError, PortError, UnsupportedError, __version__
+from avc_casadi._util.interrupt import EXIT_CODE, interrupted, take_interrupt
+from avc_casadi.cli import deploy, design, judge, look, measure
+from avc_casadi.cli.arguments import VERBS
+from avc_casadi.cli.console import Console, silence
+
+NO, BAD_INPUT, INTERNAL, BROKEN_PIPE = 1, 2, 70, 141
+
+_VERB = "VERB"
+_QUESTIONS = {
+    "design a coupling": design,
+    "judge it": judge,
+    "measure a device": measure,
+    "deploy, and operate a device": deploy,
+    "look": look,
+}
+_EPILOG = """\
+P is a problem file or a name of the catalogue (avc list); GAINS is what `avc solve --out` wrote.
+exit codes: 0 done; 1 the answer is no; 2 bad input; 130 interrupted.
+start with: avc run figure5
+"""
+
+
+class _Parser(argparse.ArgumentParser):
+    """Parser that raises instead of exiting, so that a wrong argument obeys --json too and a closed pipe is noticed."""
+
+    def error(self, message: str) -> NoReturn:
+        found = re.match(r"argument ([^:]+): (.*)", message, re.DOTALL)
+        key, what = (found[1], found[2]) if found else ("", message)
+        if key == _VERB and (typed := re.match(r"invalid choice: '([^']*)'", what)):
+            near = get_close_matches(typed[1], VERBS, n=1)
+            what = f"{typed[1]!r} is no verb; "
+            what += f"did you mean {near[0]}" if near else f"allowed: {', '.join(VERBS)}"
+        if key.startswith("-") and what == "expected one argument":
+            what += f"; a value that begins with - is written {key}=VALUE"
+        raise InputError.of(f"{what}; see `{self.prog} --help`", key=key)
+
+    def _print_message(self, message: str, file: Any = None) -> None:
+        (file or sys.stderr).write(message)  # argparse's own drops what cannot be written
+
+
+def build_parser() -> argparse.ArgumentParser:
+    """Return the parser of all verbs; imports nothing slow."""
+    about = "Design, certify, simulate and deploy adaptive virtual couplings for haptic devices."
+    usage: dict[str, Any] = {"formatter_class": argparse.RawDescriptionHelpFormatter, "allow_abbrev": False}
+    parser = _Parser(prog="avc", usage="avc [-h] [--version] VERB ...", description=about, **usage)
+    parser.add_argument("--version", action="version", version=f"avc-casadi {__version__}")
+    verbs = parser.add_subparsers(
+        metavar=_VERB, prog="avc", required=True, parser_class=_Parser, help=argparse.SUPPRESS
+    )
+    listed: list[str] = []
+    for question, module in _QUESTIONS.items():
+        listed.append(f"{question}:")
+        for name, verb in VERBS.items():
+            if verb.run.__module__ != module.__name__:
+                continue
+            text = cleandoc(verb.run.__doc__ or "")
+            command = verbs.add_parser(name, description=text, **usage)
+            for names, options in verb.arguments:
+                command.add_argument(*names, **options)
+            command.add_argument("--json", action="store_true", help="print one JSON document and nothing else")
+            # A positional argument has no option as its name.
+            known = {action.dest: action.option_strings[-1] for action in command._actions if action.option_strings}  # noqa: SLF001
+            command.set_defaults(run=verb.run, options=known)
+            summary = text.partition("\n")[0].rstrip(".")
+            listed += wrap(summary, 110, initial_indent=f"  {name:<12}", subsequent_indent=" " * 14)
+    parser.epilog = "\n".join([*listed, "", _EPILOG])
+    return parser
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run `avc` with arguments without the program's name, or those of the process; return its exit code."""
+    arguments = sys.argv[1:] if argv is None else list(argv)
+    as_json = "--json" in arguments
+    console: Console | None = None
+    if sys.stdout is None:
+        with suppress(OSError, AttributeError):
+            sys.stderr.write("avc: standard output is closed\n")
+        return BAD_INPUT
+    try:
+        try:
+            args = build_parser().parse_args(arguments)
+        except SystemExit as leaving:  # --help and --version
+            sys.stdout.flush()
+            return int(leaving.code or 0)
+        except InputError as error:
+            console = Console(as_json=as_json)
+            return _refused(console, error)
+        console = Console(as_json=as_json)
+        return _answered(args, console, arguments)
+    except KeyboardInterrupt:
+        take_interrupt()
+        (console or Console(as_json=as_json)).interrupted()
+        return EXIT_CODE
+    except OSError as error:  # of standard output: what else happened has been answered
+        silence(1)
+        if not isinstance(error, BrokenPipeError):
+            sys.stderr.write(f"avc: standard output cannot be written ({error.strerror or error})\n")
+        return BROKEN_PIPE if isinstance(error, BrokenPipeError) else BAD_INPUT
+
+
+def _answered(args: argparse.Namespace, console: Console, arguments: Sequence[str]) -> int:
+    """Run the verb; every outcome is a document or a message, and an exit code."""
+    try:
+        _keep_inputs(args)
+        answer = args.run(args, console)
+    except BrokenPipeError:
+        raise
+    except Exception as error:
+        if interrupted():  # CasADi converts Ctrl-C to errors of its own
+            raise KeyboardInterrupt from error
+        if isinstance(error, InputError):  # the option, where an argument of a call is at fault
+            faults = [one if one.file else replace(one, key=args.options.get(one.key, one.key)) for one in error.faults]
+            return _refused(console, InputError(faults))
+        if isinstance(error, AvcError | OSError):
+            return _refused(console, error)
+        console.complain(traceback.format_exc())
+        console.refuse(InputError.of(f"internal error: {error!r}"), "avc: internal error; please report it")
+        return INTERNAL
+    onwards = []
+    for command in answer.commands:  # one that shows more of the same answer, with what was typed
+        option = command.rpartition(" ")[2]
+        if option not in {"-v", "--explain"}:
+            onwards.append(command)
+        elif option not in arguments:
+            onwards.append(shlex.join(["avc", *arguments, option]))
+    answer = replace(answer, commands=tuple(dict.fromkeys(onwards)))
+    console.answer(answer, verbose=getattr(args, "verbose", False))
+    return answer.code or int(bool(answer.complaint))
+
+
+def _keep_inputs(args: argparse.Namespace) -> None:
+    """Refuse to write over a file that the command was given."""
+    values = [one for value in vars(args).values() for one in (value if isinstance(value, list) else [value])]
+    inputs = [Path(one) for one in values if isinstance(one, str) and "\0" not in one]
+    for key, path in vars(args).items():
+        if not isinstance(path, Path):
+            continue
+        beside = [path.with_suffix(".json")] if path.suffix == ".npz" else []  # the manifest of traces
+        for place in (path, *beside):
+            if place.exists() and any(one.exists() and place.samefile(one) for one in inputs):
+                what = f"{str(place)!r} is a file that this command was given; choose another name"
+                raise InputError.of(what, key=args.options.get(key, key.upper()))
+
+
+def _refused(console: Console, error: AvcError | OSError) -> int:
+    if isinstance(error, InputError):
+        error = InputError([replace(fault, file=fault.file or "command line") for fault in error.faults])
+        count = len(error.faults)
+        summary = f"\navc: {count} faults" if count > 1 else ""
+        console.refuse(error, "\n".join(f"avc: {fault}" for fault in error.told) + summary)
+        return BAD_INPUT
+    key = error.key if isinstance(error, UnsupportedError) else ""
+    console.refuse(InputError.of(str(error), key=key), f"avc: {error}")
+    said_no = isinstance(error, LinkError | NotDeployableError) and not isinstance(error, PortError)
+    return NO if said_no else BAD_INPUT

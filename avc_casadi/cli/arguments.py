@@ -5,10 +5,9 @@ from __future__ import annotations
 import argparse
 import math
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from inspect import cleandoc
 from pathlib import Path
 from shlex import quote
 from typing import TYPE_CHECKING, Any
@@ -21,69 +20,26 @@ if TYPE_CHECKING:
     from avc_casadi.cli.console import Console
     from avc_casadi.coupling import Coupling
     from avc_casadi.files.device_file import DeviceFile
-    from avc_casadi.identification.read import Layout
     from avc_casadi.present.row import Answer
 
-
-@dataclass(frozen=True)
-class Argument:
-    """An argument of a verb."""
-
-    names: tuple[str, ...]
-    options: Mapping[str, Any]
-
-
-@dataclass(frozen=True)
-class Group:
-    """Arguments with a title of their own in the help."""
-
-    title: str
-    text: str
-    arguments: tuple[Argument, ...]
-
-
+Argument = tuple[tuple[str, ...], dict[str, Any]]
+"""Names and options of an argument, as `argparse` takes them."""
 Run = Callable[[argparse.Namespace, "Console"], "Answer"]
 
 
 @dataclass(frozen=True)
 class Verb:
-    """A verb: its arguments, and what it does."""
+    """A verb: its arguments, and what it does; the text of the function is its help, whose first line is listed."""
 
-    arguments: tuple[Argument | Group, ...]
+    arguments: tuple[Argument, ...]
     run: Run
-
-    @property
-    def help(self) -> str:
-        """Its help, whose first line is listed: the text of the function."""
-        return cleandoc(self.run.__doc__ or "")
-
-    @property
-    def module(self) -> str:
-        """Name of its module."""
-        return self.run.__module__.rpartition(".")[2]
-
-    def declare(self, parser: argparse.ArgumentParser) -> None:
-        """Add its arguments to a parser."""
-        for one in self.arguments:
-            into = parser.add_argument_group(one.title, one.text) if isinstance(one, Group) else parser
-            for each in one.arguments if isinstance(one, Group) else [one]:
-                into.add_argument(*each.names, **each.options)
 
 
 VERBS: dict[str, Verb] = {}
 """All verbs."""
-QUESTIONS = {
-    "design": "design a coupling",
-    "judge": "judge it",
-    "measure": "measure a device",
-    "deploy": "deploy",
-    "operate": "operate a device",
-    "look": "look",
-}
-"""What the verbs of each module are for, in the order of the help."""
 
 
-def verb(*arguments: Argument | Group) -> Callable[[Run], Run]:
+def verb(*arguments: Argument) -> Callable[[Run], Run]:
     """Declare a function ``run_<verb>`` as a verb."""
 
     def declared(run: Run) -> Run:
@@ -94,31 +50,22 @@ def verb(*arguments: Argument | Group) -> Callable[[Run], Run]:
 
 
 def argument(*names: str, text: str, **options: Any) -> Argument:
-    """Return an argument, as `argparse` takes it."""
-    return Argument(names, {"help": text, **options})
+    """Return an argument."""
+    return names, {"help": text, **options}
 
 
 def flag(name: str, text: str) -> Argument:
     """Return an option without a value."""
-    return Argument((name,), {"help": text, "action": "store_true"})
+    return argument(name, action="store_true", text=text)
 
 
 def output(name: str, text: str, *endings: str) -> Argument:
-    """Return an option that names a file to write."""
-    return Argument((name,), {"help": text, "metavar": "FILE", "type": Output(*endings)})
+    """Return an option that names a file to write, which is checked before the long work."""
 
-
-class Output:
-    """Reads the name of a file to write, which is checked before the long work."""
-
-    def __init__(self, *endings: str) -> None:
-        self.endings = endings
-
-    def __call__(self, text: str) -> Path:
-        """Return the path, or refuse it."""
-        path, fault = Path(text), ""
-        if path.suffix.lower() not in self.endings:
-            fault = f" ends in {path.suffix!r}; allowed: {', '.join(self.endings)}"
+    def path_of(typed: str) -> Path:
+        path, fault = Path(typed), ""
+        if path.suffix.lower() not in endings:
+            fault = f" ends in {path.suffix!r}; allowed: {', '.join(endings)}"
         elif path.is_dir():
             fault = " is a folder; give a file name"
         elif not path.parent.is_dir():
@@ -126,22 +73,15 @@ class Output:
         elif not all(os.access(one, os.W_OK) for one in (path, path.parent) if one.exists()):
             fault = " may not be written by this user; choose another place"
         if fault:
-            raise argparse.ArgumentTypeError(f"{text!r}{fault}")
+            raise argparse.ArgumentTypeError(f"{typed!r}{fault}")
         return path
 
+    return argument(name, metavar="FILE", type=path_of, text=text)
 
-def keep_inputs(args: argparse.Namespace) -> None:
-    """Refuse to write over a file that the command was given."""
-    values = [one for value in vars(args).values() for one in (value if isinstance(value, list) else [value])]
-    inputs = [Path(one) for one in values if isinstance(one, str) and "\0" not in one]
-    for key, path in vars(args).items():
-        if not isinstance(path, Path):
-            continue
-        beside = [path.with_suffix(".json")] if path.suffix == ".npz" else []  # the manifest of traces
-        for place in (path, *beside):
-            if place.exists() and any(one.exists() and place.samefile(one) for one in inputs):
-                what = f"{str(place)!r} is a file that this command was given; choose another name"
-                raise avc.InputError.of(what, key=args.options.get(key, key.upper()))
+
+def plot(what: str) -> Argument:
+    """Return --plot."""
+    return output("--plot", f"draw {what}: .png, .svg or .pdf", ".png", ".svg", ".pdf")
 
 
 def positive(text: str) -> float:
@@ -162,7 +102,6 @@ def positive_int(text: str) -> int:
     return int(text)
 
 
-PICTURES = (".png", ".svg", ".pdf")
 PROBLEM = argument("problem", metavar="P", text="problem file or name of the catalogue")
 COUPLING = argument("gains", metavar="COUPLING", text="coupling file; or a gain file with --problem")
 BESIDE = argument("--problem", metavar="P", text="problem of a table of gains, .csv")
@@ -173,39 +112,22 @@ PORT = (
     argument("--port", required=True, text="serial port (avc doctor --ports), or `emulator`: firmware on a model"),
     BAUD,
 )
-MOTION = argument(
-    "--motion", choices=("linear", "rotary"), default="linear", text="of the device: rotary has rad and N.m"
-)
+MOTION = argument("--motion", choices=("linear", "rotary"), default="linear", text="of the device: rotary: rad, N.m")
 WORKERS = (
     argument("--workers", type=positive_int, metavar="N", text="processes (default: one for each processor)"),
     argument("--scheduler", metavar="ADDRESS", text="Dask cluster that works instead, for example tcp://host:8786"),
 )
+_COLUMNS = "by header or number, 1 is the first: time=1,position=2,force=3; angle and torque of what turns"
+_UNITS = "where no header says them: time=ms,position=um, or angle=deg,torque=N.m"
 LOGS = (
     argument("log", metavar="LOG", nargs="+", text=".csv, .txt, .npz or .mat (v5): one record each"),
-    argument(
-        "--columns",
-        action="append",
-        default=[],
-        metavar="Q=C",
-        text="columns by header or number, 1 is the first: time=1,position=2,force=3; angle and torque of what turns",
-    ),
-    argument(
-        "--units",
-        action="append",
-        default=[],
-        metavar="Q=U",
-        text="units where no header says them: time=ms,position=um, or angle=deg,torque=N.m",
-    ),
+    argument("--columns", action="append", default=[], metavar="Q=C", text=_COLUMNS),
+    argument("--units", action="append", default=[], metavar="Q=U", text=_UNITS),
     argument("--sample-time", type=positive, metavar="S", text="sample time in seconds of logs without time"),
     flag("--flip-force", "the logs count the force against +position"),
     argument("--handle-radius-m", type=positive, metavar="R", text="of the handle of what turns, if no device says it"),
     output("--report", "write a page with figures (.html)", ".html"),
 )
-
-
-def plot(what: str) -> Argument:
-    """Return --plot."""
-    return output("--plot", f"draw {what}: .png, .svg or .pdf", *PICTURES)
 
 
 def turning(key: str, metavar: str, text: str) -> tuple[Argument, ...]:
@@ -214,34 +136,36 @@ def turning(key: str, metavar: str, text: str) -> tuple[Argument, ...]:
     return tuple(argument(f"--{one.replace('_', '-')}", type=positive, metavar=metavar, text=text) for one in keys)
 
 
-def of_motion(args: argparse.Namespace, units: Units, key: str) -> Any:
-    """Return such an option for a motion; that of the other kind of motion is refused."""
-    own, other = units.key(key), (ROTARY if units.linear else LINEAR).key(key)
-    if own != other and getattr(args, other) is not None:
-        kind = "a linear device" if units.linear else "a device that turns"
-        typed, allowed = args.options[other].lstrip("-"), args.options[own]
-        raise avc.InputError.of(f"was given as {typed!r}; allowed of {kind}: {allowed}", key=allowed)
-    return getattr(args, own)
+def of_motion(args: argparse.Namespace, units: Units, *keys: str) -> dict[str, Any]:
+    """Return such options for a motion, by their keys; those of the other kind of motion are refused."""
+    for own, other in ((units.key(key), (ROTARY if units.linear else LINEAR).key(key)) for key in keys):
+        if own != other and getattr(args, other) is not None:
+            kind = "a linear device" if units.linear else "a device that turns"
+            typed, allowed = args.options[other].lstrip("-"), args.options[own]
+            raise avc.InputError.of(f"was given as {typed!r}; allowed of {kind}: {allowed}", key=allowed)
+    return {key: getattr(args, units.key(key)) for key in keys}
 
 
-def log_layout(args: argparse.Namespace) -> Layout:
-    """Return the columns and units given by the options."""
+def log_options(args: argparse.Namespace) -> dict[str, Any]:
+    """Return how logs are read, by the options."""
     from avc_casadi.identification.read import Layout, pairs_of
 
     columns, wrong = pairs_of(args.columns, "--columns")
     units, also = pairs_of(args.units, "--units")
     if wrong or also:
         raise avc.InputError([*wrong, *also])
-    return Layout(columns, units, args.sample_time)
-
-
-def refuse(args: argparse.Namespace, *options: str, why: str) -> None:
-    """Refuse options that do not apply."""
-    if given := [one for one in options if getattr(args, one) not in (None, False, 0)]:
-        raise avc.InputError.of(why, key=f"--{given[0].replace('_', '-')}")
+    layout = Layout(columns, units, args.sample_time)
+    return {"layout": layout, "flip_force": args.flip_force, "handle_radius_m": args.handle_radius_m}
 
 
 OF_WALLS = "is an option of walls, and the other end is none; leave it out"
+
+
+def refuse(args: argparse.Namespace, *options: str, why: str) -> None:
+    """Refuse arguments that do not apply."""
+    for one in options:
+        if getattr(args, one) not in (None, False, 0):
+            raise avc.InputError.of(why, key=one)
 
 
 def is_coupling(text: str) -> bool:

@@ -8,11 +8,10 @@ import platform
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, TextIO
+from typing import TYPE_CHECKING
 
 from avc_casadi import AvcError, InputError, __version__, fault_document
 from avc_casadi._util.interrupt import HeldInterrupt
@@ -21,28 +20,6 @@ from avc_casadi.present.row import Answer, Page
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-# A line of progress is written at most five times a second; where it stays, every ten seconds.
-_BETWEEN_S, _BETWEEN_LINES_S = 0.2, 10.0
-# The remaining time is shown after so long.
-_RATE_AFTER_S = 1.0
-
-
-@dataclass
-class _Piece:
-    """A step of several parts."""
-
-    total: int = -1
-    first: int = 0
-    done: int = 0
-    began: float = 0.0
-
-    def pace(self, now: float) -> str:
-        """Return the remaining time; empty while that is a guess."""
-        seconds, made = now - self.began, self.done - self.first
-        if seconds < _RATE_AFTER_S or made <= 0:
-            return ""
-        return f"; {(self.total - self.done) * seconds / made:.0f} s left"
 
 
 class Console(Progress):
@@ -58,12 +35,16 @@ class Console(Progress):
         self.page = Page.of(sys.stdout)
         self._answered = threading.Event()
         self._terminal = sys.stderr is not None and sys.stderr.isatty()
-        self._descriptor: int | None = None
         self._step: str | None = None
         self._repeated: threading.Thread | None = None
         self._shown, self._line = 0.0, ""
-        self._piece = _Piece()
-        if _is_descriptor(sys.stdout, 1):
+        # Parts of the present step: all of them, done when they began, done now, and when they began.
+        self._total, self._first, self._done, self._began = -1, 0, 0, 0.0
+        own = -1
+        with suppress(OSError, ValueError, AttributeError):
+            own = sys.stdout.fileno()
+        self._descriptor: int | None = None
+        if own == 1:
             sys.stdout.flush()
             self._descriptor = os.dup(1)
             try:
@@ -126,7 +107,7 @@ class Console(Progress):
     def step(self, what: str) -> Iterator[None]:
         """Show a step and its duration on a terminal; elsewhere the present step every ten seconds."""
         started, around = time.perf_counter(), self._step
-        self._step, self._shown, self._piece, self._line = what, started, _Piece(), f"{what} ..."
+        self._step, self._shown, self._total, self._line = what, started, -1, f"{what} ..."
         self._show(self._line)
         if not self._terminal and self._repeated is None:
             self._repeated = threading.Thread(target=self._repeat, daemon=True)
@@ -141,21 +122,22 @@ class Console(Progress):
 
     def _repeat(self) -> None:
         """Print what is done at present where its line cannot be overwritten."""
-        while not self._answered.wait(_BETWEEN_LINES_S):
+        while not self._answered.wait(10.0):
             if line := self._line:
                 self.complain(line)
 
     def advance(self, done: int, total: int, what: str = "") -> None:
-        """Show the progress of the present step, and its remaining time."""
+        """Show the progress of the present step, at most five times a second, and after a second what time is left."""
         if self._step is None:
             return
         now = time.perf_counter()
-        if total != self._piece.total or done < self._piece.done:
-            self._piece = _Piece(total, done, began=now)
-        self._piece.done = done
-        if now - self._shown >= _BETWEEN_S:
-            self._shown = now
-            self._line = f"{self._step} ... {done} of {total} {what}".rstrip() + self._piece.pace(now)
+        if total != self._total or done < self._done:
+            self._total, self._first, self._began = total, done, now
+        self._done = done
+        if now - self._shown >= 0.2:
+            made, seconds = done - self._first, now - self._began
+            left = f"; {(total - done) * seconds / made:.0f} s left" if made > 0 and seconds >= 1 else ""
+            self._shown, self._line = now, f"{self._step} ... {done} of {total} {what}".rstrip() + left
             self._show(self._line)
 
     def _show(self, line: str) -> None:
@@ -175,18 +157,23 @@ class Console(Progress):
             data = data[os.write(self._descriptor, data) :]
 
 
-def _is_descriptor(stream: TextIO, number: int) -> bool:
-    try:
-        return stream.fileno() == number
-    except (OSError, ValueError, AttributeError):
-        return False
-
-
 def silence(descriptor: int) -> None:
     """Lead a descriptor to nowhere."""
     nowhere = os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, descriptor)
     os.close(nowhere)
+
+
+@contextmanager
+def writing(path: str | Path, key: str) -> Iterator[None]:
+    """Name the option and the place, as typed, where it cannot be written."""
+    try:
+        yield
+    except OSError as error:
+        if isinstance(error, AvcError | BrokenPipeError):
+            raise
+        why = error.strerror or str(error)
+        raise InputError.of(f"{str(path)!r} cannot be written ({why}); choose another place", key=key) from error
 
 
 @contextmanager
@@ -197,24 +184,8 @@ def output_folder(text: str, key: str) -> Iterator[Path]:
     """
     from avc_casadi._util.files import gathered_folder
 
-    try:
-        with gathered_folder(Path(text)) as gathered:
-            yield gathered
-    except OSError as error:
-        if isinstance(error, AvcError | BrokenPipeError):
-            raise
-        why = error.strerror or str(error)
-        raise InputError.of(f"{text!r} cannot be written ({why}); choose another folder", key=key) from error
-
-
-@contextmanager
-def writing(path: Path, key: str) -> Iterator[None]:
-    """Name the option and the file, as typed, where it cannot be written."""
-    try:
-        yield
-    except OSError as error:
-        why = error.strerror or str(error)
-        raise InputError.of(f"{str(path)!r} cannot be written ({why}); choose another place", key=key) from error
+    with writing(text, key), gathered_folder(Path(text)) as gathered:
+        yield gathered
 
 
 def write_text(path: Path, text: str, key: str = "--out") -> None:
@@ -225,28 +196,25 @@ def write_text(path: Path, text: str, key: str = "--out") -> None:
         write_file(path, text)
 
 
-def write_figure(path: Path, figure: Figure, key: str = "--plot") -> None:
-    """Write a picture atomically."""
-    from avc_casadi.present.figures.style import save_figure
+def write_figure(console: Console, path: Path | None, draw: Callable[[], Figure]) -> None:
+    """Draw the picture of --plot, if it was given, and write it atomically."""
+    if path is None:
+        return
+    with console.step("figure"):
+        from avc_casadi.present.figures.style import save_figure
 
-    with writing(path, key):
-        save_figure(figure, path)
-
-
-_PACKAGES = ("casadi", "numpy", "matplotlib", "pydantic", "pyserial", "unicorn")
+        with writing(path, "--plot"):
+            save_figure(draw(), path)
 
 
 def package_versions() -> dict[str, str]:
     """Return the version of this package, of Python and of every dependency; "absent" where not installed."""
-    return {"avc-casadi": __version__, "Python": platform.python_version()} | {
-        name: _version(name) for name in _PACKAGES
-    }
-
-
-def _version(package: str) -> str:
     from importlib.metadata import PackageNotFoundError, version
 
-    try:
-        return version(package)
-    except PackageNotFoundError:
-        return "absent"
+    versions = {"avc-casadi": __version__, "Python": platform.python_version()}
+    for name in ("casadi", "numpy", "matplotlib", "pydantic", "pyserial", "unicorn"):
+        try:
+            versions[name] = version(name)
+        except PackageNotFoundError:
+            versions[name] = "absent"
+    return versions

@@ -1,46 +1,37 @@
-"""Verbs that deploy a coupling: export, push, firmware."""
+"""Verbs that deploy a coupling and operate a device: export, push, firmware, stream, monitor, device."""
 
 from __future__ import annotations
 
 import argparse
+from contextlib import ExitStack, closing
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import avc_casadi as avc
 from avc_casadi._util.files import write_file
+from avc_casadi._util.interrupt import EXIT_CODE, HeldInterrupt, take_interrupt
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.text import number
+from avc_casadi._util.units import units_for
 from avc_casadi.cli import arguments as cli
 from avc_casadi.cli.console import Console, output_folder
-from avc_casadi.present.row import Answer
+from avc_casadi.present.row import Answer, Mark, Part, Value, listed, row, text_of
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
     from avc_casadi.model.device import Device as DeviceModel
-    from avc_hardware import BoardLimits
+    from avc_hardware import Device, DeviceStatus, StreamSample, TelemetrySample
 
-# Names of engines in `avc_casadi.present.rows.deploy`.
-ENGINES = ("mujoco", "chai3d", "unity", "sofa", "openhaptics", "imstk", "ros2", "pybullet")
-_IN_CONTACT = "the device is in contact: release it, out of the wall; the new coupling takes over there"
-_USUAL_BAUD = 115200
+_PARAMETERS = "in place of C: a coupling to a [simulation] for mujoco, unity, chai3d, sofa or another engine"
+_PRECISION = "single (default): float, as in the packaged firmware; double: where a processor has it in hardware"
 
 
 @cli.verb(
     cli.COUPLING,
     cli.argument("--c", metavar="DIR", text="folder for avc_coupling.h and avc_coupling.c"),
-    cli.argument(
-        "--parameters",
-        choices=ENGINES,
-        metavar="ENGINE",
-        text=f"in place of C: numbers of a coupling to a [simulation] for an engine: {', '.join(ENGINES)}",
-    ),
-    cli.argument(
-        "--precision",
-        choices=("single", "double"),
-        default="single",
-        text="single (default): float, as in the packaged firmware; double: where a processor has it in hardware",
-    ),
+    cli.argument("--parameters", metavar="ENGINE", text=_PARAMETERS),
+    cli.argument("--precision", choices=("single", "double"), default="single", text=_PRECISION),
     cli.argument("--name", default="avc_coupling", text="what files and names in C begin with (default: avc_coupling)"),
     cli.flag("--force", "write over a file that is there and is no export"),
     cli.BESIDE,
@@ -53,35 +44,23 @@ def run_export(args: argparse.Namespace, console: Console) -> Answer:
     The whole coupling at its own sample time, in C99 that is also C++11; of one to a [simulation] or a [follower] both
     ends. What is not deployable is refused with exit code 1; --unsafe overrides.
     """
-    from avc_casadi.claims.deployable import require_deployable
-    from avc_casadi.present.rows import deploy, holes
-    from avc_casadi.present.rows.deploy import parameters
+    from avc_casadi.present.rows.deploy import export, parameters
     from avc_hardware import export_c
     from avc_hardware.codegen.pair_export import pair_verdict
 
     if (args.c is None) == (args.parameters is None):
-        raise avc.InputError.of("is missing; allowed: --c DIR or --parameters ENGINE", key="--c")
+        raise avc.InputError.of("is missing; allowed: --c DIR or --parameters ENGINE", key="c")
     coupling = avc.read_coupling(args.gains, args.problem)
     if coupling.end != "simulation":
         cli.refuse(args, "parameters", why=f"is of a [simulation], not of a {coupling.end}; for C: --c DIR")
-    data: dict[str, Any] = {
-        "coupling": coupling.id,
-        "sample_time_s": coupling.sample_time_s,
-        "precision": args.precision,
-    }
+    data: dict[str, Any] = {"sample_time_s": coupling.sample_time_s, "precision": args.precision}
     if coupling.end == "wall":
-        verdict = require_deployable(coupling, unsafe=args.unsafe)
-        data |= {
-            "rows": len(coupling.table),
-            "deployable": verdict.document(),
-            "unsafe": cli.unsafe_note(verdict),
-            "lacks": list(coupling.lacks),
-            "holes": holes(coupling.schedule) or None,
-        }
+        data |= {"rows": len(coupling.table)} | _verdict_data(coupling, unsafe=args.unsafe)
     else:
         judged, stable = pair_verdict(coupling, unsafe=args.unsafe)
         if args.parameters is not None:
             return parameters(coupling, args.parameters, args.gains, "" if stable else judged)
+        data |= {"coupling": coupling.id}
         data["unsafe"] = "" if stable else "UNSAFE, went on by request: a loop is linearly unstable"
     if coupling.end == "simulation":
         data |= {"step_s": list(coupling.tool.step_s), "exchange": coupling.tool.exchange}
@@ -89,21 +68,25 @@ def run_export(args: argparse.Namespace, console: Console) -> Answer:
         data["follower_sample_time_s"] = coupling.follower.sample_time_s
     with cli.faults_of(args.gains, args), console.step("C"):
         files = export_c(coupling, precision=args.precision, name=args.name, unsafe=args.unsafe)
-    data["files"] = _write(args, files)
-    return deploy.export(data, coupling, args.gains)
-
-
-def _write(args: argparse.Namespace, files: dict[str, str]) -> list[str]:
-    """Write files into the folder; return their paths."""
     paths = [Path(args.c) / name for name in files]
     for path in paths:
         if path.is_file() and not args.force and b"; do not edit." not in path.read_bytes().partition(b"\n")[0]:
             what = "is there already and no export; allowed: another folder, another --name, or --force"
-            raise avc.InputError.of(f"{str(path)!r} {what}", key="--c")
+            raise avc.InputError.of(f"{str(path)!r} {what}", key="c")
     with output_folder(args.c, "--c") as folder:
         for name, text in files.items():
             write_file(folder / name, text)
-    return [str(path) for path in paths]
+    return export(data | {"files": [str(path) for path in paths]}, coupling, args.gains)
+
+
+def _verdict_data(coupling: Coupling, *, unsafe: bool) -> dict[str, Any]:
+    """Return what is told of a coupling to a wall that is deployed; raise where it may not be."""
+    from avc_casadi.claims.deployable import require_deployable
+    from avc_casadi.present.rows import holes
+
+    verdict = require_deployable(coupling, unsafe=unsafe)
+    data = {"coupling": coupling.id, "deployable": verdict.document(), "unsafe": cli.unsafe_note(verdict)}
+    return data | {"lacks": list(coupling.lacks), "holes": holes(coupling.schedule) or None}
 
 
 @cli.verb(
@@ -119,12 +102,12 @@ def run_push(args: argparse.Namespace, console: Console) -> Answer:
     What is not deployable is refused with exit code 1; --unsafe overrides. The emulated device is a fresh one for every
     command, of the coupling's own sample time, encoder and force limit, with a hand on it.
     """
-    from avc_casadi.claims.deployable import require_deployable
-    from avc_casadi.present.rows import deploy, holes
+    from avc_casadi.present.rows import deploy
     from avc_hardware import EMULATOR, push
 
     coupling = cli.read_wall(args.gains, args.problem)
-    verdict = require_deployable(coupling, unsafe=args.unsafe)
+    data, emulated = _verdict_data(coupling, unsafe=args.unsafe), args.port == EMULATOR
+    wait = "the device is in contact: release it, out of the wall; the new coupling takes over there"
     with cli.faults_of(args.gains, args), console.step(f"push to {args.port}"):
         done = push(
             coupling,
@@ -133,19 +116,14 @@ def run_push(args: argparse.Namespace, console: Console) -> Answer:
             on_silence=console.notice,
             unsafe=args.unsafe,
             device_id=args.device_id,
-            # The emulated device is released by itself.
-            on_wait=lambda: None if args.port == EMULATOR else console.say(_IN_CONTACT),
+            on_wait=lambda: None if emulated else console.say(wait),  # the emulated device is released by itself
         )
-    data = plain({"coupling": coupling.id, "deployable": verdict.document()} | done.document())
-    data |= {"unsafe": cli.unsafe_note(verdict), "holes": holes(coupling.schedule) or None, "lacks": [*coupling.lacks]}
-    if args.port == EMULATOR:
+    data |= plain(done.document())
+    if emulated:
         with console.step("firmware and plant in the loop"):
             data["in_the_loop"] = in_the_loop(coupling)
-    answer = deploy.push(data, coupling, args.gains)
-    if data["readback_equal"]:
-        return answer
     complaint = f"avc: {args.port}: the table read back is not the one sent; push again"
-    return replace(answer, complaint=complaint)
+    return replace(deploy.push(data, coupling, args.gains), complaint="" if data["readback_equal"] else complaint)
 
 
 def in_the_loop(coupling: Coupling) -> dict[str, Any]:
@@ -160,12 +138,8 @@ def in_the_loop(coupling: Coupling) -> dict[str, Any]:
 
 
 @cli.verb(
-    cli.argument(
-        "subject", metavar="SUBJECT", text="device or problem; or a coupling file, for what runs beside its gains"
-    ),
-    cli.argument(
-        "--board", required=True, text="a board (a wrong name lists them), or the folder of your own (PORTING.md)"
-    ),
+    cli.argument("subject", metavar="SUBJECT", text="device or problem; or a coupling file, for its runtime"),
+    cli.argument("--board", required=True, text="a board (a wrong name lists them), or your own's folder (PORTING.md)"),
     cli.argument("--out", required=True, metavar="DIR", text="folder for the .elf, .bin and .hex file"),
     cli.argument("--baud", type=cli.positive_int, text="rate of its serial port; default 115200; push needs the same"),
 )
@@ -185,33 +159,223 @@ def run_firmware(args: argparse.Namespace, console: Console) -> Answer:
         subject = avc.load_device(args.subject).device if is_device(args.subject) else avc.load_problem(args.subject)
     with output_folder(args.out, "--out") as folder, console.step(f"firmware for {args.board}"):
         built = build_firmware(subject, args.board, folder, baud=args.baud)
-    data: dict[str, Any] = plain(
-        {
-            "board": built.board,
-            "build": built.build,
-            "baud": args.baud or _USUAL_BAUD,
-            "files": [str(Path(args.out) / path.name) for path in built.files],
-            "address": built.address,
-            "size_bytes": built.size,
-            "limits": vars(built.limits),
-            "figures": vars(built.figures),
-            "commands": list(built.commands),
-            "notes": _notes(subject, built.limits),
-        }
-    )
-    at = "" if args.baud in (None, _USUAL_BAUD) else f" --baud {args.baud}"
-    return firmware(data, built.title, subject.units, f"pushed: avc push{at}; estimator {built.figures.estimator}")
-
-
-def _notes(subject: Coupling | avc.Problem | DeviceModel, limits: BoardLimits) -> list[str]:
-    """Describe defaults of the image that the file does not give, and keys of the file that it ignores."""
     problem = getattr(subject, "problem", subject)
-    device = getattr(problem, "device", problem)
-    notes = []
+    device, notes = getattr(problem, "device", problem), []
     if getattr(problem, "detent", None) is not None:
         notes.append("[detent] has no place in what is pushed: export it (avc export)")
-    for key, value in (("max_force_n", limits.max_force_n), ("encoder_resolution_m", limits.metres_per_count)):
+    for key, value in (
+        ("max_force_n", built.limits.max_force_n),
+        ("encoder_resolution_m", built.limits.metres_per_count),
+    ):
         if not getattr(device, key):
             name = device.units.key(key)
             notes.append(f"the file has no device.{name}: {number(value)} is the board's own; give the device's")
-    return notes
+    data = {key: getattr(built, key) for key in ("board", "build", "address", "commands")}
+    data |= {"baud": args.baud or 115200, "size_bytes": built.size, "notes": notes}
+    data |= {"files": [str(Path(args.out) / path.name) for path in built.files]}
+    data |= {"limits": vars(built.limits), "figures": vars(built.figures)}
+    at = "" if data["baud"] == 115200 else f" --baud {args.baud}"
+    gains = f"pushed: avc push{at}; estimator {built.figures.estimator}"
+    return firmware(plain(data), built.title, subject.units, gains)
+
+
+@cli.verb(
+    cli.argument("subject", metavar="COUPLING", text="coupling file; or a problem, for its recommended one"),
+    *cli.PORT,
+    cli.argument("--rate-hz", type=cli.positive, default=50.0, metavar="HZ", text="messages a second, 1 to 100 (50)"),
+    cli.argument("--seconds", type=cli.positive, default=5.0, metavar="S", text="duration; default 5"),
+    cli.UNSAFE,
+)
+def run_stream(args: argparse.Namespace, console: Console) -> Answer:
+    """Stream a coupling's gains live: read the device's frequency estimate, send the gains for it.
+
+    The table is pushed first, as what the device falls back to. Exit code 1 if it does not end on it.
+    """
+    from avc_casadi.coupling import require_coupling
+    from avc_casadi.present.rows import deploy
+    from avc_hardware import HOLD_PERIODS, stream
+
+    if cli.is_coupling(args.subject):
+        coupling = cli.read_wall(args.subject)
+    else:
+        coupling = cli.recommended_coupling(avc.load_problem(args.subject), console)
+        require_coupling(coupling)
+    verdict = _verdict_data(coupling, unsafe=args.unsafe)
+    data: dict[str, Any] = {"problem": coupling.problem.name, "coupling": coupling.id}
+    units, shown, sent = coupling.problem.units, -1.0, 0
+
+    def show(sample: StreamSample) -> None:
+        nonlocal shown, sent
+        sent += 1
+        if sample.time_s >= shown + 0.5:
+            shown = sample.time_s
+            b, k = Value(sample.damping_ns_per_m, "damping"), Value(sample.stiffness_n_per_m, "stiffness")
+            heard = (Value(sample.frequency_hz, "frequency"), ": b", b, ", k", k)
+            given = ("; applied", Value(sample.force_n, "force"))
+            console.say(f"{sample.time_s:7.2f} s  {text_of((*heard, *given), units)}")
+
+    try:
+        with cli.faults_of(args.subject, args):
+            result = stream(
+                coupling,
+                args.port,
+                rate_hz=args.rate_hz,
+                seconds=args.seconds,
+                baud=args.baud,
+                on_silence=console.notice,
+                on_sample=show,
+                unsafe=args.unsafe,
+            )
+    except KeyboardInterrupt:
+        if not sent:
+            raise
+        take_interrupt()
+        data = avc.fault_document(avc.InputError.of("interrupted")) | data | {"sent": sent}
+        after = (
+            f"{args.port} goes back to its table, coupling {coupling.id}, within {HOLD_PERIODS / args.rate_hz:.2g} s"
+        )
+        left = "the emulated board ends with this command" if args.port == "emulator" else after
+        return Answer("stream", data, (f"interrupted after {sent} messages; {left}",), code=EXIT_CODE)
+    data |= plain(vars(result) | verdict | {"push": result.push.document()})
+    complaint = f"avc: {result.port}: {'; '.join(result.faults)}" if result.faults else ""
+    return replace(deploy.stream(data, result.faults), units=units, complaint=complaint)
+
+
+_RATE = "records a second; default 5; 115200 baud carry about 250. At most 5 a second are shown as text"
+
+
+@cli.verb(
+    *cli.PORT,
+    cli.argument("--rate-hz", type=cli.positive, default=5.0, metavar="HZ", text=_RATE),
+    cli.argument("--seconds", type=cli.positive, metavar="S", text="default until Ctrl-C, with --json 5 seconds"),
+    cli.argument(
+        "--heartbeat",
+        dest="heartbeat_s",
+        type=cli.positive,
+        nargs="?",
+        const=0.5,
+        metavar="S",
+        text="keep the device's heartbeat: the force falls when none comes for S seconds; default 0.5",
+    ),
+    cli.output("--out", "log every record as it comes: .csv", ".csv"),
+    cli.MOTION,
+)
+def run_monitor(args: argparse.Namespace, console: Console) -> Answer:
+    """Watch a device: records of its own ticks, as text or log; and keep its heartbeat.
+
+    With --heartbeat the device lives as long as this command: when that ends or loses the line, the force falls to 0
+    within 0.1 s, and comes back out of contact with the next heartbeat.
+    """
+    from avc_hardware import EMULATOR, EMULATOR_IS_FRESH, DeviceFault, TelemetryLog, monitor
+
+    units = units_for(args.motion)
+    samples: list[dict[str, Any]] = []
+    note = EMULATOR_IS_FRESH if args.port == EMULATOR else None
+    data: dict[str, Any] = {"port": args.port, "note": note, "samples": samples, "records": 0, "lost": 0}
+    data |= {"ended": None, "out": args.out and str(args.out)}
+    code, shown = 0, -1.0
+    log: TelemetryLog | None = None
+
+    def begun(device: Device) -> None:
+        nonlocal log
+        if args.out is not None and log is None:  # not before there is something to log
+            log = stack.enter_context(TelemetryLog(args.out, args.motion))
+        own, tick, most = device.unique_id, Value(device.sample_time_s, "time"), Value(device.max_force_n, "force")
+        running = f", coupling {device.coupling_id}" if device.coupling_id else ", no coupling"
+        head = f"device {own} with firmware {device.build}: a tick every"
+        console.say(text_of((head, tick, ", at most", most, running), units))
+
+    def ended(status: DeviceStatus) -> None:
+        data["ended"] = {"mode": status.mode, "force_n": status.force_n, "faults": status.faults}
+
+    with ExitStack() as stack:
+        watched = monitor(
+            args.port,
+            rate_hz=args.rate_hz,
+            seconds=args.seconds or (5.0 if console.as_json else None),
+            heartbeat_s=args.heartbeat_s,
+            baud=args.baud,
+            on_silence=console.notice,
+            on_device=begun,
+            on_end=ended,
+        )
+        stack.enter_context(closing(watched))
+        try:
+            for sample in watched:
+                words = DeviceFault(sample.faults).word
+                with HeldInterrupt():  # all or none
+                    data["records"] += 1
+                    data["lost"] += sample.lost
+                    if log is not None:
+                        log.write(sample)
+                    if console.as_json:
+                        samples.append(plain(vars(sample) | {"fault_words": words.split(", ") if words else []}))
+                if not 0 <= sample.time_s - shown < 0.2 - 1e-6:
+                    shown = sample.time_s
+                    console.say(text_of(_state(sample, words), units))
+        except KeyboardInterrupt:
+            if not data["records"]:
+                raise
+            take_interrupt()
+            code, data = EXIT_CODE, avc.fault_document(avc.InputError.of("interrupted")) | data
+    rows, end = [], data["ended"]
+    if lost := data["lost"]:
+        what = f"{lost} of {data['records'] + lost} records: the line is too slow or lossy; give less --rate-hz, or a "
+        rows.append(row("Lost", f"{what}faster --baud with firmware built for it", mark=Mark.CAUTION))
+    if data["out"]:
+        rows.append(row("Written", f"{data['out']}, {data['records']} records"))
+    if args.heartbeat_s and end is not None:
+        until = f"; mode {end['mode']} until the next heartbeat, out of contact"
+        rows.append(row("Heartbeat", "ended, at", Value(end["force_n"], "force"), until))
+    elif args.heartbeat_s:
+        rows.append(row("Heartbeat", "ended, and the device did not answer: it falls to 0 by itself"))
+    return Answer("monitor", data, rows=tuple(rows), units=units, code=code)
+
+
+def _state(sample: TelemetrySample, faults: str) -> tuple[Part, ...]:
+    mode = sample.mode if sample.has_table or faults else "idle"
+    return listed(
+        [
+            f"tick {sample.ticks}",
+            ("f", Value(sample.frequency_hz, "frequency")),
+            ("b", Value(sample.damping_ns_per_m, "damping")),
+            ("k", Value(sample.stiffness_n_per_m, "stiffness")),
+            ("at", Value(sample.position_m, "length")),
+            ("applied", Value(sample.force_n, "force")),
+            Value(sample.energy_j, "energy"),
+            f"{mode} ({faults})" if faults else mode,
+            "streaming" if sample.streaming else None,
+            f"coupling {sample.coupling_id}" if sample.has_table else "no coupling",
+        ]
+    )
+
+
+@cli.verb(
+    *cli.PORT,
+    cli.flag("--clear", "show the latched faults and clear them; 1 if one stays"),
+    *cli.turning("force_n", "N", "limit of the force; a higher one holds from the next time out of contact"),
+    *cli.turning("speed_m_per_s", "V", "a fault is latched beyond it"),
+    cli.argument("--energy-j", type=cli.positive, metavar="E", text="given out in a second beyond what came in"),
+    cli.MOTION,
+)
+def run_device(args: argparse.Namespace, console: Console) -> Answer:
+    """Show or lower the limits of a device, or clear its faults.
+
+    Limits are never above those built into the firmware, and hold until the device starts anew.
+    """
+    from avc_casadi.present.rows import deploy
+    from avc_hardware import clear_faults, set_limits
+
+    units = units_for(args.motion)
+    wanted = cli.of_motion(args, units, "force_n", "speed_m_per_s", "energy_j")
+    if not args.clear:
+        with console.step(f"limits of {args.port}"):
+            found = set_limits(args.port, **wanted, baud=args.baud, on_silence=console.notice)
+        return deploy.limits(plain(found), units)
+    cli.refuse(args, *map(units.key, wanted), why="is a limit, and --clear sets none; leave it out")
+    with console.step(f"clear {args.port}"):
+        cleared = clear_faults(args.port, baud=args.baud, on_silence=console.notice)
+    data = {key: [fault.word for fault in getattr(cleared, key)] for key in ("were", "first", "left")}
+    document = {"port": cleared.port, **data, "tick": cleared.tick, "mode": cleared.status.mode}
+    complaint = f"avc: {cleared.port}: still there: {cleared.left.word}" if cleared.left else ""
+    return replace(deploy.faults(document, list(cleared.were.advice)), complaint=complaint)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from avc_casadi.design.comparison.comparison import Comparison
     from avc_casadi.files.new_problem import NewProblem
     from avc_casadi.model.gains import GainSchedule
-    from avc_casadi.present.report import Picture
+    from avc_casadi.present.report import Picture, Section
 
 
 @cli.verb(
@@ -49,17 +49,17 @@ def run_new(args: argparse.Namespace, console: Console) -> Answer:  # noqa: ARG0
     if args.file.exists() and not args.force:
         what = f"{str(args.file)!r} is there already; allowed: another name, or --force"
         raise avc.InputError.of(what, key="FILE")
-    given = [(one, name) for one in EVERY for name in dict.fromkeys(one.names) if _value(args, name) is not None]
-    typed = {one.key: _value(args, name) for one, name in given}
-    turned = any(one is RADIUS or name == one.option_turning for one, name in given)
-    new = NewProblem(args.file, args.like or "", "rotary" if turned else "linear", args.held, typed)
+    typed = {(one, name): value for one in EVERY for name in one.names if (value := _value(args, name)) is not None}
+    turned = any(one is RADIUS or name == one.option_turning for one, name in typed)
+    values = {one.key: value for (one, _), value in typed.items()}
+    new = NewProblem(args.file, args.like or "", "rotary" if turned else "linear", args.held, values)
     if args.model is not None or args.tip is not None:
         new = _at_tip(new, args.model, args.tip)
     meant = {one.key: one.names[not new.units.linear] for one in EVERY}
     kind = "a linear device" if new.units.linear else "a device that turns"
     faults = [
         avc.Fault("", None, meant[one.key], f"was given as {name.lstrip('-')!r}; allowed of {kind}: {meant[one.key]}")
-        for one, name in given
+        for one, name in typed
         if name != meant[one.key]
     ]
     of_hands = "goes with --held foot or --held other; leave it out"
@@ -217,11 +217,7 @@ def run_compare(args: argparse.Namespace, console: Console) -> Answer:
 
     problem = avc.load_problem(args.problem)
     found = _compared(problem, args.mine, console)
-    if args.plot is not None:
-        from avc_casadi.present.figures.paper import draw_comparison
-
-        with console.step("figure"):
-            write_figure(args.plot, draw_comparison(found))
+    write_figure(console, args.plot, lambda: avc.figures.draw_comparison(found))
     return comparison(found.document(), problem, args.problem, args.plot and str(args.plot))
 
 
@@ -242,60 +238,71 @@ def run_run(args: argparse.Namespace, console: Console) -> Answer:
     The recommended coupling goes into the device (coupling.json), or that of --method; the gains of the paper's
     question are for comparison (gains.json). Of a [simulation] or a [follower] coupling, figures and report alone.
     """
-    with console.step(args.problem):
-        problem = avc.load_problem(args.problem)
-    shown = Path(f"avc-{problem.name.replace('/', '-')}" if args.out is None else args.out)
-    if _is_pair(problem):
-        cli.refuse(args, "method", "unsafe", why=cli.OF_WALLS)
-    with output_folder(str(args.out if args.out is not None else shown), "--out") as folder:
-        console.begin(f"{args.problem} ... all of it, into {shown}")
-        return (_run_pair if _is_pair(problem) else _run_wall)(problem, args, console, folder, shown)
-
-
-def _run_pair(problem: avc.Problem, args: argparse.Namespace, console: Console, folder: Path, shown: Path) -> Answer:
-    """Recommend, certify, draw and report; there is no NLP for it."""
-    from avc_casadi.present.report import pair_pictures, report_html
-    from avc_casadi.present.rows.recommend import recommendation
-
-    found = cli.recommended(problem, console)
-    texts = {} if found.coupling is None else {"coupling.json": coupling_text(found.coupling)}
-    with console.step("figures"):
-        drawn = pair_pictures(found, console)
-    answer = recommendation(found, args.problem, str(shown / "coupling.json") if texts else None)
-    texts["report.html"] = report_html(answer, problem, list(drawn.values()), package_versions())
-    return _written(answer, folder, shown, texts, drawn, {})
-
-
-def _written(
-    answer: Answer, folder: Path, shown: Path, texts: dict[str, str], drawn: dict[str, Picture], beside: dict[str, Any]
-) -> Answer:
-    """Write the results of a run, each figure as PNG and SVG, and return its answer."""
+    from avc_casadi.present import report
     from avc_casadi.present.rows.design import run
-
-    files: dict[str, str | bytes] = {**texts}
-    for name, picture in drawn.items():
-        files |= {f"{name}.png": picture.png, f"{name}.svg": picture.svg}
-    for name, content in files.items():
-        write_file(folder / name, content)
-    data = {"folder": str(shown), "files": sorted(files), "deploy": answer.data} | beside
-    return run(data, answer, f"{shown / 'report.html'} and {len(files) - 1} files beside it")
-
-
-def _run_wall(problem: avc.Problem, args: argparse.Namespace, console: Console, folder: Path, shown: Path) -> Answer:
-    """Recommend, push to the emulated device, answer the paper's question, draw and report."""
-    from avc_casadi.design.comparison.comparison import with_causal, with_delivered
-    from avc_casadi.files.coupling_file import gain_csv, gain_document
-    from avc_casadi.present.report import paper_pictures, paper_sections, report_html, wall_pictures
-    from avc_casadi.present.rows import design
     from avc_casadi.present.rows.recommend import recommendation
     from avc_casadi.recommendation.recommend import judged_as_recommended
 
-    if args.method is None:
-        found = cli.recommended(problem, console)
-    else:
-        gains = _solved(problem, args.method, console)
-        with console.step(f"coupling to deploy: {args.method}"):
-            found = judged_as_recommended(problem, gains, versions=package_versions(), progress=console)
+    with console.step(args.problem):
+        problem = avc.load_problem(args.problem)
+    shown, pair = Path(args.out or f"avc-{problem.name.replace('/', '-')}"), _is_pair(problem)
+    if pair:
+        cli.refuse(args, "method", "unsafe", why=cli.OF_WALLS)
+    with output_folder(args.out or str(shown), "--out") as folder:
+        console.begin(f"{args.problem} ... all of it, into {shown}")
+        if args.method is None:
+            found = cli.recommended(problem, console)
+        else:
+            gains = _solved(problem, args.method, console)
+            with console.step(f"coupling to deploy: {args.method}"):
+                found = judged_as_recommended(problem, gains, versions=package_versions(), progress=console)
+        push: dict[str, Any] = {}
+        paper = _Paper()
+        if not pair:
+            with console.step("device"):
+                push = _pushed(found, unsafe=args.unsafe)
+            paper = _paper(found, push, console)
+        files, written = paper.files, None
+        if found.coupling is not None and push.get("deployable") is not False:
+            files["coupling.json"], written = coupling_text(found.coupling), str(shown / "coupling.json")
+        with console.step("figures"):
+            drawn = report.pair_pictures(found, console) if pair else report.wall_pictures(found)
+        answer = recommendation(found, args.problem, written)
+        pictures = list(drawn.values())
+        files["report.html"] = report.report_html(answer, problem, pictures, package_versions(), paper.sections)
+        for name, picture in (drawn | paper.drawn).items():
+            files |= {f"{name}.png": picture.png, f"{name}.svg": picture.svg}
+        for name, content in files.items():
+            write_file(folder / name, content)
+    data = {"folder": str(shown), "files": sorted(files), "deploy": answer.data} | paper.data
+    answer = run(data, answer, f"{shown / 'report.html'} and {len(files) - 1} files beside it")
+    if pair:
+        return answer
+    refused = "push refused" if found.deployable or args.unsafe else "not deployable, push refused"
+    why = "no coupling is deployable" if found.coupling is None else refused if "refused" in push else ""
+    complaints = [paper.missing, f"avc: {problem.name}: {why}" if why else ""]
+    return replace(answer, complaint="\n".join(filter(None, complaints)))
+
+
+@dataclass(frozen=True)
+class _Paper:
+    """The paper's question: files, figures and sections of the report, values, and which frequencies have no gains."""
+
+    files: dict[str, str | bytes] = field(default_factory=dict)
+    drawn: dict[str, Picture] = field(default_factory=dict)
+    sections: tuple[Section, ...] = ()
+    data: dict[str, Any] = field(default_factory=dict)
+    missing: str = ""
+
+
+def _paper(found: avc.Recommendation, push: dict[str, Any], console: Console) -> _Paper:
+    """Answer the paper's question, beside what is recommended."""
+    from avc_casadi.design.comparison.comparison import with_causal, with_delivered
+    from avc_casadi.files.coupling_file import gain_csv, gain_document
+    from avc_casadi.present.report import paper_pictures, paper_sections
+    from avc_casadi.present.rows import design
+
+    problem = found.problem
     comparison = _compared(problem, None, console)
     if comparison.scope != "pointwise":
         comparison = with_delivered(comparison, problem, _solved(problem, "schedule", console))
@@ -303,33 +310,18 @@ def _run_wall(problem: avc.Problem, args: argparse.Namespace, console: Console, 
         comparison = with_causal(comparison, found.coupling)
     gains = comparison.methods[comparison.delivered]
     certificate = comparison.judged[comparison.delivered].certificate.document()
-    with console.step("device"):
-        push = _pushed(found, unsafe=args.unsafe)
-    with console.step("figures"):
-        wall, paper = wall_pictures(found), paper_pictures(comparison)
-    compare = comparison.document()
-    texts = {
-        "gains.json": json_text(gain_document(gains) | {"certificate": certificate}, problem.units),
+    compare, document = comparison.document(), gain_document(gains)
+    files: dict[str, str | bytes] = {
+        "gains.json": json_text(document | {"certificate": certificate}, problem.units),
         "gains.csv": gain_csv(gains),
         "compare.json": json_text(compare, problem.units),
     }
-    written = None
-    if found.coupling is not None and push.get("deployable") is not False:
-        texts["coupling.json"], written = coupling_text(found.coupling), str(shown / "coupling.json")
-    answer = recommendation(found, args.problem, written)
-    beside = design.paper_data(comparison, gains) | {"push": push}
-    question = [*design.paper(beside), *design.causality(beside), design.device(push)]
-    more = paper_sections(compare, problem, paper, question)
-    texts["report.html"] = report_html(answer, problem, list(wall.values()), package_versions(), more)
-    answer = _written(answer, folder, shown, texts, wall | paper, beside)
-    why = "no coupling is deployable" if found.coupling is None else ""
-    if not why and not found.deployable and not args.unsafe:
-        why = "not deployable, push refused"
-    elif not why and "refused" in push:
-        why = "push refused"
-    missing = design.without_gains(gain_document(gains))
-    complaint = "\n".join(filter(None, [missing, f"avc: {problem.name}: {why}" if why else ""]))
-    return replace(answer, complaint=complaint)
+    with console.step("figures of the paper"):
+        drawn = paper_pictures(comparison)
+    data = design.paper_data(comparison, gains) | {"push": push}
+    question = [*design.paper(data), *design.causality(data), design.device(push)]
+    sections = paper_sections(compare, problem, drawn, question)
+    return _Paper(files, drawn, tuple(sections), data, design.without_gains(document))
 
 
 def _pushed(found: avc.Recommendation, *, unsafe: bool) -> dict[str, Any]:

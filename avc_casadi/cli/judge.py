@@ -21,35 +21,27 @@ if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
     from avc_casadi.model.gains import Gains
 
-_OF_LAW = ("k", "b", "b_p", "cutoff_hz")
-# A figure holds four distinguishable runs.
-_MOST_OTHERS = 3
-
 
 @cli.verb(
     cli.argument("problem", metavar="P", text="problem to judge against; or a coupling file, which has its own"),
     cli.argument("gains", metavar="GAINS", nargs="?", text="coupling or gain file, .json or .csv"),
     cli.flag("--prove", "ask for a proof of rest (L7), seconds a row: proved, refuted (with the hand) or open (why)"),
     cli.argument("--proof-out", metavar="DIR", text="with --prove: write proofs and witnesses"),
-    cli.Group(
-        "your own law in place of GAINS",
-        "force = -(k x + (b + b_p) v); what is left out is 0. The wall of P is not used; P may be a device file.",
-        (
-            cli.argument("--k", "--kp", type=float, metavar="K", text="spring, N/m; N.m/rad of a device that turns"),
-            cli.argument("--b", "--kd", type=float, metavar="B", text="damper in the wall, N.s/m or N.m.s/rad"),
-            cli.argument("--b-p", type=float, metavar="B", text="damper that acts outside the wall too"),
-            cli.argument("--cutoff-hz", type=float, metavar="F", text="first-order filter of the velocity (none)"),
-        ),
-    ),
+    cli.argument("--k", "--kp", type=float, metavar="K", text="own law: spring, N/m; N.m/rad of a device that turns"),
+    cli.argument("--b", "--kd", type=float, metavar="B", text="own law: damper in the wall, N.s/m or N.m.s/rad"),
+    cli.argument("--b-p", type=float, metavar="B", text="own law: damper that acts outside the wall too"),
+    cli.argument("--cutoff-hz", type=float, metavar="F", text="own law: first-order filter of the velocity (none)"),
     cli.VERBOSE,
 )
 def run_certify(args: argparse.Namespace, console: Console) -> Answer:
     """Say whether a coupling may be deployed, and which stability claims it meets.
 
-    It may where it is stable with every hand of [hands] and released; exit code 1 if not. Or of your own spring and
-    damper: avc certify P --k 230 --b 1.2. --prove proves rest (L7) over the device's ranges, without friction.
+    It may where it is stable with every hand of [hands] and released; exit code 1 if not. Or of your own law in place
+    of GAINS, force = -(k x + (b + b_p) v): avc certify P --k 230 --b 1.2; what is left out is 0, the wall of P is not
+    used, and P may be a device file. --prove proves rest (L7) over the device's ranges, without friction.
     """
-    if law := {key: value for key in _OF_LAW if (value := getattr(args, key)) is not None}:
+    law = {key: getattr(args, key) for key in ("k", "b", "b_p", "cutoff_hz") if getattr(args, key) is not None}
+    if law:
         from avc_casadi.present.rows.judge import own_law
 
         cli.refuse(args, "prove", "proof_out", why="goes with a file of gains, not with --k, --b")
@@ -66,8 +58,7 @@ def run_certify(args: argparse.Namespace, console: Console) -> Answer:
     if coupling.end == "simulation":
         cli.refuse(args, "prove", "proof_out", why=cli.OF_WALLS)
         return _certify_pair(problem, coupling, args, console)
-    with nullcontext() if args.proof_out is None else output_folder(args.proof_out, "--proof-out") as folder:
-        return _certify_wall(problem, coupling, notes, args, console, folder)
+    return _certify_wall(problem, coupling, notes, args, console)
 
 
 def _certify_pair(problem: avc.Problem, coupling: Coupling, args: argparse.Namespace, console: Console) -> Answer:
@@ -84,46 +75,39 @@ def _certify_pair(problem: avc.Problem, coupling: Coupling, args: argparse.Names
 
 
 def _certify_wall(
-    problem: avc.Problem,
-    coupling: Coupling,
-    notes: list[str],
-    args: argparse.Namespace,
-    console: Console,
-    proofs: Path | None,
+    problem: avc.Problem, coupling: Coupling, notes: list[str], args: argparse.Namespace, console: Console
 ) -> Answer:
     from avc_casadi.claims.certify import proof_files
     from avc_casadi.claims.levels import asked_for
+    from avc_casadi.files.coupling_file import same_problem
     from avc_casadi.present.rows import holes
     from avc_casadi.present.rows.judge import certificate
+    from avc_casadi.present.rows.subject import name_of
 
-    with console.step(f"certificate of {coupling.schedule.rows} rows"):
-        found = avc.certify(problem, coupling, prove=args.prove, progress=console)
-    written = {} if proofs is None else proof_files(problem, found)
-    for name, one in written.items():
-        assert proofs is not None  # noqa: S101 - written to it alone
-        write_file(proofs / name, json_text(one, problem.units))
+    proofs: dict[str, Any] = {}
+    with nullcontext() if args.proof_out is None else output_folder(args.proof_out, "--proof-out") as folder:
+        with console.step(f"certificate of {coupling.schedule.rows} rows"):
+            found = avc.certify(problem, coupling, prove=args.prove, progress=console)
+        if folder is not None:
+            proofs = proof_files(problem, found)
+            for name, one in proofs.items():
+                write_file(folder / name, json_text(one, problem.units))
     with console.step("table that runs"):
         verdict = avc.deployable(coupling, console).document()
     data = found.document() | {
         "claimed": asked_for(problem),
         "gains": args.gains or args.problem,
         "notes": [*notes, *filter(None, [holes(coupling.schedule)])],
-        "proof_files": list(written),
+        "proof_files": list(proofs),
         "deployable": verdict,
     }
-    return certificate(data, problem, args.problem if args.gains is not None else _file_of(problem))
-
-
-def _file_of(problem: avc.Problem) -> str:
-    """Return the name or the file that holds the problem of a coupling; empty where none here does."""
-    from avc_casadi.files.coupling_file import same_problem
-    from avc_casadi.present.rows.subject import name_of
-
-    name = name_of(problem)
-    try:
-        return name if same_problem(avc.load_problem(name), problem) else ""
-    except avc.InputError:
-        return ""
+    shown = args.problem
+    if args.gains is None:  # of a coupling file: the name of its problem, if that is the same here
+        try:
+            shown = name_of(problem) if same_problem(avc.load_problem(name_of(problem)), problem) else ""
+        except avc.InputError:
+            shown = ""
+    return certificate(data, problem, shown)
 
 
 @cli.verb(
@@ -149,9 +133,10 @@ def run_simulate(args: argparse.Namespace, console: Console) -> Answer:
     from avc_casadi.simulation.screen import explain, screen
 
     problem, gains, notes = cli.subject(args.problem, args.gains)
+    drawn = args.plot and str(args.plot)
     if problem.simulation is not None:
         cli.refuse(args, "against", "explain", "screen", why=cli.OF_WALLS)
-        return _simulate_pair(problem, gains, args, console)
+        return scene(_simulated_pair(problem, gains, args, console), problem, args.problem, drawn)
     given: Coupling | GainSchedule | Gains | None = gains
     if given is None:
         with console.step(f"coupling: {problem.scene.coupling}"):
@@ -162,8 +147,8 @@ def run_simulate(args: argparse.Namespace, console: Console) -> Answer:
             data = screen(problem, given, progress=console).document() | {"notes": notes}
         return screening(data, problem, args.problem)
     others = [] if args.against is None else args.against.split(",")
-    if len(others) > _MOST_OTHERS:
-        raise avc.InputError.of(f"names {len(others)}; allowed: at most {_MOST_OTHERS}", key="--against")
+    if len(others) > 3:  # a figure holds four runs that one can tell apart
+        raise avc.InputError.of(f"names {len(others)}; allowed: at most 3", key="against")
     rows = given.schedule if isinstance(given, Coupling) else given
     if isinstance(rows, GainSchedule) and (why := missing_rest_gains(rows)):
         file, key = (problem.name, "scene.coupling") if args.gains is None else (args.gains, "--gains")
@@ -175,49 +160,43 @@ def run_simulate(args: argparse.Namespace, console: Console) -> Answer:
         facts = facts_of(runs[0])
     with console.step("cost of each effect"):
         parts = explain(problem, given)
-    data = runs[0].document(_saved(runs, None, args, console)) | facts | parts | {"notes": notes}
+    write_figure(console, args.plot, lambda: avc.figures.draw_scene(runs))
+    data = runs[0].document(_trace(runs[0], args.trace)) | facts | parts | {"notes": notes}
     if others:
         data["against"] = [figures_of(run) for run in runs[1:]]
-    answer = scene(data, problem, args.problem, args.plot and str(args.plot))
+    answer = scene(data, problem, args.problem, drawn)
     if args.explain:
-        names = ("Effect", "Whole sample", "States", "Absent")
-        kept = [one for one in answer.rows if one.label.startswith(("Outcome", *names))]
-        answer = replace(answer, rows=tuple(replace(one, rank=0) for one in kept))
+        labels = ("Outcome", "Effect", "Whole sample", "States", "Absent")
+        kept = [replace(one, rank=0) for one in answer.rows if one.label.startswith(labels)]
+        answer = replace(answer, rows=tuple(kept))
     return answer
 
 
-def _saved(runs: list[avc.Run], labels: list[str] | None, args: argparse.Namespace, console: Console) -> Path | None:
-    """Write trace and figure of runs, and return the file of the trace."""
-    trace: Path | None = args.trace
-    if trace is not None:
-        with writing(trace, "--trace"):
-            trace = runs[0].save(trace)
-    if args.plot is not None:
-        from avc_casadi.present.figures.traces import draw_scene
-
-        with console.step("figure"):
-            write_figure(args.plot, draw_scene(runs) if labels is None else draw_scene(runs, labels))
-    return trace
+def _trace(run: avc.Run, path: Path | None) -> Path | None:
+    """Write the traces of a run, and return their file."""
+    if path is None:
+        return None
+    with writing(path, "--trace"):
+        return run.save(path)
 
 
-def _simulate_pair(
+def _simulated_pair(
     problem: avc.Problem, coupling: Coupling | None, args: argparse.Namespace, console: Console
-) -> Answer:
+) -> dict[str, Any]:
+    """Simulate a coupling to a simulation, the recommended one where none is given."""
     from avc_casadi.model.scene import with_gains
-    from avc_casadi.present.rows.judge import scene
 
     gains = (coupling or cli.recommended_coupling(problem, console)).gains
     staged = with_gains(problem, gains)
     with console.step(f"{staged.scene.duration_s:g} s of the scene"):
         found = avc.simulate(staged, seed=args.seed)
-    trace = _saved([found], ["coupling to the simulation"], args, console)
-    data = found.document(trace) | {
+    write_figure(console, args.plot, lambda: avc.figures.draw_scene([found], ["coupling to the simulation"]))
+    return found.document(_trace(found, args.trace)) | {
         "coupling": "recommended" if coupling is None else "given",
         "effects": [{"kind": kind} for kind in found.effects],
         "contact_damping_ns_per_m": None,
         **vars(gains),
     }
-    return scene(data, problem, args.problem, args.plot and str(args.plot))
 
 
 @cli.verb(
@@ -258,33 +237,19 @@ def run_trial(args: argparse.Namespace, console: Console) -> Answer:
 )
 def run_zwidth(args: argparse.Namespace, console: Console) -> Answer:
     """Show which walls the device can render, without coupling and with a constant one."""
-    problem = avc.load_problem(args.problem)
-    if problem.simulation is not None:
-        cli.refuse(args, "method", why=cli.OF_WALLS)
-        return _region_of_pairs(problem, args, console)
-    return _region_of_walls(problem, args, console)
-
-
-def _region_of_pairs(problem: avc.Problem, args: argparse.Namespace, console: Console) -> Answer:
-    from avc_casadi.design.tool_region import tool_region
-    from avc_casadi.present.rows.judge import region
-
-    with console.step("region"):
-        found = tool_region(problem, console)
-    if args.plot is not None:
-        from avc_casadi.present.figures.regions import draw_tool_region
-
-        with console.step("figure"):
-            write_figure(args.plot, draw_tool_region(found))
-    return region(found.document(), problem, args.problem, args.plot and str(args.plot))
-
-
-def _region_of_walls(problem: avc.Problem, args: argparse.Namespace, console: Console) -> Answer:
     from avc_casadi.claims.levels import ideal
     from avc_casadi.claims.zwidth import llewellyn_table, rendered_wall, zwidth
     from avc_casadi.design.static import static_coupling
-    from avc_casadi.present.rows.judge import walls
+    from avc_casadi.design.tool_region import tool_region
+    from avc_casadi.present.rows.judge import region, walls
 
+    problem, drawn = avc.load_problem(args.problem), args.plot and str(args.plot)
+    if problem.simulation is not None:
+        cli.refuse(args, "method", why=cli.OF_WALLS)
+        with console.step("region"):
+            pairs = tool_region(problem, console)
+        write_figure(console, args.plot, lambda: avc.figures.draw_tool_region(pairs))
+        return region(pairs.document(), problem, args.problem, drawn)
     with console.step("region"):
         found = zwidth(problem, console)
     rendered, columns = {}, {}
@@ -294,22 +259,17 @@ def _region_of_walls(problem: avc.Problem, args: argparse.Namespace, console: Co
         b, k = rendered[args.method] = rendered_wall(problem, gains)
         walls_of = {"frequency_hz": gains.frequency_hz, "wall_damping_ns_per_m": b, "wall_stiffness_n_per_m": k}
         columns = {"gains": {"method": args.method} | plain(walls_of)}
-    known, refused = ideal(problem.device), list(found.refused)
-    whole = problem.device.damping_ns_per_m > 0 and known
-    with console.step("static couplings"):
-        llewellyn = llewellyn_table(problem) if whole else None
-        kinds = [(condition, model) for condition in ("llewellyn", "all") for model in ("paper", "sampled-data")]
-        static = [static_coupling(problem, condition, model) for condition, model in kinds] if whole else []  # type: ignore[arg-type]
+    known, refused, static, llewellyn = ideal(problem.device), list(found.refused), [], None
+    if problem.device.damping_ns_per_m > 0 and known:
+        with console.step("static couplings"):
+            llewellyn = plain(llewellyn_table(problem)._asdict())
+            static = [
+                plain(static_coupling(problem, condition, model))
+                for condition in ("llewellyn", "all")
+                for model in ("paper", "sampled-data")
+            ]
     if not known:
         refused.append("constant couplings: known for a rigid device, ideal amplifier and whole samples of delay")
-    if args.plot is not None:
-        from avc_casadi.present.figures.regions import draw_zwidth
-
-        with console.step("figure"):
-            write_figure(args.plot, draw_zwidth(found, rendered))
-    table: dict[str, Any] | None = None
-    if llewellyn is not None:
-        table = plain(llewellyn._asdict())
-    constant = {"llewellyn": table, "static": [plain(vars(one)) for one in static], "refused": refused}
-    data = found.document() | constant | columns
-    return walls(data, problem, args.problem, args.plot and str(args.plot))
+    write_figure(console, args.plot, lambda: avc.figures.draw_zwidth(found, rendered))
+    constant = {"llewellyn": llewellyn, "static": static, "refused": refused}
+    return walls(found.document() | constant | columns, problem, args.problem, drawn)

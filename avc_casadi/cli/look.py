@@ -18,8 +18,6 @@ from avc_casadi.cli import arguments as cli
 from avc_casadi.cli.console import Console, package_versions, write_figure
 from avc_casadi.present.row import Answer
 
-_PROGRAMS = ("cc", "gcc", "clang", "arm-none-eabi-gcc", "qemu-system-arm")
-
 
 @cli.verb()
 def run_list(args: argparse.Namespace, console: Console) -> Answer:  # noqa: ARG001
@@ -70,8 +68,8 @@ def run_check(args: argparse.Namespace, console: Console) -> Answer:  # noqa: AR
         "nyquist_hz": 0.5 / device.sample_time_s,
         "environment_stiffness_n_per_m": stated.environment.stiffness_n_per_m,
         "passive_limit_n_per_m": plain(passive_limit_n_per_m(device)),
-        "simulation": None if tool is None else tool.model_dump(mode="json"),
-        "follower": None if follower is None else follower.model_dump(mode="json"),
+        "simulation": tool and tool.model_dump(mode="json"),
+        "follower": follower and follower.model_dump(mode="json"),
         "declared": list(declared(stated)),
         "not_used": list(not_used(stated)),
         "warnings": warnings,
@@ -97,7 +95,7 @@ def _device(source: str) -> Answer:
         "sources": {key: source.model_dump() for key, source in file.sources.items()},
         "gaps": list(file.gaps),
         "referred_as": Path(source).name if elsewhere else file.name,
-        "sdk_example": None if file.sdk_example is None else file.sdk_example.model_dump(exclude_none=True),
+        "sdk_example": file.sdk_example and file.sdk_example.model_dump(exclude_none=True),
     }
     return device(data, file.device.units)
 
@@ -151,41 +149,31 @@ def run_doctor(args: argparse.Namespace, console: Console) -> Answer:
     """
     from avc_casadi.paper.nlp_solver import SOLVERS
     from avc_casadi.present.rows.look import installation, ports
-
-    found = _ports(args, console)
-    rows = ports(found, asked=args.ask)
-    if args.ports:
-        return Answer("ports", {"ports": found}, ("serial ports; without a device: --port emulator",), tuple(rows))
-    with console.step("solvers"):
-        small = avc.load_problem("soft").changed(frequency={"points": 2})
-        solvers = {name: "failed" not in avc.solve(small, solver=name).status for name in SOLVERS}
-    renamed = {"port": "device", "description": "description", "permitted": "accessible"}
-    data = {
-        "executable": sys.executable,
-        "platform": platform.platform(),
-        "packages": package_versions(),
-        "solvers": solvers,
-        "programs": {name: shutil.which(name) for name in _PROGRAMS},
-        "emulator": find_spec("unicorn") is not None,
-        "ports": [
-            {name: port[key] for name, key in renamed.items()}
-            | {key: port[key] for key in ("serial_number", "avc_device")}
-            for port in found
-        ],
-        "folder_writable": os.access(".", os.W_OK),
-    }
-    return installation(data, rows)
-
-
-def _ports(args: argparse.Namespace, console: Console) -> list[dict[str, Any]]:
-    """List the ports, with --ask with the device behind each; it is None where none was queried or none answers."""
     from avc_hardware import list_ports
 
     found: list[dict[str, Any]] = [vars(port) for port in list_ports()]
     for port in found:
         with console.step(port["device"]):
             port["avc_device"] = _hello(port["device"], args.baud) if args.ask and port["accessible"] else None
-    return found
+    rows = ports(found, asked=args.ask)
+    if args.ports:
+        return Answer("ports", {"ports": found}, ("serial ports; without a device: --port emulator",), tuple(rows))
+    with console.step("solvers"):
+        small = avc.load_problem("soft").changed(frequency={"points": 2})
+        solvers = {name: "failed" not in avc.solve(small, solver=name).status for name in SOLVERS}
+    renamed = {"device": "port", "accessible": "permitted"}
+    compilers = ("cc", "gcc", "clang", "arm-none-eabi-gcc", "qemu-system-arm")
+    data = {
+        "executable": sys.executable,
+        "platform": platform.platform(),
+        "packages": package_versions(),
+        "solvers": solvers,
+        "programs": {name: shutil.which(name) for name in compilers},
+        "emulator": find_spec("unicorn") is not None,
+        "ports": [{renamed.get(key, key): value for key, value in port.items()} for port in found],
+        "folder_writable": os.access(".", os.W_OK),
+    }
+    return installation(data, rows)
 
 
 def _hello(port: str, baud: int) -> dict[str, Any] | None:
@@ -197,13 +185,8 @@ def _hello(port: str, baud: int) -> dict[str, Any] | None:
             device = connection.device
     except avc.LinkError:
         return None
-    return {
-        "unique_id": device.unique_id or None,
-        "build": device.build,
-        "coupling_id": device.coupling_id or None,
-        "sample_time_s": device.sample_time_s,
-        "faults": device.faults,
-    }
+    found = {key: getattr(device, key) for key in ("build", "sample_time_s", "faults")}
+    return found | {"unique_id": device.unique_id or None, "coupling_id": device.coupling_id or None}
 
 
 @cli.verb(cli.PROBLEM, cli.plot("time against error"), cli.VERBOSE)
@@ -218,11 +201,7 @@ def run_accuracy(args: argparse.Namespace, console: Console) -> Answer:
     problem = avc.load_problem(args.problem)
     with console.step("time and error of each solver"):
         costs = solver_costs(problem, console)
-    if args.plot is not None:
-        from avc_casadi.present.figures.paper import draw_accuracy
-
-        with console.step("figure"):
-            write_figure(args.plot, draw_accuracy(costs))
+    write_figure(console, args.plot, lambda: avc.figures.draw_accuracy(costs))
     return accuracy(accuracy_document(problem, costs))
 
 

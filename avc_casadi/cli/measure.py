@@ -6,8 +6,9 @@ import argparse
 import math
 import shlex
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import avc_casadi as avc
 from avc_casadi._util.json_values import plain
@@ -17,12 +18,7 @@ from avc_casadi.cli import arguments as cli
 from avc_casadi.cli.console import Console, package_versions, write_figure, write_text
 from avc_casadi.present.row import Answer
 
-if TYPE_CHECKING:
-    from avc_casadi.identification.excitation import Excitation
-    from avc_hardware import ExcitationLog
-
-# Least travel for `avc identify`, encoder steps.
-_FEWEST_STEPS = 12.0
+_SIGNAL = "multisine: all frequencies at once (default); chirp: one after the other"
 
 
 @cli.verb(
@@ -32,7 +28,7 @@ _FEWEST_STEPS = 12.0
         "--signal",
         choices=("multisine", "chirp"),
         default="multisine",
-        text="multisine: all frequencies at once (default); chirp: one after the other",
+        text="all frequencies at once (default), or one after the other",
     ),
     cli.argument("--seconds", type=cli.positive, default=10.0, metavar="S", text="how long; default 10"),
     *cli.turning("force_n", "N", "force limit; default: half of the device's"),
@@ -51,7 +47,7 @@ def run_excite(args: argparse.Namespace, console: Console) -> Answer:
     """
     from avc_casadi.identification.excitation import plan_excitation
     from avc_casadi.present.rows import measure
-    from avc_hardware import excite
+    from avc_hardware import ExcitationLog, excite
 
     device = cli.load_known(args.device).device
     on_bench = cli.load_known(args.on_bench).device if args.on_bench else device
@@ -59,19 +55,32 @@ def run_excite(args: argparse.Namespace, console: Console) -> Answer:
         raise avc.InputError.of("makes a log, and --plan-only plays nothing; leave one of them out", key="--out")
     if args.on_bench and args.port != "emulator":
         raise avc.InputError.of("goes with --port emulator alone; leave it out", key="--on-bench")
+    limits = cli.of_motion(args, device.units, "force_n", "speed_m_per_s", "travel_m")
     with console.step("plan: a signal within the limits on every device of the ranges"):
-        made = plan_excitation(
-            device,
-            args.signal,
-            seconds=args.seconds,
-            progress=console,
-            **{key: cli.of_motion(args, device.units, key) for key in ("force_n", "speed_m_per_s", "travel_m")},
-        )
-    data: dict[str, Any] = {"plan": _plan(made), "out": None, "log": None}
-    planned = measure.plan(data, device.units, args.device, args.port)
+        made = plan_excitation(device, args.signal, seconds=args.seconds, progress=console, **limits)
+    plan, forecast = made.plan, vars(made.forecast)
+    planned: dict[str, Any] = {
+        "signal": plan.kind,
+        "seconds": plan.seconds,
+        "sample_time_s": plan.sample_time_s,
+        "lowest_hz": plan.band_hz[0],
+        "highest_hz": plan.band_hz[1],
+        "tones": len(plan.signal.step),
+        "peak_force_n": plan.peak_force_n,
+        "held_back_by": plan.units.key(made.held_back_by),
+        "limits": plan.limits,
+        "centring": {"spring_n_per_m": plan.spring_n_per_m, "damper_ns_per_m": plan.damper_ns_per_m},
+        "devices": len(made.devices),
+        "forecast": {
+            "declared": {key: float(values[0, 0]) for key, values in forecast.items()},
+            "worst": {key: float(values.max()) for key, values in forecast.items()},
+        },
+    }
+    data: dict[str, Any] = {"plan": plain(planned), "out": None, "log": None}
+    answer = measure.plan(data, device.units, args.device, args.port)
     if args.plan_only:
-        return planned
-    console.say(console.page.rendered(planned))
+        return answer
+    console.say(console.page.rendered(answer))
 
     def cut(log: ExcitationLog) -> None:
         if args.out is not None:
@@ -79,66 +88,28 @@ def run_excite(args: argparse.Namespace, console: Console) -> Answer:
             shown = measure.log({"log": log.document()}, device.units, log.port, f"{args.out}, cut short")
             console.say(console.page.rendered(shown))
 
+    beside = {"on_bench": on_bench, "baud": args.baud, "on_silence": console.notice}
     with console.step(f"{args.signal} on {args.port}"):
-        log = excite(
-            made.plan,
-            args.port,
-            on_bench=on_bench,
-            baud=args.baud,
-            progress=console,
-            cut=cut,
-            on_silence=console.notice,
-        )
-    data["log"], onwards = log.document(), []
-    moved = data["log"]["peak_travel_m"] / device.encoder_resolution_m if device.encoder_resolution_m else math.inf
-    complaint = ""
-    if not log.whole:
-        complaint = f"{log.end}; " + (_AT_A_LIMIT if "limit" in log.end else "look at the link, then excite again")
-    elif moved < _FEWEST_STEPS:
-        complaint = f"the device moved by {number(moved, 2)} steps of its encoder only, {_STUCK}"
+        log = excite(plan, args.port, progress=console, cut=cut, **beside)
+    data["log"], onwards, complaint = log.document(), [], ""
+    steps = data["log"]["peak_travel_m"] / device.encoder_resolution_m if device.encoder_resolution_m else math.inf
+    if not log.whole and "limit" in log.end:
+        complaint = f"{log.end}; the device is lighter, freer or otherwise held than declared: clear its way, "
+        complaint += "widen [device.range], or give less force"
+    elif not log.whole:
+        complaint = f"{log.end}; look at the link, then excite again"
+    elif steps < 12:  # too little for `avc identify`
+        complaint = f"the device moved by {number(steps, 2)} steps of its encoder only, as if dry friction or a hand "
+        complaint += "held it: free it, or give more force"
     if args.out is not None:
         log.save(args.out)
         data["out"] = str(args.out)
         if not complaint:
-            onwards.append(
-                shlex.join(["avc", "identify", str(args.out), "--device", args.device, "--out", "mine.toml"])
-            )
+            command = ["avc", "identify", str(args.out), "--device", args.device, "--out", "mine.toml"]
+            onwards.append(shlex.join(command))
     title = f"{args.device}   {args.signal} on {log.port}"
     answer = measure.log(data, device.units, title, str(args.out or ""), onwards)
     return replace(answer, complaint=f"avc: {log.port}: {complaint}") if complaint else answer
-
-
-_AT_A_LIMIT = (
-    "the device is lighter, freer or otherwise held than declared: clear its way, widen [device.range], or give less "
-    "force"
-)
-_STUCK = "as if dry friction or a hand held it: free it, or give more force"
-
-
-def _plan(made: Excitation) -> dict[str, Any]:
-
-    plan, forecast = made.plan, vars(made.forecast)
-    low, high = plan.band_hz
-    data: dict[str, Any] = plain(
-        {
-            "signal": plan.kind,
-            "seconds": plan.seconds,
-            "sample_time_s": plan.sample_time_s,
-            "lowest_hz": low,
-            "highest_hz": high,
-            "tones": len(plan.signal.step),
-            "peak_force_n": plan.peak_force_n,
-            "held_back_by": plan.units.key(made.held_back_by),
-            "limits": plan.limits,
-            "centring": {"spring_n_per_m": plan.spring_n_per_m, "damper_ns_per_m": plan.damper_ns_per_m},
-            "devices": len(made.devices),
-            "forecast": {
-                "declared": {key: float(values[0, 0]) for key, values in forecast.items()},
-                "worst": {key: float(values.max()) for key, values in forecast.items()},
-            },
-        }
-    )
-    return data
 
 
 @cli.verb(
@@ -157,14 +128,8 @@ def run_identify(args: argparse.Namespace, console: Console) -> Answer:
     from avc_casadi.present.report import identification_html
     from avc_casadi.present.rows.measure import identification
 
-    found = identify(
-        args.log,
-        layout=cli.log_layout(args),
-        base=cli.load_known(args.device) if args.device else None,
-        flip_force=args.flip_force,
-        handle_radius_m=args.handle_radius_m,
-        progress=console,
-    )
+    base = cli.load_known(args.device) if args.device else None
+    found = identify(args.log, base=base, progress=console, **cli.log_options(args))
     units, complaint = units_for(found.motion), ""
     text = "no device file: see the rows" if found.device is None else device_text(found.device)
     written = [] if args.report is None else [str(args.report)]
@@ -207,34 +172,19 @@ def run_diagnose(args: argparse.Namespace, console: Console) -> Answer:
         problem = avc.load_problem(args.device)
         device, hands = problem.device, problem.hands
     coupling = None if args.coupling is None else cli.read_wall(args.coupling)
-    found = [
-        diagnose(
-            log,
-            layout=cli.log_layout(args),
-            device=device,
-            hands=hands,
-            coupling=coupling,
-            handle_radius_m=args.handle_radius_m,
-            flip_force=args.flip_force,
-            progress=console,
-        )
-        for log in args.log
-    ]
+    known = {"device": device, "hands": hands, "coupling": coupling, **cli.log_options(args)}
+    found = [diagnose(log, progress=console, **known) for log in args.log]
     documents = [each.data() for each in found]
     data: dict[str, Any] = documents[0] if len(found) == 1 else {"logs": documents}
     pictures: list[Path] = []
-    if args.plot is not None:
-        from avc_casadi.present.figures.traces import draw_diagnosis
-
-        many = len(found) > 1
-        pictures = [args.plot.with_stem(f"{args.plot.stem}-{i + 1}") if many else args.plot for i in range(len(found))]
-        for path, each in zip(pictures, found, strict=True):
-            write_figure(path, draw_diagnosis(each))
+    for place, each in enumerate(found if args.plot is not None else ()):
+        pictures.append(args.plot if len(found) == 1 else args.plot.with_stem(f"{args.plot.stem}-{place + 1}"))
+        write_figure(console, pictures[-1], partial(avc.figures.draw_diagnosis, each))
     written = [str(path) for path in (*pictures, args.report) if path is not None]
-    healthy = all(each.verdict == "nothing wrong" for each in found)
     words = [*args.log, *(["--device", args.device] if args.device else [])]
     answer = diagnosis(data, found, f"avc diagnose {shlex.join(words)} -v", written)
     if args.report is not None:
         with console.step("page"):
             write_text(args.report, diagnosis_html(answer, found, package_versions()), "--report")
+    healthy = all(each.verdict == "nothing wrong" for each in found)
     return replace(answer, code=0 if healthy or all(each.cause for each in found) else 1)

@@ -9,8 +9,7 @@ from avc_process import AVC, ENVIRONMENT, command, strict_json
 
 import avc_casadi as avc
 from avc_casadi import dump_problem, load_problem
-from avc_casadi.cli import main
-from avc_casadi.cli.dispatch import VERBS
+from avc_casadi.cli import VERBS, main
 from avc_casadi.coupling import Coupling
 
 

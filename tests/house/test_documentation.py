@@ -12,8 +12,7 @@ from write_documents import PAGES as WRITTEN
 from write_documents import key_tables, written
 
 import avc_casadi
-from avc_casadi.cli import main
-from avc_casadi.cli.dispatch import build_parser
+from avc_casadi.cli import build_parser, main
 from avc_casadi.recommendation import recommend as answering
 
 # The README first: what it writes, others read.
