@@ -178,7 +178,7 @@ class Problem(t.Table):
         follower: a second device at the remote end; None: there is none.
 
     Raises:
-        pydantic.ValidationError: a value is refused, or a rule between values is broken.
+        InputError: with every refused value and every broken rule.
 
     Example:
         >>> problem = avc.load_problem("figure5")

@@ -138,8 +138,13 @@ def test_constant_gains_are_one_row_and_long_tables_no_more_than_a_device_holds(
     assert len(long) <= 256
 
 
-@pytest.mark.parametrize("key", ["hold_s", "slew_per_s", "observer_mass_kg"])
 @pytest.mark.parametrize("value", [-1e-3, float("inf"), float("nan")])
-def test_times_and_masses_are_finite_and_not_negative(key, value):
-    with pytest.raises(ValueError, match=key):
-        Runtime(**{key: value})
+def test_a_runtime_made_in_python_is_refused_with_all_its_faults(value):
+    with pytest.raises(InputError) as refused:
+        Runtime(hold_s=value, slew_per_s=value, observer_mass_kg=value, estimator="none", hold=1.0)
+    keys = [fault.key for fault in refused.value.faults]
+    assert sorted(keys) == ["estimator", "hold", "hold_s", "observer_mass_kg", "slew_per_s"]
+    with pytest.raises(InputError) as inner:
+        Runtime(state_feedback={"state": [["x"]], "dead_zone_m": value})
+    wrong = {f"state_feedback.{key}" for key in ("state[0][0]", "dead_zone_m", "feedback")}
+    assert wrong <= {fault.key for fault in inner.value.faults}
