@@ -1,7 +1,6 @@
 """Figures: drawn from results that are computed elsewhere.
 
-Each function makes a figure of its own, or draws into given axes, one a panel, row by row; of those it changes lines,
-scales, limits and labels only:
+Each function makes a figure of its own, or draws into given axes, one a panel, row by row, and changes no titles:
 
     figure, axes = plt.subplots(2, 2)
     avc.figures.draw_perceived(avc.compare("figure5"), axes=axes)
