@@ -29,7 +29,6 @@ from avc_casadi.model.gains import Gains
 from avc_casadi.model.runtime import Runtime, StateFeedback
 from avc_hardware import Connection, TableImage
 from avc_hardware.codegen.figures import Config
-from avc_hardware.codegen.firmware_fit import FEEDBACK_STATES
 from avc_hardware.link import messages as m
 from avc_hardware.link.device import DeviceStatus
 from avc_hardware.link.faults import Reason, Refusal
@@ -224,7 +223,7 @@ def test_bytes_of_a_table_are_those_of_the_document() -> None:
 @pytest.mark.parametrize(("rows", "states"), [(1, 9), (2, 1), (256, 8), (1, 65535)])
 def test_device_refuses_more_states_than_it_holds_and_states_beside_rows(rows: int, states: int) -> None:
     refusal = link_state_feedback_refused(bytes(600), rows, states)
-    assert refusal == Refusal(Reason.STATES, FEEDBACK_STATES)
+    assert refusal == Refusal(Reason.STATES, 8)
     assert "at most 8" in str(refusal)
 
 

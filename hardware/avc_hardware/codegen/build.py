@@ -35,8 +35,6 @@ if TYPE_CHECKING:
 WARNINGS = ("-Wall", "-Wextra", "-Werror", "-Wconversion", "-Wshadow", "-Wdouble-promotion", "-pedantic")
 # One rounding an operation: without it a fused multiply-add would make boards disagree with each other and the host.
 EXACT_FLOAT = ("-ffp-contract=off", "-fno-fast-math")
-# Any motion is plausible to an image that waits for the configuration of its device.
-_WAITING = Config(BoardLimits().unwatched, RuntimeFigures())
 # The divider of the packaged boards' ports has 16 bits at up to 84 MHz and takes 16 clocks a bit.
 _BAUDS = (2400, 2_000_000)
 
@@ -103,12 +101,14 @@ def build_image(
     out: Path = IMAGE.parent,
     *,
     baud: int | None = None,
-    config: Config = _WAITING,
+    config: Config | None = None,
     bound: bool = False,
 ) -> Path:
     """Build the ELF image of a board, whose configuration is its own for ever where it is bound."""
     boards = FIRMWARE / "boards"
     board = board or read_board(boards / PACKAGED)
+    # Any motion is plausible to an image that waits for the configuration of its device.
+    config = config or Config(BoardLimits().unwatched, RuntimeFigures())
     common = ("memory.c", "main.c", "defaults.c", "start.c")
     image = out / f"{board.name}.elf"
     out.mkdir(parents=True, exist_ok=True)

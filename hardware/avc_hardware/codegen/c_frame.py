@@ -17,11 +17,6 @@ if TYPE_CHECKING:
 NAME = "avc_coupling"
 HEADER, SOURCE = f"{NAME}.h", f"{NAME}.c"
 
-# Excludes *, \ and ?: without them no comment ends or begins, no line continues in the next, and there is no trigraph.
-_FOREIGN = re.compile(r"[^A-Za-z0-9 .,:;()\[\]+=<>%_'/-]")
-_WIDTH = 115
-# Lower case, since macros have its name in capitals; a linker of C99 distinguishes 31 characters.
-_NAME = re.compile(r"[a-z]([a-z0-9_]{0,18}[a-z0-9])?")
 # Headers of C that NAME.h would hide.
 _HEADERS = re.compile(
     "assert|complex|ctype|errno|fenv|float|inttypes|iso646|limits|locale|math|setjmp|signal|stdalign|stdarg|stdatomic|"
@@ -69,7 +64,8 @@ def checked(precision: str, name: str) -> Precision:
     """Return a precision by name."""
     if precision not in PRECISIONS:
         raise InputError.of(f"is {precision!r}; allowed: {', '.join(PRECISIONS)}", key="precision")
-    if not _NAME.fullmatch(name):
+    # Lower case, since macros have its name in capitals; a linker of C99 distinguishes 31 characters.
+    if not re.fullmatch(r"[a-z]([a-z0-9_]{0,18}[a-z0-9])?", name):
         told = f"is {name!r}; allowed: a small letter, then small letters and digits with low lines between, at most 20"
         raise InputError.of(told, key="name")
     if _HEADERS.fullmatch(name):
@@ -106,9 +102,10 @@ def _renamed(text: str, name: str) -> str:
 
 def comment(text: str) -> str:
     """Return any text as one line of a comment; other characters become an underscore."""
-    return _FOREIGN.sub("_", " ".join(text.split()))
+    # Excludes *, \ and ?: no comment ends or begins there, no line continues in the next, and there is no trigraph.
+    return re.sub(r"[^A-Za-z0-9 .,:;()\[\]+=<>%_'/-]", "_", " ".join(text.split()))
 
 
 def comment_lines(text: str) -> str:
     """Return any text as lines of a comment, each after the first behind an asterisk."""
-    return "\n * ".join(textwrap.wrap(comment(text), _WIDTH))
+    return "\n * ".join(textwrap.wrap(comment(text), 115))

@@ -17,9 +17,6 @@ if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
     from avc_casadi.model.runtime import StateFeedback
 
-FEEDBACK_STATES = 8
-"""Largest number of observer states of the packaged firmware."""
-
 
 def wall_alone(coupling: Coupling) -> None:
     """Refuse detents, which a table does not hold; the exported source does."""
@@ -93,7 +90,8 @@ def check_runs_on(coupling: Coupling, device: RunningFirmware | None = None) -> 
     if runtime.observer_mass_kg is not None:
         lacks.append("it has no observer between encoder steps (runtime.observer_mass_kg)")
     feedback, constant = runtime.state_feedback, coupling.table.constant
-    most = FEEDBACK_STATES if device is None else device.capacity_states
+    # The packaged firmware holds 8.
+    most = 8 if device is None else device.capacity_states
     if feedback is not None and feedback.states > most:
         lacks.append(
             f"it holds {most} states of an observer, the coupling has {feedback.states} (runtime.state_feedback; "

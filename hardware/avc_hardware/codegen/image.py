@@ -56,7 +56,6 @@ def read_elf(path: Path) -> Image:
     return Image(segments, symbols)
 
 
-_ERASED = 0xFF
 _DATA, _END, _HIGH_ADDRESS = 0, 1, 4
 _LINE = 16
 
@@ -65,7 +64,7 @@ def as_binary(image: Image) -> tuple[int, bytes]:
     """Return the address of the first byte and all bytes from it; gaps hold the value of erased flash."""
     first = min(segment.address for segment in image.segments)
     last = max(segment.address + len(segment.data) for segment in image.segments)
-    data = bytearray([_ERASED]) * (last - first)
+    data = bytearray([0xFF]) * (last - first)
     for segment in image.segments:
         at = segment.address - first
         data[at : at + len(segment.data)] = segment.data

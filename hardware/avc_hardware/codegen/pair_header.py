@@ -32,8 +32,6 @@ _THREADS = """: an engine in a thread of its own takes the lock of the device's 
  * another computer has its own avc_coupling_t, writes own.position_m and own.velocity_m_per_s of the device's newest
  * sample into it and 1 into started, and calls {call}"""
 
-FADE_S = 0.05
-"""Fade time of a force, down and up: long for a sample, short for a hand."""
 MISSED_STEPS = 5
 """An engine that has missed so many of its longest steps counts as hanging."""
 
@@ -209,7 +207,8 @@ _ENGINE_DEFINES = """\
 
 def fade_samples(device: Device) -> int:
     """Return the number of samples in which a force fades."""
-    return max(1, round(FADE_S / device.sample_time_s))
+    # Long for a sample, short for a hand.
+    return max(1, round(0.05 / device.sample_time_s))
 
 
 def pair_header(coupling: Coupling, precision: Precision, verdict: str, silences_s: Sequence[float]) -> str:

@@ -12,17 +12,6 @@ if TYPE_CHECKING:
 
 FARTHEST_M = 1e6
 """Larger positions count as infinite, and single precision might end."""
-FASTEST_M_PER_S = 10.0
-"""No hand moves the handle faster: a larger step in a sample is a sensor fault."""
-HAND_M_PER_S2 = 100.0
-"""No hand accelerates the handle more outside the wall, where nothing else does: ten times that of a fast tap."""
-# Six standard deviations of a second difference, in which noise of 1 has sqrt(1 + 4 + 1).
-_NOISE = 15.0
-# A second difference has two steps of rounding, and two more of a flickering count.
-_STEPS = 4
-# By which movements may differ, at the handle, where no encoder is declared: it has steps all the same, of 50 um or
-# less. Otherwise a fast loop would take each of them for a fault, and its wall would never push.
-_UNDECLARED_M = 1e-4
 
 
 @dataclass(frozen=True)
@@ -41,11 +30,15 @@ class SensorBounds:
         time, ranges = device.sample_time_s, device.range
         step = max((device.encoder_resolution_m or 0.0, *(ranges.encoder_resolution_m or ())))
         noise = max((device.position_noise_rms_m, *(ranges.position_noise_rms_m or ())))
-        fastest = FASTEST_M_PER_S / device.metres_per_unit
+        # No hand moves the handle faster: a larger step in a sample is a sensor fault.
+        fastest = 10.0 / device.metres_per_unit
         most = board_limits(device).max_acceleration_m_per_s2
-        alone = HAND_M_PER_S2 / device.metres_per_unit + actuator_m_per_s2(device)
-        unsure: float = _STEPS * step + _NOISE * noise
-        least = 0.0 if step else _UNDECLARED_M / device.metres_per_unit
+        # No hand accelerates it more outside the wall, where nothing else does: ten times that of a fast tap.
+        alone = 100.0 / device.metres_per_unit + actuator_m_per_s2(device)
+        # Two steps of rounding, two of a flickering count; six deviations of a second difference, of sqrt(1 + 4 + 1).
+        unsure: float = 4 * step + 15.0 * noise
+        # At the handle: an undeclared encoder has steps of 50 um or less, none of which is a fault.
+        least = 0.0 if step else 1e-4 / device.metres_per_unit
 
         def change_m(acceleration_m_per_s2: float) -> float:
             return max(acceleration_m_per_s2 * time**2, least) + unsure

@@ -28,8 +28,6 @@ from avc_hardware.codegen.figures import NO_SLEW_PER_S, RuntimeFigures
 
 LAWS = {"gated": False, "clips": True}
 """Whether the contact law of each name is clip-last."""
-# In the order of `Environment`.
-_WALL = ("wall_stiffness_n_per_m", "wall_damping_ns_per_m")
 GAINS = ("damping_ns_per_m", "stiffness_n_per_m", "contact_damping_ns_per_m")
 SAMPLE_TIMES_S = (5e-5, 1 / 300)
 """Range of sample times of one program: below, a tick has too few cycles; above, the estimator has fewer resonators."""
@@ -238,7 +236,7 @@ def _couple(adaptation: Adaptation, estimate: _AnyTick, gains: dict[str, Any], *
     hold_states = len(couple.states)
     adaptation.sample(couple)
     del couple.states[hold_states:]
-    wall: dict[str, Any] = {name: ca.SX.sym(name) for name in _WALL}
+    wall: dict[str, Any] = {name: ca.SX.sym(name) for name in ("wall_stiffness_n_per_m", "wall_damping_ns_per_m")}
     # With constant gains nothing relaxes out of contact: their scene has no adaptation.
     relaxes = {"relaxes": ca.SX.sym("relaxes")}
     laws = {"clips_last": ca.SX.sym("clips_last")} if clips_last is None else {}

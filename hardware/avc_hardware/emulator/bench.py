@@ -18,10 +18,6 @@ if TYPE_CHECKING:
 
 
 _CODE_ZERO, _CODE_FULL = 2048, 2047
-# Parts of a sample in which the velocity changes evenly.
-_PARTS = 16
-# A share of a sample that counts as 0.
-_NOTHING = 1e-9
 
 
 @dataclass(frozen=True)
@@ -49,9 +45,10 @@ class BenchPlant:
         self._friction_n = friction_n
         # Until the newer force arrives, and after: in one step, and in short ones in which friction reverses.
         self._halves = [
-            (_parts(plant, share * sample_time_s, 1)[0], _parts(plant, share * sample_time_s, _PARTS), newer)
+            # The velocity changes evenly within each of 16 parts of a sample.
+            (_parts(plant, share * sample_time_s, 1)[0], _parts(plant, share * sample_time_s, 16), newer)
             for share, newer in ((late, False), (1.0 - late, True))
-            if share > _NOTHING
+            if share > 1e-9
         ]
         self._positions = [index for index, name in enumerate(plant.names) if name.endswith("_position_m")]
         self.state: FloatArray = np.zeros(plant.states)

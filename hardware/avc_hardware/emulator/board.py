@@ -17,10 +17,6 @@ if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
 
 
-# Time in which the firmware clears its memory and switches the serial port on; earlier bytes are lost.
-_BOOT_S = 2e-3
-
-
 def tapping_hand(time_s: float) -> float:
     """Position of the hand on the emulated board, metres: 0.4 mm about the wall's face, 1 to 9 Hz and back in 8 s."""
     swing = 2 * math.pi * time_s / 8
@@ -55,7 +51,8 @@ class EmulatedBoard:
             slice_cycles=slice_cycles,
             on_instruction=on_instruction,
         )
-        self.machine.run_until(round(_BOOT_S * CLOCK_HZ))
+        # The firmware clears its memory and switches the serial port on: earlier bytes are lost.
+        self.machine.run_until(round(2e-3 * CLOCK_HZ))
 
     @property
     def name(self) -> str:

@@ -20,19 +20,10 @@ _WATCHDOG, _PORTS, _RESETS = 0x40003000, 0x40020000, 0x40023000
 _PAGE = 0x1000
 # Return address of interrupt handlers: a page of its own, never executed.
 _RETURN = 0x1FFF0000
-_STACKED_BYTES = 26 * 4
 _SYSTICK_VECTOR, _SERIAL_VECTOR = 15, 16 + 37
 _RECEIVED, _OVERRUN, _TRANSMIT_EMPTY, _TRANSMITTED = 1 << 5, 1 << 3, 1 << 7, 1 << 6
-_RECEIVE_INTERRUPT = 1 << 5
-_COUNTED = 1 << 16
 # Reset causes of RCC_CSR, and their clear bit; the clock of the watchdog.
 BY_WATCHDOG, BY_POWER_ON, BY_BROWN_OUT = 1 << 29, 1 << 27, 1 << 25
-_FORGET = 1 << 24
-_SLOW_HZ = 32_000
-# The encoder's counter has 16 bits and is read once a tick: a place far from where it was switched on takes some ticks.
-_AT_ONCE = 1 << 14
-# An interrupt handler that runs for longer than this hangs: ten sample times.
-_HANDLER_LIMIT = 1_680_000
 
 
 class Machine:
@@ -193,17 +184,18 @@ class Machine:
             else:
                 self._data = byte
                 self._status |= _RECEIVED
-            if self._registers.get(_SERIAL + 0xC, 0) & _RECEIVE_INTERRUPT:
+            if self._registers.get(_SERIAL + 0xC, 0) & 1 << 5:
                 self._interrupt(_SERIAL_VECTOR)
 
     def _interrupt(self, vector: int) -> None:
         core = self._core
         core.context_update(self._saved)  # the registers stacked by hardware and handler
         stack = core.reg_read(self._arm.UC_ARM_REG_SP)
-        core.reg_write(self._arm.UC_ARM_REG_SP, (stack - _STACKED_BYTES) & ~7)
+        core.reg_write(self._arm.UC_ARM_REG_SP, (stack - 26 * 4) & ~7)
         core.reg_write(self._arm.UC_ARM_REG_LR, _RETURN | 1)
         (handler,) = struct.unpack("<I", core.mem_read(_FLASH + 4 * vector, 4))
-        self._execute(handler, _RETURN, _HANDLER_LIMIT)
+        # A handler that runs for ten sample times hangs.
+        self._execute(handler, _RETURN, 1_680_000)
         if core.reg_read(self._arm.UC_ARM_REG_PC) & ~1 != _RETURN:
             raise LinkError(f"the emulated firmware hangs in interrupt {vector}")
         core.context_restore(self._saved)
@@ -220,12 +212,13 @@ class Machine:
                 return self._data
             case 0x40010424:
                 ahead = self._encoder(self.cycle) - self._count
-                self._count += max(-_AT_ONCE, min(ahead, _AT_ONCE))
+                # A counter of 16 bits, read once a tick: a place far from where it was switched on takes some ticks.
+                self._count += max(-16384, min(ahead, 16384))
                 return self._count & 0xFFFF
             case 0x40020410:
                 return 0 if self.enabled else 1
             case 0xE000E010:
-                value = self._registers.get(_SYSTEM + 0x10, 0) | (_COUNTED if self._counted else 0)
+                value = self._registers.get(_SYSTEM + 0x10, 0) | (1 << 16 if self._counted else 0)
                 self._counted = False
             case address:
                 value = self._registers.get(address, 0)
@@ -243,8 +236,8 @@ class Machine:
                 self._actuator(value)
             case 0x40003000 if value in {0xAAAA, 0xCCCC}:
                 ticks = (self._registers.get(_WATCHDOG + 8, 0xFFF) + 1) * (4 << self._registers.get(_WATCHDOG + 4, 0))
-                self._bites = self.cycle + ticks * CLOCK_HZ // _SLOW_HZ
-            case 0x40023874 if value & _FORGET:
+                self._bites = self.cycle + ticks * CLOCK_HZ // 32_000
+            case 0x40023874 if value & 1 << 24:
                 self._registers[address] = 0
             case 0xE000E010:
                 on = bool(value & 1)

@@ -10,8 +10,6 @@ import serial
 
 from avc_casadi import LinkError, PortError
 
-# Longest block of a single write: a device that takes no bytes for so long is gone.
-WRITE_TIMEOUT_S = 2.0
 # What pyserial ends in at a URL that lacks something.
 _NO_NAME = (TypeError, KeyError, UnicodeError, re.error)
 
@@ -48,7 +46,8 @@ class SerialLink:
                 port,
                 baudrate=baud,
                 timeout=0,
-                write_timeout=WRITE_TIMEOUT_S,
+                # A device that takes no bytes for so long is gone.
+                write_timeout=2.0,
                 exclusive=True,
                 do_not_open=True,
             )

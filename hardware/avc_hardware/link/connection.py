@@ -67,17 +67,9 @@ EMULATOR_IS_FRESH = (
     "the emulated board is a fresh one in every command: no table and no state carries over from one to the next"
 )
 USB = "usb:"
-RAMP_S = 0.1
-"""Time in which the force falls once the host is silent."""
 DEFAULT_BAUD = 115200
 # The slowest that anybody uses, and the fastest USB bridge.
 _BAUDS = 1200, 12_000_000
-# A full window out and a full answer back, ten bits a byte, and time for the device and the driver to think.
-_BYTES_ON_THE_WAY = 1536 + 1024
-_THINKING_S = 0.15
-# A board that restarts when its port is opened is silent for longer than it takes to answer.
-_SILENCE_S = 1.0
-_DEADLINE_S = 15.0
 
 
 class Connection:
@@ -99,10 +91,11 @@ class Connection:
             link.close()
             raise InputError.of(f"is {deadline_s}; allowed: above 0 s, or None for the usual", key="deadline_s")
         self.link = link
-        timeout_s = _THINKING_S + _BYTES_ON_THE_WAY * 10 / baud
+        # A full window out and a full answer back, ten bits a byte, and time for the device and the driver to think.
+        timeout_s = 0.15 + (1536 + 1024) * 10 / baud
         number = secrets.randbits(32) if session is None else session
         self.session = Session(number, timeout_s=timeout_s, on_wait=on_wait)
-        self._deadline_s = _DEADLINE_S + 4 * 2 * 4200 * 10 / baud if deadline_s is None else deadline_s
+        self._deadline_s = 15.0 + 4 * 2 * 4200 * 10 / baud if deadline_s is None else deadline_s
         self._on_log, self._on_silence = on_log, on_silence
         self._decoder = Decoder()
         self._waiting: deque[tuple[int, Message]] = deque()
@@ -134,7 +127,8 @@ class Connection:
                     raise LinkError(
                         f"{self.link.name}: gave up after {self._deadline_s:.0f} s; the link loses too much"
                     )
-                if answer is None and silent and self._on_silence is not None and waited_s >= _SILENCE_S:
+                # A board that restarts when its port is opened is silent for longer than it takes to answer.
+                if answer is None and silent and self._on_silence is not None and waited_s >= 1.0:
                     left_s = max(self.session.patience_s - waited_s, 0.0)
                     self._on_silence(
                         f"{silent} for {waited_s:.1f} s; asking again for at most {left_s:.1f} s (Ctrl-C ends it)"
@@ -171,7 +165,7 @@ class Connection:
     def let_force_fall(self) -> None:
         """End the heartbeats: the force falls to 0 within 0.1 s; returns after that."""
         self.ask(Kind.HEARTBEAT, words(1), Acknowledged)
-        self.wait(RAMP_S + 3 * self.device.sample_time_s)
+        self.wait(0.1 + 3 * self.device.sample_time_s)
 
     def _exchange(self, exchange: Exchange, end: float) -> Answer:
         if exchange.data:

@@ -33,7 +33,6 @@ if TYPE_CHECKING:
 
 _HEAD = struct.Struct("<5I5f4H33HH")
 _TONE = struct.Struct("<IHh")
-_RUNS = 1
 ENDS = {
     2: "played to the end",
     3: "stopped by the host",
@@ -43,7 +42,6 @@ ENDS = {
     7: "stopped: the device latched a fault (avc monitor)",
 }
 """Ends of an excitation, by the device's number."""
-_PLAYED = 2
 # Records that are worth a request, and how long to wait for them at most.
 _WORTH = 200
 _WAIT_S = 0.1
@@ -211,7 +209,7 @@ class _Records:
             plan=self.plan,
             port=self.port,
             end=end or ENDS.get(part.state, f"ended in a way unknown to this program ({part.state})"),
-            whole=end is None and part.state == _PLAYED,
+            whole=end is None and part.state == 2,
             start_tick=part.start_tick,
             index=at,
             position_m=np.array(self.counts, dtype=np.float64) * self.plan.metres_per_count,
@@ -229,7 +227,7 @@ def _read(connection: Connection, records: _Records, number: int, progress: Prog
         records.take(part)
         progress.advance(min(records.following, plan.ticks), plan.ticks, "records")
         waiting = part.made - records.following
-        if part.state != _RUNS and not waiting:
+        if part.state != 1 and not waiting:
             return records.log()
         if waiting < _WORTH:
             connection.wait(min(_WAIT_S, (_WORTH - waiting) * plan.sample_time_s))

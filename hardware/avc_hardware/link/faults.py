@@ -60,7 +60,6 @@ _ADVICE = {
 }
 
 INTERFACE_VERSION = 12  # of the messages' meaning
-_REFUSED = struct.Struct("<HHI")
 
 
 class Reason(IntEnum):
@@ -157,7 +156,7 @@ class Refusal:
     @classmethod
     def read(cls, payload: bytes) -> Refusal:
         """Read the payload of REFUSED."""
-        code, _, detail = _REFUSED.unpack(payload)
+        code, _, detail = struct.unpack("<HHI", payload)
         return cls(_reason(code), detail)
 
 

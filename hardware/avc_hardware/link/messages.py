@@ -14,7 +14,6 @@ from avc_hardware.link.frames import PROTOCOL_VERSION, Frame
 from avc_hardware.link.telemetry import Telemetry
 
 REPLY = 0x80
-UNITS_SI = 1  # Hz, N.s/m, N/m, N.s/m
 
 
 class Kind(IntEnum):
@@ -41,9 +40,6 @@ class Kind(IntEnum):
     REFUSED = 0xFF
 
 
-_BEGIN = struct.Struct("<IIIHHHH")
-_SET_GAINS = struct.Struct("<II3fI")
-_GAINS_TAKEN = struct.Struct("<II3f")
 _RECORDS = struct.Struct("<5Ii")
 _WORDS = 8  # bytes of two
 
@@ -153,12 +149,13 @@ def hello(session: int, interface_version: int = INTERFACE_VERSION) -> bytes:
 
 def begin(session: int, table_id: int, crc32: int, rows: int, states: int = 0) -> bytes:
     """Payload of BEGIN."""
-    return _BEGIN.pack(session, table_id, crc32, rows, UNITS_SI, states, 0)
+    si_units = 1
+    return struct.pack("<IIIHHHH", session, table_id, crc32, rows, si_units, states, 0)
 
 
 def set_gains(coupling_id: int, number: int, ticks: int, b: float, k: float, b_p: float) -> bytes:
     """Payload of SET_GAINS: gains of a coupling whose table the device runs; they hold for ``ticks``."""
-    return _SET_GAINS.pack(number, ticks, b, k, b_p, coupling_id)
+    return struct.pack("<II3fI", number, ticks, b, k, b_p, coupling_id)
 
 
 def _acknowledged(payload: bytes) -> Acknowledged:
@@ -176,7 +173,7 @@ _PARSERS: dict[int, Callable[[bytes], Message]] = {
     Kind.STATUS | REPLY: DeviceStatus.read,
     Kind.HEARTBEAT | REPLY: _acknowledged,
     Kind.CLEAR | REPLY: _acknowledged,
-    Kind.SET_GAINS | REPLY: lambda payload: GainsTaken(*_GAINS_TAKEN.unpack(payload)),
+    Kind.SET_GAINS | REPLY: lambda payload: GainsTaken(*struct.unpack("<II3f", payload)),
     Kind.EXCITE | REPLY: _acknowledged,
     Kind.STOP | REPLY: _acknowledged,
     Kind.RECORDS | REPLY: Records.read,

@@ -18,15 +18,11 @@ T = TypeVar("T")
 
 RETRIES = 4
 ATTEMPTS = 5
-# The device drops a transfer that another host abandoned two seconds ago; four waits are longer.
-BUSY_WAIT_S = 0.7
 # A table takes over out of contact: polling interval, and number of polls before it is given up.
 CONTACT_WAIT_S = 0.25
 CONTACT_TRIALS = 40
 # Sample times of control loops; beyond them a report is a wrong one.
 _FASTEST_S, _SLOWEST_S = 1e-6, 1.0
-_ANEW = {Reason.SIZE, Reason.BUSY, Reason.NO_TRANSFER, Reason.OFFSET, Reason.CRC, Reason.NO_TABLE}
-"""Refusals after which a transfer is started anew."""
 
 
 class NoAnswerError(LinkError):
@@ -162,11 +158,13 @@ class Session:
                     device = yield from self.hello()
                 table_id, image = yield from self.read_table(len(table.image), device.chunk_bytes)
             except RefusedError as error:
-                if error.refusal.reason not in _ANEW:
+                anew = {Reason.SIZE, Reason.BUSY, Reason.NO_TRANSFER, Reason.OFFSET, Reason.CRC, Reason.NO_TABLE}
+                if error.refusal.reason not in anew:
                     raise
                 failure = error
                 if error.refusal.reason is Reason.BUSY:
-                    yield from _wait(BUSY_WAIT_S)
+                    # The device drops a transfer that another host abandoned two seconds ago; four waits are longer.
+                    yield from _wait(0.7)
             else:
                 if (image, config) == (table.image, table.config) and table_id in {table.table_id, 0}:
                     return Upload(device, image, attempt, committed.ticks, committed.waited)

@@ -32,12 +32,6 @@ MIN_RATE_HZ, MAX_RATE_HZ = 1.0, 100.0
 _SHARE_LOST = 0.1
 # Streamed gains hold for so many periods; after that the device falls back to its table.
 HOLD_PERIODS = 3
-# Refusals that do not end a stream: their effects are reported at its end.
-_KEPT = {Reason.STALE, Reason.NO_TABLE, Reason.MODE, Reason.OTHER_COUPLING}
-# Number of such periods to wait for that at the end.
-_PATIENCE = 20
-# When the host itself is late: still allow time for the answer.
-_LEAST_WAIT_S = 2e-3
 
 
 @dataclass(frozen=True)
@@ -107,13 +101,15 @@ def stream(
             end, at = start + (number + 1) / rate_hz, link.now_s()
             b, k, b_p = map(float, lookup(rows, np.float32(frequency)))
             payload = m.set_gains(int(coupling.id, 16), number, hold_ticks, b, k, b_p)
-            answer = connection.run(_send(connection.session, payload, max(end - at, _LEAST_WAIT_S)))
+            # When the host itself is late: still allow time for the answer.
+            answer = connection.run(_send(connection.session, payload, max(end - at, 2e-3)))
             heard = (math.nan, math.nan, math.nan, math.nan)
             if isinstance(answer, GainsTaken):
                 frequency = answer.lookup_hz
                 heard = (answer.frequency_hz, frequency, answer.force_n, link.now_s() - at)
             elif isinstance(answer, Refusal):
-                if answer.reason not in _KEPT:
+                # These do not end a stream: their effects are reported at its end.
+                if answer.reason not in {Reason.STALE, Reason.NO_TABLE, Reason.MODE, Reason.OTHER_COUPLING}:
                     raise LinkError(f"{link.name}: the device refused streamed gains: {answer}")
                 refusals.append(answer)
             samples.append(StreamSample(number, at - start, *heard[:2], b, k, b_p, *heard[2:]))
@@ -123,7 +119,7 @@ def stream(
         lasted = link.now_s() - start
         middle = after = connection.status()
         # The device counts in its own ticks, which may lag behind this computer's clock.
-        for _ in range(_PATIENCE):
+        for _ in range(20):
             if not after.streaming:
                 break
             connection.wait(HOLD_PERIODS / rate_hz)

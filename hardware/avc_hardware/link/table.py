@@ -29,13 +29,7 @@ def lookup(rows: Float32Array, frequency_hz: ArrayLike) -> Float32Array:
     return interpolate(rows, frequency_hz, ln)
 
 
-FLAG_DAMPED = 1
-FLAG_VARIES = 2
-FLAG_GUARD = 4
-FLAG_CLIPS = 8
-STATES_BIT = 8
 HEADER = struct.Struct("<HH6fI")
-FEEDBACK_HEADER = struct.Struct("<HHff")
 
 
 @dataclass(frozen=True)
@@ -97,8 +91,8 @@ class TableImage:
         """The bytes that are sent, checked and read back."""
         if not len(self.rows):
             return b""
-        flags = FLAG_DAMPED * self.damped | FLAG_VARIES * self.varies | FLAG_GUARD * self.guard
-        flags |= FLAG_CLIPS * self.clips_last | self.states << STATES_BIT
+        marks = (self.damped, self.varies, self.guard, self.clips_last)
+        flags = sum(mark << bit for bit, mark in enumerate(marks)) | self.states << 8
         header = HEADER.pack(
             *(len(self.rows), flags, self.sample_time_s, self.wall_damping_ns_per_m, self.wall_stiffness_n_per_m),
             *(self.safe_damping_ns_per_m, self.safe_stiffness_n_per_m, self.max_force_n, self.coupling_id),
@@ -109,7 +103,7 @@ class TableImage:
         # After the rows: which states are positions, dead zone, face, then A by rows, B, L and R.
         *matrices, dead_zone_m, face_m = single_feedback(self.feedback)
         positions = sum(1 << place for place in set(self.feedback.positions))
-        head = FEEDBACK_HEADER.pack(self.feedback.measures, positions, dead_zone_m, face_m)
+        head = struct.pack("<HHff", self.feedback.measures, positions, dead_zone_m, face_m)
         return image + head + np.array(matrices, dtype="<f4").tobytes()
 
     @property

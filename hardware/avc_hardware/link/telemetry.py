@@ -15,7 +15,6 @@ from avc_hardware.link.device import MODES
 from avc_hardware.link.faults import DeviceFault
 
 _HEAD = struct.Struct("<5I")
-_RECORD = struct.Struct("<Ii7fI4B")
 
 
 @dataclass(frozen=True)
@@ -33,7 +32,7 @@ class Telemetry:
     def read(cls, payload: bytes) -> Telemetry:
         """Read the payload of TELEMETRY."""
         number, dropped, every, boot_id, coupling_id = _HEAD.unpack_from(payload)
-        unpacked = _RECORD.iter_unpack(payload[_HEAD.size :])
+        unpacked = struct.iter_unpack("<Ii7fI4B", payload[_HEAD.size :])
         records = tuple((*one[:-4], MODES[one[-4]], *map(bool, one[-3:])) for one in unpacked)
         return cls(number, dropped, every, boot_id, f"{coupling_id:08x}" if coupling_id else "", records)
 
@@ -90,8 +89,6 @@ _COLUMNS: tuple[str, ...] = (
     *("tick", "time_ms", "position_um", "force_N", "velocity_m_per_s", "frequency_hz", "damping_ns_per_m"),
     *("stiffness_n_per_m", "contact_damping_ns_per_m", "energy_j", "mode", "faults", "coupling", "boot", "lost"),
 )
-# As in `avc excite` for a rotary device.
-_ROTARY = {"position_um": "angle_urad", "force_N": "torque_Nm"}
 
 
 @contextmanager
@@ -111,7 +108,8 @@ class TelemetryLog:
             raise InputError.of("allowed: a name that ends in .csv", file=str(path))
         units, columns = units_for(motion), _COLUMNS
         if not units.linear:
-            columns = tuple(_ROTARY.get(name) or units.key(name) for name in _COLUMNS)
+            turning = {"position_um": "angle_urad", "force_N": "torque_Nm"}
+            columns = tuple(turning.get(name) or units.key(name) for name in _COLUMNS)
         along = columns[2].partition("_")[0]
         self._path = path
         with _written(path):
