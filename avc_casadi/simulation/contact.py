@@ -38,7 +38,12 @@ class Environment:
     @property
     def present(self) -> bool:
         """Whether it can exert a force."""
-        return self.stiffness_n_per_m > 0 or self.damping_ns_per_m > 0
+        return self.stiffness_n_per_m > 0 or self.damped
+
+    @property
+    def damped(self) -> bool:
+        """Whether it has a damper, whose rate needs a state."""
+        return self.damping_ns_per_m > 0
 
     def by_law(self, clip_last: Expr, gated: Expr) -> Expr:
         """Select a value by contact law; a two-sided environment is linear, as the clip-last law is."""
@@ -80,7 +85,7 @@ def _series_force(tick: Tick, environment: Environment, *, rigid: bool) -> Expr:
     k_e, b_e, one_sided = environment.stiffness_n_per_m, environment.damping_ns_per_m, environment.one_sided
     offset: Expr = 0.0
     kappa_e = k_e
-    if b_e > 0:
+    if environment.damped:
         surface = _surface(tick, environment)
         kappa_e = k_e + b_e * surface.gain
         offset = b_e / kappa_e * surface.offset
@@ -99,7 +104,7 @@ def _series_force(tick: Tick, environment: Environment, *, rigid: bool) -> Expr:
     if series is not None:
         stretch.settle(x - tool)
     depth = ca.fmax(tool, 0) if one_sided else tool
-    if b_e > 0:
+    if environment.damped:
         surface.settle(by_law(tool, depth))
     tick.trace("tool_m", tool)
     tick.environment_energy_j = 0.5 * k_e * depth * depth
