@@ -22,10 +22,6 @@ if TYPE_CHECKING:
 ROUNDING = 16 * float(np.finfo(np.float64).eps)
 """Rounding of a sum of a few terms, relative to their magnitudes."""
 
-RIGID = "asks for a rigid coupling: the rendered impedance equals the environment"
-FREE_SPACE = "asks for an impedance that no coupling renders in free space (b_e = k_e = 0)"
-NOTHING = "nothing to render: environment and goal are free space (b_e = k_e = 0), so that any coupling does the same"
-
 
 @dataclass(frozen=True)
 class Quotient:
@@ -152,8 +148,13 @@ def solve_closed_form(problem: Problem, *, as_printed: bool = False) -> GainSche
     b, k = (np.where(quotient.rigid, np.inf, np.where(quotient.impossible, np.nan, gain)) for gain in (b, k))
     b = np.where(quotient.nothing, box.damping_ns_per_m[0], b)
     k = np.where(quotient.nothing, box.stiffness_n_per_m[0], k)
+    cannot_be_rigid = "asks for a rigid coupling: the rendered impedance equals the environment"
+    free_space = "asks for an impedance that no coupling renders in free space (b_e = k_e = 0)"
+    nothing = (
+        "nothing to render: environment and goal are free space (b_e = k_e = 0), so that any coupling does the same"
+    )
     reasons = tuple(
-        RIGID if rigid else FREE_SPACE if impossible else why_not(problem, *gains)
+        cannot_be_rigid if rigid else free_space if impossible else why_not(problem, *gains)
         for rigid, impossible, *gains in zip(quotient.rigid, quotient.impossible, b, k, contact, strict=True)
     )
     status = tuple(Status.NOT_REALISABLE if reason else Status.SOLVED for reason in reasons)
@@ -164,9 +165,8 @@ def solve_closed_form(problem: Problem, *, as_printed: bool = False) -> GainSche
         status,
         solver="as-printed" if as_printed else None,
         reason=reasons,
-        requested=(b, k),
-        requested_contact=contact,
+        requested=(b, k, contact),
         impedance=None if damped else projection.impedance,
         solve_seconds=time.perf_counter() - started,
-        notes=(*pointwise_notes(problem), *((NOTHING,) if quotient.nothing.all() else ())),
+        notes=(*pointwise_notes(problem), *((nothing,) if quotient.nothing.all() else ())),
     )

@@ -26,14 +26,6 @@ if TYPE_CHECKING:
 
 EXCESS_TOLERANCE = 1e-6
 """A magnitude error that exceeds the global optimum's by more than this share of |Z_h_ds| is a failed row."""
-_SAME = 1e-8
-"""Magnitude errors closer than this, relative to |Z_d| + |H Z_ds|, are called the same."""
-_OTHERS = {DEFAULT_SOLVER: ("sqpmethod", "ipopt")}
-"""Fallback solvers: the default is fast but fails at one frequency in a thousand."""
-_AGAIN = 1e-8
-"""A row is solved again where its magnitude error exceeds that of `exact` by more than this share of |Z_h_ds|."""
-_TIED = 1e-9
-"""Of magnitude errors closer than this share of |Z_h_ds| the smaller distance decides."""
 
 
 @dataclass(frozen=True)
@@ -61,9 +53,11 @@ def checked_gains(
     """
     gains = nlp_gains(problem, loop, name, tolerance, progress=progress)
     optimum = exact_gains(problem, loop)
-    local = _short(loop, gains, optimum, _AGAIN, distance=True)
-    short = local
-    for other in (name, *_OTHERS.get(name, ())):
+    # A row is solved again where its error exceeds that of `exact` by more than this share of |Z_h_ds|.
+    again_above = 1e-8
+    short = local = _short(loop, gains, optimum, again_above, distance=True)
+    # The default is fast but fails at one frequency in a thousand.
+    for other in (name, "sqpmethod", "ipopt") if name == DEFAULT_SOLVER else (name,):
         again = np.flatnonzero(short)
         if not again.size:
             break
@@ -72,7 +66,7 @@ def checked_gains(
         b, k, p = (np.stack((own[again], found)) for own, found in zip(gains, new, strict=True))
         for gain, better in zip(gains, best_candidate(problem, part, b, k, p), strict=True):
             gain[again] = better
-        short = _short(loop, gains, optimum, _AGAIN, distance=True)
+        short = _short(loop, gains, optimum, again_above, distance=True)
     failed = _short(loop, gains, optimum, EXCESS_TOLERANCE, distance=False)
     return CheckedGains(gains, optimum, excess_error(loop, gains, optimum), local, failed)
 
@@ -82,8 +76,7 @@ def excess_error(loop: Loop, gains: GainArrays, optimum: GainArrays) -> FloatArr
     radius = np.abs(loop.target)
     own, best = (np.abs(np.abs(loop.perceived(*each)) - radius) for each in (gains, optimum))
     with np.errstate(invalid="ignore", divide="ignore"):
-        excess: FloatArray = (own - best) / np.where(radius == 0, 1.0, radius)
-    return excess
+        return np.asarray((own - best) / np.where(radius == 0, 1.0, radius))
 
 
 def _short(loop: Loop, gains: GainArrays, optimum: GainArrays, tolerance: float, *, distance: bool) -> BoolArray:
@@ -93,7 +86,8 @@ def _short(loop: Loop, gains: GainArrays, optimum: GainArrays, tolerance: float,
     with np.errstate(invalid="ignore"):
         short: BoolArray = ~(excess <= tolerance)
         if distance:
-            short |= (np.abs(excess) <= _TIED) & (own - best > EXCESS_TOLERANCE * radius)
+            # Of errors closer than this share of |Z_h_ds| the smaller distance decides.
+            short |= (np.abs(excess) <= 1e-9) & (own - best > EXCESS_TOLERANCE * radius)
     short &= np.isfinite(optimum[0])
     return short
 
@@ -120,9 +114,8 @@ def cross_check_notes(problem: Problem, loop: Loop, checked: CheckedGains) -> tu
     if not both.any():
         return (exact, "cross-check with the closed form: it can be built at no frequency with gains")
     error = np.abs(np.abs(loop.perceived(*checked.gains)) - np.abs(loop.target))
-    more = (closed.magnitude_error - error)[both] > _SAME * (np.abs(loop.device) + np.abs(loop.hold * loop.desired))[
-        both
-    ]
+    terms = np.abs(loop.device) + np.abs(loop.hold * loop.desired)
+    more = (closed.magnitude_error - error)[both] > 1e-8 * terms[both]
     return (
         exact,
         (

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avc_casadi._util.arrays import ComplexArray, FloatArray
-from avc_casadi._util.progress import SILENT, Progress, chunks
+from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.model.corners import least_damped, margin_over_range
 from avc_casadi.model.gains import GainSchedule, Status
 from avc_casadi.paper.equations import Loop, coupling_gains, coupling_impedance, loop_at
@@ -27,6 +27,7 @@ from avc_casadi.paper.rows import (
     best_candidate,
     gain_schedule,
     guarded_margin,
+    in_parts,
     pointwise_notes,
     row_status,
     wanted_points,
@@ -156,10 +157,9 @@ class Edges:
     def derivative(self, t: FloatArray) -> ComplexArray:
         """Return dZ/dt along each edge, without cancellation."""
         b, k = np.where(self.moves_k, self.damping, t), np.where(self.moves_k, t, self.stiffness)
-        along: ComplexArray = self.loop.sensitivity(b, k) * self.slope
-        return along
+        return np.asarray(self.loop.sensitivity(b, k) * self.slope)
 
-    def gains(self, t: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def gains(self, t: FloatArray) -> GainArrays:
         """Return (b, k, b_p) at t, not a number outside the edge."""
         t = np.where((t >= self.low) & (t <= self.high), t, np.nan)
         return (
@@ -174,26 +174,28 @@ def row_reasons(problem: Problem, status: tuple[Status, ...]) -> tuple[str, ...]
     rows = [row for row, item in enumerate(status) if item is Status.INFEASIBLE]
     reasons = [""] * len(status)
     if rows:
-        margin = problem.stability.margin_ns_per_m
         # Reported for the least damped device of the range, which is critical.
-        best, b, k, _ = largest_real_part(least_damped(problem), problem.frequencies_hz()[rows])
-        for row, value, damping, stiffness in zip(rows, best, b, k, strict=True):
-            at = f"{value:.6g}, at b = {damping:.6g}, k = {stiffness:.6g}"
-            claim = f"Re Z_h >= {margin:g} (stability.margin_ns_per_m)"
-            if value >= margin:
-                reasons[row] = (
-                    f"{claim} is met in the gain box with no room: {at}; missed by no more than rounding: add device"
-                    " damping, or widen the box of [coupling]"
-                )
-                continue
-            missing = _rounded_up(margin - value)
-            # A margin cannot be lowered below 0.
-            lower = "lower the margin by that, " if margin >= missing else ""
-            reasons[row] = (
-                f"{claim} cannot be met in the gain box: at most {at}; missed by {missing:.6g}: {lower}add "
-                "as much device damping, or widen the box of [coupling]"
-            )
+        found = largest_real_part(least_damped(problem), problem.frequencies_hz()[rows])
+        for row, *best in zip(rows, *found, strict=True):
+            reasons[row] = _reason(problem.stability.margin_ns_per_m, *best)
     return tuple(reasons)
+
+
+def _reason(margin: float, value: float, damping: float, stiffness: float) -> str:
+    at = f"{value:.6g}, at b = {damping:.6g}, k = {stiffness:.6g}"
+    claim = f"Re Z_h >= {margin:g} (stability.margin_ns_per_m)"
+    if value >= margin:
+        return (
+            f"{claim} is met in the gain box with no room: {at}; missed by no more than rounding: add device"
+            " damping, or widen the box of [coupling]"
+        )
+    missing = _rounded_up(margin - value)
+    # A margin cannot be lowered below 0.
+    lower = "lower the margin by that, " if margin >= missing else ""
+    return (
+        f"{claim} cannot be met in the gain box: at most {at}; missed by {missing:.6g}: {lower}add "
+        "as much device damping, or widen the box of [coupling]"
+    )
 
 
 def _rounded_up(value: float) -> float:
@@ -202,10 +204,8 @@ def _rounded_up(value: float) -> float:
     return float(np.ceil(value / step) * step) if step > 0 else value
 
 
-def largest_real_part(
-    problem: Problem, frequency_hz: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Return (max Re Z_h over the gain box, b, k, b_p), each (n,).
+def largest_real_part(problem: Problem, frequency_hz: FloatArray) -> GainArrays:
+    """Return (max Re Z_h over the gain box, b, k), each (n,).
 
     Re Z_h is harmonic in the coupling's impedance, so that its maximum lies on an edge of the box: at an end of it or
     where it is stationary.
@@ -218,11 +218,7 @@ def largest_real_part(
     b, k, p = (gain.reshape(-1, t.shape[-1]) for gain in edges.gains(t))
     value = loop.perceived(b, k, p).real
     best = np.nanargmax(value, axis=0), np.arange(value.shape[1])
-    return value[best], b[best], k[best], p[best]
-
-
-# Frequencies solved at a time: few enough for memory and for progress reports.
-_ROWS_AT_ONCE = 10_000
+    return value[best], b[best], k[best]
 
 
 def _edge_candidates(edges: Edges, radius: FloatArray, margin: float) -> list[FloatArray]:
@@ -297,17 +293,11 @@ def _segment_candidates(
 
 def exact_gains(problem: Problem, loop: Loop, *, progress: Progress = SILENT) -> GainArrays:
     """Return the optimal (b, k, b_p), each (n,); not a number where no gains of the box meet the constraint."""
+    return in_parts(loop, 10_000, progress, lambda some: _by_arcs(problem, some))
+
+
+def _by_arcs(problem: Problem, loop: Loop) -> GainArrays:
     margin = margin_over_range(problem)
-    rows = np.arange(len(loop.target))
-    found = [
-        _by_arcs(problem, loop.rows(rows[some]), margin)
-        for some in chunks(len(rows), _ROWS_AT_ONCE, progress, "frequencies")
-    ]
-    b, k, p = (np.concatenate(gain) for gain in zip(*found, strict=True))
-    return b, k, p
-
-
-def _by_arcs(problem: Problem, loop: Loop, margin: float) -> GainArrays:
     radius = np.abs(loop.target)
     contacts = problem.coupling.contact_damping_ns_per_m
     edges = Edges.of(problem, loop, contacts if contacts[1] > contacts[0] else contacts[:1])
@@ -317,7 +307,7 @@ def _by_arcs(problem: Problem, loop: Loop, margin: float) -> GainArrays:
     if contacts[1] > contacts[0]:
         groups.append(_segment_candidates(problem, loop, radius, margin, plain_edges))
     b, k, p = (np.concatenate(column) for column in zip(*groups, strict=True))
-    return best_candidate(problem, loop, b, k, p, margin)
+    return best_candidate(problem, loop, b, k, p)
 
 
 def solve_exact(problem: Problem, *, progress: Progress = SILENT) -> GainSchedule:

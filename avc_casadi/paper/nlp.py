@@ -44,11 +44,9 @@ def coupling_nlp() -> CouplingNlp:
     parameters = ca.SX.sym("parameters", len(_NAMES))
     value = dict(zip(_NAMES, ca.vertsplit(parameters), strict=True))
     angle = SampleAngle(casadi_numbers(), 0.0, value["sample_time"], value["sin"], value["cos"])
-    device = ComplexExpr(value["device_re"], value["device_im"])
-    hold = ComplexExpr(value["hold_re"], value["hold_im"])
-    environment = ComplexExpr(value["environment_re"], value["environment_im"])
-    z_h_ds = ComplexExpr(value["target_re"], value["target_im"])
-
+    device, hold, environment, z_h_ds = (
+        ComplexExpr(value[f"{name}_re"], value[f"{name}_im"]) for name in ("device", "hold", "environment", "target")
+    )
     z_h_avc = Loop(angle, device, hold, environment, environment, environment).perceived(b, k, b_p)
     objective = (ca.sqrt(abs2(z_h_ds)) - ca.sqrt(abs2(z_h_avc))) ** 2
     constraint = z_h_avc.real - value["margin"]
@@ -93,8 +91,6 @@ def nlp_parameters(problem: Problem, loop: Loop, size: float = 1.0) -> FloatArra
 KKT_TOLERANCE = 1e-6
 """Largest accepted KKT residual: the decrease of error^2 along one gain at the slope of the point, over the
 gain's natural scale or up to its bound, relative to the square of the terms that make up |Z_h_avc|."""
-_ACTIVE = 1e-6
-"""(12) counts as active where Re Z_h is within this share of the same terms of the margin."""
 
 
 @dataclass(frozen=True)
@@ -107,8 +103,7 @@ class Optimality:
     def acceptable(self) -> BoolArray:
         """Return whether each row counts as solved."""
         with np.errstate(invalid="ignore"):
-            good: BoolArray = (self.violation_ns_per_m == 0) & (self.kkt_residual <= KKT_TOLERANCE)
-        return good
+            return np.asarray((self.violation_ns_per_m == 0) & (self.kkt_residual <= KKT_TOLERANCE))
 
 
 @lru_cache(maxsize=8)
@@ -135,7 +130,8 @@ def optimality(problem: Problem, loop: Loop, gains: GainArrays) -> Optimality:
         # |Z| has no gradient where Z = 0, but rises from there in every direction; an error of 0 is optimal anyway.
         df = np.where(np.isnan(df), -2 * np.sqrt(f) * np.hypot(dg, turning), df)
         df, dg = np.where(f[0] == 0, 0.0, df / terms**2), dg / terms
-        active = g[0] <= _ACTIVE * terms
+        # (12) counts as active where Re Z_h is within this share of its terms of the margin.
+        active = g[0] <= 1e-6 * terms
     violation = np.where(admissible(problem, *gains), missing, np.inf)
     box = problem.coupling
     low, high = np.array([box.damping_ns_per_m, box.stiffness_n_per_m, box.contact_damping_ns_per_m]).T[:, :, None]
@@ -162,5 +158,4 @@ def _residual(df: FloatArray, dg: FloatArray, down: FloatArray, up: FloatArray) 
     multiplier = np.array(choices)
     multiplier = np.where(np.isfinite(multiplier) & (multiplier > 0), multiplier, 0.0)
     slope = df - multiplier[:, None] * dg
-    smallest: FloatArray = np.where(slope > 0, slope * down, -slope * up).max(axis=1).min(axis=0)
-    return smallest
+    return np.asarray(np.where(slope > 0, slope * down, -slope * up).max(axis=1).min(axis=0))

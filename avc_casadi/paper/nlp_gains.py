@@ -8,22 +8,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, FloatArray, IndexArray
-from avc_casadi._util.progress import SILENT, Progress, chunks
+from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.model.corners import margin_over_range
 from avc_casadi.paper.closed_form import Quotient
 from avc_casadi.paper.equations import Loop, coupling_gains, coupling_impedance
 from avc_casadi.paper.nlp_solver import DEFAULT_SOLVER, DEFAULT_TOLERANCE, NlpRows, NlpSolvers, nlp_solvers
-from avc_casadi.paper.rows import TIE, GainArrays, best_candidate, guarded_margin
+from avc_casadi.paper.rows import TIE, GainArrays, best_candidate, guarded_margin, in_parts
 
 if TYPE_CHECKING:
     from avc_casadi.model.problem import Problem
     from avc_casadi.paper.nlp_solver import NlpRows
-
-
-_DECADES = 5.0
-"""Decades that the nodes extend beyond a gain's natural scale, beside the ends of the box."""
-_CENTRE = 0.5
-"""Decades about the natural scale with evenly spaced nodes; farther away they are sparser."""
 
 
 @dataclass(frozen=True)
@@ -95,11 +89,13 @@ def _axis(low: float, high: float, natural: FloatArray, count: int) -> FloatArra
     """Return values of one gain, (count, n), both ends among them."""
     if high == low or count == 1:
         return np.full((1, len(natural)), low)
+    # Decades about the natural scale with evenly spaced nodes; farther away they are sparser, to five decades.
+    centre = 0.5
     with np.errstate(divide="ignore"):
-        decades = [np.clip(np.log10(end / natural), -_DECADES, _DECADES) for end in (low, high)]
-    first, last = (np.arcsinh(each / _CENTRE) for each in decades)
+        decades = [np.clip(np.log10(end / natural), -5.0, 5.0) for end in (low, high)]
+    first, last = (np.arcsinh(each / centre) for each in decades)
     even = first + (last - first) * np.linspace(0, 1, count)[:, None]
-    values = np.clip(natural * 10 ** (_CENTRE * np.sinh(even)), low, high)
+    values = np.clip(natural * 10 ** (centre * np.sinh(even)), low, high)
     values[0], values[-1] = low, high
     return values
 
@@ -138,14 +134,6 @@ def _closed_form(nlp: NlpRows) -> Starts:
     return Starts(gains[:, row], row)
 
 
-_ROWS_AT_ONCE = 50
-"""Frequencies solved at a time: few enough for progress reports."""
-_ROOT = 1e-4
-"""A magnitude error below this share of |Z_h_ds| counts as a curve of minimisers, whose ties are then broken."""
-_SAME = 1e-10
-"""Z_h within this share of |Z_h_ds| is the same: a solver meets the equality with the previous Z_h no better."""
-
-
 def solvers_for(problem: Problem, name: str = DEFAULT_SOLVER, tolerance: float = DEFAULT_TOLERANCE) -> NlpSolvers:
     """Return the solvers that a problem needs: b_p is a variable where its range has a width."""
     lowest, highest = problem.coupling.contact_damping_ns_per_m
@@ -162,67 +150,56 @@ def nlp_gains(
     progress: Progress = SILENT,
 ) -> GainArrays:
     """Return the best (b, k, b_p) that the solver found, each (n,); not a number where none is feasible."""
-    margin = margin_over_range(problem)
     solvers = solvers_for(problem, name, tolerance)
-    rows = np.arange(len(loop.target))
-    found = [
-        _Search(problem, loop.rows(rows[some]), margin, solvers, lattice).best()
-        for some in chunks(len(rows), _ROWS_AT_ONCE, progress, "frequencies")
-    ]
-    b, k, p = (np.concatenate(gain) for gain in zip(*found, strict=True))
-    return b, k, p
+    return in_parts(loop, 50, progress, lambda some: _best(NlpRows(problem, some, solvers), lattice))
 
 
-@dataclass(frozen=True)
-class _Search:
-    problem: Problem
-    loop: Loop
-    margin: float
-    solvers: NlpSolvers
-    lattice: Lattice
+def _best(nlp: NlpRows, lattice: Lattice) -> GainArrays:
+    """Solve the goals one after the other and return the best of all points found."""
+    first, elsewhere = starts_of(nlp, lattice)
+    ends = Starts(nlp.solve("error", first.gains, first.row), first.row)
+    error = np.abs(np.abs(nlp.perceived(ends.gains, ends.row)) * nlp.size - np.abs(nlp.loop.target[ends.row]))
+    # An error below this share of |Z_h_ds| counts as a curve of minimisers, whose ties are then broken.
+    near = error < 1e-4 * nlp.size * nlp.radius[ends.row]
+    begin = joined([ends.only(near), elsewhere.only(np.isin(elsewhere.row, ends.row[near]))])
+    points = [ends, Starts(nlp.solve("turn", begin.gains, begin.row), begin.row)]
+    best = _ranked(nlp, joined(points), TIE)
+    row = np.flatnonzero(np.isfinite(best[0]))
+    if nlp.solvers.contact is None or not row.size:
+        return best
+    reached = Starts(np.array(best)[:, row] / nlp.size, row)
+    least = Starts(nlp.solve("contact", reached.gains, row), row)
+    # Z_h within this share of |Z_h_ds| is the same: a solver meets the equality with the previous Z_h no better.
+    return _ranked(nlp, joined([reached, least]), 1e-10)
 
-    def best(self) -> GainArrays:
-        """Solve the goals one after the other and return the best of all points found."""
-        nlp = NlpRows(self.problem, self.loop, self.margin, self.solvers)
-        first, elsewhere = starts_of(nlp, self.lattice)
-        ends = Starts(nlp.solve("error", first.gains, first.row), first.row)
-        error = np.abs(np.abs(nlp.perceived(ends.gains, ends.row)) * nlp.size - np.abs(self.loop.target[ends.row]))
-        near = error < _ROOT * nlp.size * nlp.radius[ends.row]
-        begin = joined([ends.only(near), elsewhere.only(np.isin(elsewhere.row, ends.row[near]))])
-        points = [ends, Starts(nlp.solve("turn", begin.gains, begin.row), begin.row)]
-        best = self._ranked(nlp, joined(points), TIE)
-        row = np.flatnonzero(np.isfinite(best[0]))
-        if self.solvers.contact is None or not row.size:
-            return best
-        reached = Starts(np.array(best)[:, row] / nlp.size, row)
-        least = Starts(nlp.solve("contact", reached.gains, row), row)
-        return self._ranked(nlp, joined([reached, least]), _SAME)
 
-    def _ranked(self, nlp: NlpRows, found: Starts, tie: float) -> GainArrays:
-        order = np.argsort(found.row, kind="stable")
-        row = found.row[order]
-        place = np.arange(len(row)) - np.searchsorted(row, row)
-        gains = np.full((int(place.max()) + 1, 3, len(self.loop.target)), np.nan)
-        gains[place, :, row] = nlp.size * found.gains.T[order]
-        every = np.concatenate((gains, self._pulled_inside(nlp, gains)))
-        return best_candidate(self.problem, self.loop, every[:, 0], every[:, 1], every[:, 2], self.margin, tie=tie)
+def _ranked(nlp: NlpRows, found: Starts, tie: float) -> GainArrays:
+    order = np.argsort(found.row, kind="stable")
+    row = found.row[order]
+    place = np.arange(len(row)) - np.searchsorted(row, row)
+    gains = np.full((int(place.max()) + 1, 3, len(nlp.loop.target)), np.nan)
+    gains[place, :, row] = nlp.size * found.gains.T[order]
+    every = np.concatenate((gains, _pulled_inside(nlp, gains)))
+    return best_candidate(nlp.problem, nlp.loop, every[:, 0], every[:, 1], every[:, 2], tie=tie)
 
-    def _pulled_inside(self, nlp: NlpRows, found: FloatArray) -> FloatArray:
-        """Move gains (m, 3, n) that violate (12) by a solver's tolerance onto it, along its gradient."""
-        loop, gains, scales = self.loop, found.copy(), nlp.size * nlp.natural
-        low, high = nlp.size * nlp.low, nlp.size * nlp.high
-        slope_k = coupling_impedance(loop.angle, 0.0, 1.0)
-        with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-            for _ in range(4):
-                b, k, p = gains[:, 0], gains[:, 1], gains[:, 2]
-                rendered = loop.rendered(b, k) + p
-                missing = guarded_margin(loop.device, loop.hold, rendered, self.margin)
-                missing = missing - (loop.device + loop.hold * rendered).real
-                dz = loop.sensitivity(b, k)
-                gradient = np.stack((dz.real, (dz * slope_k).real, loop.hold.real + 0 * b), axis=1) * scales
-                # A gain at its bound cannot move further out.
-                blocked = ((gains <= low) & (gradient < 0)) | ((gains >= high) & (gradient > 0))
-                gradient = np.where(blocked, 0.0, gradient)
-                step = np.maximum(missing, 0)[:, None] * gradient / (gradient**2).sum(axis=1, keepdims=True)
-                gains = np.clip(gains + np.where(np.isfinite(step), step, 0.0) * scales, low, high)
-        return gains
+
+def _pulled_inside(nlp: NlpRows, found: FloatArray) -> FloatArray:
+    """Move gains (m, 3, n) that violate (12) by a solver's tolerance onto it, along its gradient."""
+    loop, gains, scales = nlp.loop, found.copy(), nlp.size * nlp.natural
+    margin = margin_over_range(nlp.problem)
+    low, high = nlp.size * nlp.low, nlp.size * nlp.high
+    slope_k = coupling_impedance(loop.angle, 0.0, 1.0)
+    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+        for _ in range(4):
+            b, k, p = gains[:, 0], gains[:, 1], gains[:, 2]
+            rendered = loop.rendered(b, k) + p
+            missing = guarded_margin(loop.device, loop.hold, rendered, margin)
+            missing = missing - (loop.device + loop.hold * rendered).real
+            dz = loop.sensitivity(b, k)
+            gradient = np.stack((dz.real, (dz * slope_k).real, loop.hold.real + 0 * b), axis=1) * scales
+            # A gain at its bound cannot move further out.
+            blocked = ((gains <= low) & (gradient < 0)) | ((gains >= high) & (gradient > 0))
+            gradient = np.where(blocked, 0.0, gradient)
+            step = np.maximum(missing, 0)[:, None] * gradient / (gradient**2).sum(axis=1, keepdims=True)
+            gains = np.clip(gains + np.where(np.isfinite(step), step, 0.0) * scales, low, high)
+    return gains

@@ -17,6 +17,7 @@ import numpy as np
 from avc_casadi._errors import InputError, UnsupportedError
 from avc_casadi._util.arrays import ComplexArray, FloatArray, IndexArray
 from avc_casadi._util.interrupt import HeldInterrupt
+from avc_casadi.model.corners import margin_over_range
 from avc_casadi.paper.equations import Loop
 from avc_casadi.paper.nlp import coupling_nlp, nlp_parameters
 from avc_casadi.paper.numbers import abs2
@@ -90,10 +91,6 @@ def plugin_of(name: str, tolerance: float) -> tuple[str, Options]:
 Stage = Literal["error", "turn", "contact"]
 _UPPER = {"error": (np.inf,), "turn": (np.inf, np.inf, 0.0), "contact": (0.0, 0.0)}
 """Upper bounds of each stage's constraints; the lower ones are 0."""
-_AT_ONCE = 64
-"""NLPs in one call, during which Ctrl-C waits."""
-_FARTHEST = 10.0
-"""The scale c of a share is the gain of the start, but within this factor of the gain's natural scale."""
 _LAST_SHARE = 1.0 - 2.0**-52
 
 
@@ -111,7 +108,8 @@ def nlp_solvers(name: str, tolerance: float, *, contact: bool = False) -> NlpSol
     """Return the solvers, built once for each solver and tolerance."""
     (plugin, options), nlp = plugin_of(name, tolerance), coupling_nlp()
     u = ca.SX.sym("u", 3 if contact else 2)
-    low, span, scale, sizes, point = (ca.SX.sym(label, n) for label, n in _SCALING)
+    low, span, scale, sizes = (ca.SX.sym(label, 3) for label in ("low", "span", "scale", "sizes"))
+    point = ca.SX.sym("point", 2)
     share = low + span * (u if contact else ca.vertcat(u, 0))
     gains = scale * share / (1 - share)
     goal_size, term_size, side = ca.vertsplit(sizes)
@@ -144,22 +142,19 @@ def nlp_solvers(name: str, tolerance: float, *, contact: bool = False) -> NlpSol
     )
 
 
-_SCALING = (("low", 3), ("span", 3), ("scale", 3), ("sizes", 3), ("point", 2))
-
-
 class NlpRows:
     """The NLPs of n frequencies with their scales; a rotary device in units of its handle.
 
     Tolerances of solvers are absolute, and values of order 1 in N.s/m are tiny in N.m.s/rad.
     """
 
-    def __init__(self, problem: Problem, loop: Loop, margin_ns_per_m: float, solvers: NlpSolvers) -> None:
-        self.loop, self.size = loop, problem.device.metres_per_unit**2
-        self.margin = margin_ns_per_m / self.size
+    def __init__(self, problem: Problem, loop: Loop, solvers: NlpSolvers) -> None:
+        self.problem, self.loop, self.solvers = problem, loop, solvers
+        self.size = problem.device.metres_per_unit**2
+        self.margin = margin_over_range(problem) / self.size
         box = problem.coupling
         bounds = np.array([box.damping_ns_per_m, box.stiffness_n_per_m, box.contact_damping_ns_per_m]) / self.size
         self.low, self.high = bounds[:, :1], bounds[:, 1:]
-        self._solvers = solvers
         self._parameters = nlp_parameters(problem, loop, self.size)
         target = np.abs(loop.target) / self.size
         self.radius = np.where(target > 0, target, 1.0)
@@ -169,8 +164,7 @@ class NlpRows:
     def perceived(self, gains: FloatArray, rows: IndexArray | slice = slice(None)) -> ComplexArray:
         """Return Z_h of gains (3, ..., m) at the frequencies ``rows``."""
         loop = self.loop if isinstance(rows, slice) else self.loop.rows(rows)
-        impedance: ComplexArray = loop.perceived(*(gains * self.size)) / self.size
-        return impedance
+        return np.asarray(loop.perceived(*(gains * self.size)) / self.size)
 
     def solve(self, stage: Stage, start: FloatArray, rows: IndexArray) -> FloatArray:
         """Solve a stage for m frequencies from gains (3, m); return the result in the box at any solver status.
@@ -178,7 +172,8 @@ class NlpRows:
         Where the solver throws or returns non-finite values, the start is returned.
         """
         natural, target = self.natural[:, rows], self.loop.target[rows] / self.size
-        scale = np.clip(start, natural / _FARTHEST, natural * _FARTHEST)
+        # The scale c of a share is the gain of the start, but within a factor of 10 of the gain's natural scale.
+        scale = np.clip(start, natural / 10.0, natural * 10.0)
         low, high = (np.minimum(end / (scale + end), _LAST_SHARE) for end in (self.low, self.high))
         span = high - low
         u = np.clip((start / (scale + start) - low) / np.where(span > 0, span, 1.0), 0, 1)
@@ -194,15 +189,16 @@ class NlpRows:
         share = np.minimum(low + span * found, _LAST_SHARE)
         gains = scale * share / (1 - share)
         gains = np.where(found <= 0, self.low, np.where(found >= 1, self.high, gains))
-        inside: FloatArray = np.clip(gains, self.low, self.high)
-        return inside
+        return np.asarray(np.clip(gains, self.low, self.high))
 
     def _called(self, stage: Stage, u: FloatArray, data: FloatArray) -> FloatArray:
-        solver = getattr(self._solvers, stage)
+        solver = getattr(self.solvers, stage)
         varied, found = solver.size1_in("x0"), u.copy()
         lowest = np.zeros(len(_UPPER[stage]))
-        for first in range(0, u.shape[1], _AT_ONCE):
-            some = slice(first, first + _AT_ONCE)
+        # NLPs in one call, during which Ctrl-C waits.
+        at_once = 64
+        for first in range(0, u.shape[1], at_once):
+            some = slice(first, first + at_once)
             # Where a foreign handler intercepts Ctrl-C without ending anything, the next calls follow.
             with HeldInterrupt():
                 x = _solved(solver, u[:varied, some], data[:, some], lowest, np.array(_UPPER[stage]))

@@ -15,10 +15,6 @@ if TYPE_CHECKING:
     from avc_casadi.paper.equations import Loop
 
 
-# Relative tolerance of the bounds, imperceptible: a solver ends this close to a bound, which counts as inside.
-_UNFELT = 1e-6
-
-
 @dataclass(frozen=True, eq=False)
 class RealismResult:
     """Realism at each frequency; arrays of shape (n,). Frequencies without gains are not inside."""
@@ -27,23 +23,13 @@ class RealismResult:
     inside_jnd: BoolArray
     jnd: float
 
-    @property
-    def share_inside_bounds(self) -> float:
-        """Share of the frequencies between the bounds."""
-        return float(np.mean(self.inside_bounds))
-
-    @property
-    def share_inside_jnd(self) -> float:
-        """Share of the frequencies within the just-noticeable difference."""
-        return float(np.mean(self.inside_jnd))
-
     def document(self) -> dict[str, Any]:
         """Return JSON values."""
         return {
             "inside_bounds": self.inside_bounds.tolist(),
             "inside_jnd": self.inside_jnd.tolist(),
-            "share_inside_bounds": self.share_inside_bounds,
-            "share_inside_jnd": self.share_inside_jnd,
+            "share_inside_bounds": float(np.mean(self.inside_bounds)),
+            "share_inside_jnd": float(np.mean(self.inside_jnd)),
             "jnd": self.jnd,
         }
 
@@ -54,12 +40,14 @@ def judge_realism(problem: Problem, impedance: ComplexArray, usable: BoolArray |
         impedance = np.where(usable, impedance, np.nan)
     loop = loop_at(problem, problem.frequencies_hz())
     low, high = bound_magnitudes(problem, loop)
-    low, high = low * (1 - _UNFELT), high * (1 + _UNFELT)
+    # Imperceptible: a solver ends this close to a bound, which counts as inside.
+    unfelt = 1e-6
+    low, high = low * (1 - unfelt), high * (1 + unfelt)
     size = np.abs(impedance)
     jnd = problem.realism.jnd
     return RealismResult(
         inside_bounds=np.asarray((size >= low) & (size <= high)),
-        inside_jnd=np.asarray(np.abs(impedance - loop.target) <= jnd * (1 + _UNFELT) * np.abs(loop.target)),
+        inside_jnd=np.asarray(np.abs(impedance - loop.target) <= jnd * (1 + unfelt) * np.abs(loop.target)),
         jnd=jnd,
     )
 
@@ -77,10 +65,8 @@ def perceived_bounds(problem: Problem, loop: Loop) -> tuple[ComplexArray, Comple
         environment_impedance(loop.angle, model, bound.damping_ns_per_m, bound.stiffness_n_per_m)
         for bound in (bounds.upper, bounds.lower)
     )
-    return (
-        np.asarray(perceived_impedance(loop.device, loop.hold, upper)),
-        np.asarray(perceived_impedance(loop.device, loop.hold, lower)),
-    )
+    upper, lower = (np.asarray(perceived_impedance(loop.device, loop.hold, bound)) for bound in (upper, lower))
+    return upper, lower
 
 
 def relative_errors(

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray
+from avc_casadi._util.progress import Progress, chunks
 from avc_casadi.model.corners import margin_over_range
 from avc_casadi.model.gains import GainSchedule, Status
 from avc_casadi.paper.equations import (
@@ -28,15 +30,10 @@ if TYPE_CHECKING:
     from avc_casadi.model.runtime import StateFeedback
 
 
-_GUARD = 4 * float(np.finfo(np.float64).eps)
-"""A point meant to lie on Re Z = margin is placed this far inside it, relative to the terms of Re Z: their rounding."""
-
-
 def guarded_margin(device: ComplexArray, hold: ComplexArray, rendered: ComplexArray, margin: float) -> FloatArray:
-    """Return the margin plus the rounding of Re(device + hold * rendered)."""
+    """Return the margin plus the rounding of Re(device + hold * rendered), for a point meant to lie on the margin."""
     terms = np.abs(device.real) + np.abs(hold.real * rendered.real) + np.abs(hold.imag * rendered.imag)
-    guarded: FloatArray = margin + _GUARD * terms
-    return guarded
+    return np.asarray(margin + 4 * float(np.finfo(np.float64).eps) * terms)
 
 
 def wanted_points(loop: Loop, radius: FloatArray, margin: float) -> tuple[ComplexArray, ComplexArray]:
@@ -68,9 +65,6 @@ def wanted_points(loop: Loop, radius: FloatArray, margin: float) -> tuple[Comple
 TIE = 1e-12
 """Magnitude errors, and distances |Z_h_avc - Z_h_ds|, that differ by less than this share of |Z_h_ds| are equal."""
 
-ON_BOUND = 1e-6
-"""A gain within this share of the box's upper end of an end counts as on it: solvers stop short by less."""
-
 GainArrays = tuple[FloatArray, FloatArray, FloatArray]
 
 
@@ -78,27 +72,26 @@ def admissible(problem: Problem, b: FloatArray, k: FloatArray, p: FloatArray) ->
     """Return whether each (b, k, b_p) lies in the gain box, of the shape of the gains."""
     box = problem.coupling
     (b0, b1), (k0, k1), (p0, p1) = box.damping_ns_per_m, box.stiffness_n_per_m, box.contact_damping_ns_per_m
-    inside: BoolArray = (b >= b0) & (b <= b1) & (k >= k0) & (k <= k1) & (p >= p0) & (p <= p1)
-    return inside
+    return np.asarray((b >= b0) & (b <= b1) & (k >= k0) & (k <= k1) & (p >= p0) & (p <= p1))
+
+
+def in_parts(loop: Loop, at_once: int, progress: Progress, solve: Callable[[Loop], GainArrays]) -> GainArrays:
+    """Solve some frequencies at a time: few enough for memory and for progress reports."""
+    rows = np.arange(len(loop.target))
+    found = [solve(loop.rows(rows[some])) for some in chunks(len(rows), at_once, progress, "frequencies")]
+    b, k, p = (np.concatenate(gain) for gain in zip(*found, strict=True))
+    return b, k, p
 
 
 def best_candidate(
-    problem: Problem,
-    loop: Loop,
-    b: FloatArray,
-    k: FloatArray,
-    p: FloatArray,
-    margin_ns_per_m: float | None = None,
-    *,
-    tie: float = TIE,
+    problem: Problem, loop: Loop, b: FloatArray, k: FloatArray, p: FloatArray, *, tie: float = TIE
 ) -> GainArrays:
     """Return per frequency the first of candidates (m, n) in lexicographic order.
 
-    The order: inside the box and Re Z_h >= margin, strictly; smallest magnitude error; smallest distance to Z_h_ds;
-    smallest b_p, k, b. Errors and distances within ``tie`` of |Z_h_ds| are equal. A margin of None is the problem's,
-    kept by every device of its range.
+    The order: inside the box and Re Z_h >= margin, strictly, for every device of the range; smallest magnitude error;
+    smallest distance to Z_h_ds; smallest b_p, k, b. Errors and distances within ``tie`` of |Z_h_ds| are equal.
     """
-    margin = margin_over_range(problem) if margin_ns_per_m is None else margin_ns_per_m
+    margin = margin_over_range(problem)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         z = loop.perceived(b, k, p)
         feasible = admissible(problem, b, k, p) & (z.real >= margin)
@@ -119,25 +112,24 @@ def best_candidate(
 def pointwise_notes(problem: Problem) -> tuple[str, ...]:
     """Return a note that gains are pointwise where the problem requires more, for methods without other scopes."""
     scope = problem.stability.scope
-    if scope == "pointwise":
-        return ()
-    return (f"pointwise gains, each frequency on its own: they need not meet scope {scope}, as schedule does",)
+    note = f"pointwise gains, each frequency on its own: they need not meet scope {scope}, as schedule does"
+    return () if scope == "pointwise" else (note,)
 
 
 def row_status(problem: Problem, b: FloatArray, k: FloatArray, p: FloatArray) -> tuple[Status, ...]:
     """Return the status of solved rows: infeasible without gains, active-bound with a gain at its bound, else solved.
 
-    A gain is at an end of its box within 1e-6 of the box's upper end (`ON_BOUND`), for every solver: interior-point
-    methods stop short of a bound, root finding reaches it to the last digit.
+    A gain is at an end of its box within 1e-6 of the box's upper end, for every solver: interior-point methods stop
+    short of a bound, root finding reaches it to the last digit.
     """
     box = problem.coupling
-    bounds = [box.damping_ns_per_m, box.stiffness_n_per_m]
-    if problem.coupling.structure == "damped":
-        bounds.append(box.contact_damping_ns_per_m)
+    bounded = [(b, box.damping_ns_per_m), (k, box.stiffness_n_per_m)]
+    if box.structure == "damped":
+        bounded.append((p, box.contact_damping_ns_per_m))
     active = np.zeros(b.shape, dtype=bool)
-    for gain, ends in zip((b, k, p), bounds, strict=False):
+    for gain, ends in bounded:
         for end in ends:
-            active |= np.abs(gain - end) <= ON_BOUND * ends[1]
+            active |= np.abs(gain - end) <= 1e-6 * ends[1]
     solved = np.where(active, Status.ACTIVE_BOUND, Status.SOLVED)
     return tuple(Status(item) for item in np.where(np.isnan(b), Status.INFEASIBLE, solved))
 
@@ -145,7 +137,7 @@ def row_status(problem: Problem, b: FloatArray, k: FloatArray, p: FloatArray) ->
 def perceived_impedance_of(
     problem: Problem,
     frequency_hz: FloatArray,
-    gains: tuple[FloatArray, FloatArray, FloatArray],
+    gains: GainArrays,
     law: StateFeedback | None = None,
 ) -> ComplexArray:
     """Return Z_h_avc at each frequency, N.s/m, shape (n,)."""
@@ -175,13 +167,12 @@ def force_behind(law: StateFeedback, stiffness_n_per_m: ComplexArray, z: Complex
 def gain_schedule(
     problem: Problem,
     method: str,
-    gains: tuple[FloatArray, FloatArray, FloatArray],
+    gains: GainArrays,
     status: tuple[Status, ...],
     *,
     solver: str | None = None,
     reason: tuple[str, ...] | None = None,
-    requested: tuple[FloatArray, FloatArray] | None = None,
-    requested_contact: FloatArray | None = None,
+    requested: GainArrays | None = None,
     impedance: ComplexArray | None = None,
     frequency_hz: FloatArray | None = None,
     build_seconds: float = 0.0,
@@ -194,6 +185,7 @@ def gain_schedule(
     loop = loop_at(problem, frequency)
     usable = np.array([item.has_gains for item in status], dtype=bool)
     b, k, bp = (np.where(usable, np.asarray(gain, dtype=np.float64), np.nan) for gain in gains)
+    asked = (b, k, bp) if requested is None else requested
     perceived = np.full(frequency.shape, np.nan, dtype=np.complex128)
     if usable.any():
         perceived[usable] = perceived_impedance_of(
@@ -215,9 +207,9 @@ def gain_schedule(
         stated=problem,
         status=status,
         reason=reason or ("",) * len(status),
-        requested_damping_ns_per_m=b if requested is None else requested[0],
-        requested_stiffness_n_per_m=k if requested is None else requested[1],
-        requested_contact_damping_ns_per_m=bp if requested_contact is None else requested_contact,
+        requested_damping_ns_per_m=asked[0],
+        requested_stiffness_n_per_m=asked[1],
+        requested_contact_damping_ns_per_m=asked[2],
         build_seconds=build_seconds,
         solve_seconds=solve_seconds,
         notes=notes,
