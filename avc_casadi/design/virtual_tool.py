@@ -41,25 +41,8 @@ class ToolSearchOptions:
 DEFAULT_OPTIONS = ToolSearchOptions()
 WIDEST_MARGIN = 4.0
 """Upper limit of the gain margins that are searched."""
-# Stiffness below which a coupling counts as none, as a share of m/T_s^2; at which a search ends, of m/T^2; and the
-# lightest and heaviest damper, of m/T.
-_SOFTEST, _STIFFEST, _DAMPERS = 1e-5, 10.0, (1e-4, 1.0)
 # Share of the stiffest K from which a local maximum over B is refined.
 _HUMP = 0.5
-# Share of the best damping ratio from which dampers are good, and parts of it at which a lighter one is tried too.
-_NEAR_BEST, _LIGHTER = 0.9, (0.5, 0.25)
-# Precision of a coarse search, the ratio of steps down from a guess, and that of the first steps up.
-_COARSE, _DOWN, _FIRST_STEP = 1.05, 2**0.5, 2.0
-# Shares of the limit with one damper at which stability is checked with the next.
-_BELOW = (1 / 64, 1 / 16, 1 / 4, 1.0)
-# Precision of the best damper, in the logarithm, and the most dampers tried for it: humps have a sharp edge.
-_FINE_DAMPER, _MOST_FINE = 2e-3, 16
-# Ratio of the stiffnesses at which stability is checked below a limit, and the lowest share.
-_CHECKED, _CHECKED_TO = 1.25, 0.02
-# A search over ranges adds a loop or some each time; few are needed.
-_MOST_REFUTED = 20
-# Shares of a limit, with its dampers, at which the ranges are searched.
-_SEARCHED = (0.99, 0.8)
 
 
 @dataclass(frozen=True)
@@ -82,7 +65,7 @@ class Scale:
 
     def dampers_ns_per_m(self, options: ToolSearchOptions = DEFAULT_OPTIONS) -> FloatArray:
         """Return the dampers B that are tried, in increasing order."""
-        return self.mass_kg / self.sample_time_s * np.geomspace(*_DAMPERS, options.dampers)
+        return self.mass_kg / self.sample_time_s * np.geomspace(1e-4, 1.0, options.dampers)
 
 
 class CouplingSearch:
@@ -99,11 +82,12 @@ class CouplingSearch:
     @property
     def stiffest_n_per_m(self) -> float:
         """Stiffness at which a search ends: that of a mass that oscillates faster than T resolves."""
-        return _STIFFEST * self.scale.mass_kg / self.scale.sample_time_s**2
+        return 10 * self.scale.mass_kg / self.scale.sample_time_s**2
 
     @property
     def _softest_n_per_m(self) -> float:
-        return _SOFTEST * self.scale.mass_kg / self.scale.slow_s**2
+        """Stiffness below which a coupling counts as none."""
+        return 1e-5 * self.scale.mass_kg / self.scale.slow_s**2
 
     @property
     def softest(self) -> ToolGains:
@@ -144,10 +128,10 @@ class CouplingSearch:
     def _summit(self, gains: Callable[[float, float], ToolGains]) -> ToolGains:
         """Return the gains with the stiffest stable K over the dampers, once no search of the ranges refutes them."""
         limits: list[float] = []
-        for _ in range(_MOST_REFUTED):
+        for _ in range(20):  # each search of the ranges adds a loop or some; few are needed
             limits = self._lowered(gains, limits) if limits else self._limits(gains)
             found = self._top(gains, limits)
-            softer = (replace(found, stiffness_n_per_m=share * found.stiffness_n_per_m) for share in _SEARCHED)
+            softer = (replace(found, stiffness_n_per_m=share * found.stiffness_n_per_m) for share in (0.99, 0.8))
             if not found.stiffness_n_per_m or not any(self._judge.refuted(one) for one in softer):
                 return found
         return gains(0.0, 0.0)
@@ -205,7 +189,7 @@ class CouplingSearch:
             softness,
             bounds=(middle - ratio, middle + ratio),
             method="bounded",
-            options={"maxiter": _MOST_FINE, "xatol": _FINE_DAMPER},
+            options={"maxiter": 16, "xatol": 2e-3},  # humps have a sharp edge
         )
         return found
 
@@ -223,9 +207,12 @@ class CouplingSearch:
         if not safe:
             return [max(stable, key=self.gain_margin)]
         ratios = [self._judge.slowest(one).damping_ratio for one in safe]
-        best = max(_with_share(safe, ratios, _NEAR_BEST), key=self.gain_margin)
-        lighter = [min(_with_share(safe, ratios, _NEAR_BEST * part), key=_dampers) for part in _LIGHTER]
-        heaviest = max(_with_share(safe, ratios, _NEAR_BEST), key=_dampers)
+        good, half, quarter = (
+            [one for one, ratio in zip(safe, ratios, strict=True) if ratio >= 0.9 * part * max(ratios)]
+            for part in (1.0, 0.5, 0.25)
+        )
+        best, heaviest = max(good, key=self.gain_margin), max(good, key=_dampers)
+        lighter = [min(some, key=_dampers) for some in (half, quarter)]
         return list(dict.fromkeys((best, *lighter, heaviest)))
 
     def holds(self, stiffness_n_per_m: float, *, local: bool = False) -> bool:
@@ -279,7 +266,7 @@ class CouplingSearch:
         least = start / edge(lambda part: stable(start / part), 1.0, start / (1e-6 * top), 1 + self.options.precision)
         return least, most
 
-    def _edge(self, gains: Callable[[float], ToolGains], low: float, high: float, precision: float = _COARSE) -> float:
+    def _edge(self, gains: Callable[[float], ToolGains], low: float, high: float, precision: float = 1.05) -> float:
         return edge(lambda k: self._judge.stable(gains(k)), low, high, precision)
 
     def _followed(self, gains: Callable[[float], ToolGains], before_n_per_m: float) -> float:
@@ -287,7 +274,7 @@ class CouplingSearch:
         low = self._softest_n_per_m
         if not self._judge.stable(gains(low)):
             return 0.0
-        for high in (share * before_n_per_m for share in _BELOW):
+        for high in (share * before_n_per_m for share in (1 / 64, 1 / 16, 1 / 4, 1.0)):
             if high > low:
                 if not self._judge.stable(gains(high)):
                     return self._edge(gains, low, high)
@@ -307,7 +294,7 @@ class CouplingSearch:
         """Return the largest stable K near an initial guess, 0 where there is none."""
         low = near
         while not self._judge.stable(gains(low)):
-            low /= _DOWN
+            low /= 2**0.5
             if low < self._softest_n_per_m:
                 return 0.0
         high = near if low < near else self.stiffest_n_per_m
@@ -315,8 +302,8 @@ class CouplingSearch:
 
     def _without_gaps(self, gains: Callable[[float], ToolGains], limit: float) -> ToolGains:
         """Return the gains at a limit, or below a gap in which a softer coupling is unstable with the same dampers."""
-        count = math.ceil(math.log(1 / _CHECKED_TO) / math.log(_CHECKED))
-        softer = (limit * np.geomspace(_CHECKED_TO, 1.0, count + 1)).tolist()
+        count = math.ceil(math.log(50) / math.log(1.25))
+        softer = (limit * np.geomspace(0.02, 1.0, count + 1)).tolist()
         if not self._judge.stable(gains(softer[0])):
             return gains(0.0)
         for before, after in itertools.pairwise(softer):
@@ -348,11 +335,6 @@ def _dampers(gains: ToolGains) -> float:
     return gains.damping_ns_per_m + gains.local_damping_ns_per_m
 
 
-def _with_share(gains: list[ToolGains], ratios: list[float], share: float) -> list[ToolGains]:
-    """Return those whose damping ratio is at least a share of the best."""
-    return [one for one, ratio in zip(gains, ratios, strict=True) if ratio >= share * max(ratios)]
-
-
 def _with(gains: Callable[[float, float], ToolGains], damping: float, stiffness: float) -> ToolGains:
     return gains(stiffness, damping)
 
@@ -360,7 +342,7 @@ def _with(gains: Callable[[float, float], ToolGains], damping: float, stiffness:
 def edge(stable: Callable[[float], bool], low: float, high: float, precision: float) -> float:
     """Return the stability limit between a stable value and a larger one, bisected in the logarithm."""
     while low < high:
-        after = min(_FIRST_STEP * low, high)
+        after = min(2 * low, high)
         if not stable(after):
             high = after
             break
@@ -371,17 +353,6 @@ def edge(stable: Callable[[float], bool], low: float, high: float, precision: fl
         middle = math.sqrt(low * high)
         low, high = (middle, high) if stable(middle) else (low, middle)
     return low
-
-
-STABILITY = (
-    "linear stability of the lifted loop: hands of [hands] and the device released, devices, tools and contacts of "
-    "their ranges (corners, then a search for the worst point inside), every phase of the clocks"
-)
-PASSIVITY = (
-    "the port at which the engine meets the coupling is passive, with the corner hands of [hands] and released: "
-    "stable with any engine that is passive there, whatever its tool weighs and touches. Such an engine solves the "
-    "tool together with the coupling's force (implicit); one that moves a mass explicitly is none, however heavy"
-)
 
 
 def tool_certificate(problem: Problem, gains: ToolGains, search: ToolSearch | None = None) -> dict[str, Any]:
@@ -396,7 +367,11 @@ def tool_certificate(problem: Problem, gains: ToolGains, search: ToolSearch | No
             "loops": len(search.loops),
             "gain_margin": search.gain_margin_over_ranges(gains),
             "least_damped": asdict(search.loops.slowest(gains)) if stable else None,
-            "claim": STABILITY,
+            "claim": (
+                "linear stability of the lifted loop: hands of [hands] and the device released, devices, tools and "
+                "contacts of their ranges (corners, then a search for the worst point inside), every phase of the "
+                "clocks"
+            ),
             "passivity": _passivity(problem, gains),
         }
     )
@@ -404,8 +379,13 @@ def tool_certificate(problem: Problem, gains: ToolGains, search: ToolSearch | No
 
 
 def _passivity(problem: Problem, gains: ToolGains) -> dict[str, Any]:
+    claim = (
+        "the port at which the engine meets the coupling is passive, with the corner hands of [hands] and released: "
+        "stable with any engine that is passive there, whatever its tool weighs and touches. Such an engine solves the "
+        "tool together with the coupling's force (implicit); one that moves a mass explicitly is none, however heavy"
+    )
     try:
         port = engine_port(problem.device, problem.hands, required_tool(problem), gains)
     except UnsupportedError as refusal:
-        return {"passive": None, "refused": str(refusal), "claim": PASSIVITY}
-    return {**asdict(port), "refused": None, "claim": PASSIVITY}
+        return {"passive": None, "refused": str(refusal), "claim": claim}
+    return {**asdict(port), "refused": None, "claim": claim}

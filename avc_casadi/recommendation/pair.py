@@ -312,7 +312,7 @@ def _passivity(problem: Problem, gains: ToolGains) -> tuple[float | None, float 
     if follower.architecture != "position-position" or not math.isclose(t, other.sample_time_s, rel_tol=1e-9):
         return None, None
     damping, far_damping = _least_damping(leader), _least_damping(other)
-    late, far_late = _longest_delay(leader), _longest_delay(other)
+    late, far_late = (max(one.range.delay_samples or (one.delay_samples,)) for one in (leader, other))
     pairs = []
     for delays_s in follower.delays_s:
         there, back = (delay_s / t for delay_s in delays_s)
@@ -326,13 +326,7 @@ def _passivity(problem: Problem, gains: ToolGains) -> tuple[float | None, float 
 
 
 def _least_damping(device: Device) -> float:
-    known = device.range.damping_ns_per_m
-    return device.damping_ns_per_m if known is None else known[0]
-
-
-def _longest_delay(device: Device) -> float:
-    known = device.range.delay_samples
-    return device.delay_samples if known is None else known[1]
+    return min(device.range.damping_ns_per_m or (device.damping_ns_per_m,))
 
 
 def _assumed_of_tool(tool: VirtualTool) -> list[str]:

@@ -20,9 +20,8 @@ from avc_casadi.loops.walls import softest_wall_n_per_m, stiffest_wall
 from avc_casadi.model.hands import hand_corners, with_released
 from avc_casadi.model.problem import Problem
 from avc_casadi.recommendation.candidates import judge_all, judge_stiffest
-from avc_casadi.recommendation.evaluator import Evaluator, Withstood, missed, withstood
+from avc_casadi.recommendation.evaluator import Evaluator, Withstood, missed, off_file, withstood
 from avc_casadi.recommendation.pair import recommend_bilateral, recommend_tool
-from avc_casadi.recommendation.perturbed_devices import off_file
 from avc_casadi.recommendation.preconditions import assumed, not_used, nothing_rendered, why_infeasible
 from avc_casadi.recommendation.rank import best_of, devices_of, reason_of
 from avc_casadi.recommendation.recommendation import LimitCycleFreedom, Recommendation

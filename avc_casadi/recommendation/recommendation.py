@@ -24,8 +24,7 @@ if TYPE_CHECKING:
     from avc_casadi.model.device import Device
     from avc_casadi.model.ends import ToolGains
     from avc_casadi.model.problem import Problem
-    from avc_casadi.recommendation.evaluator import Withstood
-    from avc_casadi.recommendation.perturbed_devices import PerturbedDevices
+    from avc_casadi.recommendation.evaluator import PerturbedDevices, Withstood
     from avc_casadi.recommendation.sensitivity import Help, ToolHelp, Trade
     from avc_casadi.simulation.population.trial import Trial
 

@@ -13,7 +13,7 @@ from avc_casadi.model.corners import linear_values
 from avc_casadi.model.gains import Gains, near_rigid_n_per_m
 from avc_casadi.model.hands import hand_corners, with_released
 from avc_casadi.model.scene import Press
-from avc_casadi.recommendation.perturbed_devices import off_file, perturbed
+from avc_casadi.recommendation.evaluator import off_file, perturbed
 from avc_casadi.simulation.compile import target_of
 from avc_casadi.simulation.judge import AT_REST_M_PER_S
 from avc_casadi.simulation.population.motions import LONGEST_S, MOTIONS, TRIAL_S, course_of

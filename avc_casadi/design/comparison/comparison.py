@@ -190,37 +190,26 @@ def verdicts(
     closed_form: GainSchedule, optimum: GainSchedule, scale: FloatArray
 ) -> tuple[tuple[Verdict, ...], tuple[str, ...]]:
     """Judge every frequency: the better of closed form and optimum, and why they differ."""
-    rows = range(optimum.rows)
     better = closed_form.magnitude_error > optimum.magnitude_error + AGREEMENT * scale
-    found = tuple(_verdict(closed_form.status[row], optimum.status[row], bool(better[row])) for row in rows)
-    reasons = tuple(_why(found[row], closed_form, optimum, row) for row in rows)
-    return found, reasons
+    found = [_verdict(closed_form, optimum, row, better=bool(better[row])) for row in range(optimum.rows)]
+    return tuple(verdict for verdict, _ in found), tuple(reason for _, reason in found)
 
 
-def _verdict(closed_form: Status, optimum: Status, better: bool) -> Verdict:
-    if not optimum.has_gains:
-        return Verdict.INFEASIBLE
-    if not closed_form.has_gains:
-        return Verdict.CLOSED_FORM_NOT_REALISABLE
+def _verdict(closed_form: GainSchedule, optimum: GainSchedule, row: int, *, better: bool) -> tuple[Verdict, str]:
+    method, error, known = optimum.method, f"{optimum.magnitude_error[row]:.3g}", optimum.reason[row]
+    if not optimum.status[row].has_gains:
+        return Verdict.INFEASIBLE, known or f"{method} found no gains"
+    if not closed_form.status[row].has_gains:
+        why = f"the closed form {closed_form.reason[row]}; {method} reaches a magnitude error of {error}"
+        return Verdict.CLOSED_FORM_NOT_REALISABLE, why
     if better:
-        return Verdict.DIRECT_BETTER
-    return Verdict.BOUND_ACTIVE if optimum is Status.ACTIVE_BOUND else Verdict.AGREE
-
-
-def _why(verdict: Verdict, closed_form: GainSchedule, optimum: GainSchedule, row: int) -> str:
-    method, error = optimum.method, f"{optimum.magnitude_error[row]:.3g}"
-    if verdict is Verdict.INFEASIBLE:
-        return optimum.reason[row] or f"{method} found no gains"
-    if verdict is Verdict.CLOSED_FORM_NOT_REALISABLE:
-        return f"the closed form {closed_form.reason[row]}; {method} reaches a magnitude error of {error}"
-    if verdict is Verdict.DIRECT_BETTER:
+        damped = optimum.structure == "damped"
+        what = "contact damper leaves out the virtual mass" if damped else "projection keeps Im Z_h_ds"
         left = f"{closed_form.magnitude_error[row]:.3g}"
-        if optimum.structure == "damped":
-            return f"the contact damper leaves out the virtual mass: an error of {left}; {method} reaches {error}"
-        return f"the projection keeps Im Z_h_ds and leaves a magnitude error of {left}; {method} reaches {error}"
-    if verdict is Verdict.BOUND_ACTIVE:
-        return f"same error; {optimum.reason[row] or f'{method} stands on a bound of the gain box'}"
-    return f"both reach a magnitude error of {error}"
+        return Verdict.DIRECT_BETTER, f"the {what}: a magnitude error of {left}; {method} reaches {error}"
+    if optimum.status[row] is Status.ACTIVE_BOUND:
+        return Verdict.BOUND_ACTIVE, f"same error; {known or f'{method} stands on a bound of the gain box'}"
+    return Verdict.AGREE, f"both reach a magnitude error of {error}"
 
 
 # Points of the same magnitude error whose distances to Z_h_ds differ by more than this, relative to |Z_d| + |H Z_ds|,
@@ -365,10 +354,6 @@ def _demanded(problem: Problem) -> str:
     return scope if require == "none" else f"{scope}, realism {require}"
 
 
-# The largest damper that a problem can state.
-_MOST_NS_PER_M = 1e9
-
-
 def damping_injection(problem: Problem, loop: Loop) -> dict[str, Any]:
     """Read the closed form as damping injection; arrays of shape (n,), 0 where the desired wall is passive already.
 
@@ -382,7 +367,7 @@ def damping_injection(problem: Problem, loop: Loop) -> dict[str, Any]:
     contact = np.where(needed, np.where(can, delta / np.where(can, hold.real, 1.0), np.nan), 0.0)
     with np.errstate(divide="ignore", invalid="ignore"):
         residual = np.where(needed, np.abs(hold * contact - delta) / np.abs(loop.target), 0.0)
-    any_damper = {"structure": "damped", "contact_damping_ns_per_m": (0.0, _MOST_NS_PER_M)}
+    any_damper = {"structure": "damped", "contact_damping_ns_per_m": (0.0, 1e9)}
     damped = solve(problem.changed(coupling=any_damper), "closed-form")
     return {
         "injected_damping_ns_per_m": delta,

@@ -134,10 +134,6 @@ class _Side:
         self.limit_n = np.inf if device.max_force_n is None else device.max_force_n
         self.sent = [self.measured()]
 
-    def send(self) -> None:
-        """Store the measured positions of this sample as a message."""
-        self.sent.append(self.measured())
-
     def measured(self) -> FloatArray:
         """Return the measured positions, shape (lanes,)."""
         seen = self.state @ self.row
@@ -203,12 +199,12 @@ class _Run:
         other_sample = 0
         for sample in range(samples):
             while other_sample * self.times[1] < (sample - 1e-6) * self.times[0]:
-                self.sides[1].send()
+                self.sides[1].sent.append(self.sides[1].measured())
                 self._follow(other_sample)
                 other_sample += 1
             together = other_sample * self.times[1] < (sample + 1e-6) * self.times[0]
             for side in self.sides[: 1 + together]:
-                side.send()
+                side.sent.append(side.measured())
             asked = self._lead(sample)
             if together:
                 self._follow(other_sample)
