@@ -11,8 +11,6 @@ if TYPE_CHECKING:
 
 PER_CONTACT, PER_LACK = 10.0, 2.0
 """Weights of unmet contact and of missing decay, in units of the squared error."""
-_ROUNDS = 6
-_TAPS = (1, 2, 3, 5, 8, 13, 21, 34, 55)
 # Least cosine with which a multiplier serves.
 _SERVES = 0.03
 
@@ -76,7 +74,7 @@ class Cones:
         settings = clarabel.DefaultSettings()
         settings.verbose, settings.max_iter = False, 60
         settings.tol_gap_abs, settings.tol_gap_rel, settings.tol_feas = 1e-6, 1e-4, 1e-7
-        for _ in range(_ROUNDS):
+        for _ in range(6):
             some = [(matrix[mask], level[mask]) for (_, matrix, level, _), mask in zip(blocks, masks, strict=True)]
             some.sort(key=lambda one: one[0].shape[1] > 1)
             linear = sum(len(level) for _, level in some if level.shape[1] == 1)
@@ -122,7 +120,8 @@ def multiplier(z: ComplexArray, loop: ComplexArray, known: ComplexArray | None =
     best, least = tried[cosines.argmax()], float(cosines.max())
     if least > _SERVES:
         return best, least
-    taps = np.array([*_TAPS, *(-k for k in _TAPS)])
+    taps = np.array([1, 2, 3, 5, 8, 13, 21, 34, 55])
+    taps = np.concatenate([taps, -taps])
     delayed, weight = -(z[:, None] ** -taps), np.ones(len(z))
     for _ in range(2):
         rows = np.pad(-(delayed * unit[:, None]).real * weight[:, None], ((0, 1), (0, 1)), constant_values=1.0)

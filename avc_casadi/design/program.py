@@ -18,6 +18,7 @@ moved by their derivatives. What was found is judged by exact eigenvalues.
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -26,10 +27,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from avc_casadi._errors import UnsupportedError
+from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.claims.impedance import impedance_at_handle
 from avc_casadi.coupling import Coupling
 from avc_casadi.design.cones import PER_LACK, Cones, multiplier
 from avc_casadi.design.observer_law import GUESSES, Structure
+from avc_casadi.design.static import constant_schedule
 from avc_casadi.loops.spectrum import eigenvalues
 from avc_casadi.loops.wall import MAX_DELAY_SAMPLES
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners
@@ -42,6 +45,7 @@ if TYPE_CHECKING:
     from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray
     from avc_casadi.design.observer_law import Loops
     from avc_casadi.model.device import Device
+    from avc_casadi.model.gains import GainSchedule
     from avc_casadi.model.hands import StylusHand
     from avc_casadi.model.plant import SampledPlant
     from avc_casadi.model.problem import Problem
@@ -53,21 +57,10 @@ DISK_MARGIN, RIPPLE_N, NOISE_OVER_STIFFNESS = 0.204, 1.5, 12.0
 that is more."""
 BAND_HZ, NEAR = (1.0, 30.0), 0.1
 """Of the error; and that at which no other guess of model and feedback is tried."""
-# Step of an encoder that is taken for an ideal one.
-_IDEAL_M = 1e-9
 GAINS = np.array([1.0, 0.5, 0.25, 0.12, 0.06, 0.03, 0.015])
 """Sector gains of quantiser and dead zone at which the loop is required to decay."""
-# Rates of decay at each gain, 1/s, of oscillations and of what is slower than some hertz; share of |Phi| kept free.
-_FAST, _SLOW = np.array([1, 0.9, 0.8, 0.6, 0.3, 0.1, 0.02]), np.array([1, 1, 0.8, 0.6, 0.35, 0.15, 0.05])
-_FASTEST_PER_S, _SLOWEST_PER_S, _SLOW_HZ = 5.0, 10.0, 4.0
-_FREE = np.array([0.35, 0.25, 0.17, 0.12, 0.06, 0.0, 0.0])
 # Share of Phi on contours, and twice that of the observer, that a step leaves at least; after one that failed, more.
-_LEFT, _CONTACT = (0.2, 0.6, 0.85), 0.01
-# Poles of which the derivative counts: decay over the required one; and the difference for the slope of the latter.
-_NEAR_CONTOUR, _DIFFERENCE_HZ = 1.5, 1e-3
-# Judged as met: shares of the goals.
-_MET, _NOISE_MET, _CONTACT_MET = 0.985, 1.02, 0.003
-_ITERATIONS, _STEPS = 40, (1.0, 0.6, 0.3, 0.1)
+_LEFT = (0.2, 0.6, 0.85)
 
 
 def contour_per_s(device: Device, hz: FloatArray, row: int) -> FloatArray:
@@ -75,8 +68,9 @@ def contour_per_s(device: Device, hz: FloatArray, row: int) -> FloatArray:
 
     Before a wall without a damper a lightly damped device decays slowly, and is asked for less.
     """
-    fast = min(_FASTEST_PER_S, 4.0 + 0.05 * device.damping_ns_per_m / device.mass_kg) * _FAST[row]
-    return np.asarray(fast + (_SLOWEST_PER_S * _SLOW[row] - fast) / (1 + (hz / _SLOW_HZ) ** 4))
+    oscillating, slow = (1, 0.9, 0.8, 0.6, 0.3, 0.1, 0.02)[row], (1, 1, 0.8, 0.6, 0.35, 0.15, 0.05)[row]
+    fast = min(5.0, 4.0 + 0.05 * device.damping_ns_per_m / device.mass_kg) * oscillating
+    return np.asarray(fast + (10.0 * slow - fast) / (1 + (hz / 4.0) ** 4))
 
 
 @dataclass(frozen=True)
@@ -113,7 +107,8 @@ class Program:
     _contours: dict[tuple[int, float], ComplexArray] = field(default_factory=dict, init=False)
 
     def __post_init__(self) -> None:
-        self._free = self.distance * _FREE
+        # Shares of |Phi| kept free at each gain.
+        self._free = self.distance * np.array([0.35, 0.25, 0.17, 0.12, 0.06, 0.0, 0.0])
         device = self.problem.device
         corners = device_corners(device, LINEAR_KEYS)
         held, free = (plants_with_forces(sampled_plant(corners, who)) for who in (self.hands, no_hand()))
@@ -208,11 +203,9 @@ class Program:
 
     def _excess(self, found: Judged) -> float:
         """Return by how much margin, noise and contact miss their goals, weighed; 0 where they do not."""
-        margin = max(0.0, _MET * self.disk_margin - found.disk_margin)
-        contact = max(0.0, _CONTACT_MET - found.contact)
-        noise = (
-            max(0.0, math.log(found.noise_n_per_m / self.noise_n_per_m / _NOISE_MET)) if found.noise_n_per_m else 0.0
-        )
+        margin = max(0.0, 0.985 * self.disk_margin - found.disk_margin)
+        contact = max(0.0, 0.003 - found.contact)
+        noise = max(0.0, math.log(found.noise_n_per_m / self.noise_n_per_m / 1.02)) if found.noise_n_per_m else 0.0
         return 20 * (margin + contact) + noise
 
     def _cost(self, found: Judged) -> float:
@@ -224,14 +217,14 @@ class Program:
         A step is shortened until all holds that held, judged exactly.
         """
         best, failed = self.judged(gain), 0
-        for _ in range(_ITERATIONS):
+        for _ in range(40):
             wide = best.disk_margin >= self.disk_margin
             reach = (1.15, 0.9) if failed == 0 else (0.98, 1.0)
             margin = self.disk_margin if wide else max(min(self.disk_margin, reach[0] * best.disk_margin), 0.02)
             noise = max(self.noise_n_per_m, reach[1] * best.noise_n_per_m)
             decay = np.where(best.decay > 1, 1.0, np.round(best.decay - 0.02 * np.abs(best.decay), 3))
             towards = self._step(gain, best, margin, noise, decay, _LEFT[failed])
-            for share in _STEPS:
+            for share in (1.0, 0.6, 0.3, 0.1):
                 tried = gain + share * (towards - gain)
                 found = self._tried(tried, best, decay)
                 if found is not None:
@@ -305,7 +298,7 @@ class Program:
         for row, one in enumerate(c):
             weight = self._multipliers[row] / observer / np.abs(one / observer)
             rows = (weight[:, None] * (self.phi[row] - (one / observer)[:, None] * self.observer)).real
-            cones.linear(("contact", row), rows, (weight * one).real - rows @ gain - _CONTACT, contact=1.0)
+            cones.linear(("contact", row), rows, (weight * one).real - rows @ gain - 0.01, contact=1.0)
         cones.error(*self.error)
         self.solved += 1
         return cones.solved(self._near)
@@ -322,15 +315,15 @@ class Program:
         plants = self.plants if row == 0 else self.held
         poles = eigenvalues(self.structure.loops(plants, gain, passed))
         t, reached = self.problem.device.sample_time_s, self._decays(poles, row)
-        some = (reached < _NEAR_CONTOUR) & (poles.imag >= 0) & (np.abs(poles) > 0.5)
+        some = (reached < 1.5) & (poles.imag >= 0) & (np.abs(poles) > 0.5)
         if not some.any():
             return
         matrix, push, measured = plants
         whose = np.nonzero(some)[0]
         slopes = self.structure.slopes((matrix[whose], push[whose], measured), gain, passed, poles[some])
         hz, reached = np.angle(poles[some]) / (2 * np.pi * t), reached[some]
-        wanted, more = (contour_per_s(self.problem.device, f, row) for f in (hz, hz + _DIFFERENCE_HZ))
-        per_hz = (more - wanted) / _DIFFERENCE_HZ
+        wanted, more = (contour_per_s(self.problem.device, f, row) for f in (hz, hz + 1e-3))
+        per_hz = (more - wanted) / 1e-3
         moved = slopes / poles[some][:, None] / t
         change = (-moved.real - (reached * per_hz)[:, None] * moved.imag / (2 * np.pi)) / wanted[:, None]
         aim = np.minimum(1.02, reached + 0.5)
@@ -494,7 +487,7 @@ def program_answers(
     inner = problem
     if stiffness_n_per_m is not None and stiffness_n_per_m < k:
         inner = problem.changed(environment={"stiffness_n_per_m": stiffness_n_per_m, "damping_ns_per_m": 0.0})
-    asked, step = problem.robustness, max(device.encoder_resolution_m, _IDEAL_M)
+    asked, step = problem.robustness, max(device.encoder_resolution_m, 1e-9)
     if disk_margin is None:
         disk_margin = DISK_MARGIN if asked.disk_margin is None else asked.disk_margin
     if noise_n_per_m is None:
@@ -513,3 +506,22 @@ def program_answers(
             if answers[-1].met and found.error <= NEAR:
                 break
     return sorted(answers, key=lambda one: (not one.met, one.judged.error))
+
+
+def solve_robust(problem: Problem, *, progress: Progress = SILENT) -> GainSchedule:
+    """Solve by the law of the program, in ``state_feedback``; every row has the same gains."""
+    if why := why_no_law(problem):
+        raise UnsupportedError(f"{problem.name}: robust: {why}; take another method, such as static")
+    started = time.perf_counter()
+    with progress.step("convex program"):
+        answer = next(iter(program_answers(problem)), None)
+    if answer is None:
+        reason = "no law is found that holds every hand; soften the wall, or narrow [hands] or [device.range]"
+        return constant_schedule(problem, "robust", None, started, reason=reason)
+    coupling, found, goals = answer.coupling, answer.judged, "as asked for" if answer.met else "not all as asked for"
+    note = (
+        f"error of the impedance from 1 to 30 Hz {100 * found.error:.3g} % at most, disk margin "
+        f"{found.disk_margin:.2f}; margin, noise, contact and decay {goals}"
+    )
+    law = coupling.runtime.state_feedback
+    return constant_schedule(problem, "robust", coupling.table.at_rest, started, notes=(note,), law=law)

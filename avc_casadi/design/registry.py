@@ -84,7 +84,7 @@ _METHODS = {
         reports=True,
     ),
     "robust": Method(
-        "avc_casadi.design.robust:solve_robust",
+        "avc_casadi.design.program:solve_robust",
         "the wall behind an observer with state feedback, by a convex program with a disk margin for every hand",
         keeps_ranges=True,
         reports=True,

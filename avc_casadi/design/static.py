@@ -15,7 +15,7 @@ from avc_casadi.claims.llewellyn import llewellyn_margin
 from avc_casadi.claims.worst_frequency import worst_margin
 from avc_casadi.loops.wall import SampledLoop
 from avc_casadi.model.corners import margin_over_range
-from avc_casadi.model.gains import GainSchedule, Status
+from avc_casadi.model.gains import Gains, GainSchedule, Status
 from avc_casadi.paper.equations import loop_at
 from avc_casadi.paper.realism import relative_errors
 from avc_casadi.paper.rows import gain_schedule, row_status
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from avc_casadi.model.problem import Model, Problem
+    from avc_casadi.model.runtime import StateFeedback
 
 
 StaticCondition = Literal["llewellyn", "all"]
@@ -251,27 +252,46 @@ def static_coupling(
 def solve_static(problem: Problem) -> GainSchedule:
     """Solve by a constant coupling under Llewellyn's condition; notes tell the best that is passive here alone."""
     started = time.perf_counter()
-    certified = static_coupling(problem)
-    special = static_coupling(problem, "all")
+    certified, special = static_coupling(problem), static_coupling(problem, "all")
+    b, k, contact = certified.damping_ns_per_m, certified.stiffness_n_per_m, certified.contact_damping_ns_per_m
+    lacking = problem.stability.margin_ns_per_m - certified.margin_ns_per_m
+    why = (
+        f"no constant coupling of the gain box meets Llewellyn's condition (6), {certified.model} model: the best, "
+        f"b = {b:.6g} and k = {k:.6g}, lacks {lacking:.6g} of device damping"
+    )
     n = len(problem.frequencies_hz())
-    gains = (certified.damping_ns_per_m, certified.stiffness_n_per_m, certified.contact_damping_ns_per_m)
-    b, k, contact = (np.full(n, value) for value in gains)
-    if certified.found:
-        status, reason = row_status(problem, b, k, contact), ("",) * n
-    else:
-        status = (Status.INFEASIBLE,) * n
-        lacking = problem.stability.margin_ns_per_m - certified.margin_ns_per_m
-        why = (
-            f"no constant coupling of the gain box meets Llewellyn's condition (6), {certified.model} model: the best, "
-            f"b = {b[0]:.6g} and k = {k[0]:.6g}, lacks {lacking:.6g} of device damping"
-        )
-        reason = (why,) * n
-    return gain_schedule(
+    return constant_schedule(
         problem,
         "static",
-        (b, k, contact),
-        status,
-        reason=reason,
-        solve_seconds=time.perf_counter() - started,
+        Gains(b, k, contact) if certified.found else None,
+        started,
+        reason="" if certified.found else why,
+        status=row_status(problem, *(np.full(n, gain) for gain in (b, k, contact))),
         notes=tuple(f"best constant coupling, {choice.sentence()}" for choice in (certified, special)),
+    )
+
+
+def constant_schedule(
+    problem: Problem,
+    method: str,
+    gains: Gains | None,
+    started: float,
+    *,
+    reason: str = "",
+    status: tuple[Status, ...] | None = None,
+    notes: tuple[str, ...] = (),
+    law: StateFeedback | None = None,
+) -> GainSchedule:
+    """Return the same gains at every frequency, infeasible for a reason where there are none."""
+    n = len(problem.frequencies_hz())
+    b, k, contact = (np.full(n, gain) for gain in vars(gains or Gains(0.0, 0.0)).values())
+    return gain_schedule(
+        problem,
+        method,
+        (b, k, contact),
+        (Status.INFEASIBLE,) * n if gains is None else status or (Status.SOLVED,) * n,
+        reason=(reason,) * n,
+        solve_seconds=time.perf_counter() - started,
+        notes=notes,
+        state_feedback=law,
     )

@@ -16,14 +16,14 @@ import numpy as np
 from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.design.schedule import solve_schedule
+from avc_casadi.design.static import constant_schedule
 from avc_casadi.model.effects import HandEffect, WallEffect
-from avc_casadi.model.gains import Gains, GainSchedule, Status, gains_at
+from avc_casadi.model.gains import Gains, GainSchedule, gains_at
 from avc_casadi.model.hands import hand_set
 from avc_casadi.model.problem import Boundaries, Frequency, Impedance
 from avc_casadi.model.scene import Scene, scene_effects
 from avc_casadi.paper.equations import loop_at
 from avc_casadi.paper.realism import relative_errors
-from avc_casadi.paper.rows import gain_schedule
 from avc_casadi.simulation.scene import simulate_batch
 
 if TYPE_CHECKING:
@@ -112,18 +112,8 @@ def solve_static_tuned(problem: Problem, *, progress: Progress = SILENT) -> Gain
     """Solve by tuned constant gains; the same at every row; the notes report their trial."""
     started = time.perf_counter()
     found = tune_static(problem, progress=progress)
-    n = len(problem.frequencies_hz())
-    values = (np.nan,) * 3 if found.gains is None else tuple(vars(found.gains).values())
-    b, k, contact = (np.full(n, value) for value in values)
-    return gain_schedule(
-        problem,
-        "static-tuned",
-        (b, k, contact),
-        (Status.INFEASIBLE if found.gains is None else Status.SOLVED,) * n,
-        reason=(found.reason,) * n,
-        solve_seconds=time.perf_counter() - started,
-        notes=(found.sentence(),),
-    )
+    notes = (found.sentence(),)
+    return constant_schedule(problem, "static-tuned", found.gains, started, reason=found.reason, notes=notes)
 
 
 def tuning_problem(problem: Problem, structure: Structure, margin_ns_per_m: float | None = None) -> Problem:

@@ -29,10 +29,6 @@ if TYPE_CHECKING:
 TOLERANCES = (1e-2, 1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
 OPTIMAL = 1e-8
 """Excess error, relative to |Z_h_ds|, below which a row counts as truly optimal."""
-_STEADY_RUNS = 5
-_STEADY_SECONDS = 0.5
-# CasADi's solvers are timed at so many frequencies; `exact` and the closed form run at all.
-_SOLVER_FREQUENCIES = 25
 
 
 @dataclass(frozen=True)
@@ -91,7 +87,8 @@ def solver_costs(
         SolverCost("closed-form", None, None, **_cost(problem, loop, reference, partial(_closed_form, problem, loop))),
         SolverCost("exact", None, None, **_cost(problem, loop, reference, partial(exact_gains, problem, loop))),
     ]
-    some = np.unique(np.linspace(0, len(reference) - 1, _SOLVER_FREQUENCIES).round().astype(int))
+    # CasADi's solvers are timed at a few; `exact` and the closed form run at all.
+    some = np.unique(np.linspace(0, len(reference) - 1, 25).round().astype(int))
     few, error = loop.rows(some), reference[some]
     for solver, tolerance in choices:
         nlp_solvers.cache_clear()
@@ -118,7 +115,7 @@ def _cost(problem: Problem, loop: Loop, reference: FloatArray, run: Callable[[],
     gains = run()
     first = (time.perf_counter() - started) / rows
     steady: list[float] = []
-    while len(steady) < 1 or (len(steady) < _STEADY_RUNS and sum(steady) < _STEADY_SECONDS):
+    while len(steady) < 1 or (len(steady) < 5 and sum(steady) < 0.5):
         started = time.perf_counter()
         run()
         steady.append(time.perf_counter() - started)
