@@ -25,7 +25,7 @@ _LINES: dict[str, dict[str, Any]] = {
     "others": {"color": "0.6", "linewidth": 0.6, "zorder": 3},
     "zero": {"color": "0.5", "linewidth": 0.8, "zorder": 1},
     "gain": {"color": style.PURPLE, "linewidth": 2.2, "zorder": 7},
-    "phase": {"color": style.GREEN, "linewidth": 2.2, "zorder": 7},
+    "phase": {"color": style.GREEN, "linewidth": 2.2, "zorder": 7, "markersize": 3.5},
 }
 
 
@@ -100,12 +100,9 @@ def draw_loop(found: Deployed | Coupling, axes: style.GivenAxes = None) -> Figur
     titles = ("(a) loop gain |L|", "(b) Nyquist plot of L", "(c) phase of L", "(d) impact on the wall, linear")
     panels = style.Panels.of(axes, titles, 5.6, "ab;cd")
     size, circle, phase, struck = panels.axes
-    others = [one for row, one in enumerate(found.gain[:-1]) if row != found.worst]
-    curves = [
-        (found.gain[found.worst], _LINES["worst"], "least damped hand"),
-        (found.gain[-1], _LINES["released"], "released"),
-    ]
-    for curve, look, label in [*curves, *((one, _LINES["others"], "_") for one in others)]:
+    others = [(row, "others", "_") for row in range(len(found.gain) - 1) if row != found.worst]
+    for row, kind, label in [(found.worst, "worst", "least damped hand"), (-1, "released", "released"), *others]:
+        curve, look = found.gain[row], _LINES[kind]
         size.plot(found.frequency_hz, np.abs(curve), label=label, **look)
         phase.plot(found.frequency_hz, _degrees(curve), label=label, **look)
         circle.plot(curve.real, curve.imag, label=label, **look)
@@ -149,14 +146,7 @@ def _margins(size: Axes, circle: Axes, phase: Axes, found: Deployed) -> None:
         there = found.gain[:, int(np.argmin(np.abs(found.frequency_hz - turn_hz)))]
         nearest = there[int(np.argmin(np.abs(np.log(np.abs(there)))))]
         end = -180 + (turn if np.degrees(np.angle(nearest)) % 360 > 180 else -turn)
-        phase.plot(
-            [turn_hz] * 2,
-            [-180, end],
-            label=f"phase margin {turn:.3g} deg",
-            **_LINES["phase"],
-            marker="o",
-            markersize=3.5,
-        )
+        phase.plot([turn_hz] * 2, [-180, end], "o-", label=f"phase margin {turn:.3g} deg", **_LINES["phase"])
         arc = np.radians(np.linspace(-180, end, 30))
         circle.plot(np.cos(arc), np.sin(arc), **_LINES["phase"])
 

@@ -67,10 +67,8 @@ def push(data: Mapping[str, Any], coupling: Coupling, shown: str) -> Answer:
     ]
     if "in_the_loop" in data:
         rows.append(in_the_loop(data["in_the_loop"]))
-    rows += [
-        *subject.notes([*filter(None, [data["holes"]]), *data.get("notes", ())]),
-        *subject.notes(coupling.lacks, "Lacks"),
-    ]
+    rows += subject.notes(filter(None, [data["holes"], *data.get("notes", ())]))
+    rows += subject.notes(coupling.lacks, "Lacks")
     onwards = [] if data["port"] == "emulator" else [f"monitor --port {quote(data['port'])}"]
     return subject.answer("push", data, problem, shown, rows, *onwards)
 
@@ -97,9 +95,8 @@ def export(data: Mapping[str, Any], coupling: Coupling, shown: str) -> Answer:
         observer = "observer with state feedback," if coupling.runtime.state_feedback is not None else ""
         what, size = parts(observer, subject.gains(table, problem)), subject.plural(data["rows"], "row")
     else:
-        there = (
-            parts("at the follower", subject.pair(vars(coupling.at_follower))) if coupling.end == "follower" else None
-        )
+        far = subject.pair(vars(coupling.at_follower)) if coupling.end == "follower" else ()
+        there = ("at the follower", far) if far else None
         what, size = listed([subject.pair(vars(coupling.gains)), there], ";"), "both ends"
     onwards = ["export {} --parameters mujoco"] if coupling.end == "simulation" else []
     rows = [
@@ -162,9 +159,7 @@ _ENGINES = {
     "chai3d": Engine("CHAI3D", "updateDynamics", _SEMI, turns=False),
     "unity": Engine("Unity (PhysX)", "the physics step", _SEMI),
     "sofa": Engine("SOFA", "animate", {"implicit": "EulerImplicitSolver"}, turns=False),
-    "openhaptics": Engine(
-        "OpenHaptics", "your engine's step", {one: one for one in get_args(ToolIntegrator)}, turns=False
-    ),
+    "openhaptics": Engine("OpenHaptics", "your step", {one: one for one in get_args(ToolIntegrator)}, turns=False),
     "imstk": Engine("iMSTK", "the scene's step", {}),
     "ros2": Engine("ROS 2", "the update", _SEMI),
     "pybullet": Engine("PyBullet", "stepSimulation", _SEMI),

@@ -73,10 +73,8 @@ def without_gains(data: Mapping[str, Any]) -> str:
 def _errors(data: Mapping[str, Any]) -> list[Row]:
     """Return the largest errors of magnitude and impedance, and their frequencies."""
     rows = []
-    for label, key, of in (
-        ("Error of |Z|", "magnitude_error", "damping"),
-        ("Impedance error", "complex_error", "share"),
-    ):
+    keys = {"magnitude_error": ("Error of |Z|", "damping"), "complex_error": ("Impedance error", "share")}
+    for key, (label, of) in keys.items():
         found = zip(data[key], data["frequency_hz"], data["damping_ns_per_m"], strict=True)
         if known := [(error, at) for error, at, b in found if None not in (error, b)]:
             error, at = max(known)

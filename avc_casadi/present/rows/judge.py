@@ -135,15 +135,8 @@ def own_law(found: LawCertificate, shown: str = "") -> Answer:
         onwards.append(f"avc recommend {quote(shown)} --out coupling.json")
     complaint = "" if found.passed else f"avc: {shown}: this law is not deployable"
     onwards.append(f"{command(law)} -v")
-    return Answer(
-        "certify-law",
-        found.document(),
-        title,
-        tuple(_law_rows(found)),
-        tuple(onwards),
-        problem.units,
-        complaint=complaint,
-    )
+    data, rows = found.document(), tuple(_law_rows(found))
+    return Answer("certify-law", data, title, rows, tuple(onwards), problem.units, complaint=complaint)
 
 
 def _law(values: Mapping[str, float]) -> tuple[Part, ...]:
@@ -399,10 +392,8 @@ def screening(data: Mapping[str, Any], problem: Problem, shown: str) -> Answer:
 
 def _changes(found: Mapping[str, Any], units: Units) -> tuple[Part, ...]:
     """Return relative changes, rms over the run for position and force, and the outcome."""
-    force = units.key("force")
-    changes = (
-        f"position {{position_change:share}}, {force} {{force_change:share}}, stiffness {{stiffness_change:share}}"
-    )
+    force = f"{units.key('force')} {{force_change:share}}"
+    changes = f"position {{position_change:share}}, {force}, stiffness {{stiffness_change:share}}"
     return fill(f"{changes}, {_ENDINGS[found['outcome']][0]}", found)
 
 

@@ -48,9 +48,8 @@ def _wall(data: Mapping[str, Any], stated: Problem) -> list[Row]:
     ]
     if data["declared"]:
         rows.append(row("Declared", ", ".join(map(stated.units.key, data["declared"]))))
-    rows += subject.notes(
-        (f"{what}: no recommendation is judged with it" for what in not_judged(data["not_used"])), "Not used"
-    )
+    unused = [f"{what}: no recommendation is judged with it" for what in not_judged(data["not_used"])]
+    rows += subject.notes(unused, "Not used")
     return rows + subject.notes(asked_of_others(data["not_used"]), "Not used", Mark.NONE)
 
 
@@ -74,10 +73,7 @@ def _follower(stated: Problem) -> list[Row]:
     far = stated.follower
     assert far is not None  # noqa: S101 - asked of problems with one
     there, back = (span(one, "time") for one in (far.delay_s, far.return_delay_s or far.delay_s))
-    lost = fill(
-        "; {jitter:share} of jitter, {lost_share} of the messages lost",
-        {"jitter": far.jitter, "lost_share": far.lost_share},
-    )
+    lost = fill("; {jitter:share} of jitter, {lost_share} of the messages lost", vars(far))
     sent = f", {far.force} is sent back" if far.architecture == "position-force" else ""
     end = ("a rigid object",) if far.rigid else ("a spring of", Value(far.contact_stiffness_n_per_m[1], "stiffness"))
     return [

@@ -63,7 +63,8 @@ def wall_rows(data: Mapping[str, Any], problem: Problem) -> list[Row]:
     found = [*_slips(data), _coupling(data, problem), *_rendered(data, problem), _stability(data)]
     if not data["deployable"]:
         return [*found, *_simulated(data)]
-    limit, worst, trade_off = data["coupling"]["max_force_n"], data["transient"]["worst_hand"], []
+    limit, period_s = data["coupling"]["max_force_n"], data["coupling"]["sample_time_s"]
+    worst, trade_off = data["transient"]["worst_hand"], []
     for one in data["trade_off"] or ():
         errors = listed(Value(share, "share") for share in one["error"])
         missed = "" if one["met"] else "(contact or decay not met)"
@@ -73,9 +74,7 @@ def wall_rows(data: Mapping[str, Any], problem: Problem) -> list[Row]:
         *found,
         subject.smallest_margins(data["margins"]),
         subject.settling(data["transient"]["released"]["settling_s"], "released"),
-        subject.damping_ratio(
-            worst["damping_ratio"], worst["frequency_hz"], "worst_hand", data["coupling"]["sample_time_s"]
-        ),
+        subject.damping_ratio(worst["damping_ratio"], worst["frequency_hz"], "worst_hand", period_s),
         *([row("At 1, 10, 30 Hz", listed(trade_off, ";"))] if trade_off else []),
         *_simulated(data),
         *_unmodelled(data),
@@ -228,9 +227,8 @@ def _contact(data: Mapping[str, Any], problem: Problem) -> list[Row]:
         each = listed((Value(share, "number"), "times", Value(float(speed), "speed")) for speed, share in fast.items())
         rows.append(row("Rebound", "the released device leaves the wall at", each, mark=Mark.CAUTION))
     if short is not None and short > 1e-3 / size:
-        rows.append(
-            row("Dry friction", fill("holds the handle up to {rest_error_m} from rest", felt), mark=Mark.CAUTION)
-        )
+        far = fill("holds the handle up to {rest_error_m} from rest", felt)
+        rows.append(row("Dry friction", far, mark=Mark.CAUTION))
     leaning = data["with_friction_n_per_m"]
     if None not in (leaning, stiffness) and leaning > _STIFFER * stiffness:
         text = fill("at least {with_friction_n_per_m} if its help is enough: --lean-on-friction", data)
@@ -282,10 +280,8 @@ def stiffest(data: Mapping[str, Any], problem: Problem, shown: str = "") -> Answ
         row(str(one["change"]).removesuffix(" of the device").capitalize(), fill("{stiffest_wall_n_per_m}", one))
         for one in data["what_would_help"]
     ]
-    rows += [
-        *subject.notes(data["assumed"], "Assumed", Mark.NONE, 1),
-        *subject.notes(data["not_used"], "Not used", rank=1),
-    ]
+    rows += subject.notes(data["assumed"], "Assumed", Mark.NONE, 1)
+    rows += subject.notes(data["not_used"], "Not used", rank=1)
     onwards = "recommend {} --out coupling.json", "recommend {} --stiffest -v"
     return subject.answer("stiffest", data, problem, shown, rows, *onwards)
 
