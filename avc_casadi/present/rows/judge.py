@@ -134,7 +134,6 @@ def own_law(found: LawCertificate, shown: str = "") -> Answer:
     if problem.environment.stiffness_n_per_m:
         onwards.append(f"avc recommend {quote(shown)} --out coupling.json")
     complaint = "" if found.passed else f"avc: {shown}: this law is not deployable"
-    onwards.append(f"{command(law)} -v")
     data, rows = found.document(), tuple(_law_rows(found))
     return Answer("certify-law", data, title, rows, tuple(onwards), problem.units, complaint=complaint)
 
