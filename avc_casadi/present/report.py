@@ -110,7 +110,7 @@ def _page(
     return frame.substitute(title=escape(title), source=escape(source), body="\n\n".join(body), versions=made)
 
 
-def _shown(answer: Answer) -> list[Row]:
+def _printed(answer: Answer) -> list[Row]:
     return [one for one in answer.rows if one.rank == 0 and one.label != "Written"]
 
 
@@ -122,7 +122,7 @@ def report_html(
     more: Sequence[Section] = (),
 ) -> str:
     """Return the report of a recommendation: verdict, one picture and ten rows first, then the rest of it."""
-    shown, certificate = _shown(answer), answer.data["certificate"] or {}
+    shown, certificate = _printed(answer), answer.data["certificate"] or {}
     claims: list[Row] = levels(certificate.get("levels", {}))
     if problem.simulation is not None and certificate:
         claims = [*stability(certificate), *passivity(certificate["passivity"], problem)]
@@ -194,7 +194,7 @@ def identification_html(answer: Answer, found: Identification, text: str, versio
     """Return the report of an identification: its rows, log and model side by side, and the device file."""
     caption = "The model on the commanded input, held near by a slow observer; frequency response where it is coherent"
     sections = [
-        Section("What the logs show", _shown(answer), [Picture.of(draw_identification(found), caption)]),
+        Section("What the logs show", _printed(answer), [Picture.of(draw_identification(found), caption)]),
         Section("Evidence", [one for one in answer.rows if one.rank > 0]),
         Section("Device file", file=text, folded=True),
     ]

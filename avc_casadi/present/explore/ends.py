@@ -86,14 +86,14 @@ def region(
 
 
 def touches(runs: Mapping[str, Run], problem: Problem, begins: str) -> list[dict[str, Any]]:
-    """Return position and force of simulated touches over time, with their peaks kept."""
+    """Return position and force of simulated touches over time, with all their peaks."""
     names, time, position, force = {"own": "your k and b", "method": "coupling"}, ("time, s", "linear"), [], []
     for cls, run in runs.items():
-        kept = slice(0, run.samples_in_reach)
-        rows = _peaks(run.force_n[kept], run.position_m[kept])
+        inside = slice(0, run.samples_in_reach)
+        rows = _peaks(run.force_n[inside], run.position_m[inside])
         name = f"{names[cls]}: {'settles' if run.claim == 'asymptotic' and not run.buzzing else 'does not settle'}"
-        position.append(line(name, cls, run.time_s[kept][rows], 1e3 * run.position_m[kept][rows]))
-        force.append(line(name, cls, run.time_s[kept][rows], run.force_n[kept][rows]))
+        position.append(line(name, cls, run.time_s[inside][rows], 1e3 * run.position_m[inside][rows]))
+        force.append(line(name, cls, run.time_s[inside][rows], run.force_n[inside][rows]))
     deepest = max((value for one in position for value in one["y"] if value is not None), default=0.0)
     span = [-deepest, 1.3 * deepest] if deepest > 0 else None
     if runs:

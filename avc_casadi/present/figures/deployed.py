@@ -35,11 +35,11 @@ def draw_rendered(found: Deployed | Coupling, axes: style.GivenAxes = None) -> F
     found = found if isinstance(found, Deployed) else deployed(found)
     titles = ("(a) stiffness by sinusoidal excitation", "(b) simulated hands press, approach cut")
     panels = style.Panels.of(axes, titles, 2.9, "ab")
-    problem, shaken, (left, press) = found.coupling.problem, found.shaken, panels.axes
+    problem, response, (left, press) = found.coupling.problem, found.shaken, panels.axes
     wall, hz = problem.environment, found.shaken.frequency_hz
     wanted = np.abs(wall.stiffness_n_per_m + 2j * np.pi * hz * wall.damping_ns_per_m)
-    left.plot(hz, shaken.stiffness_n_per_m, label="rendered", marker="o", markerfacecolor="white", **_LINES["worst"])
-    _stiffness(left, hz, wanted, shaken.stiffness_n_per_m, problem.units.unit("N/m"))
+    left.plot(hz, response.stiffness_n_per_m, label="rendered", marker="o", markerfacecolor="white", **_LINES["worst"])
+    _stiffness(left, hz, wanted, response.stiffness_n_per_m, problem.units.unit("N/m"))
     press.plot(found.press_s, 1e3 * np.delete(found.press_m, found.worst, axis=0).T, label="_", **_LINES["others"])
     press.plot([], [], label="other hands of the box", **_LINES["others"])
     press.plot(found.press_s, 1e3 * found.press_m[found.worst], label="least damped hand", **_LINES["worst"])

@@ -73,15 +73,15 @@ def push(data: Mapping[str, Any], coupling: Coupling, shown: str) -> Answer:
     return subject.answer("push", data, problem, shown, rows, *onwards)
 
 
-def in_the_loop(tried: Mapping[str, Any]) -> Row:
+def in_the_loop(trial: Mapping[str, Any]) -> Row:
     """Return how the pushed coupling performed with a hand on the emulated device."""
-    if "skipped" in tried:
-        return row("In the loop", f"not tried; {tried['skipped']}", mark=Mark.CAUTION)
-    left = f"; without {', '.join(tried['left_out'])}" if tried["left_out"] else ""
-    faulty = f"; faults: {tried['faults']}" if tried["faults"] else ""
-    what = f"{'settles' if tried['at_rest'] else 'does NOT settle'} with a hand: at most"
-    force = fill(f"{what} {{peak_force_n}}, {{apparent_stiffness_n_per_m}} at the sensor{left}{faulty}", tried)
-    return row("In the loop", force, mark=marked(tried["at_rest"] and not faulty))
+    if "skipped" in trial:
+        return row("In the loop", f"not tried; {trial['skipped']}", mark=Mark.CAUTION)
+    left = f"; without {', '.join(trial['left_out'])}" if trial["left_out"] else ""
+    faulty = f"; faults: {trial['faults']}" if trial["faults"] else ""
+    what = f"{'settles' if trial['at_rest'] else 'does NOT settle'} with a hand: at most"
+    force = fill(f"{what} {{peak_force_n}}, {{apparent_stiffness_n_per_m}} at the sensor{left}{faulty}", trial)
+    return row("In the loop", force, mark=marked(trial["at_rest"] and not faulty))
 
 
 def export(data: Mapping[str, Any], coupling: Coupling, shown: str) -> Answer:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from avc_casadi.diagnose.causes import Diagnosis
     from avc_casadi.identification.device import Identification
 
-_MOVED = {"Force": "force_n", "Speed": "speed_m_per_s", "Travel": "travel_m"}
+_LIMITS = {"Force": "force_n", "Speed": "speed_m_per_s", "Travel": "travel_m"}
 
 
 def plan(data: Mapping[str, Any], units: Units, shown: str, port: str) -> Answer:
@@ -25,7 +25,7 @@ def plan(data: Mapping[str, Any], units: Units, shown: str, port: str) -> Answer
     corners = "worst of its ranges" if found["devices"] > 1 else "declared device"
     signal = f"{found['signal']}, {{lowest_hz}} to {{highest_hz}}, peak {{peak_force_n}}; bounded by {{held_back_by}}"
     rows = [row("Signal", fill(signal, found))]
-    for label, key in _MOVED.items():
+    for label, key in _LIMITS.items():
         allowed = fill(f"of {{{key}}} allowed, {corners}", found["limits"])
         rows.append(row(label, fill(f"{{{key}}}", found["forecast"]["worst"]), allowed))
     centring = "spring {spring_n_per_m}, damper {damper_ns_per_m}: hands off"

@@ -324,15 +324,15 @@ def felt_rows(felt: Mapping[str, Any]) -> list[Row]:
     """Return what the handle meets: on a rigid object, on the stiffest declared contact, and in free motion."""
     if not felt["at"]:
         return []
-    rows, moved = [], felt["at"][0]
+    rows, first = [], felt["at"][0]
     if felt["on_stiffest_contact_n_per_m"] is not None:
         rows.append(row("Declared contact", fill("{on_stiffest_contact_n_per_m} pressed", felt)))
     pressed = None if felt["stiffness_n_per_m"] is None else fill("{stiffness_n_per_m} pressed", felt)
     stiff = [fill(f"{{stiffness_n_per_m}} at {one['frequency_hz']:g} Hz", one) for one in felt["at"]]
     rows.append(row("Rigid object", listed([pressed, *stiff])))
-    if moved["mass_kg"] is not None:
-        mass: Part = "a restoring spring" if moved["mass_kg"] < 0 else Value(moved["mass_kg"], "mass")
-        drag = fill(f", drag {{drag_ns_per_m}} at {moved['frequency_hz']:g} Hz; impedance error", moved)
+    if first["mass_kg"] is not None:
+        mass: Part = "a restoring spring" if first["mass_kg"] < 0 else Value(first["mass_kg"], "mass")
+        drag = fill(f", drag {{drag_ns_per_m}} at {first['frequency_hz']:g} Hz; impedance error", first)
         errors = listed((Value(one["free_error"], "share"), f"at {one['frequency_hz']:g} Hz") for one in felt["at"])
         altered = max(one["free_error"] for one in felt["at"]) > 1
         rows.append(row("Free motion", mass, drag, errors, mark=doubted(altered)))
