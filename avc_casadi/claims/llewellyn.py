@@ -42,7 +42,9 @@ def llewellyn_margin(
 
     frequency = refine_minima(value, *_points_hz(loop, len(b)))
     values = value(frequency)
-    lowest = np.argmin(values, axis=1)[:, None]
+    # Among equal values the first: a refinement within rounding is no other frequency.
+    least = values.min(axis=1, keepdims=True)
+    lowest = np.argmax(values <= least + 1e-15 * (b_d + np.abs(least)), axis=1)[:, None]
     margin, at = (np.take_along_axis(each, lowest, axis=1) for each in (values, frequency))
     return np.where(valid, margin, -np.inf)[:, 0], at[:, 0]
 
