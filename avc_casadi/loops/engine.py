@@ -20,7 +20,18 @@ import numpy as np
 from avc_casadi._errors import InputError
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi.loops.loop import Body, Loop, Map, Rows, period, response, turn_of
-from avc_casadi.loops.system import TOLERANCE, Box, Pattern, Ranges, Region, System, hand_at, hand_boxes, held_plant
+from avc_casadi.loops.system import (
+    TOLERANCE,
+    Box,
+    Pattern,
+    Ranges,
+    Region,
+    System,
+    clock_ratio,
+    hand_at,
+    hand_boxes,
+    held_plant,
+)
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners, device_ranges, linear_values
 from avc_casadi.model.ends import RIGID_N_PER_M, ToolGains, ToolState, VirtualTool, tool_at, tool_states, tool_step
 from avc_casadi.model.hands import Hand, hand_corners, joined, with_released
@@ -28,15 +39,6 @@ from avc_casadi.model.plant import sampled_plant
 
 if TYPE_CHECKING:
     from avc_casadi.model.problem import Problem
-
-# Largest number of engine steps until the pattern recurs, if no multiple of T: 1/60 s recurs after three of 50 ms.
-_LONGEST_PERIOD = 8
-# Number of stiffnesses between free and the stiffest contact, spaced logarithmically.
-_CONTACTS = 4
-# Softest contact, as a share of the stiffest.
-_SOFTEST = 1e-3
-# Number of steps of the engine that are searched in a range of them.
-_STEPS = 4
 
 
 @dataclass(frozen=True)
@@ -58,9 +60,7 @@ def clocks(step_s: float, sample_time_s: float) -> list[Clock]:
     ratio = step_s / sample_time_s
     if math.isclose(ratio, round(ratio), rel_tol=1e-6) and round(ratio) >= 1:
         return [Clock((round(ratio),), (False,), step_s)]
-    period = Fraction(ratio).limit_denominator(_LONGEST_PERIOD)
-    if period == 0:
-        period = Fraction(1, _LONGEST_PERIOD)
+    period = clock_ratio(ratio)
     # Phases within 1/period of each other give the same pattern; either one step falls on a sample or none does.
     return [_clock(period, phase, step_s) for phase in (Fraction(0), Fraction(1, 2 * period.denominator))]
 
@@ -281,8 +281,8 @@ def contact_stiffnesses_n_per_m(tool: VirtualTool) -> list[float]:
     lowest, highest = tool.contact_stiffness_n_per_m
     if tool.rigid:
         return [0.0, *([lowest] if 0 < lowest < RIGID_N_PER_M else []), RIGID_N_PER_M]
-    low = max(lowest, _SOFTEST * highest)
-    between = np.geomspace(low, highest, _CONTACTS).tolist() if 0 < low < highest else [highest]
+    low = max(lowest, 1e-3 * highest)
+    between = np.geomspace(low, highest, 4).tolist() if 0 < low < highest else [highest]
     return sorted({0.0, *between, RIGID_N_PER_M})
 
 
@@ -299,4 +299,4 @@ def _contact_ranges_n_per_m(tool: VirtualTool) -> list[tuple[float, float]]:
 def _steps_s(tool: VirtualTool) -> list[float]:
     """Return the steps of the engine that are searched: the ends of the range and some between."""
     shortest, longest = tool.step_s
-    return np.geomspace(shortest, longest, _STEPS).tolist() if longest > shortest else [shortest]
+    return np.geomspace(shortest, longest, 4).tolist() if longest > shortest else [shortest]

@@ -20,7 +20,7 @@ import numpy as np
 from avc_casadi._errors import InputError
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi.loops.loop import Body, Loop, Map, Rows, period, response, turn_of
-from avc_casadi.loops.system import Box, Pattern, Ranges, Region, System, hand_at, hand_boxes, held_plant
+from avc_casadi.loops.system import Box, Pattern, Ranges, Region, System, clock_ratio, hand_at, hand_boxes, held_plant
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners, device_ranges, linear_values
 from avc_casadi.model.ends import Follower, ToolGains
 from avc_casadi.model.hands import Hand, hand_corners, with_released
@@ -29,19 +29,6 @@ from avc_casadi.model.plant import SampledPlant, sampled_plant
 if TYPE_CHECKING:
     from avc_casadi.model.device import Device
     from avc_casadi.model.problem import Problem
-
-# Largest number of samples of the slower clock until the pattern recurs.
-_LONGEST_PERIOD = 8
-# Delays are read to this part of a sample.
-_FINEST = 10**6
-# Number of stiffnesses between free and the stiffest environment, spaced logarithmically.
-_ENVIRONMENTS = 4
-# Damping of a contact without a declared one.
-_CONTACT_DAMPING_RATIO = 0.1
-# Stiffest non-rigid environment, and softest, as shares of the follower's m/T^2: no effect beyond these.
-_STIFFEST, _SOFTEST = 1.0, 1e-5
-# Number of delays of each way that are searched in a range of them.
-_DELAYS = 3
 
 
 @dataclass(frozen=True)
@@ -55,13 +42,11 @@ class LinkClock:
 
 def link_clocks(leader_s: float, follower_s: float, there_s: float, back_s: float) -> list[LinkClock]:
     """Return the distinct patterns of two clocks, of every phase."""
-    ratio = Fraction(follower_s / leader_s).limit_denominator(_LONGEST_PERIOD)
-    if ratio == 0:
-        ratio = Fraction(1, _LONGEST_PERIOD)
+    ratio = clock_ratio(follower_s / leader_s)
     there, back = there_s / leader_s, back_s / leader_s
     # Phases recur after one over the denominator; the pattern changes where a message arrives at a sample.
     recurs = Fraction(1, ratio.denominator)
-    turns = sorted({Fraction(0), *(Fraction(late).limit_denominator(_FINEST) % recurs for late in (there, -back))})
+    turns = sorted({Fraction(0), *(Fraction(late).limit_denominator(10**6) % recurs for late in (there, -back))})
     between = [(one + other) / 2 for one, other in itertools.pairwise([*turns, recurs])]
     return list(dict.fromkeys(_clock(ratio, phase, there, back) for phase in sorted({*turns, *between})))
 
@@ -158,14 +143,6 @@ class Link:
         events, reads = zip(*driven.events(gains), strict=True)
         return response(events, reads, turn)
 
-    def pulls(self, gains: ToolGains, ages: tuple[int, int]) -> list[Rows]:
-        """Return the force of the coupling on each side, positive against +x."""
-        (x, v), (y, w) = self._seen(0, 0), self._seen(1, 0)
-        (far_y, far_w), (far_x, far_v) = self._seen(1, ages[0]), self._seen(0, ages[1])
-        k, b = gains.stiffness_n_per_m, gains.damping_ns_per_m
-        back = -self.loop["forces"][ages[0]] if self._force_is_sent else k * (x - far_y) + b * (v - far_w)
-        return [back, k * (y - far_x) + b * (w - far_v)]
-
     @property
     def _force_is_sent(self) -> bool:
         return self.follower.architecture == "position-force"
@@ -177,6 +154,7 @@ class Link:
 
     def events(self, gains: ToolGains) -> list[tuple[Map, Rows | None]]:
         """Return the maps of a period, and the leader's commanded force before each by which its device moves."""
+        k, b = gains.stiffness_n_per_m, gains.damping_ns_per_m
         loop, bodies, count, found = self.loop, (self.leader, self.touch.body), [0, 0], list[tuple[Map, Rows | None]]()
         for here in self.clock.events:
             sides = [side for side in (0, 1) if here[side]]
@@ -185,8 +163,12 @@ class Link:
             found.append((loop.event(**sent), None))
             sees = self.clock.leader_sees, self.clock.follower_sees
             leads, follows = (age[done % len(age)] for age, done in zip(sees, count, strict=True))
-            pulls = self.pulls(gains, (leads, follows))
-            forces = [pull + gains.local_damping_ns_per_m * self._seen(side, 0)[1] for side, pull in enumerate(pulls)]
+            # The force of the coupling on each side, positive against +x.
+            (x, v), (y, w) = self._seen(0, 0), self._seen(1, 0)
+            (far_y, far_w), (far_x, far_v) = self._seen(1, leads), self._seen(0, follows)
+            back = -loop["forces"][leads] if self._force_is_sent else k * (x - far_y) + b * (v - far_w)
+            pulls = [back, k * (y - far_x) + b * (w - far_v)]
+            forces = [pull + gains.local_damping_ns_per_m * own for pull, own in zip(pulls, (v, w), strict=True)]
             new = {f"body{side}": bodies[side].moved(loop[f"body{side}"], forces[side]) for side in sides}
             if 1 in sides:
                 new["body1"] = new["body1"] * (1 - self.touch.fixed)[..., None, None]
@@ -305,7 +287,7 @@ def required_follower(problem: Problem) -> Follower:
 def environments(follower: Follower) -> tuple[FloatArray, FloatArray]:
     """Return stiffness and damping of the follower's environments, in the leader's units: free, springs, rigid."""
     low, top = _springs_n_per_m(follower)
-    springs = np.geomspace(low, top, _ENVIRONMENTS).tolist() if low < top else [top] if top > 0 else []
+    springs = np.geomspace(low, top, 4).tolist() if low < top else [top] if top > 0 else []
     found = [(0.0, 0.0)]
     found += [(one, damper) for one in springs for damper in contact_dampers_ns_per_m(follower, one)]
     found += [(math.inf, 0.0)] if follower.rigid else []
@@ -317,7 +299,8 @@ def contact_dampers_ns_per_m(follower: Follower, stiffness_n_per_m: float) -> li
     """Return the dampers in parallel with a contact spring, in the follower's units."""
     if follower.contact_damping_ns_per_m is not None:
         return sorted(set(follower.contact_damping_ns_per_m))
-    return [2 * _CONTACT_DAMPING_RATIO * math.sqrt(stiffness_n_per_m * follower.mass_kg)]
+    # A tenth of the critical damping, where none is declared.
+    return [0.2 * math.sqrt(stiffness_n_per_m * follower.mass_kg)]
 
 
 def _contact_ranges_n_per_m(follower: Follower) -> list[tuple[float, float]]:
@@ -331,11 +314,11 @@ def _springs_n_per_m(follower: Follower) -> tuple[float, float]:
     """Return the softest and the stiffest environment that has any effect and is not rigid."""
     lowest, highest = follower.contact_stiffness_n_per_m
     unit = follower.mass_kg / follower.sample_time_s**2
-    return max(lowest, _SOFTEST * unit), min(highest, _STIFFEST * unit)
+    return max(lowest, 1e-5 * unit), min(highest, unit)
 
 
 def _delays_s(follower: Follower) -> list[tuple[float, float]]:
     """Return the delays that are searched: the ends of both ranges and some between."""
     ways = (follower.delay_s, follower.return_delay_s or follower.delay_s)
-    each = [np.linspace(*way, _DELAYS).tolist() if way[1] > way[0] else [way[0]] for way in ways]
+    each = [np.linspace(*way, 3).tolist() if way[1] > way[0] else [way[0]] for way in ways]
     return list(product(*each))

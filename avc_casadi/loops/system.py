@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
+from fractions import Fraction
 from itertools import combinations, product
 from typing import TYPE_CHECKING, Any, Protocol, Self
 
@@ -27,8 +28,7 @@ if TYPE_CHECKING:
 Leading = Callable[[IndexArray, FloatArray], ComplexArray]
 """The eigenvalue of largest modulus of each of m loops, by row (m,) and place in the unit box (sides, m)."""
 
-Interval = tuple[float, float]
-Ranges = dict[str, Interval]
+Ranges = dict[str, tuple[float, float]]
 """[lowest, highest] by name."""
 
 _HAND = tuple(f"hand.{item.name}" for item in fields(Hand))
@@ -65,7 +65,11 @@ def worst_point(leading: Leading, sides: int) -> tuple[FloatArray, complex]:
     """Return the place (sides,) of a unit box with the largest modulus, and the eigenvalue there."""
     # Many points, lines and ascents: maxima near a resonance of tool, contact or device are narrow.
     drawn = np.random.default_rng(1).random((sides, 40 * sides))
-    places = np.concatenate([_corners(sides), drawn], axis=1)
+    # Every corner of few sides, drawn ones of more.
+    corners = np.random.default_rng(0).integers(0, 2, (sides, 64)).astype(np.float64)
+    if sides <= 6:
+        corners = np.array(list(product((0.0, 1.0), repeat=sides))).reshape(2**sides, sides).T
+    places = np.concatenate([corners, drawn], axis=1)
     values = leading(np.zeros(places.shape[1], dtype=np.intp), places)
     if not sides:
         return places[:, 0], complex(values[0])
@@ -105,7 +109,7 @@ def worst_held(
     device: Device,
     hand: Ranges,
     leading: Callable[[SampledPlant, Mapping[str, FloatArray]], ComplexArray],
-    **more: Interval,
+    **more: tuple[float, float],
 ) -> tuple[complex, dict[str, float], Device, dict[str, FloatArray]]:
     """Return the largest eigenvalue over a hand's and a device's ranges: its hand, its device and all its values."""
     box = Box({**hand, **device_ranges(device, LINEAR_KEYS), **more})
@@ -117,12 +121,6 @@ def worst_held(
     place, value = worst_point(of_places, len(box.sides))
     found = box.values(place[:, None])
     return value, hand_at(found, 0), held_plant(device, found)[0][0], found
-
-
-def _corners(sides: int) -> FloatArray:
-    if sides <= 6:
-        return np.array(list(product((0.0, 1.0), repeat=sides))).reshape(2**sides, sides).T
-    return np.random.default_rng(0).integers(0, 2, (sides, 2**6)).astype(np.float64)
 
 
 def _lines(place: FloatArray) -> FloatArray:
@@ -180,14 +178,9 @@ def _moves(at: FloatArray, reach: FloatArray) -> FloatArray:
     """Return probes both ways along each side of the box, then inwards along two sides at once, (p, sides, m)."""
     sides = len(at)
     inner = np.where(at <= 0.5, reach, -reach)
-    moves = [move for i in range(sides) for move in (_only(inner, i), _only(-inner, i))]
-    return np.array([*moves, *(_only(inner, i) + _only(inner, j) for i, j in combinations(range(sides), 2))])
-
-
-def _only(move: FloatArray, side: int) -> FloatArray:
-    one = np.zeros_like(move)
-    one[side] = move[side]
-    return one
+    along = np.eye(sides)[:, :, None] * inner
+    both = [along[i] + along[j] for i, j in combinations(range(sides), 2)]
+    return np.array([*(move for one in along for move in (one, -one)), *both])
 
 
 def _model_top(moves: FloatArray, gains: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
@@ -223,6 +216,11 @@ TOLERANCE = 1e-9
 _DEAD = 1e-6
 # Growth of loops with different patterns is compared over this time.
 UNIT_S = 1e-3
+
+
+def clock_ratio(ratio: float) -> Fraction:
+    """Return a ratio of two clocks as a fraction whose pattern recurs soon: 1/60 s recurs after three of 50 ms."""
+    return Fraction(ratio).limit_denominator(8) or Fraction(1, 8)
 
 
 class Lifted(Protocol):

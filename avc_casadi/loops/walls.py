@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -117,10 +117,8 @@ class _Curves:
 
     def pick(self, cases: IndexArray | slice) -> _Curves:
         """Return some of the cases."""
-        return _Curves(
-            self.change[cases], self.new[cases], self.old[cases], self.whole_delay[cases], self.measured,
-            self.free[cases], self.sample_time_s, self.poles,
-        )  # fmt: skip
+        some: dict[str, Any] = {name: each[cases] for name, each in vars(self).items() if isinstance(each, np.ndarray)}
+        return replace(self, **some)
 
     def response(self, angle: FloatArray) -> tuple[ComplexArray, ComplexArray]:
         """Return L (N/m) and q (1/s) at angles of the cases, shape (cases) or (cases, m)."""
@@ -270,24 +268,18 @@ def _stretches(outside: IndexArray, row: IndexArray, stiffness: FloatArray, leav
     )
 
 
-def _pairs(device: Device, subjects: Hand | StylusHand) -> Body:
-    """Return every corner of a device with every hand."""
-    return Body.of(sampled_plant(device_corners(device, LINEAR_KEYS), subjects)).flat()
-
-
-def _in_contact(pairs: Body, stiffness_n_per_m: FloatArray, damping_ns_per_m: FloatArray) -> Map:
-    """Return the loops of walls with pairs, shape (walls, pairs, s, s); such a rendering has no state of its own."""
-    rate = damping_ns_per_m / pairs.sample_time_s
-    force = np.stack([stiffness_n_per_m + rate, -rate, 0 * rate], axis=-1)
-    return wall(pairs, Rendering(force, 0 * force).column)[..., :-1, :-1]
+def _in_contact(device: Device, subjects: Hand | StylusHand, k: float, b: float) -> Map:
+    """Return the loop of one wall with every hand at every corner of a device; it has no state of its own."""
+    pairs = Body.of(sampled_plant(device_corners(device, LINEAR_KEYS), subjects)).flat()
+    rate = b / pairs.sample_time_s
+    return wall(pairs, Rendering(np.array([[k + rate, -rate, 0.0]]), np.zeros((1, 3))))[..., :-1, :-1]
 
 
 def loop_poles(
     device: Device, subjects: Hand | StylusHand, stiffness_n_per_m: float, damping_ns_per_m: float
 ) -> ComplexArray:
     """Return the poles of the loop in contact with a spring of either sign and a damper, shape (pairs, poles)."""
-    walls = np.array([stiffness_n_per_m]), np.array([damping_ns_per_m])
-    return np.asarray(eigenvalues(_in_contact(_pairs(device, subjects), *walls))[0])
+    return eigenvalues(_in_contact(device, subjects, stiffness_n_per_m, damping_ns_per_m))
 
 
 @dataclass(frozen=True)
@@ -348,10 +340,11 @@ def _between_edges(
     device: Device, subjects: Hand | StylusHand, stiffness_n_per_m: float, scan: FloatArray, inside: IndexArray
 ) -> DampingRange:
     """Return the range of stable dampings, its ends by bisection, from a scan and the stable ones in it."""
-    pairs, stiffness = _pairs(device, subjects), np.array([stiffness_n_per_m])
+    # Linear in the damping.
+    undamped, damped = (_in_contact(device, subjects, stiffness_n_per_m, b) for b in (0.0, 1.0))
 
     def radius(damping: float, some: slice = slice(None)) -> FloatArray:
-        return np.asarray(largest_radius(_in_contact(pairs.axes(some), stiffness, np.array([damping])))[0])
+        return largest_radius(undamped[some] + damping * (damped[some] - undamped[some]))
 
     def edge(stable: float, unstable: float) -> float:
         while stable != unstable:
