@@ -228,15 +228,9 @@ class Transient:
         ratio = damping_ratios(poles)
         worst = int(np.argmin(ratio))
         hz = np.abs(np.angle(poles[worst])) / (2 * math.pi * sample_time_s) if ratio[worst] < 1 else 0.0
-        return cls(float(settling_s(poles, sample_time_s)), float(ratio[worst]), float(hz))
-
-
-def settling_s(poles: ComplexArray, sample_time_s: float) -> FloatArray:
-    """Return the settling time of the slowest oscillation of each loop, shape (...)."""
-    radius = np.where(_swings(poles), np.abs(poles), 0.0).max(axis=-1)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        found = sample_time_s * math.log(SETTLED) / np.log(radius)
-    return np.asarray(np.where(radius >= 1, np.inf, np.where(radius > 0, found, 0.0)))
+        radius = np.abs(poles[_swings(poles)]).max(initial=0.0)
+        settling_s = sample_time_s * math.log(SETTLED) / math.log(radius) if 0 < radius < 1 else 0.0
+        return cls(settling_s if radius < 1 else math.inf, float(ratio[worst]), float(hz))
 
 
 def damping_ratios(poles: ComplexArray) -> FloatArray:

@@ -150,9 +150,9 @@ class Rendering:
         return Rendering(self.force[..., None, :], self.state[..., None, :])
 
 
-def fraction_rendering(parts: Fractions, contact_damping_ns_per_m: FloatArray, sample_time_s: float) -> Rendering:
+def fraction_rendering(parts: Fractions, contact_damping_ns_per_m: Values, sample_time_s: float) -> Rendering:
     """Return the rendering of partial fractions; a fraction without residue keeps a state that vanishes at once."""
-    damper = (parts.direct + contact_damping_ns_per_m) / sample_time_s
+    damper = np.asarray((parts.direct + contact_damping_ns_per_m) / sample_time_s)
     force = np.stack([damper, parts.integral / sample_time_s - damper, parts.decaying / sample_time_s], axis=-1)
     one = np.ones_like(damper)
     return Rendering(force, np.stack([one, -one, parts.pole + 0 * one], axis=-1))
@@ -244,8 +244,7 @@ def linear_stability(
             f"linear stability is computed up to {MAX_DELAY_SAMPLES} samples of delay, not {device.delay_samples}"
         )
     n, h = len(parts.direct), len(hands)
-    contact = np.broadcast_to(np.asarray(contact_damping_ns_per_m, dtype=np.float64), (n,))
-    rendering = fraction_rendering(parts, contact, device.sample_time_s)
+    rendering = fraction_rendering(parts, contact_damping_ns_per_m, device.sample_time_s)
     body = Body.of(plants_of([device], hands)).flat()
     # Nothing moves without mass, damping and spring; a light device with its damping reduced may overflow in a sample.
     defined = np.isfinite(body.a).all(axis=(-2, -1)) & np.isfinite(body.b).all(axis=-1)
@@ -270,8 +269,7 @@ def frozen_rendering(
 ) -> Rendering:
     """Return the rendering of frozen gains in series with the wall; contact_damping is broadcast to n rows."""
     parts = frozen_parts(problem, damping_ns_per_m, stiffness_n_per_m)
-    contact = np.broadcast_to(np.asarray(contact_damping_ns_per_m, dtype=np.float64), parts.direct.shape)
-    return fraction_rendering(parts, contact, problem.device.sample_time_s)
+    return fraction_rendering(parts, contact_damping_ns_per_m, problem.device.sample_time_s)
 
 
 def force_over_position(rendering: Rendering, z: ComplexArray, law: StateFeedback | None = None) -> ComplexArray:
