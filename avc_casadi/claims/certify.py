@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from avc_casadi._errors import UnsupportedError
-from avc_casadi._util.arrays import BoolArray, FloatArray
+from avc_casadi._util.arrays import FloatArray
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.printed import Columns, Tabular
 from avc_casadi._util.progress import SILENT, Progress
@@ -24,7 +24,6 @@ from avc_casadi.loops.wall import SampledLoop, fractions, frozen_parts, passive_
 from avc_casadi.model.gains import GainSchedule
 
 if TYPE_CHECKING:
-    from avc_casadi.claims.prove.rest import Outcome
     from avc_casadi.coupling import Coupling
     from avc_casadi.model.problem import Problem
 
@@ -179,7 +178,7 @@ def rest_level(judged: Judged) -> LevelResult:
     """Prove or refute rest at each row of the deployed table with constant gains; else give the reason it is open."""
     coupling = judged.coupling
     if coupling is None:
-        return _rest_result([], "open", "no row has gains", np.zeros(judged.gains.rows, dtype=bool))
+        return _rest_result([], "no row has gains", 0, judged.gains.rows)
     rows = coupling.table.rows
     found = []
     for done, row in enumerate(rows.tolist()):
@@ -192,8 +191,7 @@ def rest_level(judged: Judged) -> LevelResult:
         counts = ", ".join(f"{outcomes.count(one)} {one}" for one in worst_first if one in outcomes)
         claim = f"{counts} of {len(found)} rows, each held; the row of {rows[worst, 0]:.5g} Hz: {claim}"
         claim += "; this says nothing of gains that change"
-    passed = np.array([outcome == "proved" for outcome in outcomes])
-    return _rest_result(found, outcomes[worst], claim, passed, worst)
+    return _rest_result(found, claim, worst, len(found))
 
 
 def quick_rest_level(coupling: Coupling, progress: Progress = SILENT) -> LevelResult | None:
@@ -203,7 +201,7 @@ def quick_rest_level(coupling: Coupling, progress: Progress = SILENT) -> LevelRe
     law, box = _law(coupling, coupling.table.rows[0].tolist()), _box(coupling)
     with progress.step("proof of rest"):
         found = prove_rest(law, coupling.contact, coupling.problem.device, box, most_cells=60_000, progress=progress)
-    return _rest_result([found], found.outcome, found.sentence, np.array([found.outcome == "proved"]))
+    return _rest_result([found], found.sentence, 0, 1)
 
 
 def quickly_proved(coupling: Coupling) -> bool:
@@ -229,9 +227,10 @@ def promises_rest(coupling: Coupling) -> bool:
         return False
 
 
-def _rest_result(found: list[Rest], outcome: Outcome, claim: str, passed: BoolArray, worst: int = 0) -> LevelResult:
-    """Return L7 of rows of the deployed table; a proof has no margin."""
-    nothing = np.full(len(passed), np.nan)
+def _rest_result(found: list[Rest], claim: str, worst: int, rows: int) -> LevelResult:
+    """Return L7 of rows of the deployed table, and which of them is the worst; a proof has no margin."""
+    passed, nothing = np.zeros(rows, dtype=bool), np.full(rows, np.nan)
+    passed[: len(found)] = [one.outcome == "proved" for one in found]
     return LevelResult(
         level="L7",
         passed=bool(passed.all()),
@@ -245,7 +244,7 @@ def _rest_result(found: list[Rest], outcome: Outcome, claim: str, passed: BoolAr
         row_margin_ns_per_m=nothing,
         row_frequency_hz=nothing,
         detail={"proofs": [one.document() for one in found]},
-        outcome=outcome,
+        outcome=found[worst].outcome if found else "open",
     )
 
 

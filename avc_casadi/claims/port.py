@@ -56,21 +56,14 @@ class HandlePort:
 def handle_port(device: Device, frequency_hz: FloatArray, taken_ns_per_m: FloatArray | float = 0.0) -> HandlePort:
     """Return the port of a device at frequencies above 0, each with all its aliases."""
     turns, taken = np.broadcast_arrays(np.asarray(frequency_hz) * device.sample_time_s, taken_ns_per_m)
-    shape, turns, taken = turns.shape, turns.ravel(), taken.ravel()
     mechanics = Mechanics(device)
     if mechanics.rigid and device.amplifier_bandwidth_hz is None:
-        parts = [_ideal(device, turns, taken)]
-    else:
-        number, weight, last = _aliases(mechanics)
-        at_once = max(1, 1_000_000 // len(number))
-        starts = range(0, len(turns), at_once)
-        parts = [
-            _summed(mechanics, number, weight, last, turns[i : i + at_once], taken[i : i + at_once]) for i in starts
-        ] or [_ideal(device, turns, taken)]
-    centre, spread, excess, damped = (
-        np.concatenate([part[index] for part in parts]).reshape(shape) for index in range(4)
-    )
-    return HandlePort(turns.reshape(shape), centre, spread.real, excess.real, damped.astype(bool))
+        return HandlePort(turns, *_ideal(device, turns, taken))
+    number, weight, last = _aliases(mechanics)
+    at_once = max(1, 1_000_000 // len(number))
+    some = [slice(begin, begin + at_once) for begin in range(0, turns.size, at_once)]
+    parts = [_summed(mechanics, number, weight, last, turns.ravel()[one], taken.ravel()[one]) for one in some]
+    return HandlePort(turns, *(np.concatenate(each).reshape(turns.shape) for each in zip(*parts, strict=True)))
 
 
 _Part = tuple[ComplexArray, FloatArray, FloatArray, BoolArray]

@@ -152,7 +152,7 @@ class Rendering:
 
 def fraction_rendering(parts: Fractions, contact_damping_ns_per_m: Values, sample_time_s: float) -> Rendering:
     """Return the rendering of partial fractions; a fraction without residue keeps a state that vanishes at once."""
-    damper = np.asarray((parts.direct + contact_damping_ns_per_m) / sample_time_s)
+    damper = (parts.direct + contact_damping_ns_per_m) / sample_time_s
     force = np.stack([damper, parts.integral / sample_time_s - damper, parts.decaying / sample_time_s], axis=-1)
     one = np.ones_like(damper)
     return Rendering(force, np.stack([one, -one, parts.pole + 0 * one], axis=-1))
