@@ -25,13 +25,6 @@ from avc_casadi.identification.log import Record
 from avc_casadi.identification.terms import FRICTION, LOOP_RATIO, Measured
 
 _SEARCHED = ("mass_kg", "damping_ns_per_m", FRICTION, "delay_samples")
-_PLAIN = (*_SEARCHED, "encoder_resolution_m", "amplifier_bandwidth_hz", LOOP_RATIO)
-_GAPS = (*_SEARCHED, "encoder_resolution_m", "position_noise_rms_m", "amplifier_bandwidth_hz", "backlash_m")
-_MODE = ("frequency_hz", "damping_ratio", "mass_ratio")
-# Digits of a value; a guess that a log does not tell is taken as known within this factor.
-_DIGITS, _GUESSED = 5, 3.0
-# A share of the samples in which the force may exceed the device's; a relative difference of sample times.
-_FEW, _SAME = 1e-3, 0.01
 
 
 @dataclass(frozen=True)
@@ -140,8 +133,10 @@ def device_file(
     logs = ", ".join(dict.fromkeys(name.partition("@")[0].partition("#")[0] for name in found.sources))[:300]
     how = f"avc identify, {found.seconds:.3g} s of {logs}"
     file.sources["sample_time_s"] = {"grade": "measured", "source": f"{how}: time of the log"}
-    gaps = [key for key in (*_GAPS, "max_force_n") if not _identified(found, key)]
-    for key in _PLAIN:
+    others = ("encoder_resolution_m", "position_noise_rms_m", "amplifier_bandwidth_hz", "backlash_m", "max_force_n")
+    known = {key for key, one in found.estimates.items() if one.identified}
+    gaps = [key for key in (*_SEARCHED, *others) if key not in known]
+    for key in (*_SEARCHED, "encoder_resolution_m", "amplifier_bandwidth_hz", LOOP_RATIO):
         one = found.estimates.get(key)
         # A range is worth more than a guess where it bounds the number.
         if one is not None and (one.identified or (key in _SEARCHED and one.value > 0 and one.high < 30 * one.value)):
@@ -150,7 +145,10 @@ def device_file(
             grade = "measured" if one.identified else "assumed"
             file.put(key, value, None if key == "encoder_resolution_m" else ends, grade, f"{how}: {one.source}{lag}")
     if "resonance" in found.rungs:
-        mode = {key: _rounded(found.estimates[f"resonance.{key}"]) for key in _MODE}
+        mode = {
+            key: _rounded(found.estimates[f"resonance.{key}"])
+            for key in ("frequency_hz", "damping_ratio", "mass_ratio")
+        }
         assumed = "" if found.estimates["resonance.mass_ratio"].identified else "; how the mass divides is assumed"
         file.put(
             "resonance",
@@ -182,7 +180,7 @@ def _fill(file: _File, base: DeviceFile | None, gaps: list[str]) -> None:
             if key in _SEARCHED:
                 file.take(base, key, f"{base.name}; the logs do not tell it")
                 value = file.device[key]
-                file.ranges.setdefault(key, (value / _GUESSED, value * _GUESSED))
+                file.ranges.setdefault(key, (value / 3, value * 3))
             else:
                 file.take(base, key)
                 if key not in base.gaps:
@@ -190,10 +188,6 @@ def _fill(file: _File, base: DeviceFile | None, gaps: list[str]) -> None:
         elif key == "delay_samples":
             source = "not identified; one sample stands for the link to the computer"
             file.put(key, 1.0, (0.0, 2.0), "assumed", source)
-
-
-def _identified(found: Identification, key: str) -> bool:
-    return key in found.estimates and found.estimates[key].identified
 
 
 def _lags(found: Identification) -> bool:
@@ -208,7 +202,7 @@ def states(base: DeviceFile, key: str) -> bool:
 def _rounded(one: Estimate) -> tuple[float, tuple[float, float]]:
     """Return a value and its ends with the digits that the interval supports; next to nothing becomes 0."""
     half, size = (one.high - one.low) / 2, max(abs(one.low), abs(one.high))
-    digits = min(max(_DIGITS, 3 + math.ceil(math.log10(size / half))), 15) if 0 < half < size else _DIGITS
+    digits = min(max(5, 3 + math.ceil(math.log10(size / half))), 15) if 0 < half < size else 5
     least = 1e-3 if one.key == "delay_samples" else 1e-9
     value, low, high = (float(f"{each:.{digits}g}") for each in (one.value, one.low, one.high))
     value, low, high = (0.0 if abs(each) < least else each for each in (value, low, high))
@@ -220,11 +214,11 @@ def check_against(records: Sequence[Record], base: DeviceFile) -> None:
     device, faults = base.device, []
     force = np.abs(np.concatenate([one.force_n for one in records]))
     most = device.max_force_n if states(base, "max_force_n") else None
-    if most is not None and np.mean(force > most * (1 + _SAME)) > _FEW:
+    if most is not None and np.mean(force > 1.01 * most) > 1e-3:
         message = f"goes above device.max_force_n of {base.name}, {number(most)}; allowed: the force that acts"
         faults.append(Fault(records[0].name, None, "force", message))
     ticks = records[0].sample_time_s / device.sample_time_s
-    if states(base, "sample_time_s") and round(ticks) > 1 and abs(ticks / round(ticks) - 1) < _SAME:
+    if states(base, "sample_time_s") and round(ticks) > 1 and abs(ticks / round(ticks) - 1) < 0.01:
         message = f"steps by {round(ticks)} times device.sample_time_s of {base.name}; allowed: every tick of the loop"
         faults.append(Fault(records[0].name, None, "time", message))
     if faults:

@@ -34,7 +34,6 @@ KNOTS = 33
 WHOLE = 1 << 15
 """An envelope of 1."""
 _TURN, _QUARTER = 1 << 32, 1 << 30
-_POLYNOMIAL = (1686624950, 693528462, 85303417, 4658781)
 
 
 @dataclass(frozen=True)
@@ -101,7 +100,7 @@ def _phases(step: int, phase: int, growth: int, ticks: int) -> Integers:
 def _sine(phase: Integers) -> Integers:
     within = phase & (_QUARTER - 1)
     x = np.where(phase & _QUARTER, _QUARTER - within, within)
-    c = _POLYNOMIAL
+    c = (1686624950, 693528462, 85303417, 4658781)
     square = x * x >> 30
     inner = c[1] - (square * (c[2] - (square * c[3] >> 30)) >> 30)
     value = x * (c[0] - (square * inner >> 30)) >> 30
@@ -146,10 +145,6 @@ def low_crest_phases(frequency_hz: FloatArray, amplitude: FloatArray, time_s: Fl
 
 Kind = Literal["multisine", "chirp"]
 
-SILENCE_S = 1.0
-"""The device stops after so long without a message from the host."""
-_WINDOW_MOST = 32
-
 
 @dataclass(frozen=True)
 class Plan:
@@ -182,7 +177,7 @@ class Plan:
     @property
     def silent_ticks(self) -> int:
         """Ticks without a message from the host after which the device stops."""
-        return max(1, round(SILENCE_S / self.sample_time_s))
+        return max(1, round(1.0 / self.sample_time_s))
 
     @property
     def band_hz(self) -> tuple[float, float]:
@@ -220,7 +215,7 @@ def corners_of(device: Device) -> list[Device]:
 def speed_window(metres_per_count: float, sample_time_s: float, max_speed_m_per_s: float) -> int:
     """Return the window of a velocity in ticks: a step of the encoder is at most a tenth of the speed limit over it."""
     wanted = metres_per_count / (0.1 * max_speed_m_per_s * sample_time_s)
-    return int(min(max(1, -(-wanted // 1)), _WINDOW_MOST))
+    return int(min(max(1, -(-wanted // 1)), 32))
 
 
 def forecast(
@@ -272,9 +267,8 @@ def _part(devices: Sequence[Device], shares: FloatArray) -> tuple[FloatArray, Fl
     return np.array(matrix), np.array(push), np.array(rub)
 
 
-# Default limits, of a rotary device at its handle; the firmware's largest speed and travel in the device's own units;
-# share of the limits that a forecast may reach; encoder of a device that declares none.
-_SPEED_M_PER_S, _TRAVEL_M, _FIRMWARE_MOST, _MARGIN, _USUAL_ENCODER_M = 0.3, 0.02, 10.0, 0.85, 2e-6
+_MARGIN = 0.85
+"""Share of the limits that a forecast may reach."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -304,8 +298,9 @@ def plan_excitation(
 ) -> Excitation:
     """Plan an excitation that takes no device of the ranges beyond the limits."""
     reach, period = device.metres_per_unit, device.sample_time_s
-    speed = min(_SPEED_M_PER_S / reach, _FIRMWARE_MOST) if speed_m_per_s is None else speed_m_per_s
-    travel = _TRAVEL_M / reach if travel_m is None else travel_m
+    most = 10.0  # the firmware's largest speed and travel, in the device's own units
+    speed = min(0.3 / reach, most) if speed_m_per_s is None else speed_m_per_s
+    travel = 0.02 / reach if travel_m is None else travel_m
     most_n = device.max_force_n or math.inf
     force = 0.5 * most_n if force_n is None else force_n
     faults = [
@@ -313,8 +308,8 @@ def plan_excitation(
         for key, value, low, high in (
             ("seconds", seconds, 2.0, 120.0),
             ("force_n", force, 1e-6, most_n if force_n is None else min(most_n, 1e6)),
-            ("speed_m_per_s", speed, 1e-3 / reach, min(5.0 / reach, _FIRMWARE_MOST)),
-            ("travel_m", travel, 1e-4 / reach, min(1.0 / reach, _FIRMWARE_MOST)),
+            ("speed_m_per_s", speed, 1e-3 / reach, min(5.0 / reach, most)),
+            ("travel_m", travel, 1e-4 / reach, min(1.0 / reach, most)),
         )
         if not low <= value <= high
     ]
@@ -325,7 +320,7 @@ def plan_excitation(
     if faults:
         raise InputError(faults)
     devices = corners_of(device)
-    step_m = device.encoder_resolution_m or _USUAL_ENCODER_M / reach
+    step_m = device.encoder_resolution_m or 2e-6 / reach
     window = speed_window(step_m, period, speed)
     # The delay turns the phase by 0.3 rad at most at the natural frequency of the lightest device on the spring.
     lightest = min(one.mass_kg for one in devices)

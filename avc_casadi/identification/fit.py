@@ -22,7 +22,6 @@ _START_S, _START_SHARE, _FORGOTTEN = 1.0, 0.1, 8.0
 _LOST = 1e100
 FIRST_RATE_PER_S = 60.0
 """Observer rate of a search from a distant start."""
-_ROUGH_SAMPLES = 10_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,7 +173,7 @@ def best_observer(predictor: Predictor, found: Fit, window: Window) -> Observer:
 
 def roughly(predictor: Predictor, structure: Structure, start: Mapping[str, float], rate_per_s: float) -> Fit:
     """Fit coarsely, with a slow observer, to pieces of long records: a start for `closely`."""
-    records = shortened(predictor.records, _ROUGH_SAMPLES)
+    records = shortened(predictor.records, 10_000)
     pieces = Predictor(records, predictor)
     observer = Observer(max(rate_per_s, slowest_observer(pieces)))
     return fit(pieces, structure, start, observer, Window.of(pieces), steps=12, tolerance=1e-4)
@@ -186,12 +185,8 @@ def closely(predictor: Predictor, found: Fit, window: Window, steps: int = 10, t
     return fit(predictor, found.structure, found.values, observer, window, steps=steps, tolerance=tolerance)
 
 
-SURE, WORTH = 3.0, 2e-3
-"""A rung must better the held-out error by this many standard errors, and by this share of it."""
-LEVEL = 0.95
-_DRAWS, _SEED = 500, 20
-# Rates of other observers, as multiples of the best: a wrong model has other estimates under them.
-_OTHER_OBSERVERS = (3.0, 0.4, 0.12)
+WORTH = 2e-3
+"""A rung must better the held-out error by this share of it, and by three standard errors."""
 # Least errors of what is found from a resonance inside a sample or from a lag, and of every parameter by the clock:
 # calibrated on a simulation in steps of 1/200 sample.
 _LEAST = {
@@ -201,10 +196,6 @@ _LEAST = {
     "amplifier_bandwidth_hz": 1e-2,
     LOOP_RATIO: 1e-2,
 }
-_CLOCK, _SCATTER = 1e-5, 1 / 6
-# Dry friction changes by twice its level where the motor reverses; means over a sample of a curved and of a linear
-# course differ by a twelfth of the curvature.
-_BENT = 6.0
 
 
 @dataclass(frozen=True)
@@ -248,7 +239,7 @@ def compared(simple: Fit, rich: Fit, rung: str) -> Trial:
     gains = (one - other, np.log((one + least) / (other + least)))
     sure = max(float(np.mean(gain)) / (float(stats.sem(gain)) or 1e-300) for gain in gains)
     change = -float(np.sum(gains[0])) / size
-    return Trial(rung, sure > SURE and -change > WORTH, change, sure)
+    return Trial(rung, sure > 3 and -change > WORTH, change, sure)
 
 
 def collinearity(fit: Fit) -> float:
@@ -258,21 +249,21 @@ def collinearity(fit: Fit) -> float:
 
 
 def bootstrap(fit: Fit) -> FloatArray:
-    """Return half the interval of each coordinate: blocks drawn anew move the estimate by a Gauss-Newton step."""
+    """Return half the 95 % interval of each coordinate: blocks drawn anew move the estimate by a Gauss-Newton step."""
     gradients = np.array([block.gradient for block in fit.blocks])
     curvatures = np.array([block.curvature for block in fit.blocks])
     _, scale = _curvature(fit)
     count = len(fit.blocks)
-    random = np.random.default_rng(_SEED)
+    random = np.random.default_rng(20)
     # At a bound the gradient does not vanish; it is no measure of the spread.
     gradients = gradients - gradients.mean(axis=0)
     moves = []
-    for _ in range(_DRAWS):
+    for _ in range(500):
         drawn = random.integers(0, count, count)
         curvature = curvatures[drawn].sum(axis=0) / scale / scale[:, None]
         moves.append(-np.linalg.lstsq(curvature, gradients[drawn].sum(axis=0) / scale, rcond=1e-12)[0] / scale)
     deviation = np.std(moves, axis=0, ddof=1) * math.sqrt(count / max(1, count - 1))
-    return np.asarray(stats.t.ppf(0.5 + LEVEL / 2, max(1, count - 1)) * deviation)
+    return np.asarray(stats.t.ppf(0.975, max(1, count - 1)) * deviation)
 
 
 def half_widths(predictor: Predictor, fit: Fit, window: Window, rivals: Mapping[str, Fit]) -> FloatArray:
@@ -284,11 +275,12 @@ def half_widths(predictor: Predictor, fit: Fit, window: Window, rivals: Mapping[
     """
     half = bootstrap(fit)
     rate, slowest, fastest = fit.observer.rate_per_s, slowest_observer(predictor), 1 / predictor.sample_time_s
-    rates = {min(max(rate * by, slowest), fastest) for by in _OTHER_OBSERVERS} - {rate}
+    # A wrong model has other estimates under other observers.
+    rates = {min(max(rate * by, slowest), fastest) for by in (3.0, 0.4, 0.12)} - {rate}
     others = [judged(predictor, fit.structure, fit.search, Observer(other), window) for other in sorted(rates)]
     shifts = [_beyond_chance(fit, other) for other in others]
     scatter = max(record.scatter for record in predictor.records)
-    clock = max(_CLOCK, _SCATTER * scatter**2)
+    clock = max(1e-5, scatter**2 / 6)
     pairs = zip(fit.structure.free, fit.search, strict=True)
     by_clock = [clock * (1.0 if one.kind == "log" else abs(q)) for one, q in pairs]
     half = half + np.max(shifts, axis=0) + _inside_a_sample(fit, predictor.sample_time_s) + by_clock
@@ -325,7 +317,9 @@ def _inside_a_sample(fit: Fit, period: float) -> FloatArray:
     if fit.structure.present("resonance.frequency_hz"):
         angle = 2 * math.pi * values["resonance.frequency_hz"] * period
     bend = (values["damping_ns_per_m"] / values["mass_kg"] * period) ** 2 + angle**2
-    share = fit.turning * values[FRICTION] / fit.structure.units[FRICTION] * bend / _BENT
+    # Friction changes by twice its level where the motor reverses; means over a sample of a curved and of a linear
+    # course differ by a twelfth of the curvature.
+    share = fit.turning * values[FRICTION] / fit.structure.units[FRICTION] * bend / 6
     left = {
         "mass_kg": share,
         "delay_samples": (share / angle if angle else share) + late_samples(values, fit.structure.order, period) * 1e-2,

@@ -24,16 +24,6 @@ from avc_casadi.identification.read import Layout, read_logs
 from avc_casadi.identification.regression import Motion, Start, autocorrelation, coloured, in_ticks, only_feedback
 from avc_casadi.identification.terms import FRICTION, MASS_RATIO, OFFSET, Structure, offset_of
 
-MOST_SAMPLES = 120_000
-_LEAST_S, _FEWEST_STEPS = 1.0, 12
-_STRETCH_S, _STRETCH_RATE_PER_S = 1.5, 4.0
-# A rigid model that explains less of the force does not determine its sign.
-_FOLLOWS = 0.3
-# Plausible masses of a device that slides, and inertias of one that turns; others are a mistaken unit.
-_PLAUSIBLE = {"linear": (1e-3, 2e3), "rotary": (1e-8, 1e4)}
-# A log moves one way if so little of its travel goes the other.
-_OTHER_WAY = 0.01
-
 
 def identify(
     logs: Sequence[str | Path] | str | Path | Sequence[Record],
@@ -56,7 +46,7 @@ def identify(
         ]
     records, by_clock = in_ticks(records)
     whole = sum(one.position_m.size for one in records)
-    records = shortened(records, MOST_SAMPLES)
+    records = shortened(records, 120_000)
     used = sum(one.position_m.size for one in records)
     notes += by_clock + ([f"of {whole} samples {used} were used, in pieces over the records"] if used < whole else [])
     readings = [one.position_m if one.readings_m is None else one.readings_m for one in records]
@@ -111,8 +101,8 @@ def _check(records: Sequence[Record], base: DeviceFile | None, handle_radius_m: 
     if len(motions) > 1 or (base is not None and base.device.motion not in motions):
         message = "are of devices that turn and that do not; allowed: logs and a base of one motion"
         faults.append(Fault("", None, "logs", message))
-    if seconds < _LEAST_S:
-        message = f"hold {number(seconds)} s in all; allowed: at least {_LEAST_S:g} s"
+    if seconds < 1:
+        message = f"hold {number(seconds)} s in all; allowed: at least 1 s"
         faults.append(Fault("", None, "logs", message))
     if motions == {"linear"} and handle_radius_m is not None:
         faults.append(Fault("", None, "handle_radius_m", "says nothing of logs in metres; allowed: beside logs in rad"))
@@ -127,7 +117,7 @@ def _check_motion(records: Sequence[Record], step_m: float | None) -> None:
     travel = max(float(np.ptp(one.position_m)) for one in records)
     steps = travel / step_m if step_m else float(max(np.unique(one.position_m).size for one in records))
     skip = Window.of(Predictor(records)).skip
-    if steps < _FEWEST_STEPS:
+    if steps < 12:
         message = (
             f"move over {number(steps, 2)} steps of the encoder only; allowed: more force, or lower frequencies: a "
             "travel of 50 steps and more"
@@ -152,7 +142,7 @@ def _way(record: Record) -> int:
     """Return the direction in which a record moves, 0 if both ways; some steps back at rest are noise."""
     moves = np.diff(record.position_m)
     forth, back = float(moves[moves > 0].sum()), -float(moves[moves < 0].sum())
-    if min(forth, back) > _OTHER_WAY * max(forth, back):
+    if min(forth, back) > 0.01 * max(forth, back):
         return 0
     return 1 if forth > back else -1
 
@@ -160,14 +150,15 @@ def _way(record: Record) -> int:
 def _checked(start: Start, motion: MotionKind) -> Start:
     """Refuse a force of reversed sign, and implausible units."""
     mass = start.values["mass_kg"]
-    if mass < 0 or (start.against and start.explained > _FOLLOWS):
+    follows = start.explained >= 0.3  # a rigid model that explains less of the force does not determine its sign
+    if mass < 0 or (start.against and follows):
         why, allowed = "force and position point against each other", "force along +position, or --flip-force"
-        if start.explained < _FOLLOWS:
+        if not follows:
             share = number(100 * max(start.explained, 0.0), 2)
             why = f"the motion hardly follows the force ({share} % of it explained)"
             allowed = "a multisine with several times the force, free of contact; is it the force that acts, in time?"
         raise InputError.of(f"give a mass of {number(mass)}: {why}; allowed: {allowed}", key="logs")
-    low, high = _PLAUSIBLE[motion]
+    low, high = (1e-3, 2e3) if motion == "linear" else (1e-8, 1e4)
     if not low <= mass <= high:
         raise InputError.of(
             f"give a mass of {number(mass)}; allowed: {low:g} to {high:g}; are the units of position and force right?",
@@ -248,9 +239,9 @@ def _unknown(estimates: Mapping[str, Estimate], rungs: Sequence[str]) -> tuple[s
 def _stretch(found: Ladder) -> FloatArray:
     """Return a stretch of the longest record in which the model runs nearly free."""
     record = max(found.predictor.records, key=lambda one: one.seconds)
-    free, slow = Predictor([record], found.predictor), Observer(_STRETCH_RATE_PER_S)
+    free, slow = Predictor([record], found.predictor), Observer(4.0)
     error: FloatArray = free.predict(found.fit.structure, found.fit.search, slow, slopes=False)[0].error_m
-    size = min(record.position_m.size // 2, int(_STRETCH_S / record.sample_time_s))
+    size = min(record.position_m.size // 2, int(1.5 / record.sample_time_s))
     first = record.position_m.size - size - size // 4
     part = slice(first, first + size)
     time = np.arange(first, first + size) * record.sample_time_s

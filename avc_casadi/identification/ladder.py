@@ -41,10 +41,6 @@ from avc_casadi.identification.terms import (
     Structure,
 )
 
-_WINDOW_S = 1.0
-_COHERENT = 0.6
-_DRIVEN = 1e-4
-
 
 @dataclass(frozen=True, eq=False)
 class Response:
@@ -58,12 +54,12 @@ class Response:
     @property
     def driven(self) -> BoolArray:
         """Whether the force excites the device, shape (frequencies,)."""
-        return np.asarray(self.power > _DRIVEN)
+        return np.asarray(self.power > 1e-4)
 
     @property
     def excited_hz(self) -> tuple[float, float] | None:
         """Lowest and highest coherent frequency, or None."""
-        some = self.frequency_hz[(self.coherence > _COHERENT) & self.driven]
+        some = self.frequency_hz[(self.coherence > 0.6) & self.driven]
         return (float(some[0]), float(some[-1])) if some.size >= 3 else None
 
 
@@ -71,7 +67,7 @@ def measured_response(records: Sequence[Record]) -> Response:
     """Return the response by Welch averaging over all records."""
     period = records[0].sample_time_s
     shortest = min(record.position_m.size for record in records)
-    length = int(min(_WINDOW_S / period, shortest // 4))
+    length = int(min(1 / period, shortest // 4))  # of a second
     sums: list[ComplexArray] = []
     for record in records:
         velocity = np.diff(record.position_m, prepend=record.position_m[0]) / period
@@ -143,10 +139,8 @@ def likely_resonances(
     return sorted(((float(one.cost), gap(one.x)[1]) for one in solved), key=lambda one: one[0])
 
 
-# Collinearity beyond which the rest of the model has the same effect as a rung.
-_CONFOUNDED = {"lag": 300.0, "loop": 300.0}
 _ALIKE = 100.0
-_CLOSE, _MOST_STARTS, _HOPEFUL = 1.05, 2, 1.0
+"""Collinearity beyond which the rest of the model has the same effect as a rung; an amplifier may have three times."""
 # Half widths of coordinates beyond which a log does not tell a number.
 WIDEST = {
     "mass_kg": 0.35,
@@ -160,8 +154,6 @@ WIDEST = {
     MASS_RATIO: 2.0,
     "stiffness_n_per_m": 0.4,
 }
-# Damping of no mode: two real poles, which any small misfit has. A lag faster than this is a delay.
-_NO_MODE, _FASTEST_LAG, _BESIDE_RESONANCE, _BESIDE_SCATTER = 1.9, 1.5, 0.6, 0.2
 # Usual shares of the mass beyond a resonance.
 _SHARES = (0.1, 0.2, 0.35, 0.5, 0.7)
 
@@ -255,11 +247,11 @@ class Ladder:
             ]
             best_begun = min(begun, key=lambda one: one.rms_m)
             starts = [starts[begun.index(best_begun)]]
-            if compared(self.fit, best_begun, rung).standard_errors < _HOPEFUL:
+            if compared(self.fit, best_begun, rung).standard_errors < 1:
                 return None
         rough = [roughly(self.predictor, structure, start, slow) for structure, start in starts]
         least = min((one.rms_m for one in rough), default=0.0)
-        found = [closely(self.predictor, one, self.window) for one in rough if one.rms_m <= _CLOSE * least]
+        found = [closely(self.predictor, one, self.window) for one in rough if one.rms_m <= 1.05 * least]
         best = min(found, key=lambda one: one.rms_m, default=None)
         if best is not None and rung == "resonance" and collinearity(best) > _ALIKE:
             return self._with_share(best, float(np.clip(best.values[MASS_RATIO], _SHARES[0], _SHARES[-1])))
@@ -308,7 +300,7 @@ class Ladder:
                 for left, likely_mode in likely_resonances(self.response, values, structure, period):
                     found.append((left, structure, {**values, **likely_mode}))
             found.sort(key=lambda one: one[0])
-            yield from (one[1:] for one in found[:_MOST_STARTS] if one[0] < 3 * found[0][0])
+            yield from (one[1:] for one in found[:2] if one[0] < 3 * found[0][0])
         else:
             yield rich, {**values, **self.sprung}
 
@@ -318,11 +310,11 @@ class Ladder:
         if rung == "resonance":
             if values["resonance.frequency_hz"] > min(HIGHEST_SEEN / period, 1.3 * band[1] if band else 0.0):
                 return "beyond the frequencies that the log excites"
-            if values["resonance.damping_ratio"] > _NO_MODE:
+            if values["resonance.damping_ratio"] > 1.9:  # two real poles, which any small misfit has
                 return "damped like no mode"
         if rung in {"lag", "loop"} and self._too_fast(found):
             return "so fast that it is a shorter delay at this sample rate"
-        if collinearity(found) > _CONFOUNDED.get(rung, _ALIKE):
+        if collinearity(found) > _ALIKE * (3 if rung in {"lag", "loop"} else 1):
             return "the rest of the model has the same effect"
         return ""
 
@@ -331,9 +323,9 @@ class Ladder:
 
         Beside a resonance dry friction looks like one, and so does a clock that scatters.
         """
-        fastest = _BESIDE_RESONANCE if found.structure.present("resonance.frequency_hz") else _FASTEST_LAG
+        fastest = 0.6 if found.structure.present("resonance.frequency_hz") else 1.5
         if any(record.scatter for record in self.predictor.records):
-            fastest = _BESIDE_SCATTER
+            fastest = 0.2
         return found.values["amplifier_bandwidth_hz"] * self.predictor.sample_time_s > fastest
 
     def _without(self, rung: str) -> Fit:

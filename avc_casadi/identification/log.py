@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,23 +19,11 @@ from avc_casadi._util.arrays import BoolArray, FloatArray, IndexArray
 from avc_casadi._util.text import number
 from avc_casadi._util.units import MotionKind
 
-# Steps of time that differ by more than this share of the usual one count, and so many of them are a clock that
-# scatters; longer steps are gaps, beside such a clock much longer ones.
-_UNEVEN, _SCATTERS, _GAP, _LONGEST_STEP = 0.25, 0.01, 1.5, 6.0
-# Fewest samples of a record, and of a log of a swing; share of the rows that may hold no number.
-_SHORTEST, _SHORTEST_SWING, _FEW = 200, 60, 0.01
-# A piece is at least this share of the longest; pieces of these lengths are preferred where they hold enough of a log.
-_SHORT, _PIECES_S, _ENOUGH_S, _ENOUGH = 0.1, (1.0, 0.5, 0.4, 0.3), 2.0, 0.2
-# Ticks by which a force may act late beside a clock that scatters; squares of larger numbers than the last overflow.
-_MOST_TICKS, _LARGEST = 4, 1e100
-# Most values of a lattice that are compared, and fewest; readings off it by this share of a step, root mean square, are
-# still on it: files and time stamps are rounded. A fast hand crosses some steps between two readings.
-_MOST_VALUES, _FEWEST_VALUES, _OFF, _APART = 4000, 6, 0.08, 6
-# Range of haptic devices and machine drives; a mistaken unit is a factor of 1000. A motor may turn for ever.
-_LIKELY: Mapping[MotionKind, Mapping[str, tuple[float, float]]] = {
-    "linear": {"position": (2e-6, 5.0), "force": (1e-3, 1e5)},
-    "rotary": {"position": (1e-5, math.inf), "force": (1e-5, 1e4)},
-}
+# Steps of time so many times the usual one are gaps, beside a clock that scatters much longer ones.
+_GAP, _LONGEST_STEP = 1.5, 6.0
+# Fewest samples of a record; ticks by which a force may act late beside a clock that scatters; most values of a lattice
+# that are compared.
+_SHORTEST, _MOST_TICKS, _MOST_VALUES = 200, 4, 4000
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +52,7 @@ class Columns:
         """Return the log without rows that hold no number, where these are few: they become gaps."""
         lost = ~(_sound(self.time_s) & _sound(self.position_m) & _sound(self.force_n))
         count = int(np.count_nonzero(lost))
-        if not 0 < count <= max(1.0, _FEW * lost.size):
+        if not 0 < count <= max(1.0, 0.01 * lost.size):
             return self
         line = self.at(int(np.argmax(lost)))
         where = "" if line is None else f", the first in line {line}"
@@ -105,10 +93,10 @@ def records_of(columns: Columns) -> tuple[list[Record], list[Fault], list[str]]:
         return [], faults, []
     steps = np.diff(columns.time_s)
     usual = float(np.median(steps))
-    uneven = (np.abs(steps - usual) > _UNEVEN * usual) & (steps <= _GAP * usual)
+    uneven = (np.abs(steps - usual) > 0.25 * usual) & (steps <= _GAP * usual)
     scatter, readings = 0.0, None
     later: FloatArray | None = None
-    if np.mean(uneven) > _SCATTERS:
+    if np.mean(uneven) > 0.01:
         readings = columns.position_m
         columns, scatter, later = _resampled(columns, _rounded(float(np.mean(steps[steps < _LONGEST_STEP * usual]))))
         steps = np.diff(columns.time_s)
@@ -118,9 +106,10 @@ def records_of(columns: Columns) -> tuple[list[Record], list[Fault], list[str]]:
     sizes = np.array([b - a for a, b in whole])
     seconds = sizes * usual
     # The initial state of each piece must decay before it is judged, and a fast observer biases the estimates.
-    enough = max(_ENOUGH_S, _ENOUGH * seconds.sum())
-    worth = next((least / usual for least in _PIECES_S if seconds[seconds >= least].sum() >= enough), 0.0)
-    shortest = max(_SHORTEST, _SHORT * sizes.max(), worth)
+    enough = max(2.0, 0.2 * seconds.sum())
+    lengths_s = (1.0, 0.5, 0.4, 0.3)
+    worth = next((least / usual for least in lengths_s if seconds[seconds >= least].sum() >= enough), 0.0)
+    shortest = max(_SHORTEST, 0.1 * sizes.max(), worth)
     pieces = [slice(a, b) for a, b in whole if b - a >= shortest]
     if not pieces:
         message = (
@@ -159,7 +148,7 @@ def faults_of(columns: Columns, *, swing: bool = False) -> list[Fault]:
 
     Of a `swing` fewer samples are enough, and a device at rest or without a force is allowed.
     """
-    file, faults, shortest = columns.file, [], _SHORTEST_SWING if swing else _SHORTEST
+    file, faults, shortest = columns.file, [], 60 if swing else _SHORTEST
     for key, values in (("time", columns.time_s), ("position", columns.position_m), ("force", columns.force_n)):
         rows = [(columns.at(int(row)), f"is {values[row]}") for row in np.flatnonzero(~_sound(values))]
         faults += faults_of_rows(file, key, rows, "a finite number")
@@ -187,7 +176,11 @@ def faults_of(columns: Columns, *, swing: bool = False) -> list[Fault]:
         message = f"steps of {number(step)} s; allowed: 1e-5 to 0.05 s; is the unit right?"
         faults.append(Fault(file, None, "time", message))
     sizes = {"position": float(np.ptp(columns.position_m)), "force": float(np.abs(columns.force_n).max())}
-    for key, (low, high) in _LIKELY[columns.motion].items():
+    # The range of haptic devices and machine drives; a mistaken unit is a factor of 1000. A motor may turn for ever.
+    likely = {"position": (2e-6, 5.0), "force": (1e-3, 1e5)}
+    if columns.motion == "rotary":
+        likely = {"position": (1e-5, math.inf), "force": (1e-5, 1e4)}
+    for key, (low, high) in likely.items():
         if sizes[key] > high or (sizes[key] < low and not swing):
             what = f"reaches {number(sizes[key])} at most" if key == "force" else f"spans {number(sizes[key])}"
             hint = "is the unit right?" if sizes[key] else "log a multisine of several times the friction (avc excite)"
@@ -207,7 +200,7 @@ def faults_of_rows(file: str, key: str, rows: Sequence[tuple[int | None, str]], 
 
 def _sound(values: FloatArray) -> BoolArray:
     """Return which values are finite and can be squared."""
-    return np.asarray(np.abs(values) < _LARGEST)
+    return np.asarray(np.abs(values) < 1e100)
 
 
 def _wraps(columns: Columns) -> IndexArray:
@@ -294,18 +287,19 @@ def shortened(records: Sequence[Record], most_samples: int) -> list[Record]:
 def lattice_step(readings_m: FloatArray) -> float | None:
     """Return the resolution of the encoder, or None where the readings lie on no lattice."""
     values = np.unique(readings_m)
-    if values.size < _FEWEST_VALUES:
+    if values.size < 6:
         return None
     gaps = np.diff(values)
     # Values that differ by rounding only are one.
     gaps = gaps[gaps > 1e-9 * (values[-1] - values[0])]
     usual = float(np.median(gaps[gaps < 1.5 * np.quantile(gaps, 0.1)]))
-    guesses = {guess / apart for guess in (usual, float(gaps.min())) for apart in range(1, _APART + 1)}
+    # A fast hand crosses some steps between two readings.
+    guesses = {guess / apart for guess in (usual, float(gaps.min())) for apart in range(1, 7)}
     for guess in sorted(guesses, reverse=True):
         step = _refined(guess, gaps, values)
         steps = (values[:: max(1, values.size // _MOST_VALUES)] - values[0]) / step
         off = steps - np.round(steps)
-        if steps.max() >= _FEWEST_VALUES - 0.5 and float(np.sqrt(np.mean(off**2))) < _OFF:
+        if steps.max() > 5 and float(np.sqrt(np.mean(off**2))) < 0.08:  # files and time stamps are rounded
             return step
     return None
 

@@ -28,8 +28,6 @@ from avc_casadi.model.plant import LinearPlant, SampledPlant, Transition, device
 from avc_casadi.simulation.emit import LANES_HEAD, in_lanes
 from avc_casadi.simulation.execute import compiler, library
 
-# Step of the differences that give the slopes of a prediction, in search coordinates.
-_STEP = 1e-5
 # Of a delay, below which there is none.
 _LEAST_DELAY = 1e-3
 
@@ -209,7 +207,7 @@ def beside(values: Mapping[str, float], structure: Structure) -> tuple[list[dict
     for one in structure.free:
         value = values[one.name]
         q = structure.inward(one, value)
-        move = _STEP * max(1.0, abs(q))
+        move = 1e-5 * max(1.0, abs(q))
         if one.name == "delay_samples":
             # The same two forces act within a sample, where every entry is smooth.
             move = 2 * _LEAST_DELAY if value % 1.0 < 0.5 else -2 * _LEAST_DELAY
@@ -220,8 +218,6 @@ def beside(values: Mapping[str, float], structure: Structure) -> tuple[list[dict
 
 
 _TINY = 1e-30
-# Least share of a velocity taken to remain after a sample; a resonance may reverse it.
-_LEAST_LEFT = 0.05
 _LOOP = """
 {head}
 static inline void sample(const Lanes* restrict x, const double* restrict inputs, const Lanes* restrict numbers,
@@ -310,7 +306,8 @@ def _friction_of(speeds: Sequence[Any], eases: Sequence[Any], left: Any, level: 
     The sample is cut where the newer force arrives and at the other evaluations. A velocity that decays evenly changes
     in proportion to the change by 1 N: that is the clock inside the sample.
     """
-    whole, gone = eases[-1], 1 - ca.fmax(left, _LEAST_LEFT)
+    # A resonance may reverse the velocity within a sample: some of it is taken to remain.
+    whole, gone = eases[-1], 1 - ca.fmax(left, 0.05)
     now, mean, moment = speeds[0], 0.0, 0.0
     for before, free, begun, done in zip(speeds[:-1], speeds[1:], eases[:-1], eases[1:], strict=True):
         slower = 1 - gone * begun / whole
@@ -345,10 +342,6 @@ def _further(late: Any, gone: Any) -> Any:
     return late**2 * (1 - gone * (1 - late) * 2 / 3)
 
 
-_MOST_DOUBLINGS = 60
-_BEGINNING = 40
-
-
 @dataclass(frozen=True, eq=False)
 class Prediction:
     """Measured less predicted position of a record, shape (samples,), and its slopes, shape (samples, free)."""
@@ -374,7 +367,7 @@ class Observer:
         row[0, step.measured] = 1.0
         # Doubling: `solve_discrete_are` fails where eigenvalues lie near the unit circle, as of a slow observer.
         a, g, h = matrix.T, row.T @ row, np.outer(push, push)
-        for _ in range(_MOST_DOUBLINGS):
+        for _ in range(60):
             inner = np.linalg.inv(np.eye(a.shape[0]) + g @ h)
             more = a.T @ h @ inner @ a
             a, g, h = a @ inner @ a, g + a @ inner @ g @ a.T, h + more
@@ -443,7 +436,7 @@ class Predictor:
             inputs[:tap, at] = record.force_n[0]
             inputs[tap:, at] = record.force_n[: size - tap]
         inputs[:, -1] = position
-        few = min(size, _BEGINNING)
+        few = min(size, 40)
         slope, start = np.polyfit(np.arange(few) * self.sample_time_s, position[:few], 1)
         begins = {"_position_m": start, "_velocity_m_per_s": slope, "actuator_force_n": -record.force_n[0]}
         state = [next((value for end, value in begins.items() if name.endswith(end)), 0.0) for name in step.names]

@@ -16,26 +16,16 @@ from avc_casadi._util.arrays import FloatArray, IndexArray
 from avc_casadi.identification.log import Record
 from avc_casadi.identification.terms import FRICTION, offset_of
 
-LAGS = 40
-# A prediction error as coloured as this is more than encoder noise.
-_COLOURED = 0.25
-_MOST_LAG, _FEWEST, _MOST_KEPT = 4, 100, 0.98
-# Residual of spring and damper, as a share of the force's changes from sample to sample, and of the force itself: an
-# output of few bits rounds by more than the former. A force nearer to the largest is saturated.
-_OF_CHANGES, _OF_FORCE, _WHOLE = 0.05, 5e-3, 0.999
-# A released device settles: later it moves by less than this share of what it did before.
-_GOES_ON = 0.1
 
-
-def autocorrelation(errors: Sequence[FloatArray]) -> FloatArray:
-    """Return the autocorrelation of prediction errors from lag 1 on, shape (LAGS,)."""
+def autocorrelation(errors: Sequence[FloatArray], lags: int = 40) -> FloatArray:
+    """Return the autocorrelation of prediction errors from lag 1 on, shape (lags,)."""
     total = sum(float(error @ error) for error in errors) + 1e-300
-    return np.array([sum(float(e[lag:] @ e[:-lag]) for e in errors) / total for lag in range(1, LAGS + 1)])
+    return np.array([sum(float(e[lag:] @ e[:-lag]) for e in errors) / total for lag in range(1, lags + 1)])
 
 
 def coloured(lags: FloatArray, *, resampled: bool = False) -> bool:
     """Return whether an error is far from white; interpolated positions make neighbours of white noise alike."""
-    return bool(np.abs(lags[int(resampled) : 20]).max() > _COLOURED)
+    return bool(np.abs(lags[int(resampled) : 20]).max() > 0.25)
 
 
 @dataclass(frozen=True)
@@ -68,7 +58,7 @@ def feedback(
     columns = [x - x.mean(), x - before, np.ones(rows.size)] + ([force[rows - 1]] if filtered else [])
     found = regression(np.stack(columns, axis=1), force[rows])
     keep = float(found[0][3]) if found is not None and filtered else 0.0
-    if found is None or not 0 <= keep < _MOST_KEPT:
+    if found is None or not 0 <= keep < 0.98:
         return None
     # F = keep F_before + k (1 - keep) x + (b (1 - keep)/T + k keep)(x - x_before)
     k = float(found[0][0]) / (1 - keep)
@@ -79,23 +69,25 @@ def feedback(
 def only_feedback(records: Sequence[Record]) -> bool:
     """Return whether a controller explains the whole force of every record, while the device goes on moving."""
     halves = [[float(np.ptp(part)) for part in np.array_split(one.position_m, 2)] for one in records]
-    return any(late > _GOES_ON * early for early, late in halves) and all(map(_explained, records))
+    # A released device settles.
+    return any(late > 0.1 * early for early, late in halves) and all(map(_explained, records))
 
 
 def _explained(record: Record) -> bool:
     position, force = record.position_m, record.force_n
     size = np.abs(force)
-    whole = (size > 1e-9 * size.max()) & (size < _WHOLE * size.max())
-    for lag in range(_MOST_LAG + 1):
+    whole = (size > 1e-9 * size.max()) & (size < 0.999 * size.max())  # a force nearer to the largest is saturated
+    for lag in range(5):
         rows = np.flatnonzero(whole)
         rows = rows[rows > lag + 1]
         rows = rows[whole[rows - 1]]
-        if rows.size < _FEWEST:
+        if rows.size < 100:
             return False
         for filtered in (False, True):
             one = feedback(position, force, rows, lag, record.sample_time_s, filtered=filtered)
-            most = _OF_CHANGES * float(np.std(force[rows] - force[rows - 1]))
-            most = most if filtered else max(most, _OF_FORCE * float(np.std(force[rows])))
+            most = 0.05 * float(np.std(force[rows] - force[rows - 1]))
+            # An output of few bits rounds by more than its changes from sample to sample.
+            most = most if filtered else max(most, 5e-3 * float(np.std(force[rows])))
             # Against the position, with a damper that does not drive it.
             against = one is not None and one.damping_ns_per_m < -one.stiffness_n_per_m * record.sample_time_s
             if one is not None and one.left_n <= most and one.stiffness_n_per_m < 0 and against:
@@ -103,15 +95,8 @@ def _explained(record: Record) -> bool:
     return False
 
 
-_DELAYS = tuple(np.arange(0.0, 8.5, 0.5))
-_SHARE_OF_RATE, _CUTOFF_HZ, _EDGE = 1 / 12, 40.0, 60
-# A spring leaves at most this share of the residual of a free device: 0.004 to 0.22 of devices on springs, 0.76 and
-# more elsewhere.
-_SPRING_LEAVES = 0.5
-# Share of the force for inertia where its estimate is smaller or of uncertain sign.
-_LITTLE = 0.05
-# Motion that a rigid device explains so little of tells nothing of the ticks.
-_UNLIKE = 0.5
+_EDGE = 60
+"""Samples at the ends of a record that the filters spoil."""
 
 
 @dataclass(frozen=True)
@@ -134,7 +119,7 @@ class Motion:
 
     def __init__(self, records: Sequence[Record], offsets: int) -> None:
         self.records, self.period = records, records[0].sample_time_s
-        self.cutoff_hz = min(_CUTOFF_HZ, _SHARE_OF_RATE / self.period)
+        self.cutoff_hz = min(40.0, 1 / (12 * self.period))
         logs = list(dict.fromkeys(record.whole for record in records))
         both: tuple[list[FloatArray], list[FloatArray]] = ([], [])
         for record in records:
@@ -174,11 +159,15 @@ class Motion:
     def start(self) -> Start:
         """Return the parameters of a rigid device, on a spring where that leaves a far smaller residual."""
         rigid, held = (
-            min(((delay, *self.explains(delay, spring=spring)) for delay in _DELAYS), key=lambda one: one[1])
+            min(
+                ((delay, *self.explains(delay, spring=spring)) for delay in np.arange(0.0, 8.5, 0.5)),
+                key=lambda one: one[1],
+            )
             for spring in (False, True)
         )
         keys = ("mass_kg", "damping_ns_per_m", FRICTION, "stiffness_n_per_m")
-        spring = held[1] < _SPRING_LEAVES * rigid[1]
+        # A spring leaves 0.004 to 0.22 of the residual of a free device, 0.76 and more where there is none.
+        spring = held[1] < 0.5 * rigid[1]
         best = held if spring else rigid
         sizes = dict(zip(keys, np.std(self.regressors, axis=0), strict=False))
         # The regressor with the largest share of the force has the sign of the device. A controller is a spring
@@ -191,7 +180,7 @@ class Motion:
             best, spring = rigid, False
             found = dict(zip(keys[:3], map(float, best[3]), strict=False))
         delay, left, whole, numbers = best
-        little = float(np.sqrt(whole / len(self.regressors))) * _LITTLE / float(sizes["mass_kg"] or 1e-300)
+        little = float(np.sqrt(whole / len(self.regressors))) * 0.05 / float(sizes["mass_kg"] or 1e-300)
         if abs(found["mass_kg"]) < little or (found["mass_kg"] < 0 and not against):
             # Below a resonance, or in friction, inertia is a small share of the force: the fit finds it.
             found["mass_kg"] = little
@@ -214,6 +203,7 @@ def in_ticks(records: Sequence[Record]) -> tuple[list[Record], list[str]]:
     ]
     left = [1 - Motion(some, 1).start().explained for some in acting]
     best = int(np.argmin(left)) if left else 0
-    if best == 0 or left[best] > _UNLIKE:
+    # Motion that a rigid device hardly explains tells nothing of the ticks.
+    if best == 0 or left[best] > 0.5:
         return list(records), []
     return acting[best], [f"the clock scatters, and the forces act {best} tick(s) after they are logged"]

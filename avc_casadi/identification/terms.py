@@ -14,7 +14,6 @@ from avc_casadi.model.device import CURRENT_LOOP_DAMPING_RATIO
 
 Measured = Literal["mass", "damping", "stiffness", "force", "length", "frequency", "samples", "number"]
 
-LONGEST_DELAY = 24.0
 OFFSET, FRICTION, LOOP_RATIO, MASS_RATIO = (
     "offset_n",
     "coulomb_friction_n",
@@ -42,7 +41,7 @@ PARAMETERS: Mapping[str, Parameter] = {
     for one in (
         Parameter("mass_kg", "mass", "log", 1e-9, 1e6),
         Parameter("damping_ns_per_m", "damping", "linear", 0.0, 1e7),
-        Parameter("delay_samples", "samples", "linear", 0.0, LONGEST_DELAY),
+        Parameter("delay_samples", "samples", "linear", 0.0, 24.0),
         Parameter(OFFSET, "force", "linear", -math.inf, math.inf),
         Parameter(FRICTION, "force", "linear", 0.0, 1e6),
         Parameter("amplifier_bandwidth_hz", "frequency", "log", 1.0, 1e5),
@@ -62,12 +61,6 @@ RUNGS: Mapping[str, tuple[str, ...]] = {
     "spring": ("stiffness_n_per_m",),
 }
 """What each rung adds; an amplifier is a lag, or a current loop of the second order."""
-_ABSENT = {
-    "mass_kg": 1.0,
-    LOOP_RATIO: CURRENT_LOOP_DAMPING_RATIO,
-    "amplifier_bandwidth_hz": math.nan,
-    **dict.fromkeys(RUNGS["resonance"], math.nan),
-}
 
 
 def offset_of(log: int) -> str:
@@ -113,7 +106,10 @@ class Structure:
 
     def values(self, search: FloatArray) -> dict[str, float]:
         """Return every parameter at given coordinates; absent ones have no effect."""
-        found = {name: _ABSENT.get(name, 0.0) for name in PARAMETERS}
+        found = dict.fromkeys(PARAMETERS, 0.0) | dict.fromkeys(
+            ("amplifier_bandwidth_hz", *RUNGS["resonance"]), math.nan
+        )
+        found |= {"mass_kg": 1.0, LOOP_RATIO: CURRENT_LOOP_DAMPING_RATIO}
         found |= {name: value for name, value in self.assumed.items() if self.present(name)}
         return found | {one.name: self.outward(one, float(q)) for one, q in zip(self.free, search, strict=True)}
 
