@@ -18,7 +18,7 @@ from avc_casadi.coupling import Coupling
 from avc_casadi.diagnose.law import Law, find_law
 from avc_casadi.diagnose.oscillation import Log, Oscillation, find_oscillation, log_of
 from avc_casadi.diagnose.plant import Declared, Fit, Hypothesis, fit_plants, growth, stable
-from avc_casadi.diagnose.remedies import Remedy, Scene, intended, limit_of, meant_delay, remedies_of
+from avc_casadi.diagnose.remedies import Remedy, Scene, limit_of, meant_delay, remedies_of, without
 from avc_casadi.identification.log import Columns
 from avc_casadi.identification.read import Layout, read_columns
 from avc_casadi.model.device import Device
@@ -78,21 +78,19 @@ class Diagnosis:
                 "hand": fit.best.hand and fit.best.hand.values(0),
                 "resonance": fit.best.device.resonance and fit.best.device.resonance.model_dump(),
             }
-        document: dict[str, Any] = plain(
-            {
-                "log": self.log.name,
-                "seconds": float(self.log.position_m.size * period),
-                **{key: getattr(self, key) for key in plainly},
-                "remedies": [{**asdict(one), "key": units.key(one.key)} for one in self.remedies],
-                "oscillation": {**oscillation, "sustained": swing.sustained},
-                "sample_time_s": period,
-                "missed_share": self.log.missed_share,
-                "encoder_resolution_m": self.log.encoder_m or None,
-                "law": law and {**asdict(law), "explains": law.explains, "filter_hz": law.filter_hz(period)},
-                "measured": measured,
-            }
-        )
-        return document
+        document = {
+            "log": self.log.name,
+            "seconds": float(self.log.position_m.size * period),
+            **{key: getattr(self, key) for key in plainly},
+            "remedies": [{**asdict(one), "key": units.key(one.key)} for one in self.remedies],
+            "oscillation": {**oscillation, "sustained": swing.sustained},
+            "sample_time_s": period,
+            "missed_share": self.log.missed_share,
+            "encoder_resolution_m": self.log.encoder_m or None,
+            "law": law and {**asdict(law), "explains": law.explains, "filter_hz": law.filter_hz(period)},
+            "measured": measured,
+        }
+        return dict(plain(document))
 
 
 def diagnose(
@@ -197,10 +195,10 @@ def causes_of(one: Hypothesis, law: Law, log: Log, swing: Oscillation, declared:
     slower = declared.known and log.period_s > 1.3 * declared.device.sample_time_s
     meant = meant_delay(log, declared)
     late = one.delay + law.lag > meant + 0.35
-    punctual = one.changed(delay_samples=meant), replace(law, lag=0)
+    punctual = without("delay", one, law, log, declared)
     if stable(one, law):
         return {"encoder" if swing.steps < _FEW_STEPS else _OTHER: 1.0}
-    if (slower or log.held > 1) and stable(*intended(one, law, log, declared)):
+    if (slower or log.held > 1) and stable(*without("rate", one, law, log, declared)):
         return {"rate": 1.0}
     if late and stable(*punctual):
         return {"delay": 1.0}
@@ -213,7 +211,7 @@ def causes_of(one: Hypothesis, law: Law, log: Log, swing: Oscillation, declared:
         if rest == 1 or rested * growth(one, law)[0] > 6:
             return {"let-go": 1.0}
         gone = min(rest, 0.5) if rest > 0.2 else 0.0
-    if one.device.resonance is not None and stable(one.changed(resonance=None), law):
+    if one.device.resonance is not None and stable(*without("resonance", one, law, log, declared)):
         return {"resonance": 1.0 - gone} | ({"let-go": gone} if gone else {})
     limits = {gain: limit_of(one, law, gain) or 0.0 for gain in ("stiffness", "damping")}
     nearest = max(limits, key=lambda gain: limits[gain])
@@ -298,19 +296,11 @@ def _doubts(first: str, fit: Fit, law: Law, scene: Scene, found: Diagnosis, shar
     meant = meant_delay(log, declared)
     if fit.at_end or (first == "delay" and one.delay + law.lag - meant < 2 * fit.delay_error):
         doubts.append("the log does not tell the delay")
-    without: dict[str, tuple[Hypothesis, Law, Scene]] = {
-        "delay": (one.changed(delay_samples=meant), replace(law, lag=0), scene),
-        "rate": (*intended(one, law, log, declared), scene),
-        "resonance": (one.changed(resonance=None), law, scene),
-        "relay": (one, replace(law, switch=None), scene),
-        "rates": (one, replace(law, frames=None), scene),
-        "encoder": (one, law, replace(scene, encoder_m=0.0, noise_m=0.0)),
-    }
-    if first in without:
-        other, its_law, its_scene = without[first]
-        if not its_scene.settles(other, its_law):
-            doubts.append("simulated without it the loop swings too")
-    return doubts
+    if first == "encoder":
+        settles = replace(scene, encoder_m=0.0, noise_m=0.0).settles(one, law)
+    else:
+        settles = first in {"stiffness", "damping", "let-go"} or scene.settles(*without(first, one, law, log, declared))
+    return doubts if settles else [*doubts, "simulated without it the loop swings too"]
 
 
 def work_w(log: Log, swing: Oscillation, one: Hypothesis) -> float:

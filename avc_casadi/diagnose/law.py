@@ -59,12 +59,6 @@ class Law:
         """Rest position of the spring."""
         return -self.offset_n / self.stiffness_n_per_m if self.stiffness_n_per_m else 0.0
 
-    def with_gain(self, key: str, value: float) -> Law:
-        """Return the law with another stiffness or damping."""
-        if key == "stiffness_n_per_m":
-            return replace(self, stiffness_n_per_m=value)
-        return replace(self, damping_ns_per_m=value)
-
     def filter_hz(self, sample_time_s: float) -> float | None:
         """Cut-off of the velocity filter; None without one below the Nyquist frequency."""
         return None if self.keep <= math.exp(-math.pi) else -math.log(self.keep) / (2 * math.pi * sample_time_s)

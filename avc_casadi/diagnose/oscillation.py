@@ -136,15 +136,21 @@ _ABOVE_HZ, _EVEN_TURNS, _GROWING_TURNS = (4.0, 1.0, 0.25), 8, 5
 
 def find_oscillation(log: Log, limit_n: float | None) -> Oscillation:
     """Return the oscillation of a log: the fastest that persists, else the largest that decays."""
-    found = []
-    for hertz in _ABOVE_HZ:
-        one = _above(log, hertz)
-        if one.sustained and one.frequency_hz > 2 * hertz and one.last > 0.8 * log.position_m.size:
+    found = [_above(log, hertz) for hertz in _ABOVE_HZ]
+    going = [one for one in found if one.sustained and one.last > 0.8 * log.position_m.size]
+    for one, hertz in zip(found, _ABOVE_HZ, strict=True):
+        if one in going and one.frequency_hz > 2 * hertz and not any(_overtone(one, slow) for slow in going):
             return one
-        found.append(one)
     if not any(one.kind == "decaying" and one.last > 0.8 * log.position_m.size for one in found):
         found += _of_force(log, found[0], limit_n)
     return max(found, key=lambda one: (one.sustained, one.peak_to_peak_m * np.nan_to_num(one.frequency_hz)))
+
+
+def _overtone(one: Oscillation, slow: Oscillation) -> bool:
+    """Return whether an oscillation is an overtone of a slower limit cycle, smaller by the square of its order."""
+    order = one.frequency_hz / slow.frequency_hz
+    locked = 1.5 < order < 5.5 and abs(order - round(order)) < 0.02 * order
+    return slow.kind == "limit cycle" and locked and one.peak_to_peak_m * order**2 < slow.peak_to_peak_m
 
 
 def _above(log: Log, hertz: float) -> Oscillation:
@@ -216,12 +222,14 @@ def _measured(log: Log, none: Oscillation, turns: IndexArray, *, even: bool) -> 
         return none
     kind: Kind = "limit cycle" if even else "irregular"
     if even and late < 0.6 * top:
-        level = False
-        if sizes.size > 20 and late > 1.6 * log.encoder_m:
-            logs = np.log(np.maximum(sizes[-20:], 1e-15))
-            (slope, _), covariance = np.polyfit(turns[-20:] * period, logs, 1, cov=True)
-            level = abs(slope) < max(2 * math.sqrt(covariance[0, 0]), 0.02 * hertz)
-        kind, first = ("limit cycle", int(turns[-20])) if level else ("decaying", first)
+        kind = "decaying"
+        # Eight turns that shrink by less than 2 % a cycle are even where the encoder resolves that.
+        for count, resolved in ((20, 1.6), (8, 12.0)):
+            if kind == "decaying" and sizes.size > count and late > resolved * log.encoder_m:
+                logs = np.log(np.maximum(sizes[-count:], 1e-15))
+                (slope, _), covariance = np.polyfit(turns[-count:] * period, logs, 1, cov=True)
+                most = 0.02 * hertz if count == 8 else max(2 * math.sqrt(covariance[0, 0]), 0.02 * hertz)
+                kind, first = ("limit cycle", int(turns[-count])) if abs(slope) < most else (kind, first)
     elif even and late > 0.8 * top:
         early, middle = sizes[: max(2, sizes.size // 4)], sizes[sizes.size // 3 : 2 * sizes.size // 3]
         grows = late > max(1.3 * float(np.median(early)), 1.1 * float(np.median(middle)))

@@ -17,6 +17,7 @@ from avc_casadi.model.device import Device
 from avc_casadi.model.hands import Hand, hand_corners, hand_ranges, joined, no_hand
 from avc_casadi.model.plant import sampled_plant
 from avc_casadi.model.problem import Hands
+from avc_casadi.model.quantity import LEAST_DELAY_SAMPLES
 
 # Delays that are searched, samples; draws of each structure; ln odds against a resonance and against stops.
 _LEAST_DELAY, _MOST_DELAY, _DRAWS, _RESONANCE_ODDS, _STOP_ODDS = 2e-3, 14.0, 12, 12.0, 8.0
@@ -53,7 +54,7 @@ class Hypothesis:
     def changed(self, **values: object) -> Hypothesis:
         """Return the hypothesis with another value of its device; a delay below the least of a device is none."""
         if (delay := values.get("delay_samples")) is not None:
-            values["delay_samples"] = delay if float(str(delay)) >= 1e-3 else 0.0
+            values["delay_samples"] = delay if float(str(delay)) >= LEAST_DELAY_SAMPLES else 0.0
         whole = {**self.device.model_dump(exclude={"range"}), **values}
         return replace(self, device=Device.model_validate(whole))
 

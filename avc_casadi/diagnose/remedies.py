@@ -14,7 +14,7 @@ from avc_casadi.diagnose.law import Law, Switch
 from avc_casadi.diagnose.oscillation import Log, Oscillation
 from avc_casadi.diagnose.plant import Declared, Hypothesis, stable
 from avc_casadi.model.hands import Hand
-from avc_casadi.model.plant import LinearPlant, device_plant, sampled_plant, transition
+from avc_casadi.model.plant import device_plant, sampled_plant, transition
 
 # Over fewer encoder steps a swing is compared by its force; a remedy leaves this share of a swing, or a step and a
 # half; a simulation that swings keeps at least a third.
@@ -56,16 +56,11 @@ class Scene:
 
     def play(self, one: Hypothesis, law: Law, seed: int = 0) -> tuple[FloatArray, FloatArray]:
         """Return position and commanded force at every tick, from the amplitude of the log on."""
-        period, keep, frames, step, centre = (
-            one.device.sample_time_s,
-            law.keep,
-            law.frames,
-            self.encoder_m,
-            self.centre_m,
-        )
+        period, step, centre = one.device.sample_time_s, self.encoder_m, self.centre_m
+        keep, frames = law.keep, law.frames
         n = int(np.clip(max(1.5, 25 / max(self.swing.frequency_hz, 0.1)) / period, 200, _MOST_TICKS))
         plant = device_plant(one.device, one.hand).linear()
-        rubbing = LinearPlant(plant.names, plant.matrix, plant.friction, plant.target, plant.friction)
+        rubbing = replace(plant, force=plant.friction)
         row, rubs = sampled_plant(one.device, one.hand).measured, one.device.coulomb_friction_n
         # Stops are stiff and lossy beside the swing; they act over a part of their period, friction over a quarter.
         stop_rate = 12 * math.pi * self.swing.frequency_hz
@@ -173,6 +168,15 @@ def intended(one: Hypothesis, law: Law, log: Log, declared: Declared) -> tuple[H
     return one.changed(sample_time_s=fast), replace(law, keep=keep)
 
 
+def without(cause: str, one: Hypothesis, law: Law, log: Log, declared: Declared) -> tuple[Hypothesis, Law]:
+    """Return the loop without a delay, rate, resonance, switched part or second rate that was not intended."""
+    if cause == "delay":
+        return one.changed(delay_samples=meant_delay(log, declared)), replace(law, lag=0)
+    if cause == "rate":
+        return intended(one, law, log, declared)
+    return (one.changed(resonance=None), law) if cause == "resonance" else (one, replace(law, switch=None, frames=None))
+
+
 def meant_delay(log: Log, declared: Declared) -> float:
     """Return the longest delay that was intended, in samples of the log."""
     longer = declared.known and log.period_s > 1.3 * declared.device.sample_time_s
@@ -262,7 +266,8 @@ def _of_gain(one: Hypothesis, law: Law, scene: Scene, spring: bool, factors: Seq
     now = law.stiffness_n_per_m if spring else law.damping_ns_per_m
     for factor in factors:
         less = Remedy(key, factor * now, now, "stiffness" if spring else "damping")
-        yield less, one, law.with_gain(key, less.value), scene
+        softer = replace(law, stiffness_n_per_m=less.value) if spring else replace(law, damping_ns_per_m=less.value)
+        yield less, one, softer, scene
 
 
 def _of_switch(one: Hypothesis, law: Law, switch: Switch, scene: Scene, declared: Declared) -> Iterator[_Change]:

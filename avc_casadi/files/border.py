@@ -72,10 +72,7 @@ class Border:
         return (*self._written[path[:known]], *rest), units.words(message)
 
     def inner(self, value: Any, units: Units, path: t.Path, written: t.Path, radius_m: float | None = None) -> Any:
-        """Return a value of the file with the common keys; texts of quantities are read in their units.
-
-        Of a device that turns a text may be of the way, force or stiffness at its radius.
-        """
+        """Return a value of the file with the common keys; texts are read in their units, or in those at a radius."""
         if isinstance(value, list):
             places = ((item, (*path, at), (*written, at)) for at, item in enumerate(value))
             return [self.inner(item, units, inner, place, radius_m) for item, inner, place in places]
@@ -125,7 +122,16 @@ class Border:
         if not units.linear:
             self._counted(own, (table,))
         whole = overridden(base, own)
-        return (self._at_capstan(whole, units, table), units) if CAPSTAN in whole else (whole, units)
+        if CAPSTAN not in whole:
+            return whole, units
+        radius = whole.pop(CAPSTAN)
+        if units.linear:
+            self.fault((table, CAPSTAN), 'says nothing of a linear device; allowed: beside motion = "rotary"')
+            return whole, units
+        if "handle_radius_m" in whole:
+            self.fault((table, "handle_radius_m"), f"stands beside {CAPSTAN}; allowed: one of the two")
+        valid = self._valid(q.Quantity("m", *q.RADII_M, zero=False), radius, (table, CAPSTAN))
+        return at_handle(whole, valid or 0.01), units  # in place of a faulty one, so that the rest is checked
 
     def read(self, tables: Mapping[str, Any], device: Any, units: Units) -> None:
         """Take the tables of a file, with its device as `device_table` gave it."""
@@ -174,17 +180,6 @@ class Border:
         except PydanticCustomError as error:
             self.fault(place, error.message())
             return None
-
-    def _at_capstan(self, device: Mapping[str, Any], units: Units, table: str) -> dict[str, Any]:
-        """Return a device with a capstan as the linear one at its handle."""
-        rest = {key: value for key, value in device.items() if key != CAPSTAN}
-        if units.linear:
-            self.fault((table, CAPSTAN), 'says nothing of a linear device; allowed: beside motion = "rotary"')
-            return rest
-        if "handle_radius_m" in rest:
-            self.fault((table, "handle_radius_m"), f"stands beside {CAPSTAN}; allowed: one of the two")
-        radius = self._valid(q.Quantity("m", *q.RADII_M, zero=False), device[CAPSTAN], (table, CAPSTAN))
-        return at_handle(rest, radius or 0.01)  # in place of a faulty one, so that the rest of the file is checked
 
 
 def _radius_m(device: Mapping[str, Any]) -> float | None:

@@ -26,7 +26,7 @@ from avc_casadi.files.problem_file import AnyProblem, as_problem, problem_docume
 from avc_casadi.model import quantity as q
 from avc_casadi.model import table as t
 from avc_casadi.model.ends import ToolGains
-from avc_casadi.model.gains import GainSchedule, GainTable
+from avc_casadi.model.gains import TABLE_COLUMNS, GainSchedule, GainTable
 from avc_casadi.model.problem import Problem
 from avc_casadi.model.runtime import Runtime
 
@@ -72,13 +72,10 @@ class GainColumns(t.Table):
         return GainTable(np.array(columns, dtype=np.float64).T)
 
 
-_COLUMNS = tuple(GainColumns.model_fields)
-
-
 def gain_document(gains: GainSchedule) -> dict[str, Any]:
     """Return the `solve` document without its certificate: JSON values only."""
     keys = (
-        *("problem", "method", "solver", "structure", "model", "sample_time_s", *_COLUMNS, "status", "reason"),
+        *("problem", "method", "solver", "structure", "model", "sample_time_s", *TABLE_COLUMNS, "status", "reason"),
         *("requested_rigid", "requested_damping_ns_per_m", "requested_stiffness_n_per_m"),
         *("requested_contact_damping_ns_per_m", "notes", "magnitude_error", "complex_error", "real_part"),
     )
@@ -100,7 +97,7 @@ def gain_csv(gains: GainSchedule) -> str:
     """Return the usable rows as CSV text; a contact damping column is added in the damped structure."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    keys = _COLUMNS if gains.structure == "damped" else _COLUMNS[:3]
+    keys = TABLE_COLUMNS if gains.structure == "damped" else TABLE_COLUMNS[:3]
     writer.writerow(map(gains.units.key, keys))
     for row in np.flatnonzero(gains.usable).tolist():
         writer.writerow([repr(float(getattr(gains, key)[row])) for key in keys])
@@ -115,8 +112,9 @@ def read_csv(path: Path) -> GainTable:
     except csv.Error as error:
         raise InputError.of(f"is not CSV ({error}); {NEXT_STEP}", file=file) from error
     header = tuple(ROTARY.inner(cell.strip()) for cell in rows[0][1]) if rows else ()
-    if header not in (_COLUMNS[:3], _COLUMNS):
-        message = f"header is {','.join(header) or 'missing'}; allowed: {','.join(_COLUMNS[:3])}[,{_COLUMNS[3]}]"
+    if header not in (TABLE_COLUMNS[:3], TABLE_COLUMNS):
+        least, more = ",".join(TABLE_COLUMNS[:3]), TABLE_COLUMNS[3]
+        message = f"header is {','.join(header) or 'missing'}; allowed: {least}[,{more}]"
         raise InputError([Fault(file, 1, "", message)])
     lines = [line for line, _ in rows[1:]]
     faults = [

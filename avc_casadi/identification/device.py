@@ -72,30 +72,28 @@ class Identification:
         key_of, response = units_for(self.motion).key, self.response
         plainly = ("seconds", "records", "sample_time_s", "rungs", "encoder_at", "amplifier_order", "notes")
         device = None if self.device is None else self.device.device.model_dump(mode="json", exclude_unset=True)
-        result: dict[str, Any] = plain(
-            {
-                "logs": self.sources,
-                **{key: getattr(self, key) for key in plainly},
-                "estimates": {
-                    key: {name: value for name, value in vars(one).items() if name != "key"}
-                    for key, one in self.estimates.items()
-                },
-                "unknown": [*map(key_of, self.unknown)],
-                "evidence": [vars(one) for one in self.trials],
-                "error_autocorrelation": self.lags,
-                "device": device,
-                "gaps": None if self.device is None else [*map(key_of, self.device.gaps)],
-                "response": {
-                    "frequency_hz": response.frequency_hz,
-                    "measured_re": response.velocity_per_force.real,
-                    "measured_im": response.velocity_per_force.imag,
-                    "model_re": self.modelled.real,
-                    "model_im": self.modelled.imag,
-                    "coherence": response.coherence,
-                },
-            }
-        )
-        return result
+        document = {
+            "logs": self.sources,
+            **{key: getattr(self, key) for key in plainly},
+            "estimates": {
+                key: {name: value for name, value in vars(one).items() if name != "key"}
+                for key, one in self.estimates.items()
+            },
+            "unknown": [*map(key_of, self.unknown)],
+            "evidence": [vars(one) for one in self.trials],
+            "error_autocorrelation": self.lags,
+            "device": device,
+            "gaps": None if self.device is None else [*map(key_of, self.device.gaps)],
+            "response": {
+                "frequency_hz": response.frequency_hz,
+                "measured_re": response.velocity_per_force.real,
+                "measured_im": response.velocity_per_force.imag,
+                "model_re": self.modelled.real,
+                "model_im": self.modelled.imag,
+                "coherence": response.coherence,
+            },
+        }
+        return dict(plain(document))
 
 
 @dataclass

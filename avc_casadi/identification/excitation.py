@@ -24,7 +24,7 @@ from avc_casadi._util.text import number
 from avc_casadi._util.units import MotionKind, Units, units_for
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners, device_with
 from avc_casadi.model.device import Device
-from avc_casadi.model.plant import LinearPlant, device_plant, transition
+from avc_casadi.model.plant import device_plant, transitions
 
 Integers = NDArray[np.int64]
 
@@ -256,15 +256,12 @@ def forecast(
 
 def _part(devices: Sequence[Device], shares: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return transition, effect of the force and of friction over a share of a sample, one of each device."""
-    matrix, push, rub = [], [], []
-    for device, share in zip(devices, shares.tolist(), strict=True):
-        plant, seconds = device_plant(device).linear(), max(share, 1e-9) * device.sample_time_s
-        rubbing = LinearPlant(plant.names, plant.matrix, plant.friction, plant.target, plant.friction)
-        step = transition(plant, seconds)
-        matrix.append(step.matrix.T)
-        push.append([-step.force])
-        rub.append([transition(rubbing, seconds).force])
-    return np.array(matrix), np.array(push), np.array(rub)
+    plants = [device_plant(device).linear() for device in devices]
+    seconds = [max(share, 1e-9) * one.sample_time_s for one, share in zip(devices, shares.tolist(), strict=True)]
+    steps = transitions(list(zip(plants, seconds, strict=True)))
+    rubs = transitions([(replace(one, force=one.friction), part) for one, part in zip(plants, seconds, strict=True)])
+    matrix, push = np.array([step.matrix.T for step in steps]), np.array([[-step.force] for step in steps])
+    return matrix, push, np.array([[step.force] for step in rubs])
 
 
 _MARGIN = 0.85

@@ -216,10 +216,7 @@ def _curvature(fit: Fit) -> tuple[FloatArray, FloatArray]:
 
 
 def held_out(fit: Fit) -> FloatArray:
-    """Return the squared error of each block under the fit to the others, shape (blocks,), m^2.
-
-    The fit without a block is one Gauss-Newton step from the fit with all, or from a point beside it.
-    """
+    """Return the squared error of each block, m^2, under the fit to the others: one Gauss-Newton step from this."""
     whole, scale = _curvature(fit)
     gradient = np.sum([block.gradient for block in fit.blocks], axis=0)
     squares = []
@@ -267,12 +264,7 @@ def bootstrap(fit: Fit) -> FloatArray:
 
 
 def half_widths(predictor: Predictor, fit: Fit, window: Window, rivals: Mapping[str, Fit]) -> FloatArray:
-    """Return half the interval of each coordinate, shape (free,).
-
-    To the bootstrap is added what other observers would have found beyond chance (there the disturbance, or the model,
-    is not as assumed), what is left out inside a sample, and the clock; rungs that were not taken and predict as well
-    widen it to what they say.
-    """
+    """Return half the interval of each coordinate, shape (free,): bootstrap, other observers and rungs, clock."""
     half = bootstrap(fit)
     rate, slowest, fastest = fit.observer.rate_per_s, slowest_observer(predictor), 1 / predictor.sample_time_s
     # A wrong model has other estimates under other observers.
@@ -307,11 +299,7 @@ def _moves(fit: Fit) -> FloatArray:
 
 
 def _inside_a_sample(fit: Fit, period: float) -> FloatArray:
-    """Return what the model leaves out inside a sample, of each coordinate.
-
-    The linear part is exact. Dry friction assumes a velocity that decays evenly over a sample: the error is of second
-    order in damping, of first order in a resonance, and counts in samples in which the motor reverses.
-    """
+    """Return what the model leaves out inside a sample: dry friction assumes a velocity that decays evenly there."""
     values = fit.values
     angle = 0.0
     if fit.structure.present("resonance.frequency_hz"):

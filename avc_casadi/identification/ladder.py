@@ -101,10 +101,7 @@ def model_response(
 def likely_resonances(
     response: Response, values: Mapping[str, float], structure: Structure, sample_time_s: float
 ) -> list[tuple[float, dict[str, float]]]:
-    """Return the resonances that would explain the response best: misfit, and start of the search.
-
-    Magnitudes are compared up to a factor, phases up to a delay, with those of the model without resonance.
-    """
+    """Return the resonances that would explain the response best, up to a factor and a delay: misfit, and start."""
     use = (response.coherence > 0.3) & (response.frequency_hz > 5.0) & response.driven
     if use.sum() < 10:
         return []
@@ -319,10 +316,7 @@ class Ladder:
         return ""
 
     def _too_fast(self, found: Fit) -> bool:
-        """Return whether a lag is too fast to be told from a delay.
-
-        Beside a resonance dry friction looks like one, and so does a clock that scatters.
-        """
+        """Return whether a lag is a delay; beside a resonance dry friction looks like a lag, as a scattered clock."""
         fastest = 0.6 if found.structure.present("resonance.frequency_hz") else 1.5
         if any(record.scatter for record in self.predictor.records):
             fastest = 0.2

@@ -144,10 +144,7 @@ def records_of(columns: Columns) -> tuple[list[Record], list[Fault], list[str]]:
 
 
 def faults_of(columns: Columns, *, swing: bool = False) -> list[Fault]:
-    """Return what makes a log unusable: no numbers, few samples, times that go back, magnitudes of another unit.
-
-    Of a `swing` fewer samples are enough, and a device at rest or without a force is allowed.
-    """
+    """Return what makes a log unusable; of a swing fewer samples are enough, and it may be at rest."""
     file, faults, shortest = columns.file, [], 60 if swing else _SHORTEST
     for key, values in (("time", columns.time_s), ("position", columns.position_m), ("force", columns.force_n)):
         rows = [(columns.at(int(row)), f"is {values[row]}") for row in np.flatnonzero(~_sound(values))]

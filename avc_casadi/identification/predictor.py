@@ -25,11 +25,9 @@ from avc_casadi.identification.terms import FORCES, FRICTION, LOOP_RATIO, OFFSET
 from avc_casadi.model.device import Device, Resonance
 from avc_casadi.model.hands import Hand
 from avc_casadi.model.plant import LinearPlant, SampledPlant, Transition, device_plant, sampled_plant, transitions
+from avc_casadi.model.quantity import LEAST_DELAY_SAMPLES
 from avc_casadi.simulation.emit import LANES_HEAD, in_lanes
 from avc_casadi.simulation.execute import compiler, library
-
-# Of a delay, below which there is none.
-_LEAST_DELAY = 1e-3
 
 # The force of a fractional delay comes from two samples; a derivative keeps the same two.
 TAPS = 2
@@ -70,7 +68,7 @@ def device_of(values: Mapping[str, float], structure: Structure, sample_time_s: 
         mass_kg=values["mass_kg"],
         damping_ns_per_m=values["damping_ns_per_m"] if values["damping_ns_per_m"] > 1e-9 else 0.0,
         sample_time_s=sample_time_s,
-        delay_samples=delay if delay > _LEAST_DELAY else 0.0,
+        delay_samples=delay if delay > LEAST_DELAY_SAMPLES else 0.0,
         amplifier_bandwidth_hz=None if math.isnan(bandwidth) else bandwidth,
         amplifier_order=structure.order,
         amplifier_damping_ratio=values[LOOP_RATIO],
@@ -210,7 +208,7 @@ def beside(values: Mapping[str, float], structure: Structure) -> tuple[list[dict
         move = 1e-5 * max(1.0, abs(q))
         if one.name == "delay_samples":
             # The same two forces act within a sample, where every entry is smooth.
-            move = 2 * _LEAST_DELAY if value % 1.0 < 0.5 else -2 * _LEAST_DELAY
+            move = 2 * LEAST_DELAY_SAMPLES if value % 1.0 < 0.5 else -2 * LEAST_DELAY_SAMPLES
         moved = structure.outward(one, q + move)
         several.append({**values, one.name: moved})
         moves.append(structure.inward(one, moved) - q)

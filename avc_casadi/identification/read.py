@@ -26,13 +26,11 @@ from avc_casadi.identification.log import Columns, Record, faults_of, faults_of_
 MOST_BYTES = 2**27
 _QUANTITIES = ("time", "position", "force")
 _TEXTS = (".csv", ".txt", ".dat", ".tsv")
-_MARKS = ("#", "%")
 _NAMES = {
     "time": ("time", "t", "timestamp", "stamp", "clock"),
     "position": ("position", "pos", "x", "q", "displacement", "y", "angle", "theta", "phi"),
     "force": ("force", "f", "u", "command", "force_command", "cmd_force", "effort", "torque", "tau", "moment"),
 }
-_ALSO = {"angle": "position", "torque": "force"}
 _UNITS: Mapping[str, Mapping[str, float]] = {
     "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
     "position": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "nm": 1e-9}
@@ -56,7 +54,6 @@ _USUAL = {
     "position": "m, cm, mm, um (counts times the encoder's step), rad, deg, in the header as position_m or angle_rad",
     "force": "N, mN, kN, or N.m, mN.m (a current times the motor's constant), in the header as force_n or torque_nm",
 }
-_NUMBERS = {"double", "single", *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64))}
 # Exceptions of libraries at a file that is not of their kind.
 _UNREADABLE: tuple[type[Exception], ...] = (
     *(ValueError, TypeError, LookupError, NotImplementedError, EOFError, MemoryError, OverflowError),
@@ -79,7 +76,7 @@ def pairs_of(texts: Sequence[str], key: str) -> tuple[dict[str, str], list[Fault
     faults = []
     for part in (part.strip() for text in texts for part in text.split(",") if part.strip()):
         name, _, value = part.partition("=")
-        name = _ALSO.get(name, name)
+        name = {"angle": "position", "torque": "force"}.get(name, name)
         if name not in _QUANTITIES or not value:
             allowed = ", ".join(f"{one}=..." for one in _QUANTITIES)
             faults.append(Fault("", None, key, f"{part!r} is no pair; allowed: {allowed}"))
@@ -147,7 +144,8 @@ def _npz(stream: BinaryIO) -> Mapping[str, Any]:
 
 
 def _mat(stream: Any) -> Mapping[str, Any]:
-    sizes = {name: math.prod(shape) for name, shape, kind in scipy.io.whosmat(stream) if kind in _NUMBERS}
+    numbers = {"double", "single", *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64))}
+    sizes = {name: math.prod(shape) for name, shape, kind in scipy.io.whosmat(stream) if kind in numbers}
     _bound(8 * sum(sizes.values()))
     stream.seek(0)
     arrays = scipy.io.loadmat(stream, squeeze_me=True, variable_names=list(sizes))
@@ -184,7 +182,7 @@ def _arrays(named: Mapping[str, Any], file: str, layout: Layout) -> Columns:
 def _text(content: str, file: str, layout: Layout) -> Columns:
     """Read a text: headers in its first row, or in the comment above it, as numpy writes it."""
     lines = [(at, row) for at, row in enumerate(content.splitlines(), start=1) if row.strip()]
-    rows = [(at, row) for at, row in lines if not row.lstrip().startswith(_MARKS)]
+    rows = [(at, row) for at, row in lines if not row.lstrip().startswith(("#", "%"))]
     if not rows:
         raise InputError.of("is empty; allowed: columns of time, position and force", file=file)
     sample = rows[min(1, len(rows) - 1)][1]

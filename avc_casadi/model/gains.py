@@ -131,10 +131,7 @@ class GainSchedule(Tabular):
     def to_dict(self) -> Columns:
         """Return the rows as columns by name with unit, each of shape (n,)."""
         return {
-            "frequency_hz": self.frequency_hz,
-            "damping_ns_per_m": self.damping_ns_per_m,
-            "stiffness_n_per_m": self.stiffness_n_per_m,
-            "contact_damping_ns_per_m": self.contact_damping_ns_per_m,
+            **{key: getattr(self, key) for key in TABLE_COLUMNS},
             "impedance_ns_per_m": self.impedance,
             "target_ns_per_m": self.target,
             "magnitude_error_ns_per_m": self.magnitude_error,
@@ -279,6 +276,9 @@ def gains_at(schedule: GainSchedule, frequency_hz: float | None = None) -> Gains
     return Gains(*GainTable.of(schedule)(frequency).tolist())
 
 
+TABLE_COLUMNS = ("frequency_hz", "damping_ns_per_m", "stiffness_n_per_m", "contact_damping_ns_per_m")
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class GainTable(Tabular):
     """Gains against frequency, linear in ln(frequency) between rows and constant beyond the ends."""
@@ -294,13 +294,7 @@ class GainTable(Tabular):
                 "[coupling]",
                 key="status",
             )
-        columns = (
-            schedule.frequency_hz,
-            schedule.damping_ns_per_m,
-            schedule.stiffness_n_per_m,
-            schedule.contact_damping_ns_per_m,
-        )
-        rows = np.stack(columns, axis=1)[schedule.usable]
+        rows = np.stack([getattr(schedule, key) for key in TABLE_COLUMNS], axis=1)[schedule.usable]
         return cls(np.asarray(rows[np.argsort(rows[:, 0], kind="stable")]))
 
     @classmethod
@@ -319,8 +313,7 @@ class GainTable(Tabular):
 
     def to_dict(self) -> Columns:
         """Return the rows as columns by name with unit, each of shape (n,)."""
-        names = ("frequency_hz", "damping_ns_per_m", "stiffness_n_per_m", "contact_damping_ns_per_m")
-        return dict(zip(names, self.rows.T, strict=True))
+        return dict(zip(TABLE_COLUMNS, self.rows.T, strict=True))
 
     def _summary(self) -> str:
         b, k, contact = self.gains

@@ -100,8 +100,8 @@ def first_only(cases, missed=()):
 
 @pytest.mark.parametrize(
     ("k", "b", "c", "mass", "period"),
-    first_only([(1.2, 0.03, 0.7, 0.025, 5e-3), (2.0, 0.05, 0.5, 0.025, 5e-3)],
-               missed=[(1.2, 0.03, 0.4, 0.025, 5e-3), (0.8, 0.02, 1.0, 0.03, 4e-3)]),
+    first_only([(1.2, 0.03, 0.7, 0.025, 5e-3), (2.0, 0.05, 0.5, 0.025, 5e-3),
+                (1.2, 0.03, 0.4, 0.025, 5e-3), (0.8, 0.02, 1.0, 0.03, 4e-3)]),
 )  # fmt: skip
 def test_a_relay_beside_spring_and_damper_swings_without_a_hand(k, b, c, mass, period):
     """The logged torque takes energy; as it acts, a sample and the hold later, it feeds the swing."""
@@ -118,7 +118,7 @@ def test_a_relay_beside_spring_and_damper_swings_without_a_hand(k, b, c, mass, p
 @pytest.mark.parametrize(
     ("k", "b", "c", "band", "mass", "period"),
     first_only([(1.2, 0.05, 0.5, 5e-3, 0.05, 1 / 60), (1.2, 0.05, 0.8, 1e-2, 0.05, 1 / 60),
-                (2.0, 0.08, 0.5, 5e-3, 0.03, 1 / 100)], missed=[(1.2, 0.05, 0.5, 5e-3, 0.08, 1 / 60)]),
+                (2.0, 0.08, 0.5, 5e-3, 0.03, 1 / 100), (1.2, 0.05, 0.5, 5e-3, 0.08, 1 / 60)]),
 )  # fmt: skip
 def test_a_minimum_force_with_a_dead_band_is_named_and_over_the_width_told_it_rests(k, b, c, band, mass, period):
     loop = {"mass": mass, "damping": 0.03, "friction": 0.03, "period": period, "delay": 1, "limit": 5.0}
@@ -133,8 +133,9 @@ def test_a_minimum_force_with_a_dead_band_is_named_and_over_the_width_told_it_re
         over = np.clip((abs(z) - band) / remedy.value, 0.0, 1.0)
         return -(k * z + b * u + c * np.sign(z) * over)
 
-    left = turning(wide, **loop)[0].position_m
-    assert np.ptp(left[-left.size // 4 :]) < 0.1 * np.ptp(log.position_m[-left.size // 4 :])
+    # Heavy and hardly damped, it comes to rest within 25 swings.
+    left = turning(wide, **loop | {"ticks": 3 * loop["ticks"]})[0].position_m
+    assert np.ptp(left[-loop["ticks"] // 4 :]) < 0.1 * np.ptp(log.position_m[-loop["ticks"] // 4 :])
 
 
 def stops(travel, stiffness=400.0, damping=2.0):

@@ -30,7 +30,7 @@ def marched(case, b, k, contact, samples):
     m, damping = 0.15, 5.0
     step = expm(np.array([[0, 1, 0], [-800 / m, -damping / m, -1 / m], [0, 0, 0]]) * T / parts)[:2]
     late = round(device.delay_samples * parts)
-    forces, state, before, joint, trace = [], np.array([1e-3, 0.0]), 1e-3, 0.0, []
+    forces, state, before, joint, trace = [], np.array([0.0, 0.1]), 0.0, 0.0, []
     for sample in range(samples):
         b_e, k_e, x = wall.damping_ns_per_m, wall.stiffness_n_per_m, state[0]
         new = (b * (x - before) / T + k * x + (b + b_e) * joint / T) / ((b + b_e) / T + k + k_e)
@@ -49,7 +49,7 @@ def test_the_judged_loop_is_the_marched_one(delay):
     rendering = ContactLaw.of(case, 5.0, 2e4, 10.0).rendering
     matrix = wall(Body.of(sampled_plant(case.device, HAND)).flat(), rendering)[0]
     state, trace = np.zeros(len(matrix)), []
-    state[[0, -2, -1]] = 1e-3
+    state[1] = 0.1 * T  # metres a sample
     for _ in range(100):
         trace.append(state[0])
         state = matrix @ state
