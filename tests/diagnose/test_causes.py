@@ -133,8 +133,7 @@ def test_a_minimum_force_with_a_dead_band_is_named_and_over_the_width_told_it_re
         over = np.clip((abs(z) - band) / remedy.value, 0.0, 1.0)
         return -(k * z + b * u + c * np.sign(z) * over)
 
-    # Heavy and hardly damped, it comes to rest within 25 swings.
-    left = turning(wide, **loop | {"ticks": 3 * loop["ticks"]})[0].position_m
+    left = turning(wide, **loop | {"ticks": 3 * loop["ticks"]})[0].position_m  # in 25 swings
     assert np.ptp(left[-loop["ticks"] // 4 :]) < 0.1 * np.ptp(log.position_m[-loop["ticks"] // 4 :])
 
 
