@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -39,9 +40,8 @@ if TYPE_CHECKING:
 
 FIRST = 16
 """Hands of a first trial, corners included."""
-SHARE = 0.1
-"""Relative perturbation of a value without a stated range; a delay is later, by up to LATER_SAMPLES."""
-LATER_SAMPLES = 0.25
+SHARE, LATER_SAMPLES = 0.1, 0.25
+"""Relative perturbation of a value without a stated range; and by how much a delay is later."""
 _FEW = 0.03
 """Share of the loose grips that may still be on the way when the trial ends."""
 
@@ -89,6 +89,7 @@ class Evaluator:
         self.judged: list[Judged] = []
         self.considered = 0
         self._people, self._seed, self._progress, self._executor = people, seed, progress, executor
+        self._trial = partial(try_coupling, seed=seed, executor=executor)
         self._lean, self._stiffest = lean_on_friction, stiffest
         count = 2 * len(people)
         self._others = (
@@ -151,9 +152,6 @@ class Evaluator:
 
     def _complete(self, one: Judged) -> bool:
         return one.complete(lean_on_friction=self._lean)
-
-    def _trial(self, coupling: Coupling, people: Hand | StylusHand) -> CouplingTrial:
-        return try_coupling(coupling, people, self._seed, executor=self._executor)
 
     def _confirmed(self, one: Judged) -> Judged:
         """Try a coupling with all hands, then with others, spread over the declared ranges of the device.

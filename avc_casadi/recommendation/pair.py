@@ -332,9 +332,7 @@ def _least_damping(device: Device) -> float:
 def _assumed_of_tool(tool: VirtualTool) -> list[str]:
     found = []
     if tool.rigid and tool.tool_mass_kg is not None:
-        found.append(
-            "the engine's contacts are constraints: the tool is free or stands still; give a range with an end"
-        )
+        found.append("the engine's contacts are constraints: the tool is free or held; give a range with an end")
     if len(set(tool.step_s)) == 1:
         found.append("the engine's step is steady: a range of step_s takes jitter in")
     return found

@@ -55,8 +55,7 @@ def why_infeasible(problem: Problem) -> str:
         if wall.damping_ns_per_m > most:
             return (
                 f"a damper above {most:.3g} is not linearly stable with every hand and released, and "
-                f"{wall.damping_ns_per_m:g} are wanted (environment.damping_ns_per_m): ask "
-                "for less"
+                f"{wall.damping_ns_per_m:g} are wanted (environment.damping_ns_per_m): ask for less"
             )
     if problem.detent is not None:
         claim = detent_claim(problem)
@@ -71,12 +70,10 @@ def nothing_rendered(problem: Problem, felt_n_per_m: float, trial: CouplingTrial
     # A robot that no hand holds is not pressed.
     if problem.environment.stiffness_n_per_m == 0 or not max(problem.hands.stiffness_n_per_m):
         return ""
-    step, friction_n, most_n = device.encoder_resolution_m, device.coulomb_friction_n, press_n
-    advice = "check the units of these values"
-    most = f"a press of {press_n:.3g}"
+    step, friction_n = device.encoder_resolution_m, device.coulomb_friction_n
+    advice, most_n, most = "check the units of these values", press_n, f"a press of {press_n:.3g}"
     if device.max_force_n is not None and device.max_force_n < press_n:
-        most_n = device.max_force_n
-        most = f"the force limit (device.max_force_n, {most_n:g})"
+        most_n, most = device.max_force_n, f"the force limit (device.max_force_n, {device.max_force_n:g})"
     if felt_n_per_m * step > most_n:
         encoder = f"the encoder (device.encoder_resolution_m, {step:g})"
         what = f"one step of {encoder} asks for more than {most}"

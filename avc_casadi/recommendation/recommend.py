@@ -64,9 +64,8 @@ def recommend(problem: AnyProblem, hands: int = 100, seed: int = 0, **options: A
         allowed = "allowed: hands, seed, versions, progress"
         raise InputError.of(f"is an option of walls, and the other end is none; {allowed}", key=alien[0])
     known = {name: value for name, value in options.items() if name not in of_walls}
-    if stated.follower is not None:
-        return recommend_bilateral(stated, hands, seed, **known)
-    return recommend_tool(stated, hands, seed, **known)
+    recommend_pair = recommend_tool if stated.follower is None else recommend_bilateral
+    return recommend_pair(stated, hands, seed, **known)
 
 
 def recommend_wall(
@@ -82,34 +81,26 @@ def recommend_wall(
     progress: Progress = SILENT,
     executor: Executor | None = None,
 ) -> Recommendation:
-    """Return the coupling to deploy.
+    """Return the best of springs and dampers and laws of a convex program, as `best_of` ranks them.
 
-    Candidates are springs and dampers and laws of a convex program, linearly stable with every hand of [hands] and
-    released, with a disk margin. They are ranked by safety: all hands settle without dry friction, then with the
-    declared one, then as many as possible; then by whether the residual vibration is below the detection threshold of
-    nine hands in ten; then by impedance mismatch from 1 to 30 Hz, with a price on a long settling time when released;
-    of those within a just noticeable error the plainest. Twice as many hands outside the selection confirm the choice,
-    on devices throughout [device.range].
+    Twice as many hands outside the selection confirm the choice, on devices throughout [device.range].
     """
-    people, extreme = people_of(problem.hands, hands, seed), hand_corners(problem.hands)
-    why_none = why_infeasible(problem)
+    people, why_none = people_of(problem.hands, hands, seed), why_infeasible(problem)
     evaluator = Evaluator(problem, people, seed, progress, lean_on_friction=lean_on_friction, executor=executor)
     with Crew(workers) as crew:
-        helps = crew.begin(partial(what_would_help, problem, extreme))
-        limit = stiffest_wall(problem.device, with_released(extreme))
+        helps = crew.begin(partial(what_would_help, problem))
+        limit = stiffest_wall(problem.device, with_released(hand_corners(problem.hands)))
         if not why_none:
             judge_all(problem, evaluator, limit, progress)
         best = evaluator.best()
-        judged, considered = evaluator.judged, evaluator.considered
-        declared_n = problem.device.coulomb_friction_n
-        leaning = best_of(judged, lean_on_friction=True, stiffest=True) if judged and declared_n > 0 else None
+        judged, rough = evaluator.judged, problem.device.coulomb_friction_n > 0
+        leaning = best_of(judged, lean_on_friction=True, stiffest=True) if judged and rough else None
         coupling, rest, off, lacks = None, None, None, ""
         beyond: tuple[Withstood, ...] = ()
         if best is not None:
             mismatched = crew.begin(partial(off_file, best.coupling, seed))
             unmodelled = crew.begin(partial(withstood, best.coupling, seed))
-            known = certified(best.coupling, progress, prove=prove)
-            known, rest = with_rest(known, progress)
+            known, rest = with_rest(certified(best.coupling, progress, prove=prove), progress)
             coupling = replace(known.with_trial(best.trial.document()), versions=versions or {})
             off, beyond = mismatched(), unmodelled()
             lacks = missed(beyond, by_friction=lean_on_friction or best.safety == 1)
@@ -128,8 +119,8 @@ def recommend_wall(
             plain_wall_n_per_m=limit.stiffness_n_per_m,
             with_friction_n_per_m=None if leaning is None else leaning.coupling.static_stiffness_n_per_m,
             helps=() if why_none else helps(),
-            considered=considered,
-            reason=why_none or nothing or lacks or reason_of(best, judged, considered),
+            considered=evaluator.considered,
+            reason=why_none or nothing or lacks or reason_of(best, judged, evaluator.considered),
             assumed=assumed(problem, None if best is None else best.coupling, devices=devices_of(best)),
             not_used=not_used(problem),
             trade_off=trade_off(problem, progress) if with_trade_off and coupling is not None else (),
@@ -143,9 +134,8 @@ def with_rest(coupling: Coupling, progress: Progress = SILENT) -> tuple[Coupling
     if "L7" not in levels:
         level = quick_rest_level(coupling, progress)
         if level is None:
-            return coupling, LimitCycleFreedom(
-                "simulated", "no proof was asked for; avc recommend P --prove asks for one, in minutes"
-            )
+            unasked = "no proof was asked for; avc recommend P --prove asks for one, in minutes"
+            return coupling, LimitCycleFreedom("simulated", unasked)
         levels["L7"] = level.document()
         coupling = coupling.with_certificate(certificate | {"levels": levels})
     word, claim = levels["L7"]["outcome"], levels["L7"]["claim"]
@@ -166,8 +156,7 @@ def judged_as_recommended(
     found, rest = with_rest(certified(Coupling.of(problem, gains, versions=versions), progress), progress)
     tried = try_coupling(found, people_of(problem.hands, hands), 0, progress)
     verdict, beyond = deployable(found, progress), withstood(found)
-    extreme = hand_corners(problem.hands)
-    limit = stiffest_wall(problem.device, with_released(extreme)).stiffness_n_per_m
+    limit = stiffest_wall(problem.device, with_released(hand_corners(problem.hands))).stiffness_n_per_m
     lacks = nothing_rendered(problem, found.static_stiffness_n_per_m, tried) or missed(beyond, by_friction=False)
     return Recommendation(
         problem=problem,
@@ -179,7 +168,7 @@ def judged_as_recommended(
         rest=rest,
         stiffest_wall_n_per_m=limit,
         plain_wall_n_per_m=limit,
-        helps=what_would_help(problem, extreme),
+        helps=what_would_help(problem),
         reason=f"the gains of {gains.method}, as asked for; {lacks or verdict.sentence}",
         assumed=assumed(problem, found),
         not_used=not_used(problem),
@@ -196,8 +185,7 @@ def stiffest(
     executor: Executor | None = None,
 ) -> dict[str, Any]:
     """Return the stiffest wall at which hands settle as safely as in `recommend`: `avc recommend P --stiffest`."""
-    extreme = hand_corners(problem.hands)
-    limit = stiffest_wall(problem.device, with_released(extreme))
+    limit = stiffest_wall(problem.device, with_released(hand_corners(problem.hands)))
     # Unreachable, over the limit of spring and damper.
     far = 1e3 * max(limit.stiffness_n_per_m, softest_wall_n_per_m(problem.device))
     walled = problem.changed(environment={"stiffness_n_per_m": far, "damping_ns_per_m": 0.0}, detent=None)
@@ -219,7 +207,7 @@ def stiffest(
             "confirmed": None if best is None or best.others is None else best.others.counts(),
             "plain_wall_n_per_m": limit.stiffness_n_per_m,
             "damping_ns_per_m": [limit.lowest_ns_per_m, limit.highest_ns_per_m],
-            "what_would_help": [asdict(one) for one in what_would_help(walled, extreme)],
+            "what_would_help": [asdict(one) for one in what_would_help(walled)],
             "assumed": list(assumed(problem.changed(detent=None), devices=devices_of(best))),
             "not_used": list(not_used(problem)),
         }

@@ -15,12 +15,11 @@ from avc_casadi.design.virtual_tool import WIDEST_MARGIN, ToolSearch, ToolSearch
 from avc_casadi.loops.engine import ToolLoops, required_tool
 from avc_casadi.loops.walls import stiffest_wall
 from avc_casadi.model.ends import HEAVIEST_TOOL_KG, LIGHTEST_TOOL_KG, LONGEST_STEP_S
-from avc_casadi.model.hands import with_released
+from avc_casadi.model.hands import hand_corners, with_released
 
 if TYPE_CHECKING:
     from avc_casadi.model.device import Device
-    from avc_casadi.model.ends import Exchange, ToolGains, VirtualTool
-    from avc_casadi.model.hands import Hand, StylusHand
+    from avc_casadi.model.ends import ToolGains, VirtualTool
     from avc_casadi.model.problem import Problem
 
 
@@ -32,11 +31,11 @@ class Help:
     stiffest_wall_n_per_m: float
 
 
-def what_would_help(problem: Problem, extreme: Hand | StylusHand) -> tuple[Help, ...]:
+def what_would_help(problem: Problem) -> tuple[Help, ...]:
     """Return the limit of a plain spring and damper after each change, most effective first."""
     if problem.environment.stiffness_n_per_m == 0:
         return ()
-    people = with_released(extreme)
+    people = with_released(hand_corners(problem.hands))
     found = [
         Help(change, float(stiffest_wall(problem.changed(device=values).device, people).stiffness_n_per_m))
         for change, values in _linear_changes(problem.device).items()
@@ -47,10 +46,11 @@ def what_would_help(problem: Problem, extreme: Hand | StylusHand) -> tuple[Help,
 def _linear_changes(device: Device) -> dict[str, dict[str, Any]]:
     """Return improvements that linear stability captures, one at a time, with the keys that change."""
     keys: dict[str, dict[str, Any]] = {"half the sample time": {"sample_time_s": device.sample_time_s / 2}}
-    if device.damping_ns_per_m:
-        keys["twice the damping of the device"] = _times(2, device, "damping_ns_per_m")
-    if device.mass_kg:
-        keys["twice the mass of the device"] = _times(2, device, "mass_kg")
+    for what, key in (("damping", "damping_ns_per_m"), ("mass", "mass_kg")):
+        value, interval = getattr(device, key), getattr(device.range, key)
+        twice = None if interval is None else tuple(2 * end for end in interval)
+        if value:
+            keys[f"twice the {what} of the device"] = {key: 2 * value, "range": {key: twice}}
     if device.delay_samples:
         keys["no delay"] = {"delay_samples": 0, "range": {"delay_samples": None}}
     if device.amplifier_bandwidth_hz is not None:
@@ -60,15 +60,6 @@ def _linear_changes(device: Device) -> dict[str, dict[str, Any]]:
         nothing = dict.fromkeys(type(device.resonance).model_fields)
         keys["no resonance"] = {"resonance": None, "encoder_at": "motor", "range": {"resonance": nothing}}
     return keys
-
-
-def _times(share: float, device: Device, key: str) -> dict[str, Any]:
-    """Return a value and its declared range, multiplied."""
-    interval = getattr(device.range, key)
-    return {
-        key: share * getattr(device, key),
-        "range": {key: None if interval is None else tuple(share * end for end in interval)},
-    }
 
 
 @dataclass(frozen=True)
@@ -223,9 +214,9 @@ def slowest_step_s(problem: Problem, stiffness_n_per_m: float, *, local: bool) -
 
 def exchanges_that_hold(problem: Problem, stiffness_n_per_m: float, *, local: bool) -> dict[str, bool]:
     """Return the exchanges with which a stiffness is stable at some damping."""
-    names: tuple[Exchange, ...] = ("on-time", "late", "ahead", "held-force")
     return {
-        name: _holds(problem, stiffness_n_per_m, local=local or name == "held-force", exchange=name) for name in names
+        name: _holds(problem, stiffness_n_per_m, local=local or name == "held-force", exchange=name)
+        for name in ("on-time", "late", "ahead", "held-force")
     }
 
 

@@ -206,8 +206,7 @@ def try_coupling(
     """Simulate press, tap and hold by all hands, with all that the problem declares of the device."""
     setup, at_once = Setup.of(coupling), 1000
     tasks = [(setup, people.pick(slice(first, first + at_once))) for first in range(0, len(people), at_once)]
-    sizes = [len(some) for _, some in tasks]
-    work = partial(_tried, seed)
+    sizes, work = [len(some) for _, some in tasks], partial(_tried, seed)
     return CouplingTrial.join(mapped(work, tasks, executor, sizes=sizes, things="hands", progress=progress))
 
 
