@@ -155,18 +155,15 @@ class Run(Tabular):
 
     def certificate(self) -> dict[str, Any]:
         """Return the level L6: this time-varying run, with its energy ledger."""
-        found: dict[str, Any] = plain(
-            {
-                "pass": self.claim == "asymptotic",
-                "margin_ns_per_m": None,
-                "frequency_hz": None,
-                "model": "sampled-data",
-                "claim": f"simulated for {self.samples * self.sample_time_s:g} s: {_CLAIMS[self.claim]}",
-                "outcome": self.claim,
-                "energy_generated_j": self.energy_generated_j,
-            }
-        )
-        return found
+        return {
+            "pass": self.claim == "asymptotic",
+            "margin_ns_per_m": None,
+            "frequency_hz": None,
+            "model": "sampled-data",
+            "claim": f"simulated for {self.samples * self.sample_time_s:g} s: {_CLAIMS[self.claim]}",
+            "outcome": self.claim,
+            "energy_generated_j": plain(self.energy_generated_j),
+        }
 
     def document(self, trace: Path | None = None) -> dict[str, Any]:
         """Return the JSON document; `trace` is the file of the traces."""

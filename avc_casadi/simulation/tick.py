@@ -224,7 +224,6 @@ class StepBuilder:
     _states: dict[str, tuple[Expr, float]] = field(default_factory=dict)
     _inputs: dict[str, Expr] = field(default_factory=dict)
     _parameters: dict[str, Expr] = field(default_factory=dict)
-    _outputs: dict[str, Expr] = field(default_factory=dict)
     _next: dict[str, Expr] = field(default_factory=dict)
 
     def state(self, name: str, initial: float = 0.0) -> Expr:
@@ -243,17 +242,13 @@ class StepBuilder:
         """Set the next value of a state."""
         self._next[name] = value
 
-    def output(self, name: str, value: Expr) -> None:
-        """Add an output."""
-        self._outputs[name] = value
-
-    def done(self, name: str) -> Step:
-        """Return the step."""
+    def done(self, name: str, **outputs: Expr) -> Step:
+        """Return the step with its outputs."""
         symbols = [symbol for symbol, _ in self._states.values()]
         function = ca.Function(
             name,
             [column(*symbols), column(*self._inputs.values()), column(*self._parameters.values())],
-            [ca.SX(column(*(self._next[key] for key in self._states))), ca.SX(column(*self._outputs.values()))],
+            [ca.SX(column(*(self._next[key] for key in self._states))), ca.SX(column(*outputs.values()))],
             ["state", "input", "parameter"],
             ["next", "output"],
             # Numbers may be symbols of what surrounds the step.
@@ -265,7 +260,7 @@ class StepBuilder:
             initial=tuple(initial for _, initial in self._states.values()),
             inputs=tuple(self._inputs),
             parameters=tuple(self._parameters),
-            outputs=tuple(self._outputs),
+            outputs=tuple(outputs),
             function=function,
         )
 

@@ -60,10 +60,8 @@ def envelope(
 def spectral_peak_step(sample_time_s: float, settings: EstimatorSettings) -> Step:
     """Return the step that estimates the frequency by the phase advance of the strongest of log-spaced resonators.
 
-    Each resonator is a pair of complex leaky integrators that turn at its centre frequency (a Goertzel bin with a gamma
-    window of order 2, its length in proportion to the period). Power over frequency, half way between the spectra of
-    position and velocity, favours neither drift nor harmonics; its fifth power weights each phase advance (besides the
-    power in it), which selects the strongest ones without switching.
+    Power over frequency, half way between the spectra of position and velocity, favours neither drift nor harmonics;
+    its fifth power weights each phase advance, which selects the strongest ones without switching.
     """
     builder = StepBuilder()
     signal = band_passed(builder, builder.input("velocity_m_per_s"), settings, sample_time_s)
@@ -96,9 +94,7 @@ def spectral_peak_step(sample_time_s: float, settings: EstimatorSettings) -> Ste
     valid = turned >= 0.75
     builder.follow("smooth_hz", following)
     builder.follow("turns", turned)
-    builder.output("frequency_hz", ca.if_else(valid, following, 0))
-    builder.output("valid", valid)
-    return builder.done("spectral_peak")
+    return builder.done("spectral_peak", frequency_hz=ca.if_else(valid, following, 0), valid=valid)
 
 
 def _centres_hz(settings: EstimatorSettings, sample_time_s: float) -> list[float]:
@@ -111,7 +107,10 @@ def _centres_hz(settings: EstimatorSettings, sample_time_s: float) -> list[float
 def _resonator(
     builder: StepBuilder, name: str, signal: Expr, centre_hz: float, sample_time_s: float
 ) -> tuple[Expr, Expr, Expr]:
-    """Return the sine and cosine of the phase's advance in this tick, times the power, and the power."""
+    """Return the sine and cosine of the phase's advance in this tick, times the power, and the power.
+
+    A pair of complex leaky integrators turns at the centre frequency: a Goertzel bin, its window as long as the period.
+    """
     # The centre frequency over the decay rate is 4.
     decay = ca.exp(-math.tau * centre_hz * sample_time_s / 4.0)
     turn = math.tau * centre_hz * sample_time_s
@@ -141,8 +140,8 @@ def _arc_tangent(slope: Expr) -> Expr:
 def zero_crossing_step(sample_time_s: float, settings: EstimatorSettings) -> Step:
     """Return the step that estimates the frequency from the last two half periods, timed by linear interpolation.
 
-    Without a crossing the frequency is at most half the inverse of the elapsed time: the estimate falls with it, and
-    ends at the lowest frequency. A half period counts only if it exceeds the floor.
+    Without a crossing the frequency is at most half the inverse of the elapsed time. A half period counts only above
+    the floor.
     """
     builder = StepBuilder()
     now = band_passed(builder, builder.input("velocity_m_per_s"), settings, sample_time_s)
@@ -186,15 +185,11 @@ def zero_crossing_step(sample_time_s: float, settings: EstimatorSettings) -> Ste
     builder.follow("last_half_ticks", half)
     builder.follow("earlier_half_ticks", half_before)
     builder.follow("earliest_half_ticks", half_third)
-    builder.output("frequency_hz", frequency)
-    builder.output("valid", valid)
-    builder.output("even", even)
-    builder.output("regular", regular)
     moves = ca.logic_and(started, ca.logic_not(rests))
-    builder.output(
-        "longest_half_s", sample_time_s * ca.if_else(moves, ca.fmax(ca.if_else(count > 0, half, 0), passed), 0)
+    longest_s = sample_time_s * ca.if_else(moves, ca.fmax(ca.if_else(count > 0, half, 0), passed), 0)
+    return builder.done(
+        "zero_crossing", frequency_hz=frequency, valid=valid, even=even, regular=regular, longest_half_s=longest_s
     )
-    return builder.done("zero_crossing")
 
 
 def fused_step(sample_time_s: float, settings: EstimatorSettings) -> Step:
@@ -215,9 +210,11 @@ def fused_step(sample_time_s: float, settings: EstimatorSettings) -> Step:
     take_fast = ca.logic_or(trusted, ca.logic_not(robust["valid"]))
     # No half period of the true frequency is longer than one and a half of its own.
     bound = 1.5 * 0.5 / ca.fmax(fast["longest_half_s"], sample_time_s)
-    builder.output("frequency_hz", ca.if_else(take_fast, quick, ca.fmin(steady, bound)))
-    builder.output("valid", ca.logic_or(fast["valid"], robust["valid"]))
-    return builder.done("fused")
+    return builder.done(
+        "fused",
+        frequency_hz=ca.if_else(take_fast, quick, ca.fmin(steady, bound)),
+        valid=ca.logic_or(fast["valid"], robust["valid"]),
+    )
 
 
 def adaptive_notch_step(sample_time_s: float, settings: EstimatorSettings) -> Step:
@@ -257,9 +254,7 @@ def adaptive_notch_step(sample_time_s: float, settings: EstimatorSettings) -> St
     builder.follow("quadrature_m_per_s", quadrature_next)
     builder.follow("left_over_power", left_over_next)
     builder.follow("power", whole_next)
-    builder.output("frequency_hz", ca.if_else(valid, frequency, 0))
-    builder.output("valid", valid)
-    return builder.done("adaptive_notch")
+    return builder.done("adaptive_notch", frequency_hz=ca.if_else(valid, frequency, 0), valid=valid)
 
 
 ESTIMATORS: Mapping[str, Callable[[float, EstimatorSettings], Step]] = {

@@ -23,9 +23,8 @@ class ObserverSettings:
 def observer_step(sample_time_s: float, settings: ObserverSettings) -> Step:
     """Return the observer's step: predict from commands and an unknown load, correct beyond the encoder's resolution.
 
-    The position lies within half a step of the encoder's count. Inside, the prediction is kept, so that the force does
-    not jump by stiffness times step; outside, position, velocity and load are corrected by the excess. Over a delay the
-    pending forces are known, so that the position is predicted to when the next one acts.
+    Within half a step of the encoder's count the prediction is kept, so that the force does not jump by stiffness times
+    step. Over a delay the pending forces are known: the position is predicted to when the next one acts.
     """
     builder = StepBuilder()
     measured, asked = builder.input("position_m"), builder.input("force_n")
@@ -61,8 +60,7 @@ def observer_step(sample_time_s: float, settings: ObserverSettings) -> Step:
     builder.follow("position_m", now)
     builder.follow("step_m", speed)
     builder.follow("load_step_m", unknown)
-    builder.output("position_m", moved(now, speed, unknown, coming)[0])
-    return builder.done("observer")
+    return builder.done("observer", position_m=moved(now, speed, unknown, coming)[0])
 
 
 def _in_flight(builder: StepBuilder, asked: Expr, older: int) -> list[Expr]:
@@ -77,13 +75,10 @@ def _in_flight(builder: StepBuilder, asked: Expr, older: int) -> list[Expr]:
 
 
 def state_feedback_step(settings: StateFeedback) -> Step:
-    """Return the step of observer and state feedback: the innovation is corrected only beyond the dead zone.
+    """Return the step of observer and state feedback, its matrices as parameters: one serves all of one size.
 
     Quantiser and dead zone together have a sector gain between 0 and 1 on the innovation, so that a loop damped for
-    every such gain does not buzz between two encoder steps. The commanded force is an input, delay and amplifier
-    included; the force of the hand is a state.
-
-    The matrices are parameters: one compiled step serves all of one size.
+    every such gain does not buzz between two encoder steps.
     """
     return _step_of(settings.states, tuple(settings.positions), settings.measures)
 
@@ -112,5 +107,6 @@ def _step_of(n: int, positions: tuple[int, ...], measures: int) -> Step:
     builder.follow("started", 1)
     for row, value in enumerate(corrected):
         builder.follow(f"s{row + 1}_m", value)
-    builder.output("position_m", sum((weight[row] * value for row, value in enumerate(corrected)), ca.SX(0)))
-    return builder.done("state_feedback")
+    return builder.done(
+        "state_feedback", position_m=sum((weight[row] * value for row, value in enumerate(corrected)), ca.SX(0))
+    )
