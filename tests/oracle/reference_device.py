@@ -114,8 +114,9 @@ def _scalars(step: Step) -> Any:
     import casadi as ca  # noqa: PLC0415
 
     parts = [[ca.SX.sym(name) for name in names] for names in (step.states, step.inputs, step.parameters)]
-    following, outputs = step.apply(*parts)
-    return ca.Function(step.name, [symbol for part in parts for symbol in part], [*following, *outputs])
+    following, outputs = step.function(*(ca.veccat(*part) if part else ca.SX(0, 1) for part in parts))
+    found = [*ca.vertsplit(following), *ca.vertsplit(outputs)]
+    return ca.Function(step.name, [symbol for part in parts for symbol in part], found)
 
 
 @dataclass
