@@ -115,8 +115,7 @@ def _scalars(step: Step) -> Any:
 
     parts = [[ca.SX.sym(name) for name in names] for names in (step.states, step.inputs, step.parameters)]
     following, outputs = step.function(*(ca.veccat(*part) if part else ca.SX(0, 1) for part in parts))
-    found = [*ca.vertsplit(following), *ca.vertsplit(outputs)]
-    return ca.Function(step.name, [symbol for part in parts for symbol in part], found)
+    return ca.Function(step.name, sum(parts, []), ca.vertsplit(following) + ca.vertsplit(outputs))
 
 
 @dataclass
