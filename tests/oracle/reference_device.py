@@ -115,7 +115,7 @@ def _scalars(step: Step) -> Any:
 
     parts = [[ca.SX.sym(name) for name in names] for names in (step.states, step.inputs, step.parameters)]
     following, outputs = step.function(*(ca.veccat(*part) if part else ca.SX(0, 1) for part in parts))
-    return ca.Function(step.name, sum(parts, []), ca.vertsplit(following) + ca.vertsplit(outputs))
+    return ca.Function(step.name, [*parts[0], *parts[1], *parts[2]], ca.vertsplit(following) + ca.vertsplit(outputs))
 
 
 @dataclass
