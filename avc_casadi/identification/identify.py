@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -52,7 +52,12 @@ def identify(
     readings = [one.position_m if one.readings_m is None else one.readings_m for one in records]
     step_m = lattice_step(np.concatenate(readings))
     _check_motion(records, step_m)
-    ways = {_way(one) for one in records}
+    ways = set()
+    for one in records:
+        moves = np.diff(one.position_m)
+        forth, back = float(moves[moves > 0].sum()), -float(moves[moves < 0].sum())
+        # Some steps back at rest are noise.
+        ways.add(0 if min(forth, back) > 0.01 * max(forth, back) else 1 if forth > back else -1)
     # Friction and a constant force are one number in a log of one direction: of logs both ways it is the same.
     offsets = len({one.whole for one in records}) if 0 in ways else len(ways) - 1
     with progress.step("first guess"):
@@ -73,6 +78,10 @@ def identify(
         )
     if "spring" in fit.structure.rungs:
         notes.append("a spring holds the device; a device file has no key for it: log the device released if it can be")
+    unknown = [key for key, one in estimates.items() if not one.identified]
+    unknown += [] if "resonance" in fit.structure.rungs else ["resonance"]
+    unknown += [] if {"lag", "loop"} & {*fit.structure.rungs} else ["amplifier_bandwidth_hz"]
+    unknown += [key for key in (FRICTION, "encoder_resolution_m", "max_force_n") if key not in estimates]
     identified = Identification(
         sources=tuple(dict.fromkeys(one.name for one in records)),
         seconds=sum(one.seconds for one in records),
@@ -82,7 +91,7 @@ def identify(
         rungs=fit.structure.rungs,
         encoder_at=fit.structure.encoder_at if "resonance" in fit.structure.rungs else "motor",
         estimates=estimates,
-        unknown=_unknown(estimates, fit.structure.rungs),
+        unknown=tuple(unknown),
         trials=tuple(ladder.trials.values()),
         error_m=np.concatenate(fit.error_m),
         lags=lags,
@@ -136,15 +145,6 @@ def _check_motion(records: Sequence[Record], step_m: float | None) -> None:
     else:
         return
     raise InputError.of(message, key="logs")
-
-
-def _way(record: Record) -> int:
-    """Return the direction in which a record moves, 0 if both ways; some steps back at rest are noise."""
-    moves = np.diff(record.position_m)
-    forth, back = float(moves[moves > 0].sum()), -float(moves[moves < 0].sum())
-    if min(forth, back) > 0.01 * max(forth, back):
-        return 0
-    return 1 if forth > back else -1
 
 
 def _checked(start: Start, motion: MotionKind) -> Start:
@@ -226,14 +226,6 @@ def _estimates(found: Ladder, step_m: float | None, *, one_way: bool) -> dict[st
             "encoder_resolution_m", "length", step_m, low, high, "lattice of the readings"
         )
     return estimates
-
-
-def _unknown(estimates: Mapping[str, Estimate], rungs: Sequence[str]) -> tuple[str, ...]:
-    """Return the keys of what the log does not tell."""
-    vague = [key for key, one in estimates.items() if not one.identified]
-    vague += [] if "resonance" in rungs else ["resonance"]
-    vague += [] if {"lag", "loop"} & {*rungs} else ["amplifier_bandwidth_hz"]
-    return (*vague, *(key for key in (FRICTION, "encoder_resolution_m", "max_force_n") if key not in estimates))
 
 
 def _stretch(found: Ladder) -> FloatArray:
