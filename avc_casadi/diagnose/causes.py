@@ -40,7 +40,7 @@ CAUSES: Mapping[str, tuple[str, str]] = {
 
 Verdict = Literal["named", "cannot tell", "nothing wrong", "not the loop"]
 # A cause is named at odds of two to one. Below so many encoder steps quantisation alone may sustain a swing.
-_SURE, _FEW_STEPS, _OTHER, _FEWEST = 2 / 3, 14.0, "other", 60
+_SURE, _FEW_STEPS, _OTHER, _FEWEST, _MISFIT = 2 / 3, 14.0, "other", 60, 12.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -265,7 +265,8 @@ def _judged(found: Diagnosis, law: Law, fits: Sequence[Fit]) -> Diagnosis:
     outside = work_w(log, swing, one) < 0 and swing.steps > _FEW_STEPS
     if outside:
         doubts.append("the force as it acts takes energy from the swing: a hand, the table or a machine drives it")
-    tried = () if outside or (doubts and not swings) else candidates[:1] if not doubts else candidates
+    blind = fit.misfit > _MISFIT and first != "rate"
+    tried = () if outside or blind or (doubts and not swings) else candidates[:1] if not doubts else candidates
     near_by = [each for _, each, weight, _ in answers if weight > 0.01 * total]
     # The damping of a device is told the worst: a remedy has to do for the declared one too.
     drag = {key: getattr(declared.device, key) for key in ("mass_kg", "damping_ns_per_m") if declared.known}
@@ -291,7 +292,7 @@ def _doubts(first: str, fit: Fit, law: Law, scene: Scene, found: Diagnosis, shar
     if shares[first] < _SURE:
         parts = (f"{CAUSES.get(key, ('another',))[0]} {100 * share:.0f} %" for key, share in shares.items())
         doubts.append(f"of the hypotheses that the log bears out {', '.join(parts)}")
-    if fit.misfit > 12 and first != "rate":
+    if fit.misfit > _MISFIT and first != "rate":
         doubts.append(f"the model leaves {number(fit.misfit, 2)} times what encoder and noise do")
     meant = meant_delay(log, declared)
     if fit.at_end or (first == "delay" and one.delay + law.lag - meant < 2 * fit.delay_error):

@@ -214,7 +214,8 @@ def _measured(log: Log, none: Oscillation, turns: IndexArray, *, even: bool) -> 
     period, n = log.period_s, log.position_m.size
     sizes = np.abs(np.diff(none.fast_m[turns]))
     hertz = (turns.size - 1) / 2 / (period * float(turns[-1] - turns[0]))
-    top, late = float(np.quantile(sizes, 0.9)), float(np.median(sizes[-max(3, sizes.size // 4) :]))
+    few = 3 if sizes.size >= _EVEN_TURNS else 1  # so few turns grow: the last is the size
+    top, late = float(np.quantile(sizes, 0.9)), float(np.median(sizes[-max(few, sizes.size // 4) :]))
     first = int(turns[0])
     back = np.diff(log.position_m[turns[0] : turns[-1] + 1])
     returns = min(float(back[back > 0].sum()), -float(back[back < 0].sum()))

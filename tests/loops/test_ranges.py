@@ -55,13 +55,7 @@ def growth(hand, tool_kg, step_s, gains):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("tool_kg", "step_s"),
-    [
-        (0.05, 0.01),
-        (0.1, 0.016),
-    ],
-)
+@pytest.mark.parametrize(("tool_kg", "step_s"), [(0.05, 0.01), (0.1, 0.016)])
 def test_no_hand_inside_breaks_a_coupling_to_an_engine(tool_kg, step_s):
     text = f"{DEVICE.format(0.08, 0.3)}[simulation]\ntool_mass_kg = {tool_kg}\nstep_s = {step_s}\n"
     stated = avc.parse_problem(f'{text}integrator = "implicit"\nexchange = "late"\n')
@@ -171,7 +165,6 @@ def test_every_phase_of_two_clocks_is_among_the_patterns(ratio, there, back, pha
 
 
 # Devices that stand for declared ranges: every corner first, then devices within, the same every time.
-
 MODE = {"frequency_hz": 150.0, "damping_ratio": 0.05, "mass_ratio": 0.5}
 
 

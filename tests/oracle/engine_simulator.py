@@ -116,7 +116,7 @@ class EngineSimulator:
         if self.integrator == "explicit":
             place = x + t * v
         if self.integrator in ("explicit", "exact"):
-            return (0.0, min(after, 0.0)) if wall and place > 0 else (place, after)
+            return (0.0, min(after, 0.0)) if wall and place >= 0 else (place, after)
         if wall:
             after = min(after, -x / t)
         return x + t * after, after

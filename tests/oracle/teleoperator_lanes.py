@@ -76,20 +76,7 @@ class Lanes:
     """
 
     def __init__(
-        self,
-        leader,
-        follower,
-        period,
-        computing,
-        hand,
-        contact,
-        *,
-        one_sided,
-        delay,
-        phase=0.0,
-        jitter=0,
-        lost=0,
-        seed=0,
+        self, leader, follower, period, computing, hand, contact, *, one_sided, delay, phase=0, jitter=0, lost=0, seed=0
     ):
         lanes = len(period)
         self.period, self.lanes, self.one_sided = period, lanes, one_sided

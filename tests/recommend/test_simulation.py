@@ -52,6 +52,15 @@ def test_recommended_coupling_settles_in_a_plain_simulation(mass, ratio, exchang
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(("mass", "step"), [(0.02, 0.004), (0.08, 0.008)])
+def test_a_tool_of_an_explicit_engine_rests_on_an_object_and_in_steps_of_the_encoder(mass, step):
+    """With K 295 to 1177 N/m and B 6 to 8 N.s/m all corner hands rest in a plain simulation."""
+    device = f"{DEVICE}encoder_resolution_m = 1e-5\n"
+    stated = problem(f'tool_mass_kg = {mass}\nstep_s = {step}\nintegrator = "explicit"', device)
+    assert avc.recommend(stated, hands=HANDS).coupling.gains.stiffness_n_per_m > 200
+
+
+@pytest.mark.slow
 def test_wanted_stiffness_is_given_or_what_it_needs():
     given = avc.recommend(problem("tool_mass_kg = 0.2\nstep_s = 0.005\nstiffness_n_per_m = 3000.0"), hands=HANDS)
     assert given.coupling.gains.stiffness_n_per_m == 3000.0

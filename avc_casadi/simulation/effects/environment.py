@@ -186,7 +186,7 @@ class Engine(SceneEffect, keys=SimulationEffect, rank=155, role="environment"):
             )
             pressed = ca.logic_and(x > 0, slower < rate)
             place, rate = ca.if_else(pressed, touched, place), ca.if_else(pressed, slower, rate)
-            stopped = ca.logic_and(rigid, place > 0)
+            stopped = ca.logic_and(rigid, place >= 0)  # what rests there keeps no speed into it
             # Where the new velocity moves the tool it ends at the face.
             at_face = ca.fmin(rate, 0) if integrator in ("explicit", "exact") else -x / t
             x, v = ca.if_else(stopped, 0, place), ca.if_else(stopped, at_face, rate)

@@ -1,8 +1,7 @@
 """Trials of a coupling to a virtual tool and to a follower: many hands in free motion, in and out of contact.
 
-A tool is simulated in the scene of all declared effects. Both devices of a teleoperator are integrated exactly from
-sample to sample while the contact state does not change; encoders, force limits, delayed and lost messages are
-simulated. Dry friction is not, so that it settles no unstable loop.
+A tool is simulated in the scene of all declared effects; both devices of a teleoperator exactly between samples and
+changes of contact, with encoders, limits, delays and losses, without dry friction, which settles no unstable loop.
 """
 
 from __future__ import annotations
@@ -58,7 +57,8 @@ def try_tool(
         for engine in (SimulationEffect(stiffness_n_per_m=1.0, dropped_share=share) for share in (0.0, DROPPED_SHARE))
     ]
     setups += [setups[0].without(FRICTION)] * setups[0].rough
-    limit = np.inf if device.max_force_n is None else device.max_force_n
+    # A tool moves in one sample for a whole step of its engine.
+    limit, moves_s = device.max_force_n or np.inf, max(device.sample_time_s, tool.step_s[0])
     settled = [dict.fromkeys(motions, np.ones(len(people), dtype=bool)) for _ in setups]
     stiffness, tap = np.full(len(people), np.nan), np.zeros(len(people))
     for setup, rests in zip(setups, settled, strict=True):
@@ -71,7 +71,7 @@ def try_tool(
                 judged = Traces.of(found, device).judge()
                 last = judged_samples(run.samples, device.sample_time_s)
                 with np.errstate(invalid="ignore", over="ignore"):
-                    speed = np.abs(np.diff(found["tool_m"][:, -last:], axis=-1)).max(axis=-1) / device.sample_time_s
+                    speed = np.abs(np.diff(found["tool_m"][:, -last:], axis=-1)).max(axis=-1) / moves_s
                     slow = speed * device.metres_per_unit < AT_REST_M_PER_S
                 rests[name] = rests[name] & judged.stable & slow
                 if setup is setups[0] and name == "press":
