@@ -265,8 +265,7 @@ def _judged(found: Diagnosis, law: Law, fits: Sequence[Fit]) -> Diagnosis:
     outside = work_w(log, swing, one) < 0 and swing.steps > _FEW_STEPS
     if outside:
         doubts.append("the force as it acts takes energy from the swing: a hand, the table or a machine drives it")
-    blind = fit.misfit > _MISFIT and first != "rate"
-    tried = () if outside or blind or (doubts and not swings) else candidates[:1] if not doubts else candidates
+    tried = (() if not swings or fit.misfit > _MISFIT or outside else candidates) if doubts else candidates[:1]
     near_by = [each for _, each, weight, _ in answers if weight > 0.01 * total]
     # The damping of a device is told the worst: a remedy has to do for the declared one too.
     drag = {key: getattr(declared.device, key) for key in ("mass_kg", "damping_ns_per_m") if declared.known}

@@ -211,12 +211,11 @@ def _even_run(turns: IndexArray, swings: FloatArray) -> slice | None:
 
 def _measured(log: Log, none: Oscillation, turns: IndexArray, *, even: bool) -> Oscillation:
     """Measure the oscillation of some turns."""
-    period, n = log.period_s, log.position_m.size
+    period, n, first = log.period_s, log.position_m.size, int(turns[0])
     sizes = np.abs(np.diff(none.fast_m[turns]))
     hertz = (turns.size - 1) / 2 / (period * float(turns[-1] - turns[0]))
     few = 3 if sizes.size >= _EVEN_TURNS else 1  # so few turns grow: the last is the size
     top, late = float(np.quantile(sizes, 0.9)), float(np.median(sizes[-max(few, sizes.size // 4) :]))
-    first = int(turns[0])
     back = np.diff(log.position_m[turns[0] : turns[-1] + 1])
     returns = min(float(back[back > 0].sum()), -float(back[back < 0].sum()))
     if returns < 0.5 * log.encoder_m * sizes.size / 2 or returns < 0.05 * float(sizes.sum()) / 2:
