@@ -24,11 +24,12 @@ from engine_boundaries import BEYOND, SEED, corners, drawn, problem_of
 from script_arguments import script_arguments
 from studied import about, computed
 
-import avc_casadi as avc
 from avc_casadi.design.virtual_tool import ToolSearch
+from avc_casadi.model.ends import ToolGains
+from avc_casadi.recommendation.pair import GAIN_MARGIN
 
 OUT = Path(__file__).parent / "results" / "every_engine.json"
-PAIRS, SOFTER, SECONDS = 12, 0.7, 8.0
+PAIRS, SOFTER, SECONDS = 12, 0.7, 4.0
 
 
 class Bodies(NamedTuple):
@@ -193,27 +194,26 @@ ENGINES: dict[str, tuple[str, tuple[str, int], Callable[..., Any]]] = {
 
 
 @cache
-def asked(index: int, integrator: str, substeps: int) -> tuple[Axis, Any, Any]:
-    """Return a drawn device and engine, what is recommended for it, and the stiffest pair."""
+def asked(index: int, integrator: str, substeps: int) -> tuple[Axis, list[ToolGains]]:
+    """Return a drawn device and engine; the pair that hands try first, 0.7 of it, and 1.3 times the stiffest."""
     axis = replace(drawn(20_000 + index, 0.5), engine_damps=False)
-    problem = problem_of(axis, integrator=integrator, substeps=substeps).changed(device={"max_force_n": 10.0})
-    answer = avc.recommend(problem, hands=20)
-    return axis, None if answer.coupling is None else answer.coupling.gains, ToolSearch(problem).limit[0]
+    search = ToolSearch(problem_of(axis, integrator=integrator, substeps=substeps))
+    limit, local = search.limit
+    safe = search.stiffest_with_margin(limit, GAIN_MARGIN, local=local)
+    pair = search.damped(0.9 * safe, local=local, gain_margin=GAIN_MARGIN)[0]
+    return axis, [pair, pair.times(SOFTER), replace(limit, stiffness_n_per_m=BEYOND * limit.stiffness_n_per_m)]
 
 
 def cell(name: str, index: int) -> dict[str, Any]:
-    """Count the axes that grow with the recommended pair, with 0.7 of it and beyond the limit."""
+    """Count the axes that grow with each of the three pairs."""
     _, loop, make = ENGINES[name]
-    axis, gains, limit = asked(index, *loop)
-    hands, grown = corners(problem_of(axis)), {}
-    held = np.repeat([False, True], len(hands))
-    tried = {"beyond": replace(limit, stiffness_n_per_m=BEYOND * limit.stiffness_n_per_m)}
-    tried |= {} if gains is None else {"recommended": gains, "softer": gains.times(SOFTER)}
-    for which, pair in tried.items():
-        numbers: Any = tuple(np.full(len(held), one) for one in vars(pair).values())
-        tools, samples = make(axis.tool_mass_kg, axis.step_s, held, loop[1]), math.ceil(SECONDS / axis.sample_time_s)
-        grown[which] = int(run(axis, np.tile(hands, (2, 1)), numbers, samples, held=held, tools=tools).grows.sum())
-    return {"axis": vars(axis), "gains": gains and vars(gains), "limit": vars(limit), "grown": grown}
+    axis, pairs = asked(index, *loop)
+    hands = corners(problem_of(axis))
+    held = np.tile(np.repeat([False, True], len(hands)), len(pairs))
+    numbers: Any = tuple(np.repeat([list(vars(one).values()) for one in pairs], 2 * len(hands), axis=0).T)
+    tools, samples = make(axis.tool_mass_kg, axis.step_s, held, loop[1]), math.ceil(SECONDS / axis.sample_time_s)
+    grows = run(axis, np.tile(hands, (2 * len(pairs), 1)), numbers, samples, held=held, tools=tools).grows
+    return {"axis": vars(axis), "pairs": list(map(vars, pairs)), "grow": grows.reshape(3, -1).sum(axis=1).tolist()}
 
 
 def main() -> None:
