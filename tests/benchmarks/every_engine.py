@@ -114,7 +114,7 @@ def of_box2d(mass_kg: float, step_s: float, _: int, rows: range) -> Bodies:
     world = box.b2World(gravity=(0, 0), doSleep=False)
     every = [world.CreateDynamicBody() for row in rows]
     for one in every:
-        one.massData = box.b2MassData(mass=mass_kg, I=1.0)
+        one.massData = box.b2MassData(mass=mass_kg, center=(0, 0), I=1.0)
 
     def rest(row: int) -> None:
         every[row].position = every[row].linearVelocity = (0, 0)
