@@ -29,9 +29,10 @@ def llewellyn_margin(
     b, k, contact, b_d = (
         np.ravel(column)[:, None] for column in np.broadcast_arrays(*(np.asarray(v, dtype=np.float64) for v in given))
     )
-    half = k * loop.sample_time_s / 2
+    within = (np.abs(b) <= RIGID) & (np.abs(k) <= RIGID)
+    b, half = np.where(within, b, 0.0), np.where(within, k, 0.0) * loop.sample_time_s / 2
     lead = b + half
-    valid = (np.abs(b) <= RIGID) & (np.abs(k) <= RIGID) & ((lead > 0) | ((b == 0) & (k == 0)))
+    valid = within & ((lead > 0) | ((b == 0) & (half == 0)))
     lead, half = np.where(valid, lead, 1.0), np.where(valid, half, 0.0)
     spring = half * np.where(lead > 0, half / np.where(lead > 0, lead, 1.0), 0.0)
 
