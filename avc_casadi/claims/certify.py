@@ -152,16 +152,13 @@ def certify(
     )
 
 
-SCHEMA = "avc-proof-file/1"
-
-
 def proof_files(problem: Problem, certificate: Certificate) -> dict[str, dict[str, Any]]:
     """Return the proof files of the requested levels, by name: JSON values."""
     tables = {name: getattr(problem, name).model_dump(mode="json") for name in ("device", "environment", "hands")}
     return {
         f"{level}.json": plain(
             {
-                "schema": SCHEMA,
+                "schema": "avc-proof-file/1",
                 "level": level,
                 "outcome": found.outcome,
                 "claim": found.claim,
