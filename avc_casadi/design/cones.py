@@ -108,8 +108,6 @@ def _gap(values: FloatArray) -> FloatArray:
 
 def multiplier(z: ComplexArray, loop: ComplexArray, known: ComplexArray | None = None) -> tuple[ComplexArray, float]:
     """Return M = 1 - sum h_k z^-k, h >= 0 of sum below 1, of the largest least cosine of M times a loop; and that."""
-    from scipy.optimize import linprog  # noqa: PLC0415
-
     unit = loop / np.abs(loop)
     if known is not None and (least := float((known * unit).real.min())) > _SERVES:
         return known, least
@@ -120,6 +118,8 @@ def multiplier(z: ComplexArray, loop: ComplexArray, known: ComplexArray | None =
     best, least = tried[cosines.argmax()], float(cosines.max())
     if least > _SERVES:
         return best, least
+    from scipy.optimize import linprog  # noqa: PLC0415 - few loops come so far
+
     taps = np.array([1, 2, 3, 5, 8, 13, 21, 34, 55])
     taps = np.concatenate([taps, -taps])
     delayed, weight = -(z[:, None] ** -taps), np.ones(len(z))

@@ -10,7 +10,6 @@ from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.optimize import minimize_scalar
 
 from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.json_values import plain
@@ -175,6 +174,8 @@ class CouplingSearch:
         self, gains: Callable[[float, float], ToolGains], damping_ns_per_m: float, limit_n_per_m: float
     ) -> list[tuple[float, float]]:
         """Return limits with their dampers, from one damper to its neighbours on both sides."""
+        from scipy.optimize import minimize_scalar  # noqa: PLC0415 - as long as all that `avc check` needs
+
         fine = 1 + self.options.precision
         found = [(self._limit(partial(_with, gains, damping_ns_per_m), limit_n_per_m, fine), damping_ns_per_m)]
 
