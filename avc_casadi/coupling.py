@@ -31,8 +31,6 @@ if TYPE_CHECKING:
 
 End = Literal["wall", "simulation", "follower"]
 """What is beyond a coupling: a wall in the device's own loop, the tool of a simulation, or a second device."""
-FIRST_CONTACT: Contact = "gated"
-"""The only contact law of earlier releases: that of files which name none, and part of no id of that time."""
 
 
 def contact_law(asked: Contact, wall_stiffness_n_per_m: float, stiffness_n_per_m: ArrayLike) -> Contact:
@@ -232,7 +230,7 @@ class Coupling:
             "wall": [wall.damping_ns_per_m, wall.stiffness_n_per_m],
             "device": _device_document(self.problem.device),
         }
-        if self.contact != FIRST_CONTACT:
+        if self.contact != "gated":  # the only contact law of earlier releases, and part of no id of that time
             runs["contact"] = self.contact
         if self.problem.detent is not None:
             runs["detent"] = self.problem.detent.model_dump(mode="json")

@@ -21,7 +21,6 @@ from avc_casadi._util.progress import SILENT, Progress
 R = TypeVar("R")
 T = TypeVar("T")
 _AT_MOST: list[int] = []
-_CONNECT_S = 10.0
 
 
 def processors() -> int:
@@ -69,7 +68,7 @@ def cluster(address: str | None) -> Iterator[Executor | None]:
     except ImportError as error:
         raise MissingExtraError("a cluster needs Dask: pip install 'avc-casadi[cluster]'") from error
     try:
-        client = module.Client(address, timeout=_CONNECT_S)
+        client = module.Client(address, timeout=10.0)
     except (OSError, ValueError) as error:
         message = f"no scheduler answers at {address!r}; start one with `dask scheduler`, its address is what it prints"
         raise InputError.of(message, key="--scheduler") from error

@@ -14,9 +14,6 @@ from avc_casadi._util.units import LINEAR, Units
 
 Columns = dict[str, np.ndarray[Any, Any]]
 
-PAGES = "avc_casadi.present.rows"
-"""The renderer of results, imported when printing: results stand below their presentation."""
-
 
 def short(values: ArrayLike, unit: str = "") -> str:
     """Return the span of an array, as "0.3 to 41 N/m", or its one value; a dash where none is finite."""
@@ -44,7 +41,9 @@ class Printed:
         return units
 
     def __str__(self) -> str:
-        return repr(self) if self._problem is None else str(import_module(PAGES).text_of(self))
+        if self._problem is None:
+            return repr(self)
+        return str(import_module("avc_casadi.present.rows").text_of(self))  # which stands above results
 
 
 class Tabular(Printed, ABC):

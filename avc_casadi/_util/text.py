@@ -1,4 +1,4 @@
-"""Numbers, quantities and tables as text."""
+"""Numbers and quantities as text."""
 
 from __future__ import annotations
 
@@ -8,11 +8,6 @@ import math
 def number(value: float | None, digits: int = 4) -> str:
     """Return a number to so many significant digits; a dash where it is undefined."""
     return "-" if value is None or math.isnan(value) else f"{value + 0.0:.{digits}g}"  # -0 is 0
-
-
-# Smaller values in SI units are printed without a prefix.
-_LEAST = 1e-12
-_PREFIXES = {-9: "n", -6: "u", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
 
 
 def quantity(value: float | None, unit: str, digits: int = 3) -> str:
@@ -25,12 +20,13 @@ def quantity(value: float | None, unit: str, digits: int = 3) -> str:
         return f"{'-' if value < 0 else ''}unbounded"
     if value == 0:
         return f"0 {unit}"
-    if abs(value) < _LEAST:
+    if abs(value) < 1e-12:
         return f"below 0.001 n{unit}"
+    prefixes = {-9: "n", -6: "u", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
     exponent = int(f"{value:.{digits - 1}e}".partition("e")[2])
-    group = min(max(3 * (exponent // 3), min(_PREFIXES)), max(_PREFIXES))
+    group = min(max(3 * (exponent // 3), min(prefixes)), max(prefixes))
     decimals = max(0, digits - 1 - (exponent - group))
-    return f"{value / 10.0**group:.{decimals}f} {_PREFIXES[group]}{unit}"
+    return f"{value / 10.0**group:.{decimals}f} {prefixes[group]}{unit}"
 
 
 def percent(share: float | None) -> str:
@@ -39,10 +35,3 @@ def percent(share: float | None) -> str:
         return "-"
     value = 100 * share
     return f"{value:.1f} %" if 99 <= value < 99.95 else f"{value:.2g} %" if value < 99 else f"{value:.0f} %"
-
-
-def sample_rows(rows: int, most: int = 20) -> list[int]:
-    """Return at most so many row numbers, evenly spread, first and last among them."""
-    if rows <= most:
-        return list(range(rows))
-    return sorted({round(i * (rows - 1) / (most - 1)) for i in range(most)})

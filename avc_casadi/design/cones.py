@@ -120,8 +120,7 @@ def multiplier(z: ComplexArray, loop: ComplexArray, known: ComplexArray | None =
         return best, least
     from scipy.optimize import linprog  # noqa: PLC0415 - few loops come so far
 
-    taps = np.array([1, 2, 3, 5, 8, 13, 21, 34, 55])
-    taps = np.concatenate([taps, -taps])
+    taps = np.outer([1, -1], [1, 2, 3, 5, 8, 13, 21, 34, 55]).ravel()
     delayed, weight = -(z[:, None] ** -taps), np.ones(len(z))
     for _ in range(2):
         rows = np.pad(-(delayed * unit[:, None]).real * weight[:, None], ((0, 1), (0, 1)), constant_values=1.0)
