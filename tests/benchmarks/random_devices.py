@@ -228,9 +228,7 @@ Numbers: at rest / at rest without friction / quiet, of the 100 hands of `recomm
 
 {standing}
 
-## All devices
-
-{every}
+Each device and its numbers: `results/random_devices.json`.
 """
 
 
@@ -274,7 +272,6 @@ def write_page(document: dict[str, Any]) -> None:
             plain=_plain_text(cells, found),
             seconds=_seconds(cells),
             standing=_standing(found, crashed),
-            every=_every(cells),
         ),
         encoding="utf-8",
     )
@@ -337,51 +334,6 @@ def _standing(found: dict[str, Any], crashed: dict[str, Any]) -> str:
 
 def _rest(counts: dict[str, int]) -> str:
     return f"{counts['at_rest']} / {counts['without_friction']} / {counts['quiet']}"
-
-
-def _every(cells: dict[str, Any]) -> str:
-    rows = []
-    for name, one in sorted(cells.items(), key=lambda pair: int(pair[0].split()[1])):
-        device = one["device"]
-        mode = device.get("resonance")
-        claim, fresh = one.get("claimed"), one.get("fresh")
-        rows.append(
-            [
-                name.removeprefix("device "),
-                rounded(1e3 * device["sample_time_s"]),
-                rounded(device["mass_kg"]),
-                rounded(device["damping_ns_per_m"]),
-                device["delay_samples"],
-                rounded(1e6 * device["encoder_resolution_m"]),
-                rounded(device["amplifier_bandwidth_hz"]),
-                rounded(mode["frequency_hz"]) if mode else "-",
-                device["coulomb_friction_n"],
-                rounded(one["wall_n_per_m"]),
-                rounded(one["plain_n_per_m"]),
-                rounded(one.get("recommended_n_per_m")),
-                one["method"] or "none",
-                _rest(claim) if claim else "-",
-                _rest(fresh) if fresh else "-",
-            ]
-        )
-    head = (
-        "device",
-        "T, ms",
-        "kg",
-        "N.s/m",
-        "delay",
-        "encoder, um",
-        "amplifier, Hz",
-        "resonance, Hz",
-        "friction, N",
-        "wall, N/m",
-        "plain limit, N/m",
-        "recommended, N/m",
-        "by",
-        "claimed of 100: rest / without friction / quiet",
-        "fresh of 200: the same",
-    )
-    return table(head, rows)
 
 
 def figures(count: int, seed: int) -> dict[str, Any]:
