@@ -63,13 +63,13 @@ class Box:
 
 def worst_point(leading: Leading, sides: int) -> tuple[FloatArray, complex]:
     """Return the place (sides,) of a unit box with the largest modulus, and the eigenvalue there."""
-    # Many points, lines and ascents: maxima near a resonance of tool, contact or device are narrow.
+    # Many points, edges, lines and ascents: maxima near a resonance of tool, contact or device are narrow.
     drawn = np.random.default_rng(1).random((sides, 40 * sides))
-    # Every corner of few sides, drawn ones of more.
     corners = np.random.default_rng(0).integers(0, 2, (sides, 64)).astype(np.float64)
     if sides <= 6:
         corners = np.array(list(product((0.0, 1.0), repeat=sides))).reshape(2**sides, sides).T
-    places = np.concatenate([corners, drawn], axis=1)
+    inner = [np.insert(np.delete(corners, at, 0), at, share, 0) for at in range(sides) for share in (0.25, 0.5, 0.75)]
+    places = np.concatenate([corners, *inner, drawn], axis=1)
     values = leading(np.zeros(places.shape[1], dtype=np.intp), places)
     if not sides:
         return places[:, 0], complex(values[0])
