@@ -227,28 +227,30 @@ class PerturbedDevices:
 
 
 def off_file(coupling: Coupling, seed: int = 0) -> PerturbedDevices | None:
-    """Return a trial of the corner hands on devices perturbed by a tenth, each value up or down at random."""
+    """Return a trial of the corner hands on perturbed devices."""
     problem = coupling.problem
     ranged, values = set(declared(problem)), linear_values(problem.device)
     keys = tuple(key for key, value in values.items() if value > 0 and f"device.range.{key}" not in ranged)
     if not keys:
         return None
-    people = people_of(problem.hands, FIRST, seed)
-    devices = perturbed(problem.device, keys, seed)
+    people, devices = people_of(problem.hands, FIRST, seed), perturbed(coupling, keys)
     each_on_all = people.pick(np.repeat(np.arange(len(people)), len(devices)))
-    theirs = [replace(coupling, problem=problem.changed(device=device)) for device in devices]
-    unstable = sum(bool((np.abs(OpenLoop.of(one).poles) >= 1).any()) for one in theirs)
+    unstable = sum(_radius(coupling, device) >= 1 for device in devices)
     return PerturbedDevices(keys, try_on_devices(coupling, each_on_all, devices, seed), unstable)
 
 
-def perturbed(device: Device, keys: tuple[str, ...], seed: int, count: int = 8) -> list[Device]:
-    """Draw perturbed devices; a value at the end of its admissible range moves inwards only."""
-    random = np.random.default_rng(seed)
+def perturbed(coupling: Coupling, keys: tuple[str, ...], count: int = 8) -> list[Device]:
+    """Return devices with each value off either way, those with which the loop is the least stable."""
+    device = coupling.problem.device
     values = linear_values(device)
-    ends = {key: [end for end in _ends(key, values[key]) if _possible(device, key, end)] for key in keys}
-    return [
-        device_with(device, {key: some[random.integers(len(some))] for key, some in ends.items()}) for _ in range(count)
-    ]
+    ends = [[end for end in _ends(key, values[key]) if _possible(device, key, end)] for key in keys]
+    every = [device_with(device, dict(zip(keys, corner, strict=True))) for corner in itertools.product(*ends)]
+    return sorted(every, key=lambda one: -_radius(coupling, one))[:count]
+
+
+def _radius(coupling: Coupling, device: Device) -> float:
+    loop = OpenLoop.of(replace(coupling, problem=coupling.problem.changed(device=device)))
+    return float(np.abs(loop.poles).max())
 
 
 def _ends(key: str, value: float) -> tuple[float, float]:

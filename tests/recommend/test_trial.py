@@ -176,7 +176,7 @@ def test_a_wall_at_its_limit_moves_on_lighter_devices_and_one_far_from_it_does_n
     bare = before(WALL_N_PER_M)
     limit = stiffest_wall(bare.device, with_released(hand_corners(bare.hands))).stiffness_n_per_m
     brittle, safe = (off_file(rigid(before(share * limit))) for share in (0.97, 0.5))
-    assert safe.trial.counts()["at_rest_without_friction"] == safe.trial.hands == 128
+    assert safe.trial.counts()["at_rest_without_friction"] == safe.trial.hands
     assert brittle.trial.counts()["at_rest_without_friction"] < brittle.trial.hands
 
 
@@ -204,15 +204,20 @@ def test_a_wall_that_only_a_hand_holds_is_told_to_be_unstable_let_go():
     found = off_file(coupling)
     assert found.trial.counts()["at_rest_without_friction"] == found.trial.hands
     damping = float(coupling.table.gains[2, 0])
-    expected = [radius_let_go(device, wall, damping) > 1 for device in perturbed(held.device, found.keys, 0)]
+    expected = [radius_let_go(device, wall, damping) > 1 for device in perturbed(coupling, found.keys)]
     assert found.unstable == found.document()["linearly_unstable"] == sum(expected)
-    assert 0 < sum(expected) < len(expected)
+    assert sum(expected) > 0
 
 
-def test_each_number_is_a_tenth_off_up_or_down():
-    device = before(WALL_N_PER_M).device
-    values = linear_values(device)
+def test_devices_off_the_file_are_the_least_stable_of_the_corners():
+    """Each number a tenth off; none of the others has a larger radius, by the poles of another code."""
+    problem = before(WALL_N_PER_M)
+    coupling, values = rigid(problem), linear_values(problem.device)
     keys = tuple(key for key, value in values.items() if value > 0)
-    drawn = [one for seed in range(4) for one in perturbed(device, keys, seed)]
+    damping = float(coupling.table.gains[2, 0])
+    found, every = perturbed(coupling, keys, 2), perturbed(coupling, keys, 10**6)
+    assert len(every) == 2 ** len(keys)
     for key in keys:
-        assert {round(linear_values(one)[key] / values[key], 9) for one in drawn} == {0.9, 1.1}
+        assert {round(linear_values(one)[key] / values[key], 9) for one in every} == {0.9, 1.1}
+    radii = [radius_let_go(device, WALL_N_PER_M, damping) for device in every]
+    assert min(radius_let_go(one, WALL_N_PER_M, damping) for one in found) >= sorted(radii)[-2] - 1e-9
