@@ -181,17 +181,18 @@ def box_cell(index: int) -> dict[str, Any]:
     axis = Axis(**(vars(axis) | {"engine_damps": False}))
     problem = problem_of(axis).changed(device={"max_force_n": 10.0})
     answer = avc.recommend(problem, hands=100)
+    limit = answer.pair.stiffest  # type: ignore[union-attr] - of a tool there is one
     told: dict[str, Any] = {
         "axis": vars(axis),
         "reason": answer.reason,
-        "limit_n_per_m": answer.stiffest.stiffness_n_per_m,
+        "limit_n_per_m": limit.stiffness_n_per_m,
     }
     if answer.coupling is None:
         return told | {"gains": None}
     gains, random = answer.coupling.gains, np.random.default_rng([SEED, index, 1])
     ends = corners(problem)[:-1]
     hands = np.concatenate([ends, random.uniform(ends.min(axis=0), ends.max(axis=0), (PEOPLE - len(ends), 3))])
-    beyond = replace(answer.stiffest, stiffness_n_per_m=BEYOND * answer.stiffest.stiffness_n_per_m)
+    beyond = replace(limit, stiffness_n_per_m=BEYOND * limit.stiffness_n_per_m)
     every = np.concatenate([hands[: len(ends)]] * 2 + [np.zeros((2, 3))])
     held = [*np.array([False, True]).repeat(len(ends)).tolist(), False, True]
     numbers = (beyond.stiffness_n_per_m, beyond.damping_ns_per_m, beyond.local_damping_ns_per_m)
