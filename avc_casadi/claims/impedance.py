@@ -212,6 +212,18 @@ def below_quarter_rate(device: Device, frequency_hz: FloatArray) -> FloatArray:
     return np.array([hz for hz in frequency_hz if hz < quarter_hz] or [quarter_hz])
 
 
+def wanted_at_handle(problem: Problem, frequency_hz: FloatArray) -> tuple[ComplexArray, FloatArray]:
+    """Return the impedance of device and continuous wall as one body, and what an error is relative to, N.s/m.
+
+    That is the larger of it and of the wall alone: without dampers the first vanishes where the device's mass resonates
+    with the wall.
+    """
+    device, wall, s = problem.device, problem.environment, 2j * np.pi * frequency_hz
+    own = wall.damping_ns_per_m + wall.stiffness_n_per_m / s
+    wanted = device.mass_kg * s + device.damping_ns_per_m + own
+    return wanted, np.maximum(np.abs(wanted), np.abs(own))
+
+
 @dataclass(frozen=True)
 class Rendered:
     """Rendered impedance at the handle by frequency, each of shape (..., n)."""
@@ -228,12 +240,12 @@ def rendered(
     device, wall, s = problem.device, problem.environment, 2j * np.pi * frequency_hz
     alone = device.mass_kg * s + device.damping_ns_per_m
     felt = impedance_at_handle(device, force_n_per_m, frequency_hz)
-    wanted = alone + wall.damping_ns_per_m + wall.stiffness_n_per_m / s
+    wanted, size = wanted_at_handle(problem, frequency_hz)
     spring, own = (felt - alone) * s, wall_over_position(wall, excitation, frequency_hz)
     # |ln(spring/own)|, 0 where both vanish; a smaller share of the wall than the last counts as zero.
     ratio = np.where(own != 0, spring / np.where(own != 0, own, 1.0), 1.0)
     mismatch = np.abs(np.log(np.where(np.abs(ratio) > 1e-9, ratio, 1e-9)))
-    return Rendered(np.abs(spring), np.asarray(np.abs(felt - wanted) / np.abs(wanted)), mismatch)
+    return Rendered(np.abs(spring), np.asarray(np.abs(felt - wanted) / size), mismatch)
 
 
 def wall_over_position(wall: Impedance, excitation: Excitation, frequency_hz: FloatArray) -> ComplexArray:

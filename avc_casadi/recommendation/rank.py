@@ -11,7 +11,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from avc_casadi.claims.certify import promises_rest
-from avc_casadi.claims.impedance import below_quarter_rate, impedance_at_handle
+from avc_casadi.claims.impedance import below_quarter_rate, impedance_at_handle, wanted_at_handle
 from avc_casadi.loops.margins import transients
 from avc_casadi.loops.wall import force_over_position, frozen_rendering
 from avc_casadi.recommendation.felt import rebound
@@ -103,20 +103,13 @@ class Judged:
 
 
 def impedance_error(coupling: Coupling) -> float:
-    """Return the largest error of the impedance at the handle from 1 to 30 Hz, of small motions in contact.
-
-    Relative to the larger of the wall with the device and of the wall alone: without dampers the first vanishes where
-    the device's mass resonates with the wall.
-    """
+    """Return the largest error of the impedance at the handle from 1 to 30 Hz, of small motions in contact."""
     problem, gains, law = coupling.problem, coupling.table.at_rest, coupling.runtime.state_feedback
-    device, wall, t = problem.device, problem.environment, problem.device.sample_time_s
-    hz = below_quarter_rate(device, BAND_HZ)
-    s = 2j * np.pi * hz
-    force = force_over_position(frozen_rendering(problem, *vars(gains).values()), np.exp(s * t), law)
-    felt = impedance_at_handle(device, force, hz)
-    own = wall.damping_ns_per_m + wall.stiffness_n_per_m / s
-    wanted = device.mass_kg * s + device.damping_ns_per_m + own
-    return float((np.abs(felt - wanted) / np.maximum(np.abs(wanted), np.abs(own))).max())
+    hz = below_quarter_rate(problem.device, BAND_HZ)
+    z = np.exp(2j * np.pi * hz * problem.device.sample_time_s)
+    force = force_over_position(frozen_rendering(problem, *vars(gains).values()), z, law)
+    wanted, size = wanted_at_handle(problem, hz)
+    return float((np.abs(impedance_at_handle(problem.device, force, hz) - wanted) / size).max())
 
 
 def best_of(judged: list[Judged], *, lean_on_friction: bool = False, stiffest: bool = False) -> Judged:

@@ -46,8 +46,9 @@ def measured(force_of, depth, amplitude, hz, late=0.0):
 
 def relative(found, hz, wall=WALL, damper=0.0):
     s = 2j * np.pi * hz
-    wanted = MASS * s + DAMPING + damper + wall / s
-    return abs(found - wanted) / abs(wanted)
+    own = damper + wall / s
+    wanted = MASS * s + DAMPING + own
+    return abs(found - wanted) / max(abs(wanted), abs(own))
 
 
 def told_and_measured(coupling, felt, force_of, hz, late=0.0, **wall):
