@@ -22,7 +22,7 @@ from __future__ import annotations
 
 TYPE_CHECKING = False  # typing takes long to load, and Ctrl-C meanwhile is a traceback
 
-__version__ = "0.2.0"
+__version__ = "0.3.0"
 
 __all__ = [
     "AvcError",
