@@ -8,34 +8,31 @@ from dataclasses import dataclass, replace
 from html import escape
 from pathlib import Path
 from string import Template
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from matplotlib.figure import Figure
+
+from avc_casadi._util.progress import Progress
 from avc_casadi._util.text import number
+from avc_casadi._util.units import Units
+from avc_casadi.design.comparison.comparison import Comparison
+from avc_casadi.diagnose.causes import Diagnosis
 from avc_casadi.files.problem_file import dump_problem
+from avc_casadi.identification.device import Identification
+from avc_casadi.model.problem import Problem
 from avc_casadi.paper.errata import ASSUMPTIONS, PAPER_ERRORS
 from avc_casadi.present.figures.deployed import draw_loop, draw_rendered, draw_rendered_impedance
 from avc_casadi.present.figures.paper import draw_comparison, draw_perceived
 from avc_casadi.present.figures.regions import draw_tool_region
 from avc_casadi.present.figures.style import files_of
 from avc_casadi.present.figures.traces import draw_diagnosis, draw_identification
-from avc_casadi.present.row import Row, row
+from avc_casadi.present.row import Answer, Row, row
 from avc_casadi.present.rows.design import comparison, printed_errors
 from avc_casadi.present.rows.judge import levels, passivity
 from avc_casadi.present.rows.measure import diagnosis
 from avc_casadi.present.rows.recommend import stability, verdict
 from avc_casadi.recommendation.felt import deployed, rendered_band
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-    from avc_casadi._util.progress import Progress
-    from avc_casadi._util.units import Units
-    from avc_casadi.design.comparison.comparison import Comparison
-    from avc_casadi.diagnose.causes import Diagnosis
-    from avc_casadi.identification.device import Identification
-    from avc_casadi.model.problem import Problem
-    from avc_casadi.present.row import Answer
-    from avc_casadi.recommendation.recommendation import Recommendation
+from avc_casadi.recommendation.recommendation import Recommendation
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from dataclasses import asdict
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 from avc_casadi._errors import AvcError, Fault, InputError, fault_document
 from avc_casadi._util.json_values import json_text
@@ -27,6 +27,7 @@ from avc_casadi.files.catalogue import catalogue_names, device_names
 from avc_casadi.files.coupling_file import coupling_document
 from avc_casadi.files.device_file import load_device, parse_device
 from avc_casadi.files.problem_file import dump_problem, problem_document
+from avc_casadi.model.problem import Problem
 from avc_casadi.present.explore.ends import LAW, pair_answer, pair_coupling, wall_answer, wall_coupling
 from avc_casadi.present.explore.settings import (
     Form,
@@ -43,9 +44,6 @@ from avc_casadi.present.row import Mark, Row, row, text_of
 from avc_casadi.present.rows.recommend import recommendation
 from avc_casadi.present.rows.subject import headline
 from avc_casadi.recommendation.recommend import recommend
-
-if TYPE_CHECKING:
-    from avc_casadi.model.problem import Problem
 
 T = TypeVar("T")
 

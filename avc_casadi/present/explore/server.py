@@ -9,14 +9,11 @@ import json
 import secrets
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib.resources import files
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from avc_casadi._util.json_values import json_text
-from avc_casadi.present.explore.explorer import PARTS, answer
+from avc_casadi.present.explore.explorer import PARTS, Explorer, answer
 from avc_casadi.present.explore.settings import RequestError
-
-if TYPE_CHECKING:
-    from avc_casadi.present.explore.explorer import Explorer
 
 HOST = "127.0.0.1"
 MOST_BYTES = 2**18

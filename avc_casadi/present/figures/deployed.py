@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
+from avc_casadi._util.arrays import ComplexArray, FloatArray
 from avc_casadi._util.text import quantity
+from avc_casadi.coupling import Coupling
 from avc_casadi.present.figures import style
-from avc_casadi.recommendation.felt import STRUCK_M_PER_S, Deployed, deployed
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
-    from avc_casadi._util.arrays import ComplexArray, FloatArray
-    from avc_casadi.coupling import Coupling
-    from avc_casadi.recommendation.felt import RenderedBand
+from avc_casadi.recommendation.felt import STRUCK_M_PER_S, Deployed, RenderedBand, deployed
 
 _LINES: dict[str, dict[str, Any]] = {
     "wanted": {"color": "0.72", "linewidth": 4.0, "zorder": 2},

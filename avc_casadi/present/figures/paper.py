@@ -3,23 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from matplotlib import colormaps
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from avc_casadi._util.arrays import BoolArray, ComplexArray
-from avc_casadi.design.comparison.accuracy import fastest
+from avc_casadi.design.comparison.accuracy import SolverCost, fastest
+from avc_casadi.design.comparison.comparison import Comparison
+from avc_casadi.model.problem import Model
 from avc_casadi.present.figures import style
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
-    from avc_casadi.design.comparison.accuracy import SolverCost
-    from avc_casadi.design.comparison.comparison import Comparison
-    from avc_casadi.model.problem import Model
 
 # Smaller errors, in per cent, are drawn on this line: they are rounding, imperceptible to a hand.
 _ROUNDING, _UNNOTICED = 1e-9, 1e-2

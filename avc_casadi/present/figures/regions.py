@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from matplotlib import colormaps
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi._util.text import quantity
+from avc_casadi.claims.zwidth import ZWidth
+from avc_casadi.design.tool_region import ToolRegion
 from avc_casadi.present.figures import style
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
-    from avc_casadi.claims.zwidth import ZWidth
-    from avc_casadi.design.tool_region import ToolRegion
 
 _LINES: dict[str, tuple[str, Any, float]] = {
     "passive-paper": (style.ORANGE, style.DASHED, 1.4),

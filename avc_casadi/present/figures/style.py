@@ -7,24 +7,20 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import wraps
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ParamSpec
+from typing import Any, ParamSpec
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullFormatter, NullLocator
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from avc_casadi._errors import InputError
+from avc_casadi._util.arrays import BoolArray
 from avc_casadi._util.files import write_file
 from avc_casadi.design import registry
-
-if TYPE_CHECKING:
-    from matplotlib.axis import Axis
-    from numpy.typing import ArrayLike
-
-    from avc_casadi._util.arrays import BoolArray
 
 P = ParamSpec("P")
 PERCEIVED = "|Zₕ|"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import singledispatch
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from avc_casadi._util.json_values import plain
 from avc_casadi.claims.certify import Certificate
@@ -16,6 +16,7 @@ from avc_casadi.design.scene_coupling import facts_of
 from avc_casadi.files.coupling_file import gain_document
 from avc_casadi.loops.wall import passive_limit_n_per_m
 from avc_casadi.model.gains import GainSchedule
+from avc_casadi.model.problem import Problem
 from avc_casadi.paper.errata import PAPER_ERRORS
 from avc_casadi.paper.realism import judge_realism
 from avc_casadi.present.row import Answer, Page
@@ -23,9 +24,6 @@ from avc_casadi.present.rows import design, judge
 from avc_casadi.present.rows.recommend import recommendation
 from avc_casadi.recommendation.recommendation import Recommendation
 from avc_casadi.simulation.scene import Run
-
-if TYPE_CHECKING:
-    from avc_casadi.model.problem import Problem
 
 
 @singledispatch

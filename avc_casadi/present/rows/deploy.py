@@ -7,16 +7,14 @@ import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from shlex import quote
-from typing import TYPE_CHECKING, Any, NamedTuple, get_args
+from typing import Any, NamedTuple, get_args
 
 from avc_casadi._errors import InputError
+from avc_casadi._util.units import Units
+from avc_casadi.coupling import Coupling
 from avc_casadi.model.ends import SOFT_IMPEDANCE, MujocoConstraint, ToolIntegrator
 from avc_casadi.present.row import Answer, Mark, Row, Value, doubted, fill, listed, marked, parts, row
 from avc_casadi.present.rows import subject
-
-if TYPE_CHECKING:
-    from avc_casadi._util.units import Units
-    from avc_casadi.coupling import Coupling
 
 
 def _unsafe(data: Mapping[str, Any]) -> list[Row]:

@@ -5,18 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from shlex import quote
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from avc_casadi._util.json_values import plain
+from avc_casadi.design.comparison.comparison import Comparison
+from avc_casadi.model.gains import GainSchedule
+from avc_casadi.model.problem import Problem
 from avc_casadi.present.row import Answer, Mark, Part, Row, Value, fill, listed, marked, parts, quantity_of, row, span
 from avc_casadi.present.rows import subject
 from avc_casadi.present.rows.deploy import in_the_loop
 from avc_casadi.present.rows.judge import levels
-
-if TYPE_CHECKING:
-    from avc_casadi.design.comparison.comparison import Comparison
-    from avc_casadi.model.gains import GainSchedule
-    from avc_casadi.model.problem import Problem
 
 _GAINS = {"damping_ns_per_m": "b", "stiffness_n_per_m": "k", "contact_damping_ns_per_m": "b_p"}
 

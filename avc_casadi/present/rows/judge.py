@@ -5,19 +5,17 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from shlex import quote
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from avc_casadi._util.units import Units
+from avc_casadi.claims.own_law import LawCertificate
 from avc_casadi.loops.margins import LEAST_DISK, SOUND_DISK
 from avc_casadi.model import EFFECTS
 from avc_casadi.model.effects import SaturationEffect
+from avc_casadi.model.problem import Problem
 from avc_casadi.present.row import Answer, Mark, Part, Row, Value, doubted, fill, listed, marked, parts, row, span
 from avc_casadi.present.rows import subject
 from avc_casadi.present.rows.recommend import stability
-
-if TYPE_CHECKING:
-    from avc_casadi._util.units import Units
-    from avc_casadi.claims.own_law import LawCertificate
-    from avc_casadi.model.problem import Problem
 
 _CLAIMS = {
     "hands": "Corner hands",

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from avc_casadi._util.units import LINEAR, Units
+from avc_casadi.model.problem import Problem
 from avc_casadi.present.row import Answer, Mark, Part, Row, Value, fill, listed, marked, parts, quantity_of, row, span
 from avc_casadi.present.rows import subject
 from avc_casadi.recommendation.preconditions import asked_of_others, not_judged
-
-if TYPE_CHECKING:
-    from avc_casadi.model.problem import Problem
 
 _EXCHANGES = {
     "on-time": "the device is given the state that the engine's step began with",

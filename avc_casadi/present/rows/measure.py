@@ -5,16 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from shlex import quote
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from avc_casadi._util.text import number
+from avc_casadi._util.units import Units
+from avc_casadi.diagnose.causes import Diagnosis
+from avc_casadi.identification.device import Identification
 from avc_casadi.present.row import Answer, Mark, Row, Value, doubted, fill, listed, marked, parts, row
 from avc_casadi.present.rows import subject
-
-if TYPE_CHECKING:
-    from avc_casadi._util.units import Units
-    from avc_casadi.diagnose.causes import Diagnosis
-    from avc_casadi.identification.device import Identification
 
 _LIMITS = {"Force": "force_n", "Speed": "speed_m_per_s", "Travel": "travel_m"}
 

@@ -5,17 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from shlex import quote
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from avc_casadi.design.virtual_tool import WIDEST_MARGIN
+from avc_casadi.model.problem import Problem
 from avc_casadi.present.row import Answer, Mark, Part, Row, Value, doubted, fill, listed, marked, row, span
 from avc_casadi.present.rows import subject
 from avc_casadi.recommendation.felt import REACHED_M
 from avc_casadi.recommendation.preconditions import SLIP, asked_of_others, not_judged
-
-if TYPE_CHECKING:
-    from avc_casadi.model.problem import Problem
-    from avc_casadi.recommendation.recommendation import Recommendation
+from avc_casadi.recommendation.recommendation import Recommendation
 
 # An impedance error of a hand's motion above which it feels unlike a static press; a gain of stiffness worth a row.
 _SOFTER, _STIFFER = 0.2, 1.1
