@@ -112,8 +112,7 @@ def run_explore(args: argparse.Namespace, console: Console) -> Answer:
     """
     import webbrowser
 
-    from avc_casadi.present.explore.explorer import Explorer
-    from avc_casadi.present.explore.server import ExploreServer
+    from avc_casadi.present.explore.explorer import Explorer, ExploreServer
 
     problem = avc.load_problem(args.problem)
     explorer = Explorer(problem, args.problem, package_versions())

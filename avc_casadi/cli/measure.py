@@ -46,7 +46,7 @@ def run_excite(args: argparse.Namespace, console: Console) -> Answer:
     checks the limits at every tick and holds the device near where it stands; hands off. Afterwards there is no force.
     """
     from avc_casadi.identification.excitation import plan_excitation
-    from avc_casadi.present.rows import measure
+    from avc_casadi.present.rows import look
     from avc_hardware import ExcitationLog, excite
 
     device = cli.load_known(args.device).device
@@ -77,7 +77,7 @@ def run_excite(args: argparse.Namespace, console: Console) -> Answer:
         },
     }
     data: dict[str, Any] = {"plan": plain(planned), "out": None, "log": None}
-    answer = measure.plan(data, device.units, args.device, args.port)
+    answer = look.plan(data, device.units, args.device, args.port)
     if args.plan_only:
         return answer
     console.say(console.page.rendered(answer))
@@ -85,7 +85,7 @@ def run_excite(args: argparse.Namespace, console: Console) -> Answer:
     def cut(log: ExcitationLog) -> None:
         if args.out is not None:
             log.save(args.out)
-            shown = measure.log({"log": log.document()}, device.units, log.port, f"{args.out}, cut short")
+            shown = look.log({"log": log.document()}, device.units, log.port, f"{args.out}, cut short")
             console.say(console.page.rendered(shown))
 
     beside = {"on_bench": on_bench, "baud": args.baud, "on_silence": console.notice}
@@ -108,7 +108,7 @@ def run_excite(args: argparse.Namespace, console: Console) -> Answer:
             command = ["avc", "identify", str(args.out), "--device", args.device, "--out", "mine.toml"]
             onwards.append(shlex.join(command))
     title = f"{args.device}   {args.signal} on {log.port}"
-    answer = measure.log(data, device.units, title, str(args.out or ""), onwards)
+    answer = look.log(data, device.units, title, str(args.out or ""), onwards)
     return replace(answer, complaint=f"avc: {log.port}: {complaint}") if complaint else answer
 
 
@@ -126,7 +126,7 @@ def run_identify(args: argparse.Namespace, console: Console) -> Answer:
     from avc_casadi.identification.device import device_text
     from avc_casadi.identification.identify import identify
     from avc_casadi.present.report import identification_html
-    from avc_casadi.present.rows.measure import identification
+    from avc_casadi.present.rows.look import identification
 
     base = cli.load_known(args.device) if args.device else None
     found = identify(args.log, base=base, progress=console, **cli.log_options(args))
@@ -163,7 +163,7 @@ def run_diagnose(args: argparse.Namespace, console: Console) -> Answer:
     from avc_casadi.diagnose.causes import diagnose
     from avc_casadi.files.problem_file import is_device
     from avc_casadi.present.report import diagnosis_html
-    from avc_casadi.present.rows.measure import diagnosis
+    from avc_casadi.present.rows.look import diagnosis
 
     device, hands = None, None
     if args.device is not None and is_device(args.device):

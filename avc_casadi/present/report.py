@@ -21,15 +21,14 @@ from avc_casadi.files.problem_file import dump_problem
 from avc_casadi.identification.device import Identification
 from avc_casadi.model.problem import Problem
 from avc_casadi.paper.errata import ASSUMPTIONS, PAPER_ERRORS
-from avc_casadi.present.figures.deployed import draw_loop, draw_rendered, draw_rendered_impedance
+from avc_casadi.present.figures.deployed import draw_loop, draw_rendered, draw_rendered_impedance, draw_tool_region
 from avc_casadi.present.figures.paper import draw_comparison, draw_perceived
-from avc_casadi.present.figures.regions import draw_tool_region
 from avc_casadi.present.figures.style import files_of
 from avc_casadi.present.figures.traces import draw_diagnosis, draw_identification
 from avc_casadi.present.row import Answer, Row, row
 from avc_casadi.present.rows.design import comparison, printed_errors
 from avc_casadi.present.rows.judge import levels, passivity
-from avc_casadi.present.rows.measure import diagnosis
+from avc_casadi.present.rows.look import diagnosis
 from avc_casadi.present.rows.recommend import stability, verdict
 from avc_casadi.recommendation.felt import deployed, rendered_band
 from avc_casadi.recommendation.recommendation import Recommendation

@@ -7,8 +7,7 @@ import threading
 import pytest
 
 import avc_casadi as avc
-from avc_casadi.present.explore.explorer import Explorer
-from avc_casadi.present.explore.server import ExploreServer
+from avc_casadi.present.explore.explorer import Explorer, ExploreServer
 
 SETTINGS = {"device": None, "values": {}, "gains": {}, "method": "direct", "motion": "press"}
 QUESTION = json.dumps({"settings": SETTINGS}).encode()

@@ -8,11 +8,11 @@ Each function makes a figure of its own, or draws into given axes, one a panel, 
 
 from avc_casadi.present.figures.deployed import draw_loop as draw_loop
 from avc_casadi.present.figures.deployed import draw_rendered as draw_rendered
+from avc_casadi.present.figures.deployed import draw_tool_region as draw_tool_region
+from avc_casadi.present.figures.deployed import draw_zwidth as draw_zwidth
 from avc_casadi.present.figures.paper import draw_accuracy as draw_accuracy
 from avc_casadi.present.figures.paper import draw_comparison as draw_comparison
 from avc_casadi.present.figures.paper import draw_perceived as draw_perceived
-from avc_casadi.present.figures.regions import draw_tool_region as draw_tool_region
-from avc_casadi.present.figures.regions import draw_zwidth as draw_zwidth
 from avc_casadi.present.figures.style import save_figure as save_figure
 from avc_casadi.present.figures.traces import draw_diagnosis as draw_diagnosis
 from avc_casadi.present.figures.traces import draw_identification as draw_identification
