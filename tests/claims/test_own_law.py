@@ -163,16 +163,3 @@ def test_what_would_help_does():
         cured = avc.certify_law(problem.changed(device=device), **law)
         assert cured.passed
         assert cured.disk_margin == pytest.approx(remedy.disk_margin, rel=0.1)
-
-
-def answer(device, **law):
-    text = "".join(f"{key} = {value}\n" for key, value in {"motion": "'rotary'", **device}.items())
-    wall = "[environment]\nstiffness_nm_per_rad = 0.0\ndamping_nms_per_rad = 0.0\n"
-    return avc.certify_law(avc.parse_problem(f"[device]\n{text}{wall}"), **law)
-
-
-def test_a_cobot_at_200_hz_with_two_samples_of_delay_is_too_stiff():
-    cobot = {"inertia_kgm2": 0.5, "damping_nms_per_rad": 1.0, "sample_time_s": 5e-3, "delay_samples": 2}
-    found = answer({**cobot, "handle_radius_m": 0.3}, k=250.0, b=2.0)
-    assert not found.passed
-    assert found.damping_range_ns_per_m is None or found.damping_range_ns_per_m[0] > 2.0

@@ -8,7 +8,6 @@ import pytest
 from avc_process import AVC, ENVIRONMENT, command, strict_json
 
 import avc_casadi as avc
-from avc_casadi import dump_problem, load_problem
 from avc_casadi.cli import VERBS, main
 from avc_casadi.coupling import Coupling
 
@@ -159,34 +158,6 @@ def test_help_of_verbs(verb):
 
 
 # With --json, standard output is one JSON document and not a byte more, whatever libraries print.
-
-SOLVE_KEYS = {"schema", "frequency_hz", "damping_ns_per_m", "stiffness_n_per_m", "complex_error", "real_part", "status"}
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "options",
-    [
-        ("--as-printed",),
-        ("--method", "exact"),
-        ("--method", "direct", "--solver", "ipopt"),
-    ],
-    ids=" ".join,
-)
-def test_solve(options, tmp_path):
-    few = load_problem("figure5").changed(frequency={"points": 40})
-    (tmp_path / "few.toml").write_text(dump_problem(few))
-    done = command("solve", "few.toml", *options, "--json", cwd=tmp_path)
-    document = strict_json(done.stdout)
-    assert set(document) >= SOLVE_KEYS
-    rows = len(document["frequency_hz"])
-    assert rows == 40
-    assert all(len(document[key]) == rows for key in SOLVE_KEYS if isinstance(document[key], list))
-    without = [b is None for b in document["damping_ns_per_m"]]
-    usable = [status in {"solved", "active-bound"} for status in document["status"]]
-    assert without == [not has for has in usable]
-    assert done.returncode == (1 if any(without) else 0)
-    assert bool(done.stderr) == any(without)
 
 
 NOISE = """

@@ -52,7 +52,6 @@ def test_every_typed_name_is_there(package, name):
 
 # Without the optional packages everything else works, and what needs one says which.
 
-BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
 EXTRAS = ["cloudpickle", "distributed", "elftools", "mpmath", "mujoco", "pandas", "unicorn"]
 HIDDEN = f"import sys\nfor name in {EXTRAS}:\n    sys.modules[name] = None\n"
 EVERY_MODULE = (

@@ -6,17 +6,14 @@ import numpy as np
 import pytest
 import scipy.linalg
 import scipy.signal
-from exported import export_c
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from whole_device import WholeDevice, people, rests_as_tried
 
 import avc_casadi as avc
 from avc_casadi.design.cones import multiplier
 from avc_casadi.design.program import BAND_HZ, force_to_position, plants_with_forces, program_answers
 from avc_casadi.model.hands import Hand
 from avc_casadi.model.plant import sampled_plant
-from avc_casadi.simulation.population.motions import TRIAL_S
 
 CORNERS = [(m, b, k) for m in (0.05, 0.3) for b in (3.0, 20.0) for k in (200.0, 800.0)]
 RELEASED = (0.0, 0.0, 0.0)
@@ -159,20 +156,6 @@ def test_a_multiplier_is_one_of_the_clip_and_turns_the_loop_as_told(poles, zero)
     assert (found * loop / np.abs(loop)).real.min() == pytest.approx(least, abs=1e-9)
     # 1 - M has a sum of absolute taps below 1, so that M, whatever its size, keeps to the right half plane.
     assert found.real.min() > 0
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("name", "restless"), [("figure5", 1), ("reference-r1", 2), ("reference-r2", 3)])
-def test_hands_rest_with_the_exported_law_on_a_plant_of_its_own(name, restless):
-    asked = avc.load_problem(name)
-    found = program_answers(asked, 0.15)[0]
-    assert found.met
-    assert found.judged.error < 0.2
-    bench, hands = WholeDevice(asked.device, export_c(found.coupling)), people(asked.hands, 16, 3)
-    for friction, most in ((None, 1), (0.0, restless)):
-        assert (
-            rests_as_tried(bench, asked.device, hands, friction=friction, longest_s=TRIAL_S).sum() >= len(hands) - most
-        )
 
 
 @pytest.mark.slow

@@ -19,7 +19,7 @@ from avc_casadi.loops.engine import ToolLoops
 from avc_casadi.loops.follower import FollowerLoops, link_clocks
 from avc_casadi.loops.system import worst_point
 from avc_casadi.loops.wall import frozen_parts
-from avc_casadi.model.corners import LINEAR_KEYS, device_corners, device_set, device_with, linear_values
+from avc_casadi.model.corners import device_corners, device_with
 from avc_casadi.model.device import Device
 from avc_casadi.model.ends import ToolGains
 from avc_casadi.model.hands import hand_corners
@@ -183,23 +183,3 @@ def device(mass: float, delay: float, mode: float, share: float) -> Device:
             "coulomb_friction_n": (0.1, 0.3),
         },
     )
-
-
-@pytest.mark.slow
-@settings(max_examples=25, deadline=None)
-@given(st.floats(0.05, 1.0), st.floats(0.01, 3), st.floats(60, 300), st.floats(0.05, 0.4), st.integers(0, 2**31))
-def test_corners_come_first_and_the_rest_lies_within(mass, delay, mode, share, seed):
-    whole = device(mass, delay, mode, share)
-    found = device_set(whole, LINEAR_KEYS, draws=12, seed=seed)
-    corners = device_corners(whole, LINEAR_KEYS)
-    assert len(corners) == 8
-    assert found[:8] == corners
-    assert found == device_set(whole, LINEAR_KEYS, draws=12, seed=seed)
-    ends = np.array([list(linear_values(one).values()) for one in corners])
-    within = np.array([list(linear_values(one).values()) for one in found[8:]])
-    assert within.shape == (12, ends.shape[1])
-    assert np.all(within >= ends.min(axis=0))
-    assert np.all(within <= ends.max(axis=0))
-    assert all(one.coulomb_friction_n == whole.coulomb_friction_n for one in found)
-    moved = ends.max(axis=0) > ends.min(axis=0)
-    assert np.all(np.ptp(within, axis=0)[moved] > 0.3 * np.ptp(ends, axis=0)[moved])

@@ -4,16 +4,15 @@ import math
 
 import numpy as np
 import pytest
-from boxes_of_hands import loop_radius
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from sampled_wall import spectral_radius
 
 import avc_casadi as avc
 from avc_casadi.claims.zwidth import zwidth
-from avc_casadi.loops.walls import damping_range, softest_wall_n_per_m, stable_walls, stiffest_wall
+from avc_casadi.loops.walls import stable_walls
 from avc_casadi.model.device import Device
-from avc_casadi.model.hands import Hand, hand_corners, hand_set, with_released
+from avc_casadi.model.hands import Hand, hand_set
 from avc_casadi.recommendation.recommend import stiffest
 from avc_casadi.simulation.population.operators import draw_hands
 from avc_casadi.simulation.population.trial import try_coupling
@@ -110,53 +109,6 @@ def test_a_stiffer_wall_may_be_stable_again():
     assert found.first_n_per_m[0] < 500 < found.lowest_n_per_m[0, 1] < 1000 < found.largest_n_per_m[0, 1]
     assert not found.holds(500.0)[0]
     assert worst(device, [hand], 0.0, 500.0) > 1 > worst(device, [hand], 0.0, 1000.0)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("values", "mode", "wall"),
-    [
-        ((2.2674, 0.95734, 0.44086e-3, 12), (69.9, 0.0183, 0.584), (24.37, 4366.0)),
-        ((0.45769, 0.19664, 3.2621e-3, 1.93), (47.0, 0.0112, 0.797), (0.7748, 121.5)),
-        ((0.093834, 0.53347, 4.4912e-3, 2), (29.8, 0.0496, 0.5345), (1.59, 172.8)),
-    ],
-)
-def test_the_stiffest_wall_told_is_not_beside_a_narrow_peak(values, mode, wall):
-    keys = ("mass_kg", "damping_ns_per_m", "sample_time_s", "delay_samples")
-    names = ("frequency_hz", "damping_ratio", "mass_ratio")
-    device = dict(zip(keys, values, strict=True)) | {"resonance": dict(zip(names, mode, strict=True))}
-    damping, stiffness = wall
-    case = avc.load_problem("figure5").changed(device=device, frequency={"stop_hz": 100.0})
-    assert spectral_radius(case.device, (0.0, 0.0, 0.0), damping, 0.98 * stiffness) < 1
-    released = {curve.key: curve.stiffness_n_per_m for curve in zwidth(case).curves}["stable-released"]
-    assert np.nanmax(released) >= 0.98 * stiffness
-
-
-# Where no damping holds the softest wall that is looked for, there is none: that wall is no answer.
-
-
-@pytest.fixture(scope="module")
-def too_late():
-    """A light device whose force is 40 ms late, in a hand of a few grams."""
-    return avc.load_problem("figure5").changed(
-        device={"mass_kg": 5e-3, "damping_ns_per_m": 0.0, "delay_samples": 8, "sample_time_s": 5e-3},
-        frequency={"stop_hz": 80.0},
-        hands={"mass_kg": (5e-3, 0.02), "damping_ns_per_m": (0.0, 0.1), "stiffness_n_per_m": (50.0, 300.0)},
-    )
-
-
-@pytest.mark.slow
-def test_a_device_that_holds_nothing_has_no_stiffest_wall(too_late):
-    people = with_released(hand_corners(too_late.hands))
-    found = stiffest_wall(too_late.device, people)
-    assert found.stiffness_n_per_m == 0
-    assert math.isnan(found.lowest_ns_per_m)
-    softest = softest_wall_n_per_m(too_late.device)
-    assert softest == 1.0
-    damping = np.linspace(0.0, 10.0, 201)
-    radius = loop_radius(too_late.device, people, np.full(len(damping), softest), damping)
-    assert (radius >= 1).any(axis=1).all()
-    assert math.isnan(damping_range(too_late.device, people, softest).lowest_ns_per_m)
 
 
 # The stiffest wall is one that simulated hands rest at.

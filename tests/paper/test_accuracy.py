@@ -2,14 +2,11 @@
 
 import json
 
-import numpy as np
 import pytest
-from reference_optimum import series_error
 
 import avc_casadi as avc
 from avc_casadi.cli import main
 from avc_casadi.design.comparison.accuracy import solver_costs
-from avc_casadi.design.methods import solve
 from avc_casadi.paper.nlp_solver import DEFAULT_SOLVER
 
 
@@ -25,13 +22,6 @@ def costs():
 def entry(costs, **wanted):
     (found,) = [cost for cost in costs if all(getattr(cost, key) == value for key, value in wanted.items())]
     return found
-
-
-def test_the_optimum_that_all_are_measured_by_is_that_of_50_digits():
-    problem = fewer(12)
-    truth = [float(series_error(problem, float(hz))) for hz in problem.frequencies_hz()]
-    found = solve(problem, "exact")
-    np.testing.assert_allclose(found.magnitude_error, truth, rtol=0, atol=1e-12 * np.abs(found.target).max())
 
 
 def test_own_methods_are_at_rounding_and_a_loose_solver_is_not(costs):

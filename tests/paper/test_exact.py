@@ -8,7 +8,7 @@ from walled import has_wall
 
 import avc_casadi as avc
 from avc_casadi.design.methods import solve
-from avc_casadi.paper.equations import coupling_impedance, loop_at
+from avc_casadi.paper.equations import loop_at
 
 WITHIN = 1e-10
 
@@ -65,42 +65,6 @@ def test_damped_optimum_is_that_of_50_digits():
             assert error - found <= WITHIN * radius, problem
             assert error - found >= -1e-6 * radius, problem
             assert inside >= -1e-14 * radius, problem
-
-
-def spread(interval, scale, count):
-    """Values of an interval, dense about the scale at which coupling and environment weigh the same."""
-    low, high = interval
-    share = np.linspace(low / (scale + low), high / (scale + high), count)
-    return np.clip(scale * share / (1 - share), low, high)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("structure", ["series", "damped"])
-def test_no_point_of_a_dense_grid_is_better(structure):
-    rng = np.random.default_rng(5)
-    counts = (241, 241, 1) if structure == "series" else (61, 61, 31)
-    compared = 0
-    for _ in range(60):
-        problem = drawn_problem(rng, frequencies=2, structure=structure)
-        schedule, box = solve(problem, "exact"), problem.coupling
-        for row, frequency in enumerate(schedule.frequency_hz):
-            loop = loop_at(problem, frequency)
-            weight = float(np.abs(loop.environment)) or 1.0
-            spring = float(np.abs(coupling_impedance(loop.angle, 0.0, 1.0)))
-            intervals = (box.damping_ns_per_m, box.stiffness_n_per_m, box.contact_damping_ns_per_m)
-            scales = (weight, weight / spring, weight)
-            axes = [spread(*each) for each in zip(intervals, scales, counts, strict=True)]
-            z = loop.perceived(*np.meshgrid(*axes, indexing="ij"))
-            feasible = z.real >= problem.stability.margin_ns_per_m
-            radius = float(np.abs(loop.target))
-            best = np.abs(np.abs(z[feasible]) - radius).min(initial=np.inf)
-            if schedule.status[row] == "infeasible":
-                # A grid point can only be feasible by rounding there.
-                assert not feasible.any() or np.max(z.real[feasible]) <= 1e-12 * np.abs(z).max()
-            else:
-                compared += 1
-                assert schedule.magnitude_error[row] <= best + 1e-12 * radius, (problem, frequency)
-    assert compared > 60
 
 
 @pytest.mark.slow

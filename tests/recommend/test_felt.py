@@ -126,8 +126,6 @@ def test_of_a_damper_that_never_pulls():
 
 # A wall that is a damper alone never pulls: what is rendered is as strong as asked going in, not in the mean.
 
-DEVICE = {"mass_kg": 0.2, "damping_ns_per_m": 1.0, "delay_samples": 1, "max_force_n": 10.0}
-
 
 def fundamental(force, angle):
     """Plain trapezoids of the Fourier integrals."""
@@ -144,33 +142,6 @@ def test_the_wall_itself_is_that_of_plain_integrals(stiffness, damping):
     for one, rate in zip(found, 2 * np.pi * hz, strict=True):
         force = stiffness * (2e-3 + 1e-3 * np.sin(angle)) + damping * rate * 1e-3 * np.cos(angle)
         assert one == pytest.approx(fundamental(np.maximum(0.0, force), angle) / 1e-3, rel=1e-4, abs=1e-6)
-
-
-def test_a_damper_alone_leaves_half_of_it():
-    damper = Impedance(damping_ns_per_m=15.0, stiffness_n_per_m=0.0)
-    found = wall_over_position(damper, Excitation(0.01, 0.005), np.array([2.0]))
-    assert found[0] == pytest.approx(0.5 * 15.0 * 2j * np.pi * 2.0, rel=1e-4)
-
-
-@pytest.mark.slow
-def test_what_is_recommended_gives_the_force_that_was_asked_for():
-    problem = avc.Problem(
-        device=DEVICE,
-        environment={"stiffness_n_per_m": 0.0, "damping_ns_per_m": 15.0},
-        stability={"model": "sampled-data", "scope": "hands"},
-    )
-    coupling = avc.recommend(problem, hands=50, workers=1).coupling
-    assert isinstance(coupling, Coupling)
-    assert coupling.table.at_rest.contact_damping_ns_per_m == 0
-    assert _force_at(coupling, 0.05) == pytest.approx(0.75, rel=1e-3)
-    more = Coupling.constant(problem, Gains(0.0, near_rigid_n_per_m(problem.device), 15.0), "more")
-    assert _force_at(more, 0.05) == pytest.approx(1.5, rel=1e-3)
-
-
-def _force_at(coupling, speed):
-    device = Exported(coupling)
-    device.start()
-    return float(device.forces(1e-3 * speed * np.arange(-100, 200.0))[-1])
 
 
 # The conclusion of a recommendation says where a force begins before the wall, and whom a median leaves out.
@@ -316,17 +287,3 @@ def test_it_is_the_time_that_a_simulated_device_takes(hand):
     assert settled == pytest.approx(found.settling_s, rel=0.1, abs=1 / found.frequency_hz)
     peaks = np.flatnonzero((path[1:-1] > path[:-2]) & (path[1:-1] >= path[2:]) & (path[1:-1] > 0.01)) + 1
     assert t * float(np.diff(peaks).mean()) == pytest.approx(0.5 / found.frequency_hz, rel=0.05)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "slip", [{"encoder_resolution_m": 0.055}, {"encoder_resolution_m": 0.04}, {"max_force_n": 0.0033}]
-)
-def test_what_renders_nothing_is_not_deployable(slip):
-    problem = avc.load_problem("spring").changed(
-        device={"coulomb_friction_n": 0.2, **slip}, environment={"stiffness_n_per_m": 1000.0}
-    )
-    found = avc.recommend(problem, hands=10)
-    assert not found.deployable
-    assert found.reason.startswith("nothing of the wall is rendered")
-    assert next(iter(slip)) in found.reason

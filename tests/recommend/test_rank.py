@@ -248,31 +248,3 @@ def test_the_worst_hand_is_the_one_with_the_least_damped_pole():
         ratios.append(np.min(-rate.real / np.abs(rate)))
     assert len(ratios) == len(found.hands) > 2
     assert found.worst == np.argmin(ratios) != np.argmax(ratios)
-
-
-# Where nothing can be recommended, the reason is the true one, and what may be a slip of a unit stands before it.
-
-DEVICE = {"mass_kg": 0.2, "damping_ns_per_m": 1.0, "delay_samples": 1}
-
-
-def asked(device, **wall):
-    return avc.Problem(
-        device=DEVICE | device, environment=wall, stability={"model": "sampled-data", "scope": "hands"}, name="asked"
-    )
-
-
-@pytest.mark.slow
-def test_an_explicit_tool_of_an_engine_has_a_pair_that_rests():
-    """Held against a device that stands still it is z^2 - (2 - B h/m) z + 1 - B h/m + K h^2/m."""
-    engine = {"tool_mass_kg": 0.05, "step_s": 0.004, "integrator": "explicit", "exchange": "held-force"}
-    device = {"mass_kg": 0.2, "damping_ns_per_m": 1.0, "delay_samples": 1, "max_force_n": 8.0}
-    problem = avc.Problem(device=device, simulation=engine | {"stiffness_n_per_m": 2000.0}, name="asked")
-    found = avc.recommend(problem)
-    gains, step = found.coupling.table.at_rest, 0.004
-    assert gains.stiffness_n_per_m == pytest.approx(2000)
-    a, b = gains.damping_ns_per_m * step / 0.05, gains.stiffness_n_per_m * step**2 / 0.05
-    assert max(abs(np.roots([1.0, a - 2, 1 - a + b]))) < 0.95
-    assert found.trial.stable.all()
-
-
-# What would help: one property of the device changed, with the range within which it is known; the most first.

@@ -95,7 +95,6 @@ def test_noise_stays_above_the_cramer_rao_bound_and_within_two_percent(method):
 # Estimators of velocity against their algorithms in plain Python, in the region of zwidth, and refused by key.
 
 VELOCITY_T, STEP = 1e-3, 2e-5
-KEYS = {"first-order": {"cutoff_hz": 80.0}, "kalman": {"acceleration_m_per_s2": 5.0}}
 
 
 def poles(estimator, **keys):
@@ -126,17 +125,3 @@ def test_the_poles_of_the_kalman_filter_are_its_velocity(acceleration, phase):
 def test_the_first_order_lag_passes_a_held_velocity_by_its_exponential():
     ramp = rates(poles("first-order", cutoff_hz=80.0), 0.1 * VELOCITY_T * np.arange(60))
     np.testing.assert_allclose(ramp, 0.1 * (1 - np.exp(-2 * math.pi * 80.0 * VELOCITY_T * np.arange(60))), atol=1e-12)
-
-
-@pytest.mark.parametrize("name", KEYS)
-def test_zwidth_takes_each(name):
-    text = (
-        "[device]\nmass_kg = 0.1\ndamping_ns_per_m = 0.5\nencoder_resolution_m = 2e-5\nmax_force_n = 5.0\n"
-        "[environment]\nstiffness_n_per_m = 1e3\ndamping_ns_per_m = 2.0\n"
-    )
-    plain = avc.parse_problem(text, name="p")
-    effects = [{"kind": "encoder"}, {"kind": "velocity-filter", "estimator": name, **KEYS[name]}]
-    region = avc.zwidth(plain.changed(scene={"effects": effects}))
-    curve, other = region.curves[-1], avc.zwidth(plain).curves[-1]
-    assert not np.array_equal(curve.stiffness_n_per_m, other.stiffness_n_per_m, equal_nan=True)
-    assert "scene.effects: velocity-filter" in region.used
