@@ -118,13 +118,13 @@ def run_recommend(args: argparse.Namespace, console: Console) -> Answer:
 
     Exit code 1 if no coupling is deployable: linearly stable with every hand of [hands] and released.
     """
-    from avc_casadi.present.rows.recommend import recommendation, stiffest
-    from avc_casadi.recommendation.recommend import stiffest as search
-
     if args.stiffest:
         cli.refuse(args, "out", "prove", "trade_off", why="does not go with --stiffest; leave it out")
     with console.step(args.problem):
         problem = avc.load_problem(args.problem)
+        from avc_casadi.present.rows.recommend import recommendation, stiffest
+        from avc_casadi.recommendation.recommend import stiffest as search
+
     if _is_pair(problem):
         cli.refuse(args, "stiffest", "lean_on_friction", "prove", "trade_off", why=cli.OF_WALLS)
     if args.stiffest:
@@ -238,11 +238,6 @@ def run_run(args: argparse.Namespace, console: Console) -> Answer:
     The recommended coupling goes into the device (coupling.json), or that of --method; the gains of the paper's
     question are for comparison (gains.json). Of a [simulation] or a [follower] coupling, figures and report alone.
     """
-    from avc_casadi.present import report
-    from avc_casadi.present.rows.design import run
-    from avc_casadi.present.rows.recommend import recommendation
-    from avc_casadi.recommendation.recommend import judged_as_recommended
-
     with console.step(args.problem):
         problem = avc.load_problem(args.problem)
     shown, pair = Path(args.out or f"avc-{problem.name.replace('/', '-')}"), _is_pair(problem)
@@ -250,6 +245,12 @@ def run_run(args: argparse.Namespace, console: Console) -> Answer:
         cli.refuse(args, "method", "unsafe", why=cli.OF_WALLS)
     with output_folder(args.out or str(shown), "--out") as folder:
         console.begin(f"{args.problem} ... all of it, into {shown}")
+        # Slow to load: after the first line.
+        from avc_casadi.present import report
+        from avc_casadi.present.rows.design import run
+        from avc_casadi.present.rows.recommend import recommendation
+        from avc_casadi.recommendation.recommend import judged_as_recommended
+
         if args.method is None:
             found = cli.recommended(problem, console)
         else:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from html import escape
 from pathlib import Path
 from string import Template
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from matplotlib.figure import Figure
 
@@ -16,9 +16,7 @@ from avc_casadi._util.progress import Progress
 from avc_casadi._util.text import number
 from avc_casadi._util.units import Units
 from avc_casadi.design.comparison.comparison import Comparison
-from avc_casadi.diagnose.causes import Diagnosis
 from avc_casadi.files.problem_file import dump_problem
-from avc_casadi.identification.device import Identification
 from avc_casadi.model.problem import Problem
 from avc_casadi.paper.errata import ASSUMPTIONS, PAPER_ERRORS
 from avc_casadi.present.figures.deployed import draw_loop, draw_rendered, draw_rendered_impedance, draw_tool_region
@@ -32,6 +30,10 @@ from avc_casadi.present.rows.look import diagnosis
 from avc_casadi.present.rows.recommend import stability, verdict
 from avc_casadi.recommendation.felt import deployed, rendered_band
 from avc_casadi.recommendation.recommendation import Recommendation
+
+if TYPE_CHECKING:
+    from avc_casadi.diagnose.causes import Diagnosis
+    from avc_casadi.identification.device import Identification
 
 
 @dataclass(frozen=True)

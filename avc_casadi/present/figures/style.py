@@ -191,6 +191,7 @@ def files_of(figure: Figure, *endings: str) -> list[bytes]:
             content = io.BytesIO()
             figure.savefig(content, format=ending, metadata=dates[ending])
             found.append(content.getvalue())
+            figure.set_layout_engine("none")  # laid out once: it takes as long as drawing
     return found
 
 

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from avc_casadi._util.units import units_for
-from avc_casadi.diagnose.causes import Diagnosis
-from avc_casadi.identification.device import Identification
 from avc_casadi.present.figures import style
 from avc_casadi.simulation.scene import Run
+
+if TYPE_CHECKING:
+    from avc_casadi.diagnose.causes import Diagnosis
+    from avc_casadi.identification.device import Identification
 
 _RUNS: tuple[tuple[str, Any, float], ...] = (
     (style.BLUE, "-", 1.6),

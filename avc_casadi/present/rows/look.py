@@ -5,12 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from shlex import quote
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from avc_casadi._util.text import number
 from avc_casadi._util.units import LINEAR, Units
-from avc_casadi.diagnose.causes import Diagnosis
-from avc_casadi.identification.device import Identification
 from avc_casadi.model.problem import Problem
 from avc_casadi.present.row import (
     Answer,
@@ -29,6 +27,10 @@ from avc_casadi.present.row import (
 )
 from avc_casadi.present.rows import subject
 from avc_casadi.recommendation.preconditions import asked_of_others, not_judged
+
+if TYPE_CHECKING:
+    from avc_casadi.diagnose.causes import Diagnosis
+    from avc_casadi.identification.device import Identification
 
 _EXCHANGES = {
     "on-time": "the device is given the state that the engine's step began with",
