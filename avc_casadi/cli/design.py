@@ -49,10 +49,11 @@ def run_new(args: argparse.Namespace, console: Console) -> Answer:  # noqa: ARG0
     if args.file.exists() and not args.force:
         what = f"{str(args.file)!r} is there already; allowed: another name, or --force"
         raise avc.InputError.of(what, key="FILE")
-    typed = {(one, name): value for one in EVERY for name in one.names if (value := _value(args, name)) is not None}
+    values = {(one, name): vars(args)[name[2:].replace("-", "_")] for one in EVERY for name in one.names}
+    typed = {key: value for key, value in values.items() if value is not None}
     turned = any(one is RADIUS or name == one.option_turning for one, name in typed)
-    values = {one.key: value for (one, _), value in typed.items()}
-    new = NewProblem(args.file, args.like or "", "rotary" if turned else "linear", args.held, values)
+    by_key = {one.key: value for (one, _), value in typed.items()}
+    new = NewProblem(args.file, args.like or "", "rotary" if turned else "linear", args.held, by_key)
     if args.model is not None or args.tip is not None:
         new = _at_tip(new, args.model, args.tip)
     meant = {one.key: one.names[not new.units.linear] for one in EVERY}
@@ -80,10 +81,6 @@ def run_new(args: argparse.Namespace, console: Console) -> Answer:  # noqa: ARG0
         "model": None if new.tip is None else {"file": args.model, "tip": args.tip, **asdict(new.tip)},
     }
     return answer(data, problem, str(args.file))
-
-
-def _value(args: argparse.Namespace, option: str) -> Any:
-    return getattr(args, option[2:].replace("-", "_"))
 
 
 def _at_tip(new: NewProblem, model: str | None, tip: str | None) -> NewProblem:

@@ -163,12 +163,6 @@ _ENGINES = {
     "pybullet": Engine("PyBullet", "stepSimulation", _SEMI),
 }
 _AHEAD = "position and velocity of after it lie in the future of the force that made them, which costs 10 to 60 times K"
-_EXCHANGE = {
-    "on-time": f"hand out position and velocity that {{step}} begins with; {_AHEAD}",
-    "late": f"hand out position and velocity that the {{step}} before began with; {_AHEAD}",
-    "ahead": f"certified with position and velocity read after {{step}}; {_AHEAD}: on-time allows more",
-    "held-force": "hand out the force that you apply in {step}; the device holds it until the next one",
-}
 
 
 def _values_of(coupling: Coupling) -> dict[str, float]:
@@ -217,7 +211,8 @@ def parameters(coupling: Coupling, engine: str, shown: str = "coupling.json", un
     if tool.exchange == "held-force":
         handed = "force on the tool" if tool.solved == "nothing" else "avc_coupling_handed_force(...)"
     late = f", {tool.steps_late} steps later" if tool.steps_late else ""
-    traps = [unsafe, _EXCHANGE[tool.exchange].format(step=known.step) + late]
+    ahead = "" if tool.exchange == "held-force" else f"; {_AHEAD}"
+    traps = [unsafe, f"hand out {subject.EXCHANGES[tool.exchange].format(step=known.step)}{ahead}{late}"]
     table: list[dict[str, Any]] = [
         {**one, "value": values[one["formula"]], "unit": units.unit(one["unit"])}
         for one in places

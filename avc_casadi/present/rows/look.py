@@ -32,13 +32,6 @@ if TYPE_CHECKING:
     from avc_casadi.diagnose.causes import Diagnosis
     from avc_casadi.identification.device import Identification
 
-_EXCHANGES = {
-    "on-time": "the device is given the state that the engine's step began with",
-    "late": "the device is given the state of the step before",
-    "ahead": "the device is given the state that the step has just made",
-    "held-force": "the engine computes the coupling, and the device holds its output for a step",
-}
-
 
 def problem(data: Mapping[str, Any], stated: Problem, shown: str = "") -> Answer:
     """Return the answer of `check` of a problem: what it asks for, its other end, what is unusual."""
@@ -84,7 +77,14 @@ def _engine(stated: Problem) -> list[Row]:
         touches = listed(["rigid objects" if tool.rigid else None, springs], "and")
         what = parts(span(tool.tool_mass_kg, "mass"), ", damping", span(tool.tool_damping_ns_per_m, "damping"))
         what = parts(what, "; touches", touches)
-    return [row("Tool", what), row("Exchange", f"{tool.exchange}: {_EXCHANGES[tool.exchange]}")]
+    return [
+        row("Tool", what),
+        row(
+            "Exchange",
+            f"{tool.exchange}: the device gets",
+            subject.EXCHANGES[tool.exchange].format(step="the engine's step"),
+        ),
+    ]
 
 
 def _follower(stated: Problem) -> list[Row]:

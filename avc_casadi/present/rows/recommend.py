@@ -164,10 +164,6 @@ def _stability(data: Mapping[str, Any]) -> Row:
     return row("Stability", text, mark=Mark.CAUTION if data["rest"]["word"] == "refuted" else Mark.PASS)
 
 
-def _or_caution(mark: Mark, *, doubt: bool) -> Mark:
-    return Mark.CAUTION if doubt and mark is Mark.PASS else mark
-
-
 def _loud(found: Mapping[str, Any]) -> bool:
     """Whether many hands may notice a vibration at rest."""
     return bool(found["hands"] - found["quiet"] > 0.1 * found["hands"])
@@ -176,11 +172,11 @@ def _loud(found: Mapping[str, Any]) -> bool:
 def _simulated(data: Mapping[str, Any]) -> list[Row]:
     total, off = data["simulated"], data["off_file"]
     quiet = fill(f"{_SETTLE}; {{quiet:9}} below the vibrotactile threshold", total)
-    rows = [row("Simulated", quiet, mark=_or_caution(subject.settled(total), doubt=_loud(total)))]
+    rows = [row("Simulated", quiet, mark=subject.settled(total, doubt=_loud(total)))]
     if off is not None:
         unstable = fill("; linearly unstable on {linearly_unstable}", off) if off["linearly_unstable"] else None
         on = fill(f"{_SETTLE} on {{devices:9}} devices with values off by {{share}}", off)
-        rows.append(row("Model mismatch", on, unstable, mark=_or_caution(subject.settled(off), doubt=bool(unstable))))
+        rows.append(row("Model mismatch", on, unstable, mark=subject.settled(off, doubt=bool(unstable))))
     return rows
 
 

@@ -11,10 +11,17 @@ from avc_casadi.files.catalogue import catalogue_names
 from avc_casadi.loops.margins import LEAST_DISK, SOUND_DISK
 from avc_casadi.model.device import Device
 from avc_casadi.model.problem import Problem
-from avc_casadi.present.row import Answer, Mark, Part, Row, Value, doubted, fill, listed, parts, row, span
+from avc_casadi.present.row import Answer, Mark, Part, Row, Value, doubted, fill, listed, marked, parts, row, span
 
 HAND = ("mass_kg", "damping_ns_per_m", "stiffness_n_per_m")
 """Numbers of a hand."""
+EXCHANGES = {
+    "on-time": "position and velocity that {step} begins with",
+    "late": "position and velocity that the step before {step} began with",
+    "ahead": "position and velocity read after {step}",
+    "held-force": "the force on the tool in {step}, which it holds until the next one",
+}
+"""What the device gets of a simulation."""
 _WHO = {"released": "released", "worst_hand": "worst corner hand"}
 _MARGINS: tuple[tuple[str, str, str], ...] = (
     ("gain", "gain", "gain"),
@@ -134,11 +141,11 @@ def plural(number: int, thing: str) -> str:
     return f"{number} {thing}{'' if number == 1 else 's'}"
 
 
-def settled(found: Mapping[str, Any]) -> Mark:
+def settled(found: Mapping[str, Any], *, doubt: bool = False) -> Mark:
     """Return the mark of a trial: fails where hands do not settle, a caution where some need dry friction for it."""
     if found["at_rest"] < found["hands"]:
         return Mark.FAIL
-    return Mark.CAUTION if found["at_rest_without_friction"] < found["hands"] else Mark.PASS
+    return marked(found["at_rest_without_friction"] >= found["hands"] and not doubt, Mark.CAUTION)
 
 
 def saturates(force_n: float | None, limit_n: float | None) -> bool:
