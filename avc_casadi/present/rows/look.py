@@ -77,14 +77,8 @@ def _engine(stated: Problem) -> list[Row]:
         touches = listed(["rigid objects" if tool.rigid else None, springs], "and")
         what = parts(span(tool.tool_mass_kg, "mass"), ", damping", span(tool.tool_damping_ns_per_m, "damping"))
         what = parts(what, "; touches", touches)
-    return [
-        row("Tool", what),
-        row(
-            "Exchange",
-            f"{tool.exchange}: the device gets",
-            subject.EXCHANGES[tool.exchange].format(step="the engine's step"),
-        ),
-    ]
+    gets = subject.EXCHANGES[tool.exchange].format(step="the engine's step")
+    return [row("Tool", what), row("Exchange", f"{tool.exchange}: the device gets {gets}")]
 
 
 def _follower(stated: Problem) -> list[Row]:
