@@ -8,7 +8,6 @@ import avc_casadi as avc
 from avc_casadi.cli import main
 from avc_casadi.coupling import Coupling
 from avc_casadi.design.tool_region import tool_region
-from avc_casadi.design.virtual_tool import ToolSearch
 from avc_casadi.files.coupling_file import write_coupling
 from avc_casadi.loops.engine import ToolLoops
 from avc_casadi.model.ends import ToolGains
@@ -67,27 +66,3 @@ def test_region_is_stable_below_each_curve_and_not_above(name):
             beside = max(0.0, 2 * (limit * mass) ** 0.5 - drag) if local else 0.0
             assert loops.stable(ToolGains(0.98 * limit, b, beside))
             assert not loops.stable_over_ranges(ToolGains(1.05 * limit, b, beside))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "text",
-    [
-        'tool_mass_kg = 0.2\nstep_s = 0.002\nexchange = "held-force"',
-        'tool_mass_kg = 0.1\nstep_s = 0.01\nintegrator = "implicit"',
-    ],
-)
-def test_a_row_of_the_region_is_stable_with_the_dampers_that_it_names(text, tmp_path, capsys):
-    """Just below K of each engine rate, and not above; the declared one is the limit of `recommend`."""
-    file = tmp_path / "p.toml"
-    file.write_text(f"[device]\nmass_kg = 0.12\ndamping_ns_per_m = 0.8\ndelay_samples = 1\n[simulation]\n{text}\n")
-    _, found = answer(capsys, "zwidth", str(file))
-    stated = avc.load_problem(str(file))
-    for curve in found["curves"]:
-        loops = ToolLoops(stated.changed(simulation={"step_s": curve["step_s"]}))
-        k, b, local = (curve[f"stiffest_{key}"] for key in ("n_per_m", "with_ns_per_m", "with_local_ns_per_m"))
-        assert loops.stable_over_ranges(ToolGains(0.99 * k, b, local))
-        assert not loops.stable_over_ranges(ToolGains(1.01 * k, b, local))
-        assert k >= 0.99 * max(curve["stiffness_n_per_m"])
-        if curve["declared"]:
-            assert ToolSearch(stated).limit[0] == ToolGains(k, b, local)

@@ -185,14 +185,3 @@ def test_a_file_is_the_old_one_or_the_new_one(before, code, tmp_path):
     assert out.read_text() == "what was there\n"
     assert run("", arguments, tmp_path).returncode == 0
     assert json.loads(out.read_text())["method"] == "static"
-
-
-def test_the_nyquist_frequency_itself_is_too_high(tmp_path):
-    """1/(2 T) at T = 1 ms is 500 Hz, and no row may stand there."""
-    path = tmp_path / "gains.csv"
-    path.write_text(f"{HEADER}1,1,1\n499.99,1,1\n")
-    assert len(read_coupling(path, "soft").schedule.frequency_hz) == 2
-    path.write_text(f"{HEADER}1,1,1\n500,1,1\n")
-    with pytest.raises(InputError) as found:
-        read_coupling(path, "soft")
-    assert found.value.faults[0].key == "frequency_hz"

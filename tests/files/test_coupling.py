@@ -7,9 +7,7 @@ import pytest
 
 import avc_casadi as avc
 from avc_casadi import InputError
-from avc_casadi.cli import main
 from avc_casadi.coupling import THINNING, Coupling, thinned
-from avc_casadi.files.coupling_file import read_file
 from avc_casadi.model.gains import Gains, GainTable
 from avc_casadi.model.runtime import Runtime
 
@@ -90,19 +88,6 @@ def test_every_fault_of_a_file_is_named(change, key, tmp_path):
     with pytest.raises(InputError) as refused:
         avc.read_coupling(tmp_path / "c.json")
     assert key in {fault.key for fault in refused.value.faults}
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "verb",
-    [("recommend", "knob"), ("solve", "knob"), ("recommend", "soft"), ("solve", "figure5", "--method", "static-tuned")],
-    ids=" ".join,
-)
-def test_what_a_verb_writes_is_read_again(verb, tmp_path, capsys):
-    path = tmp_path / "c.json"
-    main([*verb, "--out", str(path)])
-    capsys.readouterr()
-    assert isinstance(read_file(path), Coupling)
 
 
 @pytest.mark.parametrize(

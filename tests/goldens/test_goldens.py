@@ -37,14 +37,6 @@ def test_every_golden_is_of_a_case_that_is_computed(part):
     assert QUICK[part] <= set(committed(part)) <= set(PARTS[part].cases)
 
 
-def first_number(value, path=()):
-    """Where the first number that is not 0 stands."""
-    steps = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
-    if isinstance(value, int | float) and not isinstance(value, bool) and value:
-        return path
-    return next((found for key, one in steps if (found := first_number(one, (*path, key)))), None)
-
-
 @pytest.mark.parametrize(
     ("key", "old", "new", "told"),
     [

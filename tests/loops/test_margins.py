@@ -9,19 +9,16 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 from scipy.optimize import brentq
-from whole_device import WholeDevice, rests_as_tried
 
 import avc_casadi as avc
-import avc_hardware
 from avc_casadi.coupling import Coupling
 from avc_casadi.loops.loop import Body
 from avc_casadi.loops.margins import OpenLoop
 from avc_casadi.loops.wall import frozen_rendering, observed_wall
-from avc_casadi.model.corners import Robustness, unmodelled
+from avc_casadi.model.corners import unmodelled
 from avc_casadi.model.gains import Gains
 from avc_casadi.model.hands import hand_corners, with_released
 from avc_casadi.model.plant import sampled_plant
-from avc_casadi.simulation.population.operators import people_of
 from avc_casadi.simulation.population.trial import residual_speeds
 
 # Mass, damping, T, samples of delay; wall k_e and b_e; coupling k and b_p.
@@ -169,29 +166,12 @@ def test_with_state_feedback_the_observer_knows_the_force_that_was_asked_for(fed
 # A lighter device, missed samples: told as a plant of its own says, and kept where asked for.
 
 COUPLINGS = Path(__file__).parents[1] / "goldens" / "couplings"
-HANDS = 24
 
 
 def coupling(name="reference-r1"):
     return avc.read_coupling(COUPLINGS / f"{name}.json")
 
 
-def everybody(found):
-    hands = people_of(found.problem.hands, HANDS, 3)
-    return hands, np.array([hands.mass_kg, hands.damping_ns_per_m, hands.stiffness_n_per_m]).T
-
-
 def told(found, asked, hands):
     (one,) = unmodelled(found.problem.device, asked)
     return residual_speeds(found, hands, friction=False, device=one.device, effects=one.effects) < 1
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("share", [0.2, 0.5])
-def test_hands_at_a_lighter_device_are_those_of_another_plant(share):
-    found = coupling()
-    hands, numbers = everybody(found)
-    bench = WholeDevice(found.problem.device, avc_hardware.export_c(found))
-    light = (1 - share) * found.problem.device.mass_kg
-    seen = rests_as_tried(bench, found.problem.device, numbers, friction=0.0, mass=light)
-    assert np.sum(seen != told(found, Robustness(mass_share=share), hands)) <= HANDS / 6

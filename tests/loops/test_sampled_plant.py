@@ -8,6 +8,7 @@ import pytest
 from scipy.linalg import expm
 
 import avc_casadi as avc
+from avc_casadi.loops.wall import plants_of
 from avc_casadi.model.device import Device
 from avc_casadi.model.gains import NO_COUPLING
 from avc_casadi.model.hands import Hand, StylusHand
@@ -166,3 +167,14 @@ def test_a_device_alone_keeps_its_place_and_its_momentum_decays():
     found = sampled_plant(device)
     np.testing.assert_allclose(np.linalg.eigvals(found.matrix[0, 0]), [1.0, np.exp(-2.0 / 0.1 * 1e-3)], rtol=1e-12)
     assert device_plant(device).grip == "device"
+
+
+@pytest.mark.parametrize(("b", "k"), [(2.0, 500.0), (2.0, 0.0), (0.0, 500.0)])
+def test_a_plant_without_mass_is_the_limit_of_little_mass(b, k):
+    """Where it is after a sample: by where it was and the held force. Without damper it stands on its spring."""
+    light, none = (plants_of([Device(mass_kg=m, damping_ns_per_m=b)], Hand(0.0, 0.0, k)) for m in (1e-9, 0.0))
+    stays, pushed = none.matrix[0, 0][0, 0], none.new[0, 0][0]
+    if b > 0:
+        assert (stays, pushed) == pytest.approx((light.matrix[0, 0][0, 0], light.new[0, 0][0]), rel=1e-5)
+    else:
+        assert (stays, pushed) == pytest.approx((0.0, -1 / k))

@@ -69,52 +69,6 @@ def limit_of(name):
     return found.stiffness_n_per_m, (found.lowest_ns_per_m + found.highest_ns_per_m) / 2
 
 
-NOTHING = """
-void avc_coupling_start(avc_coupling_t *c) { c->spare = 0; }
-float avc_coupling_step(avc_coupling_t *c, float position_m) { (void)c; (void)position_m; return %sf; }
-"""
-
-
-def unguided(force="0.0"):
-    files = {
-        "avc_coupling.h": "typedef struct { int spare; } avc_coupling_t;\n"
-        "void avc_coupling_start(avc_coupling_t *c);\nfloat avc_coupling_step(avc_coupling_t *c, float position_m);\n",
-        "avc_coupling.c": '#include "avc_coupling.h"\n' + NOTHING % force,
-    }
-    return WholeDevice(avc.load_problem("reference-r1").device, files)
-
-
-@pytest.mark.slow
-def test_the_simulator_has_the_stated_physics():
-    """Damped flight, a weight on friction, a constant force through the structure, all against closed forms."""
-    free = unguided()
-    # m v' = -b v: after T the speed has fallen by e^(-b T/m), and the way is v m/b (1 - e^(-b T/m)).
-    found = free.meets(thrown(0.1), seconds=0.1, tail_s=0.001, friction=0.0)
-    assert found.motor == pytest.approx(-0.01 + 0.1 * 0.05 * (1 - math.exp(-20 * 0.0995)), rel=2e-3)
-    # The same without a resonance, as one body, which a hand of the device's own mass slows half as fast.
-    found = free.meets(thrown(0.1), seconds=0.1, tail_s=0.001, friction=0.0, resonance=0.0)
-    assert found.motor == found.handle == pytest.approx(-0.01 + 0.1 * 0.05 * (1 - math.exp(-20 * 0.0995)), rel=2e-3)
-    carried = thrown(0.1)
-    carried.mass = 0.1
-    found = free.meets(carried, seconds=0.1, tail_s=0.001, friction=0.0, resonance=0.0)
-    assert found.motor == pytest.approx(-0.01 + 0.1 * 0.1 * (1 - math.exp(-10 * 0.0995)), rel=2e-3)
-    # m v' = -fc: at rest after v m/fc, on a way of m v^2/(2 fc).
-    found = free.meets(thrown(0.1), damping=0.0)
-    assert found.motor == pytest.approx(-0.01 + 0.1 * 0.1**2 / (2 * 0.2), rel=2e-3)
-    assert fastest([found]) < 1e-6
-    # A weight below the friction rests on the structure's spring; one above it does not.
-    stiffness = 0.025 * (2 * math.pi * 150) ** 2
-    found = free.meets(leaning(0.19))
-    assert found.motor_speed == 0
-    assert found.handle - found.motor == pytest.approx(0.19 / stiffness, rel=1e-3)
-    assert free.meets(leaning(0.21)).motor_speed > 1e-3
-    # A force of 1 N on the motor, held against a hand of 400 N/m behind the structure.
-    found = unguided("1.0").meets(held((0.1, 5.0, 400.0), 1.0), friction=0.0)
-    assert found.force == pytest.approx(1, rel=1e-9)
-    assert found.handle == pytest.approx(0.01 - 1 / 400, abs=1e-7)
-    assert found.handle - found.motor == pytest.approx(1 / stiffness, rel=1e-3)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_every_hand_rests_at_the_recommended_coupling(name):
