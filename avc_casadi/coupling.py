@@ -8,26 +8,19 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from os import PathLike
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from avc_casadi._errors import InputError
 from avc_casadi._util.units import Units
-from avc_casadi.model.device import CURRENT_LOOP_DAMPING_RATIO
-from avc_casadi.model.ends import ToolGains
+from avc_casadi.model.device import CURRENT_LOOP_DAMPING_RATIO, Device
+from avc_casadi.model.ends import Follower, ToolGains, VirtualTool
 from avc_casadi.model.gains import Gains, GainSchedule, GainTable, Status, fewest_rows
-from avc_casadi.model.runtime import Runtime
+from avc_casadi.model.problem import Contact, Impedance, Problem
+from avc_casadi.model.runtime import Runtime, StateFeedback
 from avc_casadi.paper.rows import gain_schedule
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
-    from avc_casadi.model.device import Device
-    from avc_casadi.model.ends import Follower, VirtualTool
-    from avc_casadi.model.problem import Contact, Impedance, Problem
-    from avc_casadi.model.runtime import StateFeedback
-
 
 End = Literal["wall", "simulation", "follower"]
 """What is beyond a coupling: a wall in the device's own loop, the tool of a simulation, or a second device."""

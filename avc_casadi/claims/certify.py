@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -18,14 +18,11 @@ from avc_casadi.claims.levels import LEVELS, Judged, LevelResult, Rows, passivit
 from avc_casadi.claims.prove.held_device import HAND, SampledPlantBox
 from avc_casadi.claims.prove.law import ContactLaw
 from avc_casadi.claims.prove.rest import Rest, promising, prove_rest
-from avc_casadi.coupling import check_sample_time, require_coupling
+from avc_casadi.coupling import Coupling, check_sample_time, require_coupling
 from avc_casadi.files.problem_file import AnyProblem, of_problem, with_wall
 from avc_casadi.loops.wall import SampledLoop, fractions, frozen_parts, passive_limit_n_per_m, rigid
 from avc_casadi.model.gains import GainSchedule
-
-if TYPE_CHECKING:
-    from avc_casadi.coupling import Coupling
-    from avc_casadi.model.problem import Problem
+from avc_casadi.model.problem import Problem
 
 
 @dataclass(frozen=True, eq=False, repr=False)

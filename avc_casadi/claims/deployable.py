@@ -11,31 +11,27 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from avc_casadi._errors import NotDeployableError, UnsupportedError
+from avc_casadi._util.arrays import FloatArray
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.claims.certify import certify
 from avc_casadi.claims.hands import WorstLoops, every_hand, feedback_radius, looked_at, released
-from avc_casadi.coupling import require_coupling
+from avc_casadi.coupling import Coupling, require_coupling
 from avc_casadi.loops.margins import LEAST_DISK, OpenLoop
 from avc_casadi.loops.wall import frozen_parts
 from avc_casadi.loops.walls import damping_range, loop_poles, stiffest_wall
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners, device_ranges, linear_values
+from avc_casadi.model.device import Device
+from avc_casadi.model.gains import GainTable
 from avc_casadi.model.hands import hand_set, hand_text, joined, no_hand
-
-if TYPE_CHECKING:
-    from avc_casadi._util.arrays import FloatArray
-    from avc_casadi.coupling import Coupling
-    from avc_casadi.model.device import Device
-    from avc_casadi.model.gains import GainTable
-    from avc_casadi.model.problem import Problem
-    from avc_casadi.model.runtime import Runtime
-
+from avc_casadi.model.problem import Problem
+from avc_casadi.model.runtime import Runtime
 
 # Verbs judge before they push, export or report; the numbers are part of the key, as arrays are mutable. Tables are
 # compared by value: equal gains with different runtimes need separate entries.

@@ -19,7 +19,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -32,15 +31,11 @@ from avc_casadi.loops.spectrum import largest_radius
 from avc_casadi.loops.system import TOLERANCE
 from avc_casadi.loops.wall import SampledLoop
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners
-from avc_casadi.model.ends import ToolState
+from avc_casadi.model.device import Device
+from avc_casadi.model.ends import ToolGains, ToolState, VirtualTool
 from avc_casadi.model.hands import hand_corners, with_released
-from avc_casadi.model.plant import sampled_plant
-
-if TYPE_CHECKING:
-    from avc_casadi.model.device import Device
-    from avc_casadi.model.ends import ToolGains, VirtualTool
-    from avc_casadi.model.plant import SampledPlant
-    from avc_casadi.model.problem import Hands
+from avc_casadi.model.plant import SampledPlant, sampled_plant
+from avc_casadi.model.problem import Hands
 
 # Angles per step, linearly and logarithmically spaced, and refinements about the lowest.
 _ANGLES, _SMALLEST, _FINER = 400, 1e-5, 3

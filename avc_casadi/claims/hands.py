@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -17,14 +17,17 @@ from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray, IndexAr
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.claims.levels import Judged, LevelResult, Rows, level_result, not_judged
 from avc_casadi.claims.worst_frequency import worst_margin
+from avc_casadi.coupling import Coupling
 from avc_casadi.loops.loop import Body
 from avc_casadi.loops.spectrum import largest_eigenvalue
 from avc_casadi.loops.system import Ranges, ascend, hand_boxes, worst_held
 from avc_casadi.loops.wall import (
     MAX_DELAY_SAMPLES,
     RADIUS_TOLERANCE,
+    Fractions,
     Rendering,
     SampledLoop,
+    Values,
     fraction_rendering,
     frozen_parts,
     frozen_rendering,
@@ -35,16 +38,10 @@ from avc_casadi.loops.wall import (
     wall,
 )
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners, device_ranges, linear_values
+from avc_casadi.model.device import Device
 from avc_casadi.model.hands import Hand, hand_corners, hand_ranges, hand_set, hand_text, no_hand
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from avc_casadi.coupling import Coupling
-    from avc_casadi.loops.wall import Fractions, Values
-    from avc_casadi.model.device import Device
-    from avc_casadi.model.plant import SampledPlant
-    from avc_casadi.model.problem import Hands, Problem
+from avc_casadi.model.plant import SampledPlant
+from avc_casadi.model.problem import Hands, Problem
 
 
 @dataclass(frozen=True)

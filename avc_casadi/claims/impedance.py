@@ -6,19 +6,17 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray
 from avc_casadi.claims.worst_frequency import lowest_of, refine_minima
+from avc_casadi.loops.wall import Fractions
 from avc_casadi.model.corners import device_with
+from avc_casadi.model.device import Device
 from avc_casadi.model.plant import DEVICE, device_plant
-
-if TYPE_CHECKING:
-    from avc_casadi.loops.wall import Fractions
-    from avc_casadi.model.device import Device
-    from avc_casadi.model.problem import Impedance, Model, Problem
+from avc_casadi.model.problem import Impedance, Model, Problem
 
 
 @dataclass(frozen=True)

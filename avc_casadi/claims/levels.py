@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -19,11 +19,9 @@ from avc_casadi.claims.worst_frequency import RELATIVE_TOLERANCE, lowest_of, wor
 from avc_casadi.coupling import Coupling
 from avc_casadi.loops.wall import RADIUS_TOLERANCE, Fractions, SampledLoop, fractions, linear_stability, rigid
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners, least_damped
-
-if TYPE_CHECKING:
-    from avc_casadi.model.device import Device
-    from avc_casadi.model.gains import GainSchedule
-    from avc_casadi.model.problem import Model, Problem, Scope
+from avc_casadi.model.device import Device
+from avc_casadi.model.gains import GainSchedule
+from avc_casadi.model.problem import Model, Problem, Scope
 
 Where = Literal["own", "band", "all"]
 """Frequencies at which a row is judged: its own, a band about it, or all."""

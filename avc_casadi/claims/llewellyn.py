@@ -4,18 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from avc_casadi._util.arrays import FloatArray
+from avc_casadi._util.arrays import ComplexArray, FloatArray
 from avc_casadi.claims.worst_frequency import quadratic_stretch, refine_minima
-from avc_casadi.loops.wall import RIGID
-
-if TYPE_CHECKING:
-    from avc_casadi._util.arrays import ComplexArray, FloatArray
-    from avc_casadi.loops.wall import SampledLoop, Values
-    from avc_casadi.model.ends import ToolGains
+from avc_casadi.loops.wall import RIGID, SampledLoop, Values
+from avc_casadi.model.ends import ToolGains
 
 
 def llewellyn_margin(

@@ -12,11 +12,12 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice, product
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from avc_casadi._errors import Fault, InputError, UnsupportedError
+from avc_casadi._util.arrays import ComplexArray, FloatArray
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.printed import Printed
 from avc_casadi.files.device_file import load_device
@@ -24,17 +25,12 @@ from avc_casadi.files.problem_file import AnyProblem, as_problem, is_device
 from avc_casadi.loops.margins import LEAST_DISK, SETTLED, SOUND_DISK, Margins, OpenLoop, damping_ratios
 from avc_casadi.loops.system import hand_boxes, worst_held
 from avc_casadi.loops.wall import MAX_DELAY_SAMPLES, RADIUS_TOLERANCE, Rendering, force_over_position
-from avc_casadi.loops.walls import stable_walls
+from avc_casadi.loops.walls import Stretches, stable_walls
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners, device_ranges
+from avc_casadi.model.device import Device
 from avc_casadi.model.hands import Hand, hand_corners, joined, no_hand
-from avc_casadi.model.plant import sampled_plant
+from avc_casadi.model.plant import SampledPlant, sampled_plant
 from avc_casadi.model.problem import Impedance, Problem
-
-if TYPE_CHECKING:
-    from avc_casadi._util.arrays import ComplexArray, FloatArray
-    from avc_casadi.loops.walls import Stretches
-    from avc_casadi.model.device import Device
-    from avc_casadi.model.plant import SampledPlant
 
 FELT_N = 0.05
 """Rms of a force at the handle below which noise of it is taken as not felt."""

@@ -26,7 +26,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import numpy as np
 
@@ -34,12 +34,9 @@ from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray, IndexAr
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.claims.impedance import Mechanics, PortWorst, wave
 from avc_casadi.loops.spectrum import lowest
-from avc_casadi.loops.wall import RIGID
+from avc_casadi.loops.wall import RIGID, Fractions
+from avc_casadi.model.device import Device
 from avc_casadi.model.hands import Hand
-
-if TYPE_CHECKING:
-    from avc_casadi.loops.wall import Fractions
-    from avc_casadi.model.device import Device
 
 
 @dataclass(frozen=True)

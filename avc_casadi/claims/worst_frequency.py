@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.polynomial import chebyshev
@@ -11,10 +12,6 @@ from avc_casadi._util.arrays import BoolArray, FloatArray, IndexArray
 from avc_casadi._util.progress import SILENT, Progress, chunks
 from avc_casadi.loops.spectrum import lowest
 from avc_casadi.loops.wall import Fractions, SampledLoop, Values, fractions
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
 
 # Represents the limit of zero frequency: small enough for every term, large enough to divide by.
 _ZERO_TURNS = 1e-150

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -23,16 +23,13 @@ from avc_casadi.loops.wall import Fractions, SampledLoop, passive_limit_n_per_m,
 from avc_casadi.loops.walls import Stretches, stable_walls
 from avc_casadi.model import EFFECTS
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners
-from avc_casadi.model.device import whole_delay
+from avc_casadi.model.device import Device, whole_delay
+from avc_casadi.model.gains import GainSchedule
 from avc_casadi.model.hands import hand_set, no_hand
+from avc_casadi.model.problem import Model, Problem
 from avc_casadi.model.runtime import PLAIN, Poles, VelocityFilterEffect, low_pass, velocity_poles
 from avc_casadi.model.scene import declared, declared_effects
 from avc_casadi.paper.equations import coupling_gains, loop_at
-
-if TYPE_CHECKING:
-    from avc_casadi.model.device import Device
-    from avc_casadi.model.gains import GainSchedule
-    from avc_casadi.model.problem import Model, Problem
 
 
 class LlewellynTable(NamedTuple):

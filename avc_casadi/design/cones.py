@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
-if TYPE_CHECKING:
-    from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray
+from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray
 
 PER_CONTACT, PER_LACK = 10.0, 2.0
 """Weights of unmet contact and of missing decay, in units of the squared error."""

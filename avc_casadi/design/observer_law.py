@@ -10,20 +10,17 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from avc_casadi._util.arrays import ComplexArray, FloatArray
+from avc_casadi.model.device import Device
 from avc_casadi.model.hands import Hand
 from avc_casadi.model.plant import DEVICE, Mode, device_plant, sampled_plant, transition
+from avc_casadi.model.problem import Hands, Problem
 from avc_casadi.model.runtime import MOST_STATES, StateFeedback
 
-if TYPE_CHECKING:
-    from avc_casadi.model.device import Device
-    from avc_casadi.model.problem import Hands, Problem
-
-    Loops = tuple[FloatArray, FloatArray, FloatArray]
+Loops = tuple[FloatArray, FloatArray, FloatArray]
 
 
 @dataclass(frozen=True)

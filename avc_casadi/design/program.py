@@ -22,35 +22,30 @@ import time
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from avc_casadi._errors import UnsupportedError
+from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.claims.impedance import impedance_at_handle, wanted_at_handle
 from avc_casadi.coupling import Coupling
 from avc_casadi.design.cones import PER_LACK, Cones, multiplier
-from avc_casadi.design.observer_law import GUESSES, Structure
+from avc_casadi.design.observer_law import GUESSES, Loops, Structure
 from avc_casadi.design.static import constant_schedule
 from avc_casadi.loops.spectrum import eigenvalues
 from avc_casadi.loops.wall import MAX_DELAY_SAMPLES
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners
-from avc_casadi.model.gains import Gains, spring_before
-from avc_casadi.model.hands import Hand, hand_corners, no_hand
-from avc_casadi.model.plant import sampled_plant
+from avc_casadi.model.device import Device
+from avc_casadi.model.gains import Gains, GainSchedule, spring_before
+from avc_casadi.model.hands import Hand, StylusHand, hand_corners, no_hand
+from avc_casadi.model.plant import SampledPlant, sampled_plant
+from avc_casadi.model.problem import Problem
 from avc_casadi.model.runtime import Runtime
 
-if TYPE_CHECKING:
-    from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray
-    from avc_casadi.design.observer_law import Loops
-    from avc_casadi.model.device import Device
-    from avc_casadi.model.gains import GainSchedule
-    from avc_casadi.model.hands import StylusHand
-    from avc_casadi.model.plant import SampledPlant
-    from avc_casadi.model.problem import Problem
+ErrorRows = tuple[ComplexArray, ComplexArray, ComplexArray, ComplexArray]
 
-    ErrorRows = tuple[ComplexArray, ComplexArray, ComplexArray, ComplexArray]
 
 DISK_MARGIN, RIPPLE_N, NOISE_OVER_STIFFNESS = 0.204, 1.5, 12.0
 """Default goals: margin, so that 0.2 is met; force for a sine of one encoder step, N, or noise gain over stiffness if

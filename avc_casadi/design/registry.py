@@ -6,17 +6,13 @@ function, so that naming the methods loads neither numpy nor CasADi.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
-from typing import TYPE_CHECKING
 
 from avc_casadi import model
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from avc_casadi._util.registry import Registry
-    from avc_casadi.model.gains import GainSchedule
+from avc_casadi._util.registry import Registry
+from avc_casadi.model.gains import GainSchedule
 
 MethodName = str
 """A name that `METHODS` knows."""

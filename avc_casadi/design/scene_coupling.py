@@ -4,24 +4,21 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from avc_casadi.coupling import Coupling
 from avc_casadi.design.methods import solve
+from avc_casadi.design.registry import MethodName
 from avc_casadi.files.problem_file import AnyProblem, as_problem, of_problem
 from avc_casadi.model.effects import GuardEffect
-from avc_casadi.model.gains import NO_COUPLING, Gains, GainTable
+from avc_casadi.model.gains import NO_COUPLING, Gains, GainSchedule, GainTable
+from avc_casadi.model.hands import Hand
 from avc_casadi.model.problem import Problem
 from avc_casadi.model.scene import left_out, scene_effects
+from avc_casadi.simulation.scene import AnyGains, Run
 from avc_casadi.simulation.scene import simulate as simulate_with
+from avc_casadi.simulation.screen import Screening
 from avc_casadi.simulation.screen import screen as screen_with
-
-if TYPE_CHECKING:
-    from avc_casadi.design.registry import MethodName
-    from avc_casadi.model.gains import GainSchedule
-    from avc_casadi.model.hands import Hand
-    from avc_casadi.simulation.scene import AnyGains, Run
-    from avc_casadi.simulation.screen import Screening
 
 _COMPARED = (
     "coupling",

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import product
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -16,16 +17,11 @@ from avc_casadi.claims.worst_frequency import worst_margin
 from avc_casadi.loops.wall import SampledLoop
 from avc_casadi.model.corners import margin_over_range
 from avc_casadi.model.gains import Gains, GainSchedule, Status
+from avc_casadi.model.problem import Model, Problem
+from avc_casadi.model.runtime import StateFeedback
 from avc_casadi.paper.equations import loop_at
 from avc_casadi.paper.realism import relative_errors
 from avc_casadi.paper.rows import gain_schedule, row_status
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from avc_casadi.model.problem import Model, Problem
-    from avc_casadi.model.runtime import StateFeedback
-
 
 StaticCondition = Literal["llewellyn", "all"]
 _SMALLEST_STEP = 1e-10

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -16,9 +16,7 @@ from avc_casadi._util.units import LINEAR, Units
 from avc_casadi.design.virtual_tool import Scale, ToolSearch, edge
 from avc_casadi.loops.engine import ToolLoops, required_tool
 from avc_casadi.model.ends import LONGEST_STEP_S, ToolGains
-
-if TYPE_CHECKING:
-    from avc_casadi.model.problem import Problem
+from avc_casadi.model.problem import Problem
 
 
 @dataclass(frozen=True, eq=False)

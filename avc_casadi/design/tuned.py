@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,14 +19,11 @@ from avc_casadi.design.static import constant_schedule
 from avc_casadi.model.effects import HandEffect, WallEffect
 from avc_casadi.model.gains import Gains, GainSchedule, gains_at
 from avc_casadi.model.hands import hand_set
-from avc_casadi.model.problem import Boundaries, Frequency, Impedance
+from avc_casadi.model.problem import Boundaries, Frequency, Impedance, Problem, Structure
 from avc_casadi.model.scene import Scene, scene_effects
 from avc_casadi.paper.equations import loop_at
 from avc_casadi.paper.realism import relative_errors
 from avc_casadi.simulation.scene import simulate_batch
-
-if TYPE_CHECKING:
-    from avc_casadi.model.problem import Problem, Structure
 
 _SEED = 0
 _RAISE = 1.5

@@ -7,23 +7,19 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from avc_casadi._errors import UnsupportedError
+from avc_casadi._util.arrays import FloatArray
 from avc_casadi._util.json_values import plain
 from avc_casadi.claims.engine_port import engine_port
 from avc_casadi.loops.engine import ToolLoops, required_tool
-from avc_casadi.loops.system import WithMargin
+from avc_casadi.loops.system import Loops, WithMargin
 from avc_casadi.model.ends import ToolGains
-
-if TYPE_CHECKING:
-    from avc_casadi._util.arrays import FloatArray
-    from avc_casadi.loops.system import Loops
-    from avc_casadi.model.ends import ToolGains
-    from avc_casadi.model.hands import Hand
-    from avc_casadi.model.problem import Problem
+from avc_casadi.model.hands import Hand
+from avc_casadi.model.problem import Problem
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cached_property, reduce
 from itertools import product
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -36,9 +35,7 @@ from avc_casadi.model.corners import LINEAR_KEYS, device_corners, device_ranges,
 from avc_casadi.model.ends import RIGID_N_PER_M, ToolGains, ToolState, VirtualTool, tool_at, tool_states, tool_step
 from avc_casadi.model.hands import Hand, hand_corners, joined, with_released
 from avc_casadi.model.plant import sampled_plant
-
-if TYPE_CHECKING:
-    from avc_casadi.model.problem import Problem
+from avc_casadi.model.problem import Problem
 
 
 @dataclass(frozen=True)

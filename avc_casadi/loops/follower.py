@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cached_property
 from itertools import product
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -22,13 +22,11 @@ from avc_casadi._util.arrays import FloatArray
 from avc_casadi.loops.loop import Body, Loop, Map, Rows, period, response, turn_of
 from avc_casadi.loops.system import Box, Pattern, Ranges, Region, System, clock_ratio, hand_at, hand_boxes, held_plant
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners, device_ranges, linear_values
+from avc_casadi.model.device import Device
 from avc_casadi.model.ends import Follower, ToolGains
 from avc_casadi.model.hands import Hand, hand_corners, with_released
 from avc_casadi.model.plant import SampledPlant, sampled_plant
-
-if TYPE_CHECKING:
-    from avc_casadi.model.device import Device
-    from avc_casadi.model.problem import Problem
+from avc_casadi.model.problem import Problem
 
 
 @dataclass(frozen=True)

@@ -12,21 +12,18 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Self
+from typing import Self
 
 import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray, IndexArray
+from avc_casadi.coupling import Coupling
 from avc_casadi.loops.loop import Body
 from avc_casadi.loops.spectrum import eigenvalues, lowest, root
 from avc_casadi.loops.wall import Rendering, closed, force_over_position, frozen_rendering
 from avc_casadi.model.hands import hand_corners, with_released
-from avc_casadi.model.plant import sampled_plant
-
-if TYPE_CHECKING:
-    from avc_casadi.coupling import Coupling
-    from avc_casadi.model.plant import SampledPlant
-    from avc_casadi.model.runtime import StateFeedback
+from avc_casadi.model.plant import SampledPlant, sampled_plant
+from avc_casadi.model.runtime import StateFeedback
 
 LEAST_DISK, SOUND_DISK = 0.15, 0.2
 """Disk margins below which a coupling should not run on a device, and below which it is thin."""

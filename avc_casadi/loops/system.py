@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from fractions import Fraction
 from itertools import combinations, product
-from typing import TYPE_CHECKING, Any, Protocol, Self
+from typing import Any, Protocol, Self
 
 import numpy as np
 
@@ -15,15 +15,11 @@ from avc_casadi._util.arrays import ComplexArray, FloatArray, IndexArray
 from avc_casadi.loops.loop import Map
 from avc_casadi.loops.spectrum import eigenvalues, leading_radii
 from avc_casadi.model.corners import LINEAR_KEYS, device_ranges, devices_with
+from avc_casadi.model.device import Device
 from avc_casadi.model.ends import ToolGains
 from avc_casadi.model.hands import Hand, hand_ranges
-from avc_casadi.model.plant import sampled_plant
-
-if TYPE_CHECKING:
-    from avc_casadi.model.device import Device
-    from avc_casadi.model.plant import SampledPlant
-    from avc_casadi.model.problem import Problem
-
+from avc_casadi.model.plant import SampledPlant, sampled_plant
+from avc_casadi.model.problem import Problem
 
 Leading = Callable[[IndexArray, FloatArray], ComplexArray]
 """The eigenvalue of largest modulus of each of m loops, by row (m,) and place in the unit box (sides, m)."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -19,15 +19,12 @@ from avc_casadi._util.progress import SILENT, Progress, chunks
 from avc_casadi.loops.loop import Body, Loop, Map
 from avc_casadi.loops.spectrum import largest_eigenvalue
 from avc_casadi.model.corners import device_corners
-from avc_casadi.model.device import whole_delay
+from avc_casadi.model.device import Device, whole_delay
 from avc_casadi.model.hands import Hand, StylusHand
 from avc_casadi.model.plant import SampledPlant, sampled_plant
+from avc_casadi.model.problem import Model, Problem
+from avc_casadi.model.runtime import StateFeedback
 from avc_casadi.paper.rows import force_behind
-
-if TYPE_CHECKING:
-    from avc_casadi.model.device import Device
-    from avc_casadi.model.problem import Model, Problem
-    from avc_casadi.model.runtime import StateFeedback
 
 
 def passive_limit_n_per_m(device: Device) -> float:

@@ -17,7 +17,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -26,13 +26,10 @@ from avc_casadi.loops.loop import Body, Map
 from avc_casadi.loops.spectrum import eigenvalues, largest_radius, lowest, root
 from avc_casadi.loops.wall import Rendering, plants_of, wall
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners
-from avc_casadi.model.hands import Hand
+from avc_casadi.model.device import Device
+from avc_casadi.model.hands import Hand, StylusHand
 from avc_casadi.model.plant import sampled_plant
 from avc_casadi.model.runtime import PLAIN, Poles, low_pass
-
-if TYPE_CHECKING:
-    from avc_casadi.model.device import Device
-    from avc_casadi.model.hands import StylusHand
 
 
 @dataclass(frozen=True)

@@ -4,20 +4,15 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray
 from avc_casadi.model.corners import margin_over_range
 from avc_casadi.model.gains import GainSchedule, Status
+from avc_casadi.model.problem import Problem
 from avc_casadi.paper.equations import Loop, coupling_gains, environment_impedance, loop_at
 from avc_casadi.paper.rows import gain_schedule, pointwise_notes
-
-if TYPE_CHECKING:
-    from avc_casadi.model.problem import Problem
-    from avc_casadi.paper.equations import Loop
-
 
 ROUNDING = 16 * float(np.finfo(np.float64).eps)
 """Rounding of a sum of a few terms, relative to their magnitudes."""

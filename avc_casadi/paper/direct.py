@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,6 +11,7 @@ from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.arrays import BoolArray, FloatArray
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.model.gains import GainSchedule, Status
+from avc_casadi.model.problem import Problem
 from avc_casadi.paper.closed_form import solve_closed_form
 from avc_casadi.paper.equations import Loop, loop_at
 from avc_casadi.paper.exact import exact_gains, row_reasons
@@ -19,10 +19,6 @@ from avc_casadi.paper.nlp import KKT_TOLERANCE, Optimality, optimality
 from avc_casadi.paper.nlp_gains import FINE, nlp_gains, solvers_for
 from avc_casadi.paper.nlp_solver import DEFAULT_SOLVER, DEFAULT_TOLERANCE
 from avc_casadi.paper.rows import GainArrays, best_candidate, gain_schedule, row_status
-
-if TYPE_CHECKING:
-    from avc_casadi.model.problem import Problem
-
 
 EXCESS_TOLERANCE = 1e-6
 """A magnitude error that exceeds the global optimum's by more than this share of |Z_h_ds| is a failed row."""

@@ -8,15 +8,12 @@ frequency. Impedances are in N.s/m, time in s, frequency in Hz.
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from avc_casadi.model.problem import Model, Problem
 from avc_casadi.paper.numbers import NUMPY, Complex, NumberSystem, Real, abs2
-
-if TYPE_CHECKING:
-    from avc_casadi.model.problem import Model, Problem
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +19,7 @@ from avc_casadi._util.arrays import ComplexArray, FloatArray
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.model.corners import least_damped, margin_over_range
 from avc_casadi.model.gains import GainSchedule, Status
+from avc_casadi.model.problem import Problem
 from avc_casadi.paper.equations import Loop, coupling_gains, coupling_impedance, loop_at
 from avc_casadi.paper.numbers import abs2
 from avc_casadi.paper.rows import (
@@ -32,9 +32,6 @@ from avc_casadi.paper.rows import (
     row_status,
     wanted_points,
 )
-
-if TYPE_CHECKING:
-    from avc_casadi.model.problem import Problem
 
 
 def real_roots(a: FloatArray, b: FloatArray, c: FloatArray) -> FloatArray:

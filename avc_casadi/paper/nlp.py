@@ -4,20 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache, lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, FloatArray
 from avc_casadi.model.corners import margin_over_range
+from avc_casadi.model.problem import Problem
 from avc_casadi.paper.equations import Loop, SampleAngle, coupling_impedance
 from avc_casadi.paper.numbers import ComplexExpr, abs2, casadi_numbers
 from avc_casadi.paper.rows import GainArrays, admissible
-
-if TYPE_CHECKING:
-    from avc_casadi.model.problem import Problem
-
 
 _NAMES = (
     "sample_time", "sin", "cos", "device_re", "device_im", "hold_re", "hold_im", "environment_re", "environment_im",

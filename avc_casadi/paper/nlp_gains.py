@@ -3,21 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, FloatArray, IndexArray
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.model.corners import margin_over_range
+from avc_casadi.model.problem import Problem
 from avc_casadi.paper.closed_form import Quotient
 from avc_casadi.paper.equations import Loop, coupling_gains, coupling_impedance
 from avc_casadi.paper.nlp_solver import DEFAULT_SOLVER, DEFAULT_TOLERANCE, NlpRows, NlpSolvers, nlp_solvers
 from avc_casadi.paper.rows import TIE, GainArrays, best_candidate, guarded_margin, in_parts
-
-if TYPE_CHECKING:
-    from avc_casadi.model.problem import Problem
-    from avc_casadi.paper.nlp_solver import NlpRows
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache, partial
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import casadi as ca
 import numpy as np
@@ -18,13 +18,10 @@ from avc_casadi._errors import InputError, UnsupportedError
 from avc_casadi._util.arrays import ComplexArray, FloatArray, IndexArray
 from avc_casadi._util.interrupt import HeldInterrupt
 from avc_casadi.model.corners import margin_over_range
+from avc_casadi.model.problem import Problem
 from avc_casadi.paper.equations import Loop
 from avc_casadi.paper.nlp import coupling_nlp, nlp_parameters
 from avc_casadi.paper.numbers import abs2
-
-if TYPE_CHECKING:
-    from avc_casadi.model.problem import Problem
-
 
 DEFAULT_SOLVER = "sqpmethod-qrqp"
 DEFAULT_TOLERANCE = 1e-12

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray
-from avc_casadi.paper.equations import environment_impedance, loop_at, perceived_impedance
-
-if TYPE_CHECKING:
-    from avc_casadi.model.problem import Objective, Problem
-    from avc_casadi.paper.equations import Loop
+from avc_casadi.model.problem import Objective, Problem
+from avc_casadi.paper.equations import Loop, environment_impedance, loop_at, perceived_impedance
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,6 +10,8 @@ from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray
 from avc_casadi._util.progress import Progress, chunks
 from avc_casadi.model.corners import margin_over_range
 from avc_casadi.model.gains import GainSchedule, Status
+from avc_casadi.model.problem import Problem
+from avc_casadi.model.runtime import StateFeedback
 from avc_casadi.paper.equations import (
     Loop,
     SampleAngle,
@@ -22,12 +23,6 @@ from avc_casadi.paper.equations import (
     series,
 )
 from avc_casadi.paper.numbers import NUMPY
-
-if TYPE_CHECKING:
-    from avc_casadi._util.arrays import ComplexArray, FloatArray
-    from avc_casadi.model.gains import Status
-    from avc_casadi.model.problem import Problem
-    from avc_casadi.model.runtime import StateFeedback
 
 
 def guarded_margin(device: ComplexArray, hold: ComplexArray, rendered: ComplexArray, margin: float) -> FloatArray:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,12 +16,10 @@ from avc_casadi.loops.margins import OpenLoop
 from avc_casadi.loops.walls import DampingRange, damping_range, softest_wall_n_per_m
 from avc_casadi.model.gains import Gains, near_rigid_n_per_m, spring_before
 from avc_casadi.model.hands import hand_corners, with_released
+from avc_casadi.model.problem import Problem
 from avc_casadi.model.runtime import Runtime
+from avc_casadi.recommendation.evaluator import Evaluator
 from avc_casadi.recommendation.rank import FELT_ERROR, impedance_error
-
-if TYPE_CHECKING:
-    from avc_casadi.model.problem import Problem
-    from avc_casadi.recommendation.evaluator import Evaluator
 
 # Rendered stiffness where the wall itself does not hold, as shares of what spring and damper hold linearly.
 _SOFTER = (0.9, 0.75, 0.6, 0.45, 0.33, 0.24, 0.15)

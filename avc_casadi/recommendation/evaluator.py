@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Iterable
+from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from avc_casadi._util.arrays import BoolArray
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.claims.deployable import deployable
+from avc_casadi.coupling import Coupling
 from avc_casadi.loops.margins import OpenLoop
 from avc_casadi.model.corners import (
     USUAL,
@@ -22,21 +26,14 @@ from avc_casadi.model.corners import (
     linear_values,
     unmodelled,
 )
+from avc_casadi.model.device import Device
+from avc_casadi.model.effects import Effect
+from avc_casadi.model.hands import Hand, StylusHand
+from avc_casadi.model.problem import Problem
 from avc_casadi.model.scene import declared
 from avc_casadi.recommendation.rank import Judged, best_of
 from avc_casadi.simulation.population.operators import GRIPS, draw_hands, draw_population, loose_grips, people_of
 from avc_casadi.simulation.population.trial import CouplingTrial, residual_speeds, try_coupling, try_on_devices
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-    from concurrent.futures import Executor
-
-    from avc_casadi._util.arrays import BoolArray
-    from avc_casadi.coupling import Coupling
-    from avc_casadi.model.device import Device
-    from avc_casadi.model.effects import Effect
-    from avc_casadi.model.hands import Hand, StylusHand
-    from avc_casadi.model.problem import Problem
 
 FIRST = 16
 """Hands of a first trial, corners included."""

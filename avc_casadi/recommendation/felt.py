@@ -5,32 +5,29 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from avc_casadi._util.arrays import ComplexArray, FloatArray
+from avc_casadi._util.units import Units
 from avc_casadi.claims.impedance import Excitation, below_quarter_rate, rendered
+from avc_casadi.coupling import Coupling
 from avc_casadi.loops.engine import Engine, clocks, required_tool
 from avc_casadi.loops.follower import Link, Touch, link_clocks
 from avc_casadi.loops.loop import Body
 from avc_casadi.loops.margins import OpenLoop, Transient
 from avc_casadi.model.device import DeviceRange
-from avc_casadi.model.ends import RIGID_N_PER_M, tool_states
+from avc_casadi.model.ends import RIGID_N_PER_M, ToolGains, tool_states
 from avc_casadi.model.hands import Hand, hand_corners
 from avc_casadi.model.plant import sampled_plant
+from avc_casadi.model.problem import Problem
 from avc_casadi.model.scene import Hold, Press
 from avc_casadi.simulation.execute import execute
 from avc_casadi.simulation.judge import QUIET
 from avc_casadi.simulation.population.motions import at_handle
 from avc_casadi.simulation.population.operators import people_of
 from avc_casadi.simulation.population.setup import FRICTION, Setup, engine_for, prepare, traces
-
-if TYPE_CHECKING:
-    from avc_casadi._util.arrays import ComplexArray, FloatArray
-    from avc_casadi._util.units import Units
-    from avc_casadi.coupling import Coupling
-    from avc_casadi.model.ends import ToolGains
-    from avc_casadi.model.problem import Problem
 
 STRIKES_M_PER_S = (0.1, 0.4)
 """Approach speeds of exploration and of a strike."""

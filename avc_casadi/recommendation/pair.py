@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi._util.text import quantity
@@ -13,6 +13,10 @@ from avc_casadi.coupling import Coupling
 from avc_casadi.design.virtual_tool import CouplingSearch, Scale, ToolSearch, ToolSearchOptions, tool_certificate
 from avc_casadi.loops.engine import ToolLoops, required_tool
 from avc_casadi.loops.follower import FollowerLoops, required_follower
+from avc_casadi.model.device import Device
+from avc_casadi.model.ends import ToolGains, VirtualTool
+from avc_casadi.model.hands import Hand
+from avc_casadi.model.problem import Problem
 from avc_casadi.recommendation.felt import rendered_pair
 from avc_casadi.recommendation.preconditions import assumed, not_used
 from avc_casadi.recommendation.recommendation import Pair, Recommendation
@@ -26,13 +30,7 @@ from avc_casadi.recommendation.sensitivity import (
 )
 from avc_casadi.simulation.population.operators import people_of
 from avc_casadi.simulation.population.other_ends import WITH_TOOL, try_bilateral, try_tool
-
-if TYPE_CHECKING:
-    from avc_casadi.model.device import Device
-    from avc_casadi.model.ends import ToolGains, VirtualTool
-    from avc_casadi.model.hands import Hand
-    from avc_casadi.model.problem import Problem
-    from avc_casadi.simulation.population.trial import Trial
+from avc_casadi.simulation.population.trial import Trial
 
 GAIN_MARGIN = 1.5
 """K and B may be this many times as large before a hand, released, a tool or a contact is unstable.

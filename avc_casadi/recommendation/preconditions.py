@@ -2,30 +2,25 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
 import numpy as np
 
 from avc_casadi.claims.deployable import detent_claim
 from avc_casadi.claims.impedance import PRESS_N
+from avc_casadi.coupling import Coupling
 from avc_casadi.files.plausibility import plausibility
 from avc_casadi.files.problem_file import BELOW_NYQUIST
 from avc_casadi.loops.wall import MAX_DELAY_SAMPLES
 from avc_casadi.loops.walls import damping_range, softest_wall_n_per_m
 from avc_casadi.model import EFFECTS
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners
+from avc_casadi.model.device import Device
 from avc_casadi.model.ends import RIGID_N_PER_M, VirtualTool
 from avc_casadi.model.hands import hand_corners, with_released
-from avc_casadi.model.problem import Frequency, GainBox, defaults_at
+from avc_casadi.model.problem import Frequency, GainBox, Problem, defaults_at
 from avc_casadi.model.scene import declared, declared_effects
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from avc_casadi.coupling import Coupling
-    from avc_casadi.model.device import Device
-    from avc_casadi.model.problem import Problem
-    from avc_casadi.simulation.population.trial import CouplingTrial
+from avc_casadi.simulation.population.trial import CouplingTrial
 
 SLIP = "what may be a slip: "
 _OF_SOLVE = " (asked of avc solve)"

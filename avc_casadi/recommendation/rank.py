@@ -5,21 +5,18 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
 from weakref import WeakKeyDictionary
 
 import numpy as np
 
+from avc_casadi._util.arrays import BoolArray
 from avc_casadi.claims.certify import promises_rest
 from avc_casadi.claims.impedance import below_quarter_rate, impedance_at_handle, wanted_at_handle
+from avc_casadi.coupling import Coupling
 from avc_casadi.loops.margins import transients
 from avc_casadi.loops.wall import force_over_position, frozen_rendering
 from avc_casadi.recommendation.felt import rebound
 from avc_casadi.simulation.population.trial import CouplingTrial
-
-if TYPE_CHECKING:
-    from avc_casadi._util.arrays import BoolArray
-    from avc_casadi.coupling import Coupling
 
 BAND_HZ = np.geomspace(1.0, 30.0, 40)
 """Band of hand motion and perception."""

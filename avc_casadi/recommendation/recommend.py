@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from concurrent.futures import Executor
 from dataclasses import asdict, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from avc_casadi._errors import InputError
 from avc_casadi._util.json_values import plain
@@ -17,6 +17,7 @@ from avc_casadi.claims.deployable import certified, deployable
 from avc_casadi.coupling import Coupling
 from avc_casadi.files.problem_file import AnyProblem, as_problem, of_problem, with_wall
 from avc_casadi.loops.walls import softest_wall_n_per_m, stiffest_wall
+from avc_casadi.model.gains import GainSchedule
 from avc_casadi.model.hands import hand_corners, with_released
 from avc_casadi.model.problem import Problem
 from avc_casadi.recommendation.candidates import judge_all, judge_stiffest
@@ -28,9 +29,6 @@ from avc_casadi.recommendation.recommendation import LimitCycleFreedom, Recommen
 from avc_casadi.recommendation.sensitivity import trade_off, what_would_help
 from avc_casadi.simulation.population.operators import people_of
 from avc_casadi.simulation.population.trial import try_coupling
-
-if TYPE_CHECKING:
-    from avc_casadi.model.gains import GainSchedule
 
 
 @of_problem

@@ -6,27 +6,23 @@ import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.printed import Printed
 from avc_casadi.coupling import Coupling
 from avc_casadi.files.coupling_file import coupling_document
+from avc_casadi.loops.engine import ToolCase
+from avc_casadi.loops.follower import BilateralCase
 from avc_casadi.loops.margins import OpenLoop, transients
-from avc_casadi.model.ends import RIGID_N_PER_M
+from avc_casadi.loops.system import Mode
+from avc_casadi.model.device import Device
+from avc_casadi.model.ends import RIGID_N_PER_M, ToolGains
+from avc_casadi.model.problem import Problem
+from avc_casadi.recommendation.evaluator import PerturbedDevices, Withstood
 from avc_casadi.recommendation.felt import NOTICED_N, Felt, contact_onset_m, rebound, ripple, shaken
-from avc_casadi.simulation.population.trial import CouplingTrial
-
-if TYPE_CHECKING:
-    from avc_casadi.loops.engine import ToolCase
-    from avc_casadi.loops.follower import BilateralCase
-    from avc_casadi.loops.system import Mode
-    from avc_casadi.model.device import Device
-    from avc_casadi.model.ends import ToolGains
-    from avc_casadi.model.problem import Problem
-    from avc_casadi.recommendation.evaluator import PerturbedDevices, Withstood
-    from avc_casadi.recommendation.sensitivity import Help, ToolHelp, Trade
-    from avc_casadi.simulation.population.trial import Trial
+from avc_casadi.recommendation.sensitivity import Help, ToolHelp, Trade
+from avc_casadi.simulation.population.trial import CouplingTrial, Trial
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -14,13 +14,10 @@ from avc_casadi.design.program import program_answers, why_no_law
 from avc_casadi.design.virtual_tool import WIDEST_MARGIN, ToolSearch, ToolSearchOptions
 from avc_casadi.loops.engine import ToolLoops, required_tool
 from avc_casadi.loops.walls import stiffest_wall
-from avc_casadi.model.ends import HEAVIEST_TOOL_KG, LIGHTEST_TOOL_KG, LONGEST_STEP_S
+from avc_casadi.model.device import Device
+from avc_casadi.model.ends import HEAVIEST_TOOL_KG, LIGHTEST_TOOL_KG, LONGEST_STEP_S, ToolGains, VirtualTool
 from avc_casadi.model.hands import hand_corners, with_released
-
-if TYPE_CHECKING:
-    from avc_casadi.model.device import Device
-    from avc_casadi.model.ends import ToolGains, VirtualTool
-    from avc_casadi.model.problem import Problem
+from avc_casadi.model.problem import Problem
 
 
 @dataclass(frozen=True)

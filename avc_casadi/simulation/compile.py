@@ -6,7 +6,7 @@ import time
 from collections import Counter
 from dataclasses import dataclass, replace
 from itertools import combinations
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from avc_casadi.coupling import contact_law
 from avc_casadi.model import EFFECTS
 from avc_casadi.model.gains import NO_COUPLING, Gains
 from avc_casadi.model.plant import DEVICE, GROUND, HANDLE, LinearPlant, Plant
-from avc_casadi.model.problem import Problem
+from avc_casadi.model.problem import Contact, Problem
 from avc_casadi.model.scene import Free, Motion, Stroke, Tap, scene_effects
 from avc_casadi.simulation.advance import Advance, Drive, MatrixExponential, TaylorSeries
 from avc_casadi.simulation.contact import Environment, coupling_parameters, wall_force
@@ -26,9 +26,6 @@ from avc_casadi.simulation.effects.environment import Engine
 from avc_casadi.simulation.effects.interface import Delay, Jitter, VelocityFilter
 from avc_casadi.simulation.effects.mechanics import Backlash
 from avc_casadi.simulation.tick import Tick, ca, column
-
-if TYPE_CHECKING:
-    from avc_casadi.model.problem import Contact, Problem
 
 
 def build_effects(problem: Problem) -> tuple[SceneEffect, ...]:

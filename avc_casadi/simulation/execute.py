@@ -17,7 +17,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -28,10 +28,6 @@ from avc_casadi.simulation.compile import CompiledScene
 from avc_casadi.simulation.emit import LANES_HEAD, in_lanes
 from avc_casadi.simulation.judge import AT_REST_M_PER_S, DIVERGED_M, judged_samples
 from avc_casadi.simulation.tick import ca
-
-if TYPE_CHECKING:
-    from avc_casadi.simulation.compile import CompiledScene
-
 
 # Cached machine code: a device with ranges is tried in some hundreds of scenes, many of the same text.
 _KEPT = 1024

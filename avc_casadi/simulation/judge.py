@@ -4,17 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from avc_casadi._util.arrays import BoolArray, FloatArray
 from avc_casadi._util.printed import Columns, Tabular
+from avc_casadi.model.device import Device
 from avc_casadi.simulation.contact import Environment
-
-if TYPE_CHECKING:
-    from avc_casadi.model.device import Device
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -20,6 +20,8 @@ from avc_casadi._util.units import LINEAR, Units
 from avc_casadi.coupling import Coupling, check_sample_time, require_coupling, thinned
 from avc_casadi.model import EFFECTS
 from avc_casadi.model.gains import NO_COUPLING, Gains, GainSchedule, GainTable, gains_at
+from avc_casadi.model.hands import Hand, StylusHand
+from avc_casadi.model.problem import Problem
 from avc_casadi.model.scene import scene_effects
 from avc_casadi.simulation.compile import CompiledScene, build_effects, compile_scene
 from avc_casadi.simulation.effects.base import SceneEffect
@@ -28,11 +30,6 @@ from avc_casadi.simulation.effects.environment import Detents
 from avc_casadi.simulation.effects.mechanics import CoulombFriction, Grip
 from avc_casadi.simulation.execute import execute
 from avc_casadi.simulation.judge import DIVERGED_M, Judgement, Ledger, Traces, criterion, energy_ledger
-
-if TYPE_CHECKING:
-    from avc_casadi.model.hands import Hand, StylusHand
-    from avc_casadi.model.problem import Problem
-
 
 Claim = Literal["asymptotic", "held-by-friction", "unstable"]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -14,16 +14,12 @@ from avc_casadi._util.json_values import plain
 from avc_casadi._util.printed import Columns, Tabular
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.model import EFFECTS
+from avc_casadi.model.gains import Gains
+from avc_casadi.model.problem import Problem
 from avc_casadi.simulation.compile import CompiledScene, build_effects, compile_scene
 from avc_casadi.simulation.effects.base import SceneEffect
-from avc_casadi.simulation.scene import AnyGains, resolve, simulate_effects, stage, without
+from avc_casadi.simulation.scene import AnyGains, Run, resolve, simulate_effects, stage, without
 from avc_casadi.simulation.tick import ca
-
-if TYPE_CHECKING:
-    from avc_casadi.model.gains import Gains
-    from avc_casadi.model.problem import Problem
-    from avc_casadi.simulation.scene import Run
-
 
 _CHANGES = ("position_change", "force_change", "stiffness_change")
 

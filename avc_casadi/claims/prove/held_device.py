@@ -12,22 +12,19 @@ amplifier and resonance stay as declared, and the numbers of a hand enter direct
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.arrays import ComplexArray, FloatArray
 from avc_casadi.claims.prove.disc import Disc, Moving, held, turned
+from avc_casadi.model.device import Device
 from avc_casadi.model.hands import hand_ranges
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from avc_casadi.model.device import Device
-    from avc_casadi.model.problem import Hands
+from avc_casadi.model.problem import Hands
 
 # Moving, or an array of plain complex numbers: the formulas are the same.
 Value = Any

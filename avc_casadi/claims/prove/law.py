@@ -19,16 +19,14 @@ import math
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 import numpy as np
 
 from avc_casadi._util.json_values import plain
 from avc_casadi.loops.wall import Rendering, SampledLoop, fraction_rendering, fractions
+from avc_casadi.model.problem import Problem
 from avc_casadi.model.runtime import StateFeedback
-
-if TYPE_CHECKING:
-    from avc_casadi.model.problem import Problem
 
 # Coefficients from the highest power of z - 1 down.
 Polynomial = list[Fraction]

@@ -15,21 +15,17 @@ fixed end represents. The rest is bisected across the number with the largest de
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from avc_casadi._util.arrays import ComplexArray, FloatArray, IndexArray
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.claims.prove.disc import Disc, Moving, held, turned
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from avc_casadi.claims.prove.held_device import SampledPlantBox
-    from avc_casadi.claims.prove.law import ContactLaw, Polynomial
-
+from avc_casadi.claims.prove.held_device import SampledPlantBox
+from avc_casadi.claims.prove.law import ContactLaw, Polynomial
 
 # Distance of the sum of the taps from 1, so that the multiplier is strict.
 _LEFT = 1e-4

@@ -8,8 +8,9 @@ limit included.
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -27,11 +28,7 @@ from avc_casadi.model.corners import LINEAR_KEYS, device_corners, linear_values
 from avc_casadi.model.device import Device
 from avc_casadi.model.hands import Hand, hand_text
 from avc_casadi.model.plant import sampled_plant
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from avc_casadi.model.problem import Contact
+from avc_casadi.model.problem import Contact
 
 Outcome = Literal["proved", "refuted", "open"]
 

@@ -7,13 +7,14 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, FloatArray
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.model.corners import margin_over_range
+from avc_casadi.model.problem import Problem
 from avc_casadi.paper.closed_form import project
 from avc_casadi.paper.direct import EXCESS_TOLERANCE
 from avc_casadi.paper.equations import Loop, coupling_gains, loop_at
@@ -22,9 +23,6 @@ from avc_casadi.paper.nlp import optimality
 from avc_casadi.paper.nlp_gains import nlp_gains
 from avc_casadi.paper.nlp_solver import DEFAULT_SOLVER, DEFAULT_TOLERANCE, SOLVERS, nlp_solvers
 from avc_casadi.paper.rows import GainArrays, admissible
-
-if TYPE_CHECKING:
-    from avc_casadi.model.problem import Problem
 
 TOLERANCES = (1e-2, 1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
 OPTIMAL = 1e-8

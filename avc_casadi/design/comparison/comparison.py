@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from avc_casadi._errors import InputError
 from avc_casadi._util.arrays import ComplexArray, FloatArray
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.printed import Columns, Tabular, short
+from avc_casadi.coupling import Coupling
 from avc_casadi.design.comparison.judged import (
     CausalGains,
     HandTuned,
@@ -29,16 +31,10 @@ from avc_casadi.files.coupling_file import gain_document
 from avc_casadi.files.problem_file import AnyProblem, of_problem, with_wall
 from avc_casadi.loops.wall import passive_limit_n_per_m
 from avc_casadi.model.gains import GainSchedule, Status
+from avc_casadi.model.problem import Problem
 from avc_casadi.paper.closed_form import project
 from avc_casadi.paper.equations import Loop, loop_at, tustin
 from avc_casadi.paper.realism import perceived_bounds
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
-
-    from avc_casadi.coupling import Coupling
-    from avc_casadi.model.problem import Problem
-
 
 POINTWISE: tuple[MethodName, ...] = tuple(name for name, one in METHODS.items() if one.pointwise)
 """The methods that solve the paper's problem pointwise in frequency, which are compared."""

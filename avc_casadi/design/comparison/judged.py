@@ -3,34 +3,25 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from avc_casadi._util.arrays import ComplexArray, FloatArray
+from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray
 from avc_casadi._util.json_values import plain
-from avc_casadi.claims.certify import certify
-from avc_casadi.claims.deployable import deployable
+from avc_casadi.claims.certify import Certificate, certify
+from avc_casadi.claims.deployable import Deployable, deployable
 from avc_casadi.claims.worst_frequency import real_part
 from avc_casadi.coupling import Coupling
 from avc_casadi.loops.wall import SampledLoop, force_over_position, fractions, frozen_rendering
 from avc_casadi.model.corners import margin_over_range
 from avc_casadi.model.gains import GainSchedule, Status
+from avc_casadi.model.problem import Model, Problem
 from avc_casadi.paper import equations as eq
 from avc_casadi.paper.equations import loop_at
-from avc_casadi.paper.realism import judge_realism
+from avc_casadi.paper.realism import RealismResult, judge_realism
 from avc_casadi.paper.rows import gain_schedule
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray
-    from avc_casadi.claims.certify import Certificate
-    from avc_casadi.claims.deployable import Deployable
-    from avc_casadi.coupling import Coupling
-    from avc_casadi.model.gains import GainSchedule
-    from avc_casadi.model.problem import Model, Problem
-    from avc_casadi.paper.realism import RealismResult
 
 
 @dataclass(frozen=True)

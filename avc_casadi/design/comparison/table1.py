@@ -12,9 +12,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import lru_cache, partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -26,8 +27,9 @@ from avc_casadi.design.methods import solve
 from avc_casadi.design.tuned import tuning_problem
 from avc_casadi.files.problem_file import load_problem
 from avc_casadi.model.effects import AdaptationEffect, EstimatorEffect
-from avc_casadi.model.gains import NO_COUPLING, Gains, gains_at
-from avc_casadi.model.problem import Impedance
+from avc_casadi.model.gains import NO_COUPLING, Gains, GainSchedule, gains_at
+from avc_casadi.model.hands import Hand, StylusHand
+from avc_casadi.model.problem import Impedance, Model, Problem, Structure
 from avc_casadi.model.scene import declared_effects
 from avc_casadi.paper.closed_form import project
 from avc_casadi.simulation.judge import Traces
@@ -35,13 +37,6 @@ from avc_casadi.simulation.population.motions import AT_WALL, MOTIONS
 from avc_casadi.simulation.population.operators import Population, draw_population
 from avc_casadi.simulation.population.setup import FRICTION, HANDS_AT_ONCE, Setup, judge, traces
 from avc_casadi.simulation.population.trial import exact_interval
-
-if TYPE_CHECKING:
-    from concurrent.futures import Executor
-
-    from avc_casadi.model.gains import GainSchedule
-    from avc_casadi.model.hands import Hand, StylusHand
-    from avc_casadi.model.problem import Model, Problem, Structure
 
 # What the paper counted of 10 people: stable without coupling (with one, all were), nearer to the wall with the static
 # and with the adaptive coupling, and unable to tell.

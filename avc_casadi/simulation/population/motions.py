@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from avc_casadi.model.device import Device
 from avc_casadi.model.hands import hand_corners
+from avc_casadi.model.problem import Problem
 from avc_casadi.model.scene import Free, Hold, Motion, Press, Stroke
 from avc_casadi.simulation.judge import AT_REST_M_PER_S
-
-if TYPE_CHECKING:
-    from avc_casadi.model.device import Device
-    from avc_casadi.model.problem import Problem
 
 _TAP = Stroke(frequency_hz=2.0, amplitude_m=0.015, rest_s=2.0)
 _TOUCH_M_PER_S = 0.03

@@ -8,18 +8,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, FloatArray, IndexArray
 from avc_casadi.loops.engine import contact_stiffnesses_n_per_m, required_tool
 from avc_casadi.loops.follower import contact_dampers_ns_per_m, environments, required_follower
+from avc_casadi.model.device import Device
 from avc_casadi.model.effects import SimulationEffect
-from avc_casadi.model.ends import HEAVIEST_TOOL_KG, tool_states
+from avc_casadi.model.ends import HEAVIEST_TOOL_KG, ToolGains, tool_states
 from avc_casadi.model.gains import NO_COUPLING
 from avc_casadi.model.hands import Hand
 from avc_casadi.model.plant import device_plant, sampled_plant, transitions
+from avc_casadi.model.problem import Problem
 from avc_casadi.model.scene import Free, Stroke, declared_effects
 from avc_casadi.simulation.compile import target_of
 from avc_casadi.simulation.execute import execute
@@ -27,11 +28,6 @@ from avc_casadi.simulation.judge import AT_REST_M_PER_S, JUDGED_S, Traces, judge
 from avc_casadi.simulation.population.motions import course_of, motions_at
 from avc_casadi.simulation.population.setup import FRICTION, Setup, engine_for, prepare
 from avc_casadi.simulation.population.trial import NEAR_LIMIT, Trial
-
-if TYPE_CHECKING:
-    from avc_casadi.model.device import Device
-    from avc_casadi.model.ends import ToolGains
-    from avc_casadi.model.problem import Problem
 
 WITH_TOOL = ("free", "press", "tap", "hold", "drag", "strike", "touch")
 """Motions of a trial with a tool."""

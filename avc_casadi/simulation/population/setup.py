@@ -7,30 +7,26 @@ import zlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from avc_casadi._util.arrays import FloatArray
+from avc_casadi.coupling import Coupling
 from avc_casadi.model import EFFECTS
+from avc_casadi.model.device import Device
 from avc_casadi.model.effects import Effect, ObserverEffect
-from avc_casadi.model.gains import Gains
-from avc_casadi.model.scene import Scene, declared_effects
+from avc_casadi.model.gains import Gains, GainSchedule, GainTable
+from avc_casadi.model.hands import Hand, StylusHand
+from avc_casadi.model.problem import Problem
+from avc_casadi.model.runtime import StateFeedback
+from avc_casadi.model.scene import Motion, Scene, declared_effects
 from avc_casadi.simulation.compile import CompiledScene, build_effects, compile_scene
+from avc_casadi.simulation.effects.base import SceneEffect
 from avc_casadi.simulation.effects.interface import Encoder
 from avc_casadi.simulation.execute import Engine, compiler, execute
 from avc_casadi.simulation.judge import Judgement, Traces
 from avc_casadi.simulation.scene import resolve, with_hand
-
-if TYPE_CHECKING:
-    from avc_casadi.coupling import Coupling
-    from avc_casadi.model.device import Device
-    from avc_casadi.model.gains import GainSchedule, GainTable
-    from avc_casadi.model.hands import Hand, StylusHand
-    from avc_casadi.model.problem import Problem
-    from avc_casadi.model.runtime import StateFeedback
-    from avc_casadi.model.scene import Motion
-    from avc_casadi.simulation.effects.base import SceneEffect
 
 FRICTION = "coulomb-friction"
 HANDS_AT_ONCE = 250

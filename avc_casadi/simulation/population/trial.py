@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -16,17 +16,15 @@ from avc_casadi._util.json_values import plain
 from avc_casadi._util.parallel import mapped, processors
 from avc_casadi._util.printed import Columns, Tabular, short
 from avc_casadi._util.progress import SILENT, Progress
+from avc_casadi.coupling import Coupling
+from avc_casadi.model.device import Device
+from avc_casadi.model.effects import Effect
+from avc_casadi.model.hands import Hand, StylusHand
 from avc_casadi.simulation.execute import compile_ahead, execute_to_speed
 from avc_casadi.simulation.judge import QUIET, Traces
 from avc_casadi.simulation.population.motions import AT_WALL, TRIAL_S, course_of
 from avc_casadi.simulation.population.operators import BLOCK, draw_hands
 from avc_casadi.simulation.population.setup import FRICTION, Setup, engine_for, prepare, simulations
-
-if TYPE_CHECKING:
-    from avc_casadi.coupling import Coupling
-    from avc_casadi.model.device import Device
-    from avc_casadi.model.effects import Effect
-    from avc_casadi.model.hands import Hand, StylusHand
 
 CONFIDENCE = 0.95
 # A press that ends above this share of the largest force is saturated: its stiffness is not the wall's.
