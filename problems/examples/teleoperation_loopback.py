@@ -247,6 +247,9 @@ def main() -> int:
         f"pressed with {-records[0][-1, 2]:.2f} N at the leader, {records[1][-1, 2]:.2f} N at the follower; samples up "
         f"to {1e3 * late:.1f} ms late"
     )
+    if late > SAMPLE_S:
+        busy = "other work held the processor, and the link was silent in place of late"
+        print(f"samples came late: {busy}; judge by a run with --slower {2 * slower * late / SAMPLE_S:.0f}")
     draw(records, f"K {gains.stiffness_n_per_m:.0f} N/m, B {gains.damping_ns_per_m:.1f} N.s/m", out)
     print(f"picture: {out}")
     return 0 if settles else 1

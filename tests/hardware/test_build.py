@@ -2,7 +2,6 @@
 
 import functools
 import math
-import shutil
 import statistics
 from pathlib import Path
 
@@ -64,15 +63,14 @@ def test_it_takes_the_coupling_of_its_device_and_no_other() -> None:
     with pytest.raises(UnsupportedError, match="estimator is fused"):  # another program
         push(made, "emulator")
     elf = build_firmware(made, "netduinoplus2", scratch() / "made").files[0]
-    result = push(made, plain_board(elf))
+    result = push(made, EmulatedBoard(elf, encoder=lambda _: 0))
     assert result.readback_equal
     assert result.device.sample_time_s == 2.5e-4
     with pytest.raises(LinkError):
-        push(coupling(9, runtime=made.runtime, **(DEVICE | {"sample_time_s": 1e-3})), plain_board(elf))
-
-
-def plain_board(elf: Path) -> EmulatedBoard:
-    return EmulatedBoard(elf, encoder=lambda _: 0)
+        push(
+            coupling(9, runtime=made.runtime, **(DEVICE | {"sample_time_s": 1e-3})),
+            EmulatedBoard(elf, encoder=lambda _: 0),
+        )
 
 
 def test_an_exported_coupling_does_not_compile_for_another_loop(tmp_path: Path) -> None:
@@ -83,22 +81,6 @@ def test_an_exported_coupling_does_not_compile_for_another_loop(tmp_path: Path) 
     run("gcc", "-fsyntax-only", "-Wall", "-Werror", "-DAVC_LOOP_SAMPLE_TIME_NS=250000", source)
     with pytest.raises(AssertionError, match="another sample time than the loop that runs it"):
         run("gcc", "-fsyntax-only", "-DAVC_LOOP_SAMPLE_TIME_NS=1000000", source)
-
-
-# A build tells the name that HELLO tells, keeps exact floats whatever a board asks for, refuses what cannot work.
-
-M0 = Path(__file__).parents[1] / "boards" / "cortex-m0"
-
-
-def board(folder: Path, **changes: tuple[str, str]) -> Path:
-    """Copy a board, with texts of its manifest changed."""
-    shutil.copytree(M0, folder)
-    manifest = (folder / "board.toml").read_text()
-    for old, new in changes.values():
-        assert old in manifest
-        manifest = manifest.replace(old, new)
-    (folder / "board.toml").write_text(manifest)
-    return folder
 
 
 # Instructions of a control tick: counted one by one, the same in two emulators, and within the budget.

@@ -41,15 +41,23 @@ def test_recommended_coupling_settles_and_one_beyond_the_limit_does_not(module, 
 EXAMPLE = Path(__file__).parents[2] / "problems" / "examples" / "teleoperation_loopback.py"
 
 
+def loopback(out, slower):
+    require("cc")
+    command = [sys.executable, str(EXAMPLE), "--slower", str(slower), "--out", str(out)]
+    environment = {**os.environ, "CC": "cc"}
+    return subprocess.run(command, capture_output=True, text=True, check=False, env=environment)  # noqa: S603
+
+
+def test_samples_that_come_late_ask_for_a_slower_run(tmp_path):
+    """A hundred times faster than the clock, no computer is on time."""
+    assert "judge by a run with --slower" in loopback(tmp_path / "link.png", 0.01).stdout
+
+
 @pytest.mark.slow
 def test_two_boards_settle_and_are_drawn(tmp_path):
     """Slowed down: where other work takes the processor for long, the link is silent, and its force fades."""
-    require("cc")
     picture = tmp_path / "link.png"
-    command = [sys.executable, str(EXAMPLE), "--slower", "10", "--out", str(picture)]
-    done = subprocess.run(  # noqa: S603
-        command, capture_output=True, text=True, check=False, env={**os.environ, "CC": "cc"}, cwd=tmp_path
-    )
+    done = loopback(picture, 10)
     assert done.returncode == 0, done.stdout + done.stderr
     assert ": settles, " in done.stdout
     assert picture.read_bytes().startswith(b"\x89PNG")

@@ -68,23 +68,6 @@ def test_force_is_a_number_within_its_limit_and_pushes(seed: int) -> None:
         assert forces.min() >= 0
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", [1, 4, 7, 10])
-def test_an_int_of_16_bits_is_enough(seed: int) -> None:
-    """Where an int is a short the bits stay: no index and no number of the program needs more."""
-    made = drawn(seed)
-    device = Exported(made, flags=("-Dint=short",))
-    for way, forces in zip(motions(made), reference(seed, "single"), strict=True):
-        device.start()
-        assert device.forces(way).tobytes() == forces.tobytes()
-    for text in export_c(made).values():
-        code = re.sub(r"/\*.*?\*/", "", text, flags=re.DOTALL)
-        whole = re.findall(r"(?<![\w.+-])(\d+)u?(?![\w.])", code)
-        assert all(int(number) < 2**15 for number in whole)
-        assert not re.search(r"\b(long|double|size_t|malloc|memcpy|math\.h)\b", code)
-        assert set(re.findall(r"#include (\S+)", code)) <= {'"avc_coupling.h"', "<stdbool.h>", "<avr/pgmspace.h>"}
-
-
 def test_fast_math_is_refused() -> None:
     require("gcc")
     with pytest.raises(AssertionError, match="compile without -ffast-math"):

@@ -141,9 +141,11 @@ def at_rest(exchange="on-time", **simulation):
     keys = "".join(f"{key} = {value}\n" for key, value in simulation.items())
     c = ExportedTool(tool_coupling(f'{TOOL}exchange = "{exchange}"\n{keys}', 1000.0, 5.0, 2.0))
     given = (1.0,) if exchange == "held-force" else (0.0, 0.0)
-    for _ in range(20):
+    c.init(0.001)
+    for _ in range(FADE):
         c.tool_force(0.0, 0.0)
-        assert c.step(0.001, *given) == -1.0
+        force = c.step(0.001, *given)
+    assert force == -1.0
     return c, given
 
 
@@ -156,6 +158,23 @@ def test_single_bad_sample_changes_the_force_by_a_fiftieth(exchange, bad):
     # What the engine is given is held too: no velocity of a jump reaches the tool.
     assert c.tool_force(0.0, 0.0) == pytest.approx(1.0 - 1 / FADE)
     assert c.step(0.001, *given) == -1.0
+
+
+@pytest.mark.parametrize("exchange", ["on-time", "ahead", "held-force"])
+@pytest.mark.parametrize("sample", [0, 1, 2, 6])
+@pytest.mark.parametrize("bad", [9.8e-3, -9.8e-3, 4e-3, -1e-3, math.nan, -math.inf, 3e38])
+def test_a_bad_sample_soon_after_the_start_gives_no_kick(exchange, sample, bad):
+    """The spring alone would ask for 96 N: no tick gives more than a fiftieth of the limit."""
+    c = ExportedTool(tool_coupling(f'{TOOL}exchange = "{exchange}"', 9786.0, 25.85, 2.0))
+    c.begin()
+    forces, tool, held = [], [], 0.0
+    for k in range(40):
+        c.sample(-0.028 + bad if k == sample else -0.028)
+        if k % 2 == 0:
+            tool.append(held := c.tool_force(-0.028, 0.0))
+        forces.append(c.force(held) if exchange == "held-force" else c.force(-0.028, 0.0))
+    assert np.abs(forces).max() <= 8.0 / FADE + 1e-9
+    assert np.abs(tool).max() <= 9786.0 * 9.8e-3 / FADE
 
 
 @pytest.mark.parametrize("exchange", ["on-time", "held-force"])
@@ -286,6 +305,7 @@ def in_mujoco(exchange, hand, aim, kick, samples=3000):
     model = mujoco.MjModel.from_xml_string(SCENE)
     data = mujoco.MjData(model)
     data.qpos[0] = x = -0.01
+    c.init(x, x)
     v, held, found, handed = kick, [0.0], [], (-0.01, 0.0)
     plant = EngineSimulator((0.12, 0.8, T, 1), hand, (0.2, 0.0), 2 * T).step
     for k in range(samples):

@@ -109,14 +109,10 @@ def test_settings_of_the_coupling_come_with_it_and_those_of_the_device_stay() ->
 # What was pushed is what runs and what the device tells of itself: wall, force limit, names, mode.
 
 
-def link_push_image(*arguments: Any, **options: Any) -> TableImage:
-    return TableImage.of(coupling(*arguments, **options))
-
-
 def test_heartbeat_reports_the_mode() -> None:
     core = host_core()
     connection = Connection(HostLink(core))
-    connection.run(connection.session.push(link_push_image(8), connection.device))
+    connection.run(connection.session.push(image(8), connection.device))
     assert connection.heartbeat(0.05) == "table"
     core.tick(np.zeros(40, dtype=np.int32))
     assert connection.heartbeat(0.05) == "table"

@@ -121,6 +121,3 @@ def test_unplugging_in_mid_session_is_reported(bench: Bench) -> None:
     with pytest.raises(LinkError):
         for _ in samples:
             pass
-
-
-# The firmware in QEMU, in real time behind a pseudo-terminal, over pyserial; no rate is asserted.

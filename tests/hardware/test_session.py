@@ -141,35 +141,20 @@ def test_device_names_the_bad_row(row: int, column: int, value: float, reason: R
     [
         ({"safe_stiffness_n_per_m": 1e9}, Reason.LIMIT),
         ({"safe_damping_ns_per_m": np.inf}, Reason.NOT_FINITE),
+        ({"wall_damping_ns_per_m": -1.0}, Reason.WALL),
+        ({"wall_stiffness_n_per_m": np.nan}, Reason.WALL),
+        ({"wall_stiffness_n_per_m": 1.1e8}, Reason.WALL),
+        ({"wall_damping_ns_per_m": 0.0, "wall_stiffness_n_per_m": 0.0}, Reason.WALL),
+        ({"max_force_n": -1.0}, Reason.FORCE),
+        ({"max_force_n": 50.01}, Reason.FORCE),
+        ({"max_force_n": np.nan}, Reason.FORCE),
+        ({"coupling_id": 0}, Reason.COUPLING),
+        ({"sample_time_s": 1.001e-3}, Reason.SAMPLE_TIME),
+        ({"sample_time_s": np.nan}, Reason.SAMPLE_TIME),
     ],
 )
-def test_device_refuses_a_bad_header(header: dict[str, float], reason: Reason) -> None:
-    refusal = refused(dataclasses.replace(image(3), **header))
-    assert refusal == Refusal(reason, 0xFFFF)
-    assert "header" in str(refusal)
-
-
-@pytest.mark.parametrize(
-    ("header", "reason", "told"),
-    [
-        ({"wall_damping_ns_per_m": -1.0}, Reason.WALL, "no wall, or one outside"),
-        ({"wall_stiffness_n_per_m": np.nan}, Reason.WALL, "no wall, or one outside"),
-        ({"wall_stiffness_n_per_m": 1.1e8}, Reason.WALL, "no wall, or one outside"),
-        ({"wall_damping_ns_per_m": 0.0, "wall_stiffness_n_per_m": 0.0}, Reason.WALL, "no wall, or one outside"),
-        ({"max_force_n": -1.0}, Reason.FORCE, "more force than the device gives"),
-        ({"max_force_n": 50.01}, Reason.FORCE, "more force than the device gives"),
-        ({"max_force_n": np.nan}, Reason.FORCE, "more force than the device gives"),
-        ({"coupling_id": 0}, Reason.COUPLING, "does not name its coupling"),
-        ({"sample_time_s": 1.001e-3}, Reason.SAMPLE_TIME, "another sample time"),
-        ({"sample_time_s": np.nan}, Reason.SAMPLE_TIME, "another sample time"),
-    ],
-)
-def test_a_table_for_another_loop_is_refused_by_a_reason_of_its_own(
-    header: dict[str, float], reason: Reason, told: str
-) -> None:
-    refusal = refused(dataclasses.replace(image(3), **header))
-    assert refusal.reason is reason
-    assert told in str(refusal)
+def test_a_header_for_another_loop_is_refused_by_a_reason_of_its_own(header: dict[str, float], reason: Reason) -> None:
+    assert refused(dataclasses.replace(image(3), **header)).reason is reason
 
 
 def refused_spoilt(table: bytes, rows: int, crc32: int, told: str) -> None:

@@ -47,6 +47,8 @@ class ExportedTool:
             function.restype = number if name.endswith(("step", "force")) else None
         self._memory = ctypes.create_string_buffer(b"\xff" * _ROOM, _ROOM)
         self._numbers = (number(), number())
+        self._fade = round(0.05 / coupling.sample_time_s)
+        self._at_rest = (lambda _: (0.0,)) if given == 1 else (lambda place: (place, 0.0))
         self.joint = coupling.in_scene.stiffness_n_per_m, coupling.in_scene.damping_ns_per_m
         if coupling.tool.solved == "spring and damper":
             self._c.avc_coupling_target.argtypes = [ctypes.c_void_p] + 2 * [ctypes.POINTER(number)]
@@ -59,8 +61,15 @@ class ExportedTool:
         share = self._c.avc_coupling_target(self._memory, ctypes.byref(place), ctypes.byref(speed))
         return share, place.value, speed.value
 
-    def init(self):
+    def begin(self):
         self._c.avc_coupling_init(self._memory)
+
+    def init(self, at=0.0, tool_at=0.0):
+        """Begin with both ends at rest until the force has come in."""
+        self.begin()
+        for _ in range(self._fade):
+            self.step(at, *self._at_rest(tool_at))
+            self.alive()
 
     def __getattr__(self, name):
         function = getattr(self._c, f"avc_coupling_{name}")
@@ -96,6 +105,7 @@ class ExportedLoop(EngineSimulator):
         place, speed = start * tool.position_scale, 0.0
         queue = [0.0 if self.exchange == "held-force" else (place, speed)] * (1 + self.late)
         joint = c.joint
+        c.init(start, place)
         due = (np.arange(samples * self.T / self.step_s + 1) * self.step_s + self.phase * self.T) / self.T
         found, count = [], 0
 

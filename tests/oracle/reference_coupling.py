@@ -53,8 +53,11 @@ class ReferenceCoupling:
         moved = np.where(self._known, x - self._before, zero)
         inside = (self._before > 0) if self._wall_alone else True
         change = np.where(inside, number(self._bounds.change_m), number(self._bounds.outside_m))
-        good = finite & (np.abs(moved) <= number(self._bounds.jump_m)) & (np.abs(moved - self._moved) <= change)
-        self._before, self._moved = np.where(finite, x, self._before), np.where(finite, moved, self._moved)
+        changed = moved - self._moved
+        possible = np.abs(changed) <= change
+        good = finite & (np.abs(moved) <= number(self._bounds.jump_m)) & possible
+        reached = np.where(possible, moved, self._moved + np.where(changed > 0, change, -change))
+        self._before, self._moved = np.where(finite, x, self._before), np.where(finite, reached, self._moved)
         self._known = self._known | finite
         begins = good & ~self._runs
         if self._wall_alone:

@@ -45,7 +45,7 @@ typedef {real} avc_coupling_real_t;
 typedef struct {{
     /* Whether a position is known, whether the law runs, and whether the wall begins deeper than at 0. */
     unsigned char known, runs, moved;
-    /* The last position that is a number, and the movement that brought it. */
+    /* The last position that is a number, and the movement that a hand can have made to it. */
     {real} position_before_m, moved_before_m;
     /* Where the wall begins until the device has left it, what it went into it unseen not counted; and how deep it was
      * when the law ran last. */
@@ -65,8 +65,8 @@ void avc_coupling_start(avc_coupling_t *coupling);
 {end_c}"""
 _UNBELIEVED = """\
 Not believed is a position that is NaN, infinite or beyond {farthest:.0e} m; one that is more than {jump:.4g} m from the
-one before, {fastest:.4g} m/s, which no hand does; and one that comes by a movement which differs from the one before by
-more than {outside:.4g} m outside of the wall, {inside:.4g} m inside. Then the force is 0; """
+one before, {fastest:.4g} m/s, which no hand does; and one that comes by a movement which differs by more than
+{outside:.4g} m outside of the wall, {inside:.4g} m inside, from what a hand can have made. Then the force is 0; """
 _OF_WALLS = """\
 the coupling goes on as soon as a position is believed, at the depth that it knows. What a device went into the wall
 unseen, before the first sample or in a fault, does not count: the wall begins so much deeper until the device has been

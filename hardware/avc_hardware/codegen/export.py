@@ -59,19 +59,24 @@ static int within({real} value, {real} most)
     return value >= -most && value <= most;
 }}
 
-/* Whether a position is a number, and has come by a movement that a hand can make after the one before. */
+/* Whether a position is a number, and has come by a movement that a hand can make by now: from one sample to the next
+ * what is possible changes by no more than an acceleration allows. */
 static int believed(avc_coupling_t *coupling, {real} position_m)
 {{
-    const {real} before_m = coupling->position_before_m, moved_before_m = coupling->moved_before_m;
+    const {real} before_m = coupling->position_before_m;
     const {real} moved_m = coupling->known != 0u ? position_m - before_m : {zero};
+    const {real} changed_m = moved_m - coupling->moved_before_m, most_m = before_m > {zero} ? {inside} : {outside};
     if (!within(position_m, {farthest})) {{
         return 0;
     }}
     coupling->known = 1u;
     coupling->position_before_m = position_m;
-    coupling->moved_before_m = moved_m;
-    return within(moved_m, {jump}) &&
-           within(moved_m - moved_before_m, before_m > {zero} ? {inside} : {outside});
+    if (within(changed_m, most_m)) {{
+        coupling->moved_before_m = moved_m;
+        return within(moved_m, {jump});
+    }}
+    coupling->moved_before_m += changed_m > {zero} ? most_m : -most_m;
+    return 0;
 }}
 
 {real} avc_coupling_step(avc_coupling_t *coupling, {real} position_m)

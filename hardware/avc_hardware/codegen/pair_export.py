@@ -37,7 +37,7 @@ static int within({real} value, {real} most)
 }}
 
 /* Whether the own position is a number that can have come after the one before: no hand moves faster, and from the
- * third sample in a row, none changes its speed faster. */
+ * second sample in a row, none changes its speed faster. */
 static int believed(const avc_coupling_t *coupling, {real} position_m)
 {{
     const avc_coupling_end_t *end = coupling->end;
@@ -49,7 +49,7 @@ static int believed(const avc_coupling_t *coupling, {real} position_m)
     }}
     return coupling->started == 0u ||
            (within(moved_m, end->jump_m) &&
-            (coupling->started == 1u || coupling->missed > 0ul || within(changed_m, end->change_m)));
+            (coupling->missed > 0ul || within(changed_m, end->change_m)));
 }}
 
 /* Whether the other end can be so, after as many of its messages. */
@@ -103,7 +103,7 @@ static {real} eased(avc_coupling_t *coupling, {real} law_n, int sound)
     return coupling->force_n;
 }}
 
-static void begin(avc_coupling_t *coupling, const avc_coupling_end_t *end, unsigned long faded)
+static void begin(avc_coupling_t *coupling, const avc_coupling_end_t *end)
 {{
     const avc_coupling_message_t nothing = {{0u, {zero}, {zero}, {zero}}};
     coupling->end = end;
@@ -112,7 +112,7 @@ static void begin(avc_coupling_t *coupling, const avc_coupling_end_t *end, unsig
     coupling->missed = 0ul;
     coupling->lost = 0ul;
     coupling->silent = 0ul;
-    coupling->faded = faded;
+    coupling->faded = 0ul;
     coupling->force_n = {zero};
 {clear}    coupling->started = 0u;
     coupling->given = 0u;
@@ -135,14 +135,14 @@ void avc_coupling_sample(avc_coupling_t *coupling, {real} position_m)
         coupling->missed += coupling->missed < end->fade ? 1ul : 0ul;
         return;
     }}
-    own->velocity_m_per_s = {zero};
-    if (coupling->started != 0u) {{
-        own->velocity_m_per_s =
-            (position_m - own->position_m) / (({real})(coupling->missed + 1ul) * end->sample_time_s);
+    if (coupling->started == 0u) {{
+        own->position_m = position_m;
+        coupling->faded = end->fade;
     }}
+    own->velocity_m_per_s = (position_m - own->position_m) / (({real})(coupling->missed + 1ul) * end->sample_time_s);
     own->position_m = position_m;
     own->number += own->number < UINT32_MAX ? 1u : 2u;
-    coupling->started = coupling->started != 0u && coupling->missed == 0ul ? 2u : 1u;
+    coupling->started = 1u;
     coupling->missed = 0ul;
 }}
 
@@ -181,7 +181,7 @@ static {real} pull(avc_coupling_t *coupling)
 _FOLLOWER = """\
 void avc_coupling_init(avc_coupling_t *coupling, const avc_coupling_end_t *end)
 {{
-    begin(coupling, end, end->fade);
+    begin(coupling, end);
 }}
 
 avc_coupling_message_t avc_coupling_message(const avc_coupling_t *coupling)
@@ -219,7 +219,7 @@ int avc_coupling_receive(avc_coupling_t *coupling, const avc_coupling_message_t 
 _ENGINE = """\
 void avc_coupling_init(avc_coupling_t *coupling)
 {{
-    begin(coupling, &AVC_COUPLING_DEVICE, 0ul);
+    begin(coupling, &AVC_COUPLING_DEVICE);
 }}
 
 void avc_coupling_alive(avc_coupling_t *coupling)

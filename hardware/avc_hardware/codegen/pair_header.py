@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from avc_casadi.simulation.emit import Precision
 
 _WRONG = """\
-{first} A position that is no number (NaN, infinite), or that comes faster than {fastest}, as no hand does, or by a
+A position that is no number (NaN, infinite), or that comes faster than {fastest}, as no hand does, or by a
 movement that differs from the one before by more than {change}: the last good one stays, the dampers are left out, and
 the force fades as long as it lasts{more}."""
 _OF_ENGINE = """\
@@ -46,6 +46,7 @@ _HEADER = """\
 {use}
  *
  * What goes wrong ends in less force, never in a kick:
+ * - The force comes in over {fade_s:.3g} s from the first sample on, wherever both ends are.
  * - {wrong}
  * - While a force fades it neither grows nor turns, and it comes back from where it was, over {fade_s:.3g} s.
  * - After a fault of more than {fade_s:.3g} s the spring comes back stretched by how far both ends have gone apart, and
@@ -101,8 +102,7 @@ typedef struct {{
     unsigned long faded;
     /* That was given last. */
     {real} force_n{engine_forces};
-    /* Known of the own position: 0 nothing, 1 the last one, 2 its velocity too; whether the other end is known, and
-     * whether something was wrong in the last sample. */
+    /* Whether the own position and the other end are known, and whether something was wrong in the last sample. */
     unsigned char started, given, fading;
 }} avc_coupling_t;
 
@@ -219,7 +219,6 @@ def pair_header(coupling: Coupling, precision: Precision, verdict: str, silences
     bounds = [(who, SensorBounds.of(own)) for who, own in ends]
     silence = " or ".join(f"{one:.4g} s ({who})" for one, (who, _) in zip(silences_s, ends, strict=True))
     wrong = _WRONG.format(
-        first="The first sample has no velocity." if tool else "The force comes in over 50 ms, wherever both ends are.",
         fastest=" and ".join(f"{one.fastest_m_per_s:.4g} m/s ({who})" for who, one in bounds),
         change=" and ".join(f"{one.change_m:.4g} m ({who})" for who, one in bounds),
         more="" if tool else "; no new message is made, and the other end fades too",

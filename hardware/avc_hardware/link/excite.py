@@ -17,7 +17,6 @@ from avc_casadi._util.arrays import FloatArray, IndexArray
 from avc_casadi._util.files import write_file
 from avc_casadi._util.interrupt import HeldInterrupt
 from avc_casadi._util.progress import SILENT, Progress
-from avc_casadi._util.units import Units
 from avc_casadi.identification.excitation import FULL, Plan
 from avc_hardware.codegen.figures import device_config
 from avc_hardware.emulator.bench import BenchDevice, code_of_force, force_of_code
@@ -85,11 +84,6 @@ class ExcitationLog:
             "peak_speed_m_per_s": float(moved / (window * self.plan.sample_time_s)),
             "peak_travel_m": float(np.abs(self.position_m - start).max(initial=0.0)),
         }
-
-    @property
-    def units(self) -> Units:
-        """Names and units in which it is printed."""
-        return self.plan.units
 
     def csv(self) -> str:
         """Return the log as `avc identify` reads it: tick, time, position, force; remarks after '#'."""

@@ -70,7 +70,6 @@ def set_limits(
     force_n: float | None = None,
     speed_m_per_s: float | None = None,
     energy_j: float | None = None,
-    built_in: bool = False,
     baud: int = DEFAULT_BAUD,
     on_silence: Callable[[str], None] | None = None,
 ) -> DeviceLimits:
@@ -80,9 +79,8 @@ def set_limits(
         limits = connection.device.limits
         boards = Limits(limits.max_force_n, limits.max_speed_m_per_s, limits.max_energy_j)
         wanted = (force_n, speed_m_per_s, energy_j)
-        now = boards if built_in else _hold(connection.status())
-        asked = _wanted(boards, now, wanted)
-        if built_in or any(value is not None for value in wanted):
+        asked = _wanted(boards, _hold(connection.status()), wanted)
+        if any(value is not None for value in wanted):
             connection.ask(Kind.LIMITS, struct.pack("<3f", *vars(asked).values()), Acknowledged)
             connection.wait(_TICKS * connection.device.sample_time_s)
         status = connection.status()
