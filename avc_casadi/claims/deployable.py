@@ -132,8 +132,8 @@ def deployable(coupling: Coupling, progress: Progress = SILENT) -> Deployable:
         least, claims = LEAST_DISK if asked is None else 0.97 * asked, verdict.claims
         if margin < least:
             why = f"{margin:.2g}, below {least:.2g}: some hand, or the released device, "
-            why += "vibrates with the motor a little off"
-            advice = "take `avc recommend P`, soften the wall, or ask for less by [robustness] disk_margin"
+            why += "vibrates when the motor's constant differs a little"
+            advice = "take `avc recommend P`, soften the wall, or require less by [robustness] disk_margin"
             claims += (DeployClaim("disk-margin", False, why, advice),)
         verdict = Deployable(claims, margin)
     known.append((coupling.problem, coupling.runtime, numbers, verdict))

@@ -510,7 +510,7 @@ def solve_robust(problem: Problem, *, progress: Progress = SILENT) -> GainSchedu
     if answer is None:
         reason = "no law is found that holds every hand; soften the wall, or narrow [hands] or [device.range]"
         return constant_schedule(problem, "robust", None, started, reason=reason)
-    coupling, found, goals = answer.coupling, answer.judged, "as asked for" if answer.met else "not all as asked for"
+    coupling, found, goals = answer.coupling, answer.judged, "as required" if answer.met else "not all as required"
     note = (
         f"error of the impedance from 1 to 30 Hz {100 * found.error:.3g} % at most, disk margin "
         f"{found.disk_margin:.2f}; margin, noise, contact and decay {goals}"

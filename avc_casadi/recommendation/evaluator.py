@@ -206,7 +206,7 @@ def missed(found: tuple[Withstood, ...], *, by_friction: bool) -> str:
             short.append(f"{one.hands - rest} of {one.hands} hands do not settle with {one.key} = {one.value}")
     if not short:
         return ""
-    return f"what is asked for beyond [hands] is not withstood: {'; '.join(short)}; ask for less, or for a softer wall"
+    return f"[robustness] is not met beyond [hands]: {'; '.join(short)}; require less, or a softer wall"
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ from avc_casadi.model.scene import declared, declared_effects
 from avc_casadi.simulation.population.trial import CouplingTrial
 
 SLIP = "what may be a slip: "
-_OF_SOLVE = " (asked of avc solve)"
+_OF_SOLVE = " (of avc solve)"
 # Keys of a device that neither loop nor trial of a teleoperator has.
 _NOT_OF_TELEOPERATORS = ("coulomb_friction_n", "position_noise_rms_m", "backlash_m")
 
@@ -222,4 +222,4 @@ def not_judged(unused: Sequence[str]) -> list[str]:
 def asked_of_others(unused: Sequence[str]) -> list[str]:
     """Return one sentence on the tables by which other methods are asked; none where there are none."""
     tables = [what.removesuffix(_OF_SOLVE) for what in unused if what.endswith(_OF_SOLVE)]
-    return [f"{', '.join(tables)}: asked of avc solve, not of avc recommend"] if tables else []
+    return [f"{', '.join(tables)}: used by avc solve, not by avc recommend"] if tables else []

@@ -132,7 +132,7 @@ def with_rest(coupling: Coupling, progress: Progress = SILENT) -> tuple[Coupling
     if "L7" not in levels:
         level = quick_rest_level(coupling, progress)
         if level is None:
-            unasked = "no proof was asked for; avc recommend P --prove asks for one, in minutes"
+            unasked = "no proof was requested; avc recommend P --prove looks for one, in minutes"
             return coupling, LimitCycleFreedom("simulated", unasked)
         levels["L7"] = level.document()
         coupling = coupling.with_certificate(certificate | {"levels": levels})
@@ -167,7 +167,7 @@ def judged_as_recommended(
         stiffest_wall_n_per_m=limit,
         plain_wall_n_per_m=limit,
         helps=what_would_help(problem),
-        reason=f"the gains of {gains.method}, as asked for; {lacks or verdict.sentence}",
+        reason=f"the gains of {gains.method}, as requested; {lacks or verdict.sentence}",
         assumed=assumed(problem, found),
         not_used=not_used(problem),
     )

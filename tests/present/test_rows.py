@@ -53,12 +53,16 @@ ANSWERS = {
     "methods": lambda: avc.compare(avc.load_problem("soft").changed(frequency=FEW), mine=(2e3, 7.0)),
     "walls": lambda: avc.zwidth(avc.load_problem("knob").changed(frequency=FEW)),
     "motion": lambda: avc.simulate("scenes/teaching-plant"),
+    "own law": lambda: avc.certify_law("figure5", k=2e3, b=4.0),
+    "own law, unstable": lambda: avc.certify_law("soft", k=1e6),
+    "own law, turning": lambda: avc.certify_law("smartknob", k=0.06, b=0.001),
 }
 SLOW = {
     "follower": lambda: avc.recommend(avc.parse_problem(FOLLOWER), 4),
     "knob": lambda: avc.recommend("knob", hands=4),
     "simulation": lambda: avc.recommend("tool/unity-60hz", hands=3),
     "wheel": lambda: avc.recommend("tool/wheel-game-62hz", hands=3),
+    "wheel of a game, refused": lambda: avc.certify_law("tool/wheel-game-62hz", k=230.0, b=0.5),
 }
 CASES = [*ANSWERS.items(), *(pytest.param(*one, marks=pytest.mark.slow) for one in SLOW.items())]
 
@@ -78,6 +82,14 @@ def numbers(value):
         yield abs(float(value))
 
 
+# Words that no engineer looks for, and levels without their meaning.
+NO_TERM = re.compile(r"\b(rings?|shaken|off|told|asked|least bad|gives? way|zeta|let go|bears?|edge|L\d)\b")
+OF_OTHERS = {
+    True: re.compile(r"\d [munkMG]?(N\.m|rad|g\.m2)"),
+    False: re.compile(r"\d [munkMG]?(N/m|N\.s/m|m/s|N|g|m)(?![./\w])"),
+}
+
+
 @pytest.mark.parametrize(("name", "make"), CASES)
 def test_an_answer_is_a_few_rows_whose_numbers_are_its_data(name, make):
     result = make()
@@ -89,6 +101,8 @@ def test_an_answer_is_a_few_rows_whose_numbers_are_its_data(name, make):
     whole = f"{text}\n{Page().rendered(answer, verbose=True)}"
     assert max(map(len, whole.splitlines())) <= WIDTH
     assert not re.search(r"\b(nan|inf|None|True|False)\b", whole)
+    assert [found[0] for one in answer.rows if (found := NO_TERM.search(one.text(answer.units)))] == []
+    assert OF_OTHERS[answer.units.linear].findall(whole) == []
     # A power of ten stands before no unit that takes a prefix.
     assert not re.search(r"\d(\.\d+)?e[+-]?\d+ ?(N|kg|g|m|Hz|s|J|rad)\b", text)
     known = np.array(sorted(numbers(answer.document())))

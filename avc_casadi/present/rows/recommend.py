@@ -175,7 +175,7 @@ def _simulated(data: Mapping[str, Any]) -> list[Row]:
     rows = [row("Simulated", quiet, mark=subject.settled(total, doubt=_loud(total)))]
     if off is not None:
         unstable = fill("; linearly unstable on {linearly_unstable}", off) if off["linearly_unstable"] else None
-        on = fill(f"{_SETTLE} on {{devices:9}} devices with values off by {{share}}", off)
+        on = fill(f"{_SETTLE} on {{devices:9}} devices with values changed by {{share}}", off)
         rows.append(row("Model mismatch", on, unstable, mark=subject.settled(off, doubt=bool(unstable))))
     return rows
 
