@@ -210,11 +210,7 @@ def _estimates(found: Ladder, step_m: float | None, *, one_way: bool) -> dict[st
         most = rival.structure.units[FRICTION]
         most *= (1 + 0.5 * alike) * max(float(rival.search[place] + bootstrap(rival)[place]), 0.0)
         known = most < rival.structure.units[FRICTION] and not alike
-        source = (
-            "not distinct from damping; the upper end bounds it"
-            if alike
-            else "no evidence; the upper end bounds it"
-        )
+        source = f"{'not distinct from damping' if alike else 'no evidence'}; the upper end bounds it"
         estimates[FRICTION] = Estimate(FRICTION, "force", 0.0, 0.0, most, source, known)
     elif one_way:
         some = estimates[FRICTION]
