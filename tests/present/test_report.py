@@ -6,10 +6,6 @@ import xml.etree.ElementTree as ET
 from html.parser import HTMLParser
 
 import pytest
-from browser import (
-    chromium,
-    requested,
-)
 from reported import report_of
 
 import avc_casadi as avc
@@ -72,21 +68,3 @@ def test_hostile_text_is_shown_as_text(html):
     assert "b" not in page.tags
     assert HOSTILE in "".join(page.text)
     assert "the <b>device</b> & its limits" in "".join(page.text)
-
-
-# The report in Chromium: at a desk, on a tablet, on a phone and on paper nothing sticks out, and all can read it.
-
-
-@pytest.fixture(scope="module")
-def page(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("report")
-    (folder / "report.html").write_text(
-        report_of(avc.load_problem("spring"), {"skipped": "no device"}), encoding="utf-8"
-    )
-    with chromium(folder) as driver:
-        driver.get("about:blank")
-        requested(driver)
-        driver.get((folder / "report.html").as_uri())
-        for details in driver.find_elements("css selector", "details > summary"):
-            details.click()
-        yield driver
