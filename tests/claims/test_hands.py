@@ -1,5 +1,7 @@
 """The worst hand may stand inside the box of hands: searches, certificates and designs against brute force."""
 
+import itertools
+
 import numpy as np
 import pytest
 from boxes_of_hands import INSIDE, brute_force, random_gains, random_problem
@@ -7,9 +9,18 @@ from boxes_of_hands import INSIDE, brute_force, random_gains, random_problem
 import avc_casadi as avc
 from avc_casadi.claims.hands import scope_slack, worst_hands
 from avc_casadi.loops.wall import frozen_parts, linear_stability
-from avc_casadi.model.hands import hand_set
+from avc_casadi.model.hands import hand_ranges, hand_set
 
 BROKEN = 562.19, 0.0
+
+
+def test_a_set_of_hands_has_every_corner_of_the_box_and_draws_within():
+    ranges = hand_ranges(INSIDE.hands)
+    found = np.array(list(vars(hand_set(INSIDE.hands, draws=40)).values())).T
+    assert set(itertools.product(*ranges.tolist())) <= set(map(tuple, found.tolist()))
+    assert (found >= ranges[:, 0]).all()
+    assert (found <= ranges[:, 1]).all()
+    assert len(found) >= 40
 
 
 def test_a_hand_inside_the_box_breaks_what_corners_and_draws_pass():
