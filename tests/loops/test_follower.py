@@ -175,6 +175,3 @@ def test_drag_of_a_follower_is_what_a_driven_simulation_measures():
         last = slice(10000, n - 1)
         seen = np.mean((force * np.exp(-1j * omega * t * np.arange(n)))[last]) / 1e-3
         assert loop.force_per_metre(ToolGains(k, b), hz) == pytest.approx(seen, rel=1e-3)
-
-
-# The two plain simulators of a teleoperator, event by event and lane by lane, move alike: each checks the other.

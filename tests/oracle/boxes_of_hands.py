@@ -62,16 +62,6 @@ def brute_force(problem, b, k, contact, points=9):
     return linear_stability(problem.device, frozen_parts(problem, b, k), contact, hands).radius.max(axis=1)
 
 
-def edges(problem, b, contact, points=9, halvings=16):
-    """Scale of the stiffness of k = 1e5 at which rows of gains stand on the edge of stability by brute force."""
-    low, high = np.zeros(len(b)), np.full(len(b), 1e5)
-    for _ in range(halvings):
-        middle = 0.5 * (low + high)
-        stable = brute_force(problem, b, middle, contact, points) < 1
-        low, high = np.where(stable, middle, low), np.where(stable, high, middle)
-    return low
-
-
 def loop_radius(device, people, stiffness, damping):
     """Of walls with each hand at the device's worst corner, shape (walls, hands)."""
     walls = zip(stiffness, damping, strict=True)
