@@ -12,7 +12,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import avc_casadi as avc
-from avc_casadi.claims.deployable import certified
 from avc_casadi.claims.prove.rest import Rest
 from avc_casadi.coupling import Coupling
 from avc_casadi.design.observer_law import regulator
@@ -23,7 +22,6 @@ from avc_casadi.recommendation.evaluator import Evaluator
 from avc_casadi.recommendation.felt import deployed
 from avc_casadi.recommendation.preconditions import nothing_rendered
 from avc_casadi.recommendation.rank import Judged, best_of
-from avc_casadi.recommendation.recommend import with_rest
 from avc_casadi.recommendation.recommendation import Recommendation
 from avc_casadi.simulation.population.operators import people_of
 from avc_casadi.simulation.population.trial import CouplingTrial, try_coupling, try_on_devices
@@ -158,22 +156,8 @@ def test_a_law_is_made_for_the_coarsest_encoder_of_the_declared_range():
 
 # A recommendation says of rest with every hand: proved, refuted, open or simulated.
 
-PROOF_WALL = 8.9e4
-
-
-def coupling_of(gains, runtime=None, contact="clip-last", wall=PROOF_WALL, device=()):
-    problem = avc.load_problem("figure5").changed(
-        environment={"stiffness_n_per_m": wall}, device=dict(device), coupling={"contact": contact}
-    )
-    return Coupling.constant(problem, gains, "by hand", runtime)
-
 
 # Too little damping to be proved before this wall, and enough to be stable.
-LEAN = Gains(0.0, 1e8, 55.0)
-
-
-def known(coupling):
-    return with_rest(certified(coupling))
 
 
 @pytest.mark.slow
@@ -184,19 +168,6 @@ def test_the_recommended_coupling_carries_its_proof():
     level = document["certificate"]["levels"]["L7"]
     assert (level["outcome"], level["claim"]) == ("proved", document["rest"]["sentence"])
     assert Rest.from_document(level["proofs"][0]).verified()
-
-
-def test_an_open_one_says_why():
-    coupling, rest = known(coupling_of(LEAN))
-    assert rest.word == "open"
-    assert "no multiplier" in rest.sentence
-    assert coupling.certificate["levels"]["L7"]["outcome"] == "open"
-
-
-def test_an_unstable_one_is_refuted():
-    _, rest = known(coupling_of(Gains(0.0, 1e8, 500.0)))
-    assert rest.word == "refuted"
-    assert "spectral radius" in rest.sentence
 
 
 # Numbers beside a recommendation, each worked out by hand: stiffness at the handle, steps of force, limits, hands.
