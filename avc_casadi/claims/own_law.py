@@ -21,7 +21,7 @@ from avc_casadi._util.arrays import ComplexArray, FloatArray
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.printed import Printed
 from avc_casadi.files.device_file import load_device
-from avc_casadi.files.problem_file import AnyProblem, as_problem, is_device
+from avc_casadi.files.problem_file import AnyProblem, as_problem, is_device, with_wall
 from avc_casadi.loops.margins import LEAST_DISK, SETTLED, SOUND_DISK, Margins, OpenLoop, damping_ratios
 from avc_casadi.loops.system import hand_boxes, worst_held
 from avc_casadi.loops.wall import MAX_DELAY_SAMPLES, RADIUS_TOLERANCE, Rendering, force_over_position
@@ -351,15 +351,15 @@ def certify_law(
 
     Raises:
         InputError: a value that is refused, or neither spring nor damper.
-        UnsupportedError: nothing has a mass, or more than 32 samples of delay.
+        UnsupportedError: nothing has a mass, more than 32 samples of delay, or the problem couples to another end.
 
     Example:
         >>> law = avc.certify_law("knob", k=1.0, b=0.002)
         >>> law.passed, round(law.held.damping_ratio, 2)
         (False, 0.06)
     """
-    law, stated = Law(k, b, b_p, cutoff_hz), _problem_of(problem)
-    _refuse(law, stated.device)
+    stated = with_wall(law_problem(problem))
+    law = checked(Law(k, b, b_p, cutoff_hz), stated.device)
     loops, device = Loops(stated), stated.device
     sides = range(len(loops.boxes))
     held, *released = (loops.case(law, side) for side in sides)
@@ -392,7 +392,7 @@ def certify_law(
     return replace(certificate, remedies=tuple(_remedies(certificate, loops)))
 
 
-def _problem_of(source: AnyProblem) -> Problem:
+def law_problem(source: AnyProblem) -> Problem:
     """Return a problem, or a device file as one without a wall."""
     if isinstance(source, str | Path) and is_device(str(source)):
         file = load_device(source)
@@ -401,7 +401,8 @@ def _problem_of(source: AnyProblem) -> Problem:
     return as_problem(source)
 
 
-def _refuse(law: Law, device: Device) -> None:
+def checked(law: Law, device: Device) -> Law:
+    """Return a law whose numbers are allowed."""
     named = {"k": law.stiffness_n_per_m, "b": law.damping_ns_per_m, "b_p": law.local_damping_ns_per_m}
     what = "is {:g}; allowed: 0 or a positive finite number"
     faults = {key: what.format(value) for key, value in named.items() if not (math.isfinite(value) and value >= 0)}
@@ -415,6 +416,7 @@ def _refuse(law: Law, device: Device) -> None:
     if slowest > MAX_DELAY_SAMPLES:
         what = f"linear stability is computed up to {MAX_DELAY_SAMPLES} samples of delay, not {slowest:g}"
         raise UnsupportedError(what, key="device.delay_samples")
+    return law
 
 
 def _static_n_per_m(device: Device, k: float) -> float:
@@ -422,8 +424,7 @@ def _static_n_per_m(device: Device, k: float) -> float:
     mode = device.resonance
     if mode is None or device.encoder_at != "motor":
         return k
-    share = mode.mass_ratio * (1 - mode.mass_ratio)
-    joint = (2 * math.pi * mode.frequency_hz) ** 2 * device.mass_kg * share
+    joint = (2 * math.pi * mode.frequency_hz) ** 2 * device.mass_kg * mode.mass_ratio * (1 - mode.mass_ratio)
     return k * joint / (k + joint)
 
 
@@ -465,8 +466,7 @@ def first_law(problem: Problem) -> Law:
     stiffest = problem.environment.stiffness_n_per_m or 1e3 * problem.device.metres_per_unit**2
     loops, wall = Loops(problem), Law(stiffest)
     for law in wall.softer((1.0, *_SHARES, *(0.1 * one for one in _SHARES))):
-        found = loops.damping_range(law)
-        if found is not None:
+        if (found := loops.damping_range(law)) is not None:
             best = max(law.dampings(found[1]), key=loops.disk_margin)
             if loops.disk_margin(best) >= SOUND_DISK:
                 return best

@@ -19,6 +19,7 @@ from avc_casadi.present.row import Answer
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
+    from avc_casadi.model.ends import ToolGains
     from avc_casadi.model.gains import Gains
 
 
@@ -38,17 +39,24 @@ def run_certify(args: argparse.Namespace, console: Console) -> Answer:
 
     It may where it is stable with every hand of [hands] and released; exit code 1 if not. Or of your own law in place
     of GAINS, force = -(k x + (b + b_p) v): avc certify P --k 230 --b 1.2; what is left out is 0, the wall of P is not
-    used, and P may be a device file. --prove proves rest (L7) over the device's ranges, without friction.
+    used, P may be a device file, and with [simulation] they are K, B and the damper of the device's own loop. --prove
+    proves rest (L7) over the device's ranges, without friction.
     """
     law = {key: getattr(args, key) for key in ("k", "b", "b_p", "cutoff_hz") if getattr(args, key) is not None}
     if law:
+        from avc_casadi.claims.own_law import Law, checked, law_problem
+        from avc_casadi.model.ends import ToolGains
         from avc_casadi.present.rows.judge import own_law
 
-        cli.refuse(args, "prove", "proof_out", why="goes with a file of gains, not with --k, --b")
-        if args.gains is not None:
-            raise avc.InputError.of("goes with a file of gains, not with --k, --b", key="GAINS")
-        with console.step("your own law"):
-            return own_law(avc.certify_law(args.problem, **law), args.problem)
+        cli.refuse(args, "prove", "proof_out", "gains", why="goes with a file of gains, not with --k, --b")
+        problem = law_problem(args.problem)
+        if problem.simulation is None:
+            with console.step("your own law"):
+                return own_law(avc.certify_law(problem, **law), args.problem)
+        cli.refuse(args, "cutoff_hz", why=cli.OF_WALLS)
+        pair = ToolGains(*(law.get(key, 0.0) for key in ("k", "b", "b_p")))
+        checked(Law(*vars(pair).values()), problem.device)
+        return _certify_pair(problem, pair, args.problem, console)
     if args.proof_out is not None and not args.prove:
         raise avc.InputError.of("writes what --prove finds; give --prove too", key="--proof-out")
     problem, coupling, notes = cli.subject(args.problem, args.gains)
@@ -57,16 +65,15 @@ def run_certify(args: argparse.Namespace, console: Console) -> Answer:
         raise avc.InputError.of(f"is missing; give a coupling or gain file: {make}", key="GAINS")
     if coupling.end == "simulation":
         cli.refuse(args, "prove", "proof_out", why=cli.OF_WALLS)
-        return _certify_pair(problem, coupling, args, console)
+        return _certify_pair(problem, coupling.gains, args.gains or args.problem, console)
     return _certify_wall(problem, coupling, notes, args, console)
 
 
-def _certify_pair(problem: avc.Problem, coupling: Coupling, args: argparse.Namespace, console: Console) -> Answer:
+def _certify_pair(problem: avc.Problem, gains: ToolGains, file: str, console: Console) -> Answer:
     from avc_casadi.design.virtual_tool import tool_certificate
     from avc_casadi.present.rows.judge import pair_certificate
     from avc_casadi.recommendation.preconditions import not_used
 
-    file, gains = args.gains or args.problem, coupling.gains
     with console.step("certificate"):
         found = tool_certificate(problem, gains)
     passed = {"pass": found["stable"], "sentence": "linearly stable" if found["stable"] else "linearly unstable"}

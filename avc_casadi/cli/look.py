@@ -7,6 +7,7 @@ import os
 import platform
 import shutil
 import sys
+from contextlib import suppress
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -148,12 +149,17 @@ def run_doctor(args: argparse.Namespace, console: Console) -> Answer:
     """
     from avc_casadi.paper.nlp_solver import SOLVERS
     from avc_casadi.present.rows.look import installation, ports
-    from avc_hardware import list_ports
+    from avc_hardware import Connection, list_ports, open_link
 
-    found: list[dict[str, Any]] = [vars(port) for port in list_ports()]
-    for port in found:
-        with console.step(port["device"]):
-            port["avc_device"] = _hello(port["device"], args.baud) if args.ask and port["accessible"] else None
+    found: list[dict[str, Any]] = [{**vars(port), "avc_device": None} for port in list_ports()]
+    for port in found if args.ask else ():
+        with console.step(port["device"]), suppress(avc.LinkError):  # where no avc device answers
+            if port["accessible"]:
+                with Connection(open_link(port["device"], baud=args.baud), baud=args.baud) as connection:
+                    device = connection.device
+                known = {key: getattr(device, key) for key in ("build", "sample_time_s", "faults")}
+                ids = {key: getattr(device, key) or None for key in ("unique_id", "coupling_id")}
+                port["avc_device"] = known | ids
     rows = ports(found, asked=args.ask)
     if args.ports:
         return Answer("ports", {"ports": found}, ("serial ports; without a device: --port emulator",), tuple(rows))
@@ -173,19 +179,6 @@ def run_doctor(args: argparse.Namespace, console: Console) -> Answer:
         "folder_writable": os.access(".", os.W_OK),
     }
     return installation(data, rows)
-
-
-def _hello(port: str, baud: int) -> dict[str, Any] | None:
-    """Send HELLO; None where no avc device answers."""
-    from avc_hardware import Connection, open_link
-
-    try:
-        with Connection(open_link(port, baud=baud), baud=baud) as connection:
-            device = connection.device
-    except avc.LinkError:
-        return None
-    found = {key: getattr(device, key) for key in ("build", "sample_time_s", "faults")}
-    return found | {"unique_id": device.unique_id or None, "coupling_id": device.coupling_id or None}
 
 
 @cli.verb(cli.PROBLEM, cli.plot("time against error"), cli.VERBOSE)

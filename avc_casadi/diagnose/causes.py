@@ -18,7 +18,7 @@ from avc_casadi.coupling import Coupling
 from avc_casadi.diagnose.law import Law, find_law
 from avc_casadi.diagnose.oscillation import Log, Oscillation, find_oscillation, log_of
 from avc_casadi.diagnose.plant import Declared, Fit, Hypothesis, fit_plants, growth, stable
-from avc_casadi.diagnose.remedies import Remedy, Scene, limit_of, meant_delay, remedies_of, without
+from avc_casadi.diagnose.remedies import Remedy, Scene, limit_of, remedies_of, without
 from avc_casadi.identification.log import Columns
 from avc_casadi.identification.read import Layout, read_columns
 from avc_casadi.model.device import Device
@@ -193,7 +193,7 @@ def _at_once(found: Diagnosis) -> Diagnosis | Law:
 def causes_of(one: Hypothesis, law: Law, log: Log, swing: Oscillation, declared: Declared) -> dict[str, float]:
     """Return the changes with which the loop of one rate settles, with shares."""
     slower = declared.known and log.period_s > 1.3 * declared.device.sample_time_s
-    meant = meant_delay(log, declared)
+    meant = declared.delays_in(log)[1]
     late = one.delay + law.lag > meant + 0.35
     punctual = without("delay", one, law, log, declared)
     if stable(one, law):
@@ -293,7 +293,7 @@ def _doubts(first: str, fit: Fit, law: Law, scene: Scene, found: Diagnosis, shar
         doubts.append(f"of the hypotheses that the log bears out {', '.join(parts)}")
     if fit.misfit > _MISFIT and first != "rate":
         doubts.append(f"the model leaves {number(fit.misfit, 2)} times what encoder and noise do")
-    meant = meant_delay(log, declared)
+    meant = declared.delays_in(log)[1]
     if fit.at_end or (first == "delay" and one.delay + law.lag - meant < 2 * fit.delay_error):
         doubts.append("the log does not tell the delay")
     if first == "encoder":
@@ -320,7 +320,7 @@ def work_w(log: Log, swing: Oscillation, one: Hypothesis) -> float:
 def _numbers(cause: str, one: Hypothesis, law: Law, found: Diagnosis) -> str:
     """Return the numbers of a cause, without which the loop settles."""
     log, mode, switch, frames = found.log, one.device.resonance, law.switch, law.frames
-    meant = f"{number(meant_delay(found.log, found.declared), 3)} {'declared' if found.declared.known else 'assumed'}"
+    meant = f"{number(found.declared.delays_in(found.log)[1], 3)} {'declared' if found.declared.known else 'assumed'}"
     return {
         "delay": f"{number(one.delay + law.lag, 3)} samples, {meant}",
         "rate": f"a new force every {number(1e3 * log.period_s, 3)} ms",

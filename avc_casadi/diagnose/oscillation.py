@@ -97,10 +97,10 @@ def _ticks_between(steps: FloatArray, usual: float) -> IndexArray:
 
 
 def _held(position: FloatArray, force: FloatArray) -> tuple[int, int]:
-    """Return the samples for which each force is held while the position changes, and the first new one."""
+    """Return the samples for which each force is held while the position changes (no relay), and the first new."""
     moved, new = np.diff(position) != 0, np.diff(force) != 0
     change = np.flatnonzero(new) + 1
-    if np.count_nonzero(new & moved) < 20 or np.count_nonzero(moved) <= 1.3 * change.size:
+    if np.unique(force).size < 4 or (new & moved).sum() < 20 or moved.sum() <= 1.3 * change.size:
         return 1, 0
     for held in range(max(8, round(float(np.median(np.diff(change))))), 1, -1):
         phases = np.bincount(change % held, minlength=held)

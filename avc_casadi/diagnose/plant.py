@@ -37,6 +37,12 @@ class Declared:
         own = float(self.device.delay_samples)
         return self.device.range.delay_samples or (own, own)
 
+    def delays_in(self, log: Log) -> tuple[float, float]:
+        """Return that range in samples of a log, which may be longer."""
+        longer = self.known and log.period_s > 1.3 * self.device.sample_time_s
+        ratio = self.device.sample_time_s / log.period_s if longer else 1.0
+        return self.delay_samples[0] * ratio, self.delay_samples[1] * ratio
+
     def box(self) -> Hand:
         """Return corners and centre of the ranges of hands."""
         held = self.hands.model_copy(update={"let_go": False})

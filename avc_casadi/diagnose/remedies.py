@@ -171,16 +171,10 @@ def intended(one: Hypothesis, law: Law, log: Log, declared: Declared) -> tuple[H
 def without(cause: str, one: Hypothesis, law: Law, log: Log, declared: Declared) -> tuple[Hypothesis, Law]:
     """Return the loop without a delay, rate, resonance, switched part or second rate that was not intended."""
     if cause == "delay":
-        return one.changed(delay_samples=meant_delay(log, declared)), replace(law, lag=0)
+        return one.changed(delay_samples=declared.delays_in(log)[1]), replace(law, lag=0)
     if cause == "rate":
         return intended(one, law, log, declared)
     return (one.changed(resonance=None), law) if cause == "resonance" else (one, replace(law, switch=None, frames=None))
-
-
-def meant_delay(log: Log, declared: Declared) -> float:
-    """Return the longest delay that was intended, in samples of the log."""
-    longer = declared.known and log.period_s > 1.3 * declared.device.sample_time_s
-    return declared.delay_samples[1] * (declared.device.sample_time_s / log.period_s if longer else 1.0)
 
 
 def limit_of(one: Hypothesis, law: Law, gain: str) -> float | None:
@@ -230,7 +224,7 @@ def _changes(
         faster, its_law = intended(one, law, log, declared)
         yield Remedy("sample_time_s", faster.device.sample_time_s, period, "time"), faster, its_law, scene
     if cause in {"delay", "stiffness", "damping"}:
-        late, meant = answers[0].delay + law.lag, meant_delay(log, declared)
+        late, meant = answers[0].delay + law.lag, declared.delays_in(log)[1]
         punctual = replace(law, lag=0)
         for delay in (meant, 0.7 * late, 0.5 * late, 0.3 * late):
             if delay < 0.9 * late:

@@ -21,10 +21,8 @@ from script_arguments import script_arguments
 from studied import about, write_rows
 
 import avc_casadi as avc
-from avc_casadi.claims.llewellyn import Teleoperator, damping_needed_ns_per_m, largest_llewellyn_stiffness
 from avc_casadi.claims.zwidth import passive_walls
 from avc_casadi.loops.engine import ToolLoops
-from avc_casadi.loops.wall import SampledLoop
 from avc_casadi.loops.walls import stable_walls
 from avc_casadi.model.device import Device
 from avc_casadi.model.ends import ToolGains
@@ -213,57 +211,7 @@ def regions() -> list[Row]:
     return rows
 
 
-# Virtual couplings: Llewellyn, Adams and Hannaford
-
-RATIOS = (0.0, 1.0, 4.0, 7.0)
-
-
-def llewellyn() -> list[Row]:
-    """Largest stiffness of a virtual coupling, by the package and by the general criterion on a grid."""
-    rows = []
-    for model in ("paper", "sampled-data"):
-        for ratio in RATIOS if model == "paper" else (0.0, 0.5):
-            loop = SampledLoop(LOSSY, 0.0, 0.0, T, 0, model)
-            ours = float(largest_llewellyn_stiffness(loop, ratio * LOSSY)[0]) * T / LOSSY
-            grid = unconditional(ratio * LOSSY, model) * T / LOSSY
-            rows.append({"part": "llewellyn", "hold": model, "ratio_b": ratio, "published": grid, "ours": ours})
-    return rows
-
-
-def unconditional(damping: float, hold: str) -> float:
-    """Largest k for which 2 Re h11 Re h22 >= |h12 h21| + Re(h12 h21) on a grid, N/m, bisected."""
-    z = np.exp(1j * np.concatenate([np.geomspace(1e-4, 0.1, 1000), np.linspace(0.1, np.pi, 8001)[:-1]]))
-    h12 = (z + 1) / (2 * z) if hold == "paper" else 1 / z
-    product = -h12
-
-    def holds(k: float) -> bool:
-        h22 = 1 / (damping + k * T * z / (z - 1))
-        return bool((2 * LOSSY * h22.real >= (np.abs(product) + product.real) * (1 - 1e-9)).all())
-
-    low, high = 0.0, 20 * LOSSY / T
-    for _ in range(50):
-        low, high = ((low + high) / 2, high) if holds((low + high) / 2) else (low, (low + high) / 2)
-    return low
-
-
-# An engine's mass, a second device
-
-
-def explicit_mass() -> list[Row]:
-    """Real part of a mass moved explicitly, s/kg, from a run: force f(n), velocity before it; -T/(2 m) by formula."""
-    rows = []
-    for mass in (0.05, 1.0):
-        found = []
-        for turns in (7, 100, 499):
-            steps = 1000
-            force = np.cos(2 * np.pi * turns * np.arange(steps) / steps)
-            velocity = np.concatenate([[0.0], np.cumsum(force)[:-1]]) * T / mass
-            velocity -= velocity.mean()
-            found.append(float((force * velocity).sum() / (force**2).sum()))
-        row = {"part": "mass", "mass_kg": mass, "formula": -T / (2 * mass)}
-        rows.append(row | {"run_lowest": min(found), "run_highest": max(found)})
-    return rows
-
+# The mass of an engine's tool
 
 # Of a device and the coupling to its tool: K in N/m, B and b in N.s/m; T is that of all rows.
 COUPLINGS = (
@@ -349,17 +297,6 @@ def _stable_with_hands(stiffness: float, coupling: float, damping: float, mass: 
     device = f"[device]\nmass_kg = 0.12\ndamping_ns_per_m = {damping}\n"
     problem = avc.parse_problem(f"{device}[simulation]\ntool_mass_kg = {mass!r}\nstep_s = {T}\n")
     return ToolLoops(problem).stable(ToolGains(stiffness, coupling))
-
-
-def second_device() -> list[Row]:
-    """Damping that both devices of a sampled teleoperator need, against the closed form."""
-    rows = []
-    for stiffness, delay in ((500.0, 0), (500.0, 5), (2000.0, 20)):
-        ours = damping_needed_ns_per_m(Teleoperator(0.0, 0.0, T, delay, delay), ToolGains(stiffness, 0.0))
-        told = stiffness * T / 2 + stiffness * (2 * delay * T + T) / 2
-        row = {"part": "teleoperation", "stiffness_n_per_m": stiffness, "delay_samples": delay}
-        rows.append(row | {"published": told, "ours": ours})
-    return rows
 
 
 # A measured region: a haptic paddle
@@ -448,19 +385,7 @@ def main() -> None:
     """Compute and write."""
     args = script_arguments(__doc__, out=RESULTS)
     made = about("python tests/benchmarks/published.py", 0)
-    parts = (
-        rule,
-        undamped,
-        passive,
-        quantised,
-        regions,
-        llewellyn,
-        explicit_mass,
-        least_mass,
-        second_device,
-        paddle,
-        paddle_scenes,
-    )
+    parts = (rule, undamped, passive, quantised, regions, least_mass, paddle, paddle_scenes)
     rows = [row for part in parts for row in part()]
     write_rows(args.out, made, rows)
 

@@ -1,5 +1,6 @@
 """A law of one's own beside loops that are written out here from the physics, and five published cases."""
 
+import json
 import math
 
 import numpy as np
@@ -8,6 +9,7 @@ from scipy.linalg import expm
 from scipy.optimize import brentq, minimize_scalar
 
 import avc_casadi as avc
+from avc_casadi.cli import main
 
 
 def closed(law, plant, hand, factor=1.0, more=0):
@@ -208,3 +210,25 @@ def test_a_published_law_gets_its_verdict_and_the_reason(name):
     low, high = found.damping_range_ns_per_m or (math.inf, 0.0)
     for b in np.geomspace(1e-3, 3, 200) * plant[0] / plant[2]:
         assert stable(b) == (low < b < high)
+
+
+@pytest.mark.parametrize("integrator", ["semi-implicit", "implicit-damping", "explicit"])
+@pytest.mark.parametrize(("m", "b", "h"), [(0.01, 1.0, 0.005), (0.2, 30.0, 0.002), (1e-3, 0.05, 0.01)])
+def test_k_and_b_to_an_engine_are_judged_with_the_engine(integrator, m, b, h, tmp_path, capsys):
+    """A tool that is driven to a device which stands still is a servo of the engine alone, with a limit on paper."""
+    limit = {"explicit": b / h}.get(integrator, (4 * m + 2 * h * b * (-1 if integrator[0] == "s" else 1)) / h**2)
+    still = f"[device]\nmass_kg = 1e6\ndamping_ns_per_m = 1e6\nsample_time_s = {h}\n"
+    engine = f'[simulation]\ntool_mass_kg = {m}\nstep_s = {h}\nintegrator = "{integrator}"\n'
+    file = tmp_path / "servo.toml"
+    file.write_text(still + engine, encoding="utf-8")
+    for share in (0.98, 1.02):
+        main(["certify", str(file), "--k", str(share * limit), "--b", str(b), "--json"])
+        assert json.loads(capsys.readouterr().out)["stable"] == (share < 1)
+
+
+def test_a_law_is_not_judged_without_the_other_end(tmp_path, capsys):
+    file = tmp_path / "pair.toml"
+    device = "mass_kg = 0.12\ndamping_ns_per_m = 0.8\n"
+    file.write_text(f"[device]\n{device}[follower]\n{device}", encoding="utf-8")
+    assert main(["certify", str(file), "--k", "300"]) == 2
+    assert "follower" in capsys.readouterr().err

@@ -144,6 +144,15 @@ def test_a_force_of_every_few_ticks_is_read_with_that_period(every):
     assert log.held == every
 
 
+@pytest.mark.parametrize("turns", [(35, 50), (40, 40), (36, 48)])
+def test_a_relay_is_switched_not_held_where_its_turns_share_a_factor(turns):
+    """Each number of ticks between two turns is a multiple of 5, 40 or 12, and the relay is computed in every tick."""
+    side = np.tile(np.repeat([1.0, -1.0], turns), 24)
+    position = 1e-5 * np.cumsum(side / np.where(side > 0, *turns))
+    log, _ = log_of(Columns("log", np.arange(side.size) * 1e-3, position, -5.0 * side))
+    assert (log.held, log.period_s) == (1, pytest.approx(1e-3))
+
+
 def test_a_force_that_drives_the_device_away_and_an_encoder_that_is_stuck_are_refused():
     log = columns(HEALTHY)
     flipped = replace(log, force_n=-log.force_n)

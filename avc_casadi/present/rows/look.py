@@ -299,7 +299,7 @@ def diagnosis(data: Mapping[str, Any], found: Sequence[Diagnosis], command: str,
         known = {**vars(law), "misfit": max(law.misfit, 1e-3)}
         rows.append(row("Force", fill("k {stiffness_n_per_m}, b {damping_ns_per_m}; residual {misfit:share}", known)))
     if fit is not None and law is not None:
-        ends = " to ".join(dict.fromkeys(number(end, 3) for end in one.declared.delay_samples))
+        ends = " to ".join(dict.fromkeys(number(end, 3) for end in one.declared.delays_in(one.log)))
         late = f"± {number(fit.delay_error, 1)}; {'declared' if one.declared.known else 'assumed'} {ends}"
         rows.append(row("Delay", Value(fit.best.delay + law.lag, "samples"), late))
         hand = () if fit.best.hand is None else zip(fit.best.hand.values(0).values(), subject.HAND, strict=True)
