@@ -9,10 +9,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
+from typing import TYPE_CHECKING
 
 from avc_casadi import model
 from avc_casadi._util.registry import Registry
-from avc_casadi.model.gains import GainSchedule
+
+if TYPE_CHECKING:
+    from avc_casadi.model.gains import GainSchedule  # loads numpy
 
 MethodName = str
 """A name that `METHODS` knows."""
@@ -71,8 +74,7 @@ _METHODS = {
         reports=True,
     ),
     "static": Method(
-        "avc_casadi.design.static:solve_static",
-        "the best constant gains under Llewellyn's condition (6)",
+        "avc_casadi.design.static:solve_static", "the best constant gains under Llewellyn's condition (6)"
     ),
     "static-tuned": Method(
         "avc_casadi.design.tuned:solve_static_tuned",
