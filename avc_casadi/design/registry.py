@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 from avc_casadi import model
 from avc_casadi._util.registry import Registry
@@ -17,8 +17,7 @@ from avc_casadi._util.registry import Registry
 if TYPE_CHECKING:
     from avc_casadi.model.gains import GainSchedule  # loads numpy
 
-MethodName = str
-"""A name that `METHODS` knows."""
+MethodName = str  # that `METHODS` knows
 
 
 @dataclass(frozen=True)
@@ -38,9 +37,8 @@ class Method:
     @property
     def solver(self) -> Callable[..., GainSchedule]:
         """The solver function, imported on access."""
-        package, _, name = self.place.partition(":")
-        found: Callable[..., GainSchedule] = getattr(import_module(package), name)
-        return found
+        package, name = self.place.split(":")
+        return cast("Callable[..., GainSchedule]", getattr(import_module(package), name))
 
 
 METHODS: Registry[Method] = model.METHODS
