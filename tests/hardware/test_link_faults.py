@@ -7,7 +7,7 @@ import os
 
 import pytest
 from faulty_link import FaultKind, FaultyLink, LinkFault
-from hardware_bench import coupling, dense_believer, host_core, push
+from hardware_bench import coupling, dense_believer, host_core, push, require
 from host_device import HostCore, HostLink
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -16,7 +16,7 @@ from avc_casadi import LinkError
 from avc_casadi.coupling import Coupling
 from avc_casadi.model.gains import Gains
 from avc_casadi.model.runtime import Runtime
-from avc_hardware import TableImage
+from avc_hardware import Connection, EmulatedBoard, TableImage
 
 GUARD = Runtime(guard="passivity-controller")
 OLD = coupling(12, seed=1, wall=(5.0, 2e4), runtime=GUARD)
@@ -109,16 +109,15 @@ def test_a_terrible_line_and_then_a_good_one(schedule_of_faults: list[LinkFault]
     assert core.image() == image(new)
 
 
-def test_an_unplugged_device_is_reported() -> None:
-    core = host_core()
-    link = FaultyLink(HostLink(core), [LinkFault(True, 300, FaultKind.UNPLUG)])
-    with pytest.raises(LinkError, match="unplugged"):
-        push(NEW, link)
-    assert core.image() is None
-
-
-def test_a_device_reset_in_mid_table_is_served_again() -> None:
-    core, link, done = push_through([LinkFault(True, 700, FaultKind.RESET)])
-    assert link.happened
-    assert done
-    assert core.image() == image(NEW)
+@pytest.mark.slow
+def test_preemption_at_any_instruction_changes_no_byte() -> None:
+    """The main loop is interrupted after every few instructions, also inside conditional blocks."""
+    require("unicorn")
+    images = []
+    for slice_cycles in (3, 5, 11, 168_000):
+        board = EmulatedBoard(slice_cycles=slice_cycles, motion_m=lambda _: 0.0)
+        with Connection(board) as connection:
+            upload = connection.run(connection.session.push(TableImage.of(coupling(20)), connection.device))
+            images.append(upload.image)
+            assert upload.attempts == 1
+    assert set(images) == {TableImage.of(coupling(20)).image}
