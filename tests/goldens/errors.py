@@ -6,7 +6,7 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from goldens.command import avc
+from avc_process import answered
 
 _GOOD = """\
 [device]
@@ -81,6 +81,6 @@ def error(case: str) -> dict[str, Any]:
         folder = Path(name)
         for file, text in files.items():
             (folder / file).write_text(text, encoding="ascii")
-        code, document = avc(*words, folder=folder)
+        code, document = answered(*words, cwd=folder)
     faults = [{key: fault[key] for key in ("file", "line", "key")} for fault in document["errors"]]
     return {"exit_code": code, "errors": faults}

@@ -9,7 +9,7 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from goldens.command import avc
+from avc_process import answered
 
 _HERE = Path(__file__).resolve().parent
 # One of each kind that is exported: contact damper, spring and damper, state feedback, a knob with detents, gains that
@@ -39,7 +39,7 @@ def trace_um() -> list[int]:
 
 def exported(coupling: Path, folder: Path) -> None:
     """Write the exported C of a coupling into a folder; it may be one that is not deployable."""
-    code, told = avc("export", str(coupling), "--c", ".", "--unsafe", folder=folder)
+    code, told = answered("export", str(coupling), "--c", ".", "--unsafe", cwd=folder)
     if code:
         raise RuntimeError(f"avc export {coupling}: {told}")
 

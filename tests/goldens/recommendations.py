@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from goldens.command import avc
+from avc_process import answered
 from goldens.exported_c import compiled, exported
 
 PLANT = Path(__file__).resolve().parents[1] / "oracle" / "whole_device.c"
@@ -76,7 +76,7 @@ def recommendation(case: str) -> dict[str, Any]:
         folder = Path(name)
         if text is not None:
             (folder / f"{case}.toml").write_text(text, encoding="ascii")
-        code, told = avc("recommend", case if text is None else f"{case}.toml", "--out", "c.json", folder=folder)
+        code, told = answered("recommend", case if text is None else f"{case}.toml", "--out", "c.json", cwd=folder)
         if "errors" in told:
             return {"exit_code": code, "errors": [one["key"] for one in told["errors"]]}
         coupling = told["coupling"]

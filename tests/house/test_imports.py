@@ -1,7 +1,6 @@
-"""The rooms of the package stand on one another: every import, late or named in a string too, points down."""
+"""The rooms of the package stand on one another: every import, a late one too, points down."""
 
 import ast
-import re
 from functools import cache
 from pathlib import Path
 
@@ -48,14 +47,6 @@ SHARED = {
     "simulation.contact": "simulation.runtime",
     "simulation.advance": "simulation",
 }
-# What a problem file names and rooms above declare: folders that are scanned when they are asked for. What a result
-# prints is asked for by name too.
-PLUGGED = {
-    ("avc_casadi._util.printed", "avc_casadi.present.rows"),
-    ("avc_casadi.model", "avc_casadi.design.registry"),
-    ("avc_casadi.model", "avc_casadi.simulation.effects"),
-}
-NAMED = re.compile(r"^(avc_casadi|avc_hardware)(\.[a-z_0-9]+)*(:[a-z_0-9]+)?$")
 
 
 def modules():
@@ -69,17 +60,8 @@ MODULES = dict(modules())
 
 
 def imported(name, path):
-    """Every module that a file imports, wherever in it, with the line; also where a string names one."""
-    package = name if path.name == "__init__.py" else name.rpartition(".")[0]
-    tree = ast.parse(path.read_text(encoding="utf-8"))
-    documents = {
-        id(node.body[0].value)
-        for node in ast.walk(tree)
-        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef)
-        and node.body
-        and isinstance(node.body[0], ast.Expr)
-    }
-    for node in ast.walk(tree):
+    """Every module that a file imports, wherever in it, with the line."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.ImportFrom):
             assert node.level == 0, f"{name}:{node.lineno}: relative import"
             for alias in node.names:
@@ -88,10 +70,6 @@ def imported(name, path):
         elif isinstance(node, ast.Import):
             for alias in node.names:
                 yield alias.name, node.lineno
-        elif isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in documents:
-            target = node.value.partition(":")[0]
-            if NAMED.match(node.value) and target in MODULES and target != package and (name, target) not in PLUGGED:
-                yield target, node.lineno
 
 
 def room(name):

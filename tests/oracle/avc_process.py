@@ -19,8 +19,14 @@ def command(*arguments, cwd=None, program=None):
     """Return the finished process; with ``program`` run that Python text in place of the command."""
     command = AVC if program is None else [sys.executable, "-c", program]
     return subprocess.run(  # noqa: S603
-        [*command, *map(str, arguments)], capture_output=True, cwd=cwd, env=ENVIRONMENT, timeout=600, check=False
+        [*command, *map(str, arguments)], capture_output=True, cwd=cwd, env=ENVIRONMENT, timeout=7200, check=False
     )
+
+
+def answered(*arguments, cwd):
+    """Return the exit code of a verb with --json and its document, None where it printed nothing."""
+    done = command(*arguments, "--json", cwd=cwd)
+    return done.returncode, json.loads(done.stdout) if done.stdout else None
 
 
 def wait_until_begun(process, library, *, workers=0):
