@@ -18,18 +18,13 @@ from avc_casadi.cli import arguments as cli
 from avc_casadi.cli.console import Console, package_versions, write_figure, write_text
 from avc_casadi.present.row import Answer
 
-_SIGNAL = "multisine: all frequencies at once (default); chirp: one after the other"
+_SIGNAL = "all frequencies at once (default), or one after the other"
 
 
 @cli.verb(
     cli.argument("device", metavar="DEVICE", text="what is known of it: a device or problem, a file or a name"),
     cli.argument("--port", default="emulator", text="serial port (avc doctor --ports); default `emulator`, a model"),
-    cli.argument(
-        "--signal",
-        choices=("multisine", "chirp"),
-        default="multisine",
-        text="all frequencies at once (default), or one after the other",
-    ),
+    cli.argument("--signal", choices=("multisine", "chirp"), default="multisine", text=_SIGNAL),
     cli.argument("--seconds", type=cli.positive, default=10.0, metavar="S", text="how long; default 10"),
     *cli.turning("force_n", "N", "force limit; default: half of the device's"),
     *cli.turning("speed_m_per_s", "V", "speed limit; default 0.3 m/s at the hand, at most 10 rad/s"),

@@ -22,7 +22,7 @@ from avc_casadi.diagnose.remedies import Remedy, Scene, limit_of, remedies_of, w
 from avc_casadi.identification.log import Columns
 from avc_casadi.identification.read import Layout, read_columns
 from avc_casadi.model.device import Device
-from avc_casadi.model.hands import Hand
+from avc_casadi.model.hands import Hand, hand_corners, hand_ranges, joined
 from avc_casadi.model.problem import Hands, defaults_at
 
 CAUSES: Mapping[str, tuple[str, str]] = {
@@ -73,6 +73,9 @@ class Diagnosis:
                 "delay_error_samples": fit.delay_error,
                 "misfit": fit.misfit,
                 "stops_m": fit.best.stops,
+                # Where between two samples a stop lies the log does not tell.
+                "stops_error_m": fit.best.stops
+                and float(np.abs(np.diff(self.log.position_m[swing.first : swing.last])).max()),
                 "mass_kg": fit.best.device.mass_kg,
                 "damping_ns_per_m": fit.best.device.damping_ns_per_m,
                 "hand": fit.best.hand and fit.best.hand.values(0),
@@ -203,8 +206,13 @@ def causes_of(one: Hypothesis, law: Law, log: Log, swing: Oscillation, declared:
     if late and stable(*punctual):
         return {"delay": 1.0}
     gone = 0.0
-    if _released(one, declared):
-        box = declared.box()
+    released = not isinstance(one.hand, Hand)
+    if isinstance(one.hand, Hand) and declared.known:
+        mass, damping, _ = one.hand.values(0).values()
+        released = mass < 0.35 * declared.hands.mass_kg[0] and damping < 0.7 * declared.hands.damping_ns_per_m[0]
+    if released:
+        ends = declared.hands.model_copy(update={"let_go": False})
+        box = joined(hand_corners(ends), Hand(*hand_ranges(ends).mean(axis=1).tolist()))
         rest = float(np.mean([stable(replace(one, hand=box.pick(slice(i, i + 1))), law) for i in range(len(box))]))
         touching = np.flatnonzero(log.touching)
         rested = (swing.first - touching[0]) * log.period_s if touching.size else 0.0
@@ -223,31 +231,25 @@ def causes_of(one: Hypothesis, law: Law, log: Log, swing: Oscillation, declared:
     return {key: part * (1 - gone) for key, part in left.items()} | ({"let-go": gone} if gone else {})
 
 
-def _released(one: Hypothesis, declared: Declared) -> bool:
-    """Return whether hardly any hand holds the device."""
-    if not isinstance(one.hand, Hand):
-        return True
-    mass, damping, _ = one.hand.values(0).values()
-    least_mass, least_damping = declared.hands.mass_kg[0], declared.hands.damping_ns_per_m[0]
-    return declared.known and mass < 0.35 * least_mass and damping < 0.7 * least_damping
-
-
-def _judged(found: Diagnosis, law: Law, fits: Sequence[Fit]) -> Diagnosis:
+def _judged(found: Diagnosis, law: Law, every: Sequence[Fit]) -> Diagnosis:
     """Return the verdict by the hypotheses that the log bears out, each weighed and then simulated."""
     log, swing, declared = found.log, found.swing, found.declared
     plain_law = replace(law, switch=None, frames=None)
     special = "relay" if law.switch is not None else "rates" if law.frames is not None else ""
-    scene = Scene.of(log, swing, law, declared)
+    # Beside a noise that the log shows, a swing of few steps is one of little more than what the readings scatter by.
+    grain = math.sqrt(12) * every[0].scatter_m
+    swing = replace(swing, steps=min(swing.steps, swing.peak_to_peak_m / grain if grain else math.inf))
+    scene = Scene.of(log, swing, law, declared, every[0].scatter_m)
     # Of answers that explain the log about as well, those count that swing about as far in simulation.
-    near = [fit for fit in fits if fit.cost < fits[0].cost + 7]
-    fits = [fit for fit in near if len(near) > 1 and scene.swings(fit.best, law)] or list(fits)
+    near = [fit for fit in every if fit.cost < every[0].cost + 7]
+    fits = [fit for fit in near if len(near) > 1 and scene.swings(fit.best, law)] or list(every)
     odds = np.exp(-np.minimum(np.array([fit.cost for fit in fits]) - fits[0].cost, 700.0))
     answers: list[tuple[Fit, Hypothesis, float, dict[str, float]]] = []
     for fit, weight in zip(fits, (odds / odds.sum()).tolist(), strict=True):
-        for one in fit.answers if weight > 1e-3 else ():
+        for one in (fit.best, *fit.draws) if weight > 1e-3 else ():
             settled = bool(special) and stable(one, plain_law)
             causes = {special: 1.0} if settled else causes_of(one, plain_law, log, swing, declared)
-            answers.append((fit, one, weight / len(fit.answers), causes))
+            answers.append((fit, one, weight / (1 + len(fit.draws)), causes))
     total = sum(weight for _, _, weight, _ in answers)
     sums: dict[str, float] = {}
     for _, _, weight, causes in answers:
@@ -265,11 +267,13 @@ def _judged(found: Diagnosis, law: Law, fits: Sequence[Fit]) -> Diagnosis:
     outside = work_w(log, swing, one) < 0 and swing.steps > _FEW_STEPS
     if outside:
         doubts.append("the force as it acts takes energy from the swing: a hand, the table or a machine drives it")
-    tried = (() if not swings or fit.misfit > _MISFIT or outside else candidates) if doubts else candidates[:1]
+    tried = (() if not swings or fit.misfit > _MISFIT / 3 or outside else candidates) if doubts else candidates[:1]
     near_by = [each for _, each, weight, _ in answers if weight > 0.01 * total]
     # The damping of a device is told the worst: a remedy has to do for the declared one too.
     drag = {key: getattr(declared.device, key) for key in ("mass_kg", "damping_ns_per_m") if declared.known}
-    several = (one, *near_by[:: max(1, len(near_by) // 8)], one.changed(**drag))
+    several = [one, *near_by[:: max(1, len(near_by) // 8)], one.changed(**drag)]
+    if not declared.known:  # its prior is a guess: each structure that explains the log counts
+        several += [each.best for each in every if each.misfit < max(1.0, 1.3 * fit.misfit)]
     cures = [cure for key in tried for cure in remedies_of(key, several, law, scene, log, declared)]
     found = replace(found, shares=shares, fit=replace(fit, best=one), remedies=tuple(dict.fromkeys(cures)))
     if not doubts:
@@ -291,7 +295,8 @@ def _doubts(first: str, fit: Fit, law: Law, scene: Scene, found: Diagnosis, shar
     if shares[first] < _SURE:
         parts = (f"{CAUSES.get(key, ('another',))[0]} {100 * share:.0f} %" for key, share in shares.items())
         doubts.append(f"of the hypotheses that the log bears out {', '.join(parts)}")
-    if fit.misfit > _MISFIT and first != "rate":
+    # An assumed device is free to explain much that it did not do.
+    if fit.misfit > (_MISFIT if declared.known else _MISFIT / 3) and first != "rate":
         doubts.append(f"the model leaves {number(fit.misfit, 2)} times what encoder and noise do")
     meant = declared.delays_in(log)[1]
     if fit.at_end or (first == "delay" and one.delay + law.lag - meant < 2 * fit.delay_error):

@@ -54,11 +54,6 @@ class Law:
         """Whether it is the force of the log."""
         return self.misfit < _EXPLAINS
 
-    @property
-    def wall_m(self) -> float:
-        """Rest position of the spring."""
-        return -self.offset_n / self.stiffness_n_per_m if self.stiffness_n_per_m else 0.0
-
     def filter_hz(self, sample_time_s: float) -> float | None:
         """Cut-off of the velocity filter; None without one below the Nyquist frequency."""
         return None if self.keep <= math.exp(-math.pi) else -math.log(self.keep) / (2 * math.pi * sample_time_s)

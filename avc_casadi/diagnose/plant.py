@@ -14,13 +14,14 @@ from avc_casadi.diagnose.law import Law
 from avc_casadi.diagnose.oscillation import Log, Oscillation
 from avc_casadi.loops.loop import Body, Loop
 from avc_casadi.model.device import Device
-from avc_casadi.model.hands import Hand, hand_corners, hand_ranges, joined, no_hand
+from avc_casadi.model.hands import Hand, hand_ranges, no_hand
 from avc_casadi.model.plant import sampled_plant
 from avc_casadi.model.problem import Hands
 from avc_casadi.model.quantity import LEAST_DELAY_SAMPLES
 
-# Delays that are searched, samples; draws of each structure; ln odds against a resonance and against stops.
-_LEAST_DELAY, _MOST_DELAY, _DRAWS, _RESONANCE_ODDS, _STOP_ODDS = 2e-3, 14.0, 12, 12.0, 8.0
+# Delays that are searched, samples; draws of each structure; ln odds against a resonance and against stops; correlated
+# samples per independent one of a white residual, with rounding.
+_LEAST_DELAY, _MOST_DELAY, _DRAWS, _RESONANCE_ODDS, _STOP_ODDS, _WHITE = 2e-3, 14.0, 12, 12.0, 8.0, 3.0
 
 
 @dataclass(frozen=True)
@@ -42,11 +43,6 @@ class Declared:
         longer = self.known and log.period_s > 1.3 * self.device.sample_time_s
         ratio = self.device.sample_time_s / log.period_s if longer else 1.0
         return self.delay_samples[0] * ratio, self.delay_samples[1] * ratio
-
-    def box(self) -> Hand:
-        """Return corners and centre of the ranges of hands."""
-        held = self.hands.model_copy(update={"let_go": False})
-        return joined(hand_corners(held), Hand(*hand_ranges(held).mean(axis=1).tolist()))
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,19 +88,15 @@ def stable(one: Hypothesis, law: Law, stiffness: float = 1.0, damping: float = 1
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """One structure fitted to a log: its best answer, draws about it, minus its log evidence, its residual."""
+    """One structure fitted to a log: best answer, draws about it, minus its log evidence, residual, reading errors."""
 
     best: Hypothesis
     draws: tuple[Hypothesis, ...]
     cost: float
     misfit: float
+    scatter_m: float
     delay_error: float
     at_end: bool
-
-    @property
-    def answers(self) -> tuple[Hypothesis, ...]:
-        """The best answer and the draws."""
-        return (self.best, *self.draws)
 
 
 @dataclass(frozen=True, eq=False)
@@ -239,11 +231,11 @@ def _structures(declared: Declared, period_s: float, lag: int, hertz: float, *, 
     box = np.log(np.maximum(hand_ranges(declared.hands), device.metres_per_unit**2 * np.array([[1e-3], [0.1], [5.0]])))
     width = np.maximum((box[:, 1] - box[:, 0]) / 2, 0.4 if declared.known else 1.1)
     hand = list(zip(("mass", "damping", "stiffness"), box.mean(axis=1), width, strict=True))
-    free = [("device", 0.0, 0.06 if declared.known else 1.1), ("drag", 0.0, 0.5 if declared.known else 1.1)]
+    free = [("device", 0.0, 0.06 if declared.known else 2.0), ("drag", 0.0, 0.5 if declared.known else 2.0)]
     mode = [("mode", math.log(max(hertz, 40.0)), 0.6), ("ratio", math.log(0.03), 0.6), ("share", 0.4, 0.15)]
     held = [*hand, *([] if declared.known else free)]
     parts = [(True, punctual, [*held, *mode])] if resonant else [(True, punctual, held), (True, late, held)]
-    parts += [(False, punctual, free), (False, late, free)] if declared.known and not resonant else []
+    parts += [(False, punctual, free), (False, late, free)] if not resonant else []
     slow = min(float(np.clip(hertz / 3, 2.5, 40.0)), hertz / 2)
     return [
         _Structure(
@@ -295,23 +287,30 @@ def fit_plants(log: Log, swing: Oscillation, declared: Declared, lag: int, seed:
     plain, windows = _structures(declared, period, lag, hertz, resonant=False), _windows(log, swing)
     tried = [_begin(one, windows, noise) for one in plain]
     least = min(left for *_, left in tried)
+    # What the likeliest leaves is noise of the position where it is white, whether it is declared or not.
+    one, point, _ = min(tried, key=lambda each: each[-1])
+    rest = np.concatenate([one.residual(point, window) for window in windows])
+    if rest.size > 200 and _alike(rest) <= _WHITE:
+        scatter, noise = max(scatter, least), max(noise, least)
     # Behind stops the acceleration is of a force that is not in the log.
     if least > 2 * noise and swing.steps > 14:
         middle, half = (float(part.max()) + float(part.min())) / 2, float(np.ptp(part)) / 2
         for one in plain:
-            ends = [(middle - side * half, middle + side * half) for side in (0.96, 0.9, 0.82, 0.72, 0.6)]
+            ends = [(middle - side * half, middle + side * half) for side in (0.96, 0.9, 0.84, 0.78, 0.72, 0.66, 0.6)]
             options = [_begin(replace(one, stops=stops), windows, noise) for stops in ends]
             # A stop that is taken too far in leaves out a little motion; one too far out is motion that none explains.
             most = 1.3 * min(left for *_, left in options)
-            stopped = next(option for option in options if option[-1] < most)
-            tried += [stopped] if stopped[-1] < 0.5 * least else []
+            stopped = [option for option in options if option[-1] < most]
+            # Where one further in explains no more the contact is out; with fewer samples a declared device has to do.
+            sure = declared.known or len(stopped) > 1
+            tried += stopped[:1] if sure and stopped[0][-1] < 0.5 * least else []
     if declared.device.resonance is None and min(left for *_, left in tried) > 2 * noise:
         resonant = _structures(declared, period, lag, hertz, resonant=True)
         tried += [_begin(one, windows, noise) for one in resonant]
     best = [min((one.residual(point, window) for one, point, _ in tried), key=_rms) for window in windows]
     levels = np.array([max(noise, _rms(left)) * math.sqrt(_alike(left)) for left in best])
     fits = [_finish(one, windows, point, levels, noise, seed) for one, point, _ in tried]
-    return sorted((fit for fit in fits if fit is not None), key=lambda fit: fit.cost)
+    return sorted((replace(fit, scatter_m=scatter) for fit in fits if fit is not None), key=lambda fit: fit.cost)
 
 
 def _begin(one: _Structure, windows: Sequence[_Window], noise: float) -> tuple[_Structure, FloatArray, float]:
@@ -352,6 +351,7 @@ def _finish(
         draws=tuple(map(one.answer, drawn)),
         cost=cost + odds + volume,
         misfit=min(_rms(one.residual(point, window)) for window in windows) / noise,
+        scatter_m=0.0,
         delay_error=float(np.std(drawn[:, 0])),
         at_end=bool(point[0] > high[0] - near[0]),
     )
@@ -366,5 +366,5 @@ def _alike(left: FloatArray) -> float:
     n = left.size
     correlation = np.fft.irfft(np.abs(np.fft.rfft(left - left.mean(), 2 * n)) ** 2)[: n // 2]
     if not correlation[0] > 0:
-        return 3.0
-    return max(3.0, 1 + 2 * float(np.sum((correlation[1:] / correlation[0]) ** 2 - 1 / n)))
+        return _WHITE
+    return max(_WHITE, 1 + 2 * float(np.sum((correlation[1:] / correlation[0]) ** 2 - 1 / n)))

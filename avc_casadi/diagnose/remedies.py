@@ -36,13 +36,13 @@ class Scene:
     width: float = 0.0  # over which a switched force grows, 0 at once
 
     @classmethod
-    def of(cls, log: Log, swing: Oscillation, law: Law, declared: Declared) -> Scene:
+    def of(cls, log: Log, swing: Oscillation, law: Law, declared: Declared, scatter_m: float) -> Scene:
         """Return the scene of a log."""
         inside = slice(swing.first, swing.last)
         force = log.force_n[inside]
         touching = log.touching[inside]
         edges = law.switch.edges_m if law.switch is not None else (0.0, 0.0)
-        centre = law.wall_m if law.stiffness_n_per_m > 0 else sum(edges) / 2
+        centre = -law.offset_n / law.stiffness_n_per_m if law.stiffness_n_per_m > 0 else sum(edges) / 2
         return cls(
             swing=swing,
             centre_m=centre,
@@ -50,7 +50,7 @@ class Scene:
             force_n=float(force.mean()),
             one_sided=bool(np.mean(force < 0) < 0.01 and (np.mean(~touching) > 0.01 or (force > 0).all())),
             encoder_m=log.encoder_m,
-            noise_m=declared.device.position_noise_rms_m,
+            noise_m=math.sqrt(max(scatter_m**2 - log.encoder_m**2 / 12, 0.0)),
             limit_n=declared.device.max_force_n or float(np.abs(log.force_n).max()),
         )
 

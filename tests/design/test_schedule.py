@@ -194,6 +194,16 @@ def test_stages_on_the_edge_of_the_box():
     assert {status for status, at in zip(gains.status, on_edge, strict=True) if at} == {Status.ACTIVE_BOUND}
 
 
+# What release 0.2.0 reached, by another solver.
+COSTS = {"figure5": 5.91201e-3, "ve2": 4.20914e-6, "ve3": 3.0339e-5, "ve4": 1.07457e-3, "ve5": 2.82269e-3}
+COSTS |= {"ve6": 4.78478e-3, "ve7": 5.91201e-3}
+
+
+@pytest.mark.parametrize("name", COSTS)
+def test_the_cost_is_that_of_release_0_2_0(name):
+    assert cost(solve(load_problem(name), "schedule")) == pytest.approx(COSTS[name], rel=1e-4)
+
+
 # Without a schedule the reasons name the constraint, the frequency and the amount, and that amount is enough.
 
 

@@ -92,6 +92,59 @@ def test_a_file_that_is_there_stays_unless_forced(tmp_path, monkeypatch, capsys)
     capsys.readouterr()
 
 
+POUND_INCH = 0.45359237 * 0.0254
+# Sheets of ten kinds of device in their vendors' words, and what they are in SI units.
+SHEETS = {
+    "voice coil": ("--mass 45_g --max-force 8.2_N --encoder 0.5_um --damping 0.8_Ns/m", 0.045, 8.2, 5e-7),
+    "belt stage": ("--mass 1.2_kg --max-force 60_N --encoder 4000_counts_per_10_mm", 1.2, 60.0, 2.5e-6),
+    "screw": (
+        "--mass 50_g.cm2,_pitch_10_mm --max-force 0.2_N.m,_pitch_5_mm --encoder 4096_counts,_pitch_5_mm",
+        *(5e-6 * (2 * math.pi / 0.01) ** 2, 0.2 * 2 * math.pi / 5e-3, 5e-3 / 4096),
+    ),
+    "optical mouse": ("--mass 0.1_lb --max-force 0.3_kgf --encoder 450_dpi", 0.045359237, 2.941995, 0.0254 / 450),
+    "geared motor": (
+        "--inertia 33.5_gcm2 --max-torque 90_mNm,_gear_30:1 --encoder 2000_CPR,_gear_30",
+        *(3.35e-6, 2.7, 2 * math.pi / 60_000),
+    ),
+    "servo": ("--inertia 300_g.cm2 --max-torque 13_kgf.cm --encoder 12_bit", 3e-5, 1.2748645, 2 * math.pi / 4096),
+    "pedal": ("--inertia 0.3_kg.cm2 --max-torque 45_N.cm --encoder 0.088_deg", 3e-5, 0.45, math.radians(0.088)),
+    "inch motor": (
+        "--inertia 0.01_lb.in2 --max-torque 12_lbf.in --encoder 20_arcmin",
+        *(0.01 * POUND_INCH * 0.0254, 12 * POUND_INCH * 9.80665, math.radians(1 / 3)),
+    ),
+    "ounce motor": (
+        "--inertia 0.0014_ozf.in.s2 --max-torque 25_ozf.in --encoder 500_counts",
+        *(0.0014 * POUND_INCH / 16 * 9.80665, 25 * POUND_INCH / 16 * 9.80665, 2 * math.pi / 500),
+    ),
+    "wheel": ("--inertia 0.02_kg_m^2 --max-torque 60_N --encoder 4000_counts_per_10_mm", 0.02, 1.2, 1.25e-4),
+}
+
+
+@pytest.mark.parametrize("sheet", SHEETS)
+def test_a_sheet_in_the_words_of_its_vendor_is_a_file_in_si_units(sheet, tmp_path, capsys):
+    words, mass, force, step = SHEETS[sheet]
+    turns = ["--radius", "20 mm"] if "--inertia" in words else []
+    typed = [word.replace("_", " ") for word in words.split()]
+    assert main(["new", str(tmp_path / "p.toml"), "--wall", "3 kN/m", *turns, *typed]) == 0
+    capsys.readouterr()
+    device = avc.load_problem(tmp_path / "p.toml").device
+    found = device.mass_kg, device.max_force_n, device.encoder_resolution_m
+    assert found == pytest.approx((mass, force, step), rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("typed", "names"),
+    [
+        (["--max-force", "20 lb"], ("--max-force", "lbf")),
+        (["--force", "200 N"], ("--force", "--max-force")),
+    ],
+)
+def test_a_value_that_is_none_names_its_option_and_what_to_write(typed, names, tmp_path, capsys):
+    assert main(["new", str(tmp_path / "p.toml"), *TYPED, *typed]) == 2
+    message = capsys.readouterr().err
+    assert all(name in message for name in names), message
+
+
 # `avc new --model` writes the range of masses at the tip: against a textbook's two links in closed form.
 
 pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install 'avc-casadi[model]'")

@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from measured_device import Truth, measured, multisine
 
 import avc_casadi as avc
-from avc_casadi.diagnose.causes import diagnose
 from avc_casadi.diagnose.law import find_law
 from avc_casadi.diagnose.oscillation import find_oscillation, log_of
 from avc_casadi.files.device_file import load_device
@@ -218,17 +217,6 @@ def test_a_loop_that_buzzes_or_taps_is_no_counter_that_wraps(seed):
     )
     time, position, force = logged(loop, 3.0)
     assert not faults_of(Columns("log", time, position, force), swing=True)
-
-
-@pytest.mark.slow
-def test_a_row_without_a_number_does_not_change_a_diagnosis():
-    time, position, force = logged(Buzzing(stiffness=6000.0, delay=4.0))
-    holed = position.copy()
-    holed[700] = np.nan
-    mended = Columns("log", time, holed, force).complete()
-    assert "1 sample" in mended.told[0]
-    whole, found = (diagnose(one) for one in (Columns("log", time, position, force), mended))
-    assert found.cause == whole.cause
 
 
 def with_holes(log, rows, **lost):

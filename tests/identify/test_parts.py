@@ -2,15 +2,14 @@
 
 import numpy as np
 import pytest
-from buzzing_device import Buzzing, logged
 from hypothesis import given
 from hypothesis import strategies as st
 from measured_device import Truth, measured, multisine
 
-from avc_casadi.identification.fit import Block, Fit, bootstrap, compared, held_out
+from avc_casadi.identification.fit import Block, Fit, bootstrap, held_out
 from avc_casadi.identification.log import Record, lattice_step
 from avc_casadi.identification.predictor import Observer, Predictor
-from avc_casadi.identification.regression import Motion, only_feedback
+from avc_casadi.identification.regression import Motion
 from avc_casadi.identification.terms import RUNGS, Structure
 
 VALUES = {
@@ -83,25 +82,6 @@ def test_error_of_a_block_that_was_held_out_is_that_of_a_fit_without_it():
     np.testing.assert_allclose(held_out(found), expected, rtol=1e-9)
 
 
-def test_a_parameter_of_nothing_is_not_taken():
-    taken = 0
-    for seed in range(40):
-        rich, slopes = linear_fit(seed)
-        (error,) = rich.error_m
-        # The same data without the second parameter.
-        less = (
-            error + slopes @ np.linalg.lstsq(slopes, np.random.default_rng(seed).normal(size=error.size), rcond=None)[0]
-        )
-        one = slopes[:, :1]
-        left = less - one @ np.linalg.lstsq(one, less, rcond=None)[0]
-        parts = zip(np.split(left, 40), np.split(one, 40), strict=True)
-        blocks = tuple(Block(60, float(e @ e), j.T @ e, j.T @ j) for e, j in parts)
-        structure = Structure(("rigid",), {}, assumed=dict.fromkeys({*RUNGS["rigid"]} - {"mass_kg"}, 0.0))
-        simple = Fit(structure, np.zeros(1), Observer(1.0), (left,), blocks, 1.0, 0.0)
-        taken += compared(simple, rich, "friction").taken
-    assert taken <= 1
-
-
 def test_regression_starts_near_the_device():
     random = np.random.default_rng(1)
     truth = Truth(mass=0.2, damping=3.0, coulomb=0.3, delay=1.5, encoder=2e-5, spring=50.0)
@@ -110,16 +90,6 @@ def test_regression_starts_near_the_device():
     assert start.values["mass_kg"] == pytest.approx(0.2, rel=0.05)
     assert start.values["damping_ns_per_m"] == pytest.approx(3.0, rel=0.1)
     assert start.values["delay_samples"] == pytest.approx(1.5, abs=0.3)
-
-
-def test_a_controller_that_makes_the_whole_force_is_noticed():
-    loop = Buzzing(
-        mass=0.12, damping=0.8, friction=0.1, encoder=2e-5, stiffness=1500.0, damper=2.0, end=0.01, sway=4e-3
-    )
-    _, position, force = logged(loop, 6.0)
-    assert only_feedback([Record("pressed", loop.period, position, force)])
-    beside = force + multisine(np.random.default_rng(1), 6.0, loop.period, 1.0, 80.0, 0.3)
-    assert not only_feedback([Record("excited", loop.period, position, beside)])
 
 
 ROUNDED = {

@@ -1,22 +1,16 @@
-"""A knob is excited, identified and diagnosed in rad, N.m and kg.m2: the same device as the linear one at its rim."""
-
-from dataclasses import replace
+"""A knob is identified in rad, N.m and kg.m2: the same device as the linear one at its rim."""
 
 import numpy as np
 import pytest
-from buzzing_cases import declared_of
-from buzzing_device import Buzzing, logged
 from linear_keys import linear_keys
 from measured_device import Truth, measured, multisine
 
 import avc_casadi as avc
-from avc_casadi.diagnose.causes import diagnose
 from avc_casadi.files.device_file import parse_device
 from avc_casadi.identification.device import device_text
 from avc_casadi.identification.identify import identify
-from avc_casadi.identification.log import Columns, Record
+from avc_casadi.identification.log import Record
 from avc_casadi.identification.read import Layout, read_logs
-from avc_casadi.model.device import Device
 
 RADIUS = 0.02
 
@@ -56,33 +50,3 @@ def test_degrees_and_newton_metres_are_read_and_mixed_kinds_refused(tmp_path):
     with pytest.raises(avc.InputError) as caught:
         read_logs([log], Layout(units={"force": "N"}))
     assert [fault.key for fault in caught.value.faults] == ["position"]
-
-
-@pytest.mark.slow
-def test_the_diagnosis_of_a_turn_is_that_of_its_rim():
-    meant = Buzzing(encoder=5e-6, stiffness=3000.0, damper=12.0)
-    time, position, force = logged(replace(meant, stiffness=20000.0), 1500 * meant.period)
-    linear = declared_of(meant)
-    turned = Device.model_validate(
-        {
-            **linear.model_dump(exclude_none=True),
-            "motion": "rotary",
-            "handle_radius_m": RADIUS,
-            "mass_kg": linear.mass_kg * RADIUS**2,
-            "damping_ns_per_m": linear.damping_ns_per_m * RADIUS**2,
-            "coulomb_friction_n": linear.coulomb_friction_n * RADIUS,
-            "encoder_resolution_m": linear.encoder_resolution_m / RADIUS,
-        }
-        | ({} if linear.max_force_n is None else {"max_force_n": linear.max_force_n * RADIUS})
-    )
-    at_rim = diagnose(Columns("log", time, position, force), device=linear)
-    found = diagnose(Columns("log", time, position / RADIUS, force * RADIUS, motion="rotary"), device=turned)
-    assert (found.verdict, found.cause) == (at_rim.verdict, at_rim.cause) == ("named", "stiffness")
-    assert found.law.stiffness_n_per_m == pytest.approx(at_rim.law.stiffness_n_per_m * RADIUS**2, rel=1e-6)
-    own = next(cure for cure in found.remedies if cure.key == "stiffness_n_per_m")
-    its = next(cure for cure in at_rim.remedies if cure.key == "stiffness_n_per_m")
-    assert own.value == pytest.approx(its.value * RADIUS**2, rel=0.05)
-    keys = [cure["key"] for cure in found.data()["remedies"] if cure["key"].startswith("stiffness")]
-    assert set(keys) == {"stiffness_nm_per_rad"}
-    with pytest.raises(avc.InputError, match="handle"):
-        diagnose(Columns("log", time, position, force, motion="rotary"))

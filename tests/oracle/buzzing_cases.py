@@ -6,13 +6,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from buzzing_device import Buzzing, logged, played
 
-from avc_casadi.files.problem_file import problem_of
 from avc_casadi.identification.log import Columns
 from avc_casadi.model.device import Device
-from avc_casadi.model.gains import NO_COUPLING
 from avc_casadi.model.problem import Hands
 from avc_casadi.simulation.judge import QUIET, felt_vibration
-from avc_casadi.simulation.scene import simulate
 
 CAUSES = ("delay", "damping", "encoder", "resonance", "stiffness", "let-go", "ticks", "rate")
 _SECONDS = 1.6
@@ -26,7 +23,6 @@ class Case:
     cause: str
     columns: Columns
     declared: Device
-    source: str
     loop: Buzzing
 
 
@@ -101,7 +97,7 @@ def healthy_case(seed, index):
         time, position, force = logged(loop, _SECONDS)
         if rests(position, loop.period, loop.encoder) and unfelt(loop, position):
             columns = Columns(f"nothing-{index}", time, position, force)
-            return Case("nothing wrong", columns, declared_of(loop), "simulator", loop)
+            return Case("nothing wrong", columns, declared_of(loop), loop)
 
 
 def swings(time, position, step, cause):
@@ -145,7 +141,6 @@ def declared_of(loop):
 def case_of(cause, seed, index):
     """Draw until a healthy loop rests and the changed one swings."""
     random = np.random.default_rng([seed, index, CAUSES.index(cause)])
-    in_scene = cause in {"delay", "damping", "stiffness", "resonance", "encoder"} and random.random() < 0.5
     for _ in range(_TRIES):
         loop = healthy_loop(random)
         if cause in {"resonance", "encoder"}:
@@ -155,58 +150,14 @@ def case_of(cause, seed, index):
             continue
         wrong, missed = changed_loop(random, loop, cause)
         time, position, force = logged(wrong, _SECONDS, missed)
-        if in_scene and swings(time, position, wrong.encoder, cause):
-            time, position, force = _scene(wrong, _SECONDS)
         if np.abs(position).max() > 0.5 or not swings(time, position, wrong.encoder, cause):
             continue
         if cause == "encoder":
             # The finer encoder rests; the coarser one alone is what is wrong.
             loop = replace(loop, encoder=wrong.encoder)
-        elif not in_scene and random.random() < 0.5:
+        elif random.random() < 0.5:
             wrong = replace(wrong, sway=float(random.uniform(0.0, 1e-3)))
             time, position, force = logged(wrong, _SECONDS, missed)
-        source = "scene" if in_scene else "simulator"
         columns = Columns(f"{cause}-{index}", time, position, force)
-        return Case(cause, columns, declared_of(loop), source, wrong)
+        return Case(cause, columns, declared_of(loop), wrong)
     raise AssertionError(f"no case of {cause} at {index}")
-
-
-def _scene(loop, seconds):
-    """The same loop in the project's own scene; its force is logged after the delay."""
-    effects = [
-        {
-            "kind": "hand",
-            "mass_kg": loop.hand_mass,
-            "damping_ns_per_m": loop.hand_damping,
-            "stiffness_n_per_m": loop.hand_stiffness,
-        },
-        {"kind": "environment" if loop.two_sided else "wall"},
-        {"kind": "encoder", "resolution_m": loop.encoder},
-        {"kind": "saturation", "force_n": loop.limit},
-    ]
-    if loop.friction > 0:
-        effects.append({"kind": "coulomb-friction", "force_n": loop.friction})
-    if loop.keep:
-        effects.append({"kind": "velocity-filter", "cutoff_hz": -np.log(loop.keep) / (2 * np.pi * loop.period)})
-    if loop.delay + loop.lag >= 0.001:
-        effects.append({"kind": "delay", "samples": round(loop.delay + loop.lag, 3)})
-    device = {"mass_kg": loop.mass, "damping_ns_per_m": loop.damping, "sample_time_s": loop.period}
-    if loop.resonance:
-        device["resonance"] = {
-            "frequency_hz": loop.resonance,
-            "damping_ratio": loop.ratio,
-            "mass_ratio": loop.share,
-        }
-        effects.append({"kind": "resonance"})
-    motion = {"kind": "press", "start_m": loop.start, "end_m": loop.end, "speed_m_per_s": loop.speed}
-    problem = problem_of(
-        {
-            "name": "buzzing",
-            "device": device,
-            "environment": {"damping_ns_per_m": loop.damper, "stiffness_n_per_m": loop.stiffness},
-            "scene": {"duration_s": seconds, "coupling": "none", "motion": motion, "effects": effects},
-        }
-    )
-    run = simulate(problem, NO_COUPLING)
-    seen = loop.encoder * np.floor(run.position_m / loop.encoder + 0.5)
-    return run.time_s, seen, -run.force_n
