@@ -14,7 +14,7 @@ class Progress:
         return nullcontext()
 
     def advance(self, done: int, total: int, what: str = "") -> None:
-        """Report the number of finished parts of the present step, and the part that is next or was just done."""
+        """Report finished parts of the present step, of a total or of 0 where nobody knows, and the part at work."""
 
 
 SILENT = Progress()

@@ -268,7 +268,7 @@ class LawCertificate(Printed):
     encoder_step_n: float
     noise_n: float
     quiet_n: float
-    remedies: tuple[Remedy, ...]
+    remedies: tuple[Remedy, ...] | None
 
     @property
     def cases(self) -> tuple[Case, ...]:
@@ -308,7 +308,8 @@ class LawCertificate(Printed):
             thin = f"a disk margin of {self.disk_margin:.2g} is {'thin' if self.passed else f'below {LEAST_DISK}'}"
             doubts = [thin] if self.disk_margin < SOUND_DISK else []
             doubts += [] if self.quiet else ["noise of the position shakes the handle through b"]
-            return f"stable, but {', and '.join(doubts)}" if doubts else "stable with every hand and released"
+            whose = "with every hand and released" if any(self.held.hand.values()) else "released; nobody holds it"
+            return f"stable, but {', and '.join(doubts)}" if doubts else f"stable {whose}"
         unstable = {
             f"no b holds this k {late}": allowed is None,
             f"b {b:.4g} is above its largest, {high:.4g}, {late}": b > high,
@@ -385,7 +386,7 @@ def certify_law(
         encoder_step_n=float(rendering.force[0, 0]) * device.encoder_resolution_m,
         noise_n=law.noise_n(device),
         quiet_n=max(device.coulomb_friction_n, FELT_N * device.metres_per_unit),
-        remedies=(),
+        remedies=() if remedies else None,
     )
     if not remedies or (certificate.passed and certificate.disk_margin >= SOUND_DISK and certificate.quiet):
         return certificate

@@ -109,7 +109,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         except InputError as error:
             console = Console(as_json=as_json)
             return _refused(console, error)
-        console = Console(as_json=as_json)
+        console = Console(as_json=as_json, work=f"avc {arguments[0]}")
         return _answered(args, console, arguments)
     except KeyboardInterrupt:
         take_interrupt()

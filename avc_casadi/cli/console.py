@@ -30,13 +30,12 @@ class Console(Progress):
     the original. A replaced ``sys.stdout`` (in a test, in a notebook) is written to directly.
     """
 
-    def __init__(self, *, as_json: bool) -> None:
-        self.as_json = as_json
+    def __init__(self, *, as_json: bool, work: str = "") -> None:
+        self.as_json, self._work = as_json, work
         self.page = Page.of(sys.stdout)
         self._answered = threading.Event()
         self._terminal = sys.stderr is not None and sys.stderr.isatty()
         self._step: str | None = None
-        self._repeated: threading.Thread | None = None
         self._shown, self._line = 0.0, ""
         # Parts of the present step: all of them, done when they began, done now, and when they began.
         self._total, self._first, self._done, self._began = -1, 0, 0, 0.0
@@ -51,6 +50,8 @@ class Console(Progress):
                 os.dup2(2, 1)
             except OSError:
                 silence(1)
+        if work and not self._terminal:
+            threading.Thread(target=self._repeat, daemon=True).start()
 
     def answer(self, answer: Answer, *, verbose: bool = False) -> None:
         """Print the answer, with rows of lower rank if verbose; Ctrl-C does not cut it short."""
@@ -65,6 +66,7 @@ class Console(Progress):
 
     def say(self, line: str) -> None:
         """Print a line of a live display; silent with ``--json``, whose document comes at the end."""
+        self._work = ""
         if not self.as_json:
             self._write(line + "\n")
 
@@ -105,13 +107,10 @@ class Console(Progress):
 
     @contextmanager
     def step(self, what: str) -> Iterator[None]:
-        """Show a step and its duration on a terminal; elsewhere the present step every ten seconds."""
+        """Show a step and its duration on a terminal."""
         started, around = time.perf_counter(), self._step
         self._step, self._shown, self._total, self._line = what, started, -1, f"{what} ..."
         self._show(self._line)
-        if not self._terminal and self._repeated is None:
-            self._repeated = threading.Thread(target=self._repeat, daemon=True)
-            self._repeated.start()
         outcome = "stopped"
         try:
             yield
@@ -121,24 +120,24 @@ class Console(Progress):
             self._step, self._line = around, f"{around} ..." if around else ""
 
     def _repeat(self) -> None:
-        """Print what is done at present where its line cannot be overwritten."""
+        """Print every ten seconds what is done at present, the verb at least, where no line can be overwritten."""
         while not self._answered.wait(10.0):
-            if line := self._line:
+            if line := self._line or (self._work and f"{self._work} ..."):
                 self.complain(line)
 
     def advance(self, done: int, total: int, what: str = "") -> None:
         """Show the progress of the present step, at most five times a second, and after a second what time is left."""
-        if self._step is None:
-            return
-        now = time.perf_counter()
+        now, step = time.perf_counter(), self._step or self._work
         if total != self._total or done < self._done:
             self._total, self._first, self._began = total, done, now
         self._done = done
         if now - self._shown >= 0.2:
             made, seconds = done - self._first, now - self._began
-            left = f"; {(total - done) * seconds / made:.0f} s left" if made > 0 and seconds >= 1 else ""
-            self._shown, self._line = now, f"{self._step} ... {done} of {total} {what}".rstrip() + left
-            self._show(self._line)
+            left = f"; {(total - done) * seconds / made:.0f} s left" if total and made > 0 and seconds >= 1 else ""
+            of = f" of {total}" if total else ""
+            self._shown, self._line = now, f"{step} ... {done}{of} {what}".rstrip() + left
+            if self._step is not None:
+                self._show(self._line)
 
     def _show(self, line: str) -> None:
         """Overwrite the line of the present step on a terminal; Ctrl-C may have cut it anywhere."""

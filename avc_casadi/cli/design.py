@@ -126,7 +126,8 @@ def run_recommend(args: argparse.Namespace, console: Console) -> Answer:
         cli.refuse(args, "stiffest", "lean_on_friction", "prove", "trade_off", why=cli.OF_WALLS)
     if args.stiffest:
         cli.require_compiler(console)
-        data = search(problem, args.hands, lean_on_friction=args.lean_on_friction, progress=console)
+        with console.step(f"stiffest wall with {args.hands} hands: springs, then laws for at most 6 walls"):
+            data = search(problem, args.hands, lean_on_friction=args.lean_on_friction, progress=console)
         return stiffest(data, problem, args.problem)
     options = {"lean_on_friction": args.lean_on_friction, "prove": args.prove, "with_trade_off": args.trade_off}
     found = cli.recommended(problem, console, args.hands, **options)

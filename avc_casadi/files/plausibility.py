@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 # Usual values of desktop devices, their walls and hands; 0 is "absent" and never in doubt. For a rotary device they
 # apply at its handle.
 _USUAL = {
-    "device.mass_kg": (0.005, 5),
+    "device.mass_kg": (0.005, 30),  # up to pedals and arms
     "device.damping_ns_per_m": (0, 100),
     "device.sample_time_s": (20e-6, 20e-3),
     "device.delay_samples": (0, 20),

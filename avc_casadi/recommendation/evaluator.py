@@ -100,7 +100,7 @@ class Evaluator:
     def __call__(self, coupling: Coupling) -> Judged | None:
         """Return the coupling with its trials; None where it is not deployable."""
         self.considered += 1
-        self._progress.advance(self.considered, self.considered + 1, f"couplings, {coupling.method}")
+        self._progress.advance(self.considered, 0, f"couplings, {coupling.method}")
         if not deployable(coupling).passed:
             return None
         one = Judged(coupling, self._trial(coupling, self._people.pick(slice(FIRST))), self.considered)

@@ -1,6 +1,7 @@
 """Each kind of answer: few rows of a terminal's width, each number in its data, units of the device."""
 
 import re
+import shlex
 from functools import cache
 
 import numpy as np
@@ -10,6 +11,7 @@ from hypothesis import strategies as st
 
 import avc_casadi as avc
 from avc_casadi._util.text import quantity
+from avc_casadi.cli import build_parser
 from avc_casadi.coupling import Coupling
 from avc_casadi.model.gains import Gains
 from avc_casadi.present.row import MOST_LINES, MOST_ROWS, WIDTH, Mark, Page, Value
@@ -103,6 +105,8 @@ def test_an_answer_is_a_few_rows_whose_numbers_are_its_data(name, make):
     assert not re.search(r"\b(nan|inf|None|True|False)\b", whole)
     assert [found[0] for one in answer.rows if (found := NO_TERM.search(one.text(answer.units)))] == []
     assert OF_OTHERS[answer.units.linear].findall(whole) == []
+    for command in answer.commands:
+        assert build_parser().parse_args(shlex.split(command)[1:]).run, command
     # A power of ten stands before no unit that takes a prefix.
     assert not re.search(r"\d(\.\d+)?e[+-]?\d+ ?(N|kg|g|m|Hz|s|J|rad)\b", text)
     known = np.array(sorted(numbers(answer.document())))

@@ -1,8 +1,4 @@
-"""What the page asks: one question, `evaluate`, returns rows and charts of its settings; others begin runs, save files.
-
-Behind it stand the problem that it began with, a cache of results, and runs in processes of their own. It is served to
-this machine alone: loopback, a random token in the address, no other origin.
-"""
+"""What the page asks: one question, `evaluate`, returns rows and charts of its settings; others begin runs, save files."""
 
 from __future__ import annotations
 

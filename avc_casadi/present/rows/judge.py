@@ -127,7 +127,7 @@ def own_law(found: LawCertificate, shown: str = "") -> Answer:
         typed = " ".join(f"{_LAW[key][1]} {value:g}" for key, value in law.items() if value)
         return f"avc certify {quote(shown)} {typed}"
 
-    helps = (one.changes for one in found.remedies if all(_LAW[key][1] for key in one.changes))
+    helps = (one.changes for one in found.remedies or () if all(_LAW[key][1] for key in one.changes))
     onwards = [command(law | dict(changes)) for changes in helps][:1]
     if problem.environment.stiffness_n_per_m:
         onwards.append(f"avc recommend {quote(shown)} --out coupling.json")
@@ -169,7 +169,10 @@ def _law_rows(found: LawCertificate) -> list[Row]:
         row("Stable b", "none" if allowed is None else span(allowed, "damping"), "at this k"),
         row("Force noise", loud, mark=doubted(not found.quiet)),
     ]
-    if not sound:
+    if found.problem.simulation is not None or found.problem.follower is not None:
+        own = "the other end: this law acts in the device's own loop, every"
+        rows.append(row("Not used", own, Value(period_s, "time"), mark=Mark.CAUTION))
+    if not sound and found.remedies is not None:
         helps = [(_law(one.changes), fill("(disk margin {disk_margin:2})", vars(one))) for one in found.remedies]
         rows.append(row("Would help", listed(helps, ";") or "no change of k, b, cutoff, sample time or delay alone"))
     return rows
