@@ -1,8 +1,7 @@
 """A law of one's own, force = -(k x + (b + b_p) v): stable with every hand and released, by how much, and its limits.
 
-x is the measured position, v its backward difference behind a first-order filter where one is given. In the wall all
-three act, outside b_p alone. Every number is the worst of a search over the ranges of hand and device; the loop is
-linear, with hold, delay, amplifier and resonance as declared, and without dry friction, encoder and limit of the force.
+x is the measured position, v its backward difference behind a first-order filter where one is given; outside the wall
+b_p alone acts. Each number is the worst over the ranges of hand and device, of the linear loop with what is declared.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What the page asks: one question, `evaluate`, returns rows and charts of its settings; others begin runs, save files."""
+"""What the page asks: one question, `evaluate`, returns rows and charts; others begin runs, save files."""
 
 from __future__ import annotations
 
