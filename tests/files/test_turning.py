@@ -11,6 +11,7 @@ from avc_casadi.coupling import Coupling
 from avc_casadi.design.program import program_answers
 from avc_casadi.model.gains import Gains
 from avc_casadi.model.problem import Problem
+from avc_casadi.recommendation.felt import contact_onset_m, ripple
 from avc_casadi.simulation.population.motions import motions_at
 
 KNOB = """
@@ -151,3 +152,14 @@ def test_a_law_is_that_of_the_handle():
     assert one.error == pytest.approx(other.error, rel=0.02)
     assert one.disk_margin == pytest.approx(other.disk_margin, rel=0.02)
     assert one.noise_n_per_m * radius**2 == pytest.approx(other.noise_n_per_m, rel=0.05)
+
+
+def test_what_is_felt_is_what_is_felt_at_the_handle():
+    radius, device = 0.125, {"mass_kg": 0.12, "damping_ns_per_m": 0.8, "encoder_resolution_m": 5e-5, "max_force_n": 8.0}
+    problems = both(device, {"stiffness_n_per_m": 2000.0, "damping_ns_per_m": 2.0}, radius)
+    one, other = (
+        Coupling.constant(problem, Gains(0.0, 1e8 * scale, 3.0 * scale), "mine")
+        for problem, scale in zip(problems, (1.0, radius**2), strict=True)
+    )
+    same([*ripple(one).force_n.values()], [*ripple(other).force_n.values()], 1, radius, 0.02)
+    same([*contact_onset_m(one).values()], [*contact_onset_m(other).values()], -1, radius, 1e-6)

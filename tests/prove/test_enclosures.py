@@ -13,7 +13,7 @@ import avc_casadi as avc
 from avc_casadi.claims.prove.disc import Disc, Moving, held, turned
 from avc_casadi.claims.prove.held_device import HAND, SampledPlantBox
 from avc_casadi.claims.prove.law import ContactLaw
-from avc_casadi.claims.prove.multiplier import Multiplier, _bounds, _Cells, _rounded, verify
+from avc_casadi.claims.prove.multiplier import verify
 from avc_casadi.claims.prove.rest import prove_rest
 from avc_casadi.loops.loop import Body
 from avc_casadi.loops.wall import closed, fraction_rendering, frozen_parts
@@ -174,35 +174,6 @@ def test_poles_of_the_law_are_decided_exactly(share):
     moved = tuple(tuple(row) for row in (matrix * share / radius).tolist())
     law = ContactLaw(1e-3, 0.0, 1e8, 0.0, 0.0, 5e3, type(observer)(**{**vars(observer), "state": moved}))
     assert law.stable == (share < 1)
-
-
-def test_a_cell_is_bounded_by_less_than_any_of_its_points():
-    problem = avc.load_problem("figure5")
-    law = ContactLaw.of(problem, 158.0, 75577.0, 0.0)
-    device = SampledPlantBox(problem.device, BOX)
-    multiplier = Multiplier({1: 0.95, 2: 0.03})
-    coefficients = tuple(_rounded(part) for part in law.transfer)
-    random = np.random.default_rng(0)
-    ends = np.array(list(BOX.values()))
-    fixed = 0
-    for _ in range(50):
-        centre = np.append(random.uniform(0.05, 3.0), random.uniform(ends[:, 0], ends[:, 1]))
-        low, high = centre * 0.99, centre * 1.01
-        cell = _Cells(low[None], high[None], np.ones(1), np.full(1, np.nan))
-        found = _bounds(coefficients, device, multiplier, cell)
-        # Fixed at its worse ends it still stands for the whole cell.
-        worse = cell.at_worse_ends(found.way, found.left_out)
-        fixed += int((worse.high - worse.low == 0).sum())
-        lower = np.maximum(found.lower, _bounds(coefficients, device, multiplier, worse).lower)
-        for _ in range(10):
-            inside = random.uniform(low, high)
-            step = np.exp(1j * inside[0]) - 1
-            above, _, below = (np.polyval([float(part) for part in one], step) for one in law.transfer)
-            loop = sampled(problem.device, inside[1:], inside[0]) * above / below
-            s = 1j * inside[0] / problem.device.sample_time_s
-            held_by = np.polyval([0.1 + inside[1], 2.0 + inside[2], inside[3]], s) * problem.device.sample_time_s**2
-            assert (multiplier.at(inside[0]) * (1 + loop)).real * abs(held_by) ** 2 > lower[0]
-    assert fixed > 0
 
 
 def test_a_multiplier_that_fails_for_one_hand_of_the_box_is_found_out():

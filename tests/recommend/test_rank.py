@@ -15,14 +15,17 @@ import avc_casadi as avc
 from avc_casadi.claims.prove.rest import Rest
 from avc_casadi.coupling import Coupling
 from avc_casadi.design.observer_law import regulator
+from avc_casadi.loops.walls import stiffest_wall
 from avc_casadi.model.corners import device_with
 from avc_casadi.model.gains import Gains, spring_before
+from avc_casadi.model.hands import hand_corners, with_released
 from avc_casadi.model.runtime import Runtime
-from avc_casadi.recommendation.evaluator import Evaluator
+from avc_casadi.recommendation.evaluator import Evaluator, Withstood, missed
 from avc_casadi.recommendation.felt import deployed
 from avc_casadi.recommendation.preconditions import nothing_rendered
 from avc_casadi.recommendation.rank import Judged, best_of
 from avc_casadi.recommendation.recommendation import Recommendation
+from avc_casadi.recommendation.sensitivity import what_would_help
 from avc_casadi.simulation.population.operators import people_of
 from avc_casadi.simulation.population.trial import CouplingTrial, try_coupling, try_on_devices
 
@@ -219,3 +222,19 @@ def test_the_worst_hand_is_the_one_with_the_least_damped_pole():
         ratios.append(np.min(-rate.real / np.abs(rate)))
     assert len(ratios) == len(found.hands) > 2
     assert found.worst == np.argmin(ratios) != np.argmax(ratios)
+
+
+@pytest.mark.parametrize("by_friction", [True, False])
+def test_who_rests_by_friction_is_missed_where_friction_does_not_count(by_friction):
+    found = Withstood("mass_share", 0.2, asked=True, hands=10, at_rest_without_friction=8, at_rest=10)
+    assert bool(missed((found,), by_friction=by_friction)) != by_friction
+
+
+def test_twice_a_property_is_twice_the_range_within_which_it_is_known():
+    problem = avc.load_problem("spring").changed(
+        device={"damping_ns_per_m": 2.0, "range": {"damping_ns_per_m": (1.0, 3.0)}}
+    )
+    twice = problem.changed(device={"damping_ns_per_m": 4.0, "range": {"damping_ns_per_m": (2.0, 6.0)}})
+    wall = stiffest_wall(twice.device, with_released(hand_corners(problem.hands))).stiffness_n_per_m
+    (found,) = (one for one in what_would_help(problem) if one.change == "twice the damping of the device")
+    assert found.stiffest_wall_n_per_m == pytest.approx(wall)
