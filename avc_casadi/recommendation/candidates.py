@@ -112,8 +112,8 @@ def laws(problem: Problem, felt_n_per_m: float) -> Iterator[list[ProgramAnswer]]
     answers = program_answers(problem, stiffness_n_per_m=felt_n_per_m)
     yield answers
     # Factors on disk margin, noise gain and distance of the dead zone's loop from 0.
-    noise, both = (1.0, 0.6, 1.0), (1.25, 0.6, 1.0)
-    for step in (noise, (1.0, 1.0, 1.3), both, (1.0, 0.6, 1.3), both, (1.25, 0.6, 1.3)):
+    both, noise = (1.25, 0.6, 1.0), ((1.0, 0.8, 1.0), (1.0, 0.75, 1.0))
+    for step in (*noise, (1.0, 1.0, 1.3), both, (1.0, 0.6, 1.3), both, (1.25, 0.6, 1.3)):
         answers = [one.moved(*step) for one in answers]
         yield answers
 
