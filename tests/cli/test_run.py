@@ -1,5 +1,7 @@
 """`avc run` writes every file, the same each time apart from times, and needs no extra to finish."""
 
+import re
+
 import pytest
 from avc_process import command, strict_json
 
@@ -21,7 +23,9 @@ def results(tmp_path_factory):
 
 @pytest.mark.slow
 def test_the_device_gets_the_recommended_coupling(results):
-    folder, _, again = results
+    folder, done, again = results
+    doubts = re.search(r"Deploy this coupling; see ([\w ,]+)\.", (folder / "again" / "report.html").read_text())
+    assert all(f"  ! {label} " in done.stdout.decode() for label in doubts[1].split(", "))
     document = strict_json(again.stdout)
     coupling = read_coupling(folder / "again" / "coupling.json")
     assert deployable(coupling).passed

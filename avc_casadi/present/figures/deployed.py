@@ -96,7 +96,7 @@ def _stiffness(axes: Axes, hz: FloatArray, wanted: FloatArray, rendered: FloatAr
 def draw_loop(found: Deployed | Coupling, axes: style.GivenAxes = None) -> Figure:
     """Draw the loop opened at the actuator, Bode and Nyquist with gain and phase margin, and the impact on the wall."""
     found = found if isinstance(found, Deployed) else deployed(found)
-    titles = ("(a) loop gain |L|", "(b) Nyquist plot of L", "(c) phase of L", "(d) impact on the wall, linear")
+    titles = ("(a) |L|, 0.01 to 100", "(b) Nyquist plot, near -1", "(c) phase of L", "(d) impact on the wall, linear")
     panels = style.Panels.of(axes, titles, 5.6, "ab;cd")
     size, circle, phase, struck = panels.axes
     others = [(row, "others", "_") for row in range(len(found.gain) - 1) if row != found.worst]

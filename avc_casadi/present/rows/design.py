@@ -149,8 +149,7 @@ def _deployable(data: Mapping[str, Any]) -> Row:
     if not failing:
         return row("Deployable", f"all: {passing}", mark=Mark.PASS)
     if not passing:
-        what = f"none of {failing}: not stable with every corner hand and released"
-        return row("Deployable", what, mark=Mark.FAIL)
+        return row("Deployable", f"none of {failing}: not stable with every hand and released", mark=Mark.FAIL)
     return row("Deployable", f"{passing}; not {failing}", mark=Mark.CAUTION)
 
 
@@ -158,7 +157,8 @@ def run(data: Mapping[str, Any], found: Answer, files: str) -> Answer:
     """Return the answer of `run`: what to deploy; before a wall what the device received and the paper's question."""
     shown = [one for one in found.rows if one.rank == 0 and one.label != "Written"]
     beside = (device(data["push"]), *paper(data)) if "push" in data else ()
-    first = [*shown[:3], *causality(data), *shown[3:8]] if beside else shown
+    doubts = [one for one in shown[8:] if one.mark in {Mark.CAUTION, Mark.FAIL}]
+    first = [*shown[:3], *causality(data), *shown[3:8], *doubts] if beside else shown
     later = [replace(one, rank=1) for one in shown if one not in first] + [one for one in found.rows if one.rank > 0]
     return replace(found, kind="run", data=data, rows=(*first, *beside, *subject.written(files), *later))
 
