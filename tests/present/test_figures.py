@@ -25,11 +25,9 @@ def comparison(request):
     make = PROBLEMS[request.param]
     problem = make() if make else avc.load_problem(request.param)
     found = avc.compare(problem, mine=(7000.0, 10.0))
-    return (
-        found
-        if problem.stability.scope == "pointwise"
-        else with_delivered(found, problem, avc.solve(problem, "schedule"))
-    )
+    if problem.stability.scope != "pointwise":
+        found = with_delivered(found, problem, avc.solve(problem, "schedule"))
+    return found
 
 
 @pytest.fixture(scope="module", params=DRAWERS, ids=lambda draw: draw.__name__)
@@ -49,10 +47,8 @@ def texts(figure):
     for axes in figure.axes:
         found += [axes.title, axes._left_title, axes._right_title, axes.xaxis.label, axes.yaxis.label]
         for axis in (axes.xaxis, axes.yaxis):
-            found += [
-                axis.get_offset_text(),
-                *(tick.label1 for tick in axis._update_ticks() if tick.label1.get_visible()),
-            ]
+            labels = [tick.label1 for tick in axis._update_ticks() if tick.label1.get_visible()]
+            found += [axis.get_offset_text(), *labels]
     assert all(isinstance(text, Text) for text in found)
     return [(text.get_text(), text.get_window_extent(renderer)) for text in found if text.get_text().strip()]
 
