@@ -194,7 +194,7 @@ def _compiled(problem: Problem, effects: tuple[SceneEffect, ...], gains: Gains) 
     sample_time_s = problem.device.sample_time_s
     samples = max(1, round(problem.scene.duration_s / sample_time_s))
     target = target_of(problem.scene.motion, samples, sample_time_s)
-    plant, owners = _mechanics(problem, effects)
+    plant, owners = mechanics_of(problem, effects)
     environment = next((effect.environment for effect in effects if effect.environment is not None), None)
     table = next((effect.gain_table for effect in effects if effect.gain_table is not None), None)
     if environment is not None:
@@ -237,7 +237,7 @@ def _compiled(problem: Problem, effects: tuple[SceneEffect, ...], gains: Gains) 
     )
 
 
-def _mechanics(problem: Problem, effects: tuple[SceneEffect, ...]) -> tuple[LinearPlant, dict[str, str]]:
+def mechanics_of(problem: Problem, effects: tuple[SceneEffect, ...]) -> tuple[LinearPlant, dict[str, str]]:
     """Return the plant and the effect that owns each of its states."""
     plant = Plant()
     plant.add_mass(DEVICE, problem.device.mass_kg)

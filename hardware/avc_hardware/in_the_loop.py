@@ -12,9 +12,9 @@ from avc_casadi import InputError, UnsupportedError
 from avc_casadi.coupling import Coupling, require_coupling
 from avc_casadi.model import EFFECTS
 from avc_casadi.model.effects import HandEffect, WallEffect
-from avc_casadi.model.plant import DEVICE, GROUND, HANDLE, Plant
+from avc_casadi.model.plant import HANDLE
 from avc_casadi.model.scene import scene_effects
-from avc_casadi.simulation.compile import build_effects, target_of
+from avc_casadi.simulation.compile import build_effects, mechanics_of, target_of
 from avc_casadi.simulation.effects.base import SceneEffect
 from avc_casadi.simulation.effects.interface import Delay, Saturation
 from avc_casadi.simulation.judge import Traces
@@ -60,15 +60,10 @@ class FirmwareInTheLoop:
         limits = board_limits(problem.device)
         effects = build_effects(problem)
         _check(problem, effects, limits)
-        plant = Plant()
-        plant.add_mass(DEVICE, problem.device.mass_kg)
-        plant.join(DEVICE, GROUND, 0.0, problem.device.damping_ns_per_m)
-        for effect in effects:
-            effect.mechanics(plant)
         time_s = limits.sample_time_s
         self._target = target_of(problem.scene.motion, max(1, round(problem.scene.duration_s / time_s)), time_s)
         late = sum(effect.samples for effect in effects if isinstance(effect, Delay))
-        linear = plant.linear()
+        linear, _ = mechanics_of(problem, effects)
         held = f"{HANDLE}_velocity_m_per_s"
         self._handle = linear.names.index(held) if held in linear.names else None
         self._plant = BenchPlant(linear, time_s, delay_samples=late)

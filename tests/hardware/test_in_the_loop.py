@@ -4,7 +4,7 @@ import functools
 
 import numpy as np
 import pytest
-from hardware_bench import require, with_gains
+from hardware_bench import coupling, require, with_gains
 
 import avc_casadi as avc
 from avc_casadi import Problem
@@ -16,7 +16,7 @@ from avc_casadi.model.effects import (
     HandEffect,
     WallEffect,
 )
-from avc_hardware import FirmwareInTheLoop, LoopResult, tried_in_the_loop
+from avc_hardware import FirmwareInTheLoop, FirmwareLacksError, LoopResult, check_runs_on, tried_in_the_loop
 from avc_hardware.link import messages as m
 from avc_hardware.link.messages import Kind
 from avc_hardware.link.session import InContactError
@@ -131,6 +131,18 @@ def test_table_pushed_in_contact_does_not_come_into_force() -> None:
     plain.run(5.0)
     assert pushed.trace.force_n[:6000] == plain.trace.force_n[:6000]
     assert pushed.status().table_id == plain.status().table_id
+
+
+@pytest.mark.slow
+def test_a_slow_loop_has_constant_gains_and_none_that_follow_the_frequency() -> None:
+    """62.5 ticks a second, which feed the watchdog in time."""
+    slow = avc.load_problem("soft").changed(device={"sample_time_s": 0.016}, frequency={"stop_hz": 20.0})
+    problem = slow.changed(environment={"stiffness_n_per_m": 30.0, "damping_ns_per_m": 0.0})
+    found = tried_in_the_loop(with_gains(problem, 0.0, 300.0))
+    assert found.at_rest
+    assert found.push.device.sample_time_s == 0.016
+    with pytest.raises(FirmwareLacksError, match="its estimator"):
+        check_runs_on(coupling(5, sample_time_s=4e-3))
 
 
 @functools.cache

@@ -299,19 +299,3 @@ def test_lookup_is_the_same_bit_for_bit(rows: int, even: bool) -> None:
     at = frequencies(made, 2000, rows)
     device, host = device_lookup(made, at), lookup(made.table.single(), at)
     assert device.tobytes() == host.tobytes()
-
-
-@pytest.mark.slow
-@given(st.integers(1, 40), st.integers(0, 1000))
-def test_lookup_stays_within_its_neighbours_and_near_the_exact_interpolation(rows: int, seed: int) -> None:
-    made = coupling(rows, seed=seed)
-    table = made.table.single().astype(np.float64)
-    at = frequencies(made, 30, seed)
-    at = at[np.isfinite(at) & (at > 0)]
-    got = lookup(made.table.single(), at)
-    for column in range(3):
-        exact = np.interp(np.log(at.astype(np.float64)), np.log(table[:, 0]), table[:, 1 + column])
-        spread = np.ptp(table[:, 1 + column]) + abs(table[:, 1 + column]).max()
-        assert np.abs(got[:, column] - exact).max() <= 2e-5 * spread
-        assert got[:, column].min() >= table[:, 1 + column].min() - 1e-6 * spread
-        assert got[:, column].max() <= table[:, 1 + column].max() + 1e-6 * spread

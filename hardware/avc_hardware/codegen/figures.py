@@ -12,6 +12,7 @@ if TYPE_CHECKING:
 
 # In the order of HELLO.
 ESTIMATOR_NUMBERS = ("zero-crossing", "spectral-peak", "adaptive-notch", "fused")
+SLOWEST_ESTIMATE_S = 1 / 300  # above, the estimator has fewer resonators: another program
 NO_SLEW_PER_S = 1e30
 """Stands for no limit of the slew: no gain is changed by it, and single precision holds it times any gain."""
 

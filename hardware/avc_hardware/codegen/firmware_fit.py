@@ -10,7 +10,7 @@ import numpy as np
 
 from avc_casadi import InputError, NotDeployableError, UnsupportedError
 from avc_casadi.coupling import require_coupling
-from avc_hardware.codegen.figures import BoardLimits, Config, RuntimeFigures, board_limits
+from avc_hardware.codegen.figures import SLOWEST_ESTIMATE_S, BoardLimits, Config, RuntimeFigures, board_limits
 
 if TYPE_CHECKING:
     from avc_casadi._util.arrays import Float32Array
@@ -97,6 +97,8 @@ def check_runs_on(coupling: Coupling, device: RunningFirmware | None = None) -> 
             f"it holds {most} states of an observer, the coupling has {feedback.states} (runtime.state_feedback; "
             "design it with a simpler hand or device)"
         )
+    if not constant and coupling.sample_time_s > SLOWEST_ESTIMATE_S * (1 + 1e-9):
+        lacks.append(f"its estimator runs at sample times up to {SLOWEST_ESTIMATE_S:.3g} s")
     if feedback is not None and not constant:
         lacks.append("it feeds states back beside constant gains alone (runtime.state_feedback)")
     if runtime.guard not in {None, GUARD}:

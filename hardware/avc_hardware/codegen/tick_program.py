@@ -29,8 +29,8 @@ from avc_hardware.codegen.figures import NO_SLEW_PER_S, RuntimeFigures
 LAWS = {"gated": False, "clips": True}
 """Whether the contact law of each name is clip-last."""
 GAINS = ("damping_ns_per_m", "stiffness_n_per_m", "contact_damping_ns_per_m")
-SAMPLE_TIMES_S = (5e-5, 1 / 300)
-"""Range of sample times of one program: below, a tick has too few cycles; above, the estimator has fewer resonators."""
+SAMPLE_TIMES_S = (5e-5, 0.02)
+"""Range of sample times: below, a tick has too few cycles; above, the watchdog is fed too late."""
 _FIGURES = (
     "sample_time_s",
     "rate_hz",
@@ -46,7 +46,7 @@ Start = tuple[float, float, float] | str
 
 
 class _AnyEncoder(EstimatorSettings):
-    """Thresholds that are symbols, at a sample time within `SAMPLE_TIMES_S`."""
+    """Thresholds that are symbols; above `SLOWEST_ESTIMATE_S` no coupling has gains that follow the estimate."""
 
     def __post_init__(self) -> None:
         pass
