@@ -4,13 +4,13 @@ import dataclasses
 
 import numpy as np
 import pytest
-from excited import DECLARED, Bench, device, first_broken, planned
+from excited import Bench, device, first_broken, planned
 from faulty_link import FaultKind, FaultyLink, LinkFault
 from hardware_bench import coupling, push, require
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from avc_casadi.identification.excitation import FULL, Signal, corners_of, plan_excitation
+from avc_casadi.identification.excitation import FULL, Signal
 from avc_casadi.identification.read import read_logs
 from avc_hardware import Connection, RefusedError, excite
 from avc_hardware.link import messages as m
@@ -50,18 +50,6 @@ def test_no_force_from_the_tick_at_which_a_limit_is_exceeded(kind, mass, damping
     late = plan.window + delay + 2
     allowed = plan.max_speed_m_per_s + plan.metres_per_count / plan.sample_time_s
     assert speed <= allowed + late * plan.sample_time_s * plan.max_force_n / mass
-
-
-@pytest.mark.slow
-def test_devices_of_the_ranges_play_to_the_end():
-    for kind in ("multisine", "chirp"):
-        plan = planned(kind)
-        for one in (corners_of(DECLARED)[1], corners_of(DECLARED)[-1]):
-            log = Bench(one).excite(plan)
-            assert log.whole, (kind, log.end)
-            told = log.document()
-            assert told["peak_speed_m_per_s"] <= plan.max_speed_m_per_s
-            assert told["peak_travel_m"] <= plan.max_travel_m
 
 
 @pytest.mark.slow
@@ -133,16 +121,6 @@ def test_device_refuses_a_plan_without_limits(wrong):
         connection.run(connection.session.ask(Kind.EXCITE, plan_bytes(plan, 1), m.Acknowledged))
     bench.pass_by(50)
     assert not np.any(bench.force_n)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("limits", [{"force_n": 0.8}, {"speed_m_per_s": 0.1}, {"travel_m": 0.0012}], ids=str)
-def test_every_limit_is_kept_by_the_plan(limits):
-    made = plan_excitation(DECLARED, seconds=2.0, **limits)
-    (key, most), reached = *limits.items(), made.forecast
-    assert getattr(reached, key).max() <= most
-    assert made.held_back_by == key
-    assert made.plan.peak_force_n > 0.24
 
 
 # Every record of an excitation is that of its own tick: over a bad line, when read too late, and in the file.

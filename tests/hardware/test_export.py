@@ -70,13 +70,6 @@ def test_compiled_detents_have_the_bits_of_the_expressions(seed: int) -> None:
     check_bits(notched(seed), (C99, CPP11, CLANG_CPP17)[seed % 3])
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("board", "seed"), [("Cortex-M0", 0), ("ATmega328P", 2)])
-def test_a_small_processor_has_the_same_bits(board: str, seed: int) -> None:
-    made = notched(seed)
-    assert ran(board, made, motions(made)[:, :60]).forces.tobytes() == reference(made)[:, :60].tobytes()
-
-
 @pytest.mark.parametrize(("precision", "off"), [("single", 2e-5), ("double", 1e-12)])
 @pytest.mark.parametrize("width", [1.0, 0.3])
 def test_the_force_in_front_of_the_wall_is_that_of_the_definition(precision: str, off: float, width: float) -> None:
@@ -181,13 +174,6 @@ def test_no_title_method_or_file_becomes_code(title: str, method: str, file: str
     for place, text in found.items():
         assert text.isascii()
         assert code(text) == code(plain[place]), place
-
-
-def test_a_planted_statement_is_seen_by_this_test() -> None:
-    """A comment that ends early is code to `code`, in each way that C knows."""
-    for text in ("/* a */ int planted; /* */", "/* a *??/\n/ int planted; /* */", "/* a *\\\n/ int planted; /* */"):
-        assert code(text) == "int planted;"
-    assert code('/* a */ char *text = "/* no comment */";') == 'char *text = "/* no comment */";'
 
 
 @pytest.mark.parametrize("name", ["", "Soft", "2nd", "a b", "a*/", "x" * 21, "soft_", "int main"])

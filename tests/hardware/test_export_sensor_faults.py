@@ -176,10 +176,3 @@ def check(name: str, runs: int, seed: int) -> None:
 @pytest.mark.parametrize("name", LAWS)
 def test_no_fault_gives_force_outside_or_more_energy_than_a_spring_would(name: str) -> None:
     check(name, runs=40, seed=1)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", [2, 3, 4])
-@pytest.mark.parametrize("name", LAWS)
-def test_none_of_many_faults_does(name: str, seed: int) -> None:
-    check(name, runs=1000, seed=seed)

@@ -220,21 +220,6 @@ class OnBoard:
         return connection.run(connection.session.ask(Kind.STATUS, b"", DeviceStatus))
 
 
-def test_on_the_emulated_board_a_glitch_ends_in_a_ramp() -> None:
-    bench = OnBoard()
-    for count in (-50, 0, 100, 200, 300):
-        bench.run(0.01, count)
-    assert bench.machine.drives
-    pressed = bench.codes[-1]
-    at = len(bench.codes)
-    bench.run(0.001, 1350)
-    bench.run(0.1, 300)
-    assert max(bench.codes[at:]) <= pressed
-    assert (bench.codes[-1], bench.machine.drives) == (2048, False)
-    status = bench.status()
-    assert (status.mode, status.faults, status.first_faults) == ("fault", DeviceFault.JUMP, DeviceFault.JUMP)
-
-
 def test_on_the_emulated_board_a_hang_is_ended_by_the_watchdog() -> None:
     """The timer stops: the main loop lives, but no tick; within 50 ms the watchdog starts the firmware anew."""
     bench = OnBoard()

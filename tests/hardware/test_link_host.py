@@ -145,15 +145,6 @@ def test_status_names_the_coupling_and_the_device_takes_the_lower_force_limit() 
         assert (device.coupling_id, device.max_force_n) == (made.id, 20.0)
 
 
-def test_the_wall_is_that_of_the_coupling() -> None:
-    core = host_core()
-    for stiffness in (2e3, 5e3):
-        push(coupling(1, largest=(0.0, 1e6, 0.0), seed=4, wall=(0.0, stiffness)), HostLink(core))
-        force, _ = core.tick(np.full(400, 500, dtype=np.int32))
-        k = TableImage.of(coupling(1, largest=(0.0, 1e6, 0.0), seed=4)).rows[0, 2]
-        assert force[-1] == pytest.approx(1e-3 * k * stiffness / (k + stiffness), rel=1e-4)
-
-
 @pytest.mark.parametrize("damping", [0.0, 40.0, 100.0])
 def test_the_damper_of_the_wall_is_that_of_the_coupling(damping: float) -> None:
     """Pressed at speed v through a spring k, the wall answers with k k_e/(k + k_e) x + b_e v (k/(k + k_e))^2."""
@@ -247,9 +238,3 @@ def test_device_refuses_what_its_tick_could_not_run(place: int, change: bytes, r
     refusal = link_state_feedback_refused(bytes(image), 1, 3)
     assert refusal == reason
     assert ("state feedback" in str(refusal)) == (refusal.detail == AT_FEEDBACK)
-
-
-def test_unusable_rows_are_left_out_and_counted() -> None:
-    core = host_core()
-    result = push(coupling(9, unusable=4), HostLink(core))
-    assert (result.rows, result.left_out) == (5, 4)

@@ -120,44 +120,6 @@ def test_firmware_gives_the_bits_of_the_exported_coupling(
     assert np.isfinite(expected).all()
 
 
-@pytest.mark.slow
-def test_observer_begins_anew_with_every_table() -> None:
-    """Given in contact: the table before runs on; where it is left, the forces are those of a fresh start."""
-    way, touched = motions()[0], APPROACH + 15
-    last = made(believer(3))
-    for before in (made(None), made(believer(1)), made(believer(5)), made(dense_believer(8))):
-        core, unchanged = core_with(before), core_with(before).tick(way)[0]
-        assert core.tick(way[:touched])[0].max() > 0
-        give(core, last)
-        at = touched
-        while core.state().swaps == 1:
-            assert core.tick(way[at : at + 1])[0] == unchanged[at] or core.state().swaps == 2
-            at += 1
-        assert way[at - 1] <= 0
-        assert touched < at < TICKS / 2
-        assert core.tick(way[at:])[0].tobytes() == exported(last, way[None, at - 1 :])[0, 1:].tobytes()
-
-
-def heartbeat(core: HostCore, ticks: int) -> None:
-    core.write(Session(1, timeout_s=1.0).message(Kind.HEARTBEAT, m.words(ticks))[1])
-
-
-def test_fading_force_is_the_one_that_the_observer_knows() -> None:
-    way = np.full(200, 150, dtype=np.int32)
-    coupling = made(believer(3))
-    core = core_with(coupling)
-    core.tick(np.full(300, 150, dtype=np.int32))
-    heartbeat(core, 20)
-    force, _ = core.tick(way)
-    assert core.state().mode == 2
-    scale = np.ones(200)
-    fades = 20 + np.arange(180)
-    scale[fades] = np.clip(1 - np.arange(180) / 100, 0, 1)
-    assert force[:15].min() > 0
-    assert force[130:].max() == 0
-    assert np.all(np.diff(force[25:125]) <= 1e-6 * LIMIT_N)
-
-
 def test_streamed_gains_keep_the_feedback_of_the_table() -> None:
     """Every force is that of the streamed spring in series with the wall, at the position that the observer makes of
     the measured one and of the force before."""

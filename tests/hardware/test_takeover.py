@@ -6,12 +6,11 @@ from typing import Any
 import numpy as np
 import pytest
 from faulty_link import FaultKind, FaultyLink, LinkFault
-from hardware_bench import believer, coupling, dense_believer, host_core, push, stream, with_gains
+from hardware_bench import believer, coupling, dense_believer, host_core, push, stream
 from host_device import HostCore, HostLink, queue
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from avc_casadi import load_problem
 from avc_casadi.model.gains import Gains
 from avc_casadi.model.runtime import Runtime
 from avc_hardware import Connection, StreamResult, TableImage
@@ -90,34 +89,6 @@ def test_it_waits_out_of_contact_and_begins_as_if_nothing_had_been(
     if new.varies and old is not None and not old.varies:
         return  # the frequency of the look-up has sunk to another lowest row meanwhile
     assert changed.tick(way[taken + 1 :])[0].tobytes() == expected[1:].tobytes()
-
-
-@pytest.mark.parametrize("soft_first", [True, False])
-def test_a_hand_that_leans_on_the_wall_feels_no_other_one(soft_first: bool) -> None:
-    """A tenth of a kilogram under 5 N: with another wall behind it the device moves as if none had been sent."""
-    problem = load_problem("damped")
-    soft = with_gains(problem.changed(environment={"stiffness_n_per_m": 1e3, "damping_ns_per_m": 0.0}), 5.0, 1e6)
-    tables = [TableImage.of(made) for made in (soft, with_gains(problem, 5.0, 1e6))]
-
-    def leans(sent: bool) -> tuple[list[float], list[float], float]:
-        core, x, v, force = host_core(), -1e-3, 0.0, 0.0
-        xs, forces = [], []
-        if soft_first:
-            queue(core, tables[0])
-        for tick in range(3000):
-            if sent and tick == 2000:
-                queue(core, tables[1])
-            hand = -5.0 if tick > 2500 else 5.0  # in the end it pulls the device out
-            v += 1e-3 / 0.1 * (hand - force - 2.0 * v - (20.0 * v if x > -2e-3 else 0.0))
-            x = max(x + 1e-3 * v, -2e-3) if soft_first else min(max(x + 1e-3 * v, -2e-3), 5e-3)
-            v = 0.0 if x in {-2e-3, 5e-3} else v
-            force = float(core.tick(np.array([round(x / 2e-6)], dtype=np.int32))[0][0])
-            xs.append(x)
-            forces.append(force)
-        assert core.state().has_table == (soft_first or sent)
-        return xs, forces, core.state().energy_j
-
-    assert leans(True) == leans(False)
 
 
 def test_a_device_that_is_held_in_its_wall_keeps_what_it_runs() -> None:

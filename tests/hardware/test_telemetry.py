@@ -148,9 +148,3 @@ def test_a_csv_log_is_whole_after_every_record_and_is_read_as_any_other(
     columns = read_columns(path)
     assert columns.position_m == pytest.approx([sample.position_m for sample in seen], abs=1e-12)
     assert columns.force_n == pytest.approx([-sample.force_n for sample in seen])
-
-
-def test_a_log_that_cannot_be_written_is_refused(tmp_path: Path) -> None:
-    for name in ("log.txt", "nowhere/log.csv"):
-        with pytest.raises(InputError, match=name):
-            TelemetryLog(tmp_path / name)
