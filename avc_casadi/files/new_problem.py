@@ -74,11 +74,14 @@ class NewProblem:
 
     def faults(self) -> list[Fault]:
         """Return all faults of the values, each under the key of its option."""
+        needed = [one for one in self.options() if one in (RADIUS, *HANDS) and not self.typed.get(one.key)]
+        words = {one.key: f"is missing; allowed: {one.examples[not self.units.linear]}" for one in needed}
+        found = [Fault("", None, key, message) for key, message in words.items()]
         try:
             self.problem()
         except InputError as error:
-            return self._under_options(error.faults)
-        return []
+            found += [one for one in self._under_options(error.faults) if one.key not in words]
+        return found
 
     def doubts(self) -> list[Fault]:
         """Return implausible values of a file without faults, each under the key of its option where it has one."""
@@ -125,8 +128,7 @@ class NewProblem:
 
     def _line(self, option: Option) -> Iterator[str]:
         key, typed = self.units.key(option.key).partition(".")[2], self.typed.get(option.key, option.default)
-        # Without a value the reader would take a default, or refuse no more than the radius.
-        stated = typed or option.key in self.typed or option in (RADIUS, *HANDS)
+        stated = typed or option.key in self.typed
         if self._kept(option) or not (stated or option.cost):
             return
         if stated:

@@ -13,7 +13,6 @@ from avc_casadi.model.table import shown
 if TYPE_CHECKING:
     from avc_casadi.model.problem import Problem
 
-
 # Usual values of desktop devices, their walls and hands; 0 is "absent" and never in doubt. For a rotary device they
 # apply at its handle.
 _USUAL = {
@@ -48,8 +47,7 @@ def plausibility(problem: Problem) -> tuple[Fault, ...]:
         for key in (named, named.replace("device.", "device.range.", 1)):
             value = _at(problem, key)
             if any(number != 0 and not lowest <= number <= highest for number in _numbers(value)):
-                usual = f"{plain(lowest)} to {plain(highest)}"
-                found[key, f"is {shown(value)}: usual {usual}; is the unit right?"] = None
+                found[key, f"is {shown(value)}: usual {plain(lowest)} to {plain(highest)}; is the unit right?"] = None
     every = (*found, *((key, message) for there, key, message in _doubts(problem) if there))
     return tuple(Fault(problem.name, None, units.key(key), units.words(message)) for key, message in every)
 

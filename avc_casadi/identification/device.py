@@ -213,7 +213,8 @@ def check_against(records: Sequence[Record], base: DeviceFile) -> None:
     force = np.abs(np.concatenate([one.force_n for one in records]))
     most = device.max_force_n if states(base, "max_force_n") else None
     if most is not None and np.mean(force > 1.01 * most) > 1e-3:
-        message = f"goes above device.max_force_n of {base.name}, {number(most)}; allowed: the force that acts"
+        key = device.units.key("max_force_n")
+        message = f"goes above device.{key} of {base.name}, {number(most)}; allowed: the force that acts"
         faults.append(Fault(records[0].name, None, "force", message))
     ticks = records[0].sample_time_s / device.sample_time_s
     if states(base, "sample_time_s") and round(ticks) > 1 and abs(ticks / round(ticks) - 1) < 0.01:

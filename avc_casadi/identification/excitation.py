@@ -212,12 +212,6 @@ def corners_of(device: Device) -> list[Device]:
     return [whole, *(one for one in corners if one != whole)]
 
 
-def speed_window(metres_per_count: float, sample_time_s: float, max_speed_m_per_s: float) -> int:
-    """Return the window of a velocity in ticks: a step of the encoder is at most a tenth of the speed limit over it."""
-    wanted = metres_per_count / (0.1 * max_speed_m_per_s * sample_time_s)
-    return int(min(max(1, -(-wanted // 1)), 32))
-
-
 def forecast(
     plan: Plan, devices: Sequence[Device], scales: Sequence[float] | FloatArray = (1.0,), progress: Progress = SILENT
 ) -> Forecast:
@@ -318,7 +312,9 @@ def plan_excitation(
         raise InputError(faults)
     devices = corners_of(device)
     step_m = device.encoder_resolution_m or 2e-6 / reach
-    window = speed_window(step_m, period, speed)
+    # A step of the encoder is at most a tenth of the speed limit over the window of a velocity.
+    wanted = step_m / (0.1 * speed * period)
+    window = int(min(max(1, -(-wanted // 1)), 32))
     # The delay turns the phase by 0.3 rad at most at the natural frequency of the lightest device on the spring.
     lightest = min(one.mass_kg for one in devices)
     late_s = (max(one.delay_samples for one in devices) + 1.5 + window / 2) * period

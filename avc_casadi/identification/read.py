@@ -170,7 +170,9 @@ def _arrays(named: Mapping[str, Any], file: str, layout: Layout) -> Columns:
             table = value if value.shape[0] >= value.shape[1] else value.T
             vectors |= {f"{name}:{at}": column for at, column in enumerate(table.T, start=1)}
     if not vectors:
-        raise InputError.of("holds no numbers; allowed: vectors of time, position and force", file=file)
+        raise InputError.of(
+            "holds no vector of numbers; allowed: vectors, a matrix (a struct: save -struct)", file=file
+        )
     chosen = _chosen(list(vectors), len(vectors), layout, file, None)
     values = {quantity: list(vectors.values())[index] for quantity, (index, _) in chosen.items()}
     if len({one.size for one in values.values()}) > 1:

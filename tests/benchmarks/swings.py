@@ -217,7 +217,7 @@ def page(rows: Sequence[tuple[str, str]], cures: Sequence[bool], seed: int, coun
     outcomes = ("right", "cannot tell", "wrong")
     lines = [f"| {kind} | {' | '.join(str(counts[kind, one]) for one in outcomes)} |" for kind in KINDS]
     total = [sum(counts[kind, one] for kind in KINDS) for one in outcomes]
-    made = f"Made by `python tests/benchmarks/swings.py --count {count} --write` (seed {seed})"
+    made = f"Made by `python tests/benchmarks/swings.py --count {count} --seed {seed} --write`"
     parts = [
         "# Swings of loops drawn at random",
         f"{made}; {len(rows)} logs.",

@@ -137,6 +137,7 @@ def test_a_sheet_in_the_words_of_its_vendor_is_a_file_in_si_units(sheet, tmp_pat
     [
         (["--max-force", "20 lb"], ("--max-force", "lbf")),
         (["--force", "200 N"], ("--force", "--max-force")),
+        (["--held", "foot"], ("--hand-mass: is missing", "--hand-stiffness")),
     ],
 )
 def test_a_value_that_is_none_names_its_option_and_what_to_write(typed, names, tmp_path, capsys):
