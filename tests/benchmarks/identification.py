@@ -129,7 +129,7 @@ def table_of(rows: Sequence[Mapping[str, Any]], made: Mapping[str, Any]) -> str:
         "",
         made_by(made),
         "",
-        " ".join((__doc__ or "").split("\n\n")[2].partition(" With --write")[0].split())
+        " ".join((__doc__ or "").split("\n\n")[2].partition("\nWith --write")[0].split())
         + " *Right*: share of logs whose error is at most 3 % of the value (a delay: 0.15 samples; friction: of the "
         "value or of 0.1 N). *Error*: median, and below which 90 % lie, as a share of the value (a delay in samples). "
         "*Inside*: share of 95 % intervals that hold the truth.",

@@ -135,7 +135,6 @@ def test_a_sheet_in_the_words_of_its_vendor_is_a_file_in_si_units(sheet, tmp_pat
 @pytest.mark.parametrize(
     ("typed", "names"),
     [
-        (["--max-force", "20 lb"], ("--max-force", "lbf")),
         (["--force", "200 N"], ("--force", "--max-force")),
         (["--held", "foot"], ("--hand-mass: is missing", "--hand-stiffness")),
     ],
