@@ -131,8 +131,7 @@ def deployable(coupling: Coupling, progress: Progress = SILENT) -> Deployable:
         # Of a margin that is asked for, 0.97 is taken for it.
         least, claims = LEAST_DISK if asked is None else 0.97 * asked, verdict.claims
         if margin < least:
-            why = f"{margin:.2g}, below {least:.2g}: some hand, or the released device, "
-            why += "vibrates when the motor's constant differs a little"
+            why = f"{margin:.2g}, below {least:.2g}: held or released, it vibrates at another motor constant"
             advice = "take `avc recommend P`, soften the wall, or require less by [robustness] disk_margin"
             claims += (DeployClaim("disk-margin", False, why, advice),)
         verdict = Deployable(claims, margin)

@@ -302,7 +302,7 @@ class LawCertificate(Printed):
         delay = f"{device.delay_samples:g} sample{'' if device.delay_samples == 1 else 's'} of delay"
         ranges = ", over [device.range]" if device_ranges(device, LINEAR_KEYS) else ""
         late = f"with {delay} at {1 / device.sample_time_s:g} Hz{ranges}"
-        low, high = allowed or (0.0, 0.0)
+        low, high, free = *(allowed or (0.0, 0.0)), self.free is None or self.free.stable
         if self.stable:
             thin = f"a disk margin of {self.disk_margin:.2g} is {'thin' if self.passed else f'below {LEAST_DISK}'}"
             doubts = [thin] if self.disk_margin < SOUND_DISK else []
@@ -310,11 +310,11 @@ class LawCertificate(Printed):
             whose = "with every hand and released" if any(self.held.hand.values()) else "released; nobody holds it"
             return f"stable, but {', and '.join(doubts)}" if doubts else f"stable {whose}"
         unstable = {
+            f"b_p {law.local_damping_ns_per_m:.4g} is too much outside the wall {late}": not free,
             f"no b holds this k {late}": allowed is None,
             f"b {b:.4g} is above its largest, {high:.4g}, {late}": b > high,
             f"b {b:.4g} is below the {low:.4g} that this k needs {late}": b < low,
-            f"k {k:.4g} is above its largest, {largest:.4g}, {late}": k > largest,
-            f"b_p {law.local_damping_ns_per_m:.4g} is too much outside the wall {late}": True,
+            f"k {k:.4g} is above its largest, {largest:.4g}, {late}": True,
         }
         return f"unstable: {next(text for text, holds in unstable.items() if holds)}"
 
@@ -437,7 +437,6 @@ def _remedies(found: LawCertificate, loops: Loops) -> Iterator[Remedy]:
         return 0.0 if loud else around.disk_margin(changed)
 
     def sound(laws: Iterable[Law], *keys: str) -> list[Remedy]:
-        """Return the first sound law, with what it changes."""
         each = (Remedy({key: getattr(one, key) for key in keys}, margin(one)) for one in laws)
         return list(islice((one for one in each if one.disk_margin >= SOUND_DISK), 1))
 
@@ -448,6 +447,8 @@ def _remedies(found: LawCertificate, loops: Loops) -> Iterator[Remedy]:
     )
     best = [] if allowed is None else [max(law.dampings(allowed[1]), key=margin)]
     one_change = sound(best, "damping_ns_per_m") + sound(law.softer(0.85**n for n in range(1, 30)), "stiffness_n_per_m")
+    local = (replace(law, local_damping_ns_per_m=_rounded(one * law.local_damping_ns_per_m)) for one in _SHARES)
+    one_change += sound(local if law.local_damping_ns_per_m else (), "local_damping_ns_per_m")
     yield from one_change or sound(damped, "stiffness_n_per_m", "damping_ns_per_m")
     if not found.quiet:
         cutoffs = (replace(law, cutoff_hz=_rounded(share * 0.5 / loops.period)) for share in _SHARES[1:])
