@@ -16,12 +16,9 @@ from avc_casadi.coupling import Coupling
     ("arguments", "key", "words"),
     [
         (("solve", "figgure5"), "", "figure5"),
-        (("solve", "figure5", "--method", "magic"), "--method", "closed-form, direct, exact"),
         (("solve", "figure5", "--out", "nowhere/gains.json"), "--out", "nowhere"),
         (("solve", "figure5", "--method", "direct", "--as-printed"), "--as-printed", "closed-form"),
         (("compare", "figure5", "--mine", "7000"), "--mine", "K,B"),
-        (("compare", "figure5", "--mine", "7000,-1"), "--mine", ">= 0"),
-        (("compare", "figure5", "--plot", "f.bmp"), "--plot", ".png, .svg, .pdf"),
         (("simulate", "soft", "--screen", "--explain"), "--explain", "--screen"),
         (("push", "missing.json", "--port", "emulator"), "", "does not exist"),
         (("monitor", "--port", "emulator", "--rate-hz", "0"), "--rate-hz", "above 0"),
