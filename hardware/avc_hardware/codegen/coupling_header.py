@@ -8,8 +8,6 @@ from avc_hardware.codegen.c_frame import FRAME, comment, comment_lines, head_wor
 from avc_hardware.codegen.sensor_rule import FARTHEST_M, SensorBounds
 
 if TYPE_CHECKING:
-    from pydantic import BaseModel
-
     from avc_casadi.claims.deployable import Deployable
     from avc_casadi.coupling import Coupling
     from avc_casadi.simulation.emit import Precision
@@ -86,7 +84,8 @@ def coupling_header(coupling: Coupling, program: CouplingProgram, precision: Pre
         inside=bounds.change_m,
     )
     low, high = coupling.table.frequency_hz[[0, -1]]
-    detents = "" if detent is None else f"\n * detents everywhere: {_values(detent)}"
+    values = {} if detent is None else detent.model_dump()
+    detents = comment(", ".join(f"{key} {value:.9g}" for key, value in values.items()))
     return _HEADER.format(
         **FRAME,
         id=coupling.id,
@@ -101,7 +100,7 @@ def coupling_header(coupling: Coupling, program: CouplingProgram, precision: Pre
         wall_b=coupling.wall.damping_ns_per_m,
         wall_k=coupling.wall.stiffness_n_per_m,
         beside=_beside(coupling),
-        detents=detents,
+        detents=f"\n * detents everywhere: {detents}" if detents else "",
         force="the problem knows no limit; limit it yourself" if force is None else f"limited at {force:.9g} N",
         sample_time=coupling.sample_time_s,
         sample_time_literal=precision.literal(coupling.sample_time_s),
@@ -125,7 +124,3 @@ def _beside(coupling: Coupling) -> str:
     if runtime.state_feedback is not None:
         told.append(f"an observer of {runtime.state_feedback.states} states, and feedback")
     return comment(", ".join(told) or "nothing")
-
-
-def _values(of: BaseModel) -> str:
-    return comment(", ".join(f"{key} {value:.9g}" for key, value in of.model_dump().items()))

@@ -124,11 +124,11 @@ class _Built:
         successors = dict(zip(names, map(ca.SX, tick.successors()), strict=True))
 
         def part(name: str, given: dict[str, Any], made: dict[str, Any], following: tuple[str, ...]) -> FloatProgram:
-            results = self._settled([*map(ca.SX, made.values()), *(successors[state] for state in following)])
+            results = [*map(ca.SX, made.values()), *(successors[state] for state in following)]
             function = ca.Function(
                 name,
                 [*given.values(), *(slot.symbol for slot in tick.states)],
-                results,
+                ca.substitute(results, [slot.symbol for slot in tick.parameters], self._parameters()),
                 [*given, *(f"state_{state}" for state in names)],
                 [*(f"out_{output}" for output in made), *(f"next_{state}" for state in following)],
             )
@@ -144,13 +144,6 @@ class _Built:
         before = part("before", measured, {"frequency_hz": self.frequency, "seen_m": self.seen}, early)
         given = {"seen_m": self.cut} | {f"wanted_{name}": one for name, one in zip(GAINS, self.wanted, strict=True)}
         return CouplingProgram(names, initial, before, part("after", given, forces, late), early)
-
-    def _settled(self, results: list[Any]) -> list[Any]:
-        """Substitute the tick's parameters."""
-        import casadi as ca  # noqa: PLC0415
-
-        settled: list[Any] = ca.substitute(results, [slot.symbol for slot in self.tick.parameters], self._parameters())
-        return settled
 
     def _parameters(self) -> list[float]:
         """Return the values of the tick's parameters, in its order."""

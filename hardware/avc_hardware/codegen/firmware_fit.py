@@ -62,27 +62,20 @@ class FirmwareLacksError(NotDeployableError, UnsupportedError):
     """A coupling needs features that the device's firmware lacks, and is refused (command line: exit code 1)."""
 
 
-class RunningFirmware(Protocol):
+class _RunningFirmware(Protocol):
     """Firmware running on a device, as it reports it."""
 
     @property
-    def capacity_states(self) -> int:
-        """Largest number of observer states."""
-
+    def capacity_states(self) -> int: ...
     @property
-    def figures(self) -> RuntimeFigures:
-        """Figures of its control tick."""
-
+    def figures(self) -> RuntimeFigures: ...
     @property
-    def limits(self) -> BoardLimits:
-        """Limits built in, or last sent."""
-
+    def limits(self) -> BoardLimits: ...
     @property
-    def bound(self) -> bool:
-        """Whether it keeps its limits and its handle."""
+    def bound(self) -> bool: ...
 
 
-def check_runs_on(coupling: Coupling, device: RunningFirmware | None = None) -> None:
+def check_runs_on(coupling: Coupling, device: _RunningFirmware | None = None) -> None:
     """Refuse a coupling that needs features that the firmware lacks."""
     require_coupling(coupling)
     runtime = coupling.runtime
@@ -123,7 +116,7 @@ def check_runs_on(coupling: Coupling, device: RunningFirmware | None = None) -> 
         )
 
 
-def config_for(coupling: Coupling, device: RunningFirmware) -> Config:
+def config_for(coupling: Coupling, device: _RunningFirmware) -> Config:
     """Return the configuration for a coupling on a device: a bound one keeps its limits and its handle."""
     wanted, has = figures_of(coupling), device.figures
     limits = device.limits if device.bound else board_limits(coupling.problem.device)

@@ -94,15 +94,9 @@ class Machine:
         self._transmit_free = self.cycle
 
     @property
-    def baud(self) -> float:
-        """Baud rate set by the firmware, bits a second, also that of the wire."""
-        divisor = self._registers.get(_SERIAL + 0x8, 0)
-        return CLOCK_HZ / 2 / divisor if divisor else 115200.0
-
-    @property
     def byte_cycles(self) -> int:
-        """Cycles of one byte on the wire: ten bits."""
-        return round(10 * CLOCK_HZ / self.baud)
+        """Cycles of one byte on the wire: ten bits, at the rate that the firmware has set."""
+        return 20 * self._registers.get(_SERIAL + 0x8, 0) or round(10 * CLOCK_HZ / 115200)
 
     def send(self, data: bytes) -> None:
         """Send bytes to the firmware, behind those that are still on the wire."""

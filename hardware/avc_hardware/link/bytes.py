@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import time
-from typing import Protocol, Self, runtime_checkable
+from typing import Protocol, runtime_checkable
 
 import serial
 
@@ -90,12 +90,6 @@ class SerialLink:
     def close(self) -> None:
         """Close the port."""
         self._port.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
 
 def _reason(error: Exception) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import struct
 from dataclasses import dataclass
 from enum import IntEnum, IntFlag
+from typing import Self
 
 from avc_hardware.link.frames import PROTOCOL_VERSION
 
@@ -26,106 +27,73 @@ class DeviceFault(IntFlag):
     @property
     def word(self) -> str:
         """Return the faults in a few words, separated by commas."""
-        return ", ".join(_WORDS[fault] for fault in type(self)(self))
+        return ", ".join(_TOLD[fault].partition(":")[0] for fault in type(self)(self))
 
     @property
     def advice(self) -> tuple[str, ...]:
         """Return meaning and remedy of each, a sentence each."""
-        return tuple(f"{_WORDS[fault]}: {_ADVICE[fault]}" for fault in type(self)(self))
+        return tuple(_TOLD[fault] for fault in type(self)(self))
 
 
-_WORDS = {
-    DeviceFault.JUMP: "encoder jumped",
-    DeviceFault.STUCK: "encoder stuck",
-    DeviceFault.SPEED: "too fast",
-    DeviceFault.ENERGY: "too much energy",
-    DeviceFault.NOT_FINITE: "force not a number",
-    DeviceFault.OVERRUN: "ticks too long",
-    DeviceFault.DISABLED: "enable line open",
-    DeviceFault.WATCHDOG: "reset by the watchdog",
-    DeviceFault.BROWN_OUT: "supply sank",
-    DeviceFault.HEARTBEAT: "host silent",
-}
-_ADVICE = {
-    DeviceFault.JUMP: "between two ticks it moved as nothing of this mass can; look at its wires, shield and supply",
-    DeviceFault.STUCK: "no count came though the force swung; look at its wires, or for what blocks the device",
-    DeviceFault.SPEED: "the device was faster than its limit; look for an unstable coupling, or a hand that let go",
-    DeviceFault.ENERGY: "the coupling gave out more than it got; it does not hold this device (avc diagnose)",
-    DeviceFault.NOT_FINITE: "the observer or the gains went beyond all bounds; push another coupling",
-    DeviceFault.OVERRUN: "several in a row took longer than a sample time; a slower estimator or a longer sample time",
-    DeviceFault.DISABLED: "the emergency stop, or what stands for it, is open; close it",
-    DeviceFault.WATCHDOG: "the firmware hung and was started anew; push the coupling again",
-    DeviceFault.BROWN_OUT: "the supply fell below its limit and the device started anew; push the coupling again",
-    DeviceFault.HEARTBEAT: "no heartbeat in time; send them again, and let go of the device",
-}
+# By rising number: in a few words, meaning and remedy.
+_SENTENCES = (
+    "encoder jumped: between two ticks it moved as nothing of this mass can; look at its wires, shield and supply",
+    "encoder stuck: no count came though the force swung; look at its wires, or for what blocks the device",
+    "too fast: the device was faster than its limit; look for an unstable coupling, or a hand that let go",
+    "too much energy: the coupling gave out more than it got; it does not hold this device (avc diagnose)",
+    "force not a number: the observer or the gains went beyond all bounds; push another coupling",
+    "ticks too long: several in a row took longer than a sample time; a slower estimator or a longer sample time",
+    "enable line open: the emergency stop, or what stands for it, is open; close it",
+    "reset by the watchdog: the firmware hung and was started anew; push the coupling again",
+    "supply sank: the supply fell below its limit and the device started anew; push the coupling again",
+    "host silent: no heartbeat in time; send them again, and let go of the device",
+)
+_TOLD = dict(zip(DeviceFault, _SENTENCES, strict=True))
 
 INTERFACE_VERSION = 12  # of the messages' meaning
 
 
 class Reason(IntEnum):
-    """Reasons of a refusal."""
+    """Reasons of a refusal: number on the wire, and sentence."""
 
-    VERSION = 1
-    MESSAGE = 2
-    SIZE = 3
-    BUSY = 4
-    NO_TRANSFER = 5
-    OFFSET = 6
-    CRC = 7
-    ROWS = 8
-    NOT_FINITE = 9
-    NOT_MONOTONIC = 10
-    LIMIT = 11
-    SAMPLE_TIME = 12
-    STALE = 13
-    NO_TABLE = 14
-    INTERFACE = 15
-    STATES = 16
-    EXCITED = 17
-    NO_EXCITATION = 18
-    WALL = 19
-    FORCE = 20
-    COUPLING = 21
-    IN_CONTACT = 22
-    MODE = 23
-    HOLD = 24
-    FAULT = 25
-    FLAGS = 29
-    OTHER_COUPLING = 30
-    BOARD = 31
+    sentence: str
+
+    def __new__(cls, code: int, sentence: str = "") -> Self:
+        """Give the number its sentence."""
+        made = int.__new__(cls, code)
+        made._value_, made.sentence = code, sentence
+        return made
+
+    VERSION = 1, "the firmware has protocol {detail}, this program {own}; bring both to the same release"
+    MESSAGE = 2, "the firmware does not know message or unit {detail}; update the firmware"
+    SIZE = 3, "a message or the table has a wrong size (the device counts {detail})"
+    BUSY = 4, "another host is sending a table (session {detail:#010x}); wait until it has ended"
+    NO_TRANSFER = 5, "the device knows of no transfer; it may have been reset"
+    OFFSET = 6, "a part of the table was lost before byte {detail}"
+    CRC = 7, "the checksum of the table is wrong"
+    ROWS = 8, "the table has too many rows or none; allowed: 1 to {detail}"
+    NOT_FINITE = 9, "{row} holds a number that is not finite"
+    NOT_MONOTONIC = 10, "{row} does not rise in frequency; sort the table and drop repeated frequencies"
+    LIMIT = 11, "{row} is outside the device's limits"
+    SAMPLE_TIME = 12, "the table was designed for another sample time than the device's"
+    STALE = 13, "gains with a number not above {detail} came late"
+    NO_TABLE = 14, "the device holds no table yet; push one first"
+    INTERFACE = 15, "the firmware has interface version {detail}, this program {interface}; use one release for both"
+    STATES = 16, "the table feeds back too many states; allowed: at most {detail}, beside a single row of gains"
+    EXCITED = 17, "an excitation is running (number {detail:#010x}); wait for its end, or stop it"
+    NO_EXCITATION = 18, "the device knows of another excitation or of none ({detail:#010x}); it may have been reset"
+    WALL = 19, "the table has no wall, or one outside the device's limits"
+    FORCE = 20, "the table was designed for more force than the device gives, or its limit is no force"
+    COUPLING = 21, "the table does not name its coupling"
+    IN_CONTACT = 22, "the device is in contact; the table takes over when it is let go"
+    MODE = 23, "the device does not run its table now (mode {detail}); nothing is kept for later"
+    HOLD = 24, "it would hold too long; allowed: at most {detail} ticks"
+    FAULT = 25, "the device has latched faults ({fault}); clear them first: avc device --clear"
+    FLAGS = 29, "{row} has a flag that the firmware does not know, which is older than this program; update it"
+    OTHER_COUPLING = 30, "the gains are of another coupling than {detail:08x}, which runs; push theirs first"
+    BOARD = 31, "the configuration is of another device or program than the firmware is built for: avc firmware"
 
 
-_SENTENCES = {
-    Reason.VERSION: "the firmware has protocol {detail}, this program {own}; bring both to the same release",
-    Reason.MESSAGE: "the firmware does not know message or unit {detail}; update the firmware",
-    Reason.SIZE: "a message or the table has a wrong size (the device counts {detail})",
-    Reason.BUSY: "another host is sending a table (session {detail:#010x}); wait until it has ended",
-    Reason.NO_TRANSFER: "the device knows of no transfer; it may have been reset",
-    Reason.OFFSET: "a part of the table was lost before byte {detail}",
-    Reason.CRC: "the checksum of the table is wrong",
-    Reason.ROWS: "the table has too many rows or none; allowed: 1 to {detail}",
-    Reason.NOT_FINITE: "{row} holds a number that is not finite",
-    Reason.NOT_MONOTONIC: "{row} does not rise in frequency; sort the table and drop repeated frequencies",
-    Reason.LIMIT: "{row} is outside the device's limits",
-    Reason.SAMPLE_TIME: "the table was designed for another sample time than the device's",
-    Reason.WALL: "the table has no wall, or one outside the device's limits",
-    Reason.FORCE: "the table was designed for more force than the device gives, or its limit is no force",
-    Reason.COUPLING: "the table does not name its coupling",
-    Reason.IN_CONTACT: "the device is in contact; the table takes over when it is let go",
-    Reason.MODE: "the device does not run its table now (mode {detail}); nothing is kept for later",
-    Reason.FAULT: "the device has latched faults ({fault}); clear them first: avc device --clear",
-    Reason.FLAGS: "{row} has a flag that the firmware does not know, which is older than this program; update it",
-    Reason.OTHER_COUPLING: "the gains are those of another coupling than {detail:08x}, which the device runs; push "
-    "theirs first",
-    Reason.BOARD: "the configuration is of another device or program than the firmware is built for: avc firmware",
-    Reason.HOLD: "it would hold too long; allowed: at most {detail} ticks",
-    Reason.STALE: "gains with a number not above {detail} came late",
-    Reason.INTERFACE: "the firmware has interface version {detail}, this program {interface}; use one release for both",
-    Reason.NO_TABLE: "the device holds no table yet; push one first",
-    Reason.STATES: "the table feeds back too many states; allowed: at most {detail}, beside a single row of gains",
-    Reason.EXCITED: "an excitation is running (number {detail:#010x}); wait for its end, or stop it",
-    Reason.NO_EXCITATION: "the device knows of another excitation or of none ({detail:#010x}); it may have been reset",
-}
 _PLACES = {
     0xFFFF: "the table's header",
     0xFFFE: "the state feedback",
@@ -145,7 +113,7 @@ class Refusal:
     def __str__(self) -> str:
         if not isinstance(self.reason, Reason):
             return f"for a reason unknown to this program (code {self.reason}, {self.detail}); update avc-casadi"
-        return _SENTENCES[self.reason].format(
+        return self.reason.sentence.format(
             detail=self.detail,
             row=_PLACES.get(self.detail, f"row {self.detail}"),
             own=PROTOCOL_VERSION,

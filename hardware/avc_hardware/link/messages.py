@@ -162,23 +162,16 @@ def _acknowledged(payload: bytes) -> Acknowledged:
     return Acknowledged(*struct.unpack("<II", payload))
 
 
+_PLAIN = (Kind.BEGIN, Kind.CHUNK, Kind.ABORT, Kind.HEARTBEAT, Kind.CLEAR, Kind.EXCITE, Kind.STOP, Kind.LIMITS)
 _PARSERS: dict[int, Callable[[bytes], Message]] = {
+    **{kind | REPLY: _acknowledged for kind in (*_PLAIN, Kind.SUBSCRIBE)},
     Kind.HELLO | REPLY: Device.read,
-    Kind.BEGIN | REPLY: _acknowledged,
-    Kind.CHUNK | REPLY: _acknowledged,
-    Kind.ABORT | REPLY: _acknowledged,
     Kind.COMMIT | REPLY: lambda payload: Committed(*struct.unpack("<III", payload)),
     Kind.READBACK | REPLY: Readback.read,
     Kind.CONFIG | REPLY: lambda payload: _acknowledged(payload) if len(payload) == _WORDS else ConfigRead(payload),
     Kind.STATUS | REPLY: DeviceStatus.read,
-    Kind.HEARTBEAT | REPLY: _acknowledged,
-    Kind.CLEAR | REPLY: _acknowledged,
     Kind.SET_GAINS | REPLY: lambda payload: GainsTaken(*struct.unpack("<II3f", payload)),
-    Kind.EXCITE | REPLY: _acknowledged,
-    Kind.STOP | REPLY: _acknowledged,
     Kind.RECORDS | REPLY: Records.read,
-    Kind.LIMITS | REPLY: _acknowledged,
-    Kind.SUBSCRIBE | REPLY: _acknowledged,
     Kind.TELEMETRY: Telemetry.read,
     Kind.LOG: lambda payload: Log(payload.decode("utf-8", "replace")),
     Kind.REFUSED: Refusal.read,
