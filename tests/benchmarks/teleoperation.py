@@ -1,10 +1,10 @@
-"""Teleoperation: published conditions, the limit of stability, recommended couplings and known schemes, simulated.
+"""Teleoperation: the limit of stability, recommended couplings and known schemes, simulated.
 
 python tests/benchmarks/teleoperation.py [CASES] [OUT]
 
-Four tables: damping that published conditions ask for beside the project's; K at which the loops' spectral radius
-passes 1 against K at which a plain simulation begins to grow, on CASES random cases; recommended couplings with 200
-hands; and position-position, wave variables and time-domain passivity on the same hands. The simulation
+Three tables: K at which the loops' spectral radius passes 1 against K at which a plain simulation begins to grow, on
+CASES random cases; recommended couplings with 200 hands; and position-position, wave variables and time-domain
+passivity on the same hands. The simulation
 (tests/oracle/teleoperator_lanes.py) shares no code with the project. Overwrites OUT (default
 tests/benchmarks/results/teleoperation.json), which the page shows.
 """
@@ -26,7 +26,6 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "oracle"))
 from teleoperator_lanes import Lanes, SpringAndDampers
 
 import avc_casadi as avc
-from avc_casadi.claims.llewellyn import Teleoperator, damping_needed_ns_per_m
 from avc_casadi.loops.follower import FollowerLoops
 from avc_casadi.model.ends import ToolGains
 from avc_casadi.recommendation.pair import recommend_bilateral
@@ -44,36 +43,7 @@ CONTACTS = {"soft contact": 1000.0, "hard contact": math.inf}
 
 Law = Callable[[float], Callable[[int], Any]]
 
-# (a) published conditions
-
-
-def published() -> list[dict[str, Any]]:
-    """Damping that each device needs for K alone, by published closed forms and by the project."""
-    rows = []
-    for stiffness in (100.0, 500.0, 2000.0):
-        for delay_s in (0.0, 0.005, 0.02):
-            tau = 2 * delay_s
-            found = {}
-            for name, period in (("sampled", T), ("limit", 1e-6)):
-                pair = Teleoperator(0.0, 0.0, period, delay_s / period, delay_s / period)
-                found[name] = damping_needed_ns_per_m(pair, ToolGains(stiffness, 0.0))
-            rows.append(
-                {
-                    "part": "published",
-                    "stiffness": stiffness,
-                    "delay_s": delay_s,
-                    "lee_spong": stiffness * tau / 2,
-                    # 4 b_l b_f > (K tau)^2 with unequal dampers, b_l = 4 b_f: their geometric mean is told.
-                    "nuno": math.sqrt((stiffness * tau) ** 2 / 4),
-                    "jazayeri_tavakoli": stiffness * T / 2 + stiffness * (tau + T) / 2,
-                    "ours": found["sampled"],
-                    "ours_limit": found["limit"],
-                }
-            )
-    return rows
-
-
-# (b) the limit of stability
+# The limit of stability
 
 
 @dataclass(frozen=True)
@@ -414,7 +384,7 @@ def main() -> None:
     args = script_arguments(__doc__, people=100, out=RESULTS)
     made = about(f"python tests/benchmarks/teleoperation.py {args.people}", SEED)
     answers = {delay_s: recommended(delay_s, 0.1, 0.01) for delay_s in DELAYS_S}
-    rows = [*published(), *boundary(args.people), *many_hands(200, answers), *schemes(40, answers)]
+    rows = [*boundary(args.people), *many_hands(200, answers), *schemes(40, answers)]
     write_rows(args.out, made, rows)
 
 
