@@ -24,86 +24,45 @@ TYPE_CHECKING = False  # typing takes long to load, and Ctrl-C meanwhile is a tr
 
 __version__ = "0.3.0"
 
-__all__ = [
-    "AvcError",
-    "Certificate",
-    "Comparison",
-    "Coupling",
-    "Deployable",
-    "Fault",
-    "GainSchedule",
-    "InputError",
-    "LawCertificate",
-    "LinkError",
-    "MissingExtraError",
-    "NotDeployableError",
-    "PortError",
-    "Problem",
-    "Recommendation",
-    "Run",
-    "UnsupportedError",
-    "WorkerLostError",
-    "catalogue",
-    "catalogue_path",
-    "certify",
-    "certify_law",
-    "compare",
-    "deployable",
-    "dump_problem",
-    "fault_document",
-    "figures",
-    "load_device",
-    "load_problem",
-    "parse_problem",
-    "read_coupling",
-    "recommend",
-    "screen",
-    "simulate",
-    "simulate_batch",
-    "solve",
-    "write_coupling",
-    "zwidth",
-]
+__all__ = ["AvcError", "Certificate", "Comparison", "Coupling", "Deployable", "Fault", "GainSchedule"]
+__all__ += ["InputError", "LawCertificate", "LinkError", "MissingExtraError", "NotDeployableError"]
+__all__ += ["PortError", "Problem", "Recommendation", "Run", "UnsupportedError", "WorkerLostError"]
+__all__ += ["catalogue", "catalogue_path", "certify", "certify_law", "compare", "deployable"]
+__all__ += ["dump_problem", "fault_document", "figures", "load_device", "load_problem", "parse_problem"]
+__all__ += ["read_coupling", "recommend", "screen", "simulate", "simulate_batch", "solve"]
+__all__ += ["write_coupling", "zwidth"]
 
 if TYPE_CHECKING:
-    from avc_casadi._errors import AvcError as AvcError
-    from avc_casadi._errors import Fault as Fault
-    from avc_casadi._errors import InputError as InputError
-    from avc_casadi._errors import LinkError as LinkError
-    from avc_casadi._errors import MissingExtraError as MissingExtraError
-    from avc_casadi._errors import NotDeployableError as NotDeployableError
-    from avc_casadi._errors import PortError as PortError
-    from avc_casadi._errors import UnsupportedError as UnsupportedError
-    from avc_casadi._errors import WorkerLostError as WorkerLostError
-    from avc_casadi._errors import fault_document as fault_document
-    from avc_casadi.claims.certify import Certificate as Certificate
-    from avc_casadi.claims.certify import certify as certify
-    from avc_casadi.claims.deployable import Deployable as Deployable
-    from avc_casadi.claims.deployable import deployable as deployable
-    from avc_casadi.claims.own_law import LawCertificate as LawCertificate
-    from avc_casadi.claims.own_law import certify_law as certify_law
-    from avc_casadi.claims.zwidth import zwidth as zwidth
-    from avc_casadi.coupling import Coupling as Coupling
-    from avc_casadi.design.comparison.comparison import Comparison as Comparison
-    from avc_casadi.design.comparison.comparison import compare as compare
-    from avc_casadi.design.methods import solve as solve
-    from avc_casadi.design.scene_coupling import screen as screen
-    from avc_casadi.design.scene_coupling import simulate as simulate
-    from avc_casadi.files.catalogue import catalogue as catalogue
-    from avc_casadi.files.catalogue import catalogue_path as catalogue_path
-    from avc_casadi.files.coupling_file import read_coupling as read_coupling
-    from avc_casadi.files.coupling_file import write_coupling as write_coupling
-    from avc_casadi.files.device_file import load_device as load_device
-    from avc_casadi.files.problem_file import dump_problem as dump_problem
-    from avc_casadi.files.problem_file import load_problem as load_problem
-    from avc_casadi.files.problem_file import parse_problem as parse_problem
-    from avc_casadi.model.gains import GainSchedule as GainSchedule
-    from avc_casadi.model.problem import Problem as Problem
-    from avc_casadi.present import figures as figures
-    from avc_casadi.recommendation.recommend import recommend as recommend
-    from avc_casadi.recommendation.recommendation import Recommendation as Recommendation
-    from avc_casadi.simulation.scene import Run as Run
-    from avc_casadi.simulation.scene import simulate_batch as simulate_batch
+    from avc_casadi._errors import (
+        AvcError,
+        Fault,
+        InputError,
+        LinkError,
+        MissingExtraError,
+        NotDeployableError,
+        PortError,
+        UnsupportedError,
+        WorkerLostError,
+        fault_document,
+    )
+    from avc_casadi.claims.certify import Certificate, certify
+    from avc_casadi.claims.deployable import Deployable, deployable
+    from avc_casadi.claims.own_law import LawCertificate, certify_law
+    from avc_casadi.claims.zwidth import zwidth
+    from avc_casadi.coupling import Coupling
+    from avc_casadi.design.comparison.comparison import Comparison, compare
+    from avc_casadi.design.methods import solve
+    from avc_casadi.design.scene_coupling import screen, simulate
+    from avc_casadi.files.catalogue import catalogue, catalogue_path
+    from avc_casadi.files.coupling_file import read_coupling, write_coupling
+    from avc_casadi.files.device_file import load_device
+    from avc_casadi.files.problem_file import dump_problem, load_problem, parse_problem
+    from avc_casadi.model.gains import GainSchedule
+    from avc_casadi.model.problem import Problem
+    from avc_casadi.present import figures
+    from avc_casadi.recommendation.recommend import recommend
+    from avc_casadi.recommendation.recommendation import Recommendation
+    from avc_casadi.simulation.scene import Run, simulate_batch
 else:
     # Imported at first use: pydantic, numpy and CasADi would make `avc --help` slow.
     _NAMES = {

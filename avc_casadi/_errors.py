@@ -143,36 +143,12 @@ class LinkError(AvcError, OSError):
 
 
 class PortError(LinkError):
-    """The named port does not exist or cannot be opened (command line: exit code 2).
-
-    Example:
-        >>> try:
-        ...     raise avc.PortError("/dev/ttyACM9: cannot be opened")
-        ... except avc.LinkError as error:
-        ...     print(error)
-        /dev/ttyACM9: cannot be opened
-    """
+    """The named port does not exist or cannot be opened (command line: exit code 2)."""
 
 
 class NotDeployableError(AvcError):
-    """A coupling that must not be deployed: the claim that fails and the next step (command line: exit code 1).
-
-    Example:
-        >>> try:
-        ...     raise avc.NotDeployableError("let-go: linearly unstable")
-        ... except avc.AvcError as error:
-        ...     print(error)
-        let-go: linearly unstable
-    """
+    """A coupling that must not be deployed: the claim that fails and the next step (command line: exit code 1)."""
 
 
 class WorkerLostError(AvcError, RuntimeError):
-    """A worker died, and its task with it (exit code 2).
-
-    Example:
-        >>> try:
-        ...     raise avc.WorkerLostError("a worker died")
-        ... except avc.AvcError as error:
-        ...     print(error)
-        a worker died
-    """
+    """A worker died, and its task with it (exit code 2)."""

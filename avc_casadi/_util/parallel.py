@@ -86,10 +86,7 @@ def mapped(
     things: str = "",
     progress: Progress = SILENT,
 ) -> list[R]:
-    """Return the result of each task, in order: of an executor, as Dask's, or of so many processes, this one included.
-
-    More than one start this program anew, so that a script needs its guard ``if __name__ == "__main__"``.
-    """
+    """Return the result of each task, in order: of an executor, or of so many processes, this one included."""
     weights = sizes or [1] * len(tasks)
     found: list[R] = []
     with Crew(workers, executor) as crew:
@@ -102,11 +99,7 @@ def mapped(
 
 
 class Crew:
-    """This process and its helpers, which share tasks; results do not depend on which did them.
-
-    Helpers are fresh interpreters, as CasADi's threads do not survive a fork; at the end they are terminated. An
-    executor does all tasks.
-    """
+    """This process and fresh interpreters, as CasADi's threads survive no fork, that share tasks; or an executor."""
 
     def __init__(self, workers: int, executor: Executor | None = None) -> None:
         if not isinstance(workers, int) or isinstance(workers, bool) or workers < 1:
@@ -131,10 +124,7 @@ class Crew:
             self._helpers.shutdown(cancel_futures=True)
 
     def begin(self, task: Callable[[], R]) -> Callable[[], R]:
-        """Start a task, a function of a module with its arguments; return a function that awaits its result.
-
-        This process does what is awaited where no helper has begun it.
-        """
+        """Start a task; return a function that awaits its result, and does it here where no helper has begun it."""
         helpers = self._executor or self._helpers
         if helpers is None:
             return cache(task)

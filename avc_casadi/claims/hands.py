@@ -115,12 +115,7 @@ def _worst_apart(radius: FloatArray, places: FloatArray) -> IndexArray:
 
 
 def radius_limit(device: Device, integral: FloatArray, hand_n_per_m: float | FloatArray) -> FloatArray:
-    """Return the bound of the spectral radius of renderings with hands; both broadcast.
-
-    Below 1, where a spring of wall or hand restores the device; without any its position is an eigenvalue of 1. A free,
-    undamped device has that twice: rounding moves a double one by its root, unless the matrix is triangular, as that of
-    a rigid device is.
-    """
+    """Return the bound of spectral radii: below 1 where a spring restores the device, else 1, which may be double."""
     restored = (integral > 0) | (np.asarray(hand_n_per_m) > 0)
     return np.where(restored, 1 - RADIUS_TOLERANCE, 1 + (RADIUS_TOLERANCE if rigid(device) else 1e-7))
 

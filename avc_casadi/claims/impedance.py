@@ -211,11 +211,7 @@ def below_quarter_rate(device: Device, frequency_hz: FloatArray) -> FloatArray:
 
 
 def wanted_at_handle(problem: Problem, frequency_hz: FloatArray) -> tuple[ComplexArray, FloatArray]:
-    """Return the impedance of device and continuous wall as one body, and what an error is relative to, N.s/m.
-
-    That is the larger of it and of the wall alone: without dampers the first vanishes where the device's mass resonates
-    with the wall.
-    """
+    """Return the impedance of device and continuous wall as one body, and the larger of it and the wall's own."""
     device, wall, s = problem.device, problem.environment, 2j * np.pi * frequency_hz
     own = wall.damping_ns_per_m + wall.stiffness_n_per_m / s
     wanted = device.mass_kg * s + device.damping_ns_per_m + own

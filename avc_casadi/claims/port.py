@@ -209,10 +209,7 @@ def frequencies_hz(device: Device) -> FloatArray:
 
 
 def port_worst(devices: Sequence[Device], slack: Slack, rows: int, progress: Progress = SILENT) -> PortWorst:
-    """Return the smallest slack over all frequencies and devices.
-
-    A scan: the slack is a smooth function of the logarithm of the frequency, for the port has no lightly damped pole.
-    """
+    """Return the smallest slack over all frequencies and devices, by a scan: the port has no lightly damped pole."""
     every, passed, scans = np.arange(rows), np.ones(rows, dtype=bool), []
     for index, device in enumerate(devices):
         progress.advance(index, len(devices), "passivity at the handle")

@@ -130,11 +130,7 @@ def refine_minima(value: Callable[[FloatArray], FloatArray], points: FloatArray,
 
 
 def _neighbours(points: FloatArray) -> tuple[IndexArray, IndexArray, BoolArray]:
-    """Return the positions of the next lower and higher point, and whether each point is the first of its equals.
-
-    Points clipped at the end of a band are many and equal: as neighbours they leave an empty bracket, and as minima
-    they displace the others.
-    """
+    """Return the positions of the next lower and higher point, and whether each point is the first of its equals."""
     size = points.shape[1]
     at = np.broadcast_to(np.arange(size), points.shape)
     first = np.diff(points, axis=1, prepend=-np.inf) > 0

@@ -25,10 +25,7 @@ Loops = tuple[FloatArray, FloatArray, FloatArray]
 
 @dataclass(frozen=True)
 class _Guess:
-    """Weights of a regulator, noises of its filter, and the hand and the resonance that they assume.
-
-    Noises by the force that moves the lightest device and hand by one unit of the encoder's noise in a sample.
-    """
+    """Weights of a regulator, noises of its filter as forces, and the hand and the resonance that they assume."""
 
     position: float  # weight, relative to that of the force
     velocity: float  # weight, in units of sqrt(K m)
@@ -76,10 +73,7 @@ def regulator(device: Device, hands: Hands, stiffness_n_per_m: float, guess: int
 
 
 def _law(device: Device, parts: tuple[FloatArray, ...], positions: tuple[int, ...], measures: int) -> StateFeedback:
-    """Return the law of A, B, L and R.
-
-    The dead zone is half a step of quantisation and a quarter for model error, of the coarsest encoder of the range.
-    """
+    """Return the law of A, B, L and R; its dead zone is half a step of the coarsest encoder and a quarter more."""
     state, force, innovation, feedback = parts
     known = device.range.encoder_resolution_m
     half_m = 0.75 * (device.encoder_resolution_m if known is None else known[1])
@@ -170,10 +164,7 @@ class Structure:
         return seen, np.concatenate([force, np.broadcast_to(self.closed, (len(push), n, n))], axis=1)
 
     def slopes(self, plants: Loops, gain: FloatArray, passed: float, poles: ComplexArray) -> ComplexArray:
-        """Return the derivatives by L of one pole of the loop of each plant, shape (p, n).
-
-        Eigenvectors by inverse iteration: all at once are badly conditioned, as a delay is defective.
-        """
+        """Return the derivatives by L of one pole of the loop of each plant, shape (p, n), by inverse iteration."""
         loops = self.loops(plants, gain, passed)
         near = loops - ((1 + 1e-9) * poles)[:, None, None] * np.eye(loops.shape[-1])
         right = left = np.ones((*loops.shape[:2], 1), dtype=np.complex128)

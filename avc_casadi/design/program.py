@@ -59,10 +59,7 @@ _LEFT = (0.2, 0.6, 0.85)
 
 
 def contour_per_s(device: Device, hz: FloatArray, row: int) -> FloatArray:
-    """Return the required decay at frequencies for one of `GAINS`, 1/s.
-
-    Before a wall without a damper a lightly damped device decays slowly, and is asked for less.
-    """
+    """Return the required decay at frequencies for one of `GAINS`, 1/s; less before a wall without a damper."""
     oscillating, slow = (1, 0.9, 0.8, 0.6, 0.3, 0.1, 0.02)[row], (1, 1, 0.8, 0.6, 0.35, 0.15, 0.05)[row]
     fast = min(5.0, 4.0 + 0.05 * device.damping_ns_per_m / device.mass_kg) * oscillating
     return np.asarray(fast + (10.0 * slow - fast) / (1 + (hz / 4.0) ** 4))
@@ -204,10 +201,7 @@ class Program:
         return 30 * self._excess(found) + PER_LACK * found.lack(self._free) + found.error**2
 
     def improved(self, gain: FloatArray) -> tuple[FloatArray, Judged]:
-        """Return a gain improved by programs about the last one until nothing is gained, and what it reaches.
-
-        A step is shortened until all holds that held, judged exactly.
-        """
+        """Return a gain improved by programs, each step shortened until all holds that held, and what it reaches."""
         best, failed = self.judged(gain), 0
         for _ in range(40):
             wide = best.disk_margin >= self.disk_margin
@@ -296,10 +290,7 @@ class Program:
         return cones.solved(self._near)
 
     def _decaying(self, cones: Cones, gain: FloatArray, row: int, kept: tuple[float, float]) -> None:
-        """Keep the poles at one of `GAINS` inside their contour; those near it by their derivatives.
-
-        The peak of a pole near the contour is narrower than the grid.
-        """
+        """Keep the poles at one of `GAINS` inside their contour; those near it by their derivatives."""
         passed, rows = float(GAINS[row]), self._contour(row, kept[0]) * GAINS[row]
         value = 1 + rows @ gain
         turned = np.conj(value) / np.abs(value) ** 2
@@ -350,10 +341,7 @@ def force_to_position(plants: Loops, z: ComplexArray) -> ComplexArray:
 
 
 def _starts(program: Program) -> Iterator[FloatArray]:
-    """Yield gains to start from: spring and damper of some margin, stiffer at rest by a lag, and the regulator's own.
-
-    A law's static stiffness is the wall's whatever its gain, so the softer spring of a start stiffens slowly.
-    """
+    """Yield gains to start from: spring and damper of some margin, stiffer at rest by a lag, and the regulator."""
     device, k, z = program.problem.device, program.structure.stiffness_n_per_m, program.z
     t = device.sample_time_s
     springs, poles, lags = k * np.geomspace(1, 0.003, 17), np.array([0.6, 0.2]), np.array([0.3, 0.7, 1.5, 3.0, 6.0])

@@ -247,10 +247,7 @@ def _reason(programme: Programme, at: int, states: FloatArray) -> str:
 def cheapest_path(
     costs: FloatArray, axes: list[FloatArray], log_frequency: FloatArray, slope_penalty: float, slope_limit: float
 ) -> FloatArray:
-    """Return the states (d, n) of the cheapest path through a lattice; ``costs`` (n, nodes in C order) are weighted.
-
-    The slope penalty is a sum over the states: the minimum over the predecessor is taken one state at a time.
-    """
+    """Return the states (d, n) of the cheapest path through a lattice; ``costs`` (n, nodes in C order) are weighted."""
     shape = tuple(len(axis) for axis in axes)
     span = log_frequency[-1] - log_frequency[0]
     value, values, moves = costs[0].reshape(shape), [], []

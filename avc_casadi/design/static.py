@@ -30,11 +30,7 @@ _FLAT = 1e-9
 
 
 class StaticSearch:
-    """Search over (b, k[, b_p]), logarithmic shares of their ranges; points have shape (m, d).
-
-    On a grid over the box a stiffness that violates the condition is reduced to the largest admissible one at the same
-    damping; ever smaller grids then refine the best distinct points.
-    """
+    """Search over (b, k[, b_p]), logarithmic shares of their ranges, by ever finer grids; points have shape (m, d)."""
 
     def __init__(self, problem: Problem, condition: StaticCondition, loop: SampledLoop) -> None:
         self.problem, self.condition, self.loop = problem, condition, loop

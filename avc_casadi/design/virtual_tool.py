@@ -109,10 +109,7 @@ class CouplingSearch:
         return max(0.0, ratio * critical - self.scale.damping_ns_per_m)
 
     def stiffest_with_margin(self, limit: ToolGains, gain_margin: float, *, local: bool) -> float:
-        """Return the stiffest K that has a gain margin with some B; 0 where none has.
-
-        It is the limit over the margin, but where the limit is the top of a narrow hump over B.
-        """
+        """Return the stiffest K that has a gain margin with some B; 0 where none has."""
         judge, below = WithMargin(self._judge, gain_margin), limit.times(1 / gain_margin)
         if below.stiffness_n_per_m > 0 and judge.stable(below) and not judge.refuted(below):
             return below.stiffness_n_per_m

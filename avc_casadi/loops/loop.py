@@ -25,11 +25,7 @@ Map = NDArray[Any]
 
 
 class Loop:
-    """Named blocks of one state.
-
-    Args:
-        **sizes: number of states of each block. Leading axes of rows and maps run over corners, hands and contacts.
-    """
+    """Named blocks of one state; leading axes of rows and maps run over corners, hands and contacts."""
 
     def __init__(self, **sizes: int) -> None:
         ends = np.cumsum([0, *sizes.values()]).tolist()

@@ -74,11 +74,7 @@ def why_not(problem: Problem, b: float, k: float, contact: float) -> str:
 
 @dataclass(frozen=True)
 class Projection:
-    """The projected impedance and its equivalent damping injection; arrays of shape (n,).
-
-    The projection renders the desired impedance plus delta/H. In the paper's model without delay 1/H = 1 + s_t T/2, so
-    that it is a damper delta and a virtual mass delta T/2 beside the desired wall.
-    """
+    """The projected impedance and its equivalent damping injection; arrays of shape (n,)."""
 
     impedance: ComplexArray  # Z of (13)
     rendered: ComplexArray  # Z_eavc of (15)
@@ -117,13 +113,7 @@ def _desired(problem: Problem, loop: Loop, *, as_printed: bool) -> tuple[Complex
 
 
 def solve_closed_form(problem: Problem, *, as_printed: bool = False) -> GainSchedule:
-    """Solve by the paper's closed form, corrected or as printed.
-
-    In the series structure rows whose spring and damper would be negative, infinite or outside the gain box are marked
-    not realisable; their impedance is that of the projection. Gains that leave the box by rounding alone are
-    moved to its end. In the damped structure the spring and damper render the desired wall and the contact damper
-    b_p = delta/Re H injects the damping; only the virtual mass is left out.
-    """
+    """Solve by the closed form, corrected or as printed; gains outside the box, but by rounding, are not realisable."""
     started = time.perf_counter()
     loop = loop_at(problem, problem.frequencies_hz())
     projection = project(problem, as_printed=as_printed)

@@ -43,10 +43,7 @@ def checked_gains(
     *,
     progress: Progress = SILENT,
 ) -> CheckedGains:
-    """Solve the NLP, and again from more starts where `exact` refutes the result.
-
-    No start is an answer of `exact`: a row that it refutes twice fails.
-    """
+    """Solve the NLP, and again from more starts, none of them an answer of `exact`, where that refutes it."""
     gains = nlp_gains(problem, loop, name, tolerance, progress=progress)
     optimum = exact_gains(problem, loop)
     # A row is solved again where its error exceeds that of `exact` by more than this share of |Z_h_ds|.
@@ -124,11 +121,7 @@ def cross_check_notes(problem: Problem, loop: Loop, checked: CheckedGains) -> tu
 def solve_direct(
     problem: Problem, *, solver: str | None = None, tolerance: float | None = None, progress: Progress = SILENT
 ) -> GainSchedule:
-    """Solve (11)-(12) at every frequency by CasADi, ties broken by distance, then b_p, k and b.
-
-    Every row's feasibility and first-order optimality are recomputed from the NLP, and CasADi's result is compared with
-    the global optimum of `exact`; a row that fails is marked so, whatever the solver's status.
-    """
+    """Solve (11)-(12) at every frequency by CasADi, ties broken; each row is checked by KKT residual and by `exact`."""
     scope, require = problem.stability.scope, problem.realism.require
     if scope != "pointwise" or require != "none":
         real = "" if require == "none" else f' or realism.require = "{require}"'

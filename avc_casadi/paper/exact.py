@@ -35,10 +35,7 @@ from avc_casadi.paper.rows import (
 
 
 def real_roots(a: FloatArray, b: FloatArray, c: FloatArray) -> FloatArray:
-    """Return the real roots of a t^2 + b t + c, shape (2, ...), not a number where there is none.
-
-    The larger root comes from the sum that does not cancel, the smaller from the product of the roots.
-    """
+    """Return the real roots of a t^2 + b t + c, shape (2, ...), free of cancellation; not a number for none."""
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         half = -0.5 * (b + np.copysign(np.sqrt(b * b - 4 * a * c), b))
         return np.stack((half / a, c / half))
@@ -202,11 +199,7 @@ def _rounded_up(value: float) -> float:
 
 
 def largest_real_part(problem: Problem, frequency_hz: FloatArray) -> GainArrays:
-    """Return (max Re Z_h over the gain box, b, k), each (n,).
-
-    Re Z_h is harmonic in the coupling's impedance, so that its maximum lies on an edge of the box: at an end of it or
-    where it is stationary.
-    """
+    """Return (max Re Z_h over the gain box, b, k), each (n,): Re Z_h is harmonic, its maximum on an edge of the box."""
     loop = loop_at(problem, frequency_hz)
     edges = Edges.of(problem, loop, problem.coupling.contact_damping_ns_per_m)
     stationary = edges.perceived().level_extrema()
@@ -219,10 +212,7 @@ def largest_real_part(problem: Problem, frequency_hz: FloatArray) -> GainArrays:
 
 
 def _edge_candidates(edges: Edges, radius: FloatArray, margin: float) -> list[FloatArray]:
-    """Return corners, points of given magnitude and of given real part, extrema of both; one Newton step each.
-
-    The extremum of Re Z is the only candidate where the margin is met without slack.
-    """
+    """Return corners, points of given magnitude and of given real part, extrema of both; one Newton step each."""
     loop, arcs = edges.loop, edges.perceived()
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         on_circle = arcs.magnitude_roots(radius)

@@ -58,10 +58,7 @@ def coupling_nlp() -> CouplingNlp:
 
 
 def nlp_parameters(problem: Problem, loop: Loop, size: float = 1.0) -> FloatArray:
-    """Return the parameters of `coupling_nlp` for each frequency, shape (15, n), impedances over a size.
-
-    The last three are natural scales of b, k and b_p: the gains at which coupling and environment weigh the same.
-    """
+    """Return the parameters of `coupling_nlp`, shape (15, n), impedances over a size; the last three natural scales."""
     margin = margin_over_range(problem)
     weight = np.abs(loop.environment) / size
     weight = np.where(weight > 0, weight, 1.0)

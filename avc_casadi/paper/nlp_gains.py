@@ -43,11 +43,7 @@ class Starts:
 
 
 def starts_of(nlp: NlpRows, lattice: Lattice) -> tuple[Starts, Starts]:
-    """Return the starts of (11)-(12), and further ones of its ties.
-
-    (11)-(12) starts at feasible nodes whose error is the least of their neighbourhood, at the one with the largest
-    Re Z_h where none is feasible, and at the gains of the closed form where they lie in the box.
-    """
+    """Return starts of (11)-(12), best or least infeasible nodes and the closed form, and further ones of its ties."""
     nodes, shape = _nodes(nlp, lattice)
     z, target = nlp.perceived(nodes), nlp.loop.target / nlp.size
     excess = np.abs(z) - np.abs(target)

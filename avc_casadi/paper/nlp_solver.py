@@ -140,10 +140,7 @@ def nlp_solvers(name: str, tolerance: float, *, contact: bool = False) -> NlpSol
 
 
 class NlpRows:
-    """The NLPs of n frequencies with their scales; a rotary device in units of its handle.
-
-    Tolerances of solvers are absolute, and values of order 1 in N.s/m are tiny in N.m.s/rad.
-    """
+    """The NLPs of n frequencies in scales that suit absolute tolerances; a rotary device in units of its handle."""
 
     def __init__(self, problem: Problem, loop: Loop, solvers: NlpSolvers) -> None:
         self.problem, self.loop, self.solvers = problem, loop, solvers

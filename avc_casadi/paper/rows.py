@@ -112,11 +112,7 @@ def pointwise_notes(problem: Problem) -> tuple[str, ...]:
 
 
 def row_status(problem: Problem, b: FloatArray, k: FloatArray, p: FloatArray) -> tuple[Status, ...]:
-    """Return the status of solved rows: infeasible without gains, active-bound with a gain at its bound, else solved.
-
-    A gain is at an end of its box within 1e-6 of the box's upper end, for every solver: interior-point methods stop
-    short of a bound, root finding reaches it to the last digit.
-    """
+    """Return the status of solved rows; a gain within 1e-6 of its box's upper end from an end is at its bound."""
     box = problem.coupling
     bounded = [(b, box.damping_ns_per_m), (k, box.stiffness_n_per_m)]
     if box.structure == "damped":

@@ -85,10 +85,7 @@ def softened(problem: Problem, felt_n_per_m: float) -> Iterator[Coupling]:
 
 
 def judge_laws(problem: Problem, evaluator: Evaluator, felt_n_per_m: float, least: float = math.inf) -> bool:
-    """Judge laws for a wall at a stiffness, for stricter and stricter goals; return whether one is complete.
-
-    Stricter goals cost error: they end where the least of theirs is above the distance of a complete law, or `least`.
-    """
+    """Judge laws at a stiffness for ever stricter goals, until they cost more error; return whether one is complete."""
     complete = False
     if least <= 0:
         return False

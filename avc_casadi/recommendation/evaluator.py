@@ -151,10 +151,7 @@ class Evaluator:
         return one.complete(lean_on_friction=self._lean)
 
     def _confirmed(self, one: Judged) -> Judged:
-        """Try a coupling with all hands, then with others, spread over the declared ranges of the device.
-
-        Selection among many with the same hands is biased.
-        """
+        """Try a coupling with all hands, then with others on devices of the ranges: selection among many is biased."""
         whole = one.trial if one.trial.hands == len(self._people) else self._trial(one.coupling, self._people)
         others = try_on_devices(one.coupling, next(self._others), self._devices, self._seed, self._executor)
         found = replace(one, trial=whole, others=others)

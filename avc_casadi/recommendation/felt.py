@@ -60,11 +60,7 @@ class Shaken:
 def shaken(
     coupling: Coupling, felt_n_per_m: float, frequency_hz: Sequence[float] | FloatArray = (1.0, 10.0, 50.0)
 ) -> Shaken:
-    """Return the impedance rendered to the sinusoidally excited handle in the wall.
-
-    By the force at the frequency of the motion (describing function: Gelb and Vander Velde 1968), without dry
-    friction, which belongs to the device.
-    """
+    """Return the impedance rendered to the excited handle in the wall, by describing function (Gelb 1968)."""
     device = coupling.problem.device
     heard, excitation = below_quarter_rate(device, np.array(frequency_hz)), Excitation.of(device, felt_n_per_m)
     found = rendered(coupling.problem, _shaken_force(coupling, excitation, heard), excitation, heard)
@@ -120,10 +116,7 @@ def _led(
 
 
 def contact_onset_m(coupling: Coupling) -> dict[str, float | None]:
-    """Return the depth at which the device's force sets in, by speed of the hand; below 0 before the wall.
-
-    The hand comes from free space, every declared effect simulated; None where no force is felt within `REACHED_M`.
-    """
+    """Return the depth at which force sets in, by speed of the hand; None where none does within `REACHED_M`."""
     from_m, radius = -0.04, coupling.problem.device.metres_per_unit
     # A grip stiff enough that the wall does not slow the hand.
     hand = Hand(np.array([1.0]), np.array([600.0]), np.array([1e5])).at_handle(radius)

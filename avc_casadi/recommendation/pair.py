@@ -161,10 +161,7 @@ def recommend_bilateral(
 
 
 def _first(search: CouplingSearch, stiffest: ToolGains, *, local: bool) -> float:
-    """Return the initial stiffness where none is wanted: nine tenths of the stiffest that has the gain margin.
-
-    So there is freedom to choose the damper.
-    """
+    """Return the initial stiffness where none is wanted: nine tenths of the stiffest with the margin."""
     safe = search.stiffest_with_margin(stiffest, GAIN_MARGIN, local=local)
     return 0.9 * (safe or stiffest.stiffness_n_per_m / GAIN_MARGIN)
 
@@ -189,10 +186,7 @@ def _stiffest_settled(
     *,
     local: bool,
 ) -> _Tried:
-    """Return the stiffest coupling with which all hands settle, without dry friction if one of the next two does.
-
-    A few hands, the corners among them, come first: a coupling that fails with them is tried no further.
-    """
+    """Return the stiffest coupling with which all hands settle, without dry friction if one of the next two does."""
     trial, few = None, people.pick(slice(0, 16))
     leaning: _Tried | None = None
     stiffer: tuple[float, Trial] | None = None

@@ -79,10 +79,7 @@ def recommend_wall(
     progress: Progress = SILENT,
     executor: Executor | None = None,
 ) -> Recommendation:
-    """Return the best of springs and dampers and laws of a convex program, as `best_of` ranks them.
-
-    Twice as many hands outside the selection confirm the choice, on devices throughout [device.range].
-    """
+    """Return the best of springs and dampers and laws of a convex program, confirmed by other hands and devices."""
     people, why_none = people_of(problem.hands, hands, seed), why_infeasible(problem)
     evaluator = Evaluator(problem, people, seed, progress, lean_on_friction=lean_on_friction, executor=executor)
     with Crew(workers) as crew:

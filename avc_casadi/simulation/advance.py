@@ -298,10 +298,7 @@ Advance = MatrixExponential | TaylorSeries
 
 
 def _mode(plant: PlantSymbols, state: list[Expr], force: Expr, target: Any, breaking: Expr) -> tuple[Expr, Expr]:
-    """Return whether the device slides (1) or sticks (0), and the direction in which it slides or would break away.
-
-    At break-away the load equals the friction but for rounding, so that the two are not compared.
-    """
+    """Return whether the device slides (1) or sticks (0), and the direction in which it slides or would break away."""
     velocity, load = state[1], plant.rates(state, force, target)[1]
     moving = velocity != 0
     sliding = ca.logic_or(ca.logic_or(moving, breaking), ca.fabs(load) > plant.friction)

@@ -260,10 +260,7 @@ class FloatProgram:
         return self._place_of("CONST", constant=value)
 
     def _written_out(self, name: str, at: int) -> int:
-        """Expand a library function of C into operations that have the same bits anywhere; return its place.
-
-        The sine is that of the nearest turn, folded to a quarter of it, as a series.
-        """
+        """Expand a library function of C into operations that have the same bits anywhere; return its place."""
         of, number = self._place_of, self._number
         if name == "FLOOR":
             nearest = of(_NEAREST, at)

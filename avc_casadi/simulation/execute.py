@@ -105,10 +105,7 @@ class NativeScene:
     def __call__(
         self, initial: FloatArray, inputs: FloatArray, parameters: FloatArray, workers: int, judged: int | None = None
     ) -> FloatArray:
-        """Run every row of the parameters from the same initial state; return the traces.
-
-        With a first judged sample return only the peaks of the first trace, and of the speeds from then on, (runs, 2).
-        """
+        """Run every row of the parameters; return traces, or from a first judged sample on the peaks (runs, 2)."""
         initial, inputs, parameters = (np.ascontiguousarray(one, np.float64) for one in (initial, inputs, parameters))
         runs, samples = len(parameters), len(inputs)
         found = np.empty((runs, samples, self._traces) if judged is None else (runs, 2))

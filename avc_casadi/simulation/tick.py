@@ -202,11 +202,7 @@ class Rate:
 
 @dataclass(frozen=True)
 class Step:
-    """One tick of an algorithm: (state, input, parameter) -> (next state, output), all columns.
-
-    The function uses only arithmetic, comparisons, minimum and maximum: no library call, no NaN, no loop. Every state
-    is bounded, so that single precision suffices for any running time.
-    """
+    """One tick, (state, input, parameter) -> (next state, output): no library call, NaN or loop, all states bounded."""
 
     name: str
     states: tuple[str, ...]

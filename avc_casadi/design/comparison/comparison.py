@@ -169,11 +169,7 @@ AGREEMENT = 1e-8
 
 
 class Verdict(StrEnum):
-    """The verdict at one frequency; the first of this list that applies.
-
-    The optimiser cannot be compared where it has no gains, nor the closed form where it is not realisable; a difference
-    in error precedes a gain at its limit.
-    """
+    """The verdict at one frequency; the first of this list that applies."""
 
     INFEASIBLE = "infeasible"
     CLOSED_FORM_NOT_REALISABLE = "closed-form-not-realisable"

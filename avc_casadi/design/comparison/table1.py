@@ -157,10 +157,7 @@ def distance(felt: Traces, reference: Traces) -> FloatArray:
 
 
 def choose(first: FloatArray, second: FloatArray, weber: float = 0.10) -> tuple[BoolArray, BoolArray]:
-    """Return who finds the first of two couplings nearer, and who the second, by their distances from the reference.
-
-    The Weber fraction lies between the 7 % of force and the 23 % of stiffness that people notice.
-    """
+    """Return who finds the first of two couplings nearer, and who the second; people notice 7 to 23 %."""
     noticed = np.maximum(first, second) > weber
     with np.errstate(invalid="ignore"):
         able = noticed & (np.abs(first - second) > weber)
@@ -188,13 +185,13 @@ def table1(
     for wall in walls:
         of_wall = [part for (other, *_), part in zip(tasks, parts, strict=True) if other == wall]
         for population, found in rows.items():
-            tried = [part[population] for part in of_wall]
+            tried = [part[population] for part, _ in of_wall]
             outcomes = {
                 name: {key: np.concatenate([one[name][key] for one in tried]) for key in first}
                 for name, first in tried[0].items()
             }
             found += [
-                _row(wall, name, outcomes, population)
+                _row(wall, name, of_wall[0][1][name], outcomes, population)
                 for name in couplings
                 if population == "A" or COUPLINGS[name].meets_others
             ]
@@ -210,8 +207,10 @@ def _designed(wall: str, coupling: str) -> Design:
     return design(load_problem(wall.lower()), coupling)
 
 
-def _tried(couplings: tuple[str, ...], seed: int, task: tuple[str, int, int]) -> dict[Population, dict[str, _Outcome]]:
-    """Return the outcomes of some hands at one wall, by population and coupling."""
+def _tried(
+    couplings: tuple[str, ...], seed: int, task: tuple[str, int, int]
+) -> tuple[dict[Population, dict[str, _Outcome]], dict[str, dict[str, Any]]]:
+    """Return the outcomes of some hands at one wall, by population and coupling, and the gains of each coupling."""
     wall, first, count = task
     problem = load_problem(wall.lower())
     made = {name: _designed(wall, name) for name in couplings}
@@ -222,7 +221,7 @@ def _tried(couplings: tuple[str, ...], seed: int, task: tuple[str, int, int]) ->
         for name, one in made.items():
             if one.in_force is not None and (population == "A" or COUPLINGS[name].meets_others):
                 found[name] = _outcome(of_paper(one.problem, one.in_force, "encoder", "delay"), people, reference)
-    return tried
+    return tried, {name: {"gains": one.document(), "reason": one.reason} for name, one in made.items()}
 
 
 def _outcome(setup: Setup, people: Hand | StylusHand, reference: Traces | None) -> _Outcome:
@@ -235,16 +234,16 @@ def _outcome(setup: Setup, people: Hand | StylusHand, reference: Traces | None) 
     return outcome if reference is None else outcome | {"distance": distance(press, reference)}
 
 
-def _row(wall: str, coupling: str, outcomes: dict[str, _Outcome], population: Population) -> dict[str, Any]:
-    made = _designed(wall, coupling)
+def _row(
+    wall: str, coupling: str, made: dict[str, Any], outcomes: dict[str, _Outcome], population: Population
+) -> dict[str, Any]:
     # The paper compared static and adaptive coupling; all others are set against the adaptive one.
     opponent = "static" if coupling == "schedule" else "schedule"
     row: dict[str, Any] = {
         "ve": wall,
         "stiffness_n_per_m": load_problem(wall.lower()).environment.stiffness_n_per_m,
         "coupling": coupling,
-        "gains": made.document(),
-        "reason": made.reason,
+        **made,
         "paper": _paper(wall, coupling) if population == "A" else None,
         **dict.fromkeys(("stable", "stable_low", "stable_high", "stable_by_motion", "asymptotic")),
         **dict.fromkeys(("apparent_stiffness_n_per_m", "matched", "unable")),

@@ -50,10 +50,7 @@ class RequestError(AvcError):
 
 @dataclass(frozen=True)
 class Field:
-    """One value of a problem on the page; ``factor`` is one of its unit in SI units.
-
-    Values of a pair end in .0 and .1. A slider goes from ``low`` to ``high`` in the field's unit.
-    """
+    """One value of a problem on the page; ``factor`` is one of its unit in SI units; .0 and .1 end those of a pair."""
 
     key: str
     group: str

@@ -90,11 +90,7 @@ class TwoSidedEnvironment(Wall, keys=EnvironmentEffect, rank=170, role="environm
 
 @dataclass(frozen=True)
 class Engine(SceneEffect, keys=SimulationEffect, rank=155, role="environment"):
-    """An engine, its tool with the contact, and the coupling to the device.
-
-    The contact is one-sided, at x = 0: rigid, the tool stops there within the step, as constraint solvers have it; or a
-    spring and damper that never pull.
-    """
+    """An engine, its tool with the one-sided contact at x = 0, rigid or a spring and damper, and the coupling."""
 
     tool: VirtualTool
     state: ToolState

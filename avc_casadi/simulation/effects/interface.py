@@ -30,10 +30,7 @@ from avc_casadi.simulation.tick import Tick, ca
 
 @dataclass(frozen=True)
 class Jitter(SceneEffect, keys=JitterEffect, rank=220, scene_alone=True):
-    """The position is sampled in time; the new force is late by |e|, e Gaussian, at most one sample.
-
-    In a dropped sample the computer does nothing: the force is held, and the next velocity is taken over two samples.
-    """
+    """The new force is late by |e|, e Gaussian, at most one sample; in a dropped sample the computer does nothing."""
 
     rms_s: float
     seed: int

@@ -50,11 +50,7 @@ class StylusGrip(Grip, keys=StylusHandEffect, rank=50, role="hand"):
 
 @dataclass(frozen=True)
 class Backlash(SceneEffect, keys=BacklashEffect, rank=60, scene_alone=True, declared={"gap_m": "backlash_m"}):
-    """The encoder at the motor follows the position only beyond half the play either way: a hysteresis (play operator).
-
-    The force passes without play, as in a gear under load; the play is taken up at the samples. A dead zone of the
-    force would need the stiffness of the gear's flanks, which is not declared.
-    """
+    """The encoder at the motor follows the position only beyond half the play: a hysteresis (play operator)."""
 
     gap_m: float
 

@@ -58,11 +58,7 @@ def envelope(
 
 
 def spectral_peak_step(sample_time_s: float, settings: EstimatorSettings) -> Step:
-    """Return the step that estimates the frequency by the phase advance of the strongest of log-spaced resonators.
-
-    Power over frequency, half way between the spectra of position and velocity, favours neither drift nor harmonics;
-    its fifth power weights each phase advance, which selects the strongest ones without switching.
-    """
+    """Return the step that estimates the frequency by the phase advance of the strongest of log-spaced resonators."""
     builder = StepBuilder()
     signal = band_passed(builder, builder.input("velocity_m_per_s"), settings, sample_time_s)
     peak: Expr = 0.0
@@ -107,10 +103,7 @@ def _centres_hz(settings: EstimatorSettings, sample_time_s: float) -> list[float
 def _resonator(
     builder: StepBuilder, name: str, signal: Expr, centre_hz: float, sample_time_s: float
 ) -> tuple[Expr, Expr, Expr]:
-    """Return the sine and cosine of the phase's advance in this tick, times the power, and the power.
-
-    A pair of complex leaky integrators turns at the centre frequency: a Goertzel bin, its window as long as the period.
-    """
+    """Return sine and cosine of the phase's advance times the power, and the power, of a Goertzel bin a period long."""
     # The centre frequency over the decay rate is 4.
     decay = ca.exp(-math.tau * centre_hz * sample_time_s / 4.0)
     turn = math.tau * centre_hz * sample_time_s
@@ -138,11 +131,7 @@ def _arc_tangent(slope: Expr) -> Expr:
 
 
 def zero_crossing_step(sample_time_s: float, settings: EstimatorSettings) -> Step:
-    """Return the step that estimates the frequency from the last two half periods, timed by linear interpolation.
-
-    Without a crossing the frequency is at most half the inverse of the elapsed time. A half period counts only above
-    the floor.
-    """
+    """Return the step that estimates the frequency from the last two half periods, timed by linear interpolation."""
     builder = StepBuilder()
     now = band_passed(builder, builder.input("velocity_m_per_s"), settings, sample_time_s)
     before = builder.state("before_m_per_s")
@@ -193,11 +182,7 @@ def zero_crossing_step(sample_time_s: float, settings: EstimatorSettings) -> Ste
 
 
 def fused_step(sample_time_s: float, settings: EstimatorSettings) -> Step:
-    """Return the step of the spectral peak, overridden by regular zero crossings until the resonators settle.
-
-    A harmonic that adds crossings makes the half periods irregular, so that the spectral peak decides; a step in
-    frequency leaves them regular after two or three, long before the resonators have settled.
-    """
+    """Return the step of the spectral peak, overridden by regular zero crossings until the resonators settle."""
     builder = StepBuilder()
     velocity = builder.input("velocity_m_per_s")
     fast = insert(builder, "fast", zero_crossing_step(sample_time_s, settings), [velocity])
@@ -266,10 +251,7 @@ ESTIMATORS: Mapping[str, Callable[[float, EstimatorSettings], Step]] = {
 
 
 def estimator_step(method: str, sample_time_s: float, settings: EstimatorSettings | None = None) -> Step:
-    """Return one tick of an estimator: velocity_m_per_s -> frequency_hz, valid.
-
-    At rest the frequency is undefined: `valid` is 0 and the frequency is 0, never the last one.
-    """
+    """Return one tick of an estimator: velocity_m_per_s -> frequency_hz, valid; at rest both are 0."""
     if method not in ESTIMATORS:
         raise UnsupportedError(f'estimator "{method}" is unknown; allowed: {", ".join(ESTIMATORS)}')
     return ESTIMATORS[method](sample_time_s, settings or EstimatorSettings())

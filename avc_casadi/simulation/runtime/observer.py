@@ -21,11 +21,7 @@ class ObserverSettings:
 
 
 def observer_step(sample_time_s: float, settings: ObserverSettings) -> Step:
-    """Return the observer's step: predict from commands and an unknown load, correct beyond the encoder's resolution.
-
-    Within half a step of the encoder's count the prediction is kept, so that the force does not jump by stiffness times
-    step. Over a delay the pending forces are known: the position is predicted to when the next one acts.
-    """
+    """Return the observer's step: predict from commands and an unknown load, correct beyond the resolution."""
     builder = StepBuilder()
     measured, asked = builder.input("position_m"), builder.input("force_n")
     started, position = builder.state("started"), builder.state("position_m")
@@ -75,11 +71,7 @@ def _in_flight(builder: StepBuilder, asked: Expr, older: int) -> list[Expr]:
 
 
 def state_feedback_step(settings: StateFeedback) -> Step:
-    """Return the step of observer and state feedback, its matrices as parameters: one serves all of one size.
-
-    Quantiser and dead zone together have a sector gain between 0 and 1 on the innovation, so that a loop damped for
-    every such gain does not buzz between two encoder steps.
-    """
+    """Return the step of observer and state feedback, its matrices as parameters: one serves all of one size."""
     return _step_of(settings.states, tuple(settings.positions), settings.measures)
 
 
