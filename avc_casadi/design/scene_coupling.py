@@ -142,12 +142,7 @@ def _read_at(run: Run, problem: Problem) -> float | None:
 
 
 @of_problem
-def screen(
-    problem: AnyProblem,
-    gains: AnyGains | None = None,
-    *,
-    tolerance: float = 0.01,
-) -> Screening:
+def screen(problem: AnyProblem, gains: AnyGains | None = None, *, tolerance: float = 0.01) -> Screening:
     """Leave out each effect of a scene in turn and return which ones it needs.
 
     Args:

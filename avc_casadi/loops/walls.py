@@ -51,10 +51,7 @@ class Stretches:
 
 
 def stable_walls(
-    corners: Sequence[Device],
-    hands: Hand | StylusHand,
-    damping_ns_per_m: FloatArray,
-    poles: Poles = PLAIN,
+    corners: Sequence[Device], hands: Hand | StylusHand, damping_ns_per_m: FloatArray, poles: Poles = PLAIN
 ) -> Stretches:
     """Find the stiffnesses with which a wall is stable with every hand at every corner of a device."""
     rows = len(damping_ns_per_m)

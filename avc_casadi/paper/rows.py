@@ -126,10 +126,7 @@ def row_status(problem: Problem, b: FloatArray, k: FloatArray, p: FloatArray) ->
 
 
 def perceived_impedance_of(
-    problem: Problem,
-    frequency_hz: FloatArray,
-    gains: GainArrays,
-    law: StateFeedback | None = None,
+    problem: Problem, frequency_hz: FloatArray, gains: GainArrays, law: StateFeedback | None = None
 ) -> ComplexArray:
     """Return Z_h_avc at each frequency, N.s/m, shape (n,)."""
     loop, (b, k, contact) = loop_at(problem, frequency_hz), gains

@@ -324,11 +324,7 @@ class FloatProgram:
         return array.astype(self.precision.dtype, copy=False)
 
     def c_lines(
-        self,
-        of_input: Callable[[str], str],
-        of_output: Callable[[str], str | None],
-        *,
-        prefix: str = "",
+        self, of_input: Callable[[str], str], of_output: Callable[[str], str | None], *, prefix: str = ""
     ) -> list[str]:
         """Return the statements of a C function; an output may share its place with an input, as a state does."""
         real = self.precision.c_type
