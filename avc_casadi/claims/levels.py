@@ -17,7 +17,7 @@ from avc_casadi.claims.llewellyn import llewellyn_margin
 from avc_casadi.claims.port import CouplingSlack, RenderingSlack, passive_hand, port_worst
 from avc_casadi.claims.worst_frequency import RELATIVE_TOLERANCE, lowest_of, worst_margin
 from avc_casadi.coupling import Coupling
-from avc_casadi.loops.wall import RADIUS_TOLERANCE, Fractions, SampledLoop, fractions, linear_stability, rigid
+from avc_casadi.loops.wall import RADIUS_TOLERANCE, SampledLoop, fractions, linear_stability, rigid
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners, least_damped
 from avc_casadi.model.device import Device
 from avc_casadi.model.gains import GainSchedule
@@ -336,7 +336,10 @@ def _at_port(rows: Rows, level: str, progress: Progress) -> LevelResult:
     worst = PortWorst._make(column[back] for column in port_worst(corners, slack, len(b), progress))
     # For any passive wall the DC stiffness of this one is no condition.
     stiffness = np.zeros(len(back)) if any_environment else (parts.integral / time)[back]
-    sound = stable_with_one_hand(corners, parts, contact)[back] & (stiffness >= 0)
+    stable = np.array(parts.stable, dtype=bool)
+    for device in corners:  # with one passive hand, and so with any where the port is passive
+        stable &= linear_stability(device, parts, contact, passive_hand(device)).radius[:, 0] < 1 - RADIUS_TOLERANCE
+    sound = stable[back] & (stiffness >= 0)
     claim = "each frozen row is passive with this environment at every frequency up to Nyquist"
     if any_environment:
         claim = "each frozen row meets Llewellyn's condition (6) for any passive environment"
@@ -372,12 +375,3 @@ def what_is_declared(device: Device) -> str:
         "part of a sample of delay (device.delay_samples)": late,
     }
     return " and ".join(name for name, there in found.items() if there)
-
-
-def stable_with_one_hand(corners: list[Device], parts: Fractions, contact: FloatArray) -> BoolArray:
-    """Return whether each row is stable with one passive hand, and so with any where the port is passive."""
-    stable = np.array(parts.stable, dtype=bool)
-    for device in corners:
-        radius = linear_stability(device, parts, contact, passive_hand(device)).radius[:, 0]
-        stable &= radius < 1 - RADIUS_TOLERANCE
-    return stable

@@ -214,7 +214,9 @@ def zwidth(problem: AnyProblem, progress: Progress = SILENT) -> ZWidth:
     # The last row is that of the requested wall.
     rows = np.append(damping, wall.damping_ns_per_m)
     hands = hand_set(problem.hands)
-    poles, beside = _estimator(problem)
+    filters = [one for one in problem.scene.effects if isinstance(one, VelocityFilterEffect)]
+    poles = velocity_poles(problem, filters[-1]) if filters else PLAIN
+    beside = ", with the velocity filter of the scene" if filters else ""
     claims, refused = _passivity(device, corners, poles, beside)
     at = _at(device, len(corners), beside)
     claims |= {
@@ -252,14 +254,6 @@ def zwidth(problem: AnyProblem, progress: Progress = SILENT) -> ZWidth:
         refused=refused,
         stated=problem,
     )
-
-
-def _estimator(problem: Problem) -> tuple[Poles, str]:
-    """Return the poles of the scene's velocity filter, and its wording in a claim; empty without one."""
-    filters = [one for one in problem.scene.effects if isinstance(one, VelocityFilterEffect)]
-    if not filters:
-        return PLAIN, ""
-    return velocity_poles(problem, filters[-1]), ", with the velocity filter of the scene"
 
 
 def _passivity(

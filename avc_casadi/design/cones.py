@@ -82,7 +82,8 @@ class Cones:
             rows = sparse.csc_matrix(-np.concatenate([matrix.reshape(-1, n) for matrix, _ in some]))
             right = np.concatenate([level.ravel() for _, level in some])
             solution = np.array(clarabel.DefaultSolver(quadratic, cost, rows, right, kinds, settings).solve().x)
-            gaps = [_gap(matrix @ solution + level) for _, matrix, level, _ in blocks]
+            values = [matrix @ solution + level for _, matrix, level, _ in blocks]
+            gaps = [value[:, 0] - np.linalg.norm(value[:, 1:], axis=1) for value in values]
             violated = [(gap < -1e-5) & ~mask for gap, mask in zip(gaps, masks, strict=True)]
             if not any(map(np.any, violated)):
                 break
@@ -97,10 +98,6 @@ def _mask(near: BoolArray | None, count: int, *, whole: bool) -> BoolArray:
     mask = np.full(count, whole) if near is None or len(near) != count else near | whole
     mask[::40] = True
     return mask
-
-
-def _gap(values: FloatArray) -> FloatArray:
-    return np.asarray(values[:, 0] - np.linalg.norm(values[:, 1:], axis=1))
 
 
 def multiplier(z: ComplexArray, loop: ComplexArray, known: ComplexArray | None = None) -> tuple[ComplexArray, float]:

@@ -8,7 +8,6 @@ from typing import Any
 
 from avc_casadi.coupling import Coupling
 from avc_casadi.design.methods import solve
-from avc_casadi.design.registry import MethodName
 from avc_casadi.files.problem_file import AnyProblem, as_problem, of_problem
 from avc_casadi.model.effects import GuardEffect
 from avc_casadi.model.gains import NO_COUPLING, Gains, GainSchedule, GainTable
@@ -38,12 +37,9 @@ _COMPARED = (
 def scene_coupling(problem: Problem) -> Gains | GainSchedule:
     """Return the coupling that the problem's scene names, solved; "none" joins device and environment rigidly."""
     name = problem.scene.coupling
-    return NO_COUPLING if name == "none" else scene_gains(problem, name)
-
-
-def scene_gains(problem: Problem, method: MethodName) -> GainSchedule:
-    """Solve by a method; the default coupling, of a scene that names none, for a delay rounded up to whole samples."""
-    return solve(problem.changed(device={"delay_samples": _designed_for(problem)}), method)
+    # The default one, of a scene that names none, for a delay rounded up to whole samples.
+    designed_for = problem.changed(device={"delay_samples": _designed_for(problem)})
+    return NO_COUPLING if name == "none" else solve(designed_for, name)
 
 
 def scene_notes(problem: Problem) -> list[str]:

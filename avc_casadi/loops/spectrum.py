@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from functools import cache
 
 import numpy as np
 
 from avc_casadi._util.arrays import ComplexArray, FloatArray
 from avc_casadi._util.parallel import processors
+
+_OTHER = ThreadPoolExecutor(1)
 
 
 def eigenvalues(matrices: FloatArray) -> ComplexArray:
@@ -19,7 +20,7 @@ def eigenvalues(matrices: FloatArray) -> ComplexArray:
     if len(flat) < 48 or processors() == 1:
         return np.asarray(np.linalg.eigvals(matrices), dtype=np.complex128)
     half = len(flat) // 2
-    other = _helper().submit(np.linalg.eigvals, flat[half:])
+    other = _OTHER.submit(np.linalg.eigvals, flat[half:])
     both = np.concatenate([np.linalg.eigvals(flat[:half]), other.result()])
     return np.asarray(both.reshape(matrices.shape[:-1]), dtype=np.complex128)
 
@@ -34,11 +35,6 @@ def largest_eigenvalue(matrices: FloatArray) -> ComplexArray:
 def largest_radius(loop: FloatArray) -> FloatArray:
     """Return the spectral radius of each loop, shape (...) for loops (..., s, s)."""
     return np.asarray(np.abs(eigenvalues(loop)).max(axis=-1))
-
-
-@cache
-def _helper() -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(1)
 
 
 def leading_radii(loops: FloatArray) -> FloatArray:
@@ -60,7 +56,10 @@ def leading_radii(loops: FloatArray) -> FloatArray:
         power = power @ power
         times *= 4
         if done >= first:
-            power = _balanced(power)
+            # States scaled by powers of 2, which are exact, so that rows and columns are equally large on average.
+            size = np.abs(power).mean(axis=0) + np.finfo(np.float64).tiny
+            unit = np.exp2(np.round(np.log2(size.sum(axis=1) / size.sum(axis=0)) / 2))
+            power = power / unit[:, None] * unit
         largest = np.maximum(np.maximum(power.max(axis=(1, 2)), -power.min(axis=(1, 2))), np.finfo(np.float64).tiny)
         power = power / largest[:, None, None]
         logarithm = 4 * logarithm + np.log(largest)
@@ -72,14 +71,6 @@ def leading_radii(loops: FloatArray) -> FloatArray:
     radius = np.full(len(loops), -np.inf)
     radius[left] = largest_radius(loops[left])
     return radius
-
-
-def _balanced(power: FloatArray) -> FloatArray:
-    """Return loops with states scaled so that rows and columns are equally large on average."""
-    size = np.abs(power).mean(axis=0) + np.finfo(np.float64).tiny
-    # Powers of 2 are exact.
-    unit = np.exp2(np.round(np.log2(size.sum(axis=1) / size.sum(axis=0)) / 2))
-    return np.asarray(power / unit[:, None] * unit)
 
 
 def root(value: Callable[[FloatArray], FloatArray], left: FloatArray, right: FloatArray) -> FloatArray:

@@ -64,11 +64,6 @@ def hold(angle: SampleAngle, model: Model, delay_samples: float) -> Complex:
     return mean if delay_samples == 0 else mean * delay_operator(angle, delay_samples)
 
 
-def device_impedance(angle: SampleAngle, mass_kg: Real, damping_ns_per_m: Real) -> Complex:
-    """Z_d = m s_t + b_d. Tustin, because a backward difference would add a false damping 2 m/T."""
-    return mass_kg * tustin(angle) + damping_ns_per_m
-
-
 def spring_damper(angle: SampleAngle, damping_ns_per_m: Real, stiffness_n_per_m: Real, *, tustin: bool) -> Complex:
     """B + k/s with s = s_t (``tustin``) or s_b: b [+ k T/2] - j (k T/2) cot(phi)   (2), (7)."""
     half = stiffness_n_per_m * angle.sample_time_s / 2
@@ -173,7 +168,8 @@ def loop_at(problem: Problem, frequency_hz: Real, numbers: NumberSystem = NUMPY)
     angle = SampleAngle.at(numbers, frequency_hz, n(device.sample_time_s))
     return Loop(
         angle=angle,
-        device=device_impedance(angle, n(device.mass_kg), n(device.damping_ns_per_m)),
+        # Tustin, because a backward difference would add a false damping 2 m/T.
+        device=n(device.mass_kg) * tustin(angle) + n(device.damping_ns_per_m),
         hold=hold(angle, model, device.delay_samples),
         environment=environment_impedance(angle, model, environment_b, environment_k),
         desired=environment_impedance(angle, model, desired_b, desired_k),

@@ -183,19 +183,15 @@ def _reason(margin: float, value: float, damping: float, stiffness: float) -> st
             f"{claim} is met in the gain box with no room: {at}; missed by no more than rounding: add device"
             " damping, or widen the box of [coupling]"
         )
-    missing = _rounded_up(margin - value)
+    # Rounded to six digits, upwards, so that the relaxation shown suffices.
+    step = 10.0 ** (np.floor(np.log10(margin - value)) - 5)
+    missing = float(np.ceil((margin - value) / step) * step) if step > 0 else margin - value
     # A margin cannot be lowered below 0.
     lower = "lower the margin by that, " if margin >= missing else ""
     return (
         f"{claim} cannot be met in the gain box: at most {at}; missed by {missing:.6g}: {lower}add "
         "as much device damping, or widen the box of [coupling]"
     )
-
-
-def _rounded_up(value: float) -> float:
-    """Round to six digits, upwards, so that the relaxation shown suffices."""
-    step = 10.0 ** (np.floor(np.log10(value)) - 5)
-    return float(np.ceil(value / step) * step) if step > 0 else value
 
 
 def largest_real_part(problem: Problem, frequency_hz: FloatArray) -> GainArrays:

@@ -26,11 +26,6 @@ class Ledger:
         """Absorbed and not stored energy; where it falls, sampling, delay or quantisation generate energy."""
         return self.absorbed_j - (self.stored_j - self.stored_j[..., :1])
 
-    @property
-    def generated_j(self) -> FloatArray:
-        """Largest energy given out beyond the absorbed energy, shape (...)."""
-        return np.asarray(0.0 - np.minimum(0.0, self.absorbed_j.min(axis=-1)))
-
 
 def energy_ledger(
     position_m: FloatArray,

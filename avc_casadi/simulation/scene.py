@@ -148,7 +148,7 @@ class Run(Tabular):
     @property
     def energy_generated_j(self) -> float:
         """Largest energy that the virtual side gave out beyond all that it had absorbed."""
-        return float(self.ledger.generated_j)
+        return float(0.0 - np.minimum(0.0, self.ledger.absorbed_j.min()))
 
     def certificate(self) -> dict[str, Any]:
         """Return the level L6: this time-varying run, with its energy ledger."""

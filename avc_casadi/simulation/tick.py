@@ -185,10 +185,6 @@ class Rate:
                 self._rates.append((f"{name}_{name_of}_m_per_s", tick.state(f"{name}_{name_of}_m_per_s")))
                 self.offset += pole * self._rates[-1][1]
 
-    def forget(self, keeps: Expr) -> None:
-        """Reset the past where `keeps` is 0."""
-        self.offset *= keeps
-
     def settle(self, value: Expr) -> Expr:
         """Set the value of this sample and return its rate."""
         rate = self.gain * value - self.offset

@@ -160,7 +160,8 @@ class SampledPlantBox:
             return numbers.get(f"device.{key}", known(own))
 
         mass, damping = number("mass_kg", device.mass_kg), number("damping_ns_per_m", device.damping_ns_per_m)
-        grip = _grip(s, numbers, t)
+        held_mass, held_damping, stiffness = (numbers[name] for name in HAND)
+        grip = s * (s * held_mass + held_damping * known(t)) + stiffness * known(t * t)
         mode = device.resonance
         above: Value
         if mode is None:
@@ -254,13 +255,6 @@ class SampledPlantBox:
 
 # Of exp(-j 2 pi n delay).
 _ROUGH = np.asarray(1e-12)
-
-
-def _grip(s: Value, numbers: dict[str, Value], t: float) -> Value:
-    """Return the impedance of the hand times T^2 over the sample."""
-    known = Disc.rounded if isinstance(s, Moving) else complex
-    mass, damping, stiffness = (numbers[name] for name in HAND)
-    return s * (s * mass + damping * known(t)) + stiffness * known(t * t)
 
 
 def _left_out(power: int, terms: int) -> float:

@@ -144,18 +144,12 @@ _NUMBERS = (
 
 def product(one: Polynomial, two: Polynomial) -> Polynomial:
     """Multiply two polynomials."""
-    found = [_ZERO] * (len(one) + len(two) - 1)
-    for place, left in enumerate(one):
-        for further, right in enumerate(two):
-            found[place + further] += left * right
-    return found
+    return list(np.convolve(np.array(one, dtype=object), np.array(two, dtype=object)))
 
 
 def total(one: Polynomial, two: Polynomial) -> Polynomial:
     """Add two polynomials."""
-    size = max(len(one), len(two))
-    padded = ([_ZERO] * (size - len(part)) + part for part in (one, two))
-    return [left + right for left, right in zip(*padded, strict=True)]
+    return list(np.polyadd(np.array(one, dtype=object), np.array(two, dtype=object)))
 
 
 def _observer(law: StateFeedback) -> tuple[Polynomial, Polynomial, Polynomial]:

@@ -77,7 +77,7 @@ def solver_costs(
 ) -> list[SolverCost]:
     """Time every method and solver."""
     loop = loop_at(problem, problem.frequencies_hz())
-    reference = _magnitude_error(loop, exact_gains(problem, loop))
+    reference = np.abs(np.abs(loop.perceived(*exact_gains(problem, loop))) - np.abs(loop.target))
     default = (DEFAULT_SOLVER, DEFAULT_TOLERANCE)
     others = [(name, tolerance) for name in solvers for tolerance in tolerances]
     choices = [default, *(one for one in others if one != default)]
@@ -94,10 +94,6 @@ def solver_costs(
         costs.append(SolverCost("direct", solver, tolerance, **cost, default=(solver, tolerance) == default))
         progress.advance(len(costs), len(choices) + 2, "methods and solvers")
     return costs
-
-
-def _magnitude_error(loop: Loop, gains: GainArrays) -> FloatArray:
-    return np.asarray(np.abs(np.abs(loop.perceived(*gains)) - np.abs(loop.target)))
 
 
 def _closed_form(problem: Problem, loop: Loop) -> GainArrays:
