@@ -1,7 +1,7 @@
-"""Number systems in which the equations are evaluated: numpy arrays, 50-digit mpmath and CasADi expressions.
+"""Number systems in which the equations are evaluated: numpy arrays, CasADi expressions, or 50 digits in tests.
 
-An equation needs complex arithmetic, ``.real``, ``.imag``, ``.conjugate()`` and a sine. numpy and mpmath bring
-complex numbers of their own; CasADi has none, so that `ComplexExpr` pairs two of its expressions.
+An equation needs complex arithmetic, ``.real``, ``.imag``, ``.conjugate()`` and a sine. CasADi has no complex numbers,
+so that `ComplexExpr` pairs two of its expressions.
 """
 
 from __future__ import annotations
@@ -12,9 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from avc_casadi._errors import MissingExtraError
-
-# One equation serves numpy arrays, mpmath numbers and CasADi expressions, which share no static type.
+# One equation serves numpy arrays, numbers of 50 digits and CasADi expressions, which share no static type.
 Real = Any
 Complex = Any
 
@@ -78,7 +76,6 @@ class ComplexExpr:
 class NumberSystem:
     """Operations that an equation needs beyond arithmetic."""
 
-    name: str
     sin_pi: Callable[[Real], Real]
     complex: Callable[[Real, Real], Complex]
     number: Callable[[float], Real]
@@ -97,7 +94,6 @@ def _numpy_complex(re: Real, im: Real) -> Complex:
 
 
 NUMPY = NumberSystem(
-    name="numpy",
     sin_pi=lambda x: np.sin(np.pi * np.asarray(x)),
     complex=_numpy_complex,
     number=float,
@@ -110,30 +106,10 @@ def casadi_numbers() -> NumberSystem:
     import casadi as ca  # noqa: PLC0415
 
     return NumberSystem(
-        name="casadi",
         sin_pi=lambda x: ca.sin(ca.pi * x),
         complex=ComplexExpr,
         number=lambda value: value,
         one_for_zero=lambda x: x + (x == 0),
-    )
-
-
-def mpmath_numbers(digits: int = 50) -> NumberSystem:
-    """Return the reference system with its own mpmath context, so that no global precision is touched."""
-    try:
-        import mpmath  # noqa: PLC0415
-    except ModuleNotFoundError as error:
-        message = "numbers of many digits need mpmath: pip install 'avc-casadi[accuracy]'"
-        raise MissingExtraError(message) from error
-
-    context = mpmath.mp.clone()
-    context.dps = digits
-    return NumberSystem(
-        name=f"mpmath{digits}",
-        sin_pi=context.sinpi,
-        complex=context.mpc,
-        number=context.mpf,
-        one_for_zero=lambda x: context.mpf(1) if x == 0 else x,
     )
 
 

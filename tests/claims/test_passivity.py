@@ -5,17 +5,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from reference_optimum import mpmath_numbers
 
 from avc_casadi.claims.worst_frequency import real_part, size_of_terms, worst_margin
 from avc_casadi.loops.wall import SampledLoop, fractions
-from avc_casadi.paper.equations import (
-    SampleAngle,
-    coupling_impedance,
-    environment_impedance,
-    hold,
-    series,
-)
-from avc_casadi.paper.numbers import mpmath_numbers
+from avc_casadi.paper.equations import SampleAngle, coupling_impedance, environment_impedance, hold, series
 
 T = 1e-3
 damping = st.floats(-3, 4).map(lambda x: 10**x)

@@ -3,22 +3,28 @@
 The feasible part of the gain box falls into pieces, each bounded by stretches of the box's edges and by arcs of
 Re Z = margin. On a connected piece |Z| takes every value between its smallest and its largest, so that the error is 0
 where |Z_h_ds| lies between them for some piece, and otherwise the distance to the nearest end. Where |Z| = |Z_h_ds| is
-never asked. Crossings and stationary points come from polynomials interpolated on the impedances themselves. Needs
-mpmath, the extra ``accuracy``.
+never asked. Crossings and stationary points come from polynomials interpolated on the impedances themselves.
 """
 
 from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import mpmath
 
 from avc_casadi.model.corners import margin_over_range
+from avc_casadi.model.problem import Problem
 from avc_casadi.paper.equations import Loop, loop_at
-from avc_casadi.paper.numbers import Complex, Real, abs2, mpmath_numbers
+from avc_casadi.paper.numbers import Complex, NumberSystem, Real, abs2
 
-if TYPE_CHECKING:
-    from avc_casadi.model.problem import Problem
+
+def mpmath_numbers(digits: int) -> NumberSystem:
+    own = mpmath.mp.clone()
+    own.dps = digits
+    return NumberSystem(own.sinpi, own.mpc, own.mpf, lambda x: own.mpf(1) if x == 0 else x)
+
 
 # Ten digits more than are claimed.
 NUMBERS = mpmath_numbers(60)

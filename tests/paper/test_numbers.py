@@ -3,6 +3,7 @@
 import casadi as ca
 import numpy as np
 import pytest
+from reference_optimum import mpmath_numbers
 
 from avc_casadi.model.problem import Problem
 from avc_casadi.paper.equations import (
@@ -14,7 +15,7 @@ from avc_casadi.paper.equations import (
     loop_at,
     tustin,
 )
-from avc_casadi.paper.numbers import NUMPY, ComplexExpr, casadi_numbers, mpmath_numbers
+from avc_casadi.paper.numbers import NUMPY, ComplexExpr, casadi_numbers
 
 DIGITS = mpmath_numbers(50)
 NUMBERS_MP = DIGITS.complex(0, 0).context
