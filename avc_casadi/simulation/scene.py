@@ -165,6 +165,7 @@ class Run(Tabular):
     def document(self, trace: Path | None = None) -> dict[str, Any]:
         """Return the JSON document; `trace` is the file of the traces."""
         found = self.judgement
+        peaks = ("peak_velocity_m_per_s", "position_peak_to_peak_m", "mean_force_n", "force_ripple_n")
         document = {
             "problem": self.problem,
             "coupling": self.coupling,
@@ -179,12 +180,7 @@ class Run(Tabular):
             "steps": self.samples,
             "states": self.states,
             "instructions": self.instructions,
-            "peak_velocity_m_per_s": found.peak_velocity_m_per_s,
-            "position_peak_to_peak_m": found.position_peak_to_peak_m,
-            "mean_force_n": found.mean_force_n,
-            "force_ripple_n": found.force_ripple_n,
-            "apparent_stiffness_n_per_m": self.apparent_stiffness_n_per_m,
-            "rate_hardness_n_per_m": found.rate_hardness_n_per_m,
+            **{name: getattr(found, name) for name in (*peaks, "apparent_stiffness_n_per_m", "rate_hardness_n_per_m")},
             "energy_generated_j": self.energy_generated_j,
             "certificate": {"L6": self.certificate()},
             "seconds": {"build": self.build_seconds, "run": self.seconds},

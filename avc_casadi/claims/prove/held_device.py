@@ -23,8 +23,6 @@ from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.arrays import ComplexArray, FloatArray
 from avc_casadi.claims.prove.disc import Disc, Moving, held, turned
 from avc_casadi.model.device import Device
-from avc_casadi.model.hands import hand_ranges
-from avc_casadi.model.problem import Hands
 
 # Moving, or an array of plain complex numbers: the formulas are the same.
 Value = Any
@@ -47,12 +45,6 @@ class SampledPlantBox:
 
     device: Device
     hand: Mapping[str, tuple[float, float]]
-
-    @classmethod
-    def of(cls, device: Device, hands: Hands) -> SampledPlantBox:
-        """Take the box of hands of a problem."""
-        rows = hand_ranges(hands).tolist()
-        return cls(device, {name: (low, high) for name, (low, high) in zip(HAND, rows, strict=True)})
 
     def __post_init__(self) -> None:
         low = {name: ends[0] for name, ends in self.ranges.items()}

@@ -16,7 +16,7 @@ their digits.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from fractions import Fraction
 from functools import cached_property
 from typing import Any, Self
@@ -46,25 +46,11 @@ class ContactLaw:
     state_feedback: StateFeedback | None = None
 
     @classmethod
-    def of(
-        cls,
-        problem: Problem,
-        damping_ns_per_m: float,
-        stiffness_n_per_m: float,
-        contact_damping_ns_per_m: float,
-        state_feedback: StateFeedback | None = None,
-    ) -> Self:
-        """Return the law with wall and sample time of a problem."""
+    def of(cls, problem: Problem, b: float, k: float, contact: float, law: StateFeedback | None = None) -> Self:
+        """Return the law of gains with wall and sample time of a problem."""
         wall = problem.environment
-        return cls(
-            problem.device.sample_time_s,
-            damping_ns_per_m,
-            stiffness_n_per_m,
-            contact_damping_ns_per_m,
-            wall.damping_ns_per_m,
-            wall.stiffness_n_per_m,
-            state_feedback,
-        )
+        time, walls = problem.device.sample_time_s, (wall.damping_ns_per_m, wall.stiffness_n_per_m)
+        return cls(time, b, k, contact, *walls, law)
 
     @property
     def rigid(self) -> bool:
@@ -120,26 +106,20 @@ class ContactLaw:
 
     def document(self) -> dict[str, Any]:
         """Return JSON values; an infinite gain is null."""
-        found = {name: plain(value) for name, value in vars(self).items() if name in _NUMBERS}
+        found = {name: plain(getattr(self, name)) for name in self._numbers()}
         law = self.state_feedback
         return found | {"state_feedback": None if law is None else plain(law.model_dump(exclude={"kind"}))}
 
     @classmethod
     def from_document(cls, found: dict[str, Any]) -> Self:
         """Read the output of `document`."""
-        numbers = {name: math.inf if found[name] is None else float(found[name]) for name in _NUMBERS}
+        numbers = {name: math.inf if found[name] is None else float(found[name]) for name in cls._numbers()}
         law = found["state_feedback"] and StateFeedback.model_validate(found["state_feedback"])
         return cls(**numbers, state_feedback=law)
 
-
-_NUMBERS = (
-    "sample_time_s",
-    "damping_ns_per_m",
-    "stiffness_n_per_m",
-    "contact_damping_ns_per_m",
-    "wall_damping_ns_per_m",
-    "wall_stiffness_n_per_m",
-)
+    @classmethod
+    def _numbers(cls) -> list[str]:
+        return [item.name for item in fields(cls) if item.name != "state_feedback"]
 
 
 def product(one: Polynomial, two: Polynomial) -> Polynomial:

@@ -130,23 +130,16 @@ class Comparison(Tabular):
     def document(self) -> dict[str, Any]:
         """Return the JSON document, null where a number is undefined."""
         mine = self.mine
+        kept = ("problem", "title", "model", "structure", "margin_ns_per_m", "frequency_hz", "optimum", "delivered")
         found: dict[str, Any] = plain(
             {
-                "problem": self.problem,
-                "title": self.title,
-                "model": self.model,
-                "structure": self.structure,
+                **{name: getattr(self, name) for name in (*kept, "reason", "cross_check", "passive_limit_n_per_m")},
                 "scope": "pointwise",
                 "problem_scope": self.scope,
-                "margin_ns_per_m": self.margin_ns_per_m,
-                "frequency_hz": self.frequency_hz,
                 "methods": {
                     name: gain_document(gains) | self.judged[name].document() for name, gains in self.methods.items()
                 },
-                "optimum": self.optimum,
-                "delivered": self.delivered,
                 "verdict": [verdict.value for verdict in self.verdict],
-                "reason": self.reason,
                 "counts": self.counts(),
                 **_parts("without_coupling", self.without_coupling),
                 **_parts("target", self.target),
@@ -154,10 +147,8 @@ class Comparison(Tabular):
                 **_parts("lower", self.lower),
                 "damping_injection": self.injection,
                 "safety": {name: judged.safety.document() for name, judged in self.judged.items()},
-                "cross_check": self.cross_check,
                 "mine": None if mine is None else mine.document() | self.judged["mine"].document(),
                 "causal": None if self.causal is None else self.causal.document(),
-                "passive_limit_n_per_m": self.passive_limit_n_per_m,
             }
         )
         return found
