@@ -19,7 +19,7 @@ def plain(value: Any) -> Any:
     if hasattr(value, "tolist"):  # an array, or a number of one
         value = value.tolist()
     if isinstance(value, dict):
-        return {str(key): plain(item) for key, item in value.items()}
+        return plain_table(value)
     if isinstance(value, list | tuple):
         return [plain(item) for item in value]
     if isinstance(value, Enum):
@@ -27,6 +27,11 @@ def plain(value: Any) -> Any:
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value
+
+
+def plain_table(table: Mapping[Any, Any]) -> dict[str, Any]:
+    """Turn a mapping into JSON values."""
+    return {str(key): plain(item) for key, item in table.items()}
 
 
 def json_text(document: Mapping[str, Any], units: Units = LINEAR) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 
 from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.arrays import BoolArray, FloatArray
-from avc_casadi._util.json_values import plain
+from avc_casadi._util.json_values import plain_table
 from avc_casadi._util.progress import SILENT, Progress, chunks
 from avc_casadi.claims.impedance import PortWorst, perceived_worst
 from avc_casadi.claims.llewellyn import llewellyn_margin
@@ -183,7 +183,7 @@ class LevelResult:
         """Return JSON values."""
         known = {name: value for name, value in vars(self).items() if name not in ("level", "detail")}
         empty = {"refused": self.refused or None, "outcome": self.outcome or None, "rows_failed": self.rows_failed}
-        found: dict[str, Any] = plain(known | empty | self.detail)
+        found = plain_table(known | empty | self.detail)
         title = LEVELS[self.level].title
         return {"title": title, "pass": found.pop("passed"), "row_pass": found.pop("row_passed")} | found
 

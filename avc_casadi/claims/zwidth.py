@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from avc_casadi._util.arrays import ComplexArray, FloatArray
-from avc_casadi._util.json_values import plain
+from avc_casadi._util.json_values import plain_table
 from avc_casadi._util.printed import Columns, Tabular, short
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.claims.impedance import wave
@@ -126,8 +126,7 @@ class ZWidth(Tabular):
             for curve in self.curves
         }
         wanted = {"damping_ns_per_m": self.wanted_damping_ns_per_m, "stiffness_n_per_m": self.wanted_stiffness_n_per_m}
-        document: dict[str, Any] = plain(found | {"wanted": wanted})
-        return document
+        return plain_table(found | {"wanted": wanted})
 
 
 def passive_walls(

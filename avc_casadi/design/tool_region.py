@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from avc_casadi._util.arrays import FloatArray
-from avc_casadi._util.json_values import plain
+from avc_casadi._util.json_values import plain_table
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi._util.units import LINEAR, Units
 from avc_casadi.design.virtual_tool import Scale, ToolSearch, edge
@@ -42,7 +42,7 @@ class ToolRegion:
 
     def document(self) -> dict[str, Any]:
         """Return the `zwidth` document: JSON values only."""
-        found: dict[str, Any] = plain(
+        return plain_table(
             {
                 "problem": self.problem,
                 "damping_ns_per_m": self.damping_ns_per_m,
@@ -59,7 +59,6 @@ class ToolRegion:
                 ],
             }
         )
-        return found
 
 
 def _stiffest(gains: ToolGains | None) -> dict[str, float | None]:

@@ -9,7 +9,7 @@ from functools import partial
 from typing import Any
 
 from avc_casadi._errors import InputError
-from avc_casadi._util.json_values import plain
+from avc_casadi._util.json_values import plain_table
 from avc_casadi._util.parallel import Crew
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.claims.certify import quick_rest_level
@@ -192,7 +192,7 @@ def stiffest(
         judge_stiffest(walled, evaluator, limit)
     best = evaluator.best()
     counts = None if best is None else best.trial.counts()
-    document: dict[str, Any] = plain(
+    return plain_table(
         {
             "problem": problem.name,
             "stiffest_wall_n_per_m": None if best is None else best.felt_n_per_m,
@@ -207,4 +207,3 @@ def stiffest(
             "not_used": list(not_used(problem)),
         }
     )
-    return document

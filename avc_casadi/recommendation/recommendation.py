@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from typing import Any, Literal
 
-from avc_casadi._util.json_values import plain
+from avc_casadi._util.json_values import plain_table
 from avc_casadi._util.printed import Printed
 from avc_casadi.coupling import Coupling
 from avc_casadi.files.coupling_file import coupling_document
@@ -121,7 +121,7 @@ class Recommendation(Printed):
 
     @cached_property
     def _data(self) -> dict[str, Any]:
-        found: dict[str, Any] = plain(
+        return plain_table(
             {
                 "problem": self.problem.name,
                 "end": self.end,
@@ -136,7 +136,6 @@ class Recommendation(Printed):
                 **(self._of_wall() if self.pair is None else self._of_pair(self.pair)),
             }
         )
-        return found
 
     def _of_wall(self) -> dict[str, Any]:
         coupling = self.coupling
@@ -227,8 +226,7 @@ class Recommendation(Printed):
         if self.coupling is None or self.coupling.end != "wall":
             return {}
         found = zip(("released", "worst_hand"), OpenLoop.of(self.coupling).margins(), strict=True)
-        margins: dict[str, Any] = plain({who: vars(one) for who, one in found})
-        return margins
+        return plain_table({who: vars(one) for who, one in found})
 
 
 def _transient(coupling: Coupling) -> dict[str, Any]:

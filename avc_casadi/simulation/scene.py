@@ -14,7 +14,7 @@ import numpy as np
 from avc_casadi._errors import InputError
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi._util.files import write_file
-from avc_casadi._util.json_values import json_text, plain
+from avc_casadi._util.json_values import json_text, plain, plain_table
 from avc_casadi._util.printed import Columns, Tabular
 from avc_casadi._util.units import LINEAR, Units
 from avc_casadi.coupling import Coupling, check_sample_time, require_coupling, thinned
@@ -186,8 +186,7 @@ class Run(Tabular):
             "seconds": {"build": self.build_seconds, "run": self.seconds},
             "trace": None if trace is None else str(trace),
         }
-        whole: dict[str, Any] = plain(document)
-        return whole
+        return plain_table(document)
 
     def save(self, path: Path | str) -> Path:
         """Write the traces to `path` (npz) and the manifest beside it (the same name, ``.json``)."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from avc_casadi._errors import InputError
 from avc_casadi._util.arrays import FloatArray
-from avc_casadi._util.json_values import plain
+from avc_casadi._util.json_values import plain_table
 from avc_casadi._util.printed import Columns, Tabular
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.model import EFFECTS
@@ -102,20 +102,15 @@ class Screening(Tabular):
 
     def document(self) -> dict[str, Any]:
         """Return the JSON document."""
-        found: dict[str, Any] = plain(
+        return plain_table(
             {
                 "problem": self.whole.problem,
                 "coupling": self.whole.coupling,
-                "tolerance": self.tolerance,
                 "outcome": self.whole.claim,
-                "effects": self.effects,
-                "essential": self.essential,
                 "unneeded": self.unneeded,
-                "scatter_ns": self.scatter_ns,
-                "together": self.together,
+                **{name: value for name, value in vars(self).items() if name != "whole"},
             }
         )
-        return found
 
 
 def screen(problem: Problem, gains: AnyGains, *, tolerance: float = 0.01, progress: Progress = SILENT) -> Screening:

@@ -16,7 +16,7 @@ import numpy as np
 
 from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.arrays import ComplexArray, FloatArray
-from avc_casadi._util.json_values import plain
+from avc_casadi._util.json_values import plain, plain_table
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.claims.prove.held_device import SampledPlantBox
 from avc_casadi.claims.prove.law import ContactLaw
@@ -100,9 +100,7 @@ class Rest:
 
     def document(self) -> dict[str, Any]:
         """Return JSON values; `from_document` reads them."""
-        kept: dict[str, Any] = plain(
-            {**vars(self), "law": self.law.document(), "device": self.device.model_dump(mode="json")}
-        )
+        kept = plain_table({**vars(self), "law": self.law.document(), "device": self.device.model_dump(mode="json")})
         beside = {
             "multiplier": None if self.multiplier is None else plain(dict(self.multiplier.taps)),
             "unstable": None if self.unstable is None else plain(vars(self.unstable)),

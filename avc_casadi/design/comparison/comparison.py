@@ -12,7 +12,7 @@ import numpy as np
 
 from avc_casadi._errors import InputError
 from avc_casadi._util.arrays import ComplexArray, FloatArray
-from avc_casadi._util.json_values import plain
+from avc_casadi._util.json_values import plain_table
 from avc_casadi._util.printed import Columns, Tabular, short
 from avc_casadi.coupling import Coupling
 from avc_casadi.design.comparison.judged import (
@@ -131,7 +131,7 @@ class Comparison(Tabular):
         """Return the JSON document, null where a number is undefined."""
         mine = self.mine
         kept = ("problem", "title", "model", "structure", "margin_ns_per_m", "frequency_hz", "optimum", "delivered")
-        found: dict[str, Any] = plain(
+        return plain_table(
             {
                 **{name: getattr(self, name) for name in (*kept, "reason", "cross_check", "passive_limit_n_per_m")},
                 "scope": "pointwise",
@@ -151,7 +151,6 @@ class Comparison(Tabular):
                 "causal": None if self.causal is None else self.causal.document(),
             }
         )
-        return found
 
 
 # Two methods agree when their magnitude errors differ by less than this share of |Z_d| + |H Z_ds|: the NLP stays

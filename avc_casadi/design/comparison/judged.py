@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray
-from avc_casadi._util.json_values import plain
+from avc_casadi._util.json_values import plain, plain_table
 from avc_casadi.claims.certify import Certificate, certify
 from avc_casadi.claims.deployable import Deployable, deployable
 from avc_casadi.claims.worst_frequency import real_part
@@ -117,8 +117,7 @@ class HandTuned:
     def document(self) -> dict[str, Any]:
         """Return JSON values."""
         values = {name: value for name, value in vars(self).items() if name != "impedance"}
-        found: dict[str, Any] = plain({**values, "better": self.better, **parts("impedance", self.impedance)})
-        return found
+        return plain_table({**values, "better": self.better, **parts("impedance", self.impedance)})
 
 
 def parts(name: str, impedance: ComplexArray) -> dict[str, FloatArray]:
@@ -222,8 +221,7 @@ class CausalGains:
     def document(self) -> dict[str, Any]:
         """Return JSON values: the pair and both errors at each frequency."""
         keys = ("damping_ns_per_m", "stiffness_n_per_m", "magnitude_error", "complex_error")
-        found: dict[str, Any] = plain({key: getattr(self, key) for key in keys})
-        return found
+        return plain_table({key: getattr(self, key) for key in keys})
 
 
 def causal_gains(coupling: Coupling) -> CausalGains:

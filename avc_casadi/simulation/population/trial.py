@@ -12,7 +12,7 @@ import numpy as np
 
 from avc_casadi._errors import InputError
 from avc_casadi._util.arrays import BoolArray, FloatArray, IndexArray
-from avc_casadi._util.json_values import plain
+from avc_casadi._util.json_values import plain_table
 from avc_casadi._util.parallel import mapped, processors
 from avc_casadi._util.printed import Columns, Tabular, short
 from avc_casadi._util.progress import SILENT, Progress
@@ -101,7 +101,7 @@ class Trial(Tabular):
 
     def document(self) -> dict[str, Any]:
         """Return JSON values."""
-        found: dict[str, Any] = plain(
+        return plain_table(
             {
                 "hands": self.hands,
                 "seed": self.seed,
@@ -114,7 +114,6 @@ class Trial(Tabular):
                 "tap_force_n": float(self.tap_force_n.max()),
             }
         )
-        return found
 
     def _summary(self) -> str:
         beside = "".join(f", {int(each.sum())} {name.replace('_', ' ')}" for name, each in self.beside.items())
@@ -156,7 +155,7 @@ class CouplingTrial(Trial):
     def document(self) -> dict[str, Any]:
         """Return JSON values."""
         felt = self.stiffness_n_per_m[np.isfinite(self.stiffness_n_per_m)]
-        document: dict[str, Any] = plain(
+        return plain_table(
             {
                 **self.counts(),
                 "seed": self.seed,
@@ -180,7 +179,6 @@ class CouplingTrial(Trial):
                 "not_simulated": ["hands that change while they hold on", "several axes"],
             }
         )
-        return document
 
     @classmethod
     def join(cls, parts: Sequence[CouplingTrial], order: IndexArray | slice = slice(None)) -> CouplingTrial:
