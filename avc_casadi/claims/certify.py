@@ -14,7 +14,7 @@ from avc_casadi._util.json_values import plain
 from avc_casadi._util.printed import Columns, Tabular
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.claims.hands import hands_level
-from avc_casadi.claims.levels import LEVELS, Judged, LevelResult, Rows, passivity_level
+from avc_casadi.claims.levels import LEVELS, LevelResult, Rows, Subject, passivity_level
 from avc_casadi.claims.prove.held_device import HAND, SampledPlantBox
 from avc_casadi.claims.prove.law import ContactLaw
 from avc_casadi.claims.prove.rest import Rest, promising, prove_rest
@@ -133,7 +133,7 @@ def certify(
     check_sample_time(gains.sample_time_s, problem, f"gains by {gains.method} for {gains.problem}")
     behind = gains.state_feedback is not None and bool(gains.usable.any())
     rows = _rows(problem, gains, requested=requested and not behind)
-    judged = Judged(problem, rows, gains, whole, draws, seed, progress)
+    subject = Subject(problem, rows, gains, whole, draws, seed, progress)
     parts = frozen_parts(problem, rows.b, rows.k) if behind else fractions(SampledLoop.of(problem), rows.b, rows.k)
     judge = {name: partial(passivity_level, level=name) for name in LEVELS} | {"L5": hands_level, "L7": rest_level}
     return Certificate(
@@ -141,7 +141,7 @@ def certify(
         requested=requested and not behind,
         frequency_hz=gains.frequency_hz,
         rows_without_gains=int(np.count_nonzero(~rows.present)),
-        levels={name: judge[name](judged) for name, level in LEVELS.items() if prove or not level.on_demand},
+        levels={name: judge[name](subject) for name, level in LEVELS.items() if prove or not level.on_demand},
         passive_limit_n_per_m=passive_limit_n_per_m(problem.device),
         dc_stiffness_n_per_m=rows.spread(parts.integral / problem.device.sample_time_s),
         stated=problem,
@@ -168,16 +168,16 @@ def proof_files(problem: Problem, certificate: Certificate) -> dict[str, dict[st
     }
 
 
-def rest_level(judged: Judged) -> LevelResult:
+def rest_level(subject: Subject) -> LevelResult:
     """Prove or refute rest at each row of the deployed table with constant gains; else give the reason it is open."""
-    coupling = judged.coupling
+    coupling = subject.coupling
     if coupling is None:
-        return _rest_result([], "no row has gains", 0, judged.gains.rows)
+        return _rest_result([], "no row has gains", 0, subject.gains.rows)
     rows = coupling.table.rows
     found = []
     for done, row in enumerate(rows.tolist()):
-        with judged.progress.step(f"proof of rest, {done + 1} of {len(rows)} rows"):
-            found.append(_of_row(coupling, row, judged.seed, judged.progress))
+        with subject.progress.step(f"proof of rest, {done + 1} of {len(rows)} rows"):
+            found.append(_of_row(coupling, row, subject.seed, subject.progress))
     outcomes, worst_first = [one.outcome for one in found], ("refuted", "open", "proved")
     worst = min(range(len(found)), key=lambda row: worst_first.index(outcomes[row]))
     claim = found[worst].sentence

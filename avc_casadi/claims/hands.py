@@ -15,7 +15,7 @@ import numpy as np
 from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray, IndexArray
 from avc_casadi._util.progress import SILENT, Progress
-from avc_casadi.claims.levels import Judged, LevelResult, Rows, level_result, not_judged
+from avc_casadi.claims.levels import LevelResult, Rows, Subject, level_result, not_judged
 from avc_casadi.claims.worst_frequency import worst_margin
 from avc_casadi.coupling import Coupling
 from avc_casadi.loops.loop import Body
@@ -232,18 +232,18 @@ def feedback_radius(coupling: Coupling) -> dict[str, Worst]:
     return found | {"dead-zone": max(found["hands"], found["dead-zone"], key=lambda one: one.radius)}
 
 
-def hands_level(judged: Judged) -> LevelResult:
+def hands_level(subject: Subject) -> LevelResult:
     """Judge L5 on the loop of the device as declared, whatever model the gains were designed for."""
-    rows, problem, draws, seed = judged.rows, judged.problem, judged.draws, judged.seed
-    if judged.behind_feedback and judged.coupling is not None:
-        return _feedback_level(rows, feedback_radius(judged.coupling))
+    rows, problem, draws, seed = subject.rows, subject.problem, subject.draws, subject.seed
+    if subject.behind_feedback and subject.coupling is not None:
+        return _feedback_level(rows, feedback_radius(subject.coupling))
     seen = looked_at(problem, draws, seed)
     claim = f"each frozen row is linearly stable, with no friction, with {seen}; this says nothing of switching"
     slowest = max(device.delay_samples for device in device_corners(problem.device, ("delay_samples",)))
     if slowest > MAX_DELAY_SAMPLES:
         return not_judged(rows, "L5", "sampled-data", f"more than {MAX_DELAY_SAMPLES} samples of delay")
     parts = frozen_parts(problem, rows.b, rows.k)
-    found = every_hand(problem, parts, rows.contact, draws=draws, seed=seed, progress=judged.progress)
+    found = every_hand(problem, parts, rows.contact, draws=draws, seed=seed, progress=subject.progress)
     radius = found.radius
     free = released(problem, parts, rows.contact)
     detail: dict[str, Any] = {

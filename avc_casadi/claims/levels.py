@@ -123,8 +123,8 @@ class Rows:
 
 
 @dataclass(frozen=True)
-class Judged:
-    """Inputs of a certificate."""
+class Subject:
+    """What a certificate is about: the gains under judgement, and where."""
 
     problem: Problem
     rows: Rows
@@ -240,16 +240,16 @@ def not_judged(rows: Rows, level: str, model: Model, why: str) -> LevelResult:
     return replace(result, claim=f"Not judged: {why}", refused=why)
 
 
-def passivity_level(judged: Judged, level: str) -> LevelResult:
+def passivity_level(subject: Subject, level: str) -> LevelResult:
     """Judge a claim of passivity on the rows; refused where that is not available."""
-    rows, claim = judged.rows, LEVELS[level]
-    model, device = claim.hold or judged.problem.stability.model, judged.problem.device
-    if judged.behind_feedback:
+    rows, claim = subject.rows, LEVELS[level]
+    model, device = claim.hold or subject.problem.stability.model, subject.problem.device
+    if subject.behind_feedback:
         why = "the level knows gains alone, and these run behind an observer with state feedback"
-        return not_judged(rows, level, judged.problem.stability.model, why)
+        return not_judged(rows, level, subject.problem.stability.model, why)
     try:
         if ideal(device):
-            return _exact(rows, level, model, judged.progress)
+            return _exact(rows, level, model, subject.progress)
         if claim.where != "all":
             return _perceived(rows, level, model)
         if model == "paper":
@@ -259,7 +259,7 @@ def passivity_level(judged: Judged, level: str) -> LevelResult:
                 '"sampled-data"'
             )
             return not_judged(rows, level, model, why)
-        return _at_port(rows, level, judged.progress)
+        return _at_port(rows, level, subject.progress)
     except UnsupportedError as refusal:
         return not_judged(rows, level, model, str(refusal))
 
