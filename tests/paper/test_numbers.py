@@ -128,7 +128,7 @@ def test_half_angle_forms_are_the_definitions_in_z(frequency, sample_time):
         assert abs(value - definition) <= NUMBERS_MP.mpf(10) ** -40 * abs(definition)
 
 
-@pytest.mark.parametrize("numbers", [NUMPY, DIGITS, casadi_numbers()], ids=lambda system: system.name)
+@pytest.mark.parametrize("numbers", [NUMPY, DIGITS, casadi_numbers()], ids=["numpy", "mpmath", "casadi"])
 def test_gains_come_back_from_the_impedance(numbers):
     """(17) inverts (7)."""
     angle = SampleAngle.at(numbers, numbers.number(3.0), numbers.number(1e-3))
