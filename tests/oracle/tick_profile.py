@@ -48,11 +48,7 @@ class TickCount:
 
 
 def tick_instructions(
-    coupling: Coupling,
-    *,
-    counts: Callable[[int], int],
-    ticks: int = 500,
-    image: Path = IMAGE,
+    coupling: Coupling, *, counts: Callable[[int], int], ticks: int = 500, image: Path = IMAGE
 ) -> tuple[TickCount, ...]:
     """Push a coupling to an emulated board at rest, then move and count every tick."""
     symbols = read_elf(image).symbols

@@ -4,17 +4,7 @@ import threading
 from contextlib import contextmanager
 
 import pytest
-from browser import (
-    WIDTHS,
-    by_id,
-    chromium,
-    console_errors,
-    requested,
-    resize,
-    shown,
-    sticks_out_by,
-    until,
-)
+from browser import WIDTHS, by_id, chromium, console_errors, requested, resize, shown, sticks_out_by, until
 
 import avc_casadi as avc
 from avc_casadi.coupling import Coupling
