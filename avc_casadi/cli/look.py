@@ -206,8 +206,7 @@ def run_accuracy(args: argparse.Namespace, console: Console) -> Answer:
 def run_table1(args: argparse.Namespace, console: Console) -> Answer:
     """Rebuild the paper's Table 1 with simulated hands: stable or not, and which coupling feels like the wall.
 
-    Walls VE4 to VE6 are calibrated to the paper's column without coupling; every other count is predicted. Takes about
-    a minute, of which 54 couplings to design take three quarters, however few the hands.
+    VE4 to VE6 are calibrated to its column without coupling, all else is predicted. Takes a minute, few hands or many.
     """
     from avc_casadi._util.parallel import cluster, processors
     from avc_casadi.design.comparison.table1 import table1 as study
