@@ -184,6 +184,16 @@ def perceived_worst(
     return PortWorst(margin >= -rounding, margin, at, rounding)
 
 
+def stiffness_at_handle(device: Device, stiffness_n_per_m: float) -> float:
+    """Return a stiffness at rest at the handle: with an encoder at the motor, the structure's compliance adds."""
+    mode = device.resonance
+    if mode is None or device.encoder_at == "handle":
+        return stiffness_n_per_m
+    reduced = device.mass_kg * mode.mass_ratio * (1 - mode.mass_ratio)
+    spring = reduced * (2 * math.pi * mode.frequency_hz) ** 2
+    return stiffness_n_per_m * spring / (stiffness_n_per_m + spring)
+
+
 PRESS_N = 10.0
 """A firm press of a hand. The handle is excited about half of it, or half the force limit if that is less."""
 

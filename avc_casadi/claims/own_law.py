@@ -19,6 +19,7 @@ from avc_casadi._errors import Fault, InputError, UnsupportedError
 from avc_casadi._util.arrays import ComplexArray, FloatArray
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.printed import Printed
+from avc_casadi.claims.impedance import stiffness_at_handle
 from avc_casadi.files.device_file import load_device
 from avc_casadi.files.problem_file import AnyProblem, as_problem, is_device, with_wall
 from avc_casadi.loops.margins import LEAST_DISK, SETTLED, SOUND_DISK, Margins, OpenLoop, damping_ratios
@@ -376,7 +377,7 @@ def certify_law(
         free=outside,
         largest_stiffness_n_per_m=loops.largest_stiffness(law),
         damping_range_ns_per_m=loops.damping_range(law),
-        static_stiffness_n_per_m=_static_n_per_m(device, k),
+        static_stiffness_n_per_m=stiffness_at_handle(device, k),
         rendered_n_per_m={
             hz: float(abs(force_over_position(rendering, np.exp(2j * math.pi * hz * period))))
             for hz in (1.0, 10.0)
@@ -417,15 +418,6 @@ def checked(law: Law, device: Device) -> Law:
         what = f"linear stability is computed up to {MAX_DELAY_SAMPLES} samples of delay, not {slowest:g}"
         raise UnsupportedError(what, key="device.delay_samples")
     return law
-
-
-def _static_n_per_m(device: Device, k: float) -> float:
-    """Return the stiffness of a law at rest, behind the spring of a resonance."""
-    mode = device.resonance
-    if mode is None or device.encoder_at != "motor":
-        return k
-    joint = (2 * math.pi * mode.frequency_hz) ** 2 * device.mass_kg * mode.mass_ratio * (1 - mode.mass_ratio)
-    return k * joint / (k + joint)
 
 
 def _remedies(found: LawCertificate, loops: Loops) -> Iterator[Remedy]:

@@ -128,14 +128,10 @@ def best_of(judged: list[Judged], *, lean_on_friction: bool = False, stiffest: b
     as_near = [one for one in left if one.distance <= nearest + FELT_ERROR]
     quiet = max(int(one.trial.quiet.sum()) for one in as_near)
     quietest = [one for one in as_near if int(one.trial.quiet.sum()) == quiet]
-    left = _likely_provable(quietest)
+    # Of several those for which a proof of L7 is likely, or all if there are none.
+    left = ([one for one in quietest if _promises(one.coupling)] or quietest) if len(quietest) > 1 else quietest
     most_n_per_m = max(one.felt_n_per_m for one in left)
     return min((one for one in left if one.felt_n_per_m >= (1 - _AS_STIFF) * most_n_per_m), key=_plainness)
-
-
-def _likely_provable(judged: list[Judged]) -> list[Judged]:
-    """Return those for which a proof of L7 is likely, or all if there are none; a single one is not tested."""
-    return ([one for one in judged if _promises(one.coupling)] or judged) if len(judged) > 1 else judged
 
 
 def _promises(coupling: Coupling) -> bool:

@@ -10,19 +10,21 @@ from typing import Any, Literal
 
 from avc_casadi._util.json_values import plain_table
 from avc_casadi._util.printed import Printed
+from avc_casadi.claims.impedance import stiffness_at_handle
 from avc_casadi.coupling import Coupling
 from avc_casadi.files.coupling_file import coupling_document
 from avc_casadi.loops.engine import ToolCase
 from avc_casadi.loops.follower import BilateralCase
 from avc_casadi.loops.margins import OpenLoop, transients
 from avc_casadi.loops.system import Mode
-from avc_casadi.model.device import Device
 from avc_casadi.model.ends import RIGID_N_PER_M, ToolGains
 from avc_casadi.model.problem import Problem
 from avc_casadi.recommendation.evaluator import PerturbedDevices, Withstood
 from avc_casadi.recommendation.felt import NOTICED_N, Felt, contact_onset_m, rebound, ripple, shaken
 from avc_casadi.recommendation.sensitivity import Help, ToolHelp, Trade
 from avc_casadi.simulation.population.trial import CouplingTrial, Trial
+
+_SIDES = ("released", "worst_hand")
 
 
 @dataclass(frozen=True)
@@ -143,7 +145,7 @@ class Recommendation(Printed):
             "rest": None if self.rest is None else vars(self.rest),
             "coupling": None if coupling is None else coupling_document(coupling),
             "felt": self.felt(),
-            "transient": {} if coupling is None else _transient(coupling),
+            "transient": {} if coupling is None else dict(zip(_SIDES, transients(coupling), strict=True)),
             "margins": self.margins(),
             "stiffest_wall_n_per_m": self.stiffest_wall_n_per_m,
             "plain_wall_n_per_m": self.plain_wall_n_per_m,
@@ -196,7 +198,7 @@ class Recommendation(Printed):
         step, damping = device.encoder_resolution_m, damping + self.problem.environment.damping_ns_per_m
         return {
             "stiffness_n_per_m": sensed,
-            "stiffness_at_handle_n_per_m": None if sensed is None else _at_handle(device, sensed),
+            "stiffness_at_handle_n_per_m": None if sensed is None else stiffness_at_handle(device, sensed),
             "share_of_wall": tried["share_of_wall"] if springy else None,
             "complex_error": motion.by_frequency(motion.error),
             "stiffness_in_motion_n_per_m": stiffness,
@@ -225,26 +227,7 @@ class Recommendation(Printed):
         """
         if self.coupling is None or self.coupling.end != "wall":
             return {}
-        found = zip(("released", "worst_hand"), OpenLoop.of(self.coupling).margins(), strict=True)
-        return plain_table({who: vars(one) for who, one in found})
-
-
-def _transient(coupling: Coupling) -> dict[str, Any]:
-    """Return how the linear loop in contact settles; a settling time is None where an oscillation does not decay."""
-    found = zip(("released", "worst_hand"), transients(coupling), strict=True)
-    return {
-        who: vars(one) | {"settling_s": one.settling_s if math.isfinite(one.settling_s) else None} for who, one in found
-    }
-
-
-def _at_handle(device: Device, stiffness_n_per_m: float) -> float:
-    """Return the stiffness at the handle: with an encoder at the motor, the structure's compliance adds."""
-    mode = device.resonance
-    if mode is None or device.encoder_at == "handle":
-        return stiffness_n_per_m
-    reduced = device.mass_kg * mode.mass_ratio * (1 - mode.mass_ratio)
-    spring = reduced * (2 * math.pi * mode.frequency_hz) ** 2
-    return stiffness_n_per_m * spring / (stiffness_n_per_m + spring)
+        return plain_table(dict(zip(_SIDES, OpenLoop.of(self.coupling).margins(), strict=True)))
 
 
 def _in_series(pressed_n_per_m: float | None, problem: Problem) -> float | None:
