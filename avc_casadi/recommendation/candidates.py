@@ -85,11 +85,9 @@ def softened(problem: Problem, felt_n_per_m: float) -> Iterator[Coupling]:
 
 
 def judge_laws(problem: Problem, evaluator: Evaluator, felt_n_per_m: float, least: float = math.inf) -> bool:
-    """Judge laws at a stiffness for ever stricter goals, until they cost more error; return whether one is complete."""
+    """Judge laws at a stiffness for ever stricter goals until none may be noticeably nearer; return whether one is complete."""
     complete = False
-    if least <= 0:
-        return False
-    for answers in laws(problem, felt_n_per_m):
+    for answers in laws(problem, felt_n_per_m) if least > 0 else ():
         nearer = sorted((one for one in answers if one.judged.error < least), key=lambda one: one.judged.error)
         if not nearer:
             break
@@ -97,7 +95,8 @@ def judge_laws(problem: Problem, evaluator: Evaluator, felt_n_per_m: float, leas
             error = answer.judged.error
             one = evaluator.first_complete([answer.coupling]) if error < least else None
             if one is not None:
-                complete, least = True, min(least, error + one.distance - one.error)
+                least = 0.0 if one.distance < 2 * FELT_ERROR else min(least, error + one.distance - one.error)
+                complete = True
     return complete
 
 

@@ -143,7 +143,7 @@ def _promises(coupling: Coupling) -> bool:
 
 def _plainness(one: Judged) -> tuple[float, ...]:
     """Return what orders candidates that are equally near: a law after all others, of laws the nearest first."""
-    return (1.0, one.distance) if one.coupling.runtime.state_feedback is not None else (0.0, one.order)
+    return (1.0, one.distance + one.error) if one.coupling.runtime.state_feedback is not None else (0.0, one.order)
 
 
 def devices_of(best: Judged | None) -> int:
