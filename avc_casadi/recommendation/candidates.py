@@ -85,7 +85,7 @@ def softened(problem: Problem, felt_n_per_m: float) -> Iterator[Coupling]:
 
 
 def judge_laws(problem: Problem, evaluator: Evaluator, felt_n_per_m: float, least: float = math.inf) -> bool:
-    """Judge laws at a stiffness for ever stricter goals until none may be noticeably nearer; return whether one is complete."""
+    """Judge laws at a stiffness for ever stricter goals, until none may be nearer; return whether one is complete."""
     complete = False
     for answers in laws(problem, felt_n_per_m) if least > 0 else ():
         nearer = sorted((one for one in answers if one.judged.error < least), key=lambda one: one.judged.error)
