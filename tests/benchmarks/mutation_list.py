@@ -22,7 +22,6 @@ class Edit:
         tests: test files (or ``file::test``) that are run against it, the one that should notice first.
         why: what is wrong with the edited code.
         survives: why no test notices, or empty where one must.
-        slow: whether those of the tests that are marked so are run too.
     """
 
     area: str
@@ -32,7 +31,6 @@ class Edit:
     tests: tuple[str, ...]
     why: str
     survives: str = ""
-    slow: bool = False
 
     def applied(self, root: Path) -> str | None:
         """Return the edited text of the file below a root; None where the list is stale."""
@@ -52,6 +50,6 @@ def edits(area: str | None = None) -> list[Edit]:
     for name in areas() if area is None else (area,):
         for file in tomllib.loads((TABLES / f"{name}.toml").read_text(encoding="utf-8"))["file"]:
             for item in file["edit"]:
-                listed = {"tests": file["tests"], "slow": file.get("slow", False), **item}
+                listed = {"tests": file["tests"], **item}
                 found.append(Edit(name, file["path"], **{**listed, "tests": tuple(listed["tests"])}))
     return found

@@ -4,13 +4,13 @@ import dataclasses
 
 import numpy as np
 import pytest
-from excited import Bench, device, first_broken, planned
+from excited import DECLARED, Bench, device, first_broken, planned
 from faulty_link import FaultKind, FaultyLink, LinkFault
 from hardware_bench import coupling, push, require
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from avc_casadi.identification.excitation import FULL, Signal
+from avc_casadi.identification.excitation import FULL, Signal, plan_excitation
 from avc_casadi.identification.read import read_logs
 from avc_hardware import Connection, RefusedError, excite
 from avc_hardware.link import messages as m
@@ -201,3 +201,13 @@ def test_file_keeps_ticks_and_a_gap_cuts_the_record(tmp_path):
     records, told = read_logs([path])
     assert [record.position_m.size for record in records] == [1000, log.index.size - 1040]
     assert "1 gap in time" in told[0]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("limits", [{"force_n": 0.8}, {"speed_m_per_s": 0.1}, {"travel_m": 0.0012}], ids=str)
+def test_every_limit_is_kept_by_the_plan(limits):
+    made = plan_excitation(DECLARED, seconds=2.0, **limits)
+    (key, most), reached = *limits.items(), made.forecast
+    assert getattr(reached, key).max() <= most
+    assert made.held_back_by == key
+    assert made.plan.peak_force_n > 0.24

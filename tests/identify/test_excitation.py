@@ -1,20 +1,12 @@
-"""Numbers behind an excitation: its centring, its strength, its ramps."""
+"""From the command to the device file: what stands on the emulated board comes back inside the intervals told."""
 
 import json
 
-import numpy as np
 import pytest
-from excited import Bench, device, planned
 from hardware_bench import require
 
 import avc_casadi as avc
 from avc_casadi.cli import main
-from avc_casadi.identification.excitation import FULL
-from avc_hardware import BenchDevice, Connection, excite
-from avc_hardware.codegen.figures import device_config
-from avc_hardware.link.excite import excite_over
-
-# From the command to the device file: what stands on the emulated board comes back inside the intervals told.
 
 HIDDEN = {"mass_kg": 0.085, "damping_ns_per_m": 1.3, "delay_samples": 1.4, "coulomb_friction_n": 0.12}
 FILE = """
@@ -68,55 +60,3 @@ def test_commands_find_the_device_on_the_board(tmp_path, capsys):
         assert one["value"] == pytest.approx(truth, rel=0.03)
     assert avc.load_device(mine).device.mass_kg == pytest.approx(HIDDEN["mass_kg"], rel=0.01)
     assert avc.load_device(mine).device.max_force_n == 8.0
-
-
-@pytest.mark.slow
-def test_the_log_of_the_board_holds_the_forces_that_acted(monkeypatch):
-    require("unicorn")
-    acted = []
-    hold = BenchDevice.hold
-    monkeypatch.setattr(BenchDevice, "hold", lambda self, force_n: (acted.append(-force_n), hold(self, force_n)))
-    log = excite(planned(), "emulator", on_bench=device())
-    assert log.output_n == pytest.approx(8.0 / 2047)
-    assert np.unique(log.force_n).size > 100
-    whole = np.array(acted)
-    first = next(
-        at for at in range(whole.size - 300) if np.allclose(whole[at : at + 300], log.force_n[:300], rtol=0, atol=1e-9)
-    )
-    np.testing.assert_allclose(whole[first : first + log.force_n.size], log.force_n, rtol=0, atol=1e-9)
-
-
-def expected(plan, counts):
-    """The units of force at each tick, in single precision, from the positions."""
-    f = np.float32
-    away = np.asarray(counts) - counts[0]
-    moved = away - np.concatenate([np.zeros(plan.window, dtype=int), away])[: away.size]
-    count, unit = f(plan.metres_per_count), f(plan.max_force_n) / f(FULL)
-    window_s = f(plan.window) * f(plan.sample_time_s)
-    hold = f(plan.spring_n_per_m) * count / unit * away.astype(f)
-    hold = hold + f(plan.damper_ns_per_m) * count / window_s / unit * moved.astype(f)
-    hold = np.trunc(hold + np.where(hold < 0, f(-0.5), f(0.5))).astype(int)
-    near = np.minimum(np.arange(1, plan.ticks + 1), np.arange(plan.ticks, 0, -1))
-    share = np.where(near < plan.ramp_ticks, near * 32768 // plan.ramp_ticks, 32768)
-    whole = plan.signal.units(plan.ticks) - hold[: plan.ticks]
-    return np.clip(np.sign(whole) * (np.abs(whole) * share // 32768), -FULL, FULL)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("where", ["host", "cortex-m4f"])
-def test_force_has_the_same_bits_on_every_processor(where):
-    """Floats in hardware or in software: every force is what the plan and the positions make it."""
-    plan = planned()
-    hidden = device(**HIDDEN)
-    if where == "host":
-        require("gcc")
-        log = Bench(hidden).excite(plan)
-    else:
-        require("unicorn")
-        connection = Connection(BenchDevice(hidden).board())
-        connection.configure(device_config(hidden))
-        log = excite_over(connection, plan)
-    assert log.whole
-    counts = np.round(log.position_m / plan.metres_per_count).astype(int)
-    units = np.round(log.force_n / (float(np.float32(plan.max_force_n)) / FULL)).astype(int)
-    assert np.array_equal(units, [*expected(plan, counts), 0])

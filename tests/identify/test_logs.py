@@ -144,21 +144,3 @@ def test_any_layout_reads_as_the_same_record(tmp_path_factory, period, scale, le
     assert record.sample_time_s == pytest.approx(period, rel=1e-4)
     np.testing.assert_allclose(record.position_m[-200:], POSITION[-200:], atol=1e-11)
     np.testing.assert_allclose(record.force_n[-200:], FORCE[-200:], atol=1e-9)
-
-
-@given(st.data())
-def test_a_spoilt_log_is_read_or_refused_with_what_is_wrong(tmp_path_factory, data):
-    path = tmp_path_factory.mktemp("log") / "a.csv"
-    content = bytearray(csv(path).read_bytes())
-    for _ in range(data.draw(st.integers(1, 4))):
-        at = data.draw(st.integers(0, len(content)))
-        content[at : at + data.draw(st.integers(0, 30))] = data.draw(st.binary(max_size=20))
-    path.write_bytes(bytes(content))
-    told, records = (), []
-    try:
-        records, _ = read_logs([path])
-    except avc.InputError as error:
-        told = error.faults
-    assert told or records
-    assert all(fault.message and fault.file == str(path) for fault in told)
-    assert all(np.isfinite(one.position_m).all() and np.isfinite(one.force_n).all() for one in records)

@@ -1,7 +1,5 @@
 """Every hard case ends in a right answer, checked against 50 digits, or in a refusal that names cause and key."""
 
-import math
-
 import numpy as np
 import pytest
 from reference_optimum import MP, NUMBERS, series_error
@@ -9,8 +7,7 @@ from reference_optimum import MP, NUMBERS, series_error
 import avc_casadi as avc
 from avc_casadi.design.methods import solve
 from avc_casadi.model.problem import Problem
-from avc_casadi.paper.closed_form import project
-from avc_casadi.paper.equations import coupling_gains, loop_at
+from avc_casadi.paper.equations import loop_at
 
 WITHIN = {"exact": 1e-10, "direct": 1e-8}
 
@@ -66,35 +63,6 @@ def assert_right(problem):
             within = WITHIN[schedule.method] * max(radius, 1e-6 * terms)
             assert abs(abs(abs(z) - radius) - truth) <= within, (schedule.method, frequency)
             assert z.real - problem.stability.margin_ns_per_m >= -1e-14 * terms
-    assert_closed_form_right(problem)
-
-
-def assert_closed_form_right(problem):
-    """Projection and gains of the closed form against 50 digits; every row is realisable or says why not."""
-    schedule, projection = solve(problem, "closed-form"), project(problem)
-    for row, frequency in enumerate(problem.frequencies_hz()):
-        loop = loop_at(problem, MP.mpf(float(frequency)), NUMBERS)
-        margin = MP.mpf(problem.stability.margin_ns_per_m)
-        delta = max(MP.mpf(0), margin - loop.target.real)
-        terms = abs(loop.device) + abs(loop.hold * loop.desired)
-        # Z_d grows without bound towards Nyquist, and the rounding of f T with it.
-        rounding = 1e-13 + 1e-16 / (0.5 - float(frequency) * problem.device.sample_time_s)
-        assert abs(MP.mpc(complex(projection.impedance[row])) - loop.target - delta) <= rounding * terms
-        assert abs(MP.mpf(float(projection.injected_damping_ns_per_m[row])) - delta) <= rounding * terms
-        if schedule.status[row] == "not-realisable":
-            assert "asks for" in schedule.reason[row]
-            continue
-        rendered = loop.desired + delta / loop.hold
-        if loop.environment == 0:  # 0/0: any gains of the box will do
-            assert rendered == 0
-            assert schedule.notes[-1].startswith("nothing to render")
-            continue
-        b, k = coupling_gains(loop.angle, loop.environment * rendered / (loop.desired_gap - delta / loop.hold))
-        size = abs(b) + abs(k) * loop.angle.sample_time_s
-        gap = abs(loop.desired_gap) + delta / abs(loop.hold)
-        allowed = 1e-12 * size * (1 + abs(rendered) / gap * 1e-3)
-        assert abs(MP.mpf(float(schedule.damping_ns_per_m[row])) - b) <= allowed
-        assert math.isfinite(schedule.stiffness_n_per_m[row])
 
 
 # Frequency
