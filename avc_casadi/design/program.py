@@ -93,7 +93,6 @@ class Program:
     disk_margin: float  # goal
     noise_n_per_m: float  # goal
     distance: float = 1.0  # goal of 1 + g (Phi - 1) from 0, as a share of the usual one
-    solved: int = 0  # cone programs
     _multipliers: dict[int, ComplexArray] = field(default_factory=dict, init=False)
     _near: dict[object, BoolArray] = field(default_factory=dict, init=False)
     _contours: dict[tuple[int, float], ComplexArray] = field(default_factory=dict, init=False)
@@ -169,11 +168,12 @@ class Program:
             for row, one in enumerate(phi):
                 self._multipliers[row], cosine = multiplier(self.z, one / observer, self._multipliers.get(row))
                 least = min(least, cosine)
-        margin, noise = _margin_and_noise(gain, *self.dense)
+        x, y, rows = self.dense
+        dense = 1 + rows @ gain
         return Judged(
             error=float(self.errors(gain, self.error).max()),
-            disk_margin=margin,
-            noise_n_per_m=noise,
+            disk_margin=float(2 / np.abs((2 * (1 + y @ gain) - dense) / dense).max()),
+            noise_n_per_m=float(np.abs((x @ gain) / dense).max()),
             contact=least,
             decay=np.array(decay),
             free=np.array(free),
@@ -286,7 +286,6 @@ class Program:
             rows = (weight[:, None] * (self.phi[row] - (one / observer)[:, None] * self.observer)).real
             cones.linear(("contact", row), rows, (weight * one).real - rows @ gain - 0.01, contact=1.0)
         cones.error(*self.error)
-        self.solved += 1
         return cones.solved(self._near)
 
     def _decaying(self, cones: Cones, gain: FloatArray, row: int, kept: tuple[float, float]) -> None:
@@ -311,13 +310,6 @@ class Program:
         change = (-moved.real - (reached * per_hz)[:, None] * moved.imag / (2 * np.pi)) / wanted[:, None]
         aim = np.minimum(1.02, reached + 0.5)
         cones.linear(("pole", row), change, reached - change @ gain - aim, lack=1.0)
-
-
-def _margin_and_noise(gain: FloatArray, x: ComplexArray, y: ComplexArray, phi: ComplexArray) -> tuple[float, float]:
-    """Return the smallest disk margin and the largest force over noise, from rows of X, Y and Phi."""
-    whole = 1 + phi @ gain
-    margin = 2 / np.abs((2 * (1 + y @ gain) - whole) / whole).max()
-    return float(margin), float(np.abs((x @ gain) / whole).max())
 
 
 def _flat(rows: Any) -> Any:
@@ -433,7 +425,6 @@ class ProgramAnswer:
             disk_margin=disk_margin * one.disk_margin,
             noise_n_per_m=noise * one.noise_n_per_m,
             distance=distance * one.distance,
-            solved=0,
         )
         gain, found = program.improved(self.gain)
         return replace(self, program=program, gain=gain, judged=found)

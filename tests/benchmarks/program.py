@@ -1,11 +1,10 @@
-"""What `recommend` answers beside release 0.2.0 and beside its own answers to devices nearby.
+"""What `recommend` answers beside release 0.2.0, beside its own answers to devices nearby, and what a margin costs.
 
-OPENBLAS_NUM_THREADS=1 nice python tests/benchmarks/program.py --count 12
+OPENBLAS_NUM_THREADS=1 nice python tests/benchmarks/program.py --count 4 [--release FOLDER] [--hands 2000]
 
-Overwrites results/program.json and RESULTS_program.md after every problem and goes on where it stopped; figures of
-0.2.0 stay in the results file. Largest error of the impedance at the handle from 1 to 30 Hz, relative to the larger of
-wall with device and wall alone; disk margin and peak noise gain over every corner of [hands] and released; and the
-exported C in the simulator of the tests.
+`--release` is a checkout of commit 18972d2d with the package cma in it: what it recommends is measured where its
+figures are not in the results file yet. Overwrites results/program.json and RESULTS_program.md after every problem and
+goes on where it stopped.
 """
 
 from __future__ import annotations
@@ -13,7 +12,10 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import subprocess
 import sys
+import tempfile
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -33,40 +35,26 @@ from avc_casadi.loops.margins import OpenLoop
 from avc_casadi.loops.wall import force_over_position, frozen_rendering
 from avc_casadi.model.problem import Problem
 from avc_casadi.recommendation.rank import impedance_error
+from avc_casadi.recommendation.sensitivity import trade_off
 
-SEED, HANDS = 90417, 192
+SEED, EACH = 90417, 5
 NAMED = ("figure5", "reference-r1", "reference-r2", "reference-r3")
 ALIKE = 0.005  # difference of the error that counts as none
 OUT = Path(__file__).parent / "results" / "program.json"
 PAGE = Path(__file__).parent / "RESULTS_program.md"
-
-
-_PAGE = """\
-# The coupling of the convex program
-
-{made}
-
-Largest error of the impedance at the handle from 1 to 30 Hz, relative to the larger of the wall with the device and of
-the wall alone; disk margin and peak noise gain over every corner of `[hands]` and released; hands that rest in the
-simulator of the tests, with the declared friction and without, as long as a trial watches. Nearby: error of the
-program's nearest answer for the device with 1 % less and more mass and 0.1 samples more of delay, over that for the
-device itself. Release 0.2.0 answered by a search; its figures were measured in the same way at commit 18972d2d.
-
-{rows}
-
-Of {of} problems with figures of both, the error is {half} of that of 0.2.0. Of {near} devices nearby, {close} have an
-error within 3 % and {closer} within 10 % of their own device's, or within 0.005.
-
-Limits: {count} problems, which are few; the linear measures are of the nominal device and the corners of the hands.
-Processor time includes trials of 100 hands, certificate and sensitivities.
+# In a process of its own, with the packages of the release.
+RELEASE = """
+import json, resource, sys
+import avc_casadi as avc, avc_hardware
+used = lambda: sum(sum(resource.getrusage(who)[:2]) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+problem, before = avc.Problem(**json.loads(sys.stdin.read())), used()
+found = avc.recommend(problem, hands=100)
+told = {"cpu_s": round(used() - before, 1), "reason": found.reason, "release": avc.__version__}
+if found.coupling is not None:
+    avc.write_coupling(found.coupling, sys.argv[1])
+    told["c"] = avc_hardware.export_c(found.coupling, unsafe=True)
+print(json.dumps(told))
 """
-
-
-def law_n_per_m(coupling: Coupling, turn: np.ndarray) -> np.ndarray:
-    """Commanded force over measured position at angles of z, without dead zone."""
-    problem, gains = coupling.problem, coupling.table.at_rest
-    wall = frozen_rendering(problem, gains.damping_ns_per_m, gains.stiffness_n_per_m, gains.contact_damping_ns_per_m)
-    return force_over_position(wall, np.exp(1j * turn), coupling.runtime.state_feedback)
 
 
 def measured(coupling: Coupling) -> dict[str, Any]:
@@ -75,23 +63,34 @@ def measured(coupling: Coupling) -> dict[str, Any]:
     turn = loop.turns()
     gain = loop.gain(turn)
     stable = bool((np.abs(loop.poles) < 1).all())
+    law, wall = (
+        coupling.runtime.state_feedback,
+        frozen_rendering(coupling.problem, *vars(coupling.table.at_rest).values()),
+    )
+    n_per_m = force_over_position(wall, np.exp(1j * turn), law)  # commanded force over measured position, no dead zone
     return {
+        "method": coupling.method if law is None else f"law of {law.states}",
         "error": impedance_error(coupling),
         "disk_margin": float(2 / np.abs((1 - gain) / (1 + gain)).max()) if stable else 0.0,
-        "noise_n_per_m": float(np.abs(law_n_per_m(coupling, turn) / (1 + gain)).max()),
+        "noise_n_per_m": float(np.abs(n_per_m / (1 + gain)).max()),
     }
 
 
-def settled(coupling: Coupling, longest_s: float) -> list[int]:
-    """How many of 200 hands rest in the three motions, with friction and without."""
-    device = coupling.problem.device
-    bench, hands = WholeDevice(device, export_c(coupling)), people(coupling.problem.hands, HANDS, 11)
-    trials = (rests_as_tried(bench, device, hands, friction=friction, longest_s=longest_s) for friction in (None, 0.0))
-    return [int(rests.sum()) for rests in trials]
+def settled(problem: Problem, files: dict[str, str], longest_s: float, count: int) -> dict[str, Any]:
+    """How many hands rest in three motions, with friction and without; as long as a trial watches, and 1 s later."""
+    device, bench = problem.device, WholeDevice(problem.device, files)
+    hands, found = people(problem.hands, count - 8, 11), {"hands": count, "settled": [], "a second after": []}
+    for friction in (None, 0.0):
+        rests = rests_as_tried(bench, device, hands, friction=friction, longest_s=longest_s)
+        moving = [hand for hand, rest in zip(hands, rests, strict=True) if not rest]
+        later = rests_as_tried(bench, device, moving, friction=friction, longest_s=longest_s + 1)
+        found["settled"].append(int(rests.sum()))
+        found["a second after"].append(int(rests.sum() + later.sum()))
+    return found
 
 
 def nearby(problem: Problem) -> list[float | None]:
-    """Errors of the program's nearest answers for devices nearby, over that for the device itself."""
+    """Errors of the program's nearest answers for devices nearby, after that for the device itself."""
     device = problem.device
     nearby_kg, later = (0.99 * device.mass_kg, 1.01 * device.mass_kg), device.delay_samples + 0.1
     changes = [{}, *({"mass_kg": mass_kg} for mass_kg in nearby_kg), {"delay_samples": later}]
@@ -102,70 +101,158 @@ def nearby(problem: Problem) -> list[float | None]:
     return errors
 
 
-def cell(problem: Problem) -> dict[str, Any]:
-    """Figures of one problem."""
+def by_release(problem: Problem, release: Path) -> tuple[dict[str, Any], dict[str, str] | None]:
+    """Figures of the release and its exported C."""
+    stated = json.dumps(problem.model_dump(mode="json", exclude_unset=True))
+    paths = os.pathsep.join(map(str, (release, release / "hardware")))
+    with tempfile.TemporaryDirectory() as folder:
+        path = str(Path(folder) / "c.json")
+        command = [sys.executable, "-c", RELEASE, path]
+        env = os.environ | {"PYTHONPATH": paths}
+        done = subprocess.run(command, input=stated, env=env, cwd=release, capture_output=True, text=True, check=True)  # noqa: S603
+        told = json.loads(done.stdout.splitlines()[-1])
+        files = told.pop("c", None)
+        return (told, None) if files is None else (told | measured(avc.read_coupling(path)), files)
+
+
+def cell(name: str, given: argparse.Namespace, old: dict[str, Any] | None, margin: float | None) -> dict[str, Any]:
+    """Figures of one problem, of the release and of this package; of some also of devices nearby."""
+    problem = _problem(name)
+    stated = problem if margin is None else problem.changed(robustness={"disk_margin": margin})
     before = cpu_seconds()
+    found = avc.recommend(stated, hands=100)
+    one: dict[str, Any] = {"cpu_s": round(cpu_seconds() - before, 1)}
+    longest_s = 4.25 if found.trial is None else found.trial.longest_s
+    if found.coupling is None:
+        one["reason"] = found.reason
+    else:
+        files = export_c(found.coupling)
+        one |= measured(found.coupling) | settled(problem, files, longest_s, given.hands)
+    if margin is not None:
+        return {"now": one}
+    if old is None and given.release is not None:
+        old, files = by_release(problem, given.release)
+        old |= settled(problem, files, longest_s, given.hands) if files is not None else {}
+    cells: dict[str, Any] = {"now": one, "release": old or {}}
+    if old and old.get("disk_margin", 0.0) > 0:
+        answers = program_answers(problem, old["disk_margin"], old["noise_n_per_m"])
+        cells["at its margin"] = [{"error": best.judged.error, "met": best.met} for best in answers[:1]]
+    if name in NAMED[:2] or (name not in NAMED and int(name.split()[1]) % EACH == 0):
+        cells["nearby"] = nearby(problem)
+    return cells
+
+
+def traded(problem: Problem) -> dict[str, Any]:
+    """What a disk margin costs, and where the answer stands."""
     found = avc.recommend(problem, hands=100)
-    cpu_s = round(cpu_seconds() - before, 1)
-    if found.coupling is None or found.trial is None:
-        return {"cpu_s": cpu_s, "reason": found.reason}
-    row = {
-        "cpu_s": cpu_s,
-        "kind": "plain" if found.coupling.runtime.state_feedback is None else "law",
-        **measured(found.coupling),
-    }
-    row["settled"] = settled(found.coupling, found.trial.longest_s)
-    return row | {"nearby": nearby(problem)}
+    if found.coupling is None:
+        return {"reason": found.reason}
+    errors = [[*one.error, one.ripple_n, one.disk_margin, one.met] for one in trade_off(problem)]
+    answer = measured(found.coupling)
+    ripple_n = answer["noise_n_per_m"] * problem.device.encoder_resolution_m
+    return {"answer": answer, "points": errors, "ripple_n": ripple_n}
 
 
-def page(document: dict[str, Any]) -> str:
-    """The page of the results."""
-    rows, ratios, shares = [], [], []
+def _problem(name: str) -> Problem:
+    first, *index = name.split()
+    return drawn(int(index[0]), SEED) if first == "device" else avc.load_problem(first)
+
+
+_PAGE = """\
+# The coupling of the convex program
+
+{made}
+
+Largest error of the impedance at the handle from 1 to 30 Hz, relative to the larger of the wall with the device and of
+the wall alone; disk margin and peak noise gain over every corner of `[hands]` and released; of 100 hands those that
+rest in the simulator of the tests, which runs the exported C, with the declared friction and without, as long as a
+trial watches. Release 0.2.0 is commit 18972d2d, measured in the same way. *At its margin*: error of the program asked
+for the release's disk margin and noise gain. *Nearby*: error of the program's nearest answer for the device with 1 %
+less and more mass and 0.1 samples more of delay, over that for the device itself. Processor time includes trials of
+100 hands, certificate and sensitivities. Devices are drawn at random (`random_devices.drawn`).
+
+{rows}
+
+{told}
+
+What a disk margin costs: the best law that the program finds when led from margin to margin. What is recommended (bold,
+its largest error) must also bear devices a tenth off and simulated hands.
+
+{traded}
+"""
+
+
+def page(document: dict[str, Any]) -> None:
+    """Write the page of the results."""
+    rows, ratios, times, shares, traded, hands = [], [], [], [], [], np.zeros((3, 2), dtype=int)
     for name, one in document["cells"].items():
-        before = document["about"]["release_0_2_0"].get(name)
-        if "error" not in one:
-            rows.append([name, *_figures(before), "none", *[""] * 4, f"{one['cpu_s']:.1f}"])
+        if "points" in one:
+            traded += _traded(name.removeprefix("trade-off "), one)
+        if "now" not in one:
             continue
-        own, *others = (np.nan if error is None else error for error in one["nearby"])
-        ratios += [one["error"] / before["error"]] if before else []
-        shares += [0.0 if abs(other - own) < ALIKE else abs(other / own - 1) for other in others if np.isfinite(own)]
+        now, old = one["now"], one.get("release", {})
+        equal = one.get("at its margin") or [{"met": False}]
+        own, *others = (np.nan if error is None else error for error in one.get("nearby", [np.nan]))
+        if "error" in now and "error" in old:
+            ratios.append(equal[0]["error"] / old["error"] if equal[0]["met"] else np.nan)
+            times += [now["cpu_s"] / old["cpu_s"]] if "cpu_s" in old else []
+        shares += [0.0 if abs(other - own) < ALIKE else abs(other / own - 1) for other in others]
+        hands += [[now.get("hands", 0)] * 2, now.get("settled", [0, 0]), now.get("a second after", [0, 0])]
+        near = percent(equal[0]["error"]) if equal[0]["met"] else "-"
         apart = " ".join(f"{other / own:.2f}" for other in others)
-        rest = f"{one['settled'][0]}, {one['settled'][1]}"
-        rows.append([f"{name} ({one['kind']})", *_figures(before), *_figures(one), rest, apart, f"{one['cpu_s']:.1f}"])
-    parts = ("error, %", "disk margin", "noise gain, N/m")
-    own_parts = (*parts, "settled of 200", "nearby", "processor, s")
-    near = np.nan_to_num(shares, nan=np.inf)
-    text = "\n\n".join(part.replace("\n", " ") for part in _PAGE.strip().split("\n\n")) + "\n"
-    return text.format(
-        made=made_by(document["about"]),
-        half=f"{np.median(ratios):.2f} in the median and {max(ratios):.2f} at most",
-        of=len(ratios),
-        near=len(near),
-        close=int((near < 0.03).sum()),
-        closer=int((near < 0.1).sum()),
-        count=len(rows),
-        rows=table(("problem", *(f"0.2.0: {part}" for part in parts), *own_parts), rows),
-    )
+        rows.append([f"{name} ({now.get('method', 'none')})", *_figures(old), *_figures(now), near, apart])
+    apart, of = np.nan_to_num(shares, nan=np.inf), np.array(ratios)
+    told = f"""\
+At the release's margin and noise gain the error is {np.nanmedian(of):.2f} of that of 0.2.0 in the median and
+{np.nanmax(of):.2f} at most, of {len(of)} problems, on {np.isnan(of).sum()} of which the program does not meet them.
+Of {len(apart)} devices nearby {(apart < 0.03).sum()} are within 3 % and {(apart < 0.1).sum()} within 10 %, or within
+{ALIKE}."""
+    if times:
+        told += f" Processor time {np.median(times):.2f} of that of 0.2.0 in the median and {max(times):.2f} at most."
+    told += f""" Of {hands[0, 0]} hands {hands[1, 0]} rest with friction and {hands[1, 1]} without; a second after
+{hands[2, 0]} and {hands[2, 1]}."""
+    parts = ("error, %", "disk margin", "noise gain, N/m", "settled", "s")
+    head = ("problem", *(f"0.2.0: {part}" for part in parts), *parts, "at its margin, %", "nearby")
+    costs = table(("problem", "disk margin", "1 Hz, %", "10 Hz, %", "30 Hz, %", "ripple, N"), traded)
+    filled = {"rows": table(head, rows), "told": told, "traded": costs}
+    text = _PAGE.format(made=made_by(document["about"]), **filled)
+    joined = (part if part.startswith("|") else part.replace("\n", " ") for part in text.strip().split("\n\n"))
+    PAGE.write_text("\n\n".join(joined) + "\n", encoding="utf-8")
 
 
-def _figures(one: dict[str, Any] | None) -> list[str]:
-    return (
-        ["-"] * 3 if not one else [percent(one["error"]), rounded(one["disk_margin"], 2), f"{one['noise_n_per_m']:.2g}"]
-    )
+def _traded(name: str, one: dict[str, Any]) -> list[list[str]]:
+    answer = one["answer"]
+    found = [(margin, [*map(percent, errors), f"{ripple:.2g}"]) for *errors, ripple, margin, _ in one["points"]]
+    mark = [f"**{percent(answer['error'])}**", "", "", f"{one['ripple_n']:.2g}"]
+    every = sorted([*found, (answer["disk_margin"], mark)], key=lambda row: row[0])
+    return [[name, f"**{margin:.2f}**" if row is mark else f"{margin:.2f}", *row] for margin, row in every]
+
+
+def _figures(one: dict[str, Any]) -> list[str]:
+    if "error" not in one:
+        return ["-"] * 5
+    rests, gain = "{}, {}".format(*one.get("settled", "--")), f"{one['noise_n_per_m']:.2g}"
+    return [percent(one["error"]), rounded(one["disk_margin"], 2), gain, rests, str(one.get("cpu_s", "-"))]
 
 
 def main() -> None:
     """Compute what is missing, and write results and page."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--count", type=int, default=12, help="devices drawn, default 12")
-    parser.add_argument("--seed", type=int, default=SEED, help=f"of their draw, default {SEED}")
+    parser.add_argument("--count", type=int, default=40, help="devices drawn, default 40")
+    parser.add_argument("--release", type=Path, help="folder of release 0.2.0")
+    parser.add_argument("--hands", type=int, default=100, help="hands of each trial, default 100")
     given = parser.parse_args()
-    cells = {name: lambda name=name: cell(avc.load_problem(name)) for name in NAMED}
-    cells |= {f"device {index}": lambda index=index: cell(drawn(index, given.seed)) for index in range(given.count)}
-    made = about(f"python tests/benchmarks/program.py --count {given.count}", given.seed)
-    kept = json.loads(OUT.read_text(encoding="utf-8"))["about"]
-    made |= {"commit": kept["commit"], "release_0_2_0": kept["release_0_2_0"]}
-    computed(cells, OUT, made, lambda document: PAGE.write_text(page(document), encoding="utf-8") and None)
+    kept = json.loads(OUT.read_text(encoding="utf-8"))
+    known = {name: one["release"] for name, one in kept["cells"].items() if one.get("release")}
+    cells: dict[str, Any] = {}
+    for name in (*NAMED, *(f"device {index}" for index in range(given.count))):
+        cells[name] = partial(cell, name, given, known.get(name), None)
+    cells |= {f"{name} at 0.15": partial(cell, name, given, None, 0.15) for name in NAMED[1:]}
+    cells |= {f"trade-off {name}": partial(traded, _problem(name)) for name in NAMED[:2]}
+    made = about("python tests/benchmarks/program.py --count N --release FOLDER", SEED)
+    if kept["about"] != made:
+        OUT.unlink()
+    computed(cells, OUT, made, page)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""`recommend` on devices drawn at random: what it claims against fresh hands, and against plain springs and dampers.
+"""`recommend` on devices drawn at random: what it claims against fresh hands, and how stiff it is.
 
 OPENBLAS_NUM_THREADS=1 nice -n 10 python tests/benchmarks/random_devices.py --count 200
 
@@ -14,7 +14,6 @@ import json
 import os
 import sys
 import time
-from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -23,15 +22,10 @@ import numpy as np
 from studied import about, computed, cpu_seconds, expected_n_per_m, felt_n_per_m, made_by, rounded, table
 
 import avc_casadi as avc
-from avc_casadi.claims.deployable import deployable
-from avc_casadi.coupling import Coupling
-from avc_casadi.loops.walls import damping_range, stiffest_wall
-from avc_casadi.model.gains import Gains, spring_before
+from avc_casadi.loops.walls import stiffest_wall
 from avc_casadi.model.hands import hand_corners, with_released
 from avc_casadi.model.problem import Problem
-from avc_casadi.model.runtime import Runtime
-from avc_casadi.recommendation.recommendation import Recommendation
-from avc_casadi.simulation.population.operators import draw_hands, people_of
+from avc_casadi.simulation.population.operators import draw_hands
 from avc_casadi.simulation.population.trial import CouplingTrial, exact_interval, try_coupling
 
 SEED = 3355
@@ -44,10 +38,6 @@ OUT = Path(__file__).parent / "results" / "random_devices.json"
 PAGE = Path(__file__).parent / "RESULTS_random_devices.md"
 
 AS_STIFF = 0.01
-BELOW_THRESHOLD_SHARE = 0.9
-# Felt stiffness of plain walls as shares of the plain limit, and of that or the wall where it is less; and where their
-# damper stands in the stable interval: others than recommend's own.
-STIFF_SHARES, SOFT_SHARES, DAMPER_SHARES = (0.98, 0.85, 0.6), (0.5, 0.3, 0.15), (0.1, 0.4)
 
 
 def drawn(index: int, seed: int = SEED) -> Problem:
@@ -101,7 +91,7 @@ def cell(index: int, seed: int = SEED) -> dict[str, Any]:
         "method": None,
     }
     if found.coupling is None or found.trial is None:
-        return outcome | {"plain": _plain(problem, None, plain.stiffness_n_per_m)}
+        return outcome
     fresh = try_coupling(found.coupling, draw_hands(problem.hands, FRESH, FRESH_SEED), FRESH_SEED)
     return outcome | {
         "method": found.coupling.method,
@@ -109,8 +99,6 @@ def cell(index: int, seed: int = SEED) -> dict[str, Any]:
         "felt_n_per_m": felt_n_per_m(found.trial),
         "claimed": _counts(found.trial),
         "fresh": _counts(fresh),
-        "safety": safety(found.trial),
-        "plain": _plain(problem, found, plain.stiffness_n_per_m),
     }
 
 
@@ -121,72 +109,6 @@ def _counts(trial: CouplingTrial) -> dict[str, int]:
         "without_friction": int(trial.stable_without_friction.sum()),
         "quiet": int(trial.quiet.sum()),
     }
-
-
-def safety(trial: CouplingTrial) -> int:
-    """0: everybody rests without friction and with it; 1: with it; 2: not everybody."""
-    if not trial.stable.all():
-        return 2
-    return 0 if trial.stable_without_friction.all() else 1
-
-
-def _quiet(trial: CouplingTrial) -> bool:
-    """Whether it is quiet for nine hands in ten."""
-    return float(trial.quiet.mean()) >= BELOW_THRESHOLD_SHARE
-
-
-def _plain(problem: Problem, found: Recommendation | None, limit: float) -> dict[str, Any]:
-    """Look for a plain coupling that is stiffer and as safe, and for a softer one that is safer."""
-    people = people_of(problem.hands, PEOPLE, OWN_SEED)
-    own = 0.0 if found is None else expected_n_per_m(found.coupling)
-    level = 3 if found is None else safety(found.trial)
-    quiet = found is not None and _quiet(found.trial)
-    looked, stiffer, safer = 0, None, None
-    for one in _couplings(problem, limit):
-        felt = expected_n_per_m(one)
-        above = felt > (1 + AS_STIFF) * own
-        if (above and stiffer) or (not above and (safer or level == 0)) or not deployable(one).passed:
-            continue
-        tried = try_coupling(one, people, OWN_SEED)
-        looked += 1
-        mine = safety(tried)
-        as_safe = mine < level or (mine == level and (mine < 2 or tried.stable.sum() >= found.trial.stable.sum()))
-        told = {
-            "felt_n_per_m": felt,
-            "gains": vars(one.table.at_rest),
-            "observer": one.runtime.observer_mass_kg is not None,
-        }
-        told |= {"safety": mine} | _counts(tried)
-        if above and as_safe and (mine < level or not quiet or _quiet(tried)):
-            # As its own hands let `recommend` choose, others have a say in what would have been better.
-            others = try_coupling(one, draw_hands(problem.hands, FRESH, FRESH_SEED), FRESH_SEED)
-            stiffer = told if found is None or safety(others) <= mine else stiffer
-        if not above and mine < level:
-            safer = told
-    return {"looked": looked, "stiffer_as_safe": stiffer, "softer_safer": safer}
-
-
-def _couplings(problem: Problem, limit: float) -> Iterator[Coupling]:
-    """Yield plain walls, the stiffer first, each with the observer too where it is for."""
-    wall, device = problem.environment.stiffness_n_per_m, problem.device
-    people = with_released(hand_corners(problem.hands))
-    stiff, soft = (
-        {min(wall, share * limit) for share in STIFF_SHARES},
-        {share * min(wall, limit) for share in SOFT_SHARES},
-    )
-    felt = sorted(stiff | soft, reverse=True)
-    for stiffness in felt:
-        found = damping_range(device, people, stiffness)
-        if np.isnan(found.lowest_ns_per_m):
-            continue
-        spring = spring_before(problem, stiffness)
-        for share in DAMPER_SHARES:
-            damper = found.lowest_ns_per_m + share * (found.highest_ns_per_m - found.lowest_ns_per_m)
-            gains = Gains(0.0, spring, damper)
-            yield Coupling.constant(problem, gains, "plain")
-            if device.encoder_resolution_m > 0 and device.delay_samples == int(device.delay_samples):
-                mass = device.mass_kg + problem.hands.mass_kg[0]
-                yield Coupling.constant(problem, gains, "plain", Runtime(observer_mass_kg=mass))
 
 
 def below(found: dict[str, Any], key: str) -> tuple[bool, bool]:
@@ -207,14 +129,13 @@ else up to 1 N; no resonance for 40 %, else 60 to 300 Hz with a damping ratio of
 0.6. No force limit, no ranges. `recommend` tries 100 hands of its own, corners among them; what it recommends is then
 tried by 200 fresh ones of the default set. **Refuted**: the upper end of the exact 95 % interval of the fresh share
 lies below the claimed share (of a claim of 100 of 100, a single fresh hand refutes it); **beyond the claim's
-interval**: the
-fresh share lies below the lower end of the exact interval of the claim itself (96.4 % for 100 of 100).
+interval**: the fresh share lies below the lower end of the exact interval of the claim itself (96.4 % for 100 of 100).
 
 ## Claims against fresh hands
 
 {claims}
 
-## Against plain springs and dampers
+## Beside the limit of spring and damper
 
 {plain}
 
@@ -222,13 +143,7 @@ fresh share lies below the lower end of the exact interval of the claim itself (
 
 {seconds}
 
-## Devices that stand out
-
-Numbers: at rest / at rest without friction / quiet, of the 100 hands of `recommend` or of the fresh ones.
-
-{standing}
-
-Each device and its numbers: `results/random_devices.json`.
+{standing}Each device and its numbers: `results/random_devices.json`.
 """
 
 
@@ -278,23 +193,16 @@ def write_page(document: dict[str, Any]) -> None:
 
 
 def _plain_text(cells: dict[str, Any], found: dict[str, Any]) -> str:
-    looked = sum(one["plain"]["looked"] for one in cells.values())
-    stiffer = [name for name, one in cells.items() if one["plain"]["stiffer_as_safe"]]
-    softer = [name for name, one in cells.items() if one["plain"]["softer_safer"]]
     gain = [_gain(one) for one in found.values()]
     reached = sum(one["recommended_n_per_m"] >= (1 - AS_STIFF) * one["wall_n_per_m"] for one in found.values())
     methods: dict[str, int] = {}
     for one in cells.values():
         methods[str(one["method"])] = methods.get(str(one["method"]), 0) + 1
     said = ", ".join(f"{name} {count}" for name, count in sorted(methods.items(), key=lambda pair: -pair[1]))
-    names = f" ({', '.join(stiffer)})" if stiffer else ""
-    soft_names = f" ({', '.join(softer)})" if softer else ""
     return (
         f"Recommended: {said}. The wall itself is reached on {reached} of {len(cells)}; the recommended wall is "
         f"{min(gain, default=np.nan):.2g} to {max(gain, default=np.nan):.2g} times what spring and damper can hold at "
-        f"most, or the wall where that is less (median {np.median(gain) if gain else np.nan:.3g}). {looked} plain walls"
-        f" other than recommend's own were tried by its 100 hands: on {len(stiffer)} devices one is stiffer and as "
-        f"safe{names}; on {len(softer)} devices one is softer and safer{soft_names}."
+        f"most, or the wall where that is less (median {np.median(gain) if gain else np.nan:.3g})."
     )
 
 
@@ -325,11 +233,8 @@ def _standing(found: dict[str, Any], crashed: dict[str, Any]) -> str:
             lines.append(f"{own}: not everybody settles with what is recommended")
         if any(any(below(one, key)) for key in ("at_rest", "without_friction", "quiet")):
             lines.append(f"{own}: of {FRESH} fresh hands {_rest(one['fresh'])}")
-        for key, told in (("stiffer_as_safe", "stiffer and as safe"), ("softer_safer", "softer and safer")):
-            other = one["plain"][key]
-            if other:
-                lines.append(f"{own}: a plain wall of {rounded(other['felt_n_per_m'])} N/m is {told}, {_rest(other)}")
-    return "\n".join(lines) or "None."
+    head = "## Devices that stand out\n\nAt rest / without friction / quiet, of the hands of `recommend` or fresh."
+    return f"{head}\n\n{chr(10).join(lines)}\n\n" if lines else ""
 
 
 def _rest(counts: dict[str, int]) -> str:
