@@ -8,11 +8,7 @@ _PACKAGE = Path(__file__).resolve().parent
 
 
 def problems_folder() -> Path:
-    """Return the folder of the catalogue, whatever the working directory.
-
-    Raises:
-        FileNotFoundError: the installation is damaged.
-    """
+    """Return the folder of the catalogue; FileNotFoundError where the installation is damaged."""
     for folder in (_PACKAGE / "_problems", _PACKAGE.parent / "problems"):
         if (folder / "figure5.toml").is_file():
             return folder

@@ -151,7 +151,8 @@ class Loops:
 
     def case(self, law: Law, side: int) -> Case:
         """Return the worst of each number, at the corners of the ranges and at the worst points of a search."""
-        every = self.pairs(side) + [self.worst(law, side, of) for of in (_radius, _undamped, OpenLoop.swings)]
+        measures = (_radius, lambda loop: 1 - damping_ratios(loop.poles).min(axis=1), OpenLoop.swings)
+        every = self.pairs(side) + [self.worst(law, side, of) for of in measures]
         loop = self.around(law, every)
         sizes, ratios = np.abs(loop.poles), damping_ratios(loop.poles)
         springy = law.stiffness_n_per_m > 0 or self.boxes[side]["hand.stiffness_n_per_m"][0] > 0
@@ -230,10 +231,6 @@ class Loops:
 
 def _radius(loop: OpenLoop) -> FloatArray:
     return np.asarray(np.abs(loop.poles).max(axis=1))
-
-
-def _undamped(loop: OpenLoop) -> FloatArray:
-    return np.asarray(1 - damping_ratios(loop.poles).min(axis=1))
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -26,7 +26,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
@@ -130,13 +129,6 @@ def _summed(
     return np.asarray(x[:, 0] + x_rest), np.asarray(spread), np.asarray(excess), damped
 
 
-class Slack(Protocol):
-    """Slack of the passivity of some rows at a port of shape (m,) or (rows, m), and its rounding, shape (rows, m)."""
-
-    def __call__(self, port: HandlePort, rows: IndexArray) -> tuple[FloatArray, FloatArray]:
-        """Return the slack, not negative where the rows are passive, and its rounding error."""
-
-
 @dataclass(frozen=True)
 class RenderingSlack:
     """|1 + W X|^2 - |W|^2 U^2 of n renderings: on a rigid device without delay Re Z_h/b_d."""
@@ -198,6 +190,10 @@ class CouplingSlack:
         left = np.where((rho == 0) & (contact == 0), 1.0, left)
         rounding = 1e-9 + 1e-12 * contact * size + 1e-8 * np.abs(loss)
         return np.where(valid[column], left, -np.inf), np.where(port.damped, rounding, 0.0)
+
+
+Slack = RenderingSlack | CouplingSlack
+"""Slack of some rows at a port of shape (m,) or (rows, m), not negative where passive, and its rounding error."""
 
 
 def frequencies_hz(device: Device) -> FloatArray:

@@ -56,11 +56,7 @@ class StaticTuned:
 
 
 def tuned_margin(problem: Problem) -> float:
-    """Return the default damping reserve of tuned gains, N.s/m: a share of k_e T/2, which sampling takes from the wall.
-
-    It ensures decay, not only the absence of growth: 6 N.s/m at the wall of figure 5, where with less some hand bounces
-    for ever. The smallest margin that a problem can state is 1e-9.
-    """
+    """Return the default damping reserve, N.s/m: a share of k_e T/2, which sampling takes."""
     reserve = 0.12 * problem.environment.stiffness_n_per_m * problem.device.sample_time_s / 2
     return reserve if reserve >= 1e-9 else 0.0
 

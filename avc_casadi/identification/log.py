@@ -218,11 +218,7 @@ def _rounded(period: float) -> float:
 
 
 def _resampled(columns: Columns, period_s: float) -> tuple[Columns, float, FloatArray]:
-    """Resample a log with clock jitter to even samples, with its gaps as they are.
-
-    Returned are the log, the standard deviation of the steps as a share of the period, and the mean forces if they act
-    0, 1, 2, ... ticks after they are logged, brought forward by as many even samples, shape (ticks, samples).
-    """
+    """Resample a log with clock jitter; return it, the scatter of its steps, and the forces that act ticks later."""
     time, steps = columns.time_s, np.diff(columns.time_s)
     edges = [0, *(np.flatnonzero(steps > _LONGEST_STEP * period_s) + 1).tolist(), time.size]
     times, positions, forces = [], [], []

@@ -299,11 +299,7 @@ def sample(states: int, cuts: int) -> Any:
 
 
 def _friction_of(speeds: Sequence[Any], eases: Sequence[Any], left: Any, level: Any) -> tuple[Any, Any]:
-    """Return the mean of dry friction over a sample, weighted as in the final velocity, and as in the position.
-
-    The sample is cut where the newer force arrives and at the other evaluations. A velocity that decays evenly changes
-    in proportion to the change by 1 N: that is the clock inside the sample.
-    """
+    """Return the mean of dry friction over a sample, weighted as in the final velocity, and as in the position."""
     # A resonance may reverse the velocity within a sample: some of it is taken to remain.
     whole, gone = eases[-1], 1 - ca.fmax(left, 0.05)
     now, mean, moment = speeds[0], 0.0, 0.0

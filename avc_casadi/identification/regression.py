@@ -110,12 +110,7 @@ class Start:
 
 
 class Motion:
-    """Inverse dynamics as a regression on acceleration, velocity, direction, position and constant forces.
-
-    Velocity and acceleration come from every other sample; those of the samples between are the instruments. Their
-    noise is independent of that of the regressors, so that it neither attenuates the estimates nor biases them in a
-    closed loop.
-    """
+    """Inverse dynamics as a regression; derivatives of every other sample, those between as instruments."""
 
     def __init__(self, records: Sequence[Record], offsets: int) -> None:
         self.records, self.period = records, records[0].sample_time_s
@@ -191,11 +186,7 @@ class Motion:
 
 
 def in_ticks(records: Sequence[Record]) -> tuple[list[Record], list[str]]:
-    """Take the forces of clocks that scatter as acting so many ticks late as explains the motion best.
-
-    A loop that computes a force in one tick and gives it in the next delays it by the step that happens to be between
-    them.
-    """
+    """Take the forces of clocks that scatter as acting so many ticks late as explains the motion best."""
     most = max(0 if record.later_n is None else len(record.later_n) for record in records)
     acting = [
         [one if one.later_n is None else replace(one, force_n=one.later_n[late]) for one in records]

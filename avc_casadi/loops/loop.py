@@ -73,15 +73,7 @@ def turn_of(frequency_hz: float, sample_time_s: float) -> complex:
 
 
 def response(events: Sequence[Map], reads: Sequence[Rows | None], turn: complex) -> complex:
-    """Return what is read per unit of the first state, which turns by a factor at every read.
-
-    Of a periodic loop this is the component at that frequency.
-
-    Args:
-        events: maps of a loop whose first block is `Body.driven`.
-        reads: row that is read before each event, or None.
-        turn: of the driven state.
-    """
+    """Return what is read per unit of the first state, `Body.driven`, which turns by a factor at every read."""
     whole, count = period(events), sum(read is not None for read in reads)
     inner = turn**count * np.eye(len(whole) - 1) - whole[1:, 1:]
     state = np.append(1.0, np.linalg.solve(inner, whole[1:, 0]))
@@ -95,15 +87,7 @@ def response(events: Sequence[Map], reads: Sequence[Rows | None], turn: complex)
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """A sampled plant with its forces under way; velocities are counted by the sample, which keeps digits.
-
-    Attributes:
-        a: shape (..., n, n).
-        b: of the commanded force, positive against +x, shape (..., n).
-        measured: row of the measured position, shape (n,).
-        sample_time_s: T.
-        names: of the first states; the others are forces under way.
-    """
+    """A sampled plant with its forces under way; velocities are counted by the sample, which keeps digits."""
 
     a: NDArray[Any]
     b: FloatArray

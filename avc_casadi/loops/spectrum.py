@@ -38,11 +38,7 @@ def largest_radius(loop: FloatArray) -> FloatArray:
 
 
 def leading_radii(loops: FloatArray) -> FloatArray:
-    """Return the spectral radii of those loops (n, s, s) that may have the largest one; of others minus infinity.
-
-    The radius r of an (s, s) matrix M lies between powers: abs(trace(M^N)) / s <= r^N <= s max(abs(M^N)). A product
-    takes a fiftieth of the time of eigenvalues.
-    """
+    """Return the radii of loops (n, s, s) that may have the largest, by abs(trace(M^N))/s <= r^N; of others -inf."""
     s = loops.shape[-1]
     if s < 10:  # eigenvalues are as quick
         return largest_radius(loops)

@@ -182,10 +182,7 @@ _Row = tuple[Any, Any, Any]
 def tool_step(
     integrator: ToolIntegrator, t: Any, mass: Any, drag: Any, stiffness: Any, doublings: int = 10
 ) -> tuple[_Row, _Row]:
-    """Return what position, velocity and a held force make of position and velocity in an internal step.
-
-    Numbers are arrays or expressions. `exact` is the motion itself, as integrators of high order approach it.
-    """
+    """Return what position, velocity and a held force make of position and velocity in an internal step."""
     if integrator == "exact":
         return _motion(t, mass, drag / mass, stiffness / mass, doublings)
     solved = mass

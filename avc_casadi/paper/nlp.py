@@ -137,11 +137,7 @@ def optimality(problem: Problem, loop: Loop, gains: GainArrays) -> Optimality:
 
 
 def _residual(df: FloatArray, dg: FloatArray, down: FloatArray, up: FloatArray) -> FloatArray:
-    """Return the smallest residual over multipliers lambda >= 0 of (12); arrays (3, n).
-
-    The residual of a gain is the slope times its admissible change, down where the goal rises and up where it falls. It
-    is piecewise linear in lambda, so that the smallest maximum lies where two gains balance or one vanishes.
-    """
+    """Return the smallest residual over multipliers >= 0 of (12), (3, n): where two gains balance."""
     with np.errstate(invalid="ignore", divide="ignore"):
         choices = [np.zeros(df.shape[1]), *(df / dg)]
         for i, j in ((0, 1), (0, 2), (1, 2)):

@@ -81,11 +81,7 @@ def in_parts(loop: Loop, at_once: int, progress: Progress, solve: Callable[[Loop
 def best_candidate(
     problem: Problem, loop: Loop, b: FloatArray, k: FloatArray, p: FloatArray, *, tie: float = TIE
 ) -> GainArrays:
-    """Return per frequency the first of candidates (m, n) in lexicographic order.
-
-    The order: inside the box and Re Z_h >= margin, strictly, for every device of the range; smallest magnitude error;
-    smallest distance to Z_h_ds; smallest b_p, k, b. Errors and distances within ``tie`` of |Z_h_ds| are equal.
-    """
+    """Return per frequency the first of candidates (m, n): admissible; least error, distance, b_p, k, b."""
     margin = margin_over_range(problem)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         z = loop.perceived(b, k, p)

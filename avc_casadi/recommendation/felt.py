@@ -130,11 +130,7 @@ def contact_onset_m(coupling: Coupling) -> dict[str, float | None]:
 
 
 def rebound(coupling: Coupling) -> dict[str, float]:
-    """Return the released device's speed when it leaves the wall over that when it came, the largest by approach speed.
-
-    With the declared dry friction and without. Above 1 the wall gives energy: a passive one never does. 0 where the
-    device stays in the wall, or does not reach it. Speeds are the device's, in rad/s of a rotary one.
-    """
+    """Return the speed of leaving the wall over that of coming, released, by approach speed; above 1 energy."""
     setup, radius = Setup.of(coupling), coupling.problem.device.metres_per_unit
     some = (setup, setup.without(FRICTION)) if setup.rough else (setup,)
     return {
@@ -178,11 +174,7 @@ class Ripple:
 
 
 def ripple(coupling: Coupling, seed: int = 0) -> Ripple:
-    """Return the ripple in steady motion, prescribed first, then by hands whose target moves.
-
-    With a damper of b behind a step of the encoder q the force has pulses of b q/T, for b sqrt(q v/T - v^2) rms while
-    the handle passes less than a step in a sample.
-    """
+    """Return the ripple in steady motion, prescribed first, then by hands whose target moves."""
     radius, drawn_s = coupling.problem.device.metres_per_unit, 1.5
     speeds = [speed / radius for speed in SLOW_M_PER_S]
     found = {f"{speed:g}": _ripple_n(coupling, speed) for speed in speeds}

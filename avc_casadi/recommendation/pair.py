@@ -47,11 +47,7 @@ def recommend_tool(
     versions: Mapping[str, str] | None = None,
     progress: Progress = SILENT,
 ) -> Recommendation:
-    """Return the spring and damper between a device and the tool of a simulation.
-
-    Every loop of the answer is linearly stable: hands of [hands] and the device released, free and rigid contact and
-    the springs between, every corner of device and tool, with a margin; and simulated hands settle in every motion.
-    """
+    """Return spring and damper to a simulation: every loop stable with a margin, and simulated hands settle."""
     tool, search = required_tool(problem), ToolSearch(problem)
     (stiffest, local), wanted = search.limit, tool.stiffness_n_per_m
     limit = stiffest.stiffness_n_per_m

@@ -220,11 +220,7 @@ class Recommendation(Printed):
         }
 
     def margins(self) -> dict[str, Any]:
-        """Return the stability margins at the actuator: released, and the smallest with a corner hand.
-
-        Gain margins as factors, up and down, phase margin in degrees, delay margin in samples; None without a limit;
-        empty without a coupling to a wall.
-        """
+        """Return the stability margins at the actuator: released, and smallest with a corner hand."""
         if self.coupling is None or self.coupling.end != "wall":
             return {}
         return plain_table(dict(zip(_SIDES, OpenLoop.of(self.coupling).margins(), strict=True)))

@@ -116,11 +116,7 @@ def stretches(late: float) -> tuple[Stretch, ...]:
 
 @dataclass(frozen=True)
 class MatrixExponential:
-    """Linear plant whose force is held, or changes at a moment that is the same in every sample: exact to rounding.
-
-    Dry friction is projected, implicit and without events: exact while the device slides, of first order where it stops
-    or breaks away.
-    """
+    """Linear plant, its force held or changing at one moment, exact; dry friction projected, implicit."""
 
     substeps: int
     held: bool

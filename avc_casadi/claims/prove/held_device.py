@@ -113,7 +113,7 @@ class SampledPlantBox:
     def _folded(self, omega: Value, numbers: dict[str, Value], terms: int) -> tuple[Value, Value, Value]:
         moving = isinstance(omega, Moving)
         known = Disc.rounded if moving else complex
-        turn, hold = (turned, held) if moving else (_turned, _held)
+        turn, hold = (turned, held) if moving else (lambda angle: np.exp(-1j * np.asarray(angle)), _held)
         t = self.device.sample_time_s
         delay = numbers.get("device.delay_samples", self.device.delay_samples)
         ranged = "device.delay_samples" in numbers
@@ -258,10 +258,6 @@ def _bounded(left: float) -> float:
     if not left > 0:
         raise UnsupportedError(_TOO_SLOW)
     return _ROOM / left
-
-
-def _turned(angle: Value) -> Value:
-    return np.exp(-1j * np.asarray(angle))
 
 
 def _held(angle: Value) -> Value:

@@ -72,12 +72,7 @@ def at_handle(motion: Motion, device: Device) -> Motion:
 
 
 def _swinging_s(problem: Problem) -> float:
-    """Return the longest decay time of hand and device alone after a tap, over the hands of the set.
-
-    (m + m_h) s^2 + (b + b_h) s + k_h has the poles; each starts at the speed of the tap, or that of the hand's whole
-    displacement at the pole's own frequency if slower, amplified by the resonance of hand and device at the frequency
-    of the tap.
-    """
+    """Return the longest decay time of hand and device after a tap, by their poles."""
     device, corners = problem.device, hand_corners(problem.hands)
     hand = corners.pick(np.flatnonzero(corners.stiffness_n_per_m > 0))  # no oscillation without a spring
     mass = device.mass_kg + hand.mass_kg

@@ -80,7 +80,10 @@ def spectral_peak_step(sample_time_s: float, settings: EstimatorSettings) -> Ste
     present = ca.logic_and(peak > threshold * threshold, lasting > threshold * settings.floor_m_per_s)
     present = ca.logic_and(present, cosine > 0)
     slope = ca.if_else(present, sine / ca.if_else(present, cosine, 1), 0)
-    instant = _arc_tangent(slope) / (math.tau * sample_time_s)
+    # The arc tangent for slopes up to 2, where 60 Hz at 1 kHz is 0.4; error below 2e-4 of it.
+    square = slope * slope
+    angle = slope * (1 + 0.43157974 * square) / (1 + square * (0.76443945 + 0.05831938 * square))
+    instant = angle / (math.tau * sample_time_s)
     instant = ca.fmin(ca.fmax(instant, 0.5 * settings.low_hz), 1.5 * settings.top_hz(sample_time_s))
     # The ripple at twice the frequency is smoothed over 0.3 periods.
     share = ca.fmin(instant * sample_time_s / 0.3, 1)
@@ -122,12 +125,6 @@ def _resonator(
     cross = coming[1] * before[0] - coming[0] * before[1]
     dot = coming[0] * before[0] + coming[1] * before[1]
     return cross, dot, coming[0] * coming[0] + coming[1] * coming[1]
-
-
-def _arc_tangent(slope: Expr) -> Expr:
-    """Return the arc tangent for slopes up to 2, where 60 Hz at 1 kHz is 0.4; error below 2e-4 of it."""
-    square = slope * slope
-    return slope * (1 + 0.43157974 * square) / (1 + square * (0.76443945 + 0.05831938 * square))
 
 
 def zero_crossing_step(sample_time_s: float, settings: EstimatorSettings) -> Step:
