@@ -123,15 +123,20 @@ LAW = {"k": "stiffness_n_per_m", "b": "damping_ns_per_m", "b_p": "local_damping_
 """Names of a law in `certify` by those of its fields."""
 
 
-def coupling_of(explorer: Explorer, settings: Settings, problem: Problem) -> Coupling | None:
-    """Return the coupling of the method; None where it has found none, or is not done."""
+def found_by_method(
+    explorer: Explorer, settings: Settings, problem: Problem
+) -> tuple[GainSchedule | None, Coupling | None]:
+    """Return gains and coupling of the method; None where it has found none, or is not done."""
     if settings.method in explorer.form.live:
-        schedule = explorer.cached(f"solve {settings.key('method')}", lambda: solve(problem, settings.method))
+        gains = explorer.cached(f"solve {settings.key('method')}", lambda: solve(problem, settings.method))
         key = f"coupling {settings.key('method', 'motion')}"
-        usable = bool(schedule.usable.any())
-        return explorer.cached(key, lambda: Coupling.of(problem, schedule)) if usable else None
-    found = explorer.coupling(settings)
-    return None if found is None else replace(found, problem=problem, versions=explorer.versions)
+        return gains, explorer.cached(key, lambda: Coupling.of(problem, gains)) if gains.usable.any() else None
+    if (run := explorer.coupling(settings)) is None:
+        return None, None
+    hz, law = problem.frequencies_hz(), run.runtime.state_feedback
+    solved = (Status.SOLVED,) * len(hz)
+    gains = gain_schedule(problem, run.method, tuple(run.table(hz)), solved, state_feedback=law)
+    return gains, replace(run, problem=problem, versions=explorer.versions)
 
 
 def wall_answer(explorer: Explorer, settings: Settings, problem: Problem, *, whole: bool) -> Answers:
@@ -149,20 +154,12 @@ def wall_answer(explorer: Explorer, settings: Settings, problem: Problem, *, who
     wall = {"stiffness_n_per_m": law["stiffness_n_per_m"] or 0.0}
     wall["damping_ns_per_m"] = (law["damping_ns_per_m"] or 0.0) + (law.get("local_damping_ns_per_m") or 0.0)
     direct = problem.changed(environment=wall, boundaries={"upper": wall, "lower": wall})
-    coupling = coupling_of(explorer, settings, problem)
+    schedule, coupling = found_by_method(explorer, settings, problem)
     method: list[Row] = []
-    schedule: GainSchedule | None
-    if settings.method in explorer.form.live:
-        schedule = explorer.cached(f"solve {settings.key('method')}", lambda: solve(problem, settings.method))
+    if schedule is not None and settings.method in explorer.form.live:
         method.append(row("Gains", f"{settings.method}: {subject.counts(schedule.counts())}"))
         if whole:
             method.append(subject.deployable(None if coupling is None else deployable(coupling).document()))
-    elif coupling is None:
-        schedule = None
-    else:
-        hz, feedback = coupling.problem.frequencies_hz(), coupling.runtime.state_feedback
-        table, solved = tuple(coupling.table(hz)), (Status.SOLVED,) * len(hz)
-        schedule = gain_schedule(coupling.problem, coupling.method, table, solved, state_feedback=feedback)
     charts = _impedances(problem, direct, schedule)
     if whole:
         runs = {}
@@ -220,7 +217,7 @@ def _region(explorer: Explorer, problem: Problem, stated: str, law: Mapping[str,
 
 def wall_coupling(explorer: Explorer, settings: Settings, problem: Problem) -> tuple[Coupling, str]:
     """Return the coupling to save, and what is said of it."""
-    found = coupling_of(explorer, settings, problem)
+    _, found = found_by_method(explorer, settings, problem)
     if found is None:
         raise InputError.of("no coupling yet: there is nothing to save", key="method")
     verdict = deployable(found).document()
