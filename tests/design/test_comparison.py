@@ -97,7 +97,7 @@ def perceived(k, b):
     return device.mass_kg * s + device.damping_ns_per_m + (z + 1) / (2 * z) / (1 / environment + 1 / coupling)
 
 
-# Of two couplings the one that is stable with more is better, however near the other comes to the wall.
+# A nearer coupling need not be a stable one.
 
 SAFETY_FIRST_PROBLEM = avc.load_problem("figure5")
 METHODS = ("closed-form", "direct")
@@ -110,12 +110,13 @@ def soft():
 
 
 @pytest.mark.slow
-def test_a_stable_pair_beats_a_nearer_one_that_is_not(soft):
-    mine, levels = soft.mine, soft.judged["direct"].certificate.levels
-    assert levels["L5"].passed is False
-    assert soft.judged["mine"].certificate.levels["L5"].passed
-    assert mine.share_schedule_better == 1.0
-    assert (mine.safer, mine.better) == ("mine", "mine")
+def test_a_stable_pair_beside_a_nearer_one_that_is_not(soft):
+    safety = {name: soft.judged[name].safety() for name in ("mine", "direct")}
+    assert [safety["mine"][key] for key in ("let_go", "deployable")] == [True, True]
+    assert safety["mine"]["levels"]["L5"]
+    assert safety["direct"]["levels"]["L5"] is False
+    assert not safety["direct"]["deployable"]
+    assert np.all(soft.methods["mine"].magnitude_error > soft.methods["direct"].magnitude_error)
 
 
 def test_the_equivalent_of_a_causal_coupling():

@@ -15,15 +15,7 @@ from avc_casadi._util.arrays import ComplexArray, FloatArray
 from avc_casadi._util.json_values import plain_table
 from avc_casadi._util.printed import Columns, Tabular, short
 from avc_casadi.coupling import Coupling
-from avc_casadi.design.comparison.judged import (
-    CausalGains,
-    HandTuned,
-    Judged,
-    causal_gains,
-    constant_pair,
-    judge_gains,
-    judge_hand_tuned,
-)
+from avc_casadi.design.comparison.judged import CausalGains, Judged, causal_gains, constant_pair, judge_gains
 from avc_casadi.design.comparison.judged import parts as _parts
 from avc_casadi.design.methods import solve
 from avc_casadi.design.registry import METHODS, MethodName
@@ -56,7 +48,7 @@ class Comparison(Tabular):
         scope: what the gains of `delivered` meet: the problem's own scope, with the realism that it requires.
         margin_ns_per_m: margin of (12).
         frequency_hz: frequencies of interaction.
-        methods: gains by method.
+        methods: gains by method; a constant pair of one's own as "mine".
         without_coupling: perceived impedance of device and environment joined directly.
         target: desired perceived impedance Z_h_ds.
         upper: perceived impedance of the realistic bound U.
@@ -67,9 +59,8 @@ class Comparison(Tabular):
         reason: one sentence for each frequency.
         injection: the closed form as damping injection.
         cross_check: `direct` against `exact`, where both were requested.
-        mine: a hand-tuned pair, where one was given.
         causal: what a causal coupling renders, after `with_causal`.
-        judged: certificate and realism of each method, and of the pair under the name "mine".
+        judged: certificate and realism of each method.
         passive_limit_n_per_m: largest DC stiffness of any passive linear time-invariant rendering, sampled-data:
             2 b_d/((1 + delay) T).
         stated: the problem as stated, for ``print``.
@@ -98,7 +89,6 @@ class Comparison(Tabular):
     reason: tuple[str, ...]
     injection: Mapping[str, Any]
     cross_check: Mapping[str, Any] | None
-    mine: HandTuned | None
     judged: Mapping[str, Judged]
     passive_limit_n_per_m: float
     stated: Problem
@@ -129,7 +119,6 @@ class Comparison(Tabular):
 
     def document(self) -> dict[str, Any]:
         """Return the JSON document, null where a number is undefined."""
-        mine = self.mine
         kept = ("problem", "title", "model", "structure", "margin_ns_per_m", "frequency_hz", "optimum", "delivered")
         return plain_table(
             {
@@ -146,8 +135,7 @@ class Comparison(Tabular):
                 **_parts("upper", self.upper),
                 **_parts("lower", self.lower),
                 "damping_injection": self.injection,
-                "safety": {name: judged.safety.document() for name, judged in self.judged.items()},
-                "mine": None if mine is None else mine.document() | self.judged["mine"].document(),
+                "safety": {name: judged.safety() for name, judged in self.judged.items()},
                 "causal": None if self.causal is None else self.causal.document(),
             }
         )
@@ -256,8 +244,8 @@ def compare(
 
     Example:
         >>> comparison = avc.compare("figure5", mine=(2000.0, 7.0))
-        >>> comparison.mine.safer
-        'mine'
+        >>> comparison.judged["mine"].safety()["deployable"]
+        True
     """
     for method in methods:
         METHODS.named(method)
@@ -281,8 +269,8 @@ def compare(
     scale = np.abs(loop.device) + np.abs(loop.hold * loop.desired)
     verdict, reason = verdicts(gains["closed-form"], gains[optimum], scale)
     both = all(method in gains for method in OPTIMISERS)
-    tables = dict(gains) if mine is None else {**gains, "mine": constant_pair(problem, mine)}
-    judged = {name: judge_gains(problem, table) for name, table in tables.items()}
+    if mine is not None:
+        gains["mine"] = constant_pair(problem, mine)
     upper, lower = perceived_bounds(problem, loop)
     return Comparison(
         problem=problem.name,
@@ -303,12 +291,7 @@ def compare(
         reason=reason,
         injection=damping_injection(problem, loop),
         cross_check=cross_check(gains["direct"], gains["exact"], scale) if both else None,
-        mine=None
-        if mine is None
-        else judge_hand_tuned(
-            problem, tables["mine"], gains[optimum], AGREEMENT * scale, (judged["mine"].safety, judged[optimum].safety)
-        ),
-        judged=judged,
+        judged={name: judge_gains(problem, table) for name, table in gains.items()},
         passive_limit_n_per_m=passive_limit_n_per_m(problem.device),
         stated=stated,
     )

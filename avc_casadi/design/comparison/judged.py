@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray
 from avc_casadi._util.json_values import plain, plain_table
@@ -15,109 +14,12 @@ from avc_casadi.claims.deployable import Deployable, deployable
 from avc_casadi.claims.worst_frequency import real_part
 from avc_casadi.coupling import Coupling
 from avc_casadi.loops.wall import SampledLoop, force_over_position, fractions, frozen_rendering
-from avc_casadi.model.corners import margin_over_range
 from avc_casadi.model.gains import GainSchedule, Status
 from avc_casadi.model.problem import Model, Problem
 from avc_casadi.paper import equations as eq
 from avc_casadi.paper.equations import loop_at
 from avc_casadi.paper.realism import RealismResult, judge_realism
 from avc_casadi.paper.rows import gain_schedule
-
-
-@dataclass(frozen=True)
-class Safety:
-    """Safety of a gain table by its certificate."""
-
-    levels: dict[str, bool | None]
-    hands: bool
-    let_go: bool
-    passive: bool
-    rows_failed: dict[str, int]
-    rows: int
-
-    @classmethod
-    def of(cls, certificate: Certificate, verdict: Deployable | None = None) -> Safety:
-        """Return the safety by a certificate and the verdict on the coupling; claims not judged count as unsafe."""
-        levels = certificate.levels
-        claims = {} if verdict is None else {claim.name: claim.passed for claim in verdict.claims}
-        return cls(
-            levels={level: None if found.refused else found.passed for level, found in levels.items()},
-            hands=levels["L5"].passed and claims.get("hands", False),
-            let_go=bool(levels["L5"].detail.get("released_pass", False)) and claims.get("let-go", False),
-            passive=levels["L3"].passed,
-            rows_failed={level: found.rows_failed for level, found in levels.items()},
-            rows=len(certificate.frequency_hz),
-        )
-
-    @property
-    def rank(self) -> tuple[bool, bool, bool]:
-        """Order of safety: every hand, then released, then passive; larger is safer."""
-        return self.hands, self.let_go, self.passive
-
-    @property
-    def deployable(self) -> bool:
-        """Whether the frozen gains may be deployed: stable with every hand and released."""
-        return self.hands and self.let_go
-
-    @property
-    def words(self) -> str:
-        """The first claim that does not hold, or that all do."""
-        if not self.hands:
-            return f"not stable with every hand: L5 fails at {self.rows_failed['L5']} of {self.rows} rows"
-        if not self.let_go:
-            return "not stable when released"
-        passive = "" if self.passive else f", not passive: L3 fails at {self.rows_failed['L3']} of {self.rows} rows"
-        return f"stable with every hand and released{passive or ', and passive'}"
-
-    def document(self) -> dict[str, Any]:
-        """Return JSON values."""
-        return {"levels": self.levels, "let_go": self.let_go, "deployable": self.deployable}
-
-
-def safer(mine: Safety, other: Safety, name: str) -> str:
-    """Return which of two is safer: "mine", the name of the other, or "equal"."""
-    if mine.rank == other.rank:
-        return "equal"
-    return "mine" if mine.rank > other.rank else name
-
-
-def safety_reason(mine: Safety, other: Safety, name: str) -> str:
-    """Return one sentence on the safety of a hand-tuned pair and of a method, and which not to deploy."""
-    both = {"mine": mine, name: other}
-    unsafe = " and ".join(who for who, one in both.items() if not one.deployable)
-    advice = f"; do not deploy {unsafe}" if unsafe else ""
-    return "; ".join(f"{who} is {one.words}" for who, one in both.items()) + advice
-
-
-@dataclass(frozen=True, eq=False)
-class HandTuned:
-    """One constant series coupling at every frequency; arrays of shape (n,)."""
-
-    stiffness_n_per_m: float
-    damping_ns_per_m: float
-    impedance: ComplexArray
-    magnitude_error: FloatArray
-    complex_error: FloatArray
-    real_part: FloatArray
-    meets_margin: NDArray[np.bool_]
-    inside_box: bool
-    compared: str
-    share_schedule_better: float
-    share_pair_better: float
-    safer: str
-    safety_reason: str
-
-    @property
-    def better(self) -> str:
-        """Which is better, "mine", the method's name or "equal": by safety, then by smaller error."""
-        if self.safer != "equal" or self.share_pair_better == self.share_schedule_better:
-            return self.safer
-        return "mine" if self.share_pair_better > self.share_schedule_better else self.compared
-
-    def document(self) -> dict[str, Any]:
-        """Return JSON values."""
-        values = {name: value for name, value in vars(self).items() if name != "impedance"}
-        return plain_table({**values, "better": self.better, **parts("impedance", self.impedance)})
 
 
 def parts(name: str, impedance: ComplexArray) -> dict[str, FloatArray]:
@@ -132,32 +34,6 @@ def constant_pair(problem: Problem, pair: tuple[float, float]) -> GainSchedule:
     return gain_schedule(problem, "mine", gains, (Status.SOLVED,) * n)
 
 
-def judge_hand_tuned(
-    problem: Problem, own: GainSchedule, schedule: GainSchedule, tolerance: FloatArray, safety: tuple[Safety, Safety]
-) -> HandTuned:
-    """Judge a constant pair, of `constant_pair`, beside designed gains."""
-    k, b, box = float(own.stiffness_n_per_m[0]), float(own.damping_ns_per_m[0]), problem.coupling
-    error, meets = own.magnitude_error, own.real_part >= margin_over_range(problem)
-    usable = schedule.usable
-    theirs = np.where(usable, schedule.magnitude_error, np.inf)
-    return HandTuned(
-        stiffness_n_per_m=k,
-        damping_ns_per_m=b,
-        impedance=own.impedance,
-        magnitude_error=error,
-        complex_error=own.complex_error,
-        real_part=own.real_part,
-        meets_margin=meets,
-        inside_box=box.damping_ns_per_m[0] <= b <= box.damping_ns_per_m[1]
-        and box.stiffness_n_per_m[0] <= k <= box.stiffness_n_per_m[1],
-        compared=schedule.method,
-        share_schedule_better=float(np.mean(usable & (~meets | (theirs + tolerance < error)))),
-        share_pair_better=float(np.mean(meets & (error + tolerance < theirs))),
-        safer=safer(*safety, schedule.method),
-        safety_reason=safety_reason(*safety, schedule.method),
-    )
-
-
 @dataclass(frozen=True, eq=False)
 class Judged:
     """One gain table judged; arrays have shape (n,)."""
@@ -167,10 +43,17 @@ class Judged:
     real_part: dict[Model, FloatArray]
     deployable: Deployable | None
 
-    @property
-    def safety(self) -> Safety:
-        """Safety of the gains."""
-        return Safety.of(self.certificate, self.deployable)
+    def safety(self) -> dict[str, Any]:
+        """Return whether the frozen gains are stable with every hand and released, and each level, as JSON values."""
+        levels = self.certificate.levels
+        claims = {claim.name: claim.passed for claim in self.deployable.claims} if self.deployable else {}
+        hands = levels["L5"].passed and claims.get("hands", False)
+        let_go = bool(levels["L5"].detail.get("released_pass", False)) and claims.get("let-go", False)
+        return {
+            "levels": {level: None if found.refused else found.passed for level, found in levels.items()},
+            "let_go": let_go,
+            "deployable": hands and let_go,
+        }
 
     def document(self) -> dict[str, Any]:
         """Return JSON values."""

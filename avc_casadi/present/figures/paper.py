@@ -118,8 +118,6 @@ def draw_comparison(comparison: Comparison, axes: style.GivenAxes = None) -> Fig
     magnitude, complex_, strip = panels.axes
     hz, lines, size = comparison.frequency_hz, _lines(comparison), np.abs(comparison.target)
     errors = {name: (one.magnitude_error, one.complex_error, one.usable) for name, one in comparison.methods.items()}
-    if (mine := comparison.mine) is not None:
-        errors["mine"] = mine.magnitude_error, mine.complex_error, np.ones(hz.shape, dtype=bool)
     if (causal := comparison.causal) is not None:
         errors["causal"] = causal.magnitude_error, causal.complex_error, np.ones(hz.shape, dtype=bool)
     for name, (of_magnitude, of_impedance, usable) in errors.items():
