@@ -11,6 +11,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import re
+import shlex
 import subprocess
 import sys
 import tempfile
@@ -35,7 +36,7 @@ import avc_casadi as avc
 from avc_casadi import UnsupportedError
 from avc_casadi.coupling import Coupling
 from avc_casadi.model.runtime import Runtime
-from avc_hardware import push, tried_in_the_loop
+from avc_hardware import tried_in_the_loop
 
 HERE = Path(__file__).resolve().parent
 OUT = HERE / "results" / "hardware.json"
@@ -90,7 +91,7 @@ def tests_passed(*files: str) -> dict[str, Any]:
     done = subprocess.run(  # noqa: S603
         [sys.executable, *command], capture_output=True, text=True, check=False, cwd=HERE.parents[1]
     )
-    return {"command": " ".join(["python", *command]), "result": done.stdout.strip().splitlines()[-1]}
+    return {"command": shlex.join(["python", *command]), "result": done.stdout.strip().splitlines()[-1]}
 
 
 def of_order(states: int, seed: int) -> Coupling:
@@ -179,7 +180,6 @@ def on_the_board(counts: int, time_s: float) -> dict[str, Any]:
     made = wheel(counts, time_s)
     try:
         found = tried_in_the_loop(made)
-        pushed = push(made, "emulator", unsafe=True)
     except UnsupportedError as error:
         lasts = round(4.0 / time_s)
         depth = np.minimum(0.1 * time_s * np.arange(lasts) - 0.05, 0.1)
@@ -189,7 +189,7 @@ def on_the_board(counts: int, time_s: float) -> dict[str, Any]:
         return {"board": f"refused: {str(error).partition(';')[0]}", "exported_c": {"samples": lasts, "silent": silent}}
     document = found.document()
     keys = ("at_rest", "peak_force_n", "faults", "mode")
-    return {"read_back": pushed.readback_equal} | {key: document[key] for key in keys}
+    return {"read_back": found.push.readback_equal} | {key: document[key] for key in keys}
 
 
 def run_of_figure5() -> dict[str, Any]:
