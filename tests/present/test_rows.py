@@ -64,7 +64,7 @@ SLOW = {
     "knob": lambda: avc.recommend("knob", hands=4),
     "simulation": lambda: avc.recommend("tool/unity-60hz", hands=3),
     "wheel": lambda: avc.recommend("tool/wheel-game-62hz", hands=3),
-    "wheel of a game, refused": lambda: avc.certify_law("tool/wheel-game-62hz", k=230.0, b=0.5),
+    "own law, turning, unstable": lambda: avc.certify_law("smartknob", k=60.0),
 }
 CASES = [*ANSWERS.items(), *(pytest.param(*one, marks=pytest.mark.slow) for one in SLOW.items())]
 
