@@ -1,7 +1,4 @@
-"""What must not go on ends in a latched fault with a name: the force falls by the ramp, and only a clear leads out.
-
-Injected into the compiled core, the emulated board and QEMU.
-"""
+"""What must not go on ends in a latched fault with a name: the force falls by the ramp, and only a clear leads out."""
 
 from collections.abc import Callable
 from typing import Any

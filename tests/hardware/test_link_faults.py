@@ -1,7 +1,4 @@
-"""Whatever the wire does: the device runs the old table or the new one, whole; the host ends with success or error.
-
-Whole is every byte of it: of two tables with state feedback no matrix is ever from the one and another from the other.
-"""
+"""Whatever the wire does: the device runs the old table or the new one, whole; the host ends with success or error."""
 
 import os
 

@@ -1,8 +1,4 @@
-"""State feedback in the firmware: the bits of the exported C, one start after every table, a meaning in every mode.
-
-Single precision computes some numbers of a coupling that the export has as rounded constants (1/k, k k_e/(k + k_e));
-where k and k_e are powers of 2 both are exact, and the forces are equal in every bit.
-"""
+"""State feedback in the firmware: the bits of the exported C, one start after every table, a meaning in every mode."""
 
 import dataclasses
 

@@ -1,10 +1,4 @@
-"""One truth: the control tick of the firmware is the scene's, and gives the same bits on every machine.
-
-The C is generated from the expressions that scenes run. Here it is held against the same expressions in numpy single
-precision, tick by tick over whole motions: compiled for this computer, on the emulated Cortex-M4F of the packaged
-image, and in QEMU on a Cortex-M4F and on a Cortex-M3 whose floats are software; at several sample times, encoders,
-settings and force limits, which are numbers that the one program reads.
-"""
+"""One truth: the control tick of the firmware is the scene's, and gives the same bits on every machine."""
 
 import ctypes
 import dataclasses
@@ -54,10 +48,7 @@ def limits(board: str) -> BoardLimits:
 
 
 def couplings(board: str) -> tuple[Coupling, ...]:
-    """Tables for their walls, one with a guard; state feedback with and without it; a lower force limit in the end.
-
-    Both contact laws, so that tables of each follow those of the other.
-    """
+    """Tables for their walls, of both contact laws, with a guard, with state feedback, with a lower force limit."""
     figures, force = BOARDS[board]
     device: dict[str, float] = {
         "sample_time_s": figures.sample_time_s,
@@ -167,10 +158,7 @@ def test_compiled_tick_gives_the_bits_of_the_expressions(board: str, estimator: 
 
 
 def send_all(link: EmulatedBoard, board: str = "1 ms") -> tuple[int, ...]:
-    """Push the board's configuration, then one table after the other with time between.
-
-    Returns the tick that took the configuration, then those before which the device was asked to swap.
-    """
+    """Push configuration and tables with time between; return the tick of the first and those before each swap."""
     with Connection(link, session=1) as connection:
         session = connection.session
         alone = TableImage.alone(Config(limits(board), BOARDS[board][0]))

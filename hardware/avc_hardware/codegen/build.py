@@ -1,9 +1,4 @@
-"""Build the firmware: ``python -m avc_hardware.codegen.build`` makes the packaged image anew.
-
-The C of the control tick is no file of the package: every build makes it from the scene's CasADi expressions, and
-``--generate DIR`` writes it down to be read. Builds are reproducible: the same sources and compiler give the same
-bytes, on any path.
-"""
+"""Build the firmware: ``python -m avc_hardware.codegen.build`` makes the packaged image anew."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""Export of a coupling to another end as C: a spring and damper to a message, with a watchdog.
-
-The other end is the tool of a simulation, whose engine runs beside the device, or a follower with the same source.
-"""
+"""Export of a coupling to another end as C: a spring and damper to a message, with a watchdog."""
 
 from __future__ import annotations
 

@@ -56,11 +56,7 @@ def _step(part: RuntimeProgram, types: str) -> list[str]:
 
 
 def tick_sources(figures: RuntimeFigures) -> dict[str, str]:
-    """Return the generated sources of a firmware by file name, of which estimator and passive change decide.
-
-    The estimator is a function. Short parts are compiled into the tick: the guard, and a header for each contact law of
-    the coupling, with the same states.
-    """
+    """Return the generated sources of a firmware by file name; estimator and passive change decide."""
     parts = {part.name: part for part in tick_programs(figures.estimator, figures.passive)[0]}
     estimate, guard, first = parts["estimate"], parts["guard"], parts[f"couple_{next(iter(LAWS))}"]
     functions = [

@@ -1,11 +1,4 @@
-"""The firmware's control tick: the scene's own effects with gains, wall and figures as inputs, in single precision.
-
-A scene reads its gains from a table that is part of the expression; a device receives table and wall by message. So the
-tick is cut at the table: `estimate` gives the frequency of the look-up, `couple` takes the gains, and `guard` acts on
-the force. The contact law is an input of `couple`; for each law there is a specialised program, which runs on a
-processor. What depends on the figures alone is computed by the host, in double
-precision, and sent: the numbers of a configuration.
-"""
+"""The firmware's control tick: the scene's effects, cut where a device looks its gains up, in single precision."""
 
 from __future__ import annotations
 
