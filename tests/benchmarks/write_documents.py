@@ -131,9 +131,9 @@ def key_tables() -> str:
             continue
         model = inner[0]
         said = (model.__doc__ or "").partition("\n")[0].rstrip(".")
-        left = rows(model, place=(f"### [{name}]", ""))
-        head = f"### [{name}]\n\n{said.replace('|', chr(92) + '|')}."
-        parts.append(f"{head}\n\n{table(_HEAD, left)}")
+        inherited = getattr(model.__bases__[0], "model_fields", {})  # stand in the table of that
+        left = [row for row in rows(model, place=(f"### [{name}]", "")) if row[0][1:-1].split(".")[0] not in inherited]
+        parts.append(f"### [{name}]\n\n{said.replace('|', chr(92) + '|')}.\n\n{table(_HEAD, left)}")
         if name == "device":
             parts[-1] += "\n\nA table `resonance` is all three keys or none; `range` says how well each value is known."
         if name == "scene":
