@@ -152,6 +152,16 @@ def test_a_csv_of_any_text_is_read_or_refused(tmp_path_factory, text):
     assert (np.diff(found.frequency_hz) > 0).all()
 
 
+@pytest.mark.parametrize("row", ["2,1,1", "1,1,1", "3,-1,1", "3,1,-1", "500,1,1"])
+def test_a_row_that_is_none_is_refused(row, tmp_path):
+    """Frequencies rise and stay below 1/(2 T), gains are not negative."""
+    path = tmp_path / "gains.csv"
+    path.write_text(f"{HEADER}2,1,1\n499.99,1,1\n")
+    assert len(read_coupling(path, "soft").schedule.frequency_hz) == 2
+    path.write_text(f"{HEADER}2,1,1\n{row}\n")
+    refused(read_coupling, path, "soft")
+
+
 # A file that is written is there whole or as it was before, whatever ends the process.
 
 # A full disk would cut off what Python caches of a module too.

@@ -133,3 +133,9 @@ def test_a_runtime_made_in_python_is_refused_with_all_its_faults(value):
         Runtime(state_feedback={"state": [["x"]], "dead_zone_m": value})
     wrong = {f"state_feedback.{key}" for key in ("state[0][0]", "dead_zone_m", "feedback")}
     assert wrong <= {fault.key for fault in inner.value.faults}
+
+
+@pytest.mark.parametrize("constant", [True, False])
+def test_constant_gains_need_nothing_that_follows_a_frequency(constant):
+    kinds = {effect.kind for effect in Runtime(guard="energy-tank").effects(constant=constant)}
+    assert kinds == {"guard"} | (set() if constant else {"estimator", "adaptation"})
