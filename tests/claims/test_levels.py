@@ -12,8 +12,12 @@ from schedule_problems import changed, figure5
 from avc_casadi import load_problem, parse_problem
 from avc_casadi.claims.certify import certify
 from avc_casadi.claims.hands import scope_slack
+from avc_casadi.claims.llewellyn import llewellyn_margin
+from avc_casadi.claims.worst_frequency import worst_margin
 from avc_casadi.design.methods import solve
-from avc_casadi.loops.wall import frozen_parts, linear_stability
+from avc_casadi.design.static import static_coupling
+from avc_casadi.loops.wall import SampledLoop, frozen_parts, linear_stability
+from avc_casadi.model.corners import least_damped
 from avc_casadi.model.gains import Status
 from avc_casadi.model.hands import hand_corners, hand_set
 from avc_casadi.paper.equations import loop_at
@@ -299,3 +303,19 @@ def test_closed_form_injects_what_the_range_lacks():
 def test_the_damping_of_the_hand_counts_where_it_is_credited():
     problem = ranged(schedule={"hand_damping_ns_per_m": 1.0})
     assert -1.0 - 1e-9 <= least_real_part(problem, solve(problem, "schedule"), 0.8) < -0.5
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("coupling", [{}, DAMPED], ids=["series", "damped"])
+def test_constant_gains_are_safe_with_every_device_of_the_range(coupling):
+    problem, known = ranged(coupling=coupling), figure5(points=20, coupling=coupling)
+    loop = SampledLoop.of(least_damped(problem))
+    for condition, margin in (("llewellyn", llewellyn_margin), ("all", worst_margin)):
+        values = []
+        for case in (problem, known):
+            found = static_coupling(case, condition)
+            gains = found.damping_ns_per_m, found.stiffness_n_per_m, found.contact_damping_ns_per_m
+            judged = margin(loop, *gains)
+            values.append(judged[0][0] if condition == "llewellyn" else judged.margin_ns_per_m[0])
+        assert values[0] >= -1e-12
+        assert values[1] < -0.1

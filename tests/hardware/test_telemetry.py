@@ -8,14 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 from faulty_link import FaultyLink, LinkFault
-from hardware_bench import host_core, push, require, with_gains
+from hardware_bench import host_core, push, with_gains
 from host_device import HostCore, HostLink
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from avc_casadi import InputError, load_problem
 from avc_casadi.identification.read import read_columns
-from avc_hardware import Connection, DeviceStatus, EmulatedBoard, TelemetryLog, TelemetrySample, monitor
+from avc_hardware import Connection, DeviceStatus, TelemetryLog, TelemetrySample, monitor
 from avc_hardware.link import messages as m
 from avc_hardware.link.faults import Refusal
 from avc_hardware.link.frames import Frame
@@ -71,22 +71,6 @@ def test_a_lost_message_is_seen_by_its_ticks(faults: list[LinkFault]) -> None:
     for before, after in itertools.pairwise(samples):
         assert after.ticks - before.ticks == 4 * (1 + after.lost)
     assert sum(1 + sample.lost for sample in samples[1:]) >= 125
-
-
-@pytest.mark.slow
-def test_a_line_that_is_too_slow_drops_records_and_still_answers() -> None:
-    require("unicorn")
-    board = EmulatedBoard()
-    samples = list(monitor(board, rate_hz=1000, seconds=0.5))
-    lost = sum(sample.lost for sample in samples)
-    assert 100 < len(samples) < 150
-    assert samples[-1].ticks - samples[0].ticks == len(samples) - 1 + lost
-    connection = Connection(board)
-    connection.run(connection.session.ask(Kind.SUBSCRIBE, m.words(1, 2000), m.Acknowledged))
-    for _ in range(20):
-        before = board.now_s()
-        connection.run(connection.session.ask(Kind.STATUS, b"", DeviceStatus))
-        assert board.now_s() - before < 0.1
 
 
 def test_a_subscription_that_nobody_renews_ends() -> None:

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-import scipy.io
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -51,14 +50,6 @@ def test_numbers_of_columns_and_units_by_option(tmp_path):
     np.savetxt(path, np.column_stack([FORCE, TIME * 1e3, POSITION * 1e3]))
     layout = Layout({"time": 2, "position": 3, "force": 1}, {"time": "ms", "position": "mm", "force": "N"})
     same(read_logs([path], layout)[0])
-
-
-def test_npz_and_mat(tmp_path):
-    arrays = {"time_s": TIME, "position_mm": 1e3 * POSITION, "force_n": FORCE}
-    np.savez(tmp_path / "a.npz", **arrays)
-    scipy.io.savemat(tmp_path / "a.mat", arrays)
-    same(read_logs([tmp_path / "a.npz"])[0])
-    same(read_logs([tmp_path / "a.mat"])[0])
 
 
 def test_every_fault_of_a_file_with_its_line(tmp_path):

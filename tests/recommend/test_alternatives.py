@@ -3,7 +3,6 @@ device."""
 
 import functools
 
-import numpy as np
 import pytest
 
 import avc_casadi as avc
@@ -64,13 +63,6 @@ def test_no_plain_pair_is_deployable_as_safe_and_stiffer(stiffness, device):
                         pytest.fail(f"{other} is safer than {best.coupling}")
                     if safety(tried) == safety(best.trial) < 2 and tried.quiet.all():
                         assert tried.stiffness <= 1.1 * best.trial.stiffness, (other, best.coupling)
-
-
-@pytest.mark.slow
-def test_a_stiffer_wall_is_never_felt_softer():
-    felt = [found(stiffness).trial.stiffness for stiffness in (1e3, 2e4, 1e5)]
-    assert np.all(np.diff(felt) > -0.02 * np.array(felt[:-1]))
-    assert felt[0] == pytest.approx(1e3, rel=0.02)
 
 
 @pytest.mark.slow

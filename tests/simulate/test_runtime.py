@@ -110,27 +110,10 @@ def test_a_guard_reckons_with_all_that_the_springs_hold(adaptive):
 T, MASS, STEP_M = 1e-3, 0.2, 2e-5
 
 
-def moved(force, load):
-    """Positions of a free mass under held forces (against +x) and a constant load, exact."""
-    acceleration = (load - force) / MASS
-    velocity = np.concatenate([[0.0], np.cumsum(acceleration * T)])
-    return np.concatenate([[0.0], np.cumsum(velocity[:-1] * T + 0.5 * acceleration * T**2)])[: len(force)]
-
-
 @pytest.fixture
 def asked():
     time = np.arange(3000) * T
     return 1.0 + 0.2 * np.sin(2 * np.pi * 7 * time) + 0.1 * np.sign(np.sin(2 * np.pi * 3 * time))
-
-
-@pytest.mark.parametrize("ahead", [1, 2, 5])
-def test_forces_under_way_act_in_the_order_in_which_they_were_asked_for(ahead):
-    """Without steps and without a load the model is the mass itself: the prediction is exact, whatever was asked."""
-    asked = np.random.default_rng(2).normal(0, 1.0, 400)
-    position = moved(np.concatenate([np.zeros(ahead), asked[:-ahead]]), 0.0)
-    step = observer_step(T, ObserverSettings(0.0, MASS, ahead))
-    found = run_step(step, np.array([position, np.concatenate([[0.0], asked[:-1]])]))["position_m"]
-    np.testing.assert_allclose(found[:-ahead], position[ahead:], rtol=0, atol=1e-12)
 
 
 @pytest.mark.parametrize("ahead", [0.25, 0.5, 1.75, 2.5])
