@@ -119,27 +119,11 @@ class UnsupportedError(AvcError, NotImplementedError):
 
 
 class MissingExtraError(AvcError, ImportError):
-    """An optional dependency is not installed; says the command that installs it.
-
-    Example:
-        >>> try:
-        ...     raise avc.MissingExtraError("numbers of 50 digits need mpmath: pip install mpmath")
-        ... except avc.AvcError as error:
-        ...     print(error)
-        numbers of 50 digits need mpmath: pip install mpmath
-    """
+    """An optional dependency is not installed; says the command that installs it."""
 
 
 class LinkError(AvcError, OSError):
-    """The device link failed: no answer, refused, unplugged (command line: exit code 1).
-
-    Example:
-        >>> try:
-        ...     raise avc.LinkError("no answer")
-        ... except avc.AvcError as error:
-        ...     print(error)
-        no answer
-    """
+    """The device link failed: no answer, refused, unplugged (command line: exit code 1)."""
 
 
 class PortError(LinkError):

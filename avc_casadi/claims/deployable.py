@@ -1,10 +1,8 @@
-"""Deployable: whether a coupling may be deployed on a device, and which claim fails otherwise.
+"""Deployable: whether a coupling may be deployed on a device, and which claim fails otherwise; one definition.
 
-One definition, for every verb: linearly stable with every hand of [hands] and with the device released, over all of
-[device.range] (corners, then a search for the worst point inside), on the loop of the device as declared: its sample
-time and delay, amplifier and resonance; at the table's rows and between them. A nonlinear observer between encoder
-steps is excluded. State feedback is included, with any sector gain of its dead zone. The disk margin of the nominal
-device, with every corner hand and released, is 0.15 or what [robustness] asks for.
+Linearly stable with every hand of [hands] and released, over all of [device.range], on the loop of the device as
+declared, at the table's rows and between them; with state feedback for any sector gain of its dead zone, without a
+nonlinear observer. The disk margin of the nominal device is 0.15 or what [robustness] asks for.
 """
 
 from __future__ import annotations

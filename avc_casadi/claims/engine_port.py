@@ -1,18 +1,13 @@
 r"""The port between a physics engine and a coupling, once a step: its passivity, and so stability with passive engines.
 
-Every T_s = N T the engine gives the tool a velocity v and the position x(n) = x(n-1) + T_s v(n), and the coupling
-answers with the force F on the tool. Coupling, device and hand behind the port are one map from v to -F at T_s:
+Every T_s = N T the engine gives the tool a velocity v and x(n) = x(n-1) + T_s v(n); the map from v to the force is
 
     G(z) = z^-a K X + z^-c B - [K B] C (z I - A_N)^-1 B_N z^-q [X 1]',    X = T_s z/(z - 1)
 
-A_N, B_N are N samples of the device on the coupling with the tool's state held, C reads its newest measured position
-and velocity, q is the age in steps of the tool's state at the device, a and c those of its force on the tool. Of a held
-force F_e, L being the loop from it back to itself,
-
-    G(z) = z^-a K X + z^-c B + L/(1 - L) z^-e (K X + B).
-
-With G positive real the loop with any passive engine is stable; such an engine solves v(n) together with F(n) (Brown
-and Colgate 1997). An explicit mass is not passive: T_s/(m (z - 1)) has the real part -T_s/(2 m).
+A_N, B_N are N samples of the device with the tool's state held, C reads its newest position and velocity, q is the age
+in steps of the tool's state at the device, a and c those of its force on the tool. Of a held force F_e, L being the
+loop from it back to itself, G(z) = z^-a K X + z^-c B + L/(1 - L) z^-e (K X + B). With G positive real the loop with any
+passive engine is stable (Brown and Colgate 1997); an explicit mass is not passive.
 """
 
 from __future__ import annotations

@@ -6,19 +6,15 @@ The hand moves at all frequencies omega_n = omega + n omega_s at once, which the
     Y = 1/(Z_1 + Z_r)         motor admittance, the handle held (0 where the encoder sits at the handle, or rigid)
     R = b_d |tau|^2 + c_r |1 - tau|^2     real part of the impedance of the device alone
     A, e                      amplifier, exp(-j omega_n delay)
-    kappa_n = (sin(omega T/2)/(omega_n T/2))^2     hold and sampler; their sum over n is 1
+    kappa_n = (sin(omega T/2)/(omega_n T/2))^2     hold and sampler
     W = (Z_eavc + b_p)/z      the rendering
 
-the impedance at the port is a diagonal matrix over n and one of rank 1. The Hermitian part of such a matrix is not
-negative, by the two eigenvalues that may be, if and only if
+the impedance at the port is a diagonal matrix over n and one of rank 1, passive if and only if |1 + W X| >= |W| U,
 
-    |1 + W X| >= |W| U,    X = sum kappa A e (Y + tau t/(2R)),
-                           U^2 = sum kappa |A|^2 |tau|^2/(2R) sum kappa |t|^2/(2R),
+    X = sum kappa A e (Y + tau t/(2R)),    U^2 = sum kappa |A|^2 |tau|^2/(2R) sum kappa |t|^2/(2R),
 
-t being tau, or 1 for an encoder at the handle. That is passivity of the sampled system at all these frequencies
-together, and so stability with any passive hand, given that it is stable with one. For a rigid device with an ideal
-amplifier and d samples of delay X = z^-d/(2 b_d), U = 1/(2 b_d), and the condition is that of Colgate and Schenkel
-(1997): b_d + Re(z^-d W) >= 0.
+t being tau, or 1 for an encoder at the handle: stability with any passive hand, given that it is stable with one. Of a
+rigid device with an ideal amplifier that is the condition of Colgate and Schenkel (1997): b_d + Re(z^-d W) >= 0.
 """
 
 from __future__ import annotations

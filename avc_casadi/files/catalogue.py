@@ -9,10 +9,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from avc_casadi._errors import InputError
-from avc_casadi._resources import problems_folder
 from avc_casadi.model.table import shown
 
 DEVICES = "devices/"
+_PACKAGE = Path(__file__).resolve().parents[1]
 
 
 @dataclass(frozen=True)
@@ -29,6 +29,14 @@ def require_source(source: object, what: str) -> None:
     """Refuse what is neither a text nor a path."""
     if not isinstance(source, str | Path):
         raise InputError.of(f"is {shown(source)}; allowed: {what}", key="source")
+
+
+def problems_folder() -> Path:
+    """Return the folder of the catalogue: in a wheel, a checkout or an editable install."""
+    for folder in (_PACKAGE / "_problems", _PACKAGE.parent / "problems"):
+        if (folder / "figure5.toml").is_file():
+            return folder
+    raise FileNotFoundError(f"the problem catalogue is missing beside {_PACKAGE}; reinstall avc-casadi")
 
 
 def catalogue_names() -> dict[str, Path]:

@@ -11,15 +11,13 @@ import difflib
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from scipy.optimize import minimize
 
 from avc_casadi._errors import InputError, MissingExtraError, UnsupportedError
-
-if TYPE_CHECKING:
-    from avc_casadi._util.arrays import FloatArray
+from avc_casadi._util.arrays import FloatArray
 
 MARGIN = 0.01
 """Share by which the range is wider than what was found."""

@@ -9,24 +9,20 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from avc_casadi._errors import Fault, InputError
-from avc_casadi._util.units import units_for
+from avc_casadi._util.units import MotionKind, Units, units_for
 from avc_casadi.files.catalogue import device_names
-from avc_casadi.files.device_file import load_device
+from avc_casadi.files.device_file import DeviceFile, load_device
+from avc_casadi.files.model_file import TipMass
 from avc_casadi.files.new_options import DAMPING, DELAY, HANDS, HOLDS, MASS, OPTIONS, OWN_RANGES, RADIUS, RATE, Option
 from avc_casadi.files.plausibility import plausibility
 from avc_casadi.files.problem_file import parse_problem
 from avc_casadi.files.toml import toml_value
 from avc_casadi.model.hands import FINGERTIP
+from avc_casadi.model.problem import Problem
 from avc_casadi.model.quantity import read_quantity, unit_of_key
-
-if TYPE_CHECKING:
-    from avc_casadi._util.units import MotionKind, Units
-    from avc_casadi.files.device_file import DeviceFile
-    from avc_casadi.files.model_file import TipMass
-    from avc_casadi.model.problem import Problem
 
 
 @dataclass(frozen=True)

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from avc_casadi._errors import Fault
 from avc_casadi.model.device import CURRENT_LOOP_DAMPING_RATIO
+from avc_casadi.model.problem import Problem
 from avc_casadi.model.quantity import plain, power_at_handle
 from avc_casadi.model.table import shown
-
-if TYPE_CHECKING:
-    from avc_casadi.model.problem import Problem
 
 # Usual values of desktop devices, their walls and hands; 0 is "absent" and never in doubt. For a rotary device they
 # apply at its handle.

@@ -1,11 +1,8 @@
 """Gain, phase and delay margins of the loop in contact, broken at the actuator.
 
-The loop gain L(z) = -C(z) P(z) leads from the actuator's force round to the commanded force: P from that force to the
-measured position, with delay, amplifier, structure and hand; C from there to the commanded force, with coupling, wall,
-and an observer with state feedback. The loop closes where 1 + L = 0 (Nyquist; Franklin, Powell and Workman, Digital
-Control of Dynamic Systems, 1998, section 7.5). The disk margin bounds both at once: 2/max |(1 - L)/(1 + L)| over
-frequency; alpha leaves a gain of (2 + alpha)/(2 - alpha) or a phase of 2 atan(alpha/2) (Seiler, Packard and Gahinet, An
-introduction to disk margins, IEEE Control Systems Magazine 40(5), 2020).
+L(z) = -C(z) P(z): P from the actuator's force to the measured position, C from there to the commanded force; 1 + L = 0
+closes it (Franklin, Powell and Workman 1998, 7.5). The disk margin alpha = 2/max |(1 - L)/(1 + L)| leaves a gain of
+(2 + alpha)/(2 - alpha) or a phase of 2 atan(alpha/2) (Seiler, Packard and Gahinet, Control Systems 40(5), 2020).
 """
 
 from __future__ import annotations

@@ -4,12 +4,10 @@ On z = exp(j theta) the characteristic equation of the sampled loop is linear in
 
     K + B q(z) = L(z),   q = (1 - 1/z)(1 + a1 + a2)/(T (1 + a1/z + a2/z^2)),   L = 1/G,
 
-G from the commanded force to the sampled position, with hold, delay, amplifier, resonance and hand, a1 and a2 those of
-a linear estimator of the velocity (`model.runtime`). Real and imaginary part give one wall (B, K) for each 0 < theta <
-pi; theta = pi gives a line, theta = 0 one at K = -k_h. Where Im(L - B q) rises through 0 (where B(theta) rises through
-the B of a wall, if Im q > 0), a pair of poles leaves the unit circle as K grows; where it falls, a pair comes back. So
-the stable K of each B follow from all crossings, sorted, and the number of poles outside at K = 0, which is counted in
-the same way along B from the device alone.
+G from the commanded force to the sampled position, a1 and a2 of an estimator of the velocity (`model.runtime`). Real
+and imaginary part give one wall (B, K) for each 0 < theta < pi, theta = pi a line, theta = 0 one at K = -k_h. Where
+Im(L - B q) rises through 0 a pair of poles leaves the unit circle as K grows, where it falls one comes back: the stable
+K of each B follow from all crossings, sorted, and the number of poles outside at K = 0, counted the same way along B.
 """
 
 from __future__ import annotations

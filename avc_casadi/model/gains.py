@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,11 +15,9 @@ from numpy.typing import ArrayLike, NDArray
 from avc_casadi._errors import InputError
 from avc_casadi._util.arrays import BoolArray, ComplexArray, Float32Array, FloatArray, IndexArray
 from avc_casadi._util.printed import Columns, Tabular, short
-
-if TYPE_CHECKING:
-    from avc_casadi.model.device import Device
-    from avc_casadi.model.problem import Problem, Structure
-    from avc_casadi.model.runtime import StateFeedback
+from avc_casadi.model.device import Device
+from avc_casadi.model.problem import Problem, Structure
+from avc_casadi.model.runtime import StateFeedback
 
 
 class Status(StrEnum):

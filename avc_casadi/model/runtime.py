@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -20,10 +20,7 @@ from avc_casadi.model.effects import (
     GuardEffect,
     ObserverEffect,
 )
-
-if TYPE_CHECKING:
-    from avc_casadi.model.problem import Problem
-
+from avc_casadi.model.problem import Problem
 
 Poles = tuple[float, float]
 """(a1, a2) of the low pass (1 + a1 + a2)/(1 + a1/z + a2/z^2) behind the backward difference."""

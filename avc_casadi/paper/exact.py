@@ -1,10 +1,8 @@
 """The global optimum of (11)-(12) per frequency, from the geometry of circle arcs.
 
-|Z_h_avc| has no extremum but 0 inside the image of the gain box, so that an optimum lies at a corner, on an edge (an
-arc: where |Z| or Re Z has a given value, or |Z| is stationary), at the goal itself, where |Z| = |Z_h_ds| meets
-Re Z = margin, or at Z = margin. With contact damping the image is swept along H; its boundary adds segments from
-the corners and from the points of an arc where Im Z_eavc is stationary. All candidates are evaluated, only strictly
-feasible ones are compared, and ties are broken lexicographically.
+|Z_h_avc| has no extremum but 0 inside the image of the gain box: an optimum lies at a corner, on an edge (an arc), at
+the goal, where |Z| = |Z_h_ds| meets Re Z = margin, or at Z = margin; contact damping sweeps the image along H, which
+adds segments. All candidates are evaluated, only strictly feasible ones are compared, ties broken lexicographically.
 """
 
 from __future__ import annotations

@@ -141,11 +141,11 @@ def paper_sections(
 ) -> list[Section]:
     """Return the paper's question: closed form, CasADi and the exact optimum, and what the comparison is made of."""
     text = "Which gains keep each frequency passive and feel real? They are for comparison, not for a hand."
-    errors = printed_errors([vars(one) for one in PAPER_ERRORS])
+    errors = printed_errors(list(PAPER_ERRORS))
     return [
         Section("The paper's question", question, list(drawn.values()), text),
         Section("Comparison of the methods", comparison(data, problem).rows, folded=True),
-        Section("What is assumed", [row(one.what, str(one.assumed)) for one in ASSUMPTIONS], folded=True),
+        Section("What is assumed", [row(what, assumed) for what, assumed in ASSUMPTIONS], folded=True),
         Section("Errors of the printed paper", errors, folded=True),
     ]
 

@@ -1,10 +1,7 @@
 """From one sample to the next: the device and the hand move while the force is held.
 
-Without dry friction the plant is linear, and a step is its matrix exponential. With it the plant is linear while it
-slides one way or sticks: each stretch is the power series of exp(A t), truncated below rounding; its end, where the
-velocity reaches 0 or the load exceeds the friction, is a root of a polynomial. Time is counted in samples, so that all
-coefficients are of the size of the state. Quicker, in substeps, is friction by projection: the constant force that
-stops the device, or the largest available.
+Without dry friction a step is the matrix exponential. With it each stretch of sliding or sticking is a power series,
+its end a root of a polynomial, time counted in samples; quicker is friction by projection, in substeps.
 """
 
 from __future__ import annotations

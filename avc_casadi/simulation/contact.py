@@ -1,16 +1,11 @@
 """Coupling and environment in series at one sample, solved in closed form, and the contact law of a one-sided wall.
 
 The coupling (k, b) joins the device at x to a massless tool at p, which meets the environment (k_e, b_e). Every rate is
-gain * value - offset (a backward difference, filtered or not), so that with e = x - p and kappa = k + b gain
+gain * value - offset, so that f = kappa e - b offset_c = kappa_e p - b_e offset_e with e = x - p, kappa = k + b gain is
+solved for f and p without iteration. The contact damper adds its own rate of x: y = f + b_p dx/dt. Two laws:
 
-    f = kappa e - b offset_c    at the coupling,      f = kappa_e p - b_e offset_e    at the environment,
-
-which is solved for f and p without iteration. The contact damper b_p adds its own rate of x: y = f + b_p dx/dt.
-
-Two laws make a one-sided wall of it:
-
-- clip-last: f and p are those of the environment on both sides, always, and the force is F = max(0, y). The loop is
-  linear but for this one nonlinearity, whose slope lies in [0, 1]; its linear part is `stability.joint_rendering`;
+- clip-last: f and p are those of the environment on both sides, always, and F = max(0, y): one nonlinearity of a slope
+  within [0, 1], around a linear loop;
 - gated: the tool's penetration is max(p, 0), the coupling never pulls, and F = max(0, y) where x > 0, otherwise 0.
 """
 

@@ -10,7 +10,6 @@ ROOT = Path(__file__).parents[2]
 # the paper's equations, files, claims, simulation, and what stands on all of them.
 ROOMS = (
     "_errors",
-    "_resources",
     "_util",
     "model",
     "paper",

@@ -1,12 +1,10 @@
 """The sampled plant of device and hand over a whole box of hands: sampled position over held force.
 
-The held force has a periodic spectrum, and the sampler folds the response of the device: with w_n = omega + 2 pi n,
+With w_n = omega + 2 pi n, angles per sample and impedances times T^2, all as declared,
 
     P(omega) = sum over n of (1 - exp(-j omega))/(j w_n) exp(-j w_n delay) A(j w_n/T) Y(j w_n/T),
 
-A of the amplifier and Y the position of the device over a force on its motor. In this form hand, delay (whole or not),
-amplifier and resonance stay as declared, and the numbers of a hand enter directly. The omitted terms are bounded
-(`tail`). Angles are per sample, impedances times T^2.
+A of the amplifier and Y the position of the device over a force on its motor. The omitted terms are bounded (`tail`).
 """
 
 from __future__ import annotations

@@ -1,12 +1,7 @@
 """The law of a coupling before it is clipped, as exact transfer functions: linear, on both sides of the wall.
 
-The measured position x and the previously commanded force F give the force before clipping,
-
-    y = C1(z) x + C2(z) F,      F = min(max(0, y), largest force),
-
-where C2 exists only behind an observer that takes the force as input. Every number of the law is a binary fraction, so
-that the coefficients are exact, by rational arithmetic; they are polynomials in z - 1, in which low frequencies keep
-their digits.
+y = C1(z) x + C2(z) F of position and previous force, F = min(max(0, y), largest force), C2 behind an observer alone; in
+rational arithmetic, as every number is a binary fraction, and in powers of z - 1, which keeps low frequencies.
 
     coupling and wall in series:   S (1 - d w)(1 - a w)/(1 + q w) + b_p (1 - w)/T,   w = 1/z,
     kappa = k + b/T,  kappa_e = k_e + b_e/T,  S = kappa kappa_e/(kappa + kappa_e),

@@ -1,16 +1,9 @@
 """Verification of a multiplier for every angle and every hand of a box: enclosures, branch and bound.
 
-With P = N/D + R, the middle term of the folded spectrum and the rest of it, the real part to be positive is multiplied
-by |D|^2: Re{M C1 N D*} + Re{M (1 + R C1 - C2)} |D|^2. This avoids a division by D, which nearly vanishes with a light
-and loose hand.
-
-The omitted terms of P take at most e |D|^2, with e the largest value of |M C1| times their bound over the angles of a
-cell. Less this, the real part is a function with known rates.
-
-On a cell of (omega, hand) the value at the middle, less its largest decrease by the rates over the cell, bounds it from
-below (mean-value form), and so does the value over the cell. A number along which it is monotone over an undecided cell
-is fixed at its worse end: most cells lose most of their sides. From then on e is that of the whole cell, which the
-fixed end represents. The rest is bisected across the number with the largest decrease.
+With P = N/D + R, the middle term of the folded spectrum and the rest, the real part is multiplied by |D|^2, which
+nearly vanishes with a light and loose hand: Re{M C1 N D*} + Re{M (1 + R C1 - C2)} |D|^2, less e |D|^2 for the omitted
+terms. On a cell of (omega, hand) the value at the middle less its largest decrease bounds it from below. A number along
+which it is monotone is fixed at its worse end, with e of the whole cell; the rest is bisected across the largest.
 """
 
 from __future__ import annotations

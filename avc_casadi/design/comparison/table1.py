@@ -1,11 +1,8 @@
 """The paper's experiment with simulated hands: Table 1, who rests at each wall and which coupling feels like it.
 
-The one thing that is fitted to the paper is the stiffness of VE4 to VE6, from its column without coupling; every other
-count is predicted. The reference of feel is the same hand with the same intention at the same wall without sampling,
-quantisation or coupling. A person notices a coupling by what differs more in contact, force or position, each as the
-rms of its difference over the rms of the reference; differences up to the Weber fraction pass unnoticed. Of two
-couplings the nearer one is chosen; nobody chooses where neither differs noticeably from the reference, or the two not
-from one another.
+Fitted to the paper is only the stiffness of VE4 to VE6, from its column without coupling. The reference of feel is the
+same hand at the same wall without sampling, quantisation or coupling; a coupling differs by the larger share of rms in
+force or position from contact on, and of two that differ noticeably the nearer one is chosen.
 """
 
 from __future__ import annotations

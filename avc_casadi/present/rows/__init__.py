@@ -64,7 +64,7 @@ def solution_data(
         "deployable": None if coupling is None else deployable(coupling).document(),
     }
     if gains.solver == "as-printed":
-        found["paper_errors"] = [vars(error) for error in PAPER_ERRORS]
+        found["paper_errors"] = list(PAPER_ERRORS)
     return found
 
 
