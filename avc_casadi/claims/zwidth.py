@@ -117,12 +117,8 @@ class ZWidth(Tabular):
         found |= {name: [*map(self.stated.units.key, vars(self)[name])] for name in ("used", "not_used")}
         found["wall_damping_ns_per_m"] = self.damping_ns_per_m
         found["curves"] = {
-            curve.key: {
-                "claim": curve.claim,
-                "delay_samples": curve.delay_samples,
-                "wanted_wall": curve.wanted,
-                "stiffness_n_per_m": curve.stiffness_n_per_m,
-            }
+            curve.key: {name: getattr(curve, name) for name in ("claim", "delay_samples", "stiffness_n_per_m")}
+            | {"wanted_wall": curve.wanted}
             for curve in self.curves
         }
         wanted = {"damping_ns_per_m": self.wanted_damping_ns_per_m, "stiffness_n_per_m": self.wanted_stiffness_n_per_m}

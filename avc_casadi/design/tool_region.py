@@ -44,17 +44,10 @@ class ToolRegion:
         """Return the `zwidth` document: JSON values only."""
         return plain_table(
             {
-                "problem": self.problem,
-                "damping_ns_per_m": self.damping_ns_per_m,
-                "local_damping_ratio": self.local_damping_ratio,
+                **{name: getattr(self, name) for name in ("problem", "damping_ns_per_m", "local_damping_ratio")},
                 "curves": [
-                    {
-                        "step_s": one.step_s,
-                        "rate_hz": 1 / one.step_s,
-                        "declared": one.declared,
-                        "stiffness_n_per_m": one.stiffness_n_per_m,
-                        **_stiffest(one.stiffest),
-                    }
+                    {name: getattr(one, name) for name in ("step_s", "declared", "stiffness_n_per_m")}
+                    | {"rate_hz": 1 / one.step_s, **_stiffest(one.stiffest)}
                     for one in self.curves
                 ],
             }

@@ -126,13 +126,10 @@ class Recommendation(Printed):
         return plain_table(
             {
                 "problem": self.problem.name,
-                "end": self.end,
-                "deployable": self.deployable,
-                "reason": self.reason,
+                **{name: getattr(self, name) for name in ("end", "deployable", "reason", "considered")},
                 "trial": None if self.trial is None else self.trial.document(),
                 "certificate": None if self.coupling is None else dict(self.coupling.certificate or {}),
                 "what_would_help": [vars(one) for one in self.helps],
-                "considered": self.considered,
                 "assumed": list(self.assumed),
                 "not_used": list(self.not_used),
                 **(self._of_wall() if self.pair is None else self._of_pair(self.pair)),
@@ -140,16 +137,14 @@ class Recommendation(Printed):
         )
 
     def _of_wall(self) -> dict[str, Any]:
-        coupling = self.coupling
+        coupling, walls = self.coupling, ("stiffest_wall", "plain_wall", "with_friction")
         return {
             "rest": None if self.rest is None else vars(self.rest),
             "coupling": None if coupling is None else coupling_document(coupling),
             "felt": self.felt(),
             "transient": {} if coupling is None else dict(zip(_SIDES, transients(coupling), strict=True)),
             "margins": self.margins(),
-            "stiffest_wall_n_per_m": self.stiffest_wall_n_per_m,
-            "plain_wall_n_per_m": self.plain_wall_n_per_m,
-            "with_friction_n_per_m": self.with_friction_n_per_m,
+            **{f"{name}_n_per_m": getattr(self, f"{name}_n_per_m") for name in walls},
             "confirmed": None if self.confirmed is None else self.confirmed.counts(),
             "simulated": self._simulated(),
             "off_file": None if self.off_file is None else self.off_file.document(),
