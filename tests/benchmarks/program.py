@@ -243,13 +243,14 @@ def main() -> None:
     parser.add_argument("--hands", type=int, default=100, help="hands of each trial, default 100")
     given = parser.parse_args()
     kept = json.loads(OUT.read_text(encoding="utf-8"))
-    known = {name: one["release"] for name, one in kept["cells"].items() if one.get("release")}
+    first = {"release_0_2_0": kept["about"]["release_0_2_0"]}  # of a run before
+    known = first["release_0_2_0"] | {name: one["release"] for name, one in kept["cells"].items() if one.get("release")}
     cells: dict[str, Any] = {}
     for name in (*NAMED, *(f"device {index}" for index in range(given.count))):
         cells[name] = partial(cell, name, given, known.get(name), None)
     cells |= {f"{name} at 0.15": partial(cell, name, given, None, 0.15) for name in NAMED[1:]}
     cells |= {f"trade-off {name}": partial(traded, _problem(name)) for name in NAMED[:2]}
-    made = about("python tests/benchmarks/program.py --count N --release FOLDER", SEED)
+    made = about("python tests/benchmarks/program.py --count N --release FOLDER", SEED) | first
     if kept["about"] != made:
         OUT.unlink()
     computed(cells, OUT, made, page)
