@@ -219,10 +219,8 @@ def _seconds(cells: dict[str, Any]) -> str:
         values = [one[key] for one in cells.values()]
         rows.append([told, f"{np.median(values):.1f}", f"{max(values):.1f}"])
     load = [one["load"] for one in cells.values()]
-    return (
-        table(("", "median, s", "worst, s"), rows)
-        + f"\n\nThe machine was shared: load {min(load):g} to {max(load):g} on its cores, one process at low priority."
-    )
+    shared = f"The machine was shared: load {min(load):g} to {max(load):g} on its cores, one process at low priority."
+    return f"{table(('', 'median, s', 'worst, s'), rows)}\n\n{shared}"
 
 
 def _standing(found: dict[str, Any], crashed: dict[str, Any]) -> str:
