@@ -118,7 +118,7 @@ def diagnose(
     grid, notes = log_of(columns, flip_force=flip_force)
     declared = _declared(device, hands, grid, columns, handle_radius_m)
     if not declared.known:
-        notes.append("no device is given: a usual one is assumed, within a factor of 3; better: --device")
+        notes.append("no device is given: a usual one is assumed, which may be 50 times off; better: --device")
     limit = declared.device.max_force_n
     if limit is not None and np.mean(np.abs(grid.force_n) > 1.01 * limit) > 1e-3:
         notes.append("the log commands more than max_force_n, which is not used: is the limit, or a unit, another one?")
@@ -247,8 +247,8 @@ def _judged(found: Diagnosis, law: Law, every: Sequence[Fit]) -> Diagnosis:
     answers: list[tuple[Fit, Hypothesis, float, dict[str, float]]] = []
     for fit, weight in zip(fits, (odds / odds.sum()).tolist(), strict=True):
         for one in (fit.best, *fit.draws) if weight > 1e-3 else ():
-            settled = bool(special) and stable(one, plain_law)
-            causes = {special: 1.0} if settled else causes_of(one, plain_law, log, swing, declared)
+            alone = special and stable(one, plain_law)
+            causes = {special: 1.0} if alone else causes_of(one, plain_law, log, swing, declared)
             answers.append((fit, one, weight / (1 + len(fit.draws)), causes))
     total = sum(weight for _, _, weight, _ in answers)
     sums: dict[str, float] = {}
@@ -269,12 +269,15 @@ def _judged(found: Diagnosis, law: Law, every: Sequence[Fit]) -> Diagnosis:
         doubts.append("the force as it acts takes energy from the swing: a hand, the table or a machine drives it")
     tried = (() if not swings or fit.misfit > _MISFIT / 3 or outside else candidates) if doubts else candidates[:1]
     near_by = [each for _, each, weight, _ in answers if weight > 0.01 * total]
-    # The damping of a device is told the worst: a remedy has to do for the declared one too.
-    drag = {key: getattr(declared.device, key) for key in ("mass_kg", "damping_ns_per_m") if declared.known}
-    several = [one, *near_by[:: max(1, len(near_by) // 8)], one.changed(**drag)]
-    if not declared.known:  # its prior is a guess: each structure that explains the log counts
-        several += [each.best for each in every if each.misfit < max(1.0, 1.3 * fit.misfit)]
+    # Damping is told the worst, and a delay not at all by noise: a remedy has to do for the declared ones too.
+    own, late = declared.device, max(one.delay, declared.delays_in(log)[1])
+    meant = one.changed(mass_kg=own.mass_kg, damping_ns_per_m=own.damping_ns_per_m, delay_samples=late)
+    # The prior of an assumed device is a guess: each structure that explains the log counts.
+    others = [meant] if declared.known else [each.best for each in every if each.misfit < max(1.0, 1.3 * fit.misfit)]
+    several = [one, *near_by[:: max(1, len(near_by) // 8)], *others]
     cures = [cure for key in tried for cure in remedies_of(key, several, law, scene, log, declared)]
+    # The delay of an assumed device is no number to change where the answer is in doubt.
+    cures = [cure for cure in cures if declared.known or not doubts or cure.key != "delay_samples"]
     found = replace(found, shares=shares, fit=replace(fit, best=one), remedies=tuple(dict.fromkeys(cures)))
     if not doubts:
         words = f"{CAUSES[first][0]}: {_numbers(first, one, law, found)}"
@@ -301,10 +304,8 @@ def _doubts(first: str, fit: Fit, law: Law, scene: Scene, found: Diagnosis, shar
     meant = declared.delays_in(log)[1]
     if fit.at_end or (first == "delay" and one.delay + law.lag - meant < 2 * fit.delay_error):
         doubts.append("the log does not tell the delay")
-    if first == "encoder":
-        settles = replace(scene, encoder_m=0.0, noise_m=0.0).settles(one, law)
-    else:
-        settles = first in {"stiffness", "damping", "let-go"} or scene.settles(*without(first, one, law, log, declared))
+    exact = replace(scene, encoder_m=0.0, noise_m=0.0) if first == "encoder" else scene
+    settles = first in {"stiffness", "damping", "let-go"} or exact.settles(*without(first, one, law, log, declared))
     return doubts if settles else [*doubts, "simulated without it the loop swings too"]
 
 

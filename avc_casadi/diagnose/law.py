@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, FloatArray, IndexArray
-from avc_casadi.diagnose.oscillation import Log, Oscillation
+from avc_casadi.diagnose.oscillation import Log, Oscillation, even_phase
 from avc_casadi.identification.regression import feedback, regression
 
 # Residual up to which a law explains the force; a more complex law has to leave so much less; an exact one needs no
@@ -242,8 +242,4 @@ def _frame(force: FloatArray, position: FloatArray, use: BoolArray, lag: int, sl
     jumps = np.abs(new - gain * moved) > 1e-3 * float(np.abs(new).max())
     if gain <= 0 or np.mean(~jumps) < 0.45 or np.count_nonzero(jumps) < 12:
         return None
-    for ticks in range(min(100, force.size // 12), 1, -1):
-        phases = np.bincount(rows[jumps] % ticks, minlength=ticks)
-        if phases.max() >= 0.95 * np.count_nonzero(jumps):
-            return ticks, int(np.argmax(phases))
-    return None
+    return even_phase(rows[jumps], min(100, force.size // 12))

@@ -102,11 +102,16 @@ def _held(position: FloatArray, force: FloatArray) -> tuple[int, int]:
     change = np.flatnonzero(new) + 1
     if np.unique(force).size < 4 or (new & moved).sum() < 20 or moved.sum() <= 1.3 * change.size:
         return 1, 0
-    for held in range(max(8, round(float(np.median(np.diff(change))))), 1, -1):
-        phases = np.bincount(change % held, minlength=held)
-        if phases.max() >= 0.95 * change.size:
-            return held, int(np.argmax(phases))
-    return 1, 0
+    return even_phase(change, max(8, round(float(np.median(np.diff(change)))))) or (1, 0)
+
+
+def even_phase(at: IndexArray, most: int) -> tuple[int, int] | None:
+    """Return the ticks from one event to the next, where nearly all have one phase, and the first."""
+    for ticks in range(most, 1, -1):
+        phases = np.bincount(at % ticks, minlength=ticks)
+        if phases.max() >= 0.95 * at.size:
+            return ticks, int(np.argmax(phases))
+    return None
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,7 +146,8 @@ def find_oscillation(log: Log, limit_n: float | None) -> Oscillation:
     for one, hertz in zip(found, _ABOVE_HZ, strict=True):
         if one in going and one.frequency_hz > 2 * hertz and not any(_overtone(one, slow) for slow in going):
             return one
-    if not any(one.kind == "decaying" and one.last > 0.8 * log.position_m.size for one in found):
+    # What decays over few steps may be noise of the position, which shakes the force.
+    if not any(one.kind == "decaying" and one.last > 0.8 * log.position_m.size and one.steps > 14 for one in found):
         found += _of_force(log, found[0], limit_n)
     return max(found, key=lambda one: (one.sustained, one.peak_to_peak_m * np.nan_to_num(one.frequency_hz)))
 
@@ -262,7 +268,7 @@ def _of_force(log: Log, none: Oscillation, limit_n: float | None) -> list[Oscill
     quick = signal.sosfiltfilt(signal.butter(2, 8.0, "highpass", fs=1 / period, output="sos"), force - force.mean())
     ripple = float(np.std(quick))
     turns = _turns(quick, np.full(quick.size, max(1.5 * ripple, 1e-12)))
-    least = max(0.07 * abs(float(force.mean())), 4e-3 * (limit_n or float(np.abs(log.force_n).max())))
+    least = max(0.04 * abs(float(force.mean())), 4e-3 * (limit_n or float(np.abs(log.force_n).max())))
     if ripple < least or turns.size < 16 or force.size - turns[-1] > 4 * float(np.mean(np.diff(turns))):
         return []
     cycles = np.diff(turns[::2])

@@ -302,8 +302,7 @@ def fit_plants(log: Log, swing: Oscillation, declared: Declared, lag: int, seed:
             most = 1.3 * min(left for *_, left in options)
             stopped = [option for option in options if option[-1] < most]
             # Where one further in explains no more the contact is out; with fewer samples a declared device has to do.
-            sure = declared.known or len(stopped) > 1
-            tried += stopped[:1] if sure and stopped[0][-1] < 0.5 * least else []
+            tried += stopped[:1] if (declared.known or stopped[1:]) and stopped[0][-1] < 0.5 * least else []
     if declared.device.resonance is None and min(left for *_, left in tried) > 2 * noise:
         resonant = _structures(declared, period, lag, hertz, resonant=True)
         tried += [_begin(one, windows, noise) for one in resonant]
@@ -345,11 +344,10 @@ def _finish(
     near = 1e-3 * (high - low)
     if one.resonant and ((point > high - near) | (point < low + near))[-3:].any():
         return None
-    odds = _RESONANCE_ODDS * one.resonant + _STOP_ODDS * (one.stops is not None)
     return Fit(
         best=one.answer(point),
         draws=tuple(map(one.answer, drawn)),
-        cost=cost + odds + volume,
+        cost=cost + volume + _RESONANCE_ODDS * one.resonant + _STOP_ODDS * (one.stops is not None),
         misfit=min(_rms(one.residual(point, window)) for window in windows) / noise,
         scatter_m=0.0,
         delay_error=float(np.std(drawn[:, 0])),

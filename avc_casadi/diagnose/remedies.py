@@ -40,7 +40,6 @@ class Scene:
         """Return the scene of a log."""
         inside = slice(swing.first, swing.last)
         force = log.force_n[inside]
-        touching = log.touching[inside]
         edges = law.switch.edges_m if law.switch is not None else (0.0, 0.0)
         centre = -law.offset_n / law.stiffness_n_per_m if law.stiffness_n_per_m > 0 else sum(edges) / 2
         return cls(
@@ -48,7 +47,7 @@ class Scene:
             centre_m=centre,
             rest_m=float(log.position_m[inside].mean()) - centre,
             force_n=float(force.mean()),
-            one_sided=bool(np.mean(force < 0) < 0.01 and (np.mean(~touching) > 0.01 or (force > 0).all())),
+            one_sided=bool(np.mean(force < 0) < 0.01 and (np.mean(log.touching[inside]) < 0.99 or (force > 0).all())),
             encoder_m=log.encoder_m,
             noise_m=math.sqrt(max(scatter_m**2 - log.encoder_m**2 / 12, 0.0)),
             limit_n=declared.device.max_force_n or float(np.abs(log.force_n).max()),
@@ -139,7 +138,7 @@ class Scene:
 
     def settles(self, one: Hypothesis, law: Law) -> bool:
         """Return whether a simulation comes to rest."""
-        return self.left(one, law) < (0.35 if self.swing.steps < _FEW_STEPS else _RESTS)
+        return self.left(one, law) < (0.3 if self.swing.steps < _FEW_STEPS else _RESTS)
 
     def swings(self, one: Hypothesis, law: Law) -> bool:
         """Return whether a simulation goes on about as the log does; growth has no size of its own."""
@@ -198,7 +197,7 @@ def remedies_of(
 ) -> tuple[Remedy, ...]:
     """Return the changes that settle a simulation of the fitted plant, one of each kind, those of the cause first."""
     found: dict[str, Remedy] = {}
-    nonlinear = law.switch is not None or law.frames is not None or scene.swing.steps < _FEW_STEPS
+    nonlinear = law.switch is not None or law.frames is not None
     others = [_changes(cause, one, answers, law, scene, log, declared) for one in answers]
     for same in zip(*others, strict=True):
         remedy, changed, its_law, its_scene = same[0]
@@ -227,7 +226,7 @@ def _changes(
         late, meant = answers[0].delay + law.lag, declared.delays_in(log)[1]
         punctual = replace(law, lag=0)
         for delay in (meant, 0.7 * late, 0.5 * late, 0.3 * late):
-            if delay < 0.9 * late:
+            if delay < min(0.9 * late, late - 0.35):  # further than a log may be off
                 yield Remedy("delay_samples", delay, late, "samples"), one.changed(delay_samples=delay), punctual, scene
     for spring in (False, True) if cause in {"damping", "encoder"} else (True, False):
         positive = (law.stiffness_n_per_m if spring else law.damping_ns_per_m) > 0
