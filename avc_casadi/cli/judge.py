@@ -70,13 +70,14 @@ def run_certify(args: argparse.Namespace, console: Console) -> Answer:
 
 
 def _certify_pair(problem: avc.Problem, gains: ToolGains, file: str, console: Console) -> Answer:
-    from avc_casadi.design.virtual_tool import tool_certificate
+    from avc_casadi.design.virtual_tool import ToolSearch, tool_certificate
     from avc_casadi.present.rows.judge import pair_certificate
     from avc_casadi.recommendation.preconditions import not_used
 
     with console.step("certificate"):
-        found = tool_certificate(problem, gains)
-    passed = {"pass": found["stable"], "sentence": "linearly stable" if found["stable"] else "linearly unstable"}
+        search = ToolSearch(problem)
+        found, why = tool_certificate(problem, gains, search), search.why_not(gains)
+    passed = {"pass": not why, "sentence": why or "linearly stable"}
     data = {"problem": problem.name, "gains": file, **vars(gains), "deployable": passed, **found}
     return pair_certificate(data | {"not_used": list(not_used(problem))}, problem, file)
 

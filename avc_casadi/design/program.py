@@ -1,18 +1,8 @@
 """A coupling by one convex program: the smallest impedance error with a margin for every hand, by cutting planes.
 
-A law is an observer with state feedback, s+ = s + L e, F = K R s+. Its model and feedback are fixed and its gain L is
-free, filters of the innovation among the states. Over the poles of the law without innovation its numerator X and its
-denominator 1 + Y are linear in L, and so is Phi_h = 1 + (Y + P_h X) L, zero at the poles of the loop with hand h:
-P_h leads from force to measured position. With c the last value of Phi_h, each condition is a cone in L:
-
-  disk margin a                 |1 + (Y - P_h X) L| <= (2/a) Re(conj(c)/|c| Phi_h)
-  encoder noise to force        |X L| <= N Re(conj(c)/|c| Phi_h)
-  dead zone, its gain g         1 + g (Phi_h - 1) keeps its winding on a contour inside the unit circle (rate of decay)
-  contact made and broken       Re(M Phi_h/O) > 0: O of the observer alone, M a Zames-Falb multiplier of the clip
-  impedance error, 1 to 30 Hz   |E_n(L)|^2 <= gamma |E_d(L)|^2, the right side by its tangent
-
-and gamma is minimised about the last iterate (Karimi and Kammer, Automatica 2017). Poles that decay too slowly are
-moved by their derivatives. What was found is judged by exact eigenvalues.
+A law is an observer with state feedback, s+ = s + L e, F = K R s+, its gain L free: X over 1 + Y without innovation,
+Phi_h = 1 + (Y + P_h X) L. The conditions, cones in L about the last iterate, stand in this room's page (Karimi and
+Kammer, Automatica 2017). What was found is judged by exact eigenvalues.
 """
 
 from __future__ import annotations

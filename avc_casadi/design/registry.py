@@ -1,8 +1,4 @@
-"""The registry of design methods.
-
-A solver takes the problem (and its options, where it has any) and returns a `GainSchedule`. It is named by module and
-function, so that naming the methods loads neither numpy nor CasADi.
-"""
+"""The registry of design methods."""
 
 from __future__ import annotations
 

@@ -109,13 +109,7 @@ def solve_static_tuned(problem: Problem, *, progress: Progress = SILENT) -> Gain
 
 
 def tuning_problem(problem: Problem, structure: Structure, margin_ns_per_m: float | None = None) -> Problem:
-    """Return the problem of tuned designs: goal without sampling, all training hands with a reserve, the whole band.
-
-    A spring on a sampled position, held for T, has the negative damping k_e T/2. The goal compensates it, so that H
-    Z_ds is b_e + k_e/(j omega) up to the second power of omega T. The contact damper may reach 2 m/T of the device
-    alone, beyond which it is unstable by itself. Constant gains are tried in a press without dry friction and encoder
-    quantisation, against which no damping reserve helps; other motions and the complete device are left to a trial.
-    """
+    """Return the problem of tuned designs: goal without sampling, all training hands with a reserve, the whole band."""
     device, wall = problem.device, problem.environment
     made_up = wall.damping_ns_per_m + wall.stiffness_n_per_m * device.sample_time_s / 2
     goal = Impedance(damping_ns_per_m=made_up, stiffness_n_per_m=wall.stiffness_n_per_m)

@@ -16,6 +16,7 @@ from avc_casadi._util.arrays import FloatArray
 from avc_casadi._util.json_values import plain
 from avc_casadi.claims.engine_port import engine_port
 from avc_casadi.loops.engine import ToolLoops, required_tool
+from avc_casadi.loops.follower import FollowerLoops
 from avc_casadi.loops.system import Loops, WithMargin
 from avc_casadi.model.ends import ToolGains
 from avc_casadi.model.hands import Hand
@@ -66,8 +67,11 @@ class Scale:
 class CouplingSearch:
     """Search for a spring and damper that stabilise all loops."""
 
-    def __init__(self, loops: Loops, scale: Scale, options: ToolSearchOptions = DEFAULT_OPTIONS) -> None:
-        self._judge, self.scale, self.options = loops, scale, options
+    def __init__(
+        self, loops: Loops, scale: Scale, options: ToolSearchOptions = DEFAULT_OPTIONS, least: float = 1.0
+    ) -> None:
+        self.loops, self.scale, self.options, self.least = loops, scale, options, least
+        self.deployable = self._with(least)
 
     @cached_property
     def dampers_ns_per_m(self) -> FloatArray:
@@ -110,7 +114,7 @@ class CouplingSearch:
 
     def stiffest_with_margin(self, limit: ToolGains, gain_margin: float, *, local: bool) -> float:
         """Return the stiffest K that has a gain margin with some B; 0 where none has."""
-        judge, below = WithMargin(self._judge, gain_margin), limit.times(1 / gain_margin)
+        judge, below = self._with(gain_margin), limit.times(1 / gain_margin)
         if below.stiffness_n_per_m > 0 and judge.stable(below) and not judge.refuted(below):
             return below.stiffness_n_per_m
         # A trial begins at a share of it: every other damper suffices.
@@ -124,7 +128,7 @@ class CouplingSearch:
             limits = self._lowered(gains, limits) if limits else self._limits(gains)
             found = self._top(gains, limits)
             softer = (replace(found, stiffness_n_per_m=share * found.stiffness_n_per_m) for share in (0.99, 0.8))
-            if not found.stiffness_n_per_m or not any(self._judge.refuted(one) for one in softer):
+            if not found.stiffness_n_per_m or not any(self.loops.refuted(one) for one in softer):
                 return found
         return gains(0.0, 0.0)
 
@@ -132,7 +136,8 @@ class CouplingSearch:
         """Return roughly the stiffest stable K of each damper."""
         limits: list[float] = []
         for damping in self.dampers_ns_per_m.tolist():
-            limits.append(self._followed(partial(_with, gains, damping), limits[-1] if limits else 0.0))
+            before = limits[-1] if limits else 0.0
+            limits.append(self._followed(partial(_with, gains, damping), before, self.stiffest_n_per_m))
         return limits
 
     def _lowered(self, gains: Callable[[float, float], ToolGains], before: list[float]) -> list[float]:
@@ -141,7 +146,8 @@ class CouplingSearch:
         for place in sorted(range(len(before)), key=lambda at: -before[at]):
             if before[place] <= max(low, _HUMP * top):
                 break
-            limits[place] = self._below(partial(_with, gains, float(self.dampers_ns_per_m[place])), before[place])
+            one = partial(_with, gains, float(self.dampers_ns_per_m[place]))
+            limits[place] = self._followed(one, before[place], before[place])
             top = max(top, limits[place])
         return limits
 
@@ -188,19 +194,16 @@ class CouplingSearch:
         return found
 
     def damped(self, stiffness_n_per_m: float, *, local: bool = False, gain_margin: float = 1.0) -> list[ToolGains]:
-        """Return K with dampers to try: that of best damping ratio, lighter ones of half of it or less, the heaviest.
-
-        Of dampers nearly as good as the best that of the largest gain margin is taken. A light one transmits less of
-        the encoder's steps. Where no damper of the coupling affects the least damped oscillation, as in a contact that
-        rings by itself, all are equally good: there the heaviest damps the other modes.
-        """
-        stable = [one for one in self._tried(stiffness_n_per_m, local=local) if self._judge.stable(one)]
+        """Return K with dampers to try: that of best damping ratio, lighter ones of half of it, the heaviest."""
+        # A light one transmits less of the encoder's steps. In a contact that rings by itself all are equally good:
+        # there the heaviest damps the other modes.
+        stable = list(filter(self.deployable.stable, self._tried(stiffness_n_per_m, local=local)))
         if not stable:
             return []
-        safe = list(filter(WithMargin(self._judge, gain_margin).stable, stable))
+        safe = list(filter(self._with(gain_margin).stable, stable))
         if not safe:
             return [max(stable, key=self.gain_margin)]
-        ratios = [self._judge.slowest(one).damping_ratio for one in safe]
+        ratios = [self.loops.slowest(one).damping_ratio for one in safe]
         good, half, quarter = (
             [one for one, ratio in zip(safe, ratios, strict=True) if ratio >= 0.9 * part * max(ratios)]
             for part in (1.0, 0.5, 0.25)
@@ -210,16 +213,19 @@ class CouplingSearch:
         return list(dict.fromkeys((best, *lighter, heaviest)))
 
     def holds(self, stiffness_n_per_m: float, *, local: bool = False) -> bool:
-        """Return whether some damper makes every loop stable with this K."""
+        """Return whether some damper makes every loop stable with this K, and gives it its least margins."""
         tried = self._tried(stiffness_n_per_m, local=local)
         middle = len(tried) / 2
         order = sorted(range(len(tried)), key=lambda place: abs(place - middle))
-        return any(self._judge.stable(tried[place]) and not self._judge.refuted(tried[place]) for place in order)
+        return any(self.deployable.stable(tried[at]) and not self.deployable.refuted(tried[at]) for at in order)
 
     def refuted(self, gains: ToolGains, gain_margin: float) -> bool:
         """Return whether a search of the ranges refutes gains with their margin; without it where they have none."""
-        judge = WithMargin(self._judge, gain_margin)
-        return (judge if judge.stable(gains) else self._judge).refuted(gains)
+        judge = self._with(gain_margin)
+        return (judge if judge.stable(gains) else self.deployable).refuted(gains)
+
+    def _with(self, gain_margin: float) -> WithMargin:
+        return WithMargin(self.loops, max(gain_margin, self.least), self.least)
 
     def _tried(self, stiffness_n_per_m: float, *, local: bool) -> list[ToolGains]:
         """Return the couplings of one stiffness to try."""
@@ -230,26 +236,37 @@ class CouplingSearch:
             for damping in ([0.0] if local else []) + self.dampers_ns_per_m.tolist()
         ]
 
-    def gain_margin(self, gains: ToolGains) -> float:
-        """Return the common gain margin of K and B with all known loops, 0 where they are unstable."""
-        if not self._judge.stable(gains):
+    def gain_margin(self, gains: ToolGains, motor: int | None = None) -> float:
+        """Return the gain margin of K and B, or of one motor alone, with all known loops; 0 where they are unstable."""
+        if not self.loops.stable(gains):
             return 0.0
         fine = 1 + self.options.precision
-        return edge(lambda factor: self._judge.stable(gains.times(factor)), 1.0, WIDEST_MARGIN, fine)
+        return edge(lambda factor: self.loops.stable(gains.times(factor, motor)), 1.0, WIDEST_MARGIN, fine)
 
-    def gain_margin_over_ranges(self, gains: ToolGains) -> float:
-        """Return the common gain margin of K and B once no search of the ranges refutes it."""
-        found = self.gain_margin(gains)
-        while found and self._judge.refuted(gains.times(found / (1 + self.options.precision))):
-            found = self.gain_margin(gains)
+    def gain_margin_over_ranges(self, gains: ToolGains, motor: int | None = None) -> float:
+        """Return the gain margin of K and B, or of one motor alone, once no search of the ranges refutes it."""
+        found = self.gain_margin(gains, motor)
+        while found and self.loops.refuted(gains.times(found / (1 + self.options.precision), motor)):
+            found = self.gain_margin(gains, motor)
         return found
+
+    def margins(self, gains: ToolGains) -> dict[str, Any]:
+        """Return the gain margins of K and B at both ends, and of the device's motor alone and the follower's."""
+        each = [self.gain_margin_over_ranges(gains, motor) for motor in range(self.loops.motors)]
+        return {"gain_margin": self.gain_margin_over_ranges(gains), "motor_margins": each}
+
+    def why_not(self, gains: ToolGains) -> str:
+        """Return why gains should not run on a device; empty where they may."""
+        thin = f"linearly stable with a gain margin below {self.least:g}, of K and B or of one motor alone"
+        claims: dict[str, Loops] = {"linearly unstable": self.loops, thin: self.deployable}
+        return next((why for why, one in claims.items() if not one.stable(gains) or one.refuted(gains)), "")
 
     def local_dampers_ns_per_m(self, gains: ToolGains) -> tuple[float, float]:
         """Return the range of the damper in the device's local loop with which K and B stay stable."""
         top, here = float(self.dampers_ns_per_m[-1]), gains.local_damping_ns_per_m
 
         def stable(damping: float) -> bool:
-            return self._judge.stable(replace(gains, local_damping_ns_per_m=damping))
+            return self.loops.stable(replace(gains, local_damping_ns_per_m=damping))
 
         start = here if here > 0 else float(self.dampers_ns_per_m[0])
         if not stable(start):
@@ -261,33 +278,24 @@ class CouplingSearch:
         return least, most
 
     def _edge(self, gains: Callable[[float], ToolGains], low: float, high: float, precision: float = 1.05) -> float:
-        return edge(lambda k: self._judge.stable(gains(k)), low, high, precision)
+        return edge(lambda k: self.loops.stable(gains(k)), low, high, precision)
 
-    def _followed(self, gains: Callable[[float], ToolGains], before_n_per_m: float) -> float:
+    def _followed(self, gains: Callable[[float], ToolGains], before_n_per_m: float, most_n_per_m: float) -> float:
         """Return roughly the largest K up to which softer ones are stable, from the limit with the damper before."""
         low = self._softest_n_per_m
-        if not self._judge.stable(gains(low)):
+        if not self.loops.stable(gains(low)):
             return 0.0
         for high in (share * before_n_per_m for share in (1 / 64, 1 / 16, 1 / 4, 1.0)):
             if high > low:
-                if not self._judge.stable(gains(high)):
+                if not self.loops.stable(gains(high)):
                     return self._edge(gains, low, high)
                 low = high
-        return self._edge(gains, low, self.stiffest_n_per_m)
-
-    def _below(self, gains: Callable[[float], ToolGains], most_n_per_m: float) -> float:
-        """Return roughly the largest K up to a limit up to which softer ones are stable."""
-        low = self._softest_n_per_m
-        if self._judge.stable(gains(most_n_per_m)):
-            return most_n_per_m
-        if not self._judge.stable(gains(low)):
-            return 0.0
         return self._edge(gains, low, most_n_per_m)
 
     def _limit(self, gains: Callable[[float], ToolGains], near: float, precision: float) -> float:
         """Return the largest stable K near an initial guess, 0 where there is none."""
         low = near
-        while not self._judge.stable(gains(low)):
+        while not self.loops.stable(gains(low)):
             low /= 2**0.5
             if low < self._softest_n_per_m:
                 return 0.0
@@ -298,10 +306,10 @@ class CouplingSearch:
         """Return the gains at a limit, or below a gap in which a softer coupling is unstable with the same dampers."""
         count = math.ceil(math.log(50) / math.log(1.25))
         softer = (limit * np.geomspace(0.02, 1.0, count + 1)).tolist()
-        if not self._judge.stable(gains(softer[0])):
+        if not self.loops.stable(gains(softer[0])):
             return gains(0.0)
         for before, after in itertools.pairwise(softer):
-            if not self._judge.stable(gains(after)):
+            if not self.loops.stable(gains(after)):
                 return gains(self._edge(gains, before, after, 1 + self.options.precision))
         return gains(limit)
 
@@ -309,11 +317,15 @@ class CouplingSearch:
 class ToolSearch(CouplingSearch):
     """Search for couplings of one problem with [simulation]."""
 
+    loops: ToolLoops
+
     def __init__(
         self, problem: Problem, options: ToolSearchOptions = DEFAULT_OPTIONS, beside: Sequence[Hand] = ()
     ) -> None:
         self.loops = ToolLoops(problem, beside)
-        super().__init__(self.loops, Scale.of(problem, max(self.loops.tool.step_s)), options)
+        super().__init__(
+            self.loops, Scale.of(problem, max(self.loops.tool.step_s)), options, problem.robustness.gain_margin
+        )
 
     @cached_property
     def limit(self) -> tuple[ToolGains, bool]:
@@ -323,6 +335,19 @@ class ToolSearch(CouplingSearch):
         if not local and tool.stiffness_n_per_m is not None and tool.stiffness_n_per_m > stiffest.stiffness_n_per_m:
             return self.stiffest_beside_local_damper(), True
         return stiffest, local
+
+
+class FollowerSearch(CouplingSearch):
+    """Search for couplings of one problem with [follower]."""
+
+    loops: FollowerLoops
+
+    def __init__(self, problem: Problem) -> None:
+        self.loops = FollowerLoops(problem)
+        slow_s = max(sum(one) for one in self.loops.follower.delays_s)
+        # Long delays make large matrices, so fewer dampers are tried.
+        few = ToolSearchOptions(dampers=13, local_ratios=(0.2, 0.5, 1.0), precision=0.01)
+        super().__init__(self.loops, Scale.of(problem, slow_s), few, problem.robustness.gain_margin)
 
 
 def _dampers(gains: ToolGains) -> float:
@@ -359,7 +384,7 @@ def tool_certificate(problem: Problem, gains: ToolGains, search: ToolSearch | No
             "spectral_radius": radius,
             "worst": asdict(case),
             "loops": len(search.loops),
-            "gain_margin": search.gain_margin_over_ranges(gains),
+            **search.margins(gains),
             "least_damped": asdict(search.loops.slowest(gains)) if stable else None,
             "claim": (
                 "linear stability of the lifted loop: hands of [hands] and the device released, devices, tools and "

@@ -1,8 +1,4 @@
-"""Device and virtual tool of a physics engine: the loop over whole steps of the engine, with hands, tools and clocks.
-
-Between two steps of the engine the device takes some samples; each is one linear map of the state, a step of the engine
-is another.
-"""
+"""Device and virtual tool of a physics engine: the loop over whole steps, with hands, tools and clocks."""
 
 from __future__ import annotations
 
@@ -163,7 +159,7 @@ class Engine:
         """Return the maps of one sample of the device."""
         loop = self.loop
         seen = np.stack([self.body.measured @ loop["plant"], loop["seen"][0]])
-        return loop.event(plant=self.body.moved(loop["plant"], self.force(gains)), seen=seen)
+        return loop.event(plant=self.body.moved(loop["plant"], gains.motors[0] * self.force(gains)), seen=seen)
 
     def step(self, gains: ToolGains, *, late: bool) -> Map:
         """Return the maps of one step of the engine, shape (tools, ..., size, size)."""

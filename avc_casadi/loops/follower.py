@@ -1,8 +1,4 @@
-"""Two devices coupled over a link with delay: the loop of a teleoperator, with hands, environments and both clocks.
-
-Each device is exact from one of its samples to the next. At a sample it sends its position, reads the newest one
-that has arrived, and holds a force.
-"""
+"""Two devices coupled over a link with delay: the loop of a teleoperator, with hands, environments and both clocks."""
 
 from __future__ import annotations
 
@@ -167,7 +163,8 @@ class Link:
             back = -loop["forces"][leads] if self._force_is_sent else k * (x - far_y) + b * (v - far_w)
             pulls = [back, k * (y - far_x) + b * (w - far_v)]
             forces = [pull + gains.local_damping_ns_per_m * own for pull, own in zip(pulls, (v, w), strict=True)]
-            new = {f"body{side}": bodies[side].moved(loop[f"body{side}"], forces[side]) for side in sides}
+            given = {f"body{side}": gains.motors[side] * forces[side] for side in sides}
+            new = {f"body{side}": bodies[side].moved(loop[f"body{side}"], given[f"body{side}"]) for side in sides}
             if 1 in sides:
                 new["body1"] = new["body1"] * (1 - self.touch.fixed)[..., None, None]
                 if self._force_is_sent:
@@ -211,7 +208,7 @@ class FollowerLoops(System):
             for contact in _contact_ranges_n_per_m(follower)
             for hand in hand_boxes(problem)
         ]
-        super().__init__(known, boxes)
+        super().__init__(known, boxes, motors=2)
 
     def __len__(self) -> int:
         at_corners = self.corners * len(self.environments_n_per_m) * len(self.hands)

@@ -1,8 +1,4 @@
-"""A sampled loop as one linear state with named blocks: events map it, their product over a period decides.
-
-A periodic loop (an engine that steps every few samples, two devices with their own clocks) has no transfer function at
-T; the map over one whole period, its monodromy matrix, has the spectral radius that decides on stability.
-"""
+"""A sampled loop as one linear state with named blocks: events map it, their product over a period decides."""
 
 from __future__ import annotations
 

@@ -281,8 +281,8 @@ class Mode:
 class System:
     """Loops, of one or several patterns, that a coupling must stabilise: corners of all ranges and points inside."""
 
-    def __init__(self, patterns: Sequence[Pattern], regions: Sequence[Region]) -> None:
-        self.patterns, self.corners, self._regions = list(patterns), len(patterns), regions
+    def __init__(self, patterns: Sequence[Pattern], regions: Sequence[Region], motors: int = 1) -> None:
+        self.patterns, self.corners, self._regions, self.motors = list(patterns), len(patterns), regions, motors
         self._few: dict[int, list[int]] = {}
         # Consecutive calls have the same gains: first for some loops, then for all.
         self._last: dict[int, tuple[ToolGains, FloatArray]] = {}
@@ -378,19 +378,29 @@ class System:
 
 @dataclass(frozen=True)
 class WithMargin:
-    """All loops, with K and B as they are and up to a gain margin times as large."""
+    """All loops, with K and B up to a gain margin times as large, and what each motor gives up to a margin's least."""
 
     loops: System | WithMargin
     gain_margin: float
+    motor_margin: float
+
+    @property
+    def motors(self) -> int:
+        """Number of motors."""
+        return self.loops.motors
+
+    def _off(self, gains: ToolGains) -> list[ToolGains]:
+        """Return the gains at the margins."""
+        return [gains.times(self.gain_margin), *(gains.times(self.motor_margin, one) for one in range(self.motors))]
 
     def stable(self, gains: ToolGains) -> bool:
         """Return whether every loop is stable with the gains, and with larger ones."""
-        factors = {self.gain_margin, 1.0, math.sqrt(self.gain_margin)}
-        return all(self.loops.stable(gains.times(factor)) for factor in sorted(factors, reverse=True))
+        between = gains.times(math.sqrt(self.gain_margin))
+        return all(map(self.loops.stable, [*self._off(gains), between, gains]))
 
     def refuted(self, gains: ToolGains) -> bool:
         """Return whether a search of the ranges finds an unstable loop, with the margin or without."""
-        return any(self.loops.refuted(gains.times(factor)) for factor in (self.gain_margin, 1.0))
+        return any(map(self.loops.refuted, [*self._off(gains), gains]))
 
     def slowest(self, gains: ToolGains) -> Mode:
         """Return the least damped oscillation of all loops."""

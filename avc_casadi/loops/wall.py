@@ -1,8 +1,6 @@
 """The loop of a wall in the device's own loop, with each hand: frozen gains, and an observer with state feedback.
 
-Quantiser and dead zone of an observer together are a gain between 0 and 1 on the innovation. The loop is analysed with
-that sector gain constant: damping for every gain is necessary, not sufficient, for a loop without limit cycles between
-two encoder steps.
+Quantiser and dead zone are a constant sector gain from 0 to 1 on the innovation, necessary against limit cycles alone.
 """
 
 from __future__ import annotations

@@ -6,14 +6,14 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import product
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from avc_casadi._util.arrays import FloatArray
-from avc_casadi.model.device import Device
+from avc_casadi.model.device import Device, DeviceRange
 from avc_casadi.model.effects import Effect, JitterEffect
-from avc_casadi.model.quantity import LEAST_DELAY_SAMPLES, DiskMargin, Force, MassShare, Share
+from avc_casadi.model.quantity import LEAST_DELAY_SAMPLES, DiskMargin, Force, GainMargin, MassShare, Share
 from avc_casadi.model.table import Table
 
 if TYPE_CHECKING:
@@ -64,13 +64,12 @@ def device_ranges(device: Device, keys: Collection[str] | None = None) -> dict[s
 
 def device_with(device: Device, values: Mapping[str, float]) -> Device:
     """Return a device without ranges, with other values of some keys; a delay that none may have is 0."""
-    changed = device.model_dump(exclude={"range"})
-    for key, value in values.items():
-        table, _, inner = key.rpartition(".")
-        (changed[table] if table else changed)[inner] = value
-    if changed["delay_samples"] < LEAST_DELAY_SAMPLES:
+    changed: dict[str, Any] = {"range": DeviceRange(), **{key: values[key] for key in values if "." not in key}}
+    if inner := {key.removeprefix("resonance."): values[key] for key in values if "." in key}:
+        changed["resonance"] = device.resonance and device.resonance.model_copy(update=inner)
+    if changed.get("delay_samples", device.delay_samples) < LEAST_DELAY_SAMPLES:
         changed["delay_samples"] = 0
-    return Device.model_validate(changed)
+    return device.model_copy(update=changed)
 
 
 def devices_with(device: Device, values: Mapping[str, FloatArray]) -> list[Device]:
@@ -121,6 +120,7 @@ class Robustness(Table):
     mass_share: MassShare | None = None
     dropped_share: Share | None = None
     disk_margin: DiskMargin | None = None
+    gain_margin: GainMargin = 1.22
     ripple_n: Force | None = None
 
 

@@ -1,8 +1,4 @@
-"""Keys of effects that the model or several rooms use; each belongs to an effect of `EFFECTS`.
-
-A new effect has its keys in its own file. A value that is None is taken from the device, the environment or the hands
-when the scene is built.
-"""
+"""Keys of effects of `EFFECTS` that several rooms use; None is taken from device, environment or hands."""
 
 from typing import Any, Literal
 

@@ -114,17 +114,24 @@ class ToolGains:
     damping_ns_per_m: float
     local_damping_ns_per_m: float = 0.0
 
-    def times(self, factor: float) -> ToolGains:
-        """Return K and B multiplied by a factor, as by an error of the force constant."""
-        return replace(
-            self,
-            stiffness_n_per_m=factor * self.stiffness_n_per_m,
-            damping_ns_per_m=factor * self.damping_ns_per_m,
-        )
+    # Forces of the device's motor and of a follower's, over those that are asked of them.
+    motors = (1.0, 1.0)
+
+    def times(self, factor: float, motor: int | None = None) -> ToolGains:
+        """Return K and B at both ends multiplied by a factor, or what one motor alone makes of them."""
+        k, b, local = vars(self).values()
+        if motor is None:
+            return ToolGains(factor * k, factor * b, local)
+        return _OnMotors(k, b, local, (1.0, factor) if motor else (factor, 1.0))
 
     def at_scale(self, factor: float) -> ToolGains:
         """Return K, B and the local damper multiplied by a factor, in the remote end's units."""
         return replace(self.times(factor), local_damping_ns_per_m=factor * self.local_damping_ns_per_m)
+
+
+@dataclass(frozen=True)
+class _OnMotors(ToolGains):
+    motors: tuple[float, float] = (1.0, 1.0)
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,4 @@
-"""The problem: device, environment, realistic bounds, admissible gains and the claim to be met.
-
-Frozen pydantic models of plain numbers; a key's name carries its SI unit. ``problems/`` holds examples.
-"""
+"""The problem: device, environment, realistic bounds, admissible gains and the claim to be met."""
 
 import itertools
 from collections.abc import Iterator, Mapping

@@ -1,7 +1,6 @@
 """Physical quantities of a problem file: allowed values, as printed to the user, and values typed with a unit.
 
-Every quantity has a stated range, so that a wrong unit is refused and no equation overflows. Zero is
-special: 0 means "absent", and a subnormal number means a mistake.
+Each has a range: a wrong unit is refused, no equation overflows. 0 means "absent", a subnormal number is a mistake.
 """
 
 import itertools
@@ -296,6 +295,7 @@ LoopDampingRatio = Annotated[float, BeforeValidator(Quantity("", 0.05, 10, zero=
 MassRatio = Annotated[float, BeforeValidator(Quantity("", 1e-6, 1e3, zero=False))]
 MassShare = Annotated[float, BeforeValidator(Quantity("", 1e-6, 0.999999, zero=False))]
 DiskMargin = Annotated[float, BeforeValidator(Quantity("", 0.01, 1, zero=False))]
+GainMargin = Annotated[float, BeforeValidator(Quantity("", 1, 4, zero=False))]
 _Samples = BeforeValidator(Quantity("samples", LEAST_DELAY_SAMPLES, 1000))
 DelaySamples = Annotated[int | float, _Samples, AfterValidator(_whole)]
 Substeps = Annotated[int, BeforeValidator(Whole(1, 1000))]

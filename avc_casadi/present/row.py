@@ -165,8 +165,7 @@ def doubted(doubt: object) -> Mark:
 class Answer:
     """What a command has found: the same rows on terminal, report, page and notebook, and JSON values.
 
-    ``commands`` are to be typed next; a whole answer is printed at any length; with a complaint the answer is no and
-    the exit code 1; ``code`` is that of an answer that is no by its rows alone.
+    ``commands`` are to be typed next; with a complaint the answer is no; ``code`` is of one that is no by its rows.
     """
 
     kind: str

@@ -139,7 +139,7 @@ def rebound(coupling: Coupling) -> dict[str, float]:
     }
 
 
-def _strikes(setup: Setup, speed_m_per_s: float, strikes: int = 8, steps: int = 200) -> FloatArray:
+def _strikes(setup: Setup, speed_m_per_s: float, strikes: int = 32, steps: int = 200) -> FloatArray:
     """Return the rebound of each strike, the wall's face anywhere between two encoder steps, shape (strikes,)."""
     device = setup.problem.device
     friction_n = device.coulomb_friction_n if setup.rough else 0.0
@@ -251,7 +251,7 @@ class Felt:
 
     frequency_hz: float
     mass_kg: float | None  # in free motion, Im(Z)/omega; None where nothing moves
-    drag_ns_per_m: float | None  # in free motion, Re(Z)
+    drag_ns_per_m: float  # in free motion, Re(Z); where nothing moves, without the coupling
     free_error: float | None  # from device and tool as one body, over its |Z|
     stiffness_n_per_m: float  # against a rigid object, |F/x|
     contact_error: float  # from the device on a spring K, over its |Z|
@@ -314,7 +314,8 @@ def rendered_pair(
         contact, wanted = alone + rigid * hold, alone + gains.stiffness_n_per_m / s
         stiffness, error = float(abs((contact - alone) * s)), float(abs(contact - wanted) / abs(wanted))
         if not moves:
-            return Felt(frequency_hz, None, None, None, stiffness, error)
+            drag = device.damping_ns_per_m + gains.local_damping_ns_per_m
+            return Felt(frequency_hz, None, drag, None, stiffness, error)
         far_kg, far_ns_per_m = _far(problem)
         moved, body = alone + free * hold, alone + far_kg * s + far_ns_per_m
         free_error = float(abs(moved - body) / abs(body))

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi._util.text import quantity
 from avc_casadi.claims.llewellyn import Teleoperator, damping_needed_ns_per_m, passivity_margin
 from avc_casadi.coupling import Coupling
-from avc_casadi.design.virtual_tool import CouplingSearch, Scale, ToolSearch, ToolSearchOptions, tool_certificate
+from avc_casadi.design.virtual_tool import CouplingSearch, FollowerSearch, ToolSearch, tool_certificate
 from avc_casadi.loops.engine import ToolLoops, required_tool
-from avc_casadi.loops.follower import FollowerLoops, required_follower
+from avc_casadi.loops.follower import required_follower
 from avc_casadi.model.device import Device
 from avc_casadi.model.ends import ToolGains, VirtualTool
 from avc_casadi.model.hands import Hand
@@ -65,9 +65,8 @@ def recommend_tool(
     if not why and gains is None:
         why = _why_no_tool(problem, limit, trial)
     coupling, deployable = None, gains is not None
-    margin = mode = None
+    certificate: dict[str, Any] = {}
     if gains is not None and trial is not None:
-        margin, mode = search.gain_margin_over_ranges(gains), search.loops.slowest(gains)
         certificate = tool_certificate(problem, gains, search)
         coupling = Coupling.between(problem, gains, certificate, trial.document(), versions or {})
     # What is only linearly stable is no help where hands refute it.
@@ -76,7 +75,7 @@ def recommend_tool(
         problem=problem,
         coupling=coupling,
         deployable=deployable,
-        reason=why or _tool_reason(tool, margin or 0.0, stiffer),
+        reason=why or _tool_reason(tool, certificate.get("gain_margin", 0.0), stiffer),
         trial=trial if deployable else None,
         helps=what_would_help_tool(problem, search, local=local),
         assumed=(*assumed(problem), *_assumed_of_tool(tool)),
@@ -85,8 +84,9 @@ def recommend_tool(
             stiffest=stiffest,
             worst=search.loops.radius(stiffest.times(1.02) if limit else search.softest)[1],
             loops=len(search.loops),
-            gain_margin=margin,
-            mode=mode,
+            gain_margin=certificate.get("gain_margin"),
+            motor_margins=certificate.get("motor_margins", ()),
+            mode=None if gains is None else search.loops.slowest(gains),
             felt=() if gains is None else rendered_pair(problem, gains),
             set_by=_unsettled(*stiffer) if gains is not None and stiffer is not None else "",
             mismatch_stable=None if gains is None else stable_on_other_devices(problem, gains),
@@ -110,11 +110,8 @@ def recommend_bilateral(
     progress: Progress = SILENT,
 ) -> Recommendation:
     """Return the spring and dampers between a leader and its follower."""
-    follower, loops = required_follower(problem), FollowerLoops(problem)
-    slow_s = max(sum(one) for one in follower.delays_s)
-    # Long delays make large matrices, so fewer dampers are tried.
-    few = ToolSearchOptions(dampers=13, local_ratios=(0.2, 0.5, 1.0), precision=0.01)
-    search = CouplingSearch(loops, Scale.of(problem, slow_s), few)
+    search = FollowerSearch(problem)
+    follower, loops = search.loops.follower, search.loops
     wanted, stiffest = follower.stiffness_n_per_m, search.stiffest()
     first = _first(search, stiffest, local=False)
     local = wanted is not None and wanted > first
@@ -130,10 +127,10 @@ def recommend_bilateral(
         tried = _stiffest_settled(problem, search, people, trial_of, start, count, softer, progress, local=local)
     gains, trial, _ = tried
     margin, needed = _passivity(problem, gains or stiffest)
-    gain_margin = None if gains is None else search.gain_margin_over_ranges(gains)
+    margins = {} if gains is None else search.margins(gains)
     coupling = None
     if gains is not None and trial is not None:
-        certificate = {"loops": len(loops), "gain_margin": gain_margin, "passivity_margin_ns_per_m": margin}
+        certificate = {"loops": len(loops), **margins, "passivity_margin_ns_per_m": margin}
         coupling = Coupling.between(problem, gains, certificate, trial.document(), versions or {})
     return Recommendation(
         problem=problem,
@@ -147,7 +144,7 @@ def recommend_bilateral(
             stiffest=stiffest,
             worst=loops.radius(stiffest.times(1.05) if stiffest.stiffness_n_per_m else search.softest)[1],
             loops=len(loops),
-            gain_margin=gain_margin,
+            **margins,
             mode=None if gains is None else loops.slowest(gains),
             felt=() if gains is None else rendered_pair(problem, gains),
             passivity_margin_ns_per_m=margin,
@@ -157,9 +154,9 @@ def recommend_bilateral(
 
 
 def _first(search: CouplingSearch, stiffest: ToolGains, *, local: bool) -> float:
-    """Return the initial stiffness where none is wanted: nine tenths of the stiffest with the margin."""
-    safe = search.stiffest_with_margin(stiffest, GAIN_MARGIN, local=local)
-    return 0.9 * (safe or stiffest.stiffness_n_per_m / GAIN_MARGIN)
+    """Return the initial stiffness where none is wanted: nine tenths of the stiffest that has the gain margin."""
+    each = (search.stiffest_with_margin(stiffest, margin, local=local) for margin in (GAIN_MARGIN, search.least))
+    return 0.9 * (next(filter(None, each), 0.0) or stiffest.stiffness_n_per_m / GAIN_MARGIN)
 
 
 class _Tried(NamedTuple):
@@ -246,20 +243,18 @@ def _why_not_wanted(wanted_n_per_m: float, limit_n_per_m: float) -> str:
         return f"{asked} is wanted, which couples nothing: leave stiffness_n_per_m out for the stiffest"
     if wanted_n_per_m > limit_n_per_m:
         return f"{asked} is wanted, and the stiffest coupling that is stable is {most}"
-    return f"{asked} is wanted, and no damper makes that stable, though a stiffer coupling, {most}, is stable"
+    return f"{asked} is wanted, and no damper gives that its gain margins, though a stiffer coupling, {most}, is stable"
 
 
 def _why_no_tool(problem: Problem, limit: float, trial: Trial | None) -> str:
     wanted = required_tool(problem).stiffness_n_per_m
     if trial is None:
-        return "no damper keeps every loop stable" if wanted is None else _why_not_wanted(wanted, limit)
+        return "no damper keeps the gain margins" if wanted is None else _why_not_wanted(wanted, limit)
     name, fewest = min(trial.by_motion.items(), key=lambda one: int(one[1].sum()))
     found = f"of {trial.hands} simulated hands {int(trial.stable.sum())} settle with the last coupling that was tried"
     if fewest.all():
         return f"{found}, {int(trial.beside['with_dropped_steps'].sum())} where the engine misses steps"
-    coarse = "; the encoder is too coarse for the damper that this engine needs: a finer one, a faster engine"
-    why = coarse if problem.device.encoder_resolution_m > 0 and name == "touch" else ""
-    return f"{found}; hardest for them: {name}, {int(fewest.sum())} settle{why}"
+    return f"{found}; hardest for them: {name}, {int(fewest.sum())} settle"
 
 
 def _tool_reason(tool: VirtualTool, margin: float, stiffer: tuple[float, Trial] | None) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from typing import Any, Literal
@@ -43,6 +43,7 @@ class Pair:
     worst: ToolCase | BilateralCase  # of the largest spectral radius at that limit
     loops: int
     gain_margin: float | None = None  # common, of K and B; None without a coupling
+    motor_margins: Sequence[float] = ()  # of the device's motor alone, and of the follower's
     mode: Mode | None = None  # the least damped oscillation of all loops
     felt: tuple[Felt, ...] = ()  # at the handle
     set_by: str = ""  # which hands do not settle with the next stiffer K that was tried

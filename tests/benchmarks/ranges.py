@@ -1,6 +1,6 @@
 """Do the searches of ranges find the worst point? Walls, engines, followers drawn at random against a dense search.
 
-OPENBLAS_NUM_THREADS=1 python tests/benchmarks/ranges.py 120 --write
+OPENBLAS_NUM_THREADS=1 python tests/benchmarks/ranges.py 500 --write
 
 The loops are of tests/oracle/loops_by_expm.py; of the package only its limits and radii are used. A row is refuted
 where a point grows faster than was told at a share of the limit, by 1e-6 a ms, or is unstable at 0.99 of the limit.
@@ -173,8 +173,8 @@ def row(number: int) -> dict[str, Any]:
 
 def main() -> None:
     """Compute the rows that the file does not hold yet."""
-    arguments = script_arguments(__doc__, people=120, results=OUT)
-    stated = about("OPENBLAS_NUM_THREADS=1 python tests/benchmarks/ranges.py 120 --write", SEED)
+    arguments = script_arguments(__doc__, people=500, results=OUT)
+    stated = about("OPENBLAS_NUM_THREADS=1 python tests/benchmarks/ranges.py 500 --write", SEED)
     rows = kept_rows(OUT, stated)
     for number in range(len(rows), arguments.people):
         rows.append(row(number))

@@ -38,7 +38,7 @@ def test_certificate_tells_stability_and_passivity_apart(tmp_path, capsys):
     changed = tmp_path / "implicit.toml"
     text = avc.catalogue_path("tool/mujoco-500hz").read_text()
     text = text.replace('"semi-implicit"', '"implicit"').replace('"on-time"', '"ahead"')
-    changed.write_text(text)
+    changed.write_text(f"{text}\n[robustness]\ngain_margin = 1\n")
     code, found = answer(capsys, "certify", str(changed), str(tmp_path / "c.json"))
     assert code == 0
     assert found["stable"]

@@ -26,7 +26,8 @@ def largest_root(simulator, gains, samples):
     """Return the largest root a step: from device and tool over some samples and those before, the next follow."""
     known = []
     for start, kick in ((0.0, 1e-3), (1e-3, 0.0)):
-        k, b, local = vars(gains).values()
+        k, b, local = [*vars(gains).values()][:3]
+        simulator.motor = gains.motors[0]
         both = np.array(simulator.run(k, b, 30 * samples, local=local, start=start, kick=kick, force=np.inf))
         spans = both.reshape(2, 30, samples).transpose(1, 0, 2).reshape(30, -1)
         known.append(np.stack([spans[:-2], spans[1:-1], spans[2:]]) / np.abs(spans[:-2]).max(axis=1, keepdims=True))
@@ -43,13 +44,12 @@ def largest_root(simulator, gains, samples):
     substeps=st.sampled_from([1, 2, 5]),
     exchange=st.sampled_from(["on-time", "late", "ahead", "held-force"]),
     late=st.integers(0, 2),
-    stiffness=st.floats(50.0, 2e4),
-    damping=st.floats(0.0, 30.0),
-    local=st.sampled_from([0.0, 5.0]),
+    gains=st.builds(ToolGains, st.floats(50.0, 2e4), st.floats(0.0, 30.0), st.sampled_from([0.0, 5.0])),
+    motor=st.sampled_from([1.0, 1.22]),
     hand=st.sampled_from([(0.05, 3.0, 200.0), (0.3, 20.0, 800.0)]),
 )
 def test_spectral_radius_is_the_largest_root_of_a_plain_simulation(
-    mass, ratio, integrator, substeps, exchange, late, stiffness, damping, local, hand
+    mass, ratio, integrator, substeps, exchange, late, gains, motor, hand
 ):
     m, b, k = hand
     hands = f"[hands]\nmass_kg = [{m}, {m}]\ndamping_ns_per_m = [{b}, {b}]\nstiffness_n_per_m = [{k}, {k}]"
@@ -58,7 +58,7 @@ def test_spectral_radius_is_the_largest_root_of_a_plain_simulation(
         f"steps_late = {late}\nsubsteps = {substeps}\ntool_damping_ns_per_m = 0.7\n"
         "contact_stiffness_n_per_m = 900.0\ncontact_damping_ns_per_m = 5.0"
     )
-    gains = ToolGains(stiffness, damping, local)
+    gains = gains.times(motor, 0)
     radius, worst = ToolLoops(problem(text, hands=hands)).radius(gains)
     if not 1.02 < radius < 4:  # a tool that floats has roots of 1, which are none of the loop's
         return
@@ -101,7 +101,7 @@ def test_the_stiffest_coupling_is_the_top_of_the_highest_hump_over_its_dampers(n
 
     def search(top):
         loops = SimpleNamespace(
-            stable=lambda one: one.stiffness_n_per_m <= limit(one.damping_ns_per_m, top), refuted=lambda _: False
+            stable=lambda one: one.stiffness_n_per_m <= limit(one.damping_ns_per_m, top), refuted=lambda _: 0, motors=0
         )
         return CouplingSearch(loops, Scale(0.12, 0.8, 1e-3, 1e-2))
 

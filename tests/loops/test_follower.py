@@ -1,6 +1,8 @@
 """A second device at the other end: the lifted loop, the passivity condition and the recommendation, each twice."""
 
+import itertools
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,6 +12,7 @@ from teleoperator_simulator import run
 
 import avc_casadi as avc
 from avc_casadi.claims.llewellyn import Teleoperator, damping_needed_ns_per_m, passivity_margin
+from avc_casadi.design.virtual_tool import FollowerSearch
 from avc_casadi.loops.follower import FollowerLoops, Link, Touch, link_clocks
 from avc_casadi.loops.loop import Body
 from avc_casadi.model.ends import ToolGains
@@ -31,14 +34,11 @@ def problem(follower, hands=""):
     period=st.sampled_from([1.0, 2.0, 0.5, 1.5]),
     there=st.sampled_from([0.0, 1.0, 3.0, 5.5]),
     back=st.sampled_from([0.0, 2.0, 4.0]),
-    stiffness=st.floats(200.0, 3e4),
-    damping=st.floats(0.0, 40.0),
-    local=st.sampled_from([0.0, 5.0]),
+    gains=st.builds(ToolGains, st.floats(200.0, 3e4), st.floats(0.0, 40.0), st.sampled_from([0.0, 5.0])),
     force=st.sampled_from([None, "commanded", "measured"]),
+    motor=st.sampled_from([None, 0, 1]),
 )
-def test_spectral_radius_is_the_growth_of_a_plain_simulation(
-    mass, period, there, back, stiffness, damping, local, force
-):
+def test_spectral_radius_is_the_growth_of_a_plain_simulation(mass, period, there, back, gains, force, motor):
     architecture = "position-position" if force is None else "position-force"
     spring = 2000.0
     text = (
@@ -48,28 +48,19 @@ def test_spectral_radius_is_the_growth_of_a_plain_simulation(
         "contact_damping_ns_per_m = 4.0"
     )
     hands = "[hands]\nmass_kg = [0.1, 0.1]\ndamping_ns_per_m = [5.0, 5.0]\nstiffness_n_per_m = [400.0, 400.0]"
-    gains = ToolGains(stiffness, damping, local)
+    numbers, gains = tuple(vars(gains).values()), gains.times(1.0 if motor is None else 1.3, motor or 0)
     radius, worst = FollowerLoops(problem(text, hands)).radius(gains)
     if not 1.02 < radius < 2:  # other loops die, or drown in rounding, before their growth can be read
         return
-    seconds = 30 / math.log(radius) * 1e-3
+    seconds = 75 / math.log(radius) * 1e-3
     grown = []
     for contact in (None, (spring, 4.0)):
         for hand in ((0.1, 5.0, 400.0), (0.0, 0.0, 0.0)):
             for phase in np.arange(4) / 4:
-                moved = run(
-                    (0.12, 0.8, 1e-3, 1),
-                    (mass, 1.0, period * 1e-3, 1),
-                    (stiffness, damping, local),
-                    seconds,
-                    there * 1e-3,
-                    back * 1e-3,
-                    hand=hand,
-                    contact=contact,
-                    phase=phase / period if period > 1 else phase,
-                    kick=1e-6,
-                    force=force,
-                )
+                ends = (0.12, 0.8, 1e-3, 1), (mass, 1.0, period * 1e-3, 1), numbers
+                how = {"hand": hand, "contact": contact, "phase": phase / max(period, 1.0), "kick": 1e-6}
+                how |= {"force": force, "motors": gains.motors}
+                moved = run(*ends, seconds, there * 1e-3, back * 1e-3, **how)
                 size = (np.diff(moved, axis=-1) ** 2).sum(axis=0)
                 half, n = len(size) // 2, len(size) // 4
                 ratio = size[half + n : half + 2 * n].sum() / size[half : half + n].sum()
@@ -96,6 +87,28 @@ def test_passivity_without_samples_is_that_of_lee_and_spong():
     stiffness, tau, period = 500.0, 0.04, 1e-6
     pair = Teleoperator(0.0, 0.0, period, tau / 2 / period, tau / 2 / period)
     assert damping_needed_ns_per_m(pair, ToolGains(stiffness, 0.0)) == pytest.approx(stiffness * tau / 2, rel=1e-3)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("motor", [0, 1])
+def test_gain_margin_of_one_motor_is_that_of_a_plain_simulation(motor):
+    follower = (
+        "mass_kg = 0.3\ndamping_ns_per_m = 1.0\ndelay_samples = 1\ndelay_s = 0.005\ncontact_stiffness_n_per_m = 2000.0"
+    )
+    hands = {"mass_kg": (0.1, 0.1), "damping_ns_per_m": (5.0, 5.0), "stiffness_n_per_m": (400.0, 400.0)}
+    search = FollowerSearch(problem(f"{follower}\ncontact_damping_ns_per_m = 4.0").changed(hands=hands))
+    gains = replace(search.stiffest().times(0.8), stiffness_n_per_m=0.6 * search.stiffest().stiffness_n_per_m)
+    margin = search.gain_margin_over_ranges(gains, motor)
+    assert 1.1 < margin < 4
+    growth = {}
+    for share, contact, phase in itertools.product((0.99, 1.01), (None, (2000.0, 4.0)), (0.0, 0.5)):
+        for hand in ((0.1, 5.0, 400.0), (0.0, 0.0, 0.0)):
+            ends = (0.12, 0.8, 1e-3, 1), (0.3, 1.0, 1e-3, 1), tuple(vars(gains).values()), 6.0, 0.005, 0.005
+            motors = gains.times(share * margin, motor).motors
+            moved = run(*ends, hand=hand, contact=contact, phase=phase, kick=1e-6, motors=motors)
+            size = np.abs(np.diff(moved, axis=-1)).max(axis=0)
+            growth.setdefault(share, []).append(size[-500:].max() / size[2000:2500].max())
+    assert max(growth[0.99]) < 1 < max(growth[1.01])
 
 
 def test_passive_teleoperator_is_stable_with_every_hand_and_environment():
@@ -129,21 +142,9 @@ def test_recommended_coupling_settles_in_a_plain_simulation(delay):
     }
     for row in range(len(hands)):
         for name, target in motions.items():
-            moved = run(
-                (0.12, 0.8, 1e-3, 1),
-                (0.3, 1.0, 1e-3, 1),
-                gains,
-                5.0,
-                delay,
-                delay,
-                hand=tuple(hands.values(row).values()),
-                wall=True,
-                target=target,
-                start=target(0.0),
-                jitter=0.1,
-                lost=0.01,
-                seed=row,
-            )
+            how = {"wall": True, "target": target, "start": target(0.0), "jitter": 0.1, "lost": 0.01, "seed": row}
+            how |= {"hand": tuple(hands.values(row).values())}
+            moved = run((0.12, 0.8, 1e-3, 1), (0.3, 1.0, 1e-3, 1), gains, 5.0, delay, delay, **how)
             assert np.abs(np.diff(moved[:, -500:], axis=-1)).max() < 5e-6, (row, name)
 
 

@@ -44,6 +44,7 @@ class EngineSimulator:
         self.step_s, self.integrator, self.exchange = step_s, integrator, exchange
         self.late = steps_late + (exchange == "late")
         self.contact, self.phase, self.substeps = contact, phase, substeps
+        self.motor = 1.0  # its force over what is asked of it
 
     def run(self, stiffness, damping, samples, *, local=0.0, target=None, start=0.0, kick=0.0, force=8.0, drop=None):
         """Return positions of device and tool at each sample, before a step of the engine there.
@@ -81,7 +82,7 @@ class EngineSimulator:
             given = queue[0]
             pull = given if self.exchange == "held-force" else stiffness * (x - given[0]) + damping * (rate - given[1])
             pull = float(np.clip(pull + local * rate, -force, force))
-            held.append(pull)
+            held.append(self.motor * pull)
             now = held.pop(0)
             last, older = x, last
             x, v = self.step @ np.array([x, v, now, aims[k], (aims[k + 1] - aims[k]) / self.T])

@@ -43,6 +43,7 @@ def run(  # noqa: PLR0912 - one loop over events
     limit=math.inf,
     seed=0,
     ends=None,
+    motors=(1.0, 1.0),
 ):
     """Return positions of leader and follower at the leader's samples.
 
@@ -62,6 +63,7 @@ def run(  # noqa: PLR0912 - one loop over events
         limit: largest force of each.
         ends: None, or what takes the place of springs and dampers, a pair: each has sample(position), message(),
             receive(message) and force().
+        motors: force of each over what is asked of it.
     """
     k, b, local = gains
     rng = np.random.default_rng(seed)
@@ -128,7 +130,7 @@ def run(  # noqa: PLR0912 - one loop over events
                     sent = ends[1].message(felt if force == "measured" and contact != "fixed" else None)
                 heapq.heappush(queue, (now + max(back, 1e-7), 0, next(number), "force", 0, sent))
             asked = float(np.clip(pull - local * speed, -limit, limit)) if own is None else own
-            held[side].append(asked)
+            held[side].append(motors[side] * asked)
             body.last = body.x
             aim = [0.0, 0.0]
             if side == 0 and target is not None:

@@ -163,7 +163,7 @@ def test_a_contact_damper_that_pushes_early_is_told(damping, soft):
 
 # How fast a released device leaves the wall is told: as on a device written here, and where it gains in a row.
 
-REBOUND_T, REBOUND_MASS, REBOUND_DAMPING, STEP, REBOUND_WALL = 1e-3, 0.12, 0.4, 2e-5, 1500.0
+REBOUND_T, REBOUND_MASS, REBOUND_DAMPING, STEP, REBOUND_WALL = 1e-3, 0.12, 0.4, 5e-5, 1500.0
 
 
 def rebound_problem(delay, friction):
@@ -204,7 +204,7 @@ def thrown(speed, friction):
     return away.y[0, -1]
 
 
-@pytest.mark.parametrize(("delay", "damper", "friction"), [(0, 0.0, 0.0), (1, 6.0, 0.0)])
+@pytest.mark.parametrize(("delay", "damper", "friction"), [(0, 0.0, 0.0), (1, 4.0, 0.0)])
 def test_the_rebound_is_that_of_a_device_that_is_thrown(delay, damper, friction):
     stated = rebound_problem(delay, friction)
     coupling = Coupling.constant(stated, Gains(0.0, 1e9, damper), "mine")
@@ -214,10 +214,10 @@ def test_the_rebound_is_that_of_a_device_that_is_thrown(delay, damper, friction)
         found = [
             struck(coupling, delay, off, thrown(speed, off), phase)
             for off in {friction, 0.0}
-            for phase in (0.0, 0.25, 0.5, 0.75)
+            for phase in np.arange(12) / 12
         ]
         assert [came for came, _ in found] == pytest.approx([speed] * len(found), rel=0.05)
-        assert share == pytest.approx(max(one for _, one in found), rel=0.05)
+        assert share == pytest.approx(max(one for _, one in found), rel=0.02)
 
 
 # The steps of the encoder as the force of a moving handle has them, against the pulses of a damper written out.

@@ -35,18 +35,11 @@ def test_recommended_coupling_settles_in_a_plain_simulation(mass, ratio, exchang
     for row in range(len(hands)):
         hand = tuple(hands.values(row).values())
         for target in (presses, taps):
-            simulator = EngineSimulator(
-                (0.12, 0.8, 1e-3, 1), hand, (mass, 0.0), step, exchange=exchange, contact="wall"
-            )
-            device, tool = simulator.run(
-                gains.stiffness_n_per_m,
-                gains.damping_ns_per_m,
-                samples,
-                local=gains.local_damping_ns_per_m,
-                target=target,
-                start=-0.01,
-                drop=set(range(0, samples, 100)),
-            )
+            ends = (0.12, 0.8, 1e-3, 1), hand, (mass, 0.0), step
+            simulator = EngineSimulator(*ends, exchange=exchange, contact="wall")
+            k, b, local = vars(gains).values()
+            how = {"target": target, "start": -0.01, "drop": set(range(0, samples, 100))}
+            device, tool = simulator.run(k, b, samples, local=local, **how)
             assert np.abs(np.diff(device[-500:])).max() < 5e-6
             assert np.abs(np.diff(tool[-500:])).max() < 5e-6
 
@@ -59,16 +52,19 @@ def test_wanted_stiffness_is_given_or_what_it_needs():
     assert given.pair.least_tool_mass_kg == pytest.approx(0.03, rel=0.3)
     # Beyond what the coupling alone holds, a damper of the device's own loop is there for it.
     late = 'tool_mass_kg = 0.2\nstep_s = 0.01\nexchange = "late"\nstiffness_n_per_m = '
-    beside = avc.recommend(problem(f"{late}1900.0"), hands=HANDS)
+    beside = avc.recommend(problem(f"{late}1700.0"), hands=HANDS)
     assert beside.deployable
     assert beside.coupling.gains.local_damping_ns_per_m > 1
     assert avc.recommend(problem(f"{late}500.0"), hands=HANDS).coupling.gains.local_damping_ns_per_m == 0
     light = avc.recommend(problem("tool_mass_kg = 0.01\nstep_s = 0.016\nstiffness_n_per_m = 3000.0"), hands=HANDS)
     assert not light.deployable
-    # The prototype's 1 kg at 62 Hz has no damper in the device's loop, which takes two thirds off it.
-    assert least_tool_mass_kg(light.problem, 3000.0, local=False) == pytest.approx(1.0, rel=0.1)
+    # Without a damper in the device's loop no tool has the margins, though 1 kg holds by the prototype.
+    assert least_tool_mass_kg(light.problem, 3000.0, local=False) is None
     assert light.pair.least_tool_mass_kg < 0.5
     assert max(one.stiffest_n_per_m for one in light.helps) > light.pair.stiffest.stiffness_n_per_m
+    soft = "tool_mass_kg = 0.5\nstep_s = 0.01\nstiffness_n_per_m = 50.0"
+    coarse = DEVICE.replace("0.12", "0.1").replace("0.8", "0.2") + "encoder_resolution_m = 3.8e-5\n"
+    assert avc.recommend(problem(soft, coarse), hands=HANDS).deployable
 
 
 @pytest.mark.slow

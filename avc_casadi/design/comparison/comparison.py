@@ -320,12 +320,7 @@ def _demanded(problem: Problem) -> str:
 
 
 def damping_injection(problem: Problem, loop: Loop) -> dict[str, Any]:
-    """Read the closed form as damping injection; arrays of shape (n,), 0 where the desired wall is passive already.
-
-    Z_h = Z_h_ds + delta with delta = max(0, margin - Re Z_h_ds), so that the coupling renders Z_ds + delta/H. In the
-    paper's model without delay 1/H = 1 + s_t T/2: a damper delta and a virtual mass delta T/2. A contact damper alone
-    is b_p = delta/Re H, not a number where Re H <= 0 and none can; it lacks the virtual mass.
-    """
+    """Read the closed form as damping injection; arrays of shape (n,), 0 where the desired wall is passive already."""
     delta = project(problem).injected_damping_ns_per_m
     hold = np.asarray(loop.hold)
     can, needed = hold.real > 0, delta > 0

@@ -1,7 +1,4 @@
-"""Rows and charts of the page: a law of one's own beside the coupling of a method, to a wall, a simulation, a follower.
-
-Charts are JSON values, lines, bands and points; the page draws what it is given.
-"""
+"""Rows and charts of the page: a law of one's own beside the coupling of a method, to any other end."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""Settings of the page as a validated problem: fields from the schema of a problem file, and values typed anew.
-
-The settings are the whole state: they stand in the address of the page and come with every question.
-"""
+"""Settings of the page as a validated problem: fields from the schema of a problem file, and values typed anew."""
 
 from __future__ import annotations
 
@@ -235,11 +232,7 @@ def settings_of(document: Any, form: Form) -> Settings:
 
 
 def problem_of_settings(base: Problem, settings: Settings, form: Form, *, to_save: bool = False) -> Problem:
-    """Return the problem of the settings.
-
-    Bounds of what feels real keep their ratio to the wall. A value typed anew has no range. Frequencies end below
-    Nyquist. Hands and bounds of the gains go with the handle of a device that turns. The scene is a press, tap or hold.
-    """
+    """Return the problem of the settings."""
     tables, values = problem_document(base), dict(settings.values)
     if settings.device is not None:
         tables["device"] = _device_table(base, settings.device)

@@ -182,7 +182,7 @@ def pair_certificate(data: Mapping[str, Any], problem: Problem, shown: str) -> A
     """Return the answer of `certify` of a coupling to a simulation: stability, and passivity apart."""
     rows = [row("Coupling", subject.pair(data)), *stability(data), *passivity(data["passivity"], problem)]
     rows += [*subject.not_used(data["not_used"]), row("Claim", data["claim"], rank=1)]
-    complaint = "" if data["stable"] else f"avc: {shown}: not deployable"
+    complaint = "" if data["deployable"]["pass"] else f"avc: {shown}: not deployable"
     return subject.answer("certify", data, problem, shown, rows, complaint=complaint)
 
 

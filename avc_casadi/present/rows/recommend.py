@@ -8,6 +8,7 @@ from shlex import quote
 from typing import Any
 
 from avc_casadi.design.virtual_tool import WIDEST_MARGIN
+from avc_casadi.model.corners import Robustness
 from avc_casadi.model.problem import Problem
 from avc_casadi.present.row import Answer, Mark, Part, Row, Value, doubted, fill, listed, marked, row, span
 from avc_casadi.present.rows import subject
@@ -295,8 +296,8 @@ def _pair_rows(data: Mapping[str, Any], problem: Problem) -> list[Row]:
         return [none, *([] if refuted else _same_k(found)), *more]
     local = "damper of each loop" if problem.follower is not None else "damper in the device's loop"
     soft = wanted is None and found["gains"]["stiffness_n_per_m"] < problem.hands.stiffness_n_per_m[0]
-    softer = ": softer than the softest hand" if soft else ""
-    rows = [row("Coupling", subject.pair(found["gains"], local), softer, mark=marked(not soft, Mark.CAUTION))]
+    doubt, softer = marked(not soft and not thin(found), Mark.CAUTION), ": softer than the softest hand" * soft
+    rows = [row("Coupling", subject.pair(found["gains"], local), softer, mark=doubt)]
     for where, there in (("in the scene", found["in_scene"]), ("at the follower", found["at_follower"])):
         if there and there != found["gains"]:
             rows.append(row("Scaled", where, subject.pair(there, local)))
@@ -328,24 +329,34 @@ def felt_rows(felt: Mapping[str, Any]) -> list[Row]:
         mass: Part = "a restoring spring" if first["mass_kg"] < 0 else Value(first["mass_kg"], "mass")
         drag = fill(f", drag {{drag_ns_per_m}} at {first['frequency_hz']:g} Hz; impedance error", first)
         errors = listed((Value(one["free_error"], "share"), f"at {one['frequency_hz']:g} Hz") for one in felt["at"])
-        altered = max(one["free_error"] for one in felt["at"]) > 1
-        rows.append(row("Free motion", mass, drag, errors, mark=doubted(altered)))
+        rows.append(
+            row("Free motion", mass, drag, errors, mark=doubted(max(one["free_error"] for one in felt["at"]) > 1))
+        )
+    elif first["drag_ns_per_m"]:
+        rows.append(row("Drag", fill("{drag_ns_per_m} wherever the device is, by its own dampers", first)))
     return rows
 
 
+def thin(found: Mapping[str, Any]) -> bool:
+    """Return whether the gain margins of a pair are too small for a tick."""
+    return bool(found["gain_margin"] < 1.5 or min(found["motor_margins"]) < Robustness().gain_margin)
+
+
 def stability(found: Mapping[str, Any]) -> list[Row]:
-    """Return whether all loops are stable, with their margin, and the worst or least damped of them."""
+    """Return whether all loops are stable, with their margins, and the worst or least damped of them."""
     rows, mode = [], found["least_damped"]
     if not found.get("stable", True):
         rows.append(row("Stability", fill("not all of {loops:9} loops are stable", found), mark=Mark.FAIL))
     else:
         steady = found.get("mismatch_stable") is not False
-        margin = f"{WIDEST_MARGIN:g} or more"  # where its search ended
-        if found["gain_margin"] < WIDEST_MARGIN:
-            margin = f"{math.floor(100 * found['gain_margin']) / 100:.3g}"
-        text = fill(f"corner hands and released, {{loops:9}} loops; gain margin {margin}", found)
-        mark = marked(found["gain_margin"] >= 1.5 and steady, Mark.CAUTION)
-        rows.append(row("Stability", text, "" if steady else "; not on devices 10 % away", mark=mark))
+        text = f"corner hands and released, {{loops:9}} loops{'' if steady else '; not on devices 10 % away'}"
+        rows.append(row("Stability", fill(text, found), mark=marked(steady, Mark.CAUTION)))
+        each = [
+            f"{math.floor(100 * one) / 100:.3g}" if one < WIDEST_MARGIN else f"{WIDEST_MARGIN:g} or more"
+            for one in (found["gain_margin"], *found["motor_margins"])
+        ]
+        margins = ", ".join(map(" of ".join, zip(each, ("K and B", "the motor alone", "the follower's"), strict=False)))
+        rows.append(row("Gain margin", margins, ": thin" * thin(found), mark=doubted(thin(found))))
     if case := found.get("worst"):
         tool, stiffness = case["tool"], case["tool"]["contact_stiffness_n_per_m"]
         on = "held rigidly" if stiffness is None else "on {contact_stiffness_n_per_m}" if stiffness else "free"
@@ -379,4 +390,4 @@ def _same_k(found: Mapping[str, Any]) -> list[Row]:
     if found["exchanges"]:
         stable = ", ".join(name for name, holds in found["exchanges"].items() if holds)
         each.append((f"exchange {stable}" if stable else "no exchange",))
-    return [row("Linear, same K", listed(each), ", with a B of its own and no margin")] if each else []
+    return [row("Same K", listed(each), "; linearly, with a B of its own")] if each else []

@@ -29,12 +29,11 @@ MOTIONS: dict[str, Motion] = {
     "graze": Press(end_m=2e-4, speed_m_per_s=_TOUCH_M_PER_S),
 }
 AT_WALL = ("press", "tap", "hold")
-"""Motions of a trial at a wall."""
 # Settling is judged two seconds after the last tap, which tells a decaying response from a sustained one.
-TRIAL_S = 4.25
-"""Shortest duration of a motion."""
-LONGEST_S = 30.0
-"""Longest duration of a motion."""
+TRIAL_S, LONGEST_S = 4.25, 30.0
+"""Shortest and longest duration of a motion."""
+LONGER_S = 12.0
+"""How much longer what does not rest by then is simulated: it may decay slowly, or move for ever."""
 
 
 class Course(NamedTuple):
@@ -44,9 +43,9 @@ class Course(NamedTuple):
     duration_s: float
 
 
-def course_of(problem: Problem) -> Course:
-    """Return the motions with a device, with a longer rest where device and hand oscillate by themselves."""
-    longer_s = float(np.clip(_swinging_s(problem) - _TAP.rest_s, 0.0, LONGEST_S - TRIAL_S))
+def course_of(problem: Problem, more_s: float = 0.0) -> Course:
+    """Return the motions with a device, with a longer rest where device and hand oscillate by themselves, and more."""
+    longer_s = float(np.clip(_swinging_s(problem) - _TAP.rest_s, 0.0, LONGEST_S - TRIAL_S)) + more_s
     longer_s = 0.25 * float(np.ceil(longer_s / 0.25))  # so that similar devices share a scene
     motions = {
         name: motion.model_copy(update={"rest_s": motion.rest_s + longer_s})

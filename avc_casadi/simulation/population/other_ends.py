@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import product
 
 import numpy as np
 
@@ -25,16 +26,13 @@ from avc_casadi.model.scene import Free, Stroke, declared_effects
 from avc_casadi.simulation.compile import target_of
 from avc_casadi.simulation.execute import execute
 from avc_casadi.simulation.judge import AT_REST_M_PER_S, JUDGED_S, Traces, judged_samples
-from avc_casadi.simulation.population.motions import course_of, motions_at
+from avc_casadi.simulation.population.motions import LONGER_S, course_of, motions_at
 from avc_casadi.simulation.population.setup import FRICTION, Setup, engine_for, prepare
 from avc_casadi.simulation.population.trial import NEAR_LIMIT, Trial
 
 WITH_TOOL = ("free", "press", "tap", "hold", "drag", "strike", "touch")
-"""Motions of a trial with a tool."""
-DROPPED_SHARE = 0.01
-"""Share of the engine's steps that are missed in the runs with dropped steps."""
+DROPPED_SHARE = 0.01  # of the engine's steps
 WITH_FOLLOWER = ("free", "press", "tap", "hold", "strike")
-"""Motions of a trial with a follower, whose contact begins at x = 0."""
 
 
 def try_tool(
@@ -46,7 +44,7 @@ def try_tool(
     # In free motion the tool's mass swings with the device.
     mass = device.mass_kg + (0.0 if tool.tool_mass_kg is None else tool.scale * tool.tool_mass_kg[1])
     heavier = problem.changed(device={"mass_kg": min(mass, HEAVIEST_TOOL_KG), "range": {"mass_kg": None}})
-    course, duration_s = course_of(heavier)
+    courses = course_of(heavier), course_of(heavier, LONGER_S)
     kept = tuple(one for one in declared_effects(problem) if not isinstance(one, SimulationEffect))
     setups = [
         Setup(problem, NO_COUPLING, (*kept, engine), steps_anywhere=False)
@@ -58,23 +56,27 @@ def try_tool(
     settled = [dict.fromkeys(motions, np.ones(len(people), dtype=bool)) for _ in setups]
     stiffness, tap = np.full(len(people), np.nan), np.zeros(len(people))
     for setup, rests in zip(setups, settled, strict=True):
-        for name in motions:
-            scene, _, inputs = prepare(setup, people, course[name], duration_s)
-            for contact in contacts:
-                run = scene.with_numbers("simulation", gains=gains, state=tool_states(tool, contact)[-1])
-                parameters = run.parameter_values(NO_COUPLING)
-                found = execute(run, parameters, inputs, engine=engine_for(len(people)))
-                judged = Traces.of(found, device).judge()
-                last = judged_samples(run.samples, device.sample_time_s)
+        for name, contact in product(motions, contacts):
+            rest = np.zeros(len(people), dtype=bool)
+            for course in courses:  # what is not at rest may decay slowly, or move for ever
+                late = np.flatnonzero(~rest)
+                scene, _, inputs = prepare(setup, people, course.motions[name], course.duration_s)
+                scene = scene.with_numbers("simulation", gains=gains, state=tool_states(tool, contact)[-1])
+                hands = scene.parameter_values(NO_COUPLING)[late]
+                found = execute(scene, hands, inputs, engine=engine_for(len(people)))
+                judged, last = Traces.of(found, device).judge(), judged_samples(scene.samples, device.sample_time_s)
                 with np.errstate(invalid="ignore", over="ignore"):
                     speed = np.abs(np.diff(found["tool_m"][:, -last:], axis=-1)).max(axis=-1) / moves_s
                     slow = speed * device.metres_per_unit < AT_REST_M_PER_S
-                rests[name] = rests[name] & judged.stable & slow
+                rest[late] = judged.stable & slow
                 if setup is setups[0] and name == "press":
                     at_limit = np.abs(judged.mean_force_n) > NEAR_LIMIT * limit
-                    stiffness = np.where(at_limit, np.nan, judged.apparent_stiffness_n_per_m)
-                if setup is setups[0] and name == "tap":
+                    stiffness[late] = np.where(at_limit, np.nan, judged.apparent_stiffness_n_per_m)
+                if setup is setups[0] and name == "tap" and course is courses[0]:
                     tap = np.abs(found["force_n"]).max(axis=-1)
+                if rest.all():
+                    break
+            rests[name] = rests[name] & rest
     declared, dropped, free = (np.asarray(np.all(list(settled[at].values()), axis=0)) for at in (0, 1, -1))
     beside = {"without_friction": free if setups[0].rough else declared, "with_dropped_steps": dropped}
     return Trial(seed, settled[0], stiffness, tap, beside, {"dropped_share": DROPPED_SHARE})
@@ -89,12 +91,15 @@ def try_bilateral(problem: Problem, gains: ToolGains, people: Hand, seed: int = 
     settled = np.ones(shape, dtype=bool)
     for delays_s in follower.delays_s:
         run = _Run(problem, gains, people, some, delays_s, seed)
-        settled &= run.settled.reshape(shape)
+        rests = run.settled.reshape(shape)
+        if (late := np.flatnonzero(~rests.all(axis=(0, 1)))).size:
+            longer = _Run(problem, gains, people.pick(late), some, delays_s, seed, LONGER_S)
+            rests[..., late] |= longer.settled.reshape(*shape[:2], -1)
+        settled &= rests
     felt = run.stiffness_n_per_m.reshape(shape)[WITH_FOLLOWER.index("press"), -1]
     tap = run.peak_n.reshape(shape)[WITH_FOLLOWER.index("tap"), -1]
     by_motion = {name: np.asarray(settled[place].all(axis=0)) for place, name in enumerate(WITH_FOLLOWER)}
-    facts = {"jitter": follower.jitter, "lost_share": follower.lost_share}
-    return Trial(seed, by_motion, felt, tap, facts=facts)
+    return Trial(seed, by_motion, felt, tap, facts={"jitter": follower.jitter, "lost_share": follower.lost_share})
 
 
 def _newest(
@@ -118,8 +123,8 @@ class _Side:
     def __init__(self, device: Device, hold: list[Hand], start_m: FloatArray) -> None:
         plants = [sampled_plant(device, one) for one in hold]
         self.maps = [tuple(part[0] for part in plant.with_forces_under_way()) for plant in plants]
-        linear = [device_plant(device, one).linear() for one in hold]
-        self.aims = [transitions([(one, device.sample_time_s)])[0].target for one in linear]
+        held = [(device_plant(device, one).linear(), device.sample_time_s) for one in hold]
+        self.aims = [transitions([one])[0].target for one in held]
         n = self.maps[0][0].shape[-1]
         self.names = plants[0].names
         places = [name.endswith("_position_m") for name in self.names] + [False] * (n - len(self.names))
@@ -157,15 +162,15 @@ class _Run:
         contacts_n_per_m: list[float],
         delays_s: tuple[float, float],
         seed: int,
+        longer_s: float = 0.0,
     ) -> None:
         self.follower, leader, self.gains = required_follower(problem), problem.device, gains
         other = self.follower.at_leader()
         self.times = leader.sample_time_s, other.sample_time_s
-        samples = round(5.0 / self.times[0])
-        there = motions_at(leader)
+        samples = round((5.0 + longer_s) / self.times[0])
         motions = [
-            one.model_copy(update={"rest_s": 2.0}) if isinstance(one, Free | Stroke) else one
-            for one in (there[name] for name in WITH_FOLLOWER)
+            one.model_copy(update={"rest_s": 2.0 + longer_s}) if isinstance(one, Free | Stroke) else one
+            for one in map(motions_at(leader).__getitem__, WITH_FOLLOWER)
         ]
         targets = [target_of(one, samples, self.times[0]) for one in motions]
         each = len(contacts_n_per_m) * len(hands)
@@ -177,11 +182,10 @@ class _Run:
         self.spring = np.where(self.rigid, 0.0, contact)
         scale = self.follower.scale
         self.damper = np.array([scale * max(contact_dampers_ns_per_m(self.follower, k / scale)) for k in self.spring])
-        nothing = np.zeros(self.lanes)
         held = Hand(*(np.tile(np.atleast_1d(value), self.lanes // len(hands)) for value in vars(hands).values()))
-        touched = Hand(nothing, self.damper, self.spring)
+        nothing = np.zeros(self.lanes)
         start = np.repeat([min(one.device_start_m, 0.0) for one in targets], each)
-        free = Hand(nothing, nothing, nothing)
+        free, touched = Hand(nothing, nothing, nothing), Hand(nothing, self.damper, self.spring)
         self.sides = _Side(leader, [held], start), _Side(other, [free, touched], start)
         uneven = self.follower.jitter, self.follower.lost_share
         self.links = (
@@ -189,9 +193,8 @@ class _Run:
             _newest(*self.times, delays_s[0], math.ceil(samples * self.times[0] / self.times[1]) + 2, *uneven, seed),
         )
         self.forces = [np.zeros(self.lanes)]
-        self.peak_n = np.zeros(self.lanes)
         judged = max(1, round(JUDGED_S / self.times[0]))
-        speed, force, depth = np.zeros(self.lanes), np.zeros(self.lanes), np.zeros(self.lanes)
+        self.peak_n, speed, force, depth = np.zeros((4, self.lanes))
         other_sample = 0
         for sample in range(samples):
             while other_sample * self.times[1] < (sample - 1e-6) * self.times[0]:
@@ -231,8 +234,7 @@ class _Run:
         touching = side.state[:, 0] > 0
         speed = (side.sent[-1] - side.sent[-2]) / self.times[1]
         touch = np.where(touching, -(self.spring * side.sent[-1] + self.damper * speed), 0.0)
-        measured = self.follower.force == "measured"
-        self.forces.append(np.where(self.rigid, pull, touch) if measured else pull)
+        self.forces.append(np.where(self.rigid, pull, touch) if self.follower.force == "measured" else pull)
         side.move(touching, asked)
         into = self.rigid & (side.state[:, 0] > 0)
         side.state[into, 1] = np.minimum(side.state[into, 1], 0.0)
@@ -249,5 +251,5 @@ class _Run:
         return np.asarray(k * (own[-1] - far[place]) + b * (speed - far_speed))
 
     def _local(self, of: int) -> FloatArray:
-        sent = self.sides[of].sent
-        return np.asarray(self.gains.local_damping_ns_per_m * (sent[-1] - sent[-2]) / self.times[of])
+        before, here = self.sides[of].sent[-2:]
+        return np.asarray(self.gains.local_damping_ns_per_m * (here - before) / self.times[of])

@@ -30,7 +30,6 @@ from avc_casadi.simulation.scene import resolve, with_hand
 
 FRICTION = "coulomb-friction"
 HANDS_AT_ONCE = 250
-"""Hands whose traces are held at a time."""
 DURATION_S = 3.0
 
 Prepared: TypeAlias = tuple[CompiledScene, "FloatArray", "FloatArray"]
@@ -100,11 +99,11 @@ class Setup:
 
 def _phases(people: Hand | StylusHand, motion: Motion) -> FloatArray:
     """Return the phase of the wall's face between two encoder steps by motion and hand, whoever else is there."""
-    begin = zlib.crc32(motion.model_dump_json().encode()) / 2**32
-    values = (np.atleast_1d(np.asarray(value, dtype=np.float64)) for value in vars(people).values())
-    # Multiples whose fractional parts scatter evenly (low discrepancy).
-    turned = sum(1e3 * math.sqrt(prime) * value for prime, value in zip((2, 3, 5, 7, 11), values, strict=False))
-    return np.asarray((begin + turned) % 1.0)
+    values = np.array([np.atleast_1d(value) for value in vars(people).values()], dtype=np.float64)
+    # Multiples whose fractional parts scatter evenly (low discrepancy); equal hands, as none, by their number.
+    primes, motions = np.sqrt([2, 3, 5, 7, 11])[: len(values)], zlib.crc32(motion.model_dump_json().encode()) / 2**32
+    first, same = np.unique(values, axis=1, return_index=True, return_inverse=True)[1:]
+    return np.asarray((motions + 1e3 * primes @ values + math.sqrt(2) * (np.arange(len(same)) - first[same])) % 1.0)
 
 
 @dataclass(frozen=True)

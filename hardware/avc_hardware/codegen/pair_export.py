@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from avc_casadi import NotDeployableError
-from avc_casadi.loops.engine import ToolLoops
-from avc_casadi.loops.follower import FollowerLoops
+from avc_casadi.design.virtual_tool import FollowerSearch, ToolSearch
 from avc_hardware.codegen.c_frame import HEADER, SOURCE, compiler_checks
 from avc_hardware.codegen.pair_header import MISSED_STEPS, fade_samples, pair_header
 from avc_hardware.codegen.sensor_rule import FARTHEST_M, SensorBounds
@@ -282,14 +281,15 @@ _TARGET = """
 def pair_verdict(coupling: Coupling, *, unsafe: bool) -> tuple[str, bool]:
     """Judge gains on the loops of their own problem, independent of any certificate: a sentence, and whether stable."""
     problem, gains, tool = coupling.problem, coupling.gains, coupling.end == "simulation"
-    loops: Any = ToolLoops(problem) if tool else FollowerLoops(problem)
-    if loops.stable_over_ranges(gains):
+    search: Any = ToolSearch(problem) if tool else FollowerSearch(problem)
+    loops, why = search.loops, search.why_not(gains)
+    if not why:
         also = "" if tool else ", the follower free and in contact"
         told = f"deployable: all {len(loops)} loops are linearly stable, with every hand of [hands] and released{also}"
         return told, True
     radius, case = loops.radius(gains)
     who = "with a hand" if any(case.hand.values()) else "released"
-    why = f"not deployable: linearly unstable {who}, spectral radius {radius:.6g}"
+    why = f"not deployable: {why}; spectral radius {radius:.6g} {who}"
     if not unsafe:
         raise NotDeployableError(f"{problem.name}: {why}. Make it again: avc recommend P --out FILE")
     return f"UNSAFE, written by request: {why}", False
