@@ -23,7 +23,7 @@ _USUAL = {
     "device.position_noise_rms_m": (1e-9, 1e-4),  # a tenth of the coarsest step; trackers have more
     "device.amplifier_bandwidth_hz": (20, 20e3),
     "device.amplifier_damping_ratio": (0.2, 3),
-    "device.max_force_n": (0.5, 500),
+    "device.max_force_n": (0.5, 2000),
     "device.backlash_m": (1e-6, 5e-3),
     "device.resonance.frequency_hz": (10, 2e3),
     "device.resonance.damping_ratio": (1e-3, 0.7),
