@@ -116,7 +116,7 @@ class Crew:
         return self
 
     def __exit__(self, *_: object) -> None:
-        for future in self._begun:
+        for future in self._begun if self._helpers is None else ():  # a broken pool raises on what was cancelled
             future.cancel()
         if self._helpers is not None:
             for process in list((self._helpers._processes or {}).values()):  # noqa: SLF001 - public from Python 3.14 on
