@@ -3,10 +3,13 @@
 import json
 
 import pytest
+from excited import DECLARED
 from hardware_bench import require
 
 import avc_casadi as avc
 from avc_casadi.cli import main
+from avc_casadi.identification.excitation import plan_excitation, ramp
+from avc_casadi.model.device import Device
 
 HIDDEN = {"mass_kg": 0.085, "damping_ns_per_m": 1.3, "delay_samples": 1.4, "coulomb_friction_n": 0.12}
 FILE = """
@@ -60,3 +63,18 @@ def test_commands_find_the_device_on_the_board(tmp_path, capsys):
         assert one["value"] == pytest.approx(truth, rel=0.03)
     assert avc.load_device(mine).device.mass_kg == pytest.approx(HIDDEN["mass_kg"], rel=0.01)
     assert avc.load_device(mine).device.max_force_n == 8.0
+
+
+def test_a_plan_keeps_its_window_and_its_spring_and_fades_both_ways():
+    """A step of the encoder is a tenth of the speed limit, with no tick more; a delay turns the spring by 0.3 rad."""
+    late = {"delay_samples": 9, "coulomb_friction_n": 0.5, "range": {"coulomb_friction_n": (0.1, 1.0)}}
+    for declared in (DECLARED, Device.model_validate(DECLARED.model_dump() | late | {"encoder_resolution_m": 7e-5})):
+        plan = plan_excitation(declared, seconds=2.0).plan
+        each_tick_m = 0.1 * plan.max_speed_m_per_s * plan.sample_time_s
+        assert each_tick_m * (plan.window - 1) < plan.metres_per_count <= each_tick_m * plan.window * (1 + 1e-9)
+        lightest = (declared.range.mass_kg or (declared.mass_kg,))[0]
+        late_s = (declared.delay_samples + 1.5 + plan.window / 2) * plan.sample_time_s
+        assert (plan.spring_n_per_m / lightest) ** 0.5 * late_s <= 0.3 * (1 + 1e-9)
+    share = ramp(100, 20)
+    assert share.tolist() == share[::-1].tolist() == sorted(share[:50].tolist()) + sorted(share[50:].tolist())[::-1]
+    assert share[0] < share[10] < share[50] == 2**15
