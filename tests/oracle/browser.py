@@ -7,9 +7,7 @@ from contextlib import contextmanager
 
 import pytest
 
-WIDTHS = {"desktop": 1400, "tablet": 768, "phone": 390}
 # Whatever sticks out of the page sideways, but for what scrolls inside a box of its own.
-_SIDEWAYS = "return document.documentElement.scrollWidth - document.documentElement.clientWidth"
 
 
 @contextmanager
@@ -38,17 +36,6 @@ def chromium(folder):
         yield started
     finally:
         started.quit()
-
-
-def resize(driver, width, height=900):
-    driver.execute_cdp_cmd(
-        "Emulation.setDeviceMetricsOverride",
-        {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": width < 500},
-    )
-
-
-def sticks_out_by(driver):
-    return driver.execute_script(_SIDEWAYS)
 
 
 def console_errors(driver):

@@ -4,7 +4,7 @@ import threading
 from contextlib import contextmanager
 
 import pytest
-from browser import WIDTHS, by_id, chromium, console_errors, requested, resize, shown, sticks_out_by, until
+from browser import by_id, chromium, console_errors, requested, shown, until
 
 import avc_casadi as avc
 from avc_casadi.coupling import Coupling
@@ -93,20 +93,3 @@ def test_a_run_is_begun_followed_and_its_coupling_saved(page, tmp_path, monkeypa
     by_id(page, "save-coupling").click()
     coupling = avc.read_coupling(until(lambda: next(tmp_path.glob("*.json"), None)))
     assert coupling.table.rows[0, 1:].tolist() == [0.0, 1000.0, 5.0]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("size", "scheme"), [("desktop", "light"), ("desktop", "dark"), ("tablet", "light"), ("phone", "dark")]
-)
-def test_nothing_sticks_out(page, size, scheme):
-    resize(page, WIDTHS[size])
-    page.execute_cdp_cmd(
-        "Emulation.setEmulatedMedia", {"features": [{"name": "prefers-color-scheme", "value": scheme}]}
-    )
-    page.refresh()
-    settled(page)
-    page.execute_script("document.querySelectorAll('details').forEach((one) => (one.open = true))")
-    assert sticks_out_by(page) <= 0
-    page.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": []})
-    resize(page, WIDTHS["desktop"])
