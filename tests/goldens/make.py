@@ -1,4 +1,4 @@
-"""What release 0.2.0 answered, to guard a redesign: `python tests/goldens/make.py [--only PART] [--check | --missing]`.
+"""What a release answered, to guard a redesign: `python tests/goldens/make.py [--only PART] [--check | --missing]`.
 
 Without --check every part is computed and written beside this file, a line a case; with --check it is compared with
 what is written, differences are printed, and the exit code is 1 if one counts. Only what users have is used: names of

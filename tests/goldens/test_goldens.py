@@ -1,4 +1,4 @@
-"""What release 0.2.0 answered still holds: gains, recommendations, exported C and errors.
+"""What a release answered still holds: gains, recommendations, exported C and errors.
 
 `tests/goldens/make.py` says what is compared, `tests/goldens/compared.py` with which tolerances and why.
 """
