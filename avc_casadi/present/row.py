@@ -74,7 +74,8 @@ class Value:
             return "unlimited"
         if self.quantity == "gain":
             return f"{20 * math.log10(value):.1f} dB" if value > 0 else "-"
-        return f"{number(value, self.digits)} {'deg' if self.quantity == 'phase' else self.quantity}"
+        text, of = number(value, self.digits), "deg" if self.quantity == "phase" else self.quantity
+        return f"{text} {of.removesuffix('s') if text == '1' else of}"
 
 
 Part = Value | str

@@ -14,7 +14,6 @@ from avc_casadi.model.problem import Problem
 from avc_casadi.present.row import Answer, Mark, Part, Row, Value, doubted, fill, listed, marked, parts, row, span
 
 HAND = ("mass_kg", "damping_ns_per_m", "stiffness_n_per_m")
-"""Numbers of a hand."""
 EXCHANGES = {
     "on-time": "position and velocity that {step} begins with",
     "late": "position and velocity that the step before {step} began with",
@@ -48,10 +47,10 @@ def headline(problem: Problem, shown: str) -> tuple[Part, ...]:
     of_device = device_line(device)
     if tool is not None:
         what = ("fixed place",) if tool.tool_mass_kg is None else ("tool", *span(tool.tool_mass_kg, "mass"))
-        late = f", {tool.steps_late} steps late" if tool.steps_late else ""
-        late += f", a force for {tool.substeps} substeps" if tool.substeps > 1 else ""
+        late = (",", Value(tool.steps_late, "steps"), "late") if tool.steps_late else ()
+        held = f", a force for {tool.substeps} substeps" if tool.substeps > 1 else ""
         rates = span([1 / step for step in tool.step_s], "frequency")
-        return parts(shown, " ", what, "at", rates, f", {tool.integrator}, {tool.exchange}{late}", of_device)
+        return parts(shown, " ", what, "at", rates, f", {tool.integrator}, {tool.exchange}", late, held, of_device)
     if follower is not None:
         rate, delay = 1 / follower.sample_time_s, follower.delays_s[-1][0]
         known = {"mass_kg": follower.mass_kg, "rate_hz": rate, "delay_s": delay}
