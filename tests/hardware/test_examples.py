@@ -48,9 +48,9 @@ def loopback(out, slower):
     return subprocess.run(command, capture_output=True, text=True, check=False, env=environment)  # noqa: S603
 
 
+@pytest.mark.slow
 def test_samples_that_come_late_ask_for_a_slower_run(tmp_path):
-    """A hundred times faster than the clock, no computer is on time."""
-    assert "judge by a run with --slower" in loopback(tmp_path / "link.png", 0.01).stdout
+    assert "judge by a run with --slower" in loopback(tmp_path / "link.png", 0.01).stdout  # no computer is on time
 
 
 @pytest.mark.slow
