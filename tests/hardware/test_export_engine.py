@@ -54,7 +54,7 @@ def target():
         ("held-force", 0, (300.0, 3.0, 4.0), 3, (4.0, 0.5), DEVICE, None, "exact"),
     ],
 )
-@pytest.mark.parametrize("substeps", [1, 3])
+@pytest.mark.parametrize("substeps", [1, pytest.param(3, marks=pytest.mark.slow)])
 def test_exported_loop_is_the_plain_simulation(
     exchange, late, gains, ratio, scales, device, contact, integrator, substeps
 ):
