@@ -40,7 +40,6 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before anything loads NumP
 
 ROOT = Path(__file__).resolve().parent.parent
 BASELINE = ROOT / "tests" / "mutate.json"
-# They judge the text of the code or of pages, not what it does.
 NO_JUDGES = ("tests/house/", "cli/test_import")
 LIMIT_S, WHOLE_S = 20, 60
 LOADED = ("numpy", "scipy.optimize", "scipy.signal", "scipy.stats", "casadi", "pydantic.main", "hypothesis", "pytest")
@@ -279,7 +278,8 @@ def tested(root: Path, tests: list[str], limit_s: float, *more: str) -> tuple[st
         for stream in (1, 2):
             os.dup2(os.open(os.devnull, os.O_WRONLY), stream)
         os.chdir(root)
-        sys.path[:] = [one for one in sys.path if ROOT not in (Path(one).resolve(), *Path(one).resolve().parents)]
+        # A virtual environment may stand in the tree.
+        sys.path[:] = [one for one in sys.path if sys.prefix in one or ROOT not in (Path(one), *Path(one).parents)]
         os.environ["PYTHONPATH"] = os.pathsep.join((str(root), str(root / "hardware")))
         resource.setrlimit(resource.RLIMIT_CPU, (math.ceil(limit_s), math.ceil(limit_s) + 1))
         options = [*OPTIONS, f"--basetemp={root.parent / 'pytest'}", *more]
