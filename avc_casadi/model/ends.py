@@ -114,15 +114,15 @@ class ToolGains:
     damping_ns_per_m: float
     local_damping_ns_per_m: float = 0.0
 
-    # Forces of the device's motor and of a follower's, over those that are asked of them.
+    # Actual over commanded force of device and follower; no field, so that documents of gains have three keys.
     motors = (1.0, 1.0)
 
     def times(self, factor: float, motor: int | None = None) -> ToolGains:
-        """Return K and B at both ends multiplied by a factor, or what one motor alone makes of them."""
-        k, b, local = vars(self).values()
+        """Return K and B multiplied by a factor; or as they are, with the force of one motor (0, 1) multiplied."""
+        (k, b, local), (first, second) = [*vars(self).values()][:3], self.motors
         if motor is None:
-            return ToolGains(factor * k, factor * b, local)
-        return _OnMotors(k, b, local, (1.0, factor) if motor else (factor, 1.0))
+            return replace(self, stiffness_n_per_m=factor * k, damping_ns_per_m=factor * b)
+        return _OnMotors(k, b, local, (first, factor * second) if motor else (factor * first, second))
 
     def at_scale(self, factor: float) -> ToolGains:
         """Return K, B and the local damper multiplied by a factor, in the remote end's units."""
