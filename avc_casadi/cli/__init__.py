@@ -77,8 +77,8 @@ def build_parser() -> argparse.ArgumentParser:
             for names, options in verb.arguments:
                 command.add_argument(*names, **options)
             command.add_argument("--json", action="store_true", help="print one JSON document and nothing else")
-            # A positional argument has no option as its name.
-            known = {action.dest: action.option_strings[-1] for action in command._actions if action.option_strings}  # noqa: SLF001
+            named = (action for action in command._actions if action.option_strings)  # noqa: SLF001
+            known = {one.dest: next(name for name in one.option_strings if name[:2] == "--") for one in named}
             command.set_defaults(run=verb.run, options=known)
             summary = text.partition("\n")[0].rstrip(".")
             listed += wrap(summary, 110, initial_indent=f"  {name:<12}", subsequent_indent=" " * 14)
