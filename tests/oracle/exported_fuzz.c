@@ -4,20 +4,11 @@
  * number, infinite or elsewhere. The force is a number and keeps its limit; where the device rests outside, whatever its
  * sensor says, it is 0 (not with detents, which act everywhere). */
 #include "avc_coupling.h"
+#include "uniform.h"
 #include <math.h>
 #include <stdint.h>
 #include <stdio.h>
 #include <stdlib.h>
-
-static uint64_t state;
-
-static double uniform(void)
-{
-    state ^= state << 13;
-    state ^= state >> 7;
-    state ^= state << 17;
-    return (double)(state >> 11) * 0x1p-53;
-}
 
 static double faulty(double place, double unit)
 {

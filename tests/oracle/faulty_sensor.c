@@ -5,6 +5,7 @@
  * Velocities before positions (symplectic Euler) in 16 steps a sample. The command of a sample is 0 wherever the device
  * stands at rest outside; the energy that a passive wall has given by any moment is 0 at most. */
 #include "avc_coupling.h"
+#include "uniform.h"
 #include <math.h>
 #include <stdint.h>
 
@@ -20,16 +21,6 @@ struct fault {
 struct found {
     double faults, outside_n, given_j, entry_j;
 };
-
-static uint64_t state;
-
-static double uniform(void)
-{
-    state ^= state << 13;
-    state ^= state >> 7;
-    state ^= state << 17;
-    return (double)(state >> 11) * 0x1p-53;
-}
 
 /* One run from a place at a speed; a spring above 0, within a limit, stands in place of the coupling. */
 void faulty_sensor(const struct device *d, const struct fault *fault, double spring, double limit, double start,
