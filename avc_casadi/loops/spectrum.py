@@ -38,7 +38,7 @@ def largest_radius(loop: FloatArray) -> FloatArray:
 
 
 def leading_radii(loops: FloatArray) -> FloatArray:
-    """Return the radii of loops (n, s, s) that may have the largest, by abs(trace(M^N))/s <= r^N; of others -inf."""
+    """Return spectral radii r of loops (n, s, s), -inf where another's is larger by abs(trace(M^N))/s <= r^N."""
     s = loops.shape[-1]
     if s < 10:  # eigenvalues are as quick
         return largest_radius(loops)

@@ -378,7 +378,7 @@ class System:
 
 @dataclass(frozen=True)
 class WithMargin:
-    """All loops, with K and B up to a gain margin times as large, and what each motor gives up to a margin's least."""
+    """All loops with K and B as they are and up to a gain margin larger, and with each motor stronger by its margin."""
 
     loops: System | WithMargin
     gain_margin: float

@@ -130,7 +130,7 @@ def contact_onset_m(coupling: Coupling) -> dict[str, float | None]:
 
 
 def rebound(coupling: Coupling) -> dict[str, float]:
-    """Return the speed of leaving the wall over that of coming, released, by approach speed; above 1 energy."""
+    """Return exit over approach speed of the released device, by approach speed; above 1 the wall gives energy."""
     setup, radius = Setup.of(coupling), coupling.problem.device.metres_per_unit
     some = (setup, setup.without(FRICTION)) if setup.rough else (setup,)
     return {

@@ -29,7 +29,7 @@ from avc_casadi.simulation.scene import Run
 @singledispatch
 def answer_of(result: object) -> Answer:
     """Return the answer of `recommend`, `solve`, `certify`, `compare`, `simulate` or `zwidth`."""
-    raise NotImplementedError(f"no rows for {type(result).__name__}")
+    raise TypeError(f"no rows for {type(result).__name__}")
 
 
 def text_of(result: object) -> str:

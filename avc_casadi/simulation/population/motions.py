@@ -33,7 +33,7 @@ AT_WALL = ("press", "tap", "hold")
 TRIAL_S, LONGEST_S = 4.25, 30.0
 """Shortest and longest duration of a motion."""
 LONGER_S = 12.0
-"""How much longer what does not rest by then is simulated: it may decay slowly, or move for ever."""
+"""Additional duration for hands that still move: a slow decay ends, a limit cycle does not."""
 
 
 class Course(NamedTuple):
