@@ -16,7 +16,7 @@ from avc_casadi._util.text import number, percent, quantity
 from avc_casadi._util.units import LINEAR, Units
 
 # Ending of keys and unit of each quantity, the longest ending first.
-_QUANTITIES: dict[str, tuple[str, str]] = {
+QUANTITIES: dict[str, tuple[str, str]] = {
     "damping": ("_ns_per_m", "N.s/m"),
     "stiffness": ("_n_per_m", "N/m"),
     "speed": ("_m_per_s", "m/s"),
@@ -45,7 +45,7 @@ class Mark(Enum):
 
 def quantity_of(key: str) -> str:
     """Return what a value measures by the ending of its key."""
-    return next((of for of, (ending, _) in _QUANTITIES.items() if key.endswith(ending)), "number")
+    return next((of for of, (ending, _) in QUANTITIES.items() if key.endswith(ending)), "number")
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ class Value:
 
     def text(self, units: Units) -> str:
         """Return the number with its unit for a device that slides or turns."""
-        value, unit = self.number, _QUANTITIES.get(self.quantity, ("", ""))[1]
+        value, unit = self.number, QUANTITIES.get(self.quantity, ("", ""))[1]
         if unit:
             return quantity(value, units.unit(unit), self.digits)
         if self.quantity == "share":

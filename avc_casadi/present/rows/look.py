@@ -11,6 +11,7 @@ from avc_casadi._util.text import number
 from avc_casadi._util.units import LINEAR, Units
 from avc_casadi.model.problem import Problem
 from avc_casadi.present.row import (
+    QUANTITIES,
     Answer,
     Mark,
     Part,
@@ -116,7 +117,6 @@ def device(data: Mapping[str, Any], units: Units) -> Answer:
 
 
 def _value(key: str, value: Any) -> tuple[Part, ...]:
-    """Return a value with the quantity of its key's ending."""
     if isinstance(value, Mapping):
         return listed((name.replace("_", " "), _value(name, one)) for name, one in value.items())
     if isinstance(value, bool) or not isinstance(value, int | float):
@@ -287,8 +287,9 @@ def diagnosis(data: Mapping[str, Any], found: Sequence[Diagnosis], command: str,
     swing, law, fit = one.swing, one.law, one.fit
     rows = [row("Verdict", one.conclusion, mark=_verdict(one))]
     for cure in one.remedies[:3]:
-        text = f"{cure.key.replace('_', ' ')} {{value:{cure.quantity}}} in place of {{before:{cure.quantity}}}"
-        rows.append(row("Remedy", fill(text, vars(cure))))
+        of, ending = cure.quantity, QUANTITIES.get(cure.quantity, ("", ""))[0]
+        name = cure.key.removesuffix(ending).replace("_", " ")
+        rows.append(row("Remedy", fill(f"{name} {{value:{of}}} in place of {{before:{of}}}", vars(cure))))
     rows += [row("Next log", one.decides)] if one.decides else []
     if swing.kind != "none":
         size = "{peak_to_peak_m}, {force_peak_to_peak_n}, in contact {contact_share}"

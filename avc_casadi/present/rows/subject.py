@@ -20,7 +20,6 @@ EXCHANGES = {
     "ahead": "position and velocity read after {step}",
     "held-force": "the force on the tool in {step}, which it holds until the next one",
 }
-"""What the device gets of a simulation."""
 _WHO = {"released": "released", "worst_hand": "worst corner hand"}
 _MARGINS: tuple[tuple[str, str, str], ...] = (
     ("gain", "gain", "gain"),
