@@ -105,7 +105,10 @@ def laws(problem: Problem, felt_n_per_m: float) -> Iterator[list[ProgramAnswer]]
     # Slopes of detents are not analysed behind an observer.
     if problem.detent is not None or why_no_law(problem):
         return
-    answers = program_answers(problem, stiffness_n_per_m=felt_n_per_m)
+    # Starts for the usual margin too: who asks for less gets nothing worse.
+    asked = problem.robustness.disk_margin or DISK_MARGIN
+    goals = {asked, max(asked, DISK_MARGIN)}
+    answers = [one for goal in goals for one in program_answers(problem, goal, stiffness_n_per_m=felt_n_per_m)]
     yield answers
     # Factors on disk margin, noise gain and distance of the dead zone's loop from 0.
     both, noise = (1.25, 0.6, 1.0), ((1.0, 0.8, 1.0), (1.0, 0.75, 1.0))

@@ -191,11 +191,8 @@ def not_used(problem: Problem) -> tuple[str, ...]:
 
 def _of_simulation(tool: VirtualTool) -> list[str]:
     """Return the keys of a [simulation] without effect beside its others."""
-    default, keys, why = (
-        VirtualTool(step_s=tool.step_s),
-        ["contact_damping_ns_per_m"],
-        "of a spring, and none is touched",
-    )
+    default = VirtualTool(step_s=tool.step_s)
+    keys, why = ["contact_damping_ns_per_m"], "of a spring, and none is touched"
     if tool.tool_mass_kg is None:
         keys += ["tool_damping_ns_per_m", "integrator", "substeps", "contact_stiffness_n_per_m"]
         why = "of a tool, and no tool_mass_kg is given"

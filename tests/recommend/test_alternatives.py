@@ -1,7 +1,6 @@
-"""What is recommended is deployable, as safe and as stiff as any plain alternative, and never gets worse on a better
-device."""
+"""What is recommended is deployable, as safe and stiff as a plain alternative, and no worse at a smaller margin."""
 
-import functools
+import itertools
 
 import pytest
 
@@ -9,20 +8,14 @@ import avc_casadi as avc
 from avc_casadi.coupling import Coupling
 from avc_casadi.model.gains import Gains
 from avc_casadi.model.runtime import Runtime
+from avc_casadi.recommendation.rank import impedance_error
 from avc_casadi.simulation.population.operators import people_of
 from avc_casadi.simulation.population.trial import try_coupling
 
 
 def wall(stiffness, **device):
-    problem = avc.load_problem("ve7").changed(
-        environment={"stiffness_n_per_m": stiffness, "damping_ns_per_m": 1e-4 * stiffness}
-    )
-    return problem.changed(device=device) if device else problem
-
-
-@functools.cache
-def found(stiffness, hands=12, **device):
-    return avc.recommend(wall(stiffness, **device), hands=hands)
+    environment = {"stiffness_n_per_m": stiffness, "damping_ns_per_m": 1e-4 * stiffness}
+    return avc.load_problem("ve7").changed(environment=environment, device=device)
 
 
 def safety(trial):
@@ -44,25 +37,30 @@ def safety(trial):
 )
 def test_no_plain_pair_is_deployable_as_safe_and_stiffer(stiffness, device):
     problem = wall(stiffness, **device)
-    best = found(stiffness, **device)
+    best = avc.recommend(problem, hands=12)
     assert best.deployable
     assert avc.deployable(best.coupling).passed
     people = people_of(problem.hands, 12)
-    for k in (5e4, 1e8):
-        for b in (0.0, 10.0):
-            for b_p in (0.0, 0.5, 1.0):
-                plain = Gains(b, k, b_p * stiffness * problem.device.sample_time_s)
-                for runtime in (Runtime(), Runtime(observer_mass_kg=0.15)):
-                    other = Coupling.constant(problem, plain, "plain", runtime)
-                    if runtime.observer_mass_kg and not problem.device.encoder_resolution_m:
-                        continue
-                    if not avc.deployable(other).passed:
-                        continue
-                    tried = try_coupling(other, people)
-                    if safety(tried) < safety(best.trial):
-                        pytest.fail(f"{other} is safer than {best.coupling}")
-                    if safety(tried) == safety(best.trial) < 2 and tried.quiet.all():
-                        assert tried.stiffness <= 1.1 * best.trial.stiffness, (other, best.coupling)
+    each = itertools.product((0.0, 10.0), (5e4, 1e8), (0.0, 0.5, 1.0), (None, 0.15))
+    for b, k, b_p, observer_kg in each:
+        if observer_kg and not problem.device.encoder_resolution_m:
+            continue
+        plain = Gains(b, k, b_p * stiffness * problem.device.sample_time_s)
+        other = Coupling.constant(problem, plain, "plain", Runtime(observer_mass_kg=observer_kg))
+        if not avc.deployable(other).passed:
+            continue
+        tried = try_coupling(other, people)
+        assert safety(tried) >= safety(best.trial), (other, best.coupling)
+        if safety(tried) == safety(best.trial) < 2 and tried.quiet.all():
+            assert tried.stiffness <= 1.1 * best.trial.stiffness, (other, best.coupling)
+
+
+@pytest.mark.slow
+def test_a_smaller_margin_gives_nothing_worse():
+    usual = avc.load_problem("reference-r2")
+    less = usual.changed(robustness={"disk_margin": 0.15})
+    of_usual, of_less = (impedance_error(avc.recommend(one, hands=12).coupling) for one in (usual, less))
+    assert of_less < 1.01 * of_usual
 
 
 @pytest.mark.slow
