@@ -30,12 +30,8 @@ from avc_casadi.model.device import Device
 class Loop:
     """What a law is made for.
 
-    Attributes:
-        device: the device.
-        stiffness_n_per_m: of the wall.
-        damping_ns_per_m: likewise.
-        tuned: what the law has to be tuned by: a passivity controller's largest damper, N.s/m; the rate of a force
-            augmentation, m/s: how fast the offset grows, over what the stiffness misses.
+    `tuned` is a passivity controller's largest damper, N.s/m, or the rate of a force augmentation, m/s: how fast the
+    offset grows, over what the stiffness misses.
     """
 
     device: Device
@@ -52,13 +48,7 @@ class Loop:
 
 @dataclass(frozen=True)
 class Sample:
-    """A sample of all lanes, each of shape (lanes,).
-
-    Attributes:
-        seen_m: what the encoder reads.
-        moved_m: since the sample before.
-        wall_n: force of the wall.
-    """
+    """A sample of all lanes: what the encoder reads, the way since the sample before, the force of the wall."""
 
     seen_m: Floats
     moved_m: Floats

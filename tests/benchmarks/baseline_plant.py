@@ -33,14 +33,8 @@ OUTSIDE_M, INSIDE_M, FAR_M = -0.01, 0.01, -0.02
 class Deeds:
     """What the hands do, each of shape (lanes,).
 
-    Attributes:
-        mass_kg: of the hand.
-        damping_ns_per_m: between hand and target.
-        stiffness_n_per_m: likewise.
-        speed_m_per_s: at which the target goes from 10 mm before the wall to 10 mm behind its face.
-        taps: the target first goes to and fro twice a second, 20 mm outside and 10 mm inside, three times.
-        friction_n: dry friction of the device.
-        velocity_m_per_s: of the device at the beginning.
+    The target goes from 10 mm before the wall to 10 mm behind its face; where a hand taps, first to and fro twice a
+    second, 20 mm outside and 10 mm inside, three times. The velocity is the device's at the beginning.
     """
 
     mass_kg: Floats
@@ -66,15 +60,10 @@ class Deeds:
 
 @dataclass(frozen=True)
 class Found:
-    """What happened, of each lane: shape (lanes,), and (samples, lanes) at the beginning of each sample.
+    """What happened, of each lane, over the last half second: largest speed of motor and handle, means at the motor.
 
-    Attributes:
-        speed_m_per_s: largest of motor and handle over the last half second.
-        force_n: at the motor, mean over the last half second.
-        depth_m: of the motor, likewise.
-        ripple_n: standard deviation of the force over the last half second.
-        outside_n: largest command while the encoder reads a place outside of the wall.
-        given_j: most energy that the motor has given at any moment.
+    The ripple is the force's deviation; `outside_n` the largest command ever where the encoder reads no wall, `given_j`
+    the most energy that the motor has given at any moment.
     """
 
     speed_m_per_s: Floats

@@ -27,19 +27,7 @@ SOLREF_WALL = '<geom type="box" pos="1 0 0" size="1 {wide} 1"/>'
 
 @dataclass(frozen=True)
 class Axis:
-    """What all axes of a run share.
-
-    Attributes:
-        mass_kg: of the device.
-        damping_ns_per_m: of the device.
-        sample_time_s: T.
-        delay_samples: may be fractional.
-        tool_mass_kg: moved by the engine.
-        step_s: of the engine.
-        exchange: on-time, late, ahead or held-force.
-        engine_damps: the coupling's damper is a damper of the joint, that MuJoCo takes implicitly.
-        steps_late: whole steps that all arrives later still.
-    """
+    """What all axes of a run share; with `engine_damps` the coupling's damper is a joint's, taken implicitly."""
 
     mass_kg: float
     damping_ns_per_m: float
@@ -54,14 +42,7 @@ class Axis:
 
 @dataclass(frozen=True)
 class Run:
-    """What became of the axes, shape (axes,) or (axes, samples).
-
-    Attributes:
-        grows: whether the energy after a kick is larger in the last quarter than in the third.
-        device_m: positions of the devices; empty where none were asked for.
-        tool_m: of the tools.
-        force_n: that the devices were told to give.
-    """
+    """What became of the axes, shape (axes,) or (axes, samples); one grows if the energy after a kick does at last."""
 
     grows: NDArray[np.bool_]
     device_m: Array
@@ -84,13 +65,7 @@ def sampled(axis: Axis, hands: Array, share: float) -> Array:
 class MujocoTools:
     """Tools on slide joints in one model of MuJoCo; those that are held are bodies without a joint.
 
-    Args:
-        mass_kg: of each.
-        step_s: of the engine.
-        held: which have no joint, shape (n,).
-        damping_ns_per_m: of the joints, which MuJoCo takes implicitly; 0: the coupling's damper comes as a force.
-        box: whether a box stands at x = 0, with MuJoCo's default contact; the tools are balls then.
-        start_m: where all begin.
+    Joints may have a damper, which MuJoCo takes implicitly; with `box` a box with its default contact stands at x = 0.
     """
 
     RADIUS_M = 0.01

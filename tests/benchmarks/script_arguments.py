@@ -26,7 +26,6 @@ def script_arguments(
     *,
     people: int | None = None,
     out: Path | None = None,
-    only: tuple[str, ...] = (),
     results: Path | None = None,
 ) -> argparse.Namespace:
     """Parse the command line of a script; --help ends it before it does anything."""
@@ -35,8 +34,6 @@ def script_arguments(
         parser.add_argument("people", metavar="PEOPLE", nargs="?", type=int, default=people, help=f"default {people}")
     if out is not None:
         parser.add_argument("out", metavar="OUT", nargs="?", type=Path, default=out, help=f"default {out.name}")
-    if only:
-        parser.add_argument("--only", metavar="AREA", choices=only, help=f"one of {', '.join(only)}")
     if results is not None:
         told = f"overwrites {results.name} too; without it the results are printed only"
         parser.add_argument("--write", action="store_const", const=results, help=told)

@@ -31,14 +31,7 @@ ERROR_RTOL, ERROR_ATOL = 0.05, 0.005
 
 @dataclass(frozen=True)
 class Difference:
-    """One value that is not the golden one.
-
-    Attributes:
-        place: dotted path in the golden file.
-        golden: what is committed.
-        found: what today's code says.
-        counts: False where another value is as good, and is only told.
-    """
+    """One value that is not the golden one, at a dotted path; it does not count where another is as good."""
 
     place: str
     golden: Any

@@ -38,12 +38,7 @@ PROCESSES = 2
 
 @dataclass(frozen=True)
 class Part:
-    """One golden file.
-
-    Attributes:
-        cases: names of its cases, in the order of the file.
-        compute: what today's code answers in a case.
-    """
+    """One golden file: names of its cases, in its order, and what today's code answers in one."""
 
     cases: tuple[str, ...]
     compute: Callable[[str], Mapping[str, Any]]

@@ -19,15 +19,7 @@ _FENCE = re.compile(
 
 @dataclass(frozen=True)
 class Block:
-    """A fenced block of a page.
-
-    Attributes:
-        page: path from the root.
-        line: of its fence.
-        language: after the fence; empty where none is named.
-        text: between the fences.
-        mark: the comment on the line above; empty where there is none.
-    """
+    """A fenced block of a page, with the line of its fence and the comment (mark) above it."""
 
     page: str
     line: int

@@ -7,16 +7,11 @@ from scipy.linalg import expm
 
 
 class EngineSimulator:
-    """One axis; a wall for the tool at x = 0 where it has one. Numbers as in a problem file.
+    """One axis, numbers as in a problem file.
 
-    Args:
-        device: mass, damping, T and delay in samples.
-        hand: mass, damping and stiffness, all 0 for a released device.
-        tool: mass and damping.
-        step_s: of the engine.
-        integrator, exchange, steps_late, substeps: as in [simulation].
-        contact: None for free motion; (k_c, b_c) on both sides; "wall" for a rigid one at x = 0.
-        phase: share of T by which the engine's first step comes after a sample.
+    A device is mass, damping, T and delay in samples; a hand mass, damping and stiffness, 0 where it is released; a
+    tool mass and damping, in contact with nothing (None), (k_c, b_c) on both sides or a rigid "wall" at x = 0. The
+    first step of the engine comes a share `phase` of T after a sample.
     """
 
     def __init__(
@@ -49,14 +44,8 @@ class EngineSimulator:
     def run(self, stiffness, damping, samples, *, local=0.0, target=None, start=0.0, kick=0.0, force=8.0, drop=None):
         """Return positions of device and tool at each sample, before a step of the engine there.
 
-        Args:
-            stiffness, damping, local: K, B and the device's own damper.
-            samples: how many.
-            target: position of the hand's target at each sample, even in between; None: 0.
-            start: where device and tool begin.
-            kick: speed of the device at the beginning.
-            force: largest force.
-            drop: which steps of the engine are missed.
+        `local` is the device's own damper, `kick` its speed at the beginning, `drop` which steps the engine misses; the
+        hand's target moves evenly between the samples.
         """
         x, v = start, kick
         held = [0.0] * self.delay

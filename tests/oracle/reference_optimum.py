@@ -41,12 +41,7 @@ class Stretch:
 
 
 class Reference:
-    """One frequency of one problem at one contact damping.
-
-    Attributes:
-        radius: |Z_h_ds|.
-        error: smallest ||Z_h_ds| - |Z_h_avc||, or None where the box holds no feasible gains.
-    """
+    """One frequency at one contact damping: least ||Z_h_ds| - |Z_h_avc||, None where the box has no feasible gains."""
 
     def __init__(self, problem: Problem, frequency_hz: float, contact: Real = None) -> None:
         box = problem.coupling

@@ -22,17 +22,7 @@ def held(mass, damping, stiffness, hand_damping, period):
 
 
 def newest_messages(delay, samples, phase_sender, phase_receiver, jitter, lost, rng):
-    """The newest message that has arrived at each sample of the receiver, shape (samples, lanes); -1 is none.
-
-    Args:
-        delay: in samples, of each lane.
-        samples: how many.
-        phase_sender: lateness of the sender's clock, shares of a sample.
-        phase_receiver: of the receiver's.
-        jitter: share of the delay.
-        lost: share of messages.
-        rng: for both.
-    """
+    """The newest message that has arrived at each sample, (samples, lanes), -1 is none; delays are in samples."""
     lanes = len(delay)
     sent = np.arange(samples)[:, None] + phase_sender
     arrives = sent + delay * (1 + jitter * rng.uniform(-1, 1, (samples, lanes))) - phase_receiver
@@ -58,21 +48,10 @@ class SpringAndDampers:
 
 
 class Lanes:
-    """Leaders with hands and followers in contact.
+    """Leaders with hands and followers in contact, a lane each; `computing` is the samples from measurement to force.
 
-    Args:
-        leader: mass, damping of each lane.
-        follower: the same.
-        period: T, s.
-        computing: samples from measurement to force, one number.
-        hand: mass, damping, stiffness.
-        contact: stiffness and damping; infinite stiffness is rigid. Beyond x = 0 alone, or on both sides.
-        one_sided: whether the contact ends at x = 0.
-        delay: to the follower and back, in samples.
-        phase: of the follower's clock.
-        jitter: share of the delay.
-        lost: share of the messages.
-        seed: of both.
+    Devices are mass and damping, a hand mass, damping and stiffness, a contact stiffness (infinite is rigid) and
+    damping, beyond x = 0 or on both sides; delays are samples, `jitter` a share of them, `lost` one of messages.
     """
 
     def __init__(
@@ -105,14 +84,9 @@ class Lanes:
         return far[place, each], (far[place, each] - far[np.maximum(place - 1, 0), each]) / self.period
 
     def run(self, law, samples, target, *, kick=0.0, ceiling=1e3):
-        """Move; leaves positions x of both, shape (2, samples, lanes), and force on the leader, shape (samples, lanes).
+        """Move; leaves positions x of both, (2, samples, lanes), and force f on the leader, (samples, lanes).
 
-        Args:
-            law: what couples.
-            samples: how many.
-            target: of the hand, shape (samples, lanes).
-            kick: speed of the leader at the beginning.
-            ceiling: a lane that goes farther is held where it is, and has grown.
+        A lane that goes farther than `ceiling` is held where it is, and has grown.
         """
         rng, still = np.random.default_rng(self.seed), np.zeros(self.lanes)
         self.arrivals = [

@@ -47,23 +47,11 @@ def run(  # noqa: PLR0912 - one loop over events
 ):
     """Return positions of leader and follower at the leader's samples.
 
-    Args:
-        leader, follower: mass, damping, T and delay in samples.
-        gains: K, B and the damper of each loop.
-        seconds: how long.
-        there, back: delays, s.
-        hand: mass, damping, stiffness at the leader.
-        contact: None, (k, b) on both sides, or "fixed".
-        wall: whether the follower stops at x = 0 instead.
-        phase: share of its T by which the follower's first sample is late.
-        target: of the hand, a function of time.
-        kick: speed of the leader at the beginning.
-        jitter, lost: of the messages.
-        force: None for position-position, else "commanded" or "measured".
-        limit: largest force of each.
-        ends: None, or what takes the place of springs and dampers, a pair: each has sample(position), message(),
-            receive(message) and force().
-        motors: force of each over what is asked of it.
+    Devices are mass, damping, T and delay in samples; gains K, B and the damper of each loop; delays of the link in s,
+    `jitter` and `lost` shares of them and of its messages; the hand mass, damping and stiffness. A contact is (k, b) on
+    both sides or "fixed", a wall stops the follower at x = 0, whose first sample is a share `phase` of its T late.
+    `force` is None for position-position, else "commanded" or "measured". `ends` take the place of springs and dampers,
+    a pair that has sample(position), message(), receive(message) and force().
     """
     k, b, local = gains
     rng = np.random.default_rng(seed)
