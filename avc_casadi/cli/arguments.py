@@ -126,7 +126,6 @@ LOGS = (
     argument("--sample-time", type=positive, metavar="S", text="sample time in seconds of logs without time"),
     flag("--flip-force", "the logs count the force against +position"),
     argument("--handle-radius-m", type=positive, metavar="R", text="of the handle of what turns, if no device says it"),
-    output("--report", "write a page with figures (.html)", ".html"),
 )
 
 

@@ -57,9 +57,9 @@ def run_new(args: argparse.Namespace, console: Console) -> Answer:  # noqa: ARG0
     if args.model is not None or args.tip is not None:
         new = _at_tip(new, args.model, args.tip)
     meant = {one.key: one.names[not new.units.linear] for one in EVERY}
-    kind = "a linear device" if new.units.linear else "a device that turns"
+    kind, turns = ("a linear device", 0) if new.units.linear else ("a device that turns", 1)
     faults = [
-        avc.Fault("", None, meant[one.key], f"was given as {name.lstrip('-')!r}; allowed of {kind}: {meant[one.key]}")
+        avc.Fault("", None, name, f"is no option of {kind}; allowed: {meant[one.key]}, as {one.examples[turns]}")
         for one, name in typed
         if name != meant[one.key]
     ]

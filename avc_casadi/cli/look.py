@@ -113,7 +113,8 @@ def run_explore(args: argparse.Namespace, console: Console) -> Answer:
     """
     import webbrowser
 
-    from avc_casadi.present.explore.explorer import Explorer, ExploreServer
+    from avc_casadi.present.explore.explorer import Explorer
+    from avc_casadi.present.explore.server import ExploreServer
 
     problem = avc.load_problem(args.problem)
     explorer = Explorer(problem, args.problem, package_versions())

@@ -15,7 +15,7 @@ from avc_casadi._util.json_values import plain
 from avc_casadi._util.text import number
 from avc_casadi._util.units import units_for
 from avc_casadi.cli import arguments as cli
-from avc_casadi.cli.console import Console, package_versions, write_figure, write_text
+from avc_casadi.cli.console import Console, write_figure, write_text
 from avc_casadi.present.row import Answer
 
 _SIGNAL = "all frequencies at once (default), or one after the other"
@@ -111,6 +111,7 @@ def run_excite(args: argparse.Namespace, console: Console) -> Answer:
     *cli.LOGS,
     cli.output("--out", "write the device file (.toml)", ".toml"),
     cli.argument("--device", metavar="BASE", text="device or problem: what the logs do not tell is taken from it"),
+    cli.plot("the log beside its model"),
     cli.VERBOSE,
 )
 def run_identify(args: argparse.Namespace, console: Console) -> Answer:
@@ -120,27 +121,22 @@ def run_identify(args: argparse.Namespace, console: Console) -> Answer:
     """
     from avc_casadi.identification.device import device_text
     from avc_casadi.identification.identify import identify
-    from avc_casadi.present.report import identification_html
     from avc_casadi.present.rows.look import identification
 
     base = cli.load_known(args.device) if args.device else None
     found = identify(args.log, base=base, progress=console, **cli.log_options(args))
     units, complaint = units_for(found.motion), ""
-    text = "no device file: see the rows" if found.device is None else device_text(found.device)
-    written = [] if args.report is None else [str(args.report)]
+    write_figure(console, args.plot, lambda: avc.figures.draw_identification(found))
+    written = [] if args.plot is None else [str(args.plot)]
     data = found.data() | {"out": None}
     if found.device is None:
         missing = [key for key in ("mass_kg", "damping_ns_per_m") if key not in found.estimates] or ["handle_radius_m"]
         keys = ", ".join(map(units.key, missing))
         complaint = f"avc: no device file: {keys} not known; log it, or state it by --device BASE or an option"
     elif args.out is not None:
-        write_text(args.out, text)
+        write_text(args.out, device_text(found.device))
         data["out"], *written = str(args.out), str(args.out), *written
-    answer = identification(data, found, units, args.log, written)
-    if args.report is not None:
-        with console.step("page"):
-            write_text(args.report, identification_html(answer, found, text, package_versions()), "--report")
-    return replace(answer, complaint=complaint)
+    return replace(identification(data, found, units, args.log, written), complaint=complaint)
 
 
 @cli.verb(
@@ -157,7 +153,6 @@ def run_diagnose(args: argparse.Namespace, console: Console) -> Answer:
     """
     from avc_casadi.diagnose.causes import diagnose
     from avc_casadi.files.problem_file import is_device
-    from avc_casadi.present.report import diagnosis_html
     from avc_casadi.present.rows.look import diagnosis
 
     device, hands = None, None
@@ -175,11 +170,7 @@ def run_diagnose(args: argparse.Namespace, console: Console) -> Answer:
     for place, each in enumerate(found if args.plot is not None else ()):
         pictures.append(args.plot if len(found) == 1 else args.plot.with_stem(f"{args.plot.stem}-{place + 1}"))
         write_figure(console, pictures[-1], partial(avc.figures.draw_diagnosis, each))
-    written = [str(path) for path in (*pictures, args.report) if path is not None]
     words = [*args.log, *(["--device", args.device] if args.device else [])]
-    answer = diagnosis(data, found, f"avc diagnose {shlex.join(words)} -v", written)
-    if args.report is not None:
-        with console.step("page"):
-            write_text(args.report, diagnosis_html(answer, found, package_versions()), "--report")
+    answer = diagnosis(data, found, f"avc diagnose {shlex.join(words)} -v", [str(path) for path in pictures])
     healthy = all(each.verdict == "nothing wrong" for each in found)
     return replace(answer, code=0 if healthy or all(each.cause for each in found) else 1)

@@ -71,7 +71,7 @@ class NewProblem:
     def faults(self) -> list[Fault]:
         """Return all faults of the values, each under the key of its option."""
         needed = [one for one in self.options() if one in (RADIUS, *HANDS) and not self.typed.get(one.key)]
-        words = {one.key: f"is missing; allowed: {one.examples[not self.units.linear]}" for one in needed}
+        words = {one.key: f"is missing; for example {one.examples[not self.units.linear]}" for one in needed}
         found = [Fault("", None, key, message) for key, message in words.items()]
         try:
             self.problem()

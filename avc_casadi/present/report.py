@@ -8,12 +8,11 @@ from dataclasses import dataclass, replace
 from html import escape
 from pathlib import Path
 from string import Template
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from matplotlib.figure import Figure
 
 from avc_casadi._util.progress import Progress
-from avc_casadi._util.text import number
 from avc_casadi._util.units import Units
 from avc_casadi.design.comparison.comparison import Comparison
 from avc_casadi.files.problem_file import dump_problem
@@ -22,18 +21,12 @@ from avc_casadi.paper.errata import ASSUMPTIONS, PAPER_ERRORS
 from avc_casadi.present.figures.deployed import draw_loop, draw_rendered, draw_rendered_impedance, draw_tool_region
 from avc_casadi.present.figures.paper import draw_comparison, draw_perceived
 from avc_casadi.present.figures.style import files_of
-from avc_casadi.present.figures.traces import draw_diagnosis, draw_identification
 from avc_casadi.present.row import Answer, Row, row
 from avc_casadi.present.rows.design import comparison, printed_errors
 from avc_casadi.present.rows.judge import levels, passivity
-from avc_casadi.present.rows.look import diagnosis
 from avc_casadi.present.rows.recommend import stability, verdict
 from avc_casadi.recommendation.felt import deployed, rendered_band
 from avc_casadi.recommendation.recommendation import Recommendation
-
-if TYPE_CHECKING:
-    from avc_casadi.diagnose.causes import Diagnosis
-    from avc_casadi.identification.device import Identification
 
 
 @dataclass(frozen=True)
@@ -91,27 +84,6 @@ def _table(title: str, rows: Iterable[Row], units: Units) -> str:
     return _wide(title, f"<table>{''.join(lines)}</table>") if lines else ""
 
 
-def _page(
-    title: str,
-    source: str,
-    conclusion: tuple[str, bool],
-    sections: Iterable[Section],
-    units: Units,
-    versions: Mapping[str, str],
-) -> str:
-    """Return a page: its title and source, a verdict and whether that is a yes, its sections, and the versions."""
-    text, good = conclusion
-    body = [f'<p class="verdict {"pass" if good else "fail"}">{escape(text)}</p>']
-    body += [one.html(units) for one in sections if one.rows or one.pictures or one.file]
-    made = _table("versions", (row(name, version) for name, version in versions.items()), units)
-    frame = Template(Path(__file__).with_suffix(".html").read_text(encoding="utf-8"))
-    return frame.substitute(title=escape(title), source=escape(source), body="\n\n".join(body), versions=made)
-
-
-def _printed(answer: Answer) -> list[Row]:
-    return [one for one in answer.rows if one.rank == 0 and one.label != "Written"]
-
-
 def report_html(
     answer: Answer,
     problem: Problem,
@@ -120,7 +92,8 @@ def report_html(
     more: Sequence[Section] = (),
 ) -> str:
     """Return the report of a recommendation: verdict, one picture and ten rows first, then the rest of it."""
-    shown, certificate = _printed(answer), answer.data["certificate"] or {}
+    shown = [one for one in answer.rows if one.rank == 0 and one.label != "Written"]
+    certificate, units = answer.data["certificate"] or {}, problem.units
     claims: list[Row] = levels(certificate.get("levels", {}))
     if problem.simulation is not None and certificate:
         claims = [*stability(certificate), *passivity(certificate["passivity"], problem)]
@@ -132,8 +105,14 @@ def report_html(
         Section("Certificate", claims, folded=True),
         Section("Problem file", file=dump_problem(problem), folded=True),
     ]
+    text, good = verdict(answer.data, shown)
+    body = [f'<p class="verdict {"pass" if good else "fail"}">{escape(text)}</p>']
+    body += [one.html(units) for one in sections if one.rows or one.pictures or one.file]
+    made = _table("versions", (row(name, version) for name, version in versions.items()), units)
     title = ": ".join(filter(None, (problem.name, problem.title)))
-    return _page(title, problem.source, verdict(answer.data, shown), sections, problem.units, versions)
+    frame = Template(Path(__file__).with_suffix(".html").read_text(encoding="utf-8"))
+    told = {"title": escape(title), "source": escape(problem.source), "versions": made}
+    return frame.substitute(told, body="\n\n".join(body))
 
 
 def paper_sections(
@@ -186,30 +165,3 @@ def pair_pictures(found: Recommendation, progress: Progress) -> dict[str, Pictur
         caption = "Springs and dampers that are stable with every corner hand, tool and contact, by engine rate."
         drawn["region"] = Picture.of(draw_tool_region(region), caption)
     return drawn
-
-
-def identification_html(answer: Answer, found: Identification, text: str, versions: Mapping[str, str]) -> str:
-    """Return the report of an identification: its rows, log and model side by side, and the device file."""
-    caption = "The model on the commanded input, held near by a slow observer; frequency response where it is coherent"
-    sections = [
-        Section("What the logs show", _printed(answer), [Picture.of(draw_identification(found), caption)]),
-        Section("Evidence", [one for one in answer.rows if one.rank > 0]),
-        Section("Device file", file=text, folded=True),
-    ]
-    source = f"{', '.join(found.sources)}: {number(found.seconds, 3)} s at {number(1 / found.sample_time_s)} Hz"
-    title = "Device identified from its log" if found.device is None else found.device.title
-    count = sum(one.identified for one in found.estimates.values())
-    conclusion = (f"{count} values identified.", found.device is not None)
-    return _page(title, source, conclusion, sections, answer.units, versions)
-
-
-def diagnosis_html(answer: Answer, found: Sequence[Diagnosis], versions: Mapping[str, str]) -> str:
-    """Return the report of a diagnosis: its rows, and a picture of each log."""
-    sections = []
-    for one in found:
-        caption = f"{one.log.name}: the grey stretch is the oscillation, the force against position is of its middle"
-        rows = diagnosis(answer.data, [one], "", ()).rows
-        sections.append(Section(one.log.name, rows, [Picture.of(draw_diagnosis(one), caption)]))
-    title = "Diagnosis of a log" if len(found) == 1 else f"Diagnosis of {len(found)} logs"
-    conclusion = ("; ".join(one.conclusion for one in found), all(one.verdict == "nothing wrong" for one in found))
-    return _page(title, ", ".join(one.log.name for one in found), conclusion, sections, answer.units, versions)

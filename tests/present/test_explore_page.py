@@ -10,7 +10,8 @@ import avc_casadi as avc
 from avc_casadi.coupling import Coupling
 from avc_casadi.model.gains import Gains
 from avc_casadi.present.explore import explorer as _explorer
-from avc_casadi.present.explore.explorer import Explorer, ExploreServer
+from avc_casadi.present.explore.explorer import Explorer
+from avc_casadi.present.explore.server import ExploreServer
 from avc_casadi.present.row import row
 
 WALL, MASS, K = "f-environment-stiffness_n_per_m", "f-device-mass_kg", "f-stiffness_n_per_m"

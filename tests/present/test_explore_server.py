@@ -7,9 +7,10 @@ import threading
 import pytest
 
 import avc_casadi as avc
-from avc_casadi.present.explore.explorer import Explorer, ExploreServer
+from avc_casadi.present.explore.explorer import Explorer
+from avc_casadi.present.explore.server import ExploreServer
 
-SETTINGS = {"device": None, "values": {}, "gains": {}, "method": "direct", "motion": "press"}
+SETTINGS = {"values": {}, "gains": {}, "method": "direct", "motion": "press"}
 QUESTION = json.dumps({"settings": SETTINGS}).encode()
 JSON = {"Content-Type": "application/json"}
 

@@ -29,6 +29,7 @@ from avc_casadi.model.scene import with_gains
 from avc_casadi.paper.equations import loop_at
 from avc_casadi.paper.realism import perceived_bounds
 from avc_casadi.paper.rows import gain_schedule
+from avc_casadi.present.explore.explorer import Explorer
 from avc_casadi.present.row import Row, marked, row
 from avc_casadi.present.rows import subject
 from avc_casadi.present.rows.judge import own_law, passivity
@@ -39,7 +40,6 @@ from avc_casadi.simulation.scene import simulate
 if TYPE_CHECKING:
     from avc_casadi.design.tool_region import ToolRegion
     from avc_casadi.model.problem import Problem
-    from avc_casadi.present.explore.explorer import Explorer
     from avc_casadi.present.explore.settings import Settings
     from avc_casadi.simulation.scene import Run
 

@@ -11,7 +11,6 @@ from types import UnionType
 from typing import Any, Literal, TypeGuard, Union, get_args, get_origin, get_type_hints
 
 from avc_casadi._errors import AvcError, Fault, InputError
-from avc_casadi.files.device_file import load_device
 from avc_casadi.files.problem_file import problem_document, problem_of
 from avc_casadi.model.device import Device
 from avc_casadi.model.ends import Ends
@@ -26,12 +25,6 @@ _GROUPS = {
     "environment": "Wall",
     "device": "Device",
     "hands": "Hands",
-    "device.range": "Ranges of the device",
-    "follower.range": "Ranges of the follower",
-    "detent": "Detents",
-    "boundaries": "Bounds of what feels real",
-    "stability": "Stability",
-    "frequency": "Frequencies",
 }
 # Largest value of a slider whose value is 0.
 _USUAL = {"N/m": 1e3, "N.s/m": 10.0, "kg": 1.0, "N": 10.0, "m": 1e-3, "s": 0.1, "Hz": 1e3, "samples": 8.0}
@@ -64,8 +57,7 @@ class Field:
 
     def document(self) -> dict[str, Any]:
         """Return JSON values."""
-        folded = not self.group.startswith(("Simulation", "Follower", "Wall", "Device", "Hands", "Your"))
-        return {key: value for key, value in vars(self).items() if key != "validator"} | {"folded": folded}
+        return {key: value for key, value in vars(self).items() if key != "validator"}
 
     def fault(self, message: str) -> str:
         """Return the message of a fault in the field's unit."""
@@ -91,7 +83,7 @@ def problem_fields(problem: Problem) -> tuple[Field, ...]:
     unused = {"simulation": problem.simulation, "follower": problem.follower}
     left_out = {name for name, one in unused.items() if one is None}
     if len(left_out) < len(unused):
-        left_out |= {"environment", "detent", "boundaries", "stability", "frequency"}
+        left_out.add("environment")
     for name, hint in get_type_hints(Problem, include_extras=True).items():
         if name in _GROUPS and name not in left_out:
             found += _fields(problem, name, _table(hint), tables.get(name) or {})
@@ -126,7 +118,7 @@ def _table(hint: Any) -> type[Table] | None:
 
 
 def _fields(problem: Problem, path: str, model: type[Table] | None, values: Mapping[str, Any]) -> Iterator[Field]:
-    skipped = {"model_config", "motion", "held", "scope", "spacing", "values_hz"}
+    skipped = {"model_config", "motion", "held", "range"}
     if problem.units.linear:
         skipped.add("handle_radius_m")
     for name, hint in get_type_hints(model, include_extras=True).items() if model else ():
@@ -140,7 +132,7 @@ def _fields(problem: Problem, path: str, model: type[Table] | None, values: Mapp
 
 
 def _of_value(problem: Problem, key: str, hint: Any, value: Any) -> Iterator[Field]:
-    path = next(one for one in sorted(_GROUPS, key=len, reverse=True) if f"{key}.".startswith(f"{one}."))
+    path = key.partition(".")[0]
     ending = re.compile(r"(_rms)?_(kg|ns_per_m|n_per_m|samples|hz|n|m|s)$")
     words = [problem.units.key(ending.sub("", part)) for part in key.removeprefix(f"{path}.").split(".")]
     group, label, parts = _GROUPS[path], " ".join(words).replace("_", " "), list(_flat(hint))
@@ -194,7 +186,6 @@ def _flat(hint: Any) -> Iterator[Any]:
 class Settings:
     """One column of the page."""
 
-    device: str | Mapping[str, Any] | None
     values: Mapping[str, Any]
     gains: Mapping[str, Any]
     method: str
@@ -202,7 +193,7 @@ class Settings:
 
     def key(self, *parts: str) -> str:
         """Return some of the settings as a text: equal settings, equal text."""
-        return json.dumps([vars(self)[part] for part in ("device", "values", *parts)], sort_keys=True)
+        return json.dumps([vars(self)[part] for part in ("values", *parts)], sort_keys=True)
 
 
 @dataclass(frozen=True)
@@ -217,11 +208,11 @@ class Form:
 
 def settings_of(document: Any, form: Form) -> Settings:
     """Read the settings of a request."""
-    allowed = {"device": (str, dict, type(None)), "values": dict, "gains": dict, "method": str, "motion": str}
+    allowed = {"values": dict, "gains": dict, "method": str, "motion": str}
     if not isinstance(document, dict) or set(document) != set(allowed):
         raise RequestError(400, f"settings are an object with {', '.join(allowed)}")
-    for key, kinds in allowed.items():
-        if not isinstance(document[key], kinds):  # type: ignore[arg-type]
+    for key, kind in allowed.items():
+        if not isinstance(document[key], kind):
             raise RequestError(400, f"{key} is of another kind")
     found = Settings(**document)
     known = {"values": {field.key for field in form.fields}, "gains": {field.key for field in form.gains}}
@@ -234,30 +225,26 @@ def settings_of(document: Any, form: Form) -> Settings:
 def problem_of_settings(base: Problem, settings: Settings, form: Form, *, to_save: bool = False) -> Problem:
     """Return the problem of the settings."""
     tables, values = problem_document(base), dict(settings.values)
-    if settings.device is not None:
-        tables["device"] = _device_table(base, settings.device)
     if "device.handle_radius_m" in values:
         tables["device"]["handle_radius_m"] = values.pop("device.handle_radius_m")
     _hold_elsewhere(tables, base.device)
-    for key in sorted(values, key=lambda one: (".range." in one, one)):  # ranges are about what was typed
+    for key in sorted(values):
         _put(tables, key, values)
-    for outer, name, main in ((tables["device"], "resonance", "frequency_hz"), (tables, "detent", "force_n")):
-        if (outer.get(name) or {}).get(main) is None:
-            outer.pop(name, None)
-    _end_below_nyquist(tables, values)
+    if (tables["device"].get("resonance") or {}).get("frequency_hz") is None:
+        tables["device"].pop("resonance", None)
+    _end_below_nyquist(tables)
     for name in ("upper", "lower") if base.environment.stiffness_n_per_m else ():
         for key, before in base.environment.model_dump().items():
             wall = tables["environment"].get(key)
-            if before > 0 and isinstance(wall, int | float) and f"boundaries.{name}.{key}" not in values:
+            if before > 0 and isinstance(wall, int | float):
                 tables["boundaries"][name][key] *= wall / before
     if not to_save:
         motion = {"kind": settings.motion} | ({"frequency_hz": 2.0} if settings.motion == "tap" else {})
         tables["scene"] = {"duration_s": 1.5, "motion": motion}
         if settings.method in form.live:  # each frequency alone follows at once
             tables["stability"]["scope"], tables["realism"]["require"] = "pointwise", "none"
-    if settings.values or settings.device is not None:
-        device = settings.device if isinstance(settings.device, str) else base.name
-        tables |= {"name": f"{device.replace('/', '-') or 'problem'}-explored", "title": f"{base.title}, changed"}
+    if settings.values:
+        tables |= {"name": f"{base.name.replace('/', '-') or 'problem'}-explored", "title": f"{base.title}, changed"}
         tables["source"] = f"avc explore, begun from {base.name}"
     return _checked(tables, settings, form, base)
 
@@ -278,31 +265,10 @@ def _checked(tables: dict[str, Any], settings: Settings, form: Form, base: Probl
     raise InputError(found)
 
 
-def _device_table(base: Problem, device: str | Mapping[str, Any]) -> dict[str, Any]:
-    """Return the table of a device that is not that of the base."""
-    if isinstance(device, str):
-        found = load_device(device).device
-    else:
-        found = problem_of({"device": device, "environment": base.environment.model_dump()}, file="").device
-    require_motion(found, base.device)
-    table: dict[str, Any] = found.model_dump(mode="json", exclude_unset=True)
-    return table
-
-
-def require_motion(device: Device, like: Device) -> None:
-    """Refuse a device that turns on the page of one that does not, and the other way."""
-    if device.motion != like.motion:
-        kind, other = ("linear", "knob") if like.units.linear else ("rotary", "figure5")
-        message = f"is {device.motion}; allowed here: a {kind} device; for others: avc explore {other}"
-        raise InputError.of(message, key="device")
-
-
 def dropped_ranges(base: Problem, settings: Settings, problem: Problem) -> list[str]:
     """Return the keys of values typed anew that have a range in the device's file and none here."""
-    device = problem_document(base)["device"] if settings.device is None else _device_table(base, settings.device)
-    before, left = device.get("range") or {}, problem.device.range.model_dump(exclude_none=True)
-    names = {key: key.removeprefix("device.") for key in settings.values if key.startswith("device.")}
-    return [key for key, name in names.items() if before.get(name) and name not in left]
+    before, after = (one.device.range.model_dump(exclude_none=True) for one in (base, problem))
+    return [key for key in settings.values if key.removeprefix("device.") in before.keys() - after.keys()]
 
 
 def _is_number(value: Any) -> TypeGuard[float]:
@@ -325,16 +291,15 @@ def _put(tables: dict[str, Any], key: str, values: Mapping[str, Any]) -> None:
         table = table.setdefault(part, {})
     before = table.get(last)
     if end is not None:
-        nominal = tables["device"].get(last, 0.0) if path[-1] == "range" else None
-        low, high = before or (nominal, nominal)
+        low, high = before or (None, None)
         pair = [low, high]
         if _same(value, pair[end]):
             return
         other = f"{'.'.join((*path, last))}.{1 - end}"
-        alone = nominal is None and (low == high or pair[1 - end] is None) and other not in values
-        pair[end] = nominal if value is None else value
-        table[last] = [pair[end]] * 2 if alone else pair
-        if value is None and (nominal is None or pair == [nominal, nominal]):
+        alone = (low == high or pair[1 - end] is None) and other not in values
+        pair[end] = value
+        table[last] = [value] * 2 if alone else pair
+        if value is None:
             table.pop(last)
             if last.startswith("contact_stiffness"):  # empty is rigid
                 table[last] = [low if end else 0.0, 1e12]
@@ -345,22 +310,20 @@ def _put(tables: dict[str, Any], key: str, values: Mapping[str, Any]) -> None:
         table.pop(last, None)
     else:
         table[last] = value
-    if path[0] == "device":
-        ranges: Any = tables["device"].get("range", {})
-        for part in path[1:]:
-            ranges = ranges.get(part, {})
-        ranges.pop(last, None)
+    ranges: Any = tables[path[0]].get("range") or {}
+    for part in path[1:]:
+        ranges = ranges.get(part) or {}
+    ranges.pop(last, None)
 
 
-def _end_below_nyquist(tables: dict[str, Any], values: Mapping[str, Any]) -> None:
-    """A slower loop has fewer frequencies, unless somebody typed which."""
+def _end_below_nyquist(tables: dict[str, Any]) -> None:
+    """A slower loop has fewer frequencies."""
     frequency, period = tables["frequency"], tables["device"].get("sample_time_s", 1e-3)
-    if "values_hz" in frequency or "frequency.stop_hz" in values or not (_is_number(period) and 0 < period <= 10):
+    if "values_hz" in frequency or not (_is_number(period) and 0 < period <= 10):
         return
     if frequency["stop_hz"] * period >= 0.5:
         frequency["stop_hz"] = float(f"{0.45 / period:.3g}")
-        if "frequency.start_hz" not in values:
-            frequency["start_hz"] = min(frequency["start_hz"], frequency["stop_hz"] / 10)
+        frequency["start_hz"] = min(frequency["start_hz"], frequency["stop_hz"] / 10)
 
 
 def _hold_elsewhere(tables: dict[str, Any], before: Device) -> None:

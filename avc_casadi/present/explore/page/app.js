@@ -3,12 +3,12 @@
 import { chart } from "./charts.js";
 import { Fields, made } from "./fields.js";
 
-const UNDO_JOIN_MS = 900, ADDRESS_MS = 300, POLL_MS = 700, PAUSE_MS = 150, MOST_BYTES = 200000;
+const UNDO_JOIN_MS = 900, ADDRESS_MS = 300, POLL_MS = 700, PAUSE_MS = 150;
 const get = (id) => document.getElementById(id);
 const copy = (value) => JSON.parse(JSON.stringify(value));
 
 let about, fields, gains;
-let fresh = { device: null, values: {}, gains: {}, method: "", motion: "press" };
+let fresh = { values: {}, gains: {}, method: "", motion: "press" };
 let state = { a: copy(fresh), b: null, on: "a" };
 const shown = { a: {}, b: {} };
 const past = [], future = [];
@@ -54,7 +54,6 @@ function fromAddress(hash) {
     }
     if ([...about.live, ...about.slow].includes(given.method)) kept.method = given.method;
     if (["press", "tap", "hold"].includes(given.motion)) kept.motion = given.motion;
-    if (["string", "object"].includes(typeof given.device)) kept.device = given.device;
     return kept;
   };
   return { a: column(found?.a), b: found?.b ? column(found.b) : null, on: found?.b && found.on === "b" ? "b" : "a" };
@@ -87,7 +86,6 @@ function travel(from, to) {
 
 function restate() {
   get("file-note").textContent = "";
-  get("command").hidden = true;
   writeAddress();
   showControls();
   for (const column of columns()) follow(column);
@@ -163,16 +161,13 @@ function showControls() {
   const slow = about.slow.includes(settings.method), running = Boolean(answer?.running);
   get("run").hidden = !slow || running || Boolean(answer?.done);
   get("cancel").hidden = !slow || !running;
-  const ofFile = settings.device !== null && typeof settings.device === "object";
-  get("device-of-file").hidden = !ofFile;
-  get("device").value = ofFile ? "(file)" : settings.device ?? "";
   get("motion").value = settings.motion;
   gains.show({ ...answer?.gains, ...settings.gains });
   fields.show({ ...answer?.values, ...settings.values });
   fields.note(answer?.dropped ?? [], "Its range is left out.");
   const rest = gains.faults(fields.faults(errors ?? []));
-  for (const key of ["method", "device"]) get(`error-${key}`).textContent = rest.filter((one) => one.key === key).map((one) => one.message).join("; ");
-  get("general-error").textContent = rest.filter((one) => !["method", "device"].includes(one.key)).map((one) => `${one.key} ${one.message}`.trim()).join("; ");
+  get("error-method").textContent = rest.filter((one) => one.key === "method").map((one) => one.message).join("; ");
+  get("general-error").textContent = rest.filter((one) => one.key !== "method").map((one) => `${one.key} ${one.message}`.trim()).join("; ");
   if (answer) {
     get("title").textContent = document.title = `avc explore: ${answer.title}`;
     get("headline").textContent = answer.headline;
@@ -220,34 +215,13 @@ function draw() {
   document.querySelector("main").classList.toggle("stale", late);
 }
 
-// ---- devices and files
-
-/** A device takes the place of all that the page says of one. */
-async function chooseDevice(which) {
-  const found = which.name === "" ? { note: "" } : await ask("device", which);
-  if (!found) return;
-  if (found.errors) {
-    get("error-device").textContent = found.errors.map((one) => `${one.key} ${one.message}`).join("; ");
-    return;
-  }
-  get("device-note").textContent = found.note;
-  const values = Object.fromEntries(Object.entries(current().values).filter(([key]) => !key.startsWith("device.")));
-  if (which.file) get("device-of-file").textContent = `from ${which.file}`;
-  change(() => Object.assign(current(), { device: which.name === "" ? null : which.name ?? found.device, values }));
-}
+// ---- files
 
 async function save(kind) {
   const found = await ask("file", { settings: current(), kind, column: state.on });
   if (!found) return;
   if (found.errors) {
     get("file-note").textContent = `Not saved: ${found.errors.map((one) => one.message).join("; ")}.`;
-    return;
-  }
-  if (kind === "command") {
-    get("command").textContent = found.text;
-    get("command").hidden = false;
-    const copied = await navigator.clipboard.writeText(found.text).then(() => true, () => false);
-    get("file-note").textContent = copied ? "Copied." : "Copy it from below.";
     return;
   }
   const link = made("a", { href: URL.createObjectURL(new Blob([found.text])), download: found.name });
@@ -262,19 +236,11 @@ function build() {
   const option = (value, text = value) => made("option", { value }, text);
   get("method").append(...[["at once", about.live], ["a run of seconds to minutes", about.slow]]
     .filter(([, names]) => names.length).map(([label, names]) => made("optgroup", { label }, ...names.map((one) => option(one)))));
-  get("device").append(option("", "as in the problem"), ...about.devices.map((one) => option(one.name, one.title)), made("option", { value: "(file)", id: "device-of-file", hidden: true }, "from the file"));
   gains = new Fields(get("gains"), about.gains, (key, value, kind) => change(() => (current().gains[key] = value), kind));
   fields = new Fields(get("fields"), about.fields, (key, value, kind) => change(() => (current().values[key] = value), kind));
   const on = (id, event, act) => get(id).addEventListener(event, act);
   on("method", "change", (event) => change(() => (current().method = event.target.value)));
   on("motion", "change", (event) => change(() => (current().motion = event.target.value)));
-  on("device", "change", (event) => chooseDevice({ name: event.target.value }));
-  on("device-file", "change", async (event) => {
-    const [file] = event.target.files;
-    if (file && file.size <= MOST_BYTES) await chooseDevice({ text: await file.text(), file: file.name });
-    else if (file) get("error-device").textContent = `${file.name} has ${file.size} bytes; allowed: a device file of at most ${MOST_BYTES}`;
-    event.target.value = "";
-  });
   on("undo", "click", () => travel(past, future));
   on("redo", "click", () => travel(future, past));
   on("compare", "click", () => change(() => {
@@ -290,7 +256,6 @@ function build() {
   on("cancel", "click", () => run({ cancel: true }));
   on("save-problem", "click", () => save("problem"));
   on("save-coupling", "click", () => save("coupling"));
-  on("copy-command", "click", () => save("command"));
   on("controls", "submit", (event) => event.preventDefault());
   document.addEventListener("keydown", (event) => {
     const key = event.key.toLowerCase();

@@ -49,7 +49,7 @@ export class Fields {
     const narrow = window.matchMedia("(max-width: 800px)").matches;
     for (const field of fields) {
       if (!groups.has(field.group)) {
-        const open = !(field.folded || (narrow && groups.size > 0));
+        const open = !(narrow && groups.size > 0);
         const box = made("details", { open }, made("summary", {}, field.group));
         groups.set(field.group, box);
         host.append(box);

@@ -1,0 +1,249 @@
+"""What the page asks: one question, `evaluate`, returns rows and charts; others begin runs, save files."""
+
+from __future__ import annotations
+
+import json
+import secrets
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from importlib.resources import files
+from typing import Any
+
+from avc_casadi._errors import AvcError, Fault, InputError, fault_document
+from avc_casadi._util.json_values import json_text
+from avc_casadi.files.catalogue import catalogue_names
+from avc_casadi.files.coupling_file import coupling_document
+from avc_casadi.files.problem_file import dump_problem, problem_document
+from avc_casadi.model.problem import Problem
+from avc_casadi.present.explore.ends import pair_answer, pair_coupling, wall_answer, wall_coupling
+from avc_casadi.present.explore.explorer import Explorer
+from avc_casadi.present.explore.settings import RequestError, dropped_ranges, problem_of_settings
+from avc_casadi.present.row import Row, text_of
+from avc_casadi.present.rows.subject import headline
+
+
+def start(explorer: Explorer, _: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what the page is built from: fields and methods."""
+    form = explorer.form
+    # A file of one's own is opened to deploy; the catalogue shows the paper's question.
+    own = explorer.source not in catalogue_names()
+    return {
+        "fields": [field.document() for field in form.fields],
+        "gains": [field.document() for field in form.gains],
+        "live": form.live,
+        "slow": form.slow,
+        "method": "recommend" if own or not form.live else "direct",
+    }
+
+
+def evaluate(explorer: Explorer, question: Mapping[str, Any]) -> dict[str, Any]:
+    """Return rows and charts of one's own gains and of the method; with ``whole`` what takes a second or more too."""
+    settings, form = explorer.settings(question), explorer.form
+    problem = explorer.problem(settings)
+    run = explorer.run(settings)
+    answer = wall_answer if form.live else pair_answer
+    gains, own, method, charts = answer(explorer, settings, problem, whole=bool(question.get("whole")))
+    if settings.method in form.slow:
+        method = [*explorer.run_rows(settings), *method]
+    tables = problem_document(problem)
+    return {
+        "title": problem.title or problem.name,
+        "headline": text_of(headline(problem, ""), problem.units).strip(),
+        "values": {field.key: field.value(tables) for field in form.fields},
+        "dropped": dropped_ranges(explorer.base, settings, problem),
+        "gains": gains,
+        "rows": {"own": _rows(own, problem), "method": _rows(method, problem)},
+        "running": run is not None and not run.over,
+        "done": run is not None and run.result is not None,
+        "charts": charts,
+    }
+
+
+def _rows(rows: Sequence[Row], problem: Problem) -> list[dict[str, str]]:
+    return [{"label": one.label, "text": one.text(problem.units), "mark": one.mark.name.lower()} for one in rows]
+
+
+def run(explorer: Explorer, question: Mapping[str, Any]) -> dict[str, Any]:
+    """Begin or cancel the run of a slow method, and return its rows."""
+    settings = explorer.settings(question)
+    if settings.method not in explorer.form.slow:
+        raise RequestError(400, f"{settings.method} follows at once and is no run")
+    found = explorer.run(settings, begin=bool(question.get("begin")), cancel=bool(question.get("cancel")))
+    rows = _rows(explorer.run_rows(settings), explorer.base)
+    done = found is not None and found.result is not None
+    return {"rows": rows, "running": found is not None and not found.over, "done": done}
+
+
+def file(explorer: Explorer, question: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the problem or the coupling as a file."""
+    settings, kind = explorer.settings(question), question.get("kind")
+    problem = explorer.problem(settings)
+    whole = problem_of_settings(explorer.base, settings, explorer.form, to_save=True)
+    stem = f"{problem.name.replace('/', '-') or 'problem'}{'-b' if question.get('column') == 'b' else ''}"
+    stem = f"./{stem}" if stem.startswith("-") else stem  # no option
+    if kind == "problem":
+        return {"name": f"{stem}.toml", "text": dump_problem(whole)}
+    if kind != "coupling":
+        raise RequestError(400, "kind is problem or coupling")
+    of = wall_coupling if explorer.form.live else pair_coupling
+    coupling, verdict = of(explorer, settings, problem)
+    text = json_text(coupling_document(coupling), problem.units)
+    return {"name": f"{stem}-coupling.json", "text": text, "note": verdict}
+
+
+PARTS = {each.__name__: each for each in (start, evaluate, run, file)}
+"""What the page can ask, by name."""
+
+
+def answer(explorer: Explorer, part: str, question: Mapping[str, Any]) -> dict[str, Any]:
+    """Answer a question; what is wrong with the settings is an answer too, each fault with its field."""
+    try:
+        return PARTS[part](explorer, question)
+    except InputError as error:
+        return {"errors": fault_document(error)["errors"]}
+    except RequestError:
+        raise
+    except AvcError as error:
+        return {"errors": [asdict(Fault("", None, "", str(error)))]}
+
+
+HOST = "127.0.0.1"
+MOST_BYTES = 2**18
+_TYPES = {".html": "text/html", ".css": "text/css", ".js": "text/javascript", ".svg": "image/svg+xml"}
+# Nothing but what this server sends; a page elsewhere can neither frame this one nor read it.
+_HEADERS = {
+    "Content-Security-Policy": (
+        "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; img-src 'self' data:; "
+        "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+    ),
+    "Cache-Control": "no-store",
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Referrer-Policy": "no-referrer",
+    "X-Content-Type-Options": "nosniff",
+}
+
+
+class ExploreServer(ThreadingHTTPServer):
+    """Serves the page of an explorer until it is shut down."""
+
+    daemon_threads = True
+    # A browser that opens many connections at once is not turned away.
+    request_queue_size = 128
+
+    def __init__(self, explorer: Explorer, port: int = 0) -> None:
+        self.explorer = explorer
+        self.token = secrets.token_urlsafe(18)
+        folder = files("avc_casadi.present.explore").joinpath("page")
+        kept = (item for item in folder.iterdir() if item.name[item.name.rfind(".") :] in _TYPES)
+        self.page = {item.name: item.read_bytes() for item in kept}
+        super().__init__((HOST, port), _Handler)
+
+    @property
+    def port(self) -> int:
+        """The port that it listens at."""
+        return int(self.server_address[1])
+
+    @property
+    def url(self) -> str:
+        """The address of the page."""
+        return f"http://{HOST}:{self.port}/{self.token}/"
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """Pass over a browser that has gone."""
+
+
+class _Handler(BaseHTTPRequestHandler):
+    server: ExploreServer
+    protocol_version = "HTTP/1.1"
+    server_version = "avc"
+    sys_version = ""
+    timeout = 60
+    # An answer's head and body are two writes: the second would wait up to 40 ms for the browser's acknowledgement.
+    disable_nagle_algorithm = True
+
+    def do_GET(self) -> None:
+        self._reply(self._file)
+
+    def do_POST(self) -> None:
+        self._reply(self._part)
+
+    def send_error(self, code: int, message: str | None = None, explain: str | None = None) -> None:
+        """Refuse what http.server itself does not understand; a method that is not there is the client's fault."""
+        self.close_connection = True
+        self._send(405 if code == 501 else code, "application/json", _error(message or explain or "refused"))
+
+    def log_message(self, *_: object) -> None:
+        """Say nothing: the token would stand in every line."""
+
+    def _reply(self, make: Any) -> None:
+        try:
+            kind, content = make(self._path())
+            self._send(200, kind, content)
+        except RequestError as error:
+            self.close_connection = True  # what was not read is not a request
+            self._send(error.status, "application/json", _error(str(error)))
+        except OSError:
+            self.close_connection = True
+        except Exception as error:  # noqa: BLE001 - one answer that fails leaves the page alive
+            self._send(500, "application/json", _error(f"internal error: {error!r}; please report it"))
+
+    def _path(self) -> str:
+        """Return the path behind the token of a request of this page."""
+        own = {f"{HOST}:{self.server.port}", f"localhost:{self.server.port}"}
+        if self.headers.get_all("Host", []) not in [[name] for name in own]:
+            raise RequestError(421, "this server answers to its own address only")
+        origin = self.headers.get("Origin")
+        if origin is not None and origin.removeprefix("http://") not in own:
+            raise RequestError(403, "requests of other pages are refused")
+        if self.headers.get("Sec-Fetch-Site", "none") not in {"none", "same-origin"}:
+            raise RequestError(403, "requests of other pages are refused")
+        token, _, path = self.path.removeprefix("/").partition("/")
+        if not secrets.compare_digest(token.encode(), self.server.token.encode()):
+            raise RequestError(403, "the address lacks the token; take the one that avc explore has printed")
+        return path
+
+    def _file(self, path: str) -> tuple[str, bytes]:
+        name = path.partition("?")[0] or "index.html"
+        if name not in self.server.page:
+            raise RequestError(405 if name in PARTS else 404, "there is no such page")
+        kind = _TYPES[name[name.rindex(".") :]]
+        return f"{kind}; charset=utf-8", self.server.page[name]
+
+    def _part(self, path: str) -> tuple[str, bytes]:
+        if path not in PARTS:
+            raise RequestError(405 if path in (*self.server.page, "") else 404, "there is nothing to ask there")
+        if self.headers.get_content_type() != "application/json":
+            raise RequestError(415, "a question is JSON: Content-Type application/json")
+        document = json.dumps(answer(self.server.explorer, path, self._question()), allow_nan=False)
+        return "application/json", document.encode()
+
+    def _question(self) -> dict[str, Any]:
+        length = self.headers.get("Content-Length", "")
+        if not (length.isascii() and length.isdigit()):
+            raise RequestError(411, "a question needs its Content-Length")
+        if len(length) > len(str(MOST_BYTES)) or int(length) > MOST_BYTES:
+            raise RequestError(413, f"a question has at most {MOST_BYTES} bytes")
+        try:
+            found = json.loads(self.rfile.read(int(length)), parse_constant=_refuse)
+        except (ValueError, RecursionError) as error:
+            raise RequestError(400, "the question is no JSON") from error
+        if not isinstance(found, dict):
+            raise RequestError(400, "a question is an object of JSON")
+        return found
+
+    def _send(self, status: int, kind: str, content: bytes) -> None:
+        self.send_response(status)
+        for name, value in {"Content-Type": kind, "Content-Length": str(len(content)), **_HEADERS}.items():
+            self.send_header(name, value)
+        self.end_headers()
+        self.wfile.write(content)
+
+
+def _error(message: str) -> bytes:
+    return json_text({"error": message}).encode()
+
+
+def _refuse(name: str) -> None:
+    raise ValueError(name)
