@@ -34,14 +34,8 @@ def problem_with(values, base=BASE, **changes):
 EXPLORERS = {id(base): Explorer(base, base.name) for base in (BASE, KNOB, TOOL)}
 
 
-def ask(part, base=BASE, question=None, explorer=None, **changes):
-    beside = {} if question is None else question
-    asked = {"settings": fresh(base, changes)} | beside
-    return answer(explorer or EXPLORERS.get(id(base)) or Explorer(base, base.name), part, asked)
-
-
-def faults(base=BASE, **changes):
-    return {one["key"]: one["message"] for one in ask("evaluate", base, **changes)["errors"]}
+def ask(part, base=BASE, **changes):
+    return answer(EXPLORERS[id(base)], part, {"settings": fresh(base, changes)})
 
 
 def rows_of(found, part="own"):
