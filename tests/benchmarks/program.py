@@ -1,10 +1,9 @@
 """What `recommend` answers beside release 0.2.0, beside its own answers to devices nearby, and what a margin costs.
 
-OPENBLAS_NUM_THREADS=1 nice python tests/benchmarks/program.py --count 4 [--release FOLDER] [--hands 2000]
+OPENBLAS_NUM_THREADS=1 nice python tests/benchmarks/program.py --count 4 [--hands 2000]
 
-`--release` is a checkout of commit 18972d2d with the package cma in it: what it recommends is measured where its
-figures are not in the results file yet. Overwrites results/program.json and RESULTS_program.md after every problem and
-goes on where it stopped.
+Figures of release 0.2.0 are those of the results file; this script measured them, as of commit cd74c515. Overwrites
+results/program.json and RESULTS_program.md after every problem and goes on where it stopped.
 """
 
 from __future__ import annotations
@@ -12,9 +11,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import subprocess
 import sys
-import tempfile
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -42,19 +39,6 @@ NAMED = ("figure5", "reference-r1", "reference-r2", "reference-r3")
 ALIKE = 0.005  # difference of the error that counts as none
 OUT = Path(__file__).parent / "results" / "program.json"
 PAGE = Path(__file__).parent / "RESULTS_program.md"
-# In a process of its own, with the packages of the release.
-RELEASE = """
-import json, resource, sys
-import avc_casadi as avc, avc_hardware
-used = lambda: sum(sum(resource.getrusage(who)[:2]) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
-problem, before = avc.Problem(**json.loads(sys.stdin.read())), used()
-found = avc.recommend(problem, hands=100)
-told = {"cpu_s": round(used() - before, 1), "reason": found.reason, "release": avc.__version__}
-if found.coupling is not None:
-    avc.write_coupling(found.coupling, sys.argv[1])
-    told["c"] = avc_hardware.export_c(found.coupling, unsafe=True)
-print(json.dumps(told))
-"""
 
 
 def measured(coupling: Coupling) -> dict[str, Any]:
@@ -101,20 +85,6 @@ def nearby(problem: Problem) -> list[float | None]:
     return errors
 
 
-def by_release(problem: Problem, release: Path) -> tuple[dict[str, Any], dict[str, str] | None]:
-    """Figures of the release and its exported C."""
-    stated = json.dumps(problem.model_dump(mode="json", exclude_unset=True))
-    paths = os.pathsep.join(map(str, (release, release / "hardware")))
-    with tempfile.TemporaryDirectory() as folder:
-        path = str(Path(folder) / "c.json")
-        command = [sys.executable, "-c", RELEASE, path]
-        env = os.environ | {"PYTHONPATH": paths}
-        done = subprocess.run(command, input=stated, env=env, cwd=release, capture_output=True, text=True, check=True)  # noqa: S603
-        told = json.loads(done.stdout.splitlines()[-1])
-        files = told.pop("c", None)
-        return (told, None) if files is None else (told | measured(avc.read_coupling(path)), files)
-
-
 def cell(name: str, given: argparse.Namespace, old: dict[str, Any] | None, margin: float | None) -> dict[str, Any]:
     """Figures of one problem, of the release and of this package; of some also of devices nearby."""
     problem = _problem(name)
@@ -130,9 +100,6 @@ def cell(name: str, given: argparse.Namespace, old: dict[str, Any] | None, margi
         one |= measured(found.coupling) | settled(problem, files, longest_s, given.hands)
     if margin is not None:
         return {"now": one}
-    if old is None and given.release is not None:
-        old, files = by_release(problem, given.release)
-        old |= settled(problem, files, longest_s, given.hands) if files is not None else {}
     cells: dict[str, Any] = {"now": one, "release": old or {}}
     if old and old.get("disk_margin", 0.0) > 0:
         answers = program_answers(problem, old["disk_margin"], old["noise_n_per_m"])
@@ -239,7 +206,6 @@ def main() -> None:
     """Compute what is missing, and write results and page."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--count", type=int, default=40, help="devices drawn, default 40")
-    parser.add_argument("--release", type=Path, help="folder of release 0.2.0")
     parser.add_argument("--hands", type=int, default=100, help="hands of each trial, default 100")
     given = parser.parse_args()
     kept = json.loads(OUT.read_text(encoding="utf-8"))
@@ -250,7 +216,7 @@ def main() -> None:
         cells[name] = partial(cell, name, given, known.get(name), None)
     cells |= {f"{name} at 0.15": partial(cell, name, given, None, 0.15) for name in NAMED[1:]}
     cells |= {f"trade-off {name}": partial(traded, _problem(name)) for name in NAMED[:2]}
-    made = about("python tests/benchmarks/program.py --count N --release FOLDER", SEED) | first
+    made = about("python tests/benchmarks/program.py --count N", SEED) | first
     if kept["about"] != made:
         OUT.unlink()
     computed(cells, OUT, made, page)

@@ -44,12 +44,11 @@ def exported(coupling: Path, folder: Path) -> None:
         raise RuntimeError(f"avc export {coupling}: {told}")
 
 
-def compiled(folder: Path, sources: tuple[str, ...], *flags: str) -> ctypes.CDLL:
-    """Compile sources with the exported C of a folder, without warnings, into a library and load it."""
-    build = ["gcc", "-std=c99", "-O2", "-ffp-contract=off", "-Wall", "-Wextra", "-Werror", "-fPIC", "-shared", *flags]
+def compiled(folder: Path) -> ctypes.CDLL:
+    """Compile the exported C of a folder, without warnings, into a library and load it."""
+    build = ["gcc", "-std=c99", "-O2", "-ffp-contract=off", "-Wall", "-Wextra", "-Werror", "-fPIC", "-shared"]
     library = str(folder / "coupling.so")
-    files = ["avc_coupling.c", *sources, "-lm", "-o", library]
-    subprocess.run([*build, "-I", ".", *files], cwd=folder, check=True)  # noqa: S603 - of the project's own files
+    subprocess.run([*build, "avc_coupling.c", "-lm", "-o", library], cwd=folder, check=True)  # noqa: S603 - of the project's own files
     return ctypes.CDLL(library)
 
 
@@ -60,7 +59,7 @@ def exported_c(case: str) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         exported(coupling_file(case), folder)
-        library = compiled(folder, ())
+        library = compiled(folder)
         step = library.avc_coupling_step
         step.restype, step.argtypes = ctypes.c_float, [ctypes.c_void_p, ctypes.c_float]
         memory = ctypes.create_string_buffer(1 << 16)  # more than any coupling remembers

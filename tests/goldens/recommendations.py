@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-import ctypes
-import itertools
-import math
 import tempfile
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from avc_process import answered
-from goldens.exported_c import compiled, exported
+from goldens.exported_c import exported
+from whole_device import WholeDevice, people, rests_as_tried
 
-PLANT = Path(__file__).resolve().parents[1] / "oracle" / "whole_device.c"
+import avc_casadi as avc
+
 HANDS, SEED = 400, 4711
-# A hand has settled where motor and handle stay below this over the last half second of each motion, at the handle.
-SETTLED_M_PER_S, SECONDS, TAIL_S = 5e-3, 3.25, 0.5
 _LINEAR = "mass_kg = {mass}\ndamping_ns_per_m = {damping}\ndelay_samples = {delay}\ncoulomb_friction_n = {friction}\n"
 _LINEAR += "encoder_resolution_m = {encoder}\nmax_force_n = 8.0\n{more}"
 _WALL = "[environment]\nstiffness_n_per_m = {wall}\ndamping_ns_per_m = 0.0\n"
@@ -59,16 +55,6 @@ RECOMMENDATIONS: dict[str, str | None] = {
 }
 
 
-def _doubles(names: str) -> type[ctypes.Structure]:
-    return type("Doubles", (ctypes.Structure,), {"_fields_": [(name, ctypes.c_double) for name in names.split()]})
-
-
-# The structs of whole_device.c, in its order.
-_Device = _doubles("mass damping time delay friction encoder bandwidth limit resonance ratio share dropped")
-_Deed = _doubles("mass damping stiffness weight start velocity speed end centre swing frequency until")
-_Found = _doubles("motor_speed handle_speed force motor handle most")
-
-
 def recommendation(case: str) -> dict[str, Any]:
     """Return what is recommended, how it feels, what it meets, and who settles in the trial and on the plant."""
     text = RECOMMENDATIONS[case]
@@ -90,7 +76,7 @@ def recommendation(case: str) -> dict[str, Any]:
         ):
             found[key] = [trial[counted], trial["hands"]]
         exported(folder / "c.json", folder)
-        return found | on_the_plant(coupling["problem_file"], folder)
+        return found | on_the_plant(folder)
 
 
 def _designed(coupling: dict[str, Any]) -> dict[str, Any]:
@@ -118,67 +104,10 @@ def _levels(levels: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def on_the_plant(problem: dict[str, Any], folder: Path, seconds: float = SECONDS) -> dict[str, Any]:
-    """Return how many of 400 hands settle with the exported C in `folder`, as declared and without dry friction.
-
-    Each is judged over the last half second of each motion, of which hands move for 1.8 s. A device that turns moves in
-    rad and N.m: the same equations, lengths at the rim divided by its radius.
-    """
-    library = compiled(folder, (str(PLANT),))
-    device, box = problem["device"], problem["hands"]
-    radius = device.get("handle_radius_m", 1.0)
-    hands = _people([_ending(box, *names) for names in (("mass_kg", "inertia_kgm2"), _DAMPING, _STIFFNESS)])
-    declared = _numbers(device)
-    counts = {}
-    for key, changed in (("plant", {}), ("plant_without_friction", {"friction": 0.0})):
-        truth = _Device(**(declared | changed))
-        counts[key] = [sum(_settles(library, truth, hand, radius, seconds) for hand in hands), HANDS]
-    return counts
-
-
-_DAMPING, _STIFFNESS = ("damping_ns_per_m", "damping_nms_per_rad"), ("stiffness_n_per_m", "stiffness_nm_per_rad")
-
-
-def _ending(table: dict[str, Any], linear: str, rotary: str, otherwise: Any = 0.0) -> Any:
-    return table.get(linear, table.get(rotary, otherwise))
-
-
-def _numbers(device: dict[str, Any]) -> dict[str, float]:
-    """Without a mode the plant is one rigid body; without a bandwidth its amplifier follows within a step."""
-    mode = device.get("resonance") or {}
-    return {
-        "mass": _ending(device, "mass_kg", "inertia_kgm2"),
-        "damping": _ending(device, *_DAMPING),
-        "time": device["sample_time_s"],
-        "delay": device["delay_samples"],
-        "friction": _ending(device, "coulomb_friction_n", "coulomb_friction_nm"),
-        "encoder": _ending(device, "encoder_resolution_m", "encoder_resolution_rad"),
-        "bandwidth": device.get("amplifier_bandwidth_hz") or 1e9,
-        "limit": _ending(device, "max_force_n", "max_torque_nm", math.inf),
-        "resonance": mode.get("frequency_hz", 0.0),
-        "ratio": mode.get("damping_ratio", 0.0),
-        "share": mode.get("mass_ratio", 0.0),
-    }
-
-
-def _people(box: list[list[float]]) -> list[tuple[float, ...]]:
-    """The corners of [hands], then its inside, 400 in all."""
-    ends = np.array(box)
-    inside = np.random.default_rng(SEED).uniform(ends[:, 0], ends[:, 1], (HANDS - 8, 3))
-    return [*itertools.product(*box), *map(tuple, inside.tolist())]
-
-
-def _settles(library: ctypes.CDLL, device: Any, hand: tuple[float, ...], radius: float, seconds: float) -> bool:
-    """Whether a hand rests after it reached in, after it struck again three times, and after it grasped at the face."""
-    mass, damping, stiffness = hand
-    body = {"mass": mass, "damping": damping, "stiffness": stiffness, "end": 0.01 / radius}
-    reach = {"start": -0.01 / radius, "speed": 0.07 / radius}
-    again = {"centre": 0.01 / radius, "swing": 0.015 / radius, "frequency": 2.0, "until": 0.02 / 0.07 + 1.5}
-    samples, tail = round(seconds / device.time), round(TAIL_S / device.time)
-    for motion in (reach, reach | again, {}):
-        found = _Found()
-        deed = _Deed(**(body | motion))
-        library.whole_device(ctypes.byref(device), ctypes.byref(deed), samples, tail, ctypes.byref(found))
-        if not max(found.motor_speed, found.handle_speed) * radius < SETTLED_M_PER_S:
-            return False
-    return True
+def on_the_plant(folder: Path) -> dict[str, Any]:
+    """Return how many of 400 hands settle with the exported C in a folder, as declared and without dry friction."""
+    problem = avc.read_coupling(folder / "c.json").problem
+    files = {path.name: path.read_text(encoding="ascii") for path in folder.glob("avc_coupling.*")}
+    bench, hands = WholeDevice(problem.device, files), people(problem.hands, HANDS - 8, SEED)
+    counts = {"plant": None, "plant_without_friction": 0.0}
+    return {key: [int(rests_as_tried(bench, problem.device, hands, dry).sum()), HANDS] for key, dry in counts.items()}

@@ -16,9 +16,9 @@ def test_mutants_are_code_and_repeat_from_a_seed():
 
 
 def test_a_rate_is_judged_as_the_numbers_allow():
-    assert list(faults({"a": [10, 12]}, {"a": [11, 12]}, whole=True)) == []
-    assert len(list(faults({"a": [400, 500]}, {"a": [450, 500]}, whole=False))) == 2  # the room, and all rooms
-    assert any("fewer than 80%" in told for told in faults({"a": [350, 500]}, {}, whole=True))
+    assert list(faults({"a": [8, 12], "b": [2, 3]}, 0.8)) == []
+    assert len(list(faults({"a": [350, 500]}, 0.8))) == 2  # the room, and all rooms
+    assert [told.partition(":")[0] for told in faults({"a": [350, 500], "b": [4500, 5000]}, 0.8)] == ["a"]
 
 
 def test_what_the_fence_names_is_there():

@@ -14,35 +14,15 @@ from hardware_bench import require, run, scratch
 from simulator_in_c import doubles
 
 _SOURCE = Path(__file__).with_name("whole_device.c")
-_DEVICE = (
-    "mass",
-    "damping",
-    "time",
-    "delay",
-    "friction",
-    "encoder",
-    "bandwidth",
-    "limit",
-    "resonance",
-    "ratio",
-    "share",
-    "dropped",
+_DEVICE, _DEED, _FOUND = map(
+    str.split,
+    (
+        "mass damping time delay friction encoder bandwidth limit resonance ratio share dropped",
+        "mass damping stiffness weight start velocity speed end centre swing frequency until",
+        "motor_speed handle_speed force motor handle most",
+    ),
 )
-_DEED = (
-    "mass",
-    "damping",
-    "stiffness",
-    "weight",
-    "start",
-    "velocity",
-    "speed",
-    "end",
-    "centre",
-    "swing",
-    "frequency",
-    "until",
-)
-_FOUND = ("motor_speed", "handle_speed", "force", "motor", "handle", "most")
+_LENGTHS = {"start", "velocity", "speed", "end", "centre", "swing"}
 SECONDS, TAIL_S, REST = 3.0, 0.5, 5e-3
 TRIAL_SECONDS = 3.25
 
@@ -70,29 +50,23 @@ def declared(device, **changed):
 
 def held(hand, speed):
     """A hand that reaches from 10 mm before the wall to 10 mm behind its face."""
-    mass, damping, stiffness = hand
-    return _Deed(mass=mass, damping=damping, stiffness=stiffness, start=-0.01, speed=speed, end=0.01)
+    return _Deed(*hand, start=-0.01, speed=speed, end=0.01)
 
 
 def tapping(hand):
     """A hand that strikes twice a second from 20 mm before the wall, and stays in it at the third time."""
-    mass, damping, stiffness = hand
-    goes = {"start": -0.005, "centre": -0.005, "swing": 0.015, "frequency": 2.0, "until": 1.125, "end": 0.01}
-    return _Deed(mass=mass, damping=damping, stiffness=stiffness, **goes)
+    return _Deed(*hand, start=-0.005, centre=-0.005, swing=0.015, frequency=2.0, until=1.125, end=0.01)
 
 
 def striking_again(hand):
     """A hand that reaches in like `held`, then leaves the wall and strikes it twice a second, three times."""
-    mass, damping, stiffness = hand
-    arrival = 0.02 / 0.07
     goes = {"start": -0.01, "speed": 0.07, "end": 0.01, "centre": 0.01, "swing": 0.015, "frequency": 2.0}
-    return _Deed(mass=mass, damping=damping, stiffness=stiffness, until=arrival + 1.5, **goes)
+    return _Deed(*hand, until=0.02 / 0.07 + 1.5, **goes)
 
 
 def grasped(hand):
     """A device that rests at the face of the wall, and a hand that aims 10 mm behind it from the beginning."""
-    mass, damping, stiffness = hand
-    return _Deed(mass=mass, damping=damping, stiffness=stiffness, end=0.01)
+    return _Deed(*hand, end=0.01)
 
 
 def thrown(velocity):
@@ -138,16 +112,17 @@ class WholeDevice:
 def rests_as_tried(bench, device, hands, friction=None, longest_s=TRIAL_SECONDS, **others):
     """Whether each hand, motor and handle rest in the three motions of a trial of `recommend`, shape (hands,).
 
-    The device may be another one than that of the bench's exported files. Who still moves is watched for so long.
-    `others` are numbers that a problem's device does not have.
+    The device may be another one than that of the bench's exported files; one that turns goes as far at its rim. Who
+    still moves is watched for so long. `others` are numbers that a problem's device does not have.
     """
     changed = {name: getattr(declared(device), name) for name in _DEVICE}
     changed |= others | ({} if friction is None else {"friction": friction})
-    motions = (lambda hand: held(hand, 0.07), striking_again, grasped)
+    motions, radius = (lambda hand: held(hand, 0.07), striking_again, grasped), device.metres_per_unit
 
     def rests(deed):
+        goes = {name: getattr(deed, name) / (radius if name in _LENGTHS else 1.0) for name in _DEED}
         watched = dict.fromkeys((TRIAL_SECONDS, longest_s))
-        found = (bench.meets(deed, seconds, **changed) for seconds in watched)
-        return any(max(one.motor_speed, one.handle_speed) < REST for one in found)
+        found = (bench.meets(_Deed(**goes), seconds, **changed) for seconds in watched)
+        return any(max(one.motor_speed, one.handle_speed) * radius < REST for one in found)
 
     return np.array([all(rests(motion(hand)) for motion in motions) for hand in hands])
