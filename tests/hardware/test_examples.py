@@ -14,14 +14,11 @@ EXAMPLES = Path(__file__).parents[2] / "problems" / "examples"
 ENGINES = {"mujoco": "MuJoCo", "pybullet": "PyBullet"}
 
 
-def run(module, tmp_path, **environment):
-    picture = tmp_path / "box.png"
-    command = [sys.executable, str(EXAMPLES / f"{module}_box.py"), "--out", str(picture)]
-    environment = {**os.environ, **environment}
-    done = subprocess.run(  # noqa: S603
-        command, capture_output=True, text=True, check=False, env=environment, cwd=tmp_path
+def run(example, *arguments, **environment):
+    command = [sys.executable, str(EXAMPLES / f"{example}.py"), *map(str, arguments)]
+    return subprocess.run(  # noqa: S603
+        command, capture_output=True, text=True, check=False, env={**os.environ, **environment}
     )
-    return picture, done
 
 
 @pytest.mark.slow
@@ -29,7 +26,8 @@ def run(module, tmp_path, **environment):
 def test_recommended_coupling_settles_and_one_beyond_the_limit_does_not(module, tmp_path):
     if importlib.util.find_spec(module) is None:
         pytest.skip(f"{module} is not installed (the extra engines)")
-    picture, done = run(module, tmp_path)
+    picture = tmp_path / "box.png"
+    done = run(f"{module}_box", "--out", picture)
     assert done.returncode == 0, done.stderr
     counts = re.findall(rf"{ENGINES[module]}, .*: (\d) of 8 hands settle", done.stdout)
     assert counts == ["8", "0"]
@@ -38,14 +36,10 @@ def test_recommended_coupling_settles_and_one_beyond_the_limit_does_not(module, 
 
 # The example of a teleoperator over a socket: two boards with the exported C settle on a late link with losses.
 
-EXAMPLE = Path(__file__).parents[2] / "problems" / "examples" / "teleoperation_loopback.py"
-
 
 def loopback(out, slower):
     require("cc")
-    command = [sys.executable, str(EXAMPLE), "--slower", str(slower), "--out", str(out)]
-    environment = {**os.environ, "CC": "cc"}
-    return subprocess.run(command, capture_output=True, text=True, check=False, env=environment)  # noqa: S603
+    return run("teleoperation_loopback", "--slower", slower, "--out", out, CC="cc")
 
 
 @pytest.mark.slow

@@ -51,10 +51,11 @@ class ReferenceCoupling:
         finite = (given >= number(-FARTHEST_M)) & (given <= number(FARTHEST_M))
         x = np.where(finite, given, zero)
         moved = np.where(self._known, x - self._before, zero)
-        inside = (self._before > 0) if self._wall_alone else True
-        change = np.where(inside, number(self._bounds.change_m), number(self._bounds.outside_m))
+        inside = (self._runs & (self._before > 0)) if self._wall_alone else True
+        bounds = self._bounds
+        change = np.where(inside, number(bounds.change_m - bounds.unsure_m), number(bounds.outside_m - bounds.unsure_m))
         changed = moved - self._moved
-        possible = np.abs(changed) <= change
+        possible = np.abs(changed) <= change + number(bounds.unsure_m)
         good = finite & (np.abs(moved) <= number(self._bounds.jump_m)) & possible
         reached = np.where(possible, moved, self._moved + np.where(changed > 0, change, -change))
         self._before, self._moved = np.where(finite, x, self._before), np.where(finite, reached, self._moved)

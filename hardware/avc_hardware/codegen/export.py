@@ -60,18 +60,19 @@ static int within({real} value, {real} most)
 }}
 
 /* Whether a position is a number, and has come by a movement that a hand can make by now: from one sample to the next
- * what is possible changes by no more than an acceleration allows. */
+ * what is possible changes by no more than an acceleration allows; what rounding adds does not add up. */
 static int believed(avc_coupling_t *coupling, {real} position_m)
 {{
     const {real} before_m = coupling->position_before_m;
     const {real} moved_m = coupling->known != 0u ? position_m - before_m : {zero};
-    const {real} changed_m = moved_m - coupling->moved_before_m, most_m = before_m > {zero} ? {inside} : {outside};
+    const {real} changed_m = moved_m - coupling->moved_before_m;
+    const {real} most_m = coupling->runs != 0u && before_m > {zero} ? {inside} : {outside};
     if (!within(position_m, {farthest})) {{
         return 0;
     }}
     coupling->known = 1u;
     coupling->position_before_m = position_m;
-    if (within(changed_m, most_m)) {{
+    if (within(changed_m, most_m + {unsure})) {{
         coupling->moved_before_m = moved_m;
         return within(moved_m, {jump});
     }}
@@ -226,8 +227,9 @@ def _source(coupling: Coupling, program: CouplingProgram, precision: Precision, 
         **words,
         farthest=literal(FARTHEST_M),
         jump=literal(bounds.jump_m),
-        inside=literal(bounds.change_m),
-        outside=literal(bounds.outside_m),
+        inside=literal(bounds.change_m - bounds.unsure_m),
+        outside=literal(bounds.outside_m - bounds.unsure_m),
+        unsure=literal(bounds.unsure_m),
         begin=(_BEGIN if wall else _BEGIN_OUTSIDE).format(**words),
         look_up="" if program.before is None else _look_up(rows, precision),
         rest=_indented(start_lines("coupling", program.states, program.initial, precision=precision)),
