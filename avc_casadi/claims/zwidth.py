@@ -24,12 +24,10 @@ from avc_casadi.loops.walls import Stretches, stable_walls
 from avc_casadi.model import EFFECTS
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners
 from avc_casadi.model.device import Device, whole_delay
-from avc_casadi.model.gains import GainSchedule
 from avc_casadi.model.hands import hand_set, no_hand
 from avc_casadi.model.problem import Model, Problem
 from avc_casadi.model.runtime import PLAIN, Poles, VelocityFilterEffect, low_pass, velocity_poles
 from avc_casadi.model.scene import declared, declared_effects
-from avc_casadi.paper.equations import coupling_gains, loop_at
 
 
 class LlewellynTable(NamedTuple):
@@ -55,18 +53,6 @@ def llewellyn_table(problem: Problem) -> LlewellynTable:
         each = [largest_llewellyn_stiffness(loop, ratio * device.damping_ns_per_m) * scale for loop in loops]
         found.append(np.min(each, axis=0))
     return LlewellynTable(ratio, found[0], found[1], max(delays))
-
-
-def rendered_wall(problem: Problem, gains: GainSchedule) -> tuple[FloatArray, FloatArray]:
-    """Return (B, K) of the spring and damper equivalent to each row at its own frequency, shape (n,) each."""
-    loop = loop_at(problem.changed(stability={"model": "sampled-data"}), gains.frequency_hz)
-    usable = gains.usable
-    b, k, contact = (
-        np.where(usable, gain, 1.0)
-        for gain in (gains.damping_ns_per_m, gains.stiffness_n_per_m, gains.contact_damping_ns_per_m)
-    )
-    wall = coupling_gains(loop.angle, loop.rendered(b, k) + contact)
-    return np.where(usable, wall[0], np.nan), np.where(usable, wall[1], np.nan)
 
 
 @dataclass(frozen=True, eq=False)

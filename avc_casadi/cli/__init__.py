@@ -142,11 +142,10 @@ def _answered(args: argparse.Namespace, console: Console, arguments: Sequence[st
         return INTERNAL
     onwards = []
     for command in answer.commands:  # one that shows more of the same answer, with what was typed
-        option = command.rpartition(" ")[2]
-        if option not in {"-v", "--explain"}:
+        if not command.endswith(" -v"):
             onwards.append(command)
-        elif option not in arguments:
-            onwards.append(shlex.join(["avc", *arguments, option]))
+        elif not args.verbose:
+            onwards.append(shlex.join(["avc", *arguments, "-v"]))
     answer = replace(answer, commands=tuple(dict.fromkeys(onwards)))
     console.answer(answer, verbose=getattr(args, "verbose", False))
     return answer.code or int(bool(answer.complaint))

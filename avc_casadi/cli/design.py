@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 import avc_casadi as avc
@@ -234,13 +235,14 @@ def run_run(args: argparse.Namespace, console: Console) -> Answer:
     """Do all of it: recommend a coupling, try it, report and push, and answer the paper's question.
 
     The recommended coupling goes into the device (coupling.json), or that of --method; the gains of the paper's
-    question are for comparison (gains.json). Of a [simulation] or a [follower] coupling, figures and report alone.
+    question are for comparison (gains.json). For another end than a wall: avc recommend.
     """
     with console.step(args.problem):
         problem = avc.load_problem(args.problem)
-    shown, pair = Path(args.out or f"avc-{problem.name.replace('/', '-')}"), _is_pair(problem)
-    if pair:
-        cli.refuse(args, "method", "unsafe", why=cli.OF_WALLS)
+    if _is_pair(problem):
+        what = f"is of another end than a wall; for that: avc recommend {quote(args.problem)} --out coupling.json"
+        raise avc.InputError.of(what, key="P")
+    shown = Path(args.out or f"avc-{problem.name.replace('/', '-')}")
     with output_folder(args.out or str(shown), "--out") as folder:
         console.begin(f"{args.problem} ... all of it, into {shown}")
         # Slow to load: after the first line.
@@ -255,17 +257,14 @@ def run_run(args: argparse.Namespace, console: Console) -> Answer:
             gains = _solved(problem, args.method, console)
             with console.step(f"coupling to deploy: {args.method}"):
                 found = judged_as_recommended(problem, gains, versions=package_versions(), progress=console)
-        push: dict[str, Any] = {}
-        paper = _Paper()
-        if not pair:
-            with console.step("device"):
-                push = _pushed(found, unsafe=args.unsafe)
-            paper = _paper(found, push, console)
+        with console.step("device"):
+            push = _pushed(found, unsafe=args.unsafe)
+        paper = _paper(found, push, console)
         files, written = paper.files, None
         if found.coupling is not None and push.get("deployable") is not False:
             files["coupling.json"], written = coupling_text(found.coupling), str(shown / "coupling.json")
         with console.step("figures"):
-            drawn = report.pair_pictures(found, console) if pair else report.wall_pictures(found)
+            drawn = report.wall_pictures(found)
         answer = recommendation(found, args.problem, written)
         pictures = list(drawn.values())
         files["report.html"] = report.report_html(answer, problem, pictures, package_versions(), paper.sections)
@@ -275,8 +274,6 @@ def run_run(args: argparse.Namespace, console: Console) -> Answer:
             write_file(folder / name, content)
     data = {"folder": str(shown), "files": sorted(files), "deploy": answer.data} | paper.data
     answer = run(data, answer, f"{shown / 'report.html'} and {len(files) - 1} files beside it")
-    if pair:
-        return answer
     refused = "push refused" if found.deployable or args.unsafe else "not deployable, push refused"
     why = "no coupling is deployable" if found.coupling is None else refused if "refused" in push else ""
     complaints = [paper.missing, f"avc: {problem.name}: {why}" if why else ""]
@@ -287,11 +284,11 @@ def run_run(args: argparse.Namespace, console: Console) -> Answer:
 class _Paper:
     """The paper's question: files, figures and sections of the report, values, and which frequencies have no gains."""
 
-    files: dict[str, str | bytes] = field(default_factory=dict)
-    drawn: dict[str, Picture] = field(default_factory=dict)
-    sections: tuple[Section, ...] = ()
-    data: dict[str, Any] = field(default_factory=dict)
-    missing: str = ""
+    files: dict[str, str | bytes]
+    drawn: dict[str, Picture]
+    sections: tuple[Section, ...]
+    data: dict[str, Any]
+    missing: str
 
 
 def _paper(found: avc.Recommendation, push: dict[str, Any], console: Console) -> _Paper:

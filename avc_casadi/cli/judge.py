@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 from contextlib import nullcontext
-from dataclasses import replace
 from pathlib import Path
 from shlex import quote
 from typing import TYPE_CHECKING, Any
@@ -14,7 +13,6 @@ from avc_casadi._util.files import write_file
 from avc_casadi._util.json_values import json_text, plain
 from avc_casadi.cli import arguments as cli
 from avc_casadi.cli.console import Console, output_folder, write_figure, writing
-from avc_casadi.design.registry import methods_help
 from avc_casadi.present.row import Answer
 
 if TYPE_CHECKING:
@@ -122,38 +120,32 @@ def _certify_wall(
     cli.argument("problem", metavar="P", text="problem file or name of the catalogue; or a coupling file"),
     cli.argument("--gains", metavar="GAINS", text="coupling or gain file in place of the scene's own coupling"),
     cli.argument("--against", metavar="C1,C2", text="draw others too: up to 3 of none and the methods"),
-    cli.flag("--explain", "show what each effect adds, and which are absent"),
     cli.argument("--seed", type=int, default=0, metavar="S", text="other draws of all noises (default 0)"),
     cli.output("--trace", "write all traces (.npz) and a manifest beside them (.json)", ".npz"),
     cli.plot("the run"),
-    cli.flag("--screen", "leave out each effect in turn instead, and say which ones it needs"),
     cli.VERBOSE,
 )
 def run_simulate(args: argparse.Namespace, console: Console) -> Answer:
     """Simulate the scene of a problem: whether the device settles, and what is rendered.
 
-    With its listed effects, or a hand, a wall and all that the device declares. Exit code 1 if it does not settle.
+    With its listed effects, or a hand, a wall and all that the device declares; -v tells what each adds. Exit code 1
+    if it does not settle.
     """
     from avc_casadi.coupling import Coupling
     from avc_casadi.design.scene_coupling import facts_of, figures_of, scene_coupling, scene_notes
     from avc_casadi.model.gains import NO_COUPLING, GainSchedule, missing_rest_gains
-    from avc_casadi.present.rows.judge import scene, screening
-    from avc_casadi.simulation.screen import explain, screen
+    from avc_casadi.present.rows.judge import scene
+    from avc_casadi.simulation.screen import explain
 
     problem, gains, notes = cli.subject(args.problem, args.gains)
     drawn = args.plot and str(args.plot)
     if problem.simulation is not None:
-        cli.refuse(args, "against", "explain", "screen", why=cli.OF_WALLS)
+        cli.refuse(args, "against", why=cli.OF_WALLS)
         return scene(_simulated_pair(problem, gains, args, console), problem, args.problem, drawn)
     given: Coupling | GainSchedule | Gains | None = gains
     if given is None:
         with console.step(f"coupling: {problem.scene.coupling}"):
             given, notes = scene_coupling(problem), scene_notes(problem)
-    if args.screen:
-        cli.refuse(args, "against", "explain", "seed", "trace", "plot", why="does not go with --screen")
-        with console.step("the scene without each of its effects"):
-            data = screen(problem, given, progress=console).document() | {"notes": notes}
-        return screening(data, problem, args.problem)
     others = [] if args.against is None else args.against.split(",")
     if len(others) > 3:  # a figure holds four runs that one can tell apart
         raise avc.InputError.of(f"names {len(others)}; allowed: at most 3", key="against")
@@ -172,12 +164,7 @@ def run_simulate(args: argparse.Namespace, console: Console) -> Answer:
     data = runs[0].document(_trace(runs[0], args.trace)) | facts | parts | {"notes": notes}
     if others:
         data["against"] = [figures_of(run) for run in runs[1:]]
-    answer = scene(data, problem, args.problem, drawn)
-    if args.explain:
-        labels = ("Outcome", "Effect", "Whole sample", "States", "Absent")
-        kept = [replace(one, rank=0) for one in answer.rows if one.label.startswith(labels)]
-        answer = replace(answer, rows=tuple(kept))
-    return answer
+    return scene(data, problem, args.problem, drawn)
 
 
 def _trace(run: avc.Run, path: Path | None) -> Path | None:
@@ -239,34 +226,25 @@ def run_trial(args: argparse.Namespace, console: Console) -> Answer:
 
 @cli.verb(
     cli.PROBLEM,
-    cli.argument("--method", text=f"place the walls that its gains render in the region: {methods_help()}"),
     cli.plot("the region"),
     cli.VERBOSE,
 )
 def run_zwidth(args: argparse.Namespace, console: Console) -> Answer:
     """Show which walls the device can render, without coupling and with a constant one."""
     from avc_casadi.claims.levels import ideal
-    from avc_casadi.claims.zwidth import llewellyn_table, rendered_wall, zwidth
+    from avc_casadi.claims.zwidth import llewellyn_table, zwidth
     from avc_casadi.design.static import static_coupling
     from avc_casadi.design.tool_region import tool_region
     from avc_casadi.present.rows.judge import region, walls
 
     problem, drawn = avc.load_problem(args.problem), args.plot and str(args.plot)
     if problem.simulation is not None:
-        cli.refuse(args, "method", why=cli.OF_WALLS)
         with console.step("region"):
             pairs = tool_region(problem, console)
         write_figure(console, args.plot, lambda: avc.figures.draw_tool_region(pairs))
         return region(pairs.document(), problem, args.problem, drawn)
     with console.step("region"):
         found = zwidth(problem, console)
-    rendered, columns = {}, {}
-    if args.method is not None:
-        with console.step(f"{args.method}: {len(problem.frequencies_hz())} frequencies"):
-            gains = avc.solve(problem, args.method, progress=console)
-        b, k = rendered[args.method] = rendered_wall(problem, gains)
-        walls_of = {"frequency_hz": gains.frequency_hz, "wall_damping_ns_per_m": b, "wall_stiffness_n_per_m": k}
-        columns = {"gains": {"method": args.method} | plain(walls_of)}
     known, refused, static, llewellyn = ideal(problem.device), list(found.refused), [], None
     if problem.device.damping_ns_per_m > 0 and known:
         with console.step("static couplings"):
@@ -278,6 +256,6 @@ def run_zwidth(args: argparse.Namespace, console: Console) -> Answer:
             ]
     if not known:
         refused.append("constant couplings: known for a rigid device, ideal amplifier and whole samples of delay")
-    write_figure(console, args.plot, lambda: avc.figures.draw_zwidth(found, rendered))
+    write_figure(console, args.plot, lambda: avc.figures.draw_zwidth(found))
     constant = {"llewellyn": llewellyn, "static": static, "refused": refused}
-    return walls(found.document() | constant | columns, problem, args.problem, drawn)
+    return walls(found.document() | constant, problem, args.problem, drawn)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from html import escape
 from pathlib import Path
 from string import Template
@@ -12,20 +12,19 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from avc_casadi._util.progress import Progress
 from avc_casadi._util.units import Units
 from avc_casadi.design.comparison.comparison import Comparison
 from avc_casadi.files.problem_file import dump_problem
 from avc_casadi.model.problem import Problem
 from avc_casadi.paper.errata import ASSUMPTIONS, PAPER_ERRORS
-from avc_casadi.present.figures.deployed import draw_loop, draw_rendered, draw_rendered_impedance, draw_tool_region
+from avc_casadi.present.figures.deployed import draw_loop, draw_rendered
 from avc_casadi.present.figures.paper import draw_comparison, draw_perceived
 from avc_casadi.present.figures.style import files_of
 from avc_casadi.present.row import Answer, Row, row
 from avc_casadi.present.rows.design import comparison, printed_errors
-from avc_casadi.present.rows.judge import levels, passivity
-from avc_casadi.present.rows.recommend import stability, verdict
-from avc_casadi.recommendation.felt import deployed, rendered_band
+from avc_casadi.present.rows.judge import levels
+from avc_casadi.present.rows.recommend import verdict
+from avc_casadi.recommendation.felt import deployed
 from avc_casadi.recommendation.recommendation import Recommendation
 
 
@@ -94,9 +93,7 @@ def report_html(
     """Return the report of a recommendation: verdict, one picture and ten rows first, then the rest of it."""
     shown = [one for one in answer.rows if one.rank == 0 and one.label != "Written"]
     certificate, units = answer.data["certificate"] or {}, problem.units
-    claims: list[Row] = levels(certificate.get("levels", {}))
-    if problem.simulation is not None and certificate:
-        claims = [*stability(certificate), *passivity(certificate["passivity"], problem)]
+    claims = levels(certificate.get("levels", {}))
     sections = [
         Section("What to deploy", shown[:10], pictures[:1]),
         Section("Margins and time responses", shown[10:], pictures[1:]),
@@ -131,7 +128,7 @@ def paper_sections(
 
 def wall_pictures(found: Recommendation) -> dict[str, Picture]:
     """Return the figures of a coupling to a wall; none without one."""
-    if found.coupling is None or found.coupling.end != "wall":
+    if found.coupling is None:
         return {}
     responses = deployed(found.coupling)
     rendered = "Rendered against wanted: stiffness by sinusoidal excitation, and simulated hands that press."
@@ -150,18 +147,3 @@ def paper_pictures(found: Comparison) -> dict[str, Picture]:
         "perceived": Picture.of(draw_perceived(found), perceived),
         "comparison": Picture.of(draw_comparison(found), errors),
     }
-
-
-def pair_pictures(found: Recommendation, progress: Progress) -> dict[str, Picture]:
-    """Return the figures of a coupling to another end: the rendering, and of a simulation the stable couplings."""
-    from avc_casadi.design.tool_region import tool_region  # noqa: PLC0415 - of few reports, and slow to load
-
-    drawn, gains = {}, None if found.coupling is None else found.coupling.gains
-    if gains is not None:
-        caption = "Rendered against wanted: device and other end as one body, and the coupling's spring."
-        drawn["rendered"] = Picture.of(draw_rendered_impedance(rendered_band(found.problem, gains)), caption)
-    if found.problem.simulation is not None:
-        region = replace(tool_region(found.problem, progress), chosen=gains)
-        caption = "Springs and dampers that are stable with every corner hand, tool and contact, by engine rate."
-        drawn["region"] = Picture.of(draw_tool_region(region), caption)
-    return drawn

@@ -8,11 +8,9 @@ from declared_device import MODE, growth
 
 import avc_casadi as avc
 from avc_casadi import parse_problem
-from avc_casadi.claims.zwidth import rendered_wall, zwidth
-from avc_casadi.design.methods import solve
+from avc_casadi.claims.zwidth import zwidth
 from avc_casadi.model.corners import device_corners
 from avc_casadi.model.hands import hand_corners
-from avc_casadi.paper.equations import loop_at
 
 T = 1e-3
 
@@ -69,18 +67,6 @@ def test_encoder_and_friction_bound():
     assert region_of(extra=FRICTION).encoder_limit_n_per_m == pytest.approx(2 * 0.2 / 2e-6)
     absent = region_of(extra=f"{FRICTION}range = {{ coulomb_friction_n = [0.0, 0.3] }}\n")
     assert not any("friction" in key for key in absent.used)
-
-
-@pytest.mark.parametrize("structure", ["series", "damped"])
-def test_rendered_wall_is_what_the_row_renders(structure):
-    case = problem(structure=structure)
-    gains = solve(case, "exact" if structure == "series" else "schedule")  # `exact` needs no contact damper here
-    b, k = rendered_wall(case, gains)
-    angle = loop_at(case, case.frequencies_hz()).angle
-    s = 2 / T * np.asarray(angle.sin) * (np.asarray(angle.sin) + 1j * np.asarray(angle.cos))
-    wall, coupling = 10.0 + 1e5 / s, gains.damping_ns_per_m + gains.stiffness_n_per_m / s
-    rendered = wall * coupling / (wall + coupling) + gains.contact_damping_ns_per_m
-    np.testing.assert_allclose(b + k / s, rendered, rtol=1e-9)
 
 
 # The K-B region of the device as declared: its edges stand at the worst corner, and what it leaves out is named.

@@ -19,7 +19,6 @@ from avc_casadi.coupling import Coupling
         (("solve", "figure5", "--out", "nowhere/gains.json"), "--out", "nowhere"),
         (("solve", "figure5", "--method", "direct", "--as-printed"), "--as-printed", "closed-form"),
         (("compare", "figure5", "--mine", "7000"), "--mine", "K,B"),
-        (("simulate", "soft", "--screen", "--explain"), "--explain", "--screen"),
         (("push", "missing.json", "--port", "emulator"), "", "does not exist"),
         (("monitor", "--port", "emulator", "--rate-hz", "0"), "--rate-hz", "above 0"),
         (("run", "figure5", "--out", "file"), "--out", "file"),

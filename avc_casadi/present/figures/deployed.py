@@ -15,7 +15,7 @@ from avc_casadi.claims.zwidth import ZWidth
 from avc_casadi.coupling import Coupling
 from avc_casadi.design.tool_region import ToolRegion
 from avc_casadi.present.figures import style
-from avc_casadi.recommendation.felt import STRUCK_M_PER_S, Deployed, RenderedBand, deployed
+from avc_casadi.recommendation.felt import STRUCK_M_PER_S, Deployed, deployed
 
 _LINES: dict[str, dict[str, Any]] = {
     "wanted": {"color": "0.72", "linewidth": 4.0, "zorder": 2},
@@ -53,28 +53,6 @@ def draw_rendered(found: Deployed | Coupling, axes: style.GivenAxes = None) -> F
     unit = problem.units.unit("mm")
     press.set(xlim=(0, found.press_s[-1]), xlabel="time (s)", ylabel=f"depth in the wall ({unit})")
     panels.legend(4)
-    return panels.figure
-
-
-@style.styled
-def draw_rendered_impedance(band: RenderedBand, axes: style.GivenAxes = None) -> Figure:
-    """Draw impedance in free motion against that of device and other end as one body, and stiffness against K."""
-    hz = np.array([one.frequency_hz for one in band.felt])
-    omega, moves = 2 * np.pi * hz, band.felt[0].mass_kg is not None
-    titles = ("(a) impedance in free motion", "(b) stiffness on a rigid object")[0 if moves else 1 :]
-    panels = style.Panels.of(axes, titles, 2.9, "ab"[: len(titles)])
-    *free, stiff = panels.axes
-    for panel in free:
-        mass, drag = (np.array([getattr(one, key) for one in band.felt]) for key in ("mass_kg", "drag_ns_per_m"))
-        panel.plot(hz, np.hypot(band.damping_ns_per_m, omega * band.mass_kg), **_LINES["wanted"])
-        panel.plot(hz, np.hypot(drag, omega * mass), **_LINES["worst"])
-        panel.set(yscale="log", ylabel=f"|Z| ({band.units.unit('N·s/m')})")
-        style.log_ticks(panel.yaxis, *panel.get_ylim())
-        style.frequency_axis(panel, hz)
-    rendered = np.array([one.stiffness_n_per_m for one in band.felt])
-    stiff.plot(hz, rendered, label="rendered", **_LINES["worst"])
-    _stiffness(stiff, hz, np.full(len(hz), band.stiffness_n_per_m), rendered, band.units.unit("N/m"))
-    panels.legend(2)
     return panels.figure
 
 
@@ -167,10 +145,8 @@ _THIN: dict[str, Any] = {"color": "0.45", "linewidth": 1.0}
 
 
 @style.styled
-def draw_zwidth(
-    region: ZWidth, rendered: dict[str, tuple[FloatArray, FloatArray]] | None = None, axes: style.GivenAxes = None
-) -> Figure:
-    """Draw the K-B region of walls, the bounds of the literature, and the walls that gains render."""
+def draw_zwidth(region: ZWidth, axes: style.GivenAxes = None) -> Figure:
+    """Draw the K-B region of walls, and the bounds of the literature."""
     panels = style.Panels.of(axes, ("walls without coupling: stiffness below each curve",), 4.4)
     (plane,), damping, unit = panels.axes, region.damping_ns_per_m[1:], region.units.unit
     shown = [np.array([region.encoder_limit_n_per_m or 0.0])]
@@ -197,12 +173,6 @@ def draw_zwidth(
         look: dict[str, Any] = {"markersize": 11, "color": "#b2182b", "markeredgecolor": "white", "clip_on": False}
         plane.plot(place, wanted, "*", label=name, zorder=6, **look)
         shown.append(np.array([wanted]))
-    for (name, (b, k)), marker in zip((rendered or {}).items(), "o^sDv", strict=False):
-        some = (b > 0) & (k > 0)
-        label, white = f"walls rendered by {name}, each at its frequency", "white"
-        plane.plot(b[some], k[some], marker, color="0.15", markerfacecolor=white, markersize=3.4, label=label, zorder=5)
-        shown.append(k[some])
-        widest.append(b[some].max(initial=0.0))
     right = 1.5 * max(widest) or float(damping[-1])
     _plane(plane, shown, (float(damping[0]), right))
     plane.set(xlabel=f"wall damping B ({region.units.unit('N·s/m')})", ylabel=f"wall stiffness K ({unit('N/m')})")

@@ -152,11 +152,11 @@ def _deployable(data: Mapping[str, Any]) -> Row:
 
 
 def run(data: Mapping[str, Any], found: Answer, files: str) -> Answer:
-    """Return the answer of `run`: what to deploy; before a wall what the device received and the paper's question."""
+    """Return the answer of `run`: what to deploy, what the device received, the paper's question."""
     shown = [one for one in found.rows if one.rank == 0 and one.label != "Written"]
-    beside = (device(data["push"]), *paper(data)) if "push" in data else ()
+    beside = (device(data["push"]), *paper(data))
     doubts = [one for one in shown[8:] if one.mark in {Mark.CAUTION, Mark.FAIL}]
-    first = [*shown[:3], *causality(data), *shown[3:8], *doubts] if beside else shown
+    first = [*shown[:3], *causality(data), *shown[3:8], *doubts]
     later = [replace(one, rank=1) for one in shown if one not in first] + [one for one in found.rows if one.rank > 0]
     return replace(found, kind="run", data=data, rows=(*first, *beside, *subject.written(files), *later))
 

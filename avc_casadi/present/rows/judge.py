@@ -289,7 +289,7 @@ def scene(data: Mapping[str, Any], problem: Problem, shown: str = "", drawn: str
         rows.append(row("Left out", left, mark=Mark.CAUTION))
     rows += [*subject.written(trace, drawn), *_explanation(data)]
     complaint = "" if data["stable"] else f"avc: {problem.name}: the device {outcome(data)}"
-    onwards = [] if tool else ["simulate {} --explain"]
+    onwards = [] if tool else ["simulate {} -v"]
     return subject.answer("simulate", data, problem, shown, rows, *onwards, complaint=complaint)
 
 
@@ -367,34 +367,6 @@ def _cost(cost_ns: float | None, scatter_ns: float) -> str:
     if cost_ns is None:
         return "-"
     return f"{cost_ns:.0f} ns" if cost_ns > scatter_ns else f"below {max(scatter_ns, 1):.0f} ns"
-
-
-def screening(data: Mapping[str, Any], problem: Problem, shown: str) -> Answer:
-    """Return the answer of `simulate --screen`: a row for each effect that the scene needs."""
-    all_effects = f"{_ENDINGS[data['outcome']][0]}, coupling {data['coupling']}"
-    rows = [row("All effects", all_effects, mark=_ENDINGS[data["outcome"]][1])]
-    for one in data["effects"]:
-        rank = 0 if one["needed"] else 1
-        cost = _cost(one["ns_per_step"], data["scatter_ns"])
-        saves = fill(f"; saves {{instructions:9}} instructions, {cost}", one) if rank else ": needed"
-        rows.append(row(f"No {one['kind']}", _changes(one, problem.units), saves, rank=rank))
-    if data["essential"]:
-        rows.append(row("Only mass", f"cannot be left out: {', '.join(data['essential'])}"))
-    if data["together"] is None:
-        rows.append(row("Not needed", fill("none at a tolerance of {tolerance:share}", data)))
-    else:
-        names = ", ".join(data["unneeded"])
-        rows.append(row("Not needed", fill(f"at a tolerance of {{tolerance:share}}: {names}", data)))
-        rows.append(row("Without these", _changes(data["together"], problem.units)))
-    rows += subject.notes(data["notes"])
-    return subject.answer("screen", data, problem, shown, rows, "simulate {} --screen -v")
-
-
-def _changes(found: Mapping[str, Any], units: Units) -> tuple[Part, ...]:
-    """Return relative changes, rms over the run for position and force, and the outcome."""
-    force = f"{units.key('force')} {{force_change:share}}"
-    changes = f"position {{position_change:share}}, {force}, stiffness {{stiffness_change:share}}"
-    return fill(f"{changes}, {_ENDINGS[found['outcome']][0]}", found)
 
 
 def trial(data: Mapping[str, Any], units: Units, shown: str) -> Answer:
