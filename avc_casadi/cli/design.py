@@ -315,7 +315,7 @@ def _paper(found: avc.Recommendation, push: dict[str, Any], console: Console) ->
     with console.step("figures of the paper"):
         drawn = paper_pictures(comparison)
     data = design.paper_data(comparison, gains) | {"push": push}
-    question = [*design.paper(data), *design.causality(data), design.device(push)]
+    question = [*design.paper(data), design.device(push)]
     sections = paper_sections(compare, problem, drawn, question)
     return _Paper(files, drawn, tuple(sections), data, design.without_gains(document))
 

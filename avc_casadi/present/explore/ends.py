@@ -82,9 +82,9 @@ def region(
     return chart("region", title, x, y, lines, points=points, wide=True)
 
 
-def touches(runs: Mapping[str, Run], problem: Problem, begins: str) -> list[dict[str, Any]]:
+def touches(runs: Mapping[str, Run], problem: Problem, begins: str, names: Mapping[str, str]) -> list[dict[str, Any]]:
     """Return position and force of simulated touches over time, with all their peaks."""
-    names, time, position, force = {"own": "your k and b", "method": "coupling"}, ("time, s", "linear"), [], []
+    time, position, force = ("time, s", "linear"), [], []
     for cls, run in runs.items():
         inside = slice(0, run.samples_in_reach)
         rows = _peaks(run.force_n[inside], run.position_m[inside])
@@ -166,7 +166,7 @@ def wall_answer(explorer: Explorer, settings: Settings, problem: Problem, *, who
         if coupling is not None:
             key = f"touch {settings.key('method', 'motion')}"
             runs["method"] = explorer.cached(key, lambda: simulate(problem, coupling.on(problem)))
-        charts += touches(runs, problem, "the wall begins at 0")
+        charts += touches(runs, problem, "the wall begins at 0", {"own": "your k and b", "method": settings.method})
         charts.append(_region(explorer, problem, stated, wall))
     return law, [one for one in own_law(found).rows if one.rank == 0], method, charts
 
@@ -245,7 +245,7 @@ def pair_answer(explorer: Explorer, settings: Settings, problem: Problem, *, who
             for cls, one in pairs.items():
                 key = f"touch {stated} {settings.motion} {one}"
                 runs[cls] = explorer.cached(key, partial(scene_coupling.simulate, with_gains(problem, one)))
-            charts += touches(runs, problem, "the contact begins at 0")
+            charts += touches(runs, problem, "the contact begins at 0", _NAMES)
     return vars(own), rows, [], charts
 
 

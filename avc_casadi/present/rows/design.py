@@ -156,7 +156,7 @@ def run(data: Mapping[str, Any], found: Answer, files: str) -> Answer:
     shown = [one for one in found.rows if one.rank == 0 and one.label != "Written"]
     beside = (device(data["push"]), *paper(data))
     doubts = [one for one in shown[8:] if one.mark in {Mark.CAUTION, Mark.FAIL}]
-    first = [*shown[:3], *causality(data), *shown[3:8], *doubts]
+    first = [*shown[:8], *doubts]
     later = [replace(one, rank=1) for one in shown if one not in first] + [one for one in found.rows if one.rank > 0]
     return replace(found, kind="run", data=data, rows=(*first, *beside, *subject.written(files), *later))
 
@@ -177,12 +177,6 @@ def paper(data: Mapping[str, Any]) -> list[Row]:
         text, mark = _cross_check(check)
         found.append(row("Exact optimum", text, mark=mark))
     return [*found, row("Verdicts", f"{subject.counts(data['counts'])}, pointwise")]
-
-
-def causality(data: Mapping[str, Any]) -> list[Row]:
-    """Tell what causality and every hand cost beside the optimum at each frequency of its own."""
-    each = [fill("{causal:share} at {frequency_hz} ({pointwise:share})", one) for one in data["causality"]]
-    return [row("Causality", "impedance error, and that of the optimum:", listed(each))] if each else []
 
 
 def device(push: Mapping[str, Any]) -> Row:
@@ -239,21 +233,4 @@ def paper_data(found: Comparison, best: GainSchedule) -> dict[str, Any]:
         "seconds": plain({"build": best.build_seconds, "solve": best.solve_seconds}),
         **{key: [float(one.min()), float(one.max())] if one.size else None for key, one in ends.items()},
         "closed_form": document["methods"]["closed-form"]["counts"],
-        "causality": _causality(document),
     }
-
-
-def _causality(document: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Return the impedance errors of causal coupling and optimum at some frequencies."""
-    if document["causal"] is None:
-        return []
-    hz, optimum = document["frequency_hz"], document["methods"][document["optimum"]]
-    places = {min(range(len(hz)), key=lambda at: abs(hz[at] - wanted)) for wanted in (1.0, 10.0, 100.0)}
-    return [
-        {
-            "frequency_hz": hz[at],
-            "causal": document["causal"]["complex_error"][at],
-            "pointwise": optimum["complex_error"][at],
-        }
-        for at in sorted(places)
-    ]
