@@ -140,8 +140,8 @@ def of_motion(args: argparse.Namespace, units: Units, *keys: str) -> dict[str, A
     for own, other in ((units.key(key), (ROTARY if units.linear else LINEAR).key(key)) for key in keys):
         if own != other and getattr(args, other) is not None:
             kind = "a linear device" if units.linear else "a device that turns"
-            typed, allowed = args.options[other].lstrip("-"), args.options[own]
-            raise avc.InputError.of(f"was given as {typed!r}; allowed of {kind}: {allowed}", key=allowed)
+            motion = f", or --motion {'rotary' if units.linear else 'linear'}" if hasattr(args, "motion") else ""
+            raise avc.InputError.of(f"is no option of {kind}; allowed: {args.options[own]}{motion}", key=other)
     return {key: getattr(args, units.key(key)) for key in keys}
 
 

@@ -210,8 +210,8 @@ def run_stream(args: argparse.Namespace, console: Console) -> Answer:
         if sample.time_s >= shown + 0.5:
             shown = sample.time_s
             b, k = Value(sample.damping_ns_per_m, "damping"), Value(sample.stiffness_n_per_m, "stiffness")
-            heard = (Value(sample.frequency_hz, "frequency"), ": b", b, ", k", k)
-            given = ("; applied", Value(sample.force_n, "force"))
+            heard = ("f", Value(sample.frequency_hz, "frequency"), ", b", b, ", k", k)
+            given = (", applied", Value(sample.force_n, "force"))
             console.say(f"{sample.time_s:7.2f} s  {text_of((*heard, *given), units)}")
 
     try:
@@ -282,7 +282,7 @@ def run_monitor(args: argparse.Namespace, console: Console) -> Answer:
             log = stack.enter_context(TelemetryLog(args.out, args.motion))
         own, tick, most = device.unique_id, Value(device.sample_time_s, "time"), Value(device.max_force_n, "force")
         running = f", coupling {device.coupling_id}" if device.coupling_id else ", no coupling"
-        head = f"device {own} with firmware {device.build}: a tick every"
+        head = f"device {f'{own} ' if own else ''}with firmware {device.build}: a tick every"
         console.say(text_of((head, tick, ", at most", most, running), units))
 
     def ended(status: DeviceStatus) -> None:

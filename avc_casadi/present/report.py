@@ -77,7 +77,7 @@ def _wide(name: str, content: str) -> str:
 
 def _table(title: str, rows: Iterable[Row], units: Units) -> str:
     lines = [
-        f'<tr><td class="{one.mark.name.lower()}">{escape(one.label)}</td><td>{escape(one.text(units))}</td></tr>'
+        f'<tr><td class="{one.mark.name.lower()}">{escape(one.name(units))}</td><td>{escape(one.text(units))}</td></tr>'
         for one in rows
     ]
     return _wide(title, f"<table>{''.join(lines)}</table>") if lines else ""

@@ -142,6 +142,10 @@ class Row:
     mark: Mark = Mark.NONE
     rank: int = 0
 
+    def name(self, units: Units) -> str:
+        """Return its label; a device that turns has torques."""
+        return self.label if units.linear else self.label.replace("Force", "Torque").replace("force", "torque")
+
     def text(self, units: Units) -> str:
         """Return its values as one line."""
         return text_of(self.values, units)
@@ -221,13 +225,13 @@ class Page:
         return text.translate(str.maketrans("✓✗·±", "+X;+")) if self.plain else text
 
     def _lines(self, answer: Answer, rows: Sequence[Row]) -> list[str]:
-        label = max((len(one.label) for one in rows), default=0)
+        label = max((len(one.name(answer.units)) for one in rows), default=0)
         lines = [*_broken(answer.title, answer.units, self.width), ""] if answer.title else []
         for one in rows:
             first, *more = _broken(one.values, answer.units, self.width - label - 6) or [""]
             colour = {Mark.PASS: "32", Mark.FAIL: "31", Mark.CAUTION: "33"}.get(one.mark) if self.colour else None
             mark = one.mark.value if colour is None else f"\x1b[{colour}m{one.mark.value}\x1b[0m"
-            lines.append(f"  {mark} {one.label:<{label}}  {first}".rstrip())
+            lines.append(f"  {mark} {one.name(answer.units):<{label}}  {first}".rstrip())
             lines += [f"{'':{label + 6}}{line}" for line in more]
         if answer.commands:
             onwards = "    ".join(answer.commands)

@@ -61,7 +61,8 @@ def evaluate(explorer: Explorer, question: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _rows(rows: Sequence[Row], problem: Problem) -> list[dict[str, str]]:
-    return [{"label": one.label, "text": one.text(problem.units), "mark": one.mark.name.lower()} for one in rows]
+    units = problem.units
+    return [{"label": one.name(units), "text": one.text(units), "mark": one.mark.name.lower()} for one in rows]
 
 
 def run(explorer: Explorer, question: Mapping[str, Any]) -> dict[str, Any]:

@@ -31,8 +31,8 @@ def limits(data: Mapping[str, Any], units: Units) -> Answer:
     """Return the answer of `device`."""
     rows = []
     for label, key in (("Force", "force_n"), ("Speed", "speed_m_per_s"), ("Energy", "energy_j")):
-        built_in = fill(f"of {{{key}}} built in", data["boards"])
-        rows.append(row(label, fill(f"{{{key}}}", data["hold"]), built_in))
+        built_in = fill(f"of {{{key}}} built in", data["boards"]) if data["boards"][key] else "; none is built in"
+        rows.append(row(label, Value.of(key, data["hold"][key]) if data["hold"][key] else "no limit", built_in))
     if data["waits"]:
         wanted = fill("{force_n} hold when the device is released, out of contact", data["asked"])
         rows.append(row("Waits", wanted, mark=Mark.CAUTION))

@@ -258,7 +258,8 @@ def identification(
         # As many digits as the interval supports.
         half, size = (one.high - one.low) / 2, max(abs(one.low), abs(one.high))
         digits = min(max(3, 1 + math.ceil(math.log10(size / half))), 15) if 0 < half < size else 3
-        value, low, high = (Value(end, one.quantity, digits) for end in (one.value, one.low, one.high))
+        best = 0.0 if abs(one.value) < 1e-3 * half else one.value
+        value, low, high = (Value(end, one.quantity, digits) for end in (best, one.low, one.high))
         values = (value, "(", low, "to", high, ")") if one.identified else (low, "to", high, "; not identified")
         mark = doubted(not one.identified)
         rows.append(row(units.key(key), values, mark=mark, rank=0 if len(rows) < 9 else 1))
