@@ -96,7 +96,8 @@ def export(data: Mapping[str, Any], coupling: Coupling, shown: str) -> Answer:
         far = subject.pair(vars(coupling.at_follower)) if coupling.end == "follower" else ()
         there = ("at the follower", far) if far else None
         what, size = listed([subject.pair(vars(coupling.gains)), there], ";"), "both ends"
-    onwards = ["export {} --parameters mujoco"] if coupling.end == "simulation" else []
+    fitting = (name for name in _ENGINES if not _misfit(coupling, name)) if coupling.end == "simulation" else ()
+    onwards = [f"export {{}} --parameters {name}" for name in fitting][:1]
     rows = [
         *_unsafe(data),
         row("Coupling", f"{coupling.id}:", what),
@@ -186,23 +187,35 @@ def _values_of(coupling: Coupling) -> dict[str, float]:
     return found
 
 
+def _places(engine: str) -> list[dict[str, str]]:
+    """Return where an engine takes the value of each formula."""
+    with Path(__file__).with_name("engines.csv").open(encoding="utf-8", newline="") as text:
+        return [one for one in csv.DictReader(text) if one["engine"] == engine]
+
+
+def _misfit(coupling: Coupling, engine: str) -> str:
+    """Return why an engine does not take a coupling; empty where it does."""
+    if engine not in _ENGINES:
+        return f"is no engine of this table; allowed: {', '.join(_ENGINES)}"
+    known, tool, wanted = _ENGINES[engine], coupling.tool, ""
+    if not known.turns and not coupling.problem.units.linear:
+        return f"knows no device that turns; allowed: {', '.join(name for name, one in _ENGINES.items() if one.turns)}"
+    integrators = known.integrators or _SEMI
+    if tool.integrator not in integrators and tool.tool_mass_kg is not None:
+        wanted = f'integrator = "{" or ".join(integrators)}"'
+    elif tool.substeps > 1 and not any(one["formula"] == "n" for one in _places(engine)):
+        step_s = max(max(tool.step_s) / tool.substeps, coupling.problem.device.sample_time_s)
+        wanted = f"substeps = 1, step_s = {step_s:.6g}"
+    loop = f"integrator = {tool.integrator!r}, substeps = {tool.substeps}"
+    return f"has no {loop} of this coupling; say {wanted} in [simulation] and make it again" if wanted else ""
+
+
 def parameters(coupling: Coupling, engine: str, shown: str = "coupling.json", unsafe: str = "") -> Answer:
     """Return a coupling to a simulation in the parameters and units of an engine."""
-    with Path(__file__).with_name("engines.csv").open(encoding="utf-8", newline="") as text:
-        places = [one for one in csv.DictReader(text) if one["engine"] == engine]
+    if why := _misfit(coupling, engine):
+        raise InputError.of(f"is {engine!r}, which {why}", key="--parameters")
+    places = _places(engine)
     known, tool, units, values = _ENGINES[engine], coupling.tool, coupling.problem.units, _values_of(coupling)
-    if not known.turns and not units.linear:
-        others = ", ".join(name for name, one in _ENGINES.items() if one.turns)
-        raise InputError.of(f"is {engine!r}, which knows no device that turns; allowed: {others}", key="--parameters")
-    integrators, wanted = known.integrators, ""
-    if tool.integrator not in (integrators or _SEMI) and tool.tool_mass_kg is not None:
-        wanted = f'integrator = "{" or ".join(integrators or _SEMI)}"'
-    elif tool.substeps > 1 and not any(one["formula"] == "n" for one in places):
-        wanted = f"substeps = 1, step_s = {max(values['h/n'], values['T']):.6g}"
-    if wanted:
-        loop = f"integrator = {tool.integrator!r}, substeps = {tool.substeps}"
-        message = f"is {engine!r}, which has no {loop} of this coupling; say {wanted} in [simulation] and make it again"
-        raise InputError.of(message, key="--parameters")
     # The joint has the damper that implicitfast solves.
     law = next(one["place"] for one in places if one["formula"] == "each step")
     if engine == "mujoco" and tool.solved == "damper":
@@ -210,7 +223,7 @@ def parameters(coupling: Coupling, engine: str, shown: str = "coupling.json", un
     handed = "tool_x, tool_v"
     if tool.exchange == "held-force":
         handed = "force on the tool" if tool.solved == "nothing" else "avc_coupling_handed_force(...)"
-    late = f", {tool.steps_late} steps later" if tool.steps_late else ""
+    late = f", {subject.plural(tool.steps_late, 'step')} later" if tool.steps_late else ""
     ahead = "" if tool.exchange == "held-force" else f"; {_AHEAD}"
     traps = [unsafe, f"hand out {subject.EXCHANGES[tool.exchange].format(step=known.step)}{ahead}{late}"]
     table: list[dict[str, Any]] = [
@@ -226,7 +239,7 @@ def parameters(coupling: Coupling, engine: str, shown: str = "coupling.json", un
         "title": known.title,
         "coupling": coupling.id,
         "exchange": tool.exchange,
-        "integrator": integrators.get(tool.integrator, ""),
+        "integrator": known.integrators.get(tool.integrator, ""),
         "parameters": table,
         "sample_time_s": coupling.problem.device.sample_time_s,
         "device": f"F = avc_coupling_step(&c, x, {handed}) every",

@@ -180,9 +180,12 @@ def _law_rows(found: LawCertificate) -> list[Row]:
 
 def pair_certificate(data: Mapping[str, Any], problem: Problem, shown: str) -> Answer:
     """Return the answer of `certify` of a coupling to a simulation: stability, and passivity apart."""
-    rows = [row("Coupling", subject.pair(data)), *stability(data), *passivity(data["passivity"], problem)]
+    verdict = data["deployable"]
+    text = f"{'yes' if verdict['pass'] else 'no'}: {verdict['sentence']}"
+    rows = [row("Deployable", text, mark=marked(verdict["pass"])), row("Coupling", subject.pair(data))]
+    rows += [*stability(data), *passivity(data["passivity"], problem)]
     rows += [*subject.not_used(data["not_used"]), row("Claim", data["claim"], rank=1)]
-    complaint = "" if data["deployable"]["pass"] else f"avc: {shown}: not deployable"
+    complaint = "" if verdict["pass"] else f"avc: {shown}: not deployable"
     return subject.answer("certify", data, problem, shown, rows, complaint=complaint)
 
 

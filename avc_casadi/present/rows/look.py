@@ -121,7 +121,7 @@ def _value(key: str, value: Any) -> tuple[Part, ...]:
         return listed((name.replace("_", " "), _value(name, one)) for name, one in value.items())
     if isinstance(value, bool) or not isinstance(value, int | float):
         return (str(value),)
-    return (Value(value, "number" if key.endswith("radius_m") else quantity_of(key)),)
+    return (f"{value:g} m" if key.endswith("radius_m") else Value(value, quantity_of(key)),)
 
 
 def catalogue(data: Mapping[str, Any], folder: str) -> Answer:
