@@ -136,8 +136,7 @@ def tapping_allows(friction: float, step: float) -> float:
 # A measured region: a haptic paddle
 
 DEGREE = math.pi / 180
-PADDLE_T, PADDLE_RATIO, PADDLE_FILTER_HZ, PADDLE_STEP_DEG = 350e-6, 15.0, 50.0, 0.024
-FRICTION_NM = (1.0e-3, 1.2e-3, 1.5e-3, 1.8e-3)
+PADDLE_T, PADDLE_FILTER_HZ, PADDLE_STEP_DEG = 350e-6, 50.0, 0.024
 MEASURED = {  # B in N.m.s/deg: K in N.m/deg, as the code that measured it has both
     0.000: (1.8, 5.4, 5.2, 3.0),
     0.002: (2.4, 5.8, 5.8, 4.0),

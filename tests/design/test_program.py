@@ -8,6 +8,7 @@ import scipy.linalg
 import scipy.signal
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.optimize import nnls
 
 import avc_casadi as avc
 from avc_casadi.design.cones import multiplier
@@ -154,8 +155,12 @@ def test_a_multiplier_is_one_of_the_clip_and_turns_the_loop_as_told(poles, zero)
         loop = loop / (1 - 2 * size * np.cos(angle) / z + size**2 / z**2)
     found, least = multiplier(z, loop)
     assert (found * loop / np.abs(loop)).real.min() == pytest.approx(least, abs=1e-9)
-    # 1 - M has a sum of absolute taps below 1, so that M, whatever its size, keeps to the right half plane.
-    assert found.real.min() > 0
+    # Of a clip that is not odd M is 1 - sum h_k z^-k, h >= 0 of sum below 1: such taps have these phases.
+    delayed = z[:, None] ** -np.outer([1, -1], [1, 2, 3, 5, 8, 13, 21, 34, 55]).ravel()
+    taps, left = nnls((found.conj()[:, None] * delayed).imag, -found.imag)
+    assert left < 1e-6
+    assert taps.sum() < 1
+    assert (found.conj() * (1 - delayed @ taps)).real.min() > 0
 
 
 @pytest.mark.slow

@@ -6,7 +6,6 @@ code with the scene. The linear part is that of the frozen loops that certificat
 
 import itertools
 
-import casadi as ca
 import numpy as np
 import pytest
 from scipy.linalg import expm
@@ -16,7 +15,6 @@ from avc_casadi.claims.prove.law import ContactLaw
 from avc_casadi.model.effects import HandEffect, SaturationEffect, WallEffect
 from avc_casadi.model.gains import Gains
 from avc_casadi.model.scene import Press, Scene
-from avc_casadi.simulation.compile import compile_scene
 from avc_casadi.simulation.scene import simulate
 
 # Of the wall of figure 5, tuned as tests/test_table1_everybody_rests_at_the_stiff_wall.py does.
@@ -101,19 +99,6 @@ def test_linear_part_is_that_of_the_frozen_loops(gains):
         assert force == pytest.approx(max(0.0, float(part.force[0] @ given)), abs=1e-8)
         before, stretch = x, float(part.state[0] @ given)
     assert run.force_n.max() > 1
-
-
-LIGHT, PUSH_N = (0.05, 3.0, 200.0), 5.0
-# Samples of a contact and of a flight, and the speed at the surface, that bounce for ever under the gated law.
-
-
-def step(contact):
-    """One sample of the scene with the light hand, its target at rest, pressing with 5 N."""
-    problem = pressed(LIGHT, contact, end_m=PUSH_N / LIGHT[2])
-    compiled = compile_scene(problem, gains=CONSTANT)
-    state = ca.SX.sym("state", len(compiled.states))
-    aim, numbers = ca.DM([PUSH_N / LIGHT[2], 0.0]), ca.DM(compiled.parameter_values(CONSTANT)[0])
-    return compiled, ca.Function("step", [state], [compiled.function(state, aim, numbers)[0]])
 
 
 @pytest.mark.parametrize("gains", [CONSTANT, Gains(40.0, 3e4)])

@@ -157,12 +157,6 @@ def test_a_law_is_made_for_the_coarsest_encoder_of_the_declared_range():
     assert zones[1] / zones[0] == pytest.approx(6e-5 / stated.device.encoder_resolution_m)
 
 
-# A recommendation says of rest with every hand: proved, refuted, open or simulated.
-
-
-# Too little damping to be proved before this wall, and enough to be stable.
-
-
 @pytest.mark.slow
 def test_the_recommended_coupling_carries_its_proof():
     found = avc.recommend("spring", hands=10)

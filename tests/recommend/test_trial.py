@@ -116,25 +116,6 @@ def test_anybody_is_drawn_without_those_before(population):
     assert len(np.unique(many.mass_kg)) == BLOCK + 50
 
 
-# A wall behind an observer rests when it is hardly touched, in loose hands and behind a coarse encoder too.
-
-
-@pytest.fixture(scope="module")
-def touched():
-    """60 g in place of 100, 55 um: a law for a press of 10 mm alone leaves every third loose hand buzzing."""
-    device = {
-        "mass_kg": 0.06,
-        "damping_ns_per_m": 0.3,
-        "coulomb_friction_n": 0.0,
-        "encoder_resolution_m": 5.5e-5,
-        "max_force_n": 10.0,
-        "amplifier_bandwidth_hz": None,
-        "resonance": None,
-    }
-    wall = {"stiffness_n_per_m": 15e3, "damping_ns_per_m": 0.0}
-    return avc.recommend(avc.load_problem("reference-r1").changed(device=device, environment=wall), hands=40)
-
-
 # What is recommended is tried on devices a tenth off their file too, and it is told how that ends.
 
 WALL_N_PER_M = 20e3

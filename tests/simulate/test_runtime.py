@@ -107,13 +107,7 @@ def test_a_guard_reckons_with_all_that_the_springs_hold(adaptive):
 
 # The observer against a mass integrated exactly: never off the count, between its steps, ahead of a delay.
 
-T, MASS, STEP_M = 1e-3, 0.2, 2e-5
-
-
-@pytest.fixture
-def asked():
-    time = np.arange(3000) * T
-    return 1.0 + 0.2 * np.sin(2 * np.pi * 7 * time) + 0.1 * np.sign(np.sin(2 * np.pi * 3 * time))
+T, MASS = 1e-3, 0.2
 
 
 @pytest.mark.parametrize("ahead", [0.25, 0.5, 1.75, 2.5])
