@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from buzzing_cases import CAUSES, case_of, declared_of, healthy_case
-from buzzing_device import Buzzing, logged
+from buzzing_device import Buzzing, declared_of, logged
 from held_device import held_log
+from swings import KINDS, TRUTH, case, declared, settled
 
 from avc_casadi.diagnose.causes import diagnose
 from avc_casadi.identification.log import Columns
@@ -66,12 +66,12 @@ def test_a_hand_that_let_go_is_missed():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("cause", [*(one for one in CAUSES if one != "ticks"), "nothing wrong"])
-def test_what_is_drawn_is_named_right_or_left_open(cause):
-    for index in range(2):
-        case = healthy_case(90, index) if cause == "nothing wrong" else case_of(cause, 90, index)
-        found = diagnose(case.columns, device=case.declared)
-        assert (found.cause or found.verdict) in {cause, "cannot tell"}, found.conclusion
+@pytest.mark.parametrize("kind", KINDS)
+def test_what_is_drawn_is_named_right_or_left_open_and_its_remedies_bring_rest(kind):
+    loop, wrong, log = case(kind, 7204, KINDS.index(kind))
+    found = diagnose(log, device=declared(loop, wrong))
+    assert (found.cause or found.verdict) in {TRUTH.get(kind, kind), "cannot tell"}, found.conclusion
+    assert all(rests for _, rests in settled(found, wrong, kind))
 
 
 STEP = 2 * np.pi / 16384

@@ -4,8 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from buzzing_cases import declared_of
-from buzzing_device import Buzzing, logged
+from buzzing_device import Buzzing, declared_of, logged
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.signal import find_peaks

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import ctypes
 import json
-import subprocess
-import tempfile
 from pathlib import Path
 from typing import Any
 
-from avc_process import answered
+from exported import Exported
+
+import avc_casadi as avc
 
 _HERE = Path(__file__).resolve().parent
 # One of each kind that is exported: contact damper, spring and damper, state feedback, a knob with detents, gains that
@@ -37,33 +36,9 @@ def trace_um() -> list[int]:
     return found
 
 
-def exported(coupling: Path, folder: Path) -> None:
-    """Write the exported C of a coupling into a folder; it may be one that is not deployable."""
-    code, told = answered("export", str(coupling), "--c", ".", "--unsafe", cwd=folder)
-    if code:
-        raise RuntimeError(f"avc export {coupling}: {told}")
-
-
-def compiled(folder: Path) -> ctypes.CDLL:
-    """Compile the exported C of a folder, without warnings, into a library and load it."""
-    build = ["gcc", "-std=c99", "-O2", "-ffp-contract=off", "-Wall", "-Wextra", "-Werror", "-fPIC", "-shared"]
-    library = str(folder / "coupling.so")
-    subprocess.run([*build, "avc_coupling.c", "-lm", "-o", library], cwd=folder, check=True)  # noqa: S603 - of the project's own files
-    return ctypes.CDLL(library)
-
-
 def exported_c(case: str) -> dict[str, Any]:
     """Return every 50th force along the trace, in N or N.m; a knob turns by what its rim goes along."""
-    told = json.loads(coupling_file(case).read_text(encoding="ascii"))
-    radius = told["problem_file"]["device"].get("handle_radius_m", 1.0)
-    with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        exported(coupling_file(case), folder)
-        library = compiled(folder)
-        step = library.avc_coupling_step
-        step.restype, step.argtypes = ctypes.c_float, [ctypes.c_void_p, ctypes.c_float]
-        memory = ctypes.create_string_buffer(1 << 16)  # more than any coupling remembers
-        library.avc_coupling_start(memory)
-        share = COUPLINGS[case] * 1e-6 / radius
-        forces = [float(step(memory, share * x)) for x in trace_um()]
+    coupling = avc.read_coupling(coupling_file(case))
+    share = COUPLINGS[case] * 1e-6 / coupling.problem.device.metres_per_unit
+    forces = Exported(coupling).forces([share * x for x in trace_um()]).tolist()
     return {"samples": len(forces), "force": forces[EVERY - 1 :: EVERY]}

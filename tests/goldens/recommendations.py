@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from avc_process import answered
-from goldens.exported_c import exported
+from hardware_bench import export_c
 from whole_device import WholeDevice, people, rests_as_tried
 
 import avc_casadi as avc
@@ -75,8 +75,7 @@ def recommendation(case: str) -> dict[str, Any]:
             ("quiet", "quiet"),
         ):
             found[key] = [trial[counted], trial["hands"]]
-        exported(folder / "c.json", folder)
-        return found | on_the_plant(folder)
+        return found | on_the_plant(avc.read_coupling(folder / "c.json"))
 
 
 def _designed(coupling: dict[str, Any]) -> dict[str, Any]:
@@ -104,10 +103,9 @@ def _levels(levels: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def on_the_plant(folder: Path) -> dict[str, Any]:
-    """Return how many of 400 hands settle with the exported C in a folder, as declared and without dry friction."""
-    problem = avc.read_coupling(folder / "c.json").problem
-    files = {path.name: path.read_text(encoding="ascii") for path in folder.glob("avc_coupling.*")}
-    bench, hands = WholeDevice(problem.device, files), people(problem.hands, HANDS - 8, SEED)
+def on_the_plant(coupling: avc.Coupling) -> dict[str, Any]:
+    """Return how many of 400 hands settle with the exported C, as declared and without dry friction."""
+    device = coupling.problem.device
+    bench, hands = WholeDevice(device, export_c(coupling)), people(coupling.problem.hands, HANDS - 8, SEED)
     counts = {"plant": None, "plant_without_friction": 0.0}
-    return {key: [int(rests_as_tried(bench, problem.device, hands, dry).sum()), HANDS] for key, dry in counts.items()}
+    return {key: [int(rests_as_tried(bench, device, hands, dry).sum()), HANDS] for key, dry in counts.items()}

@@ -6,6 +6,8 @@ from dataclasses import asdict, dataclass, fields
 import numpy as np
 from simulator_in_c import doubles, pointers, simulator
 
+from avc_casadi.model.device import Device
+
 
 @dataclass(frozen=True)
 class Buzzing:
@@ -54,18 +56,25 @@ class Buzzing:
 _Device = doubles(each.name for each in fields(Buzzing))
 
 
-def played(loop, seconds=1.5, missed=None, noise_m=0.0, random=None):
-    """Return time, measured position, commanded force and where the hand is, at every tick; `missed` marks some."""
+def logged(loop, seconds=1.5):
+    """Return time, measured position and commanded force at every tick."""
     samples = round(seconds / loop.period)
-    missed = np.zeros(samples) if missed is None else np.ascontiguousarray(missed, dtype=float)
-    noise = np.zeros(samples) if random is None else noise_m * random.standard_normal(samples)
-    position, force, hand = np.empty(samples), np.empty(samples), np.empty(samples)
-    arrays = pointers(noise, missed, position, force, hand)
-    simulator("buzzing_device")(ctypes.byref(_Device(**asdict(loop))), samples, *arrays)
-    return np.arange(samples) * loop.period, position, force, hand
+    noise, missed, position, force, hand = np.zeros((5, samples))
+    simulator("buzzing_device")(
+        ctypes.byref(_Device(**asdict(loop))), samples, *pointers(noise, missed, position, force, hand)
+    )
+    return np.arange(samples) * loop.period, position, force
 
 
-def logged(loop, seconds=1.5, missed=None, noise_m=0.0, random=None):
-    """Return time, measured position and commanded force of the ticks that ran; `missed` marks those that did not."""
-    columns = played(loop, seconds, missed, noise_m, random)[:3]
-    return columns if missed is None else tuple(column[np.asarray(missed) == 0] for column in columns)
+def declared_of(loop):
+    """What the file of the device says: the healthy loop."""
+    numbers = {
+        "mass_kg": loop.mass,
+        "damping_ns_per_m": loop.damping,
+        "sample_time_s": loop.period,
+        "delay_samples": round(loop.delay, 3),
+        "coulomb_friction_n": loop.friction,
+        "encoder_resolution_m": loop.encoder,
+        "max_force_n": loop.limit,
+    }
+    return Device.model_validate(numbers)
