@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import io
+import json
 import tempfile
+from contextlib import chdir, redirect_stdout
 from pathlib import Path
 from typing import Any
 
-from avc_process import answered
+from avc_casadi.cli import main
 
 _GOOD = """\
 [device]
@@ -77,10 +80,9 @@ ERRORS: dict[str, tuple[tuple[str, ...], dict[str, str]]] = {
 def error(case: str) -> dict[str, Any]:
     """Return the exit code and the error document of bad input."""
     words, files = ERRORS[case]
-    with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
+    with tempfile.TemporaryDirectory() as name, chdir(name), redirect_stdout(io.StringIO()) as said:
         for file, text in files.items():
-            (folder / file).write_text(text, encoding="ascii")
-        code, document = answered(*words, cwd=folder)
-    faults = [{key: fault[key] for key in ("file", "line", "key")} for fault in document["errors"]]
+            Path(file).write_text(text, encoding="ascii")
+        code = main([*words, "--json"])
+    faults = [{key: fault[key] for key in ("file", "line", "key")} for fault in json.loads(said.getvalue())["errors"]]
     return {"exit_code": code, "errors": faults}
