@@ -5,6 +5,7 @@ impedance that it meets is a matrix over them, and its Hermitian part says what 
 """
 
 import numpy as np
+from sampled_wall import mechanics
 from scipy.linalg import expm
 
 MODE = {"frequency_hz": 150.0, "damping_ratio": 0.05, "mass_ratio": 0.5}
@@ -30,39 +31,9 @@ def random_device(rng):
     return device
 
 
-def state_equations(device, hand):
-    """Motor, handle with hand, and amplifier: A, b of a force against +x, and the row that is measured."""
-    mode, (m_h, b_h, k_h) = device.resonance, hand
-    if mode is None:
-        mass = device.mass_kg + m_h
-        a = np.array([[0, 1], [-k_h / mass, -(device.damping_ns_per_m + b_h) / mass]])
-        b, measured = np.array([0, -1 / mass]), 0
-    else:
-        handle, motor = mode.mass_ratio * device.mass_kg, (1 - mode.mass_ratio) * device.mass_kg
-        between = motor * handle / (motor + handle)
-        k = between * (2 * np.pi * mode.frequency_hz) ** 2
-        c = 2 * mode.damping_ratio * np.sqrt(k * between)
-        a, b = np.zeros((4, 4)), np.array([0, 0, -1 / motor, 0])
-        a[:2, 2:] = np.eye(2)
-        springs = np.array([[k, -k], [-k, k + k_h]])
-        dampers = np.array([[c + device.damping_ns_per_m, -c], [-c, c + b_h]])
-        a[2:, :2], a[2:, 2:] = (-x / np.array([[motor], [handle + m_h]]) for x in (springs, dampers))
-        measured = 0 if device.encoder_at == "motor" else 1
-    if device.amplifier_bandwidth_hz is None:
-        return a, b, np.eye(len(b))[measured]
-    w, n = 2 * np.pi * device.amplifier_bandwidth_hz, len(b)
-    slows = 2 * device.amplifier_damping_ratio * w
-    lag = np.array([[-w]]) if device.amplifier_order == 1 else np.array([[0, w], [-w, -slows]])
-    whole = np.zeros((n + len(lag), n + len(lag)))
-    whole[:n, :n], whole[:n, n], whole[n:, n:] = a, b, lag
-    drive = np.zeros(len(whole))
-    drive[-1] = w
-    return whole, drive, np.eye(len(drive))[measured]
-
-
 def loop(device, hand, gains, wall):
     """One sample of the closed loop as a matrix: the sample is split where the newer force arrives."""
-    a, b, measured = state_equations(device, hand)
+    a, b, measured = mechanics(device, hand)
     n, time = len(b), device.sample_time_s
     whole, late = int(device.delay_samples), device.delay_samples % 1
     (g, k, b_p), (b_e, k_e) = gains, wall
@@ -76,7 +47,7 @@ def loop(device, hand, gains, wall):
 
     def tick(state):
         x, before, joint_before, line = state[:n], state[n], state[n + 1], list(state[n + 2 :])
-        y = measured @ x
+        y = x[measured]
         joint = (g * (y - before) / time + k * y + (g + b_e) * joint_before / time) / ((g + b_e) / time + k + k_e)
         force = b_e * (joint - joint_before) / time + k_e * joint + b_p * (y - before) / time
         forces = [force, *line]
@@ -87,10 +58,11 @@ def loop(device, hand, gains, wall):
     # Rates count by the sample, so that the eigenvalues keep their digits.
     size = n + 2 + whole + 1
     matrix = np.stack([tick(row) for row in np.eye(size)], axis=1)
-    rates = 2 if device.resonance is not None else 1
+    bodies = 4 if device.resonance is not None else 2
     scale = np.ones(size)
-    scale[rates : 2 * rates] = time
-    scale[2 * rates : n] = scale[n + 2 :] = time**2 / device.mass_kg
+    scale[1:bodies:2] = time
+    scale[bodies:n] = scale[n + 2 :] = time**2 / device.mass_kg
+    scale[bodies + 1 : n] /= time
     return matrix * scale[:, None] / scale
 
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from sampled_wall import spectral_radius
 from scipy.signal import StateSpace, lsim
 
 import avc_casadi as avc
@@ -148,14 +149,7 @@ def test_a_wall_at_its_limit_moves_on_lighter_devices_and_one_far_from_it_does_n
 
 
 def radius_let_go(device, stiffness, damping):
-    """Of a mass before a spring and a damper on the sampled position, held over each sample; by hand."""
-    mass, rubs, period = device.mass_kg, device.damping_ns_per_m, device.sample_time_s
-    left = np.exp(-rubs / mass * period)
-    coast = (1 - left) * mass / rubs
-    push = np.array([(period - coast) / rubs, (1 - left) / rubs, 0.0])
-    free = np.array([[1.0, coast, 0.0], [0.0, left, 0.0], [1.0, 0.0, 0.0]])
-    law = -np.array([stiffness + damping / period, 0.0, -damping / period])
-    return max(abs(np.linalg.eigvals(free + np.outer(push, law))))
+    return spectral_radius(device, (0.0, 0.0, 0.0), damping, stiffness)
 
 
 @pytest.mark.slow
