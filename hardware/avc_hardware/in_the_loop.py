@@ -8,15 +8,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from avc_casadi import InputError, UnsupportedError
+from avc_casadi import InputError
 from avc_casadi.coupling import Coupling, require_coupling
 from avc_casadi.model import EFFECTS
 from avc_casadi.model.effects import HandEffect, WallEffect
 from avc_casadi.model.plant import HANDLE
 from avc_casadi.model.scene import scene_effects
 from avc_casadi.simulation.compile import build_effects, mechanics_of, target_of
-from avc_casadi.simulation.effects.base import SceneEffect
-from avc_casadi.simulation.effects.interface import Delay, Saturation
+from avc_casadi.simulation.effects.interface import Delay
 from avc_casadi.simulation.judge import Traces
 from avc_casadi.simulation.population.motions import TRIAL_S, course_of
 from avc_hardware.codegen.figures import board_limits, device_config
@@ -32,7 +31,6 @@ if TYPE_CHECKING:
     from avc_casadi import Problem
     from avc_casadi.model.device import Device
     from avc_casadi.simulation.judge import Judgement
-    from avc_hardware.codegen.figures import BoardLimits
 
 
 PLANT_KINDS = frozenset({"hand", "stylus-hand", "viscous-friction", "resonance", "amplifier", "delay"})
@@ -59,7 +57,6 @@ class FirmwareInTheLoop:
         problem = of.problem if isinstance(of, Coupling) else of
         limits = board_limits(problem.device)
         effects = build_effects(problem)
-        _check(problem, effects, limits)
         time_s = limits.sample_time_s
         self._target = target_of(problem.scene.motion, max(1, round(problem.scene.duration_s / time_s)), time_s)
         late = sum(effect.samples for effect in effects if isinstance(effect, Delay))
@@ -112,21 +109,6 @@ class FirmwareInTheLoop:
         self._plant.hold(force_n)
         if self._sample >= 0 and self.trace.position_m:
             self.trace.force_n.append(force_n)
-
-
-def _check(problem: Problem, effects: tuple[SceneEffect, ...], limits: BoardLimits) -> None:
-    foreign = [effect.kind for effect in effects if effect.kind not in PLANT_KINDS | _FIRMWARE_KINDS]
-    if foreign:
-        raise UnsupportedError(
-            f"{problem.name}: the bench has no {', '.join(foreign)}; allowed: "
-            f"{', '.join(sorted(PLANT_KINDS | _FIRMWARE_KINDS))}"
-        )
-    for effect in effects:
-        if isinstance(effect, Saturation) and effect.force_n != limits.max_force_n:
-            raise UnsupportedError(
-                f"{problem.name}: the scene's saturation has force_n = {effect.force_n:g}, the board "
-                f"{limits.max_force_n:g}; set device.max_force_n instead"
-            )
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from avc_hardware.emulator.board import EmulatedBoard, emulated_board
 from avc_hardware.link.bytes import ByteLink, SerialLink
 from avc_hardware.link.device import MODES, Device, DeviceStatus
 from avc_hardware.link.frames import DELIMITER, Decoder
-from avc_hardware.link.messages import Acknowledged, Kind, Log, Message, parse, words
+from avc_hardware.link.messages import Acknowledged, Kind, Message, parse, words
 from avc_hardware.link.session import Answer, Exchange, NoAnswerError, Session
 from avc_hardware.link.table import TableImage
 from avc_hardware.link.telemetry import Telemetry
@@ -57,7 +57,7 @@ def find_port(serial_number: str) -> str:
         if port.serial_number == serial_number:
             return port.device
     known = ", ".join(port.serial_number for port in ports if port.serial_number) or "none"
-    raise PortError(f"no serial port has the USB serial number {serial_number}; present: {known}")
+    raise PortError(f"no serial port has the USB serial number {serial_number!r}; present: {known}")
 
 
 T = TypeVar("T")
@@ -82,21 +82,17 @@ class Connection:
         baud: int = DEFAULT_BAUD,
         deadline_s: float | None = None,
         session: int | None = None,
-        on_log: Callable[[str], None] | None = None,
         on_wait: Callable[[], None] | None = None,
         on_silence: Callable[[str], None] | None = None,
     ) -> None:
         """Take over a link and send HELLO."""
-        if not (deadline_s is None or deadline_s > 0):
-            link.close()
-            raise InputError.of(f"is {deadline_s}; allowed: above 0 s, or None for the usual", key="deadline_s")
         self.link = link
         # A full window out and a full answer back, ten bits a byte, and time for the device and the driver to think.
         timeout_s = 0.15 + (1536 + 1024) * 10 / baud
         number = secrets.randbits(32) if session is None else session
         self.session = Session(number, timeout_s=timeout_s, on_wait=on_wait)
         self._deadline_s = 15.0 + 4 * 2 * 4200 * 10 / baud if deadline_s is None else deadline_s
-        self._on_log, self._on_silence = on_log, on_silence
+        self._on_silence = on_silence
         self._decoder = Decoder()
         self._waiting: deque[tuple[int, Message]] = deque()
         self._telemetry: deque[Telemetry] = deque()
@@ -185,13 +181,10 @@ class Connection:
         return queue.popleft()
 
     def _read(self, timeout_s: float) -> None:
-        """Sort incoming messages: answers, telemetry, lines of text."""
+        """Sort incoming messages: answers and telemetry; a line of text (LOG) has no reader."""
         for frame in self._decoder.feed(self.link.read(timeout_s)):
             message = parse(frame)
-            if isinstance(message, Log):
-                if self._on_log is not None:
-                    self._on_log(message.text)
-            elif isinstance(message, Telemetry):
+            if isinstance(message, Telemetry):
                 self._telemetry.append(message)
             elif message is not None:
                 self._waiting.append((frame.sequence, message))

@@ -115,13 +115,6 @@ class Records:
         return cls(number, state, start_tick, made, first, counts[1:], tuple(unit for _, unit in pairs))
 
 
-@dataclass(frozen=True)
-class Log:
-    """A line of text from the firmware."""
-
-    text: str
-
-
 Message = (
     Refusal
     | Device
@@ -133,7 +126,6 @@ Message = (
     | GainsTaken
     | Records
     | Telemetry
-    | Log
 )
 
 
@@ -173,7 +165,6 @@ _PARSERS: dict[int, Callable[[bytes], Message]] = {
     Kind.SET_GAINS | REPLY: lambda payload: GainsTaken(*struct.unpack("<II3f", payload)),
     Kind.RECORDS | REPLY: Records.read,
     Kind.TELEMETRY: Telemetry.read,
-    Kind.LOG: lambda payload: Log(payload.decode("utf-8", "replace")),
     Kind.REFUSED: Refusal.read,
 }
 
