@@ -291,7 +291,7 @@ def pair_verdict(coupling: Coupling, *, unsafe: bool) -> tuple[str, bool]:
     who = "with a hand" if any(case.hand.values()) else "released"
     why = f"not deployable: {why}; spectral radius {radius:.6g} {who}"
     if not unsafe:
-        raise NotDeployableError(f"{problem.name}: {why}. Make it again: avc recommend P --out FILE")
+        raise NotDeployableError(f"{problem.name or 'the problem'}: {why}. Make it again: avc recommend P --out FILE")
     return f"UNSAFE, written by request: {why}", False
 
 
