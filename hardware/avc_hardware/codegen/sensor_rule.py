@@ -35,13 +35,15 @@ class SensorBounds:
         most = board_limits(device).max_acceleration_m_per_s2  # above it the encoder has jumped, as firmware judges
         # No hand accelerates it more outside the wall, where nothing else does: ten times that of a fast tap.
         alone = 100.0 / device.metres_per_unit + actuator_m_per_s2(device)
+        outside_m = (most if detents else min(most, alone)) * time**2
         # Two steps of rounding, two of a flickering count; six deviations of a second difference, of sqrt(1 + 4 + 1).
-        # At the handle: an undeclared encoder has steps of 25 um or less.
-        unsure: float = 4 * (step or 2.5e-5 / device.metres_per_unit) + 15.0 * noise
+        unsure: float = 4 * step + 15.0 * noise
+        if not step:  # at the handle, steps of an undeclared encoder are 50 um or less, and none is a fault
+            unsure += max(1e-4 / device.metres_per_unit - outside_m, 0.0)
         return cls(
             fastest_m_per_s=fastest,
             jump_m=fastest * time + 2 * step,
             unsure_m=unsure,
-            outside_m=(most if detents else min(most, alone)) * time**2 + unsure,
+            outside_m=outside_m + unsure,
             change_m=most * time**2 + unsure,
         )
