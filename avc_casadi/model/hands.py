@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from itertools import product
@@ -12,6 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avc_casadi._util.arrays import FloatArray
+from avc_casadi._util.text import quantity
+from avc_casadi._util.units import Units
 from avc_casadi.model.plant import TARGET, Plant
 from avc_casadi.model.problem import Hands
 
@@ -75,10 +76,10 @@ class StylusHand(_Held):
         plant.join("hand", TARGET, self.arm_stiffness_n_per_m, self.arm_damping_ns_per_m)
 
 
-def hand_text(values: Mapping[str, float]) -> str:
-    """Return one hand by the names of its values, without units: "a hand of mass 0.3, damping 3, stiffness 800"."""
-    names = {key: re.sub("_(kg|ns?_per_m)$", "", key).replace("_", " ") for key in values}
-    return f"a hand of {', '.join(f'{names[key]} {value:.4g}' for key, value in values.items())}"
+def hand_text(values: Mapping[str, float], units: Units) -> str:
+    """Return one hand by mass, damping and stiffness: "a hand of 300 g, 3.00 N.s/m, 800 N/m"."""
+    each = zip(values.values(), ("kg", "N.s/m", "N/m"), strict=True)
+    return f"a hand of {', '.join(quantity(value, units.unit(unit)) for value, unit in each)}"
 
 
 def hand_ranges(hands: Hands) -> FloatArray:

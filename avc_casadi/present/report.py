@@ -142,7 +142,7 @@ def wall_pictures(found: Recommendation) -> dict[str, Picture]:
 def paper_pictures(found: Comparison) -> dict[str, Picture]:
     """Return the figures of the paper's question."""
     perceived = "Perceived impedance between the bounds that feel real, Re Z that (12) constrains, and the gains."
-    errors = "Errors of the methods and the verdict at each frequency."
+    errors = "Errors of the methods at each frequency."
     return {
         "perceived": Picture.of(draw_perceived(found), perceived),
         "comparison": Picture.of(draw_comparison(found), errors),

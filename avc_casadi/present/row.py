@@ -143,8 +143,11 @@ class Row:
     rank: int = 0
 
     def name(self, units: Units) -> str:
-        """Return its label; a device that turns has torques."""
-        return self.label if units.linear else self.label.replace("Force", "Torque").replace("force", "torque")
+        """Return its label; a device that turns has torques and an inertia."""
+        named = self.label
+        for word, turning in () if units.linear else (("Force", "Torque"), ("force", "torque"), ("mass", "inertia")):
+            named = named.replace(word, turning)
+        return named
 
     def text(self, units: Units) -> str:
         """Return its values as one line."""

@@ -9,7 +9,6 @@ import numpy as np
 from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import Patch
 
 from avc_casadi._util.arrays import BoolArray, ComplexArray
 from avc_casadi.design.comparison.accuracy import SolverCost, fastest
@@ -19,13 +18,6 @@ from avc_casadi.present.figures import style
 
 # Smaller errors, in per cent, are drawn on this line: they are rounding, imperceptible to a hand.
 _ROUNDING, _UNNOTICED = 1e-9, 1e-2
-_VERDICTS = {
-    "agree": ("methods agree", "0.97", ""),
-    "direct-better": ("optimiser better", "0.82", "...."),
-    "closed-form-not-realisable": ("closed form not realisable", "0.66", "////"),
-    "bound-active": ("bound active", "0.9", "||||"),
-    "infeasible": ("infeasible", "0.25", "xxxx"),
-}
 
 
 def _lines(comparison: Comparison) -> dict[str, style.Line]:
@@ -108,14 +100,13 @@ def _real_part(axes: Axes, comparison: Comparison, drawn: list[np.ndarray], line
 
 @style.styled
 def draw_comparison(comparison: Comparison, axes: style.GivenAxes = None) -> Figure:
-    """Draw the magnitude error, the impedance error and the verdict at each frequency."""
+    """Draw the magnitude error and the impedance error at each frequency."""
     titles = (
         "(a) the goal (11); 1e-9 % and less is rounding",
         f"(b) magnitude and phase; {_UNNOTICED:g} % and less drawn as such",
-        "(c) verdict, pointwise",
     )
-    panels = style.Panels.of(axes, titles, 6.2, "a;b;c", height_ratios=[3, 3, 0.5])
-    magnitude, complex_, strip = panels.axes
+    panels = style.Panels.of(axes, titles, 5.8, "a;b")
+    magnitude, complex_ = panels.axes
     hz, lines, size = comparison.frequency_hz, _lines(comparison), np.abs(comparison.target)
     errors = {name: (one.magnitude_error, one.complex_error, one.usable) for name, one in comparison.methods.items()}
     if (causal := comparison.causal) is not None:
@@ -132,28 +123,9 @@ def draw_comparison(comparison: Comparison, axes: style.GivenAxes = None) -> Fig
         panel.set(yscale="log", ylabel=label)
         panel.set_ylim(floor / 3, max(panel.get_ylim()[1], 1.0))
         style.log_ticks(panel.yaxis, *panel.get_ylim())
-        style.frequency_axis(panel, hz, label=False)
-    panels.legend(3, _verdicts(strip, comparison, magnitude.get_xlim()))
+        style.frequency_axis(panel, hz)
+    panels.legend(3)
     return panels.figure
-
-
-def _verdicts(axes: Axes, comparison: Comparison, ends: tuple[float, float]) -> dict[str, Patch]:
-    """Draw one band for each run of equal verdicts, from end to end of the axis."""
-    frequency, counts, patches = comparison.frequency_hz, comparison.counts(), {}
-    verdicts = [verdict.value for verdict in comparison.verdict]
-    edges = np.concatenate([ends[:1], np.sqrt(frequency[1:] * frequency[:-1]), ends[1:]])
-    start = 0
-    for row in range(1, len(verdicts) + 1):
-        if row == len(verdicts) or verdicts[row] != verdicts[start]:
-            label, colour, hatch = _VERDICTS[verdicts[start]]
-            look: dict[str, Any] = {"facecolor": colour, "edgecolor": "0.3", "hatch": hatch, "linewidth": 0.6}
-            axes.axvspan(edges[start], edges[row], **look)
-            patches[f"{label} ({counts[verdicts[start]]})"] = Patch(**look)
-            start = row
-    style.frequency_axis(axes, frequency)
-    axes.set(xlim=ends, yticks=[])
-    axes.grid(visible=False)
-    return patches
 
 
 @style.styled

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import wraps
 from pathlib import Path
@@ -136,7 +136,7 @@ def log_ticks(axis: Axis, low: float, high: float) -> None:
     axis.set_minor_formatter(NullFormatter())
 
 
-def frequency_axis(axes: Axes, frequency_hz: ArrayLike, *, label: bool = True) -> None:
+def frequency_axis(axes: Axes, frequency_hz: ArrayLike) -> None:
     """Make x a frequency axis with plain numbers, logarithmic if it spans more than a factor of 5."""
     low, high = float(np.min(frequency_hz)), float(np.max(frequency_hz))
     if high > 5 * low:
@@ -144,10 +144,7 @@ def frequency_axis(axes: Axes, frequency_hz: ArrayLike, *, label: bool = True) -
         log_ticks(axes.xaxis, low, high)
     if high > low:
         axes.set_xlim(low, high)
-    if label:
-        axes.set_xlabel("frequency (Hz)")
-    else:
-        axes.tick_params(labelbottom=False)
+    axes.set_xlabel("frequency (Hz)")
 
 
 def value_axis(axes: Axes, *curves: ArrayLike, wide: float = 10.0) -> None:
@@ -213,13 +210,11 @@ class Panels:
     own: bool
 
     @classmethod
-    def of(
-        cls, given: GivenAxes, titles: Sequence[str], height_inches: float, layout: str = "a", **more: Any
-    ) -> Panels:
+    def of(cls, given: GivenAxes, titles: Sequence[str], height_inches: float, layout: str = "a") -> Panels:
         """Use the given axes, or make a figure; the layout is that of `Figure.subplot_mosaic`."""
         if given is None:
             figure = Figure(figsize=(7.2, height_inches), layout="constrained")
-            panels = list(figure.subplot_mosaic(layout, **more).values())
+            panels = list(figure.subplot_mosaic(layout).values())
             for one, title in zip(panels, titles, strict=True):
                 one.set_title(title)
             return cls(figure, panels, own=True)
@@ -233,13 +228,12 @@ class Panels:
             holder = holder.figure
         return cls(holder, axes, own=False)
 
-    def legend(self, columns: int, more: Mapping[str, Any] | None = None) -> None:
+    def legend(self, columns: int) -> None:
         """Put a legend of all lines below an own figure, or into the first of the given axes."""
         entries: dict[str, Any] = {}
         for axes in self.axes:
             for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
                 entries.setdefault(label, handle)
-        entries |= more or {}
         if self.own:
             columns = max(1, min(columns, int(125 / (max(map(len, entries), default=1) + 12))))
             self.figure.legend(list(entries.values()), list(entries), loc="outside lower center", ncols=columns)

@@ -64,7 +64,7 @@ def draw_identification(found: Identification, axes: style.GivenAxes = None) -> 
     size.plot(frequency[span], np.abs(found.modelled[span]), **blue)
     phase.plot(band, turned, **points)
     phase.plot(frequency[span], model, **blue)
-    size.set(yscale="log", ylabel=f"|v/F| ({units.unit('m/s')}/({units.unit('N')}))")
+    size.set(yscale="log", ylabel=f"|v/F| ({units.unit('m/s')} per {units.unit('N')})")
     style.log_ticks(size.yaxis, *size.get_ylim())
     phase.set_ylabel("phase (degrees)")
     for panel in (size, phase):

@@ -25,7 +25,7 @@ def solution(data: Mapping[str, Any], problem: Problem, shown: str = "", file: s
     have = sum(b is not None for b in data["damping_ns_per_m"])
     by = data["method"] + (f" ({data['solver']})" if data["solver"] else "")
     solved = fill(f"{by}: at {have} of {len(status)} frequencies in {{solve:time}}", data["seconds"])
-    inside = "between U and L at {share_inside_bounds} of the frequencies, within {jnd:share} of the impedance at"
+    inside = "between U and L at {share_inside_bounds:share} of the frequencies, within {jnd:share} of the impedance at"
     rows = [
         row("Gains", solved, mark=marked(have == len(status))),
         *([row("Coupling", subject.gains(data, problem))] if have else []),
@@ -43,7 +43,9 @@ def solution(data: Mapping[str, Any], problem: Problem, shown: str = "", file: s
     printed = " --as-printed" if "paper_errors" in data else ""
     again = f"solve {{}} --method {data['method']}{printed}"
     beside = "{} " if file and file.endswith(".csv") else ""
-    onwards = f"certify {beside}{quote(file)}" if file and data["deployable"] else f"{again} --out gains.json"
+    onwards = f"{again} --out gains.json" if data["deployable"] else "recommend {} --out coupling.json"
+    if file and data["deployable"]:
+        onwards = f"certify {beside}{quote(file)}"
     return subject.answer("solve", data, problem, shown, rows, onwards, f"{again} -v", complaint=without_gains(data))
 
 

@@ -290,7 +290,7 @@ def scene(data: Mapping[str, Any], problem: Problem, shown: str = "", drawn: str
     if data.get("left_out"):
         left = f"declared, but not listed in the scene: {', '.join(map(problem.units.key, data['left_out']))}"
         rows.append(row("Left out", left, mark=Mark.CAUTION))
-    rows += [*subject.written(trace, drawn), *_explanation(data)]
+    rows += [*subject.written(trace, drawn), *_explanation(data, problem.units)]
     complaint = "" if data["stable"] else f"avc: {problem.name}: the device {outcome(data)}"
     onwards = [] if tool else ["simulate {} -v"]
     return subject.answer("simulate", data, problem, shown, rows, *onwards, complaint=complaint)
@@ -350,7 +350,7 @@ def _or_zero(value: float | None) -> float | None:
     return 0.0 if value is not None and abs(value) < 1e-12 else value
 
 
-def _explanation(data: Mapping[str, Any]) -> list[Row]:
+def _explanation(data: Mapping[str, Any], units: Units) -> list[Row]:
     """Return what each effect adds to a sample: states, instructions and time."""
     if "states" not in data or "absent" not in data:
         return []
@@ -358,10 +358,12 @@ def _explanation(data: Mapping[str, Any]) -> list[Row]:
     for one in data["effects"]:
         made = "the only mass" if one["instructions"] is None else "{instructions:9} instructions,"
         cost = _cost(one["ns_per_step"], data["scatter_ns"])
-        rows.append(row(f"Effect {one['kind']}", fill(f"{{states:9}} states, {made} {cost}", one), rank=1))
+        rows.append(
+            row(f"Effect {one['kind']}", fill(f"{subject.plural(one['states'], 'state')}, {made} {cost}", one), rank=1)
+        )
     whole = f"{{states:9}} states, {{instructions:9}} instructions, {data['ns_per_step']:.0f} ns"
     rows.append(row("Whole sample", fill(whole, data), rank=1))
-    rows.append(row("States", ", ".join(data["state_names"]), rank=1))
+    rows.append(row("States", ", ".join(map(units.key, data["state_names"])), rank=1))
     return [*rows, row("Absent", ", ".join(data["absent"]), rank=1)]
 
 
