@@ -89,7 +89,7 @@ def test_a_run_is_begun_followed_and_its_coupling_saved(page, tmp_path, monkeypa
     page.find_element("css selector", "#method option[value='recommend']").click()
     until(lambda: by_id(page, "run").is_displayed())
     by_id(page, "run").click()
-    until(lambda: "a softened wall" in text(page, "coupling") and shown(page, "c-stiffness"))
+    until(lambda: "a softened wall" in text(page, "coupling") and shown(page, "c-magnitude"))
     settled(page)
     by_id(page, "save-coupling").click()
     coupling = avc.read_coupling(until(lambda: next(tmp_path.glob("*.json"), None)))

@@ -32,7 +32,7 @@ from avc_casadi.paper.rows import gain_schedule
 from avc_casadi.present.explore.explorer import Explorer
 from avc_casadi.present.row import Row, marked, row
 from avc_casadi.present.rows import subject
-from avc_casadi.present.rows.judge import own_law, passivity
+from avc_casadi.present.rows.judge import ENDINGS, own_law, passivity
 from avc_casadi.present.rows.recommend import felt_rows, stability
 from avc_casadi.recommendation.felt import rendered_band, rendered_pair
 from avc_casadi.simulation.scene import simulate
@@ -88,7 +88,7 @@ def touches(runs: Mapping[str, Run], problem: Problem, begins: str, names: Mappi
     for cls, run in runs.items():
         inside = slice(0, run.samples_in_reach)
         rows = _peaks(run.force_n[inside], run.position_m[inside])
-        name = f"{names[cls]}: {'settles' if run.claim == 'asymptotic' and not run.buzzing else 'does not settle'}"
+        name = f"{names[cls]}: {ENDINGS[run.claim][0]}{', buzzes' if run.buzzing else ''}"
         position.append(line(name, cls, run.time_s[inside][rows], 1e3 * run.position_m[inside][rows]))
         force.append(line(name, cls, run.time_s[inside][rows], run.force_n[inside][rows]))
     deepest = max((value for one in position for value in one["y"] if value is not None), default=0.0)
@@ -191,7 +191,7 @@ def _impedances(problem: Problem, direct: Problem, schedule: GainSchedule | None
         chart("magnitude", "Impedance |Z| that the hand meets", _HZ, (z, "log"), size, bands=[band]),
         chart("real", title, _HZ, (z, "symlog"), real),
     ]
-    if schedule is not None:
+    if schedule is not None and len(np.unique(schedule.stiffness_n_per_m)) > 1:
         for name, title, unit, gains in (
             ("damping", "Damper b of the coupling", z, schedule.damping_ns_per_m),
             ("stiffness", "Spring k of the coupling", k, schedule.stiffness_n_per_m),

@@ -25,7 +25,7 @@ _CLAIMS = {
     "disk-margin": "Disk margin",
     "renders": "Rendering",
 }
-_ENDINGS = {
+ENDINGS = {
     "asymptotic": ("settles", Mark.PASS),
     "held-by-friction": ("settles by dry friction alone", Mark.CAUTION),
     "unstable": ("does not settle", Mark.FAIL),
@@ -299,7 +299,7 @@ def scene(data: Mapping[str, Any], problem: Problem, shown: str = "", drawn: str
 def outcome(data: Mapping[str, Any]) -> str:
     """Return the outcome for the one simulated hand."""
     held = any(EFFECTS[kind].role == "hand" for kind in _kinds(data))
-    return f"{_ENDINGS[data['outcome']][0]}{' with this hand' if held else ''}"
+    return f"{ENDINGS[data['outcome']][0]}{' with this hand' if held else ''}"
 
 
 def _kinds(data: Mapping[str, Any]) -> list[str]:
@@ -307,7 +307,7 @@ def _kinds(data: Mapping[str, Any]) -> list[str]:
 
 
 def _mark(data: Mapping[str, Any]) -> Mark:
-    mark = _ENDINGS[data["outcome"]][1]
+    mark = ENDINGS[data["outcome"]][1]
     return Mark.CAUTION if mark is Mark.PASS and data["buzzing"] else mark
 
 
@@ -338,7 +338,7 @@ def _rendered(data: Mapping[str, Any], problem: Problem) -> Row:
 
 def _beside(label: str, one: Mapping[str, Any]) -> Row:
     """Return the outcome of another run of the scene."""
-    what = f"{_ENDINGS[one['outcome']][0]}{', buzzes' if one['buzzing'] else ''}:"
+    what = f"{ENDINGS[one['outcome']][0]}{', buzzes' if one['buzzing'] else ''}:"
     stiffness = "no stiffness" if one["apparent_stiffness_n_per_m"] is None else "{apparent_stiffness_n_per_m}"
     known = {**one, **{key: _or_zero(one[key]) for key in ("position_peak_to_peak_m", "energy_generated_j")}}
     text = f"{what} {stiffness}, {{position_peak_to_peak_m}} peak to peak, {{energy_generated_j}} given out"
