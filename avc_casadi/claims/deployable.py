@@ -199,7 +199,7 @@ def _frozen_claims(
     def claim(name: str, worst: WorstLoops, passing: str) -> DeployClaim:
         row = int(np.argmax(worst.radius))
         hand, failed = worst.hands.values(row), np.count_nonzero(~worst.stable)
-        who = f"with {hand_text(hand, problem.units)}" if any(hand.values()) else "when released"
+        who = f"with {hand_text(hand, problem.units.unit)}" if any(hand.values()) else "when released"
         count = f"({failed} of {len(frequency)} gains judged)"
         where = "" if len(frequency) == 1 else f" at {frequency[row]:.4g} Hz {count}"
         failing = who + where + _on(problem, worst.devices[row])
@@ -218,7 +218,7 @@ def _feedback_claims(coupling: Coupling) -> tuple[DeployClaim, ...]:
     }
     found = []
     for name, worst in feedback_radius(coupling).items():
-        failing = "when released" if name == "let-go" else f"with {hand_text(worst.hand, coupling.problem.units)}"
+        failing = "when released" if name == "let-go" else f"with {hand_text(worst.hand, coupling.problem.units.unit)}"
         failing += _on(coupling.problem, worst.device)
         if name == "dead-zone":
             failing += f" where {worst.share:.3g} of the innovation passes the dead zone"

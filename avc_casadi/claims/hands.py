@@ -15,7 +15,6 @@ import numpy as np
 from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray, IndexArray
 from avc_casadi._util.progress import SILENT, Progress
-from avc_casadi._util.units import Units
 from avc_casadi.claims.levels import LevelResult, Rows, Subject, level_result, not_judged
 from avc_casadi.claims.worst_frequency import worst_margin
 from avc_casadi.coupling import Coupling
@@ -237,7 +236,7 @@ def hands_level(subject: Subject) -> LevelResult:
     """Judge L5 on the loop of the device as declared, whatever model the gains were designed for."""
     rows, problem, draws, seed = subject.rows, subject.problem, subject.draws, subject.seed
     if subject.behind_feedback and subject.coupling is not None:
-        return _feedback_level(rows, feedback_radius(subject.coupling), problem.units)
+        return _feedback_level(rows, feedback_radius(subject.coupling), problem)
     seen = looked_at(problem, draws, seed)
     claim = f"each frozen row is linearly stable, with no friction, with {seen}; this says nothing of switching"
     slowest = max(device.delay_samples for device in device_corners(problem.device, ("delay_samples",)))
@@ -270,7 +269,7 @@ def hands_level(subject: Subject) -> LevelResult:
         claim = (
             f"Not met by {np.count_nonzero(~found.stable)} of {len(radius)} rows: the row of "
             f"{rows.frequency_hz[result.row]:.5g} Hz has a spectral radius of {radius[worst]:.6g} (at "
-            f"{found.frequency_hz[worst]:.4g} Hz) with {hand_text(held, problem.units)}"
+            f"{found.frequency_hz[worst]:.4g} Hz) with {hand_text(held, problem.units.unit)}"
             + (f"; {missing} rows have no gains" if missing else "")
         )
         result = replace(result, claim=claim)
@@ -282,7 +281,7 @@ def hands_level(subject: Subject) -> LevelResult:
     )
 
 
-def _feedback_level(rows: Rows, found: dict[str, Worst], units: Units) -> LevelResult:
+def _feedback_level(rows: Rows, found: dict[str, Worst], problem: Problem) -> LevelResult:
     """Judge L5 on the loop of a coupling with state feedback."""
     worst, free, one = found["dead-zone"], found["let-go"], np.ones(len(rows.b))
     claim = (
@@ -290,7 +289,7 @@ def _feedback_level(rows: Rows, found: dict[str, Worst], units: Units) -> LevelR
         "search of [hands] found, whatever share of the innovation passes the dead zone"
     )
     if not worst.stable:
-        who = hand_text(worst.hand, units)
+        who = hand_text(worst.hand, problem.units.unit)
         claim = f"Not met: spectral radius {worst.radius:.6g} with {who} and {worst.share:.3g} of the innovation"
     passed = np.full(len(rows.b), worst.stable)
     margin, tolerance = (1 - worst.radius) * one, RADIUS_TOLERANCE * one

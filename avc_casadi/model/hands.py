@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from itertools import product
 from typing import Self
@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi._util.text import quantity
-from avc_casadi._util.units import Units
 from avc_casadi.model.plant import TARGET, Plant
 from avc_casadi.model.problem import Hands
 
@@ -76,10 +75,10 @@ class StylusHand(_Held):
         plant.join("hand", TARGET, self.arm_stiffness_n_per_m, self.arm_damping_ns_per_m)
 
 
-def hand_text(values: Mapping[str, float], units: Units) -> str:
+def hand_text(values: Mapping[str, float], unit: Callable[[str], str]) -> str:
     """Return one hand by mass, damping and stiffness: "a hand of 300 g, 3.00 N.s/m, 800 N/m"."""
     each = zip(values.values(), ("kg", "N.s/m", "N/m"), strict=True)
-    return f"a hand of {', '.join(quantity(value, units.unit(unit)) for value, unit in each)}"
+    return f"a hand of {', '.join(quantity(value, unit(linear)) for value, linear in each)}"
 
 
 def hand_ranges(hands: Hands) -> FloatArray:

@@ -153,7 +153,7 @@ def prove_rest(
     if radius.max() > 1 + 1e-9:
         unstable = Unstable(hands.values(who), linear_values(devices[worst]), float(radius.max()))
         how = f"the loop is unstable in contact, with a spectral radius of {unstable.spectral_radius:.6g}"
-        return told("refuted", f"{how} with {hand_text(unstable.hand, device.units)}", unstable=unstable)
+        return told("refuted", f"{how} with {hand_text(unstable.hand, device.units.unit)}", unstable=unstable)
     why, found, cells = _proof(law, device, hand, most_cells, progress)
     dead_zone = 0.0 if law.state_feedback is None else law.state_feedback.dead_zone_m
     play = max(device.backlash_m, *(device.range.backlash_m or (0.0,)))
