@@ -9,8 +9,8 @@ from reference_device import states_at_rest
 
 from avc_casadi.model.gains import interpolate
 from avc_casadi.simulation.emit import SINGLE, Precision
+from avc_hardware.codegen.c_frame import FARTHEST_M, SensorBounds
 from avc_hardware.codegen.coupling_program import coupling_program
-from avc_hardware.codegen.sensor_rule import FARTHEST_M, SensorBounds
 from avc_hardware.codegen.tick_program import GAINS
 
 if TYPE_CHECKING:

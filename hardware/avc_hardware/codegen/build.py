@@ -22,7 +22,7 @@ from avc_hardware.codegen.boards import FIRMWARE, IMAGE, MANIFEST, PACKAGED, Boa
 from avc_hardware.codegen.figures import ESTIMATOR_NUMBERS, BoardLimits, Config, RuntimeFigures, board_limits
 from avc_hardware.codegen.firmware_fit import check_runs_on, figures_of, wall_alone
 from avc_hardware.codegen.image import as_binary, as_intel_hex, read_elf
-from avc_hardware.codegen.tick_c import CONFIG, config_source, tick_sources
+from avc_hardware.codegen.tick_program import CONFIG, config_source, tick_sources
 
 if TYPE_CHECKING:
     from avc_casadi.model.device import Device

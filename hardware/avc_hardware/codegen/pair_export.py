@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 from avc_casadi import NotDeployableError
 from avc_casadi.design.virtual_tool import FollowerSearch, ToolSearch
-from avc_hardware.codegen.c_frame import HEADER, SOURCE, compiler_checks
+from avc_hardware.codegen.c_frame import FARTHEST_M, HEADER, SOURCE, SensorBounds, compiler_checks
 from avc_hardware.codegen.pair_header import MISSED_STEPS, fade_samples, pair_header
-from avc_hardware.codegen.sensor_rule import FARTHEST_M, SensorBounds
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling

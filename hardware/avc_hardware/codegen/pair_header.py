@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from avc_hardware.codegen.c_frame import FRAME, comment, comment_lines, head_words
-from avc_hardware.codegen.sensor_rule import SensorBounds
+from avc_hardware.codegen.c_frame import FRAME, SensorBounds, comment, comment_lines, head_words
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
