@@ -170,35 +170,3 @@ def test_no_grid_point_lies_below_the_worst_margin(model):
         missed = max(missed, float(np.max((worst.margin_ns_per_m - lowest) / (1 + np.abs(lowest)))))
         assert np.all((worst.frequency_hz >= low) & (worst.frequency_hz <= high))
     assert missed < 1e-9
-
-
-# The margin by another road: zeros of Z(z) + Z(1/z) on the unit circle, from a state-space pencil.
-
-
-def chain(*systems):
-    """Series connection of discrete state-space systems (A, B, C, D), the first acting first."""
-    a, b, c, d = systems[0]
-    for a2, b2, c2, d2 in systems[1:]:
-        a = np.block([[a, np.zeros((len(a), len(a2)))], [b2 @ c, a2]])
-        b = np.vstack([b, b2 @ d])
-        c = np.hstack([d2 @ c, c2])
-        d = d2 @ d
-    return a, b, c, d
-
-
-def first_order(lead, lag, pole_lead, pole_lag):
-    """(lead z - lag)/(pole_lead z - pole_lag)."""
-    pole = pole_lag / pole_lead
-    return tuple(
-        np.array([[value]]) for value in (pole, 1.0, lead / pole_lead * pole - lag / pole_lead, lead / pole_lead)
-    )
-
-
-def rendered(model, delay, b_e, k_e, b, k, contact):
-    """State space of H (b_p + Z_eavc)."""
-    p1, q1 = b + k * T, b
-    p2, q2 = (b_e + k_e * T / 2, b_e - k_e * T / 2) if model == "paper" else (b_e + k_e * T, b_e)
-    a, b_, c, d = chain(first_order(p1, q1, 1, 1), first_order(p2, q2, p1 + p2, q1 + q2))
-    system = (a, b_, c, d + contact)
-    hold = first_order(0.5, -0.5, 1, 0) if model == "paper" else first_order(0, -1, 1, 0)
-    return chain(system, hold, *[first_order(0, -1, 1, 0)] * delay)

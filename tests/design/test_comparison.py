@@ -81,22 +81,6 @@ def test_random_problems(seed):
     assert comparison.cross_check["agree"]
 
 
-# A hand-tuned pair is judged by the same equations, and never beats the optimum inside the gain box.
-
-PROBLEM = avc.load_problem("figure5").changed(frequency={"points": 40})
-
-
-def perceived(k, b):
-    """Independent of the package's equations."""
-    device, wall = PROBLEM.device, PROBLEM.environment
-    t = device.sample_time_s
-    z = np.exp(2j * np.pi * PROBLEM.frequencies_hz() * t)
-    s = 2 / t * (z - 1) / (z + 1)
-    environment = wall.damping_ns_per_m + wall.stiffness_n_per_m / s
-    coupling = b + k * t * z / (z - 1)
-    return device.mass_kg * s + device.damping_ns_per_m + (z + 1) / (2 * z) / (1 / environment + 1 / coupling)
-
-
 # A nearer coupling need not be a stable one.
 
 SAFETY_FIRST_PROBLEM = avc.load_problem("figure5")

@@ -69,14 +69,6 @@ def test_unphysical_numbers_are_refused(key, value):
     assert "allowed: " in fault.message
 
 
-def test_a_syntax_error_has_its_line():
-    (fault,) = faults_of(SMALL + "[frequency]\npoints = \n")
-    assert fault.line == SMALL.count("\n") + 2
-    assert "is not TOML" in fault.message
-    (fault,) = faults_of(SMALL + '[frequency]\nspacing = """')
-    assert fault.line == SMALL.count("\n") + 2
-
-
 # What a device declares is named, and values far from what is usual are doubted, not refused.
 
 PLAUSIBILITY_MODE = {"frequency_hz": 150.0, "damping_ratio": 0.05, "mass_ratio": 0.5}

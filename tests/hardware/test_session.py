@@ -3,7 +3,6 @@
 import dataclasses
 import struct
 import zlib
-from collections.abc import Generator
 from typing import Any
 
 import numpy as np
@@ -16,7 +15,7 @@ from avc_hardware.link import messages as m
 from avc_hardware.link.faults import INTERFACE_VERSION, Reason, Refusal
 from avc_hardware.link.frames import Decoder, Frame, cobs_decode, encode
 from avc_hardware.link.messages import Kind
-from avc_hardware.link.session import Exchange, RefusedError, Session
+from avc_hardware.link.session import RefusedError, Session
 
 
 def image_of_session(*arguments: Any, **options: Any) -> TableImage:
@@ -66,13 +65,6 @@ def test_streamed_gains_are_checked(b: float, reason: Reason) -> None:
     with pytest.raises(RefusedError) as caught:
         connection.run(connection.session.ask(Kind.SET_GAINS, payload, m.GainsTaken))
     assert caught.value.refusal.reason is reason
-
-
-def answer(dialogue: Generator[Exchange, Any, Any], message: m.Message) -> None:
-    """Give a dialogue in its first wait an answer to what it has just sent."""
-    exchange = next(dialogue)
-    (sequence,) = struct.unpack_from("<H", _content(exchange.data), 2)
-    dialogue.send((sequence, message))
 
 
 def _content(data: bytes) -> bytes:

@@ -37,12 +37,15 @@ def test_what_is_found_of_a_turn_is_what_is_found_at_its_rim():
     assert found.device.device.handle_radius_m == RADIUS
 
 
-def test_degrees_and_newton_metres_are_read_and_mixed_kinds_refused(tmp_path):
+@pytest.mark.parametrize(
+    ("header", "turn", "size"), [("angle_deg,torque_mNm", 180 / np.pi, 1e3), ("q_rad,tau_Nm", 1, 1)]
+)
+def test_turns_and_newton_metres_are_read_and_mixed_kinds_refused(header, turn, size, tmp_path):
     time = np.arange(400) * 1e-3
     angle, torque = np.sin(20 * time), 0.1 * np.cos(20 * time)
-    rows = zip(time, np.degrees(angle), 1e3 * torque, strict=True)
+    rows = zip(time, turn * angle, size * torque, strict=True)
     log = tmp_path / "log.csv"
-    log.write_text("time_s,angle_deg,torque_mNm\n" + "".join("{:.9g},{:.12g},{:.12g}\n".format(*row) for row in rows))
+    log.write_text(f"time_s,{header}\n" + "".join("{:.9g},{:.12g},{:.12g}\n".format(*row) for row in rows))
     (record,), _ = read_logs([log])
     assert record.motion == "rotary"
     np.testing.assert_allclose(record.position_m, angle, atol=1e-10)

@@ -20,7 +20,6 @@ from avc_casadi.loops.follower import FollowerLoops, link_clocks
 from avc_casadi.loops.system import worst_point
 from avc_casadi.loops.wall import frozen_parts
 from avc_casadi.model.corners import device_corners, device_with
-from avc_casadi.model.device import Device
 from avc_casadi.model.ends import ToolGains
 from avc_casadi.model.hands import hand_corners
 
@@ -162,24 +161,3 @@ def test_every_phase_of_two_clocks_is_among_the_patterns(ratio, there, back, pha
     times = [late + k * ratio for k in range(round(numerator / ratio))]
     follower = tuple(newest(time, 0.0, 1.0) - newest(time - there, 0.0, 1.0) for time in times)
     assert (leader, follower) in {(one.leader_sees, one.follower_sees) for one in known}
-
-
-# Devices that stand for declared ranges: every corner first, then devices within, the same every time.
-MODE = {"frequency_hz": 150.0, "damping_ratio": 0.05, "mass_ratio": 0.5}
-
-
-def device(mass: float, delay: float, mode: float, share: float) -> Device:
-    return Device(
-        mass_kg=mass,
-        damping_ns_per_m=2.0,
-        sample_time_s=1e-3,
-        delay_samples=delay,
-        resonance=MODE | {"frequency_hz": mode},
-        coulomb_friction_n=0.2,
-        range={
-            "mass_kg": ((1 - share) * mass, (1 + share) * mass),
-            "delay_samples": (delay, delay + share),
-            "resonance": {"frequency_hz": ((1 - share) * mode, mode)},
-            "coulomb_friction_n": (0.1, 0.3),
-        },
-    )

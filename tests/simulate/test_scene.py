@@ -81,14 +81,6 @@ def test_catalogue_scenes_agree_with_an_event_accurate_integration(name):
         assert np.abs(mine - other).max() < size, trace
 
 
-# Refining the integration by 2, 4 and 8 does not move exact scenes, and moves the others at their order.
-
-
-def run(effects, gains, integrator="exact", substeps=1, duration=0.12, **coupling):
-    scene = f'duration_s = {duration}\nintegrator = "{integrator}"\nsubsteps = {substeps}\n'
-    return simulate(scene_problem(effects, motion=QUICK, scene=scene).changed(coupling=coupling), gains)
-
-
 # The energy ledger: what a held force passes, what springs hold, what sampling creates.
 
 FREE = """
