@@ -189,10 +189,10 @@ def poses(count, seed=1):
     return np.radians(draw.uniform(-60, 60, count)), np.radians(draw.uniform(40, 140, count))
 
 
-def written(folder, text, *options, tip="tip"):
+def written(folder, text):
     """The device of the problem that is written for a model."""
     (folder / "arm.xml").write_text(text)
-    arguments = ["--model", str(folder / "arm.xml"), "--tip", tip, "--wall", "3 kN/m", *options]
+    arguments = ["--model", str(folder / "arm.xml"), "--tip", "tip", "--wall", "3 kN/m"]
     assert main(["new", str(folder / "p.toml"), "--force", *arguments]) == 0
     return avc.load_problem(folder / "p.toml").device
 

@@ -1,4 +1,4 @@
-"""What a release answered, to guard a redesign: `python tests/goldens/make.py [--only PART] [--check | --missing]`.
+"""What a release answered, to guard a redesign: `python tests/goldens/make.py [--only PART] [--check]`.
 
 Without --check every part is computed and written beside this file, a line a case; with --check it is compared with
 what is written, differences are printed, and the exit code is 1 if one counts. Only what users have is used: names of
@@ -15,9 +15,8 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before anything loads NumPy: two processes work already
 
@@ -36,15 +35,14 @@ from goldens.recommendations import RECOMMENDATIONS, recommendation
 PROCESSES = 2
 
 
-@dataclass(frozen=True)
-class Part:
+class Part(NamedTuple):
     """One golden file: names of its cases, in its order, and what today's code answers in one."""
 
     cases: tuple[str, ...]
     compute: Callable[[str], Mapping[str, Any]]
 
 
-PARTS: dict[str, Part] = {
+PARTS = {
     "gains": Part(gain_cases(), gains),
     "recommendations": Part(tuple(RECOMMENDATIONS), recommendation),
     "exported_c": Part(tuple(COUPLINGS), exported_c),
@@ -104,18 +102,12 @@ def main() -> int:
     """Write the goldens, or compare with them."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", metavar="PART", choices=PARTS, help=", ".join(PARTS))
-    what = parser.add_mutually_exclusive_group()
-    what.add_argument("--check", action="store_true", help="compare with what is committed; 1 if anything differs")
-    what.add_argument("--missing", action="store_true", help="compute only the cases that are not there yet")
+    parser.add_argument("--check", action="store_true", help="compare with what is committed; 1 if anything differs")
     asked = parser.parse_args()
     failed = 0
     for part in [asked.only] if asked.only else PARTS:
         begun = time.perf_counter()
         cases, found = PARTS[part].cases, dict[str, Any]()
-        if asked.missing and (HERE / f"{part}.json").exists():
-            kept = committed(part)
-            found = {case: kept[case] for case in cases if case in kept}
-            cases = tuple(case for case in cases if case not in kept)
         for case, one in _in_order(part, cases):
             found[case] = one
             if not asked.check:

@@ -53,9 +53,9 @@ def test_slopes_hold_wherever_in_a_sample_the_force_arrives(predictor, delay):
     assert error < 0.05
 
 
-def linear_fit(seed, count=40, size=60, noise=1.0, names=("mass_kg", "damping_ns_per_m")):
+def linear_fit(seed, count=40, size=60, noise=1.0):
     """A linear problem as a fit: e = noise - J q at the least-squares estimate."""
-    random = np.random.default_rng(seed)
+    random, names = np.random.default_rng(seed), ("mass_kg", "damping_ns_per_m")
     slopes = random.normal(size=(count * size, len(names)))
     error = noise * random.normal(size=count * size)
     error -= slopes @ np.linalg.lstsq(slopes, error, rcond=None)[0]

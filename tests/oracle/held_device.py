@@ -11,48 +11,34 @@ import numpy as np
 from avc_casadi.identification.log import Columns
 
 
-def held_log(law, *, mass, damping, friction, spring=0.0, load=0.0, period=1e-3, ticks=4000, step=2e-5, delay=0,
-             start=0.0, limit=8.0, parts=20, rotary=False, scatter=0.0, late=0.0, stamps=0.0, output=0.0, told=True,
-             noise=0.0, stribeck=(0.0, 1.0), seed=0, given_by=None, outside=None, later=None):  # fmt: skip
-    """Return the log of a law(tick, seen, speed) -> force.
+def held_log(law, *, mass, damping, friction, spring=0.0, period=1e-3, ticks=4000, step=2e-5, delay=0, start=0.0,
+             limit=8.0, parts=20, rotary=False, scatter=0.0, noise=0.0, given_by=None, outside=None):  # fmt: skip
+    """Return the log of a law(tick, seen, speed) -> force, its ticks even or scattered about even ones (seconds).
 
-    Its ticks are even, scattered about even ones (seconds) or each late after the one before (mean, seconds), or only
-    their `stamps` scatter; the amplifier gives the force in steps of `output`, which the log holds where they are
-    `told`, beside a constant load. Friction from rest is larger by the first of `stribeck`, gone within its speed.
-    An amplifier turns the force by `given_by(force)`; `outside(tick, position, velocity)` is not logged;
-    from the tick `later[0]` on mass, damping and friction are those of `later[1]`.
+    An amplifier turns the force by `given_by(force)`; `outside(tick, position, velocity)` is not logged.
     """
-    random = np.random.default_rng(seed)
+    random = np.random.default_rng(0)
     time = np.arange(ticks) * period + scatter * random.uniform(-1.0, 1.0, ticks)
     if scatter:
         time = np.maximum.accumulate(time) + 1e-6 * np.arange(ticks) - time[0]
-    if late:
-        time = np.append(0.0, np.cumsum(period + random.exponential(late, ticks - 1)))
     velocity, position, before = 0.0, start, start
     noisy = noise * random.standard_normal(ticks)
-    more, fades = stribeck
     waiting, rows = [0.0] * delay, []
     for tick in range(ticks):
-        if later and tick == later[0]:
-            mass, damping, friction = later[1]
         seen = round((position + noisy[tick]) / step) * step
         force = min(max(float(law(tick, seen, (seen - before) / period)), -limit), limit)
         before = seen
-        given = output * round(force / output) if output else force
-        rows.append((seen, given if told else force))
-        waiting.append(given_by(given) if given_by else given)
-        acts = waiting.pop(0) + load
+        rows.append((seen, force))
+        waiting.append(given_by(force) if given_by else force)
+        acts = waiting.pop(0)
         part = float(time[tick + 1] - time[tick] if tick + 1 < ticks else period) / parts
         drag = part * (damping + spring * part / 2) / (2 * mass)
-        drags = part / mass / (1 + drag)
+        holds = part / mass / (1 + drag) * friction
         for _ in range(parts):
-            holds = drags * (friction + (more * math.exp(-abs(velocity) / fades) if more else 0.0))
             push = acts - spring * position + (outside(tick, position, velocity) if outside else 0.0)
             free = (velocity * (1 - drag) + part * push / mass) / (1 + drag)
             after = 0.0 if abs(free) <= holds else free - math.copysign(holds, free)
             position += part * (velocity + after) / 2
             velocity = after
     seen, force = np.array(rows).T
-    if stamps:
-        time = np.sort(time + stamps * random.uniform(-1.0, 1.0, ticks))
     return Columns("held", time, seen, force, motion="rotary" if rotary else "linear")

@@ -10,14 +10,12 @@ from avc_casadi.paper.closed_form import project
 from avc_casadi.paper.equations import loop_at, tustin
 
 
-def wall(*, share=None, desired=None, model="paper", device=2.0, delay=0, start=0.05):
-    b_e, k_e = 10.0, 1e5
-    b_ds, k_ds = desired or (share * b_e, share * k_e)
-    goal = {"damping_ns_per_m": b_ds, "stiffness_n_per_m": k_ds}
+def wall(*, share, model="paper", device=2.0, start=0.05):
+    goal = {"damping_ns_per_m": share * 10.0, "stiffness_n_per_m": share * 1e5}
     return Problem.model_validate(
         {
-            "device": {"mass_kg": 0.1, "damping_ns_per_m": device, "delay_samples": delay},
-            "environment": {"damping_ns_per_m": b_e, "stiffness_n_per_m": k_e},
+            "device": {"mass_kg": 0.1, "damping_ns_per_m": device},
+            "environment": {"damping_ns_per_m": 10.0, "stiffness_n_per_m": 1e5},
             "boundaries": {"upper": goal, "lower": goal},
             "stability": {"model": model},
             "frequency": {"start_hz": start, "stop_hz": 450.0, "points": 300},

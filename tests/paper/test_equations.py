@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from avc_casadi.model.problem import Problem
+import avc_casadi as avc
 from avc_casadi.paper.equations import SampleAngle, coupling_impedance, hold, loop_at
 from avc_casadi.paper.numbers import NUMPY
 
@@ -12,20 +12,6 @@ FREQUENCY = np.geomspace(0.01, 499.0, 400)
 ANGLE = SampleAngle.at(NUMPY, FREQUENCY, T)
 THETA = 2 * np.pi * FREQUENCY * T
 Z = np.exp(1j * THETA)
-
-
-def loop_of(model="paper", delay=0, *, device=2.0, b_e=10.0, k_e=1e5, desired=None, frequency=FREQUENCY):
-    b_ds, k_ds = desired or (b_e, k_e)
-    impedance = {"damping_ns_per_m": b_ds, "stiffness_n_per_m": k_ds}
-    problem = Problem.model_validate(
-        {
-            "device": {"mass_kg": 0.1, "damping_ns_per_m": device, "sample_time_s": T, "delay_samples": delay},
-            "environment": {"damping_ns_per_m": b_e, "stiffness_n_per_m": k_e},
-            "boundaries": {"upper": impedance, "lower": impedance},
-            "stability": {"model": model},
-        }
-    )
-    return loop_at(problem, frequency)
 
 
 def test_the_papers_hold_does_not_see_a_spring():
@@ -62,7 +48,8 @@ def test_one_sample_of_hold_is_the_condition_of_colgate_and_schenkel(damping, st
 def test_a_contact_damper_is_held_and_late_like_every_other_force(model, delay):
     """The computer's damper alone: b_p times the mean of two samples, or one sample old, and z^-delay."""
     contact = 37.0
-    loop = loop_of(model, delay)
+    problem = avc.load_problem("figure5").changed(device={"delay_samples": delay}, stability={"model": model})
+    loop = loop_at(problem, FREQUENCY)
     found = loop.perceived(0.0, 0.0, contact) - loop.device
     held = (Z + 1) / (2 * Z) if model == "paper" else 1 / Z
     np.testing.assert_allclose(found, contact * held * Z**-delay, rtol=1e-10, atol=1e-10)

@@ -26,12 +26,8 @@ def coupling_of(gains=SOFT, contact="clip-last", runtime=None, problem="figure5"
 
 
 @functools.cache
-def proved(coupling):
-    return certify(coupling.problem, coupling, prove=True).levels
-
-
-def outcome(coupling, level="L7"):
-    return proved(coupling)[level]
+def outcome(coupling):
+    return certify(coupling.problem, coupling, prove=True).levels["L7"]
 
 
 @pytest.mark.slow

@@ -64,10 +64,10 @@ def _drawn(seed):
     return before, after, deflection, deflection * rng.uniform(-1, 2, CHANGES)
 
 
-def _changed(step, before, after, deflection, anchor, tank=0.0):
+def _changed(step, before, after, deflection, anchor):
     """Run one tick of many springs at once from a given past; returns the outputs by name."""
     stored = 0.5 * before * (deflection - anchor) ** 2
-    past = {"started": 1.0, "stiffness_n_per_m": before, "anchor_m": anchor, "tank_j": tank, "stored_j": stored}
+    past = {"started": 1.0, "stiffness_n_per_m": before, "anchor_m": anchor, "stored_j": stored}
     now = {"wanted_stiffness_n_per_m": after, "deflection_m": deflection, "touching": 1.0}
     state, inputs = (
         np.array([np.broadcast_to(values.get(name, 0.0), CHANGES) for name in names])
