@@ -244,7 +244,8 @@ def problem_of_settings(base: Problem, settings: Settings, form: Form, *, to_sav
         if settings.method in form.live:  # each frequency alone follows at once
             tables["stability"]["scope"], tables["realism"]["require"] = "pointwise", "none"
     if settings.values:
-        tables |= {"name": f"{base.name.replace('/', '-') or 'problem'}-explored", "title": f"{base.title}, changed"}
+        tables["title"] = ", ".join(filter(None, (base.title, "changed")))
+        tables["name"] = f"{base.name.replace('/', '-') or 'problem'}-explored"
         tables["source"] = f"avc explore, begun from {base.name}"
     return _checked(tables, settings, form, base)
 
