@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -15,44 +15,18 @@ from avc_casadi._util.printed import Columns, Tabular, short
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.claims.impedance import wave
 from avc_casadi.claims.levels import ideal, what_is_declared
-from avc_casadi.claims.llewellyn import largest_llewellyn_stiffness
 from avc_casadi.claims.port import frequencies_hz, handle_port, passive_hand
 from avc_casadi.claims.worst_frequency import quadratic_stretch, refine_minima
 from avc_casadi.files.problem_file import AnyProblem, of_problem, with_wall
-from avc_casadi.loops.wall import Fractions, SampledLoop, passive_limit_n_per_m, rigid
+from avc_casadi.loops.wall import Fractions, passive_limit_n_per_m, rigid
 from avc_casadi.loops.walls import Stretches, stable_walls
 from avc_casadi.model import EFFECTS
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners
-from avc_casadi.model.device import Device, whole_delay
+from avc_casadi.model.device import Device
 from avc_casadi.model.hands import hand_set, no_hand
 from avc_casadi.model.problem import Model, Problem
 from avc_casadi.model.runtime import PLAIN, Poles, VelocityFilterEffect, low_pass, velocity_poles
 from avc_casadi.model.scene import declared, declared_effects
-
-
-class LlewellynTable(NamedTuple):
-    """k_c T/b_d against b_c/b_d for both holds, each of shape (n,); not a number where no stiffness is allowed."""
-
-    damping_ratio: FloatArray
-    paper_kc_t_over_b_d: FloatArray
-    sampled_data_kc_t_over_b_d: FloatArray
-    delay_samples: int
-
-
-def llewellyn_table(problem: Problem) -> LlewellynTable:
-    """Return the largest stiffness, the minimum over the range of the delay, of an `ideal` device with damping."""
-    device = problem.device
-    ratio = np.array([0.0, 0.25, 0.5, 0.75, 1.0, 1.175, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 7.5, 7.9, 8.0])
-    ends = {corner.delay_samples for corner in device_corners(device, ("delay_samples",))} | {device.delay_samples}
-    delays = [whole_delay(end, "Llewellyn's table") for end in sorted(ends)]
-    scale = device.sample_time_s / device.damping_ns_per_m
-    models: tuple[Model, ...] = ("paper", "sampled-data")
-    found = []
-    for model in models:
-        loops = [replace(SampledLoop.of(problem, model), delay_samples=delay) for delay in delays]
-        each = [largest_llewellyn_stiffness(loop, ratio * device.damping_ns_per_m) * scale for loop in loops]
-        found.append(np.min(each, axis=0))
-    return LlewellynTable(ratio, found[0], found[1], max(delays))
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,10 +70,10 @@ class ZWidth(Tabular):
         return f"{self.problem!r}, B {short(self.damping_ns_per_m)}; largest K: {spans}"
 
     def document(self) -> dict[str, Any]:
-        """Return the `zwidth` document: JSON values only, without the constant couplings that ``-v`` adds."""
+        """Return the `zwidth` document: JSON values only."""
         kept = ("encoder_limit_n_per_m", "passive_limit_n_per_m", "passive_spring_n_per_m", "rule_n_per_m")
         found: dict[str, Any] = {name: getattr(self, name) for name in ("problem", "hands", "refused", *kept)}
-        found |= {"llewellyn": None, "static": [], "gains": None, "device_corners": self.corners}
+        found["device_corners"] = self.corners
         found |= {name: [*map(self.stated.units.key, vars(self)[name])] for name in ("used", "not_used")}
         found["wall_damping_ns_per_m"] = self.damping_ns_per_m
         found["curves"] = {

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import avc_casadi as avc
 from avc_casadi._util.files import write_file
-from avc_casadi._util.json_values import json_text, plain
+from avc_casadi._util.json_values import json_text
 from avc_casadi.cli import arguments as cli
 from avc_casadi.cli.console import Console, output_folder, write_figure, writing
 from avc_casadi.present.row import Answer
@@ -158,8 +158,10 @@ def run_simulate(args: argparse.Namespace, console: Console) -> Answer:
         laws = [given, *(NO_COUPLING if one == "none" else avc.solve(problem, one) for one in others)]
         runs = [avc.simulate(problem, law, seed=args.seed) for law in laws]
         facts = facts_of(runs[0])
-    with console.step("cost of each effect"):
-        parts = explain(problem, given)
+    parts: dict[str, Any] = {}
+    if args.verbose or args.json:
+        with console.step("cost of each effect"):
+            parts = explain(problem, given)
     write_figure(console, args.plot, lambda: avc.figures.draw_scene(runs))
     data = runs[0].document(_trace(runs[0], args.trace)) | facts | parts | {"notes": notes}
     if others:
@@ -230,10 +232,8 @@ def run_trial(args: argparse.Namespace, console: Console) -> Answer:
     cli.VERBOSE,
 )
 def run_zwidth(args: argparse.Namespace, console: Console) -> Answer:
-    """Show which walls the device can render, without coupling and with a constant one."""
-    from avc_casadi.claims.levels import ideal
-    from avc_casadi.claims.zwidth import llewellyn_table, zwidth
-    from avc_casadi.design.static import static_coupling
+    """Show which walls the device can render without coupling; of a [simulation] which K and B are stable."""
+    from avc_casadi.claims.zwidth import zwidth
     from avc_casadi.design.tool_region import tool_region
     from avc_casadi.present.rows.judge import region, walls
 
@@ -245,17 +245,5 @@ def run_zwidth(args: argparse.Namespace, console: Console) -> Answer:
         return region(pairs.document(), problem, args.problem, drawn)
     with console.step("region"):
         found = zwidth(problem, console)
-    known, refused, static, llewellyn = ideal(problem.device), list(found.refused), [], None
-    if problem.device.damping_ns_per_m > 0 and known:
-        with console.step("static couplings"):
-            llewellyn = plain(llewellyn_table(problem)._asdict())
-            static = [
-                plain(static_coupling(problem, condition, model))
-                for condition in ("llewellyn", "all")
-                for model in ("paper", "sampled-data")
-            ]
-    if not known:
-        refused.append("constant couplings: known for a rigid device, ideal amplifier and whole samples of delay")
     write_figure(console, args.plot, lambda: avc.figures.draw_zwidth(found))
-    constant = {"llewellyn": llewellyn, "static": static, "refused": refused}
-    return walls(found.document() | constant, problem, args.problem, drawn)
+    return walls(found.document(), problem, args.problem, drawn)

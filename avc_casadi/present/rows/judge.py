@@ -250,12 +250,6 @@ def walls(data: Mapping[str, Any], problem: Problem, shown: str = "", drawn: str
             text = parts("up to", Value(k, "stiffness"), "with a wall damping of", Value(b, "damping"), ends)
         # A device that is a sample later is another device.
         rows.append(row(_CURVES[key], text, rank=1 if key == "passive-delayed" else 0))
-    for one in data["static"]:
-        if one["condition"] == "all" and one["found"]:
-            b_p = fill(", b_p {contact_damping_ns_per_m}", one) if one["contact_damping_ns_per_m"] else None
-            error = fill(": passive at all frequencies, error {error:share}", one)
-            text = parts(fill("k {stiffness_n_per_m}, b {damping_ns_per_m}", one), b_p, error)
-            rows.append(row(f"Constant, {one['model'].removesuffix('-data')}", text))
     rows.append(subject.passive_limit(data["passive_limit_n_per_m"]))
     if data["encoder_limit_n_per_m"] is not None:
         limit = "{encoder_limit_n_per_m} for a passive wall, 2 f_c/Delta (Abbott and Okamura 2005)"
