@@ -14,14 +14,12 @@ from __future__ import annotations
 
 import ctypes
 import math
-import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from baseline_plant import Floats
-from hardware_bench import require, run, scratch
+from simulator_in_c import with_exported
 
 from avc_casadi.model.device import Device
 
@@ -174,14 +172,7 @@ class Exported:
     """The exported C of a coupling, by file name, as firmware runs it."""
 
     def __init__(self, files: Mapping[str, str]) -> None:
-        require("gcc")
-        folder = Path(tempfile.mkdtemp(dir=scratch()))
-        for name, text in {**files, "lanes.c": _LANES}.items():
-            (folder / name).write_text(text, encoding="ascii")
-        library = folder / "lanes.so"
-        flags = ("-std=c99", "-O2", "-ffp-contract=off", "-fPIC", "-shared", "-I", str(folder))
-        run("gcc", *flags, str(folder / "avc_coupling.c"), str(folder / "lanes.c"), "-lm", "-o", str(library))
-        self._c = ctypes.CDLL(str(library))
+        self._c = with_exported({**files, "lanes.c": _LANES}, "lanes.c")
 
     def lanes(self, lanes: int) -> ExportedLanes:
         """The coupling in so many devices, started anew."""

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import ctypes
-import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from hardware_bench import require, run, scratch
+from simulator_in_c import with_exported
 
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi.model.device import Device
@@ -33,15 +32,7 @@ class FaultySensor:
     """A released device without dry friction that runs the exported files, by name."""
 
     def __init__(self, device: Device, files: Mapping[str, str]) -> None:
-        require("gcc")
-        folder = Path(tempfile.mkdtemp(dir=scratch()))
-        for name, text in files.items():
-            (folder / name).write_text(text, encoding="ascii")
-        library = folder / "faulty.so"
-        sources = (str(folder / "avc_coupling.c"), str(_SOURCE))
-        build = ("-std=c99", "-O2", "-ffp-contract=off", "-Wall", "-Wextra", "-Werror", "-fPIC", "-shared")
-        run("gcc", *build, "-I", str(folder), *sources, "-lm", "-o", str(library))
-        self._run = ctypes.CDLL(str(library)).faulty_sensor
+        self._run = with_exported(files, _SOURCE).faulty_sensor
         self._device = device
 
     def meets(

@@ -2,9 +2,12 @@
 
 import ctypes
 import functools
+import tempfile
 from pathlib import Path
 
 from hardware_bench import require, run, scratch
+
+BUILD = ("-std=c99", "-O2", "-ffp-contract=off", "-Wall", "-Wextra", "-Werror", "-fPIC", "-shared")
 
 
 def doubles(names):
@@ -17,9 +20,19 @@ def simulator(name):
     """The function `name` of `name`.c beside this file."""
     require("gcc")
     target = scratch() / f"{name}.so"
-    flags = ("-std=c99", "-O2", "-Wall", "-Wextra", "-Werror", "-fPIC", "-shared")
-    run("gcc", *flags, str(Path(__file__).with_name(f"{name}.c")), "-lm", "-o", str(target))
+    run("gcc", *BUILD, str(Path(__file__).with_name(f"{name}.c")), "-lm", "-o", str(target))
     return getattr(ctypes.CDLL(str(target)), name)
+
+
+def with_exported(files, source):
+    """The library of an exported coupling, its files by name, and a source that calls it."""
+    require("gcc")
+    folder = Path(tempfile.mkdtemp(dir=scratch()))
+    for name, text in files.items():
+        (folder / name).write_text(text, encoding="ascii")
+    sources = (str(folder / "avc_coupling.c"), str(folder / source))
+    run("gcc", *BUILD, "-I", str(folder), *sources, "-lm", "-o", str(folder / "coupling.so"))
+    return ctypes.CDLL(str(folder / "coupling.so"))
 
 
 def pointers(*arrays):

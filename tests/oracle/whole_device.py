@@ -6,12 +6,10 @@ Only the numbers of the device are the problem's.
 import ctypes
 import itertools
 import math
-import tempfile
 from pathlib import Path
 
 import numpy as np
-from hardware_bench import require, run, scratch
-from simulator_in_c import doubles
+from simulator_in_c import doubles, with_exported
 
 _SOURCE = Path(__file__).with_name("whole_device.c")
 _DEVICE, _DEED, _FOUND = map(
@@ -90,16 +88,7 @@ class WholeDevice:
     """A device that runs the exported files, by name."""
 
     def __init__(self, device, files):
-        require("gcc")
-        self.device = device
-        folder = Path(tempfile.mkdtemp(dir=scratch()))
-        for name, text in files.items():
-            (folder / name).write_text(text, encoding="ascii")
-        library = folder / "whole.so"
-        sources = (str(folder / "avc_coupling.c"), str(_SOURCE))
-        build = ("-std=c99", "-O2", "-ffp-contract=off", "-Wall", "-Wextra", "-Werror", "-fPIC", "-shared")
-        run("gcc", *build, "-I", str(folder), *sources, "-lm", "-o", str(library))
-        self._c = ctypes.CDLL(str(library))
+        self.device, self._c = device, with_exported(files, _SOURCE)
 
     def meets(self, deed, seconds=SECONDS, tail_s=TAIL_S, **changed):
         """What is found over the last half second; `changed` are other numbers of the device."""
