@@ -158,8 +158,9 @@ def test_a_row_that_is_none_is_refused(row, tmp_path):
     path = tmp_path / "gains.csv"
     path.write_text(f"{HEADER}2,1,1\n499.99,1,1\n")
     assert len(read_coupling(path, "soft").schedule.frequency_hz) == 2
-    path.write_text(f"{HEADER}2,1,1\n{row}\n")
-    refused(read_coupling, path, "soft")
+    for rows in (f"2,1,1\n{row}\n", f"2,1\n{row}\n"):
+        path.write_text(f"{HEADER}{rows}")
+        refused(read_coupling, path, "soft")
 
 
 # A file that is written is there whole or as it was before, whatever ends the process.

@@ -119,7 +119,7 @@ def test_anybody_is_drawn_without_those_before(population):
 
 # What is recommended is tried on devices a tenth off their file too, and it is told how that ends.
 
-WALL_N_PER_M = 20e3
+WALL_N_PER_M, NOBODY = 20e3, (0.0, 0.0, 0.0)
 
 
 def rigid(problem):
@@ -148,10 +148,6 @@ def test_a_wall_at_its_limit_moves_on_lighter_devices_and_one_far_from_it_does_n
     assert brittle.trial.counts()["at_rest_without_friction"] < brittle.trial.hands
 
 
-def radius_let_go(device, stiffness, damping):
-    return spectral_radius(device, (0.0, 0.0, 0.0), damping, stiffness)
-
-
 @pytest.mark.slow
 def test_a_wall_that_only_a_hand_holds_is_told_to_be_unstable_let_go():
     bare = before(WALL_N_PER_M)
@@ -165,7 +161,7 @@ def test_a_wall_that_only_a_hand_holds_is_told_to_be_unstable_let_go():
     found = off_file(coupling)
     assert found.trial.counts()["at_rest_without_friction"] == found.trial.hands
     damping = float(coupling.table.gains[2, 0])
-    expected = [radius_let_go(device, wall, damping) > 1 for device in perturbed(coupling, found.keys)]
+    expected = [spectral_radius(device, NOBODY, damping, wall) > 1 for device in perturbed(coupling, found.keys)]
     assert found.unstable == found.document()["linearly_unstable"] == sum(expected)
     assert sum(expected) > 0
 
@@ -180,5 +176,5 @@ def test_devices_off_the_file_are_the_least_stable_of_the_corners():
     assert len(every) == 2 ** len(keys)
     for key in keys:
         assert {round(linear_values(one)[key] / values[key], 9) for one in every} == {0.9, 1.1}
-    radii = [radius_let_go(device, WALL_N_PER_M, damping) for device in every]
-    assert min(radius_let_go(one, WALL_N_PER_M, damping) for one in found) >= sorted(radii)[-2] - 1e-9
+    radii = [spectral_radius(device, NOBODY, damping, WALL_N_PER_M) for device in every]
+    assert min(spectral_radius(one, NOBODY, damping, WALL_N_PER_M) for one in found) >= sorted(radii)[-2] - 1e-9
