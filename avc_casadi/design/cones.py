@@ -61,7 +61,7 @@ class Cones:
         import clarabel  # noqa: PLC0415
         from scipy import sparse  # noqa: PLC0415
 
-        n = len(self._gain) + 3
+        n = self._axes.shape[1] + 3
         positive = np.pad(np.eye(2), ((0, 0), (n - 2, 0)))
         blocks = [*self._blocks, ("slack", positive[:, None], np.zeros((2, 1)), True)]
         masks = [_mask(near.get(key), len(level), whole=whole) for key, _, level, whole in blocks]

@@ -36,7 +36,6 @@ from avc_casadi.model.runtime import Runtime
 
 ErrorRows = tuple[ComplexArray, ComplexArray, ComplexArray, ComplexArray]
 
-
 DISK_MARGIN, RIPPLE_N, NOISE_OVER_STIFFNESS = 0.204, 1.5, 12.0
 """Default goals: margin, so that 0.2 is met; force for a sine of one encoder step, N, or noise gain over stiffness if
 that is more."""
@@ -44,6 +43,8 @@ BAND_HZ, NEAR = (1.0, 30.0), 0.1
 """Of the error; and that at which no other guess of model and feedback is tried."""
 GAINS = np.array([1.0, 0.5, 0.25, 0.12, 0.06, 0.03, 0.015])
 """Sector gains of quantiser and dead zone at which the loop is required to decay."""
+# Least relative change of Phi that a law in single precision may depend on: with less L grows without an effect.
+RESOLVED = 1e-6
 # Share of Phi on contours, and twice that of the observer, that a step leaves at least; after one that failed, more.
 _LEFT = (0.2, 0.6, 0.85)
 
@@ -248,8 +249,8 @@ class Program:
         # Variables are whitened by the relative change of Phi.
         relative = _flat(self.phi / np.abs(c)[..., None])
         _, values, axes = np.linalg.svd(np.concatenate([relative.real, relative.imag]), full_matrices=False)
-        scale = np.sqrt(2 * len(relative)) / np.maximum(values, 1e-7 * values[0])
-        cones = Cones(gain, axes.T * scale)
+        some = values > RESOLVED * values[0]
+        cones = Cones(gain, axes[some].T * np.sqrt(2 * len(relative)) / values[some])
         x, y, phi = self.dense
         there = 1 + phi @ gain
         size = 1 / np.abs(there)
@@ -361,7 +362,7 @@ def _matched(program: Program, law: ComplexArray) -> FloatArray:
     rows, right = (program.x - law[:, None] * program.y) * weight[:, None], law * weight
     both, aim = np.concatenate([rows.real, rows.imag]), np.concatenate([right.real, right.imag])
     scale = np.linalg.norm(both, axis=0)
-    return np.asarray(np.linalg.lstsq(both / scale, aim, rcond=1e-9)[0] / scale)
+    return np.asarray(np.linalg.lstsq(both / scale, aim, rcond=RESOLVED)[0] / scale)
 
 
 def started(program: Program) -> FloatArray | None:
@@ -444,8 +445,7 @@ def program_answers(
     """Return the couplings that the guesses of model and feedback lead to: those that meet the goals, then by error."""
     if why := why_no_law(problem):
         raise UnsupportedError(f"{problem.name}: program: {why}")
-    device, k = problem.device, problem.environment.stiffness_n_per_m
-    inner = problem
+    device, inner, k = problem.device, problem, problem.environment.stiffness_n_per_m
     if stiffness_n_per_m is not None and stiffness_n_per_m < k:
         inner = problem.changed(environment={"stiffness_n_per_m": stiffness_n_per_m, "damping_ns_per_m": 0.0})
     asked, step = problem.robustness, max(device.encoder_resolution_m, 1e-9)

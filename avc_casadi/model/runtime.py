@@ -121,10 +121,7 @@ class StateFeedback(EffectTable):
             if len(values) != n:
                 yield path, f"has {len(values)} numbers; allowed: {n}, as force_m_per_n"
         if max(self.positions) >= n or self.measures not in self.positions:
-            yield (
-                ("positions",),
-                f"is {t.shown(self.positions)}; allowed: places below {n}, measures among them",
-            )
+            yield ("positions",), f"is {t.shown(self.positions)}; allowed: places below {n}, measures among them"
 
     @property
     def states(self) -> int:
