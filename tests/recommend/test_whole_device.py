@@ -12,14 +12,12 @@ from whole_device import REST, WholeDevice, held, leaning, people, rests_as_trie
 
 import avc_casadi as avc
 import avc_hardware
-from avc_casadi.coupling import Coupling
 from avc_casadi.loops.walls import stiffest_wall
 from avc_casadi.model.hands import hand_corners, with_released
 from avc_casadi.simulation.population.operators import people_of
 from avc_casadi.simulation.population.trial import try_coupling
 
 NAMES = ["reference-r1", "reference-r2"]
-# Softly, twice a second, and hard, m/s.
 MOTIONS = {"press": lambda hand: held(hand, 0.07), "tap": tapping, "strike": lambda hand: held(hand, 0.3)}
 ANY_MARGIN = {"disk_margin": 0.01}  # stability alone
 IDEAL = {"resonance": None, "amplifier_bandwidth_hz": None, "delay_samples": 0}
@@ -32,8 +30,7 @@ def recommended(name):
 
 @functools.cache
 def bench(name):
-    found = recommended(name)
-    return WholeDevice(found.problem.device, avc_hardware.export_c(found.coupling))
+    return WholeDevice(recommended(name).problem.device, avc_hardware.export_c(recommended(name).coupling))
 
 
 @functools.cache
@@ -96,6 +93,18 @@ def test_as_many_hands_rest_as_the_trial_says():
             counts.append(int(told.sum()))
     assert counts[:2] == [32, 32]
     assert 0 < counts[3] < counts[2]
+
+
+@pytest.mark.slow
+def test_a_law_of_many_states_holds_in_single_precision():
+    """A soft structure, 2.5 samples of delay and a fast amplifier: states that the force hardly shows."""
+    mode = {"frequency_hz": 69.0, "damping_ratio": 0.0343, "mass_ratio": 0.441}
+    loop = {"sample_time_s": 1.25e-3, "delay_samples": 2.47, "amplifier_bandwidth_hz": 866.0, "resonance": mode}
+    device = {"mass_kg": 0.0948, "damping_ns_per_m": 0.629, "encoder_resolution_m": 3.86e-6, **loop}
+    wall = {"stiffness_n_per_m": 3120.0, "damping_ns_per_m": 0.0}
+    found = avc.recommend(avc.Problem(device=device, environment=wall, frequency={"stop_hz": 300.0}), hands=8)
+    whole = WholeDevice(found.problem.device, avc_hardware.export_c(found.coupling))
+    assert rests_as_tried(whole, whole.device, people(found.problem.hands, 8, 2), longest_s=found.trial.longest_s).all()
 
 
 @pytest.mark.slow
@@ -168,12 +177,3 @@ def test_what_the_declared_device_refuses_does_not_rest(name):
     stiff = refused(name, 1.5 * limit, damping)
     assert fastest([stiff.meets(held(hand, 0.07), friction=0.0) for hand in hands]) > 0.1
     assert fastest([stiff.meets(leaning(3.0))]) > 0.1
-    # What is recommended for a device that declares neither delay nor amplifier nor resonance holds no hand here.
-    other = recommended("figure5").coupling
-    stated = problem.changed(environment={"stiffness_n_per_m": other.wall.stiffness_n_per_m})
-    foreign = Coupling(stated, other.schedule, other.table, other.runtime)
-    with pytest.raises(avc.NotDeployableError, match="hands"):
-        avc_hardware.export_c(foreign)
-    stiff = WholeDevice(problem.device, export_c(foreign))
-    for friction in ({"friction": 0.0}, {}):
-        assert min(stiff.meets(held(hand, 0.07), **friction).motor_speed for hand in hands) > 0.05
