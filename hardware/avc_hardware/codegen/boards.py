@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import re
-import shutil
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, StringConstraints, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError
 
 from avc_casadi import Fault, InputError
 from avc_casadi.files.toml import tables_of, text_of
@@ -36,17 +35,11 @@ class _Memory(_Flash):
     origin: int = Field(ge=0, lt=2**32, multiple_of=8)
 
 
-def _power_of_two(value: int) -> int:
-    if value & (value - 1):
-        raise ValueError("should be a power of two")
-    return value
-
-
 class _Capacity(_Table):
     """The format counts rows and records in 16 bits; a table with state feedback is as long as 27 rows."""
 
     rows: int = Field(default=256, ge=27, le=4096)
-    records: Annotated[int, Field(ge=128, le=32768), AfterValidator(_power_of_two)] = 4096
+    records: int = Field(default=4096, ge=128, le=32768)  # that it is a power of two the source checks
 
 
 class Board(_Table):
@@ -91,12 +84,6 @@ def read_board(folder: Path) -> Board:
         for name in board.sources
         if not (folder / name).is_file()
     ]
-    if board.own and shutil.which(board.compiler) is None:
-        message = f"is {board.compiler!r}, which is no program on the path; correct the name, or install it: "
-        faults.append(Fault(str(path), None, "compiler", message + board.install))
-    low, high = sorted((board.flash, board.memory), key=lambda region: region.origin)
-    if high.origin < low.origin + low.bytes:
-        faults.append(Fault(str(path), None, "memory", "lies over flash; allowed: apart from each other"))
     if faults:
         raise InputError(faults)
     return board

@@ -104,11 +104,6 @@ class Machine:
             self._next_byte = max(self._next_byte, self.cycle + self.byte_cycles)
         self.received.extend(data)
 
-    @property
-    def drives(self) -> bool:
-        """Whether the amplifier's enable is set, as last written."""
-        return bool(self._registers.get(_PORTS + 0x418, 0) & 2)
-
     def code(self, address: int, size: int) -> bytes:
         """Return bytes of the program."""
         return bytes(self._core.mem_read(address, size))

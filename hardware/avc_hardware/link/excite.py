@@ -131,31 +131,20 @@ def excite(
         if port == EMULATOR and on_bench is not None:
             connection.configure(device_config(on_bench))
         _check(plan, connection.device, link.name, baud)
-        log = excite_over(connection, plan, progress=progress, cut=cut)
+        number = secrets.randbits(32) or 1
+        records = _Records(plan, link.name)
+        try:
+            connection.ask(Kind.EXCITE, plan_bytes(plan, number), m.Acknowledged)
+            log = _read(connection, records, number, progress)
+        except BaseException as error:
+            with HeldInterrupt():
+                with suppress(LinkError):
+                    connection.ask(Kind.STOP, m.words(number), m.Acknowledged)
+                if cut is not None and isinstance(error, KeyboardInterrupt) and records.index:
+                    cut(records.log("cut by Ctrl-C"))
+            raise
         # The output's step of a wired board is unknown here.
         return log.through(connection.device.max_force_n) if port == EMULATOR else log
-
-
-def excite_over(
-    connection: Connection,
-    plan: Plan,
-    *,
-    progress: Progress = SILENT,
-    cut: Callable[[ExcitationLog], None] | None = None,
-) -> ExcitationLog:
-    """Play a plan over an open connection to a device that it fits."""
-    number = secrets.randbits(32) or 1
-    records = _Records(plan, connection.link.name)
-    try:
-        connection.ask(Kind.EXCITE, plan_bytes(plan, number), m.Acknowledged)
-        return _read(connection, records, number, progress)
-    except BaseException as error:
-        with HeldInterrupt():
-            with suppress(LinkError):
-                connection.ask(Kind.STOP, m.words(number), m.Acknowledged)
-            if cut is not None and isinstance(error, KeyboardInterrupt) and records.index:
-                cut(records.log("cut by Ctrl-C"))
-        raise
 
 
 def plan_bytes(plan: Plan, number: int) -> bytes:
