@@ -74,7 +74,8 @@ def regulator(device: Device, hands: Hands, stiffness_n_per_m: float, guess: int
 
 def _law(device: Device, parts: tuple[FloatArray, ...], positions: tuple[int, ...], measures: int) -> StateFeedback:
     """Return the law of A, B, L and R; its dead zone is half a step of the coarsest encoder and a quarter more."""
-    state, force, innovation, feedback = parts
+    # In single precision, as on the device: what is judged is what runs.
+    state, force, innovation, feedback = (part.astype(np.float32).astype(np.float64) for part in parts)
     known = device.range.encoder_resolution_m
     half_m = 0.75 * (device.encoder_resolution_m if known is None else known[1])
     return StateFeedback(
@@ -108,8 +109,7 @@ class Structure:
         t, stiffness = problem.device.sample_time_s, problem.environment.stiffness_n_per_m
         law = regulator(problem.device, problem.hands, stiffness, guess)
         n = law.states
-        most = MOST_STATES - n - (problem.environment.damping_ns_per_m > 0)
-        filters = min(filters, most)
+        filters = min(filters, MOST_STATES - n - (problem.environment.damping_ns_per_m > 0))
         poles = np.exp(-2 * np.pi * t * np.geomspace(3.0, 0.25 / t, filters))
         state = np.diag(np.concatenate([np.zeros(n), poles]))
         state[:n, :n] = law.state

@@ -9,7 +9,6 @@ import numbers
 import re
 from collections.abc import Iterator
 from contextlib import suppress
-from ctypes import c_float
 from dataclasses import dataclass
 from typing import Annotated, Any, TypeVar
 
@@ -305,9 +304,7 @@ Seed = Annotated[int, BeforeValidator(Whole(0, 2**32 - 1))]
 
 One = TypeVar("One", bound=float)
 Pair = Annotated[tuple[One, One], BeforeValidator(_pair), AfterValidator(ordered)]
-# In single precision, as on the device: what is judged is what runs.
-_single = AfterValidator(lambda value: c_float(value).value)
-Entry = Annotated[float, BeforeValidator(Quantity("", 1e-30, 1e12, signed=True)), _single]
+Entry = Annotated[float, BeforeValidator(Quantity("", 1e-30, 1e12, signed=True))]
 Entries = Annotated[tuple[Entry, ...], BeforeValidator(sequence)]
 EntryRows = Annotated[tuple[Entries, ...], BeforeValidator(sequence)]
 Place = Annotated[int, BeforeValidator(Whole(0, 63))]
