@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from avc_casadi._util.arrays import ComplexArray, FloatArray
-from avc_casadi.claims.worst_frequency import quadratic_stretch, refine_minima
+from avc_casadi.claims.worst_frequency import refine_minima
 from avc_casadi.loops.wall import RIGID, SampledLoop, Values
 from avc_casadi.model.ends import ToolGains
 
@@ -61,24 +61,6 @@ def _hold(loop: SampledLoop, hz: FloatArray) -> tuple[FloatArray, FloatArray, Fl
     amplitude = cosine if paper else np.ones_like(cosine)
     lag = np.sin(np.pi * half_turns * turns / 2)
     return amplitude, lag, lag * cosine / sine
-
-
-def largest_llewellyn_stiffness(loop: SampledLoop, damping_ns_per_m: Values) -> FloatArray:
-    """Return the largest k that (6) allows at given b, N/m; not a number where it allows none. Shape (n,)."""
-    b = np.ravel(damping_ns_per_m).astype(np.float64)[:, None]
-    feasible = llewellyn_margin(loop, b, 0.0)[0] >= 0
-    given = loop.device_damping_ns_per_m
-
-    def largest(frequency_hz: FloatArray) -> FloatArray:
-        amplitude, lag, steep = _hold(loop, frequency_hz)
-        loss = amplitude * lag**2
-        bend, slope, free = -(loss + amplitude * steep**2), given - 2 * b * loss, b * (given - b * loss)
-        # Where b alone exhausts the damping, the rest is rounding.
-        free = np.where(np.abs(free) <= 1e-14 * b * given, 0.0, free)
-        return quadratic_stretch(bend + 0 * free, slope, free)[1] * 2 / loop.sample_time_s
-
-    found = largest(refine_minima(largest, *_points_hz(loop, len(b)))).min(axis=1)
-    return np.where(feasible, found, np.nan)
 
 
 @dataclass(frozen=True)

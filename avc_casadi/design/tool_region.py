@@ -37,7 +37,6 @@ class ToolRegion:
     damping_ns_per_m: FloatArray
     local_damping_ratio: float
     curves: tuple[ToolCurve, ...]
-    chosen: ToolGains | None = None
     units: Units = LINEAR
 
     def document(self) -> dict[str, Any]:

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from avc_casadi._util.arrays import ComplexArray, FloatArray
-from avc_casadi._util.units import Units
 from avc_casadi.claims.impedance import Excitation, below_quarter_rate, rendered
 from avc_casadi.coupling import Coupling
 from avc_casadi.loops.engine import Engine, clocks, required_tool
@@ -261,12 +260,9 @@ class Felt:
 class RenderedBand:
     """Rendered and wanted impedance over a band of frequencies."""
 
-    problem: str
     felt: tuple[Felt, ...]
     mass_kg: float  # wanted in free motion, both ends as one body
     damping_ns_per_m: float
-    stiffness_n_per_m: float  # wanted on a rigid object: K
-    units: Units
 
 
 def rendered_band(problem: Problem, gains: ToolGains) -> RenderedBand:
@@ -274,7 +270,7 @@ def rendered_band(problem: Problem, gains: ToolGains) -> RenderedBand:
     device, (far_kg, far_ns_per_m) = problem.device, _far(problem)
     found = rendered_pair(problem, gains, np.geomspace(0.3, 100.0, 80).tolist())
     mass, damping = device.mass_kg + far_kg, device.damping_ns_per_m + far_ns_per_m
-    return RenderedBand(problem.name, found, mass, damping, gains.stiffness_n_per_m, problem.units)
+    return RenderedBand(found, mass, damping)
 
 
 def _far(problem: Problem) -> tuple[float, float]:

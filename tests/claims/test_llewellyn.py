@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from avc_casadi.claims.llewellyn import largest_llewellyn_stiffness, llewellyn_margin
+from avc_casadi.claims.llewellyn import llewellyn_margin
 from avc_casadi.loops.wall import SampledLoop
 
 T = 1e-3
@@ -15,12 +15,19 @@ def loop(model, delay=0, b_d=1.0):
     return SampledLoop(b_d, 0.0, 0.0, T, delay, model)
 
 
+def is_largest(stiffness, within, damping, *case, **device):
+    """Whether (6) allows a stiffness less so much, and no longer that stiffness and so much."""
+    around = np.array([stiffness - within, stiffness + within])
+    below, above = llewellyn_margin(loop(*case, **device), damping, around)[0]
+    return below >= 0 > above
+
+
 @pytest.mark.parametrize(
     ("ratio", "expected"),
     [(0, 8.0), (1, 9.330), (1.175, 9.3505), (4, 6.804), (7, 1.922)],
 )
 def test_largest_stiffness_with_the_printed_hold(ratio, expected):
-    assert largest_llewellyn_stiffness(loop("paper"), float(ratio))[0] * T == pytest.approx(expected, abs=6e-4)
+    assert is_largest(expected / T, 6e-4 / T, float(ratio), "paper")
 
 
 @pytest.mark.slow
@@ -28,15 +35,15 @@ def test_largest_stiffness_with_the_printed_hold(ratio, expected):
 @given(st.floats(0, 0.5))
 def test_low_frequency_decides_for_light_couplings(ratio):
     expected = 4 + 4 * np.sqrt(1 + ratio)
-    assert largest_llewellyn_stiffness(loop("paper"), ratio)[0] * T == pytest.approx(expected, rel=1e-9)
+    assert is_largest(expected / T, 1e-9 * expected / T, ratio, "paper")
 
 
 @pytest.mark.slow
 @settings(max_examples=15)
 @given(st.floats(1e-3, 1e3), st.floats(0, 1))
 def test_sampled_data_hold_allows_twice_the_difference_over_the_sample_time(b_d, share):
-    found = largest_llewellyn_stiffness(loop("sampled-data", b_d=b_d), share * b_d)[0]
-    assert found == pytest.approx(2 * (b_d - share * b_d) / T, abs=1e-9 * b_d / T)
+    allowed = 2 * (b_d - share * b_d) / T
+    assert allowed == 0 or is_largest(allowed, min(1e-9 * b_d / T, allowed), share * b_d, "sampled-data", b_d=b_d)
 
 
 @pytest.mark.parametrize("model", ["paper", "sampled-data"])

@@ -193,9 +193,6 @@ def draw_tool_region(region: ToolRegion, axes: style.GivenAxes = None) -> Figure
         label = f"{quantity(1 / one.step_s, 'Hz')}{' (declared)' if one.declared else ''}"
         stable = np.where(stiffness > 0, stiffness, np.nan)
         _curve(plane, damping, stable, label, fill=one.declared, color=colour, linewidth=2.4 if one.declared else 1.3)
-    if region.chosen is not None:
-        b, k = region.chosen.damping_ns_per_m, region.chosen.stiffness_n_per_m
-        plane.plot(max(b, float(damping[0])), k, "k*", markersize=11, label="recommended")
     _plane(plane, shown, (float(damping[0]), float(damping[-1])))
     plane.set(xlabel=f"damper B ({region.units.unit('N·s/m')})", ylabel=f"spring K ({region.units.unit('N/m')})")
     panels.legend(5)
