@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from avc_casadi import InputError
+from avc_casadi import UnsupportedError
 from avc_casadi.coupling import Coupling, require_coupling
 from avc_casadi.model import EFFECTS
 from avc_casadi.model.effects import HandEffect, WallEffect
@@ -57,6 +57,8 @@ class FirmwareInTheLoop:
         problem = of.problem if isinstance(of, Coupling) else of
         limits = board_limits(problem.device)
         effects = build_effects(problem)
+        if foreign := {effect.kind for effect in effects} - PLANT_KINDS - _FIRMWARE_KINDS:
+            raise UnsupportedError(f"{problem.name}: the bench has no {', '.join(sorted(foreign))}")
         time_s = limits.sample_time_s
         self._target = target_of(problem.scene.motion, max(1, round(problem.scene.duration_s / time_s)), time_s)
         late = sum(effect.samples for effect in effects if isinstance(effect, Delay))
@@ -156,22 +158,16 @@ class LoopResult:
         }
 
 
-def tried_in_the_loop(coupling: Coupling, *, seconds: float | None = None, device: Device | None = None) -> LoopResult:
+def tried_in_the_loop(coupling: Coupling, *, device: Device | None = None) -> LoopResult:
     """Push a coupling into an emulated board of its device, and press the wall with the central hand of ``[hands]``."""
     require_coupling(coupling)
-    scene = coupling.problem.scene
-    lasts = scene.duration_s if seconds is None else seconds
-    if not (math.isfinite(lasts) and lasts > 0):
-        raise InputError.of(f"{lasts:g} s; allowed: a finite time above 0", key="seconds")
     true = coupling.problem if device is None else coupling.problem.changed(device=device)
     there = scene_effects(true)
     kept = tuple(effect for effect in there if effect.kind in PLANT_KINDS and EFFECTS[effect.kind].role != "hand")
     own = PLANT_KINDS | _FIRMWARE_KINDS | {"environment"}
     left_out = tuple(effect.kind for effect in there if effect.kind not in own)
-    bench = true.changed(
-        scene={"effects": (HandEffect(), WallEffect(), *kept), "duration_s": lasts, "integrator": "exact"}
-    )
-    loop = FirmwareInTheLoop(replace(coupling, problem=bench))
+    bench = true.changed(scene={"effects": (HandEffect(), WallEffect(), *kept), "integrator": "exact"})
+    loop, lasts = FirmwareInTheLoop(bench), bench.scene.duration_s
     pushed = loop.push(coupling)
 
     def after(more_s: float, whole_s: float) -> LoopResult:
@@ -197,6 +193,6 @@ def tried_in_the_loop(coupling: Coupling, *, seconds: float | None = None, devic
         )
 
     found, swings_s = after(lasts, lasts), course_of(true).duration_s - TRIAL_S
-    if seconds is None and swings_s > 0 and not (found.at_rest or found.status.faults):
+    if swings_s > 0 and not (found.at_rest or found.status.faults):
         return after(swings_s, lasts + swings_s)
     return found

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from avc_hardware.codegen.boards import IMAGE
 from avc_hardware.codegen.figures import BoardLimits, board_limits
@@ -79,10 +79,11 @@ class EmulatedBoard:
         """Do nothing: there is no resource."""
 
 
-def emulated_board(coupling: Coupling, **options: Any) -> EmulatedBoard:
+def emulated_board(coupling: Coupling) -> EmulatedBoard:
     """Return a fresh emulated board of a coupling's device; a hand taps about the face that the coupling renders."""
     check_runs_on(coupling)
     device, feedback = coupling.problem.device, coupling.runtime.state_feedback
     face_m = 0.0 if feedback is None else feedback.face_m
-    motion = {"motion_m": lambda time_s: tapping_hand(time_s) / device.metres_per_unit - face_m}
-    return EmulatedBoard(limits=board_limits(device), **(motion | options))
+    return EmulatedBoard(
+        limits=board_limits(device), motion_m=lambda time_s: tapping_hand(time_s) / device.metres_per_unit - face_m
+    )
