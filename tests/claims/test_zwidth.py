@@ -105,6 +105,11 @@ def curve(name, key):
     return {one.key: one.stiffness_n_per_m for one in region(name).curves}[key]
 
 
+def test_a_corner_of_a_device_has_an_end_of_the_range_of_its_resonance():
+    corners = device_corners(zwidth_device_problem("resonance").device)
+    assert {one.resonance.frequency_hz for one in corners} == {100.0, 200.0}
+
+
 def worst_growth(case, hands, damping, stiffness):
     """Spectral radius of a wall behind a joint that is far stiffer, at the worst corner."""
     return max(

@@ -4,8 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from drawn_problems import drawn_problem
-from walled import has_wall
+from drawn_problems import drawn_problem, walled
 
 import avc_casadi as avc
 from avc_casadi.coupling import Coupling
@@ -15,7 +14,7 @@ from avc_casadi.model.gains import Gains
 from avc_casadi.model.problem import Frequency
 from avc_casadi.paper.equations import loop_at
 
-PROBLEMS = [entry.name for entry in avc.catalogue() if has_wall(entry.name)][::3]
+PROBLEMS = walled()[::3]
 
 
 def impedance(document, name):

@@ -58,6 +58,7 @@ ERRORS: dict[str, tuple[tuple[str, ...], dict[str, str]]] = {
         },
     ),
     "unknown method": (("solve", "figure5", "--method", "magic"), {}),
+    "method that does not offer it": (("solve", "hard/undamped-device", "--method", "static"), {}),
     "unknown solver": (("solve", "figure5", "--solver", "magic"), {}),
     "tolerance in words": (("solve", "figure5", "--tolerance", "tight"), {}),
     "unknown suffix": (("solve", "figure5", "--out", "gains.xls"), {}),

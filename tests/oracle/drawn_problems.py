@@ -6,7 +6,13 @@ from typing import Any
 
 import numpy as np
 
+import avc_casadi as avc
 from avc_casadi.model.problem import Problem
+
+
+def walled() -> list[str]:
+    """Problems of the catalogue with a wall in the device's own loop: the others, `tool/`, refuse to be solved."""
+    return [entry.name for entry in avc.catalogue() if avc.load_problem(entry.name).simulation is None]
 
 
 def drawn_problem(rng: np.random.Generator, *, frequencies: int = 8, structure: str | None = None) -> Problem:

@@ -2,8 +2,7 @@
 
 import numpy as np
 import pytest
-from drawn_problems import drawn_problem
-from walled import has_wall
+from drawn_problems import drawn_problem, walled
 
 import avc_casadi as avc
 from avc_casadi.design.methods import solve
@@ -28,7 +27,7 @@ def agree(problem, *, error_within):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", [entry.name for entry in avc.catalogue() if has_wall(entry.name)])
+@pytest.mark.parametrize("name", walled())
 def test_every_frequency_of_the_catalogue_within_1e_8(name):
     """Absolute, in N.s/m."""
     agree(avc.load_problem(name), error_within=lambda _: 1e-8)

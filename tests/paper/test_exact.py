@@ -2,9 +2,8 @@
 
 import numpy as np
 import pytest
-from drawn_problems import drawn_problem
+from drawn_problems import drawn_problem, walled
 from reference_optimum import MP, NUMBERS, damped_error, series_error
-from walled import has_wall
 
 import avc_casadi as avc
 from avc_casadi.design.methods import solve
@@ -40,12 +39,10 @@ def test_series_optimum_is_that_of_50_digits(seed):
         agrees(drawn_problem(rng, frequencies=3, structure="series"), series_error)
 
 
-def series_problems():
-    problems = (avc.load_problem(entry.name) for entry in avc.catalogue() if has_wall(entry.name))
-    return [problem for problem in problems if problem.coupling.structure == "series"]
+SERIES = [problem for problem in map(avc.load_problem, walled()) if problem.coupling.structure == "series"]
 
 
-@pytest.mark.parametrize("problem", series_problems()[::4], ids=lambda problem: problem.name)
+@pytest.mark.parametrize("problem", SERIES[::4], ids=lambda problem: problem.name)
 def test_catalogue_optimum_is_that_of_50_digits(problem):
     rows = np.unique(np.linspace(0, len(problem.frequencies_hz()) - 1, 12).astype(int))
     agrees(problem, series_error, rows)
