@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 
 # Largest size of a fault report, for any number and length of faults.
 _MOST_FAULTS, _MOST_CHARACTERS = 20, 1800
@@ -68,21 +68,21 @@ class InputError(AvcError, ValueError):
 
     def __init__(self, faults: list[Fault] | tuple[Fault, ...]) -> None:
         self.faults = tuple(faults)
-        super().__init__("\n".join(map(str, self.told)))
+        super().__init__(self.faults)  # what a worker's error is made of again
+
+    def __str__(self) -> str:
+        return "\n".join(map(str, self.told))
 
     @property
     def told(self) -> tuple[Fault, ...]:
         """The first faults, in 20 lines and 1800 characters, and one with the number of the others."""
-        told: list[Fault] = []
-        left = _MOST_CHARACTERS
+        told, left = list[Fault](), _MOST_CHARACTERS
         for fault in self.faults[:_MOST_FAULTS]:
-            short = replace(
-                fault, file=_cut(fault.file, 500), key=_cut(fault.key, 200), message=_cut(fault.message, 1000)
-            )
-            left -= len(str(short)) + 1
+            one = Fault(_cut(fault.file, 500), fault.line, _cut(fault.key, 200), _cut(fault.message, 1000))
+            left -= len(str(one)) + 1
             if left < 0:
                 break
-            told.append(short)
+            told.append(one)
         more = len(self.faults) - len(told)
         return (*told, Fault(told[-1].file, None, "", f"has {more} more faults")) if more else tuple(told)
 

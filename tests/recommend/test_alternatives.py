@@ -13,11 +13,6 @@ from avc_casadi.simulation.population.operators import people_of
 from avc_casadi.simulation.population.trial import try_coupling
 
 
-def wall(stiffness, **device):
-    environment = {"stiffness_n_per_m": stiffness, "damping_ns_per_m": 1e-4 * stiffness}
-    return avc.load_problem("ve7").changed(environment=environment, device=device)
-
-
 def safety(trial):
     """Everybody at rest without friction, with it only, or not everybody: smaller is safer."""
     if trial.stable.all():
@@ -36,7 +31,8 @@ def safety(trial):
     ids=["figure 5", "20 um", "a Falcon"],
 )
 def test_no_plain_pair_is_deployable_as_safe_and_stiffer(stiffness, device):
-    problem = wall(stiffness, **device)
+    environment = {"stiffness_n_per_m": stiffness, "damping_ns_per_m": 1e-4 * stiffness}
+    problem = avc.load_problem("ve7").changed(environment=environment, device=device)
     best = avc.recommend(problem, hands=12)
     assert best.deployable
     assert avc.deployable(best.coupling).passed
