@@ -212,12 +212,12 @@ class CouplingSearch:
         lighter = [min(some, key=_dampers) for some in (half, quarter)]
         return list(dict.fromkeys((best, *lighter, heaviest)))
 
-    def holds(self, stiffness_n_per_m: float, *, local: bool = False) -> bool:
-        """Return whether some damper makes every loop stable with this K, and gives it its least margins."""
+    def held(self, stiffness_n_per_m: float, *, local: bool = False) -> ToolGains | None:
+        """Return gains of this K with which every loop is stable with its least margins; None where none are."""
         tried = self._tried(stiffness_n_per_m, local=local)
         middle = len(tried) / 2
-        order = sorted(range(len(tried)), key=lambda place: abs(place - middle))
-        return any(self.deployable.stable(tried[at]) and not self.deployable.refuted(tried[at]) for at in order)
+        order = (tried[at] for at in sorted(range(len(tried)), key=lambda place: abs(place - middle)))
+        return next((one for one in order if self.deployable.stable(one) and not self.deployable.refuted(one)), None)
 
     def refuted(self, gains: ToolGains, gain_margin: float) -> bool:
         """Return whether a search of the ranges refutes gains with their margin; without it where they have none."""

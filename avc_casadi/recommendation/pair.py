@@ -21,10 +21,8 @@ from avc_casadi.recommendation.felt import rendered_pair
 from avc_casadi.recommendation.preconditions import assumed, not_used
 from avc_casadi.recommendation.recommendation import Pair, Recommendation
 from avc_casadi.recommendation.sensitivity import (
-    exchanges_that_hold,
-    least_tool_mass_kg,
+    same_stiffness,
     search_ends,
-    slowest_step_s,
     stable_on_other_devices,
     what_would_help_tool,
 )
@@ -53,7 +51,7 @@ def recommend_tool(
     limit = stiffest.stiffness_n_per_m
     why = _why_infeasible(problem, search)
     tried = _Tried()
-    if not why and (wanted is None or search.holds(wanted, local=local)):
+    if not why and (wanted is None or search.held(wanted, local=local)):
 
         def trial_of(gains: ToolGains, people: Hand, *, screen: bool) -> Trial:
             return try_tool(problem, gains, people, seed, ("touch", "free") if screen else WITH_TOOL)
@@ -91,11 +89,7 @@ def recommend_tool(
             set_by=_unsettled(*stiffer) if gains is not None and stiffer is not None else "",
             mismatch_stable=None if gains is None else stable_on_other_devices(problem, gains),
             local_dampers_ns_per_m=search.local_dampers_ns_per_m(gains) if local and gains is not None else None,
-            least_tool_mass_kg=None
-            if same is None or tool.tool_mass_kg is None
-            else least_tool_mass_kg(problem, same, local=local),
-            slowest_step_s=None if same is None else slowest_step_s(problem, same, local=local),
-            exchanges={} if same is None else exchanges_that_hold(problem, same, local=local),
+            **({} if same is None else same_stiffness(problem, same, local=local)),
             searched_to=search_ends(problem),
         ),
     )

@@ -52,6 +52,7 @@ class Pair:
     least_tool_mass_kg: float | None = None  # with which the same K is stable with some B
     slowest_step_s: float | None = None
     exchanges: Mapping[str, bool] = field(default_factory=dict)  # with which it is
+    same_k: Mapping[str, ToolGains] = field(default_factory=dict)  # with each of these three
     searched_to: Mapping[str, float] = field(default_factory=dict)  # ends of these searches
     passivity_margin_ns_per_m: float | None = None  # of the two-port; passive at 0 or more
     passive_damping_ns_per_m: float | None = None  # that passivity requires of each device

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
@@ -159,13 +160,32 @@ def _most_samples(tool: VirtualTool, sample_time_s: float) -> int:
     return math.floor(longest_s / sample_time_s * (1 + 1e-9))
 
 
-def least_tool_mass_kg(problem: Problem, stiffness_n_per_m: float, *, local: bool) -> float | None:
-    """Return the lightest tool with which a stiffness is stable, searched from the declared mass down, or up."""
-    lightest, declared, heaviest = _masses_kg(required_tool(problem))
+def same_stiffness(problem: Problem, stiffness_n_per_m: float, *, local: bool) -> dict[str, Any]:
+    """Return the lightest tool, the slowest step and the exchanges with which K is stable, and the gains of each."""
+    tool, t = required_tool(problem), problem.device.sample_time_s
 
-    def holds(mass_kg: float) -> bool:
-        return _holds(problem, stiffness_n_per_m, local=local, tool_mass_kg=mass_kg)
+    @cache
+    def held(key: str, value: Any, of_device: bool = False) -> ToolGains | None:
+        search = ToolSearch(problem.changed(simulation={key: value}))
+        return search.held(stiffness_n_per_m, local=local or of_device)
 
+    names = ("on-time", "late", "ahead", "held-force")
+    found = {name: held("exchange", name, name == "held-force") for name in names}
+    mass = None if tool.tool_mass_kg is None else _lightest_kg(tool, partial(held, "tool_mass_kg"))
+    samples = _slowest(lambda count: held("step_s", count * t), _most_samples(tool, t))
+    found["least_tool_mass_kg"] = None if mass is None else held("tool_mass_kg", mass)
+    found["slowest_step_s"] = held("step_s", samples * t) if samples else None
+    return {
+        "least_tool_mass_kg": mass,
+        "slowest_step_s": samples * t if samples else None,
+        "exchanges": {name: found[name] is not None for name in names},
+        "same_k": {name: gains for name, gains in found.items() if gains is not None},
+    }
+
+
+def _lightest_kg(tool: VirtualTool, holds: Callable[[float], object]) -> float | None:
+    """Return the lightest tool that holds, searched from the declared mass down, or up."""
+    lightest, declared, heaviest = _masses_kg(tool)
     if holds(declared):
         return _between(holds, lightest, declared)
     mass = declared
@@ -176,7 +196,7 @@ def least_tool_mass_kg(problem: Problem, stiffness_n_per_m: float, *, local: boo
     return None
 
 
-def _between(holds: Callable[[float], bool], low: float, high: float) -> float:
+def _between(holds: Callable[[float], object], low: float, high: float) -> float:
     """Return the smallest value, down to `low`, above which all up to `high` hold, within 2 %."""
     while high > low:
         lower = max(high / 2, low)
@@ -192,31 +212,12 @@ def _between(holds: Callable[[float], bool], low: float, high: float) -> float:
     return high
 
 
-def slowest_step_s(problem: Problem, stiffness_n_per_m: float, *, local: bool) -> float | None:
-    """Return the longest step, a multiple of T, up to which a stiffness is stable; None where not even T is."""
-    t = problem.device.sample_time_s
-
-    def holds(samples: int) -> bool:
-        return _holds(problem, stiffness_n_per_m, local=local, step_s=samples * t)
-
-    most = _most_samples(required_tool(problem), t)
+def _slowest(holds: Callable[[int], object], most: int) -> int:
+    """Return the most samples of a step up to which it holds; 0 where not even one does."""
     good, bad = 0, 1
     while good < most and holds(bad):
         good, bad = bad, min(2 * bad, most)
     while bad - good > 1:
         middle = (good + bad) // 2
         good, bad = (middle, bad) if holds(middle) else (good, middle)
-    return good * t if good else None
-
-
-def exchanges_that_hold(problem: Problem, stiffness_n_per_m: float, *, local: bool) -> dict[str, bool]:
-    """Return the exchanges with which a stiffness is stable at some damping."""
-    return {
-        name: _holds(problem, stiffness_n_per_m, local=local or name == "held-force", exchange=name)
-        for name in ("on-time", "late", "ahead", "held-force")
-    }
-
-
-def _holds(problem: Problem, stiffness_n_per_m: float, *, local: bool, **simulation: Any) -> bool:
-    """Return whether a stiffness is stable at some damping with keys of [simulation] changed."""
-    return ToolSearch(problem.changed(simulation=simulation)).holds(stiffness_n_per_m, local=local)
+    return good

@@ -10,7 +10,7 @@ from engine_simulator import EngineSimulator
 import avc_casadi as avc
 from avc_casadi.design.virtual_tool import ToolSearch
 from avc_casadi.model.hands import hand_corners
-from avc_casadi.recommendation.sensitivity import least_tool_mass_kg
+from avc_casadi.recommendation.sensitivity import same_stiffness
 
 DEVICE = "[device]\nmass_kg = 0.12\ndamping_ns_per_m = 0.8\ndelay_samples = 1\nmax_force_n = 8.0\n"
 HANDS = 20
@@ -59,7 +59,7 @@ def test_wanted_stiffness_is_given_or_what_it_needs():
     light = avc.recommend(problem("tool_mass_kg = 0.01\nstep_s = 0.016\nstiffness_n_per_m = 3000.0"), hands=HANDS)
     assert not light.deployable
     # Without a damper in the device's loop no tool has the margins, though 1 kg holds by the prototype.
-    assert least_tool_mass_kg(light.problem, 3000.0, local=False) is None
+    assert same_stiffness(light.problem, 3000.0, local=False)["least_tool_mass_kg"] is None
     assert light.pair.least_tool_mass_kg < 0.5
     assert max(one.stiffest_n_per_m for one in light.helps) > light.pair.stiffest.stiffness_n_per_m
     soft = "tool_mass_kg = 0.5\nstep_s = 0.01\nstiffness_n_per_m = 50.0"

@@ -293,7 +293,7 @@ def _pair_rows(data: Mapping[str, Any], problem: Problem) -> list[Row]:
         none = row("Coupling", f"none is deployable: {data['reason']}", mark=Mark.FAIL)
         # Where K is linearly stable hands refute it: what else is linearly stable with it is no help.
         refuted = wanted is not None and wanted <= stiffest["stiffness_n_per_m"]
-        return [none, *([] if refuted else _same_k(found)), *more]
+        return [none, *([] if refuted else _same_k(found, problem)), *more]
     local = "damper of each loop" if problem.follower is not None else "damper in the device's loop"
     soft = wanted is None and found["gains"]["stiffness_n_per_m"] < problem.hands.stiffness_n_per_m[0]
     doubt, softer = marked(not soft and not thin(found), Mark.CAUTION), ": softer than the softest hand" * soft
@@ -312,7 +312,7 @@ def _pair_rows(data: Mapping[str, Any], problem: Problem) -> list[Row]:
         rows.append(subject.peak_force(trial, problem.device.max_force_n))
     if found["set_by"]:
         rows.append(row("K is set by", f"hands: {found['set_by']}"))
-    return [*rows, *_same_k(found), *more]
+    return [*rows, *_same_k(found, problem), *more]
 
 
 def felt_rows(felt: Mapping[str, Any]) -> list[Row]:
@@ -380,14 +380,14 @@ def _pair_simulated(trial: Mapping[str, Any]) -> Row:
     return row("Simulated", fill(text, trial), mark=mark)
 
 
-def _same_k(found: Mapping[str, Any]) -> list[Row]:
-    """Return the lightest tool, the slowest step and the exchanges with which the same K is linearly stable."""
-    each = []
-    if found["least_tool_mass_kg"] is not None:
-        each.append(fill("a tool from {least_tool_mass_kg}", found))
-    if found["slowest_step_s"] is not None:
-        each.append(fill("a step up to {slowest_step_s}", found))
-    if found["exchanges"]:
-        stable = ", ".join(name for name, holds in found["exchanges"].items() if holds)
-        each.append((f"exchange {stable}" if stable else "no exchange",))
-    return [row("Same K", listed(each), "; linearly, with a B of its own")] if each else []
+def _same_k(found: Mapping[str, Any], problem: Problem) -> list[Row]:
+    """Return lightest tool, slowest step and exchanges with which the same K is linearly stable, each with its B."""
+    what = {"least_tool_mass_kg": "a tool from {least_tool_mass_kg}", "slowest_step_s": "a step up to {slowest_step_s}"}
+    each: list[tuple[Part, ...]] = []
+    for key, gains in sorted(found["same_k"].items(), key=lambda one: [*what, one[0]].index(one[0])):
+        beside = " and {local_damping_ns_per_m} of the device" * bool(gains["local_damping_ns_per_m"])
+        with_b = fill(f"with B {{damping_ns_per_m}}{beside}", gains)
+        each.append((*fill(what.get(key, f"exchange {key}"), found), *with_b))
+    if found["exchanges"] and not any(found["exchanges"].values()):
+        each.append(("no exchange",))
+    return [row("Same K", listed(each), f"; linearly, gain margin {problem.robustness.gain_margin:g}")] if each else []
