@@ -79,10 +79,7 @@ def test_its_eigenvalues_are_those_of_the_jacobian(seed):
     plants = Body.of(sampled_plant(device, HAND)).flat()
     # The share may stand in the innovation or beside it.
     whole = law_of(np.random.default_rng(seed))
-    for found in (
-        observed_wall(plants, law, rendering)[0, 0],
-        observed_wall(plants, whole, rendering, (share,))[0, 0],
-    ):
+    for found in (observed_wall(plants, law, rendering)[0, 0], observed_wall(plants, whole, rendering, (share,))[0, 0]):
         ours = np.linalg.eigvals(found)
         ours, theirs = (np.sort_complex(values[np.abs(values) > 1e-3]) for values in (ours, expected))
         assert len(ours) == len(theirs)

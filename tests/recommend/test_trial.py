@@ -153,8 +153,7 @@ def test_a_wall_that_only_a_hand_holds_is_told_to_be_unstable_let_go():
     bare = before(WALL_N_PER_M)
     wall = 0.99 * stiffest_wall(bare.device, with_released(hand_corners(bare.hands))).stiffness_n_per_m
     held = bare.changed(
-        hands={"mass_kg": (1.0, 1.2), "damping_ns_per_m": (20.0, 25.0)},
-        environment={"stiffness_n_per_m": wall},
+        hands={"mass_kg": (1.0, 1.2), "damping_ns_per_m": (20.0, 25.0)}, environment={"stiffness_n_per_m": wall}
     )
     coupling = rigid(held)
     assert all(claim.passed for claim in avc.deployable(coupling).claims if claim.name != "disk-margin")
