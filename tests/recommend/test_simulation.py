@@ -54,12 +54,11 @@ def test_wanted_stiffness_is_given_or_what_it_needs():
     corners = np.transpose([*itertools.product((0.05, 0.3), (3.0, 20.0), (200.0, 800.0)), (0.0, 0.0, 0.0)])
     at = dict(zip(("hand.mass_kg", "hand.damping_ns_per_m", "hand.stiffness_n_per_m"), corners, strict=True))
     at |= {"mass_kg": np.full(9, 0.12), "damping_ns_per_m": np.full(9, 0.8), "delay_samples": np.ones(9)}
-    told = {"tool.mass_kg": given.pair.least_tool_mass_kg}, {"tool.mass_kg": 0.2}
-    steps = 5, round(1e3 * given.pair.slowest_step_s)
-    for key, tool, samples in zip(("least_tool_mass_kg", "slowest_step_s"), told, steps, strict=True):
+    mass, slowest = given.pair.least_tool_mass_kg, round(1e3 * given.pair.slowest_step_s)
+    for key, kg, samples in (("least_tool_mass_kg", mass, 5), ("slowest_step_s", 0.2, slowest)):
         for margin, contact in itertools.product((1.0, 1.22), (0.0, np.inf)):
-            on = {"contact.stiffness_n_per_m": contact, "contact.damping_ns_per_m": 0.0}
-            loops = at | {name: np.full(9, value) for name, value in (tool | on).items()}
+            far = {"tool.mass_kg": kg, "contact.stiffness_n_per_m": contact, "contact.damping_ns_per_m": 0.0}
+            loops = at | {name: np.full(9, value) for name, value in far.items()}
             gains = margin * np.array([*vars(given.pair.same_k[key]).values()][:2])
             assert growth(loops, gains, samples=samples, integrator="semi-implicit", late=False).max() < 1
     # Beyond what the coupling alone holds, a damper of the device's own loop is there for it.
