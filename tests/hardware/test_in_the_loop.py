@@ -9,13 +9,7 @@ from hardware_bench import coupling, require, with_gains
 import avc_casadi as avc
 from avc_casadi import Problem
 from avc_casadi.coupling import Coupling
-from avc_casadi.model.effects import (
-    AdaptationEffect,
-    EncoderEffect,
-    EstimatorEffect,
-    HandEffect,
-    WallEffect,
-)
+from avc_casadi.model.effects import AdaptationEffect, EncoderEffect, EstimatorEffect, HandEffect, WallEffect
 from avc_hardware import FirmwareInTheLoop, FirmwareLacksError, LoopResult, check_runs_on, tried_in_the_loop
 from avc_hardware.link import messages as m
 from avc_hardware.link.messages import Kind
