@@ -22,7 +22,7 @@ from avc_casadi.diagnose.remedies import Remedy, Scene, limit_of, remedies_of, w
 from avc_casadi.identification.log import Columns
 from avc_casadi.identification.read import Layout, read_columns
 from avc_casadi.model.device import Device
-from avc_casadi.model.hands import Hand, hand_corners, hand_ranges, joined
+from avc_casadi.model.hands import Hand
 from avc_casadi.model.problem import Hands, defaults_at
 
 CAUSES: Mapping[str, tuple[str, str]] = {
@@ -197,38 +197,37 @@ def causes_of(one: Hypothesis, law: Law, log: Log, swing: Oscillation, declared:
     """Return the changes with which the loop of one rate settles, with shares."""
     slower = declared.known and log.period_s > 1.3 * declared.device.sample_time_s
     meant = declared.delays_in(log)[1]
-    late = one.delay + law.lag > meant + 0.35
-    punctual = without("delay", one, law, log, declared)
     if stable(one, law):
         return {"encoder" if swing.steps < _FEW_STEPS else _OTHER: 1.0}
     if (slower or log.held > 1) and stable(*without("rate", one, law, log, declared)):
         return {"rate": 1.0}
-    if late and stable(*punctual):
+    if one.delay + law.lag > meant + 0.35 and stable(*without("delay", one, law, log, declared)):
         return {"delay": 1.0}
-    gone = 0.0
-    released = not isinstance(one.hand, Hand)
-    if isinstance(one.hand, Hand) and declared.known:
-        mass, damping, _ = one.hand.values(0).values()
-        released = mass < 0.35 * declared.hands.mass_kg[0] and damping < 0.7 * declared.hands.damping_ns_per_m[0]
-    if released:
-        ends = declared.hands.model_copy(update={"let_go": False})
-        box = joined(hand_corners(ends), Hand(*hand_ranges(ends).mean(axis=1).tolist()))
-        rest = float(np.mean([stable(replace(one, hand=box.pick(slice(i, i + 1))), law) for i in range(len(box))]))
-        touching = np.flatnonzero(log.touching)
-        rested = (swing.first - touching[0]) * log.period_s if touching.size else 0.0
-        if rest == 1 or rested * growth(one, law)[0] > 6:
-            return {"let-go": 1.0}
-        gone = min(rest, 0.5) if rest > 0.2 else 0.0
+    if _released(one, declared) and _was_held(log, swing, growth(one, law)[0]):
+        return {"let-go": 1.0}
     if one.device.resonance is not None and stable(*without("resonance", one, law, log, declared)):
-        return {"resonance": 1.0 - gone} | ({"let-go": gone} if gone else {})
+        return {"resonance": 1.0}
     limits = {gain: limit_of(one, law, gain) or 0.0 for gain in ("stiffness", "damping")}
     nearest = max(limits, key=lambda gain: limits[gain])
-    left = {nearest if limits[nearest] else _OTHER: 1.0}
-    if late and limits[nearest] and limits[nearest] < 1:
-        then = max(limit_of(*punctual, gain) or 0.0 for gain in limits)
-        share = max(0.0, 1 - math.log(then) / math.log(limits[nearest])) if then else 0.0
-        left = {"delay": share, nearest: 1 - share} if share >= 0.25 else left
-    return {key: part * (1 - gone) for key, part in left.items()} | ({"let-go": gone} if gone else {})
+    return {nearest if limits[nearest] else _OTHER: 1.0}
+
+
+def _released(one: Hypothesis, declared: Declared) -> bool:
+    """Return whether nothing that is a hand holds the device."""
+    if not (isinstance(one.hand, Hand) and declared.known):
+        return one.hand is None
+    mass, damping, _ = one.hand.values(0).values()
+    return mass < 0.35 * declared.hands.mass_kg[0] and damping < 0.7 * declared.hands.damping_ns_per_m[0]
+
+
+def _was_held(log: Log, swing: Oscillation, growth_per_s: float) -> bool:
+    """Return whether a motion in contact, small beside the swing, came to less than what grows as the swing does."""
+    cycle = max(round(1 / swing.frequency_hz / log.period_s), 2)
+    size = np.ptp(np.lib.stride_tricks.sliding_window_view(log.position_m, min(cycle, log.position_m.size)), axis=1)
+    at = np.flatnonzero(log.touching[: size.size])
+    level = np.log(np.maximum(size[at], log.encoder_m + 1e-12)) - growth_per_s * log.period_s * at
+    fell = (np.maximum.accumulate(level) - level)[size[at] < 0.15 * swing.peak_to_peak_m]
+    return bool(fell.max(initial=0.0) > 3)
 
 
 def _judged(found: Diagnosis, law: Law, every: Sequence[Fit]) -> Diagnosis:
@@ -327,12 +326,13 @@ def _numbers(cause: str, one: Hypothesis, law: Law, found: Diagnosis) -> str:
     """Return the numbers of a cause, without which the loop settles."""
     log, mode, switch, frames = found.log, one.device.resonance, law.switch, law.frames
     meant = f"{number(found.declared.delays_in(found.log)[1], 3)} {'declared' if found.declared.known else 'assumed'}"
+    alone = ", with no hand on the device" if _released(one, found.declared) else ""
     return {
         "delay": f"{number(one.delay + law.lag, 3)} samples, {meant}",
         "rate": f"a new force every {number(1e3 * log.period_s, 3)} ms",
-        "stiffness": f"k = {number(law.stiffness_n_per_m, 4)}",
-        "damping": f"b = {number(law.damping_ns_per_m, 3)}",
-        "let-go": "with a hand of the usual ranges the loop settles",
+        "stiffness": f"k = {number(law.stiffness_n_per_m, 4)}{alone}",
+        "damping": f"b = {number(law.damping_ns_per_m, 3)}{alone}",
+        "let-go": "it rested in contact before; without a hand it swings",
         "resonance": f"{number(mode.frequency_hz, 3)} Hz, not declared" if mode else "",
         "relay": f"{number(abs(switch.force_n), 3)} switched by the sign of the {switch.by}" if switch else "",
         "rates": f"the {frames.slow} is new every {number(1e3 * frames.ticks * log.period_s, 3)} ms" if frames else "",

@@ -34,9 +34,9 @@ class Declared:
 
     @property
     def delay_samples(self) -> tuple[float, float]:
-        """Range of the declared delay."""
+        """Range of the declared delay; an assumed one may be none or twice as long."""
         own = float(self.device.delay_samples)
-        return self.device.range.delay_samples or (own, own)
+        return self.device.range.delay_samples or ((own, own) if self.known else (0.0, 2 * own))
 
     def delays_in(self, log: Log) -> tuple[float, float]:
         """Return that range in samples of a log, which may be longer."""

@@ -17,11 +17,11 @@ from avc_casadi._util.units import MotionKind
 from avc_casadi.files.device_file import DeviceFile
 from avc_casadi.identification.device import Estimate, Identification, check_against, device_file
 from avc_casadi.identification.fit import Window, bootstrap
-from avc_casadi.identification.ladder import WIDEST, Ladder, measured_response, model_response
+from avc_casadi.identification.ladder import WIDEST, Ladder, model_response
 from avc_casadi.identification.log import Record, lattice_step, shortened
 from avc_casadi.identification.predictor import Observer, Predictor
 from avc_casadi.identification.read import Layout, read_logs
-from avc_casadi.identification.regression import Motion, Start, autocorrelation, coloured, in_ticks, only_feedback
+from avc_casadi.identification.regression import Motion, Start, in_ticks, only_feedback, whiteness
 from avc_casadi.identification.terms import FRICTION, MASS_RATIO, OFFSET, Structure, offset_of
 
 
@@ -60,21 +60,20 @@ def identify(
         ways.add(0 if min(forth, back) > 0.01 * max(forth, back) else 1 if forth > back else -1)
     # Friction and a constant force are one number in a log of one direction: of logs both ways it is the same.
     offsets = len({one.whole for one in records}) if 0 in ways else len(ways) - 1
-    with progress.step("first guess"):
-        start = _checked(Motion(records, offsets).start(), records[0].motion)
-    structure = _simplest(records, start, offsets)
-    predictor, response = Predictor(records), measured_response(records)
     declared = None if base is None or base.device.resonance is None else base.device.encoder_at
     sides = ("motor", "handle") if declared is None else (declared,)
+    with progress.step("first guess"):
+        start = _checked(Motion(records, offsets).start(), records[0].motion)
+    predictor, structure = Predictor(records), _simplest(records, start, offsets)
     with progress.step("model"):
-        ladder = Ladder.climb(predictor, structure, start, response, sides, progress)
-    fit = ladder.fit
+        ladder = Ladder.climb(predictor, structure, start, sides, progress)
+    fit, response = ladder.fit, ladder.response
     estimates = _estimates(ladder, step_m, one_way=not offsets)
-    lags = autocorrelation(fit.error_m)
-    if coloured(lags, resampled=any(one.scatter for one in records)):
+    lags, white = whiteness(fit.error_m, resampled=any(one.scatter for one in records))
+    if not white:
         notes.append(
             "the prediction error is not white: something that the model does not know moves the device (a hand, play, "
-            "a cable, friction of another kind), and intervals may not hold the truth"
+            "a stop, a cable, friction of another kind), and intervals may not hold the truth"
         )
     if "spring" in fit.structure.rungs:
         notes.append("a spring holds the device; a device file has no key for it: log the device released if it can be")

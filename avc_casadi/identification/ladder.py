@@ -173,19 +173,14 @@ class Ladder:
 
     @classmethod
     def climb(
-        cls,
-        predictor: Predictor,
-        structure: Structure,
-        start: Start,
-        response: Response,
-        sides: Sequence[str],
-        progress: Progress = SILENT,
+        cls, predictor: Predictor, structure: Structure, start: Start, sides: Sequence[str], progress: Progress = SILENT
     ) -> Ladder:
         """Take the rungs that the log bears out, and find the intervals."""
         window = Window.of(predictor)
         first = Observer(max(FIRST_RATE_PER_S, slowest_observer(predictor)))
         values = {OFFSET: 0.0, **start.values}
         lowest = closely(predictor, fit(predictor, structure, values, first, window, tolerance=1e-5), window)
+        response = measured_response(predictor.records)
         found = cls(predictor, window, response, values, start.sprung, sides, lowest)
         found._try(("friction",))
         left = [rung for rung in ("lag", "loop", "resonance", "spring") if rung not in structure.rungs]

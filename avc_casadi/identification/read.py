@@ -9,6 +9,7 @@ import re
 import zipfile
 import zlib
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -140,7 +141,11 @@ def _npz(stream: BinaryIO) -> Mapping[str, Any]:
         _bound(sum(one.file_size for one in archive.infolist()))
     stream.seek(0)
     with np.load(stream, allow_pickle=False) as arrays:
-        return {name: arrays[name] for name in arrays.files}
+        found = {}
+        for name in arrays.files:
+            with suppress(ValueError):  # an array of objects, which is no column
+                found[name] = arrays[name]
+        return found
 
 
 def _mat(stream: Any) -> Mapping[str, Any]:

@@ -17,15 +17,13 @@ from avc_casadi.identification.log import Record
 from avc_casadi.identification.terms import FRICTION, offset_of
 
 
-def autocorrelation(errors: Sequence[FloatArray], lags: int = 40) -> FloatArray:
-    """Return the autocorrelation of prediction errors from lag 1 on, shape (lags,)."""
-    total = sum(float(error @ error) for error in errors) + 1e-300
-    return np.array([sum(float(e[lag:] @ e[:-lag]) for e in errors) / total for lag in range(1, lags + 1)])
-
-
-def coloured(lags: FloatArray, *, resampled: bool = False) -> bool:
-    """Return whether an error is far from white; interpolated positions make neighbours of white noise alike."""
-    return bool(np.abs(lags[int(resampled) : 20]).max() > 0.25)
+def whiteness(errors: Sequence[FloatArray], *, resampled: bool) -> tuple[FloatArray, bool]:
+    """Return the autocorrelation of prediction errors from lag 1 on, and whether they are about white."""
+    whole = np.concatenate(errors)
+    total = float(whole @ whole) + 1e-300
+    lags = np.array([sum(float(e[lag:] @ e[:-lag]) for e in errors) / total for lag in range(1, 41)])
+    # Interpolated positions make neighbours of white noise alike.
+    return lags, bool(np.abs(lags[int(resampled) : 20]).max() < 0.25 and whole.size * np.sum(whole**4) < 6 * total**2)
 
 
 @dataclass(frozen=True)

@@ -4,10 +4,10 @@ nice python tests/benchmarks/swings.py --count 100 --write
 
 Each log is of a loop that rests in the simulator below, which shares no code with the project: mass 0.05 to 0.3 kg, 400
 to 4 000 N/m, 1 or 2 ms, delay 0.2 to 2 samples, one- or two-sided, a hand. Then one thing is changed so that it swings:
-2 to 6 samples of delay, half or a third of the rate, k or b times 2 to 6, the hand gone, a relay with and without dead
-band, a spring or damper of every 8th to 24th tick, noise through the damper, k times 2 to 6 between travel stops. Every
-eleventh is left as it is. A remedy that is told is made in the simulator; it has to leave less than a fifth of the
-swing, or two and a half encoder steps, and less than half of the force that noise makes.
+2 to 6 samples of delay, half or a third of the rate, k or b times 2 to 6, a hand that lets go, a relay with and without
+dead band, a spring or damper of every 8th to 24th tick, noise through the damper, k times 2 to 6 between travel stops.
+Every eleventh is left as it is. A remedy that is told is made in the simulator; it has to leave less than a fifth of
+the swing, or two and a half encoder steps, and less than half of the force that noise makes.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ TICKS, PARTS = 1800, 10
 
 @dataclass(frozen=True)
 class Loop:
-    """A loop in SI units; `hand` is mass, damping, stiffness; `stops` are travel, stiffness, damping."""
+    """A loop in SI units; `hand` is mass, damping, stiffness, up to a tick; `stops` travel, stiffness, damping."""
 
     mass: float
     damping: float
@@ -59,6 +59,7 @@ class Loop:
     noise: float = 0.0
     keep: float = 0.0
     stops: tuple[float, float, float] = (math.inf, 0.0, 0.0)
+    released: float = math.inf
 
 
 def played(loops: Sequence[Loop], seed: int = 0) -> tuple[FloatArray, FloatArray]:
@@ -68,7 +69,6 @@ def played(loops: Sequence[Loop], seed: int = 0) -> tuple[FloatArray, FloatArray
         one[key]
         for key in ("mass", "damping", "friction", "period", "step", "limit", "k", "b", "width", "keep", "every")
     )
-    hand_mass, hand_damping, hand_spring = one["hand"].T
     travel, stop_k, stop_b = one["stops"].T
     sided, spring_slow, damper_slow = one["one_sided"], one["slow"] == "spring", one["slow"] == "damper"
     h, late, rows = period / PARTS, np.round(one["delay"] * PARTS).astype(int), np.arange(len(loops))
@@ -88,7 +88,8 @@ def played(loops: Sequence[Loop], seed: int = 0) -> tuple[FloatArray, FloatArray
         asked = asked + one["relay"] * np.sign(at) * ramp
         asked = np.where(sided, np.where(at > 0, np.maximum(asked, 0.0), 0.0), asked)
         seen[tick], force[tick] = at, np.clip(asked, -limit, limit)
-        target = np.where(sided, np.minimum(0.06 * tick * period - 0.002, 0.006), 0.0)
+        target = np.where(sided, np.minimum(0.06 * tick * period - 0.002, 0.006), 0.002 * (one["released"] < TICKS))
+        hand_mass, hand_damping, hand_spring = one["hand"].T * (tick < one["released"])
         for part in range(PARTS):
             past = tick * PARTS + part - late
             push = -np.where(past >= 0, force[np.maximum(past, 0) // PARTS, rows], 0.0) - damping * v
@@ -139,7 +140,7 @@ def changed(random: np.random.Generator, loop: Loop, kind: str) -> Loop:
         "rate": lambda: replace(loop, period=loop.period * int(random.integers(2, 4))),
         "stiffness": lambda: replace(loop, k=more * loop.k),
         "damping": lambda: replace(loop, b=more * loop.b),
-        "let-go": lambda: replace(loop, hand=(0.0, 0.0, 0.0), one_sided=False),
+        "let-go": lambda: replace(loop, released=TICKS / 4, one_sided=False),
         "relay": lambda: replace(loop, relay=size_n, one_sided=False),
         "dead band": lambda: replace(loop, relay=size_n, band=between(random, 5e-5, 8e-4), one_sided=False),
         "rates": lambda: replace(loop, slow=str(random.choice(["spring", "damper"])), every=every, one_sided=False),

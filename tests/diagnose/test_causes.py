@@ -58,14 +58,6 @@ def test_a_resonance_that_nobody_declared_is_found():
 
 
 @pytest.mark.slow
-def test_a_hand_that_let_go_is_missed():
-    loop = replace(HEALTHY, stiffness=2500.0, damper=4.0, two_sided=1.0, delay=2.0)
-    found = found_of(replace(loop, release=0.5, weight=0.8), loop)
-    assert found.cause == "let-go", found.conclusion
-    assert found.fit.best.hand is None
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_what_is_drawn_is_named_right_or_left_open_and_its_remedies_bring_rest(kind):
     loop, wrong, log = case(kind, 7204, KINDS.index(kind))
@@ -239,6 +231,23 @@ def test_two_rates_are_named_with_their_frame(slow, every):
     assert (found.law.frames.slow, found.law.frames.ticks) == (slow, every)
 
 
+@pytest.mark.parametrize(
+    ("cause", "k", "b", "held_ticks"),
+    first_only([("stiffness", 6000.0, 6.0, 0), ("stiffness", 4000.0, 3.0, 0),
+                ("damping", 500.0, 230.0, 0), ("let-go", 4000.0, 3.0, 500)]),
+)  # fmt: skip
+def test_a_hand_that_was_never_there_has_not_let_go(cause, k, b, held_ticks):
+    def log_of(k, b):
+        hand = lambda tick, x, v: (500 * (2e-3 - x) - 10 * v) * (tick < held_ticks)  # noqa: E731
+        loop = {"mass": 0.2, "damping": 0.8, "friction": 0.02, "delay": 1, "start": 4e-3, "limit": 8.0}
+        return held_log(lambda _, z, u: -k * z - b * u, **loop, ticks=2000, outside=hand)
+
+    found = diagnose(log_of(k, b), device=LINEAR)
+    assert found.cause == cause, found.conclusion
+    softer = {"stiffness_n_per_m": k, "damping_ns_per_m": b} | {one.key: one.value for one in found.remedies}
+    assert np.ptp(log_of(*list(softer.values())[:2]).position_m[-400:]) < 1e-4
+
+
 def integral(gain):
     summed = [0.0]
 
@@ -256,15 +265,6 @@ def test_a_force_that_is_no_spring_and_damper_is_never_nothing_wrong(gain):
     assert found.decides
 
 
-@pytest.mark.parametrize("hertz", [1.5, 2.5])
-def test_a_hand_that_goes_to_and_fro_in_a_wall_has_no_cause_and_no_remedy(hertz):
-    time = 1e-3 * np.arange(5000)
-    seen = 2e-5 * np.round(0.02 * np.sin(2 * np.pi * hertz * time) / 2e-5)
-    log = Columns("hand", time, seen, -200 * seen - 2000 * np.diff(seen, prepend=0.0))
-    found = diagnose(log, device=LINEAR)
-    assert (found.verdict, found.cause, found.remedies) == ("cannot tell", None, ())
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(("hertz", "size_n"), [(60.0, 1.5), (30.0, 1.0), (15.0, 0.3)])
 def test_what_is_shaken_from_outside_is_not_said_to_be_the_loop(hertz, size_n):
@@ -275,8 +275,7 @@ def test_what_is_shaken_from_outside_is_not_said_to_be_the_loop(hertz, size_n):
     law = lambda _, z, u: -max(2000 * z + 3 * u, 0.0) if z > 0 else 0.0  # noqa: E731
     log = held_log(law, mass=0.3, damping=0.8, friction=0.02, ticks=3000, delay=1, limit=50.0, outside=shakes)
     found = diagnose(log, device=LINEAR.model_copy(update={"max_force_n": 50.0}))
-    assert found.verdict != "named", found.conclusion
-    assert found.verdict != "nothing wrong"
+    assert (found.verdict, found.cause) == ("cannot tell", None), found.conclusion
 
 
 @pytest.mark.slow

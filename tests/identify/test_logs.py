@@ -52,6 +52,12 @@ def test_numbers_of_columns_and_units_by_option(tmp_path):
     same(read_logs([path], layout)[0])
 
 
+def test_what_stands_beside_the_columns_is_no_fault(tmp_path):
+    beside = {"about": np.array({"by": "hand"}, dtype=object), "table": np.eye(3)}
+    np.savez(tmp_path / "a.npz", time_s=TIME, position_m=POSITION, force_n=FORCE, **beside)
+    same(read_logs([tmp_path / "a.npz"])[0])
+
+
 def test_every_fault_of_a_file_with_its_line(tmp_path):
     path = csv(tmp_path / "a.csv")
     lines = path.read_text().splitlines()

@@ -11,9 +11,11 @@ import numpy as np
 from avc_casadi.identification.log import Columns
 
 
-def held_log(law, *, mass, damping, friction, spring=0.0, period=1e-3, ticks=4000, step=2e-5, delay=0, start=0.0,
-             limit=8.0, parts=20, rotary=False, scatter=0.0, noise=0.0, given_by=None, outside=None):  # fmt: skip
-    """Return the log of a law(tick, seen, speed) -> force, its ticks even or scattered about even ones (seconds).
+def held_log(law, *, mass, damping, friction, spring=0.0, period=1e-3, ticks=4000, step=2e-5, delay=0,
+             start=0.0, limit=8.0, parts=20, rotary=False, scatter=0.0, late=0.0, noise=0.0, given_by=None,
+             outside=None):  # fmt: skip
+    """Return the log of a law(tick, seen, speed) -> force, its ticks even, scattered about even ones (seconds),
+    or each late after the one before (mean, seconds).
 
     An amplifier turns the force by `given_by(force)`; `outside(tick, position, velocity)` is not logged.
     """
@@ -21,6 +23,7 @@ def held_log(law, *, mass, damping, friction, spring=0.0, period=1e-3, ticks=400
     time = np.arange(ticks) * period + scatter * random.uniform(-1.0, 1.0, ticks)
     if scatter:
         time = np.maximum.accumulate(time) + 1e-6 * np.arange(ticks) - time[0]
+    time += np.cumsum(random.exponential(late, ticks)) if late else 0.0
     velocity, position, before = 0.0, start, start
     noisy = noise * random.standard_normal(ticks)
     waiting, rows = [0.0] * delay, []
