@@ -52,12 +52,6 @@ def test_numbers_of_columns_and_units_by_option(tmp_path):
     same(read_logs([path], layout)[0])
 
 
-def test_what_stands_beside_the_columns_is_no_fault(tmp_path):
-    beside = {"about": np.array({"by": "hand"}, dtype=object), "table": np.eye(3)}
-    np.savez(tmp_path / "a.npz", time_s=TIME, position_m=POSITION, force_n=FORCE, **beside)
-    same(read_logs([tmp_path / "a.npz"])[0])
-
-
 def test_every_fault_of_a_file_with_its_line(tmp_path):
     path = csv(tmp_path / "a.csv")
     lines = path.read_text().splitlines()
@@ -113,6 +107,7 @@ def test_missing_ticks_cut_a_log_into_records(tmp_path):
     keep = np.r_[0:210, 215:SIZE]
     np.savez(
         path,
+        about=np.array({}, dtype=object),
         time_s=np.r_[TIME[keep], 1.0 + TIME],
         position_m=np.r_[POSITION[keep], POSITION],
         force_n=np.r_[FORCE[keep], FORCE],

@@ -14,9 +14,7 @@ from avc_casadi.identification.log import Columns
 def held_log(law, *, mass, damping, friction, spring=0.0, period=1e-3, ticks=4000, step=2e-5, delay=0,
              start=0.0, limit=8.0, parts=20, rotary=False, scatter=0.0, late=0.0, noise=0.0, given_by=None,
              outside=None):  # fmt: skip
-    """Return the log of a law(tick, seen, speed) -> force, its ticks even, scattered about even ones (seconds),
-    or each late after the one before (mean, seconds).
-
+    """Return the log of a law(tick, seen, speed) -> force; ticks scatter (s), or each is late (mean, s).
     An amplifier turns the force by `given_by(force)`; `outside(tick, position, velocity)` is not logged.
     """
     random = np.random.default_rng(0)
