@@ -19,7 +19,6 @@ from studied import table
 
 from avc_casadi._util.arrays import BoolArray, FloatArray
 from avc_casadi.simulation.runtime.estimators import ESTIMATORS, estimator_step
-from avc_casadi.simulation.tick import Step
 
 HERE = Path(__file__).parent
 AMPLITUDE_M = 1e-3
@@ -39,25 +38,17 @@ def cramer_rao_hz(amplitude_m: float, noise_rms_m: float, window_s: float, sampl
     return math.sqrt(variance) / (math.tau * sample_time_s)
 
 
-def _time(duration_s: float, sample_time_s: float) -> FloatArray:
-    return np.arange(round(duration_s / sample_time_s), dtype=np.float64) * np.float64(sample_time_s)
-
-
-def _estimate(step: Step, position: NDArray[np.floating[Any]], sample_time_s: float) -> tuple[FloatArray, BoolArray]:
-    found = run_step(step, np.diff(position, prepend=position[0])[None] / sample_time_s)
-    return found["frequency_hz"], found["valid"] > 0
-
-
 def row(method: str, sample_time_s: float = 1e-3, phases: int = 6, seed: int = 0) -> dict[str, str]:
     """Measure an estimator: each column of the table."""
     step = estimator_step(method, sample_time_s)
     rng = np.random.default_rng(seed)
     shifts = np.arange(phases, dtype=np.float64) * np.float64(math.tau / phases)
-    time = _time(6.0, sample_time_s)
+    time = np.arange(round(6.0 / sample_time_s)) * sample_time_s
     late = time > 3.0
 
     def run(position: NDArray[np.floating[Any]]) -> tuple[FloatArray, BoolArray]:
-        return _estimate(step, position, sample_time_s)
+        found = run_step(step, np.diff(position, prepend=position[0])[None] / sample_time_s)
+        return found["frequency_hz"], found["valid"] > 0
 
     def tone(hz: float, shift: float) -> FloatArray:
         return AMPLITUDE_M * np.sin(math.tau * hz * time + shift)
@@ -104,7 +95,7 @@ def row(method: str, sample_time_s: float = 1e-3, phases: int = 6, seed: int = 0
     return {
         "estimator": method,
         "states": f"{len(step.states)}",
-        "instructions": f"{step.instructions}",
+        "instructions": f"{step.function.n_instructions()}",
         "3 to 12 Hz, s": f"{up:.3f}",
         "12 to 3 Hz, s": f"{down:.3f}",
         "first, s": f"{max(first):.3f}",

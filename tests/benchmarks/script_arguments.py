@@ -22,11 +22,7 @@ PRINTED = _Printed()
 
 
 def script_arguments(
-    about: str | None,
-    *,
-    people: int | None = None,
-    out: Path | None = None,
-    results: Path | None = None,
+    about: str | None, *, people: int | None = None, out: Path | None = None, results: Path | None = None
 ) -> argparse.Namespace:
     """Parse the command line of a script; --help ends it before it does anything."""
     parser = argparse.ArgumentParser(description=about, formatter_class=argparse.RawDescriptionHelpFormatter)
