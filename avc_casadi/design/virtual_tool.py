@@ -389,7 +389,7 @@ def tool_certificate(problem: Problem, gains: ToolGains, search: ToolSearch | No
             "claim": (
                 "linear stability of the lifted loop: hands of [hands] and the device released, devices, tools and "
                 "contacts of their ranges (corners, then a search for the worst point inside), every phase of the "
-                "clocks"
+                "clocks (one where a step is a whole number of samples: it begins at a sample)"
             ),
             "passivity": _passivity(problem, gains),
         }
