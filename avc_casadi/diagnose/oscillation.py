@@ -269,7 +269,7 @@ def _of_force(log: Log, none: Oscillation, limit_n: float | None) -> list[Oscill
     ripple = float(np.std(quick))
     turns = _turns(quick, np.full(quick.size, max(1.5 * ripple, 1e-12)))
     least = max(0.04 * abs(float(force.mean())), 4e-3 * (limit_n or float(np.abs(log.force_n).max())))
-    if ripple < least or turns.size < 16 or force.size - turns[-1] > 4 * float(np.mean(np.diff(turns))):
+    if ripple < least or turns.size < 16 or force.size - turns[-1] > 2 * np.diff(turns).max():
         return []
     cycles = np.diff(turns[::2])
     moved = float(np.ptp(np.quantile(log.position_m[begin:], (0.02, 0.98))))
