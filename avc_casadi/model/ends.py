@@ -1,4 +1,4 @@
-"""The remote end of a coupling: a simulation with a tool of its own, or a second device; and MuJoCo's constraints."""
+"""The remote end of a coupling: a simulation with a tool of its own, or a second device."""
 
 from __future__ import annotations
 
@@ -277,48 +277,13 @@ class Follower(Device):
         return Device.model_validate(keys)
 
 
-# With it the tool is a thousandth heavier, and spring and damper act nearly as a force.
-SOFT_IMPEDANCE = 1e-3
-
-
-@dataclass(frozen=True)
-class MujocoConstraint:
-    """`solref` and `solimp` of a constraint; the defaults are MuJoCo's own of contacts and welds."""
-
-    solref: tuple[float, float] = (0.02, 1.0)
-    solimp: tuple[float, float, float, float, float] = (0.9, 0.95, 0.001, 0.5, 2.0)
-
-    @classmethod
-    def of(
-        cls, stiffness_n_per_m: float, damping_ns_per_m: float, mass_kg: float, impedance: float = SOFT_IMPEDANCE
-    ) -> MujocoConstraint:
-        """Return the constraint that is a spring and a damper for a tool of some mass, whatever the load."""
-        share = (1 - impedance) / mass_kg
-        return cls((-stiffness_n_per_m * share, -damping_ns_per_m * share), (impedance, impedance, 0.001, 0.5, 2.0))
-
-    def impedance(self, violation_m: float) -> float:
-        """Return d at a violation r."""
-        first, last, width, midpoint, power = self.solimp
-        share = min(abs(violation_m) / width, 1.0)
-        if share <= midpoint:
-            share = midpoint * math.pow(share / midpoint, power)
-        else:
-            share = 1 - (1 - midpoint) * math.pow((1 - share) / (1 - midpoint), power)
-        return first + share * (last - first)
-
-    def force_n(self, mass_kg: float, violation_m: float) -> float:
-        """Return the static force on a point of some mass at a violation."""
-        d, last, (first, second) = self.impedance(violation_m), self.solimp[1], self.solref
-        k = 1 / (last * first * second) ** 2 if first > 0 else -first / last**2
-        # k is d times as large at small r.
-        return mass_kg * d * d * k * violation_m / (1 - d)
-
-    def stiffness_n_per_m(self, mass_kg: float, load_n: float) -> float:
-        """Return static load over violation for a point of some mass."""
-        low, high = 0.0, 1e-6
-        while self.force_n(mass_kg, high) < load_n:
-            low, high = high, 2 * high
-        for _ in range(100):
-            middle = 0.5 * (low + high)
-            low, high = (middle, high) if self.force_n(mass_kg, middle) < load_n else (low, middle)
-        return load_n / high
+def mujoco_contact_n_per_m(mass_kg: float, load_n: float) -> float:
+    """Return static load over depth of a contact with MuJoCo's own solref and solimp, for a tool of some mass."""
+    low, high = 0.0, 1.0
+    for _ in range(100):
+        depth = 0.5 * (low + high)
+        share = min(depth / 1e-3, 1.0)
+        impedance = 0.9 + 0.05 * (2 * share**2 if share <= 0.5 else 1 - 2 * (1 - share) ** 2)
+        force = mass_kg * (impedance / (0.95 * 0.02)) ** 2 * depth / (1 - impedance)
+        low, high = (depth, high) if force < load_n else (low, depth)
+    return load_n / high

@@ -12,7 +12,6 @@ from avc_casadi._util.arrays import BoolArray, FloatArray
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.model.gains import GainSchedule, Status
 from avc_casadi.model.problem import Problem
-from avc_casadi.paper.closed_form import solve_closed_form
 from avc_casadi.paper.equations import Loop, loop_at
 from avc_casadi.paper.exact import exact_gains, row_reasons
 from avc_casadi.paper.nlp import KKT_TOLERANCE, Optimality, optimality
@@ -29,26 +28,18 @@ class CheckedGains:
     """Gains of CasADi checked by `exact`; arrays of shape (n,)."""
 
     gains: GainArrays
-    optimum: GainArrays
     excess: FloatArray
     local: BoolArray
     failed: BoolArray
 
 
-def checked_gains(
-    problem: Problem,
-    loop: Loop,
-    name: str = DEFAULT_SOLVER,
-    tolerance: float = DEFAULT_TOLERANCE,
-    *,
-    progress: Progress = SILENT,
-) -> CheckedGains:
+def checked_gains(problem: Problem, loop: Loop, name: str, tolerance: float, progress: Progress) -> CheckedGains:
     """Solve the NLP, and again from more starts, none of them an answer of `exact`, where that refutes it."""
     gains = nlp_gains(problem, loop, name, tolerance, progress=progress)
     optimum = exact_gains(problem, loop)
     # A row is solved again where its error exceeds that of `exact` by more than this share of |Z_h_ds|.
     again_above = 1e-8
-    short = local = _short(loop, gains, optimum, again_above, distance=True)
+    short = local = _short(loop, gains, optimum, again_above)
     # The default is fast but fails at one frequency in a thousand.
     for other in (name, "sqpmethod", "ipopt") if name == DEFAULT_SOLVER else (name,):
         again = np.flatnonzero(short)
@@ -59,9 +50,11 @@ def checked_gains(
         b, k, p = (np.stack((own[again], found)) for own, found in zip(gains, new, strict=True))
         for gain, better in zip(gains, best_candidate(problem, part, b, k, p), strict=True):
             gain[again] = better
-        short = _short(loop, gains, optimum, again_above, distance=True)
-    failed = _short(loop, gains, optimum, EXCESS_TOLERANCE, distance=False)
-    return CheckedGains(gains, optimum, excess_error(loop, gains, optimum), local, failed)
+        short = _short(loop, gains, optimum, again_above)
+    excess = excess_error(loop, gains, optimum)
+    with np.errstate(invalid="ignore"):
+        failed = ~(excess <= EXCESS_TOLERANCE) & np.isfinite(optimum[0])
+    return CheckedGains(gains, excess, local, failed)
 
 
 def excess_error(loop: Loop, gains: GainArrays, optimum: GainArrays) -> FloatArray:
@@ -72,50 +65,30 @@ def excess_error(loop: Loop, gains: GainArrays, optimum: GainArrays) -> FloatArr
         return np.asarray((own - best) / np.where(radius == 0, 1.0, radius))
 
 
-def _short(loop: Loop, gains: GainArrays, optimum: GainArrays, tolerance: float, *, distance: bool) -> BoolArray:
-    """Return the rows whose magnitude error (or, if equal, distance to Z_h_ds) is larger than the optimum's."""
+def _short(loop: Loop, gains: GainArrays, optimum: GainArrays, tolerance: float) -> BoolArray:
+    """Return the rows whose magnitude error, or if equal distance to Z_h_ds, is larger than the optimum's."""
     excess, radius = excess_error(loop, gains, optimum), np.abs(loop.target)
     own, best = (np.abs(loop.perceived(*each) - loop.target) for each in (gains, optimum))
     with np.errstate(invalid="ignore"):
-        short: BoolArray = ~(excess <= tolerance)
-        if distance:
-            # Of errors closer than this share of |Z_h_ds| the smaller distance decides.
-            short |= (np.abs(excess) <= 1e-9) & (own - best > EXCESS_TOLERANCE * radius)
-    short &= np.isfinite(optimum[0])
-    return short
+        # Of errors closer than this share of |Z_h_ds| the smaller distance decides.
+        farther = (np.abs(excess) <= 1e-9) & (own - best > EXCESS_TOLERANCE * radius)
+        return np.asarray((~(excess <= tolerance) | farther) & np.isfinite(optimum[0]))
 
 
-def cross_check_notes(problem: Problem, loop: Loop, checked: CheckedGains) -> tuple[str, ...]:
-    """Return notes that compare `direct`, `exact` and the closed form; empty where no row has gains."""
+def _cross_check(checked: CheckedGains) -> str:
+    """Return a note that compares the gains with the optimum of `exact`; empty where no row has gains."""
     good = np.isfinite(checked.excess) & ~checked.failed
     if not good.any():
-        return ()
+        return ""
     excess = checked.excess[good]
-    exact = f"cross-check with exact: magnitude errors within {np.abs(excess).max():.1e} of |Z_h_ds|"
+    note = f"cross-check with exact: magnitude errors within {np.abs(excess).max():.1e} of |Z_h_ds|"
     if checked.failed.any():
-        exact += f", but at {checked.failed.sum()} failed frequencies"
-    worse = int((excess < -EXCESS_TOLERANCE).sum())
-    if worse:
-        exact += f"; exact is the worse at {worse} of them"
+        note += f", but at {checked.failed.sum()} failed frequencies"
+    if worse := int((excess < -EXCESS_TOLERANCE).sum()):
+        note += f"; exact is the worse at {worse} of them"
     if checked.local.any():
-        exact += (
-            f"; {checked.local.sum()} frequencies stopped at a local minimum and were solved again from a finer lattice"
-            " of starts"
-        )
-    closed = solve_closed_form(problem)
-    both = closed.usable & good
-    if not both.any():
-        return (exact, "cross-check with the closed form: it can be built at no frequency with gains")
-    error = np.abs(np.abs(loop.perceived(*checked.gains)) - np.abs(loop.target))
-    terms = np.abs(loop.device) + np.abs(loop.hold * loop.desired)
-    more = (closed.magnitude_error - error)[both] > 1e-8 * terms[both]
-    return (
-        exact,
-        (
-            f"cross-check with the closed form: it can be built at {both.sum()} of {len(both)} frequencies, with the"
-            f" same magnitude error at {both.sum() - more.sum()}, a larger one at {more.sum()}"
-        ),
-    )
+        note += f"; {checked.local.sum()} stopped at a local minimum and were solved again from more starts"
+    return note
 
 
 def solve_direct(
@@ -133,7 +106,7 @@ def solve_direct(
     loop = loop_at(problem, problem.frequencies_hz())
     solvers_for(problem, name, accuracy)
     built = time.perf_counter()
-    checked = checked_gains(problem, loop, name, accuracy, progress=progress)
+    checked = checked_gains(problem, loop, name, accuracy, progress)
     solved = time.perf_counter()
     gains, quality = checked.gains, optimality(problem, loop, checked.gains)
     failed = checked.failed | (np.isfinite(gains[0]) & ~quality.acceptable())
@@ -158,7 +131,7 @@ def solve_direct(
         reason=tuple(reasons),
         build_seconds=built - started,
         solve_seconds=solved - built,
-        notes=(*notes, *cross_check_notes(problem, loop, checked)),
+        notes=tuple(filter(None, [*notes, _cross_check(checked)])),
     )
 
 

@@ -12,7 +12,7 @@ from avc_casadi.model.corners import margin_over_range
 from avc_casadi.model.problem import Problem
 from avc_casadi.paper.closed_form import Quotient
 from avc_casadi.paper.equations import Loop, coupling_gains, coupling_impedance
-from avc_casadi.paper.nlp_solver import DEFAULT_SOLVER, DEFAULT_TOLERANCE, NlpRows, NlpSolvers, nlp_solvers
+from avc_casadi.paper.nlp_solver import NlpRows, NlpSolvers, nlp_solvers
 from avc_casadi.paper.rows import TIE, GainArrays, best_candidate, guarded_margin, in_parts
 
 
@@ -126,7 +126,7 @@ def _closed_form(nlp: NlpRows) -> Starts:
     return Starts(gains[:, row], row)
 
 
-def solvers_for(problem: Problem, name: str = DEFAULT_SOLVER, tolerance: float = DEFAULT_TOLERANCE) -> NlpSolvers:
+def solvers_for(problem: Problem, name: str, tolerance: float) -> NlpSolvers:
     """Return the solvers that a problem needs: b_p is a variable where its range has a width."""
     lowest, highest = problem.coupling.contact_damping_ns_per_m
     return nlp_solvers(name, tolerance, contact=highest > lowest)
@@ -135,8 +135,8 @@ def solvers_for(problem: Problem, name: str = DEFAULT_SOLVER, tolerance: float =
 def nlp_gains(
     problem: Problem,
     loop: Loop,
-    name: str = DEFAULT_SOLVER,
-    tolerance: float = DEFAULT_TOLERANCE,
+    name: str,
+    tolerance: float,
     *,
     lattice: Lattice = COARSE,
     progress: Progress = SILENT,

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple, get_args
 from avc_casadi._errors import InputError
 from avc_casadi._util.units import Units
 from avc_casadi.coupling import Coupling
-from avc_casadi.model.ends import SOFT_IMPEDANCE, MujocoConstraint, ToolIntegrator
+from avc_casadi.model.ends import ToolIntegrator, mujoco_contact_n_per_m
 from avc_casadi.present.row import Answer, Mark, Row, Value, doubted, fill, listed, marked, parts, row
 from avc_casadi.present.rows import subject
 
@@ -181,9 +181,10 @@ def _values_of(coupling: Coupling) -> dict[str, float]:
     m = min(tool.tool_mass_kg)
     found |= {"m": m, "B/(2 sqrt(K m))": b / (2 * math.sqrt(k * m)) if k else math.nan}
     if coupling.problem.units.linear:
-        weld = MujocoConstraint.of(k, b, m).solref
-        found |= {"-K (1 - d)/m": weld[0], "-B (1 - d)/m": weld[1], "d": SOFT_IMPEDANCE}
-        found["contact 2 N"] = MujocoConstraint().stiffness_n_per_m(m, 2.0)
+        # With this impedance of a weld the tool is a thousandth heavier, and spring and damper act nearly as a force.
+        d = 1e-3
+        found |= {"-K (1 - d)/m": -k * (1 - d) / m, "-B (1 - d)/m": -b * (1 - d) / m, "d": d}
+        found["contact 2 N"] = mujoco_contact_n_per_m(m, 2.0)
     return found
 
 

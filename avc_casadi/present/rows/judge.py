@@ -313,7 +313,9 @@ def _coupling(data: Mapping[str, Any], problem: Problem) -> Row:
     read: tuple[Part, ...] = ()
     if data["gains_from_hz"] is not None:
         read = fill(f"; {'at first ' * ('adaptation' in _kinds(data))}the table at {{gains_from_hz}}", data)
-    return row("Coupling", f"{data['coupling']}:", subject.gains(table, problem), read)
+    gains = subject.gains(table, problem)
+    by = "" if str(gains[0]).startswith(data["coupling"]) else f"{data['coupling']}:"
+    return row("Coupling", by, gains, read)
 
 
 def _rendered(data: Mapping[str, Any], problem: Problem) -> Row:

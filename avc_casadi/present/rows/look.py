@@ -212,16 +212,13 @@ def table1(data: Mapping[str, Any]) -> Answer:
     return Answer("table1", data, (title,), tuple(rows), whole=True)
 
 
-_LIMITS = {"Force": "force_n", "Speed": "speed_m_per_s", "Travel": "travel_m"}
-
-
 def plan(data: Mapping[str, Any], units: Units, shown: str, port: str) -> Answer:
     """Return the plan of `excite`."""
     found = data["plan"]
     corners = "worst of its ranges" if found["devices"] > 1 else "declared device"
     signal = f"{found['signal']}, {{lowest_hz}} to {{highest_hz}}, peak {{peak_force_n}}; bounded by {{held_back_by}}"
     rows = [row("Signal", fill(signal, found))]
-    for label, key in _LIMITS.items():
+    for label, key in (("Force", "force_n"), ("Speed", "speed_m_per_s"), ("Travel", "travel_m")):
         allowed = fill(f"of {{{key}}} allowed, {corners}", found["limits"])
         rows.append(row(label, fill(f"{{{key}}}", found["forecast"]["worst"]), allowed))
     centring = "spring {spring_n_per_m}, damper {damper_ns_per_m}: hands off"
