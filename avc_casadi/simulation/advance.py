@@ -21,39 +21,17 @@ from avc_casadi.simulation.tick import Expr, Tick, ca
 _HIGHEST_ORDER = 22
 
 
-@dataclass(frozen=True)
-class Layout:
-    """Structure of a plant: its entries that are nonzero for any hand."""
-
-    entries: tuple[tuple[int, int], ...]
-    force_row: int
-    target_row: int | None
-    friction_n: float
-
-    @classmethod
-    def of(cls, plant: LinearPlant, friction_n: float) -> Layout:
-        """Return the layout of a plant, of all hands."""
-        hands = tuple(range(plant.matrix.ndim - 2))
-        rows = np.flatnonzero(np.any(plant.target != 0, axis=(*hands, plant.target.ndim - 1)))
-        return cls(
-            entries=tuple((int(i), int(j)) for i, j in np.argwhere(np.any(plant.matrix != 0, axis=hands))),
-            force_row=int(np.flatnonzero(np.any(plant.force != 0, axis=hands))[0]),
-            target_row=int(rows[0]) if len(rows) else None,
-            friction_n=friction_n,
-        )
-
-
 class PlantSymbols:
-    """The numbers of a layout as parameters of a sample; time is counted in samples."""
+    """The numbers of a plant as parameters of a sample; time is counted in samples."""
 
-    def __init__(self, layout: Layout, tick: Tick) -> None:
+    def __init__(self, series: TaylorSeries, tick: Tick) -> None:
         self._sample_time_s = tick.sample_time_s
-        self._entries = {entry: tick.parameter(f"plant_{entry[0]}_{entry[1]}") for entry in layout.entries}
-        self._force = (layout.force_row, tick.parameter("plant_force"))
+        self._entries = {entry: tick.parameter(f"plant_{entry[0]}_{entry[1]}") for entry in series.entries}
+        self._force = (series.force_row, tick.parameter("plant_force"))
         self._target: Any = None
-        if layout.target_row is not None:
-            self._target = (layout.target_row, tick.parameter("plant_spring"), tick.parameter("plant_damper"))
-        self.friction: Expr = tick.parameter("plant_friction") if layout.friction_n > 0 else None
+        if series.target_row is not None:
+            self._target = (series.target_row, tick.parameter("plant_spring"), tick.parameter("plant_damper"))
+        self.friction: Expr = tick.parameter("plant_friction") if series.friction_n > 0 else None
 
     def moved(self, target: Any, share: Expr) -> Any:
         """Return the target a share of a sample later."""
@@ -95,23 +73,6 @@ class Drive:
 
 
 @dataclass(frozen=True)
-class Stretch:
-    """A part of the sample of constant force."""
-
-    name: str
-    begin: float
-    share: float
-    before: bool
-
-
-def stretches(late: float) -> tuple[Stretch, ...]:
-    """Return the parts of a sample whose new force arrives at `late`, the same share of every sample."""
-    if late == 0:
-        return (Stretch("", 0.0, 1.0, False),)
-    return (Stretch("_before", 0.0, late, True), Stretch("", late, 1.0 - late, False))
-
-
-@dataclass(frozen=True)
 class MatrixExponential:
     """Linear plant, its force held or changing at one moment, exact; dry friction projected, implicit."""
 
@@ -121,15 +82,22 @@ class MatrixExponential:
     late: float = 0.0
     friction_n: float = 0.0
 
+    @property
+    def _stretches(self) -> list[tuple[float, float]]:
+        """Begin and share of each part of a sample of constant force; the last one has the new force."""
+        return [(0.0, self.late), (self.late, 1.0 - self.late)] if self.late else [(0.0, 1.0)]
+
     def step(self, tick: Tick, state: list[Expr], drive: Drive) -> list[Expr]:
         """Add the transition matrices and return the state one sample later."""
         x = ca.vertcat(*state)
-        for stretch in stretches(self.late):
-            x = self._through(tick, stretch, x, drive)
+        for begin, share in self._stretches:
+            before = begin < self.late
+            force, name = drive.force_before if before else drive.force, f"transition{'_before' if before else ''}"
+            x = self._through(tick, name, x, force, drive.target, begin, share)
         return list(ca.vertsplit(x))
 
-    def _through(self, tick: Tick, stretch: Stretch, x: Expr, drive: Drive) -> Expr:
-        n, name = x.numel(), f"transition{stretch.name}"
+    def _through(self, tick: Tick, name: str, x: Expr, force: Expr, target: Any, begin: float, share: float) -> Expr:
+        n = x.numel()
         matrix = tick.parameter(name, ca.Sparsity.dense(n, n))
         of_force: Expr = tick.parameter(f"{name}_of_force", ca.Sparsity.dense(n, 1)) if self.held else None
         of_target: Expr = tick.parameter(f"{name}_of_target", ca.Sparsity.dense(n, 2)) if self.driven else None
@@ -138,10 +106,10 @@ class MatrixExponential:
         for substep in range(self.substeps):
             x = ca.mtimes(matrix, x)
             if self.held:
-                x += of_force * (drive.force_before if stretch.before else drive.force)
-            if drive.target is not None:
-                position, velocity = drive.target
-                elapsed = tick.sample_time_s * (stretch.begin + stretch.share * substep / self.substeps)
+                x += of_force * force
+            if target is not None:
+                position, velocity = target
+                elapsed = tick.sample_time_s * (begin + share * substep / self.substeps)
                 x += ca.mtimes(of_target, ca.vertcat(position + velocity * elapsed if elapsed else position, velocity))
             if rubs:
                 stopping = -x[1] / of_friction[1]
@@ -153,8 +121,8 @@ class MatrixExponential:
     def parameters(self, plant: LinearPlant, sample_time_s: float) -> FloatArray:
         """Return the transition matrices, columns first, as CasADi stores them."""
         parts = []
-        for stretch in stretches(self.late):
-            step_s = sample_time_s * stretch.share / self.substeps
+        for _, share in self._stretches:
+            step_s = sample_time_s * share / self.substeps
             moves = transition(plant, step_s)
             parts.append(_columns_first(moves.matrix))
             if self.held:
@@ -174,7 +142,11 @@ def _columns_first(matrix: FloatArray) -> FloatArray:
 class TaylorSeries:
     """Plant with dry friction, or with a force that changes inside the sample: exact to rounding."""
 
-    layout: Layout
+    # Structure of the plant: its entries that are nonzero for any hand.
+    entries: tuple[tuple[int, int], ...]
+    force_row: int
+    target_row: int | None
+    friction_n: float
     substeps: int
     order: int
 
@@ -193,22 +165,25 @@ class TaylorSeries:
                 f"late forces would take more than {most_substeps} substeps; take {instead}, a heavier hand or "
                 "device, or a slower amplifier or resonance"
             )
-        return cls(Layout.of(plant, friction_n), substeps, order)
+        hands = tuple(range(plant.matrix.ndim - 2))
+        entries = tuple((int(i), int(j)) for i, j in np.argwhere(np.any(plant.matrix != 0, axis=hands)))
+        force_row = int(np.flatnonzero(np.any(plant.force != 0, axis=hands))[0])
+        rows = np.flatnonzero(np.any(plant.target != 0, axis=(*hands, plant.target.ndim - 1)))
+        return cls(entries, force_row, int(rows[0]) if len(rows) else None, friction_n, substeps, order)
 
     def parameters(self, plant: LinearPlant, sample_time_s: float) -> FloatArray:
         """Return the numbers as changes in one sample, shape (..., p), in the order of `PlantSymbols`."""
-        layout = self.layout
-        columns = [plant.matrix[..., row, column] for row, column in layout.entries]
-        columns.append(plant.force[..., layout.force_row])
-        if layout.target_row is not None:
-            columns += [plant.target[..., layout.target_row, 0], plant.target[..., layout.target_row, 1]]
-        if layout.friction_n > 0:
-            columns.append(-layout.friction_n * plant.friction[..., 1])
+        columns = [plant.matrix[..., row, column] for row, column in self.entries]
+        columns.append(plant.force[..., self.force_row])
+        if self.target_row is not None:
+            columns += [plant.target[..., self.target_row, 0], plant.target[..., self.target_row, 1]]
+        if self.friction_n > 0:
+            columns.append(-self.friction_n * plant.friction[..., 1])
         return np.stack(columns, axis=-1) * sample_time_s
 
     def step(self, tick: Tick, state: list[Expr], drive: Drive) -> list[Expr]:
         """Add the plant's numbers and return the state one sample later."""
-        plant = PlantSymbols(self.layout, tick)
+        plant = PlantSymbols(self, tick)
         if drive.late is None:
             return self._through(plant, state, drive.force, drive.target, 1.0)
         middle = self._through(plant, state, drive.force_before, drive.target, drive.late)
@@ -220,7 +195,7 @@ class TaylorSeries:
         for _ in range(self.substeps):
             remaining, breaking = part, 0
             # Two changes between sliding and sticking are located in a series; a third one waits for its end.
-            for _ in range(2 if self.layout.friction_n > 0 else 0):
+            for _ in range(2 if self.friction_n > 0 else 0):
                 state, used, breaking = self._until_event(plant, state, force, target, remaining, breaking)
                 remaining -= used
                 target = plant.moved(target, used)
@@ -254,7 +229,7 @@ class TaylorSeries:
         self, plant: PlantSymbols, state: list[Expr], force: Expr, target: Any, remaining: Expr, breaking: Expr
     ) -> list[Expr]:
         """Propagate for the remaining time; with dry friction, a velocity that would reverse is set to 0 at the end."""
-        if self.layout.friction_n == 0:
+        if self.friction_n == 0:
             return [_horner(powers, remaining) for powers in self._series(plant, state, force, target)[0]]
         sliding, direction = _mode(plant, state, force, target, breaking)
         series, _ = self._series(plant, state, force, target, direction * plant.friction, sliding)

@@ -66,7 +66,11 @@ def wall_force(tick: Tick, environment: Environment, *, rigid: bool, damped: boo
     """Add coupling, environment and contact damper by the contact law and return the force on the device."""
     force = _series_force(tick, environment, rigid=rigid)
     if damped:
-        force += _contact_damper(tick)
+        # The rate of the penetration would miss a part of the velocity at the first sample of a contact, and light
+        # hands would bounce for ever.
+        adapted = tick.adapted
+        damping = tick.parameter("contact_damping_ns_per_m") if adapted is None else adapted.contact_damping_ns_per_m
+        force += damping * Rate(tick, "contact_position", tick.start_m, seen=tick.since_start).settle(tick.position)
     if not environment.one_sided:
         return force
     pushing = ca.fmax(force, 0)
@@ -163,13 +167,3 @@ def _pushing_only(tick: Tick, force: Expr, free: Expr, compliance: Expr | None) 
         return ca.if_else(free > 0, ca.fmax(force, 0), 0)
     # A filtered rate still contains the approach: limited to the force that keeps the tool at the surface.
     return ca.fmax(ca.if_else(compliance * force > free, free / compliance, force), 0)
-
-
-def _contact_damper(tick: Tick) -> Expr:
-    """Return the force of the damper b_p between device and ground."""
-    # The rate of the penetration would miss a part of the velocity at the first sample of a contact, and light hands
-    # would bounce for ever.
-    adapted = tick.adapted
-    damping = tick.parameter("contact_damping_ns_per_m") if adapted is None else adapted.contact_damping_ns_per_m
-    rate = Rate(tick, "contact_position", tick.start_m, seen=tick.since_start)
-    return damping * rate.settle(tick.position)

@@ -68,7 +68,7 @@ class Tick:
     command_before: Expr = None
     poles: Poles = PLAIN
     late: Expr = None
-    asked: Expr = None
+    undelayed: Expr = None
     dropped: Expr = None
     frequency_hz: Expr = None
     frequency_valid: Expr = None
@@ -121,25 +121,18 @@ class Tick:
         """Set the next value of a state."""
         self._next[name] = value
 
-    def held_force(self) -> Expr:
-        """Return the force held until now, a state that is added once."""
-        return self._once("held_force_n", lambda: self.command, computed=False)
-
-    def asked_force(self) -> Expr:
-        """Return the force commanded in the previous sample, before any delay, a state that is added once."""
-        return self._once("asked_force_n", lambda: self.command if self.asked is None else self.asked, computed=True)
-
-    def _once(self, name: str, force: Callable[[], Expr], *, computed: bool) -> Expr:
-        known = self.known(name)
-        if known is not None:
+    def previous_force(self, *, delayed: bool) -> Expr:
+        """Return the force of the previous sample, as held or as commanded before any delay: a state added once."""
+        name = "held_force_n" if delayed else "asked_force_n"
+        if (known := self.known(name)) is not None:
             return known
 
         def settle() -> None:
-            value = force()
+            value = self.command if delayed or self.undelayed is None else self.undelayed
             self.follow(name, 0.0 if value is None else value)
 
         self.at_end.append(settle)
-        return self.state(name, computed=computed)
+        return self.state(name, computed=not delayed)
 
     def known(self, name: str) -> Expr:
         """Return the symbol of an existing state, or None."""
@@ -255,6 +248,16 @@ class StepBuilder:
             outputs=tuple(outputs),
             function=function,
         )
+
+
+def delay_line(host: Tick | StepBuilder, name: str, newest: Expr, length: int) -> list[Expr]:
+    """Return a force and its values of the last samples, the newest first."""
+    line = [newest]
+    for place in range(1, length + 1):
+        before = host.state(f"{name}_{place}_n")
+        host.follow(f"{name}_{place}_n", line[-1])
+        line.append(before)
+    return line
 
 
 def insert(

@@ -42,7 +42,7 @@ class Guard(SceneEffect, keys=GuardEffect, rank=190, of_coupling=True):
             return
         step = guard_step(self.method, tick.sample_time_s, self.damping_limit_ns_per_m)
         stored = tick.environment_energy_j + tick.coupling_energy_j
-        outputs = insert(tick, "guard", step, [tick.command, tick.position, stored, tick.held_force()])
+        outputs = insert(tick, "guard", step, [tick.command, tick.position, stored, tick.previous_force(delayed=True)])
         tick.command = outputs["force_n"]
         tick.trace("guard_reserve_j", outputs["reserve_j"])
 
@@ -66,7 +66,8 @@ class StateFeedback(SceneEffect, keys=Settings, rank=120, role="observer", of_co
     def sample(self, tick: Tick) -> None:
         step = state_feedback_step(self.settings)
         numbers = [tick.parameter(f"state_feedback_{name}") for name in step.parameters]
-        tick.position = insert(tick, "state_feedback", step, [tick.position, tick.asked_force()], numbers)["position_m"]
+        inputs = [tick.position, tick.previous_force(delayed=False)]
+        tick.position = insert(tick, "state_feedback", step, inputs, numbers)["position_m"]
         tick.observing = tick.known("state_feedback_started")
 
 
@@ -97,7 +98,7 @@ class Observer(SceneEffect, keys=ObserverEffect, rank=90, role="observer", of_co
 
     def sample(self, tick: Tick) -> None:
         step = observer_step(tick.sample_time_s, self.settings)
-        force = tick.asked_force() if self.settings.ahead or self.late else tick.held_force()
+        force = tick.previous_force(delayed=not (self.settings.ahead or self.late))
         tick.position = insert(tick, "observer", step, [tick.position, force])["position_m"]
 
 
@@ -141,7 +142,7 @@ class Adaptation(SceneEffect, keys=AdaptationEffect, rank=150, of_coupling=True)
                 tick.at_end.append(lambda: tick.follow("environment_energy_j", tick.environment_energy_j))
                 touching = tick.position > 0 if one_sided else 1
                 depth = ca.fmax(tick.position, 0) if one_sided else tick.position
-                inputs += [environment, tick.asked_force(), depth, touching, rest]
+                inputs += [environment, tick.previous_force(delayed=False), depth, touching, rest]
             step = adaptation_step(tick.sample_time_s, self.settings)
             outputs = insert(tick, "adaptation", step, inputs)
         names = ("damping_ns_per_m", "stiffness_n_per_m", "contact_damping_ns_per_m", "anchor_m")

@@ -25,7 +25,7 @@ from avc_casadi.model.problem import Problem
 from avc_casadi.model.runtime import Poles, VelocityFilterEffect, velocity_poles
 from avc_casadi.model.scene import scene_effects
 from avc_casadi.simulation.effects.base import SceneEffect, declared_number
-from avc_casadi.simulation.tick import Tick, ca
+from avc_casadi.simulation.tick import Tick, ca, delay_line
 
 
 @dataclass(frozen=True)
@@ -77,13 +77,8 @@ class Delay(SceneEffect, keys=DelayEffect, rank=210, declared={"samples": "delay
             return
         whole = int(self.samples)
         late = float(self.samples - whole)
-        line = [tick.command]
-        tick.asked = tick.command
-        for place in range(whole + (late > 0)):
-            name = f"delayed_{place + 1}_n"
-            held = tick.state(name)
-            tick.follow(name, line[-1])
-            line.append(held)
+        tick.undelayed = tick.command
+        line = delay_line(tick, "delayed", tick.command, whole + (late > 0))
         tick.command = line[whole]
         if late > 0:
             tick.late, tick.command_before = late, line[whole + 1]

@@ -143,25 +143,16 @@ def guard_step(method: str, sample_time_s: float, damping_limit_ns_per_m: float)
     change = held * moved - ca.if_else(started, stored - last_stored, 0)
     now = ca.fmax(ca.fmin(reserve + change, 0.0), -0.01)
     if method == "passivity-controller":
-        force = wanted + _damping(now, moved, damping_limit_ns_per_m / sample_time_s) * moved
+        # The damping over T that dissipates the deficit if the next displacement equals the last.
+        acts, square = ca.logic_and(now < 0, moved * moved > 0), moved * moved
+        damping = ca.fmin(-now / ca.if_else(acts, square, 1), damping_limit_ns_per_m / sample_time_s)
+        force = wanted + ca.if_else(acts, damping, 0) * moved
     else:
-        force = _within(wanted, moved, ca.fmax(now + stored, 0))
+        gives, available = -wanted * moved, ca.fmax(now + stored, 0)
+        over = gives > available
+        force = ca.if_else(over, wanted * available / ca.if_else(over, gives, 1), wanted)
     builder.follow("started", 1)
     builder.follow("position_m", position)
     builder.follow("stored_j", stored)
     builder.follow("reserve_j", now)
     return builder.done("guard", force_n=force, reserve_j=now)
-
-
-def _damping(reserve: Expr, moved: Expr, most: float) -> Expr:
-    """Return the damping over T that dissipates the deficit if the next displacement equals the last."""
-    square = moved * moved
-    acts = ca.logic_and(reserve < 0, square > 0)
-    return ca.if_else(acts, ca.fmin(-reserve / ca.if_else(acts, square, 1), most), 0)
-
-
-def _within(wanted: Expr, moved: Expr, available: Expr) -> Expr:
-    """Limit the energy given out if the next displacement equals the last."""
-    gives = -wanted * moved
-    over = gives > available
-    return ca.if_else(over, wanted * available / ca.if_else(over, gives, 1), wanted)

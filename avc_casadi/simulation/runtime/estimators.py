@@ -64,7 +64,10 @@ def spectral_peak_step(sample_time_s: float, settings: EstimatorSettings) -> Ste
     peak: Expr = 0.0
     sine: Expr = 0.0
     cosine: Expr = 0.0
-    for index, centre in enumerate(_centres_hz(settings, sample_time_s)):
+    low, high = settings.low_hz, settings.top_hz(sample_time_s)
+    count = max(1, math.ceil(9 * math.log10(high / low)))  # nine a decade
+    for index in range(count + 1):
+        centre = low * (high / low) ** (index / count)
         cross, dot, power = _resonator(builder, f"bin{index}", signal, centre, sample_time_s)
         # In units of the floor, so that powers of it stay far from the limits of single precision.
         level = power * (4 / settings.floor_m_per_s**2)
@@ -94,13 +97,6 @@ def spectral_peak_step(sample_time_s: float, settings: EstimatorSettings) -> Ste
     builder.follow("smooth_hz", following)
     builder.follow("turns", turned)
     return builder.done("spectral_peak", frequency_hz=ca.if_else(valid, following, 0), valid=valid)
-
-
-def _centres_hz(settings: EstimatorSettings, sample_time_s: float) -> list[float]:
-    low, high = settings.low_hz, settings.top_hz(sample_time_s)
-    per_decade = 9
-    steps = max(1, math.ceil(per_decade * math.log10(high / low)))
-    return [low * (high / low) ** (index / steps) for index in range(steps + 1)]
 
 
 def _resonator(

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 from avc_casadi.model.runtime import StateFeedback
-from avc_casadi.simulation.tick import Expr, Step, StepBuilder, ca
+from avc_casadi.simulation.tick import Expr, Step, StepBuilder, ca, delay_line
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ def observer_step(sample_time_s: float, settings: ObserverSettings) -> Step:
     push = sample_time_s * sample_time_s / settings.mass_kg
     whole = int(settings.ahead)
     late = settings.ahead - whole
-    line = _in_flight(builder, asked, whole + (late > 0))
+    line = delay_line(builder, "in_flight", asked, whole + (late > 0))
 
     def moved(place: Expr, speed: Expr, gain: Expr, acting: list[tuple[float, Expr]]) -> tuple[Expr, Expr]:
         """Return the motion under an unknown load and forces, each for a share of a sample."""
@@ -57,17 +57,6 @@ def observer_step(sample_time_s: float, settings: ObserverSettings) -> Step:
     builder.follow("step_m", speed)
     builder.follow("load_step_m", unknown)
     return builder.done("observer", position_m=moved(now, speed, unknown, coming)[0])
-
-
-def _in_flight(builder: StepBuilder, asked: Expr, older: int) -> list[Expr]:
-    """Return the forces of the last ticks, the newest first."""
-    newest_first = [asked]
-    for place in range(older):
-        name = f"in_flight_{place + 1}_n"
-        before = builder.state(name)
-        builder.follow(name, newest_first[-1])
-        newest_first.append(before)
-    return newest_first
 
 
 def state_feedback_step(settings: StateFeedback) -> Step:

@@ -135,7 +135,7 @@ class _Built:
             return FloatProgram(function, precision)
 
         measured = {"position_m": self.measured}
-        forces = {"command_n": self.command, "force_n": tick.command if tick.asked is None else tick.asked}
+        forces = {"command_n": self.command, "force_n": tick.command if tick.undelayed is None else tick.undelayed}
         if self.frequency is None:
             return CouplingProgram(names, initial, None, part("after", measured, forces, names), ())
         read = ca.vertcat(self.cut, *self.wanted)
