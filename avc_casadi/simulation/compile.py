@@ -31,34 +31,28 @@ from avc_casadi.simulation.tick import Tick, ca, column
 def build_effects(problem: Problem) -> tuple[SceneEffect, ...]:
     """Return the effects of a problem's scene, in the order of the loop; with none listed, all declared ones."""
     tables = scene_effects(problem)
-    faults = _impossible(problem, [table.kind for table in tables])
-    built: list[SceneEffect] = []
-    for index, table in enumerate(tables):
-        try:
-            built.append(EFFECTS[table.kind].build(table, problem, f"scene.effects[{index}]"))
-        except InputError as error:
-            faults.extend(error.faults)
-    faults.extend(_clashes(problem, built))
-    if faults:
-        raise InputError(faults)
-    return tuple(sorted(built, key=lambda effect: effect.rank))
-
-
-def _impossible(problem: Problem, kinds: list[str]) -> list[Fault]:
+    kinds = [table.kind for table in tables]
     messages = [f"{kind} is listed {count} times; allowed: once" for kind, count in Counter(kinds).items() if count > 1]
     messages += [
         f"{one} and {other} exclude each other; allowed: one of them"
         for one, other in combinations(sorted(set(kinds), key=list(EFFECTS).index), 2)
         if EFFECTS[one].role and EFFECTS[one].role == EFFECTS[other].role
     ]
-    carried = problem.device.mass_kg > 0 or "hand" in kinds
-    if not carried:
-        messages.append("nothing has a mass; allowed: device.mass_kg above 0, or the effect hand with a mass")
-    return [Fault(problem.name, None, "scene.effects", message) for message in messages]
+    faults: list[Fault] = []
+    built: list[SceneEffect] = []
+    for index, table in enumerate(tables):
+        try:
+            built.append(EFFECTS[table.kind].build(table, problem, f"scene.effects[{index}]"))
+        except InputError as error:
+            faults.extend(error.faults)
+    messages += _clashes(built)
+    if messages or faults:
+        raise InputError([Fault(problem.name, None, "scene.effects", message) for message in messages] + faults)
+    return tuple(sorted(built, key=lambda effect: effect.rank))
 
 
-def _clashes(problem: Problem, built: list[SceneEffect]) -> list[Fault]:
-    """Return errors of effects with incompatible numbers."""
+def _clashes(built: list[SceneEffect]) -> list[str]:
+    """Return what is wrong with effects of incompatible numbers."""
     messages = []
     delays = [effect.samples for effect in built if isinstance(effect, Delay)]
     late = any(isinstance(effect, Jitter) and effect.rms_s > 0 for effect in built)
@@ -72,7 +66,7 @@ def _clashes(problem: Problem, built: list[SceneEffect]) -> list[Fault]:
         messages.append("the engine of simulation sees plain differences; allowed: leave velocity-filter out")
     if any(isinstance(effect, Backlash) for effect in built) and any(effect.sensed_body == HANDLE for effect in built):
         messages.append("backlash and an encoder at the handle exclude each other; allowed: one of them")
-    return [Fault(problem.name, None, "scene.effects", message) for message in messages]
+    return messages
 
 
 @dataclass(frozen=True)
@@ -122,7 +116,6 @@ def _resting_from(duration_s: float, begin_s: float, motion: Tap | Stroke | Free
 class CompiledScene:
     """One sample of a scene, (states, inputs, parameters) -> (next states, traces), and the data common to its runs."""
 
-    problem: str
     effects: tuple[SceneEffect, ...]
     function: Any
     states: tuple[str, ...]
@@ -213,9 +206,17 @@ def _compiled(problem: Problem, effects: tuple[SceneEffect, ...], gains: Gains) 
     damper = damped if table is None else bool(np.any(table.gains[2] > 0))
     _sample(tick, effects, environment, coupled=coupled or adapted, damped=damper)
     advance = _advance(problem, effects, plant, tick)
-    _continue(tick, plant, target, advance)
+    aim = None
+    if np.any(plant.target):
+        aim = (
+            tick.input("target_position_m", lambda *_: target.position_m),
+            tick.input("target_velocity_m_per_s", lambda *_: target.velocity_m_per_s),
+        )
+    drive = Drive(force=tick.command, force_before=tick.command_before, late=tick.late, target=aim)
+    now = [slot.symbol for slot in tick.states[: plant.states]]
+    for name, value in zip(plant.names, advance.step(tick, now, drive), strict=True):
+        tick.follow(name, value)
     return CompiledScene(
-        problem=problem.name,
         effects=effects,
         function=_function(tick),
         states=tuple(slot.name for slot in tick.states),
@@ -314,20 +315,6 @@ def _advance(problem: Problem, effects: tuple[SceneEffect, ...], plant: LinearPl
     if varying or (friction > 0 and not projected):
         return TaylorSeries.of(plant, tick.sample_time_s, friction, substeps)
     return MatrixExponential(substeps, held, driven, constant, friction)
-
-
-def _continue(tick: Tick, plant: LinearPlant, target: Target, advance: Advance) -> None:
-    """Move the plant to the next sample."""
-    aim = None
-    if np.any(plant.target):
-        aim = (
-            tick.input("target_position_m", lambda *_: target.position_m),
-            tick.input("target_velocity_m_per_s", lambda *_: target.velocity_m_per_s),
-        )
-    drive = Drive(force=tick.command, force_before=tick.command_before, late=tick.late, target=aim)
-    now = [slot.symbol for slot in tick.states[: plant.states]]
-    for name, value in zip(plant.names, advance.step(tick, now, drive), strict=True):
-        tick.follow(name, value)
 
 
 def _function(tick: Tick) -> Any:

@@ -10,7 +10,6 @@ import numpy as np
 
 from avc_casadi._errors import InputError
 from avc_casadi._util.arrays import FloatArray
-from avc_casadi._util.json_values import plain_table
 from avc_casadi._util.printed import Columns, Tabular
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.model import EFFECTS
@@ -99,18 +98,6 @@ class Screening(Tabular):
     def unneeded(self) -> tuple[str, ...]:
         """Effects that the scene does not need at this tolerance."""
         return tuple(one["kind"] for one in self.effects if not one["needed"])
-
-    def document(self) -> dict[str, Any]:
-        """Return the JSON document."""
-        return plain_table(
-            {
-                "problem": self.whole.problem,
-                "coupling": self.whole.coupling,
-                "outcome": self.whole.claim,
-                "unneeded": self.unneeded,
-                **{name: value for name, value in vars(self).items() if name != "whole"},
-            }
-        )
 
 
 def screen(problem: Problem, gains: AnyGains, *, tolerance: float = 0.01, progress: Progress = SILENT) -> Screening:

@@ -16,7 +16,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from avc_casadi._errors import UnsupportedError
 from avc_casadi.simulation.tick import Expr, Step, StepBuilder, ca
 
 
@@ -34,7 +33,7 @@ def hold_step(sample_time_s: float, hold_s: float) -> Step:
     following = ca.if_else(valid, estimate, lost)
     builder.follow("frequency_hz", following)
     builder.follow("age_s", ca.if_else(valid, 0, older))
-    return builder.done("hold", frequency_hz=following, held=ca.logic_not(valid))
+    return builder.done("hold", frequency_hz=following)
 
 
 GAINS = ("damping_ns_per_m", "stiffness_n_per_m", "contact_damping_ns_per_m")
@@ -62,12 +61,10 @@ def adaptation_step(sample_time_s: float, settings: AdaptationSettings) -> Step:
     builder.follow("started", 1)
     for name, gain in zip(GAINS, gains, strict=True):
         builder.follow(name, gain)
+    anchor: Expr = 0.0
     if settings.passive:
-        anchor, tank, relaxed = _anchored(builder, settings, sample_time_s, deflection, before[1], gains[1])
-    else:
-        anchor, tank, relaxed = 0.0, 0.0, deflection
-    acting = dict(zip(GAINS, gains, strict=True))
-    return builder.done("adaptation", **acting, anchor_m=anchor, tank_j=tank, deflection_m=relaxed)
+        anchor = _anchor(builder, settings, sample_time_s, deflection, before[1], gains[1])
+    return builder.done("adaptation", **dict(zip(GAINS, gains, strict=True)), anchor_m=anchor)
 
 
 def _slewed(before: Expr, wanted: Expr, settings: AdaptationSettings, sample_time_s: float) -> Expr:
@@ -77,10 +74,11 @@ def _slewed(before: Expr, wanted: Expr, settings: AdaptationSettings, sample_tim
     return ca.fmin(ca.fmax(wanted, before - step), before + step)
 
 
-def _anchored(
+def _anchor(
     builder: StepBuilder, settings: AdaptationSettings, sample_time_s: float, deflection: Expr, k_before: Expr, k: Expr
-) -> tuple[Expr, Expr, Expr]:
-    filled = _filled(builder, settings, deflection, k_before)
+) -> Expr:
+    """Return the anchor, moved as far as the tank pays."""
+    available = ca.fmax(_tank(builder, settings, deflection, k_before), 0)
     touching, rest = builder.input("touching"), builder.input("rest_stiffness_n_per_m")
     anchor, mean = builder.state("anchor_m"), builder.state("mean_deflection_m")
 
@@ -94,17 +92,16 @@ def _anchored(
     carried = -mean * ca.fmax(missing - builder.state("missing"), 0)
     step = carried - (1 - ca.exp(-sample_time_s / settings.return_s)) * (moved + carried + mean * missing)
     cost = 0.5 * k * step * (step - 2 * held)
-    there = ca.fmax(filled, 0)
     # The energy is convex in the step: a fraction of it costs at most that fraction.
-    paid = ca.if_else(cost > there, there / (cost + tiny), 1)
+    paid = ca.if_else(cost > available, available / (cost + tiny), 1)
     following = ca.if_else(touching, moved + paid * step, 0)
     builder.follow("anchor_m", following)
     builder.follow("mean_deflection_m", ca.if_else(touching, mean, 0))
     builder.follow("missing", missing)
-    return following, filled, ca.if_else(touching, deflection, 0)
+    return following
 
 
-def _filled(builder: StepBuilder, settings: AdaptationSettings, deflection: Expr, k_before: Expr) -> Expr:
+def _tank(builder: StepBuilder, settings: AdaptationSettings, deflection: Expr, k_before: Expr) -> Expr:
     """Return the tank's energy after the previous tick; the cost of the spring is in the stored energy."""
     environment, force = builder.input("environment_energy_j"), builder.input("held_force_n")
     position = builder.input("position_m")
@@ -121,9 +118,6 @@ def _filled(builder: StepBuilder, settings: AdaptationSettings, deflection: Expr
     return filled
 
 
-GUARDS = ("passivity-controller", "energy-tank")
-
-
 def guard_step(method: str, sample_time_s: float, damping_limit_ns_per_m: float) -> Step:
     """Return the step from the desired to the allowed force, by the energy through the held force, less what is stored.
 
@@ -131,8 +125,6 @@ def guard_step(method: str, sample_time_s: float, damping_limit_ns_per_m: float)
     ``passivity-controller`` adds the damper that dissipates the deficit within one tick, up to the limit (Hannaford and
     Ryu 2002). ``energy-tank`` reduces a force that would give out more in the next tick than reserve and stored energy.
     """
-    if method not in GUARDS:
-        raise UnsupportedError(f'guard "{method}" is unknown; allowed: {", ".join(GUARDS)}')
     builder = StepBuilder()
     wanted, position, stored, held = (
         builder.input(name) for name in ("force_n", "position_m", "stored_j", "held_force_n")

@@ -6,7 +6,6 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from avc_casadi._errors import UnsupportedError
 from avc_casadi.simulation.tick import Expr, Step, StepBuilder, ca, insert
 
 
@@ -245,6 +244,4 @@ ESTIMATORS: Mapping[str, Callable[[float, EstimatorSettings], Step]] = {
 
 def estimator_step(method: str, sample_time_s: float, settings: EstimatorSettings | None = None) -> Step:
     """Return one tick of an estimator: velocity_m_per_s -> frequency_hz, valid; at rest both are 0."""
-    if method not in ESTIMATORS:
-        raise UnsupportedError(f'estimator "{method}" is unknown; allowed: {", ".join(ESTIMATORS)}')
     return ESTIMATORS[method](sample_time_s, settings or EstimatorSettings())
