@@ -12,7 +12,7 @@ from typing import BinaryIO
 from uuid import uuid4
 
 from avc_casadi._errors import Fault, InputError
-from avc_casadi._util.interrupt import HeldInterrupt
+from avc_casadi._util.interrupt import DeferredInterrupt
 
 
 @contextmanager
@@ -71,7 +71,7 @@ def gathered_folder(path: Path) -> Iterator[Path]:
         with TemporaryDirectory(prefix=".avc-", dir=place) as name:
             gathered = Path(name)
             yield gathered
-            with HeldInterrupt():
+            with DeferredInterrupt():
                 for file in sorted(file for file in gathered.rglob("*") if file.is_file()):
                     to = place / file.relative_to(gathered)
                     to.parent.mkdir(parents=True, exist_ok=True)

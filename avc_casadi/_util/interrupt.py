@@ -48,7 +48,7 @@ def _insist() -> None:
         os._exit(EXIT_CODE)
 
 
-class HeldInterrupt:
+class DeferredInterrupt:
     """Defer Ctrl-C to the end of a block of short calls to foreign code, which would drop it, or of a short write."""
 
     def __init__(self) -> None:

@@ -15,7 +15,7 @@ from multiprocessing import get_context, parent_process
 from typing import Any, Self, TypeVar
 
 from avc_casadi._errors import InputError, MissingExtraError, WorkerLostError
-from avc_casadi._util.interrupt import HeldInterrupt
+from avc_casadi._util.interrupt import DeferredInterrupt
 from avc_casadi._util.progress import SILENT, Progress
 
 R = TypeVar("R")
@@ -128,7 +128,7 @@ class Crew:
         helpers = self._executor or self._helpers
         if helpers is None:
             return cache(task)
-        with without_interrupts(), HeldInterrupt():  # another thread may take the signal for this one
+        with without_interrupts(), DeferredInterrupt():  # another thread may take the signal for this one
             future = helpers.submit(task)
         self._begun.append(future)
         return cache(partial(_result, future, None if self._executor else task))

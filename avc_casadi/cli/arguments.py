@@ -172,7 +172,7 @@ def is_coupling(text: str) -> bool:
     return Path(text).suffix.lower() in (".json", ".csv")
 
 
-def load_known(source: str) -> DeviceFile:
+def load_any_device(source: str) -> DeviceFile:
     """Load a device file, or the device of a problem."""
     from avc_casadi.files.device_file import DeviceFile
     from avc_casadi.files.problem_file import is_device

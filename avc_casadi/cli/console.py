@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from avc_casadi import AvcError, InputError, __version__, fault_document
-from avc_casadi._util.interrupt import HeldInterrupt
+from avc_casadi._util.interrupt import DeferredInterrupt
 from avc_casadi._util.progress import Progress
 from avc_casadi.present.row import Answer, Page
 
@@ -55,7 +55,7 @@ class Console(Progress):
 
     def answer(self, answer: Answer, *, verbose: bool = False) -> None:
         """Print the answer, with rows of lower rank if verbose; Ctrl-C does not cut it short."""
-        with HeldInterrupt():
+        with DeferredInterrupt():
             self._answered.set()
             if self.as_json:
                 self._write(json.dumps(answer.document(), indent=1, allow_nan=False) + "\n")
@@ -72,7 +72,7 @@ class Console(Progress):
 
     def refuse(self, error: InputError, text: str) -> None:
         """Print why there is no answer: as a document with ``--json``, on standard error otherwise."""
-        with HeldInterrupt():
+        with DeferredInterrupt():
             self._answered.set()
             if self.as_json:
                 self._write(json.dumps(fault_document(error), indent=1) + "\n")

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import avc_casadi as avc
 from avc_casadi._util.files import write_file
-from avc_casadi._util.interrupt import EXIT_CODE, HeldInterrupt, take_interrupt
+from avc_casadi._util.interrupt import EXIT_CODE, DeferredInterrupt, take_interrupt
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.text import number
 from avc_casadi._util.units import units_for
@@ -303,7 +303,7 @@ def run_monitor(args: argparse.Namespace, console: Console) -> Answer:
         try:
             for sample in watched:
                 words = DeviceFault(sample.faults).word
-                with HeldInterrupt():  # all or none
+                with DeferredInterrupt():  # all or none
                     data["records"] += 1
                     data["lost"] += sample.lost
                     if log is not None:

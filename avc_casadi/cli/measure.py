@@ -44,8 +44,8 @@ def run_excite(args: argparse.Namespace, console: Console) -> Answer:
     from avc_casadi.present.rows import look
     from avc_hardware import ExcitationLog, excite
 
-    device = cli.load_known(args.device).device
-    on_bench = cli.load_known(args.on_bench).device if args.on_bench else device
+    device = cli.load_any_device(args.device).device
+    on_bench = cli.load_any_device(args.on_bench).device if args.on_bench else device
     if args.plan_only and args.out:
         raise avc.InputError.of("makes a log, and --plan-only plays nothing; leave one of them out", key="--out")
     if args.on_bench and args.port != "emulator":
@@ -123,7 +123,7 @@ def run_identify(args: argparse.Namespace, console: Console) -> Answer:
     from avc_casadi.identification.identify import identify
     from avc_casadi.present.rows.look import identification
 
-    base = cli.load_known(args.device) if args.device else None
+    base = cli.load_any_device(args.device) if args.device else None
     found = identify(args.log, base=base, progress=console, **cli.log_options(args))
     units, complaint = units_for(found.motion), ""
     write_figure(console, args.plot, lambda: avc.figures.draw_identification(found))

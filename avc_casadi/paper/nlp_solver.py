@@ -16,7 +16,7 @@ import numpy as np
 
 from avc_casadi._errors import InputError, UnsupportedError
 from avc_casadi._util.arrays import ComplexArray, FloatArray, IndexArray
-from avc_casadi._util.interrupt import HeldInterrupt
+from avc_casadi._util.interrupt import DeferredInterrupt
 from avc_casadi.model.corners import margin_over_range
 from avc_casadi.model.problem import Problem
 from avc_casadi.paper.equations import Loop
@@ -194,7 +194,7 @@ class NlpRows:
         for first in range(0, u.shape[1], at_once):
             some = slice(first, first + at_once)
             # Where a foreign handler intercepts Ctrl-C without ending anything, the next calls follow.
-            with HeldInterrupt():
+            with DeferredInterrupt():
                 x = _solved(solver, u[:varied, some], data[:, some], lowest, np.array(_UPPER[stage]))
             found[:varied, some] = np.where(np.isfinite(x), np.clip(x, 0, 1), u[:varied, some])
         return found

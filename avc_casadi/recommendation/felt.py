@@ -26,7 +26,7 @@ from avc_casadi.simulation.execute import execute
 from avc_casadi.simulation.judge import QUIET
 from avc_casadi.simulation.population.motions import at_handle
 from avc_casadi.simulation.population.operators import people_of
-from avc_casadi.simulation.population.setup import FRICTION, Setup, engine_for, prepare, traces
+from avc_casadi.simulation.population.setup import FRICTION, Setup, prepare, traces
 
 STRIKES_M_PER_S = (0.1, 0.4)
 """Approach speeds of exploration and of a strike."""
@@ -109,7 +109,7 @@ def _led(
     inputs = held.copy()
     inputs[scene.inputs.index("target_position_m")] = position_m[:-1]
     inputs[scene.inputs.index("target_velocity_m_per_s")] = np.diff(position_m) / t
-    run = execute(scene, parameters, inputs, engine=engine_for(1))
+    run = execute(scene, parameters, inputs)
     # Without a wall no force is commanded.
     return run["position_m"][0], run["force_n"][0] if "force_n" in run else np.zeros(samples)
 
@@ -150,7 +150,7 @@ def _strikes(setup: Setup, speed_m_per_s: float, strikes: int = 32, steps: int =
     nobody = Hand(*(np.zeros(strikes),) * 3)
     scene, parameters, inputs = prepare(setup, nobody, Hold(start_m=-far, end_m=-far), far / speed_m_per_s + 0.5)
     moving = [start if name.endswith("_velocity_m_per_s") else 0.0 for name in scene.states]
-    run = execute(replace(scene, initial=scene.initial + moving), parameters, inputs, engine=engine_for(strikes))
+    run = execute(replace(scene, initial=scene.initial + moving), parameters, inputs)
     return np.array([_rebound(*pair) for pair in zip(run["position_m"], run["velocity_m_per_s"], strict=True)])
 
 
@@ -227,7 +227,7 @@ def deployed(coupling: Coupling) -> Deployed:
     # The wall's face lies at mid-step of the encoder, as in a scene.
     setup = replace(Setup.of(coupling), steps_anywhere=False)
     presses = traces(setup, hands, at_handle(Press(), device), 1.0)
-    pressed = np.concatenate([one.position_m if one.held_m is None else one.held_m for one in presses])
+    pressed = np.concatenate([one.position_m if one.handle_m is None else one.handle_m for one in presses])
     hz = (1.0, 2.0, 3.0, 5.0, 7.0, 10.0, 15.0, 20.0, 30.0, 50.0, 70.0, 100.0)
     return Deployed(
         coupling=coupling,

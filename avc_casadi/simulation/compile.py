@@ -12,7 +12,7 @@ import numpy as np
 
 from avc_casadi._errors import Fault, InputError, UnsupportedError
 from avc_casadi._util.arrays import FloatArray
-from avc_casadi._util.interrupt import HeldInterrupt
+from avc_casadi._util.interrupt import DeferredInterrupt
 from avc_casadi.coupling import contact_law
 from avc_casadi.model import EFFECTS
 from avc_casadi.model.gains import NO_COUPLING, Gains
@@ -143,7 +143,7 @@ class CompiledScene:
     @property
     def speeds(self) -> tuple[str, ...]:
         """Names of the velocity traces; they follow the first trace."""
-        return tuple(name for name in self.traces if name in ("velocity_m_per_s", "held_m_per_s"))
+        return tuple(name for name in self.traces if name in ("velocity_m_per_s", "handle_m_per_s"))
 
     def with_numbers(self, kind: str, **numbers: Any) -> CompiledScene:
         """Return the scene with other numbers of an effect, of one structure."""
@@ -178,7 +178,7 @@ def compile_scene(
 ) -> CompiledScene:
     """Compile the scene of a problem with the parameters that the gains need."""
     # CasADi calls Python for shapes while it builds an expression, and ignores exceptions there.
-    with HeldInterrupt():
+    with DeferredInterrupt():
         return _compiled(problem, build_effects(problem) if effects is None else effects, gains)
 
 
@@ -202,7 +202,7 @@ def _compiled(problem: Problem, effects: tuple[SceneEffect, ...], gains: Gains) 
     for name in plant.names:
         with tick.owned_by(owners[name]):
             tick.state(name, target.device_start_m if name.endswith("_position_m") else 0.0, computed=False)
-    tick.position = _sensed(problem, effects, tick)
+    tick.position = _measured_position(problem, effects, tick)
     damper = damped if table is None else bool(np.any(table.gains[2] > 0))
     _sample(tick, effects, environment, coupled=coupled or adapted, damped=damper)
     advance = _advance(problem, effects, plant, tick)
@@ -260,14 +260,14 @@ def mechanics_of(problem: Problem, effects: tuple[SceneEffect, ...]) -> tuple[Li
     return linear, {name: owners[name.split("_", 1)[0]] for name in linear.names}
 
 
-def _sensed(problem: Problem, effects: tuple[SceneEffect, ...], tick: Tick) -> Any:
+def _measured_position(problem: Problem, effects: tuple[SceneEffect, ...], tick: Tick) -> Any:
     """Record the motion of device and handle; return the measured position: the motor's, unless an effect names one."""
     moves = {slot.name: slot.symbol for slot in tick.states}
     tick.trace("position_m", moves[f"{DEVICE}_position_m"])
     tick.trace("velocity_m_per_s", moves[f"{DEVICE}_velocity_m_per_s"])
     if f"{HANDLE}_position_m" in moves:
-        tick.trace("held_m_per_s", moves[f"{HANDLE}_velocity_m_per_s"])
-        tick.trace("held_m", moves[f"{HANDLE}_position_m"])
+        tick.trace("handle_m_per_s", moves[f"{HANDLE}_velocity_m_per_s"])
+        tick.trace("handle_m", moves[f"{HANDLE}_position_m"])
     body = next((effect.sensed_body for effect in effects if effect.sensed_body is not None), DEVICE)
     if f"{body}_position_m" not in moves:
         message = f"measure the {body}, of which there is none; allowed: beside the effect resonance"

@@ -17,12 +17,12 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
 from avc_casadi._util.arrays import FloatArray
-from avc_casadi._util.interrupt import HeldInterrupt
+from avc_casadi._util.interrupt import DeferredInterrupt
 from avc_casadi._util.parallel import processors
 from avc_casadi.simulation.compile import CompiledScene
 from avc_casadi.simulation.emit import LANES_HEAD, in_lanes
@@ -30,7 +30,7 @@ from avc_casadi.simulation.judge import AT_REST_M_PER_S, DIVERGED_M, judged_samp
 from avc_casadi.simulation.tick import ca
 
 # Cached machine code: a device with ranges is tried in some hundreds of scenes, many of the same text.
-_KEPT = 1024
+_CACHE = 1024
 # Kept, as starting a thread takes as long as some runs.
 _THREADS = ThreadPoolExecutor(processors(), thread_name_prefix="scene")
 _COMPILING = ThreadPoolExecutor(processors(), thread_name_prefix="compile")
@@ -134,16 +134,17 @@ def _in_threads(work: Callable[[slice], None], rows: int, workers: int) -> None:
             other.result()
 
 
-def compile_ahead(scene: CompiledScene) -> None:
-    """Start to compile a scene in the background."""
+def compile_ahead(scene: CompiledScene, runs: int) -> None:
+    """Start to compile a scene in the background, where that pays."""
     with suppress(LookupError):
-        _compiled(scene.function, len(scene.speeds))
+        if _pays(scene, runs):
+            _compiled(scene.function, len(scene.speeds))
 
 
-@lru_cache(maxsize=_KEPT)
+@lru_cache(maxsize=_CACHE)
 def _compiled(function: Any, speeds: int) -> Future[ctypes.CDLL]:
     """Start to compile the loop of a sample, cached: the text of its C takes as long as some runs."""
-    return _begun(_code(function, speeds), compiler())
+    return _compilation(_code(function, speeds), compiler())
 
 
 def _code(function: Any, speeds: int) -> str:
@@ -162,11 +163,11 @@ def _code(function: Any, speeds: int) -> str:
 
 def library(source: str) -> ctypes.CDLL:
     """Compile C for this machine, once per process."""
-    return _begun(source, compiler()).result()
+    return _compilation(source, compiler()).result()
 
 
-@lru_cache(maxsize=_KEPT)
-def _begun(source: str, found: str | None) -> Future[ctypes.CDLL]:
+@lru_cache(maxsize=_CACHE)
+def _compilation(source: str, found: str | None) -> Future[ctypes.CDLL]:
     return _COMPILING.submit(_library, source, found)
 
 
@@ -187,14 +188,9 @@ def _library(source: str, found: str | None) -> ctypes.CDLL:
         raise subprocess.CalledProcessError(done.returncode, command, done.stdout, done.stderr)
 
 
-Engine = Literal["auto", "casadi", "native"]
-
-
-def execute(
-    scene: CompiledScene, parameters: FloatArray, inputs: FloatArray, *, engine: Engine = "auto"
-) -> dict[str, FloatArray]:
+def execute(scene: CompiledScene, parameters: FloatArray, inputs: FloatArray) -> dict[str, FloatArray]:
     """Run a scene once for every row of the parameters."""
-    native = _native(scene, len(parameters), engine)
+    native = _native(scene, len(parameters))
     if native is None:
         return _by_casadi(scene, parameters, inputs)
     traces = native(scene.initial, inputs.T, parameters, min(len(parameters), processors()))
@@ -202,10 +198,10 @@ def execute(
 
 
 def execute_to_speed(
-    scene: CompiledScene, parameters: FloatArray, inputs: FloatArray, *, engine: Engine = "auto", workers: int = 1
+    scene: CompiledScene, parameters: FloatArray, inputs: FloatArray, *, workers: int = 1
 ) -> FloatArray:
     """Run a scene once for every row of the parameters; return the residual speeds, without traces in C."""
-    native = _native(scene, len(parameters), engine)
+    native = _native(scene, len(parameters))
     if native is not None:
         first = scene.samples - judged_samples(scene.samples, scene.sample_time_s)
         far, fast = native(scene.initial, inputs.T, parameters, workers, first).T
@@ -224,17 +220,17 @@ def _over_rest(scene: CompiledScene, far_m: FloatArray, fast_m_per_s: FloatArray
     return np.where(here, fast_m_per_s / (AT_REST_M_PER_S / scene.metres_per_unit), np.inf)
 
 
-def _native(scene: CompiledScene, runs: int, engine: Engine) -> NativeScene | None:
+def _pays(scene: CompiledScene, runs: int) -> bool:
+    """Whether to compile: 0.1 s and 0.25 ms an instruction, which saves 1.5 ns each time that one is evaluated."""
+    saved = runs * scene.samples * scene.instructions * 1.5e-9
+    # Where several hands try a scene, others will.
+    return compiler() is not None and (runs > 3 or saved > 0.1 + scene.instructions * 2.5e-4)
+
+
+def _native(scene: CompiledScene, runs: int) -> NativeScene | None:
     """Return the scene as machine code, or None where CasADi runs it."""
-    # Compiling takes about 0.1 s and 0.25 ms an instruction, and saves 1.5 ns each time an instruction is evaluated.
-    pays = runs * scene.samples * scene.instructions * 1.5e-9 > 0.1 + scene.instructions * 2.5e-4
-    if engine != "native" and not (engine == "auto" and pays and compiler() is not None):
-        return None
-    try:
-        return NativeScene(scene)
-    except (LookupError, OSError, subprocess.CalledProcessError):
-        if engine == "native":
-            raise
+    with suppress(LookupError, OSError, subprocess.CalledProcessError):
+        return NativeScene(scene) if _pays(scene, runs) else None
     return None
 
 
@@ -242,7 +238,7 @@ def _by_casadi(scene: CompiledScene, parameters: FloatArray, inputs: FloatArray)
     loop = _loop(scene.function, scene.samples)
     held = ca.DM(inputs)
     results = np.empty((len(parameters), len(scene.traces), scene.samples))
-    with HeldInterrupt() as interrupt:
+    with DeferredInterrupt() as interrupt:
         for run, row in enumerate(parameters):
             if interrupt.came:
                 break

@@ -113,15 +113,15 @@ class Traces:
     sample_time_s: float
     metres_per_unit: float = 1.0
     measured_m: FloatArray | None = None
-    held_m: FloatArray | None = None
-    held_m_per_s: FloatArray | None = None
+    handle_m: FloatArray | None = None
+    handle_m_per_s: FloatArray | None = None
 
     @classmethod
     def of(cls, found: Mapping[str, FloatArray], device: Device) -> Traces:
         """Return the traces of an executed scene; in free space there is no force."""
         position = found["position_m"]
         force = found.get("force_n", np.zeros_like(position))
-        beside = (found.get(name) for name in ("measured_m", "held_m", "held_m_per_s"))
+        beside = (found.get(name) for name in ("measured_m", "handle_m", "handle_m_per_s"))
         return cls(position, found["velocity_m_per_s"], force, device.sample_time_s, device.metres_per_unit, *beside)
 
     @property
@@ -132,7 +132,7 @@ class Traces:
     @property
     def vibration(self) -> FloatArray:
         """Vibration at the hand at the end, in multiples of the detection threshold, shape (...)."""
-        held = self.position_m if self.held_m is None else self.held_m
+        held = self.position_m if self.handle_m is None else self.handle_m
         return felt_vibration(held * self.metres_per_unit, self.sample_time_s)
 
     def judge(self) -> Judgement:
@@ -142,8 +142,8 @@ class Traces:
         here = np.all(np.abs(self.position_m) < DIVERGED_M / unit, axis=-1)
         with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
             peak = np.abs(self.velocity_m_per_s[..., last]).max(axis=-1)
-            if self.held_m_per_s is not None:
-                peak = np.maximum(peak, np.abs(self.held_m_per_s[..., last]).max(axis=-1))
+            if self.handle_m_per_s is not None:
+                peak = np.maximum(peak, np.abs(self.handle_m_per_s[..., last]).max(axis=-1))
             travel = np.ptp(self.position_m[..., last], axis=-1)
             force, penetration = self.force_n[..., last].mean(axis=-1), depth[..., last].mean(axis=-1)
             ripple = _ripple(self.force_n[..., last], sample_time_s)

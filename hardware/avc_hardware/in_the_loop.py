@@ -46,7 +46,7 @@ class LoopTrace:
     position_m: list[float] = field(default_factory=list)
     velocity_m_per_s: list[float] = field(default_factory=list)
     force_n: list[float] = field(default_factory=list)
-    held_m_per_s: list[float] = field(default_factory=list)
+    handle_m_per_s: list[float] = field(default_factory=list)
 
 
 class FirmwareInTheLoop:
@@ -103,7 +103,7 @@ class FirmwareInTheLoop:
             self.trace.position_m.append(position_m)
             self.trace.velocity_m_per_s.append(velocity_m_per_s)
             if self._handle is not None:
-                self.trace.held_m_per_s.append(float(self._plant.state[self._handle]))
+                self.trace.handle_m_per_s.append(float(self._plant.state[self._handle]))
         return round(position_m / self._limits.metres_per_count)
 
     def _actuate(self, code: int) -> None:
@@ -184,7 +184,7 @@ def tried_in_the_loop(coupling: Coupling, *, device: Device | None = None) -> Lo
                 force,
                 coupling.sample_time_s,
                 coupling.problem.device.metres_per_unit,
-                held_m_per_s=np.array(trace.held_m_per_s[:samples]) if trace.held_m_per_s else None,
+                handle_m_per_s=np.array(trace.handle_m_per_s[:samples]) if trace.handle_m_per_s else None,
             ).judge(),
             peak_force_n=float(np.abs(force).max(initial=0.0)),
             left_out=left_out,

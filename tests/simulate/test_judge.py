@@ -30,7 +30,7 @@ def test_ripple_is_the_rms_between_20_and_500_hz():
 def test_what_is_felt_is_what_the_hand_holds():
     """2 um at 80 Hz are 1.25 thresholds, and a motor that moves by a tenth of it is not felt."""
     held = 2e-6 * np.sin(2 * np.pi * 80 * TIME)
-    ringing = Traces(0.1 * held, np.zeros(3000), np.zeros(3000), T, held_m=held, held_m_per_s=np.gradient(held, T))
+    ringing = Traces(0.1 * held, np.zeros(3000), np.zeros(3000), T, handle_m=held, handle_m_per_s=np.gradient(held, T))
     assert ringing.vibration == pytest.approx(1.25, rel=1e-2)
     assert ringing.judge().peak_velocity_m_per_s == pytest.approx(2e-6 * 2 * np.pi * 80, rel=0.05)
     assert Traces(held, np.zeros(3000), np.zeros(3000), T).vibration == pytest.approx(1.25, rel=1e-2)

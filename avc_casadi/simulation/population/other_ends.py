@@ -27,7 +27,7 @@ from avc_casadi.simulation.compile import target_of
 from avc_casadi.simulation.execute import execute
 from avc_casadi.simulation.judge import AT_REST_M_PER_S, JUDGED_S, Traces, judged_samples
 from avc_casadi.simulation.population.motions import LONGER_S, course_of, motions_at
-from avc_casadi.simulation.population.setup import FRICTION, Setup, engine_for, prepare
+from avc_casadi.simulation.population.setup import FRICTION, Setup, prepare
 from avc_casadi.simulation.population.trial import NEAR_LIMIT, Trial
 
 WITH_TOOL = ("free", "press", "tap", "hold", "drag", "strike", "touch")
@@ -63,7 +63,7 @@ def try_tool(
                 scene, _, inputs = prepare(setup, people, course.motions[name], course.duration_s)
                 scene = scene.with_numbers("simulation", gains=gains, state=tool_states(tool, contact)[-1])
                 hands = scene.parameter_values(NO_COUPLING)[late]
-                found = execute(scene, hands, inputs, engine=engine_for(len(people)))
+                found = execute(scene, hands, inputs)
                 judged, last = Traces.of(found, device).judge(), judged_samples(scene.samples, device.sample_time_s)
                 with np.errstate(invalid="ignore", over="ignore"):
                     speed = np.abs(np.diff(found["tool_m"][:, -last:], axis=-1)).max(axis=-1) / moves_s

@@ -24,7 +24,7 @@ from avc_casadi.model.scene import Motion, Scene, declared_effects
 from avc_casadi.simulation.compile import CompiledScene, build_effects, compile_scene
 from avc_casadi.simulation.effects.base import SceneEffect
 from avc_casadi.simulation.effects.interface import Encoder
-from avc_casadi.simulation.execute import Engine, compiler, execute
+from avc_casadi.simulation.execute import execute
 from avc_casadi.simulation.judge import Judgement, Traces
 from avc_casadi.simulation.scene import resolve, with_hand
 
@@ -32,7 +32,7 @@ FRICTION = "coulomb-friction"
 HANDS_AT_ONCE = 250
 DURATION_S = 3.0
 
-Prepared: TypeAlias = tuple[CompiledScene, "FloatArray", "FloatArray"]
+Executable: TypeAlias = tuple[CompiledScene, "FloatArray", "FloatArray"]
 """A scene, the parameters of each hand, and the inputs common to all."""
 
 
@@ -107,7 +107,7 @@ def _phases(people: Hand | StylusHand, motion: Motion) -> FloatArray:
 
 
 @dataclass(frozen=True)
-class _Shared:
+class _SceneKey:
     """A scene that all of its structure share; the first builds it."""
 
     key: tuple[Any, ...]
@@ -116,12 +116,12 @@ class _Shared:
 
 # All motions, of usual and long duration, with and without friction, on some two dozen devices of the ranges.
 @lru_cache(512)
-def _built(scene: _Shared) -> tuple[CompiledScene, FloatArray]:
+def _compiled(scene: _SceneKey) -> tuple[CompiledScene, FloatArray]:
     compiled = scene.build()
     return compiled, compiled.input_values()
 
 
-def prepare(setup: Setup, people: Hand | StylusHand, motion: Motion, duration_s: float) -> Prepared:
+def prepare(setup: Setup, people: Hand | StylusHand, motion: Motion, duration_s: float) -> Executable:
     """Return the scene, the parameters of each hand and the common inputs; constant gains of one structure share it."""
     gains, law = setup.gains, setup.law
     if not isinstance(gains, Gains):
@@ -135,15 +135,10 @@ def prepare(setup: Setup, people: Hand | StylusHand, motion: Motion, duration_s:
     )
     hands = type(people), *(np.asarray(one).tobytes() for one in vars(people).values())
     key = (setup.problem, setup.effects, setup.steps_anywhere, structure, hands, motion, duration_s)
-    compiled, inputs = _built(_Shared(key, lambda: compile_scene(*setup.stage(people, motion, duration_s), gains)))
+    compiled, inputs = _compiled(_SceneKey(key, lambda: compile_scene(*setup.stage(people, motion, duration_s), gains)))
     if law is not None:
         compiled = compiled.with_numbers("state-feedback", settings=law)
     return compiled, compiled.parameter_values(gains), inputs
-
-
-def engine_for(runs: int) -> Engine:
-    """Return the engine for many scenes at once: generated C where there is a compiler and more than a few runs."""
-    return "native" if compiler() is not None and runs > 3 else "auto"
 
 
 def simulations(
@@ -151,10 +146,9 @@ def simulations(
 ) -> Iterator[Callable[[], Traces]]:
     """Prepare to simulate all hands, in blocks; each block is simulated when it is called."""
     compiled, parameters, inputs = prepare(setup, people, motion, duration_s)
-    engine, device = engine_for(len(parameters)), setup.problem.device
 
     def traces_of(some: FloatArray) -> Traces:
-        return Traces.of(execute(compiled, some, inputs, engine=engine), device)
+        return Traces.of(execute(compiled, some, inputs), setup.problem.device)
 
     at_once = min(HANDS_AT_ONCE, max(1, 4_000_000 // inputs.shape[-1]))
     for first in range(0, len(parameters), at_once):

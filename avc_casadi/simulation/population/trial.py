@@ -24,7 +24,7 @@ from avc_casadi.simulation.execute import compile_ahead, execute_to_speed
 from avc_casadi.simulation.judge import QUIET, Traces
 from avc_casadi.simulation.population.motions import AT_WALL, TRIAL_S, course_of
 from avc_casadi.simulation.population.operators import BLOCK, draw_hands
-from avc_casadi.simulation.population.setup import FRICTION, Setup, engine_for, prepare, simulations
+from avc_casadi.simulation.population.setup import FRICTION, Setup, prepare, simulations
 
 CONFIDENCE = 0.95
 # A press that ends above this share of the largest force is saturated: its stiffness is not the wall's.
@@ -316,9 +316,8 @@ def _settled(setup: Setup, seed: int, task: tuple[int, int]) -> dict[str, BoolAr
     first, count = task
     people = draw_hands(setup.problem.hands, count, seed, first=first)
     motions, duration_s = course_of(setup.problem)
-    engine = engine_for(count)
     scenes = (prepare(setup, people, motions[name], duration_s) for name in AT_WALL)
-    return {name: execute_to_speed(*scene, engine=engine) < 1 for name, scene in zip(AT_WALL, scenes, strict=True)}
+    return {name: execute_to_speed(*scene) < 1 for name, scene in zip(AT_WALL, scenes, strict=True)}
 
 
 def residual_speeds(
@@ -337,9 +336,7 @@ def residual_speeds(
     tried = [(whole, name) for name in (*AT_WALL, *(("strike", "touch") if beyond else ()))]
     tried += [(setup, "graze")] * beyond
     scenes = [prepare(one, people, motions[name], duration_s) for one, name in tried]
-    engine = engine_for(len(people))
-    if engine == "native":
-        for compiled, *_ in scenes:
-            compile_ahead(compiled)
-    speeds = [execute_to_speed(*scene, engine=engine, workers=processors()) for scene in scenes]
+    for compiled, *_ in scenes:
+        compile_ahead(compiled, len(people))
+    speeds = [execute_to_speed(*scene, workers=processors()) for scene in scenes]
     return np.asarray(np.max(speeds, axis=0))

@@ -11,7 +11,7 @@ import numpy as np
 
 from avc_casadi import UnsupportedError
 from avc_casadi._util.arrays import Float32Array
-from avc_casadi._util.interrupt import HeldInterrupt
+from avc_casadi._util.interrupt import DeferredInterrupt
 from avc_casadi.simulation.contact import Environment, wall_force
 from avc_casadi.simulation.effects.computation import Adaptation, Estimator, Guard
 from avc_casadi.simulation.emit import SINGLE, FloatProgram, Precision
@@ -107,7 +107,7 @@ def tick_programs(estimator: str, passive: bool) -> tuple[tuple[RuntimeProgram, 
     import casadi as ca  # noqa: PLC0415
 
     # CasADi calls Python for shapes while it builds an expression, and ignores exceptions then.
-    with HeldInterrupt():
+    with DeferredInterrupt():
         figures = {name: ca.SX.sym(name) for name in _FIGURES}
         ticks = [_ticks(figures, estimator, passive, start) for start in (0.0, 1.0, -1.0)]
         parts: list[tuple[Any, ...]] = []

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from typing import Any
 
 from avc_casadi import LinkError, MissingExtraError
-from avc_casadi._util.interrupt import HeldInterrupt
+from avc_casadi._util.interrupt import DeferredInterrupt
 from avc_hardware.codegen.image import Image
 
 CLOCK_HZ = 168_000_000
@@ -41,7 +41,7 @@ class Machine:
         """Load an image and reset the core."""
         try:
             # On import it ignores any fault of a copy of its library, Ctrl-C included.
-            with HeldInterrupt():
+            with DeferredInterrupt():
                 unicorn: Any = importlib.import_module("unicorn")
                 arm_const: Any = importlib.import_module("unicorn.arm_const")
         except ImportError as error:
@@ -115,7 +115,7 @@ class Machine:
 
     def run_until(self, cycle: int, *, stop: Callable[[], bool] = lambda: False) -> None:
         """Advance time until a cycle, or until ``stop`` is true between two events."""
-        with HeldInterrupt() as interrupt:
+        with DeferredInterrupt() as interrupt:
             while self.cycle < cycle and not interrupt.came and not stop():
                 due = self._due(cycle)
                 if due > self.cycle:
@@ -149,7 +149,7 @@ class Machine:
     def _execute(self, start: int, until: int, count: int) -> None:
         try:
             # An exception in a callback of the emulator is lost, and Ctrl-C with it.
-            with HeldInterrupt():
+            with DeferredInterrupt():
                 self._core.emu_start(start, until, count=count)
         except self._error as error:
             place = self._core.reg_read(self._arm.UC_ARM_REG_PC)

@@ -15,7 +15,7 @@ import numpy as np
 from avc_casadi import InputError, LinkError
 from avc_casadi._util.arrays import FloatArray, IndexArray
 from avc_casadi._util.files import write_file
-from avc_casadi._util.interrupt import HeldInterrupt
+from avc_casadi._util.interrupt import DeferredInterrupt
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.identification.excitation import FULL, Plan
 from avc_hardware.codegen.figures import device_config
@@ -137,7 +137,7 @@ def excite(
             connection.ask(Kind.EXCITE, plan_bytes(plan, number), m.Acknowledged)
             log = _read(connection, records, number, progress)
         except BaseException as error:
-            with HeldInterrupt():
+            with DeferredInterrupt():
                 with suppress(LinkError):
                     connection.ask(Kind.STOP, m.words(number), m.Acknowledged)
                 if cut is not None and isinstance(error, KeyboardInterrupt) and records.index:

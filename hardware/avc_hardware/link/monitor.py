@@ -8,7 +8,7 @@ from collections.abc import Callable, Generator, Iterator
 from contextlib import suppress
 
 from avc_casadi import InputError, LinkError
-from avc_casadi._util.interrupt import HeldInterrupt
+from avc_casadi._util.interrupt import DeferredInterrupt
 from avc_hardware.emulator.board import EmulatedBoard
 from avc_hardware.link.bytes import ByteLink
 from avc_hardware.link.connection import DEFAULT_BAUD, Connection, open_link
@@ -59,7 +59,7 @@ def monitor(
         except LinkError:
             raise
         except BaseException:
-            with HeldInterrupt():
+            with DeferredInterrupt():
                 _end(connection, heartbeat_s, on_end)
             raise
         _end(connection, heartbeat_s, on_end)
