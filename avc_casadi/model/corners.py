@@ -39,15 +39,12 @@ def device_corners(device: Device, keys: Collection[str] | None = None) -> list[
     return [device_with(device, dict(zip(ends, corner, strict=True))) for corner in product(*ends.values())]
 
 
-def device_set(device: Device, keys: Collection[str] | None = None, *, draws: int = 16, seed: int = 0) -> list[Device]:
-    """Return the devices at the corners of the declared ranges, then devices drawn uniformly within them."""
-    corners = device_corners(device, keys)
-    if len(corners) == 1:
-        return corners
-    intervals = device_ranges(device, keys)
+def device_draws(device: Device, count: int, seed: int) -> list[Device]:
+    """Return devices drawn uniformly within the declared ranges."""
+    intervals = device_ranges(device)
     low, high = np.array(list(intervals.values())).T
-    drawn = low + (high - low) * np.random.default_rng(seed).random((draws, len(low)))
-    return [*corners, *devices_with(device, dict(zip(intervals, drawn.T, strict=True)))]
+    drawn = low + (high - low) * np.random.default_rng(seed).random((count, len(low)))
+    return devices_with(device, dict(zip(intervals, drawn.T, strict=True)))
 
 
 def device_ranges(device: Device, keys: Collection[str] | None = None) -> dict[str, tuple[float, float]]:

@@ -372,7 +372,7 @@ class GainTable(Tabular):
         return [ca.SX(value) for value in values]
 
 
-def fewest_rows(table: FloatArray, tolerance: float, at_once: int = 64) -> IndexArray:
+def fewest_rows(table: FloatArray, tolerance: float) -> IndexArray:
     """Return positions of the fewest rows between which all others are within a tolerance of the gains."""
     # A line from a row is within tolerance while its slope lies in the interval of each row between: a narrowing cone.
     ln_frequency, gains = np.log(table[:, 0]), table[:, 1:]
@@ -382,7 +382,7 @@ def fewest_rows(table: FloatArray, tolerance: float, at_once: int = 64) -> Index
     steps = np.full(count, count)
     steps[0] = 0
     came = np.zeros(count, dtype=np.intp)
-    fewest = at_once
+    fewest = at_once = 64
     for first in range(count - 1):
         low, high = np.full((1, gains.shape[1]), -np.inf), np.full((1, gains.shape[1]), np.inf)
         start = first + 1

@@ -80,7 +80,6 @@ class Projection:
     rendered: ComplexArray  # Z_eavc of (15)
     coupling: ComplexArray  # Z_avc of (16): infinite where it would have to be rigid, 0 in free space
     injected_damping_ns_per_m: FloatArray  # delta = max(0, margin - Re Z_h_ds)
-    virtual_mass_kg: FloatArray
 
 
 def project(problem: Problem, *, as_printed: bool = False) -> Projection:
@@ -89,13 +88,8 @@ def project(problem: Problem, *, as_printed: bool = False) -> Projection:
     desired, gap = _desired(problem, loop, as_printed=as_printed)
     target = loop.device + loop.hold * desired
     delta = np.maximum(0.0, margin_over_range(problem) - target.real)
-    return Projection(
-        target + delta,
-        desired + delta / loop.hold,
-        Quotient.of(loop, desired, gap, delta).coupling,
-        delta,
-        delta * problem.device.sample_time_s / 2,
-    )
+    coupling = Quotient.of(loop, desired, gap, delta).coupling
+    return Projection(target + delta, desired + delta / loop.hold, coupling, delta)
 
 
 def _desired(problem: Problem, loop: Loop, *, as_printed: bool) -> tuple[ComplexArray, ComplexArray]:

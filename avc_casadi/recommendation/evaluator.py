@@ -21,7 +21,7 @@ from avc_casadi.model.corners import (
     USUAL,
     Robustness,
     device_corners,
-    device_set,
+    device_draws,
     device_with,
     linear_values,
     unmodelled,
@@ -165,7 +165,7 @@ def _devices(device: Device, seed: int, count: int = 16) -> list[Device]:
     if len(corners) == 1:
         return [device]
     some = np.random.default_rng(seed).permutation(len(corners))[: count // 2]
-    within = device_set(device, draws=count - 1 - len(some), seed=seed)[len(corners) :]
+    within = device_draws(device, count - 1 - len(some), seed)
     return [device, *(corners[place] for place in some), *within]
 
 

@@ -9,7 +9,7 @@ from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from avc_casadi._util.arrays import ComplexArray, FloatArray
+from avc_casadi._util.arrays import FloatArray
 from avc_casadi._util.text import quantity
 from avc_casadi.claims.zwidth import ZWidth
 from avc_casadi.coupling import Coupling
@@ -38,7 +38,16 @@ def draw_rendered(found: Deployed | Coupling, axes: style.GivenAxes = None) -> F
     wall, hz = problem.environment, found.shaken.frequency_hz
     wanted = np.abs(wall.stiffness_n_per_m + 2j * np.pi * hz * wall.damping_ns_per_m)
     left.plot(hz, response.stiffness_n_per_m, label="rendered", marker="o", markerfacecolor="white", **_LINES["worst"])
-    _stiffness(left, hz, wanted, response.stiffness_n_per_m, problem.units.unit("N/m"))
+    left.plot(hz, wanted, label="wanted", **_LINES["wanted"])
+    every = np.concatenate([wanted, response.stiffness_n_per_m])
+    every = every[np.isfinite(every) & (every > 0)]
+    if every.size and every.max() > 3 * np.median(every):  # rendered far beyond most of what is wanted
+        left.set_yscale("log")
+        style.log_ticks(left.yaxis, *left.get_ylim())
+    else:
+        left.set_ylim(0, 1.1 * float(every.max(initial=1.0)))
+    left.set_ylabel(f"stiffness ({problem.units.unit('N/m')})")
+    style.frequency_axis(left, hz)
     press.plot(found.press_s, 1e3 * np.delete(found.press_m, found.worst, axis=0).T, label="_", **_LINES["others"])
     press.plot([], [], label="other hands of the box", **_LINES["others"])
     press.plot(found.press_s, 1e3 * found.press_m[found.worst], label="least damped hand", **_LINES["worst"])
@@ -56,20 +65,6 @@ def draw_rendered(found: Deployed | Coupling, axes: style.GivenAxes = None) -> F
     return panels.figure
 
 
-def _stiffness(axes: Axes, hz: FloatArray, wanted: FloatArray, rendered: FloatArray, unit: str) -> None:
-    """Draw the wanted stiffness; logarithmic where the rendered one goes far beyond most of it."""
-    axes.plot(hz, wanted, label="wanted", **_LINES["wanted"])
-    every = np.concatenate([wanted, rendered])
-    every = every[np.isfinite(every) & (every > 0)]
-    if every.size and every.max() > 3 * np.median(every):
-        axes.set_yscale("log")
-        style.log_ticks(axes.yaxis, *axes.get_ylim())
-    else:
-        axes.set_ylim(0, 1.1 * float(every.max(initial=1.0)))
-    axes.set_ylabel(f"stiffness ({unit})")
-    style.frequency_axis(axes, hz)
-
-
 @style.styled
 def draw_loop(found: Deployed | Coupling, axes: style.GivenAxes = None) -> Figure:
     """Draw the loop opened at the actuator, Bode and Nyquist with gain and phase margin, and the impact on the wall."""
@@ -81,7 +76,8 @@ def draw_loop(found: Deployed | Coupling, axes: style.GivenAxes = None) -> Figur
     for row, kind, label in [(found.worst, "worst", "least damped hand"), (-1, "released", "released"), *others]:
         curve, look = found.gain[row], _LINES[kind]
         size.plot(found.frequency_hz, np.abs(curve), label=label, **look)
-        phase.plot(found.frequency_hz, _degrees(curve), label=label, **look)
+        degrees = np.degrees(np.unwrap(np.angle(curve)))
+        phase.plot(found.frequency_hz, degrees - 360 * np.ceil(degrees[0] / 360), label=label, **look)
         circle.plot(curve.real, curve.imag, label=label, **look)
     _margins(size, circle, phase, found)
     shown = found.frequency_hz[found.frequency_hz >= min(1.0, found.frequency_hz[-1] / 100)]
@@ -126,12 +122,6 @@ def _margins(size: Axes, circle: Axes, phase: Axes, found: Deployed) -> None:
         phase.plot([turn_hz] * 2, [-180, end], "o-", label=f"phase margin {turn:.3g} deg", **_LINES["phase"])
         arc = np.radians(np.linspace(-180, end, 30))
         circle.plot(np.cos(arc), np.sin(arc), **_LINES["phase"])
-
-
-def _degrees(curve: ComplexArray) -> FloatArray:
-    """Return the phase, unwrapped from a start between -360 and 0."""
-    degrees = np.degrees(np.unwrap(np.angle(curve)))
-    return np.asarray(degrees - 360 * np.ceil(degrees[0] / 360))
 
 
 _CURVES: dict[str, tuple[str, Any, float]] = {

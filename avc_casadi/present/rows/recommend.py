@@ -59,7 +59,11 @@ def wall_rows(data: Mapping[str, Any], problem: Problem) -> list[Row]:
     if data["coupling"] is None:
         none = row("Coupling", f"none is deployable: {data['reason']}", mark=Mark.FAIL)
         return [*_slips(data), none, *_limit(data)]
-    found = [*_slips(data), _coupling(data, problem), *_rendered(data, problem), _stability(data)]
+    failed, rest = _failed(data), data["rest"]
+    text = f"linearly stable with every corner hand and released; {_CYCLES[rest['word']]}" if not failed else failed[0]
+    bad = Mark.FAIL if failed else Mark.CAUTION
+    stable = row("Stability", text, mark=marked(not failed and rest["word"] != "refuted", bad))
+    found = [*_slips(data), _coupling(data, problem), *_rendered(data, problem), stable]
     if not data["deployable"]:
         return [*found, *_simulated(data)]
     limit, period_s = data["coupling"]["max_force_n"], data["coupling"]["sample_time_s"]
@@ -156,13 +160,6 @@ def _rendered(data: Mapping[str, Any], problem: Problem) -> list[Row]:
 
 def _failed(data: Mapping[str, Any]) -> list[str]:
     return [claim["sentence"] for claim in data["certificate"]["deployable"]["claims"] if not claim["pass"]]
-
-
-def _stability(data: Mapping[str, Any]) -> Row:
-    if failed := _failed(data):
-        return row("Stability", failed[0], mark=Mark.FAIL)
-    text = f"linearly stable with every corner hand and released; {_CYCLES[data['rest']['word']]}"
-    return row("Stability", text, mark=Mark.CAUTION if data["rest"]["word"] == "refuted" else Mark.PASS)
 
 
 def _loud(found: Mapping[str, Any]) -> bool:
