@@ -16,7 +16,7 @@ from avc_casadi._util.text import number
 from avc_casadi._util.units import units_for
 from avc_casadi.cli import arguments as cli
 from avc_casadi.cli.console import Console, output_folder
-from avc_casadi.present.row import Answer, Mark, Part, Value, listed, row, text_of
+from avc_casadi.present.row import Answer, Mark, Part, Value, commas, row, text_of
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
@@ -334,7 +334,7 @@ def run_monitor(args: argparse.Namespace, console: Console) -> Answer:
 
 def _state(sample: TelemetrySample, faults: str) -> tuple[Part, ...]:
     mode = sample.mode if sample.has_table or faults else "idle"
-    return listed(
+    return commas(
         [
             f"tick {sample.ticks}",
             ("f", Value(sample.frequency_hz, "frequency")),

@@ -115,7 +115,7 @@ def fill(template: str, values: Mapping[str, Any]) -> tuple[Part, ...]:
     return parts(*found)
 
 
-def listed(groups: Iterable[Parts], between: str = ",") -> tuple[Part, ...]:
+def commas(groups: Iterable[Parts], between: str = ",") -> tuple[Part, ...]:
     """Return groups with a comma between them."""
     found: list[Part] = []
     for group in groups:
@@ -159,12 +159,12 @@ def row(label: str, *values: Parts, mark: Mark = Mark.NONE, rank: int = 0) -> Ro
     return Row(label, parts(*values), mark, rank)
 
 
-def marked(passed: bool, otherwise: Mark = Mark.FAIL) -> Mark:
+def grade(passed: bool, otherwise: Mark = Mark.FAIL) -> Mark:
     """Return the mark of a verdict."""
     return Mark.PASS if passed else otherwise
 
 
-def doubted(doubt: object) -> Mark:
+def caution(doubt: object) -> Mark:
     """Return the mark of what is only noted unless there is a doubt."""
     return Mark.CAUTION if doubt else Mark.NONE
 

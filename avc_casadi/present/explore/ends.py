@@ -30,7 +30,7 @@ from avc_casadi.paper.equations import loop_at
 from avc_casadi.paper.realism import perceived_bounds
 from avc_casadi.paper.rows import gain_schedule
 from avc_casadi.present.explore.explorer import Explorer
-from avc_casadi.present.row import Row, marked, row
+from avc_casadi.present.row import Row, grade, row
 from avc_casadi.present.rows import subject
 from avc_casadi.present.rows.judge import ENDINGS, own_law, passivity
 from avc_casadi.present.rows.recommend import felt_rows, stability
@@ -285,7 +285,7 @@ def _rows(problem: Problem, search: ToolSearch | None, loops: Any, gains: ToolGa
     if search is None:
         stable = loops.stable_over_ranges(gains)
         text = f"{'corner hands and released,' if stable else 'not all of'} {len(loops)} loops"
-        return [*rows, row("Stability", text, mark=marked(stable)), *felt]
+        return [*rows, row("Stability", text, mark=grade(stable)), *felt]
     certificate = tool_certificate(problem, gains, search)
     return [*rows, *stability(certificate), *felt, *passivity(certificate["passivity"], problem)]
 

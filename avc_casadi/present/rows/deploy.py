@@ -13,7 +13,7 @@ from avc_casadi._errors import InputError
 from avc_casadi._util.units import Units
 from avc_casadi.coupling import Coupling
 from avc_casadi.model.ends import ToolIntegrator, mujoco_contact_n_per_m
-from avc_casadi.present.row import Answer, Mark, Row, Value, doubted, fill, listed, marked, parts, row
+from avc_casadi.present.row import Answer, Mark, Row, Value, caution, commas, fill, grade, parts, row
 from avc_casadi.present.rows import subject
 
 
@@ -60,7 +60,7 @@ def push(data: Mapping[str, Any], coupling: Coupling, shown: str) -> Answer:
     rows = [
         *_unsafe(data),
         row("Pushed", f"coupling {coupling.id}, {subject.plural(data['rows'], 'row')} on {data['port']}", took),
-        row("Read back", f"equal, {rounding} single precision" if equal else "NOT EQUAL", mark=marked(equal)),
+        row("Read back", f"equal, {rounding} single precision" if equal else "NOT EQUAL", mark=grade(equal)),
         row("Limit", limit or "the device's own"),
     ]
     if "in_the_loop" in data:
@@ -79,14 +79,14 @@ def in_the_loop(trial: Mapping[str, Any]) -> Row:
     faulty = f"; faults: {trial['faults']}" if trial["faults"] else ""
     what = f"{'settles' if trial['at_rest'] else 'does NOT settle'} with a hand: at most"
     force = fill(f"{what} {{peak_force_n}}, {{apparent_stiffness_n_per_m}} at the sensor{left}{faulty}", trial)
-    return row("In the loop", force, mark=marked(trial["at_rest"] and not faulty))
+    return row("In the loop", force, mark=grade(trial["at_rest"] and not faulty))
 
 
 def export(data: Mapping[str, Any], coupling: Coupling, shown: str) -> Answer:
     """Return the answer of `export`."""
     problem = coupling.problem
     periods = dict.fromkeys(filter(None, (data["sample_time_s"], data.get("follower_sample_time_s"))))
-    rates = listed(Value(1 / one, "frequency") for one in periods)
+    rates = commas(Value(1 / one, "frequency") for one in periods)
     if coupling.end == "wall":
         keys = ("damping_ns_per_m", "stiffness_n_per_m", "contact_damping_ns_per_m")
         table = {key: getattr(coupling.schedule, key)[coupling.schedule.usable].tolist() for key in keys}
@@ -95,7 +95,7 @@ def export(data: Mapping[str, Any], coupling: Coupling, shown: str) -> Answer:
     else:
         far = subject.pair(vars(coupling.at_follower)) if coupling.end == "follower" else ()
         there = ("at the follower", far) if far else None
-        what, size = listed([subject.pair(vars(coupling.gains)), there], ";"), "both ends"
+        what, size = commas([subject.pair(vars(coupling.gains)), there], ";"), "both ends"
     fitting = (name for name in _ENGINES if not _misfit(coupling, name)) if coupling.end == "simulation" else ()
     onwards = [f"export {{}} --parameters {name}" for name in fitting][:1]
     rows = [
@@ -133,10 +133,10 @@ def stream(data: Mapping[str, Any], deviations: Sequence[str]) -> Answer:
     fell = Mark.CAUTION if data["fell_back"] else Mark.NONE
     rows = [
         *_unsafe(data),
-        row("Messages", fill(taken, data), mark=marked(not data["late"] and not data["lost"], Mark.CAUTION)),
+        row("Messages", fill(taken, data), mark=grade(not data["late"] and not data["lost"], Mark.CAUTION)),
         row("Round trip", fill("median {round_trip_s}, largest {round_trip_max_s}", data)),
         row("Back to table", fill("{fell_back:9} times", data), mark=fell),
-        row("Afterwards", after, mark=marked(not deviations)),
+        row("Afterwards", after, mark=grade(not deviations)),
     ]
     title = fill(f"coupling {data['coupling']} streamed for {{seconds:time}} at {data['rate_hz']:g} Hz", data)
     return Answer("stream", data, parts(data["port"], " ", title), tuple(rows))
@@ -250,7 +250,7 @@ def parameters(coupling: Coupling, engine: str, shown: str = "coupling.json", un
     rows = []
     for one in table:
         what = f"{one['unit']} · {one['place']}{'; ' if one['trap'] else ''}{one['trap']}".lstrip()
-        rows.append(row(one["formula"], Value(one["value"], "number", 6), what, mark=doubted(one["trap"])))
+        rows.append(row(one["formula"], Value(one["value"], "number", 6), what, mark=caution(one["trap"])))
     rows += [row("Device", fill("{device} {sample_time_s}", data)), row("Each step", law)]
     rows += subject.notes(data["traps"], "Trap")
     how = f"· exchange {tool.exchange}" + (f" · integrator {data['integrator']}" if data["integrator"] else "")

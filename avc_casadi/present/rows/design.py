@@ -11,7 +11,7 @@ from avc_casadi._util.json_values import plain
 from avc_casadi.design.comparison.comparison import Comparison
 from avc_casadi.model.gains import GainSchedule
 from avc_casadi.model.problem import Problem
-from avc_casadi.present.row import Answer, Mark, Part, Row, Value, fill, listed, marked, parts, quantity_of, row, span
+from avc_casadi.present.row import Answer, Mark, Part, Row, Value, commas, fill, grade, parts, quantity_of, row, span
 from avc_casadi.present.rows import subject
 from avc_casadi.present.rows.deploy import in_the_loop
 from avc_casadi.present.rows.judge import levels
@@ -27,7 +27,7 @@ def solution(data: Mapping[str, Any], problem: Problem, shown: str = "", file: s
     solved = fill(f"{by}: at {have} of {len(status)} frequencies in {{solve:time}}", data["seconds"])
     inside = "between U and L at {share_inside_bounds:share} of the frequencies, within {jnd:share} of the impedance at"
     rows = [
-        row("Gains", solved, mark=marked(have == len(status))),
+        row("Gains", solved, mark=grade(have == len(status))),
         *([row("Coupling", subject.gains(data, problem))] if have else []),
         row("Status", subject.counts(data["counts"])),
         *_errors(data),
@@ -89,9 +89,9 @@ def comparison(data: Mapping[str, Any], problem: Problem, shown: str = "", drawn
         met = [real >= data["margin_ns_per_m"] for real in pair["real_part"]]
         gains = {key: pair[key][0] for key in ("stiffness_n_per_m", "damping_ns_per_m")}
         text = fill(f"{{stiffness_n_per_m}}, {{damping_ns_per_m}}: meets (12) at {sum(met)} of {len(met)}", gains)
-        mine.append(row("Mine", text, mark=marked(all(met), Mark.CAUTION)))
+        mine.append(row("Mine", text, mark=grade(all(met), Mark.CAUTION)))
     between, near = (
-        listed((name.replace("-", " "), Value(one[key], "share")) for name, one in realism.items())
+        commas((name.replace("-", " "), Value(one[key], "share")) for name, one in realism.items())
         for key in ("share_inside_bounds", "share_inside_jnd")
     )
     rows = [
@@ -138,7 +138,7 @@ def _cross_check(check: Mapping[str, Any]) -> tuple[tuple[Part, ...], Mark]:
         return ("DISAGREES with direct",), Mark.FAIL
     differ = f", differs at {len(check['partings'])} frequencies" if check["partings"] else ""
     text = fill(f"agrees with direct within {{magnitude_error:1}} of |Z|{differ}", check)
-    return text, marked(not differ, Mark.CAUTION)
+    return text, grade(not differ, Mark.CAUTION)
 
 
 def _deployable(data: Mapping[str, Any]) -> Row:
@@ -167,13 +167,13 @@ def paper(data: Mapping[str, Any]) -> list[Row]:
     """Answer the paper's question: closed form, CasADi's NLP, the exact optimum, the verdict."""
     rows, closed, check, have = data["rows"], data["closed_form"], data["cross_check"], data["rows_with_gains"]
     realisable = closed.get("solved", 0) + closed.get("active-bound", 0)
-    spans = listed((_GAINS[key], span(data[key], quantity_of(key))) for key in [*_GAINS][:2] if data[key] is not None)
+    spans = commas((_GAINS[key], span(data[key], quantity_of(key))) for key in [*_GAINS][:2] if data[key] is not None)
     scope = "" if data["scope"] == "pointwise" else f", scope {data['scope']}"
     solved = fill(f"gains at {have} of {rows} frequencies in {{solve:time}}{scope}", data["seconds"])
     buildable = f"realisable at {realisable} of {rows} frequencies"
     found = [
-        row("Closed form", buildable, mark=marked(realisable == rows, Mark.CAUTION)),
-        row(f"CasADi, {data['method']}", solved, ":" if spans else "", spans, mark=marked(have == rows)),
+        row("Closed form", buildable, mark=grade(realisable == rows, Mark.CAUTION)),
+        row(f"CasADi, {data['method']}", solved, ":" if spans else "", spans, mark=grade(have == rows)),
     ]
     if check is not None:
         text, mark = _cross_check(check)
@@ -191,7 +191,7 @@ def device(push: Mapping[str, Any]) -> Row:
         return row("Device", f"push refused; {why}", mark=Mark.FAIL)
     equal = push["readback_equal"]
     loop, unsafe = in_the_loop(push["in_the_loop"]), f"; {push['unsafe']}" if push["unsafe"] else ""
-    mark = marked(loop.mark is Mark.PASS and not unsafe, Mark.CAUTION) if equal else Mark.FAIL
+    mark = grade(loop.mark is Mark.PASS and not unsafe, Mark.CAUTION) if equal else Mark.FAIL
     what = f"coupling {push['coupling_id']} on {push['port']}, read back {'equal' if equal else 'NOT EQUAL'};"
     return row("Device", what, loop.values, unsafe, mark=mark)
 
@@ -199,7 +199,7 @@ def device(push: Mapping[str, Any]) -> Row:
 def new(data: Mapping[str, Any], problem: Problem, shown: str) -> Answer:
     """Return the answer of `new`: what was written, what is unknown and what is unlikely."""
     units, model = problem.units, data["model"]
-    ranges = listed(span(getattr(problem.hands, key), quantity_of(key)) for key in subject.HAND)
+    ranges = commas(span(getattr(problem.hands, key), quantity_of(key)) for key in subject.HAND)
     assumed = ", ".join(f"{units.key(key)} {value}" for key, value in data["assumed"].items())
     not_known = [f"{one['key'].partition('.')[2]}: {one['message']}" for one in data["not_known"]]
     rows = [row("Written", data["file"], mark=Mark.PASS)]

@@ -13,7 +13,7 @@ from avc_casadi.loops.margins import LEAST_DISK, SOUND_DISK
 from avc_casadi.model import EFFECTS
 from avc_casadi.model.effects import SaturationEffect
 from avc_casadi.model.problem import Problem
-from avc_casadi.present.row import Answer, Mark, Part, Row, Value, doubted, fill, listed, marked, parts, row, span
+from avc_casadi.present.row import Answer, Mark, Part, Row, Value, caution, commas, fill, grade, parts, row, span
 from avc_casadi.present.rows import subject
 from avc_casadi.present.rows.recommend import stability
 
@@ -93,7 +93,7 @@ def _claims(verdict: Mapping[str, Any], hands: Mapping[str, Any]) -> list[Row]:
     for label in filter(worst.__contains__, _CLAIMS.values()):
         one = worst[label]
         if not one["pass"] or one["spectral_radius"] is None:
-            rows.append(row(label, one["sentence"], mark=marked(one["pass"])))
+            rows.append(row(label, one["sentence"], mark=grade(one["pass"])))
             continue
         less = None
         if one["name"] == "hands" and hands["margin_ns_per_m"] is not None:
@@ -137,7 +137,7 @@ def own_law(found: LawCertificate, shown: str = "") -> Answer:
 
 
 def _law(values: Mapping[str, float]) -> tuple[Part, ...]:
-    return listed((_LAW[key][0], Value.of(key, value)) for key, value in values.items())
+    return commas((_LAW[key][0], Value.of(key, value)) for key, value in values.items())
 
 
 def _law_rows(found: LawCertificate) -> list[Row]:
@@ -150,8 +150,8 @@ def _law_rows(found: LawCertificate) -> list[Row]:
     ratio, hz, swinging = min((case.damping_ratio, case.damping_ratio_hz, who) for who, case in cases.items())
     most, allowed = found.largest_stiffness_n_per_m, found.damping_range_ns_per_m
     rendered = [(Value(value, "stiffness"), f"at {hz:g} Hz") for hz, value in found.rendered_n_per_m.items()]
-    mark = Mark.FAIL if not found.passed else marked(sound, Mark.CAUTION)
-    of_disk = Mark.FAIL if disk < LEAST_DISK else marked(disk >= SOUND_DISK, Mark.CAUTION)
+    mark = Mark.FAIL if not found.passed else grade(sound, Mark.CAUTION)
+    of_disk = Mark.FAIL if disk < LEAST_DISK else grade(disk >= SOUND_DISK, Mark.CAUTION)
     rows = [
         row("Deployable", f"{'yes' if found.passed else 'no'}: {found.reason}", mark=mark),
         subject.smallest_margins({who: vars(case.margins) for who, case in cases.items()}, of_disk),
@@ -161,20 +161,20 @@ def _law_rows(found: LawCertificate) -> list[Row]:
     ]
     if found.free is not None:
         outside = fill("disk margin {disk:2}", vars(found.free.margins))
-        rows.append(row("Outside the wall", outside, mark=marked(found.free.stable)))
+        rows.append(row("Outside the wall", outside, mark=grade(found.free.stable)))
     loud = fill("{noise_n} rms at rest; {encoder_step_n} by one encoder step", vars(found))
     rows += [
-        row("Rendered", listed([(Value(found.static_stiffness_n_per_m, "stiffness"), "at rest"), *rendered])),
+        row("Rendered", commas([(Value(found.static_stiffness_n_per_m, "stiffness"), "at rest"), *rendered])),
         row("Largest k", Value(most, "stiffness") if most else "none", "at this b"),
         row("Stable b", "none" if allowed is None else span(allowed, "damping"), "at this k"),
-        row("Force noise", loud, mark=doubted(not found.quiet)),
+        row("Force noise", loud, mark=caution(not found.quiet)),
     ]
     if found.problem.simulation is not None or found.problem.follower is not None:
         own = "the other end: this law acts in the device's own loop, every"
         rows.append(row("Not used", own, Value(period_s, "time"), mark=Mark.CAUTION))
     if not sound and found.remedies is not None:
         helps = [(_law(one.changes), fill("(disk margin {disk_margin:2})", vars(one))) for one in found.remedies]
-        rows.append(row("Would help", listed(helps, ";") or "no change of k, b, cutoff, sample time or delay alone"))
+        rows.append(row("Would help", commas(helps, ";") or "no change of k, b, cutoff, sample time or delay alone"))
     return rows
 
 
@@ -182,7 +182,7 @@ def pair_certificate(data: Mapping[str, Any], problem: Problem, shown: str) -> A
     """Return the answer of `certify` of a coupling to a simulation: stability, and passivity apart."""
     verdict = data["deployable"]
     text = f"{'yes' if verdict['pass'] else 'no'}: {verdict['sentence']}"
-    rows = [row("Deployable", text, mark=marked(verdict["pass"])), row("Coupling", subject.pair(data))]
+    rows = [row("Deployable", text, mark=grade(verdict["pass"])), row("Coupling", subject.pair(data))]
     rows += [*stability(data), *passivity(data["passivity"], problem)]
     rows += [*subject.not_used(data["not_used"]), row("Claim", data["claim"], rank=1)]
     complaint = "" if verdict["pass"] else f"avc: {shown}: not deployable"
@@ -207,7 +207,7 @@ def passivity(found: Mapping[str, Any], problem: Problem) -> list[Row]:
     rows = [row("Engine's port", text, mark=Mark.PASS if found["passive"] else Mark.NONE)]
     if not found["engine_is_implicit"]:
         why = f"{tool.integrator} is none: it integrates the tool explicitly; Stability holds, for the declared tools"
-        rows.append(row("Passive engine", why, mark=doubted(found["passive"])))
+        rows.append(row("Passive engine", why, mark=caution(found["passive"])))
     return rows
 
 
@@ -237,7 +237,7 @@ def walls(data: Mapping[str, Any], problem: Problem, shown: str = "", drawn: str
     if curves["stable-hands"]["wanted_wall"] and not curves["stable-released"]["wanted_wall"]:
         met.append("unstable when released")
     bare = f"this wall is {'; '.join(met)}" if met else "this wall is neither passive nor stable"
-    rows = [row("Without coupling", bare, mark=marked(whole, Mark.CAUTION))]
+    rows = [row("Without coupling", bare, mark=grade(whole, Mark.CAUTION))]
     if data["not_used"]:
         unused = ", ".join(map(problem.units.key, data["not_used"]))
         rows.append(row("Not used", f"{unused}: declared, and no part of these claims", mark=Mark.CAUTION))
@@ -282,7 +282,7 @@ def scene(data: Mapping[str, Any], problem: Problem, shown: str = "", drawn: str
         *subject.notes(data.get("notes", ())),
     ]
     if data.get("left_out"):
-        left = f"declared, but not listed in the scene: {', '.join(map(problem.units.key, data['left_out']))}"
+        left = f"declared, but not commas in the scene: {', '.join(map(problem.units.key, data['left_out']))}"
         rows.append(row("Left out", left, mark=Mark.CAUTION))
     rows += [*subject.written(trace, drawn), *_explanation(data, problem.units)]
     complaint = "" if data["stable"] else f"avc: {problem.name}: the device {outcome(data)}"
@@ -377,7 +377,7 @@ def trial(data: Mapping[str, Any], units: Units, shown: str) -> Answer:
     interval = f"hands in every motion ({100 * data['confidence']:g} % interval {low} to {high} %)"
     settle = fill(f"{{at_rest:9}} of {{hands:9}} {interval}", data)
     rows = [
-        row("Settle", settle, mark=marked(rests == hands, Mark.CAUTION)),
+        row("Settle", settle, mark=grade(rests == hands, Mark.CAUTION)),
         row("By motion", ", ".join(f"{name} {one}" for name, one in data["by_motion"].items())),
         row("Simulated", ", ".join(data["effects"])),
     ]

@@ -17,10 +17,10 @@ from avc_casadi.present.row import (
     Part,
     Row,
     Value,
-    doubted,
+    caution,
+    commas,
     fill,
-    listed,
-    marked,
+    grade,
     parts,
     quantity_of,
     row,
@@ -75,7 +75,7 @@ def _engine(stated: Problem) -> list[Row]:
         low, high = tool.contact_stiffness_n_per_m
         ends = [low] * (low > 0) if tool.rigid else [low, high]
         springs = ("springs of", span(ends, "stiffness")) if ends else None
-        touches = listed(["rigid objects" if tool.rigid else None, springs], "and")
+        touches = commas(["rigid objects" if tool.rigid else None, springs], "and")
         what = parts(span(tool.tool_mass_kg, "mass"), ", damping", span(tool.tool_damping_ns_per_m, "damping"))
         what = parts(what, "; touches", touches)
     gets = subject.EXCHANGES[tool.exchange].format(step="the engine's step")
@@ -104,8 +104,8 @@ def device(data: Mapping[str, Any], units: Units) -> Answer:
     for key, value in data["values"].items():
         ends = ranges.get(key)
         between = ("(", _value(key, ends[0]), "to", _value(key, ends[1]), ")") if isinstance(ends, list) else None
-        grade = f", {sources[key]['grade']}" if key in sources else ""
-        rows.append(row(units.key(key), _value(key, value), between, grade, rank=0 if len(rows) < 10 else 1))
+        origin = f", {sources[key]['grade']}" if key in sources else ""
+        rows.append(row(units.key(key), _value(key, value), between, origin, rank=0 if len(rows) < 10 else 1))
     if gaps := [gap for gap in data["gaps"] if units.inner(gap) not in data["values"]]:
         rows.append(row("Not known", ", ".join(map(units.key, gaps)), mark=Mark.CAUTION))
     rows += [row(units.key(key), f"{one['grade']}, {one['source']}", rank=1) for key, one in sources.items()]
@@ -118,7 +118,7 @@ def device(data: Mapping[str, Any], units: Units) -> Answer:
 
 def _value(key: str, value: Any) -> tuple[Part, ...]:
     if isinstance(value, Mapping):
-        return listed((name.replace("_", " "), _value(name, one)) for name, one in value.items())
+        return commas((name.replace("_", " "), _value(name, one)) for name, one in value.items())
     if isinstance(value, bool) or not isinstance(value, int | float):
         return (str(value),)
     return (f"{value:g} m" if key.endswith("radius_m") else Value(value, quantity_of(key)),)
@@ -140,13 +140,13 @@ def installation(data: Mapping[str, Any], ports: Sequence[Row]) -> Answer:
     emulator = "installed" if data["emulator"] else "absent; pip install 'avc-casadi[emulator]'"
     writable = "writable" if data["folder_writable"] else "NOT writable"
     rows = [
-        row("Solvers", text, mark=marked(all(solvers.values()))),
+        row("Solvers", text, mark=grade(all(solvers.values()))),
         row("Packages", ", ".join(f"{name} {version}" for name, version in data["packages"].items())),
         row("Programs", ", ".join(name for name in programs if programs[name]) or "none"),
         *([row("Absent", ", ".join(missing), mark=Mark.CAUTION)] if missing else []),
-        row("Emulator", emulator, mark=marked(data["emulator"], Mark.CAUTION)),
+        row("Emulator", emulator, mark=grade(data["emulator"], Mark.CAUTION)),
         *ports,
-        row("This folder", writable, mark=marked(data["folder_writable"])),
+        row("This folder", writable, mark=grade(data["folder_writable"])),
         *(row(name, place or "absent", rank=1) for name, place in programs.items()),
     ]
     bad = ", ".join(name for name, solves in solvers.items() if not solves)
@@ -167,7 +167,7 @@ def ports(found: Sequence[Mapping[str, Any]], *, asked: bool) -> list[Row]:
             text.append(f"avc device {number}, coupling {behind['coupling_id'] or 'none'}")
         elif asked:
             text.append("no avc device")
-        mark = marked(port["accessible"], Mark.CAUTION)
+        mark = grade(port["accessible"], Mark.CAUTION)
         rows.append(row(port["device"], ", ".join(filter(None, text)), mark=mark))
     return rows or [row("Serial ports", "none")]
 
@@ -232,7 +232,7 @@ def log(data: Mapping[str, Any], units: Units, title: str, file: str = "", onwar
     found = data["log"]
     lost = f"{found['lost']} lost, seen as gaps" if found["lost"] else "none lost"
     rows = [
-        row("Played", found["end"], mark=marked(found["whole"])),
+        row("Played", found["end"], mark=grade(found["whole"])),
         row("Recorded", fill(f"{subject.plural(found['records'], 'record')} in {{seconds:time}}, {lost}", found)),
         row("At most", fill("{peak_force_n}, {peak_speed_m_per_s}, {peak_travel_m}", found)),
         *subject.written(file),
@@ -258,7 +258,7 @@ def identification(
         best = 0.0 if abs(one.value) < 1e-3 * half else one.value
         value, low, high = (Value(end, one.quantity, digits) for end in (best, one.low, one.high))
         values = (value, "(", low, "to", high, ")") if one.identified else (low, "to", high, "; not identified")
-        mark = doubted(not one.identified)
+        mark = caution(not one.identified)
         rows.append(row(units.key(key), values, mark=mark, rank=0 if len(rows) < 9 else 1))
     rows.append(row("Model", ", ".join(found.rungs)))
     rows += subject.notes(found.notes, mark=Mark.CAUTION)
@@ -302,9 +302,9 @@ def diagnosis(data: Mapping[str, Any], found: Sequence[Diagnosis], command: str,
         late = f"± {number(fit.delay_error, 1)}; {'declared' if one.declared.known else 'assumed'} {ends}"
         rows.append(row("Delay", Value(fit.best.delay + law.lag, "samples"), late))
         hand = () if fit.best.hand is None else zip(fit.best.hand.values(0).values(), subject.HAND, strict=True)
-        rows.append(row("Hand", listed(Value.of(key, value) for value, key in hand) or "none"))
+        rows.append(row("Hand", commas(Value.of(key, value) for value, key in hand) or "none"))
         if fit.best.stops is not None:
-            rows.append(row("Stops", listed(Value(each, "length") for each in fit.best.stops)))
+            rows.append(row("Stops", commas(Value(each, "length") for each in fit.best.stops)))
     rows += [*beside, *subject.notes(one.notes, "Assumed", Mark.NONE, 1)]
     title = parts(one.log.name, " ", Value(one.log.position_m.size * one.log.period_s, "time"))
     return Answer("diagnose", data, title, tuple(rows), (command,), units)

@@ -10,7 +10,7 @@ from typing import Any
 from avc_casadi.design.virtual_tool import WIDEST_MARGIN
 from avc_casadi.model.corners import Robustness
 from avc_casadi.model.problem import Problem
-from avc_casadi.present.row import Answer, Mark, Part, Row, Value, doubted, fill, listed, marked, row, span
+from avc_casadi.present.row import Answer, Mark, Part, Row, Value, caution, commas, fill, grade, row, span
 from avc_casadi.present.rows import subject
 from avc_casadi.recommendation.felt import REACHED_M
 from avc_casadi.recommendation.preconditions import SLIP, asked_of_others, not_judged
@@ -62,14 +62,14 @@ def wall_rows(data: Mapping[str, Any], problem: Problem) -> list[Row]:
     failed, rest = _failed(data), data["rest"]
     text = f"linearly stable with every corner hand and released; {_CYCLES[rest['word']]}" if not failed else failed[0]
     bad = Mark.FAIL if failed else Mark.CAUTION
-    stable = row("Stability", text, mark=marked(not failed and rest["word"] != "refuted", bad))
+    stable = row("Stability", text, mark=grade(not failed and rest["word"] != "refuted", bad))
     found = [*_slips(data), _coupling(data, problem), *_rendered(data, problem), stable]
     if not data["deployable"]:
         return [*found, *_simulated(data)]
     limit, period_s = data["coupling"]["max_force_n"], data["coupling"]["sample_time_s"]
     worst, trade_off = data["transient"]["worst_hand"], []
     for one in data["trade_off"] or ():
-        errors = listed(Value(share, "share") for share in one["error"])
+        errors = commas(Value(share, "share") for share in one["error"])
         missed = "" if one["met"] else "(contact or decay not met)"
         what = fill("disk margin {disk_margin:2}: error", one)
         trade_off.append((what, errors, fill(", ripple {ripple_n}", one), missed))
@@ -78,7 +78,7 @@ def wall_rows(data: Mapping[str, Any], problem: Problem) -> list[Row]:
         subject.smallest_margins(data["margins"]),
         subject.settling(data["transient"]["released"]["settling_s"], "released"),
         subject.damping_ratio(worst["damping_ratio"], worst["frequency_hz"], "worst_hand", period_s),
-        *([row("At 1, 10, 30 Hz", listed(trade_off, ";"))] if trade_off else []),
+        *([row("At 1, 10, 30 Hz", commas(trade_off, ";"))] if trade_off else []),
         *_simulated(data),
         *_unmodelled(data),
         subject.peak_force(data["trial"], limit, data["trial"]["at_force_limit"]),
@@ -96,7 +96,7 @@ def _slips(data: Mapping[str, Any]) -> list[Row]:
 def _coupling(data: Mapping[str, Any], problem: Problem) -> Row:
     coupling, trial, felt, wall = data["coupling"], data["trial"], data["felt"], problem.environment.stiffness_n_per_m
     runtime, law = coupling["runtime"], coupling["runtime"]["state_feedback"]
-    found = listed(
+    found = commas(
         [
             None if law is None else f"observer ({len(law['innovation'])} states) with state feedback",
             subject.gains(coupling["table"], problem),
@@ -124,7 +124,7 @@ def _coupling(data: Mapping[str, Any], problem: Problem) -> Row:
 
 def _rendered(data: Mapping[str, Any], problem: Problem) -> list[Row]:
     felt, trial, wall = data["felt"], data["trial"], problem.environment
-    errors = listed((Value(error, "share"), f"at {hz} Hz") for hz, error in felt["complex_error"].items())
+    errors = commas((Value(error, "share"), f"at {hz} Hz") for hz, error in felt["complex_error"].items())
 
     def moving(key: str) -> dict[str, float]:
         return {hz: one for hz, one in felt[key].items() if float(hz) <= 10}  # a hand moves no faster
@@ -132,9 +132,9 @@ def _rendered(data: Mapping[str, Any], problem: Problem) -> list[Row]:
     if wall.stiffness_n_per_m == 0:
         damping = moving("damping_in_motion_ns_per_m")
         off = any(abs(one / wall.damping_ns_per_m - 1) > _SOFTER for one in damping.values())
-        found = listed((Value(one, "damping"), f"at {hz} Hz") for hz, one in damping.items())
+        found = commas((Value(one, "damping"), f"at {hz} Hz") for hz, one in damping.items())
         error = row("Impedance error", errors, "of the whole cycle: a wall never pulls")
-        return [row("Rendered", "damper of", found, mark=doubted(off)), error]
+        return [row("Rendered", "damper of", found, mark=caution(off)), error]
     if felt["stiffness_n_per_m"] is None or data["reason"].startswith("nothing"):
         what = data["reason"] if data["reason"].startswith("nothing") else "nothing: every press reaches the limit"
         return [row("Rendered", what, mark=Mark.FAIL)]
@@ -153,8 +153,8 @@ def _rendered(data: Mapping[str, Any], problem: Problem) -> list[Row]:
     worst = max(moving("complex_error").values(), default=0.0)
     sine = fill(", sine of {amplitude_m}", felt["shaken"])
     return [
-        row("Rendered", listed(stiffnesses), mark=doubted(stiffer or share > _STIFFER)),
-        row("Impedance error", errors, sine, mark=doubted(worst > max(_SOFTER, 1 - share))),
+        row("Rendered", commas(stiffnesses), mark=caution(stiffer or share > _STIFFER)),
+        row("Impedance error", errors, sine, mark=caution(worst > max(_SOFTER, 1 - share))),
     ]
 
 
@@ -192,7 +192,7 @@ def _unmodelled(data: Mapping[str, Any]) -> list[Row]:
                 effect = "one fingertip" if one["value"] == "fingertip" else "hands on a {value}"
             each.append(fill(f"{{{key}:9}}{'' if each else ' of {hands:9} hands settle'} with {effect}", one))
         if each:
-            rows.append(row(label, listed(each), mark=marked(whole, Mark.CAUTION)))
+            rows.append(row(label, commas(each), mark=grade(whole, Mark.CAUTION)))
     return rows
 
 
@@ -204,7 +204,7 @@ def _contact(data: Mapping[str, Any], problem: Problem) -> list[Row]:
         known = {**ripple, **steps, "slow_n": next(iter(ripple["force_n"].values()))}
         step = fill("{spring:force} by the spring and {damping:force} by the damper per encoder step;", known)
         quiet = fill("ripple {slow_n} in slow motion, {quiet:9} of {hands:9} hands below the threshold", known)
-        rows.append(row("Quantisation", step, quiet, mark=doubted(_loud(ripple))))
+        rows.append(row("Quantisation", step, quiet, mark=caution(_loud(ripple))))
     stiffness, elsewhere = felt["stiffness_n_per_m"], 5e-4 / size
     give = felt["edge_force_n"] / stiffness if stiffness else 0.0
     if not all(depth is not None and -elsewhere < depth < elsewhere + give for depth in felt["edge_m"].values()):
@@ -214,9 +214,9 @@ def _contact(data: Mapping[str, Any], problem: Problem) -> list[Row]:
             if depth is not None:
                 where = (Value(abs(depth), "length"), "before the face" if depth < 0 else "behind the face")
             places.append((*where, "at", Value(float(speed), "speed")))
-        rows.append(row("Contact onset", listed(places), mark=Mark.CAUTION))
+        rows.append(row("Contact onset", commas(places), mark=Mark.CAUTION))
     if fast := {speed: share for speed, share in felt["rebound"].items() if share > 1.02}:
-        each = listed((Value(share, "number"), "times", Value(float(speed), "speed")) for speed, share in fast.items())
+        each = commas((Value(share, "number"), "times", Value(float(speed), "speed")) for speed, share in fast.items())
         rows.append(row("Rebound", "the released device leaves the wall at", each, mark=Mark.CAUTION))
     if short is not None and short > 1e-3 / size:
         far = fill("holds the handle up to {rest_error_m} from rest", felt)
@@ -234,7 +234,7 @@ def _limit(data: Mapping[str, Any]) -> list[Row]:
         for one in data["what_would_help"]
     ]
     limit = fill("plain coupling {plain_wall_n_per_m}", data)
-    return [row("Linear limit", listed([limit, *each[:3]], ";"))] if each else []
+    return [row("Linear limit", commas([limit, *each[:3]], ";"))] if each else []
 
 
 def _details(data: Mapping[str, Any]) -> list[Row]:
@@ -285,7 +285,7 @@ def _pair_rows(data: Mapping[str, Any], problem: Problem) -> list[Row]:
     stiffest, helps = found["stiffest"], data["what_would_help"]
     limit = fill("K {stiffness_n_per_m}", stiffest) if stiffest["stiffness_n_per_m"] else ("no K is stable",)
     each = [limit, *((one["change"], fill("{stiffest_n_per_m}", one)) for one in helps[:3])]
-    more = [row("Linear limit", listed(each, ";")), *subject.not_used(data["not_used"])]
+    more = [row("Linear limit", commas(each, ";")), *subject.not_used(data["not_used"])]
     if data["coupling"] is None:
         none = row("Coupling", f"none is deployable: {data['reason']}", mark=Mark.FAIL)
         # Where K is linearly stable hands refute it: what else is linearly stable with it is no help.
@@ -293,7 +293,7 @@ def _pair_rows(data: Mapping[str, Any], problem: Problem) -> list[Row]:
         return [none, *([] if refuted else _same_k(found, problem)), *more]
     local = "damper of each loop" if problem.follower is not None else "damper in the device's loop"
     soft = wanted is None and found["gains"]["stiffness_n_per_m"] < problem.hands.stiffness_n_per_m[0]
-    doubt, softer = marked(not soft and not thin(found), Mark.CAUTION), ": softer than the softest hand" * soft
+    doubt, softer = grade(not soft and not thin(found), Mark.CAUTION), ": softer than the softest hand" * soft
     rows = [row("Coupling", subject.pair(found["gains"], local), softer, mark=doubt)]
     for where, there in (("in the scene", found["in_scene"]), ("at the follower", found["at_follower"])):
         if there and there != found["gains"]:
@@ -303,7 +303,7 @@ def _pair_rows(data: Mapping[str, Any], problem: Problem) -> list[Row]:
         passive = found["passivity_margin_ns_per_m"] >= 0
         needed = "not for any operator: that needs {passive_damping_ns_per_m} a device"
         text = fill("for any operator and environment" if passive else needed, found)
-        rows.append(row("Passivity", text, mark=marked(passive, Mark.CAUTION)))
+        rows.append(row("Passivity", text, mark=grade(passive, Mark.CAUTION)))
     rows.append(_pair_simulated(trial))
     if "tap_force_n" in trial:
         rows.append(subject.peak_force(trial, problem.device.max_force_n))
@@ -321,13 +321,13 @@ def felt_rows(felt: Mapping[str, Any]) -> list[Row]:
         rows.append(row("Declared contact", fill("{on_stiffest_contact_n_per_m} pressed", felt)))
     pressed = None if felt["stiffness_n_per_m"] is None else fill("{stiffness_n_per_m} pressed", felt)
     stiff = [fill(f"{{stiffness_n_per_m}} at {one['frequency_hz']:g} Hz", one) for one in felt["at"]]
-    rows.append(row("Rigid object", listed([pressed, *stiff])))
+    rows.append(row("Rigid object", commas([pressed, *stiff])))
     if first["mass_kg"] is not None:
         mass: Part = "a restoring spring" if first["mass_kg"] < 0 else Value(first["mass_kg"], "mass")
         drag = fill(f", drag {{drag_ns_per_m}} at {first['frequency_hz']:g} Hz; impedance error", first)
-        errors = listed((Value(one["free_error"], "share"), f"at {one['frequency_hz']:g} Hz") for one in felt["at"])
+        errors = commas((Value(one["free_error"], "share"), f"at {one['frequency_hz']:g} Hz") for one in felt["at"])
         rows.append(
-            row("Free motion", mass, drag, errors, mark=doubted(max(one["free_error"] for one in felt["at"]) > 1))
+            row("Free motion", mass, drag, errors, mark=caution(max(one["free_error"] for one in felt["at"]) > 1))
         )
     elif first["drag_ns_per_m"]:
         rows.append(row("Drag", fill("{drag_ns_per_m} wherever the device is, by its own dampers", first)))
@@ -347,13 +347,13 @@ def stability(found: Mapping[str, Any]) -> list[Row]:
     else:
         steady = found.get("mismatch_stable") is not False
         text = f"corner hands and released, {{loops:9}} loops{'' if steady else '; not on devices 10 % away'}"
-        rows.append(row("Stability", fill(text, found), mark=marked(steady, Mark.CAUTION)))
+        rows.append(row("Stability", fill(text, found), mark=grade(steady, Mark.CAUTION)))
         each = [
             f"{math.floor(100 * one) / 100:.3g}" if one < WIDEST_MARGIN else f"{WIDEST_MARGIN:g} or more"
             for one in (found["gain_margin"], *found["motor_margins"])
         ]
         margins = ", ".join(map(" of ".join, zip(each, ("K and B", "the motor alone", "the follower's"), strict=False)))
-        rows.append(row("Gain margin", margins, ": thin" * thin(found), mark=doubted(thin(found))))
+        rows.append(row("Gain margin", margins, ": thin" * thin(found), mark=caution(thin(found))))
     if case := found.get("worst"):
         tool, stiffness = case["tool"], case["tool"]["contact_stiffness_n_per_m"]
         on = "held rigidly" if stiffness is None else "on {contact_stiffness_n_per_m}" if stiffness else "free"
@@ -373,7 +373,7 @@ def _pair_simulated(trial: Mapping[str, Any]) -> Row:
         text += ", {settled_with_dropped_steps:9} with {dropped_share} of the steps missed"
     else:
         text += "; {jitter:share} of jitter, {lost_share} lost"
-    mark = marked(min(settle) == trial["hands"], Mark.CAUTION if len(settle) > 1 else Mark.FAIL)
+    mark = grade(min(settle) == trial["hands"], Mark.CAUTION if len(settle) > 1 else Mark.FAIL)
     return row("Simulated", fill(text, trial), mark=mark)
 
 
@@ -387,4 +387,4 @@ def _same_k(found: Mapping[str, Any], problem: Problem) -> list[Row]:
         each.append((*fill(what.get(key, f"exchange {key}"), found), *with_b))
     if found["exchanges"] and not any(found["exchanges"].values()):
         each.append(("no exchange",))
-    return [row("Same K", listed(each), f"; linearly, gain margin {problem.robustness.gain_margin:g}")] if each else []
+    return [row("Same K", commas(each), f"; linearly, gain margin {problem.robustness.gain_margin:g}")] if each else []

@@ -11,7 +11,7 @@ from avc_casadi.files.catalogue import catalogue_names
 from avc_casadi.loops.margins import LEAST_DISK, SOUND_DISK
 from avc_casadi.model.device import Device
 from avc_casadi.model.problem import Problem
-from avc_casadi.present.row import Answer, Mark, Part, Row, Value, doubted, fill, listed, marked, parts, row, span
+from avc_casadi.present.row import Answer, Mark, Part, Row, Value, caution, commas, fill, grade, parts, row, span
 
 HAND = ("mass_kg", "damping_ns_per_m", "stiffness_n_per_m")
 EXCHANGES = {
@@ -56,7 +56,7 @@ def headline(problem: Problem, shown: str) -> tuple[Part, ...]:
         far = fill(f"follower {{mass_kg}}, {{rate_hz}}, {{delay_s}} away, {follower.architecture}", known)
         return parts(shown, " ", far, of_device)
     stiffness, damping = Value(wall.stiffness_n_per_m, "stiffness"), Value(wall.damping_ns_per_m, "damping")
-    return parts(shown, "  wall", listed(one for one in (stiffness, damping) if one.number) or "none", of_device)
+    return parts(shown, "  wall", commas(one for one in (stiffness, damping) if one.number) or "none", of_device)
 
 
 def answer(
@@ -80,18 +80,18 @@ def gains(table: Mapping[str, Sequence[float | None]], problem: Problem) -> tupl
     b, k, b_p = ([one for one in table[key] if one is not None] for key in keys)
     contact = ("contact damper b_p", span(b_p, "damping")) if max(b_p, default=0.0) > 0 else None
     if not k:
-        return listed([contact, "no spring"])
+        return commas([contact, "no spring"])
     if min(k) >= 100 * problem.environment.stiffness_n_per_m:  # so stiff a spring renders the wall itself
-        return listed([contact, "wall rendered directly"])
+        return commas([contact, "wall rendered directly"])
     damper = ("damper b", span(b, "damping")) if max(b, default=0.0) > 0 else None
-    return listed([contact, ("spring k", span(k, "stiffness")), damper])
+    return commas([contact, ("spring k", span(k, "stiffness")), damper])
 
 
 def pair(gains: Mapping[str, Any], local: str = "damper in the device's loop") -> tuple[Part, ...]:
     """Return spring and dampers of a coupling to another end."""
     damper = fill("damper B {damping_ns_per_m}", gains) if gains["damping_ns_per_m"] else None
     own = fill(f"{local} {{local_damping_ns_per_m}}", gains) if gains["local_damping_ns_per_m"] else None
-    return listed([fill("spring K {stiffness_n_per_m}", gains), damper, own])
+    return commas([fill("spring K {stiffness_n_per_m}", gains), damper, own])
 
 
 def hand(values: Mapping[str, float]) -> tuple[Part, ...]:
@@ -143,7 +143,7 @@ def settled(found: Mapping[str, Any], *, doubt: bool = False) -> Mark:
     """Return the mark of a trial: fails where hands do not settle, a caution where some need dry friction for it."""
     if found["at_rest"] < found["hands"]:
         return Mark.FAIL
-    return marked(found["at_rest_without_friction"] >= found["hands"] and not doubt, Mark.CAUTION)
+    return grade(found["at_rest_without_friction"] >= found["hands"] and not doubt, Mark.CAUTION)
 
 
 def saturates(force_n: float | None, limit_n: float | None) -> bool:
@@ -189,14 +189,14 @@ def smallest_margins(found: Mapping[str, Mapping[str, Any]], mark: Mark = Mark.N
         each.append((word, Value(value, of), who))
     whose = {who for _, _, who in each}
     alike = f"{whose.pop().strip('()')}:" if len(whose) == 1 else ""
-    text = listed((word, value, "" if alike else who) for word, value, who in each)
-    return row("Margins", alike, text, mark=doubted(is_thin) if mark is Mark.NONE else mark)
+    text = commas((word, value, "" if alike else who) for word, value, who in each)
+    return row("Margins", alike, text, mark=caution(is_thin) if mark is Mark.NONE else mark)
 
 
 def settling(seconds: float | None, who: str) -> Row:
     """Return the settling time of a loop; None where it never settles."""
     text = "never" if seconds is None else Value(seconds, "time")
-    return row("Settling time", text, f"({_WHO[who]})", mark=doubted(seconds is None or seconds > 1.0))
+    return row("Settling time", text, f"({_WHO[who]})", mark=caution(seconds is None or seconds > 1.0))
 
 
 def damping_ratio(ratio: float, hz: float, who: str, sample_time_s: float) -> Row:
