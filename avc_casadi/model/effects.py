@@ -6,13 +6,13 @@ from avc_casadi.model import quantity as q
 from avc_casadi.model import table as t
 
 
-class EffectTable(t.Table):
+class Effect(t.Table):
     """An effect of a scene: the keys of one [[scene.effects]]."""
 
     kind: Any
 
 
-class HandEffect(EffectTable):
+class HandEffect(Effect):
     """A hand between its moving target and the device: mass, damper and spring."""
 
     kind: Literal["hand"] = "hand"
@@ -21,7 +21,7 @@ class HandEffect(EffectTable):
     stiffness_n_per_m: q.Stiffness | None = None
 
 
-class StylusHandEffect(EffectTable):
+class StylusHandEffect(Effect):
     """A hand on a stylus: tip, grip (k1, b1), mass, arm (k2, b2), ground."""
 
     # Means of 15 subjects: Fu and Cavusoglu 2012.
@@ -33,7 +33,7 @@ class StylusHandEffect(EffectTable):
     arm_stiffness_n_per_m: q.Stiffness = 170.0
 
 
-class _Surroundings(EffectTable):
+class _Surroundings(Effect):
     """An environment."""
 
     damping_ns_per_m: q.Damping | None = None
@@ -52,7 +52,7 @@ class EnvironmentEffect(_Surroundings):
     kind: Literal["environment"] = "environment"
 
 
-class SimulationEffect(EffectTable):
+class SimulationEffect(Effect):
     """The engine and its tool of [simulation], joined to the device by a spring and a damper."""
 
     kind: Literal["simulation"] = "simulation"
@@ -64,27 +64,27 @@ class SimulationEffect(EffectTable):
     seed: q.Seed = 0
 
 
-class DetentEffect(EffectTable):
+class DetentEffect(Effect):
     """The detents of [detent], beside the wall."""
 
     kind: Literal["detent"] = "detent"
 
 
-class CoulombFrictionEffect(EffectTable):
+class CoulombFrictionEffect(Effect):
     """Dry friction of the device, with true sticking."""
 
     kind: Literal["coulomb-friction"] = "coulomb-friction"
     force_n: q.Force | None = None
 
 
-class ViscousFrictionEffect(EffectTable):
+class ViscousFrictionEffect(Effect):
     """Viscous friction of the device."""
 
     kind: Literal["viscous-friction"] = "viscous-friction"
     damping_ns_per_m: q.Damping | None = None
 
 
-class ResonanceEffect(EffectTable):
+class ResonanceEffect(Effect):
     """A structural resonance of the device."""
 
     kind: Literal["resonance"] = "resonance"
@@ -93,14 +93,14 @@ class ResonanceEffect(EffectTable):
     mass_ratio: q.MassRatio | None = None
 
 
-class BacklashEffect(EffectTable):
+class BacklashEffect(Effect):
     """Play between the handle and the motor, on which the encoder sits."""
 
     kind: Literal["backlash"] = "backlash"
     gap_m: q.Length | None = None
 
 
-class EncoderEffect(EffectTable):
+class EncoderEffect(Effect):
     """Quantised position, at the motor or at the handle beyond the resonance."""
 
     kind: Literal["encoder"] = "encoder"
@@ -108,7 +108,7 @@ class EncoderEffect(EffectTable):
     at: Literal["motor", "handle"] | None = None
 
 
-class NoiseEffect(EffectTable):
+class NoiseEffect(Effect):
     """White noise on the sampled position."""
 
     kind: Literal["noise"] = "noise"
@@ -116,7 +116,7 @@ class NoiseEffect(EffectTable):
     seed: q.Seed = 0
 
 
-class NotchEffect(EffectTable):
+class NotchEffect(Effect):
     """A notch on the measured position: gain `depth` at its frequency, `width` its band as a share of that."""
 
     kind: Literal["notch"] = "notch"
@@ -125,7 +125,7 @@ class NotchEffect(EffectTable):
     width: q.Threshold = 0.5
 
 
-class ObserverEffect(EffectTable):
+class ObserverEffect(Effect):
     """An observer of the position between encoder steps; the mass is that of device and hand together."""
 
     kind: Literal["observer"] = "observer"
@@ -134,14 +134,14 @@ class ObserverEffect(EffectTable):
     ahead_samples: q.DelaySamples | None = None
 
 
-class DelayEffect(EffectTable):
+class DelayEffect(Effect):
     """Samples between measurement and force, whole or not."""
 
     kind: Literal["delay"] = "delay"
     samples: q.DelaySamples | None = None
 
 
-class JitterEffect(EffectTable):
+class JitterEffect(Effect):
     """Irregular sampling and lost samples."""
 
     kind: Literal["jitter"] = "jitter"
@@ -150,7 +150,7 @@ class JitterEffect(EffectTable):
     dropped_share: q.Share = 0.0
 
 
-class AmplifierEffect(EffectTable):
+class AmplifierEffect(Effect):
     """Bandwidth of the actuator: a lag of order 1, or a current loop of order 2."""
 
     kind: Literal["amplifier"] = "amplifier"
@@ -159,21 +159,21 @@ class AmplifierEffect(EffectTable):
     damping_ratio: q.LoopDampingRatio | None = None
 
 
-class SaturationEffect(EffectTable):
+class SaturationEffect(Effect):
     """Largest force of the actuator."""
 
     kind: Literal["saturation"] = "saturation"
     force_n: q.ForceLimit | None = None
 
 
-class EstimatorEffect(EffectTable):
+class EstimatorEffect(Effect):
     """Estimate of the interaction frequency that selects the gains."""
 
     kind: Literal["estimator"] = "estimator"
     method: Literal["zero-crossing", "spectral-peak", "adaptive-notch", "fused"] = "fused"
 
 
-class AdaptationEffect(EffectTable):
+class AdaptationEffect(Effect):
     """Adaptation of the gains to the estimate: hold time, slew limit (None: no limit), passivity."""
 
     kind: Literal["adaptation"] = "adaptation"
@@ -182,11 +182,8 @@ class AdaptationEffect(EffectTable):
     passive: bool = True
 
 
-class GuardEffect(EffectTable):
+class GuardEffect(Effect):
     """A guard in the time domain that dissipates what the loop generates."""
 
     kind: Literal["guard"] = "guard"
     method: Literal["passivity-controller", "energy-tank"] = "passivity-controller"
-
-
-Effect = EffectTable

@@ -12,14 +12,7 @@ from avc_casadi._errors import Fault, InputError
 from avc_casadi._util.arrays import ComplexArray, FloatArray
 from avc_casadi.model import quantity as q
 from avc_casadi.model import table as t
-from avc_casadi.model.effects import (
-    AdaptationEffect,
-    Effect,
-    EffectTable,
-    EstimatorEffect,
-    GuardEffect,
-    ObserverEffect,
-)
+from avc_casadi.model.effects import AdaptationEffect, Effect, EstimatorEffect, GuardEffect, ObserverEffect
 from avc_casadi.model.problem import Problem
 
 Poles = tuple[float, float]
@@ -28,7 +21,7 @@ PLAIN: Poles = (0.0, 0.0)
 """No filter: the backward difference itself."""
 
 
-class VelocityFilterEffect(EffectTable):
+class VelocityFilterEffect(Effect):
     """Estimator of the velocity in place of the backward difference; each has its own keys."""
 
     kind: Literal["velocity-filter"] = "velocity-filter"
@@ -93,7 +86,7 @@ def _noise_m(problem: Problem) -> float:
 MOST_STATES = 16
 
 
-class StateFeedback(EffectTable):
+class StateFeedback(Effect):
     """An observer with a dead zone and state feedback, as of a robust design; its states are lengths."""
 
     # e = dz(x + face - s_m), s+ = s + L e, y = R s+, and after the force F: s = A s+ + B F. x is the measured position,

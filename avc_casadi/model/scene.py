@@ -11,7 +11,7 @@ from avc_casadi.model import EFFECTS, METHODS
 from avc_casadi.model import effects as e
 from avc_casadi.model import quantity as q
 from avc_casadi.model import table as t
-from avc_casadi.model.effects import EffectTable
+from avc_casadi.model.effects import Effect
 
 if TYPE_CHECKING:
     from avc_casadi.model.ends import ToolGains
@@ -87,7 +87,7 @@ def _effects(value: Any) -> tuple[Any, ...]:
     faults: list[t.Finding] = []
     for index, one in enumerate(value):
         kind = one.get("kind") if isinstance(one, Mapping) else None
-        if isinstance(one, EffectTable):
+        if isinstance(one, Effect):
             found.append(one)
         elif not isinstance(one, Mapping):
             faults.append(((index,), f"is {t.shown(one)}, not a table; allowed: a table with kind"))
@@ -113,7 +113,7 @@ class Scene(t.Table):
     integrator: Literal["exact", "projected"] = "exact"
     substeps: q.Substeps = 1
     motion: Motion = Press()
-    effects: Annotated[tuple[SerializeAsAny[EffectTable], ...], BeforeValidator(_effects)] = ()
+    effects: Annotated[tuple[SerializeAsAny[Effect], ...], BeforeValidator(_effects)] = ()
 
 
 def declared(problem: Problem) -> tuple[str, ...]:

@@ -21,7 +21,7 @@ from studied import table
 
 from avc_casadi.claims.levels import LEVELS
 from avc_casadi.model import EFFECTS, METHODS
-from avc_casadi.model.effects import EffectTable
+from avc_casadi.model.effects import Effect
 from avc_casadi.model.problem import Problem
 from avc_casadi.model.scene import coupling_name
 
@@ -52,7 +52,7 @@ def validators(annotation: Any) -> Iterator[Any]:
 
 def models(annotation: Any) -> list[type[BaseModel]]:
     """The tables that a type names."""
-    if annotation is EffectTable:
+    if annotation is Effect:
         return [one.keys for one in EFFECTS.values()]
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return [annotation]

@@ -12,7 +12,7 @@ import numpy as np
 from avc_casadi._errors import Fault, InputError
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi.model import EFFECTS
-from avc_casadi.model.effects import EffectTable
+from avc_casadi.model.effects import Effect
 from avc_casadi.model.gains import GainTable
 from avc_casadi.model.plant import Plant
 from avc_casadi.model.problem import Problem
@@ -37,7 +37,7 @@ class SceneEffect:
     """One effect with its numbers resolved; a subclass with the table of its keys is in the registry `EFFECTS`."""
 
     kind: ClassVar[str]
-    keys: ClassVar[type[EffectTable]]
+    keys: ClassVar[type[Effect]]
     rank: ClassVar[float]  # its order in the loop
     station: ClassVar[Station]
     role: ClassVar[str] = ""  # effects of one role exclude each other
@@ -47,7 +47,7 @@ class SceneEffect:
     declared: ClassVar[Mapping[str, str]] = {}
 
     def __init_subclass__(
-        cls, *, keys: type[EffectTable], rank: float, declared: Mapping[str, str] | None = None, **options: Any
+        cls, *, keys: type[Effect], rank: float, declared: Mapping[str, str] | None = None, **options: Any
     ) -> None:
         super().__init_subclass__()
         cls.kind, cls.keys, cls.rank = keys.model_fields["kind"].default, keys, rank
