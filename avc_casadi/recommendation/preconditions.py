@@ -8,7 +8,6 @@ import numpy as np
 
 from avc_casadi.claims.deployable import detent_claim
 from avc_casadi.claims.impedance import PRESS_N
-from avc_casadi.coupling import Coupling
 from avc_casadi.files.plausibility import plausibility
 from avc_casadi.files.problem_file import BELOW_NYQUIST
 from avc_casadi.loops.wall import MAX_DELAY_SAMPLES
@@ -18,7 +17,7 @@ from avc_casadi.model.corners import LINEAR_KEYS, device_corners
 from avc_casadi.model.device import Device
 from avc_casadi.model.ends import RIGID_N_PER_M, VirtualTool
 from avc_casadi.model.hands import hand_corners, with_released
-from avc_casadi.model.problem import Frequency, GainBox, Problem, defaults_at
+from avc_casadi.model.problem import Frequency, Problem
 from avc_casadi.model.scene import declared, declared_effects
 from avc_casadi.simulation.population.trial import CouplingTrial
 
@@ -85,7 +84,7 @@ def nothing_rendered(problem: Problem, felt_n_per_m: float, trial: CouplingTrial
     return f"nothing of the wall is rendered: {what}; {advice}"
 
 
-def assumed(problem: Problem, coupling: Coupling | None = None, *, devices: int = 1) -> tuple[str, ...]:
+def assumed(problem: Problem, devices: int = 1) -> tuple[str, ...]:
     """Return the assumptions."""
     gaps = ["hands are linear, on one axis, and constant while they hold on"]
     if problem.follower is None:
@@ -101,8 +100,6 @@ def assumed(problem: Problem, coupling: Coupling | None = None, *, devices: int 
         gaps.append(
             f"{key}: {f'linear stability at its corners, {at}' if linear else f'{at}; no part of linear stability'}"
         )
-    if coupling is not None:
-        gaps += _outside(coupling)
     gaps += [f"{SLIP}{doubt.key} {doubt.message}" for doubt in plausibility(problem)]
     return tuple(gaps)
 
@@ -133,21 +130,6 @@ def _ranges(problem: Problem) -> list[str]:
     return [key for key in keys if ".range." in key]
 
 
-def _outside(coupling: Coupling) -> list[str]:
-    """Return where gains leave the gain box stated in [coupling]."""
-    box, gains, device = coupling.problem.coupling, coupling.table.gains, coupling.problem.device
-    # Defaults, where the file of a rotary device states none.
-    usual = defaults_at(GainBox, device.metres_per_unit) if device.motion == "rotary" else {}
-    left = []
-    names = {"b": "damping_ns_per_m", "k": "stiffness_n_per_m", "b_p": "contact_damping_ns_per_m"}
-    for (symbol, key), values in zip(names.items(), gains, strict=True):
-        low, high = getattr(box, key)
-        outside = values[(values < low) | (values > high)]
-        if key in box.model_fields_set and (low, high) != usual.get(key) and len(outside):
-            left.append(f"{symbol} of {outside[np.argmax(np.abs(outside - low))]:.4g} lies outside [{low:g}, {high:g}]")
-    return [f"the gain box of [coupling] does not bound what is recommended: {' and '.join(left)}"] if left else []
-
-
 def _not_simulated(device: Device) -> set[str]:
     """Return the declared keys without effect with an encoder at the handle: play is between it and the motor."""
     at_handle = device.encoder_at == "handle" and device.resonance is not None
@@ -161,14 +143,14 @@ def not_used(problem: Problem) -> tuple[str, ...]:
     wall, tool, follower = problem.environment, problem.simulation, problem.follower
     bare = type(problem)(
         device=problem.device, environment=wall, simulation=tool, follower=follower, frequency=problem.frequency
-    )
+    ).changed(coupling={"contact": problem.coupling.contact})
     tables = ("boundaries", "stability", "realism", "schedule", "coupling", "robustness")
     stated = [key for key in tables if getattr(problem, key) != getattr(bare, key)]
     # The default band ends lower for a slow device.
     if problem.frequency not in (Frequency(), Frequency(stop_hz=BELOW_NYQUIST / problem.device.sample_time_s)):
         stated.append("frequency")
     if tool is None and follower is None:
-        unused += [f"{table}{_OF_SOLVE}" for table in stated if table not in {"coupling", "robustness"}]
+        unused += [f"{table}{_OF_SOLVE}" for table in stated if table != "robustness"]
     else:
         stated += ["environment"] if wall.stiffness_n_per_m or wall.damping_ns_per_m else []
         end = "simulation" if tool is not None else "follower"

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -29,8 +28,6 @@ _AT_ONCE_S, _PER_SETTLING, _PER_SOFTER = 0.5, 0.5, 0.2
 _AS_STIFF, _SLOW = 0.01, 0.95
 # Share of the hands below the vibration threshold that suffices: a stiff wall is kept despite a few light hands.
 BELOW_THRESHOLD_SHARE = 0.9
-# Cache of results, as long as their couplings are in use.
-_PROMISED: WeakKeyDictionary[Coupling, bool] = WeakKeyDictionary()
 
 
 @dataclass(frozen=True)
@@ -68,11 +65,15 @@ class Judged:
         return float(np.concatenate(rests).mean())
 
     @property
+    def quiet_hands(self) -> tuple[int, int]:
+        """How many hands stay below the vibrotactile detection threshold, also within the ranges, and of how many."""
+        return sum(int(one.quiet.sum()) for one in self.trials), sum(one.hands for one in self.trials)
+
+    @property
     def quiet(self) -> bool:
-        """Whether nearly all hands stay below the vibrotactile detection threshold, also within the ranges."""
-        return sum(int(one.quiet.sum()) for one in self.trials) >= BELOW_THRESHOLD_SHARE * sum(
-            one.hands for one in self.trials
-        )
+        """Whether nearly all hands stay below that threshold."""
+        below, hands = self.quiet_hands
+        return below >= BELOW_THRESHOLD_SHARE * hands
 
     @property
     def felt_n_per_m(self) -> float:
@@ -93,6 +94,11 @@ class Judged:
         slow, soft = math.log(max(settling_s, _AT_ONCE_S) / _AT_ONCE_S), max(0.0, -math.log(max(share, 1e-9)))
         active = max(rebound(self.coupling).values()) - 1
         return max(self.error, active, FELT_ERROR) + _PER_SETTLING * slow + _PER_SOFTER * soft
+
+    @cached_property
+    def promises_rest(self) -> bool:
+        """Whether a proof of L7 is likely."""
+        return promises_rest(self.coupling)
 
     def complete(self, *, lean_on_friction: bool) -> bool:
         """Return whether it is acceptable: as safe as required, vibration below the threshold."""
@@ -129,16 +135,9 @@ def best_of(judged: list[Judged], *, lean_on_friction: bool = False, stiffest: b
     quiet = max(int(one.trial.quiet.sum()) for one in as_near)
     quietest = [one for one in as_near if int(one.trial.quiet.sum()) == quiet]
     # Of several those for which a proof of L7 is likely, or all if there are none.
-    left = ([one for one in quietest if _promises(one.coupling)] or quietest) if len(quietest) > 1 else quietest
+    left = ([one for one in quietest if one.promises_rest] or quietest) if len(quietest) > 1 else quietest
     most_n_per_m = max(one.felt_n_per_m for one in left)
     return min((one for one in left if one.felt_n_per_m >= (1 - _AS_STIFF) * most_n_per_m), key=_plainness)
-
-
-def _promises(coupling: Coupling) -> bool:
-    """Return whether a proof of L7 is likely, cached: the same couplings are compared again after each trial."""
-    if coupling not in _PROMISED:
-        _PROMISED[coupling] = promises_rest(coupling)
-    return _PROMISED[coupling]
 
 
 def _plainness(one: Judged) -> tuple[float, ...]:
@@ -158,4 +157,13 @@ def reason_of(best: Judged | None, judged: list[Judged], considered: int) -> str
     if best.safety == 2:
         return f"not all simulated hands settle with any of {len(judged)} deployable candidates"
     lean = "; hands settle only thanks to the declared dry friction" if best.safety else ""
-    return f"the nearest to the wall, in motion and when released, of {len(judged)} deployable candidates{lean}"
+    why = f"the nearest to the wall, in motion and when released, of {len(judged)} deployable candidates{lean}"
+    worse = [one for one in judged if (one.safety, not one.quiet) > (best.safety, not best.quiet)]
+    other = min(worse, key=lambda one: (one.safety, one.error), default=best)
+    if other.error > best.error - FELT_ERROR:
+        return why
+    below, hands = other.quiet_hands
+    quiet = f"only {below} of {hands} hands stay below the vibrotactile threshold"
+    flaw = quiet if other.safety == best.safety else "not all hands settle"
+    errors = f"impedance error {100 * other.error:.2g} %, here {100 * best.error:.2g} %"
+    return f"{why}; with a nearer {other.coupling.method} ({errors}) {flaw}"

@@ -116,7 +116,7 @@ def recommend_wall(
             helps=() if why_none else helps(),
             considered=evaluator.considered,
             reason=why_none or nothing or lacks or reason_of(best, judged, evaluator.considered),
-            assumed=assumed(problem, None if best is None else best.coupling, devices=devices_of(best)),
+            assumed=assumed(problem, devices_of(best)),
             not_used=not_used(problem),
             trade_off=trade_off(problem, progress) if with_trade_off and coupling is not None else (),
         )
@@ -165,7 +165,7 @@ def judged_as_recommended(
         plain_wall_n_per_m=limit,
         helps=what_would_help(problem),
         reason=f"the gains of {gains.method}, as requested; {lacks or verdict.sentence}",
-        assumed=assumed(problem, found),
+        assumed=assumed(problem),
         not_used=not_used(problem),
     )
 
@@ -203,7 +203,7 @@ def stiffest(
             "plain_wall_n_per_m": limit.stiffness_n_per_m,
             "damping_ns_per_m": [limit.lowest_ns_per_m, limit.highest_ns_per_m],
             "what_would_help": [asdict(one) for one in what_would_help(walled)],
-            "assumed": list(assumed(problem.changed(detent=None), devices=devices_of(best))),
+            "assumed": list(assumed(problem.changed(detent=None), devices_of(best))),
             "not_used": list(not_used(problem)),
         }
     )

@@ -23,7 +23,7 @@ from avc_casadi.model.runtime import Runtime
 from avc_casadi.recommendation.evaluator import Evaluator, Withstood, missed
 from avc_casadi.recommendation.felt import deployed
 from avc_casadi.recommendation.preconditions import nothing_rendered
-from avc_casadi.recommendation.rank import Judged, best_of
+from avc_casadi.recommendation.rank import Judged, best_of, reason_of
 from avc_casadi.recommendation.recommendation import Recommendation
 from avc_casadi.recommendation.sensitivity import what_would_help
 from avc_casadi.simulation.population.operators import people_of
@@ -60,11 +60,10 @@ def test_what_a_press_has_not_reached_yet_is_not_counted():
     """A slow observer creeps towards the stiffness at rest for longer than a press lasts."""
     quick, slow = (judged(order, share, HANDS, HANDS, HANDS) for order, share in enumerate((0.5, 0.8)))
     assert best_of([quick, slow]) is slow
-    pressed = replace(slow.trial, stiffness_n_per_m=np.full(HANDS, 0.4 * WALL))
-    slow = replace(slow, trial=pressed)
+    slow = replace(slow, trial=replace(slow.trial, stiffness_n_per_m=np.full(HANDS, 0.4 * WALL)))
     assert slow.felt_n_per_m == pytest.approx(0.4 * WALL)
     assert best_of([quick, slow]) is quick
-    at_the_limit = replace(slow, trial=replace(pressed, stiffness_n_per_m=np.full(HANDS, np.nan)))
+    at_the_limit = replace(slow, trial=replace(slow.trial, stiffness_n_per_m=np.full(HANDS, np.nan)))
     assert at_the_limit.felt_n_per_m == pytest.approx(0.8 * WALL)
 
 
@@ -75,6 +74,7 @@ def test_of_equally_safe_ones_what_is_quiet_wins_over_what_is_nearer_and_the_sim
     )
     assert near.distance < quiet.distance - 0.1
     assert best_of([near, quiet]) is quiet
+    assert "8 of 10 hands" in reason_of(quiet, [near, quiet], 2)
     assert best_of([replace(near, trial=trial(10, 10, 9)), quiet]).order == 0
     simpler, other = judged(0, 0.5, 10, 10, 10), judged(1, 0.5, 10, 10, 10)
     assert best_of([other, simpler]) is best_of([simpler, other]) is simpler

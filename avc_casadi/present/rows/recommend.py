@@ -239,13 +239,13 @@ def _limit(data: Mapping[str, Any]) -> list[Row]:
 
 def _details(data: Mapping[str, Any]) -> list[Row]:
     """Return the rows of lower rank: limit cycles, what was simulated, why this one, assumptions."""
-    rows = []
-    if data.get("rest"):
-        rows.append(row("Limit cycles", f"{data['rest']['word']}: {data['rest']['sentence']}", rank=1))
+    rest = data.get("rest")
+    rows = [row("Limit cycles", f"{rest['word']}: {rest['sentence']}", rank=1)] if rest else []
     if (trial := data["trial"]) is not None:
         effects = [", ".join(trial.get("effects", ())), ", ".join(trial["motions"])]
         rows.append(row("Simulated effects", "; ".join(filter(None, effects)), rank=1))
-    rows.append(row("Reason", data["reason"], rank=1))
+    far = any(data["felt"].get("complex_error", {}).get(hz, 0.0) > _SOFTER for hz in ("1", "10"))
+    rows.append(row("Reason", data["reason"], mark=doubted(far), rank=0 if far else 1))
     return rows + subject.notes((one for one in data["assumed"] if not one.startswith(SLIP)), "Assumed", Mark.NONE, 1)
 
 
