@@ -245,7 +245,7 @@ def _details(data: Mapping[str, Any]) -> list[Row]:
         effects = [", ".join(trial.get("effects", ())), ", ".join(trial["motions"])]
         rows.append(row("Simulated effects", "; ".join(filter(None, effects)), rank=1))
     far = any(data["felt"].get("complex_error", {}).get(hz, 0.0) > _SOFTER for hz in ("1", "10"))
-    rows.append(row("Reason", data["reason"], mark=doubted(far), rank=0 if far else 1))
+    rows.append(row("Reason", data["reason"], mark=caution(far), rank=0 if far else 1))
     return rows + subject.notes((one for one in data["assumed"] if not one.startswith(SLIP)), "Assumed", Mark.NONE, 1)
 
 
