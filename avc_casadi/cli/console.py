@@ -92,11 +92,6 @@ class Console(Progress):
                 sys.stderr.write(plain.rstrip("\n") + "\n")
                 sys.stderr.flush()
 
-    def begin(self, line: str) -> None:
-        """Tell at once what long work was begun, where its steps are not shown."""
-        if not self._terminal:
-            self.complain(line)
-
     def notice(self, line: str) -> None:
         """Print to standard error during a step, above its line."""
         if self._step is None or not self._terminal:

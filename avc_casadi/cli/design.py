@@ -244,7 +244,7 @@ def run_run(args: argparse.Namespace, console: Console) -> Answer:
         raise avc.InputError.of(what, key="P")
     shown = Path(args.out or f"avc-{problem.name.replace('/', '-')}")
     with output_folder(args.out or str(shown), "--out") as folder:
-        console.begin(f"{args.problem} ... all of it, into {shown}")
+        console.notice(f"{args.problem} ... all of it, into {shown}")
         # Slow to load: after the first line.
         from avc_casadi.present import report
         from avc_casadi.present.rows.design import run
