@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Any
@@ -22,9 +23,10 @@ from avc_casadi.model.scene import Free, Motion, Stroke, Tap, scene_effects
 from avc_casadi.simulation.advance import Advance, Drive, MatrixExponential, TaylorSeries
 from avc_casadi.simulation.contact import Environment, coupling_parameters, wall_force
 from avc_casadi.simulation.effects.base import SceneEffect, Station
-from avc_casadi.simulation.effects.environment import Engine
-from avc_casadi.simulation.effects.interface import Delay, Jitter, VelocityFilter
-from avc_casadi.simulation.effects.mechanics import Backlash
+from avc_casadi.simulation.effects.computation import Adaptation
+from avc_casadi.simulation.effects.environment import Engine, Wall
+from avc_casadi.simulation.effects.interface import Delay, Encoder, Jitter, VelocityFilter
+from avc_casadi.simulation.effects.mechanics import Backlash, CoulombFriction
 from avc_casadi.simulation.tick import Tick, ca, column
 
 
@@ -64,7 +66,7 @@ def _clashes(built: list[SceneEffect]) -> list[str]:
     filtered = any(isinstance(effect, VelocityFilter) for effect in built)
     if filtered and any(isinstance(effect, Engine) for effect in built):
         messages.append("the engine of simulation sees plain differences; allowed: leave velocity-filter out")
-    if any(isinstance(effect, Backlash) for effect in built) and any(effect.sensed_body == HANDLE for effect in built):
+    if any(isinstance(effect, Backlash) for effect in built) and _measured_body(built) == HANDLE:
         messages.append("backlash and an encoder at the handle exclude each other; allowed: one of them")
     return messages
 
@@ -188,8 +190,8 @@ def _compiled(problem: Problem, effects: tuple[SceneEffect, ...], gains: Gains) 
     samples = max(1, round(problem.scene.duration_s / sample_time_s))
     target = target_of(problem.scene.motion, samples, sample_time_s)
     plant, owners = mechanics_of(problem, effects)
-    environment = next((effect.environment for effect in effects if effect.environment is not None), None)
-    table = next((effect.gain_table for effect in effects if effect.gain_table is not None), None)
+    environment = next((effect.environment for effect in effects if isinstance(effect, Wall)), None)
+    table = next((effect.table for effect in effects if isinstance(effect, Adaptation)), None)
     if environment is not None:
         asked: Contact = "clip-last" if environment.clips_last else "gated"
         stiffness = gains.stiffness_n_per_m if table is None else table.gains[1]
@@ -260,6 +262,10 @@ def mechanics_of(problem: Problem, effects: tuple[SceneEffect, ...]) -> tuple[Li
     return linear, {name: owners[name.split("_", 1)[0]] for name in linear.names}
 
 
+def _measured_body(effects: Sequence[SceneEffect]) -> str:
+    return next((effect.body for effect in effects if isinstance(effect, Encoder)), DEVICE)
+
+
 def _measured_position(problem: Problem, effects: tuple[SceneEffect, ...], tick: Tick) -> Any:
     """Record the motion of device and handle; return the measured position: the motor's, unless an effect names one."""
     moves = {slot.name: slot.symbol for slot in tick.states}
@@ -268,7 +274,7 @@ def _measured_position(problem: Problem, effects: tuple[SceneEffect, ...], tick:
     if f"{HANDLE}_position_m" in moves:
         tick.trace("handle_m_per_s", moves[f"{HANDLE}_velocity_m_per_s"])
         tick.trace("handle_m", moves[f"{HANDLE}_position_m"])
-    body = next((effect.sensed_body for effect in effects if effect.sensed_body is not None), DEVICE)
+    body = _measured_body(effects)
     if f"{body}_position_m" not in moves:
         message = f"measure the {body}, of which there is none; allowed: beside the effect resonance"
         raise InputError.of(message, file=problem.name, key="scene.effects")
@@ -301,7 +307,7 @@ def _sample(
 
 def _advance(problem: Problem, effects: tuple[SceneEffect, ...], plant: LinearPlant, tick: Tick) -> Advance:
     """Return the scheme from one sample to the next: the scene's integrator, where there is a choice."""
-    friction = sum(effect.friction_n for effect in effects)
+    friction = sum(effect.force_n for effect in effects if isinstance(effect, CoulombFriction))
     integrator, substeps = problem.scene.integrator, problem.scene.substeps
     constant = tick.late if isinstance(tick.late, float) else 0.0
     varying = tick.late is not None and constant == 0

@@ -227,7 +227,7 @@ def simulate_effects(
     seconds = time.perf_counter() - started
     found = Traces.of(traces, problem.device).judge()
     claim: Claim = "asymptotic" if found.stable else "unstable"
-    if found.stable and any(effect.friction_n > 0 for effect in effects):
+    if found.stable and any(isinstance(effect, CoulombFriction) for effect in effects):
         frictionless = compile_scene(problem, without(effects, CoulombFriction.kind), chosen)
         free = Traces.of(_traces(frictionless, chosen, seed), problem.device)
         claim = "asymptotic" if free.judge().stable else "held-by-friction"

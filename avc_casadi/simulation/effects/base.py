@@ -13,10 +13,8 @@ from avc_casadi._errors import Fault, InputError
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi.model import EFFECTS
 from avc_casadi.model.effects import Effect
-from avc_casadi.model.gains import GainTable
 from avc_casadi.model.plant import Plant
 from avc_casadi.model.problem import Problem
-from avc_casadi.simulation.contact import Environment
 from avc_casadi.simulation.tick import Tick
 
 
@@ -66,29 +64,9 @@ class SceneEffect:
         return cls(**given)
 
     @property
-    def environment(self) -> Environment | None:
-        """The virtual environment, of the effect that defines one."""
-        return None
-
-    @property
-    def gain_table(self) -> GainTable | None:
-        """The table from which it sets the gains of the coupling at every sample."""
-        return None
-
-    @property
-    def sensed_body(self) -> str | None:
-        """The body whose position is measured; None leaves it to other effects."""
-        return None
-
-    @property
     def numbers(self) -> FloatArray:
         """Its parameters of a run, shape (n,) or (hands, n), in the order in which it adds them."""
         return np.zeros(0)
-
-    @property
-    def friction_n(self) -> float:
-        """Dry friction between device and ground."""
-        return 0.0
 
     def mechanics(self, plant: Plant) -> None:
         """Add masses, springs and dampers."""

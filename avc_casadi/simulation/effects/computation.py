@@ -117,10 +117,6 @@ class Adaptation(SceneEffect, keys=AdaptationEffect, rank=150, of_coupling=True)
             raise InputError.of(message, file=problem.name, key=place)
         return cls(table.hold_s, AdaptationSettings(table.slew_per_s, table.passive))
 
-    @property
-    def gain_table(self) -> GainTable | None:
-        return self.table
-
     def sample(self, tick: Tick) -> None:
         """Look up the gains; they take effect when the coupling reads them."""
         if self.table is None:

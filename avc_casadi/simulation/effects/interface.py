@@ -120,10 +120,6 @@ class Encoder(SceneEffect, keys=EncoderEffect, rank=80):
         return cls(declared_number(table.resolution_m, problem, f"{place}.resolution_m", "encoder_resolution_m"))
 
     @property
-    def sensed_body(self) -> str | None:
-        return self.body
-
-    @property
     def numbers(self) -> FloatArray:
         """The phase of each hand, shape (hands, 1)."""
         return np.zeros(0) if self.phase is None or self.resolution_m == 0 else self.phase[:, None]

@@ -115,7 +115,3 @@ class CoulombFriction(SceneEffect, keys=CoulombFrictionEffect, rank=30, declared
     """A force of constant magnitude against the velocity; at rest it balances the load up to that magnitude."""
 
     force_n: float
-
-    @property
-    def friction_n(self) -> float:
-        return self.force_n
