@@ -56,8 +56,8 @@ def build_effects(problem: Problem) -> tuple[SceneEffect, ...]:
 def _clashes(built: list[SceneEffect]) -> list[str]:
     """Return what is wrong with effects of incompatible numbers."""
     messages = []
-    delays = [effect.samples for effect in built if isinstance(effect, Delay)]
-    late = any(isinstance(effect, Jitter) and effect.rms_s > 0 for effect in built)
+    delays = [effect.table.samples for effect in built if isinstance(effect, Delay)]
+    late = any(isinstance(effect, Jitter) and effect.table.rms_s > 0 for effect in built)
     if late and any(samples != int(samples) for samples in delays):
         messages.append(
             f"delay of {delays[0]:g} samples and forces that come late at random exclude each other; allowed: whole "
@@ -307,7 +307,7 @@ def _sample(
 
 def _advance(problem: Problem, effects: tuple[SceneEffect, ...], plant: LinearPlant, tick: Tick) -> Advance:
     """Return the scheme from one sample to the next: the scene's integrator, where there is a choice."""
-    friction = sum(effect.force_n for effect in effects if isinstance(effect, CoulombFriction))
+    friction = sum(effect.table.force_n for effect in effects if isinstance(effect, CoulombFriction))
     integrator, substeps = problem.scene.integrator, problem.scene.substeps
     constant = tick.late if isinstance(tick.late, float) else 0.0
     varying = tick.late is not None and constant == 0

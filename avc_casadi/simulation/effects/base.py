@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any, ClassVar, Self
 
@@ -32,7 +32,7 @@ class Station(IntEnum):
 
 @dataclass(frozen=True)
 class SceneEffect:
-    """One effect with its numbers resolved; a subclass with the table of its keys is in the registry `EFFECTS`."""
+    """One effect with its numbers known; a subclass with the class of its table is in the registry `EFFECTS`."""
 
     kind: ClassVar[str]
     keys: ClassVar[type[Effect]]
@@ -44,24 +44,15 @@ class SceneEffect:
     # Keys that must not be 0, with those of the device that are taken where the table leaves them out.
     declared: ClassVar[Mapping[str, str]] = {}
 
-    def __init_subclass__(
-        cls, *, keys: type[Effect], rank: float, declared: Mapping[str, str] | None = None, **options: Any
-    ) -> None:
+    def __init_subclass__(cls, *, keys: type[Effect] | None = None, rank: float = 0, **options: Any) -> None:
         super().__init_subclass__()
+        if keys is None:
+            return
         cls.kind, cls.keys, cls.rank = keys.model_fields["kind"].default, keys, rank
         cls.station = max(station for station in Station if station <= rank)
-        cls.declared = declared or {}
         for name, value in options.items():
             setattr(cls, name, value)
         EFFECTS.add(cls.kind, cls, rank)
-
-    @classmethod
-    def build(cls, table: Any, problem: Problem, place: str) -> Self:
-        """Resolve the numbers: what the table leaves out is taken from the problem."""
-        given = {item.name: getattr(table, item.name) for item in fields(cls)}
-        for key, source in cls.declared.items():
-            given[key] = declared_number(given[key], problem, f"{place}.{key}", source)
-        return cls(**given)
 
     @property
     def numbers(self) -> FloatArray:
@@ -73,6 +64,22 @@ class SceneEffect:
 
     def sample(self, tick: Tick) -> None:
         """Add states, inputs and expressions to the sample."""
+
+
+@dataclass(frozen=True)
+class TableEffect(SceneEffect):
+    """An effect whose numbers are those of its table."""
+
+    table: Any
+
+    @classmethod
+    def build(cls, table: Any, problem: Problem, place: str) -> Self:
+        """Return the effect of a table; what that leaves out is taken from the device."""
+        known = {
+            key: declared_number(getattr(table, key), problem, f"{place}.{key}", source)
+            for key, source in cls.declared.items()
+        }
+        return cls(table.model_copy(update=known))
 
 
 def declared_number(value: float | None, problem: Problem, place: str, source: str = "") -> float:

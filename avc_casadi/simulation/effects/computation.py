@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Self
 
+import numpy as np
+
 from avc_casadi._errors import InputError
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi.model.effects import (
@@ -17,8 +19,8 @@ from avc_casadi.model.effects import (
 )
 from avc_casadi.model.gains import GainTable
 from avc_casadi.model.problem import Problem
-from avc_casadi.model.runtime import StateFeedback as Settings
-from avc_casadi.simulation.effects.base import SceneEffect, declared_number, required_number
+from avc_casadi.model.runtime import StateFeedback as StateFeedbackEffect
+from avc_casadi.simulation.effects.base import SceneEffect, TableEffect, declared_number, required_number
 from avc_casadi.simulation.runtime.adaptation import AdaptationSettings, adaptation_step, guard_step, hold_step
 from avc_casadi.simulation.runtime.estimators import EstimatorSettings, estimator_step
 from avc_casadi.simulation.runtime.observer import ObserverSettings, observer_step, state_feedback_step
@@ -47,24 +49,16 @@ class Guard(SceneEffect, keys=GuardEffect, rank=190, of_coupling=True):
         tick.trace("guard_reserve_j", outputs["reserve_j"])
 
 
-@dataclass(frozen=True)
-class StateFeedback(SceneEffect, keys=Settings, rank=120, role="observer", of_coupling=True):
+class StateFeedback(TableEffect, keys=StateFeedbackEffect, rank=120, role="observer", of_coupling=True):
     """Replaces the measured position by a weighted sum of the observer's states."""
-
-    settings: Settings
-
-    @classmethod
-    def build(cls, table: Any, problem: Problem, place: str) -> Self:
-        del problem, place
-        return cls(table)
 
     @property
     def numbers(self) -> FloatArray:
         """The matrices: scenes with others of the same size share their code."""
-        return self.settings.numbers()
+        return np.asarray(self.table.numbers())
 
     def sample(self, tick: Tick) -> None:
-        step = state_feedback_step(self.settings)
+        step = state_feedback_step(self.table)
         numbers = [tick.parameter(f"state_feedback_{name}") for name in step.parameters]
         inputs = [tick.position, tick.previous_force(delayed=False)]
         tick.position = insert(tick, "state_feedback", step, inputs, numbers)["position_m"]

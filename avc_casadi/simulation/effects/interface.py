@@ -10,7 +10,6 @@ import numpy as np
 
 from avc_casadi._errors import InputError
 from avc_casadi._util.arrays import FloatArray
-from avc_casadi.model.device import CURRENT_LOOP_DAMPING_RATIO
 from avc_casadi.model.effects import (
     AmplifierEffect,
     DelayEffect,
@@ -24,59 +23,44 @@ from avc_casadi.model.plant import DEVICE, HANDLE, Plant
 from avc_casadi.model.problem import Problem
 from avc_casadi.model.runtime import Poles, VelocityFilterEffect, velocity_poles
 from avc_casadi.model.scene import scene_effects
-from avc_casadi.simulation.effects.base import SceneEffect, declared_number
+from avc_casadi.simulation.effects.base import SceneEffect, TableEffect, declared_number
 from avc_casadi.simulation.tick import Tick, ca, delay_line
 
 
-@dataclass(frozen=True)
-class Jitter(SceneEffect, keys=JitterEffect, rank=220, scene_alone=True):
+class Jitter(TableEffect, keys=JitterEffect, rank=220, scene_alone=True):
     """The new force is late by |e|, e Gaussian, at most one sample; in a dropped sample the computer does nothing."""
-
-    rms_s: float
-    seed: int
-    dropped_share: float
-
-    @classmethod
-    def build(cls, table: Any, problem: Problem, place: str) -> Self:
-        if table.rms_s == 0 and table.dropped_share == 0:
-            message = "rms_s and dropped_share are both 0; allowed: one above 0, or leave the effect out"
-            raise InputError.of(message, file=problem.name, key=place)
-        return super().build(table, problem, place)
 
     def sample(self, tick: Tick) -> None:
         if tick.command is None:
             return
         before = tick.state("force_before_n", computed=False)
-        if self.dropped_share > 0:
+        if self.table.dropped_share > 0:
             tick.dropped = tick.input("dropped", self._drops)
             tick.command = ca.if_else(tick.dropped, before, tick.command)
-        if self.rms_s > 0:
+        if self.table.rms_s > 0:
             tick.command_before = before
             sample_time_s = tick.sample_time_s
             tick.late = tick.input("late_share", lambda samples, run: self._lateness(samples, run, sample_time_s))
         tick.follow("force_before_n", tick.command)
 
     def _drops(self, samples: int, run: int) -> FloatArray:
-        draws = np.random.default_rng((self.seed, run, 1)).random(samples)
-        return (draws < self.dropped_share).astype(np.float64)
+        draws = np.random.default_rng((self.table.seed, run, 1)).random(samples)
+        return np.asarray(draws < self.table.dropped_share, dtype=np.float64)
 
     def _lateness(self, samples: int, run: int, sample_time_s: float) -> FloatArray:
-        draws = np.random.default_rng((self.seed, run, 2)).standard_normal(samples)
-        return np.minimum(np.abs(draws) * self.rms_s / sample_time_s, 1.0)
+        draws = np.random.default_rng((self.table.seed, run, 2)).standard_normal(samples)
+        return np.asarray(np.minimum(np.abs(draws) * self.table.rms_s / sample_time_s, 1.0))
 
 
-@dataclass(frozen=True)
-class Delay(SceneEffect, keys=DelayEffect, rank=210, declared={"samples": "delay_samples"}):
+class Delay(TableEffect, keys=DelayEffect, rank=210, declared={"samples": "delay_samples"}):
     """A delay line of commands; a fractional part lets the previous command act for a share of the sample."""
-
-    samples: float
 
     def sample(self, tick: Tick) -> None:
         """Shift the command into the line and take the oldest, or the last two."""
         if tick.command is None:
             return
-        whole = int(self.samples)
-        late = float(self.samples - whole)
+        whole = int(self.table.samples)
+        late = float(self.table.samples - whole)
         tick.undelayed = tick.command
         line = delay_line(tick, "delayed", tick.command, whole + (late > 0))
         tick.command = line[whole]
@@ -84,15 +68,11 @@ class Delay(SceneEffect, keys=DelayEffect, rank=210, declared={"samples": "delay
             tick.late, tick.command_before = late, line[whole + 1]
 
 
-@dataclass(frozen=True)
-class Noise(SceneEffect, keys=NoiseEffect, rank=70, scene_alone=True, declared={"rms_m": "position_noise_rms_m"}):
+class Noise(TableEffect, keys=NoiseEffect, rank=70, scene_alone=True, declared={"rms_m": "position_noise_rms_m"}):
     """White Gaussian noise on each sampled position, before an encoder."""
 
-    rms_m: float
-    seed: int
-
     def sample(self, tick: Tick) -> None:
-        rms, seed = self.rms_m, self.seed
+        rms, seed = self.table.rms_m, self.table.seed
 
         def noise_m(samples: int, run: int) -> FloatArray:
             return np.asarray(rms * np.random.default_rng((seed, run)).standard_normal(samples))
@@ -130,13 +110,8 @@ class Encoder(SceneEffect, keys=EncoderEffect, rank=80):
             tick.position = self.resolution_m * (ca.floor(tick.position / self.resolution_m - phase + 0.5) + phase)
 
 
-@dataclass(frozen=True)
-class Notch(SceneEffect, keys=NotchEffect, rank=100, scene_alone=True):
+class Notch(TableEffect, keys=NotchEffect, rank=100, scene_alone=True):
     """(s^2 + d w omega s + omega^2)/(s^2 + w omega s + omega^2) by Tustin's rule, exact at its frequency; 1 at rest."""
-
-    frequency_hz: float
-    depth: float
-    width: float
 
     @classmethod
     def build(cls, table: Any, problem: Problem, place: str) -> Self:
@@ -148,14 +123,14 @@ class Notch(SceneEffect, keys=NotchEffect, rank=100, scene_alone=True):
 
     def section(self, sample_time_s: float) -> tuple[float, float, float, float, float]:
         """Return b0, b1, b2, a1, a2 of the discrete filter."""
-        turned = math.tan(math.pi * self.frequency_hz * sample_time_s)
-        wide, square = self.width * turned, turned * turned
+        turned = math.tan(math.pi * self.table.frequency_hz * sample_time_s)
+        wide, square = self.table.width * turned, turned * turned
         whole = 1 + wide + square
         middle = 2 * (square - 1) / whole
         return (
-            (1 + self.depth * wide + square) / whole,
+            (1 + self.table.depth * wide + square) / whole,
             middle,
-            (1 - self.depth * wide + square) / whole,
+            (1 - self.table.depth * wide + square) / whole,
             middle,
             (1 - wide + square) / whole,
         )
@@ -185,33 +160,26 @@ class VelocityFilter(SceneEffect, keys=VelocityFilterEffect, rank=130, scene_alo
         tick.poles = self.poles
 
 
-@dataclass(frozen=True)
-class Saturation(SceneEffect, keys=SaturationEffect, rank=200, declared={"force_n": "max_force_n"}):
+class Saturation(TableEffect, keys=SaturationEffect, rank=200, declared={"force_n": "max_force_n"}):
     """Saturation of the commanded force."""
-
-    force_n: float
 
     def sample(self, tick: Tick) -> None:
         if tick.command is not None:
-            tick.command = ca.fmin(ca.fmax(tick.command, -self.force_n), self.force_n)
+            tick.command = ca.fmin(ca.fmax(tick.command, -self.table.force_n), self.table.force_n)
 
 
-@dataclass(frozen=True)
-class Amplifier(SceneEffect, keys=AmplifierEffect, rank=230, scene_alone=True):
+class Amplifier(TableEffect, keys=AmplifierEffect, rank=230, scene_alone=True):
     """Lag between the command and the force."""
-
-    bandwidth_hz: float
-    order: int = 1
-    damping_ratio: float = CURRENT_LOOP_DAMPING_RATIO
 
     @classmethod
     def build(cls, table: Any, problem: Problem, place: str) -> Self:
         device, key = problem.device, "amplifier_bandwidth_hz"
         bandwidth = declared_number(table.bandwidth_hz, problem, f"{place}.bandwidth_hz", key)
         ratio = table.damping_ratio or device.amplifier_damping_ratio
-        return cls(bandwidth, table.order or device.amplifier_order, ratio)
+        known = {"bandwidth_hz": bandwidth, "order": table.order or device.amplifier_order, "damping_ratio": ratio}
+        return cls(table.model_copy(update=known))
 
     def mechanics(self, plant: Plant) -> None:
-        plant.actuator_rate_per_s = 2 * math.pi * self.bandwidth_hz
-        plant.actuator_order = self.order
-        plant.actuator_damping_ratio = self.damping_ratio
+        plant.actuator_rate_per_s = 2 * math.pi * self.table.bandwidth_hz
+        plant.actuator_order = self.table.order
+        plant.actuator_damping_ratio = self.table.damping_ratio

@@ -17,7 +17,7 @@ from avc_casadi.model.effects import (
 from avc_casadi.model.hands import Hand, StylusHand
 from avc_casadi.model.plant import DEVICE, GROUND, Plant
 from avc_casadi.model.problem import Problem
-from avc_casadi.simulation.effects.base import SceneEffect, declared_number
+from avc_casadi.simulation.effects.base import SceneEffect, TableEffect, declared_number
 from avc_casadi.simulation.tick import Tick, ca
 
 
@@ -48,27 +48,19 @@ class StylusGrip(Grip, keys=StylusHandEffect, rank=50, role="hand"):
         return cls(StylusHand(**{item.name: getattr(table, item.name) for item in fields(StylusHand)}))
 
 
-@dataclass(frozen=True)
-class Backlash(SceneEffect, keys=BacklashEffect, rank=60, scene_alone=True, declared={"gap_m": "backlash_m"}):
+class Backlash(TableEffect, keys=BacklashEffect, rank=60, scene_alone=True, declared={"gap_m": "backlash_m"}):
     """The encoder at the motor follows the position only beyond half the play: a hysteresis (play operator)."""
-
-    gap_m: float
 
     def sample(self, tick: Tick) -> None:
         name = "backlash_position_m"
         before = tick.state(name, tick.start_m, computed=False)
-        half = self.gap_m / 2
+        half = self.table.gap_m / 2
         tick.position = ca.fmax(ca.fmin(before, tick.position + half), tick.position - half)
         tick.follow(name, tick.position)
 
 
-@dataclass(frozen=True)
-class Resonance(SceneEffect, keys=ResonanceEffect, rank=10, scene_alone=True):
+class Resonance(TableEffect, keys=ResonanceEffect, rank=10, scene_alone=True):
     """The device's mass split in two: sensor and actuator on one, the hand on the other."""
-
-    frequency_hz: float
-    damping_ratio: float
-    mass_ratio: float
 
     @classmethod
     def build(cls, table: Any, problem: Problem, place: str) -> Self:
@@ -92,26 +84,20 @@ class Resonance(SceneEffect, keys=ResonanceEffect, rank=10, scene_alone=True):
             faults.append(("", "needs device.mass_kg above 0; leave the effect out or give the device its mass"))
         if faults:
             raise InputError([Fault(problem.name, None, f"{place}{key}", message) for key, message in faults])
-        return cls(**values)
+        return cls(table.model_copy(update=values))
 
     def mechanics(self, plant: Plant) -> None:
-        plant.split(self.frequency_hz, self.damping_ratio, self.mass_ratio)
+        plant.split(self.table.frequency_hz, self.table.damping_ratio, self.table.mass_ratio)
 
 
-@dataclass(frozen=True)
 class ViscousFriction(
-    SceneEffect, keys=ViscousFrictionEffect, rank=20, scene_alone=True, declared={"damping_ns_per_m": ""}
+    TableEffect, keys=ViscousFrictionEffect, rank=20, scene_alone=True, declared={"damping_ns_per_m": ""}
 ):
     """A damper between device and ground, in addition to ``device.damping_ns_per_m``, which is not counted twice."""
 
-    damping_ns_per_m: float
-
     def mechanics(self, plant: Plant) -> None:
-        plant.join(DEVICE, GROUND, 0.0, self.damping_ns_per_m)
+        plant.join(DEVICE, GROUND, 0.0, self.table.damping_ns_per_m)
 
 
-@dataclass(frozen=True)
-class CoulombFriction(SceneEffect, keys=CoulombFrictionEffect, rank=30, declared={"force_n": "coulomb_friction_n"}):
+class CoulombFriction(TableEffect, keys=CoulombFrictionEffect, rank=30, declared={"force_n": "coulomb_friction_n"}):
     """A force of constant magnitude against the velocity; at rest it balances the load up to that magnitude."""
-
-    force_n: float

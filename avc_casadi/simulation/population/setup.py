@@ -137,7 +137,7 @@ def prepare(setup: Setup, people: Hand | StylusHand, motion: Motion, duration_s:
     key = (setup.problem, setup.effects, setup.steps_anywhere, structure, hands, motion, duration_s)
     compiled, inputs = _compiled(_SceneKey(key, lambda: compile_scene(*setup.stage(people, motion, duration_s), gains)))
     if law is not None:
-        compiled = compiled.with_numbers("state-feedback", settings=law)
+        compiled = compiled.with_numbers("state-feedback", table=law)
     return compiled, compiled.parameter_values(gains), inputs
 
 
