@@ -281,6 +281,9 @@ def simulate_batch(problem: Problem, hands: Hand | StylusHand, gains: AnyGains, 
     Returns:
         The judgement, with arrays of shape (n,).
 
+    Raises:
+        InputError: as `simulate`; or the scene lists no hand.
+
     Example:
         >>> from avc_casadi.model.hands import hand_set
         >>> problem = avc.load_problem("scenes/stiff-wall-pressed")
