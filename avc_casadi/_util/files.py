@@ -16,7 +16,7 @@ from avc_casadi._util.interrupt import DeferredInterrupt
 
 
 @contextmanager
-def opened(path: str | Path, most_bytes: int, next_step: str = "") -> Iterator[BinaryIO]:
+def open_bounded(path: str | Path, most_bytes: int, next_step: str = "") -> Iterator[BinaryIO]:
     """Open a regular file given by a user, of bounded size; a pipe or a device is not opened."""
     place, then = Path(path), next_step and f"; {next_step}"
     try:
@@ -35,7 +35,7 @@ def opened(path: str | Path, most_bytes: int, next_step: str = "") -> Iterator[B
 
 def read_text(path: str | Path, most_bytes: int, next_step: str = "") -> str:
     """Return the text of a file in UTF-8, without a byte order mark."""
-    with opened(path, most_bytes, next_step) as file:
+    with open_bounded(path, most_bytes, next_step) as file:
         content = file.read()
     try:
         return content.decode("utf-8-sig")
@@ -62,7 +62,7 @@ def write_file(path: str | Path, content: str | bytes) -> None:
 
 
 @contextmanager
-def gathered_folder(path: Path) -> Iterator[Path]:
+def staging_folder(path: Path) -> Iterator[Path]:
     """Collect results in a temporary folder that is yielded; at the end its files move into the requested one."""
     place = Path(os.path.realpath(path))
     missing = [folder for folder in (place, *place.parents) if not folder.exists()]

@@ -76,7 +76,7 @@ def cluster(address: str | None) -> Iterator[Executor | None]:
         yield client.get_executor()
 
 
-def mapped(
+def map_tasks(
     work: Callable[[T], R],
     tasks: Sequence[T],
     executor: Executor | None = None,

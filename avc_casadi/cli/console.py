@@ -173,9 +173,9 @@ def writing(path: str | Path, key: str) -> Iterator[None]:
 @contextmanager
 def output_folder(text: str, key: str) -> Iterator[Path]:
     """Collect results in a folder that is yielded; at the end all of them move into the requested one, or none."""
-    from avc_casadi._util.files import gathered_folder
+    from avc_casadi._util.files import staging_folder
 
-    with writing(text, key), gathered_folder(Path(text)) as gathered:
+    with writing(text, key), staging_folder(Path(text)) as gathered:
         yield gathered
 
 

@@ -20,7 +20,7 @@ from scipy.io.matlab import MatReadError
 
 from avc_casadi._errors import Fault, InputError
 from avc_casadi._util.arrays import IndexArray
-from avc_casadi._util.files import opened
+from avc_casadi._util.files import open_bounded
 from avc_casadi._util.units import MotionKind
 from avc_casadi.identification.log import Columns, Record, faults_of, faults_of_rows, records_of
 
@@ -122,7 +122,7 @@ def _columns(path: str | Path, layout: Layout) -> Columns:
     if ending not in (*_TEXTS, ".npz", ".mat"):
         raise InputError.of(f"ends in {ending!r}; allowed: {', '.join(_TEXTS)}, .npz, .mat", file=file)
     try:
-        with opened(path, MOST_BYTES) as stream:
+        with open_bounded(path, MOST_BYTES) as stream:
             if ending in _TEXTS:
                 return _text(stream.read().decode("utf-8-sig"), file, layout)
             return _arrays(_npz(stream) if ending == ".npz" else _mat(stream), file, layout)

@@ -24,7 +24,7 @@ from avc_casadi.simulation.advance import Advance, Drive, MatrixExponential, Tay
 from avc_casadi.simulation.contact import Environment, coupling_parameters, wall_force
 from avc_casadi.simulation.effects.base import SceneEffect, Station
 from avc_casadi.simulation.effects.computation import Adaptation
-from avc_casadi.simulation.effects.environment import Engine, Wall
+from avc_casadi.simulation.effects.environment import EngineEffect, Wall
 from avc_casadi.simulation.effects.interface import Delay, Encoder, Jitter, VelocityFilter
 from avc_casadi.simulation.effects.mechanics import Backlash, CoulombFriction
 from avc_casadi.simulation.tick import Tick, ca, column
@@ -64,7 +64,7 @@ def _clashes(built: list[SceneEffect]) -> list[str]:
             "samples, or jitter with rms_s = 0"
         )
     filtered = any(isinstance(effect, VelocityFilter) for effect in built)
-    if filtered and any(isinstance(effect, Engine) for effect in built):
+    if filtered and any(isinstance(effect, EngineEffect) for effect in built):
         messages.append("the engine of simulation sees plain differences; allowed: leave velocity-filter out")
     if any(isinstance(effect, Backlash) for effect in built) and _measured_body(built) == HANDLE:
         messages.append("backlash and an encoder at the handle exclude each other; allowed: one of them")

@@ -10,7 +10,7 @@ from multiprocessing import parent_process
 import pytest
 
 import avc_casadi as avc
-from avc_casadi._util.parallel import mapped
+from avc_casadi._util.parallel import map_tasks
 
 
 def late(number):
@@ -32,16 +32,16 @@ def test_results_come_in_order():
 
     expected = [number**2 for number in range(5)]
     with ThreadPoolExecutor(2) as executor:
-        assert mapped(late, range(5), executor, sizes=[2] * 5, things="things", progress=Listener()) == expected
+        assert map_tasks(late, range(5), executor, sizes=[2] * 5, things="things", progress=Listener()) == expected
     assert told[-1] == (10, 10, "things")
-    assert mapped(late, range(5), workers=2) == mapped(late, range(5)) == expected
+    assert map_tasks(late, range(5), workers=2) == map_tasks(late, range(5)) == expected
 
 
 def test_a_dead_worker_and_a_fault_end_the_work():
     with pytest.raises(avc.WorkerLostError, match="a worker died"):
-        mapped(deadly, range(2), workers=2)
+        map_tasks(deadly, range(2), workers=2)
     with pytest.raises(ZeroDivisionError):
-        mapped(partial(divmod, 1), [1, 0, 1], workers=2)
+        map_tasks(partial(divmod, 1), [1, 0, 1], workers=2)
 
 
 @pytest.mark.slow

@@ -9,7 +9,7 @@ from drawn_problems import drawn_problem, walled
 import avc_casadi as avc
 from avc_casadi.coupling import Coupling
 from avc_casadi.design.comparison.comparison import with_causal
-from avc_casadi.design.comparison.judged import causal_gains
+from avc_casadi.design.comparison.evaluation import causal_gains
 from avc_casadi.model.gains import Gains
 from avc_casadi.model.problem import Frequency
 from avc_casadi.paper.equations import loop_at

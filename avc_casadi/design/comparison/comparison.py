@@ -15,8 +15,7 @@ from avc_casadi._util.arrays import ComplexArray, FloatArray
 from avc_casadi._util.json_values import plain_table
 from avc_casadi._util.printed import Columns, Tabular, short
 from avc_casadi.coupling import Coupling
-from avc_casadi.design.comparison.judged import CausalGains, Judged, causal_gains, constant_pair, judge_gains
-from avc_casadi.design.comparison.judged import parts as _parts
+from avc_casadi.design.comparison.evaluation import CausalGains, Evaluation, causal_gains, constant_pair, judge_gains
 from avc_casadi.design.methods import solve
 from avc_casadi.design.registry import METHODS, MethodName
 from avc_casadi.files.coupling_file import gain_document
@@ -89,7 +88,7 @@ class Comparison(Tabular):
     reason: tuple[str, ...]
     injection: Mapping[str, Any]
     cross_check: Mapping[str, Any] | None
-    judged: Mapping[str, Judged]
+    judged: Mapping[str, Evaluation]
     passive_limit_n_per_m: float
     stated: Problem
     causal: CausalGains | None = None
@@ -119,6 +118,7 @@ class Comparison(Tabular):
 
     def document(self) -> dict[str, Any]:
         """Return the JSON document, null where a number is undefined."""
+        curves = ("without_coupling", "target", "upper", "lower")
         kept = ("problem", "title", "model", "structure", "margin_ns_per_m", "frequency_hz", "optimum", "delivered")
         return plain_table(
             {
@@ -130,10 +130,8 @@ class Comparison(Tabular):
                 },
                 "verdict": [verdict.value for verdict in self.verdict],
                 "counts": self.counts(),
-                **_parts("without_coupling", self.without_coupling),
-                **_parts("target", self.target),
-                **_parts("upper", self.upper),
-                **_parts("lower", self.lower),
+                **{f"{name}_re": getattr(self, name).real for name in curves},
+                **{f"{name}_im": getattr(self, name).imag for name in curves},
                 "damping_injection": self.injection,
                 "safety": {name: judged.safety() for name, judged in self.judged.items()},
                 "causal": None if self.causal is None else self.causal.document(),

@@ -18,7 +18,7 @@ import numpy as np
 
 from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.arrays import BoolArray, FloatArray
-from avc_casadi._util.parallel import mapped
+from avc_casadi._util.parallel import map_tasks
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.design.methods import solve
 from avc_casadi.design.tuned import tuning_problem
@@ -177,7 +177,7 @@ def table1(
     ]
     sizes = [count for *_, count in tasks]
     work = partial(_tried, tuple(couplings), seed)
-    parts = mapped(work, tasks, executor, workers=workers, sizes=sizes, things="hands at walls", progress=progress)
+    parts = map_tasks(work, tasks, executor, workers=workers, sizes=sizes, things="hands at walls", progress=progress)
     rows: dict[Population, list[dict[str, Any]]] = {"A": [], "B": []}
     for wall in walls:
         of_wall = [part for (other, *_), part in zip(tasks, parts, strict=True) if other == wall]

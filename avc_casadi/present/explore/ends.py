@@ -58,10 +58,10 @@ def chart(
 
 def line(name: str, cls: str, x: Any, y: Any) -> dict[str, Any]:
     """Return a line of a chart; null where there is no value."""
-    return {"name": name, "cls": cls, "x": short(x), "y": short(y)}
+    return {"name": name, "cls": cls, "x": six_digits(x), "y": six_digits(y)}
 
 
-def short(values: Any) -> list[float | None]:
+def six_digits(values: Any) -> list[float | None]:
     """Return numbers to six significant digits; None where there is none."""
     flat = np.atleast_1d(np.asarray(values, dtype=np.float64)).tolist()
     return [float(f"{value:.6g}") if math.isfinite(value) else None for value in flat]
@@ -182,8 +182,8 @@ def _impedances(problem: Problem, direct: Problem, schedule: GainSchedule | None
     z, k = problem.units.unit("N.s/m"), problem.units.unit("N/m")
     without = np.asarray(loop.without_coupling)
     size = [line("desired", "desired", hz, np.abs(loop.target)), line("no coupling", "without", hz, np.abs(without))]
-    ends = {"low": short(np.abs(lower)), "high": short(np.abs(upper))}
-    band = {"name": "feels real", "cls": "real", "x": short(hz), **ends}
+    ends = {"low": six_digits(np.abs(lower)), "high": six_digits(np.abs(upper))}
+    band = {"name": "feels real", "cls": "real", "x": six_digits(hz), **ends}
     size += [line(name, cls, hz, np.abs(one)) for name, cls, one in curves]
     real = [line(name, cls, hz, one.real) for name, cls, one in [("no coupling", "without", without), *curves]]
     title = "Real part of Z: below 0 the loop gives out energy"

@@ -142,7 +142,7 @@ def stream(data: Mapping[str, Any], deviations: Sequence[str]) -> Answer:
     return Answer("stream", data, parts(data["port"], " ", title), tuple(rows))
 
 
-class Engine(NamedTuple):
+class EngineNames(NamedTuple):
     """A simulation engine: name, call of its step, its names of integrators, whether a device that turns fits."""
 
     title: str
@@ -154,14 +154,14 @@ class Engine(NamedTuple):
 _SEMI: dict[ToolIntegrator, str] = {"semi-implicit": "semi-implicit"}
 _MUJOCO: dict[ToolIntegrator, str] = {"semi-implicit": "Euler", "implicit-damping": "implicitfast", "exact": "RK4"}
 _ENGINES = {
-    "mujoco": Engine("MuJoCo", "mj_step", _MUJOCO),
-    "chai3d": Engine("CHAI3D", "updateDynamics", _SEMI, turns=False),
-    "unity": Engine("Unity (PhysX)", "the physics step", _SEMI),
-    "sofa": Engine("SOFA", "animate", {"implicit": "EulerImplicitSolver"}, turns=False),
-    "openhaptics": Engine("OpenHaptics", "your step", {one: one for one in get_args(ToolIntegrator)}, turns=False),
-    "imstk": Engine("iMSTK", "the scene's step", {}),
-    "ros2": Engine("ROS 2", "the update", _SEMI),
-    "pybullet": Engine("PyBullet", "stepSimulation", _SEMI),
+    "mujoco": EngineNames("MuJoCo", "mj_step", _MUJOCO),
+    "chai3d": EngineNames("CHAI3D", "updateDynamics", _SEMI, turns=False),
+    "unity": EngineNames("Unity (PhysX)", "the physics step", _SEMI),
+    "sofa": EngineNames("SOFA", "animate", {"implicit": "EulerImplicitSolver"}, turns=False),
+    "openhaptics": EngineNames("OpenHaptics", "your step", {one: one for one in get_args(ToolIntegrator)}, turns=False),
+    "imstk": EngineNames("iMSTK", "the scene's step", {}),
+    "ros2": EngineNames("ROS 2", "the update", _SEMI),
+    "pybullet": EngineNames("PyBullet", "stepSimulation", _SEMI),
 }
 _AHEAD = "position and velocity of after it lie in the future of the force that made them, which costs 10 to 60 times K"
 

@@ -89,7 +89,7 @@ class TwoSidedEnvironment(Wall, keys=EnvironmentEffect, rank=170, role="environm
 
 
 @dataclass(frozen=True)
-class Engine(SceneEffect, keys=SimulationEffect, rank=155, role="environment"):
+class EngineEffect(SceneEffect, keys=SimulationEffect, rank=155, role="environment"):
     """An engine, its tool with the one-sided contact at x = 0, rigid or a spring and damper, and the coupling."""
 
     tool: VirtualTool

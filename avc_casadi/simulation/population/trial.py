@@ -13,7 +13,7 @@ import numpy as np
 from avc_casadi._errors import InputError
 from avc_casadi._util.arrays import BoolArray, FloatArray, IndexArray
 from avc_casadi._util.json_values import plain_table
-from avc_casadi._util.parallel import mapped, processors
+from avc_casadi._util.parallel import map_tasks, processors
 from avc_casadi._util.printed import Columns, Tabular, short
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.coupling import Coupling
@@ -203,7 +203,7 @@ def try_coupling(
     setup, at_once = Setup.of(coupling), 1000
     tasks = [(setup, people.pick(slice(first, first + at_once))) for first in range(0, len(people), at_once)]
     sizes, work = [len(some) for _, some in tasks], partial(_tried, seed)
-    return CouplingTrial.join(mapped(work, tasks, executor, sizes=sizes, things="hands", progress=progress))
+    return CouplingTrial.join(map_tasks(work, tasks, executor, sizes=sizes, things="hands", progress=progress))
 
 
 def try_on_devices(
@@ -216,7 +216,7 @@ def try_on_devices(
     """Simulate hands with a coupling, each on one of several devices, assigned in turn."""
     dealt = [np.arange(place, len(people), len(devices)) for place in range(len(devices))]
     met = [(Setup.of(coupling, one), people.pick(rows)) for rows, one in zip(dealt, devices, strict=True) if len(rows)]
-    trials = mapped(partial(_tried, seed), met, executor)
+    trials = map_tasks(partial(_tried, seed), met, executor)
     return replace(
         CouplingTrial.join(trials, np.argsort(np.concatenate(dealt), kind="stable")),
         effects=tuple(dict.fromkeys(effect for one in trials for effect in one.effects)),
@@ -293,7 +293,7 @@ def count_settled(
     tasks = [(first, min(block, hands - first)) for first in range(0, hands, block)]
     sizes = [count for _, count in tasks]
     work = partial(_settled, setup, seed)
-    parts = mapped(work, tasks, executor, workers=workers, sizes=sizes, things="hands", progress=progress)
+    parts = map_tasks(work, tasks, executor, workers=workers, sizes=sizes, things="hands", progress=progress)
     rest = {name: np.concatenate([part[name] for part in parts]) for name in AT_WALL}
     whole = np.all(list(rest.values()), axis=0)
     at_rest = int(whole.sum())

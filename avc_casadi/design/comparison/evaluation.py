@@ -22,11 +22,6 @@ from avc_casadi.paper.realism import RealismResult, judge_realism
 from avc_casadi.paper.rows import gain_schedule
 
 
-def parts(name: str, impedance: ComplexArray) -> dict[str, FloatArray]:
-    """Return an impedance as JSON holds it."""
-    return {f"{name}_re": impedance.real, f"{name}_im": impedance.imag}
-
-
 def constant_pair(problem: Problem, pair: tuple[float, float]) -> GainSchedule:
     """Return the pair (k in N/m, b in N.s/m) as a table of constant series gains."""
     n = len(problem.frequencies_hz())
@@ -35,7 +30,7 @@ def constant_pair(problem: Problem, pair: tuple[float, float]) -> GainSchedule:
 
 
 @dataclass(frozen=True, eq=False)
-class Judged:
+class Evaluation:
     """One gain table judged; arrays have shape (n,)."""
 
     certificate: Certificate
@@ -64,10 +59,10 @@ class Judged:
         }
 
 
-def judge_gains(problem: Problem, gains: GainSchedule) -> Judged:
+def judge_gains(problem: Problem, gains: GainSchedule) -> Evaluation:
     """Judge a gain table at the problem's frequencies."""
     models: tuple[Model, ...] = ("paper", "sampled-data")
-    return Judged(
+    return Evaluation(
         certificate=certify(problem, gains),
         realism=judge_realism(problem, gains.impedance, gains.usable),
         real_part={model: _real_part(problem, gains, model) for model in models},
