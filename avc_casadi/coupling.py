@@ -26,11 +26,11 @@ End = Literal["wall", "simulation", "follower"]
 """What is beyond a coupling: a wall in the device's own loop, the tool of a simulation, or a second device."""
 
 
-def contact_law(asked: Contact, wall_stiffness_n_per_m: float, stiffness_n_per_m: ArrayLike) -> Contact:
+def contact_law(requested: Contact, wall_stiffness_n_per_m: float, stiffness_n_per_m: ArrayLike) -> Contact:
     """Return the contact law that runs at a wall."""
     # Dampers alone do not depend on position: clipped last they would act in free space.
     springs = wall_stiffness_n_per_m > 0 and bool(np.all(np.asarray(stiffness_n_per_m) > 0))
-    return asked if springs else "gated"
+    return requested if springs else "gated"
 
 
 THINNING = 1e-3

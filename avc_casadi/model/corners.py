@@ -135,15 +135,15 @@ class Unmodelled:
     effects: tuple[Effect, ...] = ()
 
 
-def unmodelled(device: Device, asked: Robustness) -> tuple[Unmodelled, ...]:
+def unmodelled(device: Device, required: Robustness) -> tuple[Unmodelled, ...]:
     """Return the required effects, one at a time; for a device without mass, dropped samples alone."""
     found = []
     known = device_with(device, {})
-    if asked.mass_share is not None and device.mass_kg > 0:
+    if required.mass_share is not None and device.mass_kg > 0:
         lowest = min(one.mass_kg for one in device_corners(device, ("mass_kg",)))
-        lighter = device_with(device, {"mass_kg": (1 - asked.mass_share) * lowest})
-        found.append(Unmodelled("mass_share", asked.mass_share, lighter))
-    if asked.dropped_share:
-        drops = JitterEffect(rms_s=0.0, dropped_share=asked.dropped_share)
-        found.append(Unmodelled("dropped_share", asked.dropped_share, known, (drops,)))
+        lighter = device_with(device, {"mass_kg": (1 - required.mass_share) * lowest})
+        found.append(Unmodelled("mass_share", required.mass_share, lighter))
+    if required.dropped_share:
+        drops = JitterEffect(rms_s=0.0, dropped_share=required.dropped_share)
+        found.append(Unmodelled("dropped_share", required.dropped_share, known, (drops,)))
     return tuple(found)

@@ -75,12 +75,12 @@ def _noise_m(problem: Problem) -> float:
     """Return the rms of the encoder's steps and of the noise of the scene; its effects precede the device."""
     device, listed = problem.device, {effect.kind: effect for effect in problem.scene.effects}
 
-    def told(kind: str, key: str, default: float) -> float:
+    def value_of(kind: str, key: str, default: float) -> float:
         value: float | None = getattr(listed[kind], key) if kind in listed else 0.0
         return default if value is None else value
 
-    step = told("encoder", "resolution_m", device.encoder_resolution_m)
-    return math.hypot(step / math.sqrt(12), told("noise", "rms_m", device.position_noise_rms_m))
+    step = value_of("encoder", "resolution_m", device.encoder_resolution_m)
+    return math.hypot(step / math.sqrt(12), value_of("noise", "rms_m", device.position_noise_rms_m))
 
 
 MOST_STATES = 16

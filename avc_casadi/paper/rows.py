@@ -169,7 +169,7 @@ def gain_schedule(
     loop = loop_at(problem, frequency)
     usable = np.array([item.has_gains for item in status], dtype=bool)
     b, k, bp = (np.where(usable, np.asarray(gain, dtype=np.float64), np.nan) for gain in gains)
-    asked = (b, k, bp) if requested is None else requested
+    wanted = (b, k, bp) if requested is None else requested
     perceived = np.full(frequency.shape, np.nan, dtype=np.complex128)
     if usable.any():
         perceived[usable] = perceived_impedance_of(
@@ -191,9 +191,9 @@ def gain_schedule(
         stated=problem,
         status=status,
         reason=reason or ("",) * len(status),
-        requested_damping_ns_per_m=asked[0],
-        requested_stiffness_n_per_m=asked[1],
-        requested_contact_damping_ns_per_m=asked[2],
+        requested_damping_ns_per_m=wanted[0],
+        requested_stiffness_n_per_m=wanted[1],
+        requested_contact_damping_ns_per_m=wanted[2],
         build_seconds=build_seconds,
         solve_seconds=solve_seconds,
         notes=notes,

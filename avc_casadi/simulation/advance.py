@@ -77,8 +77,8 @@ class MatrixExponential:
     """Linear plant, its force held or changing at one moment, exact; dry friction projected, implicit."""
 
     substeps: int
-    held: bool
-    driven: bool
+    has_force: bool
+    has_target: bool
     late: float = 0.0
     friction_n: float = 0.0
 
@@ -99,13 +99,13 @@ class MatrixExponential:
     def _through(self, tick: Tick, name: str, x: Expr, force: Expr, target: Any, begin: float, share: float) -> Expr:
         n = x.numel()
         matrix = tick.parameter(name, ca.Sparsity.dense(n, n))
-        of_force: Expr = tick.parameter(f"{name}_of_force", ca.Sparsity.dense(n, 1)) if self.held else None
-        of_target: Expr = tick.parameter(f"{name}_of_target", ca.Sparsity.dense(n, 2)) if self.driven else None
+        of_force: Expr = tick.parameter(f"{name}_of_force", ca.Sparsity.dense(n, 1)) if self.has_force else None
+        of_target: Expr = tick.parameter(f"{name}_of_target", ca.Sparsity.dense(n, 2)) if self.has_target else None
         rubs = self.friction_n > 0
         of_friction: Expr = tick.parameter(f"{name}_of_friction", ca.Sparsity.dense(n, 1)) if rubs else None
         for substep in range(self.substeps):
             x = ca.mtimes(matrix, x)
-            if self.held:
+            if self.has_force:
                 x += of_force * force
             if target is not None:
                 position, velocity = target
@@ -125,9 +125,9 @@ class MatrixExponential:
             step_s = sample_time_s * share / self.substeps
             moves = transition(plant, step_s)
             parts.append(_columns_first(moves.matrix))
-            if self.held:
+            if self.has_force:
                 parts.append(moves.force)
-            if self.driven:
+            if self.has_target:
                 parts.append(_columns_first(moves.target))
             if self.friction_n > 0:
                 parts.append(transition(replace(plant, force=plant.friction), step_s).force)

@@ -135,7 +135,7 @@ class CompiledScene:
     build_seconds: float
     metres_per_unit: float
     _tick: Tick
-    _held: FloatArray
+    _plant_numbers: FloatArray
 
     @property
     def instructions(self) -> int:
@@ -171,8 +171,8 @@ class CompiledScene:
             )
         if self.damped:
             parts.append(np.array([gains.contact_damping_ns_per_m]))
-        each = [np.broadcast_to(part, (len(self._held), part.shape[-1])) for part in parts]
-        return np.concatenate([*each, self._held], axis=1)
+        each = [np.broadcast_to(part, (len(self._plant_numbers), part.shape[-1])) for part in parts]
+        return np.concatenate([*each, self._plant_numbers], axis=1)
 
 
 def compile_scene(
@@ -193,9 +193,9 @@ def _compiled(problem: Problem, effects: tuple[SceneEffect, ...], gains: Gains) 
     environment = next((effect.environment for effect in effects if isinstance(effect, Wall)), None)
     table = next((effect.table for effect in effects if isinstance(effect, Adaptation)), None)
     if environment is not None:
-        asked: Contact = "clip-last" if environment.clips_last else "gated"
+        requested: Contact = "clip-last" if environment.clips_last else "gated"
         stiffness = gains.stiffness_n_per_m if table is None else table.gains[1]
-        law = contact_law(asked, environment.stiffness_n_per_m, stiffness)
+        law = contact_law(requested, environment.stiffness_n_per_m, stiffness)
         environment = replace(environment, clips_last=law == "clip-last") if environment.present else None
     coupled, damped = not gains.rigid and environment is not None, gains.contact_damping_ns_per_m > 0
     damped = damped and environment is not None
@@ -236,7 +236,7 @@ def _compiled(problem: Problem, effects: tuple[SceneEffect, ...], gains: Gains) 
         build_seconds=time.perf_counter() - started,
         metres_per_unit=problem.device.metres_per_unit,
         _tick=tick,
-        _held=np.atleast_2d(advance.parameters(plant, sample_time_s)),
+        _plant_numbers=np.atleast_2d(advance.parameters(plant, sample_time_s)),
     )
 
 
@@ -311,7 +311,7 @@ def _advance(problem: Problem, effects: tuple[SceneEffect, ...], plant: LinearPl
     integrator, substeps = problem.scene.integrator, problem.scene.substeps
     constant = tick.late if isinstance(tick.late, float) else 0.0
     varying = tick.late is not None and constant == 0
-    held, driven = tick.command is not None, bool(np.any(plant.target))
+    has_force, has_target = tick.command is not None, bool(np.any(plant.target))
     projected = integrator == "projected" and friction > 0
     if projected and varying:
         raise UnsupportedError(
@@ -320,7 +320,7 @@ def _advance(problem: Problem, effects: tuple[SceneEffect, ...], plant: LinearPl
         )
     if varying or (friction > 0 and not projected):
         return TaylorSeries.of(plant, tick.sample_time_s, friction, substeps)
-    return MatrixExponential(substeps, held, driven, constant, friction)
+    return MatrixExponential(substeps, has_force, has_target, constant, friction)
 
 
 def _function(tick: Tick) -> Any:

@@ -134,8 +134,8 @@ def _gains(tick: Tick, stretch: Rate, kappa_e: Expr, environment: Environment) -
         )
         return memory, compliance, series, None
     # Out of contact the clip-last coupling stretches without a force on the device: nothing is stored there.
-    held = ca.fmax(stretch.before, 0) if environment.one_sided else stretch.before
-    tick.adapted = gains = tick.adapt(environment.by_law(held, stretch.before), environment.one_sided)
+    depth = ca.fmax(stretch.before, 0) if environment.one_sided else stretch.before
+    tick.adapted = gains = tick.adapt(environment.by_law(depth, stretch.before), environment.one_sided)
     stretch.offset *= environment.by_law(1, gains.touching)
     kappa = gains.stiffness_n_per_m + gains.damping_ns_per_m * stretch.gain
     # Without gains there is no force, whatever the compliance: it only has to be finite. 1e-20 N/m is far below any

@@ -236,13 +236,13 @@ def _native(scene: CompiledScene, runs: int) -> NativeScene | None:
 
 def _by_casadi(scene: CompiledScene, parameters: FloatArray, inputs: FloatArray) -> dict[str, FloatArray]:
     loop = _loop(scene.function, scene.samples)
-    held = ca.DM(inputs)
+    signals = ca.DM(inputs)
     results = np.empty((len(parameters), len(scene.traces), scene.samples))
     with DeferredInterrupt() as interrupt:
         for run, row in enumerate(parameters):
             if interrupt.came:
                 break
-            results[run] = loop(scene.initial, held, ca.repmat(ca.DM(row), 1, scene.samples))[1].full()
+            results[run] = loop(scene.initial, signals, ca.repmat(ca.DM(row), 1, scene.samples))[1].full()
     return {name: results[:, index] for index, name in enumerate(scene.traces)}
 
 

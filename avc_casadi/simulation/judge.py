@@ -51,8 +51,8 @@ def energy_ledger(
             deflection = environment.by_law(np.maximum(deflection, 0.0), deflection) if one_sided else deflection
             stretch = np.where(np.isinf(stiffness), 0.0, deflection - np.asarray(anchor_m, np.float64))
             stored += np.where(np.isinf(stiffness), 0.0, stiffness) * stretch**2 / 2
-        held = np.broadcast_to(np.asarray(potential_j, np.float64), absorbed.shape)
-    return Ledger(absorbed + held[..., :1], stored + held)
+        potential = np.broadcast_to(np.asarray(potential_j, np.float64), absorbed.shape)
+    return Ledger(absorbed + potential[..., :1], stored + potential)
 
 
 JUDGED_S = 0.5
@@ -132,8 +132,8 @@ class Traces:
     @property
     def vibration(self) -> FloatArray:
         """Vibration at the hand at the end, in multiples of the detection threshold, shape (...)."""
-        held = self.position_m if self.handle_m is None else self.handle_m
-        return felt_vibration(held * self.metres_per_unit, self.sample_time_s)
+        handle = self.position_m if self.handle_m is None else self.handle_m
+        return felt_vibration(handle * self.metres_per_unit, self.sample_time_s)
 
     def judge(self) -> Judgement:
         """Judge runs by the last half second (or the whole run, where it is shorter)."""

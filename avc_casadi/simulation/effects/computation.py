@@ -79,8 +79,8 @@ class Observer(SceneEffect, keys=ObserverEffect, rank=90, role="observer", of_co
         if encoder is None:
             message = "has no steps to look between; allowed: beside the effect encoder"
             raise InputError.of(message, file=problem.name, key=place)
-        told = encoder.resolution_m if table.resolution_m is None else table.resolution_m
-        resolution = declared_number(told, problem, f"{place}.resolution_m", "encoder_resolution_m")
+        step_m = encoder.resolution_m if table.resolution_m is None else table.resolution_m
+        resolution = declared_number(step_m, problem, f"{place}.resolution_m", "encoder_resolution_m")
         lightest = problem.device.mass_kg + problem.hands.mass_kg[0]
         source = "that of device and lightest hand"
         # An assumed mass too small predicts too much motion; far above the lightest hand's, light hands buzz.

@@ -151,8 +151,8 @@ class EngineEffect(SceneEffect, keys=SimulationEffect, rank=155, role="environme
             moved = self._moved((x, v), period, (seen, speed), (k, b, mass, drag), (contact, contact_damping))
         handed = self._handed(tick, steps, (x, v), moved, k * (seen - x) + b * (speed - v), start_m)
         rate = (place - last) / t
-        held = self.tool.exchange == "held-force"
-        force = handed[0] if held else k * (place - handed[0]) + b * (rate - handed[1])
+        gets_force = self.tool.exchange == "held-force"
+        force = handed[0] if gets_force else k * (place - handed[0]) + b * (rate - handed[1])
         tick.command = force + local * rate
         tick.trace("tool_m", x)
         for name, value, kept in (("tool_m", moved[0], x), ("tool_m_per_s", moved[1], v)):

@@ -20,7 +20,7 @@ from avc_casadi.model.effects import SimulationEffect
 from avc_casadi.model.ends import HEAVIEST_TOOL_KG, ToolGains, tool_states
 from avc_casadi.model.gains import NO_COUPLING
 from avc_casadi.model.hands import Hand
-from avc_casadi.model.plant import device_plant, sampled_plant, transitions
+from avc_casadi.model.plant import device_plant, sampled_plant, transition
 from avc_casadi.model.problem import Problem
 from avc_casadi.model.scene import Free, Stroke, declared_effects
 from avc_casadi.simulation.compile import target_of
@@ -120,11 +120,10 @@ def _newest(
 class _Side:
     """One device in many parallel runs (lanes), advanced sample by sample."""
 
-    def __init__(self, device: Device, hold: list[Hand], start_m: FloatArray) -> None:
-        plants = [sampled_plant(device, one) for one in hold]
+    def __init__(self, device: Device, hands: list[Hand], start_m: FloatArray) -> None:
+        plants = [sampled_plant(device, one) for one in hands]
         self.maps = [tuple(part[0] for part in plant.with_forces_under_way()) for plant in plants]
-        held = [(device_plant(device, one).linear(), device.sample_time_s) for one in hold]
-        self.aims = [transitions([one])[0].target for one in held]
+        self.aims = [transition(device_plant(device, one).linear(), device.sample_time_s).target for one in hands]
         n = self.maps[0][0].shape[-1]
         self.names = plants[0].names
         places = [name.endswith("_position_m") for name in self.names] + [False] * (n - len(self.names))
