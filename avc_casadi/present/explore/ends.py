@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from functools import partial
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -18,30 +18,26 @@ from avc_casadi.claims.deployable import deployable
 from avc_casadi.claims.own_law import certify_law, first_law
 from avc_casadi.claims.zwidth import zwidth
 from avc_casadi.coupling import Coupling
-from avc_casadi.design import scene_coupling
 from avc_casadi.design.methods import solve
-from avc_casadi.design.tool_region import tool_region
+from avc_casadi.design.scene_coupling import simulate
+from avc_casadi.design.tool_region import ToolRegion, tool_region
 from avc_casadi.design.virtual_tool import ToolSearch, tool_certificate
 from avc_casadi.loops.follower import FollowerLoops
 from avc_casadi.model.ends import ToolGains
 from avc_casadi.model.gains import NO_COUPLING, GainSchedule, Status
+from avc_casadi.model.problem import Problem
 from avc_casadi.model.scene import with_gains
 from avc_casadi.paper.equations import loop_at
 from avc_casadi.paper.realism import perceived_bounds
 from avc_casadi.paper.rows import gain_schedule
 from avc_casadi.present.explore.explorer import Explorer
+from avc_casadi.present.explore.settings import Settings
 from avc_casadi.present.row import Row, grade, row
 from avc_casadi.present.rows import subject
 from avc_casadi.present.rows.judge import ENDINGS, own_law, passivity
 from avc_casadi.present.rows.recommend import felt_rows, stability
 from avc_casadi.recommendation.felt import rendered_band, rendered_pair
-from avc_casadi.simulation.scene import simulate
-
-if TYPE_CHECKING:
-    from avc_casadi.design.tool_region import ToolRegion
-    from avc_casadi.model.problem import Problem
-    from avc_casadi.present.explore.settings import Settings
-    from avc_casadi.simulation.scene import Run
+from avc_casadi.simulation.scene import Run
 
 Answers = tuple[dict[str, Any], list[Row], list[Row], list[dict[str, Any]]]
 """Gains of one's own, rows of them and of the method, charts of both."""
@@ -244,7 +240,7 @@ def pair_answer(explorer: Explorer, settings: Settings, problem: Problem, *, who
             runs = {}
             for cls, one in pairs.items():
                 key = f"touch {stated} {settings.motion} {one}"
-                runs[cls] = explorer.cached(key, partial(scene_coupling.simulate, with_gains(problem, one)))
+                runs[cls] = explorer.cached(key, partial(simulate, with_gains(problem, one)))
             charts += touches(runs, problem, "the contact begins at 0", _NAMES)
     return vars(own), rows, [], charts
 
