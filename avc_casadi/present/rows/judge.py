@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from shlex import quote
 from typing import Any
 
+from avc_casadi._util.text import percent
 from avc_casadi._util.units import Units
 from avc_casadi.claims.own_law import LawCertificate
 from avc_casadi.loops.margins import LEAST_DISK, SOUND_DISK
@@ -323,7 +324,7 @@ def _rendered(data: Mapping[str, Any], problem: Problem) -> Row:
     if sensed is None:
         return row("Rendered", "no stiffness: the scene does not end in steady contact")
     beside = ", with the slope of the detents" if "detent" in _kinds(data) else ""
-    share = f"({100 * sensed / wall:.2g} % of the wall)" if wall and problem.simulation is None else ""
+    share = f"({percent(sensed / wall)} of the wall)" if wall and problem.simulation is None else ""
     text = parts(Value(sensed, "stiffness"), "at the sensor", share, beside)
     own = [one.force_n for one in problem.scene.effects if isinstance(one, SaturationEffect)]
     limit = own[0] if own and own[0] is not None else problem.device.max_force_n
