@@ -121,7 +121,6 @@ class CompiledScene:
     effects: tuple[SceneEffect, ...]
     function: Any
     states: tuple[str, ...]
-    owners: tuple[str, ...]
     initial: FloatArray
     inputs: tuple[str, ...]
     traces: tuple[str, ...]
@@ -189,7 +188,7 @@ def _compiled(problem: Problem, effects: tuple[SceneEffect, ...], gains: Gains) 
     sample_time_s = problem.device.sample_time_s
     samples = max(1, round(problem.scene.duration_s / sample_time_s))
     target = target_of(problem.scene.motion, samples, sample_time_s)
-    plant, owners = mechanics_of(problem, effects)
+    plant = mechanics_of(problem, effects)
     environment = next((effect.environment for effect in effects if isinstance(effect, Wall)), None)
     table = next((effect.table for effect in effects if isinstance(effect, Adaptation)), None)
     if environment is not None:
@@ -202,8 +201,7 @@ def _compiled(problem: Problem, effects: tuple[SceneEffect, ...], gains: Gains) 
     adapted = table is not None and environment is not None
     tick = Tick(sample_time_s, target.device_start_m)
     for name in plant.names:
-        with tick.owned_by(owners[name]):
-            tick.state(name, target.device_start_m if name.endswith("_position_m") else 0.0, computed=False)
+        tick.state(name, target.device_start_m if name.endswith("_position_m") else 0.0, computed=False)
     tick.position = _measured_position(problem, effects, tick)
     damper = damped if table is None else bool(np.any(table.gains[2] > 0))
     _sample(tick, effects, environment, coupled=coupled or adapted, damped=damper)
@@ -222,7 +220,6 @@ def _compiled(problem: Problem, effects: tuple[SceneEffect, ...], gains: Gains) 
         effects=effects,
         function=_function(tick),
         states=tuple(slot.name for slot in tick.states),
-        owners=tuple(slot.owner for slot in tick.states),
         initial=np.array([slot.initial for slot in tick.states]),
         inputs=tuple(slot.name for slot in tick.inputs),
         traces=tuple(tick.traces),
@@ -240,17 +237,13 @@ def _compiled(problem: Problem, effects: tuple[SceneEffect, ...], gains: Gains) 
     )
 
 
-def mechanics_of(problem: Problem, effects: tuple[SceneEffect, ...]) -> tuple[LinearPlant, dict[str, str]]:
-    """Return the plant and the effect that owns each of its states."""
+def mechanics_of(problem: Problem, effects: tuple[SceneEffect, ...]) -> LinearPlant:
+    """Return the plant."""
     plant = Plant()
     plant.add_mass(DEVICE, problem.device.mass_kg)
     plant.join(DEVICE, GROUND, 0.0, problem.device.damping_ns_per_m)
-    owners = {DEVICE: "device"}
     for effect in effects:
         effect.mechanics(plant)
-        owners |= {body: effect.kind for body in plant.bodies if body not in owners}
-        if plant.actuator_rate_per_s is not None:
-            owners.setdefault("actuator", effect.kind)
     if np.min(plant.mass_kg(DEVICE)) <= 0:
         raise InputError.of(
             "device and hand have no mass, so that nothing is there to be simulated; allowed: "
@@ -258,8 +251,7 @@ def mechanics_of(problem: Problem, effects: tuple[SceneEffect, ...]) -> tuple[Li
             file=problem.name,
             key="scene.effects",
         )
-    linear = plant.linear()
-    return linear, {name: owners[name.split("_", 1)[0]] for name in linear.names}
+    return plant.linear()
 
 
 def _measured_body(effects: Sequence[SceneEffect]) -> str:
@@ -290,15 +282,12 @@ def _sample(
     """Add the control computer, station by station."""
     for effect in effects:
         if effect.station < Station.ENVIRONMENT:
-            with tick.owned_by(effect.kind):
-                effect.sample(tick)
+            effect.sample(tick)
     if environment is not None:
-        with tick.owned_by("coupling"):
-            tick.command = wall_force(tick, environment, rigid=not coupled, damped=damped)
+        tick.command = wall_force(tick, environment, rigid=not coupled, damped=damped)
     for effect in effects:
         if effect.station > Station.ENVIRONMENT:
-            with tick.owned_by(effect.kind):
-                effect.sample(tick)
+            effect.sample(tick)
     for settle in tick.at_end:
         settle()
     if tick.command is not None:

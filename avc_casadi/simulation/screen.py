@@ -35,15 +35,15 @@ def _explained(problem: Problem, effects: tuple[SceneEffect, ...], gains: Gains)
     times_ns = _times_ns(scene, gains)
     costs = []
     for effect in effects:
-        cost = {"kind": effect.kind, "station": effect.station.name.lower(), "states": scene.owners.count(effect.kind)}
+        cost: dict[str, Any] = {"kind": effect.kind, "station": effect.station.name.lower()}
         try:
             rest = compile_scene(problem, without(effects, effect.kind), gains)
-        except InputError:  # the only mass
-            costs.append(cost | {"instructions": None, "ns_per_step": None})
+        except InputError:  # the only mass, or the body of the encoder
+            costs.append(cost | {"states": None, "instructions": None, "ns_per_step": None})
             continue
-        cost["states"] = len(scene.states) - len(rest.states)
-        cost["instructions"] = scene.instructions - rest.instructions
-        costs.append(cost | {"ns_per_step": min(times_ns) - min(_times_ns(rest, gains))})
+        states, instructions = len(scene.states) - len(rest.states), scene.instructions - rest.instructions
+        ns = min(times_ns) - min(_times_ns(rest, gains))
+        costs.append(cost | {"states": states, "instructions": instructions, "ns_per_step": ns})
     return {
         "effects": costs,
         "absent": [kind for kind in EFFECTS if kind not in {effect.kind for effect in effects}],

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -39,7 +38,6 @@ class Slot:
     """One named vector of the step function."""
 
     name: str
-    owner: str
     symbol: Expr
     initial: float = 0.0
     values: InputValues | None = None
@@ -83,21 +81,11 @@ class Tick:
     traces: dict[str, Expr] = field(default_factory=dict)
     _next: dict[str, Expr] = field(default_factory=dict)
     _computed: set[str] = field(default_factory=set)
-    _owner: str = "loop"
 
     @property
     def rate_gain_per_s(self) -> float:
         """Weight of the newest value in a velocity, 1/T without a filter."""
         return (1.0 + self.poles[0] + self.poles[1]) / self.sample_time_s
-
-    @contextmanager
-    def owned_by(self, owner: str) -> Iterator[None]:
-        """Assign everything added inside to `owner`."""
-        before, self._owner = self._owner, owner
-        try:
-            yield
-        finally:
-            self._owner = before
 
     def state(self, name: str, initial: float = 0.0, *, computed: bool = True) -> Expr:
         """Add a state; a `computed` one belongs to the computer and stays unchanged in a dropped sample."""
@@ -155,7 +143,7 @@ class Tick:
 
     def _add(self, slots: list[Slot], name: str, *, sparsity: Any = None, **content: Any) -> Expr:
         symbol = ca.SX.sym(name) if sparsity is None else ca.SX.sym(name, sparsity)
-        slots.append(Slot(name, self._owner, symbol, **content))
+        slots.append(Slot(name, symbol, **content))
         return symbol
 
 

@@ -62,7 +62,7 @@ class FirmwareInTheLoop:
         time_s = limits.sample_time_s
         self._target = target_of(problem.scene.motion, max(1, round(problem.scene.duration_s / time_s)), time_s)
         late = sum(effect.table.samples for effect in effects if isinstance(effect, Delay))
-        linear, _ = mechanics_of(problem, effects)
+        linear = mechanics_of(problem, effects)
         held = f"{HANDLE}_velocity_m_per_s"
         self._handle = linear.names.index(held) if held in linear.names else None
         self._plant = BenchPlant(linear, time_s, delay_samples=late)

@@ -353,21 +353,19 @@ def _explanation(data: Mapping[str, Any], units: Units) -> list[Row]:
         return []
     rows = []
     for one in data["effects"]:
-        made = "the only mass" if one["instructions"] is None else "{instructions:9} instructions,"
-        cost = _cost(one["ns_per_step"], data["scatter_ns"])
-        rows.append(
-            row(f"Effect {one['kind']}", fill(f"{subject.plural(one['states'], 'state')}, {made} {cost}", one), rank=1)
-        )
+        text = "the scene needs it"
+        if one["instructions"] is not None:
+            cost = _cost(one["ns_per_step"], data["scatter_ns"])
+            text = f"{subject.plural(one['states'], 'state')}, {{instructions:9}} instructions, {cost}"
+        rows.append(row(f"Effect {one['kind']}", fill(text, one), rank=1))
     whole = f"{{states:9}} states, {{instructions:9}} instructions, {data['ns_per_step']:.0f} ns"
     rows.append(row("Whole sample", fill(whole, data), rank=1))
     rows.append(row("States", ", ".join(map(units.key, data["state_names"])), rank=1))
     return [*rows, row("Absent", ", ".join(data["absent"]), rank=1)]
 
 
-def _cost(cost_ns: float | None, scatter_ns: float) -> str:
+def _cost(cost_ns: float, scatter_ns: float) -> str:
     """Return a cost in ns, or an upper bound within the scatter of the clock."""
-    if cost_ns is None:
-        return "-"
     return f"{cost_ns:.0f} ns" if cost_ns > scatter_ns else f"below {max(scatter_ns, 1):.0f} ns"
 
 

@@ -126,15 +126,13 @@ class Adaptation(SceneEffect, keys=AdaptationEffect, rank=150, of_coupling=True)
     def _change(self, tick: Tick, wanted: list[Expr], rest: Expr, deflection: Expr, *, one_sided: bool) -> AdaptedGains:
         inputs = [*wanted, deflection]
         touching: Expr = 1
-        with tick.owned_by(self.kind):
-            if self.settings.passive:
-                environment = tick.state("environment_energy_j")
-                tick.at_end.append(lambda: tick.follow("environment_energy_j", tick.environment_energy_j))
-                touching = tick.position > 0 if one_sided else 1
-                depth = ca.fmax(tick.position, 0) if one_sided else tick.position
-                inputs += [environment, tick.previous_force(delayed=False), depth, touching, rest]
-            step = adaptation_step(tick.sample_time_s, self.settings)
-            outputs = insert(tick, "adaptation", step, inputs)
+        if self.settings.passive:
+            environment = tick.state("environment_energy_j")
+            tick.at_end.append(lambda: tick.follow("environment_energy_j", tick.environment_energy_j))
+            touching = tick.position > 0 if one_sided else 1
+            depth = ca.fmax(tick.position, 0) if one_sided else tick.position
+            inputs += [environment, tick.previous_force(delayed=False), depth, touching, rest]
+        outputs = insert(tick, "adaptation", adaptation_step(tick.sample_time_s, self.settings), inputs)
         names = ("damping_ns_per_m", "stiffness_n_per_m", "contact_damping_ns_per_m", "anchor_m")
         for name in names:
             tick.trace(name, outputs[name])

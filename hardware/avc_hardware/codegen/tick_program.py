@@ -192,10 +192,9 @@ def _ticks(figures: dict[str, Any], estimator: str, passive: bool, start_m: floa
     table: Any = AnyTable(seen["rest_hz"], rest["rest_stiffness_n_per_m"], list(wanted.values()))
     estimate.position = seen["position_m"]
     settings = _AnyEncoder(floor_m_per_s=floor, fastest_m_per_s=fastest)
-    with estimate.owned_by("estimate"):
-        Estimator(estimator, settings).sample(estimate)
-        adaptation = Adaptation(hold_s, AdaptationSettings(slew_per_s, passive), table)
-        adaptation.sample(estimate)
+    Estimator(estimator, settings).sample(estimate)
+    adaptation = Adaptation(hold_s, AdaptationSettings(slew_per_s, passive), table)
+    adaptation.sample(estimate)
     found = {
         "estimate_hz": estimate.frequency_hz,
         "valid": estimate.frequency_valid,
