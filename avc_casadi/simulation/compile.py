@@ -190,7 +190,7 @@ def _compiled(problem: Problem, effects: tuple[SceneEffect, ...], gains: Gains) 
     target = target_of(problem.scene.motion, samples, sample_time_s)
     plant = mechanics_of(problem, effects)
     environment = next((effect.environment for effect in effects if isinstance(effect, Wall)), None)
-    table = next((effect.table for effect in effects if isinstance(effect, Adaptation)), None)
+    table = next((effect.gain_table for effect in effects if isinstance(effect, Adaptation)), None)
     if environment is not None:
         requested: Contact = "clip-last" if environment.clips_last else "gated"
         stiffness = gains.stiffness_n_per_m if table is None else table.gains[1]

@@ -330,7 +330,7 @@ def resolve(
         at = gains.at_rest if frequency is None else Gains(*gains(frequency).tolist())
     if any(isinstance(effect, Adaptation) for effect in effects):
         table = gains if isinstance(gains, GainTable) else thinned(GainTable.of(gains))
-        effects = tuple(replace(one, table=table) if isinstance(one, Adaptation) else one for one in effects)
+        effects = tuple(replace(one, gain_table=table) if isinstance(one, Adaptation) else one for one in effects)
     return effects, at, method
 
 

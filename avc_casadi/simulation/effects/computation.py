@@ -102,7 +102,7 @@ class Adaptation(SceneEffect, keys=AdaptationEffect, rank=150, of_coupling=True)
 
     hold_s: float
     settings: AdaptationSettings
-    table: GainTable | None = None
+    gain_table: GainTable | None = None
 
     @classmethod
     def build(cls, table: Any, problem: Problem, place: str) -> Self:
@@ -113,9 +113,9 @@ class Adaptation(SceneEffect, keys=AdaptationEffect, rank=150, of_coupling=True)
 
     def sample(self, tick: Tick) -> None:
         """Look up the gains; they take effect when the coupling reads them."""
-        if self.table is None:
+        if self.gain_table is None:
             return
-        rows = self.table
+        rows = self.gain_table
         step = hold_step(tick.sample_time_s, self.hold_s)
         # Without an estimator, as where its effect is screened, the gains are those at rest.
         estimate = [0.0, 0.0] if tick.frequency_hz is None else [tick.frequency_hz, tick.frequency_valid]

@@ -100,7 +100,7 @@ class _Built:
         environment = replace(wall, clips_last=coupling.contact == "clip-last")
         for effect in effects:
             if isinstance(effect, Adaptation):
-                replace(effect, table=place).sample(tick)
+                replace(effect, gain_table=place).sample(tick)
             elif isinstance(effect, Observer | StateFeedback | Estimator):
                 effect.sample(tick)
         seen = tick.position
