@@ -207,11 +207,11 @@ def test_bytes_of_a_table_are_those_of_the_document() -> None:
     assert plain.states == 0
 
 
-@pytest.mark.parametrize(("rows", "states"), [(1, 9), (2, 1), (256, 8), (1, 65535)])
+@pytest.mark.parametrize(("rows", "states"), [(1, 17), (2, 1), (256, 8), (1, 65535)])
 def test_device_refuses_more_states_than_it_holds_and_states_beside_rows(rows: int, states: int) -> None:
     refusal = link_state_feedback_refused(bytes(600), rows, states)
-    assert refusal == Refusal(Reason.STATES, 8)
-    assert "at most 8" in str(refusal)
+    assert refusal == Refusal(Reason.STATES, 16)
+    assert "at most 16" in str(refusal)
 
 
 @pytest.mark.parametrize(

@@ -28,7 +28,7 @@ TICKS = 1200
 OUTSIDE = -400
 # Ticks from there to where a motion begins.
 APPROACH = 60
-FEEDBACKS = [believer(0), *(dense_believer(states) for states in (1, 5, 8))]
+FEEDBACKS = [believer(0), *(dense_believer(states, 1) for states in (1, 5, 16))]
 
 
 SPRING = Gains(0.0, 2.0**16)
@@ -79,7 +79,7 @@ def give(core: HostCore, coupling: Coupling) -> None:
     name = table.table_id
     for kind, payload in (
         (Kind.BEGIN, m.begin(1, name, table.crc32, 1, table.states)),
-        (Kind.CHUNK, m.words(1, name, 0) + table.image),
+        *((Kind.CHUNK, m.words(1, name, at) + table.image[at : at + 512]) for at in range(0, len(table.image), 512)),
         (Kind.COMMIT, m.words(1, name, table.crc32)),
     ):
         core.write(session.message(kind, payload)[1])

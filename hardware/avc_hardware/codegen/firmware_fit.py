@@ -83,8 +83,8 @@ def check_runs_on(coupling: Coupling, device: _RunningFirmware | None = None) ->
     if runtime.observer_mass_kg is not None:
         lacks.append("it has no observer between encoder steps (runtime.observer_mass_kg)")
     feedback, constant = runtime.state_feedback, coupling.table.constant
-    # The packaged firmware holds 8.
-    most = 8 if device is None else device.capacity_states
+    # The packaged firmware holds 16.
+    most = 16 if device is None else device.capacity_states
     if feedback is not None and feedback.states > most:
         lacks.append(
             f"it holds {most} states of an observer, the coupling has {feedback.states} (runtime.state_feedback; "
