@@ -11,6 +11,7 @@ tests/benchmarks/results/teleoperation.json), which the page shows.
 
 from __future__ import annotations
 
+import itertools
 import math
 import sys
 from collections.abc import Callable
@@ -113,6 +114,14 @@ def limit_of(case: Case) -> tuple[float, tuple[float, float, float], float] | No
     return high, tuple(worst.hand.values()), worst.environment_n_per_m  # type: ignore[return-value]
 
 
+def phases(case: Case) -> list[float]:
+    """Four phases of the follower's clock, samples: one within each order of samples and arriving messages, and 0."""
+    there, back = (delay / case.period for delay in case.delay)
+    turns = sorted({0.0, there % 1, -back % 1, 1.0})
+    middles = [(one + other) / 2 for one, other in itertools.pairwise(turns)]
+    return [*middles, *[0.0] * (4 - len(middles))]
+
+
 def boundary(count: int) -> list[dict[str, Any]]:
     """Compare both limits: does the plain simulation of the worst loop grow at each factor of K?"""
     rng = np.random.default_rng(SEED)
@@ -124,7 +133,7 @@ def boundary(count: int) -> list[dict[str, Any]]:
             skipped += 1
             continue
         cases.append((case, *found))
-    lanes = [(c, f * k, hand, env, quarter / 4) for c, k, hand, env in cases for f in FACTORS for quarter in range(4)]
+    lanes = [(c, f * k, hand, env, phase) for c, k, hand, env in cases for f in FACTORS for phase in phases(c)]
     period = np.array([one[0].period for one in lanes])
     spring = np.array([one[3] for one in lanes])
     damper = np.array([c.contact[1] if env > 0 else 0.0 for c, _, _, env, _ in lanes])
