@@ -40,8 +40,6 @@ LEADER, FOLLOWER, T, COMPUTING = (0.12, 0.8), (0.3, 1.0), 1e-3, 1
 SECONDS, JUDGED_S, AT_REST_M_PER_S = 5.0, 0.5, 5e-3
 IMPEDANCES, MARGIN = (3.0, 6.0, 12.0, 24.0), 1.5
 CONTACTS = {"soft contact": 1000.0, "hard contact": math.inf}
-
-
 Law = Callable[[float], Callable[[int], Any]]
 
 # The limit of stability
@@ -125,14 +123,11 @@ def phases(case: Case) -> list[float]:
 def boundary(count: int) -> list[dict[str, Any]]:
     """Compare both limits: does the plain simulation of the worst loop grow at each factor of K?"""
     rng = np.random.default_rng(SEED)
-    cases, skipped = [], 0
+    cases = []
     while len(cases) < count:
         case = drawn(rng)
-        found = limit_of(case)
-        if found is None:
-            skipped += 1
-            continue
-        cases.append((case, *found))
+        if (found := limit_of(case)) is not None:
+            cases.append((case, *found))
     lanes = [(c, f * k, hand, env, phase) for c, k, hand, env in cases for f in FACTORS for phase in phases(c)]
     period = np.array([one[0].period for one in lanes])
     spring = np.array([one[3] for one in lanes])
@@ -157,14 +152,12 @@ def boundary(count: int) -> list[dict[str, Any]]:
     run.run(law, samples, np.zeros((samples, len(lanes))), kick=1e-12, ceiling=1e250)
     moved = np.abs(np.diff(run.x, axis=1)).max(axis=0)
     parts = np.log(np.maximum(_peaks(moved), 1e-300))
-    half = len(parts) // 2
-    grows = (parts[-1] > parts[half]) | (parts[-1] > 500)
+    grows = (parts[-1] > parts[len(parts) // 2]) | (parts[-1] > 500)
     each = grows.reshape(count, len(FACTORS), 4).any(axis=2)
     return [
         {"part": "boundary", "limit_n_per_m": k, "period_s": c.period, "delay_s": c.delay, "rigid": math.isinf(env)}
         | {
             "released": max(hand) == 0,
-            "skipped": skipped,
             "grows": dict(zip(map(str, FACTORS), map(bool, row), strict=True)),
         }
         for (c, k, hand, env), row in zip(cases, each, strict=True)
@@ -174,8 +167,7 @@ def boundary(count: int) -> list[dict[str, Any]]:
 def _peaks(moved: np.ndarray) -> np.ndarray:
     """Largest in each of equal windows, shape (windows, lanes)."""
     window = 1000
-    count = len(moved) // window
-    return moved[: count * window].reshape(count, window, -1).max(axis=1)
+    return moved[: len(moved) // window * window].reshape(-1, window, moved.shape[1]).max(axis=1)
 
 
 # (c), (d) motions of many hands
@@ -336,10 +328,9 @@ def many_hands(count: int, answers: dict[float, Any]) -> list[dict[str, Any]]:
     rows = []
     for delay_s, answer in answers.items():
         for name, contact in CONTACTS.items():
-            found = tried(springs(answer.coupling.gains), hands(count), contact, delay_s, jitter=0.1, lost=0.01)
-            rows.append(
-                {"part": "hands", "delay_s": delay_s, "contact": name, "gains": vars(answer.coupling.gains)} | found
-            )
+            gains = answer.coupling.gains
+            found = tried(springs(gains), hands(count), contact, delay_s, jitter=0.1, lost=0.01)
+            rows.append({"part": "hands", "delay_s": delay_s, "contact": name, "gains": vars(gains)} | found)
     return rows
 
 
