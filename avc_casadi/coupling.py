@@ -287,8 +287,8 @@ def require_coupling(value: object) -> None:
         if value.end == "wall":
             return
         hint = (
-            f"couples a device to a [{value.end}]: it has no wall and no gain table; avc export takes it"
-            f"{', as do avc certify and avc simulate' if value.end == 'simulation' else ''}"
+            f"couples a device to a [{value.end}]: it has no wall and no gain table; avc certify and export "
+            f"take it{', and avc simulate' if value.end == 'simulation' else ''}"
         )
     elif isinstance(value, str | PathLike):
         hint = f"is the text {str(value)!r}; give what avc.read_coupling({str(value)!r}) returns"

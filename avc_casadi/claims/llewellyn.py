@@ -36,20 +36,16 @@ def llewellyn_margin(
         loss = lead * lag**2 + spring * steep**2
         return np.asarray(b_d + amplitude * (contact * (1 - 2 * lag**2) - loss))
 
-    frequency = refine_minima(value, *_points_hz(loop, len(b)))
+    # Frequencies that resolve the half-waves of the hold.
+    half_waves = loop.whole_delay("Llewellyn's condition over all frequencies") + 2
+    points = np.linspace(0.0, loop.nyquist_hz, 24 * half_waves + 1)
+    frequency = refine_minima(value, np.broadcast_to(points, (len(b), len(points))), half_waves)
     values = value(frequency)
     # Among equal values the first: a refinement within rounding is no other frequency.
     least = values.min(axis=1, keepdims=True)
     lowest = np.argmax(values <= least + 1e-15 * (b_d + np.abs(least)), axis=1)[:, None]
     margin, at = (np.take_along_axis(each, lowest, axis=1) for each in (values, frequency))
     return np.where(valid, margin, -np.inf)[:, 0], at[:, 0]
-
-
-def _points_hz(loop: SampledLoop, rows: int) -> tuple[FloatArray, int]:
-    """Return frequencies, the same for each row, that resolve the half-waves of the hold, and how many these are."""
-    half_waves = loop.whole_delay("Llewellyn's condition over all frequencies") + 2
-    points = np.linspace(0.0, loop.nyquist_hz, 24 * half_waves + 1)
-    return np.broadcast_to(points, (rows, len(points))), half_waves
 
 
 def _hold(loop: SampledLoop, hz: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import islice, product
+from itertools import chain, combinations, product
 from pathlib import Path
 from typing import Any
 
@@ -38,8 +38,8 @@ FELT_N = 0.05
 _STAYS = 1e-9
 # A limit is confirmed by at most so many searches of the ranges.
 _SEARCHES = 4
-# Shares of a spring or of a cutoff that are looked at in turn.
-_SHARES = (0.7, 0.5, 0.3, 0.2, 0.1, 0.03)
+# Values of a law that a user can change, the spring first; of b the best one is looked at.
+_KEYS = ("stiffness_n_per_m", "cutoff_hz", "local_damping_ns_per_m", "damping_ns_per_m")
 
 
 @dataclass(frozen=True)
@@ -76,16 +76,10 @@ class Law:
         noise = math.hypot(device.position_noise_rms_m, device.encoder_resolution_m / math.sqrt(12))
         return noise * math.sqrt((self.stiffness_n_per_m + rate) ** 2 + rate**2 * (1 - pole) / (1 + pole))
 
-    def softer(self, shares: Iterable[float]) -> Iterator[Law]:
-        """Yield the law with shares of its spring; nothing without one."""
-        for share in shares if self.stiffness_n_per_m else ():
-            yield replace(self, stiffness_n_per_m=_rounded(share * self.stiffness_n_per_m))
-
-    def dampings(self, most_ns_per_m: float) -> list[Law]:
-        """Return the law with dampers up to the largest."""
-        shares = (0.0, *np.geomspace(1e-3, 1.0, 24))
-        laws = [replace(self, damping_ns_per_m=_rounded(most_ns_per_m * share)) for share in shares]
-        return [one for one in laws if one.damping_ns_per_m or one.stiffness_n_per_m]
+    @property
+    def outside(self) -> Law:
+        """The law outside the wall."""
+        return replace(self, stiffness_n_per_m=0.0, damping_ns_per_m=0.0)
 
 
 def _rounded(value: float) -> float:
@@ -128,6 +122,8 @@ class Loops:
         self.hands = [hands, no_hand()][: len(self.boxes)]
         # What a search of the ranges found worse than their corners.
         self.found: list[tuple[Device, Hand]] = []
+        # Rms of a force below which dry friction holds it, or it is not felt.
+        self.quiet_n = max(self.device.coulomb_friction_n, FELT_N * self.device.metres_per_unit)
 
     def pairs(self, side: int) -> list[tuple[Device, Hand]]:
         """Return every corner of the device with every corner of the hands, or with none."""
@@ -171,10 +167,45 @@ class Loops:
             hand=every[int(sizes.max(axis=1).argmax())][1].values(0),
         )
 
-    def disk_margin(self, law: Law) -> float:
-        """Return the disk margin at the corners of the ranges and released; 0 where one is unstable."""
-        every = [pair for side in range(len(self.boxes)) for pair in self.pairs(side)]
-        return self.around(law, [*every, *self.found]).least().disk
+    def _known(self, law: Law) -> list[OpenLoop]:
+        """Return the loops at the corners of the ranges and at what searches found, in the wall and outside."""
+        every = [*(pair for side in range(len(self.boxes)) for pair in self.pairs(side)), *self.found]
+        both = {law, law.outside}
+        return [self.around(one, every) for one in both if one.stiffness_n_per_m or one.damper_ns_per_m]
+
+    def rough_margin(self, law: Law) -> float:
+        """Return the disk margin of a law to a per cent, as far as known; 0 where one is unstable or loud."""
+        if law.noise_n(self.device) > self.quiet_n:
+            return 0.0
+        known = self._known(law)
+        moving = (np.abs(loop.poles[np.abs(loop.poles - 1) > _STAYS]) for loop in known)
+        return 0.0 if max(map(np.max, moving)) >= 1 else 2 / max(float(loop.swings().max()) for loop in known)
+
+    def sound(self, laws: Iterable[Law]) -> Iterator[tuple[Law, float]]:
+        """Yield the first law with a sound disk margin, and that, which a search of the ranges does not refute."""
+        for law in laws:
+            if self.rough_margin(law) >= SOUND_DISK:
+                self.found += [self.worst(law, side, OpenLoop.swings) for side in range(len(self.boxes))]
+                if (disk := min(loop.least().disk for loop in self._known(law))) >= SOUND_DISK:
+                    yield law, disk
+                    return
+
+    def changed(self, law: Law, keys: Sequence[str], steps: int) -> Iterator[Law]:
+        """Yield a law with other values of some keys, the largest first; of b the best alone."""
+        if not keys:
+            yield law
+        elif keys[0] == "damping_ns_per_m":
+            if (allowed := self.damping_range(law)) is not None:
+                each = (_rounded(allowed[1] * share) for share in (0.0, *np.geomspace(1e-3, 1.0, 24)))
+                laws = [replace(law, damping_ns_per_m=b) for b in each if b or law.stiffness_n_per_m]
+                most = [one for one in laws if self.rough_margin(one) > 1.02 * SOUND_DISK]
+                # Without a spring the best damper is none.
+                yield max(laws, key=self.rough_margin) if law.stiffness_n_per_m or not most else most[-1]
+        else:
+            largest = 0.5 / self.period if keys[0] == "cutoff_hz" else getattr(law, keys[0])
+            for share in 0.01 ** (np.arange(1, steps + 1) / steps) if largest else ():
+                one = replace(law, **{keys[0]: _rounded(share * largest)})
+                yield from self.changed(one, keys[1:], steps)
 
     def _confirmed(self, *laws: Law) -> bool:
         """Search the ranges for what is unstable with a law, and keep it."""
@@ -361,17 +392,14 @@ def certify_law(
     loops, device = Loops(stated), stated.device
     sides = range(len(loops.boxes))
     held, *released = (loops.case(law, side) for side in sides)
-    outside = None
-    if b_p:
-        damper = Law(local_damping_ns_per_m=b_p, cutoff_hz=cutoff_hz)
-        outside = min((loops.case(damper, side) for side in sides), key=lambda case: (case.stable, case.margins.disk))
+    outside = [loops.case(law.outside, side) for side in sides if b_p]
     rendering, period = law.rendering(device.sample_time_s), device.sample_time_s
     certificate = LawCertificate(
         problem=stated,
         law=law,
         held=held,
         released=released[0] if released else None,
-        free=outside,
+        free=min(outside, key=lambda case: (case.stable, case.margins.disk), default=None),
         largest_stiffness_n_per_m=loops.largest_stiffness(law),
         damping_range_ns_per_m=loops.damping_range(law),
         static_stiffness_n_per_m=stiffness_at_handle(device, k),
@@ -382,12 +410,12 @@ def certify_law(
         },
         encoder_step_n=float(rendering.force[0, 0]) * device.encoder_resolution_m,
         noise_n=law.noise_n(device),
-        quiet_n=max(device.coulomb_friction_n, FELT_N * device.metres_per_unit),
+        quiet_n=loops.quiet_n,
         remedies=() if remedies else None,
     )
     if not remedies or (certificate.passed and certificate.disk_margin >= SOUND_DISK and certificate.quiet):
         return certificate
-    return replace(certificate, remedies=tuple(_remedies(certificate, loops)))
+    return replace(certificate, remedies=tuple(_remedies(law, stated, loops)))
 
 
 def law_problem(source: AnyProblem) -> Problem:
@@ -417,37 +445,21 @@ def checked(law: Law, device: Device) -> Law:
     return law
 
 
-def _remedies(found: LawCertificate, loops: Loops) -> Iterator[Remedy]:
-    """Yield changes that leave a sound disk margin and no noise that is felt, each as its loop shows."""
-    law, allowed = found.law, found.damping_range_ns_per_m
-
-    def margin(changed: Law, around: Loops = loops) -> float:
-        loud = changed.noise_n(around.device) > found.quiet_n
-        return 0.0 if loud else around.disk_margin(changed)
-
-    def sound(laws: Iterable[Law], *keys: str) -> list[Remedy]:
-        each = (Remedy({key: getattr(one, key) for key in keys}, margin(one)) for one in laws)
-        return list(islice((one for one in each if one.disk_margin >= SOUND_DISK), 1))
-
-    damped = (
-        max(one.dampings(most[1]), key=margin)
-        for one in law.softer(_SHARES)
-        if (most := loops.damping_range(one)) is not None
-    )
-    best = [] if allowed is None else [max(law.dampings(allowed[1]), key=margin)]
-    one_change = sound(best, "damping_ns_per_m") + sound(law.softer(0.85**n for n in range(1, 30)), "stiffness_n_per_m")
-    local = (replace(law, local_damping_ns_per_m=_rounded(one * law.local_damping_ns_per_m)) for one in _SHARES)
-    one_change += sound(local if law.local_damping_ns_per_m else (), "local_damping_ns_per_m")
-    yield from one_change or sound(damped, "stiffness_n_per_m", "damping_ns_per_m")
-    if not found.quiet:
-        cutoffs = (replace(law, cutoff_hz=_rounded(share * 0.5 / loops.period)) for share in _SHARES[1:])
-        yield from sound(cutoffs, "cutoff_hz")
+def _remedies(law: Law, problem: Problem, loops: Loops) -> Iterator[Remedy]:
+    """Yield the fewest changes that leave a sound disk margin and no noise that is felt, each as its loop shows."""
+    for count in range(1, len(_KEYS) + 1):
+        each = (loops.changed(law, keys, 30 // count**2) for keys in combinations(_KEYS, count))
+        some = dict(one for laws in each for one in loops.sound(laws))
+        for other, disk in some.items():
+            changes = {key: getattr(other, key) for key in _KEYS if getattr(other, key) != getattr(law, key)}
+            yield Remedy(changes, disk)
+        if some:
+            break
     quicker: list[dict[str, Any]] = [{"sample_time_s": loops.period / 2}]
     quicker += [{"delay_samples": 0}] if loops.device.delay_samples else []
     for change in quicker:
         beside = {"range": {"delay_samples": None}} if "delay_samples" in change else {}
-        disk = margin(law, Loops(found.problem.changed(device={**change, **beside})))
-        if disk >= SOUND_DISK:
+        for _, disk in Loops(problem.changed(device={**change, **beside})).sound([law]):
             yield Remedy(change, disk)
 
 
@@ -455,9 +467,5 @@ def first_law(problem: Problem) -> Law:
     """Return a spring and damper to begin with: the wall's k, or the largest share of it that a b holds soundly."""
     stiffest = problem.environment.stiffness_n_per_m or 1e3 * problem.device.metres_per_unit**2
     loops, wall = Loops(problem), Law(stiffest)
-    for law in wall.softer((1.0, *_SHARES, *(0.1 * one for one in _SHARES))):
-        if (found := loops.damping_range(law)) is not None:
-            best = max(law.dampings(found[1]), key=loops.disk_margin)
-            if loops.disk_margin(best) >= SOUND_DISK:
-                return best
-    return Law(_rounded(1e-3 * stiffest))
+    laws = chain(loops.changed(wall, _KEYS[-1:], 1), loops.changed(wall, (_KEYS[0], _KEYS[-1]), 8))
+    return next((law for law, _ in loops.sound(laws)), Law(_rounded(1e-3 * stiffest)))

@@ -281,7 +281,11 @@ def _worst(loop: SampledLoop, columns: list[FloatArray], degree: int | None, *, 
 
     candidates = low[:, None]
     if degree is not None:
-        candidates = np.concatenate([_resolving_points(loop, parts, degree), low[:, None], high[:, None]], axis=1)
+        # They resolve the hold's oscillation and the slowest pole.
+        even, corner = seeds_hz(degree, nyquist), np.clip(np.abs(parts.pole_gap), 1e-16, 1.0)[:, None]
+        decades = corner ** np.linspace(1.2, 0, 25)[None, :] / np.pi * nyquist
+        each = [np.broadcast_to(even, (len(low), len(even))), decades, low[:, None], high[:, None]]
+        candidates = np.concatenate(each, axis=1)
     if degree is not None and has_roots(degree):
         roots_hz = np.arccos(stationary_cosines(loop, parts, contact)) / np.pi * nyquist
         candidates = np.concatenate([candidates, roots_hz], axis=1)
@@ -296,11 +300,3 @@ def _worst(loop: SampledLoop, columns: list[FloatArray], degree: int | None, *, 
     tolerance = RELATIVE_TOLERANCE * size[:, 0]
     margin = value(at)[:, 0]
     return WorstMargin(margin, at[:, 0], parts.stable, parts.integral / loop.sample_time_s, tolerance)
-
-
-def _resolving_points(loop: SampledLoop, parts: Fractions, degree: int) -> FloatArray:
-    """Return frequencies, shape (n, m), that resolve the hold's oscillation and the slowest pole, as seeds."""
-    even = seeds_hz(degree, loop.nyquist_hz)
-    corner = np.clip(np.abs(parts.pole_gap), 1e-16, 1.0)[:, None]
-    decades = corner ** np.linspace(1.2, 0, 25)[None, :]
-    return np.concatenate([np.broadcast_to(even, (len(corner), len(even))), decades / np.pi * loop.nyquist_hz], axis=1)

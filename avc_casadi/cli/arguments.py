@@ -209,10 +209,10 @@ def subject(source: str, gains: str | None) -> tuple[avc.Problem, Coupling | Non
     if gains is None:
         return problem, None, []
     found = read_file(gains)
-    end = "wall" if problem.simulation is None else "simulation"
-    if (found.end if isinstance(found, Coupling) else "wall") != end:
+    ends = ("simulation",) if problem.simulation is not None else ("follower", "wall")[problem.follower is None :]
+    if (found.end if isinstance(found, Coupling) else "wall") not in ends:
         make = f"avc recommend {quote(source)} --out c.json"
-        raise avc.InputError.of(f"is no coupling to a {end}; make one: {make}", file=gains)
+        raise avc.InputError.of(f"is no coupling to a {ends[0]}; make one: {make}", file=gains)
     if not isinstance(found, Coupling):
         return problem, coupling_beside(problem, found, gains), []
     if same_problem(problem, found.problem):

@@ -37,7 +37,7 @@ def run_certify(args: argparse.Namespace, console: Console) -> Answer:
 
     It may where it is stable with every hand of [hands] and released; exit code 1 if not. Or of your own law in place
     of GAINS, force = -(k x + (b + b_p) v): avc certify P --k 230 --b 1.2; what is left out is 0, the wall of P is not
-    used, P may be a device file, and with [simulation] they are K, B and the damper of the device's own loop. --prove
+    used, P may be a device file, and to another end they are K, B and the damper of the device's own loop. --prove
     proves rest (L7) over the device's ranges, without friction.
     """
     law = {key: getattr(args, key) for key in ("k", "b", "b_p", "cutoff_hz") if getattr(args, key) is not None}
@@ -48,7 +48,7 @@ def run_certify(args: argparse.Namespace, console: Console) -> Answer:
 
         cli.refuse(args, "prove", "proof_out", "gains", why="goes with a file of gains, not with --k, --b")
         problem = law_problem(args.problem)
-        if problem.simulation is None:
+        if problem.simulation is None and problem.follower is None:
             with console.step("your own law"):
                 return own_law(avc.certify_law(problem, **law), args.problem)
         cli.refuse(args, "cutoff_hz", why=cli.OF_WALLS)
@@ -61,20 +61,20 @@ def run_certify(args: argparse.Namespace, console: Console) -> Answer:
     if coupling is None:
         make = f"avc recommend {quote(args.problem)} --out c.json"
         raise avc.InputError.of(f"is missing; give a coupling or gain file: {make}", key="GAINS")
-    if coupling.end == "simulation":
+    if coupling.end != "wall":
         cli.refuse(args, "prove", "proof_out", why=cli.OF_WALLS)
         return _certify_pair(problem, coupling.gains, args.gains or args.problem, console)
     return _certify_wall(problem, coupling, notes, args, console)
 
 
 def _certify_pair(problem: avc.Problem, gains: ToolGains, file: str, console: Console) -> Answer:
-    from avc_casadi.design.virtual_tool import ToolSearch, tool_certificate
+    from avc_casadi.design.virtual_tool import FollowerSearch, ToolSearch, certify_pair
     from avc_casadi.present.rows.judge import pair_certificate
     from avc_casadi.recommendation.preconditions import not_used
 
     with console.step("certificate"):
-        search = ToolSearch(problem)
-        found, why = tool_certificate(problem, gains, search), search.why_not(gains)
+        search = FollowerSearch(problem) if problem.simulation is None else ToolSearch(problem)
+        found, why = certify_pair(problem, gains, search), search.why_not(gains)
     passed = {"pass": not why, "sentence": why or "linearly stable"}
     data = {"problem": problem.name, "gains": file, **vars(gains), "deployable": passed, **found}
     return pair_certificate(data | {"not_used": list(not_used(problem))}, problem, file)

@@ -374,9 +374,8 @@ def edge(stable: Callable[[float], bool], low: float, high: float, precision: fl
     return low
 
 
-def tool_certificate(problem: Problem, gains: ToolGains, search: ToolSearch | None = None) -> dict[str, Any]:
+def certify_pair(problem: Problem, gains: ToolGains, search: ToolSearch | FollowerSearch) -> dict[str, Any]:
     """Return the certificate: JSON values, stability and passivity apart."""
-    search = ToolSearch(problem) if search is None else search
     stable, (radius, case) = search.loops.stable_over_ranges(gains), search.loops.radius(gains)
     found: dict[str, Any] = plain(
         {
@@ -387,11 +386,11 @@ def tool_certificate(problem: Problem, gains: ToolGains, search: ToolSearch | No
             **search.margins(gains),
             "least_damped": asdict(search.loops.slowest(gains)) if stable else None,
             "claim": (
-                "linear stability of the lifted loop: hands of [hands] and the device released, devices, tools and "
-                "contacts of their ranges (corners, then a search for the worst point inside), every phase of the "
+                "linear stability of the lifted loop: hands of [hands] and the device released, devices, tools, delays "
+                "and contacts of their ranges (corners, then a search for the worst point inside), every phase of the "
                 "clocks (one where a step is a whole number of samples: it begins at a sample)"
             ),
-            "passivity": _passivity(problem, gains),
+            "passivity": {} if problem.simulation is None else _passivity(problem, gains),
         }
     )
     return found

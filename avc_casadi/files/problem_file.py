@@ -44,7 +44,7 @@ def load_problem(source: str | Path) -> Problem:
     names = {file: name for name, file in catalogue_names().items()}
     text = text_of(path)
     if text.lstrip().startswith(("{", "frequency_hz,")):
-        message = "is a coupling or gain file; allowed: a problem file (TOML). avc certify, simulate and export take it"
+        message = "is a coupling or gain file; allowed: a problem file (TOML). avc certify and export take it"
         raise InputError.of(message, file=str(path))
     return parse_problem(text, file=str(source), name=names.get(path.resolve(), path.stem), folder=path.parent)
 

@@ -10,7 +10,7 @@ from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi._util.text import quantity
 from avc_casadi.claims.llewellyn import Teleoperator, damping_needed_ns_per_m, passivity_margin
 from avc_casadi.coupling import Coupling
-from avc_casadi.design.virtual_tool import CouplingSearch, FollowerSearch, ToolSearch, tool_certificate
+from avc_casadi.design.virtual_tool import CouplingSearch, FollowerSearch, ToolSearch, certify_pair
 from avc_casadi.loops.engine import ToolLoops, required_tool
 from avc_casadi.loops.follower import required_follower
 from avc_casadi.model.device import Device
@@ -65,7 +65,7 @@ def recommend_tool(
     coupling, deployable = None, gains is not None
     certificate: dict[str, Any] = {}
     if gains is not None and trial is not None:
-        certificate = tool_certificate(problem, gains, search)
+        certificate = certify_pair(problem, gains, search)
         coupling = Coupling.between(problem, gains, certificate, trial.document(), versions or {})
     # What is only linearly stable is no help where hands refute it.
     same = gains.stiffness_n_per_m if gains is not None else wanted if trial is None else None

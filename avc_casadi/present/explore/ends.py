@@ -21,8 +21,7 @@ from avc_casadi.coupling import Coupling
 from avc_casadi.design.methods import solve
 from avc_casadi.design.scene_coupling import simulate
 from avc_casadi.design.tool_region import ToolRegion, tool_region
-from avc_casadi.design.virtual_tool import ToolSearch, tool_certificate
-from avc_casadi.loops.follower import FollowerLoops
+from avc_casadi.design.virtual_tool import FollowerSearch, ToolSearch, certify_pair
 from avc_casadi.model.ends import ToolGains
 from avc_casadi.model.gains import NO_COUPLING, GainSchedule, Status
 from avc_casadi.model.problem import Problem
@@ -224,13 +223,14 @@ _NAMES = {"own": "your K and B", "method": "recommended"}
 def pair_answer(explorer: Explorer, settings: Settings, problem: Problem, *, whole: bool) -> Answers:
     """Return K and B of one's own to a simulation or a follower beside the recommendation."""
     stated, tool = settings.key(), problem.simulation
-    search = explorer.cached(f"search {stated}", lambda: ToolSearch(problem) if tool is not None else None)
-    loops: Any = search.loops if search else explorer.cached(f"loops {stated}", lambda: FollowerLoops(problem))
-    first = explorer.cached("first", lambda: _first(explorer.base, loops))
+    search = explorer.cached(
+        f"search {stated}", lambda: FollowerSearch(problem) if tool is None else ToolSearch(problem)
+    )
+    first = explorer.cached("first", lambda: _first(explorer.base, search.loops))
     own = ToolGains(**(vars(first) | _typed(settings)))
     found = explorer.coupling(settings)
     pairs = {"own": own} | ({} if found is None else {"method": found.gains})
-    rows = explorer.cached(f"rows {stated} {own}", lambda: _rows(problem, search, loops, own))
+    rows = explorer.cached(f"rows {stated} {own}", lambda: _rows(problem, search, own))
     charts = _felt(problem, pairs)
     if tool is not None:
         rates: dict[str, Any] = {} if whole else {"rates": ()}
@@ -274,15 +274,15 @@ def _first(problem: Problem, loops: Any) -> ToolGains:
     return rounded
 
 
-def _rows(problem: Problem, search: ToolSearch | None, loops: Any, gains: ToolGains) -> list[Row]:
+def _rows(problem: Problem, search: ToolSearch | FollowerSearch, gains: ToolGains) -> list[Row]:
     rows = [row("Coupling", subject.pair(vars(gains)))]
     at = [asdict(one) for one in rendered_pair(problem, gains)]
     felt = felt_rows({"stiffness_n_per_m": None, "on_stiffest_contact_n_per_m": None, "at": at})
-    if search is None:
-        stable = loops.stable_over_ranges(gains)
-        text = f"{'corner hands and released,' if stable else 'not all of'} {len(loops)} loops"
+    if isinstance(search, FollowerSearch):
+        stable = search.loops.stable_over_ranges(gains)
+        text = f"{'corner hands and released,' if stable else 'not all of'} {len(search.loops)} loops"
         return [*rows, row("Stability", text, mark=grade(stable)), *felt]
-    certificate = tool_certificate(problem, gains, search)
+    certificate = certify_pair(problem, gains, search)
     return [*rows, *stability(certificate), *felt, *passivity(certificate["passivity"], problem)]
 
 
@@ -326,6 +326,6 @@ def pair_coupling(explorer: Explorer, settings: Settings, problem: Problem) -> t
         raise InputError.of("no coupling yet: there is nothing to save", key="method")
     search = explorer.cached(f"search {settings.key()}", lambda: ToolSearch(problem))
     own = ToolGains(**({"stiffness_n_per_m": 0.0, "damping_ns_per_m": 0.0} | _typed(settings)))
-    certificate = tool_certificate(problem, own, search)
+    certificate = certify_pair(problem, own, search)
     verdict = f"your K and B, {'stable' if certificate['stable'] else 'not stable'}, without a trial"
     return Coupling.between(problem, own, certificate, None, explorer.versions), verdict

@@ -123,18 +123,15 @@ def own_law(found: LawCertificate, shown: str = "") -> Answer:
     problem, shown = found.problem, shown or subject.name_of(found.problem)
     law = {key: value for key, value in vars(found.law).items() if value}
     title = parts(shown, " ", _law(law), subject.device_line(problem.device))
-
-    def command(law: Mapping[str, float]) -> str:
-        typed = " ".join(f"{_LAW[key][1]} {value:g}" for key, value in law.items() if value)
-        return f"avc certify {quote(shown)} {typed}"
-
-    helps = (one.changes for one in found.remedies or () if all(_LAW[key][1] for key in one.changes))
-    onwards = [command(law | dict(changes)) for changes in helps][:1]
+    onwards, helps = [], [one.changes for one in found.remedies or () if all(_LAW[key][1] for key in one.changes)]
+    for changes in helps[:1]:
+        typed = " ".join(f"{_LAW[key][1]} {value:g}" for key, value in (law | dict(changes)).items() if value)
+        onwards.append(f"avc certify {quote(shown)} {typed}")
     if problem.environment.stiffness_n_per_m:
         onwards.append(f"avc recommend {quote(shown)} --out coupling.json")
     complaint = "" if found.passed else f"avc: {shown}: this law is not deployable"
-    data, rows = found.document(), tuple(_law_rows(found))
-    return Answer("certify-law", data, title, rows, tuple(onwards), problem.units, complaint=complaint)
+    known = found.document(), title, tuple(_law_rows(found)), tuple(onwards), problem.units
+    return Answer("certify-law", *known, complaint=complaint)
 
 
 def _law(values: Mapping[str, float]) -> tuple[Part, ...]:
@@ -175,7 +172,7 @@ def _law_rows(found: LawCertificate) -> list[Row]:
         rows.append(row("Not used", own, Value(period_s, "time"), mark=Mark.CAUTION))
     if not sound and found.remedies is not None:
         helps = [(_law(one.changes), fill("(disk margin {disk_margin:2})", vars(one))) for one in found.remedies]
-        rows.append(row("Would help", commas(helps, ";") or "no change of k, b, cutoff, sample time or delay alone"))
+        rows.append(row("Would help", commas(helps, ";") or "no k, b, cutoff down to 1 %, nor sample time or delay"))
     return rows
 
 

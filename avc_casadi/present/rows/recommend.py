@@ -355,11 +355,13 @@ def stability(found: Mapping[str, Any]) -> list[Row]:
         margins = ", ".join(map(" of ".join, zip(each, ("K and B", "the motor alone", "the follower's"), strict=False)))
         rows.append(row("Gain margin", margins, ": thin" * thin(found), mark=caution(thin(found))))
     if case := found.get("worst"):
-        tool, stiffness = case["tool"], case["tool"]["contact_stiffness_n_per_m"]
-        on = "held rigidly" if stiffness is None else "on {contact_stiffness_n_per_m}" if stiffness else "free"
-        at = "fixed place" if tool["mass_kg"] is None else fill(f"tool of {{mass_kg}}, {on}", tool)
-        step = fill("; step {step_s}; spectral radius {spectral_radius:6} a step", {**case, **found})
-        rows.append(row("Worst loop", subject.hand(case["hand"]), ";", at, step))
+        name, end = next((name, case[name]) for name in ("tool", "follower") if name in case)
+        stiffness = end["contact_stiffness_n_per_m"] if name == "tool" else case["environment_n_per_m"]
+        on = "held rigidly" if stiffness is None else ("on", Value(stiffness, "stiffness")) if stiffness else "free"
+        at = "fixed place" if end["mass_kg"] is None else (*fill(f"{name} of {{mass_kg}},", end), on)
+        ticks = "a step of {step_s}" if name == "tool" else "a sample"
+        radius = fill(f"; spectral radius {{spectral_radius:6}} {ticks}", {**case, **found})
+        rows.append(row("Worst loop", subject.hand(case["hand"]), ";", at, radius))
     if found.get("stable", True) and mode["damping_ratio"] < 1:
         rows.append(row("Damping ratio", fill("{damping_ratio:2} at {frequency_hz} (least damped loop)", mode)))
     return rows
