@@ -232,9 +232,9 @@ def test_k_and_b_to_an_engine_are_judged_with_the_engine(integrator, m, b, h, tm
         assert json.loads(capsys.readouterr().out)["stable"] == (share < 1)
 
 
-def test_a_law_is_not_judged_without_the_other_end(tmp_path, capsys):
+def test_k_and_b_to_a_follower_are_judged_with_it(tmp_path, capsys):
     file = tmp_path / "pair.toml"
     device = "mass_kg = 0.12\ndamping_ns_per_m = 0.8\n"
     file.write_text(f"[device]\n{device}[follower]\n{device}", encoding="utf-8")
-    assert main(["certify", str(file), "--k", "300"]) == 2
-    assert "follower" in capsys.readouterr().err
+    assert [main(["certify", str(file), "--k", str(k), "--b", "3"]) for k in (300, 3e5)] == [0, 1]
+    assert "follower" in capsys.readouterr().out
