@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import sys
 from functools import partial
 from pathlib import Path
@@ -154,7 +153,8 @@ def page(document: dict[str, Any]) -> None:
     head = ("problem", *(f"0.2.0: {part}" for part in parts), *parts, "at its margin, %", "nearby")
     named = [_row(name, one) for name, one in cells.items() if "now" in one and not name.startswith("device")]
     both = [one for one in drawn if "error" in one["now"] and "release" in one]
-
+    if not both:  # the named problems come first
+        return
     keys = ("error", "disk_margin", "noise_n_per_m", "cpu_s", "settled")
     errors, margins, noises, times, rests = (
         np.array([[one[which][key] for one in both] for which in ("now", "release")]) for key in keys
@@ -235,5 +235,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     main()
