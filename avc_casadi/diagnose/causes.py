@@ -299,7 +299,7 @@ def _doubts(first: str, fit: Fit, law: Law, scene: Scene, found: Diagnosis, shar
         doubts.append(f"of the hypotheses that the log bears out {', '.join(parts)}")
     # An assumed device is free to explain much that it did not do.
     if fit.misfit > (_MISFIT if declared.known else _MISFIT / 3) and first != "rate":
-        doubts.append(f"the model leaves {number(fit.misfit, 2)} times what encoder and noise do")
+        doubts.append(f"the model leaves {number(fit.misfit, 3)} times what encoder and noise do")
     meant = declared.delays_in(log)[1]
     if fit.at_end or (first == "delay" and one.delay + law.lag - meant < 2 * fit.delay_error):
         doubts.append("the log does not tell the delay")

@@ -165,5 +165,5 @@ def reason_of(best: Judged | None, judged: list[Judged], considered: int) -> str
     below, hands = other.quiet_hands
     quiet = f"only {below} of {hands} hands stay below the vibrotactile threshold"
     flaw = quiet if other.safety == best.safety else "not all hands settle"
-    errors = f"impedance error {100 * other.error:.2g} %, here {100 * best.error:.2g} %"
+    errors = f"impedance error {100 * other.error:.3g} %, here {100 * best.error:.3g} %"
     return f"{why}; with a nearer {other.coupling.method} ({errors}) {flaw}"
