@@ -15,7 +15,7 @@
 
 enum {
     AVC_ROWS_MAX = AVC_CAPACITY_ROWS,
-    AVC_STATES_MAX = 16, /* of the observer whose state is fed back */
+    AVC_STATES_MAX = AVC_CAPACITY_ROWS < 77 ? 8 : 16, /* of the observer whose state is fed back: they lie where the rows do */
     AVC_FEEDBACK_MAX = AVC_STATES_MAX * (AVC_STATES_MAX + 3)
 };
 
