@@ -212,12 +212,12 @@ class CouplingSearch:
         lighter = [min(some, key=_dampers) for some in (half, quarter)]
         return list(dict.fromkeys((best, *lighter, heaviest)))
 
-    def held(self, stiffness_n_per_m: float, *, local: bool = False) -> ToolGains | None:
-        """Return gains of this K with which every loop is stable with its least margins; None where none are."""
+    def held(self, stiffness_n_per_m: float, *, local: bool = False, inside: bool = True) -> ToolGains | None:
+        """Return gains of this K with which every loop, at corners or inside too, has its least margins, or None."""
         tried = self._tried(stiffness_n_per_m, local=local)
-        middle = len(tried) / 2
-        order = (tried[at] for at in sorted(range(len(tried)), key=lambda place: abs(place - middle)))
-        return next((one for one in order if self.deployable.stable(one) and not self.deployable.refuted(one)), None)
+        order = sorted(range(len(tried)), key=lambda at: abs(at - len(tried) / 2))
+        safe = filter(self.deployable.stable, (tried[at] for at in order))
+        return next((one for one in safe if not (inside and self.deployable.refuted(one))), None)
 
     def refuted(self, gains: ToolGains, gain_margin: float) -> bool:
         """Return whether a search of the ranges refutes gains with their margin; without it where they have none."""

@@ -22,7 +22,7 @@ from avc_casadi.model.plant import SampledPlant, sampled_plant
 from avc_casadi.model.problem import Problem
 
 Leading = Callable[[IndexArray, FloatArray], ComplexArray]
-"""The eigenvalue of largest modulus of each of m loops, by row (m,) and place in the unit box (sides, m)."""
+"""The leading eigenvalue of each of m loops, by row (m,) and place in the unit box (sides, m)."""
 
 Ranges = dict[str, tuple[float, float]]
 """[lowest, highest] by name."""
@@ -57,8 +57,8 @@ class Box:
         return found
 
 
-def worst_point(leading: Leading, sides: int) -> tuple[FloatArray, complex]:
-    """Return the place (sides,) of a unit box with the largest modulus, and the eigenvalue there."""
+def worst_point(leading: Callable[[FloatArray], ComplexArray], sides: int) -> tuple[FloatArray, ComplexArray]:
+    """Return the places (sides, kinds) of a unit box where each kind of eigenvalue has its largest modulus, and it."""
     # Many points, edges, lines and ascents: maxima near a resonance of tool, contact or device are narrow.
     drawn = np.random.default_rng(1).random((sides, 40 * sides))
     corners = np.random.default_rng(0).integers(0, 2, (sides, 64)).astype(np.float64)
@@ -66,17 +66,22 @@ def worst_point(leading: Leading, sides: int) -> tuple[FloatArray, complex]:
         corners = np.array(list(product((0.0, 1.0), repeat=sides))).reshape(2**sides, sides).T
     inner = [np.insert(np.delete(corners, at, 0), at, share, 0) for at in range(sides) for share in (0.25, 0.5, 0.75)]
     places = np.concatenate([corners, *inner, drawn], axis=1)
-    values = leading(np.zeros(places.shape[1], dtype=np.intp), places)
+    values = np.atleast_2d(leading(places))
+    kinds = np.arange(len(values))
     if not sides:
-        return places[:, 0], complex(values[0])
+        return places[:, 0 * kinds], values[:, 0]
     for _ in range(2):
-        lines = np.concatenate([_lines(places[:, at]) for at in _far_apart(np.abs(values), places, 6)], axis=1)
+        far = dict.fromkeys(at for one in values for at in _far_apart(np.abs(one), places, 6))
+        lines = np.concatenate([_lines(places[:, at]) for at in far], axis=1)
         places = np.concatenate([places, lines], axis=1)
-        values = np.concatenate([values, leading(np.zeros(lines.shape[1], dtype=np.intp), lines)])
-    starts = _far_apart(np.abs(values), places, 5)
-    tops, ends = ascend(leading, np.zeros(len(starts), dtype=np.intp), places[:, starts])
-    best = int(np.abs(ends).argmax())
-    return tops[:, best], complex(ends[best])
+        values = np.concatenate([values, np.atleast_2d(leading(lines))], axis=1)
+    starts = [_far_apart(np.abs(one), places, 5) for one in values]
+    rows = np.repeat(kinds, [len(one) for one in starts])
+    tops, ends = ascend(
+        lambda rows, at: np.atleast_2d(leading(at))[rows, np.arange(len(rows))], rows, places[:, np.concatenate(starts)]
+    )
+    best = [int(np.where(rows == kind, np.abs(ends), -1.0).argmax()) for kind in kinds]
+    return tops[:, best], ends[best]
 
 
 def hand_boxes(problem: Problem) -> list[Ranges]:
@@ -110,13 +115,13 @@ def worst_held(
     """Return the largest eigenvalue over a hand's and a device's ranges: its hand, its device and all its values."""
     box = Box({**hand, **device_ranges(device, LINEAR_KEYS), **more})
 
-    def of_places(_: IndexArray, places: FloatArray) -> ComplexArray:
+    def of_places(places: FloatArray) -> ComplexArray:
         values = box.values(places)
         return leading(held_plant(device, values)[1], values)
 
     place, value = worst_point(of_places, len(box.sides))
-    found = box.values(place[:, None])
-    return value, hand_at(found, 0), held_plant(device, found)[0][0], found
+    found = box.values(place)
+    return complex(value[0]), hand_at(found, 0), held_plant(device, found)[0][0], found
 
 
 def _lines(place: FloatArray) -> FloatArray:
@@ -258,15 +263,15 @@ class Region:
     box: Box
     pattern: Callable[[dict[str, FloatArray]], Pattern]
 
-    def worst(self, gains: ToolGains, *, slow: bool) -> tuple[float, Pattern]:
-        """Return the largest growth in a millisecond that a search finds, and its loop; slow: of all modes."""
+    def worse(self, gains: ToolGains, known: float) -> list[Pattern]:
+        """Return the loops that a search finds to grow more than this in a millisecond."""
 
-        def growth(_: IndexArray, places: FloatArray) -> ComplexArray:
+        def growth(places: FloatArray) -> ComplexArray:
             pattern = self.pattern(self.box.values(places))
-            return leading(pattern.maps(gains), pattern, slow=slow)
+            return leading(pattern.maps(gains), pattern)
 
-        place, value = worst_point(growth, len(self.box.sides))
-        return abs(value), self.pattern(self.box.values(place[:, None]))
+        places, values = worst_point(growth, len(self.box.sides))
+        return [self.pattern(self.box.values(places[:, [at]])) for at in np.flatnonzero(np.abs(values) > known)]
 
 
 @dataclass(frozen=True)
@@ -296,10 +301,8 @@ class System:
         place, _, radius = self.worst(gains)
         before, known = len(self.patterns), radius ** (UNIT_S / self.patterns[place].period_s) * (1 + TOLERANCE)
         with np.errstate(over="ignore", invalid="ignore"):
-            for region, slow in product(self._regions, (True, False)):
-                growth, pattern = region.worst(gains, slow=slow)
-                if growth > known:
-                    self.patterns.append(pattern)
+            for region in self._regions:
+                self.patterns += region.worse(gains, known)
         return len(self.patterns) - before
 
     def radius(self, gains: ToolGains) -> tuple[float, Any]:
@@ -410,17 +413,14 @@ class WithMargin:
 Loops = System | WithMargin
 
 
-def leading(matrices: FloatArray, pattern: Pattern, *, slow: bool) -> ComplexArray:
-    """Return the largest eigenvalue of loops of a pattern (m, size, size), without a free translation."""
+def leading(matrices: FloatArray, pattern: Pattern) -> ComplexArray:
+    """Return the largest eigenvalue of loops (m, size, size), of all modes and of fast ones, without a translation."""
     values = eigenvalues(_held(matrices, pattern.shift))
     grown = values * np.maximum(np.abs(values), _DEAD) ** (UNIT_S / pattern.period_s - 1)
-    size = np.abs(grown)
-    if not slow:
-        still = (np.abs(np.angle(values)) < 2 * np.pi * 2.0 * pattern.period_s) & (size < 1)
-        size = np.where(still, 0.5 * size, size)
-    largest = np.argmax(size, axis=-1)[..., None]
-    found = np.take_along_axis(grown, largest, axis=-1)[..., 0]
-    return np.asarray(found / np.abs(found) * np.take_along_axis(size, largest, axis=-1)[..., 0])
+    slow = (np.abs(np.angle(values)) < 2 * np.pi * 2.0 * pattern.period_s) & (np.abs(grown) < 1)
+    both = np.stack([grown, np.where(slow, 0.5 * grown, grown)])
+    largest = np.argmax(np.abs(both), axis=-1)[..., None]
+    return np.asarray(np.take_along_axis(both, largest, axis=-1)[..., 0])
 
 
 def _held(matrices: FloatArray, shift: FloatArray) -> FloatArray:

@@ -115,15 +115,12 @@ def what_would_help_tool(problem: Problem, search: ToolSearch, *, local: bool) -
     if tool.integrator != "implicit" and tool.tool_mass_kg is not None:
         changes["an implicit integrator"] = {"integrator": "implicit"}
     roughly = ToolSearchOptions(precision=0.01)  # one part in a hundred, beside a limit
-    found = [
-        ToolHelp(change, ToolSearch(problem.changed(simulation=keys), roughly, hands).stiffest().stiffness_n_per_m)
-        for change, keys in changes.items()
-    ]
+    every = {change: ToolSearch(problem.changed(simulation=keys), roughly, hands) for change, keys in changes.items()}
+    found = [ToolHelp(change, one.stiffest().stiffness_n_per_m) for change, one in every.items()]
     if not local:
-        beside = ToolSearch(problem, roughly, hands).stiffest_beside_local_damper()
-        damper = f"{beside.local_damping_ns_per_m:.3g}"
-        found.append(ToolHelp(f"a damper of {damper} in the device's own loop", beside.stiffness_n_per_m))
-    better = [one for one in found if one.stiffest_n_per_m > 1.02 * search.limit[0].stiffness_n_per_m]
+        beside = ToolSearch(problem, roughly, hands).stiffest_beside_local_damper().stiffness_n_per_m
+        found.append(ToolHelp("a damper in the device's own loop", beside))
+    better = (one for one in found if one.stiffest_n_per_m > 1.02 * search.limit[0].stiffness_n_per_m)
     return tuple(sorted(better, key=lambda one: -one.stiffest_n_per_m))
 
 
@@ -165,14 +162,19 @@ def same_stiffness(problem: Problem, stiffness_n_per_m: float, *, local: bool) -
     tool, t = required_tool(problem), problem.device.sample_time_s
 
     @cache
-    def held(key: str, value: Any, of_device: bool = False) -> ToolGains | None:
+    def held(key: str, value: Any, of_device: bool = False, *, inside: bool = True) -> ToolGains | None:
         search = ToolSearch(problem.changed(simulation={key: value}))
-        return search.held(stiffness_n_per_m, local=local or of_device)
+        return search.held(stiffness_n_per_m, local=local or of_device, inside=inside)
+
+    def end(find: Callable[[Callable[[Any], object]], Any], key: str, unit: float = 1.0) -> Any:
+        """Return an end with the corners of the ranges alone where it holds inside them too, which takes long."""
+        value = find(lambda value: held(key, value * unit, inside=False))
+        return value if not value or held(key, value * unit) else find(lambda value: held(key, value * unit))
 
     names = ("on-time", "late", "ahead", "held-force")
     found = {name: held("exchange", name, name == "held-force") for name in names}
-    mass = None if tool.tool_mass_kg is None else _lightest_kg(tool, partial(held, "tool_mass_kg"))
-    samples = _slowest(lambda count: held("step_s", count * t), _most_samples(tool, t))
+    mass = None if tool.tool_mass_kg is None else end(partial(_lightest_kg, tool), "tool_mass_kg")
+    samples = end(partial(_slowest, _most_samples(tool, t)), "step_s", t)
     found["least_tool_mass_kg"] = None if mass is None else held("tool_mass_kg", mass)
     found["slowest_step_s"] = held("step_s", samples * t) if samples else None
     return {
@@ -185,15 +187,13 @@ def same_stiffness(problem: Problem, stiffness_n_per_m: float, *, local: bool) -
 
 def _lightest_kg(tool: VirtualTool, holds: Callable[[float], object]) -> float | None:
     """Return the lightest tool that holds, searched from the declared mass down, or up."""
-    lightest, declared, heaviest = _masses_kg(tool)
-    if holds(declared):
-        return _between(holds, lightest, declared)
-    mass = declared
-    while mass < heaviest:
+    lightest, mass, heaviest = _masses_kg(tool)
+    before = lightest
+    while not holds(mass):
+        if mass == heaviest:
+            return None
         before, mass = mass, min(2 * mass, heaviest)
-        if holds(mass):
-            return _between(holds, before, mass)
-    return None
+    return _between(holds, before, mass)
 
 
 def _between(holds: Callable[[float], object], low: float, high: float) -> float:
@@ -212,7 +212,7 @@ def _between(holds: Callable[[float], object], low: float, high: float) -> float
     return high
 
 
-def _slowest(holds: Callable[[int], object], most: int) -> int:
+def _slowest(most: int, holds: Callable[[int], object]) -> int:
     """Return the most samples of a step up to which it holds; 0 where not even one does."""
     good, bad = 0, 1
     while good < most and holds(bad):
