@@ -23,7 +23,6 @@ from avc_casadi.coupling import Coupling
 from avc_casadi.model.gains import Gains, GainSchedule, GainTable, Status
 from avc_casadi.model.runtime import Runtime, StateFeedback
 from avc_hardware import BoardLimits, Connection, TableImage
-from avc_hardware.codegen.boards import ARM_INSTALL
 from avc_hardware.link.faults import Refusal
 from avc_hardware.link.session import RefusedError
 
@@ -37,7 +36,7 @@ INSTALL = {
     "g++": "apt-get install -y --no-install-recommends g++",
     "clang": "apt-get install -y --no-install-recommends clang",
     "clang++": "apt-get install -y --no-install-recommends clang",
-    "arm-none-eabi-gcc": ARM_INSTALL,
+    "arm-none-eabi-gcc": "apt-get install -y --no-install-recommends gcc-arm-none-eabi",
     "avr-gcc": "apt-get install -y --no-install-recommends gcc-avr avr-libc",
     "simavr": "apt-get install -y --no-install-recommends simavr",
     "riscv64-unknown-elf-gcc": "apt-get install -y --no-install-recommends gcc-riscv64-unknown-elf",

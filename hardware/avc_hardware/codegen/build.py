@@ -15,13 +15,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from avc_casadi import InputError, MissingExtraError, UnsupportedError
-from avc_casadi._util.files import write_file
 from avc_casadi.coupling import Coupling
 from avc_casadi.model.problem import Problem
 from avc_hardware.codegen.boards import FIRMWARE, IMAGE, MANIFEST, PACKAGED, Board, read_board
 from avc_hardware.codegen.figures import ESTIMATOR_NUMBERS, BoardLimits, Config, RuntimeFigures, board_limits
 from avc_hardware.codegen.firmware_fit import check_runs_on, figures_of, wall_alone
-from avc_hardware.codegen.image import as_binary, as_intel_hex, read_elf
 from avc_hardware.codegen.tick_program import CONFIG, config_source, tick_sources
 
 if TYPE_CHECKING:
@@ -171,14 +169,14 @@ def build_firmware(of: Coupling | Problem | Device, board: str, out: Path, *, ba
         if of.table.constant:
             figures = replace(figures, estimator=target.estimator)
     elf = build_image(target, out, baud=baud, config=Config(limits, figures), bound=True)
-    image = read_elf(elf)
-    address, data = as_binary(image)
     files = (elf, elf.with_suffix(".bin"), elf.with_suffix(".hex"))
-    write_file(files[1], data)
-    write_file(files[2], as_intel_hex(image))
+    objcopy = compiler(f"{target.compiler.removesuffix('gcc')}objcopy", target.install)
+    for kind, file in zip(("binary", "ihex"), files[1:], strict=True):
+        compile_with([objcopy, f"--output-target={kind}", str(elf), str(file)])
     commands = tuple(command.replace("{name}", target.name) for command in target.commands)
     build = _build_name(target, figures)
-    return BuiltFirmware(target.name, target.title, build, files, address, len(data), limits, figures, commands)
+    address, size = target.flash.origin, files[1].stat().st_size
+    return BuiltFirmware(target.name, target.title, build, files, address, size, limits, figures, commands)
 
 
 def _board(name: str) -> Board:

@@ -1,4 +1,4 @@
-"""A firmware image: segments of an ELF file, its symbols, files for flashing."""
+"""A firmware image: segments of an ELF file, its symbols."""
 
 from __future__ import annotations
 
@@ -54,32 +54,3 @@ def read_elf(path: Path) -> Image:
             thumb = int(one["st_info"]["type"] == "STT_FUNC")  # a bit of the address of a function
             symbols[one.name] = (one["st_value"] & ~thumb, one["st_size"])
     return Image(segments, symbols)
-
-
-_DATA, _END, _HIGH_ADDRESS = 0, 1, 4
-_LINE = 16
-
-
-def as_binary(image: Image) -> tuple[int, bytes]:
-    """Return the address of the first byte and all bytes from it; gaps hold the value of erased flash."""
-    first = min(segment.address for segment in image.segments)
-    last = max(segment.address + len(segment.data) for segment in image.segments)
-    data = bytearray([0xFF]) * (last - first)
-    for segment in image.segments:
-        at = segment.address - first
-        data[at : at + len(segment.data)] = segment.data
-    return first, bytes(data)
-
-
-def as_intel_hex(image: Image) -> str:
-    """Return the lines of an Intel HEX file."""
-    records, high = [], -1
-    first, data = as_binary(image)
-    for at in range(0, len(data), _LINE):
-        address = first + at
-        if address >> 16 != high:
-            high = address >> 16
-            records.append((0, _HIGH_ADDRESS, high.to_bytes(2, "big")))
-        records.append((address & 0xFFFF, _DATA, data[at : at + _LINE]))
-    lines = [bytes([len(part), *at.to_bytes(2, "big"), kind]) + part for at, kind, part in [*records, (0, _END, b"")]]
-    return "".join(f":{line.hex().upper()}{-sum(line) & 0xFF:02X}\n" for line in lines)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import re
 import time
 from typing import Protocol, runtime_checkable
@@ -9,9 +10,6 @@ from typing import Protocol, runtime_checkable
 import serial
 
 from avc_casadi import LinkError, PortError
-
-# What pyserial ends in at a URL that lacks something.
-_NO_NAME = (TypeError, KeyError, UnicodeError, re.error)
 
 
 @runtime_checkable
@@ -93,17 +91,16 @@ class SerialLink:
 
 
 def _reason(error: Exception) -> str:
-    if isinstance(error, _NO_NAME) or isinstance(error.__context__, _NO_NAME):
-        return "no name of a port; allowed: a path, or a URL of pyserial as socket://HOST:PORT or hwgrep://PATTERN"
-    number = getattr(error, "errno", None)
-    return f"{error}" if number is None else f"{getattr(error, 'strerror', None) or error}"
+    return f"{getattr(error, 'strerror', None) or error}"
 
 
 def _advice(error: Exception) -> str:
     number = getattr(error, "errno", None)
-    text = str(error).lower()
-    if number == 13 or "permission" in text:
+    if number == errno.EACCES:
         return "add yourself to the group that owns it (on Debian: sudo usermod -aG dialout $USER, then log in again)"
-    if number in {11, 16} or "exclusive" in text or "busy" in text:
+    if number in {errno.EAGAIN, errno.EBUSY}:
         return "another program has it open; close that first"
-    return "`avc doctor --ports` lists the ports of this computer; 'emulator' needs no hardware"
+    return (
+        "allowed: a path, or a URL of pyserial as socket://HOST:PORT; `avc doctor --ports` lists the ports of this "
+        "computer, and 'emulator' needs no hardware"
+    )

@@ -16,6 +16,15 @@ _COUPLING_ID = 23  # place in STATUS
 
 
 @dataclass(frozen=True)
+class Limits:
+    """Limits at run time, never above those of the board."""
+
+    force_n: float
+    speed_m_per_s: float
+    energy_j: float
+
+
+@dataclass(frozen=True)
 class Device:
     """Answer to HELLO."""
 
@@ -34,9 +43,7 @@ class Device:
     table_crc32: int
     coupling_id: str
     faults: int
-    lowered_force_n: float
-    lowered_speed_m_per_s: float
-    lowered_energy_j: float
+    lowered: Limits
     config_crc32: int
     limits: BoardLimits
     figures: RuntimeFigures
@@ -61,7 +68,7 @@ class Device:
         chip = values[10].hex() if any(values[10]) else ""
         coupling = f"{values[13]:08x}" if values[13] else ""
         head = [*values[:8], bool(values[8]), build, chip, *values[11:13], coupling, values[14]]
-        return cls(*[*head, *map(_meant, values[15:18]), values[18], limits, figures])
+        return cls(*[*head, Limits(*map(_meant, values[15:18])), values[18], limits, figures])
 
     @property
     def sample_time_s(self) -> float:
@@ -112,9 +119,7 @@ class DeviceStatus:
     faults: int
     first_faults: int
     fault_tick: int
-    lowered_force_n: float
-    lowered_speed_m_per_s: float
-    lowered_energy_j: float
+    lowered: Limits
     waits: bool
     limits_wait: bool
 
@@ -125,7 +130,8 @@ class DeviceStatus:
         flags = (MODES[values[17]], *map(bool, values[18:21]))
         coupling = f"{values[_COUPLING_ID]:08x}" if values[20] else ""
         numbers = (*values[21:_COUPLING_ID], coupling, *values[_COUPLING_ID + 1 : 34])
-        return cls(*values[:17], *flags, *numbers, *map(_meant, values[34:37]), *map(bool, values[37:]))
+        lowered = Limits(*map(_meant, values[34:37]))
+        return cls(*[*values[:17], *flags, *numbers, lowered, *map(bool, values[37:])])
 
 
 def _meant(value: float) -> float:

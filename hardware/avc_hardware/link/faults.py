@@ -125,11 +125,4 @@ class Refusal:
     def read(cls, payload: bytes) -> Refusal:
         """Read the payload of REFUSED."""
         code, _, detail = struct.unpack("<HHI", payload)
-        return cls(_reason(code), detail)
-
-
-def _reason(code: int) -> Reason | int:
-    try:
-        return Reason(code)
-    except ValueError:
-        return code
+        return cls({int(one): one for one in Reason}.get(code, code), detail)

@@ -73,8 +73,10 @@ def push(
     link = open_link(port, baud=baud, coupling=coupling)
     start = link.now_s()
     with Connection(link, baud=baud, on_silence=on_silence, deadline_s=deadline_s, on_wait=on_wait) as connection:
-        if device_id is not None:
-            _require_device(connection, device_id)
+        chip = connection.device.unique_id
+        if device_id is not None and device_id.lower() != chip:
+            this = f"device {chip}" if chip else "a device without a number of its own"
+            raise LinkError(f"{link.name}: not sent: this is {this}, not {device_id}; see avc doctor --ports --ask")
         return push_over(connection, coupling, safe=safe, start_s=start, unsafe=unsafe)
 
 
@@ -108,7 +110,7 @@ def push_over(
         seconds=connection.link.now_s() - start,
         rounding_max=table.rounding_max,
         left_out=int(np.count_nonzero(~coupling.schedule.usable)),
-        max_force_n=min(table.max_force_n or device.max_force_n, device.lowered_force_n),
+        max_force_n=min(table.max_force_n or device.max_force_n, device.lowered.force_n),
         notes=_notes(coupling, device),
         device=device,
     )
@@ -120,15 +122,6 @@ def _require_safe(coupling: Coupling, safe: Gains, *, unsafe: bool) -> None:
         raise InputError.of(f"is {contact:g}; allowed: 0", key="safe.contact_damping_ns_per_m")
     if safe.damping_ns_per_m or safe.stiffness_n_per_m:
         require_deployable(Coupling.constant(coupling.problem, safe, "safe gains"), unsafe=unsafe)
-
-
-def _require_device(connection: Connection, device_id: str) -> None:
-    number = connection.device.unique_id
-    where = f"{connection.link.name}: not sent"
-    if not number:
-        raise LinkError(f"{where}: the device has no number of its own")
-    if device_id.lower() != number:
-        raise LinkError(f"{where}: this is device {number}, not {device_id}; see avc doctor --ports --ask")
 
 
 def _notes(coupling: Coupling, device: Device) -> tuple[str, ...]:
@@ -145,9 +138,9 @@ def _notes(coupling: Coupling, device: Device) -> tuple[str, ...]:
     if force is not None and force > most * _ROUNDED:
         made = f"made for {force:g}; its certificate does not know the lower limit"
         notes.append(f"the device limits the force at {most:g}, the coupling was {made}")
-    if device.lowered_force_n * _ROUNDED < min(most, force or most):
+    if device.lowered.force_n * _ROUNDED < min(most, force or most):
         then = "raise it when the first touch was good: avc device --force-n F"
-        notes.append(f"the device's force is limited to {device.lowered_force_n:g} at run time; {then}")
+        notes.append(f"the device's force is limited to {device.lowered.force_n:g} at run time; {then}")
     if step and step * _ROUNDED < coarse:
         made = f"made for {step:g}; its trial does not know the coarser steps"
         notes.append(f"the device's encoder has steps of {coarse:g}, the coupling was {made}")

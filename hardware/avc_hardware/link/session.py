@@ -21,8 +21,6 @@ ATTEMPTS = 5
 # A table takes over out of contact: polling interval, and number of polls before it is given up.
 CONTACT_WAIT_S = 0.25
 CONTACT_TRIALS = 40
-# Sample times of control loops; beyond them a report is a wrong one.
-_FASTEST_S, _SLOWEST_S = 1e-6, 1.0
 
 
 class NoAnswerError(LinkError):
@@ -96,7 +94,7 @@ class Session:
         raise NoAnswerError(f"no answer to {kind.name} after {RETRIES} trials")
 
     def hello(self) -> Generator[Exchange, Answer, Device]:
-        """Identify the device; refuse firmware of another interface, and a sample time that no control loop has."""
+        """Identify the device; refuse firmware of another interface."""
         answer = yield from self.request(Kind.HELLO, m.hello(self.number))
         if isinstance(answer, Refusal):
             raise RefusedError(answer)
@@ -106,11 +104,6 @@ class Session:
             raise LinkError(
                 f"the firmware has interface version {answer.interface_version}, this program {INTERFACE_VERSION}; "
                 f"update {'the firmware' if answer.interface_version < INTERFACE_VERSION else 'avc-casadi'}"
-            )
-        if not _FASTEST_S <= answer.sample_time_s <= _SLOWEST_S:
-            raise LinkError(
-                f"the device reports a sample time of {answer.sample_time_s:g} s; allowed: {_FASTEST_S:g} to "
-                f"{_SLOWEST_S:g} s; is its firmware built for this board?"
             )
         return answer
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from avc_casadi import Fault, InputError
 from avc_hardware.link.bytes import ByteLink
 from avc_hardware.link.connection import DEFAULT_BAUD, Connection, open_link
-from avc_hardware.link.device import DeviceStatus
+from avc_hardware.link.device import DeviceStatus, Limits
 from avc_hardware.link.faults import DeviceFault
 from avc_hardware.link.messages import Acknowledged, Kind, words
 
@@ -45,15 +45,6 @@ def clear_faults(
 
 
 @dataclass(frozen=True)
-class Limits:
-    """Limits at run time."""
-
-    force_n: float
-    speed_m_per_s: float
-    energy_j: float
-
-
-@dataclass(frozen=True)
 class DeviceLimits:
     """The limits of a device."""
 
@@ -79,16 +70,12 @@ def set_limits(
         limits = connection.device.limits
         boards = Limits(limits.max_force_n, limits.max_speed_m_per_s, limits.max_energy_j)
         wanted = (force_n, speed_m_per_s, energy_j)
-        asked = _wanted(boards, _hold(connection.status()), wanted)
+        asked = _wanted(boards, connection.status().lowered, wanted)
         if any(value is not None for value in wanted):
             connection.ask(Kind.LIMITS, struct.pack("<3f", *vars(asked).values()), Acknowledged)
             connection.wait(_TICKS * connection.device.sample_time_s)
         status = connection.status()
-    return DeviceLimits(link.name, boards, asked, _hold(status), status.limits_wait)
-
-
-def _hold(status: DeviceStatus) -> Limits:
-    return Limits(status.lowered_force_n, status.lowered_speed_m_per_s, status.lowered_energy_j)
+    return DeviceLimits(link.name, boards, asked, status.lowered, status.limits_wait)
 
 
 def _wanted(boards: Limits, now: Limits, wanted: tuple[float | None, ...]) -> Limits:

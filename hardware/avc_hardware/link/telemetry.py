@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import struct
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -114,10 +115,8 @@ class TelemetryLog:
         self._path = path
         with _written(path):
             self._file = path.open("w", encoding="utf-8", newline="")
-            self._put(
-                f"# avc monitor: at the device's own ticks; {columns[3]} along +{along}; a lost record is a gap in time"
-            )
-            self._put(",".join(columns))
+            what = f"at the device's own ticks; {columns[3]} along +{along}; a lost record is a gap in time"
+            self._file.write(f"# avc monitor: {what}\n{','.join(columns)}\n")
 
     def write(self, sample: TelemetrySample) -> None:
         """Add a sample."""
@@ -127,11 +126,9 @@ class TelemetryLog:
             *(sample.contact_damping_ns_per_m, sample.energy_j, sample.mode, DeviceFault(sample.faults).word),
             *(sample.coupling_id, sample.boot_id, sample.lost),
         )
-        self._put(",".join(map(_cell, values)))
-
-    def _put(self, line: str) -> None:
         with _written(self._path):
-            self._file.write(f"{line}\n")
+            writer = csv.writer(self._file, lineterminator="\n")
+            writer.writerow(f"{one:.9g}" if isinstance(one, float) else one for one in values)
             self._file.flush()
 
     def __enter__(self) -> Self:
@@ -140,9 +137,3 @@ class TelemetryLog:
     def __exit__(self, *_: object) -> None:
         with _written(self._path):
             self._file.close()
-
-
-def _cell(value: Any) -> str:
-    if isinstance(value, float):
-        return f"{value:.9g}"
-    return f'"{value}"' if "," in str(value) else str(value)
