@@ -79,7 +79,7 @@ def run_excite(args: argparse.Namespace, console: Console) -> Answer:
 
     def cut(log: ExcitationLog) -> None:
         if args.out is not None:
-            log.save(args.out)
+            write_text(args.out, log.csv())
             shown = look.log({"log": log.document()}, device.units, log.port, f"{args.out}, cut short")
             console.say(console.page.rendered(shown))
 
@@ -97,7 +97,7 @@ def run_excite(args: argparse.Namespace, console: Console) -> Answer:
         complaint = f"the device moved by {number(steps, 2)} steps of its encoder only, as if dry friction or a hand "
         complaint += "held it: free it, or give more force"
     if args.out is not None:
-        log.save(args.out)
+        write_text(args.out, log.csv())
         data["out"] = str(args.out)
         if not complaint:
             command = ["avc", "identify", str(args.out), "--device", args.device, "--out", "mine.toml"]

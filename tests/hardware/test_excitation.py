@@ -189,7 +189,7 @@ def test_bad_line_changes_no_record(faults):
 def test_file_keeps_ticks_and_a_gap_cuts_the_record(tmp_path):
     log = Bench(device()).excite(planned())
     path = tmp_path / "log.csv"
-    log.save(path)
+    path.write_text(log.csv())
     ((record,), told) = read_logs([path])
     assert not told
     assert record.sample_time_s == 1e-3
@@ -197,7 +197,7 @@ def test_file_keeps_ticks_and_a_gap_cuts_the_record(tmp_path):
     assert np.allclose(record.force_n, log.force_n, rtol=1e-8)
     kept = np.r_[0:1000, 1040 : log.index.size]
     columns = {name: getattr(log, name)[kept] for name in ("index", "position_m", "force_n")}
-    dataclasses.replace(log, **columns).save(path)
+    path.write_text(dataclasses.replace(log, **columns).csv())
     records, told = read_logs([path])
     assert [record.position_m.size for record in records] == [1000, log.index.size - 1040]
     assert "1 gap in time" in told[0]

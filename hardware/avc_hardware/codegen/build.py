@@ -18,7 +18,7 @@ from avc_casadi import InputError, MissingExtraError, UnsupportedError
 from avc_casadi.coupling import Coupling
 from avc_casadi.model.problem import Problem
 from avc_hardware.codegen.boards import FIRMWARE, IMAGE, MANIFEST, PACKAGED, Board, read_board
-from avc_hardware.codegen.figures import ESTIMATOR_NUMBERS, BoardLimits, Config, RuntimeFigures, board_limits
+from avc_hardware.codegen.figures import ESTIMATOR_NUMBERS, BoardLimits, Config, RuntimeFigures, device_config
 from avc_hardware.codegen.firmware_fit import check_runs_on, figures_of, wall_alone
 from avc_hardware.codegen.tick_program import CONFIG, config_source, tick_sources
 
@@ -159,33 +159,30 @@ def build_firmware(of: Coupling | Problem | Device, board: str, out: Path, *, ba
         raise InputError.of(told, key="baud")
     target = _board(board)
     problem = of.problem if isinstance(of, Coupling) else of
-    device = problem.device if isinstance(problem, Problem) else problem
-    limits, reach = board_limits(device), device.metres_per_unit
-    figures = RuntimeFigures(limits.sample_time_s, limits.metres_per_count, target.estimator, hand_m_per_unit=reach)
+    config = device_config(problem.device if isinstance(problem, Problem) else problem)
     if isinstance(of, Coupling):
         check_runs_on(of)
         wall_alone(of)
-        figures = figures_of(of)
-        if of.table.constant:
-            figures = replace(figures, estimator=target.estimator)
-    elf = build_image(target, out, baud=baud, config=Config(limits, figures), bound=True)
+        config = replace(config, figures=figures_of(of))
+    if not isinstance(of, Coupling) or of.table.constant:
+        config = replace(config, figures=replace(config.figures, estimator=target.estimator))
+    elf = build_image(target, out, baud=baud, config=config, bound=True)
     files = (elf, elf.with_suffix(".bin"), elf.with_suffix(".hex"))
     objcopy = compiler(f"{target.compiler.removesuffix('gcc')}objcopy", target.install)
     for kind, file in zip(("binary", "ihex"), files[1:], strict=True):
         compile_with([objcopy, f"--output-target={kind}", str(elf), str(file)])
     commands = tuple(command.replace("{name}", target.name) for command in target.commands)
-    build = _build_name(target, figures)
+    build = _build_name(target, config.figures)
     address, size = target.flash.origin, files[1].stat().st_size
-    return BuiltFirmware(target.name, target.title, build, files, address, size, limits, figures, commands)
+    return BuiltFirmware(
+        target.name, target.title, build, files, address, size, config.limits, config.figures, commands
+    )
 
 
 def _board(name: str) -> Board:
-    if name == PACKAGED:
-        return read_board(FIRMWARE / "boards" / PACKAGED)
-    if Path(name).is_dir():
-        return read_board(Path(name))
-    if Path(name).name == MANIFEST:
-        raise InputError.of(f"is {name!r}, a manifest; allowed: its folder, {str(Path(name).parent)!r}", key="board")
+    folder = Path(name).parent if Path(name).name == MANIFEST else Path(name)
+    if name == PACKAGED or folder.is_dir():
+        return read_board(FIRMWARE / "boards" / PACKAGED if name == PACKAGED else folder)
     allowed = f"{PACKAGED}, or the folder of a board of your own (hardware/PORTING.md)"
     raise InputError.of(f"is {name!r}; allowed: {allowed}", key="board")
 

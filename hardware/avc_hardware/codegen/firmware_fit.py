@@ -10,7 +10,7 @@ import numpy as np
 
 from avc_casadi import InputError, NotDeployableError, UnsupportedError
 from avc_casadi.coupling import require_coupling
-from avc_hardware.codegen.figures import SLOWEST_ESTIMATE_S, BoardLimits, Config, RuntimeFigures, board_limits
+from avc_hardware.codegen.figures import SLOWEST_ESTIMATE_S, BoardLimits, Config, RuntimeFigures, device_config
 
 if TYPE_CHECKING:
     from avc_casadi._util.arrays import Float32Array
@@ -119,7 +119,7 @@ def check_runs_on(coupling: Coupling, device: _RunningFirmware | None = None) ->
 def config_for(coupling: Coupling, device: _RunningFirmware) -> Config:
     """Return the configuration for a coupling on a device: a bound one keeps its limits and its handle."""
     wanted, has = figures_of(coupling), device.figures
-    limits = device.limits if device.bound else board_limits(coupling.problem.device)
+    limits = device.limits if device.bound else device_config(coupling.problem.device).limits
     reach = has.hand_m_per_unit if device.bound else wanted.hand_m_per_unit
     figures = replace(has, sample_time_s=limits.sample_time_s, metres_per_count=limits.metres_per_count)
     figures = replace(figures, hand_m_per_unit=reach)
@@ -132,9 +132,7 @@ def config_for(coupling: Coupling, device: _RunningFirmware) -> Config:
 
 def figures_of(coupling: Coupling) -> RuntimeFigures:
     """Return the figures of a firmware for a coupling; by default those of the boards."""
-    runtime, limits = coupling.runtime, board_limits(coupling.problem.device)
-    reach = coupling.problem.device.metres_per_unit
-    figures = RuntimeFigures(limits.sample_time_s, limits.metres_per_count, hand_m_per_unit=reach)
+    runtime, figures = coupling.runtime, device_config(coupling.problem.device).figures
     if runtime.guard is not None:
         figures = replace(figures, guard_damping_ns_per_m=coupling.problem.device.damping_ns_per_m)
     if coupling.table.constant:

@@ -263,10 +263,6 @@ def _header(name: str, lines: list[str]) -> str:
     return "\n".join([_BANNER, f"#ifndef {guard}", f"#define {guard}", "", *body, "", "#endif", ""])
 
 
-def _struct(name: str, members: tuple[str, ...]) -> list[str]:
-    return ["typedef struct {", *(f"    float {member};" for member in members), f"}} {name}_t;", ""]
-
-
 def _function(signature: str, told: str, body: list[str]) -> list[str]:
     return [f"/* {told} */", f"static inline void {signature}", "{", *(f"    {line}" for line in body), "}", ""]
 
@@ -283,8 +279,10 @@ def _of_output(symbol: str) -> str:
 
 
 def _types(part: RuntimeProgram, name: str) -> list[str]:
-    kinds = {"state": part.states, "in": part.inputs, "out": part.outputs}
-    return [line for kind, members in kinds.items() for line in _struct(f"{name}_{kind}", members)]
+    lines = []
+    for kind, members in {"state": part.states, "in": part.inputs, "out": part.outputs}.items():
+        lines += ["typedef struct {", *(f"    float {member};" for member in members), f"}} {name}_{kind}_t;", ""]
+    return lines
 
 
 def _start(part: RuntimeProgram, name: str) -> list[str]:

@@ -114,14 +114,12 @@ class BenchDevice:
         self._noise_m = device.position_noise_rms_m
         self._random = np.random.default_rng(seed)
         self._still = np.zeros(2)
-        self.travel_m: list[float] = []
         self.speed_m_per_s: list[float] = []
 
     def count(self) -> int:
         """Move to the next tick; return the encoder count."""
         self.plant.advance(self._still)
         seen = float(self.plant.state[self._seen])
-        self.travel_m.append(seen)
         self.speed_m_per_s.append(float(self.plant.state[1]))
         if self._noise_m:
             seen += self._noise_m * float(self._random.standard_normal())

@@ -7,14 +7,12 @@ import struct
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from avc_casadi import InputError, LinkError
 from avc_casadi._util.arrays import FloatArray, IndexArray
-from avc_casadi._util.files import write_file
 from avc_casadi._util.interrupt import DeferredInterrupt
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.identification.excitation import FULL, Plan
@@ -103,13 +101,6 @@ class ExcitationLog:
         return head + "".join(
             f"{tick},{time:.10g},{position:.10g},{force:.9g}\n" for tick, time, position, force in rows
         )
-
-    def save(self, path: Path) -> None:
-        """Write the log as CSV."""
-        try:
-            write_file(path, self.csv())
-        except OSError as error:
-            raise InputError.of(f"cannot be written ({error.strerror})", file=str(path)) from error
 
 
 def excite(
