@@ -67,7 +67,6 @@ def tool_region(
     progress: Progress = SILENT,
     *,
     rates: Sequence[float] = (0.25, 0.5, 1.0, 2.0, 4.0),
-    local_damping_ns_per_m: float | None = None,
     summits: bool = True,
 ) -> ToolRegion:
     """Return the largest stable K, to 2 %, at each damper, for the engine's step and faster and slower ones."""
@@ -81,7 +80,7 @@ def tool_region(
     others = [step for step in rounded if step <= LONGEST_STEP_S and not math.isclose(step, declared, rel_tol=0.1)]
     steps = dict.fromkeys(others, False) | {declared: True}
     # Damping ratio of the released device with the damper of its own loop.
-    ratio = 1.0 if tool.damped_locally and local_damping_ns_per_m is None else 0.0
+    ratio = 1.0 if tool.damped_locally else 0.0
     curves = []
     for place, step_s in enumerate(sorted(steps)):
         progress.advance(place, len(steps), f"{1 / step_s:.4g} Hz")
@@ -90,8 +89,7 @@ def tool_region(
         stiffest = ToolSearch(of_engine).limit[0] if summits else None
 
         def gains(k: float, b: float) -> ToolGains:
-            critical = max(0.0, 2 * ratio * math.sqrt(k * mass) - least)
-            return ToolGains(k, b, critical if local_damping_ns_per_m is None else local_damping_ns_per_m)
+            return ToolGains(k, b, max(0.0, 2 * ratio * math.sqrt(k * mass) - least))
 
         # Of its own: what the search of the stiffest has refuted is no part of it, so that a curve is the same without.
         limits = _curve(ToolLoops(of_engine), gains, damping.tolist(), softest, 10 * mass / t**2)

@@ -125,12 +125,13 @@ def _findings(table: type[Table], error: ValidationError, value: Any) -> Iterato
         elif kind in {"model_type", "model_attributes_type"}:
             yield path, f"is {shown(value)}, not a table; allowed: {_keys(table)}"
         elif kind in {"union_tag_invalid", "union_tag_not_found"}:
-            choices = [one.model_fields["kind"].default for one in _tables(table.model_fields[str(path[0])].annotation)]
+            tables = tables_of(table.model_fields[str(path[0])].annotation)
+            choices = [one.model_fields["kind"].default for one in tables]
             typed = typed.get("kind")
             what = "is missing" if typed is None else f"is {shown(typed)}"
             yield (*path, "kind"), f"{what}; allowed: {one_of(choices, typed)}"
         elif kind == "literal_error":
-            choices = _literals(table.model_fields[str(path[0])].annotation)
+            choices = choices_of(table.model_fields[str(path[0])].annotation)
             yield path, f"is {shown(typed)}; allowed: {one_of(choices, typed)}"
         elif kind != "default_factory_not_called":  # a default of a table that is at fault is no fault of its own
             yield path, f"is {shown(typed)}; allowed: {_ALLOWED[kind]}" if kind in _ALLOWED else item["msg"]
@@ -146,19 +147,23 @@ def _unknown(table: type[Table], key: str) -> str:
     return f"{UNKNOWN}allowed: {', '.join(known)}{f'; did you mean {near[0]}?' if near else ''}"
 
 
-def _literals(annotation: Any) -> list[Any]:
+def inside(annotation: Any) -> Iterator[Any]:
+    """Yield an annotation and all in it: tables, validators and lists of choices."""
+    yield annotation
+    if typing.get_origin(annotation) is not typing.Literal:
+        for inner in typing.get_args(annotation):
+            yield from inside(inner)
+
+
+def choices_of(annotation: Any) -> list[Any]:
     """Return the values that an annotation lists."""
-    inner = typing.get_args(annotation)
-    if typing.get_origin(annotation) is typing.Literal:
-        return list(inner)
-    return [value for one in inner for value in _literals(one)]
+    lists = (one for one in inside(annotation) if typing.get_origin(one) is typing.Literal)
+    return [value for one in lists for value in typing.get_args(one)]
 
 
-def _tables(annotation: Any) -> list[type[Table]]:
+def tables_of(annotation: Any) -> list[type[Table]]:
     """Return the tables that an annotation allows."""
-    if isinstance(annotation, type) and issubclass(annotation, Table):
-        return [annotation]
-    return [table for inner in typing.get_args(annotation) for table in _tables(inner)]
+    return [one for one in inside(annotation) if isinstance(one, type) and issubclass(one, Table)]
 
 
 def _keys(table: type[Table]) -> str:
@@ -173,18 +178,11 @@ def _keys(table: type[Table]) -> str:
 
 def _values(field: FieldInfo) -> str:
     """Return the values allowed for a key."""
-    for mark in (*field.metadata, *_marks(field.annotation)):
+    for mark in (*field.metadata, *inside(field.annotation)):
         if isinstance(mark, BeforeValidator) and (allowed := getattr(mark.func, "allowed", "")):
             return str(allowed)
-    inner = _tables(field.annotation)
+    inner = tables_of(field.annotation)
     return _keys(inner[0]) if inner else "text in quotation marks"
-
-
-def _marks(annotation: Any) -> Iterator[Any]:
-    """Yield the metadata of an annotation and of those inside it."""
-    yield from getattr(annotation, "__metadata__", ())
-    for inner in typing.get_args(annotation):
-        yield from _marks(inner)
 
 
 def dotted(path: Path) -> str:

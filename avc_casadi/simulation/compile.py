@@ -218,7 +218,13 @@ def _compiled(problem: Problem, effects: tuple[SceneEffect, ...], gains: Gains) 
         tick.follow(name, value)
     return CompiledScene(
         effects=effects,
-        function=_function(tick),
+        function=ca.Function(
+            "sample",
+            [column(*(slot.symbol for slot in slots)) for slots in (tick.states, tick.inputs, tick.parameters)],
+            [ca.vertcat(*tick.successors()), ca.vertcat(*tick.traces.values())],
+            ["states", "inputs", "parameters"],
+            ["next", "traces"],
+        ),
         states=tuple(slot.name for slot in tick.states),
         initial=np.array([slot.initial for slot in tick.states]),
         inputs=tuple(slot.name for slot in tick.inputs),
@@ -310,13 +316,3 @@ def _advance(problem: Problem, effects: tuple[SceneEffect, ...], plant: LinearPl
     if varying or (friction > 0 and not projected):
         return TaylorSeries.of(plant, tick.sample_time_s, friction, substeps)
     return MatrixExponential(substeps, has_force, has_target, constant, friction)
-
-
-def _function(tick: Tick) -> Any:
-    return ca.Function(
-        "sample",
-        [column(*(slot.symbol for slot in slots)) for slots in (tick.states, tick.inputs, tick.parameters)],
-        [ca.vertcat(*tick.successors()), ca.vertcat(*tick.traces.values())],
-        ["states", "inputs", "parameters"],
-        ["next", "traces"],
-    )

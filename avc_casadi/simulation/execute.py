@@ -12,7 +12,6 @@ import os
 import shutil
 import subprocess
 import tempfile
-from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from functools import lru_cache
@@ -116,22 +115,10 @@ class NativeScene:
             results = (result, None) if judged is None else (None, result)
             self._run(len(some), samples, judged or 0, *arrays, *results)
 
-        _in_threads(work, runs, workers)
+        groups = -(-runs // LANES)
+        each = LANES * -(-groups // max(1, min(workers, groups)))
+        list(_THREADS.map(work, (slice(first, min(first + each, runs)) for first in range(0, runs, max(1, each)))))
         return found
-
-
-def _in_threads(work: Callable[[slice], None], rows: int, workers: int) -> None:
-    """Distribute rows over threads."""
-    groups = -(-rows // LANES)
-    each = LANES * -(-groups // max(1, min(workers, groups)))
-    parts = [slice(first, min(first + each, rows)) for first in range(0, rows, max(1, each))]
-    others = [_THREADS.submit(work, part) for part in parts[1:]]
-    try:
-        for part in parts[:1]:
-            work(part)
-    finally:
-        for other in others:
-            other.result()
 
 
 def compile_ahead(scene: CompiledScene, runs: int) -> None:
@@ -144,11 +131,6 @@ def compile_ahead(scene: CompiledScene, runs: int) -> None:
 @lru_cache(maxsize=_CACHE)
 def _compiled(function: Any, speeds: int) -> Future[ctypes.CDLL]:
     """Start to compile the loop of a sample, cached: the text of its C takes as long as some runs."""
-    return _compilation(_code(function, speeds), compiler())
-
-
-def _code(function: Any, speeds: int) -> str:
-    """Return the C of a sample and its loop."""
     body = in_lanes(function, ("now[{}]", "SPREAD(u[{}])", "p[{}]"), ("next[{}]", "traces[{}]"))
     sizes = {
         "states": function.numel_in(0),
@@ -158,7 +140,8 @@ def _code(function: Any, speeds: int) -> str:
     }
     least = {name: max(1, size) for name, size in sizes.items()}
     exact = {f"n_{name}": size for name, size in sizes.items()}
-    return LANES_HEAD + _LOOP.format(**least, **exact, speeds=speeds, body=body, lanes=LANES)
+    code = LANES_HEAD + _LOOP.format(**least, **exact, speeds=speeds, body=body, lanes=LANES)
+    return _compilation(code, compiler())
 
 
 def library(source: str) -> ctypes.CDLL:

@@ -64,7 +64,7 @@ BUZZ_SHARE = 0.07
 DIVERGED_M = 10.0
 
 
-def criterion(metres_per_unit: float = 1.0) -> str:
+def criterion(metres_per_unit: float) -> str:
     """Return the criterion as text, for a device with this displacement of the handle per unit of position."""
     slow = AT_REST_M_PER_S / metres_per_unit
     return (

@@ -15,7 +15,7 @@ from avc_casadi._util.arrays import ComplexArray, FloatArray
 from avc_casadi._util.json_values import plain_table
 from avc_casadi._util.printed import Columns, Tabular, short
 from avc_casadi.coupling import Coupling
-from avc_casadi.design.comparison.evaluation import CausalGains, Evaluation, causal_gains, constant_pair, judge_gains
+from avc_casadi.design.comparison.evaluation import CausalGains, Evaluation, causal_gains, judge_gains
 from avc_casadi.design.methods import solve
 from avc_casadi.design.registry import METHODS, MethodName
 from avc_casadi.files.coupling_file import gain_document
@@ -26,11 +26,11 @@ from avc_casadi.model.problem import Problem
 from avc_casadi.paper.closed_form import project
 from avc_casadi.paper.equations import Loop, loop_at, tustin
 from avc_casadi.paper.realism import perceived_bounds
+from avc_casadi.paper.rows import gain_schedule
 
 POINTWISE: tuple[MethodName, ...] = tuple(name for name, one in METHODS.items() if one.pointwise)
 """The methods that solve the paper's problem pointwise in frequency, which are compared."""
 OPTIMISERS: tuple[MethodName, ...] = tuple(name for name, one in METHODS.items() if one.optimises)
-_SHARED = {"frequency_hz", "target_ns_per_m"}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -95,14 +95,11 @@ class Comparison(Tabular):
 
     def to_dict(self) -> Columns:
         """Return frequency x method as columns "method: quantity with unit", each of shape (n,)."""
-        columns: Columns = {"frequency_hz": self.frequency_hz}
+        columns: Columns = {"frequency_hz": self.frequency_hz, "target_ns_per_m": self.target}
         for name, gains in self.methods.items():
             rows = gains.to_dict()
-            columns |= {f"{name}: {key}": column for key, column in rows.items() if key not in _SHARED}
-        return columns | {
-            "target_ns_per_m": self.target,
-            "verdict": np.array([verdict.value for verdict in self.verdict]),
-        }
+            columns |= {f"{name}: {key}": column for key, column in rows.items() if key not in columns}
+        return columns | {"verdict": np.array([verdict.value for verdict in self.verdict])}
 
     def _summary(self) -> str:
         found = ", ".join(f"{count} {verdict}" for verdict, count in self.counts().items() if count)
@@ -268,7 +265,8 @@ def compare(
     verdict, reason = verdicts(gains["closed-form"], gains[optimum], scale)
     both = all(method in gains for method in OPTIMISERS)
     if mine is not None:
-        gains["mine"] = constant_pair(problem, mine)
+        k, b = (np.full(len(problem.frequencies_hz()), gain) for gain in mine)
+        gains["mine"] = gain_schedule(problem, "mine", (b, k, 0 * b), (Status.SOLVED,) * len(b))
     upper, lower = perceived_bounds(problem, loop)
     return Comparison(
         problem=problem.name,

@@ -1,4 +1,4 @@
-"""Evaluation of the gains of each method, of a pair by hand and of a causal coupling: certificate, realism, Re Z_h."""
+"""Evaluation of the gains of each method and of a causal coupling: certificate, realism, Re Z_h."""
 
 from __future__ import annotations
 
@@ -14,19 +14,11 @@ from avc_casadi.claims.deployable import Deployable, deployable
 from avc_casadi.claims.worst_frequency import real_part
 from avc_casadi.coupling import Coupling
 from avc_casadi.loops.wall import SampledLoop, force_over_position, fractions, frozen_rendering
-from avc_casadi.model.gains import GainSchedule, Status
+from avc_casadi.model.gains import GainSchedule
 from avc_casadi.model.problem import Model, Problem
 from avc_casadi.paper import equations as eq
 from avc_casadi.paper.equations import loop_at
 from avc_casadi.paper.realism import RealismResult, judge_realism
-from avc_casadi.paper.rows import gain_schedule
-
-
-def constant_pair(problem: Problem, pair: tuple[float, float]) -> GainSchedule:
-    """Return the pair (k in N/m, b in N.s/m) as a table of constant series gains."""
-    n = len(problem.frequencies_hz())
-    gains = (np.full(n, pair[1]), np.full(n, pair[0]), np.zeros(n))
-    return gain_schedule(problem, "mine", gains, (Status.SOLVED,) * n)
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,8 +7,7 @@ import math
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from types import UnionType
-from typing import Any, Literal, TypeGuard, Union, get_args, get_origin, get_type_hints
+from typing import Any, TypeGuard, get_origin, get_type_hints
 
 from avc_casadi._errors import AvcError, Fault, InputError
 from avc_casadi.files.problem_file import problem_document, problem_of
@@ -16,7 +15,7 @@ from avc_casadi.model.device import Device
 from avc_casadi.model.ends import Ends
 from avc_casadi.model.problem import Problem
 from avc_casadi.model.quantity import Quantity, Whole, power_at_handle
-from avc_casadi.model.table import Table
+from avc_casadi.model.table import Table, choices_of, inside, tables_of
 
 MOTIONS = ("press", "tap", "hold")
 _GROUPS = {
@@ -86,7 +85,7 @@ def problem_fields(problem: Problem) -> tuple[Field, ...]:
         left_out.add("environment")
     for name, hint in get_type_hints(Problem, include_extras=True).items():
         if name in _GROUPS and name not in left_out:
-            found += _fields(problem, name, _table(hint), tables.get(name) or {})
+            found += _fields(problem, name, tables_of(hint)[0], tables.get(name) or {})
     order = list(_GROUPS.values())
     return tuple(sorted(found, key=lambda field: order.index(field.group)))
 
@@ -111,22 +110,16 @@ def gain_fields(problem: Problem) -> tuple[Field, ...]:
     return tuple(found)
 
 
-def _table(hint: Any) -> type[Table] | None:
-    """Return the class of a table in a hint."""
-    kinds = [hint, *get_args(hint)] if get_origin(hint) in (Union, UnionType, None) else []
-    return next((one for one in kinds if isinstance(one, type) and issubclass(one, Table)), None)
-
-
-def _fields(problem: Problem, path: str, model: type[Table] | None, values: Mapping[str, Any]) -> Iterator[Field]:
+def _fields(problem: Problem, path: str, model: type[Table], values: Mapping[str, Any]) -> Iterator[Field]:
     skipped = {"model_config", "motion", "held", "range"}
     if problem.units.linear:
         skipped.add("handle_radius_m")
-    for name, hint in get_type_hints(model, include_extras=True).items() if model else ():
-        key, inner = f"{path}.{name}", _table(hint)
+    for name, hint in get_type_hints(model, include_extras=True).items():
+        key, inner = f"{path}.{name}", tables_of(hint)
         if name in skipped:
             continue
-        if inner is not None:
-            yield from _fields(problem, key, inner, values.get(name) or {})
+        if inner:
+            yield from _fields(problem, key, inner[0], values.get(name) or {})
         else:
             yield from _of_value(problem, key, hint, values.get(name))
 
@@ -135,9 +128,9 @@ def _of_value(problem: Problem, key: str, hint: Any, value: Any) -> Iterator[Fie
     path = key.partition(".")[0]
     ending = re.compile(r"(_rms)?_(kg|ns_per_m|n_per_m|samples|hz|n|m|s)$")
     words = [problem.units.key(ending.sub("", part)) for part in key.removeprefix(f"{path}.").split(".")]
-    group, label, parts = _GROUPS[path], " ".join(words).replace("_", " "), list(_flat(hint))
+    group, label, parts = _GROUPS[path], " ".join(words).replace("_", " "), list(inside(hint))
     validators = [one for one in (getattr(part, "func", None) for part in parts) if one is not None]
-    if choices := next((get_args(part) for part in parts if get_origin(part) is Literal), ()):
+    if choices := choices_of(hint):
         yield Field(key, group, label, choices=tuple(choices))
         return
     ends = next((one for one in validators if isinstance(one, Ends)), None)
@@ -172,14 +165,6 @@ def _number(
         low, high = max(low, of.lowest) if log else low, min(high, of.highest)
     low, high = (float(f"{end / factor:.1g}") for end in (low, high))
     return Field(key, group, label, shown, factor, low, high, log, isinstance(of, Whole), blank, validator=of)
-
-
-def _flat(hint: Any) -> Iterator[Any]:
-    """Yield a hint and all in it: classes, validators and choices."""
-    yield hint
-    if get_origin(hint) is not Literal:
-        for one in (*get_args(hint), *getattr(hint, "__metadata__", ())):
-            yield from _flat(one)
 
 
 @dataclass(frozen=True)

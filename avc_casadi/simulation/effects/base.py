@@ -84,15 +84,9 @@ class TableEffect(SceneEffect):
 
 def declared_number(value: float | None, problem: Problem, place: str, source: str = "") -> float:
     """Return a number of a table, or what the device declares; one of both must be above 0."""
-    default = getattr(problem.device, source) if source else None
-    return required_number(value, default, problem, place, source and f"device.{source}")
-
-
-def required_number(value: float | None, default: float | None, problem: Problem, place: str, source: str) -> float:
-    """Return the value of a table or its default, which must not both be 0."""
-    number = default if value is None else value
+    number: float | None = getattr(problem.device, source) if value is None and source else value
     if not number:
-        message = f"is {'missing' if value is None else '0'}{f' and so is {source}' if source else ''}; allowed: "
-        message += f"above 0{f' here or in {source}' if source else ''}, or leave the effect out"
-        raise InputError([Fault(problem.name or "problem", None, place, message)])
+        what, also = "missing" if value is None else "0", f" and so is device.{source}" if source else ""
+        allowed = f"above 0{f' here or in device.{source}' if source else ''}, or leave the effect out"
+        raise InputError([Fault(problem.name or "problem", None, place, f"is {what}{also}; allowed: {allowed}")])
     return number

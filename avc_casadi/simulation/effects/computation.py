@@ -20,7 +20,7 @@ from avc_casadi.model.effects import (
 from avc_casadi.model.gains import GainTable
 from avc_casadi.model.problem import Problem
 from avc_casadi.model.runtime import StateFeedback as StateFeedbackEffect
-from avc_casadi.simulation.effects.base import SceneEffect, TableEffect, declared_number, required_number
+from avc_casadi.simulation.effects.base import SceneEffect, TableEffect, declared_number
 from avc_casadi.simulation.runtime.adaptation import AdaptationSettings, adaptation_step, guard_step, hold_step
 from avc_casadi.simulation.runtime.estimators import EstimatorSettings, estimator_step
 from avc_casadi.simulation.runtime.observer import ObserverSettings, observer_step, state_feedback_step
@@ -81,10 +81,9 @@ class Observer(SceneEffect, keys=ObserverEffect, rank=90, role="observer", of_co
             raise InputError.of(message, file=problem.name, key=place)
         step_m = encoder.resolution_m if table.resolution_m is None else table.resolution_m
         resolution = declared_number(step_m, problem, f"{place}.resolution_m", "encoder_resolution_m")
-        lightest = problem.device.mass_kg + problem.hands.mass_kg[0]
-        source = "that of device and lightest hand"
         # An assumed mass too small predicts too much motion; far above the lightest hand's, light hands buzz.
-        mass = required_number(table.mass_kg, 1.07 * lightest, problem, f"{place}.mass_kg", source)
+        lightest = 1.07 * (problem.device.mass_kg + problem.hands.mass_kg[0])
+        mass = declared_number(lightest if table.mass_kg is None else table.mass_kg, problem, f"{place}.mass_kg")
         delay = next((effect for effect in problem.scene.effects if isinstance(effect, DelayEffect)), None)
         late = 0 if delay is None else delay.samples or problem.device.delay_samples
         ahead = late if table.ahead_samples is None else table.ahead_samples
