@@ -8,7 +8,6 @@ import shlex
 import sys
 import traceback
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import replace
 from difflib import get_close_matches
 from inspect import cleandoc
@@ -91,10 +90,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = sys.argv[1:] if argv is None else list(argv)
     as_json = "--json" in arguments
     console: Console | None = None
-    if sys.stdout is None:
-        with suppress(OSError, AttributeError):
-            sys.stderr.write("avc: standard output is closed\n")
-        return BAD_INPUT
     try:
         try:
             args, unknown = build_parser().parse_known_args(arguments)

@@ -18,9 +18,7 @@ from avc_casadi.files.new_options import DAMPING, EVERY, HANDS, HOLDS, MASS, RAD
 from avc_casadi.present.row import Answer
 
 if TYPE_CHECKING:
-    from avc_casadi.design.comparison.comparison import Comparison
     from avc_casadi.files.new_problem import NewProblem
-    from avc_casadi.model.gains import GainSchedule
     from avc_casadi.present.report import Picture, Section
 
 
@@ -173,7 +171,7 @@ def run_solve(args: argparse.Namespace, console: Console) -> Answer:
     method = args.method or ("closed-form" if args.as_printed else "direct")
     problem = avc.load_problem(args.problem)
     options = {"solver": args.solver, "tolerance": args.tolerance, "as_printed": args.as_printed}
-    gains = _solved(problem, method, console, **options)
+    gains = avc.solve(problem, method, progress=console, **options)
     with console.step("table that runs"):
         coupling = Coupling.of(problem, gains, versions=package_versions()) if gains.usable.any() else None
     with console.step(f"certificate of {gains.rows} rows"):
@@ -187,11 +185,6 @@ def run_solve(args: argparse.Namespace, console: Console) -> Answer:
             text = coupling_text(coupling.with_certificate(certificate), **data)
         write_text(args.out, text)
     return solution(data, problem, args.problem, args.out and str(args.out))
-
-
-def _solved(problem: avc.Problem, method: str, console: Console, **options: Any) -> GainSchedule:
-    with console.step(f"{method}: {len(problem.frequencies_hz())} frequencies"):
-        return avc.solve(problem, method, progress=console, **options)
 
 
 def gain_pair(text: str) -> tuple[float, float]:
@@ -215,13 +208,9 @@ def run_compare(args: argparse.Namespace, console: Console) -> Answer:
     from avc_casadi.present.rows.design import comparison
 
     problem = avc.load_problem(args.problem)
-    found = _compared(problem, args.mine, console)
+    found = avc.compare(problem, mine=args.mine, progress=console)
     write_figure(console, args.plot, lambda: avc.figures.draw_comparison(found))
     return comparison(found.document(), problem, args.problem, args.plot and str(args.plot))
-
-
-def _compared(problem: avc.Problem, mine: tuple[float, float] | None, console: Console) -> Comparison:
-    return avc.compare(problem, mine=mine, solver=lambda problem, method: _solved(problem, method, console))
 
 
 @cli.verb(
@@ -254,7 +243,7 @@ def run_run(args: argparse.Namespace, console: Console) -> Answer:
         if args.method is None:
             found = cli.recommended(problem, console)
         else:
-            gains = _solved(problem, args.method, console)
+            gains = avc.solve(problem, args.method, progress=console)
             with console.step(f"coupling to deploy: {args.method}"):
                 found = judged_as_recommended(problem, gains, versions=package_versions(), progress=console)
         with console.step("device"):
@@ -299,9 +288,9 @@ def _paper(found: avc.Recommendation, push: dict[str, Any], console: Console) ->
     from avc_casadi.present.rows import design
 
     problem = found.problem
-    comparison = _compared(problem, None, console)
+    comparison = avc.compare(problem, progress=console)
     if comparison.scope != "pointwise":
-        comparison = with_delivered(comparison, problem, _solved(problem, "schedule", console))
+        comparison = with_delivered(comparison, problem, avc.solve(problem, "schedule", progress=console))
     if found.coupling is not None and found.coupling.table.constant:
         comparison = with_causal(comparison, found.coupling)
     gains = comparison.methods[comparison.delivered]

@@ -62,8 +62,9 @@ def solve(
     if tolerance is not None and not 1e-14 <= tolerance <= 1:
         raise InputError.of(f"is {tolerance:g}; allowed: 1e-14 to 1", key="tolerance")
     stated = with_wall(problem)
-    told = {"progress": progress} if chosen.reports else {}
-    return _noted(stated, chosen, chosen.solver(stated, **options, **told))
+    reports = {"progress": progress} if chosen.reports else {}
+    with progress.step(f"{method}: {len(stated.frequencies_hz())} frequencies"):
+        return _noted(stated, chosen, chosen.solver(stated, **options, **reports))
 
 
 def _noted(problem: Problem, method: Method, gains: GainSchedule) -> GainSchedule:

@@ -95,13 +95,13 @@ class CouplingSearch:
 
     def stiffest(self, local_damping_ns_per_m: float = 0.0) -> ToolGains:
         """Return the stiffest K up to which every loop is stable, with its best B; 0 where there is none."""
-        return self._summit(lambda k, b: ToolGains(k, b, local_damping_ns_per_m))
+        return self._summit(lambda b, k: ToolGains(k, b, local_damping_ns_per_m))
 
     def stiffest_beside_local_damper(self) -> ToolGains:
         """Return the stiffest K, with its B, where the local loop damps the released device up to critically."""
 
         def beside(ratio: float) -> ToolGains:
-            return self._summit(lambda k, b: ToolGains(k, b, self._local(k, ratio)))
+            return self._summit(lambda b, k: ToolGains(k, b, self._local(k, ratio)))
 
         # The limit hardly varies between neighbours of these ratios: every other one suffices.
         found = [self.stiffest(), *map(beside, self.options.local_ratios[1::2])]
@@ -122,7 +122,7 @@ class CouplingSearch:
         return (search.stiffest_beside_local_damper() if local else search.stiffest()).stiffness_n_per_m
 
     def _summit(self, gains: Callable[[float, float], ToolGains]) -> ToolGains:
-        """Return the gains with the stiffest stable K over the dampers, once no search of the ranges refutes them."""
+        """Return the gains of a damper and a spring with the stiffest stable K, which no search of the ranges refutes."""
         limits: list[float] = []
         for _ in range(20):  # each search of the ranges adds a loop or some; few are needed
             limits = self._lowered(gains, limits) if limits else self._limits(gains)
@@ -137,7 +137,7 @@ class CouplingSearch:
         limits: list[float] = []
         for damping in self.dampers_ns_per_m.tolist():
             before = limits[-1] if limits else 0.0
-            limits.append(self._followed(partial(_with, gains, damping), before, self.stiffest_n_per_m))
+            limits.append(self._followed(partial(gains, damping), before, self.stiffest_n_per_m))
         return limits
 
     def _lowered(self, gains: Callable[[float, float], ToolGains], before: list[float]) -> list[float]:
@@ -146,7 +146,7 @@ class CouplingSearch:
         for place in sorted(range(len(before)), key=lambda at: -before[at]):
             if before[place] <= max(low, _HUMP * top):
                 break
-            one = partial(_with, gains, float(self.dampers_ns_per_m[place]))
+            one = partial(gains, float(self.dampers_ns_per_m[place]))
             limits[place] = self._followed(one, before[place], before[place])
             top = max(top, limits[place])
         return limits
@@ -165,7 +165,7 @@ class CouplingSearch:
         for limit, damping in sorted(found, reverse=True):
             if limit <= best.stiffness_n_per_m:
                 break
-            checked = self._without_gaps(partial(_with, gains, damping), limit)
+            checked = self._without_gaps(partial(gains, damping), limit)
             best = max(best, checked, key=lambda one: one.stiffness_n_per_m)
         return best
 
@@ -176,11 +176,11 @@ class CouplingSearch:
         from scipy.optimize import minimize_scalar  # noqa: PLC0415 - as long as all that `avc check` needs
 
         fine = 1 + self.options.precision
-        found = [(self._limit(partial(_with, gains, damping_ns_per_m), limit_n_per_m, fine), damping_ns_per_m)]
+        found = [(self._limit(partial(gains, damping_ns_per_m), limit_n_per_m, fine), damping_ns_per_m)]
 
         def softness(logarithm: float) -> float:
             damping = math.exp(logarithm)
-            limit = self._limit(partial(_with, gains, damping), max(found)[0], fine)
+            limit = self._limit(partial(gains, damping), max(found)[0], fine)
             found.append((limit, damping))
             return -limit
 
@@ -352,10 +352,6 @@ class FollowerSearch(CouplingSearch):
 
 def _dampers(gains: ToolGains) -> float:
     return gains.damping_ns_per_m + gains.local_damping_ns_per_m
-
-
-def _with(gains: Callable[[float, float], ToolGains], damping: float, stiffness: float) -> ToolGains:
-    return gains(stiffness, damping)
 
 
 def edge(stable: Callable[[float], bool], low: float, high: float, precision: float) -> float:

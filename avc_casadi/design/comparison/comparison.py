@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Any
@@ -14,6 +14,7 @@ from avc_casadi._errors import InputError
 from avc_casadi._util.arrays import ComplexArray, FloatArray
 from avc_casadi._util.json_values import plain_table
 from avc_casadi._util.printed import Columns, Tabular, short
+from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.coupling import Coupling
 from avc_casadi.design.comparison.evaluation import CausalGains, Evaluation, causal_gains, judge_gains
 from avc_casadi.design.methods import solve
@@ -177,11 +178,6 @@ def _verdict(closed_form: GainSchedule, optimum: GainSchedule, row: int, *, bett
     return Verdict.AGREE, f"both reach a magnitude error of {error}"
 
 
-# Points of the same magnitude error whose distances to Z_h_ds differ by more than this, relative to |Z_d| + |H Z_ds|,
-# are two points.
-_NEARER = 1e-6
-
-
 def cross_check(direct: GainSchedule, exact: GainSchedule, scale: FloatArray) -> dict[str, Any]:
     """Compare two independent solutions of (11)-(12): by how much they differ, relative to a scale, where and why."""
     both = direct.usable & exact.usable
@@ -189,7 +185,8 @@ def cross_check(direct: GainSchedule, exact: GainSchedule, scale: FloatArray) ->
     farther = np.abs(direct.impedance - direct.target) - np.abs(exact.impedance - exact.target)
     distance = np.where(both, farther, 0.0) / scale
     one = direct.usable != exact.usable
-    parted = np.flatnonzero(one | (np.abs(magnitude) > AGREEMENT) | (np.abs(distance) > _NEARER)).tolist()
+    # Of the same magnitude error those whose distances to Z_h_ds differ by more than a millionth are two points.
+    parted = np.flatnonzero(one | (np.abs(magnitude) > AGREEMENT) | (np.abs(distance) > 1e-6)).tolist()
     most, farthest = (float(np.abs(each).max(initial=0.0)) for each in (magnitude, distance))
     return {
         "agree": bool(most <= AGREEMENT and not one.any()),
@@ -221,7 +218,7 @@ def compare(
     methods: Sequence[MethodName] = POINTWISE,
     mine: tuple[float, float] | None = None,
     *,
-    solver: Callable[[Problem, MethodName], GainSchedule] = solve,
+    progress: Progress = SILENT,
 ) -> Comparison:
     """Compare the gains of several methods at each frequency: the closed form, CasADi and the exact optimum.
 
@@ -232,7 +229,7 @@ def compare(
         methods: must hold "closed-form" and at least one of `OPTIMISERS`; the closed form is compared with the
             first of these.
         mine: a hand-tuned constant pair (k in N/m, b in N.s/m).
-        solver: called as ``solver(problem, method)``; replace it to show progress or to reuse gains.
+        progress: reports each method.
 
     Raises:
         InputError: ``methods`` or ``mine`` cannot be compared.
@@ -260,7 +257,7 @@ def compare(
     scope = _demanded(stated)
     problem = stated.changed(stability={"scope": "pointwise"}, realism={"require": "none"})
     loop = loop_at(problem, problem.frequencies_hz())
-    gains: dict[str, GainSchedule] = {method: solver(problem, method) for method in dict.fromkeys(methods)}
+    gains = {method: solve(problem, method, progress=progress) for method in dict.fromkeys(methods)}
     scale = np.abs(loop.device) + np.abs(loop.hold * loop.desired)
     verdict, reason = verdicts(gains["closed-form"], gains[optimum], scale)
     both = all(method in gains for method in OPTIMISERS)
