@@ -21,7 +21,6 @@ class Method:
     """One method from a problem to gains."""
 
     place: str  # package:function of its solver
-    help: str
     options: tuple[str, ...] = ()  # of `solve`, that it takes
     keeps_realism: bool = False  # realism.require
     credits_hand: bool = False  # schedule.hand_damping_ns_per_m
@@ -41,13 +40,11 @@ METHODS: Registry[Method] = model.METHODS
 _METHODS = {
     "closed-form": Method(
         "avc_casadi.paper.closed_form:solve_closed_form",
-        "the paper's projection onto Re Z_h >= 0, then back to b and k; for comparison",
         options=("as_printed",),
         pointwise=True,
     ),
     "direct": Method(
         "avc_casadi.paper.direct:solve_direct",
-        "the paper's NLP (11)-(12), solved directly at every frequency",
         options=("solver", "tolerance"),
         reports=True,
         pointwise=True,
@@ -55,29 +52,23 @@ _METHODS = {
     ),
     "exact": Method(
         "avc_casadi.paper.exact:solve_exact",
-        "the global optimum of (11)-(12) from arc geometry",
         reports=True,
         pointwise=True,
         optimises=True,
     ),
     "schedule": Method(
         "avc_casadi.design.schedule:solve_schedule",
-        "all frequencies as one optimal-control problem: smooth gains that meet the problem's scope",
         keeps_realism=True,
         credits_hand=True,
         reports=True,
     ),
-    "static": Method(
-        "avc_casadi.design.static:solve_static", "the best constant gains under Llewellyn's condition (6)"
-    ),
+    "static": Method("avc_casadi.design.static:solve_static"),
     "static-tuned": Method(
         "avc_casadi.design.tuned:solve_static_tuned",
-        "the best constant gains, stable with every hand of [hands] and at rest in the scene",
         reports=True,
     ),
     "robust": Method(
         "avc_casadi.design.program:solve_robust",
-        "the wall behind an observer with state feedback, by a convex program with a disk margin for every hand",
         keeps_ranges=True,
         reports=True,
     ),

@@ -122,7 +122,7 @@ class CouplingSearch:
         return (search.stiffest_beside_local_damper() if local else search.stiffest()).stiffness_n_per_m
 
     def _summit(self, gains: Callable[[float, float], ToolGains]) -> ToolGains:
-        """Return the gains of a damper and a spring with the stiffest stable K, which no search of the ranges refutes."""
+        """Return the gains of a damper and a spring with the stiffest K that no search of the ranges refutes."""
         limits: list[float] = []
         for _ in range(20):  # each search of the ranges adds a loop or some; few are needed
             limits = self._lowered(gains, limits) if limits else self._limits(gains)

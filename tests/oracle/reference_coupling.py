@@ -89,12 +89,12 @@ class ReferenceCoupling:
         following: Columns = {}
         if program.before is not None:
             early = _run(program.before, given, states)
-            following |= {name: early[f"next_{name}"] for name in program.early}
+            following |= {name: early[f"next_{name}"] for name in states if f"next_{name}" in early}
             wanted = interpolate(self._rows, early["out_frequency_hz"], self._precision.ln)
             given = {"seen_m": early["out_seen_m"]}
             given |= {f"wanted_{name}": wanted[..., index] for index, name in enumerate(GAINS)}
         late = _run(program.after, given, states)
-        following |= {name: late[f"next_{name}"] for name in states if name not in program.early}
+        following |= {name: late[f"next_{name}"] for name in states if f"next_{name}" in late}
         shape = x.shape
         command, force = (np.broadcast_to(late[f"out_{name}"], shape) for name in ("command_n", "force_n"))
         return {name: np.broadcast_to(value, shape) for name, value in following.items()}, command, force

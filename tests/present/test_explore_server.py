@@ -32,11 +32,10 @@ def untouched(server, monkeypatch):
     assert asked == []
 
 
-def ask(server, method, path, body=b"", headers=None, host=None):
+def ask(server, method, path, body=b"", headers=None):
     connection = http.client.HTTPConnection("127.0.0.1", server.port, timeout=600)
     try:
-        connection.putrequest(method, path, skip_host=True)
-        connection.putheader("Host", host or f"127.0.0.1:{server.port}")
+        connection.putrequest(method, path)
         for name, value in ({"Content-Length": str(len(body))} | (headers or {})).items():
             connection.putheader(name, value)
         connection.endheaders(body)
@@ -65,16 +64,12 @@ def test_the_page_and_a_question_are_answered(server):
     [
         (403, "GET", "/", b"", {}),
         (403, "POST", "/wrong/evaluate", QUESTION, JSON),
-        (403, "POST", "TOKEN/evaluate", QUESTION, JSON | {"Origin": "http://example.org"}),
-        (403, "GET", "TOKEN/", b"", {"Sec-Fetch-Site": "cross-site"}),
         (404, "GET", "TOKEN/../_server.py", b"", {}),
         (404, "POST", "TOKEN/nothing", QUESTION, JSON),
-        (405, "GET", "TOKEN/evaluate", b"", {}),
-        (405, "DELETE", "TOKEN/evaluate", b"", {}),
-        (411, "POST", "TOKEN/evaluate", b"", JSON | {"Content-Length": "-1"}),
-        (413, "POST", "TOKEN/evaluate", b"", JSON | {"Content-Length": "99999999"}),
-        (413, "POST", "TOKEN/evaluate", b"", JSON | {"Content-Length": "9" * 5000}),
-        (415, "POST", "TOKEN/evaluate", QUESTION, {"Content-Type": "text/plain"}),
+        (404, "GET", "TOKEN/evaluate", b"", {}),
+        (400, "POST", "TOKEN/evaluate", b"", JSON | {"Content-Length": "-1"}),
+        (400, "POST", "TOKEN/evaluate", b"", JSON | {"Content-Length": "99999999"}),
+        (400, "POST", "TOKEN/evaluate", b"", JSON | {"Content-Length": "9" * 5000}),
         (400, "POST", "TOKEN/evaluate", b"{", JSON),
         (400, "POST", "TOKEN/evaluate", b'{"settings": NaN}', JSON),
         (400, "POST", "TOKEN/evaluate", b"[" * 100_000, JSON),
@@ -87,9 +82,3 @@ def test_anything_else_is_refused(server, status, method, path, body, headers):
     found, answer, _ = ask(server, method, path.replace("TOKEN", f"/{server.token}"), body, headers)
     assert found == status
     assert json.loads(answer)["error"]
-
-
-@pytest.mark.usefixtures("untouched")
-def test_another_name_for_this_machine_is_refused(server):
-    """What a page elsewhere could make a browser believe: a name of its own that leads to 127.0.0.1."""
-    assert ask(server, "GET", inside(server, ""), host=f"evil.example:{server.port}")[0] == 421

@@ -7,7 +7,7 @@ import zlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 
@@ -31,9 +31,6 @@ from avc_casadi.simulation.scene import resolve, with_hand
 FRICTION = "coulomb-friction"
 HANDS_AT_ONCE = 250
 DURATION_S = 3.0
-
-Executable: TypeAlias = tuple[CompiledScene, "FloatArray", "FloatArray"]
-"""A scene, the parameters of each hand, and the inputs common to all."""
 
 
 @dataclass(frozen=True)
@@ -121,7 +118,9 @@ def _compiled(scene: _SceneKey) -> tuple[CompiledScene, FloatArray]:
     return compiled, compiled.input_values()
 
 
-def prepare(setup: Setup, people: Hand | StylusHand, motion: Motion, duration_s: float) -> Executable:
+def prepare(
+    setup: Setup, people: Hand | StylusHand, motion: Motion, duration_s: float
+) -> tuple[CompiledScene, FloatArray, FloatArray]:
     """Return the scene, the parameters of each hand and the common inputs; constant gains of one structure share it."""
     gains, law = setup.gains, setup.law
     if not isinstance(gains, Gains):

@@ -26,27 +26,28 @@ _HEADERS = re.compile(
     "stdbool|stddef|stdint|stdio|stdlib|stdnoreturn|string|tgmath|threads|time|uchar|wchar|wctype"
 )
 
-_LOOP = """\
+FRAME = {
+    "loop": """\
 /* Define AVC_LOOP_SAMPLE_TIME_NS as your loop's own, and a coupling for another one does not compile. */
 #ifdef AVC_LOOP_SAMPLE_TIME_NS
 #if AVC_LOOP_SAMPLE_TIME_NS != AVC_COUPLING_SAMPLE_TIME_NS
 #error "this coupling is made for another sample time than the loop that runs it"
 #endif
 #endif
-"""
-_BEGIN = """\
+""",
+    "begin_c": """\
 #ifdef __cplusplus
 extern "C" {
 #endif
-"""
-_END = """\
+""",
+    "end_c": """\
 #ifdef __cplusplus
 }
 #endif
 
 #endif
-"""
-FRAME = {"loop": _LOOP, "begin_c": _BEGIN, "end_c": _END}
+""",
+}
 """Frame of a header in templates of C."""
 
 _NO_FAST_MATH = """\
@@ -92,15 +93,12 @@ def head_words(problem: Problem) -> dict[str, str]:
 
 
 def named(files: Mapping[str, str], name: str) -> dict[str, str]:
-    """Return files under a given name."""
-    if name == NAME:
-        return dict(files)
-    return {_renamed(file, name): _renamed(text, name) for file, text in files.items()}
+    """Return files under a given name, which stands in their text too."""
 
+    def renamed(text: str) -> str:
+        return text.replace(NAME, name).replace(NAME.upper(), name.upper())
 
-def _renamed(text: str, name: str) -> str:
-    """Return a path or a source with the usual name replaced."""
-    return text.replace(NAME, name).replace(NAME.upper(), name.upper())
+    return {renamed(file): renamed(text) for file, text in files.items()}
 
 
 def comment(text: str) -> str:

@@ -31,7 +31,6 @@ class CouplingProgram:
     initial: tuple[tuple[float, float, float], ...]
     before: FloatProgram | None
     after: FloatProgram
-    early: tuple[str, ...]
 
 
 def coupling_program(coupling: Coupling, precision: Precision = SINGLE) -> CouplingProgram:
@@ -137,13 +136,13 @@ class _Built:
         measured = {"position_m": self.measured}
         forces = {"command_n": self.command, "force_n": tick.command if tick.undelayed is None else tick.undelayed}
         if self.frequency is None:
-            return CouplingProgram(names, initial, None, part("after", measured, forces, names), ())
+            return CouplingProgram(names, initial, None, part("after", measured, forces, names))
         read = ca.vertcat(self.cut, *self.wanted)
         early = tuple(name for name in names if not ca.depends_on(successors[name], read))
         late = tuple(name for name in names if name not in early)
         before = part("before", measured, {"frequency_hz": self.frequency, "seen_m": self.seen}, early)
         given = {"seen_m": self.cut} | {f"wanted_{name}": one for name, one in zip(GAINS, self.wanted, strict=True)}
-        return CouplingProgram(names, initial, before, part("after", given, forces, late), early)
+        return CouplingProgram(names, initial, before, part("after", given, forces, late))
 
     def _parameters(self) -> list[float]:
         """Return the values of the tick's parameters, in its order."""

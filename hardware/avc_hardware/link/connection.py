@@ -116,7 +116,11 @@ class Connection:
         try:
             exchange = next(dialogue)
             while True:
-                answer = self._exchange(exchange, start + self._deadline_s)
+                if exchange.data:
+                    self.link.write(exchange.data)
+                answer = self._next(
+                    self._waiting, min(self.link.now_s() + exchange.timeout_s, start + self._deadline_s)
+                )
                 waited_s = self.link.now_s() - start
                 if answer is None and waited_s >= self._deadline_s:
                     dialogue.close()
@@ -157,16 +161,6 @@ class Connection:
         """Send a heartbeat with the time to the next one, without which the device fades its force."""
         ticks = math.ceil(within_s / self.device.sample_time_s)
         return MODES[self.ask(Kind.HEARTBEAT, words(ticks), Acknowledged).value]
-
-    def let_force_fall(self) -> None:
-        """End the heartbeats: the force falls to 0 within 0.1 s; returns after that."""
-        self.ask(Kind.HEARTBEAT, words(1), Acknowledged)
-        self.wait(0.1 + 3 * self.device.sample_time_s)
-
-    def _exchange(self, exchange: Exchange, end: float) -> Answer:
-        if exchange.data:
-            self.link.write(exchange.data)
-        return self._next(self._waiting, min(self.link.now_s() + exchange.timeout_s, end))
 
     def telemetry(self, timeout_s: float) -> Telemetry | None:
         """Return the next message that the device has pushed; None when none comes in time."""

@@ -117,6 +117,7 @@ def _end(connection: Connection, heartbeat_s: float | None, on_end: Callable[[De
     with suppress(LinkError):
         connection.ask(Kind.SUBSCRIBE, words(0, 0), Acknowledged)
         if heartbeat_s is not None:
-            connection.let_force_fall()
+            connection.ask(Kind.HEARTBEAT, words(1), Acknowledged)
+            connection.wait(0.1 + 3 * connection.device.sample_time_s)  # in which the force falls to 0
         if on_end is not None:
             on_end(connection.status())

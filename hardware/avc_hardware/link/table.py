@@ -17,7 +17,6 @@ from avc_casadi.model.gains import single_ln as ln
 from avc_hardware.codegen.firmware_fit import single_feedback, single_rows, wall_alone
 
 if TYPE_CHECKING:
-    from avc_casadi._util.arrays import FloatArray
     from avc_casadi.coupling import Coupling
     from avc_casadi.model.gains import Gains
     from avc_casadi.model.runtime import StateFeedback
@@ -57,8 +56,7 @@ class TableImage:
         """Take the table of a coupling, row by row, with its wall, guard and force limit."""
         wall_alone(coupling)
         feedback = coupling.runtime.state_feedback
-        rows = single_rows(coupling)
-        wall = coupling.wall
+        rows, wide, wall = single_rows(coupling), coupling.table.rows[:, 1:], coupling.wall
         return cls(
             rows=rows,
             sample_time_s=coupling.sample_time_s,
@@ -72,7 +70,7 @@ class TableImage:
             damped=coupling.structure == "damped",
             varies=not coupling.table.constant,
             clips_last=coupling.contact == "clip-last",
-            rounding_max=_rounding(coupling.table.rows[:, 1:], rows[:, 1:]),
+            rounding_max=float((np.abs(rows[:, 1:] - wide) / np.where(wide == 0, 1.0, np.abs(wide))).max()),
             feedback=feedback,
         )
 
@@ -115,8 +113,3 @@ class TableImage:
     def table_id(self) -> int:
         """Name of the table, from its content: the same table has the same name."""
         return int.from_bytes(hashlib.sha256(self.config + self.image).digest()[:4], "little") or 1
-
-
-def _rounding(wide: FloatArray, narrow: Float32Array) -> float:
-    scale = np.where(wide == 0, 1.0, np.abs(wide))
-    return float((np.abs(narrow.astype(np.float64) - wide) / scale).max())
