@@ -175,7 +175,7 @@ class Connection:
         return queue.popleft()
 
     def _read(self, timeout_s: float) -> None:
-        """Sort incoming messages: answers and telemetry; a line of text (LOG) has no reader."""
+        """Sort incoming messages: answers and telemetry."""
         for frame in self._decoder.feed(self.link.read(timeout_s)):
             message = parse(frame)
             if isinstance(message, Telemetry):

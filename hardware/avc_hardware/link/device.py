@@ -11,7 +11,7 @@ from avc_hardware.codegen.figures import ESTIMATOR_NUMBERS, NO_SLEW_PER_S, Board
 
 MODES = ("table", "ramp", "safe", "fault")
 _HELLO = struct.Struct("<9I8s12s4I3fI11f4fHH")
-_STATUS = struct.Struct("<7Ii9f4B13I3f2I")
+_STATUS = struct.Struct("<7Ii9f4B7I3f2I")
 _COUPLING_ID = 23  # place in STATUS
 
 
@@ -109,12 +109,6 @@ class DeviceStatus:
     table_id: int
     table_crc32: int
     coupling_id: str
-    frames_good: int
-    frames_bad: int
-    bytes_lost: int
-    stream_number: int
-    stream_stale: int
-    stream_missing: int
     boot_id: int
     faults: int
     first_faults: int
@@ -129,9 +123,9 @@ class DeviceStatus:
         values = _STATUS.unpack(payload)
         flags = (MODES[values[17]], *map(bool, values[18:21]))
         coupling = f"{values[_COUPLING_ID]:08x}" if values[20] else ""
-        numbers = (*values[21:_COUPLING_ID], coupling, *values[_COUPLING_ID + 1 : 34])
-        lowered = Limits(*map(_meant, values[34:37]))
-        return cls(*[*values[:17], *flags, *numbers, lowered, *map(bool, values[37:])])
+        numbers = (*values[21:_COUPLING_ID], coupling, *values[_COUPLING_ID + 1 : 28])
+        lowered = Limits(*map(_meant, values[28:31]))
+        return cls(*[*values[:17], *flags, *numbers, lowered, *map(bool, values[31:])])
 
 
 def _meant(value: float) -> float:

@@ -36,7 +36,6 @@ class Kind(IntEnum):
     LIMITS = 0x11
     CONFIG = 0x12
     TELEMETRY = 0xFD
-    LOG = 0xFE
     REFUSED = 0xFF
 
 

@@ -22,7 +22,7 @@ LONGEST_HEARTBEAT_S = 5.0
 _HOLDS_S, _RENEW_S, _BEATS = 2.0, 0.5, 3
 # A heartbeat, its answer and the head of a message of telemetry: a delimiter first, their contents, ten bytes of frame
 # and COBS each. The records of that message.
-_BEAT_BYTES, _RECORD_BYTES, _MOST_RECORDS = 1 + 4 + 8 + 20 + 3 * 10, 44, 8
+_BEAT_BYTES, _RECORD_BYTES, _MOST_RECORDS = 1 + 4 + 8 + 12 + 3 * 10, 44, 8
 
 
 def monitor(

@@ -15,15 +15,13 @@ from avc_casadi._util.units import MotionKind, units_for
 from avc_hardware.link.device import MODES
 from avc_hardware.link.faults import DeviceFault
 
-_HEAD = struct.Struct("<5I")
+_HEAD = struct.Struct("<3I")
 
 
 @dataclass(frozen=True)
 class Telemetry:
     """A telemetry message."""
 
-    number: int
-    dropped: int
     every: int
     boot_id: int
     coupling_id: str
@@ -32,10 +30,10 @@ class Telemetry:
     @classmethod
     def read(cls, payload: bytes) -> Telemetry:
         """Read the payload of TELEMETRY."""
-        number, dropped, every, boot_id, coupling_id = _HEAD.unpack_from(payload)
+        every, boot_id, coupling_id = _HEAD.unpack_from(payload)
         unpacked = struct.iter_unpack("<Ii7fI4B", payload[_HEAD.size :])
         records = tuple((*one[:-4], MODES[one[-4]], *map(bool, one[-3:])) for one in unpacked)
-        return cls(number, dropped, every, boot_id, f"{coupling_id:08x}" if coupling_id else "", records)
+        return cls(every, boot_id, f"{coupling_id:08x}" if coupling_id else "", records)
 
 
 @dataclass(frozen=True)

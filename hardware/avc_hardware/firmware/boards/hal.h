@@ -29,6 +29,5 @@ void serial_handler(void);          /* the receive interrupt: gives each byte to
 /* Called by the board. */
 void avc_on_tick(void); /* once a sample time, from an interrupt above that of the serial port */
 void avc_on_byte(uint8_t byte);
-void avc_on_byte_lost(void); /* the receiver was overrun */
 
 #endif

@@ -32,11 +32,6 @@ void avc_on_tick(void)
     }
 }
 
-void avc_on_byte_lost(void)
-{
-    device.rx_overruns++;
-}
-
 int main(void)
 {
     boots++;

@@ -226,7 +226,6 @@ static void record(avc_control_t *control)
     }
     t->wait = t->every - 1u;
     if (t->made - t->sent >= AVC_SAMPLES_KEPT) {
-        t->dropped++;
         return;
     }
     t->kept[t->made % AVC_SAMPLES_KEPT] = (avc_sample_t){

@@ -51,7 +51,7 @@ typedef struct {
 } avc_feedback_state_t;
 
 /* Telemetry: records made at the device's own tick, every so many ticks, and pushed to the host that asked for them.
- * A subscription holds for a time and is renewed by the host. What the line is too slow for is dropped and counted. */
+ * A subscription holds for a time and is renewed by the host. What the line is too slow for is a gap in the ticks. */
 enum { AVC_SAMPLES_KEPT = 8 }; /* a power of two */
 
 /* As it travels: little-endian, no padding. */
@@ -71,8 +71,6 @@ typedef struct {
     volatile uint32_t wait;  /* ticks until the next record */
     volatile uint32_t made;  /* records put into the ring */
     volatile uint32_t sent;  /* of these, taken out again */
-    volatile uint32_t dropped;
-    uint32_t number; /* of the next message */
     avc_sample_t kept[AVC_SAMPLES_KEPT];
 } avc_telemetry_t;
 

@@ -29,8 +29,6 @@ typedef struct {
 typedef struct {
     avc_state_t state;
     uint32_t table_id, table_crc32, coupling_id;
-    uint32_t frames_good, frames_bad, rx_overruns;
-    uint32_t stream_number, stream_stale, stream_missing;
     uint32_t boot_id;
     uint32_t faults, first_faults, first_tick;
     avc_lowered_t lowered;
@@ -38,15 +36,13 @@ typedef struct {
 } avc_status_t;
 
 _Static_assert(sizeof(avc_hello_t) == 152, "HELLO travels as 152 bytes");
-_Static_assert(sizeof(avc_status_t) == 144, "STATUS travels as 144 bytes");
+_Static_assert(sizeof(avc_status_t) == 120, "STATUS travels as 120 bytes");
 _Static_assert(sizeof(avc_sample_t) == 44, "a record travels as 44 bytes");
 _Static_assert(AVC_SAMPLES_KEPT * sizeof(avc_sample_t) + 128u <= AVC_RING_SIZE, "a message of all records fits the ring");
 
 void avc_device_receive(avc_device_t *device, uint8_t byte)
 {
-    if (!avc_ring_put(&device->rx, byte)) {
-        device->rx_overruns++;
-    }
+    (void)avc_ring_put(&device->rx, byte); /* without one that is lost its frame is broken, and the host sends it again */
 }
 
 bool avc_device_transmit(avc_device_t *device, uint8_t *byte)
@@ -148,12 +144,6 @@ static avc_verdict_t on_status(avc_device_t *device, const avc_request_t *reques
     const avc_control_t *control = &device->control;
     avc_status_t status = {
         .state = snapshot(device),
-        .frames_good = device->frames_good,
-        .frames_bad = device->frames_bad,
-        .rx_overruns = device->rx_overruns,
-        .stream_number = device->stream_number,
-        .stream_stale = device->stream_stale,
-        .stream_missing = device->stream_missing,
         .boot_id = device->boot_id,
         .faults = avc_faults(control),
         .first_faults = control->fault.first,
@@ -250,12 +240,9 @@ static avc_verdict_t on_set_gains(avc_device_t *device, const avc_request_t *req
         return avc_no(AVC_REFUSED_MODE, control->state.mode);
     }
     const uint32_t ahead = number - device->stream_number;
-    if (device->stream_seen && number != 0u) { /* number 0 begins a stream */
-        if (ahead == 0u || ahead > 0x7FFFFFFFu) { /* late or twice */
-            device->stream_stale++;
-            return avc_no(AVC_REFUSED_STALE, device->stream_number);
-        }
-        device->stream_missing += ahead - 1u;
+    const bool late = ahead == 0u || ahead > 0x7FFFFFFFu; /* or twice */
+    if (device->stream_seen && number != 0u && late) { /* number 0 begins a stream */
+        return avc_no(AVC_REFUSED_STALE, device->stream_number);
     }
     device->stream_seen = true;
     device->stream_number = number;
@@ -286,8 +273,6 @@ static avc_verdict_t on_subscribe(avc_device_t *device, const avc_request_t *req
         t->every = every;
         t->wait = 0u;
         t->sent = t->made;
-        t->dropped = 0u;
-        t->number = 0u;
         atomic_signal_fence(memory_order_release);
     }
     t->left = every != 0u ? ticks : 0u;
@@ -303,7 +288,7 @@ static bool push_telemetry(avc_device_t *device)
     }
     atomic_signal_fence(memory_order_acquire);
     const uint32_t coupling_id = device->control.state.has_table != 0u ? avc_running(device)->image.header.coupling_id : 0u;
-    const uint32_t head[5] = {t->number, t->dropped, t->every, device->boot_id, coupling_id};
+    const uint32_t head[3] = {t->every, device->boot_id, coupling_id};
     avc_answer_t a = avc_answer(device, AVC_MESSAGE_TELEMETRY, 0u);
     avc_put(&a, head, sizeof head);
     for (uint32_t at = t->sent; at != made; at++) {
@@ -311,7 +296,6 @@ static bool push_telemetry(avc_device_t *device)
     }
     atomic_signal_fence(memory_order_release);
     t->sent = made;
-    t->number++;
     avc_send(&a);
     return true;
 }
@@ -390,12 +374,8 @@ bool avc_device_poll(avc_device_t *device)
             break;
         }
         did = true;
-        const avc_frame_result_t result = avc_decoder_feed(&device->decoder, byte);
-        if (result == AVC_FRAME_GOOD) {
-            device->frames_good++;
+        if (avc_decoder_feed(&device->decoder, byte)) {
             on_frame(device);
-        } else if (result == AVC_FRAME_BAD) {
-            device->frames_bad++;
         }
     }
     return push_telemetry(device) || did;
@@ -405,10 +385,5 @@ void avc_device_init(avc_device_t *device, const avc_config_t *config, bool boun
 {
     memset(device, 0, sizeof *device);
     avc_control_init(&device->control, config, bound);
-    avc_decoder_reset(&device->decoder);
     device->boot_id = boot_id;
-    const char note[] = "avc device ready";
-    avc_answer_t a = avc_answer(device, AVC_MESSAGE_LOG, 0u);
-    avc_put(&a, note, sizeof note - 1u);
-    avc_send(&a);
 }

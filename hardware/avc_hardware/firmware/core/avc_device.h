@@ -81,7 +81,6 @@ typedef enum {
     AVC_MESSAGE_CONFIG = 0x12,
     AVC_MESSAGE_REPLY = 0x80, /* set in the answer to each of the above */
     AVC_MESSAGE_TELEMETRY = 0xFD,
-    AVC_MESSAGE_LOG = 0xFE,
     AVC_MESSAGE_REFUSED = 0xFF
 } avc_message_t;
 
@@ -105,9 +104,7 @@ typedef struct {
     uint8_t encoded[AVC_FRAME_MAX];
     uint32_t boot_id;
     uint8_t unique[AVC_UNIQUE_SIZE];
-    volatile uint32_t rx_overruns;
-    uint32_t frames_good, frames_bad;
-    uint32_t stream_number, stream_stale, stream_missing;
+    uint32_t stream_number;
     bool stream_seen;
 } avc_device_t;
 

@@ -18,7 +18,7 @@ uint32_t avc_crc32(uint32_t crc, const uint8_t *data, size_t size)
     return ~crc;
 }
 
-void avc_decoder_reset(avc_decoder_t *decoder)
+static void reset(avc_decoder_t *decoder)
 {
     decoder->size = 0;
     decoder->left = 0;
@@ -36,34 +36,27 @@ static void append(avc_decoder_t *decoder, uint8_t byte)
     }
 }
 
-static avc_frame_result_t finish(avc_decoder_t *decoder)
+static bool finish(avc_decoder_t *decoder)
 {
     const bool complete = decoder->started && !decoder->broken && decoder->left == 0;
     const size_t size = decoder->size;
-    const bool started = decoder->started;
-    avc_decoder_reset(decoder);
-    if (!started) {
-        return AVC_FRAME_NONE; /* a spare delimiter */
-    }
+    reset(decoder);
     if (!complete || size < AVC_HEADER_SIZE + AVC_CRC_SIZE) {
-        return AVC_FRAME_BAD;
+        return false; /* broken, or a spare delimiter */
     }
     uint32_t sent;
     memcpy(&sent, &decoder->content[size - AVC_CRC_SIZE], sizeof sent);
-    if (avc_crc32(0, decoder->content, size - AVC_CRC_SIZE) != sent) {
-        return AVC_FRAME_BAD;
-    }
     decoder->size = (uint16_t)size;
-    return AVC_FRAME_GOOD;
+    return avc_crc32(0, decoder->content, size - AVC_CRC_SIZE) == sent;
 }
 
-avc_frame_result_t avc_decoder_feed(avc_decoder_t *decoder, uint8_t byte)
+bool avc_decoder_feed(avc_decoder_t *decoder, uint8_t byte)
 {
     if (byte == 0) {
         return finish(decoder);
     }
     if (!decoder->started) {
-        avc_decoder_reset(decoder);
+        reset(decoder);
         decoder->started = true;
     }
     if (decoder->left == 0) { /* a code byte */
@@ -76,7 +69,7 @@ avc_frame_result_t avc_decoder_feed(avc_decoder_t *decoder, uint8_t byte)
         append(decoder, byte);
         decoder->left--;
     }
-    return AVC_FRAME_NONE;
+    return false;
 }
 
 size_t avc_frame_encode(uint8_t *content, size_t size, uint8_t *out)

@@ -20,8 +20,6 @@ enum {
     AVC_PAYLOAD_MAX = AVC_CONTENT_MAX - AVC_HEADER_SIZE - AVC_CRC_SIZE
 };
 
-typedef enum { AVC_FRAME_NONE, AVC_FRAME_GOOD, AVC_FRAME_BAD } avc_frame_result_t;
-
 /* Streaming decoder: keeps the decoded content of one frame. */
 typedef struct {
     uint8_t content[AVC_CONTENT_MAX];
@@ -32,10 +30,8 @@ typedef struct {
     bool started;
 } avc_decoder_t;
 
-void avc_decoder_reset(avc_decoder_t *decoder);
-
-/* Take one byte. GOOD: content[0..size) is a frame with a right CRC (size still counts the CRC). */
-avc_frame_result_t avc_decoder_feed(avc_decoder_t *decoder, uint8_t byte);
+/* Take one byte; returns whether content[0..size) now is a frame with a right CRC (size still counts the CRC). */
+bool avc_decoder_feed(avc_decoder_t *decoder, uint8_t byte);
 
 /* Append the CRC to content (room for 4 more bytes), stuff it into out with a delimiter; returns the bytes written.
  * out holds at least size + 4 + (size + 4) / 254 + 2 bytes. */

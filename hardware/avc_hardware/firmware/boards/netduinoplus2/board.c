@@ -157,11 +157,7 @@ bool hal_send(uint8_t byte)
 
 void serial_handler(void)
 {
-    const uint32_t status = USART1_STATUS;
-    if ((status & (RECEIVED | OVERRUN)) != 0u) {
-        avc_on_byte((uint8_t)USART1_DATA);
-        if ((status & OVERRUN) != 0u) {
-            avc_on_byte_lost();
-        }
+    if ((USART1_STATUS & (RECEIVED | OVERRUN)) != 0u) {
+        avc_on_byte((uint8_t)USART1_DATA); /* which clears both */
     }
 }
