@@ -192,10 +192,10 @@ def test_bytes_of_a_table_are_those_of_the_document() -> None:
     table = TableImage.of(made(feedback))
     plain = TableImage.of(made(None))
     header = struct.pack("<6fI", 1e-3, 10.0, 1e5, 0.0, 0.0, table.max_force_n, table.coupling_id)
-    assert table.image[:32] == struct.pack("<HH", 1, 4 << 8 | 8 | 1) + header
-    assert plain.image[:4] == struct.pack("<HH", 1, 8 | 1)
+    assert table.image[:32] == struct.pack("<HH", 1, 4 << 8 | 8) + header
+    assert plain.image[:4] == struct.pack("<HH", 1, 8)
     gated = made(None).problem.changed(coupling={"contact": "gated"})
-    assert TableImage.of(made(None).on(gated)).image[:4] == struct.pack("<HH", 1, 1)
+    assert TableImage.of(made(None).on(gated)).image[:4] == struct.pack("<HH", 1, 0)
     assert table.image[36:48] == struct.pack("<3f", 3.0, 4e4, 5.0)
     positions = sum(1 << place for place in feedback.positions)
     follows = struct.pack("<HH2f", feedback.measures, positions, feedback.dead_zone_m, feedback.face_m)

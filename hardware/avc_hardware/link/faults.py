@@ -65,7 +65,7 @@ class Reason(IntEnum):
         return made
 
     VERSION = 1, "the firmware has protocol {detail}, this program {own}; bring both to the same release"
-    MESSAGE = 2, "the firmware does not know message or unit {detail}; update the firmware"
+    MESSAGE = 2, "the firmware does not know message {detail}; update the firmware"
     SIZE = 3, "a message or the table has a wrong size (the device counts {detail})"
     BUSY = 4, "another host is sending a table (session {detail:#010x}); wait until it has ended"
     NO_TRANSFER = 5, "the device knows of no transfer; it may have been reset"

@@ -140,8 +140,7 @@ def hello(session: int, interface_version: int = INTERFACE_VERSION) -> bytes:
 
 def begin(session: int, table_id: int, crc32: int, rows: int, states: int = 0) -> bytes:
     """Payload of BEGIN."""
-    si_units = 1
-    return struct.pack("<IIIHHHH", session, table_id, crc32, rows, si_units, states, 0)
+    return struct.pack("<IIIHH", session, table_id, crc32, rows, states)
 
 
 def set_gains(coupling_id: int, number: int, ticks: int, b: float, k: float, b_p: float) -> bytes:

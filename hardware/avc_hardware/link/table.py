@@ -44,7 +44,6 @@ class TableImage:
     safe_damping_ns_per_m: float = 0.0
     safe_stiffness_n_per_m: float = 0.0
     guard: bool = False
-    damped: bool = False
     varies: bool = True
     clips_last: bool = False
     rounding_max: float = 0.0
@@ -67,7 +66,6 @@ class TableImage:
             safe_damping_ns_per_m=0.0 if safe is None else safe.damping_ns_per_m,
             safe_stiffness_n_per_m=0.0 if safe is None else safe.stiffness_n_per_m,
             guard=coupling.runtime.guard is not None,
-            damped=coupling.structure == "damped",
             varies=not coupling.table.constant,
             clips_last=coupling.contact == "clip-last",
             rounding_max=float((np.abs(rows[:, 1:] - wide) / np.where(wide == 0, 1.0, np.abs(wide))).max()),
@@ -89,8 +87,8 @@ class TableImage:
         """The bytes that are sent, checked and read back."""
         if not len(self.rows):
             return b""
-        marks = (self.damped, self.varies, self.guard, self.clips_last)
-        flags = sum(mark << bit for bit, mark in enumerate(marks)) | self.states << 8
+        marks = (self.varies, self.guard, self.clips_last)
+        flags = sum(mark << bit for bit, mark in enumerate(marks, 1)) | self.states << 8
         header = HEADER.pack(
             *(len(self.rows), flags, self.sample_time_s, self.wall_damping_ns_per_m, self.wall_stiffness_n_per_m),
             *(self.safe_damping_ns_per_m, self.safe_stiffness_n_per_m, self.max_force_n, self.coupling_id),

@@ -310,7 +310,7 @@ typedef struct {
 
 static const avc_handler_t handlers[] = {
     {AVC_MESSAGE_HELLO, 8, 8, on_hello},
-    {AVC_MESSAGE_BEGIN, 20, 20, avc_on_begin},
+    {AVC_MESSAGE_BEGIN, 16, 16, avc_on_begin},
     {AVC_MESSAGE_CHUNK, 13, 12 + AVC_CHUNK_MAX, avc_on_chunk},
     {AVC_MESSAGE_COMMIT, 12, 12, avc_on_commit},
     {AVC_MESSAGE_READBACK, 8, 8, avc_on_readback},

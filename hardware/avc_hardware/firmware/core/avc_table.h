@@ -20,11 +20,10 @@ enum {
 };
 
 enum {
-    AVC_TABLE_DAMPED = 1, /* b_p acts in contact */
     AVC_TABLE_VARIES = 2, /* the gains follow the frequency */
     AVC_TABLE_GUARD = 4,  /* the guard watches the energy */
     AVC_TABLE_CLIPS = 8,  /* the contact law: clip-last; otherwise gated */
-    AVC_TABLE_FLAGS = 15, /* all of these */
+    AVC_TABLE_FLAGS = 14, /* all of these */
     AVC_TABLE_STATES = 8  /* the number of the observer's states begins at this bit; 0: no observer */
 };
 

@@ -30,12 +30,7 @@ avc_verdict_t avc_on_begin(avc_device_t *device, const avc_request_t *request)
 {
     avc_transfer_t *transfer = &device->transfer;
     const uint32_t session = request->word[0], table_id = request->word[1], crc32 = request->word[2];
-    const uint32_t rows = request->word[3] & 0xFFFFu;
-    const uint32_t units = request->word[3] >> 16;
-    const uint32_t states = request->word[4] & 0xFFFFu;
-    if (units != 1u) { /* 1: Hz, N.s/m, N/m, N.s/m */
-        return avc_no(AVC_REFUSED_MESSAGE, units);
-    }
+    const uint32_t rows = request->word[3] & 0xFFFFu, states = request->word[3] >> 16;
     const avc_reason_t reason = avc_size_check(rows, states);
     if (reason != AVC_OK) {
         return avc_no(reason, reason == AVC_REFUSED_ROWS ? AVC_ROWS_MAX : AVC_STATES_MAX);
