@@ -90,7 +90,7 @@ class ResonanceEffect(Effect):
     kind: Literal["resonance"] = "resonance"
     frequency_hz: q.Hertz | None = None
     damping_ratio: q.DampingRatio | None = None
-    mass_ratio: q.MassRatio | None = None
+    mass_ratio: q.MassShare | None = None
 
 
 class BacklashEffect(Effect):

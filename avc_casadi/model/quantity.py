@@ -292,7 +292,6 @@ Threshold = Annotated[float, BeforeValidator(Quantity("", 1e-3, 0.999, zero=Fals
 Share = Annotated[float, BeforeValidator(Quantity("", 1e-9, 1))]
 DampingRatio = Annotated[float, BeforeValidator(Quantity("", 1e-6, 10))]
 LoopDampingRatio = Annotated[float, BeforeValidator(Quantity("", 0.05, 10, zero=False))]
-MassRatio = Annotated[float, BeforeValidator(Quantity("", 1e-6, 1e3, zero=False))]
 MassShare = Annotated[float, BeforeValidator(Quantity("", 1e-6, 0.999999, zero=False))]
 DiskMargin = Annotated[float, BeforeValidator(Quantity("", 0.01, 1, zero=False))]
 GainMargin = Annotated[float, BeforeValidator(Quantity("", 1, 4, zero=False))]

@@ -31,10 +31,9 @@ class RealismResult:
         }
 
 
-def judge_realism(problem: Problem, impedance: ComplexArray, usable: BoolArray | None = None) -> RealismResult:
+def judge_realism(problem: Problem, impedance: ComplexArray, usable: BoolArray) -> RealismResult:
     """Judge perceived impedances at the problem's frequencies."""
-    if usable is not None:
-        impedance = np.where(usable, impedance, np.nan)
+    impedance = np.where(usable, impedance, np.nan)
     loop = loop_at(problem, problem.frequencies_hz())
     low, high = bound_magnitudes(problem, loop)
     # Imperceptible: a solver ends this close to a bound, which counts as inside.

@@ -42,11 +42,7 @@ class Comparison(Tabular):
 
     Attributes:
         problem: name of the problem.
-        title: its title.
-        model: hold model.
-        structure: series or damped.
         scope: what the gains of `delivered` meet: the problem's own scope, with the realism that it requires.
-        margin_ns_per_m: margin of (12).
         frequency_hz: frequencies of interaction.
         methods: gains by method; a constant pair of one's own as "mine".
         without_coupling: perceived impedance of device and environment joined directly.
@@ -61,8 +57,6 @@ class Comparison(Tabular):
         cross_check: `direct` against `exact`, where both were requested.
         causal: what a causal coupling renders, after `with_causal`.
         judged: certificate and realism of each method.
-        passive_limit_n_per_m: largest DC stiffness of any passive linear time-invariant rendering, sampled-data:
-            2 b_d/((1 + delay) T).
         stated: the problem as stated, for ``print``.
 
     Example:
@@ -72,11 +66,7 @@ class Comparison(Tabular):
     """
 
     problem: str
-    title: str
-    model: str
-    structure: str
     scope: str
-    margin_ns_per_m: float
     frequency_hz: FloatArray
     methods: Mapping[str, GainSchedule]
     without_coupling: ComplexArray
@@ -90,7 +80,6 @@ class Comparison(Tabular):
     injection: Mapping[str, Any]
     cross_check: Mapping[str, Any] | None
     judged: Mapping[str, Evaluation]
-    passive_limit_n_per_m: float
     stated: Problem
     causal: CausalGains | None = None
 
@@ -116,11 +105,16 @@ class Comparison(Tabular):
 
     def document(self) -> dict[str, Any]:
         """Return the JSON document, null where a number is undefined."""
-        curves = ("without_coupling", "target", "upper", "lower")
-        kept = ("problem", "title", "model", "structure", "margin_ns_per_m", "frequency_hz", "optimum", "delivered")
+        curves, stated = ("without_coupling", "target", "upper", "lower"), self.stated
+        kept = ("problem", "frequency_hz", "optimum", "delivered", "reason", "cross_check")
         return plain_table(
             {
-                **{name: getattr(self, name) for name in (*kept, "reason", "cross_check", "passive_limit_n_per_m")},
+                **{name: getattr(self, name) for name in kept},
+                "title": stated.title,
+                "model": stated.stability.model,
+                "structure": stated.coupling.structure,
+                "margin_ns_per_m": stated.stability.margin_ns_per_m,
+                "passive_limit_n_per_m": passive_limit_n_per_m(stated.device),
                 "scope": "pointwise",
                 "problem_scope": self.scope,
                 "methods": {
@@ -267,11 +261,7 @@ def compare(
     upper, lower = perceived_bounds(problem, loop)
     return Comparison(
         problem=problem.name,
-        title=problem.title,
-        model=problem.stability.model,
-        structure=problem.coupling.structure,
         scope=scope,
-        margin_ns_per_m=problem.stability.margin_ns_per_m,
         frequency_hz=problem.frequencies_hz(),
         methods=gains,
         without_coupling=np.asarray(loop.without_coupling),
@@ -285,7 +275,6 @@ def compare(
         injection=damping_injection(problem, loop),
         cross_check=cross_check(gains["direct"], gains["exact"], scale) if both else None,
         judged={name: judge_gains(problem, table) for name, table in gains.items()},
-        passive_limit_n_per_m=passive_limit_n_per_m(problem.device),
         stated=stated,
     )
 

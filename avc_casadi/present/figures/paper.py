@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from avc_casadi._util.arrays import BoolArray, ComplexArray
 from avc_casadi.design.comparison.accuracy import SolverCost, fastest
 from avc_casadi.design.comparison.comparison import Comparison
+from avc_casadi.loops.wall import passive_limit_n_per_m
 from avc_casadi.model.problem import Model
 from avc_casadi.present.figures import style
 
@@ -31,11 +32,12 @@ def _lines(comparison: Comparison) -> dict[str, style.Line]:
 @style.styled
 def draw_perceived(comparison: Comparison, axes: style.GivenAxes = None) -> Figure:
     """Draw the perceived impedance without coupling, by the closed form and by the delivered gains, and these gains."""
-    damping, hz, lines = comparison.units.unit("N·s/m"), comparison.frequency_hz, _lines(comparison)
-    titles = ["(a) perceived impedance", f"(b) real part, {comparison.model} model", "(c) damping b", "(d) stiffness k"]
+    stated, hz, lines = comparison.stated, comparison.frequency_hz, _lines(comparison)
+    damping, model = comparison.units.unit("N·s/m"), stated.stability.model
+    titles = ["(a) perceived impedance", f"(b) real part, {model} model", "(c) damping b", "(d) stiffness k"]
     gains = [("damping_ns_per_m", f"b ({damping})"), ("stiffness_n_per_m", f"k ({comparison.units.unit('N/m')})")]
     layout, height = "ab;cd", 5.4
-    if comparison.structure == "damped":
+    if stated.coupling.structure == "damped":
         layout, height = "ab;cd;ee", 7.4
         titles.append("(e) contact damping")
         gains.append(("contact_damping_ns_per_m", f"b_p ({damping})"))
@@ -71,7 +73,7 @@ def draw_perceived(comparison: Comparison, axes: style.GivenAxes = None) -> Figu
         panel.set_ylabel(label)
         if panel.get_yscale() != "log":  # 0 has no place here, and would move the limits
             panel.axhline(0, color="0.5", linewidth=0.8, zorder=1)
-    if np.isfinite(limit := comparison.passive_limit_n_per_m):
+    if np.isfinite(limit := passive_limit_n_per_m(stated.device)):
         look: dict[str, Any] = {"color": "0.45", "linestyle": (0, (2, 2)), "linewidth": 1.0}
         others[1].axhline(limit, label="passive limit of DC stiffness", **look)
     for panel in panels.axes:
@@ -82,7 +84,7 @@ def draw_perceived(comparison: Comparison, axes: style.GivenAxes = None) -> Figu
 
 def _real_part(axes: Axes, comparison: Comparison, drawn: list[np.ndarray], lines: dict[str, style.Line]) -> None:
     """Draw Re Z in the model that is not the problem's too, and the part that (12) forbids."""
-    other: Model = "sampled-data" if comparison.model == "paper" else "paper"
+    other: Model = "sampled-data" if comparison.stated.stability.model == "paper" else "paper"
     for name, line in lines.items():
         values = np.where(comparison.methods[name].usable, comparison.judged[name].real_part[other], np.nan)
         label = f"{line.label}, {other} model"
@@ -90,7 +92,7 @@ def _real_part(axes: Axes, comparison: Comparison, drawn: list[np.ndarray], line
             line.draw(axes, comparison.frequency_hz, values, linewidth=0.9, marker="", alpha=0.6, label=label)
         drawn.append(values)
     style.value_axis(axes, *drawn)
-    (lowest, highest), margin = axes.get_ylim(), comparison.margin_ns_per_m
+    (lowest, highest), margin = axes.get_ylim(), comparison.stated.stability.margin_ns_per_m
     if lowest < margin:
         axes.axhspan(lowest, margin, facecolor="0.96", edgecolor="0.8", hatch="////", linewidth=0, zorder=0)
         axes.set_ylim(lowest, highest)

@@ -65,21 +65,13 @@ class Resonance(TableEffect, keys=ResonanceEffect, rank=10, scene_alone=True):
     @classmethod
     def build(cls, table: Any, problem: Problem, place: str) -> Self:
         """Build it; missing numbers are taken from the device; a device without mass has no resonance."""
-        keys = ("frequency_hz", "damping_ratio", "mass_ratio")
-        given = {key: getattr(table, key) for key in keys}
-        values: dict[str, Any] = {
-            key: getattr(problem.device.resonance, key, None) if one is None else one for key, one in given.items()
-        }
+        own = {} if problem.device.resonance is None else dict(problem.device.resonance)
+        values = own | {key: one for key, one in table if key != "kind" and one is not None}
         faults = [
             (f".{key}", f"is missing and so is device.resonance.{key}; allowed: one of both")
-            for key, value in values.items()
-            if value is None
+            for key in ("frequency_hz", "damping_ratio", "mass_ratio")
+            if key not in values
         ]
-        ratio = values["mass_ratio"]
-        if ratio is not None and not 0 < ratio < 1:
-            faults.append(
-                (".mass_ratio", f"is {ratio}; allowed: above 0 and below 1, the share on the side of the hand")
-            )
         if problem.device.mass_kg == 0:
             faults.append(("", "needs device.mass_kg above 0; leave the effect out or give the device its mass"))
         if faults:

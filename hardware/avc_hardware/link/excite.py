@@ -131,7 +131,7 @@ def excite(
             with DeferredInterrupt():
                 with suppress(LinkError):
                     connection.ask(Kind.STOP, m.words(number), m.Acknowledged)
-                if cut is not None and isinstance(error, KeyboardInterrupt) and records.index:
+                if cut is not None and isinstance(error, KeyboardInterrupt) and records.following:
                     cut(records.log("cut by Ctrl-C"))
             raise
         # The output's step of a wired board is unknown here.
@@ -157,28 +157,18 @@ class _Records:
 
     plan: Plan
     port: str
-    index: list[int] = field(default_factory=list)
-    counts: list[int] = field(default_factory=list)
-    units: list[int] = field(default_factory=list)
-    last: m.Records | None = None
+    parts: list[m.Records] = field(default_factory=list)
 
     @property
     def following(self) -> int:
         """Index of the next record to request."""
-        return self.index[-1] + 1 if self.index else 0
-
-    def take(self, part: m.Records) -> None:
-        """Add the records of an answer."""
-        self.index += range(part.first, part.first + len(part.counts))
-        self.counts += part.counts
-        self.units += part.units
-        self.last = part
+        return self.parts[-1].first + len(self.parts[-1].counts) if self.parts else 0
 
     def log(self, end: str | None = None) -> ExcitationLog:
         """Return the log of the received records, at least one answer; `end` is the reason for the end."""
-        part = self.last
-        assert part is not None  # noqa: S101 - the caller has seen it
-        at = np.array(self.index, dtype=np.int64)
+        part = self.parts[-1]
+        at = np.concatenate([one.first + np.arange(len(one.counts)) for one in self.parts])
+        counts, units = (np.concatenate([getattr(one, key) for one in self.parts]) for key in ("counts", "units"))
         return ExcitationLog(
             plan=self.plan,
             port=self.port,
@@ -186,8 +176,8 @@ class _Records:
             whole=end is None and part.state == 2,
             start_tick=part.start_tick,
             index=at,
-            position_m=np.array(self.counts, dtype=np.float64) * self.plan.metres_per_count,
-            force_n=np.array(self.units, dtype=np.float64) * (float(np.float32(self.plan.max_force_n)) / FULL),
+            position_m=counts * self.plan.metres_per_count,
+            force_n=units * (float(np.float32(self.plan.max_force_n)) / FULL),
             lost=int((part.made if end is None else self.following) - at.size),
         )
 
@@ -198,7 +188,7 @@ def _read(connection: Connection, records: _Records, number: int, progress: Prog
     while True:
         following = records.following
         part = connection.ask(Kind.RECORDS, m.words(number, following), m.Records)
-        records.take(part)
+        records.parts.append(part)
         progress.advance(min(records.following, plan.ticks), plan.ticks, "records")
         waiting = part.made - records.following
         if part.state != 1 and not waiting:
