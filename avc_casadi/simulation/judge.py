@@ -64,15 +64,6 @@ BUZZ_SHARE = 0.07
 DIVERGED_M = 10.0
 
 
-def criterion(metres_per_unit: float) -> str:
-    """Return the criterion as text, for a device with this displacement of the handle per unit of position."""
-    slow = AT_REST_M_PER_S / metres_per_unit
-    return (
-        f"largest true velocity of device and handle in the last {JUDGED_S:g} s below {slow:g}; buzzing: "
-        f"force between {RIPPLE_HZ[0]:g} and {RIPPLE_HZ[1]:g} Hz (rms) above {BUZZ_SHARE:.0%} of the mean force"
-    )
-
-
 @dataclass(frozen=True, eq=False, repr=False)
 class Judgement(Tabular):
     """Figures of one or many runs; every array has the shape of the runs."""

@@ -29,7 +29,7 @@ from avc_casadi.simulation.effects.computation import Adaptation
 from avc_casadi.simulation.effects.environment import Detents
 from avc_casadi.simulation.effects.mechanics import CoulombFriction, Grip
 from avc_casadi.simulation.execute import execute
-from avc_casadi.simulation.judge import DIVERGED_M, Judgement, Ledger, Traces, criterion, energy_ledger
+from avc_casadi.simulation.judge import DIVERGED_M, Judgement, Ledger, Traces, energy_ledger
 
 Claim = Literal["asymptotic", "held-by-friction", "unstable"]
 
@@ -176,7 +176,6 @@ class Run(Tabular):
             "outcome": self.claim,
             "diverged": bool(found.diverged),
             "buzzing": self.buzzing,
-            "criterion": criterion(self.metres_per_unit),
             "steps": self.samples,
             "states": self.states,
             "instructions": self.instructions,

@@ -24,8 +24,7 @@ from avc_casadi.files.problem_file import AnyProblem, of_problem, with_wall
 from avc_casadi.loops.wall import passive_limit_n_per_m
 from avc_casadi.model.gains import GainSchedule, Status
 from avc_casadi.model.problem import Problem
-from avc_casadi.paper.closed_form import project
-from avc_casadi.paper.equations import Loop, loop_at, tustin
+from avc_casadi.paper.equations import loop_at
 from avc_casadi.paper.realism import perceived_bounds
 from avc_casadi.paper.rows import gain_schedule
 
@@ -53,7 +52,6 @@ class Comparison(Tabular):
         delivered: the method whose gains are deployed: `optimum`, or "schedule, scope ..." after `with_delivered`.
         verdict: one for each frequency.
         reason: one sentence for each frequency.
-        injection: the closed form as damping injection.
         cross_check: `direct` against `exact`, where both were requested.
         causal: what a causal coupling renders, after `with_causal`.
         judged: certificate and realism of each method.
@@ -77,7 +75,6 @@ class Comparison(Tabular):
     delivered: str
     verdict: tuple[Verdict, ...]
     reason: tuple[str, ...]
-    injection: Mapping[str, Any]
     cross_check: Mapping[str, Any] | None
     judged: Mapping[str, Evaluation]
     stated: Problem
@@ -124,7 +121,6 @@ class Comparison(Tabular):
                 "counts": self.counts(),
                 **{f"{name}_re": getattr(self, name).real for name in curves},
                 **{f"{name}_im": getattr(self, name).imag for name in curves},
-                "damping_injection": self.injection,
                 "safety": {name: judged.safety() for name, judged in self.judged.items()},
                 "causal": None if self.causal is None else self.causal.document(),
             }
@@ -272,7 +268,6 @@ def compare(
         delivered=optimum,
         verdict=verdict,
         reason=reason,
-        injection=damping_injection(problem, loop),
         cross_check=cross_check(gains["direct"], gains["exact"], scale) if both else None,
         judged={name: judge_gains(problem, table) for name, table in gains.items()},
         stated=stated,
@@ -299,23 +294,3 @@ def _demanded(problem: Problem) -> str:
     """Return the name of a problem's scope, with the realism that it requires."""
     scope, require = problem.stability.scope, problem.realism.require
     return scope if require == "none" else f"{scope}, realism {require}"
-
-
-def damping_injection(problem: Problem, loop: Loop) -> dict[str, Any]:
-    """Read the closed form as damping injection; arrays of shape (n,), 0 where the desired wall is passive already."""
-    delta = project(problem).injected_damping_ns_per_m
-    hold = np.asarray(loop.hold)
-    can, needed = hold.real > 0, delta > 0
-    contact = np.where(needed, np.where(can, delta / np.where(can, hold.real, 1.0), np.nan), 0.0)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        residual = np.where(needed, np.abs(hold * contact - delta) / np.abs(loop.target), 0.0)
-    any_damper = {"structure": "damped", "contact_damping_ns_per_m": (0.0, 1e9)}
-    damped = solve(problem.changed(coupling=any_damper), "closed-form")
-    return {
-        "injected_damping_ns_per_m": delta,
-        "virtual_mass_kg": np.imag(delta / hold) / tustin(loop.angle).imag,
-        "contact_damper_ns_per_m": contact,
-        "residual_error": residual,
-        "damped_realisable": damped.usable,
-        "damped_reason": damped.reason,
-    }
