@@ -38,7 +38,6 @@ class SolverCost:
     solver: str | None
     tolerance: float | None
     frequencies: int
-    seconds_first: float
     seconds_per_frequency: float
     excess_error: float | None
     largest_excess_error: float | None
@@ -106,9 +105,7 @@ def _closed_form(problem: Problem, loop: Loop) -> GainArrays:
 def _cost(problem: Problem, loop: Loop, reference: FloatArray, run: Callable[[], GainArrays]) -> dict[str, Any]:
     """Return the figures of a `SolverCost`."""
     rows = len(reference)
-    started = time.perf_counter()
     gains = run()
-    first = (time.perf_counter() - started) / rows
     steady: list[float] = []
     while len(steady) < 1 or (len(steady) < 5 and sum(steady) < 0.5):
         started = time.perf_counter()
@@ -120,7 +117,6 @@ def _cost(problem: Problem, loop: Loop, reference: FloatArray, run: Callable[[],
     count = max(int(possible.sum()), 1)
     return {
         "frequencies": rows,
-        "seconds_first": first,
         "seconds_per_frequency": statistics.median(steady) / rows,
         "excess_error": float(np.median(known)) if known.size else None,
         "largest_excess_error": float(known.max()) if known.size else None,
