@@ -204,19 +204,11 @@ def coupling_document(coupling: Coupling) -> dict[str, Any]:
         "trial": None if coupling.trial is None else plain(dict(coupling.trial)),
         "versions": plain(dict(coupling.versions)),
     }
-    if coupling.end == "simulation":
-        there = {key: value for key, value in vars(coupling.in_scene).items() if key != "local_damping_ns_per_m"}
-        return {**kept, **vars(coupling.gains), "in_scene": there}
-    if coupling.end == "follower":
-        return {**kept, **vars(coupling.gains), "at_follower": vars(coupling.at_follower)}
+    if coupling.end != "wall":
+        return {**kept, **vars(coupling.gains)}
     return {
         **kept,
         "method": coupling.method,
-        "structure": coupling.structure,
-        "contact": coupling.contact,
-        "constant": coupling.table.constant,
-        "sample_time_s": coupling.sample_time_s,
-        "max_force_n": coupling.max_force_n,
         "table": plain(coupling.table.to_dict()),
         "without_gains_hz": plain(coupling.schedule.frequency_hz[~coupling.schedule.usable]),
         "runtime": coupling.runtime.document(),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -131,7 +130,6 @@ class CompiledScene:
     target: Target
     sample_time_s: float
     samples: int
-    build_seconds: float
     metres_per_unit: float
     _tick: Tick
     _plant_numbers: FloatArray
@@ -184,7 +182,6 @@ def compile_scene(
 
 
 def _compiled(problem: Problem, effects: tuple[SceneEffect, ...], gains: Gains) -> CompiledScene:
-    started = time.perf_counter()
     sample_time_s = problem.device.sample_time_s
     samples = max(1, round(problem.scene.duration_s / sample_time_s))
     target = target_of(problem.scene.motion, samples, sample_time_s)
@@ -236,7 +233,6 @@ def _compiled(problem: Problem, effects: tuple[SceneEffect, ...], gains: Gains) 
         target=target,
         sample_time_s=sample_time_s,
         samples=samples,
-        build_seconds=time.perf_counter() - started,
         metres_per_unit=problem.device.metres_per_unit,
         _tick=tick,
         _plant_numbers=np.atleast_2d(advance.parameters(plant, sample_time_s)),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from io import BytesIO
@@ -61,10 +60,6 @@ class Run(Tabular):
         ledger: energies.
         judgement: figures of the run.
         claim: ``asymptotic``, ``held-by-friction`` or ``unstable``.
-        states: number of states of one sample.
-        instructions: number of instructions of one sample.
-        build_seconds: time to compile.
-        seconds: time to run.
         metres_per_unit: displacement of the hand for a unit of the position.
         units: names and units of the device.
         stated: the problem given to `simulate`, for ``print``; None of a run among many.
@@ -93,10 +88,6 @@ class Run(Tabular):
     ledger: Ledger
     judgement: Judgement
     claim: Claim
-    states: int
-    instructions: int
-    build_seconds: float
-    seconds: float
     metres_per_unit: float = 1.0
     units: Units = LINEAR
     stated: Problem | None = None
@@ -177,12 +168,9 @@ class Run(Tabular):
             "diverged": bool(found.diverged),
             "buzzing": self.buzzing,
             "steps": self.samples,
-            "states": self.states,
-            "instructions": self.instructions,
             **{name: getattr(found, name) for name in (*peaks, "apparent_stiffness_n_per_m", "rate_hardness_n_per_m")},
             "energy_generated_j": self.energy_generated_j,
             "certificate": {"L6": self.certificate()},
-            "seconds": {"build": self.build_seconds, "run": self.seconds},
             "trace": None if trace is None else str(trace),
         }
         return plain_table(document)
@@ -221,9 +209,7 @@ def simulate_effects(
 ) -> Run:
     """Simulate effects and gains, of `resolve`, in place of those of the problem file."""
     scene = compile_scene(problem, effects, chosen)
-    started = time.perf_counter()
     traces = _traces(scene, chosen, seed)
-    seconds = time.perf_counter() - started
     found = Traces.of(traces, problem.device).judge()
     claim: Claim = "asymptotic" if found.stable else "unstable"
     if found.stable and any(isinstance(effect, CoulombFriction) for effect in effects):
@@ -259,10 +245,6 @@ def simulate_effects(
         ),
         judgement=found,
         claim=claim,
-        states=len(scene.states),
-        instructions=scene.instructions,
-        build_seconds=scene.build_seconds,
-        seconds=seconds,
         metres_per_unit=problem.device.metres_per_unit,
         units=problem.units,
     )
