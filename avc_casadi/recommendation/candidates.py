@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator
+from functools import cache
 
 import numpy as np
 
@@ -19,10 +20,13 @@ from avc_casadi.model.hands import hand_corners, with_released
 from avc_casadi.model.problem import Problem
 from avc_casadi.model.runtime import Runtime
 from avc_casadi.recommendation.evaluator import Evaluator
-from avc_casadi.recommendation.rank import FELT_ERROR, impedance_error
+from avc_casadi.recommendation.preconditions import why_infeasible
+from avc_casadi.recommendation.rank import FELT_ERROR, UNNOTICED, impedance_error
 
 # Rendered stiffness where the wall itself does not hold, as shares of what spring and damper hold linearly.
 _SOFTER = (0.9, 0.75, 0.6, 0.45, 0.33, 0.24, 0.15)
+# Step of the search for the stiffest wall.
+_STIFFER = 1.2
 
 
 def judge_all(problem: Problem, evaluator: Evaluator, limit: DampingRange, progress: Progress = SILENT) -> None:
@@ -47,18 +51,32 @@ def judge_all(problem: Problem, evaluator: Evaluator, limit: DampingRange, progr
         evaluator.first_complete(tuned_gains(problem, progress))
 
 
-def judge_stiffest(problem: Problem, evaluator: Evaluator, limit: DampingRange) -> None:
-    """Judge softer and softer springs until one holds, then laws for stiffer and stiffer walls until none does."""
-    for share in _SOFTER:
-        springs = list(softened(problem, share * limit.stiffness_n_per_m))
-        if evaluator.first_complete((*springs, *behind_observer(springs))):
-            break
-    softest = softest_wall_n_per_m(problem.device)
-    stiffness_n_per_m = max(limit.stiffness_n_per_m, softest, *(one.felt_n_per_m for one in evaluator.complete()))
-    for _ in range(6):
-        if not judge_laws(problem, evaluator, stiffness_n_per_m):
-            return
-        stiffness_n_per_m *= 1.5
+def stiffest_rendered(
+    problem: Problem, limit: DampingRange, evaluator_of: Callable[[Problem], Evaluator]
+) -> tuple[Problem, Evaluator]:
+    """Return the stiffest wall, to a fifth, before which a coupling is complete, and its couplings; or the softest."""
+    about = limit.stiffness_n_per_m or 1e3 * softest_wall_n_per_m(problem.device)
+
+    @cache
+    def judged(stiffness_n_per_m: float) -> tuple[Problem, Evaluator]:
+        wall = {"stiffness_n_per_m": stiffness_n_per_m, "damping_ns_per_m": 0.0}
+        walled = problem.changed(environment=wall, detent=None)
+        evaluator = evaluator_of(walled)
+        if not why_infeasible(walled):
+            for one in springs_and_dampers(walled):
+                evaluator(one)
+            if not evaluator.complete():
+                judge_laws(walled, evaluator, stiffness_n_per_m, UNNOTICED)
+        best = evaluator.best()
+        if not any(one is best for one in evaluator.complete()):
+            evaluator.judged = []
+        return walled, evaluator
+
+    # From above: below the stiffest there may be walls without a law that holds.
+    walls = [float(f"{about * _STIFFER ** (2 * step):.3g}") for step in range(5, -9, -1)]
+    found = next((wall for wall in walls if judged(wall)[1].judged), walls[-1])
+    stiffer = judged(float(f"{found * _STIFFER:.3g}"))
+    return stiffer if stiffer[1].judged else judged(found)
 
 
 def springs_and_dampers(problem: Problem) -> Iterator[Coupling]:

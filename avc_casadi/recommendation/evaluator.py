@@ -31,7 +31,7 @@ from avc_casadi.model.effects import Effect
 from avc_casadi.model.hands import Hand, StylusHand
 from avc_casadi.model.problem import Problem
 from avc_casadi.model.scene import declared
-from avc_casadi.recommendation.rank import Judged, best_of
+from avc_casadi.recommendation.rank import Judged, best_of, error_in_motion
 from avc_casadi.simulation.population.operators import GRIPS, draw_hands, draw_population, loose_grips, people_of
 from avc_casadi.simulation.population.trial import CouplingTrial, residual_speeds, try_coupling, try_on_devices
 
@@ -80,14 +80,14 @@ class Evaluator:
         progress: Progress = SILENT,
         *,
         lean_on_friction: bool = False,
-        stiffest: bool = False,
+        within: float = math.inf,
         executor: Executor | None = None,
     ) -> None:
         self.judged: list[Judged] = []
         self.considered = 0
         self._people, self._seed, self._progress, self._executor = people, seed, progress, executor
         self._trial = partial(try_coupling, seed=seed, executor=executor)
-        self._lean, self._stiffest = lean_on_friction, stiffest
+        self._lean, self._within = lean_on_friction, within
         count = 2 * len(people)
         self._others = (
             draw_hands(problem.hands, count, seed, first=first, training=True) for first in itertools.count(0, count)
@@ -98,10 +98,11 @@ class Evaluator:
         self._devices = _devices(problem.device, seed)
 
     def __call__(self, coupling: Coupling) -> Judged | None:
-        """Return the coupling with its trials; None where it is not deployable."""
+        """Return the coupling with its trials; None where it is not deployable, or further off in motion than asked."""
         self.considered += 1
         self._progress.advance(self.considered, 0, f"couplings, {coupling.method}")
-        if not deployable(coupling).passed:
+        off = math.isfinite(self._within) and error_in_motion(coupling) > self._within
+        if off or not deployable(coupling).passed:
             return None
         one = Judged(coupling, self._trial(coupling, self._people.pick(slice(FIRST))), self.considered)
         if one.safety <= int(self._lean) and len(self._people) > FIRST:
@@ -133,7 +134,7 @@ class Evaluator:
     def best(self) -> Judged | None:
         """Return the best coupling that stays the best with hands never seen; None without any deployable one."""
         while self.judged:
-            one = best_of(self.judged, lean_on_friction=self._lean, stiffest=self._stiffest)
+            one = best_of(self.judged, lean_on_friction=self._lean)
             if one.others is not None:
                 return one
             self._confirmed(one)

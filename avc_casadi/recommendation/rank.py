@@ -14,7 +14,7 @@ from avc_casadi.claims.impedance import below_quarter_rate, impedance_at_handle,
 from avc_casadi.coupling import Coupling
 from avc_casadi.loops.margins import transients
 from avc_casadi.loops.wall import force_over_position, frozen_rendering
-from avc_casadi.recommendation.felt import rebound
+from avc_casadi.recommendation.felt import rebound, shaken
 from avc_casadi.simulation.population.trial import CouplingTrial
 
 BAND_HZ = np.geomspace(1.0, 30.0, 40)
@@ -26,6 +26,12 @@ FELT_ERROR = 0.1
 _AT_ONCE_S, _PER_SETTLING, _PER_SOFTER = 0.5, 0.5, 0.2
 # Share within which stiffnesses are equal; and of the static one at the end of a press, below which the latter counts.
 _AS_STIFF, _SLOW = 0.01, 0.95
+UNNOTICED = 0.2
+"""Impedance error of a hand's motion below which a wall is as stiff as stated: a just noticeable difference is 23 %."""
+OFF_IN_MOTION = f"no wall, however soft, is within {100 * UNNOTICED:.0f} % to a hand that moves and comes to rest"
+"""Why there is no stiffest wall."""
+MOVING_HZ = (1.0, 10.0)
+"""Motion of a hand, slow and as fast as it goes."""
 # Share of the hands below the vibration threshold that suffices: a stiff wall is kept despite a few light hands.
 BELOW_THRESHOLD_SHARE = 0.9
 
@@ -115,7 +121,12 @@ def impedance_error(coupling: Coupling) -> float:
     return float((np.abs(impedance_at_handle(problem.device, force, hz) - wanted) / size).max())
 
 
-def best_of(judged: list[Judged], *, lean_on_friction: bool = False, stiffest: bool = False) -> Judged:
+def error_in_motion(coupling: Coupling) -> float:
+    """Return the largest impedance error to a handle moved at 1 and 10 Hz, encoder and dead zone counted."""
+    return float(shaken(coupling, coupling.static_stiffness_n_per_m, MOVING_HZ).error.max())
+
+
+def best_of(judged: list[Judged], *, lean_on_friction: bool = False) -> Judged:
     """Return the best: by safety, vibration threshold, distance; of those as near to the senses the plainest."""
 
     def safety(one: Judged) -> int:
@@ -127,9 +138,6 @@ def best_of(judged: list[Judged], *, lean_on_friction: bool = False, stiffest: b
         most = max(one.at_rest for one in left)
         left = [one for one in left if one.at_rest == most]
     left = [one for one in left if one.quiet] or left
-    if stiffest:
-        most_n_per_m = max(one.felt_n_per_m for one in left)
-        left = [one for one in left if one.felt_n_per_m >= (1 - _AS_STIFF) * most_n_per_m]
     nearest = min(one.distance for one in left)
     as_near = [one for one in left if one.distance <= nearest + FELT_ERROR]
     quiet = max(int(one.trial.quiet.sum()) for one in as_near)
@@ -163,7 +171,9 @@ def reason_of(best: Judged | None, judged: list[Judged], considered: int) -> str
     if other.error > best.error - FELT_ERROR:
         return why
     below, hands = other.quiet_hands
-    quiet = f"only {below} of {hands} hands stay below the vibrotactile threshold"
-    flaw = quiet if other.safety == best.safety else "not all hands settle"
+    flaw = f"only {below} of {hands} hands stay below the vibrotactile threshold"
+    if other.safety > best.safety:
+        only = "hands settle only thanks to the declared dry friction (--lean-on-friction)"
+        flaw = only if other.safety == 1 else "not all hands settle"
     errors = f"impedance error {100 * other.error:.3g} %, here {100 * best.error:.3g} %"
     return f"{why}; with a nearer {other.coupling.method} ({errors}) {flaw}"

@@ -1,30 +1,29 @@
-"""Recommend a coupling to deploy, or search for the stiffest wall: what it renders, its limits and sensitivities."""
+"""Recommend a coupling to deploy: what it renders, its limits and sensitivities."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from concurrent.futures import Executor
-from dataclasses import asdict, replace
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
 from avc_casadi._errors import InputError
-from avc_casadi._util.json_values import plain_table
 from avc_casadi._util.parallel import Crew
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.claims.certify import quick_rest_level
 from avc_casadi.claims.deployable import certified, deployable
 from avc_casadi.coupling import Coupling
 from avc_casadi.files.problem_file import AnyProblem, as_problem, of_problem, with_wall
-from avc_casadi.loops.walls import softest_wall_n_per_m, stiffest_wall
+from avc_casadi.loops.walls import stiffest_wall
 from avc_casadi.model.gains import GainSchedule
 from avc_casadi.model.hands import hand_corners, with_released
 from avc_casadi.model.problem import Problem
-from avc_casadi.recommendation.candidates import judge_all, judge_stiffest
+from avc_casadi.recommendation.candidates import judge_all, stiffest_rendered
 from avc_casadi.recommendation.evaluator import Evaluator, Withstood, missed, off_file, withstood
 from avc_casadi.recommendation.pair import recommend_bilateral, recommend_tool
 from avc_casadi.recommendation.preconditions import assumed, not_used, nothing_rendered, why_infeasible
-from avc_casadi.recommendation.rank import best_of, devices_of, reason_of
+from avc_casadi.recommendation.rank import OFF_IN_MOTION, UNNOTICED, devices_of, reason_of
 from avc_casadi.recommendation.recommendation import LimitCycleFreedom, Recommendation
 from avc_casadi.recommendation.sensitivity import trade_off, what_would_help
 from avc_casadi.simulation.population.operators import people_of
@@ -40,6 +39,7 @@ def recommend(problem: AnyProblem, hands: int = 100, seed: int = 0, **options: A
         hands: number of simulated hands, corners of [hands] among them.
         seed: of their draw.
         options: ``versions`` of the software, written into the coupling, and ``progress``; of a wall also
+            ``stiffest``, that of the stiffest wall, without a damper, which a hand that moves gets within 20 %;
             ``lean_on_friction``, settling by the declared dry friction suffices; ``prove``, as `certify` does;
             ``with_trade_off``, what a disk margin costs; ``workers``, processes, this one among them; ``executor``,
             which runs the trials.
@@ -56,7 +56,7 @@ def recommend(problem: AnyProblem, hands: int = 100, seed: int = 0, **options: A
     stated = as_problem(problem)
     if stated.simulation is None and stated.follower is None:
         return recommend_wall(with_wall(stated), hands, seed, **options)
-    of_walls = ("lean_on_friction", "prove", "with_trade_off", "workers", "executor")
+    of_walls = ("stiffest", "lean_on_friction", "prove", "with_trade_off", "workers", "executor")
     alien = [name for name in of_walls if name in options and options[name] not in (False, None, 1)]
     if alien:
         allowed = "allowed: hands, seed, versions, progress"
@@ -71,6 +71,7 @@ def recommend_wall(
     hands: int = 100,
     seed: int = 0,
     *,
+    stiffest: bool = False,
     lean_on_friction: bool = False,
     prove: bool = False,
     with_trade_off: bool = False,
@@ -80,16 +81,21 @@ def recommend_wall(
     executor: Executor | None = None,
 ) -> Recommendation:
     """Return the best of springs and dampers and laws of a convex program, confirmed by other hands and devices."""
-    people, why_none = people_of(problem.hands, hands, seed), why_infeasible(problem)
-    evaluator = Evaluator(problem, people, seed, progress, lean_on_friction=lean_on_friction, executor=executor)
+    people = people_of(problem.hands, hands, seed)
+    judging = partial(
+        Evaluator, people=people, seed=seed, progress=progress, lean_on_friction=lean_on_friction, executor=executor
+    )
     with Crew(workers) as crew:
         helps = crew.begin(partial(what_would_help, problem))
         limit = stiffest_wall(problem.device, with_released(hand_corners(problem.hands)))
-        if not why_none:
+        if stiffest:
+            problem, evaluator = stiffest_rendered(problem, limit, partial(judging, within=UNNOTICED))
+        else:
+            evaluator = judging(problem)
+        why_none = why_infeasible(problem)
+        if not (why_none or stiffest):
             judge_all(problem, evaluator, limit, progress)
-        best = evaluator.best()
-        judged, rough = evaluator.judged, problem.device.coulomb_friction_n > 0
-        leaning = best_of(judged, lean_on_friction=True, stiffest=True) if judged and rough else None
+        best, judged = evaluator.best(), evaluator.judged
         coupling, rest, off, lacks = None, None, None, ""
         beyond: tuple[Withstood, ...] = ()
         if best is not None:
@@ -99,7 +105,7 @@ def recommend_wall(
             coupling = replace(known.with_trial(best.trial.document()), versions=versions or {})
             off, beyond = mismatched(), unmodelled()
             lacks = missed(beyond, by_friction=lean_on_friction or best.safety == 1)
-        held = [one.coupling.static_stiffness_n_per_m for one in judged]
+        none = why_none or (OFF_IN_MOTION if stiffest and best is None else "")
         nothing = "" if best is None else nothing_rendered(problem, best.coupling.static_stiffness_n_per_m, best.trial)
         return Recommendation(
             problem=problem,
@@ -110,12 +116,11 @@ def recommend_wall(
             beyond_file=beyond,
             deployable=best is not None and not nothing and not lacks,
             rest=rest,
-            stiffest_wall_n_per_m=max([limit.stiffness_n_per_m, *held]),
+            stiffest=stiffest,
             plain_wall_n_per_m=limit.stiffness_n_per_m,
-            with_friction_n_per_m=None if leaning is None else leaning.coupling.static_stiffness_n_per_m,
             helps=() if why_none else helps(),
             considered=evaluator.considered,
-            reason=why_none or nothing or lacks or reason_of(best, judged, evaluator.considered),
+            reason=none or nothing or lacks or reason_of(best, judged, evaluator.considered),
             assumed=assumed(problem, devices_of(best)),
             not_used=not_used(problem),
             trade_off=trade_off(problem, progress) if with_trade_off and coupling is not None else (),
@@ -161,49 +166,9 @@ def judged_as_recommended(
         beyond_file=beyond,
         deployable=verdict.passed and not lacks,
         rest=rest,
-        stiffest_wall_n_per_m=limit,
         plain_wall_n_per_m=limit,
         helps=what_would_help(problem),
         reason=f"the gains of {gains.method}, as requested; {lacks or verdict.sentence}",
         assumed=assumed(problem),
         not_used=not_used(problem),
-    )
-
-
-def stiffest(
-    problem: Problem,
-    hands: int = 100,
-    seed: int = 0,
-    *,
-    lean_on_friction: bool = False,
-    progress: Progress = SILENT,
-    executor: Executor | None = None,
-) -> dict[str, Any]:
-    """Return the stiffest wall at which hands settle as safely as in `recommend`: `avc recommend P --stiffest`."""
-    limit = stiffest_wall(problem.device, with_released(hand_corners(problem.hands)))
-    # Unreachable, over the limit of spring and damper.
-    far = 1e3 * max(limit.stiffness_n_per_m, softest_wall_n_per_m(problem.device))
-    walled = problem.changed(environment={"stiffness_n_per_m": far, "damping_ns_per_m": 0.0}, detent=None)
-    people = people_of(problem.hands, hands, seed)
-    evaluator = Evaluator(
-        walled, people, seed, progress, lean_on_friction=lean_on_friction, stiffest=True, executor=executor
-    )
-    if not why_infeasible(walled):
-        judge_stiffest(walled, evaluator, limit)
-    best = evaluator.best()
-    counts = None if best is None else best.trial.counts()
-    return plain_table(
-        {
-            "problem": problem.name,
-            "stiffest_wall_n_per_m": None if best is None else best.felt_n_per_m,
-            **{key: counts and counts[key] for key in ("hands", "at_rest", "at_rest_without_friction", "quiet")},
-            "by": None if best is None else best.coupling.method,
-            "at_force_limit": None if best is None else int(best.trial.at_force_limit.sum()),
-            "confirmed": None if best is None or best.others is None else best.others.counts(),
-            "plain_wall_n_per_m": limit.stiffness_n_per_m,
-            "damping_ns_per_m": [limit.lowest_ns_per_m, limit.highest_ns_per_m],
-            "what_would_help": [asdict(one) for one in what_would_help(walled)],
-            "assumed": list(assumed(problem.changed(detent=None), devices_of(best))),
-            "not_used": list(not_used(problem)),
-        }
     )

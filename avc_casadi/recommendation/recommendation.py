@@ -78,10 +78,8 @@ class Recommendation(Printed):
             value of the device has a range.
         beyond_file: results with one unmodelled effect each: lighter device, missed samples, extra resonance.
         rest: limit-cycle freedom with every hand, making and breaking contact; None without a coupling.
-        stiffest_wall_n_per_m: the stiffest wall found that is linearly stable with every corner hand and released.
-        plain_wall_n_per_m: that of a plain spring and damper by linear stability alone.
-        with_friction_n_per_m: rendered stiffness of the stiffest one tried if settling by the declared dry friction
-            sufficed; None without any.
+        stiffest: whether the wall is the stiffest, to a fifth, that a hand that moves gets within 20 %.
+        plain_wall_n_per_m: the stiffest wall with a plain spring and damper, by linear stability alone.
         trade_off: what a disk margin costs, at four of them; empty where that was not asked for.
 
     Example:
@@ -104,9 +102,8 @@ class Recommendation(Printed):
     off_file: PerturbedDevices | None = None
     beyond_file: tuple[Withstood, ...] = ()
     rest: LimitCycleFreedom | None = None
-    stiffest_wall_n_per_m: float = 0.0
+    stiffest: bool = False
     plain_wall_n_per_m: float = 0.0
-    with_friction_n_per_m: float | None = None
     trade_off: tuple[Trade, ...] = ()
 
     def __repr__(self) -> str:
@@ -139,14 +136,15 @@ class Recommendation(Printed):
         )
 
     def _of_wall(self) -> dict[str, Any]:
-        coupling, walls = self.coupling, ("stiffest_wall", "plain_wall", "with_friction")
+        coupling = self.coupling
         return {
             "rest": None if self.rest is None else vars(self.rest),
             "coupling": None if coupling is None else coupling_document(coupling),
             "felt": self.felt(),
             "transient": {} if coupling is None else dict(zip(_SIDES, transients(coupling), strict=True)),
             "margins": self.margins(),
-            **{f"{name}_n_per_m": getattr(self, f"{name}_n_per_m") for name in walls},
+            "stiffest_wall_n_per_m": self.problem.environment.stiffness_n_per_m if self.stiffest and coupling else None,
+            "plain_wall_n_per_m": self.plain_wall_n_per_m,
             "confirmed": None if self.confirmed is None else self.confirmed.counts(),
             "simulated": self._simulated(),
             "off_file": None if self.off_file is None else self.off_file.document(),

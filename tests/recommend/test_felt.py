@@ -101,6 +101,26 @@ def test_of_a_law_with_a_dead_zone(hz):
     assert abs(found - linear.error[0]) > 0.1 * found, "the dead zone has a part in it"
 
 
+@pytest.mark.slow
+def test_the_stiffest_wall_is_felt_by_a_hand_that_moves_and_one_twice_as_stiff_is_not():
+    """The C that is exported, led by `measured` about half the force limit."""
+    stated, press_n = problem(encoder_resolution_m=1e-5, delay_samples=1), BASE["max_force_n"] / 2
+
+    def off(found):
+        wall, runs = found.problem.environment.stiffness_n_per_m, Exported(found.coupling).forces
+        lead = (lambda x: runs(np.round(x / 1e-5) * 1e-5), press_n / wall, press_n / wall / 2)
+        return wall, max(relative(measured(*lead, hz, 1.0), hz, wall) for hz in (1.0, 3.0, 10.0))
+
+    wall, error = off(avc.recommend(stated, hands=16, stiffest=True))
+    assert error < 0.25
+    assert off(avc.recommend(stated.changed(environment={"stiffness_n_per_m": 2 * wall}), hands=16))[1] > 0.25
+
+
+@pytest.mark.slow
+def test_a_device_without_mass_has_no_stiffest_wall():
+    assert avc.recommend("hard/massless", hands=3, stiffest=True).coupling is None
+
+
 def test_what_is_rendered_is_felt_beside_the_mass_and_the_damping_of_the_device():
     """Of a wall as soft as the device's own damper is at 50 Hz."""
     hz, wall = 50.0, 400.0

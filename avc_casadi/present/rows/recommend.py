@@ -1,4 +1,4 @@
-"""Rows of a recommendation: a coupling to a wall, a simulation or a follower, and the stiffest wall."""
+"""Rows of a recommendation: a coupling to a wall, a simulation or a follower."""
 
 from __future__ import annotations
 
@@ -14,10 +14,11 @@ from avc_casadi.present.row import Answer, Mark, Part, Row, Value, caution, comm
 from avc_casadi.present.rows import subject
 from avc_casadi.recommendation.felt import REACHED_M
 from avc_casadi.recommendation.preconditions import SLIP, asked_of_others, not_judged
+from avc_casadi.recommendation.rank import UNNOTICED
 from avc_casadi.recommendation.recommendation import Recommendation
 
-# An impedance error of a hand's motion above which it feels unlike a static press; a gain of stiffness worth a row.
-_SOFTER, _STIFFER = 0.2, 1.1
+# Stiffness at rest over that of the wall that is worth a mark.
+_STIFFER = 1.1
 _CYCLES = {
     "proved": "proved to settle from any state, making and breaking contact",
     "refuted": "a limit cycle without friction exists",
@@ -31,17 +32,20 @@ def recommendation(found: Recommendation, shown: str = "", file: str | None = No
     """Return the answer of `recommend`; ``file`` holds the coupling."""
     problem, data = found.problem, found.data()
     rows = wall_rows(data, problem) if found.pair is None else _pair_rows(data, problem)
-    onwards = "recommend {} --out coupling.json"
+    asked = f"recommend {{}}{' --stiffest' * found.stiffest}"
+    onwards = f"{asked} --out coupling.json"
     nothing = data["reason"].startswith("nothing") or problem.environment.stiffness_n_per_m == 0
     if found.deployable and file is not None:
         onwards = f"export {quote(file)} --c firmware"
+    elif found.stiffest and found.coupling is None:
+        onwards = "recommend {}"
     elif found.coupling is None or (not found.deployable and (nothing or _slips(data))):
         onwards = "check {}"
-    elif not found.deployable:
+    elif not found.stiffest and (not found.deployable or _far(data)):
         onwards = "recommend {} --stiffest"
     complaint = "" if found.deployable else f"avc: {problem.name}: no coupling is deployable"
     rows += [*subject.written(file), *_details(data)]
-    return subject.answer("recommend", data, problem, shown, rows, onwards, "recommend {} -v", complaint=complaint)
+    return subject.answer("recommend", data, problem, shown, rows, onwards, f"{asked} -v", complaint=complaint)
 
 
 def verdict(data: Mapping[str, Any], rows: Sequence[Row]) -> tuple[str, bool]:
@@ -63,7 +67,8 @@ def wall_rows(data: Mapping[str, Any], problem: Problem) -> list[Row]:
     text = f"linearly stable with every corner hand and released; {_CYCLES[rest['word']]}" if not failed else failed[0]
     bad = Mark.FAIL if failed else Mark.CAUTION
     stable = row("Stability", text, mark=grade(not failed and rest["word"] != "refuted", bad))
-    found = [*_slips(data), _coupling(data, problem), *_rendered(data, problem), stable]
+    stiffest = _stiffest(data)
+    found = [*_slips(data), *stiffest, _coupling(data, problem), *_rendered(data, problem), stable]
     if not data["deployable"]:
         return [*found, *_simulated(data)]
     limit, period_s = data["coupling"]["max_force_n"], data["coupling"]["sample_time_s"]
@@ -84,8 +89,20 @@ def wall_rows(data: Mapping[str, Any], problem: Problem) -> list[Row]:
         subject.peak_force(data["trial"], limit, data["trial"]["at_force_limit"]),
         *_contact(data, problem),
         *subject.notes(asked_of_others(data["not_used"]), "Not used", Mark.NONE),
-        *_limit(data),
+        *([] if stiffest else _limit(data)),
     ]
+
+
+def _stiffest(data: Mapping[str, Any]) -> list[Row]:
+    """Return what the stiffest wall is, if asked for, and what would allow a stiffer one."""
+    text = f"{{stiffest_wall_n_per_m}}, within {100 * UNNOTICED:.0f} % to a hand that moves; a fifth stiffer is not"
+    none = data["stiffest_wall_n_per_m"] is None
+    return [] if none else [row("Stiffest wall", fill(text, data)), *_limit(data)]
+
+
+def _far(data: Mapping[str, Any]) -> bool:
+    """Whether a hand that moves notices that it is not the wall."""
+    return any(data["felt"].get("complex_error", {}).get(hz, 0.0) > UNNOTICED for hz in ("1", "10"))
 
 
 def _slips(data: Mapping[str, Any]) -> list[Row]:
@@ -131,7 +148,7 @@ def _rendered(data: Mapping[str, Any], problem: Problem) -> list[Row]:
 
     if wall.stiffness_n_per_m == 0:
         damping = moving("damping_in_motion_ns_per_m")
-        off = any(abs(one / wall.damping_ns_per_m - 1) > _SOFTER for one in damping.values())
+        off = any(abs(one / wall.damping_ns_per_m - 1) > UNNOTICED for one in damping.values())
         found = commas((Value(one, "damping"), f"at {hz} Hz") for hz, one in damping.items())
         error = row("Impedance error", errors, "of the whole cycle: a wall never pulls")
         return [row("Rendered", "damper of", found, mark=caution(off)), error]
@@ -141,7 +158,7 @@ def _rendered(data: Mapping[str, Any], problem: Problem) -> list[Row]:
     sensed, share, handle = felt["stiffness_n_per_m"], felt["share_of_wall"], felt["stiffness_at_handle_n_per_m"]
     motion, low_high = moving("stiffness_in_motion_n_per_m"), trial["stiffness_n_per_m"]["nine_in_ten"]
     wanted = {hz: wall.stiffness_n_per_m + 2j * math.pi * float(hz) * wall.damping_ns_per_m for hz in motion}
-    stiffer = any(one > (1 + _SOFTER) * abs(wanted[hz]) for hz, one in motion.items())
+    stiffer = any(one > (1 + UNNOTICED) * abs(wanted[hz]) for hz, one in motion.items())
     spread = min(low_high) < 0.9 * sensed or max(low_high) > 1.1 * sensed
     stiffnesses = [
         fill("{stiffness_n_per_m} static ({share_of_wall:share} of the wall)", felt),
@@ -154,7 +171,7 @@ def _rendered(data: Mapping[str, Any], problem: Problem) -> list[Row]:
     sine = fill(", sine of {amplitude_m}", felt["shaken"])
     return [
         row("Rendered", commas(stiffnesses), mark=caution(stiffer or share > _STIFFER)),
-        row("Impedance error", errors, sine, mark=caution(worst > max(_SOFTER, 1 - share))),
+        row("Impedance error", errors, sine, mark=caution(worst > max(UNNOTICED, 1 - share))),
     ]
 
 
@@ -221,10 +238,6 @@ def _contact(data: Mapping[str, Any], problem: Problem) -> list[Row]:
     if short is not None and short > 1e-3 / size:
         far = fill("holds the handle up to {rest_error_m} from rest", felt)
         rows.append(row("Dry friction", far, mark=Mark.CAUTION))
-    leaning = data["with_friction_n_per_m"]
-    if None not in (leaning, stiffness) and leaning > _STIFFER * stiffness:
-        text = fill("at least {with_friction_n_per_m} if its help is enough: --lean-on-friction", data)
-        rows.append(row("With friction", text))
     return rows
 
 
@@ -244,38 +257,9 @@ def _details(data: Mapping[str, Any]) -> list[Row]:
     if (trial := data["trial"]) is not None:
         effects = [", ".join(trial.get("effects", ())), ", ".join(trial["motions"])]
         rows.append(row("Simulated effects", "; ".join(filter(None, effects)), rank=1))
-    far = any(data["felt"].get("complex_error", {}).get(hz, 0.0) > _SOFTER for hz in ("1", "10"))
+    far = _far(data)
     rows.append(row("Reason", data["reason"], mark=caution(far), rank=0 if far else 1))
     return rows + subject.notes((one for one in data["assumed"] if not one.startswith(SLIP)), "Assumed", Mark.NONE, 1)
-
-
-def stiffest(data: Mapping[str, Any], problem: Problem, shown: str = "") -> Answer:
-    """Return the answer of `recommend --stiffest`."""
-    others, limited = data["confirmed"], data["at_force_limit"]
-    rows = [row("Stiffest wall", "none was found", mark=Mark.FAIL)]
-    if data["stiffest_wall_n_per_m"] is not None:
-        reached = fill(f"{{stiffest_wall_n_per_m}} ({data['by']}): {_SETTLE}", data)
-        rows = [row("Stiffest wall", reached, mark=subject.settled(data))]
-    if limited:
-        known = {**data, "limit_n": problem.device.max_force_n}
-        at = fill("{at_force_limit:9} of {hands:9} presses end at the limit of {limit_n}", known)
-        rows.append(row("Limit", at, mark=Mark.CAUTION))
-    if others is not None:
-        quiet = fill(f"{_SETTLE}; {{quiet:9}} below the vibrotactile threshold", others)
-        rows.append(row("Confirmed", quiet, mark=subject.settled(others)))
-    if data["plain_wall_n_per_m"]:
-        damping = span(data["damping_ns_per_m"], "damping")
-        rows.append(row("Linear limit", fill("plain coupling {plain_wall_n_per_m}, with damping of", data), damping))
-    else:
-        rows.append(row("Linear limit", "a plain coupling is stable at no wall", mark=Mark.CAUTION))
-    rows += [
-        row(str(one["change"]).removesuffix(" of the device").capitalize(), fill("{stiffest_wall_n_per_m}", one))
-        for one in data["what_would_help"]
-    ]
-    rows += subject.notes(data["assumed"], "Assumed", Mark.NONE, 1)
-    rows += subject.notes(data["not_used"], "Not used", rank=1)
-    onwards = "recommend {} --out coupling.json", "recommend {} --stiffest -v"
-    return subject.answer("stiffest", data, problem, shown, rows, *onwards)
 
 
 def _pair_rows(data: Mapping[str, Any], problem: Problem) -> list[Row]:
