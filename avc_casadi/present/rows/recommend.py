@@ -219,7 +219,8 @@ def _contact(data: Mapping[str, Any], problem: Problem) -> list[Row]:
     ripple, steps, short = felt["ripple"], felt["encoder_step_n"], felt["rest_error_m"]
     if _loud(ripple) or sum(steps.values()) > 0.1 * size:
         known = {**ripple, **steps, "slow_n": next(iter(ripple["force_n"].values()))}
-        step = fill("{spring:force} by the spring and {damping:force} by the damper per encoder step;", known)
+        damper = " and {damping:force} by the damper" * bool(steps["damping"])
+        step = fill(f"{{spring:force}} by the spring{damper} per encoder step;", known)
         quiet = fill("ripple {slow_n} in slow motion, {quiet:9} of {hands:9} hands below the threshold", known)
         rows.append(row("Quantisation", step, quiet, mark=caution(_loud(ripple))))
     stiffness, elsewhere = felt["stiffness_n_per_m"], 5e-4 / size
@@ -293,7 +294,7 @@ def _pair_rows(data: Mapping[str, Any], problem: Problem) -> list[Row]:
         rows.append(subject.peak_force(trial, problem.device.max_force_n))
     if found["set_by"]:
         rows.append(row("K is set by", f"hands: {found['set_by']}"))
-    return [*rows, *_same_k(found, problem), *more]
+    return [*rows, *_same_k(found, problem, rank=1), *more]
 
 
 def felt_rows(felt: Mapping[str, Any]) -> list[Row]:
@@ -363,7 +364,7 @@ def _pair_simulated(trial: Mapping[str, Any]) -> Row:
     return row("Simulated", fill(text, trial), mark=mark)
 
 
-def _same_k(found: Mapping[str, Any], problem: Problem) -> list[Row]:
+def _same_k(found: Mapping[str, Any], problem: Problem, rank: int = 0) -> list[Row]:
     """Return lightest tool, slowest step and exchanges with which the same K is linearly stable, each with its B."""
     what = {"least_tool_mass_kg": "a tool from {least_tool_mass_kg}", "slowest_step_s": "a step up to {slowest_step_s}"}
     each: list[tuple[Part, ...]] = []
@@ -373,4 +374,5 @@ def _same_k(found: Mapping[str, Any], problem: Problem) -> list[Row]:
         each.append((*fill(what.get(key, f"exchange {key}"), found), *with_b))
     if found["exchanges"] and not any(found["exchanges"].values()):
         each.append(("no exchange",))
-    return [row("Same K", commas(each), f"; linearly, gain margin {problem.robustness.gain_margin:g}")] if each else []
+    margin = f"; linearly, gain margin {problem.robustness.gain_margin:g}"
+    return [row("Same K", commas(each), margin, rank=rank)] if each else []
