@@ -30,7 +30,7 @@ UNNOTICED = 0.2
 """Impedance error of a hand's motion below which a wall is as stiff as stated: a just noticeable difference is 23 %."""
 OFF_IN_MOTION = f"no wall, however soft, is within {100 * UNNOTICED:.0f} % to a hand that moves and comes to rest"
 """Why there is no stiffest wall."""
-MOVING_HZ = (1.0, 10.0)
+MOVING_HZ = (1.0, 3.0, 10.0)
 """Motion of a hand, slow and as fast as it goes."""
 # Share of the hands below the vibration threshold that suffices: a stiff wall is kept despite a few light hands.
 BELOW_THRESHOLD_SHARE = 0.9
@@ -122,7 +122,7 @@ def impedance_error(coupling: Coupling) -> float:
 
 
 def error_in_motion(coupling: Coupling) -> float:
-    """Return the largest impedance error to a handle moved at 1 and 10 Hz, encoder and dead zone counted."""
+    """Return the largest impedance error to a handle moved at 1 to 10 Hz, encoder and dead zone counted."""
     return float(shaken(coupling, coupling.static_stiffness_n_per_m, MOVING_HZ).error.max())
 
 
@@ -175,5 +175,5 @@ def reason_of(best: Judged | None, judged: list[Judged], considered: int) -> str
     if other.safety > best.safety:
         only = "hands settle only thanks to the declared dry friction (--lean-on-friction)"
         flaw = only if other.safety == 1 else "not all hands settle"
-    errors = f"impedance error {100 * other.error:.3g} %, here {100 * best.error:.3g} %"
+    errors = f"impedance error without encoder steps {100 * other.error:.3g} %, here {100 * best.error:.3g} %"
     return f"{why}; with a nearer {other.coupling.method} ({errors}) {flaw}"
