@@ -73,7 +73,7 @@ def stiffest_rendered(
         return walled, evaluator
 
     # From above: below the stiffest there may be walls without a law that holds.
-    walls = [float(f"{about * _STIFFER ** (2 * step):.3g}") for step in range(5, -9, -1)]
+    walls = [float(f"{about * _STIFFER ** (2 * step):.3g}") for step in range(5, -14, -1)]
     found = next((wall for wall in walls if judged(wall)[1].judged), walls[-1])
     stiffer = judged(float(f"{found * _STIFFER:.3g}"))
     return stiffer if stiffer[1].judged else judged(found)
