@@ -27,8 +27,8 @@ _AT_ONCE_S, _PER_SETTLING, _PER_SOFTER = 0.5, 0.5, 0.2
 # Share within which stiffnesses are equal; and of the static one at the end of a press, below which the latter counts.
 _AS_STIFF, _SLOW = 0.01, 0.95
 UNNOTICED = 0.2
-"""Impedance error of a hand's motion below which a wall is as stiff as stated: a just noticeable difference is 23 %."""
-OFF_IN_MOTION = f"no wall from a hundredth of the linear limit on is within {100 * UNNOTICED:.0f} % to a hand that moves"
+"""Impedance error of a hand's motion that it does not notice: a just noticeable difference is 23 %."""
+OFF_IN_MOTION = f"no wall from 1 % of the linear limit on is within {100 * UNNOTICED:.0f} % to a hand that moves"
 """Why there is no stiffest wall."""
 MOVING_HZ = (1.0, 3.0, 10.0)
 """Motion of a hand, slow and as fast as it goes."""
