@@ -71,7 +71,7 @@ def wall_rows(data: Mapping[str, Any], problem: Problem) -> list[Row]:
     found = [*_slips(data), *stiffest, _coupling(data, problem), *_rendered(data, problem), stable]
     if not data["deployable"]:
         return [*found, *_simulated(data)]
-    limit, period_s = data["coupling"]["max_force_n"], data["coupling"]["sample_time_s"]
+    limit, period_s = problem.device.max_force_n, problem.device.sample_time_s
     worst, trade_off = data["transient"]["worst_hand"], []
     for one in data["trade_off"] or ():
         errors = commas(Value(share, "share") for share in one["error"])
@@ -96,8 +96,7 @@ def wall_rows(data: Mapping[str, Any], problem: Problem) -> list[Row]:
 def _stiffest(data: Mapping[str, Any]) -> list[Row]:
     """Return what the stiffest wall is, if asked for, and what would allow a stiffer one."""
     text = f"{{stiffest_wall_n_per_m}}, within {100 * UNNOTICED:.0f} % to a hand that moves; a fifth stiffer is not"
-    none = data["stiffest_wall_n_per_m"] is None
-    return [] if none else [row("Stiffest wall", fill(text, data)), *_limit(data)]
+    return [row("Stiffest wall", fill(text, data)), *_limit(data)] if data["stiffest_wall_n_per_m"] else []
 
 
 def _far(data: Mapping[str, Any]) -> bool:
@@ -112,13 +111,14 @@ def _slips(data: Mapping[str, Any]) -> list[Row]:
 
 def _coupling(data: Mapping[str, Any], problem: Problem) -> Row:
     coupling, trial, felt, wall = data["coupling"], data["trial"], data["felt"], problem.environment.stiffness_n_per_m
-    runtime, law = coupling["runtime"], coupling["runtime"]["state_feedback"]
+    runtime, rows = coupling["runtime"], len(coupling["table"]["frequency_hz"])
+    law = runtime["state_feedback"]
     found = commas(
         [
             None if law is None else f"observer ({len(law['innovation'])} states) with state feedback",
             subject.gains(coupling["table"], problem),
             None if runtime["observer_mass_kg"] is None else fill("observer of assumed {observer_mass_kg}", runtime),
-            None if coupling["constant"] else f"{len(coupling['table']['frequency_hz'])} rows",
+            None if rows == 1 else f"{rows} rows",
         ]
     )
     if not data["deployable"]:
@@ -128,7 +128,7 @@ def _coupling(data: Mapping[str, Any], problem: Problem) -> Row:
     doubt: tuple[Part, ...] = ()
     if trial["at_force_limit"] > trial["hands"] / 2:
         through = ", but {at_force_limit:9} of {hands:9} hands push through the wall (limit {max_force_n})"
-        doubt = fill(through, {**trial, **coupling})
+        doubt = fill(through, {**trial, "max_force_n": problem.device.max_force_n})
     elif wall > 0:
         moving = felt["stiffness_in_motion_n_per_m"].get("1", wall)
         if min(felt["share_of_wall"] or 1.0, moving / wall) < 0.1:
