@@ -36,7 +36,7 @@ class Mechanics:
         return not self.rigid and self.device.encoder_at == "handle"
 
     @cached_property
-    def _motor(self) -> tuple[float, float, float]:
+    def motor(self) -> tuple[float, float, float]:
         """m_1, k_r and c_r."""
         plant = device_plant(self.device)
         mass, row = float(plant.mass_kg(DEVICE)), plant.linear().matrix[1]
@@ -45,14 +45,14 @@ class Mechanics:
     @cached_property
     def least_loss(self) -> float:
         """R towards infinite frequency."""
-        return self.device.damping_ns_per_m if self.rigid else self._motor[2]
+        return self.device.damping_ns_per_m if self.rigid else self.motor[2]
 
     @cached_property
     def fastest_turns(self) -> float:
         """The highest corner frequency, in turns a sample."""
         fastest = self.device.amplifier_bandwidth_hz or 0.0
         if not self.rigid:
-            mass, stiffness, damping = self._motor
+            mass, stiffness, damping = self.motor
             ratio = self.device.damping_ns_per_m / damping if damping else 1.0
             fastest = max(fastest, math.sqrt(stiffness / mass) * max(1.0, ratio**0.25) / (2 * math.pi))
         return fastest * self.device.sample_time_s
@@ -72,7 +72,7 @@ class Mechanics:
         b = self.device.damping_ns_per_m
         if self.rigid:
             return np.ones_like(s), np.zeros_like(s), np.full(s.shape, b)
-        mass, stiffness, damping = self._motor
+        mass, stiffness, damping = self.motor
         whole = stiffness + (damping + b) * s + mass * s**2
         tau, slip = (stiffness + damping * s) / whole, (b + mass * s) * s / whole
         return tau, s / whole, np.asarray(b * np.abs(tau) ** 2 + damping * np.abs(slip) ** 2)
@@ -82,15 +82,16 @@ class Mechanics:
         mass, b = self.device.mass_kg, self.device.damping_ns_per_m
         if self.rigid:
             return mass * s + b
-        tau, (motor, _, _) = self.transmission(s)[0], self._motor
+        tau, (motor, _, _) = self.transmission(s)[0], self.motor
         return np.asarray((mass - motor) * s + (motor * s + b) * tau)
 
 
 class Response(NamedTuple):
-    """Frequency responses of a device at its handle: alone, R, tau t, Y and A e of the module of the port."""
+    """Frequency responses of a device at its handle: alone, R, t, tau t, Y and A e of the module of the port."""
 
     alone: ComplexArray
     loss: FloatArray
+    measured: ComplexArray
     through: ComplexArray
     admittance: ComplexArray
     force: ComplexArray
@@ -101,9 +102,9 @@ def response(device: Device, frequency_hz: FloatArray) -> Response:
     mechanics = Mechanics(device)
     s = np.asarray(2j * np.pi * frequency_hz, dtype=np.complex128)
     tau, admittance, loss = mechanics.transmission(s)
-    through, admittance = (tau, np.zeros_like(tau)) if mechanics.at_handle else (tau**2, admittance)
+    measured, admittance = (np.ones_like(tau), np.zeros_like(tau)) if mechanics.at_handle else (tau, admittance)
     force = mechanics.amplifier(s) * np.exp(-s * device.delay_samples * device.sample_time_s)
-    return Response(mechanics.alone(s), loss, through, admittance, force)
+    return Response(mechanics.alone(s), loss, measured, tau * measured, admittance, force)
 
 
 def wave(
@@ -145,15 +146,16 @@ def perceived_real(
     return np.asarray(real), np.asarray(port.loss * share + added), np.asarray(port.loss + np.abs(w))
 
 
-def impedance_at_handle(
+def felt_at_handle(
     device: Device, force_n_per_m: complex | ComplexArray, frequency_hz: FloatArray
-) -> ComplexArray:
-    """Return Z_h of a device as declared, at its handle, for a sampled force over the measured position, N.s/m."""
+) -> tuple[ComplexArray, ComplexArray]:
+    """Return Z_h, N.s/m, and the measured position over the handle's, for a sampled force over the measured one."""
     port, turns = response(device, frequency_hz), frequency_hz * device.sample_time_s
     # Held for a sample, over a velocity.
     rendered = force_n_per_m * device.sample_time_s / np.expm1(2j * np.pi * turns)
     force = rendered * np.sinc(turns) ** 2 * port.force
-    return np.asarray(port.alone + port.through * force / (1 + force * port.admittance))
+    closed = 1 + force * port.admittance
+    return np.asarray(port.alone + port.through * force / closed), np.asarray(port.measured / closed)
 
 
 def perceived_worst(
@@ -186,11 +188,10 @@ def perceived_worst(
 
 def stiffness_at_handle(device: Device, stiffness_n_per_m: float) -> float:
     """Return a stiffness at rest at the handle: with an encoder at the motor, the structure's compliance adds."""
-    mode = device.resonance
-    if mode is None or device.encoder_at == "handle":
+    mechanics = Mechanics(device)
+    if mechanics.rigid or mechanics.at_handle:
         return stiffness_n_per_m
-    reduced = device.mass_kg * mode.mass_ratio * (1 - mode.mass_ratio)
-    spring = reduced * (2 * math.pi * mode.frequency_hz) ** 2
+    _, spring, _ = mechanics.motor
     return stiffness_n_per_m * spring / (stiffness_n_per_m + spring)
 
 
@@ -243,7 +244,7 @@ def rendered(
     """Return what a transfer from measured position to force renders to the handle in front of the wall."""
     device, wall, s = problem.device, problem.environment, 2j * np.pi * frequency_hz
     alone = device.mass_kg * s + device.damping_ns_per_m
-    felt = impedance_at_handle(device, force_n_per_m, frequency_hz)
+    felt, _ = felt_at_handle(device, force_n_per_m, frequency_hz)
     wanted, size = wanted_at_handle(problem, frequency_hz)
     spring, own = (felt - alone) * s, wall_over_position(wall, excitation, frequency_hz)
     # |ln(spring/own)|, 0 where both vanish; a smaller share of the wall than the last counts as zero.

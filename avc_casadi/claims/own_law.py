@@ -22,7 +22,7 @@ from avc_casadi._util.printed import Printed
 from avc_casadi.claims.impedance import stiffness_at_handle
 from avc_casadi.files.device_file import load_device
 from avc_casadi.files.problem_file import AnyProblem, as_problem, is_device, with_wall
-from avc_casadi.loops.margins import LEAST_DISK, SETTLED, SOUND_DISK, Margins, OpenLoop, damping_ratios
+from avc_casadi.loops.margins import LEAST_DISK, SOUND_DISK, Margins, OpenLoop, damping_ratios
 from avc_casadi.loops.system import hand_boxes, worst_held
 from avc_casadi.loops.wall import MAX_DELAY_SAMPLES, RADIUS_TOLERANCE, Rendering, force_over_position
 from avc_casadi.loops.walls import Stretches, stable_walls
@@ -153,14 +153,12 @@ class Loops:
         sizes, ratios = np.abs(loop.poles), damping_ratios(loop.poles)
         springy = law.stiffness_n_per_m > 0 or self.boxes[side]["hand.stiffness_n_per_m"][0] > 0
         slowest = float(sizes[springy | (np.abs(loop.poles - 1) > _STAYS)].max(initial=0.0))
-        with np.errstate(divide="ignore"):
-            settling_s = self.period * math.log(SETTLED) / np.log(slowest) if slowest < 1 else math.inf
         hz = np.abs(np.angle(loop.poles)).ravel() / (2 * math.pi * self.period)
         return Case(
             spectral_radius=float(sizes.max()),
             frequency_hz=float(hz[sizes.argmax()]),
             stable=slowest < 1 - RADIUS_TOLERANCE,
-            settling_s=float(settling_s),
+            settling_s=float(loop.settling_s().max()) if slowest < 1 else math.inf,
             damping_ratio=float(ratios.min()),
             damping_ratio_hz=float(hz[ratios.argmin()]) if ratios.min() < 1 else 0.0,
             margins=loop.least(),

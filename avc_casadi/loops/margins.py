@@ -24,6 +24,8 @@ from avc_casadi.model.runtime import StateFeedback
 
 LEAST_DISK, SOUND_DISK = 0.15, 0.2
 """Disk margins below which a coupling should not run on a device, and below which it is thin."""
+SETTLED = 0.02
+"""Share of the largest depth after an impact within which a device counts as settled."""
 # The lowest angle of z of interest.
 _LOWEST_TURN = 1e-5
 
@@ -104,21 +106,31 @@ class OpenLoop:
         about = about[(about > _LOWEST_TURN) & (about < math.pi)]
         return np.unique(np.concatenate([np.geomspace(_LOWEST_TURN, math.pi, 200), about]))
 
-    def struck(self, speed_m_per_s: float, samples: int) -> FloatArray:
+    def struck(self, speed_m_per_s: float, samples: int, who: slice = slice(None), every: int = 1) -> FloatArray:
         """Return the position of a device that meets its wall at a speed, the wall two-sided, shape (h, samples)."""
-        state = np.broadcast_to(self.moving * speed_m_per_s * self.sample_time_s, self.poles.shape)
-        found = np.empty((len(state), samples))
-        for sample in range(samples):
-            found[:, sample] = state[:, : self.body.size] @ self.body.measured
-            state = (self.closed @ state[..., None])[..., 0]
+        step = np.linalg.matrix_power(self.closed[who], every)
+        state = np.repeat((self.moving * speed_m_per_s * self.sample_time_s)[None, :, None], len(step), axis=0)
+        while state.shape[-1] < samples:
+            state, step = np.concatenate([state, step @ state], axis=-1), step @ step
+        return np.asarray(self.body.measured @ state[:, : self.body.size, :samples])
+
+    def settling_s(self) -> FloatArray:
+        """Return the time from which each struck device stays within `SETTLED` of its largest depth, shape (h,)."""
+        found = np.full(len(self), np.inf)
+        # At a wall without a spring any position is an equilibrium.
+        slowest = np.where(np.abs(self.poles - 1) > 1e-9, np.abs(self.poles), 1e-9).max(axis=1)
+        for row in np.flatnonzero(slowest < 1):
+            every = 1 + int(math.log(1e-4) / math.log(slowest[row])) // 2**13
+            depth = self.struck(1.0, 2**13, slice(row, row + 1), every)[0]
+            moves = np.abs(depth - depth[-1]) > SETTLED * np.abs(depth).max()
+            found[row] = self.sample_time_s * every * (np.flatnonzero(moves).max(initial=-1) + 1)
         return found
 
     def margins(self) -> tuple[Margins, Margins]:
         """Return the margins of the device released, the last loop, and the smallest of those with hands."""
-        alone = np.arange(len(self)) == len(self) - 1
-        return self.least(alone), self.least(~alone)
+        return self.least(slice(-1, None)), self.least(slice(-1))
 
-    def least(self, some: BoolArray | slice = slice(None)) -> Margins:
+    def least(self, some: slice = slice(None)) -> Margins:
         """Return the smallest margins of some of the loops, or of all."""
         loops = np.arange(len(self))[some]
         turn = self.turns()
@@ -204,41 +216,29 @@ def _about(poles: ComplexArray) -> FloatArray:
     return np.asarray(np.abs(np.angle(poles)) + bandwidth * np.sinh(np.linspace(-4.0, 4.0, 17)))
 
 
-SETTLED = 0.02
-"""Share of its initial amplitude below which an oscillation counts as settled."""
-
-
 @dataclass(frozen=True)
 class Transient:
-    """How the loop in contact settles, on the nominal device."""
+    """How the loop in contact settles after an impact, on the nominal device: the worst of some hands."""
 
     settling_s: float
     damping_ratio: float
     frequency_hz: float
 
-    @classmethod
-    def of(cls, poles: ComplexArray, sample_time_s: float) -> Transient:
-        """Return the worst of the poles of some loops."""
-        ratio = damping_ratios(poles)
-        worst = int(np.argmin(ratio))
-        hz = np.abs(np.angle(poles[worst])) / (2 * math.pi * sample_time_s) if ratio[worst] < 1 else 0.0
-        radius = np.abs(poles[_swings(poles)]).max(initial=0.0)
-        settling_s = sample_time_s * math.log(SETTLED) / math.log(radius) if 0 < radius < 1 else 0.0
-        return cls(settling_s if radius < 1 else math.inf, float(ratio[worst]), float(hz))
-
 
 def damping_ratios(poles: ComplexArray) -> FloatArray:
     """Return the damping ratio of each pole; 1 of one that does not oscillate."""
-    rate = np.log(np.where(_swings(poles), poles, 0.5))
-    return np.asarray(-rate.real / np.abs(rate))
-
-
-def _swings(poles: ComplexArray) -> BoolArray:
     # A pole that turns less per sample does not oscillate; a smaller one is deadbeat.
-    return np.asarray((np.abs(np.angle(poles)) > 1e-6) & (np.abs(poles) > 1e-9))
+    swings = (np.abs(np.angle(poles)) > 1e-6) & (np.abs(poles) > 1e-9)
+    rate = np.log(np.where(swings, poles, 0.5))
+    return np.asarray(-rate.real / np.abs(rate))
 
 
 def transients(coupling: Coupling) -> tuple[Transient, Transient]:
     """Return the transients of the device in contact: released, and with the worst corner of the hands."""
     loop = OpenLoop.of(coupling)
-    return Transient.of(loop.poles[-1], loop.sample_time_s), Transient.of(loop.poles[:-1].ravel(), loop.sample_time_s)
+    settling_s, ratios = loop.settling_s(), damping_ratios(loop.poles)
+    hz = np.where(ratios < 1, np.abs(np.angle(loop.poles)), 0.0) / (2 * math.pi * loop.sample_time_s)
+    sides = [(settling_s[some], ratios[some], hz[some]) for some in (slice(-1, None), slice(-1))]
+    worst = ((seconds.max(), each.min(), turns.flat[each.argmin()]) for seconds, each, turns in sides)
+    released, held = (Transient(*map(float, one)) for one in worst)
+    return released, held

@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 
 from avc_casadi._util.arrays import ComplexArray, FloatArray
-from avc_casadi.claims.impedance import Excitation, below_quarter_rate, rendered
+from avc_casadi.claims.impedance import Excitation, below_quarter_rate, felt_at_handle, rendered, stiffness_at_handle
 from avc_casadi.coupling import Coupling
 from avc_casadi.loops.engine import Engine, clocks, required_tool
 from avc_casadi.loops.follower import Link, Touch, link_clocks
 from avc_casadi.loops.loop import Body
-from avc_casadi.loops.margins import OpenLoop, Transient
+from avc_casadi.loops.margins import OpenLoop, damping_ratios
 from avc_casadi.model.device import DeviceRange
 from avc_casadi.model.ends import RIGID_N_PER_M, ToolGains, tool_states
 from avc_casadi.model.hands import Hand, hand_corners
@@ -36,8 +36,6 @@ NOTICED_N = 0.1
 """Detectable force."""
 REACHED_M = 0.01
 """Depth to which the hand is led, at the handle."""
-STRUCK_M_PER_S = 0.1
-"""Impact speed in the linear loop."""
 
 
 @dataclass(frozen=True)
@@ -61,22 +59,32 @@ def shaken(
 ) -> Shaken:
     """Return the impedance rendered to the excited handle in the wall, by describing function (Gelb 1968)."""
     device = coupling.problem.device
-    heard, excitation = below_quarter_rate(device, np.array(frequency_hz)), Excitation.of(device, felt_n_per_m)
-    found = rendered(coupling.problem, _shaken_force(coupling, excitation, heard), excitation, heard)
-    return Shaken(**vars(excitation), frequency_hz=heard, **vars(found))
+    heard = below_quarter_rate(device, np.array(frequency_hz))
+    excitation = Excitation.of(device, stiffness_at_handle(device, felt_n_per_m))
+    # The sensor of a flexible device moves by another amplitude than its handle, as the force decides.
+    depth_m, share = (
+        Excitation.of(device, felt_n_per_m).depth_m,
+        felt_at_handle(device, complex(felt_n_per_m), heard)[1],
+    )
+    for _ in range(5):
+        force, before = _shaken_force(coupling, depth_m, excitation.amplitude_m * np.abs(share), heard), share
+        share = felt_at_handle(device, force, heard)[1]
+        if np.allclose(share, before, rtol=0.01):
+            break
+    return Shaken(**vars(excitation), frequency_hz=heard, **vars(rendered(coupling.problem, force, excitation, heard)))
 
 
-def _shaken_force(coupling: Coupling, excitation: Excitation, frequency_hz: FloatArray) -> ComplexArray:
-    """Return commanded force over measured position for imposed sines, N/m, shape (n,)."""
+def _shaken_force(coupling: Coupling, depth_m: float, amplitude_m: FloatArray, each_hz: FloatArray) -> ComplexArray:
+    """Return commanded force over measured position for imposed sines of the sensor, N/m, shape (n,)."""
     ramp_s, settled_s, end_s = 0.25, 2.0, 4.0  # into the wall, until the transient has decayed, and the record
     period = coupling.problem.device.sample_time_s
     time = period * np.arange(round(end_s / period) + 1)
-    ramp = excitation.depth_m * np.clip(time / ramp_s, 0.0, 1.0)
+    ramp = depth_m * np.clip(time / ramp_s, 0.0, 1.0)
     last = slice(round(settled_s / period), None)
     found = []
-    for hz in frequency_hz:
-        goes = ramp + excitation.amplitude_m * np.sin(2 * np.pi * hz * np.maximum(time - ramp_s, 0.0))
-        position, force = (part[last] for part in _led(coupling, goes, float(np.max(frequency_hz))))
+    for hz, moved_m in zip(each_hz, amplitude_m, strict=True):
+        goes = ramp + moved_m * np.sin(2 * np.pi * hz * np.maximum(time - ramp_s, 0.0))
+        position, force = (part[last] for part in _led(coupling, goes, float(np.max(each_hz))))
         wave = np.exp(-2j * np.pi * hz * time[:-1][last]) * np.hanning(len(position))
         found.append(((force - force.mean()) @ wave) / ((position - position.mean()) @ wave))
     return np.array(found)
@@ -128,17 +136,17 @@ def contact_onset_m(coupling: Coupling) -> dict[str, float | None]:
     return found
 
 
-def rebound(coupling: Coupling) -> dict[str, float]:
-    """Return exit over approach speed of the released device, by approach speed; above 1 the wall gives energy."""
+def rebound(coupling: Coupling, *, at_face: bool = False) -> dict[str, float]:
+    """Return exit speed of the released device's handle over approach speed, by that; or over that at the face."""
     setup, radius = Setup.of(coupling), coupling.problem.device.metres_per_unit
     some = (setup, setup.without(FRICTION)) if setup.rough else (setup,)
     return {
-        f"{speed / radius:g}": max(float(_strikes(one, speed / radius).max()) for one in some)
+        f"{speed / radius:g}": max(float(_strikes(one, speed / radius, at_face=at_face).max()) for one in some)
         for speed in STRIKES_M_PER_S
     }
 
 
-def _strikes(setup: Setup, speed_m_per_s: float, strikes: int = 32, steps: int = 200) -> FloatArray:
+def _strikes(setup: Setup, speed_m_per_s: float, *, at_face: bool, strikes: int = 32, steps: int = 200) -> FloatArray:
     """Return the rebound of each strike, the wall's face anywhere between two encoder steps, shape (strikes,)."""
     device = setup.problem.device
     friction_n = device.coulomb_friction_n if setup.rough else 0.0
@@ -151,16 +159,11 @@ def _strikes(setup: Setup, speed_m_per_s: float, strikes: int = 32, steps: int =
     scene, parameters, inputs = prepare(setup, nobody, Hold(start_m=-far, end_m=-far), far / speed_m_per_s + 0.5)
     moving = [start if name.endswith("_velocity_m_per_s") else 0.0 for name in scene.states]
     run = execute(replace(scene, initial=scene.initial + moving), parameters, inputs)
-    return np.array([_rebound(*pair) for pair in zip(run["position_m"], run["velocity_m_per_s"], strict=True)])
-
-
-def _rebound(position_m: FloatArray, velocity_m_per_s: FloatArray) -> float:
-    inside = position_m > 0
-    came = int(np.argmax(inside))
-    left = came + int(np.argmax(~inside[came:]))
-    if not inside[came] or left == came:
-        return 0.0
-    return float(-velocity_m_per_s[left] / velocity_m_per_s[came - 1])
+    inside, handle = run.get("measured_m", run["position_m"]) > 0, run.get("handle_m_per_s", run["velocity_m_per_s"])
+    # Forces under way push it beyond the face too.
+    left = inside.any(axis=1, keepdims=True) & ~np.logical_or.accumulate(inside[:, ::-1], axis=1)[:, ::-1]
+    came = handle[np.arange(strikes), np.maximum(inside.argmax(axis=1) - 1, 0)] if at_face else speed_m_per_s
+    return np.asarray(np.where(left, -handle, 0.0).max(axis=1) / came)
 
 
 @dataclass(frozen=True)
@@ -220,9 +223,8 @@ def deployed(coupling: Coupling) -> Deployed:
     device, period = problem.device, problem.device.sample_time_s
     hands = hand_corners(problem.hands.model_copy(update={"let_go": False}))
     loop = OpenLoop.of(coupling)
-    each = [Transient.of(one, period) for one in loop.poles]
-    settled_s = [one.settling_s for one in each if np.isfinite(one.settling_s)]
-    samples = int(np.clip(1.2 * max(settled_s, default=0.0) / period, 50, 5000))
+    settled_s = loop.settling_s()
+    samples = int(np.clip(1.2 * settled_s[np.isfinite(settled_s)].max(initial=0.0) / period, 50, 5000))
     turn = loop.turns()
     # The wall's face lies at mid-step of the encoder, as in a scene.
     setup = replace(Setup.of(coupling), steps_anywhere=False)
@@ -233,27 +235,27 @@ def deployed(coupling: Coupling) -> Deployed:
         coupling=coupling,
         shaken=shaken(coupling, coupling.static_stiffness_n_per_m, hz),
         hands=hands,
-        worst=int(np.argmin([one.damping_ratio for one in each[:-1]])),
+        worst=int(damping_ratios(loop.poles[:-1]).min(axis=1).argmin()),
         press_s=np.asarray(period * np.arange(pressed.shape[-1])),
         press_m=pressed,
         loop=loop,
         frequency_hz=turn / (2 * np.pi * period),
         gain=loop.gain(turn),
         struck_s=np.asarray(period * np.arange(samples)),
-        struck_m=loop.struck(STRUCK_M_PER_S / device.metres_per_unit, samples),
+        struck_m=loop.struck(STRIKES_M_PER_S[0] / device.metres_per_unit, samples),
     )
 
 
 @dataclass(frozen=True)
 class Felt:
-    """Impedance of a tool or a follower at the handle at one frequency."""
+    """Impedance at the handle at one frequency, of device and coupling to a tool or a follower."""
 
     frequency_hz: float
     mass_kg: float | None  # in free motion, Im(Z)/omega; None where nothing moves
     drag_ns_per_m: float  # in free motion, Re(Z); where nothing moves, without the coupling
-    free_error: float | None  # from device and tool as one body, over its |Z|
-    stiffness_n_per_m: float  # against a rigid object, |F/x|
-    contact_error: float  # from the device on a spring K, over its |Z|
+    free_error: float | None  # from that of device and tool as one body, over its |Z|
+    stiffness_n_per_m: float  # against a rigid object, |F/x| beside the device as one body
+    contact_error: float  # from that of the device on a spring K, over its |Z|
 
 
 @dataclass(frozen=True)
@@ -285,7 +287,7 @@ def _far(problem: Problem) -> tuple[float, float]:
 def rendered_pair(
     problem: Problem, gains: ToolGains, frequencies_hz: Sequence[float] = (1.0, 10.0)
 ) -> tuple[Felt, ...]:
-    """Return the rendered impedance of the heaviest tool or the follower, nominal devices as rigid bodies."""
+    """Return the impedance at the handle of the nominal device, of the heaviest tool or the follower."""
     device = problem.device
     t, driven = device.sample_time_s, Body.driven(device.sample_time_s)
     ends: list[Engine] | list[Link]
@@ -302,18 +304,17 @@ def rendered_pair(
         ends, moves = [Engine(driven, clock, engine, [state]) for state in states], not states[0].fixed
 
     def at(frequency_hz: float) -> Felt:
-        """Of the commanded forces in free motion and in rigid contact."""
-        free, rigid = (one.force_per_metre(gains, frequency_hz) for one in ends)
-        s = 2j * np.pi * frequency_hz
-        hold = (1 - np.exp(-s * t)) / (s * t) * np.exp(-s * t * device.delay_samples) / s
+        """Return that in free motion and in rigid contact."""
+        hz, s = np.array([frequency_hz]), 2j * np.pi * frequency_hz
+        moved, contact = (felt_at_handle(device, one.force_per_metre(gains, frequency_hz), hz)[0][0] for one in ends)
         alone = device.mass_kg * s + device.damping_ns_per_m
-        contact, wanted = alone + rigid * hold, alone + gains.stiffness_n_per_m / s
+        wanted = alone + gains.stiffness_n_per_m / s
         stiffness, error = float(abs((contact - alone) * s)), float(abs(contact - wanted) / abs(wanted))
         if not moves:
             drag = device.damping_ns_per_m + gains.local_damping_ns_per_m
             return Felt(frequency_hz, None, drag, None, stiffness, error)
         far_kg, far_ns_per_m = _far(problem)
-        moved, body = alone + free * hold, alone + far_kg * s + far_ns_per_m
+        body = alone + far_kg * s + far_ns_per_m
         free_error = float(abs(moved - body) / abs(body))
         return Felt(frequency_hz, float(moved.imag / abs(s)), float(moved.real), free_error, stiffness, error)
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from avc_casadi._util.arrays import BoolArray
 from avc_casadi.claims.certify import promises_rest
-from avc_casadi.claims.impedance import below_quarter_rate, impedance_at_handle, wanted_at_handle
+from avc_casadi.claims.impedance import below_quarter_rate, felt_at_handle, wanted_at_handle
 from avc_casadi.coupling import Coupling
 from avc_casadi.loops.margins import transients
 from avc_casadi.loops.wall import force_over_position, frozen_rendering
@@ -98,7 +98,7 @@ class Judged:
         wall, settling_s = self.coupling.wall.stiffness_n_per_m, transients(self.coupling)[0].settling_s
         share = self.coupling.static_stiffness_n_per_m / wall if wall > 0 else 1.0
         slow, soft = math.log(max(settling_s, _AT_ONCE_S) / _AT_ONCE_S), max(0.0, -math.log(max(share, 1e-9)))
-        active = max(rebound(self.coupling).values()) - 1
+        active = max(rebound(self.coupling, at_face=True).values()) - 1
         return max(self.error, active, FELT_ERROR) + _PER_SETTLING * slow + _PER_SOFTER * soft
 
     @cached_property
@@ -118,7 +118,7 @@ def impedance_error(coupling: Coupling) -> float:
     z = np.exp(2j * np.pi * hz * problem.device.sample_time_s)
     force = force_over_position(frozen_rendering(problem, *vars(gains).values()), z, law)
     wanted, size = wanted_at_handle(problem, hz)
-    return float((np.abs(impedance_at_handle(problem.device, force, hz) - wanted) / size).max())
+    return float((np.abs(felt_at_handle(problem.device, force, hz)[0] - wanted) / size).max())
 
 
 def error_in_motion(coupling: Coupling) -> float:

@@ -17,7 +17,7 @@ from avc_casadi.loops.engine import ToolCase
 from avc_casadi.loops.follower import BilateralCase
 from avc_casadi.loops.margins import OpenLoop, transients
 from avc_casadi.loops.system import Mode
-from avc_casadi.model.ends import RIGID_N_PER_M, ToolGains
+from avc_casadi.model.ends import ToolGains
 from avc_casadi.model.problem import Problem
 from avc_casadi.recommendation.evaluator import PerturbedDevices, Withstood
 from avc_casadi.recommendation.felt import NOTICED_N, Felt, contact_onset_m, rebound, ripple, shaken
@@ -159,15 +159,10 @@ class Recommendation(Printed):
         return {key: sum(one[key] for one in trials) for key in keys} if trials else None
 
     def _of_pair(self, pair: Pair) -> dict[str, Any]:
-        coupling, tried = self.coupling, self.trial and self.trial.document()
-        pressed = None if not tried else tried["rendered_stiffness_n_per_m"]
+        coupling = self.coupling
         return {
             "coupling": None if coupling is None else coupling_document(coupling),
-            "felt": {
-                "stiffness_n_per_m": pressed,
-                "on_stiffest_contact_n_per_m": _in_series(pressed, self.problem),
-                "at": [asdict(one) for one in pair.felt],
-            },
+            "felt": {**self._pressed(), "at": [asdict(one) for one in pair.felt]},
             "pair": {
                 **{key: value for key, value in vars(pair).items() if key not in {"felt", "mode", "worst", "stiffest"}},
                 "gains": None if coupling is None else vars(coupling.gains),
@@ -178,6 +173,19 @@ class Recommendation(Printed):
                 "limited_by": asdict(pair.worst),
             },
         }
+
+    def _pressed(self) -> dict[str, float | None]:
+        """Return the stiffness at rest at the handle: on a rigid object, and on the stiffest declared contact."""
+        end, k = (
+            self.problem.simulation or self.problem.follower,
+            self.coupling and self.coupling.gains.stiffness_n_per_m,
+        )
+        contact = 0.0 if not k or end is None or end.rigid else end.scale * end.contact_stiffness_n_per_m[1]
+        found = {
+            "stiffness_n_per_m": k,
+            "on_stiffest_contact_n_per_m": 1 / (1 / k + 1 / contact) if k and contact else 0,
+        }
+        return {key: stiffness_at_handle(self.problem.device, one) if one else None for key, one in found.items()}
 
     def felt(self) -> dict[str, Any]:
         """Return what is rendered: stiffness, impedance error against the physical wall, tap, vibration."""
@@ -219,12 +227,3 @@ class Recommendation(Printed):
         if self.coupling is None or self.coupling.end != "wall":
             return {}
         return plain_table(dict(zip(_SIDES, OpenLoop.of(self.coupling).margins(), strict=True)))
-
-
-def _in_series(pressed_n_per_m: float | None, problem: Problem) -> float | None:
-    """Return the stiffness on the stiffest contact that is declared; None where that is rigid."""
-    end = problem.simulation or problem.follower
-    if end is None or not pressed_n_per_m:
-        return None
-    contact = end.contact_stiffness_n_per_m[1]
-    return None if contact >= RIGID_N_PER_M or contact == 0 else 1 / (1 / pressed_n_per_m + 1 / contact)

@@ -7,13 +7,11 @@ import pytest
 from exported import Exported
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.integrate import solve_ivp
 
 import avc_casadi as avc
 from avc_casadi.claims.impedance import Excitation, wall_over_position
 from avc_casadi.coupling import Coupling
 from avc_casadi.design.observer_law import regulator
-from avc_casadi.loops.margins import SETTLED, transients
 from avc_casadi.model.gains import Gains, near_rigid_n_per_m
 from avc_casadi.model.problem import Impedance
 from avc_casadi.model.runtime import Runtime
@@ -181,65 +179,6 @@ def test_a_contact_damper_that_pushes_early_is_told(damping, soft):
         assert depth == pytest.approx((NOTICED_N - damping * float(speed)) / felt, abs=2e-4 * float(speed) + 2e-5)
 
 
-# How fast a released device leaves the wall is told: as on a device written here, and where it gains in a row.
-
-REBOUND_T, REBOUND_MASS, REBOUND_DAMPING, STEP, REBOUND_WALL = 1e-3, 0.12, 0.4, 5e-5, 1500.0
-
-
-def rebound_problem(delay, friction):
-    device = {
-        "mass_kg": REBOUND_MASS,
-        "damping_ns_per_m": REBOUND_DAMPING,
-        "sample_time_s": REBOUND_T,
-        "encoder_resolution_m": STEP,
-    }
-    device |= {"delay_samples": delay, "coulomb_friction_n": friction, "max_force_n": 40.0}
-    return avc.load_problem("spring").changed(
-        device=device, environment={"stiffness_n_per_m": REBOUND_WALL, "damping_ns_per_m": 0.0}
-    )
-
-
-def struck(coupling, delay, friction, speed, phase):
-    """Throw a released device at the wall; return the speed at which it leaves over that at which it came."""
-    law, substeps = Exported(coupling), 200
-    x, v, came, h = -0.03 - phase * STEP, speed, 0.0, REBOUND_T / substeps
-    queue = [0.0] * delay
-    for _ in range(3000):
-        queue.append(law.step(round(x / STEP) * STEP))
-        force = queue.pop(0)
-        for _ in range(substeps):
-            v -= h / REBOUND_MASS * (force + REBOUND_DAMPING * v)
-            v -= np.sign(v) * min(abs(v), h * friction / REBOUND_MASS)
-            before, x = x, x + h * v
-            if before <= 0 < x:
-                came = v
-            if x <= 0 < before:
-                return came, -v / came
-    return came, 0.0
-
-
-def thrown(speed, friction):
-    """Return the speed 30 mm before the wall of a device that reaches it at a speed."""
-    away = solve_ivp(lambda _, v: (friction / v + REBOUND_DAMPING) / REBOUND_MASS, (0.0, 0.03), [speed], rtol=1e-9)
-    return away.y[0, -1]
-
-
-@pytest.mark.parametrize(("delay", "damper", "friction"), [(0, 0.0, 0.0), (1, 4.0, 0.0)])
-def test_the_rebound_is_that_of_a_device_that_is_thrown(delay, damper, friction):
-    stated = rebound_problem(delay, friction)
-    coupling = Coupling.constant(stated, Gains(0.0, 1e9, damper), "mine")
-    told = rebound(coupling)
-    for key, share in told.items():
-        speed = float(key)
-        found = [
-            struck(coupling, delay, off, thrown(speed, off), phase)
-            for off in {friction, 0.0}
-            for phase in np.arange(12) / 12
-        ]
-        assert [came for came, _ in found] == pytest.approx([speed] * len(found), rel=0.05)
-        assert share == pytest.approx(max(one for _, one in found), rel=0.02)
-
-
 # The steps of the encoder as the force of a moving handle has them, against the pulses of a damper written out.
 
 
@@ -275,35 +214,57 @@ def test_hands_feel_the_pulses_of_a_coarse_encoder_and_none_of_a_fine_one():
     assert fine.quiet == fine.hands
 
 
-# How long a released device swings in its wall is told, is what a simulation shows, and counts in what is chosen.
+# What a hand holds is the handle, beyond a spring.
+
+RATIO, TURN = 0.4, 2 * math.pi * 80.0
+RESONANCE = {"frequency_hz": 80.0, "damping_ratio": 0.05, "mass_ratio": RATIO}
+REDUCED, SUBSTEPS = MASS * RATIO * (1 - RATIO), 40
 
 
-def swinging(mass, damping, t, wall, damper, hand=(0.0, 0.0, 0.0), steps=50):
-    """Return positions at the samples: a spring and damper held for a sample, the plant in fine explicit steps."""
-    x, v, before, path = 1.0, 0.0, 1.0, []
-    m, b, k = mass + hand[0], damping + hand[1], hand[2]
-    for _ in range(4000):
-        force, before = wall * x + damper * (x - before) / t, x
-        path.append(x)
-        for _ in range(steps):
-            v -= t / steps * (force + b * v + k * x) / m
-            x += t / steps * v
-    return np.array(path)
+def flexible(coupling, start, speed=0.0, handle=None, samples=700, phase=0.0):
+    """Return motor, handle, speed of the handle and the pull of the spring between them, before each substep."""
+    device, law, h, path = coupling.problem.device, Exported(coupling), T / SUBSTEPS, []
+    (x, v), (y, w), step = (start, speed), (start, speed), device.encoder_resolution_m
+    queue = [0.0] * int(device.delay_samples)
+    for sample in range(samples):
+        queue.append(law.step((round(x / step - phase) + phase) * step if step else x))
+        force = queue.pop(0)
+        for place in range(sample * SUBSTEPS, (sample + 1) * SUBSTEPS):
+            if handle is not None:
+                y, w = handle[place], (handle[place + 1] - handle[place]) / h
+            pull = REDUCED * (TURN**2 * (y - x) + 0.1 * TURN * (w - v))
+            path.append((x, y, w, pull))
+            v += h / (MASS * (1 - RATIO)) * (pull - force - DAMPING * v)
+            x += h * v
+            if handle is None:
+                w -= h / (MASS * RATIO) * pull
+                y += h * w
+    return np.array(path).T
 
 
-@pytest.mark.parametrize("hand", [(0.0, 0.0, 0.0), (0.05, 4.0, 300.0)])
-def test_it_is_the_time_that_a_simulated_device_takes(hand):
-    t, mass, damping, wall, damper = 1e-3, 0.1, 0.5, 8000.0, 9.0
-    ranges = dict(zip(("mass_kg", "damping_ns_per_m", "stiffness_n_per_m"), ([v, v] for v in hand), strict=True))
-    problem = avc.load_problem("spring").changed(
-        device={"mass_kg": mass, "damping_ns_per_m": damping, "sample_time_s": t},
-        environment={"stiffness_n_per_m": wall, "damping_ns_per_m": 0.0},
-        **({"hands": ranges} if any(hand) else {}),
-    )
-    found = transients(Coupling.constant(problem, Gains(0.0, 1e12, damper), "mine"))[int(any(hand))]
-    path = np.abs(swinging(mass, damping, t, wall, damper, hand))
-    largest = np.maximum.accumulate(path[::-1])[::-1]
-    settled = t * float(np.argmax(largest < SETTLED))
-    assert settled == pytest.approx(found.settling_s, rel=0.1, abs=1 / found.frequency_hz)
-    peaks = np.flatnonzero((path[1:-1] > path[:-2]) & (path[1:-1] >= path[2:]) & (path[1:-1] > 0.01)) + 1
-    assert t * float(np.diff(peaks).mean()) == pytest.approx(0.5 / found.frequency_hz, rel=0.05)
+@pytest.mark.parametrize("hz", [10.0, 50.0])
+def test_a_flexible_device_is_shaken_at_its_handle(hz):
+    coupling = Coupling.constant(problem(2e3, resonance=RESONANCE, max_force_n=1e3), Gains(0.0, 1e9, 4.0), "mine")
+    told, samples = shaken(coupling, 2e3, [hz]), 2000
+    time = T / SUBSTEPS * np.arange(samples * SUBSTEPS + 1)
+    depth = 5 / 2e3 + 5 / (REDUCED * TURN**2)
+    assert (told.depth_m, told.amplitude_m) == pytest.approx((depth, depth / 2))
+    handle = depth * np.minimum(time / 0.25, 1) + depth / 2 * np.sin(2 * np.pi * hz * np.maximum(time - 0.25, 0))
+    pull, last = flexible(coupling, 0.0, handle=handle, samples=samples)[3], slice(-1000 * SUBSTEPS - 1, -1)
+    wave = np.exp(-2j * np.pi * hz * time[last])
+    s = 2j * np.pi * hz
+    felt = (pull[-1000 * SUBSTEPS :] @ wave) / (handle[last] @ wave) / s + MASS * RATIO * s
+    assert told.error[0] == pytest.approx(relative(felt, hz, 2e3), rel=0.02)
+
+
+@pytest.mark.parametrize(("step", "delay", "damper"), [(0.0, 0, 4.0), (2e-4, 1, 8.0)])
+def test_a_flexible_device_rebounds_at_its_handle(step, delay, damper):
+    """Over the speed at which it would reach the face: where a damper pushes before that it comes more slowly."""
+    device = {"resonance": RESONANCE, "max_force_n": 40.0, "encoder_resolution_m": step, "delay_samples": delay}
+    coupling = Coupling.constant(problem(2e3, **device), Gains(0.0, 1e9, damper), "mine")
+    for key, share in rebound(coupling).items():
+        found = []
+        for phase in np.arange(12 if step else 1) / 12:
+            motor, _, handle, _ = flexible(coupling, -0.03, float(key) + 0.03 * DAMPING / MASS, phase=phase)
+            found.append(-handle[np.flatnonzero(motor > 0)[-1] + 1 :].min() / float(key))
+        assert share == pytest.approx(max(found), rel=0.03)

@@ -104,8 +104,9 @@ def test_state_ahead_of_its_force_needs_the_damper_of_the_devices_loop():
 @pytest.mark.slow
 def test_felt_tool_is_what_a_driven_simulation_measures():
     """A handle moved by 1 mm: the force of a plain engine at the frequency of the motion, against what is told."""
-    stated = problem("tool_mass_kg = 0.2\nstep_s = 0.005", device=DEVICE.replace("delay_samples = 1\n", ""))
-    found = avc.recommend(stated, hands=HANDS)
+    scene = "tool_mass_kg = 0.1\nstep_s = 0.005\nposition_scale = 4.0\nforce_scale = 0.5\n"
+    device = DEVICE.replace("delay_samples = 1\n", "amplifier_bandwidth_hz = 100.0\n")
+    found = avc.recommend(problem(f"{scene}contact_stiffness_n_per_m = [0.0, 500.0]", device), hands=HANDS)
     k, b = found.coupling.gains.stiffness_n_per_m, found.coupling.gains.damping_ns_per_m
     for felt in found.pair.felt:
         omega, t = 2 * math.pi * felt.frequency_hz, 1e-3
@@ -121,7 +122,22 @@ def test_felt_tool_is_what_a_driven_simulation_measures():
             force[j] = k * (x[j] - held) + b * (v - held_speed)
         last = slice(10000, None)
         seen = np.mean(force[last] * np.exp(-1j * omega * t * np.arange(len(x)))[last]) / 1e-3
-        hold = (1 - np.exp(-1j * omega * t)) / (1j * omega * t)
+        hold = (1 - np.exp(-1j * omega * t)) / (1j * omega * t) / (1 + 0.01j * felt.frequency_hz)
         impedance = seen * hold / (1j * omega) + 0.12j * omega + 0.8
         assert impedance.imag / omega == pytest.approx(felt.mass_kg, rel=1e-3)
         assert impedance.real == pytest.approx(felt.drag_ns_per_m, rel=1e-3)
+    pressed = found.data()["felt"]
+    assert pressed["stiffness_n_per_m"] == pytest.approx(k, rel=1e-3)
+    assert 1 / pressed["on_stiffest_contact_n_per_m"] == pytest.approx(1 / k + 1 / 1e3, rel=1e-3)
+
+
+@pytest.mark.slow
+def test_a_follower_is_pressed_on_its_stiffest_contact_and_on_a_rigid_object():
+    mode = "resonance = { frequency_hz = 200.0, damping_ratio = 0.05, mass_ratio = 0.4 }\n"
+    arm = "[follower]\nmass_kg = 0.3\ndamping_ns_per_m = 1.0\ncontact_stiffness_n_per_m = [0.0, 3e3]\n"
+    arm += "position_scale = 2.0\n"
+    found = avc.recommend(avc.parse_problem(f"{DEVICE}{mode}{arm}"), hands=HANDS)
+    pressed, reduced = found.data()["felt"], 0.12 * 0.4 * 0.6
+    at_handle = 1 / found.coupling.gains.stiffness_n_per_m + 1 / (reduced * (400 * math.pi) ** 2)
+    assert 1 / pressed["stiffness_n_per_m"] == pytest.approx(at_handle, rel=1e-3)
+    assert 1 / pressed["on_stiffest_contact_n_per_m"] == pytest.approx(at_handle + 1 / 6e3, rel=1e-3)

@@ -15,7 +15,7 @@ from avc_casadi.claims.zwidth import ZWidth
 from avc_casadi.coupling import Coupling
 from avc_casadi.design.tool_region import ToolRegion
 from avc_casadi.present.figures import style
-from avc_casadi.recommendation.felt import STRUCK_M_PER_S, Deployed, deployed
+from avc_casadi.recommendation.felt import STRIKES_M_PER_S, Deployed, deployed
 
 _LINES: dict[str, dict[str, Any]] = {
     "wanted": {"color": "0.72", "linewidth": 4.0, "zorder": 2},
@@ -98,7 +98,7 @@ def draw_loop(found: Deployed | Coupling, axes: style.GivenAxes = None) -> Figur
         struck.plot(found.struck_s, 1e3 * found.struck_m[row], **look)
     struck.plot([], [], label="other hands of the box", **_LINES["others"])
     struck.axhline(0, **_LINES["zero"])
-    speed = quantity(STRUCK_M_PER_S / device.metres_per_unit, units.unit("m/s"))
+    speed = quantity(STRIKES_M_PER_S[0] / device.metres_per_unit, units.unit("m/s"))
     label = f"position ({units.unit('mm')}), impact at {speed}"
     struck.set(xlim=(0, found.struck_s[-1]), xlabel="time (s)", ylabel=label)
     panels.legend(3)

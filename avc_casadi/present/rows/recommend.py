@@ -161,9 +161,9 @@ def _rendered(data: Mapping[str, Any], problem: Problem) -> list[Row]:
     stiffer = any(one > (1 + UNNOTICED) * abs(wanted[hz]) for hz, one in motion.items())
     spread = min(low_high) < 0.9 * sensed or max(low_high) > 1.1 * sensed
     stiffnesses = [
-        fill("{stiffness_n_per_m} static ({share_of_wall:share} of the wall)", felt),
+        (Value(handle, "stiffness"), "static (", Value(share * handle / sensed, "share"), "of the wall)"),
         *((Value(one, "stiffness"), f"at {hz} Hz") for hz, one in motion.items()),
-        None if handle == sensed else fill("{stiffness_at_handle_n_per_m} at the handle", felt),
+        None if handle == sensed else fill("{stiffness_n_per_m} at the sensor", felt),
         (span(low_high, "stiffness"), "over 90 % of hands") if spread else None,
         "above the wall in motion, damping included" if stiffer else None,
     ]
