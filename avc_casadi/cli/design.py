@@ -102,7 +102,7 @@ def _at_tip(new: NewProblem, model: str | None, tip: str | None) -> NewProblem:
 @cli.verb(
     cli.PROBLEM,
     cli.output("--out", "write the coupling, .json: for push, stream, export, simulate", ".json"),
-    cli.flag("--stiffest", "of the stiffest wall, to a fifth, that a hand moving at 1 to 10 Hz gets within 20 %"),
+    cli.flag("--stiffest", "for the stiffest wall that is felt, within a fifth, by a hand moving at 1 to 10 Hz"),
     cli.flag("--lean-on-friction", "settling by the declared dry friction suffices"),
     cli.flag("--prove", "prove what is chosen, as avc certify --prove does: minutes where it is robust"),
     cli.flag("--trade-off", "tell what a disk margin costs in impedance error"),
