@@ -95,12 +95,11 @@ def gain_document(gains: GainSchedule) -> dict[str, Any]:
 
 def gain_csv(gains: GainSchedule) -> str:
     """Return the usable rows as CSV text; a contact damping column is added in the damped structure."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
+    writer = csv.writer(text := io.StringIO(), lineterminator="\n")
     keys = TABLE_COLUMNS if gains.structure == "damped" else TABLE_COLUMNS[:3]
     writer.writerow(map(gains.units.key, keys))
-    for row in np.flatnonzero(gains.usable).tolist():
-        writer.writerow([repr(float(getattr(gains, key)[row])) for key in keys])
+    usable = np.flatnonzero(gains.usable).tolist()
+    writer.writerows([repr(float(getattr(gains, key)[row])) for key in keys] for row in usable)
     return text.getvalue()
 
 
@@ -209,6 +208,7 @@ def coupling_document(coupling: Coupling) -> dict[str, Any]:
     return {
         **kept,
         "method": coupling.method,
+        "structure": coupling.structure,
         "table": plain(coupling.table.to_dict()),
         "without_gains_hz": plain(coupling.schedule.frequency_hz[~coupling.schedule.usable]),
         "runtime": coupling.runtime.document(),
