@@ -229,7 +229,7 @@ def _feedback_claims(coupling: Coupling) -> tuple[DeployClaim, ...]:
 def _claim(name: str, stable: bool, radius: float, passing: str, failing: str) -> DeployClaim:
     if stable:
         return DeployClaim(name, True, f"linearly stable {passing}, spectral radius {radius:.6g} at most", "", radius)
-    advice = "take `avc recommend P`, which gives the stiffest coupling that is deployable, or soften the wall"
+    advice = "take `avc recommend P`, which gives the deployable one nearest to the wall, or soften the wall"
     return DeployClaim(name, False, f"linearly unstable {failing}: spectral radius {radius:.6g}", advice, radius)
 
 
