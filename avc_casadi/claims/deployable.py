@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 from weakref import WeakKeyDictionary
 
@@ -18,12 +19,13 @@ from avc_casadi._errors import NotDeployableError, UnsupportedError
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.progress import SILENT, Progress
+from avc_casadi._util.text import quantity
 from avc_casadi.claims.certify import certify
 from avc_casadi.claims.hands import WorstLoops, every_hand, feedback_radius, looked_at, released
 from avc_casadi.coupling import Coupling, require_coupling
 from avc_casadi.loops.margins import LEAST_DISK, OpenLoop
 from avc_casadi.loops.wall import frozen_parts
-from avc_casadi.loops.walls import damping_range, loop_poles, stiffest_wall
+from avc_casadi.loops.walls import damping_range, in_contact, stiffest_wall
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners, device_ranges, linear_values
 from avc_casadi.model.device import Device
 from avc_casadi.model.gains import GainTable
@@ -263,8 +265,9 @@ def detent_claim(problem: Problem) -> DeployClaim:
     if detent is None:
         raise ValueError("the problem has no detents")
     slope, damping = detent.slope_n_per_m, detent.damping_ns_per_m
+    spring, damper = (partial(quantity, unit=problem.units.unit(one)) for one in ("N/m", "N.s/m"))
     people = joined(hand_set(problem.hands), no_hand())
-    valley, top = (loop_poles(problem.device, people, sign * slope, damping) for sign in (1.0, -1.0))
+    valley, top = (in_contact(problem.device, people, sign * slope, damping).poles for sign in (1.0, -1.0))
     radius = float(np.abs(valley).max())
     leaving = top[np.abs(top) >= 1]
     if radius < 1 and not (np.abs(leaving.imag) > 1e-6).any():
@@ -273,21 +276,21 @@ def detent_claim(problem: Problem) -> DeployClaim:
         quickest = float(np.log(np.abs(leaving)).max()) / problem.device.sample_time_s if len(leaving) else math.nan
         rest = "" if held == len(people) else f", the others leave it without swinging, by e in {1 / quickest:.3g} s"
         sentence = (
-            f"detents: in a valley, a spring of {slope:.4g}, linearly stable with every hand of [hands] and "
-            f"released, spectral radius {radius:.6g} at most; at a top, a spring of {-slope:.4g}, {held} of "
+            f"detents: in a valley, a spring of {spring(slope)}, linearly stable with every hand of [hands] and "
+            f"released, spectral radius {radius:.6g} at most; at a top, a spring of {spring(-slope)}, {held} of "
             f"{len(people)} hands, one of them none, hold it{rest}"
         )
         return DeployClaim("detent", True, sentence, "", radius)
     where = (
-        f"in a valley, a spring of {slope:.4g} with {damping:.4g}: spectral radius {radius:.6g}"
+        f"in a valley, a spring of {spring(slope)} with {damper(damping)}: spectral radius {radius:.6g}"
         if radius >= 1
-        else f"at a top, a spring of {-slope:.4g}: what leaves it swings"
+        else f"at a top, a spring of {spring(-slope)}: what leaves it swings"
     )
     found = damping_range(problem.device, people, slope)
     if math.isfinite(found.lowest_ns_per_m):
-        advice = f"give the detents a damping of {found.lowest_ns_per_m:.4g} to {found.highest_ns_per_m:.4g}, "
+        advice = f"give the detents a damping of {damper(found.lowest_ns_per_m)} to {damper(found.highest_ns_per_m)}, "
         advice += "or make the detents weaker or wider"
     else:
         most = stiffest_wall(problem.device, people).stiffness_n_per_m
-        advice = f"make the detents weaker or wider: no damping holds a slope above {most:.4g}"
+        advice = f"make the detents weaker or wider: no damping holds a slope above {spring(most)}"
     return DeployClaim("detent", False, f"detents: linearly unstable {where}", advice, radius)

@@ -22,7 +22,6 @@ from avc_casadi._util.arrays import ComplexArray, FloatArray
 from avc_casadi.claims.llewellyn import llewellyn_margin
 from avc_casadi.loops.engine import Clock, Engine, clocks
 from avc_casadi.loops.loop import Body
-from avc_casadi.loops.spectrum import largest_radius
 from avc_casadi.loops.system import TOLERANCE
 from avc_casadi.loops.wall import SampledLoop
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners
@@ -136,7 +135,7 @@ class _Port:
 
     def lowest(self) -> tuple[float, float, int]:
         """Return the lowest Re G, its angle and the indices of device and hand."""
-        if not largest_radius(self._engine.maps(self._gains)).max() < 1 - TOLERANCE:
+        if not self._engine.closed(self._gains).radius.max() < 1 - TOLERANCE:
             return -np.inf, 0.0, 0
         angles = np.concatenate(
             [np.geomspace(_SMALLEST, 0.1, _ANGLES // 4, endpoint=False), np.linspace(0.1, np.pi, _ANGLES)]

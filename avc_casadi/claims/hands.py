@@ -19,7 +19,6 @@ from avc_casadi.claims.levels import LevelResult, Rows, Subject, level_result, n
 from avc_casadi.claims.worst_frequency import worst_margin
 from avc_casadi.coupling import Coupling
 from avc_casadi.loops.loop import Body
-from avc_casadi.loops.spectrum import largest_eigenvalue
 from avc_casadi.loops.system import Ranges, ascend, hand_boxes, worst_held
 from avc_casadi.loops.wall import (
     MAX_DELAY_SAMPLES,
@@ -34,7 +33,6 @@ from avc_casadi.loops.wall import (
     linear_stability,
     observed_wall,
     plants_of,
-    rigid,
     wall,
 )
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners, device_ranges, linear_values
@@ -85,7 +83,7 @@ def worst_hands(
 
     def leading(rows: IndexArray, shares: FloatArray) -> ComplexArray:
         body = Body.of(plants_of([device], Hand(*(low + width * shares)))).flat()
-        return largest_eigenvalue(wall(body, rendering.pick(rows)))
+        return wall(body, rendering.pick(rows)).leading
 
     going = np.flatnonzero(np.isfinite(radius) & (radius < enough) & width.any())
     starts = order.shape[1]
@@ -114,12 +112,6 @@ def _worst_apart(radius: FloatArray, places: FloatArray) -> IndexArray:
     return np.stack(chosen, axis=1)
 
 
-def radius_limit(device: Device, integral: FloatArray, hand_n_per_m: float | FloatArray) -> FloatArray:
-    """Return the bound of spectral radii: below 1 where a spring restores the device, else 1, which may be double."""
-    restored = (integral > 0) | (np.asarray(hand_n_per_m) > 0)
-    return np.where(restored, 1 - RADIUS_TOLERANCE, 1 + (RADIUS_TOLERANCE if rigid(device) else 1e-7))
-
-
 @dataclass(frozen=True)
 class WorstLoops:
     """The worst loop of all evaluated hands and devices, for each of n rows."""
@@ -143,13 +135,11 @@ def every_hand(
     """Search for the worst hand of each row at each corner of the device, and inside its ranges."""
     device, people = problem.device, problem.hands
     corners = device_corners(device, LINEAR_KEYS)
-    limits = radius_limit(device, parts.integral[:, None], hand_set(people, draws=draws, seed=seed).stiffness_n_per_m)
     stable = np.ones(len(contact), dtype=bool)
     found = []
     for corner in corners:
         one = worst_hands(corner, parts, contact, people, draws=draws, seed=seed, enough=1.0, progress=progress)
-        own = radius_limit(device, parts.integral, one.hands.stiffness_n_per_m)
-        stable &= (one.known_radius < limits).all(axis=1) & (one.radius < own)
+        stable &= np.maximum(one.known_radius.max(axis=1), one.radius) < 1 - RADIUS_TOLERANCE
         found.append(one)
     each, rows = np.array([one.radius for one in found]), np.arange(len(contact))
     where = each.argmax(axis=0)
@@ -169,13 +159,13 @@ def every_hand(
         rendering = fraction_rendering(parts.pick(only), contact[only], device.sample_time_s)
 
         def leading(plant: SampledPlant, _: object, rendering: Rendering = rendering) -> ComplexArray:
-            return largest_eigenvalue(wall(Body.of(plant).flat(), rendering))
+            return wall(Body.of(plant).flat(), rendering).leading
 
         value, hand, worst, _ = worst_held(device, hand_boxes(problem)[0], leading)
         if abs(value) > radius[row]:
             radius[row], frequency[row] = abs(value), abs(np.angle(value)) / (2 * np.pi * worst.sample_time_s)
             places[:, row], devices[row] = list(hand.values()), worst
-            stable[row] &= abs(value) < radius_limit(worst, parts.integral[row], hand["stiffness_n_per_m"])
+            stable[row] &= abs(value) < 1 - RADIUS_TOLERANCE
     return WorstLoops(stable, radius, frequency, Hand(*places), devices)
 
 
@@ -218,8 +208,9 @@ def feedback_radius(coupling: Coupling) -> dict[str, Worst]:
 
     def leading(plant: SampledPlant, values: Mapping[str, FloatArray]) -> ComplexArray:
         # The loop is affine in the share.
-        none, all_ = observed_wall(Body.of(plant).flat(), law, rendering, (0.0, 1.0))
-        return largest_eigenvalue(none + values["share"][:, None, None] * (all_ - none))
+        loops = observed_wall(Body.of(plant).flat(), law, rendering, (0.0, 1.0))
+        none, all_ = loops.maps
+        return replace(loops, maps=none + values["share"][:, None, None] * (all_ - none)).leading
 
     def worst(hand: Ranges, least_share: float) -> Worst:
         value, held, device, values = worst_held(problem.device, hand, leading, share=(least_share, 1.0))
@@ -307,11 +298,11 @@ def _feedback_level(rows: Rows, found: dict[str, Worst], problem: Problem) -> Le
 
 def damping_reserve(device: Device, parts: Fractions, contact: FloatArray, hand: Hand) -> float:
     """Return the device damping to spare before a row with a hand becomes unstable, N.s/m; negative where it lacks."""
-    bound = radius_limit(device, parts.integral[:, None], hand.stiffness_n_per_m)
 
     def stable(shift: float) -> bool:
         damping = {"damping_ns_per_m": device.damping_ns_per_m + shift}
-        return bool((linear_stability(device.model_copy(update=damping), parts, contact, hand).radius < bound).all())
+        radius = linear_stability(device.model_copy(update=damping), parts, contact, hand).radius
+        return bool((radius < 1 - RADIUS_TOLERANCE).all())
 
     starts_stable = stable(0.0)
     available = device.damping_ns_per_m + hand.values(0)["damping_ns_per_m"]

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import chain, combinations, product
 from pathlib import Path
 from typing import Any
@@ -19,6 +20,7 @@ from avc_casadi._errors import Fault, InputError, UnsupportedError
 from avc_casadi._util.arrays import ComplexArray, FloatArray
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.printed import Printed
+from avc_casadi._util.text import quantity
 from avc_casadi.claims.impedance import stiffness_at_handle
 from avc_casadi.files.device_file import load_device
 from avc_casadi.files.problem_file import AnyProblem, as_problem, is_device, with_wall
@@ -34,8 +36,6 @@ from avc_casadi.model.problem import Impedance, Problem
 
 FELT_N = 0.05
 """Rms of a force at the handle below which noise of it is taken as not felt."""
-# A pole so near to 1 is that of a free device that stays.
-_STAYS = 1e-9
 # A limit is confirmed by at most so many searches of the ranges.
 _SEARCHES = 4
 # Values of a law that a user can change, the spring first; of b the best one is looked at.
@@ -151,11 +151,10 @@ class Loops:
         every = self.pairs(side) + [self.worst(law, side, of) for of in measures]
         loop = self.around(law, every)
         sizes, ratios = np.abs(loop.poles), damping_ratios(loop.poles)
-        springy = law.stiffness_n_per_m > 0 or self.boxes[side]["hand.stiffness_n_per_m"][0] > 0
-        slowest = float(sizes[springy | (np.abs(loop.poles - 1) > _STAYS)].max(initial=0.0))
+        slowest = float(sizes.max())
         hz = np.abs(np.angle(loop.poles)).ravel() / (2 * math.pi * self.period)
         return Case(
-            spectral_radius=float(sizes.max()),
+            spectral_radius=slowest,
             frequency_hz=float(hz[sizes.argmax()]),
             stable=slowest < 1 - RADIUS_TOLERANCE,
             settling_s=float(loop.settling_s().max()) if slowest < 1 else math.inf,
@@ -176,8 +175,8 @@ class Loops:
         if law.noise_n(self.device) > self.quiet_n:
             return 0.0
         known = self._known(law)
-        moving = (np.abs(loop.poles[np.abs(loop.poles - 1) > _STAYS]) for loop in known)
-        return 0.0 if max(map(np.max, moving)) >= 1 else 2 / max(float(loop.swings().max()) for loop in known)
+        stable = all(loop.closed.radius.max() < 1 for loop in known)
+        return 2 / max(float(loop.swings().max()) for loop in known) if stable else 0.0
 
     def sound(self, laws: Iterable[Law]) -> Iterator[tuple[Law, float]]:
         """Yield the first law with a sound disk margin, and that, which a search of the ranges does not refute."""
@@ -208,7 +207,7 @@ class Loops:
     def _confirmed(self, *laws: Law) -> bool:
         """Search the ranges for what is unstable with a law, and keep it."""
         pairs = [(law, self.worst(law, side, _radius)) for law in laws for side in range(len(self.boxes))]
-        worse = [pair for law, pair in pairs if np.abs(self.around(law, [pair]).poles).max() > 1 + _STAYS]
+        worse = [pair for law, pair in pairs if self.around(law, [pair]).closed.radius.max() >= 1]
         self.found += worse
         return not worse
 
@@ -259,7 +258,7 @@ class Loops:
 
 
 def _radius(loop: OpenLoop) -> FloatArray:
-    return np.asarray(np.abs(loop.poles).max(axis=1))
+    return loop.closed.radius
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -328,6 +327,7 @@ class LawCertificate(Printed):
         device, b, k = self.problem.device, self.law.damping_ns_per_m, self.law.stiffness_n_per_m
         delay = f"{device.delay_samples:g} sample{'' if device.delay_samples == 1 else 's'} of delay"
         ranges = ", over [device.range]" if device_ranges(device, LINEAR_KEYS) else ""
+        damper, spring = (partial(quantity, unit=self.problem.units.unit(one)) for one in ("N.s/m", "N/m"))
         late = f"with {delay} at {1 / device.sample_time_s:g} Hz{ranges}"
         low, high, free = *(allowed or (0.0, 0.0)), self.free is None or self.free.stable
         if self.stable:
@@ -337,11 +337,11 @@ class LawCertificate(Printed):
             whose = "with every hand and released" if any(self.held.hand.values()) else "released; nobody holds it"
             return f"stable, but {', and '.join(doubts)}" if doubts else f"stable {whose}"
         unstable = {
-            f"b_p {law.local_damping_ns_per_m:.4g} is too much outside the wall {late}": not free,
+            f"b_p {damper(law.local_damping_ns_per_m)} is too much outside the wall {late}": not free,
             f"no b holds this k {late}": allowed is None,
-            f"b {b:.4g} is above its largest, {high:.4g}, {late}": b > high,
-            f"b {b:.4g} is below the {low:.4g} that this k needs {late}": b < low,
-            f"k {k:.4g} is above its largest, {largest:.4g}, {late}": True,
+            f"b {damper(b)} is above its largest, {damper(high)}, {late}": b > high,
+            f"b {damper(b)} is below the {damper(low)} that this k needs {late}": b < low,
+            f"k {spring(k)} is above its largest, {spring(largest)}, {late}": True,
         }
         return f"unstable: {next(text for text, holds in unstable.items() if holds)}"
 

@@ -157,7 +157,7 @@ def log_options(args: argparse.Namespace) -> dict[str, Any]:
     return {"layout": layout, "flip_force": args.flip_force, "handle_radius_m": args.handle_radius_m}
 
 
-OF_WALLS = "is an option of walls, and the other end is none; leave it out"
+OF_WALLS = "is an option of walls, and P couples to a [simulation] or [follower]; leave it out"
 
 
 def refuse(args: argparse.Namespace, *options: str, why: str) -> None:

@@ -221,7 +221,7 @@ def run_run(args: argparse.Namespace, console: Console) -> Answer:
     with console.step(args.problem):
         problem = avc.load_problem(args.problem)
     if _is_pair(problem):
-        what = f"is of another end than a wall; for that: avc recommend {quote(args.problem)} --out coupling.json"
+        what = f"couples to no wall, and run is of walls; ask: avc recommend {quote(args.problem)} --out coupling.json"
         raise avc.InputError.of(what, key="P")
     shown = Path(args.out or f"avc-{problem.name.replace('/', '-')}")
     with output_folder(args.out or str(shown), "--out") as folder:

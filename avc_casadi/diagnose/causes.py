@@ -13,7 +13,7 @@ import numpy as np
 from avc_casadi._errors import InputError
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.progress import SILENT, Progress
-from avc_casadi._util.text import number
+from avc_casadi._util.text import number, quantity
 from avc_casadi.coupling import Coupling
 from avc_casadi.diagnose.law import Law, find_law
 from avc_casadi.diagnose.oscillation import Log, Oscillation, find_oscillation, log_of
@@ -324,17 +324,18 @@ def work_w(log: Log, swing: Oscillation, one: Hypothesis) -> float:
 
 def _numbers(cause: str, one: Hypothesis, law: Law, found: Diagnosis) -> str:
     """Return the numbers of a cause, without which the loop settles."""
-    log, mode, switch, frames = found.log, one.device.resonance, law.switch, law.frames
+    log, mode, switch, frames, unit = found.log, one.device.resonance, law.switch, law.frames, one.device.units.unit
+    spring, damper = quantity(law.stiffness_n_per_m, unit("N/m")), quantity(law.damping_ns_per_m, unit("N.s/m"))
     meant = f"{number(found.declared.delays_in(found.log)[1], 3)} {'declared' if found.declared.known else 'assumed'}"
     alone = ", with no hand on the device" if _released(one, found.declared) else ""
     return {
         "delay": f"{number(one.delay + law.lag, 3)} samples, {meant}",
         "rate": f"a new force every {number(1e3 * log.period_s, 3)} ms",
-        "stiffness": f"k = {number(law.stiffness_n_per_m, 4)}{alone}",
-        "damping": f"b = {number(law.damping_ns_per_m, 3)}{alone}",
+        "stiffness": f"k = {spring}{alone}",
+        "damping": f"b = {damper}{alone}",
         "let-go": "it rested in contact before; without a hand it swings",
         "resonance": f"{number(mode.frequency_hz, 3)} Hz, not declared" if mode else "",
-        "relay": f"{number(abs(switch.force_n), 3)} switched by the sign of the {switch.by}" if switch else "",
+        "relay": f"{quantity(abs(switch.force_n), unit('N'))} by the sign of the {switch.by}" if switch else "",
         "rates": f"the {frames.slow} is new every {number(1e3 * frames.ticks * log.period_s, 3)} ms" if frames else "",
-        "encoder": f"{number(found.swing.steps, 2)} steps peak to peak, b = {number(law.damping_ns_per_m, 3)}",
+        "encoder": f"{number(found.swing.steps, 2)} steps peak to peak, b = {damper}",
     }[cause]

@@ -13,6 +13,7 @@ from avc_casadi._util.arrays import BoolArray, FloatArray
 from avc_casadi.diagnose.law import Law
 from avc_casadi.diagnose.oscillation import Log, Oscillation
 from avc_casadi.loops.loop import Body, Loop
+from avc_casadi.loops.spectrum import Closed
 from avc_casadi.model.device import Device
 from avc_casadi.model.hands import Hand, hand_ranges, no_hand
 from avc_casadi.model.plant import sampled_plant
@@ -68,16 +69,14 @@ class Hypothesis:
 
 def growth(one: Hypothesis, law: Law, stiffness: float = 1.0, damping: float = 1.0) -> tuple[float, float]:
     """Return growth rate, 1/s, and frequency, Hz, of the least damped mode of the loop of one rate, gains scaled."""
-    period = one.device.sample_time_s
-    late = one.changed(delay_samples=one.delay + law.lag)
+    period, late = one.device.sample_time_s, one.changed(delay_samples=one.delay + law.lag)
     body = Body.of(sampled_plant(late.device, one.hand or no_hand())).axes(0, 0)
-    # Beside the plant: the position before, and the filtered velocity times T.
     loop = Loop(body=body.size, before=1, rate=1)
     x = body.measured[None] @ loop["body"]
     rate = law.keep * loop["rate"] + (1 - law.keep) * (x - loop["before"])
     force = stiffness * law.stiffness_n_per_m * x + damping * law.damping_ns_per_m / period * rate
-    values = np.linalg.eigvals(loop.event(body=body.moved(loop["body"], force[0]), before=x, rate=rate))
-    value = values[np.argmax(np.abs(values))]
+    maps = loop.event(body=body.moved(loop["body"], force[0]), before=x, rate=rate)
+    value = complex(Closed(maps, loop.rests({"body": body.shift, "before": 1.0})).leading)
     return math.log(max(abs(value), 1e-300)) / period, abs(float(np.angle(value))) / (2 * math.pi * period)
 
 

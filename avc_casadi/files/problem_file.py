@@ -108,7 +108,7 @@ def with_wall(problem: AnyProblem) -> Problem:
     found, wall = as_problem(problem), as_problem(problem).environment
     far = "simulation" if found.simulation is not None else "follower" if found.follower is not None else ""
     if far and not (wall.stiffness_n_per_m or wall.damping_ns_per_m):
-        message = f"{found.name or 'the problem'} couples to a [{far}] and has no wall; avc recommend answers it"
+        message = f"{found.name or 'it'} couples to a [{far}], not a wall; ask avc recommend, avc certify P --k K --b B"
         raise UnsupportedError(message, key="environment")
     return found
 

@@ -15,6 +15,7 @@ import numpy as np
 from avc_casadi._errors import InputError
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi.loops.loop import Body, Loop, Map, Rows, period, response, turn_of
+from avc_casadi.loops.spectrum import Closed
 from avc_casadi.loops.system import (
     TOLERANCE,
     Box,
@@ -93,20 +94,17 @@ class Engine:
         """The blocks of the state."""
         return Loop(plant=self.body.size, seen=2, tool=2, queue=self._wide * (1 + self.engine.queued))
 
-    @property
-    def shift(self) -> FloatArray:
-        """The state with all positions one metre on."""
-        queue = np.tile([1.0, 0.0], 1 + self.engine.queued) if self._wide == 2 else 0.0
-        return self.loop.vector(plant=self.body.shift, seen=1.0, tool=np.array([1.0, 0.0]), queue=queue)
-
-    def maps(self, gains: ToolGains) -> Map:
-        """Return the maps over one period, shape (tools, ..., size, size), or (size, size) of each tool and body."""
+    def closed(self, gains: ToolGains) -> Closed:
+        """Return the loops over one period, shape (tools, ...), or () of each tool and body."""
         sample, steps = self.sample(gains), {late: self.step(gains, late=late) for late in set(self.clock.aged)}
         order = list(zip(self.clock.samples, self.clock.aged, strict=True))
         whole = {
             (count, late): np.linalg.matrix_power(sample, count) @ steps[late] for count, late in dict.fromkeys(order)
         }
-        return period([whole[one] for one in order])
+        place = np.array([1.0, 0.0])
+        queue = np.tile(place, 1 + self.engine.queued) if self._wide == 2 else 0.0
+        device, tool = {"plant": self.body.shift, "seen": 1.0}, {"tool": place, "queue": queue}
+        return Closed(period([whole[one] for one in order]), self.loop.rests(device, tool))
 
     def force_per_metre(self, gains: ToolGains, frequency_hz: float) -> complex:
         """Return the force that the loop commands per metre of oscillation of a driven device, N/m."""
@@ -232,7 +230,7 @@ class ToolLoops(System):
 
 def _pattern(engine: Engine, case: Callable[[int], ToolCase]) -> Pattern:
     samples = engine.clock.samples
-    return Pattern.of(engine, sum(samples) * engine.body.sample_time_s, len(samples), case)
+    return Pattern(engine.closed, sum(samples) * engine.body.sample_time_s, len(samples), case)
 
 
 def _region(problem: Problem, clock: Clock, contact: tuple[float, float], hand: Ranges) -> Region:

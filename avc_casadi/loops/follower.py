@@ -16,6 +16,7 @@ import numpy as np
 from avc_casadi._errors import InputError
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi.loops.loop import Body, Loop, Map, Rows, period, response, turn_of
+from avc_casadi.loops.spectrum import Closed
 from avc_casadi.loops.system import Box, Pattern, Ranges, Region, System, clock_ratio, hand_at, hand_boxes, held_plant
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners, device_ranges, linear_values
 from avc_casadi.model.device import Device
@@ -117,18 +118,15 @@ class Link:
         )
 
     @property
-    def shift(self) -> FloatArray:
-        """The state with all positions one metre on."""
-        return self.loop.vector(body0=self.leader.shift, body1=self.touch.body.shift, sent0=1.0, sent1=1.0)
-
-    @property
     def samples(self) -> int:
         """Number of the leader's samples until the pattern recurs."""
         return sum(event[0] for event in self.clock.events)
 
-    def maps(self, gains: ToolGains) -> Map:
-        """Return the maps over one period."""
-        return period([event for event, _ in self.events(gains)])
+    def closed(self, gains: ToolGains) -> Closed:
+        """Return the loops over one period."""
+        bodies = (self.leader, self.touch.body)
+        each = ({f"body{side}": body.shift, f"sent{side}": 1.0} for side, body in enumerate(bodies))
+        return Closed(period([event for event, _ in self.events(gains)]), self.loop.rests(*each))
 
     def force_per_metre(self, gains: ToolGains, frequency_hz: float) -> complex:
         """Return the force commanded by the leader's loop per metre of a driven leader's oscillation, N/m."""
@@ -229,7 +227,7 @@ class FollowerLoops(System):
 
 
 def _pattern(pair: Link, case: Callable[[int], BilateralCase]) -> Pattern:
-    return Pattern.of(pair, pair.samples * pair.leader.sample_time_s, pair.samples, case)
+    return Pattern(pair.closed, pair.samples * pair.leader.sample_time_s, pair.samples, case)
 
 
 def _region(

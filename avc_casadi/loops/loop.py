@@ -47,12 +47,13 @@ class Loop:
         kept = self[name][: len(self[name]) - first.shape[-2]]
         return np.concatenate([first, np.broadcast_to(kept, (*first.shape[:-2], *kept.shape))], axis=-2)
 
-    def vector(self, **values: FloatArray | float) -> FloatArray:
-        """Return the state in which some blocks have values, and the others are 0."""
-        found = np.zeros(self.size)
-        for name, value in values.items():
-            found[self.at[name]] = value
-        return found
+    def rests(self, *bodies: dict[str, Any]) -> FloatArray:
+        """Return the states at which each body rests one metre on, from values of its blocks, then all of them."""
+        found = np.zeros((len(bodies), self.size))
+        for state, blocks in zip(found, bodies, strict=True):
+            for name, value in blocks.items():
+                state[self.at[name]] = value
+        return found if len(found) == 1 else np.append(found, found.sum(axis=0, keepdims=True), axis=0)
 
 
 def period(events: Sequence[Map]) -> Map:

@@ -16,7 +16,7 @@ import numpy as np
 from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray, IndexArray
 from avc_casadi.coupling import Coupling
 from avc_casadi.loops.loop import Body
-from avc_casadi.loops.spectrum import eigenvalues, lowest, root
+from avc_casadi.loops.spectrum import Closed, lowest, root
 from avc_casadi.loops.wall import Rendering, closed, force_over_position, frozen_rendering
 from avc_casadi.model.hands import hand_corners, with_released
 from avc_casadi.model.plant import SampledPlant, sampled_plant
@@ -52,9 +52,8 @@ class OpenLoop:
     law: StateFeedback | None
     rendering: Rendering
     body: Body
-    closed: FloatArray
+    closed: Closed
     moving: BoolArray
-    poles: ComplexArray
 
     @classmethod
     def of(cls, coupling: Coupling) -> Self:
@@ -75,17 +74,16 @@ class OpenLoop:
             rendering=rendering,
             body=body,
             closed=loops,
-            moving=np.pad(moving, (0, loops.shape[-1] - len(moving))),
-            poles=eigenvalues(loops),
+            moving=np.pad(moving, (0, loops.maps.shape[-1] - len(moving))),
         )
 
     @property
-    def sample_time_s(self) -> float:
-        """T."""
-        return self.body.sample_time_s
+    def poles(self) -> ComplexArray:
+        """The poles of each closed loop, shape (h, s)."""
+        return self.closed.poles
 
     def __len__(self) -> int:
-        return len(self.closed)
+        return len(self.closed.maps)
 
     def gain(self, turn: FloatArray, who: IndexArray | slice = slice(None)) -> ComplexArray:
         """Return L at z = exp(j turn)."""
@@ -108,8 +106,8 @@ class OpenLoop:
 
     def struck(self, speed_m_per_s: float, samples: int, who: slice = slice(None), every: int = 1) -> FloatArray:
         """Return the position of a device that meets its wall at a speed, the wall two-sided, shape (h, samples)."""
-        step = np.linalg.matrix_power(self.closed[who], every)
-        state = np.repeat((self.moving * speed_m_per_s * self.sample_time_s)[None, :, None], len(step), axis=0)
+        step = np.linalg.matrix_power(self.closed.maps[who], every)
+        state = np.repeat((self.moving * speed_m_per_s * self.body.sample_time_s)[None, :, None], len(step), axis=0)
         while state.shape[-1] < samples:
             state, step = np.concatenate([state, step @ state], axis=-1), step @ step
         return np.asarray(self.body.measured @ state[:, : self.body.size, :samples])
@@ -117,13 +115,12 @@ class OpenLoop:
     def settling_s(self) -> FloatArray:
         """Return the time from which each struck device stays within `SETTLED` of its largest depth, shape (h,)."""
         found = np.full(len(self), np.inf)
-        # At a wall without a spring any position is an equilibrium.
-        slowest = np.where(np.abs(self.poles - 1) > 1e-9, np.abs(self.poles), 1e-9).max(axis=1)
+        slowest = np.maximum(self.closed.radius, 1e-9)
         for row in np.flatnonzero(slowest < 1):
             every = 1 + int(math.log(1e-4) / math.log(slowest[row])) // 2**13
             depth = self.struck(1.0, 2**13, slice(row, row + 1), every)[0]
             moves = np.abs(depth - depth[-1]) > SETTLED * np.abs(depth).max()
-            found[row] = self.sample_time_s * every * (np.flatnonzero(moves).max(initial=-1) + 1)
+            found[row] = self.body.sample_time_s * every * (np.flatnonzero(moves).max(initial=-1) + 1)
         return found
 
     def margins(self) -> tuple[Margins, Margins]:
@@ -172,11 +169,9 @@ class OpenLoop:
     def _of_crossings(
         self, loops: IndexArray, crossed: FloatArray, there: ComplexArray, real: BoolArray, disk: tuple[float, float]
     ) -> Margins:
-        poles = self.poles[loops].ravel()
-        # At a wall without a spring any position is an equilibrium.
-        if np.abs(poles[np.abs(poles - 1) > 1e-9]).max(initial=0.0) >= 1:
+        if np.abs(self.poles[loops]).max() >= 1:
             return Margins(1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-        hz = 1 / (2 * math.pi * self.sample_time_s)
+        hz = 1 / (2 * math.pi * self.body.sample_time_s)
         with np.errstate(divide="ignore"):  # nothing is rendered
             at, factor = crossed[real] * hz, -1 / there[real].real
         up = np.where(factor > 1, factor, np.inf)
@@ -237,7 +232,7 @@ def transients(coupling: Coupling) -> tuple[Transient, Transient]:
     """Return the transients of the device in contact: released, and with the worst corner of the hands."""
     loop = OpenLoop.of(coupling)
     settling_s, ratios = loop.settling_s(), damping_ratios(loop.poles)
-    hz = np.where(ratios < 1, np.abs(np.angle(loop.poles)), 0.0) / (2 * math.pi * loop.sample_time_s)
+    hz = np.where(ratios < 1, np.abs(np.angle(loop.poles)), 0.0) / (2 * math.pi * loop.body.sample_time_s)
     sides = [(settling_s[some], ratios[some], hz[some]) for some in (slice(-1, None), slice(-1))]
     worst = ((seconds.max(), each.min(), turns.flat[each.argmin()]) for seconds, each, turns in sides)
     released, held = (Transient(*map(float, one)) for one in worst)

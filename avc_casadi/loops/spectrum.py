@@ -1,9 +1,11 @@
-"""Eigenvalues of many small matrices, on two processors; roots and minima of many functions at once."""
+"""Poles of many closed loops, on two processors, but for those of rest; roots and minima of many functions at once."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -11,6 +13,10 @@ from avc_casadi._util.arrays import ComplexArray, FloatArray
 from avc_casadi._util.parallel import processors
 
 _OTHER = ThreadPoolExecutor(1)
+# What maps lose to rounding, relative to their terms; a speed that changes by less than this in a period stays.
+_ROUNDING, _STEADY = 1e-11, 1e-9
+# Products of maps beyond this overflow, or soon do: their loops count as unstable.
+_OVERFLOWING = 1e60
 
 
 def eigenvalues(matrices: FloatArray) -> ComplexArray:
@@ -25,23 +31,56 @@ def eigenvalues(matrices: FloatArray) -> ComplexArray:
     return np.asarray(both.reshape(matrices.shape[:-1]), dtype=np.complex128)
 
 
-def largest_eigenvalue(matrices: FloatArray) -> ComplexArray:
-    """Return the eigenvalue of largest modulus of each matrix, shape (...) of (..., s, s)."""
-    values = eigenvalues(matrices)
-    largest = np.argmax(np.abs(values), axis=-1)[..., None]
-    return np.asarray(np.take_along_axis(values, largest, axis=-1)[..., 0])
+@dataclass(frozen=True, eq=False)
+class Closed:
+    """Closed loops: maps of the state over a period (..., s, s), and states of rest (k, s), one body each, then all.
+
+    A body that no spring drives back rests anywhere, and without a damper it keeps its speed: these are no poles here.
+    """
+
+    maps: FloatArray
+    rests: FloatArray
+
+    @cached_property
+    def relative(self) -> FloatArray:
+        """The maps with the eigenvalue 1 of each state at which a loop rests deflated (Wielandt), the others kept."""
+        found = self.maps
+        for rest in self.rests:
+            stays = np.abs(found @ rest - rest) <= _ROUNDING * (np.abs(found) @ np.abs(rest))
+            one = int(np.argmax(rest != 0))
+            taken = found - rest[:, None] * found[..., one : one + 1, :] / rest[one]
+            found = np.where(stays.all(axis=-1)[..., None, None], taken, found)
+        finite = np.abs(found).max(axis=(-2, -1)) < _OVERFLOWING
+        return np.where(finite[..., None, None], found, _OVERFLOWING * np.eye(found.shape[-1]))
+
+    @cached_property
+    def poles(self) -> ComplexArray:
+        """The poles of each loop, shape (..., s), 0 in place of those of rest."""
+        return moving_poles(self.relative)
+
+    @property
+    def leading(self) -> ComplexArray:
+        """The pole of largest modulus of each loop, shape (...)."""
+        largest = np.argmax(np.abs(self.poles), axis=-1)[..., None]
+        return np.asarray(np.take_along_axis(self.poles, largest, axis=-1)[..., 0])
+
+    @property
+    def radius(self) -> FloatArray:
+        """The spectral radius of each loop, shape (...)."""
+        return np.asarray(np.abs(self.leading))
 
 
-def largest_radius(loop: FloatArray) -> FloatArray:
-    """Return the spectral radius of each loop, shape (...) for loops (..., s, s)."""
-    return np.asarray(np.abs(eigenvalues(loop)).max(axis=-1))
+def moving_poles(relative: FloatArray) -> ComplexArray:
+    """Return the eigenvalues of loops relative to their rests, 0 in place of those of speeds that stay."""
+    values = eigenvalues(relative)
+    return np.where(np.abs(values - 1) < _STEADY, 0, values)
 
 
 def leading_radii(loops: FloatArray) -> FloatArray:
-    """Return spectral radii r of loops (n, s, s), -inf where another's is larger by abs(trace(M^N))/s <= r^N."""
+    """Return spectral radii r of relative loops (n, s, s), -inf where another's is larger: abs(trace(M^N))/s <= r^N."""
     s = loops.shape[-1]
     if s < 10:  # eigenvalues are as quick
-        return largest_radius(loops)
+        return np.asarray(np.abs(moving_poles(loops)).max(axis=-1))
     # Repeated raising to the power 4; loops exceeded by another drop out from the first of these on. Then the rounding
     # error of the logarithm of the radius; traces smaller than the last relative to a power's largest may be rounding.
     first, rounds, lost, least_trace = 5, 11, 1e-7, 1e-5
@@ -65,7 +104,7 @@ def leading_radii(loops: FloatArray) -> FloatArray:
             may = (logarithm + np.log(s)) / times + lost >= ((logarithm + known) / times).max()
             left, power, logarithm = left[may], power[may], logarithm[may]
     radius = np.full(len(loops), -np.inf)
-    radius[left] = largest_radius(loops[left])
+    radius[left] = np.abs(moving_poles(loops[left])).max(axis=-1)
     return radius
 
 

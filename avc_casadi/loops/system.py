@@ -7,13 +7,12 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from fractions import Fraction
 from itertools import combinations, product
-from typing import Any, Protocol, Self
+from typing import Any
 
 import numpy as np
 
 from avc_casadi._util.arrays import ComplexArray, FloatArray, IndexArray
-from avc_casadi.loops.loop import Map
-from avc_casadi.loops.spectrum import eigenvalues, leading_radii
+from avc_casadi.loops.spectrum import Closed, leading_radii, moving_poles
 from avc_casadi.model.corners import LINEAR_KEYS, device_ranges, devices_with
 from avc_casadi.model.device import Device
 from avc_casadi.model.ends import ToolGains
@@ -224,36 +223,19 @@ def clock_ratio(ratio: float) -> Fraction:
     return Fraction(ratio).limit_denominator(8) or Fraction(1, 8)
 
 
-class Lifted(Protocol):
-    """A loop over a period of its clocks."""
-
-    @property
-    def shift(self) -> FloatArray:
-        """The state with all positions one metre on."""
-
-    def maps(self, gains: ToolGains) -> Map:
-        """Return the maps over one period."""
-
-
 @dataclass(frozen=True)
 class Pattern:
-    """Loops of one pattern of samples: their maps over a period, and what each is; a radius is stated by the tick."""
+    """Loops of one pattern of samples over a period, and what each is; a radius is stated by the tick."""
 
-    maps: Callable[[ToolGains], FloatArray]
-    shift: FloatArray
+    loops: Callable[[ToolGains], Closed]
     period_s: float
     ticks: int
     case: Callable[[int], Any]
 
-    @classmethod
-    def of(cls, loop: Lifted, period_s: float, ticks: int, case: Callable[[int], Any]) -> Self:
-        """Return the pattern of a loop whose maps have any leading axes."""
-
-        def maps(gains: ToolGains) -> FloatArray:
-            found = loop.maps(gains)
-            return np.asarray(found.reshape(-1, *found.shape[-2:]))
-
-        return cls(maps, loop.shift, period_s, ticks, case)
+    def closed(self, gains: ToolGains) -> Closed:
+        """Return the loops, with one leading axis."""
+        found = self.loops(gains)
+        return Closed(found.maps.reshape(-1, *found.maps.shape[-2:]), found.rests)
 
 
 @dataclass(frozen=True)
@@ -268,7 +250,7 @@ class Region:
 
         def growth(places: FloatArray) -> ComplexArray:
             pattern = self.pattern(self.box.values(places))
-            return leading(pattern.maps(gains), pattern)
+            return leading(pattern.closed(gains), pattern.period_s)
 
         places, values = worst_point(growth, len(self.box.sides))
         return [self.pattern(self.box.values(places[:, [at]])) for at in np.flatnonzero(np.abs(values) > known)]
@@ -360,21 +342,21 @@ class System:
 
     def _first_unstable(self, gains: ToolGains) -> tuple[int, int] | None:
         for place in range(len(self.patterns)):
-            radii = leading_radii(self._held(place, gains))
+            radii = leading_radii(self._relative(place, gains))
             row = int(np.argmax(radii))
             if not radii[row] < 1 - TOLERANCE:
                 return place, row
         return None
 
     def eigenvalues(self, place: int, gains: ToolGains, rows: Sequence[int] | None = None) -> ComplexArray:
-        """Return the eigenvalues of loops without one of a free translation, shape (loops, size)."""
-        return eigenvalues(self._held(place, gains, rows))
+        """Return the poles of loops, shape (loops, size)."""
+        return moving_poles(self._relative(place, gains, rows))
 
-    def _held(self, place: int, gains: ToolGains, rows: Sequence[int] | None = None) -> FloatArray:
+    def _relative(self, place: int, gains: ToolGains, rows: Sequence[int] | None = None) -> FloatArray:
         last = self._last.get(place)
         if last is None or last[0] != gains:
             with np.errstate(over="ignore", invalid="ignore"):
-                last = (gains, _held(self.patterns[place].maps(gains), self.patterns[place].shift))
+                last = (gains, self.patterns[place].closed(gains).relative)
             self._last[place] = last
         return last[1] if rows is None else last[1][rows]
 
@@ -413,22 +395,11 @@ class WithMargin:
 Loops = System | WithMargin
 
 
-def leading(matrices: FloatArray, pattern: Pattern) -> ComplexArray:
-    """Return the largest eigenvalue of loops (m, size, size), of all modes and of fast ones, without a translation."""
-    values = eigenvalues(_held(matrices, pattern.shift))
-    grown = values * np.maximum(np.abs(values), _DEAD) ** (UNIT_S / pattern.period_s - 1)
-    slow = (np.abs(np.angle(values)) < 2 * np.pi * 2.0 * pattern.period_s) & (np.abs(grown) < 1)
+def leading(loops: Closed, period_s: float) -> ComplexArray:
+    """Return the largest pole of each of m loops, grown over a unit of time: of all modes and of fast ones, (2, m)."""
+    values = loops.poles
+    grown = values * np.maximum(np.abs(values), _DEAD) ** (UNIT_S / period_s - 1)
+    slow = (np.abs(np.angle(values)) < 2 * np.pi * 2.0 * period_s) & (np.abs(grown) < 1)
     both = np.stack([grown, np.where(slow, 0.5 * grown, grown)])
     largest = np.argmax(np.abs(both), axis=-1)[..., None]
     return np.asarray(np.take_along_axis(both, largest, axis=-1)[..., 0])
-
-
-def _held(matrices: FloatArray, shift: FloatArray) -> FloatArray:
-    """Return matrices with the eigenvalue 1 of a free translation deflated, the others unchanged (Wielandt)."""
-    floats = np.abs(matrices @ shift - shift).max(axis=-1) < 1e-9
-    taken = matrices - shift[:, None] * matrices[..., :1, :]
-    found = np.where(floats[..., None, None], taken, matrices)
-    # Products of maps beyond this overflow, or soon do: their loops count as unstable.
-    overflowing = 1e60
-    finite = np.abs(found).max(axis=(-2, -1)) < overflowing
-    return np.where(finite[..., None, None], found, overflowing * np.eye(found.shape[-1]))

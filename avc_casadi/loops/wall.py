@@ -14,8 +14,8 @@ import numpy as np
 from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray, IndexArray
 from avc_casadi._util.progress import SILENT, Progress, chunks
-from avc_casadi.loops.loop import Body, Loop, Map
-from avc_casadi.loops.spectrum import largest_eigenvalue
+from avc_casadi.loops.loop import Body, Loop
+from avc_casadi.loops.spectrum import Closed
 from avc_casadi.model.corners import device_corners
 from avc_casadi.model.device import Device, whole_delay
 from avc_casadi.model.hands import Hand, StylusHand
@@ -167,18 +167,19 @@ class LinearStability:
     frequency_hz: FloatArray
 
 
-def wall(body: Body, rendering: Rendering) -> Map:
-    """Return the loops of renderings (..., 3) around plants, shape (..., s + 2, s + 2): both broadcast."""
+def wall(body: Body, rendering: Rendering) -> Closed:
+    """Return the loops of renderings (..., 3) around plants, of s + 2 states: both broadcast."""
     loop = Loop(plant=body.size, before=1, own=1)
     seen = np.concatenate([(body.measured @ loop["plant"])[None], loop["before"], loop["own"]])
     moved = body.moved(loop["plant"], rendering.force @ seen)
-    return loop.event(plant=moved, before=seen[:1], own=(rendering.state @ seen)[..., None, :])
+    maps = loop.event(plant=moved, before=seen[:1], own=(rendering.state @ seen)[..., None, :])
+    return Closed(maps, loop.rests({"plant": body.shift, "before": 1.0}))
 
 
 def observed_wall(
     body: Body, law: StateFeedback, rendering: Rendering, shares: FloatArray | tuple[float, ...] = (1.0,)
-) -> Map:
-    """Return the loops of p plants with a law, some shares of its innovation, shape (a, p, s + n + 2, s + n + 2)."""
+) -> Closed:
+    """Return the loops of p plants with a law, some shares of its innovation, (a, p) of s + n + 2 states."""
     (now, before, own), kept = rendering.force[0], int(rendering.force[0, 1:].any())
     loop = Loop(plant=body.size, observer=law.states, before=kept, own=kept)
     observer = loop["observer"]
@@ -192,14 +193,15 @@ def observed_wall(
         new = {"before": seen[:, None], "own": (first * seen + past * loop["before"] + self_ * loop["own"])[:, None]}
     asked = np.array(law.force_m_per_n)[:, None] * force
     believed = (np.array(law.state) @ corrected + asked)[:, None]
-    return loop.event(plant=body.moved(loop["plant"], force), observer=believed, **new)
+    return Closed(loop.event(plant=body.moved(loop["plant"], force), observer=believed, **new), loop.unit[:0])
 
 
-def closed(body: Body, rendering: Rendering, law: StateFeedback | None = None) -> Map:
-    """Return the loops of one rendering, with an observer or without, around p plants, shape (p, n, n)."""
+def closed(body: Body, rendering: Rendering, law: StateFeedback | None = None) -> Closed:
+    """Return the loops of one rendering, with an observer or without, around p plants."""
     if law is None:
         return wall(body, rendering.pick(slice(0, 1)))
-    return np.asarray(observed_wall(body, law, rendering)[0])
+    loops = observed_wall(body, law, rendering)
+    return replace(loops, maps=loops.maps[0])
 
 
 def plants_of(devices: Sequence[Device], hands: Hand | StylusHand) -> SampledPlant:
@@ -247,7 +249,7 @@ def linear_stability(
     rows_at_once = max(1, 4_000_000 // (h * (body.size + 2) ** 2))
     radius, frequency = np.empty((n, h)), np.empty((n, h))
     for some in chunks(n, rows_at_once, progress, "spectral radius") if n else ():
-        value = largest_eigenvalue(wall(body, rendering.pick(some).column))
+        value = wall(body, rendering.pick(some).column).leading
         radius[some] = np.where(defined, np.abs(value), np.inf)
         frequency[some] = np.abs(np.angle(value)) / (2 * np.pi * device.sample_time_s)
     return LinearStability(radius, frequency)

@@ -20,8 +20,8 @@ from typing import Any
 import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray, IndexArray
-from avc_casadi.loops.loop import Body, Map
-from avc_casadi.loops.spectrum import eigenvalues, largest_radius, lowest, root
+from avc_casadi.loops.loop import Body
+from avc_casadi.loops.spectrum import Closed, lowest, root
 from avc_casadi.loops.wall import Rendering, plants_of, wall
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners
 from avc_casadi.model.device import Device
@@ -260,18 +260,12 @@ def _stretches(outside: IndexArray, row: IndexArray, stiffness: FloatArray, leav
     )
 
 
-def _in_contact(device: Device, subjects: Hand | StylusHand, k: float, b: float) -> Map:
-    """Return the loop of one wall with every hand at every corner of a device; it has no state of its own."""
+def in_contact(device: Device, subjects: Hand | StylusHand, k: float, b: float) -> Closed:
+    """Return the loop of one spring, of either sign, and damper, with every hand at every corner of a device."""
     pairs = Body.of(sampled_plant(device_corners(device, LINEAR_KEYS), subjects)).flat()
     rate = b / pairs.sample_time_s
-    return wall(pairs, Rendering(np.array([[k + rate, -rate, 0.0]]), np.zeros((1, 3))))[..., :-1, :-1]
-
-
-def loop_poles(
-    device: Device, subjects: Hand | StylusHand, stiffness_n_per_m: float, damping_ns_per_m: float
-) -> ComplexArray:
-    """Return the poles of the loop in contact with a spring of either sign and a damper, shape (pairs, poles)."""
-    return eigenvalues(_in_contact(device, subjects, stiffness_n_per_m, damping_ns_per_m))
+    loops = wall(pairs, Rendering(np.array([[k + rate, -rate, 0.0]]), np.zeros((1, 3))))
+    return Closed(loops.maps[..., :-1, :-1], loops.rests[:, :-1])
 
 
 @dataclass(frozen=True)
@@ -333,10 +327,11 @@ def _between_edges(
 ) -> DampingRange:
     """Return the range of stable dampings, its ends by bisection, from a scan and the stable ones in it."""
     # Linear in the damping.
-    undamped, damped = (_in_contact(device, subjects, stiffness_n_per_m, b) for b in (0.0, 1.0))
+    undamped, damped = (in_contact(device, subjects, stiffness_n_per_m, b) for b in (0.0, 1.0))
 
     def radius(damping: float, some: slice = slice(None)) -> FloatArray:
-        return largest_radius(undamped[some] + damping * (damped[some] - undamped[some]))
+        none, one = undamped.maps[some], damped.maps[some]
+        return replace(undamped, maps=none + damping * (one - none)).radius
 
     def edge(stable: float, unstable: float) -> float:
         while stable != unstable:

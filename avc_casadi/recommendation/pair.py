@@ -49,8 +49,7 @@ def recommend_tool(
     tool, search = required_tool(problem), ToolSearch(problem)
     (stiffest, local), wanted = search.limit, tool.stiffness_n_per_m
     limit = stiffest.stiffness_n_per_m
-    why = _why_infeasible(problem, search)
-    tried = _Tried()
+    why, tried = _why_infeasible(problem, search), _Tried()
     if not why and (wanted is None or search.held(wanted, local=local)):
 
         def trial_of(gains: ToolGains, people: Hand, *, screen: bool) -> Trial:
@@ -73,7 +72,7 @@ def recommend_tool(
         problem=problem,
         coupling=coupling,
         deployable=deployable,
-        reason=why or _tool_reason(tool, certificate.get("gain_margin", 0.0), stiffer),
+        reason=why or _tool_reason(problem, certificate.get("gain_margin", 0.0), stiffer),
         trial=trial if deployable else None,
         helps=what_would_help_tool(problem, search, local=local),
         assumed=(*assumed(problem), *_assumed_of_tool(tool)),
@@ -86,7 +85,7 @@ def recommend_tool(
             motor_margins=certificate.get("motor_margins", ()),
             mode=None if gains is None else search.loops.slowest(gains),
             felt=() if gains is None else rendered_pair(problem, gains),
-            set_by=_unsettled(*stiffer) if gains is not None and stiffer is not None else "",
+            set_by=_unsettled(problem, *stiffer) if gains is not None and stiffer is not None else "",
             mismatch_stable=None if gains is None else stable_on_other_devices(problem, gains),
             local_dampers_ns_per_m=search.local_dampers_ns_per_m(gains) if local and gains is not None else None,
             **({} if same is None else same_stiffness(problem, same, local=local)),
@@ -105,11 +104,9 @@ def recommend_bilateral(
 ) -> Recommendation:
     """Return the spring and dampers between a leader and its follower."""
     search = FollowerSearch(problem)
-    follower, loops = search.loops.follower, search.loops
-    wanted, stiffest = follower.stiffness_n_per_m, search.stiffest()
+    loops, wanted, stiffest = search.loops, search.loops.follower.stiffness_n_per_m, search.stiffest()
     first = _first(search, stiffest, local=False)
-    local = wanted is not None and wanted > first
-    tried = _Tried()
+    local, tried = wanted is not None and wanted > first, _Tried()
     if stiffest.stiffness_n_per_m > 0 or local:
 
         def trial_of(gains: ToolGains, people: Hand, *, screen: bool) -> Trial:  # noqa: ARG001
@@ -199,7 +196,7 @@ def _stiffest_settled(
     return leaning or _Tried(None, trial, stiffer)
 
 
-def _unsettled(stiffness_n_per_m: float, trial: Trial) -> str:
+def _unsettled(problem: Problem, stiffness_n_per_m: float, trial: Trial) -> str:
     """Return how many hands do not settle with a stiffness, and in which motion most of them."""
     name, settled = min(trial.by_motion.items(), key=lambda one: int(one[1].sum()))
     count, where = int((~settled).sum()), f"in {name}"
@@ -208,20 +205,20 @@ def _unsettled(stiffness_n_per_m: float, trial: Trial) -> str:
     if count == 0:
         count, where = int((~trial.stable_without_friction).sum()), "without dry friction"
     some = f"{count} of {trial.hands} hands {'does' if count == 1 else 'do'} not settle"
-    return f"with K {stiffness_n_per_m:.6g} {some}, {where}"
+    return f"with K {quantity(stiffness_n_per_m, problem.units.unit('N/m'))} {some}, {where}"
 
 
 def _why_infeasible(problem: Problem, search: ToolSearch) -> str:
     """Return why no coupling to a tool is stable at all; empty where one is."""
-    tool = required_tool(problem)
+    tool, unit = required_tool(problem), problem.units.unit
     if problem.device.mass_kg == 0:
         return "the device has no mass (device.mass_kg is 0): released, nothing is there that a coupling could hold"
     if search.limit[0].stiffness_n_per_m > 0:
         return ""
     if not search.loops.engine_alone_stable():
         lightest = min(tool.tool_mass_kg or (math.inf,))
-        stiffest = f"{tool.contact_stiffness_n_per_m[1]:.6g}"
-        step, mass = quantity(max(tool.step_s), "s"), f"{lightest:.3g}"
+        stiffest = quantity(tool.contact_stiffness_n_per_m[1], unit("N/m"))
+        step, mass = quantity(max(tool.step_s), "s"), quantity(lightest, unit("kg"))
         return (
             f"your engine, not the coupling: its own contact of {stiffest} is unstable at a step of {step} with a mass "
             f"of {mass} (dt sqrt(k/m) must stay well below 2); a shorter step, a softer or a rigid contact, a heavier "
@@ -230,11 +227,9 @@ def _why_infeasible(problem: Problem, search: ToolSearch) -> str:
     return "no spring and damper is stable with every hand, released, tool and contact"
 
 
-def _why_not_wanted(wanted_n_per_m: float, limit_n_per_m: float) -> str:
+def _why_not_wanted(problem: Problem, wanted_n_per_m: float, limit_n_per_m: float) -> str:
     """Return why a wanted stiffness is not to be had."""
-    asked, most = (f"{one:.6g}" for one in (wanted_n_per_m, limit_n_per_m))
-    if wanted_n_per_m == 0:
-        return f"{asked} is wanted, which couples nothing: leave stiffness_n_per_m out for the stiffest"
+    asked, most = (quantity(one, problem.units.unit("N/m")) for one in (wanted_n_per_m, limit_n_per_m))
     if wanted_n_per_m > limit_n_per_m:
         return f"{asked} is wanted, and the stiffest coupling that is stable is {most}"
     return f"{asked} is wanted, and no damper gives that its gain margins, though a stiffer coupling, {most}, is stable"
@@ -243,7 +238,7 @@ def _why_not_wanted(wanted_n_per_m: float, limit_n_per_m: float) -> str:
 def _why_no_tool(problem: Problem, limit: float, trial: Trial | None) -> str:
     wanted = required_tool(problem).stiffness_n_per_m
     if trial is None:
-        return "no damper keeps the gain margins" if wanted is None else _why_not_wanted(wanted, limit)
+        return "no damper keeps the gain margins" if wanted is None else _why_not_wanted(problem, wanted, limit)
     name, fewest = min(trial.by_motion.items(), key=lambda one: int(one[1].sum()))
     found = f"of {trial.hands} simulated hands {int(trial.stable.sum())} settle with the last coupling that was tried"
     if fewest.all():
@@ -251,7 +246,8 @@ def _why_no_tool(problem: Problem, limit: float, trial: Trial | None) -> str:
     return f"{found}; hardest for them: {name}, {int(fewest.sum())} settle"
 
 
-def _tool_reason(tool: VirtualTool, margin: float, stiffer: tuple[float, Trial] | None) -> str:
+def _tool_reason(problem: Problem, margin: float, stiffer: tuple[float, Trial] | None) -> str:
+    tool = required_tool(problem)
     what = (
         "the stiffest with its margin and all hands settled"
         if tool.stiffness_n_per_m is None
@@ -260,7 +256,7 @@ def _tool_reason(tool: VirtualTool, margin: float, stiffer: tuple[float, Trial] 
     if margin < GAIN_MARGIN:
         what += f"; K and B may be no more than {math.floor(100 * margin) / 100:g} times as large"
     if stiffer is not None:
-        what += f"; {_unsettled(*stiffer)}"
+        what += f"; {_unsettled(problem, *stiffer)}"
     return f"{what}, exchange {tool.exchange}"
 
 
@@ -271,8 +267,8 @@ def _follower_reason(problem: Problem, gains: ToolGains | None, stiffest: ToolGa
         most = "the stiffest that keeps its margin without local dampers"
         return f"{most if wanted is None else 'the stiffness that is wanted'}, all hands settled"
     if trial is None:
-        none = f"the stiffest coupling that is stable has stiffness_n_per_m = {limit:.4g}"
-        return none if wanted is None else _why_not_wanted(wanted, limit)
+        none = f"the stiffest coupling that is stable has K {quantity(limit, problem.units.unit('N/m'))}"
+        return none if wanted is None else _why_not_wanted(problem, wanted, limit)
     name, settled = min(trial.by_motion.items(), key=lambda one: int(one[1].sum()))
     found = (
         f"of {trial.hands} simulated hands {int(trial.stable.sum())} settle with the softest coupling that was tried; "
@@ -339,7 +335,7 @@ def unusual(problem: Problem) -> dict[str, str]:
             "state that the step began with (on-time)"
         )
     if tool.integrator == "explicit":
-        found["integrator"] = "is explicit: it gives energy to whatever swings, as pymunk (Chipmunk) does"
+        found["integrator"] = "is explicit: it feeds whatever swings; a handle at an end stop wants B above K dt"
     if tool.substeps > 1:
         found["substeps"] = "hold a force as long as a slower engine: compute it anew in each of them (step_s)"
     if any(abs(one / t - round(one / t)) > 1e-6 for one in tool.step_s):

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from avc_casadi._util.text import quantity
 from avc_casadi.claims.deployable import detent_claim
 from avc_casadi.claims.impedance import PRESS_N
 from avc_casadi.files.plausibility import plausibility
@@ -44,12 +45,12 @@ def why_infeasible(problem: Problem) -> str:
             f"{slowest:g} (device.delay_samples); shorten the delay, or state a longer sample time"
         )
     if wall.stiffness_n_per_m == 0:
-        people = with_released(hand_corners(problem.hands))
+        people, damper = with_released(hand_corners(problem.hands)), problem.units.unit("N.s/m")
         most = damping_range(device, people, softest_wall_n_per_m(device)).highest_ns_per_m
         if wall.damping_ns_per_m > most:
             return (
-                f"a damper above {most:.3g} is not linearly stable with every hand and released, and "
-                f"{wall.damping_ns_per_m:g} are wanted (environment.damping_ns_per_m): ask for less"
+                f"a damper above {quantity(most, damper)} is not linearly stable with every hand and released, and "
+                f"{quantity(wall.damping_ns_per_m, damper)} are wanted (environment.damping_ns_per_m): ask for less"
             )
     if problem.detent is not None:
         claim = detent_claim(problem)
@@ -60,27 +61,27 @@ def why_infeasible(problem: Problem) -> str:
 
 def nothing_rendered(problem: Problem, felt_n_per_m: float, trial: CouplingTrial) -> str:
     """Return why nothing of the wall is rendered to a hand; empty where something is."""
-    device, press_n = problem.device, PRESS_N * problem.device.metres_per_unit
+    device, press_n, unit = problem.device, PRESS_N * problem.device.metres_per_unit, problem.units.unit
     # A robot that no hand holds is not pressed.
     if problem.environment.stiffness_n_per_m == 0 or not max(problem.hands.stiffness_n_per_m):
         return ""
     step, friction_n = device.encoder_resolution_m, device.coulomb_friction_n
-    advice, most_n, most = "check the units of these values", press_n, f"a press of {press_n:.3g}"
+    advice, most_n, most = "check the units of these values", press_n, f"a press of {quantity(press_n, unit('N'))}"
     if device.max_force_n is not None and device.max_force_n < press_n:
-        most_n, most = device.max_force_n, f"the force limit (device.max_force_n, {device.max_force_n:g})"
+        most_n, most = device.max_force_n, f"the force limit (device.max_force_n, {device.max_force_n:g} {unit('N')})"
     if felt_n_per_m * step > most_n:
-        encoder = f"the encoder (device.encoder_resolution_m, {step:g})"
+        encoder = f"the encoder (device.encoder_resolution_m, {step:g} {unit('m')})"
         what = f"one step of {encoder} asks for more than {most}"
     elif np.isfinite(trial.stiffness):
         return ""
     elif trial.at_force_limit.any():
-        what = f"every press ends at the force limit (device.max_force_n, {device.max_force_n:g})"
+        what = f"every press ends at the force limit (device.max_force_n, {device.max_force_n:g} {unit('N')})"
         advice = "check its unit, or state [hands] that press less"
     elif friction_n >= most_n:
-        held = f"dry friction (device.coulomb_friction_n, {friction_n:g})"
+        held = f"dry friction (device.coulomb_friction_n, {friction_n:g} {unit('N')})"
         what = f"no press ends in contact, for {held} is no less than {most}"
     else:
-        what = f"no press ends in contact (device.encoder_resolution_m is {step:g})"
+        what = f"no press ends in contact (device.encoder_resolution_m is {step:g} {unit('m')})"
     return f"nothing of the wall is rendered: {what}; {advice}"
 
 

@@ -60,7 +60,7 @@ def recommend(problem: AnyProblem, hands: int = 100, seed: int = 0, **options: A
     alien = [name for name in of_walls if name in options and options[name] not in (False, None, 1)]
     if alien:
         allowed = "allowed: hands, seed, versions, progress"
-        raise InputError.of(f"is an option of walls, and the other end is none; {allowed}", key=alien[0])
+        raise InputError.of(f"is an option of walls, and P couples to another end; {allowed}", key=alien[0])
     known = {name: value for name, value in options.items() if name not in of_walls}
     recommend_pair = recommend_tool if stated.follower is None else recommend_bilateral
     return recommend_pair(stated, hands, seed, **known)

@@ -44,7 +44,7 @@ def largest_root(simulator, gains, samples):
     substeps=st.sampled_from([1, 2, 5]),
     exchange=st.sampled_from(["on-time", "late", "ahead", "held-force"]),
     late=st.integers(0, 2),
-    gains=st.builds(ToolGains, st.floats(50.0, 2e4), st.floats(0.0, 30.0), st.sampled_from([0.0, 5.0])),
+    gains=st.builds(ToolGains, st.just(0.0) | st.floats(50.0, 2e4), st.floats(0.0, 100.0), st.sampled_from([0.0, 5.0])),
     motor=st.sampled_from([1.0, 1.22]),
     hand=st.sampled_from([(0.05, 3.0, 200.0), (0.3, 20.0, 800.0)]),
 )

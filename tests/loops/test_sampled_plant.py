@@ -12,7 +12,7 @@ from avc_casadi.loops.wall import plants_of
 from avc_casadi.model.device import Device
 from avc_casadi.model.gains import NO_COUPLING
 from avc_casadi.model.hands import Hand, StylusHand
-from avc_casadi.model.plant import device_plant, sampled_plant
+from avc_casadi.model.plant import sampled_plant
 from avc_casadi.simulation.compile import build_effects, compile_scene
 from avc_casadi.simulation.effects.mechanics import Grip
 
@@ -160,13 +160,6 @@ def test_the_closed_loop_is_the_jacobian_of_the_scene(seed):
     assert names == (*found.names, *(f"delayed_{place + 1}_n" for place in range(d)))
     rows = units(device, names)
     close(closed, jacobian, rows, rows)
-
-
-def test_a_device_alone_keeps_its_place_and_its_momentum_decays():
-    device = Device(mass_kg=0.1, damping_ns_per_m=2.0)
-    found = sampled_plant(device)
-    np.testing.assert_allclose(np.linalg.eigvals(found.matrix[0, 0]), [1.0, np.exp(-2.0 / 0.1 * 1e-3)], rtol=1e-12)
-    assert device_plant(device).grip == "device"
 
 
 @pytest.mark.parametrize(("b", "k"), [(2.0, 500.0), (2.0, 0.0), (0.0, 500.0)])

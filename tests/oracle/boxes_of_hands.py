@@ -6,7 +6,7 @@ import numpy as np
 
 from avc_casadi.files.problem_file import load_problem
 from avc_casadi.loops.wall import frozen_parts, linear_stability
-from avc_casadi.loops.walls import loop_poles
+from avc_casadi.loops.walls import in_contact
 from avc_casadi.model.hands import Hand, hand_ranges
 
 FIGURE5 = load_problem("figure5")
@@ -65,5 +65,5 @@ def brute_force(problem, b, k, contact, points=9):
 def loop_radius(device, people, stiffness, damping):
     """Of walls with each hand at the device's worst corner, shape (walls, hands)."""
     walls = zip(stiffness, damping, strict=True)
-    radius = [np.abs(loop_poles(device, people, float(k), float(b))).max(axis=-1) for k, b in walls]
+    radius = [in_contact(device, people, float(k), float(b)).radius for k, b in walls]
     return np.reshape(radius, (len(radius), -1, len(people))).max(axis=1)

@@ -153,7 +153,7 @@ def test_the_law_is_that_of_the_loop_in_contact(seed):
         fraction_rendering(parts, contact, device.sample_time_s),
         Body.of(sampled_plant(device, hand)).flat(),
     )
-    values = np.linalg.eigvals(closed(plants, rendering, observer)[0])
+    values = np.linalg.eigvals(closed(plants, rendering, observer).maps[0])
     for value in values:
         if abs(value) < 0.3:
             continue

@@ -209,7 +209,7 @@ def test_nothing_is_rendered_where_one_step_of_the_encoder_asks_for_more_than_th
 def test_the_worst_hand_is_the_one_with_the_least_damped_pole():
     found = deployed(COUPLING)
     ratios = []
-    for loop in found.loop.closed[:-1]:
+    for loop in found.loop.closed.maps[:-1]:
         poles = np.linalg.eigvals(loop)
         rate = np.log(poles[(np.abs(np.angle(poles)) > 1e-6) & (np.abs(poles) > 1e-9)])
         ratios.append(np.min(-rate.real / np.abs(rate)))

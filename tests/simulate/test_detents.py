@@ -8,7 +8,7 @@ from scipy.linalg import expm
 import avc_casadi as avc
 from avc_casadi.claims.deployable import deployable
 from avc_casadi.coupling import Coupling
-from avc_casadi.loops.walls import damping_range, loop_poles
+from avc_casadi.loops.walls import damping_range, in_contact
 from avc_casadi.model.gains import Gains
 from avc_casadi.model.hands import no_hand
 
@@ -91,9 +91,7 @@ def test_what_is_claimed_of_a_valley_is_what_the_device_does_let_go():
         claim = next(claim for claim in verdict.claims if claim.name == "detent")
         assert (
             claim.passed
-            == (
-                np.abs(loop_poles(one.device, free, one.detent.slope_n_per_m, share * limits.lowest_ns_per_m)).max() < 1
-            )
+            == (in_contact(one.device, free, one.detent.slope_n_per_m, share * limits.lowest_ns_per_m).radius.max() < 1)
             == rests
         )
         if not rests:

@@ -18,11 +18,11 @@ from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.arrays import ComplexArray, FloatArray
 from avc_casadi._util.json_values import plain, plain_table
 from avc_casadi._util.progress import SILENT, Progress
+from avc_casadi._util.text import quantity
 from avc_casadi.claims.prove.held_device import SampledPlantBox
 from avc_casadi.claims.prove.law import ContactLaw
 from avc_casadi.claims.prove.multiplier import LAGS, MOST_CELLS, Multiplier, Verified, search, verify
 from avc_casadi.loops.loop import Body
-from avc_casadi.loops.spectrum import largest_radius
 from avc_casadi.loops.wall import closed
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners, linear_values
 from avc_casadi.model.device import Device
@@ -148,7 +148,7 @@ def prove_rest(
     hands = Hand(*np.append(corners, drawn, axis=1))
     devices = device_corners(device, LINEAR_KEYS)
     body = Body.of(sampled_plant(devices, hands)).flat()
-    radius = largest_radius(closed(body, law.rendering, law.state_feedback))
+    radius = closed(body, law.rendering, law.state_feedback).radius
     worst, who = divmod(int(radius.argmax()), len(hands))
     if radius.max() > 1 + 1e-9:
         unstable = Unstable(hands.values(who), linear_values(devices[worst]), float(radius.max()))
@@ -157,12 +157,15 @@ def prove_rest(
     why, found, cells = _proof(law, device, hand, most_cells, progress)
     dead_zone = 0.0 if law.state_feedback is None else law.state_feedback.dead_zone_m
     play = max(device.backlash_m, *(device.range.backlash_m or (0.0,)))
+    length = device.units.unit("m")
     lacking = {
-        f"the play of {play:.3g} is a second nonlinearity, which this proof does not know": play > 0,
+        f"the play of {quantity(play, length)} is a second nonlinearity, which this proof does not know": play > 0,
         'contact = "gated" is no single nonlinearity with a slope between 0 and 1: this proof is of "clip-last"': (
             contact == "gated"
         ),
-        f"the dead zone of {dead_zone:.3g} is a second nonlinearity, which this proof does not know": (dead_zone > 0),
+        f"the dead zone of {quantity(dead_zone, length)} is a second nonlinearity, which this proof does not know": (
+            dead_zone > 0
+        ),
     }
     open_for = [reason for reason, there in lacking.items() if there]
     if found is not None and not open_for:

@@ -344,7 +344,7 @@ def stability(found: Mapping[str, Any]) -> list[Row]:
         stiffness = end["contact_stiffness_n_per_m"] if name == "tool" else case["environment_n_per_m"]
         on = "held rigidly" if stiffness is None else ("on", Value(stiffness, "stiffness")) if stiffness else "free"
         at = "fixed place" if end["mass_kg"] is None else (*fill(f"{name} of {{mass_kg}},", end), on)
-        ticks = "a step of {step_s}" if name == "tool" else "a sample"
+        ticks = "a step of {step_s}" if name == "tool" else "a sample, at the worst phase of the clocks"
         radius = fill(f"; spectral radius {{spectral_radius:6}} {ticks}", {**case, **found})
         rows.append(row("Worst loop", subject.hand(case["hand"]), ";", at, radius))
     if found.get("stable", True) and mode["damping_ratio"] < 1:
