@@ -221,9 +221,7 @@ class StaticCoupling:
         )
 
 
-def static_coupling(
-    problem: Problem, condition: StaticCondition = "llewellyn", model: Model | None = None
-) -> StaticCoupling:
+def static_coupling(problem: Problem, condition: StaticCondition = "llewellyn") -> StaticCoupling:
     """Return the constant coupling of least mean squared relative error that a condition allows, without tolerance."""
     if problem.device.damping_ns_per_m == 0:
         raise UnsupportedError(
@@ -232,7 +230,7 @@ def static_coupling(
             "frequency alone",
             key="device.damping_ns_per_m",
         )
-    search = StaticSearch(problem, condition, SampledLoop.of(problem, model))
+    search = StaticSearch(problem, condition, SampledLoop.of(problem))
     best, cost = search.run()
     b, k, contact = (float(value) for value in search.gains(best[None])[:, 0])
     margin = float(search.slack(best[None])[0]) + problem.stability.margin_ns_per_m

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
@@ -119,6 +119,7 @@ _SCALAR = {
     _NEAREST: Operation("({0} + {rounding}) - {rounding}", _nearest),
     _SELECT: Operation("{0} ? {1} : {2}", np.where, of_truth=(True, False, False)),
 }
+_TRUTHS = {name for name, one in _SCALAR.items() if one.truth}
 
 _OF_ONE = (
     *("floor", "ceil", "sqrt", "log", "log1p", "exp", "expm1", "erf"),
@@ -208,17 +209,6 @@ class _Node:
     operation: str
     arguments: tuple[int, ...] = ()
     constant: float = 0.0
-
-
-@dataclass
-class _Body:
-    """The statements of a C function under construction."""
-
-    of_input: Callable[[str], str]
-    prefix: str = ""
-    names: dict[int, str] = field(default_factory=dict)
-    truths: set[int] = field(default_factory=set)
-    lines: list[str] = field(default_factory=list)
 
 
 class FloatProgram:
@@ -327,48 +317,40 @@ class FloatProgram:
         self, of_input: Callable[[str], str], of_output: Callable[[str], str | None], *, prefix: str = ""
     ) -> list[str]:
         """Return the statements of a C function; an output may share its place with an input, as a state does."""
-        real = self.precision.c_type
-        body = _Body(of_input, prefix)
-        self._write(body, self._reachable())
+        real, literal = self.precision.c_type, self.precision.literal
+        words = {"zero": literal(0.0), "one": literal(1.0), "suffix": self.precision.suffix}
+        words["rounding"] = literal(float(_rounding(np.dtype(self.precision.dtype))))
+        names: dict[int, str] = {}
+        lines: list[str] = []
+
+        def value(at: int, *, truth: bool) -> str:
+            """Return the expression of a value, as a number or as a boolean."""
+            if truth == (self._nodes[at].operation in _TRUTHS):
+                return names[at]
+            return ("({} != {zero})" if truth else "({} ? {one} : {zero})").format(names[at], **words)
+
+        for at in self._needed:
+            node = self._nodes[at]
+            if node.operation == "CONST":
+                names[at] = literal(node.constant)
+            elif node.operation == "INPUT":
+                names[at] = of_input(self.inputs[node.arguments[0]])
+            else:
+                chosen = _SCALAR[node.operation]
+                pairs = zip(node.arguments, chosen.of_truth, strict=False)
+                given = [value(argument, truth=truth) for argument, truth in pairs]
+                names[at] = f"{prefix}v{at}"
+                kind = "bool" if chosen.truth else real
+                lines.append(f"const {kind} {names[at]} = {chosen.c.format(*given, **words)};")
         # States are read throughout the body: none is written before all is computed.
         late, stores = [], []
         for index, name in enumerate(self.outputs):
             place = of_output(name)
             if place is None:
                 continue
-            value = self._value(body, self._results[index], truth=False)
-            if "->" in value:
-                late.append(f"const {real} {prefix}r{index} = {value};")
-                value = f"{prefix}r{index}"
-            stores.append(f"{place} = {value};")
-        return body.lines + late + stores
-
-    def _write(self, body: _Body, places: list[int]) -> None:
-        """Add the statements that compute the values at some places, in order."""
-        literal = self.precision.literal
-        numbers = {"zero": literal(0.0), "one": literal(1.0), "suffix": self.precision.suffix}
-        numbers["rounding"] = literal(float(_rounding(np.dtype(self.precision.dtype))))
-        for at in places:
-            if at in body.names:
-                continue
-            node = self._nodes[at]
-            if node.operation == "CONST":
-                body.names[at] = literal(node.constant)
-            elif node.operation == "INPUT":
-                body.names[at] = body.of_input(self.inputs[node.arguments[0]])
-            else:
-                chosen = _SCALAR[node.operation]
-                pairs = zip(node.arguments, chosen.of_truth, strict=False)
-                given = [self._value(body, value, truth=truth) for value, truth in pairs]
-                body.names[at] = f"{body.prefix}v{at}"
-                if chosen.truth:
-                    body.truths.add(at)
-                kind = "bool" if chosen.truth else self.precision.c_type
-                body.lines.append(f"const {kind} {body.names[at]} = {chosen.c.format(*given, **numbers)};")
-
-    def _value(self, body: _Body, at: int, *, truth: bool) -> str:
-        """Return the expression of a value, as a number or as a boolean."""
-        name, literal = body.names[at], self.precision.literal
-        if truth == (at in body.truths):
-            return name
-        return f"({name} != {literal(0.0)})" if truth else f"({name} ? {literal(1.0)} : {literal(0.0)})"
+            result = value(self._results[index], truth=False)
+            if "->" in result:
+                late.append(f"const {real} {prefix}r{index} = {result};")
+                result = f"{prefix}r{index}"
+            stores.append(f"{place} = {result};")
+        return lines + late + stores

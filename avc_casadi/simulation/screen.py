@@ -16,7 +16,6 @@ from avc_casadi.model import EFFECTS
 from avc_casadi.model.gains import Gains
 from avc_casadi.model.problem import Problem
 from avc_casadi.simulation.compile import CompiledScene, build_effects, compile_scene
-from avc_casadi.simulation.effects.base import SceneEffect
 from avc_casadi.simulation.scene import AnyGains, Run, resolve, simulate_effects, stage, without
 from avc_casadi.simulation.tick import ca
 
@@ -27,22 +26,18 @@ def explain(problem: Problem, gains: AnyGains) -> dict[str, Any]:
     """Return what a scene is composed of, and the cost of each effect: the scene less the scene without it."""
     problem = stage(problem, gains)
     effects, chosen, _ = resolve(problem, build_effects(problem), gains)
-    return _explained(problem, effects, chosen)
-
-
-def _explained(problem: Problem, effects: tuple[SceneEffect, ...], gains: Gains) -> dict[str, Any]:
-    scene = compile_scene(problem, effects, gains)
-    times_ns = _times_ns(scene, gains)
+    scene = compile_scene(problem, effects, chosen)
+    times_ns = _times_ns(scene, chosen)
     costs = []
     for effect in effects:
         cost: dict[str, Any] = {"kind": effect.kind, "station": effect.station.name.lower()}
         try:
-            rest = compile_scene(problem, without(effects, effect.kind), gains)
+            rest = compile_scene(problem, without(effects, effect.kind), chosen)
         except InputError:  # the only mass, or the body of the encoder
             costs.append(cost | {"states": None, "instructions": None, "ns_per_step": None})
             continue
         states, instructions = len(scene.states) - len(rest.states), scene.instructions - rest.instructions
-        ns = min(times_ns) - min(_times_ns(rest, gains))
+        ns = min(times_ns) - min(_times_ns(rest, chosen))
         costs.append(cost | {"states": states, "instructions": instructions, "ns_per_step": ns})
     return {
         "effects": costs,
@@ -107,7 +102,7 @@ def screen(problem: Problem, gains: AnyGains, *, tolerance: float = 0.01, progre
     problem = stage(problem, gains)
     effects, chosen, coupling = resolve(problem, build_effects(problem), gains)
     whole = simulate_effects(problem, effects, chosen, coupling)
-    explained = _explained(problem, effects, chosen)
+    explained = explain(problem, gains)
 
     def changes(kinds: tuple[str, ...]) -> dict[str, Any]:
         rest = tuple(effect for effect in effects if effect.kind not in kinds)

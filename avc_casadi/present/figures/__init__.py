@@ -1,10 +1,4 @@
-"""Figures: drawn from results that are computed elsewhere.
-
-Each function makes a figure of its own, or draws into given axes, one a panel, row by row, and changes no titles:
-
-    figure, axes = plt.subplots(2, 2)
-    avc.figures.draw_perceived(avc.compare("figure5"), axes=axes)
-"""
+"""Figures: drawn from results that are computed elsewhere."""
 
 from avc_casadi.present.figures.deployed import draw_loop as draw_loop
 from avc_casadi.present.figures.deployed import draw_rendered as draw_rendered

@@ -29,12 +29,12 @@ _LINES: dict[str, dict[str, Any]] = {
 
 
 @style.styled
-def draw_rendered(found: Deployed | Coupling, axes: style.GivenAxes = None) -> Figure:
+def draw_rendered(found: Deployed | Coupling) -> Figure:
     """Draw rendered against wanted: dynamic stiffness at the handle, and presses against time."""
     found = found if isinstance(found, Deployed) else deployed(found)
     titles = ("(a) stiffness by sinusoidal excitation", "(b) simulated hands press, approach cut")
-    panels = style.Panels.of(axes, titles, 2.9, "ab")
-    problem, response, (left, press) = found.coupling.problem, found.shaken, panels.axes
+    figure = style.panels(titles, 2.9, "ab")
+    problem, response, (left, press) = found.coupling.problem, found.shaken, figure.axes
     wall, hz = problem.environment, found.shaken.frequency_hz
     wanted = np.abs(wall.stiffness_n_per_m + 2j * np.pi * hz * wall.damping_ns_per_m)
     left.plot(hz, response.stiffness_n_per_m, label="rendered", marker="o", markerfacecolor="white", **_LINES["worst"])
@@ -61,17 +61,16 @@ def draw_rendered(found: Deployed | Coupling, axes: style.GivenAxes = None) -> F
         press.set_ylim(-0.6 * deepest, 1.15 * deepest)
     unit = problem.units.unit("mm")
     press.set(xlim=(0, found.press_s[-1]), xlabel="time (s)", ylabel=f"depth in the wall ({unit})")
-    panels.legend(4)
-    return panels.figure
+    return style.with_legend(figure, 4)
 
 
 @style.styled
-def draw_loop(found: Deployed | Coupling, axes: style.GivenAxes = None) -> Figure:
+def draw_loop(found: Deployed | Coupling) -> Figure:
     """Draw the loop opened at the actuator, Bode and Nyquist with gain and phase margin, and the impact on the wall."""
     found = found if isinstance(found, Deployed) else deployed(found)
     titles = ("(a) |L|, 0.01 to 100", "(b) Nyquist plot, near -1", "(c) phase of L", "(d) impact on the wall, linear")
-    panels = style.Panels.of(axes, titles, 5.6, "ab;cd")
-    size, circle, phase, struck = panels.axes
+    figure = style.panels(titles, 5.6, "ab;cd")
+    size, circle, phase, struck = figure.axes
     others = [(row, "others", "_") for row in range(len(found.gain) - 1) if row != found.worst]
     for row, kind, label in [(found.worst, "worst", "least damped hand"), (-1, "released", "released"), *others]:
         curve, look = found.gain[row], _LINES[kind]
@@ -101,8 +100,7 @@ def draw_loop(found: Deployed | Coupling, axes: style.GivenAxes = None) -> Figur
     speed = quantity(STRIKES_M_PER_S[0] / device.metres_per_unit, units.unit("m/s"))
     label = f"position ({units.unit('mm')}), impact at {speed}"
     struck.set(xlim=(0, found.struck_s[-1]), xlabel="time (s)", ylabel=label)
-    panels.legend(3)
-    return panels.figure
+    return style.with_legend(figure, 3)
 
 
 def _margins(size: Axes, circle: Axes, phase: Axes, found: Deployed) -> None:
@@ -135,10 +133,10 @@ _THIN: dict[str, Any] = {"color": "0.45", "linewidth": 1.0}
 
 
 @style.styled
-def draw_zwidth(region: ZWidth, axes: style.GivenAxes = None) -> Figure:
+def draw_zwidth(region: ZWidth) -> Figure:
     """Draw the K-B region of walls, and the bounds of the literature."""
-    panels = style.Panels.of(axes, ("walls without coupling: stiffness below each curve",), 4.4)
-    (plane,), damping, unit = panels.axes, region.damping_ns_per_m[1:], region.units.unit
+    figure = style.panels(("walls without coupling: stiffness below each curve",), 4.4)
+    (plane,), damping, unit = figure.axes, region.damping_ns_per_m[1:], region.units.unit
     shown = [np.array([region.encoder_limit_n_per_m or 0.0])]
     for curve in region.curves:
         colour, dash, width = _CURVES[curve.key]
@@ -166,17 +164,16 @@ def draw_zwidth(region: ZWidth, axes: style.GivenAxes = None) -> Figure:
     right = 1.5 * max(widest) or float(damping[-1])
     _plane(plane, shown, (float(damping[0]), right))
     plane.set(xlabel=f"wall damping B ({region.units.unit('N·s/m')})", ylabel=f"wall stiffness K ({unit('N/m')})")
-    panels.legend(2)
-    return panels.figure
+    return style.with_legend(figure, 2)
 
 
 @style.styled
-def draw_tool_region(region: ToolRegion, axes: style.GivenAxes = None) -> Figure:
+def draw_tool_region(region: ToolRegion) -> Figure:
     """Draw the K-B region of a coupling to a simulation, a curve for each engine rate."""
     title = "couplings to the simulation: stable below each curve"
     title += ", with a critical damper in the device's loop" if region.local_damping_ratio else ""
-    panels = style.Panels.of(axes, (title,), 4.2)
-    (plane,), damping = panels.axes, region.damping_ns_per_m[1:]
+    figure = style.panels((title,), 4.2)
+    (plane,), damping = figure.axes, region.damping_ns_per_m[1:]
     colours = colormaps["viridis"](np.linspace(0.0, 0.85, len(region.curves)))
     shown = [one.stiffness_n_per_m[1:] for one in region.curves]
     for colour, one, stiffness in zip(colours, region.curves, shown, strict=True):
@@ -185,8 +182,7 @@ def draw_tool_region(region: ToolRegion, axes: style.GivenAxes = None) -> Figure
         _curve(plane, damping, stable, label, fill=one.declared, color=colour, linewidth=2.4 if one.declared else 1.3)
     _plane(plane, shown, (float(damping[0]), float(damping[-1])))
     plane.set(xlabel=f"damper B ({region.units.unit('N·s/m')})", ylabel=f"spring K ({region.units.unit('N/m')})")
-    panels.legend(5)
-    return panels.figure
+    return style.with_legend(figure, 5)
 
 
 def _curve(axes: Axes, b: FloatArray, k: FloatArray, label: str, *, fill: bool, **look: Any) -> None:

@@ -30,7 +30,7 @@ def _lines(comparison: Comparison) -> dict[str, style.Line]:
 
 
 @style.styled
-def draw_perceived(comparison: Comparison, axes: style.GivenAxes = None) -> Figure:
+def draw_perceived(comparison: Comparison) -> Figure:
     """Draw the perceived impedance without coupling, by the closed form and by the delivered gains, and these gains."""
     stated, hz, lines = comparison.stated, comparison.frequency_hz, _lines(comparison)
     damping, model = comparison.units.unit("N·s/m"), stated.stability.model
@@ -41,8 +41,8 @@ def draw_perceived(comparison: Comparison, axes: style.GivenAxes = None) -> Figu
         layout, height = "ab;cd;ee", 7.4
         titles.append("(e) contact damping")
         gains.append(("contact_damping_ns_per_m", f"b_p ({damping})"))
-    panels = style.Panels.of(axes, titles, height, layout)
-    perceived, real, *others = panels.axes
+    figure = style.panels(titles, height, layout)
+    perceived, real, *others = figure.axes
     everywhere = np.ones(hz.shape, dtype=bool)
     shown = {name: comparison.methods[name] for name in ("closed-form", comparison.delivered)}
     curves: list[tuple[style.Line, ComplexArray, BoolArray]] = [
@@ -76,10 +76,9 @@ def draw_perceived(comparison: Comparison, axes: style.GivenAxes = None) -> Figu
     if np.isfinite(limit := passive_limit_n_per_m(stated.device)):
         look: dict[str, Any] = {"color": "0.45", "linestyle": (0, (2, 2)), "linewidth": 1.0}
         others[1].axhline(limit, label="passive limit of DC stiffness", **look)
-    for panel in panels.axes:
+    for panel in figure.axes:
         style.frequency_axis(panel, hz)
-    panels.legend(3)
-    return panels.figure
+    return style.with_legend(figure, 3)
 
 
 def _real_part(axes: Axes, comparison: Comparison, drawn: list[np.ndarray], lines: dict[str, style.Line]) -> None:
@@ -101,14 +100,14 @@ def _real_part(axes: Axes, comparison: Comparison, drawn: list[np.ndarray], line
 
 
 @style.styled
-def draw_comparison(comparison: Comparison, axes: style.GivenAxes = None) -> Figure:
+def draw_comparison(comparison: Comparison) -> Figure:
     """Draw the magnitude error and the impedance error at each frequency."""
     titles = (
         "(a) the goal (11); 1e-9 % and less is rounding",
         f"(b) magnitude and phase; {_UNNOTICED:g} % and less drawn as such",
     )
-    panels = style.Panels.of(axes, titles, 5.8, "a;b")
-    magnitude, complex_ = panels.axes
+    figure = style.panels(titles, 5.8, "a;b")
+    magnitude, complex_ = figure.axes
     hz, lines, size = comparison.frequency_hz, _lines(comparison), np.abs(comparison.target)
     errors = {name: (one.magnitude_error, one.complex_error, one.usable) for name, one in comparison.methods.items()}
     if (causal := comparison.causal) is not None:
@@ -126,15 +125,14 @@ def draw_comparison(comparison: Comparison, axes: style.GivenAxes = None) -> Fig
         panel.set_ylim(floor / 3, max(panel.get_ylim()[1], 1.0))
         style.log_ticks(panel.yaxis, *panel.get_ylim())
         style.frequency_axis(panel, hz)
-    panels.legend(3)
-    return panels.figure
+    return style.with_legend(figure, 3)
 
 
 @style.styled
-def draw_accuracy(costs: Sequence[SolverCost], axes: style.GivenAxes = None) -> Figure:
+def draw_accuracy(costs: Sequence[SolverCost]) -> Figure:
     """Draw time against error; open markers where some frequency is not at the optimum."""
-    panels = style.Panels.of(axes, ("",), 4.8)
-    (work,) = panels.axes
+    figure = style.panels(("",), 4.8)
+    (work,) = figure.axes
     looks: dict[str, tuple[Any, str]] = {name: (one.colour, one.marker) for name, one in style.METHODS.items()}
     groups: dict[str, list[SolverCost]] = {"closed-form": [], "exact": []}
     for one in costs:
@@ -155,8 +153,7 @@ def draw_accuracy(costs: Sequence[SolverCost], axes: style.GivenAxes = None) -> 
     work.set_xlabel(f"largest error of {style.PERCEIVED} beyond the optimum's, relative")
     for axis, ends in ((work.xaxis, work.get_xlim()), (work.yaxis, work.get_ylim())):
         style.log_ticks(axis, *ends)
-    panels.legend(3)
-    return panels.figure
+    return style.with_legend(figure, 3)
 
 
 def _points(costs: Sequence[SolverCost]) -> tuple[list[float], list[float]]:

@@ -15,9 +15,8 @@ from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullFormatter, NullLocator
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from avc_casadi._errors import InputError
 from avc_casadi._util.arrays import BoolArray
 from avc_casadi._util.files import write_file
 from avc_casadi.design import registry
@@ -197,45 +196,20 @@ def save_figure(figure: Figure, path: Path) -> None:
     write_file(path, files_of(figure, path.suffix.lower()[1:])[0])
 
 
-GivenAxes = Axes | Sequence[Axes] | NDArray[np.object_] | None
-"""One Axes, or one for each panel in the order of their letters (row by row); None makes a figure."""
+def panels(titles: Sequence[str], height_inches: float, layout: str = "a") -> Figure:
+    """Return a figure with its panels, in the layout of `Figure.subplot_mosaic`."""
+    figure = Figure(figsize=(7.2, height_inches), layout="constrained")
+    for axes, title in zip(figure.subplot_mosaic(layout).values(), titles, strict=True):
+        axes.set_title(title)
+    return figure
 
 
-@dataclass(frozen=True)
-class Panels:
-    """The panels of one drawing; of given axes titles, figure and neighbours stay as they are."""
-
-    figure: Figure
-    axes: Sequence[Axes]
-    own: bool
-
-    @classmethod
-    def of(cls, given: GivenAxes, titles: Sequence[str], height_inches: float, layout: str = "a") -> Panels:
-        """Use the given axes, or make a figure; the layout is that of `Figure.subplot_mosaic`."""
-        if given is None:
-            figure = Figure(figsize=(7.2, height_inches), layout="constrained")
-            panels = list(figure.subplot_mosaic(layout).values())
-            for one, title in zip(panels, titles, strict=True):
-                one.set_title(title)
-            return cls(figure, panels, own=True)
-        axes = list(np.ravel(np.asarray(given, dtype=object)))
-        if len(axes) != len(titles) or not all(isinstance(one, Axes) for one in axes):
-            kinds = ", ".join(dict.fromkeys(type(one).__name__ for one in axes))
-            message = f"are {len(axes)} of {kinds}; allowed: {len(titles)} Axes, one a panel, row by row: "
-            raise InputError.of(message + "; ".join(titles), key="axes")
-        holder: Any = axes[0].get_figure()
-        while not isinstance(holder, Figure):  # a part of a figure
-            holder = holder.figure
-        return cls(holder, axes, own=False)
-
-    def legend(self, columns: int) -> None:
-        """Put a legend of all lines below an own figure, or into the first of the given axes."""
-        entries: dict[str, Any] = {}
-        for axes in self.axes:
-            for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
-                entries.setdefault(label, handle)
-        if self.own:
-            columns = max(1, min(columns, int(125 / (max(map(len, entries), default=1) + 12))))
-            self.figure.legend(list(entries.values()), list(entries), loc="outside lower center", ncols=columns)
-        else:
-            self.axes[0].legend(list(entries.values()), list(entries))
+def with_legend(figure: Figure, columns: int) -> Figure:
+    """Put a legend of all lines below a figure."""
+    entries: dict[str, Any] = {}
+    for axes in figure.axes:
+        for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
+            entries.setdefault(label, handle)
+    columns = max(1, min(columns, int(125 / (max(map(len, entries), default=1) + 12))))
+    figure.legend(list(entries.values()), list(entries), loc="outside lower center", ncols=columns)
+    return figure

@@ -28,7 +28,7 @@ _LARGE_M = 2e-3
 
 
 @style.styled
-def draw_identification(found: Identification, axes: style.GivenAxes = None) -> Figure:
+def draw_identification(found: Identification) -> Figure:
     """Draw a model against its log over time, and their frequency responses."""
     titles = (
         "(a) position, the model all but free",
@@ -36,8 +36,8 @@ def draw_identification(found: Identification, axes: style.GivenAxes = None) -> 
         "(c) velocity over force",
         "(d) its phase, less that of a mass",
     )
-    panels = style.Panels.of(axes, titles, 5.8, "ab;cd")
-    position, left, size, phase = panels.axes
+    figure = style.panels(titles, 5.8, "ab;cd")
+    position, left, size, phase = figure.axes
     grey: dict[str, Any] = {"color": "0.55", "linewidth": 2.6}
     points: dict[str, Any] = {"color": "0.55", "linestyle": "none", "marker": "o", "markersize": 2.4}
     blue: dict[str, Any] = {"color": style.BLUE, "linewidth": 1.2, "linestyle": style.DASHED}
@@ -69,16 +69,15 @@ def draw_identification(found: Identification, axes: style.GivenAxes = None) -> 
     phase.set_ylabel("phase (degrees)")
     for panel in (size, phase):
         style.frequency_axis(panel, band)
-    panels.legend(2)
-    return panels.figure
+    return style.with_legend(figure, 2)
 
 
 @style.styled
-def draw_diagnosis(found: Diagnosis, axes: style.GivenAxes = None) -> Figure:
+def draw_diagnosis(found: Diagnosis) -> Figure:
     """Draw the oscillation of a log: position, envelope, cycles of the force, spectrum."""
     titles = ("(a) position", "(b) oscillation and envelope", "(c) force against position", "(d) spectrum")
-    panels = style.Panels.of(axes, titles, 5.8, "ab;cd")
-    position, swing, cycles, spectrum = panels.axes
+    figure = style.panels(titles, 5.8, "ab;cd")
+    position, swing, cycles, spectrum = figure.axes
     log, one, units = found.log, found.swing, found.declared.device.units
     time, inside = log.time_s, slice(one.first, one.last)
     size, unit = (1e3, units.unit("mm")) if one.peak_to_peak_m > _LARGE_M else (1e6, units.unit("um"))
@@ -106,12 +105,11 @@ def draw_diagnosis(found: Diagnosis, axes: style.GivenAxes = None) -> Figure:
         half, place = size * log.encoder_m / 2, spectrum.get_yaxis_transform()
         spectrum.axhline(half, color="0.55", linewidth=0.9, linestyle=(0, (4, 2)))
         spectrum.text(0.02, 1.15 * half, "half an encoder step", transform=place, fontsize=7)
-    panels.legend(2)
-    return panels.figure
+    return style.with_legend(figure, 2)
 
 
 @style.styled
-def draw_scene(runs: Sequence[Run], names: Sequence[str] | None = None, axes: style.GivenAxes = None) -> Figure:
+def draw_scene(runs: Sequence[Run], names: Sequence[str] | None = None) -> Figure:
     """Draw up to four runs of scenes with one motion in the same four panels."""
     units, aim = runs[0].units, runs[0].target_m
     force_word, mm, newton = units.key("force"), units.unit("mm"), units.unit("N")
@@ -121,8 +119,8 @@ def draw_scene(runs: Sequence[Run], names: Sequence[str] | None = None, axes: st
         f"(c) {force_word} against penetration",
         "(d) energy taken in by the virtual side",
     )
-    panels = style.Panels.of(axes, titles, 5.6, "ab;cd")
-    position, force, loop, energy = panels.axes
+    figure = style.panels(titles, 5.6, "ab;cd")
+    position, force, loop, energy = figure.axes
     label = f"target of the hand, up to {1e3 * aim.max():.3g} {mm}"
     position.plot(runs[0].time_s, 1e3 * aim, color="0.65", linewidth=2.4, label=label, zorder=1)
     named = list(zip(runs, names or [run.coupling for run in runs], strict=True))
@@ -133,7 +131,7 @@ def draw_scene(runs: Sequence[Run], names: Sequence[str] | None = None, axes: st
         if not run.stable:
             # Thousands of cycles: a thin line, and a grey veil behind the runs that settle, which keep their limits.
             line |= {"linestyle": "-", "linewidth": 0.35} | ({"color": "0.55", "zorder": 2} if some_rest else {})
-            for panel in panels.axes if some_rest else ():
+            for panel in figure.axes if some_rest else ():
                 panel.set(xlim=panel.get_xlim(), ylim=panel.get_ylim())
         outcome = {"asymptotic": "stable", "held-by-friction": "held by friction"}.get(run.claim, "unstable")
         label = f"{name}: {outcome}{', buzzes' if run.buzzing else ''}"
@@ -148,12 +146,11 @@ def draw_scene(runs: Sequence[Run], names: Sequence[str] | None = None, axes: st
     if deepest > 0:  # the wall's surface and its inside, not the target of the hand
         position.set_ylim(-deepest, 1.3 * deepest)
     labels = ("position", mm), (force_word, newton), (force_word, newton), ("energy", "mJ")
-    for panel, (word, unit) in zip(panels.axes, labels, strict=True):
+    for panel, (word, unit) in zip(figure.axes, labels, strict=True):
         panel.set(xlabel="time (s)", ylabel=f"{word} ({unit})")
     loop.set_xlabel(f"penetration ({mm})")
     for panel in (position, energy):
         panel.axhline(0, color="0.4", linewidth=0.7, zorder=0)
     loop.axvline(0, color="0.4", linewidth=0.7, zorder=0)
     loop.locator_params(axis="x", nbins=5)
-    panels.legend(2)
-    return panels.figure
+    return style.with_legend(figure, 2)
