@@ -16,8 +16,8 @@ from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi._util.text import number, quantity
 from avc_casadi.coupling import Coupling
 from avc_casadi.diagnose.law import Law, find_law
-from avc_casadi.diagnose.oscillation import Log, Oscillation, find_oscillation, log_of
-from avc_casadi.diagnose.plant import Declared, Fit, Hypothesis, fit_plants, growth, stable
+from avc_casadi.diagnose.oscillation import Log, Oscillation, find_oscillation, log_of, pushed_kg
+from avc_casadi.diagnose.plant import Design, Fit, Hypothesis, fit_plants, growth, stable
 from avc_casadi.diagnose.remedies import Remedy, Scene, limit_of, remedies_of, without
 from avc_casadi.identification.log import Columns
 from avc_casadi.identification.read import Layout, read_columns
@@ -26,6 +26,7 @@ from avc_casadi.model.hands import Hand
 from avc_casadi.model.problem import Hands, defaults_at
 
 CAUSES: Mapping[str, tuple[str, str]] = {
+    "sign": ("sign of the force", "a force pulse in free space"),
     "delay": ("delay", "a force pulse in free space"),
     "rate": ("sample rate too low", "the time stamps of the ticks themselves"),
     "stiffness": ("stiffness over the limit", "the same with k halved"),
@@ -50,7 +51,7 @@ class Diagnosis:
     log: Log
     swing: Oscillation
     law: Law | None
-    declared: Declared
+    design: Design
     verdict: Verdict
     conclusion: str
     cause: str | None = None
@@ -63,34 +64,35 @@ class Diagnosis:
 
     def data(self) -> dict[str, Any]:
         """Return its JSON values."""
-        swing, law, fit, units, period = self.swing, self.law, self.fit, self.declared.device.units, self.log.period_s
-        plainly = ("verdict", "cause", "candidates", "conclusion", "shares", "decides", "notes")
+        log, swing, law, fit, units = self.log, self.swing, self.law, self.fit, self.design.device.units
         oscillation = {key: value for key, value in vars(swing).items() if key not in {"fast_m", "envelope_m"}}
         measured = None
         if fit is not None and law is not None:
+            one, each = fit.best, self.design.samples_a_tick(log)
             measured = {
-                "delay_samples": fit.best.delay + law.lag,
-                "delay_error_samples": fit.delay_error,
+                "delay_samples": (one.delay + law.lag) * each,
+                "delay_error_samples": fit.delay_error * each,
                 "misfit": fit.misfit,
-                "stops_m": fit.best.stops,
+                "stops_m": one.stops,
                 # Where between two samples a stop lies the log does not tell.
-                "stops_error_m": fit.best.stops
-                and float(np.abs(np.diff(self.log.position_m[swing.first : swing.last])).max()),
-                "mass_kg": fit.best.device.mass_kg,
-                "damping_ns_per_m": fit.best.device.damping_ns_per_m,
-                "hand": fit.best.hand and fit.best.hand.values(0),
-                "resonance": fit.best.device.resonance and fit.best.device.resonance.model_dump(),
+                "stops_error_m": one.stops and float(np.abs(np.diff(log.position_m[swing.first : swing.last])).max()),
+                **{key: getattr(one.device, key) for key in ("mass_kg", "damping_ns_per_m")},
+                "hand": one.hand and one.hand.values(0),
+                "resonance": one.device.resonance and one.device.resonance.model_dump(),
             }
         document = {
-            "log": self.log.name,
-            "seconds": float(self.log.position_m.size * period),
-            **{key: getattr(self, key) for key in plainly},
+            "log": log.name,
+            "seconds": float(log.position_m.size * log.period_s),
+            **{
+                key: getattr(self, key) for key in ("verdict", "cause", "candidates", "conclusion", "shares", "decides")
+            },
+            "notes": self.notes,
             "remedies": [{**asdict(one), "key": units.key(one.key)} for one in self.remedies],
             "oscillation": {**oscillation, "sustained": swing.sustained},
-            "sample_time_s": period,
-            "missed_share": self.log.missed_share,
-            "encoder_resolution_m": self.log.encoder_m or None,
-            "law": law and {**asdict(law), "explains": law.explains, "filter_hz": law.filter_hz(period)},
+            "sample_time_s": log.period_s,
+            "missed_share": log.missed_share,
+            "encoder_resolution_m": log.encoder_m or None,
+            "law": law and {**asdict(law), "explains": law.explains, "filter_hz": law.filter_hz(log.period_s)},
             "measured": measured,
         }
         return dict(plain(document))
@@ -116,38 +118,24 @@ def diagnose(
         message = f"has {columns.time_s.size} samples; allowed: at least {_FEWEST}"
         raise InputError.of(message, file=columns.file, key="time")
     grid, notes = log_of(columns, flip_force=flip_force)
-    declared = _declared(device, hands, grid, columns, handle_radius_m)
-    if not declared.known:
-        notes.append("no device is given: a usual one is assumed, which may be 50 times off; better: --device")
-    limit = declared.device.max_force_n
+    design = _design(device, hands, grid, columns, handle_radius_m)
+    guess = "no device is given: a usual one is assumed, which may be 50 times off; better: --device"
+    notes += [] if design.known else [guess]
+    limit = design.device.max_force_n
     if limit is not None and np.mean(np.abs(grid.force_n) > 1.01 * limit) > 1e-3:
         notes.append("the log commands more than max_force_n, which is not used: is the limit, or a unit, another one?")
-        wide = declared.device.range.model_copy(update={"max_force_n": None})
-        free = declared.device.model_copy(update={"max_force_n": None, "range": wide})
-        declared, limit = replace(declared, device=free), None
+        design, limit = replace(design, device=design.device.model_copy(update={"max_force_n": None})), None
     with progress.step("oscillation and force"):
         swing = find_oscillation(grid, limit)
-        law = find_law(grid, swing, limit, declared.device.coulomb_friction_n)
-    if law is not None and law.explains and law.stiffness_n_per_m < 0 and law.damping_ns_per_m < 0:
-        raise InputError.of(
-            "drives the device away from its equilibrium; allowed: force along +position, or --flip-force; or the sign "
-            "of the loop is wrong",
-            file=columns.file,
-            key="force",
-        )
-    whole = Diagnosis(grid, swing, law, declared, "cannot tell", "", notes=tuple(notes))
-    model = _at_once(whole)
-    if isinstance(model, Diagnosis):
+        law = find_law(grid, swing, limit, design.device.coulomb_friction_n)
+    whole = Diagnosis(grid, swing, law, design, "cannot tell", "", notes=tuple(notes))
+    if isinstance(model := _at_once(whole), Diagnosis):
         return model
-    with progress.step("device and hand"):
-        fits = fit_plants(grid, swing, declared, model.lag, seed)
-    with progress.step("causes and remedies"):
-        return _judged(whole, model, fits)
+    with progress.step("device, hand, causes and remedies"):
+        return _judge(whole, model, fit_plants(grid, swing, design, model.lag, seed))
 
 
-def _declared(
-    device: Device | None, hands: Hands | None, log: Log, columns: Columns, radius_m: float | None
-) -> Declared:
+def _design(device: Device | None, hands: Hands | None, log: Log, columns: Columns, radius_m: float | None) -> Design:
     """Return the intended loop, a usual device on a desk where none is given; refuse a log that is not of it."""
     message = ""
     if device is not None and device.motion != columns.motion:
@@ -158,69 +146,103 @@ def _declared(
         message = "never changes, and the force does; allowed: a device that moves; is the encoder stuck?"
     if message:
         raise InputError.of(message, file=columns.file, key="position")
-    reach = (radius_m or 1.0) if device is None else device.metres_per_unit
-    known = device is not None
+    reach, known = (radius_m or 1.0) if device is None else device.metres_per_unit, device is not None
     if device is None:
         turns: dict[str, object] = {"handle_radius_m": reach} if columns.motion == "rotary" else {}
         usual = {"mass_kg": 0.1 * reach**2, "damping_ns_per_m": reach**2, "delay_samples": 1}
         device = Device.model_validate({"motion": columns.motion, "sample_time_s": log.sample_time_s, **usual, **turns})
-    return Declared(device, known, hands or Hands.model_validate(defaults_at(Hands, reach)))
+    return Design(device, known, hands or Hands.model_validate(defaults_at(Hands, reach)))
 
 
 def _at_once(found: Diagnosis) -> Diagnosis | Law:
     """Return the verdict that needs no loop model, or the law of one that does."""
     log, swing, law = found.log, found.swing, found.law
+    said, decides, verdict = "", "", found.verdict
     if swing.sustained and swing.contact_share == 0:
-        said = "not the loop: it swings while no force is commanded; a hand, a cable or the table moves it"
-        return replace(found, verdict="not the loop", conclusion=said)
-    if law is None or not law.explains:
+        said, verdict = "it swings while no force is commanded; a hand, a cable or the table moves it", "not the loop"
+    elif law is None or not law.explains:
         said = "the force is not that of a spring and a damper on the position, nor of a switch or two rates"
         said = said if law is not None or log.force_n.any() else "no force is commanded"
         decides = "the same with a spring and a damper alone, unlimited, and with the position that the law reads"
-        return replace(found, conclusion=f"cannot tell: {said}", decides=decides)
-    if swing.sustained and max(log.uneven_share, log.missed_share) > 0.12:
-        said = "cannot tell: ticks come at uneven times or are missing, and no loop model fits"
-        return replace(found, conclusion=said, decides="the same log on an even clock")
-    if swing.sustained:
+    elif (sign := _of_sign(found, law)) is not None:
+        return sign
+    elif swing.sustained and max(log.uneven_share, log.missed_share) > 0.12:
+        said = "ticks come at uneven times or are missing, and no loop model fits"
+        decides = "the same log on an even clock"
+    elif swing.sustained:
         return law
+    elif law.switch is None and _rests(log, swing, found.design.device.max_force_n):
+        said, verdict = "the force is explained and the motion decays", "nothing wrong"
+        holds = abs(log.force_n[-1]) > 2 * found.design.device.coulomb_friction_n + 0.02 * np.abs(log.force_n).max()
+        said += "; what holds the device against the force hides its sign" if holds else ""
+    else:
+        said = "nothing swings, and no motion decays under the force either"
+        decides = "a log of a press, a push or a release"
+    return replace(found, verdict=verdict, conclusion=f"{verdict}: {said}", decides=decides)
+
+
+def _of_sign(found: Diagnosis, law: Law) -> Diagnosis | None:
+    """Return the verdict of a force that pushes the device away from where it is none; None of one that does not."""
+    log, device, k, b = found.log, found.design.device, law.stiffness_n_per_m, law.damping_ns_per_m
+    away, mass = k < 0, pushed_kg(log, device, known=found.design.known)
+    if law.switch is not None or law.frames is not None:
+        return None
+    # A mass that is not the device alone is a hand's too, and a hand may push the device away as well.
+    alone = found.design.known and 0.5 < abs(mass) / device.mass_kg < 2
+    if away and not (alone and mass > 0):
+        message = "drives the device away from its equilibrium; allowed: force along +position, or --flip-force"
+        raise InputError.of(f"{message}; or the sign of the loop is wrong", file=log.name, key="force")
+    spring, motor = (
+        f"the spring pushes away, k = {quantity(k, device.units.unit('N/m'))}",
+        "motor or encoder is reversed",
+    )
+    if alone and (mass < 0) != away:
+        turn = Remedy("stiffness_n_per_m", -k, k, "stiffness") if away and b > 0 else None
+        right = stable(Hypothesis(device, None), replace(law, stiffness_n_per_m=abs(k), damping_ns_per_m=abs(b)))
+        cures = (turn or Remedy("force_sign", -1.0, 1.0, "number"),) if right else ()
+        said = f"{CAUSES['sign'][0]}: it pushes the way the device moves; {spring if away else motor}"
+        return replace(found, verdict="named", cause="sign", candidates=("sign",), conclusion=said, remedies=cures)
+    if mass > 0 or found.swing.sustained:
+        return None
+    said = f"cannot tell: a hand pushes the device away, or the force does: {spring if away else motor}"
+    return replace(found, conclusion=said, candidates=("sign",), decides=CAUSES["sign"][1])
+
+
+def _rests(log: Log, swing: Oscillation, limit_n: float | None) -> bool:
+    """Return whether a motion in contact comes to rest, and not at the force limit."""
     envelope = swing.envelope_m
     late, most = float(np.median(envelope[-max(envelope.size // 5, 5) :])), float(envelope.max())
     rests = swing.kind == "decaying" or late < max(1.5 * log.encoder_m, 0.3 * most)
-    if rests and most > 1.5 * log.encoder_m and log.touching[envelope > 0.3 * most].mean() > 0.5 and not law.switch:
-        said = "nothing wrong: the force is explained and the motion decays"
-        return replace(found, verdict="nothing wrong", conclusion=said)
-    said = "cannot tell: nothing swings, and no motion decays under the force either"
-    return replace(found, conclusion=said, decides="a log of a press, a push or a release")
+    rests = rests and most > 1.5 * log.encoder_m and abs(log.force_n[-1]) < 0.999 * (limit_n or math.inf)
+    return bool(rests and log.touching[envelope > 0.3 * most].mean() > 0.5)
 
 
-def causes_of(one: Hypothesis, law: Law, log: Log, swing: Oscillation, declared: Declared) -> dict[str, float]:
-    """Return the changes with which the loop of one rate settles, with shares."""
-    slower = declared.known and log.period_s > 1.3 * declared.device.sample_time_s
-    meant = declared.delays_in(log)[1]
+def cause_of(one: Hypothesis, law: Law, log: Log, swing: Oscillation, design: Design) -> str:
+    """Return the change with which the loop of one rate settles."""
+    slower = (design.known and design.samples_a_tick(log) > 1) or log.hold > 1
     if stable(one, law):
-        return {"encoder" if swing.steps < _FEW_STEPS else _OTHER: 1.0}
-    if (slower or log.held > 1) and stable(*without("rate", one, law, log, declared)):
-        return {"rate": 1.0}
-    if one.delay + law.lag > meant + 0.35 and stable(*without("delay", one, law, log, declared)):
-        return {"delay": 1.0}
-    if _released(one, declared) and _was_held(log, swing, growth(one, law)[0]):
-        return {"let-go": 1.0}
-    if one.device.resonance is not None and stable(*without("resonance", one, law, log, declared)):
-        return {"resonance": 1.0}
-    limits = {gain: limit_of(one, law, gain) or 0.0 for gain in ("stiffness", "damping")}
-    nearest = max(limits, key=lambda gain: limits[gain])
-    return {nearest if limits[nearest] else _OTHER: 1.0}
+        return "encoder" if swing.steps < _FEW_STEPS else _OTHER
+    if slower and stable(*without("rate", one, law, log, design)):
+        return "rate"
+    if one.delay + law.lag > design.latest(log) + 0.35 and stable(*without("delay", one, law, log, design)):
+        return "delay"
+    if _alone(one, design) and _had_rest(log, swing, growth(one, law)):
+        return "let-go"
+    if one.device.resonance is not None and stable(*without("resonance", one, law, log, design)):
+        return "resonance"
+    limits = {limit_of(one, law, gain): gain for gain in ("damping", "stiffness")}
+    return limits[max(limits)] if max(limits) else _OTHER
 
 
-def _released(one: Hypothesis, declared: Declared) -> bool:
+def _alone(one: Hypothesis, design: Design) -> bool:
     """Return whether nothing that is a hand holds the device."""
-    if not (isinstance(one.hand, Hand) and declared.known):
+    if not (isinstance(one.hand, Hand) and design.known):
         return one.hand is None
     mass, damping, _ = one.hand.values(0).values()
-    return mass < 0.35 * declared.hands.mass_kg[0] and damping < 0.7 * declared.hands.damping_ns_per_m[0]
+    return mass < 0.35 * design.hands.mass_kg[0] and damping < 0.7 * design.hands.damping_ns_per_m[0]
 
 
-def _was_held(log: Log, swing: Oscillation, growth_per_s: float) -> bool:
+def _had_rest(log: Log, swing: Oscillation, growth_per_s: float) -> bool:
     """Return whether a motion in contact, small beside the swing, came to less than what grows as the swing does."""
     cycle = max(round(1 / swing.frequency_hz / log.period_s), 2)
     size = np.ptp(np.lib.stride_tricks.sliding_window_view(log.position_m, min(cycle, log.position_m.size)), axis=1)
@@ -230,53 +252,45 @@ def _was_held(log: Log, swing: Oscillation, growth_per_s: float) -> bool:
     return bool(fell.max(initial=0.0) > 3)
 
 
-def _judged(found: Diagnosis, law: Law, every: Sequence[Fit]) -> Diagnosis:
+def _judge(found: Diagnosis, law: Law, every: Sequence[Fit]) -> Diagnosis:
     """Return the verdict by the hypotheses that the log bears out, each weighed and then simulated."""
-    log, swing, declared = found.log, found.swing, found.declared
+    log, swing, design = found.log, found.swing, found.design
     plain_law = replace(law, switch=None, frames=None)
     special = "relay" if law.switch is not None else "rates" if law.frames is not None else ""
     # Beside a noise that the log shows, a swing of few steps is one of little more than what the readings scatter by.
     grain = math.sqrt(12) * every[0].scatter_m
     swing = replace(swing, steps=min(swing.steps, swing.peak_to_peak_m / grain if grain else math.inf))
-    scene = Scene.of(log, swing, law, declared, every[0].scatter_m)
+    scene = Scene.of(log, swing, law, design, every[0].scatter_m)
     # Of answers that explain the log about as well, those count that swing about as far in simulation.
     near = [fit for fit in every if fit.cost < every[0].cost + 7]
     fits = [fit for fit in near if len(near) > 1 and scene.swings(fit.best, law)] or list(every)
     odds = np.exp(-np.minimum(np.array([fit.cost for fit in fits]) - fits[0].cost, 700.0))
-    answers: list[tuple[Fit, Hypothesis, float, dict[str, float]]] = []
+    answers: list[tuple[Fit, Hypothesis, float, str]] = []
     for fit, weight in zip(fits, (odds / odds.sum()).tolist(), strict=True):
         for one in (fit.best, *fit.draws) if weight > 1e-3 else ():
-            alone = special and stable(one, plain_law)
-            causes = {special: 1.0} if alone else causes_of(one, plain_law, log, swing, declared)
-            answers.append((fit, one, weight / (1 + len(fit.draws)), causes))
+            cause = special if special and stable(one, plain_law) else cause_of(one, plain_law, log, swing, design)
+            answers.append((fit, one, weight / (1 + len(fit.draws)), cause))
     total = sum(weight for _, _, weight, _ in answers)
-    sums: dict[str, float] = {}
-    for _, _, weight, causes in answers:
-        for key, share in causes.items():
-            sums[key] = sums.get(key, 0.0) + share * weight / total
-    shares = dict(sorted(sums.items(), key=lambda item: -item[1]))
-    first = next(iter(shares))
-    fit, one, _, _ = max(
-        (each for each in answers if each[3].get(first, 0.0) >= 0.5), key=lambda each: each[2], default=answers[0]
-    )
+    sums = {key: sum(weight for *_, weight, cause in answers if cause == key) / total for *_, key in answers}
+    shares, first = dict(sorted(sums.items(), key=lambda item: -item[1])), max(sums, key=lambda key: sums[key])
+    fit, one, _, _ = max((each for each in answers if each[3] == first), key=lambda each: each[2])
     swings = scene.swings(one, law)
     doubts = _doubts(first, replace(fit, best=one), law, scene, found, shares)
     doubts += [] if swings else ["simulated with these numbers the loop does not swing as the log does"]
     candidates = tuple(key for key in shares if key != _OTHER)[:2] if shares.get(_OTHER, 0.0) < _SURE else ()
-    outside = work_w(log, swing, one) < 0 and swing.steps > _FEW_STEPS
-    if outside:
+    if outside := work_w(log, swing, one) < 0 and swing.steps > _FEW_STEPS:
         doubts.append("the force as it acts takes energy from the swing: a hand, the table or a machine drives it")
     tried = (() if not swings or fit.misfit > _MISFIT / 3 or outside else candidates) if doubts else candidates[:1]
     near_by = [each for _, each, weight, _ in answers if weight > 0.01 * total]
     # Damping is told the worst, and a delay not at all by noise: a remedy has to do for the declared ones too.
-    own, late = declared.device, max(one.delay, declared.delays_in(log)[1])
+    own, late = design.device, max(one.delay, design.latest(log))
     meant = one.changed(mass_kg=own.mass_kg, damping_ns_per_m=own.damping_ns_per_m, delay_samples=late)
     # The prior of an assumed device is a guess: each structure that explains the log counts.
-    others = [meant] if declared.known else [each.best for each in every if each.misfit < max(1.0, 1.3 * fit.misfit)]
+    others = [meant] if design.known else [each.best for each in every if each.misfit < max(1.0, 1.3 * fit.misfit)]
     several = [one, *near_by[:: max(1, len(near_by) // 8)], *others]
-    cures = [cure for key in tried for cure in remedies_of(key, several, law, scene, log, declared)]
+    cures = [cure for key in tried for cure in remedies_of(key, several, law, scene, log, design)]
     # The delay of an assumed device is no number to change where the answer is in doubt.
-    cures = [cure for cure in cures if declared.known or not doubts or cure.key != "delay_samples"]
+    cures = [cure for cure in cures if design.known or not doubts or cure.key != "delay_samples"]
     found = replace(found, shares=shares, fit=replace(fit, best=one), remedies=tuple(dict.fromkeys(cures)))
     if not doubts:
         words = f"{CAUSES[first][0]}: {_numbers(first, one, law, found)}"
@@ -284,27 +298,31 @@ def _judged(found: Diagnosis, law: Law, every: Sequence[Fit]) -> Diagnosis:
         return replace(found, verdict="named", cause=first, candidates=(first,), conclusion=words)
     names = " or ".join(CAUSES[key][0] for key in candidates) or "none of the causes it knows"
     decides = "; or ".join(CAUSES[key][1] for key in candidates if not outside) or "the same log with the force off"
-    said = f"cannot tell: {names}; {'; '.join(doubts)}"
-    return replace(found, candidates=candidates, conclusion=said, decides=decides)
+    words = f"cannot tell: {names}; {'; '.join(doubts)}"
+    return replace(found, candidates=candidates, conclusion=words, decides=decides)
 
 
 def _doubts(first: str, fit: Fit, law: Law, scene: Scene, found: Diagnosis, shares: Mapping[str, float]) -> list[str]:
     """Return the doubts about the first cause: odds, residual, and a simulation without it."""
-    one, log, declared = fit.best, found.log, found.declared
+    one, log, design, doubts = fit.best, found.log, found.design, []
     if first == _OTHER:
         return ["no single change makes the loop settle, or its model settles already"]
-    doubts = []
     if shares[first] < _SURE:
         parts = (f"{CAUSES.get(key, ('another',))[0]} {100 * share:.0f} %" for key, share in shares.items())
         doubts.append(f"of the hypotheses that the log bears out {', '.join(parts)}")
     # An assumed device is free to explain much that it did not do.
-    if fit.misfit > (_MISFIT if declared.known else _MISFIT / 3) and first != "rate":
+    if fit.misfit > (_MISFIT if design.known else _MISFIT / 3) and first != "rate":
         doubts.append(f"the model leaves {number(fit.misfit, 3)} times what encoder and noise do")
-    meant = declared.delays_in(log)[1]
-    if fit.at_end or (first == "delay" and one.delay + law.lag - meant < 2 * fit.delay_error):
+    # What a third of a sample of delay does as well matters no more.
+    if law.damping_error_ns_per_m > max(abs(law.damping_ns_per_m), abs(law.stiffness_n_per_m) * log.period_s / 3):
+        doubts.append("the log does not tell b")
+    if fit.at_end or (first == "delay" and one.delay + law.lag - design.latest(log) < 2 * fit.delay_error):
         doubts.append("the log does not tell the delay")
     exact = replace(scene, encoder_m=0.0, noise_m=0.0) if first == "encoder" else scene
-    settles = first in {"stiffness", "damping", "let-go"} or exact.settles(*without(first, one, law, log, declared))
+    right, its = without(first, one, law, log, design)
+    # A device on which nothing acts any more goes on at its speed.
+    free = first == "relay" and not (its.stiffness_n_per_m or its.damping_ns_per_m)
+    settles = free or first in {"stiffness", "damping", "let-go"} or exact.decays(right, its)
     return doubts if settles else [*doubts, "simulated without it the loop swings too"]
 
 
@@ -315,9 +333,8 @@ def work_w(log: Log, swing: Oscillation, one: Hypothesis) -> float:
     if rises.size < 2:
         return 0.0
     ticks = np.arange(int(rises[0]), int(rises[-1]))
-    whole, part = int(one.delay), one.delay % 1.0
     # The force of a tick acts from its delay on.
-    acts = (1 - part) * log.force_n[np.maximum(ticks - whole, 0)] + part * log.force_n[np.maximum(ticks - whole - 1, 0)]
+    acts = np.interp(ticks - one.delay, np.arange(log.force_n.size), log.force_n)
     moved = log.position_m[ticks + 1] - log.position_m[ticks]
     return -float(np.sum(acts * moved)) / (ticks.size * log.period_s)
 
@@ -326,10 +343,10 @@ def _numbers(cause: str, one: Hypothesis, law: Law, found: Diagnosis) -> str:
     """Return the numbers of a cause, without which the loop settles."""
     log, mode, switch, frames, unit = found.log, one.device.resonance, law.switch, law.frames, one.device.units.unit
     spring, damper = quantity(law.stiffness_n_per_m, unit("N/m")), quantity(law.damping_ns_per_m, unit("N.s/m"))
-    meant = f"{number(found.declared.delays_in(found.log)[1], 3)} {'declared' if found.declared.known else 'assumed'}"
-    alone = ", with no hand on the device" if _released(one, found.declared) else ""
+    meant = f"{number(found.design.delay_samples[1], 3)} {'declared' if found.design.known else 'assumed'}"
+    alone = ", with no hand on the device" if _alone(one, found.design) else ""
     return {
-        "delay": f"{number(one.delay + law.lag, 3)} samples, {meant}",
+        "delay": f"{number((one.delay + law.lag) * found.design.samples_a_tick(log), 3)} samples, {meant}",
         "rate": f"a new force every {number(1e3 * log.period_s, 3)} ms",
         "stiffness": f"k = {spring}{alone}",
         "damping": f"b = {damper}{alone}",

@@ -1,20 +1,22 @@
-"""The law from position to force in a log: spring, damper, filter, lag; a switched part; two rates."""
+"""The law from position to force in a log: one regression over lags, holds, filters and switches."""
 
 from __future__ import annotations
 
+import itertools
 import math
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, FloatArray, IndexArray
-from avc_casadi.diagnose.oscillation import Log, Oscillation, even_phase
-from avc_casadi.identification.regression import feedback, regression
+from avc_casadi.diagnose.oscillation import Log, Oscillation, even_phase, samples_alike
+from avc_casadi.identification.regression import regression
 
-# Residual up to which a law explains the force; a more complex law has to leave so much less; an exact one needs no
-# other. Lags that are tried, and the fewest samples of a law that is not exact.
-_EXPLAINS, _BETTER, _EXACT, _MOST_LAG, _FEWEST = 0.05, 0.3, 5e-3, 8, 25
+# Residual up to which a law explains the force, and up to which with a coarse encoder; a more complex law has to leave
+# so much less; an exact one needs no other. Lags that are tried, and the fewest samples of a law that is not exact.
+_EXPLAINS, _COARSE, _BETTER, _EXACT, _MOST_LAG, _FEWEST = 0.05, 0.3, 0.3, 5e-3, 8, 25
 
 
 @dataclass(frozen=True)
@@ -32,27 +34,33 @@ class Frames:
 
     slow: Literal["spring", "damper"]
     ticks: int
-    late: int
+    late: float
 
 
 @dataclass(frozen=True)
 class Law:
-    """F(n) = k x(n-lag) + b v(n-lag) + offset + switch; v(n) = keep v(n-1) + (1 - keep) (x(n) - x(n-1))/T."""
+    """F(n) = k x(n-lag) + b v(n-lag) + offset + switch; v(n) = keep v(n-1) + (1 - keep) (x(n) - x(n-1))/T.
+
+    Errors are half of 95 % intervals; a coefficient below its error is 0.
+    """
 
     stiffness_n_per_m: float
     damping_ns_per_m: float
     keep: float
-    lag: int
+    lag: float
     offset_n: float
     misfit: float
     samples: int
+    stiffness_error_n_per_m: float = 0.0
+    damping_error_ns_per_m: float = 0.0
+    grain: float = 0.0  # what an encoder step leaves, where the law reads a finer position
     switch: Switch | None = None
     frames: Frames | None = None
 
     @property
     def explains(self) -> bool:
         """Whether it is the force of the log."""
-        return self.misfit < _EXPLAINS
+        return self.misfit < max(_EXPLAINS, min(1.3 * self.grain, _COARSE))
 
     def filter_hz(self, sample_time_s: float) -> float | None:
         """Cut-off of the velocity filter; None without one below the Nyquist frequency."""
@@ -61,8 +69,7 @@ class Law:
 
 def find_law(log: Log, swing: Oscillation, limit_n: float | None, friction_n: float) -> Law | None:
     """Return the law that explains the force best, whether it does or not; None without enough samples in contact."""
-    size = np.abs(log.force_n)
-    most = float(size.max(initial=0.0))
+    size, most = np.abs(log.force_n), float(np.abs(log.force_n).max(initial=0.0))
     if not most:
         return None
     limit = most if limit_n is None else min(most, limit_n)
@@ -70,21 +77,21 @@ def find_law(log: Log, swing: Oscillation, limit_n: float | None, friction_n: fl
     # The largest force may be a limit; where the position toggles between two steps it belongs to one of them.
     cut = top & (limit == limit_n or np.ptp(log.position_m[top]) > 1.5 * log.encoder_m)
     use = log.ran & log.touching & ~cut
-    best: Law | None = None
-    for lag in range(_MOST_LAG + 1):
-        for filtered in (False, True):
-            law = _plain(log, use, lag, filtered=filtered)
-            law = law if law is None or filtered else _with_limit(law, log, cut, limit)
-            if law is not None and (best is None or law.misfit < _BETTER * best.misfit):
-                best = law
+    # A force of the position a sample before is exactly one of a negative damper now: that is the last to be taken.
+    best = _best(sorted(_plain(log, use, cut, limit), key=lambda law: (law.damping_ns_per_m < 0, law.keep > 0)))
     if best is not None and best.misfit < _EXACT:
         return best
-    part = np.zeros_like(use)
-    part[swing.first : swing.last] = True
-    whole = log.ran & part & (True if np.unique(log.force_n).size <= 3 else ~cut)
-    others = [_switched(log, whole, friction_n), _two_rates(log, use & part)]
-    better = (law for law in others if law is not None and (best is None or law.misfit < _BETTER * best.misfit))
-    return next(better, best)
+    whole = log.ran & (True if np.unique(log.force_n).size <= 3 else ~cut)
+    whole[: swing.first] = whole[swing.last :] = False
+    switched = _best(_switched(log, whole, friction_n), best)
+    return switched if switched is not best else _best(sorted(_two_rates(log, use), key=lambda law: law.misfit), best)
+
+
+def _best(laws: Iterable[Law], best: Law | None = None) -> Law | None:
+    """Return the law with the smallest residual; what comes later has to leave far less."""
+    for law in laws:
+        best = law if best is None or law.misfit < _BETTER * best.misfit else best
+    return best
 
 
 def _lagged(ran: BoolArray, use: BoolArray, lag: int) -> IndexArray:
@@ -96,52 +103,94 @@ def _lagged(ran: BoolArray, use: BoolArray, lag: int) -> IndexArray:
     return np.flatnonzero(good)
 
 
-def _share(left_n: float, force: FloatArray) -> float:
-    """Return a residual as a share of the changes of the force."""
-    changes = float(np.std(force))
-    return max(left_n / changes, 1e-12) if changes else math.inf
+def _regress(
+    force: FloatArray, x: FloatArray, step: FloatArray, beside: Sequence[FloatArray], average: int = 1
+) -> tuple[FloatArray, FloatArray, FloatArray] | None:
+    """Return factors of position, its change in a sample, 1 and what stands beside; errors of two; what is left.
+
+    A factor within its error is left out. Where the rest is an error of the positions, the change has it too, which
+    pulls its factor towards 0 and half of the other's: so far the errors reach.
+    """
+    parts, other, changes = (x - x.mean(), step), [np.ones(x.size), *beside], float(np.std(force))
+    use, errors = [0, 1], np.zeros(2)
+    for _ in range(3):
+        columns = np.stack([*(parts[one] for one in use), *other], axis=1)
+        fit = regression(columns, force) if changes else None
+        if fit is None:
+            return None
+        factors, left = np.zeros(2 + len(other)), force - columns @ fit[0]
+        factors[[*use, *range(2, factors.size)]] = fit[0]
+        if fit[1] > 1e-9 * changes:
+            scale = np.sqrt(np.mean(columns**2, axis=0))
+            inverse = np.diag(np.linalg.inv((columns / scale).T @ (columns / scale) / x.size))
+            white = 2 * fit[1] * math.sqrt(samples_alike(left) / x.size)
+            read = fit[1] ** 2 / max(factors[0] ** 2, 2 * factors[1] ** 2 / average, 1e-300)
+            for one, own in zip(use, (scale / np.sqrt(inverse)).tolist(), strict=False):
+                pull = read / own**2 / (average if one else 1)
+                share = min((1 + one) * pull, 1.0)
+                whole = white / own + abs(factors[1 - one]) * pull + abs(factors[one]) * share
+                errors[one] = whole / (1 - share) if share < 1 else math.inf
+        known = [one for one in use if abs(factors[one]) > errors[one] + 1e-9 * changes / float(np.std(parts[one]))]
+        if known == use:
+            break
+        use = known
+    return factors, errors, left
 
 
-def _left(columns: FloatArray, force: FloatArray) -> tuple[FloatArray, float]:
-    """Return the factors of a regression and its residual as a share, infinite where columns are alike."""
-    found = regression(columns, force)
-    return (np.zeros(columns.shape[1]), math.inf) if found is None else (found[0], _share(found[1], force))
-
-
-def _plain(log: Log, use: BoolArray, lag: int, *, filtered: bool) -> Law | None:
-    """Fit a spring and a damper, with a filter of the velocity or without."""
-    rows = _lagged(log.ran, use, lag)
-    rows = rows[use[rows - 1]] if filtered else rows
-    if rows.size < 6:
+def _law(
+    log: Log, rows: IndexArray, x: FloatArray, step: FloatArray, lag: float, sign: FloatArray | None = None,
+    *, filtered: bool = False,
+) -> Law | None:  # fmt: skip
+    """Return the law of the force of some rows; a coarse position tells more by its means over many rows."""
+    force, period, changes = log.force_n[rows], log.period_s, float(np.std(log.force_n[rows]))
+    fit = _regress(force, x, step, [log.force_n[rows - 1]] if filtered else [] if sign is None else [sign])
+    keep = float(fit[0][3]) if fit is not None and filtered else 0.0
+    if fit is None or not 0 <= keep < 0.98:
         return None
-    x, before = log.position_m[rows - lag], log.position_m[rows - lag - 1]
-    if rows.size < _FEWEST and len(np.unique(np.stack([x, before], axis=1), axis=0)) < 6 + 2 * filtered:
-        return None
-    one = feedback(log.position_m, log.force_n, rows, lag, log.period_s, filtered=filtered)
-    if one is None:
-        return None
-    # From the force before, the next is told too easily: what counts is the error that the filter sums up.
-    left = _share(one.left_n, log.force_n[rows]) / max(1 - one.keep, 1e-3)
-    if not math.isfinite(left) or (rows.size < _FEWEST and left > 1e-3):
-        return None
-    return Law(one.stiffness_n_per_m, one.damping_ns_per_m, one.keep, lag, one.offset_n, left, int(rows.size))
+    factors, errors, left = fit
+    for many in (8, 64) if not filtered and sign is None and np.std(left) > _EXACT * changes else ():
+        ends = np.flatnonzero(rows[many:] - rows[:-many] == many) + many
+        means = [(np.cumsum(one)[ends] - np.cumsum(one)[ends - many]) / many for one in (force, x, step)]
+        coarse = _regress(means[0], means[1], means[2], [], many) if ends.size > 4 * many else None
+        if coarse is not None and coarse[1][1] < errors[1]:
+            (k, c, offset), errors, _ = coarse
+            factors = np.array([k, c, offset + k * (x.mean() - means[1].mean())])
+            left = force - k * (x - x.mean()) - c * step - factors[2]
+    # F = keep F_before + k (1 - keep) x + (b (1 - keep)/T + k keep)(x - x_before). From the force before, the next is
+    # told too easily: what counts is the error that the filter sums up.
+    k, error = float(factors[0]) / (1 - keep), (errors / (1 - keep)).tolist()
+    b = (float(factors[1]) - k * keep) * period / (1 - keep)
+    misfit = max(float(np.sqrt(np.mean(left**2))) / changes / max(1 - keep, 1e-3), 1e-12)
+    grain = log.encoder_m / math.sqrt(12) * math.hypot(k, math.sqrt(2) * b / period) / changes
+    offset = float(factors[2]) / (1 - keep) - k * float(x.mean())
+    switch = None if sign is None else Switch(float(factors[3]), "position")
+    return Law(k, b, keep, lag, offset, misfit, rows.size, error[0], error[1] * period, grain, switch)
 
 
-def _with_limit(law: Law, log: Log, cut: BoolArray, limit_n: float) -> Law:
-    """Count the forces at the limit too, which the law has to reach."""
-    rows = _lagged(log.ran, cut, law.lag)
-    if not rows.size:
-        return law
-    x, before = log.position_m[rows - law.lag], log.position_m[rows - law.lag - 1]
-    force = law.stiffness_n_per_m * x + law.damping_ns_per_m * (x - before) / log.period_s + law.offset_n
-    left = np.clip(force, -limit_n, limit_n) - log.force_n[rows]
-    return replace(law, misfit=max(law.misfit, float(np.sqrt(np.mean(left**2))) / limit_n))
+def _plain(log: Log, use: BoolArray, cut: BoolArray, limit_n: float) -> Iterator[Law]:
+    """Yield spring and damper of each lag, which may be a part of a hold, with a filter of the velocity and without."""
+    for late, filtered in itertools.product(range(min(_MOST_LAG * log.hold, 64) + 1), (False, True)):
+        lag, position = -(-late // log.hold), log.between(-late % log.hold)
+        rows = _lagged(log.ran, use, lag)
+        rows = rows[use[rows - 1]] if filtered else rows
+        x, before = position[rows - lag], position[rows - lag - 1]
+        pairs = len(np.unique(np.stack([x, before], axis=1), axis=0)) if 6 <= rows.size < _FEWEST else rows.size
+        law = _law(log, rows, x, x - before, late / log.hold, filtered=filtered) if pairs >= 6 + 2 * filtered else None
+        if law is None or (rows.size < _FEWEST and law.misfit > 1e-3):
+            continue
+        rows = _lagged(log.ran, cut, lag)
+        if rows.size and not filtered:
+            # The forces at the limit count too, which the law has to reach.
+            x, before = position[rows - lag], position[rows - lag - 1]
+            force = law.stiffness_n_per_m * x + law.damping_ns_per_m * (x - before) / log.period_s + law.offset_n
+            short = np.clip(force, -limit_n, limit_n) - log.force_n[rows]
+            law = replace(law, misfit=max(law.misfit, float(np.sqrt(np.mean(short**2))) / limit_n))
+        yield law
 
 
-def _switched(log: Log, use: BoolArray, friction_n: float) -> Law | None:
-    """Return the law with a part that a sign switches, or None."""
+def _switched(log: Log, use: BoolArray, friction_n: float) -> Iterator[Law]:
+    """Yield laws with a part that a sign switches."""
     position, force = log.position_m, log.force_n
-    best: Law | None = None
     for lag in range(_MOST_LAG + 1):
         rows = _lagged(log.ran, use, lag)
         if rows.size < 50 or not np.ptp(force[rows]):
@@ -154,25 +203,17 @@ def _switched(log: Log, use: BoolArray, friction_n: float) -> Law | None:
         ]
         signs += [(Switch(0.0, "speed"), np.sign(one - before)) for one in (x, after)]
         signs += [(Switch(0.0, "force"), np.sign(force[rows]))] if np.unique(force[rows]).size > 3 else []
-        plain = np.stack([x - x.mean(), x - before, np.ones(rows.size)], axis=1)
-        most = min(_EXPLAINS, _BETTER * _left(plain, force[rows])[1])
-        for kind, sign in signs:
-            values, left = _left(np.column_stack([sign, plain]), force[rows])
-            alone, left_alone = _left(np.column_stack([sign, np.ones(rows.size)]), force[rows])
-            if left_alone < _EXPLAINS and left_alone < 2 * left:
-                values, left = np.array([alone[0], 0.0, 0.0, alone[1]]), left_alone
-            c, k, b, offset = values.tolist()
-            matters = abs(c) > 0.05 * float(np.ptp(force[rows])) or (kind.by == "speed" and 0 < friction_n < -c)
-            if left <= most and matters and (best is None or left < _BETTER * best.misfit):
-                switch = replace(kind, force_n=c)
-                best = Law(k, b * log.period_s, 0.0, lag, offset - k * float(x.mean()), left, int(rows.size), switch)
-    return best
+        for switch, sign in signs:
+            law = _law(log, rows, x, x - before, lag, sign)
+            c = 0.0 if law is None or law.switch is None else law.switch.force_n
+            matters = abs(c) > 0.05 * float(np.ptp(force[rows])) or (switch.by == "speed" and 0 < friction_n < -c)
+            if law is not None and law.misfit <= _EXPLAINS and matters:
+                yield replace(law, switch=replace(switch, force_n=c))
 
 
 def _edges(force: FloatArray, position: FloatArray, rows: IndexArray, lag: int) -> list[tuple[float, float]]:
     """Return where the position may switch the force: at one edge, or at two with a dead band between them."""
-    rows = rows[np.isin(rows - 1, rows)]
-    if rows.size < 20:
+    if (rows := rows[np.isin(rows - 1, rows)]).size < 20:
         return []
     x, before, older = (position[rows - lag - back] for back in range(3))
     changes = force[rows] - force[rows - 1]
@@ -193,46 +234,35 @@ def _edges(force: FloatArray, position: FloatArray, rows: IndexArray, lag: int) 
             return float(np.median(low[some] + high[some])) / 2
         return 0.0 if inner <= 0 <= outer else (inner + outer) / 2
 
-    upper = low + high > ((low + high).min() + (low + high).max()) / 2
-    centre, most = edge(np.ones(low.size, dtype=bool)), float((high - low).max())
-    edges = [(centre, centre)]
-    if upper.any() and (low + high)[upper].min() > (low + high)[~upper].max():
-        edges.append((edge(~upper), edge(upper)))
+    both = low + high
+    upper, most = both > (both.min() + both.max()) / 2, float((high - low).max())
+    centre, apart = edge(both > -math.inf), upper.any() and both[upper].min() > both[~upper].max()
     # Edges that one step may cross together.
-    return edges + [(centre - width, centre + width) for width in np.geomspace(0.03 * most, 0.6 * most, 12).tolist()]
+    widths = np.geomspace(0.03 * most, 0.6 * most, 12).tolist()
+    edges = [(centre, centre), *([(edge(~upper), edge(upper))] if apart else [])]
+    return edges + [(centre - width, centre + width) for width in widths]
 
 
-def _two_rates(log: Log, use: BoolArray) -> Law | None:
-    """Return the law whose spring or damper is new once a frame and the other part at every tick, or None."""
-    if log.missed_share > 0.01:
-        return None
-    force, position, period = log.force_n, log.position_m, log.period_s
-    best: Law | None = None
+def _two_rates(log: Log, use: BoolArray) -> Iterator[Law]:
+    """Yield laws whose spring or damper is new once a frame and the other part at every tick."""
+    force, position = log.force_n, log.position_m
     kinds: tuple[Literal["spring", "damper"], ...] = ("spring", "damper")
-    for lag in range(4):
-        for slow in kinds:
-            frame = _frame(force, position, use, lag, slow)
-            for late in range(4) if frame else ():
-                ticks, first = frame or (1, 0)
-                rows = np.flatnonzero(use)
-                rows = rows[rows > first + (late + 1) * ticks + lag + 1]
-                framed = rows - (rows - first) % ticks - late * ticks
-                spring, damper = (framed - lag, rows - lag) if slow == "spring" else (rows - lag, framed - lag)
-                back = 1 if slow == "spring" else ticks
-                speed = (position[damper] - position[damper - back]) / (back * period)
-                columns = np.stack([position[spring], speed, np.ones(rows.size)], axis=1)
-                (k, b, offset), left = _left(columns, force[rows])
-                if left < _EXPLAINS and k > 0 and b > 0 and (best is None or left < best.misfit):
-                    frames = Frames(slow, ticks, late)
-                    best = Law(float(k), float(b), 0.0, lag, float(offset), left, int(rows.size), frames=frames)
-    return best
+    for lag, slow in itertools.product(range(4), kinds) if log.missed_share <= 0.01 else ():
+        ticks, first = _frame(force, position, use, lag, slow) or (0, 0)
+        for late in range(3 * ticks + 1) if ticks else ():
+            rows = np.flatnonzero(use & (np.arange(use.size) > first + ticks + late + lag + 1))
+            framed = rows - (rows - first) % ticks - late
+            spring, damper = (framed - lag, rows - lag) if slow == "spring" else (rows - lag, framed - lag)
+            back = 1 if slow == "spring" else ticks
+            law = _law(log, rows, position[spring], (position[damper] - position[damper - back]) / back, lag)
+            if law is not None and min(law.stiffness_n_per_m, law.damping_ns_per_m) > 0 and law.misfit < _EXPLAINS:
+                yield replace(law, frames=Frames(slow, ticks, late / ticks))
 
 
 def _frame(force: FloatArray, position: FloatArray, use: BoolArray, lag: int, slow: str) -> tuple[int, int] | None:
     """Return the ticks of a frame and its first tick: beside the fast part the force jumps in one phase only."""
     fast = position if slow == "damper" else np.diff(position, prepend=position[0])
-    rows = np.flatnonzero(use[1:] & use[:-1]) + 1
-    rows = rows[rows > lag + 2]
+    rows = np.flatnonzero(use[1:] & use[:-1] & (np.arange(1, use.size) > lag + 2)) + 1
     new, moved = force[rows] - force[rows - 1], fast[rows - lag] - fast[rows - lag - 1]
     some = np.abs(moved) > 1e-9 * np.abs(moved).max(initial=1e-300)
     if np.count_nonzero(some) < 100:

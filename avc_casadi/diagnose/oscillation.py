@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -12,6 +12,8 @@ from scipy import ndimage, signal
 
 from avc_casadi._util.arrays import BoolArray, FloatArray, IndexArray
 from avc_casadi.identification.log import Columns, lattice_step
+from avc_casadi.identification.regression import regression
+from avc_casadi.model.device import Device
 
 Kind = Literal["none", "decaying", "growing", "limit cycle", "irregular"]
 
@@ -23,7 +25,7 @@ class Log:
     name: str
     period_s: float
     sample_time_s: float
-    held: int
+    hold: int  # samples of the log for which a force is held
     missed_share: float
     uneven_share: float
     position_m: FloatArray
@@ -31,6 +33,7 @@ class Log:
     ran: BoolArray
     encoder_m: float
     start_s: float
+    samples_m: FloatArray  # positions of all samples, from the first tick on
 
     @property
     def touching(self) -> BoolArray:
@@ -42,20 +45,23 @@ class Log:
         """Time of each tick."""
         return np.asarray(self.start_s + np.arange(self.position_m.size) * self.period_s)
 
+    def between(self, samples: int) -> FloatArray:
+        """Return the position so many samples after each tick."""
+        after = self.samples_m[samples :: self.hold]
+        return np.pad(after, (0, self.position_m.size - after.size), mode="edge")
+
 
 def log_of(columns: Columns, *, flip_force: bool = False) -> tuple[Log, list[str]]:
     """Return the longest stretch of a log without a pause on its grid, and notes."""
-    notes = list(columns.told)
-    steps = np.diff(columns.time_s)
+    notes, steps = list(columns.told), np.diff(columns.time_s)
     short = float(np.quantile(steps, 0.1))
     usual = float(np.mean(steps[np.abs(steps - short) < 0.3 * short]))
     pauses = np.flatnonzero(steps > 40 * usual)
     edges = np.concatenate([[0], pauses + 1, [columns.time_s.size]])
-    longest = int(np.argmax(np.diff(edges)))
-    part = slice(int(edges[longest]), int(edges[longest + 1]))
-    if pauses.size:
-        notes.append(f"{pauses.size} pauses in the log; the longest stretch is used, {np.diff(edges)[longest]} samples")
+    part = slice(*max(itertools.pairwise(edges.tolist()), key=lambda ends: ends[1] - ends[0]))
     time, position = columns.time_s[part], columns.position_m[part]
+    if pauses.size:
+        notes.append(f"{pauses.size} pauses in the log; the longest stretch is used, {time.size} samples")
     force = columns.force_n[part] * (1.0 if flip_force else -1.0)
     counts = _ticks_between(np.diff(time), usual)
     at = np.concatenate([[0], np.cumsum(counts)])
@@ -64,27 +70,16 @@ def log_of(columns: Columns, *, flip_force: bool = False) -> tuple[Log, list[str
     # Stamps scatter about a grid, or each about the one before.
     about, apart = float(np.std(time - time[0] - at * period)), float(np.std(np.diff(time) - counts * period))
     values = np.unique(position)
-    gaps = np.diff(values)
-    gaps = gaps[gaps > 1e-6 * np.ptp(values)]
+    gaps = np.diff(values)[np.diff(values) > 1e-6 * np.ptp(values)]
     # Of a swing over a few steps only the smallest difference is known.
     step = float(gaps.min(initial=math.inf)) if 1 < values.size < 12 else lattice_step(position) or 0.0
     # Ticks at which no new force is computed are left out.
-    held, first = _held(position, force)
-    kept = slice(first, None, held)
-    log = Log(
-        name=columns.file,
-        period_s=period * held,
-        sample_time_s=period,
-        held=held,
-        missed_share=float(1 - time.size / row_of.size),
-        uneven_share=apart / period if apart < about else 0.0,
-        position_m=np.interp(np.arange(row_of.size), at, position)[kept],
-        force_n=force[row_of][kept],
-        ran=(at[row_of] == np.arange(row_of.size))[kept],
-        encoder_m=step,
-        start_s=float(time[0]) + first * period,
-    )
-    return log, notes
+    hold, first = _hold(position, force)
+    ticks, even = slice(first, None, hold), np.interp(np.arange(row_of.size), at, position)
+    missed, uneven = float(1 - time.size / row_of.size), apart / period if apart < about else 0.0
+    ran, start = (at[row_of] == np.arange(row_of.size))[ticks], float(time[0]) + first * period
+    times = (columns.file, period * hold, period, hold, missed, uneven)
+    return Log(*times, even[ticks], force[row_of][ticks], ran, step, start, even[first:]), notes
 
 
 def _ticks_between(steps: FloatArray, usual: float) -> IndexArray:
@@ -96,11 +91,11 @@ def _ticks_between(steps: FloatArray, usual: float) -> IndexArray:
     return np.where(steps < 2.5 * period, 1, np.round(steps / period)).astype(np.intp)
 
 
-def _held(position: FloatArray, force: FloatArray) -> tuple[int, int]:
+def _hold(position: FloatArray, force: FloatArray) -> tuple[int, int]:
     """Return the samples for which each force is held while the position changes (no relay), and the first new."""
     moved, new = np.diff(position) != 0, np.diff(force) != 0
     change = np.flatnonzero(new) + 1
-    if np.unique(force).size < 4 or (new & moved).sum() < 20 or moved.sum() <= 1.3 * change.size:
+    if np.unique(force).size < 4 or change.size < 12 or moved.sum() <= 1.3 * change.size:
         return 1, 0
     return even_phase(change, max(8, round(float(np.median(np.diff(change)))))) or (1, 0)
 
@@ -137,6 +132,7 @@ class Oscillation:
 
 # Slow motion below each frequency is left out, in turn; an even cycle of fewer turns is none, growth takes fewer.
 _ABOVE_HZ, _EVEN_TURNS, _GROWING_TURNS = (4.0, 1.0, 0.25), 8, 5
+LEAST_ALIKE = 3.0  # correlated samples per independent one of a white residual, with rounding
 
 
 def find_oscillation(log: Log, limit_n: float | None) -> Oscillation:
@@ -149,14 +145,24 @@ def find_oscillation(log: Log, limit_n: float | None) -> Oscillation:
     # What decays over few steps may be noise of the position, which shakes the force.
     if not any(one.kind == "decaying" and one.last > 0.8 * log.position_m.size and one.steps > 14 for one in found):
         found += _of_force(log, found[0], limit_n)
-    return max(found, key=lambda one: (one.sustained, one.peak_to_peak_m * np.nan_to_num(one.frequency_hz)))
+    best = max(found, key=lambda one: (one.sustained, one.peak_to_peak_m * np.nan_to_num(one.frequency_hz)))
+    # Where nothing swings, the fastest motion that the encoder resolves.
+    resolved = (one for one in found if one.envelope_m.max() > 4 * log.encoder_m)
+    return best if best.kind != "none" else next(resolved, found[-1])
+
+
+def samples_alike(left: FloatArray) -> float:
+    """Return the correlated samples per independent one, 1 + 2 sum rho^2 (Bartlett), at least 3 for rounding."""
+    n = left.size
+    correlation = np.fft.irfft(np.abs(np.fft.rfft(left - left.mean(), 2 * n)) ** 2)[: n // 2]
+    return max(LEAST_ALIKE, 1 + 2 * float(np.sum((correlation[1:] / max(correlation[0], 1e-300)) ** 2 - 1 / n)))
 
 
 def _overtone(one: Oscillation, slow: Oscillation) -> bool:
     """Return whether an oscillation is an overtone of a slower limit cycle, smaller by the square of its order."""
-    order = one.frequency_hz / slow.frequency_hz
-    locked = 1.5 < order < 5.5 and abs(order - round(order)) < 0.02 * order
-    return slow.kind == "limit cycle" and locked and one.peak_to_peak_m * order**2 < slow.peak_to_peak_m
+    order, cycle = one.frequency_hz / slow.frequency_hz, slow.kind == "limit cycle"
+    locked = cycle and 1.5 < order < 5.5 and abs(order - round(order)) < 0.02 * order
+    return locked and one.peak_to_peak_m * order**2 < slow.peak_to_peak_m
 
 
 def _above(log: Log, hertz: float) -> Oscillation:
@@ -174,10 +180,10 @@ def _above(log: Log, hertz: float) -> Oscillation:
     turns = _turns(fast, np.maximum(least, 0.6 * envelope))
     run = _even_run(turns, np.abs(np.diff(fast[turns])))
     if run is not None:
-        return _measured(log, none, turns[run], even=True)
+        return _measure(log, none, turns[run], even=True)
     recent = turns[turns > n - max(n // 3, 1)]
     goes_on = recent.size > 10 and n - recent[-1] < 4 * float(np.mean(np.diff(recent)))
-    return _measured(log, none, recent, even=False) if goes_on else none
+    return _measure(log, none, recent, even=False) if goes_on else none
 
 
 def _turns(fast: FloatArray, size: FloatArray) -> IndexArray:
@@ -206,8 +212,7 @@ def _even_run(turns: IndexArray, swings: FloatArray) -> slice | None:
     best, most = None, 0.0
     for begin, end in itertools.pairwise([-1, *np.flatnonzero(uneven).tolist(), cycles.size - 1]):
         run = slice(begin + 1, end + 3)
-        inside = swings[run.start : run.stop - 1]
-        to_end = run.stop == turns.size
+        inside, to_end = swings[run.start : run.stop - 1], run.stop == turns.size
         grows = run.stop - run.start >= _GROWING_TURNS and inside[-1] > 1.5 * inside[0] and to_end
         rate = float(np.sum((inside / np.diff(turns[run])) ** 2) * (1.0 + to_end))
         if (run.stop - run.start >= _EVEN_TURNS or grows) and rate > most:
@@ -215,11 +220,10 @@ def _even_run(turns: IndexArray, swings: FloatArray) -> slice | None:
     return best
 
 
-def _measured(log: Log, none: Oscillation, turns: IndexArray, *, even: bool) -> Oscillation:
+def _measure(log: Log, none: Oscillation, turns: IndexArray, *, even: bool) -> Oscillation:
     """Measure the oscillation of some turns."""
     period, n, first = log.period_s, log.position_m.size, int(turns[0])
-    sizes = np.abs(np.diff(none.fast_m[turns]))
-    hertz = (turns.size - 1) / 2 / (period * float(turns[-1] - turns[0]))
+    sizes, hertz = np.abs(np.diff(none.fast_m[turns])), (turns.size - 1) / 2 / (period * float(turns[-1] - turns[0]))
     few = 3 if sizes.size >= _EVEN_TURNS else 1  # so few turns grow: the last is the size
     top, late = float(np.quantile(sizes, 0.9)), float(np.median(sizes[-max(few, sizes.size // 4) :]))
     back = np.diff(log.position_m[turns[0] : turns[-1] + 1])
@@ -245,17 +249,16 @@ def _measured(log: Log, none: Oscillation, turns: IndexArray, *, even: bool) -> 
     if kind != "growing" and sizes.size < 16 and touching > 1.0 and touching * hertz > 8:
         kind = "decaying"
     inside = slice(max(first, last - max(round(3 / hertz / period), (last - first) // 2)), last)
-    return replace(
-        none,
-        kind=kind,
-        first=first,
-        last=last,
-        frequency_hz=hertz,
-        peak_to_peak_m=late,
-        force_peak_to_peak_n=float(np.ptp(np.quantile(log.force_n[inside], (0.01, 0.99)))),
-        steps=late / log.encoder_m if log.encoder_m else math.inf,
-        contact_share=float(np.mean(log.touching[first:last])),
-    )
+    return _swing(log, none, kind, (first, last), inside, hertz, late)
+
+
+def _swing(
+    log: Log, none: Oscillation, kind: Kind, ends: tuple[int, int], inside: slice, hertz: float, size: float
+) -> Oscillation:
+    """Return an oscillation with its force and its size in encoder steps."""
+    force = float(np.ptp(np.quantile(log.force_n[inside], (0.01, 0.99))))
+    steps, share = size / log.encoder_m if log.encoder_m else math.inf, float(np.mean(log.touching[slice(*ends)]))
+    return Oscillation(kind, *ends, none.fast_m, none.envelope_m, hertz, size, force, steps, share)
 
 
 def _of_force(log: Log, none: Oscillation, limit_n: float | None) -> list[Oscillation]:
@@ -271,17 +274,29 @@ def _of_force(log: Log, none: Oscillation, limit_n: float | None) -> list[Oscill
     least = max(0.04 * abs(float(force.mean())), 4e-3 * (limit_n or float(np.abs(log.force_n).max())))
     if ripple < least or turns.size < 16 or force.size - turns[-1] > 2 * np.diff(turns).max():
         return []
-    cycles = np.diff(turns[::2])
-    moved = float(np.ptp(np.quantile(log.position_m[begin:], (0.02, 0.98))))
-    one = replace(
-        none,
-        kind="limit cycle" if float(np.std(cycles) / np.mean(cycles)) < 0.35 else "irregular",
-        first=begin,
-        last=n,
-        frequency_hz=(turns.size - 1) / 2 / (period * float(turns[-1] - turns[0])),
-        peak_to_peak_m=moved,
-        force_peak_to_peak_n=float(np.ptp(np.quantile(force, (0.01, 0.99)))),
-        steps=moved / log.encoder_m if log.encoder_m else math.inf,
-        contact_share=float(np.mean(log.touching[begin:])),
-    )
-    return [one]
+    cycles, moved = np.diff(turns[::2]), float(np.ptp(np.quantile(log.position_m[begin:], (0.02, 0.98))))
+    kind: Kind = "limit cycle" if float(np.std(cycles) / np.mean(cycles)) < 0.35 else "irregular"
+    hertz = (turns.size - 1) / 2 / (period * float(turns[-1] - turns[0]))
+    return [_swing(log, none, kind, (begin, n), slice(begin, n), hertz, moved)]
+
+
+def pushed_kg(log: Log, device: Device, *, known: bool) -> float:
+    """Return the mass that the force moves up to the largest speed; negative along the motion, infinite for none."""
+    period, force = log.sample_time_s, np.repeat(log.force_n, log.hold)[: log.samples_m.size]
+    speed = np.abs(ndimage.uniform_filter1d(np.gradient(log.samples_m), 5))
+    peak, late = int(np.argmax(speed)), round(device.delay_samples * device.sample_time_s / period)
+    first = int(np.flatnonzero(np.append(True, speed[:peak] < 0.03 * speed[peak]))[-1])
+    force = force[max(first - late, 0) : peak - late + 1]
+    x, time = log.samples_m[peak + 1 - force.size : peak + 1], period * np.arange(force.size)
+    # Summed twice as a held force acts, with drag and friction, beside any start, speed and constant push.
+    twice = np.append(0.0, np.cumsum(np.cumsum(force) - force / 2)[:-1]) * period**2
+    drag = known * device.damping_ns_per_m * np.cumsum(x - x[:1]) * period
+    drag += known * device.coulomb_friction_n * time**2 / 2 * np.sign(x[-1:] - x[:1])
+    for powers, sign in itertools.product((2, 3), (1, -1)) if force.size >= 8 and force.any() else ():
+        start = np.vander(time / time[-1], powers)
+        fit, free = regression(np.column_stack([twice + sign * drag, start]), x), regression(start, x)
+        rest = (math.inf, 0.0) if fit is None or free is None else (fit[1], free[1])
+        clear = rest[0] < max(0.05 * rest[1], 0.5 * log.encoder_m) and rest[1] > 2 * log.encoder_m
+        if fit is not None and clear and fit[0][0] * sign < 0:
+            return -1 / float(fit[0][0])
+    return math.inf

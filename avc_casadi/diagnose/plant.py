@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -11,7 +12,7 @@ from scipy import optimize, signal
 
 from avc_casadi._util.arrays import BoolArray, FloatArray
 from avc_casadi.diagnose.law import Law
-from avc_casadi.diagnose.oscillation import Log, Oscillation
+from avc_casadi.diagnose.oscillation import LEAST_ALIKE, Log, Oscillation, samples_alike
 from avc_casadi.loops.loop import Body, Loop
 from avc_casadi.loops.spectrum import Closed
 from avc_casadi.model.device import Device
@@ -20,13 +21,12 @@ from avc_casadi.model.plant import sampled_plant
 from avc_casadi.model.problem import Hands
 from avc_casadi.model.quantity import LEAST_DELAY_SAMPLES
 
-# Delays that are searched, samples; draws of each structure; ln odds against a resonance and against stops; correlated
-# samples per independent one of a white residual, with rounding.
-_LEAST_DELAY, _MOST_DELAY, _DRAWS, _RESONANCE_ODDS, _STOP_ODDS, _WHITE = 2e-3, 14.0, 12, 12.0, 8.0, 3.0
+# Delays that are searched, samples; draws of each structure; ln odds against a resonance and against stops.
+_LEAST_DELAY, _MOST_DELAY, _DRAWS, _RESONANCE_ODDS, _STOP_ODDS = 2e-3, 14.0, 12, 12.0, 8.0
 
 
 @dataclass(frozen=True)
-class Declared:
+class Design:
     """What the loop was designed for: a device, whether it was declared or is assumed, and the hands."""
 
     device: Device
@@ -39,11 +39,14 @@ class Declared:
         own = float(self.device.delay_samples)
         return self.device.range.delay_samples or ((own, own) if self.known else (0.0, 2 * own))
 
-    def delays_in(self, log: Log) -> tuple[float, float]:
-        """Return that range in samples of a log, which may be longer."""
-        longer = self.known and log.period_s > 1.3 * self.device.sample_time_s
-        ratio = self.device.sample_time_s / log.period_s if longer else 1.0
-        return self.delay_samples[0] * ratio, self.delay_samples[1] * ratio
+    def samples_a_tick(self, log: Log) -> float:
+        """Return the samples of the device in a tick of a log, which may be longer."""
+        ratio = log.period_s / self.device.sample_time_s
+        return ratio if ratio > 1.3 else 1.0
+
+    def latest(self, log: Log) -> float:
+        """Return the longest declared delay in ticks of a log."""
+        return self.delay_samples[1] / self.samples_a_tick(log)
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,8 +70,8 @@ class Hypothesis:
         return float(self.device.delay_samples)
 
 
-def growth(one: Hypothesis, law: Law, stiffness: float = 1.0, damping: float = 1.0) -> tuple[float, float]:
-    """Return growth rate, 1/s, and frequency, Hz, of the least damped mode of the loop of one rate, gains scaled."""
+def growth(one: Hypothesis, law: Law, stiffness: float = 1.0, damping: float = 1.0) -> float:
+    """Return the growth rate, 1/s, of the least damped mode of the loop of one rate, gains scaled."""
     period, late = one.device.sample_time_s, one.changed(delay_samples=one.delay + law.lag)
     body = Body.of(sampled_plant(late.device, one.hand or no_hand())).axes(0, 0)
     loop = Loop(body=body.size, before=1, rate=1)
@@ -76,13 +79,13 @@ def growth(one: Hypothesis, law: Law, stiffness: float = 1.0, damping: float = 1
     rate = law.keep * loop["rate"] + (1 - law.keep) * (x - loop["before"])
     force = stiffness * law.stiffness_n_per_m * x + damping * law.damping_ns_per_m / period * rate
     maps = loop.event(body=body.moved(loop["body"], force[0]), before=x, rate=rate)
-    value = complex(Closed(maps, loop.rests({"body": body.shift, "before": 1.0})).leading)
-    return math.log(max(abs(value), 1e-300)) / period, abs(float(np.angle(value))) / (2 * math.pi * period)
+    leading = Closed(maps, loop.rests({"body": body.shift, "before": 1.0})).leading
+    return math.log(max(abs(complex(leading)), 1e-300)) / period
 
 
 def stable(one: Hypothesis, law: Law, stiffness: float = 1.0, damping: float = 1.0) -> bool:
     """Return whether the loop decays."""
-    return growth(one, law, stiffness, damping)[0] < 0
+    return growth(one, law, stiffness, damping) < 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,9 +114,9 @@ class _Window:
 class _Structure:
     """Unknowns of one structure with their prior, and its residuals."""
 
-    declared: Declared
+    design: Design
     period_s: float
-    held: bool
+    hand: bool
     resonant: bool
     names: tuple[str, ...]
     middle: FloatArray
@@ -133,7 +136,7 @@ class _Structure:
     def answer(self, point: FloatArray) -> Hypothesis:
         """Return device and hand at a point."""
         value = dict(zip(self.names, point.tolist(), strict=True))
-        device = self.declared.device
+        device = self.design.device
         new: dict[str, object] = {"delay_samples": max(value["delay"], _LEAST_DELAY), "sample_time_s": self.period_s}
         if "device" in value:
             new["mass_kg"] = device.mass_kg * math.exp(value["device"])
@@ -142,7 +145,7 @@ class _Structure:
             shape = math.exp(value["mode"]), min(math.exp(value["ratio"]), 0.5), value["share"]
             new["resonance"] = dict(zip(("frequency_hz", "damping_ratio", "mass_ratio"), shape, strict=True))
         hand = None
-        if self.held:
+        if self.hand:
             hand = Hand(*(math.exp(value[key]) for key in ("mass", "damping", "stiffness")))
         return Hypothesis(device, hand, self.stops).changed(**new)
 
@@ -165,8 +168,8 @@ class _Structure:
 
         lead = window.past.size - n
         forced = response(new, window.past[lead - whole :][:n]) + response(old, window.past[lead - whole - 1 :][:n])
-        if self.declared.device.coulomb_friction_n:
-            forced = forced + response(new + old, self.declared.device.coulomb_friction_n * window.rub)
+        if self.design.device.coulomb_friction_n:
+            forced = forced + response(new + old, self.design.device.coulomb_friction_n * window.rub)
         # Free motion from any state, the slow motion of the hand, and a weight.
         free, power = row[None, :], a
         while len(free) < n:
@@ -183,16 +186,14 @@ class _Structure:
             for block, begin, end in zip(columns, edges[::2], edges[1::2], strict=True):
                 block[begin:end] = free[: end - begin]
         columns.append(slow)
-        if not self.held:
+        if not self.hand:
             pushes = np.ones(n), np.arange(n) / n
             columns.append(np.stack([response(new + old, push) for push in pushes], axis=1))
         basis = np.concatenate(columns, axis=1)[use]
         basis = np.where(np.abs(basis) < 1e-60, 0.0, basis)
         size = np.sqrt(np.mean(basis**2, axis=0))
-        basis, size = basis[:, size > 0] / size[size > 0], size[size > 0]
-        rest = (window.position - forced)[use]
-        upright = np.linalg.qr(basis)[0]
-        spare = rest.size - basis.shape[1]
+        basis, rest = basis[:, size > 0] / size[size > 0], (window.position - forced)[use]
+        upright, spare = np.linalg.qr(basis)[0], rest.size - basis.shape[1]
         if spare < basis.shape[1]:
             # Stops that leave hardly any motion explain all of it.
             return np.full(max(rest.size, 1), np.ptp(window.position))
@@ -207,48 +208,35 @@ class _Structure:
             left = [self.residual(point, one) / level for one, level in zip(windows, levels, strict=True)]
             return np.concatenate([*left, (point - self.middle) / self.spread])
 
-        low, high = self.ends
-        found = optimize.least_squares(
-            gap,
-            np.clip(first, low + 1e-6, high - 1e-6),
-            bounds=(low, high),
-            x_scale=self.spread,
-            diff_step=np.full(first.size, 1e-4),
-            max_nfev=tries,
-        )
+        low, high = bounds = self.ends
+        inner, step, size = np.clip(first, low + 1e-6, high - 1e-6), np.full(first.size, 1e-4), self.spread
+        found = optimize.least_squares(gap, inner, bounds=bounds, x_scale=size, diff_step=step, max_nfev=tries)
         slope = np.asarray(found.jac)
         return np.asarray(found.x), slope.T @ slope, float(found.cost)
 
 
-def _structures(declared: Declared, period_s: float, lag: int, hertz: float, *, resonant: bool) -> list[_Structure]:
+def _structures(design: Design, period_s: float, lag: float, hertz: float, *, resonant: bool) -> list[_Structure]:
     """Return the structures that may have made a log."""
-    device, own = declared.device, declared.device.sample_time_s / period_s
-    least, most = declared.delay_samples
+    device, own = design.device, design.device.sample_time_s / period_s
+    least, most = design.delay_samples
     wide = math.hypot(0.15, (most - least) / math.sqrt(12))
     punctual = (max((least + most) / 2 * own - lag, 0.0), max(wide * own, wide))
     late = (max(most * own - lag, 0.0), 4.0)
-    box = np.log(np.maximum(hand_ranges(declared.hands), device.metres_per_unit**2 * np.array([[1e-3], [0.1], [5.0]])))
-    width = np.maximum((box[:, 1] - box[:, 0]) / 2, 0.4 if declared.known else 1.1)
+    box = np.log(np.maximum(hand_ranges(design.hands), device.metres_per_unit**2 * np.array([[1e-3], [0.1], [5.0]])))
+    width = np.maximum((box[:, 1] - box[:, 0]) / 2, 0.4 if design.known else 1.1)
     hand = list(zip(("mass", "damping", "stiffness"), box.mean(axis=1), width, strict=True))
-    free = [("device", 0.0, 0.06 if declared.known else 2.0), ("drag", 0.0, 0.5 if declared.known else 2.0)]
+    free = [("device", 0.0, 0.06 if design.known else 2.0), ("drag", 0.0, 0.5 if design.known else 2.0)]
     mode = [("mode", math.log(max(hertz, 40.0)), 0.6), ("ratio", math.log(0.03), 0.6), ("share", 0.4, 0.15)]
-    held = [*hand, *([] if declared.known else free)]
-    parts = [(True, punctual, [*held, *mode])] if resonant else [(True, punctual, held), (True, late, held)]
-    parts += [(False, punctual, free), (False, late, free)] if not resonant else []
+    both = [*hand, *([] if design.known else free)]
+    parts = [(True, punctual, both), (True, late, both), (False, punctual, free), (False, late, free)]
+    parts = [(True, punctual, [*both, *mode])] if resonant else parts
     slow = min(float(np.clip(hertz / 3, 2.5, 40.0)), hertz / 2)
-    return [
-        _Structure(
-            declared,
-            period_s,
-            with_hand,
-            resonant,
-            ("delay", *(name for name, _, _ in unknowns)),
-            np.array([delay[0], *(middle for _, middle, _ in unknowns)]),
-            np.array([delay[1], *(spread for _, _, spread in unknowns)]),
-            slow,
-        )
-        for with_hand, delay, unknowns in parts
-    ]
+    found = []
+    for hand_on, delay, unknowns in parts:
+        names, middle, spread = zip(("delay", *delay), *unknowns, strict=True)
+        unknown = names, np.array(middle), np.array(spread)
+        found.append(_Structure(design, period_s, hand_on, resonant, *unknown, slow))
+    return found
 
 
 def _windows(log: Log, swing: Oscillation) -> list[_Window]:
@@ -256,8 +244,7 @@ def _windows(log: Log, swing: Oscillation) -> list[_Window]:
     period, n, lead = log.period_s, log.position_m.size, int(_MOST_DELAY) + 2
     size = int(min(max(0.4, 6 / swing.frequency_hz) / period, 1500, n - lead))
     places = [swing.last - size, swing.first + round(2 / swing.frequency_hz / period)]
-    if swing.steps < 12:
-        places.append(int(np.argmax(np.convolve(swing.fast_m**2, np.ones(size), mode="valid"))))
+    places += [int(np.argmax(np.convolve(swing.fast_m**2, np.ones(size), "valid")))] if swing.steps < 12 else []
     chosen: list[int] = []
     for place in places:
         start = int(np.clip(place, lead, n - size))
@@ -265,31 +252,26 @@ def _windows(log: Log, swing: Oscillation) -> list[_Window]:
             chosen.append(start)
     smooth = signal.savgol_filter(log.position_m, 5, 2, deriv=1)
     rub = np.tanh(smooth / max(0.05 * log.encoder_m, 1e-3 * float(np.std(smooth)), 1e-12))
+    parts = [(start, slice(start, start + size)) for start in chosen]
+    x, force = log.position_m, log.force_n
     return [
-        _Window(
-            float(log.position_m[start]),
-            log.position_m[start : start + size] - log.position_m[start],
-            log.force_n[start - lead : start + size],
-            np.asarray(rub[start : start + size]),
-            log.ran[start : start + size],
-        )
-        for start in chosen
+        _Window(float(x[at]), x[part] - x[at], force[at - lead : at + size], rub[part], log.ran[part])
+        for at, part in parts
     ]
 
 
-def fit_plants(log: Log, swing: Oscillation, declared: Declared, lag: int, seed: int) -> list[Fit]:
+def fit_plants(log: Log, swing: Oscillation, design: Design, lag: float, seed: int) -> list[Fit]:
     """Return device and hand in every structure, likeliest first; with a resonance or stops where nothing else fits."""
-    period, hertz = log.period_s, swing.frequency_hz
-    part = log.position_m[swing.first : swing.last]
-    scatter = math.hypot(log.encoder_m / math.sqrt(12), declared.device.position_noise_rms_m)
+    period, hertz, part = log.period_s, swing.frequency_hz, log.position_m[swing.first : swing.last]
+    scatter = math.hypot(log.encoder_m / math.sqrt(12), design.device.position_noise_rms_m)
     noise = math.hypot(scatter, 5e-3 * float(np.std(part)))
-    plain, windows = _structures(declared, period, lag, hertz, resonant=False), _windows(log, swing)
+    plain, windows = _structures(design, period, lag, hertz, resonant=False), _windows(log, swing)
     tried = [_begin(one, windows, noise) for one in plain]
     least = min(left for *_, left in tried)
     # What the likeliest leaves is noise of the position where it is white, whether it is declared or not.
     one, point, _ = min(tried, key=lambda each: each[-1])
     rest = np.concatenate([one.residual(point, window) for window in windows])
-    if rest.size > 200 and _alike(rest) <= _WHITE:
+    if rest.size > 200 and samples_alike(rest) <= LEAST_ALIKE:
         scatter, noise = max(scatter, least), max(noise, least)
     # Behind stops the acceleration is of a force that is not in the log.
     if least > 2 * noise and swing.steps > 14:
@@ -301,26 +283,25 @@ def fit_plants(log: Log, swing: Oscillation, declared: Declared, lag: int, seed:
             most = 1.3 * min(left for *_, left in options)
             stopped = [option for option in options if option[-1] < most]
             # Where one further in explains no more the contact is out; with fewer samples a declared device has to do.
-            tried += stopped[:1] if (declared.known or stopped[1:]) and stopped[0][-1] < 0.5 * least else []
-    if declared.device.resonance is None and min(left for *_, left in tried) > 2 * noise:
-        resonant = _structures(declared, period, lag, hertz, resonant=True)
+            tried += stopped[:1] if (design.known or stopped[1:]) and stopped[0][-1] < 0.5 * least else []
+    if design.device.resonance is None and min(left for *_, left in tried) > 2 * noise:
+        resonant = _structures(design, period, lag, hertz, resonant=True)
         tried += [_begin(one, windows, noise) for one in resonant]
     best = [min((one.residual(point, window) for one, point, _ in tried), key=_rms) for window in windows]
-    levels = np.array([max(noise, _rms(left)) * math.sqrt(_alike(left)) for left in best])
+    levels = np.array([max(noise, _rms(left)) * math.sqrt(samples_alike(left)) for left in best])
     fits = [_finish(one, windows, point, levels, noise, seed) for one, point, _ in tried]
     return sorted((replace(fit, scatter_m=scatter) for fit in fits if fit is not None), key=lambda fit: fit.cost)
 
 
 def _begin(one: _Structure, windows: Sequence[_Window], noise: float) -> tuple[_Structure, FloatArray, float]:
     """Return a structure with its best point from a few initial guesses, and its residual."""
-    firsts = []
-    for delay in (0.0, 2.5) if one.spread[0] > 2 else (0.0,):
-        for turn in (0.75, 0.95, 1.2, 1.6) if one.resonant else (1.0,):
-            first = one.middle.copy()
-            first[0] += delay
-            if one.resonant:
-                first[-3] += math.log(turn)
-            firsts.append(one.solve(first, windows, np.full(len(windows), 1.7 * noise), 15))
+    firsts, level = [], np.full(len(windows), 1.7 * noise)
+    turns = (0.75, 0.95, 1.2, 1.6) if one.resonant else (1.0,)
+    for delay, turn in itertools.product((0.0, 2.5) if one.spread[0] > 2 else (0.0,), turns):
+        first = one.middle.copy()
+        first[0] += delay
+        first[-3] += math.log(turn)
+        firsts.append(one.solve(first, windows, level, 15))
     point = min(firsts, key=lambda each: each[2])[0]
     # A sudden motion of the hand spoils its window, not the evidence of the others.
     left = np.array([max(noise, _rms(one.residual(point, window))) for window in windows])
@@ -340,28 +321,13 @@ def _finish(
     drawn = np.clip(drawn, low + 1e-9, high - 1e-9)
     # The evidence integrates over the posterior, to compare structures with different numbers of unknowns.
     volume = 0.5 * float(np.sum(np.log(np.maximum(values, 1e-6)))) + float(np.sum(np.log(one.spread)))
-    near = 1e-3 * (high - low)
+    near, odds = 1e-3 * (high - low), _RESONANCE_ODDS * one.resonant + _STOP_ODDS * (one.stops is not None)
     if one.resonant and ((point > high - near) | (point < low + near))[-3:].any():
         return None
-    return Fit(
-        best=one.answer(point),
-        draws=tuple(map(one.answer, drawn)),
-        cost=cost + volume + _RESONANCE_ODDS * one.resonant + _STOP_ODDS * (one.stops is not None),
-        misfit=min(_rms(one.residual(point, window)) for window in windows) / noise,
-        scatter_m=0.0,
-        delay_error=float(np.std(drawn[:, 0])),
-        at_end=bool(point[0] > high[0] - near[0]),
-    )
+    draws, misfit = tuple(map(one.answer, drawn)), min(_rms(one.residual(point, window)) for window in windows) / noise
+    at_end = bool(point[0] > high[0] - near[0])
+    return Fit(one.answer(point), draws, cost + volume + odds, misfit, 0.0, float(np.std(drawn[:, 0])), at_end)
 
 
 def _rms(left: FloatArray) -> float:
     return math.sqrt(float(np.mean(left**2)))
-
-
-def _alike(left: FloatArray) -> float:
-    """Return the correlated samples per independent one, 1 + 2 sum rho^2 (Bartlett), at least 3 for rounding."""
-    n = left.size
-    correlation = np.fft.irfft(np.abs(np.fft.rfft(left - left.mean(), 2 * n)) ** 2)[: n // 2]
-    if not correlation[0] > 0:
-        return _WHITE
-    return max(_WHITE, 1 + 2 * float(np.sum((correlation[1:] / correlation[0]) ** 2 - 1 / n)))

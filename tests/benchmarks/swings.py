@@ -206,7 +206,9 @@ def mended(wrong: Loop, key: str, value: float) -> Loop:
 def settled(found: Diagnosis, wrong: Loop, kind: str) -> list[tuple[str, bool]]:
     """Return each remedy that was told, and whether it brings rest."""
     which = 1 if kind == "noise" else 0
-    loops = [wrong, *(mended(wrong, one.key, one.value) for one in found.remedies)]
+    ratio = found.design.device.sample_time_s / wrong.period  # delays are counted by the samples of the file
+    values = [one.value * (ratio if one.key == "delay_samples" else 1.0) for one in found.remedies]
+    loops = [wrong, *(mended(wrong, one.key, each) for one, each in zip(found.remedies, values, strict=True))]
     now, *left = sizes(played(loops)[which])[1].tolist()
     least = 0.45 * now if kind == "noise" else max(0.2 * now, 2.5 * wrong.step)
     return [(one.key, each < least) for one, each in zip(found.remedies, left, strict=True)]

@@ -78,7 +78,7 @@ def draw_diagnosis(found: Diagnosis) -> Figure:
     titles = ("(a) position", "(b) oscillation and envelope", "(c) force against position", "(d) spectrum")
     figure = style.panels(titles, 5.8, "ab;cd")
     position, swing, cycles, spectrum = figure.axes
-    log, one, units = found.log, found.swing, found.declared.device.units
+    log, one, units = found.log, found.swing, found.design.device.units
     time, inside = log.time_s, slice(one.first, one.last)
     size, unit = (1e3, units.unit("mm")) if one.peak_to_peak_m > _LARGE_M else (1e6, units.unit("um"))
     position.plot(time, 1e3 * log.position_m, color=style.BLUE, linewidth=0.8)
@@ -95,8 +95,7 @@ def draw_diagnosis(found: Diagnosis) -> Figure:
     cycles.set(xlabel=f"position ({unit})", ylabel=f"commanded {units.key('force')} ({units.unit('N')})")
     window = np.hanning(one.fast_m[inside].size)
     amplitude = size * 2 * np.abs(np.fft.rfft(one.fast_m[inside] * window)) / max(window.sum(), 1.0)
-    hertz = np.fft.rfftfreq(window.size, log.period_s)
-    top = max(float(amplitude[1:].max(initial=0.0)), 1e-9)
+    hertz, top = np.fft.rfftfreq(window.size, log.period_s), max(float(amplitude[1:].max(initial=0.0)), 1e-9)
     spectrum.plot(hertz[1:], amplitude[1:], color=style.BLUE, linewidth=0.9)
     spectrum.set(yscale="log", ylabel=f"amplitude ({unit})", ylim=(1e-4 * top, 3 * top))
     style.log_ticks(spectrum.yaxis, *spectrum.get_ylim())

@@ -15,6 +15,7 @@ from avc_casadi.present.row import (
     Answer,
     Mark,
     Part,
+    Parts,
     Row,
     Value,
     caution,
@@ -276,39 +277,39 @@ def identification(
 def diagnosis(data: Mapping[str, Any], found: Sequence[Diagnosis], command: str, files: Sequence[str]) -> Answer:
     """Return the answer of `diagnose`: the rows of one log, or a row for each of several."""
     beside = subject.written(*files)
-    units = found[0].declared.device.units
+    units, marks = found[0].design.device.units, {"nothing wrong": Mark.PASS, "named": Mark.FAIL}
     if len(found) > 1:
-        rows = [row(one.log.name, one.conclusion, mark=_verdict(one)) for one in found[:10]]
+        rows = [row(one.log.name, one.conclusion, mark=marks.get(one.verdict, Mark.CAUTION)) for one in found[:10]]
         rows += [row("Others", subject.plural(len(found) - 10, "log"))] if len(found) > 10 else []
         return Answer("diagnose", data, (f"{len(found)} logs",), (*rows, *beside), (command,), units)
-    (one,) = found
-    swing, law, fit = one.swing, one.law, one.fit
-    rows = [row("Verdict", one.conclusion, mark=_verdict(one))]
+    one, swing, law, fit = found[0], found[0].swing, found[0].law, found[0].fit
+    rows = [row("Verdict", one.conclusion, mark=marks.get(one.verdict, Mark.CAUTION))]
     for cure in one.remedies[:3]:
         of, ending = cure.quantity, QUANTITIES.get(cure.quantity, ("", ""))[0]
         name = cure.key.removesuffix(ending).replace("_", " ")
-        rows.append(row("Remedy", fill(f"{name} {{value:{of}}} in place of {{before:{of}}}", vars(cure))))
+        alone = "; rests by dry friction alone" if cure.by_friction else ""
+        rows.append(row("Remedy", fill(f"{name} {{value:{of}}} in place of {{before:{of}}}{alone}", vars(cure))))
     rows += [row("Next log", one.decides)] if one.decides else []
-    if swing.kind != "none":
-        size = "{peak_to_peak_m}, {force_peak_to_peak_n}, in contact {contact_share}"
-        rows.append(row("Oscillation", fill(f"{swing.kind} {{frequency_hz}}: {size}", vars(swing))))
-    if one.log.missed_share:
-        rows.append(row("Ticks", Value(one.log.missed_share, "share"), "missing", mark=Mark.CAUTION))
+    size = f"{swing.kind} {{frequency_hz}}: {{peak_to_peak_m}}, {{force_peak_to_peak_n}}, in contact {{contact_share}}"
+    rows += [row("Oscillation", fill(size, vars(swing)))] if swing.kind != "none" else []
+    missed = Value(one.log.missed_share, "share")
+    rows += [row("Ticks", missed, "missing", mark=Mark.CAUTION)] if one.log.missed_share else []
     if law is not None:
-        known = {**vars(law), "misfit": max(law.misfit, 1e-3)}
-        rows.append(row("Force", fill("k {stiffness_n_per_m}, b {damping_ns_per_m}; residual {misfit:share}", known)))
+        gains: Parts = ()
+        for name, key in (("k", "stiffness_n_per_m"), (", b", "damping_ns_per_m")):
+            value, error = getattr(law, key), getattr(law, key.replace("_n", "_error_n"))
+            within = ("±", Value.of(key, error, 1)) if 1e-3 * abs(value) < error < math.inf else None
+            gains = (gains, name, "cannot tell" if error > abs(value) else Value.of(key, value), within)
+        every = ("; new every", Value(one.log.period_s, "time")) if one.log.hold > 1 else None
+        rows.append(row("Force", gains, "; residual", Value(max(law.misfit, 1e-3), "share"), every))
     if fit is not None and law is not None:
-        ends = " to ".join(dict.fromkeys(number(end, 3) for end in one.declared.delays_in(one.log)))
-        late = f"± {number(fit.delay_error, 1)}; {'declared' if one.declared.known else 'assumed'} {ends}"
-        rows.append(row("Delay", Value(fit.best.delay + law.lag, "samples"), late))
+        ends, each = dict.fromkeys(one.design.delay_samples), one.design.samples_a_tick(one.log)
+        late = f"± {number(fit.delay_error * each, 1)}; {'declared' if one.design.known else 'assumed'} "
+        late += " to ".join(number(end, 3) for end in ends)
+        rows.append(row("Delay", Value((fit.best.delay + law.lag) * each, "samples"), late))
         hand = () if fit.best.hand is None else zip(fit.best.hand.values(0).values(), subject.HAND, strict=True)
         rows.append(row("Hand", commas(Value.of(key, value) for value, key in hand) or "none"))
-        if fit.best.stops is not None:
-            rows.append(row("Stops", commas(Value(each, "length") for each in fit.best.stops)))
+        rows += [row("Stops", commas(Value(at, "length") for at in fit.best.stops))] if fit.best.stops else []
     rows += [*beside, *subject.notes(one.notes, "Assumed", Mark.NONE, 1)]
     title = parts(one.log.name, " ", Value(one.log.position_m.size * one.log.period_s, "time"))
     return Answer("diagnose", data, title, tuple(rows), (command,), units)
-
-
-def _verdict(one: Diagnosis) -> Mark:
-    return Mark.PASS if one.verdict == "nothing wrong" else Mark.FAIL if one.cause else Mark.CAUTION
