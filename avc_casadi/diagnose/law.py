@@ -60,7 +60,7 @@ class Law:
     @property
     def explains(self) -> bool:
         """Whether it is the force of the log."""
-        return self.misfit < max(_EXPLAINS, min(1.3 * self.grain, _COARSE))
+        return self.misfit < max(_EXPLAINS, min(1.3 * self.grain, _COARSE) if self.stiffness_n_per_m > 0 else 0.0)
 
     def filter_hz(self, sample_time_s: float) -> float | None:
         """Cut-off of the velocity filter; None without one below the Nyquist frequency."""

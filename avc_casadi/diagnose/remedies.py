@@ -247,12 +247,12 @@ def _of_switch(law: Law, switch: Switch, scene: Scene, design: Design) -> Iterat
     if switch.by == "speed" and switch.force_n < 0:
         less = 0.8 * design.device.coulomb_friction_n
         smaller = replace(law, switch=replace(switch, force_n=-less))
-        yield Remedy("switched_n", less, -switch.force_n, "force"), {}, smaller, scene
-        return
+        return (yield Remedy("switched_n", less, -switch.force_n, "force"), {}, smaller, scene)
     size, quantity, swing = scene.swing.peak_to_peak_m, "length", scene.swing
     if switch.by != "position":
         speed = size * 2 * math.pi * swing.frequency_hz
         size, quantity = (speed, "speed") if switch.by == "speed" else (swing.force_peak_to_peak_n, "force")
-    for width in (size * np.geomspace(0.02, 8.0, 12)).tolist():
-        # A wider one is softer: it is played with a fifth less.
+    # Of a switch at the force limit the size is not seen. A wider ramp is softer: it is played with a fifth less.
+    seen = abs(switch.force_n) < 0.999 * (design.device.max_force_n or math.inf)
+    for width in (size * np.geomspace(0.02, 8.0, 12)).tolist() if seen else ():
         yield Remedy("switch_width", width, 0.0, quantity), {}, law, replace(scene, width=0.8 * width)
