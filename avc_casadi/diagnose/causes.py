@@ -164,7 +164,7 @@ def _at_once(found: Diagnosis) -> Diagnosis | Law:
         said = "the force is not that of a spring and a damper on the position, nor of a switch or two rates"
         said = said if law is not None or log.force_n.any() else "no force is commanded"
         decides = "the same with a spring and a damper alone, unlimited, and with the position that the law reads"
-    elif (sign := _of_sign(found, law)) is not None:
+    elif not (law.switch or law.frames) and (sign := _of_sign(found, law)) is not None:
         return sign
     elif swing.sustained and max(log.uneven_share, log.missed_share) > 0.12:
         said = "ticks come at uneven times or are missing, and no loop model fits"
@@ -185,26 +185,22 @@ def _of_sign(found: Diagnosis, law: Law) -> Diagnosis | None:
     """Return the verdict of a force that pushes the device away from where it is none; None of one that does not."""
     log, device, k, b = found.log, found.design.device, law.stiffness_n_per_m, law.damping_ns_per_m
     away, mass = k < 0, pushed_kg(log, device, known=found.design.known)
-    if law.switch is not None or law.frames is not None:
-        return None
     # A mass that is not the device alone is a hand's too, and a hand may push the device away as well.
     alone = found.design.known and 0.5 < abs(mass) / device.mass_kg < 2
     if away and not (alone and mass > 0):
         message = "drives the device away from its equilibrium; allowed: force along +position, or --flip-force"
         raise InputError.of(f"{message}; or the sign of the loop is wrong", file=log.name, key="force")
-    spring, motor = (
-        f"the spring pushes away, k = {quantity(k, device.units.unit('N/m'))}",
-        "motor or encoder is reversed",
-    )
+    spring = quantity(k, device.units.unit("N/m"))
+    why = f"the spring pushes away, k = {spring}" if away else "the motor or the encoder is reversed"
     if alone and (mass < 0) != away:
         turn = Remedy("stiffness_n_per_m", -k, k, "stiffness") if away and b > 0 else None
         right = stable(Hypothesis(device, None), replace(law, stiffness_n_per_m=abs(k), damping_ns_per_m=abs(b)))
         cures = (turn or Remedy("force_sign", -1.0, 1.0, "number"),) if right else ()
-        said = f"{CAUSES['sign'][0]}: it pushes the way the device moves; {spring if away else motor}"
+        said = f"{CAUSES['sign'][0]}: it pushes the way the device moves; {why}"
         return replace(found, verdict="named", cause="sign", candidates=("sign",), conclusion=said, remedies=cures)
     if mass > 0 or found.swing.sustained:
         return None
-    said = f"cannot tell: a hand pushes the device away, or the force does: {spring if away else motor}"
+    said = f"cannot tell: a hand pushes the device away, or the force does: {why}"
     return replace(found, conclusion=said, candidates=("sign",), decides=CAUSES["sign"][1])
 
 
