@@ -60,7 +60,7 @@ def test_an_observer_is_proved_without_its_dead_zone_and_open_with_it():
     for name, law in (("plain", plain), ("zone", zone)):
         whole = ContactLaw.of(coupling.problem, 0.0, 1e8, 0.0, law)
         found[name] = prove_rest(whole, "clip-last", coupling.problem.device, box)
-    assert "dead zone of 1e-05" in found["zone"].sentence
+    assert "dead zone of 10.0 um" in found["zone"].sentence
     assert found["zone"].outcome == "open"
     assert (found["plain"].outcome == "proved") == (found["zone"].multiplier is not None)
 
