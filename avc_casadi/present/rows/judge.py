@@ -280,7 +280,7 @@ def scene(data: Mapping[str, Any], problem: Problem, shown: str = "", drawn: str
         *subject.notes(data.get("notes", ())),
     ]
     if data.get("left_out"):
-        left = f"declared, but not commas in the scene: {', '.join(map(problem.units.key, data['left_out']))}"
+        left = f"declared, but not in the scene: {', '.join(map(problem.units.key, data['left_out']))}"
         rows.append(row("Left out", left, mark=Mark.CAUTION))
     rows += [*subject.written(trace, drawn), *_explanation(data, problem.units)]
     complaint = "" if data["stable"] else f"avc: {problem.name}: the device {outcome(data)}"
