@@ -11,7 +11,7 @@ from typing import Any, Literal
 import numpy as np
 
 from avc_casadi._errors import InputError
-from avc_casadi._util.json_values import plain
+from avc_casadi._util.json_values import plain_table
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi._util.text import number, quantity
 from avc_casadi.coupling import Coupling
@@ -95,7 +95,7 @@ class Diagnosis:
             "law": law and {**asdict(law), "explains": law.explains, "filter_hz": law.filter_hz(log.period_s)},
             "measured": measured,
         }
-        return dict(plain(document))
+        return plain_table(document)
 
 
 def diagnose(
@@ -114,13 +114,11 @@ def diagnose(
     columns = log if isinstance(log, Columns) else read_columns(log, layout)
     if coupling is not None:
         device, hands = device or coupling.problem.device, hands or coupling.problem.hands
-    if columns.time_s.size < _FEWEST:
-        message = f"has {columns.time_s.size} samples; allowed: at least {_FEWEST}"
-        raise InputError.of(message, file=columns.file, key="time")
+    if (count := columns.time_s.size) < _FEWEST:
+        raise InputError.of(f"has {count} samples; allowed: at least {_FEWEST}", file=columns.file, key="time")
     grid, notes = log_of(columns, flip_force=flip_force)
     design = _design(device, hands, grid, columns, handle_radius_m)
-    guess = "no device is given: a usual one is assumed, which may be 50 times off; better: --device"
-    notes += [] if design.known else [guess]
+    notes += [] if design.known else ["no device given: a usual one is assumed, up to 50 times off; give --device"]
     limit = design.device.max_force_n
     if limit is not None and np.mean(np.abs(grid.force_n) > 1.01 * limit) > 1e-3:
         notes.append("the log commands more than max_force_n, which is not used: is the limit, or a unit, another one?")
@@ -184,16 +182,18 @@ def _at_once(found: Diagnosis) -> Diagnosis | Law:
 def _of_sign(found: Diagnosis, law: Law) -> Diagnosis | None:
     """Return the verdict of a force that pushes the device away from where it is none; None of one that does not."""
     log, device, k, b = found.log, found.design.device, law.stiffness_n_per_m, law.damping_ns_per_m
-    away, mass = k < 0, pushed_kg(log, device, known=found.design.known)
+    # A spring late by a tick that no lag explains is a damper of this size.
+    away, drives = k < 0, k > 0 and b + law.damping_error_ns_per_m < -k * log.period_s
+    mass = pushed_kg(log, device, known=found.design.known)
     # A mass that is not the device alone is a hand's too, and a hand may push the device away as well.
     alone = found.design.known and 0.5 < abs(mass) / device.mass_kg < 2
     if away and not (alone and mass > 0):
         message = "drives the device away from its equilibrium; allowed: force along +position, or --flip-force"
         raise InputError.of(f"{message}; or the sign of the loop is wrong", file=log.name, key="force")
-    spring = quantity(k, device.units.unit("N/m"))
-    why = f"the spring pushes away, k = {spring}" if away else "the motor or the encoder is reversed"
-    if alone and (mass < 0) != away:
-        turn = Remedy("stiffness_n_per_m", -k, k, "stiffness") if away and b > 0 else None
+    why = "the spring" if away else "the damper" if drives else "the motor or the encoder is reversed"
+    if drives or (alone and (mass < 0) != away):
+        damper, spring = Remedy("damping_ns_per_m", -b, b, "damping"), Remedy("stiffness_n_per_m", -k, k, "stiffness")
+        turn = damper if drives else spring if away and b > 0 else None
         right = stable(Hypothesis(device, None), replace(law, stiffness_n_per_m=abs(k), damping_ns_per_m=abs(b)))
         cures = (turn or Remedy("force_sign", -1.0, 1.0, "number"),) if right else ()
         said = f"{CAUSES['sign'][0]}: it pushes the way the device moves; {why}"

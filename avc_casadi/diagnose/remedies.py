@@ -151,14 +151,14 @@ class Remedy:
 
 
 def without(cause: str, one: Hypothesis, law: Law, log: Log, design: Design) -> tuple[Hypothesis, Law]:
-    """Return the loop without what was not intended; at another rate gains, seconds of a filter and samples stay."""
+    """Return the loop without what was not intended; a frame that comes late is late by its rate."""
     if cause == "delay":
         return one.changed(delay_samples=design.latest(log)), replace(law, lag=0)
     if cause == "rate":
         slower = design.known and design.samples_a_tick(log) > 1
         fast = design.device.sample_time_s if slower else log.sample_time_s
-        keep = law.keep ** (fast / log.period_s) if law.keep else 0.0
-        return one.changed(sample_time_s=fast), replace(law, keep=keep)
+        keep, lag = law.keep ** (fast / log.period_s) if law.keep else 0.0, 0 if log.hold > 1 else law.lag
+        return one.changed(sample_time_s=fast), replace(law, keep=keep, lag=lag)
     return (one.changed(resonance=None), law) if cause == "resonance" else (one, replace(law, switch=None, frames=None))
 
 
@@ -208,7 +208,7 @@ def _changes(cause: str, one: Hypothesis, law: Law, scene: Scene, log: Log, desi
         return (yield from _of_gain(law, scene, frames.slow == "spring", (0.7, 0.5, 0.35, 0.25, 0.15, 0.08, 0.04)))
     if cause == "rate":
         faster, its_law = without("rate", one, law, log, design)
-        fast = faster.device.sample_time_s
+        fast, its_law = faster.device.sample_time_s, replace(its_law, lag=law.lag)
         yield Remedy("sample_time_s", fast, period, "time"), {"sample_time_s": fast}, its_law, scene
     late, each = one.delay + law.lag, design.samples_a_tick(log)
     for delay in (design.latest(log), 0.7 * late, 0.5 * late, 0.3 * late):

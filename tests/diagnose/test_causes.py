@@ -113,7 +113,7 @@ def stops(travel, stiffness=400.0, damping=2.0):
     return force
 
 
-@pytest.mark.parametrize(("frame", "late"), first_only([(16, 1), (8, 2), (12, 0)]))
+@pytest.mark.parametrize(("frame", "late"), first_only([(16, 1), (8, 2)]))
 def test_a_force_that_is_held_and_late_is_no_negative_damper(frame, late):
     """k x of a frame before is exactly k x with a damper of -k times the frame."""
     waiting = [0.0] * (late + 1)
@@ -129,13 +129,13 @@ def test_a_force_that_is_held_and_late_is_no_negative_damper(frame, late):
     assert found.data()["measured"]["delay_samples"] == pytest.approx(1 + late * frame, abs=1.0)
 
 
-@pytest.mark.parametrize(("motor", "k", "b"), [(1, 8, 0.05), (-1, 8, 0.05), (1, -8, -0.05), (1, -8, 0.05)])
+@pytest.mark.parametrize(("motor", "k", "b"), [(1, 8, 0.05), (-1, 8, 0.05), (1, -8, -0.05), (1, 8, -0.05)])
 @pytest.mark.parametrize("start", [0.1, 0.01])
 def test_a_force_of_the_wrong_sign_is_named(motor, k, b, start):
     loop = {"given_by": lambda force: motor * force, "outside": stops(0.5), "step": STEP / 16, "damping": 0.02}
     log, device = turning(lambda _, z, u: -k * z - b * u, **WHEEL, **loop, start=start, ticks=3000)
     found = diagnose(log, device=device)
-    assert (found.cause or found.verdict) == ("sign" if motor * k < 0 else "nothing wrong"), found.conclusion
+    assert (found.cause or found.verdict) == ("sign" if motor * k < 0 or b < 0 else "nothing wrong"), found.conclusion
 
 
 @pytest.mark.parametrize("counts", [1000, 2000, 4000])

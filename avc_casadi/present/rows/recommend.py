@@ -95,7 +95,7 @@ def wall_rows(data: Mapping[str, Any], problem: Problem) -> list[Row]:
 
 def _stiffest(data: Mapping[str, Any]) -> list[Row]:
     """Return what the stiffest wall is, if asked for, and what would allow a stiffer one."""
-    text = f"{{stiffest_wall_n_per_m}}, within {100 * UNNOTICED:.0f} % to a hand that moves; a fifth stiffer is not"
+    text = f"{{stiffest_wall_n_per_m}}, within {100 * UNNOTICED:.0f} % to a hand that moves; none found a fifth stiffer"
     return [row("Stiffest wall", fill(text, data)), *_limit(data)] if data["stiffest_wall_n_per_m"] else []
 
 
