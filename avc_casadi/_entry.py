@@ -27,7 +27,7 @@ def run() -> int:
         )
         code = EXIT_CODE
     else:
-        code = main()
+        code = main() if sys.stdout else 2  # closed: an answer has no reader
     if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.SIG_IGN)
     if code == EXIT_CODE:
