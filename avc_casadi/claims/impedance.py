@@ -16,7 +16,7 @@ from avc_casadi.loops.wall import Fractions
 from avc_casadi.model.corners import device_with
 from avc_casadi.model.device import Device
 from avc_casadi.model.plant import DEVICE, device_plant
-from avc_casadi.model.problem import Impedance, Model, Problem
+from avc_casadi.model.problem import Model, Problem
 
 
 @dataclass(frozen=True)
@@ -229,34 +229,10 @@ def wanted_at_handle(problem: Problem, frequency_hz: FloatArray) -> tuple[Comple
     return wanted, np.maximum(np.abs(wanted), np.abs(own))
 
 
-@dataclass(frozen=True)
-class Rendered:
-    """Rendered impedance at the handle by frequency, each of shape (..., n)."""
-
-    stiffness_n_per_m: FloatArray
-    error: FloatArray
-    mismatch: FloatArray
-
-
-def rendered(
-    problem: Problem, force_n_per_m: ComplexArray, excitation: Excitation, frequency_hz: FloatArray
-) -> Rendered:
-    """Return what a transfer from measured position to force renders to the handle in front of the wall."""
-    device, wall, s = problem.device, problem.environment, 2j * np.pi * frequency_hz
+def rendered(problem: Problem, force_n_per_m: ComplexArray, frequency_hz: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the stiffness that a transfer from measured position to force renders at the handle, and its error."""
+    device, s = problem.device, 2j * np.pi * frequency_hz
     alone = device.mass_kg * s + device.damping_ns_per_m
     felt, _ = felt_at_handle(device, force_n_per_m, frequency_hz)
     wanted, size = wanted_at_handle(problem, frequency_hz)
-    spring, own = (felt - alone) * s, wall_over_position(wall, excitation, frequency_hz)
-    # |ln(spring/own)|, 0 where both vanish; a smaller share of the wall than the last counts as zero.
-    ratio = np.where(own != 0, spring / np.where(own != 0, own, 1.0), 1.0)
-    mismatch = np.abs(np.log(np.where(np.abs(ratio) > 1e-9, ratio, 1e-9)))
-    return Rendered(np.abs(spring), np.asarray(np.abs(felt - wanted) / size), mismatch)
-
-
-def wall_over_position(wall: Impedance, excitation: Excitation, frequency_hz: FloatArray) -> ComplexArray:
-    """Return max(0, k_e x + b_e dx/dt) over x, N/m, at the frequency of a sine about a depth, shape (n,)."""
-    angle, amplitude = 2 * np.pi * np.arange(1024) / 1024, excitation.amplitude_m
-    moved, speed = amplitude * np.sin(angle), 2 * np.pi * frequency_hz[:, None] * amplitude * np.cos(angle)
-    force = np.maximum(0.0, wall.stiffness_n_per_m * (excitation.depth_m + moved) + wall.damping_ns_per_m * speed)
-    wave = np.exp(-1j * angle)
-    return np.asarray((force @ wave) / (moved @ wave))
+    return np.abs((felt - alone) * s), np.asarray(np.abs(felt - wanted) / size)

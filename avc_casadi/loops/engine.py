@@ -30,7 +30,7 @@ from avc_casadi.loops.system import (
 )
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners, device_ranges, linear_values
 from avc_casadi.model.ends import RIGID_N_PER_M, ToolGains, ToolState, VirtualTool, tool_at, tool_states, tool_step
-from avc_casadi.model.hands import Hand, hand_corners, joined, with_released
+from avc_casadi.model.hands import Hand, hand_corners, joined, with_stops
 from avc_casadi.model.plant import sampled_plant
 from avc_casadi.model.problem import Problem
 
@@ -182,11 +182,11 @@ class Engine:
 
 
 class ToolLoops(System):
-    """All loops of a problem with [simulation]: hands, released, devices, tools, contacts and clocks of its ranges."""
+    """All loops of a problem with [simulation]: hands, end stop, released, devices, tools, contacts and clocks."""
 
     def __init__(self, problem: Problem, beside: Sequence[Hand] = ()) -> None:
         self.tool = tool = required_tool(problem)
-        self.hands = with_released(reduce(joined, beside, hand_corners(problem.hands)))
+        self.hands = with_stops(reduce(joined, beside, hand_corners(problem.hands)), problem.device.mass_kg)
         self._devices = device_corners(problem.device, LINEAR_KEYS)
         self.tools = list(
             dict.fromkeys(one for contact in contact_stiffnesses_n_per_m(tool) for one in tool_states(tool, contact))

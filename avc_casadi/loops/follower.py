@@ -21,7 +21,7 @@ from avc_casadi.loops.system import Box, Pattern, Ranges, Region, System, clock_
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners, device_ranges, linear_values
 from avc_casadi.model.device import Device
 from avc_casadi.model.ends import Follower, ToolGains
-from avc_casadi.model.hands import Hand, hand_corners, with_released
+from avc_casadi.model.hands import Hand, hand_corners, with_stops
 from avc_casadi.model.plant import SampledPlant, sampled_plant
 from avc_casadi.model.problem import Problem
 
@@ -181,11 +181,11 @@ class Link:
 
 
 class FollowerLoops(System):
-    """All loops of a problem with [follower]: hands, released, environments, both devices, delays, clocks."""
+    """All loops of a problem with [follower]: hands, end stop, released, environments, both devices, delays, clocks."""
 
     def __init__(self, problem: Problem) -> None:
         self.follower = follower = required_follower(problem)
-        self.hands = with_released(hand_corners(problem.hands))
+        self.hands = with_stops(hand_corners(problem.hands), problem.device.mass_kg)
         stiffness, damping = environments(follower)
         self.environments_n_per_m = stiffness
         touched = Hand(np.zeros(len(stiffness)), damping, np.where(np.isinf(stiffness), 0.0, stiffness))

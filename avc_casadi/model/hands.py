@@ -15,6 +15,8 @@ from avc_casadi._util.text import quantity
 from avc_casadi.model.plant import TARGET, Plant
 from avc_casadi.model.problem import Hands
 
+END_STOP_N_PER_M = 1e8  # of what holds a device at the end of its travel: beyond any coupling
+
 
 class _Held:
     """Common base of both hand models: every value is one hand's, or an array of shape (n,) for n hands."""
@@ -102,17 +104,19 @@ def hand_set(hands: Hands, *, draws: int = 24, seed: int = 0) -> Hand:
 
 def joined(hands: Hand, more: Hand) -> Hand:
     """Return the union of two sets of hands."""
-    return Hand(
-        *(
-            np.concatenate([np.atleast_1d(one), np.atleast_1d(other)])
-            for one, other in zip(vars(hands).values(), vars(more).values(), strict=True)
-        )
-    )
+    each = zip(vars(hands).values(), vars(more).values(), strict=True)
+    return Hand(*(np.append(one, other) for one, other in each))
 
 
 def with_released(hands: Hand | StylusHand) -> Hand | StylusHand:
     """Return hands with the released device added."""
     return type(hands)(**{name: np.append(np.atleast_1d(value), 0.0) for name, value in vars(hands).items()})
+
+
+def with_stops(hands: Hand, mass_kg: float) -> Hand:
+    """Return hands with the device at its end stop added, without a swing of its own, and the released device."""
+    stop = Hand(0.0, 2 * (END_STOP_N_PER_M * mass_kg) ** 0.5, END_STOP_N_PER_M)
+    return joined(joined(hands, stop), no_hand())
 
 
 def no_hand() -> Hand:

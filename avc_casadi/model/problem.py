@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, Field, model_validator
 
-from avc_casadi._util.printed import short
 from avc_casadi._util.units import Units
 from avc_casadi.model import quantity as q
 from avc_casadi.model import table as t
@@ -235,10 +234,8 @@ class Problem(t.Table):
         at_least = f"allowed: device.sample_time_s = {t.shown(period)} or more"
         # If left out, both bounds are the environment.
         if self.realism.require == "bounds" and bounds.upper == bounds.lower:
-            yield (
-                ("realism", "require"),
-                'is "bounds", and both [boundaries] are equal; allowed: "jnd", or others',
-            )
+            message = 'is "bounds", and both [boundaries] are equal; allowed: "jnd", or others'
+            yield ("realism", "require"), message
         if self.scene.duration_s < period:
             yield ("scene", "duration_s"), f"is {t.shown(self.scene.duration_s)}; {at_least}"
         for index, effect in enumerate(self.scene.effects):
@@ -294,12 +291,11 @@ class Problem(t.Table):
         return t.valid(type(self), new, self.name or "problem", self.name)
 
     def __repr__(self) -> str:
-        device, wall, f, unit = self.device, self.environment, self.frequencies_hz(), self.units.unit
+        device, wall, unit = self.device, self.environment, self.units.unit
         return (
             f"Problem({self.name!r}: wall {wall.stiffness_n_per_m:g} {unit('N/m')}, {wall.damping_ns_per_m:g} "
             f"{unit('N.s/m')}; device {device.mass_kg:g} {unit('kg')}, {device.damping_ns_per_m:g} {unit('N.s/m')}, "
-            f"T {1e3 * device.sample_time_s:g} ms, delay {device.delay_samples};\n  {self.coupling.structure}, model "
-            f"{self.stability.model}, scope {self.stability.scope}, {short(f, 'Hz')} in {len(f)} rows)"
+            f"T {1e3 * device.sample_time_s:g} ms, delay {device.delay_samples})"
         )
 
     __str__ = __repr__

@@ -10,6 +10,7 @@ import numpy as np
 
 from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.progress import SILENT, Progress
+from avc_casadi._util.text import quantity
 from avc_casadi.coupling import Coupling
 from avc_casadi.design.program import DISK_MARGIN, ProgramAnswer, program_answers, why_no_law
 from avc_casadi.design.tuned import tune, tuned_margin
@@ -25,8 +26,8 @@ from avc_casadi.recommendation.rank import FELT_ERROR, UNNOTICED, impedance_erro
 
 # Rendered stiffness where the wall itself does not hold, as shares of what spring and damper hold linearly.
 _SOFTER = (0.9, 0.75, 0.6, 0.45, 0.33, 0.24, 0.15)
-# Step of the search for the stiffest wall.
-_STIFFER = 1.2
+# Step of the search for the stiffest wall, and the last one: 1 % of the linear limit.
+_STIFFER, _SOFTEST = 1.2, -26
 
 
 def judge_all(problem: Problem, evaluator: Evaluator, limit: DampingRange, progress: Progress = SILENT) -> None:
@@ -53,30 +54,38 @@ def judge_all(problem: Problem, evaluator: Evaluator, limit: DampingRange, progr
 
 def stiffest_rendered(
     problem: Problem, limit: DampingRange, evaluator_of: Callable[[Problem], Evaluator]
-) -> tuple[Problem, Evaluator]:
-    """Return the stiffest wall, to a fifth, before which a coupling is complete, and its couplings; or the softest."""
+) -> tuple[Problem, Evaluator, str]:
+    """Return the stiffest wall, to a fifth, before which a coupling is complete, its couplings, and what is stiffer."""
     about = limit.stiffness_n_per_m or 1e3 * softest_wall_n_per_m(problem.device)
 
     @cache
-    def judged(stiffness_n_per_m: float) -> tuple[Problem, Evaluator]:
-        wall = {"stiffness_n_per_m": stiffness_n_per_m, "damping_ns_per_m": 0.0}
+    def judged(step: int) -> tuple[Problem, Evaluator, str]:
+        wall = {"stiffness_n_per_m": float(f"{about * _STIFFER**step:.3g}"), "damping_ns_per_m": 0.0}
         walled = problem.changed(environment=wall, detent=None)
         evaluator = evaluator_of(walled)
         if not why_infeasible(walled):
             for one in springs_and_dampers(walled):
                 evaluator(one)
             if not evaluator.complete():
-                judge_laws(walled, evaluator, stiffness_n_per_m, UNNOTICED)
+                judge_laws(walled, evaluator, walled.environment.stiffness_n_per_m, UNNOTICED)
+        off = f"no stable coupling is within {100 * UNNOTICED:.0f} % to a hand that moves"
         best = evaluator.best()
-        if not any(one is best for one in evaluator.complete()):
-            evaluator.judged = []
-        return walled, evaluator
+        return walled, evaluator, (why_infeasible(walled) or off) if best is None else evaluator.flaw(best)
 
+    step = 10
+    while not judged(step)[2]:
+        step += 2
     # From above: below the stiffest there may be walls without a law that holds.
-    walls = [float(f"{about * _STIFFER ** (2 * step):.3g}") for step in range(5, -14, -1)]
-    found = next((wall for wall in walls if judged(wall)[1].judged), walls[-1])
-    stiffer = judged(float(f"{found * _STIFFER:.3g}"))
-    return stiffer if stiffer[1].judged else judged(found)
+    while judged(step)[2] and step > _SOFTEST:
+        step -= 2
+    step += not judged(step + 1)[2]
+    walled, evaluator, flaw = judged(step)
+    if flaw:
+        evaluator.judged = []
+        return walled, evaluator, f"{flaw}, from 1 % of the linear limit on"
+    stiffer, _, flaw = judged(step + 1)
+    wall = quantity(stiffer.environment.stiffness_n_per_m, problem.units.unit("N/m"))
+    return walled, evaluator, f"before {wall} {flaw}"
 
 
 def springs_and_dampers(problem: Problem) -> Iterator[Coupling]:

@@ -107,7 +107,7 @@ class Evaluator:
         one = Judged(coupling, self._trial(coupling, self._people.pick(slice(FIRST))), self.considered)
         if one.safety <= int(self._lean) and len(self._people) > FIRST:
             one = replace(one, trial=self._trial(coupling, self._people))
-        if self._complete(one):
+        if not self.flaw(one):
             one = replace(one, beyond=self._tried_beyond(coupling))
         self.judged.append(one)
         return one
@@ -127,7 +127,7 @@ class Evaluator:
         """Judge couplings until one is complete and confirmed, and return it; None where none is."""
         for coupling in couplings:
             one = self(coupling)
-            if one is not None and self._complete(one) and self._complete(self._confirmed(one)):
+            if one is not None and not self.flaw(one) and not self.flaw(self._confirmed(one)):
                 return one
         return None
 
@@ -140,16 +140,17 @@ class Evaluator:
             self._confirmed(one)
         return None
 
+    def flaw(self, one: Judged) -> str:
+        """Return why a coupling is not complete; empty where it is."""
+        return one.flaw(int(self._lean))
+
     def complete(self) -> list[Judged]:
         """Return the complete couplings."""
-        return [one for one in self.judged if self._complete(one)]
+        return [one for one in self.judged if not self.flaw(one)]
 
     def least_distance(self) -> float:
         """Return the smallest distance of the complete couplings from the wall; infinite without any."""
         return min((one.distance for one in self.complete()), default=math.inf)
-
-    def _complete(self, one: Judged) -> bool:
-        return one.complete(lean_on_friction=self._lean)
 
     def _confirmed(self, one: Judged) -> Judged:
         """Try a coupling with all hands, then with others on devices of the ranges: selection among many is biased."""

@@ -47,7 +47,6 @@ class Shaken:
     frequency_hz: FloatArray  # shape (n,), as of all below; those under a quarter of the sample rate
     stiffness_n_per_m: FloatArray  # |Z_h - Z_d| omega, rendered beside the device
     error: FloatArray  # |Z_h - Z|/|Z| with the physical wall Z = m s + b_d + b_e + k_e/s
-    mismatch: FloatArray  # |ln((Z_h - Z_d)/Z_e)|, rendered impedance over the wall b_e + k_e/s
 
     def by_frequency(self, values: FloatArray) -> dict[str, float]:
         """Return values as a table."""
@@ -71,7 +70,7 @@ def shaken(
         share = felt_at_handle(device, force, heard)[1]
         if np.allclose(share, before, rtol=0.01):
             break
-    return Shaken(**vars(excitation), frequency_hz=heard, **vars(rendered(coupling.problem, force, excitation, heard)))
+    return Shaken(excitation.depth_m, excitation.amplitude_m, heard, *rendered(coupling.problem, force, heard))
 
 
 def _shaken_force(coupling: Coupling, depth_m: float, amplitude_m: FloatArray, each_hz: FloatArray) -> ComplexArray:
@@ -258,21 +257,11 @@ class Felt:
     contact_error: float  # from that of the device on a spring K, over its |Z|
 
 
-@dataclass(frozen=True)
-class RenderedBand:
-    """Rendered and wanted impedance over a band of frequencies."""
-
-    felt: tuple[Felt, ...]
-    mass_kg: float  # wanted in free motion, both ends as one body
-    damping_ns_per_m: float
-
-
-def rendered_band(problem: Problem, gains: ToolGains) -> RenderedBand:
-    """Return the rendered impedance of the remote end over the band of hand motion and perception."""
+def rendered_band(problem: Problem, gains: ToolGains) -> tuple[tuple[Felt, ...], float, float]:
+    """Return the impedance over the band of hand motion and perception, and mass and damping of both ends as one."""
     device, (far_kg, far_ns_per_m) = problem.device, _far(problem)
     found = rendered_pair(problem, gains, np.geomspace(0.3, 100.0, 80).tolist())
-    mass, damping = device.mass_kg + far_kg, device.damping_ns_per_m + far_ns_per_m
-    return RenderedBand(found, mass, damping)
+    return found, device.mass_kg + far_kg, device.damping_ns_per_m + far_ns_per_m
 
 
 def _far(problem: Problem) -> tuple[float, float]:

@@ -28,8 +28,6 @@ _AT_ONCE_S, _PER_SETTLING, _PER_SOFTER = 0.5, 0.5, 0.2
 _AS_STIFF, _SLOW = 0.01, 0.95
 UNNOTICED = 0.2
 """Impedance error of a hand's motion that it does not notice: a just noticeable difference is 23 %."""
-OFF_IN_MOTION = f"no wall from 1 % of the linear limit on is within {100 * UNNOTICED:.0f} % to a hand that moves"
-"""Why there is no stiffest wall."""
 MOVING_HZ = (1.0, 3.0, 10.0)
 """Motion of a hand, slow and as fast as it goes."""
 # Share of the hands below the vibration threshold that suffices: a stiff wall is kept despite a few light hands.
@@ -106,9 +104,13 @@ class Judged:
         """Whether a proof of L7 is likely."""
         return promises_rest(self.coupling)
 
-    def complete(self, *, lean_on_friction: bool) -> bool:
-        """Return whether it is acceptable: as safe as required, vibration below the threshold."""
-        return self.safety <= int(lean_on_friction) and self.quiet
+    def flaw(self, safety: int) -> str:
+        """Return what is not acceptable, as safe as required and vibration below the threshold; empty where all is."""
+        below, hands = self.quiet_hands
+        if self.safety > safety:
+            only = "hands settle only thanks to the declared dry friction (--lean-on-friction)"
+            return only if self.safety == 1 else "not all hands settle"
+        return "" if self.quiet else f"only {below} of {hands} hands stay below the vibrotactile threshold"
 
 
 def impedance_error(coupling: Coupling) -> float:
@@ -170,10 +172,5 @@ def reason_of(best: Judged | None, judged: list[Judged], considered: int) -> str
     other = min(worse, key=lambda one: (one.safety, one.error), default=best)
     if other.error > best.error - FELT_ERROR:
         return why
-    below, hands = other.quiet_hands
-    flaw = f"only {below} of {hands} hands stay below the vibrotactile threshold"
-    if other.safety > best.safety:
-        only = "hands settle only thanks to the declared dry friction (--lean-on-friction)"
-        flaw = only if other.safety == 1 else "not all hands settle"
     errors = f"impedance error without encoder steps {100 * other.error:.3g} %, here {100 * best.error:.3g} %"
-    return f"{why}; with a nearer {other.coupling.method} ({errors}) {flaw}"
+    return f"{why}; with a nearer {other.coupling.method} ({errors}) {other.flaw(best.safety)}"

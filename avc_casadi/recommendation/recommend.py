@@ -23,7 +23,7 @@ from avc_casadi.recommendation.candidates import judge_all, stiffest_rendered
 from avc_casadi.recommendation.evaluator import Evaluator, Withstood, missed, off_file, withstood
 from avc_casadi.recommendation.pair import recommend_bilateral, recommend_tool
 from avc_casadi.recommendation.preconditions import assumed, not_used, nothing_rendered, why_infeasible
-from avc_casadi.recommendation.rank import OFF_IN_MOTION, UNNOTICED, devices_of, reason_of
+from avc_casadi.recommendation.rank import UNNOTICED, devices_of, reason_of
 from avc_casadi.recommendation.recommendation import LimitCycleFreedom, Recommendation
 from avc_casadi.recommendation.sensitivity import trade_off, what_would_help
 from avc_casadi.simulation.population.operators import people_of
@@ -88,15 +88,16 @@ def recommend_wall(
     with Crew(workers) as crew:
         helps = crew.begin(partial(what_would_help, problem))
         limit = stiffest_wall(problem.device, with_released(hand_corners(problem.hands)))
+        no_stiffer = ""
         if stiffest:
-            problem, evaluator = stiffest_rendered(problem, limit, partial(judging, within=UNNOTICED))
+            problem, evaluator, no_stiffer = stiffest_rendered(problem, limit, partial(judging, within=UNNOTICED))
         else:
             evaluator = judging(problem)
         why_none = why_infeasible(problem)
         if not (why_none or stiffest):
             judge_all(problem, evaluator, limit, progress)
         best, judged = evaluator.best(), evaluator.judged
-        coupling, rest, off, lacks = None, None, None, ""
+        coupling, rest, off, lacks = None, None, None, no_stiffer if best is None else ""
         beyond: tuple[Withstood, ...] = ()
         if best is not None:
             mismatched = crew.begin(partial(off_file, best.coupling, seed))
@@ -104,9 +105,8 @@ def recommend_wall(
             known, rest = with_rest(certified(best.coupling, progress, prove=prove), progress)
             coupling = replace(known.with_trial(best.trial.document()), versions=versions or {})
             off, beyond = mismatched(), unmodelled()
-            lacks = missed(beyond, by_friction=lean_on_friction or best.safety == 1)
-        none = why_none or (OFF_IN_MOTION if stiffest and best is None else "")
-        nothing = "" if best is None else nothing_rendered(problem, best.coupling.static_stiffness_n_per_m, best.trial)
+            lacks = nothing_rendered(problem, best.coupling.static_stiffness_n_per_m, best.trial)
+            lacks = lacks or missed(beyond, by_friction=lean_on_friction or best.safety == 1)
         return Recommendation(
             problem=problem,
             coupling=coupling,
@@ -114,13 +114,13 @@ def recommend_wall(
             confirmed=None if best is None else best.others,
             off_file=off,
             beyond_file=beyond,
-            deployable=best is not None and not nothing and not lacks,
+            deployable=best is not None and not lacks,
             rest=rest,
-            stiffest=stiffest,
+            no_stiffer=no_stiffer,
             plain_wall_n_per_m=limit.stiffness_n_per_m,
             helps=() if why_none else helps(),
             considered=evaluator.considered,
-            reason=none or nothing or lacks or reason_of(best, judged, evaluator.considered),
+            reason=why_none or lacks or reason_of(best, judged, evaluator.considered),
             assumed=assumed(problem, devices_of(best)),
             not_used=not_used(problem),
             trade_off=trade_off(problem, progress) if with_trade_off and coupling is not None else (),

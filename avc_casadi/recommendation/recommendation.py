@@ -78,7 +78,8 @@ class Recommendation(Printed):
             value of the device has a range.
         beyond_file: results with one unmodelled effect each: lighter device, missed samples, extra resonance.
         rest: limit-cycle freedom with every hand, making and breaking contact; None without a coupling.
-        stiffest: whether the wall is the stiffest, to a fifth, that a hand that moves gets within 20 %.
+        no_stiffer: why the next stiffer wall is not recommended, where the wall is the stiffest that a hand that moves
+            gets within 20 %; else empty.
         plain_wall_n_per_m: the stiffest wall with a plain spring and damper, by linear stability alone.
         trade_off: what a disk margin costs, at four of them; empty where that was not asked for.
 
@@ -102,7 +103,7 @@ class Recommendation(Printed):
     off_file: PerturbedDevices | None = None
     beyond_file: tuple[Withstood, ...] = ()
     rest: LimitCycleFreedom | None = None
-    stiffest: bool = False
+    no_stiffer: str = ""
     plain_wall_n_per_m: float = 0.0
     trade_off: tuple[Trade, ...] = ()
 
@@ -136,14 +137,15 @@ class Recommendation(Printed):
         )
 
     def _of_wall(self) -> dict[str, Any]:
-        coupling = self.coupling
+        coupling, wall = self.coupling, self.problem.environment
         return {
             "rest": None if self.rest is None else vars(self.rest),
             "coupling": None if coupling is None else coupling_document(coupling),
             "felt": self.felt(),
             "transient": {} if coupling is None else dict(zip(_SIDES, transients(coupling), strict=True)),
             "margins": self.margins(),
-            "stiffest_wall_n_per_m": self.problem.environment.stiffness_n_per_m if self.stiffest and coupling else None,
+            "no_stiffer": self.no_stiffer,
+            "stiffest_wall_n_per_m": wall.stiffness_n_per_m if self.no_stiffer and coupling else None,
             "plain_wall_n_per_m": self.plain_wall_n_per_m,
             "confirmed": None if self.confirmed is None else self.confirmed.counts(),
             "simulated": self._simulated(),

@@ -77,8 +77,9 @@ def simulators(integrator, substeps, ratio, mass, exchange, drag, hands, late=0,
         EngineSimulator(
             (0.12, 0.8, 1e-3, 1), hand, (tool, drag), ratio * 1e-3, integrator, exchange, late, contact, phase, substeps
         )
-        for hand in (*hands, (0.0, 0.0, 0.0))
-        for tool in (mass, np.inf)
+        # released, and at its end stop, where a tool that stands still leaves nothing that moves
+        for hand in (*hands, (0.0, 0.0, 0.0), (0.0, 7e3, 1e8))
+        for tool in ((mass, np.inf) if hand[2] < 1e8 else (mass,))
     ]
 
 

@@ -122,8 +122,8 @@ def test_nothing_that_is_safer_or_as_safe_and_better_is_passed_over(candidates, 
 @pytest.mark.parametrize("free", [10, 4])
 def test_rest_by_friction_is_enough_only_for_who_leans_on_it(free):
     one = replace(judged(0, 0.9, 10, 10, 10), others=trial(10, free, 10))
-    assert one.complete(lean_on_friction=True)
-    assert one.complete(lean_on_friction=False) == (free == 10)
+    assert not one.flaw(1)
+    assert bool(one.flaw(0)) == (free < 10)
 
 
 def test_an_observer_meets_devices_whose_delay_it_does_not_look_over():

@@ -291,17 +291,17 @@ def _felt(problem: Problem, pairs: dict[str, ToolGains]) -> list[dict[str, Any]]
     free: list[dict[str, Any]] = []
     rigid: list[dict[str, Any]] = []
     for cls, gains in pairs.items():
-        band = rendered_band(problem, gains)
+        band, body_kg, body_ns_per_m = rendered_band(problem, gains)
         hz, drag, mass, stiffness = (
-            np.array([getattr(one, key) for one in band.felt])
+            np.array([getattr(one, key) for one in band])
             for key in ("frequency_hz", "drag_ns_per_m", "mass_kg", "stiffness_n_per_m")
         )
         rigid.append(line(_NAMES[cls], cls, hz, stiffness))
-        if band.felt[0].mass_kg is not None:
+        if band[0].mass_kg is not None:
             omega = 2 * np.pi * hz
             if not free:
-                wanted = np.hypot(band.damping_ns_per_m, omega * band.mass_kg)
-                free.append(line("device and other end as one body", "desired", hz, wanted))
+                name = "device and other end as one body"
+                free.append(line(name, "desired", hz, np.hypot(body_ns_per_m, omega * body_kg)))
             free.append(line(_NAMES[cls], cls, hz, np.hypot(drag, omega * mass)))
     charts = [chart("free", "Impedance |Z| in free motion", _HZ, (z, "log"), free)] if free else []
     return [*charts, chart("rigid", "Stiffness on a rigid object", _HZ, (k, "log"), rigid)]

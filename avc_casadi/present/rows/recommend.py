@@ -32,16 +32,16 @@ def recommendation(found: Recommendation, shown: str = "", file: str | None = No
     """Return the answer of `recommend`; ``file`` holds the coupling."""
     problem, data = found.problem, found.data()
     rows = wall_rows(data, problem) if found.pair is None else _pair_rows(data, problem)
-    asked = f"recommend {{}}{' --stiffest' * found.stiffest}"
+    asked = f"recommend {{}}{' --stiffest' * bool(found.no_stiffer)}"
     onwards = f"{asked} --out coupling.json"
     nothing = data["reason"].startswith("nothing") or problem.environment.stiffness_n_per_m == 0
     if found.deployable and file is not None:
         onwards = f"export {quote(file)} --c firmware"
-    elif found.stiffest and found.coupling is None:
+    elif found.no_stiffer and found.coupling is None:
         onwards = "recommend {}"
     elif found.coupling is None or (not found.deployable and (nothing or _slips(data))):
         onwards = "check {}"
-    elif not found.stiffest and (not found.deployable or _far(data)):
+    elif not found.no_stiffer and (not found.deployable or _far(data)):
         onwards = "recommend {} --stiffest"
     complaint = "" if found.deployable else f"avc: {problem.name}: no coupling is deployable"
     rows += [*subject.written(file), *_details(data)]
@@ -65,8 +65,7 @@ def wall_rows(data: Mapping[str, Any], problem: Problem) -> list[Row]:
         return [*_slips(data), none, *_limit(data)]
     failed, rest = _failed(data), data["rest"]
     text = f"linearly stable with every corner hand and released; {_CYCLES[rest['word']]}" if not failed else failed[0]
-    bad = Mark.FAIL if failed else Mark.CAUTION
-    stable = row("Stability", text, mark=grade(not failed and rest["word"] != "refuted", bad))
+    stable = row("Stability", text, mark=Mark.FAIL if failed else grade(rest["word"] != "refuted", Mark.CAUTION))
     stiffest = _stiffest(data)
     found = [*_slips(data), *stiffest, _coupling(data, problem), *_rendered(data, problem), stable]
     if not data["deployable"]:
@@ -95,7 +94,7 @@ def wall_rows(data: Mapping[str, Any], problem: Problem) -> list[Row]:
 
 def _stiffest(data: Mapping[str, Any]) -> list[Row]:
     """Return what the stiffest wall is, if asked for, and what would allow a stiffer one."""
-    text = f"{{stiffest_wall_n_per_m}}, within {100 * UNNOTICED:.0f} % to a hand that moves; none found a fifth stiffer"
+    text = f"{{stiffest_wall_n_per_m}}, within {100 * UNNOTICED:.0f} % to a hand that moves; {data['no_stiffer']}"
     return [row("Stiffest wall", fill(text, data)), *_limit(data)] if data["stiffest_wall_n_per_m"] else []
 
 
@@ -266,8 +265,7 @@ def _details(data: Mapping[str, Any]) -> list[Row]:
 def _pair_rows(data: Mapping[str, Any], problem: Problem) -> list[Row]:
     """Return the rows of a coupling to a simulation or a follower."""
     found, trial, end = data["pair"], data["trial"], problem.simulation or problem.follower
-    wanted = end and end.stiffness_n_per_m
-    stiffest, helps = found["stiffest"], data["what_would_help"]
+    stiffest, helps, wanted = found["stiffest"], data["what_would_help"], end and end.stiffness_n_per_m
     limit = fill("K {stiffness_n_per_m}", stiffest) if stiffest["stiffness_n_per_m"] else ("no K is stable",)
     each = [limit, *((one["change"], fill("{stiffest_n_per_m}", one)) for one in helps[:3])]
     more = [row("Linear limit", commas(each, ";")), *subject.not_used(data["not_used"])]
@@ -311,9 +309,8 @@ def felt_rows(felt: Mapping[str, Any]) -> list[Row]:
         mass: Part = "a restoring spring" if first["mass_kg"] < 0 else Value(first["mass_kg"], "mass")
         drag = fill(f", drag {{drag_ns_per_m}} at {first['frequency_hz']:g} Hz; impedance error", first)
         errors = commas((Value(one["free_error"], "share"), f"at {one['frequency_hz']:g} Hz") for one in felt["at"])
-        rows.append(
-            row("Free motion", mass, drag, errors, mark=caution(max(one["free_error"] for one in felt["at"]) > 1))
-        )
+        far = max(one["free_error"] for one in felt["at"]) > 1
+        rows.append(row("Free motion", mass, drag, errors, mark=caution(far)))
     elif first["drag_ns_per_m"]:
         rows.append(row("Drag", fill("{drag_ns_per_m} wherever the device is, by its own dampers", first)))
     return rows

@@ -10,6 +10,7 @@ from typing import Any
 from avc_casadi.files.catalogue import catalogue_names
 from avc_casadi.loops.margins import LEAST_DISK, SOUND_DISK
 from avc_casadi.model.device import Device
+from avc_casadi.model.hands import END_STOP_N_PER_M
 from avc_casadi.model.problem import Problem
 from avc_casadi.present.row import Answer, Mark, Part, Row, Value, caution, commas, fill, grade, parts, row, span
 
@@ -98,6 +99,8 @@ def hand(values: Mapping[str, float]) -> tuple[Part, ...]:
     """Return a hand by its numbers; all 0 for the device released."""
     if not any(values.values()):
         return ("device released",)
+    if values["stiffness_n_per_m"] >= END_STOP_N_PER_M:
+        return ("device at its end stop",)
     return fill("hand of {mass_kg}, {damping_ns_per_m}, {stiffness_n_per_m}", values)
 
 
