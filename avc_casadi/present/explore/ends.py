@@ -280,7 +280,7 @@ def _rows(problem: Problem, search: ToolSearch | FollowerSearch, gains: ToolGain
     felt = felt_rows({"stiffness_n_per_m": None, "on_stiffest_contact_n_per_m": None, "at": at})
     if isinstance(search, FollowerSearch):
         stable = search.loops.stable_over_ranges(gains)
-        text = f"{'corner hands and released,' if stable else 'not all of'} {len(search.loops)} loops"
+        text = f"{'corner hands, released, end stop:' if stable else 'not all of'} {len(search.loops)} loops"
         return [*rows, row("Stability", text, mark=grade(stable)), *felt]
     certificate = certify_pair(problem, gains, search)
     return [*rows, *stability(certificate), *felt, *passivity(certificate["passivity"], problem)]

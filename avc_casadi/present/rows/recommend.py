@@ -328,7 +328,7 @@ def stability(found: Mapping[str, Any]) -> list[Row]:
         rows.append(row("Stability", fill("not all of {loops:9} loops are stable", found), mark=Mark.FAIL))
     else:
         steady = found.get("mismatch_stable") is not False
-        text = f"corner hands and released, {{loops:9}} loops{'' if steady else '; not on devices 10 % away'}"
+        text = f"corner hands, released, end stop: {{loops:9}} loops{'' if steady else '; not on devices 10 % away'}"
         rows.append(row("Stability", fill(text, found), mark=grade(steady, Mark.CAUTION)))
         each = [
             f"{math.floor(100 * one) / 100:.3g}" if one < WIDEST_MARGIN else f"{WIDEST_MARGIN:g} or more"
