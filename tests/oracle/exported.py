@@ -19,6 +19,8 @@ C99 = ("gcc", "-std=c99")
 CPP11 = ("g++", "-std=c++11", "-x", "c++")
 CLANG = ("clang", "-std=c99")
 CLANG_CPP17 = ("clang++", "-std=c++17", "-x", "c++")
+# No ranges to search: what is exported does not depend on the hands.
+ONE_HAND = "[hands]\nmass_kg = [0.1, 0.1]\ndamping_ns_per_m = [5.0, 5.0]\nstiffness_n_per_m = [400.0, 400.0]\n"
 # More than any coupling remembers.
 _ROOM = 8192
 

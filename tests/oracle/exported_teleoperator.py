@@ -5,7 +5,7 @@ from __future__ import annotations
 import ctypes
 import functools
 
-from exported import C99, library
+from exported import C99, ONE_HAND, library
 
 import avc_casadi as avc
 from avc_casadi.coupling import Coupling
@@ -20,7 +20,7 @@ _ROOM = 512
 def teleoperator_coupling(follower, stiffness, damping, local=0.0, device=LEADER):
     """A coupling with gains of one's own to the [follower]."""
     gains = ToolGains(stiffness, damping, local)
-    return Coupling.between(avc.parse_problem(f"{device}[follower]\n{follower}"), gains)
+    return Coupling.between(avc.parse_problem(f"{device}[follower]\n{follower}\n{ONE_HAND}"), gains)
 
 
 class ExportedPair:

@@ -7,7 +7,7 @@ import functools
 
 import numpy as np
 from engine_simulator import EngineSimulator
-from exported import C99, library
+from exported import C99, ONE_HAND, library
 
 import avc_casadi as avc
 from avc_casadi.coupling import Coupling
@@ -21,7 +21,8 @@ _ROOM = 256
 @functools.cache
 def tool_coupling(simulation: str, stiffness: float, damping: float, local: float = 0.0, device: str = DEVICE):
     """A coupling with gains of one's own to the [simulation]."""
-    problem = avc.parse_problem(f"{device}[simulation]\n{simulation}")
+    hands = "" if "rotary" in device else ONE_HAND
+    problem = avc.parse_problem(f"{device}[simulation]\n{simulation}\n{hands}")
     return Coupling.between(problem, ToolGains(stiffness, damping, local))
 
 
