@@ -256,7 +256,8 @@ def test_k_and_b_to_an_engine_are_judged_with_the_engine(integrator, m, b, h, tm
 def test_k_and_b_to_a_follower_are_judged_with_it(tmp_path, capsys):
     file = tmp_path / "pair.toml"
     device = "mass_kg = 0.12\ndamping_ns_per_m = 0\n"  # both together keep their speed
-    file.write_text(f"[device]\n{device}[follower]\n{device}", encoding="utf-8")
+    hands = "[hands]\nmass_kg = [0.1, 0.1]\ndamping_ns_per_m = [5.0, 5.0]\nstiffness_n_per_m = [400.0, 400.0]\n"
+    file.write_text(f"[device]\n{device}[follower]\n{device}{hands}", encoding="utf-8")
     laws = ((300, 3), (3e5, 3), (0, 3), (0, 300))
     assert [main(["certify", str(file), "--k", str(k), "--b", str(b)]) for k, b in laws] == [0, 1, 0, 1]
     assert "follower" in capsys.readouterr().out
