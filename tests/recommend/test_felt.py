@@ -139,12 +139,6 @@ def test_of_a_damper_that_never_pulls():
     assert told > 0.3, "half of the cycle is lost"
 
 
-# A wall that is a damper alone never pulls: what is rendered is as strong as asked going in, not in the mean.
-
-
-# The conclusion of a recommendation says where a force begins before the wall, and whom a median leaves out.
-
-
 @pytest.mark.parametrize("soft", [False, True])
 @pytest.mark.parametrize("damping", [0.5, 30.0])
 def test_a_contact_damper_that_pushes_early_is_told(damping, soft):
