@@ -60,74 +60,37 @@ def _syntax_fault(parser_message: str, text: str, file: str) -> Fault:
     return Fault(file, line, "", f"is not TOML{where}: {visible(what.lower())}, in: {visible(content)}")
 
 
-# Strings and comments first, so that brackets and line feeds inside them are skipped. Possessive quantifiers keep the
-# time linear.
-_TOKEN = re.compile(
-    r'''"""(?:[^"\\]|\\.|"{1,2}(?!"))*+"{3,5}'''
-    r"""|'''(?:[^']|'{1,2}(?!'))*+'{3,5}"""
-    r"""|"(?:[^"\\\n]|\\.)*+"|'[^'\n]*+'"""
-    r"""|\#[^\n]*+|(?P<open>[\[{])|(?P<close>[\]}])|(?P<feed>\n)""",
-    re.DOTALL,
+_PART = r"""[ \t]*(?:[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*"""
+_STATEMENT = re.compile(
+    rf"(?P<open>[ \t]*\[\[?)?(?P<key>{_PART}(?:\.{_PART})*)(?(open)\]\]?[ \t]*(?:#|\r?$)|=)", re.MULTILINE
 )
 
 
-def _statements(text: str) -> Iterator[tuple[int, str]]:
-    """Yield each statement of a valid TOML text with the line at which it begins."""
-    depth, begin, line, begin_line = 0, 0, 1, 1
-    for token in _TOKEN.finditer(text):
-        depth += (token["open"] is not None) - (token["close"] is not None)
-        line += token[0].count("\n")
-        if token["feed"] and depth == 0:
-            yield begin_line, text[begin : token.end()].strip()
-            begin, begin_line = token.end(), line
-    yield begin_line, text[begin:].strip()
-
-
 class KeyLines:
-    """The line of every key of a valid TOML text."""
+    """The line of every key of a valid TOML text that begins a line."""
 
     def __init__(self, text: str) -> None:
         self._lines: dict[KeyPath, int] = {}
-        self._last: dict[KeyPath, int] = {}
+        last: dict[KeyPath, int] = {}
         table: KeyPath = ()
-        for line, statement in _statements(text):
-            parsed = tomllib.loads(statement)
-            if statement.startswith("["):
-                table = self._header(parsed)
-                self._lines.setdefault(table, line)
-            else:
-                self._record(table, parsed, line)
-
-    def _header(self, parsed: Mapping[str, Any]) -> KeyPath:
-        """Return the path of [a.b] or [[a.b]], with the indices of the tables that it lies in."""
-        path: KeyPath = ()
-        node: Any = parsed
-        while node:
-            ((key, node),) = node.items()
-            path = (*path, key)
-            if isinstance(node, list):
-                self._last[path] = self._last.get(path, -1) + 1
-                node = node[0]
-            if path in self._last:
-                path = (*path, self._last[path])
-        return path
-
-    def _record(self, path: KeyPath, value: Any, line: int) -> None:
-        self._lines.setdefault(path, line)
-        inner: Any = ()
-        if isinstance(value, Mapping):
-            inner = value.items()
-        elif isinstance(value, list):
-            inner = ((index, item) for index, item in enumerate(value) if isinstance(item, Mapping))
-        for key, item in inner:
-            self._record((*path, key), item, line)
+        for number, line in enumerate(text.split("\n"), start=1):
+            found = _STATEMENT.match(line)
+            if found is None:
+                continue
+            parts = [part.strip(" \t\"'") for part in re.findall(_PART, found["key"])]
+            path: KeyPath = () if found["open"] else table
+            for index, part in enumerate(parts):
+                path = (*path, part)
+                if index == len(parts) - 1 and str(found["open"]).endswith("[["):
+                    last[path] = last.get(path, -1) + 1
+                path = (*path, last[path]) if path in last else path
+                self._lines.setdefault(path, number)
+            table = path if found["open"] else table
 
     def __getitem__(self, path: KeyPath) -> int | None:
         """Return the line of a key, or of the table that lacks it; None where there is neither."""
-        for length in range(len(path), 0, -1):
-            if path[:length] in self._lines:
-                return self._lines[path[:length]]
-        return None
+        known = (self._lines[path[:length]] for length in range(len(path), 0, -1) if path[:length] in self._lines)
+        return next(known, None)
 
 
 def toml_lines(path: tuple[str, ...], table: Mapping[str, Any]) -> Iterator[str]:
