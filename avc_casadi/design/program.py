@@ -57,7 +57,7 @@ def contour_per_s(device: Device, hz: FloatArray, row: int) -> FloatArray:
 
 
 @dataclass(frozen=True)
-class Judged:
+class Performance:
     """What a law reaches over all hands and devices."""
 
     error: float  # largest |Z_h - Z|/max(|Z|, |Z_e|) from 1 to 30 Hz, Z of device and physical wall, Z_e of the wall
@@ -142,7 +142,7 @@ class Program:
         near, near_0, far, far_0 = rows
         return np.asarray(np.abs(near @ gain + near_0) / np.abs(far @ gain + far_0))
 
-    def judged(self, gain: FloatArray, *, contact: bool = True) -> Judged:
+    def evaluate(self, gain: FloatArray, *, contact: bool = True) -> Performance:
         """Return what a gain L reaches; without the contact condition that counts as met."""
         structure = self.structure
         phi = 1 + self.phi @ gain
@@ -161,7 +161,7 @@ class Program:
                 least = min(least, cosine)
         x, y, rows = self.dense
         dense = 1 + rows @ gain
-        return Judged(
+        return Performance(
             error=float(self.errors(gain, self.error).max()),
             disk_margin=float(2 / np.abs((2 * (1 + y @ gain) - dense) / dense).max()),
             noise_n_per_m=float(np.abs((x @ gain) / dense).max()),
@@ -177,23 +177,23 @@ class Program:
         wanted = contour_per_s(self.problem.device, np.abs(np.angle(poles)) / (2 * np.pi * t), row)
         return np.asarray(-np.log(np.maximum(np.abs(poles), 1e-9)) / t / wanted)
 
-    def met(self, found: Judged) -> bool:
+    def meets(self, found: Performance) -> bool:
         """Return whether all but the error is as asked for."""
         return self._excess(found) <= 0 and found.lack(self._free) <= 0 and found.radius < 1
 
-    def _excess(self, found: Judged) -> float:
+    def _excess(self, found: Performance) -> float:
         """Return by how much margin, noise and contact miss their goals, weighed; 0 where they do not."""
         margin = max(0.0, 0.985 * self.disk_margin - found.disk_margin)
         contact = max(0.0, 0.003 - found.contact)
         noise = max(0.0, math.log(found.noise_n_per_m / self.noise_n_per_m / 1.02)) if found.noise_n_per_m else 0.0
         return 20 * (margin + contact) + noise
 
-    def _cost(self, found: Judged) -> float:
+    def _cost(self, found: Performance) -> float:
         return 30 * self._excess(found) + PER_LACK * found.lack(self._free) + found.error**2
 
-    def improved(self, gain: FloatArray) -> tuple[FloatArray, Judged]:
+    def improve(self, gain: FloatArray) -> tuple[FloatArray, Performance]:
         """Return a gain improved by programs, each step shortened until all holds that held, and what it reaches."""
-        best, failed = self.judged(gain), 0
+        best, failed = self.evaluate(gain), 0
         for _ in range(40):
             wide = best.disk_margin >= self.disk_margin
             reach = (1.15, 0.9) if failed == 0 else (0.98, 1.0)
@@ -203,7 +203,7 @@ class Program:
             towards = self._step(gain, best, margin, noise, decay, _LEFT[failed])
             for share in (1.0, 0.6, 0.3, 0.1):
                 tried = gain + share * (towards - gain)
-                found = self._tried(tried, best, decay)
+                found = self._better(tried, best, decay)
                 if found is not None:
                     break
             else:
@@ -213,16 +213,16 @@ class Program:
                 continue
             won, before = self._cost(best) - self._cost(found), self._cost(found)
             gain, best, failed = tried, found, 0
-            if self.met(best) and won < 5e-3 * before:
+            if self.meets(best) and won < 5e-3 * before:
                 break
         return gain, best
 
-    def _tried(self, gain: FloatArray, before: Judged, decay: FloatArray) -> Judged | None:
+    def _better(self, gain: FloatArray, before: Performance, decay: FloatArray) -> Performance | None:
         """Return what a gain reaches if that is better, and decays as it must."""
         if not np.isfinite(gain).all() or self.structure.observer_radius(gain) >= 1:
             return None
         kept = dict(self._multipliers)
-        found = self.judged(gain)
+        found = self.evaluate(gain)
         keeps = found.radius < 1 and bool((found.decay >= decay - 0.03 * np.abs(decay) - 0.01).all())
         if keeps and self._cost(found) < self._cost(before) - 1e-5:
             return found
@@ -242,7 +242,7 @@ class Program:
         return self._contours[key]
 
     def _step(
-        self, gain: FloatArray, now: Judged, margin: float, noise: float, decay: FloatArray, left: float
+        self, gain: FloatArray, now: Performance, margin: float, noise: float, decay: FloatArray, left: float
     ) -> FloatArray:
         """Solve the program about a gain, with those cones that matter: cutting planes."""
         c = 1 + self.phi @ gain
@@ -352,11 +352,11 @@ def _starts(program: Program) -> Iterator[FloatArray]:
             0, len(grid), len(grid) // len(springs)
         ):
             if margin[some] > 0:
-                yield _matched(program, force(grid[some : some + 1], z)[0])
+                yield _match(program, force(grid[some : some + 1], z)[0])
     yield program.structure.innovation
 
 
-def _matched(program: Program, law: ComplexArray) -> FloatArray:
+def _match(program: Program, law: ComplexArray) -> FloatArray:
     """Return the gain whose law is nearest to a transfer from position to force, by the relative change of Phi."""
     weight = (np.abs(program.response) / np.abs(1 + program.response * law)).max(axis=0)
     rows, right = (program.x - law[:, None] * program.y) * weight[:, None], law * weight
@@ -365,14 +365,14 @@ def _matched(program: Program, law: ComplexArray) -> FloatArray:
     return np.asarray(np.linalg.lstsq(both / scale, aim, rcond=RESOLVED)[0] / scale)
 
 
-def started(program: Program) -> FloatArray | None:
+def best_start(program: Program) -> FloatArray | None:
     """Return the most promising start that is stable with every hand and released; None without any."""
     best: FloatArray | None = None
     cost = math.inf
     for gain in _starts(program):
         if program.structure.observer_radius(gain) >= 1:
             continue
-        found = program.judged(gain, contact=False)
+        found = program.evaluate(gain, contact=False)
         lack = PER_LACK * max(0.0, 1 - float(found.decay.min())) + 4 * max(
             0.0, 1 - found.disk_margin / program.disk_margin
         )
@@ -389,12 +389,12 @@ class ProgramAnswer:
     problem: Problem
     program: Program  # of the structure with the smallest error, with the goals
     gain: FloatArray  # L
-    judged: Judged
+    performance: Performance
 
     @property
-    def met(self) -> bool:
+    def meets_goals(self) -> bool:
         """Whether margin, noise, contact and decay are as asked for."""
-        return self.program.met(self.judged)
+        return self.program.meets(self.performance)
 
     @property
     def coupling(self) -> Coupling:
@@ -408,7 +408,7 @@ class ProgramAnswer:
         """Return the impedance error at frequencies."""
         return self.program.errors(self.gain, self.program.error_rows(hz))
 
-    def moved(self, disk_margin: float = 1.0, noise: float = 1.0, distance: float = 1.0) -> ProgramAnswer:
+    def with_goals(self, disk_margin: float = 1.0, noise: float = 1.0, distance: float = 1.0) -> ProgramAnswer:
         """Return the coupling for goals multiplied by factors, from this one on."""
         one = self.program
         program = replace(
@@ -417,8 +417,8 @@ class ProgramAnswer:
             noise_n_per_m=noise * one.noise_n_per_m,
             distance=distance * one.distance,
         )
-        gain, found = program.improved(self.gain)
-        return replace(self, program=program, gain=gain, judged=found)
+        gain, found = program.improve(self.gain)
+        return replace(self, program=program, gain=gain, performance=found)
 
 
 def why_no_law(problem: Problem) -> str:
@@ -460,13 +460,13 @@ def program_answers(
     for guess in GUESSES:
         with suppress(np.linalg.LinAlgError):
             program = Program(inner, Structure.of(inner, guess, filters), hands, disk_margin, noise_n_per_m)
-            if (gain := started(program)) is None:
+            if (gain := best_start(program)) is None:
                 continue
-            gain, found = program.improved(gain)
+            gain, found = program.improve(gain)
             answers.append(ProgramAnswer(problem, program, gain, found))
-            if answers[-1].met and found.error <= NEAR:
+            if answers[-1].meets_goals and found.error <= NEAR:
                 break
-    return sorted(answers, key=lambda one: (not one.met, one.judged.error))
+    return sorted(answers, key=lambda one: (not one.meets_goals, one.performance.error))
 
 
 def solve_robust(problem: Problem, *, progress: Progress = SILENT) -> GainSchedule:
@@ -479,10 +479,10 @@ def solve_robust(problem: Problem, *, progress: Progress = SILENT) -> GainSchedu
     if answer is None:
         reason = "no law is found that holds every hand; soften the wall, or narrow [hands] or [device.range]"
         return constant_schedule(problem, "robust", None, started, reason=reason)
-    coupling, found, goals = answer.coupling, answer.judged, "as required" if answer.met else "not all as required"
+    found, goals = answer.performance, "as required" if answer.meets_goals else "not all as required"
     note = (
         f"error of the impedance from 1 to 30 Hz {100 * found.error:.3g} % at most, disk margin "
         f"{found.disk_margin:.2f}; margin, noise, contact and decay {goals}"
     )
-    law = coupling.runtime.state_feedback
-    return constant_schedule(problem, "robust", coupling.table.at_rest, started, notes=(note,), law=law)
+    gains, law = answer.coupling.table.at_rest, answer.coupling.runtime.state_feedback
+    return constant_schedule(problem, "robust", gains, started, notes=(note,), law=law)

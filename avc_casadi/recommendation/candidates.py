@@ -59,7 +59,7 @@ def stiffest_rendered(
     about = limit.stiffness_n_per_m or 1e3 * softest_wall_n_per_m(problem.device)
 
     @cache
-    def judged(step: int) -> tuple[Problem, Evaluator, str]:
+    def evaluation(step: int) -> tuple[Problem, Evaluator, str]:
         wall = {"stiffness_n_per_m": float(f"{about * _STIFFER**step:.3g}"), "damping_ns_per_m": 0.0}
         walled = problem.changed(environment=wall, detent=None)
         evaluator = evaluator_of(walled)
@@ -73,17 +73,17 @@ def stiffest_rendered(
         return walled, evaluator, (why_infeasible(walled) or off) if best is None else evaluator.flaw(best)
 
     step = 10
-    while not judged(step)[2]:
+    while not evaluation(step)[2]:
         step += 2
     # From above: below the stiffest there may be walls without a law that holds.
-    while judged(step)[2] and step > _SOFTEST:
+    while evaluation(step)[2] and step > _SOFTEST:
         step -= 2
-    step += not judged(step + 1)[2]
-    walled, evaluator, flaw = judged(step)
+    step += not evaluation(step + 1)[2]
+    walled, evaluator, flaw = evaluation(step)
     if flaw:
-        evaluator.judged = []
+        evaluator.candidates = []
         return walled, evaluator, f"{flaw}, from 1 % of the linear limit on"
-    stiffer, _, flaw = judged(step + 1)
+    stiffer, _, flaw = evaluation(step + 1)
     wall = quantity(stiffer.environment.stiffness_n_per_m, problem.units.unit("N/m"))
     return walled, evaluator, f"before {wall} {flaw}"
 
@@ -111,20 +111,18 @@ def softened(problem: Problem, felt_n_per_m: float) -> Iterator[Coupling]:
     yield from sorted(alike, key=impedance_error)
 
 
-def judge_laws(problem: Problem, evaluator: Evaluator, felt_n_per_m: float, least: float = math.inf) -> bool:
-    """Judge laws at a stiffness for ever stricter goals, until none may be nearer; return whether one is complete."""
-    complete = False
+def judge_laws(problem: Problem, evaluator: Evaluator, felt_n_per_m: float, least: float = math.inf) -> None:
+    """Judge laws at a stiffness for ever stricter goals, until none may be nearer."""
     for answers in laws(problem, felt_n_per_m) if least > 0 else ():
-        nearer = sorted((one for one in answers if one.judged.error < least), key=lambda one: one.judged.error)
+        nearer = sorted(answers, key=lambda one: one.performance.error)
+        nearer = [one for one in nearer if one.performance.error < least]
         if not nearer:
             break
         for answer in nearer:
-            error = answer.judged.error
+            error = answer.performance.error
             one = evaluator.first_complete([answer.coupling]) if error < least else None
             if one is not None:
                 least = 0.0 if one.distance < 2 * FELT_ERROR else min(least, error + one.distance - one.error)
-                complete = True
-    return complete
 
 
 def laws(problem: Problem, felt_n_per_m: float) -> Iterator[list[ProgramAnswer]]:
@@ -140,7 +138,7 @@ def laws(problem: Problem, felt_n_per_m: float) -> Iterator[list[ProgramAnswer]]
     # Factors on disk margin, noise gain and distance of the dead zone's loop from 0.
     both, noise = (1.25, 0.6, 1.0), ((1.0, 0.8, 1.0), (1.0, 0.75, 1.0))
     for step in (*noise, (1.0, 1.0, 1.3), both, (1.0, 0.6, 1.3), both, (1.25, 0.6, 1.3)):
-        answers = [one.moved(*step) for one in answers]
+        answers = [one.with_goals(*step) for one in answers]
         yield answers
 
 

@@ -31,7 +31,7 @@ from avc_casadi.model.effects import Effect
 from avc_casadi.model.hands import Hand, StylusHand
 from avc_casadi.model.problem import Problem
 from avc_casadi.model.scene import declared
-from avc_casadi.recommendation.rank import Judged, best_of, error_in_motion
+from avc_casadi.recommendation.rank import Candidate, best_of, error_in_motion
 from avc_casadi.simulation.population.operators import GRIPS, draw_hands, draw_population, loose_grips, people_of
 from avc_casadi.simulation.population.trial import CouplingTrial, residual_speeds, try_coupling, try_on_devices
 
@@ -83,7 +83,7 @@ class Evaluator:
         within: float = math.inf,
         executor: Executor | None = None,
     ) -> None:
-        self.judged: list[Judged] = []
+        self.candidates: list[Candidate] = []
         self.considered = 0
         self._people, self._seed, self._progress, self._executor = people, seed, progress, executor
         self._trial = partial(try_coupling, seed=seed, executor=executor)
@@ -97,19 +97,19 @@ class Evaluator:
         self._loose = Group(loose_grips(problem.hands, 100, seed))
         self._devices = _devices(problem.device, seed)
 
-    def __call__(self, coupling: Coupling) -> Judged | None:
+    def __call__(self, coupling: Coupling) -> Candidate | None:
         """Return the coupling with its trials; None where it is not deployable, or further off in motion than asked."""
         self.considered += 1
         self._progress.advance(self.considered, 0, f"couplings, {coupling.method}")
         off = math.isfinite(self._within) and error_in_motion(coupling) > self._within
         if off or not deployable(coupling).passed:
             return None
-        one = Judged(coupling, self._trial(coupling, self._people.pick(slice(FIRST))), self.considered)
+        one = Candidate(coupling, self._trial(coupling, self._people.pick(slice(FIRST))), self.considered)
         if one.safety <= int(self._lean) and len(self._people) > FIRST:
             one = replace(one, trial=self._trial(coupling, self._people))
         if not self.flaw(one):
             one = replace(one, beyond=self._tried_beyond(coupling))
-        self.judged.append(one)
+        self.candidates.append(one)
         return one
 
     def _tried_beyond(self, coupling: Coupling) -> tuple[BoolArray, ...]:
@@ -123,7 +123,7 @@ class Evaluator:
             return (off.trial.stable,)
         return tuple(group.settles(coupling, friction=self._lean) for group in self._beyond)
 
-    def first_complete(self, couplings: Iterable[Coupling]) -> Judged | None:
+    def first_complete(self, couplings: Iterable[Coupling]) -> Candidate | None:
         """Judge couplings until one is complete and confirmed, and return it; None where none is."""
         for coupling in couplings:
             one = self(coupling)
@@ -131,33 +131,33 @@ class Evaluator:
                 return one
         return None
 
-    def best(self) -> Judged | None:
+    def best(self) -> Candidate | None:
         """Return the best coupling that stays the best with hands never seen; None without any deployable one."""
-        while self.judged:
-            one = best_of(self.judged, lean_on_friction=self._lean)
+        while self.candidates:
+            one = best_of(self.candidates, lean_on_friction=self._lean)
             if one.others is not None:
                 return one
             self._confirmed(one)
         return None
 
-    def flaw(self, one: Judged) -> str:
+    def flaw(self, one: Candidate) -> str:
         """Return why a coupling is not complete; empty where it is."""
         return one.flaw(int(self._lean))
 
-    def complete(self) -> list[Judged]:
+    def complete(self) -> list[Candidate]:
         """Return the complete couplings."""
-        return [one for one in self.judged if not self.flaw(one)]
+        return [one for one in self.candidates if not self.flaw(one)]
 
     def least_distance(self) -> float:
         """Return the smallest distance of the complete couplings from the wall; infinite without any."""
         return min((one.distance for one in self.complete()), default=math.inf)
 
-    def _confirmed(self, one: Judged) -> Judged:
+    def _confirmed(self, one: Candidate) -> Candidate:
         """Try a coupling with all hands, then with others on devices of the ranges: selection among many is biased."""
         whole = one.trial if one.trial.hands == len(self._people) else self._trial(one.coupling, self._people)
         others = try_on_devices(one.coupling, next(self._others), self._devices, self._seed, self._executor)
         found = replace(one, trial=whole, others=others)
-        self.judged = [found if other is one else other for other in self.judged]
+        self.candidates = [found if other is one else other for other in self.candidates]
         return found
 
 

@@ -35,7 +35,7 @@ BELOW_THRESHOLD_SHARE = 0.9
 
 
 @dataclass(frozen=True)
-class Judged:
+class Candidate:
     """A deployable coupling and its trials, those beyond the problem too; the order is that of proposal."""
 
     coupling: Coupling
@@ -128,14 +128,14 @@ def error_in_motion(coupling: Coupling) -> float:
     return float(shaken(coupling, coupling.static_stiffness_n_per_m, MOVING_HZ).error.max())
 
 
-def best_of(judged: list[Judged], *, lean_on_friction: bool = False) -> Judged:
+def best_of(candidates: list[Candidate], *, lean_on_friction: bool = False) -> Candidate:
     """Return the best: by safety, vibration threshold, distance; of those as near to the senses the plainest."""
 
-    def safety(one: Judged) -> int:
+    def safety(one: Candidate) -> int:
         return max(one.safety, 1) if lean_on_friction else one.safety
 
-    safest = min(safety(one) for one in judged)
-    left = [one for one in judged if safety(one) == safest]
+    safest = min(safety(one) for one in candidates)
+    left = [one for one in candidates if safety(one) == safest]
     if safest == 2:
         most = max(one.at_rest for one in left)
         left = [one for one in left if one.at_rest == most]
@@ -150,25 +150,25 @@ def best_of(judged: list[Judged], *, lean_on_friction: bool = False) -> Judged:
     return min((one for one in left if one.felt_n_per_m >= (1 - _AS_STIFF) * most_n_per_m), key=_plainness)
 
 
-def _plainness(one: Judged) -> tuple[float, ...]:
+def _plainness(one: Candidate) -> tuple[float, ...]:
     """Return what orders candidates that are equally near: a law after all others, of laws the nearest first."""
     return (1.0, one.distance + one.error) if one.coupling.runtime.state_feedback is not None else (0.0, one.order)
 
 
-def devices_of(best: Judged | None) -> int:
+def devices_of(best: Candidate | None) -> int:
     """Return the number of devices on which a coupling was confirmed, if there is one."""
     return 1 if best is None or best.others is None else best.others.devices
 
 
-def reason_of(best: Judged | None, judged: list[Judged], considered: int) -> str:
+def reason_of(best: Candidate | None, candidates: list[Candidate], considered: int) -> str:
     """Return why this one, or why none."""
     if best is None:
         return f"none of {considered} couplings is linearly stable with every hand of [hands] and released"
     if best.safety == 2:
-        return f"not all simulated hands settle with any of {len(judged)} deployable candidates"
+        return f"not all simulated hands settle with any of {len(candidates)} deployable candidates"
     lean = "; hands settle only thanks to the declared dry friction" if best.safety else ""
-    why = f"the nearest to the wall, in motion and when released, of {len(judged)} deployable candidates{lean}"
-    worse = [one for one in judged if (one.safety, not one.quiet) > (best.safety, not best.quiet)]
+    why = f"the nearest to the wall, in motion and when released, of {len(candidates)} deployable candidates{lean}"
+    worse = [one for one in candidates if (one.safety, not one.quiet) > (best.safety, not best.quiet)]
     other = min(worse, key=lambda one: (one.safety, one.error), default=best)
     if other.error > best.error - FELT_ERROR:
         return why

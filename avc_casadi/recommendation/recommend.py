@@ -96,7 +96,7 @@ def recommend_wall(
         why_none = why_infeasible(problem)
         if not (why_none or stiffest):
             judge_all(problem, evaluator, limit, progress)
-        best, judged = evaluator.best(), evaluator.judged
+        best, candidates = evaluator.best(), evaluator.candidates
         coupling, rest, off, lacks = None, None, None, no_stiffer if best is None else ""
         beyond: tuple[Withstood, ...] = ()
         if best is not None:
@@ -120,7 +120,7 @@ def recommend_wall(
             plain_wall_n_per_m=limit.stiffness_n_per_m,
             helps=() if why_none else helps(),
             considered=evaluator.considered,
-            reason=why_none or lacks or reason_of(best, judged, evaluator.considered),
+            reason=why_none or lacks or reason_of(best, candidates, evaluator.considered),
             assumed=assumed(problem, devices_of(best)),
             not_used=not_used(problem),
             trade_off=trade_off(problem, progress) if with_trade_off and coupling is not None else (),

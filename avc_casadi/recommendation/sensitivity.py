@@ -80,13 +80,13 @@ def trade_off(problem: Problem, progress: Progress = SILENT) -> tuple[Trade, ...
         progress.advance(done, len(margins), "convex programs of the trade-off")
         if answer is None:
             break
-        answer = answer if done == 0 else answer.moved(margin / answer.program.disk_margin)
-        if found and abs(answer.judged.disk_margin - found[-1].disk_margin) < 0.01:
+        answer = answer if done == 0 else answer.with_goals(margin / answer.program.disk_margin)
+        if found and abs(answer.performance.disk_margin - found[-1].disk_margin) < 0.01:
             continue
         one, two, three = answer.errors(np.array([1.0, 10.0, 30.0])).tolist()
         step = problem.device.encoder_resolution_m / problem.device.metres_per_unit
-        ripple = answer.judged.noise_n_per_m * step
-        found.append(Trade(answer.judged.disk_margin, (one, two, three), ripple, answer.met))
+        ripple = answer.performance.noise_n_per_m * step
+        found.append(Trade(answer.performance.disk_margin, (one, two, three), ripple, answer.meets_goals))
     return tuple(found)
 
 

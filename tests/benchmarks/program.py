@@ -72,7 +72,7 @@ def nearby(problem: Problem) -> list[float | None]:
     kg, later = problem.device.mass_kg, problem.device.delay_samples + 0.1
     changes = ({}, {"mass_kg": 0.99 * kg}, {"mass_kg": 1.01 * kg}, {"delay_samples": later})
     answers = (next(iter(program_answers(problem.changed(device=change))), None) for change in changes)
-    return [one.judged.error if one is not None and one.met else None for one in answers]
+    return [one.performance.error if one is not None and one.meets_goals else None for one in answers]
 
 
 def at_margin(problem: Problem, disk_margin: float, noise_n_per_m: float) -> float | None:
@@ -81,7 +81,7 @@ def at_margin(problem: Problem, disk_margin: float, noise_n_per_m: float) -> flo
     plain = map(measured, springs_and_dampers(problem.changed(robustness={"disk_margin": max(disk_margin, 0.01)})))
     met = (one for one in plain if one["disk_margin"] > 0.98 * disk_margin)
     quiet = (one["error"] for one in met if one["noise_n_per_m"] < 1.02 * noise_n_per_m)
-    return min([*(one.judged.error for one in laws if one.met), *quiet], default=None)
+    return min([*(one.performance.error for one in laws if one.meets_goals), *quiet], default=None)
 
 
 def cell(name: str, old: dict[str, Any], margin: float | None) -> dict[str, Any]:
@@ -105,7 +105,7 @@ def traded(problem: Problem) -> dict[str, Any]:
     """What a disk margin costs, and where the answer stands."""
     found = avc.recommend(problem, hands=100)
     assert found.coupling is not None
-    errors = [[*one.error, one.ripple_n, one.disk_margin, one.met] for one in trade_off(problem)]
+    errors = [[*one.error, one.ripple_n, one.disk_margin, one.meets_goals] for one in trade_off(problem)]
     answer = measured(found.coupling)
     ripple_n = answer["noise_n_per_m"] * problem.device.encoder_resolution_m
     return {"answer": answer, "points": errors, "ripple_n": ripple_n}

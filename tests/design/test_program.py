@@ -91,8 +91,8 @@ def test_responses_are_those_of_the_held_force(mass, damping, delay, hand, hz):
 def test_the_disk_margin_is_where_a_complex_factor_ends_stability(numbers):
     """Every factor of the disk is borne by every hand; one a little beyond it is not by some."""
     found, asked = answer(**numbers), problem(**numbers)
-    assert found.met
-    margin, law = found.judged.disk_margin, law_of(found)
+    assert found.meets_goals
+    margin, law = found.performance.disk_margin, law_of(found)
     assert margin >= 0.197
 
     def worst(share):
@@ -109,7 +109,7 @@ def test_the_loop_decays_at_every_gain_of_the_dead_zone(numbers):
     found, asked = answer(**numbers), problem(**numbers)
     law = law_of(found)
     whole = max(radius(asked, law, hand) for hand in (*CORNERS, RELEASED))
-    assert whole == pytest.approx(found.judged.radius, abs=1e-5)
+    assert whole == pytest.approx(found.performance.radius, abs=1e-5)
     for passed in np.geomspace(0.015, 1.0, 12):
         assert max(radius(asked, law, hand, passed=passed) for hand in CORNERS) < 1
 
@@ -134,16 +134,16 @@ def test_the_error_is_that_of_the_impedance_at_the_handle(numbers):
         wanted = device.mass_kg * s + device.damping_ns_per_m + own
         felt = device.mass_kg * s + device.damping_ns_per_m + force / s
         worst = max(worst, abs(felt - wanted) / max(abs(wanted), abs(own)))
-    assert worst == pytest.approx(found.judged.error, rel=0.03, abs=2e-3)
+    assert worst == pytest.approx(found.performance.error, rel=0.03, abs=2e-3)
 
 
 @pytest.mark.slow
 def test_what_is_asked_for_bounds_the_force_of_a_step_of_the_encoder():
-    bound = 0.6 * answer().judged.noise_n_per_m
+    bound = 0.6 * answer().performance.noise_n_per_m
     found = program_answers(problem(), 0.2, bound)[0]
-    assert found.met
-    assert found.judged.noise_n_per_m <= 1.02 * bound
-    assert found.judged.error > answer().judged.error
+    assert found.meets_goals
+    assert found.performance.noise_n_per_m <= 1.02 * bound
+    assert found.performance.error > answer().performance.error
 
 
 @settings(deadline=None, max_examples=20)
@@ -175,10 +175,10 @@ def test_a_multiplier_is_one_of_the_clip_and_turns_the_loop_as_told(poles, zero)
 def test_what_is_met_is_met_with_hands_inside_the_box_too(mass, damping, delay, stiff, drawn):
     asked = problem(mass, damping, delay, wall=stiff * 60 * (mass + 0.1) * 1000 / (1 + 2 * delay))
     found = program_answers(asked, 0.2)[0]
-    if found is None or not found.met:
+    if found is None or not found.meets_goals:
         return
     box = np.array(list(BOX.values())).T
     inside = np.random.default_rng(drawn).uniform(*box, (24, 3))
-    margin = 0.9 * found.judged.disk_margin
+    margin = 0.9 * found.performance.disk_margin
     for factor in ((2 - margin) / (2 + margin), 1.0, (2 + margin) / (2 - margin)):
         assert max(radius(asked, law_of(found), tuple(hand), factor) for hand in inside) < 1

@@ -148,7 +148,7 @@ def test_a_law_is_that_of_the_handle():
     radius = 0.125
     device = {"mass_kg": 0.12, "damping_ns_per_m": 0.8, "delay_samples": 1, "encoder_resolution_m": 2e-5}
     linear, rotary = both(device, {"stiffness_n_per_m": 3000.0, "damping_ns_per_m": 0.0}, radius)
-    one, other = (program_answers(problem)[0].judged for problem in (linear, rotary))
+    one, other = (program_answers(problem)[0].performance for problem in (linear, rotary))
     assert one.error == pytest.approx(other.error, rel=0.02)
     assert one.disk_margin == pytest.approx(other.disk_margin, rel=0.02)
     assert one.noise_n_per_m * radius**2 == pytest.approx(other.noise_n_per_m, rel=0.05)

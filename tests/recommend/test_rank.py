@@ -23,7 +23,7 @@ from avc_casadi.model.runtime import Runtime
 from avc_casadi.recommendation.evaluator import Evaluator, Withstood, missed
 from avc_casadi.recommendation.felt import deployed
 from avc_casadi.recommendation.preconditions import nothing_rendered
-from avc_casadi.recommendation.rank import Judged, best_of, reason_of
+from avc_casadi.recommendation.rank import Candidate, best_of, reason_of
 from avc_casadi.recommendation.recommendation import Recommendation
 from avc_casadi.recommendation.sensitivity import what_would_help
 from avc_casadi.simulation.population.operators import people_of
@@ -51,14 +51,14 @@ def trial(stable: int, free: int, quiet: int) -> CouplingTrial:
     )
 
 
-def judged(order: int, share: float, stable: int, free: int, quiet: int) -> Judged:
+def candidate(order: int, share: float, stable: int, free: int, quiet: int) -> Candidate:
     gains = Gains(0.0, spring_before(PROBLEM, share * WALL))
-    return Judged(Coupling.constant(PROBLEM, gains, "x"), trial(stable, free, min(quiet, stable)), order)
+    return Candidate(Coupling.constant(PROBLEM, gains, "x"), trial(stable, free, min(quiet, stable)), order)
 
 
 def test_what_a_press_has_not_reached_yet_is_not_counted():
     """A slow observer creeps towards the stiffness at rest for longer than a press lasts."""
-    quick, slow = (judged(order, share, HANDS, HANDS, HANDS) for order, share in enumerate((0.5, 0.8)))
+    quick, slow = (candidate(order, share, HANDS, HANDS, HANDS) for order, share in enumerate((0.5, 0.8)))
     assert best_of([quick, slow]) is slow
     slow = replace(slow, trial=replace(slow.trial, stiffness_n_per_m=np.full(HANDS, 0.4 * WALL)))
     assert slow.felt_n_per_m == pytest.approx(0.4 * WALL)
@@ -69,19 +69,19 @@ def test_what_a_press_has_not_reached_yet_is_not_counted():
 
 def test_of_equally_safe_ones_what_is_quiet_wins_over_what_is_nearer_and_the_simpler_one_of_equals():
     near, quiet = (
-        Judged(Coupling.constant(PROBLEM, Gains(0.0, spring_before(PROBLEM, share * WALL), damping), "x"), tried, order)
-        for order, (share, damping, tried) in enumerate(((0.5, 50.0, trial(10, 10, 8)), (0.2, 20.0, trial(10, 10, 10))))
+        Candidate(Coupling.constant(PROBLEM, Gains(0.0, spring_before(PROBLEM, share * WALL), b), "x"), tried, order)
+        for order, (share, b, tried) in enumerate(((0.5, 50.0, trial(10, 10, 8)), (0.2, 20.0, trial(10, 10, 10))))
     )
     assert near.distance < quiet.distance - 0.1
     assert best_of([near, quiet]) is quiet
     assert "8 of 10 hands" in reason_of(quiet, [near, quiet], 2)
     assert best_of([replace(near, trial=trial(10, 10, 9)), quiet]).order == 0
-    simpler, other = judged(0, 0.5, 10, 10, 10), judged(1, 0.5, 10, 10, 10)
+    simpler, other = candidate(0, 0.5, 10, 10, 10), candidate(1, 0.5, 10, 10, 10)
     assert best_of([other, simpler]) is best_of([simpler, other]) is simpler
 
 
 def test_who_moves_on_a_device_that_is_asked_for_beyond_the_file_makes_a_coupling_unsafe():
-    one, rest = judged(0, 0.5, 10, 10, 10), np.ones(6, dtype=bool)
+    one, rest = candidate(0, 0.5, 10, 10, 10), np.ones(6, dtype=bool)
     assert replace(one, beyond=(rest, rest)).safety == 0
     assert replace(one, beyond=(rest, np.arange(6) > 0)).safety == 2
 
@@ -89,10 +89,10 @@ def test_who_moves_on_a_device_that_is_asked_for_beyond_the_file_makes_a_couplin
 COUNTS = st.sampled_from([0, 5, 8, 9, 10])
 CANDIDATES = st.lists(
     st.tuples(st.sampled_from([0.2, 0.5, 0.8, 0.95]), COUNTS, COUNTS, COUNTS), min_size=1, max_size=6
-).map(lambda rows: [judged(order, *row) for order, row in enumerate(rows)])
+).map(lambda rows: [candidate(order, *row) for order, row in enumerate(rows)])
 
 
-def safety(one: Judged, lean: bool) -> tuple[int, int]:
+def safety(one: Candidate, lean: bool) -> tuple[int, int]:
     everybody, free = one.trial.stable.all(), one.trial.stable_without_friction.all()
     if not everybody:
         return 2, -int(one.trial.stable.sum())
@@ -121,7 +121,7 @@ def test_nothing_that_is_safer_or_as_safe_and_better_is_passed_over(candidates, 
 
 @pytest.mark.parametrize("free", [10, 4])
 def test_rest_by_friction_is_enough_only_for_who_leans_on_it(free):
-    one = replace(judged(0, 0.9, 10, 10, 10), others=trial(10, free, 10))
+    one = replace(candidate(0, 0.9, 10, 10, 10), others=trial(10, free, 10))
     assert not one.flaw(1)
     assert bool(one.flaw(0)) == (free < 10)
 
@@ -139,14 +139,14 @@ def test_an_observer_meets_devices_whose_delay_it_does_not_look_over():
 def test_hands_that_had_no_part_in_the_choice_can_refute_it():
     """A rigid wall without a damper vibrates in any hand; its first trial is made up."""
     evaluator = Evaluator(PROBLEM, people_of(PROBLEM.hands, HANDS), 0)
-    lucky = Judged(Coupling.constant(PROBLEM, Gains(0.0, 1e8), "x"), trial(10, 10, 10), 0)
+    lucky = Candidate(Coupling.constant(PROBLEM, Gains(0.0, 1e8), "x"), trial(10, 10, 10), 0)
     soft = Gains(0.0, spring_before(PROBLEM, 0.005 * WALL), 3.0)
-    honest = Judged(Coupling.constant(PROBLEM, soft, "x"), trial(10, 10, 8), 1)
-    evaluator.judged = [lucky, honest]
+    honest = Candidate(Coupling.constant(PROBLEM, soft, "x"), trial(10, 10, 8), 1)
+    evaluator.candidates = [lucky, honest]
     best = evaluator.best()
     assert best.coupling is honest.coupling
     assert best.others.hands == 2 * HANDS
-    refuted = next(one for one in evaluator.judged if one.coupling is lucky.coupling)
+    refuted = next(one for one in evaluator.candidates if one.coupling is lucky.coupling)
     assert refuted.safety == 2
 
 
