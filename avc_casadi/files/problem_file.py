@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import math
+from collections.abc import Callable, Iterator, Mapping
 from functools import wraps
 from pathlib import Path
 from typing import Any, Literal, TypeVar, cast
@@ -15,6 +16,7 @@ from avc_casadi.files.device_file import DeviceFile, with_device
 from avc_casadi.files.toml import KeyLines, tables_of, text_of, toml_lines
 from avc_casadi.model.problem import Frequency, Problem
 from avc_casadi.model.table import Finding, dotted, refused, shown, valid
+from avc_casadi.model.table import Path as KeyPath
 
 BELOW_NYQUIST = 0.45
 """End of the band of a slow device, as a share of the sampling rate, the same as by default."""
@@ -66,6 +68,8 @@ AnyProblem = Problem | str | Path | Mapping[str, Any]
 def as_problem(problem: AnyProblem) -> Problem:
     """Return a problem unchanged, or load its file or catalogue name, or make it of its tables."""
     if isinstance(problem, Problem):
+        if wrong := list(_not_finite((), problem.model_dump())):
+            raise refused(wrong, problem.name or "problem")
         return problem
     if isinstance(problem, str | Path):
         return load_problem(problem)
@@ -76,6 +80,15 @@ def as_problem(problem: AnyProblem) -> Problem:
     if isinstance(found, Problem):
         return found
     raise refused(found, "problem")
+
+
+def _not_finite(path: KeyPath, value: Any) -> Iterator[Finding]:
+    """Yield the numbers that `model_copy` put in place unchecked."""
+    if isinstance(value, Mapping | tuple):
+        for key, item in value.items() if isinstance(value, Mapping) else enumerate(value):
+            yield from _not_finite((*path, key), item)
+    elif isinstance(value, float) and not math.isfinite(value):
+        yield path, f"is {value}; allowed: a finite number"
 
 
 def of_problem(function: F) -> F:
