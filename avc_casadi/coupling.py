@@ -218,7 +218,7 @@ class Coupling:
             device = self.problem.device.model_dump(mode="json")
             return _named({"gains": vars(self.gains), "device": device, self.end: there})
         runs = {
-            "rows": self.table.rows.tolist(),
+            "rows": (self.table.rows + 0.0).tolist(),  # a zero has no sign
             "runtime": self.runtime.document(),
             "wall": [wall.damping_ns_per_m, wall.stiffness_n_per_m],
             "device": _device_document(self.problem.device),

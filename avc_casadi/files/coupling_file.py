@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import io
 import json
-import math
 from collections.abc import Iterator
 from dataclasses import replace
 from itertools import pairwise
@@ -34,16 +33,9 @@ MOST_BYTES = 2**23
 NEXT_STEP = "give a coupling file: avc recommend P --out FILE writes one, and avc solve P --out FILE that of a method"
 
 
-class _Gain(q.Quantity):
-    """Validator of a gain, which keeps the sign of a zero: the id of a coupling is that of its bits."""
-
-    def __call__(self, value: Any) -> float:
-        return math.copysign(super().__call__(value), value)
-
-
-_Damping = Annotated[float, BeforeValidator(_Gain("N.s/m", 1e-300, q.LARGEST_DAMPING_NS_PER_M))]
+_Damping = Annotated[float, BeforeValidator(q.Quantity("N.s/m", 1e-300, q.LARGEST_DAMPING_NS_PER_M))]
 _Dampings = Annotated[tuple[_Damping, ...], BeforeValidator(q.sequence)]
-_Stiffness = Annotated[float, BeforeValidator(_Gain("N/m", 1e-300, q.LARGEST_STIFFNESS_N_PER_M))]
+_Stiffness = Annotated[float, BeforeValidator(q.Quantity("N/m", 1e-300, q.LARGEST_STIFFNESS_N_PER_M))]
 _Stiffnesses = Annotated[tuple[_Stiffness, ...], BeforeValidator(q.sequence)]
 
 

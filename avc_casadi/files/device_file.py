@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, Literal
@@ -141,10 +142,6 @@ def _referred(named: Any, folder: Path | None) -> dict[str, Any] | str:
     path = device_path(named, folder)
     if isinstance(path, str):
         return path
-    try:
-        found = path.is_file()
-    except (OSError, ValueError):  # too long for a path, or with a NUL in it
-        found = False
-    if not found:
+    if not os.path.isfile(path):  # noqa: PTH113 - of pathlib a name that is too long raises
         return f"is {t.shown(named)}, where there is no file; allowed: a path relative to this file, or a name"
     return load_device(path).device.model_dump(exclude_unset=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Callable, Iterator, Mapping
 from functools import wraps
 from pathlib import Path
@@ -119,11 +120,8 @@ def _path_of(source: str | Path) -> Path:
     names = catalogue_names()
     if source in names:
         return names[source]
-    try:
-        exists = bool(source) and Path(source).exists()
-    except (OSError, ValueError):  # too long for a path, or with a NUL in it
-        exists = False
-    return Path(source) if exists else catalogue_path(source)
+    # Of pathlib a name that is too long raises.
+    return Path(source) if os.path.exists(source) else catalogue_path(source)  # noqa: PTH110
 
 
 def parse_problem(text: str, *, file: str = "problem.toml", name: str = "", folder: Path | None = None) -> Problem:
