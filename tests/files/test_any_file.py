@@ -130,7 +130,11 @@ def test_texts_are_read_as_numpy_reads_them(mark, feed, tmp_path):
     assert (log.at(0), log.at(4_999), log.at(5_001)) == (2, 5_001, 5_005)
 
 
-# A table of gains that was edited by hand is read as what it says or refused with every fault, by line and key.
+def test_a_number_put_in_place_unchecked_is_refused():
+    soft = avc.load_problem("soft")
+    device = soft.device.model_copy(update={"mass_kg": float("nan")})
+    assert "device.mass_kg: is nan" in str(refused(avc.solve, soft.model_copy(update={"device": device})))
+
 
 HEADER = "frequency_hz,damping_ns_per_m,stiffness_n_per_m\n"
 

@@ -153,9 +153,6 @@ def test_a_contact_damper_that_pushes_early_is_told(damping, soft):
         assert depth == pytest.approx((NOTICED_N - damping * float(speed)) / felt, abs=2e-4 * float(speed) + 2e-5)
 
 
-# The steps of the encoder as the force of a moving handle has them, against the pulses of a damper written out.
-
-
 def damper(step, period, damping, **device):
     wall = {"stiffness_n_per_m": 0.0, "damping_ns_per_m": damping}
     problem = avc.load_problem("figure5").changed(
