@@ -167,8 +167,6 @@ def test_the_recommended_coupling_carries_its_proof():
     assert Rest.from_document(level["proofs"][0]).verified()
 
 
-# Numbers beside a recommendation, each worked out by hand: stiffness at the handle, steps of force, limits, hands.
-
 STEP_M, T = 2e-5, 1e-3
 MODE = {"frequency_hz": 120.0, "damping_ratio": 0.05, "mass_ratio": 0.3}
 NUMBERS_WALL = {"stiffness_n_per_m": 2000.0, "damping_ns_per_m": 4.0}
