@@ -73,8 +73,8 @@ class Machine:
 
     def reset(self, why: int = BY_POWER_ON | BY_BROWN_OUT) -> None:
         """Start the firmware anew; memory outside .data and .bss keeps its content, time goes on."""
-        for segment in self._image.segments:
-            self._core.mem_write(segment.address, segment.data)
+        for address, data in self._image.segments.items():
+            self._core.mem_write(address, data)
         stack, entry = struct.unpack("<II", self._core.mem_read(_FLASH, 8))
         self._core.reg_write(self._arm.UC_ARM_REG_SP, stack)
         # Unicorn has no CPACR behind the system registers: the firmware's write to it is seen but has no effect.
