@@ -136,21 +136,15 @@ class LoopResult:
 
     def document(self) -> dict[str, Any]:
         """Return the figures: JSON values only."""
-        stiffness, faults = self.apparent_stiffness_n_per_m, DeviceFault(self.status.faults).word
-        known = math.isfinite(stiffness)
-        felt = f", apparent stiffness {stiffness:.4g} at the sensor" if self.at_rest and known else ""
-        rest = f"{'settled' if self.at_rest else 'DID NOT SETTLE'}; peak force {self.peak_force_n:.3g}{felt}"
-        if faults:
-            rest = f"STOPPED ITSELF and gives no force: {faults}"
+        stiffness = self.apparent_stiffness_n_per_m
         return {
             "at_rest": self.at_rest,
-            "sentence": f"with a hand for {self.seconds:g} s it {rest}",
             "seconds": self.seconds,
             "peak_force_n": self.peak_force_n,
-            "apparent_stiffness_n_per_m": stiffness if known else None,
+            "apparent_stiffness_n_per_m": stiffness if math.isfinite(stiffness) else None,
             "peak_velocity_m_per_s": float(self.judgement.peak_velocity_m_per_s),
             "mode": self.status.mode,
-            "faults": faults,
+            "faults": DeviceFault(self.status.faults).word,
             "overruns": self.status.overruns,
             "saturated_ticks": self.status.saturated,
             "coupling_id": self.status.coupling_id,
