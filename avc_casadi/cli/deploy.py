@@ -113,7 +113,6 @@ def run_push(args: argparse.Namespace, console: Console) -> Answer:
             coupling,
             args.port,
             baud=args.baud,
-            on_silence=console.notice,
             unsafe=args.unsafe,
             device_id=args.device_id,
             on_wait=lambda: None if emulated else console.say(wait),  # the emulated device is released by itself
@@ -222,7 +221,6 @@ def run_stream(args: argparse.Namespace, console: Console) -> Answer:
                 rate_hz=args.rate_hz,
                 seconds=args.seconds,
                 baud=args.baud,
-                on_silence=console.notice,
                 on_sample=show,
                 unsafe=args.unsafe,
             )
@@ -295,7 +293,6 @@ def run_monitor(args: argparse.Namespace, console: Console) -> Answer:
             seconds=args.seconds or (5.0 if console.as_json else None),
             heartbeat_s=args.heartbeat_s,
             baud=args.baud,
-            on_silence=console.notice,
             on_device=begun,
             on_end=ended,
         )
@@ -370,11 +367,11 @@ def run_device(args: argparse.Namespace, console: Console) -> Answer:
     wanted = cli.of_motion(args, units, "force_n", "speed_m_per_s", "energy_j")
     if not args.clear:
         with console.step(f"limits of {args.port}"):
-            found = set_limits(args.port, **wanted, baud=args.baud, on_silence=console.notice)
+            found = set_limits(args.port, **wanted, baud=args.baud)
         return deploy.limits(plain(found), units)
     cli.refuse(args, *map(units.key, wanted), why="is a limit, and --clear sets none; leave it out")
     with console.step(f"clear {args.port}"):
-        cleared = clear_faults(args.port, baud=args.baud, on_silence=console.notice)
+        cleared = clear_faults(args.port, baud=args.baud)
     data = {key: [fault.word for fault in getattr(cleared, key)] for key in ("were", "first", "left")}
     document = {"port": cleared.port, **data, "tick": cleared.tick, "mode": cleared.status.mode}
     complaint = f"avc: {cleared.port}: still there: {cleared.left.word}" if cleared.left else ""

@@ -83,9 +83,8 @@ def run_excite(args: argparse.Namespace, console: Console) -> Answer:
             shown = look.log({"log": log.document()}, device.units, log.port, f"{args.out}, cut short")
             console.say(console.page.rendered(shown))
 
-    beside = {"on_bench": on_bench, "baud": args.baud, "on_silence": console.notice}
     with console.step(f"{args.signal} on {args.port}"):
-        log = excite(plan, args.port, progress=console, cut=cut, **beside)
+        log = excite(plan, args.port, on_bench=on_bench, baud=args.baud, progress=console, cut=cut)
     data["log"], onwards, complaint = log.document(), [], ""
     steps = data["log"]["peak_travel_m"] / device.encoder_resolution_m if device.encoder_resolution_m else math.inf
     if not log.whole and "limit" in log.end:

@@ -83,7 +83,6 @@ class Connection:
         deadline_s: float | None = None,
         session: int | None = None,
         on_wait: Callable[[], None] | None = None,
-        on_silence: Callable[[str], None] | None = None,
     ) -> None:
         """Take over a link and send HELLO."""
         self.link = link
@@ -92,48 +91,36 @@ class Connection:
         number = secrets.randbits(32) if session is None else session
         self.session = Session(number, timeout_s=timeout_s, on_wait=on_wait)
         self._deadline_s = 15.0 + 4 * 2 * 4200 * 10 / baud if deadline_s is None else deadline_s
-        self._on_silence = on_silence
         self._decoder = Decoder()
         self._waiting: deque[tuple[int, Message]] = deque()
         self._telemetry: deque[Telemetry] = deque()
-        silent = f"{link.name}: no answer at {baud} baud"
         try:
             self.link.write(DELIMITER)
-            self.device: Device = self.run(self.session.hello(), silent=silent)
+            self.device: Device = self.run(self.session.hello())
         except NoAnswerError as error:
             self.link.close()
             raise LinkError(
-                f"{silent} in {self.session.patience_s:.1f} s; is the avc firmware on the device, the rate the "
-                "firmware's, and is this the right port (`avc doctor --ports`)?"
+                f"{link.name}: no answer at {baud} baud in {self.session.patience_s:.1f} s; is the avc firmware on the "
+                "device, the rate the firmware's, and is this the right port (`avc doctor --ports`)?"
             ) from error
         except BaseException:
             self.link.close()
             raise
 
-    def run(self, dialogue: Generator[Exchange, Answer, T], *, silent: str = "") -> T:
-        """Run a dialogue to its end; ``silent`` is reported once where nothing answers for a while."""
-        start = self.link.now_s()
+    def run(self, dialogue: Generator[Exchange, Answer, T]) -> T:
+        """Run a dialogue to its end."""
+        end_s = self.link.now_s() + self._deadline_s
         try:
             exchange = next(dialogue)
             while True:
                 if exchange.data:
                     self.link.write(exchange.data)
-                answer = self._next(
-                    self._waiting, min(self.link.now_s() + exchange.timeout_s, start + self._deadline_s)
-                )
-                waited_s = self.link.now_s() - start
-                if answer is None and waited_s >= self._deadline_s:
+                answer = self._next(self._waiting, min(self.link.now_s() + exchange.timeout_s, end_s))
+                if answer is None and self.link.now_s() >= end_s:
                     dialogue.close()
                     raise LinkError(
                         f"{self.link.name}: gave up after {self._deadline_s:.0f} s; the link loses too much"
                     )
-                # A board that restarts when its port is opened is silent for longer than it takes to answer.
-                if answer is None and silent and self._on_silence is not None and waited_s >= 1.0:
-                    left_s = max(self.session.patience_s - waited_s, 0.0)
-                    self._on_silence(
-                        f"{silent} for {waited_s:.1f} s; asking again for at most {left_s:.1f} s (Ctrl-C ends it)"
-                    )
-                    silent = ""
                 exchange = dialogue.send(answer)
         except StopIteration as stop:
             result: T = stop.value

@@ -111,14 +111,13 @@ def excite(
     baud: int = DEFAULT_BAUD,
     progress: Progress = SILENT,
     cut: Callable[[ExcitationLog], None] | None = None,
-    on_silence: Callable[[str], None] | None = None,
 ) -> ExcitationLog:
     """Play a plan on a device and read the records."""
     if port == EMULATOR and on_bench is not None:
         link: ByteLink = BenchDevice(on_bench).board()
     else:
         link = open_link(port, baud=baud)
-    with Connection(link, baud=baud, on_silence=on_silence) as connection:
+    with Connection(link, baud=baud) as connection:
         if port == EMULATOR and on_bench is not None:
             connection.configure(device_config(on_bench))
         _check(plan, connection.device, link.name, baud)

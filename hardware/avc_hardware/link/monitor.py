@@ -34,7 +34,6 @@ def monitor(
     baud: int = DEFAULT_BAUD,
     on_device: Callable[[Device], None] | None = None,
     on_end: Callable[[DeviceStatus], None] | None = None,
-    on_silence: Callable[[str], None] | None = None,
 ) -> Generator[TelemetrySample, None, None]:
     """Yield telemetry, a record every so many ticks, until ``seconds`` are over or the caller stops."""
     if not (math.isfinite(rate_hz) and rate_hz > 0):
@@ -42,7 +41,7 @@ def monitor(
     if heartbeat_s is not None and not 0 < heartbeat_s <= LONGEST_HEARTBEAT_S:
         message = f"{heartbeat_s:g} s; allowed: above 0, at most {LONGEST_HEARTBEAT_S:g} s"
         raise InputError.of(message, key="heartbeat_s")
-    with Connection(open_link(port, baud=baud), baud=baud, on_silence=on_silence) as connection:
+    with Connection(open_link(port, baud=baud), baud=baud) as connection:
         device = connection.device
         if heartbeat_s is not None:
             _check_heartbeat(heartbeat_s, rate_hz, device, baud)

@@ -62,7 +62,6 @@ def push(
     unsafe: bool = False,
     device_id: str | None = None,
     on_wait: Callable[[], None] | None = None,
-    on_silence: Callable[[str], None] | None = None,
 ) -> PushResult:
     """Send the table of a coupling, with its wall; the device swaps it in whole between two control ticks."""
     require_deployable(coupling, unsafe=unsafe)
@@ -72,7 +71,7 @@ def push(
     TableImage.of(coupling, safe=safe)
     link = open_link(port, baud=baud, coupling=coupling)
     start = link.now_s()
-    with Connection(link, baud=baud, on_silence=on_silence, deadline_s=deadline_s, on_wait=on_wait) as connection:
+    with Connection(link, baud=baud, deadline_s=deadline_s, on_wait=on_wait) as connection:
         chip = connection.device.unique_id
         if device_id is not None and device_id.lower() != chip:
             this = f"device {chip}" if chip else "a device without a number of its own"

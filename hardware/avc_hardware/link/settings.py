@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Callable
 from dataclasses import dataclass
 
 from avc_casadi import Fault, InputError
@@ -30,12 +29,10 @@ class Cleared:
     status: DeviceStatus
 
 
-def clear_faults(
-    port: str | ByteLink, *, baud: int = DEFAULT_BAUD, on_silence: Callable[[str], None] | None = None
-) -> Cleared:
+def clear_faults(port: str | ByteLink, *, baud: int = DEFAULT_BAUD) -> Cleared:
     """Clear the reported faults of a device, not those that occur meanwhile."""
     link = open_link(port, baud=baud)
-    with Connection(link, baud=baud, on_silence=on_silence) as connection:
+    with Connection(link, baud=baud) as connection:
         before = connection.status()
         connection.ask(Kind.CLEAR, words(before.faults), Acknowledged)
         connection.wait(_TICKS * connection.device.sample_time_s)
@@ -62,11 +59,10 @@ def set_limits(
     speed_m_per_s: float | None = None,
     energy_j: float | None = None,
     baud: int = DEFAULT_BAUD,
-    on_silence: Callable[[str], None] | None = None,
 ) -> DeviceLimits:
     """Set limits of a device until it starts anew, or read them."""
     link = open_link(port, baud=baud)
-    with Connection(link, baud=baud, on_silence=on_silence) as connection:
+    with Connection(link, baud=baud) as connection:
         limits = connection.device.limits
         boards = Limits(limits.max_force_n, limits.max_speed_m_per_s, limits.max_energy_j)
         wanted = (force_n, speed_m_per_s, energy_j)

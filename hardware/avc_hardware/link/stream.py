@@ -78,7 +78,6 @@ def stream(
     baud: int = DEFAULT_BAUD,
     unsafe: bool = False,
     on_sample: Callable[[StreamSample], None] | None = None,
-    on_silence: Callable[[str], None] | None = None,
 ) -> StreamResult:
     """Push the coupling, then send its gains live for a time; a message that is late or lost is not repeated."""
     if not MIN_RATE_HZ <= rate_hz <= MAX_RATE_HZ:
@@ -90,7 +89,7 @@ def stream(
     link = open_link(port, baud=baud, coupling=coupling)
     samples: list[StreamSample] = []
     refusals: list[Refusal] = []
-    with Connection(link, baud=baud, on_silence=on_silence) as connection:
+    with Connection(link, baud=baud) as connection:
         pushed = push_over(connection, coupling, unsafe=unsafe)
         rows = coupling.table.single()
         hold_ticks = max(1, math.ceil(HOLD_PERIODS / rate_hz / connection.device.sample_time_s))
