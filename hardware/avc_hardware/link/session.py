@@ -95,11 +95,7 @@ class Session:
 
     def hello(self) -> Generator[Exchange, Answer, Device]:
         """Identify the device; refuse firmware of another interface."""
-        answer = yield from self.request(Kind.HELLO, m.hello(self.number))
-        if isinstance(answer, Refusal):
-            raise RefusedError(answer)
-        if not isinstance(answer, Device):
-            raise LinkError("HELLO was answered with something else; is this a device with avc firmware?")
+        answer = yield from self.ask(Kind.HELLO, m.hello(self.number), Device)
         if answer.interface_version != INTERFACE_VERSION:
             raise LinkError(
                 f"the firmware has interface version {answer.interface_version}, this program {INTERFACE_VERSION}; "
@@ -137,13 +133,7 @@ class Session:
         for attempt in range(1, ATTEMPTS + 1):
             try:
                 if attempt > 1:
-                    again = yield from self.hello()
-                    if again.unique_id != device.unique_id:  # some chips have none
-                        raise LinkError(
-                            f"another device answers than before, chip {again.unique_id or 'without a number'} in "
-                            f"place of {device.unique_id or 'one without'}; nothing was sent to it"
-                        )
-                    device = again
+                    device = yield from self.hello()
                 committed = yield from self._transfer(table, device)
                 config = table.config  # before the table, which a device that was reset since has not
                 if config:
