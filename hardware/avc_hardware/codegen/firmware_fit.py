@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from avc_casadi import InputError, NotDeployableError, UnsupportedError
 from avc_casadi.coupling import require_coupling
-from avc_hardware.codegen.figures import SLOWEST_ESTIMATE_S, BoardLimits, Config, RuntimeFigures, device_config
+from avc_hardware.codegen.figures import SLOWEST_ESTIMATE_S, Config, RuntimeFigures, board_limits, device_config
 
 if TYPE_CHECKING:
     from avc_casadi._util.arrays import Float32Array
@@ -62,33 +62,20 @@ class FirmwareLacksError(NotDeployableError, UnsupportedError):
     """A coupling needs features that the device's firmware lacks, and is refused (command line: exit code 1)."""
 
 
-class _RunningFirmware(Protocol):
-    """Firmware running on a device, as it reports it."""
-
-    @property
-    def capacity_states(self) -> int: ...
-    @property
-    def figures(self) -> RuntimeFigures: ...
-    @property
-    def limits(self) -> BoardLimits: ...
-    @property
-    def bound(self) -> bool: ...
-
-
-def check_runs_on(coupling: Coupling, device: _RunningFirmware | None = None) -> None:
-    """Refuse a coupling that needs features that the firmware lacks."""
+def check_runs_on(
+    coupling: Coupling, has: RuntimeFigures | None = None, *, most_states: int = 16, bound: bool = False
+) -> None:
+    """Refuse a coupling that needs features that the firmware lacks: the packaged one, or that of a device."""
     require_coupling(coupling)
     runtime = coupling.runtime
     lacks = []
     if runtime.observer_mass_kg is not None:
         lacks.append("it has no observer between encoder steps (runtime.observer_mass_kg)")
     feedback, constant = runtime.state_feedback, coupling.table.constant
-    # The packaged firmware holds 16.
-    most = 16 if device is None else device.capacity_states
-    if feedback is not None and feedback.states > most:
+    if feedback is not None and feedback.states > most_states:
         lacks.append(
-            f"it holds {most} states of an observer, the coupling has {feedback.states} (runtime.state_feedback; "
-            "design it with a simpler hand or device)"
+            f"it holds {most_states} states of an observer, the coupling has {feedback.states} "
+            "(runtime.state_feedback; design it with a simpler hand or device)"
         )
     if not constant and coupling.sample_time_s > SLOWEST_ESTIMATE_S * (1 + 1e-9):
         lacks.append(f"its estimator runs at sample times up to {SLOWEST_ESTIMATE_S:.3g} s")
@@ -96,15 +83,15 @@ def check_runs_on(coupling: Coupling, device: _RunningFirmware | None = None) ->
         lacks.append("it feeds states back beside constant gains alone (runtime.state_feedback)")
     if runtime.guard not in {None, GUARD}:
         lacks.append(f"it has no guard {runtime.guard} (allowed: {GUARD}, or none)")
-    if device is not None and not constant:  # what its program, or its handle where it keeps its own, has otherwise
-        wanted, has = figures_of(coupling), device.figures
-        reach = wanted.hand_m_per_unit if device.bound else has.hand_m_per_unit
+    if has is not None and not constant:  # what its program, or its handle where it keeps its own, has otherwise
+        wanted = figures_of(coupling)
+        handle = not bound or math.isclose(wanted.hand_m_per_unit, has.hand_m_per_unit, rel_tol=1e-6)
         lacks += [
             f"its {name} is {getattr(has, name)}, the coupling's {getattr(wanted, name)}"
             for name, same in (
                 ("estimator", wanted.estimator == has.estimator),
                 ("passive", wanted.passive == has.passive),
-                ("hand_m_per_unit", math.isclose(reach, has.hand_m_per_unit, rel_tol=1e-6)),
+                ("hand_m_per_unit", handle),
             )
             if not same
         ]
@@ -116,13 +103,13 @@ def check_runs_on(coupling: Coupling, device: _RunningFirmware | None = None) ->
         )
 
 
-def config_for(coupling: Coupling, device: _RunningFirmware) -> Config:
+def config_for(coupling: Coupling, device: Config, *, bound: bool) -> Config:
     """Return the configuration for a coupling on a device: a bound one keeps its limits and its handle."""
-    wanted, has = figures_of(coupling), device.figures
-    limits = device.limits if device.bound else device_config(coupling.problem.device).limits
-    reach = has.hand_m_per_unit if device.bound else wanted.hand_m_per_unit
-    figures = replace(has, sample_time_s=limits.sample_time_s, metres_per_count=limits.metres_per_count)
-    figures = replace(figures, hand_m_per_unit=reach)
+    wanted, limits, figures = figures_of(coupling), device.limits, device.figures
+    if not bound:
+        limits = board_limits(coupling.problem.device)
+        figures = replace(figures, sample_time_s=limits.sample_time_s, metres_per_count=limits.metres_per_count)
+        figures = replace(figures, hand_m_per_unit=wanted.hand_m_per_unit)
     if not coupling.table.constant:
         figures = replace(figures, hold_s=wanted.hold_s, slew_per_s=wanted.slew_per_s)
     if coupling.runtime.guard is not None:

@@ -12,6 +12,7 @@ import numpy as np
 from avc_casadi import InputError, LinkError
 from avc_casadi.claims.deployable import require_deployable
 from avc_casadi.coupling import Coupling
+from avc_hardware.codegen.figures import Config
 from avc_hardware.codegen.firmware_fit import check_runs_on, config_for
 from avc_hardware.link.connection import DEFAULT_BAUD, Connection, open_link
 from avc_hardware.link.faults import DeviceFault
@@ -90,8 +91,8 @@ def push_over(
     """Push over an open connection; a force limit above the device's becomes the device's where unsafe."""
     start = connection.link.now_s() if start_s is None else start_s
     device = connection.device
-    check_runs_on(coupling, device)
-    config = config_for(coupling, device)
+    check_runs_on(coupling, device.figures, most_states=device.capacity_states, bound=device.bound)
+    config = config_for(coupling, Config(device.limits, device.figures), bound=device.bound)
     table = replace(TableImage.of(coupling, safe=safe), config=config.packed())
     if unsafe and table.max_force_n > config.limits.max_force_n:
         table = replace(table, max_force_n=config.limits.max_force_n)
