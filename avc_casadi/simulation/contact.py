@@ -28,7 +28,7 @@ class Environment:
     stiffness_n_per_m: float
     damping_ns_per_m: float
     one_sided: bool
-    clips_last: Expr = False
+    clips_last: bool = False
 
     @property
     def present(self) -> bool:
@@ -42,9 +42,7 @@ class Environment:
 
     def by_law(self, clip_last: Expr, gated: Expr) -> Expr:
         """Select a value by contact law; a two-sided environment is linear, as the clip-last law is."""
-        if not self.one_sided or self.clips_last is True:
-            return clip_last
-        return gated if self.clips_last is False else ca.if_else(self.clips_last, clip_last, gated)
+        return clip_last if self.clips_last or not self.one_sided else gated
 
 
 def coupling_parameters(
@@ -121,7 +119,7 @@ def _surface(tick: Tick, environment: Environment) -> Rate:
         known = tick.since_start(before)
         return environment.by_law(known, ca.fmax(known, 0))
 
-    gated = environment.one_sided and environment.clips_last is False
+    gated = environment.one_sided and not environment.clips_last
     return Rate(tick, name, penetration if gated else tick.start_m, seen=seen)
 
 

@@ -63,9 +63,9 @@ class Part:
 
 
 def runtime_programs(figures: RuntimeFigures) -> tuple[Part, ...]:
-    """Return the parts estimate, couple and guard of the tick."""
+    """Return the parts of the tick: estimate, guard, and the coupling by either contact law."""
     numbers = tick_numbers(figures)
-    return tuple(Part(part, numbers) for part in tick_programs(figures.estimator, figures.passive)[0][:3])
+    return tuple(Part(part, numbers) for part in tick_programs(figures.estimator, figures.passive)[0])
 
 
 @dataclass(frozen=True)
@@ -137,7 +137,9 @@ class ReferenceDevice:
     def __init__(self, figures: RuntimeFigures, limits: BoardLimits, devices: int) -> None:
         """Make devices without a table."""
         self._limits = limits
-        self._estimate, self._couple, self._guard = runtime_programs(figures)
+        estimate, guard, gated, clips = runtime_programs(figures)
+        # By either contact law, where there are two.
+        self._parts = {"estimate": (estimate, estimate), "guard": (guard, guard), "couple": (gated, clips)}
         self._states: dict[str, Columns] = {}
         self._force = np.zeros(devices, dtype=np.float32)
         self._contact = np.zeros(devices, dtype=np.bool_)
@@ -164,9 +166,9 @@ class ReferenceDevice:
         self._rest(without | taken, x)
         rest_hz = self._each(lambda one: one.rows[0, 0], 1.0)
         follows = without | (self._each(lambda one: one.varies) != 0)
-        self._begin(self._estimate, follows & ~self._estimates, x)
+        self._begin("estimate", follows & ~self._estimates, x)
         self._estimates = follows
-        seen = self._run(self._estimate, {"position_m": x, "rest_hz": rest_hz})
+        seen = self._run("estimate", {"position_m": x, "rest_hz": rest_hz})
         frequency = np.where(follows & (seen["valid"] != 0), seen["estimate_hz"], _f(np.nan))
         lookup_hz = np.where(follows, seen["frequency_hz"], rest_hz)
         wanted = np.zeros((len(x), 3), dtype=np.float32)
@@ -175,7 +177,7 @@ class ReferenceDevice:
             wanted = np.where(one.runs[:, np.newaxis], lookup(one.table.rows, lookup_hz), wanted)
             if one.feedback is not None:
                 y = np.where(one.runs, one.feedback(x, self._force), y)
-                self._begin(self._couple, taken & one.runs, y)
+                self._begin("couple", taken & one.runs, y)
         inputs: Columns = {f"wanted_{name}": wanted[..., index] for index, name in enumerate(GAINS)}
         inputs |= {
             "position_m": y,
@@ -184,14 +186,13 @@ class ReferenceDevice:
             # nobody looks at the force of a device without a table
             "wall_stiffness_n_per_m": self._each(lambda one: one.wall_stiffness_n_per_m, 1.0),
             "relaxes": self._each(lambda one: one.varies),
-            "clips_last": self._each(lambda one: one.clips_last),
         }
-        made = self._run(self._couple, inputs)
+        made = self._run("couple", inputs)
         force = made["force_n"]
         self._contact = ~without & ((made["tool_m"] > 0) | (force > 0))
         guards = self._each(lambda one: one.guard) != 0
         before = self._states["guard"]
-        guarded = self._run(self._guard, {"position_m": y, "force_n": force, "stored_j": made["stored_j"]})["guarded_n"]
+        guarded = self._run("guard", {"position_m": y, "force_n": force, "stored_j": made["stored_j"]})["guarded_n"]
         after = self._states["guard"]
         self._states["guard"] = {name: np.where(guards, after[name], before[name]) for name in before}
         force = np.where(without, _f(0), np.where(guards, guarded, force))
@@ -217,13 +218,13 @@ class ReferenceDevice:
         return taken
 
     def _rest(self, where: BoolArray, x: Float32Array) -> None:
-        for part in (self._couple, self._guard):
-            self._begin(part, where, x)
+        for name in ("couple", "guard"):
+            self._begin(name, where, x)
 
-    def _begin(self, part: Part, where: BoolArray, x: Float32Array) -> None:
-        begun = part.start(x)
-        states = self._states.get(part.program.name, begun)
-        self._states[part.program.name] = {name: np.where(where, begun[name], states[name]) for name in begun}
+    def _begin(self, part: str, where: BoolArray, x: Float32Array) -> None:
+        begun = self._by_law(*(one.start(x) for one in self._parts[part]))
+        states = self._states.get(part, begun)
+        self._states[part] = {name: np.where(where, begun[name], states[name]) for name in begun}
 
     def _each(self, number: Callable[[TableImage], float], without: float = 0.0) -> Float32Array:
         """Return a number of each device's table, shape (devices,)."""
@@ -232,7 +233,12 @@ class ReferenceDevice:
             values = np.where(one.runs, _f(number(one.table)), values)
         return values
 
-    def _run(self, part: Part, inputs: Columns) -> Columns:
-        name = part.program.name
-        self._states[name], outputs = part(self._states[name], inputs)
-        return outputs
+    def _by_law(self, gated: Columns, clips: Columns) -> Columns:
+        law = self._each(lambda one: one.clips_last) != 0
+        return {name: np.where(law, clips[name], gated[name]) for name in gated}
+
+    def _run(self, part: str, inputs: Columns) -> Columns:
+        before = self._states[part]
+        gated, clips = (one(before, inputs) for one in self._parts[part])
+        self._states[part] = self._by_law(gated[0], clips[0])
+        return self._by_law(gated[1], clips[1])

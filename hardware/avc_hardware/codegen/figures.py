@@ -30,12 +30,12 @@ class RuntimeFigures:
     guard_damping_ns_per_m: float = 2.0  # most that the guard adds: the device's own damping
     hand_m_per_unit: float = 1.0  # of the position: 1, or the handle radius, where the threshold of motion applies
 
-    def packed(self) -> bytes:
-        """Return the bytes of the firmware's `avc_figures_t`."""
+    @property
+    def values(self) -> tuple[float, float, float, float, int, int]:
+        """The firmware's `avc_figures_t`."""
         slew = NO_SLEW_PER_S if self.slew_per_s is None else self.slew_per_s
-        number = ESTIMATOR_NUMBERS.index(self.estimator)
-        values = (self.hold_s, slew, self.guard_damping_ns_per_m, self.hand_m_per_unit)
-        return struct.pack("<4fHH", *values, number, self.passive)
+        program = (ESTIMATOR_NUMBERS.index(self.estimator), int(self.passive))
+        return (self.hold_s, slew, self.guard_damping_ns_per_m, self.hand_m_per_unit, *program)
 
 
 @dataclass(frozen=True)
@@ -53,10 +53,6 @@ class BoardLimits:
     max_energy_j: float = 0.2  # that a coupling may give out within about a second
     stuck_swing_n: float = 12.5  # a force that swings so, four times without one count: the encoder is stuck
     max_overruns: float = 5.0  # in a row
-
-    def packed(self) -> bytes:
-        """Return the bytes of the firmware's `avc_limits_t`."""
-        return struct.pack("<11f", *astuple(self))
 
     @property
     def unwatched(self) -> BoardLimits:
@@ -76,7 +72,8 @@ class Config:
         """Return its bytes, the checksum of the rest first; UnsupportedError for a sample time without a program."""
         from avc_hardware.codegen.tick_program import tick_numbers  # noqa: PLC0415 - it needs CasADi
 
-        rest = self.limits.packed() + self.figures.packed() + tick_numbers(self.figures).astype("<f4").tobytes()
+        rest = struct.pack("<15fHH", *astuple(self.limits), *self.figures.values)
+        rest += tick_numbers(self.figures).astype("<f4").tobytes()
         return struct.pack("<I", zlib.crc32(rest)) + rest
 
 

@@ -18,10 +18,8 @@ from avc_casadi.simulation.emit import SINGLE, FloatProgram, Precision
 from avc_casadi.simulation.runtime.adaptation import AdaptationSettings
 from avc_casadi.simulation.runtime.estimators import EstimatorSettings
 from avc_casadi.simulation.tick import Tick
-from avc_hardware.codegen.figures import ESTIMATOR_NUMBERS, NO_SLEW_PER_S, Config, RuntimeFigures
+from avc_hardware.codegen.figures import Config, RuntimeFigures
 
-LAWS = {"gated": False, "clips": True}
-"""Whether the contact law of each name is clip-last."""
 GAINS = ("damping_ns_per_m", "stiffness_n_per_m", "contact_damping_ns_per_m")
 SAMPLE_TIMES_S = (5e-5, 0.02)
 """Range of sample times: below, a tick has too few cycles; above, the watchdog is fed too late."""
@@ -75,7 +73,7 @@ class RuntimeProgram:
 
 @dataclass(frozen=True)
 class _AnyWall(Environment):
-    """A wall with symbolic parameters and contact law: it may have a damper."""
+    """A wall with symbolic parameters: it may have a damper."""
 
     @property
     def present(self) -> bool:
@@ -103,7 +101,7 @@ class AnyTable:
 
 @functools.lru_cache(maxsize=8)
 def tick_programs(estimator: str, passive: bool) -> tuple[tuple[RuntimeProgram, ...], Any]:
-    """Return the parts estimate, couple, guard, of each law couple_LAW; and figures -> numbers."""
+    """Return the parts estimate, guard, couple_gated, couple_clips; and figures -> numbers."""
     import casadi as ca  # noqa: PLC0415
 
     # CasADi calls Python for shapes while it builds an expression, and ignores exceptions then.
@@ -160,16 +158,7 @@ def tick_numbers(figures: RuntimeFigures) -> Float32Array:
             key="device.sample_time_s",
         )
     seen = EstimatorSettings.for_encoder(figures.metres_per_count, time_s, figures.hand_m_per_unit)
-    slew = NO_SLEW_PER_S if figures.slew_per_s is None else figures.slew_per_s
-    given = (
-        time_s,
-        1 / time_s,
-        figures.hold_s,
-        slew,
-        figures.guard_damping_ns_per_m,
-        seen.floor_m_per_s,
-        seen.fastest_m_per_s,
-    )
+    given = (time_s, 1 / time_s, *figures.values[:3], seen.floor_m_per_s, seen.fastest_m_per_s)
     found: Float32Array = tick_programs(figures.estimator, figures.passive)[1](*given).full().ravel().astype(np.float32)
     return found
 
@@ -209,17 +198,13 @@ def _ticks(figures: dict[str, Any], estimator: str, passive: bool, start_m: floa
         settle()
     guarded = {"guarded_n": guard.command, "reserve_j": guard.traces["guard_reserve_j"]}
 
-    def couple(law: bool | None) -> _Part:
-        return _couple(adaptation, estimate, wanted | rest, clips_last=law)
-
-    parts = {"estimate": (estimate, seen, found), "couple": couple(None), "guard": (guard, pushed, guarded)}
-    for name, law in LAWS.items():
-        parts[f"couple_{name}"] = couple(law)
-    return parts
+    gated, clips = (_couple(adaptation, estimate, wanted | rest, clips_last=law) for law in (False, True))
+    parts: dict[str, _Part] = {"estimate": (estimate, seen, found), "guard": (guard, pushed, guarded)}
+    return parts | {"couple_gated": gated, "couple_clips": clips}
 
 
-def _couple(adaptation: Adaptation, estimate: _AnyTick, gains: dict[str, Any], *, clips_last: bool | None) -> _Part:
-    """Build coupling and wall with varying gains; a law of None is an input."""
+def _couple(adaptation: Adaptation, estimate: _AnyTick, gains: dict[str, Any], *, clips_last: bool) -> _Part:
+    """Build coupling and wall with varying gains, by a contact law."""
     import casadi as ca  # noqa: PLC0415
 
     couple = _AnyTick(estimate.sample_time_s, estimate.start_m, adapt=estimate.adapt, rate_hz=estimate.rate_hz)
@@ -232,8 +217,7 @@ def _couple(adaptation: Adaptation, estimate: _AnyTick, gains: dict[str, Any], *
     wall: dict[str, Any] = {name: ca.SX.sym(name) for name in ("wall_stiffness_n_per_m", "wall_damping_ns_per_m")}
     # With constant gains nothing relaxes out of contact: their scene has no adaptation.
     relaxes = {"relaxes": ca.SX.sym("relaxes")}
-    laws = {"clips_last": ca.SX.sym("clips_last")} if clips_last is None else {}
-    given = {"position_m": couple.position} | gains | wall | relaxes | laws
+    given = {"position_m": couple.position} | gains | wall | relaxes
     adapt: Any = couple.adapt
 
     def adapted(deflection: Any, one_sided: bool) -> Any:
@@ -241,9 +225,8 @@ def _couple(adaptation: Adaptation, estimate: _AnyTick, gains: dict[str, Any], *
         return replace(found, touching=ca.if_else(relaxes["relaxes"], found.touching, 1))
 
     couple.adapt = adapted
-    law = laws.get("clips_last", clips_last)
-    wall_stiffness, wall_damping = wall.values()
-    environment = _AnyWall(wall_stiffness, wall_damping, one_sided=True, clips_last=law)
+    stiffness, damping = wall.values()
+    environment = _AnyWall(stiffness, damping, one_sided=True, clips_last=clips_last)
     couple.command = wall_force(couple, environment, rigid=False, damped=True)
     for settle in couple.at_end:
         settle()
@@ -255,12 +238,6 @@ def _couple(adaptation: Adaptation, estimate: _AnyTick, gains: dict[str, Any], *
 
 _BANNER = "/* Generated from the scene's CasADi expressions when firmware is built; do not edit. */"
 CONFIG = "avc_config.c"
-
-
-def _header(name: str, lines: list[str]) -> str:
-    guard = f"{name.upper()}_H"
-    body = ["#include <stdbool.h>", "", *lines] if any("bool" in line for line in lines) else lines
-    return "\n".join([_BANNER, f"#ifndef {guard}", f"#define {guard}", "", *body, "", "#endif", ""])
 
 
 def _function(signature: str, told: str, body: list[str]) -> list[str]:
@@ -278,60 +255,50 @@ def _of_output(symbol: str) -> str:
     return f"state->{symbol[5:]}" if symbol.startswith("next_") else f"out->{symbol[4:]}"
 
 
-def _types(part: RuntimeProgram, name: str) -> list[str]:
+def _prefix(part: RuntimeProgram) -> str:
+    """Return what names in C begin with: by either contact law a coupling has the same types."""
+    return f"avc_{part.name.partition('_')[0]}"
+
+
+def _types(part: RuntimeProgram) -> list[str]:
     lines = []
     for kind, members in {"state": part.states, "in": part.inputs, "out": part.outputs}.items():
-        lines += ["typedef struct {", *(f"    float {member};" for member in members), f"}} {name}_{kind}_t;", ""]
+        lines += ["typedef struct {", *(f"    float {member};" for member in members)]
+        lines += [f"}} {_prefix(part)}_{kind}_t;", ""]
     return lines
 
 
-def _start(part: RuntimeProgram, name: str) -> list[str]:
+def _start(part: RuntimeProgram) -> list[str]:
     body = start_lines("state", part.states, part.initial)
     numbers = ", const float *number" if any(isinstance(one, str) for one in part.initial) else ""
     told = "The state of a device that has always rested at a position."
-    return _function(f"{name}_start({name}_state_t *state, float position_m{numbers})", told, body)
+    return _function(f"{_prefix(part)}_start({_prefix(part)}_state_t *state, float position_m{numbers})", told, body)
 
 
-def _step(part: RuntimeProgram, types: str) -> list[str]:
-    name = f"avc_{part.name}_step"
-    given = f"{types}_state_t *state, const {types}_in_t *in, {types}_out_t *out, const float *number"
-    return _function(f"{name}({given})", "One tick.", part.program.c_lines(_of_input, _of_output))
+def _step(part: RuntimeProgram) -> list[str]:
+    given = "{0}_state_t *state, const {0}_in_t *in, {0}_out_t *out, const float *number".format(_prefix(part))
+    return _function(f"avc_{part.name}_step({given})", "One tick.", part.program.c_lines(_of_input, _of_output))
 
 
 def tick_sources(figures: RuntimeFigures) -> dict[str, str]:
     """Return the generated sources of a firmware by file name; estimator and passive change decide."""
-    parts = {part.name: part for part in tick_programs(figures.estimator, figures.passive)[0]}
-    estimate, guard, first = parts["estimate"], parts["guard"], parts[f"couple_{next(iter(LAWS))}"]
-    functions = [
-        line.removeprefix("static inline ")
-        for line in [*_start(estimate, "avc_estimate"), *_step(estimate, "avc_estimate")]
-    ]
-    declared = [f"{line};" for line in functions if line.startswith("void ")]
-    headers = {
-        "avc_numbers": [f"enum {{ AVC_NUMBERS = {len(tick_numbers(figures))} }};"],
-        "avc_estimate": [*_types(estimate, "avc_estimate"), *declared],
-        "avc_guard": [*_types(guard, "avc_guard"), *_start(guard, "avc_guard"), *_step(guard, "avc_guard")],
-        # The other law sees a penetration of 0 in a start before the wall.
-        "avc_couple": [
-            *_types(first, "avc_couple"),
-            *_start(parts[f"couple_{next(name for name, clips in LAWS.items() if clips)}"], "avc_couple"),
-        ],
-    }
-    for law in LAWS:
-        below = '#include "avc_couple.h"'
-        headers[f"avc_couple_{law}"] = [below, "", *_step(parts[f"couple_{law}"], "avc_couple")]
-    source = [_BANNER, '#include "avc_estimate.h"', "", "#include <stdbool.h>", "", *functions]
-    return {f"{name}.h": _header(name, lines) for name, lines in headers.items()} | {
-        "avc_estimate.c": "\n".join(source)
+    estimate, guard, gated, clips = tick_programs(figures.estimator, figures.passive)[0]
+    functions = [line.removeprefix("static inline ") for line in [*_start(estimate), *_step(estimate)]]
+    header = [f"enum {{ AVC_NUMBERS = {len(tick_numbers(figures))} }};", "", *_types(estimate)]
+    header += [*(f"{line};" for line in functions if line.startswith("void ")), ""]
+    header += [*_types(guard), *_start(guard), *_step(guard)]
+    # The gated law sees a penetration of 0 in a start before the wall.
+    header += [*_types(clips), *_start(clips), *_step(clips), *_step(gated)]
+    return {
+        "avc_tick.h": "\n".join([_BANNER, "#pragma once", "", "#include <stdbool.h>", "", *header]),
+        "avc_estimate.c": "\n".join([_BANNER, '#include "avc_tick.h"', "", *functions]),
     }
 
 
 def config_source(config: Config, *, bound: bool) -> dict[str, str]:
     """Return the configuration that a firmware starts with; one that is not bound takes any other by the link."""
     literal, figures = SINGLE.literal, config.figures
-    slew = NO_SLEW_PER_S if figures.slew_per_s is None else figures.slew_per_s
-    floats = (figures.hold_s, slew, figures.guard_damping_ns_per_m, figures.hand_m_per_unit)
-    whole = (ESTIMATOR_NUMBERS.index(figures.estimator), int(figures.passive))
+    *floats, estimator, passive = figures.values
     numbers = [literal(float(number)) for number in tick_numbers(figures)]
     lines = [
         _BANNER,
@@ -341,7 +308,7 @@ def config_source(config: Config, *, bound: bool) -> dict[str, str]:
         "const avc_config_t avc_built_in = {",
         f"    .crc32 = {struct.unpack('<I', config.packed()[:4])[0]:#010x}u,",
         f"    .limits = {{{', '.join(literal(value) for value in vars(config.limits).values())}}},",
-        f"    .figures = {{{', '.join(map(literal, floats))}, {whole[0]}u, {whole[1]}u}},",
+        f"    .figures = {{{', '.join(map(literal, floats))}, {estimator}u, {passive}u}},",
         "    .number = {",
         *(f"        {', '.join(numbers[at : at + 6])}," for at in range(0, len(numbers), 6)),
         "    },",

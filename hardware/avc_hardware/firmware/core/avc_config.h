@@ -5,7 +5,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#include "avc_numbers.h"
+#include "avc_tick.h"
 
 typedef struct {
     float sample_time_s;

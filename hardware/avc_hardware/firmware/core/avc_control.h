@@ -8,12 +8,8 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#include "avc_couple_clips.h"
-#include "avc_couple_gated.h"
-#include "avc_estimate.h"
 #include "avc_excite.h"
 #include "avc_fault.h"
-#include "avc_guard.h"
 #include "avc_table.h"
 
 typedef enum { AVC_MODE_TABLE = 0, AVC_MODE_RAMP = 1, AVC_MODE_SAFE = 2, AVC_MODE_FAULT = 3 } avc_mode_t;
