@@ -68,7 +68,7 @@ static void drain(void)
 {
     uint8_t byte;
     do {
-        while (avc_device_transmit(&device, &byte)) {
+        while (avc_ring_get(&device.tx, &byte)) {
         }
     } while (avc_device_poll(&device));
 }
@@ -76,7 +76,7 @@ static void drain(void)
 static void feed(const uint8_t *data, size_t size)
 {
     for (size_t i = 0; i < size; i++) {
-        avc_device_receive(&device, data[i]);
+        (void)avc_ring_put(&device.rx, data[i]);
         if (data[i] == 0u || i % 256u == 255u) {
             drain();
         }
@@ -98,7 +98,7 @@ static void message(uint8_t type, const uint8_t *payload, size_t size)
 
 static void tick(int32_t count)
 {
-    (void)avc_device_tick(&device, count);
+    (void)avc_control_tick(&device.control, count);
     drain();
 }
 

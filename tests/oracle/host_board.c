@@ -13,10 +13,8 @@ size_t avc_host_read(avc_device_t *device, uint8_t *out, size_t room);
 void avc_host_state(const avc_device_t *device, avc_state_t *state);
 size_t avc_host_image(const avc_device_t *device, uint8_t *out);
 void avc_host_ticks(avc_device_t *device, const int32_t *counts, float *force, float *frequency, size_t size);
-void avc_host_unique(avc_device_t *device, const uint8_t *id);
 void avc_host_disable(avc_device_t *device, int disabled);
 void avc_host_overrun(avc_device_t *device);
-void avc_host_fault(avc_device_t *device, uint32_t codes);
 int avc_host_drives(const avc_device_t *device);
 uint32_t avc_host_faults(const avc_device_t *device);
 float avc_host_ln(float x);
@@ -42,7 +40,7 @@ void avc_host_free(avc_device_t *device)
 void avc_host_write(avc_device_t *device, const uint8_t *data, size_t size)
 {
     for (size_t i = 0; i < size; i++) {
-        avc_device_receive(device, data[i]);
+        (void)avc_ring_put(&device->rx, data[i]);
         if (data[i] == 0u) {
             (void)avc_device_poll(device);
         }
@@ -54,7 +52,7 @@ size_t avc_host_read(avc_device_t *device, uint8_t *out, size_t room)
 {
     size_t size = 0;
     (void)avc_device_poll(device);
-    while (size < room && avc_device_transmit(device, &out[size])) {
+    while (size < room && avc_ring_get(&device->tx, &out[size])) {
         size++;
         (void)avc_device_poll(device);
     }
@@ -81,15 +79,9 @@ size_t avc_host_image(const avc_device_t *device, uint8_t *out)
 void avc_host_ticks(avc_device_t *device, const int32_t *counts, float *force, float *frequency, size_t size)
 {
     for (size_t i = 0; i < size; i++) {
-        force[i] = avc_device_tick(device, counts[i]);
+        force[i] = avc_control_tick(&device->control, counts[i]);
         frequency[i] = device->control.state.frequency_hz;
     }
-}
-
-/* The number of the chip. */
-void avc_host_unique(avc_device_t *device, const uint8_t *id)
-{
-    memcpy(device->unique, id, AVC_UNIQUE_SIZE);
 }
 
 /* The enable line. */
@@ -102,12 +94,6 @@ void avc_host_disable(avc_device_t *device, int disabled)
 void avc_host_overrun(avc_device_t *device)
 {
     device->control.state.overruns++;
-}
-
-/* What a reset was told to be. */
-void avc_host_fault(avc_device_t *device, uint32_t codes)
-{
-    avc_control_fault(&device->control, codes);
 }
 
 int avc_host_drives(const avc_device_t *device)

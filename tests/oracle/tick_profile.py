@@ -21,7 +21,7 @@ from avc_hardware.link.push import push_over
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
 
-_ENTRY = "avc_device_tick"
+_ENTRY = "avc_control_tick"
 _OUTSIDE = "avc_on_tick"
 
 

@@ -14,14 +14,14 @@ const avc_limits_t *hal_limits(void)
 
 void avc_on_byte(uint8_t byte)
 {
-    avc_device_receive(&device, byte);
+    (void)avc_ring_put(&device.rx, byte); /* without one that is lost its frame is broken, and the host sends it again */
 }
 
 void avc_on_tick(void)
 {
     device.control.fault.disabled = hal_enabled() ? 0u : (uint32_t)AVC_FAULT_DISABLED;
     const float sample_time_s = hal_limits()->sample_time_s;
-    const float force_n = avc_device_tick(&device, hal_encoder_count());
+    const float force_n = avc_control_tick(&device.control, hal_encoder_count());
     if (avc_bits(sample_time_s) != avc_bits(hal_limits()->sample_time_s)) {
         hal_set_sample_time();
     }
@@ -50,7 +50,7 @@ int main(void)
         }
         const bool busy = avc_device_poll(&device);
         if (!waiting) {
-            waiting = avc_device_transmit(&device, &byte);
+            waiting = avc_ring_get(&device.tx, &byte);
         }
         if (waiting) {
             waiting = !hal_send(byte);

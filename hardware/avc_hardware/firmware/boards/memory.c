@@ -1,9 +1,7 @@
 /* Only what the link and the control loop use of the C library. */
 #include <stddef.h>
 #include <stdint.h>
-
-void *memcpy(void *restrict to, const void *restrict from, size_t size);
-void *memset(void *to, int value, size_t size);
+#include <string.h>
 
 void *memcpy(void *restrict to, const void *restrict from, size_t size)
 {

@@ -40,21 +40,6 @@ _Static_assert(sizeof(avc_status_t) == 120, "STATUS travels as 120 bytes");
 _Static_assert(sizeof(avc_sample_t) == 44, "a record travels as 44 bytes");
 _Static_assert(AVC_SAMPLES_KEPT * sizeof(avc_sample_t) + 128u <= AVC_RING_SIZE, "a message of all records fits the ring");
 
-void avc_device_receive(avc_device_t *device, uint8_t byte)
-{
-    (void)avc_ring_put(&device->rx, byte); /* without one that is lost its frame is broken, and the host sends it again */
-}
-
-bool avc_device_transmit(avc_device_t *device, uint8_t *byte)
-{
-    return avc_ring_get(&device->tx, byte);
-}
-
-float avc_device_tick(avc_device_t *device, int32_t encoder_count)
-{
-    return avc_control_tick(&device->control, encoder_count);
-}
-
 avc_answer_t avc_answer(avc_device_t *device, uint8_t type, uint16_t sequence)
 {
     device->content[0] = AVC_PROTOCOL_VERSION;
@@ -190,19 +175,15 @@ static bool within(float *limit, float boards)
     return avc_is_finite(*limit) && *limit >= 0.0f && (boards <= 0.0f || *limit <= boards);
 }
 
-static bool lowered_check(avc_lowered_t *lowered, const avc_limits_t *boards)
-{
-    return within(&lowered->force_n, boards->max_force_n) && within(&lowered->speed_m_per_s, boards->max_speed_m_per_s) &&
-           within(&lowered->energy_j, boards->max_energy_j);
-}
-
 /* Takes effect with the next tick, a higher force out of contact. */
 static avc_verdict_t on_limits(avc_device_t *device, const avc_request_t *request)
 {
     avc_control_t *control = &device->control;
     avc_lowered_t wanted;
     memcpy(&wanted, request->payload, sizeof wanted);
-    if (!lowered_check(&wanted, &control->config.limits)) {
+    const avc_limits_t *boards = &control->config.limits;
+    if (!within(&wanted.force_n, boards->max_force_n) || !within(&wanted.speed_m_per_s, boards->max_speed_m_per_s) ||
+        !within(&wanted.energy_j, boards->max_energy_j)) {
         return avc_no(AVC_REFUSED_LIMIT, AVC_AT_LIMITS);
     }
     if (control->excite.busy != 0u) { /* it keeps the limit that its plan was taken for */

@@ -1,7 +1,7 @@
 /* The device: link and control loop round one context, no I/O of its own.
  *
- * Two contexts of execution: the interrupts call avc_device_receive and avc_device_tick, the main loop calls
- * avc_device_poll and takes bytes with avc_device_transmit. Nothing else is shared.
+ * Two contexts of execution: the interrupts put bytes into the ring rx and call avc_control_tick, the main loop calls
+ * avc_device_poll and takes bytes out of the ring tx. Nothing else is shared.
  */
 #ifndef AVC_DEVICE_H
 #define AVC_DEVICE_H
@@ -110,16 +110,7 @@ typedef struct {
 
 void avc_device_init(avc_device_t *device, const avc_config_t *config, bool bound, uint32_t boot_id);
 
-/* From the receive interrupt. */
-void avc_device_receive(avc_device_t *device, uint8_t byte);
-
-/* From the timer interrupt; returns the force. */
-float avc_device_tick(avc_device_t *device, int32_t encoder_count);
-
 /* From the main loop: takes in what has arrived. Returns whether something was done. */
 bool avc_device_poll(avc_device_t *device);
-
-/* From the main loop: the next byte to send; false when there is none. */
-bool avc_device_transmit(avc_device_t *device, uint8_t *byte);
 
 #endif

@@ -42,27 +42,18 @@ static int within(float x, float most)
     return x >= 0.0f && x <= most; /* false for NaN */
 }
 
-static bool same(const void *one, const void *other, size_t size)
-{
-    const uint8_t *a = one;
-    const uint8_t *b = other;
-    while (size != 0u && *a == *b) {
-        a++;
-        b++;
-        size--;
-    }
-    return size == 0u;
-}
-
 avc_reason_t avc_config_check(const avc_config_t *config, const avc_config_t *now, bool bound)
 {
     if (avc_crc32(0, (const uint8_t *)&config->limits, sizeof *config - sizeof config->crc32) != config->crc32) {
         return AVC_REFUSED_CRC;
     }
-    const float *limit = &config->limits.sample_time_s;
+    const float *limit = &config->limits.sample_time_s, *own = &now->limits.sample_time_s;
     for (uint32_t i = 0; i < sizeof config->limits / sizeof *limit; i++) {
         if (!avc_is_finite(limit[i]) || limit[i] < 0.0f || (i < 6u && limit[i] == 0.0f)) {
             return AVC_REFUSED_LIMIT; /* the first six have no 0 for "not watched" */
+        }
+        if (bound && avc_bits(limit[i]) != avc_bits(own[i])) {
+            return AVC_REFUSED_BOARD; /* another device */
         }
     }
     if (config->limits.sample_time_s < 1e-5f || config->limits.sample_time_s > 0.1f) {
@@ -74,14 +65,9 @@ avc_reason_t avc_config_check(const avc_config_t *config, const avc_config_t *no
         }
     }
     const avc_figures_t *figures = &config->figures;
-    if (figures->estimator != now->figures.estimator || figures->passive != now->figures.passive) {
-        return AVC_REFUSED_BOARD; /* another program */
-    }
-    if (bound && (!same(&config->limits, &now->limits, sizeof now->limits) ||
-                  avc_bits(figures->hand_m_per_unit) != avc_bits(now->figures.hand_m_per_unit))) {
-        return AVC_REFUSED_BOARD; /* another device */
-    }
-    return AVC_OK;
+    const bool handle = avc_bits(figures->hand_m_per_unit) == avc_bits(now->figures.hand_m_per_unit);
+    const bool program = figures->estimator == now->figures.estimator && figures->passive == now->figures.passive;
+    return program && (handle || !bound) ? AVC_OK : AVC_REFUSED_BOARD;
 }
 
 avc_reason_t avc_gains_check(const avc_gains_t *gains, const avc_limits_t *limits)

@@ -136,13 +136,6 @@ static inline bool avc_is_finite(float x)
     return (avc_bits(x) & 0x7F800000u) != 0x7F800000u;
 }
 
-/* Where a table's force ends: its own limit, or the board's. */
-static inline float avc_force_limit(const avc_table_header_t *header, const avc_limits_t *limits)
-{
-    const bool lower = header->max_force_n > 0.0f && header->max_force_n < limits->max_force_n;
-    return lower ? header->max_force_n : limits->max_force_n;
-}
-
 /* Check gains against the device's limits. */
 avc_reason_t avc_gains_check(const avc_gains_t *gains, const avc_limits_t *limits);
 

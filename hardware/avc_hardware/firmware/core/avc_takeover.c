@@ -93,8 +93,8 @@ bool avc_out_of_wall(const avc_table_t *table, float x)
 
 static void limit_force(avc_control_t *c)
 {
-    const float tables = avc_force_limit(&c->tables[c->active].image.header, &c->config.limits);
-    c->most_n = c->lowered.force_n < tables ? c->lowered.force_n : tables;
+    const float tables = c->tables[c->active].image.header.max_force_n; /* 0: the board's own */
+    c->most_n = tables > 0.0f && tables < c->lowered.force_n ? tables : c->lowered.force_n;
 }
 
 void avc_adopt_limits(avc_control_t *c)
