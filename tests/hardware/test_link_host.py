@@ -25,7 +25,7 @@ from host_device import HostCore, HostLink
 import avc_hardware
 from avc_casadi import InputError, LinkError, NotDeployableError, load_problem
 from avc_casadi.coupling import Coupling
-from avc_casadi.model.gains import Gains, GainTable
+from avc_casadi.model.gains import Gains
 from avc_casadi.model.runtime import Runtime, StateFeedback
 from avc_hardware import Connection, TableImage
 from avc_hardware.codegen.figures import Config
@@ -238,9 +238,3 @@ def test_device_refuses_what_its_tick_could_not_run(place: int, change: bytes, r
     refusal = link_state_feedback_refused(bytes(image), 1, 3)
     assert refusal == reason
     assert ("state feedback" in str(refusal)) == (refusal.detail == AT_FEEDBACK)
-
-
-def test_frequencies_that_are_one_in_single_precision_are_refused() -> None:
-    rows = np.array([[10.0, 1.0, 1e3, 0.0], [10.0 + 1e-9, 2.0, 2e3, 0.0]])
-    with pytest.raises(InputError, match="two rows have the frequency"):
-        TableImage.of(replace(coupling(2), table=GainTable(rows)))

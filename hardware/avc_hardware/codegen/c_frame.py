@@ -20,12 +20,6 @@ if TYPE_CHECKING:
 NAME = "avc_coupling"
 HEADER, SOURCE = f"{NAME}.h", f"{NAME}.c"
 
-# Headers of C that NAME.h would hide.
-_HEADERS = re.compile(
-    "assert|complex|ctype|errno|fenv|float|inttypes|iso646|limits|locale|math|setjmp|signal|stdalign|stdarg|stdatomic|"
-    "stdbool|stddef|stdint|stdio|stdlib|stdnoreturn|string|tgmath|threads|time|uchar|wchar|wctype"
-)
-
 FRAME = {
     "loop": """\
 /* Define AVC_LOOP_SAMPLE_TIME_NS as your loop's own, and a coupling for another one does not compile. */
@@ -72,8 +66,6 @@ def checked(precision: str, name: str) -> Precision:
     if not re.fullmatch(r"[a-z]([a-z0-9_]{0,18}[a-z0-9])?", name):
         told = f"is {name!r}; allowed: a small letter, then small letters and digits with low lines between, at most 20"
         raise InputError.of(told, key="name")
-    if _HEADERS.fullmatch(name):
-        raise InputError.of(f"is {name!r}; {name}.h is of C already; allowed: another, as my_{name}", key="name")
     return PRECISIONS[precision]
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -42,14 +41,14 @@ def coupling_program(coupling: Coupling, precision: Precision = SINGLE) -> Coupl
             file=coupling.problem.name,
             key="environment",
         )
-    effects = tuple(_computer(coupling))
-    ticks = [_Built.of(coupling, effects, start_m) for start_m in (0.0, 1.0, -1.0)]
+    effects = _computer(coupling)
+    ticks = [_Sample(coupling, effects, start_m) for start_m in (0.0, 1.0, -1.0)]
     starts = zip(*([slot.initial for slot in built.tick.states] for built in ticks), strict=True)
     initial = tuple((middle, high, low) for middle, high, low in starts)
     return ticks[0].program(initial, precision)
 
 
-def _computer(coupling: Coupling) -> Iterator[SceneEffect]:
+def _computer(coupling: Coupling) -> tuple[SceneEffect, ...]:
     """Select what runs on the control computer, by the rules of scenes, in the order of the loop."""
     problem, constant = coupling.problem, coupling.table.constant
     device = problem.device
@@ -66,54 +65,40 @@ def _computer(coupling: Coupling) -> Iterator[SceneEffect]:
         listed.append(SaturationEffect())
     built = build_effects(problem.changed(scene={"effects": tuple(listed)}))
     kinds = (Observer, StateFeedback, Estimator, Adaptation, Wall, Detents, Guard, Saturation, Delay)
-    for kind in kinds:
-        for effect in built:
-            if isinstance(effect, kind):
-                yield effect
+    return tuple(effect for effect in built if isinstance(effect, kinds))
 
 
-@dataclass
-class _Built:
-    """The tick of a coupling as expressions, with its cuts."""
+class _Sample:
+    """One sample of a coupling as expressions, with its cuts."""
 
-    coupling: Coupling
-    tick: Tick
-    measured: Any
-    seen: Any
-    cut: Any
-    command: Any
-    wanted: list[Any]
-    frequency: Any
-
-    @classmethod
-    def of(cls, coupling: Coupling, effects: tuple[SceneEffect, ...], start_m: float) -> _Built:
+    def __init__(self, coupling: Coupling, effects: tuple[SceneEffect, ...], start_m: float) -> None:
         import casadi as ca  # noqa: PLC0415
 
         table, constant = coupling.table, coupling.table.constant
-        tick = Tick(coupling.sample_time_s, start_m)
-        measured = tick.position = ca.SX.sym("position_m")
-        wanted = [ca.SX.sym(f"wanted_{name}") for name in GAINS]
-        looked = AnyTable(table.rest_hz, table.rest_stiffness_n_per_m, wanted)
-        place: Any = looked
+        self.coupling = coupling
+        tick = self.tick = Tick(coupling.sample_time_s, start_m)
+        self.measured: Any = ca.SX.sym("position_m")
+        tick.position = self.measured
+        self.wanted = [ca.SX.sym(f"wanted_{name}") for name in GAINS]
+        looked: Any = AnyTable(table.rest_hz, table.rest_stiffness_n_per_m, self.wanted)
         wall = next(effect.environment for effect in effects if isinstance(effect, Wall))
         environment = replace(wall, clips_last=coupling.contact == "clip-last")
         for effect in effects:
             if isinstance(effect, Adaptation):
-                replace(effect, gain_table=place).sample(tick)
+                replace(effect, gain_table=looked).sample(tick)
             elif isinstance(effect, Observer | StateFeedback | Estimator):
                 effect.sample(tick)
-        seen = tick.position
-        cut = tick.position = seen if constant else ca.SX.sym("seen_m")
+        self.seen = tick.position
+        self.cut = tick.position = self.seen if constant else ca.SX.sym("seen_m")
         tick.command = wall_force(tick, environment, rigid=False, damped=coupling.structure == "damped")
-        command = tick.command
+        self.command = tick.command
         for effect in effects:
             if isinstance(effect, Detents | Guard | Saturation | Delay):
                 effect.sample(tick)
-                command = tick.command if isinstance(effect, Detents | Guard) else command
+                self.command = tick.command if isinstance(effect, Detents | Guard) else self.command
         for settle in tick.at_end:
             settle()
-        frequency = looked.frequency[0] if looked.frequency else None
-        return cls(coupling, tick, measured, seen, cut, command, wanted, frequency)
+        self.frequency = looked.frequency[0] if looked.frequency else None
 
     def program(self, initial: tuple[tuple[float, float, float], ...], precision: Precision) -> CouplingProgram:
         import casadi as ca  # noqa: PLC0415

@@ -7,10 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 from avc_casadi.claims.deployable import Deployable, require_deployable
 from avc_casadi.coupling import Coupling
-from avc_casadi.simulation.emit import SINGLE, Precision
+from avc_casadi.simulation.emit import Precision
 from avc_hardware.codegen import c_frame
 from avc_hardware.codegen.coupling_program import CouplingProgram, coupling_program
-from avc_hardware.codegen.firmware_fit import single_rows
 from avc_hardware.codegen.pair_export import pair_files, pair_verdict
 from avc_hardware.codegen.tick_program import GAINS, start_lines
 
@@ -262,11 +261,10 @@ def export_c(
     if isinstance(coupling, Coupling) and coupling.end != "wall":
         return c_frame.named(pair_files(coupling, chosen, pair_verdict(coupling, unsafe=unsafe)[0]), name)
     verdict = require_deployable(coupling, unsafe=unsafe)
-    rows = single_rows(coupling) if chosen is SINGLE else coupling.table.rows
     program = coupling_program(coupling, chosen)
     files = {
         c_frame.HEADER: _header(coupling, program, chosen, verdict),
-        c_frame.SOURCE: _source(coupling, program, chosen, rows),
+        c_frame.SOURCE: _source(coupling, program, chosen),
     }
     return c_frame.named(files, name)
 
@@ -325,7 +323,7 @@ def _beside(coupling: Coupling) -> str:
     return c_frame.comment(", ".join(told) or "nothing")
 
 
-def _source(coupling: Coupling, program: CouplingProgram, precision: Precision, rows: NDArray[Any]) -> str:
+def _source(coupling: Coupling, program: CouplingProgram, precision: Precision) -> str:
     literal = precision.literal
     wall = coupling.problem.detent is None
     bounds = c_frame.SensorBounds.of(coupling.problem.device, detents=not wall)
@@ -340,7 +338,7 @@ def _source(coupling: Coupling, program: CouplingProgram, precision: Precision, 
         outside=literal(bounds.outside_m - bounds.unsure_m),
         unsure=literal(bounds.unsure_m),
         begin=(_BEGIN if wall else _BEGIN_OUTSIDE).format(**words),
-        look_up="" if program.before is None else _look_up(rows, precision),
+        look_up="" if program.before is None else _look_up(coupling.table.rows.astype(precision.dtype), precision),
         rest=_indented(start_lines("coupling", program.states, program.initial, precision=precision)),
         lowest=literal(-precision.largest),
         largest=literal(precision.largest),

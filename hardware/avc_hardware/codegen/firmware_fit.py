@@ -6,16 +6,12 @@ import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-import numpy as np
-
-from avc_casadi import InputError, NotDeployableError, UnsupportedError
+from avc_casadi import NotDeployableError, UnsupportedError
 from avc_casadi.coupling import require_coupling
 from avc_hardware.codegen.figures import SLOWEST_ESTIMATE_S, Config, RuntimeFigures, board_limits, device_config
 
 if TYPE_CHECKING:
-    from avc_casadi._util.arrays import Float32Array
     from avc_casadi.coupling import Coupling
-    from avc_casadi.model.runtime import StateFeedback
 
 
 def wall_alone(coupling: Coupling) -> None:
@@ -26,33 +22,6 @@ def wall_alone(coupling: Coupling) -> None:
             "export FILE --c DIR"
         )
         raise UnsupportedError(message, key="detent")
-
-
-def single_rows(coupling: Coupling) -> Float32Array:
-    """Return the rows of a coupling in single precision, shape (n, 4)."""
-    feedback = coupling.runtime.state_feedback
-    with np.errstate(over="ignore", under="ignore"):
-        rows = coupling.table.single()
-    if not np.isfinite(rows).all():
-        raise InputError.of("holds a gain that single precision cannot carry; allowed: below 3.4e38", key="table")
-    repeated = np.flatnonzero(np.diff(rows[:, 0]) <= 0)
-    if len(repeated):
-        raise InputError.of(
-            f"two rows have the frequency {rows[repeated[0], 0]:.7g} Hz (single precision); allowed: each once",
-            key="table.frequency_hz",
-        )
-    if feedback is not None and not np.isfinite(single_feedback(feedback)).all():
-        raise InputError.of(
-            "holds a number that single precision cannot carry; allowed: below 3.4e38",
-            key="runtime.state_feedback",
-        )
-    return rows
-
-
-def single_feedback(feedback: StateFeedback) -> Float32Array:
-    """Return the parameters of an observer and its feedback in single precision, as `StateFeedback.numbers`."""
-    with np.errstate(over="ignore", under="ignore"):
-        return feedback.numbers().astype("<f4")
 
 
 GUARD = "passivity-controller"

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Self, TypeVar
 
 from serial.tools import list_ports as tools
 
-from avc_casadi import InputError, LinkError, PortError
+from avc_casadi import LinkError, PortError
 from avc_hardware.emulator.board import EmulatedBoard, emulated_board
 from avc_hardware.link.bytes import ByteLink, SerialLink
 from avc_hardware.link.device import MODES, Device, DeviceStatus
@@ -68,8 +68,6 @@ EMULATOR_IS_FRESH = (
 )
 USB = "usb:"
 DEFAULT_BAUD = 115200
-# The slowest that anybody uses, and the fastest USB bridge.
-_BAUDS = 1200, 12_000_000
 
 
 class Connection:
@@ -185,9 +183,6 @@ def open_link(port: str | ByteLink, *, baud: int = DEFAULT_BAUD, coupling: Coupl
     """Open a port."""
     if isinstance(port, ByteLink):
         return port
-    low, high = _BAUDS
-    if not low <= baud <= high:
-        raise InputError.of(f"is {baud}; allowed: {low} to {high}, that of the firmware", key="baud")
     if port == EMULATOR:  # its line runs at the usual rate
         return EmulatedBoard() if coupling is None else emulated_board(coupling)
     number = port.removeprefix(USB)

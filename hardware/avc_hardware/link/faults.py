@@ -107,12 +107,10 @@ _PLACES = {
 class Refusal:
     """A REFUSED answer."""
 
-    reason: Reason | int
+    reason: Reason
     detail: int
 
     def __str__(self) -> str:
-        if not isinstance(self.reason, Reason):
-            return f"for a reason unknown to this program (code {self.reason}, {self.detail}); update avc-casadi"
         return self.reason.sentence.format(
             detail=self.detail,
             row=_PLACES.get(self.detail, f"row {self.detail}"),
@@ -125,4 +123,4 @@ class Refusal:
     def read(cls, payload: bytes) -> Refusal:
         """Read the payload of REFUSED."""
         code, _, detail = struct.unpack("<HHI", payload)
-        return cls({int(one): one for one in Reason}.get(code, code), detail)
+        return cls({int(one): one for one in Reason}[code], detail)

@@ -38,7 +38,6 @@ class PushResult:
     attempts: int
     seconds: float
     rounding_max: float
-    left_out: int
     max_force_n: float
     notes: tuple[str, ...]
     device: Device
@@ -109,7 +108,6 @@ def push_over(
         attempts=upload.attempts,
         seconds=connection.link.now_s() - start,
         rounding_max=table.rounding_max,
-        left_out=int(np.count_nonzero(~coupling.schedule.usable)),
         max_force_n=min(table.max_force_n or device.max_force_n, device.lowered.force_n),
         notes=_notes(coupling, device),
         device=device,

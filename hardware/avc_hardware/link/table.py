@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from avc_casadi._util.arrays import Float32Array
 from avc_casadi.model.gains import interpolate
 from avc_casadi.model.gains import single_ln as ln
-from avc_hardware.codegen.firmware_fit import single_feedback, single_rows, wall_alone
+from avc_hardware.codegen.firmware_fit import wall_alone
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
@@ -55,7 +55,7 @@ class TableImage:
         """Take the table of a coupling, row by row, with its wall, guard and force limit."""
         wall_alone(coupling)
         feedback = coupling.runtime.state_feedback
-        rows, wide, wall = single_rows(coupling), coupling.table.rows[:, 1:], coupling.wall
+        rows, wide, wall = coupling.table.single(), coupling.table.rows[:, 1:], coupling.wall
         return cls(
             rows=rows,
             sample_time_s=coupling.sample_time_s,
@@ -97,7 +97,7 @@ class TableImage:
         if self.feedback is None:
             return image
         # After the rows: which states are positions, dead zone, face, then A by rows, B, L and R.
-        *matrices, dead_zone_m, face_m = single_feedback(self.feedback)
+        *matrices, dead_zone_m, face_m = self.feedback.numbers()
         positions = sum(1 << place for place in set(self.feedback.positions))
         head = struct.pack("<HHff", self.feedback.measures, positions, dead_zone_m, face_m)
         return image + head + np.array(matrices, dtype="<f4").tobytes()
