@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 
 _CODE_ZERO, _CODE_FULL = 2048, 2047
+_PARTS = 16  # of a sample, where friction may reverse: the velocity changes evenly within each
 
 
 @dataclass(frozen=True)
@@ -45,8 +46,7 @@ class BenchPlant:
         self._friction_n = friction_n
         # Until the newer force arrives, and after: in one step, and in short ones in which friction reverses.
         self._halves = [
-            # The velocity changes evenly within each of 16 parts of a sample.
-            (_parts(plant, share * sample_time_s, 1)[0], _parts(plant, share * sample_time_s, 16), newer)
+            (_part(plant, share * sample_time_s), _part(plant, share * sample_time_s / _PARTS), newer)
             for share, newer in ((late, False), (1.0 - late, True))
             if share > 1e-9
         ]
@@ -66,13 +66,13 @@ class BenchPlant:
     def advance(self, target: FloatArray) -> None:
         """Move by one sample."""
         older, newer = self._asked[:2]
-        for whole, parts, is_newer in self._halves:
+        for whole, part, is_newer in self._halves:
             force = newer if is_newer else older
             before = float(self.state[1])
             after = whole.moved(self.state, force, target, math.copysign(self._friction_n, before))
             if self._friction_n and not before * after[1] > 0:
                 after = self.state
-                for part in parts:
+                for _ in range(_PARTS):
                     before, free = float(after[1]), part.moved(after, force, target, 0.0)
                     held = _friction(before, float(free[1]), -float(part.friction[1]), self._friction_n)
                     after = free + part.friction * held
@@ -92,9 +92,9 @@ def _friction(before: float, free: float, ease: float, most_n: float) -> float:
     return share * slides + (1 - share) * held
 
 
-def _parts(plant: LinearPlant, seconds: float, count: int) -> list[_Part]:
+def _part(plant: LinearPlant, seconds: float) -> _Part:
     rubbing = LinearPlant(plant.names, plant.matrix, plant.friction, plant.target, plant.friction)
-    return [_Part(transition(plant, seconds / count), transition(rubbing, seconds / count).force)] * count
+    return _Part(transition(plant, seconds), transition(rubbing, seconds).force)
 
 
 class BenchDevice:

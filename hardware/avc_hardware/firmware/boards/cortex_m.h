@@ -2,7 +2,7 @@
 #ifndef AVC_CORTEX_M_H
 #define AVC_CORTEX_M_H
 
-#include <stdint.h>
+#include "hal.h"
 
 #define REGISTER(address) (*(volatile uint32_t *)(uintptr_t)(address))
 
@@ -10,8 +10,6 @@
 #define SYSTICK_RELOAD REGISTER(0xE000E014u)
 #define SYSTICK_VALUE REGISTER(0xE000E018u)
 #define SYSTICK_COUNTED (1u << 16)
-
-void hal_set_sample_time(void);
 
 static inline void systick_start(void)
 {

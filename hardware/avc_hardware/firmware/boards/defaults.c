@@ -1,5 +1,4 @@
-/* A board without enable line, amplifier enable, watchdog, reset cause, a number of its own, a timer that tells of a
- * tick too late and one that can be set anew. */
+/* A board without enable line, amplifier enable, watchdog, reset cause and a number of its own. */
 #include "hal.h"
 
 #define WEAK __attribute__((weak))
@@ -9,5 +8,3 @@ WEAK void hal_drive(bool on) { (void)on; }
 WEAK uint32_t hal_reset_faults(void) { return 0u; }
 WEAK void hal_feed_watchdog(void) {}
 WEAK void hal_unique(uint8_t id[12]) { (void)id; }
-WEAK bool hal_tick_is_due(void) { return false; }
-WEAK void hal_set_sample_time(void) {}

@@ -21,10 +21,12 @@ void hal_drive(bool on);           /* the amplifier's enable; after every tick *
 uint32_t hal_reset_faults(void);   /* AVC_FAULT_WATCHDOG or AVC_FAULT_BROWN_OUT where the last reset was one */
 void hal_feed_watchdog(void);      /* within 50 ms; hal_start starts it */
 void hal_unique(uint8_t id[12]);   /* the number of this chip that no other has; left alone where it has none */
-bool hal_tick_is_due(void);        /* at the end of a tick: the next one should have begun already */
-void hal_set_sample_time(void);    /* that of hal_limits has changed */
 
 void serial_handler(void);          /* the receive interrupt: gives each byte to avc_on_byte */
+
+/* Of SysTick, in boards/start.c. */
+bool hal_tick_is_due(void);     /* at the end of a tick: the next one should have begun already */
+void hal_set_sample_time(void); /* that of hal_limits has changed */
 
 /* Called by the board. */
 void avc_on_tick(void); /* once a sample time, from an interrupt above that of the serial port */
