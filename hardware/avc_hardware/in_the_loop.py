@@ -147,7 +147,7 @@ class LoopResult:
             "faults": DeviceFault(self.status.faults).word,
             "overruns": self.status.overruns,
             "saturated_ticks": self.status.saturated,
-            "coupling_id": self.status.coupling_id,
+            "coupling_id": self.push.device.coupling_id,
             "left_out": list(self.left_out),
         }
 

@@ -30,7 +30,6 @@ from avc_casadi.model.runtime import Runtime, StateFeedback
 from avc_hardware import Connection, TableImage
 from avc_hardware.codegen.figures import Config
 from avc_hardware.link import messages as m
-from avc_hardware.link.device import DeviceStatus
 from avc_hardware.link.faults import Reason, Refusal
 from avc_hardware.link.messages import Kind
 from avc_hardware.link.push import push_over
@@ -124,12 +123,11 @@ def test_heartbeat_reports_the_mode() -> None:
     assert connection.heartbeat(0.0) == "table"
 
 
-def test_status_names_the_coupling_and_the_device_takes_the_lower_force_limit() -> None:
+def test_device_names_the_coupling_and_takes_the_lower_force_limit() -> None:
     """The wall of a second coupling is its own; nothing of the first is left."""
     core = HostCore(host_library(), unwatched(max_force_n=20.0))
     connection = Connection(HostLink(core))
-    ask = connection.session.ask
-    assert connection.run(ask(Kind.STATUS, b"", DeviceStatus)).coupling_id == ""
+    assert connection.device.coupling_id == ""
     for limit, told in ((5.0, 5.0), (20.0, 20.0), (None, 20.0), (50.0, 20.0)):
         made = coupling(1, largest=(10.0, 1e5, 0.0), wall=(0.0, 1e5 + (limit or 0.0)), max_force_n=limit)
         if limit == 50.0:
@@ -140,9 +138,9 @@ def test_status_names_the_coupling_and_the_device_takes_the_lower_force_limit() 
         assert ("its certificate does not know" in " ".join(result.notes)) == (limit == 50.0)
         force, _ = core.tick(np.full(50, 5000, dtype=np.int32))
         assert force[-1] == np.float32(told)
-        assert connection.run(ask(Kind.STATUS, b"", DeviceStatus)).coupling_id == made.id == result.coupling_id
         device = connection.run(connection.session.hello())
         assert (device.coupling_id, device.max_force_n) == (made.id, 20.0)
+        assert result.coupling_id == made.id
 
 
 @pytest.mark.parametrize("damping", [0.0, 40.0, 100.0])

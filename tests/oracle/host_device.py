@@ -41,9 +41,7 @@ class State(ctypes.Structure):
     """The firmware's `avc_state_t`."""
 
     _fields_ = [
-        *((name, ctypes.c_uint32) for name in ("ticks", "overruns", "saturated", "not_finite", "stream_expired")),
-        ("heartbeats_missed", ctypes.c_uint32),
-        ("swaps", ctypes.c_uint32),
+        *((name, ctypes.c_uint32) for name in ("ticks", "overruns", "saturated", "stream_expired", "swaps")),
         ("encoder_count", ctypes.c_int32),
         *((name, ctypes.c_float) for name in ("position_m", "velocity_m_per_s", "frequency_hz", "lookup_hz")),
         *((name, ctypes.c_float) for name in ("damping_ns_per_m", "stiffness_n_per_m", "contact_damping_ns_per_m")),

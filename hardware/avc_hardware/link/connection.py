@@ -84,8 +84,8 @@ class Connection:
     ) -> None:
         """Take over a link and send HELLO."""
         self.link = link
-        # A full window out and a full answer back, ten bits a byte, and time for the device and the driver to think.
-        timeout_s = 0.15 + (1536 + 1024) * 10 / baud
+        # A full frame out and a full answer back, ten bits a byte, and time for the device and the driver to think.
+        timeout_s = 0.15 + 2 * 1024 * 10 / baud
         number = secrets.randbits(32) if session is None else session
         self.session = Session(number, timeout_s=timeout_s, on_wait=on_wait)
         self._deadline_s = 15.0 + 4 * 2 * 4200 * 10 / baud if deadline_s is None else deadline_s

@@ -207,8 +207,6 @@ def _check(plan: Plan, device: Device, name: str, baud: int) -> None:
             faults.append(f"the plan is for {what} of {wanted:g}, the device has {found:g}")
     if plan.max_force_n > limits.max_force_n * (1 + 1e-6):
         faults.append(f"the plan has max_force_n = {plan.max_force_n:g}, the device gives {limits.max_force_n:g}")
-    if len(plan.signal.step) > device.capacity_tones:
-        faults.append(f"the plan has {len(plan.signal.step)} tones, the device holds {device.capacity_tones}")
     if faults:
         raise LinkError(f"{name}: not excited: {'; '.join(faults)}; correct the device file")
     carried = _ANSWER_RECORDS / (_ANSWER_BYTES * 10 / baud + _THINKS_S)

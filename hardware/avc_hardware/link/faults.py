@@ -50,7 +50,7 @@ _SENTENCES = (
 )
 _TOLD = dict(zip(DeviceFault, _SENTENCES, strict=True))
 
-INTERFACE_VERSION = 12  # of the messages' meaning
+INTERFACE_VERSION = 13  # of the messages' meaning
 
 
 class Reason(IntEnum):

@@ -16,6 +16,7 @@ from avc_hardware.link.table import TableImage
 
 T = TypeVar("T")
 
+CHUNK_BYTES = 512  # of a table in a message
 RETRIES = 4
 ATTEMPTS = 5
 # A table takes over out of contact: polling interval, and number of polls before it is given up.
@@ -112,12 +113,12 @@ class Session:
             raise LinkError(f"{kind.name} was answered with {type(answer).__name__}")
         return answer
 
-    def read_table(self, size: int, part: int) -> Generator[Exchange, Answer, tuple[int, bytes]]:
+    def read_table(self, size: int) -> Generator[Exchange, Answer, tuple[int, bytes]]:
         """Read ``size`` bytes of the running table in parts; return its id and the bytes."""
         image = b""
         table_id = 0
         while len(image) < size:
-            count = min(part, size - len(image))
+            count = min(CHUNK_BYTES, size - len(image))
             answer = yield from self.ask(Kind.READBACK, m.words(len(image), count), m.Readback)
             if image and answer.table_id != table_id:
                 raise LinkError("the table changed while it was read back; another host has pushed")
@@ -139,7 +140,7 @@ class Session:
                 if config:
                     config = (yield from self.ask(Kind.CONFIG, b"", m.ConfigRead)).data
                     device = yield from self.hello()
-                table_id, image = yield from self.read_table(len(table.image), device.chunk_bytes)
+                table_id, image = yield from self.read_table(len(table.image))
             except RefusedError as error:
                 anew = {Reason.SIZE, Reason.BUSY, Reason.NO_TRANSFER, Reason.OFFSET, Reason.CRC, Reason.NO_TABLE}
                 if error.refusal.reason not in anew:
@@ -160,7 +161,10 @@ class Session:
         begun = yield from self.ask(Kind.BEGIN, begin, m.Acknowledged)
         if table.config and table.config[:4] != device.config_crc32.to_bytes(4, "little"):
             yield from self.ask(Kind.CONFIG, m.words(self.number, table_id) + table.config, m.Acknowledged)
-        yield from self._chunks(image, table_id, begun.value, device)
+        received = begun.value
+        while received < len(image):
+            part = m.words(self.number, table_id, received) + image[received : received + CHUNK_BYTES]
+            received = (yield from self.ask(Kind.CHUNK, part, m.Acknowledged)).value
         return (yield from self._commit(table))
 
     def _commit(self, table: TableImage) -> Generator[Exchange, Answer, m.Committed]:
@@ -188,45 +192,6 @@ class Session:
             f"{why} for {CONTACT_TRIALS * CONTACT_WAIT_S:.0f} s, and no coupling takes over there; it runs what it ran "
             "before: let go of it, out of the wall, and push again"
         )
-
-    def _chunks(self, image: bytes, table_id: int, received: int, device: Device) -> Generator[Exchange, Answer, None]:
-        """Keep the device's window full; after a loss go back to the first missing byte."""
-        sent = received
-        on_the_way: dict[int, tuple[int, int]] = {}  # sequence -> end in the table, bytes on the wire
-        silent = 0
-        prefix = b""
-        while received < len(image):
-            data = prefix
-            prefix = b""
-            credit = device.window_bytes - sum(size for _, size in on_the_way.values())
-            while sent < len(image):
-                part = image[sent : sent + device.chunk_bytes]
-                sequence, frame = self.message(Kind.CHUNK, m.words(self.number, table_id, sent) + part)
-                if len(frame) > credit:
-                    self._sequence = (self._sequence - 1) & 0xFFFF
-                    break
-                credit -= len(frame)
-                sent += len(part)
-                on_the_way[sequence] = (sent, len(frame))
-                data += frame
-            answer = yield Exchange(data, self.timeout_s)
-            if answer is None:
-                silent += 1
-                if silent >= RETRIES:
-                    raise NoAnswerError(f"no answer to CHUNK after {RETRIES} trials")
-                prefix, sent, on_the_way = DELIMITER, received, {}
-                continue
-            sequence, message = answer
-            if sequence not in on_the_way:
-                continue
-            silent = 0
-            if isinstance(message, Refusal):
-                if message.reason is not Reason.OFFSET:
-                    raise RefusedError(message)
-                sent, on_the_way = received, {}
-            elif isinstance(message, m.Acknowledged):
-                received = max(received, message.value)
-                on_the_way = {key: value for key, value in on_the_way.items() if value[0] > received}
 
 
 def _wait(seconds: float) -> Generator[Exchange, Answer, None]:

@@ -156,8 +156,8 @@ def _faults_of_end(pushed: PushResult, status: DeviceStatus, device: Device) -> 
         faults.append("the device has started anew since the push")
     if not status.has_table:
         faults.append("the device holds no table")
-    elif (status.table_id, status.table_crc32) != (pushed.table_id, pushed.crc32):
-        faults.append(f"the device runs table {status.table_id} of coupling {status.coupling_id}, another host's")
+    elif (device.table_id, device.table_crc32) != (pushed.table_id, pushed.crc32):
+        faults.append(f"the device runs table {device.table_id} of coupling {device.coupling_id}, another host's")
     if status.streaming:
         faults.append("the device still runs streamed gains")
     if status.faults:

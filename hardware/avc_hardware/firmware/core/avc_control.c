@@ -188,7 +188,6 @@ static float law(avc_control_t *c, const avc_table_t *table, float x, float work
     }
     force = force * c->scale;
     if (!avc_is_finite(force + out.tool_m)) { /* neither where one of them is not */
-        s->not_finite++;
         return avc_fail(c, AVC_FAULT_NOT_FINITE, x);
     }
     const float most = c->most_n;

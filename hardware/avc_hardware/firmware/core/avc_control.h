@@ -22,8 +22,8 @@ typedef struct {
 
 /* What the outside may read of a tick. */
 typedef struct {
-    uint32_t ticks, overruns, saturated, not_finite; /* numbers of ticks */
-    uint32_t stream_expired, heartbeats_missed, swaps;
+    uint32_t ticks, overruns, saturated; /* numbers of ticks */
+    uint32_t stream_expired, swaps;
     int32_t encoder_count;
     float position_m;
     float velocity_m_per_s;

@@ -14,7 +14,7 @@ static const char avc_build[8] = AVC_BUILD;
 /* As they travel: little-endian, no padding. */
 typedef struct {
     uint32_t interface_version, boot_id;
-    uint32_t rows, states, tones, records, window, chunk; /* capacities */
+    uint32_t rows, states, records; /* capacities */
     uint32_t bound;
     char build[8];
     uint8_t unique[AVC_UNIQUE_SIZE];
@@ -28,15 +28,13 @@ typedef struct {
 
 typedef struct {
     avc_state_t state;
-    uint32_t table_id, table_crc32, coupling_id;
-    uint32_t boot_id;
     uint32_t faults, first_faults, first_tick;
     avc_lowered_t lowered;
-    uint32_t table_waits, limits_wait;
+    uint32_t limits_wait;
 } avc_status_t;
 
-_Static_assert(sizeof(avc_hello_t) == 152, "HELLO travels as 152 bytes");
-_Static_assert(sizeof(avc_status_t) == 120, "STATUS travels as 120 bytes");
+_Static_assert(sizeof(avc_hello_t) == 140, "HELLO travels as 140 bytes");
+_Static_assert(sizeof(avc_status_t) == 92, "STATUS travels as 92 bytes");
 _Static_assert(sizeof(avc_sample_t) == 44, "a record travels as 44 bytes");
 _Static_assert(AVC_SAMPLES_KEPT * sizeof(avc_sample_t) + 128u <= AVC_RING_SIZE, "a message of all records fits the ring");
 
@@ -88,10 +86,7 @@ static avc_verdict_t on_hello(avc_device_t *device, const avc_request_t *request
         .boot_id = device->boot_id,
         .rows = AVC_ROWS_MAX,
         .states = AVC_STATES_MAX,
-        .tones = AVC_TONES_MAX,
         .records = AVC_RECORDS_KEPT,
-        .window = AVC_WINDOW,
-        .chunk = AVC_CHUNK_MAX,
         .bound = control->bound ? 1u : 0u,
         .faults = avc_faults(control),
         .lowered = control->lowered,
@@ -127,21 +122,14 @@ static avc_state_t snapshot(const avc_device_t *device)
 static avc_verdict_t on_status(avc_device_t *device, const avc_request_t *request)
 {
     const avc_control_t *control = &device->control;
-    avc_status_t status = {
+    const avc_status_t status = {
         .state = snapshot(device),
-        .boot_id = device->boot_id,
         .faults = avc_faults(control),
         .first_faults = control->fault.first,
         .first_tick = control->fault.first_tick,
         .lowered = control->lowered,
-        .table_waits = control->swap_wanted,
         .limits_wait = control->limits_wanted,
     };
-    if (status.state.has_table != 0u) {
-        status.table_id = avc_running(device)->id;
-        status.table_crc32 = avc_running(device)->crc32;
-        status.coupling_id = avc_running(device)->image.header.coupling_id;
-    }
     return avc_reply(device, request, &status, sizeof status);
 }
 

@@ -223,7 +223,6 @@ void avc_leave_or_return(avc_control_t *c, float x)
     if (c->state.mode == AVC_MODE_TABLE) {
         if (!alive) {
             c->state.mode = AVC_MODE_RAMP;
-            c->state.heartbeats_missed++;
         }
     } else if (c->state.mode == AVC_MODE_RAMP) {
         c->scale = c->scale - c->config.limits.sample_time_s / ramp_s;
