@@ -250,13 +250,12 @@ def device_lookup(made: Coupling, frequency: Float32Array) -> Float32Array:
     """Look up in the compiled core; its table has room for 256 rows behind a header, and what it prepares."""
     library = ctypes.CDLL(str(host_library()))
     library.avc_host_lookup.restype = Gains
-    library.avc_host_lookup.argtypes = [ctypes.c_void_p, ctypes.c_float, ctypes.POINTER(ctypes.c_uint32)]
+    library.avc_host_lookup.argtypes = [ctypes.c_void_p, ctypes.c_float]
     table = ctypes.create_string_buffer(32 + 256 * 16 + 256 * 4 + 513 * 2 + 256)
     image = TableImage.of(made).image
     ctypes.memmove(table, image, len(image))
     library.avc_table_prepare(table, Config(BoardLimits(), RuntimeFigures()).packed())
-    near = ctypes.c_uint32()
-    found = [library.avc_host_lookup(table, float(f), ctypes.byref(near)) for f in frequency]
+    found = [library.avc_host_lookup(table, float(f)) for f in frequency]
     return np.array([(g.b, g.k, g.b_p) for g in found], dtype=np.float32)
 
 

@@ -18,7 +18,7 @@ void avc_host_overrun(avc_device_t *device);
 int avc_host_drives(const avc_device_t *device);
 uint32_t avc_host_faults(const avc_device_t *device);
 float avc_host_ln(float x);
-avc_gains_t avc_host_lookup(const avc_table_t *table, float frequency_hz, uint32_t *near);
+avc_gains_t avc_host_lookup(const avc_table_t *table, float frequency_hz);
 size_t avc_host_size(void);
 size_t avc_host_state_offset(void);
 
@@ -112,9 +112,9 @@ float avc_host_ln(float x)
     return avc_ln(x);
 }
 
-avc_gains_t avc_host_lookup(const avc_table_t *table, float frequency_hz, uint32_t *near)
+avc_gains_t avc_host_lookup(const avc_table_t *table, float frequency_hz)
 {
-    return avc_table_lookup(table, frequency_hz, near);
+    return avc_table_lookup(table, frequency_hz);
 }
 
 /* The device has no pointers, so that its layout is the same on every machine: tests read a board's memory with these. */

@@ -24,9 +24,6 @@ def wall_alone(coupling: Coupling) -> None:
         raise UnsupportedError(message, key="detent")
 
 
-GUARD = "passivity-controller"
-
-
 class FirmwareLacksError(NotDeployableError, UnsupportedError):
     """A coupling needs features that the device's firmware lacks, and is refused (command line: exit code 1)."""
 
@@ -50,8 +47,8 @@ def check_runs_on(
         lacks.append(f"its estimator runs at sample times up to {SLOWEST_ESTIMATE_S:.3g} s")
     if feedback is not None and not constant:
         lacks.append("it feeds states back beside constant gains alone (runtime.state_feedback)")
-    if runtime.guard not in {None, GUARD}:
-        lacks.append(f"it has no guard {runtime.guard} (allowed: {GUARD}, or none)")
+    if runtime.guard not in {None, "passivity-controller"}:
+        lacks.append(f"it has no guard {runtime.guard} (allowed: passivity-controller, or none)")
     if has is not None and not constant:  # what its program, or its handle where it keeps its own, has otherwise
         wanted = figures_of(coupling)
         handle = not bound or math.isclose(wanted.hand_m_per_unit, has.hand_m_per_unit, rel_tol=1e-6)

@@ -14,7 +14,7 @@ from avc_hardware.link.bytes import ByteLink
 from avc_hardware.link.connection import DEFAULT_BAUD, Connection, open_link
 from avc_hardware.link.device import Device, DeviceStatus
 from avc_hardware.link.messages import Acknowledged, Kind, words
-from avc_hardware.link.telemetry import Samples, TelemetrySample
+from avc_hardware.link.telemetry import TelemetrySample
 
 LONGEST_HEARTBEAT_S = 5.0
 """Longest time from one heartbeat to the next that a device allows."""
@@ -36,8 +36,6 @@ def monitor(
     on_end: Callable[[DeviceStatus], None] | None = None,
 ) -> Generator[TelemetrySample, None, None]:
     """Yield telemetry, a record every so many ticks, until ``seconds`` are over or the caller stops."""
-    if not (math.isfinite(rate_hz) and rate_hz > 0):
-        raise InputError.of(f"{rate_hz:g} Hz; allowed: a finite rate above 0", key="rate_hz")
     if heartbeat_s is not None and not 0 < heartbeat_s <= LONGEST_HEARTBEAT_S:
         message = f"{heartbeat_s:g} s; allowed: above 0, at most {LONGEST_HEARTBEAT_S:g} s"
         raise InputError.of(message, key="heartbeat_s")
@@ -71,7 +69,7 @@ def watch(
     link, device = connection.link, connection.device
     every = _every(device, rate_hz)
     subscribe = words(every, math.ceil(_HOLDS_S / device.sample_time_s))
-    samples = Samples(device.sample_time_s, device.limits.metres_per_count)
+    last: tuple[int, int] | None = None  # boot number and tick of the last record
     beat_at = math.inf if heartbeat_s is None else -math.inf
     renew_at = -math.inf
     start = time.monotonic() - link.now_s()
@@ -87,7 +85,15 @@ def watch(
             continue
         if paced and isinstance(link, EmulatedBoard):
             time.sleep(max(0.0, start + link.now_s() - time.monotonic()))  # virtual time would rush past the watcher
-        yield from samples.take(message)
+        for record in message.records:
+            ticks, count = record[:2]
+            lost = 0
+            if last is not None and last[0] == message.boot_id:
+                # Counted in 32 bits; the first record after an expired subscription may come sooner.
+                lost = max(((ticks - last[1]) & 0xFFFFFFFF) // message.every - 1, 0)
+            last = (message.boot_id, ticks)
+            time_s, position_m = ticks * device.sample_time_s, count * device.limits.metres_per_count
+            yield TelemetrySample(*[*record, time_s, position_m, message.coupling_id, message.boot_id, lost])
 
 
 def _check_heartbeat(heartbeat_s: float, rate_hz: float, device: Device, baud: int) -> None:

@@ -82,8 +82,6 @@ def stream(
     """Push the coupling, then send its gains live for a time; a message that is late or lost is not repeated."""
     if not MIN_RATE_HZ <= rate_hz <= MAX_RATE_HZ:
         raise InputError.of(f"{rate_hz:g} Hz; allowed: {MIN_RATE_HZ:g} to {MAX_RATE_HZ:g}", key="rate_hz")
-    if not (math.isfinite(seconds) and seconds > 0):
-        raise InputError.of(f"{seconds:g} s; allowed: a finite time above 0", key="seconds")
     require_deployable(coupling, unsafe=unsafe)
     check_runs_on(coupling)
     link = open_link(port, baud=baud, coupling=coupling)

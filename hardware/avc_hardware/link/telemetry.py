@@ -61,29 +61,6 @@ class TelemetrySample:
     lost: int
 
 
-class Samples:
-    """Converts messages to samples; missing records are detected by the ticks around them."""
-
-    def __init__(self, sample_time_s: float, metres_per_count: float) -> None:
-        self._sample_time_s = sample_time_s
-        self._metres_per_count = metres_per_count
-        self._last: tuple[int, int] | None = None
-
-    def take(self, message: Telemetry) -> list[TelemetrySample]:
-        """Return the samples of a message."""
-        samples = []
-        for record in message.records:
-            ticks, count = record[:2]
-            lost = 0
-            if self._last is not None and self._last[0] == message.boot_id:
-                # Counted in 32 bits; the first record after an expired subscription may come sooner.
-                lost = max(((ticks - self._last[1]) & 0xFFFFFFFF) // max(message.every, 1) - 1, 0)
-            self._last = (message.boot_id, ticks)
-            time_s, position_m = ticks * self._sample_time_s, count * self._metres_per_count
-            samples.append(TelemetrySample(*[*record, time_s, position_m, message.coupling_id, message.boot_id, lost]))
-        return samples
-
-
 _COLUMNS: tuple[str, ...] = (
     *("tick", "time_ms", "position_um", "force_N", "velocity_m_per_s", "frequency_hz", "damping_ns_per_m"),
     *("stiffness_n_per_m", "contact_damping_ns_per_m", "energy_j", "mode", "faults", "coupling", "boot", "lost"),
@@ -103,8 +80,6 @@ class TelemetryLog:
 
     def __init__(self, path: Path, motion: MotionKind = "linear") -> None:
         """Begin the file, with the columns of a kind of motion."""
-        if path.suffix != ".csv":
-            raise InputError.of("allowed: a name that ends in .csv", file=str(path))
         units, columns = units_for(motion), _COLUMNS
         if not units.linear:
             turning = {"position_um": "angle_urad", "force_N": "torque_Nm"}

@@ -117,7 +117,7 @@ static avc_gains_t choose_gains(avc_control_t *c, const avc_table_t *table, floa
     } else if (streamed(c, &goal)) {
         c->state.streaming = 1u;
     } else {
-        goal = avc_table_lookup(table, c->state.lookup_hz, &c->near);
+        goal = avc_table_lookup(table, c->state.lookup_hz);
         *rest_stiffness_n_per_m = table->image.row[0].stiffness_n_per_m;
     }
     return goal;

@@ -100,7 +100,6 @@ typedef struct {
     bool estimates; /* the frequency, as long as gains follow it */
     bool begun;     /* the coupling, since it rested last */
 
-    uint32_t near;        /* row of the last look-up */
     uint32_t waited;      /* ticks since the tick first saw that a table waits */
     uint32_t away;        /* of these the last ones, out of the new wall */
     uint32_t swap_tick;   /* the tick that took the running table over */

@@ -31,39 +31,26 @@ static inline avc_gains_t avc_gains_of(const avc_row_t *row)
     return (avc_gains_t){row->damping_ns_per_m, row->stiffness_n_per_m, row->contact_damping_ns_per_m};
 }
 
-/* Whether a frequency, given by its bits, lies between a row and the next one. */
-static inline bool avc_between(const avc_table_t *table, uint32_t row, uint32_t key)
-{
-    const avc_row_t *low = &table->image.row[row];
-    return key > avc_bits(low->frequency_hz) && key < avc_bits(low[1].frequency_hz);
-}
-
-/* Gains at a frequency; the first and last row beyond the table's ends, and the first for NaN.
- * near is the row that is tried first, and is set to the one found: a frequency that changes slowly is found at once. */
-static inline avc_gains_t avc_table_lookup(const avc_table_t *table, float frequency_hz, uint32_t *near)
+/* Gains at a frequency; the first and last row beyond the table's ends, and the first for NaN. */
+static inline avc_gains_t avc_table_lookup(const avc_table_t *table, float frequency_hz)
 {
     const avc_row_t *rows = table->image.row;
     const uint32_t last = (uint32_t)table->image.header.rows - 1u;
     const uint32_t key = avc_bits(frequency_hz);
-    uint32_t low = *near;
-    if (low >= last || !avc_between(table, low, key)) {
-        if (!(frequency_hz > rows[0].frequency_hz)) {
-            return avc_gains_of(&rows[0]);
+    if (!(frequency_hz > rows[0].frequency_hz)) {
+        return avc_gains_of(&rows[0]);
+    }
+    if (frequency_hz >= rows[last].frequency_hz) {
+        return avc_gains_of(&rows[last]);
+    }
+    uint32_t low = 0u, high = last;
+    while (high - low > 1u) {
+        const uint32_t middle = (low + high) >> 1;
+        if (key >= avc_bits(rows[middle].frequency_hz)) {
+            low = middle;
+        } else {
+            high = middle;
         }
-        if (frequency_hz >= rows[last].frequency_hz) {
-            return avc_gains_of(&rows[last]);
-        }
-        uint32_t high = last;
-        low = 0u;
-        while (high - low > 1u) {
-            const uint32_t middle = (low + high) >> 1;
-            if (key >= avc_bits(rows[middle].frequency_hz)) {
-                low = middle;
-            } else {
-                high = middle;
-            }
-        }
-        *near = low;
     }
     const float ln = avc_ln(frequency_hz);
     const avc_row_t *a = &rows[low];

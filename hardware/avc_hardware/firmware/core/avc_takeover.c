@@ -131,7 +131,6 @@ void avc_swap(avc_control_t *c, float x)
         }
     }
     limit_force(c);
-    c->near = 0u;
     c->stream_fresh = 0u;
     c->stream_left = 0u;
     avc_rest(c, x);

@@ -119,9 +119,8 @@ avc_verdict_t avc_on_chunk(avc_device_t *device, const avc_request_t *request)
 static void committed(avc_device_t *device, uint16_t sequence)
 {
     const uint32_t words[3] = {avc_running(device)->id, device->control.swap_tick, device->control.swap_waited};
-    avc_answer_t a = avc_answer(device, AVC_MESSAGE_COMMIT | AVC_MESSAGE_REPLY, sequence);
-    avc_put(&a, words, sizeof words);
-    avc_send(&a);
+    const avc_request_t request = {.type = AVC_MESSAGE_COMMIT, .sequence = sequence};
+    (void)avc_reply(device, &request, words, sizeof words);
 }
 
 avc_verdict_t avc_on_commit(avc_device_t *device, const avc_request_t *request)
