@@ -76,7 +76,7 @@ def _content(data: bytes) -> bytes:
 def test_host_of_another_interface_is_refused_by_the_device() -> None:
     core = host_core()
     core.read()
-    core.write(encode(Frame(Kind.HELLO, 5, m.hello(1, interface_version=INTERFACE_VERSION + 1))))
+    core.write(encode(Frame(Kind.HELLO, 5, m.words(1, INTERFACE_VERSION + 1))))
     (answer,) = Decoder().feed(core.read())
     refusal = m.parse(answer)
     assert refusal == Refusal(Reason.INTERFACE, INTERFACE_VERSION)

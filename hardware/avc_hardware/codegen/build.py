@@ -17,9 +17,9 @@ from typing import TYPE_CHECKING
 from avc_casadi import InputError, MissingExtraError, UnsupportedError
 from avc_casadi.coupling import Coupling
 from avc_casadi.model.problem import Problem
-from avc_hardware.codegen.boards import FIRMWARE, IMAGE, MANIFEST, PACKAGED, Board, read_board
+from avc_hardware.codegen.boards import FIRMWARE, IMAGE, PACKAGED, Board, read_board
 from avc_hardware.codegen.figures import ESTIMATOR_NUMBERS, BoardLimits, Config, RuntimeFigures, device_config
-from avc_hardware.codegen.firmware_fit import check_runs_on, figures_of, wall_alone
+from avc_hardware.codegen.firmware_fit import check_runs_on, figures_of
 from avc_hardware.codegen.tick_program import CONFIG, config_source, tick_sources
 
 if TYPE_CHECKING:
@@ -162,7 +162,6 @@ def build_firmware(of: Coupling | Problem | Device, board: str, out: Path, *, ba
     config = device_config(problem.device if isinstance(problem, Problem) else problem)
     if isinstance(of, Coupling):
         check_runs_on(of)
-        wall_alone(of)
         config = replace(config, figures=figures_of(of))
     if not isinstance(of, Coupling) or of.table.constant:
         config = replace(config, figures=replace(config.figures, estimator=target.estimator))
@@ -180,9 +179,9 @@ def build_firmware(of: Coupling | Problem | Device, board: str, out: Path, *, ba
 
 
 def _board(name: str) -> Board:
-    folder = Path(name).parent if Path(name).name == MANIFEST else Path(name)
-    if name == PACKAGED or folder.is_dir():
-        return read_board(FIRMWARE / "boards" / PACKAGED if name == PACKAGED else folder)
+    folder = FIRMWARE / "boards" / PACKAGED if name == PACKAGED else Path(name)
+    if folder.is_dir():
+        return read_board(folder)
     allowed = f"{PACKAGED}, or the folder of a board of your own (hardware/PORTING.md)"
     raise InputError.of(f"is {name!r}; allowed: {allowed}", key="board")
 

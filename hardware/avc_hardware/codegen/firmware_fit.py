@@ -14,16 +14,6 @@ if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
 
 
-def wall_alone(coupling: Coupling) -> None:
-    """Refuse detents, which a table does not hold; the exported source does."""
-    if coupling.problem.detent is not None:
-        message = (
-            f"{coupling.problem.name}: detent has no place in the table that is pushed; export the whole as C: avc "
-            "export FILE --c DIR"
-        )
-        raise UnsupportedError(message, key="detent")
-
-
 class FirmwareLacksError(NotDeployableError, UnsupportedError):
     """A coupling needs features that the device's firmware lacks, and is refused (command line: exit code 1)."""
 
@@ -33,6 +23,9 @@ def check_runs_on(
 ) -> None:
     """Refuse a coupling that needs features that the firmware lacks: the packaged one, or that of a device."""
     require_coupling(coupling)
+    if coupling.problem.detent is not None:
+        told = "detent has no place in the table that is pushed; export the whole as C: avc export FILE --c DIR"
+        raise UnsupportedError(f"{coupling.problem.name}: {told}", key="detent")
     runtime = coupling.runtime
     lacks = []
     if runtime.observer_mass_kg is not None:

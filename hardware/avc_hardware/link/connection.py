@@ -98,8 +98,8 @@ class Connection:
         except NoAnswerError as error:
             self.link.close()
             raise LinkError(
-                f"{link.name}: no answer at {baud} baud in {self.session.patience_s:.1f} s; is the avc firmware on the "
-                "device, the rate the firmware's, and is this the right port (`avc doctor --ports`)?"
+                f"{link.name}: no answer at {baud} baud; is the avc firmware on the device, the rate the firmware's, "
+                "and is this the right port (`avc doctor --ports`)?"
             ) from error
         except BaseException:
             self.link.close()

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 
 from avc_hardware.link.device import Device, DeviceStatus
-from avc_hardware.link.faults import INTERFACE_VERSION, Reason, Refusal
+from avc_hardware.link.faults import Reason, Refusal
 from avc_hardware.link.frames import PROTOCOL_VERSION, Frame
 from avc_hardware.link.telemetry import Telemetry
 
@@ -64,15 +64,7 @@ class Committed:
 class Readback:
     """A part of the running table."""
 
-    table_id: int
-    offset: int
     data: bytes
-
-    @classmethod
-    def read(cls, payload: bytes) -> Readback:
-        """Read the payload of the answer to READBACK."""
-        table_id, offset = struct.unpack_from("<II", payload)
-        return cls(table_id, offset, payload[_WORDS:])
 
 
 @dataclass(frozen=True)
@@ -133,11 +125,6 @@ def words(*values: int) -> bytes:
     return struct.pack(f"<{len(values)}I", *values)
 
 
-def hello(session: int, interface_version: int = INTERFACE_VERSION) -> bytes:
-    """Payload of HELLO."""
-    return words(session, interface_version)
-
-
 def begin(session: int, table_id: int, crc32: int, rows: int, states: int = 0) -> bytes:
     """Payload of BEGIN."""
     return struct.pack("<IIIHH", session, table_id, crc32, rows, states)
@@ -157,7 +144,7 @@ _PARSERS: dict[int, Callable[[bytes], Message]] = {
     **{kind | REPLY: _acknowledged for kind in (*_PLAIN, Kind.SUBSCRIBE)},
     Kind.HELLO | REPLY: Device.read,
     Kind.COMMIT | REPLY: lambda payload: Committed(*struct.unpack("<III", payload)),
-    Kind.READBACK | REPLY: Readback.read,
+    Kind.READBACK | REPLY: lambda payload: Readback(payload[_WORDS:]),
     Kind.CONFIG | REPLY: lambda payload: _acknowledged(payload) if len(payload) == _WORDS else ConfigRead(payload),
     Kind.STATUS | REPLY: DeviceStatus.read,
     Kind.SET_GAINS | REPLY: lambda payload: GainsTaken(*struct.unpack("<II3f", payload)),

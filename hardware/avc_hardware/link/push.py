@@ -68,7 +68,6 @@ def push(
     if safe is not None:
         _require_safe(coupling, safe, unsafe=unsafe)
     check_runs_on(coupling)  # a coupling that cannot run is refused before a port is opened
-    TableImage.of(coupling, safe=safe)
     link = open_link(port, baud=baud, coupling=coupling)
     start = link.now_s()
     with Connection(link, baud=baud, deadline_s=deadline_s, on_wait=on_wait) as connection:

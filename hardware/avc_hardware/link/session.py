@@ -72,11 +72,6 @@ class Session:
         self.on_wait = on_wait
         self._sequence = number & 0x7FFF
 
-    @property
-    def patience_s(self) -> float:
-        """Longest repetition of one message without an answer."""
-        return self.timeout_s * RETRIES * (RETRIES + 1) / 2
-
     def message(self, kind: Kind, payload: bytes) -> tuple[int, bytes]:
         """Return the number and the bytes of a new message."""
         self._sequence = (self._sequence + 1) & 0xFFFF
@@ -96,7 +91,7 @@ class Session:
 
     def hello(self) -> Generator[Exchange, Answer, Device]:
         """Identify the device; refuse firmware of another interface."""
-        answer = yield from self.ask(Kind.HELLO, m.hello(self.number), Device)
+        answer = yield from self.ask(Kind.HELLO, m.words(self.number, INTERFACE_VERSION), Device)
         if answer.interface_version != INTERFACE_VERSION:
             raise LinkError(
                 f"the firmware has interface version {answer.interface_version}, this program {INTERFACE_VERSION}; "
@@ -113,20 +108,13 @@ class Session:
             raise LinkError(f"{kind.name} was answered with {type(answer).__name__}")
         return answer
 
-    def read_table(self, size: int) -> Generator[Exchange, Answer, tuple[int, bytes]]:
-        """Read ``size`` bytes of the running table in parts; return its id and the bytes."""
+    def read_table(self, size: int) -> Generator[Exchange, Answer, bytes]:
+        """Return ``size`` bytes of the running table, read in parts."""
         image = b""
-        table_id = 0
         while len(image) < size:
-            count = min(CHUNK_BYTES, size - len(image))
-            answer = yield from self.ask(Kind.READBACK, m.words(len(image), count), m.Readback)
-            if image and answer.table_id != table_id:
-                raise LinkError("the table changed while it was read back; another host has pushed")
-            if answer.offset != len(image) or len(answer.data) != count:
-                raise LinkError("READBACK answered with another part than asked for")
-            table_id = answer.table_id
-            image += answer.data
-        return table_id, image
+            part = m.words(len(image), min(CHUNK_BYTES, size - len(image)))
+            image += (yield from self.ask(Kind.READBACK, part, m.Readback)).data
+        return image
 
     def push(self, table: TableImage, device: Device) -> Generator[Exchange, Answer, Upload]:
         """Send a table, have it swapped in, read it back; restarted when the device was reset or is busy."""
@@ -140,7 +128,7 @@ class Session:
                 if config:
                     config = (yield from self.ask(Kind.CONFIG, b"", m.ConfigRead)).data
                     device = yield from self.hello()
-                table_id, image = yield from self.read_table(len(table.image))
+                image = yield from self.read_table(len(table.image))
             except RefusedError as error:
                 anew = {Reason.SIZE, Reason.BUSY, Reason.NO_TRANSFER, Reason.OFFSET, Reason.CRC, Reason.NO_TABLE}
                 if error.refusal.reason not in anew:
@@ -150,7 +138,7 @@ class Session:
                     # The device drops a transfer that another host abandoned two seconds ago; four waits are longer.
                     yield from _wait(0.7)
             else:
-                if (image, config) == (table.image, table.config) and table_id in {table.table_id, 0}:
+                if (image, config) == (table.image, table.config):
                     return Upload(device, image, attempt, committed.ticks, committed.waited)
                 failure = LinkError("the table read back differs from the one sent; another host may have pushed")
         raise LinkError(f"the table was not taken after {ATTEMPTS} attempts: {failure}") from failure

@@ -14,7 +14,6 @@ from numpy.typing import ArrayLike
 from avc_casadi._util.arrays import Float32Array
 from avc_casadi.model.gains import interpolate
 from avc_casadi.model.gains import single_ln as ln
-from avc_hardware.codegen.firmware_fit import wall_alone
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
@@ -53,7 +52,6 @@ class TableImage:
     @classmethod
     def of(cls, coupling: Coupling, *, safe: Gains | None = None) -> TableImage:
         """Take the table of a coupling, row by row, with its wall, guard and force limit."""
-        wall_alone(coupling)
         feedback = coupling.runtime.state_feedback
         rows, wide, wall = coupling.table.single(), coupling.table.rows[:, 1:], coupling.wall
         return cls(

@@ -8,14 +8,6 @@
 
 static const float longest_hold_s = 5.0f;
 
-static float not_a_number(void)
-{
-    const uint32_t bits = 0x7FC00000u;
-    float x;
-    memcpy(&x, &bits, sizeof x);
-    return x;
-}
-
 void avc_control_relimit(avc_control_t *control)
 {
     const avc_limits_t *limits = &control->config.limits;
@@ -32,7 +24,7 @@ void avc_control_init(avc_control_t *control, const avc_config_t *config, bool b
     control->next = *config;
     control->bound = bound;
     control->scale = 1.0f;
-    control->state.frequency_hz = not_a_number();
+    control->state.frequency_hz = __builtin_nanf("");
     avc_control_relimit(control);
 }
 
@@ -54,7 +46,7 @@ static void estimate(avc_control_t *c, const avc_table_t *table, float x)
     const float lowest_hz = s->has_table != 0u ? table->image.row[0].frequency_hz : 1.0f;
     if (s->has_table != 0u && !avc_varies(table) && c->stream_left == 0u) {
         c->estimates = false;
-        s->frequency_hz = not_a_number();
+        s->frequency_hz = __builtin_nanf("");
         s->lookup_hz = lowest_hz;
         return;
     }
@@ -65,7 +57,7 @@ static void estimate(avc_control_t *c, const avc_table_t *table, float x)
     const avc_estimate_in_t seen = {x, lowest_hz};
     avc_estimate_out_t found;
     avc_estimate_step(&c->estimate, &seen, &found, c->config.number);
-    s->frequency_hz = avc_bits(found.valid) != 0u ? found.estimate_hz : not_a_number();
+    s->frequency_hz = avc_bits(found.valid) != 0u ? found.estimate_hz : __builtin_nanf("");
     s->lookup_hz = found.frequency_hz;
 }
 

@@ -2,7 +2,7 @@
 
 #include "avc_link.h"
 
-static const int32_t most_counts = 0x3FFFFFFF;
+static const uint32_t most_counts = 0x3FFFFFFFu;
 
 /* Odd polynomial of a quarter turn, 30 bits after the point; within 1e-6 of the sine. */
 static int32_t sine(uint32_t phase)
@@ -52,9 +52,9 @@ static avc_reason_t plan_check(const avc_plan_t *plan, const avc_limits_t *limit
     return good ? AVC_OK : AVC_REFUSED_LIMIT;
 }
 
-static int32_t counts_of(float counts)
+static uint32_t counts_of(float counts)
 {
-    return counts < (float)most_counts ? (int32_t)counts : most_counts;
+    return counts < (float)most_counts ? (uint32_t)counts : most_counts;
 }
 
 void avc_excite_start(avc_excite_t *e, const avc_limits_t *limits, int32_t encoder_count, uint32_t tick)
@@ -65,7 +65,7 @@ void avc_excite_start(avc_excite_t *e, const avc_limits_t *limits, int32_t encod
     const float a_count = limits->metres_per_count;
     e->most_away = counts_of(plan->max_travel_m / a_count);
     e->most_moved = counts_of(plan->max_speed_m_per_s * window_s / a_count);
-    e->most_at_once = counts_of(plan->max_speed_m_per_s * limits->sample_time_s / a_count) + 1; /* an encoder steps early */
+    e->most_at_once = counts_of(plan->max_speed_m_per_s * limits->sample_time_s / a_count) + 1u; /* an encoder steps early */
     e->unit_n = plan->max_force_n / (float)AVC_FULL;
     e->spring_units = plan->spring_n_per_m * a_count / e->unit_n;
     e->damper_units = plan->damper_ns_per_m * a_count / window_s / e->unit_n;
@@ -86,11 +86,6 @@ void avc_excite_start(avc_excite_t *e, const avc_limits_t *limits, int32_t encod
     e->state = AVC_EXCITE_RUNS;
 }
 
-static bool beyond(int32_t counts, int32_t most)
-{
-    return counts > most || counts < -most;
-}
-
 /* Why to stop at this tick; AVC_EXCITE_RUNS to go on. */
 static avc_excite_end_t judge(avc_excite_t *e, int32_t away, int32_t moved)
 {
@@ -101,10 +96,10 @@ static avc_excite_end_t judge(avc_excite_t *e, int32_t away, int32_t moved)
     if (e->stop_wanted != 0u) {
         return AVC_EXCITE_STOPPED;
     }
-    if (beyond(away, e->most_away)) {
+    if (avc_fault_beyond(away, e->most_away)) {
         return AVC_EXCITE_TRAVEL;
     }
-    if (beyond(moved, e->most_moved) || beyond(away - e->last, e->most_at_once)) {
+    if (avc_fault_beyond(moved, e->most_moved) || avc_fault_beyond(away - e->last, e->most_at_once)) {
         return AVC_EXCITE_SPEED;
     }
     if (e->left == 0u) {

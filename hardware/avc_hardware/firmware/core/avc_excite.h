@@ -72,7 +72,7 @@ typedef struct {
     uint32_t start_tick;
     uint32_t left; /* ticks until the host counts as silent */
     int32_t centre, last;
-    int32_t most_moved, most_at_once, most_away; /* counts in a window, in a tick, from the centre */
+    uint32_t most_moved, most_at_once, most_away; /* counts in a window, in a tick, from the centre */
     float unit_n;
     float spring_units, damper_units; /* a count; a count moved in a window */
     uint32_t envelope_at, envelope_step;

@@ -139,11 +139,6 @@ void avc_swap(avc_control_t *c, float x)
     c->swap_wanted = 0u;
 }
 
-static float size_of(float force_n)
-{
-    return force_n < 0.0f ? -force_n : force_n;
-}
-
 /* The force falls from the last good one. */
 void avc_control_fault(avc_control_t *c, uint32_t codes)
 {
@@ -155,7 +150,7 @@ void avc_control_fault(avc_control_t *c, uint32_t codes)
         fault->first = codes;
         fault->first_tick = c->state.ticks;
         fault->fading_n = c->previous_force;
-        fault->fade_n = size_of(c->previous_force) * c->config.limits.sample_time_s / fade_s;
+        fault->fade_n = __builtin_fabsf(c->previous_force) * c->config.limits.sample_time_s / fade_s;
     }
     fault->codes |= codes;
     c->state.mode = AVC_MODE_FAULT;
@@ -181,7 +176,7 @@ float avc_fail(avc_control_t *c, uint32_t codes, float x)
         c->state.has_table = 0u;
         c->excite.busy = 0u;
     }
-    const float left = size_of(c->fault.fading_n) - c->fault.fade_n;
+    const float left = __builtin_fabsf(c->fault.fading_n) - c->fault.fade_n;
     const float size = left > 0.0f ? left : 0.0f;
     c->fault.fading_n = c->fault.fading_n < 0.0f ? -size : size;
     return c->fault.fading_n;
