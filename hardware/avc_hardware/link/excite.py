@@ -113,13 +113,11 @@ def excite(
     cut: Callable[[ExcitationLog], None] | None = None,
 ) -> ExcitationLog:
     """Play a plan on a device and read the records."""
-    if port == EMULATOR and on_bench is not None:
-        link: ByteLink = BenchDevice(on_bench).board()
-    else:
-        link = open_link(port, baud=baud)
+    bench = on_bench if port == EMULATOR else None
+    link = open_link(port, baud=baud) if bench is None else BenchDevice(bench).board()
     with Connection(link, baud=baud) as connection:
-        if port == EMULATOR and on_bench is not None:
-            connection.configure(device_config(on_bench))
+        if bench is not None:
+            connection.configure(device_config(bench))
         _check(plan, connection.device, link.name, baud)
         number = secrets.randbits(32) or 1
         records = _Records(plan, link.name)

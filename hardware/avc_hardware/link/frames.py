@@ -58,8 +58,6 @@ def cobs_decode(data: bytes) -> bytes | None:
 
 def encode(frame: Frame) -> bytes:
     """Return the frame's bytes with the delimiter at the end."""
-    if len(frame.payload) > MAX_PAYLOAD:
-        raise ValueError(f"payload of {len(frame.payload)} bytes; allowed: at most {MAX_PAYLOAD}")
     content = _HEADER.pack(frame.version, frame.type, frame.sequence) + frame.payload
     return cobs_encode(content + _CRC.pack(zlib.crc32(content))) + DELIMITER
 

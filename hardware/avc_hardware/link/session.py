@@ -77,17 +77,20 @@ class Session:
         self._sequence = (self._sequence + 1) & 0xFFFF
         return self._sequence, encode(Frame(kind, self._sequence, payload))
 
-    def request(self, kind: Kind, payload: bytes) -> Generator[Exchange, Answer, Message]:
+    def request(
+        self, kind: Kind, payload: bytes, *, trials: int = RETRIES, timeout_s: float | None = None
+    ) -> Generator[Exchange, Answer, Message]:
         """Repeat one message until it is answered; a refusal is returned like any answer."""
         sequence, data = self.message(kind, payload)
-        for trial in range(RETRIES):
+        wait_s = self.timeout_s if timeout_s is None else timeout_s
+        for trial in range(trials):
             # A partial frame may be in the pipe: a delimiter ends it.
-            answer = yield Exchange(DELIMITER + data, self.timeout_s * (1 + trial))
+            answer = yield Exchange(DELIMITER + data, wait_s * (1 + trial))
             while answer is not None:
                 if answer[0] == sequence:
                     return answer[1]
-                answer = yield Exchange(b"", self.timeout_s)
-        raise NoAnswerError(f"no answer to {kind.name} after {RETRIES} trials")
+                answer = yield Exchange(b"", wait_s)
+        raise NoAnswerError(f"no answer to {kind.name}; asked {trials} times")
 
     def hello(self) -> Generator[Exchange, Answer, Device]:
         """Identify the device; refuse firmware of another interface."""

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Generator
+from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -20,7 +21,7 @@ from avc_hardware.link.device import MODES, Device, DeviceStatus
 from avc_hardware.link.faults import DeviceFault, Reason, Refusal
 from avc_hardware.link.messages import GainsTaken, Kind
 from avc_hardware.link.push import PushResult, push_over
-from avc_hardware.link.session import Answer, Exchange, Session
+from avc_hardware.link.session import NoAnswerError
 from avc_hardware.link.table import lookup
 
 if TYPE_CHECKING:
@@ -99,8 +100,10 @@ def stream(
             b, k, b_p = map(float, lookup(rows, np.float32(frequency)))
             payload = m.set_gains(int(coupling.id, 16), number, hold_ticks, b, k, b_p)
             # When the host itself is late: still allow time for the answer.
-            answer = connection.run(_send(connection.session, payload, max(end - at, 2e-3)))
-            heard = (math.nan, math.nan, math.nan, math.nan)
+            once = connection.session.request(Kind.SET_GAINS, payload, trials=1, timeout_s=max(end - at, 2e-3))
+            answer, heard = None, (math.nan, math.nan, math.nan, math.nan)
+            with suppress(NoAnswerError):
+                answer = connection.run(once)
             if isinstance(answer, GainsTaken):
                 frequency = answer.lookup_hz
                 heard = (answer.frequency_hz, frequency, answer.force_n, link.now_s() - at)
@@ -174,11 +177,3 @@ def _faults_on_the_way(sent: int, lost: int, late: int, refusals: list[Refusal])
         last = next(one for one in reversed(refusals) if one.reason is not Reason.STALE)
         faults.append(f"{len(refusals) - late} of {sent} messages were refused, the last: {last}")
     return faults
-
-
-def _send(session: Session, payload: bytes, wait_s: float) -> Generator[Exchange, Answer, m.Message | None]:
-    sequence, data = session.message(Kind.SET_GAINS, payload)
-    answer = yield Exchange(data, wait_s)
-    while answer is not None and answer[0] != sequence:
-        answer = yield Exchange(b"", wait_s)
-    return None if answer is None else answer[1]
