@@ -122,6 +122,15 @@ def test_single_bad_sample_changes_the_force_by_a_fiftieth(exchange, bad):
     assert c.step(0.001, *given) == -1.0
 
 
+@pytest.mark.parametrize("exchange", ["on-time", "held-force"])
+@pytest.mark.parametrize("bad", [9e-3, -9e-3, 4e-3])
+def test_a_jump_behind_a_lost_sample_is_not_believed_either(exchange, bad):
+    c, given = at_rest(exchange)
+    for sample in (math.nan, 0.001 + bad):
+        c.step(sample, *given)
+    assert c.tool_force(0.0, 0.0) == pytest.approx(1.0 - 2 / FADE)
+
+
 @pytest.mark.parametrize("exchange", ["on-time", "ahead", "held-force"])
 @pytest.mark.parametrize("sample", [0, 1, 2, 6])
 @pytest.mark.parametrize("bad", [9.8e-3, -9.8e-3, 4e-3, -1e-3, math.nan, -math.inf, 3e38])

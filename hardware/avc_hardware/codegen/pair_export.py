@@ -31,20 +31,21 @@ static int within({real} value, {real} most)
     return value >= -most && value <= most;
 }}
 
-/* Whether the own position is a number that can have come after the one before: no hand moves faster, and from the
- * second sample in a row, none changes its speed faster. */
+/* Whether the own position is a number that can have come after the last good one: no hand moves farther, and none
+ * changes its speed more from one good sample to the next; after bad ones it may also have stopped. */
 static int believed(const avc_coupling_t *coupling, {real} position_m)
 {{
     const avc_coupling_end_t *end = coupling->end;
     const avc_coupling_message_t *own = &coupling->own;
     const {real} moved_m = position_m - own->position_m;
-    const {real} changed_m = moved_m - own->velocity_m_per_s * end->sample_time_s;
+    const {real} samples = ({real})(coupling->missed + 1ul), most_m = samples * end->change_m;
+    const {real} changed_m = moved_m - samples * (own->velocity_m_per_s * end->sample_time_s);
     if (!within(position_m, {farthest})) {{
         return 0;
     }}
     return coupling->started == 0u ||
            (within(moved_m, end->jump_m) &&
-            (coupling->missed > 0ul || within(changed_m, end->change_m)));
+            (within(changed_m, most_m) || (coupling->missed > 0ul && within(moved_m, most_m))));
 }}
 
 /* Whether the other end can be so, after as many of its messages. */

@@ -16,8 +16,8 @@ if TYPE_CHECKING:
 
 _WRONG = """\
 A position that is no number (NaN, infinite), or that comes faster than {fastest}, as no hand does, or by a
-movement that differs from the one before by more than {change}: the last good one stays, the dampers are left out, and
-the force fades as long as it lasts{more}."""
+movement that differs from the one before by more than {change} a sample: the last good one stays, the dampers are left
+out, and the force fades as long as it lasts{more}."""
 _OF_ENGINE = """\
 A number of the engine that is none, or a tool that moves faster: the same. Once nothing is left of the force, whatever
 comes is believed. No step of the engine for more than {silence}: it hangs, and the force fades. {call} says that it
