@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, Literal
 
 import numpy as np
@@ -12,6 +12,7 @@ from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.arrays import BoolArray, FloatArray
 from avc_casadi._util.json_values import plain_table
 from avc_casadi._util.progress import SILENT, Progress, chunks
+from avc_casadi._util.text import quantity
 from avc_casadi.claims.impedance import PortWorst, perceived_worst
 from avc_casadi.claims.llewellyn import llewellyn_margin
 from avc_casadi.claims.port import CouplingSlack, RenderingSlack, passive_hand, port_worst
@@ -21,7 +22,7 @@ from avc_casadi.loops.wall import RADIUS_TOLERANCE, SampledLoop, fractions, line
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners, least_damped
 from avc_casadi.model.device import Device
 from avc_casadi.model.gains import GainSchedule
-from avc_casadi.model.problem import Model, Problem, Scope
+from avc_casadi.model.problem import Model, Problem
 
 Where = Literal["own", "band", "all"]
 """Frequencies at which a row is judged: its own, a band about it, or all."""
@@ -29,12 +30,11 @@ Where = Literal["own", "band", "all"]
 
 @dataclass(frozen=True)
 class Level:
-    """What one level claims and leaves; where and with which hold, and the scope of a problem that it decides."""
+    """What one level claims and leaves, where and with which hold."""
 
     title: str
     claims: str
     leaves: str
-    scope: Scope | None = None
     where: Where = "all"
     hold: Model | None = None
     any_environment: bool = False
@@ -47,28 +47,24 @@ LEVELS = {
         "Re Z_h >= 0 at each row's own frequency: the paper's (12); a table of one row runs at every frequency of the"
         " problem, and is judged there",
         "anything of the other frequencies, though the hand excites them all",
-        scope="pointwise",
         where="own",
     ),
     "L1": Level(
         "passive in a band about its own frequency",
         "the same in a band about it (`band_factor`)",
         "the rest of the spectrum",
-        scope="band",
         where="band",
     ),
     "L2": Level(
         "passive at all frequencies, paper's hold",
         "each frozen row passive with this wall at every frequency, paper's hold",
         "the hold of a real device: each force stands for a whole sample",
-        scope="all",
         hold="paper",
     ),
     "L3": Level(
         "passive at all frequencies, sampled-data hold",
         "the same, sampled-data hold: the condition of Colgate and Schenkel, exact",
         "changing gains; friction, encoder, saturation",
-        scope="all",
         hold="sampled-data",
     ),
     "L4": Level(
@@ -83,7 +79,6 @@ LEVELS = {
         "each frozen row linearly stable with every hand of the ranges, on the loop that runs, without friction:"
         " *checked* by corners, draws and a search for the worst hand",
         "passivity; hands outside the ranges; switching",
-        scope="hands",
     ),
     "L7": Level(
         "settles with every hand, making and breaking contact",
@@ -93,12 +88,6 @@ LEVELS = {
         on_demand=True,
     ),
 }
-
-
-def asked_for(problem: Problem) -> str:
-    """Return the level that the scope of a problem requires."""
-    stated = problem.stability
-    return next(name for name, one in LEVELS.items() if one.scope == stated.scope and one.hold in {None, stated.model})
 
 
 _HOLD = {"paper": "the paper's hold", "sampled-data": "the sampled-data hold"}
@@ -286,7 +275,7 @@ def _exact(rows: Rows, level: str, model: Model, progress: Progress) -> LevelRes
             if whole:
                 # Poles and residue are conditions of a rendering as a whole; other claims are on Re Z_h alone.
                 sound = worst.poles_stable & (worst.dc_stiffness_n_per_m >= 0)
-                faults = _faults(~worst.poles_stable, worst.dc_stiffness_n_per_m)
+                faults = _faults(rows.problem, ~worst.poles_stable, worst.dc_stiffness_n_per_m)
     margin, at, tolerance = lowest_of(found)
     if any_environment:
         claim = f"each frozen row meets Llewellyn's condition (6) for any passive environment, under {_HOLD[model]}"
@@ -344,16 +333,16 @@ def _at_port(rows: Rows, level: str, progress: Progress) -> LevelResult:
     if any_environment:
         claim = "each frozen row meets Llewellyn's condition (6) for any passive environment"
     claim += f", under {_HOLD['sampled-data']}, with the device as declared{_at_corners(corners)}"
-    faults = [fault if met else "" for fault, met in zip(_faults(stiffness >= 0, stiffness), worst.passed, strict=True)]
+    also = _faults(rows.problem, stiffness >= 0, stiffness)
+    faults = [fault if met else "" for fault, met in zip(also, worst.passed, strict=True)]
     return level_result(rows, level, "sampled-data", claim, worst.passed & sound, *worst[1:], faults)
 
 
-def _faults(unstable: BoolArray, dc_n_per_m: FloatArray) -> list[str]:
+def _faults(problem: Problem, unstable: BoolArray, dc_n_per_m: FloatArray) -> list[str]:
     """Return what fails of each row besides a margin, in words."""
-    return [
-        "a pole outside the unit circle" if grows else f"a negative DC stiffness of {dc:.4g}" if dc < 0 else ""
-        for grows, dc in zip(unstable, dc_n_per_m, strict=True)
-    ]
+    pole, static = "a pole outside the unit circle", partial(quantity, unit=problem.units.unit("N/m"))
+    each = zip(unstable, dc_n_per_m, strict=True)
+    return [pole if grows else f"a negative DC stiffness of {static(dc)}" if dc < 0 else "" for grows, dc in each]
 
 
 def _at_corners(corners: list[Device]) -> str:

@@ -270,6 +270,7 @@ class LawCertificate(Printed):
         free: b_p alone, outside the wall, the worse of held and released; None without b_p.
         largest_stiffness_n_per_m: up to which k holds at this b; 0 where none does.
         damping_range_ns_per_m: lowest and largest b that hold at this k; None where none does.
+        largest_local_damping_ns_per_m: up to which b_p holds outside the wall; None without b_p.
         static_stiffness_n_per_m: at rest, at the handle.
         rendered_n_per_m: magnitude of force over position at the handle, by frequency in Hz.
         encoder_step_n: change of the force by one step of the encoder.
@@ -288,6 +289,7 @@ class LawCertificate(Printed):
     free: Case | None
     largest_stiffness_n_per_m: float
     damping_range_ns_per_m: tuple[float, float] | None
+    largest_local_damping_ns_per_m: float | None
     static_stiffness_n_per_m: float
     rendered_n_per_m: dict[float, float]
     encoder_step_n: float
@@ -330,6 +332,7 @@ class LawCertificate(Printed):
         damper, spring = (partial(quantity, unit=self.problem.units.unit(one)) for one in ("N.s/m", "N/m"))
         late = f"with {delay} at {1 / device.sample_time_s:g} Hz{ranges}"
         low, high, free = *(allowed or (0.0, 0.0)), self.free is None or self.free.stable
+        b_p, alone = law.local_damping_ns_per_m, self.largest_local_damping_ns_per_m
         if self.stable:
             thin = f"a disk margin of {self.disk_margin:.2g} is {'thin' if self.passed else f'below {LEAST_DISK}'}"
             doubts = [thin] if self.disk_margin < SOUND_DISK else []
@@ -337,7 +340,7 @@ class LawCertificate(Printed):
             whose = "with every hand and released" if any(self.held.hand.values()) else "released; nobody holds it"
             return f"stable, but {', and '.join(doubts)}" if doubts else f"stable {whose}"
         unstable = {
-            f"b_p {damper(law.local_damping_ns_per_m)} is too much outside the wall {late}": not free,
+            f"b_p {damper(b_p)} is above its largest outside the wall, {damper(alone)}, {late}": not free,
             f"no b holds this k {late}": allowed is None,
             f"b {damper(b)} is above its largest, {damper(high)}, {late}": b > high,
             f"b {damper(b)} is below the {damper(low)} that this k needs {late}": b < low,
@@ -400,6 +403,7 @@ def certify_law(
         free=min(outside, key=lambda case: (case.stable, case.margins.disk), default=None),
         largest_stiffness_n_per_m=loops.largest_stiffness(law),
         damping_range_ns_per_m=loops.damping_range(law),
+        largest_local_damping_ns_per_m=(loops.damping_range(Law(0.0, b_p)) or (0.0, 0.0))[1] if b_p else None,
         static_stiffness_n_per_m=stiffness_at_handle(device, k),
         rendered_n_per_m={
             hz: float(abs(force_over_position(rendering, np.exp(2j * math.pi * hz * period))))

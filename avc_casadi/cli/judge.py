@@ -59,8 +59,8 @@ def run_certify(args: argparse.Namespace, console: Console) -> Answer:
         raise avc.InputError.of("writes what --prove finds; give --prove too", key="--proof-out")
     problem, coupling, notes = cli.subject(args.problem, args.gains)
     if coupling is None:
-        make = f"avc recommend {quote(args.problem)} --out c.json"
-        raise avc.InputError.of(f"is missing; give a coupling or gain file: {make}", key="GAINS")
+        allowed = f"a file of gains (avc recommend {quote(args.problem)} --out c.json), or a law: --k K --b B"
+        raise avc.InputError.of(f"is missing; allowed: {allowed}", key="GAINS")
     if coupling.end != "wall":
         cli.refuse(args, "prove", "proof_out", why=cli.OF_WALLS)
         return _certify_pair(problem, coupling.gains, args.gains or args.problem, console)
@@ -84,7 +84,6 @@ def _certify_wall(
     problem: avc.Problem, coupling: Coupling, notes: list[str], args: argparse.Namespace, console: Console
 ) -> Answer:
     from avc_casadi.claims.certify import proof_files
-    from avc_casadi.claims.levels import asked_for
     from avc_casadi.files.coupling_file import same_problem
     from avc_casadi.present.rows import holes
     from avc_casadi.present.rows.judge import certificate
@@ -101,7 +100,6 @@ def _certify_wall(
     with console.step("table that runs"):
         verdict = avc.deployable(coupling, console).document()
     data = found.document() | {
-        "claimed": asked_for(problem),
         "gains": args.gains or args.problem,
         "notes": [*notes, *filter(None, [holes(coupling.schedule)])],
         "proof_files": list(proofs),

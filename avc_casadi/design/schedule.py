@@ -158,7 +158,7 @@ def _schedule(programme: Programme, missing: Missing, found: Solution | None) ->
         status = tuple(Status.FAILED if item.has_gains else item for item in status)
         notes = [f"ipopt stopped with {found.failure}: no schedule"]
     elif found is not None:
-        notes = [f"cost {found.cost:.6g}: mean squared {problem.realism.objective} error and slope penalty"]
+        notes = [f"cost {found.cost:.6g}: mean squared {problem.realism.objective} error and slope penalty, no unit"]
         notes.append("from the dynamic programme on a lattice; not proved to be the global optimum")
         if len(programme.frequency_hz) > 1 and not missing.rows.any():
             steepest = np.abs(np.diff(states, axis=1) / np.diff(programme.log_frequency)).max(axis=1)

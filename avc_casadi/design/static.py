@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from itertools import product
 from typing import Literal
 
@@ -12,6 +13,8 @@ import numpy as np
 
 from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.arrays import BoolArray, FloatArray
+from avc_casadi._util.text import quantity
+from avc_casadi._util.units import Units
 from avc_casadi.claims.llewellyn import llewellyn_margin
 from avc_casadi.claims.worst_frequency import worst_margin
 from avc_casadi.loops.wall import SampledLoop
@@ -205,20 +208,19 @@ class StaticCoupling:
     error: float
     found: bool
 
-    def sentence(self) -> str:
+    def gains(self, units: Units) -> str:
+        """Return damper and springs with their units."""
+        damping, stiffness = (partial(quantity, unit=units.unit(one), digits=4) for one in ("N.s/m", "N/m"))
+        contact = f", b_p {damping(self.contact_damping_ns_per_m)}" if self.contact_damping_ns_per_m else ""
+        return f"b {damping(self.damping_ns_per_m)}, k {stiffness(self.stiffness_n_per_m)}{contact}"
+
+    def sentence(self, units: Units) -> str:
         """Return a printed line."""
-        names = {
-            "llewellyn": "Llewellyn (6), any passive environment",
-            "all": "passive with this environment at all frequencies",
-        }
+        names = {"llewellyn": "Llewellyn (6), any passive environment", "all": "passive with this environment alone"}
         name = f"{names[self.condition]}, {self.model} model"
         if not self.found:
             return f"{name}: no constant coupling of the gain box"
-        contact = f", b_p = {self.contact_damping_ns_per_m:.6g}" if self.contact_damping_ns_per_m else ""
-        return (
-            f"{name}: b = {self.damping_ns_per_m:.6g}, k = {self.stiffness_n_per_m:.6g}{contact}, "
-            f"error {100 * self.error:.4g} %"
-        )
+        return f"{name}: {self.gains(units)}, error {100 * self.error:.4g} %"
 
 
 def static_coupling(problem: Problem, condition: StaticCondition = "llewellyn") -> StaticCoupling:
@@ -241,13 +243,13 @@ def static_coupling(problem: Problem, condition: StaticCondition = "llewellyn") 
 
 def solve_static(problem: Problem) -> GainSchedule:
     """Solve by a constant coupling under Llewellyn's condition; notes tell the best that is passive here alone."""
-    started = time.perf_counter()
+    started, units = time.perf_counter(), problem.units
     certified, special = static_coupling(problem), static_coupling(problem, "all")
     b, k, contact = certified.damping_ns_per_m, certified.stiffness_n_per_m, certified.contact_damping_ns_per_m
     lacking = problem.stability.margin_ns_per_m - certified.margin_ns_per_m
     why = (
         f"no constant coupling of the gain box meets Llewellyn's condition (6), {certified.model} model: the best, "
-        f"b = {b:.6g} and k = {k:.6g}, lacks {lacking:.6g} of device damping"
+        f"{certified.gains(units)}, lacks {quantity(lacking, units.unit('N.s/m'))} of device damping"
     )
     n = len(problem.frequencies_hz())
     return constant_schedule(
@@ -257,7 +259,7 @@ def solve_static(problem: Problem) -> GainSchedule:
         started,
         reason="" if certified.found else why,
         status=row_status(problem, *(np.full(n, gain) for gain in (b, k, contact))),
-        notes=tuple(f"best constant coupling, {choice.sentence()}" for choice in (certified, special)),
+        notes=tuple(f"best constant coupling, {choice.sentence(units)}" for choice in (certified, special)),
     )
 
 

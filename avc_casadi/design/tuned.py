@@ -14,6 +14,7 @@ import numpy as np
 
 from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.progress import SILENT, Progress
+from avc_casadi._util.text import quantity
 from avc_casadi.design.schedule import solve_schedule
 from avc_casadi.design.static import constant_schedule
 from avc_casadi.model.effects import HandEffect, WallEffect
@@ -36,22 +37,18 @@ class StaticTuned:
     gains: Gains | None
     error: float
     reserve_ns_per_m: float
-    raised: int
     rested: int
     hands: int
     reason: str = ""
 
-    def sentence(self) -> str:
-        """Return a line on the result and its trial."""
+    def sentence(self, damping: str) -> str:
+        """Return a line on the result and its trial; ``damping`` is the unit of the reserve."""
         if self.gains is None:
             return self.reason
-        b, k, b_p = vars(self.gains).values()
-        contact = f", b_p = {b_p:.6g}" if b_p else ""
-        raised = f", raised {self.raised} times" if self.raised else ""
         return (
-            f"tuned constant gains: b = {b:.6g}, k = {k:.6g}{contact}, error "
-            f"{100 * self.error:.4g} %; linearly stable with every hand with {self.reserve_ns_per_m:.4g} of "
-            f"damping in reserve{raised}; {self.hands} hands (seed {_SEED}) at rest in the scene"
+            f"tuned constant gains: error {100 * self.error:.4g} %; linearly stable with every hand with "
+            f"{quantity(self.reserve_ns_per_m, damping)} of damping in reserve; "
+            f"{self.hands} hands (seed {_SEED}) at rest in the scene"
         )
 
 
@@ -70,16 +67,16 @@ def tune_static(problem: Problem, *, draws: int = 32, raises: int = 8, progress:
             f"there; listed: {', '.join(sorted(kinds))}"
         )
     hands = hand_set(problem.hands, draws=draws, seed=_SEED)
-    reserve = problem.stability.margin_ns_per_m or tuned_margin(problem)
-    rested, raised, error, why = 0, 0, np.inf, ""
+    damping, reserve = problem.units.unit("N.s/m"), problem.stability.margin_ns_per_m or tuned_margin(problem)
+    rested, error, why = 0, np.inf, ""
     for raised in range(1 + raises):
-        progress.advance(raised, 1 + raises, f"{reserve:.4g} in reserve")
+        progress.advance(raised, 1 + raises, f"{quantity(reserve, damping)} in reserve")
         # Realism applies to tables: the best constant gains may be unrealistic at some row.
         stated = problem.changed(stability={"scope": "hands", "margin_ns_per_m": reserve}, realism={"require": "none"})
         table = solve_schedule(stated, constant=True)
         if not table.usable.all():
             why = f"{why}, and with more none are found" if raised else table.reason[0]
-            return StaticTuned(None, error, reserve, raised, rested, len(hands), why)
+            return StaticTuned(None, error, reserve, rested, len(hands), why)
         gains, rest = gains_at(table), np.ones(len(hands), dtype=bool)
         # The trial without friction costs least and comes first; where it fails the next is skipped.
         for friction in (False, True) if "coulomb-friction" in kinds else (False,):
@@ -91,20 +88,21 @@ def tune_static(problem: Problem, *, draws: int = 32, raises: int = 8, progress:
             perceived = loop.perceived(*vars(gains).values())
             errors = relative_errors(perceived, np.asarray(loop.target), realism.objective, realism.jnd)
             error = float(np.sqrt(np.mean(errors**2)))
-            return StaticTuned(gains, error, reserve, raised, rested, len(hands))
+            return StaticTuned(gains, error, reserve, rested, len(hands))
         why = (
             f"no constant gains of the box make every hand settle in the scene: {rested} of {len(hands)} with the "
             "last; narrow [hands], widen the box of [coupling], add device damping or soften the wall"
         )
         reserve *= _RAISE
-    return StaticTuned(None, error, reserve / _RAISE, raised, rested, len(hands), why)
+    return StaticTuned(None, error, reserve / _RAISE, rested, len(hands), why)
 
 
 def solve_static_tuned(problem: Problem, *, progress: Progress = SILENT) -> GainSchedule:
     """Solve by tuned constant gains; the same at every row; the notes report their trial."""
     started = time.perf_counter()
     found = tune_static(problem, progress=progress)
-    notes = (found.sentence(),)
+    damping = problem.units.unit("N.s/m")
+    notes = (found.sentence(damping),)
     return constant_schedule(problem, "static-tuned", found.gains, started, reason=found.reason, notes=notes)
 
 

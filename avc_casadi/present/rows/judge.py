@@ -41,8 +41,8 @@ _CURVES = {
 # Values of a law: name and option of the command line.
 _LAW = {
     "stiffness_n_per_m": ("k", "--k"),
-    "damping_ns_per_m": ("b", "--b"),
-    "local_damping_ns_per_m": ("b_p", "--b-p"),
+    "damping_ns_per_m": ("b in the wall", "--b"),
+    "local_damping_ns_per_m": ("b_p everywhere", "--b-p"),
     "cutoff_hz": ("cutoff", "--cutoff-hz"),
     "sample_time_s": ("sample time", ""),
     "delay_samples": ("delay", ""),
@@ -73,9 +73,6 @@ def certificate(data: Mapping[str, Any], problem: Problem, shown: str | None = N
         *subject.written(*data["proof_files"]),
         *levels(data["levels"]),
     ]
-    if "claimed" in data:
-        claimed = data["levels"][data["claimed"]]
-        rows.append(row("Asked for", f"{claimed['title']}: {'met' if claimed['pass'] else 'not met'}", rank=1))
     onwards = [f"recommend {quote(shown)} --out coupling.json"] if shown and not verdict["pass"] else []
     if file is not None:
         beside = f" --problem {quote(shown)}" if file.endswith(".csv") else ""
