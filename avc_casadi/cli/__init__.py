@@ -135,14 +135,10 @@ def _answered(args: argparse.Namespace, console: Console, arguments: Sequence[st
         console.complain(traceback.format_exc())
         console.refuse(InputError.of(f"internal error: {error!r}"), "avc: internal error; please report it")
         return INTERNAL
-    onwards = []
-    for command in answer.commands:  # one that shows more of the same answer, with what was typed
-        if not command.endswith(" -v"):
-            onwards.append(command)
-        elif not args.verbose:
-            onwards.append(shlex.join(["avc", *arguments, "-v"]))
-    answer = replace(answer, commands=tuple(dict.fromkeys(onwards)))
-    console.answer(answer, verbose=getattr(args, "verbose", False))
+    verbose = getattr(args, "verbose", True)
+    if not verbose and any(one.rank for one in answer.rows):
+        answer = replace(answer, commands=(*answer.commands, shlex.join(["avc", *arguments, "-v"])))
+    console.answer(answer, verbose=verbose)
     return answer.code or int(bool(answer.complaint))
 
 

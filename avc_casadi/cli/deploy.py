@@ -36,7 +36,6 @@ _PRECISION = "single (default): float, as in the packaged firmware; double: wher
     cli.flag("--force", "write over a file that is there and is no export"),
     cli.BESIDE,
     cli.UNSAFE,
-    cli.VERBOSE,
 )
 def run_export(args: argparse.Namespace, console: Console) -> Answer:
     """Write a coupling as C for firmware of your own: avc_coupling.h and avc_coupling.c.

@@ -193,7 +193,6 @@ def gain_pair(text: str) -> tuple[float, float]:
     cli.PROBLEM,
     cli.argument("--mine", type=gain_pair, metavar="K,B", text="judge a constant pair too, as 7000,10: N/m and N.s/m"),
     cli.plot("the comparison"),
-    cli.VERBOSE,
 )
 def run_compare(args: argparse.Namespace, console: Console) -> Answer:
     """Put the methods side by side, frequency by frequency, with a verdict."""

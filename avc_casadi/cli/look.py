@@ -141,7 +141,6 @@ def run_explore(args: argparse.Namespace, console: Console) -> Answer:
     cli.flag("--ports", "list the serial ports alone, USB devices first"),
     cli.flag("--ask", "open each port and ask which avc device is there; boards like the Arduino start anew by that"),
     cli.BAUD,
-    cli.VERBOSE,
 )
 def run_doctor(args: argparse.Namespace, console: Console) -> Answer:
     """Show versions, solvers, compiler, ports and permissions.
@@ -202,7 +201,6 @@ def run_accuracy(args: argparse.Namespace, console: Console) -> Answer:
     cli.argument("--hands", type=cli.positive_int, default=200, metavar="N", text="hands of each set (default 200)"),
     cli.argument("--seed", type=int, default=2026, metavar="S", text="the same seed, the same counts"),
     *cli.WORKERS,
-    cli.VERBOSE,
 )
 def run_table1(args: argparse.Namespace, console: Console) -> Answer:
     """Rebuild the paper's Table 1 with simulated hands: stable or not, and which coupling feels like the wall.

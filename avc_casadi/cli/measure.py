@@ -169,7 +169,6 @@ def run_diagnose(args: argparse.Namespace, console: Console) -> Answer:
     for place, each in enumerate(found if args.plot is not None else ()):
         pictures.append(args.plot if len(found) == 1 else args.plot.with_stem(f"{args.plot.stem}-{place + 1}"))
         write_figure(console, pictures[-1], partial(avc.figures.draw_diagnosis, each))
-    words = [*args.log, *(["--device", args.device] if args.device else [])]
-    answer = diagnosis(data, found, f"avc diagnose {shlex.join(words)} -v", [str(path) for path in pictures])
+    answer = diagnosis(data, found, [str(path) for path in pictures])
     healthy = all(each.verdict == "nothing wrong" for each in found)
     return replace(answer, code=0 if healthy or all(each.cause for each in found) else 1)

@@ -41,12 +41,12 @@ def solution(data: Mapping[str, Any], problem: Problem, shown: str = "", file: s
     rows += [*subject.written(file), *subject.notes(data["notes"], rank=1, mark=Mark.NONE)]
     rows += [*levels(data["certificate"]["levels"]), *printed_errors(data.get("paper_errors", ()))]
     printed = " --as-printed" if "paper_errors" in data else ""
-    again = f"solve {{}} --method {data['method']}{printed}"
-    beside = "{} " if file and file.endswith(".csv") else ""
-    onwards = f"{again} --out gains.json" if data["deployable"] else "recommend {} --out coupling.json"
-    if file and data["deployable"]:
-        onwards = f"certify {beside}{quote(file)}"
-    return subject.answer("solve", data, problem, shown, rows, onwards, f"{again} -v", complaint=without_gains(data))
+    onwards = "recommend {} --out coupling.json"
+    if data["deployable"] and file:
+        onwards = f"certify {'{} ' * file.endswith('.csv')}{quote(file)}"
+    elif data["deployable"]:
+        onwards = f"solve {{}} --method {data['method']}{printed} --out gains.json"
+    return subject.answer("solve", data, problem, shown, rows, onwards, complaint=without_gains(data))
 
 
 def printed_errors(errors: Sequence[Mapping[str, Any]]) -> list[Row]:
@@ -111,11 +111,7 @@ def comparison(data: Mapping[str, Any], problem: Problem, shown: str = "", drawn
     if missing:
         first = f"first at {data['frequency_hz'][missing[0]]:.4g} Hz: {data['reason'][missing[0]]}"
         complaint = f"avc: {len(missing)} of {len(data['verdict'])} frequencies are infeasible, {first}"
-    for verdict in (name for name, times in data["counts"].items() if times):
-        at = data["verdict"].index(verdict)
-        why = f"first at {data['frequency_hz'][at]:.4g} Hz: {data['reason'][at]}"
-        rows.append(row(verdict.capitalize(), why, rank=1))
-    return subject.answer("compare", data, problem, shown, rows, "recommend {}", "compare {} -v", complaint=complaint)
+    return subject.answer("compare", data, problem, shown, rows, "recommend {}", complaint=complaint)
 
 
 def _method(name: str, found: Mapping[str, Any], data: Mapping[str, Any]) -> Row:

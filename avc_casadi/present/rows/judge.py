@@ -77,7 +77,6 @@ def certificate(data: Mapping[str, Any], problem: Problem, shown: str | None = N
     if file is not None:
         beside = f" --problem {quote(shown)}" if file.endswith(".csv") else ""
         onwards += [f"export {quote(file)} --c firmware{beside}"] if verdict["pass"] else []
-        onwards.append(f"certify {quote(file)} -v")
     complaint = "" if verdict["pass"] else f"avc: {problem.name}: {file} is not deployable"
     return subject.answer("certify", data, problem, file or shown, rows, *onwards, complaint=complaint)
 
@@ -250,7 +249,7 @@ def walls(data: Mapping[str, Any], problem: Problem, shown: str = "", drawn: str
         limit = "{encoder_limit_n_per_m} for a passive wall, 2 f_c/Delta (Abbott and Okamura 2005)"
         rows.append(row("Encoder limit", fill(limit, data)))
     rows += [*subject.notes(data["refused"], "Not judged"), *subject.written(drawn, label="Drawn")]
-    return subject.answer("zwidth", data, problem, shown, rows, "recommend {} --stiffest", "zwidth {} -v")
+    return subject.answer("zwidth", data, problem, shown, rows, "recommend {} --stiffest")
 
 
 def scene(data: Mapping[str, Any], problem: Problem, shown: str = "", drawn: str | None = None) -> Answer:
@@ -281,8 +280,7 @@ def scene(data: Mapping[str, Any], problem: Problem, shown: str = "", drawn: str
         rows.append(row("Left out", left, mark=Mark.CAUTION))
     rows += [*subject.written(trace, drawn), *_explanation(data, problem.units)]
     complaint = "" if data["stable"] else f"avc: {problem.name}: the device {outcome(data)}"
-    onwards = [] if tool else ["simulate {} -v"]
-    return subject.answer("simulate", data, problem, shown, rows, *onwards, complaint=complaint)
+    return subject.answer("simulate", data, problem, shown, rows, complaint=complaint)
 
 
 def outcome(data: Mapping[str, Any]) -> str:

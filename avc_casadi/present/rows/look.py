@@ -148,12 +148,11 @@ def installation(data: Mapping[str, Any], ports: Sequence[Row]) -> Answer:
         row("Emulator", emulator, mark=grade(data["emulator"], Mark.CAUTION)),
         *ports,
         row("This folder", writable, mark=grade(data["folder_writable"])),
-        *(row(name, place or "absent", rank=1) for name, place in programs.items()),
     ]
     bad = ", ".join(name for name, solves in solvers.items() if not solves)
     complaint = f"avc: {bad} does not solve; install casadi again: pip install --force-reinstall casadi" if bad else ""
     title = (f"{data['executable']} on {data['platform']}",)
-    return Answer("doctor", data, title, tuple(rows), ("avc doctor -v",), complaint=complaint)
+    return Answer("doctor", data, title, tuple(rows), complaint=complaint)
 
 
 def ports(found: Sequence[Mapping[str, Any]], *, asked: bool) -> list[Row]:
@@ -183,7 +182,7 @@ def accuracy(data: Mapping[str, Any]) -> Answer:
         notable = f"{', fastest of its accuracy' if one['pareto'] else ''}{', default' if one['default'] else ''}"
         rows.append(row(one["method"], text, notable, rank=0 if notable else 1))
     title = (f"{data['problem']}   error of |Z_h| beyond the optimum of `exact`, relative to |Z_h_ds|",)
-    return Answer("accuracy", data, title, tuple(rows), (f"avc accuracy {data['problem']} -v",))
+    return Answer("accuracy", data, title, tuple(rows))
 
 
 def table1(data: Mapping[str, Any]) -> Answer:
@@ -269,19 +268,18 @@ def identification(
         error = f"error {{change:share}} on stretches held out, {trial.standard_errors:.2g} std errors"
         text = f"{'taken' if trial.taken else 'not taken'}: {error}{'; ' if trial.why else ''}{trial.why}"
         rows.append(row(f"Rung {trial.rung}", fill(text, vars(trial)), rank=1))
-    onwards = [f"avc check {quote(one)}" for one in files if one.endswith(".toml")]
-    onwards.append(f"avc identify {' '.join(logs)} -v")
+    onwards = (f"avc check {quote(one)}" for one in files if one.endswith(".toml"))
     return Answer("identify", data, title, tuple(rows), tuple(onwards), units)
 
 
-def diagnosis(data: Mapping[str, Any], found: Sequence[Diagnosis], command: str, files: Sequence[str]) -> Answer:
+def diagnosis(data: Mapping[str, Any], found: Sequence[Diagnosis], files: Sequence[str]) -> Answer:
     """Return the answer of `diagnose`: the rows of one log, or a row for each of several."""
     beside = subject.written(*files)
     units, marks = found[0].design.device.units, {"nothing wrong": Mark.PASS, "named": Mark.FAIL}
     if len(found) > 1:
         rows = [row(one.log.name, one.conclusion, mark=marks.get(one.verdict, Mark.CAUTION)) for one in found[:10]]
         rows += [row("Others", subject.plural(len(found) - 10, "log"))] if len(found) > 10 else []
-        return Answer("diagnose", data, (f"{len(found)} logs",), (*rows, *beside), (command,), units)
+        return Answer("diagnose", data, (f"{len(found)} logs",), (*rows, *beside), units=units)
     one, swing, law, fit = found[0], found[0].swing, found[0].law, found[0].fit
     rows = [row("Verdict", one.conclusion, mark=marks.get(one.verdict, Mark.CAUTION))]
     for cure in one.remedies[:3]:
@@ -312,4 +310,4 @@ def diagnosis(data: Mapping[str, Any], found: Sequence[Diagnosis], command: str,
         rows += [row("Stops", commas(Value(at, "length") for at in fit.best.stops))] if fit.best.stops else []
     rows += [*beside, *subject.notes(one.notes, "Assumed", Mark.NONE, 1)]
     title = parts(one.log.name, " ", Value(one.log.position_m.size * one.log.period_s, "time"))
-    return Answer("diagnose", data, title, tuple(rows), (command,), units)
+    return Answer("diagnose", data, title, tuple(rows), units=units)

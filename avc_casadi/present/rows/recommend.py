@@ -32,8 +32,7 @@ def recommendation(found: Recommendation, shown: str = "", file: str | None = No
     """Return the answer of `recommend`; ``file`` holds the coupling."""
     problem, data = found.problem, found.data()
     rows = wall_rows(data, problem) if found.pair is None else _pair_rows(data, problem)
-    asked = f"recommend {{}}{' --stiffest' * bool(found.no_stiffer)}"
-    onwards = f"{asked} --out coupling.json"
+    onwards = f"recommend {{}}{' --stiffest' * bool(found.no_stiffer)} --out coupling.json"
     nothing = data["reason"].startswith("nothing") or problem.environment.stiffness_n_per_m == 0
     if found.deployable and file is not None:
         onwards = f"export {quote(file)} --c firmware"
@@ -45,7 +44,7 @@ def recommendation(found: Recommendation, shown: str = "", file: str | None = No
         onwards = "recommend {} --stiffest"
     complaint = "" if found.deployable else f"avc: {problem.name}: no coupling is deployable"
     rows += [*subject.written(file), *_details(data)]
-    return subject.answer("recommend", data, problem, shown, rows, onwards, f"{asked} -v", complaint=complaint)
+    return subject.answer("recommend", data, problem, shown, rows, onwards, complaint=complaint)
 
 
 def verdict(data: Mapping[str, Any], rows: Sequence[Row]) -> tuple[str, bool]:
