@@ -215,11 +215,11 @@ class Page:
         return cls(width, colour)
 
     def rendered(self, answer: Answer, *, verbose: bool = False) -> str:
-        """Return an answer as text; without verbose the last unmarked rows go while it is longer than a screen."""
+        """Return an answer as text; without verbose it ends with a screen, but for five rows and those with a mark."""
         rows = [one for one in answer.rows if verbose or one.rank == 0]
         lines = self._lines(answer, rows)
         while not (verbose or answer.whole) and (len(rows) > MOST_ROWS or len(lines) > MOST_LINES):
-            spare = [one for one in rows[1:] if one.mark is Mark.NONE]
+            spare = [one for one in rows[5:] if one.mark is Mark.NONE]
             if not spare:
                 break
             rows.remove(spare[-1])

@@ -39,16 +39,15 @@ def text_of(result: object) -> str:
 
 answer_of.register(Recommendation, recommendation)
 answer_of.register(LawCertificate, judge.own_law)
-
-
-def _stated(result: GainSchedule | Run) -> Problem:
-    assert result.stated is not None  # noqa: S101 - another prints its line
-    return result.stated
+answer_of.register(Comparison, lambda found: design.comparison(found.document(), found.stated))
+answer_of.register(ZWidth, lambda found: judge.walls(found.document(), found.stated))
+answer_of.register(Run, lambda found: judge.scene(found.document() | facts_of(found), found.stated))
 
 
 @answer_of.register
 def _solution(result: GainSchedule) -> Answer:
-    problem = _stated(result)
+    problem = result.stated
+    assert problem is not None  # noqa: S101 - another prints its line
     coupling = Coupling.of(problem, result) if result.usable.any() else None
     return design.solution(solution_data(problem, result, coupling, None), problem)
 
@@ -78,21 +77,6 @@ def _certificate(result: Certificate) -> Answer:
     verdict = {"pass": False} if coupling is None else deployable(coupling).document()
     beside = {"gains": None, "notes": [*filter(None, [notes])], "proof_files": [], "deployable": verdict}
     return judge.certificate(result.document() | beside, problem)
-
-
-@answer_of.register
-def _comparison(result: Comparison) -> Answer:
-    return design.comparison(result.document(), result.stated)
-
-
-@answer_of.register
-def _run(result: Run) -> Answer:
-    return judge.scene(result.document() | facts_of(result), _stated(result))
-
-
-@answer_of.register
-def _walls(result: ZWidth) -> Answer:
-    return judge.walls(result.document(), result.stated)
 
 
 def holes(schedule: GainSchedule) -> str:

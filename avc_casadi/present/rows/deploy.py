@@ -21,12 +21,6 @@ def _unsafe(data: Mapping[str, Any]) -> list[Row]:
     return [row("Unsafe", data["unsafe"], mark=Mark.FAIL)] if data["unsafe"] else []
 
 
-def _files(files: Sequence[str]) -> list[Row]:
-    """List the written files: all where they fit into a line or two, or the first and their number."""
-    more = f" and {len(files) - 2} more files" if len(files) > 4 else ""
-    return [row("Written", ", ".join(files[:2] if more else files) + more)]
-
-
 def limits(data: Mapping[str, Any], units: Units) -> Answer:
     """Return the answer of `device`."""
     rows = []
@@ -102,7 +96,7 @@ def export(data: Mapping[str, Any], coupling: Coupling, shown: str) -> Answer:
         *_unsafe(data),
         row("Coupling", f"{coupling.id}:", what),
         row("C", f"{data['precision']} precision,", rates, f", {size}"),
-        *_files(data["files"]),
+        *subject.written(*data["files"]),
         *subject.notes(filter(None, [data.get("holes")])),
         *subject.notes(data.get("lacks", ()), "Lacks"),
     ]
@@ -116,7 +110,7 @@ def firmware(data: Mapping[str, Any], title: str, units: Units, held: str) -> An
         row("Made for", fill(made, data["limits"])),
         row("Gains", held),
         row("Serial line", f"{data['baud']} baud"),
-        *_files(data["files"]),
+        *subject.written(*data["files"]),
         *subject.notes(data["notes"]),
         *(row("or by" if place else "Flash by", one) for place, one in enumerate(data["commands"])),
     ]

@@ -224,13 +224,11 @@ def _contact(data: Mapping[str, Any], problem: Problem) -> list[Row]:
     stiffness, elsewhere = felt["stiffness_n_per_m"], 5e-4 / size
     give = felt["edge_force_n"] / stiffness if stiffness else 0.0
     if not all(depth is not None and -elsewhere < depth < elsewhere + give for depth in felt["edge_m"].values()):
-        places = []
-        for speed, depth in felt["edge_m"].items():
-            where: tuple[Part, ...] = ("no force in the first", Value(REACHED_M / size, "length"))
-            if depth is not None:
-                where = (Value(abs(depth), "length"), "before the face" if depth < 0 else "behind the face")
-            places.append((*where, "at", Value(float(speed), "speed")))
-        rows.append(row("Contact onset", commas(places), mark=Mark.CAUTION))
+        speed, depth = max(felt["edge_m"].items(), key=lambda one: math.inf if one[1] is None else abs(one[1]))
+        side = "before the wall's face" if depth is not None and depth < 0 else "inside the wall"
+        begins = Value(REACHED_M / size if depth is None else abs(depth), "length")
+        onset = "force from" if depth is not None else "no force up to", begins, side
+        rows.append(row("Contact onset", onset, "at", Value(float(speed), "speed"), mark=Mark.CAUTION))
     if fast := {speed: share for speed, share in felt["rebound"].items() if share > 1.02}:
         each = commas((Value(share, "number"), "times", Value(float(speed), "speed")) for speed, share in fast.items())
         rows.append(row("Rebound", "the released device leaves the wall at", each, mark=Mark.CAUTION))
