@@ -84,10 +84,8 @@ def _certify_wall(
     problem: avc.Problem, coupling: Coupling, notes: list[str], args: argparse.Namespace, console: Console
 ) -> Answer:
     from avc_casadi.claims.certify import proof_files
-    from avc_casadi.files.coupling_file import same_problem
-    from avc_casadi.present.rows import holes
+    from avc_casadi.present.rows import certificate_data
     from avc_casadi.present.rows.judge import certificate
-    from avc_casadi.present.rows.subject import name_of
 
     proofs: dict[str, Any] = {}
     with nullcontext() if args.proof_out is None else output_folder(args.proof_out, "--proof-out") as folder:
@@ -98,20 +96,9 @@ def _certify_wall(
             for name, one in proofs.items():
                 write_file(folder / name, json_text(one, problem.units))
     with console.step("table that runs"):
-        verdict = avc.deployable(coupling, console).document()
-    data = found.document() | {
-        "gains": args.gains or args.problem,
-        "notes": [*notes, *filter(None, [holes(coupling.schedule)])],
-        "proof_files": list(proofs),
-        "deployable": verdict,
-    }
-    shown = args.problem
-    if args.gains is None:  # of a coupling file: the name of its problem, if that is the same here
-        try:
-            shown = name_of(problem) if same_problem(avc.load_problem(name_of(problem)), problem) else ""
-        except avc.InputError:
-            shown = ""
-    return certificate(data, problem, shown)
+        data = certificate_data(found, console)
+    data |= {"gains": args.gains or args.problem, "notes": notes + data["notes"], "proof_files": list(proofs)}
+    return certificate(data, problem, args.problem if args.gains else "")
 
 
 @cli.verb(

@@ -6,6 +6,7 @@ from functools import singledispatch
 from typing import Any
 
 from avc_casadi._util.json_values import plain
+from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.claims.certify import Certificate
 from avc_casadi.claims.deployable import deployable
 from avc_casadi.claims.own_law import LawCertificate
@@ -69,14 +70,19 @@ def solution_data(
 
 @answer_of.register
 def _certificate(result: Certificate) -> Answer:
-    problem, gains = result.stated, result.gains
+    return judge.certificate(certificate_data(result), result.stated)
+
+
+def certificate_data(found: Certificate, progress: Progress = SILENT) -> dict[str, Any]:
+    """Return the data of `certify`: the certificate, and the verdict on the coupling that runs."""
+    problem, gains = found.stated, found.gains
     if isinstance(gains, GainSchedule):
-        coupling, notes = Coupling.of(problem, gains) if gains.usable.any() else None, holes(gains)
+        coupling, schedule = Coupling.of(problem, gains) if gains.usable.any() else None, gains
     else:
-        coupling, notes = gains.on(problem), holes(gains.schedule)
-    verdict = {"pass": False} if coupling is None else deployable(coupling).document()
-    beside = {"gains": None, "notes": [*filter(None, [notes])], "proof_files": [], "deployable": verdict}
-    return judge.certificate(result.document() | beside, problem)
+        coupling, schedule = gains.on(problem), gains.schedule
+    verdict = {"pass": False} if coupling is None else deployable(coupling, progress).document()
+    notes = [*filter(None, [holes(schedule)])]
+    return found.document() | {"gains": None, "notes": notes, "proof_files": [], "deployable": verdict}
 
 
 def holes(schedule: GainSchedule) -> str:
