@@ -18,10 +18,8 @@ def quantity(value: float | None, unit: str, digits: int = 3) -> str:
         value, unit = 1e3 * value, unit[1:]
     if math.isinf(value):
         return f"{'-' if value < 0 else ''}unbounded"
-    if value == 0:
+    if abs(value) < 1e-12:  # a residue of rounding
         return f"0 {unit}"
-    if abs(value) < 1e-12:
-        return f"below 0.001 n{unit}"
     prefixes = {-9: "n", -6: "u", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
     exponent = int(f"{value:.{digits - 1}e}".partition("e")[2])
     group = min(max(3 * (exponent // 3), min(prefixes)), max(prefixes))

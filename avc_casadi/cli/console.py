@@ -159,32 +159,18 @@ def silence(descriptor: int) -> None:
 
 
 @contextmanager
-def writing(path: str | Path, key: str) -> Iterator[None]:
-    """Name the option and the place, as typed, where it cannot be written."""
-    try:
-        yield
-    except OSError as error:
-        if isinstance(error, AvcError | BrokenPipeError):
-            raise
-        why = error.strerror or str(error)
-        raise InputError.of(f"{str(path)!r} cannot be written ({why}); choose another place", key=key) from error
-
-
-@contextmanager
 def output_folder(text: str, key: str) -> Iterator[Path]:
     """Collect results in a folder that is yielded; at the end all of them move into the requested one, or none."""
     from avc_casadi._util.files import staging_folder
 
-    with writing(text, key), staging_folder(Path(text)) as gathered:
-        yield gathered
-
-
-def write_text(path: Path, text: str, key: str = "--out") -> None:
-    """Write a file atomically; one in a folder of results by `write_file`, whose fault `output_folder` tells."""
-    from avc_casadi._util.files import write_file
-
-    with writing(path, key):
-        write_file(path, text)
+    try:
+        with staging_folder(Path(text)) as gathered:
+            yield gathered
+    except OSError as error:
+        if isinstance(error, AvcError | BrokenPipeError):
+            raise
+        why = error.strerror or str(error)
+        raise InputError.of(f"{text!r} cannot be written ({why}); choose another place", key=key) from error
 
 
 def write_figure(console: Console, path: Path | None, draw: Callable[[], Figure]) -> None:
@@ -194,8 +180,7 @@ def write_figure(console: Console, path: Path | None, draw: Callable[[], Figure]
     with console.step("figure"):
         from avc_casadi.present.figures.style import save_figure
 
-        with writing(path, "--plot"):
-            save_figure(draw(), path)
+        save_figure(draw(), path)
 
 
 def package_versions() -> dict[str, str]:

@@ -52,19 +52,14 @@ def run_export(args: argparse.Namespace, console: Console) -> Answer:
     coupling = avc.read_coupling(args.gains, args.problem)
     if coupling.end != "simulation":
         cli.refuse(args, "parameters", why=f"is of a [simulation], not of a {coupling.end}; for C: --c DIR")
-    data: dict[str, Any] = {"sample_time_s": coupling.sample_time_s, "precision": args.precision}
     if coupling.end == "wall":
-        data |= {"rows": len(coupling.table)} | _verdict_data(coupling, unsafe=args.unsafe)
+        data = _verdict_data(coupling, unsafe=args.unsafe)
     else:
         judged, stable = pair_verdict(coupling, unsafe=args.unsafe)
         if args.parameters is not None:
             return parameters(coupling, args.parameters, args.gains, "" if stable else judged)
-        data |= {"coupling": coupling.id}
-        data["unsafe"] = "" if stable else "UNSAFE, went on by request: a loop is linearly unstable"
-    if coupling.end == "simulation":
-        data |= {"step_s": list(coupling.tool.step_s), "exchange": coupling.tool.exchange}
-    elif coupling.end == "follower":
-        data["follower_sample_time_s"] = coupling.follower.sample_time_s
+        unsafe = "" if stable else "UNSAFE, went on by request: a loop is linearly unstable"
+        data = {"coupling": coupling.id, "unsafe": unsafe}
     with cli.faults_of(args.gains, args), console.step("C"):
         files = export_c(coupling, precision=args.precision, name=args.name, unsafe=args.unsafe)
     paths = [Path(args.c) / name for name in files]
@@ -75,7 +70,8 @@ def run_export(args: argparse.Namespace, console: Console) -> Answer:
     with output_folder(args.c, "--c") as folder:
         for name, text in files.items():
             write_file(folder / name, text)
-    return export(data | {"files": [str(path) for path in paths]}, coupling, args.gains)
+    data |= {"precision": args.precision, "files": [str(path) for path in paths]}
+    return export(data, coupling, args.gains)
 
 
 def _verdict_data(coupling: Coupling, *, unsafe: bool) -> dict[str, Any]:

@@ -12,7 +12,7 @@ import avc_casadi as avc
 from avc_casadi._util.files import write_file
 from avc_casadi._util.json_values import json_text
 from avc_casadi.cli import arguments as cli
-from avc_casadi.cli.console import Console, output_folder, package_versions, write_figure, write_text
+from avc_casadi.cli.console import Console, output_folder, package_versions, write_figure
 from avc_casadi.design.registry import methods_help
 from avc_casadi.files.new_options import DAMPING, EVERY, HANDS, HOLDS, MASS, RADIUS
 from avc_casadi.present.row import Answer
@@ -68,7 +68,7 @@ def run_new(args: argparse.Namespace, console: Console) -> Answer:  # noqa: ARG0
     faults += [avc.Fault("", None, meant[key], whys[key]) for key in new.typed if key not in known]
     if faults := faults or new.faults():
         raise avc.InputError([replace(one, key=meant.get(one.key, one.key)) for one in faults])
-    write_text(args.file, new.text(), "FILE")
+    write_file(args.file, new.text())
     problem = new.problem()
     data = {
         "file": str(args.file),
@@ -125,7 +125,7 @@ def run_recommend(args: argparse.Namespace, console: Console) -> Answer:
     written = None
     # What the trials refuse, other verbs would take: they judge linear stability alone.
     if args.out is not None and found.coupling is not None and found.deployable:
-        write_text(args.out, coupling_text(found.coupling))
+        write_file(args.out, coupling_text(found.coupling))
         written = str(args.out)
     return recommendation(found, args.problem, written)
 
@@ -175,7 +175,7 @@ def run_solve(args: argparse.Namespace, console: Console) -> Answer:
         elif coupling is not None:
             certificate = data["certificate"] | {"deployable": data["deployable"]}
             text = coupling_text(coupling.with_certificate(certificate), **data)
-        write_text(args.out, text)
+        write_file(args.out, text)
     return solution(data, problem, args.problem, args.out and str(args.out))
 
 

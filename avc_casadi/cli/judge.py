@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 from contextlib import nullcontext
-from pathlib import Path
 from shlex import quote
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +11,7 @@ import avc_casadi as avc
 from avc_casadi._util.files import write_file
 from avc_casadi._util.json_values import json_text
 from avc_casadi.cli import arguments as cli
-from avc_casadi.cli.console import Console, output_folder, write_figure, writing
+from avc_casadi.cli.console import Console, output_folder, write_figure
 from avc_casadi.present.row import Answer
 
 if TYPE_CHECKING:
@@ -148,18 +147,10 @@ def run_simulate(args: argparse.Namespace, console: Console) -> Answer:
         with console.step("cost of each effect"):
             parts = explain(problem, given)
     write_figure(console, args.plot, lambda: avc.figures.draw_scene(runs))
-    data = runs[0].document(_trace(runs[0], args.trace)) | facts | parts | {"notes": notes}
+    data = runs[0].document(args.trace and runs[0].save(args.trace)) | facts | parts | {"notes": notes}
     if others:
         data["against"] = [figures_of(run) for run in runs[1:]]
     return scene(data, problem, args.problem, drawn)
-
-
-def _trace(run: avc.Run, path: Path | None) -> Path | None:
-    """Write the traces of a run, and return their file."""
-    if path is None:
-        return None
-    with writing(path, "--trace"):
-        return run.save(path)
 
 
 def _simulated_pair(
@@ -173,7 +164,7 @@ def _simulated_pair(
     with console.step(f"{staged.scene.duration_s:g} s of the scene"):
         found = avc.simulate(staged, seed=args.seed)
     write_figure(console, args.plot, lambda: avc.figures.draw_scene([found], ["coupling to the simulation"]))
-    return found.document(_trace(found, args.trace)) | {
+    return found.document(args.trace and found.save(args.trace)) | {
         "coupling": "recommended" if coupling is None else "given",
         "effects": [{"kind": kind} for kind in found.effects],
         "contact_damping_ns_per_m": None,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import os
 import platform
 import shutil
 import sys
@@ -39,7 +38,7 @@ def run_list(args: argparse.Namespace, console: Console) -> Answer:  # noqa: ARG
 def run_check(args: argparse.Namespace, console: Console) -> Answer:  # noqa: ARG001
     """Check a problem file or a device file and show what it means."""
     from avc_casadi.files.plausibility import plausibility
-    from avc_casadi.files.problem_file import is_device
+    from avc_casadi.files.problem_file import is_device, problem_document
     from avc_casadi.loops.wall import passive_limit_n_per_m
     from avc_casadi.model.scene import declared
     from avc_casadi.present.rows import look
@@ -49,28 +48,20 @@ def run_check(args: argparse.Namespace, console: Console) -> Answer:  # noqa: AR
     if is_device(args.problem):
         return _device(args.problem)
     stated = avc.load_problem(args.problem)
-    frequency, device, tool, follower = stated.frequencies_hz(), stated.device, stated.simulation, stated.follower
+    frequency, device = stated.frequencies_hz(), stated.device
     warnings = [{"key": fault.key, "message": fault.message} for fault in plausibility(stated)]
-    if tool is not None:
+    if stated.simulation is not None:
         warnings += [{"key": f"simulation.{key}", "message": text} for key, text in unusual(stated).items()]
-    elif follower is None and (why := why_infeasible(stated)):
+    elif stated.follower is None and (why := why_infeasible(stated)):
         warnings.append({"key": "avc recommend", "message": f"deploys nothing: {why}"})
     data = {
         "valid": True,
-        "problem": stated.name,
-        "title": stated.title,
-        "source": stated.source,
-        "structure": stated.coupling.structure,
-        "model": stated.stability.model,
-        "scope": stated.stability.scope,
+        "problem": problem_document(stated),
         "frequencies": len(frequency),
         "lowest_hz": float(frequency.min()),
         "highest_hz": float(frequency.max()),
         "nyquist_hz": 0.5 / device.sample_time_s,
-        "environment_stiffness_n_per_m": stated.environment.stiffness_n_per_m,
         "passive_limit_n_per_m": plain(passive_limit_n_per_m(device)),
-        "simulation": tool and tool.model_dump(mode="json"),
-        "follower": follower and follower.model_dump(mode="json"),
         "declared": list(declared(stated)),
         "not_used": list(not_used(stated)),
         "warnings": warnings,
@@ -166,7 +157,6 @@ def run_doctor(args: argparse.Namespace, console: Console) -> Answer:
     with console.step("solvers"):
         small = avc.load_problem("soft").changed(frequency={"points": 2})
         solvers = {name: "failed" not in avc.solve(small, solver=name).status for name in SOLVERS}
-    renamed = {"device": "port", "accessible": "permitted"}
     compilers = ("cc", "gcc", "clang", "arm-none-eabi-gcc", "qemu-system-arm")
     data = {
         "executable": sys.executable,
@@ -175,8 +165,7 @@ def run_doctor(args: argparse.Namespace, console: Console) -> Answer:
         "solvers": solvers,
         "programs": {name: shutil.which(name) for name in compilers},
         "emulator": find_spec("unicorn") is not None,
-        "ports": [{renamed.get(key, key): value for key, value in port.items()} for port in found],
-        "folder_writable": os.access(".", os.W_OK),
+        "ports": found,
     }
     return installation(data, rows)
 

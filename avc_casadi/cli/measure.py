@@ -11,11 +11,12 @@ from pathlib import Path
 from typing import Any
 
 import avc_casadi as avc
+from avc_casadi._util.files import write_file
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.text import number
 from avc_casadi._util.units import units_for
 from avc_casadi.cli import arguments as cli
-from avc_casadi.cli.console import Console, write_figure, write_text
+from avc_casadi.cli.console import Console, write_figure
 from avc_casadi.present.row import Answer
 
 _SIGNAL = "all frequencies at once (default), or one after the other"
@@ -53,23 +54,19 @@ def run_excite(args: argparse.Namespace, console: Console) -> Answer:
     limits = cli.of_motion(args, device.units, "force_n", "speed_m_per_s", "travel_m")
     with console.step("plan: a signal within the limits on every device of the ranges"):
         made = plan_excitation(device, args.signal, seconds=args.seconds, progress=console, **limits)
-    plan, forecast = made.plan, vars(made.forecast)
+    plan = made.plan
     planned: dict[str, Any] = {
         "signal": plan.kind,
         "seconds": plan.seconds,
-        "sample_time_s": plan.sample_time_s,
         "lowest_hz": plan.band_hz[0],
         "highest_hz": plan.band_hz[1],
-        "tones": len(plan.signal.step),
         "peak_force_n": plan.peak_force_n,
         "held_back_by": plan.units.key(made.held_back_by),
         "limits": plan.limits,
-        "centring": {"spring_n_per_m": plan.spring_n_per_m, "damper_ns_per_m": plan.damper_ns_per_m},
+        "spring_n_per_m": plan.spring_n_per_m,
+        "damper_ns_per_m": plan.damper_ns_per_m,
         "devices": len(made.devices),
-        "forecast": {
-            "declared": {key: float(values[0, 0]) for key, values in forecast.items()},
-            "worst": {key: float(values.max()) for key, values in forecast.items()},
-        },
+        "forecast": {key: float(values.max()) for key, values in vars(made.forecast).items()},
     }
     data: dict[str, Any] = {"plan": plain(planned), "out": None, "log": None}
     answer = look.plan(data, device.units, args.device, args.port)
@@ -79,7 +76,7 @@ def run_excite(args: argparse.Namespace, console: Console) -> Answer:
 
     def cut(log: ExcitationLog) -> None:
         if args.out is not None:
-            write_text(args.out, log.csv())
+            write_file(args.out, log.csv())
             shown = look.log({"log": log.document()}, device.units, log.port, f"{args.out}, cut short")
             console.say(console.page.rendered(shown))
 
@@ -96,7 +93,7 @@ def run_excite(args: argparse.Namespace, console: Console) -> Answer:
         complaint = f"the device moved by {number(steps, 2)} steps of its encoder only, as if dry friction or a hand "
         complaint += "held it: free it, or give more force"
     if args.out is not None:
-        write_text(args.out, log.csv())
+        write_file(args.out, log.csv())
         data["out"] = str(args.out)
         if not complaint:
             command = ["avc", "identify", str(args.out), "--device", args.device, "--out", "mine.toml"]
@@ -133,7 +130,7 @@ def run_identify(args: argparse.Namespace, console: Console) -> Answer:
         keys = ", ".join(map(units.key, missing))
         complaint = f"avc: no device file: {keys} not known; log it, or state it by --device BASE or an option"
     elif args.out is not None:
-        write_text(args.out, device_text(found.device))
+        write_file(args.out, device_text(found.device))
         data["out"], *written = str(args.out), str(args.out), *written
     return replace(identification(data, found, units, args.log, written), complaint=complaint)
 

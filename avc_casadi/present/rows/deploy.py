@@ -79,16 +79,15 @@ def in_the_loop(trial: Mapping[str, Any]) -> Row:
 def export(data: Mapping[str, Any], coupling: Coupling, shown: str) -> Answer:
     """Return the answer of `export`."""
     problem = coupling.problem
-    periods = dict.fromkeys(filter(None, (data["sample_time_s"], data.get("follower_sample_time_s"))))
-    rates = commas(Value(1 / one, "frequency") for one in periods)
+    far = coupling.follower.sample_time_s if coupling.end == "follower" else coupling.sample_time_s
+    rates = commas(Value(1 / one, "frequency") for one in dict.fromkeys((coupling.sample_time_s, far)))
     if coupling.end == "wall":
         keys = ("damping_ns_per_m", "stiffness_n_per_m", "contact_damping_ns_per_m")
         table = {key: getattr(coupling.schedule, key)[coupling.schedule.usable].tolist() for key in keys}
         observer = "observer with state feedback," if coupling.runtime.state_feedback is not None else ""
-        what, size = parts(observer, subject.gains(table, problem)), subject.plural(data["rows"], "row")
+        what, size = parts(observer, subject.gains(table, problem)), subject.plural(len(coupling.table), "row")
     else:
-        far = subject.pair(vars(coupling.at_follower)) if coupling.end == "follower" else ()
-        there = ("at the follower", far) if far else None
+        there = ("at the follower", subject.pair(vars(coupling.at_follower))) if coupling.end == "follower" else None
         what, size = commas([subject.pair(vars(coupling.gains)), there], ";"), "both ends"
     fitting = (name for name in _ENGINES if not _misfit(coupling, name)) if coupling.end == "simulation" else ()
     onwards = [f"export {{}} --parameters {name}" for name in fitting][:1]

@@ -142,11 +142,9 @@ def _deployable(data: Mapping[str, Any]) -> Row:
         ", ".join(name for name, one in data["safety"].items() if (one["deployable"] is True) is right)
         for right in (True, False)
     )
-    if not failing:
-        return row("Deployable", f"all: {passing}", mark=Mark.PASS)
-    if not passing:
-        return row("Deployable", f"none of {failing}: not stable with every hand and released", mark=Mark.FAIL)
-    return row("Deployable", f"{passing}; not {failing}", mark=Mark.CAUTION)
+    no = failing and f"not {failing}: not stable with every hand and released"
+    mark = Mark.PASS if not failing else Mark.CAUTION if passing else Mark.FAIL
+    return row("Deployable", "; ".join(filter(None, [passing, no])), mark=mark)
 
 
 def run(data: Mapping[str, Any], found: Answer, files: str) -> Answer:

@@ -256,8 +256,6 @@ def scene(data: Mapping[str, Any], problem: Problem, shown: str = "", drawn: str
     """Return the answer of `simulate`, of a coupling to a wall or to a simulation."""
     tool = "local_damping_ns_per_m" in data
     trace = None if data["trace"] is None else f"{data['trace']} and its manifest"
-    sizes = ("mean_force_n", "position_peak_to_peak_m", "force_ripple_n", "energy_generated_j")
-    known = {**data, **{key: _or_zero(data[key]) for key in sizes}}
     free = ", without need of dry friction" if data["outcome"] == "asymptotic" else ""
     ending = f"{outcome(data)}{free}{'; buzzes' if data['buzzing'] else ''}"
     rows = [
@@ -268,9 +266,9 @@ def scene(data: Mapping[str, Any], problem: Problem, shown: str = "", drawn: str
     if not tool and data["rate_hardness_n_per_m"] is not None:
         rows.append(row("Rate-hardness", fill("{rate_hardness_n_per_m} at contact", data)))
     rows += [
-        row("At the end", fill("{mean_force_n}, {position_peak_to_peak_m} peak to peak", known)),
-        row("Ripple", fill("{force_ripple_n} rms between 20 and 500 Hz", known)),
-        row("Energy", fill("{energy_generated_j} given out beyond that taken in", known)),
+        row("At the end", fill("{mean_force_n}, {position_peak_to_peak_m} peak to peak", data)),
+        row("Ripple", fill("{force_ripple_n} rms between 20 and 500 Hz", data)),
+        row("Energy", fill("{energy_generated_j} given out beyond that taken in", data)),
         *([_beside("No guard", guarded)] if (guarded := data.get("without_guard")) is not None else []),
         *(_beside(f"With {one['coupling']}", one) for one in data.get("against", ())),
         *subject.notes(data.get("notes", ())),
@@ -329,14 +327,8 @@ def _beside(label: str, one: Mapping[str, Any]) -> Row:
     """Return the outcome of another run of the scene."""
     what = f"{ENDINGS[one['outcome']][0]}{', buzzes' if one['buzzing'] else ''}:"
     stiffness = "no stiffness" if one["apparent_stiffness_n_per_m"] is None else "{apparent_stiffness_n_per_m}"
-    known = {**one, **{key: _or_zero(one[key]) for key in ("position_peak_to_peak_m", "energy_generated_j")}}
     text = f"{what} {stiffness}, {{position_peak_to_peak_m}} peak to peak, {{energy_generated_j}} given out"
-    return row(label, fill(text, known), mark=_mark(one))
-
-
-def _or_zero(value: float | None) -> float | None:
-    """Return a value; 0 for a rounding residue."""
-    return 0.0 if value is not None and abs(value) < 1e-12 else value
+    return row(label, fill(text, one), mark=_mark(one))
 
 
 def _explanation(data: Mapping[str, Any], units: Units) -> list[Row]:

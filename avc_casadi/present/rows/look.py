@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 def problem(data: Mapping[str, Any], stated: Problem, shown: str = "") -> Answer:
     """Return the answer of `check` of a problem: what it asks for, its other end, what is unusual."""
-    rows = [row("Valid", data["title"] or "yes", mark=Mark.PASS)]
+    rows = [row("Valid", stated.title or "yes", mark=Mark.PASS)]
     if stated.simulation is not None:
         rows += [*_engine(stated), *subject.not_used(data["not_used"])]
     elif stated.follower is not None:
@@ -45,8 +45,8 @@ def problem(data: Mapping[str, Any], stated: Problem, shown: str = "") -> Answer
     else:
         rows += _wall(data, stated)
     rows += subject.notes((f"{one['key']} {one['message']}" for one in data["warnings"]), "Warning")
-    if data["source"]:
-        rows.append(row("Source", data["source"], rank=1))
+    if stated.source:
+        rows.append(row("Source", stated.source, rank=1))
     # Where nothing is deployable whatever the gains, its row says so.
     none = any(one["key"] == "avc recommend" for one in data["warnings"])
     onwards = [] if none else ["recommend {} --out coupling.json"]
@@ -54,9 +54,9 @@ def problem(data: Mapping[str, Any], stated: Problem, shown: str = "") -> Answer
 
 
 def _wall(data: Mapping[str, Any], stated: Problem) -> list[Row]:
-    band = "{frequencies:9}, {lowest_hz} to {highest_hz}; Nyquist {nyquist_hz}"
+    band, stability = "{frequencies:9}, {lowest_hz} to {highest_hz}; Nyquist {nyquist_hz}", stated.stability
     rows = [
-        row("Asked for", f"structure {data['structure']}, model {data['model']}, scope {data['scope']}"),
+        row("Asked for", f"structure {stated.coupling.structure}, model {stability.model}, scope {stability.scope}"),
         row("Frequencies", fill(band, data)),
         subject.passive_limit(data["passive_limit_n_per_m"]),
     ]
@@ -139,7 +139,6 @@ def installation(data: Mapping[str, Any], ports: Sequence[Row]) -> Answer:
     missing = [name for name, place in programs.items() if not place]
     text = ", ".join(f"{name} {'solves' if solves else 'does NOT solve'}" for name, solves in solvers.items())
     emulator = "installed" if data["emulator"] else "absent; pip install 'avc-casadi[emulator]'"
-    writable = "writable" if data["folder_writable"] else "NOT writable"
     rows = [
         row("Solvers", text, mark=grade(all(solvers.values()))),
         row("Packages", ", ".join(f"{name} {version}" for name, version in data["packages"].items())),
@@ -147,7 +146,6 @@ def installation(data: Mapping[str, Any], ports: Sequence[Row]) -> Answer:
         *([row("Absent", ", ".join(missing), mark=Mark.CAUTION)] if missing else []),
         row("Emulator", emulator, mark=grade(data["emulator"], Mark.CAUTION)),
         *ports,
-        row("This folder", writable, mark=grade(data["folder_writable"])),
     ]
     bad = ", ".join(name for name, solves in solvers.items() if not solves)
     complaint = f"avc: {bad} does not solve; install casadi again: pip install --force-reinstall casadi" if bad else ""
@@ -220,9 +218,9 @@ def plan(data: Mapping[str, Any], units: Units, shown: str, port: str) -> Answer
     rows = [row("Signal", fill(signal, found))]
     for label, key in (("Force", "force_n"), ("Speed", "speed_m_per_s"), ("Travel", "travel_m")):
         allowed = fill(f"of {{{key}}} allowed, {corners}", found["limits"])
-        rows.append(row(label, fill(f"{{{key}}}", found["forecast"]["worst"]), allowed))
+        rows.append(row(label, fill(f"{{{key}}}", found["forecast"]), allowed))
     centring = "spring {spring_n_per_m}, damper {damper_ns_per_m}: hands off"
-    rows.append(row("Centred by", fill(centring, found["centring"])))
+    rows.append(row("Centred by", fill(centring, found)))
     title = parts(shown, " ", fill(f"{found['signal']} of {{seconds:time}} on {port}", found))
     return Answer("excite", data, title, tuple(rows), units=units)
 
