@@ -6,12 +6,11 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from functools import partial
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
-from avc_casadi._errors import Fault, InputError
+from avc_casadi._errors import InputError
 from avc_casadi._util.text import quantity
 from avc_casadi.claims.certify import certify
 from avc_casadi.claims.deployable import deployable
@@ -30,7 +29,7 @@ from avc_casadi.paper.equations import loop_at
 from avc_casadi.paper.realism import perceived_bounds
 from avc_casadi.paper.rows import gain_schedule
 from avc_casadi.present.explore.explorer import Explorer
-from avc_casadi.present.explore.settings import Settings
+from avc_casadi.present.explore.settings import Settings, gains_of
 from avc_casadi.present.row import Row, grade, row
 from avc_casadi.present.rows import subject
 from avc_casadi.present.rows.judge import ENDINGS, own_law, passivity
@@ -101,14 +100,11 @@ def touches(runs: Mapping[str, Run], problem: Problem, begins: str, names: Mappi
 
 
 def _peaks(*traces: Any) -> Any:
-    """Return the rows of each trace's lowest and highest value in 300 stretches; all rows of a short one."""
-    samples, found = len(traces[0]), {0, len(traces[0]) - 1}
-    if samples <= 1200:
-        return np.arange(samples)
-    for first, last in pairwise(np.linspace(0, samples, 301).astype(int).tolist()):
-        for trace in traces:
-            found |= {first + int(np.argmin(trace[first:last])), first + int(np.argmax(trace[first:last]))}
-    return np.array(sorted(found))
+    """Return the rows of each trace's lowest and highest value in 300 stretches."""
+    rows = np.arange(len(traces[0]))
+    stretches = np.array_split(rows, min(300, len(rows)))
+    ends = [one[pick(trace[one])] for one in stretches for trace in traces for pick in (np.argmin, np.argmax)]
+    return np.unique([*rows[[0, -1]], *ends])
 
 
 LAW = {"k": "stiffness_n_per_m", "b": "damping_ns_per_m", "b_p": "local_damping_ns_per_m", "cutoff_hz": "cutoff_hz"}
@@ -134,15 +130,9 @@ def found_by_method(
 def wall_answer(explorer: Explorer, settings: Settings, problem: Problem, *, whole: bool) -> Answers:
     """Return the law of one's own before a wall beside the coupling of the method."""
     stated = settings.key()
-    law = vars(explorer.cached("first", lambda: first_law(explorer.base))) | dict(settings.gains)
-    wrong = [Fault("", None, key, f"is {one!r}, not a number") for key, one in law.items() if isinstance(one, str)]
-    if wrong:
-        raise InputError(wrong)
+    law = vars(explorer.cached("first", lambda: first_law(explorer.base))) | gains_of(settings, explorer.form)
     given = {name: law[key] for name, key in LAW.items() if law.get(key) is not None}
-    try:
-        found = explorer.cached(f"law {stated} {given}", lambda: certify_law(problem, **given, remedies=False))
-    except InputError as error:
-        raise InputError([replace(one, key=LAW.get(one.key, one.key)) for one in error.faults]) from error
+    found = explorer.cached(f"law {stated} {given}", lambda: certify_law(problem, **given, remedies=False))
     wall = {"stiffness_n_per_m": law["stiffness_n_per_m"] or 0.0}
     wall["damping_ns_per_m"] = (law["damping_ns_per_m"] or 0.0) + (law.get("local_damping_ns_per_m") or 0.0)
     direct = problem.changed(environment=wall, boundaries={"upper": wall, "lower": wall})
@@ -227,7 +217,7 @@ def pair_answer(explorer: Explorer, settings: Settings, problem: Problem, *, who
         f"search {stated}", lambda: FollowerSearch(problem) if tool is None else ToolSearch(problem)
     )
     first = explorer.cached("first", lambda: _first(explorer.base, search.loops))
-    own = ToolGains(**(vars(first) | _typed(settings)))
+    own = ToolGains(**(vars(first) | _typed(explorer, settings)))
     found = explorer.coupling(settings)
     pairs = {"own": own} | ({} if found is None else {"method": found.gains})
     rows = explorer.cached(f"rows {stated} {own}", lambda: _rows(problem, search, own))
@@ -245,16 +235,8 @@ def pair_answer(explorer: Explorer, settings: Settings, problem: Problem, *, who
     return vars(own), rows, [], charts
 
 
-def _typed(settings: Settings) -> dict[str, float]:
-    typed = {key: 0.0 if value is None else value for key, value in settings.gains.items()}
-    wrong = [
-        Fault("", None, key, f"is {value!r}; allowed: a number from 0 to 1e12")
-        for key, value in typed.items()
-        if isinstance(value, str | bool) or not 0 <= value <= 1e12
-    ]
-    if wrong:
-        raise InputError(wrong)
-    return typed
+def _typed(explorer: Explorer, settings: Settings) -> dict[str, float]:
+    return {key: value or 0.0 for key, value in gains_of(settings, explorer.form).items()}
 
 
 def _first(problem: Problem, loops: Any) -> ToolGains:
@@ -262,16 +244,14 @@ def _first(problem: Problem, loops: Any) -> ToolGains:
     device, end = problem.device, problem.simulation or problem.follower
     mass, wanted = device.mass_kg, None if end is None else end.stiffness_n_per_m
     local = problem.simulation is not None and problem.simulation.damped_locally
-    stiffness = wanted or mass / device.sample_time_s**2
-    for _ in range(40):
+    for stiffness in (wanted or mass / device.sample_time_s**2) / 1.5 ** np.arange(40):
+        critical = 2 * math.sqrt(stiffness * mass)
         for ratio in (1.0, 0.5, 0.25):
-            critical = 2 * math.sqrt(stiffness * mass)
-            pair = ToolGains(stiffness, ratio * critical, critical if local else 0.0)
-            rounded = ToolGains(**{key: float(f"{value:.2g}") for key, value in vars(pair).items()})
-            if loops.stable(rounded.times(1.5)):
-                return rounded
-        stiffness /= 1.5
-    return rounded
+            values = stiffness, ratio * critical, critical if local else 0.0
+            pair = ToolGains(*(float(f"{value:.2g}") for value in values))
+            if loops.stable(pair.times(1.5)):
+                return pair
+    return pair
 
 
 def _rows(problem: Problem, search: ToolSearch | FollowerSearch, gains: ToolGains) -> list[Row]:
@@ -325,7 +305,7 @@ def pair_coupling(explorer: Explorer, settings: Settings, problem: Problem) -> t
     if problem.simulation is None or not settings.gains:
         raise InputError.of("no coupling yet: there is nothing to save", key="method")
     search = explorer.cached(f"search {settings.key()}", lambda: ToolSearch(problem))
-    own = ToolGains(**({"stiffness_n_per_m": 0.0, "damping_ns_per_m": 0.0} | _typed(settings)))
+    own = ToolGains(**({"stiffness_n_per_m": 0.0, "damping_ns_per_m": 0.0} | _typed(explorer, settings)))
     certificate = certify_pair(problem, own, search)
     verdict = f"your K and B, {'stable' if certificate['stable'] else 'not stable'}, without a trial"
     return Coupling.between(problem, own, certificate, None, explorer.versions), verdict

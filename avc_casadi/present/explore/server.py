@@ -82,7 +82,6 @@ def file(explorer: Explorer, question: Mapping[str, Any]) -> dict[str, Any]:
     problem = explorer.problem(settings)
     whole = problem_of_settings(explorer.base, settings, explorer.form, to_save=True)
     stem = f"{problem.name.replace('/', '-') or 'problem'}{'-b' if question.get('column') == 'b' else ''}"
-    stem = f"./{stem}" if stem.startswith("-") else stem  # no option
     if kind == "problem":
         return {"name": f"{stem}.toml", "text": dump_problem(whole)}
     if kind != "coupling":

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import json
-import math
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, TypeGuard, get_origin, get_type_hints
+
+from pydantic_core import PydanticCustomError
 
 from avc_casadi._errors import AvcError, Fault, InputError
 from avc_casadi.files.problem_file import problem_document, problem_of
@@ -207,6 +208,20 @@ def settings_of(document: Any, form: Form) -> Settings:
     return found
 
 
+def gains_of(settings: Settings, form: Form) -> dict[str, float | None]:
+    """Return the gains that were typed."""
+    faults, found = [], dict(settings.gains)
+    for field in form.gains:
+        value, read = found.get(field.key), field.validator
+        try:
+            found |= {} if value is None or read is None else {field.key: read(value)}
+        except PydanticCustomError as error:
+            faults.append(Fault("", None, field.key, str(error)))
+    if faults:
+        raise InputError(faults)
+    return found
+
+
 def problem_of_settings(base: Problem, settings: Settings, form: Form, *, to_save: bool = False) -> Problem:
     """Return the problem of the settings."""
     tables, values = problem_document(base), dict(settings.values)
@@ -261,13 +276,8 @@ def _is_number(value: Any) -> TypeGuard[float]:
     return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= 1e100
 
 
-def _same(value: Any, before: Any) -> bool:
-    """Whether a value is the one before, of which the page shows six digits."""
-    return _is_number(value) and _is_number(before) and math.isclose(value, before, rel_tol=5e-6)
-
-
 def _put(tables: dict[str, Any], key: str, values: Mapping[str, Any]) -> None:
-    """Set a value by its dotted key; None takes it away, and one that is there already changes nothing."""
+    """Set a value by its dotted key; None takes it away."""
     value, (*path, last) = values[key], key.split(".")
     table: Any = tables
     end = int(last) if last in {"0", "1"} else None
@@ -275,12 +285,8 @@ def _put(tables: dict[str, Any], key: str, values: Mapping[str, Any]) -> None:
         *path, last = path
     for part in path:
         table = table.setdefault(part, {})
-    before = table.get(last)
     if end is not None:
-        low, high = before or (None, None)
-        pair = [low, high]
-        if _same(value, pair[end]):
-            return
+        low, high = pair = list(table.get(last) or (None, None))
         other = f"{'.'.join((*path, last))}.{1 - end}"
         alone = (low == high or pair[1 - end] is None) and other not in values
         pair[end] = value
@@ -289,8 +295,6 @@ def _put(tables: dict[str, Any], key: str, values: Mapping[str, Any]) -> None:
             table.pop(last)
             if last.startswith("contact_stiffness"):  # empty is rigid
                 table[last] = [low if end else 0.0, 1e12]
-        return
-    if _same(value, before):
         return
     if value is None:
         table.pop(last, None)
