@@ -20,6 +20,7 @@ from avc_casadi._util.interrupt import EXIT_CODE, interrupted, take_interrupt
 from avc_casadi.cli import deploy, design, judge, look, measure
 from avc_casadi.cli.arguments import VERBS
 from avc_casadi.cli.console import Console, silence
+from avc_casadi.present.row import row
 
 NO, BAD_INPUT, INTERNAL, BROKEN_PIPE = 1, 2, 70, 141
 
@@ -138,6 +139,8 @@ def _answered(args: argparse.Namespace, console: Console, arguments: Sequence[st
     verbose = getattr(args, "verbose", True)
     if not verbose and any(one.rank for one in answer.rows):
         answer = replace(answer, commands=(*answer.commands, shlex.join(["avc", *arguments, "-v"])))
+    if console.written:
+        answer = replace(answer, rows=(*answer.rows, row("Written", ", ".join(console.written))))
     console.answer(answer, verbose=verbose)
     return answer.code or int(bool(answer.complaint))
 

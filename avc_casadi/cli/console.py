@@ -33,6 +33,7 @@ class Console(Progress):
     def __init__(self, *, as_json: bool, work: str = "") -> None:
         self.as_json, self._work = as_json, work
         self.page = Page.of(sys.stdout)
+        self.written: list[str] = []
         self._answered = threading.Event()
         self._terminal = sys.stderr is not None and sys.stderr.isatty()
         self._step: str | None = None
@@ -69,6 +70,13 @@ class Console(Progress):
         self._work = ""
         if not self.as_json:
             self._write(line + "\n")
+
+    def write(self, path: Path, text: str) -> None:
+        """Write a file atomically, of which the answer tells."""
+        from avc_casadi._util.files import write_file
+
+        write_file(path, text)
+        self.written.append(str(path))
 
     def refuse(self, error: InputError, text: str) -> None:
         """Print why there is no answer: as a document with ``--json``, on standard error otherwise."""
@@ -181,6 +189,7 @@ def write_figure(console: Console, path: Path | None, draw: Callable[[], Figure]
         from avc_casadi.present.figures.style import save_figure
 
         save_figure(draw(), path)
+        console.written.append(str(path))
 
 
 def package_versions() -> dict[str, str]:

@@ -70,6 +70,7 @@ def run_export(args: argparse.Namespace, console: Console) -> Answer:
     with output_folder(args.c, "--c") as folder:
         for name, text in files.items():
             write_file(folder / name, text)
+    console.written += map(str, paths)
     data |= {"precision": args.precision, "files": [str(path) for path in paths]}
     return export(data, coupling, args.gains)
 
@@ -166,7 +167,8 @@ def run_firmware(args: argparse.Namespace, console: Console) -> Answer:
             notes.append(f"the file has no device.{name}: {number(value)} is the board's own; give the device's")
     data = {key: getattr(built, key) for key in ("board", "build", "address", "commands")}
     data |= {"baud": args.baud or 115200, "size_bytes": built.size, "notes": notes}
-    data |= {"files": [str(Path(args.out) / path.name) for path in built.files]}
+    console.written += [str(Path(args.out) / path.name) for path in built.files]
+    data["files"] = console.written
     data |= {"limits": vars(built.limits), "figures": vars(built.figures)}
     at = "" if data["baud"] == 115200 else f" --baud {args.baud}"
     gains = f"pushed: avc push{at}; estimator {built.figures.estimator}"

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     cli.argument("--tip", metavar="NAME", text="site, body or geom of the model that the hand holds"),
     cli.flag("--force", "write over a file that is there"),
 )
-def run_new(args: argparse.Namespace, console: Console) -> Answer:  # noqa: ARG001
+def run_new(args: argparse.Namespace, console: Console) -> Answer:
     """Write a problem file from what you know of a device, its wall and what holds it.
 
     A value is typed with its unit, in any that fits ('55 um', '1 kHz', '4096 counts'; without one
@@ -68,7 +68,7 @@ def run_new(args: argparse.Namespace, console: Console) -> Answer:  # noqa: ARG0
     faults += [avc.Fault("", None, meant[key], whys[key]) for key in new.typed if key not in known]
     if faults := faults or new.faults():
         raise avc.InputError([replace(one, key=meant.get(one.key, one.key)) for one in faults])
-    write_file(args.file, new.text())
+    console.write(args.file, new.text())
     problem = new.problem()
     data = {
         "file": str(args.file),
@@ -125,7 +125,7 @@ def run_recommend(args: argparse.Namespace, console: Console) -> Answer:
     written = None
     # What the trials refuse, other verbs would take: they judge linear stability alone.
     if args.out is not None and found.coupling is not None and found.deployable:
-        write_file(args.out, coupling_text(found.coupling))
+        console.write(args.out, coupling_text(found.coupling))
         written = str(args.out)
     return recommendation(found, args.problem, written)
 
@@ -175,7 +175,7 @@ def run_solve(args: argparse.Namespace, console: Console) -> Answer:
         elif coupling is not None:
             certificate = data["certificate"] | {"deployable": data["deployable"]}
             text = coupling_text(coupling.with_certificate(certificate), **data)
-        write_file(args.out, text)
+        console.write(args.out, text)
     return solution(data, problem, args.problem, args.out and str(args.out))
 
 
@@ -201,7 +201,7 @@ def run_compare(args: argparse.Namespace, console: Console) -> Answer:
     problem = avc.load_problem(args.problem)
     found = avc.compare(problem, mine=args.mine, progress=console)
     write_figure(console, args.plot, lambda: avc.figures.draw_comparison(found))
-    return comparison(found.document(), problem, args.problem, args.plot and str(args.plot))
+    return comparison(found.document(), problem, args.problem)
 
 
 @cli.verb(
@@ -253,7 +253,8 @@ def run_run(args: argparse.Namespace, console: Console) -> Answer:
         for name, content in files.items():
             write_file(folder / name, content)
     data = {"folder": str(shown), "files": sorted(files), "deploy": answer.data} | paper.data
-    answer = run(data, answer, f"{shown / 'report.html'} and {len(files) - 1} files beside it")
+    console.written.append(f"{shown / 'report.html'} and {len(files) - 1} files beside it")
+    answer = run(data, answer)
     refused = "push refused" if found.deployable or args.unsafe else "not deployable, push refused"
     why = "no coupling is deployable" if found.coupling is None else refused if "refused" in push else ""
     complaints = [paper.missing, f"avc: {problem.name}: {why}" if why else ""]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from contextlib import nullcontext
+from pathlib import Path
 from shlex import quote
 from typing import TYPE_CHECKING, Any
 
@@ -92,6 +93,7 @@ def _certify_wall(
             found = avc.certify(problem, coupling, prove=args.prove, progress=console)
         if folder is not None:
             proofs = proof_files(problem, found)
+            console.written += [str(Path(args.proof_out) / name) for name in proofs]
             for name, one in proofs.items():
                 write_file(folder / name, json_text(one, problem.units))
     with console.step("table that runs"):
@@ -122,10 +124,9 @@ def run_simulate(args: argparse.Namespace, console: Console) -> Answer:
     from avc_casadi.simulation.screen import explain
 
     problem, gains, notes = cli.subject(args.problem, args.gains)
-    drawn = args.plot and str(args.plot)
     if problem.simulation is not None:
         cli.refuse(args, "against", why=cli.OF_WALLS)
-        return scene(_simulated_pair(problem, gains, args, console), problem, args.problem, drawn)
+        return scene(_simulated_pair(problem, gains, args, console), problem, args.problem)
     given: Coupling | GainSchedule | Gains | None = gains
     if given is None:
         with console.step(f"coupling: {problem.scene.coupling}"):
@@ -147,10 +148,18 @@ def run_simulate(args: argparse.Namespace, console: Console) -> Answer:
         with console.step("cost of each effect"):
             parts = explain(problem, given)
     write_figure(console, args.plot, lambda: avc.figures.draw_scene(runs))
-    data = runs[0].document(args.trace and runs[0].save(args.trace)) | facts | parts | {"notes": notes}
+    data = runs[0].document(_trace(runs[0], args, console)) | facts | parts | {"notes": notes}
     if others:
         data["against"] = [figures_of(run) for run in runs[1:]]
-    return scene(data, problem, args.problem, drawn)
+    return scene(data, problem, args.problem)
+
+
+def _trace(run: avc.Run, args: argparse.Namespace, console: Console) -> Path | None:
+    """Write the traces of a run, if asked for, and return their file."""
+    path: Path | None = args.trace
+    if path is not None:
+        console.written.append(f"{run.save(path)} and its manifest")
+    return path
 
 
 def _simulated_pair(
@@ -164,7 +173,7 @@ def _simulated_pair(
     with console.step(f"{staged.scene.duration_s:g} s of the scene"):
         found = avc.simulate(staged, seed=args.seed)
     write_figure(console, args.plot, lambda: avc.figures.draw_scene([found], ["coupling to the simulation"]))
-    return found.document(args.trace and found.save(args.trace)) | {
+    return found.document(_trace(found, args, console)) | {
         "coupling": "recommended" if coupling is None else "given",
         "effects": [{"kind": kind} for kind in found.effects],
         "contact_damping_ns_per_m": None,
@@ -213,13 +222,13 @@ def run_zwidth(args: argparse.Namespace, console: Console) -> Answer:
     from avc_casadi.design.tool_region import tool_region
     from avc_casadi.present.rows.judge import region, walls
 
-    problem, drawn = avc.load_problem(args.problem), args.plot and str(args.plot)
+    problem = avc.load_problem(args.problem)
     if problem.simulation is not None:
         with console.step("region"):
             pairs = tool_region(problem, console)
         write_figure(console, args.plot, lambda: avc.figures.draw_tool_region(pairs))
-        return region(pairs.document(), problem, args.problem, drawn)
+        return region(pairs.document(), problem, args.problem)
     with console.step("region"):
         found = zwidth(problem, console)
     write_figure(console, args.plot, lambda: avc.figures.draw_zwidth(found))
-    return walls(found.document(), problem, args.problem, drawn)
+    return walls(found.document(), problem, args.problem)

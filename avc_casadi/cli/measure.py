@@ -7,11 +7,9 @@ import math
 import shlex
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import avc_casadi as avc
-from avc_casadi._util.files import write_file
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.text import number
 from avc_casadi._util.units import units_for
@@ -76,8 +74,8 @@ def run_excite(args: argparse.Namespace, console: Console) -> Answer:
 
     def cut(log: ExcitationLog) -> None:
         if args.out is not None:
-            write_file(args.out, log.csv())
-            shown = look.log({"log": log.document()}, device.units, log.port, f"{args.out}, cut short")
+            console.write(args.out, log.csv())
+            shown = look.log({"log": log.document()}, device.units, f"{log.port}   {args.out}, cut short")
             console.say(console.page.rendered(shown))
 
     with console.step(f"{args.signal} on {args.port}"):
@@ -93,13 +91,13 @@ def run_excite(args: argparse.Namespace, console: Console) -> Answer:
         complaint = f"the device moved by {number(steps, 2)} steps of its encoder only, as if dry friction or a hand "
         complaint += "held it: free it, or give more force"
     if args.out is not None:
-        write_file(args.out, log.csv())
+        console.write(args.out, log.csv())
         data["out"] = str(args.out)
         if not complaint:
             command = ["avc", "identify", str(args.out), "--device", args.device, "--out", "mine.toml"]
             onwards.append(shlex.join(command))
     title = f"{args.device}   {args.signal} on {log.port}"
-    answer = look.log(data, device.units, title, str(args.out or ""), onwards)
+    answer = look.log(data, device.units, title, onwards)
     return replace(answer, complaint=f"avc: {log.port}: {complaint}") if complaint else answer
 
 
@@ -123,16 +121,15 @@ def run_identify(args: argparse.Namespace, console: Console) -> Answer:
     found = identify(args.log, base=base, progress=console, **cli.log_options(args))
     units, complaint = units_for(found.motion), ""
     write_figure(console, args.plot, lambda: avc.figures.draw_identification(found))
-    written = [] if args.plot is None else [str(args.plot)]
     data = found.data() | {"out": None}
     if found.device is None:
         missing = [key for key in ("mass_kg", "damping_ns_per_m") if key not in found.estimates] or ["handle_radius_m"]
         keys = ", ".join(map(units.key, missing))
         complaint = f"avc: no device file: {keys} not known; log it, or state it by --device BASE or an option"
     elif args.out is not None:
-        write_file(args.out, device_text(found.device))
-        data["out"], *written = str(args.out), str(args.out), *written
-    return replace(identification(data, found, units, args.log, written), complaint=complaint)
+        console.write(args.out, device_text(found.device))
+        data["out"] = str(args.out)
+    return replace(identification(data, found, units, args.log), complaint=complaint)
 
 
 @cli.verb(
@@ -162,10 +159,9 @@ def run_diagnose(args: argparse.Namespace, console: Console) -> Answer:
     found = [diagnose(log, progress=console, **known) for log in args.log]
     documents = [each.data() for each in found]
     data: dict[str, Any] = documents[0] if len(found) == 1 else {"logs": documents}
-    pictures: list[Path] = []
     for place, each in enumerate(found if args.plot is not None else ()):
-        pictures.append(args.plot if len(found) == 1 else args.plot.with_stem(f"{args.plot.stem}-{place + 1}"))
-        write_figure(console, pictures[-1], partial(avc.figures.draw_diagnosis, each))
-    answer = diagnosis(data, found, [str(path) for path in pictures])
+        path = args.plot if len(found) == 1 else args.plot.with_stem(f"{args.plot.stem}-{place + 1}")
+        write_figure(console, path, partial(avc.figures.draw_diagnosis, each))
+    answer = diagnosis(data, found)
     healthy = all(each.verdict == "nothing wrong" for each in found)
     return replace(answer, code=0 if healthy or all(each.cause for each in found) else 1)

@@ -91,7 +91,7 @@ def report_html(
     more: Sequence[Section] = (),
 ) -> str:
     """Return the report of a recommendation: verdict, one picture and ten rows first, then the rest of it."""
-    shown = [one for one in answer.rows if one.rank == 0 and one.label != "Written"]
+    shown = [one for one in answer.rows if one.rank == 0]
     certificate, units = answer.data["certificate"] or {}, problem.units
     claims = levels(certificate.get("levels", {}))
     sections = [

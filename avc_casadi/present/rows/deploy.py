@@ -95,7 +95,6 @@ def export(data: Mapping[str, Any], coupling: Coupling, shown: str) -> Answer:
         *_unsafe(data),
         row("Coupling", f"{coupling.id}:", what),
         row("C", f"{data['precision']} precision,", rates, f", {size}"),
-        *subject.written(*data["files"]),
         *subject.notes(filter(None, [data.get("holes")])),
         *subject.notes(data.get("lacks", ()), "Lacks"),
     ]
@@ -109,7 +108,6 @@ def firmware(data: Mapping[str, Any], title: str, units: Units, held: str) -> An
         row("Made for", fill(made, data["limits"])),
         row("Gains", held),
         row("Serial line", f"{data['baud']} baud"),
-        *subject.written(*data["files"]),
         *subject.notes(data["notes"]),
         *(row("or by" if place else "Flash by", one) for place, one in enumerate(data["commands"])),
     ]

@@ -38,7 +38,7 @@ def solution(data: Mapping[str, Any], problem: Problem, shown: str = "", file: s
     if "paper_errors" in data:
         errors = f"{len(data['paper_errors'])} in the printed paper; these gains have those of (10) and (17)"
         rows.append(row("Paper's errors", errors, mark=Mark.CAUTION))
-    rows += [*subject.written(file), *subject.notes(data["notes"], rank=1, mark=Mark.NONE)]
+    rows += subject.notes(data["notes"], rank=1, mark=Mark.NONE)
     rows += [*levels(data["certificate"]["levels"]), *printed_errors(data.get("paper_errors", ()))]
     printed = " --as-printed" if "paper_errors" in data else ""
     onwards = "recommend {} --out coupling.json"
@@ -82,7 +82,7 @@ def _errors(data: Mapping[str, Any]) -> list[Row]:
     return rows
 
 
-def comparison(data: Mapping[str, Any], problem: Problem, shown: str = "", drawn: str | None = None) -> Answer:
+def comparison(data: Mapping[str, Any], problem: Problem, shown: str = "") -> Answer:
     """Return the answer of `compare`."""
     realism, mine = {name: one["realism"] for name, one in data["methods"].items()}, list[Row]()
     if (pair := data["methods"].get("mine")) is not None:
@@ -105,7 +105,6 @@ def comparison(data: Mapping[str, Any], problem: Problem, shown: str = "", drawn
     ]
     if data["problem_scope"] != data["scope"]:
         rows.append(row("Not compared", f"gains of scope {data['problem_scope']} (avc solve)", mark=Mark.CAUTION))
-    rows += subject.written(drawn, label="Drawn")
     missing = [at for at, verdict in enumerate(data["verdict"]) if verdict == "infeasible"]
     complaint = ""
     if missing:
@@ -147,14 +146,14 @@ def _deployable(data: Mapping[str, Any]) -> Row:
     return row("Deployable", "; ".join(filter(None, [passing, no])), mark=mark)
 
 
-def run(data: Mapping[str, Any], found: Answer, files: str) -> Answer:
+def run(data: Mapping[str, Any], found: Answer) -> Answer:
     """Return the answer of `run`: what to deploy, what the device received, the paper's question."""
-    shown = [one for one in found.rows if one.rank == 0 and one.label != "Written"]
+    shown = [one for one in found.rows if one.rank == 0]
     beside = (device(data["push"]), *paper(data))
     doubts = [one for one in shown[8:] if one.mark in {Mark.CAUTION, Mark.FAIL}]
     first = [*shown[:8], *doubts]
     later = [replace(one, rank=1) for one in shown if one not in first] + [one for one in found.rows if one.rank > 0]
-    return replace(found, kind="run", data=data, rows=(*first, *beside, *subject.written(files), *later))
+    return replace(found, kind="run", data=data, rows=(*first, *beside, *later))
 
 
 def paper(data: Mapping[str, Any]) -> list[Row]:
@@ -191,12 +190,12 @@ def device(push: Mapping[str, Any]) -> Row:
 
 
 def new(data: Mapping[str, Any], problem: Problem, shown: str) -> Answer:
-    """Return the answer of `new`: what was written, what is unknown and what is unlikely."""
+    """Return the answer of `new`: what is assumed, what is unknown and what is unlikely."""
     units, model = problem.units, data["model"]
     ranges = commas(span(getattr(problem.hands, key), quantity_of(key)) for key in subject.HAND)
     assumed = ", ".join(f"{units.key(key)} {value}" for key, value in data["assumed"].items())
     not_known = [f"{one['key'].partition('.')[2]}: {one['message']}" for one in data["not_known"]]
-    rows = [row("Written", data["file"], mark=Mark.PASS)]
+    rows: list[Row] = []
     if model is not None:
         poses = f"over {subject.plural(model['poses'], 'pose')} and all normals of {model['tip']}"
         rows.append(row("Mass", fill("{mass_kg},", model), span(model["range_kg"], "mass"), poses))

@@ -70,7 +70,6 @@ def certificate(data: Mapping[str, Any], problem: Problem, shown: str | None = N
         row("Passivity", "; ".join(text)),
         subject.passive_limit(data["passive_limit_n_per_m"]),
         *subject.notes(data["notes"]),
-        *subject.written(*data["proof_files"]),
         *levels(data["levels"]),
     ]
     onwards = [f"recommend {quote(shown)} --out coupling.json"] if shown and not verdict["pass"] else []
@@ -205,7 +204,7 @@ def passivity(found: Mapping[str, Any], problem: Problem) -> list[Row]:
     return rows
 
 
-def region(data: Mapping[str, Any], problem: Problem, shown: str = "", drawn: str | None = None) -> Answer:
+def region(data: Mapping[str, Any], problem: Problem, shown: str = "") -> Answer:
     """Return the answer of `zwidth` of a problem with [simulation]: a row for each engine rate."""
     rows = []
     for one in data["curves"]:
@@ -219,11 +218,10 @@ def region(data: Mapping[str, Any], problem: Problem, shown: str = "", drawn: st
         label = Value(one["rate_hz"], "frequency").text(problem.units)
         mark = Mark.NONE if some else Mark.FAIL
         rows.append(row(label, text, ", as declared" if one["declared"] else "", mark=mark))
-    rows += subject.written(drawn, label="Drawn")
     return subject.answer("zwidth", data, problem, shown, rows, "recommend {} --out coupling.json")
 
 
-def walls(data: Mapping[str, Any], problem: Problem, shown: str = "", drawn: str | None = None) -> Answer:
+def walls(data: Mapping[str, Any], problem: Problem, shown: str = "") -> Answer:
     """Return the answer of `zwidth`: the walls that the device can render."""
     curves, damping = data["curves"], data["wall_damping_ns_per_m"]
     met = [one["claim"] for one in curves.values() if one["wanted_wall"]]
@@ -248,14 +246,13 @@ def walls(data: Mapping[str, Any], problem: Problem, shown: str = "", drawn: str
     if data["encoder_limit_n_per_m"] is not None:
         limit = "{encoder_limit_n_per_m} for a passive wall, 2 f_c/Delta (Abbott and Okamura 2005)"
         rows.append(row("Encoder limit", fill(limit, data)))
-    rows += [*subject.notes(data["refused"], "Not judged"), *subject.written(drawn, label="Drawn")]
+    rows += subject.notes(data["refused"], "Not judged")
     return subject.answer("zwidth", data, problem, shown, rows, "recommend {} --stiffest")
 
 
-def scene(data: Mapping[str, Any], problem: Problem, shown: str = "", drawn: str | None = None) -> Answer:
+def scene(data: Mapping[str, Any], problem: Problem, shown: str = "") -> Answer:
     """Return the answer of `simulate`, of a coupling to a wall or to a simulation."""
     tool = "local_damping_ns_per_m" in data
-    trace = None if data["trace"] is None else f"{data['trace']} and its manifest"
     free = ", without need of dry friction" if data["outcome"] == "asymptotic" else ""
     ending = f"{outcome(data)}{free}{'; buzzes' if data['buzzing'] else ''}"
     rows = [
@@ -276,7 +273,7 @@ def scene(data: Mapping[str, Any], problem: Problem, shown: str = "", drawn: str
     if data.get("left_out"):
         left = f"declared, but not in the scene: {', '.join(map(problem.units.key, data['left_out']))}"
         rows.append(row("Left out", left, mark=Mark.CAUTION))
-    rows += [*subject.written(trace, drawn), *_explanation(data, problem.units)]
+    rows += _explanation(data, problem.units)
     complaint = "" if data["stable"] else f"avc: {problem.name}: the device {outcome(data)}"
     return subject.answer("simulate", data, problem, shown, rows, complaint=complaint)
 

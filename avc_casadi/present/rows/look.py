@@ -225,7 +225,7 @@ def plan(data: Mapping[str, Any], units: Units, shown: str, port: str) -> Answer
     return Answer("excite", data, title, tuple(rows), units=units)
 
 
-def log(data: Mapping[str, Any], units: Units, title: str, file: str = "", onwards: Sequence[str] = ()) -> Answer:
+def log(data: Mapping[str, Any], units: Units, title: str, onwards: Sequence[str] = ()) -> Answer:
     """Return the answer of `excite`: the log that was played."""
     found = data["log"]
     lost = f"{found['lost']} lost, seen as gaps" if found["lost"] else "none lost"
@@ -233,14 +233,11 @@ def log(data: Mapping[str, Any], units: Units, title: str, file: str = "", onwar
         row("Played", found["end"], mark=grade(found["whole"])),
         row("Recorded", fill(f"{subject.plural(found['records'], 'record')} in {{seconds:time}}, {lost}", found)),
         row("At most", fill("{peak_force_n}, {peak_speed_m_per_s}, {peak_travel_m}", found)),
-        *subject.written(file),
     ]
     return Answer("excite", data, (title,), tuple(rows), tuple(onwards), units)
 
 
-def identification(
-    data: Mapping[str, Any], found: Identification, units: Units, logs: Sequence[str], files: Sequence[str]
-) -> Answer:
+def identification(data: Mapping[str, Any], found: Identification, units: Units, logs: Sequence[str]) -> Answer:
     """Return the answer of `identify`: a row for each value of the device."""
     known = {"seconds": found.seconds, "rate_hz": 1 / found.sample_time_s}
     title = parts(
@@ -260,24 +257,22 @@ def identification(
         rows.append(row(units.key(key), values, mark=mark, rank=0 if len(rows) < 9 else 1))
     rows.append(row("Model", ", ".join(found.rungs)))
     rows += subject.notes(found.notes, mark=Mark.CAUTION)
-    rows += subject.written(*files)
     rows.append(row("Not known", ", ".join(map(units.key, found.unknown)), rank=1))
     for trial in found.trials:
         error = f"error {{change:share}} on stretches held out, {trial.standard_errors:.2g} std errors"
         text = f"{'taken' if trial.taken else 'not taken'}: {error}{'; ' if trial.why else ''}{trial.why}"
         rows.append(row(f"Rung {trial.rung}", fill(text, vars(trial)), rank=1))
-    onwards = (f"avc check {quote(one)}" for one in files if one.endswith(".toml"))
-    return Answer("identify", data, title, tuple(rows), tuple(onwards), units)
+    onwards = (f"avc check {quote(data['out'])}",) if data["out"] else ()
+    return Answer("identify", data, title, tuple(rows), onwards, units)
 
 
-def diagnosis(data: Mapping[str, Any], found: Sequence[Diagnosis], files: Sequence[str]) -> Answer:
+def diagnosis(data: Mapping[str, Any], found: Sequence[Diagnosis]) -> Answer:
     """Return the answer of `diagnose`: the rows of one log, or a row for each of several."""
-    beside = subject.written(*files)
     units, marks = found[0].design.device.units, {"nothing wrong": Mark.PASS, "named": Mark.FAIL}
     if len(found) > 1:
         rows = [row(one.log.name, one.conclusion, mark=marks.get(one.verdict, Mark.CAUTION)) for one in found[:10]]
         rows += [row("Others", subject.plural(len(found) - 10, "log"))] if len(found) > 10 else []
-        return Answer("diagnose", data, (f"{len(found)} logs",), (*rows, *beside), units=units)
+        return Answer("diagnose", data, (f"{len(found)} logs",), tuple(rows), units=units)
     one, swing, law, fit = found[0], found[0].swing, found[0].law, found[0].fit
     rows = [row("Verdict", one.conclusion, mark=marks.get(one.verdict, Mark.CAUTION))]
     for cure in one.remedies[:3]:
@@ -306,6 +301,6 @@ def diagnosis(data: Mapping[str, Any], found: Sequence[Diagnosis], files: Sequen
         hand = () if fit.best.hand is None else zip(fit.best.hand.values(0).values(), subject.HAND, strict=True)
         rows.append(row("Hand", commas(Value.of(key, value) for value, key in hand) or "none"))
         rows += [row("Stops", commas(Value(at, "length") for at in fit.best.stops))] if fit.best.stops else []
-    rows += [*beside, *subject.notes(one.notes, "Assumed", Mark.NONE, 1)]
+    rows += subject.notes(one.notes, "Assumed", Mark.NONE, 1)
     title = parts(one.log.name, " ", Value(one.log.position_m.size * one.log.period_s, "time"))
     return Answer("diagnose", data, title, tuple(rows), units=units)

@@ -43,7 +43,7 @@ def recommendation(found: Recommendation, shown: str = "", file: str | None = No
     elif not found.no_stiffer and (not found.deployable or _far(data)):
         onwards = "recommend {} --stiffest"
     complaint = "" if found.deployable else f"avc: {problem.name}: no coupling is deployable"
-    rows += [*subject.written(file), *_details(data)]
+    rows += _details(data)
     return subject.answer("recommend", data, problem, shown, rows, onwards, complaint=complaint)
 
 

@@ -177,11 +177,6 @@ def notes(found: Iterable[str], label: str = "Note", mark: Mark = Mark.CAUTION, 
     return [row(label, one, mark=mark, rank=rank) for one in found]
 
 
-def written(*files: str | None, label: str = "Written") -> list[Row]:
-    """Return the row of the files that were written, if any."""
-    return [row(label, ", ".join(filter(None, files)))] if any(files) else []
-
-
 def smallest_margins(found: Mapping[str, Mapping[str, Any]], mark: Mark = Mark.NONE) -> Row:
     """Return the smallest margin of each kind and its loop; a caution where gain or phase is half of what is usual."""
     least, each, is_thin = {"gain": 10 ** (3 / 20), "phase": 10.0}, [], False
