@@ -252,7 +252,7 @@ def run_run(args: argparse.Namespace, console: Console) -> Answer:
             files |= {f"{name}.png": picture.png, f"{name}.svg": picture.svg}
         for name, content in files.items():
             write_file(folder / name, content)
-    data = {"folder": str(shown), "files": sorted(files), "deploy": answer.data} | paper.data
+    data = {"folder": str(shown), "files": sorted(files), "deploy": answer.data, "push": push, "compare": paper.compare}
     console.written.append(f"{shown / 'report.html'} and {len(files) - 1} files beside it")
     answer = run(data, answer)
     refused = "push refused" if found.deployable or args.unsafe else "not deployable, push refused"
@@ -263,12 +263,12 @@ def run_run(args: argparse.Namespace, console: Console) -> Answer:
 
 @dataclass(frozen=True)
 class _Paper:
-    """The paper's question: files, figures and sections of the report, values, and which frequencies have no gains."""
+    """The paper's question: files, figures and sections of the report, comparison, which frequencies have no gains."""
 
     files: dict[str, str | bytes]
     drawn: dict[str, Picture]
-    sections: tuple[Section, ...]
-    data: dict[str, Any]
+    sections: list[Section]
+    compare: dict[str, Any]
     missing: str
 
 
@@ -277,7 +277,7 @@ def _paper(found: avc.Recommendation, push: dict[str, Any], console: Console) ->
     from avc_casadi.design.comparison.comparison import with_causal, with_delivered
     from avc_casadi.files.coupling_file import gain_csv, gain_document
     from avc_casadi.present.report import paper_pictures, paper_sections
-    from avc_casadi.present.rows import design
+    from avc_casadi.present.rows.design import without_gains
 
     problem = found.problem
     comparison = avc.compare(problem, progress=console)
@@ -295,10 +295,8 @@ def _paper(found: avc.Recommendation, push: dict[str, Any], console: Console) ->
     }
     with console.step("figures of the paper"):
         drawn = paper_pictures(comparison)
-    data = design.paper_data(comparison, gains) | {"push": push}
-    question = [*design.paper(data), design.device(push)]
-    sections = paper_sections(compare, problem, drawn, question)
-    return _Paper(files, drawn, tuple(sections), data, design.without_gains(document))
+    sections = paper_sections(compare, problem, drawn, push)
+    return _Paper(files, drawn, sections, compare, without_gains(document))
 
 
 def _pushed(found: avc.Recommendation, *, unsafe: bool) -> dict[str, Any]:

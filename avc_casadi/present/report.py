@@ -21,7 +21,7 @@ from avc_casadi.present.figures.deployed import draw_loop, draw_rendered
 from avc_casadi.present.figures.paper import draw_comparison, draw_perceived
 from avc_casadi.present.figures.style import files_of
 from avc_casadi.present.row import Answer, Row, row
-from avc_casadi.present.rows.design import comparison, printed_errors
+from avc_casadi.present.rows.design import comparison, device, paper, printed_errors
 from avc_casadi.present.rows.judge import levels
 from avc_casadi.present.rows.recommend import verdict
 from avc_casadi.recommendation.felt import deployed
@@ -113,11 +113,11 @@ def report_html(
 
 
 def paper_sections(
-    data: Mapping[str, Any], problem: Problem, drawn: Mapping[str, Picture], question: Sequence[Row]
+    data: Mapping[str, Any], problem: Problem, drawn: Mapping[str, Picture], push: Mapping[str, Any]
 ) -> list[Section]:
     """Return the paper's question: closed form, CasADi and the exact optimum, and what the comparison is made of."""
     text = "Which gains keep each frequency passive and feel real? They are for comparison, not for a hand."
-    errors = printed_errors(list(PAPER_ERRORS))
+    errors, question = printed_errors(list(PAPER_ERRORS)), [*paper(data), device(push)]
     return [
         Section("The paper's question", question, list(drawn.values()), text),
         Section("Comparison of the methods", comparison(data, problem).rows, folded=True),

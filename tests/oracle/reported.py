@@ -2,16 +2,13 @@
 
 import avc_casadi as avc
 from avc_casadi.present.report import paper_pictures, paper_sections, report_html, wall_pictures
-from avc_casadi.present.rows import design
 from avc_casadi.present.rows.recommend import recommendation
 
 
 def report_of(problem, push, hands=10):
     """The page, with the result of a push."""
     found, comparison = avc.recommend(problem, hands=hands), avc.compare(problem)
-    gains = comparison.methods[comparison.delivered]
-    question = [*design.paper(design.paper_data(comparison, gains)), design.device(push)]
     drawn = paper_pictures(comparison)
-    more = paper_sections(comparison.document(), problem, drawn, question)
+    more = paper_sections(comparison.document(), problem, drawn, push)
     pictures = list(wall_pictures(found).values())
     return report_html(recommendation(found), problem, pictures, {"avc-casadi": avc.__version__}, more)

@@ -7,9 +7,6 @@ from dataclasses import replace
 from shlex import quote
 from typing import Any
 
-from avc_casadi._util.json_values import plain
-from avc_casadi.design.comparison.comparison import Comparison
-from avc_casadi.model.gains import GainSchedule
 from avc_casadi.model.problem import Problem
 from avc_casadi.present.row import Answer, Mark, Part, Row, Value, commas, fill, grade, parts, quantity_of, row, span
 from avc_casadi.present.rows import subject
@@ -149,29 +146,31 @@ def _deployable(data: Mapping[str, Any]) -> Row:
 def run(data: Mapping[str, Any], found: Answer) -> Answer:
     """Return the answer of `run`: what to deploy, what the device received, the paper's question."""
     shown = [one for one in found.rows if one.rank == 0]
-    beside = (device(data["push"]), *paper(data))
+    beside = (device(data["push"]), *paper(data["compare"]))
     doubts = [one for one in shown[8:] if one.mark in {Mark.CAUTION, Mark.FAIL}]
     first = [*shown[:8], *doubts]
     later = [replace(one, rank=1) for one in shown if one not in first] + [one for one in found.rows if one.rank > 0]
     return replace(found, kind="run", data=data, rows=(*first, *beside, *later))
 
 
-def paper(data: Mapping[str, Any]) -> list[Row]:
-    """Answer the paper's question: closed form, CasADi's NLP, the exact optimum, the verdict."""
-    rows, closed, check, have = data["rows"], data["closed_form"], data["cross_check"], data["rows_with_gains"]
+def paper(compared: Mapping[str, Any]) -> list[Row]:
+    """Answer the paper's question of a comparison: closed form, CasADi's NLP, the exact optimum, the verdict."""
+    closed, best = compared["methods"]["closed-form"]["counts"], compared["methods"][compared["delivered"]]
+    rows, check, scope = len(best["status"]), compared["cross_check"], compared["problem_scope"]
     realisable = closed.get("solved", 0) + closed.get("active-bound", 0)
-    spans = commas((_GAINS[key], span(data[key], quantity_of(key))) for key in [*_GAINS][:2] if data[key] is not None)
-    scope = "" if data["scope"] == "pointwise" else f", scope {data['scope']}"
-    solved = fill(f"gains at {have} of {rows} frequencies in {{solve:time}}{scope}", data["seconds"])
-    buildable = f"realisable at {realisable} of {rows} frequencies"
+    known = {key: [one for one in best[key] if one is not None] for key in [*_GAINS][:2]}
+    have = len(known["damping_ns_per_m"])
+    spans = commas((_GAINS[key], span(values, quantity_of(key))) for key, values in known.items() if have)
+    of = "" if scope == "pointwise" else f", scope {scope}"
+    solved = fill(f"gains at {have} of {rows} frequencies in {{solve:time}}{of}", best["seconds"])
     found = [
-        row("Closed form", buildable, mark=grade(realisable == rows, Mark.CAUTION)),
-        row(f"CasADi, {data['method']}", solved, ":" if spans else "", spans, mark=grade(have == rows)),
+        row("Closed form", f"realisable at {realisable} of {rows}", mark=grade(realisable == rows, Mark.CAUTION)),
+        row(f"CasADi, {best['method']}", solved, ":" if spans else "", spans, mark=grade(have == rows)),
     ]
     if check is not None:
         text, mark = _cross_check(check)
         found.append(row("Exact optimum", text, mark=mark))
-    return [*found, row("Verdicts", f"{subject.counts(data['counts'])}, pointwise")]
+    return [*found, row("Verdicts", f"{subject.counts(compared['counts'])}, pointwise")]
 
 
 def device(push: Mapping[str, Any]) -> Row:
@@ -211,21 +210,3 @@ def new(data: Mapping[str, Any], problem: Problem, shown: str) -> Answer:
         *subject.notes((f"{one['key']} {one['message']}" for one in data["warnings"]), "Warning"),
     ]
     return subject.answer("new", data, problem, shown, rows, "recommend {} --out coupling.json")
-
-
-def paper_data(found: Comparison, best: GainSchedule) -> dict[str, Any]:
-    """Return the numbers of the paper's question as JSON values: of the comparison and of the gains of its scope."""
-    document, usable = found.document(), best.usable
-    ends = {key: getattr(best, key)[usable] for key in ("damping_ns_per_m", "stiffness_n_per_m")}
-    same = ("structure", "model", "passive_limit_n_per_m", "cross_check", "counts")
-    return {
-        **{key: document[key] for key in same},
-        "scope": document["problem_scope"],
-        "method": best.method,
-        "solver": best.solver,
-        "rows": best.rows,
-        "rows_with_gains": int(usable.sum()),
-        "seconds": plain({"build": best.build_seconds, "solve": best.solve_seconds}),
-        **{key: [float(one.min()), float(one.max())] if one.size else None for key, one in ends.items()},
-        "closed_form": document["methods"]["closed-form"]["counts"],
-    }
