@@ -16,6 +16,7 @@ from textwrap import wrap
 from typing import Any, NoReturn
 
 from avc_casadi import AvcError, InputError, LinkError, NotDeployableError, PortError, UnsupportedError, __version__
+from avc_casadi._errors import Fault
 from avc_casadi._util.interrupt import EXIT_CODE, interrupted, take_interrupt
 from avc_casadi.cli import deploy, design, judge, look, measure
 from avc_casadi.cli.arguments import VERBS
@@ -79,7 +80,8 @@ def build_parser() -> argparse.ArgumentParser:
             command.add_argument("--json", action="store_true", help="print one JSON document and nothing else")
             named = (action for action in command._actions if action.option_strings)  # noqa: SLF001
             known = {one.dest: next(name for name in one.option_strings if name[:2] == "--") for one in named}
-            command.set_defaults(run=verb.run, options=known)
+            first = next((one.dest for one in command._actions if not one.option_strings), "")  # noqa: SLF001
+            command.set_defaults(run=verb.run, options=known, first=first)
             summary = text.partition("\n")[0].rstrip(".")
             listed += wrap(summary, 110, initial_indent=f"  {name:<12}", subsequent_indent=" " * 14)
     parser.epilog = "\n".join([*listed, "", _EPILOG])
@@ -95,10 +97,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         try:
             args, unknown = build_parser().parse_known_args(arguments)
             if unknown:
-                flag = arguments[max(arguments.index(unknown[0]) - 1, 0)]
-                longer = [one for one in args.options.values() if one.endswith(flag[1:]) and one != flag]
-                meant = f"{flag} takes no value, did you mean {longer[0]}; " if longer else ""
-                raise InputError.of(f"unrecognized arguments: {' '.join(unknown)}; {meant}see `avc {arguments[0]} -h`")
+                raise InputError.of(f"unrecognized arguments: {' '.join(unknown)}; see `avc {arguments[0]} -h`")
         except SystemExit as leaving:  # --help and --version
             sys.stdout.flush()
             return int(leaving.code or 0)
@@ -128,9 +127,8 @@ def _answered(args: argparse.Namespace, console: Console, arguments: Sequence[st
     except Exception as error:
         if interrupted():  # CasADi converts Ctrl-C to errors of its own
             raise KeyboardInterrupt from error
-        if isinstance(error, InputError):  # the option, where an argument of a call is at fault
-            faults = [one if one.file else replace(one, key=args.options.get(one.key, one.key)) for one in error.faults]
-            return _refused(console, InputError(faults))
+        if isinstance(error, InputError):
+            return _refused(console, InputError([_at(args, one) for one in error.faults]))
         if isinstance(error, AvcError | OSError):
             return _refused(console, error)
         console.complain(traceback.format_exc())
@@ -143,6 +141,15 @@ def _answered(args: argparse.Namespace, console: Console, arguments: Sequence[st
         answer = replace(answer, rows=(*answer.rows, row("Written", ", ".join(console.written))))
     console.answer(answer, verbose=verbose)
     return answer.code or int(bool(answer.complaint))
+
+
+def _at(args: argparse.Namespace, fault: Fault) -> Fault:
+    """Return a fault with the option that is at fault, or the file that the command was given."""
+    if fault.file:
+        return fault
+    key = args.options.get(fault.key, fault.key)
+    file = "" if not key or key.startswith("-") or key.isupper() else str(getattr(args, args.first, ""))
+    return replace(fault, file=file, key=key)
 
 
 def _keep_inputs(args: argparse.Namespace) -> None:

@@ -5,9 +5,8 @@ from __future__ import annotations
 import argparse
 import math
 import os
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from shlex import quote
 from typing import TYPE_CHECKING, Any
@@ -248,16 +247,6 @@ def require_compiler(console: Console) -> None:
 
     if compiler() is None:
         console.notice("avc: no C compiler is found (cc, or CC): hands are simulated some fifteen times as slowly")
-
-
-@contextmanager
-def faults_of(file: str, args: argparse.Namespace) -> Iterator[None]:
-    """Attribute faults without a file or an option to the command's coupling file."""
-    try:
-        yield
-    except avc.InputError as error:
-        faults = [one if one.file or one.key in vars(args) else replace(one, file=file) for one in error.faults]
-        raise avc.InputError(faults) from None
 
 
 def unsafe_note(verdict: avc.Deployable) -> str:

@@ -60,7 +60,7 @@ def run_export(args: argparse.Namespace, console: Console) -> Answer:
             return parameters(coupling, args.parameters, args.gains, "" if stable else judged)
         unsafe = "" if stable else "UNSAFE, went on by request: a loop is linearly unstable"
         data = {"coupling": coupling.id, "unsafe": unsafe}
-    with cli.faults_of(args.gains, args), console.step("C"):
+    with console.step("C"):
         files = export_c(coupling, precision=args.precision, name=args.name, unsafe=args.unsafe)
     paths = [Path(args.c) / name for name in files]
     for path in paths:
@@ -104,7 +104,7 @@ def run_push(args: argparse.Namespace, console: Console) -> Answer:
     coupling = cli.read_wall(args.gains, args.problem)
     data, emulated = _verdict_data(coupling, unsafe=args.unsafe), args.port == EMULATOR
     wait = "the device is in contact: release it, out of the wall; the new coupling takes over there"
-    with cli.faults_of(args.gains, args), console.step(f"push to {args.port}"):
+    with console.step(f"push to {args.port}"):
         done = push(
             coupling,
             args.port,
@@ -211,16 +211,15 @@ def run_stream(args: argparse.Namespace, console: Console) -> Answer:
             console.say(f"{sample.time_s:7.2f} s  {text_of((*heard, *given), units)}")
 
     try:
-        with cli.faults_of(args.subject, args):
-            result = stream(
-                coupling,
-                args.port,
-                rate_hz=args.rate_hz,
-                seconds=args.seconds,
-                baud=args.baud,
-                on_sample=show,
-                unsafe=args.unsafe,
-            )
+        result = stream(
+            coupling,
+            args.port,
+            rate_hz=args.rate_hz,
+            seconds=args.seconds,
+            baud=args.baud,
+            on_sample=show,
+            unsafe=args.unsafe,
+        )
     except KeyboardInterrupt:
         if not sent:
             raise

@@ -79,16 +79,11 @@ class Field:
 
 def problem_fields(problem: Problem) -> tuple[Field, ...]:
     """Return the fields of a problem: those of its other end first."""
-    tables, found = problem_document(problem), list[Field]()
-    unused = {"simulation": problem.simulation, "follower": problem.follower}
-    left_out = {name for name, one in unused.items() if one is None}
-    if len(left_out) < len(unused):
-        left_out.add("environment")
-    for name, hint in get_type_hints(Problem, include_extras=True).items():
-        if name in _GROUPS and name not in left_out:
-            found += _fields(problem, name, tables_of(hint)[0], tables.get(name) or {})
-    order = list(_GROUPS.values())
-    return tuple(sorted(found, key=lambda field: order.index(field.group)))
+    tables, hints, found = problem_document(problem), get_type_hints(Problem, include_extras=True), list[Field]()
+    ends = [name for name in ("simulation", "follower") if getattr(problem, name) is not None]
+    for name in (*(ends or ["environment"]), "device", "hands"):
+        found += _fields(problem, name, tables_of(hints[name])[0], tables.get(name) or {})
+    return tuple(found)
 
 
 def gain_fields(problem: Problem) -> tuple[Field, ...]:
