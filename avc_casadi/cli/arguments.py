@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from avc_casadi.cli.console import Console
     from avc_casadi.coupling import Coupling
     from avc_casadi.files.device_file import DeviceFile
+    from avc_casadi.model.problem import Hands
     from avc_casadi.present.row import Answer
 
 Argument = tuple[tuple[str, ...], dict[str, Any]]
@@ -171,15 +172,15 @@ def is_coupling(text: str) -> bool:
     return Path(text).suffix.lower() in (".json", ".csv")
 
 
-def load_any_device(source: str) -> DeviceFile:
-    """Load a device file, or the device of a problem."""
+def load_any_device(source: str) -> tuple[DeviceFile, Hands | None]:
+    """Load a device file, or the device of a problem with its hands."""
     from avc_casadi.files.device_file import DeviceFile
     from avc_casadi.files.problem_file import is_device
 
     if is_device(source):
-        return avc.load_device(source)
+        return avc.load_device(source), None
     problem = avc.load_problem(source)
-    return DeviceFile(name=problem.name, title=problem.title, device=problem.device)
+    return DeviceFile(name=problem.name, title=problem.title, device=problem.device), problem.hands
 
 
 def read_wall(file: str, problem: str | None = None) -> Coupling:

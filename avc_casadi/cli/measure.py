@@ -43,8 +43,7 @@ def run_excite(args: argparse.Namespace, console: Console) -> Answer:
     from avc_casadi.present.rows import look
     from avc_hardware import ExcitationLog, excite
 
-    device = cli.load_any_device(args.device).device
-    on_bench = cli.load_any_device(args.on_bench).device if args.on_bench else device
+    device, on_bench = (cli.load_any_device(one)[0].device for one in (args.device, args.on_bench or args.device))
     if args.plan_only and args.out:
         raise avc.InputError.of("makes a log, and --plan-only plays nothing; leave one of them out", key="--out")
     if args.on_bench and args.port != "emulator":
@@ -117,7 +116,7 @@ def run_identify(args: argparse.Namespace, console: Console) -> Answer:
     from avc_casadi.identification.identify import identify
     from avc_casadi.present.rows.look import identification
 
-    base = cli.load_any_device(args.device) if args.device else None
+    base = cli.load_any_device(args.device)[0] if args.device else None
     found = identify(args.log, base=base, progress=console, **cli.log_options(args))
     units, complaint = units_for(found.motion), ""
     write_figure(console, args.plot, lambda: avc.figures.draw_identification(found))
@@ -145,17 +144,11 @@ def run_diagnose(args: argparse.Namespace, console: Console) -> Answer:
     Or that nothing is wrong, or that it cannot tell, and the log that would decide. Reads what `avc identify` reads.
     """
     from avc_casadi.diagnose.causes import diagnose
-    from avc_casadi.files.problem_file import is_device
     from avc_casadi.present.rows.look import diagnosis
 
-    device, hands = None, None
-    if args.device is not None and is_device(args.device):
-        device = avc.load_device(args.device).device
-    elif args.device is not None:
-        problem = avc.load_problem(args.device)
-        device, hands = problem.device, problem.hands
+    file, hands = (None, None) if args.device is None else cli.load_any_device(args.device)
     coupling = None if args.coupling is None else cli.read_wall(args.coupling)
-    known = {"device": device, "hands": hands, "coupling": coupling, **cli.log_options(args)}
+    known = {"device": file and file.device, "hands": hands, "coupling": coupling, **cli.log_options(args)}
     found = [diagnose(log, progress=console, **known) for log in args.log]
     documents = [each.data() for each in found]
     data: dict[str, Any] = documents[0] if len(found) == 1 else {"logs": documents}
