@@ -301,7 +301,6 @@ def _paper(found: avc.Recommendation, push: dict[str, Any], console: Console) ->
 
 def _pushed(found: avc.Recommendation, *, unsafe: bool) -> dict[str, Any]:
     """Push to the emulated device and try it there; a failed push is a document too: ``skipped`` or ``refused``."""
-    from avc_casadi.claims.deployable import require_deployable
     from avc_casadi.cli.deploy import in_the_loop
     from avc_hardware import push
 
@@ -311,15 +310,11 @@ def _pushed(found: avc.Recommendation, *, unsafe: bool) -> dict[str, Any]:
     # Trials refuse what the push, which judges linear stability alone, would take.
     if not found.deployable and not unsafe:
         return {"refused": found.reason, "deployable": False}
+    note = "" if found.deployable else f"UNSAFE, went on by request: {found.reason}"
     try:
-        note = cli.unsafe_note(require_deployable(coupling, unsafe=unsafe))
-        if not found.deployable:
-            note = note or f"UNSAFE, went on by request: {found.reason}"
         done = push(coupling, "emulator", unsafe=unsafe).document()
         return done | {"unsafe": note, "in_the_loop": in_the_loop(coupling)}
-    except avc.NotDeployableError as error:
-        return {"refused": str(error), "deployable": False}
-    except avc.LinkError as error:
+    except (avc.LinkError, avc.NotDeployableError) as error:
         return {"refused": str(error)}
     except (avc.MissingExtraError, avc.UnsupportedError) as error:
         return {"skipped": str(error)}

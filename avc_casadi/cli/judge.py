@@ -136,9 +136,7 @@ def run_simulate(args: argparse.Namespace, console: Console) -> Answer:
         raise avc.InputError.of(f"names {len(others)}; allowed: at most 3", key="against")
     rows = given.schedule if isinstance(given, Coupling) else given
     if isinstance(rows, GainSchedule) and (why := missing_rest_gains(rows)):
-        file, key = (problem.name, "scene.coupling") if args.gains is None else (args.gains, "--gains")
-        no = avc.InputError.of(why, file=file, key=key)
-        return Answer("refused", avc.fault_document(no), complaint=f"avc: {no}")
+        raise avc.NotDeployableError(f"{args.gains or f'{problem.name}: scene.coupling'}: {why}")
     with console.step(f"{problem.scene.duration_s:g} s of the scene"):
         laws = [given, *(NO_COUPLING if one == "none" else avc.solve(problem, one) for one in others)]
         runs = [avc.simulate(problem, law, seed=args.seed) for law in laws]
