@@ -25,7 +25,6 @@ from avc_casadi.present.explore.settings import (
     gain_fields,
     problem_fields,
     problem_of_settings,
-    settings_of,
 )
 from avc_casadi.present.row import Mark, Row, row
 from avc_casadi.present.rows.recommend import recommendation
@@ -123,10 +122,6 @@ class Explorer:
         self._cache: OrderedDict[str, tuple[threading.Lock, list[Any]]] = OrderedDict()
         self._lock = threading.Lock()
         self._runs: dict[str, SlowRun] = {}
-
-    def settings(self, question: Mapping[str, Any]) -> Settings:
-        """Return the settings of a question."""
-        return settings_of(question.get("settings"), self.form)
 
     def problem(self, settings: Settings) -> Problem:
         """Return the problem of the settings."""

@@ -18,7 +18,7 @@ from avc_casadi.files.problem_file import dump_problem, problem_document
 from avc_casadi.model.problem import Problem
 from avc_casadi.present.explore.ends import pair_answer, pair_coupling, wall_answer, wall_coupling
 from avc_casadi.present.explore.explorer import Explorer
-from avc_casadi.present.explore.settings import RequestError, dropped_ranges, problem_of_settings
+from avc_casadi.present.explore.settings import RequestError, dropped_ranges, problem_of_settings, settings_of
 from avc_casadi.present.row import Row, text_of
 from avc_casadi.present.rows.subject import headline
 
@@ -39,7 +39,7 @@ def start(explorer: Explorer, _: Mapping[str, Any]) -> dict[str, Any]:
 
 def evaluate(explorer: Explorer, question: Mapping[str, Any]) -> dict[str, Any]:
     """Return rows and charts of one's own gains and of the method; with ``whole`` what takes a second or more too."""
-    settings, form = explorer.settings(question), explorer.form
+    settings, form = settings_of(question.get("settings"), explorer.form), explorer.form
     problem = explorer.problem(settings)
     run = explorer.run(settings)
     answer = wall_answer if form.live else pair_answer
@@ -67,7 +67,7 @@ def _rows(rows: Sequence[Row], problem: Problem) -> list[dict[str, str]]:
 
 def run(explorer: Explorer, question: Mapping[str, Any]) -> dict[str, Any]:
     """Begin or cancel the run of a slow method, and return its rows."""
-    settings = explorer.settings(question)
+    settings = settings_of(question.get("settings"), explorer.form)
     if settings.method not in explorer.form.slow:
         raise RequestError(400, f"{settings.method} follows at once and is no run")
     found = explorer.run(settings, begin=bool(question.get("begin")), cancel=bool(question.get("cancel")))
@@ -78,7 +78,7 @@ def run(explorer: Explorer, question: Mapping[str, Any]) -> dict[str, Any]:
 
 def file(explorer: Explorer, question: Mapping[str, Any]) -> dict[str, Any]:
     """Return the problem or the coupling as a file."""
-    settings, kind = explorer.settings(question), question.get("kind")
+    settings, kind = settings_of(question.get("settings"), explorer.form), question.get("kind")
     problem = explorer.problem(settings)
     whole = problem_of_settings(explorer.base, settings, explorer.form, to_save=True)
     stem = f"{problem.name.replace('/', '-') or 'problem'}{'-b' if question.get('column') == 'b' else ''}"
@@ -207,7 +207,7 @@ class _Handler(BaseHTTPRequestHandler):
     def _question(self) -> dict[str, Any]:
         try:
             length = int(self.headers.get("Content-Length", ""))
-            found = json.loads(self.rfile.read(length), parse_constant=_refuse) if 0 < length <= MOST_BYTES else None
+            found = json.loads(self.rfile.read(length)) if 0 < length <= MOST_BYTES else None
         except (ValueError, RecursionError) as error:
             raise RequestError(400, "the question is no JSON") from error
         if not isinstance(found, dict):
@@ -224,7 +224,3 @@ class _Handler(BaseHTTPRequestHandler):
 
 def _error(message: str) -> bytes:
     return json_text({"error": message}).encode()
-
-
-def _refuse(name: str) -> None:
-    raise ValueError(name)

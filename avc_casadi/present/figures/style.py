@@ -168,10 +168,6 @@ def value_axis(axes: Axes, *curves: ArrayLike, wide: float = 10.0) -> None:
     axes.yaxis.set_major_locator(FixedLocator([*-powers[::-1], 0.0, *powers]))
     axes.yaxis.set_minor_locator(NullLocator())
     axes.yaxis.set_major_formatter(FuncFormatter(_power))
-    scale = axes.yaxis.get_transform()
-    low, high = scale.transform([min(values.min(), 0.0), max(values.max(), 0.0)])
-    room = 0.06 * (high - low)
-    axes.set_ylim(*scale.inverted().transform([low - room, high + room]))
 
 
 def files_of(figure: Figure, *endings: str) -> list[bytes]:
