@@ -205,10 +205,7 @@ def run_stream(args: argparse.Namespace, console: Console) -> Answer:
         sent += 1
         if sample.time_s >= shown + 0.5:
             shown = sample.time_s
-            b, k = Value(sample.damping_ns_per_m, "damping"), Value(sample.stiffness_n_per_m, "stiffness")
-            heard = ("f", Value(sample.frequency_hz, "frequency"), ", b", b, ", k", k)
-            given = (", applied", Value(sample.force_n, "force"))
-            console.say(f"{sample.time_s:7.2f} s  {text_of((*heard, *given), units)}")
+            console.say(f"{sample.time_s:7.2f} s  {text_of(commas(_applied(sample)), units)}")
 
     try:
         result = stream(
@@ -325,16 +322,18 @@ def run_monitor(args: argparse.Namespace, console: Console) -> Answer:
     return Answer("monitor", data, rows=tuple(rows), units=units, code=code)
 
 
+def _applied(sample: StreamSample | TelemetrySample) -> list[tuple[Part, ...]]:
+    keys = {"f": "frequency_hz", "b": "damping_ns_per_m", "k": "stiffness_n_per_m", "applied": "force_n"}
+    return [(name, Value.of(key, getattr(sample, key))) for name, key in keys.items()]
+
+
 def _state(sample: TelemetrySample, faults: str) -> tuple[Part, ...]:
     mode = sample.mode if sample.has_table or faults else "idle"
     return commas(
         [
             f"tick {sample.ticks}",
-            ("f", Value(sample.frequency_hz, "frequency")),
-            ("b", Value(sample.damping_ns_per_m, "damping")),
-            ("k", Value(sample.stiffness_n_per_m, "stiffness")),
+            *_applied(sample),
             ("at", Value(sample.position_m, "length")),
-            ("applied", Value(sample.force_n, "force")),
             Value(sample.energy_j, "energy"),
             f"{mode} ({faults})" if faults else mode,
             "streaming" if sample.streaming else None,

@@ -148,9 +148,8 @@ def run_doctor(args: argparse.Namespace, console: Console) -> Answer:
             if port["accessible"]:
                 with Connection(open_link(port["device"], baud=args.baud), baud=args.baud) as connection:
                     device = connection.device
-                known = {key: getattr(device, key) for key in ("build", "sample_time_s", "faults")}
-                ids = {key: getattr(device, key) or None for key in ("unique_id", "coupling_id")}
-                port["avc_device"] = known | ids
+                keys = ("build", "sample_time_s", "faults", "unique_id", "coupling_id")
+                port["avc_device"] = {key: getattr(device, key) for key in keys}
     rows = ports(found, asked=args.ask)
     if args.ports:
         return Answer("ports", {"ports": found}, ("serial ports; without a device: --port emulator",), tuple(rows))

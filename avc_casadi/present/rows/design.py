@@ -102,11 +102,7 @@ def comparison(data: Mapping[str, Any], problem: Problem, shown: str = "") -> An
     ]
     if data["problem_scope"] != data["scope"]:
         rows.append(row("Not compared", f"gains of scope {data['problem_scope']} (avc solve)", mark=Mark.CAUTION))
-    missing = [at for at, verdict in enumerate(data["verdict"]) if verdict == "infeasible"]
-    complaint = ""
-    if missing:
-        first = f"first at {data['frequency_hz'][missing[0]]:.4g} Hz: {data['reason'][missing[0]]}"
-        complaint = f"avc: {len(missing)} of {len(data['verdict'])} frequencies are infeasible, {first}"
+    complaint = without_gains(data["methods"][data["optimum"]])
     return subject.answer("compare", data, problem, shown, rows, "recommend {}", complaint=complaint)
 
 
