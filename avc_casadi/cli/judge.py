@@ -173,6 +173,7 @@ def _simulated_pair(
     write_figure(console, args.plot, lambda: avc.figures.draw_scene([found], ["coupling to the simulation"]))
     return found.document(_trace(found, args, console)) | {
         "coupling": "recommended" if coupling is None else "given",
+        "effects": list(found.effects),
         "contact_damping_ns_per_m": None,
         **vars(gains),
     }
