@@ -2,7 +2,7 @@
  * and messages, which the harness frames with a right checksum, because random bytes never pass one. Between them ticks
  * run. After each, what must always hold is checked.
  *
- * clang -fsanitize=fuzzer,address,undefined; with -DAVC_FUZZ_REPLAY a program that runs the files named as arguments. */
+ * clang -fsanitize=fuzzer,address,undefined */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -265,20 +265,3 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     }
     return 0;
 }
-
-#ifdef AVC_FUZZ_REPLAY
-int main(int count, char **names)
-{
-    for (int i = 1; i < count; i++) {
-        static uint8_t data[65536];
-        FILE *file = fopen(names[i], "rb");
-        if (file == NULL) {
-            return 2;
-        }
-        const size_t size = fread(data, 1, sizeof data, file);
-        (void)fclose(file);
-        (void)LLVMFuzzerTestOneInput(data, size);
-    }
-    return 0;
-}
-#endif
