@@ -75,20 +75,11 @@ def _device(source: str) -> Answer:
     from avc_casadi.present.rows.look import device
 
     file = avc.load_device(source)
-    values = file.device.model_dump(mode="json", exclude_unset=True)
-    ranges, known = values.pop("range", {}), device_names().get(file.name)
+    known = device_names().get(file.name)
     elsewhere = source.endswith(".toml") and (known is None or Path(source).resolve() != Path(str(known)).resolve())
-    data: dict[str, Any] = {
-        "valid": True,
-        "device": file.name,
-        "title": file.title,
-        "values": values,
-        "range": ranges,
-        "sources": {key: source.model_dump() for key, source in file.sources.items()},
-        "gaps": list(file.gaps),
-        "referred_as": Path(source).name if elsewhere else file.name,
-        "sdk_example": file.sdk_example and file.sdk_example.model_dump(exclude_none=True),
-    }
+    data: dict[str, Any] = {"valid": True, "referred_as": Path(source).name if elsewhere else file.name}
+    data |= file.model_dump(mode="json", exclude_none=True)
+    data["device"] = file.device.model_dump(mode="json", exclude_unset=True)
     return device(data, file.device.units)
 
 

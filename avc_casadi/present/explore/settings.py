@@ -285,12 +285,10 @@ def _put(tables: dict[str, Any], key: str, values: Mapping[str, Any]) -> None:
         other = f"{'.'.join((*path, last))}.{1 - end}"
         alone = (low == high or pair[1 - end] is None) and other not in values
         pair[end] = value
-        table[last] = [value] * 2 if alone else pair
-        if value is None:
-            table.pop(last)
-            if last.startswith("contact_stiffness"):  # empty is rigid
-                table[last] = [low if end else 0.0, 1e12]
-        return
+        if value is not None:
+            value = [value] * 2 if alone else pair
+        elif last.startswith("contact_stiffness"):  # empty is rigid
+            value = [low if end else 0.0, 1e12]
     if value is None:
         table.pop(last, None)
     else:

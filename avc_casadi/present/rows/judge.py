@@ -273,7 +273,7 @@ def scene(data: Mapping[str, Any], problem: Problem, shown: str = "") -> Answer:
     if data.get("left_out"):
         left = f"declared, but not in the scene: {', '.join(map(problem.units.key, data['left_out']))}"
         rows.append(row("Left out", left, mark=Mark.CAUTION))
-    rows += _explanation(data, problem.units)
+    rows += _explanation(data)
     complaint = "" if data["stable"] else f"avc: {problem.name}: the device {outcome(data)}"
     return subject.answer("simulate", data, problem, shown, rows, complaint=complaint)
 
@@ -328,7 +328,7 @@ def _beside(label: str, one: Mapping[str, Any]) -> Row:
     return row(label, fill(text, one), mark=_mark(one))
 
 
-def _explanation(data: Mapping[str, Any], units: Units) -> list[Row]:
+def _explanation(data: Mapping[str, Any]) -> list[Row]:
     """Return what each effect adds to a sample: states, instructions and time."""
     if "states" not in data or "absent" not in data:
         return []
@@ -336,18 +336,13 @@ def _explanation(data: Mapping[str, Any], units: Units) -> list[Row]:
     for one in data["effects"]:
         text = "the scene needs it"
         if one["instructions"] is not None:
-            cost = _cost(one["ns_per_step"], data["scatter_ns"])
+            size, scatter = one["ns_per_step"], data["scatter_ns"]
+            cost = f"{size:.0f} ns" if size > scatter else f"below {max(scatter, 1):.0f} ns"
             text = f"{subject.plural(one['states'], 'state')}, {{instructions:9}} instructions, {cost}"
         rows.append(row(f"Effect {one['kind']}", fill(text, one), rank=1))
     whole = f"{{states:9}} states, {{instructions:9}} instructions, {data['ns_per_step']:.0f} ns"
     rows.append(row("Whole sample", fill(whole, data), rank=1))
-    rows.append(row("States", ", ".join(map(units.key, data["state_names"])), rank=1))
     return [*rows, row("Absent", ", ".join(data["absent"]), rank=1)]
-
-
-def _cost(cost_ns: float, scatter_ns: float) -> str:
-    """Return a cost in ns, or an upper bound within the scatter of the clock."""
-    return f"{cost_ns:.0f} ns" if cost_ns > scatter_ns else f"below {max(scatter_ns, 1):.0f} ns"
 
 
 def trial(data: Mapping[str, Any], units: Units, shown: str) -> Answer:

@@ -100,21 +100,22 @@ def _follower(stated: Problem) -> list[Row]:
 
 def device(data: Mapping[str, Any], units: Units) -> Answer:
     """Return the answer of `check` of a device file: a value each with its range and source."""
-    sources, ranges = data["sources"], data["range"]
+    sources, ranges = data["sources"], data["device"].get("range", {})
     rows = [row("Valid", data["title"] or "yes", mark=Mark.PASS)]
-    for key, value in data["values"].items():
+    values = {key: value for key, value in data["device"].items() if key != "range"}
+    for key, value in values.items():
         ends = ranges.get(key)
         between = ("(", _value(key, ends[0]), "to", _value(key, ends[1]), ")") if isinstance(ends, list) else None
         origin = f", {sources[key]['grade']}" if key in sources else ""
         rows.append(row(units.key(key), _value(key, value), between, origin, rank=0 if len(rows) < 10 else 1))
-    if gaps := [gap for gap in data["gaps"] if units.inner(gap) not in data["values"]]:
+    if gaps := [gap for gap in data["gaps"] if units.inner(gap) not in values]:
         rows.append(row("Not known", ", ".join(map(units.key, gaps)), mark=Mark.CAUTION))
     rows += [row(units.key(key), f"{one['grade']}, {one['source']}", rank=1) for key, one in sources.items()]
-    if data["sdk_example"] is not None:
+    if "sdk_example" in data:
         text = "; ".join(f"{units.key(key)} {one}" for key, one in data["sdk_example"].items())
         rows.append(row("SDK example", text, rank=1))
     rows.append(row("Use", f'device = "{data["referred_as"]}" in a problem file'))
-    return Answer("check", data, (f"{data['device']}   device file",), tuple(rows), units=units)
+    return Answer("check", data, (f"{data['name']}   device file",), tuple(rows), units=units)
 
 
 def _value(key: str, value: Any) -> tuple[Part, ...]:
