@@ -97,7 +97,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         try:
             args, unknown = build_parser().parse_known_args(arguments)
             if unknown:
-                raise InputError.of(f"unrecognized arguments: {' '.join(unknown)}; see `avc {arguments[0]} -h`")
+                flag = arguments[max(arguments.index(unknown[0]) - 1, 0)]
+                longer = [one for one in args.options.values() if one.endswith(flag[1:]) and one != flag]
+                meant = f"{flag} takes no value, did you mean {longer[0]}; " if longer else ""
+                raise InputError.of(f"unrecognized arguments: {' '.join(unknown)}; {meant}see `avc {arguments[0]} -h`")
         except SystemExit as leaving:  # --help and --version
             sys.stdout.flush()
             return int(leaving.code or 0)
