@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from shlex import quote
 from typing import TYPE_CHECKING, Any
@@ -19,7 +19,6 @@ from avc_casadi.present.row import Answer
 
 if TYPE_CHECKING:
     from avc_casadi.files.new_problem import NewProblem
-    from avc_casadi.present.report import Picture, Section
 
 
 @cli.verb(
@@ -226,8 +225,9 @@ def run_run(args: argparse.Namespace, console: Console) -> Answer:
     with output_folder(args.out or str(shown), "--out") as folder:
         console.notice(f"{args.problem} ... all of it, into {shown}")
         # Slow to load: after the first line.
+        from avc_casadi.files.coupling_file import gain_csv
         from avc_casadi.present import report
-        from avc_casadi.present.rows.design import run
+        from avc_casadi.present.rows.design import run, without_gains
         from avc_casadi.present.rows.recommend import recommendation
         from avc_casadi.recommendation.recommend import judged_as_recommended
 
@@ -239,64 +239,45 @@ def run_run(args: argparse.Namespace, console: Console) -> Answer:
                 found = judged_as_recommended(problem, gains, versions=package_versions(), progress=console)
         with console.step("device"):
             push = _pushed(found, unsafe=args.unsafe)
-        paper = _paper(found, push, console)
-        files, written = paper.files, None
+        comparison = _compared(found, console)
+        compare, gains = comparison.document(), comparison.methods[comparison.delivered]
+        best = compare["methods"][comparison.delivered]
+        files: dict[str, str | bytes] = {
+            "gains.json": json_text(best, problem.units),
+            "gains.csv": gain_csv(gains),
+            "compare.json": json_text(compare, problem.units),
+        }
+        written = None
         if found.coupling is not None and push.get("deployable") is not False:
             files["coupling.json"], written = coupling_text(found.coupling), str(shown / "coupling.json")
         with console.step("figures"):
-            drawn = report.wall_pictures(found)
-        answer = recommendation(found, args.problem, written)
-        pictures = list(drawn.values())
-        files["report.html"] = report.report_html(answer, problem, pictures, package_versions(), paper.sections)
-        for name, picture in (drawn | paper.drawn).items():
+            drawn, of_paper = report.wall_pictures(found), report.paper_pictures(comparison)
+        answer, pictures = recommendation(found, args.problem, written), list(drawn.values())
+        sections = report.paper_sections(compare, problem, of_paper, push)
+        files["report.html"] = report.report_html(answer, problem, pictures, package_versions(), sections)
+        for name, picture in (drawn | of_paper).items():
             files |= {f"{name}.png": picture.png, f"{name}.svg": picture.svg}
         for name, content in files.items():
             write_file(folder / name, content)
-    data = {"folder": str(shown), "files": sorted(files), "deploy": answer.data, "push": push, "compare": paper.compare}
+    data = {"folder": str(shown), "files": sorted(files), "deploy": answer.data, "push": push, "compare": compare}
     console.written.append(f"{shown / 'report.html'} and {len(files) - 1} files beside it")
     answer = run(data, answer)
     refused = "push refused" if found.deployable or args.unsafe else "not deployable, push refused"
     why = "no coupling is deployable" if found.coupling is None else refused if "refused" in push else ""
-    complaints = [paper.missing, f"avc: {problem.name}: {why}" if why else ""]
+    complaints = [without_gains(best), f"avc: {problem.name}: {why}" if why else ""]
     return replace(answer, complaint="\n".join(filter(None, complaints)))
 
 
-@dataclass(frozen=True)
-class _Paper:
-    """The paper's question: files, figures and sections of the report, comparison, which frequencies have no gains."""
-
-    files: dict[str, str | bytes]
-    drawn: dict[str, Picture]
-    sections: list[Section]
-    compare: dict[str, Any]
-    missing: str
-
-
-def _paper(found: avc.Recommendation, push: dict[str, Any], console: Console) -> _Paper:
+def _compared(found: avc.Recommendation, console: Console) -> avc.Comparison:
     """Answer the paper's question, beside what is recommended."""
     from avc_casadi.design.comparison.comparison import with_causal, with_delivered
-    from avc_casadi.files.coupling_file import gain_csv, gain_document
-    from avc_casadi.present.report import paper_pictures, paper_sections
-    from avc_casadi.present.rows.design import without_gains
 
-    problem = found.problem
-    comparison = avc.compare(problem, progress=console)
+    problem, comparison = found.problem, avc.compare(found.problem, progress=console)
     if comparison.scope != "pointwise":
         comparison = with_delivered(comparison, problem, avc.solve(problem, "schedule", progress=console))
     if found.coupling is not None and found.coupling.table.constant:
         comparison = with_causal(comparison, found.coupling)
-    gains = comparison.methods[comparison.delivered]
-    certificate = comparison.judged[comparison.delivered].certificate.document()
-    compare, document = comparison.document(), gain_document(gains)
-    files: dict[str, str | bytes] = {
-        "gains.json": json_text(document | {"certificate": certificate}, problem.units),
-        "gains.csv": gain_csv(gains),
-        "compare.json": json_text(compare, problem.units),
-    }
-    with console.step("figures of the paper"):
-        drawn = paper_pictures(comparison)
-    sections = paper_sections(compare, problem, drawn, push)
-    return _Paper(files, drawn, sections, compare, without_gains(document))
+    return comparison
 
 
 def _pushed(found: avc.Recommendation, *, unsafe: bool) -> dict[str, Any]:
