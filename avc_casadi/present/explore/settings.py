@@ -6,8 +6,9 @@ import json
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, TypeGuard, get_origin, get_type_hints
+from typing import Any, Literal, TypeGuard, get_origin, get_type_hints
 
+from pydantic import BaseModel, ValidationError
 from pydantic_core import PydanticCustomError
 
 from avc_casadi._errors import AvcError, Fault, InputError
@@ -18,7 +19,6 @@ from avc_casadi.model.problem import Problem
 from avc_casadi.model.quantity import Quantity, Whole, power_at_handle
 from avc_casadi.model.table import Table, choices_of, inside, tables_of
 
-MOTIONS = ("press", "tap", "hold")
 _GROUPS = {
     "simulation": "Simulation",
     "follower": "Follower",
@@ -163,14 +163,13 @@ def _number(
     return Field(key, group, label, shown, factor, low, high, log, isinstance(of, Whole), blank, validator=of)
 
 
-@dataclass(frozen=True)
-class Settings:
+class Settings(BaseModel, frozen=True, extra="forbid", strict=True):
     """One column of the page."""
 
-    values: Mapping[str, Any]
-    gains: Mapping[str, Any]
+    values: dict[str, Any]
+    gains: dict[str, Any]
     method: str
-    motion: str
+    motion: Literal["press", "tap", "hold"]
 
     def key(self, *parts: str) -> str:
         """Return some of the settings as a text: equal settings, equal text."""
@@ -189,17 +188,14 @@ class Form:
 
 def settings_of(document: Any, form: Form) -> Settings:
     """Read the settings of a request."""
-    allowed = {"values": dict, "gains": dict, "method": str, "motion": str}
-    if not isinstance(document, dict) or set(document) != set(allowed):
-        raise RequestError(400, f"settings are an object with {', '.join(allowed)}")
-    for key, kind in allowed.items():
-        if not isinstance(document[key], kind):
-            raise RequestError(400, f"{key} is of another kind")
-    found = Settings(**document)
+    try:
+        found = Settings.model_validate(document)
+    except ValidationError as error:
+        raise RequestError(400, f"settings are an object with {', '.join(Settings.model_fields)}") from error
     known = {"values": {field.key for field in form.fields}, "gains": {field.key for field in form.gains}}
     unknown = [name for part, names in known.items() for name in document[part] if name not in names]
-    if unknown or found.method not in (*form.live, *form.slow) or found.motion not in MOTIONS:
-        raise RequestError(400, f"the page has no {', '.join(unknown) or f'{found.method} or {found.motion}'}")
+    if unknown or found.method not in (*form.live, *form.slow):
+        raise RequestError(400, f"the page has no {', '.join(unknown) or found.method}")
     return found
 
 
