@@ -226,8 +226,10 @@ def recommended(problem: avc.Problem, console: Console, hands: int = 100, **opti
     """Return the recommended coupling to a wall, a simulation or a follower."""
     from avc_casadi._util.parallel import processors
     from avc_casadi.cli.console import package_versions
+    from avc_casadi.simulation.execute import compiler
 
-    require_compiler(console)
+    if compiler() is None:
+        console.notice("avc: no C compiler is found (cc, or CC): hands are simulated some fifteen times as slowly")
     if problem.simulation is None and problem.follower is None:
         options |= {"workers": min(2, processors())}
     with console.step(f"couplings with {hands} hands"):
@@ -240,16 +242,3 @@ def recommended_coupling(problem: avc.Problem, console: Console) -> Coupling:
     if found.coupling is None:
         raise avc.NotDeployableError(f"{problem.name}: {found.reason}")
     return found.coupling
-
-
-def require_compiler(console: Console) -> None:
-    """Tell that hands are simulated slowly without a C compiler."""
-    from avc_casadi.simulation.execute import compiler
-
-    if compiler() is None:
-        console.notice("avc: no C compiler is found (cc, or CC): hands are simulated some fifteen times as slowly")
-
-
-def unsafe_note(verdict: avc.Deployable) -> str:
-    """Return a note that a coupling was used although it is not deployable; empty where it is."""
-    return "" if verdict.passed else f"UNSAFE, went on by request: {verdict.sentence}"

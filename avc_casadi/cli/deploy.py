@@ -81,7 +81,8 @@ def _verdict_data(coupling: Coupling, *, unsafe: bool) -> dict[str, Any]:
     from avc_casadi.present.rows import holes
 
     verdict = require_deployable(coupling, unsafe=unsafe)
-    data = {"coupling": coupling.id, "deployable": verdict.document(), "unsafe": cli.unsafe_note(verdict)}
+    note = "" if verdict.passed else f"UNSAFE, went on by request: {verdict.sentence}"
+    data = {"coupling": coupling.id, "deployable": verdict.document(), "unsafe": note}
     return data | {"lacks": list(coupling.lacks), "holes": holes(coupling.schedule) or None}
 
 

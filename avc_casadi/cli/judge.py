@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     cli.argument("problem", metavar="P", text="problem to judge against; or a coupling file, which has its own"),
     cli.argument("gains", metavar="GAINS", nargs="?", text="coupling or gain file, .json or .csv"),
     cli.flag("--prove", "ask for a proof of rest (L7), seconds a row: proved, refuted (with the hand) or open (why)"),
-    cli.argument("--proof-out", metavar="DIR", text="with --prove: write proofs and witnesses"),
+    cli.argument("--proof-out", metavar="DIR", text="--prove, and write proofs and witnesses"),
     cli.argument("--k", "--kp", type=float, metavar="K", text="own law: spring, N/m; N.m/rad of a device that turns"),
     cli.argument("--b", "--kd", type=float, metavar="B", text="own law: damper in the wall, N.s/m or N.m.s/rad"),
     cli.argument("--b-p", type=float, metavar="B", text="own law: damper that acts outside the wall too"),
@@ -55,8 +55,6 @@ def run_certify(args: argparse.Namespace, console: Console) -> Answer:
         pair = ToolGains(*(law.get(key, 0.0) for key in ("k", "b", "b_p")))
         checked(Law(*vars(pair).values()), problem.device)
         return _certify_pair(problem, pair, args.problem, console)
-    if args.proof_out is not None and not args.prove:
-        raise avc.InputError.of("writes what --prove finds; give --prove too", key="--proof-out")
     problem, coupling, notes = cli.subject(args.problem, args.gains)
     if coupling is None:
         allowed = f"a file of gains (avc recommend {quote(args.problem)} --out c.json), or a law: --k K --b B"
@@ -90,7 +88,7 @@ def _certify_wall(
     proofs: dict[str, Any] = {}
     with nullcontext() if args.proof_out is None else output_folder(args.proof_out, "--proof-out") as folder:
         with console.step(f"certificate of {coupling.schedule.rows} rows"):
-            found = avc.certify(problem, coupling, prove=args.prove, progress=console)
+            found = avc.certify(problem, coupling, prove=args.prove or folder is not None, progress=console)
         if folder is not None:
             proofs = proof_files(problem, found)
             console.written += [str(Path(args.proof_out) / name) for name in proofs]

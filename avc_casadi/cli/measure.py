@@ -44,10 +44,6 @@ def run_excite(args: argparse.Namespace, console: Console) -> Answer:
     from avc_hardware import ExcitationLog, excite
 
     device, on_bench = (cli.load_any_device(one)[0].device for one in (args.device, args.on_bench or args.device))
-    if args.plan_only and args.out:
-        raise avc.InputError.of("makes a log, and --plan-only plays nothing; leave one of them out", key="--out")
-    if args.on_bench and args.port != "emulator":
-        raise avc.InputError.of("goes with --port emulator alone; leave it out", key="--on-bench")
     limits = cli.of_motion(args, device.units, "force_n", "speed_m_per_s", "travel_m")
     with console.step("plan: a signal within the limits on every device of the ranges"):
         made = plan_excitation(device, args.signal, seconds=args.seconds, progress=console, **limits)
