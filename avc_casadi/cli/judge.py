@@ -210,7 +210,6 @@ def run_trial(args: argparse.Namespace, console: Console) -> Answer:
 @cli.verb(
     cli.PROBLEM,
     cli.plot("the region"),
-    cli.VERBOSE,
 )
 def run_zwidth(args: argparse.Namespace, console: Console) -> Answer:
     """Show which walls the device can render without coupling; of a [simulation] which K and B are stable."""

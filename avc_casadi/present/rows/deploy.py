@@ -50,12 +50,11 @@ def push(data: Mapping[str, Any], coupling: Coupling, shown: str) -> Answer:
     equal, problem = data["readback_equal"], coupling.problem
     rounding = "exact in" if not data["rounding_max"] else f"within {data['rounding_max']:.0e} by"
     took = fill(f"({{seconds:time}}, {subject.plural(data['attempts'], 'attempt')}), CRC {data['crc32']:08x}", data)
-    limit = None if coupling.max_force_n is None else Value(coupling.max_force_n, "force")
     rows = [
         *_unsafe(data),
         row("Pushed", f"coupling {coupling.id}, {subject.plural(data['rows'], 'row')} on {data['port']}", took),
         row("Read back", f"equal, {rounding} single precision" if equal else "NOT EQUAL", mark=grade(equal)),
-        row("Limit", limit or "the device's own"),
+        row("Limit", fill("{max_force_n}", data)),
     ]
     if "in_the_loop" in data:
         rows.append(in_the_loop(data["in_the_loop"]))

@@ -34,7 +34,6 @@ ENDINGS = {
 _CURVES = {
     "passive-paper": "Passive, paper",
     "passive-sampled-data": "Passive, sampled",
-    "passive-delayed": "Passive, 1 sample late",
     "stable-released": "Stable, released",
     "stable-hands": "Stable, all hands",
 }
@@ -233,15 +232,15 @@ def walls(data: Mapping[str, Any], problem: Problem, shown: str = "") -> Answer:
     if data["not_used"]:
         unused = ", ".join(map(problem.units.key, data["not_used"]))
         rows.append(row("Not used", f"{unused}: declared, and no part of these claims", mark=Mark.CAUTION))
-    for key, one in curves.items():
+    for key, label in _CURVES.items():
+        one = curves[key]
         known = [(k, b) for k, b in zip(one["stiffness_n_per_m"], damping, strict=True) if k is not None]
         text: tuple[Part, ...] = ("no wall",)
         if known:
             k, b = max(known)
             ends = "; beyond it not looked at" if b == damping[-1] else ""
             text = parts("up to", Value(k, "stiffness"), "with a wall damping of", Value(b, "damping"), ends)
-        # A device that is a sample later is another device.
-        rows.append(row(_CURVES[key], text, rank=1 if key == "passive-delayed" else 0))
+        rows.append(row(label, text))
     rows.append(subject.passive_limit(data["passive_limit_n_per_m"]))
     if data["encoder_limit_n_per_m"] is not None:
         limit = "{encoder_limit_n_per_m} for a passive wall, 2 f_c/Delta (Abbott and Okamura 2005)"
