@@ -57,18 +57,18 @@ def placed(value: FloatArray, rounding: FloatArray, ends: tuple[float, float]) -
 def why_not(problem: Problem, b: float, k: float, contact: float) -> str:
     """Return why finite gains cannot be built, or nothing."""
     faults = []
-    box = problem.coupling
-    for name, value, (low, high) in (
-        ("stiffness", k, box.stiffness_n_per_m),
-        ("damping", b, box.damping_ns_per_m),
-        ("contact damping", contact, box.contact_damping_ns_per_m),
+    box, units = problem.coupling, problem.units
+    for name, value, of, (low, high) in (
+        ("stiffness", k, "N/m", box.stiffness_n_per_m),
+        ("damping", b, "N.s/m", box.damping_ns_per_m),
+        ("contact damping", contact, "N.s/m", box.contact_damping_ns_per_m),
     ):
         if not np.isfinite(value):
             faults.append(f"asks for {name} that is not finite")
         elif value < 0:
-            faults.append(f"asks for negative {name} {value:.6g}")
+            faults.append(f"asks for negative {name} {value:.6g} {units.unit(of)}")
         elif not low <= value <= high:
-            faults.append(f"asks for {name} {value:.6g} outside [{low:g}, {high:g}]")
+            faults.append(f"asks for {name} {value:.6g} {units.unit(of)} outside [{low:g}, {high:g}]")
     return "; ".join(faults)
 
 
