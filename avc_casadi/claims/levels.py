@@ -198,10 +198,10 @@ def level_result(
     worst = int(np.argmin(np.where(passed, np.inf, margin) if failed else margin))
     row = int(np.flatnonzero(rows.present)[worst])
     if failed:
+        unit = rows.problem.units.unit("N.s/m")
         where = f"at {frequency[worst]:.5g} Hz" if frequency[worst] > 0 else "towards zero frequency"
-        fault = (faults[worst] if faults else "") or f"a margin of {margin[worst]:.4g} {where}"
-        own = f"the row of {rows.frequency_hz[row]:.5g} Hz"
-        claim = f"Not met by {failed} of {len(passed)} rows: {own} has {fault}"
+        fault = (faults[worst] if faults else "") or f"a margin of {margin[worst]:.4g} {unit} {where}"
+        claim = f"Not met by {failed} of {len(passed)} rows: that of {rows.frequency_hz[row]:.5g} Hz has {fault}"
     if missing:
         claim = (
             f"{claim}; {missing} rows have no gains" if failed else f"Not met: {missing} rows have no gains; {claim}"

@@ -80,9 +80,9 @@ def _noted(problem: Problem, method: Method, gains: GainSchedule) -> GainSchedul
             f"designed for the nominal value of {', '.join(unused)}: a design keeps its claim over "
             f"the ranges of mass and damping; certify judges every corner of the others"
         )
-    credit = problem.schedule.hand_damping_ns_per_m
+    credit, unit = problem.schedule.hand_damping_ns_per_m, problem.units.unit("N.s/m")
     if credit and method.credits_hand and problem.stability.scope != "hands":
-        notes.append(f"Re Z_h counts {credit:g} of the hand's damping (schedule.hand_damping_ns_per_m)")
+        notes.append(f"Re Z_h counts {credit:g} {unit} of the hand's damping (schedule.hand_damping_ns_per_m)")
     elif credit:
         takers = ", ".join(name for name, one in METHODS.items() if one.credits_hand)
         notes.append(

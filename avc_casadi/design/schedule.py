@@ -226,19 +226,20 @@ def _reason(programme: Programme, at: int, states: FloatArray) -> str:
     """Return what is short at a stage with the best gains there, and the next step."""
     problem, gains = programme.problem, programme.states.gains(states)
     b, k, p = (float(gain[at]) for gain in gains)
-    best = f"with the best, b = {b:.6g}, k = {k:.6g}, b_p = {p:.6g}"
+    damping, stiffness = (problem.units.unit(one) for one in ("N.s/m", "N/m"))
+    best = f"with the best, b = {b:.6g} {damping}, k = {k:.6g} {stiffness}, b_p = {p:.6g} {damping}"
     told = f"no gains meet scope {problem.stability.scope} at {programme.frequency_hz[at]:.6g} Hz"
     next_step = "widen the box of [coupling], narrow the scope or add device damping"
     if programme.elastic == "realism":
         z, target = programme.loop.perceived(*gains)[at], np.asarray(programme.loop.target)[at]
         low, high = (float(end[at]) for end in bound_magnitudes(problem, programme.loop))
         wanted = {
-            "bounds": f"|Z_h| is at best {abs(z):.6g}, not {low:.6g} to {high:.6g}",
+            "bounds": f"|Z_h| is at best {abs(z):.6g} {damping}, not {low:.6g} to {high:.6g}",
             "jnd": f"|Z_h - Z_h_ds| is at best {abs(z / target - 1):.6g} |Z_h_ds|, not {problem.realism.jnd:g}",
         }
         return f"{told} and realism.require: {wanted[problem.realism.require]}, {best}; {next_step}"
     worst = worst_slack(problem, programme.frequency_hz, gains)
-    short = f"Re Z_h is short by {-worst.slack[at]:.6g} at {worst.frequency_hz[at]:.6g} Hz"
+    short = f"Re Z_h is short by {-worst.slack[at]:.6g} {damping} at {worst.frequency_hz[at]:.6g} Hz"
     if programme.hands is not None:
         short = f"the spectral radius is {1 - worst.slack[at]:.6g}"
     return f"{told}: {short} {best}; {next_step}"

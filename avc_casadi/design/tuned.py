@@ -101,8 +101,7 @@ def solve_static_tuned(problem: Problem, *, progress: Progress = SILENT) -> Gain
     """Solve by tuned constant gains; the same at every row; the notes report their trial."""
     started = time.perf_counter()
     found = tune_static(problem, progress=progress)
-    damping = problem.units.unit("N.s/m")
-    notes = (found.sentence(damping),)
+    notes = (found.sentence(problem.units.unit("N.s/m")),)
     return constant_schedule(problem, "static-tuned", found.gains, started, reason=found.reason, notes=notes)
 
 

@@ -56,8 +56,7 @@ def placed(value: FloatArray, rounding: FloatArray, ends: tuple[float, float]) -
 
 def why_not(problem: Problem, b: float, k: float, contact: float) -> str:
     """Return why finite gains cannot be built, or nothing."""
-    faults = []
-    box, units = problem.coupling, problem.units
+    faults, box, units = list[str](), problem.coupling, problem.units
     for name, value, of, (low, high) in (
         ("stiffness", k, "N/m", box.stiffness_n_per_m),
         ("damping", b, "N.s/m", box.damping_ns_per_m),

@@ -169,12 +169,13 @@ def row_reasons(problem: Problem, status: tuple[Status, ...]) -> tuple[str, ...]
         # Reported for the least damped device of the range, which is critical.
         found = largest_real_part(least_damped(problem), problem.frequencies_hz()[rows])
         for row, *best in zip(rows, *found, strict=True):
-            reasons[row] = _reason(problem.stability.margin_ns_per_m, *best)
+            reasons[row] = _reason(problem, *best)
     return tuple(reasons)
 
 
-def _reason(margin: float, value: float, damping: float, stiffness: float) -> str:
-    at = f"{value:.6g}, at b = {damping:.6g}, k = {stiffness:.6g}"
+def _reason(problem: Problem, value: float, damping: float, stiffness: float) -> str:
+    margin, (of, spring) = problem.stability.margin_ns_per_m, map(problem.units.unit, ("N.s/m", "N/m"))
+    at = f"{value:.6g} {of}, at b = {damping:.6g} {of}, k = {stiffness:.6g} {spring}"
     claim = f"Re Z_h >= {margin:g} (stability.margin_ns_per_m)"
     if value >= margin:
         return (
@@ -187,7 +188,7 @@ def _reason(margin: float, value: float, damping: float, stiffness: float) -> st
     # A margin cannot be lowered below 0.
     lower = "lower the margin by that, " if margin >= missing else ""
     return (
-        f"{claim} cannot be met in the gain box: at most {at}; missed by {missing:.6g}: {lower}add "
+        f"{claim} cannot be met in the gain box: at most {at}; missed by {missing:.6g} {of}: {lower}add "
         "as much device damping, or widen the box of [coupling]"
     )
 
