@@ -74,7 +74,7 @@ def test_interrupt_ends_the_command_and_leaves_no_half_written_file(verb, after_
     out, err = output(process)
     assert process.returncode == 130, err.decode()
     assert strict_json(out)["errors"][0]["message"] == "interrupted"
-    assert all(b" ... " in line for line in err.splitlines()), err  # progress, where it took longer than ten seconds
+    assert all(b" ..." in line for line in err.splitlines()), err  # progress, where it took longer than ten seconds
     assert [path.name for path in tmp_path.iterdir()] == ["slow.toml"]
 
 
