@@ -12,7 +12,6 @@ import avc_casadi as avc
 from avc_casadi._util.files import write_file
 from avc_casadi._util.interrupt import EXIT_CODE, DeferredInterrupt, take_interrupt
 from avc_casadi._util.json_values import plain
-from avc_casadi._util.text import number
 from avc_casadi._util.units import units_for
 from avc_casadi.cli import arguments as cli
 from avc_casadi.cli.console import Console, output_folder
@@ -159,13 +158,11 @@ def run_firmware(args: argparse.Namespace, console: Console) -> Answer:
     device, notes = getattr(problem, "device", problem), []
     if getattr(problem, "detent", None) is not None:
         notes.append("[detent] has no place in what is pushed: export it (avc export)")
-    for key, value in (
-        ("max_force_n", built.limits.max_force_n),
-        ("encoder_resolution_m", built.limits.metres_per_count),
-    ):
+    own = {"max_force_n": built.limits.max_force_n, "encoder_resolution_m": built.limits.metres_per_count}
+    for key, value in own.items():
         if not getattr(device, key):
-            name = device.units.key(key)
-            notes.append(f"the file has no device.{name}: {number(value)} is the board's own; give the device's")
+            what = f"{Value.of(key, value).text(device.units)} is the board's own; give the device's"
+            notes.append(f"the file has no device.{device.units.key(key)}: {what}")
     data = {key: getattr(built, key) for key in ("board", "build", "address", "commands")}
     data |= {"baud": args.baud or 115200, "size_bytes": built.size, "notes": notes}
     console.written += [str(Path(args.out) / path.name) for path in built.files]
@@ -223,11 +220,8 @@ def run_stream(args: argparse.Namespace, console: Console) -> Answer:
             raise
         take_interrupt()
         data = avc.fault_document(avc.InputError.of("interrupted")) | data | {"sent": sent}
-        after = (
-            f"{args.port} goes back to its table, coupling {coupling.id}, within {HOLD_PERIODS / args.rate_hz:.2g} s"
-        )
-        left = "the emulated board ends with this command" if args.port == "emulator" else after
-        return Answer("stream", data, (f"interrupted after {sent} messages; {left}",), code=EXIT_CODE)
+        after = f"{args.port} goes back to its table within {HOLD_PERIODS / args.rate_hz:.2g} s"
+        return Answer("stream", data, (f"interrupted after {sent} messages; {after}",), code=EXIT_CODE)
     data |= plain(vars(result) | verdict | {"push": result.push.document()})
     complaint = f"avc: {result.port}: {'; '.join(result.faults)}" if result.faults else ""
     return replace(deploy.stream(data, result.faults), units=units, complaint=complaint)

@@ -134,13 +134,12 @@ def run_doctor(args: argparse.Namespace, console: Console) -> Answer:
     from avc_hardware import Connection, list_ports, open_link
 
     found: list[dict[str, Any]] = [{**vars(port), "avc_device": None} for port in list_ports()]
-    for port in found if args.ask else ():
+    for port in (one for one in found if args.ask and one["accessible"]):
         with console.step(port["device"]), suppress(avc.LinkError):  # where no avc device answers
-            if port["accessible"]:
-                with Connection(open_link(port["device"], baud=args.baud), baud=args.baud) as connection:
-                    device = connection.device
-                keys = ("build", "sample_time_s", "faults", "unique_id", "coupling_id")
-                port["avc_device"] = {key: getattr(device, key) for key in keys}
+            with Connection(open_link(port["device"], baud=args.baud), baud=args.baud) as connection:
+                device = connection.device
+            keys = ("build", "sample_time_s", "faults", "unique_id", "coupling_id")
+            port["avc_device"] = {key: getattr(device, key) for key in keys}
     rows = ports(found, asked=args.ask)
     if args.ports:
         return Answer("ports", {"ports": found}, ("serial ports; without a device: --port emulator",), tuple(rows))
