@@ -215,10 +215,8 @@ def gains_of(settings: Settings, form: Form) -> dict[str, float | None]:
 
 def problem_of_settings(base: Problem, settings: Settings, form: Form, *, to_save: bool = False) -> Problem:
     """Return the problem of the settings."""
-    tables, values = problem_document(base), dict(settings.values)
-    if "device.handle_radius_m" in values:
-        tables["device"]["handle_radius_m"] = values.pop("device.handle_radius_m")
-    _hold_elsewhere(tables, base.device)
+    tables, values = problem_document(base), settings.values
+    _hold_elsewhere(tables, base.device, values.get("device.handle_radius_m"))
     for key in sorted(values):
         _put(tables, key, values)
     if (tables["device"].get("resonance") or {}).get("frequency_hz") is None:
@@ -305,9 +303,8 @@ def _end_below_nyquist(tables: dict[str, Any]) -> None:
         frequency["start_hz"] = min(frequency["start_hz"], frequency["stop_hz"] / 10)
 
 
-def _hold_elsewhere(tables: dict[str, Any], before: Device) -> None:
+def _hold_elsewhere(tables: dict[str, Any], before: Device, radius: Any) -> None:
     """Take hands and bounds of the gains along to the radius at which the device is held now."""
-    radius = tables["device"].get("handle_radius_m")
     if before.units.linear or not _is_number(radius) or not radius > 0:
         return
     ratio = radius / before.metres_per_unit
