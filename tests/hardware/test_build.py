@@ -5,7 +5,6 @@ from pathlib import Path
 
 import pytest
 from hardware_bench import coupling, export_c, push, require, run, scratch
-from host_device import build_host
 from tick_profile import tick_instructions
 
 from avc_casadi import LinkError, UnsupportedError
@@ -39,13 +38,6 @@ def test_the_board_builds_without_warnings_and_keeps_its_memory(tmp_path: Path) 
     assert min(image.segments) == 0x08000000
     memory = max(address + size for name, (address, size) in image.symbols.items() if name == "device")
     assert memory - 0x20000000 < 49_000
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("cc", ["gcc", "clang"])
-def test_core_compiles_without_warnings(cc: str, tmp_path: Path) -> None:
-    require(cc)
-    assert build_host(tmp_path, cc=cc).stat().st_size > 0
 
 
 # `avc firmware`: sample time, encoder and force of the device in an image that takes no coupling for another.

@@ -79,7 +79,6 @@ def test_every_bit_of_a_frame_matters() -> None:
         for bit in range(8):
             spoilt = bytearray(data)
             spoilt[at] ^= 1 << bit
-            assert all(got != frame for got in Decoder().feed(bytes(spoilt))) or bytes(spoilt) == data
             assert Decoder().feed(bytes(spoilt)) == []
 
 

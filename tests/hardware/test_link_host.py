@@ -39,7 +39,7 @@ from avc_hardware.link.session import Exchange, RefusedError
 def test_wrong_sample_time_is_refused_on_both_sides() -> None:
     slow = coupling(3, sample_time_s=2e-3)
     assert refused(TableImage.of(slow)).reason is Reason.SAMPLE_TIME
-    with pytest.raises(LinkError):
+    with pytest.raises(LinkError, match="not sent: the coupling is for a sample time"):
         push(slow, HostLink(host_core()))
 
 

@@ -10,10 +10,11 @@ import pytest
 from hardware_bench import coupling, host_core, image, push, refused
 from host_device import HostLink
 
+from avc_casadi import LinkError
 from avc_hardware import Connection, TableImage
 from avc_hardware.link import messages as m
 from avc_hardware.link.faults import INTERFACE_VERSION, Reason, Refusal
-from avc_hardware.link.frames import Decoder, Frame, cobs_decode, encode
+from avc_hardware.link.frames import Decoder, Frame, encode
 from avc_hardware.link.messages import Kind
 from avc_hardware.link.session import RefusedError, Session
 
@@ -67,12 +68,6 @@ def test_streamed_gains_are_checked(b: float, reason: Reason) -> None:
     assert caught.value.refusal.reason is reason
 
 
-def _content(data: bytes) -> bytes:
-    content = cobs_decode(data.strip(b"\0"))
-    assert content is not None
-    return content
-
-
 def test_host_of_another_interface_is_refused_by_the_device() -> None:
     core = host_core()
     core.read()
@@ -91,11 +86,27 @@ def test_session_waits_and_sends_nothing_by_itself() -> None:
     second = dialogue.send(None)
     assert first.data == second.data
     assert second.data.startswith(b"\0")
-    (sequence,) = struct.unpack_from("<H", _content(first.data), 2)
+    sequence = Decoder().feed(first.data)[0].sequence
     assert dialogue.send((sequence - 1, m.Committed(1, 2, 0))).data == b""
     with pytest.raises(StopIteration) as stop:
         dialogue.send((sequence, m.Committed(3, 4, 0)))
     assert stop.value.value == m.Committed(3, 4, 0)
+
+
+class ReadsOtherwise(HostLink):
+    """A link over which the last byte of what is read back is another one."""
+
+    def read(self, timeout_s: float) -> bytes:
+        frames = Decoder().feed(super().read(timeout_s))
+        for place, one in enumerate(frames):
+            if one.type == Kind.READBACK | m.REPLY:
+                frames[place] = dataclasses.replace(one, payload=one.payload[:-1] + b"?")
+        return b"".join(map(encode, frames))
+
+
+def test_a_table_that_is_read_back_otherwise_is_no_success() -> None:
+    with pytest.raises(LinkError, match="differs from the one sent"):
+        push(coupling(5), ReadsOtherwise(host_core()))
 
 
 # A table that must not run is refused by the device itself, with the row and the reason.

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import atexit
-import dataclasses
 import functools
 import importlib.util
 import os
@@ -114,8 +113,7 @@ def dense_believer(states: int, seed: int = 0) -> StateFeedback:
 
 def unwatched(*values: float, **options: float) -> BoardLimits:
     """Limits of a board that takes any motion for plausible: tests move as no device can."""
-    watched = ("max_speed_m_per_s", "max_acceleration_m_per_s2", "max_energy_j", "stuck_swing_n", "max_overruns")
-    return dataclasses.replace(BoardLimits(*values, **options), **dict.fromkeys(watched, 0.0))
+    return BoardLimits(*values, **options).unwatched
 
 
 def host_core(**options: Any) -> HostCore:

@@ -76,10 +76,6 @@ class _AnyWall(Environment):
     """A wall with symbolic parameters: it may have a damper."""
 
     @property
-    def present(self) -> bool:
-        return True
-
-    @property
     def damped(self) -> bool:
         return True
 

@@ -93,14 +93,8 @@ class Session:
         raise NoAnswerError(f"no answer to {kind.name}; asked {trials} times")
 
     def hello(self) -> Generator[Exchange, Answer, Device]:
-        """Identify the device; refuse firmware of another interface."""
-        answer = yield from self.ask(Kind.HELLO, m.words(self.number, INTERFACE_VERSION), Device)
-        if answer.interface_version != INTERFACE_VERSION:
-            raise LinkError(
-                f"the firmware has interface version {answer.interface_version}, this program {INTERFACE_VERSION}; "
-                f"update {'the firmware' if answer.interface_version < INTERFACE_VERSION else 'avc-casadi'}"
-            )
-        return answer
+        """Identify the device, which refuses a host of another interface."""
+        return (yield from self.ask(Kind.HELLO, m.words(self.number, INTERFACE_VERSION), Device))
 
     def ask(self, kind: Kind, payload: bytes, expected: type[T]) -> Generator[Exchange, Answer, T]:
         """Send one message and return its answer, which must be of the expected class."""
