@@ -86,8 +86,7 @@ class Connection:
         self.link = link
         # A full frame out and a full answer back, ten bits a byte, and time for the device and the driver to think.
         timeout_s = 0.15 + 2 * 1024 * 10 / baud
-        number = secrets.randbits(32) if session is None else session
-        self.session = Session(number, timeout_s=timeout_s, on_wait=on_wait)
+        self.session = Session(session or secrets.randbits(32), timeout_s=timeout_s, on_wait=on_wait)
         self._deadline_s = 15.0 + 4 * 2 * 4200 * 10 / baud if deadline_s is None else deadline_s
         self._decoder = Decoder()
         self._waiting: deque[tuple[int, Message]] = deque()
@@ -116,10 +115,10 @@ class Connection:
                 answer = self._next(self._waiting, min(self.link.now_s() + exchange.timeout_s, end_s))
                 if answer is None and self.link.now_s() >= end_s:
                     dialogue.close()
-                    raise LinkError(
-                        f"{self.link.name}: gave up after {self._deadline_s:.0f} s; the link loses too much"
-                    )
+                    raise LinkError(f"{self.link.name}: gave up after {self._deadline_s:.0f} s; too much is lost")
                 exchange = dialogue.send(answer)
+        except NoAnswerError as error:
+            raise NoAnswerError(f"{self.link.name}: {error}; is the device still connected, and on?") from error
         except StopIteration as stop:
             result: T = stop.value
             return result

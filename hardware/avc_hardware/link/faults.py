@@ -46,7 +46,7 @@ _SENTENCES = (
     "enable line open: the emergency stop, or what stands for it, is open; close it",
     "reset by the watchdog: the firmware hung and was started anew; push the coupling again",
     "supply sank: the supply fell below its limit and the device started anew; push the coupling again",
-    "host silent: no heartbeat in time; send them again, and let go of the device",
+    "host silent: no heartbeat in time; send them (avc monitor --heartbeat) or start it anew, and let go of the device",
 )
 _TOLD = dict(zip(DeviceFault, _SENTENCES, strict=True))
 

@@ -127,8 +127,9 @@ def _notes(coupling: Coupling, device: Device) -> tuple[str, ...]:
     most, coarse = device.max_force_n, device.limits.metres_per_count
     tapped = float((coupling.trial or {}).get("tap_force_n") or 0.0)
     notes = []
-    if word := DeviceFault(device.faults).word:
-        notes.append(f"the device gives no force until its faults are cleared (avc device --clear): {word}")
+    if faults := DeviceFault(device.faults):
+        ends = "avc monitor --heartbeat, or a reset" if faults == DeviceFault.HEARTBEAT else "avc device --clear"
+        notes.append(f"the device gives no force until its faults are gone ({ends}): {faults.word}")
     if force is None and tapped > most:
         made = f"made without a limit, and in its trial a tap took {tapped:.3g}; give device.max_force_n"
         notes.append(f"the device limits the force at {most:g}, the coupling was {made} and make it again")
