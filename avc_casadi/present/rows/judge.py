@@ -134,8 +134,7 @@ def _law(values: Mapping[str, float]) -> tuple[Part, ...]:
 
 def _law_rows(found: LawCertificate) -> list[Row]:
     sound, period_s = found.disk_margin >= SOUND_DISK and found.quiet, found.problem.device.sample_time_s
-    somebody = any(found.held.hand.values())
-    cases = {"worst_hand": found.held} if somebody or found.released is None else {}
+    cases = {"worst_hand": found.held} if any(found.held.hand.values()) or found.released is None else {}
     cases |= {} if found.released is None else {"released": found.released}
     disk = min(case.margins.disk for case in cases.values())
     seconds, slowest = max((case.settling_s, who) for who, case in cases.items())
@@ -143,7 +142,8 @@ def _law_rows(found: LawCertificate) -> list[Row]:
     most, allowed = found.largest_stiffness_n_per_m, found.damping_range_ns_per_m
     rendered = [(Value(value, "stiffness"), f"at {hz:g} Hz") for hz, value in found.rendered_n_per_m.items()]
     mark = Mark.FAIL if not found.passed else grade(sound, Mark.CAUTION)
-    of_disk = Mark.FAIL if disk < LEAST_DISK else grade(disk >= SOUND_DISK, Mark.CAUTION)
+    disks = disk, disk if found.free is None else found.free.margins.disk
+    of_disk, free = (Mark.FAIL if one < LEAST_DISK else grade(one >= SOUND_DISK, Mark.CAUTION) for one in disks)
     rows = [
         row("Deployable", f"{'yes' if found.passed else 'no'}: {found.reason}", mark=mark),
         subject.smallest_margins({who: vars(case.margins) for who, case in cases.items()}, of_disk),
@@ -153,7 +153,7 @@ def _law_rows(found: LawCertificate) -> list[Row]:
     ]
     if found.free is not None:
         outside = fill("disk margin {disk:2}", vars(found.free.margins))
-        rows.append(row("Outside the wall", outside, mark=grade(found.free.stable)))
+        rows.append(row("Outside the wall", outside, mark=free))
     loud = fill("{noise_n} rms at rest; {encoder_step_n} by one encoder step", vars(found))
     rows += [
         row("Rendered", commas([(Value(found.static_stiffness_n_per_m, "stiffness"), "at rest"), *rendered])),
