@@ -240,16 +240,12 @@ def _structures(design: Design, period_s: float, lag: float, hertz: float, *, re
 
 
 def _windows(log: Log, swing: Oscillation) -> list[_Window]:
-    """Return the end of the oscillation and its beginning; of one over few steps the strongest motion too."""
+    """Return the end of the oscillation and its beginning."""
     period, n, lead = log.period_s, log.position_m.size, int(_MOST_DELAY) + 2
     size = int(min(max(0.4, 6 / swing.frequency_hz) / period, 1500, n - lead))
-    places = [swing.last - size, swing.first + round(2 / swing.frequency_hz / period)]
-    places += [int(np.argmax(np.convolve(swing.fast_m**2, np.ones(size), "valid")))] if swing.steps < 12 else []
-    chosen: list[int] = []
-    for place in places:
-        start = int(np.clip(place, lead, n - size))
-        if all(abs(start - other) > size // 3 for other in chosen):
-            chosen.append(start)
+    places = swing.last - size, swing.first + round(2 / swing.frequency_hz / period)
+    last, first = (int(np.clip(place, lead, n - size)) for place in places)
+    chosen = [last, first] if abs(first - last) > size // 3 else [last]
     smooth = signal.savgol_filter(log.position_m, 5, 2, deriv=1)
     rub = np.tanh(smooth / max(0.05 * log.encoder_m, 1e-3 * float(np.std(smooth)), 1e-12))
     parts = [(start, slice(start, start + size)) for start in chosen]
@@ -303,9 +299,6 @@ def _begin(one: _Structure, windows: Sequence[_Window], noise: float) -> tuple[_
         first[-3] += math.log(turn)
         firsts.append(one.solve(first, windows, level, 15))
     point = min(firsts, key=lambda each: each[2])[0]
-    # A sudden motion of the hand spoils its window, not the evidence of the others.
-    left = np.array([max(noise, _rms(one.residual(point, window))) for window in windows])
-    point = one.solve(point, windows, 1.7 * left, 12)[0]
     return one, point, max(_rms(one.residual(point, window)) for window in windows)
 
 

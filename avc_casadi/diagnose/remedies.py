@@ -13,12 +13,13 @@ from avc_casadi._util.arrays import FloatArray
 from avc_casadi.diagnose.law import Law, Switch
 from avc_casadi.diagnose.oscillation import Log, Oscillation
 from avc_casadi.diagnose.plant import Design, Hypothesis, growth, stable
+from avc_casadi.loops.margins import SETTLED
 from avc_casadi.model.hands import Hand
 from avc_casadi.model.plant import device_plant, sampled_plant, transition
 
 # Over fewer encoder steps a swing is compared by its force; a remedy leaves this share of a swing, or a step and a
-# half; a simulation that swings keeps at least a third.
-_FEW_STEPS, _RESTS, _SWINGS, _MOST_TICKS = 6.0, 0.15, 0.35, 5000
+# half; a simulation that swings keeps at least a third. Shares of the amplitude of the log from which it has to rest.
+_FEW_STEPS, _RESTS, _SWINGS, _MOST_TICKS, _STARTS = 6.0, 0.15, 0.35, 5000, (1.0, 0.87, 0.7)
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,6 +35,7 @@ class Scene:
     noise_m: float
     limit_n: float
     width: float = 0.0  # over which a switched force grows, 0 at once
+    start: float = 1.0  # share of the amplitude of the log
 
     @classmethod
     def of(cls, log: Log, swing: Oscillation, law: Law, design: Design, scatter_m: float) -> Scene:
@@ -70,7 +72,7 @@ class Scene:
         spring = float(np.atleast_1d(one.hand.stiffness_n_per_m)[0]) if isinstance(one.hand, Hand) else 0.0
         push, state = self.force_n + spring * self.rest_m, np.zeros(len(plant.names))
         # A device that bounces off a wall on one side comes from outside.
-        away = self.swing.peak_to_peak_m / (-2 if self.one_sided else 2)
+        away = self.start * self.swing.peak_to_peak_m / (-2 if self.one_sided else 2)
         state[[name.endswith("_position_m") for name in plant.names]] = self.rest_m + away
         noise = self.noise_m * np.random.default_rng(0).standard_normal(n)
         rate, (position, seen, force) = 0.0, np.zeros((3, n))
@@ -119,15 +121,30 @@ class Scene:
     def left(self, one: Hypothesis, law: Law, quarter: int = 3) -> float:
         """Return the swing in the last or another quarter of a simulation, as a share of that of the log."""
         position, force = (np.array_split(each, 4)[quarter] for each in self.play(one, law))
-        if self.swing.steps < _FEW_STEPS:
-            size = float(np.ptp(np.quantile(force, (0.01, 0.99))))
-            return size / max(self.swing.force_peak_to_peak_n, 1e-12)
+        shakes = float(np.ptp(np.quantile(force, (0.01, 0.99)))) / max(self.swing.force_peak_to_peak_n, 1e-12)
         size = float(np.ptp(position))
-        return 0.0 if size < 1.5 * self.encoder_m else size / self.swing.peak_to_peak_m
+        moves = 0.0 if size < 1.5 * self.encoder_m else size / self.swing.peak_to_peak_m
+        # At rest an encoder step may shake with half of the force of the log.
+        return shakes if self.swing.steps < _FEW_STEPS else max(moves, 2 * _RESTS * shakes)
 
     def settles(self, one: Hypothesis, law: Law) -> bool:
-        """Return whether a simulation comes to rest."""
-        return self.left(one, law) < (0.3 if self.swing.steps < _FEW_STEPS else _RESTS)
+        """Return whether simulations come to rest: over few encoder steps one may by chance."""
+        most = 0.3 if self.swing.steps < _FEW_STEPS else _RESTS
+        return all(replace(self, start=share).left(one, law) < most for share in _STARTS)
+
+    def rests(self, every: Sequence[Hypothesis], law: Law) -> tuple[bool, bool]:
+        """Return whether a loop comes to rest as soon as a user expects, and without dry friction too."""
+        # Settled within a second, a slow swing within five cycles.
+        slowest = math.log(SETTLED) / max(1.0, 5 / self.swing.frequency_hz)
+        # A sign of the position that grows over a width is a spring there.
+        ramp = law.switch.force_n / self.width if law.switch and law.switch.by == "position" and self.width else 0.0
+        steep = replace(law, stiffness_n_per_m=law.stiffness_n_per_m + ramp)
+        rates = [growth(one, steep) for one in every] if law.frames is None else []
+        sound = all(rate < 0 for rate in rates) and all(rate < slowest for rate in rates[:1])
+        tried = [every[0], max(every, key=lambda one: one.delay)] if law.switch else every[:1]
+        settles = (sound or law.switch is not None) and all(self.settles(one, law) for one in tried)
+        free = [one.changed(coulomb_friction_n=0.0) for one in tried if law.switch]
+        return settles, settles and sound and all(self.decays(one, law) for one in free)
 
     def decays(self, one: Hypothesis, law: Law) -> bool:
         """Return whether a simulation is on the way to rest."""
@@ -141,13 +158,14 @@ class Scene:
 
 @dataclass(frozen=True)
 class Remedy:
-    """A change with which the simulation of the fitted plant settles, without dry friction or by it alone."""
+    """A change with which the simulation of the fitted plant settles; by dry friction, or while this hand holds it."""
 
     key: str
     value: float
     before: float
     quantity: str
     by_friction: bool = False
+    while_held: bool = False
 
 
 def without(cause: str, one: Hypothesis, law: Law, log: Log, design: Design) -> tuple[Hypothesis, Law]:
@@ -178,20 +196,14 @@ def remedies_of(
     """Return the changes that settle a simulation of the fitted plant, one of each kind, those of the cause first."""
     found: dict[str, Remedy] = {}
     for remedy, values, its, its_scene in _changes(cause, answers[0], law, scene, log, design):
-        if remedy.key in found and not found[remedy.key].by_friction:
+        first = found.get(remedy.key)
+        if first and not (first.by_friction or first.while_held):
             continue
         every = [one.changed(**values) for one in answers]
-        # A sign of the position that grows over a width is a spring there.
-        wide = its.switch and its.switch.by == "position" and its_scene.width
-        ramp = its.switch.force_n / its_scene.width if its.switch and wide else 0.0
-        steep = replace(its, stiffness_n_per_m=its.stiffness_n_per_m + ramp)
-        sound = law.frames is not None or all(stable(one, steep) for one in every)
-        tried = [every[0], max(every, key=lambda one: one.delay)] if law.switch else every[:1]
-        if (sound or law.switch) and all(its_scene.settles(one, its) for one in tried):
-            free = [one.changed(coulomb_friction_n=0.0) for one in tried if law.switch]
-            alone = not (sound and all(its_scene.decays(one, its) for one in free))
-            found[remedy.key] = found.get(remedy.key, remedy) if alone else remedy
-            found[remedy.key] = replace(found[remedy.key], by_friction=alone)
+        if (held := its_scene.rests(every, its))[0]:
+            released = its_scene.rests([replace(one, hand=None) for one in every], its)
+            tried = replace(remedy, by_friction=not held[1], while_held=released < held)
+            found[remedy.key] = min(first or tried, tried, key=lambda one: one.by_friction + one.while_held)
     return tuple(found.values())
 
 
@@ -205,7 +217,9 @@ def _changes(cause: str, one: Hypothesis, law: Law, scene: Scene, log: Log, desi
         return (yield from _of_switch(law, switch, scene, design))
     if cause == "rates" and frames is not None:
         yield Remedy("sample_time_s", period, frames.ticks * period, "time"), {}, replace(law, frames=None), scene
-        return (yield from _of_gain(law, scene, frames.slow == "spring", (0.7, 0.5, 0.35, 0.25, 0.15, 0.08, 0.04)))
+        spring = frames.slow == "spring"
+        now = law.stiffness_n_per_m if spring else law.damping_ns_per_m
+        return (yield from _of_gain(law, scene, spring, [part * now for part in (0.7, 0.5, 0.35, 0.2, 0.1, 0.05)]))
     if cause == "rate":
         faster, its_law = without("rate", one, law, log, design)
         fast, its_law = faster.device.sample_time_s, replace(its_law, lag=law.lag)
@@ -217,11 +231,12 @@ def _changes(cause: str, one: Hypothesis, law: Law, scene: Scene, log: Log, desi
             remedy = Remedy("delay_samples", each * delay, each * late, "samples")
             yield remedy, {"delay_samples": delay}, replace(law, lag=0), scene
     for spring in (False, True) if cause in {"damping", "encoder"} else (True, False):
-        limit = limit_of(one, law, "stiffness" if spring else "damping")
-        if limit and (law.stiffness_n_per_m if spring else law.damping_ns_per_m) > 0:
-            yield from _of_gain(law, scene, spring, [limit * part for part in (0.8, 0.6, 0.4, 0.25, 0.12)])
-    if law.damping_ns_per_m < 0:
-        yield from _of_gain(law, scene, False, (-1.0, 0.0))
+        now = law.stiffness_n_per_m if spring else law.damping_ns_per_m
+        limit = now * limit_of(one, law, "stiffness" if spring else "damping")
+        yield from _of_gain(law, scene, spring, [limit * part for part in (0.8, 0.6, 0.4, 0.25, 0.12) if limit > 0])
+    # A spring that acts so late takes k times that of damping.
+    taken = law.stiffness_n_per_m * (late + 0.5) * period
+    yield from _of_gain(law, scene, False, [law.damping_ns_per_m + part * taken for part in (0.25, 0.5, 1.0, 2.0, 4.0)])
     cut = law.filter_hz(period)
     # A filter where noise shakes the force; a quicker one where its lag may.
     quicker = [cut * times for times in (2.0, 4.0, 8.0, 16.0) if cut * times < 0.45 / period] if cut else []
@@ -233,13 +248,12 @@ def _changes(cause: str, one: Hypothesis, law: Law, scene: Scene, log: Log, desi
         yield Remedy("encoder_resolution_m", smooth.encoder_m, scene.encoder_m, "length"), {}, law, smooth
 
 
-def _of_gain(law: Law, scene: Scene, spring: bool, factors: Sequence[float]) -> Iterator[_Change]:
-    """Yield the law with less stiffness or damping."""
-    now = law.stiffness_n_per_m if spring else law.damping_ns_per_m
-    for value in (factor * now for factor in factors):
-        softer = replace(law, stiffness_n_per_m=value) if spring else replace(law, damping_ns_per_m=value)
-        less = Remedy("stiffness_n_per_m", value, now, "stiffness")
-        yield less if spring else Remedy("damping_ns_per_m", value, now, "damping"), {}, softer, scene
+def _of_gain(law: Law, scene: Scene, spring: bool, values: Sequence[float]) -> Iterator[_Change]:
+    """Yield the law with other values of stiffness or damping."""
+    key, quantity = ("stiffness_n_per_m", "stiffness") if spring else ("damping_ns_per_m", "damping")
+    for value in values:
+        other = replace(law, stiffness_n_per_m=value) if spring else replace(law, damping_ns_per_m=value)
+        yield Remedy(key, value, getattr(law, key), quantity), {}, other, scene
 
 
 def _of_switch(law: Law, switch: Switch, scene: Scene, design: Design) -> Iterator[_Change]:

@@ -279,8 +279,8 @@ def diagnosis(data: Mapping[str, Any], found: Sequence[Diagnosis]) -> Answer:
     for cure in one.remedies[:3]:
         of, ending = cure.quantity, QUANTITIES.get(cure.quantity, ("", ""))[0]
         name = cure.key.removesuffix(ending).replace("_", " ")
-        alone = "; rests by dry friction alone" if cure.by_friction else ""
-        rows.append(row("Remedy", fill(f"{name} {{value:{of}}} in place of {{before:{of}}}{alone}", vars(cure))))
+        only = "; rests by dry friction alone" * cure.by_friction + "; rests while held" * cure.while_held
+        rows.append(row("Remedy", fill(f"{name} {{value:{of}}} in place of {{before:{of}}}{only}", vars(cure))))
     rows += [row("Next log", one.decides)] if one.decides else []
     size = f"{swing.kind} {{frequency_hz}}: {{peak_to_peak_m}}, {{force_peak_to_peak_n}}, in contact {{contact_share}}"
     rows += [row("Oscillation", fill(size, vars(swing)))] if swing.kind != "none" else []
