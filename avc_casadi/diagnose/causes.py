@@ -22,8 +22,8 @@ from avc_casadi.diagnose.remedies import Remedy, Scene, limit_of, remedies_of, w
 from avc_casadi.identification.log import Columns
 from avc_casadi.identification.read import Layout, read_columns
 from avc_casadi.model.device import Device
-from avc_casadi.model.hands import Hand
 from avc_casadi.model.problem import Hands, defaults_at
+from avc_casadi.simulation.judge import QUIET, felt_vibration
 
 CAUSES: Mapping[str, tuple[str, str]] = {
     "sign": ("sign of the force", "a force pulse in free space"),
@@ -154,37 +154,39 @@ def _design(device: Device | None, hands: Hands | None, log: Log, columns: Colum
 
 def _at_once(found: Diagnosis) -> Diagnosis | Law:
     """Return the verdict that needs no loop model, or the law of one that does."""
-    log, swing, law = found.log, found.swing, found.law
+    log, swing, law, design = found.log, found.swing, found.law, found.design
     said, decides, verdict = "", "", found.verdict
+    mass = pushed_kg(log, design.device, known=design.known)
+    toggles = swing.sustained and _toggles(log, swing, design.device)
     if swing.sustained and swing.contact_share == 0:
         said, verdict = "it swings while no force is commanded; a hand, a cable or the table moves it", "not the loop"
     elif law is None or not law.explains:
         said = "the force is not that of a spring and a damper on the position, nor of a switch or two rates"
         said = said if law is not None or log.force_n.any() else "no force is commanded"
         decides = "the same with a spring and a damper alone, unlimited, and with the position that the law reads"
-    elif not (law.switch or law.frames) and (sign := _of_sign(found, law)) is not None:
+    elif not (law.switch or law.frames) and (sign := _of_sign(found, law, mass)) is not None:
         return sign
     elif swing.sustained and max(log.uneven_share, log.missed_share) > 0.12:
         said = "ticks come at uneven times or are missing, and no loop model fits"
         decides = "the same log on an even clock"
-    elif swing.sustained:
+    elif swing.sustained and not toggles:
         return law
-    elif law.switch is None and _rests(log, swing, found.design.device.max_force_n):
+    elif law.switch is None and _rests(log, swing, design.device.max_force_n):
         said, verdict = "the force is explained and the motion decays", "nothing wrong"
-        holds = abs(log.force_n[-1]) > 2 * found.design.device.coulomb_friction_n + 0.02 * np.abs(log.force_n).max()
-        said += "; what holds the device against the force hides its sign" if holds else ""
+        said += ", but for an encoder step that is not felt" if toggles else ""
+        shown = design.known and 0.8 < mass / design.device.mass_kg < 1.25  # the force moves the device alone
+        said += "" if shown else "; what holds the device may hide a wrong sign of the force"
     else:
         said = "nothing swings, and no motion decays under the force either"
         decides = "a log of a press, a push or a release"
     return replace(found, verdict=verdict, conclusion=f"{verdict}: {said}", decides=decides)
 
 
-def _of_sign(found: Diagnosis, law: Law) -> Diagnosis | None:
+def _of_sign(found: Diagnosis, law: Law, mass: float) -> Diagnosis | None:
     """Return the verdict of a force that pushes the device away from where it is none; None of one that does not."""
     log, device, k, b = found.log, found.design.device, law.stiffness_n_per_m, law.damping_ns_per_m
     # A spring late by a tick that no lag explains is a damper of this size.
     away, drives = k < 0, k > 0 and b + law.damping_error_ns_per_m < -k * log.period_s
-    mass = pushed_kg(log, device, known=found.design.known)
     # A mass that is not the device alone is a hand's too, and a hand may push the device away as well.
     alone = found.design.known and 0.5 < abs(mass) / device.mass_kg < 2
     if away and not (alone and mass > 0):
@@ -202,6 +204,16 @@ def _of_sign(found: Diagnosis, law: Law) -> Diagnosis | None:
         return None
     said = f"cannot tell: a hand pushes the device away, or the force does: {why}"
     return replace(found, conclusion=said, candidates=("sign",), decides=CAUSES["sign"][1])
+
+
+def _toggles(log: Log, swing: Oscillation, device: Device) -> bool:
+    """Return whether a swing is one step to either side that nobody feels, as it reads or as the force moves a mass."""
+    x, force = (each[(swing.first + swing.last) // 2 : swing.last] for each in (log.position_m, log.force_n))
+    reads, turn = np.fft.rfft(x), 2 * math.pi * np.fft.rfftfreq(x.size, log.period_s)
+    shakes = np.fft.rfft(force) / (device.mass_kg * np.maximum(turn, turn[1]) ** 2)
+    moves = np.fft.irfft(np.where(np.abs(shakes) < np.abs(reads), shakes, reads), x.size)
+    felt = felt_vibration(device.metres_per_unit * moves, log.period_s)
+    return bool(np.ptp(x) < 2.5 * log.encoder_m and felt < QUIET)
 
 
 def _rests(log: Log, swing: Oscillation, limit_n: float | None) -> bool:
@@ -222,20 +234,12 @@ def cause_of(one: Hypothesis, law: Law, log: Log, swing: Oscillation, design: De
         return "rate"
     if one.delay + law.lag > design.latest(log) + 0.35 and stable(*without("delay", one, law, log, design)):
         return "delay"
-    if _alone(one, design) and _had_rest(log, swing, growth(one, law)):
+    if one.hand is None and _had_rest(log, swing, growth(one, law)):
         return "let-go"
     if one.device.resonance is not None and stable(*without("resonance", one, law, log, design)):
         return "resonance"
     limits = {limit_of(one, law, gain): gain for gain in ("damping", "stiffness")}
     return limits[max(limits)] if max(limits) else _OTHER
-
-
-def _alone(one: Hypothesis, design: Design) -> bool:
-    """Return whether nothing that is a hand holds the device."""
-    if not (isinstance(one.hand, Hand) and design.known):
-        return one.hand is None
-    mass, damping, _ = one.hand.values(0).values()
-    return mass < 0.35 * design.hands.mass_kg[0] and damping < 0.7 * design.hands.damping_ns_per_m[0]
 
 
 def _had_rest(log: Log, swing: Oscillation, growth_per_s: float) -> bool:
@@ -257,12 +261,9 @@ def _judge(found: Diagnosis, law: Law, every: Sequence[Fit]) -> Diagnosis:
     grain = math.sqrt(12) * every[0].scatter_m
     swing = replace(swing, steps=min(swing.steps, swing.peak_to_peak_m / grain if grain else math.inf))
     scene = Scene.of(log, swing, law, design, every[0].scatter_m)
-    # Of answers that explain the log about as well, those count that swing about as far in simulation.
-    near = [fit for fit in every if fit.cost < every[0].cost + 7]
-    fits = [fit for fit in near if len(near) > 1 and scene.swings(fit.best, law)] or list(every)
-    odds = np.exp(-np.minimum(np.array([fit.cost for fit in fits]) - fits[0].cost, 700.0))
+    odds = np.exp(-np.minimum(np.array([fit.cost for fit in every]) - every[0].cost, 700.0))
     answers: list[tuple[Fit, Hypothesis, float, str]] = []
-    for fit, weight in zip(fits, (odds / odds.sum()).tolist(), strict=True):
+    for fit, weight in zip(every, (odds / odds.sum()).tolist(), strict=True):
         for one in (fit.best, *fit.draws) if weight > 1e-3 else ():
             cause = special if special and stable(one, plain_law) else cause_of(one, plain_law, log, swing, design)
             answers.append((fit, one, weight / (1 + len(fit.draws)), cause))
@@ -340,15 +341,19 @@ def _numbers(cause: str, one: Hypothesis, law: Law, found: Diagnosis) -> str:
     log, mode, switch, frames, unit = found.log, one.device.resonance, law.switch, law.frames, one.device.units.unit
     spring, damper = quantity(law.stiffness_n_per_m, unit("N/m")), quantity(law.damping_ns_per_m, unit("N.s/m"))
     meant = f"{number(found.design.delay_samples[1], 3)} {'declared' if found.design.known else 'assumed'}"
-    alone = ", with no hand on the device" if _alone(one, found.design) else ""
+    alone = ", with no hand on the device" if one.hand is None else ""
+    behind = frames.late if frames else law.lag
+    late = f", {number(behind, 2)} of them late" if behind else ""
     return {
         "delay": f"{number((one.delay + law.lag) * found.design.samples_a_tick(log), 3)} samples, {meant}",
-        "rate": f"a new force every {number(1e3 * log.period_s, 3)} ms",
+        "rate": f"a new force every {number(1e3 * log.period_s, 3)} ms{late}",
         "stiffness": f"k = {spring}{alone}",
         "damping": f"b = {damper}{alone}",
         "let-go": "it rested in contact before; without a hand it swings",
         "resonance": f"{number(mode.frequency_hz, 3)} Hz, not declared" if mode else "",
         "relay": f"{quantity(abs(switch.force_n), unit('N'))} by the sign of the {switch.by}" if switch else "",
-        "rates": f"the {frames.slow} is new every {number(1e3 * frames.ticks * log.period_s, 3)} ms" if frames else "",
+        "rates": f"the {frames.slow} is new every {number(1e3 * frames.ticks * log.period_s, 3)} ms{late}"
+        if frames
+        else "",
         "encoder": f"{number(found.swing.steps, 2)} steps peak to peak, b = {damper}",
     }[cause]

@@ -78,13 +78,13 @@ def find_law(log: Log, swing: Oscillation, limit_n: float | None, friction_n: fl
     cut = top & (limit == limit_n or np.ptp(log.position_m[top]) > 1.5 * log.encoder_m)
     use = log.ran & log.touching & ~cut
     # A force of the position a sample before is exactly one of a negative damper now: that is the last to be taken.
-    best = _best(sorted(_plain(log, use, cut, limit), key=lambda law: (law.damping_ns_per_m < 0, law.keep > 0)))
+    best = _best(sorted(_plain(log, use), key=lambda law: (law.damping_ns_per_m < 0, law.keep > 0)))
     if best is not None and best.misfit < _EXACT:
         return best
     whole = log.ran & (True if np.unique(log.force_n).size <= 3 else ~cut)
     whole[: swing.first] = whole[swing.last :] = False
     switched = _best(_switched(log, whole, friction_n), best)
-    return switched if switched is not best else _best(sorted(_two_rates(log, use), key=lambda law: law.misfit), best)
+    return switched if switched is not best else _best(sorted(_two_rates(log, cut), key=lambda law: law.misfit), best)
 
 
 def _best(laws: Iterable[Law], best: Law | None = None) -> Law | None:
@@ -167,7 +167,7 @@ def _law(
     return Law(k, b, keep, lag, offset, misfit, rows.size, error[0], error[1] * period, grain, switch)
 
 
-def _plain(log: Log, use: BoolArray, cut: BoolArray, limit_n: float) -> Iterator[Law]:
+def _plain(log: Log, use: BoolArray) -> Iterator[Law]:
     """Yield spring and damper of each lag, which may be a part of a hold, with a filter of the velocity and without."""
     for late, filtered in itertools.product(range(min(_MOST_LAG * log.hold, 64) + 1), (False, True)):
         lag, position = -(-late // log.hold), log.between(-late % log.hold)
@@ -176,16 +176,8 @@ def _plain(log: Log, use: BoolArray, cut: BoolArray, limit_n: float) -> Iterator
         x, before = position[rows - lag], position[rows - lag - 1]
         pairs = len(np.unique(np.stack([x, before], axis=1), axis=0)) if 6 <= rows.size < _FEWEST else rows.size
         law = _law(log, rows, x, x - before, late / log.hold, filtered=filtered) if pairs >= 6 + 2 * filtered else None
-        if law is None or (rows.size < _FEWEST and law.misfit > 1e-3):
-            continue
-        rows = _lagged(log.ran, cut, lag)
-        if rows.size and not filtered:
-            # The forces at the limit count too, which the law has to reach.
-            x, before = position[rows - lag], position[rows - lag - 1]
-            force = law.stiffness_n_per_m * x + law.damping_ns_per_m * (x - before) / log.period_s + law.offset_n
-            short = np.clip(force, -limit_n, limit_n) - log.force_n[rows]
-            law = replace(law, misfit=max(law.misfit, float(np.sqrt(np.mean(short**2))) / limit_n))
-        yield law
+        if law is not None and (rows.size >= _FEWEST or law.misfit <= 1e-3):
+            yield law
 
 
 def _switched(log: Log, use: BoolArray, friction_n: float) -> Iterator[Law]:
@@ -196,12 +188,11 @@ def _switched(log: Log, use: BoolArray, friction_n: float) -> Iterator[Law]:
         if rows.size < 50 or not np.ptp(force[rows]):
             break
         x, before = position[rows - lag], position[rows - lag - 1]
-        after = position[np.minimum(rows - lag + 1, position.size - 1)]
         signs = [
             (Switch(0.0, "position", (low, high)), (np.sign(x - low) + np.sign(x - high)) / 2)
             for low, high in _edges(force, position, rows, lag)
         ]
-        signs += [(Switch(0.0, "speed"), np.sign(one - before)) for one in (x, after)]
+        signs += [(Switch(0.0, "speed"), np.sign(x - before))]
         signs += [(Switch(0.0, "force"), np.sign(force[rows]))] if np.unique(force[rows]).size > 3 else []
         for switch, sign in signs:
             law = _law(log, rows, x, x - before, lag, sign)
@@ -243,12 +234,12 @@ def _edges(force: FloatArray, position: FloatArray, rows: IndexArray, lag: int) 
     return edges + [(centre - width, centre + width) for width in widths]
 
 
-def _two_rates(log: Log, use: BoolArray) -> Iterator[Law]:
+def _two_rates(log: Log, cut: BoolArray) -> Iterator[Law]:
     """Yield laws whose spring or damper is new once a frame and the other part at every tick."""
-    force, position = log.force_n, log.position_m
+    use, position = log.ran & log.touching & ~cut, log.position_m
     kinds: tuple[Literal["spring", "damper"], ...] = ("spring", "damper")
     for lag, slow in itertools.product(range(4), kinds) if log.missed_share <= 0.01 else ():
-        ticks, first = _frame(force, position, use, lag, slow) or (0, 0)
+        ticks, first = _frame(log, cut, lag, slow) or (0, 0)
         for late in range(3 * ticks + 1) if ticks else ():
             rows = np.flatnonzero(use & (np.arange(use.size) > first + ticks + late + lag + 1))
             framed = rows - (rows - first) % ticks - late
@@ -259,17 +250,21 @@ def _two_rates(log: Log, use: BoolArray) -> Iterator[Law]:
                 yield replace(law, frames=Frames(slow, ticks, late / ticks))
 
 
-def _frame(force: FloatArray, position: FloatArray, use: BoolArray, lag: int, slow: str) -> tuple[int, int] | None:
+def _frame(log: Log, cut: BoolArray, lag: int, slow: str) -> tuple[int, int] | None:
     """Return the ticks of a frame and its first tick: beside the fast part the force jumps in one phase only."""
-    fast = position if slow == "damper" else np.diff(position, prepend=position[0])
+    force, x, use = log.force_n, log.position_m, log.ran & log.touching
+    fast = x if slow == "damper" else np.diff(x, prepend=x[0])
     rows = np.flatnonzero(use[1:] & use[:-1] & (np.arange(1, use.size) > lag + 2)) + 1
     new, moved = force[rows] - force[rows - 1], fast[rows - lag] - fast[rows - lag - 1]
-    some = np.abs(moved) > 1e-9 * np.abs(moved).max(initial=1e-300)
+    some = (np.abs(moved) > 1e-9 * np.abs(moved).max(initial=1e-300)) & ~cut[rows] & ~cut[rows - 1]
     if np.count_nonzero(some) < 100:
         return None
     # Most ticks are of the fast part alone: the median of their ratios is its gain.
     gain = float(np.median(new[some] / moved[some]))
-    jumps = np.abs(new - gain * moved) > 1e-3 * float(np.abs(new).max())
+    left = new - gain * moved
+    # Of a force at the limit only a jump towards it is seen, and after it only one away from it.
+    seen = (left * cut[rows] * force[rows] >= 0) & (left * cut[rows - 1] * force[rows - 1] <= 0)
+    jumps = seen & (np.abs(left) > 1e-3 * float(np.abs(new).max()))
     if gain <= 0 or np.mean(~jumps) < 0.45 or np.count_nonzero(jumps) < 12:
         return None
     return even_phase(rows[jumps], min(100, force.size // 12))

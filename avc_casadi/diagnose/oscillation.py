@@ -140,7 +140,7 @@ def find_oscillation(log: Log, limit_n: float | None) -> Oscillation:
     found = [_above(log, hertz) for hertz in _ABOVE_HZ]
     going = [one for one in found if one.sustained and one.last > 0.8 * log.position_m.size]
     for one, hertz in zip(found, _ABOVE_HZ, strict=True):
-        if one in going and one.frequency_hz > 2 * hertz and not any(_overtone(one, slow) for slow in going):
+        if one in going and one.frequency_hz > 2 * hertz:
             return one
     # What decays over few steps may be noise of the position, which shakes the force.
     if not any(one.kind == "decaying" and one.last > 0.8 * log.position_m.size and one.steps > 14 for one in found):
@@ -156,13 +156,6 @@ def samples_alike(left: FloatArray) -> float:
     n = left.size
     correlation = np.fft.irfft(np.abs(np.fft.rfft(left - left.mean(), 2 * n)) ** 2)[: n // 2]
     return max(LEAST_ALIKE, 1 + 2 * float(np.sum((correlation[1:] / max(correlation[0], 1e-300)) ** 2 - 1 / n)))
-
-
-def _overtone(one: Oscillation, slow: Oscillation) -> bool:
-    """Return whether an oscillation is an overtone of a slower limit cycle, smaller by the square of its order."""
-    order, cycle = one.frequency_hz / slow.frequency_hz, slow.kind == "limit cycle"
-    locked = cycle and 1.5 < order < 5.5 and abs(order - round(order)) < 0.02 * order
-    return locked and one.peak_to_peak_m * order**2 < slow.peak_to_peak_m
 
 
 def _above(log: Log, hertz: float) -> Oscillation:
