@@ -155,8 +155,7 @@ def _design(device: Device | None, hands: Hands | None, log: Log, columns: Colum
 def _at_once(found: Diagnosis) -> Diagnosis | Law:
     """Return the verdict that needs no loop model, or the law of one that does."""
     log, swing, law, design = found.log, found.swing, found.law, found.design
-    said, decides, verdict = "", "", found.verdict
-    mass = pushed_kg(log, design.device, known=design.known)
+    said, decides, verdict, mass = "", "", found.verdict, pushed_kg(log, design.device, known=design.known)
     toggles = swing.sustained and _toggles(log, swing, design.device)
     if swing.sustained and swing.contact_share == 0:
         said, verdict = "it swings while no force is commanded; a hand, a cable or the table moves it", "not the loop"
@@ -286,8 +285,9 @@ def _judge(found: Diagnosis, law: Law, every: Sequence[Fit]) -> Diagnosis:
     others = [meant] if design.known else [each.best for each in every if each.misfit < max(1.0, 1.3 * fit.misfit)]
     several = [one, *near_by[:: max(1, len(near_by) // 8)], *others]
     cures = [cure for key in tried for cure in remedies_of(key, several, law, scene, log, design)]
-    # The delay of an assumed device is no number to change where the answer is in doubt.
-    cures = [cure for cure in cures if design.known or not doubts or cure.key != "delay_samples"]
+    # Neither delay nor hand of an assumed device is to be relied on where the answer is in doubt.
+    sure = design.known or not doubts
+    cures = [cure for cure in cures if sure or not (cure.while_held or cure.key == "delay_samples")]
     found = replace(found, shares=shares, fit=replace(fit, best=one), remedies=tuple(dict.fromkeys(cures)))
     if not doubts:
         words = f"{CAUSES[first][0]}: {_numbers(first, one, law, found)}"
