@@ -99,7 +99,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             if unknown:
                 flag = arguments[max(arguments.index(unknown[0]) - 1, 0)]
                 longer = [one for one in args.options.values() if one.endswith(flag[1:]) and one != flag]
-                meant = f"{flag} takes no value, did you mean {longer[0]}; " if longer else ""
+                meant = f"{flag} takes no value, did you mean {longer[0]}; " if longer and flag[0] == "-" else ""
                 raise InputError.of(f"unrecognized arguments: {' '.join(unknown)}; {meant}see `avc {arguments[0]} -h`")
         except SystemExit as leaving:  # --help and --version
             sys.stdout.flush()
