@@ -83,9 +83,9 @@ def stiffest_rendered(
     if flaw:
         evaluator.candidates = []
         return walled, evaluator, f"{flaw}, from 1 % of the linear limit on"
-    stiffer, _, flaw = evaluation(step + 1)
+    stiffer, tried, flaw = evaluation(step + 1)
     wall = quantity(stiffer.environment.stiffness_n_per_m, problem.units.unit("N/m"))
-    return walled, evaluator, f"before {wall} {flaw}"
+    return walled, evaluator, f"before {wall} {'a coupling as near fails: ' * bool(tried.candidates)}{flaw}"
 
 
 def springs_and_dampers(problem: Problem) -> Iterator[Coupling]:

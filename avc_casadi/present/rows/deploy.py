@@ -193,7 +193,7 @@ def _misfit(coupling: Coupling, engine: str) -> str:
         return f"knows no device that turns; allowed: {', '.join(name for name, one in _ENGINES.items() if one.turns)}"
     integrators = known.integrators or _SEMI
     if tool.integrator not in integrators and tool.tool_mass_kg is not None:
-        wanted = f'integrator = "{" or ".join(integrators)}"'
+        wanted = " or ".join(f'integrator = "{one}"' for one in integrators)
     elif tool.substeps > 1 and not any(one["formula"] == "n" for one in _places(engine)):
         step_s = max(max(tool.step_s) / tool.substeps, coupling.problem.device.sample_time_s)
         wanted = f"substeps = 1, step_s = {step_s:.6g}"
