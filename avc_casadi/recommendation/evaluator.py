@@ -28,7 +28,7 @@ from avc_casadi.model.corners import (
 )
 from avc_casadi.model.device import Device
 from avc_casadi.model.effects import Effect
-from avc_casadi.model.hands import Hand, StylusHand
+from avc_casadi.model.hands import Hand, StylusHand, hand_corners
 from avc_casadi.model.problem import Problem
 from avc_casadi.model.scene import declared
 from avc_casadi.recommendation.rank import Candidate, best_of, error_in_motion
@@ -39,6 +39,7 @@ FIRST = 16
 """Hands of a first trial, corners included."""
 SHARE, LATER_SAMPLES = 0.1, 0.25
 """Relative perturbation of a value without a stated range; and by how much a delay is later."""
+MOST_MOTIONS = ("press", "tap", "hold", "strike", "touch", "graze")
 _FEW = 0.03
 """Share of the loose grips that may still be on the way when the trial ends."""
 
@@ -55,8 +56,8 @@ class Group:
 
     def settles(self, coupling: Coupling, *, friction: bool) -> BoolArray:
         """Return which hands settle in every motion."""
-        how: dict[str, Any] = {"friction": friction, "beyond": True, "device": self.device, "effects": self.effects}
-        return np.asarray(residual_speeds(coupling, self.people, **how) < 1)
+        there: Any = {"friction": friction, "device": self.device, "effects": self.effects}
+        return np.asarray(residual_speeds(coupling, self.people, MOST_MOTIONS, **there) < 1)
 
 
 def groups_beyond(problem: Problem, asked: Robustness, seed: int, count: int = 60) -> tuple[Group, ...]:
@@ -94,7 +95,7 @@ class Evaluator:
         )
         self._beyond = groups_beyond(problem, problem.robustness, seed)
         # They strike and touch lightly too: the last that come to rest behind a law.
-        self._loose = Group(loose_grips(problem.hands, 100, seed))
+        self._loose, self._corners = Group(loose_grips(problem.hands, 100, seed)), hand_corners(problem.hands)
         self._devices = _devices(problem.device, seed)
 
     def __call__(self, coupling: Coupling) -> Candidate | None:
@@ -114,6 +115,9 @@ class Evaluator:
 
     def _tried_beyond(self, coupling: Coupling) -> tuple[BoolArray, ...]:
         """Return which hands settle beyond the trial, as far as that tells whether enough do."""
+        struck = residual_speeds(coupling, self._corners, ("strike", "hit", "slam")) < 1
+        if not struck.all():
+            return (struck,)
         loose = self._loose.settles(coupling, friction=self._lean)
         if loose.mean() < 1 - _FEW:
             return (loose,)

@@ -21,8 +21,11 @@ MOTIONS: dict[str, Motion] = {
     "tap": _TAP,
     "hold": Hold(),
     "drag": Stroke(),
-    # A hard impact may saturate the actuator and end in a limit cycle.
+    # A hard impact may saturate the actuator and end in a limit cycle: a law that is stable at full gain need not be
+    # at the lower one of a force that is clipped.
     "strike": Press(speed_m_per_s=0.3),
+    "hit": Press(speed_m_per_s=0.6),
+    "slam": Press(speed_m_per_s=1.0),
     # Under a light touch of a loose grip an observer may hop across its dead zone for ever.
     "touch": Press(end_m=5e-4, speed_m_per_s=_TOUCH_M_PER_S),
     # So light that dry friction mostly carries it; without any the device may bounce on the wall for ever.

@@ -323,19 +323,17 @@ def _settled(setup: Setup, seed: int, task: tuple[int, int]) -> dict[str, BoolAr
 def residual_speeds(
     coupling: Coupling,
     people: Hand | StylusHand,
+    names: Sequence[str] = AT_WALL,
     *,
     friction: bool = True,
-    beyond: bool = False,
     device: Device | None = None,
     effects: tuple[Effect, ...] = (),
 ) -> FloatArray:
-    """Return the largest residual speed of each hand over all motions, over that of rest."""
+    """Return the largest residual speed of each hand over some motions, over that of rest; who grazes has friction."""
     setup = Setup.of(coupling, device, effects)
     whole = setup if friction else setup.without(FRICTION)
     motions, duration_s = course_of(setup.problem)
-    tried = [(whole, name) for name in (*AT_WALL, *(("strike", "touch") if beyond else ()))]
-    tried += [(setup, "graze")] * beyond
-    scenes = [prepare(one, people, motions[name], duration_s) for one, name in tried]
+    scenes = [prepare(setup if name == "graze" else whole, people, motions[name], duration_s) for name in names]
     for compiled, *_ in scenes:
         compile_ahead(compiled, len(people))
     speeds = [execute_to_speed(*scene, workers=processors()) for scene in scenes]
