@@ -63,7 +63,7 @@ class Performance:
     error: float  # largest |Z_h - Z|/max(|Z|, |Z_e|) from 1 to 30 Hz, Z of device and physical wall, Z_e of the wall
     disk_margin: float  # 2/max |(1 - L)/(1 + L)| of the loop L at the actuator, a hand or released
     noise_n_per_m: float  # largest force over a sine of encoder noise
-    contact: float  # least cosine of a multiplied loop of the clip; above 0 contact is absolutely stable
+    contact: float  # least cosine of M Phi/O of a clipped force, without the feedback: above 0 as required, no proof
     decay: FloatArray  # least decay over the required one, at each of `GAINS`
     free: FloatArray  # least |1 + g (Phi - 1)| with a hand, at each of `GAINS`
     radius: float  # spectral

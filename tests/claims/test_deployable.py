@@ -72,8 +72,6 @@ def test_a_coupling_of_a_small_disk_margin_is_asked_for_by_name(tmp_path, capsys
     assert marks == ["✗", "!", "✓"]
 
 
-# Deployment is judged on the device as declared: amplifier, resonance, side of the encoder and any delay.
-
 HANDS = Hand(np.array([0.05, 0.15, 0.3]), np.array([3.0, 8.0, 20.0]), np.array([200.0, 500.0, 800.0]))
 
 

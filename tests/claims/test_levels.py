@@ -160,9 +160,6 @@ def test_a_loop_that_grows_slowly_is_not_stable():
         assert level.passed == (sign < 0)
 
 
-# Whatever the gains, a certificate is a document: no exception, no warning, nothing undefined that passes.
-
-
 def decades(low, high):
     return st.floats(low, high).map(lambda x: float(10**x))
 
@@ -214,8 +211,6 @@ def test_every_table_gets_a_certificate(mass, b_d, sample_time, delay, wall, mod
     assert not (whole & negative).any()
 
 
-# A margin in scope hands is damping that the device may lose: the same verdicts as for a device without it.
-
 ROWS = np.array([1.0, 20.0, 100.0, 400.0])
 GAINS = np.array([0.1, 5.0, 40.0, 200.0]), np.array([500.0, 2e3, 8e3, 5e4]), np.array([0.0, 5.0, 0.0, 20.0])
 
@@ -259,8 +254,6 @@ def test_gains_that_keep_it():
     ).radius
     assert (radius.max(axis=1) > 1).any()
 
-
-# Every method keeps its claim for every device of the range; the hand's damping counts in `schedule` alone.
 
 DAMPED = {"structure": "damped", "contact_damping_ns_per_m": (0.0, 60.0)}
 RANGE = {"damping_ns_per_m": (0.8, 2.5), "mass_kg": (0.07, 0.13)}

@@ -61,8 +61,6 @@ def test_colgate_schenkel_condition_of_a_spring_and_damper(b_d, b_e, k_e):
     assert margin == pytest.approx(b_d - k_e * T / 2 - abs(b_e), abs=1e-12 * (b_d + k_e * T + abs(b_e)))
 
 
-# The exact margin against 50 digits: the equations in mpmath, minimised from the reported frequency.
-
 NUMBERS = mpmath_numbers(50)
 
 
@@ -119,9 +117,6 @@ def test_real_part_to_rounding_at_every_frequency(model, delay):
     assert np.max(np.abs(value - exact) / size_of_terms(loop, parts, contact)) < 1e-13
 
 
-# The exact margin and a dense grid never disagree beyond the grid's own error, and the grid can miss a violation.
-
-
 def random_rows(count, seed):
     rng = np.random.default_rng(seed)
     loop_values = 10 ** rng.uniform(-2, 2, count), 10 ** rng.uniform(-3, 3, count), 10 ** rng.uniform(0, 6, count)
@@ -142,9 +137,6 @@ def test_band_margin_is_the_lowest_of_the_band(model, delay):
     for share in np.linspace(0, 1, 400):
         at = low + share * (np.minimum(4 * low, 500) - low)
         assert (result.margin_ns_per_m <= real_part(loop, parts, contact, at) + 1e-12 * size).all()
-
-
-# Beyond the delays whose stationary points are roots, a scan finds the worst margin of a band: brute force agrees.
 
 
 def random_loop(generator, delay, model):

@@ -56,7 +56,7 @@ def certificate(data: Mapping[str, Any], problem: Problem, shown: str | None = N
     # The claims of the paper, which deployment does not need.
     others = [one for name, one in data["levels"].items() if not one["outcome"] and name != "L5"]
     for word in ("met", "not met", "not judged"):
-        names = [one["title"].removeprefix("passive ") for one in others if _state(one) == word]
+        names = [one["title"].removeprefix("passive ").replace(", ", " with ") for one in others if _state(one) == word]
         text += [f"{word}: {', '.join(names)}"] if names else []
     rows = [
         subject.deployable(verdict),

@@ -79,7 +79,7 @@ def wall_rows(data: Mapping[str, Any], problem: Problem) -> list[Row]:
     return [
         *found,
         subject.smallest_margins(data["margins"]),
-        subject.settling(data["transient"]["released"]["settling_s"], "released"),
+        subject.settling(*max((one["settling_s"], who) for who, one in data["transient"].items())),
         subject.damping_ratio(worst["damping_ratio"], worst["frequency_hz"], "worst_hand", period_s),
         *([row("At 1, 10, 30 Hz", commas(trade_off, ";"))] if trade_off else []),
         *_simulated(data),

@@ -21,8 +21,7 @@ MOTIONS: dict[str, Motion] = {
     "tap": _TAP,
     "hold": Hold(),
     "drag": Stroke(),
-    # A hard impact may saturate the actuator and end in a limit cycle: a law that is stable at full gain need not be
-    # at the lower one of a force that is clipped.
+    # A hard impact may saturate the actuator and end in a limit cycle.
     "strike": Press(speed_m_per_s=0.3),
     "hit": Press(speed_m_per_s=0.6),
     "slam": Press(speed_m_per_s=1.0),
