@@ -120,8 +120,8 @@ class _Port:
         """Return G, N.s/m, shape (angles, devices, hands)."""
         k, b, late, loop = self._gains.stiffness_n_per_m, self._gains.damping_ns_per_m, self._late, self._engine.loop
         body, inner = self._engine.body, loop.at["tool"].start
-        x = body.measured @ loop["plant"]
-        coupled = (k * x + b * (x - loop["seen"][0]) / body.sample_time_s)[:inner]
+        x = body.output_row @ loop["plant"]
+        coupled = (k * x + b * (x - loop["positions"][0]) / body.sample_time_s)[:inner]
         z = np.exp(1j * angles)[:, None, None]
         place = self._engine.clock.step_s * z / (z - 1)
         own = k * place * z**-late.spring + b * z**-late.damper

@@ -19,7 +19,7 @@ from avc_casadi.claims.levels import LevelResult, Rows, Subject, level_result, n
 from avc_casadi.claims.worst_frequency import worst_margin
 from avc_casadi.coupling import Coupling
 from avc_casadi.loops.loop import Body
-from avc_casadi.loops.system import Ranges, ascend, hand_boxes, worst_held
+from avc_casadi.loops.system import Ranges, ascend, hand_boxes, worst_case
 from avc_casadi.loops.wall import (
     MAX_DELAY_SAMPLES,
     RADIUS_TOLERANCE,
@@ -31,7 +31,7 @@ from avc_casadi.loops.wall import (
     frozen_parts,
     frozen_rendering,
     linear_stability,
-    observed_wall,
+    observer_wall,
     plants_of,
     wall,
 )
@@ -161,7 +161,7 @@ def every_hand(
         def leading(plant: SampledPlant, _: object, rendering: Rendering = rendering) -> ComplexArray:
             return wall(Body.of(plant).flat(), rendering).leading
 
-        value, hand, worst, _ = worst_held(device, hand_boxes(problem)[0], leading)
+        value, hand, worst, _ = worst_case(device, hand_boxes(problem)[0], leading)
         if abs(value) > radius[row]:
             radius[row], frequency[row] = abs(value), abs(np.angle(value)) / (2 * np.pi * worst.sample_time_s)
             places[:, row], devices[row] = list(hand.values()), worst
@@ -208,12 +208,12 @@ def feedback_radius(coupling: Coupling) -> dict[str, Worst]:
 
     def leading(plant: SampledPlant, values: Mapping[str, FloatArray]) -> ComplexArray:
         # The loop is affine in the share.
-        loops = observed_wall(Body.of(plant).flat(), law, rendering, (0.0, 1.0))
+        loops = observer_wall(Body.of(plant).flat(), law, rendering, (0.0, 1.0))
         none, all_ = loops.maps
         return replace(loops, maps=none + values["share"][:, None, None] * (all_ - none)).leading
 
     def worst(hand: Ranges, least_share: float) -> Worst:
-        value, held, device, values = worst_held(problem.device, hand, leading, share=(least_share, 1.0))
+        value, held, device, values = worst_case(problem.device, hand, leading, share=(least_share, 1.0))
         return Worst(abs(value), device, held, float(values["share"][0]))
 
     boxes = hand_boxes(problem)

@@ -25,7 +25,7 @@ from avc_casadi.claims.impedance import stiffness_at_handle
 from avc_casadi.files.device_file import load_device
 from avc_casadi.files.problem_file import AnyProblem, as_problem, is_device, with_wall
 from avc_casadi.loops.margins import LEAST_DISK, SOUND_DISK, Margins, OpenLoop, damping_ratios
-from avc_casadi.loops.system import hand_boxes, worst_held
+from avc_casadi.loops.system import hand_boxes, worst_case
 from avc_casadi.loops.wall import MAX_DELAY_SAMPLES, RADIUS_TOLERANCE, Rendering, force_over_position
 from avc_casadi.loops.walls import Stretches, stable_walls
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners, device_ranges
@@ -142,7 +142,7 @@ class Loops:
         def of(plant: SampledPlant, _: object) -> ComplexArray:
             return measure(OpenLoop.around(plant, rendering)).astype(np.complex128)
 
-        _, hand, device, _ = worst_held(self.device, self.boxes[side], of)
+        _, hand, device, _ = worst_case(self.device, self.boxes[side], of)
         return device, Hand(**{name: np.array([value]) for name, value in hand.items()})
 
     def case(self, law: Law, side: int) -> Case:

@@ -219,7 +219,7 @@ class _Model:
             kicks[row, :s] = half[:, place] * t / float(plant.mass_kg(body)) * k
         asked = np.append(push, 0.0) * unit * k
         scaled = np.asarray(state * unit[:, None] / unit)
-        return cls(scaled, asked, names, int(np.argmax(sampled.measured)), kicks * unit)
+        return cls(scaled, asked, names, int(np.argmax(sampled.output_row)), kicks * unit)
 
     @cached_property
     def _seen(self) -> FloatArray:

@@ -311,7 +311,7 @@ def plants_with_forces(plant: SampledPlant) -> Loops:
     """Return A, B and the measured row of each plant with its forces under way, devices and hands along one axis."""
     matrix, push = plant.with_forces_under_way()
     size = push.shape[-1]
-    measured = np.pad(plant.measured, (0, size - len(plant.measured)))
+    measured = np.pad(plant.output_row, (0, size - len(plant.output_row)))
     return matrix.reshape(-1, size, size), push.reshape(-1, size), measured
 
 

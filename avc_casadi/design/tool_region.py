@@ -14,7 +14,7 @@ from avc_casadi._util.json_values import plain_table
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi._util.units import LINEAR, Units
 from avc_casadi.design.virtual_tool import Scale, ToolSearch, edge
-from avc_casadi.loops.engine import ToolLoops, required_tool
+from avc_casadi.loops.engine import ToolLoops, tool_of
 from avc_casadi.model.ends import LONGEST_STEP_S, ToolGains
 from avc_casadi.model.problem import Problem
 
@@ -70,7 +70,7 @@ def tool_region(
     summits: bool = True,
 ) -> ToolRegion:
     """Return the largest stable K, to 2 %, at each damper, for the engine's step and faster and slower ones."""
-    tool = required_tool(problem)
+    tool = tool_of(problem)
     t, declared = problem.device.sample_time_s, max(tool.step_s)
     scale = Scale.of(problem, declared)
     mass, least = scale.mass_kg, scale.damping_ns_per_m
@@ -114,6 +114,6 @@ def _curve(
 
             limits[row] = edge(stable, softest, stiffest, 1.02) if stable(softest) else 0.0
         top = int(limits.argmax())
-        if not loops.refuted(gains(0.98 * limits[top], damping_ns_per_m[top])):
+        if not loops.has_counterexample(gains(0.98 * limits[top], damping_ns_per_m[top])):
             break
     return limits

@@ -15,7 +15,7 @@ from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi._util.json_values import plain
 from avc_casadi.claims.engine_port import engine_port
-from avc_casadi.loops.engine import ToolLoops, required_tool
+from avc_casadi.loops.engine import ToolLoops, tool_of
 from avc_casadi.loops.follower import FollowerLoops
 from avc_casadi.loops.system import Loops, WithMargin
 from avc_casadi.model.ends import ToolGains
@@ -115,7 +115,7 @@ class CouplingSearch:
     def stiffest_with_margin(self, limit: ToolGains, gain_margin: float, *, local: bool) -> float:
         """Return the stiffest K that has a gain margin with some B; 0 where none has."""
         judge, below = self._with(gain_margin), limit.times(1 / gain_margin)
-        if below.stiffness_n_per_m > 0 and judge.stable(below) and not judge.refuted(below):
+        if below.stiffness_n_per_m > 0 and judge.stable(below) and not judge.has_counterexample(below):
             return below.stiffness_n_per_m
         # A trial begins at a share of it: every other damper suffices.
         search = CouplingSearch(judge, self.scale, replace(self.options, dampers=self.options.dampers // 2 + 1))
@@ -128,7 +128,7 @@ class CouplingSearch:
             limits = self._lowered(gains, limits) if limits else self._limits(gains)
             found = self._top(gains, limits)
             softer = (replace(found, stiffness_n_per_m=share * found.stiffness_n_per_m) for share in (0.99, 0.8))
-            if not found.stiffness_n_per_m or not any(self.loops.refuted(one) for one in softer):
+            if not found.stiffness_n_per_m or not any(self.loops.has_counterexample(one) for one in softer):
                 return found
         return gains(0.0, 0.0)
 
@@ -217,12 +217,12 @@ class CouplingSearch:
         tried = self._tried(stiffness_n_per_m, local=local)
         order = sorted(range(len(tried)), key=lambda at: abs(at - len(tried) / 2))
         safe = filter(self.deployable.stable, (tried[at] for at in order))
-        return next((one for one in safe if not (inside and self.deployable.refuted(one))), None)
+        return next((one for one in safe if not (inside and self.deployable.has_counterexample(one))), None)
 
-    def refuted(self, gains: ToolGains, gain_margin: float) -> bool:
+    def has_counterexample(self, gains: ToolGains, gain_margin: float) -> bool:
         """Return whether a search of the ranges refutes gains with their margin; without it where they have none."""
         judge = self._with(gain_margin)
-        return (judge if judge.stable(gains) else self.deployable).refuted(gains)
+        return (judge if judge.stable(gains) else self.deployable).has_counterexample(gains)
 
     def _with(self, gain_margin: float) -> WithMargin:
         return WithMargin(self.loops, max(gain_margin, self.least), self.least)
@@ -246,7 +246,7 @@ class CouplingSearch:
     def gain_margin_over_ranges(self, gains: ToolGains, motor: int | None = None) -> float:
         """Return the gain margin of K and B, or of one motor alone, once no search of the ranges refutes it."""
         found = self.gain_margin(gains, motor)
-        while found and self.loops.refuted(gains.times(found / (1 + self.options.precision), motor)):
+        while found and self.loops.has_counterexample(gains.times(found / (1 + self.options.precision), motor)):
             found = self.gain_margin(gains, motor)
         return found
 
@@ -259,7 +259,7 @@ class CouplingSearch:
         """Return why gains should not run on a device; empty where they may."""
         thin = f"linearly stable with a gain margin below {self.least:g}, of K and B or of one motor alone"
         claims: dict[str, Loops] = {"linearly unstable": self.loops, thin: self.deployable}
-        return next((why for why, one in claims.items() if not one.stable(gains) or one.refuted(gains)), "")
+        return next((why for why, one in claims.items() if not one.stable(gains) or one.has_counterexample(gains)), "")
 
     def local_dampers_ns_per_m(self, gains: ToolGains) -> tuple[float, float]:
         """Return the range of the damper in the device's local loop with which K and B stay stable."""
@@ -399,7 +399,7 @@ def _passivity(problem: Problem, gains: ToolGains) -> dict[str, Any]:
         "tool together with the coupling's force (implicit); one that moves a mass explicitly is none, however heavy"
     )
     try:
-        port = engine_port(problem.device, problem.hands, required_tool(problem), gains)
+        port = engine_port(problem.device, problem.hands, tool_of(problem), gains)
     except UnsupportedError as refusal:
         return {"passive": None, "refused": str(refusal), "claim": claim}
     return {**asdict(port), "refused": None, "claim": claim}

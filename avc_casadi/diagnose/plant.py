@@ -14,7 +14,7 @@ from avc_casadi._util.arrays import BoolArray, FloatArray
 from avc_casadi.diagnose.law import Law
 from avc_casadi.diagnose.oscillation import LEAST_ALIKE, Log, Oscillation, samples_alike
 from avc_casadi.loops.loop import Body, Loop
-from avc_casadi.loops.spectrum import Closed
+from avc_casadi.loops.spectrum import ClosedLoops
 from avc_casadi.model.device import Device
 from avc_casadi.model.hands import Hand, hand_ranges, no_hand
 from avc_casadi.model.plant import sampled_plant
@@ -75,11 +75,11 @@ def growth(one: Hypothesis, law: Law, stiffness: float = 1.0, damping: float = 1
     period, late = one.device.sample_time_s, one.changed(delay_samples=one.delay + law.lag)
     body = Body.of(sampled_plant(late.device, one.hand or no_hand())).axes(0, 0)
     loop = Loop(body=body.size, before=1, rate=1)
-    x = body.measured[None] @ loop["body"]
+    x = body.output_row[None] @ loop["body"]
     rate = law.keep * loop["rate"] + (1 - law.keep) * (x - loop["before"])
     force = stiffness * law.stiffness_n_per_m * x + damping * law.damping_ns_per_m / period * rate
-    maps = loop.event(body=body.moved(loop["body"], force[0]), before=x, rate=rate)
-    leading = Closed(maps, loop.rests({"body": body.shift, "before": 1.0})).leading
+    maps = loop.event(body=body.next_state(loop["body"], force[0]), before=x, rate=rate)
+    leading = ClosedLoops(maps, loop.rests({"body": body.shift, "before": 1.0})).leading
     return math.log(max(abs(complex(leading)), 1e-300)) / period
 
 
@@ -157,7 +157,7 @@ class _Structure:
         scale = np.array([self.period_s if name.endswith("_per_s") else 1.0 for name in plant.names])
         a = plant.matrix[0, 0] * scale[:, None] / scale
         new, old = plant.new[0, 0] * scale, plant.old[0, 0] * scale
-        poles, row = np.asarray(np.poly(a)), plant.measured
+        poles, row = np.asarray(np.poly(a)), plant.output_row
 
         def response(push: FloatArray, force: FloatArray) -> FloatArray:
             markov, state = [0.0], push.copy()

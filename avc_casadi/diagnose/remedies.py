@@ -13,7 +13,7 @@ from avc_casadi._util.arrays import FloatArray
 from avc_casadi.diagnose.law import Law, Switch
 from avc_casadi.diagnose.oscillation import Log, Oscillation
 from avc_casadi.diagnose.plant import Design, Hypothesis, growth, stable
-from avc_casadi.loops.margins import SETTLED
+from avc_casadi.loops.margins import SETTLING_BAND
 from avc_casadi.model.hands import Hand
 from avc_casadi.model.plant import device_plant, sampled_plant, transition
 
@@ -57,7 +57,7 @@ class Scene:
         n = int(np.clip(max(1.5, 25 / max(self.swing.frequency_hz, 0.1)) / period, 200, _MOST_TICKS))
         plant = device_plant(one.device, one.hand).linear()
         rubbing = replace(plant, force=plant.friction)
-        row, rubs = sampled_plant(one.device, one.hand).measured, one.device.coulomb_friction_n
+        row, rubs = sampled_plant(one.device, one.hand).output_row, one.device.coulomb_friction_n
         # Stops are stiff and lossy beside the swing; they act over a part of their period, friction over a quarter.
         stop_rate = 12 * math.pi * self.swing.frequency_hz
         most_s = min(period / 4 if rubs else period, math.inf if one.stops is None else 0.15 / stop_rate)
@@ -135,7 +135,7 @@ class Scene:
     def rests(self, every: Sequence[Hypothesis], law: Law) -> tuple[bool, bool]:
         """Return whether a loop comes to rest as soon as a user expects, and without dry friction too."""
         # Settled within a second, a slow swing within five cycles.
-        slowest = math.log(SETTLED) / max(1.0, 5 / self.swing.frequency_hz)
+        slowest = math.log(SETTLING_BAND) / max(1.0, 5 / self.swing.frequency_hz)
         # A sign of the position that grows over a width is a spring there.
         ramp = law.switch.force_n / self.width if law.switch and law.switch.by == "position" and self.width else 0.0
         steep = replace(law, stiffness_n_per_m=law.stiffness_n_per_m + ramp)

@@ -95,7 +95,7 @@ def model_response(
     forces = step.force @ np.stack([z**-tap for tap in step.taps])
     identity = np.eye(step.matrix.shape[0])
     states = np.linalg.solve(z[:, None, None] * identity - step.matrix, forces.T[..., None])[..., 0]
-    return np.asarray(states[:, step.measured] * (1 - 1 / z) / sample_time_s)
+    return np.asarray(states[:, step.output] * (1 - 1 / z) / sample_time_s)
 
 
 def likely_resonances(

@@ -44,7 +44,7 @@ class LinearStep:
     motor: FloatArray
     early: FloatArray
     taps: tuple[int, ...]
-    measured: int
+    output: int
     names: tuple[str, ...]
 
     def flat(self) -> FloatArray:
@@ -127,7 +127,7 @@ def linear_steps(
                 motor=-motor[place],
                 early=inside,
                 taps=taps,
-                measured=int(np.argmax(made.measured)),
+                output=int(np.argmax(made.output_row)),
                 names=plant.names,
             )
         )
@@ -358,7 +358,7 @@ class Observer:
         matrix = step.matrix * scale[:, None] / scale
         push = step.motor * scale * mass_kg * self.rate_per_s**2
         row = np.zeros((1, scale.size))
-        row[0, step.measured] = 1.0
+        row[0, step.output] = 1.0
         # Doubling: `solve_discrete_are` fails where eigenvalues lie near the unit circle, as of a slow observer.
         a, g, h = matrix.T, row.T @ row, np.outer(push, push)
         for _ in range(60):
@@ -367,8 +367,8 @@ class Observer:
             a, g, h = a @ inner @ a, g + a @ inner @ g @ a.T, h + more
             if np.abs(more).max() <= 1e-14 * np.abs(h).max():
                 break
-        measured = h[:, step.measured]
-        return np.asarray(measured / (measured[step.measured] + 1.0) / scale, dtype=np.float64)
+        measured = h[:, step.output]
+        return np.asarray(measured / (measured[step.output] + 1.0) / scale, dtype=np.float64)
 
 
 def _scale(name: str, mass_kg: float, period: float) -> float:
@@ -418,7 +418,7 @@ class Predictor:
         steps = [by_place.get(at, made[0]) for at in range(len(several))]
         step = steps[0]
         gain = observer.gain(step, several[0]["mass_kg"], self.sample_time_s)
-        row = np.eye(len(step.names))[step.measured]
+        row = np.eye(len(step.names))[step.output]
         return step, np.array([np.concatenate([one.flat(), gain, row]) for one in steps])
 
     def _begun(self, step: LinearStep, record: Record, taps: tuple[int, ...]) -> tuple[FloatArray, FloatArray]:

@@ -15,7 +15,7 @@ import numpy as np
 from avc_casadi._errors import InputError
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi.loops.loop import Body, Loop, Map, Rows, period, response, turn_of
-from avc_casadi.loops.spectrum import Closed
+from avc_casadi.loops.spectrum import ClosedLoops
 from avc_casadi.loops.system import (
     TOLERANCE,
     Box,
@@ -40,13 +40,13 @@ class Clock:
     """Timing of an engine's steps in samples of the device, until the pattern recurs."""
 
     samples: tuple[int, ...]
-    aged: tuple[bool, ...]
+    late: tuple[bool, ...]
     step_s: float
 
     @property
     def whole(self) -> bool:
         """Whether each step of the engine falls on a sample, evenly spaced."""
-        return len(self.samples) == 1 and not self.aged[0]
+        return len(self.samples) == 1 and not self.late[0]
 
 
 def clocks(step_s: float, sample_time_s: float) -> list[Clock]:
@@ -92,28 +92,28 @@ class Engine:
     @cached_property
     def loop(self) -> Loop:
         """The blocks of the state."""
-        return Loop(plant=self.body.size, seen=2, tool=2, queue=self._wide * (1 + self.engine.queued))
+        return Loop(plant=self.body.size, positions=2, tool=2, queue=self._wide * (1 + self.engine.queued))
 
-    def closed(self, gains: ToolGains) -> Closed:
+    def closed(self, gains: ToolGains) -> ClosedLoops:
         """Return the loops over one period, shape (tools, ...), or () of each tool and body."""
-        sample, steps = self.sample(gains), {late: self.step(gains, late=late) for late in set(self.clock.aged)}
-        order = list(zip(self.clock.samples, self.clock.aged, strict=True))
+        sample, steps = self.sample(gains), {late: self.step(gains, late=late) for late in set(self.clock.late)}
+        order = list(zip(self.clock.samples, self.clock.late, strict=True))
         whole = {
             (count, late): np.linalg.matrix_power(sample, count) @ steps[late] for count, late in dict.fromkeys(order)
         }
         place = np.array([1.0, 0.0])
         queue = np.tile(place, 1 + self.engine.queued) if self._wide == 2 else 0.0
-        device, tool = {"plant": self.body.shift, "seen": 1.0}, {"tool": place, "queue": queue}
-        return Closed(period([whole[one] for one in order]), self.loop.rests(device, tool))
+        device, tool = {"plant": self.body.shift, "positions": 1.0}, {"tool": place, "queue": queue}
+        return ClosedLoops(period([whole[one] for one in order]), self.loop.rests(device, tool))
 
     def force_per_metre(self, gains: ToolGains, frequency_hz: float) -> complex:
         """Return the force that the loop commands per metre of oscillation of a driven device, N/m."""
         turn = turn_of(frequency_hz, self.body.sample_time_s)
-        driven = replace(self, body=Body.driven(self.body.sample_time_s, turn))
+        driven = replace(self, body=Body.motion_source(self.body.sample_time_s, turn))
         sample, force = driven.sample(gains), driven.force(gains)
         events: list[Map] = []
         reads: list[Rows | None] = []
-        for count, late in zip(self.clock.samples, self.clock.aged, strict=True):
+        for count, late in zip(self.clock.samples, self.clock.late, strict=True):
             events += [driven.step(gains, late=late)[0], *(count * [sample])]
             reads += [None, *(count * [force])]
         return response(events, reads, turn)
@@ -138,42 +138,43 @@ class Engine:
     def _wide(self) -> int:
         return 1 if self.engine.exchange == "held-force" else 2
 
-    def _seen(self, *, late: bool) -> tuple[Rows, Rows]:
+    def _samples(self, *, late: bool) -> tuple[Rows, Rows]:
         """Return rows of position and velocity of the device at its newest sample, or the one before."""
-        loop, (last, older) = self.loop, self.loop["seen"]
-        now, before = (last, older) if late else (self.body.measured @ loop["plant"], last)
+        loop, (last, older) = self.loop, self.loop["positions"]
+        now, before = (last, older) if late else (self.body.output_row @ loop["plant"], last)
         return now, (now - before) / self.body.sample_time_s
 
     def force(self, gains: ToolGains) -> Rows:
         """Return the force commanded by the device's loop."""
-        (x, v), given = self._seen(late=False), self.loop["queue"][-self._wide :]
+        (x, v), oldest = self._samples(late=False), self.loop["queue"][-self._wide :]
         if self._wide == 1:
-            pull = given[0]
+            pull = oldest[0]
         else:
-            pull = gains.stiffness_n_per_m * (x - given[0]) + gains.damping_ns_per_m * (v - given[1])
+            pull = gains.stiffness_n_per_m * (x - oldest[0]) + gains.damping_ns_per_m * (v - oldest[1])
         return np.asarray(pull + gains.local_damping_ns_per_m * v)
 
     def sample(self, gains: ToolGains) -> Map:
         """Return the maps of one sample of the device."""
         loop = self.loop
-        seen = np.stack([self.body.measured @ loop["plant"], loop["seen"][0]])
-        return loop.event(plant=self.body.moved(loop["plant"], gains.motors[0] * self.force(gains)), seen=seen)
+        positions = np.stack([self.body.output_row @ loop["plant"], loop["positions"][0]])
+        plant = self.body.next_state(loop["plant"], gains.motors[0] * self.force(gains))
+        return loop.event(plant=plant, positions=positions)
 
     def step(self, gains: ToolGains, *, late: bool) -> Map:
         """Return the maps of one step of the engine, shape (tools, ..., size, size)."""
-        loop, (x, v) = self.loop, self._seen(late=late)
+        loop, (x, v) = self.loop, self._samples(late=late)
         place, speed = loop["tool"]
         free, mass, drag, k_c = self._of_tools
         k, b, t = gains.stiffness_n_per_m, gains.damping_ns_per_m, self.clock.step_s / self.engine.substeps
-        solved_k, solved_b = self.engine.solved_of(k, b)
-        push = k * x + b * v - (k - solved_k) * place - (b - solved_b) * speed
-        drag, k_c = drag + solved_b, k_c + solved_k
+        implicit_k, implicit_b = self.engine.implicit_part(k, b)
+        push = k * x + b * v - (k - implicit_k) * place - (b - implicit_b) * speed
+        drag, k_c = drag + implicit_b, k_c + implicit_k
         doublings = 10 + int(np.log2(1 + t * np.max((drag + np.sqrt(k_c * mass)) / mass)))
         rows = tool_step(self.engine.integrator, t, mass, drag, k_c, doublings)
-        moved, after = place, speed
+        new = place, speed
         for _ in range(self.engine.substeps):
-            moved, after = (one * moved + other * after + force * push for one, other, force in rows)
-        tool = np.stack([free * moved, free * after], axis=-2)
+            new = tuple(one * new[0] + other * new[1] + force * push for one, other, force in rows)
+        tool = np.stack([free * one for one in new], axis=-2)
         if self._wide == 1:
             out = (k * (x - free * place) + b * (v - free * speed))[..., None, :]
         else:
@@ -185,7 +186,7 @@ class ToolLoops(System):
     """All loops of a problem with [simulation]: hands, end stop, released, devices, tools, contacts and clocks."""
 
     def __init__(self, problem: Problem, beside: Sequence[Hand] = ()) -> None:
-        self.tool = tool = required_tool(problem)
+        self.tool = tool = tool_of(problem)
         self.hands = with_stops(reduce(joined, beside, hand_corners(problem.hands)), problem.device.mass_kg)
         self._devices = device_corners(problem.device, LINEAR_KEYS)
         self.tools = list(
@@ -198,10 +199,10 @@ class ToolLoops(System):
             engine = Engine(body, clock, tool, self.tools)
             return _pattern(engine, lambda row: self._case(row, clock.step_s))
 
-        known = [at_corners(clock) for step_s in sorted(set(tool.step_s)) for clock in clocks(step_s, sample_time_s)]
+        corners = [at_corners(clock) for step_s in sorted(set(tool.step_s)) for clock in clocks(step_s, sample_time_s)]
         every = [clock for step_s in _steps_s(tool) for clock in clocks(step_s, sample_time_s)]
         regions = (every, _contact_ranges_n_per_m(tool), hand_boxes(problem))
-        super().__init__(known, [_region(problem, *one) for one in product(*regions)])
+        super().__init__(corners, [_region(problem, *one) for one in product(*regions)])
 
     @property
     def worst_hands(self) -> tuple[Hand, ...]:
@@ -217,7 +218,7 @@ class ToolLoops(System):
         touching = [one for one in self.tools if not one.fixed and one.contact_stiffness_n_per_m > 0]
         if not touching:
             return True
-        body = Body.driven(self._devices[0].sample_time_s, 1.0)
+        body = Body.motion_source(self._devices[0].sample_time_s, 1.0)
         of_clocks = (clock for step_s in set(self.tool.step_s) for clock in clocks(step_s, body.sample_time_s))
         alone = (np.linalg.eigvals(Engine(body, clock, self.tool, touching).alone()) for clock in of_clocks)
         return all(np.abs(values).max() <= 1 + TOLERANCE for values in alone)
@@ -235,7 +236,7 @@ def _pattern(engine: Engine, case: Callable[[int], ToolCase]) -> Pattern:
 
 def _region(problem: Problem, clock: Clock, contact: tuple[float, float], hand: Ranges) -> Region:
     """Return the ranges where clock and kind of contact are set; a tool that is fixed has no other sides."""
-    tool, fixed = required_tool(problem), contact[0] >= RIGID_N_PER_M
+    tool, fixed = tool_of(problem), contact[0] >= RIGID_N_PER_M
     mass = tool.tool_mass_kg or (math.inf, math.inf)
     of_tool = {
         "tool.mass_kg": (mass[0], mass[0]) if fixed else mass,
@@ -256,7 +257,7 @@ def _region(problem: Problem, clock: Clock, contact: tuple[float, float], hand: 
     return Region(Box({**hand, **device_ranges(problem.device, LINEAR_KEYS), **of_tool}), pattern)
 
 
-def required_tool(problem: Problem) -> VirtualTool:
+def tool_of(problem: Problem) -> VirtualTool:
     """Return the [simulation] of a problem."""
     if problem.simulation is None:
         raise InputError.of(

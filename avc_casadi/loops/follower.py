@@ -16,7 +16,7 @@ import numpy as np
 from avc_casadi._errors import InputError
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi.loops.loop import Body, Loop, Map, Rows, period, response, turn_of
-from avc_casadi.loops.spectrum import Closed
+from avc_casadi.loops.spectrum import ClosedLoops
 from avc_casadi.loops.system import Box, Pattern, Ranges, Region, System, clock_ratio, hand_at, hand_boxes, held_plant
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners, device_ranges, linear_values
 from avc_casadi.model.device import Device
@@ -114,7 +114,7 @@ class Link:
             body1=self.touch.body.size,
             sent0=follower_sees + 2,
             sent1=leader_sees + 2,
-            forces=leader_sees + 1 if self._force_is_sent else 0,
+            forces=leader_sees + 1 if self._sends_force else 0,
         )
 
     @property
@@ -122,24 +122,24 @@ class Link:
         """Number of the leader's samples until the pattern recurs."""
         return sum(event[0] for event in self.clock.events)
 
-    def closed(self, gains: ToolGains) -> Closed:
+    def closed(self, gains: ToolGains) -> ClosedLoops:
         """Return the loops over one period."""
         bodies = (self.leader, self.touch.body)
         each = ({f"body{side}": body.shift, f"sent{side}": 1.0} for side, body in enumerate(bodies))
-        return Closed(period([event for event, _ in self.events(gains)]), self.loop.rests(*each))
+        return ClosedLoops(period([event for event, _ in self.events(gains)]), self.loop.rests(*each))
 
     def force_per_metre(self, gains: ToolGains, frequency_hz: float) -> complex:
         """Return the force commanded by the leader's loop per metre of a driven leader's oscillation, N/m."""
         turn = turn_of(frequency_hz, self.leader.sample_time_s)
-        driven = replace(self, leader=Body.driven(self.leader.sample_time_s, turn))
+        driven = replace(self, leader=Body.motion_source(self.leader.sample_time_s, turn))
         events, reads = zip(*driven.events(gains), strict=True)
         return response(events, reads, turn)
 
     @property
-    def _force_is_sent(self) -> bool:
+    def _sends_force(self) -> bool:
         return self.follower.architecture == "position-force"
 
-    def _seen(self, side: int, age: int) -> tuple[Rows, Rows]:
+    def _samples(self, side: int, age: int) -> tuple[Rows, Rows]:
         """Return position and velocity that a side sent a number of its samples ago."""
         sent, body = self.loop[f"sent{side}"], (self.leader, self.touch.body)[side]
         return sent[age], (sent[age] - sent[age + 1]) / body.sample_time_s
@@ -147,31 +147,31 @@ class Link:
     def events(self, gains: ToolGains) -> list[tuple[Map, Rows | None]]:
         """Return the maps of a period, and the leader's commanded force before each by which its device moves."""
         k, b = gains.stiffness_n_per_m, gains.damping_ns_per_m
-        loop, bodies, count, found = self.loop, (self.leader, self.touch.body), [0, 0], list[tuple[Map, Rows | None]]()
+        loop, bodies, count, maps = self.loop, (self.leader, self.touch.body), [0, 0], list[tuple[Map, Rows | None]]()
         for here in self.clock.events:
             sides = [side for side in (0, 1) if here[side]]
-            measured = {side: bodies[side].measured @ loop[f"body{side}"] for side in sides}
+            measured = {side: bodies[side].output_row @ loop[f"body{side}"] for side in sides}
             sent = {f"sent{side}": loop.queue(f"sent{side}", measured[side][None]) for side in sides}
-            found.append((loop.event(**sent), None))
+            maps.append((loop.event(**sent), None))
             sees = self.clock.leader_sees, self.clock.follower_sees
-            leads, follows = (age[done % len(age)] for age, done in zip(sees, count, strict=True))
+            leads, follows = (age[sample % len(age)] for age, sample in zip(sees, count, strict=True))
             # The force of the coupling on each side, positive against +x.
-            (x, v), (y, w) = self._seen(0, 0), self._seen(1, 0)
-            (far_y, far_w), (far_x, far_v) = self._seen(1, leads), self._seen(0, follows)
-            back = -loop["forces"][leads] if self._force_is_sent else k * (x - far_y) + b * (v - far_w)
+            (x, v), (y, w) = self._samples(0, 0), self._samples(1, 0)
+            (far_y, far_w), (far_x, far_v) = self._samples(1, leads), self._samples(0, follows)
+            back = -loop["forces"][leads] if self._sends_force else k * (x - far_y) + b * (v - far_w)
             pulls = [back, k * (y - far_x) + b * (w - far_v)]
             forces = [pull + gains.local_damping_ns_per_m * own for pull, own in zip(pulls, (v, w), strict=True)]
-            given = {f"body{side}": gains.motors[side] * forces[side] for side in sides}
-            new = {f"body{side}": bodies[side].moved(loop[f"body{side}"], given[f"body{side}"]) for side in sides}
+            motor = {side: gains.motors[side] * forces[side] for side in sides}
+            new = {f"body{side}": bodies[side].next_state(loop[f"body{side}"], motor[side]) for side in sides}
             if 1 in sides:
                 new["body1"] = new["body1"] * (1 - self.touch.fixed)[..., None, None]
-                if self._force_is_sent:
-                    new["forces"] = loop.queue("forces", self._sent_force(pulls[1]))
-            found.append((loop.event(**new), forces[0] if 0 in sides else None))
-            count = [done + taken for done, taken in zip(count, here, strict=True)]
-        return found
+                if self._sends_force:
+                    new["forces"] = loop.queue("forces", self._force_to_leader(pulls[1]))
+            maps.append((loop.event(**new), forces[0] if 0 in sides else None))
+            count = [sample + one for sample, one in zip(count, here, strict=True)]
+        return maps
 
-    def _sent_force(self, commanded: Rows) -> Rows:
+    def _force_to_leader(self, commanded: Rows) -> Rows:
         """Return the force that the follower sends: commanded, or of its contact where that is not rigid."""
         if self.follower.force == "commanded":
             return commanded[None]
@@ -184,21 +184,21 @@ class FollowerLoops(System):
     """All loops of a problem with [follower]: hands, end stop, released, environments, both devices, delays, clocks."""
 
     def __init__(self, problem: Problem) -> None:
-        self.follower = follower = required_follower(problem)
+        self.follower = follower = follower_of(problem)
         self.hands = with_stops(hand_corners(problem.hands), problem.device.mass_kg)
         stiffness, damping = environments(follower)
         self.environments_n_per_m = stiffness
-        touched = Hand(np.zeros(len(stiffness)), damping, np.where(np.isinf(stiffness), 0.0, stiffness))
+        contact = Hand(np.zeros(len(stiffness)), damping, np.where(np.isinf(stiffness), 0.0, stiffness))
         times = problem.device.sample_time_s, follower.sample_time_s
-        known: list[Pattern] = []
+        corners: list[Pattern] = []
         leaders, followers = (device_corners(one, LINEAR_KEYS) for one in (problem.device, follower.at_leader()))
         for leader, other in product(leaders, followers):
             body = Body.of(sampled_plant(leader, self.hands)).flat().axes(slice(None), None)
-            touch = Touch.of(sampled_plant(other, touched), stiffness, damping)
+            touch = Touch.of(sampled_plant(other, contact), stiffness, damping)
             for delays_s in follower.delays_s:
                 case = self._case_of(leader, other, delays_s)
                 pairs = [Link(body, touch, clock, follower) for clock in link_clocks(*times, *delays_s)]
-                known += [_pattern(pair, case) for pair in pairs]
+                corners += [_pattern(pair, case) for pair in pairs]
         boxes = [
             _region(problem, clock, delays_s, contact, hand)
             for delays_s in _delays_s(follower)
@@ -206,7 +206,7 @@ class FollowerLoops(System):
             for contact in _contact_ranges_n_per_m(follower)
             for hand in hand_boxes(problem)
         ]
-        super().__init__(known, boxes, motors=2)
+        super().__init__(corners, boxes, motors=2)
 
     def __len__(self) -> int:
         at_corners = self.corners * len(self.environments_n_per_m) * len(self.hands)
@@ -234,12 +234,12 @@ def _region(
     problem: Problem, clock: LinkClock, delays_s: tuple[float, float], contact: tuple[float, float], hand: Ranges
 ) -> Region:
     """Return the ranges where clock, delays and the kind of contact, in the follower's units, are set."""
-    leader, follower = problem.device, required_follower(problem)
+    leader, follower = problem.device, follower_of(problem)
     other = follower.at_leader()
     of_other = {f"follower.{key}": ends for key, ends in device_ranges(other, LINEAR_KEYS).items()}
-    touched = {"contact.stiffness_n_per_m": contact}
+    of_contact = {"contact.stiffness_n_per_m": contact}
     if contact[0] > 0 and contact[1] < math.inf and follower.contact_damping_ns_per_m is not None:
-        touched["contact.damping_ns_per_m"] = follower.contact_damping_ns_per_m
+        of_contact["contact.damping_ns_per_m"] = follower.contact_damping_ns_per_m
 
     def pattern(values: dict[str, FloatArray]) -> Pattern:
         springs, dampers = values["contact.stiffness_n_per_m"], values.get("contact.damping_ns_per_m")
@@ -263,10 +263,10 @@ def _region(
 
         return _pattern(pair, case)
 
-    return Region(Box({**hand, **device_ranges(leader, LINEAR_KEYS), **of_other, **touched}), pattern)
+    return Region(Box({**hand, **device_ranges(leader, LINEAR_KEYS), **of_other, **of_contact}), pattern)
 
 
-def required_follower(problem: Problem) -> Follower:
+def follower_of(problem: Problem) -> Follower:
     """Return the [follower] of a problem."""
     if problem.follower is None:
         raise InputError.of(
@@ -281,10 +281,10 @@ def environments(follower: Follower) -> tuple[FloatArray, FloatArray]:
     """Return stiffness and damping of the follower's environments, in the leader's units: free, springs, rigid."""
     low, top = _springs_n_per_m(follower)
     springs = np.geomspace(low, top, 4).tolist() if low < top else [top] if top > 0 else []
-    found = [(0.0, 0.0)]
-    found += [(one, damper) for one in springs for damper in contact_dampers_ns_per_m(follower, one)]
-    found += [(math.inf, 0.0)] if follower.rigid else []
-    stiffness, damping = (follower.scale * np.array(column) for column in zip(*found, strict=True))
+    pairs = [(0.0, 0.0)]
+    pairs += [(one, damper) for one in springs for damper in contact_dampers_ns_per_m(follower, one)]
+    pairs += [(math.inf, 0.0)] if follower.rigid else []
+    stiffness, damping = (follower.scale * np.array(column) for column in zip(*pairs, strict=True))
     return stiffness, damping
 
 

@@ -44,16 +44,16 @@ class Loop:
 
     def queue(self, name: str, first: Rows) -> Rows:
         """Return the rows of a queue, newest entries first, into which `first` (..., k, size) is put."""
-        kept = self[name][: len(self[name]) - first.shape[-2]]
-        return np.concatenate([first, np.broadcast_to(kept, (*first.shape[:-2], *kept.shape))], axis=-2)
+        rest = self[name][: len(self[name]) - first.shape[-2]]
+        return np.concatenate([first, np.broadcast_to(rest, (*first.shape[:-2], *rest.shape))], axis=-2)
 
     def rests(self, *bodies: dict[str, Any]) -> FloatArray:
         """Return the states at which each body rests one metre on, from values of its blocks, then all of them."""
-        found = np.zeros((len(bodies), self.size))
-        for state, blocks in zip(found, bodies, strict=True):
+        states = np.zeros((len(bodies), self.size))
+        for state, blocks in zip(states, bodies, strict=True):
             for name, value in blocks.items():
                 state[self.at[name]] = value
-        return found if len(found) == 1 else np.append(found, found.sum(axis=0, keepdims=True), axis=0)
+        return states if len(states) == 1 else np.append(states, states.sum(axis=0, keepdims=True), axis=0)
 
 
 def period(events: Sequence[Map]) -> Map:
@@ -70,14 +70,14 @@ def turn_of(frequency_hz: float, sample_time_s: float) -> complex:
 
 
 def response(events: Sequence[Map], reads: Sequence[Rows | None], turn: complex) -> complex:
-    """Return what is read per unit of the first state, `Body.driven`, which turns by a factor at every read."""
+    """Return what is read per unit of the first state, `Body.motion_source`, which turns by a factor at every read."""
     whole, count = period(events), sum(read is not None for read in reads)
     inner = turn**count * np.eye(len(whole) - 1) - whole[1:, 1:]
     state = np.append(1.0, np.linalg.solve(inner, whole[1:, 0]))
-    total, done = 0.0 + 0.0j, 0
+    total, sample = 0.0 + 0.0j, 0
     for event, read in zip(events, reads, strict=True):
         if read is not None:
-            total, done = total + turn**-done * (read @ state), done + 1
+            total, sample = total + turn**-sample * (read @ state), sample + 1
         state = event @ state
     return complex(total / count)
 
@@ -88,7 +88,7 @@ class Body:
 
     a: NDArray[Any]
     b: FloatArray
-    measured: FloatArray
+    output_row: FloatArray
     sample_time_s: float
     names: tuple[str, ...]
 
@@ -98,18 +98,18 @@ class Body:
         a, b = plant.with_forces_under_way()
         scale = np.ones(b.shape[-1])
         scale[: len(plant.names)] = [plant.sample_time_s if one.endswith("_per_s") else 1.0 for one in plant.names]
-        measured = np.pad(plant.measured, (0, len(scale) - len(plant.measured)))
-        return cls(a * scale[:, None] / scale, b * scale, measured, plant.sample_time_s, plant.names)
+        output_row = np.pad(plant.output_row, (0, len(scale) - len(plant.output_row)))
+        return cls(a * scale[:, None] / scale, b * scale, output_row, plant.sample_time_s, plant.names)
 
     @classmethod
-    def driven(cls, sample_time_s: float, turn: complex = 1.0) -> Self:
+    def motion_source(cls, sample_time_s: float, turn: complex = 1.0) -> Self:
         """Return a device in imposed motion: its one state is its position, which turns by a factor each sample."""
         return cls(np.full((1, 1), turn), np.zeros(1), np.ones(1), sample_time_s, ("device_position_m",))
 
     @property
     def size(self) -> int:
         """Number of states."""
-        return len(self.measured)
+        return len(self.output_row)
 
     @property
     def shift(self) -> FloatArray:
@@ -124,14 +124,14 @@ class Body:
 
     def axes(self, *index: Any) -> Self:
         """Return the body with its leading axes indexed."""
-        return type(self)(self.a[index], self.b[index], self.measured, self.sample_time_s, self.names)
+        return type(self)(self.a[index], self.b[index], self.output_row, self.sample_time_s, self.names)
 
     def flat(self) -> Self:
         """Return the body with one leading axis."""
         n = self.size
         shape = self.a.reshape(-1, n, n), self.b.reshape(-1, n)
-        return type(self)(*shape, self.measured, self.sample_time_s, self.names)
+        return type(self)(*shape, self.output_row, self.sample_time_s, self.names)
 
-    def moved(self, state: Rows, force: Rows) -> Rows:
+    def next_state(self, state: Rows, force: Rows) -> Rows:
         """Return the rows of the next state, from those of the state (n, size) and of the force (..., size)."""
         return np.asarray(self.a @ state + self.b[..., None] * force[..., None, :])

@@ -16,7 +16,7 @@ import numpy as np
 from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray, IndexArray
 from avc_casadi.coupling import Coupling
 from avc_casadi.loops.loop import Body
-from avc_casadi.loops.spectrum import Closed, lowest, root
+from avc_casadi.loops.spectrum import ClosedLoops, lowest, root
 from avc_casadi.loops.wall import Rendering, closed, force_over_position, frozen_rendering
 from avc_casadi.model.hands import hand_corners, with_released
 from avc_casadi.model.plant import SampledPlant, sampled_plant
@@ -24,7 +24,7 @@ from avc_casadi.model.runtime import StateFeedback
 
 LEAST_DISK, SOUND_DISK = 0.15, 0.2
 """Disk margins below which a coupling should not run on a device, and below which it is thin."""
-SETTLED = 0.02
+SETTLING_BAND = 0.02
 """Share of the largest depth after an impact within which a device counts as settled."""
 # The lowest angle of z of interest.
 _LOWEST_TURN = 1e-5
@@ -52,7 +52,7 @@ class OpenLoop:
     law: StateFeedback | None
     rendering: Rendering
     body: Body
-    closed: Closed
+    closed: ClosedLoops
     moving: BoolArray
 
     @classmethod
@@ -91,8 +91,8 @@ class OpenLoop:
         angles = np.broadcast_to(turn, (len(body.a), np.shape(turn)[-1]))
         z = np.exp(1j * angles)
         pencil = z[..., None, None] * np.eye(body.size) - body.a[:, None]
-        pushed = np.broadcast_to(body.b[:, None], (*angles.shape, body.size))
-        position = np.linalg.solve(pencil, pushed.astype(np.complex128)[..., None])[..., 0] @ body.measured
+        push = np.broadcast_to(body.b[:, None], (*angles.shape, body.size))
+        position = np.linalg.solve(pencil, push.astype(np.complex128)[..., None])[..., 0] @ body.output_row
         force = force_over_position(self.rendering, z.ravel(), self.law).reshape(angles.shape)
         return np.asarray(-force * position)
 
@@ -104,24 +104,24 @@ class OpenLoop:
         about = about[(about > _LOWEST_TURN) & (about < math.pi)]
         return np.unique(np.concatenate([np.geomspace(_LOWEST_TURN, math.pi, 200), about]))
 
-    def struck(self, speed_m_per_s: float, samples: int, who: slice = slice(None), every: int = 1) -> FloatArray:
+    def impact(self, speed_m_per_s: float, samples: int, who: slice = slice(None), every: int = 1) -> FloatArray:
         """Return the position of a device that meets its wall at a speed, the wall two-sided, shape (h, samples)."""
         step = np.linalg.matrix_power(self.closed.maps[who], every)
         state = np.repeat((self.moving * speed_m_per_s * self.body.sample_time_s)[None, :, None], len(step), axis=0)
         while state.shape[-1] < samples:
             state, step = np.concatenate([state, step @ state], axis=-1), step @ step
-        return np.asarray(self.body.measured @ state[:, : self.body.size, :samples])
+        return np.asarray(self.body.output_row @ state[:, : self.body.size, :samples])
 
     def settling_s(self) -> FloatArray:
-        """Return the time from which each struck device stays within `SETTLED` of its largest depth, shape (h,)."""
-        found = np.full(len(self), np.inf)
+        """Return the time from an impact until the depth stays within `SETTLING_BAND` of its largest, shape (h,)."""
+        settling_s = np.full(len(self), np.inf)
         slowest = np.maximum(self.closed.radius, 1e-9)
         for row in np.flatnonzero(slowest < 1):
             every = 1 + int(math.log(1e-4) / math.log(slowest[row])) // 2**13
-            depth = self.struck(1.0, 2**13, slice(row, row + 1), every)[0]
-            moves = np.abs(depth - depth[-1]) > SETTLED * np.abs(depth).max()
-            found[row] = self.body.sample_time_s * every * (np.flatnonzero(moves).max(initial=-1) + 1)
-        return found
+            depth = self.impact(1.0, 2**13, slice(row, row + 1), every)[0]
+            moves = np.abs(depth - depth[-1]) > SETTLING_BAND * np.abs(depth).max()
+            settling_s[row] = self.body.sample_time_s * every * (np.flatnonzero(moves).max(initial=-1) + 1)
+        return settling_s
 
     def margins(self) -> tuple[Margins, Margins]:
         """Return the margins of the device released, the last loop, and the smallest of those with hands."""
@@ -135,13 +135,11 @@ class OpenLoop:
         of_phase = np.stack([np.sign(gain.imag), np.sign(np.abs(gain) - 1)])
         kind, row, place = np.nonzero(of_phase[..., :-1] * of_phase[..., 1:] < 0)
         who = loops[row]
-        crossed = self._crossings(kind == 0, who, turn[place], turn[place + 1])
-        there = self.gain(crossed[:, None], who)[:, 0] if len(who) else np.empty(0, dtype=np.complex128)
+        angle = self._crossings(kind == 0, who, turn[place], turn[place + 1])
+        there = self.gain(angle[:, None], who)[:, 0] if len(who) else np.empty(0, dtype=np.complex128)
         # L is real at half the sample rate, the last angle.
-        crossed, there = np.append(crossed, np.full(len(loops), math.pi)), np.append(there, gain[:, -1])
-        return self._of_crossings(
-            loops, crossed, there, np.append(kind == 0, loops >= 0), self._disk(loops, turn, gain)
-        )
+        angle, there = np.append(angle, np.full(len(loops), math.pi)), np.append(there, gain[:, -1])
+        return self._of_crossings(loops, angle, there, np.append(kind == 0, loops >= 0), self._disk(loops, turn, gain))
 
     def swings(self) -> FloatArray:
         """Return the largest |(1 - L)/(1 + L)| of each loop on angles dense at its own poles, shape (h,)."""
@@ -167,17 +165,17 @@ class OpenLoop:
         return float(2 / size[worst]), float(best[worst])
 
     def _of_crossings(
-        self, loops: IndexArray, crossed: FloatArray, there: ComplexArray, real: BoolArray, disk: tuple[float, float]
+        self, loops: IndexArray, angle: FloatArray, there: ComplexArray, real: BoolArray, disk: tuple[float, float]
     ) -> Margins:
         if np.abs(self.poles[loops]).max() >= 1:
             return Margins(1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
         hz = 1 / (2 * math.pi * self.body.sample_time_s)
         with np.errstate(divide="ignore"):  # nothing is rendered
-            at, factor = crossed[real] * hz, -1 / there[real].real
+            at, factor = angle[real] * hz, -1 / there[real].real
         up = np.where(factor > 1, factor, np.inf)
         lag = (np.angle(there[~real]) + math.pi) % (2 * math.pi)
         phase = np.append(np.degrees(np.minimum(lag, 2 * math.pi - lag)), np.inf)
-        late, where = np.append(lag / crossed[~real], np.inf), np.append(crossed[~real] * hz, 0.0)
+        late, where = np.append(lag / angle[~real], np.inf), np.append(angle[~real] * hz, 0.0)
         return Margins(
             gain=float(up.min()),
             gain_down=float(np.max(factor, where=(factor > 0) & (factor <= 1), initial=0.0)),

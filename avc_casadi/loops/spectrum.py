@@ -32,7 +32,7 @@ def eigenvalues(matrices: FloatArray) -> ComplexArray:
 
 
 @dataclass(frozen=True, eq=False)
-class Closed:
+class ClosedLoops:
     """Closed loops: maps of the state over a period (..., s, s), and states of rest (k, s), one body each, then all.
 
     A body that no spring drives back rests anywhere, and without a damper it keeps its speed: these are no poles here.
@@ -44,14 +44,14 @@ class Closed:
     @cached_property
     def relative(self) -> FloatArray:
         """The maps with the eigenvalue 1 of each state at which a loop rests deflated (Wielandt), the others kept."""
-        found = self.maps
+        maps = self.maps
         for rest in self.rests:
-            stays = np.abs(found @ rest - rest) <= _ROUNDING * (np.abs(found) @ np.abs(rest))
+            stays = np.abs(maps @ rest - rest) <= _ROUNDING * (np.abs(maps) @ np.abs(rest))
             one = int(np.argmax(rest != 0))
-            taken = found - rest[:, None] * found[..., one : one + 1, :] / rest[one]
-            found = np.where(stays.all(axis=-1)[..., None, None], taken, found)
-        finite = np.abs(found).max(axis=(-2, -1)) < _OVERFLOWING
-        return np.where(finite[..., None, None], found, _OVERFLOWING * np.eye(found.shape[-1]))
+            deflated = maps - rest[:, None] * maps[..., one : one + 1, :] / rest[one]
+            maps = np.where(stays.all(axis=-1)[..., None, None], deflated, maps)
+        finite = np.abs(maps).max(axis=(-2, -1)) < _OVERFLOWING
+        return np.where(finite[..., None, None], maps, _OVERFLOWING * np.eye(maps.shape[-1]))
 
     @cached_property
     def poles(self) -> ComplexArray:
@@ -83,14 +83,14 @@ def leading_radii(loops: FloatArray) -> FloatArray:
         return np.asarray(np.abs(moving_poles(loops)).max(axis=-1))
     # Repeated raising to the power 4; loops exceeded by another drop out from the first of these on. Then the rounding
     # error of the logarithm of the radius; traces smaller than the last relative to a power's largest may be rounding.
-    first, rounds, lost, least_trace = 5, 11, 1e-7, 1e-5
-    left = np.arange(len(loops))
+    first, rounds, rounding, least_trace = 5, 11, 1e-7, 1e-5
+    rows = np.arange(len(loops))
     power, logarithm, times = loops, np.zeros(len(loops)), 1
-    for done in range(1, rounds + 1):
+    for number in range(1, rounds + 1):
         power = power @ power
         power = power @ power
         times *= 4
-        if done >= first:
+        if number >= first:
             # States scaled by powers of 2, which are exact, so that rows and columns are equally large on average.
             size = np.abs(power).mean(axis=0) + np.finfo(np.float64).tiny
             unit = np.exp2(np.round(np.log2(size.sum(axis=1) / size.sum(axis=0)) / 2))
@@ -98,13 +98,13 @@ def leading_radii(loops: FloatArray) -> FloatArray:
         largest = np.maximum(np.maximum(power.max(axis=(1, 2)), -power.min(axis=(1, 2))), np.finfo(np.float64).tiny)
         power = power / largest[:, None, None]
         logarithm = 4 * logarithm + np.log(largest)
-        if done >= first:
+        if number >= first:
             trace = np.abs(np.trace(power, axis1=1, axis2=2))
-            known = np.where(trace > least_trace, np.log(np.maximum(trace, least_trace) / s), -np.inf)
-            may = (logarithm + np.log(s)) / times + lost >= ((logarithm + known) / times).max()
-            left, power, logarithm = left[may], power[may], logarithm[may]
+            lower = np.where(trace > least_trace, np.log(np.maximum(trace, least_trace) / s), -np.inf)
+            may = (logarithm + np.log(s)) / times + rounding >= ((logarithm + lower) / times).max()
+            rows, power, logarithm = rows[may], power[may], logarithm[may]
     radius = np.full(len(loops), -np.inf)
-    radius[left] = np.abs(moving_poles(loops[left])).max(axis=-1)
+    radius[rows] = np.abs(moving_poles(loops[rows])).max(axis=-1)
     return radius
 
 
@@ -118,10 +118,10 @@ def root(value: Callable[[FloatArray], FloatArray], left: FloatArray, right: Flo
         middle = right - (right - left) * np.where(np.isfinite(share), share, 0.5)
         at_middle = value(middle)
         crossed = np.sign(at_middle) != np.sign(at_right)
-        moved = np.abs(middle - right)
+        step = np.abs(middle - right)
         left, at_left = np.where(crossed, right, left), np.where(crossed, at_right, at_left / 2)
         right, at_right = middle, at_middle
-        if (moved <= 1e-13 * np.abs(middle)).all() or not at_middle.any():
+        if (step <= 1e-13 * np.abs(middle)).all() or not at_middle.any():
             break
     return middle
 

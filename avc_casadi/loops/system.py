@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from avc_casadi._util.arrays import ComplexArray, FloatArray, IndexArray
-from avc_casadi.loops.spectrum import Closed, leading_radii, moving_poles
+from avc_casadi.loops.spectrum import ClosedLoops, leading_radii, moving_poles
 from avc_casadi.model.corners import LINEAR_KEYS, device_ranges, devices_with
 from avc_casadi.model.device import Device
 from avc_casadi.model.ends import ToolGains
@@ -43,28 +43,28 @@ class Box:
     def values(self, places: FloatArray) -> dict[str, FloatArray]:
         """Return the values at places (sides, m), each of shape (m,)."""
         shares = dict(zip(self.sides, places, strict=True))
-        found = {}
+        values = {}
         for name, (low, high) in self.ranges.items():
             share = shares.get(name)
             if share is None:
-                found[name] = np.full(places.shape[1], low)
+                values[name] = np.full(places.shape[1], low)
                 continue
             # A range that spans more than this factor is searched by its logarithm.
             wide = low > 0 and high > 3 * low
             inside = low * (high / low) ** share if wide else low + (high - low) * share
-            found[name] = np.clip(inside, low, high)
-        return found
+            values[name] = np.clip(inside, low, high)
+        return values
 
 
 def worst_point(leading: Callable[[FloatArray], ComplexArray], sides: int) -> tuple[FloatArray, ComplexArray]:
     """Return the places (sides, kinds) of a unit box where each kind of eigenvalue has its largest modulus, and it."""
     # Many points, edges, lines and ascents: maxima near a resonance of tool, contact or device are narrow.
-    drawn = np.random.default_rng(1).random((sides, 40 * sides))
+    sample = np.random.default_rng(1).random((sides, 40 * sides))
     corners = np.random.default_rng(0).integers(0, 2, (sides, 64)).astype(np.float64)
     if sides <= 6:
         corners = np.array(list(product((0.0, 1.0), repeat=sides))).reshape(2**sides, sides).T
     inner = [np.insert(np.delete(corners, at, 0), at, share, 0) for at in range(sides) for share in (0.25, 0.5, 0.75)]
-    places = np.concatenate([corners, *inner, drawn], axis=1)
+    places = np.concatenate([corners, *inner, sample], axis=1)
     values = np.atleast_2d(leading(places))
     kinds = np.arange(len(values))
     if not sides:
@@ -105,7 +105,7 @@ def held_plant(device: Device, values: Mapping[str, FloatArray]) -> tuple[list[D
     return devices, sampled_plant(devices, [Hand(*row) for row in np.array(hands).T.tolist()])
 
 
-def worst_held(
+def worst_case(
     device: Device,
     hand: Ranges,
     leading: Callable[[SampledPlant, Mapping[str, FloatArray]], ComplexArray],
@@ -119,8 +119,8 @@ def worst_held(
         return leading(held_plant(device, values)[1], values)
 
     place, value = worst_point(of_places, len(box.sides))
-    found = box.values(place)
-    return complex(value[0]), hand_at(found, 0), held_plant(device, found)[0][0], found
+    values = box.values(place)
+    return complex(value[0]), hand_at(values, 0), held_plant(device, values)[0][0], values
 
 
 def _lines(place: FloatArray) -> FloatArray:
@@ -227,15 +227,15 @@ def clock_ratio(ratio: float) -> Fraction:
 class Pattern:
     """Loops of one pattern of samples over a period, and what each is; a radius is stated by the tick."""
 
-    loops: Callable[[ToolGains], Closed]
+    loops: Callable[[ToolGains], ClosedLoops]
     period_s: float
     ticks: int
     case: Callable[[int], Any]
 
-    def closed(self, gains: ToolGains) -> Closed:
+    def closed(self, gains: ToolGains) -> ClosedLoops:
         """Return the loops, with one leading axis."""
-        found = self.loops(gains)
-        return Closed(found.maps.reshape(-1, *found.maps.shape[-2:]), found.rests)
+        loops = self.loops(gains)
+        return ClosedLoops(loops.maps.reshape(-1, *loops.maps.shape[-2:]), loops.rests)
 
 
 @dataclass(frozen=True)
@@ -245,7 +245,7 @@ class Region:
     box: Box
     pattern: Callable[[dict[str, FloatArray]], Pattern]
 
-    def worse(self, gains: ToolGains, known: float) -> list[Pattern]:
+    def worse(self, gains: ToolGains, growth_limit: float) -> list[Pattern]:
         """Return the loops that a search finds to grow more than this in a millisecond."""
 
         def growth(places: FloatArray) -> ComplexArray:
@@ -253,7 +253,7 @@ class Region:
             return leading(pattern.closed(gains), pattern.period_s)
 
         places, values = worst_point(growth, len(self.box.sides))
-        return [self.pattern(self.box.values(places[:, [at]])) for at in np.flatnonzero(np.abs(values) > known)]
+        return [self.pattern(self.box.values(places[:, [at]])) for at in np.flatnonzero(np.abs(values) > growth_limit)]
 
 
 @dataclass(frozen=True)
@@ -276,15 +276,15 @@ class System:
         self._searched: set[ToolGains] = set()
 
     def search(self, gains: ToolGains) -> int:
-        """Search the ranges with these gains, once; return how many loops worse than all known ones joined them."""
+        """Search the ranges with these gains, once; return how many loops worse than all so far it adds."""
         if gains in self._searched:
             return 0
         self._searched.add(gains)
         place, _, radius = self.worst(gains)
-        before, known = len(self.patterns), radius ** (UNIT_S / self.patterns[place].period_s) * (1 + TOLERANCE)
+        before, limit = len(self.patterns), radius ** (UNIT_S / self.patterns[place].period_s) * (1 + TOLERANCE)
         with np.errstate(over="ignore", invalid="ignore"):
             for region in self._regions:
-                self.patterns += region.worse(gains, known)
+                self.patterns += region.worse(gains, limit)
         return len(self.patterns) - before
 
     def radius(self, gains: ToolGains) -> tuple[float, Any]:
@@ -294,51 +294,46 @@ class System:
         pattern = self.patterns[place]
         return radius ** (1 / pattern.ticks), pattern.case(row)
 
-    def refuted(self, gains: ToolGains) -> bool:
-        """Return whether a search of the ranges finds an unstable loop that was not known."""
+    def has_counterexample(self, gains: ToolGains) -> bool:
+        """Return whether a search of the ranges adds an unstable loop."""
         return self.search(gains) > 0 and not self.stable(gains)
 
     def stable_over_ranges(self, gains: ToolGains) -> bool:
         """Return whether every loop is stable, the worst that a search of the ranges finds included."""
-        return self.stable(gains) and not self.refuted(gains)
+        return self.stable(gains) and not self.has_counterexample(gains)
 
     def stable(self, gains: ToolGains) -> bool:
-        """Return whether every known loop is stable; loops that failed before are checked first."""
+        """Return whether every loop so far is stable; loops that failed before are checked first."""
         if not all(
             np.abs(self.eigenvalues(place, gains, some)).max() < 1 - TOLERANCE for place, some in self._few.items()
         ):
             return False
-        failed = self._first_unstable(gains)
-        if failed is None:
+        unstable = self._first_unstable(gains)
+        if unstable is None:
             return True
-        self._few.setdefault(failed[0], []).append(failed[1])
+        self._few.setdefault(unstable[0], []).append(unstable[1])
         return False
 
     def worst(self, gains: ToolGains) -> tuple[int, int, float]:
         """Return pattern and row of the fastest growing loop, and its spectral radius over a period."""
-        found = []
+        worst = []
         for place, pattern in enumerate(self.patterns):
             values = np.abs(self.eigenvalues(place, gains)).max(axis=-1)
             row = int(np.argmax(values))
-            found.append((math.log(values[row]) / pattern.period_s, place, row, float(values[row])))
-        _, place, row, radius = max(found)
+            worst.append((math.log(values[row]) / pattern.period_s, place, row, float(values[row])))
+        _, place, row, radius = max(worst)
         return place, row, radius
 
     def slowest(self, gains: ToolGains) -> Mode:
         """Return the least damped oscillatory mode of all loops, above 0.1 Hz."""
-        found = Mode(1.0, 0.0, math.inf)
-        for place, pattern in enumerate(self.patterns):
-            values = self.eigenvalues(place, gains).ravel()
-            poles = np.log(values[np.abs(values) > _DEAD]) / pattern.period_s
-            poles = poles[np.abs(poles.imag) > 2 * np.pi * 0.1]
-            if len(poles) == 0:
-                continue
-            ratio = -poles.real / np.abs(poles)
-            row = int(np.argmin(ratio))
-            if ratio[row] < found.damping_ratio:
-                pole = poles[row]
-                found = Mode(float(ratio[row]), float(abs(pole.imag) / (2 * np.pi)), float(-1 / pole.real))
-        return found
+        every = ((pattern, self.eigenvalues(place, gains)) for place, pattern in enumerate(self.patterns))
+        poles = np.concatenate([np.log(each[np.abs(each) > _DEAD]) / pattern.period_s for pattern, each in every])
+        poles = poles[np.abs(poles.imag) > 2 * np.pi * 0.1]
+        if len(poles) == 0:
+            return Mode(1.0, 0.0, math.inf)
+        ratio = -poles.real / np.abs(poles)
+        pole = poles[np.argmin(ratio)]
+        return Mode(float(ratio.min()), float(abs(pole.imag) / (2 * np.pi)), float(-1 / pole.real))
 
     def _first_unstable(self, gains: ToolGains) -> tuple[int, int] | None:
         for place in range(len(self.patterns)):
@@ -383,9 +378,9 @@ class WithMargin:
         between = gains.times(math.sqrt(self.gain_margin))
         return all(map(self.loops.stable, [*self._off(gains), between, gains]))
 
-    def refuted(self, gains: ToolGains) -> bool:
+    def has_counterexample(self, gains: ToolGains) -> bool:
         """Return whether a search of the ranges finds an unstable loop, with the margin or without."""
-        return any(map(self.loops.refuted, [*self._off(gains), gains]))
+        return any(map(self.loops.has_counterexample, [*self._off(gains), gains]))
 
     def slowest(self, gains: ToolGains) -> Mode:
         """Return the least damped oscillation of all loops."""
@@ -395,7 +390,7 @@ class WithMargin:
 Loops = System | WithMargin
 
 
-def leading(loops: Closed, period_s: float) -> ComplexArray:
+def leading(loops: ClosedLoops, period_s: float) -> ComplexArray:
     """Return the largest pole of each of m loops, grown over a unit of time: of all modes and of fast ones, (2, m)."""
     values = loops.poles
     grown = values * np.maximum(np.abs(values), _DEAD) ** (UNIT_S / period_s - 1)

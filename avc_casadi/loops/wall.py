@@ -15,7 +15,7 @@ from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray, IndexArray
 from avc_casadi._util.progress import SILENT, Progress, chunks
 from avc_casadi.loops.loop import Body, Loop
-from avc_casadi.loops.spectrum import Closed
+from avc_casadi.loops.spectrum import ClosedLoops
 from avc_casadi.model.corners import device_corners
 from avc_casadi.model.device import Device, whole_delay
 from avc_casadi.model.hands import Hand, StylusHand
@@ -29,10 +29,8 @@ def passive_limit_n_per_m(device: Device) -> float:
     """Return 2 b_d/((1 + d) T): no passive linear time-invariant rendering has a larger DC stiffness."""
     # F(z) = b_d + z^-(1+d) Z(z) is positive real; the d coefficients of its expansion in 1/z after b_d vanish, so that
     # of its measure, b_d in all, z = 1 carries b_d/(1 + d) at most, and that is half the residue K T.
-    if device.amplifier_bandwidth_hz is not None or device.resonance is not None:
-        return float("nan")
     corners = device_corners(device, ("damping_ns_per_m", "delay_samples"))
-    if any(corner.delay_samples != int(corner.delay_samples) for corner in corners):
+    if not rigid(device) or any(corner.delay_samples != int(corner.delay_samples) for corner in corners):
         return float("nan")
     return min(2 * corner.damping_ns_per_m / ((1 + corner.delay_samples) * corner.sample_time_s) for corner in corners)
 
@@ -95,8 +93,8 @@ def fractions(loop: SampledLoop, damping_ns_per_m: Values, stiffness_n_per_m: Va
     """Return the partial fractions of coupling and environment in series."""
     t = loop.sample_time_s
     wall = loop.environment_damping_ns_per_m, loop.environment_stiffness_n_per_m
-    given = (np.asarray(value, dtype=np.float64) for value in (damping_ns_per_m, stiffness_n_per_m, *wall))
-    b, k, b_e, k_e = np.broadcast_arrays(*given)
+    values = (np.asarray(value, dtype=np.float64) for value in (damping_ns_per_m, stiffness_n_per_m, *wall))
+    b, k, b_e, k_e = np.broadcast_arrays(*values)
     rigid = (b > RIGID) | (k > RIGID)
     b, k = (np.where(rigid, 1.0, np.maximum(gain, -RIGID)) for gain in (b, k))
     kt, ket = k * t, k_e * t
@@ -167,40 +165,45 @@ class LinearStability:
     frequency_hz: FloatArray
 
 
-def wall(body: Body, rendering: Rendering) -> Closed:
+def wall(body: Body, rendering: Rendering) -> ClosedLoops:
     """Return the loops of renderings (..., 3) around plants, of s + 2 states: both broadcast."""
     loop = Loop(plant=body.size, before=1, own=1)
-    seen = np.concatenate([(body.measured @ loop["plant"])[None], loop["before"], loop["own"]])
-    moved = body.moved(loop["plant"], rendering.force @ seen)
-    maps = loop.event(plant=moved, before=seen[:1], own=(rendering.state @ seen)[..., None, :])
-    return Closed(maps, loop.rests({"plant": body.shift, "before": 1.0}))
+    inputs = np.concatenate([(body.output_row @ loop["plant"])[None], loop["before"], loop["own"]])
+    plant = body.next_state(loop["plant"], rendering.force @ inputs)
+    maps = loop.event(plant=plant, before=inputs[:1], own=(rendering.state @ inputs)[..., None, :])
+    return ClosedLoops(maps, loop.rests({"plant": body.shift, "before": 1.0}))
 
 
-def observed_wall(
+def observer_wall(
     body: Body, law: StateFeedback, rendering: Rendering, shares: FloatArray | tuple[float, ...] = (1.0,)
-) -> Closed:
+) -> ClosedLoops:
     """Return the loops of p plants with a law, some shares of its innovation, (a, p) of s + n + 2 states."""
-    (now, before, own), kept = rendering.force[0], int(rendering.force[0, 1:].any())
-    loop = Loop(plant=body.size, observer=law.states, before=kept, own=kept)
+    (now, before, own), dynamic = rendering.force[0], int(rendering.force[0, 1:].any())
+    loop = Loop(plant=body.size, observer=law.states, before=dynamic, own=dynamic)
     observer = loop["observer"]
-    missed = body.measured @ loop["plant"] - observer[law.measures]
-    corrected = observer + np.multiply.outer(np.asarray(shares), np.array(law.innovation))[..., None] * missed
-    seen = (np.array(law.feedback) @ corrected)[:, None]
-    force, new = now * seen, {}
-    if kept:
+    error = body.output_row @ loop["plant"] - observer[law.measures]
+    corrected = observer + np.multiply.outer(np.asarray(shares), np.array(law.innovation))[..., None] * error
+    spring_m = (np.array(law.feedback) @ corrected)[:, None]
+    force, new = now * spring_m, {}
+    if dynamic:
         force = force + before * loop["before"] + own * loop["own"]
         first, past, self_ = rendering.state[0]
-        new = {"before": seen[:, None], "own": (first * seen + past * loop["before"] + self_ * loop["own"])[:, None]}
-    asked = np.array(law.force_m_per_n)[:, None] * force
-    believed = (np.array(law.state) @ corrected + asked)[:, None]
-    return Closed(loop.event(plant=body.moved(loop["plant"], force), observer=believed, **new), loop.unit[:0])
+        new = {
+            "before": spring_m[:, None],
+            "own": (first * spring_m + past * loop["before"] + self_ * loop["own"])[:, None],
+        }
+    push = np.array(law.force_m_per_n)[:, None] * force
+    prediction = (np.array(law.state) @ corrected + push)[:, None]
+    return ClosedLoops(
+        loop.event(plant=body.next_state(loop["plant"], force), observer=prediction, **new), loop.unit[:0]
+    )
 
 
-def closed(body: Body, rendering: Rendering, law: StateFeedback | None = None) -> Closed:
+def closed(body: Body, rendering: Rendering, law: StateFeedback | None = None) -> ClosedLoops:
     """Return the loops of one rendering, with an observer or without, around p plants."""
     if law is None:
         return wall(body, rendering.pick(slice(0, 1)))
-    loops = observed_wall(body, law, rendering)
+    loops = observer_wall(body, law, rendering)
     return replace(loops, maps=loops.maps[0])
 
 

@@ -21,7 +21,7 @@ import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray, IndexArray
 from avc_casadi.loops.loop import Body
-from avc_casadi.loops.spectrum import Closed, lowest, root
+from avc_casadi.loops.spectrum import ClosedLoops, lowest, root
 from avc_casadi.loops.wall import Rendering, plants_of, wall
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners
 from avc_casadi.model.device import Device
@@ -79,7 +79,7 @@ class _Curves:
     new: FloatArray
     old: FloatArray
     whole_delay: FloatArray
-    measured: int
+    output: int
     free: BoolArray
     sample_time_s: float
     poles: Poles
@@ -101,7 +101,7 @@ class _Curves:
             new=new,
             old=old,
             whole_delay=np.repeat([math.floor(corner.delay_samples) for corner in corners], h).astype(np.float64),
-            measured=int(np.argmax(plant.measured)),
+            output=int(np.argmax(plant.output_row)),
             free=np.tile(np.broadcast_to(np.asarray(back) == 0, (h,)), len(corners)),
             sample_time_s=first.sample_time_s,
             poles=poles,
@@ -123,13 +123,13 @@ class _Curves:
         if change.shape[-1] == 2:
             a, b, c, d = (change[:, i, j][case] for i in (0, 1) for j in (0, 1))
             denominator = step**2 - step * (a + d) + (a * d - b * c)
-            sent: list[Any] = [(step - d) * u[:, 0][case] + b * u[:, 1][case] for u in (self.new, self.old)]
+            columns: list[Any] = [(step - d) * u[:, 0][case] + b * u[:, 1][case] for u in (self.new, self.old)]
         else:
             eye = np.eye(change.shape[-1])
             pushes = np.stack([self.new, self.old], axis=-1)[case]
             states = np.linalg.solve(step[..., None, None] * eye - change[case], pushes.astype(np.complex128))
-            denominator, sent = np.ones_like(step), [states[..., self.measured, index] for index in (0, 1)]
-        numerator = sent[0] + sent[1] * (1 + step.conj()) if self.old.any() else sent[0]
+            denominator, columns = np.ones_like(step), [states[..., self.output, index] for index in (0, 1)]
+        numerator = columns[0] + columns[1] * (1 + step.conj()) if self.old.any() else columns[0]
         late = np.exp(1j * angle * self.whole_delay[case]) if self.whole_delay.any() else 1.0
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.asarray(denominator / numerator * late), damper
@@ -152,11 +152,11 @@ def _nodes(loops: _Curves, corners: Sequence[Device], most_damping_ns_per_m: flo
     inverse, damper = loops.response(angle)
     # A zero of the device near the circle turns the phase of L by pi within few nodes: more are inserted.
     for _ in range(40):
-        turned = np.abs(np.angle(inverse[:, 1:] * inverse[:, :-1].conj())) > 0.4
-        turned &= np.diff(angle) > 1e-9 * angle[:, 1:]
-        if not turned.any():
+        far = np.abs(np.angle(inverse[:, 1:] * inverse[:, :-1].conj())) > 0.4
+        far &= np.diff(angle) > 1e-9 * angle[:, 1:]
+        if not far.any():
             break
-        angle = _inserted(angle, turned, (angle[:, 1:] + angle[:, :-1]) / 2)
+        angle = _insert(angle, far, (angle[:, 1:] + angle[:, :-1]) / 2)
         inverse, damper = loops.response(angle)
     curve = inverse.imag / damper.imag
     rise = np.diff(curve)
@@ -175,10 +175,10 @@ def _nodes(loops: _Curves, corners: Sequence[Device], most_damping_ns_per_m: flo
     best = lowest(upright, *(angle[case, index + side] for side in (-1, 0, 1)))
     extremum = angle.copy()
     extremum[case, index] = best
-    return _inserted(angle, turns, extremum)
+    return _insert(angle, turns, extremum)
 
 
-def _inserted(angle: FloatArray, where: BoolArray, at: FloatArray) -> FloatArray:
+def _insert(angle: FloatArray, where: BoolArray, at: FloatArray) -> FloatArray:
     """Merge new nodes into those of each case; a case with fewer of them repeats its first node."""
     case, index = np.nonzero(where)
     place = (np.cumsum(where, axis=1) - 1)[case, index]
@@ -228,10 +228,10 @@ def _outside_without_spring(
     inverse, damper = loops.response(np.full(len(angle), np.pi))
     places = np.concatenate([at, np.nan_to_num((inverse / damper).real, nan=np.inf)])
     leaving = np.concatenate([np.where(slope[case, index] > 0, -2, 2), np.where(slope[:, -1] > 0, -1, 1)])
-    passed = ((places > 0) | ((places == 0) & (leaving > 0))) & (places < damping[:, None])
+    below = ((places > 0) | ((places == 0) & (leaving > 0))) & (places < damping[:, None])
     # Without damping a spring with any delay at all destabilises a free mass.
-    driven = 2 * (loops.free & (curve[:, 0] >= damping[:, None]))
-    return np.asarray((passed * leaving).sum(axis=1) + driven.sum(axis=1))
+    falling = 2 * (loops.free & (curve[:, 0] >= damping[:, None]))
+    return np.asarray((below * leaving).sum(axis=1) + falling.sum(axis=1))
 
 
 def _stretches(outside: IndexArray, row: IndexArray, stiffness: FloatArray, leaving: IndexArray) -> Stretches:
@@ -260,12 +260,12 @@ def _stretches(outside: IndexArray, row: IndexArray, stiffness: FloatArray, leav
     )
 
 
-def in_contact(device: Device, subjects: Hand | StylusHand, k: float, b: float) -> Closed:
+def in_contact(device: Device, subjects: Hand | StylusHand, k: float, b: float) -> ClosedLoops:
     """Return the loop of one spring, of either sign, and damper, with every hand at every corner of a device."""
     pairs = Body.of(sampled_plant(device_corners(device, LINEAR_KEYS), subjects)).flat()
     rate = b / pairs.sample_time_s
     loops = wall(pairs, Rendering(np.array([[k + rate, -rate, 0.0]]), np.zeros((1, 3))))
-    return Closed(loops.maps[..., :-1, :-1], loops.rests[:, :-1])
+    return ClosedLoops(loops.maps[..., :-1, :-1], loops.rests[:, :-1])
 
 
 @dataclass(frozen=True)
@@ -279,8 +279,8 @@ class DampingRange:
 
 def damping_range(device: Device, subjects: Hand | StylusHand, stiffness_n_per_m: float) -> DampingRange:
     """Return the damping, one interval, with which a wall is stable with every hand at every corner of the device."""
-    for scan, found in _scans(device, subjects):
-        inside = np.flatnonzero(found.holds(stiffness_n_per_m))
+    for scan, walls in _scans(device, subjects):
+        inside = np.flatnonzero(walls.holds(stiffness_n_per_m))
         if len(inside):
             return _between_edges(device, subjects, stiffness_n_per_m, scan, inside)
     return DampingRange(stiffness_n_per_m, np.nan, np.nan)
@@ -295,14 +295,14 @@ def stiffest_wall(device: Device, subjects: Hand | StylusHand) -> DampingRange:
     """Return the stiffest wall that is stable with every hand for some damping, to 0.01 %."""
     stiffest = 0.0
     if device.mass_kg + float(np.min(subjects.mass_kg)) > 0:
-        for scan, found in _scans(device, subjects):
-            best = int(np.argmax(np.nan_to_num(found.first_n_per_m)))
-            stiffest, known = float(np.nan_to_num(found.first_n_per_m)[best]), scan[best]
+        for scan, walls in _scans(device, subjects):
+            best = int(np.argmax(np.nan_to_num(walls.first_n_per_m)))
+            stiffest, damping = float(np.nan_to_num(walls.first_n_per_m)[best]), scan[best]
     # So far below the boundary eigenvalues confirm it.
     stiffest *= 1 - 5e-5
     if stiffest < softest_wall_n_per_m(device):
         return DampingRange(0.0, np.nan, np.nan)
-    scan = np.array([0.0, known, _most_damping(device, subjects)])
+    scan = np.array([0.0, damping, _most_damping(device, subjects)])
     return _between_edges(device, subjects, stiffest, scan, np.array([1]))
 
 
@@ -316,9 +316,9 @@ def _scans(device: Device, subjects: Hand | StylusHand) -> Iterator[tuple[FloatA
     """Yield dampings with their stable walls, twice more about the one with the stiffest wall."""
     corners, scan = device_corners(device, LINEAR_KEYS), np.linspace(0.0, _most_damping(device, subjects), 61)
     for _ in range(3):
-        found = stable_walls(corners, subjects, scan)
-        yield scan, found
-        best = int(np.argmax(np.nan_to_num(found.first_n_per_m)))
+        walls = stable_walls(corners, subjects, scan)
+        yield scan, walls
+        best = int(np.argmax(np.nan_to_num(walls.first_n_per_m)))
         scan = np.linspace(scan[max(best - 1, 0)], scan[min(best + 1, len(scan) - 1)], 61)
 
 

@@ -88,7 +88,7 @@ class VirtualTool(t.Table):
             return "nothing"
         return "damper" if self.integrator == "implicit-damping" else "spring and damper"
 
-    def solved_of(self, stiffness: Any, damping: Any) -> tuple[Any, Any]:
+    def implicit_part(self, stiffness: Any, damping: Any) -> tuple[Any, Any]:
         """Return what of K and B each internal step solves anew; the force of the rest is held over all of them."""
         solved = self.solved
         return stiffness * (solved == "spring and damper"), damping * (solved != "nothing")

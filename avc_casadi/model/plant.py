@@ -221,7 +221,7 @@ class SampledPlant:
     new: FloatArray
     old: FloatArray
     whole_delay: IndexArray
-    measured: FloatArray
+    output_row: FloatArray
     held: FloatArray
     sample_time_s: float
 
@@ -273,7 +273,7 @@ def sampled_plant(
         new=new,
         old=old,
         whole_delay=np.array([int(device.delay_samples) for device in some]),
-        measured=_row(names, sensed),
+        output_row=_row(names, sensed),
         held=_row(names, grip),
         sample_time_s=first.sample_time_s,
     )

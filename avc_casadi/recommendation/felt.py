@@ -12,7 +12,7 @@ import numpy as np
 from avc_casadi._util.arrays import ComplexArray, FloatArray
 from avc_casadi.claims.impedance import Excitation, below_quarter_rate, felt_at_handle, rendered, stiffness_at_handle
 from avc_casadi.coupling import Coupling
-from avc_casadi.loops.engine import Engine, clocks, required_tool
+from avc_casadi.loops.engine import Engine, clocks, tool_of
 from avc_casadi.loops.follower import Link, Touch, link_clocks
 from avc_casadi.loops.loop import Body
 from avc_casadi.loops.margins import OpenLoop, damping_ratios
@@ -241,7 +241,7 @@ def deployed(coupling: Coupling) -> Deployed:
         frequency_hz=turn / (2 * np.pi * period),
         gain=loop.gain(turn),
         struck_s=np.asarray(period * np.arange(samples)),
-        struck_m=loop.struck(STRIKES_M_PER_S[0] / device.metres_per_unit, samples),
+        struck_m=loop.impact(STRIKES_M_PER_S[0] / device.metres_per_unit, samples),
     )
 
 
@@ -269,7 +269,7 @@ def _far(problem: Problem) -> tuple[float, float]:
     if problem.follower is not None:
         other = problem.follower.at_leader()
         return other.mass_kg, other.damping_ns_per_m
-    tool = tool_states(required_tool(problem), 0.0)[-1]
+    tool = tool_states(tool_of(problem), 0.0)[-1]
     return (0.0, 0.0) if tool.fixed else (tool.mass_kg, tool.damping_ns_per_m)
 
 
@@ -278,7 +278,7 @@ def rendered_pair(
 ) -> tuple[Felt, ...]:
     """Return the impedance at the handle of the nominal device, of the heaviest tool or the follower."""
     device = problem.device
-    t, driven = device.sample_time_s, Body.driven(device.sample_time_s)
+    t, driven = device.sample_time_s, Body.motion_source(device.sample_time_s)
     ends: list[Engine] | list[Link]
     if problem.follower is not None:
         other, none = problem.follower.at_leader(), np.zeros(2)
@@ -287,7 +287,7 @@ def rendered_pair(
         link = link_clocks(t, other.sample_time_s, *problem.follower.delays_s[-1])[-1]
         ends, moves = [Link(driven, touch.axes(place), link, problem.follower) for place in (0, 1)], True
     else:
-        engine = required_tool(problem)
+        engine = tool_of(problem)
         states = [tool_states(engine, contact)[-1] for contact in (0.0, RIGID_N_PER_M)]
         clock = clocks(max(engine.step_s), t)[-1]
         ends, moves = [Engine(driven, clock, engine, [state]) for state in states], not states[0].fixed

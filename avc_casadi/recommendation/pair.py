@@ -11,8 +11,8 @@ from avc_casadi._util.text import quantity
 from avc_casadi.claims.llewellyn import Teleoperator, damping_needed_ns_per_m, passivity_margin
 from avc_casadi.coupling import Coupling
 from avc_casadi.design.virtual_tool import CouplingSearch, FollowerSearch, ToolSearch, certify_pair
-from avc_casadi.loops.engine import ToolLoops, required_tool
-from avc_casadi.loops.follower import required_follower
+from avc_casadi.loops.engine import ToolLoops, tool_of
+from avc_casadi.loops.follower import follower_of
 from avc_casadi.model.device import Device
 from avc_casadi.model.ends import ToolGains, VirtualTool
 from avc_casadi.model.hands import Hand
@@ -46,7 +46,7 @@ def recommend_tool(
     progress: Progress = SILENT,
 ) -> Recommendation:
     """Return spring and damper to a simulation: every loop stable with a margin, and simulated hands settle."""
-    tool, search = required_tool(problem), ToolSearch(problem)
+    tool, search = tool_of(problem), ToolSearch(problem)
     (stiffest, local), wanted = search.limit, tool.stiffness_n_per_m
     limit = stiffest.stiffness_n_per_m
     why, tried = _why_infeasible(problem, search), _Tried()
@@ -179,7 +179,7 @@ def _stiffest_settled(
         tries: list[Trial] = []
         for gains in search.damped(stiffness, local=local, gain_margin=GAIN_MARGIN):
             trial = trial_of(gains, few, screen=True)
-            if trial.settled_with_friction and search.refuted(gains, GAIN_MARGIN):
+            if trial.settled_with_friction and search.has_counterexample(gains, GAIN_MARGIN):
                 continue
             if trial.settled_with_friction:
                 trial = trial_of(gains, people, screen=False)
@@ -210,7 +210,7 @@ def _unsettled(problem: Problem, stiffness_n_per_m: float, trial: Trial) -> str:
 
 def _why_infeasible(problem: Problem, search: ToolSearch) -> str:
     """Return why no coupling to a tool is stable at all; empty where one is."""
-    tool, unit = required_tool(problem), problem.units.unit
+    tool, unit = tool_of(problem), problem.units.unit
     if problem.device.mass_kg == 0:
         return "the device has no mass (device.mass_kg is 0): released, nothing is there that a coupling could hold"
     if search.limit[0].stiffness_n_per_m > 0:
@@ -236,7 +236,7 @@ def _why_not_wanted(problem: Problem, wanted_n_per_m: float, limit_n_per_m: floa
 
 
 def _why_no_tool(problem: Problem, limit: float, trial: Trial | None) -> str:
-    wanted = required_tool(problem).stiffness_n_per_m
+    wanted = tool_of(problem).stiffness_n_per_m
     if trial is None:
         return "no damper keeps the gain margins" if wanted is None else _why_not_wanted(problem, wanted, limit)
     name, fewest = min(trial.by_motion.items(), key=lambda one: int(one[1].sum()))
@@ -247,7 +247,7 @@ def _why_no_tool(problem: Problem, limit: float, trial: Trial | None) -> str:
 
 
 def _tool_reason(problem: Problem, margin: float, stiffer: tuple[float, Trial] | None) -> str:
-    tool = required_tool(problem)
+    tool = tool_of(problem)
     what = (
         "the stiffest with its margin and all hands settled"
         if tool.stiffness_n_per_m is None
@@ -261,7 +261,7 @@ def _tool_reason(problem: Problem, margin: float, stiffer: tuple[float, Trial] |
 
 
 def _follower_reason(problem: Problem, gains: ToolGains | None, stiffest: ToolGains, trial: Trial | None) -> str:
-    follower = required_follower(problem)
+    follower = follower_of(problem)
     wanted, limit = follower.stiffness_n_per_m, stiffest.stiffness_n_per_m
     if gains is not None:
         most = "the stiffest that keeps its margin without local dampers"
@@ -280,7 +280,7 @@ def _follower_reason(problem: Problem, gains: ToolGains | None, stiffest: ToolGa
 
 def _passivity(problem: Problem, gains: ToolGains) -> tuple[float | None, float | None]:
     """Return the passivity margin of the two-port and the damping that passivity needs; None where not known."""
-    follower, leader = required_follower(problem), problem.device
+    follower, leader = follower_of(problem), problem.device
     other, t = follower.at_leader(), leader.sample_time_s
     if follower.architecture != "position-position" or not math.isclose(t, other.sample_time_s, rel_tol=1e-9):
         return None, None
@@ -312,7 +312,7 @@ def _assumed_of_tool(tool: VirtualTool) -> list[str]:
 
 
 def _assumed_of_follower(problem: Problem) -> list[str]:
-    follower = required_follower(problem)
+    follower = follower_of(problem)
     found = ["the trial has no dry friction, at neither end"]
     if follower.contact_damping_ns_per_m is None:
         found.append("what the follower touches is damped by a tenth of the critical damping")
@@ -323,7 +323,7 @@ def _assumed_of_follower(problem: Problem) -> list[str]:
 
 def unusual(problem: Problem) -> dict[str, str]:
     """Return unusual values of a [simulation] by key: costliest in stiffness, or beyond any coupling."""
-    tool, t, found = required_tool(problem), problem.device.sample_time_s, {}
+    tool, t, found = tool_of(problem), problem.device.sample_time_s, {}
     if not ToolLoops(problem).engine_alone_stable():
         found["contact_stiffness_n_per_m"] = (
             "makes the engine's own contact unstable at this step, whatever the coupling"

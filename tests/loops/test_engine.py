@@ -97,13 +97,13 @@ def test_the_stiffest_coupling_is_the_top_of_the_highest_hump_over_its_dampers(n
     """A wide hump of 5 kN/m about 14 N.s/m, and one of 9 kN/m a third of B wide, wherever it lies."""
 
     def limit(b, top=1.0):
-        apart = abs(math.log(b / narrow)) / math.log(1.2)
-        return max(5e3 * math.exp(-abs(math.log(b / 3))), top * 9e3 * 0.5**apart)
+        return max(5e3 * math.exp(-abs(math.log(b / 3))), top * 9e3 * 0.5 ** abs(math.log(b / narrow, 1.2)))
 
     def search(top):
-        loops = SimpleNamespace(
-            stable=lambda one: one.stiffness_n_per_m <= limit(one.damping_ns_per_m, top), refuted=lambda _: 0, motors=0
-        )
+        def stable(one):
+            return one.stiffness_n_per_m <= limit(one.damping_ns_per_m, top)
+
+        loops = SimpleNamespace(stable=stable, has_counterexample=lambda _: False, motors=0)
         return CouplingSearch(loops, Scale(0.12, 0.8, 1e-3, 1e-2))
 
     found = search(1.0).stiffest()
@@ -131,7 +131,7 @@ def engine(**keys):
 @pytest.mark.parametrize("ratio", [1.0, 4.0, 2.5])
 def test_a_tool_that_stands_still_is_a_spring_and_a_damper(ratio):
     rigid = tool_states(engine(), RIGID_N_PER_M)[-1]
-    loop = Engine(Body.driven(T), clocks(ratio * T, T)[-1], engine(), [rigid])
+    loop = Engine(Body.motion_source(T), clocks(ratio * T, T)[-1], engine(), [rigid])
     turn = np.exp(-2j * np.pi * 12.0 * T)
     found = loop.force_per_metre(ToolGains(800.0, 6.0, 2.0), 12.0)
     assert found == pytest.approx(800.0 + 8.0 * (1 - turn) / T)

@@ -157,7 +157,7 @@ def test_drag_of_a_follower_is_what_a_driven_simulation_measures():
     empty = np.zeros(1)
     follower = sampled_plant(stated.follower.at_leader(), Hand(empty, empty, empty))
     touch = Touch.of(follower, empty, empty).axes(0)
-    loop = Link(Body.driven(t), touch, clock, stated.follower)
+    loop = Link(Body.motion_source(t), touch, clock, stated.follower)
     decay = math.exp(-t / 0.3)
     for hz in (1.0, 10.0):
         omega = 2 * math.pi * hz

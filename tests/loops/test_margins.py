@@ -9,7 +9,7 @@ import avc_casadi as avc
 from avc_casadi.coupling import Coupling
 from avc_casadi.loops.loop import Body
 from avc_casadi.loops.margins import OpenLoop
-from avc_casadi.loops.wall import frozen_rendering, observed_wall
+from avc_casadi.loops.wall import frozen_rendering, observer_wall
 from avc_casadi.model.hands import hand_corners, with_released
 from avc_casadi.model.plant import sampled_plant
 
@@ -41,7 +41,7 @@ def test_with_state_feedback_the_observer_knows_the_force_that_was_asked_for(fed
         else:
             first *= factor
         pushed = replace(body, a=moved, b=first)
-        return np.abs(np.linalg.eigvals(observed_wall(pushed, law, rendering).maps[0])).max(axis=-1)
+        return np.abs(np.linalg.eigvals(observer_wall(pushed, law, rendering).maps[0])).max(axis=-1)
 
     released, held = OpenLoop.of(fed_back).margins()
     for found, some in ((released, slice(-1, None)), (held, slice(-1))):

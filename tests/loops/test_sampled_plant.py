@@ -155,7 +155,7 @@ def test_the_closed_loop_is_the_jacobian_of_the_scene(seed):
     found = sampled_plant(device, hand)
     a, b = (part[0, 0] for part in found.with_forces_under_way())
     d = found.forces_under_way
-    closed = a + np.outer(b, SPRING * np.append(found.measured, np.zeros(d)))
+    closed = a + np.outer(b, SPRING * np.append(found.output_row, np.zeros(d)))
     jacobian, names = scene_jacobian(device, hand)
     assert names == (*found.names, *(f"delayed_{place + 1}_n" for place in range(d)))
     rows = units(device, names)

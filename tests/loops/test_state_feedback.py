@@ -10,7 +10,7 @@ from avc_casadi.claims.hands import feedback_radius
 from avc_casadi.coupling import Coupling
 from avc_casadi.design.observer_law import regulator
 from avc_casadi.loops.loop import Body
-from avc_casadi.loops.wall import Rendering, force_over_position, frozen_rendering, observed_wall
+from avc_casadi.loops.wall import Rendering, force_over_position, frozen_rendering, observer_wall
 from avc_casadi.model.device import Device
 from avc_casadi.model.gains import Gains
 from avc_casadi.model.hands import Hand, hand_ranges
@@ -78,7 +78,7 @@ def test_its_eigenvalues_are_those_of_the_jacobian(seed):
     plants = Body.of(sampled_plant(device, HAND)).flat()
     # The share may stand in the innovation or beside it.
     whole = law_of(np.random.default_rng(seed))
-    for found in (observed_wall(plants, law, rendering), observed_wall(plants, whole, rendering, (share,))):
+    for found in (observer_wall(plants, law, rendering), observer_wall(plants, whole, rendering, (share,))):
         ours = np.linalg.eigvals(found.maps[0, 0])
         ours, theirs = (np.sort_complex(values[np.abs(values) > 1e-3]) for values in (ours, expected))
         assert len(ours) == len(theirs)
@@ -136,7 +136,7 @@ def feedback(problem, guess, slower=1.0):
 def radii(coupling, hands, shares):
     plants = Body.of(sampled_plant(coupling.problem.device, hands)).flat()
     rendering = frozen_rendering(coupling.problem, 0.0, coupling.table.at_rest.stiffness_n_per_m)
-    return observed_wall(plants, coupling.runtime.state_feedback, rendering, shares).radius
+    return observer_wall(plants, coupling.runtime.state_feedback, rendering, shares).radius
 
 
 @pytest.mark.parametrize("seed", range(8))

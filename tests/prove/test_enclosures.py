@@ -61,7 +61,7 @@ def sampled(device, hand, omega):
     plant = sampled_plant(device, Hand(*(np.array([value]) for value in hand)))
     matrix, push = (part[0, 0] for part in plant.with_forces_under_way())
     measured = np.zeros(len(push))
-    measured[: len(plant.measured)] = plant.measured
+    measured[: len(plant.output_row)] = plant.output_row
     found = np.linalg.solve(np.exp(1j * omega) * np.eye(len(push)) - matrix, push)
     return -measured @ found
 

@@ -171,11 +171,11 @@ class EngineEffect(SceneEffect, keys=SimulationEffect, rank=155, role="environme
         """Return position and velocity of the tool after a step, as in `loops.engine`, with a one-sided contact."""
         (x, v), (seen, speed), (k, b, mass, drag), (k_c, b_c) = tool, device, joined, contact
         rigid, integrator, t = k_c > RIGID_N_PER_M, self.tool.integrator, t / self.tool.substeps
-        solved_k, solved_b = self.tool.solved_of(k, b)
-        push = k * seen + b * speed - (k - solved_k) * x - (b - solved_b) * v
+        implicit_k, implicit_b = self.tool.implicit_part(k, b)
+        push = k * seen + b * speed - (k - implicit_k) * x - (b - implicit_b) * v
         k_c, b_c = ca.if_else(rigid, 0, k_c), ca.if_else(rigid, 0, b_c)
-        free = tool_step(integrator, t, mass, drag + solved_b, solved_k)
-        touching = tool_step(integrator, t, mass, drag + solved_b + b_c, solved_k + k_c)
+        free = tool_step(integrator, t, mass, drag + implicit_b, implicit_k)
+        touching = tool_step(integrator, t, mass, drag + implicit_b + b_c, implicit_k + k_c)
         for _ in range(self.tool.substeps):
             (place, rate), (touched, slower) = (
                 [one * x + other * v + force * push for one, other, force in rows] for rows in (free, touching)

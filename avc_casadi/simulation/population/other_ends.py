@@ -13,8 +13,8 @@ from itertools import product
 import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, FloatArray, IndexArray
-from avc_casadi.loops.engine import contact_stiffnesses_n_per_m, required_tool
-from avc_casadi.loops.follower import contact_dampers_ns_per_m, environments, required_follower
+from avc_casadi.loops.engine import contact_stiffnesses_n_per_m, tool_of
+from avc_casadi.loops.follower import contact_dampers_ns_per_m, environments, follower_of
 from avc_casadi.model.device import Device
 from avc_casadi.model.effects import SimulationEffect
 from avc_casadi.model.ends import HEAVIEST_TOOL_KG, ToolGains, tool_states
@@ -39,7 +39,7 @@ def try_tool(
     problem: Problem, gains: ToolGains, people: Hand, seed: int = 0, motions: Sequence[str] = WITH_TOOL
 ) -> Trial:
     """Simulate hands that move a tool: as declared, without dry friction and with missed steps, on every contact."""
-    tool, device = required_tool(problem), problem.device
+    tool, device = tool_of(problem), problem.device
     contacts = [one for one in contact_stiffnesses_n_per_m(tool) if one > 0] or [0.0]
     # In free motion the tool's mass swings with the device.
     mass = device.mass_kg + (0.0 if tool.tool_mass_kg is None else tool.scale * tool.tool_mass_kg[1])
@@ -84,7 +84,7 @@ def try_tool(
 
 def try_bilateral(problem: Problem, gains: ToolGains, people: Hand, seed: int = 0) -> Trial:
     """Simulate hands that move a follower, on a link with the declared delay, jitter and losses, which a seed draws."""
-    follower = required_follower(problem)
+    follower = follower_of(problem)
     stiffness, _ = environments(follower)
     some = sorted({float(stiffness[place]) for place in (len(stiffness) // 2, -1)})
     shape = len(WITH_FOLLOWER), len(some), len(people)
@@ -129,7 +129,7 @@ class _Side:
         places = [name.endswith("_position_m") for name in self.names] + [False] * (n - len(self.names))
         self.state = np.where(places, start_m[:, None], 0.0)
         self.row = np.zeros(n)
-        self.row[: len(self.names)] = plants[0].measured
+        self.row[: len(self.names)] = plants[0].output_row
         self.step_m = device.encoder_resolution_m
         self.limit_n = np.inf if device.max_force_n is None else device.max_force_n
         self.sent = [self.measured()]
@@ -163,7 +163,7 @@ class _Run:
         seed: int,
         longer_s: float = 0.0,
     ) -> None:
-        self.follower, leader, self.gains = required_follower(problem), problem.device, gains
+        self.follower, leader, self.gains = follower_of(problem), problem.device, gains
         other = self.follower.at_leader()
         self.times = leader.sample_time_s, other.sample_time_s
         samples = round((5.0 + longer_s) / self.times[0])
