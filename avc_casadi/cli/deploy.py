@@ -117,8 +117,7 @@ def run_push(args: argparse.Namespace, console: Console) -> Answer:
     if emulated:
         with console.step("firmware and plant in the loop"):
             data["in_the_loop"] = in_the_loop(coupling)
-    complaint = f"avc: {args.port}: the table read back is not the one sent; push again"
-    return replace(deploy.push(data, coupling, args.gains), complaint="" if data["readback_equal"] else complaint)
+    return deploy.push(data, coupling, args.gains)
 
 
 def in_the_loop(coupling: Coupling) -> dict[str, Any]:
@@ -126,10 +125,9 @@ def in_the_loop(coupling: Coupling) -> dict[str, Any]:
     from avc_hardware import tried_in_the_loop
 
     try:
-        found: dict[str, Any] = plain(tried_in_the_loop(coupling).document())
+        return tried_in_the_loop(coupling).document()
     except avc.UnsupportedError as error:
         return {"skipped": str(error)}
-    return found
 
 
 @cli.verb(
@@ -166,8 +164,7 @@ def run_firmware(args: argparse.Namespace, console: Console) -> Answer:
     data = {key: getattr(built, key) for key in ("board", "build", "address", "commands")}
     data |= {"baud": args.baud or 115200, "size_bytes": built.size, "notes": notes}
     console.written += [str(Path(args.out) / path.name) for path in built.files]
-    data["files"] = console.written
-    data |= {"limits": vars(built.limits), "figures": vars(built.figures)}
+    data |= {"files": console.written, "limits": vars(built.limits), "figures": vars(built.figures)}
     at = "" if data["baud"] == 115200 else f" --baud {args.baud}"
     gains = f"pushed: avc push{at}; estimator {built.figures.estimator}"
     return firmware(plain(data), built.title, subject.units, gains)
@@ -250,7 +247,7 @@ def run_monitor(args: argparse.Namespace, console: Console) -> Answer:
     """Watch a device: records of its own ticks, as text or log; and keep its heartbeat.
 
     With --heartbeat the device lives as long as this command: when that ends or loses the line, the force falls to 0
-    within 0.1 s, and comes back out of contact with the next heartbeat.
+    within 0.1 s, and comes back out of contact with the next heartbeat, or after avc device --clear.
     """
     from avc_hardware import EMULATOR, EMULATOR_IS_FRESH, DeviceFault, TelemetryLog, monitor
 
@@ -339,7 +336,7 @@ def _state(sample: TelemetrySample, faults: str) -> tuple[Part, ...]:
 
 @cli.verb(
     *cli.PORT,
-    cli.flag("--clear", "show the latched faults and clear them; 1 if one stays"),
+    cli.flag("--clear", "show the faults and clear them, that of a silent host too; 1 if one stays"),
     *cli.turning("force_n", "N", "limit of the force; a higher one holds from the next time out of contact"),
     *cli.turning("speed_m_per_s", "V", "a fault is latched beyond it"),
     cli.argument("--energy-j", type=cli.positive, metavar="E", text="given out in a second beyond what came in"),

@@ -207,10 +207,7 @@ def run_trial(args: argparse.Namespace, console: Console) -> Answer:
     return trial(found, coupling.problem.units, args.coupling)
 
 
-@cli.verb(
-    cli.PROBLEM,
-    cli.plot("the region"),
-)
+@cli.verb(cli.PROBLEM, cli.plot("the region"))
 def run_zwidth(args: argparse.Namespace, console: Console) -> Answer:
     """Show which walls the device can render without coupling; of a [simulation] which K and B are stable."""
     from avc_casadi.claims.zwidth import zwidth

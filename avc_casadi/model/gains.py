@@ -253,10 +253,8 @@ def missing_rest_gains(schedule: GainSchedule) -> str:
     row = int(schedule.frequency_hz.argmin())
     if schedule.status[row].has_gains:
         return ""
-    return (
-        f"no gains at {schedule.frequency_hz[row]:g} Hz, where a hand at rest begins ({schedule.status[row]}). "
-        f"{schedule.reason[row]} Choose another method, or gains that hold at the lowest frequency."
-    )
+    where = f"no gains at {schedule.frequency_hz[row]:g} Hz, where a hand at rest begins ({schedule.status[row]})."
+    return f"{where} {schedule.reason[row]} Choose another method, or gains that hold at the lowest frequency."
 
 
 def gains_at(schedule: GainSchedule, frequency_hz: float | None = None) -> Gains:
@@ -287,11 +285,8 @@ class GainTable(Tabular):
     def of(cls, schedule: GainSchedule) -> GainTable:
         """Return the table of all rows with gains, in the order of frequency."""
         if not schedule.usable.any():
-            raise InputError.of(
-                f"{schedule.problem} by {schedule.method} has no row with gains; choose another method or widen "
-                "[coupling]",
-                key="status",
-            )
+            what = f"{schedule.problem} by {schedule.method} has no row with gains"
+            raise InputError.of(f"{what}; choose another method or widen [coupling]", key="status")
         rows = np.stack([getattr(schedule, key) for key in TABLE_COLUMNS], axis=1)[schedule.usable]
         return cls(np.asarray(rows[np.argsort(rows[:, 0], kind="stable")]))
 
@@ -353,8 +348,12 @@ class GainTable(Tabular):
         return np.moveaxis(interpolate(self.rows, frequency_hz), -1, 0)
 
     def single(self) -> Float32Array:
-        """Return the rows in single precision, as stored on a device."""
-        return self.rows.astype(np.float32)
+        """Return the rows in single precision, as stored on a device; their frequencies must rise there too."""
+        rows = self.rows.astype(np.float32)
+        if len(twice := rows[1:, 0][np.diff(rows[:, 0]) <= 0]):
+            what = f"has rows at {twice[0]:g} Hz that are equal in the device's single precision"
+            raise InputError.of(f"{what}; allowed: at least 1e-7 of it between them", key="frequency_hz")
+        return rows
 
     def expressions(self, frequency_hz: Any) -> list[Any]:
         """Return b, k and b_p as CasADi expressions in the frequency: sums of ramps, one for each interval."""

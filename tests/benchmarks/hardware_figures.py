@@ -189,7 +189,7 @@ def on_the_board(counts: int, time_s: float) -> dict[str, Any]:
         return {"board": f"refused: {str(error).partition(';')[0]}", "exported_c": {"samples": lasts, "silent": silent}}
     document = found.document()
     keys = ("at_rest", "peak_force_n", "faults", "mode")
-    return {"read_back": found.push.readback_equal} | {key: document[key] for key in keys}
+    return {key: document[key] for key in keys}
 
 
 def run_of_figure5() -> dict[str, Any]:

@@ -21,6 +21,7 @@ from avc_casadi.coupling import Coupling
         (("compare", "figure5", "--mine", "7000"), "--mine", "K,B"),
         (("push", "missing.json", "--port", "emulator"), "", "does not exist"),
         (("monitor", "--port", "emulator", "--rate-hz", "0"), "--rate-hz", "above 0"),
+        (("monitor", "--port", "emulator", "--baud", "9600"), "--baud", "115200"),
         (("run", "figure5", "--out", "file"), "--out", "file"),
         (("paint",), "VERB", "solve"),
         ((), "", "VERB"),

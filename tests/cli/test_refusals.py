@@ -19,11 +19,11 @@ def _folder(tmp_path, monkeypatch):
     "arguments",
     [
         ("push", "c.json", "--port", "emulator"),
+        ("push", "c.json", "--port", "emulator", "--unsafe"),  # does not settle there
         ("stream", "c.json", "--port", "emulator"),
         ("export", "c.json", "--c", "firmware"),
         ("certify", "c.json"),
     ],
-    ids=lambda arguments: arguments[0],
 )
 def test_an_unstable_coupling_is_refused_by_every_verb_that_deploys(arguments):
     problem = avc.load_problem("figure5").changed(frequency={"points": 10})

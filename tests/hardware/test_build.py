@@ -53,9 +53,7 @@ def test_it_takes_the_coupling_of_its_device_and_no_other() -> None:
     with pytest.raises(UnsupportedError, match="estimator is fused"):  # another program
         push(made, "emulator")
     elf = build_firmware(made, "netduinoplus2", scratch() / "made").files[0]
-    result = push(made, EmulatedBoard(elf, encoder=lambda _: 0))
-    assert result.readback_equal
-    assert result.device.sample_time_s == 2.5e-4
+    assert push(made, EmulatedBoard(elf, encoder=lambda _: 0)).device.sample_time_s == 2.5e-4
     with pytest.raises(LinkError):
         push(
             coupling(9, runtime=made.runtime, **(DEVICE | {"sample_time_s": 1e-3})),

@@ -176,7 +176,7 @@ def test_no_title_method_or_file_becomes_code(title: str, method: str, file: str
         assert code(text) == code(plain[place]), place
 
 
-@pytest.mark.parametrize("name", ["", "Soft", "2nd", "a b", "a*/", "x" * 21, "soft_", "int main"])
+@pytest.mark.parametrize("name", ["", "Soft", "2nd", "a b", "a*/", "x" * 21, "soft_", "int main", "math", "int8"])
 def test_a_name_that_is_none_is_refused(name: str) -> None:
     with pytest.raises(InputError, match="name: is "):
         export_c(PLAIN, name=name)

@@ -57,9 +57,8 @@ def push_through(schedule_of_faults: list[LinkFault], pair: str = "rows") -> tup
 
     link.read = watched  # type: ignore[method-assign]
     try:
-        result = push(new, link, safe=SAFE, deadline_s=DEADLINE_S)
+        push(new, link, safe=SAFE, deadline_s=DEADLINE_S)
         done = True
-        assert result.readback_equal
     except LinkError:
         done = False
     was_reset = any(fault.kind is FaultKind.RESET for fault in link.happened)
@@ -101,8 +100,7 @@ def test_random_faults(schedule_of_faults: list[LinkFault], pair: str) -> None:
 def test_a_terrible_line_and_then_a_good_one(schedule_of_faults: list[LinkFault], pair: str) -> None:
     core, _, _ = push_through(schedule_of_faults, pair)
     new = PAIRS[pair][1]
-    result = push(new, HostLink(core), safe=SAFE)
-    assert result.readback_equal
+    push(new, HostLink(core), safe=SAFE)
     assert core.image() == image(new)
 
 
@@ -110,11 +108,9 @@ def test_a_terrible_line_and_then_a_good_one(schedule_of_faults: list[LinkFault]
 def test_preemption_at_any_instruction_changes_no_byte() -> None:
     """The main loop is interrupted after every few instructions, also inside conditional blocks."""
     require("unicorn")
-    images = []
     for slice_cycles in (3, 5, 11, 168_000):
         board = EmulatedBoard(slice_cycles=slice_cycles, motion_m=lambda _: 0.0)
         with Connection(board) as connection:
-            upload = connection.run(connection.session.push(TableImage.of(coupling(20)), connection.device))
-            images.append(upload.image)
-            assert upload.attempts == 1
-    assert set(images) == {TableImage.of(coupling(20)).image}
+            table = TableImage.of(coupling(20))
+            assert connection.run(connection.session.push(table, connection.device)).attempts == 1
+            assert connection.run(connection.session.read_table(len(table.image))) == table.image

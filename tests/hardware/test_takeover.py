@@ -103,7 +103,8 @@ def test_a_device_that_is_held_in_its_wall_keeps_what_it_runs() -> None:
     assert core.image() == TableImage.of(COUPLINGS[0]).image
     core.tick(np.full(9, -500, dtype=np.int32))
     assert core.image() == TableImage.of(COUPLINGS[0]).image
-    assert push(COUPLINGS[1], HostLink(core)).readback_equal
+    push(COUPLINGS[1], HostLink(core))
+    assert core.image() == TableImage.of(COUPLINGS[1]).image
 
 
 def test_a_table_whose_host_has_gone_never_takes_over() -> None:
@@ -145,6 +146,8 @@ def test_gains_of_another_coupling_do_not_run_over_a_table() -> None:
     with pytest.raises(RefusedError) as caught:
         asked(core, Kind.SET_GAINS, m.set_gains(int(COUPLINGS[1].id, 16), 0, 4000, 1.0, 5e4, 0.0), m.GainsTaken)
     assert caught.value.refusal.reason is Reason.OTHER_COUPLING
+    with pytest.raises(RefusedError, match="a message of gains is outside the device's limits"):
+        asked(core, Kind.SET_GAINS, m.set_gains(ID, 0, 4000, -1.0, 5e4, 0.0), m.GainsTaken)
     core.tick(np.full(3, -500, dtype=np.int32))
     assert core.state().streaming == 0
 

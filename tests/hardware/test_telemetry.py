@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from avc_casadi import InputError, load_problem
 from avc_casadi.identification.read import read_columns
-from avc_hardware import Connection, DeviceStatus, TelemetryLog, TelemetrySample, monitor
+from avc_hardware import Connection, DeviceFault, DeviceStatus, TelemetryLog, TelemetrySample, clear_faults, monitor
 from avc_hardware.link import messages as m
 from avc_hardware.link.faults import Refusal
 from avc_hardware.link.frames import Frame
@@ -106,6 +106,11 @@ def test_the_heartbeat_of_a_watching_host_ends_with_the_ramp() -> None:
     core.tick(np.full(30, -100, dtype=np.int32))
     link._position = lambda _: -100
     assert [*monitor(link, rate_hz=50, seconds=0.1, heartbeat_s=0.05)][-1].mode == "table"
+    assert {sample.mode for sample in monitor(link, rate_hz=50, seconds=2.0)} == {"safe"}  # nobody asked for its end
+    cleared = clear_faults(link)
+    assert (cleared.were, cleared.left, cleared.status.mode) == (DeviceFault.HEARTBEAT, DeviceFault(0), "table")
+    link._position = lambda _: 300
+    assert [*monitor(link, rate_hz=50, seconds=6.0)][-1].force_n > 5.0
     for wrong in (0.0, 5.1, float("nan")):
         with pytest.raises(InputError, match="at most 5"):
             next(monitor(link, heartbeat_s=wrong))

@@ -58,14 +58,22 @@ _WIDE_ENOUGH = """
 """
 
 
+# Headers of C, which a file of the same name hides, and its types that end in _t.
+_OF_C = (
+    "assert|complex|ctype|errno|fenv|float|inttypes|iso646|limits|locale|math|setjmp|signal|string|tgmath|threads|time|"
+    "uchar|wchar|wctype|std(align|arg|atomic|bit|bool|ckdint|def|int|io|lib|noreturn)|size|ptrdiff|"
+    "u?int(ptr|max|(_least|_fast)?[0-9]+)"
+)
+
+
 def checked(precision: str, name: str) -> Precision:
     """Return a precision by name."""
     if precision not in PRECISIONS:
         raise InputError.of(f"is {precision!r}; allowed: {', '.join(PRECISIONS)}", key="precision")
     # Lower case, since macros have its name in capitals; a linker of C99 distinguishes 31 characters.
-    if not re.fullmatch(r"[a-z]([a-z0-9_]{0,18}[a-z0-9])?", name):
+    if not re.fullmatch(rf"(?!({_OF_C})$)[a-z]([a-z0-9_]{{0,18}}[a-z0-9])?", name):
         told = f"is {name!r}; allowed: a small letter, then small letters and digits with low lines between, at most 20"
-        raise InputError.of(told, key="name")
+        raise InputError.of(f"{told}, and no header or type of C such as math or size", key="name")
     return PRECISIONS[precision]
 
 

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from avc_casadi.claims.deployable import Deployable, require_deployable
 from avc_casadi.coupling import Coupling
-from avc_casadi.simulation.emit import Precision
+from avc_casadi.simulation.emit import DOUBLE, Precision
 from avc_hardware.codegen import c_frame
 from avc_hardware.codegen.coupling_program import CouplingProgram, coupling_program
 from avc_hardware.codegen.pair_export import pair_files, pair_verdict
 from avc_hardware.codegen.tick_program import GAINS, start_lines
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
+    from avc_casadi.model.gains import GainTable
 
 _HEADER = """\
 /* A virtual coupling with its wall, made by avc-casadi; do not edit.
@@ -250,11 +250,7 @@ static void look_up({real} frequency_hz, {real} gains[3])
 
 
 def export_c(
-    coupling: Coupling,
-    *,
-    precision: str = "single",
-    name: str = c_frame.NAME,
-    unsafe: bool = False,
+    coupling: Coupling, *, precision: str = "single", name: str = c_frame.NAME, unsafe: bool = False
 ) -> dict[str, str]:
     """Return a coupling to any end as C, ``avc_coupling.h`` and ``avc_coupling.c``, by file name."""
     chosen = c_frame.checked(precision, name)
@@ -338,7 +334,7 @@ def _source(coupling: Coupling, program: CouplingProgram, precision: Precision) 
         outside=literal(bounds.outside_m - bounds.unsure_m),
         unsure=literal(bounds.unsure_m),
         begin=(_BEGIN if wall else _BEGIN_OUTSIDE).format(**words),
-        look_up="" if program.before is None else _look_up(coupling.table.rows.astype(precision.dtype), precision),
+        look_up="" if program.before is None else _look_up(coupling.table, precision),
         rest=_indented(start_lines("coupling", program.states, program.initial, precision=precision)),
         lowest=literal(-precision.largest),
         largest=literal(precision.largest),
@@ -347,8 +343,8 @@ def _source(coupling: Coupling, program: CouplingProgram, precision: Precision) 
     )
 
 
-def _look_up(rows: NDArray[Any], precision: Precision) -> str:
-    literal = precision.literal
+def _look_up(stated: GainTable, precision: Precision) -> str:
+    literal, rows = precision.literal, stated.rows if precision is DOUBLE else stated.single()
     lines = [
         "    {{{}}},".format(", ".join(map(literal, (logarithm, *row))))
         for logarithm, row in zip(precision.ln(rows[:, 0]), rows, strict=True)

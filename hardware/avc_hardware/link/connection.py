@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Self, TypeVar
 
 from serial.tools import list_ports as tools
 
-from avc_casadi import LinkError, PortError
-from avc_hardware.emulator.board import EmulatedBoard, emulated_board
+from avc_casadi import InputError, LinkError, PortError
+from avc_hardware.emulator.board import EmulatedBoard
 from avc_hardware.link.bytes import ByteLink, SerialLink
 from avc_hardware.link.device import MODES, Device, DeviceStatus
 from avc_hardware.link.frames import DELIMITER, Decoder
@@ -23,7 +23,6 @@ from avc_hardware.link.table import TableImage
 from avc_hardware.link.telemetry import Telemetry
 
 if TYPE_CHECKING:
-    from avc_casadi.coupling import Coupling
     from avc_hardware.codegen.figures import Config
 
 
@@ -178,11 +177,15 @@ class Connection:
         self.close()
 
 
-def open_link(port: str | ByteLink, *, baud: int = DEFAULT_BAUD, coupling: Coupling | None = None) -> ByteLink:
-    """Open a port."""
+def open_link(
+    port: str | ByteLink, *, baud: int = DEFAULT_BAUD, board: Callable[[], EmulatedBoard] = EmulatedBoard
+) -> ByteLink:
+    """Open a port; of an emulated board the one that is made here."""
     if isinstance(port, ByteLink):
         return port
-    if port == EMULATOR:  # its line runs at the usual rate
-        return EmulatedBoard() if coupling is None else emulated_board(coupling)
+    if port == EMULATOR:
+        if baud != DEFAULT_BAUD:
+            raise InputError.of(f"is {baud}; allowed on the emulated board: {DEFAULT_BAUD}, its own", key="baud")
+        return board()
     number = port.removeprefix(USB)
     return SerialLink(find_port(number) if number != port else port, baud)

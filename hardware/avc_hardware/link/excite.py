@@ -18,6 +18,7 @@ from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.identification.excitation import FULL, Plan
 from avc_hardware.codegen.figures import device_config
 from avc_hardware.emulator.bench import BenchDevice, code_of_force, force_of_code
+from avc_hardware.emulator.board import EmulatedBoard
 from avc_hardware.link import messages as m
 from avc_hardware.link.connection import DEFAULT_BAUD, EMULATOR, Connection, open_link
 from avc_hardware.link.messages import Kind
@@ -114,7 +115,7 @@ def excite(
 ) -> ExcitationLog:
     """Play a plan on a device and read the records."""
     bench = on_bench if port == EMULATOR else None
-    link = open_link(port, baud=baud) if bench is None else BenchDevice(bench).board()
+    link = open_link(port, baud=baud, board=EmulatedBoard if bench is None else BenchDevice(bench).board)
     with Connection(link, baud=baud) as connection:
         if bench is not None:
             connection.configure(device_config(bench))

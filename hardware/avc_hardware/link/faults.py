@@ -11,44 +11,37 @@ from avc_hardware.link.frames import PROTOCOL_VERSION
 
 
 class DeviceFault(IntFlag):
-    """Faults latched until they are cleared; HEARTBEAT alone ends by itself."""
+    """Faults latched until they are cleared; HEARTBEAT ends with the next one too. In a few words, then what to do."""
 
-    JUMP = 1
-    STUCK = 2
-    SPEED = 4
-    ENERGY = 8
-    NOT_FINITE = 16
-    OVERRUN = 32
-    DISABLED = 64
-    WATCHDOG = 128
-    BROWN_OUT = 256
-    HEARTBEAT = 512
+    sentence: str
+
+    def __new__(cls, code: int, sentence: str = "") -> Self:
+        """Give the number its sentence."""
+        made = int.__new__(cls, code)
+        made._value_, made.sentence = code, sentence
+        return made
+
+    JUMP = 1, "encoder jumped: it moved as nothing of this mass can; look at its wires, shield and supply"
+    STUCK = 2, "encoder stuck: no count came though the force swung; look at its wires, or for what blocks the device"
+    SPEED = 4, "too fast: the device was faster than its limit; look for an unstable coupling, or a hand that let go"
+    ENERGY = 8, "too much energy: the coupling gave out more than it got; it does not hold this device (avc diagnose)"
+    NOT_FINITE = 16, "force not a number: the observer or the gains went beyond all bounds; push another coupling"
+    OVERRUN = 32, "ticks too long: several in a row; take a simpler estimator or a longer sample time"
+    DISABLED = 64, "enable line open: the emergency stop, or what stands for it, is open; close it"
+    WATCHDOG = 128, "reset by the watchdog: the firmware hung and was started anew; push the coupling again"
+    BROWN_OUT = 256, "supply sank: the supply fell below its limit and the device started anew; push the coupling again"
+    HEARTBEAT = 512, "host silent: no heartbeat came in time; avc monitor --heartbeat sends them; let go of the device"
 
     @property
     def word(self) -> str:
         """Return the faults in a few words, separated by commas."""
-        return ", ".join(_TOLD[fault].partition(":")[0] for fault in type(self)(self))
+        return ", ".join(fault.sentence.partition(":")[0] for fault in self)
 
     @property
     def advice(self) -> tuple[str, ...]:
         """Return meaning and remedy of each, a sentence each."""
-        return tuple(_TOLD[fault] for fault in type(self)(self))
+        return tuple(fault.sentence for fault in self)
 
-
-# By rising number: in a few words, meaning and remedy.
-_SENTENCES = (
-    "encoder jumped: between two ticks it moved as nothing of this mass can; look at its wires, shield and supply",
-    "encoder stuck: no count came though the force swung; look at its wires, or for what blocks the device",
-    "too fast: the device was faster than its limit; look for an unstable coupling, or a hand that let go",
-    "too much energy: the coupling gave out more than it got; it does not hold this device (avc diagnose)",
-    "force not a number: the observer or the gains went beyond all bounds; push another coupling",
-    "ticks too long: several in a row took longer than a sample time; a slower estimator or a longer sample time",
-    "enable line open: the emergency stop, or what stands for it, is open; close it",
-    "reset by the watchdog: the firmware hung and was started anew; push the coupling again",
-    "supply sank: the supply fell below its limit and the device started anew; push the coupling again",
-    "host silent: no heartbeat in time; send them (avc monitor --heartbeat) or start it anew, and let go of the device",
-)
-_TOLD = dict(zip(DeviceFault, _SENTENCES, strict=True))
 
 INTERFACE_VERSION = 13  # of the messages' meaning
 
@@ -100,6 +93,7 @@ _PLACES = {
     0xFFFD: "the plan of the excitation",
     0xFFFC: "a limit",
     0xFFFB: "the configuration",
+    0xFFFA: "a message of gains",
 }
 
 

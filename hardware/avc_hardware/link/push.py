@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,6 +15,7 @@ from avc_casadi.claims.deployable import require_deployable
 from avc_casadi.coupling import Coupling
 from avc_hardware.codegen.figures import Config
 from avc_hardware.codegen.firmware_fit import check_runs_on, config_for
+from avc_hardware.emulator.board import emulated_board
 from avc_hardware.link.connection import DEFAULT_BAUD, Connection, open_link
 from avc_hardware.link.faults import DeviceFault
 from avc_hardware.link.table import TableImage
@@ -34,7 +36,6 @@ class PushResult:
     table_id: int
     rows: int
     crc32: int
-    readback_equal: bool
     attempts: int
     seconds: float
     rounding_max: float
@@ -44,12 +45,8 @@ class PushResult:
 
     def document(self) -> dict[str, object]:
         """Return the `push` document: JSON values only."""
-        found = {key: value for key, value in vars(self).items() if key != "device"}
-        return found | {
-            "notes": list(self.notes),
-            "build": self.device.build,
-            "sample_time_s": self.device.sample_time_s,
-        }
+        own = {"notes": list(self.notes), "build": self.device.build, "sample_time_s": self.device.sample_time_s}
+        return {key: value for key, value in vars(self).items() if key != "device"} | own
 
 
 def push(
@@ -68,7 +65,7 @@ def push(
     if safe is not None:
         _require_safe(coupling, safe, unsafe=unsafe)
     check_runs_on(coupling)  # a coupling that cannot run is refused before a port is opened
-    link = open_link(port, baud=baud, coupling=coupling)
+    link = open_link(port, baud=baud, board=partial(emulated_board, coupling))
     start = link.now_s()
     with Connection(link, baud=baud, deadline_s=deadline_s, on_wait=on_wait) as connection:
         chip = connection.device.unique_id
@@ -103,7 +100,6 @@ def push_over(
         table_id=table.table_id,
         rows=len(table.rows),
         crc32=table.crc32,
-        readback_equal=upload.image == table.image,
         attempts=upload.attempts,
         seconds=connection.link.now_s() - start,
         rounding_max=table.rounding_max,
@@ -128,8 +124,7 @@ def _notes(coupling: Coupling, device: Device) -> tuple[str, ...]:
     tapped = float((coupling.trial or {}).get("tap_force_n") or 0.0)
     notes = []
     if faults := DeviceFault(device.faults):
-        ends = "avc monitor --heartbeat, or a reset" if faults == DeviceFault.HEARTBEAT else "avc device --clear"
-        notes.append(f"the device gives no force until its faults are gone ({ends}): {faults.word}")
+        notes.append(f"the device gives no force until its faults are gone (avc device --clear): {faults.word}")
     if force is None and tapped > most:
         made = f"made without a limit, and in its trial a tap took {tapped:.3g}; give device.max_force_n"
         notes.append(f"the device limits the force at {most:g}, the coupling was {made} and make it again")

@@ -56,7 +56,6 @@ class Upload:
     """Result of a push."""
 
     device: Device
-    image: bytes
     attempts: int
     ticks: int
     waited: int
@@ -136,7 +135,7 @@ class Session:
                     yield from _wait(0.7)
             else:
                 if (image, config) == (table.image, table.config):
-                    return Upload(device, image, attempt, committed.ticks, committed.waited)
+                    return Upload(device, attempt, committed.ticks, committed.waited)
                 failure = LinkError("the table read back differs from the one sent; another host may have pushed")
         raise LinkError(f"the table was not taken after {ATTEMPTS} attempts: {failure}") from failure
 

@@ -30,12 +30,14 @@ class Cleared:
 
 
 def clear_faults(port: str | ByteLink, *, baud: int = DEFAULT_BAUD) -> Cleared:
-    """Clear the reported faults of a device, not those that occur meanwhile."""
+    """Clear the reported faults of a device, not those that occur meanwhile; a silent host is no longer waited for."""
     link = open_link(port, baud=baud)
     with Connection(link, baud=baud) as connection:
         before = connection.status()
         connection.ask(Kind.CLEAR, words(before.faults), Acknowledged)
-        connection.wait(_TICKS * connection.device.sample_time_s)
+        if before.faults & DeviceFault.HEARTBEAT:
+            connection.heartbeat(0.0)  # none is asked for any longer
+        connection.wait(0.1 + _TICKS * connection.device.sample_time_s)  # a force that falls is 0 then
         after = connection.status()
     were, left, first = (DeviceFault(codes) for codes in (before.faults, after.faults, before.first_faults))
     return Cleared(link.name, were, left, first, before.fault_tick, after)

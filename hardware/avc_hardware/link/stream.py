@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,6 +15,7 @@ from avc_casadi import InputError, LinkError
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi.claims.deployable import require_deployable
 from avc_hardware.codegen.firmware_fit import check_runs_on
+from avc_hardware.emulator.board import emulated_board
 from avc_hardware.link import messages as m
 from avc_hardware.link.bytes import ByteLink
 from avc_hardware.link.connection import DEFAULT_BAUD, Connection, open_link
@@ -85,7 +87,7 @@ def stream(
         raise InputError.of(f"{rate_hz:g} Hz; allowed: {MIN_RATE_HZ:g} to {MAX_RATE_HZ:g}", key="rate_hz")
     require_deployable(coupling, unsafe=unsafe)
     check_runs_on(coupling)
-    link = open_link(port, baud=baud, coupling=coupling)
+    link = open_link(port, baud=baud, board=partial(emulated_board, coupling))
     samples: list[StreamSample] = []
     refusals: list[Refusal] = []
     with Connection(link, baud=baud) as connection:

@@ -193,7 +193,7 @@ static avc_verdict_t on_set_gains(avc_device_t *device, const avc_request_t *req
     memcpy(&sent.gains, &request->word[2], sizeof sent.gains);
     const avc_reason_t reason = avc_gains_check(&sent.gains, &control->config.limits);
     if (reason != AVC_OK) {
-        return avc_no(reason, number);
+        return avc_no(reason, AVC_AT_GAINS);
     }
     if (sent.ticks > avc_longest_hold(control)) {
         return avc_no(AVC_REFUSED_HOLD, avc_longest_hold(control));

@@ -109,7 +109,7 @@ typedef enum {
 } avc_reason_t;
 
 /* What a refusal names in place of a row. */
-enum { AVC_AT_HEADER = 0xFFFF, AVC_AT_FEEDBACK = 0xFFFE, AVC_AT_EXCITATION = 0xFFFD, AVC_AT_LIMITS = 0xFFFC, AVC_AT_CONFIG = 0xFFFB };
+enum { AVC_AT_GAINS = 0xFFFA, AVC_AT_CONFIG, AVC_AT_LIMITS, AVC_AT_EXCITATION, AVC_AT_FEEDBACK, AVC_AT_HEADER };
 
 /* Number of states of a table's observer; 0 without one. */
 static inline uint32_t avc_states(const avc_table_header_t *header)
