@@ -138,10 +138,10 @@ def _answered(args: argparse.Namespace, console: Console, arguments: Sequence[st
         console.refuse(InputError.of(f"internal error: {error!r}"), "avc: internal error; please report it")
         return INTERNAL
     verbose = getattr(args, "verbose", True)
-    if not verbose and any(one.rank for one in answer.rows):
+    if not verbose and any(one.rank > 0 for one in answer.rows):
         answer = replace(answer, commands=(*answer.commands, shlex.join(["avc", *arguments, "-v"])))
     if console.written:
-        answer = replace(answer, rows=(*answer.rows, row("Written", ", ".join(console.written))))
+        answer = replace(answer, rows=(*answer.rows, row("Written", ", ".join(console.written), rank=-1)))
     console.answer(answer, verbose=verbose)
     return answer.code or int(bool(answer.complaint))
 

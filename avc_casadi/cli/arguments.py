@@ -9,6 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from shlex import quote
+from tempfile import TemporaryFile
 from typing import TYPE_CHECKING, Any
 
 import avc_casadi as avc
@@ -70,8 +71,13 @@ def output(name: str, text: str, *endings: str) -> Argument:
             fault = " is a folder; give a file name"
         elif not path.parent.is_dir():
             fault = f": there is no folder {str(path.parent)!r}; make it first"
-        elif not all(os.access(one, os.W_OK) for one in (path, path.parent) if one.exists()):
+        elif path.exists() and not os.access(path, os.W_OK):
             fault = " may not be written by this user; choose another place"
+        else:
+            try:
+                TemporaryFile(dir=path.parent).close()
+            except OSError as error:
+                fault = f" cannot be written ({error.strerror or error}); choose another place"
         if fault:
             raise argparse.ArgumentTypeError(f"{typed!r}{fault}")
         return path

@@ -15,7 +15,7 @@ from avc_casadi.cli import arguments as cli
 from avc_casadi.cli.console import Console, output_folder, package_versions, write_figure
 from avc_casadi.design.registry import methods_help
 from avc_casadi.files.new_options import DAMPING, EVERY, HANDS, HOLDS, MASS, RADIUS
-from avc_casadi.present.row import Answer
+from avc_casadi.present.row import Answer, Mark
 
 if TYPE_CHECKING:
     from avc_casadi.files.new_problem import NewProblem
@@ -41,6 +41,7 @@ def run_new(args: argparse.Namespace, console: Console) -> Answer:
     it is in SI units). Of a device that turns: --radius, --inertia, --max-torque, and units such as N.m/rad.
     """
     from avc_casadi.files.new_problem import NewProblem
+    from avc_casadi.files.plausibility import plausibility
     from avc_casadi.files.problem_file import problem_document
     from avc_casadi.present.rows.design import new as answer
 
@@ -75,7 +76,7 @@ def run_new(args: argparse.Namespace, console: Console) -> Answer:
         "held": new.held,
         "assumed": new.assumed(),
         "not_known": [{"key": new.units.key(one.key), "message": one.cost} for one in new.unknown()],
-        "warnings": [{"key": new.units.key(one.key), "message": one.message} for one in new.doubts()],
+        "warnings": [{"key": one.key, "message": one.message} for one in plausibility(problem)],
         "model": None if new.tip is None else {"file": args.model, "tip": args.tip, **asdict(new.tip)},
     }
     return answer(data, problem, str(args.file))
@@ -227,7 +228,7 @@ def run_run(args: argparse.Namespace, console: Console) -> Answer:
         # Slow to load: after the first line.
         from avc_casadi.files.coupling_file import gain_csv
         from avc_casadi.present import report
-        from avc_casadi.present.rows.design import run, without_gains
+        from avc_casadi.present.rows.design import device, run, without_gains
         from avc_casadi.present.rows.recommend import recommendation
         from avc_casadi.recommendation.recommend import judged_as_recommended
 
@@ -262,10 +263,9 @@ def run_run(args: argparse.Namespace, console: Console) -> Answer:
     data = {"folder": str(shown), "files": sorted(files), "deploy": answer.data, "push": push, "compare": compare}
     console.written.append(f"{shown / 'report.html'} and {len(files) - 1} files beside it")
     answer = run(data, answer)
-    refused = "push refused" if found.deployable or args.unsafe else "not deployable, push refused"
-    why = "no coupling is deployable" if found.coupling is None else refused if "refused" in push else ""
-    complaints = [without_gains(best), f"avc: {problem.name}: {why}" if why else ""]
-    return replace(answer, complaint="\n".join(filter(None, complaints)))
+    pushed = device(push)
+    why = f"avc: {problem.name}: {pushed.text(problem.units)}" if pushed.mark is Mark.FAIL else ""
+    return replace(answer, complaint="\n".join(filter(None, [without_gains(best), why])))
 
 
 def _compared(found: avc.Recommendation, console: Console) -> avc.Comparison:
@@ -287,7 +287,7 @@ def _pushed(found: avc.Recommendation, *, unsafe: bool) -> dict[str, Any]:
 
     coupling = found.coupling
     if coupling is None:
-        return {"skipped": "no coupling is deployable"}
+        return {"refused": "no coupling is deployable"}
     # Trials refuse what the push, which judges linear stability alone, would take.
     if not found.deployable and not unsafe:
         return {"refused": found.reason, "deployable": False}

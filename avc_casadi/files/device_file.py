@@ -112,7 +112,7 @@ def parse_device(text: str, *, file: str = "device.toml", name: str = "") -> Dev
     found = border.checked(DeviceFile, name)
     if isinstance(found, DeviceFile):
         return found
-    lines = KeyLines(text.replace("\r\n", "\n"))
+    lines = KeyLines(text)
     raise InputError([Fault(file, lines[key], t.dotted(key), message) for key, message in found])
 
 

@@ -17,7 +17,6 @@ from avc_casadi.files.catalogue import device_names
 from avc_casadi.files.device_file import DeviceFile, load_device
 from avc_casadi.files.model_file import TipMass
 from avc_casadi.files.new_options import DAMPING, DELAY, HANDS, HOLDS, MASS, OPTIONS, OWN_RANGES, RADIUS, RATE, Option
-from avc_casadi.files.plausibility import plausibility
 from avc_casadi.files.problem_file import parse_problem
 from avc_casadi.files.toml import toml_value
 from avc_casadi.model.hands import FINGERTIP
@@ -76,16 +75,13 @@ class NewProblem:
         try:
             self.problem()
         except InputError as error:
-            found += [one for one in self._under_options(error.faults) if one.key not in words]
+            keys = {self.units.key(one.key): one.key for one in self.options()}
+            for one in error.faults:
+                key = keys.get(re.sub(r"\[\d\]$", "", one.key))
+                if key not in words:  # an option has no unit, the key of the file names that of what is allowed
+                    message = one.message if key is None else f"{one.key} {one.message}"
+                    found.append(Fault("", None, key or one.key, message))
         return found
-
-    def doubts(self) -> list[Fault]:
-        """Return implausible values of a file without faults, each under the key of its option where it has one."""
-        return self._under_options(plausibility(self.problem()))
-
-    def _under_options(self, faults: tuple[Fault, ...]) -> list[Fault]:
-        keys = {self.units.key(one.key): one.key for one in self.options()}
-        return [Fault("", None, keys.get(re.sub(r"\[\d\]$", "", one.key), one.key), one.message) for one in faults]
 
     def problem(self) -> Problem:
         """Return the problem of the file, by the common reader."""

@@ -150,7 +150,7 @@ def parse_problem(text: str, *, file: str = "problem.toml", name: str = "", fold
         found = _of_tables(tables_of(text, file), file, name, folder)
         if isinstance(found, Problem):
             return found
-        lines = KeyLines(text.replace("\r\n", "\n"))
+        lines = KeyLines(text)
         faults = [Fault(file, lines[path], dotted(path), message) for path, message in found]
     except RecursionError as error:
         raise InputError.of("is nested too deeply; allowed: tables as in the catalogue", file=file) from error

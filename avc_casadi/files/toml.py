@@ -51,7 +51,7 @@ def _syntax_fault(parser_message: str, text: str, file: str) -> Fault:
     found = re.match(r"line (\d+), column (\d+)", place)
     line = int(found[1]) if found else text.rstrip().count("\n") + 1
     where = f" at column {found[2]}" if found else " at the end of the file"
-    content = text.replace("\r\n", "\n").split("\n")[line - 1].strip() or "an empty line"
+    content = text.split("\n")[line - 1].strip() or "an empty line"
     if re.match("Cannot overwrite a value|Cannot declare .* twice", what):
         message = f"gives a key or table a second time: {visible(content)}; allowed: each once"
         if content.startswith("[device]"):
@@ -61,9 +61,8 @@ def _syntax_fault(parser_message: str, text: str, file: str) -> Fault:
 
 
 _PART = r"""[ \t]*(?:[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*"""
-_STATEMENT = re.compile(
-    rf"(?P<open>[ \t]*\[\[?)?(?P<key>{_PART}(?:\.{_PART})*)(?(open)\]\]?[ \t]*(?:#|\r?$)|=)", re.MULTILINE
-)
+# A line may end with a carriage return.
+_STATEMENT = re.compile(rf"(?P<open>[ \t]*\[\[?)?(?P<key>{_PART}(?:\.{_PART})*)(?(open)\]\]?[ \t]*(?:#|\r?$)|=)")
 
 
 class KeyLines:

@@ -30,7 +30,7 @@ QUANTITIES: dict[str, tuple[str, str]] = {
     "samples": ("_samples", ""),
     "share": ("share", ""),
 }
-MOST_ROWS, MOST_LINES, WIDTH = 15, 22, 100
+MOST_ROWS, MOST_LINES, WIDTH = 15, 23, 100
 """Rows and lines of an answer on a terminal, and their length."""
 
 
@@ -135,7 +135,7 @@ def span(values: Iterable[float | None], of: str) -> tuple[Part, ...]:
 
 @dataclass(frozen=True)
 class Row:
-    """A fact of an answer: its subject, its values, whether it passes; rank 0 is printed, 1 with -v."""
+    """A fact of an answer: its subject, its values, whether it passes; rank 0 is printed, 1 with -v, -1 always."""
 
     label: str
     values: tuple[Part, ...]
@@ -216,14 +216,15 @@ class Page:
 
     def rendered(self, answer: Answer, *, verbose: bool = False) -> str:
         """Return an answer as text; without verbose it ends with a screen, but for five rows and those with a mark."""
-        rows = [one for one in answer.rows if verbose or one.rank == 0]
+        rows = [one for one in answer.rows if verbose or one.rank <= 0]
+        spare = [] if verbose or answer.whole else [one for one in rows[5:] if one.mark is Mark.NONE and one.rank == 0]
         lines = self._lines(answer, rows)
-        while not (verbose or answer.whole) and (len(rows) > MOST_ROWS or len(lines) > MOST_LINES):
-            spare = [one for one in rows[5:] if one.mark is Mark.NONE]
-            if not spare:
-                break
+        labels: list[str] = []
+        while spare and (len(rows) > MOST_ROWS or len(lines) > MOST_LINES):
             rows.remove(spare[-1])
-            lines = self._lines(answer, rows)
+            labels.insert(0, spare.pop().name(answer.units))
+            left_out = f"left out: {', '.join(labels)}; -v shows all"
+            lines = [*self._lines(answer, rows), *textwrap.wrap(left_out, self.width, initial_indent="  ")]
         text = "\n".join(lines)
         return text.translate(str.maketrans("✓✗·±", "+X;+")) if self.plain else text
 
