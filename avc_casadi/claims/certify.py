@@ -65,18 +65,18 @@ class Certificate(Tabular):
         return found | {"title": np.array([LEVELS[one.level].title for one in levels])}
 
     @property
-    def _judged(self) -> str:
+    def _subject(self) -> str:
         return "requested gains" if self.requested else "gains"
 
     def _summary(self) -> str:
         marks = ", ".join(f"{level} {found.word}" for level, found in self.levels.items())
-        return f"{self.problem!r}, {self._judged} of {len(self.frequency_hz)} rows: {marks}"
+        return f"{self.problem!r}, {self._subject} of {len(self.frequency_hz)} rows: {marks}"
 
     def document(self) -> dict[str, Any]:
         """Return the `certify` document: JSON values only."""
         kept = ("problem", "frequency_hz", "rows_without_gains", "passive_limit_n_per_m", "dc_stiffness_n_per_m")
         levels = {level: result.document() for level, result in self.levels.items()}
-        return {name: plain(getattr(self, name)) for name in kept} | {"judged": self._judged, "levels": levels}
+        return {name: plain(getattr(self, name)) for name in kept} | {"judged": self._subject, "levels": levels}
 
 
 def _rows(problem: Problem, gains: GainSchedule, *, requested: bool = False) -> Rows:
@@ -190,7 +190,7 @@ def rest_level(subject: Subject) -> LevelResult:
 
 def quick_rest_level(coupling: Coupling, progress: Progress = SILENT) -> LevelResult | None:
     """Prove L7 where it takes a second or two: constant gains alone, clipped last, on a rigid device known exactly."""
-    if not quickly_proved(coupling):
+    if not admits_quick_proof(coupling):
         return None
     law, box = _law(coupling, coupling.table.rows[0].tolist()), _box(coupling)
     with progress.step("proof of rest"):
@@ -198,7 +198,7 @@ def quick_rest_level(coupling: Coupling, progress: Progress = SILENT) -> LevelRe
     return _rest_result([found], found.sentence, 0, 1)
 
 
-def quickly_proved(coupling: Coupling) -> bool:
+def admits_quick_proof(coupling: Coupling) -> bool:
     """Return whether `quick_rest_level` judges a coupling."""
     runtime, device, spread = coupling.runtime, coupling.problem.device, coupling.problem.device.range
     alone = runtime.state_feedback is None and runtime.observer_mass_kg is None and runtime.guard is None
@@ -212,7 +212,7 @@ def quickly_proved(coupling: Coupling) -> bool:
 
 def promises_rest(coupling: Coupling) -> bool:
     """Return whether a proof of rest is likely, in a fraction of a second; False for what is not quickly proved."""
-    if not quickly_proved(coupling):
+    if not admits_quick_proof(coupling):
         return False
     try:
         held = SampledPlantBox(coupling.problem.device, _box(coupling))

@@ -21,7 +21,7 @@ from avc_casadi._util.json_values import plain
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi._util.text import quantity
 from avc_casadi.claims.certify import certify
-from avc_casadi.claims.hands import WorstLoops, every_hand, feedback_radius, looked_at, released
+from avc_casadi.claims.hands import WorstLoops, every_hand, feedback_radius, released, search_text
 from avc_casadi.coupling import Coupling, require_coupling
 from avc_casadi.loops.margins import LEAST_DISK, OpenLoop
 from avc_casadi.loops.wall import frozen_parts
@@ -120,29 +120,29 @@ def deployable(coupling: Coupling, progress: Progress = SILENT) -> Deployable:
     """
     require_coupling(coupling)
     numbers = coupling.table.frequency_hz.tobytes() + coupling.table.gains.tobytes()
-    known = _VERDICTS.setdefault(coupling.table, [])
-    for problem, runtime, judged, verdict in known:
-        if problem is coupling.problem and runtime is coupling.runtime and judged == numbers:
+    verdicts = _VERDICTS.setdefault(coupling.table, [])
+    for problem, runtime, key, verdict in verdicts:
+        if problem is coupling.problem and runtime is coupling.runtime and key == numbers:
             return verdict
     verdict = _verdict(coupling, progress)
     if verdict.passed and coupling.problem.device.mass_kg > 0:  # released, a massless device has no loop
         margin = min(one.disk for one in OpenLoop.of(coupling).margins())
-        asked = coupling.problem.robustness.disk_margin
+        requirement = coupling.problem.robustness.disk_margin
         # Of a margin that is asked for, 0.97 is taken for it.
-        least, claims = LEAST_DISK if asked is None else 0.97 * asked, verdict.claims
+        least, claims = LEAST_DISK if requirement is None else 0.97 * requirement, verdict.claims
         if margin < least:
             why = f"{margin:.2g}, below {least:.2g}: held or released, it vibrates at another motor constant"
             advice = "take `avc recommend P`, soften the wall, or require less by [robustness] disk_margin"
             claims += (DeployClaim("disk-margin", False, why, advice),)
         verdict = Deployable(claims, margin)
-    known.append((coupling.problem, coupling.runtime, numbers, verdict))
-    del known[:-32]
+    verdicts.append((coupling.problem, coupling.runtime, numbers, verdict))
+    del verdicts[:-32]
     return verdict
 
 
 def _verdict(coupling: Coupling, progress: Progress) -> Deployable:
     problem = coupling.problem
-    frequency, gains = _judged(coupling.table)
+    frequency, gains = _interpolation(coupling.table)
     try:
         if coupling.runtime.state_feedback is not None:
             claims = _feedback_claims(coupling)
@@ -177,7 +177,7 @@ def _verdict(coupling: Coupling, progress: Progress) -> Deployable:
     return Deployable(claims)
 
 
-def _judged(table: GainTable) -> tuple[FloatArray, FloatArray]:
+def _interpolation(table: GainTable) -> tuple[FloatArray, FloatArray]:
     """Return the frequencies at which a table is judged and its gains there, (3, n): the rows and points between."""
     rows = table.frequency_hz
     if len(rows) == 1:
@@ -207,7 +207,7 @@ def _frozen_claims(
         failing = who + where + _on(problem, worst.devices[row])
         return _claim(name, not failed, float(worst.radius[row]), passing, failing)
 
-    every = f"with every hand of [hands] (worst by {looked_at(problem, 24, 0)})"
+    every = f"with every hand of [hands] (worst by {search_text(problem, 24, 0)})"
     return claim("hands", held, every), claim("let-go", free, "when released")
 
 
@@ -238,11 +238,11 @@ def _claim(name: str, stable: bool, radius: float, passing: str, failing: str) -
 def _on(problem: Problem, device: Device) -> str:
     """Return the name of a device within its ranges; none where it has none."""
     values = linear_values(device)
-    ranged = [f"{key} {values[key]:.4g}" for key in device_ranges(problem.device, LINEAR_KEYS)]
-    return f" (device {', '.join(ranged)})" if ranged else ""
+    ends = [f"{key} {values[key]:.4g}" for key in device_ranges(problem.device, LINEAR_KEYS)]
+    return f" (device {', '.join(ends)})" if ends else ""
 
 
-def certified(coupling: Coupling, progress: Progress = SILENT, *, prove: bool = False) -> Coupling:
+def with_certificate(coupling: Coupling, progress: Progress = SILENT, *, prove: bool = False) -> Coupling:
     """Return the coupling with its certificate: the levels of its rows, and the verdict on the deployed table."""
     found = certify(coupling.problem, coupling, prove=prove, progress=progress)
     return coupling.with_certificate(found.document() | {"deployable": deployable(coupling, progress).document()})

@@ -19,6 +19,7 @@ import numpy as np
 
 from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.arrays import ComplexArray, FloatArray
+from avc_casadi.claims.levels import ideal
 from avc_casadi.claims.llewellyn import llewellyn_margin
 from avc_casadi.loops.engine import Clock, Engine, clocks
 from avc_casadi.loops.loop import Body
@@ -57,8 +58,8 @@ class PortDelays:
 
     spring: int
     damper: int
-    told: int
-    held: int
+    state: int
+    force: int
 
     @classmethod
     def of(cls, tool: VirtualTool) -> PortDelays:
@@ -67,12 +68,11 @@ class PortDelays:
         # uses and sends the state at the beginning of its step; the new one is ahead.
         implicit = tool.integrator == "implicit"
         solves = implicit or tool.integrator == "implicit-damping"
-        held = int(solves)
         if tool.exchange == "held-force":
-            return cls(int(solves and not implicit), 0, tool.queued, held)
+            return cls(int(solves and not implicit), 0, tool.queued, int(solves))
         if tool.exchange == "ahead":
-            return cls(int(not implicit), int(not solves), tool.queued, held)
-        return cls(int(solves and not implicit), 0, tool.queued + int(solves), held)
+            return cls(int(not implicit), int(not solves), tool.queued, int(solves))
+        return cls(int(solves and not implicit), 0, tool.queued + int(solves), int(solves))
 
 
 def engine_port(device: Device, hands: Hands, tool: VirtualTool, gains: ToolGains) -> EnginePort:
@@ -82,7 +82,7 @@ def engine_port(device: Device, hands: Hands, tool: VirtualTool, gains: ToolGain
         why = "passivity at the engine's port is known of steps by the new velocity, one for each force of the coupling"
         raise UnsupportedError(f"{why}; the spectral radius of the lifted loop judges it", key="simulation.integrator")
     plant = sampled_plant(device_corners(device, LINEAR_KEYS), people)
-    found = []
+    lowest = []
     for step_s in sorted(set(tool.step_s)):
         clock = clocks(step_s, t)[0]
         if not clock.whole:
@@ -91,8 +91,8 @@ def engine_port(device: Device, hands: Hands, tool: VirtualTool, gains: ToolGain
                 f"{step_s:g} s: the port is no single map then; the spectral radius of the lifted loop judges it",
                 key="simulation.step_s",
             )
-        found.append((*_Port(plant, clock, tool, gains).lowest(), step_s))
-    margin, angle, row, step_s = min(found)
+        lowest.append((*_Port(plant, clock, tool, gains).lowest(), step_s))
+    margin, angle, row, step_s = min(lowest)
     tolerance = _TOLERANCE * (gains.damping_ns_per_m + gains.stiffness_n_per_m * max(tool.step_s))
     llewellyn = _with_any_hand(device, tool, gains)
     return EnginePort(
@@ -121,17 +121,17 @@ class _Port:
         k, b, late, loop = self._gains.stiffness_n_per_m, self._gains.damping_ns_per_m, self._late, self._engine.loop
         body, inner = self._engine.body, loop.at["tool"].start
         x = body.output_row @ loop["plant"]
-        coupled = (k * x + b * (x - loop["positions"][0]) / body.sample_time_s)[:inner]
+        force = (k * x + b * (x - loop["positions"][0]) / body.sample_time_s)[:inner]
         z = np.exp(1j * angles)[:, None, None]
         place = self._engine.clock.step_s * z / (z - 1)
         own = k * place * z**-late.spring + b * z**-late.damper
         matrix, drive = self._whole[..., :inner, :inner], self._whole[..., :inner, -1 if self._held_force else -2 :]
         inverse = np.linalg.solve(z[..., None, None] * np.eye(inner) - matrix, drive.astype(complex))
-        moved = np.tensordot(inverse, coupled, axes=(-2, 0)) * z[..., None] ** -late.told
+        loop_gain = np.tensordot(inverse, force, axes=(-2, 0)) * z[..., None] ** -late.state
         if self._held_force:
-            back = moved[..., 0]
-            return np.asarray(own + back / (1 - back) * z**-late.held * (k * place + b))
-        return np.asarray(own - moved[..., 0] * place - moved[..., 1])
+            back = loop_gain[..., 0]
+            return np.asarray(own + back / (1 - back) * z**-late.force * (k * place + b))
+        return np.asarray(own - loop_gain[..., 0] * place - loop_gain[..., 1])
 
     def lowest(self) -> tuple[float, float, int]:
         """Return the lowest Re G, its angle and the indices of device and hand."""
@@ -143,18 +143,16 @@ class _Port:
         for _ in range(_FINER + 1):
             values = self.impedance(angles).real.reshape(len(angles), -1)
             place, row = divmod(int(np.argmin(values)), values.shape[1])
-            found = float(values[place, row]), float(angles[place]), row
+            least = float(values[place, row]), float(angles[place]), row
             angles = np.linspace(angles[max(place - 1, 0)], angles[min(place + 1, len(angles) - 1)], 41)
-        return found
+        return least
 
 
 def _with_any_hand(device: Device, tool: VirtualTool, gains: ToolGains) -> float | None:
     """Return Llewellyn's margin where each sample is a step, and the device has the tool of that step; else None."""
     delays, corners = PortDelays.of(tool), device_corners(device, LINEAR_KEYS)
-    old = max(delays.spring, delays.damper, delays.told, delays.held if tool.exchange == "held-force" else 0)
-    whole = all(corner.delay_samples == int(corner.delay_samples) for corner in corners)
-    rigid = device.resonance is None and device.amplifier_bandwidth_hz is None
-    if max(tool.step_s) > 1.5 * device.sample_time_s or old or not (whole and rigid):
+    old = max(delays.spring, delays.damper, delays.state, delays.force if tool.exchange == "held-force" else 0)
+    if max(tool.step_s) > 1.5 * device.sample_time_s or old or not ideal(device):
         return None
     k, b, local = gains.stiffness_n_per_m, gains.damping_ns_per_m, gains.local_damping_ns_per_m
     loops = [

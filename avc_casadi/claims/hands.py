@@ -15,7 +15,7 @@ import numpy as np
 from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray, IndexArray
 from avc_casadi._util.progress import SILENT, Progress
-from avc_casadi.claims.levels import LevelResult, Rows, Subject, level_result, not_judged
+from avc_casadi.claims.levels import LevelResult, Rows, Subject, level_result, refusal
 from avc_casadi.claims.worst_frequency import worst_margin
 from avc_casadi.coupling import Coupling
 from avc_casadi.loops.loop import Body
@@ -44,12 +44,12 @@ from avc_casadi.model.problem import Hands, Problem
 
 @dataclass(frozen=True)
 class WorstHands:
-    """The worst hand that was found for each of n rows, and the radius with all hands that were known, (n, h)."""
+    """The worst hand of a search for each of n rows, and the radius with all hands that it began with, (n, h)."""
 
     radius: FloatArray
     frequency_hz: FloatArray
     hands: Hand
-    known_radius: FloatArray
+    initial_radius: FloatArray
 
 
 def worst_hands(
@@ -71,15 +71,15 @@ def worst_hands(
     _, one, same = np.unique(rows, axis=0, return_index=True, return_inverse=True)
     same, parts, contact, rendering = same.ravel(), parts.pick(one), contact[one], rendering.pick(one)
     first = hand_set(hands, draws=draws, seed=seed)
-    known = linear_stability(device, parts, contact, first, progress)
+    initial = linear_stability(device, parts, contact, first, progress)
     low, width = hand_ranges(hands)[:, :1], np.ptp(hand_ranges(hands), axis=1)[:, None]
     at = np.array([np.broadcast_to(value, (len(first),)) for value in vars(first).values()])
     # The released device lies outside the ranges and is no initial guess.
     inside = ((at >= low) & (at <= hand_ranges(hands)[:, 1:])).all(axis=0)
     shares = (at - low) / np.where(width > 0, width, 1.0)
-    order = _worst_apart(np.where(inside, known.radius, -np.inf), shares)
-    best = np.arange(len(parts.direct)), known.radius.argmax(axis=1)
-    radius, frequency, place = known.radius[best], known.frequency_hz[best], at[:, best[1]]
+    order = _worst_apart(np.where(inside, initial.radius, -np.inf), shares)
+    best = np.arange(len(parts.direct)), initial.radius.argmax(axis=1)
+    radius, frequency, place = initial.radius[best], initial.frequency_hz[best], at[:, best[1]]
 
     def leading(rows: IndexArray, shares: FloatArray) -> ComplexArray:
         body = Body.of(plants_of([device], Hand(*(low + width * shares)))).flat()
@@ -97,7 +97,7 @@ def worst_hands(
         rows, winner = rows[better], winner[better]
         radius[rows], place[:, rows] = np.abs(values[winner]), low + width * ends[:, winner]
         frequency[rows] = np.abs(np.angle(values[winner])) / (2 * math.pi * device.sample_time_s)
-    return WorstHands(radius[same], frequency[same], Hand(*place[:, same]), known.radius[same])
+    return WorstHands(radius[same], frequency[same], Hand(*place[:, same]), initial.radius[same])
 
 
 def _worst_apart(radius: FloatArray, places: FloatArray) -> IndexArray:
@@ -139,7 +139,7 @@ def every_hand(
     found = []
     for corner in corners:
         one = worst_hands(corner, parts, contact, people, draws=draws, seed=seed, enough=1.0, progress=progress)
-        stable &= np.maximum(one.known_radius.max(axis=1), one.radius) < 1 - RADIUS_TOLERANCE
+        stable &= np.maximum(one.initial_radius.max(axis=1), one.radius) < 1 - RADIUS_TOLERANCE
         found.append(one)
     each, rows = np.array([one.radius for one in found]), np.arange(len(contact))
     where = each.argmax(axis=0)
@@ -176,8 +176,8 @@ def released(problem: Problem, parts: Fractions, contact: FloatArray, progress: 
     return every_hand(alone, parts, contact, draws=0, progress=progress)
 
 
-def looked_at(problem: Problem, draws: int, seed: int) -> str:
-    """Return the hands behind a verdict, in words."""
+def search_text(problem: Problem, draws: int, seed: int) -> str:
+    """Return the hands that a search covers, in words."""
     corners = len(hand_corners(problem.hands))
     return f"{corners} corners, {draws} draws (seed {seed}) and a search of the ranges"
 
@@ -228,11 +228,11 @@ def hands_level(subject: Subject) -> LevelResult:
     rows, problem, draws, seed = subject.rows, subject.problem, subject.draws, subject.seed
     if subject.behind_feedback and subject.coupling is not None:
         return _feedback_level(rows, feedback_radius(subject.coupling), problem)
-    seen = looked_at(problem, draws, seed)
-    claim = f"each frozen row is linearly stable, with no friction, with {seen}; this says nothing of switching"
+    effort = search_text(problem, draws, seed)
+    claim = f"each frozen row is linearly stable, with no friction, with {effort}; this says nothing of switching"
     slowest = max(device.delay_samples for device in device_corners(problem.device, ("delay_samples",)))
     if slowest > MAX_DELAY_SAMPLES:
-        return not_judged(rows, "L5", "sampled-data", f"more than {MAX_DELAY_SAMPLES} samples of delay")
+        return refusal(rows, "L5", "sampled-data", f"more than {MAX_DELAY_SAMPLES} samples of delay")
     parts = frozen_parts(problem, rows.b, rows.k)
     found = every_hand(problem, parts, rows.contact, draws=draws, seed=seed, progress=subject.progress)
     radius = found.radius
@@ -363,9 +363,9 @@ def scope_slack(
     contact_damping_ns_per_m: Values = 0.0,
 ) -> ScopeSlack:
     """Return the slack of rows of gains in the scope, model and margin of a problem."""
-    given = (frequency_hz, damping_ns_per_m, stiffness_n_per_m, contact_damping_ns_per_m)
+    values = (frequency_hz, damping_ns_per_m, stiffness_n_per_m, contact_damping_ns_per_m)
     own, b, k, contact = (
-        np.ravel(value) for value in np.broadcast_arrays(*(np.asarray(v, dtype=np.float64) for v in given))
+        np.ravel(value) for value in np.broadcast_arrays(*(np.asarray(v, dtype=np.float64) for v in values))
     )
     margin = problem.stability.margin_ns_per_m
     if problem.stability.scope == "hands":
@@ -373,7 +373,7 @@ def scope_slack(
         lean = problem.device.model_copy(update={"damping_ns_per_m": problem.device.damping_ns_per_m - margin})
         worst = worst_hands(lean, parts, contact, problem.hands, enough=most)
         return ScopeSlack(most - worst.radius, worst.frequency_hz)
-    worst_case = worst_margin(SampledLoop.of(problem), b, k, contact, *scope_band_hz(problem, own))
-    sound = worst_case.poles_stable & (worst_case.dc_stiffness_n_per_m >= 0)
-    slack = np.where(sound, worst_case.margin_ns_per_m - margin, -np.inf)
-    return ScopeSlack(slack, worst_case.frequency_hz)
+    least = worst_margin(SampledLoop.of(problem), b, k, contact, *scope_band_hz(problem, own))
+    sound = least.poles_stable & (least.dc_stiffness_n_per_m >= 0)
+    slack = np.where(sound, least.margin_ns_per_m - margin, -np.inf)
+    return ScopeSlack(slack, least.frequency_hz)

@@ -91,7 +91,7 @@ class Response(NamedTuple):
 
     alone: ComplexArray
     loss: FloatArray
-    measured: ComplexArray
+    sensor: ComplexArray
     through: ComplexArray
     admittance: ComplexArray
     force: ComplexArray
@@ -102,9 +102,9 @@ def response(device: Device, frequency_hz: FloatArray) -> Response:
     mechanics = Mechanics(device)
     s = np.asarray(2j * np.pi * frequency_hz, dtype=np.complex128)
     tau, admittance, loss = mechanics.transmission(s)
-    measured, admittance = (np.ones_like(tau), np.zeros_like(tau)) if mechanics.at_handle else (tau, admittance)
+    sensor, admittance = (np.ones_like(tau), np.zeros_like(tau)) if mechanics.at_handle else (tau, admittance)
     force = mechanics.amplifier(s) * np.exp(-s * device.delay_samples * device.sample_time_s)
-    return Response(mechanics.alone(s), loss, measured, tau * measured, admittance, force)
+    return Response(mechanics.alone(s), loss, sensor, tau * sensor, admittance, force)
 
 
 def wave(
@@ -133,7 +133,7 @@ class PortWorst(NamedTuple):
     tolerance_ns_per_m: FloatArray
 
 
-def perceived_real(
+def real_impedance(
     device: Device, parts: Fractions, contact_damping_ns_per_m: FloatArray, frequency_hz: FloatArray, model: Model
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Re Z_h, Z_h = Z_d + tau t A e W/(1 + A e W Y), of renderings at frequencies above 0."""
@@ -141,12 +141,12 @@ def perceived_real(
     w = wave(parts, contact_damping_ns_per_m, frequency_hz * device.sample_time_s, model) * port.force
     closed = 1 + w * port.admittance
     share = np.abs(closed) ** 2
-    added = (port.through * w * closed.conj()).real
-    real = port.loss + added / np.where(share > 0, share, np.finfo(np.float64).tiny)
-    return np.asarray(real), np.asarray(port.loss * share + added), np.asarray(port.loss + np.abs(w))
+    coupling = (port.through * w * closed.conj()).real
+    real = port.loss + coupling / np.where(share > 0, share, np.finfo(np.float64).tiny)
+    return np.asarray(real), np.asarray(port.loss * share + coupling), np.asarray(port.loss + np.abs(w))
 
 
-def felt_at_handle(
+def handle_impedance(
     device: Device, force_n_per_m: complex | ComplexArray, frequency_hz: FloatArray
 ) -> tuple[ComplexArray, ComplexArray]:
     """Return Z_h, N.s/m, and the measured position over the handle's, for a sampled force over the measured one."""
@@ -155,10 +155,10 @@ def felt_at_handle(
     rendered = force_n_per_m * device.sample_time_s / np.expm1(2j * np.pi * turns)
     force = rendered * np.sinc(turns) ** 2 * port.force
     closed = 1 + force * port.admittance
-    return np.asarray(port.alone + port.through * force / closed), np.asarray(port.measured / closed)
+    return np.asarray(port.alone + port.through * force / closed), np.asarray(port.sensor / closed)
 
 
-def perceived_worst(
+def worst_real_impedance(
     devices: Sequence[Device],
     parts: Fractions,
     contact_damping_ns_per_m: FloatArray,
@@ -172,14 +172,14 @@ def perceived_worst(
     for device in devices:
 
         def value(frequency: FloatArray, which: int, device: Device = device) -> FloatArray:
-            return perceived_real(device, column, contact, frequency, model)[which]
+            return real_impedance(device, column, contact, frequency, model)[which]
 
         low, high = (np.minimum(end, 0.5 / device.sample_time_s) for end in (low_hz, high_hz))
         points = low[:, None]
         if (high > low).any():
             points = np.clip(np.geomspace(low, high, 400, axis=1), low[:, None], high[:, None])
             points = np.hstack([refine_minima(partial(value, which=one), points, 1) for one in (0, 1)])
-        values, _, size = perceived_real(device, column, contact, points, model)
+        values, _, size = real_impedance(device, column, contact, points, model)
         place = np.argmin(values, axis=1)
         found.append([values[rows, place], points[rows, place], 1e-12 * size[rows, place]])
     margin, at, rounding = lowest_of(found)
@@ -221,18 +221,18 @@ def below_quarter_rate(device: Device, frequency_hz: FloatArray) -> FloatArray:
     return np.array([hz for hz in frequency_hz if hz < quarter_hz] or [quarter_hz])
 
 
-def wanted_at_handle(problem: Problem, frequency_hz: FloatArray) -> tuple[ComplexArray, FloatArray]:
+def target_impedance(problem: Problem, frequency_hz: FloatArray) -> tuple[ComplexArray, FloatArray]:
     """Return the impedance of device and continuous wall as one body, and the larger of it and the wall's own."""
     device, wall, s = problem.device, problem.environment, 2j * np.pi * frequency_hz
     own = wall.damping_ns_per_m + wall.stiffness_n_per_m / s
-    wanted = device.mass_kg * s + device.damping_ns_per_m + own
-    return wanted, np.maximum(np.abs(wanted), np.abs(own))
+    target = device.mass_kg * s + device.damping_ns_per_m + own
+    return target, np.maximum(np.abs(target), np.abs(own))
 
 
 def rendered(problem: Problem, force_n_per_m: ComplexArray, frequency_hz: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the stiffness that a transfer from measured position to force renders at the handle, and its error."""
     device, s = problem.device, 2j * np.pi * frequency_hz
     alone = device.mass_kg * s + device.damping_ns_per_m
-    felt, _ = felt_at_handle(device, force_n_per_m, frequency_hz)
-    wanted, size = wanted_at_handle(problem, frequency_hz)
-    return np.abs((felt - alone) * s), np.asarray(np.abs(felt - wanted) / size)
+    impedance, _ = handle_impedance(device, force_n_per_m, frequency_hz)
+    target, size = target_impedance(problem, frequency_hz)
+    return np.abs((impedance - alone) * s), np.asarray(np.abs(impedance - target) / size)

@@ -13,7 +13,7 @@ from avc_casadi._util.arrays import BoolArray, FloatArray
 from avc_casadi._util.json_values import plain_table
 from avc_casadi._util.progress import SILENT, Progress, chunks
 from avc_casadi._util.text import quantity
-from avc_casadi.claims.impedance import PortWorst, perceived_worst
+from avc_casadi.claims.impedance import PortWorst, worst_real_impedance
 from avc_casadi.claims.llewellyn import llewellyn_margin
 from avc_casadi.claims.port import CouplingSlack, RenderingSlack, passive_hand, port_worst
 from avc_casadi.claims.worst_frequency import RELATIVE_TOLERANCE, lowest_of, worst_margin
@@ -170,11 +170,11 @@ class LevelResult:
 
     def document(self) -> dict[str, Any]:
         """Return JSON values."""
-        known = {name: value for name, value in vars(self).items() if name not in ("level", "detail")}
+        values = {name: value for name, value in vars(self).items() if name not in ("level", "detail")}
         empty = {"refused": self.refused or None, "outcome": self.outcome or None, "rows_failed": self.rows_failed}
-        found = plain_table(known | empty | self.detail)
+        document = plain_table(values | empty | self.detail)
         title = LEVELS[self.level].title
-        return {"title": title, "pass": found.pop("passed"), "row_pass": found.pop("row_passed")} | found
+        return {"title": title, "pass": document.pop("passed"), "row_pass": document.pop("row_passed")} | document
 
 
 def level_result(
@@ -222,7 +222,7 @@ def level_result(
     )
 
 
-def not_judged(rows: Rows, level: str, model: Model, why: str) -> LevelResult:
+def refusal(rows: Rows, level: str, model: Model, why: str) -> LevelResult:
     """Return a level with the reason why no row is judged; it is not met."""
     nothing = np.full(len(rows.b), np.nan)
     result = level_result(rows, level, model, "", np.zeros(len(rows.b), bool), nothing, nothing, nothing)
@@ -235,22 +235,22 @@ def passivity_level(subject: Subject, level: str) -> LevelResult:
     model, device = claim.hold or subject.problem.stability.model, subject.problem.device
     if subject.behind_feedback:
         why = "the level knows gains alone, and these run behind an observer with state feedback"
-        return not_judged(rows, level, subject.problem.stability.model, why)
+        return refusal(rows, level, subject.problem.stability.model, why)
     try:
         if ideal(device):
             return _exact(rows, level, model, subject.progress)
         if claim.where != "all":
-            return _perceived(rows, level, model)
+            return _in_band(rows, level, model)
         if model == "paper":
             why = (
-                f"{level} with the paper's hold has no proof on a device with {what_is_declared(device)}: that hold "
+                f"{level} with the paper's hold has no proof on a device with {non_idealities(device)}: that hold "
                 "gives no loop from sample to sample; L3 judges the device as declared, and L4 with stability.model = "
                 '"sampled-data"'
             )
-            return not_judged(rows, level, model, why)
+            return refusal(rows, level, model, why)
         return _at_port(rows, level, subject.progress)
-    except UnsupportedError as refusal:
-        return not_judged(rows, level, model, str(refusal))
+    except UnsupportedError as error:
+        return refusal(rows, level, model, str(error))
 
 
 def _exact(rows: Rows, level: str, model: Model, progress: Progress) -> LevelResult:
@@ -303,12 +303,12 @@ def _band_hz(rows: Rows, where: Where) -> tuple[FloatArray, FloatArray, str]:
     return np.full(len(own), low), np.full(len(own), high), words
 
 
-def _perceived(rows: Rows, level: str, model: Model) -> LevelResult:
+def _in_band(rows: Rows, level: str, model: Model) -> LevelResult:
     """Judge Re Z_h in a band, at the handle of a device as declared."""
     low, high, words = _band_hz(rows, LEVELS[level].where)
     parts = fractions(SampledLoop.of(rows.problem, model), rows.b, rows.k)
     corners = device_corners(rows.problem.device, LINEAR_KEYS)
-    worst = perceived_worst(corners, parts, rows.contact, low, high, model)
+    worst = worst_real_impedance(corners, parts, rows.contact, low, high, model)
     claim = f"Re Z_h >= 0 {words}, under {_HOLD[model]}, with the device as declared{_at_corners(corners)}"
     return level_result(rows, level, model, claim, *worst)
 
@@ -334,7 +334,7 @@ def _at_port(rows: Rows, level: str, progress: Progress) -> LevelResult:
         claim = "each frozen row meets Llewellyn's condition (6) for any passive environment"
     claim += f", under {_HOLD['sampled-data']}, with the device as declared{_at_corners(corners)}"
     also = _faults(rows.problem, stiffness >= 0, stiffness)
-    faults = [fault if met else "" for fault, met in zip(also, worst.passed, strict=True)]
+    faults = [fault if passive else "" for fault, passive in zip(also, worst.passed, strict=True)]
     return level_result(rows, level, "sampled-data", claim, worst.passed & sound, *worst[1:], faults)
 
 
@@ -355,12 +355,12 @@ def ideal(device: Device) -> bool:
     return rigid(device) and all(delay == int(delay) for delay in delays)
 
 
-def what_is_declared(device: Device) -> str:
-    """Return the properties that make the device not ideal, in words."""
+def non_idealities(device: Device) -> str:
+    """Return the properties that make a device not ideal, in words."""
     late = any(corner.delay_samples % 1 for corner in device_corners(device, ("delay_samples",)))
-    found = {
+    properties = {
         "device.amplifier_bandwidth_hz": device.amplifier_bandwidth_hz is not None,
         "device.resonance": device.resonance is not None,
         "part of a sample of delay (device.delay_samples)": late,
     }
-    return " and ".join(name for name, there in found.items() if there)
+    return " and ".join(name for name, there in properties.items() if there)

@@ -20,9 +20,9 @@ def llewellyn_margin(
 
     It is b_d + b_p Re H - (|H| - Re H)(a + (kT/2)^2 cot^2(phi)/a)/2 with a = b + kT/2, |H| - Re H = 2|H| sin^2(psi/2).
     """
-    given = (damping_ns_per_m, stiffness_n_per_m, contact_damping_ns_per_m, loop.device_damping_ns_per_m)
+    columns = (damping_ns_per_m, stiffness_n_per_m, contact_damping_ns_per_m, loop.device_damping_ns_per_m)
     b, k, contact, b_d = (
-        np.ravel(column)[:, None] for column in np.broadcast_arrays(*(np.asarray(v, dtype=np.float64) for v in given))
+        np.ravel(column)[:, None] for column in np.broadcast_arrays(*(np.asarray(v, dtype=np.float64) for v in columns))
     )
     within = (np.abs(b) <= RIGID) & (np.abs(k) <= RIGID)
     b, half = np.where(within, b, 0.0), np.where(within, k, 0.0) * loop.sample_time_s / 2
@@ -82,7 +82,7 @@ def passivity_margin(device: Teleoperator, gains: ToolGains) -> tuple[float, flo
     return float(lowest[place]), float(theta[place] / (2 * math.pi * device.sample_time_s))
 
 
-def damping_needed_ns_per_m(device: Teleoperator, gains: ToolGains) -> float:
+def least_damping_ns_per_m(device: Teleoperator, gains: ToolGains) -> float:
     """Return the damping that both devices need for passivity, the same at both ends."""
     bare = replace(device, leader_damping_ns_per_m=0.0, follower_damping_ns_per_m=0.0)
     return max(0.0, -passivity_margin(bare, gains)[0])

@@ -34,7 +34,7 @@ from avc_casadi.model.hands import Hand, hand_corners, joined, no_hand
 from avc_casadi.model.plant import SampledPlant, sampled_plant
 from avc_casadi.model.problem import Impedance, Problem
 
-FELT_N = 0.05
+FORCE_THRESHOLD_N = 0.05
 """Rms of a force at the handle below which noise of it is taken as not felt."""
 # A limit is confirmed by at most so many searches of the ranges.
 _SEARCHES = 4
@@ -82,7 +82,7 @@ class Law:
         return replace(self, stiffness_n_per_m=0.0, damping_ns_per_m=0.0)
 
 
-def _rounded(value: float) -> float:
+def _round(value: float) -> float:
     return float(f"{value:.3g}")
 
 
@@ -121,9 +121,9 @@ class Loops:
         self.boxes = hand_boxes(problem)
         self.hands = [hands, no_hand()][: len(self.boxes)]
         # What a search of the ranges found worse than their corners.
-        self.found: list[tuple[Device, Hand]] = []
+        self.worst_pairs: list[tuple[Device, Hand]] = []
         # Rms of a force below which dry friction holds it, or it is not felt.
-        self.quiet_n = max(self.device.coulomb_friction_n, FELT_N * self.device.metres_per_unit)
+        self.quiet_n = max(self.device.coulomb_friction_n, FORCE_THRESHOLD_N * self.device.metres_per_unit)
 
     def pairs(self, side: int) -> list[tuple[Device, Hand]]:
         """Return every corner of the device with every corner of the hands, or with none."""
@@ -164,36 +164,36 @@ class Loops:
             hand=every[int(sizes.max(axis=1).argmax())][1].values(0),
         )
 
-    def _known(self, law: Law) -> list[OpenLoop]:
+    def _loops(self, law: Law) -> list[OpenLoop]:
         """Return the loops at the corners of the ranges and at what searches found, in the wall and outside."""
-        every = [*(pair for side in range(len(self.boxes)) for pair in self.pairs(side)), *self.found]
+        every = [*(pair for side in range(len(self.boxes)) for pair in self.pairs(side)), *self.worst_pairs]
         both = {law, law.outside}
         return [self.around(one, every) for one in both if one.stiffness_n_per_m or one.damper_ns_per_m]
 
     def rough_margin(self, law: Law) -> float:
-        """Return the disk margin of a law to a per cent, as far as known; 0 where one is unstable or loud."""
+        """Return the disk margin of a law to a per cent, at the points so far; 0 where one is unstable or loud."""
         if law.noise_n(self.device) > self.quiet_n:
             return 0.0
-        known = self._known(law)
-        stable = all(loop.closed.radius.max() < 1 for loop in known)
-        return 2 / max(float(loop.swings().max()) for loop in known) if stable else 0.0
+        loops = self._loops(law)
+        stable = all(loop.closed.radius.max() < 1 for loop in loops)
+        return 2 / max(float(loop.swings().max()) for loop in loops) if stable else 0.0
 
     def sound(self, laws: Iterable[Law]) -> Iterator[tuple[Law, float]]:
         """Yield the first law with a sound disk margin, and that, which a search of the ranges does not refute."""
         for law in laws:
             if self.rough_margin(law) >= SOUND_DISK:
-                self.found += [self.worst(law, side, OpenLoop.swings) for side in range(len(self.boxes))]
-                if (disk := min(loop.least().disk for loop in self._known(law))) >= SOUND_DISK:
+                self.worst_pairs += [self.worst(law, side, OpenLoop.swings) for side in range(len(self.boxes))]
+                if (disk := min(loop.least().disk for loop in self._loops(law))) >= SOUND_DISK:
                     yield law, disk
                     return
 
-    def changed(self, law: Law, keys: Sequence[str], steps: int) -> Iterator[Law]:
+    def variants(self, law: Law, keys: Sequence[str], steps: int) -> Iterator[Law]:
         """Yield a law with other values of some keys, the largest first; of b the best alone."""
         if not keys:
             yield law
         elif keys[0] == "damping_ns_per_m":
             if (allowed := self.damping_range(law)) is not None:
-                each = (_rounded(allowed[1] * share) for share in (0.0, *np.geomspace(1e-3, 1.0, 24)))
+                each = (_round(allowed[1] * share) for share in (0.0, *np.geomspace(1e-3, 1.0, 24)))
                 laws = [replace(law, damping_ns_per_m=b) for b in each if b or law.stiffness_n_per_m]
                 most = [one for one in laws if self.rough_margin(one) > 1.02 * SOUND_DISK]
                 # Without a spring the best damper is none.
@@ -201,22 +201,22 @@ class Loops:
         else:
             largest = 0.5 / self.period if keys[0] == "cutoff_hz" else getattr(law, keys[0])
             for share in 0.01 ** (np.arange(1, steps + 1) / steps) if largest else ():
-                one = replace(law, **{keys[0]: _rounded(share * largest)})
-                yield from self.changed(one, keys[1:], steps)
+                one = replace(law, **{keys[0]: _round(share * largest)})
+                yield from self.variants(one, keys[1:], steps)
 
-    def _confirmed(self, *laws: Law) -> bool:
+    def _confirm(self, *laws: Law) -> bool:
         """Search the ranges for what is unstable with a law, and keep it."""
         pairs = [(law, self.worst(law, side, _radius)) for law in laws for side in range(len(self.boxes))]
         worse = [pair for law, pair in pairs if self.around(law, [pair]).closed.radius.max() >= 1]
-        self.found += worse
+        self.worst_pairs += worse
         return not worse
 
     def _walls(self, law: Law, dampers_ns_per_m: FloatArray) -> Stretches:
         """Return the intervals of stable stiffness for some dampings."""
         people = self.hands[0]
-        for hand in (*self.hands[1:], *(hand for _, hand in self.found)):
+        for hand in (*self.hands[1:], *(hand for _, hand in self.worst_pairs)):
             people = joined(people, hand)
-        devices = [*self.corners, *(device for device, _ in self.found)]
+        devices = [*self.corners, *(device for device, _ in self.worst_pairs)]
         return stable_walls(devices, people, dampers_ns_per_m, (-law.pole(self.period), 0.0))
 
     def largest_stiffness(self, law: Law) -> float:
@@ -226,7 +226,7 @@ class Loops:
             low, high = walls.lowest_n_per_m[0], walls.largest_n_per_m[0]
             own = (low <= law.stiffness_n_per_m) & (law.stiffness_n_per_m <= high)
             limit = float(np.nan_to_num(high[own][0] if own.any() else high[0]))
-            if not limit or self._confirmed(replace(law, stiffness_n_per_m=limit * (1 - 1e-6))):
+            if not limit or self._confirm(replace(law, stiffness_n_per_m=limit * (1 - 1e-6))):
                 break
         return limit
 
@@ -251,7 +251,7 @@ class Loops:
                 good, bad = fine[row, [0, 1]], fine[row + 1, [0, 1]]
             good[0] *= wall > 0 or first != 1  # without k and b there is no law
             ends = [replace(law, damping_ns_per_m=0.0, local_damping_ns_per_m=float(end)) for end in good]
-            if self._confirmed(*ends):
+            if self._confirm(*ends):
                 break
         low, high = good - law.local_damping_ns_per_m
         return None if high < 0 else (max(float(low), 0.0), float(high))
@@ -389,7 +389,7 @@ def certify_law(
         (False, 0.06)
     """
     stated = with_wall(law_problem(problem))
-    law = checked(Law(k, b, b_p, cutoff_hz), stated.device)
+    law = valid_law(Law(k, b, b_p, cutoff_hz), stated.device)
     loops, device = Loops(stated), stated.device
     sides = range(len(loops.boxes))
     held, *released = (loops.case(law, side) for side in sides)
@@ -429,14 +429,14 @@ def law_problem(source: AnyProblem) -> Problem:
     return as_problem(source)
 
 
-def checked(law: Law, device: Device) -> Law:
-    """Return a law whose numbers are allowed."""
-    named = {"k": law.stiffness_n_per_m, "b": law.damping_ns_per_m, "b_p": law.local_damping_ns_per_m}
+def valid_law(law: Law, device: Device) -> Law:
+    """Return the law if its numbers are allowed."""
+    gains = {"k": law.stiffness_n_per_m, "b": law.damping_ns_per_m, "b_p": law.local_damping_ns_per_m}
     what = "is {:g}; allowed: 0 or a positive finite number"
-    faults = {key: what.format(value) for key, value in named.items() if not (math.isfinite(value) and value >= 0)}
+    faults = {key: what.format(value) for key, value in gains.items() if not (math.isfinite(value) and value >= 0)}
     if law.cutoff_hz is not None and not (math.isfinite(law.cutoff_hz) and law.cutoff_hz > 0):
         faults["cutoff_hz"] = f"is {law.cutoff_hz:g}; allowed: a positive finite number"
-    if not faults and not any(named.values()):
+    if not faults and not any(gains.values()):
         faults["k"] = "is 0, and so are b and b_p: there is no law; give at least one of them"
     if faults:
         raise InputError([Fault("", None, key, message) for key, message in faults.items()])
@@ -450,7 +450,7 @@ def checked(law: Law, device: Device) -> Law:
 def _remedies(law: Law, problem: Problem, loops: Loops) -> Iterator[Remedy]:
     """Yield the fewest changes that leave a sound disk margin and no noise that is felt, each as its loop shows."""
     for count in range(1, len(_KEYS) + 1):
-        each = (loops.changed(law, keys, 30 // count**2) for keys in combinations(_KEYS, count))
+        each = (loops.variants(law, keys, 30 // count**2) for keys in combinations(_KEYS, count))
         some = dict(one for laws in each for one in loops.sound(laws))
         for other, disk in some.items():
             changes = {key: getattr(other, key) for key in _KEYS if getattr(other, key) != getattr(law, key)}
@@ -469,5 +469,5 @@ def first_law(problem: Problem) -> Law:
     """Return a spring and damper to begin with: the wall's k, or the largest share of it that a b holds soundly."""
     stiffest = problem.environment.stiffness_n_per_m or 1e3 * problem.device.metres_per_unit**2
     loops, wall = Loops(problem), Law(stiffest)
-    laws = chain(loops.changed(wall, _KEYS[-1:], 1), loops.changed(wall, (_KEYS[0], _KEYS[-1]), 8))
-    return next((law for law, _ in loops.sound(laws)), Law(_rounded(1e-3 * stiffest)))
+    laws = chain(loops.variants(wall, _KEYS[-1:], 1), loops.variants(wall, (_KEYS[0], _KEYS[-1]), 8))
+    return next((law for law, _ in loops.sound(laws)), Law(_round(1e-3 * stiffest)))

@@ -45,25 +45,25 @@ class HandlePort:
     damped: BoolArray
 
 
-def handle_port(device: Device, frequency_hz: FloatArray, taken_ns_per_m: FloatArray | float = 0.0) -> HandlePort:
+def handle_port(device: Device, frequency_hz: FloatArray, removal_ns_per_m: FloatArray | float = 0.0) -> HandlePort:
     """Return the port of a device at frequencies above 0, each with all its aliases."""
-    turns, taken = np.broadcast_arrays(np.asarray(frequency_hz) * device.sample_time_s, taken_ns_per_m)
+    turns, removal = np.broadcast_arrays(np.asarray(frequency_hz) * device.sample_time_s, removal_ns_per_m)
     mechanics = Mechanics(device)
     if mechanics.rigid and device.amplifier_bandwidth_hz is None:
-        return HandlePort(turns, *_ideal(device, turns, taken))
+        return HandlePort(turns, *_ideal(device, turns, removal))
     number, weight, last = _aliases(mechanics)
     at_once = max(1, 1_000_000 // len(number))
     some = [slice(begin, begin + at_once) for begin in range(0, turns.size, at_once)]
-    parts = [_summed(mechanics, number, weight, last, turns.ravel()[one], taken.ravel()[one]) for one in some]
+    parts = [_alias_sum(mechanics, number, weight, last, turns.ravel()[one], removal.ravel()[one]) for one in some]
     return HandlePort(turns, *(np.concatenate(each).reshape(turns.shape) for each in zip(*parts, strict=True)))
 
 
 _Part = tuple[ComplexArray, FloatArray, FloatArray, BoolArray]
 
 
-def _ideal(device: Device, turns: FloatArray, taken: FloatArray) -> _Part:
+def _ideal(device: Device, turns: FloatArray, removal: FloatArray) -> _Part:
     """Return the port of a rigid, ideal device: closed sums over aliases, linear in a fraction f of a sample."""
-    left = device.damping_ns_per_m - taken
+    left = device.damping_ns_per_m - removal
     damped = left > 0
     half = np.where(damped, 0.5 / np.where(damped, left, 1.0), 0.0)
     whole = int(device.delay_samples)
@@ -87,31 +87,31 @@ def _aliases(mechanics: Mechanics) -> tuple[FloatArray, FloatArray, int]:
     return number, np.concatenate([[1.0], plain_weight, plain_weight, far_weight, far_weight]), last
 
 
-def _summed(
-    mechanics: Mechanics, number: FloatArray, weight: FloatArray, last: int, turns: FloatArray, taken: FloatArray
+def _alias_sum(
+    mechanics: Mechanics, number: FloatArray, weight: FloatArray, last: int, turns: FloatArray, removal: FloatArray
 ) -> _Part:
     device = mechanics.device
     of = turns[:, None] + number
     s = np.asarray(2j * np.pi * of / device.sample_time_s, dtype=np.complex128)
     kappa = weight * (np.sin(np.pi * turns)[:, None] / (np.pi * of)) ** 2
     tau, admittance, loss = mechanics.transmission(s)
-    left = loss - taken[:, None]
+    left = loss - removal[:, None]
     damped: BoolArray = np.asarray((left > 0).all(axis=1))
     half = 0.5 / np.where(left > 0, left, 1.0)
     amplifier = mechanics.amplifier(s)
     late = device.delay_samples % 1
-    delayed = np.exp(-2j * np.pi * (int(device.delay_samples) * turns[:, None] + late * of))
+    delay = np.exp(-2j * np.pi * (int(device.delay_samples) * turns[:, None] + late * of))
     if late:
-        delayed *= np.cos(np.pi / 2 * np.clip(2 * np.abs(number) / last - 1, 0.0, 1.0)) ** 2
+        delay *= np.cos(np.pi / 2 * np.clip(2 * np.abs(number) / last - 1, 0.0, 1.0)) ** 2
     force_gain = np.abs(amplifier) ** 2
     if mechanics.at_handle:
-        centre, sent, seen = tau * half, np.abs(tau) ** 2 * half, half
+        centre, drive, sense = tau * half, np.abs(tau) ** 2 * half, half
         own = np.zeros_like(half[:, 0])
     else:
         centre = admittance + tau**2 * half
-        sent = seen = np.abs(tau) ** 2 * half
+        drive = sense = np.abs(tau) ** 2 * half
         own = -(np.abs(admittance[:, 0]) ** 2) - 2 * half[:, 0] * (admittance[:, 0].conj() * tau[:, 0] ** 2).real
-    x, u, v = kappa * amplifier * delayed * centre, kappa * force_gain * sent, kappa * seen
+    x, u, v = kappa * amplifier * delay * centre, kappa * force_gain * drive, kappa * sense
     x_rest, u_rest, v_rest = (np.sum(term[:, 1:], axis=1) for term in (x, u, v))
     excess = (
         kappa[:, 0] ** 2 * force_gain[:, 0] * own
@@ -231,8 +231,8 @@ def port_worst(devices: Sequence[Device], slack: Slack, rows: int, progress: Pro
 def _margin(device: Device, slack: Slack, frequency: FloatArray, rows: IndexArray, left: FloatArray) -> FloatArray:
     """Return the largest damping that can be removed from the handle at one frequency a row, N.s/m, by bisection."""
 
-    def meets(taken: FloatArray) -> BoolArray:
-        return np.asarray(slack(handle_port(device, frequency[:, None], taken[:, None]), rows)[0][:, 0] >= 0)
+    def meets(removal: FloatArray) -> BoolArray:
+        return np.asarray(slack(handle_port(device, frequency[:, None], removal[:, None]), rows)[0][:, 0] >= 0)
 
     most = np.full(len(rows), Mechanics(device).least_loss)
     reach = 1e-3 * (1.0 + most)

@@ -217,9 +217,9 @@ class WorstMargin(NamedTuple):
     tolerance_ns_per_m: FloatArray
 
 
-def lowest_of(found: Sequence[Sequence[FloatArray]]) -> FloatArray:
+def lowest_of(candidates: Sequence[Sequence[FloatArray]]) -> FloatArray:
     """Return, for each of n rows, all values of that entry (values, n) whose first value is the lowest."""
-    each = np.array(found)
+    each = np.array(candidates)
     return np.asarray(np.take_along_axis(each, each[:, :1].argmin(axis=0)[None], axis=0)[0])
 
 
@@ -239,7 +239,7 @@ def worst_margin(
     Re Z_h is rational in cos(omega T): every stationary point and both ends are evaluated, and the lowest are refined
     on Re Z_h itself. Beyond 62 samples of delay, where roots cost too much, a scan takes the place of these points.
     """
-    given = (
+    values = (
         damping_ns_per_m,
         stiffness_n_per_m,
         contact_damping_ns_per_m,
@@ -249,7 +249,7 @@ def worst_margin(
         loop.environment_damping_ns_per_m,
         loop.environment_stiffness_n_per_m,
     )
-    columns = [np.ravel(column) for column in np.broadcast_arrays(*(np.asarray(v, dtype=np.float64) for v in given))]
+    columns = [np.ravel(column) for column in np.broadcast_arrays(*(np.asarray(v, dtype=np.float64) for v in values))]
     rows = len(columns[0])
     if np.array_equal(columns[3], columns[4]):
         return _worst(loop, columns, None, refine=False)
@@ -272,12 +272,12 @@ def _worst(loop: SampledLoop, columns: list[FloatArray], degree: int | None, *, 
 
     nyquist = loop.nyquist_hz
     low, high = np.minimum(low, nyquist), np.minimum(high, nyquist)
-    parts, columned = fractions(of(slice(None)), b, k), of((slice(None), None))
+    parts, column_loop = fractions(of(slice(None)), b, k), of((slice(None), None))
 
     spread = parts.pick((slice(None), None))
 
     def value(frequency_hz: FloatArray) -> FloatArray:
-        return real_part(columned, spread, contact[:, None], frequency_hz)
+        return real_part(column_loop, spread, contact[:, None], frequency_hz)
 
     candidates = low[:, None]
     if degree is not None:
@@ -293,7 +293,7 @@ def _worst(loop: SampledLoop, columns: list[FloatArray], degree: int | None, *, 
     frequency = refine_minima(value, candidates, degree) if refine and degree is not None else candidates
     values = value(frequency)
     worst = np.take_along_axis(frequency, np.argmin(values, axis=1)[:, None], axis=1)
-    size = size_of_terms(columned, spread, contact[:, None], worst)
+    size = size_of_terms(column_loop, spread, contact[:, None], worst)
     # Among equal values the first: an end or a stationary point, rather than a refinement within rounding.
     first = np.argmax(values <= values.min(axis=1, keepdims=True) + _EQUAL * size, axis=1)[:, None]
     at = np.take_along_axis(frequency, first, axis=1)

@@ -14,7 +14,7 @@ from avc_casadi._util.json_values import plain_table
 from avc_casadi._util.printed import Columns, Tabular, short
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.claims.impedance import wave
-from avc_casadi.claims.levels import ideal, what_is_declared
+from avc_casadi.claims.levels import ideal, non_idealities
 from avc_casadi.claims.port import frequencies_hz, handle_port, passive_hand
 from avc_casadi.claims.worst_frequency import quadratic_stretch, refine_minima
 from avc_casadi.files.problem_file import AnyProblem, of_problem, with_wall
@@ -37,7 +37,7 @@ class Curve:
     claim: str
     delay_samples: float
     stiffness_n_per_m: FloatArray
-    wanted: bool
+    holds_target: bool
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -47,8 +47,8 @@ class ZWidth(Tabular):
     problem: str
     damping_ns_per_m: FloatArray
     curves: tuple[Curve, ...]
-    wanted_damping_ns_per_m: float
-    wanted_stiffness_n_per_m: float
+    target_damping_ns_per_m: float
+    target_stiffness_n_per_m: float
     rule_n_per_m: FloatArray
     passive_spring_n_per_m: float
     encoder_limit_n_per_m: float | None
@@ -78,10 +78,10 @@ class ZWidth(Tabular):
         found["wall_damping_ns_per_m"] = self.damping_ns_per_m
         found["curves"] = {
             curve.key: {name: getattr(curve, name) for name in ("claim", "delay_samples", "stiffness_n_per_m")}
-            | {"wanted_wall": curve.wanted}
+            | {"wanted_wall": curve.holds_target}
             for curve in self.curves
         }
-        wanted = {"damping_ns_per_m": self.wanted_damping_ns_per_m, "stiffness_n_per_m": self.wanted_stiffness_n_per_m}
+        wanted = {"damping_ns_per_m": self.target_damping_ns_per_m, "stiffness_n_per_m": self.target_stiffness_n_per_m}
         return plain_table(found | {"wanted": wanted})
 
 
@@ -136,8 +136,8 @@ def _waves(turns: FloatArray, period: float, model: Model, poles: Poles) -> tupl
     direct = period / 2 if model == "paper" else period
     spring = replace(damper, direct=one * direct, integral=one * period)
     back = 2 * np.sin(np.pi * turns) * np.exp(1j * np.pi * (0.5 - turns))
-    filtered = wave(damper, nothing, turns, model) * low_pass(back, poles)
-    return filtered, wave(spring, nothing, turns, model)
+    damper_wave = wave(damper, nothing, turns, model) * low_pass(back, poles)
+    return damper_wave, wave(spring, nothing, turns, model)
 
 
 @of_problem
@@ -183,23 +183,23 @@ def zwidth(problem: AnyProblem, progress: Progress = SILENT) -> ZWidth:
         progress.advance(len(curves), len(claims), claim)
         found = walls(rows, poles=poles)
         late = device.delay_samples + (key == "passive-delayed")
-        wanted = bool(found.holds(wall.stiffness_n_per_m)[-1])
-        curves.append(Curve(key, claim, late, found.first_n_per_m[:-1], wanted))
+        holds_target = bool(found.holds(wall.stiffness_n_per_m)[-1])
+        curves.append(Curve(key, claim, late, found.first_n_per_m[:-1], holds_target))
     ends = device_corners(device, ("coulomb_friction_n", "encoder_resolution_m"))
     limit = min(
         (2 * one.coulomb_friction_n / one.encoder_resolution_m for one in ends if one.encoder_resolution_m), default=0.0
     )
-    used, not_used = _keys(problem, bounded=limit > 0)
+    used, not_used = _keys(problem, encoder_bound=limit > 0)
     least = min(corner.damping_ns_per_m for corner in corners) if rigid(device) else np.nan
-    delayed_s = (0.5 + max(corner.delay_samples for corner in corners)) * device.sample_time_s
+    delay_s = (0.5 + max(corner.delay_samples for corner in corners)) * device.sample_time_s
     return ZWidth(
         problem=problem.name,
         damping_ns_per_m=damping,
         curves=tuple(curves),
-        wanted_damping_ns_per_m=wall.damping_ns_per_m,
-        wanted_stiffness_n_per_m=wall.stiffness_n_per_m,
-        rule_n_per_m=(least + min(problem.hands.damping_ns_per_m) + damping) / delayed_s,
-        passive_spring_n_per_m=least / delayed_s,
+        target_damping_ns_per_m=wall.damping_ns_per_m,
+        target_stiffness_n_per_m=wall.stiffness_n_per_m,
+        rule_n_per_m=(least + min(problem.hands.damping_ns_per_m) + damping) / delay_s,
+        passive_spring_n_per_m=least / delay_s,
         encoder_limit_n_per_m=limit or None,
         passive_limit_n_per_m=passive_limit_n_per_m(device),
         hands=len(hands),
@@ -219,7 +219,7 @@ def _passivity(
     walls = partial(passive_walls, corners)
     sampled = {"passive-sampled-data": (f"passive, sampled-data{at}", partial(walls, model="sampled-data"))}
     if not known or poles != PLAIN:
-        what = "a velocity filter" if known else what_is_declared(device)
+        what = "a velocity filter" if known else non_idealities(device)
         why = (
             f"passive with the paper's hold: no proof on a device with {what}, for which that hold gives no loop from "
             "sample to sample"
@@ -239,10 +239,10 @@ def _at(device: Device, corners: int, beside: str) -> str:
     return delay + beside + (f", at {corners} corners of the device" if corners > 1 else "")
 
 
-def _keys(problem: Problem, *, bounded: bool) -> tuple[tuple[str, ...], tuple[str, ...]]:
+def _keys(problem: Problem, *, encoder_bound: bool) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Return the declared keys that enter the region or the encoder's bound, and those that do not."""
     linear = {key.partition(".")[0] for key in LINEAR_KEYS} | {"amplifier_order", "encoder_at"}
-    known = linear | ({"coulomb_friction_n", "encoder_resolution_m"} if bounded else set())
+    known = linear | ({"coulomb_friction_n", "encoder_resolution_m"} if encoder_bound else set())
     keys = declared(problem)
     used = [key for key in keys if key.removeprefix("device.").removeprefix("range.").partition(".")[0] in known]
     unused = [key for key in keys if key not in used]

@@ -42,7 +42,7 @@ def run_certify(args: argparse.Namespace, console: Console) -> Answer:
     """
     law = {key: getattr(args, key) for key in ("k", "b", "b_p", "cutoff_hz") if getattr(args, key) is not None}
     if law:
-        from avc_casadi.claims.own_law import Law, checked, law_problem
+        from avc_casadi.claims.own_law import Law, law_problem, valid_law
         from avc_casadi.model.ends import ToolGains
         from avc_casadi.present.rows.judge import own_law
 
@@ -53,7 +53,7 @@ def run_certify(args: argparse.Namespace, console: Console) -> Answer:
                 return own_law(avc.certify_law(problem, **law), args.problem)
         cli.refuse(args, "cutoff_hz", why=cli.OF_WALLS)
         pair = ToolGains(*(law.get(key, 0.0) for key in ("k", "b", "b_p")))
-        checked(Law(*vars(pair).values()), problem.device)
+        valid_law(Law(*vars(pair).values()), problem.device)
         return _certify_pair(problem, pair, args.problem, console)
     problem, coupling, notes = cli.subject(args.problem, args.gains)
     if coupling is None:

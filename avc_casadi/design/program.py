@@ -19,7 +19,7 @@ import numpy as np
 from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray
 from avc_casadi._util.progress import SILENT, Progress
-from avc_casadi.claims.impedance import felt_at_handle, wanted_at_handle
+from avc_casadi.claims.impedance import handle_impedance, target_impedance
 from avc_casadi.coupling import Coupling
 from avc_casadi.design.cones import PER_LACK, Cones, multiplier
 from avc_casadi.design.observer_law import GUESSES, Loops, Structure
@@ -128,10 +128,10 @@ class Program:
         """Return rows and constants of E_n and E_d: the handle's impedance is a ratio of terms linear in the law's."""
         device, k = self.problem.device, self.structure.stiffness_n_per_m
         # Z = (z_0 + p C)/(1 + q C), from three laws C.
-        alone, one, other = (felt_at_handle(device, c, hz)[0] for c in (0j, k + 0j, 1j * k))
+        alone, one, other = (handle_impedance(device, c, hz)[0] for c in (0j, k + 0j, 1j * k))
         matrix = np.array([[k + 0 * one, -k * one], [1j * k + 0 * one, -1j * k * other]]).transpose(2, 0, 1)
         p, q = np.linalg.solve(matrix, np.array([one - alone, other - alone]).T[..., None])[..., 0].T
-        wanted, size = wanted_at_handle(self.problem, hz)
+        wanted, size = target_impedance(self.problem, hz)
         x, y = self.structure.rows(np.exp(2j * np.pi * hz * device.sample_time_s))
         near = (p - wanted * q)[:, None] * x + (alone - wanted)[:, None] * y
         return near, alone - wanted, size[:, None] * (y + q[:, None] * x), size.astype(np.complex128)

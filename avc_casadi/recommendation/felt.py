@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from avc_casadi._util.arrays import ComplexArray, FloatArray
-from avc_casadi.claims.impedance import Excitation, below_quarter_rate, felt_at_handle, rendered, stiffness_at_handle
+from avc_casadi.claims.impedance import Excitation, below_quarter_rate, handle_impedance, rendered, stiffness_at_handle
 from avc_casadi.coupling import Coupling
 from avc_casadi.loops.engine import Engine, clocks, tool_of
 from avc_casadi.loops.follower import Link, Touch, link_clocks
@@ -63,11 +63,11 @@ def shaken(
     # The sensor of a flexible device moves by another amplitude than its handle, as the force decides.
     depth_m, share = (
         Excitation.of(device, felt_n_per_m).depth_m,
-        felt_at_handle(device, complex(felt_n_per_m), heard)[1],
+        handle_impedance(device, complex(felt_n_per_m), heard)[1],
     )
     for _ in range(5):
         force, before = _shaken_force(coupling, depth_m, excitation.amplitude_m * np.abs(share), heard), share
-        share = felt_at_handle(device, force, heard)[1]
+        share = handle_impedance(device, force, heard)[1]
         if np.allclose(share, before, rtol=0.01):
             break
     return Shaken(excitation.depth_m, excitation.amplitude_m, heard, *rendered(coupling.problem, force, heard))
@@ -295,7 +295,7 @@ def rendered_pair(
     def at(frequency_hz: float) -> Felt:
         """Return that in free motion and in rigid contact."""
         hz, s = np.array([frequency_hz]), 2j * np.pi * frequency_hz
-        moved, contact = (felt_at_handle(device, one.force_per_metre(gains, frequency_hz), hz)[0][0] for one in ends)
+        moved, contact = (handle_impedance(device, one.force_per_metre(gains, frequency_hz), hz)[0][0] for one in ends)
         alone = device.mass_kg * s + device.damping_ns_per_m
         wanted = alone + gains.stiffness_n_per_m / s
         stiffness, error = float(abs((contact - alone) * s)), float(abs(contact - wanted) / abs(wanted))

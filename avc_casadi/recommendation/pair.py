@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi._util.text import quantity
-from avc_casadi.claims.llewellyn import Teleoperator, damping_needed_ns_per_m, passivity_margin
+from avc_casadi.claims.llewellyn import Teleoperator, least_damping_ns_per_m, passivity_margin
 from avc_casadi.coupling import Coupling
 from avc_casadi.design.virtual_tool import CouplingSearch, FollowerSearch, ToolSearch, certify_pair
 from avc_casadi.loops.engine import ToolLoops, tool_of
@@ -294,7 +294,7 @@ def _passivity(problem: Problem, gains: ToolGains) -> tuple[float | None, float 
         pairs.append(Teleoperator(damping, far_damping, t, there + wait / 2, back + wait / 2, late, far_late))
     return (
         min(passivity_margin(pair, gains)[0] for pair in pairs),
-        max(damping_needed_ns_per_m(pair, gains) for pair in pairs),
+        max(least_damping_ns_per_m(pair, gains) for pair in pairs),
     )
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from avc_casadi._util.arrays import BoolArray
 from avc_casadi.claims.certify import promises_rest
-from avc_casadi.claims.impedance import below_quarter_rate, felt_at_handle, wanted_at_handle
+from avc_casadi.claims.impedance import below_quarter_rate, handle_impedance, target_impedance
 from avc_casadi.coupling import Coupling
 from avc_casadi.loops.margins import transients
 from avc_casadi.loops.wall import force_over_position, frozen_rendering
@@ -119,8 +119,8 @@ def impedance_error(coupling: Coupling) -> float:
     hz = below_quarter_rate(problem.device, BAND_HZ)
     z = np.exp(2j * np.pi * hz * problem.device.sample_time_s)
     force = force_over_position(frozen_rendering(problem, *vars(gains).values()), z, law)
-    wanted, size = wanted_at_handle(problem, hz)
-    return float((np.abs(felt_at_handle(problem.device, force, hz)[0] - wanted) / size).max())
+    wanted, size = target_impedance(problem, hz)
+    return float((np.abs(handle_impedance(problem.device, force, hz)[0] - wanted) / size).max())
 
 
 def error_in_motion(coupling: Coupling) -> float:

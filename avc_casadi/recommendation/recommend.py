@@ -12,7 +12,7 @@ from avc_casadi._errors import InputError
 from avc_casadi._util.parallel import Crew
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.claims.certify import quick_rest_level
-from avc_casadi.claims.deployable import certified, deployable
+from avc_casadi.claims.deployable import deployable, with_certificate
 from avc_casadi.coupling import Coupling
 from avc_casadi.files.problem_file import AnyProblem, as_problem, of_problem, with_wall
 from avc_casadi.loops.walls import stiffest_wall
@@ -102,7 +102,7 @@ def recommend_wall(
         if best is not None:
             mismatched = crew.begin(partial(off_file, best.coupling, seed))
             unmodelled = crew.begin(partial(withstood, best.coupling, seed))
-            known, rest = with_rest(certified(best.coupling, progress, prove=prove), progress)
+            known, rest = with_rest(with_certificate(best.coupling, progress, prove=prove), progress)
             coupling = replace(known.with_trial(best.trial.document()), versions=versions or {})
             off, beyond = mismatched(), unmodelled()
             lacks = nothing_rendered(problem, best.coupling.static_stiffness_n_per_m, best.trial)
@@ -153,7 +153,7 @@ def judged_as_recommended(
     progress: Progress = SILENT,
 ) -> Recommendation:
     """Certify and try the gains of a method as `recommend` does its own, whatever the verdict."""
-    found, rest = with_rest(certified(Coupling.of(problem, gains, versions=versions), progress), progress)
+    found, rest = with_rest(with_certificate(Coupling.of(problem, gains, versions=versions), progress), progress)
     tried = try_coupling(found, people_of(problem.hands, hands), 0, progress)
     verdict, beyond = deployable(found, progress), withstood(found)
     limit = stiffest_wall(problem.device, with_released(hand_corners(problem.hands))).stiffness_n_per_m

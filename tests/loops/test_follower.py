@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from teleoperator_simulator import run
 
 import avc_casadi as avc
-from avc_casadi.claims.llewellyn import Teleoperator, damping_needed_ns_per_m, passivity_margin
+from avc_casadi.claims.llewellyn import Teleoperator, least_damping_ns_per_m, passivity_margin
 from avc_casadi.design.virtual_tool import FollowerSearch
 from avc_casadi.loops.follower import FollowerLoops, Link, Touch, link_clocks
 from avc_casadi.loops.loop import Body
@@ -86,7 +86,7 @@ def test_passivity_without_samples_is_that_of_lee_and_spong():
     """b = K tau/2 at both ends, tau the delay of a round trip (IEEE T-RO 22(2), 2006), for T -> 0."""
     stiffness, tau, period = 500.0, 0.04, 1e-6
     pair = Teleoperator(0.0, 0.0, period, tau / 2 / period, tau / 2 / period)
-    assert damping_needed_ns_per_m(pair, ToolGains(stiffness, 0.0)) == pytest.approx(stiffness * tau / 2, rel=1e-3)
+    assert least_damping_ns_per_m(pair, ToolGains(stiffness, 0.0)) == pytest.approx(stiffness * tau / 2, rel=1e-3)
 
 
 @pytest.mark.slow
@@ -116,7 +116,7 @@ def test_passive_teleoperator_is_stable_with_every_hand_and_environment():
     text = "mass_kg = 0.12\ndamping_ns_per_m = {b}\ndelay_s = 0.005\ncontact_damping_ns_per_m = 0.0"
     gains = ToolGains(600.0, 0.0)
     # Clocks out of step let messages wait for a sample in all.
-    needed = damping_needed_ns_per_m(Teleoperator(0.0, 0.0, 1e-3, 5.5, 5.5), gains)
+    needed = least_damping_ns_per_m(Teleoperator(0.0, 0.0, 1e-3, 5.5, 5.5), gains)
     stable = {}
     for share in (1.01, 0.2):
         b = share * needed

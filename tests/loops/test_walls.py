@@ -86,7 +86,7 @@ def test_slow_and_barely_damped_devices_have_their_edge(given, scale):
     region = zwidth(problem)
     hands = list(zip(*vars(hand_set(problem.hands)).values(), strict=True))
     for curve, held in zip(region.curves[-2:], ([(0.0, 0.0, 0.0)], hands), strict=True):
-        assert curve.wanted == (worst(problem.device, held, 0.0, 5.0) < 1)
+        assert curve.holds_target == (worst(problem.device, held, 0.0, 5.0) < 1)
         rows = np.flatnonzero(np.isfinite(curve.stiffness_n_per_m))
         for row in rows[[0, len(rows) // 2, -1]]:
             edge, b = curve.stiffness_n_per_m[row], region.damping_ns_per_m[row]

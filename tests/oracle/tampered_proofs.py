@@ -54,7 +54,7 @@ def replayed(proof):
     """Whether the project believes it once more; a file that cannot be read is not believed."""
     try:
         found = Rest.from_document(proof)
-        return (found.outcome, found.contact) == ("proved", "clip-last") and found.verified()
+        return (found.outcome, found.contact) == ("proved", "clip-last") and found.verify()
     except (avc.AvcError, ValueError, IndexError):
         return False
 

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import avc_casadi as avc
-from avc_casadi.claims.prove.disc import Disc, Moving, held, turned
+from avc_casadi.claims.prove.disc import Disc, Moving, hold, rotation
 from avc_casadi.claims.prove.held_device import HAND, SampledPlantBox
 from avc_casadi.claims.prove.law import ContactLaw
 from avc_casadi.claims.prove.multiplier import verify
@@ -89,10 +89,10 @@ def test_turns_and_holds_are_enclosed_with_their_rates(low, width, share):
     with mp.workdps(40):
         j = mp.mpc(0, 1)
 
-        def hold(v):
+        def mean(v):
             return (1 - mp.exp(-j * v)) / (j * v) if v else mp.mpf(1)
 
-        exact = {turned: lambda v: mp.exp(-j * v), held: hold}
+        exact = {rotation: lambda v: mp.exp(-j * v), hold: mean}
         for function, truth in exact.items():
             found = function(angle)
             rate = mp.diff(truth, x + mp.mpf("1e-12"), h=mp.mpf("1e-10"))

@@ -8,7 +8,7 @@ from boxes_of_hands import brute_force
 from hardware_bench import believer
 
 import avc_casadi as avc
-from avc_casadi.claims.certify import certify, quickly_proved
+from avc_casadi.claims.certify import admits_quick_proof, certify
 from avc_casadi.claims.prove.held_device import HAND
 from avc_casadi.claims.prove.law import ContactLaw
 from avc_casadi.claims.prove.rest import Rest, prove_rest
@@ -75,8 +75,8 @@ def test_nothing_is_proved_of_a_device_with_play(device):
     assert level.outcome == "open"
     assert "play of" in level.claim
     assert "without that it is proved" in level.claim
-    assert quickly_proved(sure)
-    assert not quickly_proved(coupling)
+    assert admits_quick_proof(sure)
+    assert not admits_quick_proof(coupling)
 
 
 @pytest.mark.slow
@@ -96,4 +96,4 @@ def test_what_is_said_of_a_device_that_is_not_rigid_agrees_with_brute_force(devi
     assert found.outcome == word, found.claim
     radius = brute_force(coupling.problem, np.array([0.0]), np.array([1e8]), np.array([b_p]), 5)[0]
     assert (radius < 1) == (word == "proved")
-    assert word == "refuted" or Rest.from_document(found.detail["proofs"][0]).verified()
+    assert word == "refuted" or Rest.from_document(found.detail["proofs"][0]).verify()

@@ -36,9 +36,9 @@ def test_they_are_accepted_and_survive_their_file(proofs):
 @pytest.mark.slow
 def test_what_was_read_again_is_verified_and_not_believed(proofs):
     document = proofs["late"]
-    assert Rest.from_document(document).verified()
+    assert Rest.from_document(document).verify()
     weak = {lag: 0.2 * tap for lag, tap in document["multiplier"].items()}
-    assert not Rest.from_document(document | {"multiplier": weak}).verified()
+    assert not Rest.from_document(document | {"multiplier": weak}).verify()
 
 
 @pytest.mark.slow

@@ -164,7 +164,7 @@ def test_the_recommended_coupling_carries_its_proof():
     assert document["rest"]["word"] == "proved"
     level = document["certificate"]["levels"]["L7"]
     assert (level["outcome"], level["claim"]) == ("proved", document["rest"]["sentence"])
-    assert Rest.from_document(level["proofs"][0]).verified()
+    assert Rest.from_document(level["proofs"][0]).verify()
 
 
 STEP_M, T = 2e-5, 1e-3

@@ -39,8 +39,8 @@ class Disc:
         return cls(np.asarray(centre, dtype=np.complex128), np.asarray(radius, dtype=np.float64))
 
     @classmethod
-    def rounded(cls, value: Number | FloatArray) -> Disc:
-        """Return numbers with previous rounding as discs."""
+    def with_rounding(cls, value: Number | FloatArray) -> Disc:
+        """Return numbers that were rounded before as discs."""
         return cls(np.asarray(value, dtype=np.complex128), np.asarray(_ROUNDING * np.abs(value) + _TINY))
 
     def __add__(self, other: Disc | Number) -> Disc:
@@ -137,14 +137,14 @@ class Moving:
         return cls(Disc.around(centre, radius), {number: one})
 
     @classmethod
-    def fixed(cls, value: FloatArray) -> Moving:
+    def constant(cls, value: FloatArray) -> Moving:
         """Return a constant."""
         return cls(Disc.around(value, np.zeros(len(value))), {})
 
     def __add__(self, other: Moving | Disc | Number) -> Moving:
         if not isinstance(other, Moving):
             return Moving(self.value + other, self.slopes)
-        slopes = _added(self.slopes, other.slopes)
+        slopes = _sum_of_rates(self.slopes, other.slopes)
         return Moving(self.value + other.value, slopes)
 
     __radd__ = __add__
@@ -162,7 +162,7 @@ class Moving:
         if not isinstance(other, Moving):
             return Moving(self.value * other, {number: slope * other for number, slope in self.slopes.items()})
         own = {number: slope * other.value for number, slope in self.slopes.items()}
-        slopes = _added(own, {number: slope * self.value for number, slope in other.slopes.items()})
+        slopes = _sum_of_rates(own, {number: slope * self.value for number, slope in other.slopes.items()})
         return Moving(self.value * other.value, slopes)
 
     __rmul__ = __mul__
@@ -191,19 +191,19 @@ class Moving:
         return whole if other == 1 else whole * other
 
 
-def _added(one: dict[int, Disc], other: dict[int, Disc]) -> dict[int, Disc]:
+def _sum_of_rates(one: dict[int, Disc], other: dict[int, Disc]) -> dict[int, Disc]:
     """Add rates of change by their variables."""
     return one | {number: one[number] + rate if number in one else rate for number, rate in other.items()}
 
 
-def turned(angle: Moving) -> Moving:
+def rotation(angle: Moving) -> Moving:
     """Return exp(-j angle) of a real angle."""
     centre, spread = angle.value.centre.real, angle.value.radius
     value = Disc(np.exp(-1j * centre), (spread + _ROUNDING * (1 + np.abs(centre))) * _UP)
     return Moving(value, {number: slope * (value * -1j) for number, slope in angle.slopes.items()})
 
 
-def held(angle: Moving) -> Moving:
+def hold(angle: Moving) -> Moving:
     """Return (1 - exp(-j angle))/(j angle), the hold over one sample: the mean of exp(-j angle u) over u in [0, 1]."""
     centre, spread = angle.value.centre.real, angle.value.radius
     # The mean of exp(-j angle u) has rates of at most 1/2 and 1/3.

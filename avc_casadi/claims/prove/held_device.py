@@ -19,7 +19,7 @@ import numpy as np
 
 from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.arrays import ComplexArray, FloatArray
-from avc_casadi.claims.prove.disc import Disc, Moving, held, turned
+from avc_casadi.claims.prove.disc import Disc, Moving, hold, rotation
 from avc_casadi.model.device import Device
 
 # Moving, or an array of plain complex numbers: the formulas are the same.
@@ -29,9 +29,9 @@ HAND = ("mass_kg", "damping_ns_per_m", "stiffness_n_per_m")
 _RATIO = "amplifier_damping_ratio"
 # Damping ratio of a current loop without resonance peak.
 _NO_PEAK = 0.7072
-_RANGED = ("mass_kg", "damping_ns_per_m", "delay_samples", "amplifier_bandwidth_hz", _RATIO)
+_UNCERTAIN = ("mass_kg", "damping_ns_per_m", "delay_samples", "amplifier_bandwidth_hz", _RATIO)
 # Terms on each side of the middle one.
-_TERMS, _TERMS_UNPAIRED = 6, 16
+_TERMS, _MORE_TERMS = 6, 16
 _TOO_SLOW = "damping or stiffness of hand and device are too large for the sample time"
 # Allowance for rounding of bounds that are computed in plain numbers.
 _ROOM = 1.0 + 1e-9
@@ -63,18 +63,18 @@ class SampledPlantBox:
     @cached_property
     def ranges(self) -> dict[str, tuple[float, float]]:
         """Range of every number that is not known exactly, or is the hand's."""
-        found = dict(self.hand)
+        ranges = dict(self.hand)
         spread = self.device.range
-        for key in _RANGED:
+        for key in _UNCERTAIN:
             ends = getattr(spread, key)
             if ends is not None and ends[0] < ends[1] and not (key == _RATIO and self.device.amplifier_order == 1):
-                found[f"device.{key}"] = (float(ends[0]), float(ends[1]))
+                ranges[f"device.{key}"] = (float(ends[0]), float(ends[1]))
         if self.device.resonance is not None:
             for key in ("frequency_hz", "damping_ratio", "mass_ratio"):
                 ends = getattr(spread.resonance, key)
                 if ends is not None and ends[0] < ends[1]:
-                    found[f"device.resonance.{key}"] = (float(ends[0]), float(ends[1]))
-        return found
+                    ranges[f"device.resonance.{key}"] = (float(ends[0]), float(ends[1]))
+        return ranges
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -82,7 +82,7 @@ class SampledPlantBox:
         return tuple(self.ranges)
 
     @property
-    def paired(self) -> bool:
+    def terms_cancel(self) -> bool:
         """Whether terms of n and -n nearly cancel: a rigid device, an ideal amplifier, whole samples of delay."""
         device = self.device
         whole = "device.delay_samples" not in self.ranges and device.delay_samples == int(device.delay_samples)
@@ -91,7 +91,7 @@ class SampledPlantBox:
     @property
     def terms(self) -> int:
         """Number of terms on each side."""
-        return _TERMS if self.paired else _TERMS_UNPAIRED
+        return _TERMS if self.terms_cancel else _MORE_TERMS
 
     def corners(self) -> FloatArray:
         """Return every corner of the box, shape (c, numbers)."""
@@ -101,33 +101,33 @@ class SampledPlantBox:
     def at(self, omega: FloatArray, numbers: FloatArray) -> ComplexArray:
         """Return P at angles (f,) with hands (h, numbers), shape (h, f): plain numbers, for the search."""
         columns = {name: numbers[:, place, None] for place, name in enumerate(self.names)}
-        above, below, around = self._folded(np.asarray(omega, dtype=np.complex128)[None, :], columns, 4 * self.terms)
+        above, below, around = self._fold(np.asarray(omega, dtype=np.complex128)[None, :], columns, 4 * self.terms)
         return np.asarray(above / below + around)
 
     def over(self, omega: Moving, numbers: tuple[Moving, ...]) -> tuple[Moving, Moving, Moving]:
         """Enclose the included terms; the omitted ones are within `tail`."""
-        return self._folded(omega, dict(zip(self.names, numbers, strict=True)), self.terms)
+        return self._fold(omega, dict(zip(self.names, numbers, strict=True)), self.terms)
 
-    def _folded(self, omega: Value, numbers: dict[str, Value], terms: int) -> tuple[Value, Value, Value]:
+    def _fold(self, omega: Value, numbers: dict[str, Value], terms: int) -> tuple[Value, Value, Value]:
         moving = isinstance(omega, Moving)
-        known = Disc.rounded if moving else complex
-        turn, hold = (turned, held) if moving else (lambda angle: np.exp(-1j * np.asarray(angle)), _held)
+        number = Disc.with_rounding if moving else complex
+        turn, mean = (rotation, hold) if moving else (lambda angle: np.exp(-1j * np.asarray(angle)), _hold)
         t = self.device.sample_time_s
         delay = numbers.get("device.delay_samples", self.device.delay_samples)
-        ranged = "device.delay_samples" in numbers
-        whole = not ranged and delay == int(delay)
-        step = hold(omega)
+        late_range = "device.delay_samples" in numbers
+        whole = not late_range and delay == int(delay)
+        step = mean(omega)
         lift = step * (omega * 1j)
         # The largest terms are added last, after the small ones.
         places = np.array(sorted(range(-terms, terms + 1), key=abs, reverse=True)[:-1], dtype=np.float64)
         around: Value = None
         # All at once for the few cells of an enclosure, one by one for the many points of a search.
         for n in (places[:, None],) if moving else places:
-            s = (omega + known(2 * math.pi * n)) * 1j
-            moved, by = self._moved(s, numbers, t)
-            term = moved * (1 / by) * (lift * (1 / s))
-            if ranged:
-                term = term * turn(delay * known(2 * math.pi * n))
+            s = (omega + number(2 * math.pi * n)) * 1j
+            above, below = self._compliance(s, numbers, t)
+            term = above * (1 / below) * (lift * (1 / s))
+            if late_range:
+                term = term * turn(delay * number(2 * math.pi * n))
             elif not whole:
                 # The whole part of n delay does not rotate.
                 late = np.exp(-2j * math.pi * np.fmod(n * delay, 1.0))
@@ -135,15 +135,15 @@ class SampledPlantBox:
             if moving:
                 term = term.sum()
             around = term if around is None else around + term
-        above, below = self._moved(omega * 1j, numbers, t)
-        scale: Value = known(t * t)
-        if ranged or delay:
+        above, below = self._compliance(omega * 1j, numbers, t)
+        scale: Value = number(t * t)
+        if late_range or delay:
             scale = turn(omega * delay) * scale
         return above * (step * scale), below, around * scale
 
-    def _moved(self, s: Value, numbers: dict[str, Value], t: float) -> tuple[Value, Value]:
+    def _compliance(self, s: Value, numbers: dict[str, Value], t: float) -> tuple[Value, Value]:
         """Return position over commanded force, over T^2, as a numerator and a denominator; s per sample."""
-        known = Disc.rounded if isinstance(s, Moving) else complex
+        known = Disc.with_rounding if isinstance(s, Moving) else complex
         device = self.device
 
         def number(key: str, own: float) -> Value:
@@ -181,9 +181,9 @@ class SampledPlantBox:
         """Bound the omitted terms of P, at angles up to the given ones."""
         lift = np.minimum(omega_high, 2.0) * self.device.sample_time_s**2 * _ROOM
         n = self.terms
-        if not self.paired:
-            share_passed, order = self._amplifier()
-            return lift * 2 * self._largest_yield() * share_passed * _left_out(3 + order, n)
+        if not self.terms_cancel:
+            gain, order = self._amplifier()
+            return lift * 2 * self._largest_yield() * gain * _tail_sum(3 + order, n)
         mass, b, k = self._rigid_bounds()
         share = 1 / (2 * (n + 1))
         # Terms of both sides: the remainder of 1/(m w^3), then the contribution of damping and stiffness.
@@ -192,7 +192,7 @@ class SampledPlantBox:
         small = b / (mass * first) + k / (mass * first**2)
         if not small < 0.5:
             raise UnsupportedError(_TOO_SLOW)
-        rest = 2 / (1 - small) * (b / mass * _left_out(4, n) + k / mass * _left_out(5, n))
+        rest = 2 / (1 - small) * (b / mass * _tail_sum(4, n) + k / mass * _tail_sum(5, n))
         return lift * (omega_high * across + rest) / mass
 
     def _rigid_bounds(self) -> tuple[float, float, float]:
@@ -225,8 +225,7 @@ class SampledPlantBox:
         mode, device = self.device.resonance, self.device
         if mode is None:
             mass, b, k = self._rigid_bounds()
-            left = mass - k / first**2 - b / first
-            return _bounded(left)
+            return _reciprocal_bound(mass - k / first**2 - b / first)
         t = device.sample_time_s
         low, high = self._ends("device.mass_kg", device.mass_kg)
         ratios = self._ends("device.resonance.mass_ratio", mode.mass_ratio)
@@ -237,7 +236,7 @@ class SampledPlantBox:
         grip = self.hand["stiffness_n_per_m"][1] * t**2 / first**2
         far = handle - grip - link
         motor = low * (1 - ratios[1]) - link
-        return _bounded(motor - link**2 / far if far > link else -1.0)
+        return _reciprocal_bound(motor - link**2 / far if far > link else -1.0)
 
     def _ends(self, name: str, own: float) -> tuple[float, float]:
         return self.ranges.get(name, (own, own))
@@ -247,16 +246,16 @@ class SampledPlantBox:
 _ROUGH = np.asarray(1e-12)
 
 
-def _left_out(power: int, terms: int) -> float:
+def _tail_sum(power: int, terms: int) -> float:
     """Bound the sum of (2 pi (n - 1/2))^-power over n > terms: the mean over each step is no less."""
     return _ROOM * (2 * math.pi) ** -power * float(terms) ** (1 - power) / (power - 1)
 
 
-def _bounded(left: float) -> float:
-    if not left > 0:
+def _reciprocal_bound(value: float) -> float:
+    if not value > 0:
         raise UnsupportedError(_TOO_SLOW)
-    return _ROOM / left
+    return _ROOM / value
 
 
-def _held(angle: Value) -> Value:
+def _hold(angle: Value) -> Value:
     return np.exp(-0.5j * angle) * np.sinc(angle.real / (2 * np.pi))

@@ -68,9 +68,9 @@ class ContactLaw:
             series = kappa * kappa_e / (kappa + kappa_e) if kappa + kappa_e else _ZERO
             q = series * (a - d) / kappa - a if kappa else _ZERO
         contact = Fraction(self.contact_damping_ns_per_m) / t
-        joined = [coefficient * series for coefficient in product([_ONE, 1 - d], [_ONE, 1 - a])]
+        spring = [coefficient * series for coefficient in product([_ONE, 1 - d], [_ONE, 1 - a])]
         damper = [contact, contact * (1 + q), _ZERO]
-        return total(joined, damper), product([_ONE, _ONE], [_ONE, 1 + q])
+        return total(spring, damper), product([_ONE, _ONE], [_ONE, 1 + q])
 
     @cached_property
     def transfer(self) -> tuple[Polynomial, Polynomial, Polynomial]:
@@ -101,15 +101,15 @@ class ContactLaw:
 
     def document(self) -> dict[str, Any]:
         """Return JSON values; an infinite gain is null."""
-        found = {name: plain(getattr(self, name)) for name in self._numbers()}
+        numbers = {name: plain(getattr(self, name)) for name in self._numbers()}
         law = self.state_feedback
-        return found | {"state_feedback": None if law is None else plain(law.model_dump(exclude={"kind"}))}
+        return numbers | {"state_feedback": None if law is None else plain(law.model_dump(exclude={"kind"}))}
 
     @classmethod
-    def from_document(cls, found: dict[str, Any]) -> Self:
+    def from_document(cls, document: dict[str, Any]) -> Self:
         """Read the output of `document`."""
-        numbers = {name: math.inf if found[name] is None else float(found[name]) for name in cls._numbers()}
-        law = found["state_feedback"] and StateFeedback.model_validate(found["state_feedback"])
+        numbers = {name: math.inf if document[name] is None else float(document[name]) for name in cls._numbers()}
+        law = document["state_feedback"] and StateFeedback.model_validate(document["state_feedback"])
         return cls(**numbers, state_feedback=law)
 
     @classmethod
@@ -142,18 +142,18 @@ def _observer(law: StateFeedback) -> tuple[Polynomial, Polynomial, Polynomial]:
     keep = eye.copy()
     keep[:, law.measures] -= gain
     # In z - 1: (z - 1) I - (K A - I).
-    step, told = keep @ a - eye, keep @ b
+    step, push = keep @ a - eye, keep @ b
     poles: Polynomial = [_ONE]
     adjugate = eye
-    from_position, from_force = [weight @ gain], [weight @ told]
+    from_position, from_force = [weight @ gain], [weight @ push]
     for power in range(1, n + 1):
-        moved = step @ adjugate
-        coefficient = -np.trace(moved) / power
+        image = step @ adjugate
+        coefficient = -np.trace(image) / power
         poles.append(coefficient)
-        adjugate = moved + coefficient * eye
+        adjugate = image + coefficient * eye
         if power < n:
             from_position.append(weight @ adjugate @ gain)
-            from_force.append(weight @ adjugate @ told)
+            from_force.append(weight @ adjugate @ push)
     return product(from_position, [_ONE, _ONE]), from_force, poles
 
 

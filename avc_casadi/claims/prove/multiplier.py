@@ -16,12 +16,12 @@ import numpy as np
 
 from avc_casadi._util.arrays import ComplexArray, FloatArray, IndexArray
 from avc_casadi._util.progress import SILENT, Progress
-from avc_casadi.claims.prove.disc import Disc, Moving, held, turned
+from avc_casadi.claims.prove.disc import Disc, Moving, hold, rotation
 from avc_casadi.claims.prove.held_device import SampledPlantBox
 from avc_casadi.claims.prove.law import ContactLaw, Polynomial
 
 # Distance of the sum of the taps from 1, so that the multiplier is strict.
-_LEFT = 1e-4
+_SLACK = 1e-4
 LAGS = tuple(lag for lag in range(-5, 6) if lag)
 
 
@@ -49,7 +49,7 @@ class Multiplier:
         ones = np.ones_like(omega.value.radius)
         found = Moving(Disc.around(ones, 0 * ones), {})
         for lag, tap in self.taps.items():
-            found = found - turned(omega * lag) * tap
+            found = found - rotation(omega * lag) * tap
         return found
 
 
@@ -63,7 +63,7 @@ def search(omega: FloatArray, loop: ComplexArray) -> tuple[Multiplier, float]:
     rows = np.column_stack([-(np.exp(-1j * omega[:, None] * lags) * way[:, None]).real, -np.ones(len(omega))])
     matrix = np.vstack([rows, [*np.ones(len(lags)), 0.0]])
     low = np.append(-way.real, -np.inf)
-    high = np.append(np.full(len(omega), np.inf), 1 - _LEFT)
+    high = np.append(np.full(len(omega), np.inf), 1 - _SLACK)
     solver = ca.conic("multiplier", "highs", {"a": ca.Sparsity.dense(*matrix.shape)}, _QUIET)
     found = solver(
         g=np.append(np.zeros(len(lags)), -1.0),
@@ -91,7 +91,7 @@ _FIRST_ANGLES = 64
 
 
 @dataclass(frozen=True)
-class Verified:
+class Verification:
     """Result of the verification of a multiplier."""
 
     holds: bool
@@ -106,9 +106,9 @@ def verify(
     *,
     most_cells: int = MOST_CELLS,
     progress: Progress = SILENT,
-) -> Verified:
+) -> Verification:
     """Decide whether Re{M (1 + P C1 - C2)} > 0 for every angle of [0, pi] and every hand of the box."""
-    coefficients = tuple(_rounded(part) for part in law.transfer)
+    coefficients = tuple(_discs(part) for part in law.transfer)
     ends = np.array(list(device.ranges.values()))
     # Just above pi: the real part repeats there.
     angles = np.linspace(0.0, np.nextafter(np.pi, 4.0), _FIRST_ANGLES + 1)
@@ -126,16 +126,16 @@ def verify(
         found = _bounds(coefficients, device, multiplier, some)
         if (found.at_middle < 0).any():
             worst = int(np.argmin(found.at_middle))
-            return Verified(False, cells, 0.5 * (some.low[worst] + some.high[worst]))
+            return Verification(False, cells, 0.5 * (some.low[worst] + some.high[worst]))
         left = np.flatnonzero(~(found.lower > 0))
         done += float(some.share.sum() - some.share[left].sum())
         progress.advance(round(1000 * done), 1000, "verified")
         if left.size:
-            worse = some.pick(left).at_worse_ends(found.way[left], found.left_out[left])
+            worse = some.pick(left).at_worse_ends(found.way[left], found.remainder[left])
             open_.append(_cut(worse, found.across[left], whole))
         if cells > most_cells:
-            return Verified(False, cells, None)
-    return Verified(True, cells, None)
+            return Verification(False, cells, None)
+    return Verification(True, cells, None)
 
 
 class _Cells(NamedTuple):
@@ -144,16 +144,16 @@ class _Cells(NamedTuple):
     low: FloatArray
     high: FloatArray
     share: FloatArray
-    left_out: FloatArray
+    remainder: FloatArray
 
     def pick(self, rows: slice | IndexArray) -> _Cells:
         return _Cells(*(part[rows] for part in self))
 
-    def at_worse_ends(self, way: FloatArray, left_out: FloatArray) -> _Cells:
+    def at_worse_ends(self, way: FloatArray, remainder: FloatArray) -> _Cells:
         """Fix increasing numbers at their lower end, and decreasing ones at their upper."""
         low, high = np.where(way < 0, self.high, self.low), np.where(way > 0, self.low, self.high)
         fixed = (high - low < self.high - self.low).any(axis=1)
-        return _Cells(low, high, self.share, np.where(fixed, left_out, self.left_out))
+        return _Cells(low, high, self.share, np.where(fixed, remainder, self.remainder))
 
 
 class _Bounds(NamedTuple):
@@ -163,7 +163,7 @@ class _Bounds(NamedTuple):
     lower: FloatArray
     across: FloatArray
     way: FloatArray
-    left_out: FloatArray
+    remainder: FloatArray
 
 
 def _bounds(
@@ -173,48 +173,48 @@ def _bounds(
     middle = 0.5 * (low + high)
     numbers = range(low.shape[1])
     cell = [Moving.variable(number, low[:, number], high[:, number]) for number in numbers]
-    point = [Moving.fixed(middle[:, number]) for number in numbers]
+    point = [Moving.constant(middle[:, number]) for number in numbers]
     half = np.maximum(high - middle, middle - low) * (1 + 1e-12)
     across, way = np.zeros_like(low), np.zeros_like(low)
     with np.errstate(invalid="ignore", over="ignore"):  # what is unknown stays unknown
         weights = _weights(coefficients, multiplier, cell[0])
-        left_out = weights[0].value.largest * device.tail(high[:, 0]) * (1 + 1e-12)
-        left_out = np.where(np.isnan(cells.left_out), left_out, cells.left_out)
-        over, _ = _real(weights, device, cell, left_out)
-        at, scale = _real(_weights(coefficients, multiplier, point[0]), device, point, left_out)
+        remainder = weights[0].value.largest * device.tail(high[:, 0]) * (1 + 1e-12)
+        remainder = np.where(np.isnan(cells.remainder), remainder, cells.remainder)
+        over, _ = _real(weights, device, cell, remainder)
+        at, scale = _real(_weights(coefficients, multiplier, point[0]), device, point, remainder)
         for number, slope in over.slopes.items():
             radius = slope.radius * (1 + 1e-12)
             across[:, number] = (np.abs(slope.centre.real) + radius) * half[:, number]
             way[:, number] = np.sign(slope.centre.real) * (np.abs(slope.centre.real) > radius)
-        taken = across.sum(axis=1) * (1 + 1e-12)
-        lower = np.fmax(at.value.real_low - taken, over.value.real_low)
-        at_middle = at.value.centre.real + at.value.radius + 2 * left_out * scale
-    across[~np.isfinite(taken)] = np.nan
-    return _Bounds(at_middle, np.where(np.isfinite(lower), lower, -np.inf), across, way, left_out)
+        decrease = across.sum(axis=1) * (1 + 1e-12)
+        lower = np.fmax(at.value.real_low - decrease, over.value.real_low)
+        at_middle = at.value.centre.real + at.value.radius + 2 * remainder * scale
+    across[~np.isfinite(decrease)] = np.nan
+    return _Bounds(at_middle, np.where(np.isfinite(lower), lower, -np.inf), across, way, remainder)
 
 
 def _weights(coefficients: tuple[list[Disc], ...], multiplier: Multiplier, omega: Moving) -> tuple[Moving, Moving]:
     """Enclose M C1 and M (1 - C2)."""
     # z - 1 without cancellation.
-    step = held(-omega) * (omega * 1j)
+    step = hold(-omega) * (omega * 1j)
     from_position, from_force, poles = (_value(part, step) for part in coefficients)
     weight = multiplier.over(omega) * (1 / poles)
     return weight * from_position, weight * (poles - from_force)
 
 
 def _real(
-    weights: tuple[Moving, Moving], device: SampledPlantBox, cell: list[Moving], left_out: FloatArray
+    weights: tuple[Moving, Moving], device: SampledPlantBox, cell: list[Moving], remainder: FloatArray
 ) -> tuple[Moving, FloatArray]:
     """Enclose Re{M C1 N D*} + (Re{M (1 + R C1 - C2)} - e) |D|^2; return also an upper bound of |D|^2."""
     through, own = weights
     above, below, around = device.over(cell[0], tuple(cell[1:]))
     scale = below.abs2()
-    rest = (through * around + own).real() + Disc.around(-left_out, np.zeros_like(left_out))
+    rest = (through * around + own).real() + Disc.around(-remainder, np.zeros_like(remainder))
     return (through * above * below.conj()).real() + rest * scale, scale.value.largest
 
 
-def _rounded(polynomial: Polynomial) -> list[Disc]:
-    return [Disc.rounded(float(coefficient)) for coefficient in polynomial]
+def _discs(polynomial: Polynomial) -> list[Disc]:
+    return [Disc.with_rounding(float(coefficient)) for coefficient in polynomial]
 
 
 def _value(coefficients: list[Disc], at: Moving) -> Moving:
@@ -250,4 +250,4 @@ def _cut(cells: _Cells, across: FloatArray, whole: FloatArray) -> _Cells:
     upper[rows, number] = middle
     lower[rows, number] = middle
     halves = np.concatenate([cells.low, upper]), np.concatenate([lower, cells.high])
-    return _Cells(*halves, np.tile(0.5 * cells.share, 2), np.tile(cells.left_out, 2))
+    return _Cells(*halves, np.tile(0.5 * cells.share, 2), np.tile(cells.remainder, 2))

@@ -21,7 +21,7 @@ from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi._util.text import quantity
 from avc_casadi.claims.prove.held_device import SampledPlantBox
 from avc_casadi.claims.prove.law import ContactLaw
-from avc_casadi.claims.prove.multiplier import LAGS, MOST_CELLS, Multiplier, Verified, search, verify
+from avc_casadi.claims.prove.multiplier import LAGS, MOST_CELLS, Multiplier, Verification, search, verify
 from avc_casadi.loops.loop import Body
 from avc_casadi.loops.wall import closed
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners, linear_values
@@ -33,7 +33,7 @@ from avc_casadi.model.problem import Contact
 Outcome = Literal["proved", "refuted", "open"]
 
 
-def covered(device: Device) -> str:
+def coverage(device: Device) -> str:
     """Return what a proof of rest covers, in words: mechanics, amplifier and delay as declared, and what is omitted."""
     mode, spread = device.resonance, device.range
     mechanics = "a rigid device"
@@ -87,7 +87,7 @@ class Rest:
     seconds: float = field(default=0.0, compare=False)
     unstable: Unstable | None = None
 
-    def verified(self, progress: Progress = SILENT) -> bool:
+    def verify(self, progress: Progress = SILENT) -> bool:
         """Return whether the stored multiplier verifies again; law and device must share T, and the box be valid."""
         found = self.multiplier
         if found is None or not found.valid or self.device.sample_time_s != self.law.sample_time_s:
@@ -109,7 +109,7 @@ class Rest:
 
     @classmethod
     def from_document(cls, found: Mapping[str, Any]) -> Rest:
-        """Read the output of `document`; unverified before `verified`."""
+        """Read the output of `document`; unverified before `verify`."""
         taps, unstable = found["multiplier"], found["unstable"]
         return cls(
             outcome=found["outcome"],
@@ -136,16 +136,16 @@ def prove_rest(
     progress: Progress = SILENT,
 ) -> Rest:
     """Prove rest, refute it, or give the reason why it is open."""
-    began = time.perf_counter()
+    start_s = time.perf_counter()
 
-    def told(outcome: Outcome, sentence: str, **more: Any) -> Rest:
-        return Rest(outcome, sentence, contact, law, device, dict(hand), seconds=time.perf_counter() - began, **more)
+    def answer(outcome: Outcome, sentence: str, **more: Any) -> Rest:
+        return Rest(outcome, sentence, contact, law, device, dict(hand), seconds=time.perf_counter() - start_s, **more)
 
     # Corners of the box and draws within it.
     ends = np.array(list(hand.values()))
     corners = np.stack([grid.ravel() for grid in np.meshgrid(*ends, indexing="ij")])
-    drawn = np.random.default_rng(seed).uniform(ends[:, :1], ends[:, 1:], (len(ends), 24))
-    hands = Hand(*np.append(corners, drawn, axis=1))
+    draws = np.random.default_rng(seed).uniform(ends[:, :1], ends[:, 1:], (len(ends), 24))
+    hands = Hand(*np.append(corners, draws, axis=1))
     devices = device_corners(device, LINEAR_KEYS)
     body = Body.of(sampled_plant(devices, hands)).flat()
     radius = closed(body, law.rendering, law.state_feedback).radius
@@ -153,7 +153,7 @@ def prove_rest(
     if radius.max() > 1 + 1e-9:
         unstable = Unstable(hands.values(who), linear_values(devices[worst]), float(radius.max()))
         how = f"the loop is unstable in contact, with a spectral radius of {unstable.spectral_radius:.6g}"
-        return told("refuted", f"{how} with {hand_text(unstable.hand, device.units.unit)}", unstable=unstable)
+        return answer("refuted", f"{how} with {hand_text(unstable.hand, device.units.unit)}", unstable=unstable)
     why, found, cells = _proof(law, device, hand, most_cells, progress)
     dead_zone = 0.0 if law.state_feedback is None else law.state_feedback.dead_zone_m
     play = max(device.backlash_m, *(device.range.backlash_m or (0.0,)))
@@ -171,11 +171,11 @@ def prove_rest(
     if found is not None and not open_for:
         sentence = (
             f"settles with every hand of the box, wherever it rests and from any state, making and breaking "
-            f"contact ({covered(device)}): one multiplier of {len(found.taps)} taps, verified in {cells} cells"
+            f"contact ({coverage(device)}): one multiplier of {len(found.taps)} taps, verified in {cells} cells"
         )
-        return told("proved", sentence, multiplier=found, cells=cells)
+        return answer("proved", sentence, multiplier=found, cells=cells)
     beside = "; without that it is proved" if found is not None else f"; {why}" if why else ""
-    return told("open", ("; ".join(open_for) + beside).removeprefix("; "), multiplier=found, cells=cells)
+    return answer("open", ("; ".join(open_for) + beside).removeprefix("; "), multiplier=found, cells=cells)
 
 
 def promising(law: ContactLaw, held: SampledPlantBox) -> float:
@@ -201,7 +201,7 @@ def _proof(
         found, margin = search(points.omega, points.loop)
         if not margin > 0 or not found.valid:
             return f"no multiplier of {len(LAGS)} taps serves all hands", None, cells
-        result: Verified = verify(law, held, found, most_cells=most_cells, progress=progress)
+        result: Verification = verify(law, held, found, most_cells=most_cells, progress=progress)
         cells += result.cells
         if result.holds:
             return "", found, cells

@@ -153,10 +153,10 @@ def draw_zwidth(region: ZWidth) -> Figure:
     if region.encoder_limit_n_per_m is not None:
         name = "encoder and friction 2f_c/Δ, Abbott and Okamura 2005"
         plane.axhline(region.encoder_limit_n_per_m, **_THIN, linestyle=(0, (2, 2)), label=name)
-    widest = [region.wanted_damping_ns_per_m, *(damping[np.nan_to_num(k) > 0].max(initial=0.0) for k in shown[1:])]
-    if (wanted := region.wanted_stiffness_n_per_m) > 0:
+    widest = [region.target_damping_ns_per_m, *(damping[np.nan_to_num(k) > 0].max(initial=0.0) for k in shown[1:])]
+    if (wanted := region.target_stiffness_n_per_m) > 0:
         # A wall without damping has no place on a logarithmic axis: the left edge.
-        place = max(region.wanted_damping_ns_per_m, float(damping[0]))
+        place = max(region.target_damping_ns_per_m, float(damping[0]))
         name = f"wall wanted: {quantity(wanted, unit('N/m'))}, {quantity(widest[0], unit('N.s/m'))}"
         look: dict[str, Any] = {"markersize": 11, "color": "#b2182b", "markeredgecolor": "white", "clip_on": False}
         plane.plot(place, wanted, "*", label=name, zorder=6, **look)
