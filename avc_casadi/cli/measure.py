@@ -54,7 +54,7 @@ def run_excite(args: argparse.Namespace, console: Console) -> Answer:
         "lowest_hz": plan.band_hz[0],
         "highest_hz": plan.band_hz[1],
         "peak_force_n": plan.peak_force_n,
-        "held_back_by": plan.units.key(made.held_back_by),
+        "held_back_by": plan.units.key(made.nearest_limit),
         "limits": plan.limits,
         "spring_n_per_m": plan.spring_n_per_m,
         "damper_ns_per_m": plan.damper_ns_per_m,

@@ -53,7 +53,7 @@ class Log:
 
 def log_of(columns: Columns, *, flip_force: bool = False) -> tuple[Log, list[str]]:
     """Return the longest stretch of a log without a pause on its grid, and notes."""
-    notes, steps = list(columns.told), np.diff(columns.time_s)
+    notes, steps = list(columns.notes), np.diff(columns.time_s)
     short = float(np.quantile(steps, 0.1))
     usual = float(np.mean(steps[np.abs(steps - short) < 0.3 * short]))
     pauses = np.flatnonzero(steps > 40 * usual)

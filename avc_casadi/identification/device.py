@@ -22,9 +22,9 @@ from avc_casadi.files.toml import toml_lines
 from avc_casadi.identification.fit import Trial
 from avc_casadi.identification.ladder import Response
 from avc_casadi.identification.log import Record
-from avc_casadi.identification.terms import FRICTION, LOOP_RATIO, Measured
+from avc_casadi.identification.terms import FRICTION, LOOP_RATIO, QuantityName
 
-_SEARCHED = ("mass_kg", "damping_ns_per_m", FRICTION, "delay_samples")
+_PARAMETERS = ("mass_kg", "damping_ns_per_m", FRICTION, "delay_samples")
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class Estimate:
     """An estimate with its 95 % interval."""
 
     key: str
-    quantity: Measured
+    quantity: QuantityName
     value: float
     low: float
     high: float
@@ -58,7 +58,7 @@ class Identification:
     lags: FloatArray
     notes: tuple[str, ...]
     response: Response
-    modelled: ComplexArray
+    model_response: ComplexArray
     stretch: FloatArray
     device: DeviceFile | None = None
 
@@ -88,8 +88,8 @@ class Identification:
                 "frequency_hz": response.frequency_hz,
                 "measured_re": response.velocity_per_force.real,
                 "measured_im": response.velocity_per_force.imag,
-                "model_re": self.modelled.real,
-                "model_im": self.modelled.imag,
+                "model_re": self.model_response.real,
+                "model_im": self.model_response.imag,
                 "coherence": response.coherence,
             },
         }
@@ -114,8 +114,8 @@ class _File:
         table = base.device.model_dump(exclude_none=True)
         theirs = base.sources.get(key)
         grade = "assumed" if source or theirs is None else theirs.grade
-        told = source or (f"{base.name}, which gives no source" if theirs is None else theirs.source)
-        self.put(key, table[key], table.get("range", {}).get(key), grade, told)
+        reason = source or (f"{base.name}, which gives no source" if theirs is None else theirs.source)
+        self.put(key, table[key], table.get("range", {}).get(key), grade, reason)
 
 
 def device_file(
@@ -132,28 +132,28 @@ def device_file(
     how = f"avc identify, {found.seconds:.3g} s of {logs}"
     file.sources["sample_time_s"] = {"grade": "measured", "source": f"{how}: time of the log"}
     others = ("encoder_resolution_m", "position_noise_rms_m", "amplifier_bandwidth_hz", "backlash_m", "max_force_n")
-    known = {key for key, one in found.estimates.items() if one.identified}
-    gaps = [key for key in (*_SEARCHED, *others) if key not in known]
-    for key in (*_SEARCHED, "encoder_resolution_m", "amplifier_bandwidth_hz", LOOP_RATIO):
+    identified = {key for key, one in found.estimates.items() if one.identified}
+    gaps = [key for key in (*_PARAMETERS, *others) if key not in identified]
+    for key in (*_PARAMETERS, "encoder_resolution_m", "amplifier_bandwidth_hz", LOOP_RATIO):
         one = found.estimates.get(key)
         # A range is worth more than a guess where it bounds the number.
-        if one is not None and (one.identified or (key in _SEARCHED and one.value > 0 and one.high < 30 * one.value)):
-            value, ends = _rounded(one)
+        if one is not None and (one.identified or (key in _PARAMETERS and one.value > 0 and one.high < 30 * one.value)):
+            value, ends = _significant(one)
             lag = "; the lag of the amplifier is in it" if key == "delay_samples" and not _lags(found) else ""
             grade = "measured" if one.identified else "assumed"
             file.put(key, value, None if key == "encoder_resolution_m" else ends, grade, f"{how}: {one.source}{lag}")
     if "resonance" in found.rungs:
         mode = {
-            key: _rounded(found.estimates[f"resonance.{key}"])
+            key: _significant(found.estimates[f"resonance.{key}"])
             for key in ("frequency_hz", "damping_ratio", "mass_ratio")
         }
-        assumed = "" if found.estimates["resonance.mass_ratio"].identified else "; how the mass divides is assumed"
+        doubt = "" if found.estimates["resonance.mass_ratio"].identified else "; how the mass divides is assumed"
         file.put(
             "resonance",
             {key: value for key, (value, _) in mode.items()},
             {key: ends for key, (_, ends) in mode.items()},
             "measured",
-            f"{how}: prediction error, two masses{assumed}",
+            f"{how}: prediction error, two masses{doubt}",
         )
         file.device["encoder_at"] = found.encoder_at
     else:
@@ -175,7 +175,7 @@ def _fill(file: _File, base: DeviceFile | None, gaps: list[str]) -> None:
         if key == "amplifier_bandwidth_hz" and "delay_samples" not in gaps:
             continue  # its lag is in the delay
         if base is not None and states(base, key):
-            if key in _SEARCHED:
+            if key in _PARAMETERS:
                 file.take(base, key, f"{base.name}; the logs do not tell it")
                 value = file.device[key]
                 file.ranges.setdefault(key, (value / 3, value * 3))
@@ -197,7 +197,7 @@ def states(base: DeviceFile, key: str) -> bool:
     return key in base.device.model_fields_set and getattr(base.device, key) is not None
 
 
-def _rounded(one: Estimate) -> tuple[float, tuple[float, float]]:
+def _significant(one: Estimate) -> tuple[float, tuple[float, float]]:
     """Return a value and its ends with the digits that the interval supports; next to nothing becomes 0."""
     half, size = (one.high - one.low) / 2, max(abs(one.low), abs(one.high))
     digits = min(max(5, 3 + math.ceil(math.log10(size / half))), 15) if 0 < half < size else 5

@@ -104,8 +104,8 @@ def _sine(phase: Integers) -> Integers:
     square = x * x >> 30
     inner = c[1] - (square * (c[2] - (square * c[3] >> 30)) >> 30)
     value = x * (c[0] - (square * inner >> 30)) >> 30
-    rounded = (value * FULL + (_QUARTER >> 1)) >> 30
-    return np.asarray(np.where(phase >> 31, -rounded, rounded), dtype=np.int64)
+    units = (value * FULL + (_QUARTER >> 1)) >> 30
+    return np.asarray(np.where(phase >> 31, -units, units), dtype=np.int64)
 
 
 def _over(value: Integers, by: int) -> Integers:
@@ -115,8 +115,8 @@ def _over(value: Integers, by: int) -> Integers:
 
 def ramp(ticks: int, ramp_ticks: int) -> Integers:
     """Return the ramp in and out that the device applies, of 2^15, shape (ticks,)."""
-    gone = np.arange(1, ticks + 1, dtype=np.int64)
-    near = np.minimum(gone, gone[::-1])
+    tick = np.arange(1, ticks + 1, dtype=np.int64)
+    near = np.minimum(tick, tick[::-1])
     return np.asarray(np.where(near < ramp_ticks, (near << 15) // ramp_ticks, WHOLE), dtype=np.int64)
 
 
@@ -138,8 +138,8 @@ def low_crest_phases(frequency_hz: FloatArray, amplitude: FloatArray, time_s: Fl
 
     phase = np.asarray(-2 * np.pi * np.cumsum(np.concatenate([[0.0], np.cumsum(share)[:-1]])), dtype=np.float64)
     for order in (4, 8, 16, 32):
-        found = minimize(norm, phase, args=(order,), jac=True, method="L-BFGS-B", options={"maxiter": 60})
-        phase = np.asarray(found.x, dtype=np.float64)
+        result = minimize(norm, phase, args=(order,), jac=True, method="L-BFGS-B", options={"maxiter": 60})
+        phase = np.asarray(result.x, dtype=np.float64)
     return phase
 
 
@@ -226,18 +226,18 @@ def forecast(
     parts = [_part(devices, share) for share in ([rest, 1 - rest] if split else [np.full(whole.size, 0.5)] * 2)]
     late = np.stack([whole + 1, whole] if split else [whole] * 2)
     rubs = np.array([[one.coulomb_friction_n] for one in devices])
-    seen = 2 if devices[0].resonance is not None and devices[0].encoder_at == "handle" else 0
+    sensor = 2 if devices[0].resonance is not None and devices[0].encoder_at == "handle" else 0
     shape = len(devices), scales.size
     state = np.zeros((*shape, parts[0][0].shape[-1]))
     commands = np.zeros((int(late.max()) + 2, *shape))
-    rows, passed, most = np.arange(len(devices)), np.zeros((plan.window, *shape)), np.zeros((3, *shape))
+    rows, past, most = np.arange(len(devices)), np.zeros((plan.window, *shape)), np.zeros((3, *shape))
     window_s = plan.window * plan.sample_time_s
     for tick in range(plan.ticks):
         if tick % 500 == 0:
             progress.advance(tick, plan.ticks, "ticks simulated")
-        away = state[..., seen]
-        speed = (away - passed[tick % plan.window]) / window_s
-        passed[tick % plan.window] = away
+        away = state[..., sensor]
+        speed = (away - past[tick % plan.window]) / window_s
+        past[tick % plan.window] = away
         force = (signal[tick] * scales - plan.spring_n_per_m * away - plan.damper_ns_per_m * speed) * fade[tick]
         most = np.maximum(most, np.abs([force, speed, away]))
         commands[tick % len(commands)] = np.clip(force, -plan.max_force_n, plan.max_force_n)
@@ -271,7 +271,7 @@ class Excitation:
     forecast: Forecast
 
     @property
-    def held_back_by(self) -> str:
+    def nearest_limit(self) -> str:
         """The limit that the worst device of the ranges comes nearest: force_n, speed_m_per_s or travel_m."""
         near = {key: float(getattr(self.forecast, key).max()) / most for key, most in self.plan.limits.items()}
         return max(near, key=lambda key: near[key])
@@ -313,8 +313,8 @@ def plan_excitation(
     devices = corners_of(device)
     step_m = device.encoder_resolution_m or 2e-6 / reach
     # A step of the encoder is at most a tenth of the speed limit over the window of a velocity.
-    wanted = step_m / (0.1 * speed * period)
-    window = int(min(max(1, -(-wanted // 1)), 32))
+    fewest = step_m / (0.1 * speed * period)
+    window = int(min(max(1, -(-fewest // 1)), 32))
     # The delay turns the phase by 0.3 rad at most at the natural frequency of the lightest device on the spring.
     lightest = min(one.mass_kg for one in devices)
     late_s = (max(one.delay_samples for one in devices) + 1.5 + window / 2) * period
@@ -337,7 +337,7 @@ def plan_excitation(
         signal=Signal((0,), (0,), (0,)),
         motion=device.motion,
     )
-    plan = _scaled(replace(plan, signal=_signal(plan, devices)), devices, progress)
+    plan = _scale_to_limits(replace(plan, signal=_signal(plan, devices)), devices, progress)
     after = forecast(plan, devices, progress=progress)
     steps = float((after.travel_m[:, 0] / step_m).min())
     if steps < 10 or plan.peak_force_n < 1.2 * friction:
@@ -356,7 +356,7 @@ def _signal(plan: Plan, devices: Sequence[Device]) -> Signal:
     low, high = max(0.5, 2 / plan.seconds), min(300.0, 0.3 / period)
     if plan.kind == "chirp":
         growth = (high / low) ** (1 / plan.ticks) - 1
-        lift = _allowed(plan, devices, low * (high / low) ** np.linspace(0, 1, KNOTS))
+        lift = _largest_force_n(plan, devices, low * (high / low) ** np.linspace(0, 1, KNOTS))
         return Signal.of([low], [1.0], [0.0], period, growth_per_tick=growth, knots=lift / lift.max())
     period_s = min(4.0, plan.seconds)
     lines = np.unique(np.round(np.geomspace(low, high, 48) * period_s))
@@ -365,7 +365,7 @@ def _signal(plan: Plan, devices: Sequence[Device]) -> Signal:
         # Shifted lines: in repeats to the encoder's step the rounding would be the same each time.
         lines += 0.03 * (2 * np.modf(np.arange(1, lines.size + 1) * 0.6180339887)[0] - 1)
     frequency = lines / period_s
-    size = _allowed(plan, devices, frequency)
+    size = _largest_force_n(plan, devices, frequency)
     # A peak is resolved to 1 per cent with 24 points in a period of the fastest tone.
     time = np.arange(0, plan.seconds, max(period, 1 / (24 * frequency[-1])), dtype=np.float64)
     phase = low_crest_phases(frequency, size, time)
@@ -373,7 +373,7 @@ def _signal(plan: Plan, devices: Sequence[Device]) -> Signal:
     return Signal.of(frequency, size / np.abs(wave).max(), phase, period)
 
 
-def _allowed(plan: Plan, devices: Sequence[Device], frequency_hz: FloatArray) -> FloatArray:
+def _largest_force_n(plan: Plan, devices: Sequence[Device], frequency_hz: FloatArray) -> FloatArray:
     """Return the force of a sine that force, speed and travel limit allow on the most compliant device."""
     s = 2j * np.pi * frequency_hz
     forces = [np.full(frequency_hz.size, plan.max_force_n)]
@@ -388,7 +388,7 @@ def _allowed(plan: Plan, devices: Sequence[Device], frequency_hz: FloatArray) ->
     return np.asarray(np.min(forces, axis=0))
 
 
-def _scaled(plan: Plan, devices: Sequence[Device], progress: Progress) -> Plan:
+def _scale_to_limits(plan: Plan, devices: Sequence[Device], progress: Progress) -> Plan:
     """Return the plan scaled to the largest of rising peaks below the first that takes a device to a limit."""
     scales = np.geomspace(0.02, 1.0, 12) * _MARGIN * plan.max_force_n / plan.peak_force_n
     best = 0.0

@@ -11,15 +11,15 @@ from scipy import stats
 from scipy.optimize import least_squares
 
 from avc_casadi._util.arrays import FloatArray
-from avc_casadi.identification.log import shortened
+from avc_casadi.identification.log import excerpts
 from avc_casadi.identification.predictor import Observer, Predictor
 from avc_casadi.identification.terms import FRICTION, LOOP_RATIO, MASS_RATIO, Structure
 
 # A record is judged from so many seconds on, or from this share of it: by then the initial state must have decayed, but
 # for e^-8 of a state that may be a centimetre off.
-_START_S, _START_SHARE, _FORGOTTEN = 1.0, 0.1, 8.0
+_START_S, _START_SHARE, _DECAY = 1.0, 0.1, 8.0
 # Errors and slopes beyond it are those of a diverging model.
-_LOST = 1e100
+_DIVERGENCE = 1e100
 FIRST_RATE_PER_S = 60.0
 """Observer rate of a search from a distant start."""
 
@@ -75,7 +75,7 @@ class Window:
 def slowest_observer(predictor: Predictor) -> float:
     """Return the slowest observer rate under which the initial state of a record has decayed before it is judged."""
     shortest = min(record.seconds for record in predictor.records)
-    return _FORGOTTEN / min(_START_S, _START_SHARE * shortest)
+    return _DECAY / min(_START_S, _START_SHARE * shortest)
 
 
 def fit(
@@ -99,10 +99,10 @@ def fit(
         key = search.tobytes()
         if key not in last:
             last.clear()
-            found = predictor.predict(structure, search, observer)
-            e = np.concatenate([one.error_m[window.skip :] for one in found])
-            j = np.concatenate([one.slopes[window.skip :] for one in found])
-            if (np.abs(e) < _LOST).all() and (np.abs(j) < _LOST).all():
+            records = predictor.predict(structure, search, observer)
+            e = np.concatenate([one.error_m[window.skip :] for one in records])
+            j = np.concatenate([one.slopes[window.skip :] for one in records])
+            if (np.abs(e) < _DIVERGENCE).all() and (np.abs(j) < _DIVERGENCE).all():
                 unit.append(float(np.sqrt(np.mean(e**2))) or 1.0)
                 last[key] = e / unit[0], j / unit[0]
             else:
@@ -117,7 +117,7 @@ def fit(
 
     # A diverging slope may overflow in a trial step of the solver, which it then rejects.
     with np.errstate(over="ignore"):
-        solved = least_squares(
+        result = least_squares(
             error,
             begin,
             jac=slopes,
@@ -128,17 +128,17 @@ def fit(
             gtol=1e-12,
             max_nfev=steps,
         )
-    return judged(predictor, structure, solved.x, observer, window)
+    return evaluate(predictor, structure, result.x, observer, window)
 
 
-def judged(predictor: Predictor, structure: Structure, search: FloatArray, observer: Observer, window: Window) -> Fit:
+def evaluate(predictor: Predictor, structure: Structure, search: FloatArray, observer: Observer, window: Window) -> Fit:
     """Return a structure at given coordinates with the contribution of each block."""
-    found = predictor.predict(structure, search, observer)
-    errors = tuple(_bounded(one.error_m[window.skip :]) for one in found)
+    predictions = predictor.predict(structure, search, observer)
+    errors = tuple(_clip(one.error_m[window.skip :]) for one in predictions)
     unit = float(np.sqrt(np.mean(np.concatenate(errors) ** 2))) or 1.0
     blocks = []
-    for one, error in zip(found, errors, strict=True):
-        slopes = _bounded(one.slopes[window.skip :]) / unit
+    for one, error in zip(predictions, errors, strict=True):
+        slopes = _clip(one.slopes[window.skip :]) / unit
         count = max(1, error.size // window.block)
         for e, j in zip(np.array_split(error / unit, count), np.array_split(slopes, count), strict=True):
             blocks.append(Block(e.size, float(e @ e), j.T @ e, j.T @ j))
@@ -150,9 +150,9 @@ def judged(predictor: Predictor, structure: Structure, search: FloatArray, obser
     return Fit(structure, search, observer, errors, tuple(blocks), unit, turning)
 
 
-def _bounded(numbers: FloatArray) -> FloatArray:
+def _clip(numbers: FloatArray) -> FloatArray:
     """Clip the output of a diverging model to numbers that can be squared."""
-    return np.nan_to_num(np.clip(numbers, -_LOST, _LOST), nan=_LOST)
+    return np.nan_to_num(np.clip(numbers, -_DIVERGENCE, _DIVERGENCE), nan=_DIVERGENCE)
 
 
 def best_observer(predictor: Predictor, found: Fit, window: Window) -> Observer:
@@ -171,15 +171,15 @@ def best_observer(predictor: Predictor, found: Fit, window: Window) -> Observer:
     return Observer(min(squares, key=lambda rate: np.nan_to_num(squares[rate], nan=np.inf)))
 
 
-def roughly(predictor: Predictor, structure: Structure, start: Mapping[str, float], rate_per_s: float) -> Fit:
-    """Fit coarsely, with a slow observer, to pieces of long records: a start for `closely`."""
-    records = shortened(predictor.records, 10_000)
+def coarse_fit(predictor: Predictor, structure: Structure, start: Mapping[str, float], rate_per_s: float) -> Fit:
+    """Fit coarsely, with a slow observer, to pieces of long records: a start for `fine_fit`."""
+    records = excerpts(predictor.records, 10_000)
     pieces = Predictor(records, predictor)
     observer = Observer(max(rate_per_s, slowest_observer(pieces)))
     return fit(pieces, structure, start, observer, Window.of(pieces), steps=12, tolerance=1e-4)
 
 
-def closely(predictor: Predictor, found: Fit, window: Window, steps: int = 10, tolerance: float = 1e-5) -> Fit:
+def fine_fit(predictor: Predictor, found: Fit, window: Window, steps: int = 10, tolerance: float = 1e-5) -> Fit:
     """Fit to all records under the best observer."""
     observer = best_observer(predictor, found, window)
     return fit(predictor, found.structure, found.values, observer, window, steps=steps, tolerance=tolerance)
@@ -215,7 +215,7 @@ def _curvature(fit: Fit) -> tuple[FloatArray, FloatArray]:
     return whole, np.sqrt(np.maximum(np.diag(whole), 1e-300))
 
 
-def held_out(fit: Fit) -> FloatArray:
+def cross_validation(fit: Fit) -> FloatArray:
     """Return the squared error of each block, m^2, under the fit to the others: one Gauss-Newton step from this."""
     whole, scale = _curvature(fit)
     gradient = np.sum([block.gradient for block in fit.blocks], axis=0)
@@ -227,9 +227,9 @@ def held_out(fit: Fit) -> FloatArray:
     return np.array(squares) * fit.unit_m**2
 
 
-def compared(simple: Fit, rich: Fit, rung: str) -> Trial:
+def compare(simple: Fit, rich: Fit, rung: str) -> Trial:
     """Return whether a richer model predicts held-out data better, on the same blocks."""
-    one, other = held_out(simple), held_out(rich)
+    one, other = cross_validation(simple), cross_validation(rich)
     size = float(np.sum(one)) or 1.0
     least = 1e-12 * size / one.size
     # Where a simple model fails in a few blocks, their gains differ by orders of magnitude: then the logarithm decides.
@@ -256,9 +256,9 @@ def bootstrap(fit: Fit) -> FloatArray:
     gradients = gradients - gradients.mean(axis=0)
     moves = []
     for _ in range(500):
-        drawn = random.integers(0, count, count)
-        curvature = curvatures[drawn].sum(axis=0) / scale / scale[:, None]
-        moves.append(-np.linalg.lstsq(curvature, gradients[drawn].sum(axis=0) / scale, rcond=1e-12)[0] / scale)
+        draw = random.integers(0, count, count)
+        curvature = curvatures[draw].sum(axis=0) / scale / scale[:, None]
+        moves.append(-np.linalg.lstsq(curvature, gradients[draw].sum(axis=0) / scale, rcond=1e-12)[0] / scale)
     deviation = np.std(moves, axis=0, ddof=1) * math.sqrt(count / max(1, count - 1))
     return np.asarray(stats.t.ppf(0.975, max(1, count - 1)) * deviation)
 
@@ -269,7 +269,7 @@ def half_widths(predictor: Predictor, fit: Fit, window: Window, rivals: Mapping[
     rate, slowest, fastest = fit.observer.rate_per_s, slowest_observer(predictor), 1 / predictor.sample_time_s
     # A wrong model has other estimates under other observers.
     rates = {min(max(rate * by, slowest), fastest) for by in (3.0, 0.4, 0.12)} - {rate}
-    others = [judged(predictor, fit.structure, fit.search, Observer(other), window) for other in sorted(rates)]
+    others = [evaluate(predictor, fit.structure, fit.search, Observer(other), window) for other in sorted(rates)]
     shifts = [_beyond_chance(fit, other) for other in others]
     scatter = max(record.scatter for record in predictor.records)
     clock = max(1e-5, scatter**2 / 6)
@@ -308,7 +308,7 @@ def _inside_a_sample(fit: Fit, period: float) -> FloatArray:
     # Friction changes by twice its level where the motor reverses; means over a sample of a curved and of a linear
     # course differ by a twelfth of the curvature.
     share = fit.turning * values[FRICTION] / fit.structure.units[FRICTION] * bend / 6
-    left = {
+    error = {
         "mass_kg": share,
         "delay_samples": (share / angle if angle else share) + late_samples(values, fit.structure.order, period) * 1e-2,
         "resonance.frequency_hz": share,
@@ -317,7 +317,7 @@ def _inside_a_sample(fit: Fit, period: float) -> FloatArray:
     }
     return np.array(
         [
-            max(left.get(one.name, share * abs(q) if one.kind == "linear" else 0.0), _LEAST.get(one.name, 0.0))
+            max(error.get(one.name, share * abs(q) if one.kind == "linear" else 0.0), _LEAST.get(one.name, 0.0))
             for one, q in zip(fit.structure.free, fit.search, strict=True)
         ]
     )
@@ -334,12 +334,12 @@ def late_samples(values: Mapping[str, float], order: int, period: float) -> floa
 def _apart(fit: Fit, rival: Fit, rung: str, period: float) -> FloatArray:
     """Return how far a rung that was not taken moves each coordinate; a lag beside none counts in the delay."""
     widths = dict(zip(rival.structure.names, zip(rival.search, bootstrap(rival), strict=True), strict=True))
-    found = np.zeros(fit.search.size)
+    apart = np.zeros(fit.search.size)
     for index, name in enumerate(fit.structure.names):
         # A bandwidth is another number of another kind of amplifier.
         if name in widths and name != "amplifier_bandwidth_hz":
             value, width = widths[name]
             if name == "delay_samples" and not late_samples(fit.values, fit.structure.order, period):
                 value = value + late_samples(rival.values, rival.structure.order, period)
-            found[index] = abs(value - fit.search[index]) + (width if rung == "friction" else 0.0)
-    return found
+            apart[index] = abs(value - fit.search[index]) + (width if rung == "friction" else 0.0)
+    return apart

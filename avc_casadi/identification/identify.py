@@ -18,7 +18,7 @@ from avc_casadi.files.device_file import DeviceFile
 from avc_casadi.identification.device import Estimate, Identification, check_against, device_file
 from avc_casadi.identification.fit import Window, bootstrap
 from avc_casadi.identification.ladder import WIDEST, Ladder, model_response
-from avc_casadi.identification.log import Record, lattice_step, shortened
+from avc_casadi.identification.log import Record, excerpts, lattice_step
 from avc_casadi.identification.predictor import Observer, Predictor
 from avc_casadi.identification.read import Layout, read_logs
 from avc_casadi.identification.regression import Motion, Start, in_ticks, only_feedback, whiteness
@@ -46,7 +46,7 @@ def identify(
         ]
     records, by_clock = in_ticks(records)
     whole = sum(one.position_m.size for one in records)
-    records = shortened(records, 120_000)
+    records = excerpts(records, 120_000)
     used = sum(one.position_m.size for one in records)
     notes += by_clock + ([f"of {whole} samples {used} were used, in pieces over the records"] if used < whole else [])
     readings = [one.position_m if one.readings_m is None else one.readings_m for one in records]
@@ -63,7 +63,7 @@ def identify(
     declared = None if base is None or base.device.resonance is None else base.device.encoder_at
     sides = ("motor", "handle") if declared is None else (declared,)
     with progress.step("first guess"):
-        start = _checked(Motion(records, offsets).start(), records[0].motion)
+        start = _check_start(Motion(records, offsets).start(), records[0].motion)
     predictor, structure = Predictor(records), _simplest(records, start, offsets)
     with progress.step("model"):
         ladder = Ladder.climb(predictor, structure, start, sides, progress)
@@ -96,7 +96,7 @@ def identify(
         lags=lags,
         notes=tuple(notes),
         response=response,
-        modelled=model_response(fit.values, fit.structure, predictor.sample_time_s, response.frequency_hz),
+        model_response=model_response(fit.values, fit.structure, predictor.sample_time_s, response.frequency_hz),
         stretch=_stretch(ladder),
     )
     return replace(identified, device=device_file(identified, base, handle_radius_m))
@@ -146,14 +146,14 @@ def _check_motion(records: Sequence[Record], step_m: float | None) -> None:
     raise InputError.of(message, key="logs")
 
 
-def _checked(start: Start, motion: MotionKind) -> Start:
+def _check_start(start: Start, motion: MotionKind) -> Start:
     """Refuse a force of reversed sign, and implausible units."""
     mass = start.values["mass_kg"]
-    follows = start.explained >= 0.3  # a rigid model that explains less of the force does not determine its sign
+    follows = start.r_squared >= 0.3  # a rigid model that explains less of the force does not determine its sign
     if mass < 0 or (start.against and follows):
         why, allowed = "force and position point against each other", "force along +position, or --flip-force"
         if not follows:
-            share = number(100 * max(start.explained, 0.0), 2)
+            share = number(100 * max(start.r_squared, 0.0), 2)
             why = f"the motion hardly follows the force ({share} % of it explained)"
             allowed = "a multisine with several times the force, free of contact; is it the force that acts, in time?"
         raise InputError.of(f"give a mass of {number(mass)}: {why}; allowed: {allowed}", key="logs")
@@ -182,7 +182,7 @@ def _simplest(records: Sequence[Record], start: Start, offsets: int) -> Structur
         "stiffness_n_per_m": rms_n / travel_m,
     }
     rungs = ("rigid", "spring") if "stiffness_n_per_m" in start.values else ("rigid",)
-    return Structure(rungs, units, assumed={} if offsets else {OFFSET: 0.0}, offsets=max(offsets, 1))
+    return Structure(rungs, units, fixed={} if offsets else {OFFSET: 0.0}, offsets=max(offsets, 1))
 
 
 def _estimates(found: Ladder, step_m: float | None, *, one_way: bool) -> dict[str, Estimate]:

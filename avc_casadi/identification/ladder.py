@@ -18,14 +18,14 @@ from avc_casadi.identification.fit import (
     Fit,
     Trial,
     Window,
-    closely,
+    coarse_fit,
     collinearity,
-    compared,
+    compare,
+    evaluate,
+    fine_fit,
     fit,
     half_widths,
-    judged,
     late_samples,
-    roughly,
     slowest_observer,
 )
 from avc_casadi.identification.log import Record
@@ -33,7 +33,7 @@ from avc_casadi.identification.predictor import Observer, Predictor, linear_step
 from avc_casadi.identification.regression import Start
 from avc_casadi.identification.terms import (
     FRICTION,
-    HIGHEST_SEEN,
+    HIGHEST_RESONANCE,
     LOOP_RATIO,
     MASS_RATIO,
     OFFSET,
@@ -52,18 +52,18 @@ class Response:
     power: FloatArray
 
     @property
-    def driven(self) -> BoolArray:
+    def excites(self) -> BoolArray:
         """Whether the force excites the device, shape (frequencies,)."""
         return np.asarray(self.power > 1e-4)
 
     @property
-    def excited_hz(self) -> tuple[float, float] | None:
+    def band_hz(self) -> tuple[float, float] | None:
         """Lowest and highest coherent frequency, or None."""
-        some = self.frequency_hz[(self.coherence > 0.6) & self.driven]
+        some = self.frequency_hz[(self.coherence > 0.6) & self.excites]
         return (float(some[0]), float(some[-1])) if some.size >= 3 else None
 
 
-def measured_response(records: Sequence[Record]) -> Response:
+def frequency_response(records: Sequence[Record]) -> Response:
     """Return the response by Welch averaging over all records."""
     period = records[0].sample_time_s
     shortest = min(record.position_m.size for record in records)
@@ -102,10 +102,10 @@ def likely_resonances(
     response: Response, values: Mapping[str, float], structure: Structure, sample_time_s: float
 ) -> list[tuple[float, dict[str, float]]]:
     """Return the resonances that would explain the response best, up to a factor and a delay: misfit, and start."""
-    use = (response.coherence > 0.3) & (response.frequency_hz > 5.0) & response.driven
+    use = (response.coherence > 0.3) & (response.frequency_hz > 5.0) & response.excites
     if use.sum() < 10:
         return []
-    frequency, measured = response.frequency_hz[use], response.velocity_per_force[use]
+    frequency, data = response.frequency_hz[use], response.velocity_per_force[use]
     weight = response.coherence[use] / np.maximum(1 - response.coherence[use], 0.1) / frequency
     root = np.sqrt(weight / weight.sum())
     # The model without resonance has put part of its lag into the delay.
@@ -115,7 +115,7 @@ def likely_resonances(
         """Return the misfit at logarithms of frequency and damping ratio and the logit of the mass ratio."""
         mode = (math.exp(point[0]), math.exp(point[1]), 1 / (1 + math.exp(-point[2])))
         start = dict(zip(RUNGS["resonance"], mode, strict=True))
-        ratio = measured / model_response({**values, **start}, structure, sample_time_s, frequency)
+        ratio = data / model_response({**values, **start}, structure, sample_time_s, frequency)
         factor = float(np.exp(np.average(np.log(np.abs(ratio)), weights=weight)))
         phases = np.angle(ratio * np.exp(2j * np.pi * frequency * turns[:, None]))
         at = int(np.argmin(np.sum(weight * phases**2, axis=1)))
@@ -126,14 +126,14 @@ def likely_resonances(
     def misfit(point: FloatArray) -> FloatArray:
         return gap(point)[0]
 
-    top = min(HIGHEST_SEEN / sample_time_s, 1.3 * frequency[-1])
+    top = min(HIGHEST_RESONANCE / sample_time_s, 1.3 * frequency[-1])
     grid = itertools.product(np.log(np.geomspace(15.0, top, 30)), [math.log(0.06)], (-1.7, -0.6, 0.4))
     points = sorted(map(np.array, grid), key=lambda point: float(np.sum(misfit(point) ** 2)))
     best = [points[0]]
     best += [point for point in points if abs(point[0] - points[0][0]) > 0.25][:1]
     ends = (math.log(10.0), math.log(2e-3), -4.0), (math.log(0.49 / sample_time_s), 0.0, 4.0)
-    solved = [optimize.least_squares(misfit, point, bounds=ends, max_nfev=8, loss="soft_l1") for point in best]
-    return sorted(((float(one.cost), gap(one.x)[1]) for one in solved), key=lambda one: one[0])
+    results = [optimize.least_squares(misfit, point, bounds=ends, max_nfev=8, loss="soft_l1") for point in best]
+    return sorted(((float(one.cost), gap(one.x)[1]) for one in results), key=lambda one: one[0])
 
 
 _ALIKE = 100.0
@@ -163,7 +163,7 @@ class Ladder:
     window: Window
     response: Response
     start: Mapping[str, float]
-    sprung: Mapping[str, float]
+    spring_start: Mapping[str, float]
     sides: Sequence[str]
     fit: Fit
     trials: dict[str, Trial] = field(default_factory=dict)
@@ -179,25 +179,25 @@ class Ladder:
         window = Window.of(predictor)
         first = Observer(max(FIRST_RATE_PER_S, slowest_observer(predictor)))
         values = {OFFSET: 0.0, **start.values}
-        lowest = closely(predictor, fit(predictor, structure, values, first, window, tolerance=1e-5), window)
-        response = measured_response(predictor.records)
-        found = cls(predictor, window, response, values, start.sprung, sides, lowest)
-        found._try(("friction",))
-        left = [rung for rung in ("lag", "loop", "resonance", "spring") if rung not in structure.rungs]
+        lowest = fine_fit(predictor, fit(predictor, structure, values, first, window, tolerance=1e-5), window)
+        response = frequency_response(predictor.records)
+        ladder = cls(predictor, window, response, values, start.spring_start, sides, lowest)
+        ladder._try(("friction",))
+        rest = [rung for rung in ("lag", "loop", "resonance", "spring") if rung not in structure.rungs]
         for step in range(3):
-            progress.advance(step, 3, ", ".join(left))
-            taken = found._try(left)
-            if taken is None:
+            progress.advance(step, 3, ", ".join(rest))
+            best = ladder._try(rest)
+            if best is None:
                 break
-            left = [rung for rung in left if rung != taken and not {taken, rung} <= {"lag", "loop"}]
-        if "friction" not in found.fit.structure.rungs:
-            found._try(("friction",))
-        if "lag" in found.fit.structure.rungs:
-            found._loop_in_place_of_a_lag()
-        found.fit = closely(predictor, found.fit, window, steps=30, tolerance=1e-10)
-        found._prune()
-        found._intervals()
-        return found
+            rest = [rung for rung in rest if rung != best and not {best, rung} <= {"lag", "loop"}]
+        if "friction" not in ladder.fit.structure.rungs:
+            ladder._try(("friction",))
+        if "lag" in ladder.fit.structure.rungs:
+            ladder._loop_in_place_of_a_lag()
+        ladder.fit = fine_fit(predictor, ladder.fit, window, steps=30, tolerance=1e-10)
+        ladder._prune()
+        ladder._intervals()
+        return ladder
 
     def _try(self, rungs: Sequence[str]) -> str | None:
         """Try rungs; take the best of those that the evidence supports, and of equals the simplest."""
@@ -207,7 +207,7 @@ class Ladder:
             if found is None:
                 self.trials[rung] = Trial(rung, False, 0.0, 0.0, "no sign of it")
                 continue
-            trial = compared(self.fit, found, rung)
+            trial = compare(self.fit, found, rung)
             why = self._doubt(found, rung) if trial.taken else ""
             self.trials[rung] = replace(trial, taken=trial.taken and not why, why=why)
             if self.trials[rung].taken:
@@ -233,17 +233,17 @@ class Ladder:
         starts = list(self._starts(rung))
         if rung in {"lag", "loop"}:
             # One Gauss-Newton step from the best of them says whether any is worth a search.
-            begun = [
-                judged(self.predictor, structure, structure.start(start), self.fit.observer, self.window)
+            firsts = [
+                evaluate(self.predictor, structure, structure.start(start), self.fit.observer, self.window)
                 for structure, start in starts
             ]
-            best_begun = min(begun, key=lambda one: one.rms_m)
-            starts = [starts[begun.index(best_begun)]]
-            if compared(self.fit, best_begun, rung).standard_errors < 1:
+            first = min(firsts, key=lambda one: one.rms_m)
+            starts = [starts[firsts.index(first)]]
+            if compare(self.fit, first, rung).standard_errors < 1:
                 return None
-        rough = [roughly(self.predictor, structure, start, slow) for structure, start in starts]
+        rough = [coarse_fit(self.predictor, structure, start, slow) for structure, start in starts]
         least = min((one.rms_m for one in rough), default=0.0)
-        found = [closely(self.predictor, one, self.window) for one in rough if one.rms_m <= 1.05 * least]
+        found = [fine_fit(self.predictor, one, self.window) for one in rough if one.rms_m <= 1.05 * least]
         best = min(found, key=lambda one: one.rms_m, default=None)
         if best is not None and rung == "resonance" and collinearity(best) > _ALIKE:
             return self._with_share(best, float(np.clip(best.values[MASS_RATIO], _SHARES[0], _SHARES[-1])))
@@ -257,7 +257,7 @@ class Ladder:
         start["delay_samples"] = max(values["delay_samples"] - 1 / (2 * np.pi * 6.854 * lag_hz * period), 0.0)
         structure = self.fit.structure.without("lag").with_rung("loop")
         loop = fit(self.predictor, structure, start, self.fit.observer, self.window)
-        trial = compared(self.fit, loop, "loop")
+        trial = compare(self.fit, loop, "loop")
         if trial.taken and not self._too_fast(loop):
             self.trials["loop"], self.fit = trial, loop
             self.rivals.pop("loop", None)
@@ -266,7 +266,7 @@ class Ladder:
 
     def _with_share(self, found: Fit, share: float) -> Fit:
         """Return a fit with its mass ratio fixed: with the encoder at the handle a log hardly changes with it."""
-        structure = replace(found.structure, assumed={**found.structure.assumed, MASS_RATIO: share})
+        structure = replace(found.structure, fixed={**found.structure.fixed, MASS_RATIO: share})
         return fit(self.predictor, structure, found.values, found.observer, self.window, steps=15, tolerance=1e-6)
 
     def _starts(self, rung: str) -> Iterator[tuple[Structure, dict[str, float]]]:
@@ -280,27 +280,27 @@ class Ladder:
         elif rung in {"lag", "loop"}:
             ratios = (0.7, 1.4) if rung == "loop" else (values[LOOP_RATIO],)
             for rate, ratio in itertools.product((0.8 / period, 0.3 / period, 0.1 / period), ratios):
-                begun = {**values, "amplifier_bandwidth_hz": max(rate, 1.0), LOOP_RATIO: ratio}
-                late = late_samples(begun, rich.order, period)
-                yield rich, {**begun, "delay_samples": max(values["delay_samples"] - late, 0.0)}
+                lagging = {**values, "amplifier_bandwidth_hz": max(rate, 1.0), LOOP_RATIO: ratio}
+                late = late_samples(lagging, rich.order, period)
+                yield rich, {**lagging, "delay_samples": max(values["delay_samples"] - late, 0.0)}
         elif rung == "resonance":
             if self.fit.observer.rate_per_s > 2 * FIRST_RATE_PER_S:
-                values = roughly(self.predictor, self.fit.structure, values, FIRST_RATE_PER_S).values
+                values = coarse_fit(self.predictor, self.fit.structure, values, FIRST_RATE_PER_S).values
             found = []
             for side in self.sides:
                 structure = replace(rich, encoder_at="handle" if side == "handle" else "motor")
-                for left, likely_mode in likely_resonances(self.response, values, structure, period):
-                    found.append((left, structure, {**values, **likely_mode}))
+                for cost, likely_mode in likely_resonances(self.response, values, structure, period):
+                    found.append((cost, structure, {**values, **likely_mode}))
             found.sort(key=lambda one: one[0])
             yield from (one[1:] for one in found[:2] if one[0] < 3 * found[0][0])
         else:
-            yield rich, {**values, **self.sprung}
+            yield rich, {**values, **self.spring_start}
 
     def _doubt(self, found: Fit, rung: str) -> str:
         """Return why a rung that betters the prediction is not told all the same, if it is not."""
-        values, period, band = found.values, self.predictor.sample_time_s, self.response.excited_hz
+        values, period, band = found.values, self.predictor.sample_time_s, self.response.band_hz
         if rung == "resonance":
-            if values["resonance.frequency_hz"] > min(HIGHEST_SEEN / period, 1.3 * band[1] if band else 0.0):
+            if values["resonance.frequency_hz"] > min(HIGHEST_RESONANCE / period, 1.3 * band[1] if band else 0.0):
                 return "beyond the frequencies that the log excites"
             if values["resonance.damping_ratio"] > 1.9:  # two real poles, which any small misfit has
                 return "damped like no mode"
@@ -323,14 +323,14 @@ class Ladder:
 
     def _drop(self, rung: str, without: Fit, trial: Trial) -> None:
         self.rivals[rung], self.trials[rung] = self.fit, trial
-        self.fit = closely(self.predictor, without, self.window, steps=30, tolerance=1e-10)
+        self.fit = fine_fit(self.predictor, without, self.window, steps=30, tolerance=1e-10)
 
     def _prune(self) -> None:
         """Drop rungs that the whole model no longer bears out."""
         for rung in ("spring", "loop", "lag", "resonance", "friction"):
             if rung in self.fit.structure.rungs:
                 without = self._without(rung)
-                trial = compared(without, self.fit, rung)
+                trial = compare(without, self.fit, rung)
                 self.trials[rung] = trial
                 if not trial.taken:
                     self._drop(rung, without, replace(trial, why="not borne out beside the rest"))
@@ -339,7 +339,7 @@ class Ladder:
         """Find the intervals; a rung too vague for a model is dropped, and the rest is fitted again."""
         while True:
             self.half = half_widths(self.predictor, self.fit, self.window, self.rivals)
-            if MASS_RATIO in self.fit.structure.assumed:
+            if MASS_RATIO in self.fit.structure.fixed:
                 self._other_shares()
             widths = dict(zip(self.fit.structure.names, self.half.tolist(), strict=True))
             wide = {name for name, half in widths.items() if half > WIDEST.get(name, np.inf)}
@@ -370,7 +370,7 @@ class Ladder:
         for side in ([one for one in _SHARES[::-1] if one < share], [one for one in _SHARES if one > share]):
             for at in side:
                 other = self._with_share(self.fit, at)
-                if compared(other, self.fit, "resonance").taken:
+                if compare(other, self.fit, "resonance").taken:
                     break
                 good.append((at, other))
         self.half = self.half + np.max([np.abs(found.search - self.fit.search) for _, found in good], axis=0)

@@ -36,12 +36,12 @@ class Columns:
     force_n: FloatArray
     line: IndexArray | None = None
     motion: MotionKind = "linear"
-    told: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
 
-    def rows(self, kept: BoolArray | IndexArray) -> Columns:
+    def rows(self, some: BoolArray | IndexArray) -> Columns:
         """Return some of the rows."""
-        time, position, force = (one[kept] for one in (self.time_s, self.position_m, self.force_n))
-        line = None if self.line is None else self.line[kept]
+        time, position, force = (one[some] for one in (self.time_s, self.position_m, self.force_n))
+        line = None if self.line is None else self.line[some]
         return replace(self, time_s=time, position_m=position, force_n=force, line=line)
 
     def at(self, row: int) -> int | None:
@@ -50,14 +50,14 @@ class Columns:
 
     def complete(self) -> Columns:
         """Return the log without rows that hold no number, where these are few: they become gaps."""
-        lost = ~(_sound(self.time_s) & _sound(self.position_m) & _sound(self.force_n))
-        count = int(np.count_nonzero(lost))
-        if not 0 < count <= max(1.0, 0.01 * lost.size):
+        empty = ~(_sound(self.time_s) & _sound(self.position_m) & _sound(self.force_n))
+        count = int(np.count_nonzero(empty))
+        if not 0 < count <= max(1.0, 0.01 * empty.size):
             return self
-        line = self.at(int(np.argmax(lost)))
+        line = self.at(int(np.argmax(empty)))
         where = "" if line is None else f", the first in line {line}"
         note = f"{self.file}: {count} sample{'' if count == 1 else 's'} without a number left out{where}"
-        return replace(self.rows(~lost), told=(*self.told, note))
+        return replace(self.rows(~empty), notes=(*self.notes, note))
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +101,7 @@ def records_of(columns: Columns) -> tuple[list[Record], list[Fault], list[str]]:
     walks = near.std() > 0.02 * usual and np.cumsum(near - near.mean()).std() > 3 * near.std()
     if walks or np.mean(uneven) > 0.01:
         readings = columns.position_m
-        columns, scatter, later = _resampled(columns, _rounded(float(np.mean(steps[steps < _LONGEST_STEP * usual]))))
+        columns, scatter, later = _resample(columns, _round(float(np.mean(steps[steps < _LONGEST_STEP * usual]))))
         steps = np.diff(columns.time_s)
         usual = float(np.median(steps))
     gaps = np.flatnonzero(steps > _GAP * usual)
@@ -120,7 +120,7 @@ def records_of(columns: Columns) -> tuple[list[Record], list[Fault], list[str]]:
             "where no row is missing and the clock is written with too few digits"
         )
         return [], [Fault(columns.file, None, "time", message)], []
-    notes = list(columns.told)
+    notes = list(columns.notes)
     if gaps.size:
         left = int(sizes[sizes < shortest].sum())
         notes.append(
@@ -128,7 +128,7 @@ def records_of(columns: Columns) -> tuple[list[Record], list[Fault], list[str]]:
             f"record{'' if len(pieces) == 1 else 's'}"
             + (f", {left} samples in shorter pieces left out" if left else "")
         )
-    period = _rounded(float(np.mean(np.delete(steps, gaps))))
+    period = _round(float(np.mean(np.delete(steps, gaps))))
     records = [
         Record(
             f"{columns.file}#{index}" if len(pieces) > 1 else columns.file,
@@ -207,20 +207,20 @@ def _wraps(columns: Columns) -> IndexArray:
     """Return the rows at which a counter overflows: one step over half of the range, those beside it short."""
     steps = np.diff(columns.time_s)
     moves, covers = np.abs(np.diff(columns.position_m)), float(np.ptp(columns.position_m))
-    counted = moves[moves > 1e-6 * covers]
+    steps_m = moves[moves > 1e-6 * covers]
     # An encoder that goes to and fro between a few counts has no larger range.
-    far = max(0.5 * covers, 8 * float(counted.min(initial=covers)))
+    far = max(0.5 * covers, 8 * float(steps_m.min(initial=covers)))
     beside = np.maximum(np.append(0.0, moves[:-1]), np.append(moves[1:], 0.0))
     return np.flatnonzero((moves > far) & (beside < 0.1 * moves) & (steps < _GAP * np.median(steps))) + 1
 
 
-def _rounded(period: float) -> float:
+def _round(period: float) -> float:
     """Return a sample time rounded to few digits where the clock means one."""
     near = (float(f"{period:.{digits}g}") for digits in range(1, 5))
     return next((one for one in near if abs(one - period) <= 2e-5 * period), period)
 
 
-def _resampled(columns: Columns, period_s: float) -> tuple[Columns, float, FloatArray]:
+def _resample(columns: Columns, period_s: float) -> tuple[Columns, float, FloatArray]:
     """Resample a log with clock jitter; return it, the scatter of its steps, and the forces that act ticks later."""
     time, steps = columns.time_s, np.diff(columns.time_s)
     edges = [0, *(np.flatnonzero(steps > _LONGEST_STEP * period_s) + 1).tolist(), time.size]
@@ -242,7 +242,7 @@ def _resampled(columns: Columns, period_s: float) -> tuple[Columns, float, Float
         np.concatenate(positions),
         later[0],
         motion=columns.motion,
-        told=(*columns.told, note),
+        notes=(*columns.notes, note),
     )
     return even, scatter / period_s, later
 
@@ -251,23 +251,23 @@ def _mean_forces(time_s: FloatArray, force_n: FloatArray, at_s: FloatArray, peri
     """Return the mean force over each even sample, held from tick to tick and some late, shape (ticks, samples)."""
     means = []
     for late in range(_MOST_TICKS + 1):
-        begun = time_s[late:]
-        impulse = np.concatenate([[0.0], np.cumsum(force_n[: begun.size - 1] * np.diff(begun))])
+        ticks = time_s[late:]
+        impulse = np.concatenate([[0.0], np.cumsum(force_n[: ticks.size - 1] * np.diff(ticks))])
         # Before the first force has arrived it is that force, and after the last tick the last.
         edges = np.append(at_s, at_s[-1] + period_s) + late * period_s
-        until = np.interp(edges, begun, impulse)
-        until += np.minimum(edges - begun[0], 0.0) * force_n[0]
-        until += np.maximum(edges - begun[-1], 0.0) * force_n[begun.size - 1]
+        until = np.interp(edges, ticks, impulse)
+        until += np.minimum(edges - ticks[0], 0.0) * force_n[0]
+        until += np.maximum(edges - ticks[-1], 0.0) * force_n[ticks.size - 1]
         means.append(np.diff(until) / period_s)
     return np.array(means)
 
 
-def shortened(records: Sequence[Record], most_samples: int) -> list[Record]:
+def excerpts(records: Sequence[Record], most_samples: int) -> list[Record]:
     """Keep evenly spread pieces of long records."""
     total = sum(record.position_m.size for record in records)
     if total <= most_samples:
         return list(records)
-    kept = []
+    parts = []
     for record in records:
         size = record.position_m.size
         pieces = max(1, min(8, size // 8000))
@@ -276,8 +276,8 @@ def shortened(records: Sequence[Record], most_samples: int) -> list[Record]:
             part = slice(start, start + length)
             position, force = record.position_m[part], record.force_n[part]
             name = f"{record.name}@{index}"
-            kept.append(replace(record, name=name, log=record.whole, position_m=position, force_n=force))
-    return kept
+            parts.append(replace(record, name=name, log=record.whole, position_m=position, force_n=force))
+    return parts
 
 
 def lattice_step(readings_m: FloatArray) -> float | None:
@@ -292,7 +292,7 @@ def lattice_step(readings_m: FloatArray) -> float | None:
     # A fast hand crosses some steps between two readings.
     guesses = {guess / apart for guess in (usual, float(gaps.min())) for apart in range(1, 7)}
     for guess in sorted(guesses, reverse=True):
-        step = _refined(guess, gaps, values)
+        step = _refine(guess, gaps, values)
         steps = (values[:: max(1, values.size // _MOST_VALUES)] - values[0]) / step
         off = steps - np.round(steps)
         if steps.max() > 5 and float(np.sqrt(np.mean(off**2))) < 0.08:  # files and time stamps are rounded
@@ -300,7 +300,7 @@ def lattice_step(readings_m: FloatArray) -> float | None:
     return None
 
 
-def _refined(step: float, gaps: FloatArray, values: FloatArray) -> float:
+def _refine(step: float, gaps: FloatArray, values: FloatArray) -> float:
     """Refine a step by counting steps over ever longer spans."""
     reach = 20 * step
     some = gaps[gaps <= reach]

@@ -98,8 +98,8 @@ def linear_steps(
     sampled: dict[int, tuple[SampledPlant, int]] = {}
     for spring in dict.fromkeys(springs):
         mine = [place for place, one in enumerate(springs) if one == spring]
-        made = sampled_plant([devices[place] for place in mine], None if spring is None else Hand(0.0, 0.0, spring))
-        sampled |= {place: (made, row) for row, place in enumerate(mine)}
+        discrete = sampled_plant([devices[place] for place in mine], None if spring is None else Hand(0.0, 0.0, spring))
+        sampled |= {place: (discrete, row) for row, place in enumerate(mine)}
     plants = [
         device_plant(device, None if spring is None else Hand(0.0, 0.0, spring)).linear()
         for device, spring in zip(devices, springs, strict=True)
@@ -107,11 +107,11 @@ def linear_steps(
     late_s = [(device.delay_samples - int(device.delay_samples)) * sample_time_s for device in devices]
     cuts = [_cuts(one, near or one, sample_time_s, parts) for one in several]
     motor, early = _inside(plants, late_s, sample_time_s, cuts)
-    found = []
+    steps = []
     for place, plant in enumerate(plants):
-        made, row = sampled[place]
-        whole = int(made.whole_delay[row])
-        columns = {whole: -made.new[row, 0], whole + 1: -made.old[row, 0]}
+        discrete, row = sampled[place]
+        whole = int(discrete.whole_delay[row])
+        columns = {whole: -discrete.new[row, 0], whole + 1: -discrete.old[row, 0]}
         force = np.stack([columns.get(tap, np.zeros(plant.states)) for tap in taps], axis=1)
         inside = np.zeros((len(early[place]), plant.states + len(taps) + 1))
         inside[:, : plant.states] = early[place][:, : plant.states]
@@ -120,18 +120,18 @@ def linear_steps(
             if tap in taps:
                 inside[:, plant.states + taps.index(tap)] = -early[place][:, column]
         inside[:, -1] = -early[place][:, -1]
-        found.append(
+        steps.append(
             LinearStep(
-                matrix=made.matrix[row, 0],
+                matrix=discrete.matrix[row, 0],
                 force=force,
                 motor=-motor[place],
                 early=inside,
                 taps=taps,
-                output=int(np.argmax(made.output_row)),
+                output=int(np.argmax(discrete.output_row)),
                 names=plant.names,
             )
         )
-    return found
+    return steps
 
 
 def _cuts(values: Mapping[str, float], near: Mapping[str, float], period: float, parts: int) -> list[float]:
@@ -159,14 +159,14 @@ def _inside(
     plants: Sequence[LinearPlant], late_s: Sequence[float], period: float, cuts: Sequence[Sequence[float]]
 ) -> tuple[list[FloatArray], list[FloatArray]]:
     """Return the effect of a motor force over a sample, and the motor's velocity at the cuts of the sample."""
-    asked = {(place, True, period): 0 for place in range(len(plants))}
+    keys = {(place, True, period): 0 for place in range(len(plants))}
     for place, (mine, late) in enumerate(zip(cuts, late_s, strict=True)):
         for time in mine:
-            wanted = ((True, time), (False, min(time, late)), (False, time - late))
-            asked |= {(place, rubs, t): 0 for rubs, t in wanted if t > 0}
-    rubbed = [replace(plant, force=plant.friction) for plant in plants]
-    every = transitions([((rubbed if rubs else plants)[place], time) for place, rubs, time in asked])
-    moves = dict(zip(asked, every, strict=True))
+            parts = ((True, time), (False, min(time, late)), (False, time - late))
+            keys |= {(place, rubs, t): 0 for rubs, t in parts if t > 0}
+    by_friction = [replace(plant, force=plant.friction) for plant in plants]
+    every = transitions([((by_friction if rubs else plants)[place], time) for place, rubs, time in keys])
+    moves = dict(zip(keys, every, strict=True))
     early = []
     for place, (mine, late, plant) in enumerate(zip(cuts, late_s, plants, strict=True)):
         size = plant.states
@@ -209,9 +209,9 @@ def beside(values: Mapping[str, float], structure: Structure) -> tuple[list[dict
         if one.name == "delay_samples":
             # The same two forces act within a sample, where every entry is smooth.
             move = 2 * LEAST_DELAY_SAMPLES if value % 1.0 < 0.5 else -2 * LEAST_DELAY_SAMPLES
-        moved = structure.outward(one, q + move)
-        several.append({**values, one.name: moved})
-        moves.append(structure.inward(one, moved) - q)
+        other = structure.outward(one, q + move)
+        several.append({**values, one.name: other})
+        moves.append(structure.inward(one, other) - q)
     return several, np.array(moves)
 
 
@@ -272,7 +272,7 @@ def sample(states: int, cuts: int) -> Any:
     """Return a sample as a CasADi function: state, inputs, numbers -> next state, error."""
     x, inputs = ca.SX.sym("x", states), ca.SX.sym("inputs", TAPS + 1)
     numbers = ca.SX.sym("numbers", entries_of(states, cuts) + len(FORCES) + 2 * states)
-    entries, parts, gain, measured = ca.vertsplit(
+    entries, parts, gain, output = ca.vertsplit(
         numbers, np.cumsum([0, entries_of(states, cuts), len(FORCES), states, states]).tolist()
     )
     level, push = ca.vertsplit(parts)
@@ -281,7 +281,7 @@ def sample(states: int, cuts: int) -> Any:
     inward = ca.reshape(entries[states * states : states * (states + TAPS)], states, TAPS)
     motor = entries[states * (states + TAPS) : states * (states + TAPS + 1)]
     early = entries[states * (states + TAPS + 1) :]
-    error = y - ca.dot(measured, x)
+    error = y - ca.dot(output, x)
     corrected = x + gain * error
     alone = matrix @ corrected + inward @ forces + motor * push
     width = states + TAPS + 1
@@ -298,16 +298,16 @@ def sample(states: int, cuts: int) -> Any:
     return ca.Function("sample", [x, inputs, numbers], ca.cse([ca.densify(after), error]))
 
 
-def _friction_of(speeds: Sequence[Any], eases: Sequence[Any], left: Any, level: Any) -> tuple[Any, Any]:
+def _friction_of(speeds: Sequence[Any], eases: Sequence[Any], decay: Any, level: Any) -> tuple[Any, Any]:
     """Return the mean of dry friction over a sample, weighted as in the final velocity, and as in the position."""
     # A resonance may reverse the velocity within a sample: some of it is taken to remain.
-    whole, gone = eases[-1], 1 - ca.fmax(left, 0.05)
+    whole, loss = eases[-1], 1 - ca.fmax(decay, 0.05)
     now, mean, moment = speeds[0], 0.0, 0.0
-    for before, free, begun, done in zip(speeds[:-1], speeds[1:], eases[:-1], eases[1:], strict=True):
-        slower = 1 - gone * begun / whole
-        kept = (1 - gone * done / whole) / slower
-        ease = ca.fmax((done - begun) / slower, _TINY)
-        change = free - before + (1 - kept) * (before - now)
+    for before, free, begin, until in zip(speeds[:-1], speeds[1:], eases[:-1], eases[1:], strict=True):
+        slower = 1 - loss * begin / whole
+        remainder = (1 - loss * until / whole) / slower
+        ease = ca.fmax((until - begin) / slower, _TINY)
+        change = free - before + (1 - remainder) * (before - now)
         # The velocity keeps its sign, or it reaches zero inside the part, and then friction holds the motor up to its
         # level or releases it in the other direction.
         sign = ca.if_else(now > 0, 1.0, -1.0)
@@ -315,25 +315,25 @@ def _friction_of(speeds: Sequence[Any], eases: Sequence[Any], left: Any, level: 
         end = now + change - ease * moving
         rest = ca.fmin(ca.fmax(-sign * end / ca.fmax(sign * (now - end), _TINY), 0.0), 1.0)
         rest = ca.if_else(now == 0, 1.0, rest)
-        pushed = now + change - kept * now
-        rested = ca.if_else(pushed > 0, 1.0, -1.0) * ca.fmin(ca.fabs(pushed) / ease, level)
-        stop = begun + (done - begun) * (1 - rest)
-        weights = [_late(each / whole, gone) for each in (begun, stop, done)]
-        for force, one, other in ((moving, *weights[:2]), (rested, *weights[1:])):
+        drive = now + change - remainder * now
+        holding = ca.if_else(drive > 0, 1.0, -1.0) * ca.fmin(ca.fabs(drive) / ease, level)
+        stop = begin + (until - begin) * (1 - rest)
+        weights = [_late(each / whole, loss) for each in (begin, stop, until)]
+        for force, one, other in ((moving, *weights[:2]), (holding, *weights[1:])):
             mean += force * (one - other)
-            moment += force * (_further(one, gone) - _further(other, gone))
-        now += change - ease * (rested + (moving - rested) * (1 - _late(1 - rest, 1 - kept)))
+            moment += force * (_further(one, loss) - _further(other, loss))
+        now += change - ease * (holding + (moving - holding) * (1 - _late(1 - rest, 1 - remainder)))
     return mean, moment
 
 
-def _late(share: Any, gone: Any) -> Any:
+def _late(share: Any, loss: Any) -> Any:
     """Return the share of the weight in the final velocity of a force that acts after this share of the change."""
-    return (1 - share) / (1 - gone * share)
+    return (1 - share) / (1 - loss * share)
 
 
-def _further(late: Any, gone: Any) -> Any:
+def _further(late: Any, loss: Any) -> Any:
     """Return the corresponding weight in the position, to first order in the decay."""
-    return late**2 * (1 - gone * (1 - late) * 2 / 3)
+    return late**2 * (1 - loss * (1 - late) * 2 / 3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -367,8 +367,8 @@ class Observer:
             a, g, h = a @ inner @ a, g + a @ inner @ g @ a.T, h + more
             if np.abs(more).max() <= 1e-14 * np.abs(h).max():
                 break
-        measured = h[:, step.output]
-        return np.asarray(measured / (measured[step.output] + 1.0) / scale, dtype=np.float64)
+        covariance = h[:, step.output]
+        return np.asarray(covariance / (covariance[step.output] + 1.0) / scale, dtype=np.float64)
 
 
 def _scale(name: str, mass_kg: float, period: float) -> float:
@@ -397,31 +397,31 @@ class Predictor:
         taps = taps_of(values)
         cuts = PARTS if structure.present("amplifier_bandwidth_hz") else 1
         step, linear = self._models(structure, [values, *several], taps, observer)
-        found = []
+        predictions = []
         for record, log in zip(self.records, self._logs, strict=True):
             # Where each log has a constant force of its own, that takes the place of the common one.
             keys = [FRICTION, offset_of(log) if structure.offsets > 1 else OFFSET]
             forces = [[each.get(key, 0.0) for key in keys] for each in (values, *several)]
             numbers = np.insert(linear, [step.flat().size], np.array(forces), axis=1)
-            out = run(*self._begun(step, record, taps), numbers, cuts)
+            out = run(*self._initial(step, record, taps), numbers, cuts)
             by = (out[:, 1:] - out[:, :1]) / moves
-            found.append(Prediction(out[:, 0].copy(), by))
-        return found
+            predictions.append(Prediction(out[:, 0].copy(), by))
+        return predictions
 
     def _models(
         self, structure: Structure, several: Sequence[Mapping[str, float]], taps: tuple[int, ...], observer: Observer
     ) -> tuple[LinearStep, FloatArray]:
         """Return the first step, and of every model the entries, gain and row that `run` takes around its forces."""
         linear = [0, *(at for at, name in enumerate(structure.names, 1) if at < len(several) and not is_force(name))]
-        made = linear_steps([several[at] for at in linear], structure, self.sample_time_s, taps, near=several[0])
-        by_place = dict(zip(linear, made, strict=True))
-        steps = [by_place.get(at, made[0]) for at in range(len(several))]
+        of_linear = linear_steps([several[at] for at in linear], structure, self.sample_time_s, taps, near=several[0])
+        by_place = dict(zip(linear, of_linear, strict=True))
+        steps = [by_place.get(at, of_linear[0]) for at in range(len(several))]
         step = steps[0]
         gain = observer.gain(step, several[0]["mass_kg"], self.sample_time_s)
         row = np.eye(len(step.names))[step.output]
         return step, np.array([np.concatenate([one.flat(), gain, row]) for one in steps])
 
-    def _begun(self, step: LinearStep, record: Record, taps: tuple[int, ...]) -> tuple[FloatArray, FloatArray]:
+    def _initial(self, step: LinearStep, record: Record, taps: tuple[int, ...]) -> tuple[FloatArray, FloatArray]:
         """Return the initial state of a record, at rest or in uniform motion, and the inputs of its samples."""
         position = record.position_m - self.origin_m
         size = position.size

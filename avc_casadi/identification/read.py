@@ -93,11 +93,11 @@ def read_logs(paths: Sequence[str | Path], layout: Layout | None = None) -> tupl
     notes: list[str] = []
     for path in paths:
         try:
-            cut, broken, more = records_of(_columns(path, layout or Layout()))
+            cut, wrong, more = records_of(_columns(path, layout or Layout()))
         except InputError as error:
             faults += error.faults
         else:
-            records, faults, notes = records + cut, faults + broken, notes + more
+            records, faults, notes = records + cut, faults + wrong, notes + more
     periods = sorted({record.sample_time_s for record in records})
     if not faults and periods and periods[-1] > periods[0] * (1 + 1e-4):
         seconds = ", ".join(f"{period:g}" for period in periods)
@@ -141,11 +141,11 @@ def _npz(stream: BinaryIO) -> Mapping[str, Any]:
         _bound(sum(one.file_size for one in archive.infolist()))
     stream.seek(0)
     with np.load(stream, allow_pickle=False) as arrays:
-        found = {}
+        columns = {}
         for name in arrays.files:
             with suppress(ValueError):  # an array of objects, which is no column
-                found[name] = arrays[name]
-        return found
+                columns[name] = arrays[name]
+        return columns
 
 
 def _mat(stream: Any) -> Mapping[str, Any]:
@@ -162,10 +162,10 @@ def _bound(size: int) -> None:
         raise ValueError(f"it holds {size} bytes; allowed: at most {MOST_BYTES}; cut it")
 
 
-def _arrays(named: Mapping[str, Any], file: str, layout: Layout) -> Columns:
+def _arrays(arrays: Mapping[str, Any], file: str, layout: Layout) -> Columns:
     """Return the columns of named arrays: a vector is one by its name, a matrix ``data`` is data:1, data:2, ..."""
     vectors: dict[str, Any] = {}
-    for name, array in named.items():
+    for name, array in arrays.items():
         value: Any = np.squeeze(np.asarray(array))
         if value.dtype.kind not in "fiu" or value.ndim not in {1, 2} or value.size < 2:
             continue
@@ -178,12 +178,12 @@ def _arrays(named: Mapping[str, Any], file: str, layout: Layout) -> Columns:
         raise InputError.of(
             "holds no vector of numbers; allowed: vectors, a matrix (a struct: save -struct)", file=file
         )
-    chosen = _chosen(list(vectors), len(vectors), layout, file, None)
-    values = {quantity: list(vectors.values())[index] for quantity, (index, _) in chosen.items()}
+    fields = _fields(list(vectors), len(vectors), layout, file, None)
+    values = {quantity: list(vectors.values())[index] for quantity, (index, _) in fields.items()}
     if len({one.size for one in values.values()}) > 1:
         sizes = ", ".join(f"{quantity} {one.size}" for quantity, one in values.items())
         raise InputError.of(f"has columns of unequal length: {sizes}; allowed: equal lengths", file=file)
-    return _in_si(file, values, chosen, layout)
+    return _in_si(file, values, fields, layout)
 
 
 def _text(content: str, file: str, layout: Layout) -> Columns:
@@ -204,7 +204,7 @@ def _text(content: str, file: str, layout: Layout) -> Columns:
         for (at, _), names in zip(above, _cells((row for _, row in above), mark), strict=True):
             if len(names) == width:
                 headers, header_line = names, at
-    chosen = _chosen(headers, width, layout, file, header_line)
+    fields = _fields(headers, width, layout, file, header_line)
     notes: tuple[str, ...] = ()
     if len(cells) > 1 and len(cells[-1]) < width:
         notes = (f"{file}: its last line, {places.pop()}, is cut short and left out",)
@@ -214,7 +214,7 @@ def _text(content: str, file: str, layout: Layout) -> Columns:
     wide = [(at, f"has {len(row)} columns") for at, row in zip(places, cells, strict=True) if len(row) != width]
     faults = faults_of_rows(file, "", wide, f"{width}, as the first row")
     values = {}
-    for quantity, (index, _) in chosen.items():
+    for quantity, (index, _) in fields.items():
         # An empty cell is a lost sample.
         column = [_number(row[index] or "nan") if len(row) == width else math.nan for row in cells]
         wrong = [(places[at], f"is {cells[at][index][:40]!r}") for at, one in enumerate(column) if one is None]
@@ -224,7 +224,7 @@ def _text(content: str, file: str, layout: Layout) -> Columns:
         values[quantity] = column if wrong else np.array(column)
     if faults:
         raise InputError(sorted(faults, key=lambda fault: fault.line or 0))
-    return _in_si(file, values, chosen, layout, np.array(places, dtype=np.intp), notes)
+    return _in_si(file, values, fields, layout, np.array(places, dtype=np.intp), notes)
 
 
 def _cells(rows: Iterable[str], mark: str | None) -> Iterable[list[str]]:
@@ -243,17 +243,17 @@ def _number(cell: str) -> float | None:
 def _in_si(
     file: str,
     columns: Mapping[str, Any],
-    chosen: Mapping[str, tuple[int, str]],
+    fields: Mapping[str, tuple[int, str]],
     layout: Layout,
     lines: IndexArray | None = None,
     notes: tuple[str, ...] = (),
 ) -> Columns:
     """Return columns in SI units, under a given clock where the log has none."""
     with np.errstate(over="ignore", invalid="ignore"):  # reported where numbers are looked at
-        values = {key: np.asarray(one, dtype=np.float64) * _UNITS[key][chosen[key][1]] for key, one in columns.items()}
+        values = {key: np.asarray(one, dtype=np.float64) * _UNITS[key][fields[key][1]] for key, one in columns.items()}
     if "time" not in values:
         values["time"] = float(layout.sample_time_s or 0.0) * np.arange(values["position"].size, dtype=np.float64)
-    turns = any(_turns(quantity, unit) for quantity, (_, unit) in chosen.items())
+    turns = any(_turns(quantity, unit) for quantity, (_, unit) in fields.items())
     motion: MotionKind = "rotary" if turns else "linear"
     return Columns(file, values["time"], values["position"], values["force"], lines, motion, notes)
 
@@ -263,37 +263,37 @@ def _turns(quantity: str, unit: str) -> bool:
     return unit.endswith(("rad", "deg")) or (quantity == "force" and unit.endswith("m"))
 
 
-def _chosen(
+def _fields(
     headers: Sequence[str] | None, width: int, layout: Layout, file: str, line: int | None
 ) -> dict[str, tuple[int, str]]:
     """Return the index and unit of each quantity; headers are None where there are none."""
-    chosen: dict[str, tuple[int, str]] = {}
+    fields: dict[str, tuple[int, str]] = {}
     faults: list[Fault] = []
-    parsed = [_split(header) for header in headers or ()]
+    names = [_split(header) for header in headers or ()]
     # A sample time replaces a missing time, or one of writing.
     spare = ("time",) if layout.sample_time_s is not None and "time" not in layout.columns else ()
     for quantity in (one for one in _QUANTITIES if one not in spare):
-        index = _column(quantity, headers, parsed, width, layout.columns.get(quantity))
+        index = _column(quantity, headers, names, width, layout.columns.get(quantity))
         if isinstance(index, str):
             faults.append(Fault(file, line, quantity, index))
             continue
-        unit = layout.units.get(quantity, parsed[index][1] if parsed else "").strip()
-        known = _SPELT.get(unit.lower(), unit.lower())
-        if known in _UNITS[quantity]:
-            chosen[quantity] = index, known
+        unit = layout.units.get(quantity, names[index][1] if names else "").strip()
+        spelling = _SPELT.get(unit.lower(), unit.lower())
+        if spelling in _UNITS[quantity]:
+            fields[quantity] = index, spelling
         else:
             what = f"has the unit {unit!r}" if unit else "has no unit"
             allowed = f"{_USUAL[quantity]}, or with --units {quantity}=UNIT"
             faults.append(Fault(file, line, quantity, f"{what}; allowed: {allowed}"))
-    if len({index for index, _ in chosen.values()}) < len(chosen):
+    if len({index for index, _ in fields.values()}) < len(fields):
         faults.append(Fault(file, line, "", "one column is named for two quantities; allowed: one column each"))
-    turning = [quantity for quantity, (_, unit) in chosen.items() if _turns(quantity, unit)]
-    if len(turning) == 1 and {"position", "force"} <= chosen.keys():
+    turning = [quantity for quantity, (_, unit) in fields.items() if _turns(quantity, unit)]
+    if len(turning) == 1 and {"position", "force"} <= fields.keys():
         message = "turns and the rest of the log goes in a line, by their units; allowed: rad and N.m, or m and N"
         faults.append(Fault(file, line, turning[0], message))
     if faults:
         raise InputError(faults)
-    return chosen
+    return fields
 
 
 def _split(header: str) -> tuple[str, str]:
@@ -310,27 +310,27 @@ def _split(header: str) -> tuple[str, str]:
 def _column(
     quantity: str,
     headers: Sequence[str] | None,
-    parsed: Sequence[tuple[str, str]],
+    names: Sequence[tuple[str, str]],
     width: int,
-    wanted: str | int | None,
+    choice: str | int | None,
 ) -> int | str:
     """Return the index of a column, or the fault."""
-    if wanted is not None and str(wanted).isdigit():
-        place = int(wanted)
+    if choice is not None and str(choice).isdigit():
+        place = int(choice)
         return place - 1 if 1 <= place <= width else f"is column {place}; allowed: 1 to {width}"
     if headers is None:
         return f"is not named, and there is no header; allowed: --columns {quantity}=NUMBER, 1 is the first"
-    if wanted is not None:
-        exact = [index for index, header in enumerate(headers) if header.strip() == wanted]
-        near = difflib.get_close_matches(str(wanted), headers, n=1)
+    if choice is not None:
+        exact = [index for index, header in enumerate(headers) if header.strip() == choice]
+        near = difflib.get_close_matches(str(choice), headers, n=1)
         hint = f"; did you mean {near[0]!r}?" if near else ""
-        return exact[0] if len(exact) == 1 else f"is {wanted!r}, no column; allowed: {', '.join(headers[:20])}{hint}"
-    named = [index for index, (name, _) in enumerate(parsed) if name in _NAMES[quantity]]
-    if len(named) == 1:
-        return named[0]
+        return exact[0] if len(exact) == 1 else f"is {choice!r}, no column; allowed: {', '.join(headers[:20])}{hint}"
+    places = [index for index, (name, _) in enumerate(names) if name in _NAMES[quantity]]
+    if len(places) == 1:
+        return places[0]
     unknown = [header.strip() for header in headers if header.rpartition("_")[0].strip().lower() in _NAMES[quantity]]
-    if unknown and not named:
+    if unknown and not places:
         return f"has a unit that is not known in {', '.join(unknown)}; allowed: {_USUAL[quantity]}"
-    many = f"{len(named)} columns" if named else "no column"
+    many = f"{len(places)} columns" if places else "no column"
     allowed = f"one, or --columns {quantity}=HEADER" + ("; without time --sample-time S" if quantity == "time" else "")
     return f"has {many} among {', '.join(map(repr, headers[:20]))}; allowed: {allowed}"

@@ -34,18 +34,18 @@ class Feedback:
     damping_ns_per_m: float
     keep: float
     offset_n: float
-    left_n: float
+    residual_n: float
 
 
-def regression(columns: FloatArray, wanted: FloatArray) -> tuple[FloatArray, float] | None:
+def regression(columns: FloatArray, target: FloatArray) -> tuple[FloatArray, float] | None:
     """Return the factors of least squares and the residual, root mean square; None where columns are alike."""
     scale = np.sqrt(np.mean(columns**2, axis=0))
     if columns.shape[0] <= columns.shape[1] or not scale.all():
         return None
-    factors, _, rank, _ = np.linalg.lstsq(columns / scale, wanted, rcond=1e-9)
+    factors, _, rank, _ = np.linalg.lstsq(columns / scale, target, rcond=1e-9)
     if rank < columns.shape[1]:
         return None
-    return np.asarray(factors / scale), float(np.sqrt(np.mean((wanted - columns @ (factors / scale)) ** 2)))
+    return np.asarray(factors / scale), float(np.sqrt(np.mean((target - columns @ (factors / scale)) ** 2)))
 
 
 def feedback(
@@ -68,10 +68,10 @@ def only_feedback(records: Sequence[Record]) -> bool:
     """Return whether a controller explains the whole force of every record, while the device goes on moving."""
     halves = [[float(np.ptp(part)) for part in np.array_split(one.position_m, 2)] for one in records]
     # A released device settles.
-    return any(late > 0.1 * early for early, late in halves) and all(map(_explained, records))
+    return any(late > 0.1 * early for early, late in halves) and all(map(_is_feedback, records))
 
 
-def _explained(record: Record) -> bool:
+def _is_feedback(record: Record) -> bool:
     position, force = record.position_m, record.force_n
     size = np.abs(force)
     whole = (size > 1e-9 * size.max()) & (size < 0.999 * size.max())  # a force nearer to the largest is saturated
@@ -88,7 +88,7 @@ def _explained(record: Record) -> bool:
             most = most if filtered else max(most, 5e-3 * float(np.std(force[rows])))
             # Against the position, with a damper that does not drive it.
             against = one is not None and one.damping_ns_per_m < -one.stiffness_n_per_m * record.sample_time_s
-            if one is not None and one.left_n <= most and one.stiffness_n_per_m < 0 and against:
+            if one is not None and one.residual_n <= most and one.stiffness_n_per_m < 0 and against:
                 return True
     return False
 
@@ -102,8 +102,8 @@ class Start:
     """Start of the search, that of a device on a spring beside it, and how well and in which direction it follows."""
 
     values: dict[str, float]
-    sprung: dict[str, float]
-    explained: float
+    spring_start: dict[str, float]
+    r_squared: float
     against: bool
 
 
@@ -124,17 +124,17 @@ class Motion:
 
     def _columns(self, record: Record, first: int) -> FloatArray:
         time = np.arange(record.position_m.size)
-        smooth = self._filtered(np.interp(time, time[first::2], record.position_m[first::2]))
+        smooth = self._smooth(np.interp(time, time[first::2], record.position_m[first::2]))
         velocity = np.gradient(smooth, self.period)
         speed = float(np.sqrt(np.mean(velocity**2)))
-        direction = self._filtered(np.tanh(velocity / (0.05 * speed + 1e-12)))
+        direction = self._smooth(np.tanh(velocity / (0.05 * speed + 1e-12)))
         return np.stack([np.gradient(velocity, self.period), velocity, direction, smooth - smooth.mean()], axis=1)
 
-    def _filtered(self, values: FloatArray) -> FloatArray:
+    def _smooth(self, values: FloatArray) -> FloatArray:
         sections = signal.butter(4, self.cutoff_hz, fs=1 / self.period, output="sos")
         return np.asarray(signal.sosfiltfilt(sections, values), dtype=np.float64)
 
-    def explains(self, delay: float, *, spring: bool = False) -> tuple[float, float, FloatArray]:
+    def residual(self, delay: float, *, spring: bool = False) -> tuple[float, float, FloatArray]:
         """Return squared residual, squared force, and parameters, with a delay."""
         # The position is the column 3.
         regressors, instruments = (
@@ -144,16 +144,16 @@ class Motion:
         times = [np.arange(record.force_n.size) for record in self.records]
         pairs = zip(times, self.records, strict=True)
         late = [np.interp(time - delay - 0.5, time, record.force_n) for time, record in pairs]
-        wanted = np.concatenate([self._filtered(force)[_EDGE:-_EDGE] for force in late])
-        found = np.linalg.lstsq(instruments.T @ regressors, instruments.T @ wanted, rcond=None)[0]
-        left = float(np.sum((wanted - regressors @ found) ** 2))
-        return left, max(float(np.sum((wanted - wanted.mean()) ** 2)), 1e-300), np.asarray(found, dtype=np.float64)
+        force = np.concatenate([self._smooth(one)[_EDGE:-_EDGE] for one in late])
+        factors = np.linalg.lstsq(instruments.T @ regressors, instruments.T @ force, rcond=None)[0]
+        residual = float(np.sum((force - regressors @ factors) ** 2))
+        return residual, max(float(np.sum((force - force.mean()) ** 2)), 1e-300), np.asarray(factors, dtype=np.float64)
 
     def start(self) -> Start:
         """Return the parameters of a rigid device, on a spring where that leaves a far smaller residual."""
         rigid, held = (
             min(
-                ((delay, *self.explains(delay, spring=spring)) for delay in np.arange(0.0, 8.5, 0.5)),
+                ((delay, *self.residual(delay, spring=spring)) for delay in np.arange(0.0, 8.5, 0.5)),
                 key=lambda one: one[1],
             )
             for spring in (False, True)
@@ -172,15 +172,15 @@ class Motion:
             # Above its resonance a device on a spring starts as a free one, and the evidence adds the spring.
             best, spring = rigid, False
             found = dict(zip(keys[:3], map(float, best[3]), strict=False))
-        delay, left, whole, numbers = best
+        delay, residual, whole, numbers = best
         little = float(np.sqrt(whole / len(self.regressors))) * 0.05 / float(sizes["mass_kg"] or 1e-300)
         if abs(found["mass_kg"]) < little or (found["mass_kg"] < 0 and not against):
             # Below a resonance, or in friction, inertia is a small share of the force: the fit finds it.
             found["mass_kg"] = little
         offsets = {offset_of(log): -float(force) for log, force in enumerate(numbers[3 + spring :])}
-        sprung = dict(zip(("delay_samples", *keys), (held[0], *map(float, held[3][:4])), strict=True))
-        sprung = sprung if min(sprung["mass_kg"], sprung["stiffness_n_per_m"]) > 0 else {}
-        return Start({**found, **offsets, "delay_samples": float(delay)}, sprung, 1 - left / whole, against)
+        spring_start = dict(zip(("delay_samples", *keys), (held[0], *map(float, held[3][:4])), strict=True))
+        spring_start = spring_start if min(spring_start["mass_kg"], spring_start["stiffness_n_per_m"]) > 0 else {}
+        return Start({**found, **offsets, "delay_samples": float(delay)}, spring_start, 1 - residual / whole, against)
 
 
 def in_ticks(records: Sequence[Record]) -> tuple[list[Record], list[str]]:
@@ -190,9 +190,9 @@ def in_ticks(records: Sequence[Record]) -> tuple[list[Record], list[str]]:
         [one if one.later_n is None else replace(one, force_n=one.later_n[late]) for one in records]
         for late in range(most)
     ]
-    left = [1 - Motion(some, 1).start().explained for some in acting]
-    best = int(np.argmin(left)) if left else 0
+    residuals = [1 - Motion(some, 1).start().r_squared for some in acting]
+    best = int(np.argmin(residuals)) if residuals else 0
     # Motion that a rigid device hardly explains tells nothing of the ticks.
-    if best == 0 or left[best] > 0.5:
+    if best == 0 or residuals[best] > 0.5:
         return list(records), []
     return acting[best], [f"the clock scatters, and the forces act {best} tick(s) after they are logged"]

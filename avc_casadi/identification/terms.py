@@ -12,7 +12,7 @@ import numpy as np
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi.model.device import CURRENT_LOOP_DAMPING_RATIO
 
-Measured = Literal["mass", "damping", "stiffness", "force", "length", "frequency", "samples", "number"]
+QuantityName = Literal["mass", "damping", "stiffness", "force", "length", "frequency", "samples", "number"]
 
 OFFSET, FRICTION, LOOP_RATIO, MASS_RATIO = (
     "offset_n",
@@ -21,7 +21,7 @@ OFFSET, FRICTION, LOOP_RATIO, MASS_RATIO = (
     "resonance.mass_ratio",
 )
 FORCES = (FRICTION, OFFSET)
-HIGHEST_SEEN = 0.45
+HIGHEST_RESONANCE = 0.45
 """Share of the sample rate up to which a resonance is identifiable."""
 
 
@@ -30,7 +30,7 @@ class Parameter:
     """A parameter: its key, what it measures, the coordinate of its search, and its bounds."""
 
     name: str
-    quantity: Measured
+    quantity: QuantityName
     kind: Literal["log", "linear", "share"]
     lowest: float
     highest: float
@@ -75,20 +75,20 @@ def is_force(name: str) -> bool:
 
 @dataclass(frozen=True)
 class Structure:
-    """The rungs of a model, and values that are assumed."""
+    """The rungs of a model, and parameters that are fixed."""
 
     rungs: tuple[str, ...]
     units: Mapping[str, float]
     encoder_at: Literal["motor", "handle"] = "motor"
-    assumed: Mapping[str, float] = field(default_factory=dict)
+    fixed: Mapping[str, float] = field(default_factory=dict)
     offsets: int = 1
 
     @property
     def free(self) -> tuple[Parameter, ...]:
         """Free parameters."""
-        found = [PARAMETERS[name] for rung in self.rungs for name in RUNGS[rung] if name not in self.assumed]
-        more = range(1, 1 if OFFSET in self.assumed else self.offsets)
-        return (*found, *(replace(PARAMETERS[OFFSET], name=offset_of(log)) for log in more))
+        own = [PARAMETERS[name] for rung in self.rungs for name in RUNGS[rung] if name not in self.fixed]
+        more = range(1, 1 if OFFSET in self.fixed else self.offsets)
+        return (*own, *(replace(PARAMETERS[OFFSET], name=offset_of(log)) for log in more))
 
     @property
     def names(self) -> list[str]:
@@ -106,12 +106,12 @@ class Structure:
 
     def values(self, search: FloatArray) -> dict[str, float]:
         """Return every parameter at given coordinates; absent ones have no effect."""
-        found = dict.fromkeys(PARAMETERS, 0.0) | dict.fromkeys(
+        values = dict.fromkeys(PARAMETERS, 0.0) | dict.fromkeys(
             ("amplifier_bandwidth_hz", *RUNGS["resonance"]), math.nan
         )
-        found |= {"mass_kg": 1.0, LOOP_RATIO: CURRENT_LOOP_DAMPING_RATIO}
-        found |= {name: value for name, value in self.assumed.items() if self.present(name)}
-        return found | {one.name: self.outward(one, float(q)) for one, q in zip(self.free, search, strict=True)}
+        values |= {"mass_kg": 1.0, LOOP_RATIO: CURRENT_LOOP_DAMPING_RATIO}
+        values |= {name: value for name, value in self.fixed.items() if self.present(name)}
+        return values | {one.name: self.outward(one, float(q)) for one, q in zip(self.free, search, strict=True)}
 
     def _unit(self, one: Parameter) -> float:
         return self.units.get(OFFSET if one.name.endswith(OFFSET) else one.name, 1.0)

@@ -209,5 +209,5 @@ def test_every_limit_is_kept_by_the_plan(limits):
     made = plan_excitation(DECLARED, seconds=2.0, **limits)
     (key, most), reached = *limits.items(), made.forecast
     assert getattr(reached, key).max() <= most
-    assert made.held_back_by == key
+    assert made.nearest_limit == key
     assert made.plan.peak_force_n > 0.24

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from measured_device import Truth, measured, multisine
 
-from avc_casadi.identification.fit import Block, Fit, bootstrap, held_out
+from avc_casadi.identification.fit import Block, Fit, bootstrap, cross_validation
 from avc_casadi.identification.log import Record, lattice_step
 from avc_casadi.identification.predictor import Observer, Predictor
 from avc_casadi.identification.regression import Motion
@@ -79,7 +79,7 @@ def test_error_of_a_block_that_was_held_out_is_that_of_a_fit_without_it():
         rest = np.setdiff1d(np.arange(error.size), part)
         q = np.linalg.lstsq(slopes[rest], error[rest], rcond=None)[0]
         expected.append(np.sum((error[part] - slopes[part] @ q) ** 2))
-    np.testing.assert_allclose(held_out(found), expected, rtol=1e-9)
+    np.testing.assert_allclose(cross_validation(found), expected, rtol=1e-9)
 
 
 def test_regression_starts_near_the_device():

@@ -50,18 +50,18 @@ def draw_identification(found: Identification) -> Figure:
     for panel, label in ((position, f"position ({units.unit('mm')})"), (left, f"difference ({units.unit(unit)})")):
         panel.set(xlabel="time (s)", ylabel=label, xlim=(float(time[0]), float(time[-1])))
     response, frequency = found.response, found.response.frequency_hz
-    use = response.driven & (response.coherence > 0.3)
+    use = response.excites & (response.coherence > 0.3)
     if not use.any():
         use = np.ones_like(use)
     band = frequency[use]
     span = (frequency >= band[0]) & (frequency <= band[-1])
     # A mass has -90 degrees; the rest is damping, delay, amplifier and resonance.
     turned = np.degrees(np.angle(1j * response.velocity_per_force[use]))
-    model = np.degrees(np.unwrap(np.angle(1j * found.modelled[span])))
+    model = np.degrees(np.unwrap(np.angle(1j * found.model_response[span])))
     # Each measured phase is unwrapped to that of the model.
     turned += 360 * np.round((np.interp(band, frequency[span], model) - turned) / 360)
     size.plot(band, np.abs(response.velocity_per_force[use]), **points)
-    size.plot(frequency[span], np.abs(found.modelled[span]), **blue)
+    size.plot(frequency[span], np.abs(found.model_response[span]), **blue)
     phase.plot(band, turned, **points)
     phase.plot(frequency[span], model, **blue)
     size.set(yscale="log", ylabel=f"|v/F| ({units.unit('m/s')} per {units.unit('N')})")
