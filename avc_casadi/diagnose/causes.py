@@ -16,7 +16,7 @@ from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi._util.text import number, quantity
 from avc_casadi.coupling import Coupling
 from avc_casadi.diagnose.law import Law, find_law
-from avc_casadi.diagnose.oscillation import Log, Oscillation, find_oscillation, log_of, pushed_kg
+from avc_casadi.diagnose.oscillation import Log, Oscillation, apparent_mass_kg, find_oscillation, log_of
 from avc_casadi.diagnose.plant import Design, Fit, Hypothesis, fit_plants, growth, stable
 from avc_casadi.diagnose.remedies import Remedy, Scene, limit_of, remedies_of, without
 from avc_casadi.identification.log import Columns
@@ -66,10 +66,10 @@ class Diagnosis:
         """Return its JSON values."""
         log, swing, law, fit, units = self.log, self.swing, self.law, self.fit, self.design.device.units
         oscillation = {key: value for key, value in vars(swing).items() if key not in {"fast_m", "envelope_m"}}
-        measured = None
+        estimates = None
         if fit is not None and law is not None:
             one, each = fit.best, self.design.samples_a_tick(log)
-            measured = {
+            estimates = {
                 "delay_samples": (one.delay + law.lag) * each,
                 "delay_error_samples": fit.delay_error * each,
                 "misfit": fit.misfit,
@@ -93,7 +93,7 @@ class Diagnosis:
             "missed_share": log.missed_share,
             "encoder_resolution_m": log.encoder_m or None,
             "law": law and {**asdict(law), "explains": law.explains, "filter_hz": law.filter_hz(log.period_s)},
-            "measured": measured,
+            "measured": estimates,
         }
         return plain_table(document)
 
@@ -155,30 +155,30 @@ def _design(device: Device | None, hands: Hands | None, log: Log, columns: Colum
 def _at_once(found: Diagnosis) -> Diagnosis | Law:
     """Return the verdict that needs no loop model, or the law of one that does."""
     log, swing, law, design = found.log, found.swing, found.law, found.design
-    said, decides, verdict, mass = "", "", found.verdict, pushed_kg(log, design.device, known=design.known)
+    text, decides, verdict, mass = "", "", found.verdict, apparent_mass_kg(log, design.device, known=design.known)
     toggles = swing.sustained and _toggles(log, swing, design.device)
     if swing.sustained and swing.contact_share == 0:
-        said, verdict = "it swings while no force is commanded; a hand, a cable or the table moves it", "not the loop"
+        text, verdict = "it swings while no force is commanded; a hand, a cable or the table moves it", "not the loop"
     elif law is None or not law.explains:
-        said = "the force is not that of a spring and a damper on the position, nor of a switch or two rates"
-        said = said if law is not None or log.force_n.any() else "no force is commanded"
+        text = "the force is not that of a spring and a damper on the position, nor of a switch or two rates"
+        text = text if law is not None or log.force_n.any() else "no force is commanded"
         decides = "the same with a spring and a damper alone, unlimited, and with the position that the law reads"
     elif not (law.switch or law.frames) and (sign := _of_sign(found, law, mass)) is not None:
         return sign
     elif swing.sustained and max(log.uneven_share, log.missed_share) > 0.12:
-        said = "ticks come at uneven times or are missing, and no loop model fits"
+        text = "ticks come at uneven times or are missing, and no loop model fits"
         decides = "the same log on an even clock"
     elif swing.sustained and not toggles:
         return law
     elif law.switch is None and _rests(log, swing, design.device.max_force_n):
-        said, verdict = "the force is explained and the motion decays", "nothing wrong"
-        said += ", but for an encoder step that is not felt" if toggles else ""
-        shown = design.known and 0.8 < mass / design.device.mass_kg < 1.25  # the force moves the device alone
-        said += "" if shown else "; what holds the device may hide a wrong sign of the force"
+        text, verdict = "the force is explained and the motion decays", "nothing wrong"
+        text += ", but for an encoder step that is not felt" if toggles else ""
+        device_alone = design.known and 0.8 < mass / design.device.mass_kg < 1.25  # the force moves the device alone
+        text += "" if device_alone else "; what holds the device may hide a wrong sign of the force"
     else:
-        said = "nothing swings, and no motion decays under the force either"
+        text = "nothing swings, and no motion decays under the force either"
         decides = "a log of a press, a push or a release"
-    return replace(found, verdict=verdict, conclusion=f"{verdict}: {said}", decides=decides)
+    return replace(found, verdict=verdict, conclusion=f"{verdict}: {text}", decides=decides)
 
 
 def _of_sign(found: Diagnosis, law: Law, mass: float) -> Diagnosis | None:
@@ -197,12 +197,12 @@ def _of_sign(found: Diagnosis, law: Law, mass: float) -> Diagnosis | None:
         turn = damper if drives else spring if away and b > 0 else None
         right = stable(Hypothesis(device, None), replace(law, stiffness_n_per_m=abs(k), damping_ns_per_m=abs(b)))
         cures = (turn or Remedy("force_sign", -1.0, 1.0, "number"),) if right else ()
-        said = f"{CAUSES['sign'][0]}: it pushes the way the device moves; {why}"
-        return replace(found, verdict="named", cause="sign", candidates=("sign",), conclusion=said, remedies=cures)
+        text = f"{CAUSES['sign'][0]}: it pushes the way the device moves; {why}"
+        return replace(found, verdict="named", cause="sign", candidates=("sign",), conclusion=text, remedies=cures)
     if mass > 0 or found.swing.sustained:
         return None
-    said = f"cannot tell: a hand pushes the device away, or the force does: {why}"
-    return replace(found, conclusion=said, candidates=("sign",), decides=CAUSES["sign"][1])
+    text = f"cannot tell: a hand pushes the device away, or the force does: {why}"
+    return replace(found, conclusion=text, candidates=("sign",), decides=CAUSES["sign"][1])
 
 
 def _toggles(log: Log, swing: Oscillation, device: Device) -> bool:
@@ -276,15 +276,15 @@ def _judge(found: Diagnosis, law: Law, every: Sequence[Fit]) -> Diagnosis:
     candidates = tuple(key for key in shares if key != _OTHER)[:2] if shares.get(_OTHER, 0.0) < _SURE else ()
     if outside := work_w(log, swing, one) < 0 and swing.steps > _FEW_STEPS:
         doubts.append("the force as it acts takes energy from the swing: a hand, the table or a machine drives it")
-    tried = (() if not swings or fit.misfit > _MISFIT / 3 or outside else candidates) if doubts else candidates[:1]
+    causes = (() if not swings or fit.misfit > _MISFIT / 3 or outside else candidates) if doubts else candidates[:1]
     near_by = [each for _, each, weight, _ in answers if weight > 0.01 * total]
     # Damping is told the worst, and a delay not at all by noise: a remedy has to do for the declared ones too.
     own, late = design.device, max(one.delay, design.latest(log))
-    meant = one.changed(mass_kg=own.mass_kg, damping_ns_per_m=own.damping_ns_per_m, delay_samples=late)
+    intended = one.vary(mass_kg=own.mass_kg, damping_ns_per_m=own.damping_ns_per_m, delay_samples=late)
     # The prior of an assumed device is a guess: each structure that explains the log counts.
-    others = [meant] if design.known else [each.best for each in every if each.misfit < max(1.0, 1.3 * fit.misfit)]
+    others = [intended] if design.known else [each.best for each in every if each.misfit < max(1.0, 1.3 * fit.misfit)]
     several = [one, *near_by[:: max(1, len(near_by) // 8)], *others]
-    cures = [cure for key in tried for cure in remedies_of(key, several, law, scene, log, design)]
+    cures = [cure for key in causes for cure in remedies_of(key, several, law, scene, log, design)]
     # Neither delay nor hand of an assumed device is to be relied on where the answer is in doubt.
     sure = design.known or not doubts
     cures = [cure for cure in cures if sure or not (cure.while_held or cure.key == "delay_samples")]
@@ -332,20 +332,20 @@ def work_w(log: Log, swing: Oscillation, one: Hypothesis) -> float:
     ticks = np.arange(int(rises[0]), int(rises[-1]))
     # The force of a tick acts from its delay on.
     acts = np.interp(ticks - one.delay, np.arange(log.force_n.size), log.force_n)
-    moved = log.position_m[ticks + 1] - log.position_m[ticks]
-    return -float(np.sum(acts * moved)) / (ticks.size * log.period_s)
+    moves = log.position_m[ticks + 1] - log.position_m[ticks]
+    return -float(np.sum(acts * moves)) / (ticks.size * log.period_s)
 
 
 def _numbers(cause: str, one: Hypothesis, law: Law, found: Diagnosis) -> str:
     """Return the numbers of a cause, without which the loop settles."""
     log, mode, switch, frames, unit = found.log, one.device.resonance, law.switch, law.frames, one.device.units.unit
     spring, damper = quantity(law.stiffness_n_per_m, unit("N/m")), quantity(law.damping_ns_per_m, unit("N.s/m"))
-    meant = f"{number(found.design.delay_samples[1], 3)} {'declared' if found.design.known else 'assumed'}"
+    intended = f"{number(found.design.delay_samples[1], 3)} {'declared' if found.design.known else 'assumed'}"
     alone = ", with no hand on the device" if one.hand is None else ""
     behind = frames.late if frames else law.lag
     late = f", {number(behind, 2)} of them late" if behind else ""
     return {
-        "delay": f"{number((one.delay + law.lag) * found.design.samples_a_tick(log), 3)} samples, {meant}",
+        "delay": f"{number((one.delay + law.lag) * found.design.samples_a_tick(log), 3)} samples, {intended}",
         "rate": f"a new force every {number(1e3 * log.period_s, 3)} ms{late}",
         "stiffness": f"k = {spring}{alone}",
         "damping": f"b = {damper}{alone}",

@@ -83,8 +83,8 @@ def find_law(log: Log, swing: Oscillation, limit_n: float | None, friction_n: fl
         return best
     whole = log.ran & (True if np.unique(log.force_n).size <= 3 else ~cut)
     whole[: swing.first] = whole[swing.last :] = False
-    switched = _best(_switched(log, whole, friction_n), best)
-    return switched if switched is not best else _best(sorted(_two_rates(log, cut), key=lambda law: law.misfit), best)
+    relay = _best(_relays(log, whole, friction_n), best)
+    return relay if relay is not best else _best(sorted(_two_rates(log, cut), key=lambda law: law.misfit), best)
 
 
 def _best(laws: Iterable[Law], best: Law | None = None) -> Law | None:
@@ -94,7 +94,7 @@ def _best(laws: Iterable[Law], best: Law | None = None) -> Law | None:
     return best
 
 
-def _lagged(ran: BoolArray, use: BoolArray, lag: int) -> IndexArray:
+def _rows_of_lag(ran: BoolArray, use: BoolArray, lag: int) -> IndexArray:
     """Return the ticks whose lagged samples are in the log."""
     good = use.copy()
     good[: lag + 2] = False
@@ -106,7 +106,7 @@ def _lagged(ran: BoolArray, use: BoolArray, lag: int) -> IndexArray:
 def _regress(
     force: FloatArray, x: FloatArray, step: FloatArray, beside: Sequence[FloatArray], average: int = 1
 ) -> tuple[FloatArray, FloatArray, FloatArray] | None:
-    """Return factors of position, its change in a sample, 1 and what stands beside; errors of two; what is left.
+    """Return factors of position, its change in a sample, 1 and what stands beside; errors of two; the residual.
 
     A factor within its error is left out. Where the rest is an error of the positions, the change has it too, which
     pulls its factor towards 0 and half of the other's: so far the errors reach.
@@ -118,23 +118,23 @@ def _regress(
         fit = regression(columns, force) if changes else None
         if fit is None:
             return None
-        factors, left = np.zeros(2 + len(other)), force - columns @ fit[0]
+        factors, residual = np.zeros(2 + len(other)), force - columns @ fit[0]
         factors[[*use, *range(2, factors.size)]] = fit[0]
         if fit[1] > 1e-9 * changes:
             scale = np.sqrt(np.mean(columns**2, axis=0))
             inverse = np.diag(np.linalg.inv((columns / scale).T @ (columns / scale) / x.size))
-            white = 2 * fit[1] * math.sqrt(samples_alike(left) / x.size)
+            white = 2 * fit[1] * math.sqrt(samples_alike(residual) / x.size)
             read = fit[1] ** 2 / max(factors[0] ** 2, 2 * factors[1] ** 2 / average, 1e-300)
             for one, own in zip(use, (scale / np.sqrt(inverse)).tolist(), strict=False):
                 pull = read / own**2 / (average if one else 1)
                 share = min((1 + one) * pull, 1.0)
                 whole = white / own + abs(factors[1 - one]) * pull + abs(factors[one]) * share
                 errors[one] = whole / (1 - share) if share < 1 else math.inf
-        known = [one for one in use if abs(factors[one]) > errors[one] + 1e-9 * changes / float(np.std(parts[one]))]
-        if known == use:
+        clear = [one for one in use if abs(factors[one]) > errors[one] + 1e-9 * changes / float(np.std(parts[one]))]
+        if clear == use:
             break
-        use = known
-    return factors, errors, left
+        use = clear
+    return factors, errors, residual
 
 
 def _law(
@@ -147,20 +147,20 @@ def _law(
     keep = float(fit[0][3]) if fit is not None and filtered else 0.0
     if fit is None or not 0 <= keep < 0.98:
         return None
-    factors, errors, left = fit
-    for many in (8, 64) if not filtered and sign is None and np.std(left) > _EXACT * changes else ():
+    factors, errors, residual = fit
+    for many in (8, 64) if not filtered and sign is None and np.std(residual) > _EXACT * changes else ():
         ends = np.flatnonzero(rows[many:] - rows[:-many] == many) + many
         means = [(np.cumsum(one)[ends] - np.cumsum(one)[ends - many]) / many for one in (force, x, step)]
         coarse = _regress(means[0], means[1], means[2], [], many) if ends.size > 4 * many else None
         if coarse is not None and coarse[1][1] < errors[1]:
             (k, c, offset), errors, _ = coarse
             factors = np.array([k, c, offset + k * (x.mean() - means[1].mean())])
-            left = force - k * (x - x.mean()) - c * step - factors[2]
+            residual = force - k * (x - x.mean()) - c * step - factors[2]
     # F = keep F_before + k (1 - keep) x + (b (1 - keep)/T + k keep)(x - x_before). From the force before, the next is
     # told too easily: what counts is the error that the filter sums up.
     k, error = float(factors[0]) / (1 - keep), (errors / (1 - keep)).tolist()
     b = (float(factors[1]) - k * keep) * period / (1 - keep)
-    misfit = max(float(np.sqrt(np.mean(left**2))) / changes / max(1 - keep, 1e-3), 1e-12)
+    misfit = max(float(np.sqrt(np.mean(residual**2))) / changes / max(1 - keep, 1e-3), 1e-12)
     grain = log.encoder_m / math.sqrt(12) * math.hypot(k, math.sqrt(2) * b / period) / changes
     offset = float(factors[2]) / (1 - keep) - k * float(x.mean())
     switch = None if sign is None else Switch(float(factors[3]), "position")
@@ -171,7 +171,7 @@ def _plain(log: Log, use: BoolArray) -> Iterator[Law]:
     """Yield spring and damper of each lag, which may be a part of a hold, with a filter of the velocity and without."""
     for late, filtered in itertools.product(range(min(_MOST_LAG * log.hold, 64) + 1), (False, True)):
         lag, position = -(-late // log.hold), log.between(-late % log.hold)
-        rows = _lagged(log.ran, use, lag)
+        rows = _rows_of_lag(log.ran, use, lag)
         rows = rows[use[rows - 1]] if filtered else rows
         x, before = position[rows - lag], position[rows - lag - 1]
         pairs = len(np.unique(np.stack([x, before], axis=1), axis=0)) if 6 <= rows.size < _FEWEST else rows.size
@@ -180,11 +180,11 @@ def _plain(log: Log, use: BoolArray) -> Iterator[Law]:
             yield law
 
 
-def _switched(log: Log, use: BoolArray, friction_n: float) -> Iterator[Law]:
+def _relays(log: Log, use: BoolArray, friction_n: float) -> Iterator[Law]:
     """Yield laws with a part that a sign switches."""
     position, force = log.position_m, log.force_n
     for lag in range(_MOST_LAG + 1):
-        rows = _lagged(log.ran, use, lag)
+        rows = _rows_of_lag(log.ran, use, lag)
         if rows.size < 50 or not np.ptp(force[rows]):
             break
         x, before = position[rows - lag], position[rows - lag - 1]
@@ -212,9 +212,9 @@ def _edges(force: FloatArray, position: FloatArray, rows: IndexArray, lag: int) 
     near = np.ones(rows.size, dtype=bool)
     for _ in range(4):
         smooth = np.linalg.lstsq(columns[near], changes[near], rcond=1e-9)[0]
-        left = np.abs(changes - columns @ smooth)
-        near = left <= np.quantile(left, 0.7)
-    jumps = (left > 0.35 * left.max()) & (x != before)
+        residual = np.abs(changes - columns @ smooth)
+        near = residual <= np.quantile(residual, 0.7)
+    jumps = (residual > 0.35 * residual.max()) & (x != before)
     if np.count_nonzero(jumps) < 3:
         return []
     low, high = np.minimum(x, before)[jumps], np.maximum(x, before)[jumps]
@@ -242,8 +242,8 @@ def _two_rates(log: Log, cut: BoolArray) -> Iterator[Law]:
         ticks, first = _frame(log, cut, lag, slow) or (0, 0)
         for late in range(3 * ticks + 1) if ticks else ():
             rows = np.flatnonzero(use & (np.arange(use.size) > first + ticks + late + lag + 1))
-            framed = rows - (rows - first) % ticks - late
-            spring, damper = (framed - lag, rows - lag) if slow == "spring" else (rows - lag, framed - lag)
+            frame_rows = rows - (rows - first) % ticks - late
+            spring, damper = (frame_rows - lag, rows - lag) if slow == "spring" else (rows - lag, frame_rows - lag)
             back = 1 if slow == "spring" else ticks
             law = _law(log, rows, position[spring], (position[damper] - position[damper - back]) / back, lag)
             if law is not None and min(law.stiffness_n_per_m, law.damping_ns_per_m) > 0 and law.misfit < _EXPLAINS:
@@ -255,16 +255,16 @@ def _frame(log: Log, cut: BoolArray, lag: int, slow: str) -> tuple[int, int] | N
     force, x, use = log.force_n, log.position_m, log.ran & log.touching
     fast = x if slow == "damper" else np.diff(x, prepend=x[0])
     rows = np.flatnonzero(use[1:] & use[:-1] & (np.arange(1, use.size) > lag + 2)) + 1
-    new, moved = force[rows] - force[rows - 1], fast[rows - lag] - fast[rows - lag - 1]
-    some = (np.abs(moved) > 1e-9 * np.abs(moved).max(initial=1e-300)) & ~cut[rows] & ~cut[rows - 1]
+    new, moves = force[rows] - force[rows - 1], fast[rows - lag] - fast[rows - lag - 1]
+    some = (np.abs(moves) > 1e-9 * np.abs(moves).max(initial=1e-300)) & ~cut[rows] & ~cut[rows - 1]
     if np.count_nonzero(some) < 100:
         return None
     # Most ticks are of the fast part alone: the median of their ratios is its gain.
-    gain = float(np.median(new[some] / moved[some]))
-    left = new - gain * moved
+    gain = float(np.median(new[some] / moves[some]))
+    residual = new - gain * moves
     # Of a force at the limit only a jump towards it is seen, and after it only one away from it.
-    seen = (left * cut[rows] * force[rows] >= 0) & (left * cut[rows - 1] * force[rows - 1] <= 0)
-    jumps = seen & (np.abs(left) > 1e-3 * float(np.abs(new).max()))
+    visible = (residual * cut[rows] * force[rows] >= 0) & (residual * cut[rows - 1] * force[rows - 1] <= 0)
+    jumps = visible & (np.abs(residual) > 1e-3 * float(np.abs(new).max()))
     if gain <= 0 or np.mean(~jumps) < 0.45 or np.count_nonzero(jumps) < 12:
         return None
     return even_phase(rows[jumps], min(100, force.size // 12))

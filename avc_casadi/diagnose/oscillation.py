@@ -76,9 +76,9 @@ def log_of(columns: Columns, *, flip_force: bool = False) -> tuple[Log, list[str
     # Ticks at which no new force is computed are left out.
     hold, first = _hold(position, force)
     ticks, even = slice(first, None, hold), np.interp(np.arange(row_of.size), at, position)
-    missed, uneven = float(1 - time.size / row_of.size), apart / period if apart < about else 0.0
+    gaps_share, uneven = float(1 - time.size / row_of.size), apart / period if apart < about else 0.0
     ran, start = (at[row_of] == np.arange(row_of.size))[ticks], float(time[0]) + first * period
-    times = (columns.file, period * hold, period, hold, missed, uneven)
+    times = (columns.file, period * hold, period, hold, gaps_share, uneven)
     return Log(*times, even[ticks], force[row_of][ticks], ran, step, start, even[first:]), notes
 
 
@@ -93,9 +93,9 @@ def _ticks_between(steps: FloatArray, usual: float) -> IndexArray:
 
 def _hold(position: FloatArray, force: FloatArray) -> tuple[int, int]:
     """Return the samples for which each force is held while the position changes (no relay), and the first new."""
-    moved, new = np.diff(position) != 0, np.diff(force) != 0
+    moves, new = np.diff(position) != 0, np.diff(force) != 0
     change = np.flatnonzero(new) + 1
-    if np.unique(force).size < 4 or change.size < 12 or moved.sum() <= 1.3 * change.size:
+    if np.unique(force).size < 4 or change.size < 12 or moves.sum() <= 1.3 * change.size:
         return 1, 0
     return even_phase(change, max(8, round(float(np.median(np.diff(change)))))) or (1, 0)
 
@@ -164,8 +164,8 @@ def _above(log: Log, hertz: float) -> Oscillation:
     fast = log.position_m - log.position_m.mean()
     if hertz * period <= 0.2 and hertz * n * period >= 1:
         pad = min(n - 1, round(2 / hertz / period))
-        filtered = signal.butter(3, hertz, "highpass", fs=1 / period, output="sos")
-        fast = signal.sosfiltfilt(filtered, fast, padtype="even", padlen=pad)
+        high_pass = signal.butter(3, hertz, "highpass", fs=1 / period, output="sos")
+        fast = signal.sosfiltfilt(high_pass, fast, padtype="even", padlen=pad)
     window = min(n, max(5, round(1 / hertz / period)))
     envelope = (ndimage.maximum_filter1d(fast, window) - ndimage.minimum_filter1d(fast, window)) / 2
     least = max(1.2 * log.encoder_m, 2e-4 * float(np.ptp(fast)))
@@ -267,13 +267,13 @@ def _of_force(log: Log, none: Oscillation, limit_n: float | None) -> list[Oscill
     least = max(0.04 * abs(float(force.mean())), 4e-3 * (limit_n or float(np.abs(log.force_n).max())))
     if ripple < least or turns.size < 16 or force.size - turns[-1] > 2 * np.diff(turns).max():
         return []
-    cycles, moved = np.diff(turns[::2]), float(np.ptp(np.quantile(log.position_m[begin:], (0.02, 0.98))))
+    cycles, travel = np.diff(turns[::2]), float(np.ptp(np.quantile(log.position_m[begin:], (0.02, 0.98))))
     kind: Kind = "limit cycle" if float(np.std(cycles) / np.mean(cycles)) < 0.35 else "irregular"
     hertz = (turns.size - 1) / 2 / (period * float(turns[-1] - turns[0]))
-    return [_swing(log, none, kind, (begin, n), slice(begin, n), hertz, moved)]
+    return [_swing(log, none, kind, (begin, n), slice(begin, n), hertz, travel)]
 
 
-def pushed_kg(log: Log, device: Device, *, known: bool) -> float:
+def apparent_mass_kg(log: Log, device: Device, *, known: bool) -> float:
     """Return the mass that the force moves up to the largest speed; negative along the motion, infinite for none."""
     period, force = log.sample_time_s, np.repeat(log.force_n, log.hold)[: log.samples_m.size]
     speed = np.abs(ndimage.uniform_filter1d(np.gradient(log.samples_m), 5))

@@ -57,7 +57,7 @@ class Hypothesis:
     hand: Hand | None
     stops: tuple[float, float] | None = None
 
-    def changed(self, **values: object) -> Hypothesis:
+    def vary(self, **values: object) -> Hypothesis:
         """Return the hypothesis with another value of its device; a delay below the least of a device is none."""
         if (delay := values.get("delay_samples")) is not None:
             values["delay_samples"] = delay if float(str(delay)) >= LEAST_DELAY_SAMPLES else 0.0
@@ -72,7 +72,7 @@ class Hypothesis:
 
 def growth(one: Hypothesis, law: Law, stiffness: float = 1.0, damping: float = 1.0) -> float:
     """Return the growth rate, 1/s, of the least damped mode of the loop of one rate, gains scaled."""
-    period, late = one.device.sample_time_s, one.changed(delay_samples=one.delay + law.lag)
+    period, late = one.device.sample_time_s, one.vary(delay_samples=one.delay + law.lag)
     body = Body.of(sampled_plant(late.device, one.hand or no_hand())).axes(0, 0)
     loop = Loop(body=body.size, before=1, rate=1)
     x = body.output_row[None] @ loop["body"]
@@ -147,7 +147,7 @@ class _Structure:
         hand = None
         if self.hand:
             hand = Hand(*(math.exp(value[key]) for key in ("mass", "damping", "stiffness")))
-        return Hypothesis(device, hand, self.stops).changed(**new)
+        return Hypothesis(device, hand, self.stops).vary(**new)
 
     def residual(self, point: FloatArray, window: _Window) -> FloatArray:
         """Return the residual of the position between stops."""
@@ -205,8 +205,8 @@ class _Structure:
         """Return the best point, the curvature there, and half the sum of squares with the prior."""
 
         def gap(point: FloatArray) -> FloatArray:
-            left = [self.residual(point, one) / level for one, level in zip(windows, levels, strict=True)]
-            return np.concatenate([*left, (point - self.middle) / self.spread])
+            residual = [self.residual(point, one) / level for one, level in zip(windows, levels, strict=True)]
+            return np.concatenate([*residual, (point - self.middle) / self.spread])
 
         low, high = bounds = self.ends
         inner, step, size = np.clip(first, low + 1e-6, high - 1e-6), np.full(first.size, 1e-4), self.spread
@@ -245,10 +245,10 @@ def _windows(log: Log, swing: Oscillation) -> list[_Window]:
     size = int(min(max(0.4, 6 / swing.frequency_hz) / period, 1500, n - lead))
     places = swing.last - size, swing.first + round(2 / swing.frequency_hz / period)
     last, first = (int(np.clip(place, lead, n - size)) for place in places)
-    chosen = [last, first] if abs(first - last) > size // 3 else [last]
+    begins = [last, first] if abs(first - last) > size // 3 else [last]
     smooth = signal.savgol_filter(log.position_m, 5, 2, deriv=1)
     rub = np.tanh(smooth / max(0.05 * log.encoder_m, 1e-3 * float(np.std(smooth)), 1e-12))
-    parts = [(start, slice(start, start + size)) for start in chosen]
+    parts = [(start, slice(start, start + size)) for start in begins]
     x, force = log.position_m, log.force_n
     return [
         _Window(float(x[at]), x[part] - x[at], force[at - lead : at + size], rub[part], log.ran[part])
@@ -262,10 +262,10 @@ def fit_plants(log: Log, swing: Oscillation, design: Design, lag: float, seed: i
     scatter = math.hypot(log.encoder_m / math.sqrt(12), design.device.position_noise_rms_m)
     noise = math.hypot(scatter, 5e-3 * float(np.std(part)))
     plain, windows = _structures(design, period, lag, hertz, resonant=False), _windows(log, swing)
-    tried = [_begin(one, windows, noise) for one in plain]
-    least = min(left for *_, left in tried)
+    trials = [_begin(one, windows, noise) for one in plain]
+    least = min(residual for *_, residual in trials)
     # What the likeliest leaves is noise of the position where it is white, whether it is declared or not.
-    one, point, _ = min(tried, key=lambda each: each[-1])
+    one, point, _ = min(trials, key=lambda each: each[-1])
     rest = np.concatenate([one.residual(point, window) for window in windows])
     if rest.size > 200 and samples_alike(rest) <= LEAST_ALIKE:
         scatter, noise = max(scatter, least), max(noise, least)
@@ -276,16 +276,16 @@ def fit_plants(log: Log, swing: Oscillation, design: Design, lag: float, seed: i
             ends = [(middle - side * half, middle + side * half) for side in (0.96, 0.9, 0.84, 0.78, 0.72, 0.66, 0.6)]
             options = [_begin(replace(one, stops=stops), windows, noise) for stops in ends]
             # A stop that is taken too far in leaves out a little motion; one too far out is motion that none explains.
-            most = 1.3 * min(left for *_, left in options)
-            stopped = [option for option in options if option[-1] < most]
+            most = 1.3 * min(residual for *_, residual in options)
+            with_stops = [option for option in options if option[-1] < most]
             # Where one further in explains no more the contact is out; with fewer samples a declared device has to do.
-            tried += stopped[:1] if (design.known or stopped[1:]) and stopped[0][-1] < 0.5 * least else []
-    if design.device.resonance is None and min(left for *_, left in tried) > 2 * noise:
+            trials += with_stops[:1] if (design.known or with_stops[1:]) and with_stops[0][-1] < 0.5 * least else []
+    if design.device.resonance is None and min(residual for *_, residual in trials) > 2 * noise:
         resonant = _structures(design, period, lag, hertz, resonant=True)
-        tried += [_begin(one, windows, noise) for one in resonant]
-    best = [min((one.residual(point, window) for one, point, _ in tried), key=_rms) for window in windows]
-    levels = np.array([max(noise, _rms(left)) * math.sqrt(samples_alike(left)) for left in best])
-    fits = [_finish(one, windows, point, levels, noise, seed) for one, point, _ in tried]
+        trials += [_begin(one, windows, noise) for one in resonant]
+    best = [min((one.residual(point, window) for one, point, _ in trials), key=_rms) for window in windows]
+    levels = np.array([max(noise, _rms(residual)) * math.sqrt(samples_alike(residual)) for residual in best])
+    fits = [_finish(one, windows, point, levels, noise, seed) for one, point, _ in trials]
     return sorted((replace(fit, scatter_m=scatter) for fit in fits if fit is not None), key=lambda fit: fit.cost)
 
 
@@ -309,18 +309,18 @@ def _finish(
     point, curvature, cost = one.solve(point, windows, levels, 12)
     values, vectors = np.linalg.eigh(curvature)
     random = np.random.default_rng(seed).standard_normal((_DRAWS, point.size))
-    drawn = point + (random / np.sqrt(np.maximum(values, 1e-6))) @ vectors.T
+    sample = point + (random / np.sqrt(np.maximum(values, 1e-6))) @ vectors.T
     low, high = one.ends
-    drawn = np.clip(drawn, low + 1e-9, high - 1e-9)
+    sample = np.clip(sample, low + 1e-9, high - 1e-9)
     # The evidence integrates over the posterior, to compare structures with different numbers of unknowns.
     volume = 0.5 * float(np.sum(np.log(np.maximum(values, 1e-6)))) + float(np.sum(np.log(one.spread)))
     near, odds = 1e-3 * (high - low), _RESONANCE_ODDS * one.resonant + _STOP_ODDS * (one.stops is not None)
     if one.resonant and ((point > high - near) | (point < low + near))[-3:].any():
         return None
-    draws, misfit = tuple(map(one.answer, drawn)), min(_rms(one.residual(point, window)) for window in windows) / noise
+    draws, misfit = tuple(map(one.answer, sample)), min(_rms(one.residual(point, window)) for window in windows) / noise
     at_end = bool(point[0] > high[0] - near[0])
-    return Fit(one.answer(point), draws, cost + volume + odds, misfit, 0.0, float(np.std(drawn[:, 0])), at_end)
+    return Fit(one.answer(point), draws, cost + volume + odds, misfit, 0.0, float(np.std(sample[:, 0])), at_end)
 
 
-def _rms(left: FloatArray) -> float:
-    return math.sqrt(float(np.mean(left**2)))
+def _rms(residual: FloatArray) -> float:
+    return math.sqrt(float(np.mean(residual**2)))

@@ -66,8 +66,8 @@ class Scene:
         for length, back in ((part, whole + 1), (1 - part, whole)):
             if length > 1e-9:
                 count = math.ceil(length * period / most_s - 1e-9)
-                moved, rubbed = (transition(each, length * period / count) for each in (plant, rubbing))
-                moves.append((moved.matrix, moved.force, rubbed.force, back, count))
+                move, rub = (transition(each, length * period / count) for each in (plant, rubbing))
+                moves.append((move.matrix, move.force, rub.force, back, count))
         # In the mean, what holds the device balances the force of the log.
         spring = float(np.atleast_1d(one.hand.stiffness_n_per_m)[0]) if isinstance(one.hand, Hand) else 0.0
         push, state = self.force_n + spring * self.rest_m, np.zeros(len(plant.names))
@@ -75,24 +75,24 @@ class Scene:
         away = self.start * self.swing.peak_to_peak_m / (-2 if self.one_sided else 2)
         state[[name.endswith("_position_m") for name in plant.names]] = self.rest_m + away
         noise = self.noise_m * np.random.default_rng(0).standard_normal(n)
-        rate, (position, seen, force) = 0.0, np.zeros((3, n))
+        rate, (position, reading, force) = 0.0, np.zeros((3, n))
         for tick in range(n):
             position[tick] = at = float(row @ state)
             if not abs(at) < 1e6:
                 position[tick:] = np.linspace(1, 2, n - tick) * 1e6 * np.cos(np.arange(n - tick))
                 break
             x = at + noise[tick]
-            seen[tick] = x = step * math.floor((x + centre) / step + 0.5) - centre if step else x
-            rate = keep * rate + (1 - keep) * (x - seen[max(tick - 1, 0)]) / period
+            reading[tick] = x = step * math.floor((x + centre) / step + 0.5) - centre if step else x
+            rate = keep * rate + (1 - keep) * (x - reading[max(tick - 1, 0)]) / period
             read = x, rate
             if frames is not None:
                 new = max(tick - tick % frames.ticks - round(frames.late * frames.ticks), 0)
-                slow = (seen[new] - seen[max(new - frames.ticks, 0)]) / (frames.ticks * period)
-                read = (seen[new], rate) if frames.slow == "spring" else (x, slow)
+                slow = (reading[new] - reading[max(new - frames.ticks, 0)]) / (frames.ticks * period)
+                read = (reading[new], rate) if frames.slow == "spring" else (x, slow)
             plain = law.stiffness_n_per_m * (read[0] + centre) + law.damping_ns_per_m * read[1] + law.offset_n
             force[tick] = self._command(law, plain, x, rate)
             for matrix, by_force, beside, back, count in moves:
-                driven = by_force * (force[tick - back] if tick >= back else 0.0)
+                drive = by_force * (force[tick - back] if tick >= back else 0.0)
                 for _ in range(count):
                     other = -push
                     if one.stops is not None:
@@ -100,7 +100,7 @@ class Scene:
                         beyond = float(row @ state) - min(max(float(row @ state), low), high)
                         stiff = stop_rate * beyond + 0.2 * state[1] if beyond else 0.0
                         other += one.device.mass_kg * stop_rate * stiff
-                    state = matrix @ state + driven + beside * other
+                    state = matrix @ state + drive + beside * other
                     state = state + beside * min(max(-state[1] / beside[1], -rubs), rubs) if rubs else state
         return position, force
 
@@ -118,7 +118,7 @@ class Scene:
             force = max(force, 0.0) if x > 0 or law.stiffness_n_per_m <= 0 else 0.0
         return min(max(force, -self.limit_n), self.limit_n)
 
-    def left(self, one: Hypothesis, law: Law, quarter: int = 3) -> float:
+    def residual_swing(self, one: Hypothesis, law: Law, quarter: int = 3) -> float:
         """Return the swing in the last or another quarter of a simulation, as a share of that of the log."""
         position, force = (np.array_split(each, 4)[quarter] for each in self.play(one, law))
         shakes = float(np.ptp(np.quantile(force, (0.01, 0.99)))) / max(self.swing.force_peak_to_peak_n, 1e-12)
@@ -130,7 +130,7 @@ class Scene:
     def settles(self, one: Hypothesis, law: Law) -> bool:
         """Return whether simulations come to rest: over few encoder steps one may by chance."""
         most = 0.3 if self.swing.steps < _FEW_STEPS else _RESTS
-        return all(replace(self, start=share).left(one, law) < most for share in _STARTS)
+        return all(replace(self, start=share).residual_swing(one, law) < most for share in _STARTS)
 
     def rests(self, every: Sequence[Hypothesis], law: Law) -> tuple[bool, bool]:
         """Return whether a loop comes to rest as soon as a user expects, and without dry friction too."""
@@ -141,19 +141,19 @@ class Scene:
         steep = replace(law, stiffness_n_per_m=law.stiffness_n_per_m + ramp)
         rates = [growth(one, steep) for one in every] if law.frames is None else []
         sound = all(rate < 0 for rate in rates) and all(rate < slowest for rate in rates[:1])
-        tried = [every[0], max(every, key=lambda one: one.delay)] if law.switch else every[:1]
-        settles = (sound or law.switch is not None) and all(self.settles(one, law) for one in tried)
-        free = [one.changed(coulomb_friction_n=0.0) for one in tried if law.switch]
+        cases = [every[0], max(every, key=lambda one: one.delay)] if law.switch else every[:1]
+        settles = (sound or law.switch is not None) and all(self.settles(one, law) for one in cases)
+        free = [one.vary(coulomb_friction_n=0.0) for one in cases if law.switch]
         return settles, settles and sound and all(self.decays(one, law) for one in free)
 
     def decays(self, one: Hypothesis, law: Law) -> bool:
         """Return whether a simulation is on the way to rest."""
-        return self.settles(one, law) or self.left(one, law) < 0.8 * self.left(one, law, 1)
+        return self.settles(one, law) or self.residual_swing(one, law) < 0.8 * self.residual_swing(one, law, 1)
 
     def swings(self, one: Hypothesis, law: Law) -> bool:
         """Return whether a simulation goes on about as the log does; growth has no size of its own."""
-        left = self.left(one, law)
-        return left > _SWINGS and (left < 5.0 or self.swing.kind == "growing")
+        residual = self.residual_swing(one, law)
+        return residual > _SWINGS and (residual < 5.0 or self.swing.kind == "growing")
 
 
 @dataclass(frozen=True)
@@ -171,13 +171,13 @@ class Remedy:
 def without(cause: str, one: Hypothesis, law: Law, log: Log, design: Design) -> tuple[Hypothesis, Law]:
     """Return the loop without what was not intended; a frame that comes late is late by its rate."""
     if cause == "delay":
-        return one.changed(delay_samples=design.latest(log)), replace(law, lag=0)
+        return one.vary(delay_samples=design.latest(log)), replace(law, lag=0)
     if cause == "rate":
         slower = design.known and design.samples_a_tick(log) > 1
         fast = design.device.sample_time_s if slower else log.sample_time_s
         keep, lag = law.keep ** (fast / log.period_s) if law.keep else 0.0, 0 if log.hold > 1 else law.lag
-        return one.changed(sample_time_s=fast), replace(law, keep=keep, lag=lag)
-    return (one.changed(resonance=None), law) if cause == "resonance" else (one, replace(law, switch=None, frames=None))
+        return one.vary(sample_time_s=fast), replace(law, keep=keep, lag=lag)
+    return (one.vary(resonance=None), law) if cause == "resonance" else (one, replace(law, switch=None, frames=None))
 
 
 def limit_of(one: Hypothesis, law: Law, gain: str) -> float:
@@ -199,11 +199,11 @@ def remedies_of(
         first = found.get(remedy.key)
         if first and not (first.by_friction or first.while_held):
             continue
-        every = [one.changed(**values) for one in answers]
+        every = [one.vary(**values) for one in answers]
         if (held := its_scene.rests(every, its))[0]:
             released = its_scene.rests([replace(one, hand=None) for one in every], its)
-            tried = replace(remedy, by_friction=not held[1], while_held=released < held)
-            found[remedy.key] = min(first or tried, tried, key=lambda one: one.by_friction + one.while_held)
+            candidate = replace(remedy, by_friction=not held[1], while_held=released < held)
+            found[remedy.key] = min(first or candidate, candidate, key=lambda one: one.by_friction + one.while_held)
     return tuple(found.values())
 
 
@@ -235,14 +235,14 @@ def _changes(cause: str, one: Hypothesis, law: Law, scene: Scene, log: Log, desi
         limit = now * limit_of(one, law, "stiffness" if spring else "damping")
         yield from _of_gain(law, scene, spring, [limit * part for part in (0.8, 0.6, 0.4, 0.25, 0.12) if limit > 0])
     # A spring that acts so late takes k times that of damping.
-    taken = law.stiffness_n_per_m * (late + 0.5) * period
-    yield from _of_gain(law, scene, False, [law.damping_ns_per_m + part * taken for part in (0.25, 0.5, 1.0, 2.0, 4.0)])
+    loss = law.stiffness_n_per_m * (late + 0.5) * period
+    yield from _of_gain(law, scene, False, [law.damping_ns_per_m + part * loss for part in (0.25, 0.5, 1.0, 2.0, 4.0)])
     cut = law.filter_hz(period)
     # A filter where noise shakes the force; a quicker one where its lag may.
     quicker = [cut * times for times in (2.0, 4.0, 8.0, 16.0) if cut * times < 0.45 / period] if cut else []
     for hertz in quicker if cause != "encoder" else () if cut else (150.0, 60.0, 25.0):
-        filtered = replace(law, keep=math.exp(-2 * math.pi * hertz * period))
-        yield Remedy("velocity_filter_hz", hertz, cut or 0.5 / period, "frequency"), {}, filtered, scene
+        filter_law = replace(law, keep=math.exp(-2 * math.pi * hertz * period))
+        yield Remedy("velocity_filter_hz", hertz, cut or 0.5 / period, "frequency"), {}, filter_law, scene
     for finer in (2.0, 4.0, 8.0) if cause == "encoder" and scene.encoder_m else ():
         smooth = replace(scene, encoder_m=scene.encoder_m / finer, noise_m=scene.noise_m / finer)
         yield Remedy("encoder_resolution_m", smooth.encoder_m, scene.encoder_m, "length"), {}, law, smooth
@@ -267,6 +267,6 @@ def _of_switch(law: Law, switch: Switch, scene: Scene, design: Design) -> Iterat
         speed = size * 2 * math.pi * swing.frequency_hz
         size, quantity = (speed, "speed") if switch.by == "speed" else (swing.force_peak_to_peak_n, "force")
     # Of a switch at the force limit the size is not seen. A wider ramp is softer: it is played with a fifth less.
-    seen = abs(switch.force_n) < 0.999 * (design.device.max_force_n or math.inf)
-    for width in (size * np.geomspace(0.02, 8.0, 12)).tolist() if seen else ():
+    visible = abs(switch.force_n) < 0.999 * (design.device.max_force_n or math.inf)
+    for width in (size * np.geomspace(0.02, 8.0, 12)).tolist() if visible else ():
         yield Remedy("switch_width", width, 0.0, quantity), {}, law, replace(scene, width=0.8 * width)
