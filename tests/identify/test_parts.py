@@ -61,7 +61,7 @@ def linear_fit(seed, count=40, size=60, noise=1.0):
     error -= slopes @ np.linalg.lstsq(slopes, error, rcond=None)[0]
     parts = zip(np.split(error, count), np.split(slopes, count), strict=True)
     blocks = tuple(Block(size, float(e @ e), j.T @ e, j.T @ j) for e, j in parts)
-    structure = Structure(("rigid",), {}, assumed=dict.fromkeys({*RUNGS["rigid"]} - {*names}, 0.0))
+    structure = Structure(("rigid",), {}, fixed=dict.fromkeys({*RUNGS["rigid"]} - {*names}, 0.0))
     return Fit(structure, np.zeros(len(names)), Observer(1.0), (error,), blocks, 1.0, 0.0), slopes
 
 
