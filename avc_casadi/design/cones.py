@@ -1,4 +1,4 @@
-"""Cones of one step of the program, solved with few of them at a time, and Zames-Falb multipliers."""
+"""Cones of one step of the program, solved with few of them at a time."""
 
 from __future__ import annotations
 
@@ -6,28 +6,24 @@ import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray
 
-PER_CONTACT, PER_LACK = 10.0, 2.0
-"""Weights of unmet contact and of missing decay, in units of the squared error."""
-# Least cosine with which a multiplier serves.
-_SERVES = 0.03
+PER_LACK = 2.0
+"""Weight of missing decay, in units of the squared error."""
 
 
 class Cones:
-    """Cones of the variables w, L = L_0 + W w, then gamma, and the slacks of contact and of decay."""
+    """Cones of the variables w, L = L_0 + W w, then gamma and the slack of decay."""
 
     def __init__(self, gain: FloatArray, axes: FloatArray) -> None:
         self._gain, self._axes = gain, axes
         self._blocks: list[tuple[object, FloatArray, FloatArray, bool]] = []
 
     def _rows(self, rows: FloatArray, constant: FloatArray) -> tuple[FloatArray, FloatArray]:
-        return np.pad(rows @ self._axes, ((0, 0), (0, 3))), constant + rows @ self._gain
+        return np.pad(rows @ self._axes, ((0, 0), (0, 2))), constant + rows @ self._gain
 
-    def linear(
-        self, key: object, rows: FloatArray, constant: FloatArray, *, contact: float = 0.0, lack: float = 0.0
-    ) -> None:
+    def linear(self, key: object, rows: FloatArray, constant: FloatArray, *, lack: float = 0.0) -> None:
         """Require rows L + constant >= 0, with a slack."""
         matrix, level = self._rows(rows, constant)
-        matrix[:, -2:] = contact, lack
+        matrix[:, -1] = lack
         whole = isinstance(key, tuple) and key[0] == "pole"
         self._blocks.append((key, matrix[:, None], level[:, None], whole))
 
@@ -53,21 +49,21 @@ class Cones:
             self._rows(over[0].imag, over[1].imag),
         ]
         matrix, level = (np.stack(part, axis=1) for part in zip(*parts, strict=True))
-        matrix[:, :2, -3] = 0.5
+        matrix[:, :2, -2] = 0.5
         self._blocks.append(("error", matrix, level, True))
 
     def solved(self, near: dict[object, BoolArray]) -> FloatArray:
-        """Minimise gamma and the slacks: a few of the cones, then those that the solution violates, until none is."""
+        """Minimise gamma and the slack: a few of the cones, then those that the solution violates, until none is."""
         import clarabel  # noqa: PLC0415
         from scipy import sparse  # noqa: PLC0415
 
-        n = self._axes.shape[1] + 3
-        positive = np.pad(np.eye(2), ((0, 0), (n - 2, 0)))
-        blocks = [*self._blocks, ("slack", positive[:, None], np.zeros((2, 1)), True)]
+        n = self._axes.shape[1] + 2
+        positive = np.eye(n)[-1:]
+        blocks = [*self._blocks, ("slack", positive[:, None], np.zeros((1, 1)), True)]
         masks = [_mask(near.get(key), len(level), whole=whole) for key, _, level, whole in blocks]
         cost = np.zeros(n)
-        cost[-3:] = 1.0, PER_CONTACT, PER_LACK
-        quadratic = sparse.diags(np.append(np.full(n - 3, 1e-6), np.zeros(3))).tocsc()
+        cost[-2:] = 1.0, PER_LACK
+        quadratic = sparse.diags(np.append(np.full(n - 2, 1e-6), np.zeros(2))).tocsc()
         settings = clarabel.DefaultSettings()
         settings.verbose, settings.max_iter = False, 60
         settings.tol_gap_abs, settings.tol_gap_rel, settings.tol_feas = 1e-6, 1e-4, 1e-7
@@ -90,7 +86,7 @@ class Cones:
             masks = [mask | more for mask, more in zip(masks, violated, strict=True)]
         for (key, *_), gap, mask in zip(blocks, gaps, masks, strict=True):
             near[key] = mask & (gap < 0.15 * max(1e-9, float(np.median(gap))))
-        return np.asarray(self._gain + self._axes @ solution[:-3])
+        return np.asarray(self._gain + self._axes @ solution[:-2])
 
 
 def _mask(near: BoolArray | None, count: int, *, whole: bool) -> BoolArray:
@@ -98,35 +94,3 @@ def _mask(near: BoolArray | None, count: int, *, whole: bool) -> BoolArray:
     mask = np.full(count, whole) if near is None or len(near) != count else near | whole
     mask[::40] = True
     return mask
-
-
-def multiplier(z: ComplexArray, loop: ComplexArray, known: ComplexArray | None = None) -> tuple[ComplexArray, float]:
-    """Return M = 1 - sum h_k z^-k, h >= 0 of sum below 1, of the largest least cosine of M times a loop; and that."""
-    unit = loop / np.abs(loop)
-    if known is not None and (least := float((known * unit).real.min())) > _SERVES:
-        return known, least
-    single = np.append(0.0, 1 - np.geomspace(0.5, 0.002, 8))[:, None]
-    tried = 1 - np.concatenate([single / z, single * z])
-    tried /= np.abs(tried)
-    cosines = (tried * unit).real.min(axis=1)
-    best, least = tried[cosines.argmax()], float(cosines.max())
-    if least > _SERVES:
-        return best, least
-    from scipy.optimize import linprog  # noqa: PLC0415 - few loops come so far
-
-    taps = np.outer([1, -1], [1, 2, 3, 5, 8, 13, 21, 34, 55]).ravel()
-    delayed, weight = -(z[:, None] ** -taps), np.ones(len(z))
-    for _ in range(2):
-        rows = np.pad(-(delayed * unit[:, None]).real * weight[:, None], ((0, 1), (0, 1)), constant_values=1.0)
-        rows[-1, -1] = 0.0
-        right = np.append(unit.real * weight, 0.9995)
-        goal = np.append(np.zeros(len(taps)), -1.0)
-        found = linprog(goal, A_ub=rows, b_ub=right, bounds=[(0, 1)] * len(taps) + [(-2, 2)], method="highs")
-        if found.status != 0 or found.x is None:
-            break
-        one = 1 + delayed @ found.x[:-1]
-        weight = 1 / np.maximum(np.abs(one), 1e-3)
-        one = one / np.abs(one)
-        if (reached := float((one * unit).real.min())) > least:
-            best, least = one, reached
-    return best, least

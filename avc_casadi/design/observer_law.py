@@ -25,36 +25,31 @@ Loops = tuple[FloatArray, FloatArray, FloatArray]
 
 @dataclass(frozen=True)
 class _Guess:
-    """Weights of a regulator, noises of its filter as forces, and the hand and the resonance that they assume."""
+    """Weight of a regulator, noises of its filter as forces, and the hand that it assumes."""
 
-    position: float  # weight, relative to that of the force
     velocity: float  # weight, in units of sqrt(K m)
     walk: float  # noise of the push
     motor: float  # noise of the force on the motor
-    handle: float  # and on the handle
     hand: tuple[float, float, float]  # mass, damping and stiffness, over the middles of their ranges
-    mode: tuple[float, float] = (1.0, 0.0)  # frequency over the declared one, and damping ratio
 
 
-# A stiff regulator behind a slow filter twice, and a soft one: middles of what suits devices drawn at random.
-_RIGID = (
-    _Guess(17.0, 1.9, 0.0065, 0.64, 0.0, (0.15, 3.2, 1.7)),
-    _Guess(20.0, 2.0, 0.0022, 0.12, 0.0, (0.13, 1.4, 4.9)),
-    _Guess(2.2, 0.4, 0.009, 0.6, 0.0, (0.43, 1.4, 3.8)),
+# Middles of what suits devices drawn at random: two dampers behind slow filters, and a spring.
+_GUESSES = (
+    _Guess(2.7, 0.0018, 0.23, (0.25, 4.8, 7.1)),
+    _Guess(4.2, 0.0036, 0.17, (0.083, 2.2, 2.0)),
+    _Guess(0.33, 0.0026, 0.38, (0.24, 4.7, 7.9)),
 )
-_RESONANT = (
-    _Guess(22.0, 0.96, 0.0025, 0.16, 0.13, (0.25, 2.2, 4.7), (0.81, 0.09)),
-    _Guess(20.0, 2.0, 0.0022, 0.12, 0.11, (0.13, 1.4, 4.9), (0.87, 0.16)),
-    _Guess(2.2, 0.4, 0.009, 0.6, 0.23, (0.43, 1.4, 3.8), (0.87, 0.16)),
-)
-GUESSES = range(len(_RIGID))
+GUESSES = range(len(_GUESSES))
+# Weight of the position, relative to that of the force: a regulator much stiffer than its wall is unstable at the lower
+# gain of a clipped force. Noise of the force on the handle. Frequency of the mode over the declared one, and damping.
+_POSITION, _HANDLE, _MODE = 1.1, 0.2, (0.9, 0.1)
 # Regularises states without weight or noise.
 _NOTHING = 1e-9
 
 
 def regulator(device: Device, hands: Hands, stiffness_n_per_m: float, guess: int) -> StateFeedback:
     """Return one of the `GUESSES`."""
-    one, t = (_RIGID if device.resonance is None else _RESONANT)[guess], device.sample_time_s
+    one, t = _GUESSES[guess], device.sample_time_s
     # At a sample time below 1 ms the filter is as fast in seconds, above it in samples.
     light_kg, faster = device.mass_kg + hands.mass_kg[0], min(1.0, t / 1e-3)
     least = {"mass_kg": 0.01, "damping_ns_per_m": 1.0, "stiffness_n_per_m": 10.0}
@@ -62,12 +57,12 @@ def regulator(device: Device, hands: Hands, stiffness_n_per_m: float, guess: int
     hand = Hand(*(share * middle for share, middle in zip(one.hand, middles, strict=True)))
     mode = None
     if device.resonance is not None:
-        mode = Mode(device.resonance.frequency_hz * one.mode[0], one.mode[1], device.resonance.mass_ratio)
+        mode = Mode(device.resonance.frequency_hz * _MODE[0], _MODE[1], device.resonance.mass_ratio)
     model = _Model.of(device, hand, mode, stiffness_n_per_m)
     unit = light_kg / t**2 / stiffness_n_per_m
-    forces = unit * faster**2 * one.motor, unit * faster**2 * one.handle
+    forces = unit * faster**2 * one.motor, unit * faster**2 * _HANDLE
     innovation = model.innovation(unit * faster**3 * one.walk, forces)
-    feedback = model.feedback(one.position, one.velocity * math.sqrt(light_kg / stiffness_n_per_m) / t)
+    feedback = model.feedback(_POSITION, one.velocity * math.sqrt(light_kg / stiffness_n_per_m) / t)
     positions = tuple(place for place, name in enumerate(model.names) if name.endswith("_position_m"))
     return _law(device, (model.state, model.push / stiffness_n_per_m, innovation, feedback), positions, model.measured)
 
@@ -136,6 +131,12 @@ class Structure:
         inner = np.linalg.inv(z[..., None, None] * np.eye(n) - self.state[:n, :n])
         found[..., :n] = inner[..., self.measures, :] @ self.state[:n, :n]
         return found
+
+    def feedback_difference(self, z: ComplexArray) -> ComplexArray:
+        """Return the return difference of the feedback on the model, 1 - K R (z - A)^-1 B, at points z."""
+        n = self.modelled
+        moved = np.linalg.solve(z[..., None, None] * np.eye(n) - self.state[:n, :n], self.force[:n, None])
+        return np.asarray(1 - self.stiffness_n_per_m * (moved[..., 0] @ self.feedback[:n]))
 
     def observer_radius(self, gain: FloatArray) -> float:
         """Return the spectral radius of the observer alone."""

@@ -21,7 +21,7 @@ from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.claims.impedance import handle_impedance, target_impedance
 from avc_casadi.coupling import Coupling
-from avc_casadi.design.cones import PER_LACK, Cones, multiplier
+from avc_casadi.design.cones import PER_LACK, Cones
 from avc_casadi.design.observer_law import GUESSES, Loops, Structure
 from avc_casadi.design.static import constant_schedule
 from avc_casadi.loops.spectrum import eigenvalues
@@ -45,6 +45,8 @@ GAINS = np.array([1.0, 0.5, 0.25, 0.12, 0.06, 0.03, 0.015])
 """Sector gains of quantiser and dead zone at which the loop is required to decay."""
 # Least relative change of Phi that a law in single precision may depend on: with less L grows without an effect.
 RESOLVED = 1e-6
+# Least cosine of half the phase that a clipped force leaves before a lower gain of the clip is unstable: 6 degrees.
+_CLIPPED = 0.05
 # Share of Phi on contours, and twice that of the observer, that a step leaves at least; after one that failed, more.
 _LEFT = (0.2, 0.6, 0.85)
 
@@ -63,10 +65,15 @@ class Performance:
     error: float  # largest |Z_h - Z|/max(|Z|, |Z_e|) from 1 to 30 Hz, Z of device and physical wall, Z_e of the wall
     disk_margin: float  # 2/max |(1 - L)/(1 + L)| of the loop L at the actuator, a hand or released
     noise_n_per_m: float  # largest force over a sine of encoder noise
-    contact: float  # least cosine of M Phi/O of a clipped force, without the feedback: above 0 as required, no proof
+    clipped: float  # least cosine of half the phase of 1 - G, G the loop of a clipped force, at gains from 1 to 0.015
     decay: FloatArray  # least decay over the required one, at each of `GAINS`
     free: FloatArray  # least |1 + g (Phi - 1)| with a hand, at each of `GAINS`
     radius: float  # spectral
+
+    @property
+    def stable(self) -> bool:
+        """Whether every hand is stable, and the device released, at each gain of a force that is clipped."""
+        return self.radius < 1 and self.clipped > _CLIPPED
 
     def lack(self, free: FloatArray) -> float:
         """Return the largest missing share of decay and of |1 + g (Phi - 1)|; 0 where none is missing."""
@@ -84,7 +91,6 @@ class Program:
     disk_margin: float  # goal
     noise_n_per_m: float  # goal
     distance: float = 1.0  # goal of 1 + g (Phi - 1) from 0, as a share of the usual one
-    _multipliers: dict[int, ComplexArray] = field(default_factory=dict, init=False)
     _near: dict[object, BoolArray] = field(default_factory=dict, init=False)
     _contours: dict[tuple[int, float], ComplexArray] = field(default_factory=dict, init=False)
 
@@ -102,6 +108,7 @@ class Program:
         self.x, self.y = self.structure.rows(self.z)
         self.phi = self.y + self.response[..., None] * self.x
         self.observer = self.structure.observer_rows(self.z)
+        self.feedback_difference = self.structure.feedback_difference(self.z)
         z = np.exp(2j * np.pi * self._grid(8) * device.sample_time_s)
         x, y = self.structure.rows(z)
         # Of the denser grid on which margin and noise are judged: X, Y and Phi.
@@ -142,8 +149,8 @@ class Program:
         near, near_0, far, far_0 = rows
         return np.asarray(np.abs(near @ gain + near_0) / np.abs(far @ gain + far_0))
 
-    def evaluate(self, gain: FloatArray, *, contact: bool = True) -> Performance:
-        """Return what a gain L reaches; without the contact condition that counts as met."""
+    def evaluate(self, gain: FloatArray) -> Performance:
+        """Return what a gain L reaches."""
         structure = self.structure
         phi = 1 + self.phi @ gain
         decay, radius = [], 0.0
@@ -153,19 +160,16 @@ class Program:
             decay.append(float(self._decays(poles, row).min()))
         held = len(self.held[0])
         free = [np.abs(1 + passed * (phi[:held] - 1)).min() for passed in GAINS]
-        least = 1.0
-        if contact:
-            observer = 1 + self.observer @ gain
-            for row, one in enumerate(phi):
-                self._multipliers[row], cosine = multiplier(self.z, one / observer, self._multipliers.get(row))
-                least = min(least, cosine)
+        # Stable at gain 1, so at each g where g G stays off 1; clipped still further it is weaker than friction.
+        difference = phi * self.feedback_difference / (1 + self.observer @ gain)
+        cosine = np.cos(np.angle(difference) / 2)[np.abs(difference) < 1 / GAINS[-1]]
         x, y, rows = self.dense
         dense = 1 + rows @ gain
         return Performance(
             error=float(self.errors(gain, self.error).max()),
             disk_margin=float(2 / np.abs((2 * (1 + y @ gain) - dense) / dense).max()),
             noise_n_per_m=float(np.abs((x @ gain) / dense).max()),
-            contact=least,
+            clipped=float(cosine.min(initial=1.0)),
             decay=np.array(decay),
             free=np.array(free),
             radius=radius,
@@ -179,14 +183,13 @@ class Program:
 
     def meets(self, found: Performance) -> bool:
         """Return whether all but the error is as asked for."""
-        return self._excess(found) <= 0 and found.lack(self._free) <= 0 and found.radius < 1
+        return self._excess(found) <= 0 and found.lack(self._free) <= 0
 
     def _excess(self, found: Performance) -> float:
-        """Return by how much margin, noise and contact miss their goals, weighed; 0 where they do not."""
+        """Return by how much margin and noise miss their goals, weighed; 0 where they do not."""
         margin = max(0.0, 0.985 * self.disk_margin - found.disk_margin)
-        contact = max(0.0, 0.003 - found.contact)
         noise = max(0.0, math.log(found.noise_n_per_m / self.noise_n_per_m / 1.02)) if found.noise_n_per_m else 0.0
-        return 20 * (margin + contact) + noise
+        return 20 * margin + noise
 
     def _cost(self, found: Performance) -> float:
         return 30 * self._excess(found) + PER_LACK * found.lack(self._free) + found.error**2
@@ -221,12 +224,10 @@ class Program:
         """Return what a gain reaches if that is better, and decays as it must."""
         if not np.isfinite(gain).all() or self.structure.observer_radius(gain) >= 1:
             return None
-        kept = dict(self._multipliers)
         found = self.evaluate(gain)
         keeps = found.radius < 1 and bool((found.decay >= decay - 0.03 * np.abs(decay) - 0.01).all())
         if keeps and self._cost(found) < self._cost(before) - 1e-5:
             return found
-        self._multipliers = kept
         return None
 
     def _contour(self, row: int, share: float) -> ComplexArray:
@@ -272,10 +273,6 @@ class Program:
         observer = 1 + self.observer @ gain
         unit = np.conj(observer) / np.abs(observer) ** 2
         cones.linear("observer", (unit[:, None] * self.observer).real, unit.real - 0.5 * left)
-        for row, one in enumerate(c):
-            weight = self._multipliers[row] / observer / np.abs(one / observer)
-            rows = (weight[:, None] * (self.phi[row] - (one / observer)[:, None] * self.observer)).real
-            cones.linear(("contact", row), rows, (weight * one).real - rows @ gain - 0.01, contact=1.0)
         cones.error(*self.error)
         return cones.solved(self._near)
 
@@ -372,7 +369,7 @@ def best_start(program: Program) -> FloatArray | None:
     for gain in _starts(program):
         if program.structure.observer_radius(gain) >= 1:
             continue
-        found = program.evaluate(gain, contact=False)
+        found = program.evaluate(gain)
         lack = PER_LACK * max(0.0, 1 - float(found.decay.min())) + 4 * max(
             0.0, 1 - found.disk_margin / program.disk_margin
         )
@@ -393,8 +390,8 @@ class ProgramAnswer:
 
     @property
     def meets_goals(self) -> bool:
-        """Whether margin, noise, contact and decay are as asked for."""
-        return self.program.meets(self.performance)
+        """Whether it is stable, and margin, noise and decay are as asked for."""
+        return self.performance.stable and self.program.meets(self.performance)
 
     @property
     def coupling(self) -> Coupling:
@@ -463,6 +460,8 @@ def program_answers(
             if (gain := best_start(program)) is None:
                 continue
             gain, found = program.improve(gain)
+            if not found.stable:
+                continue
             answers.append(ProgramAnswer(problem, program, gain, found))
             if answers[-1].meets_goals and found.error <= NEAR:
                 break
@@ -482,7 +481,7 @@ def solve_robust(problem: Problem, *, progress: Progress = SILENT) -> GainSchedu
     found, goals = answer.performance, "as required" if answer.meets_goals else "not all as required"
     note = (
         f"error of the impedance from 1 to 30 Hz {100 * found.error:.3g} % at most, disk margin "
-        f"{found.disk_margin:.2f}; margin, noise, contact and decay {goals}"
+        f"{found.disk_margin:.2f}; margin, noise and decay {goals}"
     )
     gains, law = answer.coupling.table.at_rest, answer.coupling.runtime.state_feedback
     return constant_schedule(problem, "robust", gains, started, notes=(note,), law=law)

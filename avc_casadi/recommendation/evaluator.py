@@ -161,7 +161,7 @@ class Evaluator:
         """Try a coupling with all hands, then with others on devices of the ranges: selection among many is biased."""
         whole = one.trial if one.trial.hands == len(self._people) else self._trial(one.coupling, self._people)
         others = try_on_devices(one.coupling, next(self._others), self._devices, self._seed, self._executor)
-        found = replace(one, trial=whole, others=others)
+        found = replace(one, trial=whole, others=others, beyond=one.beyond or self._tried_beyond(one.coupling))
         self.candidates = [found if other is one else other for other in self.candidates]
         return found
 

@@ -42,7 +42,7 @@ class Candidate:
     trial: CouplingTrial
     order: int
     others: CouplingTrial | None = None
-    beyond: tuple[BoolArray, ...] = ()
+    beyond: tuple[BoolArray, ...] = ()  # first the corner hands that strike the wall; empty where not tried
 
     @cached_property
     def safety(self) -> int:
@@ -56,6 +56,11 @@ class Candidate:
     def withstands(self) -> bool:
         """Whether all hands settle on the required perturbed devices, if any."""
         return all(bool(rests.all()) for rests in self.beyond)
+
+    @property
+    def strikes_end(self) -> bool:
+        """Whether every corner hand settles after a strike, or none was tried."""
+        return not self.beyond or bool(self.beyond[0].all())
 
     @property
     def trials(self) -> tuple[CouplingTrial, ...]:

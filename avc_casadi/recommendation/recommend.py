@@ -107,6 +107,8 @@ def recommend_wall(
             off, beyond = mismatched(), unmodelled()
             lacks = nothing_rendered(problem, best.coupling.static_stiffness_n_per_m, best.trial)
             lacks = lacks or missed(beyond, by_friction=lean_on_friction or best.safety == 1)
+            if not (lacks or best.strikes_end):
+                lacks = "a corner hand that strikes the wall at 0.3 to 1 m/s does not settle; a softer wall"
         return Recommendation(
             problem=problem,
             coupling=coupling,

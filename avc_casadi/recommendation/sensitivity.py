@@ -67,7 +67,7 @@ class Trade:
     disk_margin: float
     error: tuple[float, float, float]  # that of `impedance_error` at 1, 10 and 30 Hz
     ripple_n: float  # at the hand, for a sine of one encoder step
-    met: bool  # contact, decay and noise too
+    met: bool  # clipped force, decay and noise too
 
 
 def trade_off(problem: Problem, progress: Progress = SILENT) -> tuple[Trade, ...]:

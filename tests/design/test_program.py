@@ -8,10 +8,8 @@ import scipy.linalg
 import scipy.signal
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.optimize import nnls
 
 import avc_casadi as avc
-from avc_casadi.design.cones import multiplier
 from avc_casadi.design.program import BAND_HZ, force_to_position, plants_with_forces, program_answers
 from avc_casadi.model.hands import Hand
 from avc_casadi.model.plant import sampled_plant
@@ -39,8 +37,8 @@ def answer(**numbers):
     return program_answers(problem(**numbers), 0.2)[0]
 
 
-def closed(problem, law, hand, factor=1.0, passed=1.0):
-    """The loop by its equations: one sample of device and law as a matrix, the force times a complex factor."""
+def closed(problem, law, hand, factor=1.0, passed=1.0, clip=1.0):
+    """The loop by its equations: one sample of device and law as a matrix, the motor's force times a complex factor."""
     device, wall = problem.device, problem.environment
     m, b, k = device.mass_kg + hand[0], device.damping_ns_per_m + hand[1], hand[2]
     t, late = device.sample_time_s, int(device.delay_samples)
@@ -52,7 +50,7 @@ def closed(problem, law, hand, factor=1.0, passed=1.0):
         x, queue, s, before = state[:2], state[2 : 2 + late], state[2 + late : 2 + late + n], state[-1]
         corrected = s + gain * passed * (x[0] - s[law.measures])
         y = reads @ corrected
-        force = wall.stiffness_n_per_m * y + wall.damping_ns_per_m * (y - before) / t
+        force = clip * (wall.stiffness_n_per_m * y + wall.damping_ns_per_m * (y - before) / t)
         line = np.concatenate([[factor * force], queue])
         return np.concatenate(
             [moves[:2, :2] @ x + moves[:2, 2] * line[-1], line[:late], a @ corrected + into * force, [y]]
@@ -146,21 +144,18 @@ def test_what_is_asked_for_bounds_the_force_of_a_step_of_the_encoder():
     assert found.performance.error > answer().performance.error
 
 
-@settings(deadline=None, max_examples=20)
-@given(st.lists(st.tuples(st.floats(0.2, 0.95), st.floats(0.0, np.pi)), min_size=1, max_size=3), st.floats(0.0, 0.9))
-def test_a_multiplier_is_one_of_the_clip_and_turns_the_loop_as_told(poles, zero):
-    z = np.exp(1j * np.linspace(1e-3, np.pi, 80))
-    loop = 1 - zero / z
-    for size, angle in poles:
-        loop = loop / (1 - 2 * size * np.cos(angle) / z + size**2 / z**2)
-    found, least = multiplier(z, loop)
-    assert (found * loop / np.abs(loop)).real.min() == pytest.approx(least, abs=1e-9)
-    # Of a clip that is not odd M is 1 - sum h_k z^-k, h >= 0 of sum below 1: such taps have these phases.
-    delayed = z[:, None] ** -np.outer([1, -1], [1, 2, 3, 5, 8, 13, 21, 34, 55]).ravel()
-    taps, left = nnls((found.conj()[:, None] * delayed).imag, -found.imag)
-    assert left < 1e-6
-    assert taps.sum() < 1
-    assert (found.conj() * (1 - delayed @ taps)).real.min() > 0
+@pytest.mark.parametrize("numbers", PROBLEMS)
+def test_a_clipped_force_is_stable_at_every_lower_gain(numbers):
+    """By the loop's eigenvalues, and by the phase of the quotient of its polynomials with the clip and without."""
+    found, asked = answer(**numbers), problem(**numbers)
+    law, cosines = law_of(found), []
+    z = np.exp(1j * np.geomspace(2e-3 * np.pi * 0.1, np.pi, 4000))[:, None]
+    for hand in (*CORNERS, RELEASED):
+        assert max(radius(asked, law, hand, clip=clip) for clip in np.geomspace(0.015, 1.0, 12)) < 1
+        ends = [np.linalg.eigvals(closed(asked, law, hand, clip=clip)) for clip in (1.0, 0.0)]
+        quotient = np.exp(np.log(z - ends[0]).sum(axis=1) - np.log(z - ends[1]).sum(axis=1))
+        cosines.append(np.cos(np.angle(quotient) / 2)[np.abs(quotient) < 60].min())
+    assert min(cosines) == pytest.approx(found.performance.clipped, rel=0.1)
 
 
 @pytest.mark.slow
