@@ -335,7 +335,7 @@ def unusual(problem: Problem) -> dict[str, str]:
             "state that the step began with (on-time)"
         )
     if tool.integrator == "explicit":
-        found["integrator"] = "is explicit: it feeds whatever swings"
+        found["integrator"] = "is explicit: it feeds whatever swings; take semi-implicit where the engine has it"
     if tool.substeps > 1:
         found["substeps"] = "hold a force as long as a slower engine: compute it anew in each of them (step_s)"
     if any(abs(one / t - round(one / t)) > 1e-6 for one in tool.step_s):

@@ -58,11 +58,6 @@ class Candidate:
         return all(bool(rests.all()) for rests in self.beyond)
 
     @property
-    def strikes_end(self) -> bool:
-        """Whether every corner hand settles after a strike, or none was tried."""
-        return not self.beyond or bool(self.beyond[0].all())
-
-    @property
     def trials(self) -> tuple[CouplingTrial, ...]:
         """All its trials."""
         return (self.trial,) if self.others is None else (self.trial, self.others)
@@ -158,11 +153,6 @@ def best_of(candidates: list[Candidate], *, lean_on_friction: bool = False) -> C
 def _plainness(one: Candidate) -> tuple[float, ...]:
     """Return what orders candidates that are equally near: a law after all others, of laws the nearest first."""
     return (1.0, one.distance + one.error) if one.coupling.runtime.state_feedback is not None else (0.0, one.order)
-
-
-def devices_of(best: Candidate | None) -> int:
-    """Return the number of devices on which a coupling was confirmed, if there is one."""
-    return 1 if best is None or best.others is None else best.others.devices
 
 
 def reason_of(best: Candidate | None, candidates: list[Candidate], considered: int) -> str:

@@ -23,7 +23,7 @@ from avc_casadi.recommendation.candidates import judge_all, stiffest_rendered
 from avc_casadi.recommendation.evaluator import Evaluator, Withstood, missed, off_file, withstood
 from avc_casadi.recommendation.pair import recommend_bilateral, recommend_tool
 from avc_casadi.recommendation.preconditions import assumed, not_used, nothing_rendered, why_infeasible
-from avc_casadi.recommendation.rank import UNNOTICED, devices_of, reason_of
+from avc_casadi.recommendation.rank import UNNOTICED, reason_of
 from avc_casadi.recommendation.recommendation import LimitCycleFreedom, Recommendation
 from avc_casadi.recommendation.sensitivity import trade_off, what_would_help
 from avc_casadi.simulation.population.operators import people_of
@@ -107,7 +107,7 @@ def recommend_wall(
             off, beyond = mismatched(), unmodelled()
             lacks = nothing_rendered(problem, best.coupling.static_stiffness_n_per_m, best.trial)
             lacks = lacks or missed(beyond, by_friction=lean_on_friction or best.safety == 1)
-            if not (lacks or best.strikes_end):
+            if not lacks and best.beyond and not best.beyond[0].all():
                 lacks = "a corner hand that strikes the wall at 0.3 to 1 m/s does not settle; a softer wall"
         return Recommendation(
             problem=problem,
@@ -123,7 +123,7 @@ def recommend_wall(
             helps=() if why_none else helps(),
             considered=evaluator.considered,
             reason=why_none or lacks or reason_of(best, candidates, evaluator.considered),
-            assumed=assumed(problem, devices_of(best)),
+            assumed=assumed(problem, 1 if best is None or best.others is None else best.others.devices),
             not_used=not_used(problem),
             trade_off=trade_off(problem, progress) if with_trade_off and coupling is not None else (),
         )
