@@ -191,11 +191,11 @@ def run_trial(args: argparse.Namespace, console: Console) -> Answer:
     """
     from avc_casadi._util.parallel import cluster, processors
     from avc_casadi.present.rows.judge import trial
-    from avc_casadi.simulation.population.trial import count_settled
+    from avc_casadi.simulation.population.trial import count_at_rest
 
     coupling = cli.read_wall(args.coupling)
     with cluster(args.scheduler) as executor, console.step(f"{args.hands} hands"):
-        found = count_settled(
+        found = count_at_rest(
             coupling,
             args.hands,
             args.seed,

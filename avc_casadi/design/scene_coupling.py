@@ -87,10 +87,10 @@ def simulate(
     """
     stated = as_problem(problem)
     chosen = scene_coupling(stated) if gains is None else gains
-    asked: dict[str, Any] = {"gains": chosen, "hand": hand, "seed": seed}
-    run = simulate_with(stated, **asked)
+    request: dict[str, Any] = {"gains": chosen, "hand": hand, "seed": seed}
+    run = simulate_with(stated, **request)
     notes = scene_notes(stated) if gains is None and stated.scene.coupling != "none" else []
-    return replace(run, stated=stated, asked=asked, notes=tuple(notes))
+    return replace(run, stated=stated, request=request, notes=tuple(notes))
 
 
 def facts_of(run: Run) -> dict[str, Any]:
@@ -116,16 +116,16 @@ def _without_guard(run: Run, problem: Problem) -> Run | None:
     """Return the same run without its guard, for comparison; None where there is none."""
     if GuardEffect().kind not in run.effects:
         return None
-    gains = run.asked["gains"]
+    gains = run.request["gains"]
     if isinstance(gains, Coupling):
         gains = replace(gains, runtime=gains.runtime.model_copy(update={"guard": None}))
     kept = tuple(effect for effect in scene_effects(problem) if not isinstance(effect, GuardEffect))
-    return simulate_with(problem.changed(scene={"effects": kept}), **{**run.asked, "gains": gains})
+    return simulate_with(problem.changed(scene={"effects": kept}), **{**run.request, "gains": gains})
 
 
 def _read_at(run: Run, problem: Problem) -> float | None:
     """Return the initial frequency at which varying gains are read; None for constant ones."""
-    gains = run.asked["gains"]
+    gains = run.request["gains"]
     if isinstance(gains, Gains):
         return None
     table = (
@@ -150,7 +150,7 @@ def screen(problem: AnyProblem, gains: AnyGains | None = None, *, tolerance: flo
         InputError: as `simulate`; or the tolerance is outside its range.
 
     Example:
-        >>> avc.screen("scenes/free-motion", tolerance=0.05).unneeded
+        >>> avc.screen("scenes/free-motion", tolerance=0.05).redundant
         ()
     """
     stated = as_problem(problem)

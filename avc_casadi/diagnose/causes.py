@@ -23,7 +23,7 @@ from avc_casadi.identification.log import Columns
 from avc_casadi.identification.read import Layout, read_columns
 from avc_casadi.model.device import Device
 from avc_casadi.model.problem import Hands, defaults_at
-from avc_casadi.simulation.judge import QUIET, felt_vibration
+from avc_casadi.simulation.judge import QUIET, vibration_level
 
 CAUSES: Mapping[str, tuple[str, str]] = {
     "sign": ("sign of the force", "a force pulse in free space"),
@@ -211,7 +211,7 @@ def _toggles(log: Log, swing: Oscillation, device: Device) -> bool:
     reads, turn = np.fft.rfft(x), 2 * math.pi * np.fft.rfftfreq(x.size, log.period_s)
     shakes = np.fft.rfft(force) / (device.mass_kg * np.maximum(turn, turn[1]) ** 2)
     moves = np.fft.irfft(np.where(np.abs(shakes) < np.abs(reads), shakes, reads), x.size)
-    felt = felt_vibration(device.metres_per_unit * moves, log.period_s)
+    felt = vibration_level(device.metres_per_unit * moves, log.period_s)
     return bool(np.ptp(x) < 2.5 * log.encoder_m and felt < QUIET)
 
 

@@ -179,17 +179,17 @@ def _stiffest_settled(
         tries: list[Trial] = []
         for gains in search.damped(stiffness, local=local, gain_margin=GAIN_MARGIN):
             trial = trial_of(gains, few, screen=True)
-            if trial.settled_with_friction and search.has_counterexample(gains, GAIN_MARGIN):
+            if trial.all_settle_with_friction and search.has_counterexample(gains, GAIN_MARGIN):
                 continue
-            if trial.settled_with_friction:
+            if trial.all_settle_with_friction:
                 trial = trial_of(gains, people, screen=False)
-            if trial.settled:
+            if trial.all_settle:
                 return _Tried(gains, trial, stiffer)
-            if leaning is None and trial.settled_with_friction:
+            if leaning is None and trial.all_settle_with_friction:
                 leaning = _Tried(gains, trial, stiffer)
             tries.append(trial)
         if tries:
-            stiffer = stiffness, max(tries, key=lambda one: float(one.settled_each.mean()))
+            stiffer = stiffness, max(tries, key=lambda one: float(one.hand_settles.mean()))
         if leaning is not None and number >= 2:
             break
         stiffness *= softer

@@ -33,13 +33,13 @@ class PlantSymbols:
             self._target = (series.target_row, tick.parameter("plant_spring"), tick.parameter("plant_damper"))
         self.friction: Expr = tick.parameter("plant_friction") if series.friction_n > 0 else None
 
-    def moved(self, target: Any, share: Expr) -> Any:
+    def target_after(self, target: Any, share: Expr) -> Any:
         """Return the target a share of a sample later."""
         return None if target is None else (target[0] + target[1] * (self._sample_time_s * share), target[1])
 
     def rates(self, state: list[Expr], force: Expr, target: Any) -> list[Expr]:
         """Return the change of the state per sample, without dry friction."""
-        rates = self.coupled(state)
+        rates = self.free_rates(state)
         if force is not None:
             rates[self._force[0]] += self._force[1] * force
         if target is not None:
@@ -47,14 +47,14 @@ class PlantSymbols:
             rates[row] += spring * target[0] + damper * target[1]
         return rates
 
-    def coupled(self, state: list[Expr]) -> list[Expr]:
+    def free_rates(self, state: list[Expr]) -> list[Expr]:
         """Return A times a state, per sample."""
         rates: list[Expr] = [0.0] * len(state)
         for (row, column), entry in self._entries.items():
             rates[row] += entry * state[column]
         return rates
 
-    def driven(self, rates: list[Expr], target: Any) -> list[Expr]:
+    def add_target_rates(self, rates: list[Expr], target: Any) -> list[Expr]:
         """Add how the rates change because the target moves, per sample squared."""
         if target is not None:
             row, spring, _ = self._target
@@ -109,8 +109,8 @@ class MatrixExponential:
                 x += of_force * force
             if target is not None:
                 position, velocity = target
-                elapsed = tick.sample_time_s * (begin + share * substep / self.substeps)
-                x += ca.mtimes(of_target, ca.vertcat(position + velocity * elapsed if elapsed else position, velocity))
+                time_s = tick.sample_time_s * (begin + share * substep / self.substeps)
+                x += ca.mtimes(of_target, ca.vertcat(position + velocity * time_s if time_s else position, velocity))
             if rubs:
                 stopping = -x[1] / of_friction[1]
                 friction = ca.fmin(ca.fmax(stopping, -self.friction_n), self.friction_n)
@@ -187,7 +187,7 @@ class TaylorSeries:
         if drive.late is None:
             return self._through(plant, state, drive.force, drive.target, 1.0)
         middle = self._through(plant, state, drive.force_before, drive.target, drive.late)
-        return self._through(plant, middle, drive.force, plant.moved(drive.target, drive.late), 1.0 - drive.late)
+        return self._through(plant, middle, drive.force, plant.target_after(drive.target, drive.late), 1.0 - drive.late)
 
     def _through(self, plant: PlantSymbols, state: list[Expr], force: Expr, target: Any, duration: Expr) -> list[Expr]:
         """Return the state after a stretch, its duration a share of the sample."""
@@ -196,11 +196,11 @@ class TaylorSeries:
             remaining, breaking = part, 0
             # Two changes between sliding and sticking are located in a series; a third one waits for its end.
             for _ in range(2 if self.friction_n > 0 else 0):
-                state, used, breaking = self._until_event(plant, state, force, target, remaining, breaking)
-                remaining -= used
-                target = plant.moved(target, used)
+                state, elapsed, breaking = self._until_event(plant, state, force, target, remaining, breaking)
+                remaining -= elapsed
+                target = plant.target_after(target, elapsed)
             state = self._to_the_end(plant, state, force, target, remaining, breaking)
-            target = plant.moved(target, remaining)
+            target = plant.target_after(target, remaining)
         return state
 
     def _until_event(
@@ -217,13 +217,13 @@ class TaylorSeries:
         reserve[0] += sticking * plant.friction
         # From rest the velocity has a zero at the beginning, which is divided out.
         from_rest = ca.logic_and(sliding, state[1] == 0)
-        reserve = [ca.if_else(from_rest, after, power) for power, after in pairwise(reserve)]
-        used = _first_zero(reserve, remaining)
-        moved = [_horner(powers, used) for powers in series]
-        ended = used < remaining
+        reserve = [ca.if_else(from_rest, higher, power) for power, higher in pairwise(reserve)]
+        elapsed = _first_zero(reserve, remaining)
+        after = [_horner(powers, elapsed) for powers in series]
+        event = elapsed < remaining
         # Sliding ends at a velocity of exactly 0.
-        moved[1] *= ca.logic_or(sticking, ca.logic_not(ended))
-        return moved, used, ca.logic_and(sticking, ended)
+        after[1] *= ca.logic_or(sticking, ca.logic_not(event))
+        return after, elapsed, ca.logic_and(sticking, event)
 
     def _to_the_end(
         self, plant: PlantSymbols, state: list[Expr], force: Expr, target: Any, remaining: Expr, breaking: Expr
@@ -233,9 +233,9 @@ class TaylorSeries:
             return [_horner(powers, remaining) for powers in self._series(plant, state, force, target)[0]]
         sliding, direction = _mode(plant, state, force, target, breaking)
         series, _ = self._series(plant, state, force, target, direction * plant.friction, sliding)
-        moved = [_horner(powers, remaining) for powers in series]
-        moved[1] *= direction * moved[1] >= 0
-        return moved
+        after = [_horner(powers, remaining) for powers in series]
+        after[1] *= direction * after[1] >= 0
+        return after
 
     def _series(
         self,
@@ -249,9 +249,9 @@ class TaylorSeries:
         """Return the power series of each state, and that of the device's acceleration without friction."""
         powers, loads = [state], []
         for power in range(self.order):
-            rates = plant.coupled(powers[-1]) if power else plant.rates(state, force, target)
+            rates = plant.free_rates(powers[-1]) if power else plant.rates(state, force, target)
             if power == 1:
-                rates = plant.driven(rates, target)
+                rates = plant.add_target_rates(rates, target)
             loads.append(rates[1])
             if friction is not None and power == 0:
                 rates[1] -= friction

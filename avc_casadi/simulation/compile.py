@@ -40,32 +40,32 @@ def build_effects(problem: Problem) -> tuple[SceneEffect, ...]:
         if EFFECTS[one].role and EFFECTS[one].role == EFFECTS[other].role
     ]
     faults: list[Fault] = []
-    built: list[SceneEffect] = []
+    effects: list[SceneEffect] = []
     for index, table in enumerate(tables):
         try:
-            built.append(EFFECTS[table.kind].build(table, problem, f"scene.effects[{index}]"))
+            effects.append(EFFECTS[table.kind].build(table, problem, f"scene.effects[{index}]"))
         except InputError as error:
             faults.extend(error.faults)
-    messages += _clashes(built)
+    messages += _clashes(effects)
     if messages or faults:
         raise InputError([Fault(problem.name, None, "scene.effects", message) for message in messages] + faults)
-    return tuple(sorted(built, key=lambda effect: effect.rank))
+    return tuple(sorted(effects, key=lambda effect: effect.rank))
 
 
-def _clashes(built: list[SceneEffect]) -> list[str]:
+def _clashes(effects: list[SceneEffect]) -> list[str]:
     """Return what is wrong with effects of incompatible numbers."""
     messages = []
-    delays = [effect.table.samples for effect in built if isinstance(effect, Delay)]
-    late = any(isinstance(effect, Jitter) and effect.table.rms_s > 0 for effect in built)
+    delays = [effect.table.samples for effect in effects if isinstance(effect, Delay)]
+    late = any(isinstance(effect, Jitter) and effect.table.rms_s > 0 for effect in effects)
     if late and any(samples != int(samples) for samples in delays):
         messages.append(
             f"delay of {delays[0]:g} samples and forces that come late at random exclude each other; allowed: whole "
             "samples, or jitter with rms_s = 0"
         )
-    filtered = any(isinstance(effect, VelocityFilter) for effect in built)
-    if filtered and any(isinstance(effect, EngineEffect) for effect in built):
+    has_filter = any(isinstance(effect, VelocityFilter) for effect in effects)
+    if has_filter and any(isinstance(effect, EngineEffect) for effect in effects):
         messages.append("the engine of simulation sees plain differences; allowed: leave velocity-filter out")
-    if any(isinstance(effect, Backlash) for effect in built) and _measured_body(built) == HANDLE:
+    if any(isinstance(effect, Backlash) for effect in effects) and _measured_body(effects) == HANDLE:
         messages.append("backlash and an encoder at the handle exclude each other; allowed: one of them")
     return messages
 
@@ -178,10 +178,10 @@ def compile_scene(
     """Compile the scene of a problem with the parameters that the gains need."""
     # CasADi calls Python for shapes while it builds an expression, and ignores exceptions there.
     with DeferredInterrupt():
-        return _compiled(problem, build_effects(problem) if effects is None else effects, gains)
+        return _compile(problem, build_effects(problem) if effects is None else effects, gains)
 
 
-def _compiled(problem: Problem, effects: tuple[SceneEffect, ...], gains: Gains) -> CompiledScene:
+def _compile(problem: Problem, effects: tuple[SceneEffect, ...], gains: Gains) -> CompiledScene:
     sample_time_s = problem.device.sample_time_s
     samples = max(1, round(problem.scene.duration_s / sample_time_s))
     target = target_of(problem.scene.motion, samples, sample_time_s)
@@ -189,19 +189,19 @@ def _compiled(problem: Problem, effects: tuple[SceneEffect, ...], gains: Gains) 
     environment = next((effect.environment for effect in effects if isinstance(effect, Wall)), None)
     table = next((effect.gain_table for effect in effects if isinstance(effect, Adaptation)), None)
     if environment is not None:
-        requested: Contact = "clip-last" if environment.clips_last else "gated"
+        declared: Contact = "clip-last" if environment.clips_last else "gated"
         stiffness = gains.stiffness_n_per_m if table is None else table.gains[1]
-        law = contact_law(requested, environment.stiffness_n_per_m, stiffness)
+        law = contact_law(declared, environment.stiffness_n_per_m, stiffness)
         environment = replace(environment, clips_last=law == "clip-last") if environment.present else None
     coupled, damped = not gains.rigid and environment is not None, gains.contact_damping_ns_per_m > 0
     damped = damped and environment is not None
-    adapted = table is not None and environment is not None
+    adaptive = table is not None and environment is not None
     tick = Tick(sample_time_s, target.device_start_m)
     for name in plant.names:
         tick.state(name, target.device_start_m if name.endswith("_position_m") else 0.0, computed=False)
     tick.position = _measured_position(problem, effects, tick)
     damper = damped if table is None else bool(np.any(table.gains[2] > 0))
-    _sample(tick, effects, environment, coupled=coupled or adapted, damped=damper)
+    _sample(tick, effects, environment, coupled=coupled or adaptive, damped=damper)
     advance = _advance(problem, effects, plant, tick)
     aim = None
     if np.any(plant.target):
@@ -226,8 +226,8 @@ def _compiled(problem: Problem, effects: tuple[SceneEffect, ...], gains: Gains) 
         initial=np.array([slot.initial for slot in tick.states]),
         inputs=tuple(slot.name for slot in tick.inputs),
         traces=tuple(tick.traces),
-        coupled=coupled and not adapted,
-        damped=damped and not adapted,
+        coupled=coupled and not adaptive,
+        damped=damped and not adaptive,
         environment=environment,
         rate_gain_per_s=tick.rate_gain_per_s,
         target=target,
@@ -272,10 +272,10 @@ def _measured_position(problem: Problem, effects: tuple[SceneEffect, ...], tick:
     if f"{body}_position_m" not in moves:
         message = f"measure the {body}, of which there is none; allowed: beside the effect resonance"
         raise InputError.of(message, file=problem.name, key="scene.effects")
-    measured = moves[f"{body}_position_m"]
+    position = moves[f"{body}_position_m"]
     if body != DEVICE:
-        tick.trace("measured_m", measured)
-    return measured
+        tick.trace("measured_m", position)
+    return position
 
 
 def _sample(
@@ -303,12 +303,12 @@ def _advance(problem: Problem, effects: tuple[SceneEffect, ...], plant: LinearPl
     constant = tick.late if isinstance(tick.late, float) else 0.0
     varying = tick.late is not None and constant == 0
     has_force, has_target = tick.command is not None, bool(np.any(plant.target))
-    projected = integrator == "projected" and friction > 0
-    if projected and varying:
+    projection = integrator == "projected" and friction > 0
+    if projection and varying:
         raise UnsupportedError(
             f'{problem.name}: scene.integrator = "projected" needs whole substeps, which the lateness of '
             'the effect jitter breaks up; take "exact", or jitter with rms_s = 0'
         )
-    if varying or (friction > 0 and not projected):
+    if varying or (friction > 0 and not projection):
         return TaylorSeries.of(plant, tick.sample_time_s, friction, substeps)
     return MatrixExponential(substeps, has_force, has_target, constant, friction)

@@ -66,9 +66,9 @@ def wall_force(tick: Tick, environment: Environment, *, rigid: bool, damped: boo
     if damped:
         # The rate of the penetration would miss a part of the velocity at the first sample of a contact, and light
         # hands would bounce for ever.
-        adapted = tick.adapted
-        damping = tick.parameter("contact_damping_ns_per_m") if adapted is None else adapted.contact_damping_ns_per_m
-        force += damping * Rate(tick, "contact_position", tick.start_m, seen=tick.since_start).settle(tick.position)
+        gains = tick.adaptive
+        damping = tick.parameter("contact_damping_ns_per_m") if gains is None else gains.contact_damping_ns_per_m
+        force += damping * Rate(tick, "contact_position", tick.start_m, view=tick.since_start).settle(tick.position)
     if not environment.one_sided:
         return force
     pushing = ca.fmax(force, 0)
@@ -92,8 +92,8 @@ def _series_force(tick: Tick, environment: Environment, *, rigid: bool) -> Expr:
         stretch = Rate(tick, "coupling_deflection")
         memory, compliance, series, anchor_share = _gains(tick, stretch, kappa_e, environment)
         free = x - memory * stretch.offset
-        if tick.adapted is not None:
-            free -= anchor_share * tick.adapted.anchor_m
+        if tick.adaptive is not None:
+            free -= anchor_share * tick.adaptive.anchor_m
     force = (kappa_e if series is None else series) * (free - offset)
     if one_sided:
         force = by_law(force, _pushing_only(tick, force, free, None if series is None else compliance))
@@ -114,13 +114,13 @@ def _surface(tick: Tick, environment: Environment) -> Rate:
     """Return the deflection rate of the environment's spring: of the tool, or of its penetration."""
     name, penetration = "environment_deflection", max(tick.start_m, 0.0)
 
-    def seen(before: Expr) -> Expr:
+    def view(before: Expr) -> Expr:
         """Serve both laws with one state: in front of the wall the gated one takes it as a penetration of 0."""
-        known = tick.since_start(before)
-        return environment.by_law(known, ca.fmax(known, 0))
+        position = tick.since_start(before)
+        return environment.by_law(position, ca.fmax(position, 0))
 
     gated = environment.one_sided and not environment.clips_last
-    return Rate(tick, name, penetration if gated else tick.start_m, seen=seen)
+    return Rate(tick, name, penetration if gated else tick.start_m, view=view)
 
 
 def _gains(tick: Tick, stretch: Rate, kappa_e: Expr, environment: Environment) -> tuple[Expr, Expr, Expr, Expr]:
@@ -133,7 +133,7 @@ def _gains(tick: Tick, stretch: Rate, kappa_e: Expr, environment: Environment) -
         return memory, compliance, series, None
     # Out of contact the clip-last coupling stretches without a force on the device: nothing is stored there.
     depth = ca.fmax(stretch.before, 0) if environment.one_sided else stretch.before
-    tick.adapted = gains = tick.adapt(environment.by_law(depth, stretch.before), environment.one_sided)
+    tick.adaptive = gains = tick.adapt(environment.by_law(depth, stretch.before), environment.one_sided)
     stretch.offset *= environment.by_law(1, gains.touching)
     kappa = gains.stiffness_n_per_m + gains.damping_ns_per_m * stretch.gain
     # Without gains there is no force, whatever the compliance: it only has to be finite. 1e-20 N/m is far below any
@@ -149,9 +149,9 @@ def _spring_energy(
     """Return the energy of the coupling's spring that the hand can recover."""
     if environment.one_sided:
         deflection = environment.by_law(ca.fmax(deflection, 0), deflection)
-    if tick.adapted is not None:
-        stretch = deflection - tick.adapted.anchor_m
-        return 0.5 * tick.adapted.stiffness_n_per_m * stretch * stretch
+    if tick.adaptive is not None:
+        stretch = deflection - tick.adaptive.anchor_m
+        return 0.5 * tick.adaptive.stiffness_n_per_m * stretch * stretch
     some = compliance > 0
     stiffness = (1 - memory * rate_gain_per_s) / ca.if_else(some, compliance, 1)
     return ca.if_else(some, 0.5 * stiffness * deflection * deflection, 0)

@@ -183,20 +183,20 @@ def _instructions(function: Any) -> Iterator[tuple[str, list[int], list[int], in
         yield name, function.instruction_input(index), function.instruction_output(index), index
 
 
-def in_lanes(function: Any, given: Sequence[str], results: Sequence[str]) -> str:
+def in_lanes(function: Any, operands: Sequence[str], results: Sequence[str]) -> str:
     """Return the C of a function in lanes, to follow `LANES_HEAD`."""
     lines = []
-    for name, taken, to, index in _instructions(function):
+    for name, sources, to, index in _instructions(function):
         if name == "INPUT":
-            which, element = taken
-            value = given[which].format(element)
+            which, element = sources
+            value = operands[which].format(element)
         elif name == "CONST":
             value = f"SPREAD({float(function.instruction_constant(index)).hex()})"
         elif name == "OUTPUT":
-            lines.append(f"{results[to[0]].format(to[1])} = w{taken[0]};")
+            lines.append(f"{results[to[0]].format(to[1])} = w{sources[0]};")
             continue
         else:
-            value = _IN_LANES[name].format(*(f"w{one}" for one in taken))
+            value = _IN_LANES[name].format(*(f"w{one}" for one in sources))
         lines.append(f"w{to[0]} = {value};")
     work = ", ".join(f"w{index}" for index in range(max(1, function.sz_w())))
     return "\n  ".join([f"Lanes {work};", *lines])
@@ -221,35 +221,35 @@ class FloatProgram:
         self.outputs = tuple(function.name_out())
         self._nodes: list[_Node] = []
         self._results: dict[int, int] = {}
-        self._known: dict[_Node, int] = {}
+        self._places: dict[_Node, int] = {}
         latest: dict[int, int] = {}
-        for name, taken, to, index in _instructions(function):
+        for name, sources, to, index in _instructions(function):
             if name == "OUTPUT":
-                self._results[to[0]] = latest[taken[0]]
+                self._results[to[0]] = latest[sources[0]]
             elif name == "CONST":
                 latest[to[0]] = self._number(function.instruction_constant(index))
             elif name == "INPUT":
-                latest[to[0]] = self._place_of("INPUT", taken[0])
+                latest[to[0]] = self._place_of("INPUT", sources[0])
             elif name in {"FLOOR", "SIN", "COS"}:
-                latest[to[0]] = self._written_out(name, latest[taken[0]])
+                latest[to[0]] = self._expand(name, latest[sources[0]])
             elif name in _SCALAR:
-                latest[to[0]] = self._joined(name, tuple(latest[at] for at in taken))
+                latest[to[0]] = self._join(name, tuple(latest[at] for at in sources))
             else:
                 raise UnsupportedError(f"{function.name()}: CasADi operation {name} has no form in C")
-        self._needed = self._reachable()
+        self._live = self._reachable()
 
     def _place_of(self, operation: str, *arguments: int, constant: float = 0.0) -> int:
         """Return the place of a value, which is computed once."""
         node = _Node(operation, arguments, constant)
-        if node not in self._known:
-            self._known[node] = len(self._nodes)
+        if node not in self._places:
+            self._places[node] = len(self._nodes)
             self._nodes.append(node)
-        return self._known[node]
+        return self._places[node]
 
     def _number(self, value: float) -> int:
         return self._place_of("CONST", constant=value)
 
-    def _written_out(self, name: str, at: int) -> int:
+    def _expand(self, name: str, at: int) -> int:
         """Expand a library function of C into operations that have the same bits anywhere; return its place."""
         of, number = self._place_of, self._number
         if name == "FLOOR":
@@ -260,17 +260,17 @@ class FloatProgram:
             turns = of("ADD", turns, number(0.25))
         rest = of("SUB", turns, of(_NEAREST, turns))
         size = of("FABS", rest)
-        folded = of("FMIN", size, of("SUB", number(0.5), size))
-        square = of("SQ", folded)
+        quarter = of("FMIN", size, of("SUB", number(0.5), size))
+        square = of("SQ", quarter)
         count = _TERMS[np.finfo(self.precision.dtype).nmant]
         terms = [(-1) ** n * (2 * math.pi) ** (2 * n + 1) / math.factorial(2 * n + 1) for n in range(count)]
         series = number(terms[-1])
         for term in reversed(terms[:-1]):
             series = of("ADD", of("MUL", series, square), number(term))
-        found = of("MUL", folded, series)
-        return of(_SELECT, of("LT", rest, number(0.0)), of("NEG", found), found)
+        sine = of("MUL", quarter, series)
+        return of(_SELECT, of("LT", rest, number(0.0)), of("NEG", sine), sine)
 
-    def _joined(self, name: str, arguments: tuple[int, ...]) -> int:
+    def _join(self, name: str, arguments: tuple[int, ...]) -> int:
         """Join (c ? a : 0) + (!c ? b : 0) into one choice."""
         halves = [self._nodes[at] for at in arguments]
         if name == "ADD" and all(half.operation == "IF_ELSE_ZERO" for half in halves):
@@ -283,28 +283,28 @@ class FloatProgram:
 
     def _reachable(self) -> list[int]:
         """Return the places that the results depend on, in order."""
-        needed = set(self._results.values())
+        live = set(self._results.values())
         for at in range(len(self._nodes) - 1, -1, -1):
-            if at in needed and self._nodes[at].operation in _SCALAR:
-                needed |= set(self._nodes[at].arguments)
-        return sorted(needed)
+            if at in live and self._nodes[at].operation in _SCALAR:
+                live |= set(self._nodes[at].arguments)
+        return sorted(live)
 
     def __call__(self, *values: Any) -> tuple[NDArray[Any], ...]:
         """Run on scalars or arrays, one value for each input."""
         dtype = self.precision.dtype
-        given = [np.asarray(value, dtype=dtype) for value in values]
+        inputs = [np.asarray(value, dtype=dtype) for value in values]
         work: dict[int, Any] = {}
         with np.errstate(all="ignore"):
-            for at in self._needed:
+            for at in self._live:
                 node = self._nodes[at]
                 if node.operation == "CONST":
                     work[at] = np.asarray(node.constant, dtype=dtype)
                 elif node.operation == "INPUT":
-                    work[at] = given[node.arguments[0]]
+                    work[at] = inputs[node.arguments[0]]
                 else:
-                    chosen = _SCALAR[node.operation]
-                    pairs = zip(node.arguments, chosen.of_truth, strict=False)
-                    work[at] = chosen.numpy(*(self._as(work[argument], truth=truth) for argument, truth in pairs))
+                    operation = _SCALAR[node.operation]
+                    pairs = zip(node.arguments, operation.of_truth, strict=False)
+                    work[at] = operation.numpy(*(self._as(work[argument], truth=truth) for argument, truth in pairs))
         return tuple(self._as(work[self._results[index]], truth=False) for index in range(len(self.outputs)))
 
     def _as(self, value: Any, *, truth: bool) -> NDArray[Any]:
@@ -329,19 +329,19 @@ class FloatProgram:
                 return names[at]
             return ("({} != {zero})" if truth else "({} ? {one} : {zero})").format(names[at], **words)
 
-        for at in self._needed:
+        for at in self._live:
             node = self._nodes[at]
             if node.operation == "CONST":
                 names[at] = literal(node.constant)
             elif node.operation == "INPUT":
                 names[at] = of_input(self.inputs[node.arguments[0]])
             else:
-                chosen = _SCALAR[node.operation]
-                pairs = zip(node.arguments, chosen.of_truth, strict=False)
-                given = [value(argument, truth=truth) for argument, truth in pairs]
+                operation = _SCALAR[node.operation]
+                pairs = zip(node.arguments, operation.of_truth, strict=False)
+                arguments = [value(argument, truth=truth) for argument, truth in pairs]
                 names[at] = f"{prefix}v{at}"
-                kind = "bool" if chosen.truth else real
-                lines.append(f"const {kind} {names[at]} = {chosen.c.format(*given, **words)};")
+                kind = "bool" if operation.truth else real
+                lines.append(f"const {kind} {names[at]} = {operation.c.format(*arguments, **words)};")
         # States are read throughout the body: none is written before all is computed.
         late, stores = [], []
         for index, name in enumerate(self.outputs):

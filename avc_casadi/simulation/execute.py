@@ -25,7 +25,7 @@ from avc_casadi._util.interrupt import DeferredInterrupt
 from avc_casadi._util.parallel import processors
 from avc_casadi.simulation.compile import CompiledScene
 from avc_casadi.simulation.emit import LANES_HEAD, in_lanes
-from avc_casadi.simulation.judge import AT_REST_M_PER_S, DIVERGED_M, judged_samples
+from avc_casadi.simulation.judge import AT_REST_M_PER_S, DIVERGENCE_M, window_samples
 from avc_casadi.simulation.tick import ca
 
 # Cached machine code: a device with ranges is tried in some hundreds of scenes, many of the same text.
@@ -97,39 +97,39 @@ class NativeScene:
 
     def __init__(self, scene: CompiledScene) -> None:
         self._traces = int(scene.function.numel_out(1))
-        self._run = _compiled(scene.function, len(scene.speeds)).result().avc_run
+        self._run = _compile(scene.function, len(scene.speeds)).result().avc_run
         self._run.restype = ctypes.c_int
         self._run.argtypes = [ctypes.c_longlong] * 3 + [ctypes.c_void_p] * 5
 
     def __call__(
-        self, initial: FloatArray, inputs: FloatArray, parameters: FloatArray, workers: int, judged: int | None = None
+        self, initial: FloatArray, inputs: FloatArray, parameters: FloatArray, workers: int, first: int | None = None
     ) -> FloatArray:
-        """Run every row of the parameters; return traces, or from a first judged sample on the peaks (runs, 2)."""
+        """Run every row of the parameters; return traces, or from a first sample on the peaks (runs, 2)."""
         initial, inputs, parameters = (np.ascontiguousarray(one, np.float64) for one in (initial, inputs, parameters))
         runs, samples = len(parameters), len(inputs)
-        found = np.empty((runs, samples, self._traces) if judged is None else (runs, 2))
+        results = np.empty((runs, samples, self._traces) if first is None else (runs, 2))
 
         def work(rows: slice) -> None:
-            some, result = parameters[rows], found[rows].ctypes.data
+            some, result = parameters[rows], results[rows].ctypes.data
             arrays = initial.ctypes.data, inputs.ctypes.data, some.ctypes.data
-            results = (result, None) if judged is None else (None, result)
-            self._run(len(some), samples, judged or 0, *arrays, *results)
+            pointers = (result, None) if first is None else (None, result)
+            self._run(len(some), samples, first or 0, *arrays, *pointers)
 
         groups = -(-runs // LANES)
         each = LANES * -(-groups // max(1, min(workers, groups)))
-        list(_THREADS.map(work, (slice(first, min(first + each, runs)) for first in range(0, runs, max(1, each)))))
-        return found
+        list(_THREADS.map(work, (slice(begin, min(begin + each, runs)) for begin in range(0, runs, max(1, each)))))
+        return results
 
 
 def compile_ahead(scene: CompiledScene, runs: int) -> None:
     """Start to compile a scene in the background, where that pays."""
     with suppress(LookupError):
         if _pays(scene, runs):
-            _compiled(scene.function, len(scene.speeds))
+            _compile(scene.function, len(scene.speeds))
 
 
 @lru_cache(maxsize=_CACHE)
-def _compiled(function: Any, speeds: int) -> Future[ctypes.CDLL]:
+def _compile(function: Any, speeds: int) -> Future[ctypes.CDLL]:
     """Start to compile the loop of a sample, cached: the text of its C takes as long as some runs."""
     body = in_lanes(function, ("now[{}]", "SPREAD(u[{}])", "p[{}]"), ("next[{}]", "traces[{}]"))
     sizes = {
@@ -150,12 +150,12 @@ def library(source: str) -> ctypes.CDLL:
 
 
 @lru_cache(maxsize=_CACHE)
-def _compilation(source: str, found: str | None) -> Future[ctypes.CDLL]:
-    return _COMPILING.submit(_library, source, found)
+def _compilation(source: str, path: str | None) -> Future[ctypes.CDLL]:
+    return _COMPILING.submit(_library, source, path)
 
 
-def _library(source: str, found: str | None) -> ctypes.CDLL:
-    if found is None:
+def _library(source: str, path: str | None) -> ctypes.CDLL:
+    if path is None:
         raise FileNotFoundError("no C compiler: neither $CC nor cc is there")
     with tempfile.TemporaryDirectory(prefix="avc-scene-", ignore_cleanup_errors=True) as folder:
         code, shared = Path(folder, "sample.c"), Path(folder, "sample.so")
@@ -164,7 +164,7 @@ def _library(source: str, found: str | None) -> ctypes.CDLL:
         plain = ("-O1", "-ffp-contract=off", "-fno-math-errno", "-fPIC", "-shared", "-w")
         # The machine's own vectors; not every compiler has this option.
         for flags in ((*plain, "-march=native"), plain):
-            command = [found, *flags, str(code), "-o", str(shared), "-lm"]
+            command = [path, *flags, str(code), "-o", str(shared), "-lm"]
             done = subprocess.run(command, check=False, capture_output=True, text=True)  # noqa: S603 - the user's own
             if done.returncode == 0:
                 return ctypes.CDLL(str(shared))
@@ -186,28 +186,28 @@ def execute_to_speed(
     """Run a scene once for every row of the parameters; return the residual speeds, without traces in C."""
     native = _native(scene, len(parameters))
     if native is not None:
-        first = scene.samples - judged_samples(scene.samples, scene.sample_time_s)
+        first = scene.samples - window_samples(scene.samples, scene.sample_time_s)
         far, fast = native(scene.initial, inputs.T, parameters, workers, first).T
         return _over_rest(scene, far, fast)
-    found, at_once = [np.zeros(0)], 250
+    parts, at_once = [np.zeros(0)], 250
     for begin in range(0, len(parameters), at_once):
         run = _by_casadi(scene, parameters[begin : begin + at_once], inputs)
-        last = slice(-judged_samples(scene.samples, scene.sample_time_s), None)
+        last = slice(-window_samples(scene.samples, scene.sample_time_s), None)
         fast = np.max([np.abs(run[name][:, last]).max(axis=-1) for name in scene.speeds], axis=0)
-        found.append(_over_rest(scene, np.abs(run["position_m"]).max(axis=-1), fast))
-    return np.concatenate(found)
+        parts.append(_over_rest(scene, np.abs(run["position_m"]).max(axis=-1), fast))
+    return np.concatenate(parts)
 
 
 def _over_rest(scene: CompiledScene, far_m: FloatArray, fast_m_per_s: FloatArray) -> FloatArray:
-    here = far_m < DIVERGED_M / scene.metres_per_unit
+    here = far_m < DIVERGENCE_M / scene.metres_per_unit
     return np.where(here, fast_m_per_s / (AT_REST_M_PER_S / scene.metres_per_unit), np.inf)
 
 
 def _pays(scene: CompiledScene, runs: int) -> bool:
     """Whether to compile: 0.1 s and 0.25 ms an instruction, which saves 1.5 ns each time that one is evaluated."""
-    saved = runs * scene.samples * scene.instructions * 1.5e-9
+    gain_s = runs * scene.samples * scene.instructions * 1.5e-9
     # Where several hands try a scene, others will.
-    return compiler() is not None and (runs > 3 or saved > 0.1 + scene.instructions * 2.5e-4)
+    return compiler() is not None and (runs > 3 or gain_s > 0.1 + scene.instructions * 2.5e-4)
 
 
 def _native(scene: CompiledScene, runs: int) -> NativeScene | None:

@@ -55,13 +55,13 @@ def energy_ledger(
     return Ledger(absorbed + potential[..., :1], stored + potential)
 
 
-JUDGED_S = 0.5
+SETTLING_WINDOW_S = 0.5
 AT_REST_M_PER_S = 5e-3
 """Speed of device and handle below which a run counts as settled."""
 RIPPLE_HZ = (20.0, 500.0)
 BUZZ_SHARE = 0.07
 # Beyond any desktop workspace: the run has diverged.
-DIVERGED_M = 10.0
+DIVERGENCE_M = 10.0
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -108,12 +108,12 @@ class Traces:
     handle_m_per_s: FloatArray | None = None
 
     @classmethod
-    def of(cls, found: Mapping[str, FloatArray], device: Device) -> Traces:
+    def of(cls, traces: Mapping[str, FloatArray], device: Device) -> Traces:
         """Return the traces of an executed scene; in free space there is no force."""
-        position = found["position_m"]
-        force = found.get("force_n", np.zeros_like(position))
-        beside = (found.get(name) for name in ("measured_m", "handle_m", "handle_m_per_s"))
-        return cls(position, found["velocity_m_per_s"], force, device.sample_time_s, device.metres_per_unit, *beside)
+        position = traces["position_m"]
+        force = traces.get("force_n", np.zeros_like(position))
+        beside = (traces.get(name) for name in ("measured_m", "handle_m", "handle_m_per_s"))
+        return cls(position, traces["velocity_m_per_s"], force, device.sample_time_s, device.metres_per_unit, *beside)
 
     @property
     def depth_m(self) -> FloatArray:
@@ -124,13 +124,13 @@ class Traces:
     def vibration(self) -> FloatArray:
         """Vibration at the hand at the end, in multiples of the detection threshold, shape (...)."""
         handle = self.position_m if self.handle_m is None else self.handle_m
-        return felt_vibration(handle * self.metres_per_unit, self.sample_time_s)
+        return vibration_level(handle * self.metres_per_unit, self.sample_time_s)
 
     def judge(self) -> Judgement:
         """Judge runs by the last half second (or the whole run, where it is shorter)."""
         sample_time_s, unit, depth = self.sample_time_s, self.metres_per_unit, self.depth_m
-        last = slice(-judged_samples(self.position_m.shape[-1], sample_time_s), None)
-        here = np.all(np.abs(self.position_m) < DIVERGED_M / unit, axis=-1)
+        last = slice(-window_samples(self.position_m.shape[-1], sample_time_s), None)
+        here = np.all(np.abs(self.position_m) < DIVERGENCE_M / unit, axis=-1)
         with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
             peak = np.abs(self.velocity_m_per_s[..., last]).max(axis=-1)
             if self.handle_m_per_s is not None:
@@ -156,9 +156,9 @@ class Traces:
         )
 
 
-def judged_samples(samples: int, sample_time_s: float) -> int:
+def window_samples(samples: int, sample_time_s: float) -> int:
     """Return how many samples at the end of a run are judged."""
-    return min(samples, max(1, round(JUDGED_S / sample_time_s)))
+    return min(samples, max(1, round(SETTLING_WINDOW_S / sample_time_s)))
 
 
 def _ripple(force: FloatArray, sample_time_s: float) -> FloatArray:
@@ -180,8 +180,8 @@ def _rate_hardness(depth: FloatArray, velocity: FloatArray, force: FloatArray, s
     pushing = force > 0
     first = pushing.argmax(axis=-1)[..., None]
     # The last sample before the face: a force that comes late may meet a hand that has stopped.
-    met = (pushing | (depth > 0)).argmax(axis=-1)[..., None]
-    speed = np.abs(np.take_along_axis(velocity, np.maximum(met - 1, 0), axis=-1)[..., 0])
+    entry = (pushing | (depth > 0)).argmax(axis=-1)[..., None]
+    speed = np.abs(np.take_along_axis(velocity, np.maximum(entry - 1, 0), axis=-1)[..., 0])
     window = np.minimum(first + np.arange(1 + round(impact_s / sample_time_s)), force.shape[-1] - 1)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         before = np.where(window > 0, np.take_along_axis(force, np.maximum(window - 1, 0), axis=-1), 0.0)
@@ -193,27 +193,27 @@ QUIET = 1.0
 """Multiple of the vibrotactile detection threshold below which a vibration is not detected."""
 
 
-def felt_vibration(position_m: FloatArray, sample_time_s: float) -> FloatArray:
+def vibration_level(position_m: FloatArray, sample_time_s: float) -> FloatArray:
     """Return the vibration in the last half second, without a straight drift, in multiples of the detection threshold.
 
     The peak displacement of each frequency over its threshold; several add as the root of the sum of squares. The
     threshold is that of a hand in a pen-hold posture, approximately after Israr, Choi and Tan (IROS 2006, "Detection
     threshold and mechanical impedance of the hand in a pen-hold posture"); read off, indicative.
     """
-    known_hz = np.array([10.0, 20.0, 40.0, 80.0, 160.0, 320.0, 500.0])
-    known_m = np.array([20e-6, 12e-6, 5e-6, 1.6e-6, 0.5e-6, 0.25e-6, 0.7e-6])
-    last = position_m[..., -max(8, round(JUDGED_S / sample_time_s)) :]
+    table_hz = np.array([10.0, 20.0, 40.0, 80.0, 160.0, 320.0, 500.0])
+    table_m = np.array([20e-6, 12e-6, 5e-6, 1.6e-6, 0.5e-6, 0.25e-6, 0.7e-6])
+    last = position_m[..., -max(8, round(SETTLING_WINDOW_S / sample_time_s)) :]
     n = last.shape[-1]
     time = np.linspace(-1.0, 1.0, n)
     with np.errstate(invalid="ignore", over="ignore"):
         slope = (last * time).sum(axis=-1, keepdims=True) / (time**2).sum()
-        moved = last - last.mean(axis=-1, keepdims=True) - slope * time
+        vibration = last - last.mean(axis=-1, keepdims=True) - slope * time
         window = np.hanning(n)
-        peak = 2 * np.abs(np.fft.rfft(moved * window, axis=-1)) / window.sum()
+        peak = 2 * np.abs(np.fft.rfft(vibration * window, axis=-1)) / window.sum()
         frequency = np.fft.rfftfreq(n, sample_time_s)
-        heard = (frequency >= known_hz[0]) & (frequency <= known_hz[-1])
-        threshold_m = np.exp(np.interp(np.log(frequency[heard]), np.log(known_hz), np.log(known_m)))
-        ratio = peak[..., heard] / threshold_m
+        in_band = (frequency >= table_hz[0]) & (frequency <= table_hz[-1])
+        threshold_m = np.exp(np.interp(np.log(frequency[in_band]), np.log(table_hz), np.log(table_m)))
+        ratio = peak[..., in_band] / threshold_m
         # 1.5 is the mean square of Hann's window over its squared mean.
         whole = np.sqrt((ratio**2).sum(axis=-1) / 1.5)
     return np.asarray(np.where(np.isfinite(whole), whole, np.inf))

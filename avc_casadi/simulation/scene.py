@@ -28,7 +28,7 @@ from avc_casadi.simulation.effects.computation import Adaptation
 from avc_casadi.simulation.effects.environment import Detents
 from avc_casadi.simulation.effects.mechanics import CoulombFriction, Grip
 from avc_casadi.simulation.execute import execute
-from avc_casadi.simulation.judge import DIVERGED_M, Judgement, Ledger, Traces, energy_ledger
+from avc_casadi.simulation.judge import DIVERGENCE_M, Judgement, Ledger, Traces, energy_ledger
 
 Claim = Literal["asymptotic", "held-by-friction", "unstable"]
 
@@ -63,7 +63,7 @@ class Run(Tabular):
         metres_per_unit: displacement of the hand for a unit of the position.
         units: names and units of the device.
         stated: the problem given to `simulate`, for ``print``; None of a run among many.
-        asked: gains, hand, frequency and seed given to `simulate`.
+        request: gains, hand, frequency and seed given to `simulate`.
         notes: where the scene's own coupling is designed for another device than the one simulated.
 
     Example:
@@ -91,7 +91,7 @@ class Run(Tabular):
     metres_per_unit: float = 1.0
     units: Units = LINEAR
     stated: Problem | None = None
-    asked: Mapping[str, Any] = field(default_factory=dict)
+    request: Mapping[str, Any] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
 
     def to_dict(self) -> Columns:
@@ -118,7 +118,7 @@ class Run(Tabular):
     @property
     def samples_in_reach(self) -> int:
         """Number of samples before the run leaves the workspace for good; all of them, unless it diverged."""
-        beyond = ~(np.abs(self.position_m) < DIVERGED_M / self.metres_per_unit)
+        beyond = ~(np.abs(self.position_m) < DIVERGENCE_M / self.metres_per_unit)
         return int(beyond.argmax()) if beyond.any() else self.samples
 
     @property
@@ -205,20 +205,20 @@ def simulate(problem: Problem, gains: AnyGains, *, hand: Hand | StylusHand | Non
 
 
 def simulate_effects(
-    problem: Problem, effects: tuple[SceneEffect, ...], chosen: Gains, coupling: str, *, seed: int = 0
+    problem: Problem, effects: tuple[SceneEffect, ...], at_start: Gains, coupling: str, *, seed: int = 0
 ) -> Run:
     """Simulate effects and gains, of `resolve`, in place of those of the problem file."""
-    scene = compile_scene(problem, effects, chosen)
-    traces = _traces(scene, chosen, seed)
+    scene = compile_scene(problem, effects, at_start)
+    traces = _traces(scene, at_start, seed)
     found = Traces.of(traces, problem.device).judge()
     claim: Claim = "asymptotic" if found.stable else "unstable"
     if found.stable and any(isinstance(effect, CoulombFriction) for effect in effects):
-        frictionless = compile_scene(problem, without(effects, CoulombFriction.kind), chosen)
-        free = Traces.of(_traces(frictionless, chosen, seed), problem.device)
+        frictionless = compile_scene(problem, without(effects, CoulombFriction.kind), at_start)
+        free = Traces.of(_traces(frictionless, at_start, seed), problem.device)
         claim = "asymptotic" if free.judge().stable else "held-by-friction"
     whole = np.ones(scene.samples)
-    b, k, b_p = (traces.get(gain, whole * value) for gain, value in vars(chosen).items())
-    stiffness = np.full(scene.samples, np.inf) if chosen.rigid else k
+    b, k, b_p = (traces.get(gain, whole * value) for gain, value in vars(at_start).items())
+    stiffness = np.full(scene.samples, np.inf) if at_start.rigid else k
     hz = traces.get("interaction_hz")
     return Run(
         problem=problem.name,
@@ -276,9 +276,9 @@ def simulate_batch(problem: Problem, hands: Hand | StylusHand, gains: AnyGains, 
     effects = with_hand(problem, build_effects(problem), hands)
     if not friction:
         effects = without(effects, CoulombFriction.kind)
-    effects, chosen, _ = resolve(problem, effects, gains)
-    scene = compile_scene(problem, effects, chosen)
-    parameters, inputs = scene.parameter_values(chosen), scene.input_values()
+    effects, at_start, _ = resolve(problem, effects, gains)
+    scene = compile_scene(problem, effects, at_start)
+    parameters, inputs = scene.parameter_values(at_start), scene.input_values()
     at_once = 256
     parts = (parameters[first : first + at_once] for first in range(0, len(parameters), at_once))
     return Judgement.join([Traces.of(execute(scene, some, inputs), problem.device).judge() for some in parts])

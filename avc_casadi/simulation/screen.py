@@ -25,19 +25,19 @@ _CHANGES = ("position_change", "force_change", "stiffness_change")
 def explain(problem: Problem, gains: AnyGains) -> dict[str, Any]:
     """Return what a scene is composed of, and the cost of each effect: the scene less the scene without it."""
     problem = stage(problem, gains)
-    effects, chosen, _ = resolve(problem, build_effects(problem), gains)
-    scene = compile_scene(problem, effects, chosen)
-    times_ns = _times_ns(scene, chosen)
+    effects, at_start, _ = resolve(problem, build_effects(problem), gains)
+    scene = compile_scene(problem, effects, at_start)
+    times_ns = _times_ns(scene, at_start)
     costs = []
     for effect in effects:
         cost: dict[str, Any] = {"kind": effect.kind, "station": effect.station.name.lower()}
         try:
-            rest = compile_scene(problem, without(effects, effect.kind), chosen)
+            rest = compile_scene(problem, without(effects, effect.kind), at_start)
         except InputError:  # the only mass, or the body of the encoder
             costs.append(cost | {"states": None, "instructions": None, "ns_per_step": None})
             continue
         states, instructions = len(scene.states) - len(rest.states), scene.instructions - rest.instructions
-        ns = min(times_ns) - min(_times_ns(rest, chosen))
+        ns = min(times_ns) - min(_times_ns(rest, at_start))
         costs.append(cost | {"states": states, "instructions": instructions, "ns_per_step": ns})
     return {
         "effects": costs,
@@ -59,9 +59,9 @@ def _times_ns(scene: CompiledScene, gains: Gains) -> list[float]:
     arguments = [ca.DM(scene.initial), ca.DM(inputs), ca.DM(parameters)]
     times_ns = []
     for _ in range(9):
-        started = time.process_time()
+        start = time.process_time()
         loop(*arguments)
-        times_ns.append((time.process_time() - started) / samples * 1e9)
+        times_ns.append((time.process_time() - start) / samples * 1e9)
     return times_ns
 
 
@@ -86,11 +86,11 @@ class Screening(Tabular):
 
     def _summary(self) -> str:
         whole = self.whole
-        what = f"not needed: {', '.join(self.unneeded)}" if self.unneeded else "all effects are needed"
+        what = f"not needed: {', '.join(self.redundant)}" if self.redundant else "all effects are needed"
         return f"{whole.problem!r}, coupling {whole.coupling}, tolerance {100 * self.tolerance:g} %: {what}"
 
     @property
-    def unneeded(self) -> tuple[str, ...]:
+    def redundant(self) -> tuple[str, ...]:
         """Effects that the scene does not need at this tolerance."""
         return tuple(one["kind"] for one in self.effects if not one["needed"])
 
@@ -100,29 +100,29 @@ def screen(problem: Problem, gains: AnyGains, *, tolerance: float = 0.01, progre
     if not 0 <= tolerance < 1:
         raise InputError.of(f"is {tolerance:g}; allowed: 0 or more and below 1", key="tolerance")
     problem = stage(problem, gains)
-    effects, chosen, coupling = resolve(problem, build_effects(problem), gains)
-    whole = simulate_effects(problem, effects, chosen, coupling)
-    explained = explain(problem, gains)
+    effects, at_start, coupling = resolve(problem, build_effects(problem), gains)
+    whole = simulate_effects(problem, effects, at_start, coupling)
+    costs = explain(problem, gains)
 
     def changes(kinds: tuple[str, ...]) -> dict[str, Any]:
         rest = tuple(effect for effect in effects if effect.kind not in kinds)
-        return _compared(whole, simulate_effects(problem, rest, chosen, coupling), tolerance)
+        return _compare(whole, simulate_effects(problem, rest, at_start, coupling), tolerance)
 
-    found, essential = [], []
-    for done, cost in enumerate(explained["effects"]):
+    rows, essential = [], []
+    for place, cost in enumerate(costs["effects"]):
         kind = cost["kind"]
-        progress.advance(done, len(explained["effects"]), f"effects, without {kind}")
+        progress.advance(place, len(costs["effects"]), f"effects, without {kind}")
         try:
-            found.append({key: value for key, value in cost.items() if key != "station"} | changes((kind,)))
+            rows.append({key: value for key, value in cost.items() if key != "station"} | changes((kind,)))
         except InputError:  # the only mass
             essential.append(kind)
-    found.sort(key=lambda one: (not one["outcome_changed"], -max(one[key] or 0.0 for key in _CHANGES)))
-    unneeded = tuple(one["kind"] for one in found if not one["needed"])
-    together = {"kinds": unneeded, **changes(unneeded)} if unneeded else None
-    return Screening(tolerance, whole, tuple(found), tuple(essential), together, explained["scatter_ns"])
+    rows.sort(key=lambda one: (not one["outcome_changed"], -max(one[key] or 0.0 for key in _CHANGES)))
+    redundant = tuple(one["kind"] for one in rows if not one["needed"])
+    together = {"kinds": redundant, **changes(redundant)} if redundant else None
+    return Screening(tolerance, whole, tuple(rows), tuple(essential), together, costs["scatter_ns"])
 
 
-def _compared(whole: Run, rest: Run, tolerance: float) -> dict[str, Any]:
+def _compare(whole: Run, rest: Run, tolerance: float) -> dict[str, Any]:
     """Return the change of a scene without some of its effects."""
     position = _relative(whole.position_m - whole.position_m[0], rest.position_m - rest.position_m[0])
     force = _relative(whole.force_n, rest.force_n)

@@ -44,7 +44,7 @@ class Slot:
 
 
 @dataclass(frozen=True)
-class AdaptedGains:
+class TickGains:
     """Gains of the coupling that change from sample to sample, as expressions."""
 
     damping_ns_per_m: Expr
@@ -70,8 +70,8 @@ class Tick:
     dropped: Expr = None
     frequency_hz: Expr = None
     frequency_valid: Expr = None
-    adapt: Callable[[Expr, bool], AdaptedGains] | None = None
-    adapted: AdaptedGains | None = None
+    adapt: Callable[[Expr, bool], TickGains] | None = None
+    adaptive: TickGains | None = None
     environment_energy_j: Expr = 0.0
     coupling_energy_j: Expr = 0.0
     at_end: list[Callable[[], None]] = field(default_factory=list)
@@ -112,8 +112,8 @@ class Tick:
     def previous_force(self, *, delayed: bool) -> Expr:
         """Return the force of the previous sample, as held or as commanded before any delay: a state added once."""
         name = "held_force_n" if delayed else "asked_force_n"
-        if (known := self.known(name)) is not None:
-            return known
+        if (state := self.find_state(name)) is not None:
+            return state
 
         def settle() -> None:
             value = self.command if delayed or self.undelayed is None else self.undelayed
@@ -122,7 +122,7 @@ class Tick:
         self.at_end.append(settle)
         return self.state(name, computed=not delayed)
 
-    def known(self, name: str) -> Expr:
+    def find_state(self, name: str) -> Expr:
         """Return the symbol of an existing state, or None."""
         return next((slot.symbol for slot in self.states if slot.name == name), None)
 
@@ -151,12 +151,12 @@ class Rate:
     """Velocity in the computer, gain * value - offset: the value may be known only later, in an implicit force law."""
 
     def __init__(
-        self, tick: Tick, name: str, initial: float = 0.0, *, seen: Callable[[Expr], Expr] = lambda before: before
+        self, tick: Tick, name: str, initial: float = 0.0, *, view: Callable[[Expr], Expr] = lambda before: before
     ) -> None:
         """Add the states."""
         self._tick = tick
         self._name = name
-        before = seen(tick.state(f"{name}_before_m", initial))
+        before = view(tick.state(f"{name}_before_m", initial))
         self.before = before
         self.gain = tick.rate_gain_per_s
         self.offset: Expr = self.gain * before
@@ -215,7 +215,7 @@ class StepBuilder:
         """Set the next value of a state."""
         self._next[name] = value
 
-    def done(self, name: str, **outputs: Expr) -> Step:
+    def build(self, name: str, **outputs: Expr) -> Step:
         """Return the step with its outputs."""
         symbols = [symbol for symbol, _ in self._states.values()]
         function = ca.Function(

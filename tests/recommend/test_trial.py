@@ -20,7 +20,7 @@ from avc_casadi.simulation.compile import target_of
 from avc_casadi.simulation.judge import AT_REST_M_PER_S
 from avc_casadi.simulation.population.motions import LONGEST_S, MOTIONS, TRIAL_S, course_of
 from avc_casadi.simulation.population.operators import BLOCK, draw_hands, draw_population
-from avc_casadi.simulation.population.trial import count_settled, residual_speeds, try_coupling
+from avc_casadi.simulation.population.trial import count_at_rest, residual_speeds, try_coupling
 
 JUDGED_S = 0.5
 R1 = avc.load_problem("reference-r1")
@@ -72,7 +72,7 @@ def test_a_heavy_device_that_is_only_slow_counts_as_at_rest():
     assert trial.stable.all()
     assert trial.longest_s == trial.document()["longest_s"] == course_of(HEAVY).duration_s
     assert np.isfinite(trial.vibration).all()
-    assert count_settled(coupling, 40, seed=3)["at_rest"] == 40
+    assert count_at_rest(coupling, 40, seed=3)["at_rest"] == 40
     assert (residual_speeds(coupling, PEOPLE) < 1).all()
 
 
@@ -96,12 +96,12 @@ def coupling():
 
 @pytest.mark.slow
 def test_counts_are_those_of_a_trial(coupling):
-    found = count_settled(coupling, 40, SEED, block=17)
+    found = count_at_rest(coupling, 40, SEED, block=17)
     trial = try_coupling(coupling, draw_hands(coupling.problem.hands, 40, SEED), SEED)
     assert found["at_rest"] == trial.stable.sum()
     assert found["by_motion"] == {name: int(rest.sum()) for name, rest in trial.by_motion.items()}
     assert found["moving"] == np.flatnonzero(~trial.stable)[:20].tolist()
-    free = count_settled(coupling, 40, SEED, friction=False)
+    free = count_at_rest(coupling, 40, SEED, friction=False)
     assert free["at_rest"] == trial.stable_without_friction.sum()
     assert "coulomb-friction" in found["effects"]
     assert "coulomb-friction" not in free["effects"]

@@ -42,7 +42,7 @@ class SceneEffect:
     of_coupling: ClassVar[bool] = False
     scene_alone: ClassVar[bool] = False  # certificates do not know it
     # Keys that must not be 0, with those of the device that are taken where the table leaves them out.
-    declared: ClassVar[Mapping[str, str]] = {}
+    device_keys: ClassVar[Mapping[str, str]] = {}
 
     def __init_subclass__(cls, *, keys: type[Effect] | None = None, rank: float = 0, **options: Any) -> None:
         super().__init_subclass__()
@@ -75,14 +75,14 @@ class TableEffect(SceneEffect):
     @classmethod
     def build(cls, table: Any, problem: Problem, place: str) -> Self:
         """Return the effect of a table; what that leaves out is taken from the device."""
-        known = {
-            key: declared_number(getattr(table, key), problem, f"{place}.{key}", source)
-            for key, source in cls.declared.items()
+        numbers = {
+            key: positive_number(getattr(table, key), problem, f"{place}.{key}", source)
+            for key, source in cls.device_keys.items()
         }
-        return cls(table.model_copy(update=known))
+        return cls(table.model_copy(update=numbers))
 
 
-def declared_number(value: float | None, problem: Problem, place: str, source: str = "") -> float:
+def positive_number(value: float | None, problem: Problem, place: str, source: str = "") -> float:
     """Return a number of a table, or what the device declares; one of both must be above 0."""
     number: float | None = getattr(problem.device, source) if value is None and source else value
     if not number:

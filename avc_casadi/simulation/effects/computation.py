@@ -20,11 +20,11 @@ from avc_casadi.model.effects import (
 from avc_casadi.model.gains import GainTable
 from avc_casadi.model.problem import Problem
 from avc_casadi.model.runtime import StateFeedback as StateFeedbackEffect
-from avc_casadi.simulation.effects.base import SceneEffect, TableEffect, declared_number
+from avc_casadi.simulation.effects.base import SceneEffect, TableEffect, positive_number
 from avc_casadi.simulation.runtime.adaptation import AdaptationSettings, adaptation_step, guard_step, hold_step
 from avc_casadi.simulation.runtime.estimators import EstimatorSettings, estimator_step
 from avc_casadi.simulation.runtime.observer import ObserverSettings, observer_step, state_feedback_step
-from avc_casadi.simulation.tick import AdaptedGains, Expr, Tick, ca, insert
+from avc_casadi.simulation.tick import Expr, Tick, TickGains, ca, insert
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ class StateFeedback(TableEffect, keys=StateFeedbackEffect, rank=120, role="obser
         numbers = [tick.parameter(f"state_feedback_{name}") for name in step.parameters]
         inputs = [tick.position, tick.previous_force(delayed=False)]
         tick.position = insert(tick, "state_feedback", step, inputs, numbers)["position_m"]
-        tick.observing = tick.known("state_feedback_started")
+        tick.observing = tick.find_state("state_feedback_started")
 
 
 @dataclass(frozen=True)
@@ -80,10 +80,10 @@ class Observer(SceneEffect, keys=ObserverEffect, rank=90, role="observer", of_co
             message = "has no steps to look between; allowed: beside the effect encoder"
             raise InputError.of(message, file=problem.name, key=place)
         step_m = encoder.resolution_m if table.resolution_m is None else table.resolution_m
-        resolution = declared_number(step_m, problem, f"{place}.resolution_m", "encoder_resolution_m")
+        resolution = positive_number(step_m, problem, f"{place}.resolution_m", "encoder_resolution_m")
         # An assumed mass too small predicts too much motion; far above the lightest hand's, light hands buzz.
         lightest = 1.07 * (problem.device.mass_kg + problem.hands.mass_kg[0])
-        mass = declared_number(lightest if table.mass_kg is None else table.mass_kg, problem, f"{place}.mass_kg")
+        mass = positive_number(lightest if table.mass_kg is None else table.mass_kg, problem, f"{place}.mass_kg")
         delay = next((effect for effect in problem.scene.effects if isinstance(effect, DelayEffect)), None)
         late = 0 if delay is None else delay.samples or problem.device.delay_samples
         ahead = late if table.ahead_samples is None else table.ahead_samples
@@ -118,12 +118,12 @@ class Adaptation(SceneEffect, keys=AdaptationEffect, rank=150, of_coupling=True)
         step = hold_step(tick.sample_time_s, self.hold_s)
         # Without an estimator, as where its effect is screened, the gains are those at rest.
         estimate = [0.0, 0.0] if tick.frequency_hz is None else [tick.frequency_hz, tick.frequency_valid]
-        wanted = rows.expressions(insert(tick, "hold", step, estimate, [rows.rest_hz])["frequency_hz"])
+        target = rows.expressions(insert(tick, "hold", step, estimate, [rows.rest_hz])["frequency_hz"])
         rest = rows.rest_stiffness_n_per_m
-        tick.adapt = lambda deflection, one_sided: self._change(tick, wanted, rest, deflection, one_sided=one_sided)
+        tick.adapt = lambda deflection, one_sided: self._change(tick, target, rest, deflection, one_sided=one_sided)
 
-    def _change(self, tick: Tick, wanted: list[Expr], rest: Expr, deflection: Expr, *, one_sided: bool) -> AdaptedGains:
-        inputs = [*wanted, deflection]
+    def _change(self, tick: Tick, target: list[Expr], rest: Expr, deflection: Expr, *, one_sided: bool) -> TickGains:
+        inputs = [*target, deflection]
         touching: Expr = 1
         if self.settings.passive:
             environment = tick.state("environment_energy_j")
@@ -135,7 +135,7 @@ class Adaptation(SceneEffect, keys=AdaptationEffect, rank=150, of_coupling=True)
         names = ("damping_ns_per_m", "stiffness_n_per_m", "contact_damping_ns_per_m", "anchor_m")
         for name in names:
             tick.trace(name, outputs[name])
-        return AdaptedGains(**{name: outputs[name] for name in names}, touching=touching)
+        return TickGains(**{name: outputs[name] for name in names}, touching=touching)
 
 
 @dataclass(frozen=True)
@@ -153,8 +153,8 @@ class Estimator(SceneEffect, keys=EstimatorEffect, rank=140, of_coupling=True):
         if encoders and encoders[0].resolution_m is not None:
             resolution = encoders[0].resolution_m
         device = problem.device
-        seen = EstimatorSettings.for_encoder(resolution or 0.0, device.sample_time_s, device.metres_per_unit)
-        return cls(table.method, seen)
+        settings = EstimatorSettings.for_encoder(resolution or 0.0, device.sample_time_s, device.metres_per_unit)
+        return cls(table.method, settings)
 
     def sample(self, tick: Tick) -> None:
         before = tick.state("estimator_position_m", tick.start_m)

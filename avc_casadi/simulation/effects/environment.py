@@ -66,10 +66,10 @@ class Wall(SceneEffect, keys=WallEffect, rank=160, role="environment"):
 
     @classmethod
     def build(cls, table: Any, problem: Problem, place: str) -> Self:  # noqa: ARG003
-        given = problem.environment
+        wall = problem.environment
         return cls(
-            given.damping_ns_per_m if table.damping_ns_per_m is None else table.damping_ns_per_m,
-            given.stiffness_n_per_m if table.stiffness_n_per_m is None else table.stiffness_n_per_m,
+            wall.damping_ns_per_m if table.damping_ns_per_m is None else table.damping_ns_per_m,
+            wall.stiffness_n_per_m if table.stiffness_n_per_m is None else table.stiffness_n_per_m,
             problem.coupling.contact,
         )
 
@@ -141,54 +141,54 @@ class EngineEffect(SceneEffect, keys=SimulationEffect, rank=155, role="environme
         x, v = tick.state("tool_m", start_m), tick.state("tool_m_per_s")
         t = tick.sample_time_s
         time_s = tick.input("engine_step_s", lambda samples, run: self._steps(samples, run, t)[0])
-        aged = tick.input("engine_between_samples", lambda samples, run: self._steps(samples, run, t)[1])
+        late = tick.input("engine_between_samples", lambda samples, run: self._steps(samples, run, t)[1])
         steps = time_s > 0
         period = ca.if_else(steps, time_s, 1.0)
-        seen = ca.if_else(aged, last, place)
-        speed = ca.if_else(aged, last - older, place - last) / t
-        moved = (x, v)
+        position = ca.if_else(late, last, place)
+        speed = ca.if_else(late, last - older, place - last) / t
+        after = (x, v)
         if moves:
-            moved = self._moved((x, v), period, (seen, speed), (k, b, mass, drag), (contact, contact_damping))
-        handed = self._handed(tick, steps, (x, v), moved, k * (seen - x) + b * (speed - v), start_m)
+            after = self._tool_after((x, v), period, (position, speed), (k, b, mass, drag), (contact, contact_damping))
+        output = self._output(tick, steps, (x, v), after, k * (position - x) + b * (speed - v), start_m)
         rate = (place - last) / t
         gets_force = self.tool.exchange == "held-force"
-        force = handed[0] if gets_force else k * (place - handed[0]) + b * (rate - handed[1])
+        force = output[0] if gets_force else k * (place - output[0]) + b * (rate - output[1])
         tick.command = force + local * rate
         tick.trace("tool_m", x)
-        for name, value, kept in (("tool_m", moved[0], x), ("tool_m_per_s", moved[1], v)):
-            tick.follow(name, ca.if_else(steps, value, kept))
+        for name, value, before in (("tool_m", after[0], x), ("tool_m_per_s", after[1], v)):
+            tick.follow(name, ca.if_else(steps, value, before))
         tick.follow("engine_last_m", place)
         tick.follow("engine_older_m", last)
 
-    def _moved(
+    def _tool_after(
         self,
         tool: tuple[Expr, Expr],
         t: Expr,
         device: tuple[Expr, Expr],
-        joined: tuple[Expr, Expr, Expr, Expr],
+        link: tuple[Expr, Expr, Expr, Expr],
         contact: tuple[Expr, Expr],
     ) -> tuple[Expr, Expr]:
         """Return position and velocity of the tool after a step, as in `loops.engine`, with a one-sided contact."""
-        (x, v), (seen, speed), (k, b, mass, drag), (k_c, b_c) = tool, device, joined, contact
+        (x, v), (position, speed), (k, b, mass, drag), (k_c, b_c) = tool, device, link, contact
         rigid, integrator, t = k_c > RIGID_N_PER_M, self.tool.integrator, t / self.tool.substeps
         implicit_k, implicit_b = self.tool.implicit_part(k, b)
-        push = k * seen + b * speed - (k - implicit_k) * x - (b - implicit_b) * v
+        push = k * position + b * speed - (k - implicit_k) * x - (b - implicit_b) * v
         k_c, b_c = ca.if_else(rigid, 0, k_c), ca.if_else(rigid, 0, b_c)
         free = tool_step(integrator, t, mass, drag + implicit_b, implicit_k)
         touching = tool_step(integrator, t, mass, drag + implicit_b + b_c, implicit_k + k_c)
         for _ in range(self.tool.substeps):
-            (place, rate), (touched, slower) = (
+            (place, rate), (face, slower) = (
                 [one * x + other * v + force * push for one, other, force in rows] for rows in (free, touching)
             )
-            pressed = ca.logic_and(x > 0, slower < rate)
-            place, rate = ca.if_else(pressed, touched, place), ca.if_else(pressed, slower, rate)
-            stopped = ca.logic_and(rigid, place >= 0)  # what rests there keeps no speed into it
+            presses = ca.logic_and(x > 0, slower < rate)
+            place, rate = ca.if_else(presses, face, place), ca.if_else(presses, slower, rate)
+            stops = ca.logic_and(rigid, place >= 0)  # what rests there keeps no speed into it
             # Where the new velocity moves the tool it ends at the face.
             at_face = ca.fmin(rate, 0) if integrator in ("explicit", "exact") else -x / t
-            x, v = ca.if_else(stopped, 0, place), ca.if_else(stopped, at_face, rate)
+            x, v = ca.if_else(stops, 0, place), ca.if_else(stops, at_face, rate)
         return x, v
 
-    def _handed(
+    def _output(
         self, tick: Tick, steps: Expr, before: tuple[Expr, Expr], after: tuple[Expr, Expr], force: Expr, start_m: float
     ) -> list[Expr]:
         """Delay the engine's output by its queued steps and return what the device receives now."""
@@ -198,11 +198,11 @@ class EngineEffect(SceneEffect, keys=SimulationEffect, rank=155, role="environme
         for late in range(self.tool.queued + 1):
             for row, value in enumerate(fresh):
                 name = f"handed_{late}_{row}"
-                kept = tick.state(name, starts[row])
-                now = ca.if_else(steps, value, kept)
+                held = tick.state(name, starts[row])
+                now = ca.if_else(steps, value, held)
                 tick.follow(name, now)
                 # The stored value is late by one more step.
-                fresh[row] = now if late == self.tool.queued else kept
+                fresh[row] = now if late == self.tool.queued else held
         return fresh
 
     def _steps(self, samples: int, run: int, sample_time_s: float) -> FloatArray:
@@ -214,8 +214,8 @@ class EngineEffect(SceneEffect, keys=SimulationEffect, rank=155, role="environme
         ends = np.concatenate([[0.0], np.cumsum(lengths[:-1])]) / sample_time_s
         first = np.ceil(ends - 1e-6).astype(int)
         there = first < samples
-        kept = there & (np.random.default_rng((self.seed, run, 3)).random(count) >= self.dropped_share)
-        found = np.zeros((2, samples))
-        found[0, first[kept]] = lengths[kept]
-        found[1, first[there]] = (first - ends > 1e-6)[there]
-        return found
+        runs = there & (np.random.default_rng((self.seed, run, 3)).random(count) >= self.dropped_share)
+        table = np.zeros((2, samples))
+        table[0, first[runs]] = lengths[runs]
+        table[1, first[there]] = (first - ends > 1e-6)[there]
+        return table

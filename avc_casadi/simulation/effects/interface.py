@@ -23,7 +23,7 @@ from avc_casadi.model.plant import DEVICE, HANDLE, Plant
 from avc_casadi.model.problem import Problem
 from avc_casadi.model.runtime import Poles, VelocityFilterEffect, velocity_poles
 from avc_casadi.model.scene import scene_effects
-from avc_casadi.simulation.effects.base import SceneEffect, TableEffect, declared_number
+from avc_casadi.simulation.effects.base import SceneEffect, TableEffect, positive_number
 from avc_casadi.simulation.tick import Tick, ca, delay_line
 
 
@@ -52,7 +52,7 @@ class Jitter(TableEffect, keys=JitterEffect, rank=220, scene_alone=True):
         return np.asarray(np.minimum(np.abs(draws) * self.table.rms_s / sample_time_s, 1.0))
 
 
-class Delay(TableEffect, keys=DelayEffect, rank=210, declared={"samples": "delay_samples"}):
+class Delay(TableEffect, keys=DelayEffect, rank=210, device_keys={"samples": "delay_samples"}):
     """A delay line of commands; a fractional part lets the previous command act for a share of the sample."""
 
     def sample(self, tick: Tick) -> None:
@@ -68,7 +68,7 @@ class Delay(TableEffect, keys=DelayEffect, rank=210, declared={"samples": "delay
             tick.late, tick.command_before = late, line[whole + 1]
 
 
-class Noise(TableEffect, keys=NoiseEffect, rank=70, scene_alone=True, declared={"rms_m": "position_noise_rms_m"}):
+class Noise(TableEffect, keys=NoiseEffect, rank=70, scene_alone=True, device_keys={"rms_m": "position_noise_rms_m"}):
     """White Gaussian noise on each sampled position, before an encoder."""
 
     def sample(self, tick: Tick) -> None:
@@ -97,7 +97,7 @@ class Encoder(SceneEffect, keys=EncoderEffect, rank=80):
                 message = 'is "handle", where there is none; allowed: beside the effect resonance, or "motor"'
                 raise InputError.of(message, file=problem.name, key=f"{place}.at")
             return cls(default if table.resolution_m is None else table.resolution_m, HANDLE)
-        return cls(declared_number(table.resolution_m, problem, f"{place}.resolution_m", "encoder_resolution_m"))
+        return cls(positive_number(table.resolution_m, problem, f"{place}.resolution_m", "encoder_resolution_m"))
 
     @property
     def numbers(self) -> FloatArray:
@@ -123,8 +123,8 @@ class Notch(TableEffect, keys=NotchEffect, rank=100, scene_alone=True):
 
     def section(self, sample_time_s: float) -> tuple[float, float, float, float, float]:
         """Return b0, b1, b2, a1, a2 of the discrete filter."""
-        turned = math.tan(math.pi * self.table.frequency_hz * sample_time_s)
-        wide, square = self.table.width * turned, turned * turned
+        half = math.tan(math.pi * self.table.frequency_hz * sample_time_s)
+        wide, square = self.table.width * half, half * half
         whole = 1 + wide + square
         middle = 2 * (square - 1) / whole
         return (
@@ -160,7 +160,7 @@ class VelocityFilter(SceneEffect, keys=VelocityFilterEffect, rank=130, scene_alo
         tick.poles = self.poles
 
 
-class Saturation(TableEffect, keys=SaturationEffect, rank=200, declared={"force_n": "max_force_n"}):
+class Saturation(TableEffect, keys=SaturationEffect, rank=200, device_keys={"force_n": "max_force_n"}):
     """Saturation of the commanded force."""
 
     def sample(self, tick: Tick) -> None:
@@ -174,10 +174,10 @@ class Amplifier(TableEffect, keys=AmplifierEffect, rank=230, scene_alone=True):
     @classmethod
     def build(cls, table: Any, problem: Problem, place: str) -> Self:
         device, key = problem.device, "amplifier_bandwidth_hz"
-        bandwidth = declared_number(table.bandwidth_hz, problem, f"{place}.bandwidth_hz", key)
+        bandwidth = positive_number(table.bandwidth_hz, problem, f"{place}.bandwidth_hz", key)
         ratio = table.damping_ratio or device.amplifier_damping_ratio
-        known = {"bandwidth_hz": bandwidth, "order": table.order or device.amplifier_order, "damping_ratio": ratio}
-        return cls(table.model_copy(update=known))
+        numbers = {"bandwidth_hz": bandwidth, "order": table.order or device.amplifier_order, "damping_ratio": ratio}
+        return cls(table.model_copy(update=numbers))
 
     def mechanics(self, plant: Plant) -> None:
         plant.actuator_rate_per_s = 2 * math.pi * self.table.bandwidth_hz

@@ -17,7 +17,7 @@ from avc_casadi.model.effects import (
 from avc_casadi.model.hands import Hand, StylusHand
 from avc_casadi.model.plant import DEVICE, GROUND, Plant
 from avc_casadi.model.problem import Problem
-from avc_casadi.simulation.effects.base import SceneEffect, TableEffect, declared_number
+from avc_casadi.simulation.effects.base import SceneEffect, TableEffect, positive_number
 from avc_casadi.simulation.tick import Tick, ca
 
 
@@ -29,9 +29,9 @@ class Grip(SceneEffect, keys=HandEffect, rank=40, role="hand"):
 
     @classmethod
     def build(cls, table: Any, problem: Problem, place: str) -> Self:  # noqa: ARG003
-        given = {item.name: getattr(table, item.name) for item in fields(Hand)}
+        values = {item.name: getattr(table, item.name) for item in fields(Hand)}
         return cls(
-            Hand(**{key: sum(getattr(problem.hands, key)) / 2 if one is None else one for key, one in given.items()})
+            Hand(**{key: sum(getattr(problem.hands, key)) / 2 if one is None else one for key, one in values.items()})
         )
 
     def mechanics(self, plant: Plant) -> None:
@@ -44,11 +44,11 @@ class StylusGrip(Grip, keys=StylusHandEffect, rank=50, role="hand"):
 
     @classmethod
     def build(cls, table: Any, problem: Problem, place: str) -> Self:
-        declared_number(table.mass_kg, problem, f"{place}.mass_kg")
+        positive_number(table.mass_kg, problem, f"{place}.mass_kg")
         return cls(StylusHand(**{item.name: getattr(table, item.name) for item in fields(StylusHand)}))
 
 
-class Backlash(TableEffect, keys=BacklashEffect, rank=60, scene_alone=True, declared={"gap_m": "backlash_m"}):
+class Backlash(TableEffect, keys=BacklashEffect, rank=60, scene_alone=True, device_keys={"gap_m": "backlash_m"}):
     """The encoder at the motor follows the position only beyond half the play: a hysteresis (play operator)."""
 
     def sample(self, tick: Tick) -> None:
@@ -83,7 +83,7 @@ class Resonance(TableEffect, keys=ResonanceEffect, rank=10, scene_alone=True):
 
 
 class ViscousFriction(
-    TableEffect, keys=ViscousFrictionEffect, rank=20, scene_alone=True, declared={"damping_ns_per_m": ""}
+    TableEffect, keys=ViscousFrictionEffect, rank=20, scene_alone=True, device_keys={"damping_ns_per_m": ""}
 ):
     """A damper between device and ground, in addition to ``device.damping_ns_per_m``, which is not counted twice."""
 
@@ -91,5 +91,5 @@ class ViscousFriction(
         plant.join(DEVICE, GROUND, 0.0, self.table.damping_ns_per_m)
 
 
-class CoulombFriction(TableEffect, keys=CoulombFrictionEffect, rank=30, declared={"force_n": "coulomb_friction_n"}):
+class CoulombFriction(TableEffect, keys=CoulombFrictionEffect, rank=30, device_keys={"force_n": "coulomb_friction_n"}):
     """A force of constant magnitude against the velocity; at rest it balances the load up to that magnitude."""

@@ -47,7 +47,7 @@ class Course(NamedTuple):
 
 def course_of(problem: Problem, more_s: float = 0.0) -> Course:
     """Return the motions with a device, with a longer rest where device and hand oscillate by themselves, and more."""
-    longer_s = float(np.clip(_swinging_s(problem) - _TAP.rest_s, 0.0, LONGEST_S - TRIAL_S)) + more_s
+    longer_s = float(np.clip(_decay_time_s(problem) - _TAP.rest_s, 0.0, LONGEST_S - TRIAL_S)) + more_s
     longer_s = 0.25 * float(np.ceil(longer_s / 0.25))  # so that similar devices share a scene
     motions = {
         name: motion.model_copy(update={"rest_s": motion.rest_s + longer_s})
@@ -72,7 +72,7 @@ def at_handle(motion: Motion, device: Device) -> Motion:
     )
 
 
-def _swinging_s(problem: Problem) -> float:
+def _decay_time_s(problem: Problem) -> float:
     """Return the longest decay time of hand and device after a tap, by their poles."""
     device, corners = problem.device, hand_corners(problem.hands)
     hand = corners.pick(np.flatnonzero(corners.stiffness_n_per_m > 0))  # no oscillation without a spring
@@ -85,11 +85,11 @@ def _swinging_s(problem: Problem) -> float:
         half, square = damping / (2 * mass), hand.stiffness_n_per_m / mass
         spread = np.sqrt(np.maximum(half**2 - square, 0.0))
         fast, slow = half + spread, np.where(spread > 0, square / (half + spread), half)
-        needed = []
+        times_s = []
         for decay in (fast, slow):
             frequency = np.where(spread > 0, decay, np.sqrt(square))
             # A quarter more: a tap may add to an oscillation that has not decayed.
             speed = 1.25 * more * np.minimum(tap * _TAP.amplitude_m, frequency * way_m)
             # Not a number where there is no such pole; below 0 where the speed never exceeds the threshold of settling.
-            needed.append(np.fmax(np.log(speed / AT_REST_M_PER_S) / decay, 0.0))
-    return float(np.max(needed, initial=0.0))
+            times_s.append(np.fmax(np.log(speed / AT_REST_M_PER_S) / decay, 0.0))
+    return float(np.max(times_s, initial=0.0))

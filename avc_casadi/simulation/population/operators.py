@@ -30,8 +30,8 @@ def draw_population(population: Population, count: int, seed: int, *, first: int
     if population != "B":
         return draw_hands(Hands() if population == "A" else FINGERTIP, count, seed, first=first)
     low, high = np.log(np.array(list(STYLUS_RANGES.values()))).T
-    drawn = np.exp(low + (high - low) * _uniform([seed, _STYLUS], first, count, len(low)))
-    return StylusHand(**dict(zip(STYLUS_RANGES, drawn.T, strict=True)))
+    values = np.exp(low + (high - low) * _uniform([seed, _STYLUS], first, count, len(low)))
+    return StylusHand(**dict(zip(STYLUS_RANGES, values.T, strict=True)))
 
 
 def draw_hands(hands: Hands, count: int, seed: int, *, first: int = 0, training: bool = False) -> Hand:

@@ -46,21 +46,21 @@ class Setup:
     @classmethod
     def of(cls, coupling: Coupling, device: Device | None = None, effects: tuple[Effect, ...] = ()) -> Setup:
         """Take a coupling's runtime and all that its problem declares, or another device; the controller stays."""
-        problem, designed_for = coupling.problem, coupling.problem.device
+        problem, nominal = coupling.problem, coupling.problem.device
         problem = problem if device is None else problem.changed(device=device)
         table, law = coupling.table, coupling.runtime.state_feedback
-        listed = [one for one in declared_effects(problem) if one.kind != "detent"]
-        counted = problem.device.encoder_resolution_m > 0
+        own = [one for one in declared_effects(problem) if one.kind != "detent"]
+        has_steps = problem.device.encoder_resolution_m > 0
         for one in coupling.runtime.model_copy(update={"state_feedback": None}).effects(constant=table.constant):
             if not isinstance(one, ObserverEffect):
-                listed.append(one)
-            elif counted:
-                known = {
-                    "resolution_m": designed_for.encoder_resolution_m or None,
-                    "ahead_samples": designed_for.delay_samples,
+                own.append(one)
+            elif has_steps:
+                numbers = {
+                    "resolution_m": nominal.encoder_resolution_m or None,
+                    "ahead_samples": nominal.delay_samples,
                 }
-                listed.append(one.model_copy(update=known))
-        return cls(problem, table.at_rest if table.constant else table, (*listed, *effects), law)
+                own.append(one.model_copy(update=numbers))
+        return cls(problem, table.at_rest if table.constant else table, (*own, *effects), law)
 
     def without(self, kind: str) -> Setup:
         """Return the same without an effect."""
@@ -113,9 +113,9 @@ class _SceneKey:
 
 # All motions, of usual and long duration, with and without friction, on some two dozen devices of the ranges.
 @lru_cache(512)
-def _compiled(scene: _SceneKey) -> tuple[CompiledScene, FloatArray]:
-    compiled = scene.build()
-    return compiled, compiled.input_values()
+def _compile(key: _SceneKey) -> tuple[CompiledScene, FloatArray]:
+    scene = key.build()
+    return scene, scene.input_values()
 
 
 def prepare(
@@ -125,29 +125,29 @@ def prepare(
     gains, law = setup.gains, setup.law
     if not isinstance(gains, Gains):
         run, effects = setup.stage(people, motion, duration_s)
-        effects, chosen, _ = resolve(run, effects, gains)
-        compiled = compile_scene(run, effects, chosen)
-        return compiled, compiled.parameter_values(chosen), compiled.input_values()
+        effects, at_start, _ = resolve(run, effects, gains)
+        scene = compile_scene(run, effects, at_start)
+        return scene, scene.parameter_values(at_start), scene.input_values()
     structure = (
         None if law is None else (law.states, law.positions, law.measures),
         (not gains.rigid, gains.stiffness_n_per_m > 0, gains.contact_damping_ns_per_m > 0),
     )
     hands = type(people), *(np.asarray(one).tobytes() for one in vars(people).values())
     key = (setup.problem, setup.effects, setup.steps_anywhere, structure, hands, motion, duration_s)
-    compiled, inputs = _compiled(_SceneKey(key, lambda: compile_scene(*setup.stage(people, motion, duration_s), gains)))
+    scene, inputs = _compile(_SceneKey(key, lambda: compile_scene(*setup.stage(people, motion, duration_s), gains)))
     if law is not None:
-        compiled = compiled.with_numbers("state-feedback", table=law)
-    return compiled, compiled.parameter_values(gains), inputs
+        scene = scene.with_numbers("state-feedback", table=law)
+    return scene, scene.parameter_values(gains), inputs
 
 
 def simulations(
     setup: Setup, people: Hand | StylusHand, motion: Motion, duration_s: float = DURATION_S
 ) -> Iterator[Callable[[], Traces]]:
     """Prepare to simulate all hands, in blocks; each block is simulated when it is called."""
-    compiled, parameters, inputs = prepare(setup, people, motion, duration_s)
+    scene, parameters, inputs = prepare(setup, people, motion, duration_s)
 
     def traces_of(some: FloatArray) -> Traces:
-        return Traces.of(execute(compiled, some, inputs), setup.problem.device)
+        return Traces.of(execute(scene, some, inputs), setup.problem.device)
 
     at_once = min(HANDS_AT_ONCE, max(1, 4_000_000 // inputs.shape[-1]))
     for first in range(0, len(parameters), at_once):

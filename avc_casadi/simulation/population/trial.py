@@ -69,25 +69,25 @@ class Trial(Tabular):
         return len(self.stiffness_n_per_m)
 
     @property
-    def settled_each(self) -> BoolArray:
+    def hand_settles(self) -> BoolArray:
         """Settled in every motion, without friction and with missed steps too."""
         return np.asarray(np.all([self.stable, *self.beside.values()], axis=0))
 
     @property
-    def settled(self) -> bool:
+    def all_settle(self) -> bool:
         """Whether all hands settle, without friction and with missed steps too."""
-        return bool(self.settled_each.all())
+        return bool(self.hand_settles.all())
 
     @property
-    def settled_with_friction(self) -> bool:
+    def all_settle_with_friction(self) -> bool:
         """Whether all hands settle as declared, with missed steps too."""
         return bool(np.all(self.stable & self.beside.get("with_dropped_steps", self.stable)))
 
     @property
     def stiffness(self) -> float:
         """Median rendered stiffness; not a number where no hand is in contact."""
-        felt = self.stiffness_n_per_m[np.isfinite(self.stiffness_n_per_m)]
-        return float(np.median(felt)) if len(felt) else np.nan
+        in_contact = self.stiffness_n_per_m[np.isfinite(self.stiffness_n_per_m)]
+        return float(np.median(in_contact)) if len(in_contact) else np.nan
 
     def to_dict(self) -> Columns:
         """Return the results by hand as columns, each of shape (hands,)."""
@@ -202,7 +202,7 @@ def try_coupling(
     """Simulate press, tap and hold by all hands, with all that the problem declares of the device."""
     setup, at_once = Setup.of(coupling), 1000
     tasks = [(setup, people.pick(slice(first, first + at_once))) for first in range(0, len(people), at_once)]
-    sizes, work = [len(some) for _, some in tasks], partial(_tried, seed)
+    sizes, work = [len(some) for _, some in tasks], partial(_try_motions, seed)
     return CouplingTrial.join(map_tasks(work, tasks, executor, sizes=sizes, things="hands", progress=progress))
 
 
@@ -214,24 +214,24 @@ def try_on_devices(
     executor: Executor | None = None,
 ) -> CouplingTrial:
     """Simulate hands with a coupling, each on one of several devices, assigned in turn."""
-    dealt = [np.arange(place, len(people), len(devices)) for place in range(len(devices))]
-    met = [(Setup.of(coupling, one), people.pick(rows)) for rows, one in zip(dealt, devices, strict=True) if len(rows)]
-    trials = map_tasks(partial(_tried, seed), met, executor)
+    split = [np.arange(place, len(people), len(devices)) for place in range(len(devices))]
+    jobs = [(Setup.of(coupling, one), people.pick(rows)) for rows, one in zip(split, devices, strict=True) if len(rows)]
+    trials = map_tasks(partial(_try_motions, seed), jobs, executor)
     return replace(
-        CouplingTrial.join(trials, np.argsort(np.concatenate(dealt), kind="stable")),
+        CouplingTrial.join(trials, np.argsort(np.concatenate(split), kind="stable")),
         effects=tuple(dict.fromkeys(effect for one in trials for effect in one.effects)),
         devices=len(trials),
         longest_s=max(one.longest_s for one in trials),
     )
 
 
-def _tried(seed: int, task: tuple[Setup, Hand | StylusHand]) -> CouplingTrial:
+def _try_motions(seed: int, task: tuple[Setup, Hand | StylusHand]) -> CouplingTrial:
     """Simulate every motion as declared, then without dry friction where some is declared."""
     setup, people = task
     motions, duration_s = course_of(setup.problem)
     settings = [setup, setup.without(FRICTION)] if setup.rough else [setup]
     limit = setup.problem.device.max_force_n
-    found: dict[tuple[str, bool], list[dict[str, Any]]] = {}
+    parts: dict[tuple[str, bool], list[dict[str, Any]]] = {}
     with ThreadPoolExecutor(1) as pool:  # a scene is built while another is simulated
         work = [
             ((name, one is setup), pool.submit(_figures, name if one is setup else "", limit, simulation))
@@ -240,12 +240,12 @@ def _tried(seed: int, task: tuple[Setup, Hand | StylusHand]) -> CouplingTrial:
             for simulation in simulations(one, people, motions[name], duration_s)
         ]
         for key, future in work:
-            found.setdefault(key, []).append(future.result())
+            parts.setdefault(key, []).append(future.result())
 
-    def whole(name: str, figure: str, *, as_declared: bool = True) -> Any:
-        return np.concatenate([part[figure] for part in found[name, as_declared]])
+    def whole(name: str, figure: str, *, friction: bool = True) -> Any:
+        return np.concatenate([part[figure] for part in parts[name, friction]])
 
-    free = [whole(name, "stable", as_declared=not setup.rough) for name in AT_WALL]
+    free = [whole(name, "stable", friction=not setup.rough) for name in AT_WALL]
     return CouplingTrial(
         seed=seed,
         by_motion={name: whole(name, "stable") for name in AT_WALL},
@@ -261,12 +261,12 @@ def _tried(seed: int, task: tuple[Setup, Hand | StylusHand]) -> CouplingTrial:
 def _figures(name: str, limit_n: float | None, simulation: Callable[[], Traces]) -> dict[str, Any]:
     """Return the results of a motion."""
     part = simulation()
-    found = part.judge()
-    figures: dict[str, Any] = {"stable": found.stable}
+    verdict = part.judge()
+    figures: dict[str, Any] = {"stable": verdict.stable}
     if name == "press":
-        limited = np.abs(found.mean_force_n) > NEAR_LIMIT * (np.inf if limit_n is None else limit_n)
-        figures["at_force_limit"] = limited
-        figures["stiffness_n_per_m"] = np.where(limited, np.nan, found.apparent_stiffness_n_per_m)
+        at_limit = np.abs(verdict.mean_force_n) > NEAR_LIMIT * (np.inf if limit_n is None else limit_n)
+        figures["at_force_limit"] = at_limit
+        figures["stiffness_n_per_m"] = np.where(at_limit, np.nan, verdict.apparent_stiffness_n_per_m)
         figures["vibration"] = part.vibration
     if name == "tap":
         figures["tap_force_n"] = np.abs(part.force_n).max(axis=-1)
@@ -274,7 +274,7 @@ def _figures(name: str, limit_n: float | None, simulation: Callable[[], Traces])
     return figures
 
 
-def count_settled(
+def count_at_rest(
     coupling: Coupling,
     hands: int,
     seed: int = 0,
@@ -292,7 +292,7 @@ def count_settled(
     setup = setup if friction else setup.without(FRICTION)
     tasks = [(first, min(block, hands - first)) for first in range(0, hands, block)]
     sizes = [count for _, count in tasks]
-    work = partial(_settled, setup, seed)
+    work = partial(_at_rest, setup, seed)
     parts = map_tasks(work, tasks, executor, workers=workers, sizes=sizes, things="hands", progress=progress)
     rest = {name: np.concatenate([part[name] for part in parts]) for name in AT_WALL}
     whole = np.all(list(rest.values()), axis=0)
@@ -311,7 +311,7 @@ def count_settled(
     }
 
 
-def _settled(setup: Setup, seed: int, task: tuple[int, int]) -> dict[str, BoolArray]:
+def _at_rest(setup: Setup, seed: int, task: tuple[int, int]) -> dict[str, BoolArray]:
     """Simulate a block of the draw, from a first index on."""
     first, count = task
     people = draw_hands(setup.problem.hands, count, seed, first=first)
@@ -334,7 +334,7 @@ def residual_speeds(
     whole = setup if friction else setup.without(FRICTION)
     motions, duration_s = course_of(setup.problem)
     scenes = [prepare(setup if name == "graze" else whole, people, motions[name], duration_s) for name in names]
-    for compiled, *_ in scenes:
-        compile_ahead(compiled, len(people))
+    for scene, *_ in scenes:
+        compile_ahead(scene, len(people))
     speeds = [execute_to_speed(*scene, workers=processors()) for scene in scenes]
     return np.asarray(np.max(speeds, axis=0))

@@ -33,7 +33,7 @@ def hold_step(sample_time_s: float, hold_s: float) -> Step:
     following = ca.if_else(valid, estimate, lost)
     builder.follow("frequency_hz", following)
     builder.follow("age_s", ca.if_else(valid, 0, older))
-    return builder.done("hold", frequency_hz=following)
+    return builder.build("hold", frequency_hz=following)
 
 
 GAINS = ("damping_ns_per_m", "stiffness_n_per_m", "contact_damping_ns_per_m")
@@ -57,17 +57,17 @@ def adaptation_step(sample_time_s: float, settings: AdaptationSettings) -> Step:
     deflection = builder.input("deflection_m")
     started = builder.state("started")
     before = [ca.if_else(started, builder.state(name), goal) for name, goal in zip(GAINS, wanted, strict=True)]
-    gains = [_slewed(*pair, settings, sample_time_s) for pair in zip(before, wanted, strict=True)]
+    gains = [_slew(*pair, settings, sample_time_s) for pair in zip(before, wanted, strict=True)]
     builder.follow("started", 1)
     for name, gain in zip(GAINS, gains, strict=True):
         builder.follow(name, gain)
     anchor: Expr = 0.0
     if settings.passive:
         anchor = _anchor(builder, settings, sample_time_s, deflection, before[1], gains[1])
-    return builder.done("adaptation", **dict(zip(GAINS, gains, strict=True)), anchor_m=anchor)
+    return builder.build("adaptation", **dict(zip(GAINS, gains, strict=True)), anchor_m=anchor)
 
 
-def _slewed(before: Expr, wanted: Expr, settings: AdaptationSettings, sample_time_s: float) -> Expr:
+def _slew(before: Expr, wanted: Expr, settings: AdaptationSettings, sample_time_s: float) -> Expr:
     if settings.slew_per_s is None:
         return wanted
     step = settings.slew_per_s * sample_time_s * ca.fmax(before, wanted)
@@ -147,4 +147,4 @@ def guard_step(method: str, sample_time_s: float, damping_limit_ns_per_m: float)
     builder.follow("position_m", position)
     builder.follow("stored_j", stored)
     builder.follow("reserve_j", now)
-    return builder.done("guard", force_n=force, reserve_j=now)
+    return builder.build("guard", force_n=force, reserve_j=now)

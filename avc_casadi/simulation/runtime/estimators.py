@@ -31,7 +31,7 @@ class EstimatorSettings:
         return cls(floor_m_per_s=max(floor, 0.5 * corner * resolution_m / sample_time_s), fastest_m_per_s=fastest)
 
 
-def band_passed(builder: StepBuilder, velocity: Expr, settings: EstimatorSettings, sample_time_s: float) -> Expr:
+def band_pass(builder: StepBuilder, velocity: Expr, settings: EstimatorSettings, sample_time_s: float) -> Expr:
     """Remove drift by a first-order high pass at half the lowest frequency, noise by two low passes."""
     mean = builder.state("mean_m_per_s")
     slow = 1.0 - ca.exp(-math.tau * 0.5 * settings.low_hz * sample_time_s)
@@ -59,7 +59,7 @@ def envelope(
 def spectral_peak_step(sample_time_s: float, settings: EstimatorSettings) -> Step:
     """Return the step that estimates the frequency by the phase advance of the strongest of log-spaced resonators."""
     builder = StepBuilder()
-    signal = band_passed(builder, builder.input("velocity_m_per_s"), settings, sample_time_s)
+    signal = band_pass(builder, builder.input("velocity_m_per_s"), settings, sample_time_s)
     peak: Expr = 0.0
     sine: Expr = 0.0
     cosine: Expr = 0.0
@@ -95,7 +95,7 @@ def spectral_peak_step(sample_time_s: float, settings: EstimatorSettings) -> Ste
     valid = turned >= 0.75
     builder.follow("smooth_hz", following)
     builder.follow("turns", turned)
-    return builder.done("spectral_peak", frequency_hz=ca.if_else(valid, following, 0), valid=valid)
+    return builder.build("spectral_peak", frequency_hz=ca.if_else(valid, following, 0), valid=valid)
 
 
 def _resonator(
@@ -125,7 +125,7 @@ def _resonator(
 def zero_crossing_step(sample_time_s: float, settings: EstimatorSettings) -> Step:
     """Return the step that estimates the frequency from the last two half periods, timed by linear interpolation."""
     builder = StepBuilder()
-    now = band_passed(builder, builder.input("velocity_m_per_s"), settings, sample_time_s)
+    now = band_pass(builder, builder.input("velocity_m_per_s"), settings, sample_time_s)
     before = builder.state("before_m_per_s")
     side, counted = builder.state("side"), builder.state("halves")
     age, crossing = builder.state("age_ticks"), builder.state("crossing_ticks")
@@ -168,12 +168,12 @@ def zero_crossing_step(sample_time_s: float, settings: EstimatorSettings) -> Ste
     builder.follow("earliest_half_ticks", half_third)
     moves = ca.logic_and(started, ca.logic_not(rests))
     longest_s = sample_time_s * ca.if_else(moves, ca.fmax(ca.if_else(count > 0, half, 0), passed), 0)
-    return builder.done(
+    return builder.build(
         "zero_crossing", frequency_hz=frequency, valid=valid, even=even, regular=regular, longest_half_s=longest_s
     )
 
 
-def fused_step(sample_time_s: float, settings: EstimatorSettings) -> Step:
+def fusion_step(sample_time_s: float, settings: EstimatorSettings) -> Step:
     """Return the step of the spectral peak, overridden by regular zero crossings until the resonators settle."""
     builder = StepBuilder()
     velocity = builder.input("velocity_m_per_s")
@@ -187,7 +187,7 @@ def fused_step(sample_time_s: float, settings: EstimatorSettings) -> Step:
     take_fast = ca.logic_or(trusted, ca.logic_not(robust["valid"]))
     # No half period of the true frequency is longer than one and a half of its own.
     bound = 1.5 * 0.5 / ca.fmax(fast["longest_half_s"], sample_time_s)
-    return builder.done(
+    return builder.build(
         "fused",
         frequency_hz=ca.if_else(take_fast, quick, ca.fmin(steady, bound)),
         valid=ca.logic_or(fast["valid"], robust["valid"]),
@@ -197,7 +197,7 @@ def fused_step(sample_time_s: float, settings: EstimatorSettings) -> Step:
 def adaptive_notch_step(sample_time_s: float, settings: EstimatorSettings) -> Step:
     """Return the step of a second-order generalised integrator with frequency-locked loop, normalised by its power."""
     builder = StepBuilder()
-    signal = band_passed(builder, builder.input("velocity_m_per_s"), settings, sample_time_s)
+    signal = band_pass(builder, builder.input("velocity_m_per_s"), settings, sample_time_s)
     low, high = (math.tau * hz * sample_time_s for hz in (settings.low_hz, settings.top_hz(sample_time_s)))
     start = ca.sqrt(low * high)
     # Of the oscillator; of the frequency loop, in units of the frequency; and the residual share of the signal's power
@@ -231,14 +231,14 @@ def adaptive_notch_step(sample_time_s: float, settings: EstimatorSettings) -> St
     builder.follow("quadrature_m_per_s", quadrature_next)
     builder.follow("left_over_power", left_over_next)
     builder.follow("power", whole_next)
-    return builder.done("adaptive_notch", frequency_hz=ca.if_else(valid, frequency, 0), valid=valid)
+    return builder.build("adaptive_notch", frequency_hz=ca.if_else(valid, frequency, 0), valid=valid)
 
 
 ESTIMATORS: Mapping[str, Callable[[float, EstimatorSettings], Step]] = {
     "zero-crossing": zero_crossing_step,
     "spectral-peak": spectral_peak_step,
     "adaptive-notch": adaptive_notch_step,
-    "fused": fused_step,
+    "fused": fusion_step,
 }
 
 

@@ -56,7 +56,7 @@ def observer_step(sample_time_s: float, settings: ObserverSettings) -> Step:
     builder.follow("position_m", now)
     builder.follow("step_m", speed)
     builder.follow("load_step_m", unknown)
-    return builder.done("observer", position_m=moved(now, speed, unknown, coming)[0])
+    return builder.build("observer", position_m=moved(now, speed, unknown, coming)[0])
 
 
 def state_feedback_step(settings: StateFeedback) -> Step:
@@ -88,6 +88,6 @@ def _step_of(n: int, positions: tuple[int, ...], measures: int) -> Step:
     builder.follow("started", 1)
     for row, value in enumerate(corrected):
         builder.follow(f"s{row + 1}_m", value)
-    return builder.done(
+    return builder.build(
         "state_feedback", position_m=sum((weight[row] * value for row, value in enumerate(corrected)), ca.SX(0))
     )
