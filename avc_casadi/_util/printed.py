@@ -32,7 +32,7 @@ class Printed:
     @property
     def _problem(self) -> Any:
         """The problem in whose units it is printed; None where it does not know it."""
-        return getattr(self, "stated", getattr(self, "problem", None))
+        return getattr(self, "definition", getattr(self, "problem", None))
 
     @property
     def units(self) -> Units:

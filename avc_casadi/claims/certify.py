@@ -38,7 +38,7 @@ class Certificate(Tabular):
         passive_limit_n_per_m: 2 b_d/((1 + d) T) at the worst of the ranges: the largest DC stiffness of any passive
             linear rendering; not a number where none is known.
         dc_stiffness_n_per_m: DC stiffness k k_e/(k + k_e) of each row, shape (n,).
-        stated: the problem judged against, for ``print``.
+        definition: the problem judged against, for ``print``.
         gains: the judged gains.
 
     Example:
@@ -54,7 +54,7 @@ class Certificate(Tabular):
     levels: dict[str, LevelResult]
     passive_limit_n_per_m: float
     dc_stiffness_n_per_m: FloatArray
-    stated: Problem
+    definition: Problem
     gains: GainSchedule | Coupling
 
     def to_dict(self) -> Columns:
@@ -144,7 +144,7 @@ def certify(
         levels={name: judge[name](subject) for name, level in LEVELS.items() if prove or not level.on_demand},
         passive_limit_n_per_m=passive_limit_n_per_m(problem.device),
         dc_stiffness_n_per_m=rows.spread(parts.integral / problem.device.sample_time_s),
-        stated=problem,
+        definition=problem,
         gains=whole,
     )
 

@@ -58,7 +58,7 @@ class ZWidth(Tabular):
     used: tuple[str, ...]
     not_used: tuple[str, ...]
     refused: tuple[str, ...]
-    stated: Problem
+    definition: Problem
 
     def to_dict(self) -> Columns:
         """Return B and the largest K of each claim as columns, each of shape (n,)."""
@@ -74,7 +74,7 @@ class ZWidth(Tabular):
         kept = ("encoder_limit_n_per_m", "passive_limit_n_per_m", "passive_spring_n_per_m", "rule_n_per_m")
         found: dict[str, Any] = {name: getattr(self, name) for name in ("problem", "hands", "refused", *kept)}
         found["device_corners"] = self.corners
-        found |= {name: [*map(self.stated.units.key, vars(self)[name])] for name in ("used", "not_used")}
+        found |= {name: [*map(self.definition.units.key, vars(self)[name])] for name in ("used", "not_used")}
         found["wall_damping_ns_per_m"] = self.damping_ns_per_m
         found["curves"] = {
             curve.key: {name: getattr(curve, name) for name in ("claim", "delay_samples", "stiffness_n_per_m")}
@@ -207,7 +207,7 @@ def zwidth(problem: AnyProblem, progress: Progress = SILENT) -> ZWidth:
         used=used,
         not_used=not_used,
         refused=refused,
-        stated=problem,
+        definition=problem,
     )
 
 

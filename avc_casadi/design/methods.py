@@ -89,4 +89,4 @@ def _noted(problem: Problem, method: Method, gains: GainSchedule) -> GainSchedul
             f"schedule.hand_damping_ns_per_m is not credited: it counts in Re Z_h of method {takers}, "
             "and not with scope hands"
         )
-    return replace(gains, notes=(*gains.notes, *notes), stated=problem)
+    return replace(gains, notes=(*gains.notes, *notes), definition=problem)

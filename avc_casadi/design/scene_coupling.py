@@ -90,18 +90,18 @@ def simulate(
     request: dict[str, Any] = {"gains": chosen, "hand": hand, "seed": seed}
     run = simulate_with(stated, **request)
     notes = scene_notes(stated) if gains is None and stated.scene.coupling != "none" else []
-    return replace(run, stated=stated, request=request, notes=tuple(notes))
+    return replace(run, definition=stated, request=request, notes=tuple(notes))
 
 
 def facts_of(run: Run) -> dict[str, Any]:
     """Return further entries of the `simulate` document: frequency of a table's reading, and the run without guard."""
-    assert run.stated is not None  # noqa: S101 - of `simulate`
-    free = _without_guard(run, run.stated)
+    assert run.definition is not None  # noqa: S101 - of `simulate`
+    free = _without_guard(run, run.definition)
     return {
         "effects": [{"kind": kind} for kind in run.effects],
-        "gains_from_hz": _read_at(run, run.stated),
+        "gains_from_hz": _read_at(run, run.definition),
         "notes": list(run.notes),
-        "left_out": list(left_out(run.stated)),
+        "left_out": list(left_out(run.definition)),
         "without_guard": None if free is None else figures_of(free),
     }
 

@@ -61,7 +61,7 @@ class GainSchedule(Tabular):
         solve_seconds: time to solve all rows.
         notes: further printed facts, for example a quality statement.
         state_feedback: observer and feedback that belong to the gains; None for gains without.
-        stated: the problem given to `solve`, for ``print``; None for gains from elsewhere.
+        definition: the problem given to `solve`, for ``print``; None for gains from elsewhere.
 
     Example:
         >>> gains = avc.solve("soft", "exact")
@@ -90,7 +90,7 @@ class GainSchedule(Tabular):
     solve_seconds: float = 0.0
     notes: tuple[str, ...] = ()
     state_feedback: StateFeedback | None = None
-    stated: Problem | None = None
+    definition: Problem | None = None
 
     @property
     def rows(self) -> int:

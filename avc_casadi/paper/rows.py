@@ -188,7 +188,7 @@ def gain_schedule(
         contact_damping_ns_per_m=bp,
         impedance=perceived if impedance is None else impedance,
         target=np.asarray(loop.target),
-        stated=problem,
+        definition=problem,
         status=status,
         reason=reason or ("",) * len(status),
         requested_damping_ns_per_m=wanted[0],

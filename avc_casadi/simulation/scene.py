@@ -62,7 +62,7 @@ class Run(Tabular):
         claim: ``asymptotic``, ``held-by-friction`` or ``unstable``.
         metres_per_unit: displacement of the hand for a unit of the position.
         units: names and units of the device.
-        stated: the problem given to `simulate`, for ``print``; None of a run among many.
+        definition: the problem given to `simulate`, for ``print``; None of a run among many.
         request: gains, hand, frequency and seed given to `simulate`.
         notes: where the scene's own coupling is designed for another device than the one simulated.
 
@@ -90,7 +90,7 @@ class Run(Tabular):
     claim: Claim
     metres_per_unit: float = 1.0
     units: Units = LINEAR
-    stated: Problem | None = None
+    definition: Problem | None = None
     request: Mapping[str, Any] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
 

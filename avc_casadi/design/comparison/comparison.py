@@ -55,7 +55,7 @@ class Comparison(Tabular):
         cross_check: `direct` against `exact`, where both were requested.
         causal: what a causal coupling renders, after `with_causal`.
         judged: certificate and realism of each method.
-        stated: the problem as stated, for ``print``.
+        definition: the problem as stated, for ``print``.
 
     Example:
         >>> comparison = avc.compare("soft")
@@ -77,7 +77,7 @@ class Comparison(Tabular):
     reason: tuple[str, ...]
     cross_check: Mapping[str, Any] | None
     judged: Mapping[str, Evaluation]
-    stated: Problem
+    definition: Problem
     causal: CausalGains | None = None
 
     def to_dict(self) -> Columns:
@@ -102,7 +102,7 @@ class Comparison(Tabular):
 
     def document(self) -> dict[str, Any]:
         """Return the JSON document, null where a number is undefined."""
-        curves, stated = ("without_coupling", "target", "upper", "lower"), self.stated
+        curves, stated = ("without_coupling", "target", "upper", "lower"), self.definition
         kept = ("problem", "frequency_hz", "optimum", "delivered", "reason", "cross_check")
         return plain_table(
             {
@@ -270,7 +270,7 @@ def compare(
         reason=reason,
         cross_check=cross_check(gains["direct"], gains["exact"], scale) if both else None,
         judged={name: judge_gains(problem, table) for name, table in gains.items()},
-        stated=stated,
+        definition=stated,
     )
 
 

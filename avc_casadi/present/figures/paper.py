@@ -32,7 +32,7 @@ def _lines(comparison: Comparison) -> dict[str, style.Line]:
 @style.styled
 def draw_perceived(comparison: Comparison) -> Figure:
     """Draw the perceived impedance without coupling, by the closed form and by the delivered gains, and these gains."""
-    stated, hz, lines = comparison.stated, comparison.frequency_hz, _lines(comparison)
+    stated, hz, lines = comparison.definition, comparison.frequency_hz, _lines(comparison)
     damping, model = comparison.units.unit("N·s/m"), stated.stability.model
     titles = ["(a) perceived impedance", f"(b) real part, {model} model", "(c) damping b", "(d) stiffness k"]
     gains = [("damping_ns_per_m", f"b ({damping})"), ("stiffness_n_per_m", f"k ({comparison.units.unit('N/m')})")]
@@ -83,7 +83,7 @@ def draw_perceived(comparison: Comparison) -> Figure:
 
 def _real_part(axes: Axes, comparison: Comparison, drawn: list[np.ndarray], lines: dict[str, style.Line]) -> None:
     """Draw Re Z in the model that is not the problem's too, and the part that (12) forbids."""
-    other: Model = "sampled-data" if comparison.stated.stability.model == "paper" else "paper"
+    other: Model = "sampled-data" if comparison.definition.stability.model == "paper" else "paper"
     for name, line in lines.items():
         values = np.where(comparison.methods[name].usable, comparison.judged[name].real_part[other], np.nan)
         label = f"{line.label}, {other} model"
@@ -91,7 +91,7 @@ def _real_part(axes: Axes, comparison: Comparison, drawn: list[np.ndarray], line
             line.draw(axes, comparison.frequency_hz, values, linewidth=0.9, marker="", alpha=0.6, label=label)
         drawn.append(values)
     style.value_axis(axes, *drawn)
-    (lowest, highest), margin = axes.get_ylim(), comparison.stated.stability.margin_ns_per_m
+    (lowest, highest), margin = axes.get_ylim(), comparison.definition.stability.margin_ns_per_m
     if lowest < margin:
         axes.axhspan(lowest, margin, facecolor="0.96", edgecolor="0.8", hatch="////", linewidth=0, zorder=0)
         axes.set_ylim(lowest, highest)

@@ -40,14 +40,14 @@ def text_of(result: object) -> str:
 
 answer_of.register(Recommendation, recommendation)
 answer_of.register(LawCertificate, judge.own_law)
-answer_of.register(Comparison, lambda found: design.comparison(found.document(), found.stated))
-answer_of.register(ZWidth, lambda found: judge.walls(found.document(), found.stated))
-answer_of.register(Run, lambda found: judge.scene(found.document() | facts_of(found), found.stated))
+answer_of.register(Comparison, lambda found: design.comparison(found.document(), found.definition))
+answer_of.register(ZWidth, lambda found: judge.walls(found.document(), found.definition))
+answer_of.register(Run, lambda found: judge.scene(found.document() | facts_of(found), found.definition))
 
 
 @answer_of.register
 def _solution(result: GainSchedule) -> Answer:
-    problem = result.stated
+    problem = result.definition
     assert problem is not None  # noqa: S101 - another prints its line
     coupling = Coupling.of(problem, result) if result.usable.any() else None
     return design.solution(solution_data(problem, result, coupling, None), problem)
@@ -70,12 +70,12 @@ def solution_data(
 
 @answer_of.register
 def _certificate(result: Certificate) -> Answer:
-    return judge.certificate(certificate_data(result), result.stated)
+    return judge.certificate(certificate_data(result), result.definition)
 
 
 def certificate_data(found: Certificate, progress: Progress = SILENT) -> dict[str, Any]:
     """Return the data of `certify`: the certificate, and the verdict on the coupling that runs."""
-    problem, gains = found.stated, found.gains
+    problem, gains = found.definition, found.gains
     if isinstance(gains, GainSchedule):
         coupling, schedule = Coupling.of(problem, gains) if gains.usable.any() else None, gains
     else:
