@@ -1,8 +1,8 @@
 """Deployable: whether a coupling may be deployed on a device, and which claim fails otherwise; one definition.
 
 Linearly stable with every hand of [hands] and released, over all of [device.range], on the loop of the device as
-declared, at the table's rows and between them; with state feedback for any sector gain of its dead zone, without a
-nonlinear observer. The disk margin of the nominal device is 0.15 or what [robustness] asks for.
+declared, at the table's rows and between them; with state feedback for any gain of its dead zone and of its clip,
+without a nonlinear observer. The disk margin of the nominal device is 0.15 or what [robustness] asks for.
 """
 
 from __future__ import annotations
@@ -78,17 +78,7 @@ class Deployable:
         failed = [claim for claim in self.claims if not claim.passed]
         if not failed:
             return "deployable: linearly stable with every hand of [hands] and released"
-        names = {
-            "hands": "hands (L5)",
-            "let-go": "released",
-            "dead-zone": "dead zone",
-            "detent": "detents",
-            "detent-hands": "detents in the wall, hands",
-            "detent-let-go": "detents in the wall, released",
-            "renders": "rendering",
-            "disk-margin": "disk margin",
-        }
-        return "not deployable: " + "; ".join(f"{names[claim.name]}: {claim.sentence}" for claim in failed)
+        return "not deployable: " + "; ".join(claim.sentence for claim in failed)
 
     @property
     def advice(self) -> str:
@@ -131,7 +121,7 @@ def deployable(coupling: Coupling, progress: Progress = SILENT) -> Deployable:
         # Of a margin that is asked for, 0.97 is taken for it.
         least, claims = LEAST_DISK if requirement is None else 0.97 * requirement, verdict.claims
         if margin < least:
-            why = f"{margin:.2g}, below {least:.2g}: held or released, it vibrates at another motor constant"
+            why = f"a disk margin of {margin:.2g}, below {least:.2g}: vibrates at another motor constant"
             advice = "take `avc recommend P`, soften the wall, or require less by [robustness] disk_margin"
             claims += (DeployClaim("disk-margin", False, why, advice),)
         verdict = Deployable(claims, margin)
@@ -217,13 +207,16 @@ def _feedback_claims(coupling: Coupling) -> tuple[DeployClaim, ...]:
         "hands": every,
         "let-go": "when released",
         "dead-zone": f"{every}, whatever share of the innovation passes the dead zone",
+        "clip": f"{every} and released, whatever share of the force its clip leaves",
     }
     found = []
     for name, worst in feedback_radius(coupling).items():
-        failing = "when released" if name == "let-go" else f"with {hand_text(worst.hand, coupling.problem.units.unit)}"
+        who = hand_text(worst.hand, coupling.problem.units.unit)
+        failing = f"with {who}" if any(worst.hand.values()) else "when released"
         failing += _on(coupling.problem, worst.device)
-        if name == "dead-zone":
-            failing += f" where {worst.share:.3g} of the innovation passes the dead zone"
+        if name in {"dead-zone", "clip"}:
+            of = "innovation passes the dead zone" if name == "dead-zone" else "force is left by its clip"
+            failing += f" where {worst.share:.3g} of the {of}"
         found.append(_claim(name, worst.stable, worst.radius, passing[name], failing))
     return tuple(found)
 

@@ -184,7 +184,7 @@ def search_text(problem: Problem, draws: int, seed: int) -> str:
 
 @dataclass(frozen=True)
 class Worst:
-    """The least damped loop with an observer that a search found; share of the innovation that passes the dead zone."""
+    """The least damped loop with an observer that a search found; share of the innovation or force that passes."""
 
     radius: float
     device: Device
@@ -206,21 +206,26 @@ def feedback_radius(coupling: Coupling) -> dict[str, Worst]:
         raise UnsupportedError(f"linear stability is computed up to {MAX_DELAY_SAMPLES} samples of delay")
     rendering = frozen_rendering(problem, *vars(coupling.table.at_rest).values())
 
-    def leading(plant: SampledPlant, values: Mapping[str, FloatArray]) -> ComplexArray:
-        # The loop is affine in the share.
-        loops = observer_wall(Body.of(plant).flat(), law, rendering, (0.0, 1.0))
-        none, all_ = loops.maps
-        return replace(loops, maps=none + values["share"][:, None, None] * (all_ - none)).leading
+    def worst(hand: Ranges, least_share: float = 1.0, of: str = "innovation") -> Worst:
+        shares = (np.array([0.0, 1.0]), np.ones(2))[:: 1 if of == "innovation" else -1]
 
-    def worst(hand: Ranges, least_share: float) -> Worst:
+        def leading(plant: SampledPlant, values: Mapping[str, FloatArray]) -> ComplexArray:
+            # The loop is affine in the share.
+            loops = observer_wall(Body.of(plant).flat(), law, rendering, *shares)
+            none, all_ = loops.maps
+            return replace(loops, maps=none + values["share"][:, None, None] * (all_ - none)).leading
+
         value, held, device, values = worst_case(problem.device, hand, leading, share=(least_share, 1.0))
         return Worst(abs(value), device, held, float(values["share"][0]))
 
     boxes = hand_boxes(problem)
-    # With less than a hundredth of the innovation the hand alone decides.
-    found = {"hands": worst(boxes[0], 1.0), "let-go": worst(boxes[-1], 1.0), "dead-zone": worst(boxes[0], 0.01)}
-    # Its search may end in another maximum.
-    return found | {"dead-zone": max(found["hands"], found["dead-zone"], key=lambda one: one.radius)}
+    found = {"hands": worst(boxes[0]), "let-go": worst(boxes[-1])}
+    # With less than a hundredth the hand alone decides. A search may end in another maximum.
+    some = {
+        "dead-zone": [worst(boxes[0], 0.01)],
+        "clip": [worst(hand, 0.01, "force") for hand in (boxes[0], boxes[-1])],
+    }
+    return found | {name: max(found["hands"], *ones, key=lambda one: one.radius) for name, ones in some.items()}
 
 
 def hands_level(subject: Subject) -> LevelResult:
@@ -274,14 +279,16 @@ def hands_level(subject: Subject) -> LevelResult:
 
 def _feedback_level(rows: Rows, found: dict[str, Worst], problem: Problem) -> LevelResult:
     """Judge L5 on the loop of a coupling with state feedback."""
-    worst, free, one = found["dead-zone"], found["let-go"], np.ones(len(rows.b))
+    of, worst = max((one for one in found.items() if one[0] != "let-go"), key=lambda one: one[1].radius)
+    free, one = found["let-go"], np.ones(len(rows.b))
     claim = (
         "the loop with observer and state feedback is linearly stable, with no friction, with the worst hand that a "
-        "search of [hands] found, whatever share of the innovation passes the dead zone"
+        "search of [hands] found, whatever share of the innovation passes the dead zone, or of the force its clip"
     )
     if not worst.stable:
-        who = hand_text(worst.hand, problem.units.unit)
-        claim = f"Not met: spectral radius {worst.radius:.6g} with {who} and {worst.share:.3g} of the innovation"
+        who = hand_text(worst.hand, problem.units.unit) if any(worst.hand.values()) else "the device released"
+        share = f"{worst.share:.3g} of the {'force' if of == 'clip' else 'innovation'}"
+        claim = f"Not met: spectral radius {worst.radius:.6g} with {who} and {share}"
     passed = np.full(len(rows.b), worst.stable)
     margin, tolerance = (1 - worst.radius) * one, RADIUS_TOLERANCE * one
     result = level_result(rows, "L5", "sampled-data", claim, passed, margin, 0 * one, tolerance)

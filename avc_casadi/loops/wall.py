@@ -175,14 +175,14 @@ def wall(body: Body, rendering: Rendering) -> ClosedLoops:
 
 
 def observer_wall(
-    body: Body, law: StateFeedback, rendering: Rendering, shares: FloatArray | tuple[float, ...] = (1.0,)
+    body: Body, law: StateFeedback, rendering: Rendering, shares: Values = 1.0, of_force: Values = 1.0
 ) -> ClosedLoops:
-    """Return the loops of p plants with a law, some shares of its innovation, (a, p) of s + n + 2 states."""
+    """Return the loops of p plants with a law, shares of innovation and force, (a, p) of s + n + 2 states."""
     (now, before, own), dynamic = rendering.force[0], int(rendering.force[0, 1:].any())
     loop = Loop(plant=body.size, observer=law.states, before=dynamic, own=dynamic)
     observer = loop["observer"]
     error = body.output_row @ loop["plant"] - observer[law.measures]
-    corrected = observer + np.multiply.outer(np.asarray(shares), np.array(law.innovation))[..., None] * error
+    corrected = observer + np.multiply.outer(np.atleast_1d(shares), np.array(law.innovation))[..., None] * error
     spring_m = (np.array(law.feedback) @ corrected)[:, None]
     force, new = now * spring_m, {}
     if dynamic:
@@ -192,8 +192,8 @@ def observer_wall(
             "before": spring_m[:, None],
             "own": (first * spring_m + past * loop["before"] + self_ * loop["own"])[:, None],
         }
-    push = np.array(law.force_m_per_n)[:, None] * force
-    prediction = (np.array(law.state) @ corrected + push)[:, None]
+    force = np.reshape(of_force, (-1, 1, 1)) * force
+    prediction = (np.array(law.state) @ corrected + np.array(law.force_m_per_n)[:, None] * force)[:, None]
     return ClosedLoops(
         loop.event(plant=body.next_state(loop["plant"], force), observer=prediction, **new), loop.unit[:0]
     )

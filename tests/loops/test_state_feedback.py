@@ -13,7 +13,7 @@ from avc_casadi.loops.loop import Body
 from avc_casadi.loops.wall import Rendering, force_over_position, frozen_rendering, observer_wall
 from avc_casadi.model.device import Device
 from avc_casadi.model.gains import Gains
-from avc_casadi.model.hands import Hand, hand_ranges
+from avc_casadi.model.hands import Hand, hand_ranges, joined, no_hand
 from avc_casadi.model.plant import sampled_plant
 from avc_casadi.model.problem import Hands
 from avc_casadi.model.runtime import Runtime
@@ -133,10 +133,10 @@ def feedback(problem, guess, slower=1.0):
     return Coupling.constant(problem, Gains(0.0, 1e8), "x", Runtime(state_feedback=law))
 
 
-def radii(coupling, hands, shares):
+def radii(coupling, hands, shares, of_force=(1.0,)):
     plants = Body.of(sampled_plant(coupling.problem.device, hands)).flat()
     rendering = frozen_rendering(coupling.problem, 0.0, coupling.table.at_rest.stiffness_n_per_m)
-    return observer_wall(plants, coupling.runtime.state_feedback, rendering, shares).radius
+    return observer_wall(plants, coupling.runtime.state_feedback, rendering, shares, of_force).radius
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -150,3 +150,10 @@ def test_no_drawn_hand_and_share_is_worse_than_the_worst_that_is_found(seed):
     found, slack = feedback_radius(made), 1e-6
     assert radii(made, drawn, np.exp(rng.uniform(np.log(0.01), 0.0, 12))).max() <= found["dead-zone"].radius + slack
     assert radii(made, drawn, [1.0]).max() <= found["hands"].radius + slack
+    clipped = radii(made, joined(drawn, no_hand()), np.ones(12), np.exp(rng.uniform(np.log(0.01), 0.0, 12)))
+    assert clipped.max() <= found["clip"].radius + slack
+
+
+def test_a_law_that_is_unstable_at_a_lower_gain_of_its_force_is_not_deployable():
+    claims = avc.deployable(feedback(avc.load_problem("figure5"), 2, slower=0.3)).claims
+    assert [one.name for one in claims if not one.passed] == ["clip"]

@@ -22,6 +22,7 @@ _CLAIMS = {
     "hands": "Corner hands",
     "let-go": "Released",
     "dead-zone": "Dead zone",
+    "clip": "Clipped force",
     "detent": "Detents",
     "disk-margin": "Disk margin",
     "renders": "Rendering",
