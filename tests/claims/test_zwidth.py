@@ -69,8 +69,6 @@ def test_encoder_and_friction_bound():
     assert not any("friction" in key for key in absent.used)
 
 
-# The K-B region of the device as declared: its edges stand at the worst corner, and what it leaves out is named.
-
 CASES = {
     "mass": {"range": {"mass_kg": (0.05, 0.3)}},
     "damping and delay": {"range": {"damping_ns_per_m": (1.0, 4.0), "delay_samples": (0, 2)}},

@@ -80,8 +80,6 @@ def test_random_problems(seed):
     assert comparison.cross_check["agree"]
 
 
-# A nearer coupling need not be a stable one.
-
 SAFETY_FIRST_PROBLEM = avc.load_problem("figure5")
 METHODS = ("closed-form", "direct")
 

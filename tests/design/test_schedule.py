@@ -107,8 +107,6 @@ def test_slope_limit(limit):
     assert steepest(problem, gains) <= limit * (1 + 1e-6) + 1e-9
 
 
-# The schedule's cost is the goal that the problem states, summed up here from its gains alone.
-
 ERRORS = {
     "magnitude": lambda ratio, _: np.abs(ratio) - 1,
     "complex": lambda ratio, _: np.abs(ratio - 1),

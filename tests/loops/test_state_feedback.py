@@ -133,7 +133,7 @@ def feedback(problem, guess, slower=1.0):
     return Coupling.constant(problem, Gains(0.0, 1e8), "x", Runtime(state_feedback=law))
 
 
-def radii(coupling, hands, shares, of_force=(1.0,)):
+def radii(coupling, hands, shares, of_force=1.0):
     plants = Body.of(sampled_plant(coupling.problem.device, hands)).flat()
     rendering = frozen_rendering(coupling.problem, 0.0, coupling.table.at_rest.stiffness_n_per_m)
     return observer_wall(plants, coupling.runtime.state_feedback, rendering, shares, of_force).radius
@@ -149,7 +149,7 @@ def test_no_drawn_hand_and_share_is_worse_than_the_worst_that_is_found(seed):
     drawn = Hand(*(low + (high - low) * rng.random((500, 3))).T)
     found, slack = feedback_radius(made), 1e-6
     assert radii(made, drawn, np.exp(rng.uniform(np.log(0.01), 0.0, 12))).max() <= found["dead-zone"].radius + slack
-    assert radii(made, drawn, [1.0]).max() <= found["hands"].radius + slack
+    assert radii(made, drawn, 1.0).max() <= found["hands"].radius + slack
     clipped = radii(made, joined(drawn, no_hand()), np.ones(12), np.exp(rng.uniform(np.log(0.01), 0.0, 12)))
     assert clipped.max() <= found["clip"].radius + slack
 

@@ -91,9 +91,8 @@ def _claims(verdict: Mapping[str, Any], hands: Mapping[str, Any]) -> list[Row]:
         if not one["pass"] or one["spectral_radius"] is None:
             rows.append(row(label, one["sentence"], mark=grade(one["pass"])))
             continue
-        less = None
-        if one["name"] == "hands" and hands["margin_ns_per_m"] is not None:
-            less = fill("; stays stable down to {margin_ns_per_m} less device damping", hands)
+        spare = one["name"] == "hands" and hands["margin_ns_per_m"] is not None
+        less = fill("; stays stable down to {margin_ns_per_m} less device damping", hands) if spare else None
         rows.append(row(label, fill("spectral radius {spectral_radius:5} at most", one), less, mark=Mark.PASS))
     return rows
 
