@@ -50,8 +50,6 @@ def test_every_typed_name_is_there(package, name):
     assert name in dir(package)
 
 
-# Without the optional packages everything else works, and what needs one says which.
-
 EXTRAS = ["cloudpickle", "distributed", "elftools", "mpmath", "mujoco", "pandas", "unicorn"]
 HIDDEN = f"import sys\nfor name in {EXTRAS}:\n    sys.modules[name] = None\n"
 EVERY_MODULE = (
