@@ -114,19 +114,19 @@ class Evaluator:
         return one
 
     def _tried_beyond(self, coupling: Coupling) -> tuple[BoolArray, ...]:
-        """Return which hands settle beyond the trial, as far as that tells whether enough do."""
+        """Return which hands settle beyond the trial, corner hands that strike first, until too few do."""
         # A loop that is stable at full gain need not be at the lower one of a force that is clipped.
         struck = residual_speeds(coupling, self._corners, ("strike", "hit", "slam")) < 1
         if not struck.all():
             return (struck,)
         loose = self._loose.settles(coupling, friction=self._lean)
         if loose.mean() < 1 - _FEW:
-            return (loose,)
+            return struck, loose
         # A law knows its device: it must bear one that is a tenth off, with the declared friction.
         off = None if coupling.runtime.state_feedback is None else off_file(coupling, self._seed)
         if off is not None and off.trial.stable.mean() < 1 - _FEW:
-            return (off.trial.stable,)
-        return tuple(group.settles(coupling, friction=self._lean) for group in self._beyond)
+            return struck, off.trial.stable
+        return struck, *(group.settles(coupling, friction=self._lean) for group in self._beyond)
 
     def first_complete(self, couplings: Iterable[Coupling]) -> Candidate | None:
         """Judge couplings until one is complete and confirmed, and return it; None where none is."""
