@@ -174,18 +174,18 @@ def rest_level(subject: Subject) -> LevelResult:
     if coupling is None:
         return _rest_result([], "no row has gains", 0, subject.gains.rows)
     rows = coupling.table.rows
-    found = []
+    rests = []
     for done, row in enumerate(rows.tolist()):
         with subject.progress.step(f"proof of rest, {done + 1} of {len(rows)} rows"):
-            found.append(_of_row(coupling, row, subject.seed, subject.progress))
-    outcomes, worst_first = [one.outcome for one in found], ("refuted", "open", "proved")
-    worst = min(range(len(found)), key=lambda row: worst_first.index(outcomes[row]))
-    claim = found[worst].sentence
-    if len(found) > 1:
+            rests.append(_of_row(coupling, row, subject.seed, subject.progress))
+    outcomes, worst_first = [one.outcome for one in rests], ("refuted", "open", "proved")
+    worst = min(range(len(rests)), key=lambda row: worst_first.index(outcomes[row]))
+    claim = rests[worst].sentence
+    if len(rests) > 1:
         counts = ", ".join(f"{outcomes.count(one)} {one}" for one in worst_first if one in outcomes)
-        claim = f"{counts} of {len(found)} rows, each held; the row of {rows[worst, 0]:.5g} Hz: {claim}"
+        claim = f"{counts} of {len(rests)} rows, each held; the row of {rows[worst, 0]:.5g} Hz: {claim}"
         claim += "; this says nothing of gains that change"
-    return _rest_result(found, claim, worst, len(found))
+    return _rest_result(rests, claim, worst, len(rests))
 
 
 def quick_rest_level(coupling: Coupling, progress: Progress = SILENT) -> LevelResult | None:
@@ -221,10 +221,10 @@ def promises_rest(coupling: Coupling) -> bool:
         return False
 
 
-def _rest_result(found: list[Rest], claim: str, worst: int, rows: int) -> LevelResult:
+def _rest_result(rests: list[Rest], claim: str, worst: int, rows: int) -> LevelResult:
     """Return L7 of rows of the deployed table, and which of them is the worst; a proof has no margin."""
     passed, nothing = np.zeros(rows, dtype=bool), np.full(rows, np.nan)
-    passed[: len(found)] = [one.outcome == "proved" for one in found]
+    passed[: len(rests)] = [one.outcome == "proved" for one in rests]
     return LevelResult(
         level="L7",
         passed=bool(passed.all()),
@@ -237,8 +237,8 @@ def _rest_result(found: list[Rest], claim: str, worst: int, rows: int) -> LevelR
         row_passed=passed,
         row_margin_ns_per_m=nothing,
         row_frequency_hz=nothing,
-        detail={"proofs": [one.document() for one in found]},
-        outcome=found[worst].outcome if found else "open",
+        detail={"proofs": [one.document() for one in rests]},
+        outcome=rests[worst].outcome if rests else "open",
     )
 
 

@@ -277,10 +277,10 @@ def hands_level(subject: Subject) -> LevelResult:
     )
 
 
-def _feedback_level(rows: Rows, found: dict[str, Worst], problem: Problem) -> LevelResult:
+def _feedback_level(rows: Rows, loops: dict[str, Worst], problem: Problem) -> LevelResult:
     """Judge L5 on the loop of a coupling with state feedback."""
-    of, worst = max((one for one in found.items() if one[0] != "let-go"), key=lambda one: one[1].radius)
-    free, one = found["let-go"], np.ones(len(rows.b))
+    of, worst = max((one for one in loops.items() if one[0] != "let-go"), key=lambda one: one[1].radius)
+    free, one = loops["let-go"], np.ones(len(rows.b))
     claim = (
         "the loop with observer and state feedback is linearly stable, with no friction, with the worst hand that a "
         "search of [hands] found, whatever share of the innovation passes the dead zone, or of the force its clip"

@@ -228,7 +228,7 @@ def port_worst(devices: Sequence[Device], slack: Slack, rows: int, progress: Pro
     return PortWorst(passed, margin, at, tolerance)
 
 
-def _margin(device: Device, slack: Slack, frequency: FloatArray, rows: IndexArray, left: FloatArray) -> FloatArray:
+def _margin(device: Device, slack: Slack, frequency: FloatArray, rows: IndexArray, values: FloatArray) -> FloatArray:
     """Return the largest damping that can be removed from the handle at one frequency a row, N.s/m, by bisection."""
 
     def meets(removal: FloatArray) -> BoolArray:
@@ -236,13 +236,13 @@ def _margin(device: Device, slack: Slack, frequency: FloatArray, rows: IndexArra
 
     most = np.full(len(rows), Mechanics(device).least_loss)
     reach = 1e-3 * (1.0 + most)
-    inside = np.where(left >= 0, 0.0, -reach)
+    inside = np.where(values >= 0, 0.0, -reach)
     waiting = ~meets(inside)
     while waiting.any() and reach[0] < 1e12:
         reach = 4 * reach
         inside = np.where(waiting, -reach, inside)
         waiting = ~meets(inside)
-    outside = np.where(left >= 0, most, 0.0)
+    outside = np.where(values >= 0, most, 0.0)
     for _ in range(44):
         middle = (inside + outside) / 2
         fits = meets(middle)

@@ -152,10 +152,10 @@ def _design(device: Device | None, hands: Hands | None, log: Log, columns: Colum
     return Design(device, known, hands or Hands.model_validate(defaults_at(Hands, reach)))
 
 
-def _at_once(found: Diagnosis) -> Diagnosis | Law:
+def _at_once(diagnosis: Diagnosis) -> Diagnosis | Law:
     """Return the verdict that needs no loop model, or the law of one that does."""
-    log, swing, law, design = found.log, found.swing, found.law, found.design
-    text, decides, verdict, mass = "", "", found.verdict, apparent_mass_kg(log, design.device, known=design.known)
+    log, swing, law, design = diagnosis.log, diagnosis.swing, diagnosis.law, diagnosis.design
+    text, decides, verdict, mass = "", "", diagnosis.verdict, apparent_mass_kg(log, design.device, known=design.known)
     toggles = swing.sustained and _toggles(log, swing, design.device)
     if swing.sustained and swing.contact_share == 0:
         text, verdict = "it swings while no force is commanded; a hand, a cable or the table moves it", "not the loop"
@@ -163,7 +163,7 @@ def _at_once(found: Diagnosis) -> Diagnosis | Law:
         text = "the force is not that of a spring and a damper on the position, nor of a switch or two rates"
         text = text if law is not None or log.force_n.any() else "no force is commanded"
         decides = "the same with a spring and a damper alone, unlimited, and with the position that the law reads"
-    elif not (law.switch or law.frames) and (sign := _of_sign(found, law, mass)) is not None:
+    elif not (law.switch or law.frames) and (sign := _of_sign(diagnosis, law, mass)) is not None:
         return sign
     elif swing.sustained and max(log.uneven_share, log.missed_share) > 0.12:
         text = "ticks come at uneven times or are missing, and no loop model fits"
@@ -178,16 +178,16 @@ def _at_once(found: Diagnosis) -> Diagnosis | Law:
     else:
         text = "nothing swings, and no motion decays under the force either"
         decides = "a log of a press, a push or a release"
-    return replace(found, verdict=verdict, conclusion=f"{verdict}: {text}", decides=decides)
+    return replace(diagnosis, verdict=verdict, conclusion=f"{verdict}: {text}", decides=decides)
 
 
-def _of_sign(found: Diagnosis, law: Law, mass: float) -> Diagnosis | None:
+def _of_sign(diagnosis: Diagnosis, law: Law, mass: float) -> Diagnosis | None:
     """Return the verdict of a force that pushes the device away from where it is none; None of one that does not."""
-    log, device, k, b = found.log, found.design.device, law.stiffness_n_per_m, law.damping_ns_per_m
+    log, device, k, b = diagnosis.log, diagnosis.design.device, law.stiffness_n_per_m, law.damping_ns_per_m
     # A spring late by a tick that no lag explains is a damper of this size.
     away, drives = k < 0, k > 0 and b + law.damping_error_ns_per_m < -k * log.period_s
     # A mass that is not the device alone is a hand's too, and a hand may push the device away as well.
-    alone = found.design.known and 0.5 < abs(mass) / device.mass_kg < 2
+    alone = diagnosis.design.known and 0.5 < abs(mass) / device.mass_kg < 2
     if away and not (alone and mass > 0):
         message = "drives the device away from its equilibrium; allowed: force along +position, or --flip-force"
         raise InputError.of(f"{message}; or the sign of the loop is wrong", file=log.name, key="force")
@@ -198,11 +198,11 @@ def _of_sign(found: Diagnosis, law: Law, mass: float) -> Diagnosis | None:
         right = stable(Hypothesis(device, None), replace(law, stiffness_n_per_m=abs(k), damping_ns_per_m=abs(b)))
         cures = (turn or Remedy("force_sign", -1.0, 1.0, "number"),) if right else ()
         text = f"{CAUSES['sign'][0]}: it pushes the way the device moves; {why}"
-        return replace(found, verdict="named", cause="sign", candidates=("sign",), conclusion=text, remedies=cures)
-    if mass > 0 or found.swing.sustained:
+        return replace(diagnosis, verdict="named", cause="sign", candidates=("sign",), conclusion=text, remedies=cures)
+    if mass > 0 or diagnosis.swing.sustained:
         return None
     text = f"cannot tell: a hand pushes the device away, or the force does: {why}"
-    return replace(found, conclusion=text, candidates=("sign",), decides=CAUSES["sign"][1])
+    return replace(diagnosis, conclusion=text, candidates=("sign",), decides=CAUSES["sign"][1])
 
 
 def _toggles(log: Log, swing: Oscillation, device: Device) -> bool:
@@ -251,9 +251,9 @@ def _had_rest(log: Log, swing: Oscillation, growth_per_s: float) -> bool:
     return bool(fell.max(initial=0.0) > 3)
 
 
-def _judge(found: Diagnosis, law: Law, every: Sequence[Fit]) -> Diagnosis:
+def _judge(diagnosis: Diagnosis, law: Law, every: Sequence[Fit]) -> Diagnosis:
     """Return the verdict by the hypotheses that the log bears out, each weighed and then simulated."""
-    log, swing, design = found.log, found.swing, found.design
+    log, swing, design = diagnosis.log, diagnosis.swing, diagnosis.design
     plain_law = replace(law, switch=None, frames=None)
     special = "relay" if law.switch is not None else "rates" if law.frames is not None else ""
     # Beside a noise that the log shows, a swing of few steps is one of little more than what the readings scatter by.
@@ -271,7 +271,7 @@ def _judge(found: Diagnosis, law: Law, every: Sequence[Fit]) -> Diagnosis:
     shares, first = dict(sorted(sums.items(), key=lambda item: -item[1])), max(sums, key=lambda key: sums[key])
     fit, one, _, _ = max((each for each in answers if each[3] == first), key=lambda each: each[2])
     swings = scene.swings(one, law)
-    doubts = _doubts(first, replace(fit, best=one), law, scene, found, shares)
+    doubts = _doubts(first, replace(fit, best=one), law, scene, diagnosis, shares)
     doubts += [] if swings else ["simulated with these numbers the loop does not swing as the log does"]
     candidates = tuple(key for key in shares if key != _OTHER)[:2] if shares.get(_OTHER, 0.0) < _SURE else ()
     if outside := work_w(log, swing, one) < 0 and swing.steps > _FEW_STEPS:
@@ -288,20 +288,22 @@ def _judge(found: Diagnosis, law: Law, every: Sequence[Fit]) -> Diagnosis:
     # Neither delay nor hand of an assumed device is to be relied on where the answer is in doubt.
     sure = design.known or not doubts
     cures = [cure for cure in cures if sure or not (cure.while_held or cure.key == "delay_samples")]
-    found = replace(found, shares=shares, fit=replace(fit, best=one), remedies=tuple(dict.fromkeys(cures)))
+    diagnosis = replace(diagnosis, shares=shares, fit=replace(fit, best=one), remedies=tuple(dict.fromkeys(cures)))
     if not doubts:
-        words = f"{CAUSES[first][0]}: {_numbers(first, one, law, found)}"
+        words = f"{CAUSES[first][0]}: {_numbers(first, one, law, diagnosis)}"
         words += "; travel stops bound the swing" if one.stops is not None else ""
-        return replace(found, verdict="named", cause=first, candidates=(first,), conclusion=words)
+        return replace(diagnosis, verdict="named", cause=first, candidates=(first,), conclusion=words)
     names = " or ".join(CAUSES[key][0] for key in candidates) or "none of the causes it knows"
     decides = "; or ".join(CAUSES[key][1] for key in candidates if not outside) or "the same log with the force off"
     words = f"cannot tell: {names}; {'; '.join(doubts)}"
-    return replace(found, candidates=candidates, conclusion=words, decides=decides)
+    return replace(diagnosis, candidates=candidates, conclusion=words, decides=decides)
 
 
-def _doubts(first: str, fit: Fit, law: Law, scene: Scene, found: Diagnosis, shares: Mapping[str, float]) -> list[str]:
+def _doubts(
+    first: str, fit: Fit, law: Law, scene: Scene, diagnosis: Diagnosis, shares: Mapping[str, float]
+) -> list[str]:
     """Return the doubts about the first cause: odds, residual, and a simulation without it."""
-    one, log, design, doubts = fit.best, found.log, found.design, []
+    one, log, design, doubts = fit.best, diagnosis.log, diagnosis.design, []
     if first == _OTHER:
         return ["no single change makes the loop settle, or its model settles already"]
     if shares[first] < _SURE:
@@ -336,16 +338,16 @@ def work_w(log: Log, swing: Oscillation, one: Hypothesis) -> float:
     return -float(np.sum(acts * moves)) / (ticks.size * log.period_s)
 
 
-def _numbers(cause: str, one: Hypothesis, law: Law, found: Diagnosis) -> str:
+def _numbers(cause: str, one: Hypothesis, law: Law, diagnosis: Diagnosis) -> str:
     """Return the numbers of a cause, without which the loop settles."""
-    log, mode, switch, frames, unit = found.log, one.device.resonance, law.switch, law.frames, one.device.units.unit
+    log, mode, switch, frames, unit = diagnosis.log, one.device.resonance, law.switch, law.frames, one.device.units.unit
     spring, damper = quantity(law.stiffness_n_per_m, unit("N/m")), quantity(law.damping_ns_per_m, unit("N.s/m"))
-    intended = f"{number(found.design.delay_samples[1], 3)} {'declared' if found.design.known else 'assumed'}"
+    intended = f"{number(diagnosis.design.delay_samples[1], 3)} {'declared' if diagnosis.design.known else 'assumed'}"
     alone = ", with no hand on the device" if one.hand is None else ""
     behind = frames.late if frames else law.lag
     late = f", {number(behind, 2)} of them late" if behind else ""
     return {
-        "delay": f"{number((one.delay + law.lag) * found.design.samples_a_tick(log), 3)} samples, {intended}",
+        "delay": f"{number((one.delay + law.lag) * diagnosis.design.samples_a_tick(log), 3)} samples, {intended}",
         "rate": f"a new force every {number(1e3 * log.period_s, 3)} ms{late}",
         "stiffness": f"k = {spring}{alone}",
         "damping": f"b = {damper}{alone}",
@@ -355,5 +357,5 @@ def _numbers(cause: str, one: Hypothesis, law: Law, found: Diagnosis) -> str:
         "rates": f"the {frames.slow} is new every {number(1e3 * frames.ticks * log.period_s, 3)} ms{late}"
         if frames
         else "",
-        "encoder": f"{number(found.swing.steps, 2)} steps peak to peak, b = {damper}",
+        "encoder": f"{number(diagnosis.swing.steps, 2)} steps peak to peak, b = {damper}",
     }[cause]

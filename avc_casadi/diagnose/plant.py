@@ -13,8 +13,8 @@ from scipy import optimize, signal
 from avc_casadi._util.arrays import BoolArray, FloatArray
 from avc_casadi.diagnose.law import Law
 from avc_casadi.diagnose.oscillation import LEAST_ALIKE, Log, Oscillation, samples_alike
-from avc_casadi.loops.loop import Body, Loop
-from avc_casadi.loops.spectrum import ClosedLoops
+from avc_casadi.loops.loop import Body
+from avc_casadi.loops.wall import Rendering, wall
 from avc_casadi.model.device import Device
 from avc_casadi.model.hands import Hand, hand_ranges, no_hand
 from avc_casadi.model.plant import sampled_plant
@@ -74,13 +74,9 @@ def growth(one: Hypothesis, law: Law, stiffness: float = 1.0, damping: float = 1
     """Return the growth rate, 1/s, of the least damped mode of the loop of one rate, gains scaled."""
     period, late = one.device.sample_time_s, one.vary(delay_samples=one.delay + law.lag)
     body = Body.of(sampled_plant(late.device, one.hand or no_hand())).axes(0, 0)
-    loop = Loop(body=body.size, before=1, rate=1)
-    x = body.output_row[None] @ loop["body"]
-    rate = law.keep * loop["rate"] + (1 - law.keep) * (x - loop["before"])
-    force = stiffness * law.stiffness_n_per_m * x + damping * law.damping_ns_per_m / period * rate
-    maps = loop.event(body=body.next_state(loop["body"], force[0]), before=x, rate=rate)
-    leading = ClosedLoops(maps, loop.rests({"body": body.shift, "before": 1.0})).leading
-    return math.log(max(abs(complex(leading)), 1e-300)) / period
+    step = np.array([1 - law.keep, law.keep - 1, law.keep])
+    force = np.array([stiffness * law.stiffness_n_per_m, 0, 0]) + damping * law.damping_ns_per_m / period * step
+    return math.log(max(float(wall(body, Rendering(force, step)).radius), 1e-300)) / period
 
 
 def stable(one: Hypothesis, law: Law, stiffness: float = 1.0, damping: float = 1.0) -> bool:

@@ -119,35 +119,35 @@ class _File:
 
 
 def device_file(
-    found: Identification, base: DeviceFile | None, handle_radius_m: float | None = None
+    result: Identification, base: DeviceFile | None, handle_radius_m: float | None = None
 ) -> DeviceFile | None:
     """Return the device file, or None where mass, damping or the radius of the handle are known from nothing."""
-    file = _File({"sample_time_s": found.sample_time_s})
-    if found.motion == "rotary":
+    file = _File({"sample_time_s": result.sample_time_s})
+    if result.motion == "rotary":
         radius = handle_radius_m or (None if base is None else base.device.handle_radius_m)
         if radius is None:
             return None
         file.device = {"motion": "rotary", "handle_radius_m": radius, **file.device}
-    logs = ", ".join(dict.fromkeys(name.partition("@")[0].partition("#")[0] for name in found.sources))[:300]
-    how = f"avc identify, {found.seconds:.3g} s of {logs}"
+    logs = ", ".join(dict.fromkeys(name.partition("@")[0].partition("#")[0] for name in result.sources))[:300]
+    how = f"avc identify, {result.seconds:.3g} s of {logs}"
     file.sources["sample_time_s"] = {"grade": "measured", "source": f"{how}: time of the log"}
     others = ("encoder_resolution_m", "position_noise_rms_m", "amplifier_bandwidth_hz", "backlash_m", "max_force_n")
-    identified = {key for key, one in found.estimates.items() if one.identified}
+    identified = {key for key, one in result.estimates.items() if one.identified}
     gaps = [key for key in (*_PARAMETERS, *others) if key not in identified]
     for key in (*_PARAMETERS, "encoder_resolution_m", "amplifier_bandwidth_hz", LOOP_RATIO):
-        one = found.estimates.get(key)
+        one = result.estimates.get(key)
         # A range is worth more than a guess where it bounds the number.
         if one is not None and (one.identified or (key in _PARAMETERS and one.value > 0 and one.high < 30 * one.value)):
             value, ends = _significant(one)
-            lag = "; the lag of the amplifier is in it" if key == "delay_samples" and not _lags(found) else ""
+            lag = "; the lag of the amplifier is in it" if key == "delay_samples" and not _lags(result) else ""
             grade = "measured" if one.identified else "assumed"
             file.put(key, value, None if key == "encoder_resolution_m" else ends, grade, f"{how}: {one.source}{lag}")
-    if "resonance" in found.rungs:
+    if "resonance" in result.rungs:
         mode = {
-            key: _significant(found.estimates[f"resonance.{key}"])
+            key: _significant(result.estimates[f"resonance.{key}"])
             for key in ("frequency_hz", "damping_ratio", "mass_ratio")
         }
-        doubt = "" if found.estimates["resonance.mass_ratio"].identified else "; how the mass divides is assumed"
+        doubt = "" if result.estimates["resonance.mass_ratio"].identified else "; how the mass divides is assumed"
         file.put(
             "resonance",
             {key: value for key, (value, _) in mode.items()},
@@ -155,11 +155,11 @@ def device_file(
             "measured",
             f"{how}: prediction error, two masses{doubt}",
         )
-        file.device["encoder_at"] = found.encoder_at
+        file.device["encoder_at"] = result.encoder_at
     else:
         gaps.append("resonance")
-    if _lags(found):
-        file.device["amplifier_order"] = found.amplifier_order
+    if _lags(result):
+        file.device["amplifier_order"] = result.amplifier_order
     _fill(file, base, gaps)
     if not {"mass_kg", "damping_ns_per_m"} <= file.device.keys():
         return None
@@ -188,8 +188,8 @@ def _fill(file: _File, base: DeviceFile | None, gaps: list[str]) -> None:
             file.put(key, 1.0, (0.0, 2.0), "assumed", source)
 
 
-def _lags(found: Identification) -> bool:
-    return bool({"lag", "loop"} & set(found.rungs))
+def _lags(result: Identification) -> bool:
+    return bool({"lag", "loop"} & set(result.rungs))
 
 
 def states(base: DeviceFile, key: str) -> bool:

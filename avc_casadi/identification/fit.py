@@ -155,13 +155,13 @@ def _clip(numbers: FloatArray) -> FloatArray:
     return np.nan_to_num(np.clip(numbers, -_DIVERGENCE, _DIVERGENCE), nan=_DIVERGENCE)
 
 
-def best_observer(predictor: Predictor, found: Fit, window: Window) -> Observer:
+def best_observer(predictor: Predictor, initial: Fit, window: Window) -> Observer:
     """Return the observer rate that minimises the prediction error."""
     slowest, fastest = slowest_observer(predictor), 1.0 / predictor.sample_time_s
     rates = list(np.geomspace(slowest, fastest, max(4, int(np.ceil(2 * np.log2(fastest / slowest))) // 2)))
 
     def square(rate: float) -> float:
-        errors = predictor.predict(found.structure, found.search, Observer(rate), slopes=False)
+        errors = predictor.predict(initial.structure, initial.search, Observer(rate), slopes=False)
         return float(sum(np.sum(one.error_m[window.skip :] ** 2) for one in errors))
 
     squares = {float(rate): square(rate) for rate in rates}
@@ -179,10 +179,10 @@ def coarse_fit(predictor: Predictor, structure: Structure, start: Mapping[str, f
     return fit(pieces, structure, start, observer, Window.of(pieces), steps=12, tolerance=1e-4)
 
 
-def fine_fit(predictor: Predictor, found: Fit, window: Window, steps: int = 10, tolerance: float = 1e-5) -> Fit:
+def fine_fit(predictor: Predictor, initial: Fit, window: Window, steps: int = 10, tolerance: float = 1e-5) -> Fit:
     """Fit to all records under the best observer."""
-    observer = best_observer(predictor, found, window)
-    return fit(predictor, found.structure, found.values, observer, window, steps=steps, tolerance=tolerance)
+    observer = best_observer(predictor, initial, window)
+    return fit(predictor, initial.structure, initial.values, observer, window, steps=steps, tolerance=tolerance)
 
 
 WORTH = 2e-3

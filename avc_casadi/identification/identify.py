@@ -185,12 +185,12 @@ def _simplest(records: Sequence[Record], start: Start, offsets: int) -> Structur
     return Structure(rungs, units, fixed={} if offsets else {OFFSET: 0.0}, offsets=max(offsets, 1))
 
 
-def _estimates(found: Ladder, step_m: float | None, *, one_way: bool) -> dict[str, Estimate]:
+def _estimates(ladder: Ladder, step_m: float | None, *, one_way: bool) -> dict[str, Estimate]:
     """Return the estimates by key; what the log does not tell is a range."""
-    fit, logs = found.fit, found.predictor.names
+    fit, logs = ladder.fit, ladder.predictor.names
     estimates: dict[str, Estimate] = {}
     of_log = {offset_of(at): f"prediction error, in {name}" for at, name in enumerate(logs)} if len(logs) > 1 else {}
-    for one, q, half in zip(fit.structure.free, map(float, fit.search), map(float, found.half), strict=True):
+    for one, q, half in zip(fit.structure.free, map(float, fit.search), map(float, ladder.half), strict=True):
         low, high = (min(max(fit.structure.outward(one, end), one.lowest), one.highest) for end in (q - half, q + half))
         estimates[one.name] = Estimate(
             one.name,
@@ -201,11 +201,11 @@ def _estimates(found: Ladder, step_m: float | None, *, one_way: bool) -> dict[st
             of_log.get(one.name, "prediction error"),
             half <= WIDEST.get(one.name, math.inf),
         )
-    rival = found.rivals.get("friction")
+    rival = ladder.rivals.get("friction")
     if FRICTION not in estimates and rival is not None:
         place = rival.structure.names.index(FRICTION)
         # Friction that the rest of the model explains as well is not told, and bounded with care.
-        alike = bool(found.trials["friction"].why)
+        alike = bool(ladder.trials["friction"].why)
         most = rival.structure.units[FRICTION]
         most *= (1 + 0.5 * alike) * max(float(rival.search[place] + bootstrap(rival)[place]), 0.0)
         known = most < rival.structure.units[FRICTION] and not alike
@@ -215,10 +215,10 @@ def _estimates(found: Ladder, step_m: float | None, *, one_way: bool) -> dict[st
         some = estimates[FRICTION]
         source = "one direction only: friction and a constant force are one number"
         estimates[FRICTION] = replace(some, low=0.0, source=source, identified=False)
-    if found.shares is not None:
+    if ladder.shares is not None:
         share = fit.values[MASS_RATIO]
         source = "assumed; the other intervals hold for this range"
-        estimates[MASS_RATIO] = Estimate(MASS_RATIO, "number", share, *found.shares, source, identified=False)
+        estimates[MASS_RATIO] = Estimate(MASS_RATIO, "number", share, *ladder.shares, source, identified=False)
     if step_m is not None:
         low, high = 0.999 * step_m, 1.001 * step_m
         estimates["encoder_resolution_m"] = Estimate(
@@ -227,11 +227,11 @@ def _estimates(found: Ladder, step_m: float | None, *, one_way: bool) -> dict[st
     return estimates
 
 
-def _stretch(found: Ladder) -> FloatArray:
+def _stretch(ladder: Ladder) -> FloatArray:
     """Return a stretch of the longest record in which the model runs nearly free."""
-    record = max(found.predictor.records, key=lambda one: one.seconds)
-    free, slow = Predictor([record], found.predictor), Observer(4.0)
-    error: FloatArray = free.predict(found.fit.structure, found.fit.search, slow, slopes=False)[0].error_m
+    record = max(ladder.predictor.records, key=lambda one: one.seconds)
+    free, slow = Predictor([record], ladder.predictor), Observer(4.0)
+    error: FloatArray = free.predict(ladder.fit.structure, ladder.fit.search, slow, slopes=False)[0].error_m
     size = min(record.position_m.size // 2, int(1.5 / record.sample_time_s))
     first = record.position_m.size - size - size // 4
     part = slice(first, first + size)

@@ -264,10 +264,10 @@ class Ladder:
         else:
             self.rivals["loop"] = loop
 
-    def _with_share(self, found: Fit, share: float) -> Fit:
+    def _with_share(self, start: Fit, share: float) -> Fit:
         """Return a fit with its mass ratio fixed: with the encoder at the handle a log hardly changes with it."""
-        structure = replace(found.structure, fixed={**found.structure.fixed, MASS_RATIO: share})
-        return fit(self.predictor, structure, found.values, found.observer, self.window, steps=15, tolerance=1e-6)
+        structure = replace(start.structure, fixed={**start.structure.fixed, MASS_RATIO: share})
+        return fit(self.predictor, structure, start.values, start.observer, self.window, steps=15, tolerance=1e-6)
 
     def _starts(self, rung: str) -> Iterator[tuple[Structure, dict[str, float]]]:
         values, period = self.fit.values, self.predictor.sample_time_s
@@ -296,26 +296,26 @@ class Ladder:
         else:
             yield rich, {**values, **self.spring_start}
 
-    def _doubt(self, found: Fit, rung: str) -> str:
+    def _doubt(self, rich: Fit, rung: str) -> str:
         """Return why a rung that betters the prediction is not told all the same, if it is not."""
-        values, period, band = found.values, self.predictor.sample_time_s, self.response.band_hz
+        values, period, band = rich.values, self.predictor.sample_time_s, self.response.band_hz
         if rung == "resonance":
             if values["resonance.frequency_hz"] > min(HIGHEST_RESONANCE / period, 1.3 * band[1] if band else 0.0):
                 return "beyond the frequencies that the log excites"
             if values["resonance.damping_ratio"] > 1.9:  # two real poles, which any small misfit has
                 return "damped like no mode"
-        if rung in {"lag", "loop"} and self._too_fast(found):
+        if rung in {"lag", "loop"} and self._too_fast(rich):
             return "so fast that it is a shorter delay at this sample rate"
-        if collinearity(found) > _ALIKE * (3 if rung in {"lag", "loop"} else 1):
+        if collinearity(rich) > _ALIKE * (3 if rung in {"lag", "loop"} else 1):
             return "the rest of the model has the same effect"
         return ""
 
-    def _too_fast(self, found: Fit) -> bool:
+    def _too_fast(self, rich: Fit) -> bool:
         """Return whether a lag is a delay; beside a resonance dry friction looks like a lag, as a scattered clock."""
-        fastest = 0.6 if found.structure.present("resonance.frequency_hz") else 1.5
+        fastest = 0.6 if rich.structure.present("resonance.frequency_hz") else 1.5
         if any(record.scatter for record in self.predictor.records):
             fastest = 0.2
-        return found.values["amplifier_bandwidth_hz"] * self.predictor.sample_time_s > fastest
+        return rich.values["amplifier_bandwidth_hz"] * self.predictor.sample_time_s > fastest
 
     def _without(self, rung: str) -> Fit:
         simple = self.fit.structure.without(rung)

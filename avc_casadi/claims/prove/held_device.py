@@ -20,6 +20,7 @@ import numpy as np
 from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.arrays import ComplexArray, FloatArray
 from avc_casadi.claims.prove.disc import Disc, Moving, hold, rotation
+from avc_casadi.model.corners import LINEAR_KEYS, device_ranges
 from avc_casadi.model.device import Device
 
 # Moving, or an array of plain complex numbers: the formulas are the same.
@@ -29,7 +30,6 @@ HAND = ("mass_kg", "damping_ns_per_m", "stiffness_n_per_m")
 _RATIO = "amplifier_damping_ratio"
 # Damping ratio of a current loop without resonance peak.
 _NO_PEAK = 0.7072
-_UNCERTAIN = ("mass_kg", "damping_ns_per_m", "delay_samples", "amplifier_bandwidth_hz", _RATIO)
 # Terms on each side of the middle one.
 _TERMS, _MORE_TERMS = 6, 16
 _TOO_SLOW = "damping or stiffness of hand and device are too large for the sample time"
@@ -63,18 +63,11 @@ class SampledPlantBox:
     @cached_property
     def ranges(self) -> dict[str, tuple[float, float]]:
         """Range of every number that is not known exactly, or is the hand's."""
-        ranges = dict(self.hand)
-        spread = self.device.range
-        for key in _UNCERTAIN:
-            ends = getattr(spread, key)
-            if ends is not None and ends[0] < ends[1] and not (key == _RATIO and self.device.amplifier_order == 1):
-                ranges[f"device.{key}"] = (float(ends[0]), float(ends[1]))
-        if self.device.resonance is not None:
-            for key in ("frequency_hz", "damping_ratio", "mass_ratio"):
-                ends = getattr(spread.resonance, key)
-                if ends is not None and ends[0] < ends[1]:
-                    ranges[f"device.resonance.{key}"] = (float(ends[0]), float(ends[1]))
-        return ranges
+        ranges = device_ranges(self.device, LINEAR_KEYS)
+        if self.device.amplifier_order == 1:
+            ranges.pop(_RATIO, None)
+        wide = {f"device.{key}": ranges[key] for key in LINEAR_KEYS if key in ranges and np.ptp(ranges[key]) > 0}
+        return dict(self.hand) | wide
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -108,19 +108,19 @@ class Rest:
         return {"schema": "avc-proof/1", "claim": "rest"} | kept | beside
 
     @classmethod
-    def from_document(cls, found: Mapping[str, Any]) -> Rest:
+    def from_document(cls, data: Mapping[str, Any]) -> Rest:
         """Read the output of `document`; unverified before `verify`."""
-        taps, unstable = found["multiplier"], found["unstable"]
+        taps, unstable = data["multiplier"], data["unstable"]
         return cls(
-            outcome=found["outcome"],
-            sentence=found["sentence"],
-            contact=found["contact"],
-            law=ContactLaw.from_document(found["law"]),
-            device=Device.model_validate(found["device"]),
-            hand={name: (float(low), float(high)) for name, (low, high) in found["hand"].items()},
+            outcome=data["outcome"],
+            sentence=data["sentence"],
+            contact=data["contact"],
+            law=ContactLaw.from_document(data["law"]),
+            device=Device.model_validate(data["device"]),
+            hand={name: (float(low), float(high)) for name, (low, high) in data["hand"].items()},
             multiplier=None if taps is None else Multiplier({int(lag): float(tap) for lag, tap in taps.items()}),
-            cells=int(found["cells"]),
-            seconds=float(found["seconds"]),
+            cells=int(data["cells"]),
+            seconds=float(data["seconds"]),
             unstable=None if unstable is None else Unstable(**unstable),
         )
 
