@@ -43,7 +43,7 @@ class Printed:
     def __str__(self) -> str:
         if self._problem is None:
             return repr(self)
-        return str(import_module("avc_casadi.present.rows").text_of(self))  # which stands above results
+        return str(import_module("avc_casadi.present.rows.answers").text_of(self))  # which stands above results
 
 
 class Tabular(Printed, ABC):

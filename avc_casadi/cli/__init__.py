@@ -70,18 +70,18 @@ def build_parser() -> argparse.ArgumentParser:
     listed: list[str] = []
     for question, module in _QUESTIONS.items():
         listed.append(f"{question}:")
-        for name, verb in VERBS.items():
-            if verb.run.__module__ != module.__name__:
+        for name, (run, given) in VERBS.items():
+            if run.__module__ != module.__name__:
                 continue
-            text = cleandoc(verb.run.__doc__ or "")
+            text = cleandoc(run.__doc__ or "")
             command = verbs.add_parser(name, description=text, **usage)
-            for names, options in verb.arguments:
+            for names, options in given:
                 command.add_argument(*names, **options)
             command.add_argument("--json", action="store_true", help="print one JSON document and nothing else")
             named = (action for action in command._actions if action.option_strings)  # noqa: SLF001
             known = {one.dest: next(name for name in one.option_strings if name[:2] == "--") for one in named}
             first = next((one.dest for one in command._actions if not one.option_strings), "")  # noqa: SLF001
-            command.set_defaults(run=verb.run, options=known, first=first)
+            command.set_defaults(run=run, options=known, first=first)
             summary = text.partition("\n")[0].rstrip(".")
             listed += wrap(summary, 110, initial_indent=f"  {name:<12}", subsequent_indent=" " * 14)
     parser.epilog = "\n".join([*listed, "", _EPILOG])

@@ -6,7 +6,6 @@ import argparse
 import math
 import os
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from shlex import quote
 from tempfile import TemporaryFile
@@ -27,24 +26,15 @@ Argument = tuple[tuple[str, ...], dict[str, Any]]
 """Names and options of an argument, as `argparse` takes them."""
 Run = Callable[[argparse.Namespace, "Console"], "Answer"]
 
-
-@dataclass(frozen=True)
-class Verb:
-    """A verb: its arguments, and what it does; the text of the function is its help, whose first line is listed."""
-
-    arguments: tuple[Argument, ...]
-    run: Run
-
-
-VERBS: dict[str, Verb] = {}
-"""All verbs."""
+VERBS: dict[str, tuple[Run, tuple[Argument, ...]]] = {}
+"""What each verb does, whose docstring is its help, and its arguments."""
 
 
 def verb(*arguments: Argument) -> Callable[[Run], Run]:
     """Declare a function ``run_<verb>`` as a verb."""
 
     def declared(run: Run) -> Run:
-        VERBS[run.__name__.removeprefix("run_")] = Verb(arguments, run)
+        VERBS[run.__name__.removeprefix("run_")] = run, arguments
         return run
 
     return declared

@@ -9,18 +9,19 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import avc_casadi as avc
+import avc_hardware
 from avc_casadi._util.files import write_file
 from avc_casadi._util.interrupt import EXIT_CODE, DeferredInterrupt, take_interrupt
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.units import units_for
 from avc_casadi.cli import arguments as cli
 from avc_casadi.cli.console import Console, output_folder
+from avc_casadi.present import rows
 from avc_casadi.present.row import Answer, Mark, Part, Value, commas, row, text_of
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
     from avc_casadi.model.device import Device as DeviceModel
-    from avc_hardware import Device, DeviceStatus, StreamSample, TelemetrySample
 
 _PARAMETERS = "in place of C: a coupling to a [simulation] for mujoco, unity, chai3d, sofa or another engine"
 _PRECISION = "single (default): float, as in the packaged firmware; double: where a processor has it in hardware"
@@ -42,8 +43,6 @@ def run_export(args: argparse.Namespace, console: Console) -> Answer:
     The whole coupling at its own sample time, in C99 that is also C++11; of one to a [simulation] or a [follower] both
     ends. What is not deployable is refused with exit code 1; --unsafe overrides.
     """
-    from avc_casadi.present.rows.deploy import export, parameters
-    from avc_hardware import export_c
     from avc_hardware.codegen.pair_export import pair_verdict
 
     if (args.c is None) == (args.parameters is None):
@@ -56,11 +55,11 @@ def run_export(args: argparse.Namespace, console: Console) -> Answer:
     else:
         judged, stable = pair_verdict(coupling, unsafe=args.unsafe)
         if args.parameters is not None:
-            return parameters(coupling, args.parameters, args.gains, "" if stable else judged)
+            return rows.deploy.parameters(coupling, args.parameters, args.gains, "" if stable else judged)
         unsafe = "" if stable else "UNSAFE, went on by request: a loop is linearly unstable"
         data = {"coupling": coupling.id, "unsafe": unsafe}
     with console.step("C"):
-        files = export_c(coupling, precision=args.precision, name=args.name, unsafe=args.unsafe)
+        files = avc_hardware.export_c(coupling, precision=args.precision, name=args.name, unsafe=args.unsafe)
     paths = [Path(args.c) / name for name in files]
     for path in paths:
         if path.is_file() and not args.force and b"; do not edit." not in path.read_bytes().partition(b"\n")[0]:
@@ -71,18 +70,17 @@ def run_export(args: argparse.Namespace, console: Console) -> Answer:
             write_file(folder / name, text)
     console.written += map(str, paths)
     data |= {"precision": args.precision, "files": [str(path) for path in paths]}
-    return export(data, coupling, args.gains)
+    return rows.deploy.export(data, coupling, args.gains)
 
 
 def _verdict_data(coupling: Coupling, *, unsafe: bool) -> dict[str, Any]:
     """Return what is told of a coupling to a wall that is deployed; raise where it may not be."""
     from avc_casadi.claims.deployable import require_deployable
-    from avc_casadi.present.rows import holes
 
     verdict = require_deployable(coupling, unsafe=unsafe)
     note = "" if verdict.passed else f"UNSAFE, went on by request: {verdict.sentence}"
     data = {"coupling": coupling.id, "deployable": verdict.document(), "unsafe": note}
-    return data | {"lacks": list(coupling.lacks), "holes": holes(coupling.schedule) or None}
+    return data | {"lacks": list(coupling.lacks), "holes": rows.answers.holes(coupling.schedule) or None}
 
 
 @cli.verb(
@@ -98,14 +96,11 @@ def run_push(args: argparse.Namespace, console: Console) -> Answer:
     What is not deployable is refused with exit code 1; --unsafe overrides. The emulated device is a fresh one for every
     command, of the coupling's own sample time, encoder and force limit, with a hand on it.
     """
-    from avc_casadi.present.rows import deploy
-    from avc_hardware import EMULATOR, push
-
     coupling = cli.read_wall(args.gains, args.problem)
-    data, emulated = _verdict_data(coupling, unsafe=args.unsafe), args.port == EMULATOR
+    data, emulated = _verdict_data(coupling, unsafe=args.unsafe), args.port == avc_hardware.EMULATOR
     wait = "the device is in contact: release it, out of the wall; the new coupling takes over there"
     with console.step(f"push to {args.port}"):
-        done = push(
+        done = avc_hardware.push(
             coupling,
             args.port,
             baud=args.baud,
@@ -117,15 +112,13 @@ def run_push(args: argparse.Namespace, console: Console) -> Answer:
     if emulated:
         with console.step("firmware and plant in the loop"):
             data["in_the_loop"] = in_the_loop(coupling)
-    return deploy.push(data, coupling, args.gains)
+    return rows.deploy.push(data, coupling, args.gains)
 
 
 def in_the_loop(coupling: Coupling) -> dict[str, Any]:
     """Try a pushed coupling with a hand on the emulated device; an unsupported trial is ``{"skipped": why}``."""
-    from avc_hardware import tried_in_the_loop
-
     try:
-        return tried_in_the_loop(coupling).document()
+        return avc_hardware.tried_in_the_loop(coupling).document()
     except avc.UnsupportedError as error:
         return {"skipped": str(error)}
 
@@ -142,8 +135,6 @@ def run_firmware(args: argparse.Namespace, console: Console) -> Answer:
     No gains are in it: they are pushed (avc push). It needs the board's compiler: arm-none-eabi-gcc, or your folder's.
     """
     from avc_casadi.files.problem_file import is_device
-    from avc_casadi.present.rows.deploy import firmware
-    from avc_hardware import build_firmware
 
     subject: Coupling | avc.Problem | DeviceModel
     if cli.is_coupling(args.subject):
@@ -151,7 +142,7 @@ def run_firmware(args: argparse.Namespace, console: Console) -> Answer:
     else:
         subject = avc.load_device(args.subject).device if is_device(args.subject) else avc.load_problem(args.subject)
     with output_folder(args.out, "--out") as folder, console.step(f"firmware for {args.board}"):
-        built = build_firmware(subject, args.board, folder, baud=args.baud)
+        built = avc_hardware.build_firmware(subject, args.board, folder, baud=args.baud)
     problem = getattr(subject, "problem", subject)
     device, notes = getattr(problem, "device", problem), []
     if getattr(problem, "detent", None) is not None:
@@ -167,7 +158,7 @@ def run_firmware(args: argparse.Namespace, console: Console) -> Answer:
     data |= {"files": console.written, "limits": vars(built.limits), "figures": vars(built.figures)}
     at = "" if data["baud"] == 115200 else f" --baud {args.baud}"
     gains = f"pushed: avc push{at}; estimator {built.figures.estimator}"
-    return firmware(plain(data), built.title, subject.units, gains)
+    return rows.deploy.firmware(plain(data), built.title, subject.units, gains)
 
 
 @cli.verb(
@@ -183,8 +174,6 @@ def run_stream(args: argparse.Namespace, console: Console) -> Answer:
     The table is pushed first, as what the device falls back to. Exit code 1 if it does not end on it.
     """
     from avc_casadi.coupling import require_coupling
-    from avc_casadi.present.rows import deploy
-    from avc_hardware import HOLD_PERIODS, stream
 
     if cli.is_coupling(args.subject):
         coupling = cli.read_wall(args.subject)
@@ -195,7 +184,7 @@ def run_stream(args: argparse.Namespace, console: Console) -> Answer:
     data: dict[str, Any] = {"problem": coupling.problem.name, "coupling": coupling.id}
     units, shown, sent = coupling.problem.units, -1.0, 0
 
-    def show(sample: StreamSample) -> None:
+    def show(sample: avc_hardware.StreamSample) -> None:
         nonlocal shown, sent
         sent += 1
         if sample.time_s >= shown + 0.5:
@@ -203,7 +192,7 @@ def run_stream(args: argparse.Namespace, console: Console) -> Answer:
             console.say(f"{sample.time_s:7.2f} s  {text_of(commas(_applied(sample)), units)}")
 
     try:
-        result = stream(
+        result = avc_hardware.stream(
             coupling,
             args.port,
             rate_hz=args.rate_hz,
@@ -217,11 +206,11 @@ def run_stream(args: argparse.Namespace, console: Console) -> Answer:
             raise
         take_interrupt()
         data = avc.fault_document(avc.InputError.of("interrupted")) | data | {"sent": sent}
-        after = f"{args.port} goes back to its table within {HOLD_PERIODS / args.rate_hz:.2g} s"
+        after = f"{args.port} goes back to its table within {avc_hardware.HOLD_PERIODS / args.rate_hz:.2g} s"
         return Answer("stream", data, (f"interrupted after {sent} messages; {after}",), code=EXIT_CODE)
     data |= plain(vars(result) | verdict | {"push": result.push.document()})
     complaint = f"avc: {result.port}: {'; '.join(result.faults)}" if result.faults else ""
-    return replace(deploy.stream(data, result.faults), units=units, complaint=complaint)
+    return replace(rows.deploy.stream(data, result.faults), units=units, complaint=complaint)
 
 
 _RATE = "records a second; default 5; 115200 baud carry about 250. At most 5 a second are shown as text"
@@ -249,30 +238,28 @@ def run_monitor(args: argparse.Namespace, console: Console) -> Answer:
     With --heartbeat the device lives as long as this command: when that ends or loses the line, the force falls to 0
     within 0.1 s, and comes back out of contact with the next heartbeat, or after avc device --clear.
     """
-    from avc_hardware import EMULATOR, EMULATOR_IS_FRESH, DeviceFault, TelemetryLog, monitor
-
     units = units_for(args.motion)
     samples: list[dict[str, Any]] = []
-    note = EMULATOR_IS_FRESH if args.port == EMULATOR else None
+    note = avc_hardware.EMULATOR_IS_FRESH if args.port == avc_hardware.EMULATOR else None
     data: dict[str, Any] = {"port": args.port, "note": note, "samples": samples, "records": 0, "lost": 0}
     data |= {"ended": None, "out": args.out and str(args.out)}
     code, shown = 0, -1.0
-    log: TelemetryLog | None = None
+    log: avc_hardware.TelemetryLog | None = None
 
-    def begun(device: Device) -> None:
+    def begun(device: avc_hardware.Device) -> None:
         nonlocal log
         if args.out is not None and log is None:  # not before there is something to log
-            log = stack.enter_context(TelemetryLog(args.out, args.motion))
+            log = stack.enter_context(avc_hardware.TelemetryLog(args.out, args.motion))
         own, tick, most = device.unique_id, Value(device.sample_time_s, "time"), Value(device.max_force_n, "force")
         running = f", coupling {device.coupling_id}" if device.coupling_id else ", no coupling"
         head = f"device {f'{own} ' if own else ''}with firmware {device.build}: a tick every"
         console.say(text_of((head, tick, ", at most", most, running), units))
 
-    def ended(status: DeviceStatus) -> None:
+    def ended(status: avc_hardware.DeviceStatus) -> None:
         data["ended"] = {"mode": status.mode, "force_n": status.force_n, "faults": status.faults}
 
     with ExitStack() as stack:
-        watched = monitor(
+        watched = avc_hardware.monitor(
             args.port,
             rate_hz=args.rate_hz,
             seconds=args.seconds or (5.0 if console.as_json else None),
@@ -284,7 +271,7 @@ def run_monitor(args: argparse.Namespace, console: Console) -> Answer:
         stack.enter_context(closing(watched))
         try:
             for sample in watched:
-                words = DeviceFault(sample.faults).word
+                words = avc_hardware.DeviceFault(sample.faults).word
                 with DeferredInterrupt():  # all or none
                     data["records"] += 1
                     data["lost"] += sample.lost
@@ -300,26 +287,26 @@ def run_monitor(args: argparse.Namespace, console: Console) -> Answer:
                 raise
             take_interrupt()
             code, data = EXIT_CODE, avc.fault_document(avc.InputError.of("interrupted")) | data
-    rows, end = [], data["ended"]
+    found, end = [], data["ended"]
     if lost := data["lost"]:
         what = f"{lost} of {data['records'] + lost} records: the line is too slow or lossy; give less --rate-hz, or a "
-        rows.append(row("Lost", f"{what}faster --baud with firmware built for it", mark=Mark.CAUTION))
+        found.append(row("Lost", f"{what}faster --baud with firmware built for it", mark=Mark.CAUTION))
     if data["out"]:
-        rows.append(row("Written", f"{data['out']}, {data['records']} records"))
+        found.append(row("Written", f"{data['out']}, {data['records']} records"))
     if args.heartbeat_s and end is not None:
         until = f"; mode {end['mode']} until the next heartbeat, out of contact"
-        rows.append(row("Heartbeat", "ended, at", Value(end["force_n"], "force"), until))
+        found.append(row("Heartbeat", "ended, at", Value(end["force_n"], "force"), until))
     elif args.heartbeat_s:
-        rows.append(row("Heartbeat", "ended, and the device did not answer: it falls to 0 by itself"))
-    return Answer("monitor", data, rows=tuple(rows), units=units, code=code)
+        found.append(row("Heartbeat", "ended, and the device did not answer: it falls to 0 by itself"))
+    return Answer("monitor", data, rows=tuple(found), units=units, code=code)
 
 
-def _applied(sample: StreamSample | TelemetrySample) -> list[tuple[Part, ...]]:
+def _applied(sample: avc_hardware.StreamSample | avc_hardware.TelemetrySample) -> list[tuple[Part, ...]]:
     keys = {"f": "frequency_hz", "b": "damping_ns_per_m", "k": "stiffness_n_per_m", "applied": "force_n"}
     return [(name, Value.of(key, getattr(sample, key))) for name, key in keys.items()]
 
 
-def _state(sample: TelemetrySample, faults: str) -> tuple[Part, ...]:
+def _state(sample: avc_hardware.TelemetrySample, faults: str) -> tuple[Part, ...]:
     mode = sample.mode if sample.has_table or faults else "idle"
     return commas(
         [
@@ -347,19 +334,16 @@ def run_device(args: argparse.Namespace, console: Console) -> Answer:
 
     Limits are never above those built into the firmware, and hold until the device starts anew.
     """
-    from avc_casadi.present.rows import deploy
-    from avc_hardware import clear_faults, set_limits
-
     units = units_for(args.motion)
     wanted = cli.of_motion(args, units, "force_n", "speed_m_per_s", "energy_j")
     if not args.clear:
         with console.step(f"limits of {args.port}"):
-            found = set_limits(args.port, **wanted, baud=args.baud)
-        return deploy.limits(plain(found), units)
+            found = avc_hardware.set_limits(args.port, **wanted, baud=args.baud)
+        return rows.deploy.limits(plain(found), units)
     cli.refuse(args, *map(units.key, wanted), why="is a limit, and --clear sets none; leave it out")
     with console.step(f"clear {args.port}"):
-        cleared = clear_faults(args.port, baud=args.baud)
+        cleared = avc_hardware.clear_faults(args.port, baud=args.baud)
     data = {key: [fault.word for fault in getattr(cleared, key)] for key in ("were", "first", "left")}
     document = {"port": cleared.port, **data, "tick": cleared.tick, "mode": cleared.status.mode}
     complaint = f"avc: {cleared.port}: still there: {cleared.left.word}" if cleared.left else ""
-    return replace(deploy.faults(document, list(cleared.were.advice)), complaint=complaint)
+    return replace(rows.deploy.faults(document, list(cleared.were.advice)), complaint=complaint)

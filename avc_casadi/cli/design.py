@@ -9,12 +9,14 @@ from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 import avc_casadi as avc
+import avc_hardware
 from avc_casadi._util.files import write_file
 from avc_casadi._util.json_values import json_text
 from avc_casadi.cli import arguments as cli
 from avc_casadi.cli.console import Console, output_folder, package_versions, write_figure
 from avc_casadi.design.registry import methods_help
 from avc_casadi.files.new_options import DAMPING, EVERY, HANDS, HOLDS, MASS, RADIUS
+from avc_casadi.present import rows
 from avc_casadi.present.row import Answer, Mark
 
 if TYPE_CHECKING:
@@ -43,7 +45,6 @@ def run_new(args: argparse.Namespace, console: Console) -> Answer:
     from avc_casadi.files.new_problem import NewProblem
     from avc_casadi.files.plausibility import plausibility
     from avc_casadi.files.problem_file import problem_document
-    from avc_casadi.present.rows.design import new as answer
 
     if args.file.exists() and not args.force:
         what = f"{str(args.file)!r} is there already; allowed: another name, or --force"
@@ -79,7 +80,7 @@ def run_new(args: argparse.Namespace, console: Console) -> Answer:
         "warnings": [{"key": one.key, "message": one.message} for one in plausibility(problem)],
         "model": None if new.tip is None else {"file": args.model, "tip": args.tip, **asdict(new.tip)},
     }
-    return answer(data, problem, str(args.file))
+    return rows.design.new(data, problem, str(args.file))
 
 
 def _at_tip(new: NewProblem, model: str | None, tip: str | None) -> NewProblem:
@@ -116,7 +117,6 @@ def run_recommend(args: argparse.Namespace, console: Console) -> Answer:
     """
     with console.step(args.problem):
         problem = avc.load_problem(args.problem)
-        from avc_casadi.present.rows.recommend import recommendation
 
     if _is_pair(problem):
         cli.refuse(args, "stiffest", "lean_on_friction", "prove", "trade_off", why=cli.OF_WALLS)
@@ -127,7 +127,7 @@ def run_recommend(args: argparse.Namespace, console: Console) -> Answer:
     if args.out is not None and found.coupling is not None and found.deployable:
         console.write(args.out, coupling_text(found.coupling))
         written = str(args.out)
-    return recommendation(found, args.problem, written)
+    return rows.recommend.recommendation(found, args.problem, written)
 
 
 def _is_pair(problem: avc.Problem) -> bool:
@@ -157,8 +157,6 @@ def run_solve(args: argparse.Namespace, console: Console) -> Answer:
     """
     from avc_casadi.coupling import Coupling
     from avc_casadi.files.coupling_file import gain_csv
-    from avc_casadi.present.rows import solution_data
-    from avc_casadi.present.rows.design import solution
 
     method = args.method or ("closed-form" if args.as_printed else "direct")
     problem = avc.load_problem(args.problem)
@@ -167,7 +165,7 @@ def run_solve(args: argparse.Namespace, console: Console) -> Answer:
     with console.step("table that runs"):
         coupling = Coupling.of(problem, gains, versions=package_versions()) if gains.usable.any() else None
     with console.step(f"certificate of {gains.rows} rows"):
-        data = solution_data(problem, gains, coupling, avc.certify(problem, gains, progress=console))
+        data = rows.answers.solution_data(problem, gains, coupling, avc.certify(problem, gains, progress=console))
     if args.out is not None:
         text = json_text(data, problem.units)
         if args.out.suffix.lower() == ".csv":
@@ -176,7 +174,7 @@ def run_solve(args: argparse.Namespace, console: Console) -> Answer:
             certificate = data["certificate"] | {"deployable": data["deployable"]}
             text = coupling_text(coupling.with_certificate(certificate), **data)
         console.write(args.out, text)
-    return solution(data, problem, args.problem, args.out and str(args.out))
+    return rows.design.solution(data, problem, args.problem, args.out and str(args.out))
 
 
 def gain_pair(text: str) -> tuple[float, float]:
@@ -196,12 +194,10 @@ def gain_pair(text: str) -> tuple[float, float]:
 )
 def run_compare(args: argparse.Namespace, console: Console) -> Answer:
     """Put the methods side by side, frequency by frequency, with a verdict."""
-    from avc_casadi.present.rows.design import comparison
-
     problem = avc.load_problem(args.problem)
     found = avc.compare(problem, mine=args.mine, progress=console)
     write_figure(console, args.plot, lambda: avc.figures.draw_comparison(found))
-    return comparison(found.document(), problem, args.problem)
+    return rows.design.comparison(found.document(), problem, args.problem)
 
 
 @cli.verb(
@@ -228,8 +224,6 @@ def run_run(args: argparse.Namespace, console: Console) -> Answer:
         # Slow to load: after the first line.
         from avc_casadi.files.coupling_file import gain_csv
         from avc_casadi.present import report
-        from avc_casadi.present.rows.design import device, run, without_gains
-        from avc_casadi.present.rows.recommend import recommendation
         from avc_casadi.recommendation.recommend import judged_as_recommended
 
         if args.method is None:
@@ -253,7 +247,7 @@ def run_run(args: argparse.Namespace, console: Console) -> Answer:
             files["coupling.json"], written = coupling_text(found.coupling), str(shown / "coupling.json")
         with console.step("figures"):
             drawn, of_paper = report.wall_pictures(found), report.paper_pictures(comparison)
-        answer, pictures = recommendation(found, args.problem, written), list(drawn.values())
+        answer, pictures = rows.recommend.recommendation(found, args.problem, written), list(drawn.values())
         sections = report.paper_sections(compare, problem, of_paper, push)
         files["report.html"] = report.report_html(answer, problem, pictures, package_versions(), sections)
         for name, picture in (drawn | of_paper).items():
@@ -262,10 +256,10 @@ def run_run(args: argparse.Namespace, console: Console) -> Answer:
             write_file(folder / name, content)
     data = {"folder": str(shown), "files": sorted(files), "deploy": answer.data, "push": push, "compare": compare}
     console.written.append(f"{shown / 'report.html'} and {len(files) - 1} files beside it")
-    answer = run(data, answer)
-    pushed = device(push)
+    answer = rows.design.run(data, answer)
+    pushed = rows.design.device(push)
     why = f"avc: {problem.name}: {pushed.text(problem.units)}" if pushed.mark is Mark.FAIL else ""
-    return replace(answer, complaint="\n".join(filter(None, [without_gains(best), why])))
+    return replace(answer, complaint="\n".join(filter(None, [rows.design.without_gains(best), why])))
 
 
 def _compared(found: avc.Recommendation, console: Console) -> avc.Comparison:
@@ -283,7 +277,6 @@ def _compared(found: avc.Recommendation, console: Console) -> avc.Comparison:
 def _pushed(found: avc.Recommendation, *, unsafe: bool) -> dict[str, Any]:
     """Push to the emulated device and try it there; a failed push is a document too: ``skipped`` or ``refused``."""
     from avc_casadi.cli.deploy import in_the_loop
-    from avc_hardware import push
 
     coupling = found.coupling
     if coupling is None:
@@ -293,7 +286,7 @@ def _pushed(found: avc.Recommendation, *, unsafe: bool) -> dict[str, Any]:
         return {"refused": found.reason, "deployable": False}
     note = "" if found.deployable else f"UNSAFE, went on by request: {found.reason}"
     try:
-        done = push(coupling, "emulator", unsafe=unsafe).document()
+        done = avc_hardware.push(coupling, "emulator", unsafe=unsafe).document()
         return done | {"unsafe": note, "in_the_loop": in_the_loop(coupling)}
     except (avc.LinkError, avc.NotDeployableError) as error:
         return {"refused": str(error)}

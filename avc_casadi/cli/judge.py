@@ -13,6 +13,7 @@ from avc_casadi._util.files import write_file
 from avc_casadi._util.json_values import json_text
 from avc_casadi.cli import arguments as cli
 from avc_casadi.cli.console import Console, output_folder, write_figure
+from avc_casadi.present import rows
 from avc_casadi.present.row import Answer
 
 if TYPE_CHECKING:
@@ -44,13 +45,12 @@ def run_certify(args: argparse.Namespace, console: Console) -> Answer:
     if law:
         from avc_casadi.claims.own_law import Law, law_problem, valid_law
         from avc_casadi.model.ends import ToolGains
-        from avc_casadi.present.rows.judge import own_law
 
         cli.refuse(args, "prove", "proof_out", "gains", why="goes with a file of gains, not with --k, --b")
         problem = law_problem(args.problem)
         if problem.simulation is None and problem.follower is None:
             with console.step("your own law"):
-                return own_law(avc.certify_law(problem, **law), args.problem)
+                return rows.judge.own_law(avc.certify_law(problem, **law), args.problem)
         cli.refuse(args, "cutoff_hz", why=cli.OF_WALLS)
         pair = ToolGains(*(law.get(key, 0.0) for key in ("k", "b", "b_p")))
         valid_law(Law(*vars(pair).values()), problem.device)
@@ -67,7 +67,6 @@ def run_certify(args: argparse.Namespace, console: Console) -> Answer:
 
 def _certify_pair(problem: avc.Problem, gains: ToolGains, file: str, console: Console) -> Answer:
     from avc_casadi.design.virtual_tool import FollowerSearch, ToolSearch, certify_pair
-    from avc_casadi.present.rows.judge import pair_certificate
     from avc_casadi.recommendation.preconditions import not_used
 
     with console.step("certificate"):
@@ -75,15 +74,13 @@ def _certify_pair(problem: avc.Problem, gains: ToolGains, file: str, console: Co
         found, why = certify_pair(problem, gains, search), search.why_not(gains)
     passed = {"pass": not why, "sentence": why or "linearly stable"}
     data = {"problem": problem.name, "gains": file, **vars(gains), "deployable": passed, **found}
-    return pair_certificate(data | {"not_used": list(not_used(problem))}, problem, file)
+    return rows.judge.pair_certificate(data | {"not_used": list(not_used(problem))}, problem, file)
 
 
 def _certify_wall(
     problem: avc.Problem, coupling: Coupling, notes: list[str], args: argparse.Namespace, console: Console
 ) -> Answer:
     from avc_casadi.claims.certify import proof_files
-    from avc_casadi.present.rows import certificate_data
-    from avc_casadi.present.rows.judge import certificate
 
     proofs: dict[str, Any] = {}
     with nullcontext() if args.proof_out is None else output_folder(args.proof_out, "--proof-out") as folder:
@@ -95,9 +92,9 @@ def _certify_wall(
             for name, one in proofs.items():
                 write_file(folder / name, json_text(one, problem.units))
     with console.step("table that runs"):
-        data = certificate_data(found, console)
+        data = rows.answers.certificate_data(found, console)
     data |= {"gains": args.gains or args.problem, "notes": notes + data["notes"], "proof_files": list(proofs)}
-    return certificate(data, problem, args.problem if args.gains else "")
+    return rows.judge.certificate(data, problem, args.problem if args.gains else "")
 
 
 @cli.verb(
@@ -118,13 +115,12 @@ def run_simulate(args: argparse.Namespace, console: Console) -> Answer:
     from avc_casadi.coupling import Coupling
     from avc_casadi.design.scene_coupling import facts_of, figures_of, scene_coupling, scene_notes
     from avc_casadi.model.gains import NO_COUPLING, GainSchedule, missing_rest_gains
-    from avc_casadi.present.rows.judge import scene
     from avc_casadi.simulation.screen import explain
 
     problem, gains, notes = cli.subject(args.problem, args.gains)
     if problem.simulation is not None:
         cli.refuse(args, "against", why=cli.OF_WALLS)
-        return scene(_simulated_pair(problem, gains, args, console), problem, args.problem)
+        return rows.judge.scene(_simulated_pair(problem, gains, args, console), problem, args.problem)
     given: Coupling | GainSchedule | Gains | None = gains
     if given is None:
         with console.step(f"coupling: {problem.scene.coupling}"):
@@ -132,8 +128,8 @@ def run_simulate(args: argparse.Namespace, console: Console) -> Answer:
     others = [] if args.against is None else args.against.split(",")
     if len(others) > 3:  # a figure holds four runs that one can tell apart
         raise avc.InputError.of(f"names {len(others)}; allowed: at most 3", key="against")
-    rows = given.schedule if isinstance(given, Coupling) else given
-    if isinstance(rows, GainSchedule) and (why := missing_rest_gains(rows)):
+    table = given.schedule if isinstance(given, Coupling) else given
+    if isinstance(table, GainSchedule) and (why := missing_rest_gains(table)):
         raise avc.NotDeployableError(f"{args.gains or f'{problem.name}: scene.coupling'}: {why}")
     with console.step(f"{problem.scene.duration_s:g} s of the scene"):
         laws = [given, *(NO_COUPLING if one == "none" else avc.solve(problem, one) for one in others)]
@@ -147,7 +143,7 @@ def run_simulate(args: argparse.Namespace, console: Console) -> Answer:
     data = runs[0].document(_trace(runs[0], args, console)) | facts | parts | {"notes": notes}
     if others:
         data["against"] = [figures_of(run) for run in runs[1:]]
-    return scene(data, problem, args.problem)
+    return rows.judge.scene(data, problem, args.problem)
 
 
 def _trace(run: avc.Run, args: argparse.Namespace, console: Console) -> Path | None:
@@ -190,7 +186,6 @@ def run_trial(args: argparse.Namespace, console: Console) -> Answer:
     Hands are drawn uniformly from [hands]; each presses, taps and holds, with all that is declared of the device.
     """
     from avc_casadi._util.parallel import cluster, processors
-    from avc_casadi.present.rows.judge import trial
     from avc_casadi.simulation.population.trial import count_at_rest
 
     coupling = cli.read_wall(args.coupling)
@@ -204,7 +199,7 @@ def run_trial(args: argparse.Namespace, console: Console) -> Answer:
             executor=executor,
             progress=console,
         )
-    return trial(found, coupling.problem.units, args.coupling)
+    return rows.judge.trial(found, coupling.problem.units, args.coupling)
 
 
 @cli.verb(cli.PROBLEM, cli.plot("the region"))
@@ -212,15 +207,14 @@ def run_zwidth(args: argparse.Namespace, console: Console) -> Answer:
     """Show which walls the device can render without coupling; of a [simulation] which K and B are stable."""
     from avc_casadi.claims.zwidth import zwidth
     from avc_casadi.design.tool_region import tool_region
-    from avc_casadi.present.rows.judge import region, walls
 
     problem = avc.load_problem(args.problem)
     if problem.simulation is not None:
         with console.step("region"):
             pairs = tool_region(problem, console)
         write_figure(console, args.plot, lambda: avc.figures.draw_tool_region(pairs))
-        return region(pairs.document(), problem, args.problem)
+        return rows.judge.region(pairs.document(), problem, args.problem)
     with console.step("region"):
         found = zwidth(problem, console)
     write_figure(console, args.plot, lambda: avc.figures.draw_zwidth(found))
-    return walls(found.document(), problem, args.problem)
+    return rows.judge.walls(found.document(), problem, args.problem)

@@ -8,14 +8,15 @@ import shutil
 import sys
 from contextlib import suppress
 from importlib.util import find_spec
-from pathlib import Path
 from typing import Any
 
 import avc_casadi as avc
+import avc_hardware
 from avc_casadi._util.interrupt import take_interrupt
 from avc_casadi._util.json_values import plain
 from avc_casadi.cli import arguments as cli
 from avc_casadi.cli.console import Console, package_versions, write_figure
+from avc_casadi.present import rows
 from avc_casadi.present.row import Answer
 
 
@@ -26,12 +27,11 @@ def run_list(args: argparse.Namespace, console: Console) -> Answer:  # noqa: ARG
     Problems are files to run and to copy from, devices are names to give in a problem file.
     """
     from avc_casadi.files.catalogue import device_names
-    from avc_casadi.present.rows.look import catalogue
 
     problems = [vars(entry) | {"path": str(entry.path)} for entry in avc.catalogue()]
     files = [(avc.load_device(name), str(path)) for name, path in device_names().items()]
     devices = [{"name": file.name, "title": file.title, "gaps": list(file.gaps), "path": path} for file, path in files]
-    return catalogue({"problems": problems, "devices": devices}, str(avc.catalogue_path("figure5").parent))
+    return rows.look.catalogue({"problems": problems, "devices": devices}, str(avc.catalogue_path("figure5").parent))
 
 
 @cli.verb(cli.argument("problem", metavar="P", text="problem or device: a file or a name"), cli.VERBOSE)
@@ -41,7 +41,6 @@ def run_check(args: argparse.Namespace, console: Console) -> Answer:  # noqa: AR
     from avc_casadi.files.problem_file import is_device, problem_document
     from avc_casadi.loops.wall import passive_limit_n_per_m
     from avc_casadi.model.scene import declared
-    from avc_casadi.present.rows import look
     from avc_casadi.recommendation.pair import unusual
     from avc_casadi.recommendation.preconditions import not_used, why_infeasible
 
@@ -66,21 +65,15 @@ def run_check(args: argparse.Namespace, console: Console) -> Answer:  # noqa: AR
         "not_used": list(not_used(stated)),
         "warnings": warnings,
     }
-    return look.problem(data, stated, args.problem)
+    return rows.look.problem(data, stated, args.problem)
 
 
 def _device(source: str) -> Answer:
     """Check a device file; its faults are raised."""
-    from avc_casadi.files.catalogue import device_names
-    from avc_casadi.present.rows.look import device
-
     file = avc.load_device(source)
-    known = device_names().get(file.name)
-    elsewhere = source.endswith(".toml") and (known is None or Path(source).resolve() != Path(str(known)).resolve())
-    data: dict[str, Any] = {"valid": True, "referred_as": Path(source).name if elsewhere else file.name}
-    data |= file.model_dump(mode="json", exclude_none=True)
+    data = {"valid": True, **file.model_dump(mode="json", exclude_none=True)}
     data["device"] = file.device.model_dump(mode="json", exclude_unset=True)
-    return device(data, file.device.units)
+    return rows.look.device(data, file.device.units, source.removeprefix("devices/"))
 
 
 @cli.verb(
@@ -130,19 +123,18 @@ def run_doctor(args: argparse.Namespace, console: Console) -> Answer:
     Each solver of the method direct solves a small problem; its answer is checked, whatever it reports.
     """
     from avc_casadi.paper.nlp_solver import SOLVERS
-    from avc_casadi.present.rows.look import installation, ports
-    from avc_hardware import Connection, list_ports, open_link
 
-    found: list[dict[str, Any]] = [{**vars(port), "avc_device": None} for port in list_ports()]
+    found: list[dict[str, Any]] = [{**vars(port), "avc_device": None} for port in avc_hardware.list_ports()]
     for port in (one for one in found if args.ask and one["accessible"]):
         with console.step(port["device"]), suppress(avc.LinkError):  # where no avc device answers
-            with Connection(open_link(port["device"], baud=args.baud), baud=args.baud) as connection:
+            link = avc_hardware.open_link(port["device"], baud=args.baud)
+            with avc_hardware.Connection(link, baud=args.baud) as connection:
                 device = connection.device
             keys = ("build", "sample_time_s", "faults", "unique_id", "coupling_id")
             port["avc_device"] = {key: getattr(device, key) for key in keys}
-    rows = ports(found, asked=args.ask)
+    shown = rows.look.ports(found, asked=args.ask)
     if args.ports:
-        return Answer("ports", {"ports": found}, ("serial ports; without a device: --port emulator",), tuple(rows))
+        return Answer("ports", {"ports": found}, ("serial ports; without a device: --port emulator",), tuple(shown))
     with console.step("solvers"):
         small = avc.load_problem("soft").changed(frequency={"points": 2})
         solvers = {name: "failed" not in avc.solve(small, solver=name).status for name in SOLVERS}
@@ -156,7 +148,7 @@ def run_doctor(args: argparse.Namespace, console: Console) -> Answer:
         "emulator": find_spec("unicorn") is not None,
         "ports": found,
     }
-    return installation(data, rows)
+    return rows.look.installation(data, shown)
 
 
 @cli.verb(cli.PROBLEM, cli.plot("time against error"), cli.VERBOSE)
@@ -166,13 +158,12 @@ def run_accuracy(args: argparse.Namespace, console: Console) -> Answer:
     Tolerances from 1e-2 to 1e-12; the optimum of each frequency is found by geometry (`exact`). Takes about a minute.
     """
     from avc_casadi.design.comparison.accuracy import accuracy_document, solver_costs
-    from avc_casadi.present.rows.look import accuracy
 
     problem = avc.load_problem(args.problem)
     with console.step("time and error of each solver"):
         costs = solver_costs(problem, console)
     write_figure(console, args.plot, lambda: avc.figures.draw_accuracy(costs))
-    return accuracy(accuracy_document(problem, costs))
+    return rows.look.accuracy(accuracy_document(problem, costs))
 
 
 @cli.verb(
@@ -186,9 +177,8 @@ def run_table1(args: argparse.Namespace, console: Console) -> Answer:
     VE4 to VE6 are calibrated to its column without coupling, all else is predicted. Takes a minute, few hands or many.
     """
     from avc_casadi._util.parallel import cluster, processors
-    from avc_casadi.design.comparison.table1 import table1 as study
-    from avc_casadi.present.rows.look import table1
+    from avc_casadi.design.comparison.table1 import table1
 
     workers = args.workers or processors()
     with cluster(args.scheduler) as executor, console.step("hands at the walls of the paper"):
-        return table1(study(args.hands, args.seed, workers=workers, executor=executor, progress=console))
+        return rows.look.table1(table1(args.hands, args.seed, workers=workers, executor=executor, progress=console))

@@ -10,11 +10,13 @@ from functools import partial
 from typing import Any
 
 import avc_casadi as avc
+import avc_hardware
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.text import number
 from avc_casadi._util.units import units_for
 from avc_casadi.cli import arguments as cli
 from avc_casadi.cli.console import Console, write_figure
+from avc_casadi.present import rows
 from avc_casadi.present.row import Answer
 
 _SIGNAL = "all frequencies at once (default), or one after the other"
@@ -40,8 +42,6 @@ def run_excite(args: argparse.Namespace, console: Console) -> Answer:
     checks the limits at every tick and holds the device near where it stands; hands off. Afterwards there is no force.
     """
     from avc_casadi.identification.excitation import plan_excitation
-    from avc_casadi.present.rows import look
-    from avc_hardware import ExcitationLog, excite
 
     device, on_bench = (cli.load_any_device(one)[0].device for one in (args.device, args.on_bench or args.device))
     limits = cli.of_motion(args, device.units, "force_n", "speed_m_per_s", "travel_m")
@@ -62,19 +62,19 @@ def run_excite(args: argparse.Namespace, console: Console) -> Answer:
         "forecast": {key: float(values.max()) for key, values in vars(made.forecast).items()},
     }
     data: dict[str, Any] = {"plan": plain(planned), "out": None, "log": None}
-    answer = look.plan(data, device.units, args.device, args.port)
+    answer = rows.look.plan(data, device.units, args.device, args.port)
     if args.plan_only:
         return answer
     console.say(console.page.rendered(answer))
 
-    def cut(log: ExcitationLog) -> None:
+    def cut(log: avc_hardware.ExcitationLog) -> None:
         if args.out is not None:
             console.write(args.out, log.csv())
-            shown = look.log({"log": log.document()}, device.units, f"{log.port}   {args.out}, cut short")
+            shown = rows.look.log({"log": log.document()}, device.units, f"{log.port}   {args.out}, cut short")
             console.say(console.page.rendered(shown))
 
     with console.step(f"{args.signal} on {args.port}"):
-        log = excite(plan, args.port, on_bench=on_bench, baud=args.baud, progress=console, cut=cut)
+        log = avc_hardware.excite(plan, args.port, on_bench=on_bench, baud=args.baud, progress=console, cut=cut)
     data["log"], onwards, complaint = log.document(), [], ""
     steps = data["log"]["peak_travel_m"] / device.encoder_resolution_m if device.encoder_resolution_m else math.inf
     if not log.whole and "limit" in log.end:
@@ -92,7 +92,7 @@ def run_excite(args: argparse.Namespace, console: Console) -> Answer:
             command = ["avc", "identify", str(args.out), "--device", args.device, "--out", "mine.toml"]
             onwards.append(shlex.join(command))
     title = f"{args.device}   {args.signal} on {log.port}"
-    answer = look.log(data, device.units, title, onwards)
+    answer = rows.look.log(data, device.units, title, onwards)
     return replace(answer, complaint=f"avc: {log.port}: {complaint}") if complaint else answer
 
 
@@ -110,7 +110,6 @@ def run_identify(args: argparse.Namespace, console: Console) -> Answer:
     """
     from avc_casadi.identification.device import device_text
     from avc_casadi.identification.identify import identify
-    from avc_casadi.present.rows.look import identification
 
     base = cli.load_any_device(args.device)[0] if args.device else None
     found = identify(args.log, base=base, progress=console, **cli.log_options(args))
@@ -124,7 +123,7 @@ def run_identify(args: argparse.Namespace, console: Console) -> Answer:
     elif args.out is not None:
         console.write(args.out, device_text(found.device))
         data["out"] = str(args.out)
-    return replace(identification(data, found, units, args.log), complaint=complaint)
+    return replace(rows.look.identification(data, found, units, args.log), complaint=complaint)
 
 
 @cli.verb(
@@ -140,7 +139,6 @@ def run_diagnose(args: argparse.Namespace, console: Console) -> Answer:
     Or that nothing is wrong, or that it cannot tell, and the log that would decide. Reads what `avc identify` reads.
     """
     from avc_casadi.diagnose.causes import diagnose
-    from avc_casadi.present.rows.look import diagnosis
 
     file, hands = (None, None) if args.device is None else cli.load_any_device(args.device)
     coupling = None if args.coupling is None else cli.read_wall(args.coupling)
@@ -151,6 +149,6 @@ def run_diagnose(args: argparse.Namespace, console: Console) -> Answer:
     for place, each in enumerate(found if args.plot is not None else ()):
         path = args.plot if len(found) == 1 else args.plot.with_stem(f"{args.plot.stem}-{place + 1}")
         write_figure(console, path, partial(avc.figures.draw_diagnosis, each))
-    answer = diagnosis(data, found)
+    answer = rows.look.diagnosis(data, found)
     healthy = all(each.verdict == "nothing wrong" for each in found)
     return replace(answer, code=0 if healthy or all(each.cause for each in found) else 1)

@@ -21,7 +21,7 @@ from avc_casadi.present.figures.deployed import draw_loop, draw_rendered
 from avc_casadi.present.figures.paper import draw_comparison, draw_perceived
 from avc_casadi.present.figures.style import files_of
 from avc_casadi.present.row import Answer, Row, row
-from avc_casadi.present.rows.design import comparison, device, paper, printed_errors
+from avc_casadi.present.rows.design import comparison, device, printed_errors
 from avc_casadi.present.rows.judge import levels
 from avc_casadi.present.rows.recommend import verdict
 from avc_casadi.recommendation.felt import deployed
@@ -115,12 +115,11 @@ def report_html(
 def paper_sections(
     data: Mapping[str, Any], problem: Problem, drawn: Mapping[str, Picture], push: Mapping[str, Any]
 ) -> list[Section]:
-    """Return the paper's question: closed form, CasADi and the exact optimum, and what the comparison is made of."""
+    """Return the paper's question: the methods side by side, and what the comparison is made of."""
     text = "Which gains keep each frequency passive and feel real? They are for comparison, not for a hand."
-    errors, question = printed_errors(list(PAPER_ERRORS)), [*paper(data), device(push)]
+    errors, question = printed_errors(list(PAPER_ERRORS)), [*comparison(data, problem).rows, device(push)]
     return [
         Section("The paper's question", question, list(drawn.values()), text),
-        Section("Comparison of the methods", comparison(data, problem).rows, folded=True),
         Section("What is assumed", [row(what, assumed) for what, assumed in ASSUMPTIONS], folded=True),
         Section("Errors of the printed paper", errors, folded=True),
     ]

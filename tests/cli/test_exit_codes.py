@@ -95,7 +95,7 @@ code = main(sys.argv[1:])
 sys.stderr.write(" ".join(sys.modules))
 sys.exit(code)
 """
-HEAVY = {"casadi", "matplotlib", "numpy", "pydantic", "serial", "unicorn", "avc_hardware"}
+HEAVY = {"casadi", "matplotlib", "numpy", "pydantic", "serial", "unicorn"}
 
 
 def test_help():

@@ -15,7 +15,7 @@ from avc_casadi.cli import build_parser
 from avc_casadi.coupling import Coupling
 from avc_casadi.model.gains import Gains
 from avc_casadi.present.row import MOST_LINES, MOST_ROWS, WIDTH, Mark, Page, Value
-from avc_casadi.present.rows import answer_of
+from avc_casadi.present.rows.answers import answer_of
 from avc_casadi.present.rows.recommend import wall_rows
 from avc_casadi.recommendation.recommend import judged_as_recommended
 

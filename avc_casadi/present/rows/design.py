@@ -13,8 +13,6 @@ from avc_casadi.present.rows import subject
 from avc_casadi.present.rows.deploy import in_the_loop
 from avc_casadi.present.rows.judge import levels
 
-_GAINS = {"damping_ns_per_m": "b", "stiffness_n_per_m": "k", "contact_damping_ns_per_m": "b_p"}
-
 
 def solution(data: Mapping[str, Any], problem: Problem, shown: str = "", file: str | None = None) -> Answer:
     """Return the answer of `solve`."""
@@ -92,8 +90,7 @@ def comparison(data: Mapping[str, Any], problem: Problem, shown: str = "") -> An
         for key in ("share_inside_bounds", "share_inside_jnd")
     )
     rows = [
-        *(_method(name, one, data) for name, one in data["methods"].items() if name != "mine"),
-        row("Verdicts", f"{subject.counts(data['counts'])}, pointwise"),
+        *methods(data),
         _deployable(data),
         row("Between U, L", "of the frequencies:", between),
         row("Impedance error", fill("within {jnd:share}:", next(iter(realism.values()))), near),
@@ -106,6 +103,12 @@ def comparison(data: Mapping[str, Any], problem: Problem, shown: str = "") -> An
     return subject.answer("compare", data, problem, shown, rows, "recommend {}", complaint=complaint)
 
 
+def methods(data: Mapping[str, Any]) -> list[Row]:
+    """Return a row for each method of a comparison, and the verdicts on the frequencies."""
+    each = [_method(name, one, data) for name, one in data["methods"].items() if name != "mine"]
+    return [*each, row("Verdicts", f"{subject.counts(data['counts'])}, pointwise")]
+
+
 def _method(name: str, found: Mapping[str, Any], data: Mapping[str, Any]) -> Row:
     """Return where a method has gains, and the first reason why not, or its distance from the other optimum."""
     damping, check = found["damping_ns_per_m"], data["cross_check"]
@@ -113,20 +116,13 @@ def _method(name: str, found: Mapping[str, Any], data: Mapping[str, Any]) -> Row
     text: tuple[Part, ...] = (f"at {len(damping) - len(missing)} of {len(damping)} frequencies",)
     mark = Mark.PASS if not missing else Mark.FAIL if name == data["optimum"] else Mark.CAUTION
     if name == "exact" and check is not None:
-        agreement, agrees = _cross_check(check)
-        text, mark = parts(text, ";", agreement), mark if agrees is Mark.PASS else agrees
+        differ = f", differs at {len(check['partings'])} frequencies" if check["partings"] else ""
+        agrees = fill(f"agrees with direct within {{magnitude_error:1}} of |Z|{differ}", check)
+        text = parts(text, ";", agrees if check["agree"] else "DISAGREES with direct")
+        mark = Mark.FAIL if not check["agree"] else Mark.CAUTION if differ else mark
     elif missing:
         text = parts(text, "; at", Value(data["frequency_hz"][missing[0]], "frequency"), found["reason"][missing[0]])
     return row(name.replace("-", " ").capitalize(), text, mark=mark)
-
-
-def _cross_check(check: Mapping[str, Any]) -> tuple[tuple[Part, ...], Mark]:
-    """Return how the exact optimum and that of the NLP agree."""
-    if not check["agree"]:
-        return ("DISAGREES with direct",), Mark.FAIL
-    differ = f", differs at {len(check['partings'])} frequencies" if check["partings"] else ""
-    text = fill(f"agrees with direct within {{magnitude_error:1}} of |Z|{differ}", check)
-    return text, grade(not differ, Mark.CAUTION)
 
 
 def _deployable(data: Mapping[str, Any]) -> Row:
@@ -142,31 +138,11 @@ def _deployable(data: Mapping[str, Any]) -> Row:
 def run(data: Mapping[str, Any], found: Answer) -> Answer:
     """Return the answer of `run`: what to deploy, what the device received, the paper's question."""
     shown = [one for one in found.rows if one.rank == 0]
-    beside = (device(data["push"]), *paper(data["compare"]))
+    beside = (device(data["push"]), *methods(data["compare"]))
     doubts = [one for one in shown[8:] if one.mark in {Mark.CAUTION, Mark.FAIL}]
     first = [*shown[:8], *doubts]
     later = [replace(one, rank=1) for one in shown if one not in first] + [one for one in found.rows if one.rank > 0]
     return replace(found, kind="run", data=data, rows=(*first, *beside, *later))
-
-
-def paper(compared: Mapping[str, Any]) -> list[Row]:
-    """Answer the paper's question of a comparison: closed form, CasADi's NLP, the exact optimum, the verdict."""
-    closed, best = compared["methods"]["closed-form"]["counts"], compared["methods"][compared["delivered"]]
-    rows, check, scope = len(best["status"]), compared["cross_check"], compared["problem_scope"]
-    realisable = closed.get("solved", 0) + closed.get("active-bound", 0)
-    known = {key: [one for one in best[key] if one is not None] for key in [*_GAINS][:2]}
-    have = len(known["damping_ns_per_m"])
-    spans = commas((_GAINS[key], span(values, quantity_of(key))) for key, values in known.items() if have)
-    of = "" if scope == "pointwise" else f", scope {scope}"
-    solved = fill(f"gains at {have} of {rows} frequencies in {{solve:time}}{of}", best["seconds"])
-    found = [
-        row("Closed form", f"realisable at {realisable} of {rows}", mark=grade(realisable == rows, Mark.CAUTION)),
-        row(f"CasADi, {best['method']}", solved, ":" if spans else "", spans, mark=grade(have == rows)),
-    ]
-    if check is not None:
-        text, mark = _cross_check(check)
-        found.append(row("Exact optimum", text, mark=mark))
-    return [*found, row("Verdicts", f"{subject.counts(compared['counts'])}, pointwise")]
 
 
 def device(push: Mapping[str, Any]) -> Row:

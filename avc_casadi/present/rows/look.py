@@ -98,7 +98,7 @@ def _follower(stated: Problem) -> list[Row]:
     ]
 
 
-def device(data: Mapping[str, Any], units: Units) -> Answer:
+def device(data: Mapping[str, Any], units: Units, shown: str) -> Answer:
     """Return the answer of `check` of a device file: a value each with its range and source."""
     sources, ranges = data["sources"], data["device"].get("range", {})
     rows = [row("Valid", data["title"] or "yes", mark=Mark.PASS)]
@@ -111,10 +111,7 @@ def device(data: Mapping[str, Any], units: Units) -> Answer:
     if gaps := [gap for gap in data["gaps"] if units.inner(gap) not in values]:
         rows.append(row("Not known", ", ".join(map(units.key, gaps)), mark=Mark.CAUTION))
     rows += [row(units.key(key), f"{one['grade']}, {one['source']}", rank=1) for key, one in sources.items()]
-    if "sdk_example" in data:
-        text = "; ".join(f"{units.key(key)} {one}" for key, one in data["sdk_example"].items())
-        rows.append(row("SDK example", text, rank=1))
-    rows.append(row("Use", f'device = "{data["referred_as"]}" in a problem file'))
+    rows.append(row("Use", f'device = "{shown}" in a problem file'))
     return Answer("check", data, (f"{data['name']}   device file",), tuple(rows), units=units)
 
 
@@ -137,14 +134,12 @@ def catalogue(data: Mapping[str, Any], folder: str) -> Answer:
 def installation(data: Mapping[str, Any], ports: Sequence[Row]) -> Answer:
     """Return the answer of `doctor`: working solvers, packages, compilers, ports."""
     solvers, programs = data["solvers"], data["programs"]
-    missing = [name for name, place in programs.items() if not place]
     text = ", ".join(f"{name} {'solves' if solves else 'does NOT solve'}" for name, solves in solvers.items())
     emulator = "installed" if data["emulator"] else "absent; pip install 'avc-casadi[emulator]'"
     rows = [
         row("Solvers", text, mark=grade(all(solvers.values()))),
         row("Packages", ", ".join(f"{name} {version}" for name, version in data["packages"].items())),
-        row("Programs", ", ".join(name for name in programs if programs[name]) or "none"),
-        *([row("Absent", ", ".join(missing), mark=Mark.CAUTION)] if missing else []),
+        row("Programs", ", ".join(name if place else f"{name} absent" for name, place in programs.items())),
         row("Emulator", emulator, mark=grade(data["emulator"], Mark.CAUTION)),
         *ports,
     ]
