@@ -62,24 +62,6 @@ def run_certify(args: argparse.Namespace, console: Console) -> Answer:
     if coupling.end != "wall":
         cli.refuse(args, "prove", "proof_out", why=cli.OF_WALLS)
         return _certify_pair(problem, coupling.gains, args.gains or args.problem, console)
-    return _certify_wall(problem, coupling, notes, args, console)
-
-
-def _certify_pair(problem: avc.Problem, gains: ToolGains, file: str, console: Console) -> Answer:
-    from avc_casadi.design.virtual_tool import FollowerSearch, ToolSearch, certify_pair
-    from avc_casadi.recommendation.preconditions import not_used
-
-    with console.step("certificate"):
-        search = FollowerSearch(problem) if problem.simulation is None else ToolSearch(problem)
-        found, why = certify_pair(problem, gains, search), search.why_not(gains)
-    passed = {"pass": not why, "sentence": why or "linearly stable"}
-    data = {"problem": problem.name, "gains": file, **vars(gains), "deployable": passed, **found}
-    return rows.judge.pair_certificate(data | {"not_used": list(not_used(problem))}, problem, file)
-
-
-def _certify_wall(
-    problem: avc.Problem, coupling: Coupling, notes: list[str], args: argparse.Namespace, console: Console
-) -> Answer:
     from avc_casadi.claims.certify import proof_files
 
     proofs: dict[str, Any] = {}
@@ -95,6 +77,18 @@ def _certify_wall(
         data = rows.answers.certificate_data(found, console)
     data |= {"gains": args.gains or args.problem, "notes": notes + data["notes"], "proof_files": list(proofs)}
     return rows.judge.certificate(data, problem, args.problem if args.gains else "")
+
+
+def _certify_pair(problem: avc.Problem, gains: ToolGains, file: str, console: Console) -> Answer:
+    from avc_casadi.design.virtual_tool import FollowerSearch, ToolSearch, certify_pair
+    from avc_casadi.recommendation.preconditions import not_used
+
+    with console.step("certificate"):
+        search = FollowerSearch(problem) if problem.simulation is None else ToolSearch(problem)
+        found, why = certify_pair(problem, gains, search), search.why_not(gains)
+    passed = {"pass": not why, "sentence": why or "linearly stable"}
+    data = {"problem": problem.name, "gains": file, **vars(gains), "deployable": passed, **found}
+    return rows.judge.pair_certificate(data | {"not_used": list(not_used(problem))}, problem, file)
 
 
 @cli.verb(

@@ -45,7 +45,10 @@ def run_check(args: argparse.Namespace, console: Console) -> Answer:  # noqa: AR
     from avc_casadi.recommendation.preconditions import not_used, why_infeasible
 
     if is_device(args.problem):
-        return _device(args.problem)
+        file = avc.load_device(args.problem)
+        found = {"valid": True, **file.model_dump(mode="json", exclude_none=True)}
+        found["device"] = file.device.model_dump(mode="json", exclude_unset=True)
+        return rows.look.device(found, file.device.units, args.problem.removeprefix("devices/"))
     stated = avc.load_problem(args.problem)
     frequency, device = stated.frequencies_hz(), stated.device
     warnings = [{"key": fault.key, "message": fault.message} for fault in plausibility(stated)]
@@ -66,14 +69,6 @@ def run_check(args: argparse.Namespace, console: Console) -> Answer:  # noqa: AR
         "warnings": warnings,
     }
     return rows.look.problem(data, stated, args.problem)
-
-
-def _device(source: str) -> Answer:
-    """Check a device file; its faults are raised."""
-    file = avc.load_device(source)
-    data = {"valid": True, **file.model_dump(mode="json", exclude_none=True)}
-    data["device"] = file.device.model_dump(mode="json", exclude_unset=True)
-    return rows.look.device(data, file.device.units, source.removeprefix("devices/"))
 
 
 @cli.verb(

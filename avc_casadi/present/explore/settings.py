@@ -19,13 +19,6 @@ from avc_casadi.model.problem import Problem
 from avc_casadi.model.quantity import Quantity, Whole, power_at_handle
 from avc_casadi.model.table import Table, choices_of, inside, tables_of
 
-_GROUPS = {
-    "simulation": "Simulation",
-    "follower": "Follower",
-    "environment": "Wall",
-    "device": "Device",
-    "hands": "Hands",
-}
 # Largest value of a slider whose value is 0.
 _USUAL = {"N/m": 1e3, "N.s/m": 10.0, "kg": 1.0, "N": 10.0, "m": 1e-3, "s": 0.1, "Hz": 1e3, "samples": 8.0}
 
@@ -124,7 +117,8 @@ def _of_value(problem: Problem, key: str, hint: Any, value: Any) -> Iterator[Fie
     path = key.partition(".")[0]
     ending = re.compile(r"(_rms)?_(kg|ns_per_m|n_per_m|samples|hz|n|m|s)$")
     words = [problem.units.key(ending.sub("", part)) for part in key.removeprefix(f"{path}.").split(".")]
-    group, label, parts = _GROUPS[path], " ".join(words).replace("_", " "), list(inside(hint))
+    group = "Wall" if path == "environment" else path.capitalize()
+    label, parts = " ".join(words).replace("_", " "), list(inside(hint))
     validators = [one for one in (getattr(part, "func", None) for part in parts) if one is not None]
     if choices := choices_of(hint):
         yield Field(key, group, label, choices=tuple(choices))

@@ -147,12 +147,12 @@ def draw_zwidth(region: ZWidth) -> Figure:
     if np.isfinite(region.rule_n_per_m).any():
         rule = "linear rule (b + b_h + B)/(T/2 + t_d), Gil, Hulin et al. 2009"
         plane.plot(region.damping_ns_per_m, region.rule_n_per_m, **_THIN, linestyle=(0, (1, 1)), label=rule)
-    if region.passive_spring_n_per_m > 0:
-        name = "passive spring 2b/((1 + 2d) T), Diolaiti et al. 2006"
-        plane.axhline(region.passive_spring_n_per_m, **_THIN, linestyle=(0, (6, 1.5, 1, 1.5)), label=name)
-    if region.encoder_limit_n_per_m is not None:
-        name = "encoder and friction 2f_c/Δ, Abbott and Okamura 2005"
-        plane.axhline(region.encoder_limit_n_per_m, **_THIN, linestyle=(0, (2, 2)), label=name)
+    for limit, name, dash in (
+        (region.passive_spring_n_per_m, "passive spring 2b/((1 + 2d) T), Diolaiti et al. 2006", (6, 1.5, 1, 1.5)),
+        (region.encoder_limit_n_per_m, "encoder and friction 2f_c/Δ, Abbott and Okamura 2005", (2, 2)),
+    ):
+        if limit:
+            plane.axhline(limit, **_THIN, linestyle=(0, dash), label=name)
     widest = [region.target_damping_ns_per_m, *(damping[np.nan_to_num(k) > 0].max(initial=0.0) for k in shown[1:])]
     if (wanted := region.target_stiffness_n_per_m) > 0:
         # A wall without damping has no place on a logarithmic axis: the left edge.

@@ -65,7 +65,10 @@ def wall_rows(data: Mapping[str, Any], problem: Problem) -> list[Row]:
     failed, rest = _failed(data), data["rest"]
     text = f"linearly stable with every corner hand and released; {_CYCLES[rest['word']]}" if not failed else failed[0]
     stable = row("Stability", text, mark=Mark.FAIL if failed else grade(rest["word"] != "refuted", Mark.CAUTION))
-    stiffest = _stiffest(data)
+    stiffest: list[Row] = []
+    if data["stiffest_wall_n_per_m"]:
+        text = f"{{stiffest_wall_n_per_m}}, within {100 * UNNOTICED:.0f} % to a hand that moves; {data['no_stiffer']}"
+        stiffest = [row("Stiffest wall", fill(text, data)), *_limit(data)]
     found = [*_slips(data), *stiffest, _coupling(data, problem), *_rendered(data, problem), stable]
     if not data["deployable"]:
         return [*found, *_simulated(data)]
@@ -89,12 +92,6 @@ def wall_rows(data: Mapping[str, Any], problem: Problem) -> list[Row]:
         *subject.notes(asked_of_others(data["not_used"]), "Not used", Mark.NONE),
         *([] if stiffest else _limit(data)),
     ]
-
-
-def _stiffest(data: Mapping[str, Any]) -> list[Row]:
-    """Return what the stiffest wall is, if asked for, and what would allow a stiffer one."""
-    text = f"{{stiffest_wall_n_per_m}}, within {100 * UNNOTICED:.0f} % to a hand that moves; {data['no_stiffer']}"
-    return [row("Stiffest wall", fill(text, data)), *_limit(data)] if data["stiffest_wall_n_per_m"] else []
 
 
 def _far(data: Mapping[str, Any]) -> bool:
