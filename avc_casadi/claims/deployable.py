@@ -2,7 +2,7 @@
 
 Linearly stable with every hand of [hands] and released, over all of [device.range], on the loop of the device as
 declared, at the table's rows and between them; with state feedback for any gain of its dead zone and of its clip,
-without a nonlinear observer. The disk margin of the nominal device is 0.15 or what [robustness] asks for.
+without a nonlinear observer. The disk margin is 0.15 or what [robustness] asks for.
 """
 
 from __future__ import annotations

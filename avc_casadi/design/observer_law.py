@@ -64,7 +64,12 @@ def regulator(device: Device, hands: Hands, stiffness_n_per_m: float, guess: int
     innovation = model.innovation(unit * faster**3 * one.walk, forces)
     feedback = model.feedback(_POSITION, one.velocity * math.sqrt(light_kg / stiffness_n_per_m) / t)
     positions = tuple(place for place, name in enumerate(model.names) if name.endswith("_position_m"))
-    return _law(device, (model.state, model.push / stiffness_n_per_m, innovation, feedback), positions, model.measured)
+    # The push is counted from that which holds the handle where it is: a law starts at rest, with positions alone.
+    to = np.eye(len(model.push))
+    to[-1, model.measured] = -hand.stiffness_n_per_m / stiffness_n_per_m
+    back = np.linalg.inv(to)
+    parts = to @ model.state @ back, to @ model.push / stiffness_n_per_m, to @ innovation, feedback @ back
+    return _law(device, parts, positions, model.measured)
 
 
 def _law(device: Device, parts: tuple[FloatArray, ...], positions: tuple[int, ...], measures: int) -> StateFeedback:

@@ -18,6 +18,7 @@ from avc_casadi.coupling import Coupling
 from avc_casadi.loops.loop import Body
 from avc_casadi.loops.spectrum import ClosedLoops, lowest, root
 from avc_casadi.loops.wall import Rendering, closed, force_over_position, frozen_rendering
+from avc_casadi.model.corners import LINEAR_KEYS, device_corners
 from avc_casadi.model.hands import hand_corners, with_released
 from avc_casadi.model.plant import SampledPlant, sampled_plant
 from avc_casadi.model.runtime import StateFeedback
@@ -57,11 +58,13 @@ class OpenLoop:
 
     @classmethod
     def of(cls, coupling: Coupling) -> Self:
-        """Return the loop of a coupling, its gains with their runtime."""
+        """Return the loop of a coupling, on the corner of [device.range] with which its disk margin is the smallest."""
         problem, law = coupling.problem, coupling.runtime.state_feedback
-        corners = hand_corners(problem.hands.model_copy(update={"let_go": False}))
+        hands = with_released(hand_corners(problem.hands.model_copy(update={"let_go": False})))
         rendering = frozen_rendering(problem, *vars(coupling.table.at_rest).values())
-        return cls.around(sampled_plant(problem.device, with_released(corners)), rendering, law)
+        devices = device_corners(problem.device, LINEAR_KEYS)
+        loops = [cls.around(sampled_plant(device, hands), rendering, law) for device in devices]
+        return loops[0] if len(loops) == 1 else max(loops, key=lambda one: one.swings().max())
 
     @classmethod
     def around(cls, plant: SampledPlant, rendering: Rendering, law: StateFeedback | None = None) -> Self:
@@ -211,7 +214,7 @@ def _about(poles: ComplexArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class Transient:
-    """How the loop in contact settles after an impact, on the nominal device: the worst of some hands."""
+    """How the loop in contact settles after an impact, on the device of `OpenLoop.of`: the worst of some hands."""
 
     settling_s: float
     damping_ratio: float
