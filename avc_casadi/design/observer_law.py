@@ -129,19 +129,13 @@ class Structure:
         x = self.stiffness_n_per_m * (self.feedback @ inner)
         return np.asarray(x), np.asarray((self.closed[self.measures] @ inner) / z[..., None])
 
-    def observer_rows(self, z: ComplexArray) -> ComplexArray:
-        """Return O - 1 as rows of L at points z: the observer fed with the force as clipped, shape (..., n)."""
+    def differences(self, z: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
+        """Return O - 1 of the observer as rows of L, (..., n), and 1 - K R (z - A)^-1 B of the feedback, at z."""
         n = self.modelled
         found = np.zeros((*z.shape, len(self.force)), dtype=np.complex128)
         inner = np.linalg.inv(z[..., None, None] * np.eye(n) - self.state[:n, :n])
         found[..., :n] = inner[..., self.measures, :] @ self.state[:n, :n]
-        return found
-
-    def feedback_difference(self, z: ComplexArray) -> ComplexArray:
-        """Return the return difference of the feedback on the model, 1 - K R (z - A)^-1 B, at points z."""
-        n = self.modelled
-        moved = np.linalg.solve(z[..., None, None] * np.eye(n) - self.state[:n, :n], self.force[:n, None])
-        return np.asarray(1 - self.stiffness_n_per_m * (moved[..., 0] @ self.feedback[:n]))
+        return found, 1 - self.stiffness_n_per_m * (inner @ self.force[:n] @ self.feedback[:n])
 
     def observer_radius(self, gain: FloatArray) -> float:
         """Return the spectral radius of the observer alone."""

@@ -107,8 +107,7 @@ class Program:
         self.response = force_to_position(self.plants, self.z)
         self.x, self.y = self.structure.rows(self.z)
         self.phi = self.y + self.response[..., None] * self.x
-        self.observer = self.structure.observer_rows(self.z)
-        self.feedback_difference = self.structure.feedback_difference(self.z)
+        self.observer, self.feedback = self.structure.differences(self.z)
         z = np.exp(2j * np.pi * self._grid(8) * device.sample_time_s)
         x, y = self.structure.rows(z)
         # Of the denser grid on which margin and noise are judged: X, Y and Phi.
@@ -161,7 +160,7 @@ class Program:
         held = len(self.held[0])
         free = [np.abs(1 + passed * (phi[:held] - 1)).min() for passed in GAINS]
         # Stable at gain 1, so at each g where g G stays off 1; clipped still further it is weaker than friction.
-        difference = phi * self.feedback_difference / (1 + self.observer @ gain)
+        difference = phi * self.feedback / (1 + self.observer @ gain)
         cosine = np.cos(np.angle(difference) / 2)[np.abs(difference) < 1 / GAINS[-1]]
         x, y, rows = self.dense
         dense = 1 + rows @ gain

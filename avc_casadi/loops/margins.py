@@ -85,9 +85,6 @@ class OpenLoop:
         """The poles of each closed loop, shape (h, s)."""
         return self.closed.poles
 
-    def __len__(self) -> int:
-        return len(self.closed.maps)
-
     def gain(self, turn: FloatArray, who: IndexArray | slice = slice(None)) -> ComplexArray:
         """Return L at z = exp(j turn)."""
         body = self.body.axes(who)
@@ -117,8 +114,8 @@ class OpenLoop:
 
     def settling_s(self) -> FloatArray:
         """Return the time from an impact until the depth stays within `SETTLING_BAND` of its largest, shape (h,)."""
-        settling_s = np.full(len(self), np.inf)
         slowest = np.maximum(self.closed.radius, 1e-9)
+        settling_s = np.full(slowest.shape, np.inf)
         for row in np.flatnonzero(slowest < 1):
             every = 1 + int(math.log(1e-4) / math.log(slowest[row])) // 2**13
             depth = self.impact(1.0, 2**13, slice(row, row + 1), every)[0]
@@ -132,7 +129,7 @@ class OpenLoop:
 
     def least(self, some: slice = slice(None)) -> Margins:
         """Return the smallest margins of some of the loops, or of all."""
-        loops = np.arange(len(self))[some]
+        loops = np.arange(len(self.body.a))[some]
         turn = self.turns()
         gain = self.gain(turn, loops)
         of_phase = np.stack([np.sign(gain.imag), np.sign(np.abs(gain) - 1)])

@@ -70,8 +70,6 @@ def test_what_a_command_reads_it_does_not_write_over(tmp_path, capsys):
     assert not (tmp_path / "c.npz").exists()
 
 
-# Gains of another problem are refused or noted, and a table that cannot begin says so.
-
 EXIT_CODES_VERBS = [("certify", "soft", "gains.json"), ("simulate", "soft", "--gains", "gains.json")]
 
 
@@ -113,9 +111,6 @@ def test_help_of_verbs(verb):
     assert done.returncode == 0
     assert not HEAVY & set(done.stderr.decode().split())
     assert b"--json" in done.stdout
-
-
-# With --json, standard output is one JSON document and not a byte more, whatever libraries print.
 
 
 NOISE = """

@@ -175,9 +175,6 @@ def test_errors_weigh_a_tenth_outside_interaction_and_contact_damping_costs_its_
     assert abs(plain - error) > 1e-2 * cost
 
 
-# Hard cases of the schedule: corners, resonance, one stage and five thousand, Ctrl-C.
-
-
 def cost(gains):
     return float(gains.notes[0].split()[1].rstrip(":"))
 
@@ -200,9 +197,6 @@ COSTS |= {"ve6": 4.78478e-3, "ve7": 5.91201e-3}
 @pytest.mark.parametrize("name", COSTS)
 def test_the_cost_is_that_of_release_0_2_0(name):
     assert cost(solve(load_problem(name), "schedule")) == pytest.approx(COSTS[name], rel=1e-4)
-
-
-# Without a schedule the reasons name the constraint, the frequency and the amount, and that amount is enough.
 
 
 def amount(reason, pattern):
@@ -253,9 +247,6 @@ def test_slope_limit_that_the_scopes_exclude():
     assert "schedule.slope_limit" in gains.reason[0]
 
 
-# The schedule against the same problem in plain casadi.Opti, and against every path of a tiny lattice.
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("penalty", [0.05, 0.005])
 @pytest.mark.parametrize("limit", [np.inf, 3.0])
@@ -279,9 +270,6 @@ def test_lattice_programme_equals_all_paths(seed, limit, penalty):
     )
     assert (np.abs(np.diff(found, axis=1)) <= reach).all()
     assert total(found) == pytest.approx(best, rel=1e-12)
-
-
-# Where nothing joins the stages, the schedule is the separate optimum; elsewhere it is never better than that.
 
 
 def share(frequencies):

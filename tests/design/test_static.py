@@ -83,8 +83,6 @@ def test_printed_hold_ends_on_the_edge_of_llewellyn():
     assert inside >= 0 > outside
 
 
-# Tuned constant gains: stable with hands never seen, no better ones nearby, honest about what was tried.
-
 SMALL = {"draws": 8}
 
 

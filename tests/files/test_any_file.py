@@ -167,8 +167,6 @@ def test_a_row_that_is_none_is_refused(row, tmp_path):
         refused(read_coupling, path, "soft")
 
 
-# A file that is written is there whole or as it was before, whatever ends the process.
-
 # A full disk would cut off what Python caches of a module too.
 NO_CACHE = ENVIRONMENT | {"PYTHONDONTWRITEBYTECODE": "1"}
 FULL_DISK = """

@@ -69,8 +69,6 @@ def test_unphysical_numbers_are_refused(key, value):
     assert "allowed: " in fault.message
 
 
-# What a device declares is named, and values far from what is usual are doubted, not refused.
-
 PLAUSIBILITY_MODE = {"frequency_hz": 150.0, "damping_ratio": 0.05, "mass_ratio": 0.5}
 
 
@@ -98,8 +96,6 @@ def test_an_unlikely_value_is_doubted_and_valid(tables, key):
     assert doubt.key == key
     assert any(f"{key} {doubt.message}" in line for line in assumed(problem))
 
-
-# Values in the words of a data sheet become those of the file, or a fault that says what to write.
 
 ROTARY = (
     '[device]\nmotion = "rotary"\nhandle_radius_m = 0.05\ninertia_kgm2 = 1e-4\ndamping_nms_per_rad = 0.0\n'

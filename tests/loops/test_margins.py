@@ -10,6 +10,7 @@ from avc_casadi.coupling import Coupling
 from avc_casadi.loops.loop import Body
 from avc_casadi.loops.margins import OpenLoop
 from avc_casadi.loops.wall import frozen_rendering, observer_wall
+from avc_casadi.model.gains import Gains
 from avc_casadi.model.hands import hand_corners, with_released
 from avc_casadi.model.plant import sampled_plant
 
@@ -19,6 +20,16 @@ def fed_back():
     """A coupling with an observer and state feedback."""
     problem = avc.load_problem("reference-r2")
     return Coupling.of(problem, avc.solve(problem, "robust"))
+
+
+def test_a_damper_that_is_thin_at_an_end_of_a_range_is_not_deployable():
+    """At two samples of delay a tenth more of motor gain or less of mass makes the released device swing."""
+    device = {"mass_kg": 0.15, "damping_ns_per_m": 0.6, "delay_samples": 1, "encoder_resolution_m": 1e-5}
+    problem = avc.load_problem("spring").changed(device=device, environment={"stiffness_n_per_m": 5e3})
+    later = problem.changed(device={"range": {"delay_samples": (1, 2)}})
+    one, other = (avc.deployable(Coupling.constant(some, Gains(0.0, 1e12, 14.07), "x")) for some in (problem, later))
+    assert one.passed
+    assert [claim.name for claim in other.claims if not claim.passed] == ["disk-margin"]
 
 
 @pytest.mark.slow

@@ -157,3 +157,11 @@ def test_no_drawn_hand_and_share_is_worse_than_the_worst_that_is_found(seed):
 def test_a_law_that_is_unstable_at_a_lower_gain_of_its_force_is_not_deployable():
     claims = avc.deployable(feedback(avc.load_problem("figure5"), 2, slower=0.3)).claims
     assert [one.name for one in claims if not one.passed] == ["clip"]
+
+
+@pytest.mark.parametrize("name", ["reference-r1", "reference-r3"])
+def test_a_law_begins_at_rest(name):
+    law = feedback(avc.load_problem(name), 1).runtime.state_feedback
+    begun = np.isin(np.arange(law.states), law.positions).astype(float)
+    assert np.array(law.state) @ begun == pytest.approx(begun, abs=1e-6)
+    assert np.array(law.feedback) @ begun > 0  # no force outside the wall
