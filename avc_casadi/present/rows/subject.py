@@ -124,11 +124,12 @@ def deployable(verdict: Mapping[str, Any] | None) -> Row:
     """Return the verdict on deployment: the claims that hold, or the first that fails."""
     found = verdict or {"pass": False}
     if found["pass"]:
-        doubt = thin(found.get("disk_margin"))
-        text = f"yes: linearly stable with every corner hand and released{doubt}"
-        return row("Deployable", text, mark=Mark.CAUTION if doubt else Mark.PASS)
-    failed = [claim["sentence"] for claim in found.get("claims", ()) if not claim["pass"]]
-    why = failed[0] if failed else found.get("sentence", "no row has gains")
+        margin = found.get("disk_margin")
+        sound = "" if margin is None else f"; disk margin {margin:.2g}"
+        text = f"yes: linearly stable with every corner hand and released{thin(margin) or sound}"
+        return row("Deployable", text, mark=Mark.CAUTION if thin(margin) else Mark.PASS)
+    failed = (claim["sentence"] for claim in found.get("claims", ()) if not claim["pass"])
+    why = next(failed, found.get("sentence", "no row has gains"))
     return row("Deployable", f"no: {why}", mark=Mark.FAIL)
 
 
