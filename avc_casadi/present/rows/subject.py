@@ -129,8 +129,7 @@ def deployable(verdict: Mapping[str, Any] | None) -> Row:
         text = f"yes: linearly stable with every corner hand and released{thin(margin) or sound}"
         return row("Deployable", text, mark=Mark.CAUTION if thin(margin) else Mark.PASS)
     failed = (claim["sentence"] for claim in found.get("claims", ()) if not claim["pass"])
-    why = next(failed, found.get("sentence", "no row has gains"))
-    return row("Deployable", f"no: {why}", mark=Mark.FAIL)
+    return row("Deployable", "no:", next(failed, found.get("sentence", "no row has gains")), mark=Mark.FAIL)
 
 
 def counts(found: Mapping[str, int]) -> str:
