@@ -105,7 +105,7 @@ def traded(problem: Problem) -> dict[str, Any]:
     """What a disk margin costs, and where the answer stands."""
     found = avc.recommend(problem, hands=100)
     assert found.coupling is not None
-    errors = [[*one.error, one.ripple_n, one.disk_margin, one.meets_goals] for one in trade_off(problem)]
+    errors = [[*one.error, one.ripple_n, one.disk_margin, one.met] for one in trade_off(problem)]
     answer = measured(found.coupling)
     ripple_n = answer["noise_n_per_m"] * problem.device.encoder_resolution_m
     return {"answer": answer, "points": errors, "ripple_n": ripple_n}
