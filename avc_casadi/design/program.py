@@ -159,7 +159,7 @@ class Program:
             decay.append(float(self._decays(poles, row).min()))
         held = len(self.held[0])
         free = [np.abs(1 + passed * (phi[:held] - 1)).min() for passed in GAINS]
-        # Stable at gain 1, so at each g where g G stays off 1; clipped still further it is weaker than friction.
+        # Stable at gain 1, so at each lower g with g G off 1; below the last of `GAINS` the hand alone decides.
         difference = phi * self.feedback / (1 + self.observer @ gain)
         cosine = np.cos(np.angle(difference) / 2)[np.abs(difference) < 1 / GAINS[-1]]
         x, y, rows = self.dense
