@@ -205,13 +205,12 @@ def feedback_radius(coupling: Coupling) -> dict[str, Worst]:
     if max(one.delay_samples for one in device_corners(problem.device, ("delay_samples",))) > MAX_DELAY_SAMPLES:
         raise UnsupportedError(f"linear stability is computed up to {MAX_DELAY_SAMPLES} samples of delay")
     rendering = frozen_rendering(problem, *vars(coupling.table.at_rest).values())
+    ends, whole = np.array([0.0, 1.0]), np.ones(2)
 
-    def worst(hand: Ranges, least_share: float = 1.0, of: str = "innovation") -> Worst:
-        shares = (np.array([0.0, 1.0]), np.ones(2))[:: 1 if of == "innovation" else -1]
-
+    def worst(hand: Ranges, least_share: float, innovation: FloatArray = ends, force: FloatArray = whole) -> Worst:
         def leading(plant: SampledPlant, values: Mapping[str, FloatArray]) -> ComplexArray:
             # The loop is affine in the share.
-            loops = observer_wall(Body.of(plant).flat(), law, rendering, *shares)
+            loops = observer_wall(Body.of(plant).flat(), law, rendering, innovation, force)
             none, all_ = loops.maps
             return replace(loops, maps=none + values["share"][:, None, None] * (all_ - none)).leading
 
@@ -219,11 +218,11 @@ def feedback_radius(coupling: Coupling) -> dict[str, Worst]:
         return Worst(abs(value), device, held, float(values["share"][0]))
 
     boxes = hand_boxes(problem)
-    found = {"hands": worst(boxes[0]), "let-go": worst(boxes[-1])}
+    found = {"hands": worst(boxes[0], 1.0), "let-go": worst(boxes[-1], 1.0)}
     # With less than a hundredth the hand alone decides. A search may end in another maximum.
     some = {
         "dead-zone": [worst(boxes[0], 0.01)],
-        "clip": [worst(hand, 0.01, "force") for hand in (boxes[0], boxes[-1])],
+        "clip": [worst(hand, 0.01, whole, ends) for hand in (boxes[0], boxes[-1])],
     }
     return found | {name: max(found["hands"], *ones, key=lambda one: one.radius) for name, ones in some.items()}
 
