@@ -14,55 +14,69 @@ from functools import cached_property
 import numpy as np
 
 from avc_casadi._util.arrays import ComplexArray, FloatArray
+from avc_casadi.design.plants import PlantMatrices
 from avc_casadi.model.device import Device
 from avc_casadi.model.hands import Hand
 from avc_casadi.model.plant import DEVICE, Mode, device_plant, sampled_plant, transition
 from avc_casadi.model.problem import Hands, Problem
 from avc_casadi.model.runtime import MOST_STATES, StateFeedback
 
-Loops = tuple[FloatArray, FloatArray, FloatArray]
-
 
 @dataclass(frozen=True)
-class _Guess:
+class Guess:
     """Weight of a regulator, noises of its filter as forces, and the hand that it assumes."""
 
     velocity: float  # weight, in units of sqrt(K m)
     walk: float  # noise of the push
     motor: float  # noise of the force on the motor
-    hand: tuple[float, float, float]  # mass, damping and stiffness, over the middles of their ranges
+    hand_mass: float  # mass, damping and stiffness of the hand, over the middles of their ranges
+    hand_damping: float
+    hand_stiffness: float
 
 
-# Middles of what suits devices drawn at random: two dampers behind slow filters, and a spring.
-_GUESSES = (
-    _Guess(2.7, 0.0018, 0.23, (0.25, 4.8, 7.1)),
-    _Guess(4.2, 0.0036, 0.17, (0.083, 2.2, 2.0)),
-    _Guess(0.33, 0.0026, 0.38, (0.24, 4.7, 7.9)),
+GUESSES = (
+    Guess(velocity=2.7, walk=0.0018, motor=0.23, hand_mass=0.25, hand_damping=4.8, hand_stiffness=7.1),
+    Guess(velocity=4.2, walk=0.0036, motor=0.17, hand_mass=0.083, hand_damping=2.2, hand_stiffness=2.0),
+    Guess(velocity=0.33, walk=0.0026, motor=0.38, hand_mass=0.24, hand_damping=4.7, hand_stiffness=7.9),
 )
-GUESSES = range(len(_GUESSES))
-# Weight of the position, relative to that of the force: a regulator much stiffer than its wall is unstable at the lower
-# gain of a clipped force. Noise of the force on the handle. Frequency of the mode over the declared one, and damping.
-_POSITION, _HANDLE, _MODE = 1.1, 0.2, (0.9, 0.1)
-# Regularises states without weight or noise.
-_NOTHING = 1e-9
+"""The best of some 100 on 54 drawn devices: two dampers behind slow filters, and a spring."""
+# Relative to the weight of the force. A regulator much stiffer than its wall is unstable at the lower gain of a clipped
+# force.
+_POSITION_WEIGHT = 1.1
+_HANDLE_NOISE = 0.2
+# The observer's mode: its frequency over the declared one, and its damping ratio. A lower frequency is safer.
+_MODE_FREQUENCY, _MODE_DAMPING = 0.9, 0.1
+_REGULARISATION = 1e-9  # weight and noise of states that have none
+_SHORTEST_FILTER_S = 1e-3  # at shorter sample times the filter is as fast in seconds, at longer ones in samples
+_LEAST_HAND = {"mass_kg": 0.01, "damping_ns_per_m": 1.0, "stiffness_n_per_m": 10.0}
 
 
-def regulator(device: Device, hands: Hands, stiffness_n_per_m: float, guess: int) -> StateFeedback:
-    """Return one of the `GUESSES`."""
-    one, t = _GUESSES[guess], device.sample_time_s
-    # At a sample time below 1 ms the filter is as fast in seconds, above it in samples.
-    light_kg, faster = device.mass_kg + hands.mass_kg[0], min(1.0, t / 1e-3)
-    least = {"mass_kg": 0.01, "damping_ns_per_m": 1.0, "stiffness_n_per_m": 10.0}
-    middles = [max(sum(getattr(hands, name)) / 2, low * device.metres_per_unit**2) for name, low in least.items()]
-    hand = Hand(*(share * middle for share, middle in zip(one.hand, middles, strict=True)))
+def _assumed_hand(guess: Guess, device: Device, hands: Hands) -> Hand:
+    """Return the hand of a guess for the ranges of [hands]."""
+    middle_kg, middle_ns_per_m, middle_n_per_m = (
+        max(sum(getattr(hands, name)) / 2, least * device.metres_per_unit**2) for name, least in _LEAST_HAND.items()
+    )
+    return Hand(
+        guess.hand_mass * middle_kg,
+        guess.hand_damping * middle_ns_per_m,
+        guess.hand_stiffness * middle_n_per_m,
+    )
+
+
+def regulator(device: Device, hands: Hands, stiffness_n_per_m: float, guess: Guess) -> StateFeedback:
+    """Return the Kalman filter and regulator of a guess, before a wall of a stiffness."""
+    t = device.sample_time_s
+    light_kg, faster = device.mass_kg + hands.mass_kg[0], min(1.0, t / _SHORTEST_FILTER_S)
+    hand = _assumed_hand(guess, device, hands)
     mode = None
     if device.resonance is not None:
-        mode = Mode(device.resonance.frequency_hz * _MODE[0], _MODE[1], device.resonance.mass_ratio)
+        frequency_hz = _MODE_FREQUENCY * device.resonance.frequency_hz
+        mode = Mode(frequency_hz, _MODE_DAMPING, device.resonance.mass_ratio)
     model = _Model.of(device, hand, mode, stiffness_n_per_m)
     unit = light_kg / t**2 / stiffness_n_per_m
-    forces = unit * faster**2 * one.motor, unit * faster**2 * _HANDLE
-    innovation = model.innovation(unit * faster**3 * one.walk, forces)
-    feedback = model.feedback(_POSITION, one.velocity * math.sqrt(light_kg / stiffness_n_per_m) / t)
+    forces = unit * faster**2 * guess.motor, unit * faster**2 * _HANDLE_NOISE
+    innovation = model.innovation(unit * faster**3 * guess.walk, forces)
+    feedback = model.feedback(_POSITION_WEIGHT, guess.velocity * math.sqrt(light_kg / stiffness_n_per_m) / t)
     positions = tuple(place for place, name in enumerate(model.names) if name.endswith("_position_m"))
     # The push is counted from that which holds the handle where it is: a law starts at rest, with positions alone.
     to = np.eye(len(model.push))
@@ -104,8 +118,8 @@ class Structure:
     stiffness_n_per_m: float  # K
 
     @classmethod
-    def of(cls, problem: Problem, guess: int, filters: int) -> Structure:
-        """Return the model and feedback of one of the `GUESSES`, with filters from 3 Hz to T/4."""
+    def of(cls, problem: Problem, guess: Guess, filters: int) -> Structure:
+        """Return the model and feedback of a guess, with filters of the innovation from 3 Hz to 1/(4 T)."""
         t, stiffness = problem.device.sample_time_s, problem.environment.stiffness_n_per_m
         law = regulator(problem.device, problem.hands, stiffness, guess)
         n = law.states
@@ -132,48 +146,57 @@ class Structure:
     def differences(self, z: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
         """Return O - 1 of the observer as rows of L, (..., n), and 1 - K R (z - A)^-1 B of the feedback, at z."""
         n = self.modelled
-        found = np.zeros((*z.shape, len(self.force)), dtype=np.complex128)
-        inner = np.linalg.inv(z[..., None, None] * np.eye(n) - self.state[:n, :n])
-        found[..., :n] = inner[..., self.measures, :] @ self.state[:n, :n]
-        return found, 1 - self.stiffness_n_per_m * (inner @ self.force[:n] @ self.feedback[:n])
+        rows = np.zeros((*z.shape, len(self.force)), dtype=np.complex128)
+        inner = np.linalg.inv(z[..., None, None] * np.eye(n) - self.model)
+        rows[..., :n] = inner[..., self.measures, :] @ self.model
+        return rows, 1 - self.stiffness_n_per_m * (inner @ self.force[:n] @ self.feedback[:n])
+
+    @property
+    def model(self) -> FloatArray:
+        """A of the states that the force moves, without the filters."""
+        return self.state[: self.modelled, : self.modelled]
+
+    def observer(self, gain: FloatArray) -> FloatArray:
+        """Return A - A L C of the observer alone, by which its error decays."""
+        matrix = self.model.copy()
+        matrix[:, self.measures] -= self.model @ gain[: self.modelled]
+        return matrix
 
     def observer_radius(self, gain: FloatArray) -> float:
         """Return the spectral radius of the observer alone."""
-        n = self.modelled
-        matrix = self.state[:n, :n].copy()
-        matrix[:, self.measures] -= matrix @ gain[:n]
-        return float(np.abs(np.linalg.eigvals(matrix)).max())
+        return float(np.abs(np.linalg.eigvals(self.observer(gain))).max())
 
-    def loops(self, plants: Loops, gain: FloatArray, passed: float = 1.0) -> FloatArray:
-        """Return the closed loops of plants at a sector gain of the innovation, shape (p, s + n, s + n)."""
-        matrix, push, _ = plants
-        s, n = matrix.shape[-1], len(self.force)
-        loop = np.zeros((len(matrix), s + n, s + n))
-        loop[:, :s, :s], loop[:, s:, s:] = matrix, self.closed
-        loop[:, :s, s:] = push[:, :, None] * (self.stiffness_n_per_m * self.feedback)
-        seen, moved = self._through(plants)
-        loop += passed * (moved @ gain)[..., None] * seen
-        return loop
+    def loops(self, plants: PlantMatrices, gain: FloatArray, share: float = 1.0) -> FloatArray:
+        """Return the closed loops of p plants where a share of the innovation is passed, (p, s + n, s + n)."""
+        s, n = len(plants.measured), len(self.force)
+        loops = np.zeros((len(plants), s + n, s + n))
+        loops[:, :s, :s], loops[:, s:, s:] = plants.state, self.closed
+        loops[:, :s, s:] = plants.force[:, :, None] * (self.stiffness_n_per_m * self.feedback)
+        innovation, corrected = self._through(plants)
+        loops += share * (corrected @ gain)[..., None] * innovation
+        return loops
 
-    def _through(self, plants: Loops) -> tuple[FloatArray, FloatArray]:
+    def _through(self, plants: PlantMatrices) -> tuple[FloatArray, FloatArray]:
         """Return the row of the innovation over the states, and what a corrected state moves."""
-        _, push, measured = plants
         n = len(self.force)
-        seen = np.concatenate([measured, -np.eye(n)[self.measures]])
-        force = push[:, :, None] * (self.stiffness_n_per_m * self.feedback)
-        return seen, np.concatenate([force, np.broadcast_to(self.closed, (len(push), n, n))], axis=1)
+        innovation = np.concatenate([plants.measured, -np.eye(n)[self.measures]])
+        force = plants.force[:, :, None] * (self.stiffness_n_per_m * self.feedback)
+        corrected = np.concatenate([force, np.broadcast_to(self.closed, (len(plants), n, n))], axis=1)
+        return innovation, corrected
 
-    def slopes(self, plants: Loops, gain: FloatArray, passed: float, poles: ComplexArray) -> ComplexArray:
-        """Return the derivatives by L of one pole of the loop of each plant, shape (p, n), by inverse iteration."""
-        loops = self.loops(plants, gain, passed)
-        near = loops - ((1 + 1e-9) * poles)[:, None, None] * np.eye(loops.shape[-1])
+    def slopes(self, plants: PlantMatrices, gain: FloatArray, share: float, poles: ComplexArray) -> ComplexArray:
+        """Return the derivative by L of one pole of each plant's loop, (p, n): w' dA v/w'v by inverse iteration."""
+        loops = self.loops(plants, gain, share)
+        # Off the pole itself, where the matrix is singular.
+        shifted = loops - ((1 + 1e-9) * poles)[:, None, None] * np.eye(loops.shape[-1])
         right = left = np.ones((*loops.shape[:2], 1), dtype=np.complex128)
         for _ in range(3):
-            right, left = np.linalg.solve(near, right), np.linalg.solve(near.swapaxes(1, 2), left)
-            right, left = (one / np.linalg.norm(one, axis=1, keepdims=True) for one in (right, left))
-        seen, moved = self._through(plants)
-        over = (left * right).sum(axis=1)
-        return np.asarray(passed * (left.swapaxes(1, 2) @ moved)[:, 0] * (seen @ right) / over)
+            right, left = np.linalg.solve(shifted, right), np.linalg.solve(shifted.swapaxes(1, 2), left)
+            right /= np.linalg.norm(right, axis=1, keepdims=True)
+            left /= np.linalg.norm(left, axis=1, keepdims=True)
+        innovation, corrected = self._through(plants)
+        product = (left * right).sum(axis=1)
+        return np.asarray(share * (left.swapaxes(1, 2) @ corrected)[:, 0] * (innovation @ right) / product)
 
     def law(self, gain: FloatArray, problem: Problem) -> StateFeedback:
         """Return the law that runs; a damper of the wall acts on its position and is taken out of it before."""
@@ -230,7 +253,7 @@ class _Model:
         a, b = self.state[:-1, :-1], self.push[:-1]
         # Equilibrium where u = the measured position balances the disturbance: the wall's own stiffness.
         rest = np.linalg.solve(np.eye(len(b)) - a - np.outer(b, self._seen[:-1]), self.state[:-1, -1])
-        weight = np.full(len(b), _NOTHING)
+        weight = np.full(len(b), _REGULARISATION)
         weight[:2] += position**2, velocity**2
         cost = _riccati(a, b, np.diag(weight))
         gain = -(b @ cost @ a) / (1 + b @ cost @ b)
@@ -238,7 +261,7 @@ class _Model:
 
     def innovation(self, walk: float, forces: tuple[float, float]) -> FloatArray:
         """Return L: the stationary Kalman gain, with the encoder's noise as the unit of length."""
-        noise = np.full(len(self.push), _NOTHING)
+        noise = np.full(len(self.push), _REGULARISATION)
         noise[-1] += walk**2
         spread = np.diag(noise) + (self.kicks.T * np.square(forces)) @ self.kicks
         found = _riccati(self.state.T, self._seen, spread)[:, self.measured]

@@ -1,4 +1,4 @@
-"""Candidate couplings of `recommend`: springs and dampers, laws of the convex program, tuned gains."""
+"""Candidate couplings of `recommend`: springs and dampers, observer laws, tuned gains."""
 
 from __future__ import annotations
 

@@ -80,7 +80,7 @@ def recommend_wall(
     progress: Progress = SILENT,
     executor: Executor | None = None,
 ) -> Recommendation:
-    """Return the best of springs and dampers and laws of a convex program, confirmed by other hands and devices."""
+    """Return the best of springs and dampers and observer laws, confirmed by other hands and devices."""
     people = people_of(problem.hands, hands, seed)
     judging = partial(
         Evaluator, people=people, seed=seed, progress=progress, lean_on_friction=lean_on_friction, executor=executor

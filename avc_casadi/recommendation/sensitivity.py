@@ -77,10 +77,10 @@ def trade_off(problem: Problem, progress: Progress = SILENT) -> tuple[Trade, ...
     answer = None if none else next(iter(program_answers(problem, margins[0])), None)
     found: list[Trade] = []
     for done, margin in enumerate(margins):
-        progress.advance(done, len(margins), "convex programs of the trade-off")
+        progress.advance(done, len(margins), "laws of the trade-off")
         if answer is None:
             break
-        answer = answer if done == 0 else answer.with_goals(margin / answer.program.disk_margin)
+        answer = answer if done == 0 else answer.with_goals(margin / answer.program.goals.disk_margin)
         if found and abs(answer.performance.disk_margin - found[-1].disk_margin) < 0.01:
             continue
         one, two, three = answer.errors(np.array([1.0, 10.0, 30.0])).tolist()

@@ -117,7 +117,7 @@ def _problem(name: str) -> Problem:
 
 
 _PAGE = """\
-# The coupling of the convex program
+# The observer law
 
 {made}
 

@@ -20,7 +20,7 @@ import avc_casadi as avc
 from avc_casadi._util.progress import SILENT, Progress
 
 HERE = Path(__file__).parent
-_PACKAGES = ("casadi", "numpy", "scipy", "clarabel")
+_PACKAGES = ("casadi", "numpy", "scipy")
 
 
 def about(command: str, seed: int) -> dict[str, Any]:

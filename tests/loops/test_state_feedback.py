@@ -8,7 +8,7 @@ from hardware_bench import believer
 import avc_casadi as avc
 from avc_casadi.claims.hands import feedback_radius
 from avc_casadi.coupling import Coupling
-from avc_casadi.design.observer_law import regulator
+from avc_casadi.design.observer_law import GUESSES, regulator
 from avc_casadi.loops.loop import Body
 from avc_casadi.loops.wall import Rendering, force_over_position, frozen_rendering, observer_wall
 from avc_casadi.model.device import Device
@@ -120,7 +120,7 @@ def test_at_rest_the_wall_has_its_own_stiffness(seed):
     rng = np.random.default_rng(seed)
     device = random_device(rng)
     stiffness = float(np.exp(rng.uniform(np.log(300), np.log(2e4))))
-    law = regulator(device, Hands(), stiffness, seed % 3)
+    law = regulator(device, Hands(), stiffness, GUESSES[seed % 3])
     rendering = Rendering(np.array([[stiffness, 0.0, 0.0]]), np.zeros((1, 3)))
     force = at(law, rendering, np.array([1e-7 / device.sample_time_s]), device.sample_time_s)[0]
     assert force.real == pytest.approx(stiffness, rel=1e-3)
@@ -128,7 +128,7 @@ def test_at_rest_the_wall_has_its_own_stiffness(seed):
 
 def feedback(problem, guess, slower=1.0):
     """The wall of a problem behind a regulator, its observer slowed."""
-    law = regulator(problem.device, problem.hands, problem.environment.stiffness_n_per_m, guess)
+    law = regulator(problem.device, problem.hands, problem.environment.stiffness_n_per_m, GUESSES[guess])
     law = law.model_copy(update={"innovation": tuple(slower * np.array(law.innovation))})
     return Coupling.constant(problem, Gains(0.0, 1e8), "x", Runtime(state_feedback=law))
 

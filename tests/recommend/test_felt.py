@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 import avc_casadi as avc
 from avc_casadi.coupling import Coupling
-from avc_casadi.design.observer_law import regulator
+from avc_casadi.design.observer_law import GUESSES, regulator
 from avc_casadi.model.gains import Gains, near_rigid_n_per_m
 from avc_casadi.model.runtime import Runtime
 from avc_casadi.recommendation.felt import NOTICED_N, SLOW_M_PER_S, contact_onset_m, rebound, ripple, shaken
@@ -71,7 +71,7 @@ def test_of_a_contact_damper_behind_a_coarse_encoder(hz):
 def test_of_a_law_with_a_dead_zone(hz):
     step = 15e-6
     stated = problem(encoder_resolution_m=step)
-    law = regulator(stated.device, stated.hands, WALL, 2)
+    law = regulator(stated.device, stated.hands, WALL, GUESSES[2])
     coupling = Coupling.constant(stated, Gains(0.0, 1e12), "mine", Runtime(state_feedback=law))
     a, b, gain, weight = (np.array(part) for part in (law.state, law.force_m_per_n, law.innovation, law.feedback))
 

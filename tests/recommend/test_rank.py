@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 import avc_casadi as avc
 from avc_casadi.claims.prove.rest import Rest
 from avc_casadi.coupling import Coupling
-from avc_casadi.design.observer_law import regulator
+from avc_casadi.design.observer_law import GUESSES, regulator
 from avc_casadi.loops.walls import stiffest_wall
 from avc_casadi.model.corners import device_with
 from avc_casadi.model.gains import Gains, spring_before
@@ -153,7 +153,7 @@ def test_hands_that_had_no_part_in_the_choice_can_refute_it():
 def test_a_law_is_made_for_the_coarsest_encoder_of_the_declared_range():
     stated = avc.load_problem("reference-r1")
     ranged = stated.changed(device={"range": {"encoder_resolution_m": [1e-5, 6e-5]}})
-    zones = [regulator(one.device, one.hands, 3000.0, 0).dead_zone_m for one in (stated, ranged)]
+    zones = [regulator(one.device, one.hands, 3000.0, GUESSES[0]).dead_zone_m for one in (stated, ranged)]
     assert zones[1] / zones[0] == pytest.approx(6e-5 / stated.device.encoder_resolution_m)
 
 
