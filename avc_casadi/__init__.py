@@ -20,6 +20,8 @@ place, and the next step.
 
 from __future__ import annotations
 
+from avc_casadi._util.page import print_by as _print_by
+
 TYPE_CHECKING = False  # typing takes long to load, and Ctrl-C meanwhile is a traceback
 
 __version__ = "0.3.0"
@@ -31,6 +33,15 @@ __all__ += ["catalogue", "catalogue_path", "certify", "certify_law", "compare", 
 __all__ += ["dump_problem", "fault_document", "figures", "load_device", "load_problem", "parse_problem"]
 __all__ += ["read_coupling", "recommend", "screen", "simulate", "simulate_batch", "solve"]
 __all__ += ["write_coupling", "zwidth"]
+
+
+def _text_of(result: object) -> str:
+    from avc_casadi.present.rows.answers import text_of  # noqa: PLC0415 - the rows are loaded at the first print
+
+    return text_of(result)
+
+
+_print_by(_text_of)
 
 if TYPE_CHECKING:
     from avc_casadi._errors import (

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from importlib import import_module
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from avc_casadi._util.page import printed
 from avc_casadi._util.text import number
 from avc_casadi._util.units import LINEAR, Units
 
@@ -43,7 +43,7 @@ class Printed:
     def __str__(self) -> str:
         if self._problem is None:
             return repr(self)
-        return str(import_module("avc_casadi.present.rows.answers").text_of(self))  # which stands above results
+        return printed(self)
 
 
 class Tabular(Printed, ABC):

@@ -19,10 +19,11 @@ from avc_casadi.claims.port import CouplingSlack, RenderingSlack, passive_hand, 
 from avc_casadi.claims.worst_frequency import RELATIVE_TOLERANCE, lowest_of, worst_margin
 from avc_casadi.coupling import Coupling
 from avc_casadi.loops.wall import RADIUS_TOLERANCE, SampledLoop, fractions, linear_stability, rigid
-from avc_casadi.model.corners import LINEAR_KEYS, device_corners, least_damped
+from avc_casadi.model.corners import LINEAR_KEYS, device_corners
 from avc_casadi.model.device import Device
 from avc_casadi.model.gains import GainSchedule
 from avc_casadi.model.problem import Model, Problem
+from avc_casadi.model.problem_ranges import least_damped
 
 Where = Literal["own", "band", "all"]
 """Frequencies at which a row is judged: its own, a band about it, or all."""

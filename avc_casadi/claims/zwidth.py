@@ -22,11 +22,11 @@ from avc_casadi.loops.wall import Fractions, passive_limit_n_per_m, rigid
 from avc_casadi.loops.walls import Stretches, stable_walls
 from avc_casadi.model import EFFECTS
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners
+from avc_casadi.model.declared import declared, declared_effects
 from avc_casadi.model.device import Device
 from avc_casadi.model.hands import hand_set, no_hand
 from avc_casadi.model.problem import Model, Problem
 from avc_casadi.model.runtime import PLAIN, Poles, VelocityFilterEffect, low_pass, velocity_poles
-from avc_casadi.model.scene import declared, declared_effects
 
 
 @dataclass(frozen=True, eq=False)

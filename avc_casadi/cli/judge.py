@@ -152,7 +152,7 @@ def _simulated_pair(
     problem: avc.Problem, coupling: Coupling | None, args: argparse.Namespace, console: Console
 ) -> dict[str, Any]:
     """Simulate a coupling to a simulation, the recommended one where none is given."""
-    from avc_casadi.model.scene import with_gains
+    from avc_casadi.model.declared import with_gains
 
     gains = (coupling or cli.recommended_coupling(problem, console)).gains
     staged = with_gains(problem, gains)

@@ -40,7 +40,7 @@ def run_check(args: argparse.Namespace, console: Console) -> Answer:  # noqa: AR
     from avc_casadi.files.plausibility import plausibility
     from avc_casadi.files.problem_file import is_device, problem_document
     from avc_casadi.loops.wall import passive_limit_n_per_m
-    from avc_casadi.model.scene import declared
+    from avc_casadi.model.declared import declared
     from avc_casadi.recommendation.pair import unusual
     from avc_casadi.recommendation.preconditions import not_used, why_infeasible
 

@@ -9,9 +9,9 @@ from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.design.registry import METHODS, Method, MethodName
 from avc_casadi.files.problem_file import AnyProblem, of_problem, with_wall
 from avc_casadi.model.corners import LINEAR_KEYS
+from avc_casadi.model.declared import declared
 from avc_casadi.model.gains import GainSchedule
 from avc_casadi.model.problem import Problem
-from avc_casadi.model.scene import declared
 
 _UNUSED_RANGES = {f"device.range.{key}" for key in LINEAR_KEYS} - {
     "device.range.mass_kg",

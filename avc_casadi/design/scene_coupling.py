@@ -9,11 +9,11 @@ from typing import Any
 from avc_casadi.coupling import Coupling
 from avc_casadi.design.methods import solve
 from avc_casadi.files.problem_file import AnyProblem, as_problem, of_problem
+from avc_casadi.model.declared import left_out, scene_effects
 from avc_casadi.model.effects import GuardEffect
 from avc_casadi.model.gains import NO_COUPLING, Gains, GainSchedule, GainTable
 from avc_casadi.model.hands import Hand
 from avc_casadi.model.problem import Problem
-from avc_casadi.model.scene import left_out, scene_effects
 from avc_casadi.simulation.scene import AnyGains, Run
 from avc_casadi.simulation.scene import simulate as simulate_with
 from avc_casadi.simulation.screen import Screening

@@ -15,9 +15,9 @@ import numpy as np
 from avc_casadi._util.arrays import BoolArray, FloatArray
 from avc_casadi.claims.hands import ScopeSlack, deciding_frequencies_hz, scope_band_hz, scope_slack
 from avc_casadi.loops.wall import frozen_parts, linear_stability
-from avc_casadi.model.corners import corner_problems, least_damped
 from avc_casadi.model.hands import hand_corners
 from avc_casadi.model.problem import Problem
+from avc_casadi.model.problem_ranges import corner_problems, least_damped
 from avc_casadi.paper.equations import Loop, coupling_impedance, loop_at
 from avc_casadi.paper.numbers import Complex, ComplexExpr, Real, abs2, casadi_numbers
 from avc_casadi.paper.realism import bound_magnitudes, relative_errors

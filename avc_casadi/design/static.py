@@ -18,9 +18,9 @@ from avc_casadi._util.units import Units
 from avc_casadi.claims.llewellyn import llewellyn_margin
 from avc_casadi.claims.worst_frequency import worst_margin
 from avc_casadi.loops.wall import SampledLoop
-from avc_casadi.model.corners import margin_over_range
 from avc_casadi.model.gains import Gains, GainSchedule, Status
 from avc_casadi.model.problem import Model, Problem
+from avc_casadi.model.problem_ranges import margin_over_range
 from avc_casadi.model.runtime import StateFeedback
 from avc_casadi.paper.equations import loop_at
 from avc_casadi.paper.realism import relative_errors

@@ -17,11 +17,12 @@ from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi._util.text import quantity
 from avc_casadi.design.schedule import solve_schedule
 from avc_casadi.design.static import constant_schedule
+from avc_casadi.model.declared import scene_effects
 from avc_casadi.model.effects import HandEffect, WallEffect
 from avc_casadi.model.gains import Gains, GainSchedule, gains_at
 from avc_casadi.model.hands import hand_set
 from avc_casadi.model.problem import Boundaries, Frequency, Impedance, Problem, Structure
-from avc_casadi.model.scene import Scene, scene_effects
+from avc_casadi.model.scene import Scene
 from avc_casadi.paper.equations import loop_at
 from avc_casadi.paper.realism import relative_errors
 from avc_casadi.simulation.scene import simulate_batch

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
-from functools import lru_cache
 from itertools import product
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -15,10 +14,6 @@ from avc_casadi.model.device import Device, DeviceRange
 from avc_casadi.model.effects import Effect, JitterEffect
 from avc_casadi.model.quantity import LEAST_DELAY_SAMPLES, DiskMargin, Force, GainMargin, MassShare, Share
 from avc_casadi.model.table import Table
-
-if TYPE_CHECKING:
-    from avc_casadi.model.problem import Problem
-
 
 LINEAR_KEYS = (
     "mass_kg",
@@ -87,28 +82,6 @@ def linear_values(device: Device) -> dict[str, float]:
         if value is not None:
             found[key] = value
     return found
-
-
-# Cached: every check of a schedule needs the corners of the same few problems.
-@lru_cache(maxsize=16)
-def corner_problems(problem: Problem) -> tuple[Problem, ...]:
-    """Return the problem at the corners of the ranges of device mass and damping, each device without ranges."""
-    corners = device_corners(problem.device, ("mass_kg", "damping_ns_per_m"))
-    return tuple(problem.changed(device=corner) for corner in corners)
-
-
-@lru_cache(maxsize=16)
-def least_damped(problem: Problem, credit_ns_per_m: float = 0.0) -> Problem:
-    """Return the problem with the lowest damping that its device may have: Re Z_h grows with it."""
-    lowest = min(device.damping_ns_per_m for device in device_corners(problem.device, ("damping_ns_per_m",)))
-    known = {"damping_ns_per_m": lowest + credit_ns_per_m, "range": {"damping_ns_per_m": None}}
-    return problem.changed(device=known)
-
-
-def margin_over_range(problem: Problem) -> float:
-    """Return the Re Z_h of the nominal device at which every device of its range keeps the margin, N.s/m."""
-    spread = problem.device.damping_ns_per_m - least_damped(problem).device.damping_ns_per_m
-    return problem.stability.margin_ns_per_m + spread
 
 
 class Robustness(Table):

@@ -3,19 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, SerializeAsAny, ValidationError
 
 from avc_casadi.model import EFFECTS, METHODS
-from avc_casadi.model import effects as e
 from avc_casadi.model import quantity as q
 from avc_casadi.model import table as t
 from avc_casadi.model.effects import Effect
-
-if TYPE_CHECKING:
-    from avc_casadi.model.ends import ToolGains
-    from avc_casadi.model.problem import Problem
 
 
 class _Motion(t.Table):
@@ -114,67 +109,3 @@ class Scene(t.Table):
     substeps: q.Substeps = 1
     motion: Motion = Press()
     effects: Annotated[tuple[SerializeAsAny[Effect], ...], BeforeValidator(_effects)] = ()
-
-
-def declared(problem: Problem) -> tuple[str, ...]:
-    """Return the keys by which the device is more than a mass with a damper, exactly known and without delay."""
-    device = problem.device
-    stated = {"motion", "handle_radius_m", "mass_kg", "damping_ns_per_m", "sample_time_s", "held", "range"}
-    # These have no effect alone.
-    lag = {"amplifier_damping_ratio"} if device.amplifier_order == 1 else set()
-    idle = {"amplifier_order", "amplifier_damping_ratio"} if device.amplifier_bandwidth_hz is None else lag
-    idle |= {"encoder_at"} if device.resonance is None else set()
-    found = [
-        f"device.{key}"
-        for key, field in type(device).model_fields.items()
-        if key not in stated | idle and getattr(device, key) != field.default
-    ]
-    found += [f"device.range.{key}" for key, ends in device.range if key not in {"resonance", *lag} and ends]
-    found += [f"device.range.resonance.{key}" for key, ends in device.range.resonance if ends]
-    return (*found, "detent") if problem.detent is not None else tuple(found)
-
-
-def declared_effects(problem: Problem) -> tuple[e.Effect, ...]:
-    """Return the scene tables of a hand, a wall or a simulation, and all that the device declares."""
-    device = problem.device
-    at_handle = device.encoder_at == "handle" and device.resonance is not None
-    found: list[tuple[bool, e.Effect]] = [
-        (True, e.HandEffect()),
-        (problem.simulation is None, e.WallEffect()),
-        (problem.simulation is not None, e.SimulationEffect()),
-        (problem.detent is not None, e.DetentEffect()),
-        (device.resonance is not None, e.ResonanceEffect()),
-        (device.coulomb_friction_n > 0, e.CoulombFrictionEffect()),
-        (device.backlash_m > 0 and not at_handle, e.BacklashEffect()),
-        (device.position_noise_rms_m > 0, e.NoiseEffect()),
-        (device.encoder_resolution_m > 0 or at_handle, e.EncoderEffect()),
-        (device.delay_samples > 0, e.DelayEffect()),
-        (device.max_force_n is not None, e.SaturationEffect()),
-        (device.amplifier_bandwidth_hz is not None, e.AmplifierEffect()),
-    ]
-    return tuple(effect for there, effect in found if there)
-
-
-def scene_effects(problem: Problem) -> tuple[e.Effect, ...]:
-    """Return the effects that a scene lists, or if it lists none all declared ones."""
-    return problem.scene.effects or declared_effects(problem)
-
-
-def with_gains(problem: Problem, gains: ToolGains) -> Problem:
-    """Return the problem with a scene in which the engine is joined to the device by these gains."""
-    joined = tuple(
-        one.model_copy(update=vars(gains)) if isinstance(one, e.SimulationEffect) and not one.stiffness_n_per_m else one
-        for one in scene_effects(problem)
-    )
-    return problem.changed(scene={"effects": joined, "coupling": "none"})
-
-
-def left_out(problem: Problem) -> tuple[str, ...]:
-    """Return the kinds of declared effects that a scene with a list of effects does not simulate."""
-    listed = {effect.kind for effect in scene_effects(problem)}
-    roles = {EFFECTS[kind].role for kind in listed} - {""}
-    return tuple(
-        effect.kind
-        for effect in declared_effects(problem)
-        if effect.kind not in listed and EFFECTS[effect.kind].role not in roles
-    )

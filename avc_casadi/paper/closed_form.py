@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray
-from avc_casadi.model.corners import margin_over_range
 from avc_casadi.model.gains import GainSchedule, Status
 from avc_casadi.model.problem import Problem
+from avc_casadi.model.problem_ranges import margin_over_range
 from avc_casadi.paper.equations import Loop, coupling_gains, environment_impedance, loop_at
 from avc_casadi.paper.rows import gain_schedule, pointwise_notes
 

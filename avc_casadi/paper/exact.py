@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from avc_casadi._util.arrays import ComplexArray, FloatArray
 from avc_casadi._util.progress import SILENT, Progress
-from avc_casadi.model.corners import least_damped, margin_over_range
 from avc_casadi.model.gains import GainSchedule, Status
 from avc_casadi.model.problem import Problem
+from avc_casadi.model.problem_ranges import least_damped, margin_over_range
 from avc_casadi.paper.equations import Loop, coupling_gains, coupling_impedance, loop_at
 from avc_casadi.paper.numbers import abs2
 from avc_casadi.paper.rows import (

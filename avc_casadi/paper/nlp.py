@@ -10,8 +10,8 @@ import casadi as ca
 import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, FloatArray
-from avc_casadi.model.corners import margin_over_range
 from avc_casadi.model.problem import Problem
+from avc_casadi.model.problem_ranges import margin_over_range
 from avc_casadi.paper.equations import Loop, SampleAngle, coupling_impedance
 from avc_casadi.paper.numbers import ComplexExpr, abs2, casadi_numbers
 from avc_casadi.paper.rows import GainArrays, admissible

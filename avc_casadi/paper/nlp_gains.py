@@ -8,8 +8,8 @@ import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, FloatArray, IndexArray
 from avc_casadi._util.progress import SILENT, Progress
-from avc_casadi.model.corners import margin_over_range
 from avc_casadi.model.problem import Problem
+from avc_casadi.model.problem_ranges import margin_over_range
 from avc_casadi.paper.closed_form import Quotient
 from avc_casadi.paper.equations import Loop, coupling_gains, coupling_impedance
 from avc_casadi.paper.nlp_solver import NlpRows, NlpSolvers, nlp_solvers

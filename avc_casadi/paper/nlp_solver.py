@@ -17,8 +17,8 @@ import numpy as np
 from avc_casadi._errors import InputError, UnsupportedError
 from avc_casadi._util.arrays import ComplexArray, FloatArray, IndexArray
 from avc_casadi._util.interrupt import DeferredInterrupt
-from avc_casadi.model.corners import margin_over_range
 from avc_casadi.model.problem import Problem
+from avc_casadi.model.problem_ranges import margin_over_range
 from avc_casadi.paper.equations import Loop
 from avc_casadi.paper.nlp import coupling_nlp, nlp_parameters
 from avc_casadi.paper.numbers import abs2

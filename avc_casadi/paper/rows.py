@@ -8,9 +8,9 @@ import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray
 from avc_casadi._util.progress import Progress, chunks
-from avc_casadi.model.corners import margin_over_range
 from avc_casadi.model.gains import GainSchedule, Status
 from avc_casadi.model.problem import Problem
+from avc_casadi.model.problem_ranges import margin_over_range
 from avc_casadi.model.runtime import StateFeedback
 from avc_casadi.paper.equations import (
     Loop,

@@ -26,11 +26,11 @@ from avc_casadi.model.corners import (
     linear_values,
     unmodelled,
 )
+from avc_casadi.model.declared import declared
 from avc_casadi.model.device import Device
 from avc_casadi.model.effects import Effect
 from avc_casadi.model.hands import Hand, StylusHand, hand_corners
 from avc_casadi.model.problem import Problem
-from avc_casadi.model.scene import declared
 from avc_casadi.recommendation.rank import Candidate, best_of, error_in_motion
 from avc_casadi.simulation.population.operators import GRIPS, draw_hands, draw_population, loose_grips, people_of
 from avc_casadi.simulation.population.trial import CouplingTrial, residual_speeds, try_coupling, try_on_devices

@@ -15,11 +15,11 @@ from avc_casadi.loops.wall import MAX_DELAY_SAMPLES
 from avc_casadi.loops.walls import damping_range, softest_wall_n_per_m
 from avc_casadi.model import EFFECTS
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners
+from avc_casadi.model.declared import declared, declared_effects
 from avc_casadi.model.device import Device
 from avc_casadi.model.ends import RIGID_N_PER_M, VirtualTool
 from avc_casadi.model.hands import hand_corners, with_released
 from avc_casadi.model.problem import Frequency, Problem
-from avc_casadi.model.scene import declared, declared_effects
 from avc_casadi.simulation.population.trial import CouplingTrial
 
 SLIP = "what may be a slip: "

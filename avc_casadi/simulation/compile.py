@@ -15,10 +15,11 @@ from avc_casadi._util.arrays import FloatArray
 from avc_casadi._util.interrupt import DeferredInterrupt
 from avc_casadi.coupling import contact_law
 from avc_casadi.model import EFFECTS
+from avc_casadi.model.declared import scene_effects
 from avc_casadi.model.gains import NO_COUPLING, Gains
 from avc_casadi.model.plant import DEVICE, GROUND, HANDLE, LinearPlant, Plant
 from avc_casadi.model.problem import Contact, Problem
-from avc_casadi.model.scene import Free, Motion, Stroke, Tap, scene_effects
+from avc_casadi.model.scene import Free, Motion, Stroke, Tap
 from avc_casadi.simulation.advance import Advance, Drive, MatrixExponential, TaylorSeries
 from avc_casadi.simulation.contact import Environment, coupling_parameters, wall_force
 from avc_casadi.simulation.effects.base import SceneEffect, Station

@@ -18,10 +18,10 @@ from avc_casadi._util.printed import Columns, Tabular
 from avc_casadi._util.units import LINEAR, Units
 from avc_casadi.coupling import Coupling, check_sample_time, require_coupling, thinned
 from avc_casadi.model import EFFECTS
+from avc_casadi.model.declared import scene_effects
 from avc_casadi.model.gains import NO_COUPLING, Gains, GainSchedule, GainTable, gains_at
 from avc_casadi.model.hands import Hand, StylusHand
 from avc_casadi.model.problem import Problem
-from avc_casadi.model.scene import scene_effects
 from avc_casadi.simulation.compile import CompiledScene, build_effects, compile_scene
 from avc_casadi.simulation.effects.base import SceneEffect
 from avc_casadi.simulation.effects.computation import Adaptation

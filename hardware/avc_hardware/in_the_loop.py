@@ -11,14 +11,15 @@ import numpy as np
 from avc_casadi import UnsupportedError
 from avc_casadi.coupling import Coupling, require_coupling
 from avc_casadi.model import EFFECTS
+from avc_casadi.model.declared import scene_effects
 from avc_casadi.model.effects import HandEffect, WallEffect
 from avc_casadi.model.plant import HANDLE
-from avc_casadi.model.scene import scene_effects
 from avc_casadi.simulation.compile import build_effects, mechanics_of, target_of
 from avc_casadi.simulation.effects.interface import Delay
 from avc_casadi.simulation.judge import Traces
 from avc_casadi.simulation.population.motions import TRIAL_S, course_of
 from avc_hardware.codegen.figures import board_limits, device_config
+from avc_hardware.codegen.tick_program import packed_config
 from avc_hardware.emulator.bench import BenchPlant, force_of_code
 from avc_hardware.emulator.board import EmulatedBoard
 from avc_hardware.emulator.machine import CLOCK_HZ
@@ -72,7 +73,7 @@ class FirmwareInTheLoop:
         self.trace = LoopTrace()
         self.board = EmulatedBoard(limits=limits, encoder=lambda _: self._encoder(), on_force_code=self._actuate)
         self.connection = Connection(self.board, session=1)
-        self.connection.configure(device_config(problem.device))
+        self.connection.configure(packed_config(device_config(problem.device)))
         # Its encoder and its output are those of this device, whatever a coupling was made for.
         self.connection.device = replace(self.connection.device, bound=True)
 

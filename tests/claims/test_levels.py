@@ -17,9 +17,9 @@ from avc_casadi.claims.worst_frequency import worst_margin
 from avc_casadi.design.methods import solve
 from avc_casadi.design.static import static_coupling
 from avc_casadi.loops.wall import SampledLoop, frozen_parts, linear_stability
-from avc_casadi.model.corners import least_damped
 from avc_casadi.model.gains import Status
 from avc_casadi.model.hands import hand_corners, hand_set
+from avc_casadi.model.problem_ranges import least_damped
 from avc_casadi.paper.equations import loop_at
 from avc_casadi.paper.rows import gain_schedule
 

@@ -18,9 +18,8 @@ PACKAGES = (avc, avc_hardware)
 def exported(package):
     """Return the names that a type checker sees."""
     tree = ast.parse(Path(package.__file__).read_text(encoding="utf-8"))
-    imports = [
-        node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) and str(node.module).startswith("avc_")
-    ]
+    branches = [node for node in tree.body if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"]
+    imports = [node for branch in branches for node in branch.body if isinstance(node, ast.ImportFrom)]
     return sorted(alias.asname or alias.name for node in imports for alias in node.names)
 
 

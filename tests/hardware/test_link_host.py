@@ -29,6 +29,7 @@ from avc_casadi.model.gains import Gains
 from avc_casadi.model.runtime import Runtime, StateFeedback
 from avc_hardware import Connection, TableImage
 from avc_hardware.codegen.figures import Config
+from avc_hardware.codegen.tick_program import packed_config
 from avc_hardware.link import messages as m
 from avc_hardware.link.faults import Reason, Refusal
 from avc_hardware.link.messages import Kind
@@ -98,7 +99,10 @@ def test_settings_of_the_coupling_come_with_it_and_those_of_the_device_stay() ->
     assert (found.bound, found.limits) == (True, unwatched())
     other = Config(unwatched(max_force_n=8.0), found.figures)
     connection = Connection(HostLink(core))
-    for config, told in ((other.packed(), "of another device"), (other.packed()[:-1] + b"?", "the checksum")):
+    for config, told in (
+        (packed_config(other), "of another device"),
+        (packed_config(other)[:-1] + b"?", "the checksum"),
+    ):
         with pytest.raises(LinkError, match=told):
             connection.run(connection.session.push(replace(image(5), config=config), connection.device))
         assert Connection(HostLink(core)).device.config_crc32 == found.config_crc32

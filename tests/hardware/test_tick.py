@@ -24,6 +24,7 @@ from avc_casadi.model.runtime import Runtime
 from avc_casadi.simulation.runtime.estimators import EstimatorSettings, estimator_step
 from avc_hardware import BoardLimits, Connection, EmulatedBoard, RuntimeFigures, TableImage
 from avc_hardware.codegen.figures import Config
+from avc_hardware.codegen.tick_program import packed_config
 from avc_hardware.emulator.machine import CLOCK_HZ
 from avc_hardware.link.table import lookup
 
@@ -161,7 +162,7 @@ def send_all(link: EmulatedBoard, board: str = "1 ms") -> tuple[int, ...]:
     """Push configuration and tables with time between; return the tick of the first and those before each swap."""
     with Connection(link, session=1) as connection:
         session = connection.session
-        alone = TableImage.alone(Config(limits(board), BOARDS[board][0]))
+        alone = TableImage.alone(packed_config(Config(limits(board), BOARDS[board][0])))
         swaps = [connection.run(session.push(alone, connection.device)).ticks]
         for table in tables(board):
             upload = connection.run(session.push(table, connection.device))
@@ -254,7 +255,7 @@ def device_lookup(made: Coupling, frequency: Float32Array) -> Float32Array:
     table = ctypes.create_string_buffer(32 + 256 * 16 + 256 * 4 + 513 * 2 + 256)
     image = TableImage.of(made).image
     ctypes.memmove(table, image, len(image))
-    library.avc_table_prepare(table, Config(BoardLimits(), RuntimeFigures()).packed())
+    library.avc_table_prepare(table, packed_config(Config(BoardLimits(), RuntimeFigures())))
     found = [library.avc_host_lookup(table, float(f)) for f in frequency]
     return np.array([(g.b, g.k, g.b_p) for g in found], dtype=np.float32)
 

@@ -15,6 +15,7 @@ from avc_casadi._util.arrays import Float32Array
 from avc_hardware import TableImage
 from avc_hardware.codegen.build import compile_with, compiler, generate, options_of, source_hash
 from avc_hardware.codegen.figures import BoardLimits, Config, RuntimeFigures
+from avc_hardware.codegen.tick_program import packed_config
 from avc_hardware.link.frames import Decoder, Frame
 from avc_hardware.link.messages import parse
 from avc_hardware.link.session import Answer, Exchange, Session
@@ -70,7 +71,7 @@ class HostCore:
         self.limits = limits or BoardLimits()
         time_s, step_m = self.limits.sample_time_s, self.limits.metres_per_count
         made = replace(figures or RuntimeFigures(), sample_time_s=time_s, metres_per_count=step_m)
-        self._config, self._bound = Config(self.limits, made).packed(), bound
+        self._config, self._bound = packed_config(Config(self.limits, made)), bound
         self._device: ctypes.c_void_p | None = None
         self._boots = 0
         self.reset()

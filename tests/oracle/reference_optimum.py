@@ -14,8 +14,8 @@ from typing import Any
 
 import mpmath
 
-from avc_casadi.model.corners import margin_over_range
 from avc_casadi.model.problem import Problem
+from avc_casadi.model.problem_ranges import margin_over_range
 from avc_casadi.paper.equations import Loop, loop_at
 from avc_casadi.paper.numbers import Complex, NumberSystem, Real, abs2
 

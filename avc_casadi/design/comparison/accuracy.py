@@ -14,8 +14,8 @@ import numpy as np
 from avc_casadi._util.arrays import BoolArray, FloatArray
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.files.problem_file import with_wall
-from avc_casadi.model.corners import margin_over_range
 from avc_casadi.model.problem import Problem
+from avc_casadi.model.problem_ranges import margin_over_range
 from avc_casadi.paper.closed_form import project
 from avc_casadi.paper.direct import EXCESS_TOLERANCE
 from avc_casadi.paper.equations import Loop, coupling_gains, loop_at

@@ -23,11 +23,11 @@ from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.design.methods import solve
 from avc_casadi.design.tuned import tuning_problem
 from avc_casadi.files.problem_file import load_problem
+from avc_casadi.model.declared import declared_effects
 from avc_casadi.model.effects import AdaptationEffect, EstimatorEffect
 from avc_casadi.model.gains import NO_COUPLING, Gains, GainSchedule, gains_at
 from avc_casadi.model.hands import Hand, StylusHand
 from avc_casadi.model.problem import Impedance, Model, Problem, Structure
-from avc_casadi.model.scene import declared_effects
 from avc_casadi.paper.closed_form import project
 from avc_casadi.simulation.judge import Traces
 from avc_casadi.simulation.population.motions import AT_WALL, MOTIONS

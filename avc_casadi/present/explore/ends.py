@@ -21,10 +21,10 @@ from avc_casadi.design.methods import solve
 from avc_casadi.design.scene_coupling import simulate
 from avc_casadi.design.tool_region import ToolRegion, tool_region
 from avc_casadi.design.virtual_tool import FollowerSearch, ToolSearch, certify_pair
+from avc_casadi.model.declared import with_gains
 from avc_casadi.model.ends import ToolGains
 from avc_casadi.model.gains import NO_COUPLING, GainSchedule, Status
 from avc_casadi.model.problem import Problem
-from avc_casadi.model.scene import with_gains
 from avc_casadi.paper.equations import loop_at
 from avc_casadi.paper.realism import perceived_bounds
 from avc_casadi.paper.rows import gain_schedule

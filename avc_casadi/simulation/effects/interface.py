@@ -10,6 +10,7 @@ import numpy as np
 
 from avc_casadi._errors import InputError
 from avc_casadi._util.arrays import FloatArray
+from avc_casadi.model.declared import scene_effects
 from avc_casadi.model.effects import (
     AmplifierEffect,
     DelayEffect,
@@ -22,7 +23,6 @@ from avc_casadi.model.effects import (
 from avc_casadi.model.plant import DEVICE, HANDLE, Plant
 from avc_casadi.model.problem import Problem
 from avc_casadi.model.runtime import Poles, VelocityFilterEffect, velocity_poles
-from avc_casadi.model.scene import scene_effects
 from avc_casadi.simulation.effects.base import SceneEffect, TableEffect, positive_number
 from avc_casadi.simulation.tick import Tick, ca, delay_line
 

@@ -15,6 +15,7 @@ import numpy as np
 from avc_casadi._util.arrays import BoolArray, FloatArray, IndexArray
 from avc_casadi.loops.engine import contact_stiffnesses_n_per_m, tool_of
 from avc_casadi.loops.follower import contact_dampers_ns_per_m, environments, follower_of
+from avc_casadi.model.declared import declared_effects
 from avc_casadi.model.device import Device
 from avc_casadi.model.effects import SimulationEffect
 from avc_casadi.model.ends import HEAVIEST_TOOL_KG, ToolGains, tool_states
@@ -22,7 +23,7 @@ from avc_casadi.model.gains import NO_COUPLING
 from avc_casadi.model.hands import Hand
 from avc_casadi.model.plant import device_plant, sampled_plant, transition
 from avc_casadi.model.problem import Problem
-from avc_casadi.model.scene import Free, Stroke, declared_effects
+from avc_casadi.model.scene import Free, Stroke
 from avc_casadi.simulation.compile import target_of
 from avc_casadi.simulation.execute import execute
 from avc_casadi.simulation.judge import AT_REST_M_PER_S, SETTLING_WINDOW_S, Traces, window_samples

@@ -14,13 +14,14 @@ import numpy as np
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi.coupling import Coupling
 from avc_casadi.model import EFFECTS
+from avc_casadi.model.declared import declared_effects
 from avc_casadi.model.device import Device
 from avc_casadi.model.effects import Effect, ObserverEffect
 from avc_casadi.model.gains import Gains, GainSchedule, GainTable
 from avc_casadi.model.hands import Hand, StylusHand
 from avc_casadi.model.problem import Problem
 from avc_casadi.model.runtime import StateFeedback
-from avc_casadi.model.scene import Motion, Scene, declared_effects
+from avc_casadi.model.scene import Motion, Scene
 from avc_casadi.simulation.compile import CompiledScene, build_effects, compile_scene
 from avc_casadi.simulation.effects.base import SceneEffect
 from avc_casadi.simulation.effects.interface import Encoder

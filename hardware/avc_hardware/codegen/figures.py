@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import struct
-import zlib
-from dataclasses import astuple, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -67,14 +65,6 @@ class Config:
 
     limits: BoardLimits
     figures: RuntimeFigures
-
-    def packed(self) -> bytes:
-        """Return its bytes, the checksum of the rest first; UnsupportedError for a sample time without a program."""
-        from avc_hardware.codegen.tick_program import tick_numbers  # noqa: PLC0415 - it needs CasADi
-
-        rest = struct.pack("<15fHH", *astuple(self.limits), *self.figures.values)
-        rest += tick_numbers(self.figures).astype("<f4").tobytes()
-        return struct.pack("<I", zlib.crc32(rest)) + rest
 
 
 def actuator_m_per_s2(device: Device) -> float:

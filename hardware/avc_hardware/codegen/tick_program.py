@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import functools
 import struct
-from dataclasses import dataclass, field, replace
+import zlib
+from dataclasses import astuple, dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -291,6 +292,17 @@ def tick_sources(figures: RuntimeFigures) -> dict[str, str]:
     }
 
 
+def packed_config(config: Config) -> bytes:
+    """Return the bytes of a configuration, the checksum of the rest first.
+
+    Raises:
+        UnsupportedError: a sample time without a program.
+    """
+    rest = struct.pack("<15fHH", *astuple(config.limits), *config.figures.values)
+    rest += tick_numbers(config.figures).astype("<f4").tobytes()
+    return struct.pack("<I", zlib.crc32(rest)) + rest
+
+
 def config_source(config: Config, *, bound: bool) -> dict[str, str]:
     """Return the configuration that a firmware starts with; one that is not bound takes any other by the link."""
     literal, figures = SINGLE.literal, config.figures
@@ -302,7 +314,7 @@ def config_source(config: Config, *, bound: bool) -> dict[str, str]:
         "",
         f"const bool avc_bound = {'true' if bound else 'false'};",
         "const avc_config_t avc_built_in = {",
-        f"    .crc32 = {struct.unpack('<I', config.packed()[:4])[0]:#010x}u,",
+        f"    .crc32 = {struct.unpack('<I', packed_config(config)[:4])[0]:#010x}u,",
         f"    .limits = {{{', '.join(literal(value) for value in vars(config.limits).values())}}},",
         f"    .figures = {{{', '.join(map(literal, floats))}, {estimator}u, {passive}u}},",
         "    .number = {",

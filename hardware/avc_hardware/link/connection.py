@@ -8,7 +8,7 @@ import secrets
 from collections import deque
 from collections.abc import Callable, Generator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Self, TypeVar
+from typing import Self, TypeVar
 
 from serial.tools import list_ports as tools
 
@@ -21,9 +21,6 @@ from avc_hardware.link.messages import Acknowledged, Kind, Message, parse, words
 from avc_hardware.link.session import Answer, Exchange, NoAnswerError, Session
 from avc_hardware.link.table import TableImage
 from avc_hardware.link.telemetry import Telemetry
-
-if TYPE_CHECKING:
-    from avc_hardware.codegen.figures import Config
 
 
 @dataclass(frozen=True)
@@ -136,8 +133,8 @@ class Connection:
         while (left := end - self.link.now_s()) > 0:
             self._read(left)
 
-    def configure(self, config: Config) -> None:
-        """Send a configuration without a table, after which none runs."""
+    def configure(self, config: bytes) -> None:
+        """Send a configuration, as `packed_config` returns it, without a table; none runs after it."""
         self.device = self.run(self.session.push(TableImage.alone(config), self.device)).device
 
     def heartbeat(self, within_s: float) -> str:

@@ -17,6 +17,7 @@ from avc_casadi._util.interrupt import DeferredInterrupt
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.identification.excitation import FULL, Plan
 from avc_hardware.codegen.figures import device_config
+from avc_hardware.codegen.tick_program import packed_config
 from avc_hardware.emulator.bench import BenchDevice, code_of_force, force_of_code
 from avc_hardware.emulator.board import EmulatedBoard
 from avc_hardware.link import messages as m
@@ -118,7 +119,7 @@ def excite(
     link = open_link(port, baud=baud, board=EmulatedBoard if bench is None else BenchDevice(bench).board)
     with Connection(link, baud=baud) as connection:
         if bench is not None:
-            connection.configure(device_config(bench))
+            connection.configure(packed_config(device_config(bench)))
         _check(plan, connection.device, link.name, baud)
         number = secrets.randbits(32) or 1
         records = _Records(plan, link.name)

@@ -15,6 +15,7 @@ from avc_casadi.claims.deployable import require_deployable
 from avc_casadi.coupling import Coupling
 from avc_hardware.codegen.figures import Config
 from avc_hardware.codegen.firmware_fit import check_runs_on, config_for
+from avc_hardware.codegen.tick_program import packed_config
 from avc_hardware.emulator.board import emulated_board
 from avc_hardware.link.connection import DEFAULT_BAUD, Connection, open_link
 from avc_hardware.link.faults import DeviceFault
@@ -88,7 +89,7 @@ def push_over(
     device = connection.device
     check_runs_on(coupling, device.figures, most_states=device.capacity_states, bound=device.bound)
     config = config_for(coupling, Config(device.limits, device.figures), bound=device.bound)
-    table = replace(TableImage.of(coupling, safe=safe), config=config.packed())
+    table = replace(TableImage.of(coupling, safe=safe), config=packed_config(config))
     if unsafe and table.max_force_n > config.limits.max_force_n:
         table = replace(table, max_force_n=config.limits.max_force_n)
     _check_limits(table, config.limits, device.capacity_rows, connection.link.name)

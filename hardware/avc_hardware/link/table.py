@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
     from avc_casadi.model.gains import Gains
     from avc_casadi.model.runtime import StateFeedback
-    from avc_hardware.codegen.figures import Config
 
 
 def lookup(rows: Float32Array, frequency_hz: ArrayLike) -> Float32Array:
@@ -71,9 +70,9 @@ class TableImage:
         )
 
     @classmethod
-    def alone(cls, config: Config) -> TableImage:
-        """Return a configuration without a table."""
-        return cls(np.zeros((0, 4), dtype=np.float32), 0.0, 0.0, 0.0, 0, config=config.packed())
+    def alone(cls, config: bytes) -> TableImage:
+        """Return a configuration, as `packed_config` returns it, without a table."""
+        return cls(np.zeros((0, 4), dtype=np.float32), 0.0, 0.0, 0.0, 0, config=config)
 
     @property
     def states(self) -> int:
