@@ -30,6 +30,7 @@ class CouplingProgram:
     initial: tuple[tuple[float, float, float], ...]
     before: FloatProgram | None
     after: FloatProgram
+    asked: tuple[str, ...]  # states that are the force of the sample before, as it was given
 
 
 def coupling_program(coupling: Coupling, precision: Precision = SINGLE) -> CouplingProgram:
@@ -120,14 +121,17 @@ class _Sample:
 
         measured = {"position_m": self.measured}
         forces = {"command_n": self.command, "force_n": tick.command if tick.undelayed is None else tick.undelayed}
+        force = ca.SX(forces["force_n"])
+        asked = tuple(name for name in names if ca.is_equal(successors[name], force))
         if self.frequency is None:
-            return CouplingProgram(names, initial, None, part("after", measured, forces, names))
+            after = part("after", measured, forces, tuple(name for name in names if name not in asked))
+            return CouplingProgram(names, initial, None, after, asked)
         read = ca.vertcat(self.cut, *self.wanted)
         early = tuple(name for name in names if not ca.depends_on(successors[name], read))
-        late = tuple(name for name in names if name not in early)
+        late = tuple(name for name in names if name not in early + asked)
         before = part("before", measured, {"frequency_hz": self.frequency, "seen_m": self.seen}, early)
         given = {"seen_m": self.cut} | {f"wanted_{name}": one for name, one in zip(GAINS, self.wanted, strict=True)}
-        return CouplingProgram(names, initial, before, part("after", given, forces, late))
+        return CouplingProgram(names, initial, before, part("after", given, forces, late), asked)
 
     def _parameters(self) -> list[float]:
         """Return the values of the tick's parameters, in its order."""

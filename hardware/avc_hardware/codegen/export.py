@@ -11,9 +11,11 @@ from avc_casadi.simulation.emit import DOUBLE, Precision
 from avc_hardware.codegen import c_frame
 from avc_hardware.codegen.coupling_program import CouplingProgram, coupling_program
 from avc_hardware.codegen.pair_export import pair_files, pair_verdict
+from avc_hardware.codegen.sensor import DRIFT_M, FARTHEST_M, JUMP_M, SENSOR, SENSOR_TYPE, SensorBounds, fade_samples
 from avc_hardware.codegen.tick_program import GAINS, start_lines
 
 if TYPE_CHECKING:
+    from avc_casadi.model.device import Device
     from avc_casadi.model.gains import GainTable
 
 _HEADER = """\
@@ -42,12 +44,14 @@ _HEADER = """\
 {begin_c}
 typedef {real} avc_coupling_real_t;
 
+{sensor}
 /* What the coupling remembers between two samples. */
 typedef struct {{
-    /* Whether a position is known, whether the law runs, and whether the wall begins deeper than at 0. */
-    unsigned char known, runs, moved;
-    /* The last position that is a number, and the movement that a hand can have made to it. */
-    {real} position_before_m, moved_before_m;
+    avc_coupling_sensor_t sensor;
+    /* Whether the law runs, and whether the wall begins deeper than at 0. */
+    unsigned char runs, moved;
+    /* The force that was given last; the share of the law's that is given, and by how much it rises in a sample. */
+    {real} given_n, share, rise;
     /* Where the wall begins until the device has left it, what it went into it unseen not counted; and how deep it was
      * when the law ran last. */
     {real} face_m, depth_m;
@@ -64,15 +68,29 @@ void avc_coupling_start(avc_coupling_t *coupling);
 {real} avc_coupling_step(avc_coupling_t *coupling, {real} position_m);
 
 {end_c}"""
-_UNBELIEVED = """\
-Not believed is a position that is NaN, infinite or beyond {farthest:.0e} m; one that is more than {jump:.4g} m from the
-one before, {fastest:.4g} m/s, which no hand does; and one that comes by a movement which differs by more than
-{outside:.4g} m outside of the wall, {inside:.4g} m inside, from what a hand can have made. Then the force is 0; """
-_OF_WALLS = """\
-the coupling goes on as soon as a position is believed, at the depth that it knows. What a device went into the wall
-unseen, before the first sample or in a fault, does not count: the wall begins so much deeper until the device has been
-at 0 or below."""
-_OF_DETENTS = "so it is until the device has been at 0 or below."
+_BELIEVED = """\
+WHAT IS BELIEVED. A position is believed where a hand can have brought the device since the last one that was.
+Refused are NaN, infinite, beyond {farthest:.0e} m; what is faster than {fastest:.4g} m/s, as no hand is; and a
+movement from one sample to the next that differs from the one before by more than {hand:.4g} m outside of the wall,
+{driven:.4g} m there while a force acts or has just acted, {inside:.4g} m inside; {unsure:.4g} m of it are steps and
+noise of the encoder. After refused samples what is possible grows with their number."""
+_FAULT_MODEL = """\
+FAULT MODEL. Bad positions while the device rests outside of the wall, the first of them {jump:.4g} m or more away,
+the others wherever they like or as they agree, drifting by {drift:.4g} m a sample at most: up to {lasting} in a row
+give 0 N, then and after the true ones are back. So does a single one that is refused. More in a row, or a smaller
+jump, cannot be told from a hand: then the wall begins where the second of them is believed, and the force rises from
+0. After {lost:.4g} s without a position that is believed (an encoder that was set to 0 anew) the next one is where
+the device is: outside of the wall the coupling begins anew, {anew}"""
+_CONTACT = """\
+IN CONTACT. Where a position is refused the law stands still. The last force is given for the part of the depth that
+hand and force cannot have left yet: it falls, and is 0 after a few samples, at once in a stiff wall. The law goes on
+at the depth that it knows with the first position that is believed, with the second in a row where no force was left;
+its force comes back within as many samples as were lost, {fade:.4g} s at most. What a device went into the wall
+unseen, before the first sample too, does not count: the wall begins so much deeper until the device has been at 0 or
+below."""
+_AMONG_DETENTS = """\
+AMONG DETENTS. Where a position is refused the force is 0, and stays 0 until the device has been at 0 or below and
+two positions in a row are believed; then it comes back within as many samples as were lost, {fade:.4g} s at most."""
 
 _SOURCE = """\
 /* Coupling {id}: the expressions of avc-casadi's scenes, one statement an operation; do not edit. */
@@ -90,6 +108,7 @@ _SOURCE = """\
 #pragma GCC optimize ("fp-contract=off")
 #endif
 {look_up}
+{sensor}
 /* The state of a device that has always rested at a position. */
 static void rest(avc_coupling_t *coupling, {real} position_m)
 {{
@@ -99,63 +118,75 @@ static void rest(avc_coupling_t *coupling, {real} position_m)
 void avc_coupling_start(avc_coupling_t *coupling)
 {{
     rest(coupling, {zero});
-    coupling->known = 0u;
+    forget(&coupling->sensor);
     coupling->runs = 0u;
     coupling->moved = 0u;
-    coupling->position_before_m = {zero};
-    coupling->moved_before_m = {zero};
+    coupling->given_n = {zero};
+    coupling->share = {one};
+    coupling->rise = {one};
     coupling->face_m = {zero};
     coupling->depth_m = {zero};
 }}
 
-static int within({real} value, {real} most)
+/* The share of the depth that hand and force cannot have left since the last position that was believed. */
+static {real} certain(const avc_coupling_t *coupling)
 {{
-    return value >= -most && value <= most;
-}}
-
-/* Whether a position is a number, and has come by a movement that a hand can make by now: from one sample to the next
- * what is possible changes by no more than an acceleration allows; what rounding adds does not add up. */
-static int believed(avc_coupling_t *coupling, {real} position_m)
-{{
-    const {real} before_m = coupling->position_before_m;
-    const {real} moved_m = coupling->known != 0u ? position_m - before_m : {zero};
-    const {real} changed_m = moved_m - coupling->moved_before_m;
-    const {real} most_m = coupling->runs != 0u && before_m > {zero} ? {inside} : {outside};
-    if (!within(position_m, {farthest})) {{
-        return 0;
-    }}
-    coupling->known = 1u;
-    coupling->position_before_m = position_m;
-    if (within(changed_m, most_m + {unsure})) {{
-        coupling->moved_before_m = moved_m;
-        return within(moved_m, {jump});
-    }}
-    coupling->moved_before_m += changed_m > {zero} ? most_m : -most_m;
-    return 0;
+    const avc_coupling_sensor_t *sensor = &coupling->sensor;
+    const {real} samples = ({real})sensor->missed;
+    const {real} leaving_m = sensor->moved_m < {zero} ? sensor->moved_m : {zero};
+    const {real} left_m = samples * ({half} * (samples + {one}) * driven(sensor) - leaving_m);
+    return left_m < coupling->depth_m ? (coupling->depth_m - left_m) / coupling->depth_m : {zero};
 }}
 
 {real} avc_coupling_step(avc_coupling_t *coupling, {real} position_m)
 {{
-    if (!believed(coupling, position_m)) {{
+    avc_coupling_sensor_t *sensor = &coupling->sensor;
+    const unsigned int missed = sensor->missed;
+    const {real} kept = missed != 0u ? certain(coupling) : {one};
+    const int seen = look(sensor, position_m, {first});
+    {real} given_n;
+    if (seen == REFUSED) {{
         coupling->runs = 0u;
-        return {zero};
+        return certain(coupling) * coupling->given_n;
+    }}
+    if (seen == AGAIN) {{
+        coupling->share = kept * coupling->share;
+        coupling->rise = {one} / ({real})(missed < {fade} ? missed + 1u : {fade});
+        if ({waits}) {{
+            coupling->given_n = {zero};
+            return {zero};
+        }}
     }}
 {begin}
 {body}
     if (!(command_n >= {lowest} && command_n <= {largest})) {{
         rest(coupling, position_m);
         coupling->runs = 0u;
+        coupling->given_n = {zero};
         return {zero};
     }}
+    given_n = force_n;
+    if (coupling->share < {one}) {{
+        coupling->share += coupling->rise;
+        coupling->share = coupling->share < {one} ? coupling->share : {one};
+        given_n = coupling->share * force_n;
+    }}
 {stores}
-    return force_n;
+    coupling->given_n = given_n;
+    push(sensor, given_n);
+    return given_n;
 }}
 """
+
+# Outside of a wall whatever the law gives is of a law that has begun anew; elsewhere a place is seen twice.
+_FIRST_OF_WALLS = "coupling->runs != 0u && sensor->position_m > {zero} ? {inside} : driven(sensor)"
+_WAITS_OF_WALLS = "!(coupling->share > {zero}) && position_m > {zero}"
+_WAITS_OF_DETENTS = "!(coupling->share > {zero})"
 
 # What a device went into the wall unseen does not count, so that nothing begins stretched.
 _BEGIN = """\
     if (coupling->runs == 0u && position_m - coupling->face_m > coupling->depth_m) {{
-        coupling->face_m = position_m - coupling->depth_m;
+        coupling->face_m = position_m - coupling->depth_m;{ahead}
     }}
     if (position_m <= {zero}) {{
         coupling->face_m = {zero};
@@ -163,10 +194,18 @@ _BEGIN = """\
     coupling->depth_m = position_m > coupling->face_m ? position_m - coupling->face_m : {zero};
     if ((coupling->runs == 0u && coupling->depth_m <= {zero}) || (position_m <= {zero} && coupling->moved != 0u)) {{
         rest(coupling, position_m - coupling->face_m);
+        if (position_m <= {zero}) {{
+            coupling->share = {one};
+        }}
     }}
     coupling->moved = coupling->face_m > {zero} ? 1u : 0u;
     coupling->runs = 1u;
     position_m = position_m - coupling->face_m;"""
+# An observer looks so far ahead of the measured position: at the face itself it would push already.
+_AHEAD = """
+        if (coupling->depth_m <= {zero}) {{
+            coupling->face_m += {face};
+        }}"""
 # Detents have fixed positions: behind a moved wall they would differ.
 _BEGIN_OUTSIDE = """\
     if (coupling->runs == 0u) {{
@@ -268,14 +307,6 @@ def export_c(
 def _header(coupling: Coupling, program: CouplingProgram, precision: Precision, verdict: Deployable) -> str:
     """Return the header; a verdict stands in it."""
     problem, force, detent = coupling.problem, coupling.max_force_n, coupling.problem.detent
-    bounds = c_frame.SensorBounds.of(problem.device, detents=detent is not None)
-    faults = _UNBELIEVED.format(
-        farthest=c_frame.FARTHEST_M,
-        jump=bounds.jump_m,
-        fastest=bounds.fastest_m_per_s,
-        outside=bounds.outside_m,
-        inside=bounds.change_m,
-    )
     low, high = coupling.table.frequency_hz[[0, -1]]
     values = {} if detent is None else detent.model_dump()
     detents = c_frame.comment(", ".join(f"{key} {value:.9g}" for key, value in values.items()))
@@ -304,8 +335,30 @@ def _header(coupling: Coupling, program: CouplingProgram, precision: Precision, 
         table="" if program.before is None else "; on AVR the table stays in flash",
         states="\n".join(f"    {precision.c_type} {name};" for name in program.states),
         limited="" if force is None else ", limited at AVC_COUPLING_MAX_FORCE_N",
-        faults=f" * {c_frame.comment_lines(faults + (_OF_WALLS if detent is None else _OF_DETENTS))}",
+        sensor=SENSOR_TYPE.format(real=precision.c_type),
+        faults=_fault_model(problem.device, wall=detent is None),
     )
+
+
+def _fault_model(device: Device, *, wall: bool) -> str:
+    """Return what a header says of positions that are not believed."""
+    bounds, fade_s = SensorBounds.of(device), fade_samples(device) * device.sample_time_s
+    numbers = {
+        "farthest": FARTHEST_M,
+        "fastest": bounds.fastest_m_per_s,
+        "hand": bounds.hand_m + bounds.unsure_m,
+        "driven": bounds.driven_m + bounds.unsure_m,
+        "inside": bounds.inside_m + bounds.unsure_m,
+        "unsure": bounds.unsure_m,
+        "jump": JUMP_M / device.metres_per_unit,
+        "drift": DRIFT_M / device.metres_per_unit,
+        "lasting": bounds.most_bad_samples(device.metres_per_unit),
+        "lost": bounds.lost_samples * device.sample_time_s,
+        "anew": "inside the wall begins there." if wall else "inside there is no force until it is outside.",
+        "fade": fade_s,
+    }
+    paragraphs = (_BELIEVED, _FAULT_MODEL, _CONTACT if wall else _AMONG_DETENTS)
+    return "\n".join(f" * {c_frame.comment_lines(one.format(**numbers))}" for one in paragraphs)
 
 
 def _beside(coupling: Coupling) -> str:
@@ -322,24 +375,28 @@ def _beside(coupling: Coupling) -> str:
 def _source(coupling: Coupling, program: CouplingProgram, precision: Precision) -> str:
     literal = precision.literal
     wall = coupling.problem.detent is None
-    bounds = c_frame.SensorBounds.of(coupling.problem.device, detents=not wall)
-    words = {"real": precision.c_type, "zero": literal(0.0)}
+    device, feedback = coupling.problem.device, coupling.runtime.state_feedback
+    words = {"real": precision.c_type, "zero": literal(0.0), "half": literal(0.5), "one": literal(1.0)}
+    bounds = SensorBounds.of(device)
+    words |= bounds.literals(precision) | {"end": "", "passed": ""}
+    first, waits = (_FIRST_OF_WALLS, _WAITS_OF_WALLS) if wall else ("{inside}", _WAITS_OF_DETENTS)
+    ahead = "" if feedback is None or not feedback.face_m > 0 else _AHEAD.format(**words, face=literal(feedback.face_m))
+    given = dict.fromkeys(program.asked, "given_n")
     return _SOURCE.format(
         id=coupling.id,
         checks=c_frame.compiler_checks(precision),
         **words,
-        farthest=literal(c_frame.FARTHEST_M),
-        jump=literal(bounds.jump_m),
-        inside=literal(bounds.change_m - bounds.unsure_m),
-        outside=literal(bounds.outside_m - bounds.unsure_m),
-        unsure=literal(bounds.unsure_m),
-        begin=(_BEGIN if wall else _BEGIN_OUTSIDE).format(**words),
+        sensor=SENSOR.format(**words),
+        first=first.format(**words),
+        waits=waits.format(**words),
+        fade=f"{fade_samples(device)}u",
+        begin=_BEGIN.format(**words, ahead=ahead) if wall else _BEGIN_OUTSIDE.format(**words),
         look_up="" if program.before is None else _look_up(coupling.table, precision),
         rest=_indented(start_lines("coupling", program.states, program.initial, precision=precision)),
         lowest=literal(-precision.largest),
         largest=literal(precision.largest),
         body=_indented(_body(program, precision)),
-        stores=_indented([f"coupling->{name} = next_{name};" for name in program.states]),
+        stores=_indented([f"coupling->{name} = {given.get(name, f'next_{name}')};" for name in program.states]),
     )
 
 

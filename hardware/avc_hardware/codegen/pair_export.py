@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 from avc_casadi import NotDeployableError
 from avc_casadi.design.virtual_tool import FollowerSearch, ToolSearch
-from avc_hardware.codegen.c_frame import FARTHEST_M, HEADER, SOURCE, SensorBounds, compiler_checks
-from avc_hardware.codegen.pair_header import MISSED_STEPS, fade_samples, pair_header
+from avc_hardware.codegen.c_frame import HEADER, SOURCE, compiler_checks
+from avc_hardware.codegen.pair_header import MISSED_STEPS, pair_header
+from avc_hardware.codegen.sensor import FARTHEST_M, SENSOR, SensorBounds, fade_samples
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
@@ -26,28 +27,7 @@ _SOURCE = """\
 
 {checks}
 {ends}
-static int within({real} value, {real} most)
-{{
-    return value >= -most && value <= most;
-}}
-
-/* Whether the own position is a number that can have come after the last good one: no hand moves farther, and none
- * changes its speed more from one good sample to the next; after bad ones it may also have stopped. */
-static int believed(const avc_coupling_t *coupling, {real} position_m)
-{{
-    const avc_coupling_end_t *end = coupling->end;
-    const avc_coupling_message_t *own = &coupling->own;
-    const {real} moved_m = position_m - own->position_m;
-    const {real} samples = ({real})(coupling->missed + 1ul), most_m = samples * end->change_m;
-    const {real} changed_m = moved_m - samples * (own->velocity_m_per_s * end->sample_time_s);
-    if (!within(position_m, {farthest})) {{
-        return 0;
-    }}
-    return coupling->started == 0u ||
-           (within(moved_m, end->jump_m) &&
-            (within(changed_m, most_m) || (coupling->missed > 0ul && within(moved_m, most_m))));
-}}
-
+{sensor}
 /* Whether the other end can be so, after as many of its messages. */
 static int plausible(const avc_coupling_t *coupling, const avc_coupling_message_t *far, uint32_t ahead)
 {{
@@ -103,6 +83,7 @@ static void begin(avc_coupling_t *coupling, const avc_coupling_end_t *end)
 {{
     const avc_coupling_message_t nothing = {{0u, {zero}, {zero}, {zero}}};
     coupling->end = end;
+    forget(&coupling->sensor);
     coupling->own = nothing;
     coupling->far = nothing;
     coupling->missed = 0ul;
@@ -119,6 +100,9 @@ void avc_coupling_sample(avc_coupling_t *coupling, {real} position_m)
 {{
     const avc_coupling_end_t *end = coupling->end;
     avc_coupling_message_t *own = &coupling->own;
+    /* Stops and contacts strike it without a force of this coupling too. */
+    const {real} first_m = coupling->sensor.pushed != 0u ? end->inside_m : end->struck_m;
+    const int seen = look(&coupling->sensor, end, position_m, first_m);
     if (coupling->missed >= end->fade) {{
         coupling->started = 0u;
     }}
@@ -127,7 +111,8 @@ void avc_coupling_sample(avc_coupling_t *coupling, {real} position_m)
     }} else {{
         coupling->given = 0u;
     }}
-    if (!believed(coupling, position_m)) {{
+    /* Except after a single lost sample a place is seen twice before it stretches the spring. */
+    if (seen == REFUSED || (seen == AGAIN && coupling->missed != 1ul)) {{
         coupling->missed += coupling->missed < end->fade ? 1ul : 0ul;
         return;
     }}
@@ -135,7 +120,7 @@ void avc_coupling_sample(avc_coupling_t *coupling, {real} position_m)
         own->position_m = position_m;
         coupling->faded = end->fade;
     }}
-    own->velocity_m_per_s = (position_m - own->position_m) / (({real})(coupling->missed + 1ul) * end->sample_time_s);
+    own->velocity_m_per_s = coupling->sensor.moved_m / end->sample_time_s;
     own->position_m = position_m;
     own->number += own->number < UINT32_MAX ? 1u : 2u;
     coupling->started = 1u;
@@ -169,6 +154,7 @@ static {real} pull(avc_coupling_t *coupling)
     }}
     force_n = eased(coupling, force_n, good && coupling->silent <= end->watchdog);
     coupling->own.force_n = left_of(coupling, pull_n);
+    push(&coupling->sensor, end, force_n);
     return force_n;
 }}
 
@@ -278,6 +264,12 @@ _TARGET = """
 """
 
 
+# Bounds of the own position, as the C of an end names them.
+_OF_END = {name: f"end->{name}_m" for name in ("jump", "start", "unsure", "hand", "driven")}
+_OF_END |= {"lost": "end->lost", "pushed": "end->pushed", "quiet": "end->quiet_n"}
+_OF_END |= {"end": ", const avc_coupling_end_t *end", "passed": ", end"}
+
+
 def pair_verdict(coupling: Coupling, *, unsafe: bool) -> tuple[str, bool]:
     """Judge gains on the loops of their own problem, independent of any certificate: a sentence, and whether stable."""
     problem, gains, tool = coupling.problem, coupling.gains, coupling.end == "simulation"
@@ -305,10 +297,12 @@ def pair_files(coupling: Coupling, precision: Precision, verdict: str) -> dict[s
         "zero": literal(0.0),
         "one": literal(1.0),
         "one_and_a_half": literal(1.5),
+        "half": literal(0.5),
         "largest": literal(precision.largest),
         "farthest": literal(FARTHEST_M),
     }
     tool = coupling.problem.simulation
+    words |= {"sensor": SENSOR.format(**words, **_OF_END)}
     if tool is None:
         words |= {"other": "the other of two devices", "clear": ""}
         ends, calls = _both_ends(coupling), _FOLLOWER.format(**words)
@@ -338,9 +332,11 @@ class _End:
         """Return it as a constant of C."""
         own, bounds = self.own, SensorBounds.of(self.own)
         limit = precision.largest if own.max_force_n is None else own.max_force_n
-        moved = (bounds.jump_m, bounds.change_m, *self.far)
+        lengths = ("jump", "start", "unsure", "hand", "driven", "inside", "struck")
+        moved = (*(getattr(bounds, f"{name}_m") for name in lengths), bounds.quiet_n, *self.far)
         numbers = (own.sample_time_s, *self.scales, *vars(self.gains).values(), limit, *moved)
-        whole = (f"{self.watchdog}ul", f"{fade_samples(own)}ul", f"{self.most}u", f"{int(self.feels_force)}u")
+        whole = (f"{self.watchdog}ul", f"{fade_samples(own)}ul", f"{bounds.pushed_samples}u", f"{bounds.lost_samples}u")
+        whole += (f"{self.most}u", f"{int(self.feels_force)}u")
         body = "".join(f"    {one},\n" for one in (*map(precision.literal, numbers), *whole))
         kind = "static const" if self.name == "DEVICE" else "const"
         return f"{kind} avc_coupling_end_t AVC_COUPLING_{self.name} = {{\n{body}}};\n"

@@ -4,20 +4,24 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from avc_hardware.codegen.c_frame import FRAME, SensorBounds, comment, comment_lines, head_words
+from avc_hardware.codegen.c_frame import FRAME, comment, comment_lines, head_words
+from avc_hardware.codegen.sensor import DRIFT_M, JUMP_M, SENSOR_TYPE, SensorBounds, fade_samples
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
     from avc_casadi.coupling import Coupling
-    from avc_casadi.model.device import Device
     from avc_casadi.model.ends import VirtualTool
     from avc_casadi.simulation.emit import Precision
 
 _WRONG = """\
-A position that is no number (NaN, infinite), or that comes faster than {fastest}, as no hand does, or by a
-movement that differs from the one before by more than {change} a sample: the last good one stays, the dampers are left
-out, and the force fades as long as it lasts{more}."""
+A position that is no number (NaN, infinite), or to which no hand can have brought the device since the last good one:
+faster than {fastest}, or by a movement that differs from the one before by more than {change} a sample ({driven}
+in the mean after a lost one). The last good one stays, the dampers are left out, and the force fades as long as it
+lasts{more}. After more than one lost sample a position is believed when it is seen twice, wherever it is after {lost}.
+FAULT MODEL: bad positions of a device at rest without force, the first of them {jump} or more away, the others
+wherever they like or as they agree, drifting by {drift} a sample at most, give no force: up to {lasting} in a row.
+More in a row, or a smaller jump, cannot be told from a hand."""
 _OF_ENGINE = """\
 A number of the engine that is none, or a tool that moves faster: the same. Once nothing is left of the force, whatever
 comes is believed. No step of the engine for more than {silence}: it hangs, and the force fades. {call} says that it
@@ -64,6 +68,7 @@ _HEADER = """\
 {begin_c}
 typedef {real} avc_coupling_real_t;
 
+{sensor}
 /* What one end tells the other, in its own units. */
 typedef struct {{
     /* 0: nothing was measured yet, and nobody believes it. */
@@ -80,11 +85,18 @@ typedef struct {{
     {real} position_scale, force_scale;
     {real} stiffness_n_per_m, damping_ns_per_m, local_damping_ns_per_m;
     {real} max_force_n;
-    /* The farthest that the own position goes in a sample, that its movement changes by, and that the other's goes from
-     * one message to the next; what its encoder adds; its fastest. */
-    {real} jump_m, change_m, far_jump_m, far_step_m, far_fastest_m_per_s;
-    /* In own samples: until the other end is silent, and in which a force fades; messages that may lie between two. */
+    /* The farthest that the own position goes in a sample, in the first one; what steps and noise add; by how much its
+     * movement changes: by a hand, by hand and actuator, at stops and contacts under force, and without. */
+    {real} jump_m, start_m, unsure_m, hand_m, driven_m, inside_m, struck_m;
+    /* A force that does not count for that. */
+    {real} quiet_n;
+    /* The farthest that the other's position goes from one message to the next; what its encoder adds; its fastest. */
+    {real} far_jump_m, far_step_m, far_fastest_m_per_s;
+    /* In own samples: until the other end is silent, and in which a force fades; in which a force of before may still
+     * act, and after which the own position is wherever it is. */
     unsigned long watchdog, fade;
+    unsigned int pushed, lost;
+    /* Messages that may lie between two. */
     uint32_t most;
     /* Whether a force of the other end is felt in place of spring and damper. */
     unsigned char feels_force;
@@ -93,6 +105,7 @@ typedef struct {{
 /* What an end remembers between two samples. */
 typedef struct {{
     const avc_coupling_end_t *end;
+    avc_coupling_sensor_t sensor;
     /* Of the newest good sample, and the newest good one of the other end. */
     avc_coupling_message_t own, far;
     /* Samples since the last good position, since the last good number of the other end, and since it was heard. */
@@ -204,12 +217,6 @@ _ENGINE_DEFINES = """\
 {loop}"""
 
 
-def fade_samples(device: Device) -> int:
-    """Return the number of samples in which a force fades."""
-    # Long for a sample, short for a hand.
-    return max(1, round(0.05 / device.sample_time_s))
-
-
 def pair_header(coupling: Coupling, precision: Precision, verdict: str, silences_s: Sequence[float]) -> str:
     """Return the header; every text of a file passes the allow-list of comments."""
     problem, tool, device = coupling.problem, coupling.problem.simulation, coupling.problem.device
@@ -217,9 +224,21 @@ def pair_header(coupling: Coupling, precision: Precision, verdict: str, silences
     of_end = _of_engine(coupling, tool, precision) if tool else _of_follower(coupling, precision)
     bounds = [(who, SensorBounds.of(own)) for who, own in ends]
     silence = " or ".join(f"{one:.4g} s ({who})" for one, (who, _) in zip(silences_s, ends, strict=True))
+    reaches = {who: own.metres_per_unit for who, own in ends}
+
+    def of_each(values: Iterable[str]) -> str:
+        return " and ".join(f"{value} ({who})" for value, (who, _) in zip(values, ends, strict=True))
+
     wrong = _WRONG.format(
-        fastest=" and ".join(f"{one.fastest_m_per_s:.4g} m/s ({who})" for who, one in bounds),
-        change=" and ".join(f"{one.change_m:.4g} m ({who})" for who, one in bounds),
+        fastest=of_each(f"{one.fastest_m_per_s:.4g} m/s" for _, one in bounds),
+        change=of_each(f"{one.inside_m + one.unsure_m:.4g} m" for _, one in bounds),
+        driven=of_each(f"{one.driven_m + one.unsure_m:.4g} m" for _, one in bounds),
+        lost=of_each(
+            f"{one.lost_samples * own.sample_time_s:.4g} s" for (_, one), (_, own) in zip(bounds, ends, strict=True)
+        ),
+        jump=of_each(f"{JUMP_M / reach:.4g} m" for reach in reaches.values()),
+        drift=of_each(f"{DRIFT_M / reach:.4g} m" for reach in reaches.values()),
+        lasting=of_each(f"{one.most_bad_samples(reaches[who])}" for who, one in bounds),
         more="" if tool else "; no new message is made, and the other end fades too",
     )
     also = of_end.pop("also").format(silence=silence)
@@ -239,6 +258,7 @@ def pair_header(coupling: Coupling, precision: Precision, verdict: str, silences
         fade_s=max(fade_samples(own) * own.sample_time_s for _, own in ends),
         precision=precision.name,
         real=precision.c_type,
+        sensor=SENSOR_TYPE.format(real=precision.c_type),
     )
 
 
