@@ -98,25 +98,30 @@ class ReferenceCoupling:
         """Run one sample, as `avc_coupling_step`; position and force have shape (devices,)."""
         number, zero, one = self._precision.dtype, self._precision.dtype(0), self._precision.dtype(1)
         kept, missed = np.where(self._missed > 0, self._certain(), one), self._missed
+        before = self._before
         believed, again, x = self._look(np.broadcast_to(np.asarray(position_m, dtype=number), (self._devices,)))
         fading = self._certain() * self._given
+        if self._wall_alone:
+            stays = (self._depth <= 0) & (x + self._ahead <= 0) & (np.abs(x - before) <= self._length["unsure_m"])
+            again = again & ~stays
+        self._runs = self._runs & ~again
         self._share = np.where(again, kept * self._share, self._share)
         rise = one / np.minimum(missed + 1, self._fade).astype(number)
         self._rise = np.where(again, rise, self._rise)
-        waits = again & ~(self._share > 0) & ((x > 0) if self._wall_alone else True)
+        waits = again & ~(self._share > 0) & ((x + self._ahead > 0) if self._wall_alone else True)
         good, starting = believed & ~waits, ~self._runs
         if not self._wall_alone:
             waits = waits | (good & starting & (x > 0))
             good = good & ~waits
         begins = good & starting
         if self._wall_alone:
-            deeper = begins & (x - self._face > self._depth)
-            margin = np.where(self._depth <= 0, self._ahead, zero)
-            face = np.where(deeper, (x - self._depth) + margin, self._face)
-            face = np.where(x <= 0, zero, face)
-            depth = np.maximum(x - face, zero)
-            anew = good & ((begins & (depth <= 0)) | ((x <= 0) & self._shifted))
-            self._share = np.where(anew & (x <= 0), one, self._share)
+            place = x + self._ahead
+            deeper = begins & (place - self._face > self._depth)
+            face = np.where(deeper, place - self._depth, self._face)
+            face = np.where(place <= 0, zero, face)
+            depth = np.maximum(place - face, zero)
+            anew = good & ((begins & (depth <= 0)) | ((place <= 0) & self._shifted))
+            self._share = np.where(anew & (place <= 0), one, self._share)
             self._face, self._depth = np.where(good, face, self._face), np.where(good, depth, self._depth)
             self._shifted = np.where(good, face > 0, self._shifted)
         else:
@@ -139,7 +144,7 @@ class ReferenceCoupling:
             np.abs(force) > self._length["quiet_n"], self._bounds.pushed_samples, np.maximum(self._pushed - 1, 0)
         )
         self._pushed = np.where(told, acting, self._pushed)
-        self._runs = told | (self._runs & waits)
+        self._runs = np.where(believed, told, self._runs)
         return np.where(told, force, np.where(believed, zero, fading)).astype(number)
 
     def _tick(self, x: NDArray[Any], states: Columns) -> tuple[Columns, NDArray[Any], NDArray[Any]]:

@@ -48,8 +48,6 @@ typedef {real} avc_coupling_real_t;
 /* What the coupling remembers between two samples. */
 typedef struct {{
     avc_coupling_sensor_t sensor;
-    /* Whether the law runs, and whether the wall begins deeper than at 0. */
-    unsigned char runs, moved;
     /* The force that was given last; the share of the law's that is given, and by how much it rises in a sample. */
     {real} given_n, share, rise;
     /* Where the wall begins until the device has left it, what it went into it unseen not counted; and how deep it was
@@ -68,6 +66,9 @@ void avc_coupling_start(avc_coupling_t *coupling);
 {real} avc_coupling_step(avc_coupling_t *coupling, {real} position_m);
 
 {end_c}"""
+_RUNS = """
+    /* Whether the law runs. */
+    unsigned char runs;"""
 _BELIEVED = """\
 WHAT IS BELIEVED. A position is believed where a hand can have brought the device since the last one that was.
 Refused are NaN, infinite, beyond {farthest:.0e} m; what is faster than {fastest:.4g} m/s, as no hand is; and a
@@ -119,8 +120,7 @@ void avc_coupling_start(avc_coupling_t *coupling)
 {{
     rest(coupling, {zero});
     forget(&coupling->sensor);
-    coupling->runs = 0u;
-    coupling->moved = 0u;
+    coupling->sensor.runs = 0u;
     coupling->given_n = {zero};
     coupling->share = {one};
     coupling->rise = {one};
@@ -142,14 +142,15 @@ static {real} certain(const avc_coupling_t *coupling)
 {{
     avc_coupling_sensor_t *sensor = &coupling->sensor;
     const unsigned int missed = sensor->missed;
-    const {real} kept = missed != 0u ? certain(coupling) : {one};
-    const int seen = look(sensor, position_m, {first});
-    {real} given_n;
+{before}    const {real} kept = missed != 0u ? certain(coupling) : {one};
+    const {real} first_m = {first};
+    const int seen = look(sensor, position_m, first_m);
+    {real} given_n;{moved}
     if (seen == REFUSED) {{
-        coupling->runs = 0u;
         return certain(coupling) * coupling->given_n;
     }}
-    if (seen == AGAIN) {{
+    if (seen == AGAIN{moves}) {{
+        sensor->runs = 0u;
         coupling->share = kept * coupling->share;
         coupling->rise = {one} / ({real})(missed < {fade} ? missed + 1u : {fade});
         if ({waits}) {{
@@ -161,7 +162,7 @@ static {real} certain(const avc_coupling_t *coupling)
 {body}
     if (!(command_n >= {lowest} && command_n <= {largest})) {{
         rest(coupling, position_m);
-        coupling->runs = 0u;
+        sensor->runs = 0u;
         coupling->given_n = {zero};
         return {zero};
     }}
@@ -178,42 +179,43 @@ static {real} certain(const avc_coupling_t *coupling)
 }}
 """
 
+_BEFORE = "    const {real} before_m = sensor->position_m;\n"
+_FIRST_OF_WALLS = "sensor->runs != 0u && before_m > {zero} ? {inside} : driven(sensor)"
+# A law goes on where the device still rests outside of the wall: begun anew it would take a count for a movement.
+_MOVES_OF_WALLS = """ &&
+        (coupling->depth_m > {zero} || position_m{ahead} > {zero} || !within(position_m - before_m, {unsure}))"""
 # Outside of a wall whatever the law gives is of a law that has begun anew; elsewhere a place is seen twice.
-_FIRST_OF_WALLS = "coupling->runs != 0u && sensor->position_m > {zero} ? {inside} : driven(sensor)"
-_WAITS_OF_WALLS = "!(coupling->share > {zero}) && position_m > {zero}"
+_WAITS_OF_WALLS = "!(coupling->share > {zero}) && position_m{ahead} > {zero}"
 _WAITS_OF_DETENTS = "!(coupling->share > {zero})"
 
-# What a device went into the wall unseen does not count, so that nothing begins stretched.
+# What a device went into the wall unseen does not count, so that nothing begins stretched. {ahead} is how far before
+# the measured position a law looks: it is in the wall, or out of it, where it sees itself.
 _BEGIN = """\
-    if (coupling->runs == 0u && position_m - coupling->face_m > coupling->depth_m) {{
-        coupling->face_m = position_m - coupling->depth_m;{ahead}
+    moved = coupling->face_m > {zero};
+    if (sensor->runs == 0u && position_m{ahead} - coupling->face_m > coupling->depth_m) {{
+        coupling->face_m = position_m{ahead} - coupling->depth_m;
     }}
-    if (position_m <= {zero}) {{
+    if (position_m{ahead} <= {zero}) {{
         coupling->face_m = {zero};
     }}
-    coupling->depth_m = position_m > coupling->face_m ? position_m - coupling->face_m : {zero};
-    if ((coupling->runs == 0u && coupling->depth_m <= {zero}) || (position_m <= {zero} && coupling->moved != 0u)) {{
+    coupling->depth_m = position_m{ahead} > coupling->face_m ? position_m{ahead} - coupling->face_m : {zero};
+    if ((sensor->runs == 0u && coupling->depth_m <= {zero}) ||
+        (position_m{ahead} <= {zero} && moved)) {{
         rest(coupling, position_m - coupling->face_m);
-        if (position_m <= {zero}) {{
+        if (position_m{ahead} <= {zero}) {{
             coupling->share = {one};
         }}
     }}
-    coupling->moved = coupling->face_m > {zero} ? 1u : 0u;
-    coupling->runs = 1u;
+    sensor->runs = 1u;
     position_m = position_m - coupling->face_m;"""
-# An observer looks so far ahead of the measured position: at the face itself it would push already.
-_AHEAD = """
-        if (coupling->depth_m <= {zero}) {{
-            coupling->face_m += {face};
-        }}"""
 # Detents have fixed positions: behind a moved wall they would differ.
 _BEGIN_OUTSIDE = """\
-    if (coupling->runs == 0u) {{
+    if (sensor->runs == 0u) {{
         if (position_m > {zero}) {{
             return {zero};
         }}
         rest(coupling, position_m);
-        coupling->runs = 1u;
+        sensor->runs = 1u;
     }}"""
 _LOOK_UP = """
 enum {{ ROWS = {rows} }};
@@ -335,7 +337,7 @@ def _header(coupling: Coupling, program: CouplingProgram, precision: Precision, 
         table="" if program.before is None else "; on AVR the table stays in flash",
         states="\n".join(f"    {precision.c_type} {name};" for name in program.states),
         limited="" if force is None else ", limited at AVC_COUPLING_MAX_FORCE_N",
-        sensor=SENSOR_TYPE.format(real=precision.c_type),
+        sensor=SENSOR_TYPE.format(real=precision.c_type, more=_RUNS),
         faults=_fault_model(problem.device, wall=detent is None),
     )
 
@@ -380,7 +382,7 @@ def _source(coupling: Coupling, program: CouplingProgram, precision: Precision) 
     bounds = SensorBounds.of(device)
     words |= bounds.literals(precision) | {"end": "", "passed": ""}
     first, waits = (_FIRST_OF_WALLS, _WAITS_OF_WALLS) if wall else ("{inside}", _WAITS_OF_DETENTS)
-    ahead = "" if feedback is None or not feedback.face_m > 0 else _AHEAD.format(**words, face=literal(feedback.face_m))
+    words["ahead"] = "" if feedback is None or not feedback.face_m > 0 else f" + {literal(feedback.face_m)}"
     given = dict.fromkeys(program.asked, "given_n")
     return _SOURCE.format(
         id=coupling.id,
@@ -389,8 +391,11 @@ def _source(coupling: Coupling, program: CouplingProgram, precision: Precision) 
         sensor=SENSOR.format(**words),
         first=first.format(**words),
         waits=waits.format(**words),
+        before=_BEFORE.format(**words) if wall else "",
+        moves=_MOVES_OF_WALLS.format(**words) if wall else "",
         fade=f"{fade_samples(device)}u",
-        begin=_BEGIN.format(**words, ahead=ahead) if wall else _BEGIN_OUTSIDE.format(**words),
+        moved="\n    int moved;" if wall else "",
+        begin=(_BEGIN if wall else _BEGIN_OUTSIDE).format(**words),
         look_up="" if program.before is None else _look_up(coupling.table, precision),
         rest=_indented(start_lines("coupling", program.states, program.initial, precision=precision)),
         lowest=literal(-precision.largest),

@@ -95,7 +95,7 @@ typedef struct {{
     /* In own samples: until the other end is silent, and in which a force fades; in which a force of before may still
      * act, and after which the own position is wherever it is. */
     unsigned long watchdog, fade;
-    unsigned int pushed, lost;
+    unsigned short pushed, lost;
     /* Messages that may lie between two. */
     uint32_t most;
     /* Whether a force of the other end is felt in place of spring and damper. */
@@ -258,7 +258,7 @@ def pair_header(coupling: Coupling, precision: Precision, verdict: str, silences
         fade_s=max(fade_samples(own) * own.sample_time_s for _, own in ends),
         precision=precision.name,
         real=precision.c_type,
-        sensor=SENSOR_TYPE.format(real=precision.c_type),
+        sensor=SENSOR_TYPE.format(real=precision.c_type, more=""),
     )
 
 

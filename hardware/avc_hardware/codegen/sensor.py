@@ -27,6 +27,7 @@ _QUIET_M_PER_S2 = 10.0  # forces that accelerate less than a tenth of a hand do 
 _UNDECLARED_M = 1e-4  # two steps of 50 um: an encoder that nobody declared may be that coarse
 _LAG_TIME_CONSTANTS = 5.0  # after which 1 % of an amplifier's force is left
 _FADE_S = 0.05  # long for a sample, short for a hand
+_RECOIL_S = 0.05  # in which a hand catches a device that a wall has thrown back, with more than it moves it by
 _FEWEST_LOST = 8  # samples, at slow rates: longer than the six bad ones in a row of the fault model
 
 
@@ -36,7 +37,7 @@ def fade_samples(device: Device) -> int:
 
 
 def _pushed_samples(device: Device) -> int:
-    """Return for how many samples a force that has ended may still move what the encoder sees."""
+    """Return for how many samples a force that has ended may still change what the encoder sees."""
     # A change of movement is made in two samples.
     lasting_s = (max((device.delay_samples, *(device.range.delay_samples or ()))) + 2) * device.sample_time_s
     bandwidths_hz = (device.amplifier_bandwidth_hz, *(device.range.amplifier_bandwidth_hz or ()))
@@ -47,7 +48,7 @@ def _pushed_samples(device: Device) -> int:
         swing = actuator_m_per_s2(device) * device.metres_per_unit / _QUIET_M_PER_S2
         decay_per_s = device.resonance.damping_ratio * 2 * math.pi * device.resonance.frequency_hz
         lasting_s += min(math.log(max(swing, 1.0)) / decay_per_s, 5 * _FADE_S)
-    return math.ceil(lasting_s / device.sample_time_s - 1e-9)
+    return math.ceil(max(lasting_s, _RECOIL_S) / device.sample_time_s - 1e-9)
 
 
 @dataclass(frozen=True)
@@ -56,8 +57,8 @@ class SensorBounds:
 
     A movement is that of one sample to the next. n samples after the last believed position p, to which the movement
     was m, a position x is believed where it is between p and p + n m, or beyond by no more than
-    n ((n + 1)/2 a + unsure), a the change of movement by hand and actuator: n movements that each change by a. With n = 1
-    only p + m is the middle, and a is larger where something may be struck.
+    n ((n + 1)/2 a + unsure), a the change of movement by hand and actuator: n movements that each change by a.
+    With n = 1 only p + m is the middle, and a is larger where something may be struck.
     """
 
     fastest_m_per_s: float  # of the handle, by the radius of a rotary one
@@ -125,9 +126,9 @@ typedef struct {{
     /* The last position that was believed, and the movement to it from the sample before. */
     {real} position_m, moved_m;
     /* Samples since then; and those in which a force of before may still act. */
-    unsigned int missed, pushed;
+    unsigned short missed, pushed;
     /* 0: nothing is known, 1: a position, 2: a movement too. */
-    unsigned char known;
+    unsigned char known;{more}
 }} avc_coupling_sensor_t;
 """
 
@@ -170,7 +171,9 @@ static int look(avc_coupling_sensor_t *sensor{end}, {real} position_m, {real} fi
     if (!within(position_m, {farthest}) ||
         (sensor->known != 0u && !(within(moved_m, samples * {jump}) && moved_m >= low_m - unsure_m &&
                                   moved_m <= high_m + unsure_m))) {{
-        sensor->missed += sensor->missed < {lost} ? 1u : 0u;
+        if (sensor->missed < {lost}) {{
+            sensor->missed++;
+        }}
         if (sensor->missed >= {lost}) {{
             sensor->known = 0u;
         }}
