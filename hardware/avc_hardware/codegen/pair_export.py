@@ -335,8 +335,9 @@ class _End:
         lengths = ("jump", "start", "unsure", "hand", "driven", "inside", "struck")
         moved = (*(getattr(bounds, f"{name}_m") for name in lengths), bounds.quiet_n, *self.far)
         numbers = (own.sample_time_s, *self.scales, *vars(self.gains).values(), limit, *moved)
-        whole = (f"{self.watchdog}ul", f"{fade_samples(own)}ul", f"{bounds.pushed_samples}u", f"{bounds.lost_samples}u")
-        whole += (f"{self.most}u", f"{int(self.feels_force)}u")
+        own_samples = (f"{bounds.pushed_samples}u", f"{bounds.lost_samples}u")
+        watched = (f"{self.watchdog}ul", f"{fade_samples(own)}ul", *own_samples)
+        whole = (*watched, f"{self.most}u", f"{int(self.feels_force)}u")
         body = "".join(f"    {one},\n" for one in (*map(precision.literal, numbers), *whole))
         kind = "static const" if self.name == "DEVICE" else "const"
         return f"{kind} avc_coupling_end_t AVC_COUPLING_{self.name} = {{\n{body}}};\n"

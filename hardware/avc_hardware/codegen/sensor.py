@@ -48,7 +48,7 @@ def _pushed_samples(device: Device) -> int:
         swing = actuator_m_per_s2(device) * device.metres_per_unit / _QUIET_M_PER_S2
         decay_per_s = device.resonance.damping_ratio * 2 * math.pi * device.resonance.frequency_hz
         lasting_s += min(math.log(max(swing, 1.0)) / decay_per_s, 5 * _FADE_S)
-    return math.ceil(max(lasting_s, _RECOIL_S) / device.sample_time_s - 1e-9)
+    return math.ceil(float(max(lasting_s, _RECOIL_S)) / device.sample_time_s - 1e-9)
 
 
 @dataclass(frozen=True)
