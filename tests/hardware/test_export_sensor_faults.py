@@ -16,6 +16,7 @@ from avc_casadi._util.arrays import FloatArray
 from avc_casadi.coupling import Coupling
 from avc_casadi.model.runtime import Runtime
 from avc_hardware import BoardLimits, DeviceFault
+from avc_hardware.codegen.sensor import SensorBounds
 
 STEP = 2e-5
 STIFFNESS = 5e3
@@ -190,6 +191,24 @@ def test_no_fault_gives_force_outside_or_more_energy_than_a_spring_would(name: s
 
 EACH_KIND = laws_of_each_kind()
 BOUND_N = 0.05
+
+
+@pytest.mark.parametrize("sample_time_s", [1e-4, 5e-4, 1e-3, 2e-3])
+@pytest.mark.parametrize("step_m", [0.0, 1e-6, 2e-5, 1e-4])
+@pytest.mark.parametrize("mass_kg", [0.01, 0.2])
+def test_any_device_bears_six_bad_samples_and_its_header_says_how_many(
+    sample_time_s: float, step_m: float, mass_kg: float
+) -> None:
+    for max_force_n in (None, 8.0):
+        keys = {"sample_time_s": sample_time_s, "mass_kg": mass_kg, "encoder_resolution_m": step_m}
+        made = with_gains(bench_problem((0.0, 3e3), **keys, max_force_n=max_force_n), 1.0, 3e3)
+        borne = SensorBounds.of(made.problem.device).most_bad_samples(1.0)
+        assert 6 <= borne <= 20
+        device = Exported(made)
+        way = np.full(60 + borne, -18e-3)
+        way[30 : 30 + borne] = 2e-3 - 1e-3 * np.arange(borne)
+        assert np.abs(device.forces(way)).max() == 0
+        assert f"up to {borne} in a row" in " ".join(export_c(made)["avc_coupling.h"].replace("*", "").split())
 
 
 @functools.cache
