@@ -1,4 +1,4 @@
-"""What a coupling feels like: impedance of the shaken handle, contact onset, rebound, ripple, and responses to plot."""
+"""What a coupling feels like: impedance of the shaken handle, contact onset and its end, rebound, ripple, and plots."""
 
 from __future__ import annotations
 
@@ -36,6 +36,17 @@ NOTICED_N = 0.1
 """Detectable force."""
 REACHED_M = 0.01
 """Depth to which the hand is led, at the handle."""
+PRESSED_S = 1.0
+"""Duration of a press before the hand withdraws; after it an observer with slow modes is nearly at rest."""
+WITHDRAWN_M = 0.01
+"""Distance outside the wall to which the hand withdraws, at the handle: from there a press of the trial begins."""
+WITHDRAWN_S = 0.5
+"""Duration of the withdrawal: brisk, within the voluntary motion of a hand."""
+NOTICED_LATE_S = 0.02
+"""Least time between two touches whose order is perceived, here between the face and the end of its force: 20 to
+60 ms (Hirsh and Sherrick, Journal of Experimental Psychology 1961; Yamamoto and Kitazawa, Scholarpedia 2015)."""
+FACES = 16
+"""Places of the wall's face within an encoder step; twice as many change what is found by some per cent at most."""
 
 
 @dataclass(frozen=True)
@@ -92,33 +103,46 @@ def _shaken_force(coupling: Coupling, depth_m: float, amplitude_m: FloatArray, e
 def _led(
     coupling: Coupling, position_m: FloatArray, fastest_hz: float = 0.0, *, exact: bool = False
 ) -> tuple[FloatArray, FloatArray]:
-    """Return position and commanded force for an imposed motion, with an ideal actuator."""
-    device = coupling.problem.device
+    """Return position and commanded force for an imposed motion, with an ideal actuator; `exact` without steps."""
     # What lies between command and handle is linear and computed analytically.
-    ideal: dict[str, Any] = {
-        "delay_samples": 0,
+    changed: dict[str, Any] = {"delay_samples": 0, "max_force_n": None}
+    if exact:
+        changed["encoder_resolution_m"] = 0.0
+    position, force = _imposed(coupling, position_m, changed, fastest_hz)
+    return position[0], force[0]
+
+
+def _imposed(
+    coupling: Coupling, position_m: FloatArray, changed: dict[str, Any], fastest_hz: float = 0.0, faces: int = 1
+) -> tuple[FloatArray, FloatArray]:
+    """Return position and arriving force for an imposed motion of the sensor of a changed device, (faces, samples).
+
+    The wall's face lies in the middle of an encoder step; of several faces each lies elsewhere. An imposed motion
+    leaves no part to mass, resonance and dry friction.
+    """
+    device = coupling.problem.device
+    rigid: dict[str, Any] = {
         "coulomb_friction_n": 0.0,
         "amplifier_bandwidth_hz": None,
-        "max_force_n": None,
         "resonance": None,
         "encoder_at": "motor",
         "range": DeviceRange(),
     }
-    read = {"encoder_resolution_m": 0.0} if exact else {}
-    setup = Setup.of(coupling, device.model_copy(update=ideal | read)).without("guard")
-    setup = replace(setup, steps_anywhere=False)
+    setup = Setup.of(coupling, device.model_copy(update=rigid | changed)).without("guard")
+    setup = replace(setup, steps_anywhere=faces > 1)
     # The motion is imposed by a mass far beyond the device's force, on a spring much faster than the motion.
     fast = 2 * math.pi * max(20.0 * fastest_hz, 30.0)
     mass = 1e7 * (device.mass_kg + coupling.problem.hands.mass_kg[1])
-    hand = Hand(*(np.array([value]) for value in (mass, 2 * mass * fast, mass * fast**2)))
+    hand = Hand(*(np.full(faces, value) for value in (mass, 2 * mass * fast, mass * fast**2)))
     samples, t = len(position_m) - 1, device.sample_time_s
     scene, parameters, held = prepare(setup, hand, Hold(end_m=0.0), samples * t)
     inputs = held.copy()
     inputs[scene.inputs.index("target_position_m")] = position_m[:-1]
     inputs[scene.inputs.index("target_velocity_m_per_s")] = np.diff(position_m) / t
     run = execute(scene, parameters, inputs)
+    position = run["position_m"]
     # Without a wall no force is commanded.
-    return run["position_m"][0], run["force_n"][0] if "force_n" in run else np.zeros(samples)
+    return position, run.get("force_n", np.zeros_like(position))
 
 
 def contact_onset_m(coupling: Coupling) -> dict[str, float | None]:
@@ -133,6 +157,50 @@ def contact_onset_m(coupling: Coupling) -> dict[str, float | None]:
         pushed = np.flatnonzero(run.force_n[0] / radius > NOTICED_N)
         found[f"{speed / radius:g}"] = float(run.depth_m[0, pushed[0]]) if len(pushed) else None
     return found
+
+
+@dataclass(frozen=True)
+class LeavingContact:
+    """Force that still acts after a press, while the device is outside the wall."""
+
+    outside_m: float  # the farthest place outside at which more than `NOTICED_N` acts; 0 where none does
+    lasting_s: float  # from the face until no more than that acts; noticed from `NOTICED_LATE_S` on
+    force_n: float  # the largest one outside, noticed or not
+
+
+def leaving_contact(coupling: Coupling) -> LeavingContact:
+    """Return the force that still acts outside the wall while a firm hand withdraws the handle after a press.
+
+    A press to x_p, half of a firm press or of the force limit, rests for `PRESSED_S`. Then the hand withdraws with
+    the least jerk (Flash and Hogan, Journal of Neuroscience 1985) to x_o = `WITHDRAWN_M` outside, with s = t/T_w from
+    0 to 1 and T_w = `WITHDRAWN_S`:
+
+        x(t) = x_p - (x_p + x_o) (10 s^3 - 15 s^4 + 6 s^5)
+
+    A spring and damper stops at the face, or a delay behind it. An observer's estimate may lag behind the hand, so
+    that its wall still pushes: outwards, as the force is clipped at 0. It is watched as long again. The wall's face
+    may lie anywhere between two encoder steps: each number is the largest of `FACES` places.
+    """
+    device = coupling.problem.device
+    period_s, radius = device.sample_time_s, device.metres_per_unit
+    depth_m = Excitation.of(device, coupling.static_stiffness_n_per_m).depth_m
+    entering_s = 0.25
+    leaves_s = entering_s + PRESSED_S
+    time_s = period_s * np.arange(round((leaves_s + 2 * WITHDRAWN_S) / period_s) + 1)
+    share = np.clip((time_s - leaves_s) / WITHDRAWN_S, 0.0, 1.0)
+    withdrawn = share**3 * (10 - 15 * share + 6 * share**2)
+    motion_m = depth_m * np.minimum(time_s / entering_s, 1.0) - (depth_m + WITHDRAWN_M / radius) * withdrawn
+    position_m, force_n = _imposed(coupling, motion_m, {}, faces=FACES if device.encoder_resolution_m else 1)
+    outside = (position_m < 0) & (time_s[:-1] > leaves_s)
+    noticed = outside & (force_n > NOTICED_N * radius)
+    # The last noticed force is held until the next sample.
+    samples = np.arange(position_m.shape[-1])
+    lasting = np.where(noticed, samples + 1, 0).max(axis=-1) - outside.argmax(axis=-1)
+    return LeavingContact(
+        outside_m=float(np.where(noticed, -position_m, 0.0).max()),
+        lasting_s=period_s * max(0, int(lasting.max())),
+        force_n=float(np.where(outside, force_n, 0.0).max()),
+    )
 
 
 def rebound(coupling: Coupling, *, at_face: bool = False) -> dict[str, float]:

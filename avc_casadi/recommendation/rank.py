@@ -1,4 +1,4 @@
-"""Rank candidates: by safety, then by vibration threshold, then by impedance error in motion."""
+"""Rank candidates: by safety, vibration threshold, distance from the wall, then by the end of the force on leaving."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from avc_casadi.claims.impedance import below_quarter_rate, handle_impedance, ta
 from avc_casadi.coupling import Coupling
 from avc_casadi.loops.margins import transients
 from avc_casadi.loops.wall import force_over_position, frozen_rendering
-from avc_casadi.recommendation.felt import rebound, shaken
+from avc_casadi.recommendation.felt import NOTICED_LATE_S, leaving_contact, rebound, shaken
 from avc_casadi.simulation.population.trial import CouplingTrial
 
 BAND_HZ = np.geomspace(1.0, 30.0, 40)
@@ -100,6 +100,11 @@ class Candidate:
         return max(self.error, active, FELT_ERROR) + _PER_SETTLING * slow + _PER_SOFTER * soft
 
     @cached_property
+    def pushes_outside_s(self) -> float:
+        """How long it still pushes a hand that withdraws, after that has left the wall."""
+        return leaving_contact(self.coupling).lasting_s
+
+    @cached_property
     def promises_rest(self) -> bool:
         """Whether a proof of L7 is likely."""
         return promises_rest(self.coupling)
@@ -129,7 +134,7 @@ def error_in_motion(coupling: Coupling) -> float:
 
 
 def best_of(candidates: list[Candidate], *, lean_on_friction: bool = False) -> Candidate:
-    """Return the best: by safety, vibration threshold, distance; of those as near to the senses the plainest."""
+    """Return the best: by safety, vibration threshold, distance; of those as near the plainest without a late push."""
 
     def safety(one: Candidate) -> int:
         return max(one.safety, 1) if lean_on_friction else one.safety
@@ -142,12 +147,25 @@ def best_of(candidates: list[Candidate], *, lean_on_friction: bool = False) -> C
     left = [one for one in left if one.quiet] or left
     nearest = min(one.distance for one in left)
     as_near = [one for one in left if one.distance <= nearest + FELT_ERROR]
-    quiet = max(int(one.trial.quiet.sum()) for one in as_near)
-    quietest = [one for one in as_near if int(one.trial.quiet.sum()) == quiet]
+    leaving = _without_late_push(as_near)
+    quiet = max(int(candidate.trial.quiet.sum()) for candidate in leaving)
+    quietest = [candidate for candidate in leaving if int(candidate.trial.quiet.sum()) == quiet]
     # Of several those for which a proof of L7 is likely, or all if there are none.
     left = ([one for one in quietest if one.promises_rest] or quietest) if len(quietest) > 1 else quietest
     most_n_per_m = max(one.felt_n_per_m for one in left)
     return min((one for one in left if one.felt_n_per_m >= (1 - _AS_STIFF) * most_n_per_m), key=_plainness)
+
+
+def _without_late_push(candidates: list[Candidate]) -> list[Candidate]:
+    """Return those that push a withdrawing hand outside the wall for no time that is noticed, or for the least time.
+
+    All of them are as near to the wall: what they do inside differs by less than a hand notices.
+    """
+    if len(candidates) == 1:
+        return candidates
+    least_s = min(candidate.pushes_outside_s for candidate in candidates)
+    longest_s = max(NOTICED_LATE_S, (1 + FELT_ERROR) * least_s)
+    return [candidate for candidate in candidates if candidate.pushes_outside_s <= longest_s]
 
 
 def _plainness(one: Candidate) -> tuple[float, ...]:

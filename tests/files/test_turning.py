@@ -8,10 +8,12 @@ from linear_keys import linear_keys
 
 import avc_casadi as avc
 from avc_casadi.coupling import Coupling
+from avc_casadi.design.observer_law import regulator
 from avc_casadi.design.program import program_answers
 from avc_casadi.model.gains import Gains
 from avc_casadi.model.problem import Problem
-from avc_casadi.recommendation.felt import contact_onset_m, ripple
+from avc_casadi.model.runtime import Runtime
+from avc_casadi.recommendation.felt import contact_onset_m, leaving_contact, ripple
 from avc_casadi.simulation.population.motions import motions_at
 
 KNOB = """
@@ -163,3 +165,18 @@ def test_what_is_felt_is_what_is_felt_at_the_handle():
     )
     same([*ripple(one).force_n.values()], [*ripple(other).force_n.values()], 1, radius, 0.02)
     same([*contact_onset_m(one).values()], [*contact_onset_m(other).values()], -1, radius, 1e-6)
+
+
+def test_a_force_outside_the_wall_after_a_press_is_that_at_the_handle():
+    radius, device = 0.125, {"mass_kg": 0.12, "damping_ns_per_m": 0.8, "encoder_resolution_m": 5e-5, "delay_samples": 3}
+    problems = both(device, {"stiffness_n_per_m": 6000.0, "damping_ns_per_m": 0.0}, radius)
+    found = []
+    for problem in problems:
+        law = regulator(problem.device, problem.hands, problem.environment.stiffness_n_per_m, 0)
+        gains, runtime = Gains(0.0, 1e8 * problem.device.metres_per_unit**2), Runtime(state_feedback=law)
+        found.append(leaving_contact(Coupling.constant(problem, gains, "mine", runtime)))
+    linear, rotary = found
+    assert linear.lasting_s == rotary.lasting_s > 0.02
+    # The numbers of both laws are rounded to single precision.
+    assert linear.outside_m / radius == pytest.approx(rotary.outside_m, rel=0.01)
+    assert linear.force_n * radius == pytest.approx(rotary.force_n, rel=0.01)

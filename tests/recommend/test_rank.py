@@ -80,6 +80,29 @@ def test_of_equally_safe_ones_what_is_quiet_wins_over_what_is_nearer_and_the_sim
     assert best_of([other, simpler]) is best_of([simpler, other]) is simpler
 
 
+@pytest.mark.parametrize(
+    ("pushing_s", "plainer_wins"),
+    # Of the plainer one and the other: unnoticed; noticed; both noticed, and alike or not.
+    [((0.0, 0.0), True), ((0.015, 0.0), True), ((0.03, 0.0), False), ((0.1, 0.095), True), ((0.1, 0.05), False)],
+)
+def test_of_those_as_near_one_that_pushes_outside_loses_to_one_that_does_not(pushing_s, plainer_wins):
+    plainer, other = (candidate(order, 0.5, HANDS, HANDS, HANDS - order) for order in range(2))
+    for one, lasting_s in zip((plainer, other), pushing_s, strict=True):
+        vars(one)["pushes_outside_s"] = lasting_s
+    assert best_of([plainer, other]) is (plainer if plainer_wins else other)
+
+
+def test_one_that_does_not_push_outside_loses_to_one_that_is_nearer_or_safer():
+    near, far = (
+        Candidate(Coupling.constant(PROBLEM, Gains(0.0, spring_before(PROBLEM, share * WALL), b), "x"), whole, order)
+        for order, (share, b, whole) in enumerate(((0.5, 50.0, trial(10, 10, 10)), (0.2, 20.0, trial(10, 10, 10))))
+    )
+    unsafe = candidate(2, 0.5, HANDS - 1, HANDS - 1, HANDS - 1)
+    assert near.distance < far.distance - 0.1
+    vars(near)["pushes_outside_s"], vars(far)["pushes_outside_s"], vars(unsafe)["pushes_outside_s"] = 0.2, 0.0, 0.0
+    assert best_of([near, far, unsafe]) is near
+
+
 def test_who_moves_on_a_device_that_is_asked_for_beyond_the_file_makes_a_coupling_unsafe():
     one, rest = candidate(0, 0.5, 10, 10, 10), np.ones(6, dtype=bool)
     assert replace(one, beyond=(rest, rest)).safety == 0
