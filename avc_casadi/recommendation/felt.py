@@ -171,9 +171,9 @@ class LeavingContact:
 def leaving_contact(coupling: Coupling) -> LeavingContact:
     """Return the force that still acts outside the wall while a firm hand withdraws the handle after a press.
 
-    A press to x_p, half of a firm press or of the force limit, rests for `PRESSED_S`. Then the hand withdraws with
-    the least jerk (Flash and Hogan, Journal of Neuroscience 1985) to x_o = `WITHDRAWN_M` outside, with s = t/T_w from
-    0 to 1 and T_w = `WITHDRAWN_S`:
+    A press to x_p, by half of a firm press or of the force limit and to 10 mm at most, rests for `PRESSED_S`. Then the
+    hand withdraws with the least jerk (Flash and Hogan, Journal of Neuroscience 1985) to x_o = `WITHDRAWN_M` outside,
+    with s = t/T_w from 0 to 1 and T_w = `WITHDRAWN_S`:
 
         x(t) = x_p - (x_p + x_o) (10 s^3 - 15 s^4 + 6 s^5)
 
@@ -183,7 +183,7 @@ def leaving_contact(coupling: Coupling) -> LeavingContact:
     """
     device = coupling.problem.device
     period_s, radius = device.sample_time_s, device.metres_per_unit
-    depth_m = Excitation.of(device, coupling.static_stiffness_n_per_m).depth_m
+    depth_m = min(Excitation.of(device, coupling.static_stiffness_n_per_m).depth_m, REACHED_M / radius)
     entering_s = 0.25
     leaves_s = entering_s + PRESSED_S
     time_s = period_s * np.arange(round((leaves_s + 2 * WITHDRAWN_S) / period_s) + 1)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
-from withdrawn_device import pushed_outside
+from withdrawn_device import NOTICED_N, pushed_outside, target_m
 
 import avc_casadi as avc
 from avc_casadi.claims.impedance import Excitation
@@ -52,6 +53,37 @@ def test_an_observer_pushes_outside_as_its_exported_c_does(name):
     assert told.outside_m == pytest.approx(outside_m, rel=0.04)
     assert told.lasting_s == pytest.approx(lasting_s, rel=0.04)
     assert told.force_n == pytest.approx(force_n, rel=0.04)
+
+
+def pushed_by_matrices(coupling, depth_m, faces=8):
+    """The same numbers by the equations of the law, led exactly along the motion of the hand."""
+    device, law = coupling.problem.device, coupling.runtime.state_feedback
+    a, b, gain, weight = (np.array(part) for part in (law.state, law.force_m_per_n, law.innovation, law.feedback))
+    wall, most_n = coupling.problem.environment.stiffness_n_per_m, device.max_force_n or np.inf
+    time_s = device.sample_time_s * np.arange(round(2.25 / device.sample_time_s))
+    x = np.array([target_m(depth_m, now_s) for now_s in time_s])
+    outside, found = (time_s > 1.25) & (x < 0), []
+    for face in np.arange(faces) / faces:
+        state, forces = np.zeros(len(b)), [0.0] * int(device.delay_samples)
+        for seen in STEP_M * (np.floor(x / STEP_M - face + 0.5) + face) + law.face_m:
+            error = seen - state[law.measures]
+            state = state + gain * np.sign(error) * max(abs(error) - law.dead_zone_m, 0.0)
+            forces.append(min(max(wall * (weight @ state), 0.0), most_n))
+            state = a @ state + b * forces[-1]
+        arriving = np.array(forces[: len(x)])
+        noticed = np.flatnonzero(outside & (arriving > NOTICED_N))
+        lasting = (noticed[-1] + 1 - np.flatnonzero(outside)[0]) * device.sample_time_s
+        found.append((-x[noticed[-1]], lasting, arriving[outside].max()))
+    return tuple(map(max, zip(*found, strict=True)))
+
+
+@pytest.mark.parametrize("name", DEVICES)
+def test_an_observer_pushes_outside_as_its_matrices_do(name):
+    coupling = observed(problem(name))
+    told, device = leaving_contact(coupling), coupling.problem.device
+    depth_m = Excitation.of(device, coupling.static_stiffness_n_per_m).depth_m
+    found = pushed_by_matrices(coupling, depth_m)
+    assert (told.outside_m, told.lasting_s, told.force_n) == pytest.approx(found, rel=0.04)
 
 
 SERIES, BEHIND_A_PLAIN_OBSERVER = "series", "behind a plain observer"
