@@ -20,7 +20,16 @@ from avc_casadi.loops.system import Mode
 from avc_casadi.model.ends import ToolGains
 from avc_casadi.model.problem import Problem
 from avc_casadi.recommendation.evaluator import PerturbedDevices, Withstood
-from avc_casadi.recommendation.felt import NOTICED_N, Felt, contact_onset_m, leaving_contact, rebound, ripple, shaken
+from avc_casadi.recommendation.felt import (
+    NOTICED_N,
+    WITHDRAWN_S,
+    Felt,
+    contact_onset_m,
+    leaving_contact,
+    rebound,
+    ripple,
+    shaken,
+)
 from avc_casadi.recommendation.sensitivity import Help, ToolHelp, Trade
 from avc_casadi.simulation.population.trial import CouplingTrial, Trial
 
@@ -216,7 +225,7 @@ class Recommendation(Printed):
             "tap_depth_m": tried["tap_depth_m"],
             "edge_m": contact_onset_m(coupling) if springy else {},
             "edge_force_n": NOTICED_N * device.metres_per_unit,
-            "leaving": vars(leaving_contact(coupling)) if springy else {},
+            "leaving": vars(leaving_contact(coupling)) | {"withdrawn_s": WITHDRAWN_S} if springy else {},
             "rebound": rebound(coupling) if springy else {},
             "vibration": tried["felt_vibration"],
             "friction_n": device.coulomb_friction_n,

@@ -131,14 +131,15 @@ def test_the_row_stands_where_a_hand_notices_that_the_force_ends_late():
     data = judged_as_recommended(soft, Coupling.constant(soft, Gains(0.0, 1e8), "mine").schedule, hands=4).data()
 
     def row(lasting_s):
-        leaving = {"outside_m": 1.25e-3, "lasting_s": lasting_s, "force_n": 3.5}
+        leaving = {"outside_m": 1.25e-3, "lasting_s": lasting_s, "force_n": 3.5, "withdrawn_s": 0.5}
         changed = data | {"felt": data["felt"] | {"leaving": leaving}}
-        return [one for one in wall_rows(changed, soft) if one.label == "Leaving contact"]
+        return next(one for one in wall_rows(changed, soft) if one.label == "Leaving contact")
 
-    assert set(data["felt"]["leaving"]) == {"outside_m", "lasting_s", "force_n"}
-    assert not row(0.9 * NOTICED_LATE_S)
-    (told,) = row(0.084)
-    assert told.mark is Mark.CAUTION
+    assert set(data["felt"]["leaving"]) == {"outside_m", "lasting_s", "force_n", "withdrawn_s"}
+    assert (row(0.9 * NOTICED_LATE_S).mark, row(0.9 * NOTICED_LATE_S).rank) == (Mark.NONE, 1)
+    assert text_of(row(0.0).values, soft.units) == "no force outside; a hand withdraws in 500 ms"
+    told = row(0.084)
+    assert (told.mark, told.rank) == (Mark.CAUTION, 0)
     told_text = text_of(told.values, soft.units)
     assert told_text == "up to 3.50 N for 84.0 ms outside the wall, until 1.25 mm; a hand withdraws in 500 ms"
     turning = avc.load_problem("knob").units

@@ -12,7 +12,7 @@ from avc_casadi.model.corners import Robustness
 from avc_casadi.model.problem import Problem
 from avc_casadi.present.row import Answer, Mark, Part, Row, Value, caution, commas, fill, grade, row, span
 from avc_casadi.present.rows import subject
-from avc_casadi.recommendation.felt import NOTICED_LATE_S, REACHED_M, WITHDRAWN_S
+from avc_casadi.recommendation.felt import NOTICED_LATE_S, REACHED_M
 from avc_casadi.recommendation.preconditions import SLIP, asked_of_others, not_judged
 from avc_casadi.recommendation.rank import UNNOTICED
 from avc_casadi.recommendation.recommendation import Recommendation
@@ -226,10 +226,13 @@ def _contact(data: Mapping[str, Any], problem: Problem) -> list[Row]:
         begins = Value(REACHED_M / size if depth is None else abs(depth), "length")
         onset = "force from" if depth is not None else "no force up to", begins, side
         rows.append(row("Contact onset", onset, "at", Value(float(speed), "speed"), mark=Mark.CAUTION))
-    if (leaving := felt["leaving"]) and leaving["lasting_s"] > NOTICED_LATE_S:
-        pushes = fill("up to {force_n} for {lasting_s} outside the wall, until {outside_m}", leaving)
-        withdrawn = "; a hand withdraws in", Value(WITHDRAWN_S, "time")
-        rows.append(row("Leaving contact", pushes, withdrawn, mark=Mark.CAUTION))
+    if leaving := felt["leaving"]:
+        late, noticed = leaving["lasting_s"] > NOTICED_LATE_S, leaving["lasting_s"] > 0
+        pushes = (
+            "up to {force_n} for {lasting_s} outside the wall, until {outside_m}" if noticed else "no force outside"
+        )
+        text = fill(f"{pushes}; a hand withdraws in {{withdrawn_s}}", leaving)
+        rows.append(row("Leaving contact", text, mark=caution(late), rank=0 if late else 1))
     if fast := {speed: share for speed, share in felt["rebound"].items() if share > 1.02}:
         each = commas((Value(share, "number"), "times", Value(float(speed), "speed")) for speed, share in fast.items())
         rows.append(row("Rebound", "the released device leaves the wall at", each, mark=Mark.CAUTION))
