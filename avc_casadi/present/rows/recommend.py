@@ -227,7 +227,7 @@ def _contact(data: Mapping[str, Any], problem: Problem) -> list[Row]:
         onset = "force from" if depth is not None else "no force up to", begins, side
         rows.append(row("Contact onset", onset, "at", Value(float(speed), "speed"), mark=Mark.CAUTION))
     if leaving := felt["leaving"]:
-        late, pushes = leaving["lasting_s"] > NOTICED_LATE_S, "no force outside"
+        late, pushes = leaving["lasting_s"] > NOTICED_LATE_S, "no noticeable force outside"
         if leaving["lasting_s"] > 0:
             pushes = "up to {force_n} for {lasting_s} outside the wall, until {outside_m}"
         text = fill(f"{pushes}; a hand withdraws in {{withdrawn_s}}", leaving)
