@@ -8,7 +8,7 @@ from linear_keys import linear_keys
 
 import avc_casadi as avc
 from avc_casadi.coupling import Coupling
-from avc_casadi.design.observer_law import regulator
+from avc_casadi.design.observer_law import GUESSES, regulator
 from avc_casadi.design.program import program_answers
 from avc_casadi.model.gains import Gains
 from avc_casadi.model.problem import Problem
@@ -172,7 +172,7 @@ def test_a_force_outside_the_wall_after_a_press_is_that_at_the_handle():
     problems = both(device, {"stiffness_n_per_m": 6000.0, "damping_ns_per_m": 0.0}, radius)
     found = []
     for problem in problems:
-        law = regulator(problem.device, problem.hands, problem.environment.stiffness_n_per_m, 0)
+        law = regulator(problem.device, problem.hands, problem.environment.stiffness_n_per_m, GUESSES[0])
         gains, runtime = Gains(0.0, 1e8 * problem.device.metres_per_unit**2), Runtime(state_feedback=law)
         found.append(leaving_contact(Coupling.constant(problem, gains, "mine", runtime)))
     linear, rotary = found

@@ -9,7 +9,7 @@ from withdrawn_device import NOTICED_N, pushed_outside, target_m
 import avc_casadi as avc
 from avc_casadi.claims.impedance import Excitation
 from avc_casadi.coupling import Coupling
-from avc_casadi.design.observer_law import regulator
+from avc_casadi.design.observer_law import GUESSES, regulator
 from avc_casadi.model.gains import Gains, spring_before
 from avc_casadi.model.runtime import Runtime
 from avc_casadi.present.row import Mark, text_of
@@ -36,7 +36,7 @@ def problem(name, **changed):
 
 def observed(stated, guess=0):
     """An observer whose estimate of the hand is slow, with state feedback."""
-    law = regulator(stated.device, stated.hands, stated.environment.stiffness_n_per_m, guess)
+    law = regulator(stated.device, stated.hands, stated.environment.stiffness_n_per_m, GUESSES[guess])
     return Coupling.constant(stated, Gains(0.0, 1e12), "mine", Runtime(state_feedback=law))
 
 
