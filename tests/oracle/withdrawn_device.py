@@ -47,6 +47,9 @@ def _pushed_outside(device, law, depth_m, face):
     asked, state = [0.0] * (whole + 2), np.zeros(5)
     face_s, last_s, far_m, largest_n = None, None, 0.0, 0.0
     law.start()
+    # The device comes from outside: a law that begins at its face takes it for a device that is in the wall already.
+    for _ in range(2):
+        law.step(-2 * step_m)
     for sample in range(round((ENTERING_S + PRESSED_S + WITHDRAWN_S + WATCHED_S) / period_s)):
         now_s, position = sample * period_s, state[0]
         seen = step_m * (np.floor(position / step_m - face + 0.5) + face) if step_m else position
