@@ -9,8 +9,6 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
-import numpy as np
-
 import avc_casadi as avc
 import avc_hardware
 from avc_casadi._util.json_values import plain
@@ -78,8 +76,7 @@ def run_excite(args: argparse.Namespace, console: Console) -> Answer:
     with console.step(f"{args.signal} on {args.port}"):
         log = avc_hardware.excite(plan, args.port, on_bench=on_bench, baud=args.baud, progress=console, cut=cut)
     data["log"], onwards, complaint = log.document(), [], ""
-    stroke_m = float(np.ptp(log.position_m)) if log.position_m.size else 0.0
-    steps = stroke_m / device.encoder_resolution_m if device.encoder_resolution_m else math.inf
+    steps = log.stroke_m / device.encoder_resolution_m if device.encoder_resolution_m else math.inf
     if not log.whole and "limit" in log.end:
         complaint = f"{log.end}; the device is lighter, freer or otherwise held than declared: clear its way, "
         complaint += "widen [device.range], or give less force"

@@ -139,8 +139,9 @@ tone by whole turns, and every step enlarges the last bits."""
 
 
 _SPEED_WEIGHT = 0.3
-"""Weight of the peak of the speed beside that of the force. Most devices reach the limit of speed first: of 12 devices
-the signal has 26 per cent more force (rms) within the same limits than without, at a crest factor 3 per cent higher."""
+"""Weight of the peak of the speed, that of the force being 1. Most devices reach the limit of speed first: within the
+same limits the signal of 10 s has 39 per cent more force (rms, median of 15 devices) than without any weight, at a
+crest factor 4 per cent higher."""
 
 
 def low_crest_phases(

@@ -68,6 +68,11 @@ class ExcitationLog:
         given = -force_of_code(code_of_force(-self.force_n, full_n), full_n)
         return replace(self, force_n=given, output_n=float(force_of_code(1 + code_of_force(0.0, full_n), full_n)))
 
+    @property
+    def stroke_m(self) -> float:
+        """Motion from end to end."""
+        return float(np.ptp(self.position_m)) if self.position_m.size else 0.0
+
     def document(self) -> dict[str, Any]:
         """Return the figures: JSON values only."""
         window = self.plan.window
