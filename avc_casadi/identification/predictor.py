@@ -209,6 +209,8 @@ def beside(values: Mapping[str, float], structure: Structure) -> tuple[list[dict
         if one.name == "delay_samples":
             # The same two forces act within a sample, where every entry is smooth.
             move = 2 * LEAST_DELAY_SAMPLES if value % 1.0 < 0.5 else -2 * LEAST_DELAY_SAMPLES
+        if q + move > structure.inward(one, one.highest):
+            move = -move  # beyond its bounds there is no device
         other = structure.outward(one, q + move)
         several.append({**values, one.name: other})
         moves.append(structure.inward(one, other) - q)

@@ -53,6 +53,19 @@ def test_slopes_hold_wherever_in_a_sample_the_force_arrives(predictor, delay):
     assert error < 0.05
 
 
+@pytest.mark.parametrize("name", VALUES)
+def test_a_search_that_ran_to_a_bound_has_slopes_there(predictor, name):
+    """Such a model is worse than others, and no reason to stop: the neighbour of the slope lies within the bounds."""
+    structure = Structure(MODELS[-1], {})
+    place = structure.names.index(name)
+    for bound, inwards in zip(structure.bounds(), (1, -1), strict=True):
+        if np.isfinite(bound[place]):
+            search = structure.start(VALUES)
+            search[place] = bound[place] + inwards * 1e-9 * max(1.0, abs(bound[place]))
+            (found,) = predictor.predict(structure, search, Observer(60.0))
+            assert np.isfinite(found.slopes[:, place]).all()
+
+
 def linear_fit(seed, count=40, size=60, noise=1.0):
     """A linear problem as a fit: e = noise - J q at the least-squares estimate."""
     random, names = np.random.default_rng(seed), ("mass_kg", "damping_ns_per_m")
