@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cached_property, reduce
@@ -14,6 +14,7 @@ import numpy as np
 
 from avc_casadi._errors import InputError
 from avc_casadi._util.arrays import FloatArray
+from avc_casadi.loops.contacts import Swing
 from avc_casadi.loops.loop import Body, Loop, Map, Rows, period, response, turn_of
 from avc_casadi.loops.spectrum import ClosedLoops
 from avc_casadi.loops.system import (
@@ -29,10 +30,26 @@ from avc_casadi.loops.system import (
     held_plant,
 )
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners, device_ranges, linear_values
-from avc_casadi.model.ends import RIGID_N_PER_M, ToolGains, ToolState, VirtualTool, tool_at, tool_states, tool_step
+from avc_casadi.model.device import Device
+from avc_casadi.model.ends import (
+    RIGID_N_PER_M,
+    Interval,
+    ToolGains,
+    ToolState,
+    VirtualTool,
+    tool_at,
+    tool_states,
+    tool_step,
+)
 from avc_casadi.model.hands import Hand, hand_corners, joined, with_stops
 from avc_casadi.model.plant import sampled_plant
 from avc_casadi.model.problem import Problem
+
+# A step is resolved by patterns closer than this share of it; samples that are this share apart are the same.
+_FRACTIONS, _SAME_INSTANT = 32, 1e-6
+# The softest spring that is tried whatever the gains, of the stiffest; the stiffest one that is not rigid.
+_SOFTEST_SHARE = 1e-3
+_STIFFEST_SPRING_N_PER_M = 0.999 * RIGID_N_PER_M
 
 
 @dataclass(frozen=True)
@@ -57,6 +74,45 @@ def clocks(step_s: float, sample_time_s: float) -> list[Clock]:
     period = clock_ratio(ratio)
     # Phases within 1/period of each other give the same pattern; either one step falls on a sample or none does.
     return [_clock(period, phase, step_s) for phase in (Fraction(0), Fraction(1, 2 * period.denominator))]
+
+
+def clock_ranges(step_s: Interval, sample_time_s: float) -> list[tuple[Clock, Interval]]:
+    """Return the patterns of every steady step in a range, each with the steps that it stands for.
+
+    A step of N samples that begins at a sample is of one kind. Every other step is of the other: where it is p/q
+    samples long, its pattern recurs after q steps, in two phases; where it is not rational, its samples are those of
+    its two neighbours p/q in turn (a Sturmian word). Steps take the pattern of the nearest p/q; fractions lie closer
+    than a thirty-second of the step, as far as q <= 8. Between steps of 32 samples and more some whole N stand for all.
+    """
+    shortest, longest = (one / sample_time_s for one in step_s)
+    if longest - shortest < _SAME_INSTANT:
+        return [(clock, step_s) for clock in clocks(step_s[0], sample_time_s)]
+    fractions = _fractions(max(math.floor(shortest), 1), math.ceil(longest))
+    whole = [one for one in fractions if one.denominator == 1 and shortest <= one + _SAME_INSTANT]
+    found = [
+        (Clock((int(one),), (False,), float(one) * sample_time_s), (float(one) * sample_time_s,) * 2)
+        for one in whole
+        if one <= longest + _SAME_INSTANT
+    ]
+    ends = [-math.inf, *(float(one + other) / 2 for one, other in itertools.pairwise(fractions)), math.inf]
+    for length, (before, after) in zip(fractions, itertools.pairwise(ends), strict=True):
+        low, high = max(before, shortest), min(after, longest)
+        if low < high:
+            steps = low * sample_time_s, high * sample_time_s
+            phases = (Fraction(0), Fraction(1, 2 * length.denominator))
+            found += [(_clock(length, phase, steps[0]), steps) for phase in phases]
+    return found
+
+
+def _fractions(fewest: int, most: int) -> list[Fraction]:
+    """Return the lengths of a step, in samples, whose patterns stand for all, in increasing order."""
+    found = {Fraction(most)}
+    number = fewest
+    while number < most:
+        finest = min(max(math.ceil(_FRACTIONS / number), 2), 8) if number < _FRACTIONS else 1
+        found |= {number + Fraction(part, q) for q in range(1, finest + 1) for part in range(q)}
+        number += max(number // _FRACTIONS, 1)
+    return sorted(found)
 
 
 def _clock(period: Fraction, phase: Fraction, step_s: float) -> Clock:
@@ -88,6 +144,8 @@ class Engine:
     clock: Clock
     engine: VirtualTool
     tools: Sequence[ToolState]
+    # Step of each tool, where they differ in a pattern of samples that they share.
+    steps_s: FloatArray | None = None
 
     @cached_property
     def loop(self) -> Loop:
@@ -165,11 +223,13 @@ class Engine:
         loop, (x, v) = self.loop, self._samples(late=late)
         place, speed = loop["tool"]
         free, mass, drag, k_c = self._of_tools
-        k, b, t = gains.stiffness_n_per_m, gains.damping_ns_per_m, self.clock.step_s / self.engine.substeps
+        k, b = gains.stiffness_n_per_m, gains.damping_ns_per_m
+        step_s = self.clock.step_s if self.steps_s is None else self.steps_s.reshape(free.shape)
+        t = np.asarray(step_s) / self.engine.substeps
         implicit_k, implicit_b = self.engine.implicit_part(k, b)
         push = k * x + b * v - (k - implicit_k) * place - (b - implicit_b) * speed
         drag, k_c = drag + implicit_b, k_c + implicit_k
-        doublings = 10 + int(np.log2(1 + t * np.max((drag + np.sqrt(k_c * mass)) / mass)))
+        doublings = 10 + int(np.log2(1 + np.max(t * (drag + np.sqrt(k_c * mass)) / mass)))
         rows = tool_step(self.engine.integrator, t, mass, drag, k_c, doublings)
         new = place, speed
         for _ in range(self.engine.substeps):
@@ -200,9 +260,9 @@ class ToolLoops(System):
             return _pattern(engine, lambda row: self._case(row, clock.step_s))
 
         corners = [at_corners(clock) for step_s in sorted(set(tool.step_s)) for clock in clocks(step_s, sample_time_s)]
-        every = [clock for step_s in _steps_s(tool) for clock in clocks(step_s, sample_time_s)]
-        regions = (every, _contact_ranges_n_per_m(tool), hand_boxes(problem))
-        super().__init__(corners, [_region(problem, *one) for one in product(*regions)])
+        ranges, plants = clock_ranges(tool.step_s, sample_time_s), Plants(problem.device)
+        kinds = product(ranges, _contacts_n_per_m(tool), hand_boxes(problem))
+        super().__init__(corners, [_region(problem, plants, *one) for one in kinds])
 
     @property
     def worst_hands(self) -> tuple[Hand, ...]:
@@ -234,9 +294,12 @@ def _pattern(engine: Engine, case: Callable[[int], ToolCase]) -> Pattern:
     return Pattern(engine.closed, sum(samples) * engine.body.sample_time_s, len(samples), case)
 
 
-def _region(problem: Problem, clock: Clock, contact: tuple[float, float], hand: Ranges) -> Region:
-    """Return the ranges where clock and kind of contact are set; a tool that is fixed has no other sides."""
-    tool, fixed = tool_of(problem), contact[0] >= RIGID_N_PER_M
+def _region(
+    problem: Problem, plants: Plants, clocked: tuple[Clock, Interval], contacts: FloatArray, hand: Ranges
+) -> Region:
+    """Return the ranges where the pattern and kind of contact are set; a tool that is fixed has no other sides."""
+    tool, (clock, step_s), contact = tool_of(problem), clocked, (float(contacts[0]), float(contacts[-1]))
+    fixed = contact[0] >= RIGID_N_PER_M
     mass = tool.tool_mass_kg or (math.inf, math.inf)
     of_tool = {
         "tool.mass_kg": (mass[0], mass[0]) if fixed else mass,
@@ -247,14 +310,42 @@ def _region(problem: Problem, clock: Clock, contact: tuple[float, float], hand: 
         of_tool["contact.damping_ns_per_m"] = tool.contact_damping_ns_per_m
 
     def pattern(values: dict[str, FloatArray]) -> Pattern:
-        devices, plant = held_plant(problem.device, values)
+        devices, body = plants.held(values)
         tools = [tool_at(tool, *row) for row in np.array([values[key] for key in of_tool]).T.tolist()]
-        engine = Engine(Body.of(plant).flat(), clock, tool, tools)
-        return _pattern(
-            engine, lambda row: ToolCase(hand_at(values, row), linear_values(devices[row]), tools[row], clock.step_s)
-        )
+        steps_s = values["step_s"]
+        engine = Engine(body, clock, tool, tools, steps_s)
 
-    return Region(Box({**hand, **device_ranges(problem.device, LINEAR_KEYS), **of_tool}), pattern)
+        def case(row: int) -> ToolCase:
+            return ToolCase(hand_at(values, row), linear_values(devices[row]), tools[row], float(steps_s[row]))
+
+        return _pattern(engine, case)
+
+    # The step of a tool that is fixed changes nothing but the pattern.
+    of_step = {"step_s": (step_s[0], step_s[0]) if fixed else step_s}
+    ranges = {**hand, **device_ranges(problem.device, LINEAR_KEYS), **of_tool, **of_step}
+    knots = {"contact.stiffness_n_per_m": contacts} if len(contacts) > 1 else {}
+    return Region(Box(ranges, knots), pattern, (contact, clock.whole, *hand.values()))
+
+
+class Plants:
+    """Devices in their hands as bodies of a loop; those of the last places are kept, which many clocks share."""
+
+    _kept = 8
+
+    def __init__(self, device: Device) -> None:
+        self._device = device
+        self._last: dict[bytes, tuple[list[Device], Body]] = {}
+
+    def held(self, values: Mapping[str, FloatArray]) -> tuple[list[Device], Body]:
+        """Return m devices and bodies, each in its own hand, from values as of `Box.values`."""
+        names = [name for name in values if name.startswith("hand.")] + list(device_ranges(self._device, LINEAR_KEYS))
+        key = np.array([values[name] for name in names]).tobytes()
+        if key not in self._last:
+            devices, plant = held_plant(self._device, values)
+            while len(self._last) >= self._kept:
+                del self._last[next(iter(self._last))]
+            self._last[key] = devices, Body.of(plant).flat()
+        return self._last[key]
 
 
 def tool_of(problem: Problem) -> VirtualTool:
@@ -269,26 +360,44 @@ def tool_of(problem: Problem) -> VirtualTool:
 
 
 def contact_stiffnesses_n_per_m(tool: VirtualTool) -> list[float]:
-    """Return the contacts that are tried, in the scene: free and rigid, and the springs of a range that has an end."""
+    """Return the contacts that are tried, in the scene: free and rigid, and springs of a range, if it has any."""
     lowest, highest = tool.contact_stiffness_n_per_m
+    if tool.constraint:
+        return [0.0, RIGID_N_PER_M]
     if tool.rigid:
-        return [0.0, *([lowest] if 0 < lowest < RIGID_N_PER_M else []), RIGID_N_PER_M]
-    low = max(lowest, 1e-3 * highest)
+        return [0.0, *dict.fromkeys((lowest, _STIFFEST_SPRING_N_PER_M)), RIGID_N_PER_M]
+    low = max(lowest, _SOFTEST_SHARE * highest)
     between = np.geomspace(low, highest, 4).tolist() if 0 < low < highest else [highest]
     return sorted({0.0, *between, RIGID_N_PER_M})
 
 
-def _contact_ranges_n_per_m(tool: VirtualTool) -> list[tuple[float, float]]:
-    """Return the ranges of contacts that are searched, in the scene: free, springs, rigid; none moves a fixed tool."""
+def _contacts_n_per_m(tool: VirtualTool) -> list[FloatArray]:
+    """Return the contacts that are searched, in the scene: free, knots of springs, rigid; none moves a fixed tool."""
     if tool.tool_mass_kg is None:
-        return [(RIGID_N_PER_M, RIGID_N_PER_M)]
-    contacts = contact_stiffnesses_n_per_m(tool)
-    springs = [one for one in contacts if 0 < one < RIGID_N_PER_M]
-    ends = [0.0, *([springs[0]] if springs else []), RIGID_N_PER_M]
-    return [(one, springs[-1] if one and one < RIGID_N_PER_M else one) for one in ends if one in contacts]
+        return [np.array([RIGID_N_PER_M])]
+    tried = contact_stiffnesses_n_per_m(tool)
+    springs = [one for one in tried if 0 < one < RIGID_N_PER_M]
+    swing, found = _swing(tool), [np.zeros(1)]
+    if springs:
+        # No spring counts that is softer than any hand, and than a thousandth of the stiffest.
+        lowest = tool.contact_stiffness_n_per_m[0]
+        low = springs[0] if lowest > 0 else min(springs[0], max(swing.softest_n_per_m, lowest))
+        found.append(swing.knots_n_per_m(low, springs[-1]) if low < springs[-1] else np.array([low]))
+    return [*found, np.array([RIGID_N_PER_M])]
 
 
-def _steps_s(tool: VirtualTool) -> list[float]:
-    """Return the steps of the engine that are searched: the ends of the range and some between."""
-    shortest, longest = tool.step_s
-    return np.geomspace(shortest, longest, 4).tolist() if longest > shortest else [shortest]
+def _swing(tool: VirtualTool) -> Swing:
+    """Return how a tool swings on a contact in the engine, counted by its longest step."""
+    lightest, heaviest = tool.tool_mass_kg or (math.inf, math.inf)
+    dampers, longest_s = tool.contact_damping_ns_per_m, max(tool.step_s)
+    exact = tool.integrator == "exact"
+    # A semi-implicit step turns by half a turn at sqrt(k/m) dt = 2, beyond which it grows; an implicit one damps.
+    last_rad = math.inf if exact else 2.0 * tool.substeps
+    return Swing(
+        lightest,
+        longest_s,
+        1.0 + tool.queued,
+        damping_ratio=1.0 if dampers is None else 0.0,
+        decay_per_s=0.0 if dampers is None else (tool.tool_damping_ns_per_m[0] + dampers[0]) / (2 * heaviest),
+        last_rad=last_rad,
+    )

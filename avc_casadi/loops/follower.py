@@ -15,15 +15,25 @@ import numpy as np
 
 from avc_casadi._errors import InputError
 from avc_casadi._util.arrays import FloatArray
+from avc_casadi.loops.contacts import Swing
 from avc_casadi.loops.loop import Body, Loop, Map, Rows, period, response, turn_of
 from avc_casadi.loops.spectrum import ClosedLoops
 from avc_casadi.loops.system import Box, Pattern, Ranges, Region, System, clock_ratio, hand_at, hand_boxes, held_plant
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners, device_ranges, linear_values
 from avc_casadi.model.device import Device
-from avc_casadi.model.ends import Follower, ToolGains
+from avc_casadi.model.ends import Follower, Interval, ToolGains
 from avc_casadi.model.hands import Hand, hand_corners, with_stops
 from avc_casadi.model.plant import SampledPlant, sampled_plant
 from avc_casadi.model.problem import Problem
+
+CONTACT_DAMPING_RATIO = 0.1
+"""Damping ratio of the follower's mass on a contact for which no damper is declared."""
+
+_STIFFNESS = "contact.stiffness_n_per_m"
+# Share of m/T^2 that the softest spring has which is tried whatever the gains.
+_SOFTEST_OF_UNIT = 1e-5
+_SAME_INSTANT = 1e-6
+"""Instants that are this share of a sample apart are the same."""
 
 
 @dataclass(frozen=True)
@@ -61,6 +71,41 @@ def _clock(ratio: Fraction, phase: Fraction, there: float, back: float) -> LinkC
 def _age(samples_since_first: float, delay_samples: float) -> int:
     """Return how many samples of the sender lie between its newest one at a time and the one that has arrived."""
     return math.floor(samples_since_first + 1e-9) - math.floor(samples_since_first - delay_samples + 1e-9)
+
+
+@dataclass(frozen=True)
+class RoundTrip:
+    """The clocks of one distinct loop over a link, and delays there and back, in s, that make it."""
+
+    clock: LinkClock
+    delays_s: tuple[float, float]
+
+
+def round_trips(
+    leader_s: float, follower_s: float, there_s: Interval, back_s: Interval, *, sends_force: bool = False
+) -> list[RoundTrip]:
+    """Return each distinct loop of two clocks and of delays in two ranges, of every phase; the shortest delay first.
+
+    A sample of the leader is the unit, p/q one of the follower. The leader's data has an age that changes where the
+    delay there less the phase crosses a multiple of 1/q, the follower's where the delay back and the phase do. With a
+    and b for both, rounded up, another phase of the clocks moves samples from one to the other, which renumbers the
+    follower's samples and is the same loop. So a + b decides, from ceil(q R) to ceil(q R) + 1 of the round trip R.
+    """
+    ratio = clock_ratio(follower_s / leader_s)
+    q, samples = ratio.denominator, [(there + back) / leader_s for there, back in zip(there_s, back_s, strict=True)]
+    fewest, most = (math.ceil(q * trip - _SAME_INSTANT) for trip in samples)
+    if sends_force and back_s[0] == 0:
+        # A force is sent after the sample that it is of, so that one of the same instant is never known.
+        fewest = math.floor(q * samples[0] + _SAME_INSTANT) + 1
+    loops = {}
+    for count in range(fewest, most + 2):
+        # Both clocks in step and no delay: each sees the other's sample of the same instant. Otherwise out of step,
+        # all of the delay on the way there: the queue of the leader's positions is the shortest state.
+        out_of_step = Fraction(1, 2 * q) if count else Fraction(0)
+        share = min(max((count - 1) / q - samples[0], 0.0) / max(samples[1] - samples[0], _SAME_INSTANT), 1.0)
+        delays_s = tuple(low + share * (high - low) for low, high in (there_s, back_s))
+        loops[_clock(ratio, out_of_step, max(count - 1, 0) / q, 0.0)] = (delays_s[0], delays_s[1])
+    return [RoundTrip(clock, delays_s) for clock, delays_s in loops.items()]
 
 
 @dataclass(frozen=True)
@@ -158,7 +203,9 @@ class Link:
             # The force of the coupling on each side, positive against +x.
             (x, v), (y, w) = self._samples(0, 0), self._samples(1, 0)
             (far_y, far_w), (far_x, far_v) = self._samples(1, leads), self._samples(0, follows)
-            back = -loop["forces"][leads] if self._sends_force else k * (x - far_y) + b * (v - far_w)
+            # A force is sent after the sample that it is of: that of a sample of this instant is not yet in the queue.
+            sent_ago = max(leads - all(here), 0)
+            back = -loop["forces"][sent_ago] if self._sends_force else k * (x - far_y) + b * (v - far_w)
             pulls = [back, k * (y - far_x) + b * (w - far_v)]
             forces = [pull + gains.local_damping_ns_per_m * own for pull, own in zip(pulls, (v, w), strict=True)]
             motor = {side: gains.motors[side] * forces[side] for side in sides}
@@ -189,24 +236,22 @@ class FollowerLoops(System):
         stiffness, damping = environments(follower)
         self.environments_n_per_m = stiffness
         contact = Hand(np.zeros(len(stiffness)), damping, np.where(np.isinf(stiffness), 0.0, stiffness))
-        times = problem.device.sample_time_s, follower.sample_time_s
         corners: list[Pattern] = []
         leaders, followers = (device_corners(one, LINEAR_KEYS) for one in (problem.device, follower.at_leader()))
+        trips = _round_trips(problem)
+        # Of a range of delays the shortest and the longest, of both phases.
+        ends = list(dict.fromkeys([*trips[:2], *trips[-2:]]))
         for leader, other in product(leaders, followers):
             body = Body.of(sampled_plant(leader, self.hands)).flat().axes(slice(None), None)
             touch = Touch.of(sampled_plant(other, contact), stiffness, damping)
-            for delays_s in follower.delays_s:
-                case = self._case_of(leader, other, delays_s)
-                pairs = [Link(body, touch, clock, follower) for clock in link_clocks(*times, *delays_s)]
-                corners += [_pattern(pair, case) for pair in pairs]
-        boxes = [
-            _region(problem, clock, delays_s, contact, hand)
-            for delays_s in _delays_s(follower)
-            for clock in link_clocks(*times, *delays_s)
-            for contact in _contact_ranges_n_per_m(follower)
-            for hand in hand_boxes(problem)
+            for trip in ends:
+                case = self._case_of(leader, other, trip.delays_s)
+                corners.append(_pattern(Link(body, touch, trip.clock, follower), case))
+        regions = [
+            _region(problem, trip, knots, hand)
+            for trip, knots, hand in product(trips, _contacts_n_per_m(problem), hand_boxes(problem))
         ]
-        super().__init__(corners, boxes, motors=2)
+        super().__init__(corners, regions, motors=2)
 
     def __len__(self) -> int:
         at_corners = self.corners * len(self.environments_n_per_m) * len(self.hands)
@@ -230,19 +275,24 @@ def _pattern(pair: Link, case: Callable[[int], BilateralCase]) -> Pattern:
     return Pattern(pair.closed, pair.samples * pair.leader.sample_time_s, pair.samples, case)
 
 
-def _region(
-    problem: Problem, clock: LinkClock, delays_s: tuple[float, float], contact: tuple[float, float], hand: Ranges
-) -> Region:
-    """Return the ranges where clock, delays and the kind of contact, in the follower's units, are set."""
+def _round_trips(problem: Problem) -> list[RoundTrip]:
+    """Return the distinct loops of a problem's link."""
+    follower = follower_of(problem)
+    times, ways = (problem.device.sample_time_s, follower.sample_time_s), follower.ways_s
+    return round_trips(*times, *ways, sends_force=follower.architecture == "position-force")
+
+
+def _region(problem: Problem, trip: RoundTrip, contacts: FloatArray, hand: Ranges) -> Region:
+    """Return the ranges where clocks, delays and the kind of contact, in the follower's units, are set."""
     leader, follower = problem.device, follower_of(problem)
-    other = follower.at_leader()
+    other, contact = follower.at_leader(), (float(contacts[0]), float(contacts[-1]))
     of_other = {f"follower.{key}": ends for key, ends in device_ranges(other, LINEAR_KEYS).items()}
-    of_contact = {"contact.stiffness_n_per_m": contact}
+    of_contact = {_STIFFNESS: contact}
     if contact[0] > 0 and contact[1] < math.inf and follower.contact_damping_ns_per_m is not None:
         of_contact["contact.damping_ns_per_m"] = follower.contact_damping_ns_per_m
 
     def pattern(values: dict[str, FloatArray]) -> Pattern:
-        springs, dampers = values["contact.stiffness_n_per_m"], values.get("contact.damping_ns_per_m")
+        springs, dampers = values[_STIFFNESS], values.get("contact.damping_ns_per_m")
         if dampers is None:
             each = [contact_dampers_ns_per_m(follower, one)[0] if 0 < one < math.inf else 0.0 for one in springs]
             dampers = np.array(each)
@@ -255,15 +305,16 @@ def _region(
         inner = {key.removeprefix("follower."): value for key, value in values.items() if key.startswith("follower.")}
         leaders, held = held_plant(leader, values)
         others, far = held_plant(other, {**inner, **in_contact})
-        pair = Link(Body.of(held).flat(), Touch.of(far, stiffness, damping), clock, follower)
+        pair = Link(Body.of(held).flat(), Touch.of(far, stiffness, damping), trip.clock, follower)
 
         def case(row: int) -> BilateralCase:
             ends = linear_values(leaders[row]), linear_values(others[row])
-            return BilateralCase(hand_at(values, row), float(stiffness[row]), *ends, delays_s)
+            return BilateralCase(hand_at(values, row), float(stiffness[row]), *ends, trip.delays_s)
 
         return _pattern(pair, case)
 
-    return Region(Box({**hand, **device_ranges(leader, LINEAR_KEYS), **of_other, **of_contact}), pattern)
+    ranges = {**hand, **device_ranges(leader, LINEAR_KEYS), **of_other, **of_contact}
+    return Region(Box(ranges, {_STIFFNESS: contacts} if len(contacts) > 1 else {}), pattern, (contact, *hand.values()))
 
 
 def follower_of(problem: Problem) -> Follower:
@@ -279,7 +330,7 @@ def follower_of(problem: Problem) -> Follower:
 
 def environments(follower: Follower) -> tuple[FloatArray, FloatArray]:
     """Return stiffness and damping of the follower's environments, in the leader's units: free, springs, rigid."""
-    low, top = _springs_n_per_m(follower)
+    low, top = _corner_springs_n_per_m(follower)
     springs = np.geomspace(low, top, 4).tolist() if low < top else [top] if top > 0 else []
     pairs = [(0.0, 0.0)]
     pairs += [(one, damper) for one in springs for damper in contact_dampers_ns_per_m(follower, one)]
@@ -292,26 +343,48 @@ def contact_dampers_ns_per_m(follower: Follower, stiffness_n_per_m: float) -> li
     """Return the dampers in parallel with a contact spring, in the follower's units."""
     if follower.contact_damping_ns_per_m is not None:
         return sorted(set(follower.contact_damping_ns_per_m))
-    # A tenth of the critical damping, where none is declared.
-    return [0.2 * math.sqrt(stiffness_n_per_m * follower.mass_kg)]
+    return [2 * CONTACT_DAMPING_RATIO * math.sqrt(stiffness_n_per_m * follower.mass_kg)]
 
 
-def _contact_ranges_n_per_m(follower: Follower) -> list[tuple[float, float]]:
-    """Return the ranges of environments that are searched, in the follower's units: free, springs, rigid."""
-    low, top = _springs_n_per_m(follower)
-    springs = [(min(low, top), top)] if top > 0 else []
-    return [(0.0, 0.0), *springs, *([(math.inf, math.inf)] if follower.rigid else [])]
+def _contacts_n_per_m(problem: Problem) -> list[FloatArray]:
+    """Return the environments that are searched, in the follower's units: free, knots of springs, rigid."""
+    follower = follower_of(problem)
+    lowest, highest = follower.contact_stiffness_n_per_m
+    swing = _swing(problem)
+    low = max(lowest, min(swing.softest_n_per_m, _corner_springs_n_per_m(follower)[0]))
+    springs = [swing.knots_n_per_m(low, highest)] if highest > low else [np.array([highest])] if highest > 0 else []
+    return [np.zeros(1), *springs, *([np.array([math.inf])] if follower.rigid else [])]
 
 
-def _springs_n_per_m(follower: Follower) -> tuple[float, float]:
-    """Return the softest and the stiffest environment that has any effect and is not rigid."""
+def _swing(problem: Problem) -> Swing:
+    """Return how the follower swings on a contact."""
+    leader, follower = problem.device, follower_of(problem)
+    known, period_s, dampers = follower.range, follower.sample_time_s, follower.contact_damping_ns_per_m
+    mass = (known.mass_kg or (follower.mass_kg, follower.mass_kg))[0]
+    if follower.resonance is not None:
+        # The contact is at the handle.
+        mass *= (known.resonance.mass_ratio or (follower.resonance.mass_ratio,))[0]
+    heaviest = (known.mass_kg or (follower.mass_kg,))[-1]
+    drag = (known.damping_ns_per_m or (follower.damping_ns_per_m,))[0] * (follower.resonance is None)
+    late_s = sum(longest for _, longest in follower.ways_s) + _latest(leader) * leader.sample_time_s
+    return Swing(
+        mass,
+        period_s,
+        late_s / period_s + _latest(follower),
+        damping_ratio=CONTACT_DAMPING_RATIO if dampers is None else 0.0,
+        decay_per_s=0.0 if dampers is None else (drag + dampers[0]) / (2 * heaviest),
+        looks=clock_ratio(period_s / leader.sample_time_s).denominator,
+    )
+
+
+def _latest(device: Device) -> float:
+    """Return the longest delay of a device, in its samples."""
+    return max(device.range.delay_samples or (device.delay_samples,))
+
+
+def _corner_springs_n_per_m(follower: Follower) -> tuple[float, float]:
+    """Return the softest and the stiffest spring of the declared range that are tried whatever the gains."""
     lowest, highest = follower.contact_stiffness_n_per_m
     unit = follower.mass_kg / follower.sample_time_s**2
-    return max(lowest, 1e-5 * unit), min(highest, unit)
-
-
-def _delays_s(follower: Follower) -> list[tuple[float, float]]:
-    """Return the delays that are searched: the ends of both ranges and some between."""
-    ways = (follower.delay_s, follower.return_delay_s or follower.delay_s)
-    each = [np.linspace(*way, 3).tolist() if way[1] > way[0] else [way[0]] for way in ways]
-    return list(product(*each))
+    low = max(lowest, _SOFTEST_OF_UNIT * unit)
+    return low, max(low, unit) if follower.rigid else highest

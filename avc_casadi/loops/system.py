@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Callable, Hashable, Mapping, Sequence
+from dataclasses import dataclass, field, fields
 from fractions import Fraction
+from functools import partial
 from itertools import combinations, product
 from typing import Any
 
@@ -26,19 +27,34 @@ Leading = Callable[[IndexArray, FloatArray], ComplexArray]
 Ranges = dict[str, tuple[float, float]]
 """[lowest, highest] by name."""
 
+KNOT_DRAWS, SCREENED_DRAWS = 4, 1
+"""Corners of the other sides that are drawn at each knot of a side of many cells: in a search, and before it."""
+SEARCHED_OF_A_KIND = 3
+"""Regions that differ in their clocks alone and are searched; the others grow more slowly at corners and knots."""
+
 _HAND = tuple(f"hand.{item.name}" for item in fields(Hand))
 
 
 @dataclass(frozen=True)
 class Box:
-    """Ranges as a unit box; a range of one value is no side of it."""
+    """Ranges as a box; a range of one value is no side of it.
+
+    A side is one cell, from 0 to 1, or has as many as its range has `knots`, less one: a loop that changes often over a
+    range is searched in each cell. Between two knots, all above 0, the value is that of its logarithm.
+    """
 
     ranges: Ranges
+    knots: Mapping[str, FloatArray] = field(default_factory=dict)
 
     @property
     def sides(self) -> tuple[str, ...]:
         """Names of the ranges of more than one value."""
         return tuple(name for name, (low, high) in self.ranges.items() if high > low)
+
+    @property
+    def cells(self) -> tuple[int, ...]:
+        """Length of each side in cells."""
+        return tuple(max(len(self.knots.get(name, ())) - 1, 1) for name in self.sides)
 
     def values(self, places: FloatArray) -> dict[str, FloatArray]:
         """Return the values at places (sides, m), each of shape (m,)."""
@@ -49,6 +65,11 @@ class Box:
             if share is None:
                 values[name] = np.full(places.shape[1], low)
                 continue
+            knots = self.knots.get(name)
+            if knots is not None:
+                inside = np.exp(np.interp(share, np.arange(len(knots)), np.log(knots)))
+                values[name] = np.clip(inside, low, high)
+                continue
             # A range that spans more than this factor is searched by its logarithm.
             wide = low > 0 and high > 3 * low
             inside = low * (high / low) ** share if wide else low + (high - low) * share
@@ -56,28 +77,65 @@ class Box:
         return values
 
 
-def worst_point(leading: Callable[[FloatArray], ComplexArray], sides: int) -> tuple[FloatArray, ComplexArray]:
-    """Return the places (sides, kinds) of a unit box where each kind of eigenvalue has its largest modulus, and it."""
-    # Many points, edges, lines and ascents: maxima near a resonance of tool, contact or device are narrow.
-    sample = np.random.default_rng(1).random((sides, 40 * sides))
+def corners_and_knots(cells: Sequence[int], draws: int) -> FloatArray:
+    """Return corners (sides, m) of a box, at most 64, and each knot, with drawn corners of the other sides."""
+    sides, top = len(cells), np.array(cells, dtype=np.float64)[:, None]
     corners = np.random.default_rng(0).integers(0, 2, (sides, 64)).astype(np.float64)
     if sides <= 6:
         corners = np.array(list(product((0.0, 1.0), repeat=sides))).reshape(2**sides, sides).T
-    inner = [np.insert(np.delete(corners, at, 0), at, share, 0) for at in range(sides) for share in (0.25, 0.5, 0.75)]
-    places = np.concatenate([corners, *inner, sample], axis=1)
+    places = [top * corners]
+    for side, count in enumerate(cells):
+        if count > 1:
+            drawn = top * np.random.default_rng(side).integers(0, 2, (sides, draws * (count + 1)))
+            drawn[side] = np.tile(np.arange(count + 1.0), draws)
+            places.append(drawn)
+    return np.concatenate(places, axis=1)
+
+
+def _everywhere(cells: Sequence[int]) -> FloatArray:
+    """Return places (sides, m) all over a box: corners, knots, edges of one cell, points inside."""
+    sides, top = len(cells), np.array(cells, dtype=np.float64)[:, None]
+    places = corners_and_knots(cells, KNOT_DRAWS)
+    corners = places[:, : 2 ** min(sides, 6)]
+    inner = [
+        np.insert(np.delete(corners, side, 0), side, share, 0)
+        for side, count in enumerate(cells)
+        for share in (0.25, 0.5, 0.75)
+        if count == 1
+    ]
+    sample = np.random.default_rng(1).random((sides, 40 * sides)) * top
+    return np.concatenate([places, *inner, sample], axis=1)
+
+
+def worst_point(
+    leading: Callable[[FloatArray], ComplexArray], sides: int, cells: Sequence[int] = ()
+) -> tuple[FloatArray, ComplexArray]:
+    """Return the places (sides, kinds) of a box where each kind of eigenvalue has its largest modulus, and it.
+
+    The box is the unit box, or has sides of as many cells as are given; then no two maxima of a cell are told apart.
+    """
+    # Many points, edges, lines and ascents: maxima near a resonance of tool, contact or device are narrow.
+    cells = cells or (1,) * sides
+    top = np.array(cells, dtype=np.float64)[:, None]
+    places = _everywhere(cells)
     values = np.atleast_2d(leading(places))
     kinds = np.arange(len(values))
     if not sides:
         return places[:, 0 * kinds], values[:, 0]
+    # Neighbouring knots may belong to one maximum; within a cell a quarter of it lies apart.
+    apart = np.where(top > 1, 6.0, 1.0)
     for _ in range(2):
-        far = dict.fromkeys(at for one in values for at in _far_apart(np.abs(one), places, 6))
-        lines = np.concatenate([_lines(places[:, at]) for at in far], axis=1)
+        far = dict.fromkeys(at for one in values for at in _far_apart(np.abs(one), places / apart, 6))
+        lines = np.concatenate([_lines(places[:, at], top[:, 0]) for at in far], axis=1)
         places = np.concatenate([places, lines], axis=1)
         values = np.concatenate([values, np.atleast_2d(leading(lines))], axis=1)
-    starts = [_far_apart(np.abs(one), places, 5) for one in values]
+    starts = [_far_apart(np.abs(one), places / apart, 5 if top.max() == 1 else 10) for one in values]
     rows = np.repeat(kinds, [len(one) for one in starts])
     tops, ends = ascend(
-        lambda rows, at: np.atleast_2d(leading(at))[rows, np.arange(len(rows))], rows, places[:, np.concatenate(starts)]
+        lambda rows, at: np.atleast_2d(leading(at))[rows, np.arange(len(rows))],
+        rows,
+        places[:, np.concatenate(starts)],
+        top,
     )
     best = [int(np.where(rows == kind, np.abs(ends), -1.0).argmax()) for kind in kinds]
     return tops[:, best], ends[best]
@@ -123,11 +181,13 @@ def worst_case(
     return complex(value[0]), hand_at(values, 0), held_plant(device, values)[0][0], values
 
 
-def _lines(place: FloatArray) -> FloatArray:
-    """Return points along each side of the box through a place (sides,)."""
+def _lines(place: FloatArray, top: FloatArray) -> FloatArray:
+    """Return points along each side of the box through a place (sides,); along many cells, those about the place."""
     lines = np.repeat(place[:, None], len(place) * 15, axis=1)
-    for side in range(len(place)):
-        lines[side, side * 15 : (side + 1) * 15] = np.linspace(0.0, 1.0, 15)
+    for side, length in enumerate(top):
+        middle = np.clip(place[side], 1.5, length - 1.5) if length > 3 else length / 2
+        reach = min(length / 2, 1.5)
+        lines[side, side * 15 : (side + 1) * 15] = np.linspace(middle - reach, middle + reach, 15)
     return lines
 
 
@@ -142,16 +202,21 @@ def _far_apart(values: FloatArray, places: FloatArray, count: int) -> list[int]:
     return chosen or [0]
 
 
-def ascend(leading: Leading, rows: IndexArray, places: FloatArray) -> tuple[FloatArray, ComplexArray]:
-    """Ascend the modulus of each row from its place (sides, m); return the last places and their eigenvalues."""
+def ascend(
+    leading: Leading, rows: IndexArray, places: FloatArray, high: FloatArray | float = 1.0
+) -> tuple[FloatArray, ComplexArray]:
+    """Ascend the modulus of each row from its place (sides, m); return the last places and their eigenvalues.
+
+    The box reaches from 0 to `high` along each side (sides, 1).
+    """
     at, reach = places.copy(), np.full(len(rows), 0.2)
     top = leading(rows, at)
     going = np.arange(len(rows))
     for _ in range(12):
         here, near, best = at[:, going], reach[going], top[going]
-        probes = np.clip(here + _moves(here, near), 0.0, 1.0)
+        probes = np.clip(here + _moves(here, near, high), 0.0, high)
         values = _at(leading, rows[going], probes)
-        ends = -np.minimum(here, 2 * near), np.minimum(1 - here, 2 * near)
+        ends = -np.minimum(here, 2 * near), np.minimum(high - here, 2 * near)
         guess = here + _model_top(probes - here, np.abs(values) - np.abs(best), *ends)
         value = _at(leading, rows[going], guess[None])
         probes = np.concatenate([here[None], probes, guess[None]])
@@ -160,7 +225,7 @@ def ascend(leading: Leading, rows: IndexArray, places: FloatArray) -> tuple[Floa
         at[:, going], top[going] = probes[chosen, :, pick].T, values[chosen, pick]
         moved = np.abs(at[:, going] - here).max(axis=0)
         reach[going] = np.where(moved < near, near * 0.45, near)
-        # An ascent ends below a gain, a step and a reach, the last two as shares of the box.
+        # An ascent ends below a gain, a step and a reach, the last two as shares of a cell.
         gained = (np.abs(top[going]) > np.abs(best) + 1e-10) & (moved > 1e-4)
         going = going[gained | (reach[going] > 3e-3)]
         if not going.size:
@@ -174,10 +239,10 @@ def _at(leading: Leading, rows: IndexArray, places: FloatArray) -> ComplexArray:
     return leading(np.tile(rows, len(places)), flat).reshape(-1, len(rows))
 
 
-def _moves(at: FloatArray, reach: FloatArray) -> FloatArray:
+def _moves(at: FloatArray, reach: FloatArray, high: FloatArray | float) -> FloatArray:
     """Return probes both ways along each side of the box, then inwards along two sides at once, (p, sides, m)."""
     sides = len(at)
-    inner = np.where(at <= 0.5, reach, -reach)
+    inner = np.where(at <= 0.5 * high, reach, -reach)
     along = np.eye(sides)[:, :, None] * inner
     both = [along[i] + along[j] for i, j in combinations(range(sides), 2)]
     return np.array([*(move for one in along for move in (one, -one)), *both])
@@ -240,19 +305,26 @@ class Pattern:
 
 @dataclass(frozen=True)
 class Region:
-    """Ranges that are searched, and the loops at m of their points, from values as of `Box.values`."""
+    """Ranges that are searched, and the loops at m of their points, from values as of `Box.values`.
+
+    Regions of one kind differ in their clocks alone.
+    """
 
     box: Box
     pattern: Callable[[dict[str, FloatArray]], Pattern]
+    kind: Hashable
+
+    def _growth(self, gains: ToolGains, places: FloatArray) -> ComplexArray:
+        pattern = self.pattern(self.box.values(places))
+        return leading(pattern.closed(gains), pattern.period_s)
+
+    def screened(self, gains: ToolGains) -> float:
+        """Return the largest growth at corners and knots: where among regions of one kind a search is worth it."""
+        return float(np.abs(self._growth(gains, corners_and_knots(self.box.cells, SCREENED_DRAWS))).max())
 
     def worse(self, gains: ToolGains, growth_limit: float) -> list[Pattern]:
         """Return the loops that a search finds to grow more than this in a millisecond."""
-
-        def growth(places: FloatArray) -> ComplexArray:
-            pattern = self.pattern(self.box.values(places))
-            return leading(pattern.closed(gains), pattern.period_s)
-
-        places, values = worst_point(growth, len(self.box.sides))
+        places, values = worst_point(partial(self._growth, gains), len(self.box.sides), self.box.cells)
         return [self.pattern(self.box.values(places[:, [at]])) for at in np.flatnonzero(np.abs(values) > growth_limit)]
 
 
@@ -283,9 +355,21 @@ class System:
         place, _, radius = self.worst(gains)
         before, limit = len(self.patterns), radius ** (UNIT_S / self.patterns[place].period_s) * (1 + TOLERANCE)
         with np.errstate(over="ignore", invalid="ignore"):
-            for region in self._regions:
+            for region in self._worth_a_search(gains):
                 self.patterns += region.worse(gains, limit)
         return len(self.patterns) - before
+
+    def _worth_a_search(self, gains: ToolGains) -> list[Region]:
+        """Return the regions of each kind, or where there are many those that grow fastest at corners and knots."""
+        kinds: dict[Hashable, list[Region]] = {}
+        for region in self._regions:
+            kinds.setdefault(region.kind, []).append(region)
+        chosen = []
+        for alike in kinds.values():
+            few = len(alike) <= SEARCHED_OF_A_KIND
+            ranked = alike if few else sorted(alike, key=lambda region: -region.screened(gains))
+            chosen += ranked[:SEARCHED_OF_A_KIND]
+        return chosen
 
     def radius(self, gains: ToolGains) -> tuple[float, Any]:
         """Return the largest spectral radius, for a tick, and what its loop is, after a search of the ranges."""

@@ -105,6 +105,11 @@ class VirtualTool(t.Table):
         """Whether its contact may be rigid."""
         return self.contact_stiffness_n_per_m[1] >= RIGID_N_PER_M
 
+    @property
+    def constraint(self) -> bool:
+        """Whether its contact is a constraint: the tool is free or stands still, as no stiffness is declared."""
+        return self.contact_stiffness_n_per_m[0] in (0.0, RIGID_N_PER_M) and self.rigid
+
 
 @dataclass(frozen=True)
 class ToolGains:
@@ -250,9 +255,14 @@ class Follower(Device):
         return self.contact_stiffness_n_per_m[1] >= RIGID_N_PER_M
 
     @property
+    def ways_s(self) -> tuple[Interval, Interval]:
+        """Ranges of the delay to the follower and of that back."""
+        return self.delay_s, self.return_delay_s or self.delay_s
+
+    @property
     def delays_s(self) -> list[tuple[float, float]]:
         """Pairs of delays, to the follower and back: the shortest and the longest both ways."""
-        there, back = self.delay_s, self.return_delay_s or self.delay_s
+        there, back = self.ways_s
         return sorted({(there[0], back[0]), (there[1], back[1])})
 
     def at_leader(self) -> Device:
