@@ -322,10 +322,26 @@ class Region:
         """Return the largest growth at corners and knots: where among regions of one kind a search is worth it."""
         return float(np.abs(self._growth(gains, corners_and_knots(self.box.cells, SCREENED_DRAWS))).max())
 
-    def worse(self, gains: ToolGains, growth_limit: float) -> list[Pattern]:
-        """Return the loops that a search finds to grow more than this in a millisecond."""
+    def worse(self, gains: ToolGains, growth_limit: float) -> list[tuple[float, Pattern]]:
+        """Return the loops that a search finds to grow more than this in a millisecond, each after its growth."""
         places, values = worst_point(partial(self._growth, gains), len(self.box.sides), self.box.cells)
-        return [self.pattern(self.box.values(places[:, [at]])) for at in np.flatnonzero(np.abs(values) > growth_limit)]
+        growth = np.abs(values)
+        return [
+            (float(growth[at]), self.pattern(self.box.values(places[:, [at]])))
+            for at in np.flatnonzero(growth > growth_limit)
+        ]
+
+
+def _worse_of_a_kind(regions: Sequence[Region], gains: ToolGains, growth_limit: float) -> list[Pattern]:
+    """Return loops that grow more than a limit, of regions of one kind.
+
+    Of many clocks those are searched that grow fastest at corners and knots, and one loop stands for its neighbours.
+    """
+    if len(regions) <= SEARCHED_OF_A_KIND:
+        return [loop for region in regions for _, loop in region.worse(gains, growth_limit)]
+    ranked = sorted(regions, key=lambda region: -region.screened(gains))[:SEARCHED_OF_A_KIND]
+    found = [worse for region in ranked for worse in region.worse(gains, growth_limit)]
+    return [max(found, key=lambda worse: worse[0])[1]] if found else []
 
 
 @dataclass(frozen=True)
@@ -341,7 +357,10 @@ class System:
     """Loops, of one or several patterns, that a coupling must stabilise: corners of all ranges and points inside."""
 
     def __init__(self, patterns: Sequence[Pattern], regions: Sequence[Region], motors: int = 1) -> None:
-        self.patterns, self.corners, self._regions, self.motors = list(patterns), len(patterns), regions, motors
+        self.patterns, self.corners, self.motors = list(patterns), len(patterns), motors
+        self._kinds: dict[Hashable, list[Region]] = {}
+        for region in regions:
+            self._kinds.setdefault(region.kind, []).append(region)
         self._few: dict[int, list[int]] = {}
         # Consecutive calls have the same gains: first for some loops, then for all.
         self._last: dict[int, tuple[ToolGains, FloatArray]] = {}
@@ -355,21 +374,9 @@ class System:
         place, _, radius = self.worst(gains)
         before, limit = len(self.patterns), radius ** (UNIT_S / self.patterns[place].period_s) * (1 + TOLERANCE)
         with np.errstate(over="ignore", invalid="ignore"):
-            for region in self._worth_a_search(gains):
-                self.patterns += region.worse(gains, limit)
+            for alike in self._kinds.values():
+                self.patterns += _worse_of_a_kind(alike, gains, limit)
         return len(self.patterns) - before
-
-    def _worth_a_search(self, gains: ToolGains) -> list[Region]:
-        """Return the regions of each kind, or where there are many those that grow fastest at corners and knots."""
-        kinds: dict[Hashable, list[Region]] = {}
-        for region in self._regions:
-            kinds.setdefault(region.kind, []).append(region)
-        chosen = []
-        for alike in kinds.values():
-            few = len(alike) <= SEARCHED_OF_A_KIND
-            ranked = alike if few else sorted(alike, key=lambda region: -region.screened(gains))
-            chosen += ranked[:SEARCHED_OF_A_KIND]
-        return chosen
 
     def radius(self, gains: ToolGains) -> tuple[float, Any]:
         """Return the largest spectral radius, for a tick, and what its loop is, after a search of the ranges."""
