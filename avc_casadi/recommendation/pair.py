@@ -304,16 +304,20 @@ def _least_damping(device: Device) -> float:
 
 def _assumed_of_tool(tool: VirtualTool) -> list[str]:
     found = []
-    if tool.rigid and tool.tool_mass_kg is not None:
+    if tool.constraint and tool.tool_mass_kg is not None:
         found.append("the engine's contacts are constraints: the tool is free or held; give a range with an end")
     if len(set(tool.step_s)) == 1:
-        found.append("the engine's step is steady: a range of step_s takes jitter in")
+        found.append("the engine's step is steady: a range of step_s is judged at each steady step in it")
+    else:
+        found.append("the engine's step is steady, any of step_s: steps that vary are in the trial alone")
     return found
 
 
 def _assumed_of_follower(problem: Problem) -> list[str]:
     follower = follower_of(problem)
     found = ["the trial has no dry friction, at neither end"]
+    if "contact_stiffness_n_per_m" not in follower.model_fields_set:
+        found.append("the follower touches anything from nothing to a rigid object")
     if follower.contact_damping_ns_per_m is None:
         found.append("what the follower touches is damped by a tenth of the critical damping")
     if follower.jitter == 0 and follower.lost_share == 0:

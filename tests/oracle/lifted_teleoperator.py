@@ -1,7 +1,8 @@
 """Leader, follower and link over one period of both clocks, by scipy's matrix exponential: shares nothing else.
 
-A device is (mass, damping, T, delay in whole samples); a hand (mass, damping, stiffness); contacts are arrays of springs
-and dampers of the follower, inf for a rigid one. The architecture is "position-position", "commanded" or "measured".
+A device is (mass, damping, T, delay in whole samples); a hand (mass, damping, stiffness); contacts are arrays of
+springs and dampers of the follower, inf for a rigid one. The architecture is "position-position", or the force that a
+position-force pair sends, "commanded" or "measured".
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ SAME_INSTANT = 1e-9
 
 
 def held_force_step(mass, damping, stiffness, period_s):
-    """Return x(T) of a mass with spring and damper, from position, velocity and a held force, for n of them (n, 2, 3)."""
+    """Return x(T) of n masses with spring and damper from position, velocity and a held force, (n, 2, 3)."""
     mass, damping, stiffness = np.broadcast_arrays(*np.atleast_1d(mass, damping, stiffness))
     rate = np.zeros((len(mass), 3, 3))
     rate[:, 0, 1] = 1.0
@@ -41,7 +42,7 @@ class Side:
 
 
 def period_maps(leader, follower, gains, there_s, back_s, *, hand, contacts, architecture, phase=0.0):
-    """Return the maps over a period for n contacts, (n, size, size), and the period in s; phase: of the follower's T."""
+    """Return the maps over a period for n contacts, (n, size, size), and the period in s; phase: a share of its T."""
     k, b = gains
     times = leader[2], follower[2]
     ratio = Fraction(times[1] / times[0]).limit_denominator(64)
@@ -121,7 +122,7 @@ def growth(leader, follower, gains, there_s, back_s, **how):
     maps, period_s = period_maps(leader, follower, gains, there_s, back_s, **how)
     values = np.linalg.eigvals(maps)
     hand, springs = how["hand"], np.atleast_1d(np.asarray(how["contacts"][0], dtype=float))
-    # Nothing drives the pair back where hand and contact have no spring; in a position-force pair the leader alone floats.
+    # Nothing drives the pair back where hand and contact have no spring; of a position-force pair not the leader.
     floats = (hand[2] == 0) & ((springs == 0) | (how["architecture"] != "position-position"))
     nearest = np.abs(values - 1).argmin(axis=1)
     rows = np.flatnonzero(floats & (np.abs(values - 1).min(axis=1) < 1e-6))

@@ -74,8 +74,8 @@ def _engine(stated: Problem) -> list[Row]:
     what: tuple[Part, ...] = ("none: the spring leads to a place that the engine sets",)
     if tool.tool_mass_kg is not None:
         low, high = tool.contact_stiffness_n_per_m
-        ends = [low] * (low > 0) if tool.rigid else [low, high]
-        springs = ("springs of", span(ends, "stiffness")) if ends else None
+        ends = () if tool.constraint else (low,) if tool.rigid else (low, high)
+        springs = ("springs from" if tool.rigid else "springs of", span(ends, "stiffness")) if ends else None
         touches = commas(["rigid objects" if tool.rigid else None, springs], "and")
         what = parts(span(tool.tool_mass_kg, "mass"), ", damping", span(tool.tool_damping_ns_per_m, "damping"))
         what = parts(what, "; touches", touches)
