@@ -382,9 +382,10 @@ def certify_pair(problem: Problem, gains: ToolGains, search: ToolSearch | Follow
             **search.margins(gains),
             "least_damped": asdict(search.loops.slowest(gains)) if stable else None,
             "claim": (
-                "linear stability of the lifted loop: hands of [hands] and the device released, devices, tools, delays, "
-                "steady steps and contacts of their ranges (corners, then a search for the worst point inside), every "
-                "phase of the clocks (one where a step is a whole number of samples: it begins at a sample)"
+                "linear stability of the lifted loop: hands of [hands] and the device released, devices, tools, "
+                "delays, steady steps and contacts of their ranges (corners, then a search for the worst point "
+                "inside), every phase of the clocks (one where a step is a whole number of samples: it begins at a "
+                "sample)"
             ),
             "passivity": {} if problem.simulation is None else _passivity(problem, gains),
         }

@@ -1,7 +1,7 @@
 """Device and engine over the period of a step p/q samples long, by scipy's matrix exponential: shares nothing else.
 
-A device is (mass, damping, T, delay in whole samples), a hand (mass, damping, stiffness), a tool (mass, damping); a
-contact of the tool is a spring and a damper, a stiffness of inf a tool that stands still.
+A device is (mass, damping, T, delay in whole samples), hands are rows (mass, damping, stiffness), a tool is (mass,
+damping); a contact of the tool is a spring and a damper, a stiffness of inf a tool that stands still.
 """
 
 from __future__ import annotations
@@ -35,8 +35,8 @@ def tool_moves(integrator, t, mass, drag, spring):
     return np.array([place, speed])
 
 
-def period_map(device, hand, tool, gains, ratio, *, integrator, exchange, late=0, contact=(0.0, 0.0), phase=0.0):
-    """Return the map over q steps of p/q samples each and their time; the first one a share `phase` of T late."""
+def period_maps(device, hands, tool, gains, ratio, *, integrator, exchange, late=0, contact=(0.0, 0.0), phase=0.0):
+    """Return maps over q steps of p/q samples each and their time; the first step comes a share `phase` of T late."""
     k, b = gains
     period_s, delay = device[2], device[3]
     fixed = math.isinf(contact[0])
@@ -44,16 +44,17 @@ def period_map(device, hand, tool, gains, ratio, *, integrator, exchange, late=0
     at = Places(delay, late + (exchange == "late") + 1, 1 if held else 2)
     eye = np.eye(at.size)
 
-    body = held_force_step(device[0] + hand[0], device[1] + hand[1], hand[2], period_s)[0]
+    masses, dampers, springs = np.transpose(hands)
+    body = held_force_step(device[0] + masses, device[1] + dampers, springs, period_s)
     x, v = eye[0], (eye[0] - eye[at.last]) / period_s
     given = eye[at.out[-1]]
     pull = -given[0] if held else -k * (x - given[0]) - b * (v - given[1])
-    sample = eye.copy()
+    sample = np.tile(eye, (len(masses), 1, 1))
     acts = eye[at.queue[0]] if delay else pull
-    sample[at.body] = body[:, :2] @ eye[at.body] + body[:, 2:] * acts
+    sample[:, at.body] = body[:, :, :2] @ eye[at.body] + body[:, :, 2:] * acts
     for place in range(delay):
-        sample[at.queue[place]] = eye[at.queue[place + 1]] if place < delay - 1 else pull
-    sample[at.last], sample[at.older] = eye[0], eye[at.last]
+        sample[:, at.queue[place]] = eye[at.queue[place + 1]] if place < delay - 1 else pull
+    sample[:, at.last], sample[:, at.older] = eye[0], eye[at.last]
 
     def step(fresh):
         """Return the map of a step of the engine, which sees the sample of its instant or the one before."""
@@ -93,12 +94,12 @@ def period_map(device, hand, tool, gains, ratio, *, integrator, exchange, late=0
     return whole, ratio.numerator * period_s
 
 
-def growth(device, hand, tool, gains, ratio, **how):
-    """Return the growth in a millisecond, without what rests anywhere or keeps its speed."""
-    whole, time_s = period_map(device, hand, tool, gains, ratio, **how)
+def growth(device, hands, tool, gains, ratio, **how):
+    """Return the growth in a millisecond with each hand, without what rests anywhere or keeps its speed."""
+    whole, time_s = period_maps(device, hands, tool, gains, ratio, **how)
     values = np.linalg.eigvals(whole)
-    floats = hand[2] == 0 and how.get("contact", (0.0, 0.0))[0] == 0
-    if floats:
-        values = np.delete(values, np.abs(values - 1).argmin())
-    values = values[np.abs(values - 1) > 1e-9]
-    return float(np.abs(values).max()) ** (1e-3 / time_s)
+    if how.get("contact", (0.0, 0.0))[0] == 0:
+        rows = np.flatnonzero(np.transpose(hands)[2] == 0)
+        values[rows, np.abs(values[rows] - 1).argmin(axis=1)] = 0.0
+    values = np.where(np.abs(values - 1) < 1e-9, 0.0, values)
+    return np.abs(values).max(axis=1) ** (1e-3 / time_s)
