@@ -117,6 +117,7 @@ def hands(random: np.random.Generator, device_kg: float) -> list[tuple[float, ..
 
 
 EVEN_CONTACTS = 60
+SOFTEST_N_PER_M = 0.1
 
 
 def contacts_n_per_m(mass_kg: float, sample_time_s: float, ends: Iterable[float]) -> NDArray[np.float64]:
@@ -190,11 +191,15 @@ def simulated_growth(tables: Row, gains: tuple[float, float], where: Any) -> flo
 
 def largest(search: CouplingSearch, lag_s: float) -> tuple[float, float]:
     """Return the largest K that is told for B = K lag, and that B: the gain margin of a softer pair, times it."""
-    k = 0.1
+    k = SOFTEST_N_PER_M
     while search.gain_margin(ToolGains(4 * k, 4 * k * lag_s)) and k < 1e6:
         k *= 4
-    k *= search.gain_margin_over_ranges(ToolGains(k, k * lag_s))
-    return k, k * lag_s
+    # Known loops alone let K climb past what a search of the ranges then refutes.
+    while not (margin := search.gain_margin_over_ranges(ToolGains(k, k * lag_s))):
+        k /= 4
+        if k < SOFTEST_N_PER_M:
+            return 0.0, 0.0
+    return margin * k, margin * k * lag_s
 
 
 def follower_row(number: int) -> Row:
