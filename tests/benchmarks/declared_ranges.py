@@ -14,7 +14,7 @@ import itertools
 import math
 import sys
 import time
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor
 from fractions import Fraction
 from pathlib import Path
@@ -136,15 +136,16 @@ def device_of(table: Mapping[str, Any]) -> tuple[Any, ...]:
     return tuple(table[key] for key in ("mass_kg", "damping_ns_per_m", "sample_time_s", "delay_samples"))
 
 
-def worst_of_follower(tables: Row, gains: tuple[float, float]) -> tuple[float, Any]:
+def worst_of_follower(tables: Row, gains: tuple[float, float], named: Any) -> tuple[float, Any]:
     """Return the fastest growth a sample of the leader, and hand, contact, damper, delay and phase of it."""
     leader, far = tables["device"], tables["follower"]
     springs = contacts_n_per_m(far["mass_kg"], far["sample_time_s"], far["contact_stiffness_n_per_m"])
     ratio = Fraction(far["sample_time_s"] / leader["sample_time_s"]).limit_denominator(64)
+    springs = np.append(springs, named.environment_n_per_m)
     low, high = far["delay_s"]
     kind = far.get("force", "position-position")
     worst: tuple[float, Any] = (-1.0, None)
-    people = hands(np.random.default_rng(5), leader["mass_kg"])
+    people = [tuple(named.hand.values()), *hands(np.random.default_rng(5), leader["mass_kg"])]
     for delay_s, damper in itertools.product(
         np.linspace(low, high, 3 if high > low else 1), sorted(set(far["contact_damping_ns_per_m"]))
     ):
@@ -202,20 +203,29 @@ def largest(search: CouplingSearch, lag_s: float) -> tuple[float, float]:
     return margin * k, margin * k * lag_s
 
 
+def judged(row: Row, search: CouplingSearch, lag_s: float, worst_of: Callable[..., tuple[float, Any]]) -> Row:
+    """Return a row with what is told, and the fastest growth below and above it, there where the package has it too."""
+    begun = time.process_time()
+    k, b = largest(search, lag_s)
+    row |= {"told": (k, b), "seconds": time.process_time() - begun}
+    if k == 0:
+        return row | {"below": 0.0, "above": 2.0}
+    above = ABOVE * k, ABOVE * b
+    named = search.loops.radius(ToolGains(*above))[1]
+    row["below"], row["below_at"] = worst_of(row["tables"], (BELOW * k, BELOW * b), named)
+    row["above"], row["above_at"] = worst_of(row["tables"], above, named)
+    return row
+
+
 def follower_row(number: int) -> Row:
     """Return what was told and found of one follower."""
-    draw, begun = Draw(number, 0), time.process_time()
-    tables = draw.follower()
-    row: Row = {"number": number, "kind": "follower"}
-    row["told"] = largest(FollowerSearch(Problem(**tables)), 10 ** draw.random.uniform(-3.0, -1.7))
-    row |= {"seconds": time.process_time() - begun, "tables": tables}
-    if row["told"][0] == 0:
-        return row | {"below": 0.0, "above": 2.0}
-    below, above = ([share * gain for gain in row["told"]] for share in (BELOW, ABOVE))
-    row["below"], row["below_at"] = worst_of_follower(tables, tuple(below))
-    row["above"], row["above_at"] = worst_of_follower(tables, tuple(above))
-    if number % 5 == 0:
-        row["simulated"] = [simulated_growth(tables, tuple(gains), row["above_at"]) for gains in (below, above)]
+    draw = Draw(number, 0)
+    row: Row = {"number": number, "kind": "follower", "tables": draw.follower()}
+    search, lag_s = FollowerSearch(Problem(**row["tables"])), 10 ** draw.random.uniform(-3.0, -1.7)
+    row = judged(row, search, lag_s, worst_of_follower)
+    if number % 5 == 0 and row["told"][0]:
+        pairs = [tuple(share * gain for gain in row["told"]) for share in (BELOW, ABOVE)]
+        row["simulated"] = [simulated_growth(row["tables"], pair, row["above_at"]) for pair in pairs]
     return row
 
 
@@ -227,23 +237,25 @@ def steps_inside(shortest: float, longest: float, random: np.random.Generator) -
         yield Fraction(random.uniform(shortest, longest)).limit_denominator(60)
 
 
-def worst_of_engine(tables: Row, gains: tuple[float, float]) -> tuple[float, Any]:
+def worst_of_engine(tables: Row, gains: tuple[float, float], named: Any) -> tuple[float, Any]:
     """Return the fastest growth a millisecond, and hand, contact, step and phase of it."""
     device, tool = tables["device"], tables["simulation"]
     _, high = tool.get("contact_stiffness_n_per_m", (0.0, 0.0))
     springs = [0.0, math.inf, *(np.geomspace(1e-3 * high, high, ENGINE_CONTACTS) if high else ())]
+    touched = named.tool.contact_stiffness_n_per_m
     random, t = np.random.default_rng(6), device["sample_time_s"]
-    people = hands(random, device["mass_kg"])
+    people = [tuple(named.hand.values()), *hands(random, device["mass_kg"])]
     worst: tuple[float, Any] = (-1.0, None)
     shortest, longest = (one / t for one in tool["step_s"])
-    for ratio in steps_inside(shortest, longest, random):
+    steps = [Fraction(named.step_s / t).limit_denominator(60), *steps_inside(shortest, longest, random)]
+    for ratio in steps:
         if not shortest - 1e-9 <= ratio <= longest + 1e-9:
             continue
         phases = {Fraction(0)} if ratio.denominator == 1 else {Fraction(0), Fraction(1, 2 * ratio.denominator)}
-        chosen = springs if len(springs) < 5 else [0.0, math.inf, *random.choice(springs[2:], 3)]
+        chosen = springs if len(springs) < 5 else [0.0, math.inf, *random.choice(springs[2:], 3), touched]
         for phase, spring in itertools.product(phases, chosen):
             # A device at its end stop before a tool that stands still leaves nothing that moves.
-            some = people[:-1] if math.isinf(spring) else people
+            some = [hand for hand in people if hand[2] < END_STOP_N_PER_M] if math.isinf(spring) else people
             how = {"integrator": tool["integrator"], "exchange": tool["exchange"], "phase": phase}
             how["contact"] = spring, 1.0 if 0 < spring < math.inf else 0.0
             values = lifted_engine.growth(device_of(device), some, (tool["tool_mass_kg"], 0.0), gains, ratio, **how)
@@ -255,16 +267,10 @@ def worst_of_engine(tables: Row, gains: tuple[float, float]) -> tuple[float, Any
 
 def engine_row(number: int) -> Row:
     """Return what was told and found of one engine."""
-    draw, begun = Draw(number, 1), time.process_time()
-    tables = draw.engine()
-    row: Row = {"number": number, "kind": "engine"}
-    row["told"] = largest(ToolSearch(Problem(**tables)), 10 ** draw.random.uniform(-3.0, -1.7))
-    row |= {"seconds": time.process_time() - begun, "tables": tables}
-    if row["told"][0] == 0:
-        return row | {"below": 0.0, "above": 2.0}
-    row["below"], row["below_at"] = worst_of_engine(tables, (BELOW * row["told"][0], BELOW * row["told"][1]))
-    row["above"], row["above_at"] = worst_of_engine(tables, (ABOVE * row["told"][0], ABOVE * row["told"][1]))
-    return row
+    draw = Draw(number, 1)
+    row: Row = {"number": number, "kind": "engine", "tables": draw.engine()}
+    search, lag_s = ToolSearch(Problem(**row["tables"])), 10 ** draw.random.uniform(-3.0, -1.7)
+    return judged(row, search, lag_s, worst_of_engine)
 
 
 ROWS = {"follower": follower_row, "engine": engine_row}
