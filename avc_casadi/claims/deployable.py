@@ -111,8 +111,11 @@ def deployable(coupling: Coupling, progress: Progress = SILENT) -> Deployable:
     require_coupling(coupling)
     numbers = coupling.table.frequency_hz.tobytes() + coupling.table.gains.tobytes()
     verdicts = _VERDICTS.setdefault(coupling.table, [])
+    law = coupling.runtime.state_feedback
+    # No claim depends on the width of a dead zone.
+    runs = coupling.runtime if law is None else coupling.runtime.model_copy(update={"state_feedback": law.linear})
     for problem, runtime, key, verdict in verdicts:
-        if problem is coupling.problem and runtime is coupling.runtime and key == numbers:
+        if problem is coupling.problem and runtime == runs and key == numbers:
             return verdict
     verdict = _verdict(coupling, progress)
     if verdict.passed and coupling.problem.device.mass_kg > 0:  # released, a massless device has no loop
@@ -125,7 +128,7 @@ def deployable(coupling: Coupling, progress: Progress = SILENT) -> Deployable:
             advice = "take `avc recommend P`, soften the wall, or require less by [robustness] disk_margin"
             claims += (DeployClaim("disk-margin", False, why, advice),)
         verdict = Deployable(claims, margin)
-    verdicts.append((coupling.problem, coupling.runtime, numbers, verdict))
+    verdicts.append((coupling.problem, runs, numbers, verdict))
     del verdicts[:-32]
     return verdict
 

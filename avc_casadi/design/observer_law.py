@@ -49,6 +49,17 @@ _MODE_FREQUENCY, _MODE_DAMPING = 0.9, 0.1
 _REGULARISATION = 1e-9  # weight and noise of states that have none
 _SHORTEST_FILTER_S = 1e-3  # at shorter sample times the filter is as fast in seconds, at longer ones in samples
 _LEAST_HAND = {"mass_kg": 0.01, "damping_ns_per_m": 1.0, "stiffness_n_per_m": 10.0}
+WIDTHS = (1.0, 1.25, 1.5, 2.0, 3.0)
+"""Half widths of the dead zone to choose from, in steps of the coarsest encoder."""
+# Without a trial: with it nearly all hands came to rest on the devices where that takes most.
+_USUAL_WIDTH = 1.5
+# Range of late positions at which the dead zone opens, and is open, in half widths; for so long it is remembered, and
+# so it is smoothed: encoder steps sustain 15 to 200 Hz, a hand moves at 10 Hz at most. Chosen by a study of devices
+# drawn at random (tests/benchmarks/RESULTS_dead_zone.md).
+_OPENS = 1.0
+_OPEN = 4.0
+_MEMORY_S = 0.6
+_SMOOTHED_HZ = 15.0
 
 
 def _assumed_hand(guess: Guess, device: Device, hands: Hands) -> Hand:
@@ -87,21 +98,36 @@ def regulator(device: Device, hands: Hands, stiffness_n_per_m: float, guess: Gue
 
 
 def _law(device: Device, parts: tuple[FloatArray, ...], positions: tuple[int, ...], measures: int) -> StateFeedback:
-    """Return the law of A, B, L and R; its dead zone is half a step of the coarsest encoder and a quarter more."""
+    """Return the law of A, B, L and R, with a dead zone of the usual width."""
     # In single precision, as on the device: what is judged is what runs.
     state, force, innovation, feedback = (part.astype(np.float32).astype(np.float64) for part in parts)
-    known = device.range.encoder_resolution_m
-    half_m = 0.75 * (device.encoder_resolution_m if known is None else known[1])
-    return StateFeedback(
+    law = StateFeedback(
         state=tuple(map(tuple, state.tolist())),
         force_m_per_n=tuple(force.tolist()),
         innovation=tuple(innovation.tolist()),
         feedback=tuple(feedback.tolist()),
         positions=positions,
         measures=measures,
-        dead_zone_m=half_m,
-        face_m=half_m,
     )
+    return with_dead_zone(law, device, _USUAL_WIDTH)
+
+
+def with_dead_zone(law: StateFeedback, device: Device, steps: float) -> StateFeedback:
+    """Return the law with another half width of its dead zone, in steps of the coarsest encoder; none without steps.
+
+    The shift of the wall's face by as much, which is there as far as the zone is closed, balances its lag on the way in.
+    """
+    known, t = device.range.encoder_resolution_m, device.sample_time_s
+    half_m = steps * (device.encoder_resolution_m if known is None else known[1])
+    zone = {
+        "dead_zone_m": half_m,
+        "face_m": half_m,
+        "opens_m": _OPENS * half_m,
+        "open_m": _OPEN * half_m,
+        "kept": math.exp(-t / _MEMORY_S),
+        "smoothing": math.exp(-2 * math.pi * _SMOOTHED_HZ * t),
+    }
+    return law.model_copy(update=zone)
 
 
 @dataclass(frozen=True, eq=False)

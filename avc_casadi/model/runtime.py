@@ -87,10 +87,19 @@ MOST_STATES = 16
 
 
 class StateFeedback(Effect):
-    """An observer with a dead zone and state feedback, as of a robust design; its states are lengths."""
+    """An observer with a dead zone and state feedback, as of a robust design; its states are lengths.
 
-    # e = dz(x + face - s_m), s+ = s + L e, y = R s+, and after the force F: s = A s+ + B F. x is the measured position,
-    # m its state, dz the dead zone, y the position that the wall acts on; velocities times T, forces over a stiffness.
+    With x the measured position, F the force, s_m the state that stands for x and y the position that the wall acts on
+    (velocities times T, forces over a stiffness), a sample is
+
+        i = x + c face - s_m,   e = i - c clip(i, -d, d),   s+ = s + L e,   y = R s+,   then s = A s+ + B F.
+
+    The half width d of the dead zone counts as far as the zone is closed, c = 1 - clip((r - opens)/(open - opens), 0, 1):
+    fully at rest, not at all in motion. The range r of late positions is that from the lowest to the highest of a
+    smoothed x; a sample later `kept` of what they are away from the present one is left, which is `open` at most.
+    Smoothing is a lag of first order with the pole `smoothing`.
+    """
+
     kind: Literal["state-feedback"] = "state-feedback"
     state: q.EntryRows
     force_m_per_n: q.Entries
@@ -100,9 +109,13 @@ class StateFeedback(Effect):
     measures: q.Place = 0
     dead_zone_m: q.Length = 0.0
     face_m: q.Length = 0.0
+    opens_m: q.Length = 0.0
+    open_m: q.Length = 0.0
+    kept: q.Share = 0.0
+    smoothing: q.Share = 0.0
 
     def faults(self) -> Iterator[t.Finding]:
-        """Yield too many states, rows of other lengths, and places without a state."""
+        """Yield too many states, rows of other lengths, places without a state, a dead zone open before it opens."""
         n = self.states
         if n > MOST_STATES:
             yield ("force_m_per_n",), f"has {n} numbers; allowed: 1 to {MOST_STATES}, one for each state"
@@ -115,16 +128,32 @@ class StateFeedback(Effect):
                 yield path, f"has {len(values)} numbers; allowed: {n}, as force_m_per_n"
         if max(self.positions) >= n or self.measures not in self.positions:
             yield ("positions",), f"is {t.shown(self.positions)}; allowed: places below {n}, measures among them"
+        if self.open_m <= self.opens_m and self.open_m + self.opens_m > 0:
+            allowed = f"above opens_m, {self.opens_m:g}; 0 for both is a dead zone that never opens"
+            yield ("open_m",), f"is {self.open_m:g}; allowed: {allowed}"
 
     @property
     def states(self) -> int:
         """Number of states n."""
         return len(self.force_m_per_n)
 
+    @property
+    def linear(self) -> StateFeedback:
+        """The law without its dead zone."""
+        zone = ("dead_zone_m", "face_m", "opens_m", "open_m", "kept", "smoothing")
+        return self.model_copy(update=dict.fromkeys(zone, 0.0))
+
+    @property
+    def zone_numbers(self) -> tuple[float, ...]:
+        """Numbers of the dead zone: d, face, opens, open, 1/(open - opens) (0: never open), kept, smoothing."""
+        opening_per_m = 1.0 / (self.open_m - self.opens_m) if self.open_m > 0 else 0.0
+        zone = self.dead_zone_m, self.face_m, self.opens_m, self.open_m
+        return (*zone, opening_per_m, self.kept, self.smoothing)
+
     def numbers(self) -> FloatArray:
-        """Return A by rows, B, L, R, dead zone and face, in the order of the step's parameters."""
+        """Return A by rows, B, L, R and the numbers of the dead zone, in the order of the step's parameters."""
         rows = [value for row in self.state for value in row]
-        return np.array([*rows, *self.force_m_per_n, *self.innovation, *self.feedback, self.dead_zone_m, self.face_m])
+        return np.array([*rows, *self.force_m_per_n, *self.innovation, *self.feedback, *self.zone_numbers])
 
 
 class Runtime(t.Table):

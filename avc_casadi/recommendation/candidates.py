@@ -12,6 +12,7 @@ from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi._util.text import quantity
 from avc_casadi.coupling import Coupling
+from avc_casadi.design.observer_law import WIDTHS, with_dead_zone
 from avc_casadi.design.program import DISK_MARGIN, ProgramAnswer, program_answers, why_no_law
 from avc_casadi.design.tuned import tune, tuned_margin
 from avc_casadi.loops.margins import OpenLoop
@@ -19,10 +20,10 @@ from avc_casadi.loops.walls import DampingRange, damping_range, softest_wall_n_p
 from avc_casadi.model.gains import Gains, near_rigid_n_per_m, spring_before
 from avc_casadi.model.hands import hand_corners, with_released
 from avc_casadi.model.problem import Problem
-from avc_casadi.model.runtime import Runtime
+from avc_casadi.model.runtime import Runtime, StateFeedback
 from avc_casadi.recommendation.evaluator import Evaluator
 from avc_casadi.recommendation.preconditions import why_infeasible
-from avc_casadi.recommendation.rank import FELT_ERROR, UNNOTICED, impedance_error
+from avc_casadi.recommendation.rank import FELT_ERROR, UNNOTICED, error_in_motion, impedance_error
 
 # Rendered stiffness where the wall itself does not hold, as shares of what spring and damper hold linearly.
 _SOFTER = (0.9, 0.75, 0.6, 0.45, 0.33, 0.24, 0.15)
@@ -112,7 +113,7 @@ def softened(problem: Problem, felt_n_per_m: float) -> Iterator[Coupling]:
 
 
 def judge_laws(problem: Problem, evaluator: Evaluator, felt_n_per_m: float, least: float = math.inf) -> None:
-    """Judge laws at a stiffness for ever stricter goals, until none may be nearer."""
+    """Judge laws at a stiffness, each with ever wider dead zones, then for stricter goals, until none may be nearer."""
     for answers in laws(problem, felt_n_per_m) if least > 0 else ():
         nearer = sorted(answers, key=lambda one: one.performance.error)
         nearer = [one for one in nearer if one.performance.error < least]
@@ -120,7 +121,7 @@ def judge_laws(problem: Problem, evaluator: Evaluator, felt_n_per_m: float, leas
             break
         for answer in nearer:
             error = answer.performance.error
-            one = evaluator.first_complete([answer.coupling]) if error < least else None
+            one = evaluator.first_complete(with_widths(answer.coupling)) if error < least else None
             if one is not None:
                 least = 0.0 if one.distance < 2 * FELT_ERROR else min(least, error + one.distance - one.error)
 
@@ -140,6 +141,27 @@ def laws(problem: Problem, felt_n_per_m: float) -> Iterator[list[ProgramAnswer]]
     for step in (*noise, (1.0, 1.0, 1.3), both, (1.0, 0.6, 1.3), both, (1.25, 0.6, 1.3)):
         answers = [found for one in answers if (found := one.with_goals(*step)).performance.stable]
         yield answers
+
+
+def with_widths(coupling: Coupling) -> Iterator[Coupling]:
+    """Yield a law with the narrowest dead zone, then wider ones, until a hand in motion would notice the width."""
+    law, device = coupling.runtime.state_feedback, coupling.problem.device
+    if law is None or law.dead_zone_m == 0:  # a device without encoder steps
+        yield coupling
+        return
+    narrow, *wider = (_with_width(coupling, law, steps) for steps in WIDTHS)
+    yield narrow
+    noticed = error_in_motion(narrow) + FELT_ERROR
+    for wide in wider:
+        if error_in_motion(wide) > noticed:
+            return
+        yield wide
+
+
+def _with_width(coupling: Coupling, law: StateFeedback, steps: float) -> Coupling:
+    """Return the coupling with another half width of its law's dead zone, in encoder steps."""
+    runtime = Runtime(state_feedback=with_dead_zone(law, coupling.problem.device, steps))
+    return Coupling.constant(coupling.problem, coupling.table.at_rest, coupling.method, runtime)
 
 
 def tuned_gains(problem: Problem, progress: Progress = SILENT) -> Iterator[Coupling]:

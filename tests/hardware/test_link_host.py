@@ -163,8 +163,9 @@ def test_the_damper_of_the_wall_is_that_of_the_coupling(damping: float) -> None:
 # State feedback on the wire: its bytes as documented, and what of it is refused, by the host and by the device.
 
 AT_HEADER, AT_FEEDBACK = 0xFFFF, 0xFFFE
-# Of the image of `made`: flags, measures, positions, dead zone, face, first number of A, last number of R.
-FLAGS, MEASURES, POSITIONS, DEAD_ZONE, FACE, FIRST, LAST = 2, 48, 50, 52, 56, 60, 60 + 4 * (9 + 9) - 4
+# Of the image of `made`: flags, measures, positions, dead zone, face, share kept, smoothing, first number of A, last of R.
+FLAGS, MEASURES, POSITIONS, DEAD_ZONE, FACE, KEPT, SMOOTHING = 2, 48, 50, 52, 56, 72, 76
+FIRST, LAST = 80, 80 + 4 * (9 + 9) - 4
 
 
 def made(feedback: StateFeedback | None) -> Coupling:
@@ -200,7 +201,9 @@ def test_bytes_of_a_table_are_those_of_the_document() -> None:
     assert TableImage.of(made(None).on(gated)).image[:4] == struct.pack("<HH", 1, 0)
     assert table.image[36:48] == struct.pack("<3f", 3.0, 4e4, 5.0)
     positions = sum(1 << place for place in feedback.positions)
+    opens_m, open_m = feedback.opens_m, feedback.open_m
     follows = struct.pack("<HH2f", feedback.measures, positions, feedback.dead_zone_m, feedback.face_m)
+    follows += struct.pack("<5f", opens_m, open_m, 1 / (open_m - opens_m), feedback.kept, feedback.smoothing)
     for numbers in (*feedback.state, feedback.force_m_per_n, feedback.innovation, feedback.feedback):
         follows += struct.pack("<4f", *numbers)
     assert table.image[48:] == follows
@@ -225,6 +228,9 @@ def test_device_refuses_more_states_than_it_holds_and_states_beside_rows(rows: i
         (DEAD_ZONE, struct.pack("<f", -1e-6), Refusal(Reason.LIMIT, AT_FEEDBACK)),
         (FACE, struct.pack("<f", -1e-6), Refusal(Reason.LIMIT, AT_FEEDBACK)),
         (FACE, struct.pack("<f", -np.inf), Refusal(Reason.NOT_FINITE, AT_FEEDBACK)),
+        (KEPT, struct.pack("<f", 1.001), Refusal(Reason.LIMIT, AT_FEEDBACK)),
+        (SMOOTHING, struct.pack("<f", 1.001), Refusal(Reason.LIMIT, AT_FEEDBACK)),
+        (SMOOTHING, struct.pack("<f", np.nan), Refusal(Reason.NOT_FINITE, AT_FEEDBACK)),
         (MEASURES, struct.pack("<H", 1), Refusal(Reason.LIMIT, AT_FEEDBACK)),
         (MEASURES, struct.pack("<H", 3), Refusal(Reason.LIMIT, AT_FEEDBACK)),
         (MEASURES, struct.pack("<H", 65535), Refusal(Reason.LIMIT, AT_FEEDBACK)),

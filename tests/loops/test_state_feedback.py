@@ -41,7 +41,8 @@ def random_device(rng):
 def law_of(rng, share=1.0):
     found = believer(int(rng.integers(0, 1000)))
     gain = tuple(share * value for value in found.innovation)
-    return found.model_copy(update={"innovation": gain, "dead_zone_m": 0.0, "face_m": 0.0})
+    zone = ("dead_zone_m", "face_m", "opens_m", "open_m", "kept", "smoothing")
+    return found.model_copy(update={"innovation": gain} | dict.fromkeys(zone, 0.0))
 
 
 def scene_eigenvalues(device, law, gains, wall):
@@ -100,7 +101,7 @@ def test_force_over_position_is_that_of_the_step_in_time(seed):
     state, asked = np.zeros(len(step.states)), 0.0
     state[0] = 1.0
     numbers = law.numbers()
-    numbers[-2:] = 0.0
+    numbers[-len(law.zone_numbers) :] = 0.0
     ticks = np.arange(6000)
     position = np.sin(2 * np.pi * hz * ticks * t + rng.uniform(0, 6))
     forces = []

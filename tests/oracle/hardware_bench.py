@@ -90,6 +90,8 @@ def believer(seed: int) -> StateFeedback:
         asked, innovation, feedback, places = (*asked, 0.0), (*innovation, 0.1), (0.6, *feedback[1:], 0.4), (0, 3)
     rows = {"state": state, "force_m_per_n": asked, "innovation": innovation, "feedback": feedback}
     zones = {"dead_zone_m": 1.5e-5 * (seed % 3), "face_m": 1e-5 * (seed % 3)}
+    if seed % 4:  # it opens in motion
+        zones |= {"opens_m": 1e-5 * (seed % 4), "open_m": 7e-5 * (seed % 4), "kept": 0.98, "smoothing": 0.3 * (seed % 4)}
     return StateFeedback.model_validate(rows | zones | {"positions": places})
 
 
@@ -108,6 +110,10 @@ def dense_believer(states: int, seed: int = 0) -> StateFeedback:
         measures=states - 1,
         dead_zone_m=float(rng.uniform(0, 1e-5)),
         face_m=float(rng.uniform(0, 1e-5)),
+        opens_m=float(rng.uniform(0, 1e-5)),
+        open_m=float(rng.uniform(2e-5, 1e-4)),
+        kept=float(rng.uniform(0.9, 1.0)),
+        smoothing=float(rng.uniform(0.0, 0.95)),
     )
 
 

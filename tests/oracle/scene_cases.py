@@ -13,6 +13,7 @@ FEEDBACK = (
     "force_m_per_n = [-3.3e-6, -6.6e-6, 0.0]\ninnovation = [0.4, 0.08, 0.003]\nfeedback = [1.0, 3.0, 0.2]\n"
     "positions = [0]\ndead_zone_m = 1.5e-5\nface_m = 1e-5"
 )
+OPENING = FEEDBACK + "\nopens_m = 1.5e-5\nopen_m = 6e-5\nkept = 0.99\nsmoothing = 0.9"
 QUICK = 'kind = "press"\nspeed_m_per_s = 0.2\nstart_m = -0.002\n'
 
 CASES = {
@@ -88,6 +89,7 @@ CASES = {
     ),
     "notch": ((HAND, WALL, 'kind = "notch"\nfrequency_hz = 120.0\ndepth = 0.1\nwidth = 0.6'), SOFT),
     "state-feedback": ((HAND, WALL, 'kind = "encoder"\nresolution_m = 2e-5', FEEDBACK), SOFT),
+    "opening-dead-zone": ((HAND, WALL, 'kind = "encoder"\nresolution_m = 2e-5', OPENING), SOFT),
     "state-feedback-late-and-limited": (
         (HAND, WALL, FRICTION, FEEDBACK, 'kind = "delay"\nsamples = 1', 'kind = "saturation"\nforce_n = 1.5'),
         Gains(0.0, 1e9),

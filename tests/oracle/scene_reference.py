@@ -227,18 +227,34 @@ class Believer:
 
     def __init__(self, table):
         self.table, self.state, self.force = table, None, 0.0
+        self.smooth = self.highest = self.lowest = None
         self.a, self.b, self.l, self.r = (
             np.array(getattr(table, key)) for key in ("state", "force_m_per_n", "innovation", "feedback")
         )
 
+    def closed(self, value):
+        """How far the dead zone is closed: by the smoothed position, and the highest and lowest late one, which fade."""
+        table = self.table
+        if self.smooth is None:
+            self.smooth = self.highest = self.lowest = value
+        here = self.smooth = value + table.smoothing * (self.smooth - value)
+        self.highest = min(max(here, here + table.kept * (self.highest - here)), here + table.open_m)
+        self.lowest = max(min(here, here + table.kept * (self.lowest - here)), here - table.open_m)
+        if table.open_m == 0:
+            return 1.0
+        opened = (self.highest - self.lowest - table.opens_m) / (table.open_m - table.opens_m)
+        return 1.0 - min(max(opened, 0.0), 1.0)
+
     def __call__(self, value):
-        value += self.table.face_m
+        closed = self.closed(value)
+        value += closed * self.table.face_m
         if self.state is None:
             self.state = np.array([value if row in self.table.positions else 0.0 for row in range(len(self.b))])
         else:
             self.state = self.a @ self.state + self.b * self.force
         error = value - self.state[self.table.measures]
-        self.state = self.state + self.l * math.copysign(max(abs(error) - self.table.dead_zone_m, 0.0), error)
+        outside = math.copysign(max(abs(error) - self.table.dead_zone_m, 0.0), error)
+        self.state = self.state + self.l * (closed * outside + (1 - closed) * error)
         return float(self.r @ self.state)
 
 

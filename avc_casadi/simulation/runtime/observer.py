@@ -73,7 +73,8 @@ def _step_of(n: int, positions: tuple[int, ...], measures: int) -> Step:
     a = [[builder.parameter(f"a{row + 1}_{column + 1}") for column in range(n)] for row in range(n)]
     b, gain, weight = ([builder.parameter(f"{name}{row + 1}") for row in range(n)] for name in "blr")
     half, face = builder.parameter("dead_zone_m"), builder.parameter("face_m")
-    seen = measured + face
+    closed = _closed_share(builder, measured, started)
+    seen = measured + closed * face
     predicted = [
         ca.if_else(
             started,
@@ -83,7 +84,7 @@ def _step_of(n: int, positions: tuple[int, ...], measures: int) -> Step:
         for row in range(n)
     ]
     error = seen - predicted[measures]
-    error = error - ca.fmin(ca.fmax(error, -half), half)
+    error = error - closed * ca.fmin(ca.fmax(error, -half), half)
     corrected = [value + gain[row] * error for row, value in enumerate(predicted)]
     builder.follow("started", 1)
     for row, value in enumerate(corrected):
@@ -91,3 +92,22 @@ def _step_of(n: int, positions: tuple[int, ...], measures: int) -> Step:
     return builder.build(
         "state_feedback", position_m=sum((weight[row] * value for row, value in enumerate(corrected)), ca.SX(0))
     )
+
+
+def _closed_share(builder: StepBuilder, measured: Expr, started: Expr) -> Expr:
+    """Return how far the dead zone is closed, 1 at rest and 0 in motion (`StateFeedback`).
+
+    A lag keeps out what encoder steps alone sustain, which is faster than a hand. Only distances are remembered: they
+    fade to 0, where a position of single precision would stop some hundred of its last digits short.
+    """
+    names = ("opens_m", "open_m", "opening_per_m", "kept", "smoothing")
+    opens, most, opening, kept, smoothing = (builder.parameter(name) for name in names)
+    before, lag, above, below = (builder.state(name) for name in ("measured_m", "lag_m", "above_m", "below_m"))
+    moved = ca.if_else(started, measured - before, 0)
+    lagging = smoothing * (lag + moved)
+    smoothly = lag + moved - lagging
+    higher = ca.fmin(ca.fmax(kept * (above - smoothly), 0), most)
+    lower = ca.fmin(ca.fmax(kept * (below + smoothly), 0), most)
+    for name, value in {"measured_m": measured, "lag_m": lagging, "above_m": higher, "below_m": lower}.items():
+        builder.follow(name, value)
+    return 1 - ca.fmin(ca.fmax((higher + lower - opens) * opening, 0), 1)

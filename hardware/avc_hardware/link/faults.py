@@ -43,7 +43,7 @@ class DeviceFault(IntFlag):
         return tuple(fault.sentence for fault in self)
 
 
-INTERFACE_VERSION = 13  # of the messages' meaning
+INTERFACE_VERSION = 14  # of the messages' meaning
 
 
 class Reason(IntEnum):

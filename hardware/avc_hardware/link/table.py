@@ -93,11 +93,12 @@ class TableImage:
         image = header + self.rows.astype("<f4").tobytes()
         if self.feedback is None:
             return image
-        # After the rows: which states are positions, dead zone, face, then A by rows, B, L and R.
-        *matrices, dead_zone_m, face_m = self.feedback.numbers()
+        # After the rows: which states are positions, the numbers of the dead zone, then A by rows, B, L and R.
+        numbers, zone = self.feedback.numbers(), self.feedback.zone_numbers
+        matrices = numbers[: len(numbers) - len(zone)]
         positions = sum(1 << place for place in set(self.feedback.positions))
-        head = struct.pack("<HHff", self.feedback.measures, positions, dead_zone_m, face_m)
-        return image + head + np.array(matrices, dtype="<f4").tobytes()
+        head = struct.pack("<HH", self.feedback.measures, positions)
+        return image + head + np.array([*zone, *matrices], dtype="<f4").tobytes()
 
     @property
     def crc32(self) -> int:

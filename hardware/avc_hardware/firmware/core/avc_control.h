@@ -43,6 +43,8 @@ typedef struct {
 /* What an observer believes. */
 typedef struct {
     bool started;
+    float measured_m, lag_m; /* position of the tick before, and over the smoothed one */
+    float above_m, below_m;  /* highest and lowest late position, over and below the smoothed one */
     float s_m[AVC_STATES_MAX];
 } avc_feedback_state_t;
 

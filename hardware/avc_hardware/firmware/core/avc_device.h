@@ -56,7 +56,7 @@ static inline uint32_t avc_ring_room(const avc_ring_t *ring)
 
 enum {
     AVC_PROTOCOL_VERSION = 1,
-    AVC_INTERFACE_VERSION = 13,
+    AVC_INTERFACE_VERSION = 14,
     AVC_CHUNK_MAX = 512, /* table bytes in one message */
     AVC_UNIQUE_SIZE = 12 /* bytes of the number that no other chip has; 0 where there is none */
 };

@@ -7,7 +7,7 @@ _Static_assert(sizeof(avc_table_header_t) == 32, "the table header travels as 32
 _Static_assert(sizeof(avc_config_t) == 68u + 4u * AVC_NUMBERS, "a configuration travels without padding");
 _Static_assert(sizeof(avc_row_t) == 16, "a row travels as 16 bytes");
 _Static_assert(offsetof(avc_image_t, feedback) == 48, "the state feedback follows the only row");
-_Static_assert(offsetof(avc_feedback_t, number) == 12, "12 bytes of the state feedback come before its matrices");
+_Static_assert(offsetof(avc_feedback_t, number) == 32, "32 bytes of the state feedback come before its matrices");
 _Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "the wire format is the memory format");
 
 /* Beyond these a frequency is no interaction frequency and avc_ln would leave its range. */
@@ -114,16 +114,22 @@ static avc_reason_t header_check(const avc_table_header_t *header, const avc_lim
 
 static avc_reason_t feedback_check(const avc_feedback_t *feedback, uint32_t states)
 {
-    if (!avc_is_finite(feedback->dead_zone_m) || !avc_is_finite(feedback->face_m)) {
-        return AVC_REFUSED_NOT_FINITE;
+    const float *zone = &feedback->dead_zone_m;
+    for (uint32_t i = 0; i < AVC_ZONE_NUMBERS; i++) {
+        if (!avc_is_finite(zone[i])) {
+            return AVC_REFUSED_NOT_FINITE;
+        }
+        if (!(zone[i] >= 0.0f)) {
+            return AVC_REFUSED_LIMIT;
+        }
     }
     for (uint32_t i = 0; i < states * (states + 3u); i++) {
         if (!avc_is_finite(feedback->number[i])) {
             return AVC_REFUSED_NOT_FINITE;
         }
     }
-    if (!(feedback->dead_zone_m >= 0.0f) || !(feedback->face_m >= 0.0f)) {
-        return AVC_REFUSED_LIMIT;
+    if (feedback->kept > 1.0f || feedback->smoothing > 1.0f) {
+        return AVC_REFUSED_LIMIT; /* the range would grow for ever */
     }
     const uint32_t positions = feedback->positions;
     if (feedback->measures >= states || positions >> states != 0u || (positions >> feedback->measures & 1u) == 0u) {

@@ -16,7 +16,8 @@
 enum {
     AVC_ROWS_MAX = AVC_CAPACITY_ROWS,
     AVC_STATES_MAX = AVC_CAPACITY_ROWS < 77 ? 8 : 16, /* of the observer whose state is fed back: they lie where the rows do */
-    AVC_FEEDBACK_MAX = AVC_STATES_MAX * (AVC_STATES_MAX + 3)
+    AVC_FEEDBACK_MAX = AVC_STATES_MAX * (AVC_STATES_MAX + 3),
+    AVC_ZONE_NUMBERS = 7 /* of the dead zone, from dead_zone_m on */
 };
 
 enum {
@@ -49,7 +50,12 @@ typedef struct {
     uint16_t measures;  /* the state that stands for the measured position */
     uint16_t positions; /* a bit for each state that starts where the device stands */
     float dead_zone_m;
-    float face_m;
+    float face_m;        /* shift of the wall's face, as far as the dead zone is closed */
+    float opens_m;       /* range of late positions at which the dead zone opens */
+    float open_m;        /* and is open */
+    float opening_per_m; /* 1/(open - opens); 0: it never opens */
+    float kept;          /* share of the range that is left a tick later */
+    float smoothing;     /* pole of the lag that the range is taken behind */
     float number[AVC_FEEDBACK_MAX]; /* A by rows (n n), B, L, R (n each) */
 } avc_feedback_t;
 

@@ -35,6 +35,33 @@ void avc_fault_init(avc_fault_t *fault, const avc_limits_t *limits)
     limit_motion(fault, limits, limits->max_speed_m_per_s, limits->max_energy_j);
 }
 
+static float within(float x, float low, float high)
+{
+    const float above = x > low ? x : low;
+    return above < high ? above : high;
+}
+
+/* How far the dead zone is closed: 1 at rest, 0 where the device has moved of late. */
+static float closed_share(avc_feedback_state_t *state, const avc_feedback_t *feedback, float position_m)
+{
+    if (!state->started) {
+        state->lag_m = 0.0f;
+        state->above_m = 0.0f;
+        state->below_m = 0.0f;
+        state->measured_m = position_m;
+    }
+    const float moved = position_m - state->measured_m;
+    const float lag = feedback->smoothing * (state->lag_m + moved);
+    const float smoothly = state->lag_m + moved - lag;
+    const float above = within(feedback->kept * (state->above_m - smoothly), 0.0f, feedback->open_m);
+    const float below = within(feedback->kept * (state->below_m + smoothly), 0.0f, feedback->open_m);
+    state->measured_m = position_m;
+    state->lag_m = lag;
+    state->above_m = above;
+    state->below_m = below;
+    return 1.0f - within((above + below - feedback->opens_m) * feedback->opening_per_m, 0.0f, 1.0f);
+}
+
 float avc_feedback_step(avc_feedback_state_t *state, const avc_image_t *image, float position_m, float force_n)
 {
     const avc_feedback_t *feedback = &image->feedback;
@@ -44,7 +71,8 @@ float avc_feedback_step(avc_feedback_state_t *state, const avc_image_t *image, f
     const float *gain = &b[n];
     const float *weight = &gain[n];
     const float half = feedback->dead_zone_m;
-    const float seen = position_m + feedback->face_m;
+    const float closed = closed_share(state, feedback, position_m);
+    const float seen = position_m + closed * feedback->face_m;
     float believed[AVC_STATES_MAX];
     if (state->started) {
         for (uint32_t row = 0; row < n; row++) {
@@ -61,8 +89,7 @@ float avc_feedback_step(avc_feedback_state_t *state, const avc_image_t *image, f
         state->started = true;
     }
     float error = seen - believed[feedback->measures];
-    const float above = error > -half ? error : -half;
-    error = error - (above < half ? above : half);
+    error = error - closed * within(error, -half, half);
     float position = 0.0f;
     for (uint32_t row = 0; row < n; row++) {
         const float value = believed[row] + gain[row] * error;
