@@ -115,13 +115,13 @@ def _law(device: Device, parts: tuple[FloatArray, ...], positions: tuple[int, ..
 def with_dead_zone(law: StateFeedback, device: Device, steps: float) -> StateFeedback:
     """Return the law with another half width of its dead zone, in steps of the coarsest encoder; none without steps.
 
-    The shift of the wall's face by as much, which is there as far as the zone is closed, balances its lag on the way in.
+    The wall's face is not shifted: a hand that presses opens the dead zone, so that there is no lag to balance.
     """
     known, t = device.range.encoder_resolution_m, device.sample_time_s
     half_m = steps * (device.encoder_resolution_m if known is None else known[1])
     zone = {
         "dead_zone_m": half_m,
-        "face_m": half_m,
+        "face_m": 0.0,
         "opens_m": _OPENS * half_m,
         "open_m": _OPEN * half_m,
         "kept": math.exp(-t / _MEMORY_S),

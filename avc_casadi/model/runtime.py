@@ -89,15 +89,15 @@ MOST_STATES = 16
 class StateFeedback(Effect):
     """An observer with a dead zone and state feedback, as of a robust design; its states are lengths.
 
-    With x the measured position, F the force, s_m the state that stands for x and y the position that the wall acts on
-    (velocities times T, forces over a stiffness), a sample is
+    Velocities count times T, forces over a stiffness. With x the measured position, F the force, s_m the state that
+    stands for x and y the position that the wall acts on, a sample is
 
         i = x + c face - s_m,   e = i - c clip(i, -d, d),   s+ = s + L e,   y = R s+,   then s = A s+ + B F.
 
-    The half width d of the dead zone counts as far as the zone is closed, c = 1 - clip((r - opens)/(open - opens), 0, 1):
-    fully at rest, not at all in motion. The range r of late positions is that from the lowest to the highest of a
-    smoothed x; a sample later `kept` of what they are away from the present one is left, which is `open` at most.
-    Smoothing is a lag of first order with the pole `smoothing`.
+    d is half of the dead zone. It is closed by c = 1 - clip((r - opens)/(open - opens), 0, 1), 1 at rest and 0 in
+    motion. The range r of late positions reaches from the lowest to the highest of a smoothed x. A sample later the
+    share `kept` of their distances from the present one is left; no distance counts more than `open`. x is smoothed
+    by a lag of first order with the pole `smoothing`.
     """
 
     kind: Literal["state-feedback"] = "state-feedback"

@@ -145,7 +145,7 @@ def laws(problem: Problem, felt_n_per_m: float) -> Iterator[list[ProgramAnswer]]
 
 def with_widths(coupling: Coupling) -> Iterator[Coupling]:
     """Yield a law with the narrowest dead zone, then wider ones, until a hand in motion would notice the width."""
-    law, device = coupling.runtime.state_feedback, coupling.problem.device
+    law = coupling.runtime.state_feedback
     if law is None or law.dead_zone_m == 0:  # a device without encoder steps
         yield coupling
         return

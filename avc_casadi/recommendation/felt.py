@@ -203,6 +203,28 @@ def leaving_contact(coupling: Coupling) -> LeavingContact:
     )
 
 
+@dataclass(frozen=True)
+class Creep:
+    """What a hand feels that creeps in the wall, too slowly to open the dead zone of a law."""
+
+    speed_m_per_s: float  # slower ones
+    play_m: float  # way of the device, from where it turns back, that the force does not answer
+    play_n: float  # what the wall would have answered
+
+
+def creep(coupling: Coupling) -> Creep | None:
+    """Return the play of a closed dead zone, 2 d, and the speed from which it opens; None without a dead zone.
+
+    At a steady speed v the range of late positions is v T kept/(1 - kept).
+    """
+    law = coupling.runtime.state_feedback
+    if law is None or law.dead_zone_m == 0:
+        return None
+    play_m = 2 * law.dead_zone_m
+    fastest = law.opens_m * (1 - law.kept) / (law.kept * coupling.sample_time_s) if law.kept > 0 else math.inf
+    return Creep(fastest, play_m, play_m * coupling.static_stiffness_n_per_m)
+
+
 def rebound(coupling: Coupling, *, at_face: bool = False) -> dict[str, float]:
     """Return exit speed of the released device's handle over approach speed, by that; or over that at the face."""
     setup, radius = Setup.of(coupling), coupling.problem.device.metres_per_unit

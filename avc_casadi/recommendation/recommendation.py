@@ -25,6 +25,7 @@ from avc_casadi.recommendation.felt import (
     WITHDRAWN_S,
     Felt,
     contact_onset_m,
+    creep,
     leaving_contact,
     rebound,
     ripple,
@@ -209,6 +210,7 @@ class Recommendation(Printed):
         static, damping = coupling.static_stiffness_n_per_m, coupling.table.at_rest.contact_damping_ns_per_m
         motion = shaken(coupling, static)
         stiffness = motion.by_frequency(motion.stiffness_n_per_m)
+        slow = creep(coupling)
         step, damping = device.encoder_resolution_m, damping + self.problem.environment.damping_ns_per_m
         return {
             "stiffness_n_per_m": sensed,
@@ -226,6 +228,7 @@ class Recommendation(Printed):
             "edge_m": contact_onset_m(coupling) if springy else {},
             "edge_force_n": NOTICED_N * device.metres_per_unit,
             "leaving": vars(leaving_contact(coupling)) | {"withdrawn_s": WITHDRAWN_S} if springy else {},
+            "creep": None if slow is None else plain_table(vars(slow)),
             "rebound": rebound(coupling) if springy else {},
             "vibration": tried["felt_vibration"],
             "friction_n": device.coulomb_friction_n,

@@ -163,7 +163,7 @@ def test_the_damper_of_the_wall_is_that_of_the_coupling(damping: float) -> None:
 # State feedback on the wire: its bytes as documented, and what of it is refused, by the host and by the device.
 
 AT_HEADER, AT_FEEDBACK = 0xFFFF, 0xFFFE
-# Of the image of `made`: flags, measures, positions, dead zone, face, share kept, smoothing, first number of A, last of R.
+# Of the image of `made`: flags, measures, positions, dead zone, face, share kept, smoothing; first of A, last of R.
 FLAGS, MEASURES, POSITIONS, DEAD_ZONE, FACE, KEPT, SMOOTHING = 2, 48, 50, 52, 56, 72, 76
 FIRST, LAST = 80, 80 + 4 * (9 + 9) - 4
 

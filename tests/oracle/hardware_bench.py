@@ -91,7 +91,12 @@ def believer(seed: int) -> StateFeedback:
     rows = {"state": state, "force_m_per_n": asked, "innovation": innovation, "feedback": feedback}
     zones = {"dead_zone_m": 1.5e-5 * (seed % 3), "face_m": 1e-5 * (seed % 3)}
     if seed % 4:  # it opens in motion
-        zones |= {"opens_m": 1e-5 * (seed % 4), "open_m": 7e-5 * (seed % 4), "kept": 0.98, "smoothing": 0.3 * (seed % 4)}
+        zones |= {
+            "opens_m": 1e-5 * (seed % 4),
+            "open_m": 7e-5 * (seed % 4),
+            "kept": 0.98,
+            "smoothing": 0.3 * (seed % 4),
+        }
     return StateFeedback.model_validate(rows | zones | {"positions": places})
 
 

@@ -233,7 +233,7 @@ class Believer:
         )
 
     def closed(self, value):
-        """How far the dead zone is closed: by the smoothed position, and the highest and lowest late one, which fade."""
+        """How far the dead zone is closed, by the highest and the lowest late smoothed position, which fade."""
         table = self.table
         if self.smooth is None:
             self.smooth = self.highest = self.lowest = value

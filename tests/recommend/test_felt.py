@@ -68,18 +68,27 @@ def test_of_a_contact_damper_behind_a_coarse_encoder(hz):
 
 
 @pytest.mark.parametrize("hz", [1.0, 10.0])
-def test_of_a_law_with_a_dead_zone(hz):
+@pytest.mark.parametrize("opens", [False, True])
+def test_of_a_law_with_a_dead_zone(hz, opens):
     step = 15e-6
     stated = problem(encoder_resolution_m=step)
     law = regulator(stated.device, stated.hands, WALL, GUESSES[2])
+    law = law if opens else law.linear.model_copy(update={"dead_zone_m": law.dead_zone_m})
     coupling = Coupling.constant(stated, Gains(0.0, 1e12), "mine", Runtime(state_feedback=law))
     a, b, gain, weight = (np.array(part) for part in (law.state, law.force_m_per_n, law.innovation, law.feedback))
 
     def force_of(x):
         state, forces = np.zeros(len(b)), []
-        for z in np.round(x / step) * step + law.face_m:
-            error = z - state[law.measures]
-            state = state + gain * np.sign(error) * max(abs(error) - law.dead_zone_m, 0.0)
+        smooth = high = low = 0.0
+        for z in np.round(x / step) * step:
+            error, closed = z - state[law.measures], 1.0
+            if opens:
+                smooth = z + law.smoothing * (smooth - z)
+                high = min(max(smooth, smooth + law.kept * (high - smooth)), smooth + law.open_m)
+                low = max(min(smooth, smooth + law.kept * (low - smooth)), smooth - law.open_m)
+                closed -= np.clip((high - low - law.opens_m) / (law.open_m - law.opens_m), 0.0, 1.0)
+            outside = np.sign(error) * max(abs(error) - law.dead_zone_m, 0.0)
+            state = state + gain * (closed * outside + (1.0 - closed) * error)
             force = max(WALL * (weight @ state), 0.0)
             state = a @ state + b * force
             forces.append(force)
@@ -87,14 +96,12 @@ def test_of_a_law_with_a_dead_zone(hz):
 
     told, found = told_and_measured(coupling, WALL, force_of, hz)
     assert told == pytest.approx(found, rel=0.05, abs=5e-3)
-    linear = shaken(
-        Coupling.constant(
-            problem(), Gains(0.0, 1e12), "mine", Runtime(state_feedback=law.model_copy(update={"dead_zone_m": 0.0}))
-        ),
-        WALL,
-        [hz],
-    )
-    assert abs(found - linear.error[0]) > 0.1 * found, "the dead zone has a part in it"
+    without = Coupling.constant(problem(), Gains(0.0, 1e12), "mine", Runtime(state_feedback=law.linear))
+    linear = shaken(without, WALL, [hz]).error[0]
+    if opens:
+        assert found == pytest.approx(linear, abs=0.01), "it takes nothing from a hand that moves"
+    else:
+        assert abs(found - linear) > 0.1 * found, "the dead zone has a part in it"
 
 
 @pytest.mark.slow

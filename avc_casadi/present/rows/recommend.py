@@ -232,6 +232,9 @@ def _contact(data: Mapping[str, Any], problem: Problem) -> list[Row]:
             pushes = "up to {force_n} for {lasting_s} outside the wall, until {outside_m}"
         text = fill(f"{pushes}; a hand withdraws in {{withdrawn_s}}", leaving)
         rows.append(row("Leaving contact", text, mark=caution(late), rank=0 if late else 1))
+    if (slow := felt["creep"]) is not None and slow["play_n"] > felt["edge_force_n"]:
+        who = "a hand" if slow["speed_m_per_s"] is None else fill("a hand slower than {speed_m_per_s}", slow)
+        rows.append(row("Slow press", who, fill("feels a change of force only after {play_m} ({play_n})", slow)))
     if fast := {speed: share for speed, share in felt["rebound"].items() if share > 1.02}:
         each = commas((Value(share, "number"), "times", Value(float(speed), "speed")) for speed, share in fast.items())
         rows.append(row("Rebound", "the released device leaves the wall at", each, mark=Mark.CAUTION))
