@@ -19,7 +19,7 @@ from avc_casadi.model.device import CURRENT_LOOP_DAMPING_RATIO, Device
 from avc_casadi.model.ends import Follower, ToolGains, VirtualTool
 from avc_casadi.model.gains import Gains, GainSchedule, GainTable, Status, fewest_rows
 from avc_casadi.model.problem import Contact, Impedance, Problem
-from avc_casadi.model.runtime import Runtime, StateFeedback
+from avc_casadi.model.runtime import OPENING_KEYS, Runtime, StateFeedback
 from avc_casadi.paper.rows import gain_schedule
 
 End = Literal["wall", "simulation", "follower"]
@@ -217,9 +217,14 @@ class Coupling:
                 del there["substeps"]
             device = self.problem.device.model_dump(mode="json")
             return _named({"gains": vars(self.gains), "device": device, self.end: there})
+        runtime, law = self.runtime.document(), self.runtime.state_feedback
+        if law is not None and law.open_m == 0:  # a dead zone that never opens, as in earlier releases
+            runtime["state_feedback"] = {
+                key: value for key, value in runtime["state_feedback"].items() if key not in OPENING_KEYS
+            }
         runs = {
             "rows": (self.table.rows + 0.0).tolist(),  # a zero has no sign
-            "runtime": self.runtime.document(),
+            "runtime": runtime,
             "wall": [wall.damping_ns_per_m, wall.stiffness_n_per_m],
             "device": _device_document(self.problem.device),
         }

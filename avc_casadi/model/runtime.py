@@ -84,6 +84,8 @@ def _noise_m(problem: Problem) -> float:
 
 
 MOST_STATES = 16
+OPENING_KEYS = ("opens_m", "open_m", "kept", "smoothing")
+"""Keys of a dead zone that opens in motion."""
 
 
 class StateFeedback(Effect):
@@ -140,8 +142,7 @@ class StateFeedback(Effect):
     @property
     def linear(self) -> StateFeedback:
         """The law without its dead zone."""
-        zone = ("dead_zone_m", "face_m", "opens_m", "open_m", "kept", "smoothing")
-        return self.model_copy(update=dict.fromkeys(zone, 0.0))
+        return self.model_copy(update=dict.fromkeys(("dead_zone_m", "face_m", *OPENING_KEYS), 0.0))
 
     @property
     def zone_numbers(self) -> tuple[float, ...]:
