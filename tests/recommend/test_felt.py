@@ -2,6 +2,7 @@
 
 import math
 
+import casadi as ca
 import numpy as np
 import pytest
 from exported import Exported
@@ -13,7 +14,8 @@ from avc_casadi.coupling import Coupling
 from avc_casadi.design.observer_law import GUESSES, regulator
 from avc_casadi.model.gains import Gains, near_rigid_n_per_m
 from avc_casadi.model.runtime import Runtime
-from avc_casadi.recommendation.felt import NOTICED_N, SLOW_M_PER_S, contact_onset_m, rebound, ripple, shaken
+from avc_casadi.recommendation.felt import NOTICED_N, SLOW_M_PER_S, contact_onset_m, creep, rebound, ripple, shaken
+from avc_casadi.simulation.runtime.observer import state_feedback_step
 
 T, WALL, MASS, DAMPING = 1e-3, 20e3, 0.2, 1.0
 BASE = {"mass_kg": MASS, "damping_ns_per_m": DAMPING, "sample_time_s": T, "max_force_n": 8.0}
@@ -246,3 +248,29 @@ def test_a_flexible_device_rebounds_at_its_handle(step, delay, damper):
             motor, _, handle, _ = flexible(coupling, -0.03, float(key) + 0.03 * DAMPING / MASS, phase=phase)
             found.append(-handle[np.flatnonzero(motor > 0)[-1] + 1 :].min() / float(key))
         assert share == pytest.approx(max(found), rel=0.03)
+
+
+@pytest.mark.parametrize(("share", "plays"), [(0.5, 1.0), (5.0, 0.0)])
+def test_a_hand_that_creeps_feels_the_play_that_is_told_and_a_faster_one_does_not(share, plays):
+    """In, back and in again at a share of the speed from which the dead zone opens, beside the law without one."""
+    step = 20e-6
+    stated = problem(encoder_resolution_m=step)
+    law = regulator(stated.device, stated.hands, WALL, 2)
+    told = creep(Coupling.constant(stated, Gains(0.0, 1e12), "mine", Runtime(state_feedback=law)))
+    leg = round(3 * told.play_m / (share * told.speed_m_per_s) / T)
+    way = np.linspace(3e-3, 3e-3 + 3 * told.play_m, leg)
+    x = np.concatenate([way, way[::-1], way])
+    run = state_feedback_step(law)
+
+    def play(rendered):
+        """How much deeper the law believes the device on its way back than on its way in."""
+        state, force, ahead, numbers = np.zeros(len(run.states)), 0.0, [], ca.DM(rendered.numbers())
+        for place, counted in zip(x, np.round(x / step) * step, strict=True):
+            state, seen = run.function(state, [counted, force], numbers)
+            force = WALL * max(float(seen), 0.0)
+            ahead.append(float(seen) - place)
+        back, again = (np.median(ahead[place * leg + leg // 2 : (place + 1) * leg]) for place in (1, 2))
+        return back - again
+
+    assert (play(law) - play(law.linear)) / told.play_m == pytest.approx(plays, abs=0.15)
+    assert told.play_n == pytest.approx(told.play_m * WALL, rel=1e-6)

@@ -20,6 +20,7 @@ from avc_casadi.model.corners import device_with
 from avc_casadi.model.gains import Gains, spring_before
 from avc_casadi.model.hands import hand_corners, with_released
 from avc_casadi.model.runtime import Runtime
+from avc_casadi.recommendation import candidates
 from avc_casadi.recommendation.evaluator import Evaluator, Withstood, missed
 from avc_casadi.recommendation.felt import deployed
 from avc_casadi.recommendation.preconditions import nothing_rendered
@@ -252,3 +253,19 @@ def test_twice_a_property_is_twice_the_range_within_which_it_is_known():
     wall = stiffest_wall(twice.device, with_released(hand_corners(problem.hands))).stiffness_n_per_m
     (found,) = (one for one in what_would_help(problem) if one.change == "twice the damping of the device")
     assert found.stiffest_wall_n_per_m == pytest.approx(wall)
+
+
+@pytest.mark.parametrize(("per_step", "widths"), [(0.0, [1, 1.25, 1.5, 2, 3]), (0.15, [1, 1.25, 1.5]), (0.5, [1])])
+def test_a_law_is_tried_with_ever_wider_dead_zones_until_a_moving_hand_would_notice(monkeypatch, per_step, widths):
+    law = regulator(PROBLEM.device, PROBLEM.hands, WALL, 0)
+
+    def steps(coupling):
+        return coupling.runtime.state_feedback.dead_zone_m / PROBLEM.device.encoder_resolution_m
+
+    monkeypatch.setattr(candidates, "error_in_motion", lambda coupling: per_step * steps(coupling))
+    whole = Coupling.constant(PROBLEM, Gains(0.0, 1e12), "robust", Runtime(state_feedback=law))
+    tried = list(candidates.with_widths(whole))
+    assert [steps(one) for one in tried] == pytest.approx(widths)
+    # Another width is another coupling, before the same claims.
+    assert len({one.id for one in tried}) == len(tried)
+    assert all(one.runtime.state_feedback.linear == law.linear for one in tried)
