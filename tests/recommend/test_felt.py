@@ -255,7 +255,7 @@ def test_a_hand_that_creeps_feels_the_play_that_is_told_and_a_faster_one_does_no
     """In, back and in again at a share of the speed from which the dead zone opens, beside the law without one."""
     step = 20e-6
     stated = problem(encoder_resolution_m=step)
-    law = regulator(stated.device, stated.hands, WALL, 2)
+    law = regulator(stated.device, stated.hands, WALL, GUESSES[2])
     told = creep(Coupling.constant(stated, Gains(0.0, 1e12), "mine", Runtime(state_feedback=law)))
     leg = round(3 * told.play_m / (share * told.speed_m_per_s) / T)
     way = np.linspace(3e-3, 3e-3 + 3 * told.play_m, leg)

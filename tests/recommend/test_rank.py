@@ -257,7 +257,7 @@ def test_twice_a_property_is_twice_the_range_within_which_it_is_known():
 
 @pytest.mark.parametrize(("per_step", "widths"), [(0.0, [1, 1.25, 1.5, 2, 3]), (0.15, [1, 1.25, 1.5]), (0.5, [1])])
 def test_a_law_is_tried_with_ever_wider_dead_zones_until_a_moving_hand_would_notice(monkeypatch, per_step, widths):
-    law = regulator(PROBLEM.device, PROBLEM.hands, WALL, 0)
+    law = regulator(PROBLEM.device, PROBLEM.hands, WALL, GUESSES[0])
 
     def steps(coupling):
         return coupling.runtime.state_feedback.dead_zone_m / PROBLEM.device.encoder_resolution_m
