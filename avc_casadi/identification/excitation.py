@@ -373,8 +373,19 @@ class Excitation:
     @property
     def nearest_limit(self) -> str:
         """The limit that the worst device of the ranges comes nearest: force_n, speed_m_per_s or travel_m."""
-        near = {key: float(getattr(self.forecast, key).max()) / most for key, most in self.plan.limits.items()}
-        return max(near, key=lambda key: near[key])
+        shares = _shares_of_limits(self.plan, self.forecast, np.ones(1))
+        return max(shares, key=lambda key: float(shares[key][0]))
+
+
+def _shares_of_limits(plan: Plan, after: Forecast, scales: FloatArray) -> dict[str, FloatArray]:
+    """Return the largest shares that any device reaches of what it may reach, by limit, each of shape (scales,)."""
+    alone = scales * plan.peak_force_n / (_MARGIN * plan.max_force_n)
+    together = after.force_n.max(axis=0) / (_FORCE_MARGIN * plan.max_force_n)
+    return {
+        "force_n": np.maximum(alone, together),
+        "speed_m_per_s": after.speed_m_per_s.max(axis=0) / (_MARGIN * plan.max_speed_m_per_s),
+        "travel_m": after.travel_m.max(axis=0) / (_MARGIN * plan.max_travel_m),
+    }
 
 
 def plan_excitation(
@@ -554,15 +565,9 @@ def _scale_to_limits(plan: Plan, devices: Sequence[Device], progress: Progress) 
 
 
 def _share_of_limits(plan: Plan, devices: Sequence[Device], scales: FloatArray, progress: Progress) -> FloatArray:
-    """Return the largest share that any device reaches of what it may reach, shape (scales,)."""
-    after = forecast(plan, devices, scales, progress)
-    shares = [
-        scales * plan.peak_force_n / (_MARGIN * plan.max_force_n),
-        after.force_n.max(axis=0) / (_FORCE_MARGIN * plan.max_force_n),
-        after.speed_m_per_s.max(axis=0) / (_MARGIN * plan.max_speed_m_per_s),
-        after.travel_m.max(axis=0) / (_MARGIN * plan.max_travel_m),
-    ]
-    return np.asarray(np.max(shares, axis=0))
+    """Return the largest share that any device reaches of any limit, shape (scales,)."""
+    shares = _shares_of_limits(plan, forecast(plan, devices, scales, progress), scales)
+    return np.asarray(np.max(list(shares.values()), axis=0))
 
 
 def _crossing(scales: FloatArray, reached: FloatArray) -> float:
