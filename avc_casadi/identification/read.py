@@ -21,10 +21,12 @@ from scipy.io.matlab import MatReadError
 from avc_casadi._errors import Fault, InputError
 from avc_casadi._util.arrays import IndexArray
 from avc_casadi._util.files import open_bounded
-from avc_casadi._util.units import MotionKind
 from avc_casadi.identification.log import Columns, Record, faults_of, faults_of_rows, records_of
 
 MOST_BYTES = 2**27
+"""Largest log that is read, and largest content of a compressed one, bytes."""
+_SAME_PERIOD = 1e-4
+"""Sample times of logs that differ by no more than this share are one."""
 _QUANTITIES = ("time", "position", "force")
 _TEXTS = (".csv", ".txt", ".dat", ".tsv")
 _NAMES = {
@@ -32,6 +34,7 @@ _NAMES = {
     "position": ("position", "pos", "x", "q", "displacement", "y", "angle", "theta", "phi"),
     "force": ("force", "f", "u", "command", "force_command", "cmd_force", "effort", "torque", "tau", "moment"),
 }
+"""Headers of each quantity, in lower case and without their unit."""
 _UNITS: Mapping[str, Mapping[str, float]] = {
     "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
     "position": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "nm": 1e-9}
@@ -39,6 +42,7 @@ _UNITS: Mapping[str, Mapping[str, float]] = {
     "force": {"n": 1.0, "mn": 1e-3, "kn": 1e3}
     | {"n.m": 1.0, "mn.m": 1e-3, "kn.m": 1e3, "nm": 1.0, "mnm": 1e-3, "unm": 1e-6},
 }
+"""Units of each quantity in SI units: m or rad, s, N or N.m."""
 _SPELT = {
     **dict.fromkeys(("sec", "seconds"), "s"),
     **dict.fromkeys(("degrees", "degree", "°"), "deg"),
@@ -50,11 +54,13 @@ _SPELT = {
     "radians": "rad",
     "µrad": "urad",
 }
+"""Other spellings of units."""
 _USUAL = {
     "time": "s, ms, us, ns, in the header as time_s",
     "position": "m, cm, mm, um (counts times the encoder's step), rad, deg, in the header as position_m or angle_rad",
     "force": "N, mN, kN, or N.m, mN.m (a current times the motor's constant), in the header as force_n or torque_nm",
 }
+"""Usual units of each quantity, as faults name them."""
 # Exceptions of libraries at a file that is not of their kind.
 _UNREADABLE: tuple[type[Exception], ...] = (
     *(ValueError, TypeError, LookupError, NotImplementedError, EOFError, MemoryError, OverflowError),
@@ -79,7 +85,7 @@ def pairs_of(texts: Sequence[str], key: str) -> tuple[dict[str, str], list[Fault
         name, _, value = part.partition("=")
         name = {"angle": "position", "torque": "force"}.get(name, name)
         if name not in _QUANTITIES or not value:
-            allowed = ", ".join(f"{one}=..." for one in _QUANTITIES)
+            allowed = ", ".join(f"{quantity}=..." for quantity in _QUANTITIES)
             faults.append(Fault("", None, key, f"{part!r} is no pair; allowed: {allowed}"))
         else:
             pairs[name] = value
@@ -87,19 +93,25 @@ def pairs_of(texts: Sequence[str], key: str) -> tuple[dict[str, str], list[Fault
 
 
 def read_logs(paths: Sequence[str | Path], layout: Layout | None = None) -> tuple[list[Record], list[str]]:
-    """Read the logs of one device."""
+    """Read the logs of one device; return their records, all of one sample time, and notes for the user.
+
+    Raises:
+        InputError: with every fault of all logs.
+    """
     records: list[Record] = []
     faults: list[Fault] = []
     notes: list[str] = []
     for path in paths:
         try:
-            cut, wrong, more = records_of(_columns(path, layout or Layout()))
+            log = records_of(_columns(path, layout or Layout()))
         except InputError as error:
             faults += error.faults
         else:
-            records, faults, notes = records + cut, faults + wrong, notes + more
+            records += log.records
+            faults += log.faults
+            notes += log.notes
     periods = sorted({record.sample_time_s for record in records})
-    if not faults and periods and periods[-1] > periods[0] * (1 + 1e-4):
+    if not faults and periods and periods[-1] > periods[0] * (1 + _SAME_PERIOD):
         seconds = ", ".join(f"{period:g}" for period in periods)
         faults.append(Fault("", None, "LOG", f"have sample times of {seconds} s; allowed: one sample time for all"))
     if faults:
@@ -138,7 +150,7 @@ def _columns(path: str | Path, layout: Layout) -> Columns:
 
 def _npz(stream: BinaryIO) -> Mapping[str, Any]:
     with zipfile.ZipFile(stream) as archive:
-        _bound(sum(one.file_size for one in archive.infolist()))
+        _bound(sum(member.file_size for member in archive.infolist()))
     stream.seek(0)
     with np.load(stream, allow_pickle=False) as arrays:
         columns = {}
@@ -173,58 +185,78 @@ def _arrays(arrays: Mapping[str, Any], file: str, layout: Layout) -> Columns:
             vectors[name] = value
         else:
             table = value if value.shape[0] >= value.shape[1] else value.T
-            vectors |= {f"{name}:{at}": column for at, column in enumerate(table.T, start=1)}
+            vectors |= {f"{name}:{index}": column for index, column in enumerate(table.T, start=1)}
     if not vectors:
         raise InputError.of(
             "holds no vector of numbers; allowed: vectors, a matrix (a struct: save -struct)", file=file
         )
-    fields = _fields(list(vectors), len(vectors), layout, file, None)
-    values = {quantity: list(vectors.values())[index] for quantity, (index, _) in fields.items()}
-    if len({one.size for one in values.values()}) > 1:
-        sizes = ", ".join(f"{quantity} {one.size}" for quantity, one in values.items())
+    sources = _sources(list(vectors), len(vectors), layout, file, None)
+    columns = list(vectors.values())
+    values = {quantity: columns[source.index] for quantity, source in sources.items()}
+    if len({column.size for column in values.values()}) > 1:
+        sizes = ", ".join(f"{quantity} {column.size}" for quantity, column in values.items())
         raise InputError.of(f"has columns of unequal length: {sizes}; allowed: equal lengths", file=file)
-    return _in_si(file, values, fields, layout)
+    return _in_si(file, values, sources, layout)
+
+
+@dataclass(frozen=True)
+class _TextTable:
+    """Rows of a text as cells, each with its line; headers are None where the text has none."""
+
+    cells: list[list[str]]
+    lines: list[int]
+    width: int
+    headers: list[str] | None
+    header_line: int | None
+
+
+def _table_of(content: str, file: str) -> _TextTable:
+    """Cut a text into cells; headers stand in its first row, or in the comment above it, as numpy writes it."""
+    lines = [(number, line) for number, line in enumerate(content.splitlines(), start=1) if line.strip()]
+    rows = [(number, line) for number, line in lines if not line.lstrip().startswith(("#", "%"))]
+    if not rows:
+        raise InputError.of("is empty; allowed: columns of time, position and force", file=file)
+    _, sample = rows[min(1, len(rows) - 1)]
+    mark = next((mark for mark in (";", "\t", ",") if mark in sample), None)
+    row_lines = [number for number, _ in rows]
+    cells = list(_cells((row for _, row in rows), mark))
+    width = len(cells[0])
+    if any(_number(cell) is None for cell in cells[0]):
+        return _TextTable(cells[1:], row_lines[1:], width, headers=cells[0], header_line=row_lines[0])
+    above = [(number, line.lstrip(" #%")) for number, line in lines if number < row_lines[0]]
+    headers, header_line = None, None
+    for (number, _), names in zip(above, _cells((line for _, line in above), mark), strict=True):
+        if len(names) == width:
+            headers, header_line = names, number
+    return _TextTable(cells, row_lines, width, headers, header_line)
 
 
 def _text(content: str, file: str, layout: Layout) -> Columns:
-    """Read a text: headers in its first row, or in the comment above it, as numpy writes it."""
-    lines = [(at, row) for at, row in enumerate(content.splitlines(), start=1) if row.strip()]
-    rows = [(at, row) for at, row in lines if not row.lstrip().startswith(("#", "%"))]
-    if not rows:
-        raise InputError.of("is empty; allowed: columns of time, position and force", file=file)
-    sample = rows[min(1, len(rows) - 1)][1]
-    mark = next((mark for mark in (";", "\t", ",") if mark in sample), None)
-    places = [at for at, _ in rows]
-    cells = list(_cells((row for _, row in rows), mark))
-    width, headers, header_line = len(cells[0]), None, None
-    if not all(_number(cell) is not None for cell in cells[0]):
-        headers, header_line = cells.pop(0), places.pop(0)
-    else:
-        above = [(at, row.lstrip(" #%")) for at, row in lines if at < places[0]]
-        for (at, _), names in zip(above, _cells((row for _, row in above), mark), strict=True):
-            if len(names) == width:
-                headers, header_line = names, at
-    fields = _fields(headers, width, layout, file, header_line)
+    """Return the columns of a text."""
+    table = _table_of(content, file)
+    cells, lines, width = table.cells, table.lines, table.width
+    sources = _sources(table.headers, width, layout, file, table.header_line)
     notes: tuple[str, ...] = ()
     if len(cells) > 1 and len(cells[-1]) < width:
-        notes = (f"{file}: its last line, {places.pop()}, is cut short and left out",)
-        cells.pop()
+        notes = (f"{file}: its last line, {lines[-1]}, is cut short and left out",)
+        cells, lines = cells[:-1], lines[:-1]
     if not cells:
         raise InputError.of("has headers and no samples", file=file)
-    wide = [(at, f"has {len(row)} columns") for at, row in zip(places, cells, strict=True) if len(row) != width]
-    faults = faults_of_rows(file, "", wide, f"{width}, as the first row")
+    uneven = [(line, f"has {len(row)} columns") for line, row in zip(lines, cells, strict=True) if len(row) != width]
+    faults = faults_of_rows(file, "", uneven, f"{width}, as the first row")
     values = {}
-    for quantity, (index, _) in fields.items():
+    for quantity, source in sources.items():
         # An empty cell is a lost sample.
-        column = [_number(row[index] or "nan") if len(row) == width else math.nan for row in cells]
-        wrong = [(places[at], f"is {cells[at][index][:40]!r}") for at, one in enumerate(column) if one is None]
-        comma = bool(wrong) and all(re.search(r"\d,\d+'$", what) for _, what in wrong)
-        allowed = "a number, with a decimal point" if comma else "a number"
+        column = [_number(row[source.index] or "nan") if len(row) == width else math.nan for row in cells]
+        unread = [row for row, value in enumerate(column) if value is None]
+        wrong = [(lines[row], f"is {cells[row][source.index][:40]!r}") for row in unread]
+        decimal_comma = bool(wrong) and all(re.search(r"\d,\d+'$", text) for _, text in wrong)
+        allowed = "a number, with a decimal point" if decimal_comma else "a number"
         faults += faults_of_rows(file, quantity, wrong, allowed)
         values[quantity] = column if wrong else np.array(column)
     if faults:
         raise InputError(sorted(faults, key=lambda fault: fault.line or 0))
-    return _in_si(file, values, fields, layout, np.array(places, dtype=np.intp), notes)
+    return _in_si(file, values, sources, layout, np.array(lines, dtype=np.intp), notes)
 
 
 def _cells(rows: Iterable[str], mark: str | None) -> Iterable[list[str]]:
@@ -243,19 +275,29 @@ def _number(cell: str) -> float | None:
 def _in_si(
     file: str,
     columns: Mapping[str, Any],
-    fields: Mapping[str, tuple[int, str]],
+    sources: Mapping[str, _Source],
     layout: Layout,
     lines: IndexArray | None = None,
     notes: tuple[str, ...] = (),
 ) -> Columns:
     """Return columns in SI units, under a given clock where the log has none."""
     with np.errstate(over="ignore", invalid="ignore"):  # reported where numbers are looked at
-        values = {key: np.asarray(one, dtype=np.float64) * _UNITS[key][fields[key][1]] for key, one in columns.items()}
+        values = {
+            quantity: np.asarray(column, dtype=np.float64) * _UNITS[quantity][sources[quantity].unit]
+            for quantity, column in columns.items()
+        }
     if "time" not in values:
         values["time"] = float(layout.sample_time_s or 0.0) * np.arange(values["position"].size, dtype=np.float64)
-    turns = any(_turns(quantity, unit) for quantity, (_, unit) in fields.items())
-    motion: MotionKind = "rotary" if turns else "linear"
-    return Columns(file, values["time"], values["position"], values["force"], lines, motion, notes)
+    turns = any(_turns(quantity, source.unit) for quantity, source in sources.items())
+    return Columns(
+        file=file,
+        time_s=values["time"],
+        position_m=values["position"],
+        force_n=values["force"],
+        line=lines,
+        motion="rotary" if turns else "linear",
+        notes=notes,
+    )
 
 
 def _turns(quantity: str, unit: str) -> bool:
@@ -263,16 +305,25 @@ def _turns(quantity: str, unit: str) -> bool:
     return unit.endswith(("rad", "deg")) or (quantity == "force" and unit.endswith("m"))
 
 
-def _fields(
+@dataclass(frozen=True)
+class _Source:
+    """Index and unit of the column that holds a quantity."""
+
+    index: int
+    unit: str
+
+
+def _sources(
     headers: Sequence[str] | None, width: int, layout: Layout, file: str, line: int | None
-) -> dict[str, tuple[int, str]]:
-    """Return the index and unit of each quantity; headers are None where there are none."""
-    fields: dict[str, tuple[int, str]] = {}
+) -> dict[str, _Source]:
+    """Return the column of each quantity; headers are None where there are none."""
+    sources: dict[str, _Source] = {}
     faults: list[Fault] = []
     names = [_split(header) for header in headers or ()]
     # A sample time replaces a missing time, or one of writing.
-    spare = ("time",) if layout.sample_time_s is not None and "time" not in layout.columns else ()
-    for quantity in (one for one in _QUANTITIES if one not in spare):
+    given_clock = layout.sample_time_s is not None and "time" not in layout.columns
+    wanted = [quantity for quantity in _QUANTITIES if quantity != "time" or not given_clock]
+    for quantity in wanted:
         index = _column(quantity, headers, names, width, layout.columns.get(quantity))
         if isinstance(index, str):
             faults.append(Fault(file, line, quantity, index))
@@ -280,20 +331,20 @@ def _fields(
         unit = layout.units.get(quantity, names[index][1] if names else "").strip()
         spelling = _SPELT.get(unit.lower(), unit.lower())
         if spelling in _UNITS[quantity]:
-            fields[quantity] = index, spelling
+            sources[quantity] = _Source(index, spelling)
         else:
-            what = f"has the unit {unit!r}" if unit else "has no unit"
+            fact = f"has the unit {unit!r}" if unit else "has no unit"
             allowed = f"{_USUAL[quantity]}, or with --units {quantity}=UNIT"
-            faults.append(Fault(file, line, quantity, f"{what}; allowed: {allowed}"))
-    if len({index for index, _ in fields.values()}) < len(fields):
+            faults.append(Fault(file, line, quantity, f"{fact}; allowed: {allowed}"))
+    if len({source.index for source in sources.values()}) < len(sources):
         faults.append(Fault(file, line, "", "one column is named for two quantities; allowed: one column each"))
-    turning = [quantity for quantity, (_, unit) in fields.items() if _turns(quantity, unit)]
-    if len(turning) == 1 and {"position", "force"} <= fields.keys():
+    turning = [quantity for quantity, source in sources.items() if _turns(quantity, source.unit)]
+    if len(turning) == 1 and {"position", "force"} <= sources.keys():
         message = "turns and the rest of the log goes in a line, by their units; allowed: rad and N.m, or m and N"
         faults.append(Fault(file, line, turning[0], message))
     if faults:
         raise InputError(faults)
-    return fields
+    return sources
 
 
 def _split(header: str) -> tuple[str, str]:
@@ -321,16 +372,23 @@ def _column(
     if headers is None:
         return f"is not named, and there is no header; allowed: --columns {quantity}=NUMBER, 1 is the first"
     if choice is not None:
-        exact = [index for index, header in enumerate(headers) if header.strip() == choice]
-        near = difflib.get_close_matches(str(choice), headers, n=1)
-        hint = f"; did you mean {near[0]!r}?" if near else ""
-        return exact[0] if len(exact) == 1 else f"is {choice!r}, no column; allowed: {', '.join(headers[:20])}{hint}"
+        return _column_by_header(choice, headers)
     places = [index for index, (name, _) in enumerate(names) if name in _NAMES[quantity]]
     if len(places) == 1:
         return places[0]
     unknown = [header.strip() for header in headers if header.rpartition("_")[0].strip().lower() in _NAMES[quantity]]
     if unknown and not places:
         return f"has a unit that is not known in {', '.join(unknown)}; allowed: {_USUAL[quantity]}"
-    many = f"{len(places)} columns" if places else "no column"
+    matches = f"{len(places)} columns" if places else "no column"
     allowed = f"one, or --columns {quantity}=HEADER" + ("; without time --sample-time S" if quantity == "time" else "")
-    return f"has {many} among {', '.join(map(repr, headers[:20]))}; allowed: {allowed}"
+    return f"has {matches} among {', '.join(map(repr, headers[:20]))}; allowed: {allowed}"
+
+
+def _column_by_header(choice: str | int, headers: Sequence[str]) -> int | str:
+    """Return the index of the column with a header, or the fault."""
+    exact = [index for index, header in enumerate(headers) if header.strip() == choice]
+    if len(exact) == 1:
+        return exact[0]
+    near = difflib.get_close_matches(str(choice), headers, n=1)
+    hint = f"; did you mean {near[0]!r}?" if near else ""
+    return f"is {choice!r}, no column; allowed: {', '.join(headers[:20])}{hint}"

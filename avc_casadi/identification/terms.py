@@ -14,20 +14,27 @@ from avc_casadi.model.device import CURRENT_LOOP_DAMPING_RATIO
 
 QuantityName = Literal["mass", "damping", "stiffness", "force", "length", "frequency", "samples", "number"]
 
-OFFSET, FRICTION, LOOP_RATIO, MASS_RATIO = (
-    "offset_n",
-    "coulomb_friction_n",
-    "amplifier_damping_ratio",
-    "resonance.mass_ratio",
-)
+OFFSET = "offset_n"
+"""Key of the constant force."""
+FRICTION = "coulomb_friction_n"
+LOOP_RATIO = "amplifier_damping_ratio"
+"""Key of the damping ratio of a current loop."""
+MASS_RATIO = "resonance.mass_ratio"
 FORCES = (FRICTION, OFFSET)
+"""Parameters that are forces on the motor, in the order in which a sample takes them."""
 HIGHEST_RESONANCE = 0.45
 """Share of the sample rate up to which a resonance is identifiable."""
+_LARGEST_EXPONENT = 500.0
+"""Exponents of a search that strays are clipped here: exp(500) is finite."""
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """A parameter: its key, what it measures, the coordinate of its search, and its bounds."""
+    """A parameter: its key, what it measures, the coordinate of its search, and its bounds in SI units.
+
+    The search coordinate q of a value v is ln(v) of a "log", v over a unit of the log of a "linear", and
+    ln(v/(1 - v)) of a "share".
+    """
 
     name: str
     quantity: QuantityName
@@ -37,8 +44,8 @@ class Parameter:
 
 
 PARAMETERS: Mapping[str, Parameter] = {
-    one.name: one
-    for one in (
+    parameter.name: parameter
+    for parameter in (
         Parameter("mass_kg", "mass", "log", 1e-9, 1e6),
         Parameter("damping_ns_per_m", "damping", "linear", 0.0, 1e7),
         Parameter("delay_samples", "samples", "linear", 0.0, 24.0),
@@ -75,7 +82,11 @@ def is_force(name: str) -> bool:
 
 @dataclass(frozen=True)
 class Structure:
-    """The rungs of a model, and parameters that are fixed."""
+    """The rungs of a model, and parameters that are fixed.
+
+    `units` are the units of "linear" coordinates by key, in SI units; 1 where none is given. `offsets` is the number
+    of constant forces, one for each log, or 1 for all.
+    """
 
     rungs: tuple[str, ...]
     units: Mapping[str, float]
@@ -85,15 +96,16 @@ class Structure:
 
     @property
     def free(self) -> tuple[Parameter, ...]:
-        """Free parameters."""
-        own = [PARAMETERS[name] for rung in self.rungs for name in RUNGS[rung] if name not in self.fixed]
-        more = range(1, 1 if OFFSET in self.fixed else self.offsets)
-        return (*own, *(replace(PARAMETERS[OFFSET], name=offset_of(log)) for log in more))
+        """Free parameters, in the order of the search coordinates."""
+        of_rungs = [PARAMETERS[name] for rung in self.rungs for name in RUNGS[rung] if name not in self.fixed]
+        offset_count = 1 if OFFSET in self.fixed else self.offsets
+        of_later_logs = [replace(PARAMETERS[OFFSET], name=offset_of(log)) for log in range(1, offset_count)]
+        return (*of_rungs, *of_later_logs)
 
     @property
     def names(self) -> list[str]:
         """Names of the free parameters."""
-        return [one.name for one in self.free]
+        return [parameter.name for parameter in self.free]
 
     @property
     def order(self) -> Literal[1, 2]:
@@ -105,39 +117,45 @@ class Structure:
         return any(name in RUNGS[rung] for rung in self.rungs)
 
     def values(self, search: FloatArray) -> dict[str, float]:
-        """Return every parameter at given coordinates; absent ones have no effect."""
-        values = dict.fromkeys(PARAMETERS, 0.0) | dict.fromkeys(
-            ("amplifier_bandwidth_hz", *RUNGS["resonance"]), math.nan
-        )
+        """Return every parameter at given coordinates, shape (free,); absent ones have no effect."""
+        values = dict.fromkeys(PARAMETERS, 0.0)
+        values |= dict.fromkeys(("amplifier_bandwidth_hz", *RUNGS["resonance"]), math.nan)
         values |= {"mass_kg": 1.0, LOOP_RATIO: CURRENT_LOOP_DAMPING_RATIO}
         values |= {name: value for name, value in self.fixed.items() if self.present(name)}
-        return values | {one.name: self.outward(one, float(q)) for one, q in zip(self.free, search, strict=True)}
+        for parameter, q in zip(self.free, search, strict=True):
+            values[parameter.name] = self.outward(parameter, float(q))
+        return values
 
-    def _unit(self, one: Parameter) -> float:
-        return self.units.get(OFFSET if one.name.endswith(OFFSET) else one.name, 1.0)
+    def _unit(self, parameter: Parameter) -> float:
+        """Return the unit of a linear coordinate; the constant forces of all logs share theirs."""
+        key = OFFSET if parameter.name.endswith(OFFSET) else parameter.name
+        return self.units.get(key, 1.0)
 
-    def outward(self, one: Parameter, q: float) -> float:
-        """Return the value at a search coordinate."""
-        if one.kind == "log":
-            return math.exp(min(max(q, -500.0), 500.0))
-        if one.kind == "share":
-            return 1 / (1 + math.exp(min(max(-q, -500.0), 500.0)))
-        return q * self._unit(one)
+    def outward(self, parameter: Parameter, q: float) -> float:
+        """Return the value at a search coordinate, in SI units."""
+        if parameter.kind == "log":
+            return math.exp(_clipped_exponent(q))
+        if parameter.kind == "share":
+            return 1 / (1 + math.exp(_clipped_exponent(-q)))
+        return q * self._unit(parameter)
 
-    def inward(self, one: Parameter, value: float) -> float:
+    def inward(self, parameter: Parameter, value: float) -> float:
         """Return the search coordinate of a value, clipped to its bounds."""
-        value = min(max(value, one.lowest), one.highest)
-        if one.kind == "log":
+        value = min(max(value, parameter.lowest), parameter.highest)
+        if parameter.kind == "log":
             return math.log(value)
-        return math.log(value / (1 - value)) if one.kind == "share" else value / self._unit(one)
+        if parameter.kind == "share":
+            return math.log(value / (1 - value))
+        return value / self._unit(parameter)
 
     def start(self, values: Mapping[str, float]) -> FloatArray:
-        """Return the search coordinates of given values."""
-        return np.array([self.inward(one, values[one.name]) for one in self.free])
+        """Return the search coordinates of given values, shape (free,)."""
+        return np.array([self.inward(parameter, values[parameter.name]) for parameter in self.free])
 
     def bounds(self) -> tuple[FloatArray, FloatArray]:
-        """Return the bounds of the search."""
-        low, high = np.array([(self.inward(one, one.lowest), self.inward(one, one.highest)) for one in self.free]).T
+        """Return the lower and upper bounds of the search, each of shape (free,)."""
+        low = np.array([self.inward(parameter, parameter.lowest) for parameter in self.free])
+        high = np.array([self.inward(parameter, parameter.highest) for parameter in self.free])
         return low, high
 
     def with_rung(self, rung: str) -> Structure:
@@ -148,3 +166,7 @@ class Structure:
     def without(self, rung: str) -> Structure:
         """Return the structure without a rung."""
         return replace(self, rungs=tuple(name for name in self.rungs if name != rung))
+
+
+def _clipped_exponent(exponent: float) -> float:
+    return min(max(exponent, -_LARGEST_EXPONENT), _LARGEST_EXPONENT)

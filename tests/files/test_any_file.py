@@ -127,7 +127,7 @@ def test_texts_are_read_as_numpy_reads_them(mark, feed, tmp_path):
     (tmp_path / "a.csv").write_bytes(text.encode())
     log = read_columns(tmp_path / "a.csv")
     assert np.array_equal(np.c_[log.time_s, log.position_m, log.force_n], plain)
-    assert (log.at(0), log.at(4_999), log.at(5_001)) == (2, 5_001, 5_005)
+    assert (log.line_of(0), log.line_of(4_999), log.line_of(5_001)) == (2, 5_001, 5_005)
 
 
 def test_a_number_put_in_place_unchecked_is_refused():

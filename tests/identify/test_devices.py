@@ -119,9 +119,9 @@ def sines(amplitude, top_hz, period=PERIOD, seed=1, *, spring=0.0, damper=0.0):
 
 
 def of(columns):
-    records, faults, _ = records_of(columns)
-    assert not faults
-    return records
+    log = records_of(columns)
+    assert not log.faults
+    return log.records
 
 
 HELD = {"mass": 0.1, "damping": 1.0, "friction": 0.05, "spring": 500.0, "ticks": 5000, "parts": 40}
