@@ -5,6 +5,9 @@ holds and releases it inside a sample, where it enters by two numbers only, the 
 of fixed gain keeps the prediction near the log: without gain the model runs free (output error), with a larger gain an
 unmodelled disturbance is forgotten sooner. Models run side by side: compiled where there is a C compiler, else by
 CasADi.
+
+A *cut* is an instant inside a sample at which the velocity of the motor is evaluated for dry friction. The *mobility*
+up to it is the velocity that a constant force on the motor has given it by then, (m/s)/N.
 """
 
 from __future__ import annotations
@@ -24,25 +27,48 @@ from avc_casadi.identification.log import Record
 from avc_casadi.identification.terms import FORCES, FRICTION, LOOP_RATIO, OFFSET, Structure, is_force, offset_of
 from avc_casadi.model.device import Device, Resonance
 from avc_casadi.model.hands import Hand
-from avc_casadi.model.plant import LinearPlant, SampledPlant, Transition, device_plant, sampled_plant, transitions
+from avc_casadi.model.plant import LinearPlant, Transition, device_plant, sampled_plant, transitions
 from avc_casadi.model.quantity import LEAST_DELAY_SAMPLES
 from avc_casadi.simulation.emit import LANES_HEAD, in_lanes
 from avc_casadi.simulation.execute import compiler, library
 
-# The force of a fractional delay comes from two samples; a derivative keeps the same two.
 TAPS = 2
-# Intervals of a sample in which dry friction is evaluated behind an amplifier.
+"""The force of a fractional delay comes from two samples; a derivative keeps the same two."""
 PARTS = 8
+"""Intervals of a sample in which dry friction is evaluated behind an amplifier."""
+_MOTOR_POSITION = 0
+"""Index of the motor's position in the state of a device ..."""
+_MOTOR_VELOCITY = 1
+"""... and of its velocity."""
+_LEAST_DAMPING_NS_PER_M = 1e-9
+"""A search that ends at the bound of the damping leaves less than this, which is none."""
+_SEARCH_MOVE = 1e-5
+"""Move of a search coordinate for a slope, as a share of the coordinate or of 1."""
+_TINY = 1e-30
+"""Stands for 0 in a divisor, and for no mobility."""
+_LEAST_DECAY = 0.05
+"""A resonance may reverse the velocity within a sample: this share of it is taken to remain."""
+_MOST_DOUBLINGS = 60
+"""Doublings of the Riccati equation: the last would be sample 2^60."""
+_CONVERGED = 1e-14
+"""Share of the covariance below which a doubling ends it."""
+_FIRST_SAMPLES = 40
+"""Samples from whose line the initial position and velocity of a record are taken."""
 
 
 @dataclass(frozen=True, eq=False)
 class LinearStep:
-    """x(k+1) = A x(k) + sum over j of B[:, j] F(k - taps[j]) + g f: F along +x, f the mean of a force on the motor."""
+    """x(k+1) = A x(k) + sum over j of B[:, j] F(k - taps[j]) + g f: F along +x, f the mean of a force on the motor.
+
+    `matrix` A has the shape (states, states), `force` B (states, taps), and `motor` g (states,). A row of `cut_rows`,
+    shape (cuts, states + taps + 1), gives the velocity of the motor at a cut by the state, the forces F, and f, whose
+    entry is the mobility.
+    """
 
     matrix: FloatArray
     force: FloatArray
     motor: FloatArray
-    early: FloatArray
+    cut_rows: FloatArray
     taps: tuple[int, ...]
     output: int
     names: tuple[str, ...]
@@ -50,7 +76,7 @@ class LinearStep:
     def flat(self) -> FloatArray:
         """Return all entries in one vector, columns first."""
         return np.concatenate(
-            [self.matrix.ravel(order="F"), self.force.ravel(order="F"), self.motor, self.early.ravel()]
+            [self.matrix.ravel(order="F"), self.force.ravel(order="F"), self.motor, self.cut_rows.ravel()]
         )
 
 
@@ -60,13 +86,14 @@ def entries_of(states: int, cuts: int) -> int:
 
 
 def device_of(values: Mapping[str, float], structure: Structure, sample_time_s: float) -> Device:
-    """Return the device for given parameter values."""
+    """Return the device for given parameter values, without its dry friction."""
     delay = values["delay_samples"]
+    damping = values["damping_ns_per_m"]
     frequency = values["resonance.frequency_hz"]
     bandwidth = values["amplifier_bandwidth_hz"]
     return Device(
         mass_kg=values["mass_kg"],
-        damping_ns_per_m=values["damping_ns_per_m"] if values["damping_ns_per_m"] > 1e-9 else 0.0,
+        damping_ns_per_m=damping if damping > _LEAST_DAMPING_NS_PER_M else 0.0,
         sample_time_s=sample_time_s,
         delay_samples=delay if delay > LEAST_DELAY_SAMPLES else 0.0,
         amplifier_bandwidth_hz=None if math.isnan(bandwidth) else bandwidth,
@@ -84,113 +111,179 @@ def device_of(values: Mapping[str, float], structure: Structure, sample_time_s: 
 
 
 def linear_steps(
-    several: Sequence[Mapping[str, float]],
+    models: Sequence[Mapping[str, float]],
     structure: Structure,
     sample_time_s: float,
     taps: tuple[int, ...],
     *,
     parts: int = PARTS,
-    near: Mapping[str, float] | None = None,
+    reference: Mapping[str, float] | None = None,
 ) -> list[LinearStep]:
-    """Discretise several devices, with dry friction evaluated at the instants of a nearby device, if given."""
-    devices = [device_of(values, structure, sample_time_s) for values in several]
-    springs = [values["stiffness_n_per_m"] if structure.present("stiffness_n_per_m") else None for values in several]
-    sampled: dict[int, tuple[SampledPlant, int]] = {}
-    for spring in dict.fromkeys(springs):
-        mine = [place for place, one in enumerate(springs) if one == spring]
-        discrete = sampled_plant([devices[place] for place in mine], None if spring is None else Hand(0.0, 0.0, spring))
-        sampled |= {place: (discrete, row) for row, place in enumerate(mine)}
+    """Discretise several devices, given by the values of their parameters.
+
+    Dry friction is evaluated at the cuts of a nearby reference, if given, in so many parts of a sample.
+    """
+    devices = [device_of(values, structure, sample_time_s) for values in models]
+    has_spring = structure.present("stiffness_n_per_m")
+    stiffnesses = [values["stiffness_n_per_m"] if has_spring else None for values in models]
+    sampled = _sampled(devices, stiffnesses)
     plants = [
-        device_plant(device, None if spring is None else Hand(0.0, 0.0, spring)).linear()
-        for device, spring in zip(devices, springs, strict=True)
+        device_plant(device, _spring(stiffness)).linear()
+        for device, stiffness in zip(devices, stiffnesses, strict=True)
     ]
     late_s = [(device.delay_samples - int(device.delay_samples)) * sample_time_s for device in devices]
-    cuts = [_cuts(one, near or one, sample_time_s, parts) for one in several]
-    motor, early = _inside(plants, late_s, sample_time_s, cuts)
-    steps = []
-    for place, plant in enumerate(plants):
-        discrete, row = sampled[place]
-        whole = int(discrete.whole_delay[row])
-        columns = {whole: -discrete.new[row, 0], whole + 1: -discrete.old[row, 0]}
-        force = np.stack([columns.get(tap, np.zeros(plant.states)) for tap in taps], axis=1)
-        inside = np.zeros((len(early[place]), plant.states + len(taps) + 1))
-        inside[:, : plant.states] = early[place][:, : plant.states]
-        # Forces are positive against +x in the loop.
-        for tap, column in ((whole + 1, plant.states), (whole, plant.states + 1)):
-            if tap in taps:
-                inside[:, plant.states + taps.index(tap)] = -early[place][:, column]
-        inside[:, -1] = -early[place][:, -1]
-        steps.append(
-            LinearStep(
-                matrix=discrete.matrix[row, 0],
-                force=force,
-                motor=-motor[place],
-                early=inside,
-                taps=taps,
-                output=int(np.argmax(discrete.output_row)),
-                names=plant.names,
-            )
+    cuts_s = [_cuts(values, reference or values, sample_time_s, parts) for values in models]
+    motor, cut_rows = _inside(plants, late_s, sample_time_s, cuts_s)
+    return [
+        LinearStep(
+            matrix=device.matrix,
+            force=_force_columns(device, taps),
+            motor=-motor[index],
+            cut_rows=_rows_by_taps(cut_rows[index], device, taps),
+            taps=taps,
+            output=device.output,
+            names=plants[index].names,
         )
-    return steps
+        for index, device in enumerate(sampled)
+    ]
 
 
-def _cuts(values: Mapping[str, float], near: Mapping[str, float], period: float, parts: int) -> list[float]:
+@dataclass(frozen=True, eq=False)
+class _Sampled:
+    """x(k+1) = A x(k) + B_new u(k-n) + B_old u(k-n-1) of one device, u positive against +x, and the measured state."""
+
+    matrix: FloatArray
+    new: FloatArray
+    old: FloatArray
+    whole_delay: int
+    output: int
+
+
+def _sampled(devices: Sequence[Device], stiffnesses: Sequence[float | None]) -> list[_Sampled]:
+    """Discretise devices on their springs to ground, those on equal springs at once."""
+    sampled: dict[int, _Sampled] = {}
+    for stiffness in dict.fromkeys(stiffnesses):
+        places = [place for place, of_device in enumerate(stiffnesses) if of_device == stiffness]
+        plant = sampled_plant([devices[place] for place in places], _spring(stiffness))
+        output = int(np.argmax(plant.output_row))
+        for row, place in enumerate(places):
+            whole_delay = int(plant.whole_delay[row])
+            sampled[place] = _Sampled(plant.matrix[row, 0], plant.new[row, 0], plant.old[row, 0], whole_delay, output)
+    return [sampled[place] for place in range(len(devices))]
+
+
+def _spring(stiffness_n_per_m: float | None) -> Hand | None:
+    """Return a spring to ground as the hand that it is; None for none."""
+    return None if stiffness_n_per_m is None else Hand(0.0, 0.0, stiffness_n_per_m)
+
+
+def _force_columns(device: _Sampled, taps: tuple[int, ...]) -> FloatArray:
+    """Return the effect of the force of each tap on the state, shape (states, taps); F is positive along +x."""
+    columns = {device.whole_delay: -device.new, device.whole_delay + 1: -device.old}
+    nothing = np.zeros(len(device.matrix))
+    return np.stack([columns.get(tap, nothing) for tap in taps], axis=1)
+
+
+def _rows_by_taps(rows: FloatArray, device: _Sampled, taps: tuple[int, ...]) -> FloatArray:
+    """Return rows by the state, the older and the newer force, and the friction as rows by the state, taps, friction.
+
+    Forces are positive against +x in the loop, and along +x here.
+    """
+    states = len(device.matrix)
+    older_column, newer_column, friction_column = states, states + 1, states + 2
+    by_taps = np.zeros((len(rows), states + len(taps) + 1))
+    by_taps[:, :states] = rows[:, :states]
+    for tap, column in ((device.whole_delay + 1, older_column), (device.whole_delay, newer_column)):
+        if tap in taps:
+            by_taps[:, states + taps.index(tap)] = -rows[:, column]
+    by_taps[:, -1] = -rows[:, friction_column]
+    return by_taps
+
+
+def _cuts(values: Mapping[str, float], reference: Mapping[str, float], period_s: float, parts: int) -> list[float]:
     """Return the instants inside a sample at which dry friction is evaluated: when the newer force arrives, s.
 
     Behind an amplifier the velocity curves after that, most at first: evaluations are denser there, so that each
     interval has the same error. Instants beyond the sample lie in the next one; which do, and their order, is taken
-    from the nearby device: a change of order would swap rows, and a difference would be no derivative.
+    from the nearby reference: a change of order would swap rows, and a difference would be no derivative.
     """
 
-    def instants(of: Mapping[str, float]) -> FloatArray:
+    def instants(model: Mapping[str, float]) -> FloatArray:
         """Return the instants in samples, not wrapped at the end of the sample."""
-        late = of["delay_samples"] % 1.0
-        if math.isnan(of["amplifier_bandwidth_hz"]):
+        late = model["delay_samples"] % 1.0
+        if math.isnan(model["amplifier_bandwidth_hz"]):
             return np.array([late] if parts else [])
-        turn = math.pi * of["amplifier_bandwidth_hz"] * period
+        turn = math.pi * model["amplifier_bandwidth_hz"] * period_s
         return np.asarray(late - np.log1p(np.arange(parts) / parts * math.expm1(-turn)) / turn)
 
-    before = instants(near)
-    places = instants(values) - np.floor(before)
-    return [period * min(max(float(place), 0.0), 1.0) for place in places[np.argsort(before % 1.0)]]
+    reference_instants = instants(reference)
+    wrapped = instants(values) - np.floor(reference_instants)
+    order = np.argsort(reference_instants % 1.0)
+    return [period_s * min(max(float(instant), 0.0), 1.0) for instant in wrapped[order]]
+
+
+@dataclass(frozen=True)
+class _Span:
+    """A time over which a plant moves under a constant force: that of the loop, or dry friction on the motor."""
+
+    plant: int
+    by_friction: bool
+    time_s: float
 
 
 def _inside(
-    plants: Sequence[LinearPlant], late_s: Sequence[float], period: float, cuts: Sequence[Sequence[float]]
+    plants: Sequence[LinearPlant], late_s: Sequence[float], period_s: float, cuts_s: Sequence[Sequence[float]]
 ) -> tuple[list[FloatArray], list[FloatArray]]:
-    """Return the effect of a motor force over a sample, and the motor's velocity at the cuts of the sample."""
-    keys = {(place, True, period): 0 for place in range(len(plants))}
-    for place, (mine, late) in enumerate(zip(cuts, late_s, strict=True)):
-        for time in mine:
-            parts = ((True, time), (False, min(time, late)), (False, time - late))
-            keys |= {(place, rubs, t): 0 for rubs, t in parts if t > 0}
-    by_friction = [replace(plant, force=plant.friction) for plant in plants]
-    every = transitions([((by_friction if rubs else plants)[place], time) for place, rubs, time in keys])
-    moves = dict(zip(keys, every, strict=True))
-    early = []
-    for place, (mine, late, plant) in enumerate(zip(cuts, late_s, plants, strict=True)):
-        size = plant.states
-        lines = np.zeros((len(mine), size + 3))
-        for line, time in zip(lines, mine, strict=True):
-            line[:size] = np.eye(size)[1]
-            first = moves.get((place, False, min(time, late)))
-            if first is not None:
-                line[: size + 1] = _row(first, size)
-            if time > late:
-                second = _row(moves[place, False, time - late], size)
-                line[: size + 2] = [*second[:size], 0.0, second[size]]
-                if first is not None:
-                    line[:size] = second[:size] @ first.matrix.reshape(size, size)
-                    line[size] = second[:size] @ first.force.reshape(-1)
-            if time > 0:
-                line[size + 2] = _row(moves[place, True, time], size)[size]
-        early.append(lines)
-    return [moves[place, True, period].force.reshape(-1) for place in range(len(plants))], early
+    """Return the effect of a force on the motor over a sample, and rows of the motor's velocity at the cuts.
+
+    The effect has the shape (states,) for each plant, the rows (cuts, states + 3): by the state, the older and the
+    newer force of the loop, which arrives `late_s` after the sample begins, and the force on the motor.
+    """
+    samples = [_Span(plant, True, period_s) for plant in range(len(plants))]
+    spans = dict.fromkeys(samples)
+    for plant, (instants, late) in enumerate(zip(cuts_s, late_s, strict=True)):
+        for time in instants:
+            to_cut = (
+                _Span(plant, True, time),
+                _Span(plant, False, min(time, late)),
+                _Span(plant, False, time - late),
+            )
+            spans |= dict.fromkeys(span for span in to_cut if span.time_s > 0)
+    plants_under_friction = [replace(plant, force=plant.friction) for plant in plants]
+    moved_plants = [(plants_under_friction if span.by_friction else plants)[span.plant] for span in spans]
+    times = [span.time_s for span in spans]
+    moves = dict(zip(spans, transitions(list(zip(moved_plants, times, strict=True))), strict=True))
+    rows = []
+    for plant, (instants, late) in enumerate(zip(cuts_s, late_s, strict=True)):
+        states = plants[plant].states
+        of_cuts = [_cut_row(moves, plant, states, time, late) for time in instants]
+        rows.append(np.array(of_cuts).reshape(-1, states + 3))
+    return [moves[span].force.reshape(-1) for span in samples], rows
 
 
-def _row(move: Transition, size: int) -> FloatArray:
-    """Return the row of the motor's velocity by the state and a force."""
-    return np.append(move.matrix.reshape(size, size)[1], move.force.reshape(-1)[1])
+def _cut_row(moves: Mapping[_Span, Transition], plant: int, states: int, time: float, late: float) -> FloatArray:
+    """Return the motor's velocity at a cut by the state, the older and the newer force, and a force on the motor."""
+    row = np.zeros(states + 3)
+    row[:states] = np.eye(states)[_MOTOR_VELOCITY]
+    under_older = moves.get(_Span(plant, False, min(time, late)))
+    if under_older is not None:
+        row[: states + 1] = _velocity_row(under_older, states)
+    if time > late:
+        under_newer = _velocity_row(moves[_Span(plant, False, time - late)], states)
+        row[: states + 2] = [*under_newer[:states], 0.0, under_newer[states]]
+        if under_older is not None:
+            row[:states] = under_newer[:states] @ under_older.matrix.reshape(states, states)
+            row[states] = under_newer[:states] @ under_older.force.reshape(-1)
+    if time > 0:
+        row[states + 2] = _velocity_row(moves[_Span(plant, True, time)], states)[states]
+    return row
+
+
+def _velocity_row(move: Transition, states: int) -> FloatArray:
+    """Return the row of the motor's velocity by the state and a force, shape (states + 1,)."""
+    by_state = move.matrix.reshape(states, states)[_MOTOR_VELOCITY]
+    by_force = move.force.reshape(-1)[_MOTOR_VELOCITY]
+    return np.append(by_state, by_force)
 
 
 def taps_of(values: Mapping[str, float]) -> tuple[int, ...]:
@@ -199,25 +292,24 @@ def taps_of(values: Mapping[str, float]) -> tuple[int, ...]:
     return tuple(range(whole, whole + TAPS))
 
 
-def beside(values: Mapping[str, float], structure: Structure) -> tuple[list[dict[str, float]], FloatArray]:
-    """Return the values beside a point, one parameter moved in each, and the moves of the search coordinates."""
-    several, moves = [], []
-    for one in structure.free:
-        value = values[one.name]
-        q = structure.inward(one, value)
-        move = 1e-5 * max(1.0, abs(q))
-        if one.name == "delay_samples":
+def perturbed(values: Mapping[str, float], structure: Structure) -> tuple[list[dict[str, float]], FloatArray]:
+    """Return the values near a point, one free parameter moved in each, and the moves of the search coordinates."""
+    models, moves = [], []
+    for parameter in structure.free:
+        value = values[parameter.name]
+        q = structure.inward(parameter, value)
+        move = _SEARCH_MOVE * max(1.0, abs(q))
+        if parameter.name == "delay_samples":
             # The same two forces act within a sample, where every entry is smooth.
             move = 2 * LEAST_DELAY_SAMPLES if value % 1.0 < 0.5 else -2 * LEAST_DELAY_SAMPLES
-        if q + move > structure.inward(one, one.highest):
+        if q + move > structure.inward(parameter, parameter.highest):
             move = -move  # beyond its bounds there is no device
-        other = structure.outward(one, q + move)
-        several.append({**values, one.name: other})
-        moves.append(structure.inward(one, other) - q)
-    return several, np.array(moves)
+        moved_value = structure.outward(parameter, q + move)
+        models.append({**values, parameter.name: moved_value})
+        moves.append(structure.inward(parameter, moved_value) - q)
+    return models, np.array(moves)
 
 
-_TINY = 1e-30
 _LOOP = """
 {head}
 static inline void sample(const Lanes* restrict x, const double* restrict inputs, const Lanes* restrict numbers,
@@ -231,8 +323,8 @@ int avc_run(long long samples, long long models, const double* initial, const do
   for (long long first = 0; first < models; first += WIDTH) {{
     Lanes x[2][{states}], numbers[{numbers}], error;
     for (int lane = 0; lane < WIDTH; ++lane) {{
-      const long long mine = first + lane < models ? first + lane : models - 1;
-      for (int i = 0; i < {numbers}; ++i) numbers[i][lane] = all[mine * {numbers} + i];
+      const long long model = first + lane < models ? first + lane : models - 1;
+      for (int i = 0; i < {numbers}; ++i) numbers[i][lane] = all[model * {numbers} + i];
     }}
     for (int i = 0; i < {states}; ++i) x[0][i] = SPREAD(initial[i]);
     for (long long k = 0; k < samples; ++k) {{
@@ -246,86 +338,137 @@ int avc_run(long long samples, long long models, const double* initial, const do
 
 
 def run(state: FloatArray, inputs: FloatArray, numbers: FloatArray, cuts: int) -> FloatArray:
-    """Return the prediction error of every sample and model, with some looks at the velocity, (samples, models)."""
-    x, inputs, numbers = (np.array(one, dtype=np.float64, order="C") for one in (state, inputs, numbers))
+    """Return the prediction error of every sample and model, shape (samples, models).
+
+    Args:
+        state: initial state of every model, (states,).
+        inputs: of every sample, its forces by tap and its measured position, (samples, taps + 1).
+        numbers: of every model, as `sample` takes them, (models, numbers).
+        cuts: instants of a sample at which the velocity is evaluated.
+    """
+    state = np.array(state, dtype=np.float64, order="C")
+    inputs = np.array(inputs, dtype=np.float64, order="C")
+    numbers = np.array(numbers, dtype=np.float64, order="C")
     if compiler() is None:
-        through = sample(x.size, cuts).mapaccum("through", len(inputs))
-        return np.array([np.asarray(through(x, inputs.T, one)[1]).ravel() for one in numbers]).T
-    out = np.empty((len(inputs), len(numbers)))
-    pointers = (one.ctypes.data for one in (x, inputs, numbers, out))
-    _native(x.size, cuts)(len(inputs), len(numbers), *pointers)
-    return out
+        through = sample(state.size, cuts).mapaccum("through", len(inputs))
+        return np.array([np.asarray(through(state, inputs.T, of_model)[1]).ravel() for of_model in numbers]).T
+    errors = np.empty((len(inputs), len(numbers)))
+    pointers = (array.ctypes.data for array in (state, inputs, numbers, errors))
+    _native(state.size, cuts)(len(inputs), len(numbers), *pointers)
+    return errors
 
 
 @lru_cache(maxsize=16)
 def _native(states: int, cuts: int) -> Callable[..., int]:
-    one = sample(states, cuts)
-    body = in_lanes(one, ("x[{}]", "SPREAD(inputs[{}])", "numbers[{}]"), ("next[{}]", "error[{}]"))
-    sizes = dict(zip(("states", "inputs", "numbers"), (one.numel_in(at) for at in range(3)), strict=True))
-    function = library(_LOOP.format(head=LANES_HEAD, body=body, **sizes)).avc_run
-    function.restype = ctypes.c_int
-    function.argtypes = [ctypes.c_longlong, ctypes.c_longlong] + [ctypes.c_void_p] * 4
-    result: Callable[..., int] = function
+    """Return the compiled loop of `sample` over samples and models."""
+    function = sample(states, cuts)
+    body = in_lanes(function, ("x[{}]", "SPREAD(inputs[{}])", "numbers[{}]"), ("next[{}]", "error[{}]"))
+    source = _LOOP.format(
+        head=LANES_HEAD,
+        body=body,
+        states=function.numel_in(0),
+        inputs=function.numel_in(1),
+        numbers=function.numel_in(2),
+    )
+    loop = library(source).avc_run
+    loop.restype = ctypes.c_int
+    loop.argtypes = [ctypes.c_longlong, ctypes.c_longlong] + [ctypes.c_void_p] * 4
+    result: Callable[..., int] = loop
     return result
 
 
 @lru_cache(maxsize=16)
 def sample(states: int, cuts: int) -> Any:
-    """Return a sample as a CasADi function: state, inputs, numbers -> next state, error."""
-    x, inputs = ca.SX.sym("x", states), ca.SX.sym("inputs", TAPS + 1)
-    numbers = ca.SX.sym("numbers", entries_of(states, cuts) + len(FORCES) + 2 * states)
-    entries, parts, gain, output = ca.vertsplit(
-        numbers, np.cumsum([0, entries_of(states, cuts), len(FORCES), states, states]).tolist()
-    )
-    level, push = ca.vertsplit(parts)
-    forces, y = inputs[:TAPS], inputs[TAPS]
+    """Return a sample as a CasADi function: state, inputs, numbers -> next state, error.
+
+    Numbers are the entries of a `LinearStep`, the level of dry friction and the constant force, N, the gain of the
+    observer, and the row of the output.
+    """
+    x = ca.SX.sym("x", states)
+    inputs = ca.SX.sym("inputs", TAPS + 1)
+    sizes = [entries_of(states, cuts), len(FORCES), states, states]
+    numbers = ca.SX.sym("numbers", sum(sizes))
+    entries, motor_forces, gain, output = ca.vertsplit(numbers, np.cumsum([0, *sizes]).tolist())
+    level, constant = ca.vertsplit(motor_forces)
+    forces, position = inputs[:TAPS], inputs[TAPS]
     matrix = ca.reshape(entries[: states * states], states, states)
-    inward = ca.reshape(entries[states * states : states * (states + TAPS)], states, TAPS)
+    by_forces = ca.reshape(entries[states * states : states * (states + TAPS)], states, TAPS)
     motor = entries[states * (states + TAPS) : states * (states + TAPS + 1)]
-    early = entries[states * (states + TAPS + 1) :]
-    error = y - ca.dot(output, x)
+    cut_rows = entries[states * (states + TAPS + 1) :]
+    error = position - ca.dot(output, x)
     corrected = x + gain * error
-    alone = matrix @ corrected + inward @ forces + motor * push
+    without_friction = matrix @ corrected + by_forces @ forces + motor * constant
     width = states + TAPS + 1
-    inside, eases = [], []
+    velocities, mobilities = [], []
     for cut in range(cuts):
-        row = early[cut * width : (cut + 1) * width]
-        ease = ca.fmax(row[-1], (1 + cut) * _TINY)
-        inside.append(ca.dot(row[:states], corrected) + ca.dot(row[states:-1], forces) + ease * push)
-        eases.append(ease)
-    mean, moment = _friction_of([corrected[1], *inside, alone[1]], [0.0, *eases, motor[1]], matrix[1, 1], level)
-    after = alone - motor * mean
+        row = cut_rows[cut * width : (cut + 1) * width]
+        mobility = ca.fmax(row[-1], (1 + cut) * _TINY)
+        by_state = ca.dot(row[:states], corrected)
+        velocities.append(by_state + ca.dot(row[states:-1], forces) + mobility * constant)
+        mobilities.append(mobility)
+    friction = _friction_of(
+        [corrected[_MOTOR_VELOCITY], *velocities, without_friction[_MOTOR_VELOCITY]],
+        [0.0, *mobilities, motor[_MOTOR_VELOCITY]],
+        matrix[_MOTOR_VELOCITY, _MOTOR_VELOCITY],
+        level,
+    )
+    after = without_friction - motor * friction.mean
     # Early friction displaces more than late friction of the same impulse.
-    after[0] -= motor[0] * (moment - mean)
+    after[_MOTOR_POSITION] -= motor[_MOTOR_POSITION] * (friction.moment - friction.mean)
     return ca.Function("sample", [x, inputs, numbers], ca.cse([ca.densify(after), error]))
 
 
-def _friction_of(speeds: Sequence[Any], eases: Sequence[Any], decay: Any, level: Any) -> tuple[Any, Any]:
-    """Return the mean of dry friction over a sample, weighted as in the final velocity, and as in the position."""
-    # A resonance may reverse the velocity within a sample: some of it is taken to remain.
-    whole, loss = eases[-1], 1 - ca.fmax(decay, 0.05)
-    now, mean, moment = speeds[0], 0.0, 0.0
-    for before, free, begin, until in zip(speeds[:-1], speeds[1:], eases[:-1], eases[1:], strict=True):
-        slower = 1 - loss * begin / whole
-        remainder = (1 - loss * until / whole) / slower
-        ease = ca.fmax((until - begin) / slower, _TINY)
-        change = free - before + (1 - remainder) * (before - now)
-        # The velocity keeps its sign, or it reaches zero inside the part, and then friction holds the motor up to its
-        # level or releases it in the other direction.
-        sign = ca.if_else(now > 0, 1.0, -1.0)
-        moving = sign * level
-        end = now + change - ease * moving
-        rest = ca.fmin(ca.fmax(-sign * end / ca.fmax(sign * (now - end), _TINY), 0.0), 1.0)
-        rest = ca.if_else(now == 0, 1.0, rest)
-        drive = now + change - remainder * now
-        holding = ca.if_else(drive > 0, 1.0, -1.0) * ca.fmin(ca.fabs(drive) / ease, level)
-        stop = begin + (until - begin) * (1 - rest)
-        weights = [_late(each / whole, loss) for each in (begin, stop, until)]
-        for force, one, other in ((moving, *weights[:2]), (holding, *weights[1:])):
-            mean += force * (one - other)
-            moment += force * (_further(one, loss) - _further(other, loss))
-        now += change - ease * (holding + (moving - holding) * (1 - _late(1 - rest, 1 - remainder)))
-    return mean, moment
+@dataclass(frozen=True, eq=False)
+class _Friction:
+    """Means of dry friction over a sample, N: weighted as in the final velocity, and as in the position."""
+
+    mean: Any
+    moment: Any
+
+
+def _friction_of(velocities: Sequence[Any], mobilities: Sequence[Any], decay: Any, level: Any) -> _Friction:
+    """Return the dry friction of a sample.
+
+    `velocities` are those that the motor would have without friction, and `mobilities` the velocity that a unit of
+    friction takes from it, at the beginning, at each cut and at the end. `decay` is the share of a velocity that
+    remains after the sample, and `level` the friction of a motor that moves.
+
+    Between two cuts the velocity v moves under a constant drive and its own friction -level sign(v). It keeps its sign,
+    or it reaches zero inside the interval, and then friction holds the motor up to its level or releases it in the
+    other direction.
+    """
+    whole = mobilities[-1]
+    loss = 1 - ca.fmax(decay, _LEAST_DECAY)
+    velocity, mean, moment = velocities[0], 0.0, 0.0
+    intervals = zip(velocities[:-1], velocities[1:], mobilities[:-1], mobilities[1:], strict=True)
+    for free_before, free_after, begin, end in intervals:
+        remaining_before = 1 - loss * begin / whole
+        # Of this interval alone: the share of a velocity that remains after it, and its mobility.
+        remaining = (1 - loss * end / whole) / remaining_before
+        mobility = ca.fmax((end - begin) / remaining_before, _TINY)
+        change = free_after - free_before + (1 - remaining) * (free_before - velocity)
+        moving = ca.if_else(velocity > 0, 1.0, -1.0) * level
+        held = _held_share(velocity, velocity + change - mobility * moving)
+        drive = velocity + change - remaining * velocity
+        holding = ca.if_else(drive > 0, 1.0, -1.0) * ca.fmin(ca.fabs(drive) / mobility, level)
+        stop = begin + (end - begin) * (1 - held)
+        late_begin, late_stop, late_end = (_late(instant / whole, loss) for instant in (begin, stop, end))
+        mean += moving * (late_begin - late_stop)
+        moment += moving * (_further(late_begin, loss) - _further(late_stop, loss))
+        mean += holding * (late_stop - late_end)
+        moment += holding * (_further(late_stop, loss) - _further(late_end, loss))
+        velocity += change - mobility * (holding + (moving - holding) * (1 - _late(1 - held, 1 - remaining)))
+    return _Friction(mean, moment)
+
+
+def _held_share(velocity: Any, end: Any) -> Any:
+    """Return the share of an interval that is left once the motor stops, where friction alone would bring it to `end`.
+
+    Shares are those of the mobility: 0 for a motor that keeps its sign, 1 for one that stands from the beginning.
+    """
+    sign = ca.if_else(velocity > 0, 1.0, -1.0)
+    beyond_stop = -sign * end / ca.fmax(sign * (velocity - end), _TINY)
+    return ca.if_else(velocity == 0, 1.0, ca.fmin(ca.fmax(beyond_stop, 0.0), 1.0))
 
 
 def _late(share: Any, loss: Any) -> Any:
@@ -352,31 +495,44 @@ class Observer:
 
     rate_per_s: float
 
-    def gain(self, step: LinearStep, mass_kg: float, period: float) -> FloatArray:
-        """Return the gain of the observer for a white disturbance at the motor."""
+    def gain(self, step: LinearStep, mass_kg: float, period_s: float) -> FloatArray:
+        """Return the gain of the observer for a white disturbance at the motor, shape (states,).
+
+        The covariance P of the predicted state solves P = A P A' - A P c (1 + c'P c)^-1 c'P A' + g g' m^2 rate^4 with
+        readings of unit variance, and the gain is P c/(1 + c'P c).
+        """
         # With velocities in metres per sample and forces as accelerations in metres per sample squared the equation is
         # balanced.
-        scale = np.array([_scale(name, mass_kg, period) for name in step.names])
+        scale = np.array([_scale(name, mass_kg, period_s) for name in step.names])
         matrix = step.matrix * scale[:, None] / scale
-        push = step.motor * scale * mass_kg * self.rate_per_s**2
-        row = np.zeros((1, scale.size))
-        row[0, step.output] = 1.0
-        # Doubling: `solve_discrete_are` fails where eigenvalues lie near the unit circle, as of a slow observer.
-        a, g, h = matrix.T, row.T @ row, np.outer(push, push)
-        for _ in range(60):
-            inner = np.linalg.inv(np.eye(a.shape[0]) + g @ h)
-            more = a.T @ h @ inner @ a
-            a, g, h = a @ inner @ a, g + a @ inner @ g @ a.T, h + more
-            if np.abs(more).max() <= 1e-14 * np.abs(h).max():
-                break
-        covariance = h[:, step.output]
+        disturbance = step.motor * scale * mass_kg * self.rate_per_s**2
+        covariance = _riccati(matrix, step.output, disturbance)[:, step.output]
         return np.asarray(covariance / (covariance[step.output] + 1.0) / scale, dtype=np.float64)
 
 
-def _scale(name: str, mass_kg: float, period: float) -> float:
+def _riccati(matrix: FloatArray, output: int, disturbance: FloatArray) -> FloatArray:
+    """Return the covariance of the predicted state, shape (states, states).
+
+    By doubling: `solve_discrete_are` fails where eigenvalues lie near the unit circle, as of a slow observer. With
+    W = (1 + G H)^-1 a step is A <- A W A, G <- G + A W G A', H <- H + A'H W A, and H tends to the covariance.
+    """
+    row = np.zeros((1, len(matrix)))
+    row[0, output] = 1.0
+    a, g, h = matrix.T, row.T @ row, np.outer(disturbance, disturbance)
+    for _ in range(_MOST_DOUBLINGS):
+        inner = np.linalg.inv(np.eye(a.shape[0]) + g @ h)
+        more = a.T @ h @ inner @ a
+        a, g, h = a @ inner @ a, g + a @ inner @ g @ a.T, h + more
+        if np.abs(more).max() <= _CONVERGED * np.abs(h).max():
+            break
+    return np.asarray(h)
+
+
+def _scale(name: str, mass_kg: float, period_s: float) -> float:
+    """Return the factor that balances a state: samples in place of seconds, accelerations in place of forces."""
     if name.startswith("actuator"):
-        return period**2 / mass_kg * (period if name.endswith("_per_s") else 1.0)
-    return period if name.endswith("_m_per_s") else 1.0
+        return period_s**2 / mass_kg * (period_s if name.endswith("_per_s") else 1.0)
+    return period_s if name.endswith("_m_per_s") else 1.0
 
 
 class Predictor:
@@ -386,7 +542,8 @@ class Predictor:
         self.records = tuple(records)
         self.sample_time_s = records[0].sample_time_s
         # Of pieces, logs and origin are those of the whole.
-        self.names: tuple[str, ...] = whole.names if whole else tuple(dict.fromkeys(one.whole for one in records))
+        log_names = tuple(dict.fromkeys(record.whole for record in records))
+        self.names: tuple[str, ...] = whole.names if whole else log_names
         self.origin_m: float = whole.origin_m if whole else float(records[0].position_m[0])
         self._logs = [self.names.index(record.whole) for record in records]
 
@@ -395,45 +552,55 @@ class Predictor:
     ) -> list[Prediction]:
         """Predict every record; the observer's gain counts as constant in the derivatives."""
         values = structure.values(search)
-        several, moves = beside(values, structure) if slopes else ([], np.zeros(0))
+        moved_models, moves = perturbed(values, structure) if slopes else ([], np.zeros(0))
+        models = [values, *moved_models]
         taps = taps_of(values)
         cuts = PARTS if structure.present("amplifier_bandwidth_hz") else 1
-        step, linear = self._models(structure, [values, *several], taps, observer)
+        step, linear = self._models(structure, models, taps, observer)
         predictions = []
         for record, log in zip(self.records, self._logs, strict=True):
             # Where each log has a constant force of its own, that takes the place of the common one.
             keys = [FRICTION, offset_of(log) if structure.offsets > 1 else OFFSET]
-            forces = [[each.get(key, 0.0) for key in keys] for each in (values, *several)]
+            forces = [[model.get(key, 0.0) for key in keys] for model in models]
             numbers = np.insert(linear, [step.flat().size], np.array(forces), axis=1)
-            out = run(*self._initial(step, record, taps), numbers, cuts)
-            by = (out[:, 1:] - out[:, :1]) / moves
-            predictions.append(Prediction(out[:, 0].copy(), by))
+            errors = run(*self._initial(step, record, taps), numbers, cuts)
+            differences = (errors[:, 1:] - errors[:, :1]) / moves
+            predictions.append(Prediction(errors[:, 0].copy(), differences))
         return predictions
 
     def _models(
-        self, structure: Structure, several: Sequence[Mapping[str, float]], taps: tuple[int, ...], observer: Observer
+        self, structure: Structure, models: Sequence[Mapping[str, float]], taps: tuple[int, ...], observer: Observer
     ) -> tuple[LinearStep, FloatArray]:
         """Return the first step, and of every model the entries, gain and row that `run` takes around its forces."""
-        linear = [0, *(at for at, name in enumerate(structure.names, 1) if at < len(several) and not is_force(name))]
-        of_linear = linear_steps([several[at] for at in linear], structure, self.sample_time_s, taps, near=several[0])
-        by_place = dict(zip(linear, of_linear, strict=True))
-        steps = [by_place.get(at, of_linear[0]) for at in range(len(several))]
-        step = steps[0]
-        gain = observer.gain(step, several[0]["mass_kg"], self.sample_time_s)
-        row = np.eye(len(step.names))[step.output]
-        return step, np.array([np.concatenate([one.flat(), gain, row]) for one in steps])
+        # Models that differ from the first by a force alone have its linear part.
+        moved = structure.names[: len(models) - 1]
+        linear = [0, *(model for model, name in enumerate(moved, 1) if not is_force(name))]
+        linear_models = [models[model] for model in linear]
+        steps = dict(
+            zip(
+                linear,
+                linear_steps(linear_models, structure, self.sample_time_s, taps, reference=models[0]),
+                strict=True,
+            )
+        )
+        first = steps[0]
+        gain = observer.gain(first, models[0]["mass_kg"], self.sample_time_s)
+        row = np.eye(len(first.names))[first.output]
+        numbers = [np.concatenate([steps.get(model, first).flat(), gain, row]) for model in range(len(models))]
+        return first, np.array(numbers)
 
     def _initial(self, step: LinearStep, record: Record, taps: tuple[int, ...]) -> tuple[FloatArray, FloatArray]:
         """Return the initial state of a record, at rest or in uniform motion, and the inputs of its samples."""
         position = record.position_m - self.origin_m
         size = position.size
         inputs = np.empty((size, len(taps) + 1))
-        for at, tap in enumerate(taps):
-            inputs[:tap, at] = record.force_n[0]
-            inputs[tap:, at] = record.force_n[: size - tap]
+        for column, tap in enumerate(taps):
+            inputs[:tap, column] = record.force_n[0]
+            inputs[tap:, column] = record.force_n[: size - tap]
         inputs[:, -1] = position
-        few = min(size, 40)
-        slope, start = np.polyfit(np.arange(few) * self.sample_time_s, position[:few], 1)
-        begins = {"_position_m": start, "_velocity_m_per_s": slope, "actuator_force_n": -record.force_n[0]}
-        state = [next((value for end, value in begins.items() if name.endswith(end)), 0.0) for name in step.names]
+        first_samples = min(size, _FIRST_SAMPLES)
+        times_s = np.arange(first_samples) * self.sample_time_s
+        velocity, start = np.polyfit(times_s, position[:first_samples], 1)
+        begins = {"_position_m": start, "_velocity_m_per_s": velocity, "actuator_force_n": -record.force_n[0]}
+        state = [next((value for ending, value in begins.items() if name.endswith(ending)), 0.0) for name in step.names]
         return np.array(state), inputs
