@@ -41,10 +41,22 @@ from avc_casadi.identification.terms import (
     Structure,
 )
 
+_EXCITED_POWER = 1e-4
+"""Share of the largest power of the force from which on it excites the device."""
+_COHERENT = 0.6
+"""Coherence of the frequencies of a response's band."""
+_FEWEST_COHERENT = 3
+"""Fewest frequencies of a band."""
+_TINY = 1e-300
+"""Stands for 0 in a divisor."""
+
 
 @dataclass(frozen=True, eq=False)
 class Response:
-    """Velocity of the measured position over commanded force."""
+    """Velocity of the measured position over commanded force, (m/s)/N; all of shape (frequencies,).
+
+    `power` is that of the force, as a share of its largest.
+    """
 
     frequency_hz: FloatArray
     velocity_per_force: ComplexArray
@@ -54,42 +66,46 @@ class Response:
     @property
     def excites(self) -> BoolArray:
         """Whether the force excites the device, shape (frequencies,)."""
-        return np.asarray(self.power > 1e-4)
+        return np.asarray(self.power > _EXCITED_POWER)
 
     @property
     def band_hz(self) -> tuple[float, float] | None:
         """Lowest and highest coherent frequency, or None."""
-        some = self.frequency_hz[(self.coherence > 0.6) & self.excites]
-        return (float(some[0]), float(some[-1])) if some.size >= 3 else None
+        coherent = self.frequency_hz[(self.coherence > _COHERENT) & self.excites]
+        return (float(coherent[0]), float(coherent[-1])) if coherent.size >= _FEWEST_COHERENT else None
 
 
 def frequency_response(records: Sequence[Record]) -> Response:
     """Return the response by Welch averaging over all records."""
-    period = records[0].sample_time_s
+    period_s = records[0].sample_time_s
     shortest = min(record.position_m.size for record in records)
-    length = int(min(1 / period, shortest // 4))  # of a second
+    length = int(min(1 / period_s, shortest // 4))  # of a second
+    rate_hz = 1 / period_s
     sums: list[ComplexArray] = []
     for record in records:
-        velocity = np.diff(record.position_m, prepend=record.position_m[0]) / period
-        weight = record.position_m.size
-        across = signal.csd(record.force_n, velocity, fs=1 / period, nperseg=length)[1]
-        powers = [signal.welch(values, fs=1 / period, nperseg=length)[1] for values in (record.force_n, velocity)]
-        sums.append(weight * np.array([across, *powers]))
-    cross, force, velocity_power = np.sum(sums, axis=0)
-    frequency = np.asarray(np.fft.rfftfreq(length, period), dtype=np.float64)
-    tiny = 1e-300
+        velocity = np.diff(record.position_m, prepend=record.position_m[0]) / period_s
+        _, cross_power = signal.csd(record.force_n, velocity, fs=rate_hz, nperseg=length)
+        _, force_power = signal.welch(record.force_n, fs=rate_hz, nperseg=length)
+        _, velocity_power = signal.welch(velocity, fs=rate_hz, nperseg=length)
+        sums.append(record.position_m.size * np.array([cross_power, force_power, velocity_power]))
+    cross, of_force, of_velocity = np.sum(sums, axis=0)
+    # Without the mean.
+    frequency = np.asarray(np.fft.rfftfreq(length, period_s), dtype=np.float64)
     return Response(
-        frequency[1:],
-        (cross / (force + tiny))[1:],
-        (np.abs(cross) ** 2 / (force.real * velocity_power.real + tiny))[1:],
-        (force.real / (force.real.max() + tiny))[1:],
+        frequency_hz=frequency[1:],
+        velocity_per_force=(cross / (of_force + _TINY))[1:],
+        coherence=(np.abs(cross) ** 2 / (of_force.real * of_velocity.real + _TINY))[1:],
+        power=(of_force.real / (of_force.real.max() + _TINY))[1:],
     )
 
 
 def model_response(
     values: Mapping[str, float], structure: Structure, sample_time_s: float, frequency_hz: FloatArray
 ) -> ComplexArray:
-    """Return the response of a model without its dry friction."""
+    """Return the response of a model without its dry friction, (m/s)/N, shape (frequencies,).
+
+    With z = e^(2 pi i f T) it is c'(z - A)^-1 B [z^-tap] (1 - 1/z)/T, the difference of the position as its velocity.
+    """
     (step,) = linear_steps([values], structure, sample_time_s, taps_of(values), parts=0)
     z = np.exp(2j * np.pi * frequency_hz * sample_time_s)
     forces = step.force @ np.stack([z**-tap for tap in step.taps])
@@ -98,47 +114,150 @@ def model_response(
     return np.asarray(states[:, step.output] * (1 - 1 / z) / sample_time_s)
 
 
+_LEAST_COHERENCE = 0.3
+"""Coherence from which on a frequency takes part in the match of a resonance."""
+_LOWEST_MATCHED_HZ = 5.0
+"""Frequencies below this one take no part in the match of a resonance."""
+_FEWEST_MATCHED = 10
+"""Fewest frequencies of a match."""
+_LEAST_INCOHERENCE = 0.1
+"""Coherence counts as no nearer to 1 than this in the weights of a match."""
+_LATEST_SAMPLES = 1.01
+"""A delay may be longer by a sample than that of the model without resonance, ..."""
+_DELAY_STEP_SAMPLES = 0.25
+"""... in steps of this."""
+_BEYOND_BAND = 1.3
+"""A resonance may stand so many times as high as the highest frequency that the log excites."""
+_LOWEST_START_HZ = 15.0
+"""Lowest frequency of a resonance from which its search starts, ..."""
+_START_FREQUENCIES = 30
+"""... the number of these frequencies, evenly spread over the logarithm, ..."""
+_START_DAMPING_RATIO = 0.06
+"""... and its damping ratio there."""
+_START_MASS_LOGITS = (-1.7, -0.6, 0.4)
+"""Logits of the mass ratio: 0.15, 0.35 and 0.6."""
+_APART = 0.25
+"""Difference in the logarithm of frequency from which on a second start is another one."""
+_LOWEST_RESONANCE_HZ = 10.0
+"""Lowest frequency of a match."""
+_HIGHEST_MATCHED = 0.49
+"""Highest frequency of a match, as a share of the sample rate."""
+_LEAST_DAMPING_RATIO = 2e-3
+"""Least damping ratio of a match; the largest is 1."""
+_WIDEST_MASS_LOGIT = 4.0
+"""Largest logit of the mass ratio of a match, either way: 0.018 to 0.982."""
+_MATCH_STEPS = 8
+"""Most evaluations of the search from a start."""
+
+
+@dataclass(frozen=True, eq=False)
+class ResonanceStart:
+    """Values from which the search for a resonance starts, and how badly their response matches the measured one."""
+
+    misfit: float
+    values: dict[str, float]
+
+
+@dataclass(frozen=True, eq=False)
+class _Match:
+    """Match of a model with a resonance to the measured response, up to a factor and a delay.
+
+    A point of the search holds the logarithms of the resonance's frequency and damping ratio, and the logit of its mass
+    ratio. Arrays have the shape (frequencies,), `delays_s` (delays,).
+    """
+
+    values: Mapping[str, float]
+    structure: Structure
+    sample_time_s: float
+    frequency_hz: FloatArray
+    measured: ComplexArray
+    weight: FloatArray
+    delays_s: FloatArray
+
+    def misfit(self, point: FloatArray) -> FloatArray:
+        """Return the weighted misfit of the logarithm of size and of phase, shape (2 frequencies,)."""
+        ratio = self._ratio(point)
+        weight = np.sqrt(self.weight / self.weight.sum())
+        phases = self._phases(ratio)
+        phase = phases[self._best_delay(phases)]
+        return np.concatenate([weight * np.log(np.abs(ratio) / self._factor(ratio)), weight * phase])
+
+    def start(self, point: FloatArray) -> dict[str, float]:
+        """Return the values of all parameters at a point, with the factor taken by the mass and the delay added."""
+        ratio = self._ratio(point)
+        delay_samples = float(self.delays_s[self._best_delay(self._phases(ratio))]) / self.sample_time_s
+        return {
+            **self.values,
+            **self._mode(point),
+            "mass_kg": self.values["mass_kg"] / self._factor(ratio),
+            "delay_samples": max(self.values["delay_samples"] + delay_samples, 0.0),
+        }
+
+    def _mode(self, point: FloatArray) -> dict[str, float]:
+        log_frequency, log_damping_ratio, mass_logit = point
+        return {
+            "resonance.frequency_hz": math.exp(log_frequency),
+            "resonance.damping_ratio": math.exp(log_damping_ratio),
+            MASS_RATIO: 1 / (1 + math.exp(-mass_logit)),
+        }
+
+    def _ratio(self, point: FloatArray) -> ComplexArray:
+        """Return the measured response over the model's."""
+        values = {**self.values, **self._mode(point)}
+        return self.measured / model_response(values, self.structure, self.sample_time_s, self.frequency_hz)
+
+    def _factor(self, ratio: ComplexArray) -> float:
+        """Return the weighted geometric mean of the ratio's size."""
+        return float(np.exp(np.average(np.log(np.abs(ratio)), weights=self.weight)))
+
+    def _phases(self, ratio: ComplexArray) -> FloatArray:
+        """Return the phase that each delay leaves, shape (delays, frequencies)."""
+        return np.asarray(np.angle(ratio * np.exp(2j * np.pi * self.frequency_hz * self.delays_s[:, None])))
+
+    def _best_delay(self, phases: FloatArray) -> int:
+        """Return the index of the delay that leaves the least phase."""
+        return int(np.argmin(np.sum(self.weight * phases**2, axis=1)))
+
+
 def likely_resonances(
     response: Response, values: Mapping[str, float], structure: Structure, sample_time_s: float
-) -> list[tuple[float, dict[str, float]]]:
-    """Return the resonances that would explain the response best, up to a factor and a delay: misfit, and start."""
-    use = (response.coherence > 0.3) & (response.frequency_hz > 5.0) & response.excites
-    if use.sum() < 10:
+) -> list[ResonanceStart]:
+    """Return the resonances that would explain the response best, up to a factor and a delay, the best first."""
+    used = (response.coherence > _LEAST_COHERENCE) & (response.frequency_hz > _LOWEST_MATCHED_HZ) & response.excites
+    if used.sum() < _FEWEST_MATCHED:
         return []
-    frequency, data = response.frequency_hz[use], response.velocity_per_force[use]
-    weight = response.coherence[use] / np.maximum(1 - response.coherence[use], 0.1) / frequency
-    root = np.sqrt(weight / weight.sum())
-    # The model without resonance has put part of its lag into the delay.
-    turns = sample_time_s * np.arange(-values["delay_samples"], 1.01, 0.25)
-
-    def gap(point: FloatArray) -> tuple[FloatArray, dict[str, float]]:
-        """Return the misfit at logarithms of frequency and damping ratio and the logit of the mass ratio."""
-        mode = (math.exp(point[0]), math.exp(point[1]), 1 / (1 + math.exp(-point[2])))
-        start = dict(zip(RUNGS["resonance"], mode, strict=True))
-        ratio = data / model_response({**values, **start}, structure, sample_time_s, frequency)
-        factor = float(np.exp(np.average(np.log(np.abs(ratio)), weights=weight)))
-        phases = np.angle(ratio * np.exp(2j * np.pi * frequency * turns[:, None]))
-        at = int(np.argmin(np.sum(weight * phases**2, axis=1)))
-        start["mass_kg"] = values["mass_kg"] / factor
-        start["delay_samples"] = max(values["delay_samples"] + float(turns[at]) / sample_time_s, 0.0)
-        return np.concatenate([root * np.log(np.abs(ratio) / factor), root * phases[at]]), start
-
-    def misfit(point: FloatArray) -> FloatArray:
-        return gap(point)[0]
-
-    top = min(HIGHEST_RESONANCE / sample_time_s, 1.3 * frequency[-1])
-    grid = itertools.product(np.log(np.geomspace(15.0, top, 30)), [math.log(0.06)], (-1.7, -0.6, 0.4))
-    points = sorted(map(np.array, grid), key=lambda point: float(np.sum(misfit(point) ** 2)))
-    best = [points[0]]
-    best += [point for point in points if abs(point[0] - points[0][0]) > 0.25][:1]
-    ends = (math.log(10.0), math.log(2e-3), -4.0), (math.log(0.49 / sample_time_s), 0.0, 4.0)
-    results = [optimize.least_squares(misfit, point, bounds=ends, max_nfev=8, loss="soft_l1") for point in best]
-    return sorted(((float(one.cost), gap(one.x)[1]) for one in results), key=lambda one: one[0])
+    frequency, coherence = response.frequency_hz[used], response.coherence[used]
+    match = _Match(
+        values=values,
+        structure=structure,
+        sample_time_s=sample_time_s,
+        frequency_hz=frequency,
+        measured=response.velocity_per_force[used],
+        weight=coherence / np.maximum(1 - coherence, _LEAST_INCOHERENCE) / frequency,
+        # The model without resonance has put part of its lag into the delay.
+        delays_s=sample_time_s * np.arange(-values["delay_samples"], _LATEST_SAMPLES, _DELAY_STEP_SAMPLES),
+    )
+    highest = min(HIGHEST_RESONANCE / sample_time_s, _BEYOND_BAND * frequency[-1])
+    frequencies = np.log(np.geomspace(_LOWEST_START_HZ, highest, _START_FREQUENCIES))
+    grid = itertools.product(frequencies, [math.log(_START_DAMPING_RATIO)], _START_MASS_LOGITS)
+    points = sorted(map(np.array, grid), key=lambda point: float(np.sum(match.misfit(point) ** 2)))
+    best = points[0]
+    starts = [best, *[point for point in points if abs(point[0] - best[0]) > _APART][:1]]
+    lowest_point = (math.log(_LOWEST_RESONANCE_HZ), math.log(_LEAST_DAMPING_RATIO), -_WIDEST_MASS_LOGIT)
+    highest_point = (math.log(_HIGHEST_MATCHED / sample_time_s), 0.0, _WIDEST_MASS_LOGIT)
+    bounds = lowest_point, highest_point
+    results = [
+        optimize.least_squares(match.misfit, start, bounds=bounds, max_nfev=_MATCH_STEPS, loss="soft_l1")
+        for start in starts
+    ]
+    found_starts = [ResonanceStart(float(result.cost), match.start(result.x)) for result in results]
+    return sorted(found_starts, key=lambda start: start.misfit)
 
 
 _ALIKE = 100.0
-"""Collinearity beyond which the rest of the model has the same effect as a rung; an amplifier may have three times."""
-# Half widths of coordinates beyond which a log does not tell a number.
+"""Collinearity beyond which the rest of the model has the same effect as a rung; ..."""
+_ALIKE_AMPLIFIER = 3 * _ALIKE
+"""... an amplifier may have three times of it."""
 WIDEST = {
     "mass_kg": 0.35,
     "damping_ns_per_m": 0.4,
@@ -151,13 +270,70 @@ WIDEST = {
     MASS_RATIO: 2.0,
     "stiffness_n_per_m": 0.4,
 }
-# Usual shares of the mass beyond a resonance.
+"""Half widths of search coordinates beyond which a log does not tell a number."""
 _SHARES = (0.1, 0.2, 0.35, 0.5, 0.7)
+"""Usual shares of the mass beyond a resonance."""
+_AMPLIFIERS = {"lag", "loop"}
+"""Rungs of which a model has one at most."""
+
+_MOST_RUNGS = 3
+"""Rungs beside friction that a model may have."""
+# Most evaluations of a fit, and the share of the squared error by which a step must lower it for the search to go on:
+# of the first rung, of a rung that is tried or dropped, and of the model as it is answered.
+_FIRST_TOLERANCE = 1e-5
+_REFIT_STEPS = 15
+_REFIT_TOLERANCE = 1e-6
+_FINAL_STEPS = 30
+_FINAL_TOLERANCE = 1e-10
+_NEARLY_BEST = 1.05
+"""Coarse fits are refined whose error is up to so many times the least."""
+_HOPELESS = 1
+"""An amplifier is searched where its first step betters the held-out error by so many standard errors at least."""
+_LIKELY_FRICTION = 0.02
+"""Least friction of a start, in the unit of its coordinate."""
+_START_RATES = (0.8, 0.3, 0.1)
+"""Bandwidths of an amplifier from which its search starts, as shares of the sample rate."""
+_LOWEST_START_RATE_HZ = 1.0
+"""Lowest of these bandwidths."""
+_START_LOOP_RATIOS = (0.7, 1.4)
+"""Damping ratios of a current loop from which its search starts."""
+_FAST_OBSERVER = 2
+"""A model whose observer is faster than so many times the first rate is fitted again with a slow one."""
+_MOST_RESONANCES = 2
+"""Resonances from which a search starts, at most."""
+_MUCH_WORSE = 3
+"""A second resonance is tried where its misfit is less than so many times the best."""
+_DAMPED_LIKE_NONE = 1.9
+"""Damping ratio beyond which a mode is two real poles, which any small misfit has."""
+_FASTEST_LAG = 1.5
+"""Largest bandwidth of an amplifier that is told from a delay, as a share of the sample rate; ..."""
+_FASTEST_LAG_BESIDE_RESONANCE = 0.6
+"""... beside a resonance, where dry friction looks like a lag; ..."""
+_FASTEST_LAG_OF_SCATTERED_CLOCK = 0.2
+"""... and where the clock scatters, which looks like a lag too."""
+_LAG_LIKE_RATIO = 1.5
+"""Damping ratio z of a current loop that is nearly a lag: its poles are w (z - sqrt(z^2 - 1)), and a fast one."""
+_LOOP_OVER_LAG = 2.618
+"""Frequency w of that loop over its slow pole, which is the lag, ..."""
+_FAST_POLE_OVER_LAG = 6.854
+"""... and its fast pole over the slow one, which adds to the delay."""
+
+
+@dataclass(frozen=True, eq=False)
+class _StartPoint:
+    """A structure, and values from which its search starts."""
+
+    structure: Structure
+    values: dict[str, float]
 
 
 @dataclass
 class Ladder:
-    """The model of a log while it climbs."""
+    """The model of a log while it climbs.
+
+    `trials` and `rivals` are the rungs that were tried and the fits of those that were not taken; `half` is half the
+    interval of each coordinate, shape (free,); `shares` is the range of a mass ratio that the log does not tell.
+    """
 
     predictor: Predictor
     window: Window
@@ -179,51 +355,51 @@ class Ladder:
         window = Window.of(predictor)
         first = Observer(max(FIRST_RATE_PER_S, slowest_observer(predictor)))
         values = {OFFSET: 0.0, **start.values}
-        lowest = fine_fit(predictor, fit(predictor, structure, values, first, window, tolerance=1e-5), window)
+        rough = fit(predictor, structure, values, first, window, tolerance=_FIRST_TOLERANCE)
+        lowest = fine_fit(predictor, rough, window)
         response = frequency_response(predictor.records)
         ladder = cls(predictor, window, response, values, start.spring_start, sides, lowest)
         ladder._try(("friction",))
         rest = [rung for rung in ("lag", "loop", "resonance", "spring") if rung not in structure.rungs]
-        for step in range(3):
-            progress.advance(step, 3, ", ".join(rest))
+        for step in range(_MOST_RUNGS):
+            progress.advance(step, _MOST_RUNGS, ", ".join(rest))
             best = ladder._try(rest)
             if best is None:
                 break
-            rest = [rung for rung in rest if rung != best and not {best, rung} <= {"lag", "loop"}]
+            rest = [rung for rung in rest if rung != best and not {best, rung} <= _AMPLIFIERS]
         if "friction" not in ladder.fit.structure.rungs:
             ladder._try(("friction",))
         if "lag" in ladder.fit.structure.rungs:
             ladder._loop_in_place_of_a_lag()
-        ladder.fit = fine_fit(predictor, ladder.fit, window, steps=30, tolerance=1e-10)
+        ladder.fit = fine_fit(predictor, ladder.fit, window, steps=_FINAL_STEPS, tolerance=_FINAL_TOLERANCE)
         ladder._prune()
         ladder._intervals()
         return ladder
 
     def _try(self, rungs: Sequence[str]) -> str | None:
         """Try rungs; take the best of those that the evidence supports, and of equals the simplest."""
-        good: dict[str, Fit] = {}
+        supported: dict[str, Fit] = {}
         for rung in rungs:
-            found = self._best(rung)
-            if found is None:
+            rich = self._best(rung)
+            if rich is None:
                 self.trials[rung] = Trial(rung, False, 0.0, 0.0, "no sign of it")
                 continue
-            trial = compare(self.fit, found, rung)
-            why = self._doubt(found, rung) if trial.taken else ""
-            self.trials[rung] = replace(trial, taken=trial.taken and not why, why=why)
+            trial = compare(self.fit, rich, rung)
+            doubt = self._doubt(rich, rung) if trial.taken else ""
+            self.trials[rung] = replace(trial, taken=trial.taken and not doubt, why=doubt)
             if self.trials[rung].taken:
-                good[rung] = found
+                supported[rung] = rich
             else:
-                self.rivals[rung] = found
-        if not good:
+                self.rivals[rung] = rich
+        if not supported:
             return None
-        least = min(found.rms_m for found in good.values())
-        taken = min(
-            (rung for rung in good if good[rung].rms_m <= (1 + WORTH) * least), key=lambda rung: good[rung].search.size
-        )
-        for rung in good.keys() - {taken}:
+        least_m = min(rich.rms_m for rich in supported.values())
+        equals = [rung for rung, rich in supported.items() if rich.rms_m <= (1 + WORTH) * least_m]
+        taken = min(equals, key=lambda rung: supported[rung].search.size)
+        for rung in supported.keys() - {taken}:
             self.trials[rung] = replace(self.trials[rung], taken=False, why=f"{taken} explains more")
         self.rivals.pop(taken, None)
-        self.fit = good[taken]
+        self.fit = supported[taken]
         return taken
 
     def _best(self, rung: str) -> Fit | None:
@@ -231,35 +407,42 @@ class Ladder:
         # A simpler model that misses much has an observer too fast for a search from a distant start.
         slow = min(self.fit.observer.rate_per_s, FIRST_RATE_PER_S)
         starts = list(self._starts(rung))
-        if rung in {"lag", "loop"}:
+        if rung in _AMPLIFIERS:
             # One Gauss-Newton step from the best of them says whether any is worth a search.
-            firsts = [
-                evaluate(self.predictor, structure, structure.start(start), self.fit.observer, self.window)
-                for structure, start in starts
-            ]
-            first = min(firsts, key=lambda one: one.rms_m)
+            firsts = [self._evaluate(start) for start in starts]
+            first = min(firsts, key=lambda candidate: candidate.rms_m)
             starts = [starts[firsts.index(first)]]
-            if compare(self.fit, first, rung).standard_errors < 1:
+            if compare(self.fit, first, rung).standard_errors < _HOPELESS:
                 return None
-        rough = [coarse_fit(self.predictor, structure, start, slow) for structure, start in starts]
-        least = min((one.rms_m for one in rough), default=0.0)
-        found = [fine_fit(self.predictor, one, self.window) for one in rough if one.rms_m <= 1.05 * least]
-        best = min(found, key=lambda one: one.rms_m, default=None)
+        rough = [coarse_fit(self.predictor, start.structure, start.values, slow) for start in starts]
+        least_m = min((candidate.rms_m for candidate in rough), default=0.0)
+        fine = [
+            fine_fit(self.predictor, candidate, self.window)
+            for candidate in rough
+            if candidate.rms_m <= _NEARLY_BEST * least_m
+        ]
+        best = min(fine, key=lambda candidate: candidate.rms_m, default=None)
         if best is not None and rung == "resonance" and collinearity(best) > _ALIKE:
-            return self._with_share(best, float(np.clip(best.values[MASS_RATIO], _SHARES[0], _SHARES[-1])))
+            return self._with_share(best, _usual_share(best))
         return best
+
+    def _evaluate(self, start: _StartPoint) -> Fit:
+        search = start.structure.start(start.values)
+        return evaluate(self.predictor, start.structure, search, self.fit.observer, self.window)
 
     def _loop_in_place_of_a_lag(self) -> None:
         """Take a current loop where it does better than a lag, from one that is the same lag but for its delay."""
-        values, period = self.fit.values, self.predictor.sample_time_s
+        values, period_s = self.fit.values, self.predictor.sample_time_s
         lag_hz = values["amplifier_bandwidth_hz"]
-        start = {**values, "amplifier_bandwidth_hz": 2.618 * lag_hz, LOOP_RATIO: 1.5}
-        start["delay_samples"] = max(values["delay_samples"] - 1 / (2 * np.pi * 6.854 * lag_hz * period), 0.0)
+        start = {**values, "amplifier_bandwidth_hz": _LOOP_OVER_LAG * lag_hz, LOOP_RATIO: _LAG_LIKE_RATIO}
+        fast_pole_samples = 1 / (2 * np.pi * _FAST_POLE_OVER_LAG * lag_hz * period_s)
+        start["delay_samples"] = max(values["delay_samples"] - fast_pole_samples, 0.0)
         structure = self.fit.structure.without("lag").with_rung("loop")
         loop = fit(self.predictor, structure, start, self.fit.observer, self.window)
         trial = compare(self.fit, loop, "loop")
         if trial.taken and not self._too_fast(loop):
-            self.trials["loop"], self.fit = trial, loop
+            self.trials["loop"] = trial
+            self.fit = loop
             self.rivals.pop("loop", None)
         else:
             self.rivals["loop"] = loop
@@ -267,63 +450,94 @@ class Ladder:
     def _with_share(self, start: Fit, share: float) -> Fit:
         """Return a fit with its mass ratio fixed: with the encoder at the handle a log hardly changes with it."""
         structure = replace(start.structure, fixed={**start.structure.fixed, MASS_RATIO: share})
-        return fit(self.predictor, structure, start.values, start.observer, self.window, steps=15, tolerance=1e-6)
+        return self._refit(structure, start)
 
-    def _starts(self, rung: str) -> Iterator[tuple[Structure, dict[str, float]]]:
-        values, period = self.fit.values, self.predictor.sample_time_s
-        rich = self.fit.structure.with_rung(rung)
+    def _refit(self, structure: Structure, start: Fit) -> Fit:
+        """Return the fit of a structure from the values of another fit, under its observer."""
+        return fit(
+            self.predictor,
+            structure,
+            start.values,
+            start.observer,
+            self.window,
+            steps=_REFIT_STEPS,
+            tolerance=_REFIT_TOLERANCE,
+        )
+
+    def _starts(self, rung: str) -> Iterator[_StartPoint]:
+        """Yield the points from which the search for a rung starts."""
+        structure = self.fit.structure.with_rung(rung)
         if rung == "friction":
-            likely = max(self.start[FRICTION], 0.02 * rich.units[FRICTION])
-            # In a log dominated by friction a model without it is far off: the first start is nearer.
-            for near in ({}, {key: self.start[key] for key in values if key in self.start}):
-                yield rich, {**values, **near, FRICTION: likely}
-        elif rung in {"lag", "loop"}:
-            ratios = (0.7, 1.4) if rung == "loop" else (values[LOOP_RATIO],)
-            for rate, ratio in itertools.product((0.8 / period, 0.3 / period, 0.1 / period), ratios):
-                lagging = {**values, "amplifier_bandwidth_hz": max(rate, 1.0), LOOP_RATIO: ratio}
-                late = late_samples(lagging, rich.order, period)
-                yield rich, {**lagging, "delay_samples": max(values["delay_samples"] - late, 0.0)}
+            yield from self._friction_starts(structure)
+        elif rung in _AMPLIFIERS:
+            yield from self._amplifier_starts(structure)
         elif rung == "resonance":
-            if self.fit.observer.rate_per_s > 2 * FIRST_RATE_PER_S:
-                values = coarse_fit(self.predictor, self.fit.structure, values, FIRST_RATE_PER_S).values
-            found = []
-            for side in self.sides:
-                structure = replace(rich, encoder_at="handle" if side == "handle" else "motor")
-                for cost, likely_mode in likely_resonances(self.response, values, structure, period):
-                    found.append((cost, structure, {**values, **likely_mode}))
-            found.sort(key=lambda one: one[0])
-            yield from (one[1:] for one in found[:2] if one[0] < 3 * found[0][0])
+            yield from self._resonance_starts(structure)
         else:
-            yield rich, {**values, **self.spring_start}
+            yield _StartPoint(structure, {**self.fit.values, **self.spring_start})
+
+    def _friction_starts(self, structure: Structure) -> Iterator[_StartPoint]:
+        values = self.fit.values
+        likely_n = max(self.start[FRICTION], _LIKELY_FRICTION * structure.units[FRICTION])
+        yield _StartPoint(structure, {**values, FRICTION: likely_n})
+        # In a log dominated by friction a model without it is far off: the first start is nearer.
+        first = {key: self.start[key] for key in values if key in self.start}
+        yield _StartPoint(structure, {**values, **first, FRICTION: likely_n})
+
+    def _amplifier_starts(self, structure: Structure) -> Iterator[_StartPoint]:
+        values, period_s = self.fit.values, self.predictor.sample_time_s
+        ratios = _START_LOOP_RATIOS if structure.order == 2 else (values[LOOP_RATIO],)
+        for rate, ratio in itertools.product(_START_RATES, ratios):
+            bandwidth_hz = max(rate / period_s, _LOWEST_START_RATE_HZ)
+            lagging = {**values, "amplifier_bandwidth_hz": bandwidth_hz, LOOP_RATIO: ratio}
+            # Its lag was in the delay.
+            delay = max(values["delay_samples"] - late_samples(lagging, structure.order, period_s), 0.0)
+            yield _StartPoint(structure, {**lagging, "delay_samples": delay})
+
+    def _resonance_starts(self, structure: Structure) -> Iterator[_StartPoint]:
+        values, period_s = self.fit.values, self.predictor.sample_time_s
+        if self.fit.observer.rate_per_s > _FAST_OBSERVER * FIRST_RATE_PER_S:
+            values = coarse_fit(self.predictor, self.fit.structure, values, FIRST_RATE_PER_S).values
+        likely: list[tuple[Structure, ResonanceStart]] = []
+        for side in self.sides:
+            of_side = replace(structure, encoder_at="handle" if side == "handle" else "motor")
+            likely += [(of_side, start) for start in likely_resonances(self.response, values, of_side, period_s)]
+        likely.sort(key=lambda pair: pair[1].misfit)
+        for of_side, start in likely[:_MOST_RESONANCES]:
+            if start.misfit < _MUCH_WORSE * likely[0][1].misfit:
+                yield _StartPoint(of_side, start.values)
 
     def _doubt(self, rich: Fit, rung: str) -> str:
         """Return why a rung that betters the prediction is not told all the same, if it is not."""
-        values, period, band = rich.values, self.predictor.sample_time_s, self.response.band_hz
+        values, period_s = rich.values, self.predictor.sample_time_s
         if rung == "resonance":
-            if values["resonance.frequency_hz"] > min(HIGHEST_RESONANCE / period, 1.3 * band[1] if band else 0.0):
+            band_hz = self.response.band_hz
+            highest_hz = _BEYOND_BAND * band_hz[1] if band_hz else 0.0
+            if values["resonance.frequency_hz"] > min(HIGHEST_RESONANCE / period_s, highest_hz):
                 return "beyond the frequencies that the log excites"
-            if values["resonance.damping_ratio"] > 1.9:  # two real poles, which any small misfit has
+            if values["resonance.damping_ratio"] > _DAMPED_LIKE_NONE:
                 return "damped like no mode"
-        if rung in {"lag", "loop"} and self._too_fast(rich):
+        if rung in _AMPLIFIERS and self._too_fast(rich):
             return "so fast that it is a shorter delay at this sample rate"
-        if collinearity(rich) > _ALIKE * (3 if rung in {"lag", "loop"} else 1):
+        if collinearity(rich) > (_ALIKE_AMPLIFIER if rung in _AMPLIFIERS else _ALIKE):
             return "the rest of the model has the same effect"
         return ""
 
     def _too_fast(self, rich: Fit) -> bool:
         """Return whether a lag is a delay; beside a resonance dry friction looks like a lag, as a scattered clock."""
-        fastest = 0.6 if rich.structure.present("resonance.frequency_hz") else 1.5
+        beside_resonance = rich.structure.present("resonance.frequency_hz")
+        fastest = _FASTEST_LAG_BESIDE_RESONANCE if beside_resonance else _FASTEST_LAG
         if any(record.scatter for record in self.predictor.records):
-            fastest = 0.2
+            fastest = _FASTEST_LAG_OF_SCATTERED_CLOCK
         return rich.values["amplifier_bandwidth_hz"] * self.predictor.sample_time_s > fastest
 
     def _without(self, rung: str) -> Fit:
-        simple = self.fit.structure.without(rung)
-        return fit(self.predictor, simple, self.fit.values, self.fit.observer, self.window, steps=15, tolerance=1e-6)
+        return self._refit(self.fit.structure.without(rung), self.fit)
 
     def _drop(self, rung: str, without: Fit, trial: Trial) -> None:
-        self.rivals[rung], self.trials[rung] = self.fit, trial
-        self.fit = fine_fit(self.predictor, without, self.window, steps=30, tolerance=1e-10)
+        self.rivals[rung] = self.fit
+        self.trials[rung] = trial
+        self.fit = fine_fit(self.predictor, without, self.window, steps=_FINAL_STEPS, tolerance=_FINAL_TOLERANCE)
 
     def _prune(self) -> None:
         """Drop rungs that the whole model no longer bears out."""
@@ -344,7 +558,7 @@ class Ladder:
             widths = dict(zip(self.fit.structure.names, self.half.tolist(), strict=True))
             wide = {name for name, half in widths.items() if half > WIDEST.get(name, np.inf)}
             if MASS_RATIO in wide:
-                self.fit = self._with_share(self.fit, float(np.clip(self.fit.values[MASS_RATIO], 0.1, 0.7)))
+                self.fit = self._with_share(self.fit, _usual_share(self.fit))
                 continue
             rungs = [rung for rung in ("spring", "loop", "lag", "resonance") if rung in self.fit.structure.rungs]
             vague = next((rung for rung in rungs if self._vague(rung, wide, widths)), None)
@@ -356,22 +570,30 @@ class Ladder:
                 self._try(("lag",))
 
     def _vague(self, rung: str, wide: set[str], widths: Mapping[str, float]) -> bool:
+        """Return whether the interval of a rung is too wide for a model, or an amplifier a delay by now."""
         key = RUNGS[rung][0]
         if rung == "spring":
             return key in wide or self.fit.search[self.fit.structure.names.index(key)] <= widths[key]
-        return bool(wide & ({key} if rung == "resonance" else {*RUNGS[rung]})) or (
-            rung != "resonance" and self._too_fast(self.fit)
-        )
+        if rung == "resonance":
+            return key in wide
+        return bool(wide & {*RUNGS[rung]}) or self._too_fast(self.fit)
 
     def _other_shares(self) -> None:
         """Widen the intervals to every usual mass ratio that predicts the log as well."""
         share = self.fit.values[MASS_RATIO]
-        good = [(share, self.fit)]
-        for side in ([one for one in _SHARES[::-1] if one < share], [one for one in _SHARES if one > share]):
-            for at in side:
-                other = self._with_share(self.fit, at)
-                if compare(other, self.fit, "resonance").taken:
+        fits = {share: self.fit}
+        smaller = [usual for usual in reversed(_SHARES) if usual < share]
+        larger = [usual for usual in _SHARES if usual > share]
+        for direction in (smaller, larger):
+            for usual in direction:
+                rival = self._with_share(self.fit, usual)
+                if compare(rival, self.fit, "resonance").taken:
                     break
-                good.append((at, other))
-        self.half = self.half + np.max([np.abs(found.search - self.fit.search) for _, found in good], axis=0)
-        self.shares = min(at for at, _ in good), max(at for at, _ in good)
+                fits[usual] = rival
+        self.half = self.half + np.max([np.abs(rival.search - self.fit.search) for rival in fits.values()], axis=0)
+        self.shares = min(fits), max(fits)
+
+
+def _usual_share(fit_of_log: Fit) -> float:
+    """Return the mass ratio of a fit, within the usual ones."""
+    return float(np.clip(fit_of_log.values[MASS_RATIO], _SHARES[0], _SHARES[-1]))
