@@ -22,14 +22,44 @@ from avc_casadi.files.toml import toml_lines
 from avc_casadi.identification.fit import Trial
 from avc_casadi.identification.ladder import Response
 from avc_casadi.identification.log import Record
-from avc_casadi.identification.terms import FRICTION, LOOP_RATIO, QuantityName
+from avc_casadi.identification.terms import FRICTION, LOOP_RATIO, MASS_RATIO, QuantityName
 
 _PARAMETERS = ("mass_kg", "damping_ns_per_m", FRICTION, "delay_samples")
+"""Keys of a device file that a guess stands in for where a log does not tell them."""
+_OTHER_KEYS = ("encoder_resolution_m", "position_noise_rms_m", "amplifier_bandwidth_hz", "backlash_m", "max_force_n")
+"""Keys that are gaps where a log does not tell them."""
+_MODE_KEYS = ("frequency_hz", "damping_ratio", "mass_ratio")
+"""Keys of a resonance."""
+_WIDEST_GUESS = 30
+"""A range is worth more than a guess where its upper end is less than so many times the value."""
+_RANGE_OF_GUESS = 3
+"""A guess without a range has one from a third of it to three times of it."""
+_MOST_SOURCE_CHARACTERS = 300
+"""Characters of the names of logs in a source, at most."""
+_FEWEST_DIGITS = 5
+"""Significant digits of a value, at least; ..."""
+_MORE_DIGITS = 3
+"""... so many more than those that its interval leaves; ..."""
+_MOST_DIGITS = 15
+"""... and no more than these."""
+_LEAST_DELAY_SAMPLES = 1e-3
+"""A shorter delay is none."""
+_LEAST_VALUE = 1e-9
+"""A smaller value, in its SI unit, is 0."""
+_OVER_LIMIT = 1.01
+"""A command is above the device's limit from so many times of it on."""
+_MOST_OVER_LIMIT_SHARE = 1e-3
+"""Share of the samples up to which commands above the limit are accepted."""
+_WHOLE_TICKS = 0.01
+"""A log's step is a whole number of ticks where it differs from it by less than this share."""
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """An estimate with its 95 % interval."""
+    """An estimate with its 95 % interval, in SI units.
+
+    `identified` is False where the log does not tell the number, and the interval is a range.
+    """
 
     key: str
     quantity: QuantityName
@@ -42,7 +72,12 @@ class Estimate:
 
 @dataclass(frozen=True, eq=False)
 class Identification:
-    """An identified device; `stretch` is time, and position measured and of the model running nearly free, (3, n)."""
+    """An identified device.
+
+    `error_m` is the prediction error of all judged samples and `lags` its autocorrelation from lag 1 on; `stretch` is
+    time, and position measured and of the model running nearly free, shape (3, samples). `unknown` are keys that the
+    logs do not tell. `device` is None where mass, damping or the radius of the handle are known from nothing.
+    """
 
     sources: tuple[str, ...]
     seconds: float
@@ -69,28 +104,34 @@ class Identification:
 
     def data(self) -> dict[str, Any]:
         """Return its JSON values."""
-        key_of, response = units_for(self.motion).key, self.response
-        plainly = ("seconds", "records", "sample_time_s", "rungs", "encoder_at", "amplifier_order", "notes")
+        key_of = units_for(self.motion).key
         device = None if self.device is None else self.device.device.model_dump(mode="json", exclude_unset=True)
+        gaps = None if self.device is None else [key_of(gap) for gap in self.device.gaps]
+        estimates = {}
+        for key, estimate in self.estimates.items():
+            estimates[key] = {name: value for name, value in vars(estimate).items() if name != "key"}
         document = {
             "logs": self.sources,
-            **{key: getattr(self, key) for key in plainly},
-            "estimates": {
-                key: {name: value for name, value in vars(one).items() if name != "key"}
-                for key, one in self.estimates.items()
-            },
-            "unknown": [*map(key_of, self.unknown)],
-            "evidence": [vars(one) for one in self.trials],
+            "seconds": self.seconds,
+            "records": self.records,
+            "sample_time_s": self.sample_time_s,
+            "rungs": self.rungs,
+            "encoder_at": self.encoder_at,
+            "amplifier_order": self.amplifier_order,
+            "notes": self.notes,
+            "estimates": estimates,
+            "unknown": [key_of(key) for key in self.unknown],
+            "evidence": [vars(trial) for trial in self.trials],
             "error_autocorrelation": self.lags,
             "device": device,
-            "gaps": None if self.device is None else [*map(key_of, self.device.gaps)],
+            "gaps": gaps,
             "response": {
-                "frequency_hz": response.frequency_hz,
-                "measured_re": response.velocity_per_force.real,
-                "measured_im": response.velocity_per_force.imag,
+                "frequency_hz": self.response.frequency_hz,
+                "measured_re": self.response.velocity_per_force.real,
+                "measured_im": self.response.velocity_per_force.imag,
                 "model_re": self.model_response.real,
                 "model_im": self.model_response.imag,
-                "coherence": response.coherence,
+                "coherence": self.response.coherence,
             },
         }
         return dict(plain(document))
@@ -105,16 +146,22 @@ class _File:
     sources: dict[str, Any] = field(default_factory=dict)
 
     def put(self, key: str, value: Any, ends: Any, grade: str, source: str) -> None:
-        self.device[key], self.sources[key] = value, {"grade": grade, "source": source}
+        """Put a value, its range where it has one, and its source."""
+        self.device[key] = value
+        self.sources[key] = {"grade": grade, "source": source}
         if ends is not None:
             self.ranges[key] = ends
 
     def take(self, base: DeviceFile, key: str, source: str = "") -> None:
         """Take a value of the base, with its range and its source."""
         table = base.device.model_dump(exclude_none=True)
-        theirs = base.sources.get(key)
-        grade = "assumed" if source or theirs is None else theirs.grade
-        reason = source or (f"{base.name}, which gives no source" if theirs is None else theirs.source)
+        base_source = base.sources.get(key)
+        if source:
+            grade, reason = "assumed", source
+        elif base_source is None:
+            grade, reason = "assumed", f"{base.name}, which gives no source"
+        else:
+            grade, reason = base_source.grade, base_source.source
         self.put(key, table[key], table.get("range", {}).get(key), grade, reason)
 
 
@@ -128,34 +175,13 @@ def device_file(
         if radius is None:
             return None
         file.device = {"motion": "rotary", "handle_radius_m": radius, **file.device}
-    logs = ", ".join(dict.fromkeys(name.partition("@")[0].partition("#")[0] for name in result.sources))[:300]
-    how = f"avc identify, {result.seconds:.3g} s of {logs}"
-    file.sources["sample_time_s"] = {"grade": "measured", "source": f"{how}: time of the log"}
-    others = ("encoder_resolution_m", "position_noise_rms_m", "amplifier_bandwidth_hz", "backlash_m", "max_force_n")
-    identified = {key for key, one in result.estimates.items() if one.identified}
-    gaps = [key for key in (*_PARAMETERS, *others) if key not in identified]
-    for key in (*_PARAMETERS, "encoder_resolution_m", "amplifier_bandwidth_hz", LOOP_RATIO):
-        one = result.estimates.get(key)
-        # A range is worth more than a guess where it bounds the number.
-        if one is not None and (one.identified or (key in _PARAMETERS and one.value > 0 and one.high < 30 * one.value)):
-            value, ends = _significant(one)
-            lag = "; the lag of the amplifier is in it" if key == "delay_samples" and not _lags(result) else ""
-            grade = "measured" if one.identified else "assumed"
-            file.put(key, value, None if key == "encoder_resolution_m" else ends, grade, f"{how}: {one.source}{lag}")
+    measurement = _measurement(result)
+    file.sources["sample_time_s"] = {"grade": "measured", "source": f"{measurement}: time of the log"}
+    identified = {key for key, estimate in result.estimates.items() if estimate.identified}
+    gaps = [key for key in (*_PARAMETERS, *_OTHER_KEYS) if key not in identified]
+    _put_estimates(file, result, measurement)
     if "resonance" in result.rungs:
-        mode = {
-            key: _significant(result.estimates[f"resonance.{key}"])
-            for key in ("frequency_hz", "damping_ratio", "mass_ratio")
-        }
-        doubt = "" if result.estimates["resonance.mass_ratio"].identified else "; how the mass divides is assumed"
-        file.put(
-            "resonance",
-            {key: value for key, (value, _) in mode.items()},
-            {key: ends for key, (_, ends) in mode.items()},
-            "measured",
-            f"{how}: prediction error, two masses{doubt}",
-        )
-        file.device["encoder_at"] = result.encoder_at
+        _put_resonance(file, result, measurement)
     else:
         gaps.append("resonance")
     if _lags(result):
@@ -169,6 +195,45 @@ def device_file(
     return DeviceFile.model_validate(tables)
 
 
+def _measurement(result: Identification) -> str:
+    """Return how a value was measured, as its source: the command, and the logs without the names of their pieces."""
+    logs = dict.fromkeys(name.partition("@")[0].partition("#")[0] for name in result.sources)
+    return f"avc identify, {result.seconds:.3g} s of {', '.join(logs)[:_MOST_SOURCE_CHARACTERS]}"
+
+
+def _put_estimates(file: _File, result: Identification, measurement: str) -> None:
+    """Put the estimates that a log tells, and the ranges that are worth more than a guess."""
+    for key in (*_PARAMETERS, "encoder_resolution_m", "amplifier_bandwidth_hz", LOOP_RATIO):
+        estimate = result.estimates.get(key)
+        if estimate is None or not (estimate.identified or _bounds_its_value(estimate)):
+            continue
+        value, ends = _significant(estimate)
+        lag = "; the lag of the amplifier is in it" if key == "delay_samples" and not _lags(result) else ""
+        file.put(
+            key,
+            value,
+            None if key == "encoder_resolution_m" else ends,
+            "measured" if estimate.identified else "assumed",
+            f"{measurement}: {estimate.source}{lag}",
+        )
+
+
+def _bounds_its_value(estimate: Estimate) -> bool:
+    """Return whether the range of a number that is not identified bounds it."""
+    return estimate.key in _PARAMETERS and estimate.value > 0 and estimate.high < _WIDEST_GUESS * estimate.value
+
+
+def _put_resonance(file: _File, result: Identification, measurement: str) -> None:
+    """Put the resonance and the side of the encoder."""
+    mode: dict[str, float] = {}
+    ranges: dict[str, tuple[float, float]] = {}
+    for key in _MODE_KEYS:
+        mode[key], ranges[key] = _significant(result.estimates[f"resonance.{key}"])
+    doubt = "" if result.estimates[MASS_RATIO].identified else "; how the mass divides is assumed"
+    file.put("resonance", mode, ranges, "measured", f"{measurement}: prediction error, two masses{doubt}")
+    file.device["encoder_at"] = result.encoder_at
+
+
 def _fill(file: _File, base: DeviceFile | None, gaps: list[str]) -> None:
     """Fill gaps from the base, or cautiously; what was searched for and not found stays a gap."""
     for key in [key for key in gaps if key not in file.device]:
@@ -178,7 +243,7 @@ def _fill(file: _File, base: DeviceFile | None, gaps: list[str]) -> None:
             if key in _PARAMETERS:
                 file.take(base, key, f"{base.name}; the logs do not tell it")
                 value = file.device[key]
-                file.ranges.setdefault(key, (value / 3, value * 3))
+                file.ranges.setdefault(key, (value / _RANGE_OF_GUESS, value * _RANGE_OF_GUESS))
             else:
                 file.take(base, key)
                 if key not in base.gaps:
@@ -189,6 +254,7 @@ def _fill(file: _File, base: DeviceFile | None, gaps: list[str]) -> None:
 
 
 def _lags(result: Identification) -> bool:
+    """Return whether an amplifier with a lag was identified."""
     return bool({"lag", "loop"} & set(result.rungs))
 
 
@@ -197,27 +263,36 @@ def states(base: DeviceFile, key: str) -> bool:
     return key in base.device.model_fields_set and getattr(base.device, key) is not None
 
 
-def _significant(one: Estimate) -> tuple[float, tuple[float, float]]:
+def _significant(estimate: Estimate) -> tuple[float, tuple[float, float]]:
     """Return a value and its ends with the digits that the interval supports; next to nothing becomes 0."""
-    half, size = (one.high - one.low) / 2, max(abs(one.low), abs(one.high))
-    digits = min(max(5, 3 + math.ceil(math.log10(size / half))), 15) if 0 < half < size else 5
-    least = 1e-3 if one.key == "delay_samples" else 1e-9
-    value, low, high = (float(f"{each:.{digits}g}") for each in (one.value, one.low, one.high))
-    value, low, high = (0.0 if abs(each) < least else each for each in (value, low, high))
-    return value, (min(low, value), max(high, value))
+    half = (estimate.high - estimate.low) / 2
+    size = max(abs(estimate.low), abs(estimate.high))
+    digits = _FEWEST_DIGITS
+    if 0 < half < size:
+        supported = _MORE_DIGITS + math.ceil(math.log10(size / half))
+        digits = min(max(_FEWEST_DIGITS, supported), _MOST_DIGITS)
+    least = _LEAST_DELAY_SAMPLES if estimate.key == "delay_samples" else _LEAST_VALUE
+
+    def rounded(exact: float) -> float:
+        short = float(f"{exact:.{digits}g}")
+        return 0.0 if abs(short) < least else short
+
+    value = rounded(estimate.value)
+    return value, (min(rounded(estimate.low), value), max(rounded(estimate.high), value))
 
 
 def check_against(records: Sequence[Record], base: DeviceFile) -> None:
     """Refuse commands above the device's limit, and a log of every second or third tick of its loop."""
-    device, faults = base.device, []
-    force = np.abs(np.concatenate([one.force_n for one in records]))
-    most = device.max_force_n if states(base, "max_force_n") else None
-    if most is not None and np.mean(force > 1.01 * most) > 1e-3:
+    device = base.device
+    faults = []
+    force = np.abs(np.concatenate([record.force_n for record in records]))
+    limit = device.max_force_n if states(base, "max_force_n") else None
+    if limit is not None and np.mean(force > _OVER_LIMIT * limit) > _MOST_OVER_LIMIT_SHARE:
         key = device.units.key("max_force_n")
-        message = f"goes above device.{key} of {base.name}, {number(most)}; allowed: the force that acts"
+        message = f"goes above device.{key} of {base.name}, {number(limit)}; allowed: the force that acts"
         faults.append(Fault(records[0].name, None, "force", message))
     ticks = records[0].sample_time_s / device.sample_time_s
-    if states(base, "sample_time_s") and round(ticks) > 1 and abs(ticks / round(ticks) - 1) < 0.01:
+    if states(base, "sample_time_s") and round(ticks) > 1 and abs(ticks / round(ticks) - 1) < _WHOLE_TICKS:
         message = f"steps by {round(ticks)} times device.sample_time_s of {base.name}; allowed: every tick of the loop"
         faults.append(Fault(records[0].name, None, "time", message))
     if faults:
@@ -231,6 +306,6 @@ def device_text(file: DeviceFile) -> str:
         "title": file.title,
         "gaps": tuple(map(units.key, file.gaps)),
         "device": units.keyed(file.device.model_dump(exclude_unset=True, exclude_none=True)),
-        "sources": units.keyed({key: one.model_dump() for key, one in file.sources.items()}),
+        "sources": units.keyed({key: source.model_dump() for key, source in file.sources.items()}),
     }
     return "\n".join(toml_lines((), {key: value for key, value in tables.items() if value})) + "\n"

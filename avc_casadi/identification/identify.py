@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -24,6 +24,29 @@ from avc_casadi.identification.read import Layout, read_logs
 from avc_casadi.identification.regression import Motion, Start, in_ticks, only_feedback, whiteness
 from avc_casadi.identification.terms import FRICTION, MASS_RATIO, OFFSET, Structure, offset_of
 
+_MOST_SAMPLES = 120_000
+"""Samples that are used of all logs, at most."""
+_SHORTEST_LOGS_S = 1
+"""Seconds of all logs, at least."""
+_FEWEST_STEPS = 12
+"""Steps of the encoder that a log must move over."""
+_REST_SHARE = 0.01
+"""Moves back that sum to no more than this share of those forth are noise at rest."""
+_RIGID_R_SQUARED = 0.3
+"""A rigid model that explains less of the force does not determine its sign."""
+_LIKELY_MASSES: Mapping[MotionKind, tuple[float, float]] = {"linear": (1e-3, 2e3), "rotary": (1e-8, 1e4)}
+"""Least and largest mass, kg, or inertia, kg.m2; beyond them a unit is mistaken."""
+_SPEED_STEP_S = 0.01
+"""Time over which moves are taken for the speed of a log."""
+_ALIKE_FACTOR = 1.5
+"""Factor of the upper end of a friction that the rest of the model explains as well."""
+_STEP_INTERVAL = (0.999, 1.001)
+"""Ends of the interval of the encoder's step, as shares of it."""
+_NEARLY_FREE_RATE_PER_S = 4.0
+"""Observer rate of the stretch that is drawn."""
+_STRETCH_S = 1.5
+"""Length of the stretch that is drawn, at most."""
+
 
 def identify(
     logs: Sequence[str | Path] | str | Path | Sequence[Record],
@@ -34,32 +57,34 @@ def identify(
     handle_radius_m: float | None = None,
     progress: Progress = SILENT,
 ) -> Identification:
-    """Identify a device from logs of time, position and commanded force."""
-    several = [logs] if isinstance(logs, str | Path) else list(logs)
-    records, notes = [one for one in several if isinstance(one, Record)], list[str]()
-    if not records:
-        records, notes = read_logs([one for one in several if isinstance(one, str | Path)], layout)
+    """Identify a device from logs of time, position and commanded force.
+
+    Args:
+        logs: files, or records.
+        layout: columns and units of files.
+        base: what is known of the device, for what the logs do not tell and to check them against.
+        flip_force: the logged force counts along -position.
+        handle_radius_m: radius of the handle of a device that turns.
+        progress: receiver of the steps.
+
+    Raises:
+        InputError: the logs are not usable, or tell no device.
+    """
+    records, notes = _records_of(logs, layout)
     _check(records, base, handle_radius_m)
     if flip_force:
-        records = [
-            replace(one, force_n=-one.force_n, later_n=None if one.later_n is None else -one.later_n) for one in records
-        ]
-    records, by_clock = in_ticks(records)
-    whole = sum(one.position_m.size for one in records)
-    records = excerpts(records, 120_000)
-    used = sum(one.position_m.size for one in records)
-    notes += by_clock + ([f"of {whole} samples {used} were used, in pieces over the records"] if used < whole else [])
-    readings = [one.position_m if one.readings_m is None else one.readings_m for one in records]
+        records = [_flipped(record) for record in records]
+    records, notes_of_clock = in_ticks(records)
+    notes += notes_of_clock
+    samples = sum(record.position_m.size for record in records)
+    records = excerpts(records, _MOST_SAMPLES)
+    used = sum(record.position_m.size for record in records)
+    if used < samples:
+        notes.append(f"of {samples} samples {used} were used, in pieces over the records")
+    readings = [record.position_m if record.readings_m is None else record.readings_m for record in records]
     step_m = lattice_step(np.concatenate(readings))
     _check_motion(records, step_m)
-    ways = set()
-    for one in records:
-        moves = np.diff(one.position_m)
-        forth, back = float(moves[moves > 0].sum()), -float(moves[moves < 0].sum())
-        # Some steps back at rest are noise.
-        ways.add(0 if min(forth, back) > 0.01 * max(forth, back) else 1 if forth > back else -1)
-    # Friction and a constant force are one number in a log of one direction: of logs both ways it is the same.
-    offsets = len({one.whole for one in records}) if 0 in ways else len(ways) - 1
+    offsets = _offsets(records)
     declared = None if base is None or base.device.resonance is None else base.device.encoder_at
     sides = ("motor", "handle") if declared is None else (declared,)
     with progress.step("first guess"):
@@ -67,30 +92,34 @@ def identify(
     predictor, structure = Predictor(records), _simplest(records, start, offsets)
     with progress.step("model"):
         ladder = Ladder.climb(predictor, structure, start, sides, progress)
-    fit, response = ladder.fit, ladder.response
-    estimates = _estimates(ladder, step_m, one_way=not offsets)
-    lags, white = whiteness(fit.error_m, resampled=any(one.scatter for one in records))
+    identified = _identification(ladder, notes, step_m, one_way=not offsets)
+    return replace(identified, device=device_file(identified, base, handle_radius_m))
+
+
+def _identification(ladder: Ladder, notes: list[str], step_m: float | None, *, one_way: bool) -> Identification:
+    """Return what a ladder found, without the device file."""
+    fit, response, predictor = ladder.fit, ladder.response, ladder.predictor
+    records = predictor.records
+    estimates = _estimates(ladder, step_m, one_way=one_way)
+    lags, white = whiteness(fit.error_m, resampled=any(record.scatter for record in records))
     if not white:
         notes.append(
             "the prediction error is not white: something that the model does not know moves the device (a hand, play, "
             "a stop, a cable, friction of another kind), and intervals may not hold the truth"
         )
-    if "spring" in fit.structure.rungs:
+    rungs = fit.structure.rungs
+    if "spring" in rungs:
         notes.append("a spring holds the device; a device file has no key for it: log the device released if it can be")
-    unknown = [key for key, one in estimates.items() if not one.identified]
-    unknown += [] if "resonance" in fit.structure.rungs else ["resonance"]
-    unknown += [] if {"lag", "loop"} & {*fit.structure.rungs} else ["amplifier_bandwidth_hz"]
-    unknown += [key for key in (FRICTION, "encoder_resolution_m", "max_force_n") if key not in estimates]
-    identified = Identification(
-        sources=tuple(dict.fromkeys(one.name for one in records)),
-        seconds=sum(one.seconds for one in records),
+    return Identification(
+        sources=tuple(dict.fromkeys(record.name for record in records)),
+        seconds=sum(record.seconds for record in records),
         records=len(records),
         sample_time_s=predictor.sample_time_s,
         motion=records[0].motion,
-        rungs=fit.structure.rungs,
-        encoder_at=fit.structure.encoder_at if "resonance" in fit.structure.rungs else "motor",
+        rungs=rungs,
+        encoder_at=fit.structure.encoder_at if "resonance" in rungs else "motor",
         estimates=estimates,
-        unknown=tuple(unknown),
+        unknown=_unknown(estimates, rungs),
         trials=tuple(ladder.trials.values()),
         error_m=np.concatenate(fit.error_m),
         lags=lags,
@@ -99,17 +128,64 @@ def identify(
         model_response=model_response(fit.values, fit.structure, predictor.sample_time_s, response.frequency_hz),
         stretch=_stretch(ladder),
     )
-    return replace(identified, device=device_file(identified, base, handle_radius_m))
+
+
+def _records_of(
+    logs: Sequence[str | Path] | str | Path | Sequence[Record], layout: Layout | None
+) -> tuple[list[Record], list[str]]:
+    """Return records as they are given, or those of files, and notes for the user."""
+    items = [logs] if isinstance(logs, str | Path) else list(logs)
+    records = [item for item in items if isinstance(item, Record)]
+    if records:
+        return records, []
+    return read_logs([item for item in items if isinstance(item, str | Path)], layout)
+
+
+def _flipped(record: Record) -> Record:
+    later_n = None if record.later_n is None else -record.later_n
+    return replace(record, force_n=-record.force_n, later_n=later_n)
+
+
+def _offsets(records: Sequence[Record]) -> int:
+    """Return the number of constant forces that records tell: of logs both ways one each, of one direction none.
+
+    Friction and a constant force are one number in a log of one direction; of logs in both directions the constant
+    force is the same.
+    """
+    directions = {_direction(record) for record in records}
+    return len({record.whole for record in records}) if 0 in directions else len(directions) - 1
+
+
+def _direction(record: Record) -> int:
+    """Return the direction in which a device moves: 1 forth, -1 back, 0 both."""
+    moves = np.diff(record.position_m)
+    forth, back = float(moves[moves > 0].sum()), -float(moves[moves < 0].sum())
+    # Some steps back at rest are noise.
+    if min(forth, back) > _REST_SHARE * max(forth, back):
+        return 0
+    return 1 if forth > back else -1
+
+
+def _unknown(estimates: Mapping[str, Estimate], rungs: Sequence[str]) -> tuple[str, ...]:
+    """Return the keys that the logs do not tell."""
+    unknown = [key for key, estimate in estimates.items() if not estimate.identified]
+    if "resonance" not in rungs:
+        unknown.append("resonance")
+    if not {"lag", "loop"} & {*rungs}:
+        unknown.append("amplifier_bandwidth_hz")
+    unknown += [key for key in (FRICTION, "encoder_resolution_m", "max_force_n") if key not in estimates]
+    return tuple(unknown)
 
 
 def _check(records: Sequence[Record], base: DeviceFile | None, handle_radius_m: float | None) -> None:
-    motions = {one.motion for one in records}
-    seconds = sum(one.seconds for one in records)
+    """Refuse logs that do not belong together, or that the base contradicts."""
+    motions = {record.motion for record in records}
+    seconds = sum(record.seconds for record in records)
     faults = []
     if len(motions) > 1 or (base is not None and base.device.motion not in motions):
         message = "are of devices that turn and that do not; allowed: logs and a base of one motion"
         faults.append(Fault("", None, "logs", message))
-    if seconds < 1:
+    if seconds < _SHORTEST_LOGS_S:
         message = f"hold {number(seconds)} s in all; allowed: at least 1 s"
         faults.append(Fault("", None, "logs", message))
     if motions == {"linear"} and handle_radius_m is not None:
@@ -122,15 +198,17 @@ def _check(records: Sequence[Record], base: DeviceFile | None, handle_radius_m: 
 
 def _check_motion(records: Sequence[Record], step_m: float | None) -> None:
     """Refuse logs that tell nothing."""
-    travel = max(float(np.ptp(one.position_m)) for one in records)
-    steps = travel / step_m if step_m else float(max(np.unique(one.position_m).size for one in records))
+    if step_m:
+        steps = max(float(np.ptp(record.position_m)) for record in records) / step_m
+    else:
+        steps = float(max(np.unique(record.position_m).size for record in records))
     skip = Window.of(Predictor(records)).skip
-    if steps < 12:
+    if steps < _FEWEST_STEPS:
         message = (
             f"move over {number(steps, 2)} steps of the encoder only; allowed: more force, or lower frequencies: a "
             "travel of 50 steps and more"
         )
-    elif not any(np.ptp(one.position_m[skip:]) for one in records):
+    elif not any(np.ptp(record.position_m[skip:]) for record in records):
         message = (
             f"move in the first {number(skip * records[0].sample_time_s)} s only, which the model needs to begin; "
             "allowed: motion that goes on (a multisine, as avc excite plays one)"
@@ -149,18 +227,19 @@ def _check_motion(records: Sequence[Record], step_m: float | None) -> None:
 def _check_start(start: Start, motion: MotionKind) -> Start:
     """Refuse a force of reversed sign, and implausible units."""
     mass = start.values["mass_kg"]
-    follows = start.r_squared >= 0.3  # a rigid model that explains less of the force does not determine its sign
+    follows = start.r_squared >= _RIGID_R_SQUARED
     if mass < 0 or (start.against and follows):
-        why, allowed = "force and position point against each other", "force along +position, or --flip-force"
+        reason, allowed = "force and position point against each other", "force along +position, or --flip-force"
         if not follows:
             share = number(100 * max(start.r_squared, 0.0), 2)
-            why = f"the motion hardly follows the force ({share} % of it explained)"
+            reason = f"the motion hardly follows the force ({share} % of it explained)"
             allowed = "a multisine with several times the force, free of contact; is it the force that acts, in time?"
-        raise InputError.of(f"give a mass of {number(mass)}: {why}; allowed: {allowed}", key="logs")
-    low, high = (1e-3, 2e3) if motion == "linear" else (1e-8, 1e4)
-    if not low <= mass <= high:
+        raise InputError.of(f"give a mass of {number(mass)}: {reason}; allowed: {allowed}", key="logs")
+    lowest, highest = _LIKELY_MASSES[motion]
+    if not lowest <= mass <= highest:
+        allowed = f"{lowest:g} to {highest:g}"
         raise InputError.of(
-            f"give a mass of {number(mass)}; allowed: {low:g} to {high:g}; are the units of position and force right?",
+            f"give a mass of {number(mass)}; allowed: {allowed}; are the units of position and force right?",
             key="logs",
         )
     return start
@@ -168,13 +247,14 @@ def _check_start(start: Start, motion: MotionKind) -> Start:
 
 def _simplest(records: Sequence[Record], start: Start, offsets: int) -> Structure:
     """Return the lowest rung, with a spring where the start has one."""
-    rms_n = float(np.sqrt(np.mean(np.concatenate([one.force_n for one in records]) ** 2)))
-    travel_m = max(float(np.ptp(one.position_m)) for one in records)
+    rms_n = float(np.sqrt(np.mean(np.concatenate([record.force_n for record in records]) ** 2)))
+    travel_m = max(float(np.ptp(record.position_m)) for record in records)
     speeds = []
-    for one in records:
-        every = max(1, int(0.01 / one.sample_time_s))
-        speeds.append(float(np.std(np.diff(one.position_m[::every]))) / (every * one.sample_time_s))
-        speeds.append(abs(float(one.position_m[-1] - one.position_m[0])) / one.seconds)
+    for record in records:
+        samples = max(1, int(_SPEED_STEP_S / record.sample_time_s))
+        moves = np.diff(record.position_m[::samples])
+        speeds.append(float(np.std(moves)) / (samples * record.sample_time_s))
+        speeds.append(abs(float(record.position_m[-1] - record.position_m[0])) / record.seconds)
     units = {
         "damping_ns_per_m": rms_n / max(speeds),
         OFFSET: rms_n,
@@ -187,53 +267,81 @@ def _simplest(records: Sequence[Record], start: Start, offsets: int) -> Structur
 
 def _estimates(ladder: Ladder, step_m: float | None, *, one_way: bool) -> dict[str, Estimate]:
     """Return the estimates by key; what the log does not tell is a range."""
-    fit, logs = ladder.fit, ladder.predictor.names
-    estimates: dict[str, Estimate] = {}
-    of_log = {offset_of(at): f"prediction error, in {name}" for at, name in enumerate(logs)} if len(logs) > 1 else {}
-    for one, q, half in zip(fit.structure.free, map(float, fit.search), map(float, ladder.half), strict=True):
-        low, high = (min(max(fit.structure.outward(one, end), one.lowest), one.highest) for end in (q - half, q + half))
-        estimates[one.name] = Estimate(
-            one.name,
-            one.quantity,
-            fit.structure.outward(one, q),
-            low,
-            high,
-            of_log.get(one.name, "prediction error"),
-            half <= WIDEST.get(one.name, math.inf),
-        )
-    rival = ladder.rivals.get("friction")
-    if FRICTION not in estimates and rival is not None:
-        place = rival.structure.names.index(FRICTION)
-        # Friction that the rest of the model explains as well is not told, and bounded with care.
-        alike = bool(ladder.trials["friction"].why)
-        most = rival.structure.units[FRICTION]
-        most *= (1 + 0.5 * alike) * max(float(rival.search[place] + bootstrap(rival)[place]), 0.0)
-        known = most < rival.structure.units[FRICTION] and not alike
-        source = f"{'not distinct from damping' if alike else 'no evidence'}; the upper end bounds it"
-        estimates[FRICTION] = Estimate(FRICTION, "force", 0.0, 0.0, most, source, known)
+    estimates = _fitted_estimates(ladder)
+    if FRICTION not in estimates and "friction" in ladder.rivals:
+        estimates[FRICTION] = _bounded_friction(ladder)
     elif one_way:
-        some = estimates[FRICTION]
         source = "one direction only: friction and a constant force are one number"
-        estimates[FRICTION] = replace(some, low=0.0, source=source, identified=False)
+        estimates[FRICTION] = replace(estimates[FRICTION], low=0.0, source=source, identified=False)
     if ladder.shares is not None:
-        share = fit.values[MASS_RATIO]
+        low, high = ladder.shares
         source = "assumed; the other intervals hold for this range"
-        estimates[MASS_RATIO] = Estimate(MASS_RATIO, "number", share, *ladder.shares, source, identified=False)
+        share = ladder.fit.values[MASS_RATIO]
+        estimates[MASS_RATIO] = Estimate(MASS_RATIO, "number", share, low, high, source, identified=False)
     if step_m is not None:
-        low, high = 0.999 * step_m, 1.001 * step_m
+        low, high = (share * step_m for share in _STEP_INTERVAL)
         estimates["encoder_resolution_m"] = Estimate(
             "encoder_resolution_m", "length", step_m, low, high, "lattice of the readings"
         )
     return estimates
 
 
+def _fitted_estimates(ladder: Ladder) -> dict[str, Estimate]:
+    """Return the estimates of the free parameters of the model."""
+    structure, logs = ladder.fit.structure, ladder.predictor.names
+    of_log: dict[str, str] = {}
+    if len(logs) > 1:
+        of_log = {offset_of(log): f"prediction error, in {name}" for log, name in enumerate(logs)}
+    estimates = {}
+    coordinates = zip(structure.free, map(float, ladder.fit.search), map(float, ladder.half), strict=True)
+    for parameter, q, half in coordinates:
+        low, high = (
+            min(max(structure.outward(parameter, end), parameter.lowest), parameter.highest)
+            for end in (q - half, q + half)
+        )
+        estimates[parameter.name] = Estimate(
+            key=parameter.name,
+            quantity=parameter.quantity,
+            value=structure.outward(parameter, q),
+            low=low,
+            high=high,
+            source=of_log.get(parameter.name, "prediction error"),
+            identified=half <= WIDEST.get(parameter.name, math.inf),
+        )
+    return estimates
+
+
+def _bounded_friction(ladder: Ladder) -> Estimate:
+    """Return the friction of a model without it: none, up to that of the rival with it."""
+    rival = ladder.rivals["friction"]
+    place = rival.structure.names.index(FRICTION)
+    # Friction that the rest of the model explains as well is not told, and bounded with care.
+    alike = bool(ladder.trials["friction"].why)
+    unit_n = rival.structure.units[FRICTION]
+    factor = _ALIKE_FACTOR if alike else 1.0
+    upper_end = max(float(rival.search[place] + bootstrap(rival)[place]), 0.0)
+    most_n = unit_n * (factor * upper_end)
+    doubt = "not distinct from damping" if alike else "no evidence"
+    return Estimate(
+        key=FRICTION,
+        quantity="force",
+        value=0.0,
+        low=0.0,
+        high=most_n,
+        source=f"{doubt}; the upper end bounds it",
+        identified=most_n < unit_n and not alike,
+    )
+
+
 def _stretch(ladder: Ladder) -> FloatArray:
-    """Return a stretch of the longest record in which the model runs nearly free."""
-    record = max(ladder.predictor.records, key=lambda one: one.seconds)
-    free, slow = Predictor([record], ladder.predictor), Observer(4.0)
-    error: FloatArray = free.predict(ladder.fit.structure, ladder.fit.search, slow, slopes=False)[0].error_m
-    size = min(record.position_m.size // 2, int(1.5 / record.sample_time_s))
+    """Return a stretch of the longest record in which the model runs nearly free, shape (3, samples)."""
+    record = max(ladder.predictor.records, key=lambda record: record.seconds)
+    free, slow = Predictor([record], ladder.predictor), Observer(_NEARLY_FREE_RATE_PER_S)
+    (prediction,) = free.predict(ladder.fit.structure, ladder.fit.search, slow, slopes=False)
+    size = min(record.position_m.size // 2, int(_STRETCH_S / record.sample_time_s))
+    # Near the end, where the initial state has decayed.
     first = record.position_m.size - size - size // 4
     part = slice(first, first + size)
-    time = np.arange(first, first + size) * record.sample_time_s
-    return np.stack([time, record.position_m[part], record.position_m[part] - error[part]])
+    time_s = np.arange(first, first + size) * record.sample_time_s
+    measured_m = record.position_m[part]
+    return np.stack([time_s, measured_m, measured_m - prediction.error_m[part]])
