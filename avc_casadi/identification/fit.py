@@ -422,7 +422,9 @@ def half_widths(predictor: Predictor, fit: Fit, window: Window, rivals: Mapping[
 
 def _shift_by_observer(predictor: Predictor, fit: Fit, window: Window) -> FloatArray:
     """Return the largest shift of each coordinate under other observers: a wrong model has other estimates there."""
-    rate, slowest, fastest = fit.observer.rate_per_s, slowest_observer(predictor), 1 / predictor.sample_time_s
+    rate = fit.observer.rate_per_s
+    slowest = slowest_observer(predictor)
+    fastest = 1 / predictor.sample_time_s
     rates = {min(max(rate * factor, slowest), fastest) for factor in _OTHER_OBSERVERS} - {rate}
     shifts = []
     for other_rate in sorted(rates):

@@ -98,7 +98,8 @@ def identify(
 
 def _identification(ladder: Ladder, notes: list[str], step_m: float | None, *, one_way: bool) -> Identification:
     """Return what a ladder found, without the device file."""
-    fit, response, predictor = ladder.fit, ladder.response, ladder.predictor
+    fit, response = ladder.fit, ladder.response
+    predictor = ladder.predictor
     records = predictor.records
     estimates = _estimates(ladder, step_m, one_way=one_way)
     lags, white = whiteness(fit.error_m, resampled=any(record.scatter for record in records))

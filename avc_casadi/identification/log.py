@@ -376,7 +376,9 @@ def _resampled(columns: Columns) -> _EvenColumns:
     period_s = _round(float(np.mean(steps[steps < _LONGEST_STEP * usual])))
     edges = [0, *(np.flatnonzero(steps > _LONGEST_STEP * period_s) + 1).tolist(), time.size]
     pieces = [slice(first, end) for first, end in itertools.pairwise(edges) if end - first > _MOST_TICKS + 1]
-    times, positions, forces = [], [], []
+    times = []
+    positions = []
+    forces = []
     for piece in pieces:
         even_s = np.arange(time[piece][0], time[piece][-1] - 0.5 * period_s, period_s)
         times.append(even_s)

@@ -190,7 +190,9 @@ def _rows_by_taps(rows: FloatArray, device: _Sampled, taps: tuple[int, ...]) -> 
     Forces are positive against +x in the loop, and along +x here.
     """
     states = len(device.matrix)
-    older_column, newer_column, friction_column = states, states + 1, states + 2
+    older_column = states
+    newer_column = states + 1
+    friction_column = states + 2
     by_taps = np.zeros((len(rows), states + len(taps) + 1))
     by_taps[:, :states] = rows[:, :states]
     for tap, column in ((device.whole_delay + 1, older_column), (device.whole_delay, newer_column)):
@@ -439,7 +441,9 @@ def _friction_of(velocities: Sequence[Any], mobilities: Sequence[Any], decay: An
     """
     whole = mobilities[-1]
     loss = 1 - ca.fmax(decay, _LEAST_DECAY)
-    velocity, mean, moment = velocities[0], 0.0, 0.0
+    velocity = velocities[0]
+    mean = 0.0
+    moment = 0.0
     intervals = zip(velocities[:-1], velocities[1:], mobilities[:-1], mobilities[1:], strict=True)
     for free_before, free_after, begin, end in intervals:
         remaining_before = 1 - loss * begin / whole

@@ -234,7 +234,8 @@ def _table_of(content: str, file: str) -> _TextTable:
 def _text(content: str, file: str, layout: Layout) -> Columns:
     """Return the columns of a text."""
     table = _table_of(content, file)
-    cells, lines, width = table.cells, table.lines, table.width
+    cells, lines = table.cells, table.lines
+    width = table.width
     sources = _sources(table.headers, width, layout, file, table.header_line)
     notes: tuple[str, ...] = ()
     if len(cells) > 1 and len(cells[-1]) < width:
@@ -246,17 +247,25 @@ def _text(content: str, file: str, layout: Layout) -> Columns:
     faults = faults_of_rows(file, "", uneven, f"{width}, as the first row")
     values = {}
     for quantity, source in sources.items():
-        # An empty cell is a lost sample.
-        column = [_number(row[source.index] or "nan") if len(row) == width else math.nan for row in cells]
-        unread = [row for row, value in enumerate(column) if value is None]
-        wrong = [(lines[row], f"is {cells[row][source.index][:40]!r}") for row in unread]
-        decimal_comma = bool(wrong) and all(re.search(r"\d,\d+'$", text) for _, text in wrong)
-        allowed = "a number, with a decimal point" if decimal_comma else "a number"
-        faults += faults_of_rows(file, quantity, wrong, allowed)
-        values[quantity] = column if wrong else np.array(column)
+        # An empty cell is a lost sample; a row of another width is a fault already.
+        texts = [row[source.index] or "nan" if len(row) == width else "nan" for row in cells]
+        values[quantity] = [_number(text) for text in texts]
+        faults += _faults_of_cells(file, quantity, lines, texts, values[quantity])
     if faults:
         raise InputError(sorted(faults, key=lambda fault: fault.line or 0))
     return _in_si(file, values, sources, layout, np.array(lines, dtype=np.intp), notes)
+
+
+def _faults_of_cells(
+    file: str, quantity: str, lines: Sequence[int], texts: Sequence[str], values: Sequence[float | None]
+) -> list[Fault]:
+    """Return the cells of a column that hold no number, as a fault."""
+    wrong = [
+        (line, f"is {text[:40]!r}") for line, text, value in zip(lines, texts, values, strict=True) if value is None
+    ]
+    decimal_comma = bool(wrong) and all(re.search(r"\d,\d+'$", fact) for _, fact in wrong)
+    allowed = "a number, with a decimal point" if decimal_comma else "a number"
+    return faults_of_rows(file, quantity, wrong, allowed)
 
 
 def _cells(rows: Iterable[str], mark: str | None) -> Iterable[list[str]]:
