@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import shutil
 from collections.abc import Iterator
@@ -18,19 +19,21 @@ from avc_casadi._util.interrupt import DeferredInterrupt
 @contextmanager
 def open_bounded(path: str | Path, most_bytes: int, next_step: str = "") -> Iterator[BinaryIO]:
     """Open a regular file given by a user, of bounded size; a pipe or a device is not opened."""
-    place, then = Path(path), next_step and f"; {next_step}"
+    place = Path(path)
+    advice = next_step and f"; {next_step}"
     try:
         size = place.stat().st_size
         if not place.is_file():
-            raise InputError.of(f"is {'a directory' if place.is_dir() else 'no regular file'}{then}", file=str(path))
+            kind = "a directory" if place.is_dir() else "no regular file"
+            raise InputError.of(f"is {kind}{advice}", file=str(path))
         if size > most_bytes:
             raise InputError.of(f"has {size} bytes; allowed: at most {most_bytes}", file=str(path))
         with place.open("rb") as file:
             yield file
     except FileNotFoundError as error:
-        raise InputError.of(f"does not exist{then}", file=str(path)) from error
+        raise InputError.of(f"does not exist{advice}", file=str(path)) from error
     except OSError as error:
-        raise InputError.of(f"cannot be read: {error.strerror or error}{then}", file=str(path)) from error
+        raise InputError.of(f"cannot be read: {error.strerror or error}{advice}", file=str(path)) from error
 
 
 def read_text(path: str | Path, most_bytes: int, next_step: str = "") -> str:
@@ -50,7 +53,7 @@ def write_file(path: str | Path, content: str | bytes) -> None:
     place = Path(os.path.realpath(path))
     data = content.encode() if isinstance(content, str) else content
     if place.exists() and not os.access(place, os.W_OK):
-        raise PermissionError(13, os.strerror(13), str(path))
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(path))
     part = place.with_name(f".avc-{uuid4().hex}")
     try:
         part.write_bytes(data)
@@ -69,13 +72,13 @@ def staging_folder(path: Path) -> Iterator[Path]:
     place.mkdir(parents=True, exist_ok=True)
     try:
         with TemporaryDirectory(prefix=".avc-", dir=place) as name:
-            gathered = Path(name)
-            yield gathered
+            staging = Path(name)
+            yield staging
             with DeferredInterrupt():
-                for file in sorted(file for file in gathered.rglob("*") if file.is_file()):
-                    to = place / file.relative_to(gathered)
-                    to.parent.mkdir(parents=True, exist_ok=True)
-                    file.replace(to)
+                for file in sorted(file for file in staging.rglob("*") if file.is_file()):
+                    target = place / file.relative_to(staging)
+                    target.parent.mkdir(parents=True, exist_ok=True)
+                    file.replace(target)
     finally:
         with suppress(OSError):  # not empty: it has results
             for folder in missing:

@@ -11,7 +11,15 @@ if TYPE_CHECKING:
     from typing import Any, Self
 
 EXIT_CODE = 130
-_came, _taken = threading.Event(), threading.Event()
+"""Exit code of a command that Ctrl-C ended: 128 and the number of SIGINT, as shells have it."""
+_REPEATS = 3
+"""Times that Ctrl-C is raised again where foreign code dropped it, ..."""
+_REPEAT_AFTER_S = 0.5
+"""... each after so long, s."""
+_END_AFTER_S = 0.25
+"""The process ends so long after the last, s."""
+_came = threading.Event()
+_taken = threading.Event()
 
 
 def handle_interrupts() -> None:
@@ -31,6 +39,7 @@ def take_interrupt() -> None:
 
 
 def _interrupted(*_: object) -> None:
+    """Handle Ctrl-C, the first with a thread that insists."""
     if not _came.is_set():
         _came.set()
         threading.Thread(target=_insist, daemon=True).start()
@@ -39,11 +48,12 @@ def _interrupted(*_: object) -> None:
 
 
 def _insist() -> None:
-    for _ in range(3):
-        if _taken.wait(0.5):
+    """Raise Ctrl-C again until the command takes it, and end the process where it does not."""
+    for _ in range(_REPEATS):
+        if _taken.wait(_REPEAT_AFTER_S):
             return
         _thread.interrupt_main()
-    if not _taken.wait(0.25):
+    if not _taken.wait(_END_AFTER_S):
         os.write(2, b"avc: interrupted\n")
         os._exit(EXIT_CODE)
 

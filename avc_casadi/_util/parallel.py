@@ -20,13 +20,16 @@ from avc_casadi._util.progress import SILENT, Progress
 
 R = TypeVar("R")
 T = TypeVar("T")
-_AT_MOST: list[int] = []
+_share_of_processors: int | None = None
+"""Processors that this process may use as a worker beside others; None for all."""
+_ANSWER_WITHIN_S = 10.0
+"""Time within which the scheduler of a cluster must answer, s."""
 
 
 def processors() -> int:
     """Return the number of processors for this process, at least 1: a worker beside others has its share of them."""
-    there = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    return min([there, *_AT_MOST])
+    available = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return available if _share_of_processors is None else min(available, _share_of_processors)
 
 
 @contextmanager
@@ -44,8 +47,9 @@ def without_interrupts() -> Iterator[None]:
 
 def begin_process(share: int | None = None) -> None:
     """Leave Ctrl-C to the parent, end with it, and use at most a share of the processors."""
+    global _share_of_processors  # noqa: PLW0603 - set once, when the process begins
     if share is not None:
-        _AT_MOST[:] = [share]
+        _share_of_processors = share
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_after_parent, daemon=True).start()
 
@@ -68,7 +72,7 @@ def cluster(address: str | None) -> Iterator[Executor | None]:
     except ImportError as error:
         raise MissingExtraError("a cluster needs Dask: pip install 'avc-casadi[cluster]'") from error
     try:
-        client = module.Client(address, timeout=10.0)
+        client = module.Client(address, timeout=_ANSWER_WITHIN_S)
     except (OSError, ValueError) as error:
         message = f"no scheduler answers at {address!r}; start one with `dask scheduler`, its address is what it prints"
         raise InputError.of(message, key="--scheduler") from error
@@ -86,16 +90,26 @@ def map_tasks(
     things: str = "",
     progress: Progress = SILENT,
 ) -> list[R]:
-    """Return the result of each task, in order: of an executor, or of so many processes, this one included."""
+    """Return the result of each task, in order: of an executor, or of so many processes, this one included.
+
+    Args:
+        work: what is done of each task.
+        tasks: in the order of their results.
+        executor: in place of processes of this machine.
+        workers: processes at most, this one included.
+        sizes: share of each task in the progress; all alike where it is empty.
+        things: what the sizes count.
+        progress: receiver of the progress.
+    """
     weights = sizes or [1] * len(tasks)
-    found: list[R] = []
+    last_first: list[R] = []
     with Crew(workers, executor) as crew:
-        begun = [crew.begin(partial(work, task)) for task in tasks]
-        for own in reversed(range(len(tasks))):  # helpers begin at the other end
-            found.append(begun[own]())
-            done = [size for place, size in enumerate(weights) if place >= own or crew.done(place)]
+        results = [crew.begin(partial(work, task)) for task in tasks]
+        for index in reversed(range(len(tasks))):  # helpers begin at the other end
+            last_first.append(results[index]())
+            done = [size for task, size in enumerate(weights) if task >= index or crew.done(task)]
             progress.advance(sum(done), sum(weights), things)
-    return found[::-1]
+    return last_first[::-1]
 
 
 class Crew:
@@ -116,9 +130,10 @@ class Crew:
         return self
 
     def __exit__(self, *_: object) -> None:
-        for future in self._begun if self._helpers is None else ():  # a broken pool raises on what was cancelled
-            future.cancel()
-        if self._helpers is not None:
+        if self._helpers is None:
+            for future in self._begun:
+                future.cancel()
+        else:  # a broken pool raises on what was cancelled
             for process in list((self._helpers._processes or {}).values()):  # noqa: SLF001 - public from Python 3.14 on
                 process.terminate()
             self._helpers.shutdown(cancel_futures=True)
@@ -133,14 +148,17 @@ class Crew:
         self._begun.append(future)
         return cache(partial(_result, future, None if self._executor else task))
 
-    def done(self, place: int) -> bool:
+    def done(self, index: int) -> bool:
         """Return whether a helper or the executor has done the task that was begun so many tasks after the first."""
-        return bool(self._begun) and self._begun[place].done()
+        return bool(self._begun) and self._begun[index].done()
 
 
 def _result(future: Future[R], task: Callable[[], R] | None) -> R:
+    """Return the result of a future; of a task that nobody has begun it is made here."""
     try:
-        return task() if task is not None and future.cancel() else future.result()
+        if task is not None and future.cancel():
+            return task()
+        return future.result()
     except BrokenExecutor as error:
         raise WorkerLostError(
             "a worker died, of too little memory, or as the script that begins it has no "

@@ -14,10 +14,13 @@ Thing = TypeVar("Thing")
 
 
 class Registry(Mapping[str, Thing], Generic[Thing]):
-    """Objects of one kind by name, in the order of their ranks."""
+    """Objects of one kind by name, in the order of their ranks.
 
-    def __init__(self, what: str, place: str) -> None:
-        self.what = what
+    `kind` names the kind in faults, and `place` is the module or package in which its objects declare themselves.
+    """
+
+    def __init__(self, kind: str, place: str) -> None:
+        self.kind = kind
         self.place = place
         self._things: dict[str, tuple[float, Thing]] = {}
         self._scanned = False
@@ -32,9 +35,8 @@ class Registry(Mapping[str, Thing], Generic[Thing]):
             return self[name]
         near = difflib.get_close_matches(name, self, n=1)
         hint = f", did you mean {near[0]}?" if near else ""
-        raise InputError.of(
-            f"{name!r} is no {self.what}{hint}; allowed: {', '.join(self)}", key=self.what if key is None else key
-        )
+        message = f"{name!r} is no {self.kind}{hint}; allowed: {', '.join(self)}"
+        raise InputError.of(message, key=self.kind if key is None else key)
 
     def __getitem__(self, name: str) -> Thing:
         self._scan()
@@ -49,7 +51,8 @@ class Registry(Mapping[str, Thing], Generic[Thing]):
         return len(self._things)
 
     def _scan(self) -> None:
+        """Import the modules in which objects declare themselves, once."""
         if not self._scanned:
-            for found in iter_modules(getattr(import_module(self.place), "__path__", ()), f"{self.place}."):
-                import_module(found.name)
+            for module in iter_modules(getattr(import_module(self.place), "__path__", ()), f"{self.place}."):
+                import_module(module.name)
             self._scanned = True

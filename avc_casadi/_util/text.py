@@ -4,6 +4,11 @@ from __future__ import annotations
 
 import math
 
+_NO_QUANTITY = 1e-12
+"""Smaller quantities, in their unit, are a residue of rounding."""
+_PREFIXES = {-9: "n", -6: "u", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
+"""Prefixes of units by their power of ten."""
+
 
 def number(value: float | None, digits: int = 4) -> str:
     """Return a number to so many significant digits; a dash where it is undefined."""
@@ -18,13 +23,16 @@ def quantity(value: float | None, unit: str, digits: int = 3) -> str:
         value, unit = 1e3 * value, unit[1:]
     if math.isinf(value):
         return f"{'-' if value < 0 else ''}unbounded"
-    if abs(value) < 1e-12:  # a residue of rounding
+    if abs(value) < _NO_QUANTITY:
         return f"0 {unit}"
-    prefixes = {-9: "n", -6: "u", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
     exponent = int(f"{value:.{digits - 1}e}".partition("e")[2])
-    group = min(max(3 * (exponent // 3), min(prefixes)), max(prefixes))
-    decimals = max(0, digits - 1 - (exponent - group))
-    return f"{value / 10.0**group:.{decimals}f} {prefixes[group]}{unit}"
+    power = min(max(3 * (exponent // 3), min(_PREFIXES)), max(_PREFIXES))
+    decimals = max(0, digits - 1 - (exponent - power))
+    return f"{value / 10.0**power:.{decimals}f} {_PREFIXES[power]}{unit}"
+
+
+_ROUNDS_TO_ALL = 99.95
+"""Percentage from which on it is 100."""
 
 
 def percent(share: float | None) -> str:
@@ -32,4 +40,7 @@ def percent(share: float | None) -> str:
     if share is None or math.isnan(share):
         return "-"
     value = 100 * share
-    return f"{value:.1f} %" if 99 <= value < 99.95 else f"{value:.2g} %" if value < 99 else f"{value:.0f} %"
+    if value < 99:
+        return f"{value:.2g} %"
+    # From 99.95 on one decimal rounds to 100.0.
+    return f"{value:.1f} %" if value < _ROUNDS_TO_ALL else f"{value:.0f} %"

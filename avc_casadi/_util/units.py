@@ -42,7 +42,10 @@ _UNITS = {
     "um": "urad",
     "\N{MICRO SIGN}m": "\N{MICRO SIGN}rad",
 }
-_BACK = [{other: name for name, other in names.items()} for names in (_WORDS, _NOUNS, _ENDINGS)]
+# The same tables from a rotary device to a linear one.
+_LINEAR_WORDS = {rotary: linear for linear, rotary in _WORDS.items()}
+_LINEAR_NOUNS = {rotary: linear for linear, rotary in _NOUNS.items()}
+_LINEAR_ENDINGS = {rotary: linear for linear, rotary in _ENDINGS.items()}
 # Lengths of a rotary device as well.
 _LENGTHS = ("handle_radius_m", "capstan_radius_m")
 
@@ -68,7 +71,7 @@ class Units:
 
     def inner(self, key: str) -> str:
         """Return the internal key: the inverse of `key`."""
-        return key if self.linear else _exchanged(key, *_BACK)
+        return key if self.linear else _exchanged(key, _LINEAR_WORDS, _LINEAR_NOUNS, _LINEAR_ENDINGS)
 
     def unit(self, unit: str) -> str:
         """Return the unit of this motion for a linear one: ``N/m`` as ``N.m/rad``."""
@@ -76,7 +79,7 @@ class Units:
 
     def words(self, text: str) -> str:
         """Return a message with its keys in this motion; what is quoted stays as it is."""
-        return text if self.linear else _KEY.sub(lambda found: self.key(found[0]), text)
+        return text if self.linear else _KEY.sub(lambda match: self.key(match[0]), text)
 
     def document(self, document: Mapping[str, Any]) -> dict[str, Any]:
         """Return JSON values with the names of this motion; a rotary document declares its motion and units."""
@@ -94,6 +97,7 @@ class Units:
 
 
 def _exchanged(key: str, words: Mapping[str, str], nouns: Mapping[str, str], endings: Mapping[str, str]) -> str:
+    """Return a key with its word, its nouns and its ending exchanged."""
     if key in words:
         return words[key]
     parts = "_".join(nouns.get(part, part) for part in key.split("_"))
@@ -102,10 +106,13 @@ def _exchanged(key: str, words: Mapping[str, str], nouns: Mapping[str, str], end
 
 
 def _renamed(value: Any, name: Callable[[str], str]) -> Any:
+    """Return JSON values with every key renamed."""
     if isinstance(value, Mapping):
         return {name(str(key)): _renamed(item, name) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return (list if isinstance(value, list) else tuple)(_renamed(item, name) for item in value)
+    if isinstance(value, list):
+        return [_renamed(item, name) for item in value]
+    if isinstance(value, tuple):
+        return tuple(_renamed(item, name) for item in value)
     return value
 
 

@@ -109,17 +109,17 @@ class Console(Progress):
         self._show(f"{self._step} ...")
 
     @contextmanager
-    def step(self, what: str) -> Iterator[None]:
+    def step(self, name: str) -> Iterator[None]:
         """Show a step and its duration on a terminal."""
         started, around = time.perf_counter(), self._step
-        self._step, self._shown, self._total, self._line = what, started, -1, f"{what} ..."
+        self._step, self._shown, self._total, self._line = name, started, -1, f"{name} ..."
         self._show(self._line)
         outcome = "stopped"
         try:
             yield
             outcome = f"{time.perf_counter() - started:.2f} s"
         finally:
-            self._show(f"{what} ... {outcome}\n")
+            self._show(f"{name} ... {outcome}\n")
             self._step, self._line = around, f"{around} ..." if around else ""
 
     def _repeat(self) -> None:
@@ -128,7 +128,7 @@ class Console(Progress):
             if line := self._line or (self._work and f"{self._work} ..."):
                 self.complain(line)
 
-    def advance(self, done: int, total: int, what: str = "") -> None:
+    def advance(self, done: int, total: int, part: str = "") -> None:
         """Show the progress of the present step, at most five times a second, and after a second what time is left."""
         now, step = time.perf_counter(), self._step or self._work
         if total != self._total or done < self._done:
@@ -138,7 +138,7 @@ class Console(Progress):
             made, seconds = done - self._first, now - self._began
             left = f"; {(total - done) * seconds / made:.0f} s left" if total and made > 0 and seconds >= 1 else ""
             of = f" of {total}" if total else ""
-            self._shown, self._line = now, f"{step} ... {done}{of} {what}".rstrip() + left
+            self._shown, self._line = now, f"{step} ... {done}{of} {part}".rstrip() + left
             if self._step is not None:
                 self._show(self._line)
 

@@ -19,8 +19,13 @@ from avc_casadi.model import table as t
 from avc_casadi.model.table import UNKNOWN, checked
 
 COUNTS = "encoder_counts_per_turn"
+"""Key of an encoder of a rotary device by its counts, in place of its resolution."""
 CAPSTAN = "capstan_radius_m"
 """Key of a rotary device with a linear handle: metres per radian."""
+_STAND_IN_RADIUS_M = 0.01
+"""Stands in place of a faulty radius, so that the rest of the file is checked."""
+_COUNTS_PER_TURN = q.Quantity("counts", 8, 1e9, zero=False)
+_DETENTS_PER_TURN = q.Whole(1, 100_000)
 M = TypeVar("M", bound=t.Table)
 
 
@@ -32,15 +37,21 @@ def in_keys_of(units: Units) -> Iterator[None]:
     except InputError as error:
         if units.linear:
             raise
-        faults = [replace(one, key=units.key(one.key), message=units.words(one.message)) for one in error.faults]
+        faults = [
+            replace(fault, key=units.key(fault.key), message=units.words(fault.message)) for fault in error.faults
+        ]
         raise InputError(faults) from error
     except UnsupportedError as error:
-        error.key, error.args = units.key(error.key), tuple(units.words(str(one)) for one in error.args)
+        error.key = units.key(error.key)
+        error.args = tuple(units.words(str(text)) for text in error.args)
         raise
 
 
 class Border:
-    """Tables of a file in the common keys, and where each of them stands in the file."""
+    """Tables of a file in the common keys, and where each of them stands in the file.
+
+    `device` and `rest` are the units of the device and of all other tables.
+    """
 
     def __init__(self) -> None:
         self.tables: dict[str, Any] = {}
@@ -55,15 +66,20 @@ class Border:
 
     def checked(self, model: type[M], name: str) -> M | list[t.Finding]:
         """Return the tables as a model, or all faults, each at its path in the file."""
-        found = checked(model, self.tables, name)
+        result = checked(model, self.tables, name)
+        findings = result if isinstance(result, list) else []
         faults: dict[t.Path, str] = {}
-        for path, message in found if isinstance(found, list) else ():
+        for path, message in findings:
             place, text = self._in_file(path, message)
+            # What was found on reading says more than what the model says of it.
             faults[place] = text if message.startswith(UNKNOWN) else self._findings.get(place, text)
         faults |= {place: text for place, text in self._findings.items() if place not in faults}
-        return list(faults.items()) if faults or isinstance(found, list) else found
+        if faults or isinstance(result, list):
+            return list(faults.items())
+        return result
 
     def _in_file(self, path: t.Path, message: str) -> t.Finding:
+        """Return a finding at its place in the file and in the words of the file."""
         units = self.device if path[:1] in {("device",), ("sources",), ("gaps",)} else self.rest
         known = next(length for length in range(len(path), -1, -1) if path[:length] in self._written)
         rest = (units.key(part) if isinstance(part, str) else part for part in path[known:])
@@ -74,14 +90,16 @@ class Border:
     def inner(self, value: Any, units: Units, path: t.Path, written: t.Path, radius_m: float | None = None) -> Any:
         """Return a value of the file with the common keys; texts are read in their units, or in those at a radius."""
         if isinstance(value, list):
-            places = ((item, (*path, at), (*written, at)) for at, item in enumerate(value))
-            return [self.inner(item, units, inner, place, radius_m) for item, inner, place in places]
+            return [
+                self.inner(item, units, (*path, index), (*written, index), radius_m) for index, item in enumerate(value)
+            ]
         if not isinstance(value, Mapping):
             return value
         radius_m = _radius_m(value) if path == ("follower",) else radius_m
         inner: dict[str, Any] = {}
         for key, item in value.items():
-            name, place = units.inner(key), (*written, key)
+            name = units.inner(key)
+            place = (*written, key)
             if units.key(key) != key:
                 self.fault(place, f'is a key of a linear device; allowed: {units.key(key)}, as motion is "rotary"')
                 if units.key(key) in value:
@@ -89,8 +107,8 @@ class Border:
             self._written[*path, name] = place
             unit = q.unit_of_key(key, units)
             # A mass typed for an inertia may be that of the handle, or of the rotor.
-            reach = None if name == "mass_kg" and path[:1] != ("hands",) else radius_m
-            typed = self._typed(item, unit, place, reach) if unit else item
+            ambiguous = name == "mass_kg" and path[:1] != ("hands",)
+            typed = self._typed(item, unit, place, None if ambiguous else radius_m) if unit else item
             inner[name] = self.inner(typed, units, (*path, name), place, radius_m)
         return inner
 
@@ -118,54 +136,61 @@ class Border:
                 (table, "motion"), f'is {t.shown(motion)}, and that of `from` is "{before}"; allowed: that, or none'
             )
         self._radius_m = None if units.linear else _radius_m({**base, **device})
-        own = self.inner(device, units, (table,), (table,), self._radius_m)
+        stated = self.inner(device, units, (table,), (table,), self._radius_m)
         if not units.linear:
-            self._counted(own, (table,))
-        whole = overridden(base, own)
-        if CAPSTAN not in whole:
-            return whole, units
-        radius = whole.pop(CAPSTAN)
+            self._counted(stated, (table,))
+        complete = overridden(base, stated)
+        if CAPSTAN not in complete:
+            return complete, units
+        radius = complete.pop(CAPSTAN)
         if units.linear:
             self.fault((table, CAPSTAN), 'says nothing of a linear device; allowed: beside motion = "rotary"')
-            return whole, units
-        if "handle_radius_m" in whole:
+            return complete, units
+        if "handle_radius_m" in complete:
             self.fault((table, "handle_radius_m"), f"stands beside {CAPSTAN}; allowed: one of the two")
-        valid = self._valid(q.Quantity("m", *q.RADII_M, zero=False), radius, (table, CAPSTAN))
-        return at_handle(whole, valid or 0.01), units  # in place of a faulty one, so that the rest is checked
+        radius_m = self._valid(q.Quantity("m", *q.RADII_M, zero=False), radius, (table, CAPSTAN))
+        return at_handle(complete, radius_m or _STAND_IN_RADIUS_M), units
 
     def read(self, tables: Mapping[str, Any], device: Any, units: Units) -> None:
         """Take the tables of a file, with its device as `device_table` gave it."""
         self.device = units
-        self.rest = LINEAR if isinstance(tables.get("device"), Mapping) and CAPSTAN in tables["device"] else units
-        others = {key: value for key, value in tables.items() if key != "device"}
-        self.tables = self.inner(others, self.rest, (), (), self._radius_m)
+        # The handle of a rotary device with a capstan goes in a line.
+        has_capstan = isinstance(tables.get("device"), Mapping) and CAPSTAN in tables["device"]
+        self.rest = LINEAR if has_capstan else units
+        without_device = {key: value for key, value in tables.items() if key != "device"}
+        self.tables = self.inner(without_device, self.rest, (), (), self._radius_m)
         if "device" in tables:
             self.tables["device"] = device
-        detent, follower, sources = (self.tables.get(table) for table in ("detent", "follower", "sources"))
+        follower = self.tables.get("follower")
         if isinstance(follower, dict) and not self.rest.linear:
             self._counted(follower, ("follower",))
+        sources = self.tables.get("sources")
         if isinstance(sources, dict) and COUNTS in sources and not units.linear:
             sources["encoder_resolution_m"] = self._replaced(sources, COUNTS, "encoder_resolution_m", ("sources",))
+        detent = self.tables.get("detent")
         if isinstance(detent, dict) and not self.rest.linear:
-            self._per_turn(detent, "per_turn", "pitch_m", q.Whole(1, 100_000), ("detent",))
+            self._per_turn(detent, "per_turn", "pitch_m", _DETENTS_PER_TURN, ("detent",))
 
     def _counted(self, device: dict[str, Any], path: t.Path) -> None:
-        counts = q.Quantity("counts", 8, 1e9, zero=False)
-        for table, place in ((device, path), (device.get("range"), (*path, "range"))):
-            if isinstance(table, dict):
-                self._per_turn(table, COUNTS, "encoder_resolution_m", counts, place)
+        """Replace counts per turn of a device and of its range by the encoder's resolution."""
+        self._per_turn(device, COUNTS, "encoder_resolution_m", _COUNTS_PER_TURN, path)
+        ranges = device.get("range")
+        if isinstance(ranges, dict):
+            self._per_turn(ranges, COUNTS, "encoder_resolution_m", _COUNTS_PER_TURN, (*path, "range"))
 
     def _per_turn(
         self, table: dict[str, Any], key: str, name: str, allowed: q.Quantity | q.Whole, path: t.Path
     ) -> None:
-        """Replace a number per turn by the angle of one, or both ends of a range of it."""
+        """Replace a number n per turn by the angle 2 pi/n, rad, or both ends of a range of it."""
         if key not in table:
             return
         given = self._replaced(table, key, name, path)
-        numbers = [self._valid(allowed, one, (*path, key)) for one in (given if isinstance(given, list) else [given])]
+        is_range = isinstance(given, list)
+        numbers = [self._valid(allowed, value, (*path, key)) for value in (given if is_range else [given])]
+        # The lower end of the numbers is the upper end of the angles.
         angles = [2 * math.pi / number for number in reversed(numbers) if number]
         if len(angles) == len(numbers):
-            table[name] = angles if isinstance(given, list) else angles[0]
+            table[name] = angles if is_range else angles[0]
 
     def _replaced(self, table: dict[str, Any], key: str, name: str, path: t.Path) -> Any:
         """Take a key out of a table, whose place in the file that of another key then is."""
@@ -175,6 +200,7 @@ class Border:
         return table.pop(key)
 
     def _valid(self, allowed: q.Quantity | q.Whole, value: Any, place: t.Path) -> float | None:
+        """Return a valid number; None for a faulty one, whose fault is added."""
         try:
             return allowed(value)
         except PydanticCustomError as error:
@@ -193,16 +219,19 @@ def _radius_m(device: Mapping[str, Any]) -> float | None:
 
 def at_handle(device: Mapping[str, Any], radius_m: float) -> dict[str, Any]:
     """Return a rotary device as the linear one at a handle, which moves `radius_m` per radian."""
-    return {
-        key: at_handle(value, radius_m)
-        if isinstance(value, Mapping)
-        else _scaled(value, q.power_at_handle(key), radius_m)
-        for key, value in device.items()
-        if key not in {"motion", "handle_radius_m"}
-    }
+    linear: dict[str, Any] = {}
+    for key, value in device.items():
+        if key in {"motion", "handle_radius_m"}:
+            continue
+        if isinstance(value, Mapping):
+            linear[key] = at_handle(value, radius_m)
+        else:
+            linear[key] = _scaled(value, q.power_at_handle(key), radius_m)
+    return linear
 
 
 def _scaled(value: Any, power: int, radius_m: float) -> Any:
+    """Return a number, or the ends of a range, times a power of the radius; anything else unchanged."""
     if isinstance(value, list | tuple):
         return [_scaled(item, power, radius_m) for item in value]
     if power == 0 or isinstance(value, bool) or not isinstance(value, int | float):
@@ -210,22 +239,25 @@ def _scaled(value: Any, power: int, radius_m: float) -> Any:
     return float(value) * radius_m**power
 
 
-def overridden(base: Mapping[str, Any], own: Mapping[str, Any]) -> dict[str, Any]:
-    """Override keys of a device; an overridden value loses its old range."""
-    whole, ranges = dict(base), dict(base.get("range", {}))
-    for key, value in own.items():
+def overridden(base: Mapping[str, Any], stated: Mapping[str, Any]) -> dict[str, Any]:
+    """Override keys of a base device by those that a file states; an overridden value loses its old range."""
+    device = dict(base)
+    ranges = dict(base.get("range", {}))
+    for key, value in stated.items():
         if key == "range":
             continue
-        if isinstance(value, Mapping) and isinstance(whole.get(key), Mapping):
-            whole[key] = {**whole[key], **value}
+        if isinstance(value, Mapping) and isinstance(device.get(key), Mapping):
+            device[key] = {**device[key], **value}
             ranges[key] = {inner: ends for inner, ends in ranges.get(key, {}).items() if inner not in value}
         else:
-            whole[key] = value
+            device[key] = value
             ranges.pop(key, None)
-    given = own.get("range", {})
-    if not isinstance(given, Mapping):
-        return {**whole, "range": given}
-    for key, value in given.items():
-        both = isinstance(value, Mapping) and isinstance(ranges.get(key), Mapping)
-        ranges[key] = {**ranges[key], **value} if both else value
-    return {**whole, "range": ranges}
+    stated_ranges = stated.get("range", {})
+    if not isinstance(stated_ranges, Mapping):
+        return {**device, "range": stated_ranges}
+    for key, value in stated_ranges.items():
+        if isinstance(value, Mapping) and isinstance(ranges.get(key), Mapping):
+            ranges[key] = {**ranges[key], **value}
+        else:
+            ranges[key] = value
+    return {**device, "range": ranges}

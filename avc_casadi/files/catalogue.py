@@ -12,6 +12,7 @@ from avc_casadi._errors import InputError
 from avc_casadi.model.table import shown
 
 DEVICES = "devices/"
+"""Folder of the catalogue's devices."""
 _PACKAGE = Path(__file__).resolve().parents[1]
 
 
@@ -25,10 +26,10 @@ class CatalogueEntry:
     path: Path
 
 
-def require_source(source: object, what: str) -> None:
+def require_source(source: object, allowed: str) -> None:
     """Refuse what is neither a text nor a path."""
     if not isinstance(source, str | Path):
-        raise InputError.of(f"is {shown(source)}; allowed: {what}", key="source")
+        raise InputError.of(f"is {shown(source)}; allowed: {allowed}", key="source")
 
 
 def problems_folder() -> Path:
@@ -56,7 +57,8 @@ def device_path(source: str | Path, folder: Path | None = None) -> Path | str:
     """Return the file of a device, or the fault of its name."""
     if isinstance(source, Path) or source.endswith(".toml"):
         return Path(folder or "", source)
-    names, name = device_names(), source.removeprefix(DEVICES)
+    names = device_names()
+    name = source.removeprefix(DEVICES)
     if name in names:
         return names[name]
     allowed = "allowed: a name of `avc list`, or a path to .toml"
@@ -64,6 +66,7 @@ def device_path(source: str | Path, folder: Path | None = None) -> Path | str:
 
 
 def _near(name: str, names: Iterable[str]) -> str:
+    """Return a hint at the names that are near to one, or nothing."""
     near = difflib.get_close_matches(name, names, n=3, cutoff=0.5)
     return f"; near: {', '.join(near)}" if near else ""
 

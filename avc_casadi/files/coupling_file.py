@@ -30,12 +30,15 @@ from avc_casadi.model.problem import Problem
 from avc_casadi.model.runtime import Runtime
 
 MOST_BYTES = 2**23
+"""Largest coupling file that is read, bytes."""
 NEXT_STEP = "give a coupling file: avc recommend P --out FILE writes one, and avc solve P --out FILE that of a method"
+"""Advice on an unreadable coupling file."""
+_LEAST_GAIN = 1e-300
+"""A gain of a table is above 0."""
 
-
-_Damping = Annotated[float, BeforeValidator(q.Quantity("N.s/m", 1e-300, q.LARGEST_DAMPING_NS_PER_M))]
+_Damping = Annotated[float, BeforeValidator(q.Quantity("N.s/m", _LEAST_GAIN, q.LARGEST_DAMPING_NS_PER_M))]
 _Dampings = Annotated[tuple[_Damping, ...], BeforeValidator(q.sequence)]
-_Stiffness = Annotated[float, BeforeValidator(q.Quantity("N/m", 1e-300, q.LARGEST_STIFFNESS_N_PER_M))]
+_Stiffness = Annotated[float, BeforeValidator(q.Quantity("N/m", _LEAST_GAIN, q.LARGEST_STIFFNESS_N_PER_M))]
 _Stiffnesses = Annotated[tuple[_Stiffness, ...], BeforeValidator(q.sequence)]
 
 
@@ -64,30 +67,48 @@ class GainColumns(t.Table):
         return GainTable(np.array(columns, dtype=np.float64).T)
 
 
+_GAIN_KEYS = (
+    "problem",
+    "method",
+    "solver",
+    "structure",
+    "model",
+    "sample_time_s",
+    *TABLE_COLUMNS,
+    "status",
+    "reason",
+    "requested_rigid",
+    "requested_damping_ns_per_m",
+    "requested_stiffness_n_per_m",
+    "requested_contact_damping_ns_per_m",
+    "notes",
+    "magnitude_error",
+    "complex_error",
+    "real_part",
+)
+"""Attributes of a schedule that the `solve` document holds under their names."""
+
+
 def gain_document(gains: GainSchedule) -> dict[str, Any]:
     """Return the `solve` document without its certificate: JSON values only."""
-    keys = (
-        *("problem", "method", "solver", "structure", "model", "sample_time_s", *TABLE_COLUMNS, "status", "reason"),
-        *("requested_rigid", "requested_damping_ns_per_m", "requested_stiffness_n_per_m"),
-        *("requested_contact_damping_ns_per_m", "notes", "magnitude_error", "complex_error", "real_part"),
-    )
-    curves = {"impedance": gains.impedance, "target": gains.target}
-    return (
-        {"schema": "avc-gains/1"}
-        | {key: plain(getattr(gains, key)) for key in keys}
-        | {f"{name}_re": plain(curve.real) for name, curve in curves.items()}
-        | {f"{name}_im": plain(curve.imag) for name, curve in curves.items()}
-        | {
-            "counts": gains.counts(),
-            "state_feedback": gains.state_feedback and gains.state_feedback.model_dump(exclude={"kind"}),
-            "seconds": {"build": gains.build_seconds, "solve": gains.solve_seconds},
-        }
-    )
+    law = gains.state_feedback
+    return {
+        "schema": "avc-gains/1",
+        **{key: plain(getattr(gains, key)) for key in _GAIN_KEYS},
+        "impedance_re": plain(gains.impedance.real),
+        "target_re": plain(gains.target.real),
+        "impedance_im": plain(gains.impedance.imag),
+        "target_im": plain(gains.target.imag),
+        "counts": gains.counts(),
+        "state_feedback": None if law is None else law.model_dump(exclude={"kind"}),
+        "seconds": {"build": gains.build_seconds, "solve": gains.solve_seconds},
+    }
 
 
 def gain_csv(gains: GainSchedule) -> str:
     """Return the usable rows as CSV text; a contact damping column is added in the damped structure."""
-    writer = csv.writer(text := io.StringIO(), lineterminator="\n")
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
     keys = TABLE_COLUMNS if gains.structure == "damped" else TABLE_COLUMNS[:3]
     writer.writerow(map(gains.units.key, keys))
     usable = np.flatnonzero(gains.usable).tolist()
@@ -97,15 +118,16 @@ def gain_csv(gains: GainSchedule) -> str:
 
 def read_csv(path: Path) -> GainTable:
     """Read a table of gains."""
-    file, reader = str(path), csv.reader(io.StringIO(read_text(path, MOST_BYTES, NEXT_STEP)))
+    file = str(path)
+    reader = csv.reader(io.StringIO(read_text(path, MOST_BYTES, NEXT_STEP)))
     try:
         rows = [(reader.line_num, cells) for cells in reader if cells]
     except csv.Error as error:
         raise InputError.of(f"is not CSV ({error}); {NEXT_STEP}", file=file) from error
     header = tuple(ROTARY.inner(cell.strip()) for cell in rows[0][1]) if rows else ()
     if header not in (TABLE_COLUMNS[:3], TABLE_COLUMNS):
-        least, more = ",".join(TABLE_COLUMNS[:3]), TABLE_COLUMNS[3]
-        message = f"header is {','.join(header) or 'missing'}; allowed: {least}[,{more}]"
+        required = ",".join(TABLE_COLUMNS[:3])
+        message = f"header is {','.join(header) or 'missing'}; allowed: {required}[,{TABLE_COLUMNS[3]}]"
         raise InputError([Fault(file, 1, "", message)])
     lines = [line for line, _ in rows[1:]]
     faults = [
@@ -115,19 +137,24 @@ def read_csv(path: Path) -> GainTable:
     ]
     if faults:
         raise InputError(faults)
-    columns = zip(header, zip(*(map(_number, cells) for _, cells in rows[1:]), strict=True), strict=False)
-    found = t.checked(GainColumns, dict(columns))
-    if isinstance(found, GainColumns):
-        return found.table()
-    raise InputError(
-        [
-            Fault(file, lines[row[0]] if row and isinstance(row[0], int) else None, str(key), message)
-            for (key, *row), message in found
-        ]
-    )
+    numbers = [[_number(cell) for cell in cells] for _, cells in rows[1:]]
+    # Without rows there are no columns either, which the check finds.
+    columns = dict(zip(header, zip(*numbers, strict=True), strict=False))
+    result = t.checked(GainColumns, columns)
+    if isinstance(result, GainColumns):
+        return result.table()
+    raise InputError([_fault_in_csv(file, lines, path, message) for path, message in result])
+
+
+def _fault_in_csv(file: str, lines: list[int], path: t.Path, message: str) -> Fault:
+    """Return a finding of a column, or of a row in it, with the line of that row."""
+    key, *row = path
+    line = lines[row[0]] if row and isinstance(row[0], int) else None
+    return Fault(file, line, str(key), message)
 
 
 def _number(cell: str) -> float | str:
+    """Return the number of a cell, or its text where it is none."""
     try:
         return float(cell)
     except ValueError:
@@ -135,6 +162,7 @@ def _number(cell: str) -> float | str:
 
 
 COUPLING_SCHEMA = "avc-coupling/1"
+"""Name and version of the layout of a coupling file."""
 
 
 class _Document(t.Table):
@@ -160,7 +188,8 @@ class WallDocument(_Document):
 
     def coupling(self) -> Coupling:
         """Return the coupling."""
-        table, runtime = self.table.table(), self.runtime
+        table = self.table.table()
+        runtime = self.runtime
         schedule = schedule_of(self.problem_file, table, self.method, runtime.state_feedback, self.without_gains_hz)
         return Coupling(self.problem_file, schedule, table, runtime, lacks=self.lacks)
 
@@ -244,12 +273,12 @@ def read_file(path: str | Path) -> Coupling | GainTable:
         kind: type[WallDocument | PairDocument] = (
             WallDocument if document.get("end", "wall") == "wall" else PairDocument
         )
-        found = t.valid(kind, document, file)
-        coupling: Coupling = found.coupling()
-        if found.id != coupling.id:
-            message = f"is {t.shown(found.id)}, and what the file holds is {coupling.id!r}: it was changed since"
+        valid = t.valid(kind, document, file)
+        coupling: Coupling = valid.coupling()
+        if valid.id != coupling.id:
+            message = f"is {t.shown(valid.id)}, and what the file holds is {coupling.id!r}: it was changed since"
             raise InputError.of(f"{message}; make it again: avc recommend P --out FILE", file=file, key="id")
-        return replace(coupling, certificate=found.certificate, trial=found.trial, versions=found.versions)
+        return replace(coupling, certificate=valid.certificate, trial=valid.trial, versions=valid.versions)
 
 
 def read_coupling(path: str | Path, problem: AnyProblem | None = None) -> Coupling:
@@ -268,21 +297,22 @@ def read_coupling(path: str | Path, problem: AnyProblem | None = None) -> Coupli
         >>> avc.read_coupling("soft.json").method
         'direct'
     """
-    found, file = read_file(path), str(path)
+    content = read_file(path)
+    file = str(path)
     if problem is None:
-        if isinstance(found, Coupling):
-            return found
+        if isinstance(content, Coupling):
+            return content
         message = (
             "is a table of gains alone; it lacks the problem (wall, hands, device, force limit) and what runs beside. "
             "Give the problem that it was made for beside it: --problem P, or read_coupling(path, problem)"
         )
         raise InputError.of(message, file=file)
     stated = as_problem(problem)
-    if isinstance(found, GainTable):
-        return coupling_beside(stated, found, file)
-    if same_problem(stated, found.problem):
-        return found
-    message = f"carries its own problem, {found.problem.name}, and {stated.name} is another; leave it out"
+    if isinstance(content, GainTable):
+        return coupling_beside(stated, content, file)
+    if same_problem(stated, content.problem):
+        return content
+    message = f"carries its own problem, {content.problem.name}, and {stated.name} is another; leave it out"
     raise InputError.of(message, file=file, key="problem")
 
 
@@ -299,7 +329,7 @@ def coupling_beside(problem: Problem, table: GainTable, file: str) -> Coupling:
     return Coupling(problem, schedule_of(problem, table, "file"), thinned(table), lacks=lacks)
 
 
-def same_problem(one: Problem, other: Problem) -> bool:
+def same_problem(first: Problem, second: Problem) -> bool:
     """Return whether two problems are equal but for their names and titles."""
     words = {"name", "title", "source"}
-    return one.model_dump(exclude=words) == other.model_dump(exclude=words)
+    return first.model_dump(exclude=words) == second.model_dump(exclude=words)

@@ -19,7 +19,7 @@ from avc_casadi.model.device import Device
 
 Grade = Literal["measured", "computed", "vendor", "example", "assumed"]
 
-# The others qualify another key.
+# The other keys qualify one of these.
 _QUANTITIES = tuple(
     key
     for key in Device.model_fields
@@ -64,13 +64,14 @@ class DeviceFile(t.Table):
             return
         stated_keys = self.device.model_fields_set | self.device.range.model_fields_set
         for key in _QUANTITIES:
-            stated, source = key in stated_keys, self.sources.get(key)
+            stated = key in stated_keys
+            source = self.sources.get(key)
             # A lag has no damping ratio, and most files give a lag.
             if not stated and key not in (*self.gaps, "amplifier_damping_ratio"):
                 yield ("device", key), f"is neither given nor a gap; allowed: a value with its source, or {key} in gaps"
             if stated != (source is not None):
-                what = "is missing" if stated else "is the source of a value that is not given"
-                yield ("sources", key), f"{what}; allowed: source and grade of every value of [device]"
+                fact = "is missing" if stated else "is the source of a value that is not given"
+                yield ("sources", key), f"{fact}; allowed: source and grade of every value of [device]"
             elif source is not None and key in self.gaps and source.grade != "assumed":
                 yield ("sources", key, "grade"), f'is {t.shown(source.grade)}, but {key} is a gap; allowed: "assumed"'
 
@@ -106,28 +107,34 @@ def parse_device(text: str, *, file: str = "device.toml", name: str = "") -> Dev
     device, units = border.device_table(tables.get("device"), {})
     gaps = tables.get("gaps")
     if isinstance(gaps, list):
-        inner = ("encoder_resolution_m" if gap == COUNTS else units.inner(str(gap)) for gap in gaps)
-        tables = {**tables, "gaps": list(inner)}
+        inner = ["encoder_resolution_m" if gap == COUNTS else units.inner(str(gap)) for gap in gaps]
+        tables = {**tables, "gaps": inner}
     border.read(tables, device, units)
-    found = border.checked(DeviceFile, name)
-    if isinstance(found, DeviceFile):
-        return found
+    result = border.checked(DeviceFile, name)
+    if isinstance(result, DeviceFile):
+        return result
     lines = KeyLines(text)
-    raise InputError([Fault(file, lines[key], t.dotted(key), message) for key, message in found])
+    raise InputError([Fault(file, lines[path], t.dotted(path), message) for path, message in result])
 
 
 def with_device(tables: Mapping[str, Any], folder: Path | None) -> Border | t.Finding:
-    """Return the tables of a problem file in the common keys, with the devices that they refer to."""
-    tables, bases, alone = dict(tables), dict[str, Any](), isinstance(tables.get("device"), str)
-    if alone:
+    """Return the tables of a problem file in the common keys, with the devices that they refer to.
+
+    Or the fault of a reference. A device may be a name alone, or a table with `from`.
+    """
+    tables = dict(tables)
+    bases: dict[str, Any] = {}
+    name_alone = isinstance(tables.get("device"), str)
+    if name_alone:
         tables["device"] = {"from": tables["device"]}
     for name in ("device", "follower"):
         table = tables.get(name)
         if isinstance(table, Mapping) and "from" in table:
-            found = _referred(table["from"], folder)
-            if isinstance(found, str):
-                return (name,) if alone else (name, "from"), found
-            bases[name], tables[name] = found, {key: value for key, value in table.items() if key != "from"}
+            base = _referred(table["from"], folder)
+            if isinstance(base, str):
+                return (name,) if name_alone else (name, "from"), base
+            bases[name] = base
+            tables[name] = {key: value for key, value in table.items() if key != "from"}
     border = Border()
     border.read(tables, *border.device_table(tables.get("device"), bases.get("device", {})))
     if "follower" in bases:

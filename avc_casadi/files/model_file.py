@@ -23,6 +23,12 @@ MARGIN = 0.01
 """Share by which the range is wider than what was found."""
 SINGULAR = 30.0
 """Poses whose heaviest direction is to the lightest so many times what it is in the best pose are left out."""
+_POSES = 2000
+"""Poses that are sampled."""
+_SEARCHES = 6
+"""Poses from which the least value is searched."""
+_IMMOVABLE = 1e-9
+"""Share of the largest mobility up to which the tip cannot move in a direction."""
 
 
 @dataclass(frozen=True)
@@ -40,25 +46,32 @@ class TipMass:
 def tip_mass(path: Path, tip: str) -> TipMass:
     """Return the mass at a site, body or geom of a model, over all poses within the limits of its joints."""
     moved = _Tip(_model(path), tip)
-    poses = np.random.default_rng(0).uniform(*moved.limits, size=(2000, len(moved.limits[0])))
+    lowest_pose, highest_pose = moved.limits
+    poses = np.random.default_rng(0).uniform(lowest_pose, highest_pose, size=(_POSES, len(lowest_pose)))
     masses = np.array([moved.masses(pose) for pose in poses])
     axes = int(np.isfinite(masses).sum(axis=1).max())
     ratio = masses[:, axes - 1] / masses[:, 0]
     largest_ratio = SINGULAR * ratio.min()
     regular = ratio <= largest_ratio
 
-    def heaviest(pose: FloatArray) -> float:
-        found = moved.masses(pose)
-        return -float(found[axes - 1]) if found[axes - 1] <= largest_ratio * found[0] else np.inf
+    def lightest_mass(pose: FloatArray) -> float:
+        return float(moved.masses(pose)[0])
 
-    lightest = moved.least(lambda pose: float(moved.masses(pose)[0]), poses)
+    def negative_heaviest_mass(pose: FloatArray) -> float:
+        of_pose = moved.masses(pose)
+        heaviest = of_pose[axes - 1]
+        return -float(heaviest) if heaviest <= largest_ratio * of_pose[0] else np.inf
+
+    lightest = moved.least(lightest_mass, poses)
+    heaviest = -moved.least(negative_heaviest_mass, poses[regular])
+    damped = moved.dampings.min() > 0
     return TipMass(
-        float(np.median(masses[regular, :axes])),
-        ((1 - MARGIN) * lightest, -(1 + MARGIN) * moved.least(heaviest, poses[regular])),
-        (1 - MARGIN) * moved.least(moved.damping, poses) if moved.dampings.min() > 0 else 0.0,
-        bool(moved.model.dof_frictionloss[moved.dofs].any()),
-        len(poses),
-        int((~regular).sum()),
+        mass_kg=float(np.median(masses[regular, :axes])),
+        range_kg=((1 - MARGIN) * lightest, (1 + MARGIN) * heaviest),
+        damping_ns_per_m=(1 - MARGIN) * moved.least(moved.damping, poses) if damped else 0.0,
+        has_dry_friction=bool(moved.model.dof_frictionloss[moved.dofs].any()),
+        poses=len(poses),
+        singular_poses=int((~regular).sum()),
     )
 
 
@@ -83,8 +96,8 @@ def _model(path: Path) -> Any:
             spec.compiler.fusestatic = False
         model = spec.compile()
     except (ValueError, mujoco.FatalError) as error:
-        said = " ".join(str(error).split())[:300]
-        raise InputError.of(f"{str(path)!r} is no model that MuJoCo loads: {said}", key="--model") from error
+        reason = " ".join(str(error).split())[:300]
+        raise InputError.of(f"{str(path)!r} is no model that MuJoCo loads: {reason}", key="--model") from error
     if model.neq:
         message = f"{str(path)!r} has {model.neq} equality constraints, which close loops or couple joints"
         raise UnsupportedError(f"{message}; allowed: none, or --mass in place of --model", key="--model")
@@ -92,29 +105,53 @@ def _model(path: Path) -> Any:
     return model
 
 
+@dataclass(frozen=True)
+class _NamedPoint:
+    """A site, body or geom of a model: its index among its kind, its body, and MuJoCo's function of its Jacobian."""
+
+    name: str
+    index: int
+    body: int
+    jacobian: Callable[..., None]
+
+
+def _points(model: Any) -> list[_NamedPoint]:
+    """Return every site, body and geom of a model, in this order."""
+    mujoco = _mujoco()
+    sites = [
+        _NamedPoint(model.site(index).name, index, model.site_bodyid[index], mujoco.mj_jacSite)
+        for index in range(model.nsite)
+    ]
+    bodies = [_NamedPoint(model.body(index).name, index, index, mujoco.mj_jacBody) for index in range(model.nbody)]
+    geoms = [
+        _NamedPoint(model.geom(index).name, index, model.geom_bodyid[index], mujoco.mj_jacGeom)
+        for index in range(model.ngeom)
+    ]
+    return [*sites, *bodies, *geoms]
+
+
+def _point_named(model: Any, name: str) -> _NamedPoint:
+    points = _points(model)
+    point = next((point for point in points if point.name == name), None)
+    if point is None:
+        near = difflib.get_close_matches(name, [point.name for point in points], n=3, cutoff=0.5)
+        hint = f"; near: {', '.join(near)}" if near else ""
+        raise InputError.of(f"is {name!r}, no site, body or geom of the model{hint}", key="--tip")
+    return point
+
+
 class _Tip:
-    """A site, body or geom of a model, and the joints of its mechanism."""
+    """A site, body or geom of a model, and the joints of its mechanism.
+
+    `limits` are the lowest and highest pose, each of shape (joints,), `dampings` of shape (dofs,).
+    """
 
     def __init__(self, model: Any, name: str) -> None:
         mujoco = _mujoco()
-        self.model, self.data = model, mujoco.MjData(model)
-        places = {
-            model.site: (model.nsite, model.site_bodyid, mujoco.mj_jacSite),
-            model.body: (model.nbody, range(model.nbody), mujoco.mj_jacBody),
-            model.geom: (model.ngeom, model.geom_bodyid, mujoco.mj_jacGeom),
-        }
-        named = [
-            (kind(index).name, index, bodies[index], jacobian)
-            for kind, (count, bodies, jacobian) in places.items()
-            for index in range(count)
-        ]
-        found = next((one for one in named if one[0] == name), None)
-        if found is None:
-            near = difflib.get_close_matches(name, [one[0] for one in named], n=3, cutoff=0.5)
-            hint = f"; near: {', '.join(near)}" if near else ""
-            raise InputError.of(f"is {name!r}, no site, body or geom of the model{hint}", key="--tip")
-        _, self._index, body, self._jacobian = found
-        self.dofs = np.flatnonzero(model.dof_treeid == model.body_treeid[body])
+        self.model = model
+        self.data = mujoco.MjData(model)
+        self._point = _point_named(model, name)
+        self.dofs = np.flatnonzero(model.dof_treeid == model.body_treeid[self._point.body])
         joints = np.unique(model.dof_jntid[self.dofs])
         if not self._columns(model.qpos0).any():
             raise InputError.of(f"is {name!r}, which no joint of the model moves; allowed: what moves", key="--tip")
@@ -124,44 +161,51 @@ class _Tip:
             message = f"the model's joints {', '.join(odd)} are neither hinges nor slides; allowed: these alone"
             raise UnsupportedError(message, key="--model")
         endless = [joint for joint in joints if not model.jnt_limited[joint]]
-        if slides := [model.joint(joint).name for joint in endless if model.jnt_type[joint] == slide]:
+        slides = [model.joint(joint).name for joint in endless if model.jnt_type[joint] == slide]
+        if slides:
             raise InputError.of(f"has slides without limits: {', '.join(slides)}; give each its range", key="--model")
         ends = model.jnt_range.copy()
+        # A hinge without limits turns once.
         ends[endless] = -np.pi, np.pi
         self.limits: tuple[FloatArray, FloatArray] = ends[joints, 0], ends[joints, 1]
-        self._places = model.jnt_qposadr[joints]
+        self._positions_of_joints = model.jnt_qposadr[joints]
         self.dampings: FloatArray = model.dof_damping[self.dofs]
 
-    def _columns(self, places: FloatArray) -> FloatArray:
+    def _columns(self, positions: FloatArray) -> FloatArray:
         """Return the Jacobian of the tip's position, (3, joints of the model)."""
         mujoco = _mujoco()
-        self.data.qpos[:] = places
+        self.data.qpos[:] = positions
         mujoco.mj_fwdPosition(self.model, self.data)
         columns = np.zeros((3, self.model.nv))
-        self._jacobian(self.model, self.data, columns, None, self._index)
+        self._point.jacobian(self.model, self.data, columns, None, self._point.index)
         return columns
 
-    def _at(self, pose: FloatArray) -> FloatArray:
-        whole = self.model.qpos0.copy()
-        whole[self._places] = pose
-        return self._columns(whole)
+    def _columns_in(self, pose: FloatArray) -> FloatArray:
+        """Return the Jacobian in a pose of the tip's mechanism, the rest of the model at its reference."""
+        positions = self.model.qpos0.copy()
+        positions[self._positions_of_joints] = pose
+        return self._columns(positions)
 
     def masses(self, pose: FloatArray) -> FloatArray:
-        """Return the three principal masses at the tip, rising; infinite along what it cannot do."""
-        columns = self._at(pose)
+        """Return the three principal masses at the tip, rising; infinite along what it cannot do.
+
+        They are the inverse eigenvalues of the mobility W = J M^-1 J'.
+        """
+        columns = self._columns_in(pose)
         accelerations = np.zeros_like(columns)
         _mujoco().mj_solveM(self.model, self.data, accelerations, columns)
         mobility = np.linalg.eigvalsh(accelerations @ columns.T)[::-1]
-        movable = mobility > 1e-9 * mobility[0]  # in the other directions the tip cannot move
+        movable = mobility > _IMMOVABLE * mobility[0]
         return np.where(movable, 1 / np.where(movable, mobility, 1.0), np.inf)
 
     def damping(self, pose: FloatArray) -> float:
         """Return the least damping along a normal: of all motions with that speed the one that loses least."""
-        columns = self._at(pose)[:, self.dofs]
+        columns = self._columns_in(pose)[:, self.dofs]
         return float(1 / np.linalg.eigvalsh(columns / self.dampings @ columns.T)[-1])
 
     def least(self, value: Callable[[FloatArray], float], poses: FloatArray) -> float:
         """Return the least value over poses: of the lowest among many, by a search from each."""
-        lowest = np.argsort([value(pose) for pose in poses])[:6]
+        lowest = np.argsort([value(pose) for pose in poses])[:_SEARCHES]
         bounds = list(zip(*self.limits, strict=True))
-        return min(float(minimize(value, poses[at], method="Nelder-Mead", bounds=bounds).fun) for at in lowest)
+        results = [minimize(value, pose, method="Nelder-Mead", bounds=bounds) for pose in poses[lowest]]
+        return min(float(result.fun) for result in results)

@@ -33,9 +33,14 @@ class Option:
 
 with Path(__file__).with_suffix(".csv").open(encoding="utf-8", newline="") as _text:
     EVERY = tuple(Option(**row) for row in csv.DictReader(_text))
-RADIUS, MASS, DAMPING, RATE, DELAY = EVERY[:5]
-HANDS = tuple(one for one in EVERY if one.key.startswith("hands."))
-OPTIONS = tuple(one for one in EVERY if one is not RADIUS and one not in HANDS)
+_BY_KEY = {option.key: option for option in EVERY}
+RADIUS = _BY_KEY["device.handle_radius_m"]
+MASS = _BY_KEY["device.mass_kg"]
+DAMPING = _BY_KEY["device.damping_ns_per_m"]
+RATE = _BY_KEY["device.sample_time_s"]
+DELAY = _BY_KEY["device.delay_samples"]
+HANDS = tuple(option for option in EVERY if option.key.startswith("hands."))
+OPTIONS = tuple(option for option in EVERY if option is not RADIUS and option not in HANDS)
 
 HOLDS = {
     "grip": "the hands of a file without [hands], assumed: 0.05 to 0.3 kg, 3 to 20 N.s/m, 200 to 800 N/m at the handle",

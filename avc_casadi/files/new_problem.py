@@ -23,10 +23,17 @@ from avc_casadi.model.hands import FINGERTIP
 from avc_casadi.model.problem import Problem
 from avc_casadi.model.quantity import read_quantity, unit_of_key
 
+_STAND_IN_PERIOD_S = 1e-3
+"""Stands in place of a faulty rate, which is reported by itself."""
+
 
 @dataclass(frozen=True)
 class NewProblem:
-    """A draft of a problem file."""
+    """A draft of a problem file.
+
+    `like` names a device to start from, `typed` are the values of options by key, as typed, and `tip` is the mass of a
+    model.
+    """
 
     path: Path
     like: str = ""
@@ -54,34 +61,35 @@ class NewProblem:
         """Return the unknown properties, which no device of the catalogue gives either."""
         known = {} if self.base is None else dict(self.base.device)
         return [
-            one
-            for one in self.options()
-            if one.cost and one.key not in self.typed and not known.get(one.key.partition(".")[2])
+            option
+            for option in self.options()
+            if option.cost and option.key not in self.typed and not known.get(option.key.partition(".")[2])
         ]
 
     def assumed(self) -> dict[str, str]:
         """Return the defaults in the file, as typed, by key."""
         return {
-            one.key: one.default
-            for one in self.options()
-            if one.default and one.key not in self.typed and not self._kept(one)
+            option.key: option.default
+            for option in self.options()
+            if option.default and option.key not in self.typed and not self._kept(option)
         }
 
     def faults(self) -> list[Fault]:
         """Return all faults of the values, each under the key of its option."""
-        needed = [one for one in self.options() if one in (RADIUS, *HANDS) and not self.typed.get(one.key)]
-        words = {one.key: f"is missing; for example {one.examples[not self.units.linear]}" for one in needed}
-        found = [Fault("", None, key, message) for key, message in words.items()]
+        needed = [option for option in self.options() if option in (RADIUS, *HANDS) and not self.typed.get(option.key)]
+        missing = {option.key: f"is missing; for example {option.examples[not self.units.linear]}" for option in needed}
+        faults = [Fault("", None, key, message) for key, message in missing.items()]
         try:
             self.problem()
         except InputError as error:
-            keys = {self.units.key(one.key): one.key for one in self.options()}
-            for one in error.faults:
-                key = keys.get(re.sub(r"\[\d\]$", "", one.key))
-                if key not in words:  # an option has no unit, the key of the file names that of what is allowed
-                    message = one.message if key is None else f"{one.key} {one.message}"
-                    found.append(Fault("", None, key or one.key, message))
-        return found
+            keys = {self.units.key(option.key): option.key for option in self.options()}
+            for fault in error.faults:
+                key = keys.get(re.sub(r"\[\d\]$", "", fault.key))
+                if key not in missing:
+                    # An option has no unit, the key of the file names that of what is allowed.
+                    message = fault.message if key is None else f"{fault.key} {fault.message}"
+                    faults.append(Fault("", None, key or fault.key, message))
+        return faults
 
     def problem(self) -> Problem:
         """Return the problem of the file, by the common reader."""
@@ -95,7 +103,8 @@ class NewProblem:
         return "\n".join(lines) + "\n"
 
     def _table(self, table: str) -> Iterator[str]:
-        options = [one for one in self.options() if one.key.startswith(f"{table}.")]
+        """Yield the lines of a table."""
+        options = [option for option in self.options() if option.key.startswith(f"{table}.")]
         if table == "hands" and not options and self.held != "fingertip":
             yield f"# No table [hands], held by {self.held}: {HOLDS[self.held]}"
             return
@@ -113,19 +122,26 @@ class NewProblem:
             yield from ("", "[device.range]", "# Over poses and contact normals of the model's tip.")
             yield f"mass_kg = [{', '.join(f'{end:.4g}' for end in self.tip.range_kg)}]"
         if table == "hands" and not options:
-            radius = self._radius_m()
-            for key, ends in FINGERTIP.model_dump(exclude={"let_go"}).items():
-                yield f"{self.units.key(key)} = {[float(f'{end * radius**2:.15g}') for end in ends]}"
+            yield from self._fingertip()
             yield f"# Held by {self.held}: {HOLDS[self.held]}"
 
+    def _fingertip(self) -> Iterator[str]:
+        """Yield the ranges of a finger, of a rotary device those about its axis."""
+        radius_m = self._radius_m()
+        for key, ends in FINGERTIP.model_dump(exclude={"let_go"}).items():
+            yield f"{self.units.key(key)} = {[float(f'{end * radius_m**2:.15g}') for end in ends]}"
+
     def _line(self, option: Option) -> Iterator[str]:
-        key, typed = self.units.key(option.key).partition(".")[2], self.typed.get(option.key, option.default)
+        """Yield the line of an option: its value, or what not knowing it costs."""
+        key = self.units.key(option.key).partition(".")[2]
+        typed = self.typed.get(option.key, option.default)
         stated = typed or option.key in self.typed
         if self._kept(option) or not (stated or option.cost):
             return
         if stated:
-            value, comment = self._value(option, " ".join(typed.split())), " ".join(typed.split())
-            comment = comment if option.key in self.typed else f"{comment}, assumed"
+            text = " ".join(typed.split())
+            value = self._value(option, text)
+            comment = text if option.key in self.typed else f"{text}, assumed"
         elif option is DAMPING:
             value, comment = 0.0, f"not known, {option.cost}"
         else:
@@ -137,26 +153,33 @@ class NewProblem:
         """Return a value in SI units, or the text where it is none, which the reader refuses."""
         unit = unit_of_key(self.units.key(option.key), self.units)
         if option is DELAY:
-            samples = _read(typed, "samples")
-            if isinstance(samples, str) and isinstance(seconds := _read(typed, "s"), float):
-                period = _read(self.typed.get(RATE.key, RATE.default), "s")
-                # A faulty rate is reported by itself.
-                samples = float(f"{seconds / (period if isinstance(period, float) and period > 0 else 1e-3):.12g}")
-            return int(samples) if isinstance(samples, float) and samples.is_integer() else samples
-        radius = None if self.units.linear or option in (RADIUS, MASS) else self._radius_m()
+            return self._delay_samples(typed)
+        radius_m = None if self.units.linear or option in (RADIUS, MASS) else self._radius_m()
         if option not in HANDS:
-            return _read(typed, unit, radius)
-        both = re.fullmatch(r"(.+?)(?:\bto\b|\.\.)(.+)", typed)
-        low, high = both.groups() if both else (typed, typed)
-        bare = re.compile(r"[-+.0-9eE ]+")
-        of_both = bare.sub("", high, count=1) if bare.fullmatch(low) else ""
-        return _read(f"{low} {of_both}", unit, radius), _read(high, unit, radius)
+            return _read(typed, unit, radius_m)
+        span = re.fullmatch(r"(.+?)(?:\bto\b|\.\.)(.+)", typed)
+        low, high = span.groups() if span else (typed, typed)
+        # Of "5 to 40 N.s/m" the unit is that of both ends.
+        number = re.compile(r"[-+.0-9eE ]+")
+        shared_unit = number.sub("", high, count=1) if number.fullmatch(low) else ""
+        return _read(f"{low} {shared_unit}", unit, radius_m), _read(high, unit, radius_m)
+
+    def _delay_samples(self, typed: str) -> float | str:
+        """Return a delay in samples, also where it is typed as a time; or the text where it is neither."""
+        samples = _read(typed, "samples")
+        seconds = _read(typed, "s")
+        if isinstance(samples, str) and isinstance(seconds, float):
+            rate = _read(self.typed.get(RATE.key, RATE.default), "s")
+            period_s = rate if isinstance(rate, float) and rate > 0 else _STAND_IN_PERIOD_S
+            samples = float(f"{seconds / period_s:.12g}")
+        return int(samples) if isinstance(samples, float) and samples.is_integer() else samples
 
     def _kept(self, option: Option) -> bool:
         """Return whether the device to start from gives it."""
         return self.base is not None and option.key.startswith("device.") and option.key not in self.typed
 
     def _radius_m(self) -> float:
+        """Return the radius of the handle, or 1 where it is missing or faulty, which is reported by itself."""
         if self.base is not None:
             return self.base.device.metres_per_unit
         radius = _read(self.typed.get(RADIUS.key, ""), "m")
@@ -164,6 +187,7 @@ class NewProblem:
 
 
 def _read(text: str, unit: str, metres_per_radian: float | None = None) -> float | str:
+    """Return a quantity in a unit, or the text where it is none."""
     with suppress(ValueError):
         return read_quantity(text, unit, metres_per_radian)
     return text

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import Any
 
 from avc_casadi._errors import Fault
@@ -11,8 +12,8 @@ from avc_casadi.model.problem import Problem
 from avc_casadi.model.quantity import plain, power_at_handle
 from avc_casadi.model.table import shown
 
-# Usual values of desktop devices, their walls and hands; 0 is "absent" and never in doubt. For a rotary device they
-# apply at its handle.
+# Usual values of desktop devices, their walls and hands, in the unit of the key; 0 is "absent" and never in doubt. For
+# a rotary device they apply at its handle.
 _USUAL = {
     "device.mass_kg": (0.005, 30),  # up to pedals and arms
     "device.damping_ns_per_m": (0, 100),
@@ -33,24 +34,29 @@ _USUAL = {
     "hands.damping_ns_per_m": (0, 200),
     "hands.stiffness_n_per_m": (1, 1e4),
 }
+_SHORT_DELAY_SAMPLES = 0.02
+"""A shorter delay is told apart from none by no driver."""
 
 
 def plausibility(problem: Problem) -> tuple[Fault, ...]:
     """Return the key of each value far from the usual, or without effect; the problem is valid all the same."""
     radius, units = problem.device.metres_per_unit, problem.units
-    found: dict[tuple[str, str], None] = {}
+    # Each doubt once.
+    doubts: dict[tuple[str, str], None] = {}
     for named, ends in _USUAL.items():
         scale = radius ** -power_at_handle(named)
         lowest, highest = ends if scale == 1 else (float(f"{end * scale:.2g}") for end in ends)
         for key in (named, named.replace("device.", "device.range.", 1)):
-            value = _at(problem, key)
+            value = _value_of(problem, key)
             if any(number != 0 and not lowest <= number <= highest for number in _numbers(value)):
-                found[key, f"is {shown(value)}: usual {plain(lowest)} to {plain(highest)}; is the unit right?"] = None
-    every = (*found, *((key, message) for there, key, message in _doubts(problem) if there))
-    return tuple(Fault(problem.name, None, units.key(key), units.words(message)) for key, message in every)
+                doubts[key, f"is {shown(value)}: usual {plain(lowest)} to {plain(highest)}; is the unit right?"] = None
+    of_meaning = [(doubt.key, doubt.message) for doubt in _doubts(problem) if doubt.holds]
+    every_doubt = (*doubts, *of_meaning)
+    return tuple(Fault(problem.name, None, units.key(key), units.words(message)) for key, message in every_doubt)
 
 
-def _at(problem: Problem, key: str) -> Any:
+def _value_of(problem: Problem, key: str) -> Any:
+    """Return the value of a dotted key, or None where a table of it is absent."""
     node: Any = problem
     for part in key.split("."):
         node = getattr(node, part, None)
@@ -58,30 +64,50 @@ def _at(problem: Problem, key: str) -> Any:
 
 
 def _numbers(value: Any) -> tuple[float, ...]:
-    return () if value is None else value if isinstance(value, tuple) else (value,)
+    """Return a value, or the ends of a range, as numbers."""
+    if value is None:
+        return ()
+    return value if isinstance(value, tuple) else (value,)
 
 
-def _doubts(problem: Problem) -> Iterator[tuple[bool, str, str]]:
-    """Yield whether values contradict or have no effect, the key of one, and why."""
+@dataclass(frozen=True)
+class _Doubt:
+    """Whether values contradict or have no effect, the key of one of them, and why."""
+
+    holds: bool
+    key: str
+    message: str
+
+
+def _doubts(problem: Problem) -> Iterator[_Doubt]:
+    """Yield what may be doubted of a problem, whether it holds or not."""
     device, detent, hands = problem.device, problem.detent, problem.hands
-    limit, handle, alone = device.max_force_n, device.encoder_at == "handle", device.resonance is None
+    limit_n = device.max_force_n
+    encoder_at_handle = device.encoder_at == "handle"
+    rigid = device.resonance is None
     for key in ("device.delay_samples", "device.range.delay_samples"):
-        value = _at(problem, key)
-        short = 0 < max(_numbers(value), default=0.0) < 0.02  # no driver tells it apart from none
-        yield short, key, f"is {shown(value)}, a part of a sample; are seconds meant?"
-    yield handle and alone, "device.encoder_at", 'is "handle", which says nothing without device.resonance'
+        value = _value_of(problem, key)
+        short = 0 < max(_numbers(value), default=0.0) < _SHORT_DELAY_SAMPLES
+        yield _Doubt(short, key, f"is {shown(value)}, a part of a sample; are seconds meant?")
+    message = 'is "handle", which says nothing without device.resonance'
+    yield _Doubt(encoder_at_handle and rigid, "device.encoder_at", message)
     unlimited = device.amplifier_order == 2 and device.amplifier_bandwidth_hz is None
-    yield unlimited, "device.amplifier_order", "is 2, which says nothing without device.amplifier_bandwidth_hz"
+    message = "is 2, which says nothing without device.amplifier_bandwidth_hz"
+    yield _Doubt(unlimited, "device.amplifier_order", message)
+    is_lag = device.amplifier_order == 1
     given = device.amplifier_damping_ratio != CURRENT_LOOP_DAMPING_RATIO
     ranged = device.range.amplifier_damping_ratio is not None
-    for there, key in ((given, "device.amplifier_damping_ratio"), (ranged, "device.range.amplifier_damping_ratio")):
-        of_a_lag = "says nothing of a lag: a current loop is device.amplifier_order = 2"
-        yield there and device.amplifier_order == 1, key, of_a_lag
-    beyond = device.backlash_m > 0 and handle and not alone
-    yield beyond, "device.backlash_m", "is play between motor and encoder; an encoder at the handle stands beyond it"
-    stuck = limit is not None and device.coulomb_friction_n >= limit
-    yield stuck, "device.coulomb_friction_n", "is no less than device.max_force_n: nothing that it gives moves it"
+    message = "says nothing of a lag: a current loop is device.amplifier_order = 2"
+    yield _Doubt(given and is_lag, "device.amplifier_damping_ratio", message)
+    yield _Doubt(ranged and is_lag, "device.range.amplifier_damping_ratio", message)
+    beyond = device.backlash_m > 0 and encoder_at_handle and not rigid
+    message = "is play between motor and encoder; an encoder at the handle stands beyond it"
+    yield _Doubt(beyond, "device.backlash_m", message)
+    stuck = limit_n is not None and device.coulomb_friction_n >= limit_n
+    message = "is no less than device.max_force_n: nothing that it gives moves it"
+    yield _Doubt(stuck, "device.coulomb_friction_n", message)
     loose = not any((hands.stiffness_n_per_m[1], hands.damping_ns_per_m[1]))
-    yield loose, "hands.stiffness_n_per_m", "is 0, as is their damping: no hand presses, and all settle"
-    strong = detent is not None and limit is not None and detent.force_n > limit
-    yield strong, "detent.force_n", "is more than device.max_force_n"
+    message = "is 0, as is their damping: no hand presses, and all settle"
+    yield _Doubt(loose, "hands.stiffness_n_per_m", message)
+    strong = detent is not None and limit_n is not None and detent.force_n > limit_n
+    yield _Doubt(strong, "detent.force_n", "is more than device.max_force_n")

@@ -21,6 +21,8 @@ from avc_casadi.model.table import Path as KeyPath
 
 BELOW_NYQUIST = 0.45
 """End of the band of a slow device, as a share of the sampling rate, the same as by default."""
+_LONGEST_BANDED_S = 0.25
+"""Longest sample time for which the band is limited."""
 
 
 def load_problem(source: str | Path) -> Problem:
@@ -69,18 +71,19 @@ AnyProblem = Problem | str | Path | Mapping[str, Any]
 def as_problem(problem: AnyProblem) -> Problem:
     """Return a problem unchanged, or load its file or catalogue name, or make it of its tables."""
     if isinstance(problem, Problem):
-        if wrong := list(_not_finite((), problem.model_dump())):
-            raise refused(wrong, problem.name or "problem")
+        findings = list(_not_finite((), problem.model_dump()))
+        if findings:
+            raise refused(findings, problem.name or "problem")
         return problem
     if isinstance(problem, str | Path):
         return load_problem(problem)
     if not isinstance(problem, Mapping):
         allowed = "allowed: a problem, its path or name, or its tables as a dict"
         raise InputError.of(f"is {shown(problem)}; {allowed}", key="problem")
-    found = _of_tables(plain(dict(problem)), "problem", "", None)
-    if isinstance(found, Problem):
-        return found
-    raise refused(found, "problem")
+    result = _of_tables(plain(dict(problem)), "problem", "", None)
+    if isinstance(result, Problem):
+        return result
+    raise refused(result, "problem")
 
 
 def _not_finite(path: KeyPath, value: Any) -> Iterator[Finding]:
@@ -97,21 +100,26 @@ def of_problem(function: F) -> F:
 
     @wraps(function)
     def of_any(problem: AnyProblem, *args: Any, **options: Any) -> Any:
-        found = as_problem(problem)
-        with in_keys_of(found.units):
-            return function(found, *args, **options)
+        loaded = as_problem(problem)
+        with in_keys_of(loaded.units):
+            return function(loaded, *args, **options)
 
     return cast("F", of_any)
 
 
 def with_wall(problem: AnyProblem) -> Problem:
     """Return a problem as by `as_problem`, with a wall rendered by the device's own loop."""
-    found, wall = as_problem(problem), as_problem(problem).environment
-    far = "simulation" if found.simulation is not None else "follower" if found.follower is not None else ""
-    if far and not (wall.stiffness_n_per_m or wall.damping_ns_per_m):
-        message = f"{found.name or 'it'} couples to a [{far}], not a wall; ask avc recommend, avc certify P --k K --b B"
-        raise UnsupportedError(message, key="environment")
-    return found
+    loaded = as_problem(problem)
+    wall = loaded.environment
+    far_end = ""
+    if loaded.simulation is not None:
+        far_end = "simulation"
+    elif loaded.follower is not None:
+        far_end = "follower"
+    if far_end and not (wall.stiffness_n_per_m or wall.damping_ns_per_m):
+        fact = f"{loaded.name or 'it'} couples to a [{far_end}], not a wall"
+        raise UnsupportedError(f"{fact}; ask avc recommend, avc certify P --k K --b B", key="environment")
+    return loaded
 
 
 def _path_of(source: str | Path) -> Path:
@@ -147,17 +155,18 @@ def parse_problem(text: str, *, file: str = "problem.toml", name: str = "", fold
     if not isinstance(text, str):
         raise InputError.of(f"is {shown(text)}; allowed: the text of a problem file", file=file, key="text")
     try:
-        found = _of_tables(tables_of(text, file), file, name, folder)
-        if isinstance(found, Problem):
-            return found
+        result = _of_tables(tables_of(text, file), file, name, folder)
+        if isinstance(result, Problem):
+            return result
         lines = KeyLines(text)
-        faults = [Fault(file, lines[path], dotted(path), message) for path, message in found]
+        faults = [Fault(file, lines[path], dotted(path), message) for path, message in result]
     except RecursionError as error:
         raise InputError.of("is nested too deeply; allowed: tables as in the catalogue", file=file) from error
     raise InputError(sorted(faults, key=lambda fault: (fault.line is None, fault.line or 0)))
 
 
 def _of_tables(tables: Mapping[str, Any], file: str, name: str, folder: Path | None) -> Problem | list[Finding]:
+    """Return the problem of the tables of a file, or all faults, each at its path in the file."""
     if "sources" in tables and "environment" not in tables:
         message = f'is a device; allowed: a problem file with device = "{Path(file).name}" and a wall, [environment]'
         raise InputError.of(message, file=file)
@@ -171,14 +180,17 @@ def _of_tables(tables: Mapping[str, Any], file: str, name: str, folder: Path | N
 def _with_band(tables: Mapping[str, Any]) -> Mapping[str, Any]:
     """Limit the band of a slow device, where its file gives no end, to below half the sampling rate."""
     device, band = tables.get("device"), tables.get("frequency", {})
-    time = device.get("sample_time_s") if isinstance(device, Mapping) else None
-    if not isinstance(band, Mapping) or isinstance(time, bool) or not isinstance(time, int | float):
+    sample_time_s = device.get("sample_time_s") if isinstance(device, Mapping) else None
+    if not isinstance(band, Mapping):
         return tables
-    usual = float(Frequency.model_fields["stop_hz"].default)
+    if isinstance(sample_time_s, bool) or not isinstance(sample_time_s, int | float):
+        return tables
+    usual_hz = float(Frequency.model_fields["stop_hz"].default)
     # For slower devices an error says that the band has no room.
-    if {"stop_hz", "values_hz"} & set(band) or not 0.5 / usual <= time <= 0.25:
+    slow = 0.5 / usual_hz <= sample_time_s <= _LONGEST_BANDED_S
+    if {"stop_hz", "values_hz"} & set(band) or not slow:
         return tables
-    return {**tables, "frequency": {**band, "stop_hz": BELOW_NYQUIST / time}}
+    return {**tables, "frequency": {**band, "stop_hz": BELOW_NYQUIST / sample_time_s}}
 
 
 def dump_problem(problem: Problem) -> str:
@@ -208,6 +220,7 @@ def problem_document(problem: Problem) -> dict[str, Any]:
 
 
 def _tables_of(problem: Problem, mode: Literal["json", "python"]) -> dict[str, Any]:
+    """Return the tables of a problem; a band of listed frequencies holds these alone."""
     tables = problem.model_dump(mode=mode, exclude_none=True)
     if "values_hz" in tables["frequency"]:
         tables["frequency"] = {"values_hz": tables["frequency"]["values_hz"]}

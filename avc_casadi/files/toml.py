@@ -15,7 +15,7 @@ from avc_casadi.model.table import Path as KeyPath
 from avc_casadi.model.table import visible
 
 MAX_BYTES = 2**20
-
+"""Largest problem file that is read, bytes."""
 NEXT_STEP = "give the path of a problem file or a name from `avc list`"
 """Advice on an unreadable problem file."""
 
@@ -47,17 +47,18 @@ def tables_of(text: str, file: str) -> dict[str, Any]:
 
 
 def _syntax_fault(parser_message: str, text: str, file: str) -> Fault:
-    what, _, place = parser_message.partition(" (at ")
-    found = re.match(r"line (\d+), column (\d+)", place)
-    line = int(found[1]) if found else text.rstrip().count("\n") + 1
-    where = f" at column {found[2]}" if found else " at the end of the file"
+    """Return the parser's message as a fault with its line."""
+    reason, _, parser_place = parser_message.partition(" (at ")
+    place = re.match(r"line (\d+), column (\d+)", parser_place)
+    line = int(place[1]) if place else text.rstrip().count("\n") + 1
+    where = f" at column {place[2]}" if place else " at the end of the file"
     content = text.split("\n")[line - 1].strip() or "an empty line"
-    if re.match("Cannot overwrite a value|Cannot declare .* twice", what):
+    if re.match("Cannot overwrite a value|Cannot declare .* twice", reason):
         message = f"gives a key or table a second time: {visible(content)}; allowed: each once"
         if content.startswith("[device]"):
             message += ', a device of a file with other values as [device] with from = "name" and the keys that differ'
         return Fault(file, line, "", message)
-    return Fault(file, line, "", f"is not TOML{where}: {visible(what.lower())}, in: {visible(content)}")
+    return Fault(file, line, "", f"is not TOML{where}: {visible(reason.lower())}, in: {visible(content)}")
 
 
 _PART = r"""[ \t]*(?:[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*"""
@@ -70,21 +71,24 @@ class KeyLines:
 
     def __init__(self, text: str) -> None:
         self._lines: dict[KeyPath, int] = {}
-        last: dict[KeyPath, int] = {}
+        # The index of the last table of each list of tables.
+        last_index: dict[KeyPath, int] = {}
         table: KeyPath = ()
         for number, line in enumerate(text.split("\n"), start=1):
-            found = _STATEMENT.match(line)
-            if found is None:
+            statement = _STATEMENT.match(line)
+            if statement is None:
                 continue
-            parts = [part.strip(" \t\"'") for part in re.findall(_PART, found["key"])]
-            path: KeyPath = () if found["open"] else table
+            parts = [part.strip(" \t\"'") for part in re.findall(_PART, statement["key"])]
+            opens_table = bool(statement["open"])
+            opens_list_item = str(statement["open"]).endswith("[[")
+            path: KeyPath = () if opens_table else table
             for index, part in enumerate(parts):
                 path = (*path, part)
-                if index == len(parts) - 1 and str(found["open"]).endswith("[["):
-                    last[path] = last.get(path, -1) + 1
-                path = (*path, last[path]) if path in last else path
+                if index == len(parts) - 1 and opens_list_item:
+                    last_index[path] = last_index.get(path, -1) + 1
+                path = (*path, last_index[path]) if path in last_index else path
                 self._lines.setdefault(path, number)
-            table = path if found["open"] else table
+            table = path if opens_table else table
 
     def __getitem__(self, path: KeyPath) -> int | None:
         """Return the line of a key, or of the table that lacks it; None where there is neither."""

@@ -10,12 +10,12 @@ from avc_casadi._util.progress import Progress
 
 
 class _Printed(Progress):
-    def step(self, what: str) -> AbstractContextManager[None]:
-        print(what, flush=True)
+    def step(self, name: str) -> AbstractContextManager[None]:
+        print(name, flush=True)
         return nullcontext()
 
-    def advance(self, done: int, total: int, what: str = "") -> None:
-        print(f"{done} of {total}: {what}", flush=True)
+    def advance(self, done: int, total: int, part: str = "") -> None:
+        print(f"{done} of {total}: {part}", flush=True)
 
 
 PRINTED = _Printed()

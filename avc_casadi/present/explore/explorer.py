@@ -40,15 +40,15 @@ class _Piped(Progress):
         self._connection, self._last_s = connection, 0.0
 
     @contextmanager
-    def step(self, what: str) -> Iterator[None]:
-        self._connection.send(("state", f": {what}"))
+    def step(self, name: str) -> Iterator[None]:
+        self._connection.send(("state", f": {name}"))
         yield
 
-    def advance(self, done: int, total: int, what: str = "") -> None:
+    def advance(self, done: int, total: int, part: str = "") -> None:
         now = time.monotonic()
         if now - self._last_s >= 0.1:
             self._last_s = now
-            self._connection.send(("state", f": {what}, {done} of {total or '?'}"))
+            self._connection.send(("state", f": {part}, {done} of {total or '?'}"))
 
 
 def _work(work: Callable[[Any, Progress], Any], task: Any, connection: Connection) -> None:
