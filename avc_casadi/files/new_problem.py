@@ -98,32 +98,50 @@ class NewProblem:
     def text(self) -> str:
         """Return the text of the file."""
         lines = ["# Written by `avc new`. Every key that may stand here: problems/README.md of avc-casadi."]
-        for table in ("device", "environment", "hands"):
-            lines += ["", *self._table(table)]
+        for table in (self._device(), self._environment(), self._hands()):
+            lines += ["", *table]
         return "\n".join(lines) + "\n"
 
-    def _table(self, table: str) -> Iterator[str]:
-        """Yield the lines of a table."""
-        options = [option for option in self.options() if option.key.startswith(f"{table}.")]
-        if table == "hands" and not options and self.held != "fingertip":
-            yield f"# No table [hands], held by {self.held}: {HOLDS[self.held]}"
-            return
-        yield f"[{table}]"
-        if table == "device" and self.like:
-            named = self.like if self.like in device_names() else os.path.relpath(self.like, self.path.parent or ".")
+    def _device(self) -> Iterator[str]:
+        """Yield the lines of the device."""
+        yield "[device]"
+        if self.like:
+            in_catalogue = self.like in device_names()
+            named = self.like if in_catalogue else os.path.relpath(self.like, self.path.parent or ".")
             yield f'from = "{Path(named).as_posix()}"'
-        elif table == "device" and not self.units.linear:
+        elif not self.units.linear:
             yield 'motion = "rotary"'
-        if table == "device" and self.held == "stylus":
+        if self.held == "stylus":
             yield 'held = "stylus"'
-        for option in options:
-            yield from self._line(option)
-        if table == "device" and self.tip is not None:
-            yield from ("", "[device.range]", "# Over poses and contact normals of the model's tip.")
+        yield from self._lines("device")
+        if self.tip is not None:
+            yield ""
+            yield "[device.range]"
+            yield "# Over poses and contact normals of the model's tip."
             yield f"mass_kg = [{', '.join(f'{end:.4g}' for end in self.tip.range_kg)}]"
-        if table == "hands" and not options:
+
+    def _environment(self) -> Iterator[str]:
+        """Yield the lines of the wall."""
+        yield "[environment]"
+        yield from self._lines("environment")
+
+    def _hands(self) -> Iterator[str]:
+        """Yield the lines of the hands, or a comment where a file without them means these hands."""
+        if self.held in OWN_RANGES:
+            yield "[hands]"
+            yield from self._lines("hands")
+        elif self.held == "fingertip":
+            yield "[hands]"
             yield from self._fingertip()
             yield f"# Held by {self.held}: {HOLDS[self.held]}"
+        else:
+            yield f"# No table [hands], held by {self.held}: {HOLDS[self.held]}"
+
+    def _lines(self, table: str) -> Iterator[str]:
+        """Yield the lines of the options of a table."""
+        for option in self.options():
+            if option.key.startswith(f"{table}."):
+                yield from self._line(option)
 
     def _fingertip(self) -> Iterator[str]:
         """Yield the ranges of a finger, of a rotary device those about its axis."""

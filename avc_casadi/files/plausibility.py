@@ -81,7 +81,9 @@ class _Doubt:
 
 def _doubts(problem: Problem) -> Iterator[_Doubt]:
     """Yield what may be doubted of a problem, whether it holds or not."""
-    device, detent, hands = problem.device, problem.detent, problem.hands
+    device = problem.device
+    detent = problem.detent
+    hands = problem.hands
     limit_n = device.max_force_n
     encoder_at_handle = device.encoder_at == "handle"
     rigid = device.resonance is None
