@@ -34,7 +34,7 @@ MOST_BYTES = 2**23
 NEXT_STEP = "give a coupling file: avc recommend P --out FILE writes one, and avc solve P --out FILE that of a method"
 """Advice on an unreadable coupling file."""
 _LEAST_GAIN = 1e-300
-"""A gain of a table is above 0."""
+"""Smallest gain of a table other than 0, in its SI unit."""
 
 _Damping = Annotated[float, BeforeValidator(q.Quantity("N.s/m", _LEAST_GAIN, q.LARGEST_DAMPING_NS_PER_M))]
 _Dampings = Annotated[tuple[_Damping, ...], BeforeValidator(q.sequence)]
