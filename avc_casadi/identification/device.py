@@ -20,8 +20,8 @@ from avc_casadi._util.units import MotionKind, units_for
 from avc_casadi.files.device_file import DeviceFile
 from avc_casadi.files.toml import toml_lines
 from avc_casadi.identification.fit import Trial
-from avc_casadi.identification.ladder import Response
 from avc_casadi.identification.log import Record
+from avc_casadi.identification.response import Response
 from avc_casadi.identification.terms import FRICTION, LOOP_RATIO, MASS_RATIO, QuantityName
 
 _PARAMETERS = ("mass_kg", "damping_ns_per_m", FRICTION, "delay_samples")

@@ -17,11 +17,12 @@ from avc_casadi._util.units import MotionKind
 from avc_casadi.files.device_file import DeviceFile
 from avc_casadi.identification.device import Estimate, Identification, check_against, device_file
 from avc_casadi.identification.fit import Window, bootstrap
-from avc_casadi.identification.ladder import WIDEST, Ladder, model_response
+from avc_casadi.identification.ladder import WIDEST, Ladder
 from avc_casadi.identification.log import Record, excerpts, lattice_step
 from avc_casadi.identification.predictor import Observer, Predictor
 from avc_casadi.identification.read import Layout, read_logs
 from avc_casadi.identification.regression import Motion, Start, in_ticks, only_feedback, whiteness
+from avc_casadi.identification.response import model_response
 from avc_casadi.identification.terms import FRICTION, MASS_RATIO, OFFSET, Structure, offset_of
 
 _MOST_SAMPLES = 120_000
