@@ -15,10 +15,10 @@ from avc_casadi._util.json_values import plain_table
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi._util.text import number, quantity
 from avc_casadi.coupling import Coupling
-from avc_casadi.diagnose.law import Law, find_law
+from avc_casadi.diagnose.law import FittedLaw, find_law
 from avc_casadi.diagnose.oscillation import Log, Oscillation, apparent_mass_kg, find_oscillation, log_of
-from avc_casadi.diagnose.plant import Design, Fit, Hypothesis, fit_plants, growth, stable
-from avc_casadi.diagnose.remedies import Remedy, Scene, limit_of, remedies_of, without
+from avc_casadi.diagnose.plant import Hypothesis, IntendedLaw, PlantFit, fit_plants, growth, stable
+from avc_casadi.diagnose.remedies import LoggedScene, Remedy, limit_of, remedies_of, without
 from avc_casadi.identification.log import Columns
 from avc_casadi.identification.read import Layout, read_columns
 from avc_casadi.model.device import Device
@@ -50,8 +50,8 @@ class Diagnosis:
 
     log: Log
     swing: Oscillation
-    law: Law | None
-    design: Design
+    law: FittedLaw | None
+    design: IntendedLaw
     verdict: Verdict
     conclusion: str
     cause: str | None = None
@@ -59,7 +59,7 @@ class Diagnosis:
     shares: Mapping[str, float] = field(default_factory=dict)
     decides: str = ""
     remedies: tuple[Remedy, ...] = ()
-    fit: Fit | None = None
+    fit: PlantFit | None = None
     notes: tuple[str, ...] = ()
 
     def data(self) -> dict[str, Any]:
@@ -133,7 +133,9 @@ def diagnose(
         return _judge(whole, model, fit_plants(grid, swing, design, model.lag, seed))
 
 
-def _design(device: Device | None, hands: Hands | None, log: Log, columns: Columns, radius_m: float | None) -> Design:
+def _design(
+    device: Device | None, hands: Hands | None, log: Log, columns: Columns, radius_m: float | None
+) -> IntendedLaw:
     """Return the intended loop, a usual device on a desk where none is given; refuse a log that is not of it."""
     message = ""
     if device is not None and device.motion != columns.motion:
@@ -149,10 +151,10 @@ def _design(device: Device | None, hands: Hands | None, log: Log, columns: Colum
         turns: dict[str, object] = {"handle_radius_m": reach} if columns.motion == "rotary" else {}
         usual = {"mass_kg": 0.1 * reach**2, "damping_ns_per_m": reach**2, "delay_samples": 1}
         device = Device.model_validate({"motion": columns.motion, "sample_time_s": log.sample_time_s, **usual, **turns})
-    return Design(device, known, hands or Hands.model_validate(defaults_at(Hands, reach)))
+    return IntendedLaw(device, known, hands or Hands.model_validate(defaults_at(Hands, reach)))
 
 
-def _at_once(diagnosis: Diagnosis) -> Diagnosis | Law:
+def _at_once(diagnosis: Diagnosis) -> Diagnosis | FittedLaw:
     """Return the verdict that needs no loop model, or the law of one that does."""
     log, swing, law, design = diagnosis.log, diagnosis.swing, diagnosis.law, diagnosis.design
     text, decides, verdict, mass = "", "", diagnosis.verdict, apparent_mass_kg(log, design.device, known=design.known)
@@ -181,7 +183,7 @@ def _at_once(diagnosis: Diagnosis) -> Diagnosis | Law:
     return replace(diagnosis, verdict=verdict, conclusion=f"{verdict}: {text}", decides=decides)
 
 
-def _of_sign(diagnosis: Diagnosis, law: Law, mass: float) -> Diagnosis | None:
+def _of_sign(diagnosis: Diagnosis, law: FittedLaw, mass: float) -> Diagnosis | None:
     """Return the verdict of a force that pushes the device away from where it is none; None of one that does not."""
     log, device, k, b = diagnosis.log, diagnosis.design.device, law.stiffness_n_per_m, law.damping_ns_per_m
     # A spring late by a tick that no lag explains is a damper of this size.
@@ -224,7 +226,7 @@ def _rests(log: Log, swing: Oscillation, limit_n: float | None) -> bool:
     return bool(rests and log.touching[envelope > 0.3 * most].mean() > 0.5)
 
 
-def cause_of(one: Hypothesis, law: Law, log: Log, swing: Oscillation, design: Design) -> str:
+def cause_of(one: Hypothesis, law: FittedLaw, log: Log, swing: Oscillation, design: IntendedLaw) -> str:
     """Return the change with which the loop of one rate settles."""
     slower = (design.known and design.samples_a_tick(log) > 1) or log.hold > 1
     if stable(one, law):
@@ -251,7 +253,7 @@ def _had_rest(log: Log, swing: Oscillation, growth_per_s: float) -> bool:
     return bool(fell.max(initial=0.0) > 3)
 
 
-def _judge(diagnosis: Diagnosis, law: Law, every: Sequence[Fit]) -> Diagnosis:
+def _judge(diagnosis: Diagnosis, law: FittedLaw, every: Sequence[PlantFit]) -> Diagnosis:
     """Return the verdict by the hypotheses that the log bears out, each weighed and then simulated."""
     log, swing, design = diagnosis.log, diagnosis.swing, diagnosis.design
     plain_law = replace(law, switch=None, frames=None)
@@ -259,9 +261,9 @@ def _judge(diagnosis: Diagnosis, law: Law, every: Sequence[Fit]) -> Diagnosis:
     # Beside a noise that the log shows, a swing of few steps is one of little more than what the readings scatter by.
     grain = math.sqrt(12) * every[0].scatter_m
     swing = replace(swing, steps=min(swing.steps, swing.peak_to_peak_m / grain if grain else math.inf))
-    scene = Scene.of(log, swing, law, design, every[0].scatter_m)
+    scene = LoggedScene.of(log, swing, law, design, every[0].scatter_m)
     odds = np.exp(-np.minimum(np.array([fit.cost for fit in every]) - every[0].cost, 700.0))
-    answers: list[tuple[Fit, Hypothesis, float, str]] = []
+    answers: list[tuple[PlantFit, Hypothesis, float, str]] = []
     for fit, weight in zip(every, (odds / odds.sum()).tolist(), strict=True):
         for one in (fit.best, *fit.draws) if weight > 1e-3 else ():
             cause = special if special and stable(one, plain_law) else cause_of(one, plain_law, log, swing, design)
@@ -300,7 +302,7 @@ def _judge(diagnosis: Diagnosis, law: Law, every: Sequence[Fit]) -> Diagnosis:
 
 
 def _doubts(
-    first: str, fit: Fit, law: Law, scene: Scene, diagnosis: Diagnosis, shares: Mapping[str, float]
+    first: str, fit: PlantFit, law: FittedLaw, scene: LoggedScene, diagnosis: Diagnosis, shares: Mapping[str, float]
 ) -> list[str]:
     """Return the doubts about the first cause: odds, residual, and a simulation without it."""
     one, log, design, doubts = fit.best, diagnosis.log, diagnosis.design, []
@@ -338,7 +340,7 @@ def work_w(log: Log, swing: Oscillation, one: Hypothesis) -> float:
     return -float(np.sum(acts * moves)) / (ticks.size * log.period_s)
 
 
-def _numbers(cause: str, one: Hypothesis, law: Law, diagnosis: Diagnosis) -> str:
+def _numbers(cause: str, one: Hypothesis, law: FittedLaw, diagnosis: Diagnosis) -> str:
     """Return the numbers of a cause, without which the loop settles."""
     log, mode, switch, frames, unit = diagnosis.log, one.device.resonance, law.switch, law.frames, one.device.units.unit
     spring, damper = quantity(law.stiffness_n_per_m, unit("N/m")), quantity(law.damping_ns_per_m, unit("N.s/m"))

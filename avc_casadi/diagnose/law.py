@@ -14,9 +14,79 @@ from avc_casadi._util.arrays import BoolArray, FloatArray, IndexArray
 from avc_casadi.diagnose.oscillation import Log, Oscillation, even_phase, samples_alike
 from avc_casadi.identification.regression import regression
 
-# Residual up to which a law explains the force, and up to which with a coarse encoder; a more complex law has to leave
-# so much less; an exact one needs no other. Lags that are tried, and the fewest samples of a law that is not exact.
-_EXPLAINS, _COARSE, _BETTER, _EXACT, _MOST_LAG, _FEWEST = 0.05, 0.3, 0.3, 5e-3, 8, 25
+# Residuals of a law are root mean squares, as shares of the standard deviation of the force.
+
+_EXPLAINS = 0.05
+"""Residual up to which a law explains the force."""
+
+_COARSE = 0.3
+"""Residual up to which a law explains the force with a coarse encoder."""
+
+_GRAIN = 1.3
+"""Residual up to which a law explains the force, per residual that the encoder steps make."""
+
+_BETTER = 0.3
+"""Residual that a more complex law leaves at most, per residual of the simpler one."""
+
+_EXACT = 5e-3
+"""Residual up to which a law is exact and needs no other."""
+
+_EXACT_FEW = 1e-3
+"""Residual up to which a law of fewer than 25 samples is exact."""
+
+_MOST_LAG = 8
+"""Longest lag that is tried, ticks."""
+
+_MOST_LATE = 64
+"""Longest lag that is tried, samples of the log."""
+
+_FEWEST = 25
+"""Fewest samples of a law that is not exact."""
+
+_FEWEST_EXACT = 6
+"""Fewest samples of an exact law, and fewest pairs of positions in them; two more with a filter."""
+
+_FEWEST_SWITCHED = 50
+"""Fewest samples of a law with a switched part."""
+
+_MOST_KEEP = 0.98
+"""Share of the velocity from which on a filter is none: the force before tells the next."""
+
+_AT_LIMIT = 0.9999
+"""Share of the largest force, or of the limit, from which on a force is at the limit."""
+
+_TOGGLE_STEPS = 1.5
+"""Encoder steps up to which a position toggles between two."""
+
+_ROUNDING = 1e-9
+"""Share of the standard deviation of the force that is rounding."""
+
+_MEANS_OVER = (8, 64)
+"""Rows over which a coarse position is averaged, in turn."""
+
+_SWITCHED_SHARE = 0.05
+"""Share of the range of the force from which on a switched part matters."""
+
+_MOST_DROPPED = 0.01
+"""Share of missed samples up to which frames are searched."""
+
+_MOST_FRAME_LAG = 4
+"""Lags below this, ticks, are tried with frames."""
+
+_LONGEST_FRAME = 100
+"""Longest frame that is searched, ticks."""
+
+_FEWEST_FRAME_ROWS = 100
+"""Ticks in which the fast part moves that a frame takes."""
+
+_FEWEST_FRAMES = 12
+"""Frames that a log has at least; a frame is a twelfth of it at most."""
+
+_FAST_TICKS_SHARE = 0.45
+"""Share of ticks in which only the fast part changes, at least."""
+
+_FRAME_JUMP = 1e-3
+"""Share of the largest change of the force above which a residual is a jump of the slow part."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +108,7 @@ class Frames:
 
 
 @dataclass(frozen=True)
-class Law:
+class FittedLaw:
     """F(n) = k x(n-lag) + b v(n-lag) + offset + switch; v(n) = keep v(n-1) + (1 - keep) (x(n) - x(n-1))/T.
 
     Errors are half of 95 % intervals; a coefficient below its error is 0.
@@ -47,47 +117,58 @@ class Law:
     stiffness_n_per_m: float
     damping_ns_per_m: float
     keep: float
+    """Share of the velocity that its filter keeps in a tick."""
     lag: float
+    """Age of the position that the law reads, ticks."""
     offset_n: float
     misfit: float
+    """Residual, root mean square, as a share of the standard deviation of the force."""
     samples: int
     stiffness_error_n_per_m: float = 0.0
     damping_error_ns_per_m: float = 0.0
-    grain: float = 0.0  # what an encoder step leaves, where the law reads a finer position
+    grain: float = 0.0
+    """Residual that an encoder step leaves, where the law reads a finer position."""
     switch: Switch | None = None
     frames: Frames | None = None
 
     @property
     def explains(self) -> bool:
         """Whether it is the force of the log."""
-        return self.misfit < max(_EXPLAINS, min(1.3 * self.grain, _COARSE) if self.stiffness_n_per_m > 0 else 0.0)
+        coarse = min(_GRAIN * self.grain, _COARSE) if self.stiffness_n_per_m > 0 else 0.0
+        return self.misfit < max(_EXPLAINS, coarse)
 
     def filter_hz(self, sample_time_s: float) -> float | None:
-        """Cut-off of the velocity filter; None without one below the Nyquist frequency."""
+        """Cut-off of the velocity filter, Hz; None without one below the Nyquist frequency."""
         return None if self.keep <= math.exp(-math.pi) else -math.log(self.keep) / (2 * math.pi * sample_time_s)
 
 
-def find_law(log: Log, swing: Oscillation, limit_n: float | None, friction_n: float) -> Law | None:
+def find_law(log: Log, swing: Oscillation, limit_n: float | None, friction_n: float) -> FittedLaw | None:
     """Return the law that explains the force best, whether it does or not; None without enough samples in contact."""
-    size, most = np.abs(log.force_n), float(np.abs(log.force_n).max(initial=0.0))
-    if not most:
+    size = np.abs(log.force_n)
+    largest = float(size.max(initial=0.0))
+    if not largest:
         return None
-    limit = most if limit_n is None else min(most, limit_n)
-    top = size >= 0.9999 * limit
+    limit = largest if limit_n is None else min(largest, limit_n)
+    top = size >= _AT_LIMIT * limit
     # The largest force may be a limit; where the position toggles between two steps it belongs to one of them.
-    cut = top & (limit == limit_n or np.ptp(log.position_m[top]) > 1.5 * log.encoder_m)
-    use = log.ran & log.touching & ~cut
+    moves_at_top = np.ptp(log.position_m[top]) > _TOGGLE_STEPS * log.encoder_m
+    at_limit = top & (limit == limit_n or moves_at_top)
+    in_contact = log.ran & log.touching & ~at_limit
     # A force of the position a sample before is exactly one of a negative damper now: that is the last to be taken.
-    best = _best(sorted(_plain(log, use), key=lambda law: (law.damping_ns_per_m < 0, law.keep > 0)))
-    if best is not None and best.misfit < _EXACT:
-        return best
-    whole = log.ran & (True if np.unique(log.force_n).size <= 3 else ~cut)
-    whole[: swing.first] = whole[swing.last :] = False
-    relay = _best(_relays(log, whole, friction_n), best)
-    return relay if relay is not best else _best(sorted(_two_rates(log, cut), key=lambda law: law.misfit), best)
+    plain = _best(sorted(_plain(log, in_contact), key=lambda law: (law.damping_ns_per_m < 0, law.keep > 0)))
+    if plain is not None and plain.misfit < _EXACT:
+        return plain
+    # Of a force of three values at most, all are of the relay.
+    in_swing = log.ran.copy() if np.unique(log.force_n).size <= 3 else log.ran & ~at_limit
+    in_swing[: swing.first] = False
+    in_swing[swing.last :] = False
+    relay = _best(_relays(log, in_swing, friction_n), plain)
+    if relay is not plain:
+        return relay
+    return _best(sorted(_two_rates(log, at_limit), key=lambda law: law.misfit), plain)
 
 
-def _best(laws: Iterable[Law], best: Law | None = None) -> Law | None:
+def _best(laws: Iterable[FittedLaw], best: FittedLaw | None = None) -> FittedLaw | None:
     """Return the law with the smallest residual; what comes later has to leave far less."""
     for law in laws:
         best = law if best is None or law.misfit < _BETTER * best.misfit else best
@@ -103,168 +184,291 @@ def _rows_of_lag(ran: BoolArray, use: BoolArray, lag: int) -> IndexArray:
     return np.flatnonzero(good)
 
 
-def _regress(
-    force: FloatArray, x: FloatArray, step: FloatArray, beside: Sequence[FloatArray], average: int = 1
-) -> tuple[FloatArray, FloatArray, FloatArray] | None:
-    """Return factors of position, its change in a sample, 1 and what stands beside; errors of two; the residual.
+@dataclass(frozen=True, eq=False)
+class _Reading:
+    """The positions that a law reads at n ticks."""
 
-    A factor within its error is left out. Where the rest is an error of the positions, the change has it too, which
-    pulls its factor towards 0 and half of the other's: so far the errors reach.
+    rows: IndexArray
+    """The ticks of the force, shape (n,)."""
+    position_m: FloatArray
+    """Position that the spring reads, shape (n,), m."""
+    change_m: FloatArray
+    """Change of the position in a tick that the damper reads, shape (n,), m."""
+    lag: float
+    """Age of both, ticks."""
+
+    @classmethod
+    def of_lag(cls, rows: IndexArray, position: FloatArray, lag: int, age: float | None = None) -> _Reading:
+        """Return the reading of positions so many ticks before; their age may be a part of a hold less."""
+        now, before = position[rows - lag], position[rows - lag - 1]
+        return cls(rows, now, now - before, lag if age is None else age)
+
+
+@dataclass(frozen=True, eq=False)
+class _Regression:
+    """A regression of the force on position, its change in a tick, 1 and further columns."""
+
+    factors: FloatArray
+    """Factor of each column."""
+    errors: FloatArray
+    """Errors of the first two factors, half of 95 % intervals."""
+    residual_n: FloatArray
+    """Force that is left, N."""
+
+
+def _regress(
+    force: FloatArray, position: FloatArray, change: FloatArray, further: Sequence[FloatArray], average: int = 1
+) -> _Regression | None:
+    """Return the regression of a force on position, its change, 1 and further columns; None where columns are alike.
+
+    A factor within its error is left out. Position and change may be means over `average` ticks.
     """
-    parts, other, changes = (x - x.mean(), step), [np.ones(x.size), *beside], float(np.std(force))
-    use, errors = [0, 1], np.zeros(2)
+    parts = (position - position.mean(), change)
+    constants = [np.ones(position.size), *further]
+    deviation = float(np.std(force))
+    use = [0, 1]
+    errors = np.zeros(2)
     for _ in range(3):
-        columns = np.stack([*(parts[one] for one in use), *other], axis=1)
-        fit = regression(columns, force) if changes else None
+        columns = np.stack([*(parts[part] for part in use), *constants], axis=1)
+        fit = regression(columns, force) if deviation else None
         if fit is None:
             return None
-        factors, residual = np.zeros(2 + len(other)), force - columns @ fit[0]
-        factors[[*use, *range(2, factors.size)]] = fit[0]
-        if fit[1] > 1e-9 * changes:
-            scale = np.sqrt(np.mean(columns**2, axis=0))
-            inverse = np.diag(np.linalg.inv((columns / scale).T @ (columns / scale) / x.size))
-            white = 2 * fit[1] * math.sqrt(samples_alike(residual) / x.size)
-            read = fit[1] ** 2 / max(factors[0] ** 2, 2 * factors[1] ** 2 / average, 1e-300)
-            for one, own in zip(use, (scale / np.sqrt(inverse)).tolist(), strict=False):
-                pull = read / own**2 / (average if one else 1)
-                share = min((1 + one) * pull, 1.0)
-                whole = white / own + abs(factors[1 - one]) * pull + abs(factors[one]) * share
-                errors[one] = whole / (1 - share) if share < 1 else math.inf
-        clear = [one for one in use if abs(factors[one]) > errors[one] + 1e-9 * changes / float(np.std(parts[one]))]
+        fitted, fitted_residual = fit
+        factors = np.zeros(2 + len(constants))
+        factors[[*use, *range(2, factors.size)]] = fitted
+        residual = force - columns @ fitted
+        if fitted_residual > _ROUNDING * deviation:
+            for part, error in _errors(columns, factors, residual, fitted_residual, use, average).items():
+                errors[part] = error
+        clear = [
+            part
+            for part in use
+            if abs(factors[part]) > errors[part] + _ROUNDING * deviation / float(np.std(parts[part]))
+        ]
         if clear == use:
             break
         use = clear
-    return factors, errors, residual
+    return _Regression(factors, errors, residual)
 
 
-def _law(
-    log: Log, rows: IndexArray, x: FloatArray, step: FloatArray, lag: float, sign: FloatArray | None = None,
-    *, filtered: bool = False,
-) -> Law | None:  # fmt: skip
-    """Return the law of the force of some rows; a coarse position tells more by its means over many rows."""
-    force, period, changes = log.force_n[rows], log.period_s, float(np.std(log.force_n[rows]))
-    fit = _regress(force, x, step, [log.force_n[rows - 1]] if filtered else [] if sign is None else [sign])
-    keep = float(fit[0][3]) if fit is not None and filtered else 0.0
-    if fit is None or not 0 <= keep < 0.98:
+def _errors(
+    columns: FloatArray, factors: FloatArray, residual: FloatArray, rms: float, use: Sequence[int], average: int
+) -> dict[int, float]:
+    """Return the errors of the factors of position (0) and change (1), half of 95 % intervals.
+
+    Where the rest is an error of the positions, the change has it too, which pulls its factor towards 0 and half of the
+    other's: so far the errors reach.
+    """
+    scale = np.sqrt(np.mean(columns**2, axis=0))
+    inverse = np.diag(np.linalg.inv((columns / scale).T @ (columns / scale) / len(columns)))
+    # Size of each column beside what the others explain of it.
+    sizes = (scale / np.sqrt(inverse)).tolist()
+    white = 2 * rms * math.sqrt(samples_alike(residual) / len(columns))
+    reading_variance = rms**2 / max(factors[0] ** 2, 2 * factors[1] ** 2 / average, 1e-300)
+    errors = {}
+    for part, size in zip(use, sizes, strict=False):
+        pull = reading_variance / size**2 / (average if part else 1)
+        share = min((1 + part) * pull, 1.0)
+        error = white / size + abs(factors[1 - part]) * pull + abs(factors[part]) * share
+        errors[part] = error / (1 - share) if share < 1 else math.inf
+    return errors
+
+
+def _law(log: Log, reading: _Reading, sign: FloatArray | None = None, *, filtered: bool = False) -> FittedLaw | None:
+    """Return the law of the force at the ticks of a reading, with a filter of the velocity or a switched part.
+
+    F = keep F_before + k (1 - keep) x + (b (1 - keep)/T + k keep) (x - x_before) + c sign.
+    """
+    force, position, period = log.force_n[reading.rows], reading.position_m, log.period_s
+    deviation = float(np.std(force))
+    further = []
+    if filtered:
+        further = [log.force_n[reading.rows - 1]]
+    elif sign is not None:
+        further = [sign]
+    fit = _regress(force, position, reading.change_m, further)
+    keep = float(fit.factors[3]) if fit is not None and filtered else 0.0
+    if fit is None or not 0 <= keep < _MOST_KEEP:
         return None
-    factors, errors, residual = fit
-    for many in (8, 64) if not filtered and sign is None and np.std(residual) > _EXACT * changes else ():
-        ends = np.flatnonzero(rows[many:] - rows[:-many] == many) + many
-        means = [(np.cumsum(one)[ends] - np.cumsum(one)[ends - many]) / many for one in (force, x, step)]
-        coarse = _regress(means[0], means[1], means[2], [], many) if ends.size > 4 * many else None
-        if coarse is not None and coarse[1][1] < errors[1]:
-            (k, c, offset), errors, _ = coarse
-            factors = np.array([k, c, offset + k * (x.mean() - means[1].mean())])
-            residual = force - k * (x - x.mean()) - c * step - factors[2]
-    # F = keep F_before + k (1 - keep) x + (b (1 - keep)/T + k keep)(x - x_before). From the force before, the next is
-    # told too easily: what counts is the error that the filter sums up.
-    k, error = float(factors[0]) / (1 - keep), (errors / (1 - keep)).tolist()
-    b = (float(factors[1]) - k * keep) * period / (1 - keep)
-    misfit = max(float(np.sqrt(np.mean(residual**2))) / changes / max(1 - keep, 1e-3), 1e-12)
-    grain = log.encoder_m / math.sqrt(12) * math.hypot(k, math.sqrt(2) * b / period) / changes
-    offset = float(factors[2]) / (1 - keep) - k * float(x.mean())
-    switch = None if sign is None else Switch(float(factors[3]), "position")
-    return Law(k, b, keep, lag, offset, misfit, rows.size, error[0], error[1] * period, grain, switch)
+    if not filtered and sign is None and np.std(fit.residual_n) > _EXACT * deviation:
+        fit = _by_means(force, reading, fit)
+    stiffness = float(fit.factors[0]) / (1 - keep)
+    damping = (float(fit.factors[1]) - stiffness * keep) * period / (1 - keep)
+    stiffness_error, damping_error_m = (fit.errors / (1 - keep)).tolist()
+    # From the force before, the next is told too easily: what counts is the error that the filter sums up.
+    rms = float(np.sqrt(np.mean(fit.residual_n**2)))
+    step_rms = log.encoder_m / math.sqrt(12)
+    return FittedLaw(
+        stiffness_n_per_m=stiffness,
+        damping_ns_per_m=damping,
+        keep=keep,
+        lag=reading.lag,
+        offset_n=float(fit.factors[2]) / (1 - keep) - stiffness * float(position.mean()),
+        misfit=max(rms / deviation / max(1 - keep, 1e-3), 1e-12),
+        samples=reading.rows.size,
+        stiffness_error_n_per_m=stiffness_error,
+        damping_error_ns_per_m=damping_error_m * period,
+        grain=step_rms * math.hypot(stiffness, math.sqrt(2) * damping / period) / deviation,
+        switch=None if sign is None else Switch(float(fit.factors[3]), "position"),
+    )
 
 
-def _plain(log: Log, use: BoolArray) -> Iterator[Law]:
+def _by_means(force: FloatArray, reading: _Reading, fit: _Regression) -> _Regression:
+    """Return the fit to means over many rows, where a coarse position tells more of the damper by them."""
+    rows, position, change = reading.rows, reading.position_m, reading.change_m
+
+    def means(values: FloatArray, ends: IndexArray, count: int) -> FloatArray:
+        sums = np.cumsum(values)
+        return (sums[ends] - sums[ends - count]) / count
+
+    for count in _MEANS_OVER:
+        ends = np.flatnonzero(rows[count:] - rows[:-count] == count) + count
+        if ends.size <= 4 * count:
+            continue
+        mean_position = means(position, ends, count)
+        coarse = _regress(means(force, ends, count), mean_position, means(change, ends, count), [], count)
+        if coarse is not None and coarse.errors[1] < fit.errors[1]:
+            by_position, by_change, constant = coarse.factors
+            offset = constant + by_position * (position.mean() - mean_position.mean())
+            residual = force - by_position * (position - position.mean()) - by_change * change - offset
+            fit = _Regression(np.array([by_position, by_change, offset]), coarse.errors, residual)
+    return fit
+
+
+def _plain(log: Log, use: BoolArray) -> Iterator[FittedLaw]:
     """Yield spring and damper of each lag, which may be a part of a hold, with a filter of the velocity and without."""
-    for late, filtered in itertools.product(range(min(_MOST_LAG * log.hold, 64) + 1), (False, True)):
-        lag, position = -(-late // log.hold), log.between(-late % log.hold)
+    for late_samples, filtered in itertools.product(range(min(_MOST_LAG * log.hold, _MOST_LATE) + 1), (False, True)):
+        lag = -(-late_samples // log.hold)
+        position = log.between(-late_samples % log.hold)
         rows = _rows_of_lag(log.ran, use, lag)
         rows = rows[use[rows - 1]] if filtered else rows
-        x, before = position[rows - lag], position[rows - lag - 1]
-        pairs = len(np.unique(np.stack([x, before], axis=1), axis=0)) if 6 <= rows.size < _FEWEST else rows.size
-        law = _law(log, rows, x, x - before, late / log.hold, filtered=filtered) if pairs >= 6 + 2 * filtered else None
-        if law is not None and (rows.size >= _FEWEST or law.misfit <= 1e-3):
+        reading = _Reading.of_lag(rows, position, lag, late_samples / log.hold)
+        pairs = rows.size
+        if _FEWEST_EXACT <= rows.size < _FEWEST:
+            pairs = len(np.unique(np.stack([reading.position_m, position[rows - lag - 1]], axis=1), axis=0))
+        if pairs < _FEWEST_EXACT + 2 * filtered:
+            continue
+        law = _law(log, reading, filtered=filtered)
+        if law is not None and (rows.size >= _FEWEST or law.misfit <= _EXACT_FEW):
             yield law
 
 
-def _relays(log: Log, use: BoolArray, friction_n: float) -> Iterator[Law]:
+def _relays(log: Log, use: BoolArray, friction_n: float) -> Iterator[FittedLaw]:
     """Yield laws with a part that a sign switches."""
-    position, force = log.position_m, log.force_n
     for lag in range(_MOST_LAG + 1):
         rows = _rows_of_lag(log.ran, use, lag)
-        if rows.size < 50 or not np.ptp(force[rows]):
+        if rows.size < _FEWEST_SWITCHED:
             break
-        x, before = position[rows - lag], position[rows - lag - 1]
-        signs = [
-            (Switch(0.0, "position", (low, high)), (np.sign(x - low) + np.sign(x - high)) / 2)
-            for low, high in _edges(force, position, rows, lag)
-        ]
-        signs += [(Switch(0.0, "speed"), np.sign(x - before))]
-        signs += [(Switch(0.0, "force"), np.sign(force[rows]))] if np.unique(force[rows]).size > 3 else []
-        for switch, sign in signs:
-            law = _law(log, rows, x, x - before, lag, sign)
-            c = 0.0 if law is None or law.switch is None else law.switch.force_n
-            matters = abs(c) > 0.05 * float(np.ptp(force[rows])) or (switch.by == "speed" and 0 < friction_n < -c)
-            if law is not None and law.misfit <= _EXPLAINS and matters:
-                yield replace(law, switch=replace(switch, force_n=c))
+        force_range = float(np.ptp(log.force_n[rows]))
+        if not force_range:
+            break
+        reading = _Reading.of_lag(rows, log.position_m, lag)
+        for switch, sign in _switches(log, reading, lag):
+            law = _law(log, reading, sign)
+            if law is None or law.switch is None:
+                continue
+            switched_n = law.switch.force_n
+            compensates = switch.by == "speed" and 0 < friction_n < -switched_n
+            matters = abs(switched_n) > _SWITCHED_SHARE * force_range or compensates
+            if law.misfit <= _EXPLAINS and matters:
+                yield replace(law, switch=replace(switch, force_n=switched_n))
+
+
+def _switches(log: Log, reading: _Reading, lag: int) -> Iterator[tuple[Switch, FloatArray]]:
+    """Yield what may switch the force at the ticks of a reading, with its sign."""
+    force, position = log.force_n[reading.rows], reading.position_m
+    for low, high in _edges(log.force_n, log.position_m, reading.rows, lag):
+        yield Switch(0.0, "position", (low, high)), (np.sign(position - low) + np.sign(position - high)) / 2
+    yield Switch(0.0, "speed"), np.sign(reading.change_m)
+    if np.unique(force).size > 3:
+        yield Switch(0.0, "force"), np.sign(force)
 
 
 def _edges(force: FloatArray, position: FloatArray, rows: IndexArray, lag: int) -> list[tuple[float, float]]:
-    """Return where the position may switch the force: at one edge, or at two with a dead band between them."""
-    if (rows := rows[np.isin(rows - 1, rows)]).size < 20:
+    """Return where the position may switch the force, m: at one edge, or at two with a dead band between them."""
+    rows = rows[np.isin(rows - 1, rows)]
+    if rows.size < 20:
         return []
-    x, before, older = (position[rows - lag - back] for back in range(3))
+    now, before, older = (position[rows - lag - back] for back in range(3))
     changes = force[rows] - force[rows - 1]
-    columns = np.stack([x - before, x - 2 * before + older], axis=1)
-    near = np.ones(rows.size, dtype=bool)
+    columns = np.stack([now - before, now - 2 * before + older], axis=1)
+    # Most changes are of spring and damper: the third that they explain worst is left out, again and again.
+    smooth_rows = np.ones(rows.size, dtype=bool)
     for _ in range(4):
-        smooth = np.linalg.lstsq(columns[near], changes[near], rcond=1e-9)[0]
-        residual = np.abs(changes - columns @ smooth)
-        near = residual <= np.quantile(residual, 0.7)
-    jumps = (residual > 0.35 * residual.max()) & (x != before)
+        gains = np.linalg.lstsq(columns[smooth_rows], changes[smooth_rows], rcond=1e-9)[0]
+        residual = np.abs(changes - columns @ gains)
+        smooth_rows = residual <= np.quantile(residual, 0.7)
+    jumps = (residual > 0.35 * residual.max()) & (now != before)
     if np.count_nonzero(jumps) < 3:
         return []
-    low, high = np.minimum(x, before)[jumps], np.maximum(x, before)[jumps]
-
-    def edge(some: BoolArray) -> float:
-        inner, outer = float(low[some].max()), float(high[some].min())
-        if inner > outer:
-            return float(np.median(low[some] + high[some])) / 2
-        return 0.0 if inner <= 0 <= outer else (inner + outer) / 2
-
-    both = low + high
-    upper, most = both > (both.min() + both.max()) / 2, float((high - low).max())
-    centre, apart = edge(both > -math.inf), upper.any() and both[upper].min() > both[~upper].max()
+    low, high = np.minimum(now, before)[jumps], np.maximum(now, before)[jumps]
+    centre = _edge(low, high)
+    edges = [(centre, centre)]
+    twice_middle = low + high
+    upper = twice_middle > (twice_middle.min() + twice_middle.max()) / 2
+    if upper.any() and twice_middle[upper].min() > twice_middle[~upper].max():
+        edges.append((_edge(low[~upper], high[~upper]), _edge(low[upper], high[upper])))
     # Edges that one step may cross together.
-    widths = np.geomspace(0.03 * most, 0.6 * most, 12).tolist()
-    edges = [(centre, centre), *([(edge(~upper), edge(upper))] if apart else [])]
+    longest_step = float((high - low).max())
+    widths = np.geomspace(0.03 * longest_step, 0.6 * longest_step, 12).tolist()
     return edges + [(centre - width, centre + width) for width in widths]
 
 
-def _two_rates(log: Log, cut: BoolArray) -> Iterator[Law]:
+def _edge(low: FloatArray, high: FloatArray) -> float:
+    """Return the edge that all steps from low to high cross, at 0 where it may be; their middle where none is."""
+    inner, outer = float(low.max()), float(high.min())
+    if inner > outer:
+        return float(np.median(low + high)) / 2
+    return 0.0 if inner <= 0 <= outer else (inner + outer) / 2
+
+
+def _two_rates(log: Log, at_limit: BoolArray) -> Iterator[FittedLaw]:
     """Yield laws whose spring or damper is new once a frame and the other part at every tick."""
-    use, position = log.ran & log.touching & ~cut, log.position_m
-    kinds: tuple[Literal["spring", "damper"], ...] = ("spring", "damper")
-    for lag, slow in itertools.product(range(4), kinds) if log.missed_share <= 0.01 else ():
-        ticks, first = _frame(log, cut, lag, slow) or (0, 0)
-        for late in range(3 * ticks + 1) if ticks else ():
+    if log.missed_share > _MOST_DROPPED:
+        return
+    use = log.ran & log.touching & ~at_limit
+    parts: tuple[Literal["spring", "damper"], ...] = ("spring", "damper")
+    for lag, slow in itertools.product(range(_MOST_FRAME_LAG), parts):
+        frame = _frame(log, at_limit, lag, slow)
+        if frame is None:
+            continue
+        ticks, first = frame
+        for late in range(3 * ticks + 1):
             rows = np.flatnonzero(use & (np.arange(use.size) > first + ticks + late + lag + 1))
             frame_rows = rows - (rows - first) % ticks - late
-            spring, damper = (frame_rows - lag, rows - lag) if slow == "spring" else (rows - lag, frame_rows - lag)
-            back = 1 if slow == "spring" else ticks
-            law = _law(log, rows, position[spring], (position[damper] - position[damper - back]) / back, lag)
+            law = _law(log, _frame_reading(log, rows, frame_rows, lag, slow, ticks))
             if law is not None and min(law.stiffness_n_per_m, law.damping_ns_per_m) > 0 and law.misfit < _EXPLAINS:
                 yield replace(law, frames=Frames(slow, ticks, late / ticks))
 
 
-def _frame(log: Log, cut: BoolArray, lag: int, slow: str) -> tuple[int, int] | None:
+def _frame_reading(log: Log, rows: IndexArray, frame_rows: IndexArray, lag: int, slow: str, ticks: int) -> _Reading:
+    """Return the reading whose slow part is of the tick of its frame, and its change, m in a tick, over a frame."""
+    position = log.position_m
+    if slow == "spring":
+        spring, damper, back = frame_rows - lag, rows - lag, 1
+    else:
+        spring, damper, back = rows - lag, frame_rows - lag, ticks
+    return _Reading(rows, position[spring], (position[damper] - position[damper - back]) / back, lag)
+
+
+def _frame(log: Log, at_limit: BoolArray, lag: int, slow: str) -> tuple[int, int] | None:
     """Return the ticks of a frame and its first tick: beside the fast part the force jumps in one phase only."""
-    force, x, use = log.force_n, log.position_m, log.ran & log.touching
-    fast = x if slow == "damper" else np.diff(x, prepend=x[0])
+    force, position = log.force_n, log.position_m
+    use = log.ran & log.touching
+    fast = position if slow == "damper" else np.diff(position, prepend=position[0])
     rows = np.flatnonzero(use[1:] & use[:-1] & (np.arange(1, use.size) > lag + 2)) + 1
-    new, moves = force[rows] - force[rows - 1], fast[rows - lag] - fast[rows - lag - 1]
-    some = (np.abs(moves) > 1e-9 * np.abs(moves).max(initial=1e-300)) & ~cut[rows] & ~cut[rows - 1]
-    if np.count_nonzero(some) < 100:
+    changes = force[rows] - force[rows - 1]
+    moves = fast[rows - lag] - fast[rows - lag - 1]
+    limited, limited_before = at_limit[rows], at_limit[rows - 1]
+    moving = (np.abs(moves) > 1e-9 * np.abs(moves).max(initial=1e-300)) & ~limited & ~limited_before
+    if np.count_nonzero(moving) < _FEWEST_FRAME_ROWS:
         return None
     # Most ticks are of the fast part alone: the median of their ratios is its gain.
-    gain = float(np.median(new[some] / moves[some]))
-    residual = new - gain * moves
+    gain = float(np.median(changes[moving] / moves[moving]))
+    residual = changes - gain * moves
     # Of a force at the limit only a jump towards it is seen, and after it only one away from it.
-    visible = (residual * cut[rows] * force[rows] >= 0) & (residual * cut[rows - 1] * force[rows - 1] <= 0)
-    jumps = visible & (np.abs(residual) > 1e-3 * float(np.abs(new).max()))
-    if gain <= 0 or np.mean(~jumps) < 0.45 or np.count_nonzero(jumps) < 12:
+    visible = (residual * limited * force[rows] >= 0) & (residual * limited_before * force[rows - 1] <= 0)
+    jumps = visible & (np.abs(residual) > _FRAME_JUMP * float(np.abs(changes).max()))
+    if gain <= 0 or np.mean(~jumps) < _FAST_TICKS_SHARE or np.count_nonzero(jumps) < _FEWEST_FRAMES:
         return None
-    return even_phase(rows[jumps], min(100, force.size // 12))
+    return even_phase(rows[jumps], min(_LONGEST_FRAME, force.size // _FEWEST_FRAMES))

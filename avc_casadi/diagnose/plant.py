@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import optimize, signal
 
 from avc_casadi._util.arrays import BoolArray, FloatArray
-from avc_casadi.diagnose.law import Law
+from avc_casadi.diagnose.law import FittedLaw
 from avc_casadi.diagnose.oscillation import LEAST_ALIKE, Log, Oscillation, samples_alike
 from avc_casadi.loops.loop import Body
 from avc_casadi.loops.wall import Rendering, wall
@@ -21,12 +21,145 @@ from avc_casadi.model.plant import sampled_plant
 from avc_casadi.model.problem import Hands
 from avc_casadi.model.quantity import LEAST_DELAY_SAMPLES
 
-# Delays that are searched, samples; draws of each structure; ln odds against a resonance and against stops.
-_LEAST_DELAY, _MOST_DELAY, _DRAWS, _RESONANCE_ODDS, _STOP_ODDS = 2e-3, 14.0, 12, 12.0, 8.0
+_LEAST_DELAY = 2e-3
+"""Shortest delay that is searched, ticks."""
+
+_MOST_DELAY = 14.0
+"""Longest delay that is searched, ticks."""
+
+_DRAWS = 12
+"""Draws from the posterior of each structure."""
+
+_RESONANCE_ODDS = 12.0
+"""ln of the odds against a resonance that is not declared."""
+
+_STOP_ODDS = 8.0
+"""ln of the odds against travel stops."""
+
+_SLOWER_LOG = 1.3
+"""Sample times of the device from which on a tick of a log is a longer one, not the same with an error."""
+
+# Priors of the unknowns: spreads are standard deviations, those of masses, dampings and stiffnesses of their ln.
+
+_DELAY_SPREAD = 0.15
+"""Spread of a declared delay, samples of the device."""
+
+_LATE_SPREAD = 4.0
+"""Spread of a delay that is longer than declared, ticks."""
+
+_LEAST_HAND = np.array([[1e-3], [0.1], [5.0]])
+"""Least mass, kg, damping, N.s/m, and stiffness, N/m, of a hand at 1 m from the axis, or on a device that slides."""
+
+_HAND_SPREAD = 0.4
+"""Least spread of a hand on a declared device."""
+
+_HAND_SPREAD_ASSUMED = 1.1
+"""Least spread of a hand on an assumed device, whose mass it makes up for."""
+
+_MASS_SPREAD = 0.06
+"""Spread of a declared mass of a device."""
+
+_DAMPING_SPREAD = 0.5
+"""Spread of a declared damping of a device."""
+
+_ASSUMED_SPREAD = 2.0
+"""Spread of mass and damping of an assumed device."""
+
+_BOUND_SPREADS = 4
+"""Spreads to either side of its prior within which an unknown is searched."""
+
+_MODE_LEAST_PRIOR_HZ = 40.0
+"""Least frequency of the prior of a resonance, Hz; its middle is the frequency of the swing above that."""
+
+_MODE_LOWEST_HZ = 25.0
+"""Lowest frequency of a resonance, Hz: what is slower is a hand."""
+
+_MODE_SPREAD = 0.6
+"""Spread of frequency and damping ratio of a resonance."""
+
+_MODE_DAMPING_RATIO = 0.03
+"""Middle of the prior of the damping ratio of a resonance."""
+
+_MODE_DAMPING_RATIOS = (2e-3, 0.15)
+"""Damping ratios of a resonance that are searched."""
+
+_MODE_MASS_RATIO = 0.4
+"""Middle of the prior of the share of the device's mass behind a resonance."""
+
+_MODE_MASS_SPREAD = 0.15
+"""Spread of that share."""
+
+_MODE_MASS_RATIOS = (0.1, 0.9)
+"""Shares of the device's mass behind a resonance that are searched."""
+
+_MOST_DAMPING_RATIO = 0.5
+"""Largest damping ratio of a resonance that is drawn."""
+
+# Windows and residuals.
+
+_SLOWER_THAN_SWING = 3
+"""Frequency of the swing, per frequency up to which motion is slow."""
+
+_SLOW_HZ = (2.5, 40.0)
+"""Frequencies, Hz, between which that limit lies, if it is not above half of the swing's."""
+
+_WINDOW_S = 0.4
+"""Shortest time of a window, s."""
+
+_WINDOW_CYCLES = 6
+"""Fewest cycles in a window."""
+
+_WINDOW_MOST = 1500
+"""Most ticks in a window."""
+
+_SMOOTH_STEPS = 0.05
+"""Encoder steps a tick below which friction has no full sign, as the position does not tell it."""
+
+_MODEL_ERROR = 5e-3
+"""Share of the swing that no model explains."""
+
+_BEGIN_LEVEL = 1.7
+"""Residual, per noise, with which the first search weighs the prior."""
+
+_BEGIN_TRIES, _REFINE_TRIES = 15, 12
+"""Evaluations of the first search, and of the second with the residual as noise."""
+
+_MODE_TURNS = (0.75, 0.95, 1.2, 1.6)
+"""Factors of the prior's frequency at which the search of a resonance begins."""
+
+_LATE_START = 2.5
+"""Ticks that a second search of a long delay begins later."""
+
+_WHITE_FROM = 200
+"""Samples of a residual from which on it tells whether it is white."""
+
+_STOPS_STEPS = 14
+"""Encoder steps of a swing above which it may meet travel stops."""
+
+_STOP_SIDES = (0.96, 0.9, 0.84, 0.78, 0.72, 0.66, 0.6)
+"""Places of stops that are tried, as shares of half of the travel, from the outside in."""
+
+_STOPS_ALIKE = 1.3
+"""Residual of stops, per that of the best ones, up to which those further out are taken."""
+
+_STOPS_BETTER = 0.5
+"""Residual with stops, per that without, below which they are taken."""
+
+_UNEXPLAINED = 2
+"""Residual, per noise, above which a structure does not explain the motion."""
+
+_NEAR_BOUND = 1e-3
+"""Share of the range of an unknown within which it stands at its bound."""
+
+_LEAST_CURVATURE = 1e-6
+"""Least curvature of the log likelihood along an axis of the posterior, for its width and its volume."""
+
+DeviceValue = float | Mapping[str, float] | None
+"""Value of a key of a device: a number, a table such as a resonance, or none."""
 
 
 @dataclass(frozen=True)
-class Design:
+class IntendedLaw:
     """What the loop was designed for: a device, whether it was declared or is assumed, and the hands."""
 
     device: Device
@@ -35,14 +168,14 @@ class Design:
 
     @property
     def delay_samples(self) -> tuple[float, float]:
-        """Range of the declared delay; an assumed one may be none or twice as long."""
-        own = float(self.device.delay_samples)
-        return self.device.range.delay_samples or ((own, own) if self.known else (0.0, 2 * own))
+        """Range of the declared delay, samples of the device; an assumed one may be none or twice as long."""
+        delay = float(self.device.delay_samples)
+        return self.device.range.delay_samples or ((delay, delay) if self.known else (0.0, 2 * delay))
 
     def samples_a_tick(self, log: Log) -> float:
         """Return the samples of the device in a tick of a log, which may be longer."""
         ratio = log.period_s / self.device.sample_time_s
-        return ratio if ratio > 1.3 else 1.0
+        return ratio if ratio > _SLOWER_LOG else 1.0
 
     def latest(self, log: Log) -> float:
         """Return the longest declared delay in ticks of a log."""
@@ -51,18 +184,19 @@ class Design:
 
 @dataclass(frozen=True, eq=False)
 class Hypothesis:
-    """A device, the hand on it or None, and the positions of travel stops."""
+    """A device, the hand on it or None, and the positions of travel stops, m."""
 
     device: Device
     hand: Hand | None
     stops: tuple[float, float] | None = None
 
-    def vary(self, **values: object) -> Hypothesis:
-        """Return the hypothesis with another value of its device; a delay below the least of a device is none."""
-        if (delay := values.get("delay_samples")) is not None:
-            values["delay_samples"] = delay if float(str(delay)) >= LEAST_DELAY_SAMPLES else 0.0
-        whole = {**self.device.model_dump(exclude={"range"}), **values}
-        return replace(self, device=Device.model_validate(whole))
+    def vary(self, **values: DeviceValue) -> Hypothesis:
+        """Return the hypothesis with other values of its device; a delay below the least of a device is none."""
+        delay = values.get("delay_samples")
+        if isinstance(delay, float | int) and not delay >= LEAST_DELAY_SAMPLES:
+            values["delay_samples"] = 0.0
+        device = Device.model_validate({**self.device.model_dump(exclude={"range"}), **values})
+        return replace(self, device=device)
 
     @property
     def delay(self) -> float:
@@ -70,252 +204,458 @@ class Hypothesis:
         return float(self.device.delay_samples)
 
 
-def growth(one: Hypothesis, law: Law, stiffness: float = 1.0, damping: float = 1.0) -> float:
-    """Return the growth rate, 1/s, of the least damped mode of the loop of one rate, gains scaled."""
-    period, late = one.device.sample_time_s, one.vary(delay_samples=one.delay + law.lag)
-    body = Body.of(sampled_plant(late.device, one.hand or no_hand())).axes(0, 0)
-    step = np.array([1 - law.keep, law.keep - 1, law.keep])
-    force = np.array([stiffness * law.stiffness_n_per_m, 0, 0]) + damping * law.damping_ns_per_m / period * step
-    return math.log(max(float(wall(body, Rendering(force, step)).radius), 1e-300)) / period
+def growth(hypothesis: Hypothesis, law: FittedLaw, stiffness: float = 1.0, damping: float = 1.0) -> float:
+    """Return the growth rate, 1/s, of the least damped mode of the loop of one rate, gains scaled.
+
+    ln|z| / T of the largest pole z of the sampled loop, whose force is that of the law without switch and frames.
+    """
+    period = hypothesis.device.sample_time_s
+    late = hypothesis.vary(delay_samples=hypothesis.delay + law.lag)
+    body = Body.of(sampled_plant(late.device, hypothesis.hand or no_hand())).axes(0, 0)
+    velocity = np.array([1 - law.keep, law.keep - 1, law.keep])
+    force = np.array([stiffness * law.stiffness_n_per_m, 0, 0]) + damping * law.damping_ns_per_m / period * velocity
+    return math.log(max(float(wall(body, Rendering(force, velocity)).radius), 1e-300)) / period
 
 
-def stable(one: Hypothesis, law: Law, stiffness: float = 1.0, damping: float = 1.0) -> bool:
-    """Return whether the loop decays."""
-    return growth(one, law, stiffness, damping) < 0
+def stable(hypothesis: Hypothesis, law: FittedLaw, stiffness: float = 1.0, damping: float = 1.0) -> bool:
+    """Return whether the loop decays, gains scaled."""
+    return growth(hypothesis, law, stiffness, damping) < 0
 
 
 @dataclass(frozen=True, eq=False)
-class Fit:
-    """One structure fitted to a log: best answer, draws about it, minus its log evidence, residual, reading errors."""
+class PlantFit:
+    """One structure fitted to a log."""
 
     best: Hypothesis
     draws: tuple[Hypothesis, ...]
+    """Draws from the posterior about the best answer."""
     cost: float
+    """Minus ln of the evidence of the log."""
     misfit: float
+    """Residual, per noise of the position."""
     scatter_m: float
+    """Error of a reading of the position, root mean square, m."""
     delay_error: float
+    """Standard deviation of the delay, ticks."""
     at_end: bool
+    """Whether the delay is the longest that is searched."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Window:
+    """A stretch of n ticks of a log to which structures are fitted."""
+
     start: float
-    position: FloatArray  # from the start
-    past: FloatArray  # force, from the longest delay before
-    rub: FloatArray  # sign of the velocity, smoothed
+    """Position at its first tick, m."""
+    position: FloatArray
+    """Position from the start, shape (n,), m."""
+    past: FloatArray
+    """Force, N, of these ticks and of those before it up to the longest delay."""
+    rub: FloatArray
+    """Sign of the velocity, smoothed, shape (n,)."""
     use: BoolArray
+    """Whether each tick is in the log, shape (n,)."""
+
+
+@dataclass(frozen=True, eq=False)
+class _SampledMotion:
+    """x(n+1) = A x(n) + b_new F(n-d) + b_old F(n-d-1), position c x(n): device and hand in ticks, velocities a tick."""
+
+    matrix: FloatArray
+    """A, shape (s, s)."""
+    new: FloatArray
+    """b_new, shape (s,)."""
+    old: FloatArray
+    """b_old, shape (s,)."""
+    output_row: FloatArray
+    """c, shape (s,)."""
+    characteristic: FloatArray
+    """Characteristic polynomial of A, shape (s + 1,)."""
+    whole_delay: int
+    """d, ticks."""
+
+    @classmethod
+    def of(cls, hypothesis: Hypothesis, period_s: float) -> _SampledMotion:
+        """Return the motion of a device and its hand."""
+        plant = sampled_plant(hypothesis.device, hypothesis.hand or no_hand())
+        scale = np.array([period_s if name.endswith("_per_s") else 1.0 for name in plant.names])
+        matrix = plant.matrix[0, 0] * scale[:, None] / scale
+        return cls(
+            matrix=matrix,
+            new=plant.new[0, 0] * scale,
+            old=plant.old[0, 0] * scale,
+            output_row=plant.output_row,
+            characteristic=np.asarray(np.poly(matrix)),
+            whole_delay=int(plant.whole_delay[0]),
+        )
+
+    def response(self, entry: FloatArray, force: FloatArray) -> FloatArray:
+        """Return the position under a force from rest, shape (n,), where b = `entry` is how it enters the state.
+
+        sum over k of c A^(k-1) b F(n-k), as a filter whose denominator is the characteristic polynomial of A.
+        """
+        order = self.characteristic.size - 1
+        markov, state = [0.0], entry.copy()
+        for _ in range(order):
+            markov.append(float(self.output_row @ state))
+            state = self.matrix @ state
+        numerator = np.convolve(self.characteristic, markov)[: order + 1]
+        return np.asarray(signal.lfilter(numerator, self.characteristic, force, axis=0))
+
+    def free(self, n: int) -> FloatArray:
+        """Return the position c A^k of free motion from each state over n ticks, shape (n, s)."""
+        free, power = self.output_row[None, :], self.matrix
+        while len(free) < n:
+            free, power = np.concatenate([free, free @ power]), power @ power
+        return free[:n]
+
+
+@dataclass(frozen=True, eq=False)
+class _Solution:
+    """The end of a search."""
+
+    point: FloatArray
+    """Unknowns, shape (u,)."""
+    curvature: FloatArray
+    """J' J of the residuals with the prior, shape (u, u)."""
+    cost: float
+    """Half of the sum of squares with the prior."""
+
+
+@dataclass(frozen=True)
+class _Unknown:
+    """An unknown of a structure with its prior."""
+
+    name: str
+    middle: float
+    spread: float
 
 
 @dataclass(frozen=True, eq=False)
 class _Structure:
     """Unknowns of one structure with their prior, and its residuals."""
 
-    design: Design
+    design: IntendedLaw
     period_s: float
     hand: bool
     resonant: bool
     names: tuple[str, ...]
+    """Names of the u unknowns; the delay is the first, those of a resonance are the last three."""
     middle: FloatArray
+    """Middle of the prior of each, shape (u,)."""
     spread: FloatArray
+    """Its standard deviation, shape (u,)."""
     slow_hz: float
+    """Frequency up to which motion may be of anything else."""
     stops: tuple[float, float] | None = None
 
+    @classmethod
+    def of(
+        cls,
+        design: IntendedLaw,
+        period_s: float,
+        slow_hz: float,
+        unknowns: Sequence[_Unknown],
+        *,
+        hand: bool,
+        resonant: bool,
+    ) -> _Structure:
+        """Return the structure of some unknowns."""
+        names = tuple(unknown.name for unknown in unknowns)
+        middle = np.array([unknown.middle for unknown in unknowns])
+        spread = np.array([unknown.spread for unknown in unknowns])
+        return cls(design, period_s, hand, resonant, names, middle, spread, slow_hz)
+
     @property
-    def ends(self) -> tuple[FloatArray, FloatArray]:
-        """Bounds of the unknowns."""
-        low, high = self.middle - 4 * self.spread, self.middle + 4 * self.spread
+    def bounds(self) -> tuple[FloatArray, FloatArray]:
+        """Bounds of the unknowns, each of shape (u,)."""
+        low, high = self.middle - _BOUND_SPREADS * self.spread, self.middle + _BOUND_SPREADS * self.spread
         low[0], high[0] = _LEAST_DELAY, _MOST_DELAY
         if self.resonant:
-            low[-3:], high[-3:] = [math.log(25.0), math.log(2e-3), 0.1], [high[-3], math.log(0.15), 0.9]
+            low[-3:] = [math.log(_MODE_LOWEST_HZ), math.log(_MODE_DAMPING_RATIOS[0]), _MODE_MASS_RATIOS[0]]
+            high[-2:] = [math.log(_MODE_DAMPING_RATIOS[1]), _MODE_MASS_RATIOS[1]]
         return low, high
 
-    def answer(self, point: FloatArray) -> Hypothesis:
-        """Return device and hand at a point."""
+    def hypothesis(self, point: FloatArray) -> Hypothesis:
+        """Return device and hand at a point of the unknowns, shape (u,)."""
         value = dict(zip(self.names, point.tolist(), strict=True))
         device = self.design.device
-        new: dict[str, object] = {"delay_samples": max(value["delay"], _LEAST_DELAY), "sample_time_s": self.period_s}
-        if "device" in value:
-            new["mass_kg"] = device.mass_kg * math.exp(value["device"])
-            new["damping_ns_per_m"] = device.damping_ns_per_m * math.exp(value["drag"])
+        changed: dict[str, DeviceValue] = {
+            "delay_samples": max(value["delay"], _LEAST_DELAY),
+            "sample_time_s": self.period_s,
+        }
+        if "device_mass" in value:
+            changed["mass_kg"] = device.mass_kg * math.exp(value["device_mass"])
+            changed["damping_ns_per_m"] = device.damping_ns_per_m * math.exp(value["device_damping"])
         if self.resonant:
-            shape = math.exp(value["mode"]), min(math.exp(value["ratio"]), 0.5), value["share"]
-            new["resonance"] = dict(zip(("frequency_hz", "damping_ratio", "mass_ratio"), shape, strict=True))
+            changed["resonance"] = {
+                "frequency_hz": math.exp(value["mode_frequency"]),
+                "damping_ratio": min(math.exp(value["mode_damping_ratio"]), _MOST_DAMPING_RATIO),
+                "mass_ratio": value["mode_mass_ratio"],
+            }
         hand = None
         if self.hand:
-            hand = Hand(*(math.exp(value[key]) for key in ("mass", "damping", "stiffness")))
-        return Hypothesis(device, hand, self.stops).vary(**new)
+            hand = Hand(
+                math.exp(value["hand_mass"]), math.exp(value["hand_damping"]), math.exp(value["hand_stiffness"])
+            )
+        return Hypothesis(device, hand, self.stops).vary(**changed)
 
     def residual(self, point: FloatArray, window: _Window) -> FloatArray:
-        """Return the residual of the position between stops."""
-        one = self.answer(point)
-        plant = sampled_plant(one.device, one.hand or no_hand())
-        n, whole = window.position.size, int(plant.whole_delay[0])
-        scale = np.array([self.period_s if name.endswith("_per_s") else 1.0 for name in plant.names])
-        a = plant.matrix[0, 0] * scale[:, None] / scale
-        new, old = plant.new[0, 0] * scale, plant.old[0, 0] * scale
-        poles, row = np.asarray(np.poly(a)), plant.output_row
+        """Return the residual of the position between stops, m, at the ticks that are used.
 
-        def response(push: FloatArray, force: FloatArray) -> FloatArray:
-            markov, state = [0.0], push.copy()
-            for _ in range(poles.size - 1):
-                markov.append(float(row @ state))
-                state = a @ state
-            return np.asarray(signal.lfilter(np.convolve(poles, markov)[: poles.size], poles, force, axis=0))
-
-        lead = window.past.size - n
-        forced = response(new, window.past[lead - whole :][:n]) + response(old, window.past[lead - whole - 1 :][:n])
-        if self.design.device.coulomb_friction_n:
-            forced = forced + response(new + old, self.design.device.coulomb_friction_n * window.rub)
-        # Free motion from any state, the slow motion of the hand, and a weight.
-        free, power = row[None, :], a
-        while len(free) < n:
-            free, power = np.concatenate([free, free @ power]), power @ power
-        orders = np.arange(int(2 * self.slow_hz * n * self.period_s) + 2)
-        slow = np.cos(np.pi * np.outer(np.arange(n) + 0.5, orders) / n)
-        use, columns = window.use, [free[:n]]
+        Projected out is motion that is not of the logged force: free motion from any state, the slow motion of the
+        hand, and without a hand a weight that may change.
+        """
+        n = window.position.size
+        motion = _SampledMotion.of(self.hypothesis(point), self.period_s)
+        forced = self._forced(motion, window)
+        use, columns = window.use, [motion.free(n)]
         if self.stops is not None:
             # After each contact the motion goes on from any state; the contact itself is left out.
             between = np.abs(window.start + window.position - np.mean(self.stops)) <= np.ptp(self.stops) / 2
-            use = use & between
-            edges = np.flatnonzero(np.diff(np.concatenate([[0], between.astype(int), [0]])))
-            columns = [np.zeros((n, free.shape[1])) for _ in edges[::2]]
-            for block, begin, end in zip(columns, edges[::2], edges[1::2], strict=True):
-                block[begin:end] = free[: end - begin]
-        columns.append(slow)
+            use, columns = use & between, _anew(columns[0], between)
+        orders = np.arange(int(2 * self.slow_hz * n * self.period_s) + 2)
+        columns.append(np.cos(np.pi * np.outer(np.arange(n) + 0.5, orders) / n))
         if not self.hand:
-            pushes = np.ones(n), np.arange(n) / n
-            columns.append(np.stack([response(new + old, push) for push in pushes], axis=1))
+            pushes = (np.ones(n), np.arange(n) / n)
+            columns.append(np.stack([motion.response(motion.new + motion.old, push) for push in pushes], axis=1))
         basis = np.concatenate(columns, axis=1)[use]
         basis = np.where(np.abs(basis) < 1e-60, 0.0, basis)
         size = np.sqrt(np.mean(basis**2, axis=0))
-        basis, rest = basis[:, size > 0] / size[size > 0], (window.position - forced)[use]
-        upright, spare = np.linalg.qr(basis)[0], rest.size - basis.shape[1]
+        basis = basis[:, size > 0] / size[size > 0]
+        unforced = (window.position - forced)[use]
+        upright, spare = np.linalg.qr(basis)[0], unforced.size - basis.shape[1]
         if spare < basis.shape[1]:
             # Stops that leave hardly any motion explain all of it.
-            return np.full(max(rest.size, 1), np.ptp(window.position))
-        return np.asarray(rest - upright @ (upright.T @ rest)) * math.sqrt(rest.size / spare)
+            return np.full(max(unforced.size, 1), np.ptp(window.position))
+        return np.asarray(unforced - upright @ (upright.T @ unforced)) * math.sqrt(unforced.size / spare)
 
-    def solve(
-        self, first: FloatArray, windows: Sequence[_Window], levels: FloatArray, tries: int
-    ) -> tuple[FloatArray, FloatArray, float]:
-        """Return the best point, the curvature there, and half the sum of squares with the prior."""
+    def _forced(self, motion: _SampledMotion, window: _Window) -> FloatArray:
+        """Return the position under the logged force and the friction of the device, from rest, shape (n,), m."""
+        n = window.position.size
+        now = window.past.size - n - motion.whole_delay
+        force, force_before = window.past[now:][:n], window.past[now - 1 :][:n]
+        forced = motion.response(motion.new, force) + motion.response(motion.old, force_before)
+        friction_n = self.design.device.coulomb_friction_n
+        if friction_n:
+            forced = forced + motion.response(motion.new + motion.old, friction_n * window.rub)
+        return forced
 
-        def gap(point: FloatArray) -> FloatArray:
-            residual = [self.residual(point, one) / level for one, level in zip(windows, levels, strict=True)]
-            return np.concatenate([*residual, (point - self.middle) / self.spread])
+    def solve(self, first: FloatArray, windows: Sequence[_Window], levels: FloatArray, tries: int) -> _Solution:
+        """Return the best point from a first one on; each window has the level of its noise, m."""
 
-        low, high = bounds = self.ends
-        inner, step, size = np.clip(first, low + 1e-6, high - 1e-6), np.full(first.size, 1e-4), self.spread
-        found = optimize.least_squares(gap, inner, bounds=bounds, x_scale=size, diff_step=step, max_nfev=tries)
-        slope = np.asarray(found.jac)
-        return np.asarray(found.x), slope.T @ slope, float(found.cost)
+        def weighted(point: FloatArray) -> FloatArray:
+            residuals = [self.residual(point, window) / level for window, level in zip(windows, levels, strict=True)]
+            return np.concatenate([*residuals, (point - self.middle) / self.spread])
 
+        low, high = self.bounds
+        result = optimize.least_squares(
+            weighted,
+            np.clip(first, low + 1e-6, high - 1e-6),
+            bounds=(low, high),
+            x_scale=self.spread,
+            diff_step=np.full(first.size, 1e-4),
+            max_nfev=tries,
+        )
+        slope = np.asarray(result.jac)
+        return _Solution(np.asarray(result.x), slope.T @ slope, float(result.cost))
 
-def _structures(design: Design, period_s: float, lag: float, hertz: float, *, resonant: bool) -> list[_Structure]:
-    """Return the structures that may have made a log."""
-    device, own = design.device, design.device.sample_time_s / period_s
-    least, most = design.delay_samples
-    wide = math.hypot(0.15, (most - least) / math.sqrt(12))
-    punctual = (max((least + most) / 2 * own - lag, 0.0), max(wide * own, wide))
-    late = (max(most * own - lag, 0.0), 4.0)
-    box = np.log(np.maximum(hand_ranges(design.hands), device.metres_per_unit**2 * np.array([[1e-3], [0.1], [5.0]])))
-    width = np.maximum((box[:, 1] - box[:, 0]) / 2, 0.4 if design.known else 1.1)
-    hand = list(zip(("mass", "damping", "stiffness"), box.mean(axis=1), width, strict=True))
-    free = [("device", 0.0, 0.06 if design.known else 2.0), ("drag", 0.0, 0.5 if design.known else 2.0)]
-    mode = [("mode", math.log(max(hertz, 40.0)), 0.6), ("ratio", math.log(0.03), 0.6), ("share", 0.4, 0.15)]
-    both = [*hand, *([] if design.known else free)]
-    parts = [(True, punctual, both), (True, late, both), (False, punctual, free), (False, late, free)]
-    parts = [(True, punctual, [*both, *mode])] if resonant else parts
-    slow = min(float(np.clip(hertz / 3, 2.5, 40.0)), hertz / 2)
-    found = []
-    for hand_on, delay, unknowns in parts:
-        names, middle, spread = zip(("delay", *delay), *unknowns, strict=True)
-        unknown = names, np.array(middle), np.array(spread)
-        found.append(_Structure(design, period_s, hand_on, resonant, *unknown, slow))
-    return found
+    def rms(self, point: FloatArray, windows: Sequence[_Window]) -> list[float]:
+        """Return the residual in each window, root mean square, m."""
+        return [_rms(self.residual(point, window)) for window in windows]
 
 
-def _windows(log: Log, swing: Oscillation) -> list[_Window]:
-    """Return the end of the oscillation and its beginning."""
-    period, n, lead = log.period_s, log.position_m.size, int(_MOST_DELAY) + 2
-    size = int(min(max(0.4, 6 / swing.frequency_hz) / period, 1500, n - lead))
-    places = swing.last - size, swing.first + round(2 / swing.frequency_hz / period)
-    last, first = (int(np.clip(place, lead, n - size)) for place in places)
-    begins = [last, first] if abs(first - last) > size // 3 else [last]
-    smooth = signal.savgol_filter(log.position_m, 5, 2, deriv=1)
-    rub = np.tanh(smooth / max(0.05 * log.encoder_m, 1e-3 * float(np.std(smooth)), 1e-12))
-    parts = [(start, slice(start, start + size)) for start in begins]
-    x, force = log.position_m, log.force_n
+def _anew(free: FloatArray, between: BoolArray) -> list[FloatArray]:
+    """Return free motion, shape (n, s), for each stretch between stops, from its first tick on and 0 elsewhere."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], between.astype(int), [0]])))
+    blocks = []
+    for begin, end in zip(edges[::2], edges[1::2], strict=True):
+        block = np.zeros(free.shape)
+        block[begin:end] = free[: end - begin]
+        blocks.append(block)
+    return blocks
+
+
+def _structures(
+    design: IntendedLaw, period_s: float, lag: float, swing_hz: float, *, resonant: bool
+) -> list[_Structure]:
+    """Return the structures that may have made a log: with and without a hand, each with a declared or a longer delay.
+
+    A resonance is tried with a hand and a declared delay alone.
+    """
+    hand = _hand_unknowns(design)
+    device = [
+        _Unknown("device_mass", 0.0, _MASS_SPREAD if design.known else _ASSUMED_SPREAD),
+        _Unknown("device_damping", 0.0, _DAMPING_SPREAD if design.known else _ASSUMED_SPREAD),
+    ]
+    held = [*hand, *([] if design.known else device)]
+    punctual, late = _delays(design, period_s, lag)
+    slow_hz = min(float(np.clip(swing_hz / _SLOWER_THAN_SWING, *_SLOW_HZ)), swing_hz / 2)
+    if resonant:
+        mode = [
+            _Unknown("mode_frequency", math.log(max(swing_hz, _MODE_LEAST_PRIOR_HZ)), _MODE_SPREAD),
+            _Unknown("mode_damping_ratio", math.log(_MODE_DAMPING_RATIO), _MODE_SPREAD),
+            _Unknown("mode_mass_ratio", _MODE_MASS_RATIO, _MODE_MASS_SPREAD),
+        ]
+        unknowns = [punctual, *held, *mode]
+        return [_Structure.of(design, period_s, slow_hz, unknowns, hand=True, resonant=True)]
     return [
-        _Window(float(x[at]), x[part] - x[at], force[at - lead : at + size], rub[part], log.ran[part])
-        for at, part in parts
+        _Structure.of(design, period_s, slow_hz, [delay, *unknowns], hand=with_hand, resonant=False)
+        for with_hand, unknowns in ((True, held), (False, device))
+        for delay in (punctual, late)
     ]
 
 
-def fit_plants(log: Log, swing: Oscillation, design: Design, lag: float, seed: int) -> list[Fit]:
-    """Return device and hand in every structure, likeliest first; with a resonance or stops where nothing else fits."""
-    period, hertz, part = log.period_s, swing.frequency_hz, log.position_m[swing.first : swing.last]
+def _hand_unknowns(design: IntendedLaw) -> list[_Unknown]:
+    """Return ln of mass, damping and stiffness of a hand, by the ranges of the declared hands."""
+    least = design.device.metres_per_unit**2 * _LEAST_HAND
+    box = np.log(np.maximum(hand_ranges(design.hands), least))
+    spread = np.maximum((box[:, 1] - box[:, 0]) / 2, _HAND_SPREAD if design.known else _HAND_SPREAD_ASSUMED)
+    names = ("hand_mass", "hand_damping", "hand_stiffness")
+    priors = zip(names, box.mean(axis=1).tolist(), spread.tolist(), strict=True)
+    return [_Unknown(name, middle, deviation) for name, middle, deviation in priors]
+
+
+def _delays(design: IntendedLaw, period_s: float, lag: float) -> tuple[_Unknown, _Unknown]:
+    """Return the delay beside the lag of the law, ticks: as declared, and longer."""
+    ticks_a_sample = design.device.sample_time_s / period_s
+    least, most = design.delay_samples
+    spread = math.hypot(_DELAY_SPREAD, (most - least) / math.sqrt(12))
+    middle = max((least + most) / 2 * ticks_a_sample - lag, 0.0)
+    longest = max(most * ticks_a_sample - lag, 0.0)
+    punctual = _Unknown("delay", middle, max(spread * ticks_a_sample, spread))
+    return punctual, _Unknown("delay", longest, _LATE_SPREAD)
+
+
+def _windows(log: Log, swing: Oscillation) -> list[_Window]:
+    """Return the end of the oscillation and its beginning, where they are apart."""
+    period, n, before = log.period_s, log.position_m.size, int(_MOST_DELAY) + 2
+    cycles_s = max(_WINDOW_S, _WINDOW_CYCLES / swing.frequency_hz)
+    size = int(min(cycles_s / period, _WINDOW_MOST, n - before))
+    last = int(np.clip(swing.last - size, before, n - size))
+    first = int(np.clip(swing.first + round(2 / swing.frequency_hz / period), before, n - size))
+    begins = [last, first] if abs(first - last) > size // 3 else [last]
+    speed = signal.savgol_filter(log.position_m, 5, 2, deriv=1)
+    rub = np.tanh(speed / max(_SMOOTH_STEPS * log.encoder_m, 1e-3 * float(np.std(speed)), 1e-12))
+    windows = []
+    for begin in begins:
+        part = slice(begin, begin + size)
+        start = log.position_m[begin]
+        past = log.force_n[begin - before : begin + size]
+        windows.append(_Window(float(start), log.position_m[part] - start, past, rub[part], log.ran[part]))
+    return windows
+
+
+@dataclass(frozen=True, eq=False)
+class _Trial:
+    """A structure with its best point and its residual in the worst window, root mean square, m."""
+
+    structure: _Structure
+    point: FloatArray
+    residual_m: float
+
+
+def fit_plants(log: Log, swing: Oscillation, design: IntendedLaw, lag: float, seed: int) -> list[PlantFit]:
+    """Return device and hand in every structure, likeliest first; with a resonance or stops where nothing else fits.
+
+    `lag` is that of the law, ticks; `seed` that of the draws.
+    """
+    period, swing_hz = log.period_s, swing.frequency_hz
+    inside = log.position_m[swing.first : swing.last]
     scatter = math.hypot(log.encoder_m / math.sqrt(12), design.device.position_noise_rms_m)
-    noise = math.hypot(scatter, 5e-3 * float(np.std(part)))
-    plain, windows = _structures(design, period, lag, hertz, resonant=False), _windows(log, swing)
-    trials = [_begin(one, windows, noise) for one in plain]
-    least = min(residual for *_, residual in trials)
+    noise = math.hypot(scatter, _MODEL_ERROR * float(np.std(inside)))
+    plain, windows = _structures(design, period, lag, swing_hz, resonant=False), _windows(log, swing)
+    trials = [_begin(structure, windows, noise) for structure in plain]
+    likeliest = min(trials, key=lambda trial: trial.residual_m)
+    least = likeliest.residual_m
     # What the likeliest leaves is noise of the position where it is white, whether it is declared or not.
-    one, point, _ = min(trials, key=lambda each: each[-1])
-    rest = np.concatenate([one.residual(point, window) for window in windows])
-    if rest.size > 200 and samples_alike(rest) <= LEAST_ALIKE:
+    left = np.concatenate([likeliest.structure.residual(likeliest.point, window) for window in windows])
+    if left.size > _WHITE_FROM and samples_alike(left) <= LEAST_ALIKE:
         scatter, noise = max(scatter, least), max(noise, least)
     # Behind stops the acceleration is of a force that is not in the log.
-    if least > 2 * noise and swing.steps > 14:
-        middle, half = (float(part.max()) + float(part.min())) / 2, float(np.ptp(part)) / 2
-        for one in plain:
-            ends = [(middle - side * half, middle + side * half) for side in (0.96, 0.9, 0.84, 0.78, 0.72, 0.66, 0.6)]
-            options = [_begin(replace(one, stops=stops), windows, noise) for stops in ends]
-            # A stop that is taken too far in leaves out a little motion; one too far out is motion that none explains.
-            most = 1.3 * min(residual for *_, residual in options)
-            with_stops = [option for option in options if option[-1] < most]
-            # Where one further in explains no more the contact is out; with fewer samples a declared device has to do.
-            trials += with_stops[:1] if (design.known or with_stops[1:]) and with_stops[0][-1] < 0.5 * least else []
-    if design.device.resonance is None and min(residual for *_, residual in trials) > 2 * noise:
-        resonant = _structures(design, period, lag, hertz, resonant=True)
-        trials += [_begin(one, windows, noise) for one in resonant]
-    best = [min((one.residual(point, window) for one, point, _ in trials), key=_rms) for window in windows]
-    levels = np.array([max(noise, _rms(residual)) * math.sqrt(samples_alike(residual)) for residual in best])
-    fits = [_finish(one, windows, point, levels, noise, seed) for one, point, _ in trials]
-    return sorted((replace(fit, scatter_m=scatter) for fit in fits if fit is not None), key=lambda fit: fit.cost)
+    if least > _UNEXPLAINED * noise and swing.steps > _STOPS_STEPS:
+        for structure in plain:
+            trials += _with_stops(structure, inside, windows, noise, least)
+    unexplained = min(trial.residual_m for trial in trials) > _UNEXPLAINED * noise
+    if design.device.resonance is None and unexplained:
+        resonant = _structures(design, period, lag, swing_hz, resonant=True)
+        trials += [_begin(structure, windows, noise) for structure in resonant]
+    levels = _levels(trials, windows, noise)
+    fits = [_finish(trial, windows, levels, noise, scatter, seed) for trial in trials]
+    return sorted((fit for fit in fits if fit is not None), key=lambda fit: fit.cost)
 
 
-def _begin(one: _Structure, windows: Sequence[_Window], noise: float) -> tuple[_Structure, FloatArray, float]:
-    """Return a structure with its best point from a few initial guesses, and its residual."""
-    firsts, level = [], np.full(len(windows), 1.7 * noise)
-    turns = (0.75, 0.95, 1.2, 1.6) if one.resonant else (1.0,)
-    for delay, turn in itertools.product((0.0, 2.5) if one.spread[0] > 2 else (0.0,), turns):
-        first = one.middle.copy()
+def _with_stops(
+    structure: _Structure, inside: FloatArray, windows: Sequence[_Window], noise: float, without: float
+) -> list[_Trial]:
+    """Return the trial of a structure with the widest stops that explain the motion, or none.
+
+    `inside` is the position of the swing, m; `without` the residual without stops, m.
+    """
+    middle, half = (float(inside.max()) + float(inside.min())) / 2, float(np.ptp(inside)) / 2
+    options = [
+        _begin(replace(structure, stops=(middle - side * half, middle + side * half)), windows, noise)
+        for side in _STOP_SIDES
+    ]
+    # A stop that is taken too far in leaves out a little motion; one too far out is motion that none explains.
+    most = _STOPS_ALIKE * min(option.residual_m for option in options)
+    good = [option for option in options if option.residual_m < most]
+    # Where one further in explains no more the contact is out; with fewer samples a declared device has to do.
+    bears_out = structure.design.known or len(good) > 1
+    return good[:1] if bears_out and good[0].residual_m < _STOPS_BETTER * without else []
+
+
+def _begin(structure: _Structure, windows: Sequence[_Window], noise: float) -> _Trial:
+    """Return a structure with its best point from a few initial guesses."""
+    levels = np.full(len(windows), _BEGIN_LEVEL * noise)
+    turns = _MODE_TURNS if structure.resonant else (1.0,)
+    delays = (0.0, _LATE_START) if structure.spread[0] > 2 else (0.0,)
+    solutions = []
+    for delay, turn in itertools.product(delays, turns):
+        first = structure.middle.copy()
         first[0] += delay
         first[-3] += math.log(turn)
-        firsts.append(one.solve(first, windows, level, 15))
-    point = min(firsts, key=lambda each: each[2])[0]
-    return one, point, max(_rms(one.residual(point, window)) for window in windows)
+        solutions.append(structure.solve(first, windows, levels, _BEGIN_TRIES))
+    point = min(solutions, key=lambda solution: solution.cost).point
+    return _Trial(structure, point, max(structure.rms(point, windows)))
+
+
+def _levels(trials: Sequence[_Trial], windows: Sequence[_Window], noise: float) -> FloatArray:
+    """Return the noise of each window, m: the least residual, with as few independent samples as it has."""
+    levels = []
+    for window in windows:
+        residual = min((trial.structure.residual(trial.point, window) for trial in trials), key=_rms)
+        levels.append(max(noise, _rms(residual)) * math.sqrt(samples_alike(residual)))
+    return np.array(levels)
 
 
 def _finish(
-    one: _Structure, windows: Sequence[_Window], point: FloatArray, levels: FloatArray, noise: float, seed: int
-) -> Fit | None:
+    trial: _Trial, windows: Sequence[_Window], levels: FloatArray, noise: float, scatter: float, seed: int
+) -> PlantFit | None:
     """Refine with the residual as noise, and draw from the posterior; None of a resonance at an end of its range."""
-    point, curvature, cost = one.solve(point, windows, levels, 12)
-    values, vectors = np.linalg.eigh(curvature)
+    structure = trial.structure
+    solution = structure.solve(trial.point, windows, levels, _REFINE_TRIES)
+    point = solution.point
+    values, vectors = np.linalg.eigh(solution.curvature)
+    values = np.maximum(values, _LEAST_CURVATURE)
     random = np.random.default_rng(seed).standard_normal((_DRAWS, point.size))
-    sample = point + (random / np.sqrt(np.maximum(values, 1e-6))) @ vectors.T
-    low, high = one.ends
-    sample = np.clip(sample, low + 1e-9, high - 1e-9)
-    # The evidence integrates over the posterior, to compare structures with different numbers of unknowns.
-    volume = 0.5 * float(np.sum(np.log(np.maximum(values, 1e-6)))) + float(np.sum(np.log(one.spread)))
-    near, odds = 1e-3 * (high - low), _RESONANCE_ODDS * one.resonant + _STOP_ODDS * (one.stops is not None)
-    if one.resonant and ((point > high - near) | (point < low + near))[-3:].any():
+    low, high = structure.bounds
+    sample = np.clip(point + (random / np.sqrt(values)) @ vectors.T, low + 1e-9, high - 1e-9)
+    near = _NEAR_BOUND * (high - low)
+    if structure.resonant and ((point > high - near) | (point < low + near))[-3:].any():
         return None
-    draws, misfit = tuple(map(one.answer, sample)), min(_rms(one.residual(point, window)) for window in windows) / noise
-    at_end = bool(point[0] > high[0] - near[0])
-    return Fit(one.answer(point), draws, cost + volume + odds, misfit, 0.0, float(np.std(sample[:, 0])), at_end)
+    # The evidence integrates over the posterior, to compare structures with different numbers of unknowns.
+    volume = 0.5 * float(np.sum(np.log(values))) + float(np.sum(np.log(structure.spread)))
+    odds = _RESONANCE_ODDS * structure.resonant + _STOP_ODDS * (structure.stops is not None)
+    return PlantFit(
+        best=structure.hypothesis(point),
+        draws=tuple(map(structure.hypothesis, sample)),
+        cost=solution.cost + volume + odds,
+        misfit=min(structure.rms(point, windows)) / noise,
+        scatter_m=scatter,
+        delay_error=float(np.std(sample[:, 0])),
+        at_end=bool(point[0] > high[0] - near[0]),
+    )
 
 
 def _rms(residual: FloatArray) -> float:
