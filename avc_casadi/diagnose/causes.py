@@ -25,23 +25,112 @@ from avc_casadi.model.device import Device
 from avc_casadi.model.problem import Hands, defaults_at
 from avc_casadi.simulation.judge import QUIET, vibration_level
 
-CAUSES: Mapping[str, tuple[str, str]] = {
-    "sign": ("sign of the force", "a force pulse in free space"),
-    "delay": ("delay", "a force pulse in free space"),
-    "rate": ("sample rate too low", "the time stamps of the ticks themselves"),
-    "stiffness": ("stiffness over the limit", "the same with k halved"),
-    "damping": ("damping over the limit", "the same with b halved"),
-    "let-go": ("hand released the device", "the same with the device held firmly, and released"),
-    "resonance": ("resonance", "a chirp in free space (avc excite --signal chirp), for avc identify"),
-    "relay": ("force switched by a sign", "the same without the switched force"),
-    "rates": ("two rates in one loop", "the same with one rate"),
-    "encoder": ("encoder steps or noise", "the same with b halved, or with a filter of the velocity"),
+
+@dataclass(frozen=True)
+class Cause:
+    """A cause in words."""
+
+    name: str
+    deciding_log: str
+    """The log that would decide whether it is this one."""
+
+
+CAUSES: Mapping[str, Cause] = {
+    "sign": Cause("sign of the force", "a force pulse in free space"),
+    "delay": Cause("delay", "a force pulse in free space"),
+    "rate": Cause("sample rate too low", "the time stamps of the ticks themselves"),
+    "stiffness": Cause("stiffness over the limit", "the same with k halved"),
+    "damping": Cause("damping over the limit", "the same with b halved"),
+    "let-go": Cause("hand released the device", "the same with the device held firmly, and released"),
+    "resonance": Cause("resonance", "a chirp in free space (avc excite --signal chirp), for avc identify"),
+    "relay": Cause("force switched by a sign", "the same without the switched force"),
+    "rates": Cause("two rates in one loop", "the same with one rate"),
+    "encoder": Cause("encoder steps or noise", "the same with b halved, or with a filter of the velocity"),
 }
-"""Causes by key: in words, and the log that would decide."""
+"""Causes by key."""
 
 Verdict = Literal["named", "cannot tell", "nothing wrong", "not the loop"]
-# A cause is named at odds of two to one. Below so many encoder steps quantisation alone may sustain a swing.
-_SURE, _FEW_STEPS, _OTHER, _FEWEST, _MISFIT = 2 / 3, 14.0, "other", 60, 12.0
+
+_SURE = 2 / 3
+"""Share of the evidence from which on a cause is named: odds of two to one."""
+
+_FEW_STEPS = 14.0
+"""Encoder steps of a swing below which quantisation alone may sustain it."""
+
+_OTHER = "other"
+"""Cause of a loop that no single change settles, or that settles already."""
+
+_FEWEST_SAMPLES = 60
+"""Samples of the shortest log."""
+
+_MISFIT = 12.0
+"""Residual, per noise of the position, above which the model of a declared device is in doubt."""
+
+_MISFIT_ASSUMED = 4.0
+"""The same of an assumed device, which is free to explain much that it did not do; above it no remedy is told."""
+
+_OVER_LIMIT = 1.01
+"""Ratio of a force to the declared limit above which the limit is another one."""
+
+_OVER_LIMIT_SHARE = 1e-3
+"""Share of ticks above the declared limit from which on it is not used."""
+
+_USUAL_MASS_KG = 0.1
+"""Mass of a usual device on a desk, kg, at 1 m from the axis or on one that slides."""
+
+_USUAL_DAMPING_NS_PER_M = 1.0
+"""Damping of the same device, N.s/m."""
+
+_USUAL_DELAY_SAMPLES = 1
+"""Delay of the same device, samples."""
+
+_MISSED_TICKS = 0.12
+"""Scatter of the clock, or share of missed samples, above which no loop model fits."""
+
+_DEVICE_ALONE = (0.8, 1.25)
+"""Ratios of the mass that the force moves to that of the device within which no hand holds it."""
+
+_ABOUT_DEVICE = (0.5, 2.0)
+"""The same within which a hand does not decide about the sign of the force."""
+
+_STILL_STEPS = 1.5
+"""Encoder steps, half of peak to peak, up to which a motion is at rest."""
+
+_ONE_STEP = 2.5
+"""Encoder steps, peak to peak, below which a position toggles by one step to either side."""
+
+_RESTED = 0.3
+"""Ratio of the envelope at the end to the largest below which a motion has come to rest."""
+
+_TOUCHING_SHARE = 0.5
+"""Share of a large motion in contact above which its decay tells of the force."""
+
+_AT_LIMIT = 0.999
+"""Share of the force limit from which on a force is at the limit."""
+
+_LATE_TICKS = 0.35
+"""Ticks beyond the declared delay from which on a loop is late."""
+
+_SMALL_SHARE = 0.15
+"""Share of the swing below which a motion is small beside it."""
+
+_FELL_LN = 3.0
+"""ln of the ratio by which a small motion fell below one that grows as the swing does, from which on it had rested."""
+
+_LEAST_WEIGHT = 1e-3
+"""Evidence of a structure below which it has no say."""
+
+_NEAR_BY_SHARE = 0.01
+"""Share of the evidence of a hypothesis above which a remedy has to do for it."""
+
+_NEAR_BY_MOST = 8
+"""About as many such hypotheses are simulated."""
+
+_EXPLAINS_AS_WELL = 1.3
+"""Residual, per that of the best answer, up to which another structure explains the log as well."""
+
+_DAMPING_OF_DELAY = 3
+"""A damping matters no more that a spring loses by a third of a tick of delay."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,48 +143,75 @@ class Diagnosis:
     design: IntendedLaw
     verdict: Verdict
     conclusion: str
+    """The verdict in words."""
     cause: str | None = None
+    """Key of `CAUSES`, where the cause is named."""
     candidates: tuple[str, ...] = ()
+    """Keys of the causes that it may be, the likeliest first."""
     shares: Mapping[str, float] = field(default_factory=dict)
+    """Share of the evidence of each cause, the largest first."""
     decides: str = ""
+    """The log that would decide."""
     remedies: tuple[Remedy, ...] = ()
     fit: PlantFit | None = None
     notes: tuple[str, ...] = ()
 
     def data(self) -> dict[str, Any]:
         """Return its JSON values."""
-        log, swing, law, fit, units = self.log, self.swing, self.law, self.fit, self.design.device.units
-        oscillation = {key: value for key, value in vars(swing).items() if key not in {"fast_m", "envelope_m"}}
-        estimates = None
-        if fit is not None and law is not None:
-            one, each = fit.best, self.design.samples_a_tick(log)
-            estimates = {
-                "delay_samples": (one.delay + law.lag) * each,
-                "delay_error_samples": fit.delay_error * each,
-                "misfit": fit.misfit,
-                "stops_m": one.stops,
-                # Where between two samples a stop lies the log does not tell.
-                "stops_error_m": one.stops and float(np.abs(np.diff(log.position_m[swing.first : swing.last])).max()),
-                **{key: getattr(one.device, key) for key in ("mass_kg", "damping_ns_per_m")},
-                "hand": one.hand and one.hand.values(0),
-                "resonance": one.device.resonance and one.device.resonance.model_dump(),
-            }
+        log, swing, law = self.log, self.swing, self.law
+        units = self.design.device.units
         document = {
             "log": log.name,
             "seconds": float(log.position_m.size * log.period_s),
-            **{
-                key: getattr(self, key) for key in ("verdict", "cause", "candidates", "conclusion", "shares", "decides")
-            },
+            "verdict": self.verdict,
+            "cause": self.cause,
+            "candidates": self.candidates,
+            "conclusion": self.conclusion,
+            "shares": self.shares,
+            "decides": self.decides,
             "notes": self.notes,
-            "remedies": [{**asdict(one), "key": units.key(one.key)} for one in self.remedies],
-            "oscillation": {**oscillation, "sustained": swing.sustained},
+            "remedies": [{**asdict(remedy), "key": units.key(remedy.key)} for remedy in self.remedies],
+            "oscillation": {
+                "kind": swing.kind,
+                "first": swing.first,
+                "last": swing.last,
+                "frequency_hz": swing.frequency_hz,
+                "peak_to_peak_m": swing.peak_to_peak_m,
+                "force_peak_to_peak_n": swing.force_peak_to_peak_n,
+                "steps": swing.steps,
+                "contact_share": swing.contact_share,
+                "sustained": swing.sustained,
+            },
             "sample_time_s": log.period_s,
             "missed_share": log.missed_share,
             "encoder_resolution_m": log.encoder_m or None,
             "law": law and {**asdict(law), "explains": law.explains, "filter_hz": law.filter_hz(log.period_s)},
-            "measured": estimates,
+            "measured": self._measured(),
         }
         return plain_table(document)
+
+    def _measured(self) -> dict[str, Any] | None:
+        """Return the JSON values of the fitted device and hand."""
+        if self.fit is None or self.law is None:
+            return None
+        best = self.fit.best
+        samples_a_tick = self.design.samples_a_tick(self.log)
+        stops_error = None
+        if best.stops is not None:
+            # Where between two samples a stop lies the log does not tell.
+            inside = self.log.position_m[self.swing.first : self.swing.last]
+            stops_error = float(np.abs(np.diff(inside)).max())
+        return {
+            "delay_samples": (best.delay + self.law.lag) * samples_a_tick,
+            "delay_error_samples": self.fit.delay_error * samples_a_tick,
+            "misfit": self.fit.misfit,
+            "stops_m": best.stops,
+            "stops_error_m": stops_error,
+            "mass_kg": best.device.mass_kg,
+            "damping_ns_per_m": best.device.damping_ns_per_m,
+            "hand": best.hand and best.hand.values(0),
+            "resonance": best.device.resonance and best.device.resonance.model_dump(),
+        }
 
 
 def diagnose(
@@ -110,27 +226,37 @@ def diagnose(
     seed: int = 0,
     progress: Progress = SILENT,
 ) -> Diagnosis:
-    """Diagnose one log of time, position and commanded force."""
+    """Diagnose one log of time, position and commanded force.
+
+    `device` and `hands` are those of the design, by default those of the `coupling`, else usual ones, and then
+    `handle_radius_m` tells where the hand holds a device that turns. `flip_force` takes the force along the position
+    as positive. `seed` is that of the draws.
+    """
     columns = log if isinstance(log, Columns) else read_columns(log, layout)
     if coupling is not None:
         device, hands = device or coupling.problem.device, hands or coupling.problem.hands
-    if (count := columns.time_s.size) < _FEWEST:
-        raise InputError.of(f"has {count} samples; allowed: at least {_FEWEST}", file=columns.file, key="time")
+    count = columns.time_s.size
+    if count < _FEWEST_SAMPLES:
+        message = f"has {count} samples; allowed: at least {_FEWEST_SAMPLES}"
+        raise InputError.of(message, file=columns.file, key="time")
     grid, notes = log_of(columns, flip_force=flip_force)
     design = _design(device, hands, grid, columns, handle_radius_m)
-    notes += [] if design.known else ["no device given: a usual one is assumed, up to 50 times off; give --device"]
+    if not design.known:
+        notes.append("no device given: a usual one is assumed, up to 50 times off; give --device")
     limit = design.device.max_force_n
-    if limit is not None and np.mean(np.abs(grid.force_n) > 1.01 * limit) > 1e-3:
+    if limit is not None and np.mean(np.abs(grid.force_n) > _OVER_LIMIT * limit) > _OVER_LIMIT_SHARE:
         notes.append("the log commands more than max_force_n, which is not used: is the limit, or a unit, another one?")
-        design, limit = replace(design, device=design.device.model_copy(update={"max_force_n": None})), None
+        limit = None
+        design = replace(design, device=design.device.model_copy(update={"max_force_n": None}))
     with progress.step("oscillation and force"):
         swing = find_oscillation(grid, limit)
         law = find_law(grid, swing, limit, design.device.coulomb_friction_n)
-    whole = Diagnosis(grid, swing, law, design, "cannot tell", "", notes=tuple(notes))
-    if isinstance(model := _at_once(whole), Diagnosis):
-        return model
+    begun = Diagnosis(grid, swing, law, design, "cannot tell", "", notes=tuple(notes))
+    law_or_verdict = _at_once(begun)
+    if isinstance(law_or_verdict, Diagnosis):
+        return law_or_verdict
     with progress.step("device, hand, causes and remedies"):
-        return _judge(whole, model, fit_plants(grid, swing, design, model.lag, seed))
+        return _judge(begun, law_or_verdict, fit_plants(grid, swing, design, law_or_verdict.lag, seed))
 
 
 def _design(
@@ -146,218 +272,359 @@ def _design(
         message = "never changes, and the force does; allowed: a device that moves; is the encoder stuck?"
     if message:
         raise InputError.of(message, file=columns.file, key="position")
-    reach, known = (radius_m or 1.0) if device is None else device.metres_per_unit, device is not None
+    known = device is not None
+    reach = (radius_m or 1.0) if device is None else device.metres_per_unit
     if device is None:
-        turns: dict[str, object] = {"handle_radius_m": reach} if columns.motion == "rotary" else {}
-        usual = {"mass_kg": 0.1 * reach**2, "damping_ns_per_m": reach**2, "delay_samples": 1}
-        device = Device.model_validate({"motion": columns.motion, "sample_time_s": log.sample_time_s, **usual, **turns})
+        values = {
+            "motion": columns.motion,
+            "sample_time_s": log.sample_time_s,
+            "mass_kg": _USUAL_MASS_KG * reach**2,
+            "damping_ns_per_m": _USUAL_DAMPING_NS_PER_M * reach**2,
+            "delay_samples": _USUAL_DELAY_SAMPLES,
+        }
+        if columns.motion == "rotary":
+            values["handle_radius_m"] = reach
+        device = Device.model_validate(values)
     return IntendedLaw(device, known, hands or Hands.model_validate(defaults_at(Hands, reach)))
 
 
 def _at_once(diagnosis: Diagnosis) -> Diagnosis | FittedLaw:
     """Return the verdict that needs no loop model, or the law of one that does."""
     log, swing, law, design = diagnosis.log, diagnosis.swing, diagnosis.law, diagnosis.design
-    text, decides, verdict, mass = "", "", diagnosis.verdict, apparent_mass_kg(log, design.device, known=design.known)
-    toggles = swing.sustained and _toggles(log, swing, design.device)
+    mass = apparent_mass_kg(log, design.device, known=design.known)
+    toggles = bool(swing.sustained and _toggles(log, swing, design.device))
     if swing.sustained and swing.contact_share == 0:
-        text, verdict = "it swings while no force is commanded; a hand, a cable or the table moves it", "not the loop"
-    elif law is None or not law.explains:
+        text = "it swings while no force is commanded; a hand, a cable or the table moves it"
+        return _concluded(diagnosis, "not the loop", text)
+    if law is None or not law.explains:
         text = "the force is not that of a spring and a damper on the position, nor of a switch or two rates"
-        text = text if law is not None or log.force_n.any() else "no force is commanded"
+        if law is None and not log.force_n.any():
+            text = "no force is commanded"
         decides = "the same with a spring and a damper alone, unlimited, and with the position that the law reads"
-    elif not (law.switch or law.frames) and (sign := _of_sign(diagnosis, law, mass)) is not None:
-        return sign
-    elif swing.sustained and max(log.uneven_share, log.missed_share) > 0.12:
+        return _concluded(diagnosis, "cannot tell", text, decides)
+    return _of_explained(diagnosis, law, mass, toggles=toggles)
+
+
+def _of_explained(diagnosis: Diagnosis, law: FittedLaw, mass: float, *, toggles: bool) -> Diagnosis | FittedLaw:
+    """Return the verdict of a force that is explained and needs no loop model, or the law of one that does."""
+    log, swing, design = diagnosis.log, diagnosis.swing, diagnosis.design
+    if law.switch is None and law.frames is None:
+        of_sign = _of_sign(diagnosis, law, mass)
+        if of_sign is not None:
+            return of_sign
+    if swing.sustained and max(log.uneven_share, log.missed_share) > _MISSED_TICKS:
         text = "ticks come at uneven times or are missing, and no loop model fits"
-        decides = "the same log on an even clock"
-    elif swing.sustained and not toggles:
+        return _concluded(diagnosis, "cannot tell", text, "the same log on an even clock")
+    if swing.sustained and not toggles:
         return law
-    elif law.switch is None and _rests(log, swing, design.device.max_force_n):
-        text, verdict = "the force is explained and the motion decays", "nothing wrong"
-        text += ", but for an encoder step that is not felt" if toggles else ""
-        device_alone = design.known and 0.8 < mass / design.device.mass_kg < 1.25  # the force moves the device alone
-        text += "" if device_alone else "; what holds the device may hide a wrong sign of the force"
-    else:
-        text = "nothing swings, and no motion decays under the force either"
-        decides = "a log of a press, a push or a release"
+    if law.switch is None and _rests(log, swing, design.device.max_force_n):
+        return _concluded(diagnosis, "nothing wrong", _decay_words(design, mass, toggles=toggles))
+    text = "nothing swings, and no motion decays under the force either"
+    return _concluded(diagnosis, "cannot tell", text, "a log of a press, a push or a release")
+
+
+def _concluded(diagnosis: Diagnosis, verdict: Verdict, text: str, decides: str = "") -> Diagnosis:
+    """Return a diagnosis with its verdict and why."""
     return replace(diagnosis, verdict=verdict, conclusion=f"{verdict}: {text}", decides=decides)
+
+
+def _decay_words(design: IntendedLaw, mass: float, *, toggles: bool) -> str:
+    """Return why nothing is wrong, and what a hand may hide."""
+    text = "the force is explained and the motion decays"
+    if toggles:
+        text += ", but for an encoder step that is not felt"
+    low, high = _DEVICE_ALONE
+    device_alone = design.known and low < mass / design.device.mass_kg < high
+    return text if device_alone else text + "; what holds the device may hide a wrong sign of the force"
 
 
 def _of_sign(diagnosis: Diagnosis, law: FittedLaw, mass: float) -> Diagnosis | None:
     """Return the verdict of a force that pushes the device away from where it is none; None of one that does not."""
-    log, device, k, b = diagnosis.log, diagnosis.design.device, law.stiffness_n_per_m, law.damping_ns_per_m
+    log, device = diagnosis.log, diagnosis.design.device
+    k, b = law.stiffness_n_per_m, law.damping_ns_per_m
+    away = k < 0
     # A spring late by a tick that no lag explains is a damper of this size.
-    away, drives = k < 0, k > 0 and b + law.damping_error_ns_per_m < -k * log.period_s
+    drives = k > 0 and b + law.damping_error_ns_per_m < -k * log.period_s
     # A mass that is not the device alone is a hand's too, and a hand may push the device away as well.
-    alone = diagnosis.design.known and 0.5 < abs(mass) / device.mass_kg < 2
+    low, high = _ABOUT_DEVICE
+    alone = diagnosis.design.known and low < abs(mass) / device.mass_kg < high
     if away and not (alone and mass > 0):
         message = "drives the device away from its equilibrium; allowed: force along +position, or --flip-force"
         raise InputError.of(f"{message}; or the sign of the loop is wrong", file=log.name, key="force")
-    why = "the spring" if away else "the damper" if drives else "the motor or the encoder is reversed"
+    why = "the motor or the encoder is reversed"
+    if away:
+        why = "the spring"
+    elif drives:
+        why = "the damper"
     if drives or (alone and (mass < 0) != away):
-        damper, spring = Remedy("damping_ns_per_m", -b, b, "damping"), Remedy("stiffness_n_per_m", -k, k, "stiffness")
-        turn = damper if drives else spring if away and b > 0 else None
-        right = stable(Hypothesis(device, None), replace(law, stiffness_n_per_m=abs(k), damping_ns_per_m=abs(b)))
-        cures = (turn or Remedy("force_sign", -1.0, 1.0, "number"),) if right else ()
-        text = f"{CAUSES['sign'][0]}: it pushes the way the device moves; {why}"
-        return replace(diagnosis, verdict="named", cause="sign", candidates=("sign",), conclusion=text, remedies=cures)
+        turned = Remedy("force_sign", -1.0, 1.0, "number")
+        if drives:
+            turned = Remedy("damping_ns_per_m", -b, b, "damping")
+        elif away and b > 0:
+            turned = Remedy("stiffness_n_per_m", -k, k, "stiffness")
+        right_law = replace(law, stiffness_n_per_m=abs(k), damping_ns_per_m=abs(b))
+        remedies = (turned,) if stable(Hypothesis(device, None), right_law) else ()
+        text = f"{CAUSES['sign'].name}: it pushes the way the device moves; {why}"
+        return replace(
+            diagnosis, verdict="named", cause="sign", candidates=("sign",), conclusion=text, remedies=remedies
+        )
     if mass > 0 or diagnosis.swing.sustained:
         return None
     text = f"cannot tell: a hand pushes the device away, or the force does: {why}"
-    return replace(diagnosis, conclusion=text, candidates=("sign",), decides=CAUSES["sign"][1])
+    return replace(diagnosis, conclusion=text, candidates=("sign",), decides=CAUSES["sign"].deciding_log)
 
 
 def _toggles(log: Log, swing: Oscillation, device: Device) -> bool:
     """Return whether a swing is one step to either side that nobody feels, as it reads or as the force moves a mass."""
-    x, force = (each[(swing.first + swing.last) // 2 : swing.last] for each in (log.position_m, log.force_n))
-    reads, turn = np.fft.rfft(x), 2 * math.pi * np.fft.rfftfreq(x.size, log.period_s)
-    shakes = np.fft.rfft(force) / (device.mass_kg * np.maximum(turn, turn[1]) ** 2)
-    moves = np.fft.irfft(np.where(np.abs(shakes) < np.abs(reads), shakes, reads), x.size)
-    felt = vibration_level(device.metres_per_unit * moves, log.period_s)
-    return bool(np.ptp(x) < 2.5 * log.encoder_m and felt < QUIET)
+    later_half = slice((swing.first + swing.last) // 2, swing.last)
+    position, force = log.position_m[later_half], log.force_n[later_half]
+    read = np.fft.rfft(position)
+    omega = 2 * math.pi * np.fft.rfftfreq(position.size, log.period_s)
+    moved = np.fft.rfft(force) / (device.mass_kg * np.maximum(omega, omega[1]) ** 2)
+    motion = np.fft.irfft(np.where(np.abs(moved) < np.abs(read), moved, read), position.size)
+    vibration = vibration_level(device.metres_per_unit * motion, log.period_s)
+    return bool(np.ptp(position) < _ONE_STEP * log.encoder_m and vibration < QUIET)
 
 
 def _rests(log: Log, swing: Oscillation, limit_n: float | None) -> bool:
     """Return whether a motion in contact comes to rest, and not at the force limit."""
     envelope = swing.envelope_m
     late, most = float(np.median(envelope[-max(envelope.size // 5, 5) :])), float(envelope.max())
-    rests = swing.kind == "decaying" or late < max(1.5 * log.encoder_m, 0.3 * most)
-    rests = rests and most > 1.5 * log.encoder_m and abs(log.force_n[-1]) < 0.999 * (limit_n or math.inf)
-    return bool(rests and log.touching[envelope > 0.3 * most].mean() > 0.5)
+    still = _STILL_STEPS * log.encoder_m
+    decays = swing.kind == "decaying" or late < max(still, _RESTED * most)
+    below_limit = abs(log.force_n[-1]) < _AT_LIMIT * (limit_n or math.inf)
+    if not (decays and most > still and below_limit):
+        return False
+    return bool(log.touching[envelope > _RESTED * most].mean() > _TOUCHING_SHARE)
 
 
-def cause_of(one: Hypothesis, law: FittedLaw, log: Log, swing: Oscillation, design: IntendedLaw) -> str:
-    """Return the change with which the loop of one rate settles."""
-    slower = (design.known and design.samples_a_tick(log) > 1) or log.hold > 1
-    if stable(one, law):
+def cause_of(hypothesis: Hypothesis, law: FittedLaw, log: Log, swing: Oscillation, design: IntendedLaw) -> str:
+    """Return the change with which the loop of one rate settles: a key of `CAUSES`, or other."""
+    if stable(hypothesis, law):
         return "encoder" if swing.steps < _FEW_STEPS else _OTHER
-    if slower and stable(*without("rate", one, law, log, design)):
+    slower = (design.known and design.samples_a_tick(log) > 1) or log.hold > 1
+    if slower and stable(*without("rate", hypothesis, law, log, design)):
         return "rate"
-    if one.delay + law.lag > design.latest(log) + 0.35 and stable(*without("delay", one, law, log, design)):
+    late = hypothesis.delay + law.lag > design.latest(log) + _LATE_TICKS
+    if late and stable(*without("delay", hypothesis, law, log, design)):
         return "delay"
-    if one.hand is None and _had_rest(log, swing, growth(one, law)):
+    if hypothesis.hand is None and _had_rest(log, swing, growth(hypothesis, law)):
         return "let-go"
-    if one.device.resonance is not None and stable(*without("resonance", one, law, log, design)):
+    resonant = hypothesis.device.resonance is not None
+    if resonant and stable(*without("resonance", hypothesis, law, log, design)):
         return "resonance"
-    limits = {limit_of(one, law, gain): gain for gain in ("damping", "stiffness")}
-    return limits[max(limits)] if max(limits) else _OTHER
+    damping_limit, stiffness_limit = (limit_of(hypothesis, law, gain) for gain in ("damping", "stiffness"))
+    wider = "damping" if damping_limit > stiffness_limit else "stiffness"
+    return wider if max(damping_limit, stiffness_limit) else _OTHER
 
 
 def _had_rest(log: Log, swing: Oscillation, growth_per_s: float) -> bool:
     """Return whether a motion in contact, small beside the swing, came to less than what grows as the swing does."""
-    cycle = max(round(1 / swing.frequency_hz / log.period_s), 2)
-    size = np.ptp(np.lib.stride_tricks.sliding_window_view(log.position_m, min(cycle, log.position_m.size)), axis=1)
-    at = np.flatnonzero(log.touching[: size.size])
-    level = np.log(np.maximum(size[at], log.encoder_m + 1e-12)) - growth_per_s * log.period_s * at
-    fell = (np.maximum.accumulate(level) - level)[size[at] < 0.15 * swing.peak_to_peak_m]
-    return bool(fell.max(initial=0.0) > 3)
+    cycle = min(max(round(1 / swing.frequency_hz / log.period_s), 2), log.position_m.size)
+    size = np.ptp(np.lib.stride_tricks.sliding_window_view(log.position_m, cycle), axis=1)
+    ticks = np.flatnonzero(log.touching[: size.size])
+    size = size[ticks]
+    level = np.log(np.maximum(size, log.encoder_m + 1e-12)) - growth_per_s * log.period_s * ticks
+    fell = (np.maximum.accumulate(level) - level)[size < _SMALL_SHARE * swing.peak_to_peak_m]
+    return bool(fell.max(initial=0.0) > _FELL_LN)
 
 
-def _judge(diagnosis: Diagnosis, law: FittedLaw, every: Sequence[PlantFit]) -> Diagnosis:
+@dataclass(frozen=True, eq=False)
+class _Answer:
+    """A hypothesis that the log bears out, with its evidence and the cause that it has."""
+
+    fit: PlantFit
+    hypothesis: Hypothesis
+    weight: float
+    cause: str
+
+
+def _judge(diagnosis: Diagnosis, law: FittedLaw, fits: Sequence[PlantFit]) -> Diagnosis:
     """Return the verdict by the hypotheses that the log bears out, each weighed and then simulated."""
     log, swing, design = diagnosis.log, diagnosis.swing, diagnosis.design
-    plain_law = replace(law, switch=None, frames=None)
-    special = "relay" if law.switch is not None else "rates" if law.frames is not None else ""
     # Beside a noise that the log shows, a swing of few steps is one of little more than what the readings scatter by.
-    grain = math.sqrt(12) * every[0].scatter_m
-    swing = replace(swing, steps=min(swing.steps, swing.peak_to_peak_m / grain if grain else math.inf))
-    scene = LoggedScene.of(log, swing, law, design, every[0].scatter_m)
-    odds = np.exp(-np.minimum(np.array([fit.cost for fit in every]) - every[0].cost, 700.0))
-    answers: list[tuple[PlantFit, Hypothesis, float, str]] = []
-    for fit, weight in zip(every, (odds / odds.sum()).tolist(), strict=True):
-        for one in (fit.best, *fit.draws) if weight > 1e-3 else ():
-            cause = special if special and stable(one, plain_law) else cause_of(one, plain_law, log, swing, design)
-            answers.append((fit, one, weight / (1 + len(fit.draws)), cause))
-    total = sum(weight for _, _, weight, _ in answers)
-    sums = {key: sum(weight for *_, weight, cause in answers if cause == key) / total for *_, key in answers}
-    shares, first = dict(sorted(sums.items(), key=lambda item: -item[1])), max(sums, key=lambda key: sums[key])
-    fit, one, _, _ = max((each for each in answers if each[3] == first), key=lambda each: each[2])
-    swings = scene.swings(one, law)
-    doubts = _doubts(first, replace(fit, best=one), law, scene, diagnosis, shares)
-    doubts += [] if swings else ["simulated with these numbers the loop does not swing as the log does"]
-    candidates = tuple(key for key in shares if key != _OTHER)[:2] if shares.get(_OTHER, 0.0) < _SURE else ()
-    if outside := work_w(log, swing, one) < 0 and swing.steps > _FEW_STEPS:
+    scatter_m = fits[0].scatter_m
+    noise_steps = swing.peak_to_peak_m / (math.sqrt(12) * scatter_m) if scatter_m else math.inf
+    swing = replace(swing, steps=min(swing.steps, noise_steps))
+    scene = LoggedScene.of(log, swing, law, design, scatter_m)
+    answers = _answers(fits, law, log, swing, design)
+    shares = _shares(answers)
+    first = next(iter(shares))
+    best = max((answer for answer in answers if answer.cause == first), key=lambda answer: answer.weight)
+    fit = replace(best.fit, best=best.hypothesis)
+
+    swings = scene.swings(fit.best, law)
+    doubts = _doubts(first, fit, law, scene, diagnosis, shares)
+    if not swings:
+        doubts.append("simulated with these numbers the loop does not swing as the log does")
+    outside = work_w(log, swing, fit.best) < 0 and swing.steps > _FEW_STEPS
+    if outside:
         doubts.append("the force as it acts takes energy from the swing: a hand, the table or a machine drives it")
-    causes = (() if not swings or fit.misfit > _MISFIT / 3 or outside else candidates) if doubts else candidates[:1]
-    near_by = [each for _, each, weight, _ in answers if weight > 0.01 * total]
-    # Damping is told the worst, and a delay not at all by noise: a remedy has to do for the declared ones too.
-    own, late = design.device, max(one.delay, design.latest(log))
-    intended = one.vary(mass_kg=own.mass_kg, damping_ns_per_m=own.damping_ns_per_m, delay_samples=late)
-    # The prior of an assumed device is a guess: each structure that explains the log counts.
-    others = [intended] if design.known else [each.best for each in every if each.misfit < max(1.0, 1.3 * fit.misfit)]
-    several = [one, *near_by[:: max(1, len(near_by) // 8)], *others]
-    cures = [cure for key in causes for cure in remedies_of(key, several, law, scene, log, design)]
-    # Neither delay nor hand of an assumed device is to be relied on where the answer is in doubt.
-    sure = design.known or not doubts
-    cures = [cure for cure in cures if sure or not (cure.while_held or cure.key == "delay_samples")]
-    diagnosis = replace(diagnosis, shares=shares, fit=replace(fit, best=one), remedies=tuple(dict.fromkeys(cures)))
+    candidates: tuple[str, ...] = ()
+    if shares.get(_OTHER, 0.0) < _SURE:
+        candidates = tuple(key for key in shares if key != _OTHER)[:2]
+    mended = candidates
     if not doubts:
-        words = f"{CAUSES[first][0]}: {_numbers(first, one, law, diagnosis)}"
-        words += "; travel stops bound the swing" if one.stops is not None else ""
+        mended = candidates[:1]
+    elif not swings or fit.misfit > _MISFIT_ASSUMED or outside:
+        mended = ()
+
+    hypotheses = _to_be_mended(best, answers, fits, log, design)
+    remedies = [remedy for cause in mended for remedy in remedies_of(cause, hypotheses, law, scene, log, design)]
+    if doubts and not design.known:
+        # Neither delay nor hand of an assumed device is to be relied on where the answer is in doubt.
+        remedies = [remedy for remedy in remedies if not (remedy.while_held or remedy.key == "delay_samples")]
+    diagnosis = replace(diagnosis, shares=shares, fit=fit, remedies=tuple(dict.fromkeys(remedies)))
+    if not doubts:
+        words = f"{CAUSES[first].name}: {_numbers(first, fit.best, law, diagnosis)}"
+        words += "; travel stops bound the swing" if fit.best.stops is not None else ""
         return replace(diagnosis, verdict="named", cause=first, candidates=(first,), conclusion=words)
-    names = " or ".join(CAUSES[key][0] for key in candidates) or "none of the causes it knows"
-    decides = "; or ".join(CAUSES[key][1] for key in candidates if not outside) or "the same log with the force off"
+    names = " or ".join(CAUSES[key].name for key in candidates) or "none of the causes it knows"
+    logs = [] if outside else [CAUSES[key].deciding_log for key in candidates]
+    decides = "; or ".join(logs) or "the same log with the force off"
     words = f"cannot tell: {names}; {'; '.join(doubts)}"
     return replace(diagnosis, candidates=candidates, conclusion=words, decides=decides)
+
+
+def _answers(
+    fits: Sequence[PlantFit], law: FittedLaw, log: Log, swing: Oscillation, design: IntendedLaw
+) -> list[_Answer]:
+    """Return the best answer and the draws of each structure that the log bears out, with their causes.
+
+    The weight of a structure, exp(-cost) of all, is shared by its answers.
+    """
+    plain_law = replace(law, switch=None, frames=None)
+    special = ""
+    if law.switch is not None:
+        special = "relay"
+    elif law.frames is not None:
+        special = "rates"
+    costs = np.array([fit.cost for fit in fits])
+    odds = np.exp(-np.minimum(costs - fits[0].cost, 700.0))
+    answers = []
+    for fit, weight in zip(fits, (odds / odds.sum()).tolist(), strict=True):
+        if weight <= _LEAST_WEIGHT:
+            continue
+        for hypothesis in (fit.best, *fit.draws):
+            if special and stable(hypothesis, plain_law):
+                cause = special
+            else:
+                cause = cause_of(hypothesis, plain_law, log, swing, design)
+            answers.append(_Answer(fit, hypothesis, weight / (1 + len(fit.draws)), cause))
+    return answers
+
+
+def _shares(answers: Sequence[_Answer]) -> dict[str, float]:
+    """Return the share of the evidence of each cause, the largest first."""
+    total = sum(answer.weight for answer in answers)
+    shares = {
+        cause: sum(answer.weight for answer in answers if answer.cause == cause) / total
+        for cause in dict.fromkeys(answer.cause for answer in answers)
+    }
+    return dict(sorted(shares.items(), key=lambda item: -item[1]))
+
+
+def _to_be_mended(
+    best: _Answer, answers: Sequence[_Answer], fits: Sequence[PlantFit], log: Log, design: IntendedLaw
+) -> list[Hypothesis]:
+    """Return the hypotheses for which a remedy has to do, the best first."""
+    total = sum(answer.weight for answer in answers)
+    near_by = [answer.hypothesis for answer in answers if answer.weight > _NEAR_BY_SHARE * total]
+    near_by = near_by[:: max(1, len(near_by) // _NEAR_BY_MOST)]
+    if not design.known:
+        # The prior of an assumed device is a guess: each structure that explains the log counts.
+        most = max(1.0, _EXPLAINS_AS_WELL * best.fit.misfit)
+        return [best.hypothesis, *near_by, *(fit.best for fit in fits if fit.misfit < most)]
+    # Damping is told the worst, and a delay not at all by noise: a remedy has to do for the declared ones too.
+    declared = best.hypothesis.vary(
+        mass_kg=design.device.mass_kg,
+        damping_ns_per_m=design.device.damping_ns_per_m,
+        delay_samples=max(best.hypothesis.delay, design.latest(log)),
+    )
+    return [best.hypothesis, *near_by, declared]
 
 
 def _doubts(
     first: str, fit: PlantFit, law: FittedLaw, scene: LoggedScene, diagnosis: Diagnosis, shares: Mapping[str, float]
 ) -> list[str]:
     """Return the doubts about the first cause: odds, residual, and a simulation without it."""
-    one, log, design, doubts = fit.best, diagnosis.log, diagnosis.design, []
+    log, design, doubts = diagnosis.log, diagnosis.design, []
     if first == _OTHER:
         return ["no single change makes the loop settle, or its model settles already"]
     if shares[first] < _SURE:
-        parts = (f"{CAUSES.get(key, ('another',))[0]} {100 * share:.0f} %" for key, share in shares.items())
+        names = {key: CAUSES[key].name if key in CAUSES else "another" for key in shares}
+        parts = [f"{names[key]} {100 * share:.0f} %" for key, share in shares.items()]
         doubts.append(f"of the hypotheses that the log bears out {', '.join(parts)}")
-    # An assumed device is free to explain much that it did not do.
-    if fit.misfit > (_MISFIT if design.known else _MISFIT / 3) and first != "rate":
+    most = _MISFIT if design.known else _MISFIT_ASSUMED
+    if fit.misfit > most and first != "rate":
         doubts.append(f"the model leaves {number(fit.misfit, 3)} times what encoder and noise do")
     # What a third of a sample of delay does as well matters no more.
-    if law.damping_error_ns_per_m > max(abs(law.damping_ns_per_m), abs(law.stiffness_n_per_m) * log.period_s / 3):
+    as_delay = abs(law.stiffness_n_per_m) * log.period_s / _DAMPING_OF_DELAY
+    if law.damping_error_ns_per_m > max(abs(law.damping_ns_per_m), as_delay):
         doubts.append("the log does not tell b")
-    if fit.at_end or (first == "delay" and one.delay + law.lag - design.latest(log) < 2 * fit.delay_error):
+    beyond_declared = fit.best.delay + law.lag - design.latest(log)
+    if fit.at_end or (first == "delay" and beyond_declared < 2 * fit.delay_error):
         doubts.append("the log does not tell the delay")
-    exact = replace(scene, encoder_m=0.0, noise_m=0.0) if first == "encoder" else scene
-    right, its = without(first, one, law, log, design)
+    if not _settles_without(first, fit.best, law, scene, diagnosis):
+        doubts.append("simulated without it the loop swings too")
+    return doubts
+
+
+def _settles_without(
+    cause: str, hypothesis: Hypothesis, law: FittedLaw, scene: LoggedScene, diagnosis: Diagnosis
+) -> bool:
+    """Return whether a simulation without a cause settles."""
+    mended, mended_law = without(cause, hypothesis, law, diagnosis.log, diagnosis.design)
     # A device on which nothing acts any more goes on at its speed.
-    free = first == "relay" and not (its.stiffness_n_per_m or its.damping_ns_per_m)
-    settles = free or first in {"stiffness", "damping", "let-go"} or exact.decays(right, its)
-    return doubts if settles else [*doubts, "simulated without it the loop swings too"]
+    if cause == "relay" and not (mended_law.stiffness_n_per_m or mended_law.damping_ns_per_m):
+        return True
+    if cause in {"stiffness", "damping", "let-go"}:
+        return True
+    exact = replace(scene, encoder_m=0.0, noise_m=0.0) if cause == "encoder" else scene
+    return exact.decays(mended, mended_law)
 
 
-def work_w(log: Log, swing: Oscillation, one: Hypothesis) -> float:
-    """Return the mean power of the force on the device over whole cycles, the force as it acts: late and held."""
+def work_w(log: Log, swing: Oscillation, hypothesis: Hypothesis) -> float:
+    """Return the mean power of the force on the device, W, over whole cycles, the force as it acts: late and held.
+
+    -1/(N T) sum over n of F(n - delay) (x(n+1) - x(n)), as the force counts against the position.
+    """
     inside = log.position_m[swing.first : swing.last]
-    rises = swing.first + np.flatnonzero((inside[1:] > inside.mean()) & (inside[:-1] <= inside.mean())) + 1
+    middle = inside.mean()
+    rises = swing.first + np.flatnonzero((inside[1:] > middle) & (inside[:-1] <= middle)) + 1
     if rises.size < 2:
         return 0.0
     ticks = np.arange(int(rises[0]), int(rises[-1]))
     # The force of a tick acts from its delay on.
-    acts = np.interp(ticks - one.delay, np.arange(log.force_n.size), log.force_n)
+    acting = np.interp(ticks - hypothesis.delay, np.arange(log.force_n.size), log.force_n)
     moves = log.position_m[ticks + 1] - log.position_m[ticks]
-    return -float(np.sum(acts * moves)) / (ticks.size * log.period_s)
+    return -float(np.sum(acting * moves)) / (ticks.size * log.period_s)
 
 
-def _numbers(cause: str, one: Hypothesis, law: FittedLaw, diagnosis: Diagnosis) -> str:
+def _numbers(cause: str, hypothesis: Hypothesis, law: FittedLaw, diagnosis: Diagnosis) -> str:
     """Return the numbers of a cause, without which the loop settles."""
-    log, mode, switch, frames, unit = diagnosis.log, one.device.resonance, law.switch, law.frames, one.device.units.unit
-    spring, damper = quantity(law.stiffness_n_per_m, unit("N/m")), quantity(law.damping_ns_per_m, unit("N.s/m"))
-    intended = f"{number(diagnosis.design.delay_samples[1], 3)} {'declared' if diagnosis.design.known else 'assumed'}"
-    alone = ", with no hand on the device" if one.hand is None else ""
-    behind = frames.late if frames else law.lag
-    late = f", {number(behind, 2)} of them late" if behind else ""
-    return {
-        "delay": f"{number((one.delay + law.lag) * diagnosis.design.samples_a_tick(log), 3)} samples, {intended}",
+    log, design = diagnosis.log, diagnosis.design
+    unit, mode = hypothesis.device.units.unit, hypothesis.device.resonance
+    spring = quantity(law.stiffness_n_per_m, unit("N/m"))
+    damper = quantity(law.damping_ns_per_m, unit("N.s/m"))
+    delay = number((hypothesis.delay + law.lag) * design.samples_a_tick(log), 3)
+    intended = f"{number(design.delay_samples[1], 3)} {'declared' if design.known else 'assumed'}"
+    released = ", with no hand on the device" if hypothesis.hand is None else ""
+    frames_late = law.frames.late if law.frames else law.lag
+    late = f", {number(frames_late, 2)} of them late" if frames_late else ""
+    words = {
+        "delay": f"{delay} samples, {intended}",
         "rate": f"a new force every {number(1e3 * log.period_s, 3)} ms{late}",
-        "stiffness": f"k = {spring}{alone}",
-        "damping": f"b = {damper}{alone}",
+        "stiffness": f"k = {spring}{released}",
+        "damping": f"b = {damper}{released}",
         "let-go": "it rested in contact before; without a hand it swings",
-        "resonance": f"{number(mode.frequency_hz, 3)} Hz, not declared" if mode else "",
-        "relay": f"{quantity(abs(switch.force_n), unit('N'))} by the sign of the {switch.by}" if switch else "",
-        "rates": f"the {frames.slow} is new every {number(1e3 * frames.ticks * log.period_s, 3)} ms{late}"
-        if frames
-        else "",
         "encoder": f"{number(diagnosis.swing.steps, 2)} steps peak to peak, b = {damper}",
-    }[cause]
+    }
+    if mode:
+        words["resonance"] = f"{number(mode.frequency_hz, 3)} Hz, not declared"
+    if law.switch:
+        words["relay"] = f"{quantity(abs(law.switch.force_n), unit('N'))} by the sign of the {law.switch.by}"
+    if law.frames:
+        frame_ms = number(1e3 * law.frames.ticks * log.period_s, 3)
+        words["rates"] = f"the {law.frames.slow} is new every {frame_ms} ms{late}"
+    return words[cause]

@@ -121,8 +121,11 @@ _MODEL_ERROR = 5e-3
 _BEGIN_LEVEL = 1.7
 """Residual, per noise, with which the first search weighs the prior."""
 
-_BEGIN_TRIES, _REFINE_TRIES = 15, 12
-"""Evaluations of the first search, and of the second with the residual as noise."""
+_BEGIN_TRIES = 15
+"""Evaluations of the first search."""
+
+_REFINE_TRIES = 12
+"""Evaluations of the second search, with the residual as noise."""
 
 _MODE_TURNS = (0.75, 0.95, 1.2, 1.6)
 """Factors of the prior's frequency at which the search of a resonance begins."""

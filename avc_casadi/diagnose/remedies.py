@@ -41,8 +41,11 @@ _DECAYS = 0.8
 _STARTS = (1.0, 0.87, 0.7)
 """Shares of the amplitude of the log from which a simulation has to rest."""
 
-_LEAST_TICKS, _MOST_TICKS = 200, 5000
-"""Ticks of a simulation."""
+_LEAST_TICKS = 200
+"""Fewest ticks of a simulation."""
+
+_MOST_TICKS = 5000
+"""Most ticks of a simulation."""
 
 _SIMULATED_S = 1.5
 """Shortest time of a simulation, s."""
