@@ -7,7 +7,7 @@ import re
 import shlex
 import sys
 import traceback
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from difflib import get_close_matches
 from inspect import cleandoc
@@ -23,7 +23,17 @@ from avc_casadi.cli.arguments import VERBS
 from avc_casadi.cli.console import Console, silence
 from avc_casadi.present.row import row
 
-NO, BAD_INPUT, INTERNAL, BROKEN_PIPE = 1, 2, 70, 141
+NO = 1
+"""Exit code where the answer is no."""
+
+BAD_INPUT = 2
+"""Exit code of a refused input."""
+
+INTERNAL = 70
+"""Exit code of an error of the program: EX_SOFTWARE of sysexits.h."""
+
+BROKEN_PIPE = 141
+"""Exit code where nobody reads standard output any more: 128 + SIGPIPE, as of a shell."""
 
 _VERB = "VERB"
 _QUESTIONS = {
@@ -44,15 +54,17 @@ class _Parser(argparse.ArgumentParser):
     """Parser that raises instead of exiting, so that a wrong argument obeys --json too and a closed pipe is noticed."""
 
     def error(self, message: str) -> NoReturn:
-        found = re.match(r"argument ([^:]+): (.*)", message, re.DOTALL)
-        key, what = (found[1], found[2]) if found else ("", message)
-        if key == _VERB and (typed := re.match(r"invalid choice: '([^']*)'", what)):
-            near = get_close_matches(typed[1], VERBS, n=1)
-            what = f"{typed[1]!r} is no verb; "
-            what += f"did you mean {near[0]}" if near else f"allowed: {', '.join(VERBS)}"
-        if key.startswith("-") and what == "expected one argument":
-            what += f"; a value that begins with - is written {key}=VALUE"
-        raise InputError.of(f"{what}; see `{self.prog} --help`", key=key)
+        of_argument = re.match(r"argument ([^:]+): (.*)", message, re.DOTALL)
+        key, fault = (of_argument[1], of_argument[2]) if of_argument else ("", message)
+        wrong_choice = re.match(r"invalid choice: '([^']*)'", fault)
+        if key == _VERB and wrong_choice:
+            typed = wrong_choice[1]
+            near = get_close_matches(typed, VERBS, n=1)
+            advice = f"did you mean {near[0]}" if near else f"allowed: {', '.join(VERBS)}"
+            fault = f"{typed!r} is no verb; {advice}"
+        if key.startswith("-") and fault == "expected one argument":
+            fault += f"; a value that begins with - is written {key}=VALUE"
+        raise InputError.of(f"{fault}; see `{self.prog} --help`", key=key)
 
     def _print_message(self, message: str, file: Any = None) -> None:
         (file or sys.stderr).write(message)  # argparse's own drops what cannot be written
@@ -70,22 +82,34 @@ def build_parser() -> argparse.ArgumentParser:
     listed: list[str] = []
     for question, module in _QUESTIONS.items():
         listed.append(f"{question}:")
-        for name, (run, given) in VERBS.items():
+        for name, (run, arguments) in VERBS.items():
             if run.__module__ != module.__name__:
                 continue
             text = cleandoc(run.__doc__ or "")
             command = verbs.add_parser(name, description=text, **usage)
-            for names, options in given:
+            for names, options in arguments:
                 command.add_argument(*names, **options)
             command.add_argument("--json", action="store_true", help="print one JSON document and nothing else")
-            named = (action for action in command._actions if action.option_strings)  # noqa: SLF001
-            known = {one.dest: next(name for name in one.option_strings if name[:2] == "--") for one in named}
-            first = next((one.dest for one in command._actions if not one.option_strings), "")  # noqa: SLF001
-            command.set_defaults(run=run, options=known, first=first)
+            command.set_defaults(run=run, options=_long_options(command), first=_first_positional(command))
             summary = text.partition("\n")[0].rstrip(".")
             listed += wrap(summary, 110, initial_indent=f"  {name:<12}", subsequent_indent=" " * 14)
     parser.epilog = "\n".join([*listed, "", _EPILOG])
     return parser
+
+
+def _long_options(command: argparse.ArgumentParser) -> dict[str, str]:
+    """Return the option with two dashes of each argument that has one, by the name of its value."""
+    return {
+        action.dest: next(name for name in action.option_strings if name.startswith("--"))
+        for action in command._actions  # noqa: SLF001
+        if action.option_strings
+    }
+
+
+def _first_positional(command: argparse.ArgumentParser) -> str:
+    """Return the name of the first argument without a dash; empty where there is none."""
+    positional = (action.dest for action in command._actions if not action.option_strings)  # noqa: SLF001
+    return next(positional, "")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -97,10 +121,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         try:
             args, unknown = build_parser().parse_known_args(arguments)
             if unknown:
-                flag = arguments[max(arguments.index(unknown[0]) - 1, 0)]
-                longer = [one for one in args.options.values() if one.endswith(flag[1:]) and one != flag]
-                meant = f"{flag} takes no value, did you mean {longer[0]}; " if longer and flag[0] == "-" else ""
-                raise InputError.of(f"unrecognized arguments: {' '.join(unknown)}; {meant}see `avc {arguments[0]} -h`")
+                raise _unrecognized(arguments, unknown, args.options.values())
         except SystemExit as leaving:  # --help and --version
             sys.stdout.flush()
             return int(leaving.code or 0)
@@ -120,6 +141,14 @@ def main(argv: Sequence[str] | None = None) -> int:
         return BROKEN_PIPE if isinstance(error, BrokenPipeError) else BAD_INPUT
 
 
+def _unrecognized(arguments: Sequence[str], unknown: Sequence[str], options: Iterable[str]) -> InputError:
+    """Return the fault of arguments that no option takes: one may be the value of an option that was cut short."""
+    flag = arguments[max(arguments.index(unknown[0]) - 1, 0)]
+    longer = [option for option in options if option.endswith(flag[1:]) and option != flag]
+    meant = f"{flag} takes no value, did you mean {longer[0]}; " if longer and flag[0] == "-" else ""
+    return InputError.of(f"unrecognized arguments: {' '.join(unknown)}; {meant}see `avc {arguments[0]} -h`")
+
+
 def _answered(args: argparse.Namespace, console: Console, arguments: Sequence[str]) -> int:
     """Run the verb; every outcome is a document or a message, and an exit code."""
     try:
@@ -131,14 +160,14 @@ def _answered(args: argparse.Namespace, console: Console, arguments: Sequence[st
         if interrupted():  # CasADi converts Ctrl-C to errors of its own
             raise KeyboardInterrupt from error
         if isinstance(error, InputError):
-            return _refused(console, InputError([_at(args, one) for one in error.faults]))
+            return _refused(console, InputError([_located(args, fault) for fault in error.faults]))
         if isinstance(error, AvcError | OSError):
             return _refused(console, error)
         console.complain(traceback.format_exc())
         console.refuse(InputError.of(f"internal error: {error!r}"), "avc: internal error; please report it")
         return INTERNAL
     verbose = getattr(args, "verbose", True)
-    if not verbose and any(one.rank > 0 for one in answer.rows):
+    if not verbose and any(shown.rank > 0 for shown in answer.rows):
         answer = replace(answer, commands=(*answer.commands, shlex.join(["avc", *arguments, "-v"])))
     if console.written:
         answer = replace(answer, rows=(*answer.rows, row("Written", ", ".join(console.written), rank=-1)))
@@ -146,7 +175,7 @@ def _answered(args: argparse.Namespace, console: Console, arguments: Sequence[st
     return answer.code or int(bool(answer.complaint))
 
 
-def _at(args: argparse.Namespace, fault: Fault) -> Fault:
+def _located(args: argparse.Namespace, fault: Fault) -> Fault:
     """Return a fault with the option that is at fault, or the file that the command was given."""
     if fault.file:
         return fault
@@ -157,16 +186,16 @@ def _at(args: argparse.Namespace, fault: Fault) -> Fault:
 
 def _keep_inputs(args: argparse.Namespace) -> None:
     """Refuse to write over a file that the command was given."""
-    values = [one for value in vars(args).values() for one in (value if isinstance(value, list) else [value])]
-    inputs = [Path(one) for one in values if isinstance(one, str) and "\0" not in one]
+    values = [value for given in vars(args).values() for value in (given if isinstance(given, list) else [given])]
+    inputs = [Path(value) for value in values if isinstance(value, str) and "\0" not in value]
     for key, path in vars(args).items():
         if not isinstance(path, Path):
             continue
-        beside = [path.with_suffix(".json")] if path.suffix == ".npz" else []  # the manifest of traces
-        for place in (path, *beside):
-            if place.exists() and any(one.exists() and place.samefile(one) for one in inputs):
-                what = f"{str(place)!r} is a file that this command was given; choose another name"
-                raise InputError.of(what, key=args.options.get(key, key.upper()))
+        manifest = [path.with_suffix(".json")] if path.suffix == ".npz" else []  # that of traces
+        for output in (path, *manifest):
+            if output.exists() and any(file.exists() and output.samefile(file) for file in inputs):
+                message = f"{str(output)!r} is a file that this command was given; choose another name"
+                raise InputError.of(message, key=args.options.get(key, key.upper()))
 
 
 def _refused(console: Console, error: AvcError | OSError) -> int:

@@ -75,9 +75,9 @@ def output(name: str, text: str, *endings: str) -> Argument:
     return argument(name, metavar="FILE", type=path_of, text=text)
 
 
-def plot(what: str) -> Argument:
+def plot(subject: str) -> Argument:
     """Return --plot."""
-    return output("--plot", f"draw {what}: .png, .svg or .pdf", ".png", ".svg", ".pdf")
+    return output("--plot", f"draw {subject}: .png, .svg or .pdf", ".png", ".svg", ".pdf")
 
 
 def positive(text: str) -> float:
@@ -103,7 +103,11 @@ COUPLING = argument("gains", metavar="COUPLING", text="coupling file; or a gain 
 BESIDE = argument("--problem", metavar="P", text="problem of a table of gains, .csv")
 VERBOSE = argument("-v", "--verbose", action="store_true", text="print all that is known of it")
 UNSAFE = flag("--unsafe", "go on with a coupling that is not deployable; this is written down")
-BAUD = argument("--baud", type=positive_int, default=115200, text="rate of a serial port; default 115200")
+DEFAULT_BAUD = 115200
+"""Rate of a serial port unless another is given, bit/s."""
+BAUD = argument(
+    "--baud", type=positive_int, default=DEFAULT_BAUD, text=f"rate of a serial port; default {DEFAULT_BAUD}"
+)
 PORT = (
     argument("--port", required=True, text="serial port (avc doctor --ports), or `emulator`: firmware on a model"),
     BAUD,
@@ -128,16 +132,21 @@ LOGS = (
 def turning(key: str, metavar: str, text: str) -> tuple[Argument, ...]:
     """Return an option under its name of a device that slides and of one that turns, each in its own unit."""
     keys = (key, ROTARY.key(key))
-    return tuple(argument(f"--{one.replace('_', '-')}", type=positive, metavar=metavar, text=text) for one in keys)
+    options = [f"--{name.replace('_', '-')}" for name in keys]
+    return tuple(argument(option, type=positive, metavar=metavar, text=text) for option in options)
 
 
 def of_motion(args: argparse.Namespace, units: Units, *keys: str) -> dict[str, Any]:
     """Return such options for a motion, by their keys; those of the other kind of motion are refused."""
-    for own, other in ((units.key(key), (ROTARY if units.linear else LINEAR).key(key)) for key in keys):
-        if own != other and getattr(args, other) is not None:
-            kind = "a linear device" if units.linear else "a device that turns"
-            motion = f", or --motion {'rotary' if units.linear else 'linear'}" if hasattr(args, "motion") else ""
-            raise avc.InputError.of(f"is no option of {kind}; allowed: {args.options[own]}{motion}", key=other)
+    foreign_units = ROTARY if units.linear else LINEAR
+    for key in keys:
+        option, foreign = units.key(key), foreign_units.key(key)
+        if option == foreign or getattr(args, foreign) is None:
+            continue
+        kind, motion = ("a linear device", "rotary") if units.linear else ("a device that turns", "linear")
+        or_motion = f", or --motion {motion}" if hasattr(args, "motion") else ""
+        message = f"is no option of {kind}; allowed: {args.options[option]}{or_motion}"
+        raise avc.InputError.of(message, key=foreign)
     return {key: getattr(args, units.key(key)) for key in keys}
 
 
@@ -145,10 +154,10 @@ def log_options(args: argparse.Namespace) -> dict[str, Any]:
     """Return how logs are read, by the options."""
     from avc_casadi.identification.read import Layout, pairs_of
 
-    columns, wrong = pairs_of(args.columns, "--columns")
-    units, also = pairs_of(args.units, "--units")
-    if wrong or also:
-        raise avc.InputError([*wrong, *also])
+    columns, column_faults = pairs_of(args.columns, "--columns")
+    units, unit_faults = pairs_of(args.units, "--units")
+    if column_faults or unit_faults:
+        raise avc.InputError([*column_faults, *unit_faults])
     layout = Layout(columns, units, args.sample_time)
     return {"layout": layout, "flip_force": args.flip_force, "handle_radius_m": args.handle_radius_m}
 
@@ -158,9 +167,9 @@ OF_WALLS = "is an option of walls, and P couples to a [simulation] or [follower]
 
 def refuse(args: argparse.Namespace, *options: str, why: str) -> None:
     """Refuse arguments that do not apply."""
-    for one in options:
-        if getattr(args, one) not in (None, False, 0):
-            raise avc.InputError.of(why, key=one)
+    for option in options:
+        if getattr(args, option) not in (None, False, 0):
+            raise avc.InputError.of(why, key=option)
 
 
 def is_coupling(text: str) -> bool:
@@ -183,9 +192,9 @@ def read_wall(file: str, problem: str | None = None) -> Coupling:
     """Read a coupling to a wall; or a table of gains, for a problem."""
     from avc_casadi.coupling import require_coupling
 
-    found = avc.read_coupling(file, problem)
-    require_coupling(found)
-    return found
+    coupling = avc.read_coupling(file, problem)
+    require_coupling(coupling)
+    return coupling
 
 
 def subject(source: str, gains: str | None) -> tuple[avc.Problem, Coupling | None, list[str]]:
@@ -204,18 +213,26 @@ def subject(source: str, gains: str | None) -> tuple[avc.Problem, Coupling | Non
     problem = avc.load_problem(source)
     if gains is None:
         return problem, None, []
-    found = read_file(gains)
-    ends = ("simulation",) if problem.simulation is not None else ("follower", "wall")[problem.follower is None :]
-    if (found.end if isinstance(found, Coupling) else "wall") not in ends:
+    read = read_file(gains)
+    end, ends = read.end if isinstance(read, Coupling) else "wall", _ends_of(problem)
+    if end not in ends:
         make = f"avc recommend {quote(source)} --out c.json"
         raise avc.InputError.of(f"is no coupling to a {ends[0]}; make one: {make}", file=gains)
-    if not isinstance(found, Coupling):
-        return problem, coupling_beside(problem, found, gains), []
-    if same_problem(problem, found.problem):
-        return problem, found, []
-    mine, its = problem.model_dump(), found.problem.model_dump()
-    differ = ", ".join(f"[{key}]" for key in mine if isinstance(mine[key], dict) and mine[key] != its[key])
-    return problem, found.on(problem), [f"the coupling was made for {found.problem.name} with another {differ}"]
+    if not isinstance(read, Coupling):
+        return problem, coupling_beside(problem, read, gains), []
+    if same_problem(problem, read.problem):
+        return problem, read, []
+    here, made_for = problem.model_dump(), read.problem.model_dump()
+    tables = [key for key in here if isinstance(here[key], dict) and here[key] != made_for[key]]
+    differ = ", ".join(f"[{key}]" for key in tables)
+    return problem, read.on(problem), [f"the coupling was made for {read.problem.name} with another {differ}"]
+
+
+def _ends_of(problem: avc.Problem) -> tuple[str, ...]:
+    """Return the ends of couplings that a problem takes: its own first; one with a follower takes a wall's too."""
+    if problem.simulation is not None:
+        return ("simulation",)
+    return ("wall",) if problem.follower is None else ("follower", "wall")
 
 
 def recommended(problem: avc.Problem, console: Console, hands: int = 100, **options: Any) -> avc.Recommendation:
@@ -234,7 +251,7 @@ def recommended(problem: avc.Problem, console: Console, hands: int = 100, **opti
 
 def recommended_coupling(problem: avc.Problem, console: Console) -> Coupling:
     """Return the coupling of the recommendation; a refusal is raised."""
-    found = recommended(problem, console)
-    if found.coupling is None:
-        raise avc.NotDeployableError(f"{problem.name}: {found.reason}")
-    return found.coupling
+    recommendation = recommended(problem, console)
+    if recommendation.coupling is None:
+        raise avc.NotDeployableError(f"{problem.name}: {recommendation.reason}")
+    return recommendation.coupling

@@ -22,6 +22,16 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
+_ADVANCE_S = 0.2
+"""Shortest time, s, between two prints of the progress of a step."""
+
+_ESTIMATED_AFTER_S = 1
+"""Time, s, after which it is estimated what time is left."""
+
+_REPEAT_S = 10.0
+"""Time, s, after which the progress is printed anew where no line can be overwritten."""
+
+
 class Console(Progress):
     """Standard output carries the answer alone, standard error everything else.
 
@@ -37,14 +47,18 @@ class Console(Progress):
         self._answered = threading.Event()
         self._terminal = sys.stderr is not None and sys.stderr.isatty()
         self._step: str | None = None
-        self._shown, self._line = 0.0, ""
-        # Parts of the present step: all of them, done when they began, done now, and when they began.
-        self._total, self._first, self._done, self._began = -1, 0, 0, 0.0
-        own = -1
+        self._line = ""
+        self._shown = 0.0  # when the line was printed last
+        # Parts of the present step.
+        self._total = -1
+        self._done = 0
+        self._first = 0  # done when the count began
+        self._began = 0.0  # when it began
+        descriptor = -1
         with suppress(OSError, ValueError, AttributeError):
-            own = sys.stdout.fileno()
+            descriptor = sys.stdout.fileno()
         self._descriptor: int | None = None
-        if own == 1:
+        if descriptor == 1:
             sys.stdout.flush()
             self._descriptor = os.dup(1)
             try:
@@ -60,8 +74,10 @@ class Console(Progress):
             self._answered.set()
             if self.as_json:
                 self._write(json.dumps(answer.document(), indent=1, allow_nan=False) + "\n")
-            elif text := self.page.rendered(answer, verbose=verbose):
-                self._write(text.rstrip("\n") + "\n")
+            else:
+                text = self.page.rendered(answer, verbose=verbose)
+                if text:
+                    self._write(text.rstrip("\n") + "\n")
             if answer.complaint:
                 self.complain(answer.complaint)
 
@@ -111,8 +127,11 @@ class Console(Progress):
     @contextmanager
     def step(self, name: str) -> Iterator[None]:
         """Show a step and its duration on a terminal."""
-        started, around = time.perf_counter(), self._step
-        self._step, self._shown, self._total, self._line = name, started, -1, f"{name} ..."
+        started, outer_step = time.perf_counter(), self._step
+        self._step = name
+        self._shown = started
+        self._total = -1
+        self._line = f"{name} ..."
         self._show(self._line)
         outcome = "stopped"
         try:
@@ -120,27 +139,34 @@ class Console(Progress):
             outcome = f"{time.perf_counter() - started:.2f} s"
         finally:
             self._show(f"{name} ... {outcome}\n")
-            self._step, self._line = around, f"{around} ..." if around else ""
+            self._step = outer_step
+            self._line = f"{outer_step} ..." if outer_step else ""
 
     def _repeat(self) -> None:
         """Print every ten seconds what is done at present, the verb at least, where no line can be overwritten."""
-        while not self._answered.wait(10.0):
-            if line := self._line or (self._work and f"{self._work} ..."):
+        while not self._answered.wait(_REPEAT_S):
+            line = self._line or (self._work and f"{self._work} ...")
+            if line:
                 self.complain(line)
 
     def advance(self, done: int, total: int, part: str = "") -> None:
         """Show the progress of the present step, at most five times a second, and after a second what time is left."""
         now, step = time.perf_counter(), self._step or self._work
         if total != self._total or done < self._done:
-            self._total, self._first, self._began = total, done, now
+            self._total = total
+            self._first = done
+            self._began = now
         self._done = done
-        if now - self._shown >= 0.2:
-            made, seconds = done - self._first, now - self._began
-            left = f"; {(total - done) * seconds / made:.0f} s left" if total and made > 0 and seconds >= 1 else ""
-            of = f" of {total}" if total else ""
-            self._shown, self._line = now, f"{step} ... {done}{of} {part}".rstrip() + left
-            if self._step is not None:
-                self._show(self._line)
+        if now - self._shown < _ADVANCE_S:
+            return
+        made, seconds = done - self._first, now - self._began
+        left = ""
+        if total and made > 0 and seconds >= _ESTIMATED_AFTER_S:
+            left = f"; {(total - done) * seconds / made:.0f} s left"
+        of_total = f" of {total}" if total else ""
+        self._shown, self._line = now, f"{step} ... {done}{of_total} {part}".rstrip() + left
+        if self._step is not None:
+            self._show(self._line)
 
     def _show(self, line: str) -> None:
         """Overwrite the line of the present step on a terminal; Ctrl-C may have cut it anywhere."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterator
 from contextlib import ExitStack, closing
 from dataclasses import replace
 from pathlib import Path
@@ -17,7 +18,7 @@ from avc_casadi._util.units import units_for
 from avc_casadi.cli import arguments as cli
 from avc_casadi.cli.console import Console, output_folder
 from avc_casadi.present import rows
-from avc_casadi.present.row import Answer, Mark, Part, Value, commas, row, text_of
+from avc_casadi.present.row import Answer, Mark, Part, Row, Value, commas, row, text_of
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
@@ -63,8 +64,8 @@ def run_export(args: argparse.Namespace, console: Console) -> Answer:
     paths = [Path(args.c) / name for name in files]
     for path in paths:
         if path.is_file() and not args.force and b"; do not edit." not in path.read_bytes().partition(b"\n")[0]:
-            what = "is there already and no export; allowed: another folder, another --name, or --force"
-            raise avc.InputError.of(f"{str(path)!r} {what}", key="c")
+            message = "is there already and no export; allowed: another folder, another --name, or --force"
+            raise avc.InputError.of(f"{str(path)!r} {message}", key="c")
     with output_folder(args.c, "--c") as folder:
         for name, text in files.items():
             write_file(folder / name, text)
@@ -147,18 +148,32 @@ def run_firmware(args: argparse.Namespace, console: Console) -> Answer:
     device, notes = getattr(problem, "device", problem), []
     if getattr(problem, "detent", None) is not None:
         notes.append("[detent] has no place in what is pushed: export it (avc export)")
-    own = {"max_force_n": built.limits.max_force_n, "encoder_resolution_m": built.limits.metres_per_count}
-    for key, value in own.items():
+    of_board = {"max_force_n": built.limits.max_force_n, "encoder_resolution_m": built.limits.metres_per_count}
+    for key, value in of_board.items():
         if not getattr(device, key):
-            what = f"{Value.of(key, value).text(device.units)} is the board's own; give the device's"
-            notes.append(f"the file has no device.{device.units.key(key)}: {what}")
-    data = {key: getattr(built, key) for key in ("board", "build", "address", "commands")}
-    data |= {"baud": args.baud or 115200, "size_bytes": built.size, "notes": notes}
+            advice = f"{Value.of(key, value).text(device.units)} is the board's own; give the device's"
+            notes.append(f"the file has no device.{device.units.key(key)}: {advice}")
+    baud = args.baud or cli.DEFAULT_BAUD
     console.written += [str(Path(args.out) / path.name) for path in built.files]
-    data |= {"files": console.written, "limits": vars(built.limits), "figures": vars(built.figures)}
-    at = "" if data["baud"] == 115200 else f" --baud {args.baud}"
-    gains = f"pushed: avc push{at}; estimator {built.figures.estimator}"
+    data = {
+        "board": built.board,
+        "build": built.build,
+        "address": built.address,
+        "commands": built.commands,
+        "baud": baud,
+        "size_bytes": built.size,
+        "notes": notes,
+        "files": console.written,
+        "limits": vars(built.limits),
+        "figures": vars(built.figures),
+    }
+    baud_option = "" if baud == cli.DEFAULT_BAUD else f" --baud {baud}"
+    gains = f"pushed: avc push{baud_option}; estimator {built.figures.estimator}"
     return rows.deploy.firmware(plain(data), built.title, subject.units, gains)
+
+
+_STREAM_SHOWN_EVERY_S = 0.5
+"""Time between two samples that are shown, s."""
 
 
 @cli.verb(
@@ -182,13 +197,15 @@ def run_stream(args: argparse.Namespace, console: Console) -> Answer:
         require_coupling(coupling)
     verdict = _verdict_data(coupling, unsafe=args.unsafe)
     data: dict[str, Any] = {"problem": coupling.problem.name, "coupling": coupling.id}
-    units, shown, sent = coupling.problem.units, -1.0, 0
+    units = coupling.problem.units
+    shown_s = -1.0
+    sent = 0
 
     def show(sample: avc_hardware.StreamSample) -> None:
-        nonlocal shown, sent
+        nonlocal shown_s, sent
         sent += 1
-        if sample.time_s >= shown + 0.5:
-            shown = sample.time_s
+        if sample.time_s >= shown_s + _STREAM_SHOWN_EVERY_S:
+            shown_s = sample.time_s
             console.say(f"{sample.time_s:7.2f} s  {text_of(commas(_applied(sample)), units)}")
 
     try:
@@ -212,6 +229,12 @@ def run_stream(args: argparse.Namespace, console: Console) -> Answer:
     complaint = f"avc: {result.port}: {'; '.join(result.faults)}" if result.faults else ""
     return replace(rows.deploy.stream(data, result.faults), units=units, complaint=complaint)
 
+
+_MONITOR_SHOWN_EVERY_S = 0.2
+"""Time between two records that are shown as text, s."""
+
+_MONITOR_JSON_S = 5.0
+"""Time after which --json ends by itself, s."""
 
 _RATE = "records a second; default 5; 115200 baud carry about 250. At most 5 a second are shown as text"
 
@@ -241,19 +264,23 @@ def run_monitor(args: argparse.Namespace, console: Console) -> Answer:
     units = units_for(args.motion)
     samples: list[dict[str, Any]] = []
     note = avc_hardware.EMULATOR_IS_FRESH if args.port == avc_hardware.EMULATOR else None
-    data: dict[str, Any] = {"port": args.port, "note": note, "samples": samples, "records": 0, "lost": 0}
-    data |= {"ended": None, "out": args.out and str(args.out)}
-    code, shown = 0, -1.0
+    data: dict[str, Any] = {
+        "port": args.port,
+        "note": note,
+        "samples": samples,
+        "records": 0,
+        "lost": 0,
+        "ended": None,
+        "out": args.out and str(args.out),
+    }
+    code, shown_s = 0, -1.0
     log: avc_hardware.TelemetryLog | None = None
 
     def begun(device: avc_hardware.Device) -> None:
         nonlocal log
         if args.out is not None and log is None:  # not before there is something to log
             log = stack.enter_context(avc_hardware.TelemetryLog(args.out, args.motion))
-        own, tick, most = device.unique_id, Value(device.sample_time_s, "time"), Value(device.max_force_n, "force")
-        running = f", coupling {device.coupling_id}" if device.coupling_id else ", no coupling"
-        head = f"device {f'{own} ' if own else ''}with firmware {device.build}: a tick every"
-        console.say(text_of((head, tick, ", at most", most, running), units))
+        console.say(text_of(_headline(device), units))
 
     def ended(status: avc_hardware.DeviceStatus) -> None:
         data["ended"] = {"mode": status.mode, "force_n": status.force_n, "faults": status.faults}
@@ -262,7 +289,7 @@ def run_monitor(args: argparse.Namespace, console: Console) -> Answer:
         watched = avc_hardware.monitor(
             args.port,
             rate_hz=args.rate_hz,
-            seconds=args.seconds or (5.0 if console.as_json else None),
+            seconds=args.seconds or (_MONITOR_JSON_S if console.as_json else None),
             heartbeat_s=args.heartbeat_s,
             baud=args.baud,
             on_device=begun,
@@ -279,26 +306,39 @@ def run_monitor(args: argparse.Namespace, console: Console) -> Answer:
                         log.write(sample)
                     if console.as_json:
                         samples.append(plain(vars(sample) | {"fault_words": words.split(", ") if words else []}))
-                if not 0 <= sample.time_s - shown < 0.2 - 1e-6:
-                    shown = sample.time_s
+                if not 0 <= sample.time_s - shown_s < _MONITOR_SHOWN_EVERY_S - 1e-6:
+                    shown_s = sample.time_s
                     console.say(text_of(_state(sample, words), units))
         except KeyboardInterrupt:
             if not data["records"]:
                 raise
             take_interrupt()
             code, data = EXIT_CODE, avc.fault_document(avc.InputError.of("interrupted")) | data
-    found, end = [], data["ended"]
-    if lost := data["lost"]:
-        what = f"{lost} of {data['records'] + lost} records: the line is too slow or lossy; give less --rate-hz, or a "
-        found.append(row("Lost", f"{what}faster --baud with firmware built for it", mark=Mark.CAUTION))
+    return Answer("monitor", data, rows=tuple(_monitor_rows(data, args.heartbeat_s)), units=units, code=code)
+
+
+def _headline(device: avc_hardware.Device) -> tuple[Part, ...]:
+    """Return what is said of a device when its records begin."""
+    number = f"{device.unique_id} " if device.unique_id else ""
+    tick, largest = Value(device.sample_time_s, "time"), Value(device.max_force_n, "force")
+    running = f", coupling {device.coupling_id}" if device.coupling_id else ", no coupling"
+    return (f"device {number}with firmware {device.build}: a tick every", tick, ", at most", largest, running)
+
+
+def _monitor_rows(data: dict[str, Any], heartbeat_s: float | None) -> Iterator[Row]:
+    """Yield the rows of what was watched: records that are lost, the log, and how the heartbeat ended."""
+    lost, records, end = data["lost"], data["records"], data["ended"]
+    if lost:
+        text = f"{lost} of {records + lost} records: the line is too slow or lossy; "
+        text += "give less --rate-hz, or a faster --baud with firmware built for it"
+        yield row("Lost", text, mark=Mark.CAUTION)
     if data["out"]:
-        found.append(row("Written", f"{data['out']}, {data['records']} records"))
-    if args.heartbeat_s and end is not None:
+        yield row("Written", f"{data['out']}, {records} records")
+    if heartbeat_s and end is not None:
         until = f"; mode {end['mode']} until the next heartbeat, out of contact"
-        found.append(row("Heartbeat", "ended, at", Value(end["force_n"], "force"), until))
-    elif args.heartbeat_s:
-        found.append(row("Heartbeat", "ended, and the device did not answer: it falls to 0 by itself"))
-    return Answer("monitor", data, rows=tuple(found), units=units, code=code)
+        yield row("Heartbeat", "ended, at", Value(end["force_n"], "force"), until)
+    elif heartbeat_s:
+        yield row("Heartbeat", "ended, and the device did not answer: it falls to 0 by itself")
 
 
 def _applied(sample: avc_hardware.StreamSample | avc_hardware.TelemetrySample) -> list[tuple[Part, ...]]:
@@ -338,12 +378,18 @@ def run_device(args: argparse.Namespace, console: Console) -> Answer:
     wanted = cli.of_motion(args, units, "force_n", "speed_m_per_s", "energy_j")
     if not args.clear:
         with console.step(f"limits of {args.port}"):
-            found = avc_hardware.set_limits(args.port, **wanted, baud=args.baud)
-        return rows.deploy.limits(plain(found), units)
+            limits = avc_hardware.set_limits(args.port, **wanted, baud=args.baud)
+        return rows.deploy.limits(plain(limits), units)
     cli.refuse(args, *map(units.key, wanted), why="is a limit, and --clear sets none; leave it out")
     with console.step(f"clear {args.port}"):
         cleared = avc_hardware.clear_faults(args.port, baud=args.baud)
-    data = {key: [fault.word for fault in getattr(cleared, key)] for key in ("were", "first", "left")}
-    document = {"port": cleared.port, **data, "tick": cleared.tick, "mode": cleared.status.mode}
+    document = {
+        "port": cleared.port,
+        "were": [fault.word for fault in cleared.were],
+        "first": [fault.word for fault in cleared.first],
+        "left": [fault.word for fault in cleared.left],
+        "tick": cleared.tick,
+        "mode": cleared.status.mode,
+    }
     complaint = f"avc: {cleared.port}: still there: {cleared.left.word}" if cleared.left else ""
     return replace(rows.deploy.faults(document, list(cleared.were.advice)), complaint=complaint)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from shlex import quote
@@ -20,6 +21,7 @@ from avc_casadi.present import rows
 from avc_casadi.present.row import Answer, Mark
 
 if TYPE_CHECKING:
+    from avc_casadi.files.new_options import Option
     from avc_casadi.files.new_problem import NewProblem
 
 
@@ -28,9 +30,9 @@ if TYPE_CHECKING:
     cli.argument("--like", metavar="D", text="device to begin from: a name of `avc list`, or a device file"),
     cli.argument("--held", choices=tuple(HOLDS), default="grip", text="what holds it; default grip"),
     *(
-        cli.argument(name, metavar="V", text=f"{one.text}: {', '.join(dict.fromkeys(one.examples))}")
-        for one in EVERY
-        for name in dict.fromkeys(one.names)
+        cli.argument(name, metavar="V", text=f"{option.text}: {', '.join(dict.fromkeys(option.examples))}")
+        for option in EVERY
+        for name in dict.fromkeys(option.names)
     ),
     cli.argument("--model", metavar="M", text="device of several axes, MJCF or URDF: mass from it (MuJoCo)"),
     cli.argument("--tip", metavar="NAME", text="site, body or geom of the model that the hand holds"),
@@ -47,28 +49,19 @@ def run_new(args: argparse.Namespace, console: Console) -> Answer:
     from avc_casadi.files.problem_file import problem_document
 
     if args.file.exists() and not args.force:
-        what = f"{str(args.file)!r} is there already; allowed: another name, or --force"
-        raise avc.InputError.of(what, key="FILE")
-    values = {(one, name): vars(args)[name[2:].replace("-", "_")] for one in EVERY for name in one.names}
+        message = f"{str(args.file)!r} is there already; allowed: another name, or --force"
+        raise avc.InputError.of(message, key="FILE")
+    values = {(option, name): vars(args)[name[2:].replace("-", "_")] for option in EVERY for name in option.names}
     typed = {key: value for key, value in values.items() if value is not None}
-    turned = any(one is RADIUS or name == one.option_turning for one, name in typed)
-    by_key = {one.key: value for (one, _), value in typed.items()}
+    turned = any(option is RADIUS or name == option.option_turning for option, name in typed)
+    by_key = {option.key: value for (option, _), value in typed.items()}
     new = NewProblem(args.file, args.like or "", "rotary" if turned else "linear", args.held, by_key)
     if args.model is not None or args.tip is not None:
         new = _at_tip(new, args.model, args.tip)
-    meant = {one.key: one.names[not new.units.linear] for one in EVERY}
-    kind, turns = ("a linear device", 0) if new.units.linear else ("a device that turns", 1)
-    faults = [
-        avc.Fault("", None, name, f"is no option of {kind}; allowed: {meant[one.key]}, as {one.examples[turns]}")
-        for one, name in typed
-        if name != meant[one.key]
-    ]
-    of_hands = "goes with --held foot or --held other; leave it out"
-    whys = {RADIUS.key: "is that of the device of --like; leave it out", **{one.key: of_hands for one in HANDS}}
-    known = {one.key for one in new.options()}
-    faults += [avc.Fault("", None, meant[key], whys[key]) for key in new.typed if key not in known]
-    if faults := faults or new.faults():
-        raise avc.InputError([replace(one, key=meant.get(one.key, one.key)) for one in faults])
+    faults = _option_faults(new, list(typed)) or new.faults()
+    if faults:
+        names = _names_of(new)
+        raise avc.InputError([replace(fault, key=names.get(fault.key, fault.key)) for fault in faults])
     console.write(args.file, new.text())
     problem = new.problem()
     data = {
@@ -76,11 +69,32 @@ def run_new(args: argparse.Namespace, console: Console) -> Answer:
         "problem": problem_document(problem),
         "held": new.held,
         "assumed": new.assumed(),
-        "not_known": [{"key": new.units.key(one.key), "message": one.cost} for one in new.unknown()],
-        "warnings": [{"key": one.key, "message": one.message} for one in plausibility(problem)],
+        "not_known": [{"key": new.units.key(option.key), "message": option.cost} for option in new.unknown()],
+        "warnings": [{"key": fault.key, "message": fault.message} for fault in plausibility(problem)],
         "model": None if new.tip is None else {"file": args.model, "tip": args.tip, **asdict(new.tip)},
     }
     return rows.design.new(data, problem, str(args.file))
+
+
+def _names_of(new: NewProblem) -> dict[str, str]:
+    """Return the option of each value, for the motion of the device."""
+    return {option.key: option.names[0 if new.units.linear else 1] for option in EVERY}
+
+
+def _option_faults(new: NewProblem, typed: Sequence[tuple[Option, str]]) -> list[avc.Fault]:
+    """Return the faults of options that do not go with the motion of the device, its --like, or what holds it."""
+    names = _names_of(new)
+    kind, motion = ("a linear device", 0) if new.units.linear else ("a device that turns", 1)
+    faults = []
+    for option, name in typed:
+        if name != names[option.key]:
+            message = f"is no option of {kind}; allowed: {names[option.key]}, as {option.examples[motion]}"
+            faults.append(avc.Fault("", None, name, message))
+    reasons = {RADIUS.key: "is that of the device of --like; leave it out"}
+    reasons |= {option.key: "goes with --held foot or --held other; leave it out" for option in HANDS}
+    known = {option.key for option in new.options()}
+    faults += [avc.Fault("", None, names[key], reasons[key]) for key in new.typed if key not in known]
+    return faults
 
 
 def _at_tip(new: NewProblem, model: str | None, tip: str | None) -> NewProblem:
@@ -93,11 +107,11 @@ def _at_tip(new: NewProblem, model: str | None, tip: str | None) -> NewProblem:
         raise avc.InputError.of("moves its tip in lines, and the device turns; leave one out", key="--model")
     if MASS.key in new.typed:
         raise avc.InputError.of("is that of --model; leave it out", key=MASS.option)
-    found = tip_mass(Path(model), tip)
-    typed = {MASS.key: f"{found.mass_kg:.4g} kg", **new.typed}
-    if found.damping_ns_per_m > 0:
-        typed.setdefault(DAMPING.key, f"{found.damping_ns_per_m:.4g} N.s/m")
-    return replace(new, typed=typed, tip=found)
+    at_tip = tip_mass(Path(model), tip)
+    typed = {MASS.key: f"{at_tip.mass_kg:.4g} kg", **new.typed}
+    if at_tip.damping_ns_per_m > 0:
+        typed.setdefault(DAMPING.key, f"{at_tip.damping_ns_per_m:.4g} N.s/m")
+    return replace(new, typed=typed, tip=at_tip)
 
 
 @cli.verb(
@@ -120,25 +134,32 @@ def run_recommend(args: argparse.Namespace, console: Console) -> Answer:
 
     if _is_pair(problem):
         cli.refuse(args, "stiffest", "lean_on_friction", "prove", "trade_off", why=cli.OF_WALLS)
-    options = {name: getattr(args, name) for name in ("stiffest", "lean_on_friction", "prove")}
-    found = cli.recommended(problem, console, args.hands, with_trade_off=args.trade_off, **options)
+    recommendation = cli.recommended(
+        problem,
+        console,
+        args.hands,
+        with_trade_off=args.trade_off,
+        stiffest=args.stiffest,
+        lean_on_friction=args.lean_on_friction,
+        prove=args.prove,
+    )
     written = None
     # What the trials refuse, other verbs would take: they judge linear stability alone.
-    if args.out is not None and found.coupling is not None and found.deployable:
-        console.write(args.out, coupling_text(found.coupling))
+    if args.out is not None and recommendation.coupling is not None and recommendation.deployable:
+        console.write(args.out, coupling_text(recommendation.coupling))
         written = str(args.out)
-    return rows.recommend.recommendation(found, args.problem, written)
+    return rows.recommend.recommendation(recommendation, args.problem, written)
 
 
 def _is_pair(problem: avc.Problem) -> bool:
     return problem.simulation is not None or problem.follower is not None
 
 
-def coupling_text(coupling: avc.Coupling, **beside: Any) -> str:
+def coupling_text(coupling: avc.Coupling, **further: Any) -> str:
     """Return the text of a coupling file, with what else stands in it."""
     from avc_casadi.files.coupling_file import coupling_document
 
-    return json_text(beside | coupling_document(coupling), coupling.units)
+    return json_text(further | coupling_document(coupling), coupling.units)
 
 
 @cli.verb(
@@ -182,8 +203,8 @@ def gain_pair(text: str) -> tuple[float, float]:
     try:
         k, b = (float(part) for part in text.split(","))
     except ValueError:
-        what = f"{text!r} is no pair K,B; allowed: stiffness in N/m and damping in N.s/m, as 7000,10"
-        raise argparse.ArgumentTypeError(what) from None
+        message = f"{text!r} is no pair K,B; allowed: stiffness in N/m and damping in N.s/m, as 7000,10"
+        raise argparse.ArgumentTypeError(message) from None
     return k, b
 
 
@@ -195,9 +216,9 @@ def gain_pair(text: str) -> tuple[float, float]:
 def run_compare(args: argparse.Namespace, console: Console) -> Answer:
     """Put the methods side by side, frequency by frequency, with a verdict."""
     problem = avc.load_problem(args.problem)
-    found = avc.compare(problem, mine=args.mine, progress=console)
-    write_figure(console, args.plot, lambda: avc.figures.draw_comparison(found))
-    return rows.design.comparison(found.document(), problem, args.problem)
+    comparison = avc.compare(problem, mine=args.mine, progress=console)
+    write_figure(console, args.plot, lambda: avc.figures.draw_comparison(comparison))
+    return rows.design.comparison(comparison.document(), problem, args.problem)
 
 
 @cli.verb(
@@ -216,75 +237,102 @@ def run_run(args: argparse.Namespace, console: Console) -> Answer:
     with console.step(args.problem):
         problem = avc.load_problem(args.problem)
     if _is_pair(problem):
-        what = f"couples to no wall, and run is of walls; ask: avc recommend {quote(args.problem)} --out coupling.json"
-        raise avc.InputError.of(what, key="P")
+        ask = f"avc recommend {quote(args.problem)} --out coupling.json"
+        raise avc.InputError.of(f"couples to no wall, and run is of walls; ask: {ask}", key="P")
     shown = Path(args.out or f"avc-{problem.name.replace('/', '-')}")
     with output_folder(args.out or str(shown), "--out") as folder:
         console.notice(f"{args.problem} ... all of it, into {shown}")
-        # Slow to load: after the first line.
-        from avc_casadi.files.coupling_file import gain_csv
-        from avc_casadi.present import report
-        from avc_casadi.recommendation.recommend import judged_as_recommended
-
-        if args.method is None:
-            found = cli.recommended(problem, console)
-        else:
-            gains = avc.solve(problem, args.method, progress=console)
-            with console.step(f"coupling to deploy: {args.method}"):
-                found = judged_as_recommended(problem, gains, versions=package_versions(), progress=console)
+        recommendation = _to_deploy(problem, args.method, console)
         with console.step("device"):
-            push = _pushed(found, unsafe=args.unsafe)
-        comparison = _compared(found, console)
-        compare, gains = comparison.document(), comparison.methods[comparison.delivered]
-        best = compare["methods"][comparison.delivered]
-        files: dict[str, str | bytes] = {
-            "gains.json": json_text(best, problem.units),
-            "gains.csv": gain_csv(gains),
-            "compare.json": json_text(compare, problem.units),
-        }
-        written = None
-        if found.coupling is not None and push.get("deployable") is not False:
-            files["coupling.json"], written = coupling_text(found.coupling), str(shown / "coupling.json")
-        with console.step("figures"):
-            drawn, of_paper = report.wall_pictures(found), report.paper_pictures(comparison)
-        answer, pictures = rows.recommend.recommendation(found, args.problem, written), list(drawn.values())
-        sections = report.paper_sections(compare, problem, of_paper, push)
-        files["report.html"] = report.report_html(answer, problem, pictures, package_versions(), sections)
-        for name, picture in (drawn | of_paper).items():
-            files |= {f"{name}.png": picture.png, f"{name}.svg": picture.svg}
+            push = _pushed(recommendation, unsafe=args.unsafe)
+        comparison = _compared(recommendation, console)
+        compare = comparison.document()
+        deploys = recommendation.coupling is not None and push.get("deployable") is not False
+        written = str(shown / "coupling.json") if deploys else None
+        answer = rows.recommend.recommendation(recommendation, args.problem, written)
+        files = _run_files(recommendation, comparison, compare, answer, push, console)
+        if recommendation.coupling is not None and deploys:
+            files["coupling.json"] = coupling_text(recommendation.coupling)
         for name, content in files.items():
             write_file(folder / name, content)
     data = {"folder": str(shown), "files": sorted(files), "deploy": answer.data, "push": push, "compare": compare}
     console.written.append(f"{shown / 'report.html'} and {len(files) - 1} files beside it")
     answer = rows.design.run(data, answer)
     pushed = rows.design.device(push)
-    why = f"avc: {problem.name}: {pushed.text(problem.units)}" if pushed.mark is Mark.FAIL else ""
-    return replace(answer, complaint="\n".join(filter(None, [rows.design.without_gains(best), why])))
+    complaints = [rows.design.without_gains(compare["methods"][comparison.delivered])]
+    if pushed.mark is Mark.FAIL:
+        complaints.append(f"avc: {problem.name}: {pushed.text(problem.units)}")
+    return replace(answer, complaint="\n".join(filter(None, complaints)))
 
 
-def _compared(found: avc.Recommendation, console: Console) -> avc.Comparison:
+def _to_deploy(problem: avc.Problem, method: str | None, console: Console) -> avc.Recommendation:
+    """Return the recommended coupling, or that of a method judged in the same way."""
+    # Slow to load: after the first line.
+    from avc_casadi.recommendation.recommend import judged_as_recommended
+
+    if method is None:
+        return cli.recommended(problem, console)
+    gains = avc.solve(problem, method, progress=console)
+    with console.step(f"coupling to deploy: {method}"):
+        return judged_as_recommended(problem, gains, versions=package_versions(), progress=console)
+
+
+def _run_files(
+    recommendation: avc.Recommendation,
+    comparison: avc.Comparison,
+    compare: dict[str, Any],
+    answer: Answer,
+    push: dict[str, Any],
+    console: Console,
+) -> dict[str, str | bytes]:
+    """Return the contents of the gains of the paper's question, the comparison, the pictures and the report.
+
+    `compare` is the document of the comparison.
+    """
+    # Slow to load: after the first line.
+    from avc_casadi.files.coupling_file import gain_csv
+    from avc_casadi.present import report
+
+    problem, delivered = recommendation.problem, comparison.delivered
+    files: dict[str, str | bytes] = {
+        "gains.json": json_text(compare["methods"][delivered], problem.units),
+        "gains.csv": gain_csv(comparison.methods[delivered]),
+        "compare.json": json_text(compare, problem.units),
+    }
+    with console.step("figures"):
+        of_wall, of_paper = report.wall_pictures(recommendation), report.paper_pictures(comparison)
+    sections = report.paper_sections(compare, problem, of_paper, push)
+    pictures = list(of_wall.values())
+    files["report.html"] = report.report_html(answer, problem, pictures, package_versions(), sections)
+    for name, picture in (of_wall | of_paper).items():
+        files |= {f"{name}.png": picture.png, f"{name}.svg": picture.svg}
+    return files
+
+
+def _compared(recommendation: avc.Recommendation, console: Console) -> avc.Comparison:
     """Answer the paper's question, beside what is recommended."""
     from avc_casadi.design.comparison.comparison import with_causal, with_delivered
 
-    problem, comparison = found.problem, avc.compare(found.problem, progress=console)
+    problem, coupling = recommendation.problem, recommendation.coupling
+    comparison = avc.compare(problem, progress=console)
     if comparison.scope != "pointwise":
         comparison = with_delivered(comparison, problem, avc.solve(problem, "schedule", progress=console))
-    if found.coupling is not None and found.coupling.table.constant:
-        comparison = with_causal(comparison, found.coupling)
+    if coupling is not None and coupling.table.constant:
+        comparison = with_causal(comparison, coupling)
     return comparison
 
 
-def _pushed(found: avc.Recommendation, *, unsafe: bool) -> dict[str, Any]:
+def _pushed(recommendation: avc.Recommendation, *, unsafe: bool) -> dict[str, Any]:
     """Push to the emulated device and try it there; a failed push is a document too: ``skipped`` or ``refused``."""
     from avc_casadi.cli.deploy import in_the_loop
 
-    coupling = found.coupling
+    coupling = recommendation.coupling
     if coupling is None:
         return {"refused": "no coupling is deployable"}
     # Trials refuse what the push, which judges linear stability alone, would take.
-    if not found.deployable and not unsafe:
-        return {"refused": found.reason, "deployable": False}
-    note = "" if found.deployable else f"UNSAFE, went on by request: {found.reason}"
+    if not recommendation.deployable and not unsafe:
+        return {"refused": recommendation.reason, "deployable": False}
+    note = "" if recommendation.deployable else f"UNSAFE, went on by request: {recommendation.reason}"
     try:
         done = avc_hardware.push(coupling, "emulator", unsafe=unsafe).document()
         return done | {"unsafe": note, "in_the_loop": in_the_loop(coupling)}

@@ -43,18 +43,7 @@ def run_certify(args: argparse.Namespace, console: Console) -> Answer:
     """
     law = {key: getattr(args, key) for key in ("k", "b", "b_p", "cutoff_hz") if getattr(args, key) is not None}
     if law:
-        from avc_casadi.claims.own_law import Law, law_problem, valid_law
-        from avc_casadi.model.ends import ToolGains
-
-        cli.refuse(args, "prove", "proof_out", "gains", why="goes with a file of gains, not with --k, --b")
-        problem = law_problem(args.problem)
-        if problem.simulation is None and problem.follower is None:
-            with console.step("your own law"):
-                return rows.judge.own_law(avc.certify_law(problem, **law), args.problem)
-        cli.refuse(args, "cutoff_hz", why=cli.OF_WALLS)
-        pair = ToolGains(*(law.get(key, 0.0) for key in ("k", "b", "b_p")))
-        valid_law(Law(*vars(pair).values()), problem.device)
-        return _certify_pair(problem, pair, args.problem, console)
+        return _certify_own_law(args, law, console)
     problem, coupling, notes = cli.subject(args.problem, args.gains)
     if coupling is None:
         allowed = f"a file of gains (avc recommend {quote(args.problem)} --out c.json), or a law: --k K --b B"
@@ -67,16 +56,41 @@ def run_certify(args: argparse.Namespace, console: Console) -> Answer:
     proofs: dict[str, Any] = {}
     with nullcontext() if args.proof_out is None else output_folder(args.proof_out, "--proof-out") as folder:
         with console.step(f"certificate of {coupling.schedule.rows} rows"):
-            found = avc.certify(problem, coupling, prove=args.prove or folder is not None, progress=console)
+            certificate = avc.certify(problem, coupling, prove=args.prove or folder is not None, progress=console)
         if folder is not None:
-            proofs = proof_files(problem, found)
+            proofs = proof_files(problem, certificate)
             console.written += [str(Path(args.proof_out) / name) for name in proofs]
-            for name, one in proofs.items():
-                write_file(folder / name, json_text(one, problem.units))
+            for name, proof in proofs.items():
+                write_file(folder / name, json_text(proof, problem.units))
     with console.step("table that runs"):
-        data = rows.answers.certificate_data(found, console)
+        data = rows.answers.certificate_data(certificate, console)
     data |= {"gains": args.gains or args.problem, "notes": notes + data["notes"], "proof_files": list(proofs)}
     return rows.judge.certificate(data, problem, args.problem if args.gains else "")
+
+
+def _certify_own_law(args: argparse.Namespace, law: dict[str, Any], console: Console) -> Answer:
+    """Judge a law of one's own before a wall, or K, B and the local damper to another end."""
+    from avc_casadi.claims.own_law import Law, law_problem, valid_law
+    from avc_casadi.model.ends import ToolGains
+
+    cli.refuse(args, "prove", "proof_out", "gains", why="goes with a file of gains, not with --k, --b")
+    problem = law_problem(args.problem)
+    if problem.simulation is None and problem.follower is None:
+        with console.step("your own law"):
+            return rows.judge.own_law(avc.certify_law(problem, **law), args.problem)
+    cli.refuse(args, "cutoff_hz", why=cli.OF_WALLS)
+    pair = ToolGains(
+        stiffness_n_per_m=law.get("k", 0.0),
+        damping_ns_per_m=law.get("b", 0.0),
+        local_damping_ns_per_m=law.get("b_p", 0.0),
+    )
+    own_law = Law(
+        stiffness_n_per_m=pair.stiffness_n_per_m,
+        damping_ns_per_m=pair.damping_ns_per_m,
+        local_damping_ns_per_m=pair.local_damping_ns_per_m,
+    )
+    valid_law(own_law, problem.device)
+    return _certify_pair(problem, pair, args.problem, console)
 
 
 def _certify_pair(problem: avc.Problem, gains: ToolGains, file: str, console: Console) -> Answer:
@@ -85,9 +99,9 @@ def _certify_pair(problem: avc.Problem, gains: ToolGains, file: str, console: Co
 
     with console.step("certificate"):
         search = FollowerSearch(problem) if problem.simulation is None else ToolSearch(problem)
-        found, why = certify_pair(problem, gains, search), search.why_not(gains)
-    passed = {"pass": not why, "sentence": why or "linearly stable"}
-    data = {"problem": problem.name, "gains": file, **vars(gains), "deployable": passed, **found}
+        certificate, why = certify_pair(problem, gains, search), search.why_not(gains)
+    verdict = {"pass": not why, "sentence": why or "linearly stable"}
+    data = {"problem": problem.name, "gains": file, **vars(gains), "deployable": verdict, **certificate}
     return rows.judge.pair_certificate(data | {"not_used": list(not_used(problem))}, problem, file)
 
 
@@ -119,14 +133,15 @@ def run_simulate(args: argparse.Namespace, console: Console) -> Answer:
     if given is None:
         with console.step(f"coupling: {problem.scene.coupling}"):
             given, notes = scene_coupling(problem), scene_notes(problem)
-    others = [] if args.against is None else args.against.split(",")
-    if len(others) > 3:  # a figure holds four runs that one can tell apart
-        raise avc.InputError.of(f"names {len(others)}; allowed: at most 3", key="against")
+    compared = [] if args.against is None else args.against.split(",")
+    if len(compared) > 3:  # a figure holds four runs that one can tell apart
+        raise avc.InputError.of(f"names {len(compared)}; allowed: at most 3", key="against")
     table = given.schedule if isinstance(given, Coupling) else given
-    if isinstance(table, GainSchedule) and (why := missing_rest_gains(table)):
+    why = missing_rest_gains(table) if isinstance(table, GainSchedule) else ""
+    if why:
         raise avc.NotDeployableError(f"{args.gains or f'{problem.name}: scene.coupling'}: {why}")
     with console.step(f"{problem.scene.duration_s:g} s of the scene"):
-        laws = [given, *(NO_COUPLING if one == "none" else avc.solve(problem, one) for one in others)]
+        laws = [given, *(NO_COUPLING if method == "none" else avc.solve(problem, method) for method in compared)]
         runs = [avc.simulate(problem, law, seed=args.seed) for law in laws]
         facts = facts_of(runs[0])
     parts: dict[str, Any] = {}
@@ -135,7 +150,7 @@ def run_simulate(args: argparse.Namespace, console: Console) -> Answer:
             parts = explain(problem, given)
     write_figure(console, args.plot, lambda: avc.figures.draw_scene(runs))
     data = runs[0].document(_trace(runs[0], args, console)) | facts | parts | {"notes": notes}
-    if others:
+    if compared:
         data["against"] = [figures_of(run) for run in runs[1:]]
     return rows.judge.scene(data, problem, args.problem)
 
@@ -157,11 +172,11 @@ def _simulated_pair(
     gains = (coupling or cli.recommended_coupling(problem, console)).gains
     staged = with_gains(problem, gains)
     with console.step(f"{staged.scene.duration_s:g} s of the scene"):
-        found = avc.simulate(staged, seed=args.seed)
-    write_figure(console, args.plot, lambda: avc.figures.draw_scene([found], ["coupling to the simulation"]))
-    return found.document(_trace(found, args, console)) | {
+        run = avc.simulate(staged, seed=args.seed)
+    write_figure(console, args.plot, lambda: avc.figures.draw_scene([run], ["coupling to the simulation"]))
+    return run.document(_trace(run, args, console)) | {
         "coupling": "recommended" if coupling is None else "given",
-        "effects": list(found.effects),
+        "effects": list(run.effects),
         "contact_damping_ns_per_m": None,
         **vars(gains),
     }
@@ -184,7 +199,7 @@ def run_trial(args: argparse.Namespace, console: Console) -> Answer:
 
     coupling = cli.read_wall(args.coupling)
     with cluster(args.scheduler) as executor, console.step(f"{args.hands} hands"):
-        found = count_at_rest(
+        trial = count_at_rest(
             coupling,
             args.hands,
             args.seed,
@@ -193,7 +208,7 @@ def run_trial(args: argparse.Namespace, console: Console) -> Answer:
             executor=executor,
             progress=console,
         )
-    return rows.judge.trial(found, coupling.problem.units, args.coupling)
+    return rows.judge.trial(trial, coupling.problem.units, args.coupling)
 
 
 @cli.verb(cli.PROBLEM, cli.plot("the region"))
@@ -209,6 +224,6 @@ def run_zwidth(args: argparse.Namespace, console: Console) -> Answer:
         write_figure(console, args.plot, lambda: avc.figures.draw_tool_region(pairs))
         return rows.judge.region(pairs.document(), problem, args.problem)
     with console.step("region"):
-        found = zwidth(problem, console)
-    write_figure(console, args.plot, lambda: avc.figures.draw_zwidth(found))
-    return rows.judge.walls(found.document(), problem, args.problem)
+        walls = zwidth(problem, console)
+    write_figure(console, args.plot, lambda: avc.figures.draw_zwidth(walls))
+    return rows.judge.walls(walls.document(), problem, args.problem)

@@ -46,16 +46,18 @@ def run_check(args: argparse.Namespace, console: Console) -> Answer:  # noqa: AR
 
     if is_device(args.problem):
         file = avc.load_device(args.problem)
-        found = {"valid": True, **file.model_dump(mode="json", exclude_none=True)}
-        found["device"] = file.device.model_dump(mode="json", exclude_unset=True)
-        return rows.look.device(found, file.device.units, args.problem.removeprefix("devices/"))
+        document = {"valid": True, **file.model_dump(mode="json", exclude_none=True)}
+        document["device"] = file.device.model_dump(mode="json", exclude_unset=True)
+        return rows.look.device(document, file.device.units, args.problem.removeprefix("devices/"))
     stated = avc.load_problem(args.problem)
     frequency, device = stated.frequencies_hz(), stated.device
     warnings = [{"key": fault.key, "message": fault.message} for fault in plausibility(stated)]
     if stated.simulation is not None:
         warnings += [{"key": f"simulation.{key}", "message": text} for key, text in unusual(stated).items()]
-    elif stated.follower is None and (why := why_infeasible(stated)):
-        warnings.append({"key": "avc recommend", "message": f"deploys nothing: {why}"})
+    elif stated.follower is None:
+        why = why_infeasible(stated)
+        if why:
+            warnings.append({"key": "avc recommend", "message": f"deploys nothing: {why}"})
     data = {
         "valid": True,
         "problem": problem_document(stated),
@@ -119,17 +121,14 @@ def run_doctor(args: argparse.Namespace, console: Console) -> Answer:
     """
     from avc_casadi.paper.nlp_solver import SOLVERS
 
-    found: list[dict[str, Any]] = [{**vars(port), "avc_device": None} for port in avc_hardware.list_ports()]
-    for port in (one for one in found if args.ask and one["accessible"]):
-        with console.step(port["device"]), suppress(avc.LinkError):  # where no avc device answers
-            link = avc_hardware.open_link(port["device"], baud=args.baud)
-            with avc_hardware.Connection(link, baud=args.baud) as connection:
-                device = connection.device
-            keys = ("build", "sample_time_s", "faults", "unique_id", "coupling_id")
-            port["avc_device"] = {key: getattr(device, key) for key in keys}
-    shown = rows.look.ports(found, asked=args.ask)
+    ports: list[dict[str, Any]] = [{**vars(port), "avc_device": None} for port in avc_hardware.list_ports()]
+    for port in ports:
+        if args.ask and port["accessible"]:
+            with console.step(port["device"]), suppress(avc.LinkError):  # where no avc device answers
+                port["avc_device"] = _avc_device(port["device"], args.baud)
+    shown = rows.look.ports(ports, asked=args.ask)
     if args.ports:
-        return Answer("ports", {"ports": found}, ("serial ports; without a device: --port emulator",), tuple(shown))
+        return Answer("ports", {"ports": ports}, ("serial ports; without a device: --port emulator",), tuple(shown))
     with console.step("solvers"):
         small = avc.load_problem("soft").changed(frequency={"points": 2})
         solvers = {name: "failed" not in avc.solve(small, solver=name).status for name in SOLVERS}
@@ -141,9 +140,22 @@ def run_doctor(args: argparse.Namespace, console: Console) -> Answer:
         "solvers": solvers,
         "programs": {name: shutil.which(name) for name in compilers},
         "emulator": find_spec("unicorn") is not None,
-        "ports": found,
+        "ports": ports,
     }
     return rows.look.installation(data, shown)
+
+
+def _avc_device(port: str, baud: int) -> dict[str, Any]:
+    """Return what the avc device at a port says of itself."""
+    with avc_hardware.Connection(avc_hardware.open_link(port, baud=baud), baud=baud) as connection:
+        device = connection.device
+    return {
+        "build": device.build,
+        "sample_time_s": device.sample_time_s,
+        "faults": device.faults,
+        "unique_id": device.unique_id,
+        "coupling_id": device.coupling_id,
+    }
 
 
 @cli.verb(cli.PROBLEM, cli.plot("time against error"), cli.VERBOSE)

@@ -19,6 +19,9 @@ from avc_casadi.cli.console import Console, write_figure
 from avc_casadi.present import rows
 from avc_casadi.present.row import Answer
 
+_LEAST_STROKE_STEPS = 12
+"""Encoder steps of travel below which a log tells too little for `avc identify`."""
+
 _SIGNAL = "all frequencies at once (default), or one after the other"
 
 
@@ -43,7 +46,8 @@ def run_excite(args: argparse.Namespace, console: Console) -> Answer:
     """
     from avc_casadi.identification.excitation import plan_excitation
 
-    device, on_bench = (cli.load_any_device(one)[0].device for one in (args.device, args.on_bench or args.device))
+    device = cli.load_any_device(args.device)[0].device
+    on_bench = cli.load_any_device(args.on_bench or args.device)[0].device
     limits = cli.of_motion(args, device.units, "force_n", "speed_m_per_s", "travel_m")
     with console.step("plan: a signal within the limits on every device of the ranges"):
         made = plan_excitation(device, args.signal, seconds=args.seconds, progress=console, **limits)
@@ -75,16 +79,9 @@ def run_excite(args: argparse.Namespace, console: Console) -> Answer:
 
     with console.step(f"{args.signal} on {args.port}"):
         log = avc_hardware.excite(plan, args.port, on_bench=on_bench, baud=args.baud, progress=console, cut=cut)
-    data["log"], onwards, complaint = log.document(), [], ""
-    steps = log.stroke_m / device.encoder_resolution_m if device.encoder_resolution_m else math.inf
-    if not log.whole and "limit" in log.end:
-        complaint = f"{log.end}; the device is lighter, freer or otherwise held than declared: clear its way, "
-        complaint += "widen [device.range], or give less force"
-    elif not log.whole:
-        complaint = f"{log.end}; look at the link, then excite again"
-    elif steps < 12:  # too little for `avc identify`
-        complaint = f"the device moved by {number(steps, 2)} steps of its encoder only, as if dry friction or a hand "
-        complaint += "held it: free it, or give more force"
+    data["log"] = log.document()
+    complaint = _excitation_fault(log, log.stroke_m, device.encoder_resolution_m)
+    onwards = []
     if args.out is not None:
         console.write(args.out, log.csv())
         data["out"] = str(args.out)
@@ -94,6 +91,20 @@ def run_excite(args: argparse.Namespace, console: Console) -> Answer:
     title = f"{args.device}   {args.signal} on {log.port}"
     answer = rows.look.log(data, device.units, title, onwards)
     return replace(answer, complaint=f"avc: {log.port}: {complaint}") if complaint else answer
+
+
+def _excitation_fault(log: avc_hardware.ExcitationLog, stroke_m: float, encoder_m: float) -> str:
+    """Return why a log does not do for `avc identify`, and what to do; empty where it does."""
+    if not log.whole and "limit" in log.end:
+        fault = f"{log.end}; the device is lighter, freer or otherwise held than declared: clear its way, "
+        return fault + "widen [device.range], or give less force"
+    if not log.whole:
+        return f"{log.end}; look at the link, then excite again"
+    steps = stroke_m / encoder_m if encoder_m else math.inf
+    if steps < _LEAST_STROKE_STEPS:
+        fault = f"the device moved by {number(steps, 2)} steps of its encoder only, as if dry friction or a hand "
+        return fault + "held it: free it, or give more force"
+    return ""
 
 
 @cli.verb(
@@ -112,18 +123,19 @@ def run_identify(args: argparse.Namespace, console: Console) -> Answer:
     from avc_casadi.identification.identify import identify
 
     base = cli.load_any_device(args.device)[0] if args.device else None
-    found = identify(args.log, base=base, progress=console, **cli.log_options(args))
-    units, complaint = units_for(found.motion), ""
-    write_figure(console, args.plot, lambda: avc.figures.draw_identification(found))
-    data = found.data() | {"out": None}
-    if found.device is None:
-        missing = [key for key in ("mass_kg", "damping_ns_per_m") if key not in found.estimates] or ["handle_radius_m"]
+    identified = identify(args.log, base=base, progress=console, **cli.log_options(args))
+    units, complaint = units_for(identified.motion), ""
+    write_figure(console, args.plot, lambda: avc.figures.draw_identification(identified))
+    data = identified.data() | {"out": None}
+    if identified.device is None:
+        missing = [key for key in ("mass_kg", "damping_ns_per_m") if key not in identified.estimates]
+        missing = missing or ["handle_radius_m"]
         keys = ", ".join(map(units.key, missing))
         complaint = f"avc: no device file: {keys} not known; log it, or state it by --device BASE or an option"
     elif args.out is not None:
-        console.write(args.out, device_text(found.device))
+        console.write(args.out, device_text(identified.device))
         data["out"] = str(args.out)
-    return replace(rows.look.identification(data, found, units, args.log), complaint=complaint)
+    return replace(rows.look.identification(data, identified, units, args.log), complaint=complaint)
 
 
 @cli.verb(
@@ -143,12 +155,14 @@ def run_diagnose(args: argparse.Namespace, console: Console) -> Answer:
     file, hands = (None, None) if args.device is None else cli.load_any_device(args.device)
     coupling = None if args.coupling is None else cli.read_wall(args.coupling)
     known = {"device": file and file.device, "hands": hands, "coupling": coupling, **cli.log_options(args)}
-    found = [diagnose(log, progress=console, **known) for log in args.log]
-    documents = [each.data() for each in found]
-    data: dict[str, Any] = documents[0] if len(found) == 1 else {"logs": documents}
-    for place, each in enumerate(found if args.plot is not None else ()):
-        path = args.plot if len(found) == 1 else args.plot.with_stem(f"{args.plot.stem}-{place + 1}")
-        write_figure(console, path, partial(avc.figures.draw_diagnosis, each))
-    answer = rows.look.diagnosis(data, found)
-    healthy = all(each.verdict == "nothing wrong" for each in found)
-    return replace(answer, code=0 if healthy or all(each.cause for each in found) else 1)
+    diagnoses = [diagnose(log, progress=console, **known) for log in args.log]
+    documents = [diagnosis.data() for diagnosis in diagnoses]
+    data: dict[str, Any] = documents[0] if len(diagnoses) == 1 else {"logs": documents}
+    if args.plot is not None:
+        for place, diagnosis in enumerate(diagnoses, start=1):
+            path = args.plot if len(diagnoses) == 1 else args.plot.with_stem(f"{args.plot.stem}-{place}")
+            write_figure(console, path, partial(avc.figures.draw_diagnosis, diagnosis))
+    answer = rows.look.diagnosis(data, diagnoses)
+    healthy = all(diagnosis.verdict == "nothing wrong" for diagnosis in diagnoses)
+    named = all(diagnosis.cause for diagnosis in diagnoses)
+    return replace(answer, code=0 if healthy or named else 1)
