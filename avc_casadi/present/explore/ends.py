@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -37,9 +37,37 @@ from avc_casadi.present.rows.recommend import felt_rows, stability
 from avc_casadi.recommendation.felt import rendered_band, rendered_pair
 from avc_casadi.simulation.scene import Run
 
-Answers = tuple[dict[str, Any], list[Row], list[Row], list[dict[str, Any]]]
-"""Gains of one's own, rows of them and of the method, charts of both."""
 _HZ = ("frequency, Hz", "log")
+"""Label and kind of an axis of frequencies."""
+
+_STRETCHES = 300
+"""Stretches of a trace of each of which the lowest and the highest value are drawn."""
+
+_TARGET_EVERY = 10
+"""Samples of the target of the hand of which one is drawn."""
+
+_ABOVE_DEEPEST = 1.3
+"""Room of the chart of positions into the wall, per deepest position."""
+
+_STABLE_TIMES = 1.5
+"""Factor that the first spring and damper bear; that of the springs, from the wanted one down, which are tried."""
+
+_MOST_SPRINGS = 40
+"""Springs that are tried."""
+
+
+@dataclass(frozen=True)
+class PageAnswer:
+    """What a column of the page shows."""
+
+    gains: dict[str, Any]
+    """Gains of one's own, by the names of their fields."""
+    own: list[Row]
+    """Rows of one's own gains."""
+    method: list[Row]
+    """Rows of the method."""
+    charts: list[dict[str, Any]]
+    """Charts of both."""
 
 
 def chart(
@@ -62,49 +90,56 @@ def six_digits(values: Any) -> list[float | None]:
 
 
 def region(
-    problem: Problem, title: str, of: str, lines: Sequence[Mapping[str, Any]], pairs: Mapping[tuple[str, str], Any]
+    problem: Problem, title: str, owner: str, lines: Sequence[Mapping[str, Any]], pairs: Mapping[tuple[str, str], Any]
 ) -> dict[str, Any]:
-    """Return a chart of stiffness over damping, with pairs of stiffness and damping by name and class."""
-    b, k = problem.units.unit("N.s/m"), problem.units.unit("N/m")
-    least = min(x for one in lines for x in one["x"])
+    """Return a chart of stiffness over damping of its owner, with pairs of both by name and class."""
+    damping_unit, stiffness_unit = problem.units.unit("N.s/m"), problem.units.unit("N/m")
+    least = min(x for curve in lines for x in curve["x"])
     points = [
         {"name": name, "cls": cls, "x": max(damping, least), "y": stiffness}
         for (name, cls), (stiffness, damping) in pairs.items()
         if stiffness
     ]
-    x, y = (f"{of} damping, {b}", "log"), (f"{of} stiffness, {k}", "log")
+    x, y = (f"{owner} damping, {damping_unit}", "log"), (f"{owner} stiffness, {stiffness_unit}", "log")
     return chart("region", title, x, y, lines, points=points, wide=True)
 
 
 def touches(runs: Mapping[str, Run], problem: Problem, begins: str, names: Mapping[str, str]) -> list[dict[str, Any]]:
     """Return position and force of simulated touches over time, with all their peaks."""
-    time, position, force = ("time, s", "linear"), [], []
+    time = ("time, s", "linear")
+    position: list[dict[str, Any]] = []
+    force: list[dict[str, Any]] = []
     for cls, run in runs.items():
         inside = slice(0, run.samples_in_reach)
         rows = _peaks(run.force_n[inside], run.position_m[inside])
         name = f"{names[cls]}: {ENDINGS[run.claim][0]}{', buzzes' if run.buzzing else ''}"
         position.append(line(name, cls, run.time_s[inside][rows], 1e3 * run.position_m[inside][rows]))
         force.append(line(name, cls, run.time_s[inside][rows], run.force_n[inside][rows]))
-    deepest = max((value for one in position for value in one["y"] if value is not None), default=0.0)
-    span = [-deepest, 1.3 * deepest] if deepest > 0 else None
+    deepest = max((value for trace in position for value in trace["y"] if value is not None), default=0.0)
     if runs:
         first = next(iter(runs.values()))
-        position.insert(0, line("target of the hand", "desired", first.time_s[::10], 1e3 * first.target_m[::10]))
-    mm, newton, turns = problem.units.unit("mm"), problem.units.unit("N"), problem.units.key("force")
-    found = [
-        chart("position", f"Simulated touch: position, {begins}", time, (mm, "linear"), position),
-        chart("force", f"Simulated touch: {turns}", time, (newton, "linear"), force),
-    ]
-    found[0]["y"]["span"] = span
-    return found
+        position.insert(
+            0,
+            line("target of the hand", "desired", first.time_s[::_TARGET_EVERY], 1e3 * first.target_m[::_TARGET_EVERY]),
+        )
+    units = problem.units
+    positions = chart("position", f"Simulated touch: position, {begins}", time, (units.unit("mm"), "linear"), position)
+    positions["y"]["span"] = [-deepest, _ABOVE_DEEPEST * deepest] if deepest > 0 else None
+    forces = chart("force", f"Simulated touch: {units.key('force')}", time, (units.unit("N"), "linear"), force)
+    return [positions, forces]
 
 
 def _peaks(*traces: Any) -> Any:
-    """Return the rows of each trace's lowest and highest value in 300 stretches."""
+    """Return the rows of each trace's lowest and highest value in some stretches."""
     rows = np.arange(len(traces[0]))
-    stretches = np.array_split(rows, min(300, len(rows)))
-    ends = [one[pick(trace[one])] for one in stretches for trace in traces for pick in (np.argmin, np.argmax)]
-    return np.unique([*rows[[0, -1]], *ends])
+    stretches = np.array_split(rows, min(_STRETCHES, len(rows)))
+    peaks = [
+        stretch[extreme(trace[stretch])]
+        for stretch in stretches
+        for trace in traces
+        for extreme in (np.argmin, np.argmax)
+    ]
+    return np.unique([*rows[[0, -1]], *peaks])
 
 
 LAW = {"k": "stiffness_n_per_m", "b": "damping_ns_per_m", "b_p": "local_damping_ns_per_m", "cutoff_hz": "cutoff_hz"}
@@ -117,24 +152,29 @@ def found_by_method(
     """Return gains and coupling of the method; None where it has found none, or is not done."""
     if settings.method in explorer.form.live:
         gains = explorer.cached(f"solve {settings.key('method')}", lambda: solve(problem, settings.method))
+        if not gains.usable.any():
+            return gains, None
         key = f"coupling {settings.key('method', 'motion')}"
-        return gains, explorer.cached(key, lambda: Coupling.of(problem, gains)) if gains.usable.any() else None
-    if (run := explorer.coupling(settings)) is None:
+        return gains, explorer.cached(key, lambda: Coupling.of(problem, gains))
+    coupling = explorer.coupling(settings)
+    if coupling is None:
         return None, None
-    hz, law = problem.frequencies_hz(), run.runtime.state_feedback
+    hz, law = problem.frequencies_hz(), coupling.runtime.state_feedback
     solved = (Status.SOLVED,) * len(hz)
-    gains = gain_schedule(problem, run.method, tuple(run.table(hz)), solved, state_feedback=law)
-    return gains, replace(run, problem=problem, versions=explorer.versions)
+    gains = gain_schedule(problem, coupling.method, tuple(coupling.table(hz)), solved, state_feedback=law)
+    return gains, replace(coupling, problem=problem, versions=explorer.versions)
 
 
-def wall_answer(explorer: Explorer, settings: Settings, problem: Problem, *, whole: bool) -> Answers:
+def wall_answer(explorer: Explorer, settings: Settings, problem: Problem, *, whole: bool) -> PageAnswer:
     """Return the law of one's own before a wall beside the coupling of the method."""
     stated = settings.key()
     law = vars(explorer.cached("first", lambda: first_law(explorer.base))) | gains_of(settings, explorer.form)
     given = {name: law[key] for name, key in LAW.items() if law.get(key) is not None}
-    found = explorer.cached(f"law {stated} {given}", lambda: certify_law(problem, **given, remedies=False))
-    wall = {"stiffness_n_per_m": law["stiffness_n_per_m"] or 0.0}
-    wall["damping_ns_per_m"] = (law["damping_ns_per_m"] or 0.0) + (law.get("local_damping_ns_per_m") or 0.0)
+    certificate = explorer.cached(f"law {stated} {given}", lambda: certify_law(problem, **given, remedies=False))
+    wall = {
+        "stiffness_n_per_m": law["stiffness_n_per_m"] or 0.0,
+        "damping_ns_per_m": (law["damping_ns_per_m"] or 0.0) + (law.get("local_damping_ns_per_m") or 0.0),
+    }
     direct = problem.changed(environment=wall, boundaries={"upper": wall, "lower": wall})
     schedule, coupling = found_by_method(explorer, settings, problem)
     method: list[Row] = []
@@ -153,42 +193,49 @@ def wall_answer(explorer: Explorer, settings: Settings, problem: Problem, *, who
             runs["method"] = explorer.cached(key, lambda: simulate(problem, coupling.on(problem)))
         charts += touches(runs, problem, "the wall begins at 0", {"own": "your k and b", "method": settings.method})
         charts.append(_region(explorer, problem, stated, wall))
-    return law, [one for one in own_law(found).rows if one.rank == 0], method, charts
+    own = [shown for shown in own_law(certificate).rows if shown.rank == 0]
+    return PageAnswer(law, own, method, charts)
 
 
 def _impedances(problem: Problem, direct: Problem, schedule: GainSchedule | None) -> list[dict[str, Any]]:
+    """Return charts of magnitude and real part of the impedance, and of gains that follow the frequency."""
     hz = problem.frequencies_hz()
     loop = loop_at(problem, hz)
     upper, lower = perceived_bounds(problem, loop)
-    own = np.asarray(loop_at(direct, hz).without_coupling)
-    curves = [("your k and b", "own", own)]
+    without = np.asarray(loop.without_coupling)
+    curves = [
+        ("no coupling", "without", without),
+        ("your k and b", "own", np.asarray(loop_at(direct, hz).without_coupling)),
+    ]
     if schedule is not None:
         curves.append((schedule.method, "method", np.where(schedule.usable, schedule.impedance, np.nan)))
-    z, k = problem.units.unit("N.s/m"), problem.units.unit("N/m")
-    without = np.asarray(loop.without_coupling)
-    size = [line("desired", "desired", hz, np.abs(loop.target)), line("no coupling", "without", hz, np.abs(without))]
+    impedance_unit = problem.units.unit("N.s/m")
+    sizes = [line("desired", "desired", hz, np.abs(loop.target))]
+    sizes += [line(name, cls, hz, np.abs(impedance)) for name, cls, impedance in curves]
     ends = {"low": six_digits(np.abs(lower)), "high": six_digits(np.abs(upper))}
     band = {"name": "feels real", "cls": "real", "x": six_digits(hz), **ends}
-    size += [line(name, cls, hz, np.abs(one)) for name, cls, one in curves]
-    real = [line(name, cls, hz, one.real) for name, cls, one in [("no coupling", "without", without), *curves]]
-    title = "Real part of Z: below 0 the loop gives out energy"
-    found = [
-        chart("magnitude", "Impedance |Z| that the hand meets", _HZ, (z, "log"), size, bands=[band]),
-        chart("real", title, _HZ, (z, "symlog"), real),
+    real_parts = [line(name, cls, hz, impedance.real) for name, cls, impedance in curves]
+    magnitude_title = "Impedance |Z| that the hand meets"
+    real_title = "Real part of Z: below 0 the loop gives out energy"
+    charts = [
+        chart("magnitude", magnitude_title, _HZ, (impedance_unit, "log"), sizes, bands=[band]),
+        chart("real", real_title, _HZ, (impedance_unit, "symlog"), real_parts),
     ]
     if schedule is not None and len(np.unique(schedule.stiffness_n_per_m)) > 1:
-        for name, title, unit, gains in (
-            ("damping", "Damper b of the coupling", z, schedule.damping_ns_per_m),
-            ("stiffness", "Spring k of the coupling", k, schedule.stiffness_n_per_m),
-        ):
-            found.append(chart(name, title, _HZ, (unit, "symlog"), [line(schedule.method, "method", hz, gains)]))
-    return found
+        damper = line(schedule.method, "method", hz, schedule.damping_ns_per_m)
+        spring = line(schedule.method, "method", hz, schedule.stiffness_n_per_m)
+        stiffness_unit = problem.units.unit("N/m")
+        charts += [
+            chart("damping", "Damper b of the coupling", _HZ, (impedance_unit, "symlog"), [damper]),
+            chart("stiffness", "Spring k of the coupling", _HZ, (stiffness_unit, "symlog"), [spring]),
+        ]
+    return charts
 
 
 def _region(explorer: Explorer, problem: Problem, stated: str, law: Mapping[str, float]) -> dict[str, Any]:
-    found, wall = explorer.cached(f"region {stated}", lambda: zwidth(problem)), problem.environment
-    damping = found.damping_ns_per_m[1:]
-    lines = [line(one.claim, one.key, damping, one.stiffness_n_per_m[1:]) for one in found.curves]
+    walls, wall = explorer.cached(f"region {stated}", lambda: zwidth(problem)), problem.environment
+    damping = walls.damping_ns_per_m[1:]
+    lines = [line(curve.claim, curve.key, damping, curve.stiffness_n_per_m[1:]) for curve in walls.curves]
     pairs = {
         ("wanted wall", "desired"): (wall.stiffness_n_per_m, wall.damping_ns_per_m),
         ("your k and b", "own"): (law["stiffness_n_per_m"], law["damping_ns_per_m"]),
@@ -199,28 +246,28 @@ def _region(explorer: Explorer, problem: Problem, stated: str, law: Mapping[str,
 
 def wall_coupling(explorer: Explorer, settings: Settings, problem: Problem) -> tuple[Coupling, str]:
     """Return the coupling to save, and what is said of it."""
-    _, found = found_by_method(explorer, settings, problem)
-    if found is None:
+    _, coupling = found_by_method(explorer, settings, problem)
+    if coupling is None:
         raise InputError.of("no coupling yet: there is nothing to save", key="method")
-    verdict = deployable(found).document()
-    certificate = dict(found.certificate or certify(problem, found).document()) | {"deployable": verdict}
-    return found.with_certificate(certificate), verdict["sentence"]
+    verdict = deployable(coupling).document()
+    certificate = dict(coupling.certificate or certify(problem, coupling).document()) | {"deployable": verdict}
+    return coupling.with_certificate(certificate), verdict["sentence"]
 
 
 _NAMES = {"own": "your K and B", "method": "recommended"}
 
 
-def pair_answer(explorer: Explorer, settings: Settings, problem: Problem, *, whole: bool) -> Answers:
+def pair_answer(explorer: Explorer, settings: Settings, problem: Problem, *, whole: bool) -> PageAnswer:
     """Return K and B of one's own to a simulation or a follower beside the recommendation."""
     stated, tool = settings.key(), problem.simulation
     search = explorer.cached(
         f"search {stated}", lambda: FollowerSearch(problem) if tool is None else ToolSearch(problem)
     )
     first = explorer.cached("first", lambda: _first(explorer.base, search.loops))
-    own = ToolGains(**(vars(first) | _typed(explorer, settings)))
-    found = explorer.coupling(settings)
-    pairs = {"own": own} | ({} if found is None else {"method": found.gains})
-    rows = explorer.cached(f"rows {stated} {own}", lambda: _rows(problem, search, own))
+    own_gains = ToolGains(**(vars(first) | _typed(explorer, settings)))
+    coupling = explorer.coupling(settings)
+    pairs = {"own": own_gains} | ({} if coupling is None else {"method": coupling.gains})
+    rows = explorer.cached(f"rows {stated} {own_gains}", lambda: _rows(problem, search, own_gains))
     charts = _felt(problem, pairs)
     if tool is not None:
         rates: dict[str, Any] = {} if whole else {"rates": ()}
@@ -228,11 +275,11 @@ def pair_answer(explorer: Explorer, settings: Settings, problem: Problem, *, who
         charts.insert(0, _pairs_region(problem, stable, pairs))
         if whole:
             runs = {}
-            for cls, one in pairs.items():
-                key = f"touch {stated} {settings.motion} {one}"
-                runs[cls] = explorer.cached(key, partial(simulate, with_gains(problem, one)))
+            for cls, gains in pairs.items():
+                key = f"touch {stated} {settings.motion} {gains}"
+                runs[cls] = explorer.cached(key, partial(simulate, with_gains(problem, gains)))
             charts += touches(runs, problem, "the contact begins at 0", _NAMES)
-    return vars(own), rows, [], charts
+    return PageAnswer(vars(own_gains), rows, [], charts)
 
 
 def _typed(explorer: Explorer, settings: Settings) -> dict[str, float]:
@@ -244,68 +291,76 @@ def _first(problem: Problem, loops: Any) -> ToolGains:
     device, end = problem.device, problem.simulation or problem.follower
     mass, wanted = device.mass_kg, None if end is None else end.stiffness_n_per_m
     local = problem.simulation is not None and problem.simulation.damped_locally
-    for stiffness in (wanted or mass / device.sample_time_s**2) / 1.5 ** np.arange(40):
+    stiffest = wanted or mass / device.sample_time_s**2
+    for stiffness in stiffest / _STABLE_TIMES ** np.arange(_MOST_SPRINGS):
         critical = 2 * math.sqrt(stiffness * mass)
         for ratio in (1.0, 0.5, 0.25):
-            values = stiffness, ratio * critical, critical if local else 0.0
-            pair = ToolGains(*(float(f"{value:.2g}") for value in values))
-            if loops.stable(pair.times(1.5)):
+            pair = ToolGains(
+                stiffness_n_per_m=_two_digits(stiffness),
+                damping_ns_per_m=_two_digits(ratio * critical),
+                local_damping_ns_per_m=_two_digits(critical if local else 0.0),
+            )
+            if loops.stable(pair.times(_STABLE_TIMES)):
                 return pair
     return pair
 
 
+def _two_digits(value: float) -> float:
+    return float(f"{value:.2g}")
+
+
 def _rows(problem: Problem, search: ToolSearch | FollowerSearch, gains: ToolGains) -> list[Row]:
     rows = [row("Coupling", subject.pair(vars(gains)))]
-    at = [asdict(one) for one in rendered_pair(problem, gains)]
-    felt = felt_rows({"stiffness_n_per_m": None, "on_stiffest_contact_n_per_m": None, "at": at})
+    rendered = [asdict(point) for point in rendered_pair(problem, gains)]
+    felt = felt_rows({"stiffness_n_per_m": None, "on_stiffest_contact_n_per_m": None, "at": rendered})
     if isinstance(search, FollowerSearch):
         stable = search.loops.stable_over_ranges(gains)
-        text = f"{'corner hands, released, end stop:' if stable else 'not all of'} {len(search.loops)} loops"
-        return [*rows, row("Stability", text, mark=grade(stable)), *felt]
+        which = "corner hands, released, end stop:" if stable else "not all of"
+        return [*rows, row("Stability", f"{which} {len(search.loops)} loops", mark=grade(stable)), *felt]
     certificate = certify_pair(problem, gains, search)
     return [*rows, *stability(certificate), *felt, *passivity(certificate["passivity"], problem)]
 
 
 def _felt(problem: Problem, pairs: dict[str, ToolGains]) -> list[dict[str, Any]]:
-    z, k = problem.units.unit("N.s/m"), problem.units.unit("N/m")
+    impedance_unit, stiffness_unit = problem.units.unit("N.s/m"), problem.units.unit("N/m")
     free: list[dict[str, Any]] = []
     rigid: list[dict[str, Any]] = []
     for cls, gains in pairs.items():
         band, body_kg, body_ns_per_m = rendered_band(problem, gains)
-        hz, drag, mass, stiffness = (
-            np.array([getattr(one, key) for one in band])
-            for key in ("frequency_hz", "drag_ns_per_m", "mass_kg", "stiffness_n_per_m")
-        )
-        rigid.append(line(_NAMES[cls], cls, hz, stiffness))
+        hz = np.array([point.frequency_hz for point in band])
+        rigid.append(line(_NAMES[cls], cls, hz, np.array([point.stiffness_n_per_m for point in band])))
         if band[0].mass_kg is not None:
+            drag = np.array([point.drag_ns_per_m for point in band])
+            mass = np.array([point.mass_kg for point in band])
             omega = 2 * np.pi * hz
             if not free:
                 name = "device and other end as one body"
                 free.append(line(name, "desired", hz, np.hypot(body_ns_per_m, omega * body_kg)))
             free.append(line(_NAMES[cls], cls, hz, np.hypot(drag, omega * mass)))
-    charts = [chart("free", "Impedance |Z| in free motion", _HZ, (z, "log"), free)] if free else []
-    return [*charts, chart("rigid", "Stiffness on a rigid object", _HZ, (k, "log"), rigid)]
+    charts = [chart("free", "Impedance |Z| in free motion", _HZ, (impedance_unit, "log"), free)] if free else []
+    return [*charts, chart("rigid", "Stiffness on a rigid object", _HZ, (stiffness_unit, "log"), rigid)]
 
 
-def _pairs_region(problem: Problem, found: ToolRegion, pairs: dict[str, ToolGains]) -> dict[str, Any]:
-    damping, lines = found.damping_ns_per_m[1:], []
-    for one in found.curves:
-        name = f"{quantity(1 / one.step_s, 'Hz')}{', as declared' if one.declared else ''}"
-        stiffness = np.where(one.stiffness_n_per_m[1:] > 0, one.stiffness_n_per_m[1:], np.nan)
-        lines.append(line(name, "stable-hands" if one.declared else "without", damping, stiffness))
-    marks = {(_NAMES[cls], cls): (one.stiffness_n_per_m, one.damping_ns_per_m) for cls, one in pairs.items()}
+def _pairs_region(problem: Problem, stable: ToolRegion, pairs: dict[str, ToolGains]) -> dict[str, Any]:
+    damping, lines = stable.damping_ns_per_m[1:], []
+    for curve in stable.curves:
+        name = f"{quantity(1 / curve.step_s, 'Hz')}{', as declared' if curve.declared else ''}"
+        stiffness = np.where(curve.stiffness_n_per_m[1:] > 0, curve.stiffness_n_per_m[1:], np.nan)
+        lines.append(line(name, "stable-hands" if curve.declared else "without", damping, stiffness))
+    marks = {(_NAMES[cls], cls): (gains.stiffness_n_per_m, gains.damping_ns_per_m) for cls, gains in pairs.items()}
     title = "Springs and dampers that are stable with every corner hand, tool and contact: below each curve"
     return region(problem, title, "coupling's", lines, marks)
 
 
 def pair_coupling(explorer: Explorer, settings: Settings, problem: Problem) -> tuple[Coupling, str]:
     """Return the coupling to save, and what is said of it: one's own K and B where they were typed."""
-    if not settings.gains and (found := explorer.coupling(settings)) is not None:
-        return replace(found, versions=explorer.versions), "the recommended coupling"
+    recommended = None if settings.gains else explorer.coupling(settings)
+    if recommended is not None:
+        return replace(recommended, versions=explorer.versions), "the recommended coupling"
     if problem.simulation is None or not settings.gains:
         raise InputError.of("no coupling yet: there is nothing to save", key="method")
     search = explorer.cached(f"search {settings.key()}", lambda: ToolSearch(problem))
-    own = ToolGains(**({"stiffness_n_per_m": 0.0, "damping_ns_per_m": 0.0} | _typed(explorer, settings)))
-    certificate = certify_pair(problem, own, search)
+    gains = ToolGains(**({"stiffness_n_per_m": 0.0, "damping_ns_per_m": 0.0} | _typed(explorer, settings)))
+    certificate = certify_pair(problem, gains, search)
     verdict = f"your K and B, {'stable' if certificate['stable'] else 'not stable'}, without a trial"
-    return Coupling.between(problem, own, certificate, None, explorer.versions), verdict
+    return Coupling.between(problem, gains, certificate, None, explorer.versions), verdict

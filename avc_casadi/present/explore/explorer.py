@@ -32,6 +32,18 @@ from avc_casadi.recommendation.recommend import recommend
 
 T = TypeVar("T")
 
+_REPORT_S = 0.1
+"""Shortest time, s, between two reports of progress."""
+
+_MOST_RESULTS = 64
+"""Results that are kept."""
+
+_WANTED_S = 15
+"""Time, s, after which a run that no page asks for is cancelled."""
+
+_MOST_RUNS = 2
+"""Runs that may be under way."""
+
 
 class _Piped(Progress):
     """Progress through a pipe, a few times a second."""
@@ -46,7 +58,7 @@ class _Piped(Progress):
 
     def advance(self, done: int, total: int, part: str = "") -> None:
         now = time.monotonic()
-        if now - self._last_s >= 0.1:
+        if now - self._last_s >= _REPORT_S:
             self._last_s = now
             self._connection.send(("state", f": {part}, {done} of {total or '?'}"))
 
@@ -59,12 +71,12 @@ def _work(work: Callable[[Any, Progress], Any], task: Any, connection: Connectio
         connection.send(("error", str(error)))
 
 
-def _found(task: tuple[Problem, str], progress: Progress) -> tuple[Coupling | None, list[Row]]:
+def _solved(task: tuple[Problem, str], progress: Progress) -> tuple[Coupling | None, list[Row]]:
     """Return the coupling of a slow method, and its rows."""
     problem, method = task
     if method == "recommend":
-        found = recommend(problem, progress=progress)
-        return found.coupling, [one for one in recommendation(found).rows if one.rank == 0]
+        result = recommend(problem, progress=progress)
+        return result.coupling, [shown for shown in recommendation(result).rows if shown.rank == 0]
     gains = solve(problem, method, progress=progress)
     usable = bool(gains.usable.any())
     notes = [row("Note", note) for note in (gains.notes if usable else dict.fromkeys(gains.reason))]
@@ -79,12 +91,12 @@ class SlowRun:
         self.state = self.error = ""
         self.result: tuple[Coupling | None, list[Row]] | None = None
         context = get_context("spawn")  # CasADi's threads do not survive a fork
-        here, there = context.Pipe(duplex=False)
+        receiver, sender = context.Pipe(duplex=False)
         with without_interrupts():
-            self._process = context.Process(target=_work, args=(_found, (problem, method), there), daemon=True)
+            self._process = context.Process(target=_work, args=(_solved, (problem, method), sender), daemon=True)
             self._process.start()
-        there.close()
-        threading.Thread(target=self._listen, args=(here,), daemon=True).start()
+        sender.close()
+        threading.Thread(target=self._listen, args=(receiver,), daemon=True).start()
 
     @property
     def over(self) -> bool:
@@ -114,11 +126,15 @@ class Explorer:
     """A problem to explore, and results by settings."""
 
     def __init__(self, base: Problem, source: str, versions: Mapping[str, str] | None = None) -> None:
-        self.base, self.source, self.versions = base, source, versions or {}
-        pair = base.simulation is not None or base.follower is not None
-        live, slow = ([name for name, one in METHODS.items() if one.pointwise is at_once] for at_once in (True, False))
-        kinds = ((), ("recommend",)) if pair else (tuple(live), ("recommend", *slow))
-        self.form = Form(problem_fields(base), gain_fields(base), *kinds)
+        self.base = base
+        self.source = source
+        self.versions = versions or {}
+        live: tuple[str, ...] = ()
+        slow: tuple[str, ...] = ("recommend",)
+        if base.simulation is None and base.follower is None:
+            live = tuple(name for name, method in METHODS.items() if method.pointwise)
+            slow += tuple(name for name, method in METHODS.items() if not method.pointwise)
+        self.form = Form(problem_fields(base), gain_fields(base), live, slow)
         self._cache: OrderedDict[str, tuple[threading.Lock, list[Any]]] = OrderedDict()
         self._lock = threading.Lock()
         self._runs: dict[str, SlowRun] = {}
@@ -131,14 +147,14 @@ class Explorer:
     def cached(self, key: str, make: Callable[[], T]) -> T:
         """Return a result by its key; two threads that want it compute it once."""
         with self._lock:
-            lock, found = self._cache.setdefault(key, (threading.Lock(), []))
+            lock, results = self._cache.setdefault(key, (threading.Lock(), []))
             self._cache.move_to_end(key)
-            while len(self._cache) > 64:
+            while len(self._cache) > _MOST_RESULTS:
                 self._cache.popitem(last=False)
         with lock:
-            if not found:
-                found.append(make())
-            result: T = found[0]
+            if not results:
+                results.append(make())
+            result: T = results[0]
             return result
 
     def run(self, settings: Settings, *, begin: bool = False, cancel: bool = False) -> SlowRun | None:
@@ -146,19 +162,21 @@ class Explorer:
         key, now = settings.key("method"), time.monotonic()
         problem = self.problem(settings) if begin else self.base
         with self._lock:
-            for one in self._runs.values():
-                if now - one.wanted_s > 15:  # a page that was closed no longer asks
-                    one.cancel()
-            found = self._runs.get(key)
-            if found is not None:
-                found.wanted_s = now
+            for slow_run in self._runs.values():
+                if now - slow_run.wanted_s > _WANTED_S:  # a page that was closed no longer asks
+                    slow_run.cancel()
+            run = self._runs.get(key)
+            if run is not None:
+                run.wanted_s = now
                 if cancel:
-                    found.cancel()
-            if begin and (found is None or found.error):
-                if sum(not one.over for one in self._runs.values()) >= 2:
-                    raise RequestError(409, "2 runs are under way; cancel one of them first")
-                found = self._runs[key] = SlowRun(problem, settings.method)
-            return found
+                    run.cancel()
+            if begin and (run is None or run.error):
+                under_way = sum(not slow_run.over for slow_run in self._runs.values())
+                if under_way >= _MOST_RUNS:
+                    raise RequestError(409, f"{_MOST_RUNS} runs are under way; cancel one of them first")
+                run = SlowRun(problem, settings.method)
+                self._runs[key] = run
+            return run
 
     def coupling(self, settings: Settings) -> Coupling | None:
         """Return what the run of the settings has found; None where there is nothing yet."""
@@ -173,9 +191,12 @@ class Explorer:
             return [row(label, "not computed for these settings yet: Run begins it")]
         if not run.over:
             return [row(label, f"running for {time.monotonic() - run.began_s:.0f} s{run.state}")]
-        return [row(label, f"ended: {run.error}", mark=Mark.FAIL)] if run.result is None else run.result[1]
+        if run.result is None:
+            return [row(label, f"ended: {run.error}", mark=Mark.FAIL)]
+        _, rows = run.result
+        return rows
 
     def close(self) -> None:
         """End all runs."""
-        for one in self._runs.values():
-            one.cancel()
+        for run in self._runs.values():
+            run.cancel()

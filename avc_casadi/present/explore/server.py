@@ -27,13 +27,13 @@ def start(explorer: Explorer, _: Mapping[str, Any]) -> dict[str, Any]:
     """Return what the page is built from: fields and methods."""
     form = explorer.form
     # A file of one's own is opened to deploy; the catalogue shows the paper's question.
-    own = explorer.source not in catalogue_names()
+    of_user = explorer.source not in catalogue_names()
     return {
         "fields": [field.document() for field in form.fields],
         "gains": [field.document() for field in form.gains],
         "live": form.live,
         "slow": form.slow,
-        "method": "recommend" if own or not form.live else "direct",
+        "method": "recommend" if of_user or not form.live else "direct",
     }
 
 
@@ -42,8 +42,9 @@ def evaluate(explorer: Explorer, question: Mapping[str, Any]) -> dict[str, Any]:
     settings, form = settings_of(question.get("settings"), explorer.form), explorer.form
     problem = explorer.problem(settings)
     run = explorer.run(settings)
-    answer = wall_answer if form.live else pair_answer
-    gains, own, method, charts = answer(explorer, settings, problem, whole=bool(question.get("whole")))
+    answer_of = wall_answer if form.live else pair_answer
+    shown = answer_of(explorer, settings, problem, whole=bool(question.get("whole")))
+    method = shown.method
     if settings.method in form.slow:
         method = [*explorer.run_rows(settings), *method]
     tables = problem_document(problem)
@@ -52,17 +53,17 @@ def evaluate(explorer: Explorer, question: Mapping[str, Any]) -> dict[str, Any]:
         "headline": text_of(headline(problem, ""), problem.units).strip(),
         "values": {field.key: field.value(tables) for field in form.fields},
         "dropped": dropped_ranges(explorer.base, settings, problem),
-        "gains": gains,
-        "rows": {"own": _rows(own, problem), "method": _rows(method, problem)},
+        "gains": shown.gains,
+        "rows": {"own": _rows(shown.own, problem), "method": _rows(method, problem)},
         "running": run is not None and not run.over,
         "done": run is not None and run.result is not None,
-        "charts": charts,
+        "charts": shown.charts,
     }
 
 
 def _rows(rows: Sequence[Row], problem: Problem) -> list[dict[str, str]]:
     units = problem.units
-    return [{"label": one.name(units), "text": one.text(units), "mark": one.mark.name.lower()} for one in rows]
+    return [{"label": row.name(units), "text": row.text(units), "mark": row.mark.name.lower()} for row in rows]
 
 
 def run(explorer: Explorer, question: Mapping[str, Any]) -> dict[str, Any]:
@@ -70,10 +71,12 @@ def run(explorer: Explorer, question: Mapping[str, Any]) -> dict[str, Any]:
     settings = settings_of(question.get("settings"), explorer.form)
     if settings.method not in explorer.form.slow:
         raise RequestError(400, f"{settings.method} follows at once and is no run")
-    found = explorer.run(settings, begin=bool(question.get("begin")), cancel=bool(question.get("cancel")))
-    rows = _rows(explorer.run_rows(settings), explorer.base)
-    done = found is not None and found.result is not None
-    return {"rows": rows, "running": found is not None and not found.over, "done": done}
+    slow_run = explorer.run(settings, begin=bool(question.get("begin")), cancel=bool(question.get("cancel")))
+    return {
+        "rows": _rows(explorer.run_rows(settings), explorer.base),
+        "running": slow_run is not None and not slow_run.over,
+        "done": slow_run is not None and slow_run.result is not None,
+    }
 
 
 def file(explorer: Explorer, question: Mapping[str, Any]) -> dict[str, Any]:
@@ -86,13 +89,13 @@ def file(explorer: Explorer, question: Mapping[str, Any]) -> dict[str, Any]:
         return {"name": f"{stem}.toml", "text": dump_problem(whole)}
     if kind != "coupling":
         raise RequestError(400, "kind is problem or coupling")
-    of = wall_coupling if explorer.form.live else pair_coupling
-    coupling, verdict = of(explorer, settings, problem)
+    coupling_of = wall_coupling if explorer.form.live else pair_coupling
+    coupling, verdict = coupling_of(explorer, settings, problem)
     text = json_text(coupling_document(coupling), problem.units)
     return {"name": f"{stem}-coupling.json", "text": text, "note": verdict}
 
 
-PARTS = {each.__name__: each for each in (start, evaluate, run, file)}
+PARTS = {part.__name__: part for part in (start, evaluate, run, file)}
 """What the page can ask, by name."""
 
 
@@ -109,7 +112,11 @@ def answer(explorer: Explorer, part: str, question: Mapping[str, Any]) -> dict[s
 
 
 HOST = "127.0.0.1"
+"""The page is served to this machine alone."""
+
 MOST_BYTES = 2**18
+"""Longest question, bytes."""
+
 _TYPES = {".html": "text/html", ".css": "text/css", ".js": "text/javascript", ".svg": "image/svg+xml"}
 # Nothing but what this server sends; a page elsewhere can neither frame this one nor read it.
 _HEADERS = {
@@ -207,12 +214,12 @@ class _Handler(BaseHTTPRequestHandler):
     def _question(self) -> dict[str, Any]:
         try:
             length = int(self.headers.get("Content-Length", ""))
-            found = json.loads(self.rfile.read(length)) if 0 < length <= MOST_BYTES else None
+            question = json.loads(self.rfile.read(length)) if 0 < length <= MOST_BYTES else None
         except (ValueError, RecursionError) as error:
             raise RequestError(400, "the question is no JSON") from error
-        if not isinstance(found, dict):
+        if not isinstance(question, dict):
             raise RequestError(400, f"a question is an object of JSON of at most {MOST_BYTES} bytes")
-        return found
+        return question
 
     def _send(self, status: int, kind: str, content: bytes) -> None:
         self.send_response(status)

@@ -19,8 +19,32 @@ from avc_casadi.model.problem import Problem
 from avc_casadi.model.quantity import Quantity, Whole, power_at_handle
 from avc_casadi.model.table import Table, choices_of, inside, tables_of
 
-# Largest value of a slider whose value is 0.
+_SLIDER_FACTOR = 30
+"""Ratio of the ends of a logarithmic slider to its value."""
+
+_MILLI = 1e-3
+"""Factor of millimetres and milliseconds, in which lengths and times are shown."""
+
+_RIGID_N_PER_M = 1e12
+"""Stiffness of a contact whose largest is left empty: rigid."""
+
+_BELOW_NYQUIST = 0.45
+"""Highest frequency of a loop that is made slower, cycles a sample."""
+
+_LARGEST_NUMBER = 1e100
+"""Size of a number from which on it is none."""
+
+_SLOWEST_SAMPLE_S = 10
+"""Longest sample time, s, for which frequencies are made to fit."""
+
+_USUAL_CUTOFF_HZ = 100.0
+"""Middle of the slider of the filter of the velocity, Hz."""
+
+_USUAL_STIFFNESS_N_PER_M = 1e3
+"""Middle of the slider of a spring without a wall, N/m at the handle."""
+
 _USUAL = {"N/m": 1e3, "N.s/m": 10.0, "kg": 1.0, "N": 10.0, "m": 1e-3, "s": 0.1, "Hz": 1e3, "samples": 8.0}
+"""Largest value of a slider whose value is 0, by unit."""
 
 
 class RequestError(AvcError):
@@ -62,41 +86,45 @@ class Field:
 
     def value(self, tables: Mapping[str, Any]) -> Any:
         """Return its value in the document of a problem; None where it is empty."""
-        found: Any = tables
+        value: Any = tables
         for part in self.key.split("."):
-            found = found[int(part)] if isinstance(found, list | tuple) else found.get(part)
-            if found is None:
+            value = value[int(part)] if isinstance(value, list | tuple) else value.get(part)
+            if value is None:
                 return None
-        return None if self.blank == "rigid" and found >= self.validator.highest else found  # type: ignore[union-attr]
+        rigid = self.blank == "rigid" and value >= self.validator.highest  # type: ignore[union-attr]
+        return None if rigid else value
 
 
 def problem_fields(problem: Problem) -> tuple[Field, ...]:
     """Return the fields of a problem: those of its other end first."""
-    tables, hints, found = problem_document(problem), get_type_hints(Problem, include_extras=True), list[Field]()
+    tables, hints = problem_document(problem), get_type_hints(Problem, include_extras=True)
+    fields: list[Field] = []
     ends = [name for name in ("simulation", "follower") if getattr(problem, name) is not None]
     for name in (*(ends or ["environment"]), "device", "hands"):
-        found += _fields(problem, name, tables_of(hints[name])[0], tables.get(name) or {})
-    return tuple(found)
+        fields += _fields(problem, name, tables_of(hints[name])[0], tables.get(name) or {})
+    return tuple(fields)
 
 
 def gain_fields(problem: Problem) -> tuple[Field, ...]:
     """Return the fields of one's own spring and damper; of a law before a wall with a filter of the velocity."""
     device, wall = problem.device, problem.simulation is None and problem.follower is None
-    names = ("k", "b", "b_p") if wall else ("K", "B", "local")
-    group = f"Your own {names[0]} and {names[1]}"
+    spring_name, damper_name, local_name = ("k", "b", "b_p") if wall else ("K", "B", "local")
+    group = f"Your own {spring_name} and {damper_name}"
     size = device.metres_per_unit**2
-    stiffness = (problem.environment.stiffness_n_per_m if wall else 0.0) or 1e3 * size
+    stiffness = (problem.environment.stiffness_n_per_m if wall else 0.0) or _USUAL_STIFFNESS_N_PER_M * size
     damping = (stiffness * device.mass_kg) ** 0.5 or size
-    spring, damper, local = Quantity("N/m", 1e-9, 1e12), Quantity("N.s/m", 1e-9, 1e9), None if wall else damping
-    found = [
-        _number(problem, "stiffness_n_per_m", group, f"spring {names[0]}", spring, stiffness, ""),
-        _number(problem, "damping_ns_per_m", group, f"damper {names[1]}", damper, damping, ""),
-        _number(problem, "local_damping_ns_per_m", group, f"{names[2]} damper, everywhere", damper, local, "none"),
+    local_damping = None if wall else damping
+    spring, damper = Quantity("N/m", 1e-9, 1e12), Quantity("N.s/m", 1e-9, 1e9)
+    local_label = f"{local_name} damper, everywhere"
+    fields = [
+        _number(problem, "stiffness_n_per_m", group, f"spring {spring_name}", spring, stiffness, ""),
+        _number(problem, "damping_ns_per_m", group, f"damper {damper_name}", damper, damping, ""),
+        _number(problem, "local_damping_ns_per_m", group, local_label, damper, local_damping, "none"),
     ]
     if wall:
-        hz = Quantity("Hz", 1e-6, 1e7)
-        found.append(_number(problem, "cutoff_hz", group, "filter of the velocity", hz, 100.0, "none"))
-    return tuple(found)
+        cutoff = Quantity("Hz", 1e-6, 1e7)
+        fields.append(_number(problem, "cutoff_hz", group, "filter of the velocity", cutoff, _USUAL_CUTOFF_HZ, "none"))
+    return tuple(fields)
 
 
 def _fields(problem: Problem, path: str, model: type[Table], values: Mapping[str, Any]) -> Iterator[Field]:
@@ -114,47 +142,72 @@ def _fields(problem: Problem, path: str, model: type[Table], values: Mapping[str
 
 
 def _of_value(problem: Problem, key: str, hint: Any, value: Any) -> Iterator[Field]:
+    """Yield the field of a value; of a pair its least and its most."""
     path = key.partition(".")[0]
     ending = re.compile(r"(_rms)?_(kg|ns_per_m|n_per_m|samples|hz|n|m|s)$")
     words = [problem.units.key(ending.sub("", part)) for part in key.removeprefix(f"{path}.").split(".")]
     group = "Wall" if path == "environment" else path.capitalize()
-    label, parts = " ".join(words).replace("_", " "), list(inside(hint))
-    validators = [one for one in (getattr(part, "func", None) for part in parts) if one is not None]
-    if choices := choices_of(hint):
+    label = " ".join(words).replace("_", " ")
+    choices = choices_of(hint)
+    if choices:
         yield Field(key, group, label, choices=tuple(choices))
         return
-    ends = next((one for one in validators if isinstance(one, Ends)), None)
-    of = ends.one if ends else next((one for one in validators if isinstance(one, Quantity | Whole)), None)
-    if of is None and not key.endswith("_samples"):
+    parts = list(inside(hint))
+    validators = [getattr(part, "func", None) for part in parts]
+    ends = next((validator for validator in validators if isinstance(validator, Ends)), None)
+    of_value = next((validator for validator in validators if isinstance(validator, Quantity | Whole)), None)
+    read = ends.one if ends else of_value
+    if read is None and not key.endswith("_samples"):
         return
     none = "" if value is not None else "none"
     if ends is None and not any(get_origin(part) is tuple for part in parts):
-        yield _number(problem, key, group, label, of, value, none)
+        yield _number(problem, key, group, label, read, value, none)
         return
     for end, word in enumerate(("least", "most")):
         given = None if value is None else value[end]
         blank = "rigid" if ends and ends.unbounded and end == 1 else none
         if blank == "rigid" and given is not None and given >= ends.one.highest:  # type: ignore[union-attr]
             given = None
-        yield _number(problem, f"{key}.{end}", group, f"{label}, {word}", of, given, blank)
+        yield _number(problem, f"{key}.{end}", group, f"{label}, {word}", read, given, blank)
 
 
 def _number(
-    problem: Problem, key: str, group: str, label: str, of: Quantity | Whole | None, value: float | None, blank: str
+    problem: Problem, key: str, group: str, label: str, read: Quantity | Whole | None, value: float | None, blank: str
 ) -> Field:
-    unit = of.unit if isinstance(of, Quantity) else "samples" if of is None else ""
-    shown, size = {"m": "mm", "s": "ms"}.get(unit, unit), 1.0
-    factor = 1.0 if shown == unit else 1e-3
+    """Return the field of a number, whose slider spans a range about its value; `read` is its validator."""
+    unit = "" if read is not None else "samples"
+    if isinstance(read, Quantity):
+        unit = read.unit
+    shown = {"m": "mm", "s": "ms"}.get(unit, unit)
+    factor = 1.0 if shown == unit else _MILLI
+    size = 1.0
     if "handle_radius" not in key:
         shown = problem.units.unit(shown)
         if not problem.units.linear:
             size = problem.device.metres_per_unit ** -power_at_handle(re.sub(r"\.\d$", "", key))
-    log = of is not None and value is not None and value > 0
-    low, high = (value / 30, value * 30) if log and value else (0.0, size * _USUAL.get(unit, 1.0))
-    if of is not None:
-        low, high = max(low, of.lowest) if log else low, min(high, of.highest)
-    low, high = (float(f"{end / factor:.1g}") for end in (low, high))
-    return Field(key, group, label, shown, factor, low, high, log, isinstance(of, Whole), blank, validator=of)
+    low, high = 0.0, size * _USUAL.get(unit, 1.0)
+    log = read is not None and value is not None and value > 0
+    if log and value:
+        low, high = value / _SLIDER_FACTOR, value * _SLIDER_FACTOR
+    if read is not None:
+        low, high = max(low, read.lowest) if log else low, min(high, read.highest)
+    return Field(
+        key=key,
+        group=group,
+        label=label,
+        unit=shown,
+        factor=factor,
+        low=_one_digit(low / factor),
+        high=_one_digit(high / factor),
+        log=log,
+        whole=isinstance(read, Whole),
+        blank=blank,
+        validator=read,
+    )
+
+
+def _one_digit(value: float) -> float:
+    return float(f"{value:.1g}")
 
 
 class Settings(BaseModel, frozen=True, extra="forbid", strict=True):
@@ -183,28 +236,31 @@ class Form:
 def settings_of(document: Any, form: Form) -> Settings:
     """Read the settings of a request."""
     try:
-        found = Settings.model_validate(document)
+        settings = Settings.model_validate(document)
     except ValidationError as error:
         raise RequestError(400, f"settings are an object with {', '.join(Settings.model_fields)}") from error
     known = {"values": {field.key for field in form.fields}, "gains": {field.key for field in form.gains}}
     unknown = [name for part, names in known.items() for name in document[part] if name not in names]
-    if unknown or found.method not in (*form.live, *form.slow):
-        raise RequestError(400, f"the page has no {', '.join(unknown) or found.method}")
-    return found
+    if unknown or settings.method not in (*form.live, *form.slow):
+        raise RequestError(400, f"the page has no {', '.join(unknown) or settings.method}")
+    return settings
 
 
 def gains_of(settings: Settings, form: Form) -> dict[str, float | None]:
     """Return the gains that were typed."""
-    faults, found = [], dict(settings.gains)
+    faults = []
+    gains = dict(settings.gains)
     for field in form.gains:
-        value, read = found.get(field.key), field.validator
+        value = gains.get(field.key)
+        if value is None or field.validator is None:
+            continue
         try:
-            found |= {} if value is None or read is None else {field.key: read(value)}
+            gains[field.key] = field.validator(value)
         except PydanticCustomError as error:
             faults.append(Fault("", None, field.key, str(error)))
     if faults:
         raise InputError(faults)
-    return found
+    return gains
 
 
 def problem_of_settings(base: Problem, settings: Settings, form: Form, *, to_save: bool = False) -> Problem:
@@ -216,11 +272,8 @@ def problem_of_settings(base: Problem, settings: Settings, form: Form, *, to_sav
     if (tables["device"].get("resonance") or {}).get("frequency_hz") is None:
         tables["device"].pop("resonance", None)
     _end_below_nyquist(tables)
-    for name in ("upper", "lower") if base.environment.stiffness_n_per_m else ():
-        for key, before in base.environment.model_dump().items():
-            wall = tables["environment"].get(key)
-            if before > 0 and isinstance(wall, int | float):
-                tables["boundaries"][name][key] *= wall / before
+    if base.environment.stiffness_n_per_m:
+        _scale_boundaries(tables, base)
     if not to_save:
         motion = {"kind": settings.motion} | ({"frequency_hz": 2.0} if settings.motion == "tap" else {})
         tables["scene"] = {"duration_s": 1.5, "motion": motion}
@@ -233,50 +286,58 @@ def problem_of_settings(base: Problem, settings: Settings, form: Form, *, to_sav
     return _checked(tables, settings, form, base)
 
 
+def _scale_boundaries(tables: dict[str, Any], base: Problem) -> None:
+    """Take the boundaries of what feels real along to the stiffness and damping of the wall now."""
+    for name in ("upper", "lower"):
+        for key, before in base.environment.model_dump().items():
+            now = tables["environment"].get(key)
+            if before > 0 and isinstance(now, int | float):
+                tables["boundaries"][name][key] *= now / before
+
+
 def _checked(tables: dict[str, Any], settings: Settings, form: Form, base: Problem) -> Problem:
     """Return the problem of tables; faults have the keys of their fields, in their units."""
-    fields, found = {field.key: field for field in form.fields}, []
+    fields = {field.key: field for field in form.fields}
     try:
         return problem_of(tables, file="")
     except InputError as error:
         faults = error.faults
+    of_fields = []
     for fault in faults:
         key = fault.key.replace("[", ".").replace("]", "")
         if f"{key}.0" in fields:  # of a pair the end that was typed
             key = f"{key}.1" if f"{key}.1" in settings.values and f"{key}.0" not in settings.values else f"{key}.0"
-        message = base.units.words(fields[key].fault(fault.message) if key in fields else fault.message)
-        found.append(Fault("", None, key if key in fields else base.units.key(key), message))
-    raise InputError(found)
+        if key in fields:
+            of_fields.append(Fault("", None, key, base.units.words(fields[key].fault(fault.message))))
+        else:
+            of_fields.append(Fault("", None, base.units.key(key), base.units.words(fault.message)))
+    raise InputError(of_fields)
 
 
 def dropped_ranges(base: Problem, settings: Settings, problem: Problem) -> list[str]:
     """Return the keys of values typed anew that have a range in the device's file and none here."""
-    before, after = (one.device.range.model_dump(exclude_none=True) for one in (base, problem))
+    before = base.device.range.model_dump(exclude_none=True)
+    after = problem.device.range.model_dump(exclude_none=True)
     return [key for key in settings.values if key.removeprefix("device.") in before.keys() - after.keys()]
 
 
 def _is_number(value: Any) -> TypeGuard[float]:
-    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= 1e100
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= _LARGEST_NUMBER
 
 
 def _put(tables: dict[str, Any], key: str, values: Mapping[str, Any]) -> None:
     """Set a value by its dotted key; None takes it away."""
-    value, (*path, last) = values[key], key.split(".")
-    table: Any = tables
+    value = values[key]
+    *path, last = key.split(".")
     end = int(last) if last in {"0", "1"} else None
     if end is not None:
         *path, last = path
+    table: Any = tables
     for part in path:
         table = table.setdefault(part, {})
     if end is not None:
-        low, high = pair = list(table.get(last) or (None, None))
-        other = f"{'.'.join((*path, last))}.{1 - end}"
-        alone = (low == high or pair[1 - end] is None) and other not in values
-        pair[end] = value
-        if value is not None:
-            value = [value] * 2 if alone else pair
-        elif last.startswith("contact_stiffness"):  # empty is rigid
-            value = [low if end else 0.0, 1e12]
+        opposite_key = f"{'.'.join((*path, last))}.{1 - end}"
+        value = _pair_of(table.get(last), end, value, last, opposite_typed=opposite_key in values)
     if value is None:
         table.pop(last, None)
     else:
@@ -287,13 +348,28 @@ def _put(tables: dict[str, Any], key: str, values: Mapping[str, Any]) -> None:
     ranges.pop(last, None)
 
 
+def _pair_of(before: Any, end: int, value: Any, name: str, *, opposite_typed: bool) -> list[Any] | None:
+    """Return a pair with a new least (0) or most (1); both are the new one where they were one and nobody typed two.
+
+    An empty end takes the pair away; of the stiffness of a contact it is rigid.
+    """
+    pair = list(before or (None, None))
+    low, high = pair
+    if value is None:
+        return [low if end else 0.0, _RIGID_N_PER_M] if name.startswith("contact_stiffness") else None
+    if (low == high or pair[1 - end] is None) and not opposite_typed:
+        return [value] * 2
+    pair[end] = value
+    return pair
+
+
 def _end_below_nyquist(tables: dict[str, Any]) -> None:
     """A slower loop has fewer frequencies."""
     frequency, period = tables["frequency"], tables["device"].get("sample_time_s", 1e-3)
-    if "values_hz" in frequency or not (_is_number(period) and 0 < period <= 10):
+    if "values_hz" in frequency or not (_is_number(period) and 0 < period <= _SLOWEST_SAMPLE_S):
         return
     if frequency["stop_hz"] * period >= 0.5:
-        frequency["stop_hz"] = float(f"{0.45 / period:.3g}")
+        frequency["stop_hz"] = float(f"{_BELOW_NYQUIST / period:.3g}")
         frequency["start_hz"] = min(frequency["start_hz"], frequency["stop_hz"] / 10)
 
 
@@ -304,5 +380,6 @@ def _hold_elsewhere(tables: dict[str, Any], before: Device, radius: Any) -> None
     ratio = radius / before.metres_per_unit
     for table in (tables["hands"], tables["coupling"]):
         for key, value in table.items():
-            if (power := power_at_handle(key)) and isinstance(value, list):
+            power = power_at_handle(key)
+            if power and isinstance(value, list):
                 table[key] = [end * ratio**-power for end in value]
