@@ -23,7 +23,13 @@ from avc_casadi.design import registry
 
 P = ParamSpec("P")
 PERCEIVED = "|Zₕ|"
-BLUE, ORANGE, OLIVE, GREEN, PURPLE = "#08306b", "#d1600a", "#5a5a00", "#2f7d32", "#8a0f5c"
+"""The impedance that a hand perceives."""
+
+BLUE = "#08306b"
+ORANGE = "#d1600a"
+OLIVE = "#5a5a00"
+GREEN = "#2f7d32"
+PURPLE = "#8a0f5c"
 DASHED: Any = (0, (5, 1.6))
 DASH_DOT: Any = (0, (4, 1.5, 1, 1.5))
 DOTTED: Any = (0, (1, 1.4))
@@ -58,15 +64,19 @@ class Line:
     label: str
     colour: str
     style: Any
+    """Dashes, as matplotlib takes them."""
     marker: str
     width: float
+    """Width, points."""
     layer: int
+    """Lines of a higher layer are drawn above."""
     shift: float
+    """Place of the first marker, as a share of the distance between two."""
 
     def draw(self, axes: Axes, x: ArrayLike, y: ArrayLike, *, markers: int = 12, **changes: Any) -> None:
         """Draw the quantity against x in ascending order; gaps where y is not a number."""
         order = np.argsort(x, kind="stable")
-        every = max(1, order.size // markers)
+        rows_a_marker = max(1, order.size // markers)
         looks = {
             "label": self.label,
             "color": self.colour,
@@ -75,7 +85,7 @@ class Line:
             "markerfacecolor": "white",
             "linewidth": self.width,
             "zorder": self.layer,
-            "markevery": (int(self.shift * every), every),
+            "markevery": (int(self.shift * rows_a_marker), rows_a_marker),
         }
         axes.plot(np.asarray(x)[order], np.asarray(y)[order], **(looks | changes))
 
@@ -101,7 +111,7 @@ _LINES = (
 )
 METHODS: dict[str, Line] = {
     name: replace(line, label=name.replace("-", " "))
-    for name, line in zip((name for name, one in registry.METHODS.items() if one.pointwise), _LINES, strict=False)
+    for name, line in zip((name for name, method in registry.METHODS.items() if method.pointwise), _LINES, strict=False)
 }
 """The lines of the compared methods."""
 
@@ -177,14 +187,14 @@ def files_of(figure: Figure, *endings: str) -> list[bytes]:
         "svg": {"Date": None, "Creator": None},
         "pdf": {"CreationDate": None, "Creator": None, "Producer": None},
     }
-    found = []
+    contents = []
     with mpl.rc_context(_RC):
         for ending in endings:
             content = io.BytesIO()
             figure.savefig(content, format=ending, metadata=dates[ending])
-            found.append(content.getvalue())
+            contents.append(content.getvalue())
             figure.set_layout_engine("none")  # laid out once: it takes as long as drawing
-    return found
+    return contents
 
 
 def save_figure(figure: Figure, path: Path) -> None:

@@ -23,12 +23,21 @@ _RUNS: tuple[tuple[str, Any, float], ...] = (
     (style.OLIVE, style.DASH_DOT, 1.4),
     (style.PURPLE, style.DOTTED, 1.6),
 )
-# Motion from which on it is drawn in millimetres.
 _LARGE_M = 2e-3
+"""Motion, m, above which it is drawn in millimetres."""
+
+_COHERENT = 0.3
+"""Coherence above which a measured response is drawn."""
+
+_CYCLES_SHOWN = 6
+"""Cycles of an oscillation whose force is drawn against the position."""
+
+_SHOWN_S = 0.2
+"""Time, s, that is drawn instead where there is no oscillation."""
 
 
 @style.styled
-def draw_identification(found: Identification) -> Figure:
+def draw_identification(identified: Identification) -> Figure:
     """Draw a model against its log over time, and their frequency responses."""
     titles = (
         "(a) position, the model all but free",
@@ -41,7 +50,8 @@ def draw_identification(found: Identification) -> Figure:
     grey: dict[str, Any] = {"color": "0.55", "linewidth": 2.6}
     points: dict[str, Any] = {"color": "0.55", "linestyle": "none", "marker": "o", "markersize": 2.4}
     blue: dict[str, Any] = {"color": style.BLUE, "linewidth": 1.2, "linestyle": style.DASHED}
-    units, (time, measured, simulated) = units_for(found.motion), found.stretch
+    units = units_for(identified.motion)
+    time, measured, simulated = identified.stretch
     position.plot(time, 1e3 * measured, label="measured", **grey)
     position.plot(time, 1e3 * simulated, label="model", **blue)
     difference = measured - simulated
@@ -49,19 +59,19 @@ def draw_identification(found: Identification) -> Figure:
     left.plot(time, scale * difference, color=style.BLUE, linewidth=0.8)
     for panel, label in ((position, f"position ({units.unit('mm')})"), (left, f"difference ({units.unit(unit)})")):
         panel.set(xlabel="time (s)", ylabel=label, xlim=(float(time[0]), float(time[-1])))
-    response, frequency = found.response, found.response.frequency_hz
-    use = response.excites & (response.coherence > 0.3)
+    response, frequency = identified.response, identified.response.frequency_hz
+    use = response.excites & (response.coherence > _COHERENT)
     if not use.any():
         use = np.ones_like(use)
     band = frequency[use]
     span = (frequency >= band[0]) & (frequency <= band[-1])
     # A mass has -90 degrees; the rest is damping, delay, amplifier and resonance.
     turned = np.degrees(np.angle(1j * response.velocity_per_force[use]))
-    model = np.degrees(np.unwrap(np.angle(1j * found.model_response[span])))
+    model = np.degrees(np.unwrap(np.angle(1j * identified.model_response[span])))
     # Each measured phase is unwrapped to that of the model.
     turned += 360 * np.round((np.interp(band, frequency[span], model) - turned) / 360)
     size.plot(band, np.abs(response.velocity_per_force[use]), **points)
-    size.plot(frequency[span], np.abs(found.model_response[span]), **blue)
+    size.plot(frequency[span], np.abs(identified.model_response[span]), **blue)
     phase.plot(band, turned, **points)
     phase.plot(frequency[span], model, **blue)
     size.set(yscale="log", ylabel=f"|v/F| ({units.unit('m/s')} per {units.unit('N')})")
@@ -73,29 +83,30 @@ def draw_identification(found: Identification) -> Figure:
 
 
 @style.styled
-def draw_diagnosis(found: Diagnosis) -> Figure:
+def draw_diagnosis(diagnosis: Diagnosis) -> Figure:
     """Draw the oscillation of a log: position, envelope, cycles of the force, spectrum."""
     titles = ("(a) position", "(b) oscillation and envelope", "(c) force against position", "(d) spectrum")
     figure = style.panels(titles, 5.8, "ab;cd")
-    position, swing, cycles, spectrum = figure.axes
-    log, one, units = found.log, found.swing, found.design.device.units
-    time, inside = log.time_s, slice(one.first, one.last)
-    size, unit = (1e3, units.unit("mm")) if one.peak_to_peak_m > _LARGE_M else (1e6, units.unit("um"))
+    position, oscillation, cycles, spectrum = figure.axes
+    log, swing, units = diagnosis.log, diagnosis.swing, diagnosis.design.device.units
+    time, inside = log.time_s, slice(swing.first, swing.last)
+    size, unit = (1e3, units.unit("mm")) if swing.peak_to_peak_m > _LARGE_M else (1e6, units.unit("um"))
     position.plot(time, 1e3 * log.position_m, color=style.BLUE, linewidth=0.8)
-    swing.plot(time, size * one.fast_m, color=style.BLUE, linewidth=0.6, label="position without slow motion")
+    oscillation.plot(time, size * swing.fast_m, color=style.BLUE, linewidth=0.6, label="position without slow motion")
     for sign, label in ((1, "envelope"), (-1, "_")):
-        swing.plot(time, sign * size * one.envelope_m, color=style.ORANGE, linewidth=1.0, label=label)
-    for panel, label in ((position, f"position ({units.unit('mm')})"), (swing, f"oscillation ({unit})")):
+        oscillation.plot(time, sign * size * swing.envelope_m, color=style.ORANGE, linewidth=1.0, label=label)
+    for panel, label in ((position, f"position ({units.unit('mm')})"), (oscillation, f"oscillation ({unit})")):
         panel.set(xlabel="time (s)", ylabel=label, xlim=(float(time[0]), float(time[-1])))
-        if one.kind != "none":
-            panel.axvspan(float(time[one.first]), float(time[one.last - 1]), color="0.92", zorder=0)
-    length = 6 / one.frequency_hz if math.isfinite(one.frequency_hz) else 0.2
-    middle = np.abs(time - (time[one.first] + time[one.last - 1]) / 2) <= length / 2
+        if swing.kind != "none":
+            panel.axvspan(float(time[swing.first]), float(time[swing.last - 1]), color="0.92", zorder=0)
+    length = _CYCLES_SHOWN / swing.frequency_hz if math.isfinite(swing.frequency_hz) else _SHOWN_S
+    middle = np.abs(time - (time[swing.first] + time[swing.last - 1]) / 2) <= length / 2
     cycles.plot(size * log.position_m[middle], -log.force_n[middle], color=style.BLUE, linewidth=0.8)
     cycles.set(xlabel=f"position ({unit})", ylabel=f"commanded {units.key('force')} ({units.unit('N')})")
-    window = np.hanning(one.fast_m[inside].size)
-    amplitude = size * 2 * np.abs(np.fft.rfft(one.fast_m[inside] * window)) / max(window.sum(), 1.0)
-    hertz, top = np.fft.rfftfreq(window.size, log.period_s), max(float(amplitude[1:].max(initial=0.0)), 1e-9)
+    window = np.hanning(swing.fast_m[inside].size)
+    amplitude = size * 2 * np.abs(np.fft.rfft(swing.fast_m[inside] * window)) / max(window.sum(), 1.0)
+    hertz = np.fft.rfftfreq(window.size, log.period_s)
+    top = max(float(amplitude[1:].max(initial=0.0)), 1e-9)
     spectrum.plot(hertz[1:], amplitude[1:], color=style.BLUE, linewidth=0.9)
     spectrum.set(yscale="log", ylabel=f"amplitude ({unit})", ylim=(1e-4 * top, 3 * top))
     style.log_ticks(spectrum.yaxis, *spectrum.get_ylim())
@@ -111,7 +122,8 @@ def draw_diagnosis(found: Diagnosis) -> Figure:
 def draw_scene(runs: Sequence[Run], names: Sequence[str] | None = None) -> Figure:
     """Draw up to four runs of scenes with one motion in the same four panels."""
     units, aim = runs[0].units, runs[0].target_m
-    force_word, mm, newton = units.key("force"), units.unit("mm"), units.unit("N")
+    force_word = units.key("force")
+    mm, newton = units.unit("mm"), units.unit("N")
     titles = (
         "(a) position; the wall begins at 0",
         f"(b) {force_word} on the device",
@@ -124,7 +136,8 @@ def draw_scene(runs: Sequence[Run], names: Sequence[str] | None = None) -> Figur
     position.plot(runs[0].time_s, 1e3 * aim, color="0.65", linewidth=2.4, label=label, zorder=1)
     named = list(zip(runs, names or [run.coupling for run in runs], strict=True))
     deepest, some_rest = 0.0, any(run.stable for run in runs)
-    for index, (run, name) in enumerate(sorted(named, key=lambda one: not one[0].stable)):
+    stable_first = sorted(named, key=lambda pair: not pair[0].stable)
+    for index, (run, name) in enumerate(stable_first):
         colour, dash, width = _RUNS[index % len(_RUNS)]
         line: dict[str, Any] = {"color": colour, "linestyle": dash, "linewidth": width, "zorder": 6 - index}
         if not run.stable:
