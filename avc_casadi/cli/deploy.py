@@ -262,17 +262,7 @@ def run_monitor(args: argparse.Namespace, console: Console) -> Answer:
     within 0.1 s, and comes back out of contact with the next heartbeat, or after avc device --clear.
     """
     units = units_for(args.motion)
-    samples: list[dict[str, Any]] = []
-    note = avc_hardware.EMULATOR_IS_FRESH if args.port == avc_hardware.EMULATOR else None
-    data: dict[str, Any] = {
-        "port": args.port,
-        "note": note,
-        "samples": samples,
-        "records": 0,
-        "lost": 0,
-        "ended": None,
-        "out": args.out and str(args.out),
-    }
+    data = _nothing_watched(args.port, args.out)
     code, shown_s = 0, -1.0
     log: avc_hardware.TelemetryLog | None = None
 
@@ -305,7 +295,8 @@ def run_monitor(args: argparse.Namespace, console: Console) -> Answer:
                     if log is not None:
                         log.write(sample)
                     if console.as_json:
-                        samples.append(plain(vars(sample) | {"fault_words": words.split(", ") if words else []}))
+                        fault_words = words.split(", ") if words else []
+                        data["samples"].append(plain(vars(sample) | {"fault_words": fault_words}))
                 if not 0 <= sample.time_s - shown_s < _MONITOR_SHOWN_EVERY_S - 1e-6:
                     shown_s = sample.time_s
                     console.say(text_of(_state(sample, words), units))
@@ -315,6 +306,19 @@ def run_monitor(args: argparse.Namespace, console: Console) -> Answer:
             take_interrupt()
             code, data = EXIT_CODE, avc.fault_document(avc.InputError.of("interrupted")) | data
     return Answer("monitor", data, rows=tuple(_monitor_rows(data, args.heartbeat_s)), units=units, code=code)
+
+
+def _nothing_watched(port: str, out: Path | None) -> dict[str, Any]:
+    """Return the JSON values of a monitor before its first record."""
+    return {
+        "port": port,
+        "note": avc_hardware.EMULATOR_IS_FRESH if port == avc_hardware.EMULATOR else None,
+        "samples": [],
+        "records": 0,
+        "lost": 0,
+        "ended": None,
+        "out": out and str(out),
+    }
 
 
 def _headline(device: avc_hardware.Device) -> tuple[Part, ...]:

@@ -7,7 +7,7 @@ import math
 import shlex
 from dataclasses import replace
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import avc_casadi as avc
 import avc_hardware
@@ -18,6 +18,9 @@ from avc_casadi.cli import arguments as cli
 from avc_casadi.cli.console import Console, write_figure
 from avc_casadi.present import rows
 from avc_casadi.present.row import Answer
+
+if TYPE_CHECKING:
+    from avc_casadi.identification.excitation import Excitation
 
 _LEAST_STROKE_STEPS = 12
 """Encoder steps of travel below which a log tells too little for `avc identify`."""
@@ -50,22 +53,8 @@ def run_excite(args: argparse.Namespace, console: Console) -> Answer:
     on_bench = cli.load_any_device(args.on_bench or args.device)[0].device
     limits = cli.of_motion(args, device.units, "force_n", "speed_m_per_s", "travel_m")
     with console.step("plan: a signal within the limits on every device of the ranges"):
-        made = plan_excitation(device, args.signal, seconds=args.seconds, progress=console, **limits)
-    plan = made.plan
-    planned: dict[str, Any] = {
-        "signal": plan.kind,
-        "seconds": plan.seconds,
-        "lowest_hz": plan.band_hz[0],
-        "highest_hz": plan.band_hz[1],
-        "peak_force_n": plan.peak_force_n,
-        "held_back_by": plan.units.key(made.nearest_limit),
-        "limits": plan.limits,
-        "spring_n_per_m": plan.spring_n_per_m,
-        "damper_ns_per_m": plan.damper_ns_per_m,
-        "devices": len(made.devices),
-        "forecast": {key: float(values.max()) for key, values in vars(made.forecast).items()},
-    }
-    data: dict[str, Any] = {"plan": plain(planned), "out": None, "log": None}
+        planned = plan_excitation(device, args.signal, seconds=args.seconds, progress=console, **limits)
+    data: dict[str, Any] = {"plan": _plan_document(planned), "out": None, "log": None}
     answer = rows.look.plan(data, device.units, args.device, args.port)
     if args.plan_only:
         return answer
@@ -78,7 +67,7 @@ def run_excite(args: argparse.Namespace, console: Console) -> Answer:
             console.say(console.page.rendered(shown))
 
     with console.step(f"{args.signal} on {args.port}"):
-        log = avc_hardware.excite(plan, args.port, on_bench=on_bench, baud=args.baud, progress=console, cut=cut)
+        log = avc_hardware.excite(planned.plan, args.port, on_bench=on_bench, baud=args.baud, progress=console, cut=cut)
     data["log"] = log.document()
     complaint = _excitation_fault(log, log.stroke_m, device.encoder_resolution_m)
     onwards = []
@@ -91,6 +80,26 @@ def run_excite(args: argparse.Namespace, console: Console) -> Answer:
     title = f"{args.device}   {args.signal} on {log.port}"
     answer = rows.look.log(data, device.units, title, onwards)
     return replace(answer, complaint=f"avc: {log.port}: {complaint}") if complaint else answer
+
+
+def _plan_document(planned: Excitation) -> dict[str, Any]:
+    """Return the JSON values of a plan, with what is forecast at most on the devices of the ranges."""
+    plan = planned.plan
+    document = {
+        "signal": plan.kind,
+        "seconds": plan.seconds,
+        "lowest_hz": plan.band_hz[0],
+        "highest_hz": plan.band_hz[1],
+        "peak_force_n": plan.peak_force_n,
+        "held_back_by": plan.units.key(planned.nearest_limit),
+        "limits": plan.limits,
+        "spring_n_per_m": plan.spring_n_per_m,
+        "damper_ns_per_m": plan.damper_ns_per_m,
+        "devices": len(planned.devices),
+        "forecast": {key: float(values.max()) for key, values in vars(planned.forecast).items()},
+    }
+    values: dict[str, Any] = plain(document)
+    return values
 
 
 def _excitation_fault(log: avc_hardware.ExcitationLog, stroke_m: float, encoder_m: float) -> str:
