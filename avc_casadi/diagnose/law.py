@@ -67,6 +67,27 @@ _MEANS_OVER = (8, 64)
 _SWITCHED_SHARE = 0.05
 """Share of the range of the force from which on a switched part matters."""
 
+_FEWEST_EDGE_ROWS = 20
+"""Fewest pairs of neighbouring samples by which edges are searched."""
+
+_SMOOTH_QUANTILE = 0.7
+"""Quantile of the residuals up to which changes of the force are of spring and damper."""
+
+_JUMP_SHARE = 0.35
+"""Share of the largest residual above which a change of the force is a jump."""
+
+_FEWEST_JUMPS = 3
+"""Jumps below which the position does not switch the force."""
+
+_DEAD_BANDS = (0.03, 0.6)
+"""Narrowest and widest half of a dead band that is tried, per longest step of the position over an edge."""
+
+_DEAD_BAND_COUNT = 12
+"""Dead bands that are tried."""
+
+_LEAST_SQUARE = 1e-300
+"""What a square that is divided by is at least."""
+
 _MOST_DROPPED = 0.01
 """Share of missed samples up to which frames are searched."""
 
@@ -264,7 +285,7 @@ def _errors(
     # Size of each column beside what the others explain of it.
     sizes = (scale / np.sqrt(inverse)).tolist()
     white = 2 * rms * math.sqrt(samples_alike(residual) / len(columns))
-    reading_variance = rms**2 / max(factors[0] ** 2, 2 * factors[1] ** 2 / average, 1e-300)
+    reading_variance = rms**2 / max(factors[0] ** 2, 2 * factors[1] ** 2 / average, _LEAST_SQUARE)
     errors = {}
     for part, size in zip(use, sizes, strict=False):
         pull = reading_variance / size**2 / (average if part else 1)
@@ -279,7 +300,8 @@ def _law(log: Log, reading: _Reading, sign: FloatArray | None = None, *, filtere
 
     F = keep F_before + k (1 - keep) x + (b (1 - keep)/T + k keep) (x - x_before) + c sign.
     """
-    force, position, period = log.force_n[reading.rows], reading.position_m, log.period_s
+    force, position = log.force_n[reading.rows], reading.position_m
+    period = log.period_s
     deviation = float(np.std(force))
     further = []
     if filtered:
@@ -387,7 +409,7 @@ def _switches(log: Log, reading: _Reading, lag: int) -> Iterator[tuple[Switch, F
 def _edges(force: FloatArray, position: FloatArray, rows: IndexArray, lag: int) -> list[tuple[float, float]]:
     """Return where the position may switch the force, m: at one edge, or at two with a dead band between them."""
     rows = rows[np.isin(rows - 1, rows)]
-    if rows.size < 20:
+    if rows.size < _FEWEST_EDGE_ROWS:
         return []
     now, before, older = (position[rows - lag - back] for back in range(3))
     changes = force[rows] - force[rows - 1]
@@ -397,9 +419,9 @@ def _edges(force: FloatArray, position: FloatArray, rows: IndexArray, lag: int) 
     for _ in range(4):
         gains = np.linalg.lstsq(columns[smooth_rows], changes[smooth_rows], rcond=1e-9)[0]
         residual = np.abs(changes - columns @ gains)
-        smooth_rows = residual <= np.quantile(residual, 0.7)
-    jumps = (residual > 0.35 * residual.max()) & (now != before)
-    if np.count_nonzero(jumps) < 3:
+        smooth_rows = residual <= np.quantile(residual, _SMOOTH_QUANTILE)
+    jumps = (residual > _JUMP_SHARE * residual.max()) & (now != before)
+    if np.count_nonzero(jumps) < _FEWEST_JUMPS:
         return []
     low, high = np.minimum(now, before)[jumps], np.maximum(now, before)[jumps]
     centre = _edge(low, high)
@@ -410,7 +432,8 @@ def _edges(force: FloatArray, position: FloatArray, rows: IndexArray, lag: int) 
         edges.append((_edge(low[~upper], high[~upper]), _edge(low[upper], high[upper])))
     # Edges that one step may cross together.
     longest_step = float((high - low).max())
-    widths = np.geomspace(0.03 * longest_step, 0.6 * longest_step, 12).tolist()
+    narrowest, widest = _DEAD_BANDS
+    widths = np.geomspace(narrowest * longest_step, widest * longest_step, _DEAD_BAND_COUNT).tolist()
     return edges + [(centre - width, centre + width) for width in widths]
 
 

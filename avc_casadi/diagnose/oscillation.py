@@ -151,6 +151,9 @@ _SILENT_CONTACT_CYCLES = 8
 _SHORT_TURNS = 16
 """Swings below which an oscillation is short; turning points that a ripple of the force has at least."""
 
+FORCE_QUANTILES = (0.01, 0.99)
+"""Quantiles of the force between which its peak to peak counts: single ticks are left out."""
+
 # A ripple of the force.
 
 _RIPPLE_ABOVE_HZ = 8.0
@@ -164,6 +167,9 @@ _RIPPLE_OF_FORCE = 0.04
 
 _RIPPLE_OF_LIMIT = 4e-3
 """Share of the force limit from which on a ripple counts."""
+
+_TRAVEL_QUANTILES = (0.02, 0.98)
+"""Quantiles of the position between which its travel under a ripple counts."""
 
 _EVEN_CYCLES = 0.35
 """Standard deviation of the cycles, as a share of their mean, below which a ripple is a limit cycle."""
@@ -521,7 +527,7 @@ def _swing(
         envelope_m=none.envelope_m,
         frequency_hz=frequency_hz,
         peak_to_peak_m=size,
-        force_peak_to_peak_n=float(np.ptp(np.quantile(log.force_n[inside], (0.01, 0.99)))),
+        force_peak_to_peak_n=float(np.ptp(np.quantile(log.force_n[inside], FORCE_QUANTILES))),
         steps=size / log.encoder_m if log.encoder_m else math.inf,
         contact_share=float(np.mean(log.touching[span])),
     )
@@ -545,7 +551,7 @@ def _of_force(log: Log, none: Oscillation, limit_n: float | None) -> list[Oscill
     cycles = np.diff(turns[::2])
     kind: Kind = "limit cycle" if float(np.std(cycles) / np.mean(cycles)) < _EVEN_CYCLES else "irregular"
     frequency_hz = (turns.size - 1) / 2 / (period * float(turns[-1] - turns[0]))
-    travel = float(np.ptp(np.quantile(position, (0.02, 0.98))))
+    travel = float(np.ptp(np.quantile(position, _TRAVEL_QUANTILES)))
     return [_swing(log, none, kind, slice(begin, n), slice(begin, n), frequency_hz, travel)]
 
 

@@ -11,7 +11,7 @@ from scipy import optimize
 
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi.diagnose.law import FittedLaw, Switch
-from avc_casadi.diagnose.oscillation import Log, Oscillation
+from avc_casadi.diagnose.oscillation import FORCE_QUANTILES, Log, Oscillation
 from avc_casadi.diagnose.plant import DeviceValue, Hypothesis, IntendedLaw, growth, stable
 from avc_casadi.loops.margins import SETTLING_BAND
 from avc_casadi.model.hands import Hand
@@ -83,6 +83,9 @@ _LOG_ERROR_TICKS = 0.35
 _LEAST_FACTOR = 0.01
 """Least factor of a gain that is tried."""
 
+_FACTOR_ERROR = 3e-3
+"""Relative error of the largest stable factor of a gain."""
+
 _DELAY_PARTS = (0.7, 0.5, 0.3)
 """Parts of a delay that are tried."""
 
@@ -109,6 +112,12 @@ _FINER = (2.0, 4.0, 8.0)
 
 _COMPENSATED = 0.8
 """Share of the friction of a device that a switched force may compensate."""
+
+_RAMP_WIDTHS = (0.02, 8.0)
+"""Narrowest and widest ramp that is tried, per size of the swing in what switches the force."""
+
+_RAMP_COUNT = 12
+"""Ramps that are tried."""
 
 _AT_LIMIT = 0.999
 """Share of the force limit from which on the size of a switched force is not seen."""
@@ -318,7 +327,7 @@ class LoggedScene:
     def residual_swing(self, hypothesis: Hypothesis, law: FittedLaw, quarter: int = 3) -> float:
         """Return the swing in the last or another quarter of a simulation, as a share of that of the log."""
         position, force = (np.array_split(series, 4)[quarter] for series in self.play(hypothesis, law))
-        force_range = float(np.ptp(np.quantile(force, (0.01, 0.99))))
+        force_range = float(np.ptp(np.quantile(force, FORCE_QUANTILES)))
         shakes = force_range / max(self.swing.force_peak_to_peak_n, 1e-12)
         if self.swing.steps < _FEW_STEPS:
             return shakes
@@ -422,7 +431,7 @@ def limit_of(hypothesis: Hypothesis, law: FittedLaw, gain: str) -> float:
     def growth_at(factor: float) -> float:
         return growth(hypothesis, law, **{gain: factor})
 
-    return float(optimize.brentq(growth_at, factors[first], factors[first - 1], rtol=3e-3))
+    return float(optimize.brentq(growth_at, factors[first], factors[first - 1], rtol=_FACTOR_ERROR))
 
 
 @dataclass(frozen=True, eq=False)
@@ -559,6 +568,6 @@ def _of_switch(law: FittedLaw, switch: Switch, scene: LoggedScene, design: Inten
         "speed": (swing.peak_to_peak_m * 2 * math.pi * swing.frequency_hz, "speed"),
         "force": (swing.force_peak_to_peak_n, "force"),
     }[switch.by]
-    for width in (size * np.geomspace(0.02, 8.0, 12)).tolist():
+    for width in (size * np.geomspace(*_RAMP_WIDTHS, _RAMP_COUNT)).tolist():
         # A wider ramp is softer: it is played with a fifth less.
         yield _Change(Remedy("switch_width", width, 0.0, quantity), law, replace(scene, width=_RAMP_MARGIN * width))
