@@ -19,6 +19,9 @@ _UNUSED_RANGES = {f"device.range.{key}" for key in LINEAR_KEYS} - {
 }
 """Ranges of the linear loop's parameters, of which most methods use the nominal value only."""
 
+SMALLEST_TOLERANCE = 1e-14
+"""Smallest relative tolerance that may be requested of a CasADi solver; the largest is 1."""
+
 
 @of_problem
 def solve(
@@ -54,12 +57,9 @@ def solve(
     options = {name: value for name, value in given.items() if value is not None}
     foreign = [name for name in options if name not in chosen.options]
     if foreign:
-        takers = {name: [other for other, one in METHODS.items() if name in one.options] for name in foreign}
-        raise InputError.of(
-            "; ".join(f"{name} is no option of {method}, but of {', '.join(takers[name])}" for name in foreign),
-            key=foreign[0],
-        )
-    if tolerance is not None and not 1e-14 <= tolerance <= 1:
+        faults = [f"{name} is no option of {method}, but of {_methods_with_option(name)}" for name in foreign]
+        raise InputError.of("; ".join(faults), key=foreign[0])
+    if tolerance is not None and not SMALLEST_TOLERANCE <= tolerance <= 1:
         raise InputError.of(f"is {tolerance:g}; allowed: 1e-14 to 1", key="tolerance")
     stated = with_wall(problem)
     reports = {"progress": progress} if chosen.reports else {}
@@ -67,12 +67,17 @@ def solve(
         return _noted(stated, chosen, chosen.solver(stated, **options, **reports))
 
 
+def _methods_with_option(option: str) -> str:
+    """Return the names of the methods that take an option of `solve`, joined by commas."""
+    return ", ".join(name for name, method in METHODS.items() if option in method.options)
+
+
 def _noted(problem: Problem, method: Method, gains: GainSchedule) -> GainSchedule:
     """Add notes on keys that the method ignores: realism, ranges of the device, the hand's credit."""
     notes = []
     require = problem.realism.require
     if require != "none" and not method.keeps_realism:
-        keepers = ", ".join(name for name, one in METHODS.items() if one.keeps_realism)
+        keepers = ", ".join(name for name, known in METHODS.items() if known.keeps_realism)
         notes.append(f'{gains.method} does not know realism.require = "{require}"; methods that keep it: {keepers}')
     unused = [key for key in declared(problem) if key in _UNUSED_RANGES]
     if unused and not method.keeps_ranges:
@@ -80,13 +85,14 @@ def _noted(problem: Problem, method: Method, gains: GainSchedule) -> GainSchedul
             f"designed for the nominal value of {', '.join(unused)}: a design keeps its claim over "
             f"the ranges of mass and damping; certify judges every corner of the others"
         )
-    credit, unit = problem.schedule.hand_damping_ns_per_m, problem.units.unit("N.s/m")
+    credit = problem.schedule.hand_damping_ns_per_m
+    unit = problem.units.unit("N.s/m")
     if credit and method.credits_hand and problem.stability.scope != "hands":
         notes.append(f"Re Z_h counts {credit:g} {unit} of the hand's damping (schedule.hand_damping_ns_per_m)")
     elif credit:
-        takers = ", ".join(name for name, one in METHODS.items() if one.credits_hand)
+        crediting = ", ".join(name for name, known in METHODS.items() if known.credits_hand)
         notes.append(
-            f"schedule.hand_damping_ns_per_m is not credited: it counts in Re Z_h of method {takers}, "
+            f"schedule.hand_damping_ns_per_m is not credited: it counts in Re Z_h of method {crediting}, "
             "and not with scope hands"
         )
     return replace(gains, notes=(*gains.notes, *notes), definition=problem)

@@ -18,16 +18,27 @@ MethodName = str  # that `METHODS` knows
 
 @dataclass(frozen=True)
 class Method:
-    """One method from a problem to gains."""
+    """One method from a problem to gains.
 
-    place: str  # package:function of its solver
-    options: tuple[str, ...] = ()  # of `solve`, that it takes
-    keeps_realism: bool = False  # realism.require
-    credits_hand: bool = False  # schedule.hand_damping_ns_per_m
-    keeps_ranges: bool = False  # its claim holds over all of [device.range]
-    reports: bool = False  # takes long enough to report progress
-    pointwise: bool = False  # solves (11)-(12) at each frequency alone, fast enough for interactive use
-    optimises: bool = False  # minimises (11), so that the others are judged against it
+    Attributes:
+        place: module and function of its solver, as "package.module:function".
+        options: the options of `solve` that it takes.
+        keeps_realism: whether its gains meet realism.require.
+        credits_hand: whether it counts schedule.hand_damping_ns_per_m in Re Z_h.
+        keeps_ranges: whether its claim holds over all of [device.range].
+        reports: whether it takes long enough to report progress.
+        pointwise: whether it solves (11)-(12) at each frequency alone, fast enough for interactive use.
+        optimises: whether it minimises (11), so that the others are judged against it.
+    """
+
+    place: str
+    options: tuple[str, ...] = ()
+    keeps_realism: bool = False
+    credits_hand: bool = False
+    keeps_ranges: bool = False
+    reports: bool = False
+    pointwise: bool = False
+    optimises: bool = False
 
     @property
     def solver(self) -> Callable[..., GainSchedule]:

@@ -23,10 +23,45 @@ from avc_casadi.paper.numbers import Complex, ComplexExpr, Real, abs2, casadi_nu
 from avc_casadi.paper.realism import bound_magnitudes, relative_errors
 from avc_casadi.paper.rows import GainArrays
 
+FLOOR_SHARE = 1e-4
+"""Floor of a state, of the smallest gain that weighs as much as the environment: it admits a gain of 0."""
+CONTACT_FLOOR_RATIO = 10.0
+"""Least floor of b_p, as a multiple of that of b."""
+END_REACH = 1e-5
+"""Distance of a state from its end, in the logarithm, within which its gain is the end: IPOPT only approaches it."""
+SLOWEST_TURNS = 0.5e-4
+"""Lowest frequency of a scope at which a slot is put between its ends, in turns a sample."""
+NLP_SLOTS = 3
+"""Frequencies between the ends of a scope in the NLP."""
+SPREAD_SLOTS = {"band": 5, "all": 23}
+"""Frequencies between the ends of a scope in the lattice, which adds none, by the scope."""
+NEAREST_ZERO = 1e-7
+"""Share of Nyquist's frequency that stands for 0, where an impedance is infinite."""
+NEAREST_NYQUIST = 1e-9
+"""Distance from Nyquist's frequency, as a share of it, that stands for it."""
+LARGEST_STEP = 0.1
+"""Largest |1 - spectral radius| in the table of the hands: a cubic spline would ring at a larger step."""
+TABLE_NODES = {2: (64, 64), 3: (20, 20, 28)}
+"""Nodes of the hands' table along each state, by the number of states; b_p, the sharpest, has more of them."""
+SMALLEST_SPAN = 1e-3
+"""Span, in the logarithm, that the hands' table gives to a state which cannot move: a spline needs several nodes."""
+TARGET_SHARE = 1e-3
+"""Share of |Z_h_ds| in the scale of Re Z_h."""
+OUTSIDE_WEIGHT = 0.1
+"""Weight of a frequency outside schedule.interaction_hz, against one inside."""
+SMALLEST_RATIO = 1e-30
+"""Added to |Z_h|^2/|Z_h_ds|^2 below a root, whose gradient is not a number at 0."""
+
 
 @dataclass(frozen=True)
 class States:
-    """The map between gains and states, sigma = ln(gain + floor), and the box of both."""
+    """The map between gains and states, sigma = ln(gain + floor), and the box of both.
+
+    Attributes:
+        floors: floor of each gain, shape (d,): N.s/m, N/m, and N.s/m for b_p where it is admitted.
+        least: lower end of each gain, shape (d,).
+        most: upper end of each gain, shape (d,).
+    """
 
     floors: FloatArray
     least: FloatArray
@@ -37,13 +72,13 @@ class States:
         """Return the map with floors for a problem at the frequencies of ``loop``."""
         weight = np.abs(loop.environment)
         weight = np.where(weight > 0, weight, max(problem.device.damping_ns_per_m, 1.0))
-        share = 1e-4  # of the smallest gain that weighs as much as the environment
-        b = share * float(weight.min())
-        k = share * float((weight / np.abs(coupling_impedance(loop.angle, 0.0, 1.0))).min())
-        floors, box = [b, k], problem.coupling
+        b_floor = FLOOR_SHARE * float(weight.min())
+        k_floor = FLOOR_SHARE * float((weight / np.abs(coupling_impedance(loop.angle, 0.0, 1.0))).min())
+        floors = [b_floor, k_floor]
+        box = problem.coupling
         ends = [box.damping_ns_per_m, box.stiffness_n_per_m]
         if box.contact_damping_ns_per_m[1] > 0:
-            floors.append(max(problem.device.damping_ns_per_m, 10 * b))
+            floors.append(max(problem.device.damping_ns_per_m, CONTACT_FLOOR_RATIO * b_floor))
             ends.append(box.contact_damping_ns_per_m)
         least, most = np.array(ends).T
         return cls(np.array(floors), least, most)
@@ -65,7 +100,7 @@ class States:
         return replace(self, least=np.clip(least, self.least, self.most), most=np.clip(most, self.least, self.most))
 
     def lattice(self, points: Mapping[int, tuple[int, ...]]) -> tuple[list[FloatArray], FloatArray]:
-        """Return the axes of a lattice over the box and its nodes, (d, m): so many along each state."""
+        """Return the axes of a lattice over the box and its nodes, (d, m); ``points`` along each of d states."""
         ends = zip(self.low, self.high, points[len(self.floors)], strict=True)
         axes = [np.linspace(low, high, count if high > low else 1) for low, high, count in ends]
         return axes, np.array([grid.ravel() for grid in np.meshgrid(*axes, indexing="ij")])
@@ -74,10 +109,11 @@ class States:
         """Return (b, k, b_p) of states of shape (d, ...), inside the box to the last bit."""
         last = states.T
         inside = np.clip(np.exp(last) - self.floors, self.least, self.most)
-        # An interior point method only approaches an end.
-        low, high = last <= self.low + 1e-5, last >= self.high - 1e-5
-        gains = np.where(low, self.least, np.where(high, self.most, inside)).T
-        return gains[0], gains[1], gains[2] if len(gains) == 3 else np.zeros_like(gains[0])
+        at_low_end = last <= self.low + END_REACH
+        at_high_end = last >= self.high - END_REACH
+        gains = np.where(at_low_end, self.least, np.where(at_high_end, self.most, inside)).T
+        contact = gains[2] if len(gains) == 3 else np.zeros_like(gains[0])
+        return gains[0], gains[1], contact
 
     def states(self, gains: GainArrays) -> FloatArray:
         """Return the states of (b, k, b_p), shape (d, ...), clipped to the box."""
@@ -102,10 +138,10 @@ def worst_slack(problem: Problem, frequency_hz: FloatArray, gains: GainArrays) -
     corners = deciding_corners(problem)
     deciding = deciding_frequencies_hz(problem, frequency_hz)
     if deciding is not None:
-        at = _evaluable(problem, deciding.T)
-        real = loop_at(corners[0], at).perceived(*gains).real
+        scope_hz = _evaluable(problem, deciding.T)
+        real = loop_at(corners[0], scope_hz).perceived(*gains).real
         lowest = real.argmin(axis=0), np.arange(real.shape[1])
-        return ScopeSlack(real[lowest] - problem.stability.margin_ns_per_m, at[lowest])
+        return ScopeSlack(real[lowest] - problem.stability.margin_ns_per_m, scope_hz[lowest])
     all_slacks = [scope_slack(corner, frequency_hz, *gains) for corner in corners]
     slack = np.array([item.slack for item in all_slacks])
     worst = slack.argmin(axis=0), np.arange(slack.shape[1])
@@ -114,7 +150,12 @@ def worst_slack(problem: Problem, frequency_hz: FloatArray, gains: GainArrays) -
 
 @dataclass
 class Slots:
-    """Frequencies at which Re Z_h is kept above the margin; violating ones are added until none is left."""
+    """Frequencies at which Re Z_h is kept above the margin; violating ones are added until none is left.
+
+    Attributes:
+        frequency_hz: frequencies of each of n stages, shape (slots, n), Hz.
+        fixed: number of slots, the first, that are never replaced.
+    """
 
     frequency_hz: FloatArray
     fixed: int
@@ -128,9 +169,8 @@ class Slots:
         if deciding is not None:
             return cls(_evaluable(problem, deciding.T), deciding.shape[1])
         low, high = scope_band_hz(problem, frequency_hz)
-        lowest = np.minimum(np.maximum(low, 0.5e-4 / problem.device.sample_time_s), high)
-        # In the NLP, and spread in the lattice.
-        count = {"band": (3, 5), "all": (3, 23)}[problem.stability.scope][spread]
+        lowest = np.minimum(np.maximum(low, SLOWEST_TURNS / problem.device.sample_time_s), high)
+        count = SPREAD_SLOTS[problem.stability.scope] if spread else NLP_SLOTS
         between = np.geomspace(lowest, high, count + 2)[1:-1]
         return cls(_evaluable(problem, np.concatenate((low[None], high[None], between))), 2)
 
@@ -138,19 +178,24 @@ class Slots:
         """Replace the least active frequency of each stage by its worst one, ``missed`` (n,)."""
         if len(self.frequency_hz) == self.fixed:
             return
-        free = loop_at(deciding_corners(problem)[0], self.frequency_hz[self.fixed :]).perceived(*gains).real
-        slot, stages = self.fixed + free.argmax(axis=0), np.flatnonzero(missed)
+        replaceable_hz = self.frequency_hz[self.fixed :]
+        real = loop_at(deciding_corners(problem)[0], replaceable_hz).perceived(*gains).real
+        slot = self.fixed + real.argmax(axis=0)
+        stages = np.flatnonzero(missed)
         self.frequency_hz[slot[stages], stages] = _evaluable(problem, worst.frequency_hz[stages])
 
 
 def _evaluable(problem: Problem, frequency_hz: FloatArray) -> FloatArray:
     """Return frequencies just inside 0 and Nyquist, where an impedance is infinite though its real part is not."""
     nyquist = 0.5 / problem.device.sample_time_s
-    return np.asarray(np.clip(frequency_hz, 1e-7 * nyquist, (1 - 1e-9) * nyquist))
+    return np.asarray(np.clip(frequency_hz, NEAREST_ZERO * nyquist, (1 - NEAREST_NYQUIST) * nyquist))
 
 
 def realism_values(problem: Problem, z: Complex, target: Complex, bounds: FloatArray | list[Real]) -> list[Real]:
-    """Return what must not be negative, of symbols or arrays; bounds of |Z_h|^2 over |Z_h_ds|^2."""
+    """Return what must not be negative, of symbols or arrays; ``bounds`` are those of |Z_h|^2 over |Z_h_ds|^2.
+
+    jnd: 1 - |Z_h - Z_h_ds|^2/(rho |Z_h_ds|)^2; bounds: |Z_h|^2/|Z_h_ds|^2 less the lower one, the upper one less it.
+    """
     if problem.realism.require == "jnd":
         return [1 - abs2(z - target) / (abs2(target) * problem.realism.jnd**2)]
     size2 = abs2(z) / abs2(target)
@@ -170,21 +215,32 @@ def realism_slack(problem: Problem, loop: Loop, gains: GainArrays) -> FloatArray
     return np.asarray(np.min(realism_values(problem, loop.perceived(*gains), target, bounds), axis=0))
 
 
-def hands_slack(problem: Problem, states: States, at: FloatArray) -> FloatArray:
-    """Return 1 - spectral radius of the frozen loop, the least over the hands' corners and the device's, (m,)."""
-    b, k, contact = states.gains(at)
-    hands, margin = hand_corners(problem.hands), problem.stability.margin_ns_per_m
+def hands_slack(problem: Problem, states: States, nodes: FloatArray) -> FloatArray:
+    """Return 1 - spectral radius of the frozen loop at nodes (d, m), the least over all corners, shape (m,).
+
+    Corners are those of the hands and of the device; the margin is taken off the device's damping.
+    """
+    b, k, contact = states.gains(nodes)
+    hands = hand_corners(problem.hands)
+    margin = problem.stability.margin_ns_per_m
     slack = []
     for corner in deciding_corners(problem):
         lean = corner.device.model_copy(update={"damping_ns_per_m": corner.device.damping_ns_per_m - margin})
-        slack.append(1 - linear_stability(lean, frozen_parts(corner, b, k), contact, hands).radius.max(axis=1))
-    # A spline would ring at a larger step.
-    return np.asarray(np.clip(np.min(slack, axis=0), -0.1, 0.1))
+        radius = linear_stability(lean, frozen_parts(corner, b, k), contact, hands).radius
+        slack.append(1 - radius.max(axis=1))
+    return np.asarray(np.clip(np.min(slack, axis=0), -LARGEST_STEP, LARGEST_STEP))
 
 
 @dataclass(frozen=True)
 class HandsTable:
-    """Slack of the worst hand on the lattice of the dynamic programme."""
+    """Slack of the worst hand on the lattice of the dynamic programme.
+
+    Attributes:
+        axes: nodes along each of the d states.
+        nodes: all m nodes, shape (d, m).
+        values: 1 - spectral radius at each node with the worst hand, shape (m,).
+        spline: CasADi function of a state (d,): the interpolating cubic spline of the values.
+    """
 
     axes: list[FloatArray]
     nodes: FloatArray
@@ -193,10 +249,10 @@ class HandsTable:
 
     @classmethod
     def of(cls, problem: Problem, states: States, points: Mapping[int, tuple[int, ...]] | None = None) -> HandsTable:
-        """Return the table over the box of the states, with nodes along each; b_p, the sharpest, has more of them."""
-        counts = (points or {2: (64, 64), 3: (20, 20, 28)})[len(states.low)]
+        """Return the table over the box of the states, with ``points`` along each of d states."""
+        counts = (points or TABLE_NODES)[len(states.low)]
         axes = [
-            np.linspace(low, high if high > low else low + 1e-3, count)
+            np.linspace(low, high if high > low else low + SMALLEST_SPAN, count)
             for low, high, count in zip(states.low, states.high, counts, strict=True)
         ]
         nodes = np.array([grid.ravel() for grid in np.meshgrid(*axes, indexing="ij")])
@@ -208,7 +264,8 @@ def _spline(axes: list[FloatArray], values: FloatArray) -> Any:
     """Return CasADi's interpolating cubic spline; its coefficients come one axis after another, 300 times as fast."""
     from scipy.interpolate import make_interp_spline  # noqa: PLC0415 - half a second that few designs need
 
-    knots, coefficients = [], values
+    knots: list[list[float]] = []
+    coefficients = values
     for place, axis in enumerate(axes):
         along = make_interp_spline(axis, np.moveaxis(coefficients, place, 0), k=3)
         knots.append(along.t.tolist())
@@ -230,13 +287,22 @@ _OPTIONS: dict[str, Any] = {
     "ipopt.bound_push": 1e-6,
     "ipopt.bound_frac": 1e-6,
 }
-BACKOFF, _HANDS_BACKOFF = 1e-7, 1e-6
-"""Backoff of the NLP from scope and realism, and in spectral radius, so that its tolerance never violates them."""
+BACKOFF = 1e-7
+"""Backoff of the NLP from scope (over the scale of Re Z_h) and realism, so that its tolerance never violates them."""
+_HANDS_BACKOFF = 1e-6
+"""The same from the scope hands, in spectral radius."""
 
 
 @dataclass(frozen=True)
 class Solution:
-    """States (d, n), their cost, infinite after a failure, and what each stage lacks where that was minimised."""
+    """The result of one solution of the NLP.
+
+    Attributes:
+        states: states of n stages, shape (d, n).
+        cost: the objective, infinite after a failure.
+        failure: why the solver stopped early; empty where it did not.
+        short: what each stage lacks, shape (n,), where that was minimised; else empty.
+    """
 
     states: FloatArray
     cost: float
@@ -246,7 +312,16 @@ class Solution:
 
 @dataclass(frozen=True)
 class Programme:
-    """A schedule problem in numbers, and its NLP."""
+    """A schedule problem in numbers, and its NLP.
+
+    Attributes:
+        problem: the problem as stated.
+        frequency_hz: frequencies of the n stages, increasing, shape (n,), Hz.
+        states: the map between gains and states.
+        hands: table of the worst hand, of scope hands alone.
+        constant: whether all stages have the same gains.
+        elastic: "scope" or "realism" where the violation of that is minimised in place of the error.
+    """
 
     problem: Problem
     frequency_hz: FloatArray
@@ -272,7 +347,7 @@ class Programme:
     def scale_ns_per_m(self) -> FloatArray:
         """Scale of Re Z_h at each stage, (n,): the size of its terms."""
         target = np.asarray(self.loop.target)
-        return np.asarray(self.problem.device.damping_ns_per_m + np.abs(target.real) + 1e-3 * np.abs(target))
+        return np.asarray(self.problem.device.damping_ns_per_m + np.abs(target.real) + TARGET_SHARE * np.abs(target))
 
     @property
     def tolerance(self) -> float:
@@ -292,7 +367,7 @@ class Programme:
         interaction = self.problem.schedule.interaction_hz
         if interaction is not None:
             inside = (self.frequency_hz >= interaction[0]) & (self.frequency_hz <= interaction[1])
-            weight = np.where(inside, weight, 0.1 * weight)
+            weight = np.where(inside, weight, OUTSIDE_WEIGHT * weight)
         return np.asarray(weight / weight.sum())
 
     @property
@@ -302,13 +377,14 @@ class Programme:
         return np.inf if limit is None else limit
 
     def errors(self, gains: GainArrays) -> FloatArray:
-        """Return squared error and cost of b_p at each stage, for gains (..., n) or (..., 1)."""
-        goal, target = self.problem.realism, np.asarray(self.loop.target)
+        """Return the stage cost, error^2 + contact_damping_penalty (b_p/|Z_h_ds|)^2, of gains (..., n) or (..., 1)."""
+        goal = self.problem.realism
+        target = np.asarray(self.loop.target)
         error = relative_errors(self.loop.perceived(*gains), target, goal.objective, goal.jnd)
         return np.asarray(error**2 + self.problem.schedule.contact_damping_penalty * (gains[2] / np.abs(target)) ** 2)
 
     def cost_of(self, path: FloatArray) -> float:
-        """Return the NLP's objective at states (d, n)."""
+        """Return the NLP's objective at states (d, n): sum w_i l_i + (rho_s/X) sum (d sigma_i)^2/(d x_i)."""
         goal = float(self.errors(self.states.gains(path)) @ self.weight)
         if self.constant or path.shape[1] == 1:
             return goal
@@ -320,43 +396,50 @@ class Programme:
         """Return what states (d, n) leave of the scope, exactly, in the unit of `tolerance`, and of realism."""
         gains = self.states.gains(path)
         slack = worst_slack(self.problem, self.frequency_hz, gains).slack
-        real = realism_slack(self.problem, self.loop, gains)
-        return slack if self.hands is not None else slack / self.scale_ns_per_m, real
+        realism = realism_slack(self.problem, self.loop, gains)
+        return slack if self.hands is not None else slack / self.scale_ns_per_m, realism
 
     def at(self, rows: BoolArray) -> Programme:
         """Return the programme of some stages."""
         return replace(self, frequency_hz=self.frequency_hz[rows])
 
     def solve(self, slots: Slots, backoff: FloatArray, start: FloatArray) -> Solution:
-        """Solve from states (d, n)."""
+        """Solve from states (d, n), with a ``backoff`` of each stage from scope and realism, (2, n)."""
         d, n = start.shape
-        free = 1 if self.constant else n
-        low, high = (np.repeat(end[:, None], free, axis=1) for end in (self.states.low, self.states.high))
-        begin = np.clip(start[:, :free], low, high)
+        columns = 1 if self.constant else n
+        low = np.repeat(self.states.low[:, None], columns, axis=1)
+        high = np.repeat(self.states.high[:, None], columns, axis=1)
+        begin = np.clip(start[:, :columns], low, high)
         margin = self.problem.stability.margin_ns_per_m / self.scale_ns_per_m
-        bounded = [margin + backoff[0]] * len(slots.frequency_hz)
-        bounded += [backoff[1]] * REALISM_ROWS[self.problem.realism.require]
-        bounded += [backoff[0]] * (self.hands is not None)
-        least = np.array(bounded).reshape(-1, n)
+        lower_bounds = [margin + backoff[0]] * len(slots.frequency_hz)
+        lower_bounds += [backoff[1]] * REALISM_ROWS[self.problem.realism.require]
+        lower_bounds += [backoff[0]] * (self.hands is not None)
+        least = np.array(lower_bounds).reshape(-1, n)
         slopes = np.full(d * (n - 1) if self._steep else 0, self.slope_limit)
-        lacking = np.full(n if self.elastic else 0, self.tolerance)
-        given = (self.frequency_hz, self.scale_ns_per_m, *relative_bounds(self.problem, self.loop), *slots.frequency_hz)
+        short = np.full(n if self.elastic else 0, self.tolerance)
+        bounds = relative_bounds(self.problem, self.loop)
+        parameters = np.array((self.frequency_hz, self.scale_ns_per_m, *bounds, *slots.frequency_hz))
         # CasADi warns of the evaluation interrupted by Ctrl-C; other faults show in the exact checks.
         with contextlib.redirect_stderr(io.StringIO()):
             result = self._solver(
-                x0=np.concatenate((begin.ravel("F"), 1 + lacking)),
-                p=np.array(given),
-                lbx=np.concatenate((low.ravel("F"), -2 * lacking)),
-                ubx=np.concatenate((high.ravel("F"), np.inf + lacking)),
+                x0=np.concatenate((begin.ravel("F"), 1 + short)),
+                p=parameters,
+                lbx=np.concatenate((low.ravel("F"), -2 * short)),
+                ubx=np.concatenate((high.ravel("F"), np.inf + short)),
                 lbg=np.concatenate((least.ravel("F"), -slopes)),
                 ubg=np.concatenate((np.full(least.size, np.inf), slopes)),
             )
-        stats, found = self._solver.stats(), result["x"].full()[:, 0]
+        stats = self._solver.stats()
         if stats["return_status"] == "NonIpopt_Exception_Thrown":  # which Ctrl-C is to IPOPT
             raise KeyboardInterrupt
-        states = found[: d * free].reshape((d, free), order="F")
-        cost, failure = (float(result["f"]), "") if stats["success"] else (np.inf, str(stats["return_status"]))
-        return Solution(np.repeat(states, n // free, axis=1), cost, failure, found[d * free :])
+        variables = result["x"].full()[:, 0]
+        states = variables[: d * columns].reshape((d, columns), order="F")
+        return Solution(
+            states=np.repeat(states, n // columns, axis=1),
+            cost=float(result["f"]) if stats["success"] else np.inf,
+            failure="" if stats["success"] else str(stats["return_status"]),
+            short=variables[d * columns :],
+        )
 
     @property
     def _steep(self) -> bool:
@@ -365,14 +448,17 @@ class Programme:
 
     def _stage(self, slots: int) -> Any:
         """Return (sigma, parameters) -> cost, margins: Re Z_h of each slot over its scale, then realism's values."""
-        problem, goal = self.problem, self.problem.realism
-        sigma, given = ca.SX.sym("sigma", len(self.states.floors)), ca.SX.sym("given", 4 + slots)
+        problem = self.problem
+        goal = problem.realism
+        sigma = ca.SX.sym("sigma", len(self.states.floors))
+        given = ca.SX.sym("given", 4 + slots)
         frequency, scale, *bounds = ca.vertsplit(given[:4])
         gains = [ca.exp(state) - floor for state, floor in zip(ca.vertsplit(sigma), self.states.floors, strict=True)]
         b, k, contact = (*gains, ca.SX(0))[:3]
         numbers = casadi_numbers()
         loop = loop_at(problem, frequency, numbers)
-        z, target = loop.perceived(b, k, contact), loop.target
+        z = loop.perceived(b, k, contact)
+        target = loop.target
         cost = _error(goal.objective, z, target, goal.jnd)
         cost += problem.schedule.contact_damping_penalty * contact * contact / abs2(target)
         corner = deciding_corners(problem)[0]
@@ -386,8 +472,10 @@ class Programme:
     def _solver(self) -> Any:
         """IPOPT, with the frequencies of the scopes as parameters."""
         slots = len(Slots.of(self.problem, self.frequency_hz).frequency_hz)
-        d, n = len(self.states.floors), len(self.frequency_hz)
-        x, given = ca.MX.sym("x", d, 1 if self.constant else n), ca.MX.sym("given", 4 + slots, n)
+        d = len(self.states.floors)
+        n = len(self.frequency_hz)
+        x = ca.MX.sym("x", d, 1 if self.constant else n)
+        given = ca.MX.sym("given", 4 + slots, n)
         sigma = ca.repmat(x, 1, n) if self.constant else x
         cost, margins = self._stage(slots).map(n)(sigma, given)
         if self.hands is not None:
@@ -399,9 +487,11 @@ class Programme:
             margins += ca.mtimes(ca.DM(rows if self.elastic == "realism" else 1 - rows), short)
             nlp = {"x": ca.veccat(x, short), "f": ca.sum2(short), "g": ca.vec(margins), "p": given}
             return ca.nlpsol("shortest", "ipopt", nlp, _OPTIONS)
-        goal, limits = ca.dot(cost, ca.DM(self.weight).T), []
+        goal = ca.dot(cost, ca.DM(self.weight).T)
+        limits = []
         if n > 1 and not self.constant:
-            step, move = ca.repmat(ca.DM(np.diff(self.log_frequency)).T, d), x[:, 1:] - x[:, :-1]
+            step = ca.repmat(ca.DM(np.diff(self.log_frequency)).T, d)
+            move = x[:, 1:] - x[:, :-1]
             goal += self.problem.schedule.slope_penalty / np.ptp(self.log_frequency) * ca.dot(move, move / step)
             limits = [ca.vec(move / step)] if self._steep else []
         nlp = {"x": ca.vec(x), "f": goal, "g": ca.vertcat(ca.vec(margins), *limits), "p": given}
@@ -412,7 +502,7 @@ def _error(objective: str, z: ComplexExpr, target: ComplexExpr, noticeable: Real
     """Return the squared relative error of Z_h: of its magnitude, complex, or of its noticeable part."""
     error2 = abs2(z - target) / abs2(target)
     if objective == "magnitude":
-        return (1 - ca.sqrt(abs2(z) / abs2(target) + 1e-30)) ** 2
+        return (1 - ca.sqrt(abs2(z) / abs2(target) + SMALLEST_RATIO)) ** 2
     if objective == "complex":
         return error2
     return (ca.sqrt(ca.fmax(error2 / noticeable**2, 1.0)) - 1) ** 2
