@@ -24,19 +24,46 @@ from avc_casadi.model.problem_ranges import margin_over_range
 from avc_casadi.model.runtime import StateFeedback
 from avc_casadi.paper.equations import loop_at
 from avc_casadi.paper.realism import relative_errors
-from avc_casadi.paper.rows import gain_schedule, row_status
+from avc_casadi.paper.rows import GainArrays, gain_schedule, row_status
 
 StaticCondition = Literal["llewellyn", "all"]
+# Points are shares of the logarithmic range of each gain, 0 at its lower bound and 1 at its upper; so are steps.
 _SMALLEST_STEP = 1e-10
-# Costs that differ by less are equal; a gain at its bound is then preferred.
+# Costs that differ by less than this share are equal; a gain at its bound is then preferred.
 _FLAT = 1e-9
+# A share this near to 0 or 1 is the bound.
+_AT_BOUND = 1e-9
+# (6) allows b up to 8 and kT up to 9.4 times the damping of the device: upper ends of the search, with room to spare.
+_LARGEST_DAMPING = 9
+_LARGEST_STIFFNESS = 10
+# The logarithmic scale of a gain begins at this share of its largest value.
+_SCALE_SHARE = 1e-6
+# Slack of the condition, as a share of the device's damping, at which the largest stiffness counts as reached.
+_CLOSE_SLACK = 1e-13
+_FALSE_POSITIONS = 24
+# Every so many steps of false position one halves the bracket, whatever the shape of the margin.
+_HALVE_EVERY = 4
+# Nodes of the first grid along each gain, by the number of gains, and of the small grids that move about.
+_COARSE_NODES = {2: 49, 3: 21}
+_FINE_NODES = {2: 9, 3: 5}
+# Step at which the best of the starts is chosen, to be refined alone, from a multiple of that step.
+_RANKING_STEP = 2e-3
+_RESTART_RATIO = 10
+# Starts, and least distance between them in steps of the first grid.
+_STARTS = 3
+_APART = 1.5
+# Moves of a small grid, and what its step shrinks by.
+_MOVES = 200
+_SHRINK = 0.4
 
 
 class StaticSearch:
     """Search over (b, k[, b_p]), logarithmic shares of their ranges, by ever finer grids; points have shape (m, d)."""
 
     def __init__(self, problem: Problem, condition: StaticCondition, loop: SampledLoop) -> None:
-        self.problem, self.condition, self.loop = problem, condition, loop
+        self.problem = problem
+        self.condition = condition
+        self.loop = loop
         box = problem.coupling
         ends = [box.damping_ns_per_m, box.stiffness_n_per_m]
         if box.structure == "damped":
@@ -45,15 +72,14 @@ class StaticSearch:
         self.exact = False
         self.low, self.high = np.array(ends, dtype=np.float64).T
         if condition == "llewellyn":
-            # (6) allows b up to 8 and kT up to 9.4 times the damping of the device.
             most = problem.device.damping_ns_per_m + box.contact_damping_ns_per_m[1]
-            self.high[:2] = np.clip([9 * most, 10 * most / loop.sample_time_s], self.low[:2], self.high[:2])
+            allowed = [_LARGEST_DAMPING * most, _LARGEST_STIFFNESS * most / loop.sample_time_s]
+            self.high[:2] = np.clip(allowed, self.low[:2], self.high[:2])
         self.design = loop_at(problem, problem.frequencies_hz())
 
     def gains(self, points: FloatArray) -> FloatArray:
-        """Return b, k and b_p of points, shape (3, m)."""
-        # A logarithmic scale down to a millionth of the largest value, and the lower bound itself.
-        scale = self.high * 1e-6
+        """Return b, k and b_p of points, shape (3, m): (low + c) ((high + c)/(low + c))^x - c, c = 1e-6 high."""
+        scale = self.high * _SCALE_SHARE
         ratio = (self.high + scale) / np.where(self.high > 0, self.low + scale, 1.0)
         values = (self.low + scale) * np.where(self.high > 0, ratio, 1.0) ** points - scale
         values = np.where(points <= 0, self.low, np.where(points >= 1, self.high, values))
@@ -75,10 +101,11 @@ class StaticSearch:
         """Reduce stiffnesses until the condition is met; return the points and whether it is."""
         points = points.copy()
         met = self.slack(points) >= 0
-        others, group = np.unique(np.delete(points[~met], 1, axis=1), axis=0, return_inverse=True)
-        if len(others) == 0:
+        # Gains other than the stiffness, each combination once.
+        dampers, group = np.unique(np.delete(points[~met], 1, axis=1), axis=0, return_inverse=True)
+        if len(dampers) == 0:
             return points, met
-        inside, reachable = self._edge(others)
+        inside, reachable = self._edge(dampers)
         group = group.ravel()
         # The edge of another interval may lie above the point: stiffness is only ever reduced.
         back = inside[group, 1] <= points[~met, 1]
@@ -86,30 +113,38 @@ class StaticSearch:
         met[~met] = reachable[group] & back
         return points, met
 
-    def _edge(self, others: FloatArray) -> tuple[FloatArray, BoolArray]:
-        """Return the largest admissible stiffness at each of the other gains, by false position (Illinois)."""
-        inside, outside = (np.insert(others, 1, end, axis=1) for end in (0.0, 1.0))
-        slack_in, slack_out = self.slack(inside), self.slack(outside)
-        reachable, spare = slack_in >= 0, slack_in
+    def _edge(self, dampers: FloatArray) -> tuple[FloatArray, BoolArray]:
+        """Return points with the largest admissible stiffness beside each of the dampers, and whether there is one.
+
+        False position (Illinois): the slack of an end that stays for a second step counts half.
+        """
+        inside = np.insert(dampers, 1, 0.0, axis=1)
+        outside = np.insert(dampers, 1, 1.0, axis=1)
+        slack_in = self.slack(inside)
+        slack_out = self.slack(outside)
+        reachable = slack_in >= 0
+        spare = slack_in
         last = np.zeros(len(inside), dtype=int)
-        close = 1e-13 * self.problem.device.damping_ns_per_m
-        for step in range(24):
+        close = _CLOSE_SLACK * self.problem.device.damping_ns_per_m
+        for step in range(_FALSE_POSITIONS):
             # Converged, or narrower than any later step.
             open_rows = reachable & (spare > close) & (outside[:, 1] - inside[:, 1] > _SMALLEST_STEP)
             if not open_rows.any():
                 break
             fall = np.where(reachable & np.isfinite(slack_out), slack_in - slack_out, np.inf)
             share = np.where(np.isfinite(fall) & (fall > 0), slack_in / np.where(fall > 0, fall, 1.0), 0.5)
-            # Every fourth step halves the bracket, whatever the shape of the margin.
-            share = np.full(len(share), 0.5) if step % 4 == 0 else share
+            if step % _HALVE_EVERY == 0:
+                share = np.full(len(share), 0.5)
             middle = inside + share[:, None] * (outside - inside)
             slack = self.slack(middle)
             fits = slack >= 0
             spare = np.where(fits, slack, spare)
             side = np.where(fits, 1, -1)
             stale = np.where(side == last, 0.5, 1.0)
-            slack_in, slack_out = np.where(fits, slack, slack_in * stale), np.where(fits, slack_out * stale, slack)
-            inside, outside = np.where(fits[:, None], middle, inside), np.where(fits[:, None], outside, middle)
+            slack_in = np.where(fits, slack, slack_in * stale)
+            slack_out = np.where(fits, slack_out * stale, slack)
+            inside = np.where(fits[:, None], middle, inside)
+            outside = np.where(fits[:, None], outside, middle)
             last = side
         return inside, reachable
 
@@ -132,36 +167,44 @@ class StaticSearch:
     def run(self) -> tuple[FloatArray, float]:
         """Return the best point and its cost; if the cost is infinite, the point of least violation."""
         size = len(self.low)
-        coarse, near_step = {2: 49, 3: 21}[size], 2e-3
-        grid, step = _grid(np.linspace(0, 1, coarse), size), 1.0 / (coarse - 1)
+        grid = _grid(np.linspace(0, 1, _COARSE_NODES[size]), size)
+        step = 1.0 / (_COARSE_NODES[size] - 1)
         cost, points = self.cost(grid)
         if not np.isfinite(cost).any():
             start = grid[np.argmax(self.slack(grid))]
-            nearest, _ = _descend(start, lambda some: (-self.slack(some), some), step)
+            nearest, _ = _descend(start, lambda tried: (-self.slack(tried), tried), step)
             cost, points = self.cost(nearest[None])
             if not np.isfinite(cost).any():
                 return nearest, np.inf
-        starts = _apart(points[np.argsort(cost, kind="stable")][: np.count_nonzero(np.isfinite(cost))], 1.5 * step)
-        near, _ = min((_descend(start, self.cost, step, near_step) for start in starts), key=lambda end: end[1])
-        best, _ = _descend(near, self.cost, 10 * near_step)
-        best = np.where(best < 1e-9, 0.0, np.where(best > 1 - 1e-9, 1.0, best))
+        cheapest = points[np.argsort(cost, kind="stable")][: np.count_nonzero(np.isfinite(cost))]
+        starts = _apart(cheapest, _APART * step)
+        ends = [_descend(start, self.cost, step, _RANKING_STEP) for start in starts]
+        best_end, _ = min(ends, key=lambda end: end[1])
+        best, _ = _descend(best_end, self.cost, _RESTART_RATIO * _RANKING_STEP)
+        best = np.where(best < _AT_BOUND, 0.0, np.where(best > 1 - _AT_BOUND, 1.0, best))
+        return self._at_bounds_if_as_good(best)
+
+    def _at_bounds_if_as_good(self, best: FloatArray) -> tuple[FloatArray, float]:
+        """Return a point, or one as good with a gain at its bound, and its exact cost."""
         # A flat error may stop the search short of a bound.
+        size = len(best)
         rounded = np.repeat(best[None], 2 * size - 1, axis=0)
         for row, (gain, end) in enumerate(product([0, *range(2, size)], (0.0, 1.0)), start=1):
             rounded[row, gain] = end
             rounded[row, 1] = 1.0
         self.exact = True
-        costs, judged = self.cost(rounded)
+        costs, points = self.cost(rounded)
         as_good = np.flatnonzero(costs <= costs.min() * (1 + _FLAT))
         lowest = int(as_good[as_good > 0][0] if (as_good > 0).any() else 0)
-        return judged[lowest], float(costs[lowest])
+        return points[lowest], float(costs[lowest])
 
 
 def _grid(axis: FloatArray, size: int) -> FloatArray:
+    """Return all points with coordinates of one axis, shape (len(axis)^size, size)."""
     return np.stack(np.meshgrid(*[axis] * size, indexing="ij"), axis=-1).reshape(-1, size)
 
 
-def _apart(points: FloatArray, distance: float, count: int = 3) -> FloatArray:
+def _apart(points: FloatArray, distance: float, count: int = _STARTS) -> FloatArray:
     """Return the first of the points, (m, d), and the next ones distinct from those before."""
     taken = points[:1]
     for point in points:
@@ -179,25 +222,37 @@ def _descend(
     smallest: float = _SMALLEST_STEP,
 ) -> tuple[FloatArray, float]:
     """Move to the best point of a small grid about the present one; shrink the grid when the best is not at its rim."""
-    offsets = _grid(np.linspace(-1, 1, {2: 9, 3: 5}[len(start)]), len(start))
+    offsets = _grid(np.linspace(-1, 1, _FINE_NODES[len(start)]), len(start))
     best = float(value(start[None])[0][0])
-    for _ in range(200):
+    for _ in range(_MOVES):
         if step < smallest:
             break
         values, points = value(np.clip(start + step * offsets, 0.0, 1.0))
         lowest = int(np.argmin(values))
         gained = best - values[lowest]
         if gained > 0:
-            best, start = float(values[lowest]), points[lowest]
+            best = float(values[lowest])
+            start = points[lowest]
         # At the rim the same step is repeated, unless the gain is negligible.
         if not gained > _FLAT * abs(best) or np.max(np.abs(offsets[lowest])) < 1:
-            step *= 0.4
+            step *= _SHRINK
     return start, best
 
 
 @dataclass(frozen=True)
 class StaticCoupling:
-    """A constant coupling."""
+    """A constant coupling.
+
+    Attributes:
+        condition: the condition on all frequencies that it meets, or comes nearest to.
+        model: the model of the loop in which that is judged.
+        damping_ns_per_m: damping b, N.s/m.
+        stiffness_n_per_m: stiffness k, N/m.
+        contact_damping_ns_per_m: contact damping b_p, N.s/m; 0 in the series structure.
+        margin_ns_per_m: device damping to spare in the condition.
+        error: root mean square of the relative error over the problem's frequencies; infinite if not found.
+        found: whether the coupling meets the condition with the problem's margin.
+    """
 
     condition: StaticCondition
     model: Model
@@ -210,7 +265,8 @@ class StaticCoupling:
 
     def gains(self, units: Units) -> str:
         """Return damper and springs with their units."""
-        damping, stiffness = (partial(quantity, unit=units.unit(one), digits=4) for one in ("N.s/m", "N/m"))
+        damping = partial(quantity, unit=units.unit("N.s/m"), digits=4)
+        stiffness = partial(quantity, unit=units.unit("N/m"), digits=4)
         contact = f", b_p {damping(self.contact_damping_ns_per_m)}" if self.contact_damping_ns_per_m else ""
         return f"b {damping(self.damping_ns_per_m)}, k {stiffness(self.stiffness_n_per_m)}{contact}"
 
@@ -237,15 +293,24 @@ def static_coupling(problem: Problem, condition: StaticCondition = "llewellyn") 
     b, k, contact = (float(value) for value in search.gains(best[None])[:, 0])
     margin = float(search.slack(best[None])[0]) + problem.stability.margin_ns_per_m
     return StaticCoupling(
-        condition, search.loop.model, b, k, contact, margin, float(np.sqrt(cost)), bool(np.isfinite(cost))
+        condition=condition,
+        model=search.loop.model,
+        damping_ns_per_m=b,
+        stiffness_n_per_m=k,
+        contact_damping_ns_per_m=contact,
+        margin_ns_per_m=margin,
+        error=float(np.sqrt(cost)),
+        found=bool(np.isfinite(cost)),
     )
 
 
 def solve_static(problem: Problem) -> GainSchedule:
     """Solve by a constant coupling under Llewellyn's condition; notes tell the best that is passive here alone."""
-    started, units = time.perf_counter(), problem.units
-    certified, special = static_coupling(problem), static_coupling(problem, "all")
-    b, k, contact = certified.damping_ns_per_m, certified.stiffness_n_per_m, certified.contact_damping_ns_per_m
+    started = time.perf_counter()
+    units = problem.units
+    certified = static_coupling(problem)
+    special = static_coupling(problem, "all")
+    gains = Gains(certified.damping_ns_per_m, certified.stiffness_n_per_m, certified.contact_damping_ns_per_m)
     lacking = problem.stability.margin_ns_per_m - certified.margin_ns_per_m
     why = (
         f"no constant coupling of the gain box meets Llewellyn's condition (6), {certified.model} model: the best, "
@@ -255,10 +320,10 @@ def solve_static(problem: Problem) -> GainSchedule:
     return constant_schedule(
         problem,
         "static",
-        Gains(b, k, contact) if certified.found else None,
+        gains if certified.found else None,
         started,
         reason="" if certified.found else why,
-        status=row_status(problem, *(np.full(n, gain) for gain in (b, k, contact))),
+        status=row_status(problem, *_repeated(gains, n)),
         notes=tuple(f"best constant coupling, {choice.sentence(units)}" for choice in (certified, special)),
     )
 
@@ -276,14 +341,24 @@ def constant_schedule(
 ) -> GainSchedule:
     """Return the same gains at every frequency, infeasible for a reason where there are none."""
     n = len(problem.frequencies_hz())
-    b, k, contact = (np.full(n, gain) for gain in vars(gains or Gains(0.0, 0.0)).values())
+    if gains is None:
+        status = (Status.INFEASIBLE,) * n
     return gain_schedule(
         problem,
         method,
-        (b, k, contact),
-        (Status.INFEASIBLE,) * n if gains is None else status or (Status.SOLVED,) * n,
+        _repeated(gains or Gains(0.0, 0.0), n),
+        status or (Status.SOLVED,) * n,
         reason=(reason,) * n,
         solve_seconds=time.perf_counter() - started,
         notes=notes,
         state_feedback=law,
+    )
+
+
+def _repeated(gains: Gains, rows: int) -> GainArrays:
+    """Return constant gains as arrays (b, k, b_p) of so many rows."""
+    return (
+        np.full(rows, gains.damping_ns_per_m),
+        np.full(rows, gains.stiffness_n_per_m),
+        np.full(rows, gains.contact_damping_ns_per_m),
     )

@@ -20,7 +20,7 @@ from avc_casadi.design.static import constant_schedule
 from avc_casadi.model.declared import scene_effects
 from avc_casadi.model.effects import HandEffect, WallEffect
 from avc_casadi.model.gains import Gains, GainSchedule, gains_at
-from avc_casadi.model.hands import hand_set
+from avc_casadi.model.hands import Hand, hand_set
 from avc_casadi.model.problem import Boundaries, Frequency, Impedance, Problem, Structure
 from avc_casadi.model.scene import Scene
 from avc_casadi.paper.equations import loop_at
@@ -28,12 +28,32 @@ from avc_casadi.paper.realism import relative_errors
 from avc_casadi.simulation.scene import simulate_batch
 
 _SEED = 0
+# Factor by which the reserve is raised where some hand does not settle.
 _RAISE = 1.5
+# Default reserve, as a share of k_e T/2, and the reserve, N.s/m, below which it counts as none.
+_RESERVE_SHARE = 0.12
+_SMALLEST_RESERVE_NS_PER_M = 1e-9
+# Band of a tuned design: from a sustained press, in which a damper without a spring would creep, to contact
+# transients; not beyond a share of the sampling frequency.
+_LOWEST_HZ = 0.01
+_HIGHEST_HZ = 100.0
+_HIGHEST_TURNS = 0.45
+_BAND_POINTS = 50
+_SLOPE_PENALTY = 1e-4
 
 
 @dataclass(frozen=True)
 class StaticTuned:
-    """Tuned constant gains, and the hands of the last trial; without gains the reason."""
+    """Tuned constant gains and their last trial.
+
+    Attributes:
+        gains: the gains; None where there are none.
+        error: root mean square of the relative error over the problem's frequencies.
+        reserve_ns_per_m: damping of the device that was in reserve, N.s/m.
+        rested: how many hands came to rest.
+        hands: how many hands tried.
+        reason: why there are no gains; empty where there are.
+    """
 
     gains: Gains | None
     error: float
@@ -55,8 +75,8 @@ class StaticTuned:
 
 def tuned_margin(problem: Problem) -> float:
     """Return the default damping reserve, N.s/m: a share of k_e T/2, which sampling takes."""
-    reserve = 0.12 * problem.environment.stiffness_n_per_m * problem.device.sample_time_s / 2
-    return reserve if reserve >= 1e-9 else 0.0
+    reserve = _RESERVE_SHARE * problem.environment.stiffness_n_per_m * problem.device.sample_time_s / 2
+    return reserve if reserve >= _SMALLEST_RESERVE_NS_PER_M else 0.0
 
 
 def tune_static(problem: Problem, *, draws: int = 32, raises: int = 8, progress: Progress = SILENT) -> StaticTuned:
@@ -68,59 +88,75 @@ def tune_static(problem: Problem, *, draws: int = 32, raises: int = 8, progress:
             f"there; listed: {', '.join(sorted(kinds))}"
         )
     hands = hand_set(problem.hands, draws=draws, seed=_SEED)
-    damping, reserve = problem.units.unit("N.s/m"), problem.stability.margin_ns_per_m or tuned_margin(problem)
-    rested, error, why = 0, np.inf, ""
+    damping_unit = problem.units.unit("N.s/m")
+    reserve = problem.stability.margin_ns_per_m or tuned_margin(problem)
+    # The trial without friction costs least and comes first; where it fails the next is skipped.
+    frictions = (False, True) if "coulomb-friction" in kinds else (False,)
+    rested = 0
+    why = ""
     for raised in range(1 + raises):
-        progress.advance(raised, 1 + raises, f"{quantity(reserve, damping)} in reserve")
+        progress.advance(raised, 1 + raises, f"{quantity(reserve, damping_unit)} in reserve")
         # Realism applies to tables: the best constant gains may be unrealistic at some row.
         stated = problem.changed(stability={"scope": "hands", "margin_ns_per_m": reserve}, realism={"require": "none"})
         table = solve_schedule(stated, constant=True)
         if not table.usable.all():
             why = f"{why}, and with more none are found" if raised else table.reason[0]
-            return StaticTuned(None, error, reserve, rested, len(hands), why)
-        gains, rest = gains_at(table), np.ones(len(hands), dtype=bool)
-        # The trial without friction costs least and comes first; where it fails the next is skipped.
-        for friction in (False, True) if "coulomb-friction" in kinds else (False,):
-            if rest.all():
-                rest = simulate_batch(problem, hands, gains, friction=friction).stable
-        rested = int(np.count_nonzero(rest))
+            return StaticTuned(None, np.inf, reserve, rested, len(hands), why)
+        gains = gains_at(table)
+        rested = _rested(problem, hands, gains, frictions)
         if rested == len(hands):
-            loop, realism = loop_at(problem, problem.frequencies_hz()), problem.realism
-            perceived = loop.perceived(*vars(gains).values())
-            errors = relative_errors(perceived, np.asarray(loop.target), realism.objective, realism.jnd)
-            error = float(np.sqrt(np.mean(errors**2)))
-            return StaticTuned(gains, error, reserve, rested, len(hands))
+            return StaticTuned(gains, _rms_error(problem, gains), reserve, rested, len(hands))
         why = (
             f"no constant gains of the box make every hand settle in the scene: {rested} of {len(hands)} with the "
             "last; narrow [hands], widen the box of [coupling], add device damping or soften the wall"
         )
         reserve *= _RAISE
-    return StaticTuned(None, error, reserve / _RAISE, rested, len(hands), why)
+    return StaticTuned(None, np.inf, reserve / _RAISE, rested, len(hands), why)
+
+
+def _rested(problem: Problem, hands: Hand, gains: Gains, frictions: tuple[bool, ...]) -> int:
+    """Return how many hands come to rest in the scene in the first trial that some of them fail, or in the last."""
+    rest = np.ones(len(hands), dtype=bool)
+    for friction in frictions:
+        if rest.all():
+            rest = simulate_batch(problem, hands, gains, friction=friction).stable
+    return int(np.count_nonzero(rest))
+
+
+def _rms_error(problem: Problem, gains: Gains) -> float:
+    """Return the root mean square of the relative error of constant gains over the problem's frequencies."""
+    loop = loop_at(problem, problem.frequencies_hz())
+    realism = problem.realism
+    perceived = loop.perceived(gains.damping_ns_per_m, gains.stiffness_n_per_m, gains.contact_damping_ns_per_m)
+    errors = relative_errors(perceived, np.asarray(loop.target), realism.objective, realism.jnd)
+    return float(np.sqrt(np.mean(errors**2)))
 
 
 def solve_static_tuned(problem: Problem, *, progress: Progress = SILENT) -> GainSchedule:
     """Solve by tuned constant gains; the same at every row; the notes report their trial."""
     started = time.perf_counter()
-    found = tune_static(problem, progress=progress)
-    notes = (found.sentence(problem.units.unit("N.s/m")),)
-    return constant_schedule(problem, "static-tuned", found.gains, started, reason=found.reason, notes=notes)
+    tuned = tune_static(problem, progress=progress)
+    notes = (tuned.sentence(problem.units.unit("N.s/m")),)
+    return constant_schedule(problem, "static-tuned", tuned.gains, started, reason=tuned.reason, notes=notes)
 
 
 def tuning_problem(problem: Problem, structure: Structure, margin_ns_per_m: float | None = None) -> Problem:
     """Return the problem of tuned designs: goal without sampling, all training hands with a reserve, the whole band."""
-    device, wall = problem.device, problem.environment
-    made_up = wall.damping_ns_per_m + wall.stiffness_n_per_m * device.sample_time_s / 2
-    goal = Impedance(damping_ns_per_m=made_up, stiffness_n_per_m=wall.stiffness_n_per_m)
+    device = problem.device
+    wall = problem.environment
+    # The goal is rendered without sampling: its damping makes up for the k_e T/2 that sampling takes.
+    goal_damping = wall.damping_ns_per_m + wall.stiffness_n_per_m * device.sample_time_s / 2
+    goal = Impedance(damping_ns_per_m=goal_damping, stiffness_n_per_m=wall.stiffness_n_per_m)
     margin = tuned_margin(problem) if margin_ns_per_m is None else margin_ns_per_m
-    most = 2 * device.mass_kg / device.sample_time_s if structure == "damped" else 0.0
-    # From a sustained press, in which a damper without a spring would creep, to contact transients.
-    band = Frequency(start_hz=0.01, stop_hz=min(100.0, 0.45 / device.sample_time_s), points=50)
+    most_contact_damping = 2 * device.mass_kg / device.sample_time_s if structure == "damped" else 0.0
+    highest_hz = min(_HIGHEST_HZ, _HIGHEST_TURNS / device.sample_time_s)
+    band = Frequency(start_hz=_LOWEST_HZ, stop_hz=highest_hz, points=_BAND_POINTS)
     return problem.changed(
         boundaries=Boundaries(upper=goal, lower=goal),
-        coupling={"structure": structure, "contact_damping_ns_per_m": (0.0, most)},
+        coupling={"structure": structure, "contact_damping_ns_per_m": (0.0, most_contact_damping)},
         stability={"model": "sampled-data", "scope": "hands", "margin_ns_per_m": margin},
         realism={"objective": "complex"},
-        schedule={"slope_penalty": 1e-4},
+        schedule={"slope_penalty": _SLOPE_PENALTY},
         frequency=band,
         scene=Scene(effects=(HandEffect(), WallEffect())),
     )
