@@ -37,24 +37,25 @@ _COMPARED = (
 def scene_coupling(problem: Problem) -> Gains | GainSchedule:
     """Return the coupling that the problem's scene names, solved; "none" joins device and environment rigidly."""
     name = problem.scene.coupling
-    # The default one, of a scene that names none, for a delay rounded up to whole samples.
-    designed_for = problem.changed(device={"delay_samples": _designed_for(problem)})
+    designed_for = problem.changed(device={"delay_samples": _designed_delay_samples(problem)})
     return NO_COUPLING if name == "none" else solve(designed_for, name)
 
 
 def scene_notes(problem: Problem) -> list[str]:
     """Return a note where the coupling of a scene is designed for another device than the simulated one."""
-    declared, whole = problem.device.delay_samples, _designed_for(problem)
-    if whole == declared:
+    declared = problem.device.delay_samples
+    designed = _designed_delay_samples(problem)
+    if designed == declared:
         return []
     note = (
-        f"the scene names no coupling: {problem.scene.coupling}, designed for {whole:g} samples of delay, simulated "
+        f"the scene names no coupling: {problem.scene.coupling}, designed for {designed:g} samples of delay, simulated "
         f"with {declared:g}; avc recommend P --out c.json makes one for this device, for --gains c.json"
     )
     return [note]
 
 
-def _designed_for(problem: Problem) -> float:
+def _designed_delay_samples(problem: Problem) -> float:
+    """Return the delay that a scene's coupling is designed for: of a scene that names none, rounded up."""
     named = "coupling" in problem.scene.model_fields_set
     return problem.device.delay_samples if named else math.ceil(problem.device.delay_samples)
 
@@ -128,13 +129,17 @@ def _read_at(run: Run, problem: Problem) -> float | None:
     gains = run.request["gains"]
     if isinstance(gains, Gains):
         return None
-    table = (
-        gains.table if isinstance(gains, Coupling) else gains if isinstance(gains, GainTable) else GainTable.of(gains)
-    )
+    table = _table_of(gains)
     if table.constant:
         return None
     named = problem.scene.interaction_hz
     return table.rest_hz if named is None else named
+
+
+def _table_of(gains: Coupling | GainTable | GainSchedule) -> GainTable:
+    if isinstance(gains, Coupling):
+        return gains.table
+    return gains if isinstance(gains, GainTable) else GainTable.of(gains)
 
 
 @of_problem

@@ -25,12 +25,18 @@ from avc_casadi.model.problem import Problem
 
 @dataclass(frozen=True)
 class ToolSearchOptions:
-    """Numbers of the search."""
+    """Numbers of the search.
 
-    # Dampers B tried before the best are refined: the limit of K over B has several humps, some no wider than a third.
+    Attributes:
+        dampers: dampers B tried before the best are refined. The limit of K over B has several humps, some no wider
+            than a third; with fewer dampers a hump may be passed by.
+        precision: relative precision of a limit; each halving costs another stability test for every limit.
+        local_ratios: dampers of the device's local loop, as damping ratios of the released device on K: above 1 it
+            only creeps back.
+    """
+
     dampers: int = 49
     precision: float = 5e-3
-    # Dampers of the device's local loop, as damping ratios of the released device on K: above 1 it only creeps back.
     local_ratios: tuple[float, ...] = (0.1, 0.2, 0.35, 0.5, 0.7, 1.0)
 
 
@@ -39,11 +45,44 @@ WIDEST_MARGIN = 4.0
 """Upper limit of the gain margins that are searched."""
 # Share of the stiffest K from which a local maximum over B is refined.
 _HUMP = 0.5
+# Dampers B tried reach from this share of m/T to m/T.
+_LIGHTEST_DAMPER = 1e-4
+# Mass, kg, where neither device nor hand has any.
+_SMALLEST_MASS_KG = 1e-6
+# A search ends at this multiple of m/T^2, and a coupling counts as none below this share of m/T_slow^2.
+_STIFFEST = 10
+_SOFTEST = 1e-5
+# Searches of the ranges for one summit: each adds a loop or some, and few are needed.
+_SEARCHES = 20
+# Shares of a summit's K that are searched for a counterexample: just below it, and well below.
+_SOFTER = (0.99, 0.8)
+# Precision of a limit while humps are looked for, and shares of the limit before at which the next is looked for.
+_ROUGH = 1.05
+_SHARES_OF_BEFORE = (1 / 64, 1 / 16, 1 / 4, 1.0)
+# Steps and precision in ln B of a refined hump: humps have a sharp edge.
+_HUMP_STEPS = 16
+_HUMP_PRECISION = 2e-3
+# A first guess of a limit that is unstable is divided by this until it is stable.
+_BACK_OFF = 2**0.5
+# Below a limit gaps are looked for down to a fiftieth, in steps of a quarter.
+_GAP_REACH = 50
+_GAP_STEP = 1.25
+# Damping ratio, as a share of the best or of a part of it, from which a damper counts as that good.
+_GOOD = 0.9
+# Lightest damper of the device's local loop that is told from none, as a share of the heaviest.
+_LIGHTEST_LOCAL = 1e-6
 
 
 @dataclass(frozen=True)
 class Scale:
-    """Scales of the search."""
+    """Scales of the search.
+
+    Attributes:
+        mass_kg: mass m of the lightest device of the range, or of the lightest hand where it has none.
+        damping_ns_per_m: damping of the least damped device of the range, N.s/m.
+        sample_time_s: sample time T of the device, s.
+        slow_s: the slowest time of the loop T_slow, s: the engine's step, or the delay of a round trip.
+    """
 
     mass_kg: float
     damping_ns_per_m: float
@@ -55,22 +94,33 @@ class Scale:
         """Return the scales of a problem's device, with its lightest hand where it has no mass."""
         device = problem.device
         lightest = device.mass_kg if device.range.mass_kg is None else device.range.mass_kg[0]
-        mass = lightest or max(problem.hands.mass_kg[0], 1e-6)
+        mass = lightest or max(problem.hands.mass_kg[0], _SMALLEST_MASS_KG)
         damping = device.damping_ns_per_m if device.range.damping_ns_per_m is None else device.range.damping_ns_per_m[0]
         return cls(mass, damping, device.sample_time_s, max(slow_s, device.sample_time_s))
 
     def dampers_ns_per_m(self, options: ToolSearchOptions = DEFAULT_OPTIONS) -> FloatArray:
         """Return the dampers B that are tried, in increasing order."""
-        return self.mass_kg / self.sample_time_s * np.geomspace(1e-4, 1.0, options.dampers)
+        return self.mass_kg / self.sample_time_s * np.geomspace(_LIGHTEST_DAMPER, 1.0, options.dampers)
 
 
 class CouplingSearch:
-    """Search for a spring and damper that stabilise all loops."""
+    """Search for a spring K and damper B that stabilise all loops.
+
+    Attributes:
+        loops: the loops of all devices, hands and other ends, with every counterexample found so far.
+        scale: scales of the search.
+        options: its numbers.
+        least: least gain margin with which a coupling may run.
+        deployable: the loops with that margin.
+    """
 
     def __init__(
         self, loops: Loops, scale: Scale, options: ToolSearchOptions = DEFAULT_OPTIONS, least: float = 1.0
     ) -> None:
-        self.loops, self.scale, self.options, self.least = loops, scale, options, least
+        self.loops = loops
+        self.scale = scale
+        self.options = options
+        self.least = least
         self.deployable = self._with(least)
 
     @cached_property
@@ -81,12 +131,12 @@ class CouplingSearch:
     @property
     def stiffest_n_per_m(self) -> float:
         """Stiffness at which a search ends: that of a mass that oscillates faster than T resolves."""
-        return 10 * self.scale.mass_kg / self.scale.sample_time_s**2
+        return _STIFFEST * self.scale.mass_kg / self.scale.sample_time_s**2
 
     @property
     def _softest_n_per_m(self) -> float:
         """Stiffness below which a coupling counts as none."""
-        return 1e-5 * self.scale.mass_kg / self.scale.slow_s**2
+        return _SOFTEST * self.scale.mass_kg / self.scale.slow_s**2
 
     @property
     def softest(self) -> ToolGains:
@@ -100,21 +150,22 @@ class CouplingSearch:
     def stiffest_beside_local_damper(self) -> ToolGains:
         """Return the stiffest K, with its B, where the local loop damps the released device up to critically."""
 
-        def beside(ratio: float) -> ToolGains:
+        def stiffest_with_ratio(ratio: float) -> ToolGains:
             return self._summit(lambda b, k: ToolGains(k, b, self._local(k, ratio)))
 
         # The limit hardly varies between neighbours of these ratios: every other one suffices.
-        found = [self.stiffest(), *map(beside, self.options.local_ratios[1::2])]
-        return max(found, key=lambda one: one.stiffness_n_per_m)
+        summits = [self.stiffest(), *map(stiffest_with_ratio, self.options.local_ratios[1::2])]
+        return max(summits, key=_stiffness)
 
     def _local(self, stiffness_n_per_m: float, ratio: float) -> float:
-        """Return the damper that, with the device's own, gives a damping ratio when released on a spring."""
+        """Return the damper that, with the device's own, gives a damping ratio on a spring: 2 zeta sqrt(K m) - b_d."""
         critical = 2 * math.sqrt(stiffness_n_per_m * self.scale.mass_kg)
         return max(0.0, ratio * critical - self.scale.damping_ns_per_m)
 
     def stiffest_with_margin(self, limit: ToolGains, gain_margin: float, *, local: bool) -> float:
         """Return the stiffest K that has a gain margin with some B; 0 where none has."""
-        judge, below = self._with(gain_margin), limit.times(1 / gain_margin)
+        judge = self._with(gain_margin)
+        below = limit.times(1 / gain_margin)
         if below.stiffness_n_per_m > 0 and judge.stable(below) and not judge.has_counterexample(below):
             return below.stiffness_n_per_m
         # A trial begins at a share of it: every other damper suffices.
@@ -124,13 +175,17 @@ class CouplingSearch:
     def _summit(self, gains: Callable[[float, float], ToolGains]) -> ToolGains:
         """Return the gains of a damper and a spring with the stiffest K that no search of the ranges refutes."""
         limits: list[float] = []
-        for _ in range(20):  # each search of the ranges adds a loop or some; few are needed
+        for _ in range(_SEARCHES):
             limits = self._lowered(gains, limits) if limits else self._limits(gains)
-            found = self._top(gains, limits)
-            softer = (replace(found, stiffness_n_per_m=share * found.stiffness_n_per_m) for share in (0.99, 0.8))
-            if not found.stiffness_n_per_m or not any(self.loops.has_counterexample(one) for one in softer):
-                return found
+            summit = self._top(gains, limits)
+            if not summit.stiffness_n_per_m or not self._refuted_below(summit):
+                return summit
         return gains(0.0, 0.0)
+
+    def _refuted_below(self, summit: ToolGains) -> bool:
+        """Return whether a search of the ranges refutes a softer coupling with the dampers of a summit."""
+        softer = (replace(summit, stiffness_n_per_m=share * summit.stiffness_n_per_m) for share in _SOFTER)
+        return any(self.loops.has_counterexample(coupling) for coupling in softer)
 
     def _limits(self, gains: Callable[[float, float], ToolGains]) -> list[float]:
         """Return roughly the stiffest stable K of each damper."""
@@ -142,31 +197,33 @@ class CouplingSearch:
 
     def _lowered(self, gains: Callable[[float, float], ToolGains], before: list[float]) -> list[float]:
         """Return the limits where loops were added; those that stay below a hump are left as they were."""
-        limits, top, low = before.copy(), 0.0, self._softest_n_per_m
-        for place in sorted(range(len(before)), key=lambda at: -before[at]):
-            if before[place] <= max(low, _HUMP * top):
+        limits = before.copy()
+        top = 0.0
+        for place in sorted(range(len(before)), key=lambda place: -before[place]):
+            if before[place] <= max(self._softest_n_per_m, _HUMP * top):
                 break
-            one = partial(gains, float(self.dampers_ns_per_m[place]))
-            limits[place] = self._followed(one, before[place], before[place])
+            with_damper = partial(gains, float(self.dampers_ns_per_m[place]))
+            limits[place] = self._followed(with_damper, before[place], before[place])
             top = max(top, limits[place])
         return limits
 
     def _top(self, gains: Callable[[float, float], ToolGains], limits: list[float]) -> ToolGains:
         """Return the gains with the stiffest stable K: every hump of the limit is refined."""
         dampers = self.dampers_ns_per_m.tolist()
-        least, ends = _HUMP * max(limits), [0.0, *limits, 0.0]
+        least = _HUMP * max(limits)
+        ends = [0.0, *limits, 0.0]
         humps = [
             place
             for place, (before, here, after) in enumerate(zip(ends, limits, ends[2:], strict=False))
             if here > 0 and here >= least and before <= here >= after
         ]
-        found = [one for place in humps for one in self._refined(gains, dampers[place], limits[place])]
+        refined = [pair for place in humps for pair in self._refined(gains, dampers[place], limits[place])]
         best = gains(0.0, 0.0)
-        for limit, damping in sorted(found, reverse=True):
+        for limit, damping in sorted(refined, reverse=True):
             if limit <= best.stiffness_n_per_m:
                 break
             checked = self._without_gaps(partial(gains, damping), limit)
-            best = max(best, checked, key=lambda one: one.stiffness_n_per_m)
+            best = max(best, checked, key=_stiffness)
         return best
 
     def _refined(
@@ -176,22 +233,23 @@ class CouplingSearch:
         from scipy.optimize import minimize_scalar  # noqa: PLC0415 - as long as all that `avc check` needs
 
         fine = 1 + self.options.precision
-        found = [(self._limit(partial(gains, damping_ns_per_m), limit_n_per_m, fine), damping_ns_per_m)]
+        limits = [(self._limit(partial(gains, damping_ns_per_m), limit_n_per_m, fine), damping_ns_per_m)]
 
         def softness(logarithm: float) -> float:
             damping = math.exp(logarithm)
-            limit = self._limit(partial(gains, damping), max(found)[0], fine)
-            found.append((limit, damping))
+            limit = self._limit(partial(gains, damping), max(limits)[0], fine)
+            limits.append((limit, damping))
             return -limit
 
-        ratio, middle = math.log(self.dampers_ns_per_m[1] / self.dampers_ns_per_m[0]), math.log(damping_ns_per_m)
+        ratio = math.log(self.dampers_ns_per_m[1] / self.dampers_ns_per_m[0])
+        middle = math.log(damping_ns_per_m)
         minimize_scalar(
             softness,
             bounds=(middle - ratio, middle + ratio),
             method="bounded",
-            options={"maxiter": 16, "xatol": 2e-3},  # humps have a sharp edge
+            options={"maxiter": _HUMP_STEPS, "xatol": _HUMP_PRECISION},
         )
-        return found
+        return limits
 
     def damped(self, stiffness_n_per_m: float, *, local: bool = False, gain_margin: float = 1.0) -> list[ToolGains]:
         """Return K with dampers to try: that of best damping ratio, lighter ones of half of it, the heaviest."""
@@ -203,21 +261,30 @@ class CouplingSearch:
         safe = list(filter(self._with(gain_margin).stable, stable))
         if not safe:
             return [max(stable, key=self.gain_margin)]
-        ratios = [self.loops.slowest(one).damping_ratio for one in safe]
-        good, half, quarter = (
-            [one for one, ratio in zip(safe, ratios, strict=True) if ratio >= 0.9 * part * max(ratios)]
-            for part in (1.0, 0.5, 0.25)
-        )
-        best, heaviest = max(good, key=self.gain_margin), max(good, key=_dampers)
-        lighter = [min(some, key=_dampers) for some in (half, quarter)]
-        return list(dict.fromkeys((best, *lighter, heaviest)))
+        ratios = [self.loops.slowest(coupling).damping_ratio for coupling in safe]
+
+        def as_damped(part: float) -> list[ToolGains]:
+            least = _GOOD * part * max(ratios)
+            return [coupling for coupling, ratio in zip(safe, ratios, strict=True) if ratio >= least]
+
+        good = as_damped(1.0)
+        best = max(good, key=self.gain_margin)
+        lightest_of_half = min(as_damped(1 / 2), key=_dampers)
+        lightest_of_quarter = min(as_damped(1 / 4), key=_dampers)
+        heaviest = max(good, key=_dampers)
+        return list(dict.fromkeys((best, lightest_of_half, lightest_of_quarter, heaviest)))
 
     def held(self, stiffness_n_per_m: float, *, local: bool = False, inside: bool = True) -> ToolGains | None:
         """Return gains of this K with which every loop, at corners or inside too, has its least margins, or None."""
-        tried = self._tried(stiffness_n_per_m, local=local)
-        order = sorted(range(len(tried)), key=lambda at: abs(at - len(tried) / 2))
-        safe = filter(self.deployable.stable, (tried[at] for at in order))
-        return next((one for one in safe if not (inside and self.deployable.has_counterexample(one))), None)
+        couplings = self._tried(stiffness_n_per_m, local=local)
+        middle_first = sorted(range(len(couplings)), key=lambda place: abs(place - len(couplings) / 2))
+        for place in middle_first:
+            coupling = couplings[place]
+            if not self.deployable.stable(coupling):
+                continue
+            if not (inside and self.deployable.has_counterexample(coupling)):
+                return coupling
+        return None
 
     def has_counterexample(self, gains: ToolGains, gain_margin: float) -> bool:
         """Return whether a search of the ranges refutes gains with their margin; without it where they have none."""
@@ -229,11 +296,13 @@ class CouplingSearch:
 
     def _tried(self, stiffness_n_per_m: float, *, local: bool) -> list[ToolGains]:
         """Return the couplings of one stiffness to try."""
-        locals_ = {0.0, *(self._local(stiffness_n_per_m, ratio) for ratio in self.options.local_ratios if local)}
+        local_ratios = self.options.local_ratios if local else ()
+        local_dampers = {0.0, *(self._local(stiffness_n_per_m, ratio) for ratio in local_ratios)}
+        dampers = ([0.0] if local else []) + self.dampers_ns_per_m.tolist()
         return [
-            ToolGains(stiffness_n_per_m, damping, beside)
-            for beside in sorted(locals_)
-            for damping in ([0.0] if local else []) + self.dampers_ns_per_m.tolist()
+            ToolGains(stiffness_n_per_m, damping, local_damping)
+            for local_damping in sorted(local_dampers)
+            for damping in dampers
         ]
 
     def gain_margin(self, gains: ToolGains, motor: int | None = None) -> float:
@@ -245,39 +314,45 @@ class CouplingSearch:
 
     def gain_margin_over_ranges(self, gains: ToolGains, motor: int | None = None) -> float:
         """Return the gain margin of K and B, or of one motor alone, once no search of the ranges refutes it."""
-        found = self.gain_margin(gains, motor)
-        while found and self.loops.has_counterexample(gains.times(found / (1 + self.options.precision), motor)):
-            found = self.gain_margin(gains, motor)
-        return found
+        margin = self.gain_margin(gains, motor)
+        while margin and self.loops.has_counterexample(gains.times(margin / (1 + self.options.precision), motor)):
+            margin = self.gain_margin(gains, motor)
+        return margin
 
     def margins(self, gains: ToolGains) -> dict[str, Any]:
         """Return the gain margins of K and B at both ends, and of the device's motor alone and the follower's."""
-        each = [self.gain_margin_over_ranges(gains, motor) for motor in range(self.loops.motors)]
-        return {"gain_margin": self.gain_margin_over_ranges(gains), "motor_margins": each}
+        motor_margins = [self.gain_margin_over_ranges(gains, motor) for motor in range(self.loops.motors)]
+        return {"gain_margin": self.gain_margin_over_ranges(gains), "motor_margins": motor_margins}
 
     def why_not(self, gains: ToolGains) -> str:
         """Return why gains should not run on a device; empty where they may."""
         thin = f"linearly stable with a gain margin below {self.least:g}, of K and B or of one motor alone"
-        claims: dict[str, Loops] = {"linearly unstable": self.loops, thin: self.deployable}
-        return next((why for why, one in claims.items() if not one.stable(gains) or one.has_counterexample(gains)), "")
+        faults: dict[str, Loops] = {"linearly unstable": self.loops, thin: self.deployable}
+        for fault, loops in faults.items():
+            if not loops.stable(gains) or loops.has_counterexample(gains):
+                return fault
+        return ""
 
     def local_dampers_ns_per_m(self, gains: ToolGains) -> tuple[float, float]:
         """Return the range of the damper in the device's local loop with which K and B stay stable."""
-        top, here = float(self.dampers_ns_per_m[-1]), gains.local_damping_ns_per_m
+        top = float(self.dampers_ns_per_m[-1])
+        present = gains.local_damping_ns_per_m
 
         def stable(damping: float) -> bool:
             return self.loops.stable(replace(gains, local_damping_ns_per_m=damping))
 
-        start = here if here > 0 else float(self.dampers_ns_per_m[0])
+        start = present if present > 0 else float(self.dampers_ns_per_m[0])
         if not stable(start):
-            return here, here
-        most = edge(stable, start, top, 1 + self.options.precision)
+            return present, present
+        fine = 1 + self.options.precision
+        most = edge(stable, start, top, fine)
         if stable(0.0):
             return 0.0, most
-        least = start / edge(lambda part: stable(start / part), 1.0, start / (1e-6 * top), 1 + self.options.precision)
-        return least, most
+        largest_divisor = edge(lambda divisor: stable(start / divisor), 1.0, start / (_LIGHTEST_LOCAL * top), fine)
+        return start / largest_divisor, most
 
-    def _edge(self, gains: Callable[[float], ToolGains], low: float, high: float, precision: float = 1.05) -> float:
+    def _edge(self, gains: Callable[[float], ToolGains], low: float, high: float, precision: float = _ROUGH) -> float:
+        """Return the largest stable K between a stable one and a larger one."""
         return edge(lambda k: self.loops.stable(gains(k)), low, high, precision)
 
     def _followed(self, gains: Callable[[float], ToolGains], before_n_per_m: float, most_n_per_m: float) -> float:
@@ -285,7 +360,8 @@ class CouplingSearch:
         low = self._softest_n_per_m
         if not self.loops.stable(gains(low)):
             return 0.0
-        for high in (share * before_n_per_m for share in (1 / 64, 1 / 16, 1 / 4, 1.0)):
+        for share in _SHARES_OF_BEFORE:
+            high = share * before_n_per_m
             if high > low:
                 if not self.loops.stable(gains(high)):
                     return self._edge(gains, low, high)
@@ -296,7 +372,7 @@ class CouplingSearch:
         """Return the largest stable K near an initial guess, 0 where there is none."""
         low = near
         while not self.loops.stable(gains(low)):
-            low /= 2**0.5
+            low /= _BACK_OFF
             if low < self._softest_n_per_m:
                 return 0.0
         high = near if low < near else self.stiffest_n_per_m
@@ -304,8 +380,8 @@ class CouplingSearch:
 
     def _without_gaps(self, gains: Callable[[float], ToolGains], limit: float) -> ToolGains:
         """Return the gains at a limit, or below a gap in which a softer coupling is unstable with the same dampers."""
-        count = math.ceil(math.log(50) / math.log(1.25))
-        softer = (limit * np.geomspace(0.02, 1.0, count + 1)).tolist()
+        count = math.ceil(math.log(_GAP_REACH) / math.log(_GAP_STEP))
+        softer = (limit * np.geomspace(1 / _GAP_REACH, 1.0, count + 1)).tolist()
         if not self.loops.stable(gains(softer[0])):
             return gains(0.0)
         for before, after in itertools.pairwise(softer):
@@ -320,21 +396,23 @@ class ToolSearch(CouplingSearch):
     loops: ToolLoops
 
     def __init__(
-        self, problem: Problem, options: ToolSearchOptions = DEFAULT_OPTIONS, beside: Sequence[Hand] = ()
+        self, problem: Problem, options: ToolSearchOptions = DEFAULT_OPTIONS, more_hands: Sequence[Hand] = ()
     ) -> None:
-        self.loops = ToolLoops(problem, beside)
-        super().__init__(
-            self.loops, Scale.of(problem, max(self.loops.tool.step_s)), options, problem.robustness.gain_margin
-        )
+        self.loops = ToolLoops(problem, more_hands)
+        scale = Scale.of(problem, max(self.loops.tool.step_s))
+        super().__init__(self.loops, scale, options, problem.robustness.gain_margin)
 
     @cached_property
     def limit(self) -> tuple[ToolGains, bool]:
         """The stiffest that is stable, and whether a damper of the device's loop belongs to it."""
-        tool, local = self.loops.tool, self.loops.tool.damped_locally
-        stiffest = self.stiffest_beside_local_damper() if local else self.stiffest()
-        if not local and tool.stiffness_n_per_m is not None and tool.stiffness_n_per_m > stiffest.stiffness_n_per_m:
+        tool = self.loops.tool
+        if tool.damped_locally:
             return self.stiffest_beside_local_damper(), True
-        return stiffest, local
+        stiffest = self.stiffest()
+        wanted_n_per_m = tool.stiffness_n_per_m
+        if wanted_n_per_m is not None and wanted_n_per_m > stiffest.stiffness_n_per_m:
+            return self.stiffest_beside_local_damper(), True
+        return stiffest, False
 
 
 class FollowerSearch(CouplingSearch):
@@ -344,13 +422,21 @@ class FollowerSearch(CouplingSearch):
 
     def __init__(self, problem: Problem) -> None:
         self.loops = FollowerLoops(problem)
-        slow_s = max(sum(one) for one in self.loops.follower.delays_s)
-        # Long delays make large matrices, so fewer dampers are tried.
-        few = ToolSearchOptions(dampers=13, local_ratios=(0.2, 0.5, 1.0), precision=0.01)
-        super().__init__(self.loops, Scale.of(problem, slow_s), few, problem.robustness.gain_margin)
+        round_trip_s = max(sum(delays) for delays in self.loops.follower.delays_s)
+        scale = Scale.of(problem, round_trip_s)
+        super().__init__(self.loops, scale, _FOLLOWER_OPTIONS, problem.robustness.gain_margin)
+
+
+# Long delays make large matrices, so fewer dampers are tried.
+_FOLLOWER_OPTIONS = ToolSearchOptions(dampers=13, local_ratios=(0.2, 0.5, 1.0), precision=0.01)
+
+
+def _stiffness(gains: ToolGains) -> float:
+    return gains.stiffness_n_per_m
 
 
 def _dampers(gains: ToolGains) -> float:
+    """Return what all dampers of a coupling damp together, N.s/m."""
     return gains.damping_ns_per_m + gains.local_damping_ns_per_m
 
 
@@ -372,8 +458,9 @@ def edge(stable: Callable[[float], bool], low: float, high: float, precision: fl
 
 def certify_pair(problem: Problem, gains: ToolGains, search: ToolSearch | FollowerSearch) -> dict[str, Any]:
     """Return the certificate: JSON values, stability and passivity apart."""
-    stable, (radius, case) = search.loops.stable_over_ranges(gains), search.loops.radius(gains)
-    found: dict[str, Any] = plain(
+    stable = search.loops.stable_over_ranges(gains)
+    radius, case = search.loops.radius(gains)
+    certificate: dict[str, Any] = plain(
         {
             "stable": stable,
             "spectral_radius": radius,
@@ -390,7 +477,7 @@ def certify_pair(problem: Problem, gains: ToolGains, search: ToolSearch | Follow
             "passivity": {} if problem.simulation is None else _passivity(problem, gains),
         }
     )
-    return found
+    return certificate
 
 
 def _passivity(problem: Problem, gains: ToolGains) -> dict[str, Any]:
