@@ -30,9 +30,29 @@ OPTIMAL = 1e-8
 """Excess error, relative to |Z_h_ds|, below which a row counts as truly optimal."""
 
 
+_TIMED_ROWS = 25
+"""Frequencies at which each of CasADi's solvers is timed."""
+_LEAST_SECONDS = 0.5
+"""Time of all runs after which no further one is timed."""
+_MOST_RUNS = 5
+
+
 @dataclass(frozen=True)
 class SolverCost:
-    """One point of the work-precision diagram."""
+    """One point of the work-precision diagram.
+
+    Attributes:
+        method: name of the method.
+        solver: name of its solver; None where it has none.
+        tolerance: requested relative tolerance; None where it has none.
+        frequencies: number of frequencies solved.
+        seconds_per_frequency: median time of a run, over the frequencies, s.
+        excess_error: median of the magnitude error less the optimum's, over |Z_h_ds|; None where no row is known.
+        largest_excess_error: the largest.
+        optimal_share: share of the feasible rows whose excess is below `OPTIMAL`.
+        solved_share: share of the feasible rows that pass the checks of `direct`.
+        default: whether these are the solver and tolerance of `direct` without options.
+    """
 
     method: str
     solver: str | None
@@ -52,11 +72,11 @@ def fastest(costs: Sequence[SolverCost]) -> list[bool]:
         (cost.seconds_per_frequency, np.inf if cost.largest_excess_error is None else cost.largest_excess_error)
         for cost in costs
     ]
-    return [
-        bool(np.isfinite(error))
-        and not any(s <= seconds and e <= error and (s, e) != (seconds, error) for s, e in points)
-        for seconds, error in points
-    ]
+
+    def beaten(seconds: float, error: float) -> bool:
+        return any(s <= seconds and e <= error and (s, e) != (seconds, error) for s, e in points)
+
+    return [bool(np.isfinite(error)) and not beaten(seconds, error) for seconds, error in points]
 
 
 def accuracy_document(problem: Problem, costs: Sequence[SolverCost]) -> dict[str, Any]:
@@ -75,28 +95,37 @@ def solver_costs(
     tolerances: Sequence[float] = TOLERANCES,
     solvers: Sequence[str] = tuple(SOLVERS),
 ) -> list[SolverCost]:
-    """Time every method and solver."""
+    """Time every method and solver.
+
+    Args:
+        problem: the problem, at whose frequencies they are timed.
+        progress: reported over methods and solvers.
+        tolerances: relative tolerances requested of CasADi's solvers.
+        solvers: names of CasADi's solvers.
+    """
     loop = loop_at(with_wall(problem), problem.frequencies_hz())
     reference = np.abs(np.abs(loop.perceived(*exact_gains(problem, loop))) - np.abs(loop.target))
     default = (DEFAULT_SOLVER, DEFAULT_TOLERANCE)
-    others = [(name, tolerance) for name in solvers for tolerance in tolerances]
-    choices = [default, *(one for one in others if one != default)]
+    combinations = [(name, tolerance) for name in solvers for tolerance in tolerances]
+    choices = [default, *(choice for choice in combinations if choice != default)]
     costs = [
         SolverCost("closed-form", None, None, **_cost(problem, loop, reference, partial(_closed_form, problem, loop))),
         SolverCost("exact", None, None, **_cost(problem, loop, reference, partial(exact_gains, problem, loop))),
     ]
-    # CasADi's solvers are timed at a few; `exact` and the closed form run at all.
-    some = np.unique(np.linspace(0, len(reference) - 1, 25).round().astype(int))
-    few, error = loop.rows(some), reference[some]
+    # CasADi's solvers are timed at a few frequencies; `exact` and the closed form run at all.
+    timed = np.unique(np.linspace(0, len(reference) - 1, _TIMED_ROWS).round().astype(int))
+    timed_loop = loop.rows(timed)
+    timed_reference = reference[timed]
     for solver, tolerance in choices:
         nlp_solvers.cache_clear()
-        cost = _cost(problem, few, error, partial(nlp_gains, problem, few, solver, tolerance))
+        cost = _cost(problem, timed_loop, timed_reference, partial(nlp_gains, problem, timed_loop, solver, tolerance))
         costs.append(SolverCost("direct", solver, tolerance, **cost, default=(solver, tolerance) == default))
         progress.advance(len(costs), len(choices) + 2, "methods and solvers")
     return costs
 
 
 def _closed_form(problem: Problem, loop: Loop) -> GainArrays:
+    """Return the gains of the closed form, each (n,); not a number outside the gain box."""
     b, k = coupling_gains(loop.angle, project(problem).coupling)
     inside = admissible(problem, b, k, np.zeros(b.shape))
     return np.where(inside, b, np.nan), np.where(inside, k, np.nan), np.where(inside, 0.0, np.nan)
@@ -106,18 +135,19 @@ def _cost(problem: Problem, loop: Loop, reference: FloatArray, run: Callable[[],
     """Return the figures of a `SolverCost`."""
     rows = len(reference)
     gains = run()
-    steady: list[float] = []
-    while len(steady) < 1 or (len(steady) < 5 and sum(steady) < 0.5):
+    # The first run builds the solver; those after it are timed.
+    seconds: list[float] = []
+    while len(seconds) < 1 or (len(seconds) < _MOST_RUNS and sum(seconds) < _LEAST_SECONDS):
         started = time.perf_counter()
         run()
-        steady.append(time.perf_counter() - started)
+        seconds.append(time.perf_counter() - started)
     excess, solved = _quality(problem, loop, reference, gains)
     possible = np.isfinite(reference)
     known = excess[possible & np.isfinite(excess)]
     count = max(int(possible.sum()), 1)
     return {
         "frequencies": rows,
-        "seconds_per_frequency": statistics.median(steady) / rows,
+        "seconds_per_frequency": statistics.median(seconds) / rows,
         "excess_error": float(np.median(known)) if known.size else None,
         "largest_excess_error": float(known.max()) if known.size else None,
         "optimal_share": float(np.count_nonzero(known <= OPTIMAL)) / count,

@@ -28,9 +28,9 @@ from avc_casadi.paper.equations import loop_at
 from avc_casadi.paper.realism import perceived_bounds
 from avc_casadi.paper.rows import gain_schedule
 
-POINTWISE: tuple[MethodName, ...] = tuple(name for name, one in METHODS.items() if one.pointwise)
+POINTWISE: tuple[MethodName, ...] = tuple(name for name, known in METHODS.items() if known.pointwise)
 """The methods that solve the paper's problem pointwise in frequency, which are compared."""
-OPTIMISERS: tuple[MethodName, ...] = tuple(name for name, one in METHODS.items() if one.optimises)
+OPTIMISERS: tuple[MethodName, ...] = tuple(name for name, known in METHODS.items() if known.optimises)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -89,20 +89,21 @@ class Comparison(Tabular):
         return columns | {"verdict": np.array([verdict.value for verdict in self.verdict])}
 
     def _summary(self) -> str:
-        found = ", ".join(f"{count} {verdict}" for verdict, count in self.counts().items() if count)
+        counts = ", ".join(f"{count} {verdict}" for verdict, count in self.counts().items() if count)
         return (
             f"{self.problem!r}, {short(self.frequency_hz, 'Hz')}, by {', '.join(self.methods)}:\n"
-            f"  closed form against {self.optimum}: {found}"
+            f"  closed form against {self.optimum}: {counts}"
         )
 
     def counts(self) -> dict[str, int]:
         """Return how many frequencies have each verdict; verdicts that do not occur count 0."""
-        found = Counter(self.verdict)
-        return {verdict.value: found[verdict] for verdict in Verdict}
+        counted = Counter(self.verdict)
+        return {verdict.value: counted[verdict] for verdict in Verdict}
 
     def document(self) -> dict[str, Any]:
         """Return the JSON document, null where a number is undefined."""
-        curves, stated = ("without_coupling", "target", "upper", "lower"), self.definition
+        curves = ("without_coupling", "target", "upper", "lower")
+        stated = self.definition
         kept = ("problem", "frequency_hz", "optimum", "delivered", "reason", "cross_check")
         return plain_table(
             {
@@ -130,6 +131,8 @@ class Comparison(Tabular):
 # Two methods agree when their magnitude errors differ by less than this share of |Z_d| + |H Z_ds|: the NLP stays
 # strictly inside (12) while the projection stands on it, and the error moves much faster than Re Z_h along it.
 AGREEMENT = 1e-8
+# Of the same magnitude error those whose distances to Z_h_ds differ by more than this share are two points.
+_SAME_POINT = 1e-6
 
 
 class Verdict(StrEnum):
@@ -147,42 +150,46 @@ def verdicts(
 ) -> tuple[tuple[Verdict, ...], tuple[str, ...]]:
     """Judge every frequency: the better of closed form and optimum, and why they differ."""
     better = closed_form.magnitude_error > optimum.magnitude_error + AGREEMENT * scale
-    found = [_verdict(closed_form, optimum, row, better=bool(better[row])) for row in range(optimum.rows)]
-    return tuple(verdict for verdict, _ in found), tuple(reason for _, reason in found)
+    judged = [_verdict(closed_form, optimum, row, better=bool(better[row])) for row in range(optimum.rows)]
+    return tuple(verdict for verdict, _ in judged), tuple(reason for _, reason in judged)
 
 
 def _verdict(closed_form: GainSchedule, optimum: GainSchedule, row: int, *, better: bool) -> tuple[Verdict, str]:
-    method, error, known = optimum.method, f"{optimum.magnitude_error[row]:.3g}", optimum.reason[row]
+    """Return the verdict at one frequency, and its reason."""
+    method = optimum.method
+    error = f"{optimum.magnitude_error[row]:.3g}"
+    reason = optimum.reason[row]
     if not optimum.status[row].has_gains:
-        return Verdict.INFEASIBLE, known or f"{method} found no gains"
+        return Verdict.INFEASIBLE, reason or f"{method} found no gains"
     if not closed_form.status[row].has_gains:
         why = f"the closed form {closed_form.reason[row]}; {method} reaches a magnitude error of {error}"
         return Verdict.CLOSED_FORM_NOT_REALISABLE, why
     if better:
         damped = optimum.structure == "damped"
-        what = "contact damper leaves out the virtual mass" if damped else "projection keeps Im Z_h_ds"
-        left = f"{closed_form.magnitude_error[row]:.3g}"
-        return Verdict.DIRECT_BETTER, f"the {what}: a magnitude error of {left}; {method} reaches {error}"
+        cause = "contact damper leaves out the virtual mass" if damped else "projection keeps Im Z_h_ds"
+        closed_form_error = f"{closed_form.magnitude_error[row]:.3g}"
+        why = f"the {cause}: a magnitude error of {closed_form_error}; {method} reaches {error}"
+        return Verdict.DIRECT_BETTER, why
     if optimum.status[row] is Status.ACTIVE_BOUND:
-        return Verdict.BOUND_ACTIVE, f"same error; {known or f'{method} stands on a bound of the gain box'}"
+        return Verdict.BOUND_ACTIVE, f"same error; {reason or f'{method} stands on a bound of the gain box'}"
     return Verdict.AGREE, f"both reach a magnitude error of {error}"
 
 
 def cross_check(direct: GainSchedule, exact: GainSchedule, scale: FloatArray) -> dict[str, Any]:
     """Compare two independent solutions of (11)-(12): by how much they differ, relative to a scale, where and why."""
-    both = direct.usable & exact.usable
-    magnitude = np.where(both, direct.magnitude_error - exact.magnitude_error, 0.0) / scale
+    both_usable = direct.usable & exact.usable
+    only_one_usable = direct.usable != exact.usable
+    magnitude = np.where(both_usable, direct.magnitude_error - exact.magnitude_error, 0.0) / scale
     farther = np.abs(direct.impedance - direct.target) - np.abs(exact.impedance - exact.target)
-    distance = np.where(both, farther, 0.0) / scale
-    one = direct.usable != exact.usable
-    # Of the same magnitude error those whose distances to Z_h_ds differ by more than a millionth are two points.
-    parted = np.flatnonzero(one | (np.abs(magnitude) > AGREEMENT) | (np.abs(distance) > 1e-6)).tolist()
-    most, farthest = (float(np.abs(each).max(initial=0.0)) for each in (magnitude, distance))
+    distance = np.where(both_usable, farther, 0.0) / scale
+    differ = (np.abs(magnitude) > AGREEMENT) | (np.abs(distance) > _SAME_POINT)
+    parted = np.flatnonzero(only_one_usable | differ).tolist()
+    largest_magnitude = float(np.abs(magnitude).max(initial=0.0))
     return {
-        "agree": bool(most <= AGREEMENT and not one.any()),
-        "magnitude_error": most,
-        "distance": farthest,
-        "only_one": int(one.sum()),
+        "agree": bool(largest_magnitude <= AGREEMENT and not only_one_usable.any()),
+        "magnitude_error": largest_magnitude,
+        "distance": float(np.abs(distance).max(initial=0.0)),
+        "only_one": int(only_one_usable.sum()),
         "partings": [
             {"frequency_hz": float(direct.frequency_hz[row]), "reason": _parting(direct, exact, row, magnitude[row])}
             for row in parted
@@ -191,6 +198,7 @@ def cross_check(direct: GainSchedule, exact: GainSchedule, scale: FloatArray) ->
 
 
 def _parting(direct: GainSchedule, exact: GainSchedule, row: int, magnitude: float) -> str:
+    """Return why two solutions differ at one frequency."""
     if not (direct.usable[row] and exact.usable[row]):
         without = exact if direct.usable[row] else direct
         return without.reason[row] or f"{without.method} has no gains"
@@ -229,20 +237,7 @@ def compare(
         >>> comparison.judged["mine"].safety()["deployable"]
         True
     """
-    for method in methods:
-        METHODS.named(method)
-    optimum = next((method for method in methods if method in OPTIMISERS), None)
-    if "closed-form" not in methods or optimum is None:
-        raise InputError.of(
-            f"{', '.join(methods) or 'nothing'} cannot be compared; "
-            f"allowed: closed-form and at least one of {', '.join(OPTIMISERS)}",
-            key="methods",
-        )
-    if mine is not None and not all(np.isfinite(gain) and gain >= 0 for gain in mine):
-        raise InputError.of(
-            f"{mine[0]:g},{mine[1]:g} is no pair of gains; allowed: stiffness and damping, finite and >= 0, as 7000,10",
-            key="mine",
-        )
+    optimum = _checked_optimum(methods, mine)
     stated = with_wall(problem)
     scope = _demanded(stated)
     problem = stated.changed(stability={"scope": "pointwise"}, realism={"require": "none"})
@@ -250,7 +245,6 @@ def compare(
     gains = {method: solve(problem, method, progress=progress) for method in dict.fromkeys(methods)}
     scale = np.abs(loop.device) + np.abs(loop.hold * loop.desired)
     verdict, reason = verdicts(gains["closed-form"], gains[optimum], scale)
-    both = all(method in gains for method in OPTIMISERS)
     if mine is not None:
         k, b = (np.full(len(problem.frequencies_hz()), gain) for gain in mine)
         gains["mine"] = gain_schedule(problem, "mine", (b, k, 0 * b), (Status.SOLVED,) * len(b))
@@ -268,10 +262,29 @@ def compare(
         delivered=optimum,
         verdict=verdict,
         reason=reason,
-        cross_check=cross_check(gains["direct"], gains["exact"], scale) if both else None,
+        cross_check=(cross_check(gains["direct"], gains["exact"], scale) if set(gains) >= set(OPTIMISERS) else None),
         judged={name: judge_gains(problem, table) for name, table in gains.items()},
         definition=stated,
     )
+
+
+def _checked_optimum(methods: Sequence[MethodName], mine: tuple[float, float] | None) -> MethodName:
+    """Return the method that the closed form is compared with; refuse what cannot be compared."""
+    for method in methods:
+        METHODS.named(method)
+    optimum = next((method for method in methods if method in OPTIMISERS), None)
+    if "closed-form" not in methods or optimum is None:
+        raise InputError.of(
+            f"{', '.join(methods) or 'nothing'} cannot be compared; "
+            f"allowed: closed-form and at least one of {', '.join(OPTIMISERS)}",
+            key="methods",
+        )
+    if mine is not None and not all(np.isfinite(gain) and gain >= 0 for gain in mine):
+        raise InputError.of(
+            f"{mine[0]:g},{mine[1]:g} is no pair of gains; allowed: stiffness and damping, finite and >= 0, as 7000,10",
+            key="mine",
+        )
+    return optimum
 
 
 def with_delivered(comparison: Comparison, problem: Problem, gains: GainSchedule) -> Comparison:

@@ -23,7 +23,14 @@ from avc_casadi.paper.realism import RealismResult, judge_realism
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
-    """One gain table judged; arrays have shape (n,)."""
+    """One gain table judged.
+
+    Attributes:
+        certificate: its certificate.
+        realism: whether its impedance is realistic at each frequency.
+        real_part: Re Z_h by the model of the loop, shape (n,), N.s/m; not a number without gains.
+        deployable: whether it may run on the device; None where no row has gains.
+    """
 
     certificate: Certificate
     realism: RealismResult
@@ -63,7 +70,9 @@ def judge_gains(problem: Problem, gains: GainSchedule) -> Evaluation:
 
 
 def _real_part(problem: Problem, gains: GainSchedule, model: Model) -> FloatArray:
-    b, k = gains.requested_damping_ns_per_m, gains.requested_stiffness_n_per_m
+    """Return Re Z_h of the requested gains, shape (n,), N.s/m; not a number where they are not finite."""
+    b = gains.requested_damping_ns_per_m
+    k = gains.requested_stiffness_n_per_m
     contact = gains.requested_contact_damping_ns_per_m
     known = np.isfinite(b) & np.isfinite(k) & np.isfinite(contact)
     loop = SampledLoop.of(problem, model)
@@ -74,12 +83,20 @@ def _real_part(problem: Problem, gains: GainSchedule, model: Model) -> FloatArra
 
 @dataclass(frozen=True, eq=False)
 class CausalGains:
-    """The series coupling that renders, at each frequency, what a causal coupling does; arrays of shape (n,)."""
+    """The series coupling that renders, at each frequency, what a causal coupling does; arrays of shape (n,).
 
-    damping_ns_per_m: FloatArray  # b of Z_avc = Z_r Z_e/(Z_e - Z_r), Z_r rendered, by (17), of either sign
+    Attributes:
+        damping_ns_per_m: b of Z_avc = Z_r Z_e/(Z_e - Z_r), Z_r rendered, by (17), of either sign.
+        stiffness_n_per_m: its k, of either sign.
+        impedance: Z_h = Z_d + H Z_r of the problem's model, N.s/m.
+        magnitude_error: the goal (11), ||Z_h| - |Z_h_ds||, N.s/m.
+        complex_error: |Z_h - Z_h_ds|/|Z_h_ds|.
+    """
+
+    damping_ns_per_m: FloatArray
     stiffness_n_per_m: FloatArray
-    impedance: ComplexArray  # Z_h = Z_d + H Z_r of the problem's model
-    magnitude_error: FloatArray  # the goal (11)
+    impedance: ComplexArray
+    magnitude_error: FloatArray
     complex_error: FloatArray
 
     @property
@@ -99,17 +116,20 @@ def causal_gains(coupling: Coupling) -> CausalGains:
     problem = coupling.problem
     loop = loop_at(problem, problem.frequencies_hz())
     z = np.exp(2j * np.pi * loop.angle.turns)
-    force = force_over_position(
-        frozen_rendering(problem, *vars(coupling.table.at_rest).values()), z, coupling.runtime.state_feedback
+    at_rest = coupling.table.at_rest
+    rendering = frozen_rendering(
+        problem, at_rest.damping_ns_per_m, at_rest.stiffness_n_per_m, at_rest.contact_damping_ns_per_m
     )
+    force = force_over_position(rendering, z, coupling.runtime.state_feedback)
     rendered = force * np.asarray(eq.environment_impedance(loop.angle, problem.stability.model, 0.0, 1.0))
     with np.errstate(divide="ignore", invalid="ignore"):
         damping, stiffness = eq.coupling_gains(loop.angle, rendered * loop.environment / (loop.environment - rendered))
-    felt, target = np.asarray(eq.perceived_impedance(loop.device, loop.hold, rendered)), np.asarray(loop.target)
+    impedance = np.asarray(eq.perceived_impedance(loop.device, loop.hold, rendered))
+    target = np.asarray(loop.target)
     return CausalGains(
         damping_ns_per_m=np.where(np.isfinite(stiffness), damping, np.nan),
         stiffness_n_per_m=np.where(np.isfinite(stiffness), stiffness, np.nan),
-        impedance=felt,
-        magnitude_error=np.abs(np.abs(felt) - np.abs(target)),
-        complex_error=np.abs(felt - target) / np.abs(target),
+        impedance=impedance,
+        magnitude_error=np.abs(np.abs(impedance) - np.abs(target)),
+        complex_error=np.abs(impedance - target) / np.abs(target),
     )

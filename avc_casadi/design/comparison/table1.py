@@ -35,45 +35,84 @@ from avc_casadi.simulation.population.operators import Population, draw_populati
 from avc_casadi.simulation.population.setup import FRICTION, HANDS_AT_ONCE, Setup, judge, traces
 from avc_casadi.simulation.population.trial import exact_interval
 
-# What the paper counted of 10 people: stable without coupling (with one, all were), nearer to the wall with the static
-# and with the adaptive coupling, and unable to tell.
+PAPER_PEOPLE = 10
+"""How many people tried each wall in the paper."""
+
+
+@dataclass(frozen=True)
+class PaperRow:
+    """What the paper counted of 10 people at one wall.
+
+    Attributes:
+        stable: for how many the wall was stable without coupling; with one, it was for all.
+        static: how many felt the wall more nearly with the static coupling.
+        adaptive: how many did with the adaptive one.
+        unable: how many could not tell.
+    """
+
+    stable: int
+    static: int
+    adaptive: int
+    unable: int
+
+
 PAPER = {
-    "VE2": (10, 3, 3, 4),
-    "VE3": (10, 3, 5, 2),
-    "VE4": (10, 6, 4, 0),
-    "VE5": (4, 1, 9, 0),
-    "VE6": (0, 1, 9, 0),
-    "VE7": (0, 2, 8, 0),
+    "VE2": PaperRow(stable=10, static=3, adaptive=3, unable=4),
+    "VE3": PaperRow(stable=10, static=3, adaptive=5, unable=2),
+    "VE4": PaperRow(stable=10, static=6, adaptive=4, unable=0),
+    "VE5": PaperRow(stable=4, static=1, adaptive=9, unable=0),
+    "VE6": PaperRow(stable=0, static=1, adaptive=9, unable=0),
+    "VE7": PaperRow(stable=0, static=2, adaptive=8, unable=0),
 }
+
+WEBER_SHARE = 0.10
+"""Smallest share of force or position that is noticed; people notice 7 to 23 %."""
+REFERENCE_RATE = 8
+"""Samples of the reference wall, which feels continuous, in one of the device."""
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """One coupling that all hands try."""
+    """One coupling that all hands try.
+
+    Attributes:
+        method: the method that designs it.
+        tuned: structure in which it is tuned for the training hands; None for the problem's own.
+        model: model of the stability condition, in place of the problem's.
+        constant: whether its gains do not vary with frequency.
+        meets_set_b: whether hands of set B try it too.
+    """
 
     method: str
-    tuned: Structure | None = None  # structure in which it is tuned for the training hands
-    model: Model | None = None  # of the stability condition, in place of the problem's
+    tuned: Structure | None = None
+    model: Model | None = None
     constant: bool = False
-    meets_others: bool = False  # hands of set B try it too
+    meets_set_b: bool = False
 
 
 COUPLINGS = {
-    "none": Candidate("none", meets_others=True),
-    "static": Candidate("static", constant=True, meets_others=True),
+    "none": Candidate("none", meets_set_b=True),
+    "static": Candidate("static", constant=True, meets_set_b=True),
     "static-sampled": Candidate("static", model="sampled-data", constant=True),
     "direct": Candidate("direct"),
     "closed-form": Candidate("closed-form"),
     "static-tuned-series": Candidate("static-tuned", tuned="series", constant=True),
     "schedule-series": Candidate("schedule", tuned="series"),
-    "static-tuned": Candidate("static-tuned", tuned="damped", constant=True, meets_others=True),
-    "schedule": Candidate("schedule", tuned="damped", meets_others=True),
+    "static-tuned": Candidate("static-tuned", tuned="damped", constant=True, meets_set_b=True),
+    "schedule": Candidate("schedule", tuned="damped", meets_set_b=True),
 }
 
 
 @dataclass(frozen=True)
 class Design:
-    """One coupling for one wall."""
+    """One coupling for one wall.
+
+    Attributes:
+        problem: the problem that it was designed for.
+        in_force: the gains or the table that run; None where there are none.
+        gains: the gains of a hand at rest.
+        reason: why there are none; empty where there are.
+    """
 
     problem: Problem
     in_force: Gains | GainSchedule | None
@@ -93,20 +132,20 @@ def design(problem: Problem, coupling: str) -> Design:
         return Design(problem, NO_COUPLING, NO_COUPLING)
     if coupling == "closed-form":
         return _injection(problem)
-    one = COUPLINGS[coupling]
-    if one.tuned is not None:
-        problem = tuning_problem(problem, one.tuned)
-    elif one.model is not None:
-        problem = problem.changed(stability={"model": one.model})
+    candidate = COUPLINGS[coupling]
+    if candidate.tuned is not None:
+        problem = tuning_problem(problem, candidate.tuned)
+    elif candidate.model is not None:
+        problem = problem.changed(stability={"model": candidate.model})
     try:
-        table = solve(problem, one.method)
+        table = solve(problem, candidate.method)
     except UnsupportedError as refusal:
         return Design(problem, None, None, str(refusal))
     rows = np.flatnonzero(table.usable)
     if len(rows) == 0:
         return Design(problem, None, None, table.reason[0])
     gains = gains_at(table, float(table.frequency_hz[rows[0]]))
-    return Design(problem, gains if one.constant else table, gains)
+    return Design(problem, gains if candidate.constant else table, gains)
 
 
 def _injection(problem: Problem) -> Design:
@@ -120,41 +159,50 @@ def _injection(problem: Problem) -> Design:
     return Design(problem.changed(environment=wall), gains, gains)
 
 
-def of_paper(problem: Problem, gains: Gains | GainSchedule, *more: str) -> Setup:
-    """Return gains on the paper's device: a wall, with what more the problem declares of some kinds."""
-    effects = [one for one in declared_effects(problem) if one.kind in {"hand", "wall", FRICTION, *more}]
+def of_paper(problem: Problem, gains: Gains | GainSchedule, *more_kinds: str) -> Setup:
+    """Return gains on the paper's device: hand, wall and friction, with more kinds of effects that it declares."""
+    kinds = {"hand", "wall", FRICTION, *more_kinds}
+    effects = [effect for effect in declared_effects(problem) if effect.kind in kinds]
     adapted = () if isinstance(gains, Gains) else (EstimatorEffect(), AdaptationEffect())
     return Setup(problem, gains, (*effects, *adapted))
 
 
 def reference_traces(problem: Problem, people: Hand | StylusHand) -> Traces:
     """Press a wall that is sampled so fast that it feels continuous; keep the samples of the device's own clock."""
+    step_s = problem.device.sample_time_s / REFERENCE_RATE
+    wall = problem.environment
     # The damping makes up for what is left of k_e T/2.
-    factor = 8
-    step_s, wall = problem.device.sample_time_s / factor, problem.environment
-    made_up = {"damping_ns_per_m": wall.damping_ns_per_m + wall.stiffness_n_per_m * step_s / 2}
-    fast = problem.changed(device={"sample_time_s": step_s, "delay_samples": 0}, environment=made_up)
-    (found,) = traces(of_paper(fast, NO_COUPLING), people, MOTIONS["press"])
-    position, velocity, force = (
-        values[:, ::factor] for values in (found.position_m, found.velocity_m_per_s, found.force_n)
+    damped = {"damping_ns_per_m": wall.damping_ns_per_m + wall.stiffness_n_per_m * step_s / 2}
+    fast = problem.changed(device={"sample_time_s": step_s, "delay_samples": 0}, environment=damped)
+    (pressed,) = traces(of_paper(fast, NO_COUPLING), people, MOTIONS["press"])
+    return Traces(
+        pressed.position_m[:, ::REFERENCE_RATE],
+        pressed.velocity_m_per_s[:, ::REFERENCE_RATE],
+        pressed.force_n[:, ::REFERENCE_RATE],
+        problem.device.sample_time_s,
     )
-    return Traces(position, velocity, force, problem.device.sample_time_s)
 
 
-def distance(felt: Traces, reference: Traces) -> FloatArray:
-    """Return how far each hand is from the reference from its first contact on, as a share; infinite if diverged."""
+def distance(rendered: Traces, reference: Traces) -> FloatArray:
+    """Return how far each hand is from the reference from its first contact on, as a share; infinite if diverged.
+
+    It is the larger of rms(x - x_ref)/rms(x_ref) with x the force and with x the position, shape (hands,).
+    """
     touched = np.cumsum(reference.force_n > 0, axis=1) > 0
+
+    def share(values: FloatArray, of_reference: FloatArray) -> FloatArray:
+        error = (touched * (values - of_reference) ** 2).sum(axis=1)
+        return np.asarray(np.sqrt(error / (touched * of_reference**2).sum(axis=1)))
+
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-        shares = [
-            np.sqrt((touched * (mine - real) ** 2).sum(axis=1) / (touched * real**2).sum(axis=1))
-            for mine, real in ((felt.force_n, reference.force_n), (felt.position_m, reference.position_m))
-        ]
-        far = np.max(shares, axis=0)
-    return np.asarray(np.where(np.isfinite(far), far, np.inf))
+        force_share = share(rendered.force_n, reference.force_n)
+        position_share = share(rendered.position_m, reference.position_m)
+        larger = np.max([force_share, position_share], axis=0)
+    return np.asarray(np.where(np.isfinite(larger), larger, np.inf))
 
 
-def choose(first: FloatArray, second: FloatArray, weber: float = 0.10) -> tuple[BoolArray, BoolArray]:
-    """Return who finds the first of two couplings nearer, and who the second; people notice 7 to 23 %."""
+def choose(first: FloatArray, second: FloatArray, weber: float = WEBER_SHARE) -> tuple[BoolArray, BoolArray]:
+    """Return who finds the first of two couplings nearer, and who the second, by their distances (hands,)."""
     noticed = np.maximum(first, second) > weber
     with np.errstate(invalid="ignore"):
         able = noticed & (np.abs(first - second) > weber)
@@ -171,26 +219,34 @@ def table1(
     executor: Executor | None = None,
     progress: Progress = SILENT,
 ) -> dict[str, Any]:
-    """Rebuild Table 1; the same seed gives the same hands and the same counts."""
+    """Rebuild Table 1; the same seed gives the same hands and the same counts.
+
+    Args:
+        hands: how many hands of each set try each wall.
+        seed: seed of the hands.
+        walls: names of the paper's walls, "VE2" to "VE7".
+        couplings: names of `COUPLINGS`.
+        workers: processes that share the work.
+        executor: runs them in place of processes of its own.
+        progress: reported over the hands.
+    """
     tasks = [
-        (wall, first, min(HANDS_AT_ONCE, hands - first)) for wall in walls for first in range(0, hands, HANDS_AT_ONCE)
+        _Task(wall, first, min(HANDS_AT_ONCE, hands - first))
+        for wall in walls
+        for first in range(0, hands, HANDS_AT_ONCE)
     ]
-    sizes = [count for *_, count in tasks]
+    sizes = [task.count for task in tasks]
     work = partial(_tried, tuple(couplings), seed)
     parts = map_tasks(work, tasks, executor, workers=workers, sizes=sizes, things="hands at walls", progress=progress)
     rows: dict[Population, list[dict[str, Any]]] = {"A": [], "B": []}
     for wall in walls:
-        of_wall = [part for (other, *_), part in zip(tasks, parts, strict=True) if other == wall]
-        for population, found in rows.items():
-            tried = [part[population] for part, _ in of_wall]
-            outcomes = {
-                name: {key: np.concatenate([one[name][key] for one in tried]) for key in first}
-                for name, first in tried[0].items()
-            }
-            found += [
-                _row(wall, name, of_wall[0][1][name], outcomes, population)
+        of_wall = [part for task, part in zip(tasks, parts, strict=True) if task.wall == wall]
+        for population, rows_of_set in rows.items():
+            outcomes = _joined([part.outcomes[population] for part in of_wall])
+            rows_of_set += [
+                _row(wall, name, of_wall[0].designs[name], outcomes, population)
                 for name in couplings
-                if population == "A" or COUPLINGS[name].meets_others
+                if population == "A" or COUPLINGS[name].meets_set_b
             ]
     return {"hands": hands, "seed": seed, "rows": rows["A"], "rows_set_b": rows["B"]}
 
@@ -199,48 +255,77 @@ def table1(
 _Outcome = dict[str, Any]
 
 
+@dataclass(frozen=True)
+class _Task:
+    """Some hands at one wall: so many from the first on."""
+
+    wall: str
+    first: int
+    count: int
+
+
+@dataclass(frozen=True)
+class _Tried:
+    """Outcomes of some hands at one wall.
+
+    Attributes:
+        outcomes: by set of hands and coupling.
+        designs: gains of each coupling, and why there are none, as JSON values.
+    """
+
+    outcomes: dict[Population, dict[str, _Outcome]]
+    designs: dict[str, dict[str, Any]]
+
+
+def _joined(parts: list[dict[str, _Outcome]]) -> dict[str, _Outcome]:
+    """Return the outcomes of each coupling with the arrays of all parts, one after the other."""
+    return {
+        name: {key: np.concatenate([part[name][key] for part in parts]) for key in outcome}
+        for name, outcome in parts[0].items()
+    }
+
+
 @lru_cache(maxsize=128)
 def _designed(wall: str, coupling: str) -> Design:
     return design(load_problem(wall.lower()), coupling)
 
 
-def _tried(
-    couplings: tuple[str, ...], seed: int, task: tuple[str, int, int]
-) -> tuple[dict[Population, dict[str, _Outcome]], dict[str, dict[str, Any]]]:
-    """Return the outcomes of some hands at one wall, by population and coupling, and the gains of each coupling."""
-    wall, first, count = task
-    problem = load_problem(wall.lower())
-    made = {name: _designed(wall, name) for name in couplings}
-    tried: dict[Population, dict[str, _Outcome]] = {"A": {}, "B": {}}
-    for population, found in tried.items():
-        people = draw_population(population, count, seed, first=first)
+def _tried(couplings: tuple[str, ...], seed: int, task: _Task) -> _Tried:
+    """Return the outcomes of some hands at one wall."""
+    problem = load_problem(task.wall.lower())
+    designs = {name: _designed(task.wall, name) for name in couplings}
+    outcomes: dict[Population, dict[str, _Outcome]] = {"A": {}, "B": {}}
+    for population, of_set in outcomes.items():
+        people = draw_population(population, task.count, seed, first=task.first)
         reference = reference_traces(problem, people) if population == "A" else None
-        for name, one in made.items():
-            if one.in_force is not None and (population == "A" or COUPLINGS[name].meets_others):
-                found[name] = _outcome(of_paper(one.problem, one.in_force, "encoder", "delay"), people, reference)
-    return tried, {name: {"gains": one.document(), "reason": one.reason} for name, one in made.items()}
+        for name, made in designs.items():
+            if made.in_force is not None and (population == "A" or COUPLINGS[name].meets_set_b):
+                of_set[name] = _outcome(of_paper(made.problem, made.in_force, "encoder", "delay"), people, reference)
+    return _Tried(outcomes, {name: {"gains": made.document(), "reason": made.reason} for name, made in designs.items()})
 
 
 def _outcome(setup: Setup, people: Hand | StylusHand, reference: Traces | None) -> _Outcome:
+    """Return whether each hand rests after each motion, with and without friction, and what it feels."""
     (press,) = traces(setup, people, MOTIONS["press"])
     pressed = press.judge()
     rest = {name: pressed.stable if name == "press" else judge(setup, people, MOTIONS[name]).stable for name in AT_WALL}
-    free = judge(setup.without(FRICTION), people, MOTIONS["press"])
-    felt = np.where(pressed.stable, pressed.apparent_stiffness_n_per_m, np.nan)
-    outcome = {**rest, "asymptotic": free.stable, "stiffness_n_per_m": felt}
+    frictionless = judge(setup.without(FRICTION), people, MOTIONS["press"])
+    stiffness = np.where(pressed.stable, pressed.apparent_stiffness_n_per_m, np.nan)
+    outcome = {**rest, "asymptotic": frictionless.stable, "stiffness_n_per_m": stiffness}
     return outcome if reference is None else outcome | {"distance": distance(press, reference)}
 
 
 def _row(
-    wall: str, coupling: str, made: dict[str, Any], outcomes: dict[str, _Outcome], population: Population
+    wall: str, coupling: str, designed: dict[str, Any], outcomes: dict[str, _Outcome], population: Population
 ) -> dict[str, Any]:
+    """Return the row of one coupling at one wall, as JSON values."""
     # The paper compared static and adaptive coupling; all others are set against the adaptive one.
     opponent = "static" if coupling == "schedule" else "schedule"
     row: dict[str, Any] = {
         "ve": wall,
         "stiffness_n_per_m": load_problem(wall.lower()).environment.stiffness_n_per_m,
         "coupling": coupling,
-        **made,
+        **designed,
         "paper": _paper(wall, coupling) if population == "A" else None,
         **dict.fromkeys(("stable", "stable_low", "stable_high", "stable_by_motion", "asymptotic")),
         **dict.fromkeys(("apparent_stiffness_n_per_m", "matched", "unable")),
@@ -251,12 +336,12 @@ def _row(
     outcome = outcomes[coupling]
     rest = {name: outcome[name] for name in AT_WALL}
     stable = np.all(list(rest.values()), axis=0)
-    felt = outcome["stiffness_n_per_m"][np.isfinite(outcome["stiffness_n_per_m"])]
+    stiffness = outcome["stiffness_n_per_m"][np.isfinite(outcome["stiffness_n_per_m"])]
     row |= {
         "stable": int(stable.sum()),
-        "stable_by_motion": {name: int(found.sum()) for name, found in rest.items()},
+        "stable_by_motion": {name: int(rested.sum()) for name, rested in rest.items()},
         "asymptotic": int(outcome["asymptotic"].sum()),
-        "apparent_stiffness_n_per_m": float(np.median(felt)) if len(felt) else None,
+        "apparent_stiffness_n_per_m": float(np.median(stiffness)) if len(stiffness) else None,
     }
     row["stable_low"], row["stable_high"] = exact_interval(row["stable"], len(stable))
     if "distance" in outcome and opponent in outcomes:
@@ -266,8 +351,12 @@ def _row(
 
 
 def _paper(wall: str, coupling: str) -> dict[str, int | None] | None:
+    """Return what the paper counted, as JSON values; None of what it did not try."""
     if wall not in PAPER or coupling not in ("none", "static", "schedule"):
         return None
-    stable, static, adaptive, unable = PAPER[wall]
-    matched = {"none": None, "static": static, "schedule": adaptive}[coupling]
-    return {"stable": stable if coupling == "none" else 10, "matched": matched, "unable": unable}
+    counted = PAPER[wall]
+    return {
+        "stable": counted.stable if coupling == "none" else PAPER_PEOPLE,
+        "matched": {"none": None, "static": counted.static, "schedule": counted.adaptive}[coupling],
+        "unable": counted.unable,
+    }
