@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,7 +21,15 @@ ROUNDING = 16 * float(np.finfo(np.float64).eps)
 
 @dataclass(frozen=True)
 class Quotient:
-    """Z_avc = Z_e Z_eavc/(Z_e - Z_eavc) with its rounding; arrays of shape (n,), N.s/m."""
+    """Z_avc = Z_e Z_eavc/(Z_e - Z_eavc) with its rounding; arrays of shape (n,), N.s/m.
+
+    Attributes:
+        coupling: Z_avc, infinite where it would have to be rigid, 0 in free space.
+        rounding: bound of its rounding error.
+        rigid: where the rendered impedance equals the environment, but for rounding.
+        nothing: where environment and rendered impedance are free space.
+        impossible: where the environment is free space, but the rendered impedance is not.
+    """
 
     coupling: ComplexArray
     rounding: FloatArray
@@ -32,7 +41,8 @@ class Quotient:
     def of(cls, loop: Loop, desired: ComplexArray, gap: ComplexArray, injected: FloatArray) -> Quotient:
         """Return the quotient for Z_eavc = desired + injected/H."""
         push = injected / loop.hold
-        rendered, difference = desired + push, gap - push
+        rendered = desired + push
+        difference = gap - push
         terms = np.abs(loop.device.real) + np.abs(loop.hold.real * desired.real)
         terms = terms + np.abs(loop.hold.imag * desired.imag) + injected
         push_off = np.where(injected > 0, ROUNDING * terms / np.abs(loop.hold), 0.0)
@@ -56,29 +66,44 @@ def placed(value: FloatArray, rounding: FloatArray, ends: tuple[float, float]) -
 
 def why_not(problem: Problem, b: float, k: float, contact: float) -> str:
     """Return why finite gains cannot be built, or nothing."""
-    faults, box, units = list[str](), problem.coupling, problem.units
-    for name, value, of, (low, high) in (
-        ("stiffness", k, "N/m", box.stiffness_n_per_m),
-        ("damping", b, "N.s/m", box.damping_ns_per_m),
-        ("contact damping", contact, "N.s/m", box.contact_damping_ns_per_m),
-    ):
-        if not np.isfinite(value):
-            faults.append(f"asks for {name} that is not finite")
-        elif value < 0:
-            faults.append(f"asks for negative {name} {value:.6g} {units.unit(of)}")
-        elif not low <= value <= high:
-            faults.append(f"asks for {name} {value:.6g} {units.unit(of)} outside [{low:g}, {high:g}]")
-    return "; ".join(faults)
+    box = problem.coupling
+    stiffness_unit = problem.units.unit("N/m")
+    damping_unit = problem.units.unit("N.s/m")
+    faults = (
+        _fault("stiffness", k, stiffness_unit, box.stiffness_n_per_m),
+        _fault("damping", b, damping_unit, box.damping_ns_per_m),
+        _fault("contact damping", contact, damping_unit, box.contact_damping_ns_per_m),
+    )
+    return "; ".join(filter(None, faults))
+
+
+def _fault(name: str, value: float, unit: str, ends: tuple[float, float]) -> str:
+    """Return why one gain cannot be built, or nothing."""
+    low, high = ends
+    if not np.isfinite(value):
+        return f"asks for {name} that is not finite"
+    if value < 0:
+        return f"asks for negative {name} {value:.6g} {unit}"
+    if not low <= value <= high:
+        return f"asks for {name} {value:.6g} {unit} outside [{low:g}, {high:g}]"
+    return ""
 
 
 @dataclass(frozen=True)
 class Projection:
-    """The projected impedance and its equivalent damping injection; arrays of shape (n,)."""
+    """The projected impedance and its equivalent damping injection; arrays of shape (n,), N.s/m.
 
-    impedance: ComplexArray  # Z of (13)
-    rendered: ComplexArray  # Z_eavc of (15)
-    coupling: ComplexArray  # Z_avc of (16): infinite where it would have to be rigid, 0 in free space
-    injected_damping_ns_per_m: FloatArray  # delta = max(0, margin - Re Z_h_ds)
+    Attributes:
+        impedance: Z of (13).
+        rendered: Z_eavc of (15).
+        coupling: Z_avc of (16): infinite where it would have to be rigid, 0 in free space.
+        injected_damping_ns_per_m: delta = max(0, margin - Re Z_h_ds).
+    """
+
+    impedance: ComplexArray
+    rendered: ComplexArray
+    coupling: ComplexArray
+    injected_damping_ns_per_m: FloatArray
 
 
 def project(problem: Problem, *, as_printed: bool = False) -> Projection:
@@ -95,14 +120,20 @@ def _desired(problem: Problem, loop: Loop, *, as_printed: bool) -> tuple[Complex
     """Return Z_ds and Z_e - Z_ds; the printed s is imaginary as Tustin's: Im alone has the stiffness, 4/T^2 times."""
     if not as_printed:
         return loop.desired, loop.desired_gap
-    bounds = problem.boundaries
-    b, k = (
-        (getattr(bounds.upper, name) + getattr(bounds.lower, name)) / 2
-        for name in ("damping_ns_per_m", "stiffness_n_per_m")
-    )
+    upper = problem.boundaries.upper
+    lower = problem.boundaries.lower
+    b = (upper.damping_ns_per_m + lower.damping_ns_per_m) / 2
+    k = (upper.stiffness_n_per_m + lower.stiffness_n_per_m) / 2
     tustin = environment_impedance(loop.angle, "paper", b, k)
     desired = tustin.real + 4j / problem.device.sample_time_s**2 * tustin.imag
     return desired, loop.environment - desired
+
+
+CANNOT_BE_RIGID = "asks for a rigid coupling: the rendered impedance equals the environment"
+FREE_SPACE = "asks for an impedance that no coupling renders in free space (b_e = k_e = 0)"
+NOTHING_TO_RENDER = (
+    "nothing to render: environment and goal are free space (b_e = k_e = 0), so that any coupling does the same"
+)
 
 
 def solve_closed_form(problem: Problem, *, as_printed: bool = False) -> GainSchedule:
@@ -110,29 +141,18 @@ def solve_closed_form(problem: Problem, *, as_printed: bool = False) -> GainSche
     started = time.perf_counter()
     loop = loop_at(problem, problem.frequencies_hz())
     projection = project(problem, as_printed=as_printed)
-    delta, box = projection.injected_damping_ns_per_m, problem.coupling
-    damped = box.structure == "damped"
+    delta = projection.injected_damping_ns_per_m
+    damped = problem.coupling.structure == "damped"
     desired, gap = _desired(problem, loop, as_printed=as_printed and not damped)
-    quotient = Quotient.of(loop, desired, gap, np.zeros(delta.shape) if damped else delta)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        contact = np.where(delta > 0, delta / loop.hold.real, 0.0) if damped else np.zeros(delta.shape)
-        b, k = coupling_gains(loop.angle, quotient.coupling)
-        per_impedance = 2 / problem.device.sample_time_s * loop.angle.sin / loop.angle.cos
-        if as_printed:
-            per_impedance = problem.device.sample_time_s / 2 * loop.angle.sin / loop.angle.cos
-            b, k = quotient.coupling.real, -quotient.coupling.imag * per_impedance
-        b = placed(b, quotient.rounding + ROUNDING * np.abs(quotient.coupling), box.damping_ns_per_m)
-        k = placed(k, per_impedance * quotient.rounding, box.stiffness_n_per_m)
-    b, k = (np.where(quotient.rigid, np.inf, np.where(quotient.impossible, np.nan, gain)) for gain in (b, k))
-    b = np.where(quotient.nothing, box.damping_ns_per_m[0], b)
-    k = np.where(quotient.nothing, box.stiffness_n_per_m[0], k)
-    cannot_be_rigid = "asks for a rigid coupling: the rendered impedance equals the environment"
-    free_space = "asks for an impedance that no coupling renders in free space (b_e = k_e = 0)"
-    nothing = (
-        "nothing to render: environment and goal are free space (b_e = k_e = 0), so that any coupling does the same"
-    )
+    none = np.zeros(delta.shape)
+    quotient = Quotient.of(loop, desired, gap, none if damped else delta)
+    contact = none
+    if damped:
+        with np.errstate(divide="ignore", invalid="ignore"):
+            contact = np.where(delta > 0, delta / loop.hold.real, 0.0)
+    b, k = _series_gains(problem, loop, quotient, as_printed=as_printed)
     reasons = tuple(
-        cannot_be_rigid if rigid else free_space if impossible else why_not(problem, *gains)
+        _reason(problem, rigid=rigid, impossible=impossible, gains=gains)
         for rigid, impossible, *gains in zip(quotient.rigid, quotient.impossible, b, k, contact, strict=True)
     )
     status = tuple(Status.NOT_REALISABLE if reason else Status.SOLVED for reason in reasons)
@@ -146,5 +166,38 @@ def solve_closed_form(problem: Problem, *, as_printed: bool = False) -> GainSche
         requested=(b, k, contact),
         impedance=None if damped else projection.impedance,
         solve_seconds=time.perf_counter() - started,
-        notes=(*pointwise_notes(problem), *((nothing,) if quotient.nothing.all() else ())),
+        notes=(*pointwise_notes(problem), *((NOTHING_TO_RENDER,) if quotient.nothing.all() else ())),
     )
+
+
+def _series_gains(
+    problem: Problem, loop: Loop, quotient: Quotient, *, as_printed: bool
+) -> tuple[FloatArray, FloatArray]:
+    """Return (b, k) of Z_avc, each (n,), by (17) or as it is printed; infinite where it is rigid.
+
+    (17): k = -Im(Z_avc) (2/T) tan(phi), b = Re(Z_avc) - k T/2.
+    As printed: k = -Im(Z_avc) (T/2) tan(phi), b = Re(Z_avc).
+    """
+    box = problem.coupling
+    sample_time_s = problem.device.sample_time_s
+    coupling = quotient.coupling
+    with np.errstate(divide="ignore", invalid="ignore"):
+        if as_printed:
+            per_impedance = sample_time_s / 2 * loop.angle.sin / loop.angle.cos
+            b, k = coupling.real, -coupling.imag * per_impedance
+        else:
+            per_impedance = 2 / sample_time_s * loop.angle.sin / loop.angle.cos
+            b, k = coupling_gains(loop.angle, coupling)
+        b = placed(b, quotient.rounding + ROUNDING * np.abs(coupling), box.damping_ns_per_m)
+        k = placed(k, per_impedance * quotient.rounding, box.stiffness_n_per_m)
+    b, k = (np.where(quotient.rigid, np.inf, np.where(quotient.impossible, np.nan, gain)) for gain in (b, k))
+    b = np.where(quotient.nothing, box.damping_ns_per_m[0], b)
+    k = np.where(quotient.nothing, box.stiffness_n_per_m[0], k)
+    return b, k
+
+
+def _reason(problem: Problem, *, rigid: bool, impossible: bool, gains: Sequence[float]) -> str:
+    """Return why the gains (b, k, b_p) of one frequency are not realisable, or nothing."""
+    if rigid:
+        return CANNOT_BE_RIGID
+    return FREE_SPACE if impossible else why_not(problem, *gains)

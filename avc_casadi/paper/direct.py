@@ -21,11 +21,22 @@ from avc_casadi.paper.rows import GainArrays, best_candidate, gain_schedule, row
 
 EXCESS_TOLERANCE = 1e-6
 """A magnitude error that exceeds the global optimum's by more than this share of |Z_h_ds| is a failed row."""
+_AGAIN_ABOVE = 1e-8
+"""A row is solved again where its error exceeds that of `exact` by more than this share of |Z_h_ds|."""
+_SAME_ERROR = 1e-9
+"""Of errors closer than this share of |Z_h_ds| the smaller distance to Z_h_ds decides."""
 
 
 @dataclass(frozen=True)
 class CheckedGains:
-    """Gains of CasADi checked by `exact`; arrays of shape (n,)."""
+    """Gains of CasADi checked by `exact`; arrays of shape (n,).
+
+    Attributes:
+        gains: (b, k, b_p); not a number where the solver found none.
+        excess: magnitude error less that of `exact`, over |Z_h_ds|.
+        local: rows that first stopped at a local minimum.
+        failed: rows that are worse than `exact` in the end.
+    """
 
     gains: GainArrays
     excess: FloatArray
@@ -37,20 +48,19 @@ def checked_gains(problem: Problem, loop: Loop, name: str, tolerance: float, pro
     """Solve the NLP, and again from more starts, none of them an answer of `exact`, where that refutes it."""
     gains = nlp_gains(problem, loop, name, tolerance, progress=progress)
     optimum = exact_gains(problem, loop)
-    # A row is solved again where its error exceeds that of `exact` by more than this share of |Z_h_ds|.
-    again_above = 1e-8
-    short = local = _short(loop, gains, optimum, again_above)
+    local = _short(loop, gains, optimum)
+    short = local
     # The default is fast but fails at one frequency in a thousand.
-    for other in (name, "sqpmethod", "ipopt") if name == DEFAULT_SOLVER else (name,):
+    for solver in (name, "sqpmethod", "ipopt") if name == DEFAULT_SOLVER else (name,):
         again = np.flatnonzero(short)
         if not again.size:
             break
         part = loop.rows(again)
-        new = nlp_gains(problem, part, other, tolerance, lattice=FINE)
-        b, k, p = (np.stack((own[again], found)) for own, found in zip(gains, new, strict=True))
+        new_gains = nlp_gains(problem, part, solver, tolerance, lattice=FINE)
+        b, k, p = (np.stack((old[again], new)) for old, new in zip(gains, new_gains, strict=True))
         for gain, better in zip(gains, best_candidate(problem, part, b, k, p), strict=True):
             gain[again] = better
-        short = _short(loop, gains, optimum, again_above)
+        short = _short(loop, gains, optimum)
     excess = excess_error(loop, gains, optimum)
     with np.errstate(invalid="ignore"):
         failed = ~(excess <= EXCESS_TOLERANCE) & np.isfinite(optimum[0])
@@ -60,19 +70,19 @@ def checked_gains(problem: Problem, loop: Loop, name: str, tolerance: float, pro
 def excess_error(loop: Loop, gains: GainArrays, optimum: GainArrays) -> FloatArray:
     """Return the excess of the gains' magnitude error over the optimum's, relative to |Z_h_ds|, shape (n,)."""
     radius = np.abs(loop.target)
-    own, best = (np.abs(np.abs(loop.perceived(*each)) - radius) for each in (gains, optimum))
+    error, least = (np.abs(np.abs(loop.perceived(*solution)) - radius) for solution in (gains, optimum))
     with np.errstate(invalid="ignore", divide="ignore"):
-        return np.asarray((own - best) / np.where(radius == 0, 1.0, radius))
+        return np.asarray((error - least) / np.where(radius == 0, 1.0, radius))
 
 
-def _short(loop: Loop, gains: GainArrays, optimum: GainArrays, tolerance: float) -> BoolArray:
+def _short(loop: Loop, gains: GainArrays, optimum: GainArrays) -> BoolArray:
     """Return the rows whose magnitude error, or if equal distance to Z_h_ds, is larger than the optimum's."""
-    excess, radius = excess_error(loop, gains, optimum), np.abs(loop.target)
-    own, best = (np.abs(loop.perceived(*each) - loop.target) for each in (gains, optimum))
+    excess = excess_error(loop, gains, optimum)
+    radius = np.abs(loop.target)
+    distance, least = (np.abs(loop.perceived(*solution) - loop.target) for solution in (gains, optimum))
     with np.errstate(invalid="ignore"):
-        # Of errors closer than this share of |Z_h_ds| the smaller distance decides.
-        farther = (np.abs(excess) <= 1e-9) & (own - best > EXCESS_TOLERANCE * radius)
-        return np.asarray((~(excess <= tolerance) | farther) & np.isfinite(optimum[0]))
+        farther = (np.abs(excess) <= _SAME_ERROR) & (distance - least > EXCESS_TOLERANCE * radius)
+        return np.asarray((~(excess <= _AGAIN_ABOVE) | farther) & np.isfinite(optimum[0]))
 
 
 def _cross_check(checked: CheckedGains) -> str:
@@ -84,8 +94,9 @@ def _cross_check(checked: CheckedGains) -> str:
     note = f"cross-check with exact: magnitude errors within {np.abs(excess).max():.1e} of |Z_h_ds|"
     if checked.failed.any():
         note += f", but at {checked.failed.sum()} failed frequencies"
-    if worse := int((excess < -EXCESS_TOLERANCE).sum()):
-        note += f"; exact is the worse at {worse} of them"
+    exact_is_worse = int((excess < -EXCESS_TOLERANCE).sum())
+    if exact_is_worse:
+        note += f"; exact is the worse at {exact_is_worse} of them"
     if checked.local.any():
         note += f"; {checked.local.sum()} stopped at a local minimum and were solved again from more starts"
     return note
@@ -95,33 +106,23 @@ def solve_direct(
     problem: Problem, *, solver: str | None = None, tolerance: float | None = None, progress: Progress = SILENT
 ) -> GainSchedule:
     """Solve (11)-(12) at every frequency by CasADi, ties broken; each row is checked by KKT residual and by `exact`."""
-    scope, require = problem.stability.scope, problem.realism.require
-    if scope != "pointwise" or require != "none":
-        real = "" if require == "none" else f' or realism.require = "{require}"'
-        raise UnsupportedError(
-            f"direct solves (11)-(12) at each frequency alone and knows no scope {scope}{real}: use --method schedule"
-        )
+    _check_pointwise(problem)
     started = time.perf_counter()
-    name, accuracy = solver or DEFAULT_SOLVER, tolerance or DEFAULT_TOLERANCE
+    name = solver or DEFAULT_SOLVER
+    accuracy = tolerance or DEFAULT_TOLERANCE
     loop = loop_at(problem, problem.frequencies_hz())
     solvers_for(problem, name, accuracy)
     built = time.perf_counter()
     checked = checked_gains(problem, loop, name, accuracy, progress)
     solved = time.perf_counter()
-    gains, quality = checked.gains, optimality(problem, loop, checked.gains)
+    gains = checked.gains
+    quality = optimality(problem, loop, gains)
     failed = checked.failed | (np.isfinite(gains[0]) & ~quality.acceptable())
     status = row_status(problem, *gains)
     status = tuple(Status.FAILED if bad else item for item, bad in zip(status, failed, strict=True))
     reasons = list(row_reasons(problem, status))
     for row in np.flatnonzero(failed):
         reasons[row] = _why(name, quality, checked, int(row))
-    notes = []
-    if not np.isnan(quality.kkt_residual).all():
-        of = ", nominal device" if problem.device.range.model_dump(exclude_none=True) else ""
-        notes.append(
-            f"recomputed{of}: largest violation of (12) {np.nanmax(quality.violation_ns_per_m):.3g}, "
-            f"largest KKT residual {np.nanmax(quality.kkt_residual):.3g}"
-        )
     return gain_schedule(
         problem,
         "direct",
@@ -131,7 +132,30 @@ def solve_direct(
         reason=tuple(reasons),
         build_seconds=built - started,
         solve_seconds=solved - built,
-        notes=tuple(filter(None, [*notes, _cross_check(checked)])),
+        notes=tuple(filter(None, (_recomputed(problem, quality), _cross_check(checked)))),
+    )
+
+
+def _check_pointwise(problem: Problem) -> None:
+    """Refuse a scope or a required realism that this method does not keep."""
+    scope = problem.stability.scope
+    require = problem.realism.require
+    if scope != "pointwise" or require != "none":
+        realism = "" if require == "none" else f' or realism.require = "{require}"'
+        raise UnsupportedError(
+            f"direct solves (11)-(12) at each frequency alone and knows no scope {scope}{realism}: "
+            "use --method schedule"
+        )
+
+
+def _recomputed(problem: Problem, quality: Optimality) -> str:
+    """Return a note with the largest violation and KKT residual; empty where no row has gains."""
+    if np.isnan(quality.kkt_residual).all():
+        return ""
+    device = ", nominal device" if problem.device.range.model_dump(exclude_none=True) else ""
+    return (
+        f"recomputed{device}: largest violation of (12) {np.nanmax(quality.violation_ns_per_m):.3g}, "
+        f"largest KKT residual {np.nanmax(quality.kkt_residual):.3g}"
     )
 
 

@@ -18,7 +18,15 @@ from avc_casadi.paper.numbers import NUMPY, Complex, NumberSystem, Real, abs2
 
 @dataclass(frozen=True)
 class SampleAngle:
-    """Trigonometry of one frequency (or an array of them) at one sample time."""
+    """Trigonometry of one frequency (or an array of them) at one sample time.
+
+    Attributes:
+        numbers: the number system.
+        turns: f T, in turns a sample; phi = pi f T is half the angle that a sample turns.
+        sample_time_s: T, s.
+        sin: sin(phi).
+        cos: cos(phi).
+    """
 
     numbers: NumberSystem
     turns: Real
@@ -87,7 +95,9 @@ def series(first: Complex, second: Complex, *, numbers: NumberSystem) -> Complex
     For passive springs and dampers every term of this form has one sign, so that the real part keeps full relative
     accuracy where the plain quotient loses the digits of |Im/Re|. 0 where both are 0.
     """
-    first2, second2, scale = abs2(first), abs2(second), numbers.one_for_zero(abs2(first + second))
+    first2 = abs2(first)
+    second2 = abs2(second)
+    scale = numbers.one_for_zero(abs2(first + second))
     return numbers.complex(
         (first.real * second2 + second.real * first2) / scale,
         (first.imag * second2 + second.imag * first2) / scale,
@@ -109,14 +119,23 @@ def coupling_gains(angle: SampleAngle, coupling: Complex) -> tuple[Real, Real]:
 
 @dataclass(frozen=True)
 class Loop:
-    """Impedances of device, environment and goal at one or many frequencies, in one number system."""
+    """Impedances of device, environment and goal at one or many frequencies, in one number system, N.s/m.
+
+    Attributes:
+        angle: trigonometry of the frequencies.
+        device: Z_d.
+        hold: H, no unit.
+        environment: Z_e.
+        desired: Z_ds, mean of the realistic bounds.
+        desired_gap: Z_e - Z_ds from the differences of the parameters, which do not cancel.
+    """
 
     angle: SampleAngle
-    device: Complex  # Z_d
-    hold: Complex  # H
-    environment: Complex  # Z_e
-    desired: Complex  # Z_ds, mean of the realistic bounds
-    desired_gap: Complex  # Z_e - Z_ds from the differences of the parameters, which do not cancel
+    device: Complex
+    hold: Complex
+    environment: Complex
+    desired: Complex
+    desired_gap: Complex
 
     @property
     def target(self) -> Complex:
@@ -156,12 +175,16 @@ class Loop:
 
 def loop_at(problem: Problem, frequency_hz: Real, numbers: NumberSystem = NUMPY) -> Loop:
     """Return the gain-free part of a problem's loop."""
-    device, environment, model = problem.device, problem.environment, problem.stability.model
-    upper, lower = problem.boundaries.upper, problem.boundaries.lower
+    device = problem.device
+    environment = problem.environment
+    model = problem.stability.model
+    upper = problem.boundaries.upper
+    lower = problem.boundaries.lower
     n = numbers.number
     desired_b = (n(upper.damping_ns_per_m) + n(lower.damping_ns_per_m)) / 2
     desired_k = (n(upper.stiffness_n_per_m) + n(lower.stiffness_n_per_m)) / 2
-    environment_b, environment_k = n(environment.damping_ns_per_m), n(environment.stiffness_n_per_m)
+    environment_b = n(environment.damping_ns_per_m)
+    environment_k = n(environment.stiffness_n_per_m)
     # From the bounds themselves: a gap of 1e-12 would vanish in the rounding of their mean.
     gap_b = ((environment_b - n(upper.damping_ns_per_m)) + (environment_b - n(lower.damping_ns_per_m))) / 2
     gap_k = ((environment_k - n(upper.stiffness_n_per_m)) + (environment_k - n(lower.stiffness_n_per_m))) / 2

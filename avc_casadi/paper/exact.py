@@ -31,6 +31,15 @@ from avc_casadi.paper.rows import (
     wanted_points,
 )
 
+_LARGEST_STEP = 1e-3
+"""Share of t up to which a Newton step is taken: a larger one is no refinement."""
+_NEWTON_STEPS = 2
+"""Newton steps of a point of given real part."""
+_DIGITS = 5
+"""A relaxation that is shown has this power of ten below its first digit, and so six digits."""
+_FREQUENCIES_AT_ONCE = 10_000
+"""Frequencies whose candidates are in memory at a time."""
+
 
 def real_roots(a: FloatArray, b: FloatArray, c: FloatArray) -> FloatArray:
     """Return the real roots of a t^2 + b t + c, shape (2, ...), free of cancellation; not a number for none."""
@@ -41,20 +50,29 @@ def real_roots(a: FloatArray, b: FloatArray, c: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class Arcs:
-    """A stack of arcs; every coefficient has a shape that broadcasts to (m, n) arcs."""
+    """A stack of arcs Z(t) = (a0 + a1 t)/(c0 + c1 t); every coefficient has a shape that broadcasts to (m, n) arcs.
+
+    Attributes:
+        a0: constant term of the numerator.
+        a1: its slope.
+        c0: constant term of the denominator.
+        c1: its slope.
+        turn: a1 c0 - a0 c1, free of cancellation: dZ/dt = turn/(c0 + c1 t)^2.
+    """
 
     a0: ComplexArray
     a1: ComplexArray
     c0: ComplexArray
     c1: ComplexArray
-    # a1 c0 - a0 c1, free of cancellation: dZ/dt = turn/(c0 + c1 t)^2.
     turn: ComplexArray
 
     def _numerator(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        return abs2(self.a1), 2 * (self.a0.real * self.a1.real + self.a0.imag * self.a1.imag), abs2(self.a0)
+        """Return the coefficients of |a0 + a1 t|^2, of t^2, t and 1."""
+        return _abs2_of_line(self.a0, self.a1)
 
     def _denominator(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        return abs2(self.c1), 2 * (self.c0.real * self.c1.real + self.c0.imag * self.c1.imag), abs2(self.c0)
+        """Return the coefficients of |c0 + c1 t|^2, of t^2, t and 1."""
+        return _abs2_of_line(self.c0, self.c1)
 
     def magnitude_roots(self, magnitude: FloatArray) -> FloatArray:
         """Return t where |Z(t)| has a given value, shape (2, m, n)."""
@@ -72,9 +90,11 @@ class Arcs:
         )
 
     def _projected(self, direction: complex) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return the quadratic of Re(direction * numerator * conj(denominator))."""
-        a0, a1 = direction * self.a0, direction * self.a1
-        c0, c1 = self.c0, self.c1
+        """Return the coefficients of Re(direction * numerator * conj(denominator)), of t^2, t and 1."""
+        a0 = direction * self.a0
+        a1 = direction * self.a1
+        c0 = self.c0
+        c1 = self.c1
         return (
             a1.real * c1.real + a1.imag * c1.imag,
             a0.real * c1.real + a0.imag * c1.imag + a1.real * c0.real + a1.imag * c0.imag,
@@ -97,9 +117,28 @@ class Arcs:
         )
 
 
+def _abs2_of_line(start: ComplexArray, slope: ComplexArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the coefficients of |start + slope t|^2, of t^2, t and 1."""
+    return abs2(slope), 2 * (start.real * slope.real + start.imag * slope.imag), abs2(start)
+
+
 @dataclass(frozen=True)
 class Edges:
-    """The four edges of the (b, k) box at given contact dampings; arrays broadcast to (edges, n)."""
+    """The four edges of the (b, k) box at given contact dampings; arrays broadcast to (edges, n).
+
+    Along an edge one gain t moves between its ends, and the coupling's impedance is base + slope t.
+
+    Attributes:
+        loop: the loop at n frequencies.
+        base: impedance of the coupling at t = 0, N.s/m.
+        slope: its change with t.
+        damping: b of edges along k, N.s/m.
+        stiffness: k of edges along b, N/m.
+        moves_k: whether t is the stiffness; else it is the damping.
+        low: lower end of t.
+        high: upper end of t.
+        contact: contact damping b_p, N.s/m.
+    """
 
     loop: Loop
     base: ComplexArray
@@ -114,14 +153,25 @@ class Edges:
     @classmethod
     def of(cls, problem: Problem, loop: Loop, contacts: tuple[float, ...]) -> Edges:
         """Return the edges of a problem's gain box at each contact damping, N.s/m."""
-        (b0, b1), (k0, k1) = problem.coupling.damping_ns_per_m, problem.coupling.stiffness_n_per_m
-        corners = [(b0, k0, True), (b1, k0, True), (b0, k0, False), (b0, k1, False)] * len(contacts)
-        b, k, moves = (np.array(column)[:, None] for column in zip(*corners, strict=True))
-        moves_k = moves.astype(bool)
+        b0, b1 = problem.coupling.damping_ns_per_m
+        k0, k1 = problem.coupling.stiffness_n_per_m
+        # Two edges along k, at either end of b, and two along b, at either end of k.
+        b = np.array([b0, b1, b0, b0] * len(contacts))[:, None]
+        k = np.array([k0, k0, k0, k1] * len(contacts))[:, None]
+        moves_k = np.array([True, True, False, False] * len(contacts))[:, None]
         base = coupling_impedance(loop.angle, np.where(moves_k, b, 0.0), np.where(moves_k, 0.0, k))
         slope = np.where(moves_k, coupling_impedance(loop.angle, 0.0, 1.0), 1.0)
-        low, high = np.where(moves_k, k0, b0), np.where(moves_k, k1, b1)
-        return cls(loop, base, slope, b, k, moves_k, low, high, np.repeat(contacts, 4)[:, None])
+        return cls(
+            loop=loop,
+            base=base,
+            slope=slope,
+            damping=b,
+            stiffness=k,
+            moves_k=moves_k,
+            low=np.where(moves_k, k0, b0),
+            high=np.where(moves_k, k1, b1),
+            contact=np.repeat(contacts, 4)[:, None],
+        )
 
     def rendered(self) -> Arcs:
         """Return Z_eavc along each edge."""
@@ -167,28 +217,32 @@ def row_reasons(problem: Problem, status: tuple[Status, ...]) -> tuple[str, ...]
     reasons = [""] * len(status)
     if rows:
         # Reported for the least damped device of the range, which is critical.
-        found = largest_real_part(least_damped(problem), problem.frequencies_hz()[rows])
-        for row, *best in zip(rows, *found, strict=True):
-            reasons[row] = _reason(problem, *best)
+        largest, b, k = largest_real_part(least_damped(problem), problem.frequencies_hz()[rows])
+        for place, row in enumerate(rows):
+            reasons[row] = _reason(problem, largest[place], b[place], k[place])
     return tuple(reasons)
 
 
 def _reason(problem: Problem, value: float, damping: float, stiffness: float) -> str:
-    margin, (of, spring) = problem.stability.margin_ns_per_m, map(problem.units.unit, ("N.s/m", "N/m"))
-    at = f"{value:.6g} {of}, at b = {damping:.6g} {of}, k = {stiffness:.6g} {spring}"
+    """Return why no gains meet the margin: the largest Re Z_h, its gains, and the smallest relaxation."""
+    margin = problem.stability.margin_ns_per_m
+    damping_unit = problem.units.unit("N.s/m")
+    stiffness_unit = problem.units.unit("N/m")
+    gains = f"b = {damping:.6g} {damping_unit}, k = {stiffness:.6g} {stiffness_unit}"
+    largest = f"{value:.6g} {damping_unit}, at {gains}"
     claim = f"Re Z_h >= {margin:g} (stability.margin_ns_per_m)"
     if value >= margin:
         return (
-            f"{claim} is met in the gain box with no room: {at}; missed by no more than rounding: add device"
+            f"{claim} is met in the gain box with no room: {largest}; missed by no more than rounding: add device"
             " damping, or widen the box of [coupling]"
         )
     # Rounded to six digits, upwards, so that the relaxation shown suffices.
-    step = 10.0 ** (np.floor(np.log10(margin - value)) - 5)
+    step = 10.0 ** (np.floor(np.log10(margin - value)) - _DIGITS)
     missing = float(np.ceil((margin - value) / step) * step) if step > 0 else margin - value
     # A margin cannot be lowered below 0.
     lower = "lower the margin by that, " if margin >= missing else ""
     return (
-        f"{claim} cannot be met in the gain box: at most {at}; missed by {missing:.6g} {of}: {lower}add "
+        f"{claim} cannot be met in the gain box: at most {largest}; missed by {missing:.6g} {damping_unit}: {lower}add "
         "as much device damping, or widen the box of [coupling]"
     )
 
@@ -202,7 +256,7 @@ def largest_real_part(problem: Problem, frequency_hz: FloatArray) -> GainArrays:
     t = np.concatenate((stationary, ends))
     b, k, p = (gain.reshape(-1, t.shape[-1]) for gain in edges.gains(t))
     value = loop.perceived(b, k, p).real
-    best = np.nanargmax(value, axis=0), np.arange(value.shape[1])
+    best = (np.nanargmax(value, axis=0), np.arange(value.shape[1]))
     return value[best], b[best], k[best]
 
 
@@ -214,15 +268,15 @@ def _edge_candidates(edges: Edges, radius: FloatArray, margin: float) -> list[Fl
         b, k, p = edges.gains(on_circle)
         z = loop.perceived(b, k, p)
         step = (abs2(z) - radius * radius) / (2 * (np.conj(z) * edges.derivative(on_circle)).real)
-        on_circle = np.where(np.abs(step) < 1e-3 * on_circle, on_circle - step, on_circle)
+        on_circle = np.where(np.abs(step) < _LARGEST_STEP * on_circle, on_circle - step, on_circle)
 
         on_line = arcs.level_roots(margin)
-        for _ in range(2):
+        for _ in range(_NEWTON_STEPS):
             b, k, p = edges.gains(on_line)
             rendered = loop.rendered(b, k) + p
             z = loop.device + loop.hold * rendered
             step = (z.real - guarded_margin(loop.device, loop.hold, rendered, margin)) / edges.derivative(on_line).real
-            on_line = np.where(np.abs(step) < 1e-3 * on_line, on_line - step, on_line)
+            on_line = np.where(np.abs(step) < _LARGEST_STEP * on_line, on_line - step, on_line)
     ends = np.broadcast_to(np.stack((edges.low, edges.high)), on_line.shape)
     t = np.concatenate((on_circle, on_line, arcs.magnitude_extrema(), arcs.level_extrema(), ends))
     return [gain.reshape(-1, t.shape[-1]) for gain in edges.gains(t)]
@@ -236,7 +290,7 @@ def _inner_candidates(
     wanted, gap = wanted_points(loop, radius, margin)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         b, k = coupling_gains(loop.angle, loop.environment * (wanted - lowest) / (gap + lowest))
-        found = [[b, k, np.full(b.shape, lowest)]]
+        candidates = [[b, k, np.full(b.shape, lowest)]]
         if highest > lowest:
             arcs = edges.rendered()
             for point in wanted:
@@ -244,8 +298,8 @@ def _inner_candidates(
                 b, k, _ = edges.gains(t)
                 p = point.real - loop.rendered(b, k).real
                 shape = (-1, t.shape[-1])
-                found.append([b.reshape(shape), k.reshape(shape), p.reshape(shape)])
-    return found
+                candidates.append([b.reshape(shape), k.reshape(shape), p.reshape(shape)])
+    return candidates
 
 
 def _segment_candidates(
@@ -262,8 +316,8 @@ def _segment_candidates(
     b, k = b.reshape(-1, b.shape[-1]), k.reshape(-1, k.shape[-1])
     rendered = loop.rendered(b, k)
     start = loop.device + loop.hold * rendered
-    one, zero = np.ones_like(start), np.zeros_like(start)
-    line = Arcs(start, loop.hold * one, one, zero, loop.hold * one)
+    ones = np.ones_like(start)
+    line = Arcs(a0=start, a1=loop.hold * ones, c0=ones, c1=np.zeros_like(start), turn=loop.hold * ones)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         on_line = (margin - start.real) / loop.hold.real
         on_line += (guarded_margin(loop.device, loop.hold, rendered + on_line, margin) - margin) / loop.hold.real
@@ -275,10 +329,11 @@ def _segment_candidates(
 
 def exact_gains(problem: Problem, loop: Loop, *, progress: Progress = SILENT) -> GainArrays:
     """Return the optimal (b, k, b_p), each (n,); not a number where no gains of the box meet the constraint."""
-    return in_parts(loop, 10_000, progress, lambda some: _by_arcs(problem, some))
+    return in_parts(loop, _FREQUENCIES_AT_ONCE, progress, lambda part: _by_arcs(problem, part))
 
 
 def _by_arcs(problem: Problem, loop: Loop) -> GainArrays:
+    """Return the best of all candidates at the frequencies of a loop."""
     margin = margin_over_range(problem)
     radius = np.abs(loop.target)
     contacts = problem.coupling.contact_damping_ns_per_m

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache, lru_cache
+from itertools import product
 from typing import Any
 
 import casadi as ca
@@ -24,7 +25,16 @@ _NAMES = (
 
 @dataclass(frozen=True)
 class CouplingNlp:
-    """One frequency's NLP; all members are CasADi SX expressions."""
+    """One frequency's NLP; all members are CasADi SX expressions.
+
+    Attributes:
+        gains: (b, k, b_p).
+        parameters: the parameters, in the order of `nlp_parameters`.
+        impedance: Z_h_avc.
+        target: Z_h_ds.
+        objective: (11), (|Z_h_ds| - |Z_h_avc|)^2.
+        constraint: (12), Re Z_h_avc - margin, not negative where it is met.
+    """
 
     gains: Any
     parameters: Any
@@ -37,7 +47,9 @@ class CouplingNlp:
 @cache
 def coupling_nlp() -> CouplingNlp:
     """Return the NLP of one frequency, built once per process."""
-    b, k, b_p = ca.SX.sym("b"), ca.SX.sym("k"), ca.SX.sym("b_p")
+    b = ca.SX.sym("b")
+    k = ca.SX.sym("k")
+    b_p = ca.SX.sym("b_p")
     parameters = ca.SX.sym("parameters", len(_NAMES))
     value = dict(zip(_NAMES, ca.vertsplit(parameters), strict=True))
     angle = SampleAngle(casadi_numbers(), 0.0, value["sample_time"], value["sin"], value["cos"])
@@ -89,7 +101,12 @@ gain's natural scale or up to its bound, relative to the square of the terms tha
 
 @dataclass(frozen=True)
 class Optimality:
-    """Recomputed quality of each row, arrays of shape (n,); not a number for rows without gains."""
+    """Recomputed quality of each row, arrays of shape (n,); not a number for rows without gains.
+
+    Attributes:
+        violation_ns_per_m: how far Re Z_h lies below the margin, infinite outside the gain box.
+        kkt_residual: see `KKT_TOLERANCE`.
+    """
 
     violation_ns_per_m: FloatArray
     kkt_residual: FloatArray
@@ -100,8 +117,13 @@ class Optimality:
             return np.asarray((self.violation_ns_per_m == 0) & (self.kkt_residual <= KKT_TOLERANCE))
 
 
+_ACTIVE = 1e-6
+"""(12) counts as active where Re Z_h is within this share of its terms of the margin."""
+
+
 @lru_cache(maxsize=8)
 def _derivatives(rows: int) -> Any:
+    """Return (gains, parameters) -> objective, constraint, both gradients and that of Im Z_h, mapped over rows."""
     nlp = coupling_nlp()
     outputs = [
         nlp.objective,
@@ -124,27 +146,33 @@ def optimality(problem: Problem, loop: Loop, gains: GainArrays) -> Optimality:
         # |Z| has no gradient where Z = 0, but rises from there in every direction; an error of 0 is optimal anyway.
         df = np.where(np.isnan(df), -2 * np.sqrt(f) * np.hypot(dg, turning), df)
         df, dg = np.where(f[0] == 0, 0.0, df / terms**2), dg / terms
-        # (12) counts as active where Re Z_h is within this share of its terms of the margin.
-        active = g[0] <= 1e-6 * terms
+        active = g[0] <= _ACTIVE * terms
     violation = np.where(admissible(problem, *gains), missing, np.inf)
     box = problem.coupling
     low, high = np.array([box.damping_ns_per_m, box.stiffness_n_per_m, box.contact_damping_ns_per_m]).T[:, :, None]
     scale = parameters[-3:] + x
-    down, up = np.clip(x - low, 0.0, scale), np.clip(high - x, 0.0, scale)
+    down = np.clip(x - low, 0.0, scale)
+    up = np.clip(high - x, 0.0, scale)
     residual = _residual(df, np.where(active, dg, 0.0), down, up)
     empty = np.isnan(x).any(axis=0)
     return Optimality(np.where(empty, np.nan, violation), np.where(empty, np.nan, residual))
 
 
 def _residual(df: FloatArray, dg: FloatArray, down: FloatArray, up: FloatArray) -> FloatArray:
-    """Return the smallest residual over multipliers >= 0 of (12), (3, n): where two gains balance."""
+    """Return the smallest KKT residual over multipliers lambda >= 0 of (12), shape (n,).
+
+    With slopes s_i = df_i - lambda dg_i of the gains i, that can fall by down_i and rise by up_i, it is the largest of
+    s_i down_i where s_i > 0, else -s_i up_i. As a function of lambda it is least at 0, where a slope vanishes or where
+    two gains balance; ``df``, ``dg``, ``down`` and ``up`` have shape (3, n).
+    """
     with np.errstate(invalid="ignore", divide="ignore"):
         choices = [np.zeros(df.shape[1]), *(df / dg)]
         for i, j in ((0, 1), (0, 2), (1, 2)):
-            for one in (down[i], -up[i]):
-                choices += [
-                    (one * df[i] - other * df[j]) / (one * dg[i] - other * dg[j]) for other in (down[j], -up[j])
-                ]
+            reaches = product((down[i], -up[i]), (down[j], -up[j]))
+            choices += [
+                (reach_i * df[i] - reach_j * df[j]) / (reach_i * dg[i] - reach_j * dg[j])
+                for reach_i, reach_j in reaches
+            ]
     multiplier = np.array(choices)
     multiplier = np.where(np.isfinite(multiplier) & (multiplier > 0), multiplier, 0.0)
     slope = df - multiplier[:, None] * dg

@@ -18,7 +18,14 @@ from avc_casadi.paper.rows import TIE, GainArrays, best_candidate, guarded_margi
 
 @dataclass(frozen=True)
 class Lattice:
-    """Density of the lattice, and number of its best nodes taken as starts."""
+    """Density of the lattice, and number of its best nodes taken as starts.
+
+    Attributes:
+        series: nodes along b and k.
+        damped: nodes along b, k and b_p.
+        error: starts of least magnitude error on either side of |Z_h| = |Z_h_ds|.
+        turn: starts nearest to Z_h_ds on either side of its direction, for the ties.
+    """
 
     series: tuple[int, int]
     damped: tuple[int, int, int]
@@ -29,6 +36,19 @@ class Lattice:
 COARSE = Lattice((17, 17), (9, 9, 7), error=2, turn=2)
 FINE = Lattice((49, 49), (21, 21, 15), error=8, turn=4)
 
+_AXIS_CENTRE = 0.5
+"""Decades about the natural scale of a gain in which nodes are evenly spaced; farther away they are sparser."""
+_AXIS_DECADES = 5.0
+"""Farthest node from the natural scale, in decades, inside the ends of the box."""
+_FREQUENCIES_AT_ONCE = 50
+"""Frequencies whose starts are in memory at a time."""
+_CURVE = 1e-4
+"""An error below this share of |Z_h_ds| counts as a curve of minimisers, whose ties are then broken."""
+_SAME_IMPEDANCE = 1e-10
+"""Z_h within this share of |Z_h_ds| is the same: a solver meets the equality with the previous Z_h no better."""
+_PULLS = 4
+"""Steps along the gradient that move gains onto (12)."""
+
 
 @dataclass(frozen=True)
 class Starts:
@@ -37,34 +57,36 @@ class Starts:
     gains: FloatArray
     row: IndexArray
 
-    def only(self, some: BoolArray) -> Starts:
-        """Return a subset."""
-        return Starts(self.gains[:, some], self.row[some])
+    def only(self, chosen: BoolArray) -> Starts:
+        """Return a subset, by a mask of shape (m,)."""
+        return Starts(self.gains[:, chosen], self.row[chosen])
 
 
 def starts_of(nlp: NlpRows, lattice: Lattice) -> tuple[Starts, Starts]:
     """Return starts of (11)-(12), best or least infeasible nodes and the closed form, and further ones of its ties."""
     nodes, shape = _nodes(nlp, lattice)
-    z, target = nlp.perceived(nodes), nlp.loop.target / nlp.size
+    z = nlp.perceived(nodes)
+    target = nlp.loop.target / nlp.size
     excess = np.abs(z) - np.abs(target)
     feasible = z.real >= nlp.margin
     error = np.where(feasible, np.abs(excess), np.inf)
     # Away from the circle |Z_h| = |Z_h_ds| a node predicts its solution less well.
     distance = np.where(feasible, np.abs(z - target) + 2 * np.abs(excess), np.inf)
     anticlockwise = (z * np.conj(target)).imag >= 0
-    none = np.flatnonzero(~feasible.any(axis=0))
+    infeasible = np.flatnonzero(~feasible.any(axis=0))
     first = [
         *(_least(nodes, error, shape, lattice.error, side) for side in (excess < 0, excess >= 0)),
-        Starts(nodes[:, z.real.argmax(axis=0)[none], none], none),
+        Starts(nodes[:, z.real.argmax(axis=0)[infeasible], infeasible], infeasible),
         _closed_form(nlp),
     ]
     ties = [_least(nodes, distance, shape, lattice.turn, side) for side in (~anticlockwise, anticlockwise)]
     return joined(first), joined(ties)
 
 
-def joined(some: list[Starts]) -> Starts:
+def joined(parts: list[Starts]) -> Starts:
     """Return the concatenation of starts."""
-    return Starts(np.concatenate([each.gains for each in some], axis=1), np.concatenate([each.row for each in some]))
+    gains = np.concatenate([part.gains for part in parts], axis=1)
+    return Starts(gains, np.concatenate([part.row for part in parts]))
 
 
 def _nodes(nlp: NlpRows, lattice: Lattice) -> tuple[FloatArray, tuple[int, ...]]:
@@ -81,14 +103,13 @@ def _axis(low: float, high: float, natural: FloatArray, count: int) -> FloatArra
     """Return values of one gain, (count, n), both ends among them."""
     if high == low or count == 1:
         return np.full((1, len(natural)), low)
-    # Decades about the natural scale with evenly spaced nodes; farther away they are sparser, to five decades.
-    centre = 0.5
     with np.errstate(divide="ignore"):
-        decades = [np.clip(np.log10(end / natural), -5.0, 5.0) for end in (low, high)]
-    first, last = (np.arcsinh(each / centre) for each in decades)
+        decades = [np.clip(np.log10(end / natural), -_AXIS_DECADES, _AXIS_DECADES) for end in (low, high)]
+    first, last = (np.arcsinh(end / _AXIS_CENTRE) for end in decades)
     even = first + (last - first) * np.linspace(0, 1, count)[:, None]
-    values = np.clip(natural * 10 ** (centre * np.sinh(even)), low, high)
-    values[0], values[-1] = low, high
+    values = np.clip(natural * 10 ** (_AXIS_CENTRE * np.sinh(even)), low, high)
+    values[0] = low
+    values[-1] = high
     return values
 
 
@@ -101,15 +122,16 @@ def _least(nodes: FloatArray, value: FloatArray, shape: tuple[int, ...], count: 
     for axis, length in enumerate(shape):
         outside = np.full_like(on_lattice.take([0], axis), np.inf)
         padded = np.concatenate((outside, on_lattice, outside), axis)
-        before, after = padded.take(range(length), axis), padded.take(range(2, length + 2), axis)
+        before = padded.take(range(length), axis)
+        after = padded.take(range(2, length + 2), axis)
         # Of equal nodes the first.
         least &= (on_lattice < before) & (on_lattice <= after)
     value = np.where(least.reshape(-1, rows), value, np.inf)
     count = min(count, len(value))
     node = np.argpartition(value, count - 1, axis=0)[:count]
     row = np.broadcast_to(np.arange(rows), node.shape)
-    found = np.isfinite(value[node, row])
-    return Starts(nodes[:, node[found], row[found]], row[found])
+    minimum = np.isfinite(value[node, row])
+    return Starts(nodes[:, node[minimum], row[minimum]], row[minimum])
 
 
 def _closed_form(nlp: NlpRows) -> Starts:
@@ -143,17 +165,16 @@ def nlp_gains(
 ) -> GainArrays:
     """Return the best (b, k, b_p) that the solver found, each (n,); not a number where none is feasible."""
     solvers = solvers_for(problem, name, tolerance)
-    return in_parts(loop, 50, progress, lambda some: _best(NlpRows(problem, some, solvers), lattice))
+    return in_parts(loop, _FREQUENCIES_AT_ONCE, progress, lambda part: _best(NlpRows(problem, part, solvers), lattice))
 
 
 def _best(nlp: NlpRows, lattice: Lattice) -> GainArrays:
     """Solve the goals one after the other and return the best of all points found."""
-    first, elsewhere = starts_of(nlp, lattice)
+    first, tie_starts = starts_of(nlp, lattice)
     ends = Starts(nlp.solve("error", first.gains, first.row), first.row)
     error = np.abs(np.abs(nlp.perceived(ends.gains, ends.row)) * nlp.size - np.abs(nlp.loop.target[ends.row]))
-    # An error below this share of |Z_h_ds| counts as a curve of minimisers, whose ties are then broken.
-    near = error < 1e-4 * nlp.size * nlp.radius[ends.row]
-    begin = joined([ends.only(near), elsewhere.only(np.isin(elsewhere.row, ends.row[near]))])
+    near = error < _CURVE * nlp.size * nlp.radius[ends.row]
+    begin = joined([ends.only(near), tie_starts.only(np.isin(tie_starts.row, ends.row[near]))])
     points = [ends, Starts(nlp.solve("turn", begin.gains, begin.row), begin.row)]
     best = _ranked(nlp, joined(points), TIE)
     row = np.flatnonzero(np.isfinite(best[0]))
@@ -161,28 +182,32 @@ def _best(nlp: NlpRows, lattice: Lattice) -> GainArrays:
         return best
     reached = Starts(np.array(best)[:, row] / nlp.size, row)
     least = Starts(nlp.solve("contact", reached.gains, row), row)
-    # Z_h within this share of |Z_h_ds| is the same: a solver meets the equality with the previous Z_h no better.
-    return _ranked(nlp, joined([reached, least]), 1e-10)
+    return _ranked(nlp, joined([reached, least]), _SAME_IMPEDANCE)
 
 
-def _ranked(nlp: NlpRows, found: Starts, tie: float) -> GainArrays:
-    order = np.argsort(found.row, kind="stable")
-    row = found.row[order]
+def _ranked(nlp: NlpRows, points: Starts, tie: float) -> GainArrays:
+    """Return the best of the points and of their likes pulled onto (12), at each frequency."""
+    order = np.argsort(points.row, kind="stable")
+    row = points.row[order]
     place = np.arange(len(row)) - np.searchsorted(row, row)
     gains = np.full((int(place.max()) + 1, 3, len(nlp.loop.target)), np.nan)
-    gains[place, :, row] = nlp.size * found.gains.T[order]
-    every = np.concatenate((gains, _pulled_inside(nlp, gains)))
-    return best_candidate(nlp.problem, nlp.loop, every[:, 0], every[:, 1], every[:, 2], tie=tie)
+    gains[place, :, row] = nlp.size * points.gains.T[order]
+    candidates = np.concatenate((gains, _pulled_inside(nlp, gains)))
+    b, k, p = candidates[:, 0], candidates[:, 1], candidates[:, 2]
+    return best_candidate(nlp.problem, nlp.loop, b, k, p, tie=tie)
 
 
-def _pulled_inside(nlp: NlpRows, found: FloatArray) -> FloatArray:
+def _pulled_inside(nlp: NlpRows, solved: FloatArray) -> FloatArray:
     """Move gains (m, 3, n) that violate (12) by a solver's tolerance onto it, along its gradient."""
-    loop, gains, scales = nlp.loop, found.copy(), nlp.size * nlp.natural
+    loop = nlp.loop
+    gains = solved.copy()
+    scales = nlp.size * nlp.natural
     margin = margin_over_range(nlp.problem)
-    low, high = nlp.size * nlp.low, nlp.size * nlp.high
+    low = nlp.size * nlp.low
+    high = nlp.size * nlp.high
     slope_k = coupling_impedance(loop.angle, 0.0, 1.0)
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-        for _ in range(4):
+        for _ in range(_PULLS):
             b, k, p = gains[:, 0], gains[:, 1], gains[:, 2]
             rendered = loop.rendered(b, k) + p
             missing = guarded_margin(loop.device, loop.hold, rendered, margin)

@@ -25,6 +25,7 @@ from avc_casadi.paper.numbers import abs2
 
 DEFAULT_SOLVER = "sqpmethod-qrqp"
 DEFAULT_TOLERANCE = 1e-12
+"""Relative tolerance of the scaled problem."""
 
 Options = dict[str, Any]
 _QUIET: Options = {"print_time": False, "error_on_fail": False, "show_eval_warnings": False}
@@ -89,11 +90,24 @@ Stage = Literal["error", "turn", "contact"]
 _UPPER = {"error": (np.inf,), "turn": (np.inf, np.inf, 0.0), "contact": (0.0, 0.0)}
 """Upper bounds of each stage's constraints; the lower ones are 0."""
 _LAST_SHARE = 1.0 - 2.0**-52
+"""Largest share x = t/(c + t) of an infinite gain t: just below 1."""
+_SCALE_REACH = 10.0
+"""The scale c of a share is the gain of the start, but within this factor of the gain's natural scale."""
+_SMALLEST_MAGNITUDE = 1e-12
+"""Smallest |Z_h| of a start, as a share of |Z_h_ds|, for the size of the goal."""
+_NLPS_AT_ONCE = 64
+"""NLPs in one call, during which Ctrl-C waits."""
 
 
 @dataclass(frozen=True)
 class NlpSolvers:
-    """CasADi functions of one solver, in the lexicographic order of the goals."""
+    """CasADi functions of one solver, in the lexicographic order of the goals.
+
+    Attributes:
+        error: least magnitude error (11) subject to (12).
+        turn: of equal errors, the least angle between Z_h and Z_h_ds.
+        contact: of equal Z_h, the least contact damping; None where b_p is no variable.
+    """
 
     error: Any
     turn: Any
@@ -103,9 +117,13 @@ class NlpSolvers:
 @lru_cache(maxsize=16)
 def nlp_solvers(name: str, tolerance: float, *, contact: bool = False) -> NlpSolvers:
     """Return the solvers, built once for each solver and tolerance."""
-    (plugin, options), nlp = plugin_of(name, tolerance), coupling_nlp()
+    plugin, options = plugin_of(name, tolerance)
+    nlp = coupling_nlp()
     u = ca.SX.sym("u", 3 if contact else 2)
-    low, span, scale, sizes = (ca.SX.sym(label, 3) for label in ("low", "span", "scale", "sizes"))
+    low = ca.SX.sym("low", 3)
+    span = ca.SX.sym("span", 3)
+    scale = ca.SX.sym("scale", 3)
+    sizes = ca.SX.sym("sizes", 3)
     point = ca.SX.sym("point", 2)
     share = low + span * (u if contact else ca.vertcat(u, 0))
     gains = scale * share / (1 - share)
@@ -121,7 +139,7 @@ def nlp_solvers(name: str, tolerance: float, *, contact: bool = False) -> NlpSol
         (nlp.impedance.real - point[0]) / term_size,
         (nlp.impedance.imag - point[1]) / term_size,
     ]
-    error, passive, turn, on_circle, *same = ca.substitute(expressions, [nlp.gains], [gains])
+    error, passive, turn, on_circle, *at_point = ca.substitute(expressions, [nlp.gains], [gains])
     parameters = ca.vertcat(nlp.parameters, low, span, scale, sizes, point)
 
     def solver(label: str, goal: Any, constraints: list[Any]) -> Any:
@@ -135,20 +153,35 @@ def nlp_solvers(name: str, tolerance: float, *, contact: bool = False) -> NlpSol
     return NlpSolvers(
         solver("error", error, [passive]),
         solver("turn", turn, [passive, turn, on_circle]),
-        solver("contact", u[2], same) if contact else None,
+        solver("contact", u[2], at_point) if contact else None,
     )
 
 
 class NlpRows:
-    """The NLPs of n frequencies in scales that suit absolute tolerances; a rotary device in units of its handle."""
+    """The NLPs of n frequencies in scales that suit absolute tolerances; a rotary device in units of its handle.
+
+    Attributes:
+        problem: the problem.
+        loop: its loop at the n frequencies.
+        solvers: CasADi's functions.
+        size: unit of impedance of this class, N.s/m of the problem: 1 of a linear device.
+        margin: least Re Z_h.
+        low: lower ends of b, k and b_p, shape (3, 1).
+        high: their upper ends, shape (3, 1).
+        radius: |Z_h_ds|, 1 where it is 0, shape (n,).
+        natural: natural scale of each gain, shape (3, n).
+    """
 
     def __init__(self, problem: Problem, loop: Loop, solvers: NlpSolvers) -> None:
-        self.problem, self.loop, self.solvers = problem, loop, solvers
+        self.problem = problem
+        self.loop = loop
+        self.solvers = solvers
         self.size = problem.device.metres_per_unit**2
         self.margin = margin_over_range(problem) / self.size
         box = problem.coupling
         bounds = np.array([box.damping_ns_per_m, box.stiffness_n_per_m, box.contact_damping_ns_per_m]) / self.size
-        self.low, self.high = bounds[:, :1], bounds[:, 1:]
+        self.low = bounds[:, :1]
+        self.high = bounds[:, 1:]
         self._parameters = nlp_parameters(problem, loop, self.size)
         target = np.abs(loop.target) / self.size
         self.radius = np.where(target > 0, target, 1.0)
@@ -165,49 +198,54 @@ class NlpRows:
 
         Where the solver throws or returns non-finite values, the start is returned.
         """
-        natural, target = self.natural[:, rows], self.loop.target[rows] / self.size
-        # The scale c of a share is the gain of the start, but within a factor of 10 of the gain's natural scale.
-        scale = np.clip(start, natural / 10.0, natural * 10.0)
+        natural = self.natural[:, rows]
+        target = self.loop.target[rows] / self.size
+        scale = np.clip(start, natural / _SCALE_REACH, natural * _SCALE_REACH)
         low, high = (np.minimum(end / (scale + end), _LAST_SHARE) for end in (self.low, self.high))
         span = high - low
         u = np.clip((start / (scale + start) - low) / np.where(span > 0, span, 1.0), 0, 1)
         z = self.perceived(start, rows)
-        radius, magnitude = self.radius[rows], np.maximum(np.abs(z), 1e-12 * self.radius[rows])
-        device, hold = self.loop.device[rows] / self.size, self.loop.hold[rows]
+        radius = self.radius[rows]
+        magnitude = np.maximum(np.abs(z), _SMALLEST_MAGNITUDE * radius)
+        device = self.loop.device[rows] / self.size
+        hold = self.loop.hold[rows]
         terms = np.abs(device) + np.abs(z - device) + np.abs(hold.real * start[2])
         side = np.where((z * np.conj(target)).imag < 0, -1.0, 1.0)
         # With |Z_h| far below |Z_h_ds| the goal is nearly linear in |Z_h|, far above it quadratic.
-        sizes = np.sqrt(np.maximum(radius, magnitude) * magnitude), np.where(terms > 0, terms, 1.0), side
+        goal_size = np.sqrt(np.maximum(radius, magnitude) * magnitude)
+        sizes = (goal_size, np.where(terms > 0, terms, 1.0), side)
         data = np.concatenate((self._parameters[:, rows], low, span, scale, sizes, (z.real, z.imag)))
-        found = self._called(stage, u, data)
-        share = np.minimum(low + span * found, _LAST_SHARE)
+        solution = self._called(stage, u, data)
+        share = np.minimum(low + span * solution, _LAST_SHARE)
         gains = scale * share / (1 - share)
-        gains = np.where(found <= 0, self.low, np.where(found >= 1, self.high, gains))
+        gains = np.where(solution <= 0, self.low, np.where(solution >= 1, self.high, gains))
         return np.asarray(np.clip(gains, self.low, self.high))
 
     def _called(self, stage: Stage, u: FloatArray, data: FloatArray) -> FloatArray:
+        """Return the solutions u (3, m) of a stage, of parameters ``data``; the start where the solver has none."""
         solver = getattr(self.solvers, stage)
-        varied, found = solver.size1_in("x0"), u.copy()
-        lowest = np.zeros(len(_UPPER[stage]))
-        # NLPs in one call, during which Ctrl-C waits.
-        at_once = 64
-        for first in range(0, u.shape[1], at_once):
-            some = slice(first, first + at_once)
+        varied = solver.size1_in("x0")
+        solution = u.copy()
+        highest = np.array(_UPPER[stage])
+        lowest = np.zeros(len(highest))
+        for first in range(0, u.shape[1], _NLPS_AT_ONCE):
+            part = slice(first, first + _NLPS_AT_ONCE)
             # Where a foreign handler intercepts Ctrl-C without ending anything, the next calls follow.
             with DeferredInterrupt():
-                x = _solved(solver, u[:varied, some], data[:, some], lowest, np.array(_UPPER[stage]))
-            found[:varied, some] = np.where(np.isfinite(x), np.clip(x, 0, 1), u[:varied, some])
-        return found
+                x = _solved(solver, u[:varied, part], data[:, part], lowest, highest)
+            solution[:varied, part] = np.where(np.isfinite(x), np.clip(x, 0, 1), u[:varied, part])
+        return solution
 
 
 def _solved(solver: Any, u: FloatArray, data: FloatArray, lowest: FloatArray, highest: FloatArray) -> FloatArray:
+    """Call a solver for all columns of ``u`` at once; return the starts where it throws."""
     count = u.shape[1]
     try:
-        every = solver if count == 1 else solver.map(count)
-        return np.array(every(x0=u, p=data, lbx=0, ubx=1, lbg=lowest, ubg=highest)["x"])
+        mapped = solver if count == 1 else solver.map(count)
+        return np.array(mapped(x0=u, p=data, lbx=0, ubx=1, lbg=lowest, ubg=highest)["x"])
     except RuntimeError:
         # Some solvers throw instead of returning a status: then one by one.
         if count == 1:
             return u
-        each = [_solved(solver, u[:, [i]], data[:, [i]], lowest, highest) for i in range(count)]
-        return np.concatenate(each, axis=1)
+        columns = [_solved(solver, u[:, [i]], data[:, [i]], lowest, highest) for i in range(count)]
+        return np.concatenate(columns, axis=1)

@@ -74,7 +74,14 @@ class ComplexExpr:
 
 @dataclass(frozen=True)
 class NumberSystem:
-    """Operations that an equation needs beyond arithmetic."""
+    """Operations that an equation needs beyond arithmetic.
+
+    Attributes:
+        sin_pi: x -> sin(pi x).
+        complex: joins a real and an imaginary part.
+        number: takes a Python float into the system.
+        one_for_zero: x -> x, or 1 where x is 0.
+    """
 
     sin_pi: Callable[[Real], Real]
     complex: Callable[[Real, Real], Complex]

@@ -8,13 +8,22 @@ from typing import Any
 import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray
-from avc_casadi.model.problem import Objective, Problem
+from avc_casadi.model.problem import Impedance, Objective, Problem
 from avc_casadi.paper.equations import Loop, environment_impedance, loop_at, perceived_impedance
+
+IMPERCEPTIBLE = 1e-6
+"""Share of a bound by which |Z_h| may miss it and counts as inside: a solver ends this close to it."""
 
 
 @dataclass(frozen=True, eq=False)
 class RealismResult:
-    """Realism at each frequency; arrays of shape (n,). Frequencies without gains are not inside."""
+    """Realism at each frequency; arrays of shape (n,). Frequencies without gains are not inside.
+
+    Attributes:
+        inside_bounds: whether |Z_h| lies between those of the bounds L and U.
+        inside_jnd: whether |Z_h - Z_h_ds| is at most the just-noticeable difference rho of |Z_h_ds|.
+        jnd: rho.
+    """
 
     inside_bounds: BoolArray
     inside_jnd: BoolArray
@@ -36,14 +45,13 @@ def judge_realism(problem: Problem, impedance: ComplexArray, usable: BoolArray) 
     impedance = np.where(usable, impedance, np.nan)
     loop = loop_at(problem, problem.frequencies_hz())
     low, high = bound_magnitudes(problem, loop)
-    # Imperceptible: a solver ends this close to a bound, which counts as inside.
-    unfelt = 1e-6
-    low, high = low * (1 - unfelt), high * (1 + unfelt)
     size = np.abs(impedance)
     jnd = problem.realism.jnd
+    above_low = size >= low * (1 - IMPERCEPTIBLE)
+    below_high = size <= high * (1 + IMPERCEPTIBLE)
     return RealismResult(
-        inside_bounds=np.asarray((size >= low) & (size <= high)),
-        inside_jnd=np.asarray(np.abs(impedance - loop.target) <= jnd * (1 + unfelt) * np.abs(loop.target)),
+        inside_bounds=np.asarray(above_low & below_high),
+        inside_jnd=np.asarray(np.abs(impedance - loop.target) <= jnd * (1 + IMPERCEPTIBLE) * np.abs(loop.target)),
         jnd=jnd,
     )
 
@@ -56,21 +64,26 @@ def bound_magnitudes(problem: Problem, loop: Loop) -> tuple[FloatArray, FloatArr
 
 def perceived_bounds(problem: Problem, loop: Loop) -> tuple[ComplexArray, ComplexArray]:
     """Return Z_h with the bounds U and L themselves rendered, each (n,), N.s/m."""
-    bounds, model = problem.boundaries, problem.stability.model
-    upper, lower = (
-        environment_impedance(loop.angle, model, bound.damping_ns_per_m, bound.stiffness_n_per_m)
-        for bound in (bounds.upper, bounds.lower)
-    )
-    upper, lower = (np.asarray(perceived_impedance(loop.device, loop.hold, bound)) for bound in (upper, lower))
-    return upper, lower
+    model = problem.stability.model
+
+    def perceived(bound: Impedance) -> ComplexArray:
+        rendered = environment_impedance(loop.angle, model, bound.damping_ns_per_m, bound.stiffness_n_per_m)
+        return np.asarray(perceived_impedance(loop.device, loop.hold, rendered))
+
+    return perceived(problem.boundaries.upper), perceived(problem.boundaries.lower)
 
 
 def relative_errors(
     impedance: ComplexArray, target: ComplexArray, objective: Objective = "magnitude", jnd: float = 0.0
 ) -> FloatArray:
-    """Return the relative errors of perceived impedances, of the broadcast shape of the arguments."""
+    """Return the relative errors of perceived impedances, of the broadcast shape of the arguments.
+
+    magnitude: ||Z_h| - |Z_h_ds||/|Z_h_ds|; complex: e = |Z_h - Z_h_ds|/|Z_h_ds|; perceptual: max(e/rho - 1, 0).
+    """
     size = np.abs(target)
     if objective == "magnitude":
         return np.asarray(np.abs(np.abs(impedance) - size) / size)
     error = np.abs(impedance - target) / size
-    return np.asarray(error if objective == "complex" else np.maximum(error / jnd - 1, 0.0))
+    if objective == "complex":
+        return np.asarray(error)
+    return np.asarray(np.maximum(error / jnd - 1, 0.0))

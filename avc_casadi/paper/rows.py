@@ -24,11 +24,16 @@ from avc_casadi.paper.equations import (
 )
 from avc_casadi.paper.numbers import NUMPY
 
+_MARGIN_ROUNDING = 4 * float(np.finfo(np.float64).eps)
+"""Rounding of Re Z_h, relative to the magnitudes of its terms."""
+_AT_BOUND = 1e-6
+"""A gain this near to an end of its box, as a share of the upper end, is at its bound."""
+
 
 def guarded_margin(device: ComplexArray, hold: ComplexArray, rendered: ComplexArray, margin: float) -> FloatArray:
     """Return the margin plus the rounding of Re(device + hold * rendered), for a point meant to lie on the margin."""
     terms = np.abs(device.real) + np.abs(hold.real * rendered.real) + np.abs(hold.imag * rendered.imag)
-    return np.asarray(margin + 4 * float(np.finfo(np.float64).eps) * terms)
+    return np.asarray(margin + _MARGIN_ROUNDING * terms)
 
 
 def wanted_points(loop: Loop, radius: FloatArray, margin: float) -> tuple[ComplexArray, ComplexArray]:
@@ -43,17 +48,14 @@ def wanted_points(loop: Loop, radius: FloatArray, margin: float) -> tuple[Comple
         # Towards the goal's side the two heights nearly cancel; the difference of squares does not.
         side = np.where(target.imag < 0, -1.0, 1.0)
         near = (target.real - guarded) * (target.real + guarded) / (height + np.abs(target.imag))
-        shift = (
-            np.stack(
-                (
-                    at_goal + 0j,
-                    guarded - target.real + 1j * side * near,
-                    guarded - target.real - 1j * (side * height + target.imag),
-                    guarded - target.real - 1j * target.imag,
-                )
-            )
-            / loop.hold
+        to_margin = guarded - target.real
+        shift_of_z = (
+            at_goal + 0j,
+            to_margin + 1j * side * near,
+            to_margin - 1j * (side * height + target.imag),
+            to_margin - 1j * target.imag,
         )
+        shift = np.stack(shift_of_z) / loop.hold
     return loop.desired + shift, loop.desired_gap - shift
 
 
@@ -61,27 +63,33 @@ TIE = 1e-12
 """Magnitude errors, and distances |Z_h_avc - Z_h_ds|, that differ by less than this share of |Z_h_ds| are equal."""
 
 GainArrays = tuple[FloatArray, FloatArray, FloatArray]
+"""Gains (b, k, b_p), N.s/m, N/m and N.s/m, of one shape: a frequency a column."""
 
 
 def admissible(problem: Problem, b: FloatArray, k: FloatArray, p: FloatArray) -> BoolArray:
     """Return whether each (b, k, b_p) lies in the gain box, of the shape of the gains."""
-    box = problem.coupling
-    (b0, b1), (k0, k1), (p0, p1) = box.damping_ns_per_m, box.stiffness_n_per_m, box.contact_damping_ns_per_m
+    b0, b1 = problem.coupling.damping_ns_per_m
+    k0, k1 = problem.coupling.stiffness_n_per_m
+    p0, p1 = problem.coupling.contact_damping_ns_per_m
     return np.asarray((b >= b0) & (b <= b1) & (k >= k0) & (k <= k1) & (p >= p0) & (p <= p1))
 
 
 def in_parts(loop: Loop, at_once: int, progress: Progress, solve: Callable[[Loop], GainArrays]) -> GainArrays:
     """Solve some frequencies at a time: few enough for memory and for progress reports."""
     rows = np.arange(len(loop.target))
-    found = [solve(loop.rows(rows[some])) for some in chunks(len(rows), at_once, progress, "frequencies")]
-    b, k, p = (np.concatenate(gain) for gain in zip(*found, strict=True))
+    solved = [solve(loop.rows(rows[part])) for part in chunks(len(rows), at_once, progress, "frequencies")]
+    b, k, p = (np.concatenate(gain) for gain in zip(*solved, strict=True))
     return b, k, p
 
 
 def best_candidate(
     problem: Problem, loop: Loop, b: FloatArray, k: FloatArray, p: FloatArray, *, tie: float = TIE
 ) -> GainArrays:
-    """Return per frequency the first of candidates (m, n): admissible; least error, distance, b_p, k, b."""
+    """Return per frequency the best of candidates (m, n), each (n,); not a number where none is feasible.
+
+    Feasible ones lie in the gain box with Re Z_h >= margin. Of these, in order: least magnitude error, least distance
+    to Z_h_ds, both within ``tie`` of |Z_h_ds|, least b_p, least k, least b, and the first.
+    """
     margin = margin_over_range(problem)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         z = loop.perceived(b, k, p)
@@ -95,9 +103,10 @@ def best_candidate(
     for gain in (p, k, b):
         ranked = np.where(left, gain, np.inf)
         left &= ranked <= ranked.min(axis=0)
-    chosen = left.argmax(axis=0), np.arange(z.shape[1])
+    chosen = (left.argmax(axis=0), np.arange(z.shape[1]))
     empty = ~np.isfinite(lowest)
-    return tuple(np.where(empty, np.nan, gain[chosen]) for gain in (b, k, p))  # type: ignore[return-value]
+    best_b, best_k, best_p = (np.where(empty, np.nan, gain[chosen]) for gain in (b, k, p))
+    return best_b, best_k, best_p
 
 
 def pointwise_notes(problem: Problem) -> tuple[str, ...]:
@@ -116,7 +125,7 @@ def row_status(problem: Problem, b: FloatArray, k: FloatArray, p: FloatArray) ->
     active = np.zeros(b.shape, dtype=bool)
     for gain, ends in bounded:
         for end in ends:
-            active |= np.abs(gain - end) <= 1e-6 * ends[1]
+            active |= np.abs(gain - end) <= _AT_BOUND * ends[1]
     solved = np.where(active, Status.ACTIVE_BOUND, Status.SOLVED)
     return tuple(Status(item) for item in np.where(np.isnan(b), Status.INFEASIBLE, solved))
 
@@ -125,14 +134,16 @@ def perceived_impedance_of(
     problem: Problem, frequency_hz: FloatArray, gains: GainArrays, law: StateFeedback | None = None
 ) -> ComplexArray:
     """Return Z_h_avc at each frequency, N.s/m, shape (n,)."""
-    loop, (b, k, contact) = loop_at(problem, frequency_hz), gains
+    loop = loop_at(problem, frequency_hz)
+    b, k, contact = gains
     if law is None:
         return np.asarray(loop.perceived(b, k, contact))
     angle = SampleAngle.at(NUMPY, frequency_hz, problem.device.sample_time_s)
     # The law runs on a device: to it the wall is a force over position, in any model of the problem.
-    wall, coupling = problem.environment, coupling_impedance(angle, b, k)
-    behind = environment_impedance(angle, "sampled-data", wall.damping_ns_per_m, wall.stiffness_n_per_m)
-    stiffness = (contact + series(coupling, behind, numbers=NUMPY)) * backward_difference(angle)
+    wall = problem.environment
+    coupling = coupling_impedance(angle, b, k)
+    wall_impedance = environment_impedance(angle, "sampled-data", wall.damping_ns_per_m, wall.stiffness_n_per_m)
+    stiffness = (contact + series(coupling, wall_impedance, numbers=NUMPY)) * backward_difference(angle)
     # The impedance of a 1 N/m spring converts force over position to force over velocity, in the problem's model.
     unit = environment_impedance(angle, problem.stability.model, 0.0, 1.0)
     force = force_behind(law, stiffness, np.exp(2j * np.pi * angle.turns))
@@ -140,12 +151,18 @@ def perceived_impedance_of(
 
 
 def force_behind(law: StateFeedback, stiffness_n_per_m: ComplexArray, z: ComplexArray) -> ComplexArray:
-    """Return force over the measured position at each frequency, N/m, shape (n,), at a dead-zone gain of 1."""
-    gain, weight = np.array(law.innovation), np.array(law.feedback)
+    """Return force over the measured position at each frequency, N/m, shape (n,), at a dead-zone gain of 1.
+
+    With the observer's matrix A, force column B, gain L, feedback R and the stiffness K behind it, M = A + K B R and
+    s = (z I - M)^-1 M L, the state over the innovation before its correction: F/x = K R (s + L)/(1 + s_m), m the
+    state that is measured.
+    """
+    gain = np.array(law.innovation)
+    weight = np.array(law.feedback)
     closed = np.array(law.state) + stiffness_n_per_m[:, None, None] * np.outer(law.force_m_per_n, weight)
     pencil = z[:, None, None] * np.eye(law.states) - closed
-    believed = np.linalg.solve(pencil, closed @ gain[:, None])[..., 0]
-    return np.asarray(stiffness_n_per_m * ((believed + gain) @ weight) / (1 + believed[:, law.measures]))
+    predicted = np.linalg.solve(pencil, closed @ gain[:, None])[..., 0]
+    return np.asarray(stiffness_n_per_m * ((predicted + gain) @ weight) / (1 + predicted[:, law.measures]))
 
 
 def gain_schedule(
