@@ -85,14 +85,21 @@ def _noted(problem: Problem, method: Method, gains: GainSchedule) -> GainSchedul
             f"designed for the nominal value of {', '.join(unused)}: a design keeps its claim over "
             f"the ranges of mass and damping; certify judges every corner of the others"
         )
-    credit = problem.schedule.hand_damping_ns_per_m
-    unit = problem.units.unit("N.s/m")
-    if credit and method.credits_hand and problem.stability.scope != "hands":
-        notes.append(f"Re Z_h counts {credit:g} {unit} of the hand's damping (schedule.hand_damping_ns_per_m)")
-    elif credit:
-        crediting = ", ".join(name for name, known in METHODS.items() if known.credits_hand)
-        notes.append(
-            f"schedule.hand_damping_ns_per_m is not credited: it counts in Re Z_h of method {crediting}, "
-            "and not with scope hands"
-        )
+    notes += _credit_notes(problem, method)
     return replace(gains, notes=(*gains.notes, *notes), definition=problem)
+
+
+def _credit_notes(problem: Problem, method: Method) -> list[str]:
+    """Return a note on whether the hand's damping counts, where the problem credits it."""
+    credit = problem.schedule.hand_damping_ns_per_m
+    if not credit:
+        return []
+    if method.credits_hand and problem.stability.scope != "hands":
+        unit = problem.units.unit("N.s/m")
+        return [f"Re Z_h counts {credit:g} {unit} of the hand's damping (schedule.hand_damping_ns_per_m)"]
+    crediting = ", ".join(name for name, known in METHODS.items() if known.credits_hand)
+    note = (
+        f"schedule.hand_damping_ns_per_m is not credited: it counts in Re Z_h of method {crediting}, "
+        "and not with scope hands"
+    )
+    return [note]
