@@ -61,15 +61,15 @@ class Certificate(Tabular):
         """Return the levels as columns, each of shape (levels,)."""
         levels = self.levels.values()
         columns = ("level", "passed", "margin_ns_per_m", "frequency_hz", "model", "rows_failed", "claim")
-        found = {name: np.array([getattr(one, name) for one in levels]) for name in columns}
-        return found | {"title": np.array([LEVELS[one.level].title for one in levels])}
+        values = {name: np.array([getattr(result, name) for result in levels]) for name in columns}
+        return values | {"title": np.array([LEVELS[result.level].title for result in levels])}
 
     @property
     def _subject(self) -> str:
         return "requested gains" if self.requested else "gains"
 
     def _summary(self) -> str:
-        marks = ", ".join(f"{level} {found.word}" for level, found in self.levels.items())
+        marks = ", ".join(f"{level} {result.word}" for level, result in self.levels.items())
         return f"{self.problem!r}, {self._subject} of {len(self.frequency_hz)} rows: {marks}"
 
     def document(self) -> dict[str, Any]:
@@ -81,11 +81,9 @@ class Certificate(Tabular):
 
 def _rows(problem: Problem, gains: GainSchedule, *, requested: bool = False) -> Rows:
     """Return the gains under judgement."""
-    b, k, contact = (
-        (gains.requested_damping_ns_per_m, gains.requested_stiffness_n_per_m, gains.requested_contact_damping_ns_per_m)
-        if requested
-        else (gains.damping_ns_per_m, gains.stiffness_n_per_m, gains.contact_damping_ns_per_m)
-    )
+    b = gains.requested_damping_ns_per_m if requested else gains.damping_ns_per_m
+    k = gains.requested_stiffness_n_per_m if requested else gains.stiffness_n_per_m
+    contact = gains.requested_contact_damping_ns_per_m if requested else gains.contact_damping_ns_per_m
     # A rigid spring or damper is a meaningful limit, but not behind state feedback; an infinite contact damper is not.
     present = ~(np.isnan(b) | np.isnan(k)) & np.isfinite(contact)
     if gains.state_feedback is not None:
@@ -126,26 +124,31 @@ def certify(
         >>> certificate.levels["L0"].passed
         True
     """
-    problem, whole = with_wall(problem), gains
-    if not isinstance(gains, GainSchedule):
-        require_coupling(gains)
-        gains = gains.schedule
-    check_sample_time(gains.sample_time_s, problem, f"gains by {gains.method} for {gains.problem}")
-    behind = gains.state_feedback is not None and bool(gains.usable.any())
-    rows = _rows(problem, gains, requested=requested and not behind)
-    subject = Subject(problem, rows, gains, whole, draws, seed, progress)
-    parts = frozen_parts(problem, rows.b, rows.k) if behind else fractions(SampledLoop.of(problem), rows.b, rows.k)
+    problem = with_wall(problem)
+    table = gains
+    if not isinstance(table, GainSchedule):
+        require_coupling(table)
+        table = table.schedule
+    check_sample_time(table.sample_time_s, problem, f"gains by {table.method} for {table.problem}")
+    behind_feedback = table.state_feedback is not None and bool(table.usable.any())
+    requested = requested and not behind_feedback
+    rows = _rows(problem, table, requested=requested)
+    subject = Subject(problem, rows, table, gains, draws, seed, progress)
+    if behind_feedback:
+        parts = frozen_parts(problem, rows.b, rows.k)
+    else:
+        parts = fractions(SampledLoop.of(problem), rows.b, rows.k)
     judge = {name: partial(passivity_level, level=name) for name in LEVELS} | {"L5": hands_level, "L7": rest_level}
     return Certificate(
         problem=problem.name,
-        requested=requested and not behind,
-        frequency_hz=gains.frequency_hz,
+        requested=requested,
+        frequency_hz=table.frequency_hz,
         rows_without_gains=int(np.count_nonzero(~rows.present)),
         levels={name: judge[name](subject) for name, level in LEVELS.items() if prove or not level.on_demand},
         passive_limit_n_per_m=passive_limit_n_per_m(problem.device),
         dc_stiffness_n_per_m=rows.spread(parts.integral / problem.device.sample_time_s),
         definition=problem,
-        gains=whole,
+        gains=gains,
     )
 
 
@@ -157,14 +160,14 @@ def proof_files(problem: Problem, certificate: Certificate) -> dict[str, dict[st
             {
                 "schema": "avc-proof-file/1",
                 "level": level,
-                "outcome": found.outcome,
-                "claim": found.claim,
+                "outcome": result.outcome,
+                "claim": result.claim,
                 "problem": tables,
-                "proofs": found.detail["proofs"],
+                "proofs": result.detail["proofs"],
             }
         )
-        for level, found in certificate.levels.items()
-        if "proofs" in found.detail
+        for level, result in certificate.levels.items()
+        if "proofs" in result.detail
     }
 
 
@@ -178,36 +181,42 @@ def rest_level(subject: Subject) -> LevelResult:
     for done, row in enumerate(rows.tolist()):
         with subject.progress.step(f"proof of rest, {done + 1} of {len(rows)} rows"):
             rests.append(_of_row(coupling, row, subject.seed, subject.progress))
-    outcomes, worst_first = [one.outcome for one in rests], ("refuted", "open", "proved")
+    outcomes = [rest.outcome for rest in rests]
+    worst_first = ("refuted", "open", "proved")
     worst = min(range(len(rests)), key=lambda row: worst_first.index(outcomes[row]))
     claim = rests[worst].sentence
     if len(rests) > 1:
-        counts = ", ".join(f"{outcomes.count(one)} {one}" for one in worst_first if one in outcomes)
+        counts = ", ".join(f"{outcomes.count(outcome)} {outcome}" for outcome in worst_first if outcome in outcomes)
         claim = f"{counts} of {len(rests)} rows, each held; the row of {rows[worst, 0]:.5g} Hz: {claim}"
         claim += "; this says nothing of gains that change"
     return _rest_result(rests, claim, worst, len(rests))
+
+
+_QUICK_CELLS = 60_000
+"""Cells of a proof that takes a second or two."""
 
 
 def quick_rest_level(coupling: Coupling, progress: Progress = SILENT) -> LevelResult | None:
     """Prove L7 where it takes a second or two: constant gains alone, clipped last, on a rigid device known exactly."""
     if not admits_quick_proof(coupling):
         return None
-    law, box = _law(coupling, coupling.table.rows[0].tolist()), _box(coupling)
+    law = _law(coupling, coupling.table.rows[0].tolist())
+    device = coupling.problem.device
     with progress.step("proof of rest"):
-        found = prove_rest(law, coupling.contact, coupling.problem.device, box, most_cells=60_000, progress=progress)
-    return _rest_result([found], found.sentence, 0, 1)
+        rest = prove_rest(law, coupling.contact, device, _box(coupling), most_cells=_QUICK_CELLS, progress=progress)
+    return _rest_result([rest], rest.sentence, 0, 1)
 
 
 def admits_quick_proof(coupling: Coupling) -> bool:
     """Return whether `quick_rest_level` judges a coupling."""
-    runtime, device, spread = coupling.runtime, coupling.problem.device, coupling.problem.device.range
-    alone = runtime.state_feedback is None and runtime.observer_mass_kg is None and runtime.guard is None
-    known = (
-        rigid(device)
-        and not (device.backlash_m or spread.backlash_m)
-        and all(ends is None for ends in (spread.mass_kg, spread.damping_ns_per_m, spread.delay_samples))
-    )
-    return alone and known and coupling.table.constant and coupling.contact == "clip-last"
+    runtime = coupling.runtime
+    device = coupling.problem.device
+    ranges = device.range
+    gains_alone = runtime.state_feedback is None and runtime.observer_mass_kg is None and runtime.guard is None
+    without_play = not (device.backlash_m or ranges.backlash_m)
+    known_exactly = all(ends is None for ends in (ranges.mass_kg, ranges.damping_ns_per_m, ranges.delay_samples))
+    known = rigid(device) and without_play and known_exactly
+    return gains_alone and known and coupling.table.constant and coupling.contact == "clip-last"
 
 
 def promises_rest(coupling: Coupling) -> bool:
@@ -223,8 +232,9 @@ def promises_rest(coupling: Coupling) -> bool:
 
 def _rest_result(rests: list[Rest], claim: str, worst: int, rows: int) -> LevelResult:
     """Return L7 of rows of the deployed table, and which of them is the worst; a proof has no margin."""
-    passed, nothing = np.zeros(rows, dtype=bool), np.full(rows, np.nan)
-    passed[: len(rests)] = [one.outcome == "proved" for one in rests]
+    nothing = np.full(rows, np.nan)
+    passed = np.zeros(rows, dtype=bool)
+    passed[: len(rests)] = [rest.outcome == "proved" for rest in rests]
     return LevelResult(
         level="L7",
         passed=bool(passed.all()),
@@ -237,30 +247,34 @@ def _rest_result(rests: list[Rest], claim: str, worst: int, rows: int) -> LevelR
         row_passed=passed,
         row_margin_ns_per_m=nothing,
         row_frequency_hz=nothing,
-        detail={"proofs": [one.document() for one in rests]},
+        detail={"proofs": [rest.document() for rest in rests]},
         outcome=rests[worst].outcome if rests else "open",
     )
 
 
 def _law(coupling: Coupling, row: list[float]) -> ContactLaw:
+    """Return the law of one row (f, b, k, b_p) of a coupling's table."""
     _, b, k, contact_damping = row
     return ContactLaw.of(coupling.problem, b, k, contact_damping, coupling.runtime.state_feedback)
 
 
 def _box(coupling: Coupling) -> dict[str, tuple[float, float]]:
+    """Return the ranges of the hand, by name."""
     return {name: getattr(coupling.problem.hands, name) for name in HAND}
 
 
 def _of_row(coupling: Coupling, row: list[float], seed: int, progress: Progress) -> Rest:
-    problem, runtime = coupling.problem, coupling.runtime
+    """Return the proof of rest of one row; open where the runtime does what the proof does not know."""
+    problem = coupling.problem
+    runtime = coupling.runtime
     law = _law(coupling, row)
-    found = prove_rest(law, coupling.contact, problem.device, _box(coupling), seed=seed, progress=progress)
-    beside = {
-        "the observer between encoder steps is not linear": runtime.observer_mass_kg is not None,
-        f"the guard {runtime.guard} changes the force by what it has seen": runtime.guard is not None,
-    }
-    lacking = [reason for reason, there in beside.items() if there]
-    if not lacking:
-        return found
-    without = found.sentence if found.outcome != "open" else f"open, {found.sentence}"
-    return replace(found, outcome="open", sentence=f"{'; '.join(lacking)}; without it: {without}")
+    rest = prove_rest(law, coupling.contact, problem.device, _box(coupling), seed=seed, progress=progress)
+    not_known = []
+    if runtime.observer_mass_kg is not None:
+        not_known.append("the observer between encoder steps is not linear")
+    if runtime.guard is not None:
+        not_known.append(f"the guard {runtime.guard} changes the force by what it has seen")
+    if not not_known:
+        return rest
+    without = rest.sentence if rest.outcome != "open" else f"open, {rest.sentence}"
+    return replace(rest, outcome="open", sentence=f"{'; '.join(not_known)}; without it: {without}")

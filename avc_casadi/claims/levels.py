@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
@@ -13,7 +13,7 @@ from avc_casadi._util.arrays import BoolArray, FloatArray
 from avc_casadi._util.json_values import plain_table
 from avc_casadi._util.progress import SILENT, Progress, chunks
 from avc_casadi._util.text import quantity
-from avc_casadi.claims.impedance import PortWorst, worst_real_impedance
+from avc_casadi.claims.impedance import worst_real_impedance
 from avc_casadi.claims.llewellyn import llewellyn_margin
 from avc_casadi.claims.port import CouplingSlack, RenderingSlack, passive_hand, port_worst
 from avc_casadi.claims.worst_frequency import RELATIVE_TOLERANCE, lowest_of, worst_margin
@@ -31,7 +31,17 @@ Where = Literal["own", "band", "all"]
 
 @dataclass(frozen=True)
 class Level:
-    """What one level claims and leaves, where and with which hold."""
+    """What one level claims and leaves, where and with which hold.
+
+    Attributes:
+        title: name of the level.
+        claims: what it claims if it passes.
+        leaves: what it does not say.
+        where: frequencies at which a row is judged.
+        hold: the model of the hold; None for the problem's.
+        any_environment: whether it holds with any passive environment, not with the problem's alone.
+        on_demand: whether it is judged on request alone.
+    """
 
     title: str
     claims: str
@@ -92,11 +102,22 @@ LEVELS = {
 
 
 _HOLD = {"paper": "the paper's hold", "sampled-data": "the sampled-data hold"}
+_ROWS_AT_ONCE = 4000
+"""Rows of Llewellyn's condition in memory at a time."""
 
 
 @dataclass(frozen=True)
 class Rows:
-    """The gains under judgement; b, k and b_p of the present rows alone, shape (p,)."""
+    """The gains under judgement.
+
+    Attributes:
+        problem: the problem judged against.
+        frequency_hz: interaction frequencies of all rows, shape (n,).
+        present: which rows have gains, shape (n,).
+        b: damping of the p present rows, shape (p,), N.s/m.
+        k: their stiffness, shape (p,), N/m.
+        contact: their contact damping b_p, shape (p,), N.s/m.
+    """
 
     problem: Problem
     frequency_hz: FloatArray
@@ -106,20 +127,30 @@ class Rows:
     contact: FloatArray
 
     def spread(self, values: FloatArray, missing: float = np.nan) -> FloatArray:
-        """Return values of the present rows in an array of all rows."""
-        whole = np.full(len(self.present), missing)
-        whole[self.present] = values
-        return whole
+        """Return values (p,) of the present rows in an array of all rows, (n,)."""
+        of_all_rows = np.full(len(self.present), missing)
+        of_all_rows[self.present] = values
+        return of_all_rows
 
 
 @dataclass(frozen=True)
 class Subject:
-    """What a certificate is about: the gains under judgement, and where."""
+    """What a certificate is about: the gains under judgement, and where.
+
+    Attributes:
+        problem: the problem judged against.
+        rows: the gains under judgement.
+        gains: the table that they come from.
+        given: the table, or the coupling with it and its runtime, as it was given.
+        draws: hands drawn for L5 in addition to the corners.
+        seed: seed of the draws.
+        progress: reported over the rows.
+    """
 
     problem: Problem
     rows: Rows
     gains: GainSchedule
-    whole: GainSchedule | Coupling
+    given: GainSchedule | Coupling
     draws: int
     seed: int
     progress: Progress = SILENT
@@ -132,14 +163,31 @@ class Subject:
     @cached_property
     def coupling(self) -> Coupling | None:
         """The deployed table with its runtime; None where no row has gains."""
-        if isinstance(self.whole, Coupling):
-            return self.whole.on(self.problem)
+        if isinstance(self.given, Coupling):
+            return self.given.on(self.problem)
         return Coupling.of(self.problem, self.gains) if self.gains.usable.any() else None
 
 
 @dataclass(frozen=True, eq=False)
 class LevelResult:
-    """One level of a certificate; row arrays have shape (n,) in the order of the gains."""
+    """One level of a certificate; row arrays have shape (n,) in the order of the gains.
+
+    Attributes:
+        level: name of the level.
+        passed: whether every row meets it.
+        margin_ns_per_m: worst margin of all rows; not a number where there is none.
+        frequency_hz: frequency of the worst margin.
+        model: the model that the claim is made in.
+        claim: the claim, or what does not hold, in words.
+        tolerance_ns_per_m: rounding granted to the worst margin.
+        row: the worst row; None where no row has gains.
+        row_passed: whether each row meets it.
+        row_margin_ns_per_m: worst margin of each row; not a number for rows without gains.
+        row_frequency_hz: frequency of that margin.
+        detail: further JSON values of the level.
+        refused: why it was not judged; empty where it was.
+        outcome: proved, refuted or open, of a proof; else empty.
+    """
 
     level: str
     passed: bool
@@ -162,7 +210,11 @@ class LevelResult:
     @property
     def word(self) -> str:
         """pass, fail, or refused: not judged; of a proof its outcome."""
-        return self.outcome or ("refused" if self.refused else "pass" if self.passed else "fail")
+        if self.outcome:
+            return self.outcome
+        if self.refused:
+            return "refused"
+        return "pass" if self.passed else "fail"
 
     @property
     def rows_failed(self) -> int:
@@ -189,24 +241,36 @@ def level_result(
     tolerance: FloatArray,
     faults: list[str] | None = None,
 ) -> LevelResult:
-    """Summarise the present rows: the worst is the lowest margin among those that fail, or else among all."""
+    """Summarise the present rows: the worst is the lowest margin among those that fail, or else among all.
+
+    Args:
+        rows: the gains under judgement, p of them present.
+        level: name of the level.
+        model: the model that the claim is made in.
+        claim: the claim in words, if it passes.
+        passed: whether each present row meets it, shape (p,).
+        margin: worst margin of each, shape (p,), N.s/m or as the level says.
+        frequency: frequency of that margin, shape (p,), Hz.
+        tolerance: rounding granted to it, shape (p,).
+        faults: what fails of each row besides a margin, in words; empty where it is the margin.
+    """
     row_passed = rows.spread(passed.astype(np.float64), 0.0) > 0
     missing = int(np.count_nonzero(~rows.present))
     failed = int(np.count_nonzero(~passed))
     if len(passed) == 0:
-        nothing, claim = rows.spread(margin), f"Not met: none of {missing} rows has gains"
+        nothing = rows.spread(margin)
+        claim = f"Not met: none of {missing} rows has gains"
         return LevelResult(level, False, np.nan, np.nan, model, claim, 0.0, None, row_passed, nothing, nothing)
     worst = int(np.argmin(np.where(passed, np.inf, margin) if failed else margin))
     row = int(np.flatnonzero(rows.present)[worst])
     if failed:
-        unit = rows.problem.units.unit("N.s/m")
-        where = f"at {frequency[worst]:.5g} Hz" if frequency[worst] > 0 else "towards zero frequency"
-        fault = (faults[worst] if faults else "") or f"a margin of {margin[worst]:.4g} {unit} {where}"
+        fault = faults[worst] if faults else ""
+        fault = fault or _margin_fault(rows.problem, float(margin[worst]), float(frequency[worst]))
         claim = f"Not met by {failed} of {len(passed)} rows: that of {rows.frequency_hz[row]:.5g} Hz has {fault}"
-    if missing:
-        claim = (
-            f"{claim}; {missing} rows have no gains" if failed else f"Not met: {missing} rows have no gains; {claim}"
-        )
+    if missing and failed:
+        claim = f"{claim}; {missing} rows have no gains"
+    elif missing:
+        claim = f"Not met: {missing} rows have no gains; {claim}"
     finite = np.isfinite(margin[worst])
     return LevelResult(
         level=level,
@@ -223,6 +287,12 @@ def level_result(
     )
 
 
+def _margin_fault(problem: Problem, margin: float, frequency_hz: float) -> str:
+    """Return a margin that is too small, and its frequency, in words."""
+    where = f"at {frequency_hz:.5g} Hz" if frequency_hz > 0 else "towards zero frequency"
+    return f"a margin of {margin:.4g} {problem.units.unit('N.s/m')} {where}"
+
+
 def refusal(rows: Rows, level: str, model: Model, why: str) -> LevelResult:
     """Return a level with the reason why no row is judged; it is not met."""
     nothing = np.full(len(rows.b), np.nan)
@@ -232,8 +302,10 @@ def refusal(rows: Rows, level: str, model: Model, why: str) -> LevelResult:
 
 def passivity_level(subject: Subject, level: str) -> LevelResult:
     """Judge a claim of passivity on the rows; refused where that is not available."""
-    rows, claim = subject.rows, LEVELS[level]
-    model, device = claim.hold or subject.problem.stability.model, subject.problem.device
+    rows = subject.rows
+    claim = LEVELS[level]
+    model = claim.hold or subject.problem.stability.model
+    device = subject.problem.device
     if subject.behind_feedback:
         why = "the level knows gains alone, and these run behind an observer with state feedback"
         return refusal(rows, level, subject.problem.stability.model, why)
@@ -257,61 +329,90 @@ def passivity_level(subject: Subject, level: str) -> LevelResult:
 def _exact(rows: Rows, level: str, model: Model, progress: Progress) -> LevelResult:
     """Judge on an ideal device, at each end of the range of its delay."""
     # Re Z_h grows with the device's damping, so that the lower end of its range covers the others.
-    lean, (low, high, words) = least_damped(rows.problem), _band_hz(rows, LEVELS[level].where)
-    any_environment, whole = LEVELS[level].any_environment, LEVELS[level].where == "all"
-    sound, faults, found = np.ones(len(rows.b), dtype=bool), None, []
+    lean = least_damped(rows.problem)
+    band = _band(rows, LEVELS[level].where)
+    any_environment = LEVELS[level].any_environment
+    whole = LEVELS[level].where == "all"
+    sound = np.ones(len(rows.b), dtype=bool)
+    faults = None
+    worst_of_delays = []
     for delay in sorted({corner.delay_samples for corner in device_corners(lean.device, ("delay_samples",))}):
         loop = replace(SampledLoop.of(lean, model), delay_samples=delay)
         if any_environment:
-            parts = [
-                llewellyn_margin(loop, rows.b[some], rows.k[some], rows.contact[some])
-                for some in chunks(len(rows.b), 4000, progress, "Llewellyn")
-            ]
-            margin, at = (np.concatenate(column) for column in zip(*parts, strict=True))
-            size = lean.device.damping_ns_per_m + rows.contact + np.abs(margin)
-            found.append([margin, at, np.where(np.isfinite(margin), RELATIVE_TOLERANCE * size, 0.0)])
-        else:
-            worst = worst_margin(loop, rows.b, rows.k, rows.contact, low, high, progress=progress)
-            found.append([worst.margin_ns_per_m, worst.frequency_hz, worst.tolerance_ns_per_m])
-            if whole:
-                # Poles and residue are conditions of a rendering as a whole; other claims are on Re Z_h alone.
-                sound = worst.poles_stable & (worst.dc_stiffness_n_per_m >= 0)
-                faults = _faults(rows.problem, ~worst.poles_stable, worst.dc_stiffness_n_per_m)
-    margin, at, tolerance = lowest_of(found)
+            worst_of_delays.append(_llewellyn(rows, loop, progress))
+            continue
+        worst = worst_margin(loop, rows.b, rows.k, rows.contact, band.low_hz, band.high_hz, progress=progress)
+        worst_of_delays.append([worst.margin_ns_per_m, worst.frequency_hz, worst.tolerance_ns_per_m])
+        if whole:
+            # Poles and residue are conditions of a rendering as a whole; other claims are on Re Z_h alone.
+            sound = worst.poles_stable & (worst.dc_stiffness_n_per_m >= 0)
+            faults = _faults(rows.problem, ~worst.poles_stable, worst.dc_stiffness_n_per_m)
+    margin, frequency, tolerance = lowest_of(worst_of_delays)
+    passed = sound & (margin >= -tolerance)
     if any_environment:
         claim = f"each frozen row meets Llewellyn's condition (6) for any passive environment, under {_HOLD[model]}"
     elif whole:
-        claim = f"each frozen row is passive with this environment {words}, under {_HOLD[model]}"
+        claim = f"each frozen row is passive with this environment {band.words}, under {_HOLD[model]}"
     else:
-        claim = f"Re Z_h >= 0 {words}, under {_HOLD[model]}"
-    return level_result(rows, level, model, claim, sound & (margin >= -tolerance), margin, at, tolerance, faults)
+        claim = f"Re Z_h >= 0 {band.words}, under {_HOLD[model]}"
+    return level_result(rows, level, model, claim, passed, margin, frequency, tolerance, faults)
 
 
-def _band_hz(rows: Rows, where: Where) -> tuple[FloatArray, FloatArray, str]:
-    """Return the band in which each present row is judged, or its own frequency, and its description."""
+def _llewellyn(rows: Rows, loop: SampledLoop, progress: Progress) -> list[FloatArray]:
+    """Return Llewellyn's margin of each present row, its frequency and its tolerance, each (p,)."""
+    parts = [
+        llewellyn_margin(loop, rows.b[part], rows.k[part], rows.contact[part])
+        for part in chunks(len(rows.b), _ROWS_AT_ONCE, progress, "Llewellyn")
+    ]
+    margin, frequency = (np.concatenate(column) for column in zip(*parts, strict=True))
+    size = loop.device_damping_ns_per_m + rows.contact + np.abs(margin)
+    return [margin, frequency, np.where(np.isfinite(margin), RELATIVE_TOLERANCE * size, 0.0)]
+
+
+@dataclass(frozen=True)
+class _Band:
+    """The band in which each of p present rows is judged, and its description."""
+
+    low_hz: FloatArray
+    high_hz: FloatArray
+    words: str
+
+
+def _band(rows: Rows, where: Where) -> _Band:
+    """Return the band in which each present row is judged; its own frequency is a band of no width."""
     factor = rows.problem.stability.band_factor if where == "band" else 1.0
-    own = rows.frequency_hz[rows.present]
+    row_hz = rows.frequency_hz[rows.present]
     if where == "all":
-        return np.zeros(len(own)), np.full(len(own), np.inf), "at every frequency up to Nyquist"
+        return _Band(np.zeros(len(row_hz)), np.full(len(row_hz), np.inf), "at every frequency up to Nyquist")
     if len(rows.present) > 1:
         words = (
             f"from 1/{factor:g} to {factor:g} times its own frequency" if where == "band" else "at its own frequency"
         )
-        return own / factor, own * factor, f"{words} for each frozen row"
-    every = rows.problem.frequencies_hz()
-    low, high = every.min() / factor, every.max() * factor
+        return _Band(row_hz / factor, row_hz * factor, f"{words} for each frozen row")
+    run_hz = rows.problem.frequencies_hz()
+    low = run_hz.min() / factor
+    high = run_hz.max() * factor
     words = f"from {low:.4g} to {high:.4g} Hz, where the one row runs"
-    return np.full(len(own), low), np.full(len(own), high), words
+    return _Band(np.full(len(row_hz), low), np.full(len(row_hz), high), words)
 
 
 def _in_band(rows: Rows, level: str, model: Model) -> LevelResult:
     """Judge Re Z_h in a band, at the handle of a device as declared."""
-    low, high, words = _band_hz(rows, LEVELS[level].where)
+    band = _band(rows, LEVELS[level].where)
     parts = fractions(SampledLoop.of(rows.problem, model), rows.b, rows.k)
     corners = device_corners(rows.problem.device, LINEAR_KEYS)
-    worst = worst_real_impedance(corners, parts, rows.contact, low, high, model)
-    claim = f"Re Z_h >= 0 {words}, under {_HOLD[model]}, with the device as declared{_at_corners(corners)}"
-    return level_result(rows, level, model, claim, *worst)
+    worst = worst_real_impedance(corners, parts, rows.contact, band.low_hz, band.high_hz, model)
+    claim = f"Re Z_h >= 0 {band.words}, under {_HOLD[model]}, with the device as declared{_at_corners(corners)}"
+    return level_result(
+        rows,
+        level,
+        model,
+        claim,
+        worst.passed,
+        worst.margin_ns_per_m,
+        worst.frequency_hz,
+        worst.tolerance_ns_per_m,
+    )
 
 
 def _at_port(rows: Rows, level: str, progress: Progress) -> LevelResult:
@@ -321,32 +422,50 @@ def _at_port(rows: Rows, level: str, progress: Progress) -> LevelResult:
     back = back.ravel()
     parts = fractions(SampledLoop.of(rows.problem, "sampled-data"), b, k)
     corners = device_corners(rows.problem.device, LINEAR_KEYS)
-    time, any_environment = rows.problem.device.sample_time_s, LEVELS[level].any_environment
-    slack = CouplingSlack(b, k, contact, time) if any_environment else RenderingSlack(parts, contact)
-    worst = PortWorst._make(column[back] for column in port_worst(corners, slack, len(b), progress))
+    sample_time_s = rows.problem.device.sample_time_s
+    any_environment = LEVELS[level].any_environment
+    slack = CouplingSlack(b, k, contact, sample_time_s) if any_environment else RenderingSlack(parts, contact)
+    worst = port_worst(corners, slack, len(b), progress)
     # For any passive wall the DC stiffness of this one is no condition.
-    stiffness = np.zeros(len(back)) if any_environment else (parts.integral / time)[back]
+    stiffness = np.zeros(len(back)) if any_environment else (parts.integral / sample_time_s)[back]
     stable = np.array(parts.stable, dtype=bool)
     for device in corners:  # with one passive hand, and so with any where the port is passive
         stable &= linear_stability(device, parts, contact, passive_hand(device)).radius[:, 0] < 1 - RADIUS_TOLERANCE
-    sound = stable[back] & (stiffness >= 0)
+    passive = worst.passed[back]
+    passed = passive & stable[back] & (stiffness >= 0)
     claim = "each frozen row is passive with this environment at every frequency up to Nyquist"
     if any_environment:
         claim = "each frozen row meets Llewellyn's condition (6) for any passive environment"
     claim += f", under {_HOLD['sampled-data']}, with the device as declared{_at_corners(corners)}"
-    also = _faults(rows.problem, stiffness >= 0, stiffness)
-    faults = [fault if passive else "" for fault, passive in zip(also, worst.passed, strict=True)]
-    return level_result(rows, level, "sampled-data", claim, worst.passed & sound, *worst[1:], faults)
+    beside_margin = _faults(rows.problem, stiffness >= 0, stiffness)
+    faults = [fault if is_passive else "" for fault, is_passive in zip(beside_margin, passive, strict=True)]
+    return level_result(
+        rows,
+        level,
+        "sampled-data",
+        claim,
+        passed,
+        worst.margin_ns_per_m[back],
+        worst.frequency_hz[back],
+        worst.tolerance_ns_per_m[back],
+        faults,
+    )
 
 
 def _faults(problem: Problem, unstable: BoolArray, dc_n_per_m: FloatArray) -> list[str]:
     """Return what fails of each row besides a margin, in words."""
-    pole, static = "a pole outside the unit circle", partial(quantity, unit=problem.units.unit("N/m"))
-    each = zip(unstable, dc_n_per_m, strict=True)
-    return [pole if grows else f"a negative DC stiffness of {static(dc)}" if dc < 0 else "" for grows, dc in each]
+    unit = problem.units.unit("N/m")
+
+    def fault(*, grows: bool, dc: float) -> str:
+        if grows:
+            return "a pole outside the unit circle"
+        return f"a negative DC stiffness of {quantity(dc, unit)}" if dc < 0 else ""
+
+    return [fault(grows=grows, dc=dc) for grows, dc in zip(unstable, dc_n_per_m, strict=True)]
 
 
 def _at_corners(corners: list[Device]) -> str:
+    """Return the part of a claim that names the corners of the device's ranges."""
     return "" if len(corners) == 1 else f" at {len(corners)} corners of [device.range]"
 
 
@@ -364,4 +483,4 @@ def non_idealities(device: Device) -> str:
         "device.resonance": device.resonance is not None,
         "part of a sample of delay (device.delay_samples)": late,
     }
-    return " and ".join(name for name, there in properties.items() if there)
+    return " and ".join(name for name, declared in properties.items() if declared)

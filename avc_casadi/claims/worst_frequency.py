@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -36,6 +37,7 @@ def size_of_terms(
     if frequency_hz is not None:
         amplitude, terms = _terms(loop, parts, contact_damping_ns_per_m, frequency_hz)
         return np.asarray(loop.device_damping_ns_per_m + amplitude * sum(np.abs(term) for term in terms))
+    # |sin(psi + phi)/(2 sin phi)| is at most half of 2 d + 3, the number of half-turns of its numerator.
     reach = loop.delay_samples + 1.5
     decay = np.abs(parts.decaying) / np.maximum(np.abs(parts.pole_gap), np.finfo(np.float64).tiny)
     steady = np.abs(parts.direct) + np.abs(contact_damping_ns_per_m) + reach * np.abs(parts.integral)
@@ -47,7 +49,8 @@ def _terms(
 ) -> tuple[FloatArray, tuple[FloatArray, ...]]:
     """Return h and the terms of Re Z_h in the braces of `real_part`, those of opposite sign separate."""
     turns = np.maximum(np.asarray(frequency_hz, dtype=np.float64) * loop.sample_time_s, _ZERO_TURNS)
-    sine, cosine = np.sin(np.pi * turns), np.sin(np.pi * (0.5 - turns))
+    sine = np.sin(np.pi * turns)
+    cosine = np.sin(np.pi * (0.5 - turns))
     half_turns = 2 * loop.delay_samples + (1 if loop.model == "paper" else 2)
     amplitude = cosine if loop.model == "paper" else np.ones_like(cosine)
     cos_psi = _cos_half_turns(half_turns, turns)
@@ -72,9 +75,13 @@ def _cos_half_turns(count: float, turns: FloatArray) -> FloatArray:
 
 
 _EPS = float(np.finfo(np.float64).eps)
+# Local minima of a row that are refined, where roots resolve them.
 _MINIMA = 6
-# Eigenvalues cost the cube of the degree.
+# Largest degree of which roots are computed: eigenvalues cost the cube of the degree.
 _MOST_ROOTS = 64
+# Frequencies of a scan for each half-wave, where roots stand beside it and where it stands alone.
+_SEEDS_WITH_ROOTS = 4
+_SEEDS_ALONE = 24
 
 
 def real_parts_of_roots(rows: FloatArray) -> FloatArray:
@@ -108,7 +115,8 @@ def _colleague(rows: FloatArray) -> FloatArray:
 
 def seeds_hz(oscillations: int, nyquist_hz: float) -> FloatArray:
     """Return frequencies, shape (m,), that resolve so many half-waves up to Nyquist; many more without roots."""
-    return np.linspace(0.0, nyquist_hz, (4 if has_roots(oscillations) else 24) * oscillations + 1)
+    seeds = _SEEDS_WITH_ROOTS if has_roots(oscillations) else _SEEDS_ALONE
+    return np.linspace(0.0, nyquist_hz, seeds * oscillations + 1)
 
 
 def has_roots(degree: int) -> bool:
@@ -117,14 +125,24 @@ def has_roots(degree: int) -> bool:
 
 
 def refine_minima(value: Callable[[FloatArray], FloatArray], points: FloatArray, oscillations: int) -> FloatArray:
-    """Refine the lowest local minima of sorted points, or all those of a scan, by golden section."""
+    """Refine the lowest local minima of sorted points, or all those of a scan, by golden section.
+
+    Args:
+        value: function of points (n, m), whose values have that shape.
+        points: sorted along each row, shape (n, m).
+        oscillations: half-waves of the function; beyond 64 as many minima are refined as it may have.
+
+    Returns:
+        The points with the refined ones behind them, shape (n, m + count).
+    """
     values = value(points)
     before, after, first = _neighbours(points)
-    below = [values <= np.take_along_axis(values, other, axis=1) for other in (before, after)]
-    local = np.where(first & below[0] & below[1], values, np.inf)
+    below_before = values <= np.take_along_axis(values, before, axis=1)
+    below_after = values <= np.take_along_axis(values, after, axis=1)
+    local = np.where(first & below_before & below_after, values, np.inf)
     count = min(_MINIMA if has_roots(oscillations) else oscillations // 2 + _MINIMA, points.shape[1])
     chosen = np.argsort(local, axis=1)[:, :count]
-    left, right = (np.take_along_axis(points, np.take_along_axis(other, chosen, 1), 1) for other in (before, after))
+    left, right = (np.take_along_axis(points, np.take_along_axis(side, chosen, 1), 1) for side in (before, after))
     centre = np.take_along_axis(points, chosen, axis=1)
     return np.concatenate([points, lowest(value, left, centre, right)], axis=1)
 
@@ -132,11 +150,11 @@ def refine_minima(value: Callable[[FloatArray], FloatArray], points: FloatArray,
 def _neighbours(points: FloatArray) -> tuple[IndexArray, IndexArray, BoolArray]:
     """Return the positions of the next lower and higher point, and whether each point is the first of its equals."""
     size = points.shape[1]
-    at = np.broadcast_to(np.arange(size), points.shape)
+    position = np.broadcast_to(np.arange(size), points.shape)
     first = np.diff(points, axis=1, prepend=-np.inf) > 0
     last = np.diff(points, axis=1, append=np.inf) > 0
-    begin = np.maximum.accumulate(np.where(first, at, 0), axis=1)
-    end = np.minimum.accumulate(np.where(last, at, size - 1)[:, ::-1], axis=1)[:, ::-1]
+    begin = np.maximum.accumulate(np.where(first, position, 0), axis=1)
+    end = np.minimum.accumulate(np.where(last, position, size - 1)[:, ::-1], axis=1)[:, ::-1]
     return np.maximum(begin - 1, 0), np.minimum(end + 1, size - 1), first
 
 
@@ -155,7 +173,7 @@ def quadratic_stretch(bend: FloatArray, slope: FloatArray, free: FloatArray) -> 
 
 
 def stationary_cosines(loop: SampledLoop, parts: Fractions, contact_damping_ns_per_m: FloatArray) -> FloatArray:
-    """Return the real parts of all roots, clipped to [-1, 1]."""
+    """Return cos(omega T) where Re Z_h may be stationary, shape (n, roots): real parts of all roots in [-1, 1]."""
     gain, integral, kernel = _shapes(loop)
     rho = parts.pole[:, None]
     gain_slope: FloatArray = np.asarray(chebyshev.chebder(gain), dtype=np.float64)
@@ -174,6 +192,7 @@ def _shapes(loop: SampledLoop) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return Re H, Re H w/(1 - w) and Re H w as Chebyshev coefficients."""
     d = loop.whole_delay("the polynomial of stationary points")
     unit = np.eye(d + 3)
+    # Re w^n/(1 - w) = -(1/2 + c_1 + ... + c_(n-1)), c_i the Chebyshev polynomials, for n = d + 1 and d + 2.
     ramp = np.array([[-0.5, *([-1.0] * (n - 1)), *([0.0] * (d + 3 - n))] for n in (d + 1, d + 2)])
     if loop.model == "paper":
         return (
@@ -202,13 +221,28 @@ def _fit(rows: FloatArray, degree: int) -> FloatArray:
 
 
 _NUMBERS_AT_ONCE = 400_000
+# Frequencies of a row beside the seeds and the roots: those of the slowest pole, both ends and some to spare.
+_MORE_CANDIDATES = 28
+# Decades towards the slowest pole: its angle to these powers, from beyond it to Nyquist.
+_POLE_POWER = 1.2
+_POLE_POINTS = 25
+_SLOWEST_GAP = 1e-16
 # Relative to the terms of the sum: rounding of gains given in double precision and of the evaluation.
 RELATIVE_TOLERANCE = 1e-12
+# Values that differ by less than this share of the terms are equal.
 _EQUAL = 1e-15
 
 
 class WorstMargin(NamedTuple):
-    """The smallest Re Z_h of each row, shape (n,)."""
+    """The smallest Re Z_h of each row, shape (n,).
+
+    Attributes:
+        margin_ns_per_m: the smallest Re Z_h.
+        frequency_hz: its frequency.
+        poles_stable: whether every pole of the rendering lies inside the unit circle.
+        dc_stiffness_n_per_m: DC stiffness of the rendering.
+        tolerance_ns_per_m: rounding of the margin.
+    """
 
     margin_ns_per_m: FloatArray
     frequency_hz: FloatArray
@@ -219,8 +253,8 @@ class WorstMargin(NamedTuple):
 
 def lowest_of(candidates: Sequence[Sequence[FloatArray]]) -> FloatArray:
     """Return, for each of n rows, all values of that entry (values, n) whose first value is the lowest."""
-    each = np.array(candidates)
-    return np.asarray(np.take_along_axis(each, each[:, :1].argmin(axis=0)[None], axis=0)[0])
+    entries = np.array(candidates)
+    return np.asarray(np.take_along_axis(entries, entries[:, :1].argmin(axis=0)[None], axis=0)[0])
 
 
 def worst_margin(
@@ -239,64 +273,102 @@ def worst_margin(
     Re Z_h is rational in cos(omega T): every stationary point and both ends are evaluated, and the lowest are refined
     on Re Z_h itself. Beyond 62 samples of delay, where roots cost too much, a scan takes the place of these points.
     """
-    values = (
-        damping_ns_per_m,
-        stiffness_n_per_m,
-        contact_damping_ns_per_m,
-        low_hz,
-        high_hz,
-        loop.device_damping_ns_per_m,
-        loop.environment_damping_ns_per_m,
-        loop.environment_stiffness_n_per_m,
+    columns = np.broadcast_arrays(
+        *(
+            np.asarray(value, dtype=np.float64)
+            for value in (
+                damping_ns_per_m,
+                stiffness_n_per_m,
+                contact_damping_ns_per_m,
+                low_hz,
+                high_hz,
+                loop.device_damping_ns_per_m,
+                loop.environment_damping_ns_per_m,
+                loop.environment_stiffness_n_per_m,
+            )
+        )
     )
-    columns = [np.ravel(column) for column in np.broadcast_arrays(*(np.asarray(v, dtype=np.float64) for v in values))]
-    rows = len(columns[0])
-    if np.array_equal(columns[3], columns[4]):
-        return _worst(loop, columns, None, refine=False)
+    b, k, contact, low, high, b_d, b_e, k_e = (np.ravel(column) for column in columns)
+    rows = _Rows(b=b, k=k, contact=contact, low_hz=low, high_hz=high, b_d=b_d, b_e=b_e, k_e=k_e)
+    if np.array_equal(low, high):
+        return _worst(loop, rows, None, refine=False)
     degree = loop.whole_delay("the worst passivity margin over a band of frequencies") + 2
-    at_once = max(1, _NUMBERS_AT_ONCE // (len(seeds_hz(degree, 1.0)) + degree + 28))
+    numbers_of_a_row = len(seeds_hz(degree, 1.0)) + degree + _MORE_CANDIDATES
+    at_once = max(1, _NUMBERS_AT_ONCE // numbers_of_a_row)
     pieces = [
-        _worst(loop, [column[some] for column in columns], degree, refine=refine)
-        for some in chunks(rows, at_once, progress, "passivity")
+        _worst(loop, rows.part(part), degree, refine=refine) for part in chunks(len(b), at_once, progress, "passivity")
     ]
     return WorstMargin._make(np.concatenate(column) for column in zip(*pieces, strict=True))
 
 
-def _worst(loop: SampledLoop, columns: list[FloatArray], degree: int | None, *, refine: bool) -> WorstMargin:
+@dataclass(frozen=True)
+class _Rows:
+    """Gains, bands, device and wall of n rows, each of shape (n,), in the symbols of the equations."""
+
+    b: FloatArray
+    k: FloatArray
+    contact: FloatArray
+    low_hz: FloatArray
+    high_hz: FloatArray
+    b_d: FloatArray
+    b_e: FloatArray
+    k_e: FloatArray
+
+    def part(self, rows: slice) -> _Rows:
+        """Return some of the rows."""
+        return replace(self, **{item.name: getattr(self, item.name)[rows] for item in fields(self)})
+
+    def loop(self, loop: SampledLoop, index: Any = slice(None)) -> SampledLoop:
+        """Return a loop with device and wall of the rows, each indexed alike: a new axis, for instance."""
+        return replace(
+            loop,
+            device_damping_ns_per_m=self.b_d[index],
+            environment_damping_ns_per_m=self.b_e[index],
+            environment_stiffness_n_per_m=self.k_e[index],
+        )
+
+
+def _worst(loop: SampledLoop, rows: _Rows, degree: int | None, *, refine: bool) -> WorstMargin:
     """Return the margins of some rows; `degree` of Re Z_h in cos(omega T), None for bands of a single frequency."""
-    b, k, contact, low, high = columns[:5]
-    b_d, b_e, k_e = columns[5:]
-
-    def of(rows: Any) -> SampledLoop:
-        return SampledLoop(b_d[rows], b_e[rows], k_e[rows], loop.sample_time_s, loop.delay_samples, loop.model)
-
-    nyquist = loop.nyquist_hz
-    low, high = np.minimum(low, nyquist), np.minimum(high, nyquist)
-    parts, column_loop = fractions(of(slice(None)), b, k), of((slice(None), None))
-
-    spread = parts.pick((slice(None), None))
+    parts = fractions(rows.loop(loop), rows.b, rows.k)
+    column_loop = rows.loop(loop, (slice(None), None))
+    column_parts = parts.pick((slice(None), None))
+    column_contact = rows.contact[:, None]
 
     def value(frequency_hz: FloatArray) -> FloatArray:
-        return real_part(column_loop, spread, contact[:, None], frequency_hz)
+        return real_part(column_loop, column_parts, column_contact, frequency_hz)
 
-    candidates = low[:, None]
-    if degree is not None:
-        # They resolve the hold's oscillation and the slowest pole.
-        even, corner = seeds_hz(degree, nyquist), np.clip(np.abs(parts.pole_gap), 1e-16, 1.0)[:, None]
-        decades = corner ** np.linspace(1.2, 0, 25)[None, :] / np.pi * nyquist
-        each = [np.broadcast_to(even, (len(low), len(even))), decades, low[:, None], high[:, None]]
-        candidates = np.concatenate(each, axis=1)
-    if degree is not None and has_roots(degree):
-        roots_hz = np.arccos(stationary_cosines(loop, parts, contact)) / np.pi * nyquist
-        candidates = np.concatenate([candidates, roots_hz], axis=1)
-    candidates = np.sort(np.clip(candidates, low[:, None], high[:, None]), axis=1)
+    candidates = _candidates_hz(loop, rows, parts, degree)
     frequency = refine_minima(value, candidates, degree) if refine and degree is not None else candidates
     values = value(frequency)
     worst = np.take_along_axis(frequency, np.argmin(values, axis=1)[:, None], axis=1)
-    size = size_of_terms(column_loop, spread, contact[:, None], worst)
+    size = size_of_terms(column_loop, column_parts, column_contact, worst)
     # Among equal values the first: an end or a stationary point, rather than a refinement within rounding.
     first = np.argmax(values <= values.min(axis=1, keepdims=True) + _EQUAL * size, axis=1)[:, None]
-    at = np.take_along_axis(frequency, first, axis=1)
-    tolerance = RELATIVE_TOLERANCE * size[:, 0]
-    margin = value(at)[:, 0]
-    return WorstMargin(margin, at[:, 0], parts.stable, parts.integral / loop.sample_time_s, tolerance)
+    worst_hz = np.take_along_axis(frequency, first, axis=1)
+    return WorstMargin(
+        margin_ns_per_m=value(worst_hz)[:, 0],
+        frequency_hz=worst_hz[:, 0],
+        poles_stable=parts.stable,
+        dc_stiffness_n_per_m=parts.integral / loop.sample_time_s,
+        tolerance_ns_per_m=RELATIVE_TOLERANCE * size[:, 0],
+    )
+
+
+def _candidates_hz(loop: SampledLoop, rows: _Rows, parts: Fractions, degree: int | None) -> FloatArray:
+    """Return frequencies in the band of each row, sorted, shape (n, m): ends, stationary points and a scan."""
+    nyquist = loop.nyquist_hz
+    low = np.minimum(rows.low_hz, nyquist)[:, None]
+    high = np.minimum(rows.high_hz, nyquist)[:, None]
+    candidates = low
+    if degree is not None:
+        # They resolve the hold's oscillation and the slowest pole.
+        even = seeds_hz(degree, nyquist)
+        corner = np.clip(np.abs(parts.pole_gap), _SLOWEST_GAP, 1.0)[:, None]
+        decades = corner ** np.linspace(_POLE_POWER, 0, _POLE_POINTS)[None, :] / np.pi * nyquist
+        scan = np.broadcast_to(even, (len(low), len(even)))
+        candidates = np.concatenate([scan, decades, low, high], axis=1)
+    if degree is not None and has_roots(degree):
+        roots_hz = np.arccos(stationary_cosines(loop, parts, rows.contact)) / np.pi * nyquist
+        candidates = np.concatenate([candidates, roots_hz], axis=1)
+    return np.asarray(np.sort(np.clip(candidates, low, high), axis=1))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -24,14 +24,32 @@ from avc_casadi.model import EFFECTS
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners
 from avc_casadi.model.declared import declared, declared_effects
 from avc_casadi.model.device import Device
-from avc_casadi.model.hands import hand_set, no_hand
+from avc_casadi.model.hands import Hand, hand_set, no_hand
 from avc_casadi.model.problem import Model, Problem
 from avc_casadi.model.runtime import PLAIN, Poles, VelocityFilterEffect, low_pass, velocity_poles
+
+_DAMPINGS = 240
+"""Dampings of a curve. With a quarter of them narrow peaks of a resonant device were passed by: 11 % of stiffness."""
+_LIGHTEST_SHARE = 1e-4
+"""Lightest damping of a curve above 0, as a share of the heaviest."""
+_LEAST_SCALE_NS_PER_M = 1e-3
+"""Least scale of the dampings, where device and hands have neither mass nor damping."""
+_SEEDS_PER_HALF_WAVE = 24
+_SLOWEST_TURNS = 1e-8
+"""Frequencies of a scan of an ideal device, for each half-wave of its hold, and the lowest, in turns a sample."""
 
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """Largest stiffness of a wall at each wall damping for one claim."""
+    """Largest stiffness of a wall at each wall damping for one claim.
+
+    Attributes:
+        key: name of the curve in the document.
+        claim: what is claimed, in words.
+        delay_samples: delay that the curve is for.
+        stiffness_n_per_m: largest stiffness at each damping, shape (n,).
+        holds_target: whether the claim holds of the requested wall.
+    """
 
     key: str
     claim: str
@@ -42,7 +60,25 @@ class Curve:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ZWidth(Tabular):
-    """The K-B region of a device as declared: at all corners of its ranges."""
+    """The K-B region of a device as declared: at all corners of its ranges.
+
+    Attributes:
+        problem: name of the problem.
+        damping_ns_per_m: dampings B of the walls, shape (n,).
+        curves: the largest stiffness K of each claim.
+        target_damping_ns_per_m: damping of the requested wall.
+        target_stiffness_n_per_m: stiffness of the requested wall.
+        rule_n_per_m: (b + b_h + B)/(T/2 + t_d), the linear rule of Gil et al., shape (n,).
+        passive_spring_n_per_m: b/(T/2 + t_d), a passive spring without damping, by Diolaiti et al.
+        encoder_limit_n_per_m: 2 f_c/Delta, encoder step against dry friction; None where neither is declared.
+        passive_limit_n_per_m: the largest DC stiffness of any passive linear rendering.
+        hands: number of hands.
+        corners: number of corners of the device's ranges.
+        used: declared keys that enter.
+        not_used: declared keys that do not.
+        refused: claims that have no proof on this device, and why.
+        definition: the problem, for ``print``.
+    """
 
     problem: str
     damping_ns_per_m: FloatArray
@@ -71,18 +107,35 @@ class ZWidth(Tabular):
 
     def document(self) -> dict[str, Any]:
         """Return the `zwidth` document: JSON values only."""
-        kept = ("encoder_limit_n_per_m", "passive_limit_n_per_m", "passive_spring_n_per_m", "rule_n_per_m")
-        found: dict[str, Any] = {name: getattr(self, name) for name in ("problem", "hands", "refused", *kept)}
-        found["device_corners"] = self.corners
-        found |= {name: [*map(self.definition.units.key, vars(self)[name])] for name in ("used", "not_used")}
-        found["wall_damping_ns_per_m"] = self.damping_ns_per_m
-        found["curves"] = {
-            curve.key: {name: getattr(curve, name) for name in ("claim", "delay_samples", "stiffness_n_per_m")}
-            | {"wanted_wall": curve.holds_target}
-            for curve in self.curves
-        }
-        wanted = {"damping_ns_per_m": self.target_damping_ns_per_m, "stiffness_n_per_m": self.target_stiffness_n_per_m}
-        return plain_table(found | {"wanted": wanted})
+        key = self.definition.units.key
+        return plain_table(
+            {
+                "problem": self.problem,
+                "hands": self.hands,
+                "refused": self.refused,
+                "encoder_limit_n_per_m": self.encoder_limit_n_per_m,
+                "passive_limit_n_per_m": self.passive_limit_n_per_m,
+                "passive_spring_n_per_m": self.passive_spring_n_per_m,
+                "rule_n_per_m": self.rule_n_per_m,
+                "device_corners": self.corners,
+                "used": [key(name) for name in self.used],
+                "not_used": [key(name) for name in self.not_used],
+                "wall_damping_ns_per_m": self.damping_ns_per_m,
+                "curves": {
+                    curve.key: {
+                        "claim": curve.claim,
+                        "delay_samples": curve.delay_samples,
+                        "stiffness_n_per_m": curve.stiffness_n_per_m,
+                        "wanted_wall": curve.holds_target,
+                    }
+                    for curve in self.curves
+                },
+                "wanted": {
+                    "damping_ns_per_m": self.target_damping_ns_per_m,
+                    "stiffness_n_per_m": self.target_stiffness_n_per_m,
+                },
+            }
+        )
 
 
 def passive_walls(
@@ -92,52 +145,84 @@ def passive_walls(
     poles: Poles = PLAIN,
     more_delay: int = 0,
 ) -> Stretches:
-    """Return the softest interval of stiffnesses with which a wall is passive at every corner of a device."""
-    # At each frequency a quadratic in K: on a rigid device with an ideal amplifier and whole samples of delay
-    # b_d + Re(z^-d W) >= 0 is linear in K and B; at the port of any other |1 + W X|^2 >= |W|^2 U^2, W = B W_b + K W_k.
+    """Return the softest interval of stiffnesses with which a wall is passive at every corner of a device.
+
+    Args:
+        corners: corners of the device's ranges.
+        damping_ns_per_m: dampings B of the walls, shape (n,).
+        model: model of the hold.
+        poles: poles of the velocity filter on the damper.
+        more_delay: samples of delay beside those of the device.
+    """
     exact = all(ideal(corner) for corner in corners)
-    low, high = np.zeros(len(damping_ns_per_m)), np.full(len(damping_ns_per_m), np.inf)
+    low = np.zeros(len(damping_ns_per_m))
+    high = np.full(len(damping_ns_per_m), np.inf)
     for corner in corners:
         if exact:
-
-            def ends(hz: FloatArray, corner: Device = corner) -> tuple[FloatArray, FloatArray]:
-                turns = hz * corner.sample_time_s
-                late = np.exp(-2j * np.pi * turns * (corner.delay_samples + more_delay))
-                damper, spring = (late * one for one in _waves(turns, corner.sample_time_s, model, poles))
-                free = corner.damping_ns_per_m + damping_ns_per_m[:, None] * damper.real
-                return quadratic_stretch(np.zeros_like(free), spring.real + 0 * free, free)
-
-            order = int(corner.delay_samples) + more_delay + 2
-            seeds = np.linspace(1e-8, 0.5, 24 * order + 1) / corner.sample_time_s
-            every = np.broadcast_to(seeds, (len(low), len(seeds)))
-            softest, stiffest = ends(every)
-            if softest.any():
-                softest = ends(refine_minima(lambda hz, ends=ends: -ends(hz)[0], every, order))[0]  # type: ignore[misc]
-            stiffest = ends(refine_minima(lambda hz, ends=ends: ends(hz)[1], every, order))[1]  # type: ignore[misc]
+            softest, stiffest = _ideal_ends(corner, damping_ns_per_m, model, poles, more_delay)
         else:
-            port = handle_port(corner, frequencies_hz(corner))
-            damper, spring = _waves(port.turns, corner.sample_time_s, model, poles)
-            wall = damping_ns_per_m[:, None] * damper
-            bend = -port.excess * np.abs(spring) ** 2 + 0 * wall.real
-            slope = 2 * (spring * port.centre).real - 2 * port.excess * (wall * spring.conj()).real
-            free = 1 + 2 * (wall * port.centre).real - port.excess * np.abs(wall) ** 2
-            softest, stiffest = quadratic_stretch(*(np.where(port.damped, one, -1.0) for one in (bend, slope, free)))
+            softest, stiffest = _port_ends(corner, damping_ns_per_m, model, poles)
             held = stable_walls([corner], passive_hand(corner), damping_ns_per_m, poles)
-            low, high = np.maximum(low, held.lowest_n_per_m[:, 0]), np.minimum(high, held.first_n_per_m)
-        low, high = np.maximum(low, softest.max(axis=1)), np.minimum(high, stiffest.min(axis=1))
+            low = np.maximum(low, held.lowest_n_per_m[:, 0])
+            high = np.minimum(high, held.first_n_per_m)
+        low = np.maximum(low, softest.max(axis=1))
+        high = np.minimum(high, stiffest.min(axis=1))
     none = ~(high > low)
     return Stretches(np.where(none, np.nan, low)[:, None], np.where(none, np.nan, high)[:, None])
 
 
+def _ideal_ends(
+    corner: Device, damping_ns_per_m: FloatArray, model: Model, poles: Poles, more_delay: int
+) -> tuple[FloatArray, FloatArray]:
+    """Return the softest and stiffest passive walls of each damping at frequencies, each (n, m), of an ideal device.
+
+    On a rigid device with an ideal amplifier and whole samples of delay, at each frequency b_d + Re(z^-d W) >= 0 with
+    W = B W_b + K W_k, linear in K and B.
+    """
+
+    def ends(hz: FloatArray) -> tuple[FloatArray, FloatArray]:
+        turns = hz * corner.sample_time_s
+        late = np.exp(-2j * np.pi * turns * (corner.delay_samples + more_delay))
+        damper, spring = (late * part for part in _waves(turns, corner.sample_time_s, model, poles))
+        free = corner.damping_ns_per_m + damping_ns_per_m[:, None] * damper.real
+        return quadratic_stretch(np.zeros_like(free), spring.real + 0 * free, free)
+
+    half_waves = int(corner.delay_samples) + more_delay + 2
+    seeds = np.linspace(_SLOWEST_TURNS, 0.5, _SEEDS_PER_HALF_WAVE * half_waves + 1) / corner.sample_time_s
+    scan = np.broadcast_to(seeds, (len(damping_ns_per_m), len(seeds)))
+    softest = ends(scan)[0]
+    if softest.any():
+        softest = ends(refine_minima(lambda hz: -ends(hz)[0], scan, half_waves))[0]
+    stiffest = ends(refine_minima(lambda hz: ends(hz)[1], scan, half_waves))[1]
+    return softest, stiffest
+
+
+def _port_ends(
+    corner: Device, damping_ns_per_m: FloatArray, model: Model, poles: Poles
+) -> tuple[FloatArray, FloatArray]:
+    """Return the softest and stiffest passive walls of each damping at frequencies, each (n, m), of any device.
+
+    At the port |1 + W X|^2 >= |W|^2 U^2 with W = B W_b + K W_k, quadratic in K.
+    """
+    port = handle_port(corner, frequencies_hz(corner))
+    damper, spring = _waves(port.turns, corner.sample_time_s, model, poles)
+    wall = damping_ns_per_m[:, None] * damper
+    bend = -port.excess * np.abs(spring) ** 2 + 0 * wall.real
+    slope = 2 * (spring * port.centre).real - 2 * port.excess * (wall * spring.conj()).real
+    free = 1 + 2 * (wall * port.centre).real - port.excess * np.abs(wall) ** 2
+    return quadratic_stretch(*(np.where(port.damped, part, -1.0) for part in (bend, slope, free)))
+
+
 def _waves(turns: FloatArray, period: float, model: Model, poles: Poles) -> tuple[ComplexArray, ComplexArray]:
     """Return W of a wall of 1 N.s/m and of one of 1 N/m."""
-    nothing, one = np.zeros(1), np.ones(1)
-    damper = Fractions(one, nothing, nothing, nothing, one, one > 0)
+    zeros = np.zeros(1)
+    ones = np.ones(1)
+    damper = Fractions(direct=ones, integral=zeros, decaying=zeros, pole=zeros, pole_gap=ones, stable=ones > 0)
     direct = period / 2 if model == "paper" else period
-    spring = replace(damper, direct=one * direct, integral=one * period)
+    spring = replace(damper, direct=ones * direct, integral=ones * period)
     back = 2 * np.sin(np.pi * turns) * np.exp(1j * np.pi * (0.5 - turns))
-    damper_wave = wave(damper, nothing, turns, model) * low_pass(back, poles)
-    return damper_wave, wave(spring, nothing, turns, model)
+    damper_wave = wave(damper, zeros, turns, model) * low_pass(back, poles)
+    return damper_wave, wave(spring, zeros, turns, model)
 
 
 @of_problem
@@ -159,38 +244,30 @@ def zwidth(problem: AnyProblem, progress: Progress = SILENT) -> ZWidth:
         4000
     """
     problem = with_wall(problem)
-    device, wall = problem.device, problem.environment
+    device = problem.device
+    wall = problem.environment
     corners = device_corners(device, LINEAR_KEYS)
-    mass = max(corner.mass_kg for corner in corners) + max(problem.hands.mass_kg)
-    damped = max(corner.damping_ns_per_m for corner in corners)
-    top = 2 * max(mass / device.sample_time_s, 2 * damped, 1e-3)
-    # With a quarter of them narrow peaks of a resonant device were passed by: 11 % of their stiffness.
-    damping = np.append(0.0, np.geomspace(1e-4 * top, top, 240))
+    hands = hand_set(problem.hands)
+    damping = _dampings_ns_per_m(problem, corners)
+    claims, refused = _claims(problem, corners, hands)
     # The last row is that of the requested wall.
     rows = np.append(damping, wall.damping_ns_per_m)
-    hands = hand_set(problem.hands)
-    filters = [one for one in problem.scene.effects if isinstance(one, VelocityFilterEffect)]
-    poles = velocity_poles(problem, filters[-1]) if filters else PLAIN
-    beside = ", with the velocity filter of the scene" if filters else ""
-    claims, refused = _passivity(device, corners, poles, beside)
-    at = _at(device, len(corners), beside)
-    claims |= {
-        "stable-released": (f"linearly stable without a hand{at}", partial(stable_walls, corners, no_hand())),
-        "stable-hands": (f"linearly stable with every hand{at}", partial(stable_walls, corners, hands)),
-    }
     curves: list[Curve] = []
     for key, (claim, walls) in claims.items():
         progress.advance(len(curves), len(claims), claim)
-        found = walls(rows, poles=poles)
-        late = device.delay_samples + (key == "passive-delayed")
-        holds_target = bool(found.holds(wall.stiffness_n_per_m)[-1])
-        curves.append(Curve(key, claim, late, found.first_n_per_m[:-1], holds_target))
-    ends = device_corners(device, ("coulomb_friction_n", "encoder_resolution_m"))
-    limit = min(
-        (2 * one.coulomb_friction_n / one.encoder_resolution_m for one in ends if one.encoder_resolution_m), default=0.0
-    )
-    used, not_used = _keys(problem, encoder_bound=limit > 0)
-    least = min(corner.damping_ns_per_m for corner in corners) if rigid(device) else np.nan
+        stretches = walls(rows)
+        curves.append(
+            Curve(
+                key=key,
+                claim=claim,
+                delay_samples=device.delay_samples + (key == "passive-delayed"),
+                stiffness_n_per_m=stretches.first_n_per_m[:-1],
+                holds_target=bool(stretches.holds(wall.stiffness_n_per_m)[-1]),
+            )
+        )
+    encoder_limit = _encoder_limit_n_per_m(device)
+    used, not_used = _keys(problem, encoder_bound=encoder_limit > 0)
+    least_damping = min(corner.damping_ns_per_m for corner in corners) if rigid(device) else np.nan
     delay_s = (0.5 + max(corner.delay_samples for corner in corners)) * device.sample_time_s
     return ZWidth(
         problem=problem.name,
@@ -198,9 +275,9 @@ def zwidth(problem: AnyProblem, progress: Progress = SILENT) -> ZWidth:
         curves=tuple(curves),
         target_damping_ns_per_m=wall.damping_ns_per_m,
         target_stiffness_n_per_m=wall.stiffness_n_per_m,
-        rule_n_per_m=(least + min(problem.hands.damping_ns_per_m) + damping) / delay_s,
-        passive_spring_n_per_m=least / delay_s,
-        encoder_limit_n_per_m=limit or None,
+        rule_n_per_m=(least_damping + min(problem.hands.damping_ns_per_m) + damping) / delay_s,
+        passive_spring_n_per_m=least_damping / delay_s,
+        encoder_limit_n_per_m=encoder_limit or None,
         passive_limit_n_per_m=passive_limit_n_per_m(device),
         hands=len(hands),
         corners=len(corners),
@@ -211,32 +288,77 @@ def zwidth(problem: AnyProblem, progress: Progress = SILENT) -> ZWidth:
     )
 
 
+def _dampings_ns_per_m(problem: Problem, corners: Sequence[Device]) -> FloatArray:
+    """Return the dampings of the walls: 0, and up to twice the larger of m/T and 2 b_d, of device with hand."""
+    mass = max(corner.mass_kg for corner in corners) + max(problem.hands.mass_kg)
+    device_damping = max(corner.damping_ns_per_m for corner in corners)
+    heaviest = 2 * max(mass / problem.device.sample_time_s, 2 * device_damping, _LEAST_SCALE_NS_PER_M)
+    return np.append(0.0, np.geomspace(_LIGHTEST_SHARE * heaviest, heaviest, _DAMPINGS))
+
+
+def _encoder_limit_n_per_m(device: Device) -> float:
+    """Return 2 f_c/Delta, the least over the device's ranges; 0 without an encoder."""
+    limits = [
+        2 * corner.coulomb_friction_n / corner.encoder_resolution_m
+        for corner in device_corners(device, ("coulomb_friction_n", "encoder_resolution_m"))
+        if corner.encoder_resolution_m
+    ]
+    return min(limits, default=0.0)
+
+
+Claims = dict[str, tuple[str, Callable[[FloatArray], Stretches]]]
+"""Claims by key: in words, and the walls of which it holds, by their dampings (n,)."""
+
+
+def _claims(problem: Problem, corners: Sequence[Device], hands: Hand) -> tuple[Claims, tuple[str, ...]]:
+    """Return all claims of a region, and those that have no proof on this device."""
+    filters = [effect for effect in problem.scene.effects if isinstance(effect, VelocityFilterEffect)]
+    poles = velocity_poles(problem, filters[-1]) if filters else PLAIN
+    with_filter = ", with the velocity filter of the scene" if filters else ""
+    passive, refused = _passivity(problem.device, corners, poles, with_filter)
+    conditions = _conditions(problem.device, len(corners), with_filter)
+    stable: Claims = {
+        "stable-released": (
+            f"linearly stable without a hand{conditions}",
+            partial(stable_walls, corners, no_hand(), poles=poles),
+        ),
+        "stable-hands": (
+            f"linearly stable with every hand{conditions}",
+            partial(stable_walls, corners, hands, poles=poles),
+        ),
+    }
+    return passive | stable, refused
+
+
 def _passivity(
-    device: Device, corners: Sequence[Device], poles: Poles, beside: str
-) -> tuple[dict[str, tuple[str, partial[Stretches]]], tuple[str, ...]]:
+    device: Device, corners: Sequence[Device], poles: Poles, with_filter: str
+) -> tuple[Claims, tuple[str, ...]]:
     """Return the claims of passivity, and those that have no proof on this device."""
-    at, known = _at(device, len(corners), beside), ideal(device)
-    walls = partial(passive_walls, corners)
-    sampled = {"passive-sampled-data": (f"passive, sampled-data{at}", partial(walls, model="sampled-data"))}
-    if not known or poles != PLAIN:
-        what = "a velocity filter" if known else non_idealities(device)
+    conditions = _conditions(device, len(corners), with_filter)
+    is_ideal = ideal(device)
+    walls = partial(passive_walls, corners, poles=poles)
+    sampled: Claims = {
+        "passive-sampled-data": (f"passive, sampled-data{conditions}", partial(walls, model="sampled-data"))
+    }
+    if not is_ideal or poles != PLAIN:
+        not_known = "a velocity filter" if is_ideal else non_idealities(device)
         why = (
-            f"passive with the paper's hold: no proof on a device with {what}, for which that hold gives no loop from "
-            "sample to sample"
+            f"passive with the paper's hold: no proof on a device with {not_known}, for which that hold gives no loop "
+            "from sample to sample"
         )
         return sampled, (why,)
-    claims = {"passive-paper": (f"passive, paper's hold{at}", partial(walls, model="paper")), **sampled}
+    claims: Claims = {"passive-paper": (f"passive, paper's hold{conditions}", partial(walls, model="paper")), **sampled}
     if max(corner.delay_samples for corner in corners) == 0:
         late = partial(walls, model="sampled-data", more_delay=1)
-        claims["passive-delayed"] = (f"passive, sampled-data, 1 sample of delay{at}", late)
+        claims["passive-delayed"] = (f"passive, sampled-data, 1 sample of delay{conditions}", late)
     return claims, ()
 
 
-def _at(device: Device, corners: int, beside: str) -> str:
+def _conditions(device: Device, corners: int, with_filter: str) -> str:
     """Return the qualification of a claim, in words."""
     late = device.delay_samples
     delay = f", {late:g} sample{'' if late == 1 else 's'} of delay" if late else ""
-    return delay + beside + (f", at {corners} corners of the device" if corners > 1 else "")
+    return delay + with_filter + (f", at {corners} corners of the device" if corners > 1 else "")
 
 
 def _keys(problem: Problem, *, encoder_bound: bool) -> tuple[tuple[str, ...], tuple[str, ...]]:
