@@ -32,15 +32,33 @@ from avc_casadi.model.hands import hand_corners, with_released
 from avc_casadi.model.plant import SampledPlant, sampled_plant
 from avc_casadi.model.problem import Hands
 
-# Angles per step, linearly and logarithmically spaced, and refinements about the lowest.
-_ANGLES, _SMALLEST, _FINER = 400, 1e-5, 3
+# Angles per step: evenly spaced, a quarter as many spaced logarithmically from the smallest on, up to where these meet.
+_ANGLES = 400
+_SMALLEST_ANGLE = 1e-5
+_MEETING_ANGLE = 0.1
+# Refinements about the lowest angle, and angles of each.
+_REFINEMENTS = 3
+_ANGLES_OF_REFINEMENT = 41
+# An engine's step of up to so many samples of the device is one sample: each sample is a step.
+_ONE_SAMPLE = 1.5
 # Rounding error of a real part, as a share of the largest term: the spring's is K T_s/angle.
 _TOLERANCE = 1e-9
 
 
 @dataclass(frozen=True)
 class EnginePort:
-    """Passivity of a coupling at the engine's port."""
+    """Passivity of a coupling at the engine's port.
+
+    Attributes:
+        passive: whether Re G >= 0 at every angle, with every corner hand and released, at every corner of the device.
+        margin_ns_per_m: the lowest Re G, N.s/m.
+        frequency_hz: its frequency.
+        hand: the hand with it.
+        step_s: the engine's step with it.
+        any_hand: whether it holds with any passive hand; None where that is not known.
+        any_hand_margin_ns_per_m: Llewellyn's margin, N.s/m; None where it is not known.
+        engine_is_implicit: whether the engine solves its tool together with the coupling's force.
+    """
 
     passive: bool
     margin_ns_per_m: float
@@ -54,7 +72,14 @@ class EnginePort:
 
 @dataclass(frozen=True)
 class PortDelays:
-    """Ages, in steps, of the velocity set by the engine where it is used."""
+    """Ages, in steps, of the velocity set by the engine where it is used.
+
+    Attributes:
+        spring: a, in the force of the spring on the tool.
+        damper: c, in the force of the damper on the tool.
+        state: q, in the tool's state at the device.
+        force: e, in the loop of a held force.
+    """
 
     spring: int
     damper: int
@@ -68,21 +93,32 @@ class PortDelays:
         # uses and sends the state at the beginning of its step; the new one is ahead.
         implicit = tool.integrator == "implicit"
         solves = implicit or tool.integrator == "implicit-damping"
+        solves_damping_alone = solves and not implicit
         if tool.exchange == "held-force":
-            return cls(int(solves and not implicit), 0, tool.queued, int(solves))
+            return cls(spring=int(solves_damping_alone), damper=0, state=tool.queued, force=int(solves))
         if tool.exchange == "ahead":
-            return cls(int(not implicit), int(not solves), tool.queued, int(solves))
-        return cls(int(solves and not implicit), 0, tool.queued + int(solves), int(solves))
+            return cls(spring=int(not implicit), damper=int(not solves), state=tool.queued, force=int(solves))
+        return cls(spring=int(solves_damping_alone), damper=0, state=tool.queued + int(solves), force=int(solves))
+
+
+@dataclass(frozen=True)
+class _Lowest:
+    """The lowest Re G, N.s/m, its angle per step and the row of device and hand."""
+
+    real_ns_per_m: float
+    angle: float
+    row: int
 
 
 def engine_port(device: Device, hands: Hands, tool: VirtualTool, gains: ToolGains) -> EnginePort:
     """Return the passivity of a coupling at the engine's port; the tool's mass and its contacts do not enter."""
-    t, people = device.sample_time_s, with_released(hand_corners(hands))
+    t = device.sample_time_s
+    people = with_released(hand_corners(hands))
     if tool.integrator == "exact" or tool.substeps > 1:
         why = "passivity at the engine's port is known of steps by the new velocity, one for each force of the coupling"
         raise UnsupportedError(f"{why}; the spectral radius of the lifted loop judges it", key="simulation.integrator")
     plant = sampled_plant(device_corners(device, LINEAR_KEYS), people)
-    lowest = []
+    lowest_of_steps = []
     for step_s in sorted(set(tool.step_s)):
         clock = clocks(step_s, t)[0]
         if not clock.whole:
@@ -91,15 +127,15 @@ def engine_port(device: Device, hands: Hands, tool: VirtualTool, gains: ToolGain
                 f"{step_s:g} s: the port is no single map then; the spectral radius of the lifted loop judges it",
                 key="simulation.step_s",
             )
-        lowest.append((*_Port(plant, clock, tool, gains).lowest(), step_s))
-    margin, angle, row, step_s = min(lowest)
+        lowest_of_steps.append((_Port(plant, clock, tool, gains).lowest(), step_s))
+    lowest, step_s = min(lowest_of_steps, key=lambda pair: (pair[0].real_ns_per_m, pair[0].angle, pair[0].row, pair[1]))
     tolerance = _TOLERANCE * (gains.damping_ns_per_m + gains.stiffness_n_per_m * max(tool.step_s))
     llewellyn = _with_any_hand(device, tool, gains)
     return EnginePort(
-        passive=margin >= -tolerance,
-        margin_ns_per_m=margin,
-        frequency_hz=angle / (2 * np.pi * step_s),
-        hand=people.values(row % len(people)),
+        passive=lowest.real_ns_per_m >= -tolerance,
+        margin_ns_per_m=lowest.real_ns_per_m,
+        frequency_hz=lowest.angle / (2 * np.pi * step_s),
+        hand=people.values(lowest.row % len(people)),
         step_s=step_s,
         any_hand=None if llewellyn is None else llewellyn >= -tolerance,
         any_hand_margin_ns_per_m=llewellyn,
@@ -112,51 +148,70 @@ class _Port:
 
     def __init__(self, plant: SampledPlant, clock: Clock, tool: VirtualTool, gains: ToolGains) -> None:
         fixed = ToolState(math.inf, 0.0, 0.0, 0.0)
-        self._engine = engine = Engine(Body.of(plant), clock, tool, [fixed])
-        self._gains, self._late, self._held_force = gains, PortDelays.of(tool), tool.exchange == "held-force"
-        self._whole = np.linalg.matrix_power(engine.sample(gains), clock.samples[0])
+        self._engine = Engine(Body.of(plant), clock, tool, [fixed])
+        self._gains = gains
+        self._late = PortDelays.of(tool)
+        self._held_force = tool.exchange == "held-force"
+        self._step = np.linalg.matrix_power(self._engine.sample(gains), clock.samples[0])
 
     def impedance(self, angles: FloatArray) -> ComplexArray:
         """Return G, N.s/m, shape (angles, devices, hands)."""
-        k, b, late, loop = self._gains.stiffness_n_per_m, self._gains.damping_ns_per_m, self._late, self._engine.loop
-        body, inner = self._engine.body, loop.at["tool"].start
+        k = self._gains.stiffness_n_per_m
+        b = self._gains.damping_ns_per_m
+        late = self._late
+        loop = self._engine.loop
+        body = self._engine.body
+        inner = loop.at["tool"].start
         x = body.output_row @ loop["plant"]
         force = (k * x + b * (x - loop["positions"][0]) / body.sample_time_s)[:inner]
         z = np.exp(1j * angles)[:, None, None]
         place = self._engine.clock.step_s * z / (z - 1)
-        own = k * place * z**-late.spring + b * z**-late.damper
-        matrix, drive = self._whole[..., :inner, :inner], self._whole[..., :inner, -1 if self._held_force else -2 :]
+        tool_alone = k * place * z**-late.spring + b * z**-late.damper
+        matrix = self._step[..., :inner, :inner]
+        drive = self._step[..., :inner, -1 if self._held_force else -2 :]
         inverse = np.linalg.solve(z[..., None, None] * np.eye(inner) - matrix, drive.astype(complex))
         loop_gain = np.tensordot(inverse, force, axes=(-2, 0)) * z[..., None] ** -late.state
         if self._held_force:
             back = loop_gain[..., 0]
-            return np.asarray(own + back / (1 - back) * z**-late.force * (k * place + b))
-        return np.asarray(own - loop_gain[..., 0] * place - loop_gain[..., 1])
+            return np.asarray(tool_alone + back / (1 - back) * z**-late.force * (k * place + b))
+        return np.asarray(tool_alone - loop_gain[..., 0] * place - loop_gain[..., 1])
 
-    def lowest(self) -> tuple[float, float, int]:
-        """Return the lowest Re G, its angle and the indices of device and hand."""
+    def lowest(self) -> _Lowest:
+        """Return the lowest Re G; minus infinity where the engine's loop with its tool driven is unstable."""
+        lowest = _Lowest(-np.inf, 0.0, 0)
         if not self._engine.closed(self._gains).radius.max() < 1 - TOLERANCE:
-            return -np.inf, 0.0, 0
-        angles = np.concatenate(
-            [np.geomspace(_SMALLEST, 0.1, _ANGLES // 4, endpoint=False), np.linspace(0.1, np.pi, _ANGLES)]
-        )
-        for _ in range(_FINER + 1):
+            return lowest
+        slow = np.geomspace(_SMALLEST_ANGLE, _MEETING_ANGLE, _ANGLES // 4, endpoint=False)
+        angles = np.concatenate([slow, np.linspace(_MEETING_ANGLE, np.pi, _ANGLES)])
+        for _ in range(1 + _REFINEMENTS):
             values = self.impedance(angles).real.reshape(len(angles), -1)
             place, row = divmod(int(np.argmin(values)), values.shape[1])
-            least = float(values[place, row]), float(angles[place]), row
-            angles = np.linspace(angles[max(place - 1, 0)], angles[min(place + 1, len(angles) - 1)], 41)
-        return least
+            lowest = _Lowest(float(values[place, row]), float(angles[place]), row)
+            before = angles[max(place - 1, 0)]
+            after = angles[min(place + 1, len(angles) - 1)]
+            angles = np.linspace(before, after, _ANGLES_OF_REFINEMENT)
+        return lowest
 
 
 def _with_any_hand(device: Device, tool: VirtualTool, gains: ToolGains) -> float | None:
     """Return Llewellyn's margin where each sample is a step, and the device has the tool of that step; else None."""
-    delays, corners = PortDelays.of(tool), device_corners(device, LINEAR_KEYS)
-    old = max(delays.spring, delays.damper, delays.state, delays.force if tool.exchange == "held-force" else 0)
-    if max(tool.step_s) > 1.5 * device.sample_time_s or old or not ideal(device):
+    delays = PortDelays.of(tool)
+    force_delay = delays.force if tool.exchange == "held-force" else 0
+    late = max(delays.spring, delays.damper, delays.state, force_delay) > 0
+    if max(tool.step_s) > _ONE_SAMPLE * device.sample_time_s or late or not ideal(device):
         return None
-    k, b, local = gains.stiffness_n_per_m, gains.damping_ns_per_m, gains.local_damping_ns_per_m
-    loops = [
-        SampledLoop(one.damping_ns_per_m, 0.0, 0.0, one.sample_time_s, one.delay_samples, "sampled-data")
-        for one in corners
-    ]
-    return min(float(llewellyn_margin(loop, b, k, local)[0][0]) for loop in loops)
+    margins = []
+    for corner in device_corners(device, LINEAR_KEYS):
+        loop = SampledLoop(
+            device_damping_ns_per_m=corner.damping_ns_per_m,
+            environment_damping_ns_per_m=0.0,
+            environment_stiffness_n_per_m=0.0,
+            sample_time_s=corner.sample_time_s,
+            delay_samples=corner.delay_samples,
+            model="sampled-data",
+        )
+        margin, _ = llewellyn_margin(
+            loop, gains.damping_ns_per_m, gains.stiffness_n_per_m, gains.local_damping_ns_per_m
+        )
+        margins.append(float(margin[0]))
+    return min(margins)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import NamedTuple
@@ -17,6 +17,43 @@ from avc_casadi.model.corners import device_with
 from avc_casadi.model.device import Device
 from avc_casadi.model.plant import DEVICE, device_plant
 from avc_casadi.model.problem import Model, Problem
+
+_STEEPEST = 0.25
+"""Power of the ratio of dampings in the highest corner frequency of a resonance."""
+_SCAN_POINTS = 400
+"""Frequencies of a scan over a band, before its lowest minima are refined."""
+_ROUNDING = 1e-12
+"""Rounding of Re Z_h, relative to the size of its terms."""
+
+
+@dataclass(frozen=True)
+class Motor:
+    """The motor's side of a device with a resonance.
+
+    Attributes:
+        mass_kg: m_1.
+        stiffness_n_per_m: k_r, between motor and handle.
+        damping_ns_per_m: c_r, between motor and handle.
+    """
+
+    mass_kg: float
+    stiffness_n_per_m: float
+    damping_ns_per_m: float
+
+
+@dataclass(frozen=True)
+class Transmission:
+    """How a device passes motion and force between handle and motor, at n frequencies.
+
+    Attributes:
+        tau: motor velocity over handle velocity.
+        admittance: admittance of the motor with the handle held, m/(N.s).
+        loss: R, real part of the impedance of the device alone, N.s/m.
+    """
+
+    tau: ComplexArray
+    admittance: ComplexArray
+    loss: FloatArray
 
 
 @dataclass(frozen=True)
@@ -36,25 +73,28 @@ class Mechanics:
         return not self.rigid and self.device.encoder_at == "handle"
 
     @cached_property
-    def motor(self) -> tuple[float, float, float]:
+    def motor(self) -> Motor:
         """m_1, k_r and c_r."""
         plant = device_plant(self.device)
-        mass, row = float(plant.mass_kg(DEVICE)), plant.linear().matrix[1]
-        return mass, mass * float(row[2]), mass * float(row[3])
+        mass = float(plant.mass_kg(DEVICE))
+        acceleration = plant.linear().matrix[1]
+        return Motor(mass, mass * float(acceleration[2]), mass * float(acceleration[3]))
 
     @cached_property
     def least_loss(self) -> float:
         """R towards infinite frequency."""
-        return self.device.damping_ns_per_m if self.rigid else self.motor[2]
+        return self.device.damping_ns_per_m if self.rigid else self.motor.damping_ns_per_m
 
     @cached_property
     def fastest_turns(self) -> float:
         """The highest corner frequency, in turns a sample."""
         fastest = self.device.amplifier_bandwidth_hz or 0.0
         if not self.rigid:
-            mass, stiffness, damping = self.motor
+            motor = self.motor
+            damping = motor.damping_ns_per_m
             ratio = self.device.damping_ns_per_m / damping if damping else 1.0
-            fastest = max(fastest, math.sqrt(stiffness / mass) * max(1.0, ratio**0.25) / (2 * math.pi))
+            resonance = math.sqrt(motor.stiffness_n_per_m / motor.mass_kg)
+            fastest = max(fastest, resonance * max(1.0, ratio**_STEEPEST) / (2 * math.pi))
         return fastest * self.device.sample_time_s
 
     def amplifier(self, s: ComplexArray) -> ComplexArray:
@@ -62,32 +102,50 @@ class Mechanics:
         if self.device.amplifier_bandwidth_hz is None:
             return np.ones_like(s)
         plant = device_plant(device_with(self.device, {"mass_kg": self.device.mass_kg or 1.0})).linear()
-        rates, drive = plant.matrix[-1], plant.force[-1]
+        rates = plant.matrix[-1]
+        drive = plant.force[-1]
         if self.device.amplifier_order == 1:
             return np.asarray(drive / (s - rates[-1]))
         return np.asarray(drive / (s**2 - rates[-1] * s - rates[-2]))
 
-    def transmission(self, s: ComplexArray) -> tuple[ComplexArray, ComplexArray, FloatArray]:
-        """Return tau, the motor's admittance with the handle held, and R."""
+    def transmission(self, s: ComplexArray) -> Transmission:
+        """Return tau = (k_r + c_r s)/D, Y = s/D and R = b_d |tau|^2 + c_r |1 - tau|^2 at s = j omega.
+
+        D = m_1 s^2 + (c_r + b_d) s + k_r; a rigid device has tau = 1, Y = 0 and R = b_d.
+        """
         b = self.device.damping_ns_per_m
         if self.rigid:
-            return np.ones_like(s), np.zeros_like(s), np.full(s.shape, b)
-        mass, stiffness, damping = self.motor
-        whole = stiffness + (damping + b) * s + mass * s**2
-        tau, slip = (stiffness + damping * s) / whole, (b + mass * s) * s / whole
-        return tau, s / whole, np.asarray(b * np.abs(tau) ** 2 + damping * np.abs(slip) ** 2)
+            return Transmission(np.ones_like(s), np.zeros_like(s), np.full(s.shape, b))
+        mass = self.motor.mass_kg
+        stiffness = self.motor.stiffness_n_per_m
+        damping = self.motor.damping_ns_per_m
+        denominator = stiffness + (damping + b) * s + mass * s**2
+        tau = (stiffness + damping * s) / denominator
+        slip = (b + mass * s) * s / denominator
+        loss = b * np.abs(tau) ** 2 + damping * np.abs(slip) ** 2
+        return Transmission(tau, s / denominator, np.asarray(loss))
 
     def alone(self, s: ComplexArray) -> ComplexArray:
         """Return the impedance of the device at its handle, without a force."""
-        mass, b = self.device.mass_kg, self.device.damping_ns_per_m
+        mass = self.device.mass_kg
+        b = self.device.damping_ns_per_m
         if self.rigid:
             return mass * s + b
-        tau, (motor, _, _) = self.transmission(s)[0], self.motor
-        return np.asarray((mass - motor) * s + (motor * s + b) * tau)
+        motor_mass = self.motor.mass_kg
+        return np.asarray((mass - motor_mass) * s + (motor_mass * s + b) * self.transmission(s).tau)
 
 
 class Response(NamedTuple):
-    """Frequency responses of a device at its handle: alone, R, t, tau t, Y and A e of the module of the port."""
+    """Frequency responses of a device at its handle, in the symbols of the module `port`.
+
+    Attributes:
+        alone: impedance of the device alone, N.s/m.
+        loss: R, its real part, N.s/m.
+        sensor: t, measured velocity over handle velocity.
+        through: tau t.
+        admittance: Y, m/(N.s); 0 where the encoder sits at the handle.
+        force: A e, force over command with the delay.
+    """
 
     alone: ComplexArray
     loss: FloatArray
@@ -101,10 +159,17 @@ def response(device: Device, frequency_hz: FloatArray) -> Response:
     """Return the frequency responses of a device that is known exactly, at frequencies above 0."""
     mechanics = Mechanics(device)
     s = np.asarray(2j * np.pi * frequency_hz, dtype=np.complex128)
-    tau, admittance, loss = mechanics.transmission(s)
-    sensor, admittance = (np.ones_like(tau), np.zeros_like(tau)) if mechanics.at_handle else (tau, admittance)
-    force = mechanics.amplifier(s) * np.exp(-s * device.delay_samples * device.sample_time_s)
-    return Response(mechanics.alone(s), loss, sensor, tau * sensor, admittance, force)
+    transmission = mechanics.transmission(s)
+    tau = transmission.tau
+    sensor = np.ones_like(tau) if mechanics.at_handle else tau
+    return Response(
+        alone=mechanics.alone(s),
+        loss=transmission.loss,
+        sensor=sensor,
+        through=tau * sensor,
+        admittance=np.zeros_like(tau) if mechanics.at_handle else transmission.admittance,
+        force=mechanics.amplifier(s) * np.exp(-s * device.delay_samples * device.sample_time_s),
+    )
 
 
 def wave(
@@ -112,7 +177,8 @@ def wave(
 ) -> ComplexArray:
     """W = H (Z_eavc + b_p), H = 1/z or the paper's (z + 1)/(2 z), without the device's delay."""
     half = np.pi * turns
-    sine, cosine = np.sin(half), np.sin(np.pi * (0.5 - turns))
+    sine = np.sin(half)
+    cosine = np.sin(np.pi * (0.5 - turns))
     z = np.exp(2j * half)
     hold = cosine * np.exp(-1j * half) if model == "paper" else 1 / z
     # H w/(1 - w): its real part, small beside a large number at low frequency, is written out.
@@ -125,7 +191,14 @@ def wave(
 
 
 class PortWorst(NamedTuple):
-    """The worst of all frequencies and devices for n rows, each of shape (n,)."""
+    """The worst of all frequencies and devices for n rows, each of shape (n,).
+
+    Attributes:
+        passed: whether it is passive.
+        margin_ns_per_m: the smallest Re Z_h, or the damping to spare at the port.
+        frequency_hz: the frequency of that.
+        tolerance_ns_per_m: its rounding.
+    """
 
     passed: BoolArray
     margin_ns_per_m: FloatArray
@@ -133,9 +206,24 @@ class PortWorst(NamedTuple):
     tolerance_ns_per_m: FloatArray
 
 
+@dataclass(frozen=True)
+class RealImpedance:
+    """Re Z_h at frequencies, N.s/m.
+
+    Attributes:
+        value: Re Z_h.
+        undivided: Re Z_h |1 + A e W Y|^2, of the same sign, which a pole of the quotient does not blow up.
+        size: magnitude of the terms: rounding is a multiple of it.
+    """
+
+    value: FloatArray
+    undivided: FloatArray
+    size: FloatArray
+
+
 def real_impedance(
     device: Device, parts: Fractions, contact_damping_ns_per_m: FloatArray, frequency_hz: FloatArray, model: Model
-) -> tuple[FloatArray, FloatArray, FloatArray]:
+) -> RealImpedance:
     """Re Z_h, Z_h = Z_d + tau t A e W/(1 + A e W Y), of renderings at frequencies above 0."""
     port = response(device, frequency_hz)
     w = wave(parts, contact_damping_ns_per_m, frequency_hz * device.sample_time_s, model) * port.force
@@ -143,14 +231,19 @@ def real_impedance(
     share = np.abs(closed) ** 2
     coupling = (port.through * w * closed.conj()).real
     real = port.loss + coupling / np.where(share > 0, share, np.finfo(np.float64).tiny)
-    return np.asarray(real), np.asarray(port.loss * share + coupling), np.asarray(port.loss + np.abs(w))
+    return RealImpedance(
+        value=np.asarray(real),
+        undivided=np.asarray(port.loss * share + coupling),
+        size=np.asarray(port.loss + np.abs(w)),
+    )
 
 
 def handle_impedance(
     device: Device, force_n_per_m: complex | ComplexArray, frequency_hz: FloatArray
 ) -> tuple[ComplexArray, ComplexArray]:
     """Return Z_h, N.s/m, and the measured position over the handle's, for a sampled force over the measured one."""
-    port, turns = response(device, frequency_hz), frequency_hz * device.sample_time_s
+    port = response(device, frequency_hz)
+    turns = frequency_hz * device.sample_time_s
     # Held for a sample, over a velocity.
     rendered = force_n_per_m * device.sample_time_s / np.expm1(2j * np.pi * turns)
     force = rendered * np.sinc(turns) ** 2 * port.force
@@ -167,23 +260,30 @@ def worst_real_impedance(
     model: Model,
 ) -> PortWorst:
     """Find the smallest Re Z_h over a band of each row and over devices, by a scan with refinement."""
-    rows, found = np.arange(len(low_hz)), []
-    column, contact = parts.pick((slice(None), None)), contact_damping_ns_per_m[:, None]
+    rows = np.arange(len(low_hz))
+    worst_of_devices = []
+    column = parts.pick((slice(None), None))
+    contact = contact_damping_ns_per_m[:, None]
     for device in devices:
-
-        def value(frequency: FloatArray, which: int, device: Device = device) -> FloatArray:
-            return real_impedance(device, column, contact, frequency, model)[which]
-
+        real = partial(real_impedance, device, column, contact, model=model)
         low, high = (np.minimum(end, 0.5 / device.sample_time_s) for end in (low_hz, high_hz))
         points = low[:, None]
         if (high > low).any():
-            points = np.clip(np.geomspace(low, high, 400, axis=1), low[:, None], high[:, None])
-            points = np.hstack([refine_minima(partial(value, which=one), points, 1) for one in (0, 1)])
-        values, _, size = real_impedance(device, column, contact, points, model)
-        place = np.argmin(values, axis=1)
-        found.append([values[rows, place], points[rows, place], 1e-12 * size[rows, place]])
-    margin, at, rounding = lowest_of(found)
-    return PortWorst(margin >= -rounding, margin, at, rounding)
+            points = np.clip(np.geomspace(low, high, _SCAN_POINTS, axis=1), low[:, None], high[:, None])
+            points = _with_minima(real, points)
+        impedance = real(points)
+        place = np.argmin(impedance.value, axis=1)
+        rounding = _ROUNDING * impedance.size[rows, place]
+        worst_of_devices.append([impedance.value[rows, place], points[rows, place], rounding])
+    margin, frequency_hz, rounding = lowest_of(worst_of_devices)
+    return PortWorst(margin >= -rounding, margin, frequency_hz, rounding)
+
+
+def _with_minima(real: Callable[[FloatArray], RealImpedance], points: FloatArray) -> FloatArray:
+    """Return sorted points (n, m) with the refined minima of Re Z_h and of its undivided form beside them."""
+    of_value = refine_minima(lambda frequency_hz: real(frequency_hz).value, points, 1)
+    of_undivided = refine_minima(lambda frequency_hz: real(frequency_hz).undivided, points, 1)
+    return np.hstack([of_value, of_undivided])
 
 
 def stiffness_at_handle(device: Device, stiffness_n_per_m: float) -> float:
@@ -191,17 +291,24 @@ def stiffness_at_handle(device: Device, stiffness_n_per_m: float) -> float:
     mechanics = Mechanics(device)
     if mechanics.rigid or mechanics.at_handle:
         return stiffness_n_per_m
-    _, spring, _ = mechanics.motor
+    spring = mechanics.motor.stiffness_n_per_m
     return stiffness_n_per_m * spring / (stiffness_n_per_m + spring)
 
 
 PRESS_N = 10.0
-"""A firm press of a hand. The handle is excited about half of it, or half the force limit if that is less."""
+"""A firm press of a hand, N. The handle is excited about half of it, or half the force limit if that is less."""
+FREE_DEPTH_M = 0.01
+"""Depth of the motion where there is no stiffness to press against, m."""
 
 
 @dataclass(frozen=True)
 class Excitation:
-    """A sinusoidal motion in the wall."""
+    """A sinusoidal motion in the wall.
+
+    Attributes:
+        depth_m: its mean depth, m.
+        amplitude_m: its amplitude, m: half of the depth, so that it never leaves the wall.
+    """
 
     depth_m: float
     amplitude_m: float
@@ -211,7 +318,7 @@ class Excitation:
         """Return the excitation about half of a firm press, or of the force limit, which never leaves the wall."""
         press_n = PRESS_N * device.metres_per_unit
         mean_n = min(press_n, press_n if device.max_force_n is None else device.max_force_n) / 2
-        depth = mean_n / stiffness_n_per_m if stiffness_n_per_m > 0 else 0.01 / device.metres_per_unit
+        depth = mean_n / stiffness_n_per_m if stiffness_n_per_m > 0 else FREE_DEPTH_M / device.metres_per_unit
         return cls(depth, 0.5 * depth)
 
 
@@ -223,15 +330,18 @@ def below_quarter_rate(device: Device, frequency_hz: FloatArray) -> FloatArray:
 
 def target_impedance(problem: Problem, frequency_hz: FloatArray) -> tuple[ComplexArray, FloatArray]:
     """Return the impedance of device and continuous wall as one body, and the larger of it and the wall's own."""
-    device, wall, s = problem.device, problem.environment, 2j * np.pi * frequency_hz
-    own = wall.damping_ns_per_m + wall.stiffness_n_per_m / s
-    target = device.mass_kg * s + device.damping_ns_per_m + own
-    return target, np.maximum(np.abs(target), np.abs(own))
+    device = problem.device
+    wall = problem.environment
+    s = 2j * np.pi * frequency_hz
+    wall_impedance = wall.damping_ns_per_m + wall.stiffness_n_per_m / s
+    target = device.mass_kg * s + device.damping_ns_per_m + wall_impedance
+    return target, np.maximum(np.abs(target), np.abs(wall_impedance))
 
 
 def rendered(problem: Problem, force_n_per_m: ComplexArray, frequency_hz: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the stiffness that a transfer from measured position to force renders at the handle, and its error."""
-    device, s = problem.device, 2j * np.pi * frequency_hz
+    device = problem.device
+    s = 2j * np.pi * frequency_hz
     alone = device.mass_kg * s + device.damping_ns_per_m
     impedance, _ = handle_impedance(device, force_n_per_m, frequency_hz)
     target, size = target_impedance(problem, frequency_hz)

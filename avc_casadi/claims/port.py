@@ -33,10 +33,50 @@ from avc_casadi.loops.wall import RIGID, Fractions
 from avc_casadi.model.device import Device
 from avc_casadi.model.hands import Hand
 
+# Aliases that are summed one by one on either side, at least; a fraction of a sample of delay leaves an oscillating
+# tail, which is faded out over more of them. Beyond, an integral takes the place of the sum.
+_ALIASES = 40
+_ALIASES_FADED = 400
+# Multiple of the device's highest corner frequency, in aliases, up to which they are summed one by one.
+_BEYOND_CORNER = 4
+# Weights of the last two terms of a sum that an integral continues (Gregory).
+_LAST_WEIGHTS = (23 / 24, 1 / 24)
+_QUADRATURE_NODES = 12
+_NUMBERS_AT_ONCE = 1_000_000
+# Rounding of a slack: its own, and shares of the size of W X and of the loss.
+_SLACK_ROUNDING = 1e-9
+_TERM_ROUNDING = 1e-12
+_LOSS_ROUNDING = 1e-8
+# Damping, N.s/m, by which the rounding of a slack is scaled where the device has none.
+_LEAST_LOSS_NS_PER_M = 1e-12
+# Below a hundredth of the sampling frequency the device hardly changes, and poles of a coupling are real.
+_SLOWEST_TURNS = 1e-8
+_SLOW_TURNS = 0.01
+_SLOW_POINTS = 360
+_POINTS_PER_DECADE = 150
+# Evenly spaced frequencies for each sample of delay.
+_POINTS_PER_SAMPLE = 24
+# First reach of the search for the removable damping, relative to 1 N.s/m and the device's own, its growth and its end.
+_FIRST_REACH = 1e-3
+_REACH_GROWTH = 4
+_FARTHEST_REACH = 1e12
+_BISECTIONS = 44
+# A passive hand: its least mass, kg, and its times m/b and sqrt(m/k) in samples.
+_LEAST_MASS_KG = 1e-6
+_HAND_SAMPLES = 10
+
 
 @dataclass(frozen=True)
 class HandlePort:
-    """X, U and U^2 - |X|^2 of a device, each of the shape of the frequencies."""
+    """X, U and U^2 - |X|^2 of a device, each of the shape of the frequencies.
+
+    Attributes:
+        turns: frequencies, in turns a sample.
+        centre: X.
+        spread: U.
+        excess: U^2 - |X|^2, free of cancellation.
+        damped: whether the device has damping left at every alias; without it only no rendering at all is passive.
+    """
 
     turns: FloatArray
     centre: ComplexArray
@@ -50,18 +90,21 @@ def handle_port(device: Device, frequency_hz: FloatArray, removal_ns_per_m: Floa
     turns, removal = np.broadcast_arrays(np.asarray(frequency_hz) * device.sample_time_s, removal_ns_per_m)
     mechanics = Mechanics(device)
     if mechanics.rigid and device.amplifier_bandwidth_hz is None:
-        return HandlePort(turns, *_ideal(device, turns, removal))
-    number, weight, last = _aliases(mechanics)
-    at_once = max(1, 1_000_000 // len(number))
-    some = [slice(begin, begin + at_once) for begin in range(0, turns.size, at_once)]
-    parts = [_alias_sum(mechanics, number, weight, last, turns.ravel()[one], removal.ravel()[one]) for one in some]
-    return HandlePort(turns, *(np.concatenate(each).reshape(turns.shape) for each in zip(*parts, strict=True)))
+        return _ideal(device, turns, removal)
+    aliases = _Aliases.of(mechanics)
+    at_once = max(1, _NUMBERS_AT_ONCE // len(aliases.number))
+    slices = [slice(begin, begin + at_once) for begin in range(0, turns.size, at_once)]
+    parts = [_alias_sum(mechanics, aliases, turns.ravel()[part], removal.ravel()[part]) for part in slices]
+    return HandlePort(
+        turns=turns,
+        centre=np.concatenate([part.centre for part in parts]).reshape(turns.shape),
+        spread=np.concatenate([part.spread for part in parts]).reshape(turns.shape),
+        excess=np.concatenate([part.excess for part in parts]).reshape(turns.shape),
+        damped=np.concatenate([part.damped for part in parts]).reshape(turns.shape),
+    )
 
 
-_Part = tuple[ComplexArray, FloatArray, FloatArray, BoolArray]
-
-
-def _ideal(device: Device, turns: FloatArray, removal: FloatArray) -> _Part:
+def _ideal(device: Device, turns: FloatArray, removal: FloatArray) -> HandlePort:
     """Return the port of a rigid, ideal device: closed sums over aliases, linear in a fraction f of a sample."""
     left = device.damping_ns_per_m - removal
     damped = left > 0
@@ -69,52 +112,78 @@ def _ideal(device: Device, turns: FloatArray, removal: FloatArray) -> _Part:
     whole = int(device.delay_samples)
     late = device.delay_samples - whole
     centre = half * (1 - late + late * np.exp(-2j * np.pi * turns)) * np.exp(-2j * np.pi * whole * turns)
-    return centre, half, half**2 * 4 * late * (1 - late) * np.sin(np.pi * turns) ** 2, damped
+    excess = half**2 * 4 * late * (1 - late) * np.sin(np.pi * turns) ** 2
+    return HandlePort(turns=turns, centre=centre, spread=half, excess=excess, damped=damped)
 
 
-def _aliases(mechanics: Mechanics) -> tuple[FloatArray, FloatArray, int]:
-    """Return the indices n, 0 first, their weights, and the last plain one."""
-    # A fraction of a sample leaves an oscillating tail, which is faded out.
-    least = 400 if mechanics.device.delay_samples % 1 else 40
-    last = max(least, math.ceil(4 * mechanics.fastest_turns))
-    plain = np.arange(1.0, last + 2)
-    plain_weight = np.ones(last + 1)
-    plain_weight[-2:] = 23 / 24, 1 / 24
-    node, share = np.polynomial.legendre.leggauss(12)
-    node, share = (node + 1) / 2, share / 2
-    far, far_weight = (last + 0.5) / node, (last + 0.5) * share / node**2
-    number = np.concatenate([[0.0], plain, -plain, far, -far])
-    return number, np.concatenate([[1.0], plain_weight, plain_weight, far_weight, far_weight]), last
+@dataclass(frozen=True)
+class _Aliases:
+    """Aliases over which a port is summed: one by one near 0, then nodes of an integral to infinity.
+
+    Attributes:
+        number: indices n, 0 first.
+        weight: their weights.
+        last: the last index that is summed one by one.
+    """
+
+    number: FloatArray
+    weight: FloatArray
+    last: int
+
+    @classmethod
+    def of(cls, mechanics: Mechanics) -> _Aliases:
+        """Return the aliases that a device needs."""
+        least = _ALIASES_FADED if mechanics.device.delay_samples % 1 else _ALIASES
+        last = max(least, math.ceil(_BEYOND_CORNER * mechanics.fastest_turns))
+        plain = np.arange(1.0, last + 2)
+        plain_weight = np.ones(last + 1)
+        plain_weight[-2:] = _LAST_WEIGHTS
+        node, share = np.polynomial.legendre.leggauss(_QUADRATURE_NODES)
+        node = (node + 1) / 2
+        share = share / 2
+        far = (last + 0.5) / node
+        far_weight = (last + 0.5) * share / node**2
+        number = np.concatenate([[0.0], plain, -plain, far, -far])
+        weight = np.concatenate([[1.0], plain_weight, plain_weight, far_weight, far_weight])
+        return cls(number, weight, last)
 
 
-def _alias_sum(
-    mechanics: Mechanics, number: FloatArray, weight: FloatArray, last: int, turns: FloatArray, removal: FloatArray
-) -> _Part:
+def _alias_sum(mechanics: Mechanics, aliases: _Aliases, turns: FloatArray, removal: FloatArray) -> HandlePort:
+    """Return the port at frequencies (m,), less some damping of the handle at each, summed over the aliases."""
     device = mechanics.device
-    of = turns[:, None] + number
-    s = np.asarray(2j * np.pi * of / device.sample_time_s, dtype=np.complex128)
-    kappa = weight * (np.sin(np.pi * turns)[:, None] / (np.pi * of)) ** 2
-    tau, admittance, loss = mechanics.transmission(s)
-    left = loss - removal[:, None]
+    alias_turns = turns[:, None] + aliases.number
+    s = np.asarray(2j * np.pi * alias_turns / device.sample_time_s, dtype=np.complex128)
+    kappa = aliases.weight * (np.sin(np.pi * turns)[:, None] / (np.pi * alias_turns)) ** 2
+    transmission = mechanics.transmission(s)
+    tau = transmission.tau
+    admittance = transmission.admittance
+    left = transmission.loss - removal[:, None]
     damped: BoolArray = np.asarray((left > 0).all(axis=1))
     half = 0.5 / np.where(left > 0, left, 1.0)
     amplifier = mechanics.amplifier(s)
     late = device.delay_samples % 1
-    delay = np.exp(-2j * np.pi * (int(device.delay_samples) * turns[:, None] + late * of))
+    delay = np.exp(-2j * np.pi * (int(device.delay_samples) * turns[:, None] + late * alias_turns))
     if late:
-        delay *= np.cos(np.pi / 2 * np.clip(2 * np.abs(number) / last - 1, 0.0, 1.0)) ** 2
+        delay *= np.cos(np.pi / 2 * np.clip(2 * np.abs(aliases.number) / aliases.last - 1, 0.0, 1.0)) ** 2
     force_gain = np.abs(amplifier) ** 2
+    drive = np.abs(tau) ** 2 * half
+    # U^2 - |X|^2 of the term n = 0 alone, over kappa^2 |A|^2.
     if mechanics.at_handle:
-        centre, drive, sense = tau * half, np.abs(tau) ** 2 * half, half
-        own = np.zeros_like(half[:, 0])
+        centre = tau * half
+        sense = half
+        first_excess = np.zeros_like(half[:, 0])
     else:
         centre = admittance + tau**2 * half
-        drive = sense = np.abs(tau) ** 2 * half
-        own = -(np.abs(admittance[:, 0]) ** 2) - 2 * half[:, 0] * (admittance[:, 0].conj() * tau[:, 0] ** 2).real
-    x, u, v = kappa * amplifier * delay * centre, kappa * force_gain * drive, kappa * sense
+        sense = drive
+        cross = (admittance[:, 0].conj() * tau[:, 0] ** 2).real
+        first_excess = -(np.abs(admittance[:, 0]) ** 2) - 2 * half[:, 0] * cross
+    # X is the sum of x, and U^2 that of u times that of v.
+    x = kappa * amplifier * delay * centre
+    u = kappa * force_gain * drive
+    v = kappa * sense
     x_rest, u_rest, v_rest = (np.sum(term[:, 1:], axis=1) for term in (x, u, v))
     excess = (
-        kappa[:, 0] ** 2 * force_gain[:, 0] * own
+        kappa[:, 0] ** 2 * force_gain[:, 0] * first_excess
         + u[:, 0] * v_rest
         + v[:, 0] * u_rest
         + u_rest * v_rest
@@ -122,7 +191,13 @@ def _alias_sum(
         - np.abs(x_rest) ** 2
     )
     spread = np.sqrt((u[:, 0] + u_rest) * (v[:, 0] + v_rest))
-    return np.asarray(x[:, 0] + x_rest), np.asarray(spread), np.asarray(excess), damped
+    return HandlePort(
+        turns=turns,
+        centre=np.asarray(x[:, 0] + x_rest),
+        spread=np.asarray(spread),
+        excess=np.asarray(excess),
+        damped=damped,
+    )
 
 
 @dataclass(frozen=True)
@@ -139,8 +214,9 @@ class RenderingSlack:
         size = np.abs(w)
         loss = size**2 * port.excess
         left = 1 + 2 * (w.real * port.centre.real - w.imag * port.centre.imag) - loss
-        rounding = 1e-9 + 1e-12 * size * port.spread + 1e-8 * np.abs(loss)
-        return np.where(port.damped, left, np.where(size == 0, 1.0, -np.inf)), np.where(port.damped, rounding, 0.0)
+        rounding = _SLACK_ROUNDING + _TERM_ROUNDING * size * port.spread + _LOSS_ROUNDING * np.abs(loss)
+        undamped = np.where(size == 0, 1.0, -np.inf)
+        return np.where(port.damped, left, undamped), np.where(port.damped, rounding, 0.0)
 
 
 @dataclass(frozen=True)
@@ -162,14 +238,16 @@ class CouplingSlack:
     @property
     def valid(self) -> BoolArray:
         """Which couplings are passive themselves and not rigid, shape (n,)."""
-        b, k = self.damping_ns_per_m, self.stiffness_n_per_m
+        b = self.damping_ns_per_m
+        k = self.stiffness_n_per_m
         finite = (np.abs(b) <= RIGID) & (np.abs(k) <= RIGID)
         with np.errstate(over="ignore"):
             return np.asarray(finite & ((b + k * self.sample_time_s / 2 > 0) | ((b == 0) & (k == 0))))
 
     def __call__(self, port: HandlePort, rows: IndexArray) -> tuple[FloatArray, FloatArray]:
         """Return the slack of some rows."""
-        column, valid = (rows, None), self.valid
+        column = (rows, None)
+        valid = self.valid
         b, k = (np.where(valid, gain, 0.0)[column] for gain in (self.damping_ns_per_m, self.stiffness_n_per_m))
         contact = self.contact_damping_ns_per_m[column]
         half = k * self.sample_time_s / 2
@@ -184,7 +262,7 @@ class CouplingSlack:
         left = 1 + 2 * contact * x.real - loss
         left = np.where(port.damped & (port.spread >= rho * port.excess), left, -np.inf)
         left = np.where((rho == 0) & (contact == 0), 1.0, left)
-        rounding = 1e-9 + 1e-12 * contact * size + 1e-8 * np.abs(loss)
+        rounding = _SLACK_ROUNDING + _TERM_ROUNDING * contact * size + _LOSS_ROUNDING * np.abs(loss)
         return np.where(valid[column], left, -np.inf), np.where(port.damped, rounding, 0.0)
 
 
@@ -194,38 +272,45 @@ Slack = RenderingSlack | CouplingSlack
 
 def frequencies_hz(device: Device) -> FloatArray:
     """Return frequencies, shape (m,), that resolve every pole of a port, the delay, and the end at Nyquist."""
-    # Below a hundredth of the sampling frequency the device hardly changes, and poles of a coupling are real.
-    low, high = np.geomspace(1e-8, 0.01, 360), np.geomspace(0.01, 0.5, round(150 * np.log10(50)))
-    even = np.linspace(0.0, 0.5, 1 + round(24 * (device.delay_samples + 3)))[1:]
+    decades = np.log10(0.5 / _SLOW_TURNS)
+    low = np.geomspace(_SLOWEST_TURNS, _SLOW_TURNS, _SLOW_POINTS)
+    high = np.geomspace(_SLOW_TURNS, 0.5, round(_POINTS_PER_DECADE * decades))
+    even = np.linspace(0.0, 0.5, 1 + round(_POINTS_PER_SAMPLE * (device.delay_samples + 3)))[1:]
     return np.unique(np.concatenate([low, high, even, 0.5 - low[::4]])) / device.sample_time_s
 
 
 def port_worst(devices: Sequence[Device], slack: Slack, rows: int, progress: Progress = SILENT) -> PortWorst:
     """Return the smallest slack over all frequencies and devices, by a scan: the port has no lightly damped pole."""
-    every, passed, scans = np.arange(rows), np.ones(rows, dtype=bool), []
+    all_rows = np.arange(rows)
+    passed = np.ones(rows, dtype=bool)
+    least_of_devices, places = [], []
     for index, device in enumerate(devices):
         progress.advance(index, len(devices), "passivity at the handle")
-        left, near = slack(handle_port(device, frequencies_hz(device)), every)
-        passed &= (left >= -near).all(axis=1)
-        scans.append((left.min(axis=1), left.argmin(axis=1)))
-    which = np.argmin([least for least, _ in scans], axis=0)
-    margin, at, tolerance = np.full((3, rows), np.nan)
+        left, rounding = slack(handle_port(device, frequencies_hz(device)), all_rows)
+        passed &= (left >= -rounding).all(axis=1)
+        least_of_devices.append(left.min(axis=1))
+        places.append(left.argmin(axis=1))
+    worst_device = np.argmin(least_of_devices, axis=0)
+    margin = np.full(rows, np.nan)
+    worst_hz = np.full(rows, np.nan)
+    tolerance = np.full(rows, np.nan)
     for index, device in enumerate(devices):
-        own = np.flatnonzero(which == index)
-        if len(own) == 0:
+        of_device = np.flatnonzero(worst_device == index)
+        if len(of_device) == 0:
             continue
-        hz, found = frequencies_hz(device), scans[index][1][own]
-        around = (hz[np.clip(found + side, 0, len(hz) - 1)] for side in (-1, 0, 1))
+        hz = frequencies_hz(device)
+        place = places[index][of_device]
+        around = (hz[np.clip(place + side, 0, len(hz) - 1)] for side in (-1, 0, 1))
 
-        def left_at(hz: FloatArray, device: Device = device, own: IndexArray = own) -> FloatArray:
-            return slack(handle_port(device, hz[:, None]), own)[0][:, 0]
+        def left_at(hz: FloatArray, device: Device = device, of_device: IndexArray = of_device) -> FloatArray:
+            return slack(handle_port(device, hz[:, None]), of_device)[0][:, 0]
 
-        at[own] = lowest(left_at, *around)
-        left, near = slack(handle_port(device, at[own, None]), own)
-        passed[own] &= left[:, 0] >= -near[:, 0]
-        margin[own] = _margin(device, slack, at[own], own, left[:, 0])
-        tolerance[own] = near[:, 0] * (1e-12 + abs(Mechanics(device).least_loss))
-    return PortWorst(passed, margin, at, tolerance)
+        worst_hz[of_device] = lowest(left_at, *around)
+        left, rounding = slack(handle_port(device, worst_hz[of_device, None]), of_device)
+        passed[of_device] &= left[:, 0] >= -rounding[:, 0]
+        margin[of_device] = _margin(device, slack, worst_hz[of_device], of_device, left[:, 0])
+        tolerance[of_device] = rounding[:, 0] * (_LEAST_LOSS_NS_PER_M + abs(Mechanics(device).least_loss))
+    return PortWorst(passed, margin, worst_hz, tolerance)
 
 
 def _margin(device: Device, slack: Slack, frequency: FloatArray, rows: IndexArray, values: FloatArray) -> FloatArray:
@@ -235,22 +320,28 @@ def _margin(device: Device, slack: Slack, frequency: FloatArray, rows: IndexArra
         return np.asarray(slack(handle_port(device, frequency[:, None], removal[:, None]), rows)[0][:, 0] >= 0)
 
     most = np.full(len(rows), Mechanics(device).least_loss)
-    reach = 1e-3 * (1.0 + most)
+    reach = _FIRST_REACH * (1.0 + most)
     inside = np.where(values >= 0, 0.0, -reach)
     waiting = ~meets(inside)
-    while waiting.any() and reach[0] < 1e12:
-        reach = 4 * reach
+    while waiting.any() and reach[0] < _FARTHEST_REACH:
+        reach = _REACH_GROWTH * reach
         inside = np.where(waiting, -reach, inside)
         waiting = ~meets(inside)
     outside = np.where(values >= 0, most, 0.0)
-    for _ in range(44):
+    for _ in range(_BISECTIONS):
         middle = (inside + outside) / 2
         fits = meets(middle)
-        inside, outside = np.where(fits, middle, inside), np.where(fits, outside, middle)
+        inside = np.where(fits, middle, inside)
+        outside = np.where(fits, outside, middle)
     return np.where(waiting, -np.inf, inside)
 
 
 def passive_hand(device: Device) -> Hand:
     """Return one passive hand: what is passive at the port and stable with it is stable with any."""
-    mass, ten = max(device.mass_kg, device.damping_ns_per_m * device.sample_time_s, 1e-6), 10 * device.sample_time_s
-    return Hand(*(np.array([value]) for value in (mass, mass / ten, mass / ten**2)))
+    mass = max(device.mass_kg, device.damping_ns_per_m * device.sample_time_s, _LEAST_MASS_KG)
+    time_s = _HAND_SAMPLES * device.sample_time_s
+    return Hand(
+        mass_kg=np.array([mass]),
+        damping_ns_per_m=np.array([mass / time_s]),
+        stiffness_n_per_m=np.array([mass / time_s**2]),
+    )
