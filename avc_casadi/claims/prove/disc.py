@@ -19,9 +19,17 @@ _ROUNDING = 2.0**-49
 _UP = 1.0 + 2.0**-46
 # Of the radius of a reciprocal, whose difference of squares cancels.
 _UP_OPEN = 1.0 + 2.0**-40
+# Roundings of the centre of a reciprocal, with room to spare; of the hold over a sample, and of its rate.
+_RECIPROCAL_ROUNDINGS = 2**6
+_HOLD_ROUNDINGS = 4
+_HOLD_RATE_ROUNDINGS = 2**10
+# Added where a product may underflow.
 _TINY = 1e-300
 # Beyond this ratio of radius to centre a reciprocal is taken as unbounded.
 _MOST_OPEN = 0.99
+# Below this angle the rate of the hold is a power series, of so many terms; its closed form cancels there.
+_SMALL_ANGLE = 0.25
+_SERIES_TERMS = 16
 
 Number = float | complex
 
@@ -69,11 +77,11 @@ class Disc:
         if isinstance(other, Moving):
             return NotImplemented
         if isinstance(other, Disc):
-            one, two = np.abs(self.centre), np.abs(other.centre)
-            spread = one * (other.radius + _ROUNDING * two) + self.radius * (two + other.radius)
+            size = np.abs(self.centre)
+            other_size = np.abs(other.centre)
+            spread = size * (other.radius + _ROUNDING * other_size) + self.radius * (other_size + other.radius)
             return Disc(self.centre * other.centre, (spread + _TINY) * _UP)
-        size = abs(other)
-        spread = size * (self.radius + _ROUNDING * np.abs(self.centre))
+        spread = abs(other) * (self.radius + _ROUNDING * np.abs(self.centre))
         return Disc(self.centre * other, (spread + _TINY) * _UP)
 
     __rmul__ = __mul__
@@ -90,7 +98,8 @@ class Disc:
         with np.errstate(all="ignore"):
             square = size * size - self.radius * self.radius
             centre = np.where(apart, np.conj(self.centre) / square, 0.0)
-            radius = np.where(apart, (self.radius / square + 2**6 * _ROUNDING * np.abs(centre)) * _UP_OPEN, np.inf)
+            rounding = _RECIPROCAL_ROUNDINGS * _ROUNDING * np.abs(centre)
+            radius = np.where(apart, (self.radius / square + rounding) * _UP_OPEN, np.inf)
         return Disc(centre, radius)
 
     def __rtruediv__(self, other: Number) -> Disc:
@@ -123,7 +132,12 @@ class Disc:
 
 @dataclass(frozen=True, eq=False)
 class Moving:
-    """A disc with its rates of change along some variables, each over the whole cell."""
+    """A disc with its rates of change along some variables, each over the whole cell.
+
+    Attributes:
+        value: the disc.
+        slopes: its rate of change along each variable, by the variable's number; a variable without one has rate 0.
+    """
 
     value: Disc
     slopes: dict[int, Disc]
@@ -133,8 +147,8 @@ class Moving:
         """Return a variable over its interval."""
         centre = 0.5 * (low + high)
         radius = np.maximum(high - centre, centre - low) * _UP
-        one = Disc.around(np.ones(len(low)), np.zeros(len(low)))
-        return cls(Disc.around(centre, radius), {number: one})
+        unit_slope = Disc.around(np.ones(len(low)), np.zeros(len(low)))
+        return cls(Disc.around(centre, radius), {number: unit_slope})
 
     @classmethod
     def constant(cls, value: FloatArray) -> Moving:
@@ -161,8 +175,9 @@ class Moving:
     def __mul__(self, other: Moving | Disc | Number) -> Moving:
         if not isinstance(other, Moving):
             return Moving(self.value * other, {number: slope * other for number, slope in self.slopes.items()})
-        own = {number: slope * other.value for number, slope in self.slopes.items()}
-        slopes = _sum_of_rates(own, {number: slope * self.value for number, slope in other.slopes.items()})
+        of_self = {number: slope * other.value for number, slope in self.slopes.items()}
+        of_other = {number: slope * self.value for number, slope in other.slopes.items()}
+        slopes = _sum_of_rates(of_self, of_other)
         return Moving(self.value * other.value, slopes)
 
     __rmul__ = __mul__
@@ -191,9 +206,12 @@ class Moving:
         return whole if other == 1 else whole * other
 
 
-def _sum_of_rates(one: dict[int, Disc], other: dict[int, Disc]) -> dict[int, Disc]:
+def _sum_of_rates(first: dict[int, Disc], second: dict[int, Disc]) -> dict[int, Disc]:
     """Add rates of change by their variables."""
-    return one | {number: one[number] + rate if number in one else rate for number, rate in other.items()}
+    rates = dict(first)
+    for number, rate in second.items():
+        rates[number] = rates[number] + rate if number in rates else rate
+    return rates
 
 
 def rotation(angle: Moving) -> Moving:
@@ -205,21 +223,24 @@ def rotation(angle: Moving) -> Moving:
 
 def hold(angle: Moving) -> Moving:
     """Return (1 - exp(-j angle))/(j angle), the hold over one sample: the mean of exp(-j angle u) over u in [0, 1]."""
-    centre, spread = angle.value.centre.real, angle.value.radius
+    centre = angle.value.centre.real
+    spread = angle.value.radius
+    mean = np.exp(-0.5j * centre) * np.sinc(centre / (2 * np.pi))
     # The mean of exp(-j angle u) has rates of at most 1/2 and 1/3.
-    value = Disc(np.exp(-0.5j * centre) * np.sinc(centre / (2 * np.pi)), (0.5 * spread + 4 * _ROUNDING) * _UP)
-    rate = Disc(_hold_rate(centre), (spread / 3 + 2**10 * _ROUNDING) * _UP)
+    value = Disc(mean, (0.5 * spread + _HOLD_ROUNDINGS * _ROUNDING) * _UP)
+    rate = Disc(_hold_rate(centre), (spread / 3 + _HOLD_RATE_ROUNDINGS * _ROUNDING) * _UP)
     return Moving(value, {number: slope * rate for number, slope in angle.slopes.items()})
 
 
 def _hold_rate(angle: FloatArray) -> ComplexArray:
     """Return -j times the mean of u exp(-j angle u)."""
-    small = np.abs(angle) < 0.25
+    small = np.abs(angle) < _SMALL_ANGLE
     far = np.where(small, 1.0, angle)
     closed = (np.exp(-1j * far) - np.exp(-0.5j * far) * np.sinc(far / (2 * np.pi))) / far
     near = np.where(small, angle, 0.0) * -1j
-    term, series = np.ones_like(near), np.zeros_like(near)
-    for power in range(16):
+    term = np.ones_like(near)
+    series = np.zeros_like(near)
+    for power in range(_SERIES_TERMS):
         series += term / (power + 2)
         term = term * near / (power + 1)
     return np.where(small, -1j * series, closed)

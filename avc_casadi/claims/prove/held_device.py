@@ -13,7 +13,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -28,37 +28,66 @@ Value = Any
 
 HAND = ("mass_kg", "damping_ns_per_m", "stiffness_n_per_m")
 _RATIO = "amplifier_damping_ratio"
+_DELAY = "device.delay_samples"
 # Damping ratio of a current loop without resonance peak.
 _NO_PEAK = 0.7072
-# Terms on each side of the middle one.
-_TERMS, _MORE_TERMS = 6, 16
+# Terms on each side of the middle one: where those of n and -n nearly cancel, and where they do not.
+_TERMS = 6
+_MORE_TERMS = 16
+# Multiple of these terms that a search takes, in plain numbers.
+_TERMS_OF_SEARCH = 4
 _TOO_SLOW = "damping or stiffness of hand and device are too large for the sample time"
 # Allowance for rounding of bounds that are computed in plain numbers.
 _ROOM = 1.0 + 1e-9
+# Largest share of damping and stiffness in a rigid device's motion at the first omitted term.
+_LARGEST_SHARE = 0.5
+# Share of the first omitted angle below which an amplifier of second order has passed its resonance.
+_BEYOND_RESONANCE = 0.9
+# Largest product of both parts of a mass that a link divides: m_1 m_2/m <= m/4.
+_LARGEST_REDUCED = 0.25
+
+
+class FoldedPlant(NamedTuple):
+    """P = numerator/denominator + rest: the middle term of the folded spectrum, and the others."""
+
+    numerator: Value
+    denominator: Value
+    rest: Value
 
 
 @dataclass(frozen=True)
 class SampledPlantBox:
-    """A device, known exactly or within ranges, with every hand of a box."""
+    """A device, known exactly or within ranges, with every hand of a box.
+
+    Attributes:
+        device: the device as declared.
+        hand: range of each number of the hand, by `HAND`.
+    """
 
     device: Device
     hand: Mapping[str, tuple[float, float]]
 
     def __post_init__(self) -> None:
-        low = {name: ends[0] for name, ends in self.ranges.items()}
-        fault, moves = None, self.device.resonance is None
-        if tuple(self.hand) != HAND:
-            fault = f"hands of {', '.join(self.hand)} are not known here"
-        elif not all(one <= other for one, other in self.hand.values()):
-            fault = "the range of a hand ends below where it begins"
-        elif not min(self.device.mass_kg, low.get("device.mass_kg", math.inf)) + moves * low["mass_kg"] > 0:
-            fault = "a device without mass follows no sampled force that a proof could enclose"
-        elif not low["stiffness_n_per_m"] > 0:
-            fault = "a hand without stiffness has no place of rest"
-        elif not max(low.get("device.damping_ns_per_m", self.device.damping_ns_per_m), low["damping_ns_per_m"]) > 0:
-            fault = "device and hand without damping never settle"
-        if fault is not None:
+        fault = self._fault()
+        if fault:
             raise UnsupportedError(fault)
+
+    def _fault(self) -> str:
+        """Return why no proof could enclose this box, or nothing."""
+        low = {name: ends[0] for name, ends in self.ranges.items()}
+        if tuple(self.hand) != HAND:
+            return f"hands of {', '.join(self.hand)} are not known here"
+        if not all(lower <= upper for lower, upper in self.hand.values()):
+            return "the range of a hand ends below where it begins"
+        # Without a resonance the hand's mass moves with the device's.
+        moved_mass = low["mass_kg"] if self.device.resonance is None else 0.0
+        if not min(self.device.mass_kg, low.get("device.mass_kg", math.inf)) + moved_mass > 0:
+            return "a device without mass follows no sampled force that a proof could enclose"
+        if not low["stiffness_n_per_m"] > 0:
+            return "a hand without stiffness has no place of rest"
+        if not max(low.get("device.damping_ns_per_m", self.device.damping_ns_per_m), low["damping_ns_per_m"]) > 0:
+            return "device and hand without damping never settle"
+        return ""
 
     @cached_property
     def ranges(self) -> dict[str, tuple[float, float]]:
@@ -66,8 +95,8 @@ class SampledPlantBox:
         ranges = device_ranges(self.device, LINEAR_KEYS)
         if self.device.amplifier_order == 1:
             ranges.pop(_RATIO, None)
-        wide = {f"device.{key}": ranges[key] for key in LINEAR_KEYS if key in ranges and np.ptp(ranges[key]) > 0}
-        return dict(self.hand) | wide
+        not_exact = {f"device.{key}": ranges[key] for key in LINEAR_KEYS if key in ranges and np.ptp(ranges[key]) > 0}
+        return dict(self.hand) | not_exact
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -78,7 +107,7 @@ class SampledPlantBox:
     def terms_cancel(self) -> bool:
         """Whether terms of n and -n nearly cancel: a rigid device, an ideal amplifier, whole samples of delay."""
         device = self.device
-        whole = "device.delay_samples" not in self.ranges and device.delay_samples == int(device.delay_samples)
+        whole = _DELAY not in self.ranges and device.delay_samples == int(device.delay_samples)
         return whole and device.resonance is None and device.amplifier_bandwidth_hz is None
 
     @property
@@ -94,81 +123,91 @@ class SampledPlantBox:
     def at(self, omega: FloatArray, numbers: FloatArray) -> ComplexArray:
         """Return P at angles (f,) with hands (h, numbers), shape (h, f): plain numbers, for the search."""
         columns = {name: numbers[:, place, None] for place, name in enumerate(self.names)}
-        above, below, around = self._fold(np.asarray(omega, dtype=np.complex128)[None, :], columns, 4 * self.terms)
-        return np.asarray(above / below + around)
+        angles = np.asarray(omega, dtype=np.complex128)[None, :]
+        plant = self._fold(angles, columns, _TERMS_OF_SEARCH * self.terms)
+        return np.asarray(plant.numerator / plant.denominator + plant.rest)
 
-    def over(self, omega: Moving, numbers: tuple[Moving, ...]) -> tuple[Moving, Moving, Moving]:
+    def over(self, omega: Moving, numbers: tuple[Moving, ...]) -> FoldedPlant:
         """Enclose the included terms; the omitted ones are within `tail`."""
         return self._fold(omega, dict(zip(self.names, numbers, strict=True)), self.terms)
 
-    def _fold(self, omega: Value, numbers: dict[str, Value], terms: int) -> tuple[Value, Value, Value]:
+    def _fold(self, omega: Value, numbers: dict[str, Value], terms: int) -> FoldedPlant:
+        """Return P with so many terms on each side of the middle one: enclosures, or plain numbers."""
         moving = isinstance(omega, Moving)
         number = Disc.with_rounding if moving else complex
-        turn, mean = (rotation, hold) if moving else (lambda angle: np.exp(-1j * np.asarray(angle)), _hold)
         t = self.device.sample_time_s
-        delay = numbers.get("device.delay_samples", self.device.delay_samples)
-        late_range = "device.delay_samples" in numbers
-        whole = not late_range and delay == int(delay)
-        step = mean(omega)
+        step = hold(omega) if moving else _hold(omega)
         lift = step * (omega * 1j)
         # The largest terms are added last, after the small ones.
         places = np.array(sorted(range(-terms, terms + 1), key=abs, reverse=True)[:-1], dtype=np.float64)
-        around: Value = None
+        rest: Value = None
         # All at once for the few cells of an enclosure, one by one for the many points of a search.
         for n in (places[:, None],) if moving else places:
             s = (omega + number(2 * math.pi * n)) * 1j
-            above, below = self._compliance(s, numbers, t)
-            term = above * (1 / below) * (lift * (1 / s))
-            if late_range:
-                term = term * turn(delay * number(2 * math.pi * n))
-            elif not whole:
-                # The whole part of n delay does not rotate.
-                late = np.exp(-2j * math.pi * np.fmod(n * delay, 1.0))
-                term = term * (Disc(late, _ROUGH) if moving else late)
+            numerator, denominator = self._compliance(s, numbers, t)
+            term = numerator * (1 / denominator) * (lift * (1 / s))
+            term = self._delayed(term, n, numbers, moving=moving)
             if moving:
                 term = term.sum()
-            around = term if around is None else around + term
-        above, below = self._compliance(omega * 1j, numbers, t)
+            rest = term if rest is None else rest + term
+        numerator, denominator = self._compliance(omega * 1j, numbers, t)
         scale: Value = number(t * t)
-        if late_range or delay:
-            scale = turn(omega * delay) * scale
-        return above * (step * scale), below, around * scale
+        delay = numbers.get(_DELAY, self.device.delay_samples)
+        if _DELAY in numbers or delay:
+            turned = omega * delay
+            scale = (rotation(turned) if moving else _rotation(turned)) * scale
+        return FoldedPlant(numerator * (step * scale), denominator, rest * scale)
+
+    def _delayed(self, term: Value, n: FloatArray, numbers: dict[str, Value], *, moving: bool) -> Value:
+        """Return the terms n times exp(-j 2 pi n delay); that of omega, which all have, is left out."""
+        if _DELAY in numbers:
+            turned = numbers[_DELAY] * (Disc.with_rounding if moving else complex)(2 * math.pi * n)
+            return term * (rotation(turned) if moving else _rotation(turned))
+        delay = self.device.delay_samples
+        if delay == int(delay):
+            return term
+        # The whole part of n delay does not rotate.
+        late = np.exp(-2j * math.pi * np.fmod(n * delay, 1.0))
+        return term * (Disc(late, _ROUGH) if moving else late)
 
     def _compliance(self, s: Value, numbers: dict[str, Value], t: float) -> tuple[Value, Value]:
         """Return position over commanded force, over T^2, as a numerator and a denominator; s per sample."""
         known = Disc.with_rounding if isinstance(s, Moving) else complex
         device = self.device
 
-        def number(key: str, own: float) -> Value:
-            return numbers.get(f"device.{key}", known(own))
+        def number(key: str, declared: float) -> Value:
+            return numbers.get(f"device.{key}", known(declared))
 
-        mass, damping = number("mass_kg", device.mass_kg), number("damping_ns_per_m", device.damping_ns_per_m)
+        mass = number("mass_kg", device.mass_kg)
+        damping = number("damping_ns_per_m", device.damping_ns_per_m)
         held_mass, held_damping, stiffness = (numbers[name] for name in HAND)
         grip = s * (s * held_mass + held_damping * known(t)) + stiffness * known(t * t)
         mode = device.resonance
-        above: Value
+        numerator: Value
         if mode is None:
-            above = known(1.0)
-            below = s * (s * mass + damping * known(t)) + grip
+            numerator = known(1.0)
+            denominator = s * (s * mass + damping * known(t)) + grip
         else:
             ratio = number("resonance.mass_ratio", mode.mass_ratio)
             angle = number("resonance.frequency_hz", mode.frequency_hz) * known(2 * math.pi * t)
-            handle, motor = mass * ratio, mass * (1 - ratio)
+            handle = mass * ratio
+            motor = mass * (1 - ratio)
             reduced = handle * (1 - ratio)
             link = angle * reduced * (angle + s * (number("resonance.damping_ratio", mode.damping_ratio) * 2.0))
             far = s * s * handle + grip
             drive = s * (s * motor + damping * known(t))
             # Without quotients: the handle may rest on its link almost undamped.
-            above = link if device.encoder_at == "handle" else link + far
-            below = drive * link + (drive + link) * far
+            numerator = link if device.encoder_at == "handle" else link + far
+            denominator = drive * link + (drive + link) * far
         if device.amplifier_bandwidth_hz is not None:
             rate = number("amplifier_bandwidth_hz", device.amplifier_bandwidth_hz) * known(2 * math.pi * t)
             lag = s + rate
             if device.amplifier_order == 2:
                 ratio = number(_RATIO, device.amplifier_damping_ratio)
-                rate, lag = rate * rate, s * (s + rate * ratio * 2.0) + rate * rate
-            above = above * rate * (1 / lag)
-        return above, below
+                lag = s * (s + rate * ratio * 2.0) + rate * rate
+                rate = rate * rate
+            numerator = numerator * rate * (1 / lag)
+        return numerator, denominator
 
     def tail(self, omega_high: FloatArray) -> FloatArray:
         """Bound the omitted terms of P, at angles up to the given ones."""
@@ -177,24 +216,25 @@ class SampledPlantBox:
         if not self.terms_cancel:
             gain, order = self._amplifier()
             return lift * 2 * self._largest_yield() * gain * _tail_sum(3 + order, n)
-        mass, b, k = self._rigid_bounds()
+        bounds = self._rigid_bounds()
+        mass = bounds.mass_kg
         share = 1 / (2 * (n + 1))
         # Terms of both sides: the remainder of 1/(m w^3), then the contribution of damping and stiffness.
         across = 6 * (1 + share**2 / 3) / (1 - share**2) ** 3 / (2 * math.pi) ** 4 / (3 * n**3)
         first = (2 * n + 1) * math.pi
-        small = b / (mass * first) + k / (mass * first**2)
-        if not small < 0.5:
+        small = bounds.damping / (mass * first) + bounds.stiffness / (mass * first**2)
+        if not small < _LARGEST_SHARE:
             raise UnsupportedError(_TOO_SLOW)
-        rest = 2 / (1 - small) * (b / mass * _tail_sum(4, n) + k / mass * _tail_sum(5, n))
+        rest = 2 / (1 - small) * (bounds.damping / mass * _tail_sum(4, n) + bounds.stiffness / mass * _tail_sum(5, n))
         return lift * (omega_high * across + rest) / mass
 
-    def _rigid_bounds(self) -> tuple[float, float, float]:
+    def _rigid_bounds(self) -> _RigidBounds:
         """Lowest mass, largest damping times T and stiffness times T^2 that act on a rigid device."""
-        t, device = self.device.sample_time_s, self.device
-        mass = self._ends("device.mass_kg", device.mass_kg)[0]
-        damping = self._ends("device.damping_ns_per_m", device.damping_ns_per_m)[1]
-        mass, damping = mass + self.hand["mass_kg"][0], damping + self.hand["damping_ns_per_m"][1]
-        return mass, damping * t, self.hand["stiffness_n_per_m"][1] * t**2
+        device = self.device
+        t = device.sample_time_s
+        mass = self._ends("device.mass_kg", device.mass_kg)[0] + self.hand["mass_kg"][0]
+        damping = self._ends("device.damping_ns_per_m", device.damping_ns_per_m)[1] + self.hand["damping_ns_per_m"][1]
+        return _RigidBounds(mass, damping * t, self.hand["stiffness_n_per_m"][1] * t**2)
 
     def _amplifier(self) -> tuple[float, int]:
         """Bound the amplifier's gain beyond the included terms: c/w^order, c and the order."""
@@ -206,33 +246,45 @@ class SampledPlantBox:
         first = (2 * self.terms + 1) * math.pi
         if device.amplifier_order == 1:
             return rate, 1
-        if rate < 0.9 * first:
+        if rate < _BEYOND_RESONANCE * first:
             return rate**2 / (1 - (rate / first) ** 2), 2
         # Largest gain of a current loop: 1 for a damping ratio beyond 0.707.
         ratio = self._ends(f"device.{_RATIO}", device.amplifier_damping_ratio)[0]
-        return (1.0 if ratio >= _NO_PEAK else 1 / (2 * ratio * math.sqrt(1 - ratio**2))) * _ROOM, 0
+        peak = 1.0 if ratio >= _NO_PEAK else 1 / (2 * ratio * math.sqrt(1 - ratio**2))
+        return peak * _ROOM, 0
 
     def _largest_yield(self) -> float:
         """Bound |Y| w^2 beyond the included terms, 1/kg."""
         first = (2 * self.terms + 1) * math.pi
-        mode, device = self.device.resonance, self.device
+        device = self.device
+        mode = device.resonance
         if mode is None:
-            mass, b, k = self._rigid_bounds()
-            return _reciprocal_bound(mass - k / first**2 - b / first)
+            bounds = self._rigid_bounds()
+            return _reciprocal_bound(bounds.mass_kg - bounds.stiffness / first**2 - bounds.damping / first)
         t = device.sample_time_s
         low, high = self._ends("device.mass_kg", device.mass_kg)
         ratios = self._ends("device.resonance.mass_ratio", mode.mass_ratio)
         angle = 2 * math.pi * t * self._ends("device.resonance.frequency_hz", mode.frequency_hz)[1]
         ratio = self._ends("device.resonance.damping_ratio", mode.damping_ratio)[1]
-        link = high * 0.25 * (angle**2 / first**2 + 2 * ratio * angle / first)
+        link = high * _LARGEST_REDUCED * (angle**2 / first**2 + 2 * ratio * angle / first)
         handle = low * ratios[0]
         grip = self.hand["stiffness_n_per_m"][1] * t**2 / first**2
         far = handle - grip - link
         motor = low * (1 - ratios[1]) - link
         return _reciprocal_bound(motor - link**2 / far if far > link else -1.0)
 
-    def _ends(self, name: str, own: float) -> tuple[float, float]:
-        return self.ranges.get(name, (own, own))
+    def _ends(self, name: str, declared: float) -> tuple[float, float]:
+        """Return the range of a number, of one value where it is known exactly."""
+        return self.ranges.get(name, (declared, declared))
+
+
+@dataclass(frozen=True)
+class _RigidBounds:
+    """Bounds of what acts on a rigid device with its hand: lowest mass, kg, largest b T and k T^2, both in kg."""
+
+    mass_kg: float
+    damping: float
+    stiffness: float
 
 
 # Of exp(-j 2 pi n delay).
@@ -245,10 +297,17 @@ def _tail_sum(power: int, terms: int) -> float:
 
 
 def _reciprocal_bound(value: float) -> float:
+    """Bound 1/value from above; refuse a value that is not positive."""
     if not value > 0:
         raise UnsupportedError(_TOO_SLOW)
     return _ROOM / value
 
 
+def _rotation(angle: Value) -> Value:
+    """Return exp(-j angle), in plain numbers."""
+    return np.exp(-1j * np.asarray(angle))
+
+
 def _hold(angle: Value) -> Value:
+    """Return (1 - exp(-j angle))/(j angle), in plain numbers."""
     return np.exp(-0.5j * angle) * np.sinc(angle.real / (2 * np.pi))

@@ -14,7 +14,7 @@ import math
 from dataclasses import dataclass, fields
 from fractions import Fraction
 from functools import cached_property
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
@@ -25,12 +25,31 @@ from avc_casadi.model.runtime import StateFeedback
 
 # Coefficients from the highest power of z - 1 down.
 Polynomial = list[Fraction]
-_ZERO, _ONE = Fraction(0), Fraction(1)
+_ZERO = Fraction(0)
+_ONE = Fraction(1)
+
+
+class Transfer(NamedTuple):
+    """C1 = from_position/poles and C2 = from_force/poles, polynomials in z - 1."""
+
+    from_position: Polynomial
+    from_force: Polynomial
+    poles: Polynomial
 
 
 @dataclass(frozen=True)
 class ContactLaw:
-    """Gains, wall and observer at one sample time, clipped last."""
+    """Gains, wall and observer at one sample time, clipped last.
+
+    Attributes:
+        sample_time_s: T, s.
+        damping_ns_per_m: b of the coupling, infinite where it is rigid.
+        stiffness_n_per_m: k of the coupling, infinite where it is rigid.
+        contact_damping_ns_per_m: b_p.
+        wall_damping_ns_per_m: b_e.
+        wall_stiffness_n_per_m: k_e.
+        state_feedback: the observer with state feedback that the coupling stands behind; None without one.
+    """
 
     sample_time_s: float
     damping_ns_per_m: float
@@ -44,8 +63,15 @@ class ContactLaw:
     def of(cls, problem: Problem, b: float, k: float, contact: float, law: StateFeedback | None = None) -> Self:
         """Return the law of gains with wall and sample time of a problem."""
         wall = problem.environment
-        time, walls = problem.device.sample_time_s, (wall.damping_ns_per_m, wall.stiffness_n_per_m)
-        return cls(time, b, k, contact, *walls, law)
+        return cls(
+            sample_time_s=problem.device.sample_time_s,
+            damping_ns_per_m=b,
+            stiffness_n_per_m=k,
+            contact_damping_ns_per_m=contact,
+            wall_damping_ns_per_m=wall.damping_ns_per_m,
+            wall_stiffness_n_per_m=wall.stiffness_n_per_m,
+            state_feedback=law,
+        )
 
     @property
     def rigid(self) -> bool:
@@ -56,13 +82,17 @@ class ContactLaw:
     def _series(self) -> tuple[Polynomial, Polynomial]:
         """Return numerator and denominator of force over the coupling's input position, in z - 1."""
         t = Fraction(self.sample_time_s)
-        b_e, k_e = Fraction(self.wall_damping_ns_per_m), Fraction(self.wall_stiffness_n_per_m)
+        b_e = Fraction(self.wall_damping_ns_per_m)
+        k_e = Fraction(self.wall_stiffness_n_per_m)
         kappa_e = k_e + b_e / t
         d = b_e / (kappa_e * t) if kappa_e else _ZERO
         if self.rigid:
-            series, a, q = kappa_e, _ZERO, _ZERO
+            series = kappa_e
+            a = _ZERO
+            q = _ZERO
         else:
-            b, k = Fraction(self.damping_ns_per_m), Fraction(self.stiffness_n_per_m)
+            b = Fraction(self.damping_ns_per_m)
+            k = Fraction(self.stiffness_n_per_m)
             kappa = k + b / t
             a = b / (kappa * t) if kappa else _ZERO
             series = kappa * kappa_e / (kappa + kappa_e) if kappa + kappa_e else _ZERO
@@ -73,31 +103,41 @@ class ContactLaw:
         return total(spring, damper), product([_ONE, _ONE], [_ONE, 1 + q])
 
     @cached_property
-    def transfer(self) -> tuple[Polynomial, Polynomial, Polynomial]:
+    def transfer(self) -> Transfer:
         """Return the numerators of C1 and C2 and their common denominator, in z - 1; C2 is [0] without an observer."""
-        force, own = self._series
+        force, poles = self._series
         law = self.state_feedback
         if law is None:
-            return force, [_ZERO], own
-        from_position, from_force, poles = _observer(law)
-        return product(force, from_position), product(force, from_force), product(own, poles)
+            return Transfer(force, [_ZERO], poles)
+        observer = _observer(law)
+        return Transfer(
+            from_position=product(force, observer.from_position),
+            from_force=product(force, observer.from_force),
+            poles=product(poles, observer.poles),
+        )
 
     @cached_property
     def stable(self) -> bool:
         """Whether every pole of the law lies inside the unit circle, decided in exact arithmetic."""
         # z = 1 + (z - 1): Horner in the polynomial z - 1 with itself.
         in_z: Polynomial = [_ZERO]
-        for coefficient in self.transfer[2]:
+        for coefficient in self.transfer.poles:
             in_z = total(product(in_z, [_ONE, -_ONE]), [coefficient])
         return _inside(in_z)
 
     @property
     def rendering(self) -> Rendering:
         """The law behind the observer as a `Rendering` of one row."""
-        t, b_p = self.sample_time_s, np.array([self.contact_damping_ns_per_m])
-        wall = SampledLoop(0.0, self.wall_damping_ns_per_m, self.wall_stiffness_n_per_m, t, 0.0, "sampled-data")
+        wall = SampledLoop(
+            device_damping_ns_per_m=0.0,
+            environment_damping_ns_per_m=self.wall_damping_ns_per_m,
+            environment_stiffness_n_per_m=self.wall_stiffness_n_per_m,
+            sample_time_s=self.sample_time_s,
+            delay_samples=0.0,
+            model="sampled-data",
+        )
         parts = fractions(wall, np.array([self.damping_ns_per_m]), np.array([self.stiffness_n_per_m]))
-        return fraction_rendering(parts, b_p, t)
+        return fraction_rendering(parts, np.array([self.contact_damping_ns_per_m]), self.sample_time_s)
 
     def document(self) -> dict[str, Any]:
         """Return JSON values; an infinite gain is null."""
@@ -117,35 +157,38 @@ class ContactLaw:
         return [item.name for item in fields(cls) if item.name != "state_feedback"]
 
 
-def product(one: Polynomial, two: Polynomial) -> Polynomial:
+def product(first: Polynomial, second: Polynomial) -> Polynomial:
     """Multiply two polynomials."""
-    return list(np.convolve(np.array(one, dtype=object), np.array(two, dtype=object)))
+    return list(np.convolve(np.array(first, dtype=object), np.array(second, dtype=object)))
 
 
-def total(one: Polynomial, two: Polynomial) -> Polynomial:
+def total(first: Polynomial, second: Polynomial) -> Polynomial:
     """Add two polynomials."""
-    return list(np.polyadd(np.array(one, dtype=object), np.array(two, dtype=object)))
+    return list(np.polyadd(np.array(first, dtype=object), np.array(second, dtype=object)))
 
 
-def _observer(law: StateFeedback) -> tuple[Polynomial, Polynomial, Polynomial]:
+def _observer(law: StateFeedback) -> Transfer:
     """Return the estimated position over position and over force, and the observer's poles, without dead zone.
 
     With K = I - L m', s = K A s/z + K B F/z + L x and y = R s: y/x = z R (z I - K A)^-1 L and
     y/F = R (z I - K A)^-1 K B, by Faddeev and LeVerrier in exact fractions.
     """
     exact = np.vectorize(Fraction, otypes=[object])
-    a, b, gain, weight = (
-        exact(np.array(part)) for part in (law.state, law.force_m_per_n, law.innovation, law.feedback)
-    )
+    a = exact(np.array(law.state))
+    b = exact(np.array(law.force_m_per_n))
+    gain = exact(np.array(law.innovation))
+    weight = exact(np.array(law.feedback))
     n = law.states
     eye = exact(np.eye(n))
     keep = eye.copy()
     keep[:, law.measures] -= gain
     # In z - 1: (z - 1) I - (K A - I).
-    step, push = keep @ a - eye, keep @ b
+    step = keep @ a - eye
+    push = keep @ b
     poles: Polynomial = [_ONE]
     adjugate = eye
-    from_position, from_force = [weight @ gain], [weight @ push]
+    from_position = [weight @ gain]
+    from_force = [weight @ push]
     for power in range(1, n + 1):
         image = step @ adjugate
         coefficient = -np.trace(image) / power
@@ -154,7 +197,7 @@ def _observer(law: StateFeedback) -> tuple[Polynomial, Polynomial, Polynomial]:
         if power < n:
             from_position.append(weight @ adjugate @ gain)
             from_force.append(weight @ adjugate @ push)
-    return product(from_position, [_ONE, _ONE]), from_force, poles
+    return Transfer(product(from_position, [_ONE, _ONE]), from_force, poles)
 
 
 def _inside(polynomial: Polynomial) -> bool:
@@ -164,12 +207,13 @@ def _inside(polynomial: Polynomial) -> bool:
     if not polynomial:
         return False
     while len(polynomial) > 1:
-        first, last = polynomial[0], polynomial[-1]
+        first = polynomial[0]
+        last = polynomial[-1]
         if abs(last) >= abs(first):
             return False
         share = last / first
-        back = polynomial[::-1]
-        polynomial = [own - share * other for own, other in zip(polynomial, back, strict=True)][:-1]
+        mirrored = zip(polynomial, polynomial[::-1], strict=True)
+        polynomial = [coefficient - share * mirror for coefficient, mirror in mirrored][:-1]
         # Dividing keeps the fractions short.
         polynomial = [coefficient / polynomial[0] for coefficient in polynomial]
     return True

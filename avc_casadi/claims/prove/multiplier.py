@@ -20,14 +20,20 @@ from avc_casadi.claims.prove.disc import Disc, Moving, hold, rotation
 from avc_casadi.claims.prove.held_device import SampledPlantBox
 from avc_casadi.claims.prove.law import ContactLaw, Polynomial
 
-# Distance of the sum of the taps from 1, so that the multiplier is strict.
+# Distance of the sum of the taps from 1, so that the multiplier is strict; below that, what rounding may hide.
 _SLACK = 1e-4
+_STRICT = 1e-12
+# Smallest |1 + L| that is divided by.
+_SMALLEST_SIZE = 1e-300
+# Allowance for rounding of a few sums and products in plain numbers.
+_ROOM = 1 + 1e-12
 LAGS = tuple(lag for lag in range(-5, 6) if lag)
+"""Lags of the taps, in samples."""
 
 
 @dataclass(frozen=True)
 class Multiplier:
-    """1 - sum of h_i exp(-j omega i)."""
+    """1 - sum of h_i exp(-j omega i), a Zames-Falb multiplier; ``taps`` are the h_i by their lags i."""
 
     taps: Mapping[int, float]
 
@@ -35,37 +41,41 @@ class Multiplier:
     def valid(self) -> bool:
         """Whether it is a multiplier: no tap negative or at lag 0, their sum below 1 whatever the rounding."""
         values = list(self.taps.values())
-        return 0 not in self.taps and all(0 <= value < 1 for value in values) and sum(values) < 1 - 1e-12
+        return 0 not in self.taps and all(0 <= value < 1 for value in values) and sum(values) < 1 - _STRICT
 
     def at(self, omega: FloatArray) -> ComplexArray:
         """Return its values at angles, in plain numbers."""
-        found = np.ones(np.shape(omega), dtype=np.complex128)
+        value = np.ones(np.shape(omega), dtype=np.complex128)
         for lag, tap in self.taps.items():
-            found -= tap * np.exp(-1j * lag * np.asarray(omega))
-        return found
+            value -= tap * np.exp(-1j * lag * np.asarray(omega))
+        return value
 
     def over(self, omega: Moving) -> Moving:
         """Enclose it over angles."""
         ones = np.ones_like(omega.value.radius)
-        found = Moving(Disc.around(ones, 0 * ones), {})
+        value = Moving(Disc.around(ones, 0 * ones), {})
         for lag, tap in self.taps.items():
-            found = found - rotation(omega * lag) * tap
-        return found
+            value = value - rotation(omega * lag) * tap
+        return value
 
 
 def search(omega: FloatArray, loop: ComplexArray) -> tuple[Multiplier, float]:
-    """Return the taps with the largest t in Re{M (1 + L)} >= t |1 + L|."""
+    """Return the taps with the largest t in Re{M (1 + L)} >= t |1 + L|, and t, of loops L (p,) at angles omega (p,).
+
+    A linear programme over the taps h_i and t: 0 <= h_i <= 1, sum h_i <= 1 - 1e-4 and -1 <= t <= 1.
+    """
     import casadi as ca  # noqa: PLC0415
 
-    around = 1 + loop
-    way = around / np.maximum(np.abs(around), 1e-300)
+    return_difference = 1 + loop
+    direction = return_difference / np.maximum(np.abs(return_difference), _SMALLEST_SIZE)
     lags = np.array(LAGS)
-    rows = np.column_stack([-(np.exp(-1j * omega[:, None] * lags) * way[:, None]).real, -np.ones(len(omega))])
+    of_taps = -(np.exp(-1j * omega[:, None] * lags) * direction[:, None]).real
+    rows = np.column_stack([of_taps, -np.ones(len(omega))])
     matrix = np.vstack([rows, [*np.ones(len(lags)), 0.0]])
-    low = np.append(-way.real, -np.inf)
+    low = np.append(-direction.real, -np.inf)
     high = np.append(np.full(len(omega), np.inf), 1 - _SLACK)
     solver = ca.conic("multiplier", "highs", {"a": ca.Sparsity.dense(*matrix.shape)}, _QUIET)
-    found = solver(
+    solution = solver(
         g=np.append(np.zeros(len(lags)), -1.0),
         a=ca.DM(matrix),
         lba=low,
@@ -75,11 +85,12 @@ def search(omega: FloatArray, loop: ComplexArray) -> tuple[Multiplier, float]:
     )
     if not solver.stats()["success"]:
         return Multiplier({}), -np.inf
-    values = np.asarray(found["x"]).ravel()
+    values = np.asarray(solution["x"]).ravel()
     taps = {lag: float(tap) for lag, tap in zip(LAGS, values[:-1], strict=True) if tap > _NO_TAP}
     return Multiplier(taps), float(values[-1])
 
 
+# A tap below this is none.
 _NO_TAP = 1e-9
 _QUIET: dict[str, Any] = {"error_on_fail": False, "highs": {"output_flag": False}}
 
@@ -87,12 +98,21 @@ _QUIET: dict[str, Any] = {"error_on_fail": False, "highs": {"output_flag": False
 MOST_CELLS = 400_000
 """Budget of a proof: some seconds."""
 _AT_ONCE = 4096
+"""Cells that are evaluated at a time."""
 _FIRST_ANGLES = 64
+"""Intervals of the angle at the beginning."""
+_PROGRESS_STEPS = 1000
 
 
 @dataclass(frozen=True)
 class Verification:
-    """Result of the verification of a multiplier."""
+    """Result of the verification of a multiplier.
+
+    Attributes:
+        holds: whether the real part is positive at every angle with every hand.
+        cells: cells that were evaluated.
+        fails_at: angle and hand where it is negative; None where it holds, or where the budget ran out.
+    """
 
     holds: bool
     cells: int
@@ -115,31 +135,41 @@ def verify(
     low = np.column_stack([angles[:-1], np.tile(ends[:, 0], (_FIRST_ANGLES, 1))])
     high = np.column_stack([angles[1:], np.tile(ends[:, 1], (_FIRST_ANGLES, 1))])
     whole = (high - low)[0]
-    share, unknown = np.full(_FIRST_ANGLES, 1 / _FIRST_ANGLES), np.full(_FIRST_ANGLES, np.nan)
-    open_, cells, done = [_Cells(low, high, share, unknown)], 0, 0.0
-    while open_:
-        some = open_.pop()
-        if len(some.low) > _AT_ONCE:
-            open_.append(some.pick(slice(_AT_ONCE, None)))
-            some = some.pick(slice(_AT_ONCE))
-        cells += len(some.low)
-        found = _bounds(coefficients, device, multiplier, some)
-        if (found.at_middle < 0).any():
-            worst = int(np.argmin(found.at_middle))
-            return Verification(False, cells, 0.5 * (some.low[worst] + some.high[worst]))
-        left = np.flatnonzero(~(found.lower > 0))
-        done += float(some.share.sum() - some.share[left].sum())
-        progress.advance(round(1000 * done), 1000, "verified")
+    share = np.full(_FIRST_ANGLES, 1 / _FIRST_ANGLES)
+    unknown = np.full(_FIRST_ANGLES, np.nan)
+    waiting = [_Cells(low, high, share, unknown)]
+    cells = 0
+    verified_share = 0.0
+    while waiting:
+        part = waiting.pop()
+        if len(part.low) > _AT_ONCE:
+            waiting.append(part.pick(slice(_AT_ONCE, None)))
+            part = part.pick(slice(_AT_ONCE))
+        cells += len(part.low)
+        bounds = _bounds(coefficients, device, multiplier, part)
+        if (bounds.at_middle < 0).any():
+            worst = int(np.argmin(bounds.at_middle))
+            return Verification(False, cells, 0.5 * (part.low[worst] + part.high[worst]))
+        left = np.flatnonzero(~(bounds.lower > 0))
+        verified_share += float(part.share.sum() - part.share[left].sum())
+        progress.advance(round(_PROGRESS_STEPS * verified_share), _PROGRESS_STEPS, "verified")
         if left.size:
-            worse = some.pick(left).at_worse_ends(found.way[left], found.remainder[left])
-            open_.append(_cut(worse, found.across[left], whole))
+            worse = part.pick(left).at_worse_ends(bounds.way[left], bounds.remainder[left])
+            waiting.append(_cut(worse, bounds.across[left], whole))
         if cells > most_cells:
             return Verification(False, cells, None)
     return Verification(True, cells, None)
 
 
 class _Cells(NamedTuple):
-    """Cells of (omega, hand)."""
+    """Cells of (omega, numbers of hand and device).
+
+    Attributes:
+        low: lower ends, shape (cells, numbers).
+        high: upper ends.
+        share: share of the whole box that each cell had, before numbers were fixed, shape (cells,).
+        remainder: e, bound of the omitted terms of a cell whose numbers were fixed; else not a number.
+    """
 
     low: FloatArray
     high: FloatArray
@@ -147,17 +177,27 @@ class _Cells(NamedTuple):
     remainder: FloatArray
 
     def pick(self, rows: slice | IndexArray) -> _Cells:
-        return _Cells(*(part[rows] for part in self))
+        """Return some of the cells."""
+        return _Cells(self.low[rows], self.high[rows], self.share[rows], self.remainder[rows])
 
     def at_worse_ends(self, way: FloatArray, remainder: FloatArray) -> _Cells:
         """Fix increasing numbers at their lower end, and decreasing ones at their upper."""
-        low, high = np.where(way < 0, self.high, self.low), np.where(way > 0, self.low, self.high)
+        low = np.where(way < 0, self.high, self.low)
+        high = np.where(way > 0, self.low, self.high)
         fixed = (high - low < self.high - self.low).any(axis=1)
         return _Cells(low, high, self.share, np.where(fixed, remainder, self.remainder))
 
 
 class _Bounds(NamedTuple):
-    """Bounds of the scaled real part in n cells."""
+    """Bounds of the scaled real part in n cells.
+
+    Attributes:
+        at_middle: upper bound at the middle, shape (n,).
+        lower: lower bound over the cell, shape (n,).
+        across: largest decrease along each number, shape (n, numbers).
+        way: sign of the slope along a number where it has one sign; else 0.
+        remainder: e, bound of the omitted terms, shape (n,).
+    """
 
     at_middle: FloatArray
     lower: FloatArray
@@ -169,26 +209,29 @@ class _Bounds(NamedTuple):
 def _bounds(
     coefficients: tuple[list[Disc], ...], device: SampledPlantBox, multiplier: Multiplier, cells: _Cells
 ) -> _Bounds:
-    low, high = cells.low, cells.high
+    """Bound the real part in cells: at the middle, over the cell, and its decrease along each number."""
+    low = cells.low
+    high = cells.high
     middle = 0.5 * (low + high)
     numbers = range(low.shape[1])
     cell = [Moving.variable(number, low[:, number], high[:, number]) for number in numbers]
     point = [Moving.constant(middle[:, number]) for number in numbers]
-    half = np.maximum(high - middle, middle - low) * (1 + 1e-12)
-    across, way = np.zeros_like(low), np.zeros_like(low)
+    half = np.maximum(high - middle, middle - low) * _ROOM
+    across = np.zeros_like(low)
+    way = np.zeros_like(low)
     with np.errstate(invalid="ignore", over="ignore"):  # what is unknown stays unknown
         weights = _weights(coefficients, multiplier, cell[0])
-        remainder = weights[0].value.largest * device.tail(high[:, 0]) * (1 + 1e-12)
+        remainder = weights[0].value.largest * device.tail(high[:, 0]) * _ROOM
         remainder = np.where(np.isnan(cells.remainder), remainder, cells.remainder)
-        over, _ = _real(weights, device, cell, remainder)
-        at, scale = _real(_weights(coefficients, multiplier, point[0]), device, point, remainder)
-        for number, slope in over.slopes.items():
-            radius = slope.radius * (1 + 1e-12)
+        over_cell, _ = _real(weights, device, cell, remainder)
+        at_point, scale = _real(_weights(coefficients, multiplier, point[0]), device, point, remainder)
+        for number, slope in over_cell.slopes.items():
+            radius = slope.radius * _ROOM
             across[:, number] = (np.abs(slope.centre.real) + radius) * half[:, number]
             way[:, number] = np.sign(slope.centre.real) * (np.abs(slope.centre.real) > radius)
-        decrease = across.sum(axis=1) * (1 + 1e-12)
-        lower = np.fmax(at.value.real_low - decrease, over.value.real_low)
-        at_middle = at.value.centre.real + at.value.radius + 2 * remainder * scale
+        decrease = across.sum(axis=1) * _ROOM
+        lower = np.fmax(at_point.value.real_low - decrease, over_cell.value.real_low)
+        at_middle = at_point.value.centre.real + at_point.value.radius + 2 * remainder * scale
     across[~np.isfinite(decrease)] = np.nan
     return _Bounds(at_middle, np.where(np.isfinite(lower), lower, -np.inf), across, way, remainder)
 
@@ -206,20 +249,25 @@ def _real(
     weights: tuple[Moving, Moving], device: SampledPlantBox, cell: list[Moving], remainder: FloatArray
 ) -> tuple[Moving, FloatArray]:
     """Enclose Re{M C1 N D*} + (Re{M (1 + R C1 - C2)} - e) |D|^2; return also an upper bound of |D|^2."""
-    through, own = weights
-    above, below, around = device.over(cell[0], tuple(cell[1:]))
-    scale = below.abs2()
-    rest = (through * around + own).real() + Disc.around(-remainder, np.zeros_like(remainder))
-    return (through * above * below.conj()).real() + rest * scale, scale.value.largest
+    of_plant, alone = weights  # M C1 and M (1 - C2)
+    plant = device.over(cell[0], tuple(cell[1:]))
+    scale = plant.denominator.abs2()
+    rest = (of_plant * plant.rest + alone).real() + Disc.around(-remainder, np.zeros_like(remainder))
+    middle = (of_plant * plant.numerator * plant.denominator.conj()).real()
+    return middle + rest * scale, scale.value.largest
 
 
 def _discs(polynomial: Polynomial) -> list[Disc]:
+    """Return exact coefficients as discs about their rounded values."""
     return [Disc.with_rounding(float(coefficient)) for coefficient in polynomial]
 
 
-def _value(coefficients: list[Disc], at: Moving) -> Moving:
-    """Enclose a polynomial and its rate by its Taylor series about the middle, which preserves cancellation."""
-    middle = Disc(at.value.centre, np.zeros_like(at.value.radius))
+def _value(coefficients: list[Disc], variable: Moving) -> Moving:
+    """Enclose a polynomial and its rate by its Taylor series about the middle, which preserves cancellation.
+
+    Its coefficients, from the highest power down, are those of repeated synthetic division by the middle.
+    """
+    middle = Disc(variable.value.centre, np.zeros_like(variable.value.radius))
     ones = Disc.around(np.ones_like(middle.radius), middle.radius)
     left = [ones * coefficient for coefficient in coefficients]
     series: list[Disc] = []
@@ -227,15 +275,15 @@ def _value(coefficients: list[Disc], at: Moving) -> Moving:
         for place in range(1, len(left)):
             left[place] = left[place - 1] * middle + left[place]
         series.append(left.pop())
-    spread = at.value.radius
+    spread = variable.value.radius
     powers = [(term.largest, power) for power, term in enumerate(series)]
     off = sum((size * spread**power for size, power in powers[1:]), np.zeros_like(spread))
-    value = Disc(series[0].centre, (series[0].radius + off) * (1 + 1e-12))
+    value = Disc(series[0].centre, (series[0].radius + off) * _ROOM)
     if len(series) == 1:
         return Moving(value, {})
     bend = sum((power * size * spread ** (power - 1) for size, power in powers[2:]), np.zeros_like(spread))
-    rate = Disc(series[1].centre, (series[1].radius + bend) * (1 + 1e-12))
-    return Moving(value, {number: slope * rate for number, slope in at.slopes.items()})
+    rate = Disc(series[1].centre, (series[1].radius + bend) * _ROOM)
+    return Moving(value, {number: slope * rate for number, slope in variable.slopes.items()})
 
 
 def _cut(cells: _Cells, across: FloatArray, whole: FloatArray) -> _Cells:
@@ -246,8 +294,13 @@ def _cut(cells: _Cells, across: FloatArray, whole: FloatArray) -> _Cells:
     number = np.argmax(worth, axis=1)
     rows = np.arange(len(width))
     middle = 0.5 * (cells.low[rows, number] + cells.high[rows, number])
-    upper, lower = cells.low.copy(), cells.high.copy()
-    upper[rows, number] = middle
-    lower[rows, number] = middle
-    halves = np.concatenate([cells.low, upper]), np.concatenate([lower, cells.high])
-    return _Cells(*halves, np.tile(0.5 * cells.share, 2), np.tile(cells.remainder, 2))
+    low_of_upper = cells.low.copy()
+    high_of_lower = cells.high.copy()
+    low_of_upper[rows, number] = middle
+    high_of_lower[rows, number] = middle
+    return _Cells(
+        low=np.concatenate([cells.low, low_of_upper]),
+        high=np.concatenate([high_of_lower, cells.high]),
+        share=np.tile(0.5 * cells.share, 2),
+        remainder=np.tile(cells.remainder, 2),
+    )

@@ -21,7 +21,7 @@ from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi._util.text import quantity
 from avc_casadi.claims.prove.held_device import SampledPlantBox
 from avc_casadi.claims.prove.law import ContactLaw
-from avc_casadi.claims.prove.multiplier import LAGS, MOST_CELLS, Multiplier, Verification, search, verify
+from avc_casadi.claims.prove.multiplier import LAGS, MOST_CELLS, Multiplier, search, verify
 from avc_casadi.loops.loop import Body
 from avc_casadi.loops.wall import closed
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners, linear_values
@@ -31,6 +31,19 @@ from avc_casadi.model.plant import sampled_plant
 from avc_casadi.model.problem import Contact
 
 Outcome = Literal["proved", "refuted", "open"]
+
+_UNSTABLE = 1e-9
+"""Distance of a spectral radius beyond 1 from which a loop counts as unstable."""
+_DRAWS = 24
+"""Hands drawn within the box, beside its corners, that may refute rest."""
+_ATTEMPTS = 6
+"""Multipliers that are tried, each found with the hands at which those before failed."""
+# Angles of the search for a multiplier: logarithmically spaced, then evenly, and those about an angle of failure.
+_SMALLEST_ANGLE = 1e-4
+_MEETING_ANGLE = 0.1
+_SLOW_ANGLES = 120
+_EVEN_ANGLES = 280
+_ABOUT_FAILURE = np.array([0.97, 0.99, 1.0, 1.01, 1.03])
 
 
 def coverage(device: Device) -> str:
@@ -50,22 +63,26 @@ def coverage(device: Device) -> str:
         "encoder_resolution_m": "encoder",
         "position_noise_rms_m": "noise",
     }
-    declared = [
-        f"{name} ({value:.4g})"
-        for key, name in left_out.items()
-        if (value := max(getattr(device, key), *(getattr(spread, key) or (0.0,)))) > 0
-    ]
-    beside = f"; left out: {', '.join(declared)}" if declared else ", without friction and measured exactly"
-    return f"of {mechanics}, {amplifier}, {delay}{beside}"
+    largest = {name: max(getattr(device, key), *(getattr(spread, key) or (0.0,))) for key, name in left_out.items()}
+    declared = [f"{name} ({value:.4g})" for name, value in largest.items() if value > 0]
+    omitted = f"; left out: {', '.join(declared)}" if declared else ", without friction and measured exactly"
+    return f"of {mechanics}, {amplifier}, {delay}{omitted}"
 
 
 def _between(value: float, ends: tuple[float, float] | None) -> str:
+    """Return a number, or its range, in words."""
     return f"{value:g}" if ends is None else f"{ends[0]:g} to {ends[1]:g}"
 
 
 @dataclass(frozen=True)
 class Unstable:
-    """A hand with which the loop is unstable in permanent contact."""
+    """A hand with which the loop is unstable in permanent contact.
+
+    Attributes:
+        hand: its numbers.
+        device: those of the device's corner.
+        spectral_radius: spectral radius of the loop, above 1.
+    """
 
     hand: dict[str, float]
     device: dict[str, float]
@@ -74,7 +91,20 @@ class Unstable:
 
 @dataclass(frozen=True)
 class Rest:
-    """Proof or refutation of rest."""
+    """Proof or refutation of rest.
+
+    Attributes:
+        outcome: proved, refuted or open.
+        sentence: the claim, or why it is refuted or open, in words.
+        contact: how the law makes contact.
+        law: the law, clipped last.
+        device: the device as declared.
+        hand: ranges of the hand's numbers.
+        multiplier: the multiplier that proves it; None without one.
+        cells: cells in which it was verified.
+        seconds: time that it took.
+        unstable: the hand that refutes it; None without one.
+    """
 
     outcome: Outcome
     sentence: str
@@ -89,23 +119,23 @@ class Rest:
 
     def verify(self, progress: Progress = SILENT) -> bool:
         """Return whether the stored multiplier verifies again; law and device must share T, and the box be valid."""
-        found = self.multiplier
-        if found is None or not found.valid or self.device.sample_time_s != self.law.sample_time_s:
+        multiplier = self.multiplier
+        if multiplier is None or not multiplier.valid or self.device.sample_time_s != self.law.sample_time_s:
             return False
         try:
             held = SampledPlantBox(self.device, self.hand)
         except UnsupportedError:
             return False
-        return self.law.stable and verify(self.law, held, found, progress=progress).holds
+        return self.law.stable and verify(self.law, held, multiplier, progress=progress).holds
 
     def document(self) -> dict[str, Any]:
         """Return JSON values; `from_document` reads them."""
         kept = plain_table({**vars(self), "law": self.law.document(), "device": self.device.model_dump(mode="json")})
-        beside = {
+        evidence = {
             "multiplier": None if self.multiplier is None else plain(dict(self.multiplier.taps)),
             "unstable": None if self.unstable is None else plain(vars(self.unstable)),
         }
-        return {"schema": "avc-proof/1", "claim": "rest"} | kept | beside
+        return {"schema": "avc-proof/1", "claim": "rest"} | kept | evidence
 
     @classmethod
     def from_document(cls, data: Mapping[str, Any]) -> Rest:
@@ -141,41 +171,56 @@ def prove_rest(
     def answer(outcome: Outcome, sentence: str, **more: Any) -> Rest:
         return Rest(outcome, sentence, contact, law, device, dict(hand), seconds=time.perf_counter() - start_s, **more)
 
-    # Corners of the box and draws within it.
+    unstable = _unstable(law, device, hand, seed)
+    if unstable is not None:
+        how = f"the loop is unstable in contact, with a spectral radius of {unstable.spectral_radius:.6g}"
+        return answer("refuted", f"{how} with {hand_text(unstable.hand, device.units.unit)}", unstable=unstable)
+    proof = _proof(law, device, hand, most_cells, progress)
+    open_for = _not_covered(law, contact, device)
+    multiplier = proof.multiplier
+    if multiplier is not None and not open_for:
+        sentence = (
+            f"settles with every hand of the box, wherever it rests and from any state, making and breaking "
+            f"contact ({coverage(device)}): one multiplier of {len(multiplier.taps)} taps, verified in "
+            f"{proof.cells} cells"
+        )
+        return answer("proved", sentence, multiplier=multiplier, cells=proof.cells)
+    remark = proof.why_not if multiplier is None else "without that it is proved"
+    sentence = "; ".join(filter(None, [*open_for, remark]))
+    return answer("open", sentence, multiplier=multiplier, cells=proof.cells)
+
+
+def _unstable(law: ContactLaw, device: Device, hand: Mapping[str, tuple[float, float]], seed: int) -> Unstable | None:
+    """Return the hand with the largest spectral radius in contact, among corners and draws, where that exceeds 1."""
     ends = np.array(list(hand.values()))
     corners = np.stack([grid.ravel() for grid in np.meshgrid(*ends, indexing="ij")])
-    draws = np.random.default_rng(seed).uniform(ends[:, :1], ends[:, 1:], (len(ends), 24))
+    draws = np.random.default_rng(seed).uniform(ends[:, :1], ends[:, 1:], (len(ends), _DRAWS))
     hands = Hand(*np.append(corners, draws, axis=1))
     devices = device_corners(device, LINEAR_KEYS)
     body = Body.of(sampled_plant(devices, hands)).flat()
     radius = closed(body, law.rendering, law.state_feedback).radius
-    worst, who = divmod(int(radius.argmax()), len(hands))
-    if radius.max() > 1 + 1e-9:
-        unstable = Unstable(hands.values(who), linear_values(devices[worst]), float(radius.max()))
-        how = f"the loop is unstable in contact, with a spectral radius of {unstable.spectral_radius:.6g}"
-        return answer("refuted", f"{how} with {hand_text(unstable.hand, device.units.unit)}", unstable=unstable)
-    why, found, cells = _proof(law, device, hand, most_cells, progress)
-    dead_zone = 0.0 if law.state_feedback is None else law.state_feedback.dead_zone_m
+    worst_device, worst_hand = divmod(int(radius.argmax()), len(hands))
+    if not radius.max() > 1 + _UNSTABLE:
+        return None
+    return Unstable(hands.values(worst_hand), linear_values(devices[worst_device]), float(radius.max()))
+
+
+def _not_covered(law: ContactLaw, contact: Contact, device: Device) -> list[str]:
+    """Return what of law, contact and device this proof does not know, in words."""
+    unit = device.units.unit("m")
     play = max(device.backlash_m, *(device.range.backlash_m or (0.0,)))
-    length = device.units.unit("m")
-    lacking = {
-        f"the play of {quantity(play, length)} is a second nonlinearity, which this proof does not know": play > 0,
-        'contact = "gated" is no single nonlinearity with a slope between 0 and 1: this proof is of "clip-last"': (
-            contact == "gated"
-        ),
-        f"the dead zone of {quantity(dead_zone, length)} is a second nonlinearity, which this proof does not know": (
-            dead_zone > 0
-        ),
-    }
-    open_for = [reason for reason, there in lacking.items() if there]
-    if found is not None and not open_for:
-        sentence = (
-            f"settles with every hand of the box, wherever it rests and from any state, making and breaking "
-            f"contact ({coverage(device)}): one multiplier of {len(found.taps)} taps, verified in {cells} cells"
+    dead_zone = 0.0 if law.state_feedback is None else law.state_feedback.dead_zone_m
+    second = "is a second nonlinearity, which this proof does not know"
+    reasons = []
+    if play > 0:
+        reasons.append(f"the play of {quantity(play, unit)} {second}")
+    if contact == "gated":
+        reasons.append(
+            'contact = "gated" is no single nonlinearity with a slope between 0 and 1: this proof is of "clip-last"'
         )
-        return answer("proved", sentence, multiplier=found, cells=cells)
-    beside = "; without that it is proved" if found is not None else f"; {why}" if why else ""
-    return answer("open", ("; ".join(open_for) + beside).removeprefix("; "), multiplier=found, cells=cells)
+    if dead_zone > 0:
+        reasons.append(f"the dead zone of {quantity(dead_zone, unit)} {second}")
+    return reasons
 
 
 def promising(law: ContactLaw, held: SampledPlantBox) -> float:
@@ -184,31 +229,40 @@ def promising(law: ContactLaw, held: SampledPlantBox) -> float:
     return search(points.omega, points.loop)[1] if law.stable else -np.inf
 
 
+@dataclass(frozen=True)
+class _Proof:
+    """A multiplier that was verified, or the reason why there is none; and the number of evaluated cells."""
+
+    multiplier: Multiplier | None = None
+    why_not: str = ""
+    cells: int = 0
+
+
 def _proof(
     law: ContactLaw, device: Device, hand: Mapping[str, tuple[float, float]], most_cells: int, progress: Progress
-) -> tuple[str, Multiplier | None, int]:
-    """Return the reason why there is no proof, or the multiplier; and the number of evaluated cells."""
+) -> _Proof:
+    """Search for a multiplier and verify it, with more hands where it fails between those it was found for."""
     if not law.stable:
-        return "the law has a pole on or outside the unit circle while it gives no force", None, 0
+        return _Proof(why_not="the law has a pole on or outside the unit circle while it gives no force")
     try:
         held = SampledPlantBox(device, hand)
         held.tail(np.array([np.pi]))
     except UnsupportedError as refusal:
-        return str(refusal), None, 0
+        return _Proof(why_not=str(refusal))
     points = _Points.of(law, held)
     cells = 0
-    for _ in range(6):
-        found, margin = search(points.omega, points.loop)
-        if not margin > 0 or not found.valid:
-            return f"no multiplier of {len(LAGS)} taps serves all hands", None, cells
-        result: Verification = verify(law, held, found, most_cells=most_cells, progress=progress)
-        cells += result.cells
-        if result.holds:
-            return "", found, cells
-        if result.fails_at is None:
-            return f"verification gave up after {cells} cells", None, cells
-        points = points.with_hand(law, held, result.fails_at)
-    return "the multiplier failed between the hands it was found for, six times over", None, cells
+    for _ in range(_ATTEMPTS):
+        multiplier, margin = search(points.omega, points.loop)
+        if not margin > 0 or not multiplier.valid:
+            return _Proof(why_not=f"no multiplier of {len(LAGS)} taps serves all hands", cells=cells)
+        verification = verify(law, held, multiplier, most_cells=most_cells, progress=progress)
+        cells += verification.cells
+        if verification.holds:
+            return _Proof(multiplier=multiplier, cells=cells)
+        if verification.fails_at is None:
+            return _Proof(why_not=f"verification gave up after {cells} cells", cells=cells)
+        points = points.with_hand(law, held, verification.fails_at)
+    return _Proof(why_not="the multiplier failed between the hands it was found for, six times over", cells=cells)
 
 
 @dataclass(frozen=True)
@@ -220,21 +274,23 @@ class _Points:
 
     @classmethod
     def of(cls, law: ContactLaw, held: SampledPlantBox) -> _Points:
-        omega = np.concatenate([np.geomspace(1e-4, 0.1, 120, endpoint=False), np.linspace(0.1, np.pi, 280)])
-        return cls(*_loop(law, held, omega, held.corners()))
+        """Return the points of the corners of the box at all angles."""
+        slow = np.geomspace(_SMALLEST_ANGLE, _MEETING_ANGLE, _SLOW_ANGLES, endpoint=False)
+        omega = np.concatenate([slow, np.linspace(_MEETING_ANGLE, np.pi, _EVEN_ANGLES)])
+        return _loops(law, held, omega, held.corners())
 
-    def with_hand(self, law: ContactLaw, held: SampledPlantBox, where: FloatArray) -> _Points:
-        """Add a hand at an angle and its neighbourhood."""
-        omega, loop = _loop(
-            law, held, np.clip(where[0] * np.array([0.97, 0.99, 1.0, 1.01, 1.03]), 0.0, np.pi), where[None, 1:]
-        )
-        return _Points(np.append(self.omega, omega), np.append(self.loop, loop))
+    def with_hand(self, law: ContactLaw, held: SampledPlantBox, fails_at: FloatArray) -> _Points:
+        """Add a hand at an angle, ``fails_at`` holds both, and its neighbourhood."""
+        angles = np.clip(fails_at[0] * _ABOUT_FAILURE, 0.0, np.pi)
+        added = _loops(law, held, angles, fails_at[None, 1:])
+        return _Points(np.append(self.omega, added.omega), np.append(self.loop, added.loop))
 
 
-def _loop(
-    law: ContactLaw, held: SampledPlantBox, omega: FloatArray, hands: FloatArray
-) -> tuple[FloatArray, ComplexArray]:
+def _loops(law: ContactLaw, held: SampledPlantBox, omega: FloatArray, hands: FloatArray) -> _Points:
+    """Return L = P C1 - C2 with hands (h, numbers) at angles (f,): h f points."""
     step = np.exp(1j * omega) - 1
-    from_position, from_force, poles = (np.polyval([float(part) for part in one], step) for one in law.transfer)
+    from_position, from_force, poles = (
+        np.polyval([float(coefficient) for coefficient in part], step) for part in law.transfer
+    )
     loop = (held.at(omega, hands) * from_position - from_force) / poles
-    return np.tile(omega, len(hands)), loop.ravel()
+    return _Points(np.tile(omega, len(hands)), loop.ravel())
