@@ -329,15 +329,15 @@ def passivity_level(subject: Subject, level: str) -> LevelResult:
 def _exact(rows: Rows, level: str, model: Model, progress: Progress) -> LevelResult:
     """Judge on an ideal device, at each end of the range of its delay."""
     # Re Z_h grows with the device's damping, so that the lower end of its range covers the others.
-    lean = least_damped(rows.problem)
+    problem = least_damped(rows.problem)
     band = _band(rows, LEVELS[level].where)
     any_environment = LEVELS[level].any_environment
     whole = LEVELS[level].where == "all"
     sound = np.ones(len(rows.b), dtype=bool)
     faults = None
     worst_of_delays = []
-    for delay in sorted({corner.delay_samples for corner in device_corners(lean.device, ("delay_samples",))}):
-        loop = replace(SampledLoop.of(lean, model), delay_samples=delay)
+    for delay in sorted({corner.delay_samples for corner in device_corners(problem.device, ("delay_samples",))}):
+        loop = replace(SampledLoop.of(problem, model), delay_samples=delay)
         if any_environment:
             worst_of_delays.append(_llewellyn(rows, loop, progress))
             continue
@@ -418,8 +418,9 @@ def _in_band(rows: Rows, level: str, model: Model) -> LevelResult:
 def _at_port(rows: Rows, level: str, progress: Progress) -> LevelResult:
     """Judge passivity at every frequency, at the handle of a device as declared."""
     # A constant coupling repeats one row.
-    (b, k, contact), back = np.unique(np.stack([rows.b, rows.k, rows.contact]), axis=1, return_inverse=True)
-    back = back.ravel()
+    gains = np.stack([rows.b, rows.k, rows.contact])
+    (b, k, contact), distinct_row = np.unique(gains, axis=1, return_inverse=True)
+    distinct_row = distinct_row.ravel()
     parts = fractions(SampledLoop.of(rows.problem, "sampled-data"), b, k)
     corners = device_corners(rows.problem.device, LINEAR_KEYS)
     sample_time_s = rows.problem.device.sample_time_s
@@ -427,12 +428,12 @@ def _at_port(rows: Rows, level: str, progress: Progress) -> LevelResult:
     slack = CouplingSlack(b, k, contact, sample_time_s) if any_environment else RenderingSlack(parts, contact)
     worst = port_worst(corners, slack, len(b), progress)
     # For any passive wall the DC stiffness of this one is no condition.
-    stiffness = np.zeros(len(back)) if any_environment else (parts.integral / sample_time_s)[back]
+    stiffness = np.zeros(len(distinct_row)) if any_environment else (parts.integral / sample_time_s)[distinct_row]
     stable = np.array(parts.stable, dtype=bool)
     for device in corners:  # with one passive hand, and so with any where the port is passive
         stable &= linear_stability(device, parts, contact, passive_hand(device)).radius[:, 0] < 1 - RADIUS_TOLERANCE
-    passive = worst.passed[back]
-    passed = passive & stable[back] & (stiffness >= 0)
+    passive = worst.passed[distinct_row]
+    passed = passive & stable[distinct_row] & (stiffness >= 0)
     claim = "each frozen row is passive with this environment at every frequency up to Nyquist"
     if any_environment:
         claim = "each frozen row meets Llewellyn's condition (6) for any passive environment"
@@ -445,9 +446,9 @@ def _at_port(rows: Rows, level: str, progress: Progress) -> LevelResult:
         "sampled-data",
         claim,
         passed,
-        worst.margin_ns_per_m[back],
-        worst.frequency_hz[back],
-        worst.tolerance_ns_per_m[back],
+        worst.margin_ns_per_m[distinct_row],
+        worst.frequency_hz[distinct_row],
+        worst.tolerance_ns_per_m[distinct_row],
         faults,
     )
 

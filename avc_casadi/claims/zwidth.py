@@ -220,8 +220,9 @@ def _waves(turns: FloatArray, period: float, model: Model, poles: Poles) -> tupl
     damper = Fractions(direct=ones, integral=zeros, decaying=zeros, pole=zeros, pole_gap=ones, stable=ones > 0)
     direct = period / 2 if model == "paper" else period
     spring = replace(damper, direct=ones * direct, integral=ones * period)
-    back = 2 * np.sin(np.pi * turns) * np.exp(1j * np.pi * (0.5 - turns))
-    damper_wave = wave(damper, zeros, turns, model) * low_pass(back, poles)
+    # 1 - 1/z without cancellation.
+    difference = 2 * np.sin(np.pi * turns) * np.exp(1j * np.pi * (0.5 - turns))
+    damper_wave = wave(damper, zeros, turns, model) * low_pass(difference, poles)
     return damper_wave, wave(spring, zeros, turns, model)
 
 

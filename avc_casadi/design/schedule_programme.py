@@ -225,8 +225,9 @@ def hands_slack(problem: Problem, states: States, nodes: FloatArray) -> FloatArr
     margin = problem.stability.margin_ns_per_m
     slack = []
     for corner in deciding_corners(problem):
-        lean = corner.device.model_copy(update={"damping_ns_per_m": corner.device.damping_ns_per_m - margin})
-        radius = linear_stability(lean, frozen_parts(corner, b, k), contact, hands).radius
+        left_damping = {"damping_ns_per_m": corner.device.damping_ns_per_m - margin}
+        device = corner.device.model_copy(update=left_damping)
+        radius = linear_stability(device, frozen_parts(corner, b, k), contact, hands).radius
         slack.append(1 - radius.max(axis=1))
     return np.asarray(np.clip(np.min(slack, axis=0), -LARGEST_STEP, LARGEST_STEP))
 

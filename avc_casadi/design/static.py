@@ -108,9 +108,9 @@ class StaticSearch:
         inside, reachable = self._edge(dampers)
         group = group.ravel()
         # The edge of another interval may lie above the point: stiffness is only ever reduced.
-        back = inside[group, 1] <= points[~met, 1]
-        points[~met] = np.where(back[:, None], inside[group], points[~met])
-        met[~met] = reachable[group] & back
+        reduced = inside[group, 1] <= points[~met, 1]
+        points[~met] = np.where(reduced[:, None], inside[group], points[~met])
+        met[~met] = reachable[group] & reduced
         return points, met
 
     def _edge(self, dampers: FloatArray) -> tuple[FloatArray, BoolArray]:
@@ -250,8 +250,8 @@ class StaticCoupling:
         stiffness_n_per_m: stiffness k, N/m.
         contact_damping_ns_per_m: contact damping b_p, N.s/m; 0 in the series structure.
         margin_ns_per_m: device damping to spare in the condition.
-        error: root mean square of the relative error over the problem's frequencies; infinite if not found.
-        found: whether the coupling meets the condition with the problem's margin.
+        error: root mean square of the relative error over the problem's frequencies; infinite if not feasible.
+        feasible: whether the coupling meets the condition with the problem's margin.
     """
 
     condition: StaticCondition
@@ -261,7 +261,7 @@ class StaticCoupling:
     contact_damping_ns_per_m: float
     margin_ns_per_m: float
     error: float
-    found: bool
+    feasible: bool
 
     def gains(self, units: Units) -> str:
         """Return damper and springs with their units."""
@@ -274,7 +274,7 @@ class StaticCoupling:
         """Return a printed line."""
         names = {"llewellyn": "Llewellyn (6), any passive environment", "all": "passive with this environment alone"}
         name = f"{names[self.condition]}, {self.model} model"
-        if not self.found:
+        if not self.feasible:
             return f"{name}: no constant coupling of the gain box"
         return f"{name}: {self.gains(units)}, error {100 * self.error:.4g} %"
 
@@ -300,7 +300,7 @@ def static_coupling(problem: Problem, condition: StaticCondition = "llewellyn") 
         contact_damping_ns_per_m=contact,
         margin_ns_per_m=margin,
         error=float(np.sqrt(cost)),
-        found=bool(np.isfinite(cost)),
+        feasible=bool(np.isfinite(cost)),
     )
 
 
@@ -320,9 +320,9 @@ def solve_static(problem: Problem) -> GainSchedule:
     return constant_schedule(
         problem,
         "static",
-        gains if certified.found else None,
+        gains if certified.feasible else None,
         started,
-        reason="" if certified.found else why,
+        reason="" if certified.feasible else why,
         status=row_status(problem, *_repeated(gains, n)),
         notes=tuple(f"best constant coupling, {choice.sentence(units)}" for choice in (certified, special)),
     )

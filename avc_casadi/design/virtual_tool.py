@@ -211,11 +211,12 @@ class CouplingSearch:
         """Return the gains with the stiffest stable K: every hump of the limit is refined."""
         dampers = self.dampers_ns_per_m.tolist()
         least = _HUMP * max(limits)
-        ends = [0.0, *limits, 0.0]
+        lower = [0.0, *limits[:-1]]
+        upper = [*limits[1:], 0.0]
         humps = [
             place
-            for place, (before, here, after) in enumerate(zip(ends, limits, ends[2:], strict=False))
-            if here > 0 and here >= least and before <= here >= after
+            for place, (before, limit, after) in enumerate(zip(lower, limits, upper, strict=True))
+            if limit > 0 and limit >= least and before <= limit >= after
         ]
         refined = [pair for place in humps for pair in self._refined(gains, dampers[place], limits[place])]
         best = gains(0.0, 0.0)

@@ -47,11 +47,11 @@ def wanted_points(loop: Loop, radius: FloatArray, margin: float) -> tuple[Comple
         height = np.sqrt(radius * radius - guarded * guarded)
         # Towards the goal's side the two heights nearly cancel; the difference of squares does not.
         side = np.where(target.imag < 0, -1.0, 1.0)
-        near = (target.real - guarded) * (target.real + guarded) / (height + np.abs(target.imag))
+        short_height = (target.real - guarded) * (target.real + guarded) / (height + np.abs(target.imag))
         to_margin = guarded - target.real
         shift_of_z = (
             at_goal + 0j,
-            to_margin + 1j * side * near,
+            to_margin + 1j * side * short_height,
             to_margin - 1j * (side * height + target.imag),
             to_margin - 1j * target.imag,
         )

@@ -154,7 +154,7 @@ def verify(
         verified_share += float(part.share.sum() - part.share[left].sum())
         progress.advance(round(_PROGRESS_STEPS * verified_share), _PROGRESS_STEPS, "verified")
         if left.size:
-            worse = part.pick(left).at_worse_ends(bounds.way[left], bounds.remainder[left])
+            worse = part.pick(left).at_worse_ends(bounds.slope_sign[left], bounds.remainder[left])
             waiting.append(_cut(worse, bounds.across[left], whole))
         if cells > most_cells:
             return Verification(False, cells, None)
@@ -180,10 +180,10 @@ class _Cells(NamedTuple):
         """Return some of the cells."""
         return _Cells(self.low[rows], self.high[rows], self.share[rows], self.remainder[rows])
 
-    def at_worse_ends(self, way: FloatArray, remainder: FloatArray) -> _Cells:
+    def at_worse_ends(self, slope_sign: FloatArray, remainder: FloatArray) -> _Cells:
         """Fix increasing numbers at their lower end, and decreasing ones at their upper."""
-        low = np.where(way < 0, self.high, self.low)
-        high = np.where(way > 0, self.low, self.high)
+        low = np.where(slope_sign < 0, self.high, self.low)
+        high = np.where(slope_sign > 0, self.low, self.high)
         fixed = (high - low < self.high - self.low).any(axis=1)
         return _Cells(low, high, self.share, np.where(fixed, remainder, self.remainder))
 
@@ -195,14 +195,14 @@ class _Bounds(NamedTuple):
         at_middle: upper bound at the middle, shape (n,).
         lower: lower bound over the cell, shape (n,).
         across: largest decrease along each number, shape (n, numbers).
-        way: sign of the slope along a number where it has one sign; else 0.
+        slope_sign: sign of the slope along a number where it has one sign; else 0.
         remainder: e, bound of the omitted terms, shape (n,).
     """
 
     at_middle: FloatArray
     lower: FloatArray
     across: FloatArray
-    way: FloatArray
+    slope_sign: FloatArray
     remainder: FloatArray
 
 
@@ -218,7 +218,7 @@ def _bounds(
     point = [Moving.constant(middle[:, number]) for number in numbers]
     half = np.maximum(high - middle, middle - low) * _ROOM
     across = np.zeros_like(low)
-    way = np.zeros_like(low)
+    slope_sign = np.zeros_like(low)
     with np.errstate(invalid="ignore", over="ignore"):  # what is unknown stays unknown
         weights = _weights(coefficients, multiplier, cell[0])
         remainder = weights[0].value.largest * device.tail(high[:, 0]) * _ROOM
@@ -228,12 +228,12 @@ def _bounds(
         for number, slope in over_cell.slopes.items():
             radius = slope.radius * _ROOM
             across[:, number] = (np.abs(slope.centre.real) + radius) * half[:, number]
-            way[:, number] = np.sign(slope.centre.real) * (np.abs(slope.centre.real) > radius)
+            slope_sign[:, number] = np.sign(slope.centre.real) * (np.abs(slope.centre.real) > radius)
         decrease = across.sum(axis=1) * _ROOM
         lower = np.fmax(at_point.value.real_low - decrease, over_cell.value.real_low)
         at_middle = at_point.value.centre.real + at_point.value.radius + 2 * remainder * scale
     across[~np.isfinite(decrease)] = np.nan
-    return _Bounds(at_middle, np.where(np.isfinite(lower), lower, -np.inf), across, way, remainder)
+    return _Bounds(at_middle, np.where(np.isfinite(lower), lower, -np.inf), across, slope_sign, remainder)
 
 
 def _weights(coefficients: tuple[list[Disc], ...], multiplier: Multiplier, omega: Moving) -> tuple[Moving, Moving]:
@@ -289,9 +289,8 @@ def _value(coefficients: list[Disc], variable: Moving) -> Moving:
 def _cut(cells: _Cells, across: FloatArray, whole: FloatArray) -> _Cells:
     """Bisect each cell across the number with the largest decrease; where none is known, across the widest."""
     width = cells.high - cells.low
-    wide = width / np.where(whole > 0, whole, 1.0)
-    worth = np.where(np.isfinite(across), across * (width > 0), wide)
-    number = np.argmax(worth, axis=1)
+    relative_width = width / np.where(whole > 0, whole, 1.0)
+    number = np.argmax(np.where(np.isfinite(across), across * (width > 0), relative_width), axis=1)
     rows = np.arange(len(width))
     middle = 0.5 * (cells.low[rows, number] + cells.high[rows, number])
     low_of_upper = cells.low.copy()
