@@ -193,7 +193,7 @@ def _ranked(nlp: NlpRows, points: Starts, tie: float) -> GainArrays:
     gains = np.full((int(place.max()) + 1, 3, len(nlp.loop.target)), np.nan)
     gains[place, :, row] = nlp.size * points.gains.T[order]
     candidates = np.concatenate((gains, _pulled_inside(nlp, gains)))
-    b, k, p = candidates[:, 0], candidates[:, 1], candidates[:, 2]
+    b, k, p = candidates.transpose(1, 0, 2)
     return best_candidate(nlp.problem, nlp.loop, b, k, p, tie=tie)
 
 
@@ -208,7 +208,7 @@ def _pulled_inside(nlp: NlpRows, solved: FloatArray) -> FloatArray:
     slope_k = coupling_impedance(loop.angle, 0.0, 1.0)
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
         for _ in range(_PULLS):
-            b, k, p = gains[:, 0], gains[:, 1], gains[:, 2]
+            b, k, p = gains.transpose(1, 0, 2)
             rendered = loop.rendered(b, k) + p
             missing = guarded_margin(loop.device, loop.hold, rendered, margin)
             missing = missing - (loop.device + loop.hold * rendered).real
