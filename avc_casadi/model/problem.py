@@ -253,6 +253,9 @@ class Problem(t.Table):
             return
         if follower.motion != self.device.motion:
             yield ("follower", "motion"), f"is {t.shown(follower.motion)}; allowed: that of [device]"
+        if min(follower.range.mass_kg or (follower.mass_kg,)) == 0:
+            message = "may be 0; allowed: above 0: a follower that touches nothing would have no motion to couple"
+            yield ("follower", "mass_kg"), message
         # Every pending sample is a state: long delays take minutes, then memory.
         longest = MOST_LINK_SAMPLES * min(period, follower.sample_time_s)
         for key in ("delay_s", "return_delay_s"):

@@ -246,3 +246,37 @@ def test_the_margin_of_a_follower_on_a_stiff_contact_is_that_of_the_loop_written
         for share in (0.98, 1.02)
     }
     assert at[0.98] < 1 < at[1.02]
+
+
+def test_a_follower_without_mass_is_refused_as_nothing_moves_it_between_contacts():
+    with pytest.raises(avc.InputError, match=r"follower\.mass_kg"):
+        avc.parse_problem(f"[device]\n{device(0.12, 0.8, 0.001)}[follower]\n{device(0.0, 1.0, 0.001)}delay_s = 0.005\n")
+
+
+def test_a_rotary_twin_at_scales_has_the_same_worst_contact():
+    """Twice the length and three times the force, then all of it at a radius: one growth a sample, k by the scale."""
+    scaled = "position_scale = 2.0\n{}_scale = 3.0\n"
+    linear = avc.parse_problem(
+        f"[device]\n{device(0.12, 0.8, 0.002)}[follower]\n{device(0.1, 1.0, 0.002)}delay_s = 0.004\n"
+        'architecture = "position-force"\nforce = "measured"\ncontact_stiffness_n_per_m = [5e5, 1e6]\n'
+        f"contact_damping_ns_per_m = 2.0\n{scaled.format('force')}"
+    )
+    square = 0.25**2
+
+    def turning(mass, damping):
+        return (
+            f'motion = "rotary"\nhandle_radius_m = 0.25\ninertia_kgm2 = {mass * square}\nsample_time_s = 0.002\n'
+            f"damping_nms_per_rad = {damping * square}\ndelay_samples = 1\n"
+        )
+
+    rotary = avc.parse_problem(
+        f"[device]\n{turning(0.12, 0.8)}[follower]\n{turning(0.1, 1.0)}delay_s = 0.004\n"
+        f'architecture = "position-force"\ntorque = "measured"\n'
+        f"contact_stiffness_nm_per_rad = [{5e5 * square}, {1e6 * square}]\n"
+        f"contact_damping_nms_per_rad = {2.0 * square}\n{scaled.format('torque')}"
+    )
+    radius, case = FollowerLoops(linear).radius(ToolGains(60.0, 1.5))
+    twin, twin_case = FollowerLoops(rotary).radius(ToolGains(60.0 * square, 1.5 * square))
+    assert twin == pytest.approx(radius, abs=1e-9)
+    assert twin_case.environment_n_per_m == pytest.approx(square * case.environment_n_per_m, rel=1e-3)
+    assert 6 * 5e5 <= case.environment_n_per_m <= 6 * 1e6
