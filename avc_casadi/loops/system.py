@@ -112,7 +112,7 @@ def worst_point(
 ) -> tuple[FloatArray, ComplexArray]:
     """Return the places (sides, kinds) of a box where each kind of eigenvalue has its largest modulus, and it.
 
-    The box is the unit box, or has sides of as many cells as are given; then no two maxima of a cell are told apart.
+    The box is the unit box, or has sides of as many cells as are given, with about one maximum in each.
     """
     # Many points, edges, lines and ascents: maxima near a resonance of tool, contact or device are narrow.
     cells = cells or (1,) * sides
