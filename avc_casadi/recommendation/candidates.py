@@ -11,6 +11,7 @@ import numpy as np
 from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi._util.text import quantity
+from avc_casadi.claims.deployable import deployable
 from avc_casadi.coupling import Coupling
 from avc_casadi.design.observer_law import WIDTHS, with_dead_zone
 from avc_casadi.design.program import DISK_MARGIN, ProgramAnswer, program_answers, why_no_law
@@ -151,6 +152,8 @@ def with_widths(coupling: Coupling) -> Iterator[Coupling]:
         return
     narrow, *wider = (_with_width(coupling, law, steps) for steps in WIDTHS)
     yield narrow
+    if not deployable(narrow).passed:  # nor is it with any other width
+        return
     noticed = error_in_motion(narrow) + FELT_ERROR
     for wide in wider:
         if error_in_motion(wide) > noticed:
