@@ -156,7 +156,7 @@ def with_widths(coupling: Coupling) -> Iterator[Coupling]:
         return
     noticed = error_in_motion(narrow) + FELT_ERROR
     for wide in wider:
-        if error_in_motion(wide) > noticed:
+        if not error_in_motion(wide) <= noticed:
             return
         yield wide
 

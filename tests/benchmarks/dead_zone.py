@@ -120,6 +120,8 @@ def compared(name: str, zones: tuple[DeadZone, ...]) -> dict[str, Any]:
     if not answers:
         return {"error": "no law"}
     coupling = answers[0].coupling
+    if not np.isfinite(led_errors(coupling)).all():
+        return {"error": "diverges behind a motion that is imposed"}
     law = coupling.runtime.state_feedback
     assert law is not None
     groups = people_of(problem.hands, HANDS, 3), loose_grips(problem.hands, HANDS, 3)
