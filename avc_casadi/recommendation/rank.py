@@ -129,8 +129,12 @@ def impedance_error(coupling: Coupling) -> float:
 
 
 def error_in_motion(coupling: Coupling) -> float:
-    """Return the largest impedance error to a handle moved at 1 to 10 Hz, encoder and dead zone counted."""
-    return float(shaken(coupling, coupling.static_stiffness_n_per_m, MOVING_HZ).error.max())
+    """Return the largest impedance error to a handle moved at 1 to 10 Hz, encoder and dead zone counted.
+
+    Not a number where the coupling diverges behind a motion that is imposed, which no hand of [hands] does.
+    """
+    with np.errstate(over="ignore", invalid="ignore"):
+        return float(shaken(coupling, coupling.static_stiffness_n_per_m, MOVING_HZ).error.max())
 
 
 def best_of(candidates: list[Candidate], *, lean_on_friction: bool = False) -> Candidate:
