@@ -84,7 +84,7 @@ def found_at_once(task, progress):
 
 @pytest.mark.slow
 def test_a_run_is_begun_followed_and_its_coupling_saved(page, tmp_path, monkeypatch):
-    monkeypatch.setattr(_explorer, "_found", found_at_once)
+    monkeypatch.setattr(_explorer, "_solved", found_at_once)
     page.execute_cdp_cmd("Browser.setDownloadBehavior", {"behavior": "allow", "downloadPath": str(tmp_path)})
     page.find_element("css selector", "#method option[value='recommend']").click()
     until(lambda: by_id(page, "run").is_displayed())
