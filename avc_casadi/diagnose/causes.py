@@ -13,41 +13,19 @@ import numpy as np
 from avc_casadi._errors import InputError
 from avc_casadi._util.json_values import plain_table
 from avc_casadi._util.progress import SILENT, Progress
-from avc_casadi._util.text import number, quantity
+from avc_casadi._util.text import number
 from avc_casadi.coupling import Coupling
+from avc_casadi.diagnose.fit import PlantFit, fit_plants
 from avc_casadi.diagnose.law import FittedLaw, find_law
 from avc_casadi.diagnose.oscillation import Log, Oscillation, apparent_mass_kg, find_oscillation, log_of
-from avc_casadi.diagnose.plant import Hypothesis, IntendedLaw, PlantFit, fit_plants, growth, stable
+from avc_casadi.diagnose.plant import Hypothesis, IntendedLaw, growth, stable
 from avc_casadi.diagnose.remedies import LoggedScene, Remedy, limit_of, remedies_of, without
+from avc_casadi.diagnose.words import CAUSES, cause_numbers
 from avc_casadi.identification.log import Columns
 from avc_casadi.identification.read import Layout, read_columns
 from avc_casadi.model.device import Device
 from avc_casadi.model.problem import Hands, defaults_at
 from avc_casadi.simulation.judge import QUIET, vibration_level
-
-
-@dataclass(frozen=True)
-class Cause:
-    """A cause in words."""
-
-    name: str
-    deciding_log: str
-    """The log that would decide whether it is this one."""
-
-
-CAUSES: Mapping[str, Cause] = {
-    "sign": Cause("sign of the force", "a force pulse in free space"),
-    "delay": Cause("delay", "a force pulse in free space"),
-    "rate": Cause("sample rate too low", "the time stamps of the ticks themselves"),
-    "stiffness": Cause("stiffness over the limit", "the same with k halved"),
-    "damping": Cause("damping over the limit", "the same with b halved"),
-    "let-go": Cause("hand released the device", "the same with the device held firmly, and released"),
-    "resonance": Cause("resonance", "a chirp in free space (avc excite --signal chirp), for avc identify"),
-    "relay": Cause("force switched by a sign", "the same without the switched force"),
-    "rates": Cause("two rates in one loop", "the same with one rate"),
-    "encoder": Cause("encoder steps or noise", "the same with b halved, or with a filter of the velocity"),
-}
-"""Causes by key."""
 
 Verdict = Literal["named", "cannot tell", "nothing wrong", "not the loop"]
 
@@ -476,7 +454,7 @@ def _judge(diagnosis: Diagnosis, law: FittedLaw, fits: Sequence[PlantFit]) -> Di
         remedies = [remedy for remedy in remedies if not (remedy.while_held or remedy.key == "delay_samples")]
     diagnosis = replace(diagnosis, shares=shares, fit=fit, remedies=tuple(dict.fromkeys(remedies)))
     if not doubts:
-        words = f"{CAUSES[first].name}: {_numbers(first, fit.best, law, diagnosis)}"
+        words = f"{CAUSES[first].name}: {cause_numbers(first, fit.best, law, log, diagnosis.swing, design)}"
         words += "; travel stops bound the swing" if fit.best.stops is not None else ""
         return replace(diagnosis, verdict="named", cause=first, candidates=(first,), conclusion=words)
     names = " or ".join(CAUSES[key].name for key in candidates) or "none of the causes it knows"
@@ -599,32 +577,3 @@ def work_w(log: Log, swing: Oscillation, hypothesis: Hypothesis) -> float:
     acting = np.interp(ticks - hypothesis.delay, np.arange(log.force_n.size), log.force_n)
     moves = log.position_m[ticks + 1] - log.position_m[ticks]
     return -float(np.sum(acting * moves)) / (ticks.size * log.period_s)
-
-
-def _numbers(cause: str, hypothesis: Hypothesis, law: FittedLaw, diagnosis: Diagnosis) -> str:
-    """Return the numbers of a cause, without which the loop settles."""
-    log, design = diagnosis.log, diagnosis.design
-    unit, mode = hypothesis.device.units.unit, hypothesis.device.resonance
-    spring = quantity(law.stiffness_n_per_m, unit("N/m"))
-    damper = quantity(law.damping_ns_per_m, unit("N.s/m"))
-    delay = number((hypothesis.delay + law.lag) * design.samples_a_tick(log), 3)
-    intended = f"{number(design.delay_samples[1], 3)} {'declared' if design.known else 'assumed'}"
-    released = ", with no hand on the device" if hypothesis.hand is None else ""
-    frames_late = law.frames.late if law.frames else law.lag
-    late = f", {number(frames_late, 2)} of them late" if frames_late else ""
-    words = {
-        "delay": f"{delay} samples, {intended}",
-        "rate": f"a new force every {number(1e3 * log.period_s, 3)} ms{late}",
-        "stiffness": f"k = {spring}{released}",
-        "damping": f"b = {damper}{released}",
-        "let-go": "it rested in contact before; without a hand it swings",
-        "encoder": f"{number(diagnosis.swing.steps, 2)} steps peak to peak, b = {damper}",
-    }
-    if mode:
-        words["resonance"] = f"{number(mode.frequency_hz, 3)} Hz, not declared"
-    if law.switch:
-        words["relay"] = f"{quantity(abs(law.switch.force_n), unit('N'))} by the sign of the {law.switch.by}"
-    if law.frames:
-        frame_ms = number(1e3 * law.frames.ticks * log.period_s, 3)
-        words["rates"] = f"the {law.frames.slow} is new every {frame_ms} ms{late}"
-    return words[cause]

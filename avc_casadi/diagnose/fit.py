@@ -1,0 +1,590 @@
+"""Device and hand from their response to the logged force: delay, hand, resonance and stops, with their uncertainty."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import optimize, signal
+
+from avc_casadi._util.arrays import BoolArray, FloatArray
+from avc_casadi.diagnose.oscillation import LEAST_ALIKE, Log, Oscillation, samples_alike
+from avc_casadi.diagnose.plant import DeviceValue, Hypothesis, IntendedLaw
+from avc_casadi.model.hands import Hand, hand_ranges, no_hand
+from avc_casadi.model.plant import sampled_plant
+
+_LEAST_DELAY = 2e-3
+"""Shortest delay that is searched, ticks."""
+
+_MOST_DELAY = 14.0
+"""Longest delay that is searched, ticks."""
+
+_DRAWS = 12
+"""Draws from the posterior of each structure."""
+
+_RESONANCE_ODDS = 12.0
+"""ln of the odds against a resonance that is not declared."""
+
+_STOP_ODDS = 8.0
+"""ln of the odds against travel stops."""
+
+# Priors of the unknowns: spreads are standard deviations, those of masses, dampings and stiffnesses of their ln.
+
+_DELAY_SPREAD = 0.15
+"""Spread of a declared delay, samples of the device."""
+
+_LATE_SPREAD = 4.0
+"""Spread of a delay that is longer than declared, ticks."""
+
+_LEAST_HAND = np.array([[1e-3], [0.1], [5.0]])
+"""Least mass, kg, damping, N.s/m, and stiffness, N/m, of a hand at 1 m from the axis, or on a device that slides."""
+
+_HAND_SPREAD = 0.4
+"""Least spread of a hand on a declared device."""
+
+_HAND_SPREAD_ASSUMED = 1.1
+"""Least spread of a hand on an assumed device, whose mass it makes up for."""
+
+_MASS_SPREAD = 0.06
+"""Spread of a declared mass of a device."""
+
+_DAMPING_SPREAD = 0.5
+"""Spread of a declared damping of a device."""
+
+_ASSUMED_SPREAD = 2.0
+"""Spread of mass and damping of an assumed device."""
+
+_BOUND_SPREADS = 4
+"""Spreads to either side of its prior within which an unknown is searched."""
+
+_MODE_LEAST_PRIOR_HZ = 40.0
+"""Least frequency of the prior of a resonance, Hz; its middle is the frequency of the swing above that."""
+
+_MODE_LOWEST_HZ = 25.0
+"""Lowest frequency of a resonance, Hz: what is slower is a hand."""
+
+_MODE_SPREAD = 0.6
+"""Spread of frequency and damping ratio of a resonance."""
+
+_MODE_DAMPING_RATIO = 0.03
+"""Middle of the prior of the damping ratio of a resonance."""
+
+_MODE_DAMPING_RATIOS = (2e-3, 0.15)
+"""Damping ratios of a resonance that are searched."""
+
+_MODE_MASS_RATIO = 0.4
+"""Middle of the prior of the share of the device's mass behind a resonance."""
+
+_MODE_MASS_SPREAD = 0.15
+"""Spread of that share."""
+
+_MODE_MASS_RATIOS = (0.1, 0.9)
+"""Shares of the device's mass behind a resonance that are searched."""
+
+_MOST_DAMPING_RATIO = 0.5
+"""Largest damping ratio of a resonance that is drawn."""
+
+# Windows and residuals.
+
+_SLOWER_THAN_SWING = 3
+"""Frequency of the swing, per frequency up to which motion is slow."""
+
+_SLOW_HZ = (2.5, 40.0)
+"""Frequencies, Hz, between which that limit lies, if it is not above half of the swing's."""
+
+_WINDOW_S = 0.4
+"""Shortest time of a window, s."""
+
+_WINDOW_CYCLES = 6
+"""Fewest cycles in a window."""
+
+_WINDOW_MOST = 1500
+"""Most ticks in a window."""
+
+_SMOOTH_STEPS = 0.05
+"""Encoder steps a tick below which friction has no full sign, as the position does not tell it."""
+
+_MODEL_ERROR = 5e-3
+"""Share of the swing that no model explains."""
+
+_BEGIN_LEVEL = 1.7
+"""Residual, per noise, with which the first search weighs the prior."""
+
+_BEGIN_TRIES = 15
+"""Evaluations of the first search."""
+
+_REFINE_TRIES = 12
+"""Evaluations of the second search, with the residual as noise."""
+
+_MODE_TURNS = (0.75, 0.95, 1.2, 1.6)
+"""Factors of the prior's frequency at which the search of a resonance begins."""
+
+_LATE_START = 2.5
+"""Ticks that a second search of a long delay begins later."""
+
+_WHITE_FROM = 200
+"""Samples of a residual from which on it tells whether it is white."""
+
+_STOPS_STEPS = 14
+"""Encoder steps of a swing above which it may meet travel stops."""
+
+_STOP_SIDES = (0.96, 0.9, 0.84, 0.78, 0.72, 0.66, 0.6)
+"""Places of stops that are tried, as shares of half of the travel, from the outside in."""
+
+_STOPS_ALIKE = 1.3
+"""Residual of stops, per that of the best ones, up to which those further out are taken."""
+
+_STOPS_BETTER = 0.5
+"""Residual with stops, per that without, below which they are taken."""
+
+_UNEXPLAINED = 2
+"""Residual, per noise, above which a structure does not explain the motion."""
+
+_NEAR_BOUND = 1e-3
+"""Share of the range of an unknown within which it stands at its bound."""
+
+_LEAST_CURVATURE = 1e-6
+"""Least curvature of the log likelihood along an axis of the posterior, for its width and its volume."""
+
+
+@dataclass(frozen=True, eq=False)
+class PlantFit:
+    """One structure fitted to a log."""
+
+    best: Hypothesis
+    draws: tuple[Hypothesis, ...]
+    """Draws from the posterior about the best answer."""
+    cost: float
+    """Minus ln of the evidence of the log."""
+    misfit: float
+    """Residual, per noise of the position."""
+    scatter_m: float
+    """Error of a reading of the position, root mean square, m."""
+    delay_error: float
+    """Standard deviation of the delay, ticks."""
+    at_end: bool
+    """Whether the delay is the longest that is searched."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Window:
+    """A stretch of n ticks of a log to which structures are fitted."""
+
+    start: float
+    """Position at its first tick, m."""
+    position: FloatArray
+    """Position from the start, shape (n,), m."""
+    past: FloatArray
+    """Force, N, of these ticks and of those before it up to the longest delay."""
+    rub: FloatArray
+    """Sign of the velocity, smoothed, shape (n,)."""
+    use: BoolArray
+    """Whether each tick is in the log, shape (n,)."""
+
+
+@dataclass(frozen=True, eq=False)
+class _SampledMotion:
+    """x(n+1) = A x(n) + b_new F(n-d) + b_old F(n-d-1), position c x(n): device and hand in ticks, velocities a tick."""
+
+    matrix: FloatArray
+    """A, shape (s, s)."""
+    new: FloatArray
+    """b_new, shape (s,)."""
+    old: FloatArray
+    """b_old, shape (s,)."""
+    output_row: FloatArray
+    """c, shape (s,)."""
+    characteristic: FloatArray
+    """Characteristic polynomial of A, shape (s + 1,)."""
+    whole_delay: int
+    """d, ticks."""
+
+    @classmethod
+    def of(cls, hypothesis: Hypothesis, period_s: float) -> _SampledMotion:
+        """Return the motion of a device and its hand."""
+        plant = sampled_plant(hypothesis.device, hypothesis.hand or no_hand())
+        scale = np.array([period_s if name.endswith("_per_s") else 1.0 for name in plant.names])
+        matrix = plant.matrix[0, 0] * scale[:, None] / scale
+        return cls(
+            matrix=matrix,
+            new=plant.new[0, 0] * scale,
+            old=plant.old[0, 0] * scale,
+            output_row=plant.output_row,
+            characteristic=np.asarray(np.poly(matrix)),
+            whole_delay=int(plant.whole_delay[0]),
+        )
+
+    def response(self, entry: FloatArray, force: FloatArray) -> FloatArray:
+        """Return the position under a force from rest, shape (n,), where b = `entry` is how it enters the state.
+
+        sum over k of c A^(k-1) b F(n-k), as a filter whose denominator is the characteristic polynomial of A.
+        """
+        order = self.characteristic.size - 1
+        markov, state = [0.0], entry.copy()
+        for _ in range(order):
+            markov.append(float(self.output_row @ state))
+            state = self.matrix @ state
+        numerator = np.convolve(self.characteristic, markov)[: order + 1]
+        return np.asarray(signal.lfilter(numerator, self.characteristic, force, axis=0))
+
+    def free(self, n: int) -> FloatArray:
+        """Return the position c A^k of free motion from each state over n ticks, shape (n, s)."""
+        free, power = self.output_row[None, :], self.matrix
+        while len(free) < n:
+            free, power = np.concatenate([free, free @ power]), power @ power
+        return free[:n]
+
+
+@dataclass(frozen=True, eq=False)
+class _Solution:
+    """The end of a search."""
+
+    point: FloatArray
+    """Unknowns, shape (u,)."""
+    curvature: FloatArray
+    """J' J of the residuals with the prior, shape (u, u)."""
+    cost: float
+    """Half of the sum of squares with the prior."""
+
+
+@dataclass(frozen=True)
+class _Unknown:
+    """An unknown of a structure with its prior."""
+
+    name: str
+    middle: float
+    spread: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Structure:
+    """Unknowns of one structure with their prior, and its residuals."""
+
+    design: IntendedLaw
+    period_s: float
+    hand: bool
+    resonant: bool
+    names: tuple[str, ...]
+    """Names of the u unknowns; the delay is the first, those of a resonance are the last three."""
+    middle: FloatArray
+    """Middle of the prior of each, shape (u,)."""
+    spread: FloatArray
+    """Its standard deviation, shape (u,)."""
+    slow_hz: float
+    """Frequency up to which motion may be of anything else."""
+    stops: tuple[float, float] | None = None
+
+    @classmethod
+    def of(
+        cls,
+        design: IntendedLaw,
+        period_s: float,
+        slow_hz: float,
+        unknowns: Sequence[_Unknown],
+        *,
+        hand: bool,
+        resonant: bool,
+    ) -> _Structure:
+        """Return the structure of some unknowns."""
+        names = tuple(unknown.name for unknown in unknowns)
+        middle = np.array([unknown.middle for unknown in unknowns])
+        spread = np.array([unknown.spread for unknown in unknowns])
+        return cls(design, period_s, hand, resonant, names, middle, spread, slow_hz)
+
+    @property
+    def bounds(self) -> tuple[FloatArray, FloatArray]:
+        """Bounds of the unknowns, each of shape (u,)."""
+        low, high = self.middle - _BOUND_SPREADS * self.spread, self.middle + _BOUND_SPREADS * self.spread
+        low[0], high[0] = _LEAST_DELAY, _MOST_DELAY
+        if self.resonant:
+            low[-3:] = [math.log(_MODE_LOWEST_HZ), math.log(_MODE_DAMPING_RATIOS[0]), _MODE_MASS_RATIOS[0]]
+            high[-2:] = [math.log(_MODE_DAMPING_RATIOS[1]), _MODE_MASS_RATIOS[1]]
+        return low, high
+
+    def hypothesis(self, point: FloatArray) -> Hypothesis:
+        """Return device and hand at a point of the unknowns, shape (u,)."""
+        value = dict(zip(self.names, point.tolist(), strict=True))
+        device = self.design.device
+        changed: dict[str, DeviceValue] = {
+            "delay_samples": max(value["delay"], _LEAST_DELAY),
+            "sample_time_s": self.period_s,
+        }
+        if "device_mass" in value:
+            changed["mass_kg"] = device.mass_kg * math.exp(value["device_mass"])
+            changed["damping_ns_per_m"] = device.damping_ns_per_m * math.exp(value["device_damping"])
+        if self.resonant:
+            changed["resonance"] = {
+                "frequency_hz": math.exp(value["mode_frequency"]),
+                "damping_ratio": min(math.exp(value["mode_damping_ratio"]), _MOST_DAMPING_RATIO),
+                "mass_ratio": value["mode_mass_ratio"],
+            }
+        hand = None
+        if self.hand:
+            hand = Hand(
+                math.exp(value["hand_mass"]), math.exp(value["hand_damping"]), math.exp(value["hand_stiffness"])
+            )
+        return Hypothesis(device, hand, self.stops).vary(**changed)
+
+    def residual(self, point: FloatArray, window: _Window) -> FloatArray:
+        """Return the residual of the position between stops, m, at the ticks that are used.
+
+        Projected out is motion that is not of the logged force: free motion from any state, the slow motion of the
+        hand, and without a hand a weight that may change.
+        """
+        n = window.position.size
+        motion = _SampledMotion.of(self.hypothesis(point), self.period_s)
+        forced = self._forced(motion, window)
+        use, columns = window.use, [motion.free(n)]
+        if self.stops is not None:
+            # After each contact the motion goes on from any state; the contact itself is left out.
+            between = np.abs(window.start + window.position - np.mean(self.stops)) <= np.ptp(self.stops) / 2
+            use, columns = use & between, _anew(columns[0], between)
+        orders = np.arange(int(2 * self.slow_hz * n * self.period_s) + 2)
+        columns.append(np.cos(np.pi * np.outer(np.arange(n) + 0.5, orders) / n))
+        if not self.hand:
+            pushes = (np.ones(n), np.arange(n) / n)
+            columns.append(np.stack([motion.response(motion.new + motion.old, push) for push in pushes], axis=1))
+        basis = np.concatenate(columns, axis=1)[use]
+        basis = np.where(np.abs(basis) < 1e-60, 0.0, basis)
+        size = np.sqrt(np.mean(basis**2, axis=0))
+        basis = basis[:, size > 0] / size[size > 0]
+        unforced = (window.position - forced)[use]
+        upright, spare = np.linalg.qr(basis)[0], unforced.size - basis.shape[1]
+        if spare < basis.shape[1]:
+            # Stops that leave hardly any motion explain all of it.
+            return np.full(max(unforced.size, 1), np.ptp(window.position))
+        return np.asarray(unforced - upright @ (upright.T @ unforced)) * math.sqrt(unforced.size / spare)
+
+    def _forced(self, motion: _SampledMotion, window: _Window) -> FloatArray:
+        """Return the position under the logged force and the friction of the device, from rest, shape (n,), m."""
+        n = window.position.size
+        now = window.past.size - n - motion.whole_delay
+        force, force_before = window.past[now:][:n], window.past[now - 1 :][:n]
+        forced = motion.response(motion.new, force) + motion.response(motion.old, force_before)
+        friction_n = self.design.device.coulomb_friction_n
+        if friction_n:
+            forced = forced + motion.response(motion.new + motion.old, friction_n * window.rub)
+        return forced
+
+    def solve(self, first: FloatArray, windows: Sequence[_Window], levels: FloatArray, tries: int) -> _Solution:
+        """Return the best point from a first one on; each window has the level of its noise, m."""
+
+        def weighted(point: FloatArray) -> FloatArray:
+            residuals = [self.residual(point, window) / level for window, level in zip(windows, levels, strict=True)]
+            return np.concatenate([*residuals, (point - self.middle) / self.spread])
+
+        low, high = self.bounds
+        result = optimize.least_squares(
+            weighted,
+            np.clip(first, low + 1e-6, high - 1e-6),
+            bounds=(low, high),
+            x_scale=self.spread,
+            diff_step=np.full(first.size, 1e-4),
+            max_nfev=tries,
+        )
+        slope = np.asarray(result.jac)
+        return _Solution(np.asarray(result.x), slope.T @ slope, float(result.cost))
+
+    def rms(self, point: FloatArray, windows: Sequence[_Window]) -> list[float]:
+        """Return the residual in each window, root mean square, m."""
+        return [_rms(self.residual(point, window)) for window in windows]
+
+
+def _anew(free: FloatArray, between: BoolArray) -> list[FloatArray]:
+    """Return free motion, shape (n, s), for each stretch between stops, from its first tick on and 0 elsewhere."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], between.astype(int), [0]])))
+    blocks = []
+    for begin, end in zip(edges[::2], edges[1::2], strict=True):
+        block = np.zeros(free.shape)
+        block[begin:end] = free[: end - begin]
+        blocks.append(block)
+    return blocks
+
+
+def _structures(
+    design: IntendedLaw, period_s: float, lag: float, swing_hz: float, *, resonant: bool
+) -> list[_Structure]:
+    """Return the structures that may have made a log: with and without a hand, each with a declared or a longer delay.
+
+    A resonance is tried with a hand and a declared delay alone.
+    """
+    hand = _hand_unknowns(design)
+    device = [
+        _Unknown("device_mass", 0.0, _MASS_SPREAD if design.known else _ASSUMED_SPREAD),
+        _Unknown("device_damping", 0.0, _DAMPING_SPREAD if design.known else _ASSUMED_SPREAD),
+    ]
+    held = [*hand, *([] if design.known else device)]
+    punctual, late = _delays(design, period_s, lag)
+    slow_hz = min(float(np.clip(swing_hz / _SLOWER_THAN_SWING, *_SLOW_HZ)), swing_hz / 2)
+    if resonant:
+        mode = [
+            _Unknown("mode_frequency", math.log(max(swing_hz, _MODE_LEAST_PRIOR_HZ)), _MODE_SPREAD),
+            _Unknown("mode_damping_ratio", math.log(_MODE_DAMPING_RATIO), _MODE_SPREAD),
+            _Unknown("mode_mass_ratio", _MODE_MASS_RATIO, _MODE_MASS_SPREAD),
+        ]
+        unknowns = [punctual, *held, *mode]
+        return [_Structure.of(design, period_s, slow_hz, unknowns, hand=True, resonant=True)]
+    return [
+        _Structure.of(design, period_s, slow_hz, [delay, *unknowns], hand=with_hand, resonant=False)
+        for with_hand, unknowns in ((True, held), (False, device))
+        for delay in (punctual, late)
+    ]
+
+
+def _hand_unknowns(design: IntendedLaw) -> list[_Unknown]:
+    """Return ln of mass, damping and stiffness of a hand, by the ranges of the declared hands."""
+    least = design.device.metres_per_unit**2 * _LEAST_HAND
+    box = np.log(np.maximum(hand_ranges(design.hands), least))
+    spread = np.maximum((box[:, 1] - box[:, 0]) / 2, _HAND_SPREAD if design.known else _HAND_SPREAD_ASSUMED)
+    names = ("hand_mass", "hand_damping", "hand_stiffness")
+    priors = zip(names, box.mean(axis=1).tolist(), spread.tolist(), strict=True)
+    return [_Unknown(name, middle, deviation) for name, middle, deviation in priors]
+
+
+def _delays(design: IntendedLaw, period_s: float, lag: float) -> tuple[_Unknown, _Unknown]:
+    """Return the delay beside the lag of the law, ticks: as declared, and longer."""
+    ticks_a_sample = design.device.sample_time_s / period_s
+    least, most = design.delay_samples
+    spread = math.hypot(_DELAY_SPREAD, (most - least) / math.sqrt(12))
+    middle = max((least + most) / 2 * ticks_a_sample - lag, 0.0)
+    longest = max(most * ticks_a_sample - lag, 0.0)
+    punctual = _Unknown("delay", middle, max(spread * ticks_a_sample, spread))
+    return punctual, _Unknown("delay", longest, _LATE_SPREAD)
+
+
+def _windows(log: Log, swing: Oscillation) -> list[_Window]:
+    """Return the end of the oscillation and its beginning, where they are apart."""
+    period, n, before = log.period_s, log.position_m.size, int(_MOST_DELAY) + 2
+    cycles_s = max(_WINDOW_S, _WINDOW_CYCLES / swing.frequency_hz)
+    size = int(min(cycles_s / period, _WINDOW_MOST, n - before))
+    last = int(np.clip(swing.last - size, before, n - size))
+    first = int(np.clip(swing.first + round(2 / swing.frequency_hz / period), before, n - size))
+    begins = [last, first] if abs(first - last) > size // 3 else [last]
+    speed = signal.savgol_filter(log.position_m, 5, 2, deriv=1)
+    rub = np.tanh(speed / max(_SMOOTH_STEPS * log.encoder_m, 1e-3 * float(np.std(speed)), 1e-12))
+    windows = []
+    for begin in begins:
+        part = slice(begin, begin + size)
+        start = log.position_m[begin]
+        past = log.force_n[begin - before : begin + size]
+        windows.append(_Window(float(start), log.position_m[part] - start, past, rub[part], log.ran[part]))
+    return windows
+
+
+@dataclass(frozen=True, eq=False)
+class _Trial:
+    """A structure with its best point and its residual in the worst window, root mean square, m."""
+
+    structure: _Structure
+    point: FloatArray
+    residual_m: float
+
+
+def fit_plants(log: Log, swing: Oscillation, design: IntendedLaw, lag: float, seed: int) -> list[PlantFit]:
+    """Return device and hand in every structure, likeliest first; with a resonance or stops where nothing else fits.
+
+    `lag` is that of the law, ticks; `seed` that of the draws.
+    """
+    period, swing_hz = log.period_s, swing.frequency_hz
+    inside = log.position_m[swing.first : swing.last]
+    scatter = math.hypot(log.encoder_m / math.sqrt(12), design.device.position_noise_rms_m)
+    noise = math.hypot(scatter, _MODEL_ERROR * float(np.std(inside)))
+    plain, windows = _structures(design, period, lag, swing_hz, resonant=False), _windows(log, swing)
+    trials = [_begin(structure, windows, noise) for structure in plain]
+    likeliest = min(trials, key=lambda trial: trial.residual_m)
+    least = likeliest.residual_m
+    # What the likeliest leaves is noise of the position where it is white, whether it is declared or not.
+    left = np.concatenate([likeliest.structure.residual(likeliest.point, window) for window in windows])
+    if left.size > _WHITE_FROM and samples_alike(left) <= LEAST_ALIKE:
+        scatter, noise = max(scatter, least), max(noise, least)
+    # Behind stops the acceleration is of a force that is not in the log.
+    if least > _UNEXPLAINED * noise and swing.steps > _STOPS_STEPS:
+        for structure in plain:
+            trials += _with_stops(structure, inside, windows, noise, least)
+    unexplained = min(trial.residual_m for trial in trials) > _UNEXPLAINED * noise
+    if design.device.resonance is None and unexplained:
+        resonant = _structures(design, period, lag, swing_hz, resonant=True)
+        trials += [_begin(structure, windows, noise) for structure in resonant]
+    levels = _levels(trials, windows, noise)
+    fits = [_finish(trial, windows, levels, noise, scatter, seed) for trial in trials]
+    return sorted((fit for fit in fits if fit is not None), key=lambda fit: fit.cost)
+
+
+def _with_stops(
+    structure: _Structure, inside: FloatArray, windows: Sequence[_Window], noise: float, without: float
+) -> list[_Trial]:
+    """Return the trial of a structure with the widest stops that explain the motion, or none.
+
+    `inside` is the position of the swing, m; `without` the residual without stops, m.
+    """
+    middle, half = (float(inside.max()) + float(inside.min())) / 2, float(np.ptp(inside)) / 2
+    options = [
+        _begin(replace(structure, stops=(middle - side * half, middle + side * half)), windows, noise)
+        for side in _STOP_SIDES
+    ]
+    # A stop that is taken too far in leaves out a little motion; one too far out is motion that none explains.
+    most = _STOPS_ALIKE * min(option.residual_m for option in options)
+    good = [option for option in options if option.residual_m < most]
+    # Where one further in explains no more the contact is out; with fewer samples a declared device has to do.
+    bears_out = structure.design.known or len(good) > 1
+    return good[:1] if bears_out and good[0].residual_m < _STOPS_BETTER * without else []
+
+
+def _begin(structure: _Structure, windows: Sequence[_Window], noise: float) -> _Trial:
+    """Return a structure with its best point from a few initial guesses."""
+    levels = np.full(len(windows), _BEGIN_LEVEL * noise)
+    turns = _MODE_TURNS if structure.resonant else (1.0,)
+    delays = (0.0, _LATE_START) if structure.spread[0] > 2 else (0.0,)
+    solutions = []
+    for delay, turn in itertools.product(delays, turns):
+        first = structure.middle.copy()
+        first[0] += delay
+        first[-3] += math.log(turn)
+        solutions.append(structure.solve(first, windows, levels, _BEGIN_TRIES))
+    point = min(solutions, key=lambda solution: solution.cost).point
+    return _Trial(structure, point, max(structure.rms(point, windows)))
+
+
+def _levels(trials: Sequence[_Trial], windows: Sequence[_Window], noise: float) -> FloatArray:
+    """Return the noise of each window, m: the least residual, with as few independent samples as it has."""
+    levels = []
+    for window in windows:
+        residual = min((trial.structure.residual(trial.point, window) for trial in trials), key=_rms)
+        levels.append(max(noise, _rms(residual)) * math.sqrt(samples_alike(residual)))
+    return np.array(levels)
+
+
+def _finish(
+    trial: _Trial, windows: Sequence[_Window], levels: FloatArray, noise: float, scatter: float, seed: int
+) -> PlantFit | None:
+    """Refine with the residual as noise, and draw from the posterior; None of a resonance at an end of its range."""
+    structure = trial.structure
+    solution = structure.solve(trial.point, windows, levels, _REFINE_TRIES)
+    point = solution.point
+    values, vectors = np.linalg.eigh(solution.curvature)
+    values = np.maximum(values, _LEAST_CURVATURE)
+    random = np.random.default_rng(seed).standard_normal((_DRAWS, point.size))
+    low, high = structure.bounds
+    sample = np.clip(point + (random / np.sqrt(values)) @ vectors.T, low + 1e-9, high - 1e-9)
+    near = _NEAR_BOUND * (high - low)
+    if structure.resonant and ((point > high - near) | (point < low + near))[-3:].any():
+        return None
+    # The evidence integrates over the posterior, to compare structures with different numbers of unknowns.
+    volume = 0.5 * float(np.sum(np.log(values))) + float(np.sum(np.log(structure.spread)))
+    odds = _RESONANCE_ODDS * structure.resonant + _STOP_ODDS * (structure.stops is not None)
+    return PlantFit(
+        best=structure.hypothesis(point),
+        draws=tuple(map(structure.hypothesis, sample)),
+        cost=solution.cost + volume + odds,
+        misfit=min(structure.rms(point, windows)) / noise,
+        scatter_m=scatter,
+        delay_error=float(np.std(sample[:, 0])),
+        at_end=bool(point[0] > high[0] - near[0]),
+    )
+
+
+def _rms(residual: FloatArray) -> float:
+    return math.sqrt(float(np.mean(residual**2)))
