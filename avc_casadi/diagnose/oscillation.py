@@ -567,7 +567,8 @@ def apparent_mass_kg(log: Log, device: Device, *, known: bool) -> float:
     peak = int(np.argmax(speed))
     delay = round(device.delay_samples * device.sample_time_s / sample_time)
     first = int(np.flatnonzero(np.append(True, speed[:peak] < _AT_REST_SHARE * speed[peak]))[-1])
-    force = force[max(first - delay, 0) : peak - delay + 1]
+    # Of a motion that is fastest within the delay of the log's start, no force is in the log.
+    force = force[max(first - delay, 0) : max(peak - delay + 1, 0)]
     if force.size < _FEWEST_MOVING or not force.any():
         return math.inf
     x = log.samples_m[peak + 1 - force.size : peak + 1]

@@ -136,3 +136,12 @@ def test_a_force_that_drives_the_device_away_and_an_encoder_that_is_stuck_are_re
     assert diagnose(flipped, flip_force=True).verdict == "nothing wrong"
     with pytest.raises(avc.InputError, match="never changes"):
         diagnose(replace(log, position_m=0 * log.position_m))
+
+
+def test_a_motion_that_is_fastest_before_any_force_acts_is_answered():
+    """A handle that is let go at its fastest, with a force that comes six samples late."""
+    time_s = np.arange(SAMPLES) * 1e-3
+    position_m = 5e-3 * np.exp(-20 * time_s)
+    log = Columns("log", time_s, np.round(position_m / 5e-6) * 5e-6, -30.0 * position_m)
+    device = Device.model_validate({"mass_kg": 0.1, "damping_ns_per_m": 1.0, "sample_time_s": 1e-3, "delay_samples": 6})
+    assert diagnose(log, device=device).verdict in {"nothing wrong", "cannot tell"}
