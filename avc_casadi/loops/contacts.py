@@ -26,6 +26,8 @@ CONSECUTIVE_TURNS = 8
 _NEAR_WHOLE_TURNS = (0.02, 0.06, 0.15)
 # Below this angle of a swing in a sample, in radians, loops depend on the stiffness alone.
 _FIRST_RAD = 0.4
+# Share of the knots of a turn that are left where the swing hardly outlives a sample.
+_LEAST_DENSITY = 0.5
 # A swing that decays to this share in a sample leaves nothing that a later sample could meet.
 _NOTHING_LEFT = 1e-3
 SLOWEST_HZ = 0.5
@@ -91,9 +93,12 @@ class Swing:
         turn, count = 2 * math.pi, max(_LEAST_KNOTS_PER_TURN, math.ceil(KNOTS_PER_BAND * (self.late_samples + 1)))
         parts = np.arange(self.looks) * turn / self.looks
         near = np.concatenate([(parts + reach) % turn for angle in _NEAR_WHOLE_TURNS for reach in (0.0, angle, -angle)])
-        within, angles = np.concatenate([np.arange(count) * turn / count, near]), [np.zeros(0)]
+        angles = [np.zeros(0)]
         while number * turn < end_rad:
-            angles.append(number * turn + within)
+            # Where a swing keeps less of itself from sample to sample, bands are shallower.
+            left = max(math.exp(-self.damping_ratio * number * turn), _LEAST_DENSITY)
+            knots = math.ceil(left * count)
+            angles.append(number * turn + np.concatenate([np.arange(knots) * turn / knots, near]))
             number = number + 1 if len(angles) <= CONSECUTIVE_TURNS else 2 * number
         return np.concatenate(angles)
 

@@ -24,7 +24,6 @@ from avc_casadi.loops.system import (
     Ranges,
     Region,
     System,
-    clock_ratio,
     hand_at,
     hand_boxes,
     held_plant,
@@ -47,6 +46,9 @@ from avc_casadi.model.problem import Problem
 
 # A step is resolved by patterns closer than this share of it; samples that are this share apart are the same.
 _FRACTIONS, _SAME_INSTANT = 32, 1e-6
+# Steps after which a pattern recurs; fractions between N and N + 1 samples that resolve the beat of both clocks: this
+# number over N^2, and how many at most. A beat fed a range of steps of 0.01 samples about 2.18, in a study.
+_MOST_STEPS, _BEATS, _MOST_BEATS = 40, 512, 128
 # The softest spring that is tried whatever the gains, of the stiffest; the stiffest one that is not rigid.
 _SOFTEST_SHARE = 1e-3
 _STIFFEST_SPRING_N_PER_M = 0.999 * RIGID_N_PER_M
@@ -71,7 +73,7 @@ def clocks(step_s: float, sample_time_s: float) -> list[Clock]:
     ratio = step_s / sample_time_s
     if math.isclose(ratio, round(ratio), rel_tol=1e-6) and round(ratio) >= 1:
         return [Clock((round(ratio),), (False,), step_s)]
-    period = clock_ratio(ratio)
+    period = Fraction(ratio).limit_denominator(_MOST_STEPS)
     # Phases within 1/period of each other give the same pattern; either one step falls on a sample or none does.
     return [_clock(period, phase, step_s) for phase in (Fraction(0), Fraction(1, 2 * period.denominator))]
 
@@ -81,8 +83,9 @@ def clock_ranges(step_s: Interval, sample_time_s: float) -> list[tuple[Clock, In
 
     A step of N samples that begins at a sample is of one kind. Every other step is of the other: where it is p/q
     samples long, its pattern recurs after q steps, in two phases; where it is not rational, its samples are those of
-    its two neighbours p/q in turn (a Sturmian word). Steps take the pattern of the nearest p/q; fractions lie closer
-    than a thirty-second of the step, as far as q <= 8. Between steps of 32 samples and more some whole N stand for all.
+    its two neighbours p/q in turn (a Sturmian word). Steps take the pattern of the nearest p/q. How far N and N + 1
+    samples differ falls with N, and the beat of both clocks, which feeds narrow ranges of steps of a few samples, with
+    it: fractions lie closer than N^2/512 of a sample and N/32. Beyond 32 samples some whole N stand for all.
     """
     shortest, longest = (one / sample_time_s for one in step_s)
     if longest - shortest < _SAME_INSTANT:
@@ -109,8 +112,10 @@ def _fractions(fewest: int, most: int) -> list[Fraction]:
     found = {Fraction(most)}
     number = fewest
     while number < most:
-        finest = min(max(math.ceil(_FRACTIONS / number), 2), 8) if number < _FRACTIONS else 1
-        found |= {number + Fraction(part, q) for q in range(1, finest + 1) for part in range(q)}
+        finest = max(math.ceil(_FRACTIONS / number), 2) if number < _FRACTIONS else 1
+        found |= {number + Fraction(part, q) for q in range(1, min(finest, 8) + 1) for part in range(q)}
+        beats = min(math.ceil(_BEATS / number**2), _MOST_BEATS)
+        found |= {number + Fraction(part, beats).limit_denominator(_MOST_STEPS) for part in range(beats)}
         number += max(number // _FRACTIONS, 1)
     return sorted(found)
 

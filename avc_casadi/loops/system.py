@@ -27,7 +27,7 @@ Leading = Callable[[IndexArray, FloatArray], ComplexArray]
 Ranges = dict[str, tuple[float, float]]
 """[lowest, highest] by name."""
 
-KNOT_DRAWS, SCREENED_DRAWS = 4, 1
+KNOT_DRAWS, SCREENED_DRAWS = 2, 1
 """Corners of the other sides that are drawn at each knot of a side of many cells: in a search, and before it."""
 SEARCHED_OF_A_KIND = 3
 """Regions that differ in their clocks alone and are searched; the others grow more slowly at corners and knots."""
@@ -129,7 +129,7 @@ def worst_point(
         lines = np.concatenate([_lines(places[:, at], top[:, 0]) for at in far], axis=1)
         places = np.concatenate([places, lines], axis=1)
         values = np.concatenate([values, np.atleast_2d(leading(lines))], axis=1)
-    starts = [_far_apart(np.abs(one), places / apart, 5 if top.max() == 1 else 10) for one in values]
+    starts = [_far_apart(np.abs(one), places / apart, 5 if top.max() == 1 else 8) for one in values]
     rows = np.repeat(kinds, [len(one) for one in starts])
     tops, ends = ascend(
         lambda rows, at: np.atleast_2d(leading(at))[rows, np.arange(len(rows))],
