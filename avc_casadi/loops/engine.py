@@ -8,7 +8,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cached_property, reduce
-from itertools import product
 
 import numpy as np
 
@@ -44,11 +43,16 @@ from avc_casadi.model.hands import Hand, hand_corners, joined, with_stops
 from avc_casadi.model.plant import sampled_plant
 from avc_casadi.model.problem import Problem
 
-# A step is resolved by patterns closer than this share of it; samples that are this share apart are the same.
-_FRACTIONS, _SAME_INSTANT = 32, 1e-6
-# Steps after which a pattern recurs; fractions between N and N + 1 samples that resolve the beat of both clocks: this
-# number over N^2, and how many at most. A beat fed a range of steps of 0.01 samples about 2.18, in a study.
-_MOST_STEPS, _BEATS, _MOST_BEATS = 40, 512, 128
+# Patterns lie closer than the step over this number.
+_FRACTIONS = 32
+# Instants that are this share of a sample apart are the same.
+_SAME_INSTANT = 1e-6
+# Steps after which a pattern recurs at the latest.
+_MOST_STEPS = 60
+# Steps that resolve a beat lie N^2 over this number apart, in samples: 0.002 at two samples, where a study found a beat
+# 0.009 wide. A wide range has no more of them than the second number.
+_BEATS = 2048
+_MOST_BEATS = 256
 # The softest spring that is tried whatever the gains, of the stiffest; the stiffest one that is not rigid.
 _SOFTEST_SHARE = 1e-3
 _STIFFEST_SPRING_N_PER_M = 0.999 * RIGID_N_PER_M
@@ -78,19 +82,22 @@ def clocks(step_s: float, sample_time_s: float) -> list[Clock]:
     return [_clock(period, phase, step_s) for phase in (Fraction(0), Fraction(1, 2 * period.denominator))]
 
 
-def clock_ranges(step_s: Interval, sample_time_s: float) -> list[tuple[Clock, Interval]]:
+def clock_ranges(step_s: Interval, sample_time_s: float, *, beats: bool = False) -> list[tuple[Clock, Interval]]:
     """Return the patterns of every steady step in a range, each with the steps that it stands for.
 
     A step of N samples that begins at a sample is of one kind. Every other step is of the other: where it is p/q
     samples long, its pattern recurs after q steps, in two phases; where it is not rational, its samples are those of
-    its two neighbours p/q in turn (a Sturmian word). Steps take the pattern of the nearest p/q. How far N and N + 1
-    samples differ falls with N, and the beat of both clocks, which feeds narrow ranges of steps of a few samples, with
-    it: fractions lie closer than N^2/512 of a sample and N/32. Beyond 32 samples some whole N stand for all.
+    its two neighbours p/q in turn (a Sturmian word). Steps take the pattern of the nearest p/q, closer than a
+    thirty-second of the step; beyond 32 samples some whole N stand for all.
+
+    Steps of N + f samples beat with the samples, f turns a step, and feed a mode that turns by pi f in a step: in a
+    range of steps no wider than a hundredth of a sample, as weakly as 1/N. With a hand of a range, or a device of one,
+    each f is that of some mode. Where a loop has one mode alone, `beats` resolves that range.
     """
     shortest, longest = (one / sample_time_s for one in step_s)
     if longest - shortest < _SAME_INSTANT:
         return [(clock, step_s) for clock in clocks(step_s[0], sample_time_s)]
-    fractions = _fractions(max(math.floor(shortest), 1), math.ceil(longest))
+    fractions = _fractions(shortest, longest, beats=beats)
     whole = [one for one in fractions if one.denominator == 1 and shortest <= one + _SAME_INSTANT]
     found = [
         (Clock((int(one),), (False,), float(one) * sample_time_s), (float(one) * sample_time_s,) * 2)
@@ -107,16 +114,19 @@ def clock_ranges(step_s: Interval, sample_time_s: float) -> list[tuple[Clock, In
     return found
 
 
-def _fractions(fewest: int, most: int) -> list[Fraction]:
+def _fractions(shortest: float, longest: float, *, beats: bool) -> list[Fraction]:
     """Return the lengths of a step, in samples, whose patterns stand for all, in increasing order."""
+    number, most = max(math.floor(shortest), 1), math.ceil(longest)
     found = {Fraction(most)}
-    number = fewest
     while number < most:
-        finest = max(math.ceil(_FRACTIONS / number), 2) if number < _FRACTIONS else 1
-        found |= {number + Fraction(part, q) for q in range(1, min(finest, 8) + 1) for part in range(q)}
-        beats = min(math.ceil(_BEATS / number**2), _MOST_BEATS)
-        found |= {number + Fraction(part, beats).limit_denominator(_MOST_STEPS) for part in range(beats)}
+        finest = min(max(math.ceil(_FRACTIONS / number), 2), 8) if number < _FRACTIONS else 1
+        found |= {number + Fraction(part, q) for q in range(1, finest + 1) for part in range(q)}
         number += max(number // _FRACTIONS, 1)
+    if beats:
+        # Evenly in 1/N, so that the distance grows as N^2.
+        count = math.ceil(min(_BEATS * (1 / shortest - 1 / longest), _MOST_BEATS))
+        even = 1 / np.linspace(1 / longest, 1 / shortest, count + 1)
+        found |= {Fraction(length).limit_denominator(_MOST_STEPS) for length in even.tolist()}
     return sorted(found)
 
 
@@ -265,9 +275,16 @@ class ToolLoops(System):
             return _pattern(engine, lambda row: self._case(row, clock.step_s))
 
         corners = [at_corners(clock) for step_s in sorted(set(tool.step_s)) for clock in clocks(step_s, sample_time_s)]
-        ranges, plants = clock_ranges(tool.step_s, sample_time_s), Plants(problem.device)
-        kinds = product(ranges, _contacts_n_per_m(tool), hand_boxes(problem))
-        super().__init__(corners, [_region(problem, plants, *one) for one in kinds])
+        plants = Plants(problem.device)
+        regions = [
+            _region(problem, plants, clocked, contacts, hand)
+            for hand in hand_boxes(problem)
+            for clocked in clock_ranges(
+                tool.step_s, sample_time_s, beats=all(low == high for low, high in hand.values())
+            )
+            for contacts in _contacts_n_per_m(tool)
+        ]
+        super().__init__(corners, regions)
 
     @property
     def worst_hands(self) -> tuple[Hand, ...]:

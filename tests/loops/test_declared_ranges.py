@@ -209,6 +209,31 @@ def test_patterns_of_a_range_of_steps_are_whole_ones_and_all_between():
         assert 0.93 * low <= sum(clock.samples) / len(clock.samples) * 1e-3 <= 1.07 * high
 
 
+def test_a_beat_of_two_clocks_that_feeds_a_narrow_range_of_steps_is_found():
+    """Steps of 2.173 to 2.179 samples grow, those of 13/6 and 11/5 samples do not: a released device on a held force."""
+    stated = avc.parse_problem(
+        f"[device]\n{device(0.127, 1.31, 0.001, 2)}[simulation]\ntool_mass_kg = 0.177\n"
+        'step_s = [0.00184, 0.002208]\nintegrator = "exact"\nexchange = "held-force"\n'
+    )
+    gains = 3436.0, 27.84
+    ends = (0.127, 1.31, 0.001, 2), [RELEASED], (0.177, 0.0), gains
+    how = {"integrator": "exact", "exchange": "held-force", "contact": (math.inf, 0.0)}
+
+    def fastest(ratio):
+        phase = Fraction(1, 2 * ratio.denominator)
+        return float(lifted_engine.growth(*ends, ratio, phase=phase, **how)[0])
+
+    beaten = fastest(Fraction(37, 17))
+    assert max(fastest(Fraction(13, 6)), fastest(Fraction(11, 5))) < 0.999
+    assert beaten > 1.002
+    loops = ToolLoops(stated)
+    assert not loops.stable_over_ranges(ToolGains(*gains))
+    radius, case = loops.radius(ToolGains(*gains))
+    # A step of about two samples.
+    assert radius ** (1 / 2.176) >= beaten - 5e-4
+    assert 2.17e-3 < case.step_s < 2.182e-3
+
+
 def test_springs_of_an_engine_without_an_end_are_judged_from_the_softest_on():
     """A semi-implicit engine cannot hold springs up to rigid; an implicit one can."""
     keys = {"exchange": "on-time", "contact_stiffness_n_per_m": [500.0, 1e12]}
