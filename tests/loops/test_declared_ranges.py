@@ -210,7 +210,7 @@ def test_patterns_of_a_range_of_steps_are_whole_ones_and_all_between():
 
 
 def test_a_beat_of_two_clocks_that_feeds_a_narrow_range_of_steps_is_found():
-    """Steps of 2.173 to 2.179 samples grow, those of 13/6 and 11/5 samples do not: a released device on a held force."""
+    """A released device on a held force: steps of 2.173 to 2.179 samples grow, those of 13/6 and 11/5 do not."""
     stated = avc.parse_problem(
         f"[device]\n{device(0.127, 1.31, 0.001, 2)}[simulation]\ntool_mass_kg = 0.177\n"
         'step_s = [0.00184, 0.002208]\nintegrator = "exact"\nexchange = "held-force"\n'
