@@ -51,7 +51,7 @@ def cost(case, b, k):
 def test_no_allowed_pair_of_a_grid_is_better(model, condition, delay, objective):
     case = problem(delay=delay, model=model, objective=objective)
     found = static_coupling(case, condition)
-    assert found.found
+    assert found.feasible
     loop = SampledLoop.of(case)
     b, k = (g.ravel() for g in np.meshgrid(np.r_[0, np.geomspace(0.01, 60, 60)], np.geomspace(100, 1e5, 60)))
     if condition == "llewellyn":
