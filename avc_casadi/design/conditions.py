@@ -209,13 +209,17 @@ class ObserverPoles(Condition):
         return Linearised(self.scale * (np.abs(poles[chosen]) - self.largest), rows)
 
 
+# A little more than `LEAST_CLIP_PHASE_COSINE`, so that a law at its tolerance is still stable.
+_REQUIRED_COSINE = 0.06
+
+
 @dataclass(frozen=True)
 class ClipPhase(Condition):
     """v = |phase of 1 - G| - largest, rad, G the loop of a clipped force: every lower gain of the force is stable."""
 
-    largest_rad: float = 2 * math.acos(0.06)  # a little less than `LEAST_CLIP_PHASE_COSINE` asks for
+    largest_rad: float = 2 * math.acos(_REQUIRED_COSINE)
     weight = 1.0
-    tolerance = 2 * (math.acos(LEAST_CLIP_PHASE_COSINE) - math.acos(0.06))
+    tolerance = 2 * (math.acos(LEAST_CLIP_PHASE_COSINE) - math.acos(_REQUIRED_COSINE))
     near = 0.3
 
     def worst(self, loops: LawLoops) -> float:

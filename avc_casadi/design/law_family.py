@@ -52,7 +52,7 @@ SECTOR_GAINS = (
     SectorGain(share=0.03, fast_decay=0.1, slow_decay=0.15, distance=0.0),
     SectorGain(share=0.015, fast_decay=0.02, slow_decay=0.05, distance=0.0),
 )
-"""Chosen in trials of drawn devices with simulated hands: with less decay hands keep vibrating on encoder steps."""
+"""From the whole innovation to nearly none of it: the smaller the share, the less is required."""
 
 _SLOW_DECAY_PER_S = 10.0
 _FAST_DECAY_PER_S, _MOST_FAST_DECAY_PER_S = 4.0, 5.0

@@ -48,7 +48,7 @@ NOISE_OVER_STIFFNESS = 12.0
 NEAR = 0.1
 """Impedance error at which no other guess of model and feedback is tried."""
 STARTS = 2
-"""Laws of each guess from which the trust region begins: most lead to the same law, one in twenty to a worse one."""
+"""Laws of each guess from which the trust region begins: most lead to the same law, a few to a worse one."""
 FINEST_ENCODER_M = 1e-9
 
 

@@ -124,7 +124,7 @@ def best_starts(
     return [gain for _, _, gain in sorted(ranked)[:count]]
 
 
-# What is missing at a start is dearer than to the trust region, which mends margin and decay slowly.
+# Factor on what is missing, whose weights are those of the trust region, next to the squared error.
 _MISSING = 2.0
 
 

@@ -24,7 +24,7 @@ from avc_casadi.design.law_family import LawFamily, LawLoops
 
 @dataclass(frozen=True)
 class TrustRegionSettings:
-    """Numbers of the method; the answers of drawn devices depend little on them."""
+    """Numbers of the method."""
 
     first_reach: float = 0.3
     """Relative change of Phi (root mean square) that the first step may make; a larger one trusts the model more."""
