@@ -21,6 +21,8 @@ from avc_casadi.design.law_family import (
     SectorGain,
     required_decay_per_s,
 )
+from avc_casadi.design.plants import PlantMatrices
+from avc_casadi.loops.spectrum import eigenvalues
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,6 +147,42 @@ class Decay(Condition):
         moves = pole_slopes / poles[:, None] / device.sample_time_s
         of_required = (decay_per_s / required_per_s * required_slope)[:, None] * moves.imag / (2 * np.pi)
         return np.asarray((-moves.real - of_required) / required_per_s[:, None])
+
+
+@dataclass(frozen=True, eq=False)
+class PerturbedDecay(Condition):
+    """v = (required - decay)/scale for every pole with plants a little off the file: they are to be stable, no more.
+
+    The program adds the plants at which a law is unstable, a few at a time (`program.Program.withstanding`).
+    """
+
+    plants: PlantMatrices
+    required_per_s = 0.5  # slower decay than any that a hand notices
+    scale_per_s = 20.0  # a loop that grows by 20/s misses 1
+    weight = 0.6
+    tolerance = 0.02  # leaves a decay of 0.1/s
+    near = 1.0  # poles that decay this much faster than required are left out
+
+    def _poles(self, loops: LawLoops) -> ComplexArray:
+        return eigenvalues(loops.family.structure.loops(self.plants, loops.gain))
+
+    def _values(self, loops: LawLoops, poles: ComplexArray) -> FloatArray:
+        decay_per_s = -np.log(np.maximum(np.abs(poles), 1e-9)) / loops.family.problem.device.sample_time_s
+        return np.asarray((self.required_per_s - decay_per_s) / self.scale_per_s)
+
+    def worst(self, loops: LawLoops) -> float:
+        """Return the largest value."""
+        return float(self._values(loops, self._poles(loops)).max())
+
+    def linearised(self, loops: LawLoops, reach: float) -> Linearised:
+        """Return v at the poles near the required decay, with d decay = -Re(dz/z)/T; of conjugate pairs one."""
+        del reach  # poles move by their own derivatives, not by the change of Phi
+        structure, poles = loops.family.structure, self._poles(loops)
+        values = self._values(loops, poles)
+        chosen = (values > -self.near) & (poles.imag >= 0)
+        plants = self.plants.pick(np.nonzero(chosen)[0])
+        moves = structure.slopes(plants, loops.gain, 1.0, poles[chosen]) / poles[chosen][:, None]
+        return Linearised(values[chosen], moves.real / loops.family.problem.device.sample_time_s / self.scale_per_s)
 
 
 @dataclass(frozen=True)

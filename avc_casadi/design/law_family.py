@@ -24,6 +24,7 @@ from avc_casadi.loops.spectrum import eigenvalues
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners
 from avc_casadi.model.device import Device
 from avc_casadi.model.hands import Hand, StylusHand, no_hand
+from avc_casadi.model.perturbed import perturbed_devices
 from avc_casadi.model.plant import sampled_plant
 from avc_casadi.model.problem import Problem
 
@@ -141,7 +142,7 @@ class LawFamily:
             structure: model and feedback of the observer.
             hands: corners, without the released device, which is always added.
         """
-        self.problem, self.structure = problem, structure
+        self.problem, self.structure, self.hands = problem, structure, hands
         devices = device_corners(problem.device, LINEAR_KEYS)
         self.held = PlantMatrices.of(sampled_plant(devices, hands))
         self.plants = self.held.and_those_of(PlantMatrices.of(sampled_plant(devices, no_hand())))
@@ -155,6 +156,15 @@ class LawFamily:
         x, y = structure.rows(dense_z)
         self.dense = FrequencyRows(x, y, y + self.plants.position_per_force(dense_z)[..., None] * x)
         self.error = self.error_rows(np.geomspace(*BAND_HZ, ERROR_POINTS))
+
+    @cached_property
+    def perturbed(self) -> PlantMatrices | None:
+        """Plants a little off the file, with every hand and released; None where every value has a range."""
+        devices = perturbed_devices(self.problem)
+        if not devices:
+            return None
+        held = PlantMatrices.of(sampled_plant(devices, self.hands))
+        return held.and_those_of(PlantMatrices.of(sampled_plant(devices, no_hand())))
 
     def _grid_hz(self, density: int) -> FloatArray:
         """Return frequencies from 0.1 Hz to the Nyquist frequency itself, dense about resonances."""

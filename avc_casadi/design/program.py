@@ -2,8 +2,9 @@
 
 A law is an observer with state feedback whose gain L is free (`observer_law`). Minimised is the largest impedance error
 at the handle from 1 to 30 Hz, with a disk margin, a bounded force of encoder noise and a rate of decay at every corner
-of the hands and the ranges (`conditions`), by a trust region (`trust_region`). The result is judged by exact
-eigenvalues at these corners; stability inside the ranges is the certificate's business (`claims.deployable`).
+of the hands and the ranges (`conditions`), by a trust region (`trust_region`). Where it is asked for, the law is stable
+on devices a tenth off too (`Program.withstanding`). The result is judged by exact eigenvalues at all these corners;
+stability inside the ranges is the certificate's business (`claims.deployable`).
 """
 
 from __future__ import annotations
@@ -27,12 +28,15 @@ from avc_casadi.design.conditions import (
     DistanceFromZero,
     EncoderNoise,
     ObserverPoles,
+    PerturbedDecay,
 )
 from avc_casadi.design.law_family import LawFamily, LawLoops, Performance
 from avc_casadi.design.observer_law import GUESSES, Structure
+from avc_casadi.design.plants import PlantMatrices
 from avc_casadi.design.starts import best_starts
 from avc_casadi.design.static import constant_schedule
 from avc_casadi.design.trust_region import TrustRegion
+from avc_casadi.loops.spectrum import eigenvalues
 from avc_casadi.loops.wall import MAX_DELAY_SAMPLES
 from avc_casadi.model.gains import Gains, GainSchedule, spring_before
 from avc_casadi.model.hands import hand_corners
@@ -50,6 +54,9 @@ NEAR = 0.1
 STARTS = 2
 """Laws of each guess from which the trust region begins: most lead to the same law, a few to a worse one."""
 FINEST_ENCODER_M = 1e-9
+PERTURBED_ROUNDS, PERTURBED_AT_ONCE = 4, 24
+"""How often the plants off the file at which a law is unstable join the program, and the most that join at once: two
+rounds are usual."""
 
 
 @dataclass(frozen=True)
@@ -71,11 +78,12 @@ class Program:
 
     family: LawFamily
     goals: Goals
+    perturbed: PlantMatrices | None = None  # plants off the file at which laws so far were unstable
 
     @cached_property
     def conditions(self) -> tuple[Condition, ...]:
         """The conditions on a law."""
-        return (
+        nominal = (
             DiskMargin(self.goals.disk_margin),
             EncoderNoise(self.goals.noise_n_per_m),
             Decay(),
@@ -83,6 +91,7 @@ class Program:
             ObserverPoles(),
             ClipPhase(),
         )
+        return nominal if self.perturbed is None else (*nominal, PerturbedDecay(self.perturbed))
 
     def improved(self, gain: FloatArray) -> LawLoops:
         """Return the best law found from a gain L."""
@@ -93,6 +102,26 @@ class Program:
         search = TrustRegion(self.family, self.conditions)
         starts = best_starts(self.family, self.conditions, self.goals.disk_margin, STARTS)
         return min((search.minimised(start) for start in starts), key=search.merit, default=None)
+
+    def withstanding(self, loops: LawLoops) -> tuple[Program, LawLoops]:
+        """Return a law from this one on that is stable on devices a little off the file too, and its program.
+
+        Cutting planes: the plants at which the law is the least stable join the conditions, and the law is improved,
+        until none is unstable or `PERTURBED_ROUNDS` end.
+        """
+        program, plants = self, self.family.perturbed
+        if plants is None:
+            return program, loops
+        for _ in range(PERTURBED_ROUNDS):
+            radius = np.abs(eigenvalues(self.family.structure.loops(plants, loops.gain))).max(axis=-1)
+            worst = np.argsort(-radius, kind="stable")[:PERTURBED_AT_ONCE]
+            unstable = plants.pick(worst[radius[worst] >= 1])
+            if not len(unstable):
+                break
+            known = program.perturbed
+            program = replace(program, perturbed=unstable if known is None else known.and_those_of(unstable))
+            loops = program.improved(loops.gain)
+        return program, loops
 
     def meets_goals(self, loops: LawLoops) -> bool:
         """Return whether all conditions are met, and every hand is stable at each gain of a force that is clipped."""
@@ -134,6 +163,11 @@ class ProgramAnswer:
         """Return the coupling for goals multiplied by factors, from this one on."""
         program = replace(self.program, goals=self.program.goals.times(disk_margin, noise, distance))
         return replace(self, program=program, loops=program.improved(self.loops.gain))
+
+    def withstanding(self) -> ProgramAnswer:
+        """Return the coupling that is stable on devices a tenth off too, from this one on; itself where it is."""
+        program, loops = self.program.withstanding(self.loops)
+        return self if program is self.program else replace(self, program=program, loops=loops)
 
 
 def why_no_law(problem: Problem) -> str:

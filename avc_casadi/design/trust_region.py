@@ -129,7 +129,9 @@ class TrustRegion:
 class _QuadraticProgram:
     """Variables w, then the error t, then what each condition misses."""
 
-    CURVATURE, SLACK_CURVATURE = 1e-3, 1e-6  # of w, so that it has one minimiser, and of the others
+    CURVATURE = 1e-3
+    """Of every variable, so that there is one minimiser. DAQP divides rows by its root: with 1e-6 for the error and
+    what is missed, one program in twelve came back with a row that does not hold, and the iteration ended there."""
     LARGEST_ERROR, LARGEST_MISS = 10.0, 50.0
     FEASIBLE = 1e-6  # what rounding may leave of a row
     SOLVER_TOLERANCE = 1e-10  # DAQP's own, 1e-6, counts in rows that it scales by the curvature: 1e-3 in ours
@@ -163,10 +165,8 @@ class _QuadraticProgram:
             [np.full(self._directions, self._reach), [self.LARGEST_ERROR], np.full(misses, self.LARGEST_MISS)]
         )
         lower = np.concatenate([np.full(self._directions, -self._reach), np.zeros(1 + misses)])
-        curvature = np.concatenate(
-            [np.full(self._directions, self.CURVATURE), np.full(1 + misses, self.SLACK_CURVATURE)]
-        )
         slope = np.concatenate([np.zeros(self._directions), self._weights])
+        curvature = np.full(len(slope), self.CURVATURE)
         solution = _daqp(curvature, slope, rows, most, lower, upper)
         if not np.isfinite(solution).all() or (rows @ solution > most + self.FEASIBLE * (1 + np.abs(most))).any():
             return None

@@ -22,12 +22,22 @@ from avc_casadi.model.gains import Gains, near_rigid_n_per_m, spring_before
 from avc_casadi.model.hands import hand_corners, with_released
 from avc_casadi.model.problem import Problem
 from avc_casadi.model.runtime import Runtime, StateFeedback
-from avc_casadi.recommendation.evaluator import Evaluator
+from avc_casadi.recommendation.evaluator import Evaluator, unstable_off_file
 from avc_casadi.recommendation.preconditions import why_infeasible
 from avc_casadi.recommendation.rank import FELT_ERROR, UNNOTICED, error_in_motion, impedance_error
 
 # Rendered stiffness where the wall itself does not hold, as shares of what spring and damper hold linearly.
 _SOFTER = (0.9, 0.75, 0.6, 0.45, 0.33, 0.24, 0.15)
+# Factors on disk margin, noise gain and distance of the dead zone's loop from 0, one step after another.
+_STRICTER = (
+    (1.0, 0.8, 1.0),
+    (1.0, 0.75, 1.0),
+    (1.0, 1.0, 1.3),
+    (1.25, 0.6, 1.0),
+    (1.0, 0.6, 1.3),
+    (1.25, 0.6, 1.0),
+    (1.25, 0.6, 1.3),
+)
 # Step of the search for the stiffest wall, and the last one: 1 % of the linear limit.
 _STIFFER, _SOFTEST = 1.2, -26
 
@@ -114,34 +124,50 @@ def softened(problem: Problem, felt_n_per_m: float) -> Iterator[Coupling]:
 
 
 def judge_laws(problem: Problem, evaluator: Evaluator, felt_n_per_m: float, least: float = math.inf) -> None:
-    """Judge laws at a stiffness, each with ever wider dead zones, then for stricter goals, until none may be nearer."""
+    """Judge laws at a stiffness, each with ever wider dead zones; for stricter goals until a complete one is passive.
+
+    A law that is complete and throws a hand off faster than it came is kept, and calmer ones are tried.
+    """
     for answers in laws(problem, felt_n_per_m) if least > 0 else ():
-        nearer = sorted(answers, key=lambda one: one.performance.error)
-        nearer = [one for one in nearer if one.performance.error < least]
+        nearer = [answer for answer in answers if answer.performance.error < least]
         if not nearer:
             break
-        for answer in nearer:
+        passive = False
+        for answer in sorted(nearer, key=lambda answer: answer.performance.error):
             error = answer.performance.error
-            one = evaluator.first_complete(with_widths(answer.coupling)) if error < least else None
-            if one is not None:
-                least = 0.0 if one.distance < 2 * FELT_ERROR else min(least, error + one.distance - one.error)
+            candidate = evaluator.first_complete(with_widths(answer.coupling)) if error < least else None
+            if candidate is not None:
+                passive = passive or candidate.rebound_excess <= 0
+                # Another law is nearer only if it has less error than this one and its prices on settling leave it.
+                least = min(least, error + candidate.distance - candidate.error)
+                least = 0.0 if candidate.distance < 2 * FELT_ERROR else least
+        if passive:
+            break
 
 
 def laws(problem: Problem, felt_n_per_m: float) -> Iterator[list[ProgramAnswer]]:
-    """Yield what the program finds for a wall at a stiffness, of each guess, then for stricter and stricter goals."""
+    """Yield what the program finds for a wall at a stiffness, of each guess: first for the usual goals.
+
+    Then those that withstand devices a tenth off, which costs accuracy where a resonance is lightly damped: dry
+    friction often holds the others there. Then those for stricter and stricter goals.
+    """
     # Slopes of detents are not analysed behind an observer.
     if problem.detent is not None or why_no_law(problem):
         return
     # Starts for the usual margin too: who asks for less gets nothing worse.
     asked = problem.robustness.disk_margin or DISK_MARGIN
     goals = {asked, max(asked, DISK_MARGIN)}
-    answers = [one for goal in goals for one in program_answers(problem, goal, stiffness_n_per_m=felt_n_per_m)]
+    answers = [answer for goal in goals for answer in program_answers(problem, goal, stiffness_n_per_m=felt_n_per_m)]
     yield answers
-    # Factors on disk margin, noise gain and distance of the dead zone's loop from 0.
-    both, noise = (1.25, 0.6, 1.0), ((1.0, 0.8, 1.0), (1.0, 0.75, 1.0))
-    for step in (*noise, (1.0, 1.0, 1.3), both, (1.0, 0.6, 1.3), both, (1.25, 0.6, 1.3)):
-        answers = [found for one in answers if (found := one.with_goals(*step)).performance.stable]
-        yield answers
+    withstanding = [answer.withstanding() for answer in answers]
+    changed = [new for new, old in zip(withstanding, answers, strict=True) if new is not old]
+    if changed:
+        yield changed
+    # Without friction a loop that is unstable on a device a tenth off does not rest there.
+    stricter = answers if problem.device.coulomb_friction_n > 0 else withstanding
+    for step in _STRICTER:
+        stricter = [new for answer in stricter if (new := answer.with_goals(*step)).performance.stable]
+        yield stricter
 
 
 def with_widths(coupling: Coupling) -> Iterator[Coupling]:
@@ -152,7 +178,7 @@ def with_widths(coupling: Coupling) -> Iterator[Coupling]:
         return
     narrow, *wider = (_with_width(coupling, law, steps) for steps in WIDTHS)
     yield narrow
-    if not deployable(narrow).passed:  # nor is it with any other width
+    if not deployable(narrow).passed or unstable_off_file(narrow):  # nor is it better with any other width
         return
     noticed = error_in_motion(narrow) + FELT_ERROR
     for wide in wider:

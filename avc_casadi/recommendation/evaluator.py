@@ -7,29 +7,29 @@ import math
 from collections.abc import Iterable
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
 
-from avc_casadi._util.arrays import BoolArray
+from avc_casadi._util.arrays import BoolArray, FloatArray
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.claims.deployable import deployable
 from avc_casadi.coupling import Coupling
 from avc_casadi.loops.margins import OpenLoop
+from avc_casadi.loops.wall import frozen_rendering
 from avc_casadi.model.corners import (
     USUAL,
     Robustness,
     device_corners,
     device_draws,
-    device_with,
-    linear_values,
     unmodelled,
 )
-from avc_casadi.model.declared import declared
 from avc_casadi.model.device import Device
 from avc_casadi.model.effects import Effect
-from avc_casadi.model.hands import Hand, StylusHand, hand_corners
+from avc_casadi.model.hands import Hand, StylusHand, hand_corners, with_released
+from avc_casadi.model.perturbed import PERTURBED_SHARE, perturbed_devices, perturbed_keys
+from avc_casadi.model.plant import SampledPlant, sampled_plant
 from avc_casadi.model.problem import Problem
 from avc_casadi.recommendation.rank import Candidate, best_of, error_in_motion
 from avc_casadi.simulation.population.operators import GRIPS, draw_hands, draw_population, loose_grips, people_of
@@ -37,8 +37,8 @@ from avc_casadi.simulation.population.trial import CouplingTrial, residual_speed
 
 FIRST = 16
 """Hands of a first trial, corners included."""
-SHARE, LATER_SAMPLES = 0.1, 0.25
-"""Relative perturbation of a value without a stated range; and by how much a delay is later."""
+WORST_DEVICES = 8
+"""Of the perturbed devices, so many are tried: those with which the loop is the least stable."""
 MOST_MOTIONS = ("press", "tap", "hold", "strike", "touch", "graze")
 _FEW = 0.03
 """Share of the loose grips that may still be on the way when the trial ends."""
@@ -223,36 +223,47 @@ class PerturbedDevices:
 
     def document(self) -> dict[str, Any]:
         """Return JSON values."""
-        told = {"share": SHARE, "keys": [*self.keys], "devices": self.trial.devices}
+        told = {"share": PERTURBED_SHARE, "keys": [*self.keys], "devices": self.trial.devices}
         return told | {"linearly_unstable": self.unstable, **self.trial.counts()}
 
 
 def off_file(coupling: Coupling, seed: int = 0) -> PerturbedDevices | None:
-    """Return a trial of the corner hands on perturbed devices."""
-    problem = coupling.problem
-    ranged, values = set(declared(problem)), linear_values(problem.device)
-    keys = tuple(key for key, value in values.items() if value > 0 and f"device.range.{key}" not in ranged)
-    if not keys:
+    """Return a trial of the corner hands on the perturbed devices with which the loop is the least stable."""
+    devices, radii = least_stable_devices(coupling)
+    if not devices:
         return None
-    people, devices = people_of(problem.hands, FIRST, seed), perturbed(coupling, keys)
+    people = people_of(coupling.problem.hands, FIRST, seed)
     each_on_all = people.pick(np.repeat(np.arange(len(people)), len(devices)))
-    unstable = sum(_radius(coupling, device) >= 1 for device in devices)
-    return PerturbedDevices(keys, try_on_devices(coupling, each_on_all, devices, seed), unstable)
+    trial = try_on_devices(coupling, each_on_all, devices, seed)
+    return PerturbedDevices(perturbed_keys(coupling.problem), trial, int((radii >= 1).sum()))
 
 
-def perturbed(coupling: Coupling, keys: tuple[str, ...], count: int = 8) -> list[Device]:
-    """Return devices with each value off either way, those with which the loop is the least stable."""
-    device = coupling.problem.device
-    values = linear_values(device)
-    ends = [_ends(key, values[key]) for key in keys]
-    every = [device_with(device, dict(zip(keys, corner, strict=True))) for corner in itertools.product(*ends)]
-    return sorted(every, key=lambda one: -_radius(coupling, one))[:count]
+def least_stable_devices(coupling: Coupling, count: int = WORST_DEVICES) -> tuple[list[Device], FloatArray]:
+    """Return the perturbed devices of the largest spectral radius over all hands and released, and these radii."""
+    devices = perturbed_devices(coupling.problem)
+    if not devices:
+        return [], np.zeros(0)
+    radii = perturbed_loops(coupling).closed.radius.reshape(len(devices), -1).max(axis=1)
+    worst = np.argsort(-radii, kind="stable")[:count]
+    return [devices[place] for place in worst], radii[worst]
 
 
-def _radius(coupling: Coupling, device: Device) -> float:
-    loop = OpenLoop.of(replace(coupling, problem=coupling.problem.changed(device=device)))
-    return float(np.abs(loop.poles).max())
+def unstable_off_file(coupling: Coupling) -> bool:
+    """Return whether too many hands cannot settle on the least stable perturbed devices: no friction holds them."""
+    if coupling.problem.device.coulomb_friction_n > 0 or not perturbed_devices(coupling.problem):
+        return False
+    radii = perturbed_loops(coupling).closed.radius.reshape(len(perturbed_devices(coupling.problem)), -1)
+    worst = np.argsort(-radii.max(axis=1), kind="stable")[:WORST_DEVICES]
+    return float((radii[worst] >= 1).mean()) > _FEW
 
 
-def _ends(key: str, value: float) -> tuple[float, float]:
-    return (value, value + LATER_SAMPLES) if key == "delay_samples" else ((1 - SHARE) * value, (1 + SHARE) * value)
+def perturbed_loops(coupling: Coupling) -> OpenLoop:
+    """Return the loops of a coupling on every perturbed device, with every corner of the hands and released."""
+    rendering = frozen_rendering(coupling.problem, *vars(coupling.table.at_rest).values())
+    return OpenLoop.around(_perturbed_plant(coupling.problem), rendering, coupling.runtime.state_feedback)
+
+
+@lru_cache(maxsize=4)
+def _perturbed_plant(problem: Problem) -> SampledPlant:
+    hands = with_released(hand_corners(problem.hands.model_copy(update={"let_go": False})))
+    return sampled_plant(perturbed_devices(problem), hands)

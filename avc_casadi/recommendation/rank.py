@@ -96,8 +96,12 @@ class Candidate:
         wall, settling_s = self.coupling.wall.stiffness_n_per_m, transients(self.coupling)[0].settling_s
         share = self.coupling.static_stiffness_n_per_m / wall if wall > 0 else 1.0
         slow, soft = math.log(max(settling_s, _AT_ONCE_S) / _AT_ONCE_S), max(0.0, -math.log(max(share, 1e-9)))
-        active = max(rebound(self.coupling, at_face=True).values()) - 1
-        return max(self.error, active, FELT_ERROR) + _PER_SETTLING * slow + _PER_SOFTER * soft
+        return max(self.error, self.rebound_excess, FELT_ERROR) + _PER_SETTLING * slow + _PER_SOFTER * soft
+
+    @cached_property
+    def rebound_excess(self) -> float:
+        """By how much a light touch comes back faster than it came, over the speed of arrival; passive at 0 or less."""
+        return max(rebound(self.coupling, at_face=True).values()) - 1
 
     @cached_property
     def pushes_outside_s(self) -> float:

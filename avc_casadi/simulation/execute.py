@@ -225,11 +225,14 @@ def _by_casadi(scene: CompiledScene, parameters: FloatArray, inputs: FloatArray)
         for run, row in enumerate(parameters):
             if interrupt.came:
                 break
-            results[run] = loop(scene.initial, signals, ca.repmat(ca.DM(row), 1, scene.samples))[1].full()
+            results[run] = loop(scene.initial, signals, row)[1].full()
     return {name: results[:, index] for index, name in enumerate(scene.traces)}
 
 
 @lru_cache(maxsize=8)
 def _loop(function: Any, samples: int) -> Any:
-    """Return the loop over a scene's samples; building it takes as long as a run or two."""
-    return function.mapaccum("run", samples)
+    """Return the loop over a scene's samples, with one set of parameters for all of them."""
+    states, inputs = ca.MX.sym("states", function.size1_in(0)), ca.MX.sym("inputs", function.size1_in(1), samples)
+    parameters = ca.MX.sym("parameters", function.size1_in(2))
+    run = function.mapaccum("run", samples)
+    return ca.Function("loop", [states, inputs, parameters], run(states, inputs, ca.repmat(parameters, 1, samples)))

@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import avc_casadi as avc
+from avc_casadi.design.conditions import PerturbedDecay
 from avc_casadi.design.law_family import BAND_HZ
 from avc_casadi.design.plants import PlantMatrices
 from avc_casadi.design.program import program_answers
@@ -192,7 +193,7 @@ def test_derivatives_are_those_of_finite_differences():
         gain = found.loops.gain * (1 + 0.01 * generator.standard_normal(found.loops.gain.size))
         direction = found.loops.gain * generator.standard_normal(gain.size)
         here, ahead, behind = (family.at(gain + share * step * direction) for share in (0, 1, -1))
-        for condition in program.conditions:
+        for condition in (*program.conditions, PerturbedDecay(family.perturbed)):
             now, later, before = (condition.linearised(loops, 2.0) for loops in (here, ahead, behind))
             slopes = (later.values - before.values) / (2 * step)
             np.testing.assert_allclose(
