@@ -44,21 +44,22 @@ def device_draws(device: Device, count: int, seed: int) -> list[Device]:
 
 def device_ranges(device: Device, keys: Collection[str] | None = None) -> dict[str, tuple[float, float]]:
     """Return the declared ranges by key, such as ``resonance.frequency_hz``; of some keys, or of all."""
-    found: dict[str, tuple[float, float]] = {}
+    intervals: dict[str, tuple[float, float]] = {}
     for table, ranges in (("", device.range), ("resonance.", device.range.resonance)):
         for key in type(ranges).model_fields:
             interval = getattr(ranges, key)
             wanted = keys is None or f"{table}{key}" in keys
             if wanted and isinstance(interval, tuple):
-                found[f"{table}{key}"] = interval
-    return found
+                intervals[f"{table}{key}"] = interval
+    return intervals
 
 
 def device_with(device: Device, values: Mapping[str, float]) -> Device:
     """Return a device without ranges, with other values of some keys; a delay that none may have is 0."""
     changed: dict[str, Any] = {"range": DeviceRange(), **{key: values[key] for key in values if "." not in key}}
-    if inner := {key.removeprefix("resonance."): values[key] for key in values if "." in key}:
-        changed["resonance"] = device.resonance and device.resonance.model_copy(update=inner)
+    of_resonance = {key.removeprefix("resonance."): values[key] for key in values if "." in key}
+    if of_resonance:
+        changed["resonance"] = device.resonance and device.resonance.model_copy(update=of_resonance)
     if changed.get("delay_samples", device.delay_samples) < LEAST_DELAY_SAMPLES:
         changed["delay_samples"] = 0
     return device.model_copy(update=changed)
@@ -72,7 +73,7 @@ def devices_with(device: Device, values: Mapping[str, FloatArray]) -> list[Devic
 
 def linear_values(device: Device) -> dict[str, float]:
     """Return a device's values of `LINEAR_KEYS`, by key."""
-    found: dict[str, float] = {}
+    values: dict[str, float] = {}
     lags = device.amplifier_bandwidth_hz is None or device.amplifier_order == 1
     for key in LINEAR_KEYS:
         if key == "amplifier_damping_ratio" and lags:
@@ -80,8 +81,8 @@ def linear_values(device: Device) -> dict[str, float]:
         table, _, inner = key.rpartition(".")
         value = getattr(getattr(device, table) if table else device, inner, None)
         if value is not None:
-            found[key] = value
-    return found
+            values[key] = value
+    return values
 
 
 class Robustness(Table):
@@ -110,13 +111,13 @@ class Unmodelled:
 
 def unmodelled(device: Device, required: Robustness) -> tuple[Unmodelled, ...]:
     """Return the required effects, one at a time; for a device without mass, dropped samples alone."""
-    found = []
+    effects = []
     known = device_with(device, {})
     if required.mass_share is not None and device.mass_kg > 0:
-        lowest = min(one.mass_kg for one in device_corners(device, ("mass_kg",)))
+        lowest = min(corner.mass_kg for corner in device_corners(device, ("mass_kg",)))
         lighter = device_with(device, {"mass_kg": (1 - required.mass_share) * lowest})
-        found.append(Unmodelled("mass_share", required.mass_share, lighter))
+        effects.append(Unmodelled("mass_share", required.mass_share, lighter))
     if required.dropped_share:
         drops = JitterEffect(rms_s=0.0, dropped_share=required.dropped_share)
-        found.append(Unmodelled("dropped_share", required.dropped_share, known, (drops,)))
-    return tuple(found)
+        effects.append(Unmodelled("dropped_share", required.dropped_share, known, (drops,)))
+    return tuple(effects)

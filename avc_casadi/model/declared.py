@@ -16,21 +16,21 @@ def declared(problem: Problem) -> tuple[str, ...]:
     lag = {"amplifier_damping_ratio"} if device.amplifier_order == 1 else set()
     idle = {"amplifier_order", "amplifier_damping_ratio"} if device.amplifier_bandwidth_hz is None else lag
     idle |= {"encoder_at"} if device.resonance is None else set()
-    found = [
+    keys = [
         f"device.{key}"
         for key, field in type(device).model_fields.items()
         if key not in stated | idle and getattr(device, key) != field.default
     ]
-    found += [f"device.range.{key}" for key, ends in device.range if key not in {"resonance", *lag} and ends]
-    found += [f"device.range.resonance.{key}" for key, ends in device.range.resonance if ends]
-    return (*found, "detent") if problem.detent is not None else tuple(found)
+    keys += [f"device.range.{key}" for key, ends in device.range if key not in {"resonance", *lag} and ends]
+    keys += [f"device.range.resonance.{key}" for key, ends in device.range.resonance if ends]
+    return (*keys, "detent") if problem.detent is not None else tuple(keys)
 
 
 def declared_effects(problem: Problem) -> tuple[e.Effect, ...]:
     """Return the scene tables of a hand, a wall or a simulation, and all that the device declares."""
     device = problem.device
     at_handle = device.encoder_at == "handle" and device.resonance is not None
-    found: list[tuple[bool, e.Effect]] = [
+    candidates: list[tuple[bool, e.Effect]] = [
         (True, e.HandEffect()),
         (problem.simulation is None, e.WallEffect()),
         (problem.simulation is not None, e.SimulationEffect()),
@@ -44,7 +44,7 @@ def declared_effects(problem: Problem) -> tuple[e.Effect, ...]:
         (device.max_force_n is not None, e.SaturationEffect()),
         (device.amplifier_bandwidth_hz is not None, e.AmplifierEffect()),
     ]
-    return tuple(effect for there, effect in found if there)
+    return tuple(effect for declares, effect in candidates if declares)
 
 
 def scene_effects(problem: Problem) -> tuple[e.Effect, ...]:
@@ -55,8 +55,10 @@ def scene_effects(problem: Problem) -> tuple[e.Effect, ...]:
 def with_gains(problem: Problem, gains: ToolGains) -> Problem:
     """Return the problem with a scene in which the engine is joined to the device by these gains."""
     joined = tuple(
-        one.model_copy(update=vars(gains)) if isinstance(one, e.SimulationEffect) and not one.stiffness_n_per_m else one
-        for one in scene_effects(problem)
+        effect.model_copy(update=vars(gains))
+        if isinstance(effect, e.SimulationEffect) and not effect.stiffness_n_per_m
+        else effect
+        for effect in scene_effects(problem)
     )
     return problem.changed(scene={"effects": joined, "coupling": "none"})
 

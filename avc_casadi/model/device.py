@@ -102,27 +102,18 @@ class Device(t.Table):
 
     def faults(self) -> Iterator[t.Finding]:
         """Yield a radius that is missing or means nothing, and ranges that do not hold their value."""
+        yield from self._radius_faults()
+        yield from _range_faults(self.range, self, ("range",))
+        yield from _range_faults(self.range.resonance, self.resonance, ("range", "resonance"))
+        if self.resonance is not None and self.mass_kg == 0:
+            yield ("mass_kg",), "is 0, but resonance divides it; allowed: above 0, or no resonance"
+
+    def _radius_faults(self) -> Iterator[t.Finding]:
         if self.motion == "rotary" and self.handle_radius_m is None:
             message = "is missing; allowed: the radius at which the hand holds what turns, 0.002 to 10 m"
             yield ("handle_radius_m",), message
         if self.motion == "linear" and self.handle_radius_m is not None:
             yield ("handle_radius_m",), 'says nothing of a linear device; allowed: beside motion = "rotary"'
-        for ranges, nominal, path in (
-            (self.range, self, ("range",)),
-            (self.range.resonance, self.resonance, ("range", "resonance")),
-        ):
-            for key, interval in ranges:
-                value = getattr(nominal, key, None)
-                if not isinstance(interval, tuple):
-                    continue
-                if value is None:
-                    yield (*path, key), f"is {t.shown(interval)}, but {key} is missing; allowed: beside a value in it"
-                elif not interval[0] <= value <= interval[1]:
-                    yield ((*path, key), f"is {t.shown(interval)}; allowed: one that holds {key} = {t.shown(value)}")
-                elif key == "mass_kg" and interval[0] == 0 < interval[1]:
-                    yield (*path, key), f"is {t.shown(interval)}; allowed: from above 0, or nothing is there to hold"
-        if self.resonance is not None and self.mass_kg == 0:
-            yield ("mass_kg",), "is 0, but resonance divides it; allowed: above 0, or no resonance"
 
     @model_serializer(mode="wrap")
     def _says_what_is_not_usual(self, whole: Callable[[Any], dict[str, Any]]) -> dict[str, Any]:
@@ -136,13 +127,27 @@ class Device(t.Table):
         return kept
 
 
-def whole_delay(delay_samples: float, what: str) -> int:
-    """Return the delay for a method of whole samples only."""
+def _range_faults(ranges: t.Table, nominal: t.Table | None, path: t.Path) -> Iterator[t.Finding]:
+    """Yield the ranges of a table that do not hold its nominal value, or hold a device without mass beside others."""
+    for key, interval in ranges:
+        if not isinstance(interval, tuple):
+            continue
+        value = getattr(nominal, key, None)
+        if value is None:
+            yield (*path, key), f"is {t.shown(interval)}, but {key} is missing; allowed: beside a value in it"
+        elif not interval[0] <= value <= interval[1]:
+            yield (*path, key), f"is {t.shown(interval)}; allowed: one that holds {key} = {t.shown(value)}"
+        elif key == "mass_kg" and interval[0] == 0 < interval[1]:
+            yield (*path, key), f"is {t.shown(interval)}; allowed: from above 0, or nothing is there to hold"
+
+
+def whole_delay(delay_samples: float, taker: str) -> int:
+    """Return the delay for a method of whole samples only; the error names what takes no others."""
     whole = int(delay_samples)
     if whole == delay_samples:
         return whole
     raise UnsupportedError(
-        f"device.delay_samples is {q.plain(delay_samples)}: {what} takes whole samples only. Fractions are for the "
+        f"device.delay_samples is {q.plain(delay_samples)}: {taker} takes whole samples only. Fractions are for the "
         "pointwise methods (direct, exact, closed-form), by the certificate levels L0, L1, L3 and L5, and by scenes; "
         f"or round the delay up to {whole + 1}",
         key="device.delay_samples",

@@ -138,9 +138,9 @@ class GainSchedule(Tabular):
         }
 
     def _summary(self) -> str:
-        found = ", ".join(f"{count} {status}" for status, count in self.counts().items())
+        statuses = ", ".join(f"{count} {status}" for status, count in self.counts().items())
         return (
-            f"{self.problem!r} by {self.method}, {self.rows} rows {short(self.frequency_hz, 'Hz')}: {found};\n"
+            f"{self.problem!r} by {self.method}, {self.rows} rows {short(self.frequency_hz, 'Hz')}: {statuses};\n"
             f"  b {short(self.damping_ns_per_m)}, k {short(self.stiffness_n_per_m)}, "
             f"b_p {short(self.contact_damping_ns_per_m)}"
         )
@@ -157,19 +157,20 @@ def interpolate(
     rows: NDArray[Precision], frequency_hz: ArrayLike, ln: Callable[[Any], Any] = np.log
 ) -> NDArray[Precision]:
     """Return gains at frequencies: linear in ln(frequency), hence monotone between rows; constant beyond the ends."""
-    at = np.asarray(frequency_hz, dtype=rows.dtype)
-    frequency, gains = rows[:, 0], rows[:, 1:]
-    inside = (at > frequency[0]) & (at < frequency[-1])
-    safe = np.where(inside, at, frequency[0])
-    low = np.clip(np.searchsorted(frequency, safe, side="right") - 1, 0, max(len(rows) - 2, 0))
+    wanted_hz = np.asarray(frequency_hz, dtype=rows.dtype)
+    row_hz = rows[:, 0]
+    gains = rows[:, 1:]
+    inside = (wanted_hz > row_hz[0]) & (wanted_hz < row_hz[-1])
+    safe = np.where(inside, wanted_hz, row_hz[0])
+    low = np.clip(np.searchsorted(row_hz, safe, side="right") - 1, 0, max(len(rows) - 2, 0))
     high = np.minimum(low + 1, len(rows) - 1)
-    base = ln(frequency[low])
-    span = ln(frequency[high]) - base
+    base = ln(row_hz[low])
+    span = ln(row_hz[high]) - base
     with np.errstate(divide="ignore", invalid="ignore"):
         share = (ln(safe) - base) / span
     share = np.where((share >= 0) & (share <= 1), share, rows.dtype.type(0))[..., None]
     between = gains[low] + share * (gains[high] - gains[low])
-    ends = np.where((at >= frequency[-1])[..., None], gains[-1], gains[0])
+    ends = np.where((wanted_hz >= row_hz[-1])[..., None], gains[-1], gains[0])
     return np.asarray(np.where(inside[..., None], between, ends))
 
 
@@ -191,20 +192,20 @@ class DeviceLn:
         """Return ln x, any shape, in this precision."""
         number, whole = self.dtype, self.bits
         bits = np.asarray(x, dtype=number).view(whole)
-        one = number(1)
+        unit = number(1)
         fraction = whole((1 << self.mantissa_bits) - 1)
         above_one = bits >> whole(self.mantissa_bits)
-        bias = np.asarray(one).view(whole) >> whole(self.mantissa_bits)
+        bias = np.asarray(unit).view(whole) >> whole(self.mantissa_bits)
         exponent = above_one.astype(np.int32) - np.int32(bias)
-        m = ((bits & fraction) | np.asarray(one).view(whole)).view(number)
+        m = ((bits & fraction) | np.asarray(unit).view(whole)).view(number)
         large = m > number(np.sqrt(2.0))
         m = np.where(large, m * number(0.5), m)
         exponent = exponent + large
-        s = (m - one) / (m + one)
+        s = (m - unit) / (m + unit)
         z = s * s
-        first, *others = self.coefficients
+        first, *rest = self.coefficients
         series = np.full_like(z, first)
-        for coefficient in others:
+        for coefficient in rest:
             series = series * z + number(coefficient)
         return exponent.astype(number) * number(np.log(2.0)) + (s + s) * series
 
@@ -235,9 +236,15 @@ class Gains:
 NO_COUPLING = Gains(math.inf, math.inf)
 
 
+NEAR_RIGID_N_PER_M = 1e8
+"""Spring at the handle, N/m, that no hand tells from a rigid joint."""
+CONSTANT_TOLERANCE = 1e-12
+"""Share of the largest gain by which the rows of a constant table may differ: rounding."""
+
+
 def near_rigid_n_per_m(device: Device) -> float:
     """Return a spring imperceptibly different from a rigid joint, within single precision of a device."""
-    return 1e8 * device.metres_per_unit**2
+    return NEAR_RIGID_N_PER_M * device.metres_per_unit**2
 
 
 def spring_before(problem: Problem, felt_n_per_m: float) -> float:
@@ -285,15 +292,16 @@ class GainTable(Tabular):
     def of(cls, schedule: GainSchedule) -> GainTable:
         """Return the table of all rows with gains, in the order of frequency."""
         if not schedule.usable.any():
-            what = f"{schedule.problem} by {schedule.method} has no row with gains"
-            raise InputError.of(f"{what}; choose another method or widen [coupling]", key="status")
+            fault = f"{schedule.problem} by {schedule.method} has no row with gains"
+            raise InputError.of(f"{fault}; choose another method or widen [coupling]", key="status")
         rows = np.stack([getattr(schedule, key) for key in TABLE_COLUMNS], axis=1)[schedule.usable]
         return cls(np.asarray(rows[np.argsort(rows[:, 0], kind="stable")]))
 
     @classmethod
     def constant_gains(cls, gains: Gains, frequency_hz: float = 1.0) -> GainTable:
         """Return the table of gains that do not vary."""
-        return cls(np.array([[frequency_hz, *vars(gains).values()]], dtype=np.float64))
+        row = [frequency_hz, gains.damping_ns_per_m, gains.stiffness_n_per_m, gains.contact_damping_ns_per_m]
+        return cls(np.array([row], dtype=np.float64))
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -326,7 +334,8 @@ class GainTable(Tabular):
     def constant(self) -> bool:
         """Whether the gains are the same but for rounding at every frequency, so that no estimator is needed."""
         gains = self.rows[:, 1:]
-        return len(gains) == 1 or bool(np.all(np.abs(gains - gains[0]) <= 1e-12 * np.abs(gains).max(axis=0)))
+        rounding = CONSTANT_TOLERANCE * np.abs(gains).max(axis=0)
+        return len(gains) == 1 or bool(np.all(np.abs(gains - gains[0]) <= rounding))
 
     @property
     def rest_hz(self) -> float:
@@ -350,9 +359,10 @@ class GainTable(Tabular):
     def single(self) -> Float32Array:
         """Return the rows in single precision, as stored on a device; their frequencies must rise there too."""
         rows = self.rows.astype(np.float32)
-        if len(twice := rows[1:, 0][np.diff(rows[:, 0]) <= 0]):
-            what = f"has rows at {twice[0]:g} Hz that are equal in the device's single precision"
-            raise InputError.of(f"{what}; allowed: at least 1e-7 of it between them", key="frequency_hz")
+        twice = rows[1:, 0][np.diff(rows[:, 0]) <= 0]
+        if len(twice):
+            fault = f"has rows at {twice[0]:g} Hz that are equal in the device's single precision"
+            raise InputError.of(f"{fault}; allowed: at least 1e-7 of it between them", key="frequency_hz")
         return rows
 
     def expressions(self, frequency_hz: Any) -> list[Any]:
@@ -360,10 +370,10 @@ class GainTable(Tabular):
         import casadi as ca  # noqa: PLC0415
 
         knots = np.log(self.frequency_hz)
-        at = ca.log(ca.fmax(frequency_hz, self.rest_hz))
+        ln_frequency = ca.log(ca.fmax(frequency_hz, self.rest_hz))
         values: list[Any] = [float(gain) for gain in self.gains[:, 0]]
         for index, width in enumerate(np.diff(knots)):
-            ramp = ca.fmin(ca.fmax(at - knots[index], 0), width)
+            ramp = ca.fmin(ca.fmax(ln_frequency - knots[index], 0), width)
             for gain, row in enumerate(self.gains):
                 slope = (row[index + 1] - row[index]) / width
                 if slope != 0:
@@ -383,18 +393,22 @@ def fewest_rows(table: FloatArray, tolerance: float) -> IndexArray:
     came = np.zeros(count, dtype=np.intp)
     fewest = at_once = 64
     for first in range(count - 1):
-        low, high = np.full((1, gains.shape[1]), -np.inf), np.full((1, gains.shape[1]), np.inf)
+        low = np.full((1, gains.shape[1]), -np.inf)
+        high = np.full((1, gains.shape[1]), np.inf)
         start = first + 1
         while start < count and bool((low <= high).all()):
-            some = slice(start, start + at_once)
-            away = (ln_frequency[some] - ln_frequency[first])[:, None]
-            lows = np.maximum.accumulate(np.vstack([low, (gains[some] - room[some] - gains[first]) / away]))
-            highs = np.minimum.accumulate(np.vstack([high, (gains[some] + room[some] - gains[first]) / away]))
-            slope = (gains[some] - gains[first]) / away
+            block = slice(start, start + at_once)
+            away = (ln_frequency[block] - ln_frequency[first])[:, None]
+            lows = np.maximum.accumulate(np.vstack([low, (gains[block] - room[block] - gains[first]) / away]))
+            highs = np.minimum.accumulate(np.vstack([high, (gains[block] + room[block] - gains[first]) / away]))
+            slope = (gains[block] - gains[first]) / away
             met = np.all((lows[:-1] <= slope) & (slope <= highs[:-1]), axis=1)
-            last = start + np.flatnonzero(met & (steps[some] > steps[first] + 1))
-            steps[last], came[last] = steps[first] + 1, first
-            low, high, start = lows[-1:], highs[-1:], start + at_once
+            last = start + np.flatnonzero(met & (steps[block] > steps[first] + 1))
+            steps[last] = steps[first] + 1
+            came[last] = first
+            low = lows[-1:]
+            high = highs[-1:]
+            start += at_once
         # The next cone ends about where this one did.
         at_once = max(fewest, start - at_once - first + int(np.count_nonzero((lows <= highs).all(axis=1))))
     path = [count - 1]

@@ -79,8 +79,8 @@ class StylusHand(_Held):
 
 def hand_text(values: Mapping[str, float], unit: Callable[[str], str]) -> str:
     """Return one hand by mass, damping and stiffness: "a hand of 300 g, 3.00 N.s/m, 800 N/m"."""
-    each = zip(values.values(), ("kg", "N.s/m", "N/m"), strict=True)
-    return f"a hand of {', '.join(quantity(value, unit(linear)) for value, linear in each)}"
+    quantities = zip(values.values(), ("kg", "N.s/m", "N/m"), strict=True)
+    return f"a hand of {', '.join(quantity(value, unit(linear)) for value, linear in quantities)}"
 
 
 def hand_ranges(hands: Hands) -> FloatArray:
@@ -91,21 +91,27 @@ def hand_ranges(hands: Hands) -> FloatArray:
 def hand_corners(hands: Hands) -> Hand:
     """Return each corner of the ranges, light, loose and soft first; before them the released device, if included."""
     corners = set(product(*hand_ranges(hands).tolist()))
-    return Hand(*np.array(sorted(corners | {(0.0, 0.0, 0.0)} if hands.let_go else corners)).T)
+    if hands.let_go:
+        corners.add((0.0, 0.0, 0.0))
+    return Hand(*np.array(sorted(corners)).T)
 
 
 def hand_set(hands: Hands, *, draws: int = 24, seed: int = 0) -> Hand:
     """Return all corners of the ranges, then uniform draws within them."""
     low, high = hand_ranges(hands).T
     drawn = low + (high - low) * np.random.default_rng(seed).random((draws, len(low)))
-    corners = np.array(list(vars(hand_corners(hands)).values())).T
-    return Hand(*np.concatenate([corners, drawn]).T)
+    corners = hand_corners(hands)
+    values = np.column_stack([corners.mass_kg, corners.damping_ns_per_m, corners.stiffness_n_per_m])
+    return Hand(*np.concatenate([values, drawn]).T)
 
 
 def joined(hands: Hand, more: Hand) -> Hand:
     """Return the union of two sets of hands."""
-    each = zip(vars(hands).values(), vars(more).values(), strict=True)
-    return Hand(*(np.append(one, other) for one, other in each))
+    return Hand(
+        mass_kg=np.append(hands.mass_kg, more.mass_kg),
+        damping_ns_per_m=np.append(hands.damping_ns_per_m, more.damping_ns_per_m),
+        stiffness_n_per_m=np.append(hands.stiffness_n_per_m, more.stiffness_n_per_m),
+    )
 
 
 def with_released(hands: Hand | StylusHand) -> Hand | StylusHand:

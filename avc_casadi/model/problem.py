@@ -102,6 +102,10 @@ class Hands(t.Table):
     let_go: bool = False
 
 
+_LEAST_STEP = 1e-12
+"""Least distance of two frequencies of a range, as a share of its end."""
+
+
 class Frequency(t.Table):
     """The frequencies of interaction: a range, or the list `values_hz` in its place."""
 
@@ -116,10 +120,11 @@ class Frequency(t.Table):
         if self.values_hz is not None:
             for key in sorted(self.model_fields_set - {"values_hz"}):
                 yield (key,), "stands beside values_hz; allowed: a range or a list, not both"
-            for index, (one, two) in enumerate(itertools.pairwise(self.values_hz), start=1):
-                if two <= one:
-                    yield ("values_hz", index), f"is {t.shown(two)} after {t.shown(one)}; allowed: increasing values"
-        elif self.points > 1 and self.stop_hz - self.start_hz < 1e-12 * self.stop_hz * (self.points - 1):
+            for index, (frequency, next_frequency) in enumerate(itertools.pairwise(self.values_hz), start=1):
+                if next_frequency <= frequency:
+                    message = f"is {t.shown(next_frequency)} after {t.shown(frequency)}; allowed: increasing values"
+                    yield ("values_hz", index), message
+        elif self.points > 1 and self.stop_hz - self.start_hz < _LEAST_STEP * self.stop_hz * (self.points - 1):
             key = "stop_hz" if self.stop_hz < self.start_hz else "points"
             band = f"{t.shown(self.start_hz)} to {t.shown(self.stop_hz)}{self.origin('stop_hz')} Hz"
             yield (
@@ -150,14 +155,32 @@ def _merged(table: Any, change: Any) -> Any:
 
 def defaults_at(model: type[t.Table], radius_m: float) -> dict[str, Any]:
     """Return the defaults of a table, for a linear device at a radius, as those of the device that turns."""
-    found: dict[str, Any] = {}
+    scaled: dict[str, Any] = {}
     for key, field in model.model_fields.items():
         scale = radius_m ** -q.power_at_handle(key)
         if scale != 1 and isinstance(field.default, float):
-            found[key] = scale * field.default
+            scaled[key] = scale * field.default
         elif scale != 1 and isinstance(field.default, tuple) and any(field.default):
-            found[key] = tuple(scale * end for end in field.default)
-    return found
+            scaled[key] = tuple(scale * end for end in field.default)
+    return scaled
+
+
+def _with_defaults_at(tables: Mapping[str, Any], radius_m: float) -> dict[str, Any]:
+    """Return the tables of a problem with the defaults of hands, coupling and motion at the handle's radius."""
+    filled = {**tables}
+    for key, model in (("hands", Hands), ("coupling", GainBox)):
+        table = _given(tables.get(key))
+        filled[key] = {**defaults_at(model, radius_m), **table} if isinstance(table, Mapping) else table
+    scene = _given(tables.get("scene"))
+    motion = _given(scene.get("motion", {"kind": "press"})) if isinstance(scene, Mapping) else None
+    kind = motion.get("kind") if isinstance(motion, Mapping) else None
+    if motion and isinstance(kind, str) and kind in MOTIONS:
+        filled["scene"] = {**scene, "motion": {**defaults_at(MOTIONS[kind], radius_m), **motion}}
+    return filled
+
+
+_ROUNDING = 1e-9
+"""Share by which a time may miss its limit by rounding, as of a rate typed in place of a time."""
 
 
 class Problem(t.Table):
@@ -211,56 +234,63 @@ class Problem(t.Table):
         far = tables.get("simulation") is not None or tables.get("follower") is not None
         if far and "environment" not in tables:
             tables = {**tables, "environment": {"damping_ns_per_m": 0.0, "stiffness_n_per_m": 0.0}}
-        device, scene = _given(tables.get("device")), _given(tables.get("scene"))
+        device = _given(tables.get("device"))
         radius = device.get("handle_radius_m") if isinstance(device, Mapping) else None
         if isinstance(radius, bool) or not isinstance(radius, int | float) or device.get("motion") != "rotary":
             return tables
         if not q.RADII_M[0] <= radius <= q.RADII_M[1]:
             return tables  # the radius is the fault to report, not its consequences
-        found = {**tables}
-        for key, model in (("hands", Hands), ("coupling", GainBox)):
-            own = _given(tables.get(key))
-            found[key] = {**defaults_at(model, radius), **own} if isinstance(own, Mapping) else own
-        motion = _given(scene.get("motion", {"kind": "press"})) if isinstance(scene, Mapping) else None
-        kind = motion.get("kind") if isinstance(motion, Mapping) else None
-        if motion and isinstance(kind, str) and kind in MOTIONS:
-            found["scene"] = {**scene, "motion": {**defaults_at(MOTIONS[kind], radius), **motion}}
-        return found
+        return _with_defaults_at(tables, radius)
 
     def faults(self) -> Iterator[t.Finding]:
         """Yield the faults between tables."""
         yield from self._below_nyquist()
-        bounds, period = self.boundaries, self.device.sample_time_s
-        at_least = f"allowed: device.sample_time_s = {t.shown(period)} or more"
+        bounds = self.boundaries
         # If left out, both bounds are the environment.
         if self.realism.require == "bounds" and bounds.upper == bounds.lower:
             message = 'is "bounds", and both [boundaries] are equal; allowed: "jnd", or others'
             yield ("realism", "require"), message
-        if self.scene.duration_s < period:
-            yield ("scene", "duration_s"), f"is {t.shown(self.scene.duration_s)}; {at_least}"
+        yield from self._scene_faults()
+        yield from self._end_faults()
+        if self.follower is not None:
+            yield from self._follower_faults(self.follower)
+
+    @property
+    def _at_least_a_sample(self) -> str:
+        return f"allowed: device.sample_time_s = {t.shown(self.device.sample_time_s)} or more"
+
+    def _scene_faults(self) -> Iterator[t.Finding]:
+        """Yield a scene shorter than a sample, and saturation without a limit."""
+        if self.scene.duration_s < self.device.sample_time_s:
+            yield ("scene", "duration_s"), f"is {t.shown(self.scene.duration_s)}; {self._at_least_a_sample}"
         for index, effect in enumerate(self.scene.effects):
             if effect.kind == "saturation" and getattr(effect, "force_n", None) is None and not self.device.max_force_n:
                 message = "is missing, and device.max_force_n too; allowed: one of the two"
                 yield ("scene", "effects", index, "force_n"), message
-        if self.simulation is not None and self.simulation.step_s[0] < period * (1 - 1e-9):
-            yield ("simulation", "step_s"), f"is {t.shown(self.simulation.step_s)}; {at_least}"
+
+    def _end_faults(self) -> Iterator[t.Finding]:
+        """Yield two remote ends, detents beside one, and an engine that steps more often than the device."""
+        shortest_s = self.device.sample_time_s * (1 - _ROUNDING)
+        if self.simulation is not None and self.simulation.step_s[0] < shortest_s:
+            yield ("simulation", "step_s"), f"is {t.shown(self.simulation.step_s)}; {self._at_least_a_sample}"
         if self.simulation is not None and self.follower is not None:
             yield ("follower",), "stands beside [simulation]; allowed: one of them"
         # The slope of a detent is a spring in the device's own loop, in which no coupling to another end is judged.
         if (self.simulation is not None or self.follower is not None) and self.detent is not None:
             yield ("detent",), "stands beside [simulation] or [follower]; allowed: one of them, or detents at that end"
-        if (follower := self.follower) is None:
-            return
+
+    def _follower_faults(self, follower: Follower) -> Iterator[t.Finding]:
+        """Yield a follower that moves otherwise than the device, one without mass, and a delay too long to judge."""
         if follower.motion != self.device.motion:
             yield ("follower", "motion"), f"is {t.shown(follower.motion)}; allowed: that of [device]"
         if min(follower.range.mass_kg or (follower.mass_kg,)) == 0:
             message = "may be 0; allowed: above 0: a follower that touches nothing would have no motion to couple"
             yield ("follower", "mass_kg"), message
         # Every pending sample is a state: long delays take minutes, then memory.
-        longest = MOST_LINK_SAMPLES * min(period, follower.sample_time_s)
+        longest = MOST_LINK_SAMPLES * min(self.device.sample_time_s, follower.sample_time_s)
         for key in ("delay_s", "return_delay_s"):
             delay = getattr(follower, key)
-            if delay is not None and delay[1] > longest * (1 + 1e-9):
+            if delay is not None and delay[1] > longest * (1 + _ROUNDING):
                 message = f"is {t.shown(delay)}; allowed: at most {MOST_LINK_SAMPLES} samples, {q.plain(longest)} s"
                 yield ("follower", key), message
 
@@ -294,7 +324,9 @@ class Problem(t.Table):
         return t.valid(type(self), new, self.name or "problem", self.name)
 
     def __repr__(self) -> str:
-        device, wall, unit = self.device, self.environment, self.units.unit
+        device = self.device
+        wall = self.environment
+        unit = self.units.unit
         return (
             f"Problem({self.name!r}: wall {wall.stiffness_n_per_m:g} {unit('N/m')}, {wall.damping_ns_per_m:g} "
             f"{unit('N.s/m')}; device {device.mass_kg:g} {unit('kg')}, {device.damping_ns_per_m:g} {unit('N.s/m')}, "

@@ -89,14 +89,14 @@ def _words(word: str) -> Iterator[_Unit]:
     alone, times = (word[:-1], int(word[-1])) if word[-1:].isdecimal() else (word, 1)
     if not word or alone in _ALONE:
         size, powers = _ALONE.get(alone, (1.0, _NO_POWERS))
-        yield size**times, tuple(times * one for one in powers)
+        yield size**times, tuple(times * power for power in powers)
         return
     for name, (size, powers) in _NAMED.items():
         if word.startswith(name):
             rest = word.removeprefix(name)
             power, rest = (int(rest[0]), rest[1:]) if rest[:1].isdecimal() else (1, rest)
-            for more, others in _words(rest):
-                yield size**power * more, tuple(power * a + b for a, b in zip(powers, others, strict=True))
+            for more, more_powers in _words(rest):
+                yield size**power * more, tuple(power * a + b for a, b in zip(powers, more_powers, strict=True))
 
 
 def _readings(text: str) -> Iterator[_Unit]:
@@ -104,13 +104,13 @@ def _readings(text: str) -> Iterator[_Unit]:
     text = text.translate(str.maketrans("\N{MICRO SIGN}\N{GREEK SMALL LETTER MU}\N{SUPERSCRIPT TWO}", "uu2", "^"))
     sign, factors = 1, []
     factor = r"\d+\.?\d*|[^\W\d_]+\d?|\N{DEGREE SIGN}|/|[^\s.\N{MIDDLE DOT}*]"
-    for one in re.findall(factor, re.sub(r"\bper\b", "/", text)):
-        if one == "/":
+    for part in re.findall(factor, re.sub(r"\bper\b", "/", text)):
+        if part == "/":
             sign = -1
-        elif one[0].isdecimal():
-            factors.append([(float(one) ** sign, _NO_POWERS)] if float(one) else [])
+        elif part[0].isdecimal():
+            factors.append([(float(part) ** sign, _NO_POWERS)] if float(part) else [])
         else:
-            read = _words(one) if len(one) <= 12 else ()
+            read = _words(part) if len(part) <= 12 else ()
             factors.append([(size**sign, tuple(sign * power for power in powers)) for size, powers in read])
     for parts in itertools.product(*factors):
         powers = zip(_NO_POWERS, *(powers for _, powers in parts), strict=True)
@@ -120,31 +120,43 @@ def _readings(text: str) -> Iterator[_Unit]:
 def read_quantity(text: str, unit: str, metres_per_radian: float | None = None) -> float:
     """Return a quantity as typed in SI units: ``55 um`` as 5.5e-5, ``1 kHz`` for a time, ``450 dpi`` for a step."""
     gear = r"(.+?)[\s,]+(?:gear\s+(\d+\.?\d*)(?:\s*:\s*(\d+\.?\d*))?|pitch\s+(.+?))\s*"
-    if geared := re.fullmatch(gear, text):
+    geared = re.fullmatch(gear, text)
+    if geared:
         return _behind(geared, unit)
-    if bits := re.match(r"\s*(\d{1,2})[\s-]*bits?\b", text):
+    bits = re.match(r"\s*(\d{1,2})[\s-]*bits?\b", text)
+    if bits:
         text = f"{2 ** int(bits[1])} counts{text[bits.end() :]}"
-    found = re.fullmatch(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*", text, re.DOTALL)
-    readings = [] if found is None else list(_readings(found[2]))
-    if found is None or not readings or not math.isfinite(number := float(found[1])):
+    typed = re.fullmatch(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*", text, re.DOTALL)
+    readings = [] if typed is None else list(_readings(typed[2]))
+    number = math.nan if typed is None else float(typed[1])
+    if typed is None or not readings or not math.isfinite(number):
         raise ValueError(_no_quantity(unit))
-    if not found[2]:
+    if not typed[2]:
         return number
     _, wanted = next(_readings(unit))
     for size, powers in readings:
-        value = number * size
-        # N.m/rad typed without the angle is meant with it.
-        if powers == wanted or (any(powers[:3]) and powers[:3] == wanted[:3]):
+        value = _in_unit(number * size, powers, unit, wanted)
+        if value is not None:
             return float(f"{value:.15g}")
-        if not any(powers) and unit == "rad" and value:
-            return float(f"{2 * math.pi / value:.15g}")
-        if any(powers) and tuple(-one for one in powers) == wanted and value:
-            return float(f"{1 / value:.15g}")
     linear = _linear(unit)
     if metres_per_radian is not None and linear != unit:
         with suppress(ValueError):
             return float(f"{read_quantity(text, linear) * metres_per_radian ** -_POWERS[linear]:.15g}")
     raise ValueError(_no_quantity(unit))
+
+
+def _in_unit(value: float, powers: tuple[int, ...], unit: str, wanted: tuple[int, ...]) -> float | None:
+    """Return a value in SI units, of some powers, in the unit that is wanted; None where it is none of that kind."""
+    # N.m/rad typed without the angle is meant with it.
+    if powers == wanted or (any(powers[:3]) and powers[:3] == wanted[:3]):
+        return value
+    # Counts of a turn, for the angle of a step.
+    if not any(powers) and unit == "rad" and value:
+        return 2 * math.pi / value
+    # The reciprocal: a rate for a time, steps per length for a step.
+    if any(powers) and tuple(-power for power in powers) == wanted and value:
+        return 1 / value
+    return None
 
 
 def _no_quantity(unit: str) -> str:
@@ -162,19 +174,19 @@ def _no_quantity(unit: str) -> str:
 
 def _linear(unit: str) -> str:
     """Return the unit of a linear device for that of one that turns; any other unchanged."""
-    return next((one for one in _POWERS if ROTARY.unit(one) == unit), unit)
+    return next((linear for linear in _POWERS if ROTARY.unit(linear) == unit), unit)
 
 
 def _behind(geared: re.Match[str], unit: str) -> float:
     """Return a quantity of a motor as that of what a reduction or a screw moves."""
-    typed, teeth, others, pitch = geared.groups()
+    typed, teeth, driver_teeth, pitch = geared.groups()
     power = _POWERS.get(_linear(unit), 0)
     if not power or (pitch and unit != _linear(unit)):
         raise ValueError(f"with a {'pitch' if pitch else 'gear'}, which changes no {unit} here; allowed: without it")
     if pitch:
         per_radian = read_quantity(pitch, "m") / (2 * math.pi)
     else:
-        per_radian = min(float(teeth), float(others or 1)) / max(float(teeth), float(others or 1))
+        per_radian = min(float(teeth), float(driver_teeth or 1)) / max(float(teeth), float(driver_teeth or 1))
     if not per_radian > 0:
         raise ValueError("with a gear or pitch of 0; allowed: above 0")
     return float(f"{read_quantity(typed, ROTARY.unit(unit) if pitch else unit) * per_radian**power:.15g}")

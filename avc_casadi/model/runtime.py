@@ -148,8 +148,7 @@ class StateFeedback(Effect):
     def zone_numbers(self) -> tuple[float, ...]:
         """Numbers of the dead zone: d, face, opens, open, 1/(open - opens) (0: never open), kept, smoothing."""
         opening_per_m = 1.0 / (self.open_m - self.opens_m) if self.open_m > 0 else 0.0
-        zone = self.dead_zone_m, self.face_m, self.opens_m, self.open_m
-        return (*zone, opening_per_m, self.kept, self.smoothing)
+        return (self.dead_zone_m, self.face_m, self.opens_m, self.open_m, opening_per_m, self.kept, self.smoothing)
 
     def numbers(self) -> FloatArray:
         """Return A by rows, B, L, R and the numbers of the dead zone, in the order of the step's parameters."""

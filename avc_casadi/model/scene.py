@@ -74,29 +74,32 @@ def coupling_name(value: Any) -> str:
     return value
 
 
+_MOST_EFFECTS = 100
+
+
 def _effects(value: Any) -> tuple[Any, ...]:
     """Return the effects of a scene, each read by the keys of its kind; all faults are reported at once."""
-    if not isinstance(value, list | tuple) or len(value) > 100:
-        raise t.refusal(f"is {t.shown(value)}; allowed: one [[scene.effects]] for each effect, 100 at most")
-    found: list[Any] = []
+    if not isinstance(value, list | tuple) or len(value) > _MOST_EFFECTS:
+        raise t.refusal(f"is {t.shown(value)}; allowed: one [[scene.effects]] for each effect, {_MOST_EFFECTS} at most")
+    effects: list[Any] = []
     faults: list[t.Finding] = []
-    for index, one in enumerate(value):
-        kind = one.get("kind") if isinstance(one, Mapping) else None
-        if isinstance(one, Effect):
-            found.append(one)
-        elif not isinstance(one, Mapping):
-            faults.append(((index,), f"is {t.shown(one)}, not a table; allowed: a table with kind"))
+    for index, entry in enumerate(value):
+        kind = entry.get("kind") if isinstance(entry, Mapping) else None
+        if isinstance(entry, Effect):
+            effects.append(entry)
+        elif not isinstance(entry, Mapping):
+            faults.append(((index,), f"is {t.shown(entry)}, not a table; allowed: a table with kind"))
         elif not isinstance(kind, str) or kind not in EFFECTS:
-            what = "is missing" if kind is None else f"is {t.shown(kind)}"
-            faults.append(((index, "kind"), f"{what}; allowed: {t.one_of(EFFECTS, kind)}"))
+            fault = "is missing" if kind is None else f"is {t.shown(kind)}"
+            faults.append(((index, "kind"), f"{fault}; allowed: {t.one_of(EFFECTS, kind)}"))
         else:
             try:
-                found.append(EFFECTS[kind].keys.model_validate(one))
+                effects.append(EFFECTS[kind].keys.model_validate(entry))
             except ValidationError as error:
                 faults += [((index, *path), message) for path, message in t.faults_of(error)]
     if faults:
         raise t.inner_faults(faults)
-    return tuple(found)
+    return tuple(effects)
 
 
 class Scene(t.Table):

@@ -51,11 +51,11 @@ class Table(BaseModel):
     def _read(cls, value: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
         if isinstance(value, cls):
             return value
-        found: list[Finding] = []
+        findings: list[Finding] = []
         table = value
         if isinstance(value, Mapping) and cls.model_config["extra"] == "forbid":
             table = {key: item for key, item in value.items() if key in cls.model_fields}
-            found = [
+            findings = [
                 ((key,), _unknown(cls, key))
                 for key in list(value)[: len(cls.model_fields) + 100]  # a million wrong keys are answered quickly too
                 if key not in table
@@ -64,11 +64,16 @@ class Table(BaseModel):
             read = handler(table)
         except ValidationError as error:
             # A key that an unknown one stands for is not missing as well.
-            meant = {(message.rpartition("did you mean ")[2][:-1],) for _, message in found}
-            found += (one for one in _findings(cls, error, value) if one[0] not in meant or one[0][0] in table)
-            raise inner_faults(found) from None
-        if found or (found := list(read.faults())):
-            raise inner_faults(found)
+            meant = {(message.rpartition("did you mean ")[2][:-1],) for _, message in findings}
+            findings += (
+                (path, message)
+                for path, message in _findings(cls, error, value)
+                if path not in meant or path[0] in table
+            )
+            raise inner_faults(findings) from None
+        findings = findings or list(read.faults())
+        if findings:
+            raise inner_faults(findings)
         return read
 
     def faults(self) -> Iterator[Finding]:
@@ -76,35 +81,35 @@ class Table(BaseModel):
         yield from ()
 
 
-def inner_faults(found: list[Finding]) -> PydanticCustomError:
+def inner_faults(findings: list[Finding]) -> PydanticCustomError:
     """Return the error of several faults, each at its path in what is read."""
-    text = "\n".join(f"{dotted(path)}: {message}" for path, message in found)
-    return PydanticCustomError("inner", "{text}", {"text": text, "faults": found})
+    text = "\n".join(f"{dotted(path)}: {message}" for path, message in findings)
+    return PydanticCustomError("inner", "{text}", {"text": text, "faults": findings})
 
 
 def checked(model: type[M], tables: Mapping[str, Any], name: str = "") -> M | list[Finding]:
     """Return a file's parsed tables as a model, or all their faults; those between tables where each is sound."""
     keys = {key: value for key, value in tables.items() if key != "name"}
     is_no_key = "is not a key; the file's own name is the name of the problem"
-    found: list[Finding] = [(("name",), is_no_key)] if "name" in tables else []
+    findings: list[Finding] = [(("name",), is_no_key)] if "name" in tables else []
     try:
         read = model.model_validate({**keys, "name": name} if "name" in model.model_fields else keys)
     except ValidationError as error:
-        return found + faults_of(error)
-    return found or read
+        return findings + faults_of(error)
+    return findings or read
 
 
-def refused(found: Iterable[Finding], file: str) -> InputError:
+def refused(findings: Iterable[Finding], file: str) -> InputError:
     """Return the error of findings that stand on no line."""
-    return InputError([Fault(file, None, dotted(path), message) for path, message in found])
+    return InputError([Fault(file, None, dotted(path), message) for path, message in findings])
 
 
 def valid(model: type[M], tables: Mapping[str, Any], file: str, name: str = "") -> M:
     """Return tables as a model, or raise all their faults."""
-    found = checked(model, tables, name)
-    if isinstance(found, list):
-        raise refused(found, file)
-    return found
+    read = checked(model, tables, name)
+    if isinstance(read, list):
+        raise refused(read, file)
+    return read
 
 
 def faults_of(error: ValidationError) -> list[Finding]:
@@ -115,7 +120,9 @@ def faults_of(error: ValidationError) -> list[Finding]:
 def _findings(table: type[Table], error: ValidationError, value: Any) -> Iterator[Finding]:
     """Yield the faults of a table's own keys, and those that its inner tables told of theirs."""
     for item in error.errors(include_url=False):
-        path, kind, typed = item["loc"], item["type"], item["input"]
+        path: Path = item["loc"]
+        kind = item["type"]
+        typed: Any = item["input"]
         if kind == "inner":
             field = table.model_fields[str(path[0])]
             path = path[:1] if field.discriminator is not None else path  # pydantic adds the kind of a table
@@ -126,10 +133,10 @@ def _findings(table: type[Table], error: ValidationError, value: Any) -> Iterato
             yield path, f"is {shown(value)}, not a table; allowed: {_keys(table)}"
         elif kind in {"union_tag_invalid", "union_tag_not_found"}:
             tables = tables_of(table.model_fields[str(path[0])].annotation)
-            choices = [one.model_fields["kind"].default for one in tables]
+            choices = [alternative.model_fields["kind"].default for alternative in tables]
             typed = typed.get("kind")
-            what = "is missing" if typed is None else f"is {shown(typed)}"
-            yield (*path, "kind"), f"{what}; allowed: {one_of(choices, typed)}"
+            fault = "is missing" if typed is None else f"is {shown(typed)}"
+            yield (*path, "kind"), f"{fault}; allowed: {one_of(choices, typed)}"
         elif kind == "literal_error":
             choices = choices_of(table.model_fields[str(path[0])].annotation)
             yield path, f"is {shown(typed)}; allowed: {one_of(choices, typed)}"
@@ -143,7 +150,7 @@ def _unknown(table: type[Table], key: str) -> str:
     linear = ROTARY.inner(key)
     near = [linear] if linear in known else difflib.get_close_matches(key[:60], known, n=5)
     # One that begins with the same word comes first.
-    near.sort(key=lambda one: one.split("_")[0] != key.split("_", maxsplit=1)[0])
+    near.sort(key=lambda known_key: known_key.split("_")[0] != key.split("_", maxsplit=1)[0])
     return f"{UNKNOWN}allowed: {', '.join(known)}{f'; did you mean {near[0]}?' if near else ''}"
 
 
@@ -157,13 +164,13 @@ def inside(annotation: Any) -> Iterator[Any]:
 
 def choices_of(annotation: Any) -> list[Any]:
     """Return the values that an annotation lists."""
-    lists = (one for one in inside(annotation) if typing.get_origin(one) is typing.Literal)
-    return [value for one in lists for value in typing.get_args(one)]
+    lists = (part for part in inside(annotation) if typing.get_origin(part) is typing.Literal)
+    return [value for literal in lists for value in typing.get_args(literal)]
 
 
 def tables_of(annotation: Any) -> list[type[Table]]:
     """Return the tables that an annotation allows."""
-    return [one for one in inside(annotation) if isinstance(one, type) and issubclass(one, Table)]
+    return [part for part in inside(annotation) if isinstance(part, type) and issubclass(part, Table)]
 
 
 def _keys(table: type[Table]) -> str:
