@@ -19,6 +19,13 @@ from avc_casadi.simulation.tick import Expr, Tick, ca
 
 # Higher powers cost less than more substeps, as long as their sum does not cancel.
 _HIGHEST_ORDER = 22
+_MOST_SUBSTEPS = 32
+_NEGLIGIBLE_TERM = 1e-17
+"""A term of exp(A h) relative to the change of the state in a sample."""
+_LARGEST_TERM = 1e3
+"""The same: larger terms cancel and lose digits."""
+_ROOT_STEPS = 4
+"""Newton steps, each within a bracket that shrinks, from the root of a parabola to the zero of a power series."""
 
 
 class PlantSymbols:
@@ -73,6 +80,20 @@ class Drive:
 
 
 @dataclass(frozen=True)
+class _Stretch:
+    """A part of a sample in which the force is constant."""
+
+    name: str
+    """Of its transition matrix among the parameters."""
+    begin: float
+    """Share of the sample before it."""
+    share: float
+    """Its share of the sample."""
+    before: bool = False
+    """Whether the force is still that of the sample before."""
+
+
+@dataclass(frozen=True)
 class MatrixExponential:
     """Linear plant, its force held or changing at one moment, exact; dry friction projected, implicit."""
 
@@ -83,21 +104,23 @@ class MatrixExponential:
     friction_n: float = 0.0
 
     @property
-    def _stretches(self) -> list[tuple[float, float]]:
-        """Begin and share of each part of a sample of constant force; the last one has the new force."""
-        return [(0.0, self.late), (self.late, 1.0 - self.late)] if self.late else [(0.0, 1.0)]
+    def _stretches(self) -> list[_Stretch]:
+        """Parts of a sample of constant force; the last one has the new force."""
+        new = _Stretch("transition", self.late, 1.0 - self.late)
+        return [_Stretch("transition_before", 0.0, self.late, before=True), new] if self.late else [new]
 
     def step(self, tick: Tick, state: list[Expr], drive: Drive) -> list[Expr]:
         """Add the transition matrices and return the state one sample later."""
         x = ca.vertcat(*state)
-        for begin, share in self._stretches:
-            before = begin < self.late
-            force, name = drive.force_before if before else drive.force, f"transition{'_before' if before else ''}"
-            x = self._through(tick, name, x, force, drive.target, begin, share)
+        for stretch in self._stretches:
+            force = drive.force_before if stretch.before else drive.force
+            x = self._through(tick, stretch, x, force, drive.target)
         return list(ca.vertsplit(x))
 
-    def _through(self, tick: Tick, name: str, x: Expr, force: Expr, target: Any, begin: float, share: float) -> Expr:
+    def _through(self, tick: Tick, stretch: _Stretch, x: Expr, force: Expr, target: Any) -> Expr:
+        """Return the state after a stretch."""
         n = x.numel()
+        name = stretch.name
         matrix = tick.parameter(name, ca.Sparsity.dense(n, n))
         of_force: Expr = tick.parameter(f"{name}_of_force", ca.Sparsity.dense(n, 1)) if self.has_force else None
         of_target: Expr = tick.parameter(f"{name}_of_target", ca.Sparsity.dense(n, 2)) if self.has_target else None
@@ -109,7 +132,7 @@ class MatrixExponential:
                 x += of_force * force
             if target is not None:
                 position, velocity = target
-                time_s = tick.sample_time_s * (begin + share * substep / self.substeps)
+                time_s = tick.sample_time_s * (stretch.begin + stretch.share * substep / self.substeps)
                 x += ca.mtimes(of_target, ca.vertcat(position + velocity * time_s if time_s else position, velocity))
             if rubs:
                 stopping = -x[1] / of_friction[1]
@@ -121,8 +144,8 @@ class MatrixExponential:
     def parameters(self, plant: LinearPlant, sample_time_s: float) -> FloatArray:
         """Return the transition matrices, columns first, as CasADi stores them."""
         parts = []
-        for _, share in self._stretches:
-            step_s = sample_time_s * share / self.substeps
+        for stretch in self._stretches:
+            step_s = sample_time_s * stretch.share / self.substeps
             moves = transition(plant, step_s)
             parts.append(_columns_first(moves.matrix))
             if self.has_force:
@@ -153,16 +176,15 @@ class TaylorSeries:
     @classmethod
     def of(cls, plant: LinearPlant, sample_time_s: float, friction_n: float, substeps: int) -> TaylorSeries:
         """Choose the order, and more substeps where the plant is fast."""
-        most_substeps = 32
         order = _order(plant, sample_time_s / substeps)
-        while order > _HIGHEST_ORDER and substeps <= most_substeps:
+        while order > _HIGHEST_ORDER and substeps <= _MOST_SUBSTEPS:
             substeps *= 2
             order = _order(plant, sample_time_s / substeps)
-        if order > _HIGHEST_ORDER or substeps > most_substeps:
+        if order > _HIGHEST_ORDER or substeps > _MOST_SUBSTEPS:
             instead = 'scene.integrator = "projected"' if friction_n > 0 else "the effect jitter with rms_s = 0"
             raise UnsupportedError(
                 f"the scene's mechanics move so fast within a sample of {sample_time_s:g} s that exact dry friction or "
-                f"late forces would take more than {most_substeps} substeps; take {instead}, a heavier hand or "
+                f"late forces would take more than {_MOST_SUBSTEPS} substeps; take {instead}, a heavier hand or "
                 "device, or a slower amplifier or resonance"
             )
         hands = tuple(range(plant.matrix.ndim - 2))
@@ -193,7 +215,8 @@ class TaylorSeries:
         """Return the state after a stretch, its duration a share of the sample."""
         part = duration / self.substeps
         for _ in range(self.substeps):
-            remaining, breaking = part, 0
+            remaining = part
+            breaking: Expr = 0
             # Two changes between sliding and sticking are located in a series; a third one waits for its end.
             for _ in range(2 if self.friction_n > 0 else 0):
                 state, elapsed, breaking = self._until_event(plant, state, force, target, remaining, breaking)
@@ -287,7 +310,7 @@ def _first_zero(powers: list[Expr], remaining: Expr) -> Expr:
     slopes = [power * coefficient for power, coefficient in enumerate(powers)][1:]
     low: Expr = 0
     high = until
-    for _ in range(4):
+    for _ in range(_ROOT_STEPS):
         inside = ca.logic_and(guess >= low, guess <= high)
         guess = ca.if_else(inside, guess, 0.5 * (low + high))
         value = _horner(powers, guess)
@@ -296,10 +319,10 @@ def _first_zero(powers: list[Expr], remaining: Expr) -> Expr:
     return ca.if_else(_horner(powers, until) < 0, ca.fmin(ca.fmax(guess, low), high), remaining)
 
 
-def _horner(powers: list[Expr], at: Expr) -> Expr:
+def _horner(powers: list[Expr], time: Expr) -> Expr:
     value = powers[-1]
     for power in reversed(powers[:-1]):
-        value = power + at * value
+        value = power + time * value
     return value
 
 
@@ -311,10 +334,8 @@ def _order(plant: LinearPlant, step_s: float) -> int:
     for power in range(1, _HIGHEST_ORDER + 1):
         term = term @ matrix / power
         largest = np.abs(term).max()
-        # Relative to the change of the state in a sample.
-        if largest < 1e-17:
+        if largest < _NEGLIGIBLE_TERM:
             return power
-        # Larger terms would cancel and lose digits.
-        if largest > 1e3:
+        if largest > _LARGEST_TERM:
             break
     return _HIGHEST_ORDER + 1

@@ -16,7 +16,7 @@ from avc_casadi._util.interrupt import DeferredInterrupt
 from avc_casadi.coupling import contact_law
 from avc_casadi.model import EFFECTS
 from avc_casadi.model.declared import scene_effects
-from avc_casadi.model.gains import NO_COUPLING, Gains
+from avc_casadi.model.gains import NO_COUPLING, Gains, GainTable
 from avc_casadi.model.plant import DEVICE, GROUND, HANDLE, LinearPlant, Plant
 from avc_casadi.model.problem import Contact, Problem
 from avc_casadi.model.scene import Free, Motion, Stroke, Tap
@@ -36,9 +36,9 @@ def build_effects(problem: Problem) -> tuple[SceneEffect, ...]:
     kinds = [table.kind for table in tables]
     messages = [f"{kind} is listed {count} times; allowed: once" for kind, count in Counter(kinds).items() if count > 1]
     messages += [
-        f"{one} and {other} exclude each other; allowed: one of them"
-        for one, other in combinations(sorted(set(kinds), key=list(EFFECTS).index), 2)
-        if EFFECTS[one].role and EFFECTS[one].role == EFFECTS[other].role
+        f"{kind} and {other_kind} exclude each other; allowed: one of them"
+        for kind, other_kind in combinations(sorted(set(kinds), key=list(EFFECTS).index), 2)
+        if EFFECTS[kind].role and EFFECTS[kind].role == EFFECTS[other_kind].role
     ]
     faults: list[Fault] = []
     effects: list[SceneEffect] = []
@@ -56,6 +56,8 @@ def build_effects(problem: Problem) -> tuple[SceneEffect, ...]:
 def _clashes(effects: list[SceneEffect]) -> list[str]:
     """Return what is wrong with effects of incompatible numbers."""
     messages = []
+    has_engine = any(isinstance(effect, EngineEffect) for effect in effects)
+    has_backlash = any(isinstance(effect, Backlash) for effect in effects)
     delays = [effect.table.samples for effect in effects if isinstance(effect, Delay)]
     late = any(isinstance(effect, Jitter) and effect.table.rms_s > 0 for effect in effects)
     if late and any(samples != int(samples) for samples in delays):
@@ -64,9 +66,9 @@ def _clashes(effects: list[SceneEffect]) -> list[str]:
             "samples, or jitter with rms_s = 0"
         )
     has_filter = any(isinstance(effect, VelocityFilter) for effect in effects)
-    if has_filter and any(isinstance(effect, EngineEffect) for effect in effects):
+    if has_filter and has_engine:
         messages.append("the engine of simulation sees plain differences; allowed: leave velocity-filter out")
-    if any(isinstance(effect, Backlash) for effect in effects) and _measured_body(effects) == HANDLE:
+    if has_backlash and _measured_body(effects) == HANDLE:
         messages.append("backlash and an encoder at the handle exclude each other; allowed: one of them")
     return messages
 
@@ -147,9 +149,8 @@ class CompiledScene:
 
     def with_numbers(self, kind: str, **numbers: Any) -> CompiledScene:
         """Return the scene with other numbers of an effect, of one structure."""
-        return replace(
-            self, effects=tuple(replace(one, **numbers) if one.kind == kind else one for one in self.effects)
-        )
+        effects = tuple(replace(effect, **numbers) if effect.kind == kind else effect for effect in self.effects)
+        return replace(self, effects=effects)
 
     def input_values(self, seed: int = 0) -> FloatArray:
         """Return the inputs at every sample, shape (inputs, samples)."""
@@ -169,8 +170,8 @@ class CompiledScene:
             )
         if self.damped:
             parts.append(np.array([gains.contact_damping_ns_per_m]))
-        each = [np.broadcast_to(part, (len(self._plant_numbers), part.shape[-1])) for part in parts]
-        return np.concatenate([*each, self._plant_numbers], axis=1)
+        rows = [np.broadcast_to(part, (len(self._plant_numbers), part.shape[-1])) for part in parts]
+        return np.concatenate([*rows, self._plant_numbers], axis=1)
 
 
 def compile_scene(
@@ -187,15 +188,10 @@ def _compile(problem: Problem, effects: tuple[SceneEffect, ...], gains: Gains) -
     samples = max(1, round(problem.scene.duration_s / sample_time_s))
     target = target_of(problem.scene.motion, samples, sample_time_s)
     plant = mechanics_of(problem, effects)
-    environment = next((effect.environment for effect in effects if isinstance(effect, Wall)), None)
     table = next((effect.gain_table for effect in effects if isinstance(effect, Adaptation)), None)
-    if environment is not None:
-        declared: Contact = "clip-last" if environment.clips_last else "gated"
-        stiffness = gains.stiffness_n_per_m if table is None else table.gains[1]
-        law = contact_law(declared, environment.stiffness_n_per_m, stiffness)
-        environment = replace(environment, clips_last=law == "clip-last") if environment.present else None
-    coupled, damped = not gains.rigid and environment is not None, gains.contact_damping_ns_per_m > 0
-    damped = damped and environment is not None
+    environment = _environment_of(effects, gains, table)
+    coupled = not gains.rigid and environment is not None
+    damped = gains.contact_damping_ns_per_m > 0 and environment is not None
     adaptive = table is not None and environment is not None
     tick = Tick(sample_time_s, target.device_start_m)
     for name in plant.names:
@@ -204,25 +200,14 @@ def _compile(problem: Problem, effects: tuple[SceneEffect, ...], gains: Gains) -
     damper = damped if table is None else bool(np.any(table.gains[2] > 0))
     _sample(tick, effects, environment, coupled=coupled or adaptive, damped=damper)
     advance = _advance(problem, effects, plant, tick)
-    aim = None
-    if np.any(plant.target):
-        aim = (
-            tick.input("target_position_m", lambda *_: target.position_m),
-            tick.input("target_velocity_m_per_s", lambda *_: target.velocity_m_per_s),
-        )
+    aim = _aim(tick, target) if np.any(plant.target) else None
     drive = Drive(force=tick.command, force_before=tick.command_before, late=tick.late, target=aim)
     now = [slot.symbol for slot in tick.states[: plant.states]]
     for name, value in zip(plant.names, advance.step(tick, now, drive), strict=True):
         tick.follow(name, value)
     return CompiledScene(
         effects=effects,
-        function=ca.Function(
-            "sample",
-            [column(*(slot.symbol for slot in slots)) for slots in (tick.states, tick.inputs, tick.parameters)],
-            [ca.vertcat(*tick.successors()), ca.vertcat(*tick.traces.values())],
-            ["states", "inputs", "parameters"],
-            ["next", "traces"],
-        ),
+        function=_function_of(tick),
         states=tuple(slot.name for slot in tick.states),
         initial=np.array([slot.initial for slot in tick.states]),
         inputs=tuple(slot.name for slot in tick.inputs),
@@ -237,6 +222,36 @@ def _compile(problem: Problem, effects: tuple[SceneEffect, ...], gains: Gains) -
         metres_per_unit=problem.device.metres_per_unit,
         _tick=tick,
         _plant_numbers=np.atleast_2d(advance.parameters(plant, sample_time_s)),
+    )
+
+
+def _environment_of(effects: tuple[SceneEffect, ...], gains: Gains, table: GainTable | None) -> Environment | None:
+    """Return the environment of a scene with the contact law that holds for these gains; None where it has no force."""
+    environment = next((effect.environment for effect in effects if isinstance(effect, Wall)), None)
+    if environment is None:
+        return None
+    declared: Contact = "clip-last" if environment.clips_last else "gated"
+    stiffness = gains.stiffness_n_per_m if table is None else table.gains[1]
+    law = contact_law(declared, environment.stiffness_n_per_m, stiffness)
+    return replace(environment, clips_last=law == "clip-last") if environment.present else None
+
+
+def _aim(tick: Tick, target: Target) -> tuple[Any, Any]:
+    """Add position and velocity of the target as inputs."""
+    return (
+        tick.input("target_position_m", lambda *_: target.position_m),
+        tick.input("target_velocity_m_per_s", lambda *_: target.velocity_m_per_s),
+    )
+
+
+def _function_of(tick: Tick) -> Any:
+    """Return the sample as a function (states, inputs, parameters) -> (next, traces)."""
+    return ca.Function(
+        "sample",
+        [column(*(slot.symbol for slot in slots)) for slots in (tick.states, tick.inputs, tick.parameters)],
+        [ca.vertcat(*tick.successors()), ca.vertcat(*tick.traces.values())],
+        ["states", "inputs", "parameters"],
+        ["next", "traces"],
     )
 
 
@@ -303,7 +318,8 @@ def _advance(problem: Problem, effects: tuple[SceneEffect, ...], plant: LinearPl
     integrator, substeps = problem.scene.integrator, problem.scene.substeps
     constant = tick.late if isinstance(tick.late, float) else 0.0
     varying = tick.late is not None and constant == 0
-    has_force, has_target = tick.command is not None, bool(np.any(plant.target))
+    has_force = tick.command is not None
+    has_target = bool(np.any(plant.target))
     projection = integrator == "projected" and friction > 0
     if projection and varying:
         raise UnsupportedError(

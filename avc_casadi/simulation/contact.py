@@ -20,6 +20,11 @@ from avc_casadi._util.arrays import FloatArray
 from avc_casadi.model.runtime import PLAIN
 from avc_casadi.simulation.tick import Expr, Rate, Tick, ca
 
+LEAST_STIFFNESS_N_PER_M = 1e-20
+"""Added to the stiffness of varying gains, so that its reciprocal is finite where they are 0, and no force with it.
+
+Far below any gain, far above the smallest number of single precision."""
+
 
 @dataclass(frozen=True)
 class Environment:
@@ -79,7 +84,9 @@ def wall_force(tick: Tick, environment: Environment, *, rigid: bool, damped: boo
 def _series_force(tick: Tick, environment: Environment, *, rigid: bool) -> Expr:
     """Return f."""
     x, by_law = tick.position, environment.by_law
-    k_e, b_e, one_sided = environment.stiffness_n_per_m, environment.damping_ns_per_m, environment.one_sided
+    k_e = environment.stiffness_n_per_m
+    b_e = environment.damping_ns_per_m
+    one_sided = environment.one_sided
     offset: Expr = 0.0
     kappa_e = k_e
     if environment.damped:
@@ -90,14 +97,15 @@ def _series_force(tick: Tick, environment: Environment, *, rigid: bool) -> Expr:
         free, series = x, None
     else:
         stretch = Rate(tick, "coupling_deflection")
-        memory, compliance, series, anchor_share = _gains(tick, stretch, kappa_e, environment)
-        free = x - memory * stretch.offset
+        link = _link(tick, stretch, kappa_e, environment)
+        series = link.series
+        free = x - link.memory * stretch.offset
         if tick.adaptive is not None:
-            free -= anchor_share * tick.adaptive.anchor_m
+            free -= link.anchor_share * tick.adaptive.anchor_m
     force = (kappa_e if series is None else series) * (free - offset)
     if one_sided:
-        force = by_law(force, _pushing_only(tick, force, free, None if series is None else compliance))
-    tool = x if series is None else free - compliance * force
+        force = by_law(force, _pushing_only(tick, force, free, None if series is None else link.compliance))
+    tool = x if series is None else free - link.compliance * force
     if series is not None:
         stretch.settle(x - tool)
     depth = ca.fmax(tool, 0) if one_sided else tool
@@ -106,13 +114,13 @@ def _series_force(tick: Tick, environment: Environment, *, rigid: bool) -> Expr:
     tick.trace("tool_m", tool)
     tick.environment_energy_j = 0.5 * k_e * depth * depth
     if series is not None:
-        tick.coupling_energy_j = _spring_energy(tick, environment, x - tool, stretch.gain, memory, compliance)
+        tick.coupling_energy_j = _spring_energy(tick, environment, x - tool, stretch.gain, link)
     return force
 
 
 def _surface(tick: Tick, environment: Environment) -> Rate:
     """Return the deflection rate of the environment's spring: of the tool, or of its penetration."""
-    name, penetration = "environment_deflection", max(tick.start_m, 0.0)
+    penetration = max(tick.start_m, 0.0)
 
     def view(before: Expr) -> Expr:
         """Serve both laws with one state: in front of the wall the gated one takes it as a penetration of 0."""
@@ -120,41 +128,53 @@ def _surface(tick: Tick, environment: Environment) -> Rate:
         return environment.by_law(position, ca.fmax(position, 0))
 
     gated = environment.one_sided and not environment.clips_last
-    return Rate(tick, name, penetration if gated else tick.start_m, view=view)
+    return Rate(tick, "environment_deflection", penetration if gated else tick.start_m, view=view)
 
 
-def _gains(tick: Tick, stretch: Rate, kappa_e: Expr, environment: Environment) -> tuple[Expr, Expr, Expr, Expr]:
-    """Return b/kappa, 1/kappa, the stiffness in series and k/kappa: parameters of a run, or from the current gains."""
+@dataclass(frozen=True)
+class _Link:
+    """The coupling over one sample, with kappa = k + b gain."""
+
+    memory: Expr
+    """b/kappa, s."""
+    compliance: Expr
+    """1/kappa, m/N."""
+    series: Expr
+    """Stiffness of coupling and environment in series, N/m."""
+    anchor_share: Expr = None
+    """k/kappa, of gains that vary."""
+
+
+def _link(tick: Tick, stretch: Rate, kappa_e: Expr, environment: Environment) -> _Link:
+    """Return the coupling over one sample: parameters of a run, or from the current gains."""
     if tick.adapt is None:
-        memory, compliance, series = (
-            tick.parameter(name)
-            for name in ("coupling_memory_s", "coupling_compliance_m_per_n", "series_stiffness_n_per_m")
+        return _Link(
+            memory=tick.parameter("coupling_memory_s"),
+            compliance=tick.parameter("coupling_compliance_m_per_n"),
+            series=tick.parameter("series_stiffness_n_per_m"),
         )
-        return memory, compliance, series, None
     # Out of contact the clip-last coupling stretches without a force on the device: nothing is stored there.
     depth = ca.fmax(stretch.before, 0) if environment.one_sided else stretch.before
     tick.adaptive = gains = tick.adapt(environment.by_law(depth, stretch.before), environment.one_sided)
     stretch.offset *= environment.by_law(1, gains.touching)
     kappa = gains.stiffness_n_per_m + gains.damping_ns_per_m * stretch.gain
-    # Without gains there is no force, whatever the compliance: it only has to be finite. 1e-20 N/m is far below any
-    # gain, far above the smallest number of single precision.
-    compliance = 1 / (kappa + 1e-20)
+    # Without gains there is no force, whatever the compliance: it only has to be finite.
+    compliance = 1 / (kappa + LEAST_STIFFNESS_N_PER_M)
     series = kappa * (kappa_e / (kappa + kappa_e))
-    return gains.damping_ns_per_m * compliance, compliance, series, gains.stiffness_n_per_m * compliance
+    memory = gains.damping_ns_per_m * compliance
+    return _Link(memory, compliance, series, gains.stiffness_n_per_m * compliance)
 
 
-def _spring_energy(
-    tick: Tick, environment: Environment, deflection: Expr, rate_gain_per_s: Expr, memory: Expr, compliance: Expr
-) -> Expr:
+def _spring_energy(tick: Tick, environment: Environment, deflection: Expr, rate_gain_per_s: Expr, link: _Link) -> Expr:
     """Return the energy of the coupling's spring that the hand can recover."""
     if environment.one_sided:
         deflection = environment.by_law(ca.fmax(deflection, 0), deflection)
     if tick.adaptive is not None:
         stretch = deflection - tick.adaptive.anchor_m
         return 0.5 * tick.adaptive.stiffness_n_per_m * stretch * stretch
-    some = compliance > 0
-    stiffness = (1 - memory * rate_gain_per_s) / ca.if_else(some, compliance, 1)
-    return ca.if_else(some, 0.5 * stiffness * deflection * deflection, 0)
+    compliant = link.compliance > 0
+    stiffness = (1 - link.memory * rate_gain_per_s) / ca.if_else(compliant, link.compliance, 1)
+    return ca.if_else(compliant, 0.5 * stiffness * deflection * deflection, 0)
 
 
 def _pushing_only(tick: Tick, force: Expr, free: Expr, compliance: Expr | None) -> Expr:

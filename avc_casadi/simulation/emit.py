@@ -18,6 +18,10 @@ from numpy.typing import NDArray
 from avc_casadi._errors import InputError, UnsupportedError
 from avc_casadi.model.gains import DeviceLn, double_ln, single_ln
 
+# Numbers between these are printed without an exponent.
+_LEAST_PLAIN = 1e-3
+_MOST_PLAIN = 1e6
+
 
 @dataclass(frozen=True)
 class Precision:
@@ -44,7 +48,7 @@ class Precision:
             number = self.dtype(value)
         if not np.isfinite(number):
             raise InputError.of(f"holds {value:g}; allowed: below {self.largest:.2g} in {self.name} precision")
-        plain = 1e-3 <= abs(number) < 1e6 or number == 0
+        plain = _LEAST_PLAIN <= abs(number) < _MOST_PLAIN or number == 0
         spell = np.format_float_positional if plain else np.format_float_scientific
         text = spell(number, unique=True, trim="0") + self.suffix
         return f"({text})" if text.startswith("-") else text
@@ -75,8 +79,10 @@ def _nearest(a: Any) -> Any:
     return (a + _rounding(a.dtype)) - _rounding(a.dtype)
 
 
-# Not of CasADi: condition ? a : b, which it writes as a sum of two halves, and the nearest whole number.
-_SELECT, _NEAREST = "SELECT", "NEAREST"
+_SELECT = "SELECT"
+"""Operation condition ? a : b, not of CasADi, which writes it as a sum of two halves."""
+_NEAREST = "NEAREST"
+"""Operation nearest whole number, not of CasADi."""
 # Terms of the series of sin(2 pi u), u up to a quarter, by the bits of the mantissa.
 _TERMS = {23: 7, 52: 12}
 _BOTH = (True, True)
@@ -119,7 +125,7 @@ _SCALAR = {
     _NEAREST: Operation("({0} + {rounding}) - {rounding}", _nearest),
     _SELECT: Operation("{0} ? {1} : {2}", np.where, of_truth=(True, False, False)),
 }
-_TRUTHS = {name for name, one in _SCALAR.items() if one.truth}
+_TRUTHS = {name for name, operation in _SCALAR.items() if operation.truth}
 
 _OF_ONE = (
     *("floor", "ceil", "sqrt", "log", "log1p", "exp", "expm1", "erf"),
@@ -129,7 +135,9 @@ _OF_TWO = ("fmax", "fmin", "pow", "fmod", "remainder", "atan2", "copysign", "hyp
 _IN_LANES = {"CONSTPOW": "each_pow({0}, {1})"}
 _IN_LANES |= {name.upper(): f"each_{name}({{0}}, {{1}})" for name in _OF_TWO}
 _IN_LANES |= {name.upper(): f"each_{name}({{0}})" for name in _OF_ONE}
-_IN_LANES |= {name: one.lanes or one.c for name, one in _SCALAR.items() if name not in {_NEAREST, _SELECT}}
+_IN_LANES |= {
+    name: operation.lanes or operation.c for name, operation in _SCALAR.items() if name not in {_NEAREST, _SELECT}
+}
 
 _HEAD = """
 #include <math.h>
@@ -196,7 +204,7 @@ def in_lanes(function: Any, operands: Sequence[str], results: Sequence[str]) -> 
             lines.append(f"{results[to[0]].format(to[1])} = w{sources[0]};")
             continue
         else:
-            value = _IN_LANES[name].format(*(f"w{one}" for one in sources))
+            value = _IN_LANES[name].format(*(f"w{source}" for source in sources))
         lines.append(f"w{to[0]} = {value};")
     work = ", ".join(f"w{index}" for index in range(max(1, function.sz_w())))
     return "\n  ".join([f"Lanes {work};", *lines])
@@ -233,7 +241,7 @@ class FloatProgram:
             elif name in {"FLOOR", "SIN", "COS"}:
                 latest[to[0]] = self._expand(name, latest[sources[0]])
             elif name in _SCALAR:
-                latest[to[0]] = self._join(name, tuple(latest[at] for at in sources))
+                latest[to[0]] = self._join(name, tuple(latest[source] for source in sources))
             else:
                 raise UnsupportedError(f"{function.name()}: CasADi operation {name} has no form in C")
         self._live = self._reachable()
@@ -249,13 +257,14 @@ class FloatProgram:
     def _number(self, value: float) -> int:
         return self._place_of("CONST", constant=value)
 
-    def _expand(self, name: str, at: int) -> int:
+    def _expand(self, name: str, argument: int) -> int:
         """Expand a library function of C into operations that have the same bits anywhere; return its place."""
         of, number = self._place_of, self._number
         if name == "FLOOR":
-            nearest = of(_NEAREST, at)
-            return of("SUB", nearest, of("IF_ELSE_ZERO", of("LT", at, nearest), number(1.0)))
-        turns = of("MUL", at, number(1 / (2 * math.pi)))
+            nearest = of(_NEAREST, argument)
+            return of("SUB", nearest, of("IF_ELSE_ZERO", of("LT", argument, nearest), number(1.0)))
+        # Sine and cosine: the argument in turns, folded into a quarter of a turn, then a power series.
+        turns = of("MUL", argument, number(1 / (2 * math.pi)))
         if name == "COS":
             turns = of("ADD", turns, number(0.25))
         rest = of("SUB", turns, of(_NEAREST, turns))
@@ -272,7 +281,7 @@ class FloatProgram:
 
     def _join(self, name: str, arguments: tuple[int, ...]) -> int:
         """Join (c ? a : 0) + (!c ? b : 0) into one choice."""
-        halves = [self._nodes[at] for at in arguments]
+        halves = [self._nodes[place] for place in arguments]
         if name == "ADD" and all(half.operation == "IF_ELSE_ZERO" for half in halves):
             (first, a), (second, b) = (half.arguments for half in halves)
             if self._nodes[second] == _Node("NOT", (first,)):
@@ -284,9 +293,9 @@ class FloatProgram:
     def _reachable(self) -> list[int]:
         """Return the places that the results depend on, in order."""
         live = set(self._results.values())
-        for at in range(len(self._nodes) - 1, -1, -1):
-            if at in live and self._nodes[at].operation in _SCALAR:
-                live |= set(self._nodes[at].arguments)
+        for place in range(len(self._nodes) - 1, -1, -1):
+            if place in live and self._nodes[place].operation in _SCALAR:
+                live |= set(self._nodes[place].arguments)
         return sorted(live)
 
     def __call__(self, *values: Any) -> tuple[NDArray[Any], ...]:
@@ -295,16 +304,16 @@ class FloatProgram:
         inputs = [np.asarray(value, dtype=dtype) for value in values]
         work: dict[int, Any] = {}
         with np.errstate(all="ignore"):
-            for at in self._live:
-                node = self._nodes[at]
+            for place in self._live:
+                node = self._nodes[place]
                 if node.operation == "CONST":
-                    work[at] = np.asarray(node.constant, dtype=dtype)
+                    work[place] = np.asarray(node.constant, dtype=dtype)
                 elif node.operation == "INPUT":
-                    work[at] = inputs[node.arguments[0]]
+                    work[place] = inputs[node.arguments[0]]
                 else:
                     operation = _SCALAR[node.operation]
                     pairs = zip(node.arguments, operation.of_truth, strict=False)
-                    work[at] = operation.numpy(*(self._as(work[argument], truth=truth) for argument, truth in pairs))
+                    work[place] = operation.numpy(*(self._as(work[argument], truth=truth) for argument, truth in pairs))
         return tuple(self._as(work[self._results[index]], truth=False) for index in range(len(self.outputs)))
 
     def _as(self, value: Any, *, truth: bool) -> NDArray[Any]:
@@ -323,34 +332,34 @@ class FloatProgram:
         names: dict[int, str] = {}
         lines: list[str] = []
 
-        def value(at: int, *, truth: bool) -> str:
+        def value(argument: int, *, truth: bool) -> str:
             """Return the expression of a value, as a number or as a boolean."""
-            if truth == (self._nodes[at].operation in _TRUTHS):
-                return names[at]
-            return ("({} != {zero})" if truth else "({} ? {one} : {zero})").format(names[at], **words)
+            if truth == (self._nodes[argument].operation in _TRUTHS):
+                return names[argument]
+            return ("({} != {zero})" if truth else "({} ? {one} : {zero})").format(names[argument], **words)
 
-        for at in self._live:
-            node = self._nodes[at]
+        for place in self._live:
+            node = self._nodes[place]
             if node.operation == "CONST":
-                names[at] = literal(node.constant)
+                names[place] = literal(node.constant)
             elif node.operation == "INPUT":
-                names[at] = of_input(self.inputs[node.arguments[0]])
+                names[place] = of_input(self.inputs[node.arguments[0]])
             else:
                 operation = _SCALAR[node.operation]
                 pairs = zip(node.arguments, operation.of_truth, strict=False)
                 arguments = [value(argument, truth=truth) for argument, truth in pairs]
-                names[at] = f"{prefix}v{at}"
+                names[place] = f"{prefix}v{place}"
                 kind = "bool" if operation.truth else real
-                lines.append(f"const {kind} {names[at]} = {operation.c.format(*arguments, **words)};")
+                lines.append(f"const {kind} {names[place]} = {operation.c.format(*arguments, **words)};")
         # States are read throughout the body: none is written before all is computed.
         late, stores = [], []
         for index, name in enumerate(self.outputs):
-            place = of_output(name)
-            if place is None:
+            output = of_output(name)
+            if output is None:
                 continue
             result = value(self._results[index], truth=False)
             if "->" in result:
                 late.append(f"const {real} {prefix}r{index} = {result};")
                 result = f"{prefix}r{index}"
-            stores.append(f"{place} = {result};")
+            stores.append(f"{output} = {result};")
         return lines + late + stores

@@ -35,6 +35,8 @@ _THREADS = ThreadPoolExecutor(processors(), thread_name_prefix="scene")
 _COMPILING = ThreadPoolExecutor(processors(), thread_name_prefix="compile")
 LANES = 16
 """Runs side by side."""
+_RUNS_AT_ONCE = 250
+"""Runs whose traces are in memory at a time, where CasADi runs the scene."""
 
 _LOOP = """
 #define LANES {lanes}
@@ -105,19 +107,23 @@ class NativeScene:
         self, initial: FloatArray, inputs: FloatArray, parameters: FloatArray, workers: int, first: int | None = None
     ) -> FloatArray:
         """Run every row of the parameters; return traces, or from a first sample on the peaks (runs, 2)."""
-        initial, inputs, parameters = (np.ascontiguousarray(one, np.float64) for one in (initial, inputs, parameters))
+        initial = np.ascontiguousarray(initial, np.float64)
+        inputs = np.ascontiguousarray(inputs, np.float64)
+        parameters = np.ascontiguousarray(parameters, np.float64)
         runs, samples = len(parameters), len(inputs)
         results = np.empty((runs, samples, self._traces) if first is None else (runs, 2))
 
         def work(rows: slice) -> None:
-            some, result = parameters[rows], results[rows].ctypes.data
-            arrays = initial.ctypes.data, inputs.ctypes.data, some.ctypes.data
+            block = parameters[rows]
+            result = results[rows].ctypes.data
+            arrays = initial.ctypes.data, inputs.ctypes.data, block.ctypes.data
             pointers = (result, None) if first is None else (None, result)
-            self._run(len(some), samples, first or 0, *arrays, *pointers)
+            self._run(len(block), samples, first or 0, *arrays, *pointers)
 
         groups = -(-runs // LANES)
-        each = LANES * -(-groups // max(1, min(workers, groups)))
-        list(_THREADS.map(work, (slice(begin, min(begin + each, runs)) for begin in range(0, runs, max(1, each)))))
+        share = LANES * -(-groups // max(1, min(workers, groups)))
+        shares = (slice(begin, min(begin + share, runs)) for begin in range(0, runs, max(1, share)))
+        list(_THREADS.map(work, shares))
         return results
 
 
@@ -189,9 +195,9 @@ def execute_to_speed(
         first = scene.samples - window_samples(scene.samples, scene.sample_time_s)
         far, fast = native(scene.initial, inputs.T, parameters, workers, first).T
         return _over_rest(scene, far, fast)
-    parts, at_once = [np.zeros(0)], 250
-    for begin in range(0, len(parameters), at_once):
-        run = _by_casadi(scene, parameters[begin : begin + at_once], inputs)
+    parts = [np.zeros(0)]
+    for begin in range(0, len(parameters), _RUNS_AT_ONCE):
+        run = _by_casadi(scene, parameters[begin : begin + _RUNS_AT_ONCE], inputs)
         last = slice(-window_samples(scene.samples, scene.sample_time_s), None)
         fast = np.max([np.abs(run[name][:, last]).max(axis=-1) for name in scene.speeds], axis=0)
         parts.append(_over_rest(scene, np.abs(run["position_m"]).max(axis=-1), fast))
@@ -203,11 +209,20 @@ def _over_rest(scene: CompiledScene, far_m: FloatArray, fast_m_per_s: FloatArray
     return np.where(here, fast_m_per_s / (AT_REST_M_PER_S / scene.metres_per_unit), np.inf)
 
 
+_COMPILER_S = 0.1
+"""Time of the compiler, whatever it compiles."""
+_COMPILER_S_PER_INSTRUCTION = 2.5e-4
+_GAIN_S_PER_INSTRUCTION = 1.5e-9
+"""Time saved whenever an instruction is evaluated."""
+_FEW_RUNS = 3
+"""Where more hands try a scene, others will."""
+
+
 def _pays(scene: CompiledScene, runs: int) -> bool:
-    """Whether to compile: 0.1 s and 0.25 ms an instruction, which saves 1.5 ns each time that one is evaluated."""
-    gain_s = runs * scene.samples * scene.instructions * 1.5e-9
-    # Where several hands try a scene, others will.
-    return compiler() is not None and (runs > 3 or gain_s > 0.1 + scene.instructions * 2.5e-4)
+    """Whether to compile: where that takes less time than it saves, or many hands will try the scene."""
+    gain_s = runs * scene.samples * scene.instructions * _GAIN_S_PER_INSTRUCTION
+    cost_s = _COMPILER_S + scene.instructions * _COMPILER_S_PER_INSTRUCTION
+    return compiler() is not None and (runs > _FEW_RUNS or gain_s > cost_s)
 
 
 def _native(scene: CompiledScene, runs: int) -> NativeScene | None:

@@ -56,12 +56,19 @@ def energy_ledger(
 
 
 SETTLING_WINDOW_S = 0.5
+"""Time at the end of a run by which it is judged."""
 AT_REST_M_PER_S = 5e-3
 """Speed of device and handle below which a run counts as settled."""
 RIPPLE_HZ = (20.0, 500.0)
+"""Band of the ripple of the force."""
 BUZZ_SHARE = 0.07
-# Beyond any desktop workspace: the run has diverged.
+"""Ripple, rms as a share of the mean force, above which a run buzzes."""
 DIVERGENCE_M = 10.0
+"""Travel beyond any desktop workspace: the run has diverged."""
+TOUCH_N = 1e-6
+"""Mean force at the handle below which nothing is touched."""
+IMPACT_S = 0.01
+"""Time after the first contact in which the rise of the force is the rate-hardness."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -112,8 +119,16 @@ class Traces:
         """Return the traces of an executed scene; in free space there is no force."""
         position = traces["position_m"]
         force = traces.get("force_n", np.zeros_like(position))
-        beside = (traces.get(name) for name in ("measured_m", "handle_m", "handle_m_per_s"))
-        return cls(position, traces["velocity_m_per_s"], force, device.sample_time_s, device.metres_per_unit, *beside)
+        return cls(
+            position_m=position,
+            velocity_m_per_s=traces["velocity_m_per_s"],
+            force_n=force,
+            sample_time_s=device.sample_time_s,
+            metres_per_unit=device.metres_per_unit,
+            measured_m=traces.get("measured_m"),
+            handle_m=traces.get("handle_m"),
+            handle_m_per_s=traces.get("handle_m_per_s"),
+        )
 
     @property
     def depth_m(self) -> FloatArray:
@@ -128,7 +143,9 @@ class Traces:
 
     def judge(self) -> Judgement:
         """Judge runs by the last half second (or the whole run, where it is shorter)."""
-        sample_time_s, unit, depth = self.sample_time_s, self.metres_per_unit, self.depth_m
+        sample_time_s = self.sample_time_s
+        unit = self.metres_per_unit
+        depth = self.depth_m
         last = slice(-window_samples(self.position_m.shape[-1], sample_time_s), None)
         here = np.all(np.abs(self.position_m) < DIVERGENCE_M / unit, axis=-1)
         with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
@@ -138,8 +155,7 @@ class Traces:
             travel = np.ptp(self.position_m[..., last], axis=-1)
             force, penetration = self.force_n[..., last].mean(axis=-1), depth[..., last].mean(axis=-1)
             ripple = _ripple(self.force_n[..., last], sample_time_s)
-            # Less than a micronewton is no touch.
-            touching = (force > 1e-6 * unit) & (penetration > 0) & here
+            touching = (force > TOUCH_N * unit) & (penetration > 0) & here
             apparent = np.where(touching, force / penetration, np.nan)
             buzzing = ~here | (ripple > BUZZ_SHARE * np.abs(force))
         return Judgement(
@@ -173,16 +189,16 @@ def _ripple(force: FloatArray, sample_time_s: float) -> FloatArray:
 
 
 def _rate_hardness(depth: FloatArray, velocity: FloatArray, force: FloatArray, sample_time_s: float) -> FloatArray:
-    impact_s = 0.01
+    """Return the largest rise of the force after the first contact over the speed of approach, N/m."""
     # Of fewer than four samples of an impact the rise of its force is not resolved.
-    if force.shape[-1] < 2 or sample_time_s * 4 > impact_s:
+    if force.shape[-1] < 2 or sample_time_s * 4 > IMPACT_S:
         return np.full(force.shape[:-1], np.nan)
     pushing = force > 0
     first = pushing.argmax(axis=-1)[..., None]
     # The last sample before the face: a force that comes late may meet a hand that has stopped.
     entry = (pushing | (depth > 0)).argmax(axis=-1)[..., None]
     speed = np.abs(np.take_along_axis(velocity, np.maximum(entry - 1, 0), axis=-1)[..., 0])
-    window = np.minimum(first + np.arange(1 + round(impact_s / sample_time_s)), force.shape[-1] - 1)
+    window = np.minimum(first + np.arange(1 + round(IMPACT_S / sample_time_s)), force.shape[-1] - 1)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         before = np.where(window > 0, np.take_along_axis(force, np.maximum(window - 1, 0), axis=-1), 0.0)
         rate = (np.take_along_axis(force, window, axis=-1) - before) / sample_time_s
@@ -193,6 +209,13 @@ QUIET = 1.0
 """Multiple of the vibrotactile detection threshold below which a vibration is not detected."""
 
 
+_THRESHOLD_HZ = (10.0, 20.0, 40.0, 80.0, 160.0, 320.0, 500.0)
+_THRESHOLD_M = (20e-6, 12e-6, 5e-6, 1.6e-6, 0.5e-6, 0.25e-6, 0.7e-6)
+"""Peak displacement at each of these frequencies that a hand in a pen-hold posture just detects."""
+_HANN_NOISE_BANDWIDTH = 1.5
+"""Mean square of Hann's window over its squared mean."""
+
+
 def vibration_level(position_m: FloatArray, sample_time_s: float) -> FloatArray:
     """Return the vibration in the last half second, without a straight drift, in multiples of the detection threshold.
 
@@ -200,8 +223,8 @@ def vibration_level(position_m: FloatArray, sample_time_s: float) -> FloatArray:
     threshold is that of a hand in a pen-hold posture, approximately after Israr, Choi and Tan (IROS 2006, "Detection
     threshold and mechanical impedance of the hand in a pen-hold posture"); read off, indicative.
     """
-    table_hz = np.array([10.0, 20.0, 40.0, 80.0, 160.0, 320.0, 500.0])
-    table_m = np.array([20e-6, 12e-6, 5e-6, 1.6e-6, 0.5e-6, 0.25e-6, 0.7e-6])
+    table_hz = np.array(_THRESHOLD_HZ)
+    table_m = np.array(_THRESHOLD_M)
     last = position_m[..., -max(8, round(SETTLING_WINDOW_S / sample_time_s)) :]
     n = last.shape[-1]
     time = np.linspace(-1.0, 1.0, n)
@@ -214,6 +237,5 @@ def vibration_level(position_m: FloatArray, sample_time_s: float) -> FloatArray:
         in_band = (frequency >= table_hz[0]) & (frequency <= table_hz[-1])
         threshold_m = np.exp(np.interp(np.log(frequency[in_band]), np.log(table_hz), np.log(table_m)))
         ratio = peak[..., in_band] / threshold_m
-        # 1.5 is the mean square of Hann's window over its squared mean.
-        whole = np.sqrt((ratio**2).sum(axis=-1) / 1.5)
+        whole = np.sqrt((ratio**2).sum(axis=-1) / _HANN_NOISE_BANDWIDTH)
     return np.asarray(np.where(np.isfinite(whole), whole, np.inf))

@@ -32,6 +32,9 @@ from avc_casadi.simulation.judge import DIVERGENCE_M, Judgement, Ledger, Traces,
 
 Claim = Literal["asymptotic", "held-by-friction", "unstable"]
 
+_HANDS_AT_ONCE = 256
+"""Hands whose traces are in memory at a time."""
+
 _CLAIMS: dict[Claim, str] = {
     "asymptotic": "settled, and does so without dry friction too",
     "held-by-friction": "settled only because dry friction holds it; without friction it does not",
@@ -155,8 +158,9 @@ class Run(Tabular):
 
     def document(self, trace: Path | None = None) -> dict[str, Any]:
         """Return the JSON document; `trace` is the file of the traces."""
-        found = self.judgement
+        judgement = self.judgement
         peaks = ("peak_velocity_m_per_s", "position_peak_to_peak_m", "mean_force_n", "force_ripple_n")
+        stiffnesses = ("apparent_stiffness_n_per_m", "rate_hardness_n_per_m")
         document = {
             "problem": self.problem,
             "coupling": self.coupling,
@@ -165,10 +169,10 @@ class Run(Tabular):
             "contact_damping_ns_per_m": self.contact_damping_ns_per_m[0],
             "stable": self.stable,
             "outcome": self.claim,
-            "diverged": bool(found.diverged),
+            "diverged": bool(judgement.diverged),
             "buzzing": self.buzzing,
             "steps": self.samples,
-            **{name: getattr(found, name) for name in (*peaks, "apparent_stiffness_n_per_m", "rate_hardness_n_per_m")},
+            **{name: getattr(judgement, name) for name in (*peaks, *stiffnesses)},
             "energy_generated_j": self.energy_generated_j,
             "certificate": {"L6": self.certificate()},
             "trace": None if trace is None else str(trace),
@@ -210,15 +214,16 @@ def simulate_effects(
     """Simulate effects and gains, of `resolve`, in place of those of the problem file."""
     scene = compile_scene(problem, effects, at_start)
     traces = _traces(scene, at_start, seed)
-    found = Traces.of(traces, problem.device).judge()
-    claim: Claim = "asymptotic" if found.stable else "unstable"
-    if found.stable and any(isinstance(effect, CoulombFriction) for effect in effects):
+    judgement = Traces.of(traces, problem.device).judge()
+    claim: Claim = "asymptotic" if judgement.stable else "unstable"
+    if judgement.stable and any(isinstance(effect, CoulombFriction) for effect in effects):
         frictionless = compile_scene(problem, without(effects, CoulombFriction.kind), at_start)
         free = Traces.of(_traces(frictionless, at_start, seed), problem.device)
         claim = "asymptotic" if free.judge().stable else "held-by-friction"
     whole = np.ones(scene.samples)
-    b, k, b_p = (traces.get(gain, whole * value) for gain, value in vars(at_start).items())
-    stiffness = np.full(scene.samples, np.inf) if at_start.rigid else k
+    damping = traces.get("damping_ns_per_m", whole * at_start.damping_ns_per_m)
+    stiffness = traces.get("stiffness_n_per_m", whole * at_start.stiffness_n_per_m)
+    contact_damping = traces.get("contact_damping_ns_per_m", whole * at_start.contact_damping_ns_per_m)
     hz = traces.get("interaction_hz")
     return Run(
         problem=problem.name,
@@ -230,20 +235,20 @@ def simulate_effects(
         force_n=traces["force_n"],
         tool_m=traces["tool_m"],
         target_m=scene.target.position_m,
-        damping_ns_per_m=b,
-        stiffness_n_per_m=k,
-        contact_damping_ns_per_m=b_p,
+        damping_ns_per_m=damping,
+        stiffness_n_per_m=stiffness,
+        contact_damping_ns_per_m=contact_damping,
         interaction_hz=None if hz is None else np.where(hz > 0, hz, np.nan),
         ledger=energy_ledger(
             traces["position_m"],
             traces["force_n"],
             traces["tool_m"],
-            stiffness,
+            np.full(scene.samples, np.inf) if at_start.rigid else stiffness,
             scene.environment,
             traces.get("anchor_m", 0.0),
-            sum(one.potential_j(traces["position_m"]) for one in effects if isinstance(one, Detents)),
+            sum(effect.potential_j(traces["position_m"]) for effect in effects if isinstance(effect, Detents)),
         ),
-        judgement=found,
+        judgement=judgement,
         claim=claim,
         metres_per_unit=problem.device.metres_per_unit,
         units=problem.units,
@@ -279,9 +284,8 @@ def simulate_batch(problem: Problem, hands: Hand | StylusHand, gains: AnyGains, 
     effects, at_start, _ = resolve(problem, effects, gains)
     scene = compile_scene(problem, effects, at_start)
     parameters, inputs = scene.parameter_values(at_start), scene.input_values()
-    at_once = 256
-    parts = (parameters[first : first + at_once] for first in range(0, len(parameters), at_once))
-    return Judgement.join([Traces.of(execute(scene, some, inputs), problem.device).judge() for some in parts])
+    parts = (parameters[first : first + _HANDS_AT_ONCE] for first in range(0, len(parameters), _HANDS_AT_ONCE))
+    return Judgement.join([Traces.of(execute(scene, block, inputs), problem.device).judge() for block in parts])
 
 
 def stage(problem: Problem, gains: AnyGains) -> Problem:
@@ -306,13 +310,15 @@ def resolve(
         return *resolve(problem, effects, gains.table)[:2], gains.method
     frequency, method = problem.scene.interaction_hz, "given"
     if isinstance(gains, GainSchedule):
-        at, method = gains_at(gains, frequency), gains.method
+        at_start, method = gains_at(gains, frequency), gains.method
     else:
-        at = gains.at_rest if frequency is None else Gains(*gains(frequency).tolist())
+        at_start = gains.at_rest if frequency is None else Gains(*gains(frequency).tolist())
     if any(isinstance(effect, Adaptation) for effect in effects):
         table = gains if isinstance(gains, GainTable) else thinned(GainTable.of(gains))
-        effects = tuple(replace(one, gain_table=table) if isinstance(one, Adaptation) else one for one in effects)
-    return effects, at, method
+        effects = tuple(
+            replace(effect, gain_table=table) if isinstance(effect, Adaptation) else effect for effect in effects
+        )
+    return effects, at_start, method
 
 
 def without(effects: tuple[SceneEffect, ...], kind: str) -> tuple[SceneEffect, ...]:

@@ -19,6 +19,9 @@ from avc_casadi.simulation.compile import CompiledScene, build_effects, compile_
 from avc_casadi.simulation.scene import AnyGains, Run, resolve, simulate_effects, stage, without
 from avc_casadi.simulation.tick import ca
 
+_NS_PER_S = 1e9
+TOLERANCE = 0.01
+"""Share of the motion, of the force or of the stiffness by which an effect that is not needed may change it."""
 _CHANGES = ("position_change", "force_change", "stiffness_change")
 
 
@@ -61,7 +64,7 @@ def _times_ns(scene: CompiledScene, gains: Gains) -> list[float]:
     for _ in range(9):
         start = time.process_time()
         loop(*arguments)
-        times_ns.append((time.process_time() - start) / samples * 1e9)
+        times_ns.append((time.process_time() - start) / samples * _NS_PER_S)
     return times_ns
 
 
@@ -79,23 +82,25 @@ class Screening(Tabular):
     def to_dict(self) -> Columns:
         """Return the effects as columns, a row for each that can be left out."""
         keys = (*_CHANGES, "outcome", "outcome_changed", "needed", "instructions")
-        columns = {key: [np.nan if one[key] is None else one[key] for one in self.effects] for key in keys}
-        return {"effect": np.array([one["kind"] for one in self.effects])} | {
+        columns = {key: [np.nan if effect[key] is None else effect[key] for effect in self.effects] for key in keys}
+        return {"effect": np.array([effect["kind"] for effect in self.effects])} | {
             key: np.array(column) for key, column in columns.items()
         }
 
     def _summary(self) -> str:
         whole = self.whole
-        what = f"not needed: {', '.join(self.redundant)}" if self.redundant else "all effects are needed"
-        return f"{whole.problem!r}, coupling {whole.coupling}, tolerance {100 * self.tolerance:g} %: {what}"
+        verdict = f"not needed: {', '.join(self.redundant)}" if self.redundant else "all effects are needed"
+        return f"{whole.problem!r}, coupling {whole.coupling}, tolerance {100 * self.tolerance:g} %: {verdict}"
 
     @property
     def redundant(self) -> tuple[str, ...]:
         """Effects that the scene does not need at this tolerance."""
-        return tuple(one["kind"] for one in self.effects if not one["needed"])
+        return tuple(effect["kind"] for effect in self.effects if not effect["needed"])
 
 
-def screen(problem: Problem, gains: AnyGains, *, tolerance: float = 0.01, progress: Progress = SILENT) -> Screening:
+def screen(
+    problem: Problem, gains: AnyGains, *, tolerance: float = TOLERANCE, progress: Progress = SILENT
+) -> Screening:
     """Leave out each effect of a scene in turn, then all that it does not need together."""
     if not 0 <= tolerance < 1:
         raise InputError.of(f"is {tolerance:g}; allowed: 0 or more and below 1", key="tolerance")
@@ -116,8 +121,8 @@ def screen(problem: Problem, gains: AnyGains, *, tolerance: float = 0.01, progre
             rows.append({key: value for key, value in cost.items() if key != "station"} | changes((kind,)))
         except InputError:  # the only mass
             essential.append(kind)
-    rows.sort(key=lambda one: (not one["outcome_changed"], -max(one[key] or 0.0 for key in _CHANGES)))
-    redundant = tuple(one["kind"] for one in rows if not one["needed"])
+    rows.sort(key=lambda row: (not row["outcome_changed"], -max(row[key] or 0.0 for key in _CHANGES)))
+    redundant = tuple(row["kind"] for row in rows if not row["needed"])
     together = {"kinds": redundant, **changes(redundant)} if redundant else None
     return Screening(tolerance, whole, tuple(rows), tuple(essential), together, costs["scatter_ns"])
 
@@ -126,9 +131,11 @@ def _compare(whole: Run, rest: Run, tolerance: float) -> dict[str, Any]:
     """Return the change of a scene without some of its effects."""
     position = _relative(whole.position_m - whole.position_m[0], rest.position_m - rest.position_m[0])
     force = _relative(whole.force_n, rest.force_n)
-    one, other = whole.apparent_stiffness_n_per_m, rest.apparent_stiffness_n_per_m
-    stiffness = abs(other / one - 1) if np.isfinite(one) and np.isfinite(other) else None
-    changed = bool((rest.claim, rest.buzzing) != (whole.claim, whole.buzzing) or np.isfinite(one) != np.isfinite(other))
+    before = whole.apparent_stiffness_n_per_m
+    after = rest.apparent_stiffness_n_per_m
+    touched, touches = np.isfinite(before), np.isfinite(after)
+    stiffness = abs(after / before - 1) if touched and touches else None
+    changed = bool((rest.claim, rest.buzzing) != (whole.claim, whole.buzzing) or touched != touches)
     needed = changed or not max(position, force, stiffness or 0.0) <= tolerance
     return {
         **dict(zip(_CHANGES, (position, force, stiffness), strict=True)),

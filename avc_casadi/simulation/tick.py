@@ -112,7 +112,8 @@ class Tick:
     def previous_force(self, *, delayed: bool) -> Expr:
         """Return the force of the previous sample, as held or as commanded before any delay: a state added once."""
         name = "held_force_n" if delayed else "asked_force_n"
-        if (state := self.find_state(name)) is not None:
+        state = self.find_state(name)
+        if state is not None:
             return state
 
         def settle() -> None:

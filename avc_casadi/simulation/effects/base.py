@@ -48,7 +48,9 @@ class SceneEffect:
         super().__init_subclass__()
         if keys is None:
             return
-        cls.kind, cls.keys, cls.rank = keys.model_fields["kind"].default, keys, rank
+        cls.kind = keys.model_fields["kind"].default
+        cls.keys = keys
+        cls.rank = rank
         cls.station = max(station for station in Station if station <= rank)
         for name, value in options.items():
             setattr(cls, name, value)
@@ -86,7 +88,8 @@ def positive_number(value: float | None, problem: Problem, place: str, source: s
     """Return a number of a table, or what the device declares; one of both must be above 0."""
     number: float | None = getattr(problem.device, source) if value is None and source else value
     if not number:
-        what, also = "missing" if value is None else "0", f" and so is device.{source}" if source else ""
+        state = "missing" if value is None else "0"
+        and_device = f" and so is device.{source}" if source else ""
         allowed = f"above 0{f' here or in device.{source}' if source else ''}, or leave the effect out"
-        raise InputError([Fault(problem.name or "problem", None, place, f"is {what}{also}; allowed: {allowed}")])
+        raise InputError([Fault(problem.name or "problem", None, place, f"is {state}{and_device}; allowed: {allowed}")])
     return number

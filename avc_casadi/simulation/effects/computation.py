@@ -65,6 +65,12 @@ class StateFeedback(TableEffect, keys=StateFeedbackEffect, rank=120, role="obser
         tick.observing = tick.find_state("state_feedback_started")
 
 
+OVER_LIGHTEST = 1.07
+"""Default mass of an observer over that of the device and the lightest hand.
+
+Too small a mass predicts too much motion; far above the lightest hand's, light hands buzz."""
+
+
 @dataclass(frozen=True)
 class Observer(SceneEffect, keys=ObserverEffect, rank=90, role="observer", of_coupling=True):
     """Replaces the counted position by one predicted from the commanded forces, at the time when the next one acts."""
@@ -81,9 +87,8 @@ class Observer(SceneEffect, keys=ObserverEffect, rank=90, role="observer", of_co
             raise InputError.of(message, file=problem.name, key=place)
         step_m = encoder.resolution_m if table.resolution_m is None else table.resolution_m
         resolution = positive_number(step_m, problem, f"{place}.resolution_m", "encoder_resolution_m")
-        # An assumed mass too small predicts too much motion; far above the lightest hand's, light hands buzz.
-        lightest = 1.07 * (problem.device.mass_kg + problem.hands.mass_kg[0])
-        mass = positive_number(lightest if table.mass_kg is None else table.mass_kg, problem, f"{place}.mass_kg")
+        usual_kg = OVER_LIGHTEST * (problem.device.mass_kg + problem.hands.mass_kg[0])
+        mass = positive_number(usual_kg if table.mass_kg is None else table.mass_kg, problem, f"{place}.mass_kg")
         delay = next((effect for effect in problem.scene.effects if isinstance(effect, DelayEffect)), None)
         late = 0 if delay is None else delay.samples or problem.device.delay_samples
         ahead = late if table.ahead_samples is None else table.ahead_samples

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, Self
 
@@ -33,26 +34,26 @@ class Detents(SceneEffect, keys=DetentEffect, rank=180):
         return cls(problem.detent)
 
     def sample(self, tick: Tick) -> None:
-        one = self.detent
-        turns = (tick.position - one.centre_m) / one.pitch_m
-        share = (turns - ca.floor(turns + 0.5)) / one.width
+        detent = self.detent
+        turns = (tick.position - detent.centre_m) / detent.pitch_m
+        share = (turns - ca.floor(turns + 0.5)) / detent.width
         inside = ca.fabs(share) < 0.5
-        force = ca.if_else(inside, one.force_n * ca.sin(2 * math.pi * share), 0)
+        force = ca.if_else(inside, detent.force_n * ca.sin(2 * math.pi * share), 0)
         tick.environment_energy_j += self._depth_j * (1 - ca.cos(2 * math.pi * ca.fmin(ca.fabs(share), 0.5)))
-        if one.damping_ns_per_m > 0:
-            force += one.damping_ns_per_m * Rate(tick, "detent_position", tick.start_m).settle(tick.position)
+        if detent.damping_ns_per_m > 0:
+            force += detent.damping_ns_per_m * Rate(tick, "detent_position", tick.start_m).settle(tick.position)
         tick.command = force if tick.command is None else tick.command + force
 
     @property
     def _depth_j(self) -> float:
-        one = self.detent
-        return one.force_n * one.width * one.pitch_m / (2 * math.pi)
+        detent = self.detent
+        return detent.force_n * detent.width * detent.pitch_m / (2 * math.pi)
 
     def potential_j(self, position_m: FloatArray) -> FloatArray:
         """Return the energy stored in the detents at positions, 0 in the valleys."""
-        one = self.detent
-        turns = (position_m - one.centre_m) / one.pitch_m
-        share = np.minimum(np.abs(turns - np.floor(turns + 0.5)) / one.width, 0.5)
+        detent = self.detent
+        turns = (position_m - detent.centre_m) / detent.pitch_m
+        share = np.minimum(np.abs(turns - np.floor(turns + 0.5)) / detent.width, 0.5)
         return np.asarray(self._depth_j * (1 - np.cos(2 * math.pi * share)))
 
 
@@ -86,6 +87,28 @@ class TwoSidedEnvironment(Wall, keys=EnvironmentEffect, rank=170, role="environm
     @property
     def environment(self) -> Environment:
         return Environment(self.stiffness_n_per_m, self.damping_ns_per_m, one_sided=False)
+
+
+@dataclass(frozen=True)
+class _EngineNumbers:
+    """Gains of the coupling, tool and contact of an engine, as parameters of a run."""
+
+    coupling_n_per_m: Expr
+    coupling_ns_per_m: Expr
+    local_ns_per_m: Expr
+    tool_kg: Expr
+    tool_ns_per_m: Expr
+    contact_n_per_m: Expr
+    contact_ns_per_m: Expr
+
+
+def _stepped(rows: Iterable[Iterable[Expr]], x: Expr, v: Expr, push: Expr) -> list[Expr]:
+    """Return position and velocity of a tool after a step of `tool_step`: its rows times (x, v, push)."""
+    return [of_x * x + of_v * v + of_push * push for of_x, of_v, of_push in rows]
+
+
+_ROUNDING = 1e-6
+"""Share of a sample by which a step that ends at a sample may seem to end after it, by rounding."""
 
 
 @dataclass(frozen=True)
@@ -133,7 +156,8 @@ class EngineEffect(SceneEffect, keys=SimulationEffect, rank=155, role="environme
         return np.array([*self._numbers.values()])
 
     def sample(self, tick: Tick) -> None:
-        k, b, local, mass, drag, contact, contact_damping = (tick.parameter(name) for name in self._numbers)
+        numbers = _EngineNumbers(**{name: tick.parameter(name) for name in self._numbers})
+        k, b = numbers.coupling_n_per_m, numbers.coupling_ns_per_m
         moves = not math.isinf(self.state.mass_kg)
         start_m = min(tick.start_m, 0.0) if moves else 0.0
         place = tick.position
@@ -148,12 +172,12 @@ class EngineEffect(SceneEffect, keys=SimulationEffect, rank=155, role="environme
         speed = ca.if_else(late, last - older, place - last) / t
         after = (x, v)
         if moves:
-            after = self._tool_after((x, v), period, (position, speed), (k, b, mass, drag), (contact, contact_damping))
+            after = self._tool_after((x, v), period, (position, speed), numbers)
         output = self._output(tick, steps, (x, v), after, k * (position - x) + b * (speed - v), start_m)
         rate = (place - last) / t
         gets_force = self.tool.exchange == "held-force"
         force = output[0] if gets_force else k * (place - output[0]) + b * (rate - output[1])
-        tick.command = force + local * rate
+        tick.command = force + numbers.local_ns_per_m * rate
         tick.trace("tool_m", x)
         for name, value, before in (("tool_m", after[0], x), ("tool_m_per_s", after[1], v)):
             tick.follow(name, ca.if_else(steps, value, before))
@@ -161,25 +185,25 @@ class EngineEffect(SceneEffect, keys=SimulationEffect, rank=155, role="environme
         tick.follow("engine_older_m", last)
 
     def _tool_after(
-        self,
-        tool: tuple[Expr, Expr],
-        t: Expr,
-        device: tuple[Expr, Expr],
-        link: tuple[Expr, Expr, Expr, Expr],
-        contact: tuple[Expr, Expr],
+        self, tool: tuple[Expr, Expr], period_s: Expr, device: tuple[Expr, Expr], numbers: _EngineNumbers
     ) -> tuple[Expr, Expr]:
         """Return position and velocity of the tool after a step, as in `loops.engine`, with a one-sided contact."""
-        (x, v), (position, speed), (k, b, mass, drag), (k_c, b_c) = tool, device, link, contact
-        rigid, integrator, t = k_c > RIGID_N_PER_M, self.tool.integrator, t / self.tool.substeps
+        x, v = tool
+        position, speed = device
+        k, b = numbers.coupling_n_per_m, numbers.coupling_ns_per_m
+        mass, drag = numbers.tool_kg, numbers.tool_ns_per_m
+        rigid = numbers.contact_n_per_m > RIGID_N_PER_M
+        integrator = self.tool.integrator
+        t = period_s / self.tool.substeps
         implicit_k, implicit_b = self.tool.implicit_part(k, b)
         push = k * position + b * speed - (k - implicit_k) * x - (b - implicit_b) * v
-        k_c, b_c = ca.if_else(rigid, 0, k_c), ca.if_else(rigid, 0, b_c)
+        k_c = ca.if_else(rigid, 0, numbers.contact_n_per_m)
+        b_c = ca.if_else(rigid, 0, numbers.contact_ns_per_m)
         free = tool_step(integrator, t, mass, drag + implicit_b, implicit_k)
         touching = tool_step(integrator, t, mass, drag + implicit_b + b_c, implicit_k + k_c)
         for _ in range(self.tool.substeps):
-            (place, rate), (face, slower) = (
-                [one * x + other * v + force * push for one, other, force in rows] for rows in (free, touching)
-            )
+            place, rate = _stepped(free, x, v, push)
+            face, slower = _stepped(touching, x, v, push)
             presses = ca.logic_and(x > 0, slower < rate)
             place, rate = ca.if_else(presses, face, place), ca.if_else(presses, slower, rate)
             stops = ca.logic_and(rigid, place >= 0)  # what rests there keeps no speed into it
@@ -212,10 +236,10 @@ class EngineEffect(SceneEffect, keys=SimulationEffect, rank=155, role="environme
         share = np.random.default_rng((self.seed, run, 4)).random(count) if high > low else np.zeros(count)
         lengths = low + (high - low) * share
         ends = np.concatenate([[0.0], np.cumsum(lengths[:-1])]) / sample_time_s
-        first = np.ceil(ends - 1e-6).astype(int)
-        there = first < samples
-        runs = there & (np.random.default_rng((self.seed, run, 3)).random(count) >= self.dropped_share)
+        first = np.ceil(ends - _ROUNDING).astype(int)
+        inside = first < samples
+        runs = inside & (np.random.default_rng((self.seed, run, 3)).random(count) >= self.dropped_share)
         table = np.zeros((2, samples))
         table[0, first[runs]] = lengths[runs]
-        table[1, first[there]] = (first - ends > 1e-6)[there]
+        table[1, first[inside]] = (first - ends > _ROUNDING)[inside]
         return table

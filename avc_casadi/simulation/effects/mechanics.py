@@ -30,9 +30,8 @@ class Grip(SceneEffect, keys=HandEffect, rank=40, role="hand"):
     @classmethod
     def build(cls, table: Any, problem: Problem, place: str) -> Self:  # noqa: ARG003
         values = {item.name: getattr(table, item.name) for item in fields(Hand)}
-        return cls(
-            Hand(**{key: sum(getattr(problem.hands, key)) / 2 if one is None else one for key, one in values.items()})
-        )
+        missing = [key for key, value in values.items() if value is None]
+        return cls(Hand(**(values | {key: sum(getattr(problem.hands, key)) / 2 for key in missing})))
 
     def mechanics(self, plant: Plant) -> None:
         self.hand.mechanics(plant)
@@ -65,8 +64,8 @@ class Resonance(TableEffect, keys=ResonanceEffect, rank=10, scene_alone=True):
     @classmethod
     def build(cls, table: Any, problem: Problem, place: str) -> Self:
         """Build it; missing numbers are taken from the device; a device without mass has no resonance."""
-        own = {} if problem.device.resonance is None else dict(problem.device.resonance)
-        values = own | {key: one for key, one in table if key != "kind" and one is not None}
+        declared = {} if problem.device.resonance is None else dict(problem.device.resonance)
+        values = declared | {key: value for key, value in table if key != "kind" and value is not None}
         faults = [
             (f".{key}", f"is missing and so is device.resonance.{key}; allowed: one of both")
             for key in ("frequency_hz", "damping_ratio", "mass_ratio")

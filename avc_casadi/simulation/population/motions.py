@@ -31,11 +31,18 @@ MOTIONS: dict[str, Motion] = {
     "graze": Press(end_m=2e-4, speed_m_per_s=_TOUCH_M_PER_S),
 }
 AT_WALL = ("press", "tap", "hold")
-# Settling is judged two seconds after the last tap, which tells a decaying response from a sustained one.
-TRIAL_S, LONGEST_S = 4.25, 30.0
-"""Shortest and longest duration of a motion."""
+TRIAL_S = 4.25
+"""Shortest duration of a motion.
+
+Settling is judged two seconds after the last tap, which tells a decaying response from a sustained one."""
+LONGEST_S = 30.0
+"""Longest duration of a motion."""
 LONGER_S = 12.0
 """Additional duration for hands that still move: a slow decay ends, a limit cycle does not."""
+_DURATION_STEP_S = 0.25
+"""Durations are whole multiples of it, so that similar devices share a scene."""
+_TAP_ADDS = 1.25
+"""Speed of an oscillation over that of its first tap: another tap may add to one that has not decayed."""
 
 
 class Course(NamedTuple):
@@ -48,7 +55,7 @@ class Course(NamedTuple):
 def course_of(problem: Problem, more_s: float = 0.0) -> Course:
     """Return the motions with a device, with a longer rest where device and hand oscillate by themselves, and more."""
     longer_s = float(np.clip(_decay_time_s(problem) - _TAP.rest_s, 0.0, LONGEST_S - TRIAL_S)) + more_s
-    longer_s = 0.25 * float(np.ceil(longer_s / 0.25))  # so that similar devices share a scene
+    longer_s = _DURATION_STEP_S * float(np.ceil(longer_s / _DURATION_STEP_S))
     motions = {
         name: motion.model_copy(update={"rest_s": motion.rest_s + longer_s})
         if isinstance(motion, Free | Stroke)
@@ -88,8 +95,7 @@ def _decay_time_s(problem: Problem) -> float:
         times_s = []
         for decay in (fast, slow):
             frequency = np.where(spread > 0, decay, np.sqrt(square))
-            # A quarter more: a tap may add to an oscillation that has not decayed.
-            speed = 1.25 * more * np.minimum(tap * _TAP.amplitude_m, frequency * way_m)
+            speed = _TAP_ADDS * more * np.minimum(tap * _TAP.amplitude_m, frequency * way_m)
             # Not a number where there is no such pole; below 0 where the speed never exceeds the threshold of settling.
             times_s.append(np.fmax(np.log(speed / AT_REST_M_PER_S) / decay, 0.0))
     return float(np.max(times_s, initial=0.0))

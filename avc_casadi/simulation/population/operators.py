@@ -19,7 +19,12 @@ from avc_casadi.model.problem import Hands
 Population = Literal["A", "B", "fingertip"]
 GRIPS: dict[str, Population] = {"stylus": "B", "fingertip": "fingertip"}
 """Grips other than [hands], with the population of each."""
-_TRAINING, _TEST, _STYLUS = 1, 2, 4
+# Streams of random numbers of a seed.
+_TRAINING = 1
+_TEST = 2
+_STYLUS = 4
+_LOOSE = (1.0, 0.15, 0.35)
+"""Shares of the ranges of mass, damping and stiffness from which loose grips are drawn."""
 # Hands drawn with one seed. The first block has the seed itself, all others one spawned from it, so that any hand among
 # millions is drawn without those before.
 BLOCK = 10_000
@@ -56,8 +61,8 @@ def _uniform(entropy: list[int], first: int, count: int, columns: int) -> FloatA
 def loose_grips(hands: Hands, count: int, seed: int) -> Hand:
     """Draw loose grips, which encoder quantisation keeps moving longest: little damping and stiffness, any mass."""
     low, high = hand_ranges(hands).T
-    random, loose = np.random.default_rng([seed, _TRAINING]), np.array([1.0, 0.15, 0.35])
-    return Hand(*(low + (high - low) * loose * random.random((count, len(low)))).T)
+    random = np.random.default_rng([seed, _TRAINING])
+    return Hand(*(low + (high - low) * np.array(_LOOSE) * random.random((count, len(low)))).T)
 
 
 def people_of(hands: Hands, count: int, seed: int = 0) -> Hand:

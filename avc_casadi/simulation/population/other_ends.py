@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
@@ -18,83 +19,153 @@ from avc_casadi.loops.follower import contact_dampers_ns_per_m, environments, fo
 from avc_casadi.model.declared import declared_effects
 from avc_casadi.model.device import Device
 from avc_casadi.model.effects import SimulationEffect
-from avc_casadi.model.ends import HEAVIEST_TOOL_KG, ToolGains, tool_states
+from avc_casadi.model.ends import HEAVIEST_TOOL_KG, ToolGains, VirtualTool, tool_states
 from avc_casadi.model.gains import NO_COUPLING
 from avc_casadi.model.hands import Hand
 from avc_casadi.model.plant import device_plant, sampled_plant, transition
 from avc_casadi.model.problem import Problem
-from avc_casadi.model.scene import Free, Stroke
-from avc_casadi.simulation.compile import target_of
+from avc_casadi.model.scene import Free, Motion, Stroke
+from avc_casadi.simulation.compile import CompiledScene, target_of
 from avc_casadi.simulation.execute import execute
-from avc_casadi.simulation.judge import AT_REST_M_PER_S, SETTLING_WINDOW_S, Traces, window_samples
-from avc_casadi.simulation.population.motions import LONGER_S, course_of, motions_at
+from avc_casadi.simulation.judge import AT_REST_M_PER_S, SETTLING_WINDOW_S, Judgement, Traces, window_samples
+from avc_casadi.simulation.population.motions import LONGER_S, Course, course_of, motions_at
 from avc_casadi.simulation.population.setup import FRICTION, Setup, prepare
 from avc_casadi.simulation.population.trial import NEAR_LIMIT, Trial
 
 WITH_TOOL = ("free", "press", "tap", "hold", "drag", "strike", "touch")
-STEP_LOSS = 0.01  # of the engine's steps
+"""Motions of hands that move a tool."""
+STEP_LOSS = 0.01
+"""Share of the engine's steps that it misses."""
 WITH_FOLLOWER = ("free", "press", "tap", "hold", "strike")
+"""Motions of hands that move a follower."""
+BILATERAL_S = 5.0
+"""Duration of a motion with a follower."""
+BILATERAL_REST_S = 2.0
+"""Rest at its end."""
+_SAME_TIME = 1e-6
+"""Share of the leader's sample by which two samples that fall together may differ by rounding."""
+_ARRIVAL_ROUNDING_S = 1e-12
+"""Time by which a message that arrives at a sample may seem to arrive after it."""
 
 
 def try_tool(
     problem: Problem, gains: ToolGains, people: Hand, seed: int = 0, motions: Sequence[str] = WITH_TOOL
 ) -> Trial:
     """Simulate hands that move a tool: as declared, without dry friction and with missed steps, on every contact."""
-    tool, device = tool_of(problem), problem.device
-    contacts = [one for one in contact_stiffnesses_n_per_m(tool) if one > 0] or [0.0]
+    tool = tool_of(problem)
+    courses = _tool_courses(problem, tool)
+    results = [_try_setup(setup, tool, gains, people, motions, courses) for setup in _tool_setups(problem)]
+    declared, with_missed_steps, *without_friction = results
+    free = without_friction[0] if without_friction else declared
+    variants = {"without_friction": free.settles, "with_dropped_steps": with_missed_steps.settles}
+    facts = {"dropped_share": STEP_LOSS}
+    return Trial(seed, declared.by_motion, declared.stiffness_n_per_m, declared.tap_force_n, variants, facts)
+
+
+@dataclass(frozen=True)
+class _ToolResults:
+    """Results of hands that move a tool; every array has shape (hands,)."""
+
+    by_motion: dict[str, BoolArray]
+    stiffness_n_per_m: FloatArray
+    tap_force_n: FloatArray
+
+    @property
+    def settles(self) -> BoolArray:
+        """Settled in every motion."""
+        return np.asarray(np.all(list(self.by_motion.values()), axis=0))
+
+
+def _try_setup(
+    setup: Setup,
+    tool: VirtualTool,
+    gains: ToolGains,
+    people: Hand,
+    motions: Sequence[str],
+    courses: tuple[Course, Course],
+) -> _ToolResults:
+    """Simulate every motion on every contact; hands that are not at rest then, for longer."""
+    device = setup.problem.device
+    contacts = [stiffness for stiffness in contact_stiffnesses_n_per_m(tool) if stiffness > 0] or [0.0]
+    limit_n = device.max_force_n or np.inf
+    by_motion = dict.fromkeys(motions, np.ones(len(people), dtype=bool))
+    stiffness, tap = np.full(len(people), np.nan), np.zeros(len(people))
+    for name, contact in product(motions, contacts):
+        rest = np.zeros(len(people), dtype=bool)
+        for course in courses:  # what is not at rest may decay slowly, or move for ever
+            late = np.flatnonzero(~rest)
+            scene, _, inputs = prepare(setup, people, course.motions[name], course.duration_s)
+            scene = scene.with_numbers("simulation", gains=gains, state=tool_states(tool, contact)[-1])
+            run = _move_tool(tool, device, scene, scene.parameter_values(NO_COUPLING)[late], inputs)
+            rest[late] = run.rests
+            if name == "press":
+                at_limit = np.abs(run.verdict.mean_force_n) > NEAR_LIMIT * limit_n
+                stiffness[late] = np.where(at_limit, np.nan, run.verdict.apparent_stiffness_n_per_m)
+            if name == "tap" and course is courses[0]:
+                tap = run.peak_n
+            if rest.all():
+                break
+        by_motion[name] = by_motion[name] & rest
+    return _ToolResults(by_motion, stiffness, tap)
+
+
+def _tool_courses(problem: Problem, tool: VirtualTool) -> tuple[Course, Course]:
+    """Return the motions of hands that move a tool, of usual and of longer duration."""
     # In free motion the tool's mass swings with the device.
-    mass = device.mass_kg + (0.0 if tool.tool_mass_kg is None else tool.scale * tool.tool_mass_kg[1])
+    mass = problem.device.mass_kg + (0.0 if tool.tool_mass_kg is None else tool.scale * tool.tool_mass_kg[1])
     heavier = problem.changed(device={"mass_kg": min(mass, HEAVIEST_TOOL_KG), "range": {"mass_kg": None}})
-    courses = course_of(heavier), course_of(heavier, LONGER_S)
-    others = tuple(one for one in declared_effects(problem) if not isinstance(one, SimulationEffect))
+    return course_of(heavier), course_of(heavier, LONGER_S)
+
+
+def _tool_setups(problem: Problem) -> list[Setup]:
+    """Return what hands try: the device as declared, with missed steps, and, where it has friction, without."""
+    effects = tuple(effect for effect in declared_effects(problem) if not isinstance(effect, SimulationEffect))
     setups = [
-        Setup(problem, NO_COUPLING, (*others, engine), steps_anywhere=False)
+        Setup(problem, NO_COUPLING, (*effects, engine), steps_anywhere=False)
         for engine in (SimulationEffect(stiffness_n_per_m=1.0, dropped_share=share) for share in (0.0, STEP_LOSS))
     ]
-    setups += [setups[0].without(FRICTION)] * setups[0].rough
+    return [*setups, setups[0].without(FRICTION)] if setups[0].rough else setups
+
+
+@dataclass(frozen=True)
+class _ToolRun:
+    """Hands that moved a tool; every array has shape (hands,)."""
+
+    verdict: Judgement
+    rests: BoolArray
+    """Whether device, handle and tool are at rest."""
+    peak_n: FloatArray
+
+
+def _move_tool(
+    tool: VirtualTool, device: Device, scene: CompiledScene, parameters: FloatArray, inputs: FloatArray
+) -> _ToolRun:
+    """Simulate hands that move a tool."""
+    traces = execute(scene, parameters, inputs)
+    verdict = Traces.of(traces, device).judge()
+    last = window_samples(scene.samples, device.sample_time_s)
     # A tool moves in one sample for a whole step of its engine.
-    limit, moves_s = device.max_force_n or np.inf, max(device.sample_time_s, tool.step_s[0])
-    settles = [dict.fromkeys(motions, np.ones(len(people), dtype=bool)) for _ in setups]
-    stiffness, tap = np.full(len(people), np.nan), np.zeros(len(people))
-    for setup, rests in zip(setups, settles, strict=True):
-        for name, contact in product(motions, contacts):
-            rest = np.zeros(len(people), dtype=bool)
-            for course in courses:  # what is not at rest may decay slowly, or move for ever
-                late = np.flatnonzero(~rest)
-                scene, _, inputs = prepare(setup, people, course.motions[name], course.duration_s)
-                scene = scene.with_numbers("simulation", gains=gains, state=tool_states(tool, contact)[-1])
-                hands = scene.parameter_values(NO_COUPLING)[late]
-                traces = execute(scene, hands, inputs)
-                verdict, last = Traces.of(traces, device).judge(), window_samples(scene.samples, device.sample_time_s)
-                with np.errstate(invalid="ignore", over="ignore"):
-                    speed = np.abs(np.diff(traces["tool_m"][:, -last:], axis=-1)).max(axis=-1) / moves_s
-                    slow = speed * device.metres_per_unit < AT_REST_M_PER_S
-                rest[late] = verdict.stable & slow
-                if setup is setups[0] and name == "press":
-                    at_limit = np.abs(verdict.mean_force_n) > NEAR_LIMIT * limit
-                    stiffness[late] = np.where(at_limit, np.nan, verdict.apparent_stiffness_n_per_m)
-                if setup is setups[0] and name == "tap" and course is courses[0]:
-                    tap = np.abs(traces["force_n"]).max(axis=-1)
-                if rest.all():
-                    break
-            rests[name] = rests[name] & rest
-    declared, step_loss, free = (np.asarray(np.all(list(settles[at].values()), axis=0)) for at in (0, 1, -1))
-    beside = {"without_friction": free if setups[0].rough else declared, "with_dropped_steps": step_loss}
-    return Trial(seed, settles[0], stiffness, tap, beside, {"dropped_share": STEP_LOSS})
+    moves_s = max(device.sample_time_s, tool.step_s[0])
+    with np.errstate(invalid="ignore", over="ignore"):
+        speed = np.abs(np.diff(traces["tool_m"][:, -last:], axis=-1)).max(axis=-1) / moves_s
+        slow = speed * device.metres_per_unit < AT_REST_M_PER_S
+    return _ToolRun(verdict, np.asarray(verdict.stable & slow), np.abs(traces["force_n"]).max(axis=-1))
 
 
 def try_bilateral(problem: Problem, gains: ToolGains, people: Hand, seed: int = 0) -> Trial:
     """Simulate hands that move a follower, on a link with the declared delay, jitter and losses, which a seed draws."""
     follower = follower_of(problem)
     stiffness, _ = environments(follower)
-    some = sorted({float(stiffness[place]) for place in (len(stiffness) // 2, -1)})
-    shape = len(WITH_FOLLOWER), len(some), len(people)
+    contacts = sorted({float(stiffness[place]) for place in (len(stiffness) // 2, -1)})
+    shape = len(WITH_FOLLOWER), len(contacts), len(people)
     settles = np.ones(shape, dtype=bool)
     for delays_s in follower.delays_s:
-        run = _Run(problem, gains, people, some, delays_s, seed)
+        link = _Link(problem, gains, contacts, delays_s, seed)
+        run = _Run(link, people)
         rests = run.settles.reshape(shape)
-        if (late := np.flatnonzero(~rests.all(axis=(0, 1)))).size:
-            longer = _Run(problem, gains, people.pick(late), some, delays_s, seed, LONGER_S)
+        late = np.flatnonzero(~rests.all(axis=(0, 1)))
+        if late.size:
+            longer = _Run(link, people.pick(late), LONGER_S)
             rests[..., late] |= longer.settles.reshape(*shape[:2], -1)
         settles &= rests
     press = run.stiffness_n_per_m.reshape(shape)[WITH_FOLLOWER.index("press"), -1]
@@ -114,7 +185,7 @@ def _newest(
     # A message that arrives after a newer one is discarded.
     order = np.argsort(arrival, kind="stable")
     best = np.maximum.accumulate(order)
-    place = np.searchsorted(arrival[order], np.arange(samples) * receiver_s + 1e-12, side="right") - 1
+    place = np.searchsorted(arrival[order], np.arange(samples) * receiver_s + _ARRIVAL_ROUNDING_S, side="right") - 1
     return np.asarray(np.where(place >= 0, best[np.maximum(place, 0)], -1))
 
 
@@ -122,9 +193,9 @@ class _Side:
     """One device in many parallel runs (lanes), advanced sample by sample."""
 
     def __init__(self, device: Device, hands: list[Hand], start_m: FloatArray) -> None:
-        plants = [sampled_plant(device, one) for one in hands]
+        plants = [sampled_plant(device, hand) for hand in hands]
         self.maps = [tuple(part[0] for part in plant.with_forces_under_way()) for plant in plants]
-        self.aims = [transition(device_plant(device, one).linear(), device.sample_time_s).target for one in hands]
+        self.aims = [transition(device_plant(device, hand).linear(), device.sample_time_s).target for hand in hands]
         n = self.maps[0][0].shape[-1]
         self.names = plants[0].names
         places = [name.endswith("_position_m") for name in self.names] + [False] * (n - len(self.names))
@@ -151,66 +222,98 @@ class _Side:
         self.state = nexts[0] if len(nexts) == 1 else np.where(which[:, None], nexts[1], nexts[0])
 
 
+def _bilateral_motions(leader: Device, longer_s: float) -> list[Motion]:
+    """Return the motions of the leader's hands, the oscillations among them with a rest at the end."""
+    motions = (motions_at(leader)[name] for name in WITH_FOLLOWER)
+    return [
+        motion.model_copy(update={"rest_s": BILATERAL_REST_S + longer_s})
+        if isinstance(motion, Free | Stroke)
+        else motion
+        for motion in motions
+    ]
+
+
+def _tiled(hands: Hand, repeats: int) -> Hand:
+    """Return a set of hands several times over."""
+    return Hand(
+        mass_kg=np.tile(hands.mass_kg, repeats),
+        damping_ns_per_m=np.tile(hands.damping_ns_per_m, repeats),
+        stiffness_n_per_m=np.tile(hands.stiffness_n_per_m, repeats),
+    )
+
+
+@dataclass(frozen=True)
+class _Link:
+    """Two devices joined by gains, the contacts that the follower meets, and the delays of a link, drawn by a seed."""
+
+    problem: Problem
+    gains: ToolGains
+    contacts_n_per_m: list[float]
+    delays_s: tuple[float, float]
+    """Of the leader's messages, and of the follower's."""
+    seed: int
+
+
 class _Run:
     """Every motion of many hands on every contact: lanes of shape (motions, contacts, hands), flattened."""
 
-    def __init__(
-        self,
-        problem: Problem,
-        gains: ToolGains,
-        hands: Hand,
-        contacts_n_per_m: list[float],
-        delays_s: tuple[float, float],
-        seed: int,
-        longer_s: float = 0.0,
-    ) -> None:
-        self.follower, leader, self.gains = follower_of(problem), problem.device, gains
-        other = self.follower.at_leader()
-        self.times = leader.sample_time_s, other.sample_time_s
-        samples = round((5.0 + longer_s) / self.times[0])
-        motions = [
-            one.model_copy(update={"rest_s": 2.0 + longer_s}) if isinstance(one, Free | Stroke) else one
-            for one in map(motions_at(leader).__getitem__, WITH_FOLLOWER)
-        ]
-        targets = [target_of(one, samples, self.times[0]) for one in motions]
-        each = len(contacts_n_per_m) * len(hands)
-        self.lanes = len(motions) * each
-        aims = [np.stack([one.position_m, one.velocity_m_per_s], axis=-1) for one in targets]
-        self.targets = np.repeat(np.stack(aims, axis=1), each, axis=1)
-        contact = np.tile(np.repeat(contacts_n_per_m, len(hands)), len(motions))
+    def __init__(self, link: _Link, hands: Hand, longer_s: float = 0.0) -> None:
+        leader = link.problem.device
+        contacts = link.contacts_n_per_m
+        self.gains = link.gains
+        self.follower = follower_of(link.problem)
+        follower = self.follower.at_leader()
+        self.times = leader.sample_time_s, follower.sample_time_s
+        self.samples = round((BILATERAL_S + longer_s) / self.times[0])
+        targets = [target_of(motion, self.samples, self.times[0]) for motion in _bilateral_motions(leader, longer_s)]
+        lanes_of_motion = len(contacts) * len(hands)
+        self.lanes = len(targets) * lanes_of_motion
+        aims = [np.stack([target.position_m, target.velocity_m_per_s], axis=-1) for target in targets]
+        self.targets = np.repeat(np.stack(aims, axis=1), lanes_of_motion, axis=1)
+        contact = np.tile(np.repeat(contacts, len(hands)), len(targets))
         self.rigid = np.isinf(contact)
         self.spring = np.where(self.rigid, 0.0, contact)
         scale = self.follower.scale
         self.damper = np.array([scale * max(contact_dampers_ns_per_m(self.follower, k / scale)) for k in self.spring])
-        held = Hand(*(np.tile(np.atleast_1d(value), self.lanes // len(hands)) for value in vars(hands).values()))
+        start = np.repeat([min(target.device_start_m, 0.0) for target in targets], lanes_of_motion)
         nothing = np.zeros(self.lanes)
-        start = np.repeat([min(one.device_start_m, 0.0) for one in targets], each)
         free, touch = Hand(nothing, nothing, nothing), Hand(nothing, self.damper, self.spring)
-        self.sides = _Side(leader, [held], start), _Side(other, [free, touch], start)
+        held = _tiled(hands, self.lanes // len(hands))
+        self.sides = _Side(leader, [held], start), _Side(follower, [free, touch], start)
         uneven = self.follower.jitter, self.follower.lost_share
+        to_leader_s, to_follower_s = link.delays_s[1], link.delays_s[0]
+        followed = math.ceil(self.samples * self.times[0] / self.times[1]) + 2
         self.links = (
-            _newest(self.times[1], self.times[0], delays_s[1], samples, *uneven, seed + 1),
-            _newest(*self.times, delays_s[0], math.ceil(samples * self.times[0] / self.times[1]) + 2, *uneven, seed),
+            _newest(self.times[1], self.times[0], to_leader_s, self.samples, *uneven, link.seed + 1),
+            _newest(self.times[0], self.times[1], to_follower_s, followed, *uneven, link.seed),
         )
         self.forces = [np.zeros(self.lanes)]
+        self.peak_n = np.zeros(self.lanes)
+        self._simulate(leader)
+
+    def _simulate(self, leader: Device) -> None:
+        """Advance both sides through all samples, then judge the end."""
         window = max(1, round(SETTLING_WINDOW_S / self.times[0]))
-        self.peak_n, speed, force, depth = np.zeros((4, self.lanes))
-        other_sample = 0
-        for sample in range(samples):
-            while other_sample * self.times[1] < (sample - 1e-6) * self.times[0]:
+        speed = np.zeros(self.lanes)
+        force = np.zeros(self.lanes)
+        depth = np.zeros(self.lanes)
+        follower_sample = 0
+        for sample in range(self.samples):
+            while follower_sample * self.times[1] < (sample - _SAME_TIME) * self.times[0]:
                 self.sides[1].sent.append(self.sides[1].measure())
-                self._follow(other_sample)
-                other_sample += 1
-            together = other_sample * self.times[1] < (sample + 1e-6) * self.times[0]
+                self._follow(follower_sample)
+                follower_sample += 1
+            together = follower_sample * self.times[1] < (sample + _SAME_TIME) * self.times[0]
             for side in self.sides[: 1 + together]:
                 side.sent.append(side.measure())
             command = self._lead(sample)
             if together:
-                self._follow(other_sample)
-                other_sample += 1
-            if sample >= samples - window:
+                self._follow(follower_sample)
+                follower_sample += 1
+            if sample >= self.samples - window:
                 speed = np.maximum(speed, np.maximum(*(np.abs(side.state[:, 1]) for side in self.sides)))
-                force, depth = force + command / window, depth + self.sides[0].state[:, 0] / window
+                force = force + command / window
+                depth = depth + self.sides[0].state[:, 0] / window
         with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
             self.settles = np.asarray(speed * leader.metres_per_unit < AT_REST_M_PER_S)
             stiff = np.where(depth > 0, force / depth, np.nan)
@@ -229,7 +332,8 @@ class _Run:
 
     def _follow(self, sample: int) -> None:
         """Advance the follower by a sample."""
-        side, pull = self.sides[1], self._pull(1, int(self.links[1][sample]))
+        side = self.sides[1]
+        pull = self._pull(1, int(self.links[1][sample]))
         command = np.clip(pull + self._local(1), -side.limit_n, side.limit_n)
         touching = side.state[:, 0] > 0
         speed = (side.sent[-1] - side.sent[-2]) / self.times[1]
@@ -242,13 +346,13 @@ class _Run:
 
     def _pull(self, to: int, newest: int) -> FloatArray:
         """Return the coupling force on a side, from its own newest message and the newest received."""
-        own, far = self.sides[to].sent, self.sides[1 - to].sent
+        near, far = self.sides[to].sent, self.sides[1 - to].sent
         # The initial positions come first in each list.
         place = newest + 1
-        speed = (own[-1] - own[-2]) / self.times[to]
+        speed = (near[-1] - near[-2]) / self.times[to]
         far_speed = (far[place] - far[max(place - 1, 0)]) / self.times[1 - to]
         k, b = self.gains.stiffness_n_per_m, self.gains.damping_ns_per_m
-        return np.asarray(k * (own[-1] - far[place]) + b * (speed - far_speed))
+        return np.asarray(k * (near[-1] - far[place]) + b * (speed - far_speed))
 
     def _local(self, of: int) -> FloatArray:
         before, here = self.sides[of].sent[-2:]

@@ -31,7 +31,13 @@ from avc_casadi.simulation.scene import resolve, with_hand
 
 FRICTION = "coulomb-friction"
 HANDS_AT_ONCE = 250
+"""Hands simulated at a time."""
+NUMBERS_AT_ONCE = 4_000_000
+"""Samples of all hands simulated at a time, which bounds the memory of a long motion."""
 DURATION_S = 3.0
+"""Duration of a motion."""
+_SCATTER = 1e3
+"""Multiple of a hand's numbers whose fractional part scatters over an encoder step."""
 
 
 @dataclass(frozen=True)
@@ -50,33 +56,33 @@ class Setup:
         problem, nominal = coupling.problem, coupling.problem.device
         problem = problem if device is None else problem.changed(device=device)
         table, law = coupling.table, coupling.runtime.state_feedback
-        own = [one for one in declared_effects(problem) if one.kind != "detent"]
+        declared = [effect for effect in declared_effects(problem) if effect.kind != "detent"]
         has_steps = problem.device.encoder_resolution_m > 0
-        for one in coupling.runtime.model_copy(update={"state_feedback": None}).effects(constant=table.constant):
-            if not isinstance(one, ObserverEffect):
-                own.append(one)
+        for effect in coupling.runtime.model_copy(update={"state_feedback": None}).effects(constant=table.constant):
+            if not isinstance(effect, ObserverEffect):
+                declared.append(effect)
             elif has_steps:
                 numbers = {
                     "resolution_m": nominal.encoder_resolution_m or None,
                     "ahead_samples": nominal.delay_samples,
                 }
-                own.append(one.model_copy(update=numbers))
-        return cls(problem, table.at_rest if table.constant else table, (*own, *effects), law)
+                declared.append(effect.model_copy(update=numbers))
+        return cls(problem, table.at_rest if table.constant else table, (*declared, *effects), law)
 
     def without(self, kind: str) -> Setup:
         """Return the same without an effect."""
-        return replace(self, effects=tuple(one for one in self.effects if one.kind != kind))
+        return replace(self, effects=tuple(effect for effect in self.effects if effect.kind != kind))
 
     @property
     def rough(self) -> bool:
         """Whether there is dry friction."""
-        return any(one.kind == FRICTION for one in self.effects)
+        return any(effect.kind == FRICTION for effect in self.effects)
 
     @property
     def kinds(self) -> tuple[str, ...]:
         """Kinds of the effects in the order of the loop."""
         law = () if self.law is None else ("state-feedback",)
-        return tuple(sorted((*(one.kind for one in self.effects), *law), key=list(EFFECTS).index))
+        return tuple(sorted((*(effect.kind for effect in self.effects), *law), key=list(EFFECTS).index))
 
     def stage(
         self, people: Hand | StylusHand, motion: Motion, duration_s: float
@@ -91,7 +97,9 @@ class Setup:
         effects = with_hand(run, build_effects(run), people)
         if self.steps_anywhere:
             phase = _phases(people, motion)
-            effects = tuple(replace(one, phase=phase) if isinstance(one, Encoder) else one for one in effects)
+            effects = tuple(
+                replace(effect, phase=phase) if isinstance(effect, Encoder) else effect for effect in effects
+            )
         return run, effects
 
 
@@ -99,9 +107,11 @@ def _phases(people: Hand | StylusHand, motion: Motion) -> FloatArray:
     """Return the phase of the wall's face between two encoder steps by motion and hand, whoever else is there."""
     values = np.array([np.atleast_1d(value) for value in vars(people).values()], dtype=np.float64)
     # Multiples whose fractional parts scatter evenly (low discrepancy); equal hands, as none, by their number.
-    primes, motions = np.sqrt([2, 3, 5, 7, 11])[: len(values)], zlib.crc32(motion.model_dump_json().encode()) / 2**32
-    first, same = np.unique(values, axis=1, return_index=True, return_inverse=True)[1:]
-    return np.asarray((motions + 1e3 * primes @ values + math.sqrt(2) * (np.arange(len(same)) - first[same])) % 1.0)
+    primes = np.sqrt([2, 3, 5, 7, 11])[: len(values)]
+    of_motion = zlib.crc32(motion.model_dump_json().encode()) / 2**32
+    first, group = np.unique(values, axis=1, return_index=True, return_inverse=True)[1:]
+    number_among_equals = np.arange(len(group)) - first[group]
+    return np.asarray((of_motion + _SCATTER * primes @ values + math.sqrt(2) * number_among_equals) % 1.0)
 
 
 @dataclass(frozen=True)
@@ -133,7 +143,7 @@ def prepare(
         None if law is None else (law.states, law.positions, law.measures),
         (not gains.rigid, gains.stiffness_n_per_m > 0, gains.contact_damping_ns_per_m > 0),
     )
-    hands = type(people), *(np.asarray(one).tobytes() for one in vars(people).values())
+    hands = type(people), *(np.asarray(value).tobytes() for value in vars(people).values())
     key = (setup.problem, setup.effects, setup.steps_anywhere, structure, hands, motion, duration_s)
     scene, inputs = _compile(_SceneKey(key, lambda: compile_scene(*setup.stage(people, motion, duration_s), gains)))
     if law is not None:
@@ -147,10 +157,10 @@ def simulations(
     """Prepare to simulate all hands, in blocks; each block is simulated when it is called."""
     scene, parameters, inputs = prepare(setup, people, motion, duration_s)
 
-    def traces_of(some: FloatArray) -> Traces:
-        return Traces.of(execute(scene, some, inputs), setup.problem.device)
+    def traces_of(block: FloatArray) -> Traces:
+        return Traces.of(execute(scene, block, inputs), setup.problem.device)
 
-    at_once = min(HANDS_AT_ONCE, max(1, 4_000_000 // inputs.shape[-1]))
+    at_once = min(HANDS_AT_ONCE, max(1, NUMBERS_AT_ONCE // inputs.shape[-1]))
     for first in range(0, len(parameters), at_once):
         yield partial(traces_of, parameters[first : first + at_once])
 

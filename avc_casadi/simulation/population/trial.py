@@ -27,6 +27,11 @@ from avc_casadi.simulation.population.operators import BLOCK, draw_hands
 from avc_casadi.simulation.population.setup import FRICTION, Setup, prepare, simulations
 
 CONFIDENCE = 0.95
+"""Of the interval of a share of hands."""
+_NINE_IN_TEN = (0.05, 0.95)
+"""Quantiles between which nine in ten hands lie."""
+_HANDS_OF_TASK = 1000
+"""Hands that a process tries at a time."""
 # A press that ends above this share of the largest force is saturated: its stiffness is not the wall's.
 NEAR_LIMIT = 0.97
 
@@ -94,7 +99,7 @@ class Trial(Tabular):
         return {
             "hand": np.arange(self.hands),
             "stable": self.stable,
-            **{f"stable_{name}": each for name, each in self.beside.items()},
+            **{f"stable_{name}": settled for name, settled in self.beside.items()},
             "stiffness_n_per_m": self.stiffness_n_per_m,
             "tap_force_n": self.tap_force_n,
         }
@@ -108,7 +113,7 @@ class Trial(Tabular):
                 "motions": list(self.by_motion),
                 "settled": int(self.stable.sum()),
                 "settled_by_motion": {name: int(runs.sum()) for name, runs in self.by_motion.items()},
-                **{f"settled_{name}": int(each.sum()) for name, each in self.beside.items()},
+                **{f"settled_{name}": int(settled.sum()) for name, settled in self.beside.items()},
                 **self.facts,
                 "rendered_stiffness_n_per_m": self.stiffness,
                 "tap_force_n": float(self.tap_force_n.max()),
@@ -116,8 +121,8 @@ class Trial(Tabular):
         )
 
     def _summary(self) -> str:
-        beside = "".join(f", {int(each.sum())} {name.replace('_', ' ')}" for name, each in self.beside.items())
-        return f"{int(self.stable.sum())} of {self.hands} hands settle{beside}; {short(self.stiffness_n_per_m)}"
+        variants = "".join(f", {int(settled.sum())} {name.replace('_', ' ')}" for name, settled in self.beside.items())
+        return f"{int(self.stable.sum())} of {self.hands} hands settle{variants}; {short(self.stiffness_n_per_m)}"
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -170,7 +175,7 @@ class CouplingTrial(Trial):
                     "lowest": float(felt.min()) if len(felt) else None,
                     "median": self.stiffness,
                     "highest": float(felt.max()) if len(felt) else None,
-                    "nine_in_ten": np.quantile(felt, (0.05, 0.95)).tolist() if len(felt) else None,
+                    "nine_in_ten": np.quantile(felt, _NINE_IN_TEN).tolist() if len(felt) else None,
                 },
                 "at_force_limit": int(self.at_force_limit.sum()),
                 "share_of_wall": self.stiffness / self.wall_n_per_m if self.wall_n_per_m else None,
@@ -200,9 +205,11 @@ def try_coupling(
     executor: Executor | None = None,
 ) -> CouplingTrial:
     """Simulate press, tap and hold by all hands, with all that the problem declares of the device."""
-    setup, at_once = Setup.of(coupling), 1000
-    tasks = [(setup, people.pick(slice(first, first + at_once))) for first in range(0, len(people), at_once)]
-    sizes, work = [len(some) for _, some in tasks], partial(_try_motions, seed)
+    setup = Setup.of(coupling)
+    blocks = (slice(first, first + _HANDS_OF_TASK) for first in range(0, len(people), _HANDS_OF_TASK))
+    tasks = [(setup, people.pick(block)) for block in blocks]
+    sizes = [len(hands) for _, hands in tasks]
+    work = partial(_try_motions, seed)
     return CouplingTrial.join(map_tasks(work, tasks, executor, sizes=sizes, things="hands", progress=progress))
 
 
@@ -215,13 +222,17 @@ def try_on_devices(
 ) -> CouplingTrial:
     """Simulate hands with a coupling, each on one of several devices, assigned in turn."""
     split = [np.arange(place, len(people), len(devices)) for place in range(len(devices))]
-    jobs = [(Setup.of(coupling, one), people.pick(rows)) for rows, one in zip(split, devices, strict=True) if len(rows)]
+    jobs = [
+        (Setup.of(coupling, device), people.pick(rows))
+        for rows, device in zip(split, devices, strict=True)
+        if len(rows)
+    ]
     trials = map_tasks(partial(_try_motions, seed), jobs, executor)
     return replace(
         CouplingTrial.join(trials, np.argsort(np.concatenate(split), kind="stable")),
-        effects=tuple(dict.fromkeys(effect for one in trials for effect in one.effects)),
+        effects=tuple(dict.fromkeys(effect for trial in trials for effect in trial.effects)),
         devices=len(trials),
-        longest_s=max(one.longest_s for one in trials),
+        longest_s=max(trial.longest_s for trial in trials),
     )
 
 
@@ -234,10 +245,10 @@ def _try_motions(seed: int, task: tuple[Setup, Hand | StylusHand]) -> CouplingTr
     parts: dict[tuple[str, bool], list[dict[str, Any]]] = {}
     with ThreadPoolExecutor(1) as pool:  # a scene is built while another is simulated
         work = [
-            ((name, one is setup), pool.submit(_figures, name if one is setup else "", limit, simulation))
-            for one in settings
+            ((name, variant is setup), pool.submit(_figures, name if variant is setup else "", limit, simulation))
+            for variant in settings
             for name in AT_WALL
-            for simulation in simulations(one, people, motions[name], duration_s)
+            for simulation in simulations(variant, people, motions[name], duration_s)
         ]
         for key, future in work:
             parts.setdefault(key, []).append(future.result())
@@ -303,7 +314,7 @@ def count_at_rest(
         "seed": seed,
         "friction": friction,
         "at_rest": at_rest,
-        "by_motion": {name: int(found.sum()) for name, found in rest.items()},
+        "by_motion": {name: int(settled.sum()) for name, settled in rest.items()},
         "moving": np.flatnonzero(~whole)[:20].tolist(),
         "effects": list(setup.kinds),
         "at_rest_interval": list(exact_interval(at_rest, hands)),

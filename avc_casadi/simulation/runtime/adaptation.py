@@ -18,17 +18,27 @@ from dataclasses import dataclass
 
 from avc_casadi.simulation.tick import Expr, Step, StepBuilder, ca
 
+LOST_ESTIMATE_S = 0.1
+"""Time constant with which the look-up of a lost estimate decays to the row of rest."""
+SOFTEST_N_PER_M = 1.0
+"""So soft a spring carries no mean force; added to the stiffness, it keeps the ratio of the two finite."""
+_TINY = 1e-30
+"""Added to a gain in N/m or to an energy in J, against division by 0; so small a one counts as 0."""
+LEAST_RESERVE_J = -0.01
+"""Largest deficit that a guard remembers."""
+
 
 def hold_step(sample_time_s: float, hold_s: float) -> Step:
     """Return the step from an estimate to the frequency of the look-up: a lost one is kept, then decays to rest."""
     builder = StepBuilder()
-    estimate, valid, rest = builder.input("frequency_hz"), builder.input("valid"), builder.parameter("rest_hz")
+    estimate = builder.input("frequency_hz")
+    valid = builder.input("valid")
+    rest = builder.parameter("rest_hz")
     # Initially as after a long rest.
     frequency, age = builder.state("frequency_hz"), builder.state("age_s", hold_s)
     known = ca.if_else(frequency > 0, frequency, rest)
     older = ca.fmin(age + sample_time_s, hold_s)
-    # A tenth of a second is the time constant of a lost estimate.
-    falling = known + ca.fmin(1.0, sample_time_s / 0.1) * (rest - known)
+    falling = known + ca.fmin(1.0, sample_time_s / LOST_ESTIMATE_S) * (rest - known)
     lost = ca.if_else(age < hold_s, known, falling)
     following = ca.if_else(valid, estimate, lost)
     builder.follow("frequency_hz", following)
@@ -83,17 +93,15 @@ def _anchor(
     anchor, mean = builder.state("anchor_m"), builder.state("mean_deflection_m")
 
     mean += (1 - ca.exp(-sample_time_s / settings.mean_s)) * (deflection - mean)
-    # Against division by 0. So soft a spring carries no mean force; so small a gain or energy counts as 0.
-    softest_n_per_m, tiny = 1.0, 1e-30
     # g = -mean * missing.
-    missing = ca.fmax(rest / (k + softest_n_per_m) - 1, 0)
-    held = (deflection - anchor) * (k_before / (ca.fmax(k_before, k) + tiny))
+    missing = ca.fmax(rest / (k + SOFTEST_N_PER_M) - 1, 0)
+    held = (deflection - anchor) * (k_before / (ca.fmax(k_before, k) + _TINY))
     moved = deflection - held
     carried = -mean * ca.fmax(missing - builder.state("missing"), 0)
     step = carried - (1 - ca.exp(-sample_time_s / settings.return_s)) * (moved + carried + mean * missing)
     cost = 0.5 * k * step * (step - 2 * held)
     # The energy is convex in the step: a fraction of it costs at most that fraction.
-    paid = ca.if_else(cost > available, available / (cost + tiny), 1)
+    paid = ca.if_else(cost > available, available / (cost + _TINY), 1)
     following = ca.if_else(touching, moved + paid * step, 0)
     builder.follow("anchor_m", following)
     builder.follow("mean_deflection_m", ca.if_else(touching, mean, 0))
@@ -133,7 +141,7 @@ def guard_step(method: str, sample_time_s: float, damping_limit_ns_per_m: float)
     reserve = builder.state("reserve_j")
     moved = ca.if_else(started, position - last_position, 0)
     change = held * moved - ca.if_else(started, stored - last_stored, 0)
-    now = ca.fmax(ca.fmin(reserve + change, 0.0), -0.01)
+    now = ca.fmax(ca.fmin(reserve + change, 0.0), LEAST_RESERVE_J)
     if method == "passivity-controller":
         # The damping over T that dissipates the deficit if the next displacement equals the last.
         acts, square = ca.logic_and(now < 0, moved * moved > 0), moved * moved

@@ -8,6 +8,11 @@ from dataclasses import dataclass
 
 from avc_casadi.simulation.tick import Expr, Step, StepBuilder, ca, insert
 
+HIGHEST_SHARE = 0.2
+"""Highest frequency of an estimator as a share of the sampling rate."""
+NARROWEST_BAND = 1.5
+"""Least ratio of the highest frequency of an estimator to the lowest."""
+
 
 @dataclass(frozen=True)
 class EstimatorSettings:
@@ -20,7 +25,7 @@ class EstimatorSettings:
 
     def top_hz(self, sample_time_s: float) -> float:
         """Highest frequency at a sampling rate."""
-        return max(min(self.high_hz, 0.2 / sample_time_s), 1.5 * self.low_hz)
+        return max(min(self.high_hz, HIGHEST_SHARE / sample_time_s), NARROWEST_BAND * self.low_hz)
 
     @classmethod
     def for_encoder(cls, resolution_m: float, sample_time_s: float, metres_per_unit: float = 1.0) -> EstimatorSettings:
@@ -56,6 +61,30 @@ def envelope(
     return held
 
 
+_RESONATORS_PER_DECADE = 9
+_RESONATOR_QUALITY = 4.0
+"""Centre frequency of a resonator over its decay rate."""
+_INSTANT_OVER_TOP = 1.5
+"""Largest instantaneous frequency over the highest of the settings."""
+_SMOOTHING_PERIODS = 0.3
+"""Time constant of the smoothed frequency, in periods of it."""
+_PERIODS_NEEDED = 0.75
+"""Periods of motion before the estimate of the resonators is valid."""
+
+
+def _arc_tangent(slope: Expr) -> Expr:
+    """Return s (1 + a s^2)/(1 + b s^2 + c s^4), the arc tangent of slopes up to 2 to within 2e-4 of it.
+
+    A motion of 60 Hz at 1 kHz has a slope of 0.4.
+    """
+    a, b, c = _ARC_TANGENT
+    square = slope * slope
+    return slope * (1 + a * square) / (1 + square * (b + c * square))
+
+
+_ARC_TANGENT = (0.43157974, 0.76443945, 0.05831938)
+
+
 def spectral_peak_step(sample_time_s: float, settings: EstimatorSettings) -> Step:
     """Return the step that estimates the frequency by the phase advance of the strongest of log-spaced resonators."""
     builder = StepBuilder()
@@ -64,7 +93,7 @@ def spectral_peak_step(sample_time_s: float, settings: EstimatorSettings) -> Ste
     sine: Expr = 0.0
     cosine: Expr = 0.0
     low, high = settings.low_hz, settings.top_hz(sample_time_s)
-    count = max(1, math.ceil(9 * math.log10(high / low)))  # nine a decade
+    count = max(1, math.ceil(_RESONATORS_PER_DECADE * math.log10(high / low)))
     for index in range(count + 1):
         centre = low * (high / low) ** (index / count)
         cross, dot, power = _resonator(builder, f"bin{index}", signal, centre, sample_time_s)
@@ -82,17 +111,13 @@ def spectral_peak_step(sample_time_s: float, settings: EstimatorSettings) -> Ste
     present = ca.logic_and(peak > threshold * threshold, lasting > threshold * settings.floor_m_per_s)
     present = ca.logic_and(present, cosine > 0)
     slope = ca.if_else(present, sine / ca.if_else(present, cosine, 1), 0)
-    # The arc tangent for slopes up to 2, where 60 Hz at 1 kHz is 0.4; error below 2e-4 of it.
-    square = slope * slope
-    angle = slope * (1 + 0.43157974 * square) / (1 + square * (0.76443945 + 0.05831938 * square))
-    instant = angle / (math.tau * sample_time_s)
-    instant = ca.fmin(ca.fmax(instant, 0.5 * settings.low_hz), 1.5 * settings.top_hz(sample_time_s))
-    # The ripple at twice the frequency is smoothed over 0.3 periods.
-    share = ca.fmin(instant * sample_time_s / 0.3, 1)
+    instant = _arc_tangent(slope) / (math.tau * sample_time_s)
+    instant = ca.fmin(ca.fmax(instant, 0.5 * settings.low_hz), _INSTANT_OVER_TOP * settings.top_hz(sample_time_s))
+    # The ripple at twice the frequency is smoothed.
+    share = ca.fmin(instant * sample_time_s / _SMOOTHING_PERIODS, 1)
     following = ca.if_else(present, ca.if_else(moving, smooth + share * (instant - smooth), instant), 0)
     turned = ca.if_else(present, ca.fmin(turns + following * sample_time_s, 1), 0)
-    # Periods of motion before the estimate is valid.
-    valid = turned >= 0.75
+    valid = turned >= _PERIODS_NEEDED
     builder.follow("smooth_hz", following)
     builder.follow("turns", turned)
     return builder.build("spectral_peak", frequency_hz=ca.if_else(valid, following, 0), valid=valid)
@@ -102,8 +127,7 @@ def _resonator(
     builder: StepBuilder, name: str, signal: Expr, centre_hz: float, sample_time_s: float
 ) -> tuple[Expr, Expr, Expr]:
     """Return sine and cosine of the phase's advance times the power, and the power, of a Goertzel bin a period long."""
-    # The centre frequency over the decay rate is 4.
-    decay = ca.exp(-math.tau * centre_hz * sample_time_s / 4.0)
+    decay = ca.exp(-math.tau * centre_hz * sample_time_s / _RESONATOR_QUALITY)
     turn = math.tau * centre_hz * sample_time_s
     real, imaginary = decay * ca.cos(turn), decay * ca.sin(turn)
     gain = 1.0 - decay
@@ -122,6 +146,14 @@ def _resonator(
     return cross, dot, coming[0] * coming[0] + coming[1] * coming[1]
 
 
+_SLOWEST_SHARE = 0.8
+"""Share of the lowest frequency below which the device is at rest."""
+_HALVES_NEEDED = 3
+"""Half periods from rest on before the estimate is valid: the first began at rest and does not count."""
+_REGULAR_SHARE = 0.12
+"""Share of their mean by which regular half periods differ at most."""
+
+
 def zero_crossing_step(sample_time_s: float, settings: EstimatorSettings) -> Step:
     """Return the step that estimates the frequency from the last two half periods, timed by linear interpolation."""
     builder = StepBuilder()
@@ -130,39 +162,36 @@ def zero_crossing_step(sample_time_s: float, settings: EstimatorSettings) -> Ste
     side, counted = builder.state("side"), builder.state("halves")
     age, crossing = builder.state("age_ticks"), builder.state("crossing_ticks")
     last, earlier = builder.state("last_half_ticks"), builder.state("earlier_half_ticks")
-    # Below this share of the lowest frequency the device is at rest.
-    longest = 0.5 / (0.8 * settings.low_hz * sample_time_s)
-    # Three half periods from rest on: the first began at rest and does not count. Regular ones differ by less.
-    halves_needed, regular_share = 3, 0.12
+    longest = 0.5 / (_SLOWEST_SHARE * settings.low_hz * sample_time_s)
 
     older = age + 1
     passes = (before < 0) != (now < 0)
     # Where both have one sign the quotient is not used, and 1 keeps it finite.
-    at = ca.if_else(passes, older - now / ca.if_else(passes, now - before, 1), crossing)
+    crossed = ca.if_else(passes, older - now / ca.if_else(passes, now - before, 1), crossing)
     here = ca.if_else(now > settings.floor_m_per_s, 1, ca.if_else(now < -settings.floor_m_per_s, -1, 0))
     turned = ca.logic_and(here != 0, here != side)
     rests = ca.logic_and(ca.logic_not(turned), older > longest)
     started = side != 0
-    count = ca.if_else(turned, ca.fmin(counted + started, halves_needed), counted)
-    half = ca.if_else(turned, at, last)
+    count = ca.if_else(turned, ca.fmin(counted + started, _HALVES_NEEDED), counted)
+    half = ca.if_else(turned, crossed, last)
     half_before = ca.if_else(turned, last, earlier)
     half_long_before = builder.state("earliest_half_ticks")
     half_third = ca.if_else(turned, earlier, half_long_before)
-    passed = ca.if_else(turned, ca.if_else(started, older - at, 0), older)
+    passed = ca.if_else(turned, ca.if_else(started, older - crossed, 0), older)
 
-    valid = ca.logic_and(count >= halves_needed, ca.logic_not(rests))
+    valid = ca.logic_and(count >= _HALVES_NEEDED, ca.logic_not(rests))
     halves = ca.fmax(half, passed) + ca.fmax(half_before, ca.fmin(passed, half))
     frequency = ca.if_else(valid, 1 / (sample_time_s * ca.if_else(valid, halves, 1)), 0)
     mean = 0.5 * (half + half_before)
-    in_time = ca.logic_and(valid, passed < (1 + regular_share) * mean)
-    even = ca.logic_and(in_time, ca.fabs(half - half_before) < regular_share * mean)
-    regular = ca.logic_and(even, ca.fabs(half_third - half_before) < regular_share * mean)
+    in_time = ca.logic_and(valid, passed < (1 + _REGULAR_SHARE) * mean)
+    even = ca.logic_and(in_time, ca.fabs(half - half_before) < _REGULAR_SHARE * mean)
+    regular = ca.logic_and(even, ca.fabs(half_third - half_before) < _REGULAR_SHARE * mean)
 
     builder.follow("before_m_per_s", now)
     builder.follow("side", ca.if_else(rests, 0, ca.if_else(turned, here, side)))
     builder.follow("halves", ca.if_else(rests, 0, count))
     builder.follow("age_ticks", ca.if_else(rests, 0, passed))
-    builder.follow("crossing_ticks", ca.if_else(ca.logic_or(rests, turned), 0, at))
+    builder.follow("crossing_ticks", ca.if_else(ca.logic_or(rests, turned), 0, crossed))
     builder.follow("last_half_ticks", half)
     builder.follow("earlier_half_ticks", half_before)
     builder.follow("earliest_half_ticks", half_third)
@@ -173,6 +202,12 @@ def zero_crossing_step(sample_time_s: float, settings: EstimatorSettings) -> Ste
     )
 
 
+_APART_SHARE = 0.05
+"""Share of the robust estimate by which the quick one must differ to override it."""
+_LONGEST_HALF = 1.5
+"""No half period of a motion is longer than one and a half of the true frequency's."""
+
+
 def fusion_step(sample_time_s: float, settings: EstimatorSettings) -> Step:
     """Return the step of the spectral peak, overridden by regular zero crossings until the resonators settle."""
     builder = StepBuilder()
@@ -180,18 +215,28 @@ def fusion_step(sample_time_s: float, settings: EstimatorSettings) -> Step:
     fast = insert(builder, "fast", zero_crossing_step(sample_time_s, settings), [velocity])
     robust = insert(builder, "robust", spectral_peak_step(sample_time_s, settings), [velocity])
     quick, steady = fast["frequency_hz"], robust["frequency_hz"]
-    apart = ca.fabs(quick - steady) > 0.05 * steady
+    apart = ca.fabs(quick - steady) > _APART_SHARE * steady
     # Harmonics add crossings and never remove any: two equal, longer half periods suffice.
     slower = ca.logic_and(fast["even"], quick < steady)
     trusted = ca.logic_and(apart, ca.logic_or(fast["regular"], slower))
     take_fast = ca.logic_or(trusted, ca.logic_not(robust["valid"]))
-    # No half period of the true frequency is longer than one and a half of its own.
-    bound = 1.5 * 0.5 / ca.fmax(fast["longest_half_s"], sample_time_s)
+    bound = _LONGEST_HALF * 0.5 / ca.fmax(fast["longest_half_s"], sample_time_s)
     return builder.build(
         "fused",
         frequency_hz=ca.if_else(take_fast, quick, ca.fmin(steady, bound)),
         valid=ca.logic_or(fast["valid"], robust["valid"]),
     )
+
+
+_OSCILLATOR_DAMPING = 1.0
+_LOOP_GAIN = 0.6
+"""Gain of the frequency loop, in units of the frequency."""
+_LOCKED_SHARE = 0.6
+"""Residual share of the signal's power below which the notch counts as locked."""
+_FLOOR_SHARE = 0.25
+"""Share of the floor's power in the denominator of the loop, which keeps noise at rest from shifting the frequency."""
+_LARGEST_CHANGE = 0.05
+"""Largest relative change of the frequency in a sample."""
 
 
 def adaptive_notch_step(sample_time_s: float, settings: EstimatorSettings) -> Step:
@@ -200,9 +245,7 @@ def adaptive_notch_step(sample_time_s: float, settings: EstimatorSettings) -> St
     signal = band_pass(builder, builder.input("velocity_m_per_s"), settings, sample_time_s)
     low, high = (math.tau * hz * sample_time_s for hz in (settings.low_hz, settings.top_hz(sample_time_s)))
     start = ca.sqrt(low * high)
-    # Of the oscillator; of the frequency loop, in units of the frequency; and the residual share of the signal's power
-    # below which the notch counts as locked.
-    damping, loop_gain, locked = 1.0, 0.6, 0.6
+    damping = _OSCILLATOR_DAMPING
     turn = builder.state("turn_rad", start)
     inphase, quadrature = builder.state("inphase_m_per_s"), builder.state("quadrature_m_per_s")
     left_over, whole = builder.state("left_over_power"), builder.state("power")
@@ -212,9 +255,8 @@ def adaptive_notch_step(sample_time_s: float, settings: EstimatorSettings) -> St
     quadrature_next = quadrature + turn * inphase_next
     power = inphase_next * inphase_next + quadrature_next * quadrature_next
     floor = settings.floor_m_per_s**2
-    # The floor in the denominator keeps noise at rest from shifting the frequency.
-    gain = loop_gain * damping * turn / (power + rest * rest + 0.25 * floor)
-    change = ca.fmin(ca.fmax(-gain * rest * quadrature_next, -0.05), 0.05)
+    gain = _LOOP_GAIN * damping * turn / (power + rest * rest + _FLOOR_SHARE * floor)
+    change = ca.fmin(ca.fmax(-gain * rest * quadrature_next, -_LARGEST_CHANGE), _LARGEST_CHANGE)
     turn_next = ca.fmin(ca.fmax(turn * (1 + change), low), high)
 
     share = turn / math.tau
@@ -225,7 +267,7 @@ def adaptive_notch_step(sample_time_s: float, settings: EstimatorSettings) -> St
     frequency = turn_next * (1 + turn_next * turn_next / 24) / (math.tau * sample_time_s)
     lasting = envelope(builder, signal, frequency, settings, sample_time_s)
     moving = ca.logic_and(moving, lasting > 0.5 * settings.floor_m_per_s)
-    valid = ca.logic_and(moving, left_over_next < locked * whole_next)
+    valid = ca.logic_and(moving, left_over_next < _LOCKED_SHARE * whole_next)
     builder.follow("turn_rad", ca.if_else(moving, turn_next, turn + share * (start - turn)))
     builder.follow("inphase_m_per_s", inphase_next)
     builder.follow("quadrature_m_per_s", quadrature_next)
