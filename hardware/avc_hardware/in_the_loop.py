@@ -58,7 +58,8 @@ class FirmwareInTheLoop:
         problem = of.problem if isinstance(of, Coupling) else of
         limits = board_limits(problem.device)
         effects = build_effects(problem)
-        if foreign := {effect.kind for effect in effects} - PLANT_KINDS - _FIRMWARE_KINDS:
+        foreign = {effect.kind for effect in effects} - PLANT_KINDS - _FIRMWARE_KINDS
+        if foreign:
             raise UnsupportedError(f"{problem.name}: the bench has no {', '.join(sorted(foreign))}")
         time_s = limits.sample_time_s
         self._target = target_of(problem.scene.motion, max(1, round(problem.scene.duration_s / time_s)), time_s)
@@ -157,37 +158,38 @@ def tried_in_the_loop(coupling: Coupling, *, device: Device | None = None) -> Lo
     """Push a coupling into an emulated board of its device, and press the wall with the central hand of ``[hands]``."""
     require_coupling(coupling)
     true = coupling.problem if device is None else coupling.problem.changed(device=device)
-    there = scene_effects(true)
-    kept = tuple(effect for effect in there if effect.kind in PLANT_KINDS and EFFECTS[effect.kind].role != "hand")
-    own = PLANT_KINDS | _FIRMWARE_KINDS | {"environment"}
-    left_out = tuple(effect.kind for effect in there if effect.kind not in own)
+    listed = scene_effects(true)
+    kept = tuple(effect for effect in listed if effect.kind in PLANT_KINDS and EFFECTS[effect.kind].role != "hand")
+    on_bench = PLANT_KINDS | _FIRMWARE_KINDS | {"environment"}
+    left_out = tuple(effect.kind for effect in listed if effect.kind not in on_bench)
     bench = true.changed(scene={"effects": (HandEffect(), WallEffect(), *kept), "integrator": "exact"})
-    loop, lasts = FirmwareInTheLoop(bench), bench.scene.duration_s
+    loop = FirmwareInTheLoop(bench)
+    lasts_s = bench.scene.duration_s
     pushed = loop.push(coupling)
 
     def after(more_s: float, whole_s: float) -> LoopResult:
         trace = loop.run(more_s)
         samples = min(len(trace.position_m), len(trace.force_n))
-        position, velocity, force = (
-            np.array(values[:samples]) for values in (trace.position_m, trace.velocity_m_per_s, trace.force_n)
+        force = np.array(trace.force_n[:samples])
+        traces = Traces(
+            position_m=np.array(trace.position_m[:samples]),
+            velocity_m_per_s=np.array(trace.velocity_m_per_s[:samples]),
+            force_n=force,
+            sample_time_s=coupling.sample_time_s,
+            metres_per_unit=coupling.problem.device.metres_per_unit,
+            handle_m_per_s=np.array(trace.handle_m_per_s[:samples]) if trace.handle_m_per_s else None,
         )
         return LoopResult(
             seconds=whole_s,
-            judgement=Traces(
-                position,
-                velocity,
-                force,
-                coupling.sample_time_s,
-                coupling.problem.device.metres_per_unit,
-                handle_m_per_s=np.array(trace.handle_m_per_s[:samples]) if trace.handle_m_per_s else None,
-            ).judge(),
+            judgement=traces.judge(),
             peak_force_n=float(np.abs(force).max(initial=0.0)),
             left_out=left_out,
             push=pushed,
             status=loop.status(),
         )
 
-    found, swings_s = after(lasts, lasts), course_of(true).duration_s - TRIAL_S
-    if swings_s > 0 and not (found.at_rest or found.status.faults):
-        return after(swings_s, lasts + swings_s)
-    return found
+    result = after(lasts_s, lasts_s)
+    swings_s = course_of(true).duration_s - TRIAL_S
+    if swings_s > 0 and not (result.at_rest or result.status.faults):
+        return after(swings_s, lasts_s + swings_s)
+    return result

@@ -62,8 +62,8 @@ def source_hash(estimator: str = "fused", passive: bool = True, *further: bytes)
 
 def _build_name(board: Board, figures: RuntimeFigures) -> str:
     """Return the name of the sources of an image, those of a custom board among them, as in HELLO."""
-    own = [(board.root / source).read_bytes() for source in board.sources] if board.own else []
-    return source_hash(figures.estimator, figures.passive, *own)
+    board_sources = [(board.root / source).read_bytes() for source in board.sources] if board.own else []
+    return source_hash(figures.estimator, figures.passive, *board_sources)
 
 
 def options_of(made: Path, build: str) -> list[str]:
@@ -155,8 +155,8 @@ def build_firmware(of: Coupling | Problem | Device, board: str, out: Path, *, ba
     No gains are in it. Of a coupling it takes estimator, hold, slew, passive change and guard limit too.
     """
     if baud is not None and not _BAUDS[0] <= baud <= _BAUDS[1]:
-        told = f"is {baud}; allowed: {_BAUDS[0]} to {_BAUDS[1]}, what serial ports divide to"
-        raise InputError.of(told, key="baud")
+        fault = f"is {baud}; allowed: {_BAUDS[0]} to {_BAUDS[1]}, what serial ports divide to"
+        raise InputError.of(fault, key="baud")
     target = _board(board)
     problem = of.problem if isinstance(of, Coupling) else of
     config = device_config(problem.device if isinstance(problem, Problem) else problem)

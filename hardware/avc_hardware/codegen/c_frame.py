@@ -15,7 +15,10 @@ if TYPE_CHECKING:
     from avc_casadi.model.problem import Problem
 
 NAME = "avc_coupling"
-HEADER, SOURCE = f"{NAME}.h", f"{NAME}.c"
+HEADER = f"{NAME}.h"
+SOURCE = f"{NAME}.c"
+
+NS_PER_S = 1e9
 
 FRAME = {
     "loop": """\
@@ -69,8 +72,10 @@ def checked(precision: str, name: str) -> Precision:
         raise InputError.of(f"is {precision!r}; allowed: {', '.join(PRECISIONS)}", key="precision")
     # Lower case, since macros have its name in capitals; a linker of C99 distinguishes 31 characters.
     if not re.fullmatch(rf"(?!({_OF_C})$)[a-z]([a-z0-9_]{{0,18}}[a-z0-9])?", name):
-        told = f"is {name!r}; allowed: a small letter, then small letters and digits with low lines between, at most 20"
-        raise InputError.of(f"{told}, and no header or type of C such as math or size", key="name")
+        fault = (
+            f"is {name!r}; allowed: a small letter, then small letters and digits with low lines between, at most 20"
+        )
+        raise InputError.of(f"{fault}, and no header or type of C such as math or size", key="name")
     return PRECISIONS[precision]
 
 

@@ -54,11 +54,11 @@ def _computer(coupling: Coupling) -> tuple[SceneEffect, ...]:
     problem, constant = coupling.problem, coupling.table.constant
     device = problem.device
     listed: list[Effect] = [HandEffect(), WallEffect(), *coupling.runtime.effects(constant=constant)]
-    own = {effect.kind: effect for effect in problem.scene.effects}
+    listed_by_scene = {effect.kind: effect for effect in problem.scene.effects}
     if problem.detent is not None:
         listed.append(DetentEffect())
-    if device.encoder_resolution_m or "encoder" in own:
-        listed.append(own.get("encoder", EncoderEffect()))
+    if device.encoder_resolution_m or "encoder" in listed_by_scene:
+        listed.append(listed_by_scene.get("encoder", EncoderEffect()))
     remembers = not constant or coupling.runtime.observer_mass_kg is not None or coupling.runtime.guard is not None
     if device.delay_samples and remembers:  # otherwise the force that acts now is unused
         listed.append(DelayEffect())
@@ -102,6 +102,7 @@ class _Sample:
         self.frequency = looked.frequency[0] if looked.frequency else None
 
     def program(self, initial: tuple[tuple[float, float, float], ...], precision: Precision) -> CouplingProgram:
+        """Return the sample as programs, cut where a table is read; `initial` is its states by where it starts."""
         import casadi as ca  # noqa: PLC0415
 
         tick = self.tick
@@ -130,8 +131,9 @@ class _Sample:
         early = tuple(name for name in names if not ca.depends_on(successors[name], read))
         late = tuple(name for name in names if name not in early + asked)
         before = part("before", measured, {"frequency_hz": self.frequency, "seen_m": self.seen}, early)
-        given = {"seen_m": self.cut} | {f"wanted_{name}": one for name, one in zip(GAINS, self.wanted, strict=True)}
-        return CouplingProgram(names, initial, before, part("after", given, forces, late), asked)
+        wanted = {f"wanted_{name}": symbol for name, symbol in zip(GAINS, self.wanted, strict=True)}
+        after = part("after", {"seen_m": self.cut} | wanted, forces, late)
+        return CouplingProgram(names, initial, before, after, asked)
 
     def _parameters(self) -> list[float]:
         """Return the values of the tick's parameters, in its order."""

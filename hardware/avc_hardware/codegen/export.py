@@ -308,7 +308,9 @@ def export_c(
 
 def _header(coupling: Coupling, program: CouplingProgram, precision: Precision, verdict: Deployable) -> str:
     """Return the header; a verdict stands in it."""
-    problem, force, detent = coupling.problem, coupling.max_force_n, coupling.problem.detent
+    problem = coupling.problem
+    force = coupling.max_force_n
+    detent = problem.detent
     low, high = coupling.table.frequency_hz[[0, -1]]
     values = {} if detent is None else detent.model_dump()
     detents = c_frame.comment(", ".join(f"{key} {value:.9g}" for key, value in values.items()))
@@ -330,7 +332,7 @@ def _header(coupling: Coupling, program: CouplingProgram, precision: Precision, 
         force="the problem knows no limit; limit it yourself" if force is None else f"limited at {force:.9g} N",
         sample_time=coupling.sample_time_s,
         sample_time_literal=precision.literal(coupling.sample_time_s),
-        sample_time_ns=round(coupling.sample_time_s * 1e9),
+        sample_time_ns=round(coupling.sample_time_s * c_frame.NS_PER_S),
         max_force="" if force is None else f"#define AVC_COUPLING_MAX_FORCE_N {precision.literal(force)}\n",
         precision=precision.name,
         real=precision.c_type,
@@ -360,18 +362,18 @@ def _fault_model(device: Device, *, wall: bool) -> str:
         "fade": fade_s,
     }
     paragraphs = (_BELIEVED, _FAULT_MODEL, _CONTACT if wall else _AMONG_DETENTS)
-    return "\n".join(f" * {c_frame.comment_lines(one.format(**numbers))}" for one in paragraphs)
+    return "\n".join(f" * {c_frame.comment_lines(paragraph.format(**numbers))}" for paragraph in paragraphs)
 
 
 def _beside(coupling: Coupling) -> str:
     """Return what runs beside the gains, by the keys of [runtime]."""
     runtime = coupling.runtime
-    found = [] if coupling.table.constant else ["estimator", "hold_s", "slew_per_s", "passive"]
-    found += [key for key in ("observer_mass_kg", "guard") if getattr(runtime, key) is not None]
-    told = [f"{key} {getattr(runtime, key)}" for key in found]
+    keys = [] if coupling.table.constant else ["estimator", "hold_s", "slew_per_s", "passive"]
+    keys += [key for key in ("observer_mass_kg", "guard") if getattr(runtime, key) is not None]
+    words = [f"{key} {getattr(runtime, key)}" for key in keys]
     if runtime.state_feedback is not None:
-        told.append(f"an observer of {runtime.state_feedback.states} states, and feedback")
-    return c_frame.comment(", ".join(told) or "nothing")
+        words.append(f"an observer of {runtime.state_feedback.states} states, and feedback")
+    return c_frame.comment(", ".join(words) or "nothing")
 
 
 def _source(coupling: Coupling, program: CouplingProgram, precision: Precision) -> str:
@@ -411,7 +413,7 @@ def _look_up(stated: GainTable, precision: Precision) -> str:
         "    {{{}}},".format(", ".join(map(literal, (logarithm, *row))))
         for logarithm, row in zip(precision.ln(rows[:, 0]), rows, strict=True)
     ]
-    first, *others = map(literal, precision.ln.coefficients)
+    first, *rest = map(literal, precision.ln.coefficients)
     return _LOOK_UP.format(
         rows=len(rows),
         table="\n".join(lines),
@@ -422,7 +424,7 @@ def _look_up(stated: GainTable, precision: Precision) -> str:
         root_2=literal(math.sqrt(2.0)),
         ln_2=literal(math.log(2.0)),
         first=first,
-        series=_indented([f"series = series * z + {coefficient};" for coefficient in others]),
+        series=_indented([f"series = series * z + {coefficient};" for coefficient in rest]),
     )
 
 

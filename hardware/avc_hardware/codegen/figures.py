@@ -53,6 +53,23 @@ class BoardLimits:
     max_overruns: float = 5.0  # in a row
 
     @property
+    def values(self) -> tuple[float, ...]:
+        """The firmware's `avc_limits_t`."""
+        return (
+            self.sample_time_s,
+            self.metres_per_count,
+            self.max_force_n,
+            self.max_damping_ns_per_m,
+            self.max_stiffness_n_per_m,
+            self.max_contact_damping_ns_per_m,
+            self.max_speed_m_per_s,
+            self.max_acceleration_m_per_s2,
+            self.max_energy_j,
+            self.stuck_swing_n,
+            self.max_overruns,
+        )
+
+    @property
     def unwatched(self) -> BoardLimits:
         """The same without faults of motion."""
         names = ("max_speed_m_per_s", "max_acceleration_m_per_s2", "max_energy_j", "stuck_swing_n", "max_overruns")

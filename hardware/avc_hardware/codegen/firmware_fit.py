@@ -14,6 +14,12 @@ if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
 
 
+_ROUNDING = 1e-9
+"""Share by which a sample time may exceed its limit by rounding."""
+_SINGLE_ROUNDING = 1e-6
+"""Share by which numbers that are equal in single precision differ at most."""
+
+
 class FirmwareLacksError(NotDeployableError, UnsupportedError):
     """A coupling needs features that the device's firmware lacks, and is refused (command line: exit code 1)."""
 
@@ -24,36 +30,27 @@ def check_runs_on(
     """Refuse a coupling that needs features that the firmware lacks: the packaged one, or that of a device."""
     require_coupling(coupling)
     if coupling.problem.detent is not None:
-        told = "detent has no place in the table that is pushed; export the whole as C: avc export FILE --c DIR"
-        raise UnsupportedError(f"{coupling.problem.name}: {told}", key="detent")
+        fault = "detent has no place in the table that is pushed; export the whole as C: avc export FILE --c DIR"
+        raise UnsupportedError(f"{coupling.problem.name}: {fault}", key="detent")
     runtime = coupling.runtime
     lacks = []
     if runtime.observer_mass_kg is not None:
         lacks.append("it has no observer between encoder steps (runtime.observer_mass_kg)")
-    feedback, constant = runtime.state_feedback, coupling.table.constant
+    feedback = runtime.state_feedback
+    constant = coupling.table.constant
     if feedback is not None and feedback.states > most_states:
         lacks.append(
             f"it holds {most_states} states of an observer, the coupling has {feedback.states} "
             "(runtime.state_feedback; design it with a simpler hand or device)"
         )
-    if not constant and coupling.sample_time_s > SLOWEST_ESTIMATE_S * (1 + 1e-9):
+    if not constant and coupling.sample_time_s > SLOWEST_ESTIMATE_S * (1 + _ROUNDING):
         lacks.append(f"its estimator runs at sample times up to {SLOWEST_ESTIMATE_S:.3g} s")
     if feedback is not None and not constant:
         lacks.append("it feeds states back beside constant gains alone (runtime.state_feedback)")
     if runtime.guard not in {None, "passivity-controller"}:
         lacks.append(f"it has no guard {runtime.guard} (allowed: passivity-controller, or none)")
-    if has is not None and not constant:  # what its program, or its handle where it keeps its own, has otherwise
-        wanted = figures_of(coupling)
-        handle = not bound or math.isclose(wanted.hand_m_per_unit, has.hand_m_per_unit, rel_tol=1e-6)
-        lacks += [
-            f"its {name} is {getattr(has, name)}, the coupling's {getattr(wanted, name)}"
-            for name, same in (
-                ("estimator", wanted.estimator == has.estimator),
-                ("passive", wanted.passive == has.passive),
-                ("hand_m_per_unit", handle),
-            )
-            if not same
-        ]
+    if has is not None and not constant:
+        lacks += _differences(figures_of(coupling), has, bound=bound)
     if lacks:
         raise FirmwareLacksError(
             f"{coupling.problem.name}: the coupling does not run on this firmware: {'; '.join(lacks)}. "
@@ -62,9 +59,23 @@ def check_runs_on(
         )
 
 
+def _differences(wanted: RuntimeFigures, has: RuntimeFigures, *, bound: bool) -> list[str]:
+    """Return what the firmware's program, or its handle where it keeps its own, has otherwise than a coupling."""
+    equal = {
+        "estimator": wanted.estimator == has.estimator,
+        "passive": wanted.passive == has.passive,
+        "hand_m_per_unit": not bound
+        or math.isclose(wanted.hand_m_per_unit, has.hand_m_per_unit, rel_tol=_SINGLE_ROUNDING),
+    }
+    names = (name for name, holds in equal.items() if not holds)
+    return [f"its {name} is {getattr(has, name)}, the coupling's {getattr(wanted, name)}" for name in names]
+
+
 def config_for(coupling: Coupling, device: Config, *, bound: bool) -> Config:
     """Return the configuration for a coupling on a device: a bound one keeps its limits and its handle."""
-    wanted, limits, figures = figures_of(coupling), device.limits, device.figures
+    wanted = figures_of(coupling)
+    limits = device.limits
+    figures = device.figures
     if not bound:
         limits = board_limits(coupling.problem.device)
         figures = replace(figures, sample_time_s=limits.sample_time_s, metres_per_count=limits.metres_per_count)

@@ -30,7 +30,7 @@ def read_elf(path: Path) -> Image:
         elf = elffile.ELFFile(stream)
         segments = {part["p_paddr"]: part.data() for part in elf.iter_segments("PT_LOAD") if part["p_filesz"]}
         symbols = {}
-        for one in elf.get_section_by_name(".symtab").iter_symbols():
-            thumb = int(one["st_info"]["type"] == "STT_FUNC")  # a bit of the address of a function
-            symbols[one.name] = (one["st_value"] & ~thumb, one["st_size"])
+        for symbol in elf.get_section_by_name(".symtab").iter_symbols():
+            thumb = int(symbol["st_info"]["type"] == "STT_FUNC")  # a bit of the address of a function
+            symbols[symbol.name] = (symbol["st_value"] & ~thumb, symbol["st_size"])
     return Image(segments, symbols)

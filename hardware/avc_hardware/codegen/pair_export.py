@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from avc_casadi import NotDeployableError
 from avc_casadi.design.virtual_tool import FollowerSearch, ToolSearch
 from avc_hardware.codegen.c_frame import HEADER, SOURCE, compiler_checks
 from avc_hardware.codegen.pair_header import MISSED_STEPS, pair_header
-from avc_hardware.codegen.sensor import FARTHEST_M, SENSOR, SensorBounds, fade_samples
+from avc_hardware.codegen.sensor import FARTHEST_M, ROUNDING, SENSOR, SensorBounds, fade_samples
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
@@ -272,16 +272,19 @@ _OF_END |= {"end": ", const avc_coupling_end_t *end", "passed": ", end"}
 
 def pair_verdict(coupling: Coupling, *, unsafe: bool) -> tuple[str, bool]:
     """Judge gains on the loops of their own problem, independent of any certificate: a sentence, and whether stable."""
-    problem, gains, tool = coupling.problem, coupling.gains, coupling.end == "simulation"
+    problem = coupling.problem
+    gains = coupling.gains
+    tool = coupling.end == "simulation"
     search: Any = ToolSearch(problem) if tool else FollowerSearch(problem)
-    loops, why = search.loops, search.why_not(gains)
+    loops = search.loops
+    why = search.why_not(gains)
     if not why:
         also = "" if tool else ", the follower free and in contact"
-        told = f"deployable: all {len(loops)} loops are linearly stable, with every hand of [hands] and released{also}"
-        return told, True
+        stable = f"all {len(loops)} loops are linearly stable, with every hand of [hands] and released{also}"
+        return f"deployable: {stable}", True
     radius, case = loops.radius(gains)
-    who = "with a hand" if any(case.hand.values()) else "released"
-    why = f"not deployable: {why}; spectral radius {radius:.6g} {who}"
+    worst = "with a hand" if any(case.hand.values()) else "released"
+    why = f"not deployable: {why}; spectral radius {radius:.6g} {worst}"
     if not unsafe:
         raise NotDeployableError(f"{problem.name or 'the problem'}: {why}. Make it again: avc recommend P --out FILE")
     return f"UNSAFE, written by request: {why}", False
@@ -305,14 +308,27 @@ def pair_files(coupling: Coupling, precision: Precision, verdict: str) -> dict[s
     words |= {"sensor": SENSOR.format(**words, **_OF_END)}
     if tool is None:
         words |= {"other": "the other of two devices", "clear": ""}
-        ends, calls = _both_ends(coupling), _FOLLOWER.format(**words)
+        ends = _both_ends(coupling)
+        calls = _FOLLOWER.format(**words)
     else:
-        clear = "".join(f"    coupling->{one}_n = {words['zero']};\n" for one in ("to_tool", "handed"))
+        clear = "".join(f"    coupling->{force}_n = {words['zero']};\n" for force in ("to_tool", "handed"))
         words |= {"other": "the tool of a simulation", "clear": clear}
-        ends, calls = [_device_end(coupling, tool)], _engine_c(tool, words, literal(tool.position_scale))
-    silences_s = [end.watchdog * end.own.sample_time_s for end in ends]
+        ends = [_device_end(coupling, tool)]
+        calls = _engine_c(tool, words, literal(tool.position_scale))
+    silences_s = [end.watchdog * end.device.sample_time_s for end in ends]
     source = _SOURCE.format(**words, ends="\n".join(end.c(precision) for end in ends), calls=calls)
     return {HEADER: pair_header(coupling, precision, verdict, silences_s), SOURCE: source}
+
+
+@dataclass(frozen=True)
+class _Reach:
+    """Bounds of what the other end tells, in its units."""
+
+    jump_m: float
+    """The farthest that its position goes from one message to the next."""
+    step_m: float
+    """What its encoder adds."""
+    fastest_m_per_s: float
 
 
 @dataclass(frozen=True)
@@ -320,25 +336,42 @@ class _End:
     """One end: its device, gains, and what it believes of the other."""
 
     name: str
-    own: Device
+    device: Device
     gains: ToolGains
     scales: tuple[float, float]  # own metres and newtons for one of the other end
-    far: tuple[float, float, float]  # the farthest from message to message, its encoder's steps, the fastest
+    far: _Reach
     watchdog: int
     most: int = 1
     feels_force: bool = False
 
     def c(self, precision: Precision) -> str:
         """Return it as a constant of C."""
-        own, bounds = self.own, SensorBounds.of(self.own)
-        limit = precision.largest if own.max_force_n is None else own.max_force_n
-        lengths = ("jump", "start", "unsure", "hand", "driven", "inside", "struck")
-        moved = (*(getattr(bounds, f"{name}_m") for name in lengths), bounds.quiet_n, *self.far)
-        numbers = (own.sample_time_s, *self.scales, *vars(self.gains).values(), limit, *moved)
+        device = self.device
+        gains = self.gains
+        bounds = SensorBounds.of(device)
+        numbers = (
+            device.sample_time_s,
+            *self.scales,
+            gains.stiffness_n_per_m,
+            gains.damping_ns_per_m,
+            gains.local_damping_ns_per_m,
+            precision.largest if device.max_force_n is None else device.max_force_n,
+            bounds.jump_m,
+            bounds.start_m,
+            bounds.unsure_m,
+            bounds.hand_m,
+            bounds.driven_m,
+            bounds.inside_m,
+            bounds.struck_m,
+            bounds.quiet_n,
+            self.far.jump_m,
+            self.far.step_m,
+            self.far.fastest_m_per_s,
+        )
         own_samples = (f"{bounds.pushed_samples}u", f"{bounds.lost_samples}u")
-        watched = (f"{self.watchdog}ul", f"{fade_samples(own)}ul", *own_samples)
+        watched = (f"{self.watchdog}ul", f"{fade_samples(device)}ul", *own_samples)
         whole = (*watched, f"{self.most}u", f"{int(self.feels_force)}u")
-        body = "".join(f"    {one},\n" for one in (*map(precision.literal, numbers), *whole))
+        body = "".join(f"    {entry},\n" for entry in (*map(precision.literal, numbers), *whole))
         kind = "static const" if self.name == "DEVICE" else "const"
         return f"{kind} avc_coupling_end_t AVC_COUPLING_{self.name} = {{\n{body}}};\n"
 
@@ -348,34 +381,40 @@ def _device_end(coupling: Coupling, tool: VirtualTool) -> _End:
     fastest = SensorBounds.of(device).fastest_m_per_s * tool.position_scale
     # A tool may move as far in a step of the engine as in a sample.
     jump_m = fastest * max(*tool.step_s, device.sample_time_s)
-    watchdog = MISSED_STEPS * math.ceil(max(tool.step_s) / device.sample_time_s - 1e-9)
-    feels = tool.exchange == "held-force"
-    scales = (1 / tool.position_scale, tool.force_scale)
-    return _End("DEVICE", device, coupling.gains, scales, (jump_m, 0.0, fastest), watchdog, feels_force=feels)
+    watchdog = MISSED_STEPS * math.ceil(max(tool.step_s) / device.sample_time_s - ROUNDING)
+    return _End(
+        name="DEVICE",
+        device=device,
+        gains=coupling.gains,
+        scales=(1 / tool.position_scale, tool.force_scale),
+        far=_Reach(jump_m, 0.0, fastest),
+        watchdog=watchdog,
+        feels_force=tool.exchange == "held-force",
+    )
 
 
 def _both_ends(coupling: Coupling) -> list[_End]:
     leader, follower = coupling.problem.device, coupling.follower
-    (there, back), late = follower.delays_s[-1], 2 * follower.jitter
+    to_follower_s, to_leader_s = follower.delays_s[-1]
+    late = 2 * follower.jitter
     position, force = follower.position_scale, follower.force_scale
-    feels = follower.architecture == "position-force"
 
     def end(
-        name: str, own: Device, far: Device, gains: ToolGains, scales: tuple[float, float], delay_s: float, feels: bool
+        name: str, device: Device, opposite: Device, gains: ToolGains, scales: tuple[float, float], delay_s: float
     ) -> _End:
-        silence_s = _MESSAGES * max(own.sample_time_s, far.sample_time_s) + late * delay_s
-        watchdog = math.ceil(silence_s / own.sample_time_s - 1e-9)
+        silence_s = _MESSAGES * max(device.sample_time_s, opposite.sample_time_s) + late * delay_s
+        watchdog = math.ceil(silence_s / device.sample_time_s - ROUNDING)
         # After a longer silence any message number is accepted.
-        longest_s = (watchdog + fade_samples(own)) * own.sample_time_s + delay_s
-        most = math.ceil(longest_s / far.sample_time_s) + 1
-        fastest, step = SensorBounds.of(far).fastest_m_per_s, 2 * (far.encoder_resolution_m or 0.0)
-        seen = (fastest * far.sample_time_s, step, fastest + step / far.sample_time_s)
-        return _End(name, own, gains, scales, seen, watchdog, most, feels)
+        longest_s = (watchdog + fade_samples(device)) * device.sample_time_s + delay_s
+        most = math.ceil(longest_s / opposite.sample_time_s) + 1
+        fastest = SensorBounds.of(opposite).fastest_m_per_s
+        step = 2 * (opposite.encoder_resolution_m or 0.0)
+        reach = _Reach(fastest * opposite.sample_time_s, step, fastest + step / opposite.sample_time_s)
+        return _End(name, device, gains, scales, reach, watchdog, most)
 
-    return [
-        end("LEADER", leader, follower, coupling.gains, (1 / position, force), back, feels),
-        end("FOLLOWER", follower, leader, coupling.at_follower, (position, 1 / force), there, False),
-    ]
+    of_leader = end("LEADER", leader, follower, coupling.gains, (1 / position, force), to_leader_s)
+    of_follower = end("FOLLOWER", follower, leader, coupling.at_follower, (position, 1 / force), to_follower_s)
+    return [replace(of_leader, feels_force=follower.architecture == "position-force"), of_follower]
 
 
 def _engine_c(tool: VirtualTool, words: dict[str, str], scale: str) -> str:
@@ -386,14 +425,14 @@ def _engine_c(tool: VirtualTool, words: dict[str, str], scale: str) -> str:
         "passed": ", ".join(f"tool_{name}" for name in names),
         "tool": "\n".join(f"    tool.{name} = tool_{name};" for name in names),
     }
-    found = _ENGINE.format(**words, **made)
+    calls = _ENGINE.format(**words, **made)
     moving = f"{scale} * coupling->own.velocity_m_per_s"
-    both = f"({moving} - tool_velocity_m_per_s)"
+    relative_velocity = f"({moving} - tool_velocity_m_per_s)"
     if tool.solved == "spring and damper":
-        found += _TARGET.format(**words, scale=scale)
+        calls += _TARGET.format(**words, scale=scale)
     else:
-        speed = f"({moving})" if tool.solved == "damper" else both
-        found += _PULL.format(**words, scale=scale, which="tool_force", speed=speed, kept="to_tool_n")
+        speed = f"({moving})" if tool.solved == "damper" else relative_velocity
+        calls += _PULL.format(**words, scale=scale, which="tool_force", speed=speed, kept="to_tool_n")
     if tool.solved != "nothing" and tool.exchange == "held-force":
-        found += _PULL.format(**words, scale=scale, which="handed_force", speed=both, kept="handed_n")
-    return found
+        calls += _PULL.format(**words, scale=scale, which="handed_force", speed=relative_velocity, kept="handed_n")
+    return calls

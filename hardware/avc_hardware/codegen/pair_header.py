@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from avc_hardware.codegen.c_frame import FRAME, comment, comment_lines, head_words
+from avc_hardware.codegen.c_frame import FRAME, NS_PER_S, comment, comment_lines, head_words
 from avc_hardware.codegen.sensor import DRIFT_M, JUMP_M, SENSOR_TYPE, SensorBounds, fade_samples
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from avc_casadi.coupling import Coupling
+    from avc_casadi.model.device import Device
     from avc_casadi.model.ends import VirtualTool
     from avc_casadi.simulation.emit import Precision
 
@@ -219,33 +220,18 @@ _ENGINE_DEFINES = """\
 
 def pair_header(coupling: Coupling, precision: Precision, verdict: str, silences_s: Sequence[float]) -> str:
     """Return the header; every text of a file passes the allow-list of comments."""
-    problem, tool, device = coupling.problem, coupling.problem.simulation, coupling.problem.device
-    ends = [("device", device)] if tool else [("leader", device), ("follower", coupling.follower)]
+    problem = coupling.problem
+    tool = problem.simulation
+    ends: dict[str, Device] = {"device": problem.device}
+    if not tool:
+        ends = {"leader": problem.device, "follower": coupling.follower}
     of_end = _of_engine(coupling, tool, precision) if tool else _of_follower(coupling, precision)
-    bounds = [(who, SensorBounds.of(own)) for who, own in ends]
-    silence = " or ".join(f"{one:.4g} s ({who})" for one, (who, _) in zip(silences_s, ends, strict=True))
-    reaches = {who: own.metres_per_unit for who, own in ends}
-
-    def of_each(values: Iterable[str]) -> str:
-        return " and ".join(f"{value} ({who})" for value, (who, _) in zip(values, ends, strict=True))
-
-    wrong = _WRONG.format(
-        fastest=of_each(f"{one.fastest_m_per_s:.4g} m/s" for _, one in bounds),
-        change=of_each(f"{one.inside_m + one.unsure_m:.4g} m" for _, one in bounds),
-        driven=of_each(f"{one.driven_m + one.unsure_m:.4g} m" for _, one in bounds),
-        lost=of_each(
-            f"{one.lost_samples * own.sample_time_s:.4g} s" for (_, one), (_, own) in zip(bounds, ends, strict=True)
-        ),
-        jump=of_each(f"{JUMP_M / reach:.4g} m" for reach in reaches.values()),
-        drift=of_each(f"{DRIFT_M / reach:.4g} m" for reach in reaches.values()),
-        lasting=of_each(f"{one.most_bad_samples(reaches[who])}" for who, one in bounds),
-        more="" if tool else "; no new message is made, and the other end fades too",
-    )
+    silences = zip(silences_s, ends, strict=True)
+    silence = " or ".join(f"{silence_s:.4g} s ({name})" for silence_s, name in silences)
+    wrong = _wrong(ends, "" if tool else "; no new message is made, and the other end fades too")
     also = of_end.pop("also").format(silence=silence)
-    limits = [
-        (who, "none is known, limit it yourself" if (n := own.max_force_n) is None else f"{n:g} N") for who, own in ends
-    ]
-    facts = [*of_end.pop("facts"), f"force limits: {'; '.join(f'{who} {limit}' for who, limit in limits)}"]
+    limits = "; ".join(f"{name} {_limit(device)}" for name, device in ends.items())
+    facts = [*of_end.pop("facts"), f"force limits: {limits}"]
     return _HEADER.format(
         **FRAME,
         **head_words(problem),
@@ -253,12 +239,36 @@ def pair_header(coupling: Coupling, precision: Precision, verdict: str, silences
         id=coupling.id,
         facts="\n".join(f" * {comment_lines(fact)}" for fact in facts),
         verdict=comment_lines(verdict),
-        times=" and ".join(f"{own.sample_time_s:.9g} s ({who})" for who, own in ends),
-        wrong="\n * - ".join(comment_lines(one).replace("\n * ", "\n *   ") for one in (wrong, also)),
-        fade_s=max(fade_samples(own) * own.sample_time_s for _, own in ends),
+        times=" and ".join(f"{device.sample_time_s:.9g} s ({name})" for name, device in ends.items()),
+        wrong="\n * - ".join(comment_lines(fault).replace("\n * ", "\n *   ") for fault in (wrong, also)),
+        fade_s=max(fade_samples(device) * device.sample_time_s for device in ends.values()),
         precision=precision.name,
         real=precision.c_type,
         sensor=SENSOR_TYPE.format(real=precision.c_type, more=""),
+    )
+
+
+def _limit(device: Device) -> str:
+    """Return the force limit of a device in words."""
+    return "none is known, limit it yourself" if device.max_force_n is None else f"{device.max_force_n:g} N"
+
+
+def _wrong(ends: Mapping[str, Device], more: str) -> str:
+    """Return what the header says of positions that are not believed, with the numbers of every end."""
+    bounds = {name: SensorBounds.of(device) for name, device in ends.items()}
+
+    def of_each(text: Callable[[Device, SensorBounds], str]) -> str:
+        return " and ".join(f"{text(device, bounds[name])} ({name})" for name, device in ends.items())
+
+    return _WRONG.format(
+        fastest=of_each(lambda _, bound: f"{bound.fastest_m_per_s:.4g} m/s"),
+        change=of_each(lambda _, bound: f"{bound.inside_m + bound.unsure_m:.4g} m"),
+        driven=of_each(lambda _, bound: f"{bound.driven_m + bound.unsure_m:.4g} m"),
+        lost=of_each(lambda device, bound: f"{bound.lost_samples * device.sample_time_s:.4g} s"),
+        jump=of_each(lambda device, _: f"{JUMP_M / device.metres_per_unit:.4g} m"),
+        drift=of_each(lambda device, _: f"{DRIFT_M / device.metres_per_unit:.4g} m"),
+        lasting=of_each(lambda device, bound: f"{bound.most_bad_samples(device.metres_per_unit)}"),
+        more=more,
     )
 
 
@@ -273,7 +283,7 @@ def _of_follower(coupling: Coupling, precision: Precision) -> dict[str, Any]:
     measured = follower.architecture == "position-force" and follower.force == "measured"
     times = (("LEADER", device), ("FOLLOWER", follower))
     defines = (
-        f"#define AVC_COUPLING_{end}_SAMPLE_TIME_S {precision.literal(own.sample_time_s)}\n" for end, own in times
+        f"#define AVC_COUPLING_{end}_SAMPLE_TIME_S {precision.literal(device.sample_time_s)}\n" for end, device in times
     )
     return {
         "between": "a leader and its follower",
@@ -292,14 +302,17 @@ def _of_follower(coupling: Coupling, precision: Precision) -> dict[str, Any]:
 
 
 def _of_engine(coupling: Coupling, tool: VirtualTool, precision: Precision) -> dict[str, Any]:
-    device, scene, real, literal = coupling.problem.device, coupling.in_scene, precision.c_type, precision.literal
+    device = coupling.problem.device
+    scene = coupling.in_scene
+    real = precision.c_type
+    literal = precision.literal
     held, solves = tool.exchange == "held-force", tool.solved == "spring and damper"
     given = f"{real} tool_force_n" if held else f"{real} tool_position_m, {real} tool_velocity_m_per_s"
     calls = _ENGINE_CALLS + (_TARGET if solves else _TOOL_FORCE)
     calls += _HANDED_FORCE if held and tool.solved != "nothing" else ""
     call = "avc_coupling_target" if solves else "avc_coupling_tool_force"
     late = f", and {_steps(tool.steps_late)} later" if tool.steps_late else ""
-    order = "\n".join(f" *   {number}. {one}" for number, one in enumerate(_order(tool), 1))
+    order = "\n".join(f" *   {number}. {operation}" for number, operation in enumerate(_order(tool), 1))
     without = " without the damper" if tool.solved == "damper" else ""
     return {
         "between": "a haptic device and the tool of a simulation",
@@ -314,7 +327,7 @@ def _of_engine(coupling: Coupling, tool: VirtualTool, precision: Precision) -> d
         "defines": _ENGINE_DEFINES.format(
             exchange=tool.exchange,
             time=literal(device.sample_time_s),
-            time_ns=round(device.sample_time_s * 1e9),
+            time_ns=round(device.sample_time_s * NS_PER_S),
             stiffness=literal(scene.stiffness_n_per_m),
             damping=literal(scene.damping_ns_per_m),
             loop=FRAME["loop"],

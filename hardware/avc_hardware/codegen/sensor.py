@@ -26,6 +26,8 @@ _STOP_M_PER_S2 = 1000.0  # beyond it firmware takes an encoder for one that has 
 _QUIET_M_PER_S2 = 10.0  # forces that accelerate less than a tenth of a hand do not count
 _UNDECLARED_M = 1e-4  # two steps of 50 um: an encoder that nobody declared may be that coarse
 _LAG_TIME_CONSTANTS = 5.0  # after which 1 % of an amplifier's force is left
+_NOISE_DEVIATIONS = 15.0  # six of a second difference, which is of sqrt(1 + 4 + 1)
+ROUNDING = 1e-9  # by which a number of samples may exceed a whole one
 _FADE_S = 0.05  # long for a sample, short for a hand
 _RECOIL_S = 0.05  # in which a hand catches a device that a wall has thrown back, with more than it moves it by
 _FEWEST_LOST = 8  # samples, at slow rates: longer than the six bad ones in a row of the fault model
@@ -41,14 +43,14 @@ def _pushed_samples(device: Device) -> int:
     # A change of movement is made in two samples.
     lasting_s = (max((device.delay_samples, *(device.range.delay_samples or ()))) + 2) * device.sample_time_s
     bandwidths_hz = (device.amplifier_bandwidth_hz, *(device.range.amplifier_bandwidth_hz or ()))
-    slowest_hz = min((one for one in bandwidths_hz if one), default=math.inf)
+    slowest_hz = min((bandwidth_hz for bandwidth_hz in bandwidths_hz if bandwidth_hz), default=math.inf)
     lasting_s += _LAG_TIME_CONSTANTS / (2 * math.pi * slowest_hz)
     if device.resonance is not None:
         # The joint swings on, and dies out from the actuator's acceleration to one that does not count.
         swing = actuator_m_per_s2(device) * device.metres_per_unit / _QUIET_M_PER_S2
         decay_per_s = device.resonance.damping_ratio * 2 * math.pi * device.resonance.frequency_hz
         lasting_s += min(math.log(max(swing, 1.0)) / decay_per_s, 5 * _FADE_S)
-    return math.ceil(float(max(lasting_s, _RECOIL_S)) / device.sample_time_s - 1e-9)
+    return math.ceil(float(max(lasting_s, _RECOIL_S)) / device.sample_time_s - ROUNDING)
 
 
 @dataclass(frozen=True)
@@ -76,14 +78,16 @@ class SensorBounds:
     @classmethod
     def of(cls, device: Device) -> Self:
         """Return the bounds of a device."""
-        time, ranges, reach = device.sample_time_s, device.range, device.metres_per_unit
+        time = device.sample_time_s
+        ranges = device.range
+        reach = device.metres_per_unit
         step = max((device.encoder_resolution_m or 0.0, *(ranges.encoder_resolution_m or ())))
         noise = max((device.position_noise_rms_m, *(ranges.position_noise_rms_m or ())))
         actuator = actuator_m_per_s2(device)
         most = board_limits(device).max_acceleration_m_per_s2  # above it the encoder has jumped, as firmware judges
         hand_m = min(most, _HAND_M_PER_S2 / reach) * time**2
-        # Two steps of rounding, two of a flickering count; six deviations of a second difference, of sqrt(1 + 4 + 1).
-        unsure: float = 4 * step + 15.0 * noise
+        # Two steps of rounding, two of a flickering count.
+        unsure: float = 4 * step + _NOISE_DEVIATIONS * noise
         if not step:
             unsure += max(_UNDECLARED_M / reach - hand_m, 0.0)
         return cls(
@@ -114,10 +118,10 @@ class SensorBounds:
     def literals(self, precision: Precision) -> dict[str, str]:
         """Return what stands for the bounds in the C of a wall."""
         lengths = ("jump", "start", "unsure", "hand", "driven", "inside")
-        found = {name: precision.literal(getattr(self, f"{name}_m")) for name in lengths}
+        literals = {name: precision.literal(getattr(self, f"{name}_m")) for name in lengths}
         whole = {"pushed": f"{self.pushed_samples}u", "lost": f"{self.lost_samples}u"}
         quiet, farthest = map(precision.literal, (self.quiet_n, FARTHEST_M))
-        return found | whole | {"quiet": quiet, "farthest": farthest}
+        return literals | whole | {"quiet": quiet, "farthest": farthest}
 
 
 SENSOR_TYPE = """\

@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import struct
 import zlib
-from dataclasses import astuple, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -24,6 +24,8 @@ from avc_hardware.codegen.figures import Config, RuntimeFigures
 GAINS = ("damping_ns_per_m", "stiffness_n_per_m", "contact_damping_ns_per_m")
 SAMPLE_TIMES_S = (5e-5, 0.02)
 """Range of sample times: below, a tick has too few cycles; above, the watchdog is fed too late."""
+_ROUNDING = 1e-9
+"""Share by which a sample time may miss this range by rounding."""
 _FIGURES = (
     "sample_time_s",
     "rate_hz",
@@ -105,83 +107,114 @@ def tick_programs(estimator: str, passive: bool) -> tuple[tuple[RuntimeProgram, 
     with DeferredInterrupt():
         figures = {name: ca.SX.sym(name) for name in _FIGURES}
         ticks = [_ticks(figures, estimator, passive, start) for start in (0.0, 1.0, -1.0)]
-        parts: list[tuple[Any, ...]] = []
+        parts: list[_PlacedPart] = []
         whole: list[Any] = []
-        for name, (tick, inputs, outputs) in ticks[0].items():
-            starts = list(zip(*([slot.initial for slot in one[name][0].states] for one in ticks), strict=True))
+        for name, part in ticks[0].items():
+            starts = list(zip(*([slot.initial for slot in built[name].tick.states] for built in ticks), strict=True))
             symbolic = [ca.SX(start[0]) for start in starts if isinstance(start[0], ca.SX)]
-            values = [ca.SX(value) for value in (*outputs.values(), *tick.successors())]
-            parts.append((name, tick, inputs, outputs, starts, len(whole), len(values)))
+            values = [ca.SX(value) for value in (*part.outputs.values(), *part.tick.successors())]
+            parts.append(_PlacedPart(name, part, starts, first=len(whole), count=len(values)))
             whole += [*values, *symbolic]
         rest, symbols, known = ca.extract_parametric(
             ca.vertcat(*whole), ca.vertcat(*figures.values()), {"extract_trivial": True}
         )
         # The same number once, whoever needs it.
-        same = {str(value): symbol for value, symbol in zip(reversed(known), reversed(symbols), strict=True)}
-        rest = ca.substitute(rest, ca.vertcat(*symbols), ca.vertcat(*(same[str(value)] for value in known)))
+        shared = {str(value): symbol for value, symbol in zip(reversed(known), reversed(symbols), strict=True)}
+        rest = ca.substitute(rest, ca.vertcat(*symbols), ca.vertcat(*(shared[str(value)] for value in known)))
         once = {str(value): value for value in known}
         numbers = ca.Function("numbers", list(figures.values()), [ca.vertcat(*once.values())])
-        made = [_program(part, ca.vertsplit(rest), [same[text] for text in once]) for part in parts]
+        made = [_program(placed, ca.vertsplit(rest), [shared[text] for text in once]) for placed in parts]
     return tuple(made), numbers
 
 
-def _program(part: tuple[Any, ...], values: list[Any], numbers: list[Any]) -> RuntimeProgram:
+@dataclass(frozen=True)
+class _Part:
+    """A part of the tick as expressions."""
+
+    tick: Tick
+    inputs: dict[str, Any]
+    outputs: dict[str, Any]
+
+
+@dataclass(frozen=True)
+class _PlacedPart:
+    """A part of the tick, and where its values stand among those of all: outputs, next states, then initial states."""
+
+    name: str
+    part: _Part
+    starts: list[tuple[Any, ...]]
+    """Initial states with the device at 0, at +1 and at -1."""
+    first: int
+    count: int
+
+
+def _program(placed: _PlacedPart, values: list[Any], numbers: list[Any]) -> RuntimeProgram:
     """Return a part from its place among the values of all."""
     import casadi as ca  # noqa: PLC0415
 
-    name, tick, inputs, outputs, starts, first, count = part
+    tick = placed.part.tick
+    inputs = placed.part.inputs
+    outputs = placed.part.outputs
+    last = placed.first + placed.count
     states = tuple(slot.name for slot in tick.states)
     names = {symbol.__hash__(): f"number_{index}" for index, symbol in enumerate(numbers)}
-    begun = iter(values[first + count :])
-    initial = tuple(names[next(begun).__hash__()] if isinstance(start[0], ca.SX) else start for start in starts)
+    begun = iter(values[last:])
+    initial = tuple(names[next(begun).__hash__()] if isinstance(start[0], ca.SX) else start for start in placed.starts)
     function = ca.Function(
-        name,
+        placed.name,
         [*inputs.values(), *numbers, *(slot.symbol for slot in tick.states)],
-        values[first : first + count],
+        values[placed.first : last],
         [*inputs, *names.values(), *(f"state_{state}" for state in states)],
         [*(f"out_{output}" for output in outputs), *(f"next_{state}" for state in states)],
     )
-    return RuntimeProgram(name, states, tuple(inputs), tuple(outputs), initial, FloatProgram(function))
+    return RuntimeProgram(placed.name, states, tuple(inputs), tuple(outputs), initial, FloatProgram(function))
 
 
 def tick_numbers(figures: RuntimeFigures) -> Float32Array:
     """Return the numbers of a configuration; UnsupportedError for a sample time that would need another program."""
     low, high = SAMPLE_TIMES_S
     time_s = figures.sample_time_s
-    if not low * (1 - 1e-9) <= time_s <= high * (1 + 1e-9):
+    if not low * (1 - _ROUNDING) <= time_s <= high * (1 + _ROUNDING):
         raise UnsupportedError(
             f"the firmware has no program for a sample time of {time_s:g} s; allowed: {low:g} to {high:.6g} s; for "
             "others export the coupling as C: avc export",
             key="device.sample_time_s",
         )
     seen = EstimatorSettings.for_encoder(figures.metres_per_count, time_s, figures.hand_m_per_unit)
-    given = (time_s, 1 / time_s, *figures.values[:3], seen.floor_m_per_s, seen.fastest_m_per_s)
-    found: Float32Array = tick_programs(figures.estimator, figures.passive)[1](*given).full().ravel().astype(np.float32)
-    return found
-
-
-_Part = tuple[Tick, dict[str, Any], dict[str, Any]]
+    hold_s, slew_per_s, guard_damping_ns_per_m = figures.values[:3]
+    _, numbers_of = tick_programs(figures.estimator, figures.passive)
+    numbers = numbers_of(
+        time_s,
+        1 / time_s,
+        hold_s,
+        slew_per_s,
+        guard_damping_ns_per_m,
+        seen.floor_m_per_s,
+        seen.fastest_m_per_s,
+    )
+    single: Float32Array = numbers.full().ravel().astype(np.float32)
+    return single
 
 
 def _ticks(figures: dict[str, Any], estimator: str, passive: bool, start_m: float) -> dict[str, _Part]:
-    """Build each part by the scene's effects; returns its tick, inputs and outputs."""
+    """Build each part by the scene's effects."""
     import casadi as ca  # noqa: PLC0415
 
     def symbols(*names: str) -> dict[str, Any]:
         return {name: ca.SX.sym(name) for name in names}
 
-    time, rate_hz, hold_s, slew_per_s, guard_damping, floor, fastest = figures.values()
+    time, rate_hz = figures["sample_time_s"], figures["rate_hz"]
     estimate = _AnyTick(time, start_m, rate_hz=rate_hz)
     seen = symbols("position_m", "rest_hz")
     wanted = symbols(*(f"wanted_{name}" for name in GAINS))
     rest = symbols("rest_stiffness_n_per_m")
     table: Any = AnyTable(seen["rest_hz"], rest["rest_stiffness_n_per_m"], list(wanted.values()))
     estimate.position = seen["position_m"]
-    settings = _AnyEncoder(floor_m_per_s=floor, fastest_m_per_s=fastest)
+    settings = _AnyEncoder(floor_m_per_s=figures["floor_m_per_s"], fastest_m_per_s=figures["fastest_m_per_s"])
     Estimator(estimator, settings).sample(estimate)
-    adaptation = Adaptation(hold_s, AdaptationSettings(slew_per_s, passive), table)
+    adaptation = Adaptation(figures["hold_s"], AdaptationSettings(figures["slew_per_s"], passive), table)
     adaptation.sample(estimate)
-    found = {
+    estimated = {
         "estimate_hz": estimate.frequency_hz,
         "valid": estimate.frequency_valid,
         "frequency_hz": table.frequency[0],
@@ -189,15 +222,20 @@ def _ticks(figures: dict[str, Any], estimator: str, passive: bool, start_m: floa
 
     guard = _AnyTick(time, start_m, rate_hz=rate_hz)
     pushed = symbols("position_m", "force_n", "stored_j")
-    guard.position, guard.command, guard.environment_energy_j = pushed.values()
-    Guard("passivity-controller", guard_damping).sample(guard)
+    guard.position = pushed["position_m"]
+    guard.command = pushed["force_n"]
+    guard.environment_energy_j = pushed["stored_j"]
+    Guard("passivity-controller", figures["guard_damping_ns_per_m"]).sample(guard)
     for settle in guard.at_end:
         settle()
     guarded = {"guarded_n": guard.command, "reserve_j": guard.traces["guard_reserve_j"]}
 
-    gated, clips = (_couple(adaptation, estimate, wanted | rest, clips_last=law) for law in (False, True))
-    parts: dict[str, _Part] = {"estimate": (estimate, seen, found), "guard": (guard, pushed, guarded)}
-    return parts | {"couple_gated": gated, "couple_clips": clips}
+    return {
+        "estimate": _Part(estimate, seen, estimated),
+        "guard": _Part(guard, pushed, guarded),
+        "couple_gated": _couple(adaptation, estimate, wanted | rest, clips_last=False),
+        "couple_clips": _couple(adaptation, estimate, wanted | rest, clips_last=True),
+    }
 
 
 def _couple(adaptation: Adaptation, estimate: _AnyTick, gains: dict[str, Any], *, clips_last: bool) -> _Part:
@@ -218,8 +256,8 @@ def _couple(adaptation: Adaptation, estimate: _AnyTick, gains: dict[str, Any], *
     adapt: Any = couple.adapt
 
     def adapted(deflection: Any, one_sided: bool) -> Any:
-        found = adapt(deflection, one_sided)
-        return replace(found, touching=ca.if_else(relaxes["relaxes"], found.touching, 1))
+        adapted_gains = adapt(deflection, one_sided)
+        return replace(adapted_gains, touching=ca.if_else(relaxes["relaxes"], adapted_gains.touching, 1))
 
     couple.adapt = adapted
     stiffness, damping = wall.values()
@@ -230,15 +268,15 @@ def _couple(adaptation: Adaptation, estimate: _AnyTick, gains: dict[str, Any], *
     made = {"force_n": couple.command, "tool_m": couple.traces["tool_m"]}
     made |= {name: couple.traces[name] for name in (*GAINS, "anchor_m")}
     made["stored_j"] = couple.environment_energy_j + couple.coupling_energy_j
-    return couple, given, made
+    return _Part(couple, given, made)
 
 
 _BANNER = "/* Generated from the scene's CasADi expressions when firmware is built; do not edit. */"
 CONFIG = "avc_config.c"
 
 
-def _function(signature: str, told: str, body: list[str]) -> list[str]:
-    return [f"/* {told} */", f"static inline void {signature}", "{", *(f"    {line}" for line in body), "}", ""]
+def _function(signature: str, sentence: str, body: list[str]) -> list[str]:
+    return [f"/* {sentence} */", f"static inline void {signature}", "{", *(f"    {line}" for line in body), "}", ""]
 
 
 def _of_input(symbol: str) -> str:
@@ -267,9 +305,11 @@ def _types(part: RuntimeProgram) -> list[str]:
 
 def _start(part: RuntimeProgram) -> list[str]:
     body = start_lines("state", part.states, part.initial)
-    numbers = ", const float *number" if any(isinstance(one, str) for one in part.initial) else ""
-    told = "The state of a device that has always rested at a position."
-    return _function(f"{_prefix(part)}_start({_prefix(part)}_state_t *state, float position_m{numbers})", told, body)
+    numbers = ", const float *number" if any(isinstance(start, str) for start in part.initial) else ""
+    sentence = "The state of a device that has always rested at a position."
+    return _function(
+        f"{_prefix(part)}_start({_prefix(part)}_state_t *state, float position_m{numbers})", sentence, body
+    )
 
 
 def _step(part: RuntimeProgram) -> list[str]:
@@ -298,14 +338,15 @@ def packed_config(config: Config) -> bytes:
     Raises:
         UnsupportedError: a sample time without a program.
     """
-    rest = struct.pack("<15fHH", *astuple(config.limits), *config.figures.values)
+    rest = struct.pack("<15fHH", *config.limits.values, *config.figures.values)
     rest += tick_numbers(config.figures).astype("<f4").tobytes()
     return struct.pack("<I", zlib.crc32(rest)) + rest
 
 
 def config_source(config: Config, *, bound: bool) -> dict[str, str]:
     """Return the configuration that a firmware starts with; one that is not bound takes any other by the link."""
-    literal, figures = SINGLE.literal, config.figures
+    literal = SINGLE.literal
+    figures = config.figures
     *floats, estimator, passive = figures.values
     numbers = [literal(float(number)) for number in tick_numbers(figures)]
     lines = [
@@ -315,10 +356,10 @@ def config_source(config: Config, *, bound: bool) -> dict[str, str]:
         f"const bool avc_bound = {'true' if bound else 'false'};",
         "const avc_config_t avc_built_in = {",
         f"    .crc32 = {struct.unpack('<I', packed_config(config)[:4])[0]:#010x}u,",
-        f"    .limits = {{{', '.join(literal(value) for value in vars(config.limits).values())}}},",
+        f"    .limits = {{{', '.join(map(literal, config.limits.values))}}},",
         f"    .figures = {{{', '.join(map(literal, floats))}, {estimator}u, {passive}u}},",
         "    .number = {",
-        *(f"        {', '.join(numbers[at : at + 6])}," for at in range(0, len(numbers), 6)),
+        *(f"        {', '.join(numbers[first : first + 6])}," for first in range(0, len(numbers), 6)),
         "    },",
         "};",
         "",

@@ -17,7 +17,12 @@ if TYPE_CHECKING:
     from avc_casadi.model.device import Device
 
 
-_CODE_ZERO, _CODE_FULL = 2048, 2047
+_CODE_ZERO = 2048
+"""Code of the 12-bit output for no force."""
+_CODE_FULL = 2047
+"""Codes from there to the full force."""
+_LEAST_SHARE = 1e-9
+"""Share of a sample below which a part of it is none."""
 _PARTS = 16  # of a sample, where friction may reverse: the velocity changes evenly within each
 
 
@@ -48,7 +53,7 @@ class BenchPlant:
         self._halves = [
             (_part(plant, share * sample_time_s), _part(plant, share * sample_time_s / _PARTS), newer)
             for share, newer in ((late, False), (1.0 - late, True))
-            if share > 1e-9
+            if share > _LEAST_SHARE
         ]
         self._positions = [index for index, name in enumerate(plant.names) if name.endswith("_position_m")]
         self.state: FloatArray = np.zeros(plant.states)

@@ -17,11 +17,17 @@ if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
 
 
+_TAP_M = 4e-4
+"""Amplitude of a hand that taps about the wall's face."""
+_START_S = 2e-3
+"""Time in which the firmware clears its memory and switches the serial port on: earlier bytes are lost."""
+
+
 def tapping_hand(time_s: float) -> float:
     """Position of the hand on the emulated board, metres: 0.4 mm about the wall's face, 1 to 9 Hz and back in 8 s."""
     swing = 2 * math.pi * time_s / 8
     phase = 2 * math.pi * (5 * time_s - 4 * 8 / (2 * math.pi) * math.sin(swing))
-    return 4e-4 * math.sin(phase)
+    return _TAP_M * math.sin(phase)
 
 
 class EmulatedBoard:
@@ -51,8 +57,7 @@ class EmulatedBoard:
             slice_cycles=slice_cycles,
             on_instruction=on_instruction,
         )
-        # The firmware clears its memory and switches the serial port on: earlier bytes are lost.
-        self.machine.run_until(round(2e-3 * CLOCK_HZ))
+        self.machine.run_until(round(_START_S * CLOCK_HZ))
 
     @property
     def name(self) -> str:
@@ -82,7 +87,8 @@ class EmulatedBoard:
 def emulated_board(coupling: Coupling) -> EmulatedBoard:
     """Return a fresh emulated board of a coupling's device; a hand taps about the face that the coupling renders."""
     check_runs_on(coupling)
-    device, feedback = coupling.problem.device, coupling.runtime.state_feedback
+    device = coupling.problem.device
+    feedback = coupling.runtime.state_feedback
     face_m = 0.0 if feedback is None else feedback.face_m
     return EmulatedBoard(
         limits=board_limits(device), motion_m=lambda time_s: tapping_hand(time_s) / device.metres_per_unit - face_m

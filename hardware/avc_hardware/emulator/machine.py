@@ -13,17 +13,34 @@ from avc_casadi._util.interrupt import DeferredInterrupt
 from avc_hardware.codegen.image import Image
 
 CLOCK_HZ = 168_000_000
-_FLASH, _FLASH_SIZE = 0x08000000, 0x100000
-_RAM, _RAM_SIZE = 0x20000000, 0x20000
-_SYSTEM, _APB1, _TIMERS, _SERIAL = 0xE000E000, 0x40007000, 0x40010000, 0x40011000
-_WATCHDOG, _PORTS, _RESETS = 0x40003000, 0x40020000, 0x40023000
+# Memory of the STM32F405: addresses and bytes.
+_FLASH = 0x08000000
+_FLASH_SIZE = 0x100000
+_RAM = 0x20000000
+_RAM_SIZE = 0x20000
+# Pages of registers: of the core, then of the peripherals.
+_SYSTEM = 0xE000E000
+_APB1 = 0x40007000
+_TIMERS = 0x40010000
+_SERIAL = 0x40011000
+_WATCHDOG = 0x40003000
+_PORTS = 0x40020000
+_RESETS = 0x40023000
 _PAGE = 0x1000
 # Return address of interrupt handlers: a page of its own, never executed.
 _RETURN = 0x1FFF0000
-_SYSTICK_VECTOR, _SERIAL_VECTOR = 15, 16 + 37
-_RECEIVED, _OVERRUN, _TRANSMIT_EMPTY, _TRANSMITTED = 1 << 5, 1 << 3, 1 << 7, 1 << 6
-# Reset causes of RCC_CSR, and their clear bit; the clock of the watchdog.
-BY_WATCHDOG, BY_POWER_ON, BY_BROWN_OUT = 1 << 29, 1 << 27, 1 << 25
+# Numbers of interrupt vectors; those of peripherals follow the core's 16.
+_SYSTICK_VECTOR = 15
+_SERIAL_VECTOR = 16 + 37
+# Bits of the serial port's status.
+_OVERRUN = 1 << 3
+_RECEIVED = 1 << 5
+_TRANSMITTED = 1 << 6
+_TRANSMIT_EMPTY = 1 << 7
+# Reset causes of RCC_CSR.
+BY_BROWN_OUT = 1 << 25
+BY_POWER_ON = 1 << 27
+BY_WATCHDOG = 1 << 29
 
 
 class Machine:

@@ -16,7 +16,7 @@ from avc_casadi import InputError, LinkError, PortError
 from avc_hardware.emulator.board import EmulatedBoard
 from avc_hardware.link.bytes import ByteLink, SerialLink
 from avc_hardware.link.device import MODES, Device, DeviceStatus
-from avc_hardware.link.frames import DELIMITER, Decoder
+from avc_hardware.link.frames import DELIMITER, MAX_ENCODED, Decoder
 from avc_hardware.link.messages import Acknowledged, Kind, Message, parse, words
 from avc_hardware.link.session import Answer, Exchange, NoAnswerError, Session
 from avc_hardware.link.table import TableImage
@@ -64,6 +64,10 @@ EMULATOR_IS_FRESH = (
 )
 USB = "usb:"
 DEFAULT_BAUD = 115200
+_THINKS_S = 0.15
+"""Time for the device and the driver to think, beside that of the bytes on the wire."""
+_DEADLINE_S = 15.0
+"""Time after which a dialogue is given up, beside that of the bytes on the wire."""
 
 
 class Connection:
@@ -80,10 +84,10 @@ class Connection:
     ) -> None:
         """Take over a link and send HELLO."""
         self.link = link
-        # A full frame out and a full answer back, ten bits a byte, and time for the device and the driver to think.
-        timeout_s = 0.15 + 2 * 1024 * 10 / baud
+        # A full frame out and a full answer back, ten bits a byte.
+        timeout_s = _THINKS_S + 2 * MAX_ENCODED * 10 / baud
         self.session = Session(session or secrets.randbits(32), timeout_s=timeout_s, on_wait=on_wait)
-        self._deadline_s = 15.0 + 4 * 2 * 4200 * 10 / baud if deadline_s is None else deadline_s
+        self._deadline_s = _DEADLINE_S + 4 * 2 * 4200 * 10 / baud if deadline_s is None else deadline_s
         self._decoder = Decoder()
         self._waiting: deque[tuple[int, Message]] = deque()
         self._telemetry: deque[Telemetry] = deque()
@@ -130,8 +134,10 @@ class Connection:
     def wait(self, seconds: float) -> None:
         """Let time pass, whatever arrives."""
         end = self.link.now_s() + seconds
-        while (left := end - self.link.now_s()) > 0:
+        left = end - self.link.now_s()
+        while left > 0:
             self._read(left)
+            left = end - self.link.now_s()
 
     def configure(self, config: bytes) -> None:
         """Send a configuration, as `packed_config` returns it, without a table; none runs after it."""

@@ -48,23 +48,42 @@ class Device:
     def read(cls, payload: bytes) -> Device:
         """Read the payload of the answer to HELLO."""
         values = _HELLO.unpack(payload)
+        interface_version, boot_id, capacity_rows, capacity_states, kept_records, bound = values[:6]
+        build, chip = values[6:8]
+        table_id, table_crc32, coupling_id, faults = values[8:12]
+        lowered = Limits(*map(_meant, values[12:15]))
+        config_crc32 = values[15]
         limits = BoardLimits(*map(_meant, values[16:27]))
         hold_s, slew_per_s, guard, reach = map(_meant, values[27:31])
+        estimator, passive = values[31:33]
         figures = RuntimeFigures(
             sample_time_s=limits.sample_time_s,
             metres_per_count=limits.metres_per_count,
-            estimator=ESTIMATOR_NUMBERS[values[31]],
+            estimator=ESTIMATOR_NUMBERS[estimator],
             hold_s=hold_s,
             slew_per_s=slew_per_s if slew_per_s < NO_SLEW_PER_S / 2 else None,
-            passive=bool(values[32]),
+            passive=bool(passive),
             guard_damping_ns_per_m=guard,
             hand_m_per_unit=reach,
         )
-        build = values[6].rstrip(b"\0").decode("ascii", "replace")
-        chip = values[7].hex() if any(values[7]) else ""
-        coupling = f"{values[10]:08x}" if values[10] else ""
-        head = [*values[:5], bool(values[5]), build, chip, *values[8:10], coupling, values[11]]
-        return cls(*[*head, Limits(*map(_meant, values[12:15])), values[15], limits, figures])
+        return cls(
+            interface_version=interface_version,
+            boot_id=boot_id,
+            capacity_rows=capacity_rows,
+            capacity_states=capacity_states,
+            kept_records=kept_records,
+            bound=bool(bound),
+            build=build.rstrip(b"\0").decode("ascii", "replace"),
+            unique_id=chip.hex() if any(chip) else "",
+            table_id=table_id,
+            table_crc32=table_crc32,
+            coupling_id=f"{coupling_id:08x}" if coupling_id else "",
+            faults=faults,
+            lowered=lowered,
+            config_crc32=config_crc32,
+            limits=limits,
+            figures=figures,
+        )
 
     @property
     def sample_time_s(self) -> float:

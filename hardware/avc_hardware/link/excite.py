@@ -41,11 +41,20 @@ ENDS = {
     7: "stopped: the device latched a fault (avc monitor)",
 }
 """Ends of an excitation, by the device's number."""
-# Records that are worth a request, and how long to wait for them at most.
 _WORTH = 200
+"""Records that are worth a request."""
 _WAIT_S = 0.1
-# Bytes of a full answer and its request, ten bits each on a serial line; and the processing time of a host.
-_ANSWER_BYTES, _ANSWER_RECORDS, _THINKS_S = 1050, 246, 0.02
+"""Longest wait for them."""
+_ANSWER_BYTES = 1050
+"""Bytes of a full answer and its request, ten bits each on a serial line."""
+_ANSWER_RECORDS = 246
+"""Records of a full answer."""
+_THINKS_S = 0.02
+"""Processing time of a host between an answer and the next request."""
+_SINGLE_ROUNDING = 1e-5
+"""Share by which a number that has travelled in single precision may differ."""
+_FORCE_ROUNDING = 1e-6
+"""Share by which a force limit that has travelled so may seem to be exceeded."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,18 +180,19 @@ class _Records:
     def log(self, end: str | None = None) -> ExcitationLog:
         """Return the log of the received records, at least one answer; `end` is the reason for the end."""
         part = self.parts[-1]
-        at = np.concatenate([one.first + np.arange(len(one.counts)) for one in self.parts])
-        counts, units = (np.concatenate([getattr(one, key) for one in self.parts]) for key in ("counts", "units"))
+        index = np.concatenate([part.first + np.arange(len(part.counts)) for part in self.parts])
+        counts = np.concatenate([part.counts for part in self.parts])
+        units = np.concatenate([part.units for part in self.parts])
         return ExcitationLog(
             plan=self.plan,
             port=self.port,
             end=end or ENDS.get(part.state, f"ended in a way unknown to this program ({part.state})"),
             whole=end is None and part.state == 2,
             start_tick=part.start_tick,
-            index=at,
+            index=index,
             position_m=counts * self.plan.metres_per_count,
             force_n=units * (float(np.float32(self.plan.max_force_n)) / FULL),
-            lost=int((part.made if end is None else self.following) - at.size),
+            lost=int((part.made if end is None else self.following) - index.size),
         )
 
 
@@ -203,14 +213,15 @@ def _read(connection: Connection, records: _Records, number: int, progress: Prog
 
 def _check(plan: Plan, device: Device, name: str, baud: int) -> None:
     """Refuse a plan of another device, and one whose records the link is too slow for."""
-    limits, faults = device.limits, []
-    for what, wanted, found in (
+    limits = device.limits
+    faults = []
+    for quantity, planned, actual in (
         ("a sample time", plan.sample_time_s, limits.sample_time_s),
         ("encoder steps", plan.metres_per_count, limits.metres_per_count),
     ):
-        if not np.isclose(wanted, found, rtol=1e-5):
-            faults.append(f"the plan is for {what} of {wanted:g}, the device has {found:g}")
-    if plan.max_force_n > limits.max_force_n * (1 + 1e-6):
+        if not np.isclose(planned, actual, rtol=_SINGLE_ROUNDING):
+            faults.append(f"the plan is for {quantity} of {planned:g}, the device has {actual:g}")
+    if plan.max_force_n > limits.max_force_n * (1 + _FORCE_ROUNDING):
         faults.append(f"the plan has max_force_n = {plan.max_force_n:g}, the device gives {limits.max_force_n:g}")
     if faults:
         raise LinkError(f"{name}: not excited: {'; '.join(faults)}; correct the device file")

@@ -117,4 +117,4 @@ class Refusal:
     def read(cls, payload: bytes) -> Refusal:
         """Read the payload of REFUSED."""
         code, _, detail = struct.unpack("<HHI", payload)
-        return cls({int(one): one for one in Reason}[code], detail)
+        return cls({int(reason): reason for reason in Reason}[code], detail)

@@ -28,7 +28,8 @@ class Frame:
 def cobs_encode(data: bytes) -> bytes:
     """Stuff bytes so that none is zero (consistent overhead byte stuffing)."""
     out = bytearray()
-    for index, block in enumerate(blocks := data.split(b"\x00")):
+    blocks = data.split(b"\x00")
+    for index, block in enumerate(blocks):
         rest = block
         while len(rest) >= 254:
             out += b"\xff" + rest[:254]
@@ -43,15 +44,15 @@ def cobs_encode(data: bytes) -> bytes:
 def cobs_decode(data: bytes) -> bytes | None:
     """Undo `cobs_encode`; None where the bytes are not stuffed."""
     out = bytearray()
-    at = 0
-    while at < len(data):
-        code = data[at]
-        block = data[at + 1 : at + code]
+    place = 0
+    while place < len(data):
+        code = data[place]
+        block = data[place + 1 : place + code]
         if code == 0 or len(block) != code - 1 or 0 in block:
             return None
         out += block
-        at += code
-        if code != 0xFF and at < len(data):
+        place += code
+        if code != 0xFF and place < len(data):
             out.append(0)
     return bytes(out)
 

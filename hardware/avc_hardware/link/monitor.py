@@ -14,21 +14,35 @@ from avc_hardware.link.bytes import ByteLink
 from avc_hardware.link.connection import DEFAULT_BAUD, Connection, open_link
 from avc_hardware.link.device import Device, DeviceStatus
 from avc_hardware.link.messages import Acknowledged, Kind, words
+from avc_hardware.link.settings import FORCE_FALLS_S
 from avc_hardware.link.telemetry import TelemetrySample
 
 LONGEST_HEARTBEAT_S = 5.0
 """Longest time from one heartbeat to the next that a device allows."""
-# A subscription holds so long without renewal; heartbeats come three times as often as necessary.
-_HOLDS_S, _RENEW_S, _BEATS = 2.0, 0.5, 3
-# A heartbeat, its answer and the head of a message of telemetry: a delimiter first, their contents, ten bytes of frame
-# and COBS each. The records of that message.
-_BEAT_BYTES, _RECORD_BYTES, _MOST_RECORDS = 1 + 4 + 8 + 12 + 3 * 10, 44, 8
+RATE_HZ = 20.0
+"""Usual rate of records."""
+_HOLDS_S = 2.0
+"""Time for which a subscription holds without renewal."""
+_RENEW_S = 0.5
+"""Time after which it is renewed."""
+_BEATS = 3
+"""Heartbeats that are sent in the time in which one is necessary."""
+_BEAT_BYTES = 1 + 4 + 8 + 12 + 3 * 10
+"""A heartbeat, its answer and the head of a message of telemetry.
+
+A delimiter first, then their contents, ten bytes of frame and COBS each."""
+_RECORD_BYTES = 44
+"""A record of that message."""
+_MOST_RECORDS = 8
+"""The most records of it."""
+_ROUNDING = 1e-9
+"""Share by which a time may fall short of a whole number of records by rounding."""
 
 
 def monitor(
     port: str | ByteLink,
     *,
-    rate_hz: float = 20.0,
+    rate_hz: float = RATE_HZ,
     seconds: float | None = None,
     heartbeat_s: float | None = None,
     baud: int = DEFAULT_BAUD,
@@ -46,7 +60,7 @@ def monitor(
         if on_device is not None:
             on_device(device)
         between_s = _every(device, rate_hz) * device.sample_time_s
-        left = math.inf if seconds is None else math.floor(seconds / between_s * (1 + 1e-9)) + 1
+        left = math.inf if seconds is None else math.floor(seconds / between_s * (1 + _ROUNDING)) + 1
         try:
             for sample in watch(connection, rate_hz, heartbeat_s, paced=seconds is None):
                 left -= 1 + sample.lost
@@ -67,8 +81,8 @@ def watch(
 ) -> Iterator[TelemetrySample]:
     """Maintain subscription and heartbeat over an open connection; yield for ever."""
     link, device = connection.link, connection.device
-    every = _every(device, rate_hz)
-    subscribe = words(every, math.ceil(_HOLDS_S / device.sample_time_s))
+    ticks_between = _every(device, rate_hz)
+    subscribe = words(ticks_between, math.ceil(_HOLDS_S / device.sample_time_s))
     last: tuple[int, int] | None = None  # boot number and tick of the last record
     beat_at = math.inf if heartbeat_s is None else -math.inf
     renew_at = -math.inf
@@ -90,9 +104,10 @@ def watch(
             lost = 0
             if last is not None and last[0] == message.boot_id:
                 # Counted in 32 bits; the first record after an expired subscription may come sooner.
-                lost = max(((ticks - last[1]) & 0xFFFFFFFF) // message.every - 1, 0)
+                lost = max(((ticks - last[1]) & 0xFFFFFFFF) // message.ticks_between - 1, 0)
             last = (message.boot_id, ticks)
-            time_s, position_m = ticks * device.sample_time_s, count * device.limits.metres_per_count
+            time_s = ticks * device.sample_time_s
+            position_m = count * device.limits.metres_per_count
             yield TelemetrySample(*[*record, time_s, position_m, message.coupling_id, message.boot_id, lost])
 
 
@@ -123,6 +138,6 @@ def _end(connection: Connection, heartbeat_s: float | None, on_end: Callable[[De
         connection.ask(Kind.SUBSCRIBE, words(0, 0), Acknowledged)
         if heartbeat_s is not None:
             connection.ask(Kind.HEARTBEAT, words(1), Acknowledged)
-            connection.wait(0.1 + 3 * connection.device.sample_time_s)  # in which the force falls to 0
+            connection.wait(FORCE_FALLS_S + 3 * connection.device.sample_time_s)  # in which the force falls to 0
         if on_end is not None:
             on_end(connection.status())

@@ -46,8 +46,9 @@ class PushResult:
 
     def document(self) -> dict[str, object]:
         """Return the `push` document: JSON values only."""
-        own = {"notes": list(self.notes), "build": self.device.build, "sample_time_s": self.device.sample_time_s}
-        return {key: value for key, value in vars(self).items() if key != "device"} | own
+        device = self.device
+        kept = {key: value for key, value in vars(self).items() if key != "device"}
+        return kept | {"notes": list(self.notes), "build": device.build, "sample_time_s": device.sample_time_s}
 
 
 def push(
@@ -112,7 +113,8 @@ def push_over(
 
 def _require_safe(coupling: Coupling, safe: Gains, *, unsafe: bool) -> None:
     """Check safe gains as the device runs them: alone, on the loop of the coupling's problem."""
-    if contact := safe.contact_damping_ns_per_m:
+    contact = safe.contact_damping_ns_per_m
+    if contact:
         raise InputError.of(f"is {contact:g}; allowed: 0", key="safe.contact_damping_ns_per_m")
     if safe.damping_ns_per_m or safe.stiffness_n_per_m:
         require_deployable(Coupling.constant(coupling.problem, safe, "safe gains"), unsafe=unsafe)
@@ -124,7 +126,8 @@ def _notes(coupling: Coupling, device: Device) -> tuple[str, ...]:
     most, coarse = device.max_force_n, device.limits.metres_per_count
     tapped = float((coupling.trial or {}).get("tap_force_n") or 0.0)
     notes = []
-    if faults := DeviceFault(device.faults):
+    faults = DeviceFault(device.faults)
+    if faults:
         notes.append(f"the device gives no force until its faults are gone (avc device --clear): {faults.word}")
     if force is None and tapped > most:
         made = f"made without a limit, and in its trial a tap took {tapped:.3g}; give device.max_force_n"
@@ -141,14 +144,16 @@ def _notes(coupling: Coupling, device: Device) -> tuple[str, ...]:
     return tuple(notes)
 
 
-# Limits that agree in single precision are equal.
 _ROUNDED = 1 + 1e-6
+"""Factor within which limits that agree in single precision are equal."""
+_SINGLE_ROUNDING = 1e-5
+"""Share by which sample times that agree in single precision differ at most."""
 
 
 def _check_limits(table: TableImage, device: BoardLimits, capacity_rows: int, port: str) -> None:
     """Refuse a table that the device would refuse, with every reason."""
     faults = []
-    if not math.isclose(table.sample_time_s, device.sample_time_s, rel_tol=1e-5):
+    if not math.isclose(table.sample_time_s, device.sample_time_s, rel_tol=_SINGLE_ROUNDING):
         faults.append(
             f"the coupling is for a sample time of {table.sample_time_s:g} s, the device runs at "
             f"{device.sample_time_s:.6g} s; solve with device.sample_time_s = {device.sample_time_s:.6g}, or build "

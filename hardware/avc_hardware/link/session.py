@@ -22,6 +22,10 @@ ATTEMPTS = 5
 # A table takes over out of contact: polling interval, and number of polls before it is given up.
 CONTACT_WAIT_S = 0.25
 CONTACT_TRIALS = 40
+BUSY_WAIT_S = 0.7
+"""Wait of a push while another host sends.
+
+The device drops a transfer that was abandoned two seconds ago: the waits of all attempts are longer."""
 
 
 class NoAnswerError(LinkError):
@@ -131,8 +135,7 @@ class Session:
                     raise
                 failure = error
                 if error.refusal.reason is Reason.BUSY:
-                    # The device drops a transfer that another host abandoned two seconds ago; four waits are longer.
-                    yield from _wait(0.7)
+                    yield from _wait(BUSY_WAIT_S)
             else:
                 if (image, config) == (table.image, table.config):
                     return Upload(device, attempt, committed.ticks, committed.waited)
@@ -140,8 +143,9 @@ class Session:
         raise LinkError(f"the table was not taken after {ATTEMPTS} attempts: {failure}") from failure
 
     def _transfer(self, table: TableImage, device: Device) -> Generator[Exchange, Answer, m.Committed]:
-        image, table_id, crc32 = table.image, table.table_id, table.crc32
-        begin = m.begin(self.number, table_id, crc32, len(table.rows), table.states)
+        image = table.image
+        table_id = table.table_id
+        begin = m.begin(self.number, table_id, table.crc32, len(table.rows), table.states)
         begun = yield from self.ask(Kind.BEGIN, begin, m.Acknowledged)
         if table.config and table.config[:4] != device.config_crc32.to_bytes(4, "little"):
             yield from self.ask(Kind.CONFIG, m.words(self.number, table_id) + table.config, m.Acknowledged)

@@ -13,8 +13,10 @@ from avc_hardware.link.device import DeviceStatus, Limits
 from avc_hardware.link.faults import DeviceFault
 from avc_hardware.link.messages import Acknowledged, Kind, words
 
-# Ticks until what was set acts: a limit that holds at once, a persisting fault that is latched again.
 _TICKS = 5
+"""Ticks until what was set acts: a limit that holds at once, a persisting fault that is latched again."""
+FORCE_FALLS_S = 0.1
+"""Time in which a force that falls after the last heartbeat is 0."""
 
 
 @dataclass(frozen=True)
@@ -37,10 +39,16 @@ def clear_faults(port: str | ByteLink, *, baud: int = DEFAULT_BAUD) -> Cleared:
         connection.ask(Kind.CLEAR, words(before.faults), Acknowledged)
         if before.faults & DeviceFault.HEARTBEAT:
             connection.heartbeat(0.0)  # none is asked for any longer
-        connection.wait(0.1 + _TICKS * connection.device.sample_time_s)  # a force that falls is 0 then
+        connection.wait(FORCE_FALLS_S + _TICKS * connection.device.sample_time_s)
         after = connection.status()
-    were, left, first = (DeviceFault(codes) for codes in (before.faults, after.faults, before.first_faults))
-    return Cleared(link.name, were, left, first, before.fault_tick, after)
+    return Cleared(
+        port=link.name,
+        were=DeviceFault(before.faults),
+        left=DeviceFault(after.faults),
+        first=DeviceFault(before.first_faults),
+        tick=before.fault_tick,
+        status=after,
+    )
 
 
 @dataclass(frozen=True)
@@ -67,22 +75,26 @@ def set_limits(
     with Connection(link, baud=baud) as connection:
         limits = connection.device.limits
         boards = Limits(limits.max_force_n, limits.max_speed_m_per_s, limits.max_energy_j)
-        wanted = (force_n, speed_m_per_s, energy_j)
+        wanted = {"force_n": force_n, "speed_m_per_s": speed_m_per_s, "energy_j": energy_j}
         asked = _wanted(boards, connection.status().lowered, wanted)
-        if any(value is not None for value in wanted):
-            connection.ask(Kind.LIMITS, struct.pack("<3f", *vars(asked).values()), Acknowledged)
+        if any(value is not None for value in wanted.values()):
+            payload = struct.pack("<3f", asked.force_n, asked.speed_m_per_s, asked.energy_j)
+            connection.ask(Kind.LIMITS, payload, Acknowledged)
             connection.wait(_TICKS * connection.device.sample_time_s)
         status = connection.status()
     return DeviceLimits(link.name, boards, asked, status.lowered, status.limits_wait)
 
 
-def _wanted(boards: Limits, now: Limits, wanted: tuple[float | None, ...]) -> Limits:
-    values, faults = [], []
-    for (name, most), before, value in zip(vars(boards).items(), vars(now).values(), wanted, strict=True):
-        values.append(before if value is None else value)
+def _wanted(boards: Limits, now: Limits, wanted: dict[str, float | None]) -> Limits:
+    """Return the limits that are asked for: those of now, with the wanted ones in their place."""
+    values: dict[str, float] = {}
+    faults = []
+    for name, value in wanted.items():
+        most: float = getattr(boards, name)
+        values[name] = getattr(now, name) if value is None else value
         if value is not None and not (math.isfinite(value) and 0 < value <= (most or math.inf)):
             allowed = f"above 0, at most the board's {most:g}" if most else "above 0"
             faults.append(Fault("", None, name, f"is {value:g}; allowed: {allowed}"))
     if faults:
         raise InputError(faults)
-    return Limits(*values)
+    return Limits(**values)

@@ -21,7 +21,7 @@ from avc_hardware.link.bytes import ByteLink
 from avc_hardware.link.connection import DEFAULT_BAUD, Connection, open_link
 from avc_hardware.link.device import MODES, Device, DeviceStatus
 from avc_hardware.link.faults import DeviceFault, Reason, Refusal
-from avc_hardware.link.messages import GainsTaken, Kind
+from avc_hardware.link.messages import GainsTaken, Kind, Message
 from avc_hardware.link.push import PushResult, push_over
 from avc_hardware.link.session import NoAnswerError
 from avc_hardware.link.table import lookup
@@ -30,11 +30,20 @@ if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
 
 
-MIN_RATE_HZ, MAX_RATE_HZ = 1.0, 100.0
-# A stream with a larger share of lost or late messages has failed.
+MIN_RATE_HZ = 1.0
+MAX_RATE_HZ = 100.0
+RATE_HZ = 50.0
+"""Usual rate of messages."""
+SECONDS = 5.0
+"""Usual duration of a stream."""
 _SHARE_LOST = 0.1
-# Streamed gains hold for so many periods; after that the device falls back to its table.
+"""A stream with a larger share of lost or late messages has failed."""
 HOLD_PERIODS = 3
+"""Streamed gains hold for so many periods; after that the device falls back to its table."""
+_LEAST_TIMEOUT_S = 2e-3
+"""Time for an answer where the host itself is late."""
+_WAITS_FOR_TABLE = 20
+"""Waits, of the hold each, in which the device goes back to its table."""
 
 
 @dataclass(frozen=True)
@@ -76,8 +85,8 @@ def stream(
     coupling: Coupling,
     port: str | ByteLink,
     *,
-    rate_hz: float = 50.0,
-    seconds: float = 5.0,
+    rate_hz: float = RATE_HZ,
+    seconds: float = SECONDS,
     baud: int = DEFAULT_BAUD,
     unsafe: bool = False,
     on_sample: Callable[[StreamSample], None] | None = None,
@@ -88,48 +97,24 @@ def stream(
     require_deployable(coupling, unsafe=unsafe)
     check_runs_on(coupling)
     link = open_link(port, baud=baud, board=partial(emulated_board, coupling))
-    samples: list[StreamSample] = []
-    refusals: list[Refusal] = []
     with Connection(link, baud=baud) as connection:
         pushed = push_over(connection, coupling, unsafe=unsafe)
-        rows = coupling.table.single()
-        hold_ticks = max(1, math.ceil(HOLD_PERIODS / rate_hz / connection.device.sample_time_s))
         before = connection.status()
-        start = link.now_s()
-        frequency = before.lookup_hz
+        sent = _Stream(connection, coupling, rate_hz, before.lookup_hz)
         for number in range(max(1, round(seconds * rate_hz))):
-            end, at = start + (number + 1) / rate_hz, link.now_s()
-            b, k, b_p = map(float, lookup(rows, np.float32(frequency)))
-            payload = m.set_gains(int(coupling.id, 16), number, hold_ticks, b, k, b_p)
-            # When the host itself is late: still allow time for the answer.
-            once = connection.session.request(Kind.SET_GAINS, payload, trials=1, timeout_s=max(end - at, 2e-3))
-            answer, heard = None, (math.nan, math.nan, math.nan, math.nan)
-            with suppress(NoAnswerError):
-                answer = connection.run(once)
-            if isinstance(answer, GainsTaken):
-                frequency = answer.lookup_hz
-                heard = (answer.frequency_hz, frequency, answer.force_n, link.now_s() - at)
-            elif isinstance(answer, Refusal):
-                # These do not end a stream: their effects are reported at its end.
-                if answer.reason not in {Reason.STALE, Reason.NO_TABLE, Reason.MODE, Reason.OTHER_COUPLING}:
-                    raise LinkError(f"{link.name}: the device refused streamed gains: {answer}")
-                refusals.append(answer)
-            samples.append(StreamSample(number, at - start, *heard[:2], b, k, b_p, *heard[2:]))
+            sent.send(number)
             if on_sample is not None:
-                on_sample(samples[-1])
-            connection.wait(end - link.now_s())
-        lasted = link.now_s() - start
-        middle = after = connection.status()
-        # The device counts in its own ticks, which may lag behind this computer's clock.
-        for _ in range(20):
-            if not after.streaming:
-                break
-            connection.wait(HOLD_PERIODS / rate_hz)
-            after = connection.status()
+                on_sample(sent.samples[-1])
+            sent.wait_until(number + 1)
+        lasted = link.now_s() - sent.start_s
+        middle = connection.status()
+        after = _back_on_table(connection, middle, rate_hz)
         device = connection.run(connection.session.hello())
-    trips: FloatArray = np.array([s.round_trip_s for s in samples if math.isfinite(s.round_trip_s)])
+    samples = sent.samples
+    refusals = sent.refusals
+    trips = sent.round_trips_s
     fell_back = middle.stream_expired - before.stream_expired
-    late = sum(one.reason is Reason.STALE for one in refusals)
+    late = sum(refusal.reason is Reason.STALE for refusal in refusals)
     lost = len(samples) - len(trips) - len(refusals)
     faults = [*_faults_of_end(pushed, after, device), *_faults_on_the_way(len(samples), lost, late, refusals)]
     if fell_back > 0:
@@ -150,6 +135,80 @@ def stream(
         status=after,
         faults=tuple(faults),
     )
+
+
+class _Stream:
+    """Gains on their way to a device, by the frequency that it reports."""
+
+    def __init__(self, connection: Connection, coupling: Coupling, rate_hz: float, frequency_hz: float) -> None:
+        self._connection = connection
+        self._coupling_id = int(coupling.id, 16)
+        self._rows = coupling.table.single()
+        self._rate_hz = rate_hz
+        self._frequency_hz = frequency_hz
+        self._hold_ticks = max(1, math.ceil(HOLD_PERIODS / rate_hz / connection.device.sample_time_s))
+        self.start_s = connection.link.now_s()
+        self.samples: list[StreamSample] = []
+        self.refusals: list[Refusal] = []
+
+    @property
+    def round_trips_s(self) -> FloatArray:
+        """Times from a message to its answer, of those that were taken."""
+        return np.array([sample.round_trip_s for sample in self.samples if math.isfinite(sample.round_trip_s)])
+
+    def _end_s(self, number: int) -> float:
+        """Return the time at which a message's period begins."""
+        return self.start_s + number / self._rate_hz
+
+    def wait_until(self, number: int) -> None:
+        """Let time pass until the period of a message begins."""
+        self._connection.wait(self._end_s(number) - self._connection.link.now_s())
+
+    def send(self, number: int) -> None:
+        """Send the gains of the frequency that was heard last, once; add the sample, and a refusal."""
+        connection = self._connection
+        end_s = self._end_s(number + 1)
+        sent_s = connection.link.now_s()
+        b, k, b_p = map(float, lookup(self._rows, np.float32(self._frequency_hz)))
+        payload = m.set_gains(self._coupling_id, number, self._hold_ticks, b, k, b_p)
+        timeout_s = max(end_s - sent_s, _LEAST_TIMEOUT_S)
+        request = connection.session.request(Kind.SET_GAINS, payload, trials=1, timeout_s=timeout_s)
+        answer: Message | None = None
+        with suppress(NoAnswerError):
+            answer = connection.run(request)
+        taken = answer if isinstance(answer, GainsTaken) else None
+        round_trip_s = math.nan
+        if taken is not None:
+            self._frequency_hz = taken.lookup_hz
+            round_trip_s = connection.link.now_s() - sent_s
+        elif isinstance(answer, Refusal):
+            # These do not end a stream: their effects are reported at its end.
+            if answer.reason not in {Reason.STALE, Reason.NO_TABLE, Reason.MODE, Reason.OTHER_COUPLING}:
+                raise LinkError(f"{connection.link.name}: the device refused streamed gains: {answer}")
+            self.refusals.append(answer)
+        self.samples.append(
+            StreamSample(
+                number=number,
+                time_s=sent_s - self.start_s,
+                frequency_hz=math.nan if taken is None else taken.frequency_hz,
+                lookup_hz=math.nan if taken is None else taken.lookup_hz,
+                damping_ns_per_m=b,
+                stiffness_n_per_m=k,
+                contact_damping_ns_per_m=b_p,
+                force_n=math.nan if taken is None else taken.force_n,
+                round_trip_s=round_trip_s,
+            )
+        )
+
+
+def _back_on_table(connection: Connection, status: DeviceStatus, rate_hz: float) -> DeviceStatus:
+    """Wait until a device is back on its table and return its state; it counts in its own ticks, which may lag."""
+    for _ in range(_WAITS_FOR_TABLE):
+        if not status.streaming:
+            break
+        connection.wait(HOLD_PERIODS / rate_hz)
+        status = connection.status()
+    return status
 
 
 def _faults_of_end(pushed: PushResult, status: DeviceStatus, device: Device) -> list[str]:
@@ -176,6 +235,6 @@ def _faults_on_the_way(sent: int, lost: int, late: int, refusals: list[Refusal])
     if lost + late > _SHARE_LOST * sent:
         faults.append(f"{lost} of {sent} messages were lost, {late} late")
     if len(refusals) - late > _SHARE_LOST * sent:
-        last = next(one for one in reversed(refusals) if one.reason is not Reason.STALE)
+        last = next(refusal for refusal in reversed(refusals) if refusal.reason is not Reason.STALE)
         faults.append(f"{len(refusals) - late} of {sent} messages were refused, the last: {last}")
     return faults

@@ -52,7 +52,9 @@ class TableImage:
     def of(cls, coupling: Coupling, *, safe: Gains | None = None) -> TableImage:
         """Take the table of a coupling, row by row, with its wall, guard and force limit."""
         feedback = coupling.runtime.state_feedback
-        rows, wide, wall = coupling.table.single(), coupling.table.rows[:, 1:], coupling.wall
+        rows = coupling.table.single()
+        wide = coupling.table.rows[:, 1:]
+        wall = coupling.wall
         return cls(
             rows=rows,
             sample_time_s=coupling.sample_time_s,

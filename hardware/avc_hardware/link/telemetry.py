@@ -22,7 +22,7 @@ _HEAD = struct.Struct("<3I")
 class Telemetry:
     """A telemetry message."""
 
-    every: int
+    ticks_between: int  # from one record to the next
     boot_id: int
     coupling_id: str
     records: tuple[tuple[Any, ...], ...]  # values of a `TelemetrySample` down to `has_table`
@@ -30,10 +30,10 @@ class Telemetry:
     @classmethod
     def read(cls, payload: bytes) -> Telemetry:
         """Read the payload of TELEMETRY."""
-        every, boot_id, coupling_id = _HEAD.unpack_from(payload)
+        ticks_between, boot_id, coupling_id = _HEAD.unpack_from(payload)
         unpacked = struct.iter_unpack("<Ii7fI4B", payload[_HEAD.size :])
-        records = tuple((*one[:-4], MODES[one[-4]], *map(bool, one[-3:])) for one in unpacked)
-        return cls(every, boot_id, f"{coupling_id:08x}" if coupling_id else "", records)
+        records = tuple((*values[:-4], MODES[values[-4]], *map(bool, values[-3:])) for values in unpacked)
+        return cls(ticks_between, boot_id, f"{coupling_id:08x}" if coupling_id else "", records)
 
 
 @dataclass(frozen=True)
@@ -88,8 +88,8 @@ class TelemetryLog:
         self._path = path
         with _written(path):
             self._file = path.open("w", encoding="utf-8", newline="")
-            what = f"at the device's own ticks; {columns[3]} along +{along}; a lost record is a gap in time"
-            self._file.write(f"# avc monitor: {what}\n{','.join(columns)}\n")
+            remark = f"at the device's own ticks; {columns[3]} along +{along}; a lost record is a gap in time"
+            self._file.write(f"# avc monitor: {remark}\n{','.join(columns)}\n")
 
     def write(self, sample: TelemetrySample) -> None:
         """Add a sample."""
@@ -101,7 +101,7 @@ class TelemetryLog:
         )
         with _written(self._path):
             writer = csv.writer(self._file, lineterminator="\n")
-            writer.writerow(f"{one:.9g}" if isinstance(one, float) else one for one in values)
+            writer.writerow(f"{value:.9g}" if isinstance(value, float) else value for value in values)
             self._file.flush()
 
     def __enter__(self) -> Self:
