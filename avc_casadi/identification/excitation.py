@@ -36,7 +36,10 @@ FULL = 32767
 KNOTS = 33
 WHOLE = 1 << 15
 """An envelope of 1."""
-_TURN, _QUARTER = 1 << 32, 1 << 30
+_TURN = 1 << 32
+"""A turn of a phase, in the integers of the device."""
+_QUARTER = 1 << 30
+"""A quarter of a turn."""
 _HAIR = 1e-9
 """Share by which the points where a whole number changes over lie off the natural values, such as 2 or a half, so that
 last bits do not decide between two whole numbers."""
@@ -65,11 +68,11 @@ class Signal:
     ) -> Signal:
         """Round to the integers of the device: amplitudes as shares of the largest force, knots from 0 to 1."""
         return cls(
-            step=tuple(round(float(one) * _TURN) for one in np.asarray(frequency_hz) * sample_time_s),
-            phase=tuple(round(float(one) / (2 * np.pi) * 65536) % 65536 for one in phase_rad),
-            amplitude=tuple(round(float(one) * FULL) for one in amplitude),
+            step=tuple(round(float(turns) * _TURN) for turns in np.asarray(frequency_hz) * sample_time_s),
+            phase=tuple(round(float(angle_rad) / (2 * np.pi) * 65536) % 65536 for angle_rad in phase_rad),
+            amplitude=tuple(round(float(share) * FULL) for share in amplitude),
             growth=round(growth_per_tick * _TURN),
-            knots=tuple(round(float(one) * WHOLE) for one in knots),
+            knots=tuple(round(float(share) * WHOLE) for share in knots),
         )
 
     def units(self, ticks: int) -> Integers:
@@ -77,10 +80,10 @@ class Signal:
         total = np.zeros(ticks, dtype=np.int64)
         for step, phase, amplitude in zip(self.step, self.phase, self.amplitude, strict=True):
             total += amplitude * _sine(_phases(step, phase, self.growth, ticks))
-        at = np.arange(ticks, dtype=np.int64) * ((_TURN - 1) // ticks)
+        place = np.arange(ticks, dtype=np.int64) * ((_TURN - 1) // ticks)
         knots = np.array(self.knots, dtype=np.int64)
-        low, high = knots[at >> 27], knots[(at >> 27) + 1]
-        envelope = low + _over((high - low) * (at >> 12 & 0x7FFF), WHOLE)
+        low, high = knots[place >> 27], knots[(place >> 27) + 1]
+        envelope = low + _over((high - low) * (place >> 12 & 0x7FFF), WHOLE)
         return _over(_over(total, FULL) * envelope, WHOLE)
 
     def frequency_hz(self, ticks: int, sample_time_s: float) -> tuple[float, float]:
@@ -103,13 +106,18 @@ def _phases(step: int, phase: int, growth: int, ticks: int) -> Integers:
     return phases
 
 
+_SINE = (1686624950, 693528462, 85303417, 4658781)
+"""Coefficients of sin(pi x/2) = c1 x - c3 x^3 + c5 x^5 - c7 x^7 over a quarter of a turn, times 2^30."""
+
+
 def _sine(phase: Integers) -> Integers:
+    """Return the sine of phases in the integer arithmetic of the device, times `FULL`."""
     within = phase & (_QUARTER - 1)
     x = np.where(phase & _QUARTER, _QUARTER - within, within)
-    c = (1686624950, 693528462, 85303417, 4658781)
+    first, third, fifth, seventh = _SINE
     square = x * x >> 30
-    inner = c[1] - (square * (c[2] - (square * c[3] >> 30)) >> 30)
-    value = x * (c[0] - (square * inner >> 30)) >> 30
+    inner = third - (square * (fifth - (square * seventh >> 30)) >> 30)
+    value = x * (first - (square * inner >> 30)) >> 30
     units = (value * FULL + (_QUARTER >> 1)) >> 30
     return np.asarray(np.where(phase >> 31, -units, units), dtype=np.int64)
 
@@ -186,6 +194,9 @@ def low_crest_phases(
 
 Kind = Literal["multisine", "chirp"]
 
+SILENCE_S = 1.0
+"""Time without a message from the host after which the device stops."""
+
 
 @dataclass(frozen=True)
 class Plan:
@@ -218,7 +229,7 @@ class Plan:
     @property
     def silent_ticks(self) -> int:
         """Ticks without a message from the host after which the device stops."""
-        return max(1, round(1.0 / self.sample_time_s))
+        return max(1, round(SILENCE_S / self.sample_time_s))
 
     @property
     def band_hz(self) -> tuple[float, float]:
@@ -233,8 +244,11 @@ class Plan:
     @property
     def limits(self) -> dict[str, float]:
         """Limits by the keys of a forecast."""
-        most = self.max_force_n, self.max_speed_m_per_s, self.max_travel_m
-        return dict(zip(("force_n", "speed_m_per_s", "travel_m"), most, strict=True))
+        return {
+            "force_n": self.max_force_n,
+            "speed_m_per_s": self.max_speed_m_per_s,
+            "travel_m": self.max_travel_m,
+        }
 
 
 @dataclass(frozen=True, eq=False)
@@ -255,7 +269,11 @@ def corners_of(device: Device) -> list[Device]:
     """Return the device itself, then the corners of its ranges of mechanics, delay and friction."""
     whole = device_with(device, {})
     corners = device_corners(device, (*LINEAR_KEYS, "coulomb_friction_n"))
-    return [whole, *(one for one in corners if one != whole)]
+    return [whole, *(corner for corner in corners if corner != whole)]
+
+
+_TICKS_PER_REPORT = 500
+"""Ticks of a simulation between two reports of its progress."""
 
 
 def forecast(
@@ -267,16 +285,20 @@ def forecast(
     fade = ramp(plan.ticks, plan.ramp_ticks) / WHOLE
     parts = _parts(devices)
     late = np.stack([part.late for part in parts])
-    rubs = np.array([[one.coulomb_friction_n] for one in devices])
+    rubs = np.array([[device.coulomb_friction_n] for device in devices])
     sensor = 2 if devices[0].resonance is not None and devices[0].encoder_at == "handle" else 0
     shape = len(devices), scales.size
     state = np.zeros((*shape, parts[0].matrix.shape[-1]))
     commands = np.zeros((int(late.max()) + 2, *shape))
-    rows, past = np.arange(len(devices)), np.zeros((plan.window, *shape))
-    largest_force, largest_speed, highest, lowest = np.zeros((4, *shape))
+    rows = np.arange(len(devices))
+    past = np.zeros((plan.window, *shape))
+    largest_force = np.zeros(shape)
+    largest_speed = np.zeros(shape)
+    highest = np.zeros(shape)
+    lowest = np.zeros(shape)
     window_s = plan.window * plan.sample_time_s
     for tick in range(plan.ticks):
-        if tick % 500 == 0:
+        if tick % _TICKS_PER_REPORT == 0:
             progress.advance(tick, plan.ticks, "ticks simulated")
         away = state[..., sensor]
         speed = (away - past[tick % plan.window]) / window_s
@@ -284,7 +306,8 @@ def forecast(
         force = (signal[tick] * scales - plan.spring_n_per_m * away - plan.damper_ns_per_m * speed) * fade[tick]
         largest_force = np.maximum(largest_force, np.abs(force))
         largest_speed = np.maximum(largest_speed, np.abs(speed))
-        highest, lowest = np.maximum(highest, away), np.minimum(lowest, away)
+        highest = np.maximum(highest, away)
+        lowest = np.minimum(lowest, away)
         commands[tick % len(commands)] = np.clip(force, -plan.max_force_n, plan.max_force_n)
         acting = commands[(tick - late) % len(commands), rows]
         for part, acts in zip(parts, acting, strict=True):
@@ -360,6 +383,8 @@ _FEWEST_STEPS = 13.0
 """Encoder steps from end to end by which every device must move: `avc identify` needs 12, and rounding may take one."""
 _LEAST_OVER_FRICTION = 1.2
 """Least share of the dry friction that the signal must reach."""
+SECONDS = 10.0
+"""Usual duration of an excitation."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -392,7 +417,7 @@ def plan_excitation(
     device: Device,
     kind: Kind = "multisine",
     *,
-    seconds: float = 10.0,
+    seconds: float = SECONDS,
     force_n: float | None = None,
     speed_m_per_s: float | None = None,
     travel_m: float | None = None,
@@ -405,7 +430,7 @@ def plan_excitation(
     plan = _scale_to_limits(replace(plan, signal=_signal(plan, devices)), devices, progress)
     after = forecast(plan, devices, progress=progress)
     steps = float((after.stroke_m[:, 0] / plan.metres_per_count).min())
-    friction = max(one.coulomb_friction_n for one in devices)
+    friction = max(device.coulomb_friction_n for device in devices)
     if steps < _FEWEST_STEPS or plan.peak_force_n < _LEAST_OVER_FRICTION * friction:
         raise InputError.of(
             f"leave a force of {number(plan.peak_force_n)}, which moves a device of the ranges by {number(steps)} "
@@ -414,6 +439,22 @@ def plan_excitation(
             key="limits",
         )
     return Excitation(plan, tuple(devices), after)
+
+
+_MOST_OF_FIRMWARE = 10.0
+"""The firmware's largest speed and travel, in the device's own units: m/s and m, or rad/s and rad."""
+_USUAL_SPEED_M_PER_S = 0.3
+"""Usual speed limit, at the handle."""
+_USUAL_TRAVEL_M = 0.02
+"""Usual travel limit to either side, at the handle."""
+_SECONDS = (2.0, 120.0)
+"""Allowed durations."""
+_FORCES_N = (1e-6, 1e6)
+"""Allowed force limits, within the device's own."""
+_SPEEDS_M_PER_S = (1e-3, 5.0)
+"""Allowed speed limits, at the handle."""
+_TRAVELS_M = (1e-4, 1.0)
+"""Allowed travel limits, at the handle."""
 
 
 @dataclass(frozen=True)
@@ -435,19 +476,20 @@ class _Limits:
     ) -> _Limits:
         """Return the limits given or the usual ones; refuse what the firmware or the device does not allow."""
         reach = device.metres_per_unit
-        most = 10.0  # the firmware's largest speed and travel, in the device's own units
-        speed = min(0.3 / reach, most) if speed_m_per_s is None else speed_m_per_s
-        travel = 0.02 / reach if travel_m is None else travel_m
+        most = _MOST_OF_FIRMWARE
+        speed = min(_USUAL_SPEED_M_PER_S / reach, most) if speed_m_per_s is None else speed_m_per_s
+        travel = _USUAL_TRAVEL_M / reach if travel_m is None else travel_m
         most_n = device.max_force_n or math.inf
         force = 0.5 * most_n if force_n is None else force_n
+        allowed = {
+            "seconds": (seconds, *_SECONDS),
+            "force_n": (force, _FORCES_N[0], most_n if force_n is None else min(most_n, _FORCES_N[1])),
+            "speed_m_per_s": (speed, _SPEEDS_M_PER_S[0] / reach, min(_SPEEDS_M_PER_S[1] / reach, most)),
+            "travel_m": (travel, _TRAVELS_M[0] / reach, min(_TRAVELS_M[1] / reach, most)),
+        }
         faults = [
             Fault("", None, key, f"is {value:g}; allowed: {low:g} to {high:g}")
-            for key, value, low, high in (
-                ("seconds", seconds, 2.0, 120.0),
-                ("force_n", force, 1e-6, most_n if force_n is None else min(most_n, 1e6)),
-                ("speed_m_per_s", speed, 1e-3 / reach, min(5.0 / reach, most)),
-                ("travel_m", travel, 1e-4 / reach, min(1.0 / reach, most)),
-            )
+            for key, (value, low, high) in allowed.items()
             if not low <= value <= high
         ]
         if math.isinf(force):
@@ -459,18 +501,32 @@ class _Limits:
         return cls(force, speed, travel)
 
 
+_UNDECLARED_STEP_M = 2e-6
+"""Step of an encoder that is not declared, at the handle."""
+_STEP_SHARE = 0.1
+"""Largest share of the speed limit that a step of the encoder makes over the window of a velocity."""
+_LONGEST_WINDOW = 32
+"""Longest window of the firmware, ticks."""
+_LARGEST_LAG_RAD = 0.3
+"""Largest phase of the delay at the natural frequency of the lightest device on the centring spring."""
+_RAMP_S = 0.3
+"""Duration of the ramps in and out."""
+
+
 def _without_signal(device: Device, devices: Sequence[Device], kind: Kind, seconds: float, limits: _Limits) -> Plan:
     """Return the plan with its window, spring, damper and ramps, before it has a signal."""
-    period, force, travel = device.sample_time_s, limits.force_n, limits.travel_m
-    step_m = device.encoder_resolution_m or 2e-6 / device.metres_per_unit
-    # A step of the encoder is at most a tenth of the speed limit over the window of a velocity.
-    fewest = step_m / (0.1 * limits.speed_m_per_s * period)
-    window = min(max(1, math.ceil(fewest * (1 - _HAIR))), 32)
-    # The delay turns the phase by 0.3 rad at most at the natural frequency of the lightest device on the spring.
-    lightest = min(one.mass_kg for one in devices)
-    late_s = (max(one.delay_samples for one in devices) + 1.5 + window / 2) * period
-    friction = max(one.coulomb_friction_n for one in devices)
-    stiffest = min(0.5 * force / travel, lightest * (0.3 / late_s) ** 2)
+    period = device.sample_time_s
+    force = limits.force_n
+    travel = limits.travel_m
+    step_m = device.encoder_resolution_m or _UNDECLARED_STEP_M / device.metres_per_unit
+    # A step of the encoder is at most a share of the speed limit over the window of a velocity.
+    fewest = step_m / (_STEP_SHARE * limits.speed_m_per_s * period)
+    window = min(max(1, math.ceil(fewest * (1 - _HAIR))), _LONGEST_WINDOW)
+    # The delay of the force, of its hold and of the velocity over its window.
+    lightest = min(corner.mass_kg for corner in devices)
+    late_s = (max(corner.delay_samples for corner in devices) + 1.5 + window / 2) * period
+    friction = max(corner.coulomb_friction_n for corner in devices)
+    stiffest = min(0.5 * force / travel, lightest * (_LARGEST_LAG_RAD / late_s) ** 2)
     spring = float(min(max(device.mass_kg * (2 * np.pi) ** 2, 2 * friction / travel), stiffest))
     ticks = _whole(seconds / period)
     return Plan(
@@ -478,7 +534,7 @@ def _without_signal(device: Device, devices: Sequence[Device], kind: Kind, secon
         sample_time_s=period,
         metres_per_count=step_m,
         ticks=ticks,
-        ramp_ticks=max(1, min(_whole(0.3 / period), ticks // 4, 0xFFFF)),
+        ramp_ticks=max(1, min(_whole(_RAMP_S / period), ticks // 4, 0xFFFF)),
         max_force_n=force,
         max_speed_m_per_s=limits.speed_m_per_s,
         max_travel_m=travel,
@@ -495,24 +551,40 @@ def _whole(value: float) -> int:
     return math.floor(value * (1 + _HAIR) + 0.5)
 
 
+_LOWEST_HZ = 0.5
+_HIGHEST_HZ = 300.0
+_HIGHEST_SHARE = 0.3
+"""Highest frequency as a share of the sampling rate."""
+_LONGEST_PERIOD_S = 4.0
+"""Longest period of a multisine; a longer excitation repeats it."""
+_TONES = 48
+"""Tones of a multisine, fewer where lines coincide."""
+_SHIFT = 0.03
+"""Largest shift of a line, in lines."""
+_GOLDEN = 0.6180339887
+"""The golden ratio less 1, whose multiples scatter evenly."""
+_POINTS_PER_PERIOD = 24
+"""Points in a period of the fastest tone: they resolve a peak to 1 per cent."""
+
+
 def _signal(plan: Plan, devices: Sequence[Device]) -> Signal:
     """Return the signal: its size over frequency is what force, speed and travel allow of a sine."""
     period = plan.sample_time_s
-    low, high = max(0.5, 2 / plan.seconds), min(300.0, 0.3 / period)
+    low = max(_LOWEST_HZ, 2 / plan.seconds)
+    high = min(_HIGHEST_HZ, _HIGHEST_SHARE / period)
     if plan.kind == "chirp":
         growth = (high / low) ** (1 / plan.ticks) - 1
         lift = _largest_force_n(plan, devices, low * (high / low) ** np.linspace(0, 1, KNOTS))
         return Signal.of([low], [1.0], [0.0], period, growth_per_tick=growth, knots=lift / lift.max())
-    period_s = min(4.0, plan.seconds)
-    lines = np.unique([float(_whole(line)) for line in np.geomspace(low, high, 48) * period_s])
+    period_s = min(_LONGEST_PERIOD_S, plan.seconds)
+    lines = np.unique([float(_whole(line)) for line in np.geomspace(low, high, _TONES) * period_s])
     lines = lines[lines >= 1]
     if plan.seconds > period_s:
         # Shifted lines: in repeats to the encoder's step the rounding would be the same each time.
-        lines += 0.03 * (2 * np.modf(np.arange(1, lines.size + 1) * 0.6180339887)[0] - 1)
+        lines += _SHIFT * (2 * np.modf(np.arange(1, lines.size + 1) * _GOLDEN)[0] - 1)
     frequency = lines / period_s
     size = _largest_force_n(plan, devices, frequency)
-    # A peak is resolved to 1 per cent with 24 points in a period of the fastest tone.
-    step_s = max(period, 1 / (24 * float(frequency[-1])))
+    step_s = max(period, 1 / (_POINTS_PER_PERIOD * float(frequency[-1])))
     time = step_s * np.arange(_whole(plan.seconds / step_s), dtype=np.float64)
     speed = 2j * np.pi * frequency * _position_per_force(plan, devices[0], frequency)
     phase = low_crest_phases(frequency, size, time, speed)
@@ -560,7 +632,7 @@ def _scale_to_limits(plan: Plan, devices: Sequence[Device], progress: Progress) 
     ratio = scales[1] / scales[0]
     scales = _crossing(scales, reached) * np.geomspace(1 / ratio, ratio, _FINE_SCALES)
     scale = _crossing(scales, _share_of_limits(plan, devices, scales, progress))
-    amplitude = tuple(min(FULL, round(one * scale)) for one in plan.signal.amplitude)
+    amplitude = tuple(min(FULL, round(units * scale)) for units in plan.signal.amplitude)
     return replace(plan, signal=replace(plan.signal, amplitude=amplitude))
 
 
