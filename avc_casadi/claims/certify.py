@@ -20,7 +20,7 @@ from avc_casadi.claims.prove.law import ContactLaw
 from avc_casadi.claims.prove.rest import Rest, promising, prove_rest
 from avc_casadi.coupling import Coupling, check_sample_time, require_coupling
 from avc_casadi.files.problem_file import AnyProblem, of_problem, with_wall
-from avc_casadi.loops.wall import SampledLoop, fractions, frozen_parts, passive_limit_n_per_m, rigid
+from avc_casadi.loops.wall import Fractions, SampledLoop, fractions, frozen_parts, passive_limit_n_per_m, rigid
 from avc_casadi.model.gains import GainSchedule
 from avc_casadi.model.problem import Problem
 
@@ -125,19 +125,13 @@ def certify(
         True
     """
     problem = with_wall(problem)
-    table = gains
-    if not isinstance(table, GainSchedule):
-        require_coupling(table)
-        table = table.schedule
+    table = _schedule_of(gains)
     check_sample_time(table.sample_time_s, problem, f"gains by {table.method} for {table.problem}")
     behind_feedback = table.state_feedback is not None and bool(table.usable.any())
     requested = requested and not behind_feedback
     rows = _rows(problem, table, requested=requested)
     subject = Subject(problem, rows, table, gains, draws, seed, progress)
-    if behind_feedback:
-        parts = frozen_parts(problem, rows.b, rows.k)
-    else:
-        parts = fractions(SampledLoop.of(problem), rows.b, rows.k)
+    parts_of = frozen_parts if behind_feedback else _sampled_parts
     judge = {name: partial(passivity_level, level=name) for name in LEVELS} | {"L5": hands_level, "L7": rest_level}
     return Certificate(
         problem=problem.name,
@@ -146,10 +140,23 @@ def certify(
         rows_without_gains=int(np.count_nonzero(~rows.present)),
         levels={name: judge[name](subject) for name, level in LEVELS.items() if prove or not level.on_demand},
         passive_limit_n_per_m=passive_limit_n_per_m(problem.device),
-        dc_stiffness_n_per_m=rows.spread(parts.integral / problem.device.sample_time_s),
+        dc_stiffness_n_per_m=rows.spread(parts_of(problem, rows.b, rows.k).integral / problem.device.sample_time_s),
         definition=problem,
         gains=gains,
     )
+
+
+def _schedule_of(gains: GainSchedule | Coupling) -> GainSchedule:
+    """Return the table itself, or that of a coupling; InputError for neither."""
+    if isinstance(gains, GainSchedule):
+        return gains
+    require_coupling(gains)
+    return gains.schedule
+
+
+def _sampled_parts(problem: Problem, b: FloatArray, k: FloatArray) -> Fractions:
+    """Return the rendering of rows of gains without an observer."""
+    return fractions(SampledLoop.of(problem), b, k)
 
 
 def proof_files(problem: Problem, certificate: Certificate) -> dict[str, dict[str, Any]]:

@@ -253,19 +253,7 @@ def zwidth(problem: AnyProblem, progress: Progress = SILENT) -> ZWidth:
     claims, refused = _claims(problem, corners, hands)
     # The last row is that of the requested wall.
     rows = np.append(damping, wall.damping_ns_per_m)
-    curves: list[Curve] = []
-    for key, (claim, walls) in claims.items():
-        progress.advance(len(curves), len(claims), claim)
-        stretches = walls(rows)
-        curves.append(
-            Curve(
-                key=key,
-                claim=claim,
-                delay_samples=device.delay_samples + (key == "passive-delayed"),
-                stiffness_n_per_m=stretches.first_n_per_m[:-1],
-                holds_target=bool(stretches.holds(wall.stiffness_n_per_m)[-1]),
-            )
-        )
+    curves = _curves(problem, claims, rows, progress)
     encoder_limit = _encoder_limit_n_per_m(device)
     used, not_used = _keys(problem, encoder_bound=encoder_limit > 0)
     least_damping = min(corner.damping_ns_per_m for corner in corners) if rigid(device) else np.nan
@@ -273,7 +261,7 @@ def zwidth(problem: AnyProblem, progress: Progress = SILENT) -> ZWidth:
     return ZWidth(
         problem=problem.name,
         damping_ns_per_m=damping,
-        curves=tuple(curves),
+        curves=curves,
         target_damping_ns_per_m=wall.damping_ns_per_m,
         target_stiffness_n_per_m=wall.stiffness_n_per_m,
         rule_n_per_m=(least_damping + min(problem.hands.damping_ns_per_m) + damping) / delay_s,
@@ -287,6 +275,24 @@ def zwidth(problem: AnyProblem, progress: Progress = SILENT) -> ZWidth:
         refused=refused,
         definition=problem,
     )
+
+
+def _curves(problem: Problem, claims: Claims, rows: FloatArray, progress: Progress) -> tuple[Curve, ...]:
+    """Return the curve of each claim; the last of the rows of dampings is that of the requested wall."""
+    curves: list[Curve] = []
+    for key, (claim, walls) in claims.items():
+        progress.advance(len(curves), len(claims), claim)
+        stretches = walls(rows)
+        curves.append(
+            Curve(
+                key=key,
+                claim=claim,
+                delay_samples=problem.device.delay_samples + (key == "passive-delayed"),
+                stiffness_n_per_m=stretches.first_n_per_m[:-1],
+                holds_target=bool(stretches.holds(problem.environment.stiffness_n_per_m)[-1]),
+            )
+        )
+    return tuple(curves)
 
 
 def _dampings_ns_per_m(problem: Problem, corners: Sequence[Device]) -> FloatArray:
