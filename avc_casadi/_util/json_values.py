@@ -1,21 +1,27 @@
-"""Results as JSON values: finite numbers, lists and texts; others are null."""
+"""Results as JSON values: finite numbers, lists and texts; others are null. One walk makes every document.
+
+The keys of a dataclass are the names of its fields. A result whose document has other keys is a `Document` and lists
+them.
+"""
 
 from __future__ import annotations
 
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import is_dataclass
+from dataclasses import fields, is_dataclass
 from enum import Enum
-from typing import Any
+from typing import Any, ClassVar
 
 from avc_casadi._util.units import LINEAR, Units
 
 
 def plain(value: Any) -> Any:
     """Turn arrays, tuples, mappings, dataclasses and enumerations into JSON values; what is not finite becomes null."""
+    if isinstance(value, Document):
+        return value.document()
     if is_dataclass(value):
-        value = vars(value)
+        value = {field.name: getattr(value, field.name) for field in fields(value)}
     if hasattr(value, "tolist"):  # an array, or a number of one
         value = value.tolist()
     if isinstance(value, dict):
@@ -27,6 +33,25 @@ def plain(value: Any) -> Any:
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value
+
+
+class Document:
+    """Base of results whose document has other keys than the names of their fields.
+
+    Attributes:
+        JSON_KEYS: the keys in the order of the document; a pair (key, attribute) where their names differ.
+        JSON_LEFT_OUT: those of them that are left out where their value is None.
+    """
+
+    JSON_KEYS: ClassVar[tuple[str | tuple[str, str], ...]] = ()
+    JSON_LEFT_OUT: ClassVar[frozenset[str]] = frozenset()
+
+    def document(self) -> dict[str, Any]:
+        """Return the JSON document: JSON values only."""
+        pairs = [entry if isinstance(entry, tuple) else (entry, entry) for entry in self.JSON_KEYS]
+        values = {key: getattr(self, attribute) for key, attribute in pairs}
+        kept = {key: value for key, value in values.items() if value is not None or key not in self.JSON_LEFT_OUT}
+        return plain_table(kept)
 
 
 def plain_table(table: Mapping[Any, Any]) -> dict[str, Any]:

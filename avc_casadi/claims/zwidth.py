@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from typing import ClassVar, Literal
 
 import numpy as np
 
 from avc_casadi._util.arrays import ComplexArray, FloatArray
-from avc_casadi._util.json_values import plain_table
+from avc_casadi._util.json_values import Document
 from avc_casadi._util.printed import Columns, Tabular, short
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.claims.impedance import wave
@@ -39,8 +39,12 @@ _SLOWEST_TURNS = 1e-8
 """Frequencies of a scan of an ideal device, for each half-wave of its hold, and the lowest, in turns a sample."""
 
 
+CurveKey = Literal["passive-paper", "passive-sampled-data", "passive-delayed", "stable-released", "stable-hands"]
+"""Names of the claims."""
+
+
 @dataclass(frozen=True, eq=False)
-class Curve:
+class Curve(Document):
     """Largest stiffness of a wall at each wall damping for one claim.
 
     Attributes:
@@ -51,15 +55,25 @@ class Curve:
         holds_target: whether the claim holds of the requested wall.
     """
 
-    key: str
+    JSON_KEYS: ClassVar = ("claim", "delay_samples", "stiffness_n_per_m", ("wanted_wall", "holds_target"))
+
+    key: CurveKey
     claim: str
     delay_samples: float
     stiffness_n_per_m: FloatArray
     holds_target: bool
 
 
+@dataclass(frozen=True)
+class WallValues:
+    """Damper and spring of a wall."""
+
+    damping_ns_per_m: float
+    stiffness_n_per_m: float
+
+
 @dataclass(frozen=True, eq=False, repr=False)
-class ZWidth(Tabular):
+class ZWidth(Tabular, Document):
     """The K-B region of a device as declared: at all corners of its ranges.
 
     Attributes:
@@ -79,6 +93,22 @@ class ZWidth(Tabular):
         refused: claims that have no proof on this device, and why.
         definition: the problem, for ``print``.
     """
+
+    JSON_KEYS: ClassVar = (
+        "problem",
+        "hands",
+        "refused",
+        "encoder_limit_n_per_m",
+        "passive_limit_n_per_m",
+        "passive_spring_n_per_m",
+        "rule_n_per_m",
+        ("device_corners", "corners"),
+        ("used", "used_keys"),
+        ("not_used", "not_used_keys"),
+        ("wall_damping_ns_per_m", "damping_ns_per_m"),
+        ("curves", "curve_of"),
+        ("wanted", "target"),
+    )
 
     problem: str
     damping_ns_per_m: FloatArray
@@ -105,37 +135,25 @@ class ZWidth(Tabular):
         spans = ", ".join(f"{curve.key} {short(curve.stiffness_n_per_m)}" for curve in self.curves)
         return f"{self.problem!r}, B {short(self.damping_ns_per_m)}; largest K: {spans}"
 
-    def document(self) -> dict[str, Any]:
-        """Return the `zwidth` document: JSON values only."""
-        key = self.definition.units.key
-        return plain_table(
-            {
-                "problem": self.problem,
-                "hands": self.hands,
-                "refused": self.refused,
-                "encoder_limit_n_per_m": self.encoder_limit_n_per_m,
-                "passive_limit_n_per_m": self.passive_limit_n_per_m,
-                "passive_spring_n_per_m": self.passive_spring_n_per_m,
-                "rule_n_per_m": self.rule_n_per_m,
-                "device_corners": self.corners,
-                "used": [key(name) for name in self.used],
-                "not_used": [key(name) for name in self.not_used],
-                "wall_damping_ns_per_m": self.damping_ns_per_m,
-                "curves": {
-                    curve.key: {
-                        "claim": curve.claim,
-                        "delay_samples": curve.delay_samples,
-                        "stiffness_n_per_m": curve.stiffness_n_per_m,
-                        "wanted_wall": curve.holds_target,
-                    }
-                    for curve in self.curves
-                },
-                "wanted": {
-                    "damping_ns_per_m": self.target_damping_ns_per_m,
-                    "stiffness_n_per_m": self.target_stiffness_n_per_m,
-                },
-            }
-        )
+    @property
+    def used_keys(self) -> list[str]:
+        """The declared keys that enter, in the names of the device's motion."""
+        return [self.units.key(name) for name in self.used]
+
+    @property
+    def not_used_keys(self) -> list[str]:
+        """The declared keys that do not enter, in the names of the device's motion."""
+        return [self.units.key(name) for name in self.not_used]
+
+    @property
+    def curve_of(self) -> dict[CurveKey, Curve]:
+        """The curve of each claim that has a proof on this device."""
+        return {curve.key: curve for curve in self.curves}
+
+    @property
+    def target(self) -> WallValues:
+        """The requested wall."""
+        return WallValues(self.target_damping_ns_per_m, self.target_stiffness_n_per_m)
 
 
 def passive_walls(
@@ -313,7 +331,7 @@ def _encoder_limit_n_per_m(device: Device) -> float:
     return min(limits, default=0.0)
 
 
-Claims = dict[str, tuple[str, Callable[[FloatArray], Stretches]]]
+Claims = dict[CurveKey, tuple[str, Callable[[FloatArray], Stretches]]]
 """Claims by key: in words, and the walls of which it holds, by their dampings (n,)."""
 
 

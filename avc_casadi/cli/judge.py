@@ -222,8 +222,8 @@ def run_zwidth(args: argparse.Namespace, console: Console) -> Answer:
         with console.step("region"):
             pairs = tool_region(problem, console)
         write_figure(console, args.plot, lambda: avc.figures.draw_tool_region(pairs))
-        return rows.judge.region(pairs.document(), problem, args.problem)
+        return rows.judge.region(pairs, problem, args.problem)
     with console.step("region"):
         walls = zwidth(problem, console)
     write_figure(console, args.plot, lambda: avc.figures.draw_zwidth(walls))
-    return rows.judge.walls(walls.document(), problem, args.problem)
+    return rows.judge.walls(walls, args.problem)

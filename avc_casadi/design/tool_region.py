@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import ClassVar
 
 import numpy as np
 
 from avc_casadi._util.arrays import FloatArray
-from avc_casadi._util.json_values import plain_table
+from avc_casadi._util.json_values import Document
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi._util.units import LINEAR, Units
 from avc_casadi.design.virtual_tool import Scale, ToolSearch, edge
@@ -33,7 +33,7 @@ _BELOW_LIMIT = 0.98
 
 
 @dataclass(frozen=True, eq=False)
-class ToolCurve:
+class ToolCurve(Document):
     """Largest stable K at each B with an engine's step.
 
     Attributes:
@@ -43,14 +43,49 @@ class ToolCurve:
         stiffest: the stiffest stable coupling over all dampers; None where it was not searched.
     """
 
+    JSON_KEYS: ClassVar = (
+        "step_s",
+        "declared",
+        "stiffness_n_per_m",
+        "rate_hz",
+        "stiffest_n_per_m",
+        "stiffest_with_ns_per_m",
+        "stiffest_with_local_ns_per_m",
+    )
+
     step_s: float
     declared: bool
     stiffness_n_per_m: FloatArray
     stiffest: ToolGains | None
 
+    @property
+    def rate_hz(self) -> float:
+        """The engine's rate."""
+        return 1 / self.step_s
+
+    @property
+    def stable(self) -> ToolGains | None:
+        """The stiffest stable coupling; None where none with a spring is stable."""
+        return None if self.stiffest is None or self.stiffest.stiffness_n_per_m == 0 else self.stiffest
+
+    @property
+    def stiffest_n_per_m(self) -> float | None:
+        """Its spring."""
+        return None if self.stable is None else self.stable.stiffness_n_per_m
+
+    @property
+    def stiffest_with_ns_per_m(self) -> float | None:
+        """Its damper."""
+        return None if self.stable is None else self.stable.damping_ns_per_m
+
+    @property
+    def stiffest_with_local_ns_per_m(self) -> float | None:
+        """Its damper in the device's own loop."""
+        return None if self.stable is None else self.stable.local_damping_ns_per_m
+
 
 @dataclass(frozen=True, eq=False)
-class ToolRegion:
+class ToolRegion(Document):
     """The K-B region of a coupling to a simulation: with every hand, released, and every tool and contact.
 
     Attributes:
@@ -61,42 +96,13 @@ class ToolRegion:
         units: units of the problem.
     """
 
+    JSON_KEYS: ClassVar = ("problem", "damping_ns_per_m", "local_damping_ratio", "curves")
+
     problem: str
     damping_ns_per_m: FloatArray
     local_damping_ratio: float
     curves: tuple[ToolCurve, ...]
     units: Units = LINEAR
-
-    def document(self) -> dict[str, Any]:
-        """Return the `zwidth` document: JSON values only."""
-        return plain_table(
-            {
-                "problem": self.problem,
-                "damping_ns_per_m": self.damping_ns_per_m,
-                "local_damping_ratio": self.local_damping_ratio,
-                "curves": [
-                    {
-                        "step_s": curve.step_s,
-                        "declared": curve.declared,
-                        "stiffness_n_per_m": curve.stiffness_n_per_m,
-                        "rate_hz": 1 / curve.step_s,
-                        **_stiffest(curve.stiffest),
-                    }
-                    for curve in self.curves
-                ],
-            }
-        )
-
-
-def _stiffest(gains: ToolGains | None) -> dict[str, float | None]:
-    """Return the stiffest coupling of a curve as JSON values, null where there is none."""
-    if gains is None or gains.stiffness_n_per_m == 0:
-        return {"stiffest_n_per_m": None, "stiffest_with_ns_per_m": None, "stiffest_with_local_ns_per_m": None}
-    return {
-        "stiffest_n_per_m": gains.stiffness_n_per_m,
-        "stiffest_with_ns_per_m": gains.damping_ns_per_m,
-        "stiffest_with_local_ns_per_m": gains.local_damping_ns_per_m,
-    }
 
 
 def tool_region(

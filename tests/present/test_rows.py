@@ -31,6 +31,7 @@ delay_s = 0.001
 stiffness_n_per_m = 50.0
 """
 FEW = {"points": 6}
+LAGGING = {"amplifier_bandwidth_hz": 300.0}
 
 
 @cache
@@ -54,6 +55,9 @@ ANSWERS = {
     "gains": lambda: avc.solve(avc.load_problem("knob").changed(frequency=FEW), "exact"),
     "methods": lambda: avc.compare(avc.load_problem("soft").changed(frequency=FEW), mine=(2e3, 7.0)),
     "walls": lambda: avc.zwidth(avc.load_problem("knob").changed(frequency=FEW)),
+    "walls, lagging amplifier": lambda: avc.zwidth(
+        avc.load_problem("soft").changed(device={"amplifier_bandwidth_hz": 300.0})
+    ),
     "motion": lambda: avc.simulate("scenes/teaching-plant"),
     "own law": lambda: avc.certify_law("figure5", k=2e3, b=4.0),
     "own law, unstable": lambda: avc.certify_law("soft", k=1e6),

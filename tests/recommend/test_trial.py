@@ -72,7 +72,7 @@ def test_a_heavy_device_that_is_only_slow_counts_as_at_rest():
     assert trial.stable.all()
     assert trial.longest_s == trial.document()["longest_s"] == course_of(HEAVY).duration_s
     assert np.isfinite(trial.vibration).all()
-    assert count_at_rest(coupling, 40, seed=3)["at_rest"] == 40
+    assert count_at_rest(coupling, 40, seed=3).at_rest == 40
     assert (residual_speeds(coupling, PEOPLE) < 1).all()
 
 
@@ -98,14 +98,14 @@ def coupling():
 def test_counts_are_those_of_a_trial(coupling):
     found = count_at_rest(coupling, 40, SEED, block=17)
     trial = try_coupling(coupling, draw_hands(coupling.problem.hands, 40, SEED), SEED)
-    assert found["at_rest"] == trial.stable.sum()
-    assert found["by_motion"] == {name: int(rest.sum()) for name, rest in trial.by_motion.items()}
-    assert found["moving"] == np.flatnonzero(~trial.stable)[:20].tolist()
+    assert found.at_rest == trial.stable.sum()
+    assert found.by_motion == {name: int(rest.sum()) for name, rest in trial.by_motion.items()}
+    assert found.moving == tuple(np.flatnonzero(~trial.stable)[:20].tolist())
     free = count_at_rest(coupling, 40, SEED, friction=False)
-    assert free["at_rest"] == trial.stable_without_friction.sum()
-    assert "coulomb-friction" in found["effects"]
-    assert "coulomb-friction" not in free["effects"]
-    assert 0 < free["at_rest"] < 40
+    assert free.at_rest == trial.stable_without_friction.sum()
+    assert "coulomb-friction" in found.effects
+    assert "coulomb-friction" not in free.effects
+    assert 0 < free.at_rest < 40
 
 
 @pytest.mark.parametrize("population", ["A", "B"])

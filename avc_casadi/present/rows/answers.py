@@ -41,7 +41,7 @@ def text_of(result: object) -> str:
 answer_of.register(Recommendation, recommendation)
 answer_of.register(LawCertificate, judge.own_law)
 answer_of.register(Comparison, lambda found: design.comparison(found.document(), found.definition))
-answer_of.register(ZWidth, lambda found: judge.walls(found.document(), found.definition))
+answer_of.register(ZWidth, judge.walls)
 answer_of.register(Run, lambda found: judge.scene(found.document() | facts_of(found), found.definition))
 
 

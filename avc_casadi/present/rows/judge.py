@@ -7,9 +7,12 @@ from collections.abc import Mapping
 from shlex import quote
 from typing import Any
 
+from avc_casadi._util.json_values import plain
 from avc_casadi._util.text import percent
 from avc_casadi._util.units import Units
 from avc_casadi.claims.own_law import LawCertificate
+from avc_casadi.claims.zwidth import Curve, CurveKey, ZWidth
+from avc_casadi.design.tool_region import ToolCurve, ToolRegion
 from avc_casadi.loops.margins import LEAST_DISK, SOUND_DISK
 from avc_casadi.model import EFFECTS
 from avc_casadi.model.effects import SaturationEffect
@@ -17,6 +20,7 @@ from avc_casadi.model.problem import Problem
 from avc_casadi.present.row import Answer, Mark, Part, Row, Value, caution, commas, fill, grade, parts, row, span
 from avc_casadi.present.rows import subject
 from avc_casadi.present.rows.recommend import stability
+from avc_casadi.simulation.population.trial import RestCount
 
 _CLAIMS = {
     "hands": "Corner hands",
@@ -32,7 +36,7 @@ ENDINGS = {
     "held-by-friction": ("settles by dry friction alone", Mark.CAUTION),
     "unstable": ("does not settle", Mark.FAIL),
 }
-_CURVES = {
+_CURVES: dict[CurveKey, str] = {
     "passive-paper": "Passive, paper",
     "passive-sampled-data": "Passive, sampled",
     "stable-released": "Stable, released",
@@ -203,50 +207,59 @@ def passivity(found: Mapping[str, Any], problem: Problem) -> list[Row]:
     return rows
 
 
-def region(data: Mapping[str, Any], problem: Problem, shown: str = "") -> Answer:
+def region(result: ToolRegion, problem: Problem, shown: str = "") -> Answer:
     """Return the answer of `zwidth` of a problem with [simulation]: a row for each engine rate."""
-    rows = []
-    for one in data["curves"]:
-        best = {
-            "stiffness_n_per_m": one["stiffest_n_per_m"],
-            "damping_ns_per_m": one["stiffest_with_ns_per_m"],
-            "local_damping_ns_per_m": one["stiffest_with_local_ns_per_m"],
-        }
-        some = one["stiffest_n_per_m"] is not None
-        text = ("stiffest", *subject.pair(best)) if some else ("no coupling is stable",)
-        label = Value(one["rate_hz"], "frequency").text(problem.units)
-        mark = Mark.NONE if some else Mark.FAIL
-        rows.append(row(label, text, ", as declared" if one["declared"] else "", mark=mark))
-    return subject.answer("zwidth", data, problem, shown, rows, "recommend {} --out coupling.json")
+    rows = [_engine_rate(curve, problem) for curve in result.curves]
+    return subject.answer("zwidth", result.document(), problem, shown, rows, "recommend {} --out coupling.json")
 
 
-def walls(data: Mapping[str, Any], problem: Problem, shown: str = "") -> Answer:
+def _engine_rate(curve: ToolCurve, problem: Problem) -> Row:
+    """Return the stiffest stable coupling at a rate of the engine."""
+    label = Value(curve.rate_hz, "frequency").text(problem.units)
+    declared = ", as declared" if curve.declared else ""
+    if curve.stable is None:
+        return row(label, "no coupling is stable", declared, mark=Mark.FAIL)
+    return row(label, "stiffest", subject.pair_of(curve.stable), declared)
+
+
+def walls(result: ZWidth, shown: str = "") -> Answer:
     """Return the answer of `zwidth`: the walls that the device can render."""
-    curves, damping = data["curves"], data["wall_damping_ns_per_m"]
-    met = [one["claim"] for one in curves.values() if one["wanted_wall"]]
-    whole = len(met) == len(curves)
-    if curves["stable-hands"]["wanted_wall"] and not curves["stable-released"]["wanted_wall"]:
+    problem = result.definition
+    rows = [_requested_wall(result)]
+    if result.not_used_keys:
+        unused = ", ".join(result.not_used_keys)
+        rows.append(row("Not used", f"{unused}: declared, and no part of these claims", mark=Mark.CAUTION))
+    curve_of = result.curve_of
+    rows += [_stiffest_wall(label, curve_of[key], result) for key, label in _CURVES.items() if key in curve_of]
+    rows.append(subject.passive_limit(result.passive_limit_n_per_m))
+    if result.encoder_limit_n_per_m is not None:
+        source = "for a passive wall, 2 f_c/Delta (Abbott and Okamura 2005)"
+        rows.append(row("Encoder limit", Value(result.encoder_limit_n_per_m, "stiffness"), source))
+    rows += subject.notes(result.refused, "Not judged")
+    return subject.answer("zwidth", result.document(), problem, shown, rows, "recommend {} --stiffest")
+
+
+def _requested_wall(result: ZWidth) -> Row:
+    """Return which claims hold of the requested wall."""
+    met = [curve.claim for curve in result.curves if curve.holds_target]
+    whole = len(met) == len(result.curves)
+    if result.curve_of["stable-hands"].holds_target and not result.curve_of["stable-released"].holds_target:
         met.append("unstable when released")
     bare = f"this wall is {'; '.join(met)}" if met else "this wall is neither passive nor stable"
-    rows = [row("Without coupling", bare, mark=grade(whole, Mark.CAUTION))]
-    if data["not_used"]:
-        unused = ", ".join(map(problem.units.key, data["not_used"]))
-        rows.append(row("Not used", f"{unused}: declared, and no part of these claims", mark=Mark.CAUTION))
-    for key, label in _CURVES.items():
-        one = curves[key]
-        known = [(k, b) for k, b in zip(one["stiffness_n_per_m"], damping, strict=True) if k is not None]
-        text: tuple[Part, ...] = ("no wall",)
-        if known:
-            k, b = max(known)
-            ends = "; beyond it not looked at" if b == damping[-1] else ""
-            text = parts("up to", Value(k, "stiffness"), "with a wall damping of", Value(b, "damping"), ends)
-        rows.append(row(label, text))
-    rows.append(subject.passive_limit(data["passive_limit_n_per_m"]))
-    if data["encoder_limit_n_per_m"] is not None:
-        limit = "{encoder_limit_n_per_m} for a passive wall, 2 f_c/Delta (Abbott and Okamura 2005)"
-        rows.append(row("Encoder limit", fill(limit, data)))
-    rows += subject.notes(data["refused"], "Not judged")
-    return subject.answer("zwidth", data, problem, shown, rows, "recommend {} --stiffest")
+    return row("Without coupling", bare, mark=grade(whole, Mark.CAUTION))
+
+
+def _stiffest_wall(label: str, curve: Curve, result: ZWidth) -> Row:
+    """Return the stiffest wall of which a claim holds."""
+    walls = zip(curve.stiffness_n_per_m.tolist(), result.damping_ns_per_m.tolist(), strict=True)
+    known = [(stiffness, damping) for stiffness, damping in walls if math.isfinite(stiffness)]
+    if not known:
+        return row(label, "no wall")
+    stiffness, damping = max(known)
+    beyond = "; beyond it not looked at" if damping == result.damping_ns_per_m[-1] else ""
+    return row(
+        label, "up to", Value(stiffness, "stiffness"), "with a wall damping of", Value(damping, "damping"), beyond
+    )
 
 
 def scene(data: Mapping[str, Any], problem: Problem, shown: str = "") -> Answer:
@@ -344,21 +357,21 @@ def _explanation(data: Mapping[str, Any]) -> list[Row]:
     return [*rows, row("Absent", ", ".join(data["absent"]), rank=1)]
 
 
-def trial(data: Mapping[str, Any], units: Units, shown: str) -> Answer:
+def trial(result: RestCount, units: Units, shown: str) -> Answer:
     """Return the answer of `trial`: how many simulated hands settle."""
-    hands, rests, moving = data["hands"], data["at_rest"], data["moving"]
-    low, high = (f"{100 * end:.4g}" for end in data["at_rest_interval"])
-    interval = f"hands in every motion ({100 * data['confidence']:g} % interval {low} to {high} %)"
-    settle = fill(f"{{at_rest:9}} of {{hands:9}} {interval}", data)
+    low, high = (f"{100 * end:.4g}" for end in result.at_rest_interval)
+    interval = f"hands in every motion ({100 * result.confidence:g} % interval {low} to {high} %)"
+    counted = (Value(result.at_rest, "number", 9), "of", Value(result.hands, "number", 9), interval)
+    all_settle = result.at_rest == result.hands
     rows = [
-        row("Settle", settle, mark=grade(rests == hands, Mark.CAUTION)),
-        row("By motion", ", ".join(f"{name} {one}" for name, one in data["by_motion"].items())),
-        row("Simulated", ", ".join(data["effects"])),
+        row("Settle", counted, mark=grade(all_settle, Mark.CAUTION)),
+        row("By motion", ", ".join(f"{name} {count}" for name, count in result.by_motion.items())),
+        row("Simulated", ", ".join(result.effects)),
     ]
-    if moving:
-        more = " and others" if hands - rests > len(moving) else ""
-        numbers = f"by their number in the draw: {', '.join(map(str, moving))}{more}"
+    if result.moving:
+        more = " and others" if result.hands - result.at_rest > len(result.moving) else ""
+        numbers = f"by their number in the draw: {', '.join(map(str, result.moving))}{more}"
         rows.append(row("Do not settle", numbers, mark=Mark.FAIL))
-    friction = "" if data["friction"] else ", without dry friction"
-    title = f"{shown}   coupling {data['coupling']} · {hands} hands, seed {data['seed']}{friction}"
-    return Answer("trial", data, (title,), tuple(rows), units=units)
+    friction = "" if result.friction else ", without dry friction"
+    title = f"{shown}   coupling {result.coupling} · {result.hands} hands, seed {result.seed}{friction}"
+    return Answer("trial", plain(result), (title,), tuple(rows), units=units)

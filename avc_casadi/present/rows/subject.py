@@ -10,6 +10,7 @@ from typing import Any
 from avc_casadi.files.catalogue import catalogue_names
 from avc_casadi.loops.margins import LEAST_DISK, SOUND_DISK
 from avc_casadi.model.device import Device
+from avc_casadi.model.ends import ToolGains
 from avc_casadi.model.hands import END_STOP_N_PER_M
 from avc_casadi.model.problem import Problem
 from avc_casadi.present.row import Answer, Mark, Part, Row, Value, caution, commas, fill, grade, parts, row, span
@@ -93,6 +94,13 @@ def pair(gains: Mapping[str, Any], local: str = "damper in the device's loop") -
     damper = fill("damper B {damping_ns_per_m}", gains) if gains["damping_ns_per_m"] else None
     own = fill(f"{local} {{local_damping_ns_per_m}}", gains) if gains["local_damping_ns_per_m"] else None
     return commas([fill("spring K {stiffness_n_per_m}", gains), damper, own])
+
+
+def pair_of(gains: ToolGains, local: str = "damper in the device's loop") -> tuple[Part, ...]:
+    """Return spring and dampers of a coupling to another end."""
+    damper = ("damper B", Value(gains.damping_ns_per_m, "damping")) if gains.damping_ns_per_m else None
+    own = (local, Value(gains.local_damping_ns_per_m, "damping")) if gains.local_damping_ns_per_m else None
+    return commas([("spring K", Value(gains.stiffness_n_per_m, "stiffness")), damper, own])
 
 
 def hand(values: Mapping[str, float]) -> tuple[Part, ...]:

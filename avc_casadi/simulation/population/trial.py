@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -285,6 +285,39 @@ def _figures(name: str, limit_n: float | None, simulation: Callable[[], Traces])
     return figures
 
 
+_MOST_MOVING = 20
+"""Hands that do not settle of which the numbers are kept."""
+
+
+@dataclass(frozen=True)
+class RestCount:
+    """How many simulated hands settle in press, tap and hold.
+
+    Attributes:
+        coupling: method of the coupling.
+        hands: number of hands.
+        seed: seed of the draw.
+        friction: whether the declared dry friction acts.
+        at_rest: hands that settle in every motion.
+        by_motion: hands that settle in each motion.
+        moving: numbers in the draw of the first hands that do not settle.
+        effects: kinds of the simulated effects.
+        at_rest_interval: exact interval of the share that settles.
+        confidence: confidence of that interval.
+    """
+
+    coupling: str
+    hands: int
+    seed: int
+    friction: bool
+    at_rest: int
+    by_motion: Mapping[str, int]
+    moving: tuple[int, ...]
+    effects: tuple[str, ...]
+    at_rest_interval: tuple[float, float]
+    confidence: float
+
+
 def count_at_rest(
     coupling: Coupling,
     hands: int,
@@ -295,8 +328,8 @@ def count_at_rest(
     workers: int = 1,
     executor: Executor | None = None,
     progress: Progress = SILENT,
-) -> dict[str, Any]:
-    """Count press, tap and hold by any number of hands, drawn in blocks; return the document of `avc trial`."""
+) -> RestCount:
+    """Count press, tap and hold by any number of hands, drawn in blocks."""
     if hands < 1:
         raise InputError.of(f"is {hands}; allowed: 1 or more", key="hands")
     setup = Setup.of(coupling)
@@ -308,18 +341,18 @@ def count_at_rest(
     rest = {name: np.concatenate([part[name] for part in parts]) for name in AT_WALL}
     whole = np.all(list(rest.values()), axis=0)
     at_rest = int(whole.sum())
-    return {
-        "coupling": coupling.method,
-        "hands": hands,
-        "seed": seed,
-        "friction": friction,
-        "at_rest": at_rest,
-        "by_motion": {name: int(settled.sum()) for name, settled in rest.items()},
-        "moving": np.flatnonzero(~whole)[:20].tolist(),
-        "effects": list(setup.kinds),
-        "at_rest_interval": list(exact_interval(at_rest, hands)),
-        "confidence": CONFIDENCE,
-    }
+    return RestCount(
+        coupling=coupling.method,
+        hands=hands,
+        seed=seed,
+        friction=friction,
+        at_rest=at_rest,
+        by_motion={name: int(settled.sum()) for name, settled in rest.items()},
+        moving=tuple(np.flatnonzero(~whole)[:_MOST_MOVING].tolist()),
+        effects=setup.kinds,
+        at_rest_interval=exact_interval(at_rest, hands),
+        confidence=CONFIDENCE,
+    )
 
 
 def _at_rest(setup: Setup, seed: int, task: tuple[int, int]) -> dict[str, BoolArray]:
