@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.arrays import FloatArray
-from avc_casadi._util.json_values import plain
+from avc_casadi._util.json_values import Document, plain
 from avc_casadi._util.printed import Columns, Tabular
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.claims.hands import hands_level
@@ -26,7 +26,7 @@ from avc_casadi.model.problem import Problem
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Certificate(Tabular):
+class Certificate(Tabular, Document):
     """Passivity and stability of a gain table: one claim a level, with its worst margin. The levels are never merged.
 
     Attributes:
@@ -47,6 +47,16 @@ class Certificate(Tabular):
         True
     """
 
+    JSON_KEYS: ClassVar = (
+        "problem",
+        "frequency_hz",
+        "rows_without_gains",
+        "passive_limit_n_per_m",
+        "dc_stiffness_n_per_m",
+        "judged",
+        "levels",
+    )
+
     problem: str
     requested: bool
     frequency_hz: FloatArray
@@ -62,21 +72,16 @@ class Certificate(Tabular):
         levels = self.levels.values()
         columns = ("level", "passed", "margin_ns_per_m", "frequency_hz", "model", "rows_failed", "claim")
         values = {name: np.array([getattr(result, name) for result in levels]) for name in columns}
-        return values | {"title": np.array([LEVELS[result.level].title for result in levels])}
+        return values | {"title": np.array([result.title for result in levels])}
 
     @property
-    def _subject(self) -> str:
+    def judged(self) -> str:
+        """Which gains were judged."""
         return "requested gains" if self.requested else "gains"
 
     def _summary(self) -> str:
         marks = ", ".join(f"{level} {result.word}" for level, result in self.levels.items())
-        return f"{self.problem!r}, {self._subject} of {len(self.frequency_hz)} rows: {marks}"
-
-    def document(self) -> dict[str, Any]:
-        """Return the `certify` document: JSON values only."""
-        kept = ("problem", "frequency_hz", "rows_without_gains", "passive_limit_n_per_m", "dc_stiffness_n_per_m")
-        levels = {level: result.document() for level, result in self.levels.items()}
-        return {name: plain(getattr(self, name)) for name in kept} | {"judged": self._subject, "levels": levels}
+        return f"{self.problem!r}, {self.judged} of {len(self.frequency_hz)} rows: {marks}"
 
 
 def _rows(problem: Problem, gains: GainSchedule, *, requested: bool = False) -> Rows:

@@ -10,17 +10,17 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from typing import Any, ClassVar, Literal
 from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from avc_casadi._errors import NotDeployableError, UnsupportedError
 from avc_casadi._util.arrays import FloatArray
-from avc_casadi._util.json_values import plain
+from avc_casadi._util.json_values import Document
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi._util.text import quantity
-from avc_casadi.claims.certify import certify
+from avc_casadi.claims.certify import Certificate, certify
 from avc_casadi.claims.hands import WorstLoops, every_hand, feedback_radius, released, search_text
 from avc_casadi.coupling import Coupling, require_coupling
 from avc_casadi.loops.margins import LEAST_DISK, OpenLoop
@@ -38,11 +38,19 @@ from avc_casadi.model.runtime import Runtime
 _VERDICTS: WeakKeyDictionary[GainTable, list[tuple[Problem, Runtime, bytes, Deployable]]] = WeakKeyDictionary()
 
 
+ClaimName = Literal[
+    "hands", "let-go", "dead-zone", "clip", "detent", "detent-hands", "detent-let-go", "disk-margin", "renders"
+]
+"""Claims of a verdict, by the names of its document."""
+
+
 @dataclass(frozen=True)
-class DeployClaim:
+class DeployClaim(Document):
     """One claim that a deployable coupling meets."""
 
-    name: str
+    JSON_KEYS: ClassVar = ("name", ("pass", "passed"), "sentence", "advice", ("spectral_radius", "radius"))
+
+    name: ClaimName
     passed: bool
     sentence: str
     advice: str
@@ -50,7 +58,7 @@ class DeployClaim:
 
 
 @dataclass(frozen=True)
-class Deployable:
+class Deployable(Document):
     """Whether a coupling may be deployed, with the deciding claims.
 
     Attributes:
@@ -63,6 +71,8 @@ class Deployable:
         >>> [claim.name for claim in avc.deployable(coupling).claims]
         ['hands', 'let-go']
     """
+
+    JSON_KEYS: ClassVar = (("pass", "passed"), "sentence", "disk_margin", "claims")
 
     claims: tuple[DeployClaim, ...]
     disk_margin: float = math.nan
@@ -84,13 +94,6 @@ class Deployable:
     def advice(self) -> str:
         """What to do, in one line; empty where all claims hold."""
         return "; ".join(dict.fromkeys(claim.advice for claim in self.claims if claim.advice))
-
-    def document(self) -> dict[str, Any]:
-        """Return JSON values."""
-        names = {"passed": "pass", "radius": "spectral_radius"}
-        claims = [{names.get(key, key): plain(value) for key, value in vars(one).items()} for one in self.claims]
-        verdict = {"pass": self.passed, "sentence": self.sentence, "disk_margin": plain(self.disk_margin)}
-        return verdict | {"claims": claims}
 
 
 def deployable(coupling: Coupling, progress: Progress = SILENT) -> Deployable:
@@ -148,11 +151,11 @@ def _verdict(coupling: Coupling, progress: Progress) -> Deployable:
             # In the wall the slope of a detent adds to that of the wall.
             steepest = problem.environment.stiffness_n_per_m + problem.detent.slope_n_per_m
             inside = problem.changed(environment={"stiffness_n_per_m": steepest})
-            both = [
-                replace(one, name=f"detent-{one.name}", sentence=f"in the wall with its detents: {one.sentence}")
-                for one in _frozen_claims(inside, frequency, gains, progress)
-            ]
-            claims += (detent_claim(problem), *both)
+            claims += (detent_claim(problem),)
+            names: tuple[ClaimName, ClaimName] = ("detent-hands", "detent-let-go")
+            for name, claim in zip(names, _frozen_claims(inside, frequency, gains, progress), strict=True):
+                sentence = f"in the wall with its detents: {claim.sentence}"
+                claims += (replace(claim, name=name, sentence=sentence),)
         wall = problem.environment
         if not np.any(gains != 0) and (wall.stiffness_n_per_m or wall.damping_ns_per_m):
             why = "nothing of the wall is rendered: b, k and b_p are 0"
@@ -163,7 +166,9 @@ def _verdict(coupling: Coupling, progress: Progress) -> Deployable:
     except UnsupportedError as refusal:
         advice = "shorten the delay, or judge the loop by other means"
         why = f"not judged: {refusal}"
-        return Deployable(tuple(DeployClaim(name, False, why, advice) for name in ("hands", "let-go")))
+        return Deployable(
+            (DeployClaim("hands", False, why, advice), DeployClaim("let-go", False, why, advice)),
+        )
     if coupling.runtime.observer_mass_kg is not None:
         beside_it = " (judged without the observer, which is not linear)"
         claims = tuple(replace(claim, sentence=claim.sentence + beside_it) for claim in claims)
@@ -191,7 +196,7 @@ def _frozen_claims(
     held = every_hand(problem, parts, contact, progress=progress)
     free = released(problem, parts, contact, progress)
 
-    def claim(name: str, worst: WorstLoops, passing: str) -> DeployClaim:
+    def claim(name: ClaimName, worst: WorstLoops, passing: str) -> DeployClaim:
         row = int(np.argmax(worst.radius))
         hand, failed = worst.hands.values(row), np.count_nonzero(~worst.stable)
         who = f"with {hand_text(hand, problem.units.unit)}" if any(hand.values()) else "when released"
@@ -206,25 +211,27 @@ def _frozen_claims(
 
 def _feedback_claims(coupling: Coupling) -> tuple[DeployClaim, ...]:
     every = "with every hand of [hands] (worst by search)"
-    passing = {
+    passing: dict[ClaimName, str] = {
         "hands": every,
         "let-go": "when released",
         "dead-zone": f"{every}, whatever share of the innovation passes the dead zone",
         "clip": f"{every} and released, whatever share of the force its clip leaves",
     }
     found = []
-    for name, worst in feedback_radius(coupling).items():
+    worst_of = feedback_radius(coupling)
+    for name, passes in passing.items():
+        worst = worst_of[name]
         who = hand_text(worst.hand, coupling.problem.units.unit)
         failing = f"with {who}" if any(worst.hand.values()) else "when released"
         failing += _on(coupling.problem, worst.device)
         if name in {"dead-zone", "clip"}:
             of = "innovation passes the dead zone" if name == "dead-zone" else "force is left by its clip"
             failing += f" where {worst.share:.3g} of the {of}"
-        found.append(_claim(name, worst.stable, worst.radius, passing[name], failing))
+        found.append(_claim(name, worst.stable, worst.radius, passes, failing))
     return tuple(found)
 
 
-def _claim(name: str, stable: bool, radius: float, passing: str, failing: str) -> DeployClaim:
+def _claim(name: ClaimName, stable: bool, radius: float, passing: str, failing: str) -> DeployClaim:
     if stable:
         return DeployClaim(name, True, f"linearly stable {passing}, spectral radius {radius:.6g} at most", "", radius)
     advice = "take `avc recommend P`, which gives the deployable one nearest to the wall, or soften the wall"
@@ -236,6 +243,40 @@ def _on(problem: Problem, device: Device) -> str:
     values = linear_values(device)
     ends = [f"{key} {values[key]:.4g}" for key in device_ranges(problem.device, LINEAR_KEYS)]
     return f" (device {', '.join(ends)})" if ends else ""
+
+
+@dataclass(frozen=True)
+class CertifiedCoupling:
+    """What `avc certify` finds of a coupling to a wall: its certificate, and the verdict on the table that runs.
+
+    Attributes:
+        certificate: the levels of its gains.
+        verdict: whether it may be deployed; None where no row has gains.
+        file: the file of the gains; None where they stand in none.
+        notes: what runs otherwise than the file says.
+        proof_files: names of the written proofs.
+    """
+
+    certificate: Certificate
+    verdict: Deployable | None
+    file: str | None = None
+    notes: tuple[str, ...] = ()
+    proof_files: tuple[str, ...] = ()
+
+    @property
+    def passed(self) -> bool:
+        """Whether it may be deployed."""
+        return self.verdict is not None and self.verdict.passed
+
+    def document(self) -> dict[str, Any]:
+        """Return the `certify` document: JSON values only."""
+        verdict = {"pass": False} if self.verdict is None else self.verdict.document()
+        return self.certificate.document() | {
+            "gains": self.file,
+            "notes": list(self.notes),
+            "proof_files": list(self.proof_files),
+            "deployable": verdict,
+        }
 
 
 def with_certificate(coupling: Coupling, progress: Progress = SILENT, *, prove: bool = False) -> Coupling:

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 
 from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.arrays import BoolArray, FloatArray
-from avc_casadi._util.json_values import plain_table
+from avc_casadi._util.json_values import Document, plain_table
 from avc_casadi._util.progress import SILENT, Progress, chunks
 from avc_casadi._util.text import quantity
 from avc_casadi.claims.impedance import worst_real_impedance
@@ -168,8 +169,12 @@ class Subject:
         return Coupling.of(self.problem, self.gains) if self.gains.usable.any() else None
 
 
+ProofOutcome = Literal["", "proved", "refuted", "open"]
+"""Outcome of a proof; empty of a level that is no proof."""
+
+
 @dataclass(frozen=True, eq=False)
-class LevelResult:
+class LevelResult(Document):
     """One level of a certificate; row arrays have shape (n,) in the order of the gains.
 
     Attributes:
@@ -189,6 +194,23 @@ class LevelResult:
         outcome: proved, refuted or open, of a proof; else empty.
     """
 
+    JSON_KEYS: ClassVar = (
+        "title",
+        ("pass", "passed"),
+        ("row_pass", "row_passed"),
+        "margin_ns_per_m",
+        "frequency_hz",
+        "model",
+        "claim",
+        "tolerance_ns_per_m",
+        "row",
+        "row_margin_ns_per_m",
+        "row_frequency_hz",
+        ("refused", "refused_or_none"),
+        ("outcome", "outcome_or_none"),
+        "rows_failed",
+    )
+
     level: str
     passed: bool
     margin_ns_per_m: float
@@ -202,13 +224,28 @@ class LevelResult:
     row_frequency_hz: FloatArray
     detail: dict[str, Any] = field(default_factory=dict)
     refused: str = ""
-    outcome: str = ""
+    outcome: ProofOutcome = ""
 
     def __repr__(self) -> str:
         return f"LevelResult({self.level}, {self.word}: {self.claim})"
 
     @property
-    def word(self) -> str:
+    def title(self) -> str:
+        """Name of the level, as its table gives it."""
+        return LEVELS[self.level].title
+
+    @property
+    def refused_or_none(self) -> str | None:
+        """Why it was not judged; None where it was."""
+        return self.refused or None
+
+    @property
+    def outcome_or_none(self) -> str | None:
+        """Outcome of a proof; None of another level."""
+        return self.outcome or None
+
+    @property
+    def word(self) -> Literal["pass", "fail", "refused", "proved", "refuted", "open"]:
         """pass, fail, or refused: not judged; of a proof its outcome."""
         if self.outcome:
             return self.outcome
@@ -222,12 +259,37 @@ class LevelResult:
         return int(np.count_nonzero(~self.row_passed))
 
     def document(self) -> dict[str, Any]:
-        """Return JSON values."""
-        values = {name: value for name, value in vars(self).items() if name not in ("level", "detail")}
-        empty = {"refused": self.refused or None, "outcome": self.outcome or None, "rows_failed": self.rows_failed}
-        document = plain_table(values | empty | self.detail)
-        title = LEVELS[self.level].title
-        return {"title": title, "pass": document.pop("passed"), "row_pass": document.pop("row_passed")} | document
+        """Return JSON values, with those of its detail."""
+        return super().document() | plain_table(self.detail)
+
+
+def read_levels(document: Mapping[str, Any]) -> dict[str, LevelResult]:
+    """Return the levels of a certificate from its document, such as a coupling carries."""
+    stated: Mapping[str, Mapping[str, Any]] = document.get("levels", {})
+    return {name: _read_level(name, values) for name, values in stated.items() if name in LEVELS}
+
+
+def _read_level(name: str, values: Mapping[str, Any]) -> LevelResult:
+    """Return a level from its document; null is not a number."""
+    known = {entry if isinstance(entry, str) else entry[0] for entry in LevelResult.JSON_KEYS}
+    margin = values["margin_ns_per_m"]
+    frequency = values["frequency_hz"]
+    return LevelResult(
+        level=name,
+        passed=values["pass"],
+        margin_ns_per_m=np.nan if margin is None else margin,
+        frequency_hz=np.nan if frequency is None else frequency,
+        model=values["model"],
+        claim=values["claim"],
+        tolerance_ns_per_m=values["tolerance_ns_per_m"],
+        row=values["row"],
+        row_passed=np.array(values["row_pass"], dtype=bool),
+        row_margin_ns_per_m=np.array(values["row_margin_ns_per_m"], dtype=np.float64),
+        row_frequency_hz=np.array(values["row_frequency_hz"], dtype=np.float64),
+        detail={key: value for key, value in values.items() if key not in known},
+        refused=values["refused"] or "",
+        outcome=values["outcome"] or "",
+    )
 
 
 def level_result(

@@ -18,7 +18,7 @@ from avc_casadi.cli.console import Console, output_folder, package_versions, wri
 from avc_casadi.design.registry import methods_help
 from avc_casadi.files.new_options import DAMPING, EVERY, HANDS, HOLDS, MASS, RADIUS
 from avc_casadi.present import rows
-from avc_casadi.present.row import Answer, Mark
+from avc_casadi.present.row import Answer, Mark, Row
 
 if TYPE_CHECKING:
     from avc_casadi.files.new_options import Option
@@ -177,6 +177,7 @@ def run_solve(args: argparse.Namespace, console: Console) -> Answer:
     Exit code 1 if a frequency has no gains. Whether they may go into a device is said on one line.
     """
     from avc_casadi.coupling import Coupling
+    from avc_casadi.design.solution import Solution
     from avc_casadi.files.coupling_file import gain_csv
 
     method = args.method or ("closed-form" if args.as_printed else "direct")
@@ -186,16 +187,17 @@ def run_solve(args: argparse.Namespace, console: Console) -> Answer:
     with console.step("table that runs"):
         coupling = Coupling.of(problem, gains, versions=package_versions()) if gains.usable.any() else None
     with console.step(f"certificate of {gains.rows} rows"):
-        data = rows.answers.solution_data(problem, gains, coupling, avc.certify(problem, gains, progress=console))
+        solution = Solution.of(problem, gains, coupling, avc.certify(problem, gains, progress=console))
     if args.out is not None:
-        text = json_text(data, problem.units)
+        document = solution.document()
+        text = json_text(document, problem.units)
         if args.out.suffix.lower() == ".csv":
             text = gain_csv(gains)
         elif coupling is not None:
-            certificate = data["certificate"] | {"deployable": data["deployable"]}
-            text = coupling_text(coupling.with_certificate(certificate), **data)
+            certificate = document["certificate"] | {"deployable": document["deployable"]}
+            text = coupling_text(coupling.with_certificate(certificate), **document)
         console.write(args.out, text)
-    return rows.design.solution(data, problem, args.problem, args.out and str(args.out))
+    return rows.design.solution(solution, args.problem, args.out and str(args.out))
 
 
 def gain_pair(text: str) -> tuple[float, float]:
@@ -218,7 +220,7 @@ def run_compare(args: argparse.Namespace, console: Console) -> Answer:
     problem = avc.load_problem(args.problem)
     comparison = avc.compare(problem, mine=args.mine, progress=console)
     write_figure(console, args.plot, lambda: avc.figures.draw_comparison(comparison))
-    return rows.design.comparison(comparison.document(), problem, args.problem)
+    return rows.design.comparison(comparison, args.problem)
 
 
 @cli.verb(
@@ -245,21 +247,21 @@ def run_run(args: argparse.Namespace, console: Console) -> Answer:
         recommendation = _to_deploy(problem, args.method, console)
         with console.step("device"):
             push = _pushed(recommendation, unsafe=args.unsafe)
+            pushed = rows.design.device(push)
         comparison = _compared(recommendation, console)
         compare = comparison.document()
         deploys = recommendation.coupling is not None and push.get("deployable") is not False
         written = str(shown / "coupling.json") if deploys else None
         answer = rows.recommend.recommendation(recommendation, args.problem, written)
-        files = _run_files(recommendation, comparison, compare, answer, push, console)
+        files = _run_files(recommendation, comparison, compare, answer, pushed, console)
         if recommendation.coupling is not None and deploys:
             files["coupling.json"] = coupling_text(recommendation.coupling)
         for name, content in files.items():
             write_file(folder / name, content)
     data = {"folder": str(shown), "files": sorted(files), "deploy": answer.data, "push": push, "compare": compare}
     console.written.append(f"{shown / 'report.html'} and {len(files) - 1} files beside it")
-    answer = rows.design.run(data, answer)
-    pushed = rows.design.device(push)
-    complaints = [rows.design.without_gains(compare["methods"][comparison.delivered])]
+    answer = rows.design.run(data, answer, pushed, comparison)
+    complaints = [rows.design.without_gains(comparison.methods[comparison.delivered])]
     if pushed.mark is Mark.FAIL:
         complaints.append(f"avc: {problem.name}: {pushed.text(problem.units)}")
     return replace(answer, complaint="\n".join(filter(None, complaints)))
@@ -282,7 +284,7 @@ def _run_files(
     comparison: avc.Comparison,
     compare: dict[str, Any],
     answer: Answer,
-    push: dict[str, Any],
+    pushed: Row,
     console: Console,
 ) -> dict[str, str | bytes]:
     """Return the contents of the gains of the paper's question, the comparison, the pictures and the report.
@@ -301,7 +303,7 @@ def _run_files(
     }
     with console.step("figures"):
         of_wall, of_paper = report.wall_pictures(recommendation), report.paper_pictures(comparison)
-    sections = report.paper_sections(compare, problem, of_paper, push)
+    sections = report.paper_sections(comparison, of_paper, pushed)
     pictures = list(of_wall.values())
     files["report.html"] = report.report_html(answer, problem, pictures, package_versions(), sections)
     for name, picture in (of_wall | of_paper).items():

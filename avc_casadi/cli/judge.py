@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from contextlib import nullcontext
+from dataclasses import replace
 from pathlib import Path
 from shlex import quote
 from typing import TYPE_CHECKING, Any
@@ -63,9 +64,9 @@ def run_certify(args: argparse.Namespace, console: Console) -> Answer:
             for name, proof in proofs.items():
                 write_file(folder / name, json_text(proof, problem.units))
     with console.step("table that runs"):
-        data = rows.answers.certificate_data(certificate, console)
-    data |= {"gains": args.gains or args.problem, "notes": notes + data["notes"], "proof_files": list(proofs)}
-    return rows.judge.certificate(data, problem, args.problem if args.gains else "")
+        result = rows.answers.certified(certificate, console)
+    result = replace(result, file=args.gains or args.problem, notes=(*notes, *result.notes), proof_files=tuple(proofs))
+    return rows.judge.certificate(result, args.problem if args.gains else "")
 
 
 def _certify_own_law(args: argparse.Namespace, law: dict[str, Any], console: Console) -> Answer:

@@ -2,8 +2,21 @@
 
 from __future__ import annotations
 
-PAPER_ERRORS: tuple[dict[str, str], ...] = tuple(
-    {"equation": equation, "as_printed": printed, "correct": correct, "effect": effect}
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class PaperError:
+    """An error of the printed paper: where it stands, as printed and corrected, and what it does."""
+
+    equation: str
+    as_printed: str
+    correct: str
+    effect: str
+
+
+PAPER_ERRORS: tuple[PaperError, ...] = tuple(
+    PaperError(equation, printed, correct, effect)
     for equation, printed, correct, effect in (
         (
             "(2), (7)",

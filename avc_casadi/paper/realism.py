@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import ClassVar
 
 import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray
+from avc_casadi._util.json_values import Document
 from avc_casadi.model.problem import Impedance, Objective, Problem
 from avc_casadi.paper.equations import Loop, environment_impedance, loop_at, perceived_impedance
 
@@ -16,7 +17,7 @@ IMPERCEPTIBLE = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class RealismResult:
+class RealismResult(Document):
     """Realism at each frequency; arrays of shape (n,). Frequencies without gains are not inside.
 
     Attributes:
@@ -25,19 +26,21 @@ class RealismResult:
         jnd: rho.
     """
 
+    JSON_KEYS: ClassVar = ("inside_bounds", "inside_jnd", "share_inside_bounds", "share_inside_jnd", "jnd")
+
     inside_bounds: BoolArray
     inside_jnd: BoolArray
     jnd: float
 
-    def document(self) -> dict[str, Any]:
-        """Return JSON values."""
-        return {
-            "inside_bounds": self.inside_bounds.tolist(),
-            "inside_jnd": self.inside_jnd.tolist(),
-            "share_inside_bounds": float(np.mean(self.inside_bounds)),
-            "share_inside_jnd": float(np.mean(self.inside_jnd)),
-            "jnd": self.jnd,
-        }
+    @property
+    def share_inside_bounds(self) -> float:
+        """Share of the frequencies that are inside the bounds."""
+        return float(np.mean(self.inside_bounds))
+
+    @property
+    def share_inside_jnd(self) -> float:
+        """Share of the frequencies that are inside the just-noticeable difference."""
+        return float(np.mean(self.inside_jnd))
 
 
 def judge_realism(problem: Problem, impedance: ComplexArray, usable: BoolArray) -> RealismResult:

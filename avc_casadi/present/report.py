@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from html import escape
 from pathlib import Path
 from string import Template
-from typing import Any
 
 from matplotlib.figure import Figure
 
 from avc_casadi._util.units import Units
+from avc_casadi.claims.levels import read_levels
 from avc_casadi.design.comparison.comparison import Comparison
 from avc_casadi.files.problem_file import dump_problem
 from avc_casadi.model.problem import Problem
@@ -21,7 +21,7 @@ from avc_casadi.present.figures.deployed import draw_loop, draw_rendered
 from avc_casadi.present.figures.paper import draw_comparison, draw_perceived
 from avc_casadi.present.figures.style import files_of
 from avc_casadi.present.row import Answer, Row, row
-from avc_casadi.present.rows.design import comparison, device, printed_errors
+from avc_casadi.present.rows.design import comparison, printed_errors
 from avc_casadi.present.rows.judge import levels
 from avc_casadi.present.rows.recommend import verdict
 from avc_casadi.recommendation.felt import deployed
@@ -92,8 +92,8 @@ def report_html(
 ) -> str:
     """Return the report of a recommendation: verdict, one picture and ten rows first, then the rest of it."""
     shown = [one for one in answer.rows if one.rank == 0]
-    certificate, units = answer.data["certificate"] or {}, problem.units
-    claims = levels(certificate.get("levels", {}))
+    units = problem.units
+    claims = levels(read_levels(answer.data["certificate"] or {}))
     sections = [
         Section("What to deploy", shown[:10], pictures[:1]),
         Section("Margins and time responses", shown[10:], pictures[1:]),
@@ -112,12 +112,11 @@ def report_html(
     return frame.substitute(told, body="\n\n".join(body))
 
 
-def paper_sections(
-    data: Mapping[str, Any], problem: Problem, drawn: Mapping[str, Picture], push: Mapping[str, Any]
-) -> list[Section]:
+def paper_sections(compared: Comparison, drawn: Mapping[str, Picture], pushed: Row) -> list[Section]:
     """Return the paper's question: the methods side by side, and what the comparison is made of."""
     text = "Which gains keep each frequency passive and feel real? They are for comparison, not for a hand."
-    errors, question = printed_errors(list(PAPER_ERRORS)), [*comparison(data, problem).rows, device(push)]
+    errors = printed_errors(PAPER_ERRORS)
+    question = [*comparison(compared).rows, pushed]
     return [
         Section("The paper's question", question, list(drawn.values()), text),
         Section("What is assumed", [row(what, assumed) for what, assumed in ASSUMPTIONS], folded=True),

@@ -31,6 +31,7 @@ ROOMS = (
     "design",
     "design.comparison",
     "recommendation",
+    "present.words",
     "present.row",
     "present.rows",
     "present.figures",

@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
 
@@ -31,6 +31,31 @@ from avc_casadi.paper.rows import gain_schedule
 POINTWISE: tuple[MethodName, ...] = tuple(name for name, known in METHODS.items() if known.pointwise)
 """The methods that solve the paper's problem pointwise in frequency, which are compared."""
 OPTIMISERS: tuple[MethodName, ...] = tuple(name for name, known in METHODS.items() if known.optimises)
+
+
+class Parting(TypedDict):
+    """A frequency at which two solutions differ."""
+
+    frequency_hz: float
+    reason: str
+
+
+class CrossCheck(TypedDict):
+    """Two independent solutions of (11)-(12), compared; JSON values.
+
+    Attributes:
+        agree: whether both have gains at the same frequencies, with the same magnitude error.
+        magnitude_error: largest difference of the magnitude errors, relative to a scale.
+        distance: largest difference of the distances to Z_h_ds, relative to it.
+        only_one: number of frequencies at which one has gains alone.
+        partings: the frequencies at which they differ.
+    """
+
+    agree: bool
+    magnitude_error: float
+    distance: float
+    only_one: int
+    partings: list[Parting]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -75,7 +100,7 @@ class Comparison(Tabular):
     delivered: str
     verdict: tuple[Verdict, ...]
     reason: tuple[str, ...]
-    cross_check: Mapping[str, Any] | None
+    cross_check: CrossCheck | None
     judged: Mapping[str, Evaluation]
     definition: Problem
     causal: CausalGains | None = None
@@ -123,7 +148,7 @@ class Comparison(Tabular):
                 **{f"{name}_re": getattr(self, name).real for name in curves},
                 **{f"{name}_im": getattr(self, name).imag for name in curves},
                 "safety": {name: judged.safety() for name, judged in self.judged.items()},
-                "causal": None if self.causal is None else self.causal.document(),
+                "causal": self.causal,
             }
         )
 
@@ -175,7 +200,7 @@ def _verdict(closed_form: GainSchedule, optimum: GainSchedule, row: int, *, bett
     return Verdict.AGREE, f"both reach a magnitude error of {error}"
 
 
-def cross_check(direct: GainSchedule, exact: GainSchedule, scale: FloatArray) -> dict[str, Any]:
+def cross_check(direct: GainSchedule, exact: GainSchedule, scale: FloatArray) -> CrossCheck:
     """Compare two independent solutions of (11)-(12): by how much they differ, relative to a scale, where and why."""
     both_usable = direct.usable & exact.usable
     only_one_usable = direct.usable != exact.usable

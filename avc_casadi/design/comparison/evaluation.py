@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray
-from avc_casadi._util.json_values import plain, plain_table
+from avc_casadi._util.json_values import Document
 from avc_casadi.claims.certify import Certificate, certify
-from avc_casadi.claims.deployable import Deployable, deployable
+from avc_casadi.claims.deployable import ClaimName, Deployable, deployable
 from avc_casadi.claims.worst_frequency import real_part
 from avc_casadi.coupling import Coupling
 from avc_casadi.loops.wall import SampledLoop, force_over_position, fractions, frozen_rendering
@@ -22,7 +22,7 @@ from avc_casadi.paper.realism import RealismResult, judge_realism
 
 
 @dataclass(frozen=True, eq=False)
-class Evaluation:
+class Evaluation(Document):
     """One gain table judged.
 
     Attributes:
@@ -32,29 +32,38 @@ class Evaluation:
         deployable: whether it may run on the device; None where no row has gains.
     """
 
+    JSON_KEYS: ClassVar = ("certificate", "realism", ("real_part_by_model", "real_part"))
+
     certificate: Certificate
     realism: RealismResult
     real_part: dict[Model, FloatArray]
     deployable: Deployable | None
 
+    @property
+    def safe(self) -> bool:
+        """Whether the frozen gains are stable with every hand and released."""
+        return self._stable_with_hands and self._stable_released
+
+    @property
+    def _stable_with_hands(self) -> bool:
+        return self.certificate.levels["L5"].passed and self._claims.get("hands", False)
+
+    @property
+    def _stable_released(self) -> bool:
+        stable = bool(self.certificate.levels["L5"].detail.get("released_pass", False))
+        return stable and self._claims.get("let-go", False)
+
+    @property
+    def _claims(self) -> dict[ClaimName, bool]:
+        return {} if self.deployable is None else {claim.name: claim.passed for claim in self.deployable.claims}
+
     def safety(self) -> dict[str, Any]:
         """Return whether the frozen gains are stable with every hand and released, and each level, as JSON values."""
         levels = self.certificate.levels
-        claims = {claim.name: claim.passed for claim in self.deployable.claims} if self.deployable else {}
-        hands = levels["L5"].passed and claims.get("hands", False)
-        let_go = bool(levels["L5"].detail.get("released_pass", False)) and claims.get("let-go", False)
         return {
-            "levels": {level: None if found.refused else found.passed for level, found in levels.items()},
-            "let_go": let_go,
-            "deployable": hands and let_go,
-        }
-
-    def document(self) -> dict[str, Any]:
-        """Return JSON values."""
-        return {
-            "certificate": self.certificate.document(),
-            "realism": self.realism.document(),
-            "real_part_by_model": {model: plain(values) for model, values in self.real_part.items()},
+            "levels": {level: None if result.refused else result.passed for level, result in levels.items()},
+            "let_go": self._stable_released,
+            "deployable": self.safe,
         }
 
 
@@ -82,7 +91,7 @@ def _real_part(problem: Problem, gains: GainSchedule, model: Model) -> FloatArra
 
 
 @dataclass(frozen=True, eq=False)
-class CausalGains:
+class CausalGains(Document):
     """The series coupling that renders, at each frequency, what a causal coupling does; arrays of shape (n,).
 
     Attributes:
@@ -92,6 +101,8 @@ class CausalGains:
         magnitude_error: the goal (11), ||Z_h| - |Z_h_ds||, N.s/m.
         complex_error: |Z_h - Z_h_ds|/|Z_h_ds|.
     """
+
+    JSON_KEYS: ClassVar = ("damping_ns_per_m", "stiffness_n_per_m", "magnitude_error", "complex_error")
 
     damping_ns_per_m: FloatArray
     stiffness_n_per_m: FloatArray
@@ -104,11 +115,6 @@ class CausalGains:
         """Where a spring and damper could do the same."""
         pairs = np.isfinite(self.stiffness_n_per_m) & (self.stiffness_n_per_m >= 0) & (self.damping_ns_per_m >= 0)
         return np.asarray(pairs)
-
-    def document(self) -> dict[str, Any]:
-        """Return JSON values: the pair and both errors at each frequency."""
-        keys = ("damping_ns_per_m", "stiffness_n_per_m", "magnitude_error", "complex_error")
-        return plain_table({key: getattr(self, key) for key in keys})
 
 
 def causal_gains(coupling: Coupling) -> CausalGains:

@@ -181,7 +181,7 @@ def wall_answer(explorer: Explorer, settings: Settings, problem: Problem, *, who
     if schedule is not None and settings.method in explorer.form.live:
         method.append(row("Gains", f"{settings.method}: {subject.counts(schedule.counts())}"))
         if whole:
-            method.append(subject.deployable(None if coupling is None else deployable(coupling).document()))
+            method.append(subject.deployable(None if coupling is None else deployable(coupling)))
     charts = _impedances(problem, direct, schedule)
     if whole:
         runs = {}

@@ -4,145 +4,223 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 from shlex import quote
 from typing import Any
 
+import numpy as np
+
+from avc_casadi.design.comparison.comparison import Comparison, CrossCheck
+from avc_casadi.design.solution import Solution
+from avc_casadi.loops.wall import passive_limit_n_per_m
+from avc_casadi.model.gains import GainSchedule
 from avc_casadi.model.problem import Problem
+from avc_casadi.paper.errata import PaperError
+from avc_casadi.paper.realism import RealismResult
 from avc_casadi.present.row import Answer, Mark, Part, Row, Value, commas, fill, grade, parts, quantity_of, row, span
 from avc_casadi.present.rows import subject
 from avc_casadi.present.rows.deploy import in_the_loop
 from avc_casadi.present.rows.judge import levels
 
 
-def solution(data: Mapping[str, Any], problem: Problem, shown: str = "", file: str | None = None) -> Answer:
+def solution(result: Solution, shown: str = "", file: str | None = None) -> Answer:
     """Return the answer of `solve`."""
-    status = data["status"]
-    have = sum(b is not None for b in data["damping_ns_per_m"])
-    by = data["method"] + (f" ({data['solver']})" if data["solver"] else "")
-    solved = fill(f"{by}: at {have} of {len(status)} frequencies in {{solve:time}}", data["seconds"])
-    inside = "between U and L at {share_inside_bounds:share} of the frequencies, within {jnd:share} of the impedance at"
+    problem, gains = result.problem, result.gains
     rows = [
-        row("Gains", solved, mark=grade(have == len(status))),
-        *([row("Coupling", subject.gains(data, problem))] if have else []),
-        row("Status", subject.counts(data["counts"])),
-        *_errors(data),
-        row("Realism", fill(f"{inside} {{share_inside_jnd:share}}", data["realism"])),
-        subject.deployable(data["deployable"]),
-        subject.passive_limit(data["passive_limit_n_per_m"]),
+        _gains(gains),
+        *([row("Coupling", _coupling(gains, problem))] if _rows_with_gains(gains) else []),
+        row("Status", subject.counts(gains.counts())),
+        *_errors(gains),
+        _realism(result.realism),
+        subject.deployable(result.verdict),
+        subject.passive_limit(result.passive_limit_n_per_m),
     ]
-    if "paper_errors" in data:
-        errors = f"{len(data['paper_errors'])} in the printed paper; these gains have those of (10) and (17)"
+    if result.as_printed:
+        errors = f"{len(result.paper_errors)} in the printed paper; these gains have those of (10) and (17)"
         rows.append(row("Paper's errors", errors, mark=Mark.CAUTION))
-    rows += subject.notes(data["notes"], rank=1, mark=Mark.NONE)
-    rows += [*levels(data["certificate"]["levels"]), *printed_errors(data.get("paper_errors", ()))]
-    printed = " --as-printed" if "paper_errors" in data else ""
-    onwards = "recommend {} --out coupling.json"
-    if data["deployable"] and file:
-        onwards = f"certify {'{} ' * file.endswith('.csv')}{quote(file)}"
-    elif data["deployable"]:
-        onwards = f"solve {{}} --method {data['method']}{printed} --out gains.json"
-    return subject.answer("solve", data, problem, shown, rows, onwards, complaint=without_gains(data))
+    rows += subject.notes(gains.notes, rank=1, mark=Mark.NONE)
+    if result.certificate is not None:
+        rows += levels(result.certificate.levels)
+    rows += printed_errors(result.paper_errors)
+    onwards = _after_solution(result, file)
+    complaint = without_gains(gains)
+    return subject.answer("solve", result.document(), problem, shown, rows, onwards, complaint=complaint)
 
 
-def printed_errors(errors: Sequence[Mapping[str, Any]]) -> list[Row]:
+def _after_solution(result: Solution, file: str | None) -> str:
+    """Return the command to type after `solve`; {} in it is the problem."""
+    if result.verdict is None:
+        return "recommend {} --out coupling.json"
+    if file:
+        of_problem = "{} " if Path(file).suffix == ".csv" else ""
+        return f"certify {of_problem}{quote(file)}"
+    printed = " --as-printed" if result.as_printed else ""
+    return f"solve {{}} --method {result.gains.method}{printed} --out gains.json"
+
+
+def _rows_with_gains(gains: GainSchedule) -> int:
+    return int(np.isfinite(gains.damping_ns_per_m).sum())
+
+
+def _gains(gains: GainSchedule) -> Row:
+    """Return at how many frequencies a method has gains, and its time."""
+    have, of = _rows_with_gains(gains), gains.rows
+    by = gains.method + (f" ({gains.solver})" if gains.solver else "")
+    solved = (f"{by}: at {have} of {of} frequencies in", Value(gains.solve_seconds, "time"))
+    return row("Gains", solved, mark=grade(have == of))
+
+
+def _coupling(gains: GainSchedule, problem: Problem) -> tuple[Part, ...]:
+    """Return the gains of a table with their spans; an infinite one is left out."""
+    columns = (gains.damping_ns_per_m, gains.stiffness_n_per_m, gains.contact_damping_ns_per_m)
+    damping, stiffness, contact_damping = (column[np.isfinite(column)].tolist() for column in columns)
+    return subject.gain_spans(damping, stiffness, contact_damping, problem)
+
+
+def _realism(result: RealismResult) -> Row:
+    inside = ("between U and L at", Value(result.share_inside_bounds, "share"), "of the frequencies,")
+    near = ("within", Value(result.jnd, "share"), "of the impedance at", Value(result.share_inside_jnd, "share"))
+    return row("Realism", inside, near)
+
+
+def printed_errors(errors: Sequence[PaperError]) -> list[Row]:
     """Return the errors of the printed paper, of lower rank."""
     return [
-        row(one["equation"], f"printed {one['as_printed']}; correct {one['correct']}; {one['effect']}", rank=1)
-        for one in errors
+        row(error.equation, f"printed {error.as_printed}; correct {error.correct}; {error.effect}", rank=1)
+        for error in errors
     ]
 
 
-def without_gains(data: Mapping[str, Any]) -> str:
+def without_gains(gains: GainSchedule) -> str:
     """Describe the rows without gains, each state with its first reason; empty where all have."""
-    missing = [at for at, b in enumerate(data["damping_ns_per_m"]) if b is None]
+    missing = np.flatnonzero(~np.isfinite(gains.damping_ns_per_m)).tolist()
     if not missing:
         return ""
-    lines = [f"avc: {len(missing)} of {len(data['status'])} frequencies have no gains ({data['method']})"]
-    for state in dict.fromkeys(data["status"][at] for at in missing):
-        first, *more = (at for at in missing if data["status"][at] == state)
-        also = f"; {len(more)} more {state}" if more else ""
-        lines.append(f"  {state} at {data['frequency_hz'][first]:.4g} Hz: {data['reason'][first]}{also}")
+    lines = [f"avc: {len(missing)} of {gains.rows} frequencies have no gains ({gains.method})"]
+    for status in dict.fromkeys(gains.status[place] for place in missing):
+        first, *more = (place for place in missing if gains.status[place] == status)
+        also = f"; {len(more)} more {status}" if more else ""
+        lines.append(f"  {status} at {gains.frequency_hz[first]:.4g} Hz: {gains.reason[first]}{also}")
     return "\n".join(lines)
 
 
-def _errors(data: Mapping[str, Any]) -> list[Row]:
+def _errors(gains: GainSchedule) -> list[Row]:
     """Return the largest errors of magnitude and impedance, and their frequencies."""
+    errors = (
+        ("Error of |Z|", gains.magnitude_error, "damping"),
+        ("Impedance error", gains.complex_error, "share"),
+    )
     rows = []
-    keys = {"magnitude_error": ("Error of |Z|", "damping"), "complex_error": ("Impedance error", "share")}
-    for key, (label, of) in keys.items():
-        found = zip(data[key], data["frequency_hz"], data["damping_ns_per_m"], strict=True)
-        if known := [(error, at) for error, at, b in found if None not in (error, b)]:
-            error, at = max(known)
-            rows.append(row(label, fill(f"at most {{error:{of}}}, at {{at:frequency}}", {"error": error, "at": at})))
+    for label, error, quantity in errors:
+        known = np.isfinite(error) & np.isfinite(gains.damping_ns_per_m)
+        if known.any():
+            largest, hz = max(zip(error[known].tolist(), gains.frequency_hz[known].tolist(), strict=True))
+            rows.append(row(label, "at most", Value(largest, quantity), ", at", Value(hz, "frequency")))
     return rows
 
 
-def comparison(data: Mapping[str, Any], problem: Problem, shown: str = "") -> Answer:
+def comparison(result: Comparison, shown: str = "") -> Answer:
     """Return the answer of `compare`."""
-    realism, mine = {name: one["realism"] for name, one in data["methods"].items()}, list[Row]()
-    if (pair := data["methods"].get("mine")) is not None:
-        met = [real >= data["margin_ns_per_m"] for real in pair["real_part"]]
-        gains = {key: pair[key][0] for key in ("stiffness_n_per_m", "damping_ns_per_m")}
-        text = fill(f"{{stiffness_n_per_m}}, {{damping_ns_per_m}}: meets (12) at {sum(met)} of {len(met)}", gains)
-        mine.append(row("Mine", text, mark=grade(all(met), Mark.CAUTION)))
-    between, near = (
-        commas((name.replace("-", " "), Value(one[key], "share")) for name, one in realism.items())
-        for key in ("share_inside_bounds", "share_inside_jnd")
-    )
+    problem = result.definition
+    realism = {name: judged.realism for name, judged in result.judged.items()}
+    inside = commas((_spaced(name), Value(real.share_inside_bounds, "share")) for name, real in realism.items())
+    near = commas((_spaced(name), Value(real.share_inside_jnd, "share")) for name, real in realism.items())
+    jnd = next(iter(realism.values())).jnd
     rows = [
-        *methods(data),
-        _deployable(data),
-        row("Between U, L", "of the frequencies:", between),
-        row("Impedance error", fill("within {jnd:share}:", next(iter(realism.values()))), near),
-        *mine,
-        subject.passive_limit(data["passive_limit_n_per_m"]),
+        *methods(result),
+        _deployable(result),
+        row("Between U, L", "of the frequencies:", inside),
+        row("Impedance error", "within", Value(jnd, "share"), ":", near),
+        *_own_pair(result),
+        subject.passive_limit(passive_limit_n_per_m(problem.device)),
     ]
-    if data["problem_scope"] != data["scope"]:
-        rows.append(row("Not compared", f"gains of scope {data['problem_scope']} (avc solve)", mark=Mark.CAUTION))
-    complaint = without_gains(data["methods"][data["optimum"]])
-    return subject.answer("compare", data, problem, shown, rows, "recommend {}", complaint=complaint)
+    if result.scope != "pointwise":
+        rows.append(row("Not compared", f"gains of scope {result.scope} (avc solve)", mark=Mark.CAUTION))
+    complaint = without_gains(result.methods[result.optimum])
+    return subject.answer("compare", result.document(), problem, shown, rows, "recommend {}", complaint=complaint)
 
 
-def methods(data: Mapping[str, Any]) -> list[Row]:
+def _spaced(method: str) -> str:
+    """Return the name of a method without hyphens."""
+    return method.replace("-", " ")
+
+
+def _own_pair(result: Comparison) -> list[Row]:
+    """Return at how many frequencies a constant pair of one's own meets (12)."""
+    pair = result.methods.get("mine")
+    if pair is None:
+        return []
+    met = pair.real_part >= result.definition.stability.margin_ns_per_m
+    spring = Value(float(pair.stiffness_n_per_m[0]), "stiffness")
+    damper = Value(float(pair.damping_ns_per_m[0]), "damping")
+    counted = f": meets (12) at {int(met.sum())} of {len(met)}"
+    return [row("Mine", spring, ",", damper, counted, mark=grade(bool(met.all()), Mark.CAUTION))]
+
+
+def methods(result: Comparison) -> list[Row]:
     """Return a row for each method of a comparison, and the verdicts on the frequencies."""
-    each = [_method(name, one, data) for name, one in data["methods"].items() if name != "mine"]
-    return [*each, row("Verdicts", f"{subject.counts(data['counts'])}, pointwise")]
+    rows = [_method(name, gains, result) for name, gains in result.methods.items() if name != "mine"]
+    return [*rows, row("Verdicts", f"{subject.counts(result.counts())}, pointwise")]
 
 
-def _method(name: str, found: Mapping[str, Any], data: Mapping[str, Any]) -> Row:
+def _method(name: str, gains: GainSchedule, result: Comparison) -> Row:
     """Return where a method has gains, and the first reason why not, or its distance from the other optimum."""
-    damping, check = found["damping_ns_per_m"], data["cross_check"]
-    missing = [at for at, b in enumerate(damping) if b is None]
-    text: tuple[Part, ...] = (f"at {len(damping) - len(missing)} of {len(damping)} frequencies",)
-    mark = Mark.PASS if not missing else Mark.FAIL if name == data["optimum"] else Mark.CAUTION
+    missing = np.flatnonzero(~np.isfinite(gains.damping_ns_per_m)).tolist()
+    label = _spaced(name).capitalize()
+    have = f"at {gains.rows - len(missing)} of {gains.rows} frequencies"
+    mark = Mark.PASS
+    if missing:
+        mark = Mark.FAIL if name == result.optimum else Mark.CAUTION
+    check = result.cross_check
     if name == "exact" and check is not None:
-        differ = f", differs at {len(check['partings'])} frequencies" if check["partings"] else ""
-        agrees = fill(f"agrees with direct within {{magnitude_error:1}} of |Z|{differ}", check)
-        text = parts(text, ";", agrees if check["agree"] else "DISAGREES with direct")
-        mark = Mark.FAIL if not check["agree"] else Mark.CAUTION if differ else mark
-    elif missing:
-        text = parts(text, "; at", Value(data["frequency_hz"][missing[0]], "frequency"), found["reason"][missing[0]])
-    return row(name.replace("-", " ").capitalize(), text, mark=mark)
+        return row(label, have, ";", *_agreement(check), mark=_mark_of_agreement(check, mark))
+    if missing:
+        first = missing[0]
+        hz = Value(float(result.frequency_hz[first]), "frequency")
+        return row(label, have, "; at", hz, gains.reason[first], mark=mark)
+    return row(label, have, mark=mark)
 
 
-def _deployable(data: Mapping[str, Any]) -> Row:
-    passing, failing = (
-        ", ".join(name for name, one in data["safety"].items() if (one["deployable"] is True) is right)
-        for right in (True, False)
-    )
-    no = failing and f"not {failing}: not stable with every hand and released"
-    mark = Mark.PASS if not failing else Mark.CAUTION if passing else Mark.FAIL
-    return row("Deployable", "; ".join(filter(None, [passing, no])), mark=mark)
+def _agreement(check: CrossCheck) -> tuple[Part, ...]:
+    """Return by how much `exact` differs from `direct`."""
+    if not check["agree"]:
+        return ("DISAGREES with direct",)
+    partings = len(check["partings"])
+    differ = f", differs at {partings} frequencies" if partings else ""
+    return parts("agrees with direct within", Value(check["magnitude_error"], "number", 1), f"of |Z|{differ}")
 
 
-def run(data: Mapping[str, Any], found: Answer) -> Answer:
+def _mark_of_agreement(check: CrossCheck, otherwise: Mark) -> Mark:
+    if not check["agree"]:
+        return Mark.FAIL
+    return Mark.CAUTION if check["partings"] else otherwise
+
+
+def _deployable(result: Comparison) -> Row:
+    """Return which methods may be deployed, and which may not."""
+    passing = [name for name, judged in result.judged.items() if judged.safe]
+    failing = [name for name, judged in result.judged.items() if not judged.safe]
+    groups = [", ".join(passing)] if passing else []
+    if failing:
+        groups.append(f"not {', '.join(failing)}: not stable with every hand and released")
+    mark = Mark.PASS
+    if failing:
+        mark = Mark.CAUTION if passing else Mark.FAIL
+    return row("Deployable", "; ".join(groups), mark=mark)
+
+
+_FIRST_ROWS = 8
+"""Rows of the recommendation that stand first in the answer of `run`."""
+
+
+def run(data: Mapping[str, Any], deploy: Answer, pushed: Row, compared: Comparison) -> Answer:
     """Return the answer of `run`: what to deploy, what the device received, the paper's question."""
-    shown = [one for one in found.rows if one.rank == 0]
-    beside = (device(data["push"]), *methods(data["compare"]))
-    doubts = [one for one in shown[8:] if one.mark in {Mark.CAUTION, Mark.FAIL}]
-    first = [*shown[:8], *doubts]
-    later = [replace(one, rank=1) for one in shown if one not in first] + [one for one in found.rows if one.rank > 0]
-    return replace(found, kind="run", data=data, rows=(*first, *beside, *later))
+    shown = [fact for fact in deploy.rows if fact.rank == 0]
+    doubts = [fact for fact in shown[_FIRST_ROWS:] if fact.mark in {Mark.CAUTION, Mark.FAIL}]
+    first = [*shown[:_FIRST_ROWS], *doubts]
+    later = [replace(fact, rank=1) for fact in shown if fact not in first]
+    later += [fact for fact in deploy.rows if fact.rank > 0]
+    return replace(deploy, kind="run", data=data, rows=(*first, pushed, *methods(compared), *later))
 
 
 def device(push: Mapping[str, Any]) -> Row:

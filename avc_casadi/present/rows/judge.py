@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from pathlib import Path
 from shlex import quote
 from typing import Any
 
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.text import percent
 from avc_casadi._util.units import Units
+from avc_casadi.claims.deployable import CertifiedCoupling, Deployable, DeployClaim
+from avc_casadi.claims.levels import LevelResult
 from avc_casadi.claims.own_law import LawCertificate
 from avc_casadi.claims.zwidth import Curve, CurveKey, ZWidth
 from avc_casadi.design.tool_region import ToolCurve, ToolRegion
@@ -17,20 +20,12 @@ from avc_casadi.loops.margins import LEAST_DISK, SOUND_DISK
 from avc_casadi.model import EFFECTS
 from avc_casadi.model.effects import SaturationEffect
 from avc_casadi.model.problem import Problem
+from avc_casadi.present import words
 from avc_casadi.present.row import Answer, Mark, Part, Row, Value, caution, commas, fill, grade, parts, row, span
 from avc_casadi.present.rows import subject
 from avc_casadi.present.rows.recommend import stability
 from avc_casadi.simulation.population.trial import RestCount
 
-_CLAIMS = {
-    "hands": "Corner hands",
-    "let-go": "Released",
-    "dead-zone": "Dead zone",
-    "clip": "Clipped force",
-    "detent": "Detents",
-    "disk-margin": "Disk margin",
-    "renders": "Rendering",
-}
 ENDINGS = {
     "asymptotic": ("settles", Mark.PASS),
     "held-by-friction": ("settles by dry friction alone", Mark.CAUTION),
@@ -53,67 +48,85 @@ _LAW = {
 }
 
 
-def certificate(data: Mapping[str, Any], problem: Problem, shown: str | None = None) -> Answer:
-    """Return the answer of `certify` of a coupling to a wall; ``gains`` is None where they stand in no file."""
-    file, verdict = data["gains"], data["deployable"]
+_PROOF_MARKS = {"proved": Mark.PASS, "refuted": Mark.FAIL, "open": Mark.CAUTION}
+"""Marks of a proof by its outcome."""
+
+
+def certificate(result: CertifiedCoupling, shown: str | None = None) -> Answer:
+    """Return the answer of `certify` of a coupling to a wall."""
+    problem, levels_of = result.certificate.definition, result.certificate.levels
     shown = subject.name_of(problem) if shown is None else shown
-    marks, text = {"proved": Mark.PASS, "refuted": Mark.FAIL, "open": Mark.CAUTION}, []
-    # The claims of the paper, which deployment does not need.
-    others = [one for name, one in data["levels"].items() if not one["outcome"] and name != "L5"]
-    for word in ("met", "not met", "not judged"):
-        names = [one["title"].removeprefix("passive ").replace(", ", " with ") for one in others if _state(one) == word]
-        text += [f"{word}: {', '.join(names)}"] if names else []
     rows = [
-        subject.deployable(verdict),
-        *_claims(verdict, data["levels"]["L5"]),
-        *(
-            row(one["title"].capitalize(), f"{one['outcome']}: {one['claim']}", mark=marks[one["outcome"]])
-            for one in data["levels"].values()
-            if one["outcome"]
-        ),
-        row("Passivity", "; ".join(text)),
-        subject.passive_limit(data["passive_limit_n_per_m"]),
-        *subject.notes(data["notes"]),
-        *levels(data["levels"]),
+        subject.deployable(result.verdict),
+        *_claims(result.verdict, levels_of["L5"]),
+        *(_proof(level) for level in levels_of.values() if level.outcome),
+        row("Passivity", "; ".join(_passivity_levels(levels_of))),
+        subject.passive_limit(result.certificate.passive_limit_n_per_m),
+        *subject.notes(result.notes),
+        *levels(levels_of),
     ]
-    onwards = [f"recommend {quote(shown)} --out coupling.json"] if shown and not verdict["pass"] else []
-    if file is not None:
-        beside = f" --problem {quote(shown)}" if file.endswith(".csv") else ""
-        onwards += [f"export {quote(file)} --c firmware{beside}"] if verdict["pass"] else []
-    complaint = "" if verdict["pass"] else f"avc: {problem.name}: {file} is not deployable"
-    return subject.answer("certify", data, problem, file or shown, rows, *onwards, complaint=complaint)
+    file = result.file
+    onwards = [f"recommend {quote(shown)} --out coupling.json"] if shown and not result.passed else []
+    if file is not None and result.passed:
+        of_problem = f" --problem {quote(shown)}" if Path(file).suffix == ".csv" else ""
+        onwards.append(f"export {quote(file)} --c firmware{of_problem}")
+    complaint = "" if result.passed else f"avc: {problem.name}: {file} is not deployable"
+    return subject.answer("certify", result.document(), problem, file or shown, rows, *onwards, complaint=complaint)
 
 
-def _claims(verdict: Mapping[str, Any], hands: Mapping[str, Any]) -> list[Row]:
+def _proof(level: LevelResult) -> Row:
+    """Return the outcome of a proof, with what it says."""
+    return row(level.title.capitalize(), f"{level.outcome}: {level.claim}", mark=_PROOF_MARKS[level.outcome])
+
+
+def _passivity_levels(levels_of: Mapping[str, LevelResult]) -> list[str]:
+    """Return the claims of the paper, which deployment does not need: those met, not met and not judged."""
+    groups = []
+    for state in ("pass", "fail", "refused"):
+        names = [words.PASSIVE[name] for name in words.PASSIVE if levels_of[name].word == state]
+        if names:
+            groups.append(f"{words.LEVEL_WORDS[state]}: {', '.join(names)}")
+    return groups
+
+
+def _claims(verdict: Deployable | None, hands: LevelResult) -> list[Row]:
     """Return each claim with its worst spectral radius; of those on detents the worst alone."""
-    worst: dict[str, Mapping[str, Any]] = {}
-    for one in sorted(verdict.get("claims", ()), key=lambda one: (one["pass"], -(one["spectral_radius"] or 0.0))):
-        worst.setdefault(_CLAIMS["detent" if one["name"].startswith("detent") else one["name"]], one)
-    rows = []
-    for label in filter(worst.__contains__, _CLAIMS.values()):
-        one = worst[label]
-        if not one["pass"] or one["spectral_radius"] is None:
-            rows.append(row(label, one["sentence"], mark=grade(one["pass"])))
-            continue
-        spare = one["name"] == "hands" and hands["margin_ns_per_m"] is not None
-        less = fill("; stays stable down to {margin_ns_per_m} less device damping", hands) if spare else None
-        rows.append(row(label, fill("spectral radius {spectral_radius:5} at most", one), less, mark=Mark.PASS))
-    return rows
+    claims = [] if verdict is None else list(verdict.claims)
+    worst_first = sorted(claims, key=lambda claim: (claim.passed, -_finite(claim.radius)))
+    worst: dict[str, DeployClaim] = {}
+    for claim in worst_first:
+        worst.setdefault(words.CLAIMS[claim.name], claim)
+    return [_claim(label, worst[label], hands) for label in dict.fromkeys(words.CLAIMS.values()) if label in worst]
 
 
-def _state(level: Mapping[str, Any]) -> str:
-    return "not judged" if level["refused"] else "met" if level["pass"] else "not met"
+def _finite(value: float) -> float:
+    return value if math.isfinite(value) else 0.0
 
 
-def levels(found: Mapping[str, Any]) -> list[Row]:
+def _claim(label: str, claim: DeployClaim, hands: LevelResult) -> Row:
+    """Return a claim with its spectral radius; of all hands also how much less damping the device may have."""
+    if not claim.passed or not math.isfinite(claim.radius):
+        return row(label, claim.sentence, mark=grade(claim.passed))
+    radius = ("spectral radius", Value(claim.radius, "number", 5), "at most")
+    reserve = hands.margin_ns_per_m
+    if claim.name != "hands" or not math.isfinite(reserve):
+        return row(label, radius, mark=Mark.PASS)
+    down_to = ("; stays stable down to", Value(reserve, "damping"), "less device damping")
+    return row(label, radius, down_to, mark=Mark.PASS)
+
+
+def levels(levels_of: Mapping[str, LevelResult]) -> list[Row]:
     """Return each level of a certificate with its meaning and worst margin, of lower rank."""
-    rows = []
-    for name, one in found.items():
-        margin = fill(", margin {margin_ns_per_m}", one) if one["margin_ns_per_m"] is not None else None
-        at = fill("at {frequency_hz}", one) if margin and one["frequency_hz"] is not None else None
-        text = f"{one['title']}: {one.get('outcome') or _state(one)}"
-        rows.append(row(name, text, margin, at, f"; {one['claim']}", rank=1))
-    return rows
+    return [_level(name, level) for name, level in levels_of.items()]
+
+
+def _level(name: str, level: LevelResult) -> Row:
+    text = f"{level.title}: {words.LEVEL_WORDS[level.word]}"
+    if not math.isfinite(level.margin_ns_per_m):
+        return row(name, text, f"; {level.claim}", rank=1)
+    margin = (", margin", Value(level.margin_ns_per_m, "damping"))
+    hz = ("at", Value(level.frequency_hz, "frequency")) if math.isfinite(level.frequency_hz) else None
+    return row(name, text, margin, hz, f"; {level.claim}", rank=1)
 
 
 def own_law(found: LawCertificate, shown: str = "") -> Answer:

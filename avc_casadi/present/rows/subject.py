@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from shlex import quote
 from typing import Any
 
+from avc_casadi.claims.deployable import Deployable
 from avc_casadi.files.catalogue import catalogue_names
 from avc_casadi.loops.margins import LEAST_DISK, SOUND_DISK
 from avc_casadi.model.device import Device
@@ -76,17 +77,35 @@ def answer(
     return Answer(kind, data, headline(problem, shown), tuple(rows), commands, problem.units, complaint=complaint)
 
 
+_WALL_ITSELF = 100
+"""Ratio of the spring of a coupling to that of the wall from which on the wall itself is rendered."""
+
+
 def gains(table: Mapping[str, Sequence[float | None]], problem: Problem) -> tuple[Part, ...]:
     """Return the gains of a table with their spans."""
     keys = ("damping_ns_per_m", "stiffness_n_per_m", "contact_damping_ns_per_m")
-    b, k, b_p = ([one for one in table[key] if one is not None] for key in keys)
-    contact = ("contact damper b_p", span(b_p, "damping")) if max(b_p, default=0.0) > 0 else None
-    if not k:
+    damping, stiffness, contact = ([value for value in table[key] if value is not None] for key in keys)
+    return gain_spans(damping, stiffness, contact, problem)
+
+
+def gain_spans(
+    damping_ns_per_m: Sequence[float],
+    stiffness_n_per_m: Sequence[float],
+    contact_damping_ns_per_m: Sequence[float],
+    problem: Problem,
+) -> tuple[Part, ...]:
+    """Return gains with their spans."""
+    contact = None
+    if max(contact_damping_ns_per_m, default=0.0) > 0:
+        contact = ("contact damper b_p", span(contact_damping_ns_per_m, "damping"))
+    if not stiffness_n_per_m:
         return commas([contact, "no spring"])
-    if min(k) >= 100 * problem.environment.stiffness_n_per_m:  # so stiff a spring renders the wall itself
+    if min(stiffness_n_per_m) >= _WALL_ITSELF * problem.environment.stiffness_n_per_m:
         return commas([contact, "wall rendered directly"])
-    damper = ("damper b", span(b, "damping")) if max(b, default=0.0) > 0 else None
-    return commas([contact, ("spring k", span(k, "stiffness")), damper])
+    damper = None
+    if max(damping_ns_per_m, default=0.0) > 0:
+        damper = ("damper b", span(damping_ns_per_m, "damping"))
+    return commas([contact, ("spring k", span(stiffness_n_per_m, "stiffness")), damper])
 
 
 def pair(gains: Mapping[str, Any], local: str = "damper in the device's loop") -> tuple[Part, ...]:
@@ -128,16 +147,18 @@ def thin(disk_margin: float | None) -> str:
     return f"; disk margin {disk_margin:.2g}, {f'below {LEAST_DISK}' if disk_margin < LEAST_DISK else 'thin'}"
 
 
-def deployable(verdict: Mapping[str, Any] | None) -> Row:
-    """Return the verdict on deployment: the claims that hold, or the first that fails."""
-    found = verdict or {"pass": False}
-    if found["pass"]:
-        margin = found.get("disk_margin")
-        sound = "" if margin is None else f"; disk margin {margin:.2g}"
-        text = f"yes: linearly stable with every corner hand and released{thin(margin) or sound}"
-        return row("Deployable", text, mark=Mark.CAUTION if thin(margin) else Mark.PASS)
-    failed = (claim["sentence"] for claim in found.get("claims", ()) if not claim["pass"])
-    return row("Deployable", "no:", next(failed, found.get("sentence", "no row has gains")), mark=Mark.FAIL)
+def deployable(verdict: Deployable | None) -> Row:
+    """Return the verdict on deployment: the claims that hold, or the first that fails; None where no row has gains."""
+    if verdict is None:
+        return row("Deployable", "no: no row has gains", mark=Mark.FAIL)
+    if not verdict.passed:
+        failed = next(claim.sentence for claim in verdict.claims if not claim.passed)
+        return row("Deployable", "no:", failed, mark=Mark.FAIL)
+    margin = None if math.isnan(verdict.disk_margin) else verdict.disk_margin
+    doubt = thin(margin)
+    sound = "" if margin is None else f"; disk margin {margin:.2g}"
+    text = f"yes: linearly stable with every corner hand and released{doubt or sound}"
+    return row("Deployable", text, mark=Mark.CAUTION if doubt else Mark.PASS)
 
 
 def counts(found: Mapping[str, int]) -> str:

@@ -1,0 +1,39 @@
+"""English of results: the words that rows say of enumerations and of named levels, claims and outcomes."""
+
+from __future__ import annotations
+
+from avc_casadi.claims.deployable import ClaimName
+
+# Certificates of couplings to a wall.
+
+CLAIMS: dict[ClaimName, str] = {
+    "hands": "Corner hands",
+    "let-go": "Released",
+    "dead-zone": "Dead zone",
+    "clip": "Clipped force",
+    "detent": "Detents",
+    "detent-hands": "Detents",
+    "detent-let-go": "Detents",
+    "disk-margin": "Disk margin",
+    "renders": "Rendering",
+}
+"""Labels of the claims of a verdict, in their order; those on detents share one."""
+
+LEVEL_WORDS = {
+    "pass": "met",
+    "fail": "not met",
+    "refused": "not judged",
+    "proved": "proved",
+    "refuted": "refuted",
+    "open": "open",
+}
+"""What is said of a level by its `word`."""
+
+PASSIVE = {
+    "L0": "at its own frequency",
+    "L1": "in a band about its own frequency",
+    "L2": "at all frequencies with paper's hold",
+    "L3": "at all frequencies with sampled-data hold",
+    "L4": "Llewellyn with any passive environment",
+}
+"""The levels of passivity, which deployment does not need, as the row *Passivity* names them."""
