@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from shlex import quote
 from typing import Any
@@ -13,7 +14,7 @@ from avc_casadi._util.text import percent
 from avc_casadi._util.units import Units
 from avc_casadi.claims.deployable import CertifiedCoupling, Deployable, DeployClaim
 from avc_casadi.claims.levels import LevelResult
-from avc_casadi.claims.own_law import LawCertificate
+from avc_casadi.claims.own_law import Case, LawCertificate, Remedy
 from avc_casadi.claims.zwidth import Curve, CurveKey, ZWidth
 from avc_casadi.design.tool_region import ToolCurve, ToolRegion
 from avc_casadi.loops.margins import LEAST_DISK, SOUND_DISK
@@ -37,15 +38,26 @@ _CURVES: dict[CurveKey, str] = {
     "stable-released": "Stable, released",
     "stable-hands": "Stable, all hands",
 }
-# Values of a law: name and option of the command line.
+
+
+@dataclass(frozen=True)
+class _LawValue:
+    """A value of a law: its name in an answer, its option of the command line if it has one, what it measures."""
+
+    name: str
+    option: str
+    quantity: str
+
+
 _LAW = {
-    "stiffness_n_per_m": ("k", "--k"),
-    "damping_ns_per_m": ("b in the wall", "--b"),
-    "local_damping_ns_per_m": ("b_p everywhere", "--b-p"),
-    "cutoff_hz": ("cutoff", "--cutoff-hz"),
-    "sample_time_s": ("sample time", ""),
-    "delay_samples": ("delay", ""),
+    "stiffness_n_per_m": _LawValue("k", "--k", "stiffness"),
+    "damping_ns_per_m": _LawValue("b in the wall", "--b", "damping"),
+    "local_damping_ns_per_m": _LawValue("b_p everywhere", "--b-p", "damping"),
+    "cutoff_hz": _LawValue("cutoff", "--cutoff-hz", "frequency"),
+    "sample_time_s": _LawValue("sample time", "", "time"),
+    "delay_samples": _LawValue("delay", "", "samples"),
 }
+"""Values of a law and of its device that a remedy changes, by their keys."""
 
 
 _PROOF_MARKS = {"proved": Mark.PASS, "refuted": Mark.FAIL, "open": Mark.CAUTION}
@@ -129,62 +141,98 @@ def _level(name: str, level: LevelResult) -> Row:
     return row(name, text, margin, hz, f"; {level.claim}", rank=1)
 
 
-def own_law(found: LawCertificate, shown: str = "") -> Answer:
+def own_law(result: LawCertificate, shown: str = "") -> Answer:
     """Return the answer of `certify` of a law of one's own."""
-    problem, shown = found.problem, shown or subject.name_of(found.problem)
-    law = {key: value for key, value in vars(found.law).items() if value}
-    title = parts(shown, " ", _law(law), subject.device_line(problem.device))
-    onwards, helps = [], [one.changes for one in found.remedies or () if all(_LAW[key][1] for key in one.changes)]
-    for changes in helps[:1]:
-        typed = " ".join(f"{_LAW[key][1]} {value:g}" for key, value in (law | dict(changes)).items() if value)
-        onwards.append(f"avc certify {quote(shown)} {typed}")
+    problem = result.problem
+    shown = shown or subject.name_of(problem)
+    law = {key: value for key, value in vars(result.law).items() if value}
+    onwards = []
+    typed = [remedy.changes for remedy in result.remedies or () if all(_LAW[key].option for key in remedy.changes)]
+    if typed:
+        onwards.append(f"avc certify {quote(shown)} {_options(law | dict(typed[0]))}")
     if problem.environment.stiffness_n_per_m:
         onwards.append(f"avc recommend {quote(shown)} --out coupling.json")
-    complaint = "" if found.passed else f"avc: {shown}: this law is not deployable"
-    known = found.document(), title, tuple(_law_rows(found)), tuple(onwards), problem.units
-    return Answer("certify-law", *known, complaint=complaint)
+    return Answer(
+        kind="certify-law",
+        data=result.document(),
+        title=parts(shown, " ", _law(law), subject.device_line(problem.device)),
+        rows=tuple(_law_rows(result)),
+        commands=tuple(onwards),
+        units=problem.units,
+        complaint="" if result.passed else f"avc: {shown}: this law is not deployable",
+    )
+
+
+def _options(law: Mapping[str, float]) -> str:
+    """Return the options of the command line that state a law."""
+    return " ".join(f"{_LAW[key].option} {value:g}" for key, value in law.items() if value)
 
 
 def _law(values: Mapping[str, float]) -> tuple[Part, ...]:
-    return commas((_LAW[key][0], Value.of(key, value)) for key, value in values.items())
+    return commas((_LAW[key].name, Value(value, _LAW[key].quantity)) for key, value in values.items())
 
 
-def _law_rows(found: LawCertificate) -> list[Row]:
-    sound, period_s = found.disk_margin >= SOUND_DISK and found.quiet, found.problem.device.sample_time_s
-    cases = {"worst_hand": found.held} if any(found.held.hand.values()) or found.released is None else {}
-    cases |= {} if found.released is None else {"released": found.released}
-    disk = min(case.margins.disk for case in cases.values())
-    seconds, slowest = max((case.settling_s, who) for who, case in cases.items())
-    ratio, hz, swinging = min((case.damping_ratio, case.damping_ratio_hz, who) for who, case in cases.items())
-    most, allowed = found.largest_stiffness_n_per_m, found.damping_range_ns_per_m
-    rendered = [(Value(value, "stiffness"), f"at {hz:g} Hz") for hz, value in found.rendered_n_per_m.items()]
-    mark = Mark.FAIL if not found.passed else grade(sound, Mark.CAUTION)
-    disks = disk, disk if found.free is None else found.free.margins.disk
-    of_disk, free = (Mark.FAIL if one < LEAST_DISK else grade(one >= SOUND_DISK, Mark.CAUTION) for one in disks)
+def _law_rows(result: LawCertificate) -> list[Row]:
+    sound = result.disk_margin >= SOUND_DISK and result.quiet
+    mark = Mark.FAIL if not result.passed else grade(sound, Mark.CAUTION)
     rows = [
-        row("Deployable", f"{'yes' if found.passed else 'no'}: {found.reason}", mark=mark),
-        subject.smallest_margins({who: vars(case.margins) for who, case in cases.items()}, of_disk),
-        subject.settling(None if math.isinf(seconds) else seconds, slowest),
-        subject.damping_ratio(ratio, hz, swinging, period_s),
-        row("Worst case", subject.hand(found.held.hand)),
+        row("Deployable", f"{'yes' if result.passed else 'no'}: {result.reason}", mark=mark),
+        *_law_loops(result),
+        row("Worst case", subject.hand(result.held.hand)),
     ]
-    if found.free is not None:
-        outside = fill("disk margin {disk:2}", vars(found.free.margins))
-        rows.append(row("Outside the wall", outside, mark=free))
-    loud = fill("{noise_n} rms at rest; {encoder_step_n} by one encoder step", vars(found))
-    rows += [
-        row("Rendered", commas([(Value(found.static_stiffness_n_per_m, "stiffness"), "at rest"), *rendered])),
-        row("Largest k", Value(most, "stiffness") if most else "none", "at this b"),
-        row("Stable b", "none" if allowed is None else span(allowed, "damping"), "at this k"),
-        row("Force noise", loud, mark=caution(not found.quiet)),
-    ]
-    if found.problem.simulation is not None or found.problem.follower is not None:
-        own = "the other end: this law acts in the device's own loop, every"
-        rows.append(row("Not used", own, Value(period_s, "time"), mark=Mark.CAUTION))
-    if not sound and found.remedies is not None:
-        helps = [(_law(one.changes), fill("(disk margin {disk_margin:2})", vars(one))) for one in found.remedies]
-        rows.append(row("Would help", commas(helps, ";") or "no k, b, cutoff down to 1 %, nor sample time or delay"))
+    if result.free is not None:
+        disk = result.free.margins.disk
+        rows.append(row("Outside the wall", "disk margin", Value(disk, "number", 2), mark=_mark_of_disk(disk)))
+    rows += _law_limits(result)
+    problem = result.problem
+    if problem.simulation is not None or problem.follower is not None:
+        other_end = "the other end: this law acts in the device's own loop, every"
+        period = Value(problem.device.sample_time_s, "time")
+        rows.append(row("Not used", other_end, period, mark=Mark.CAUTION))
+    if not sound and result.remedies is not None:
+        helps = commas(map(_remedy, result.remedies), ";")
+        rows.append(row("Would help", helps or "no k, b, cutoff down to 1 %, nor sample time or delay"))
     return rows
+
+
+def _mark_of_disk(disk: float) -> Mark:
+    """Return the mark of a disk margin: fails below what a device needs, a caution where it is thin."""
+    return Mark.FAIL if disk < LEAST_DISK else grade(disk >= SOUND_DISK, Mark.CAUTION)
+
+
+def _law_loops(result: LawCertificate) -> list[Row]:
+    """Return margins, settling time and damping ratio, each of the worst of the held and the released loop."""
+    cases: dict[subject.Who, Case] = {}
+    if any(result.held.hand.values()) or result.released is None:
+        cases["worst_hand"] = result.held
+    if result.released is not None:
+        cases["released"] = result.released
+    disk = min(case.margins.disk for case in cases.values())
+    settling_s, slowest = max((case.settling_s, who) for who, case in cases.items())
+    ratio, hz, swinging = min((case.damping_ratio, case.damping_ratio_hz, who) for who, case in cases.items())
+    return [
+        subject.margins({who: case.margins for who, case in cases.items()}, _mark_of_disk(disk)),
+        subject.settling(None if math.isinf(settling_s) else settling_s, slowest),
+        subject.damping_ratio(ratio, hz, swinging, result.problem.device.sample_time_s),
+    ]
+
+
+def _law_limits(result: LawCertificate) -> list[Row]:
+    """Return what the law renders, its limits, and the noise of its force."""
+    at_rest = (Value(result.static_stiffness_n_per_m, "stiffness"), "at rest")
+    moving = [(Value(stiffness, "stiffness"), f"at {hz:g} Hz") for hz, stiffness in result.rendered_n_per_m.items()]
+    largest, allowed = result.largest_stiffness_n_per_m, result.damping_range_ns_per_m
+    noise = (Value(result.noise_n, "force"), "rms at rest;", Value(result.encoder_step_n, "force"))
+    return [
+        row("Rendered", commas([at_rest, *moving])),
+        row("Largest k", Value(largest, "stiffness") if largest else "none", "at this b"),
+        row("Stable b", "none" if allowed is None else span(allowed, "damping"), "at this k"),
+        row("Force noise", noise, "by one encoder step", mark=caution(not result.quiet)),
+    ]
+
+
+def _remedy(remedy: Remedy) -> tuple[Part, ...]:
+    return parts(_law(remedy.changes), "(disk margin", Value(remedy.disk_margin, "number", 2), ")")
 
 
 def pair_certificate(data: Mapping[str, Any], problem: Problem, shown: str) -> Answer:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from shlex import quote
-from typing import Any
+from typing import Any, Literal, get_args
 
 from avc_casadi.claims.deployable import Deployable
 from avc_casadi.files.catalogue import catalogue_names
-from avc_casadi.loops.margins import LEAST_DISK, SOUND_DISK
+from avc_casadi.loops.margins import LEAST_DISK, SOUND_DISK, Margins
 from avc_casadi.model.device import Device
 from avc_casadi.model.ends import ToolGains
 from avc_casadi.model.hands import END_STOP_N_PER_M
@@ -23,13 +24,9 @@ EXCHANGES = {
     "ahead": "position and velocity read after {step}",
     "held-force": "the force on the tool in {step}, which it holds until the next one",
 }
-_WHO = {"released": "released", "worst_hand": "worst corner hand"}
-_MARGINS: tuple[tuple[str, str, str], ...] = (
-    ("gain", "gain", "gain"),
-    ("phase", "phase_deg", "phase"),
-    ("delay", "delay_samples", "samples"),
-    ("disk", "disk", "number"),
-)
+Who = Literal["released", "worst_hand"]
+"""Loops of which an answer gives margins and time responses."""
+_WHO: dict[Who, str] = {"released": "released", "worst_hand": "worst corner hand"}
 
 
 def name_of(problem: Problem) -> str:
@@ -206,27 +203,64 @@ def notes(found: Iterable[str], label: str = "Note", mark: Mark = Mark.CAUTION, 
     return [row(label, one, mark=mark, rank=rank) for one in found]
 
 
+_THIN_GAIN = 10 ** (3 / 20)
+"""Gain margin below which a row has a mark: 3 dB, half of what is usual."""
+_THIN_PHASE_DEG = 10.0
+"""Phase margin, deg, below which a row has a mark."""
+
+
 def smallest_margins(found: Mapping[str, Mapping[str, Any]], mark: Mark = Mark.NONE) -> Row:
+    """Return the smallest margin of each kind of documents of margins."""
+    known: dict[Who, Margins] = {}
+    for who in get_args(Who):
+        if who in found:
+            known[who] = Margins(**{key: math.nan if value is None else value for key, value in found[who].items()})
+    return margins(known, mark)
+
+
+def margins(of_loops: Mapping[Who, Margins], mark: Mark = Mark.NONE) -> Row:
     """Return the smallest margin of each kind and its loop; a caution where gain or phase is half of what is usual."""
-    least, each, is_thin = {"gain": 10 ** (3 / 20), "phase": 10.0}, [], False
-    for word, key, of in _MARGINS:
-        known = [(one[key], f"({_WHO[who]})") for who, one in found.items() if one[key] is not None]
-        value, who = min(known, default=(None, ""))
-        is_thin = is_thin or (value is not None and value < least.get(word, 0.0))
-        each.append((word, Value(value, of), who))
-    whose = {who for _, _, who in each}
-    alike = f"{whose.pop().strip('()')}:" if len(whose) == 1 else ""
-    text = commas((word, value, "" if alike else who) for word, value, who in each)
-    return row("Margins", alike, text, mark=caution(is_thin) if mark is Mark.NONE else mark)
+    gain = _least({who: loop.gain for who, loop in of_loops.items()})
+    phase = _least({who: loop.phase_deg for who, loop in of_loops.items()})
+    delay = _least({who: loop.delay_samples for who, loop in of_loops.items()})
+    disk = _least({who: loop.disk for who, loop in of_loops.items()})
+    is_thin = _below(gain, _THIN_GAIN) or _below(phase, _THIN_PHASE_DEG)
+    named = [
+        ("gain", Value(gain.value, "gain"), gain.loop),
+        ("phase", Value(phase.value, "phase"), phase.loop),
+        ("delay", Value(delay.value, "samples"), delay.loop),
+        ("disk", Value(disk.value, "number"), disk.loop),
+    ]
+    loops = {loop for _, _, loop in named}
+    one_loop = f"{named[0][2]}:" if len(loops) == 1 and named[0][2] else ""
+    text = commas((word, value, f"({loop})" if loop and not one_loop else "") for word, value, loop in named)
+    return row("Margins", one_loop, text, mark=caution(is_thin) if mark is Mark.NONE else mark)
 
 
-def settling(seconds: float | None, who: str) -> Row:
+@dataclass(frozen=True)
+class _Least:
+    """The smallest margin of a kind, and the words for its loop; None where no loop has a limit."""
+
+    value: float | None
+    loop: str
+
+
+def _least(margins_of: Mapping[Who, float]) -> _Least:
+    known = [(margin, _WHO[who]) for who, margin in margins_of.items() if not math.isnan(margin)]
+    return _Least(*min(known, default=(None, "")))
+
+
+def _below(least: _Least, limit: float) -> bool:
+    return least.value is not None and least.value < limit
+
+
+def settling(seconds: float | None, who: Who) -> Row:
     """Return the settling time of a loop; None where it never settles."""
     text = "never" if seconds is None else Value(seconds, "time")
     return row("Settling time", text, f"({_WHO[who]})", mark=caution(seconds is None or seconds > 1.0))
 
 
-def damping_ratio(ratio: float, hz: float, who: str, sample_time_s: float) -> Row:
+def damping_ratio(ratio: float, hz: float, who: Who, sample_time_s: float) -> Row:
     """Return the damping ratio of the least damped oscillation of a loop."""
     text: tuple[Part, ...] = ("no oscillation below the Nyquist frequency",)
     if 0 < hz < 0.99 * 0.5 / sample_time_s:
