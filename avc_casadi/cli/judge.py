@@ -19,6 +19,7 @@ from avc_casadi.present.row import Answer
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
+    from avc_casadi.design.scene_coupling import SimulatedPair
     from avc_casadi.model.ends import ToolGains
     from avc_casadi.model.gains import Gains
 
@@ -122,14 +123,14 @@ def run_simulate(args: argparse.Namespace, console: Console) -> Answer:
     if it does not settle.
     """
     from avc_casadi.coupling import Coupling
-    from avc_casadi.design.scene_coupling import facts_of, figures_of, scene_coupling, scene_notes
+    from avc_casadi.design.scene_coupling import SimulatedScene, scene_coupling, scene_notes
     from avc_casadi.model.gains import NO_COUPLING, GainSchedule, missing_rest_gains
     from avc_casadi.simulation.screen import explain
 
     problem, gains, notes = cli.subject(args.problem, args.gains)
     if problem.simulation is not None:
         cli.refuse(args, "against", why=cli.OF_WALLS)
-        return rows.judge.scene(_simulated_pair(problem, gains, args, console), problem, args.problem)
+        return rows.judge.pair_scene(_simulated_pair(problem, gains, args, console), problem, args.problem)
     given: Coupling | GainSchedule | Gains | None = gains
     if given is None:
         with console.step(f"coupling: {problem.scene.coupling}"):
@@ -144,16 +145,14 @@ def run_simulate(args: argparse.Namespace, console: Console) -> Answer:
     with console.step(f"{problem.scene.duration_s:g} s of the scene"):
         laws = [given, *(NO_COUPLING if method == "none" else avc.solve(problem, method) for method in compared)]
         runs = [avc.simulate(problem, law, seed=args.seed) for law in laws]
-        facts = facts_of(runs[0])
-    parts: dict[str, Any] = {}
+        result = SimulatedScene.of(runs[0])
     if args.verbose or args.json:
         with console.step("cost of each effect"):
-            parts = explain(problem, given)
+            result = replace(result, cost=explain(problem, given))
     write_figure(console, args.plot, lambda: avc.figures.draw_scene(runs))
-    data = runs[0].document(_trace(runs[0], args, console)) | facts | parts | {"notes": notes}
-    if compared:
-        data["against"] = [figures_of(run) for run in runs[1:]]
-    return rows.judge.scene(data, problem, args.problem)
+    trace = _trace(runs[0], args, console)
+    result = replace(result, notes=tuple(notes), trace=trace, against=tuple(runs[1:]))
+    return rows.judge.scene(result, problem, args.problem)
 
 
 def _trace(run: avc.Run, args: argparse.Namespace, console: Console) -> Path | None:
@@ -166,8 +165,9 @@ def _trace(run: avc.Run, args: argparse.Namespace, console: Console) -> Path | N
 
 def _simulated_pair(
     problem: avc.Problem, coupling: Coupling | None, args: argparse.Namespace, console: Console
-) -> dict[str, Any]:
+) -> SimulatedPair:
     """Simulate a coupling to a simulation, the recommended one where none is given."""
+    from avc_casadi.design.scene_coupling import SimulatedPair
     from avc_casadi.model.declared import with_gains
 
     gains = (coupling or cli.recommended_coupling(problem, console)).gains
@@ -175,12 +175,7 @@ def _simulated_pair(
     with console.step(f"{staged.scene.duration_s:g} s of the scene"):
         run = avc.simulate(staged, seed=args.seed)
     write_figure(console, args.plot, lambda: avc.figures.draw_scene([run], ["coupling to the simulation"]))
-    return run.document(_trace(run, args, console)) | {
-        "coupling": "recommended" if coupling is None else "given",
-        "effects": list(run.effects),
-        "contact_damping_ns_per_m": None,
-        **vars(gains),
-    }
+    return SimulatedPair(run, gains, given=coupling is not None, trace=_trace(run, args, console))
 
 
 @cli.verb(

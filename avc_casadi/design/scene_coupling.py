@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
+from avc_casadi._util.json_values import plain
 from avc_casadi.coupling import Coupling
 from avc_casadi.design.methods import solve
 from avc_casadi.files.problem_file import AnyProblem, as_problem, of_problem
 from avc_casadi.model.declared import left_out, scene_effects
 from avc_casadi.model.effects import GuardEffect
+from avc_casadi.model.ends import ToolGains
 from avc_casadi.model.gains import NO_COUPLING, Gains, GainSchedule, GainTable
 from avc_casadi.model.hands import Hand
 from avc_casadi.model.problem import Problem
 from avc_casadi.simulation.scene import AnyGains, Run
 from avc_casadi.simulation.scene import simulate as simulate_with
-from avc_casadi.simulation.screen import Screening
+from avc_casadi.simulation.screen import SceneCost, Screening
 from avc_casadi.simulation.screen import screen as screen_with
 
 _COMPARED = (
@@ -94,20 +97,88 @@ def simulate(
     return replace(run, definition=stated, request=request, notes=tuple(notes))
 
 
-def facts_of(run: Run) -> dict[str, Any]:
-    """Return further entries of the `simulate` document: frequency of a table's reading, and the run without guard."""
-    assert run.definition is not None  # noqa: S101 - of `simulate`
-    free = _without_guard(run, run.definition)
-    return {
-        "effects": [{"kind": kind} for kind in run.effects],
-        "gains_from_hz": _read_at(run, run.definition),
-        "notes": list(run.notes),
-        "left_out": list(left_out(run.definition)),
-        "without_guard": None if free is None else figures_of(free),
-    }
+@dataclass(frozen=True, eq=False)
+class SimulatedScene:
+    """What `avc simulate` finds of a coupling to a wall: a run, what it is compared with, and what is left out.
+
+    Attributes:
+        run: the run.
+        gains_from_hz: frequency at which a table is read at first; None for constant gains.
+        left_out: declared keys that the scene does not have.
+        without_guard: the same run without its guard; None where there is none.
+        notes: where the coupling is designed for another device than the simulated one, or made for another problem.
+        trace: file of the traces, if they are written.
+        cost: what each effect adds to a sample, if that was measured.
+        against: the same scene with other couplings.
+    """
+
+    run: Run
+    gains_from_hz: float | None
+    left_out: tuple[str, ...]
+    without_guard: Run | None
+    notes: tuple[str, ...]
+    trace: Path | None = None
+    cost: SceneCost | None = None
+    against: tuple[Run, ...] = ()
+
+    @classmethod
+    def of(cls, run: Run) -> SimulatedScene:
+        """Return a run of `simulate` with what else is to be said of it."""
+        assert run.definition is not None  # noqa: S101 - of `simulate`
+        return cls(
+            run=run,
+            gains_from_hz=_read_at(run, run.definition),
+            left_out=tuple(left_out(run.definition)),
+            without_guard=_without_guard(run, run.definition),
+            notes=run.notes,
+        )
+
+    def document(self) -> dict[str, Any]:
+        """Return the `simulate` document: JSON values only."""
+        document = self.run.document(self.trace) | {
+            "effects": [{"kind": kind} for kind in self.run.effects],
+            "gains_from_hz": self.gains_from_hz,
+            "notes": list(self.notes),
+            "left_out": list(self.left_out),
+            "without_guard": None if self.without_guard is None else _figures_of(self.without_guard),
+        }
+        cost: dict[str, Any] = {} if self.cost is None else plain(self.cost)
+        against = {"against": [_figures_of(run) for run in self.against]} if self.against else {}
+        return document | cost | against
 
 
-def figures_of(run: Run) -> dict[str, Any]:
+@dataclass(frozen=True, eq=False)
+class SimulatedPair:
+    """What `avc simulate` finds of a coupling to a simulation.
+
+    Attributes:
+        run: the run.
+        gains: the coupling.
+        given: whether the coupling was given; else it is the recommended one.
+        trace: file of the traces, if they are written.
+    """
+
+    run: Run
+    gains: ToolGains
+    given: bool
+    trace: Path | None = None
+
+    @property
+    def coupling(self) -> str:
+        """Where the coupling comes from."""
+        return "given" if self.given else "recommended"
+
+    def document(self) -> dict[str, Any]:
+        """Return the `simulate` document: JSON values only."""
+        return self.run.document(self.trace) | {
+            "coupling": self.coupling,
+            "effects": list(self.run.effects),
+            "contact_damping_ns_per_m": None,
+            **plain(self.gains),
+        }
+
+
+def _figures_of(run: Run) -> dict[str, Any]:
     """Return the figures by which runs are compared."""
     document = run.document()
     return {name: document[name] for name in _COMPARED}

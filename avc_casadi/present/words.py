@@ -37,3 +37,8 @@ PASSIVE = {
     "L4": "Llewellyn with any passive environment",
 }
 """The levels of passivity, which deployment does not need, as the row *Passivity* names them."""
+
+# Simulated scenes.
+
+NAMED_BY_GAINS = frozenset({"contact damper"})
+"""Methods whose name is what the row of their gains begins with."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -25,7 +25,49 @@ TOLERANCE = 0.01
 _CHANGES = ("position_change", "force_change", "stiffness_change")
 
 
-def explain(problem: Problem, gains: AnyGains) -> dict[str, Any]:
+@dataclass(frozen=True)
+class EffectCost:
+    """What an effect adds to a sample of its scene: states, instructions and time.
+
+    Attributes:
+        kind: kind of the effect.
+        station: where in the loop it acts.
+        states: None, as are the others, where the scene needs the effect: its only mass, or the body of the encoder.
+        instructions: instructions of a sample.
+        ns_per_step: time of a sample, ns.
+    """
+
+    kind: str
+    station: str
+    states: int | None = None
+    instructions: int | None = None
+    ns_per_step: float | None = None
+
+
+@dataclass(frozen=True)
+class SceneCost:
+    """What a scene is composed of, and the cost of each effect.
+
+    Attributes:
+        effects: the effects in the order of the loop.
+        absent: kinds of effects that it leaves out.
+        states: number of states of the whole.
+        state_names: their names.
+        instructions: instructions of a sample of the whole.
+        ns_per_step: its time, ns: the least of a few.
+        scatter_ns: median of that time, beyond the least.
+    """
+
+    effects: tuple[EffectCost, ...]
+    absent: tuple[str, ...]
+    states: int
+    state_names: tuple[str, ...]
+    instructions: int
+    ns_per_step: float
+    scatter_ns: float
+
+
+def explain(problem: Problem, gains: AnyGains) -> SceneCost:
     """Return what a scene is composed of, and the cost of each effect: the scene less the scene without it."""
     problem = stage(problem, gains)
     effects, at_start, _ = resolve(problem, build_effects(problem), gains)
@@ -33,24 +75,31 @@ def explain(problem: Problem, gains: AnyGains) -> dict[str, Any]:
     times_ns = _times_ns(scene, at_start)
     costs = []
     for effect in effects:
-        cost: dict[str, Any] = {"kind": effect.kind, "station": effect.station.name.lower()}
+        station = effect.station.name.lower()
         try:
             rest = compile_scene(problem, without(effects, effect.kind), at_start)
         except InputError:  # the only mass, or the body of the encoder
-            costs.append(cost | {"states": None, "instructions": None, "ns_per_step": None})
+            costs.append(EffectCost(effect.kind, station))
             continue
-        states, instructions = len(scene.states) - len(rest.states), scene.instructions - rest.instructions
-        ns = min(times_ns) - min(_times_ns(rest, at_start))
-        costs.append(cost | {"states": states, "instructions": instructions, "ns_per_step": ns})
-    return {
-        "effects": costs,
-        "absent": [kind for kind in EFFECTS if kind not in {effect.kind for effect in effects}],
-        "states": len(scene.states),
-        "state_names": scene.states,
-        "instructions": scene.instructions,
-        "ns_per_step": min(times_ns),
-        "scatter_ns": float(np.median(times_ns)) - min(times_ns),
-    }
+        costs.append(
+            EffectCost(
+                kind=effect.kind,
+                station=station,
+                states=len(scene.states) - len(rest.states),
+                instructions=scene.instructions - rest.instructions,
+                ns_per_step=min(times_ns) - min(_times_ns(rest, at_start)),
+            )
+        )
+    present = {effect.kind for effect in effects}
+    return SceneCost(
+        effects=tuple(costs),
+        absent=tuple(kind for kind in EFFECTS if kind not in present),
+        states=len(scene.states),
+        state_names=tuple(scene.states),
+        instructions=scene.instructions,
+        ns_per_step=min(times_ns),
+        scatter_ns=float(np.median(times_ns)) - min(times_ns),
+    )
 
 
 def _times_ns(scene: CompiledScene, gains: Gains) -> list[float]:
@@ -114,17 +163,17 @@ def screen(
         return _compare(whole, simulate_effects(problem, rest, at_start, coupling), tolerance)
 
     rows, essential = [], []
-    for place, cost in enumerate(costs["effects"]):
-        kind = cost["kind"]
-        progress.advance(place, len(costs["effects"]), f"effects, without {kind}")
+    for place, cost in enumerate(costs.effects):
+        progress.advance(place, len(costs.effects), f"effects, without {cost.kind}")
         try:
-            rows.append({key: value for key, value in cost.items() if key != "station"} | changes((kind,)))
+            known = {key: value for key, value in asdict(cost).items() if key != "station"}
+            rows.append(known | changes((cost.kind,)))
         except InputError:  # the only mass
-            essential.append(kind)
+            essential.append(cost.kind)
     rows.sort(key=lambda row: (not row["outcome_changed"], -max(row[key] or 0.0 for key in _CHANGES)))
     redundant = tuple(row["kind"] for row in rows if not row["needed"])
     together = {"kinds": redundant, **changes(redundant)} if redundant else None
-    return Screening(tolerance, whole, tuple(rows), tuple(essential), together, costs["scatter_ns"])
+    return Screening(tolerance, whole, tuple(rows), tuple(essential), together, costs.scatter_ns)
 
 
 def _compare(whole: Run, rest: Run, tolerance: float) -> dict[str, Any]:

@@ -11,7 +11,7 @@ from avc_casadi.claims.own_law import LawCertificate
 from avc_casadi.claims.zwidth import ZWidth
 from avc_casadi.coupling import Coupling
 from avc_casadi.design.comparison.comparison import Comparison
-from avc_casadi.design.scene_coupling import facts_of
+from avc_casadi.design.scene_coupling import SimulatedScene
 from avc_casadi.design.solution import Solution
 from avc_casadi.model.gains import GainSchedule
 from avc_casadi.present.row import Answer, Page
@@ -36,7 +36,13 @@ answer_of.register(Recommendation, recommendation)
 answer_of.register(LawCertificate, judge.own_law)
 answer_of.register(Comparison, design.comparison)
 answer_of.register(ZWidth, judge.walls)
-answer_of.register(Run, lambda found: judge.scene(found.document() | facts_of(found), found.definition))
+
+
+@answer_of.register
+def _scene(result: Run) -> Answer:
+    problem = result.definition
+    assert problem is not None  # noqa: S101 - another prints its line
+    return judge.scene(SimulatedScene.of(result), problem)
 
 
 @answer_of.register

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from shlex import quote
-from typing import Any
+from typing import Any, SupportsFloat
 
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.text import percent
@@ -16,6 +16,7 @@ from avc_casadi.claims.deployable import CertifiedCoupling, Deployable, DeployCl
 from avc_casadi.claims.levels import LevelResult
 from avc_casadi.claims.own_law import Case, LawCertificate, Remedy
 from avc_casadi.claims.zwidth import Curve, CurveKey, ZWidth
+from avc_casadi.design.scene_coupling import SimulatedPair, SimulatedScene
 from avc_casadi.design.tool_region import ToolCurve, ToolRegion
 from avc_casadi.loops.margins import LEAST_DISK, SOUND_DISK
 from avc_casadi.model import EFFECTS
@@ -26,8 +27,10 @@ from avc_casadi.present.row import Answer, Mark, Part, Row, Value, caution, comm
 from avc_casadi.present.rows import subject
 from avc_casadi.present.rows.recommend import stability
 from avc_casadi.simulation.population.trial import RestCount
+from avc_casadi.simulation.scene import Claim, Run
+from avc_casadi.simulation.screen import EffectCost, SceneCost
 
-ENDINGS = {
+ENDINGS: dict[Claim, tuple[str, Mark]] = {
     "asymptotic": ("settles", Mark.PASS),
     "held-by-friction": ("settles by dry friction alone", Mark.CAUTION),
     "unstable": ("does not settle", Mark.FAIL),
@@ -323,99 +326,153 @@ def _stiffest_wall(label: str, curve: Curve, result: ZWidth) -> Row:
     )
 
 
-def scene(data: Mapping[str, Any], problem: Problem, shown: str = "") -> Answer:
-    """Return the answer of `simulate`, of a coupling to a wall or to a simulation."""
-    tool = "local_damping_ns_per_m" in data
-    free = ", without need of dry friction" if data["outcome"] == "asymptotic" else ""
-    ending = f"{outcome(data)}{free}{'; buzzes' if data['buzzing'] else ''}"
+def scene(result: SimulatedScene, problem: Problem, shown: str = "") -> Answer:
+    """Return the answer of `simulate` of a coupling to a wall."""
+    run = result.run
     rows = [
-        row("Outcome", ending, f"({data['steps']} samples)", mark=_mark(data)),
-        row("Coupling", f"{data['coupling']}:", subject.pair(data)) if tool else _coupling(data, problem),
-        _rendered(data, problem),
+        _outcome(run),
+        _coupling(result, problem),
+        _rendered(run, problem),
+        *_rate_hardness(run),
+        *_at_the_end(run),
+        *([] if result.without_guard is None else [_compared("No guard", result.without_guard)]),
+        *(_compared(f"With {other.coupling}", other) for other in result.against),
+        *subject.notes(result.notes),
     ]
-    if not tool and data["rate_hardness_n_per_m"] is not None:
-        rows.append(row("Rate-hardness", fill("{rate_hardness_n_per_m} at contact", data)))
-    rows += [
-        row("At the end", fill("{mean_force_n}, {position_peak_to_peak_m} peak to peak", data)),
-        row("Ripple", fill("{force_ripple_n} rms between 20 and 500 Hz", data)),
-        row("Energy", fill("{energy_generated_j} given out beyond that taken in", data)),
-        *([_beside("No guard", guarded)] if (guarded := data.get("without_guard")) is not None else []),
-        *(_beside(f"With {one['coupling']}", one) for one in data.get("against", ())),
-        *subject.notes(data.get("notes", ())),
-    ]
-    if data.get("left_out"):
-        left = f"declared, but not in the scene: {', '.join(map(problem.units.key, data['left_out']))}"
+    if result.left_out:
+        left = f"declared, but not in the scene: {', '.join(map(problem.units.key, result.left_out))}"
         rows.append(row("Left out", left, mark=Mark.CAUTION))
-    rows += _explanation(data)
-    complaint = "" if data["stable"] else f"avc: {problem.name}: the device {outcome(data)}"
-    return subject.answer("simulate", data, problem, shown, rows, complaint=complaint)
+    if result.cost is not None:
+        rows += _cost(result.cost)
+    complaint = _unsettled(run, problem)
+    return subject.answer("simulate", result.document(), problem, shown, rows, complaint=complaint)
 
 
-def outcome(data: Mapping[str, Any]) -> str:
+def pair_scene(result: SimulatedPair, problem: Problem, shown: str = "") -> Answer:
+    """Return the answer of `simulate` of a coupling to a simulation."""
+    rows = [
+        _outcome(result.run),
+        row("Coupling", f"{result.coupling}:", subject.pair_of(result.gains)),
+        _rendered(result.run, problem),
+        *_at_the_end(result.run),
+    ]
+    complaint = _unsettled(result.run, problem)
+    return subject.answer("simulate", result.document(), problem, shown, rows, complaint=complaint)
+
+
+def _outcome(run: Run) -> Row:
+    friction = ", without need of dry friction" if run.claim == "asymptotic" else ""
+    ending = f"{outcome(run)}{friction}{'; buzzes' if run.buzzing else ''}"
+    return row("Outcome", ending, f"({run.samples} samples)", mark=_mark(run))
+
+
+def outcome(run: Run) -> str:
     """Return the outcome for the one simulated hand."""
-    held = any(EFFECTS[kind].role == "hand" for kind in _kinds(data))
-    return f"{ENDINGS[data['outcome']][0]}{' with this hand' if held else ''}"
+    held = any(EFFECTS[kind].role == "hand" for kind in run.effects)
+    return f"{ENDINGS[run.claim][0]}{' with this hand' if held else ''}"
 
 
-def _kinds(data: Mapping[str, Any]) -> list[str]:
-    return [one if isinstance(one, str) else one["kind"] for one in data["effects"]]
+def _unsettled(run: Run, problem: Problem) -> str:
+    """Return the complaint of a run that does not settle; empty where it does."""
+    return "" if run.stable else f"avc: {problem.name}: the device {outcome(run)}"
 
 
-def _mark(data: Mapping[str, Any]) -> Mark:
-    mark = ENDINGS[data["outcome"]][1]
-    return Mark.CAUTION if mark is Mark.PASS and data["buzzing"] else mark
+def _mark(run: Run) -> Mark:
+    mark = ENDINGS[run.claim][1]
+    return Mark.CAUTION if mark is Mark.PASS and run.buzzing else mark
 
 
-def _coupling(data: Mapping[str, Any], problem: Problem) -> Row:
-    if data["coupling"] == "none":
+def _coupling(result: SimulatedScene, problem: Problem) -> Row:
+    run = result.run
+    if run.coupling == "none":
         return row("Coupling", "none: the wall itself")
-    keys = ("damping_ns_per_m", "stiffness_n_per_m", "contact_damping_ns_per_m")
-    table = {key: [math.inf if data[key] is None else data[key]] for key in keys}
-    read: tuple[Part, ...] = ()
-    if data["gains_from_hz"] is not None:
-        read = fill(f"; {'at first ' * ('adaptation' in _kinds(data))}the table at {{gains_from_hz}}", data)
-    gains = subject.gains(table, problem)
-    by = "" if str(gains[0]).startswith(data["coupling"]) else f"{data['coupling']}:"
-    return row("Coupling", by, gains, read)
+    gains = subject.gain_spans(
+        [float(run.damping_ns_per_m[0])],
+        [float(run.stiffness_n_per_m[0])],
+        [float(run.contact_damping_ns_per_m[0])],
+        problem,
+    )
+    by = "" if run.coupling in words.NAMED_BY_GAINS else f"{run.coupling}:"
+    if result.gains_from_hz is None:
+        return row("Coupling", by, gains)
+    first = "at first " if "adaptation" in run.effects else ""
+    return row("Coupling", by, gains, f"; {first}the table at", Value(result.gains_from_hz, "frequency"))
 
 
-def _rendered(data: Mapping[str, Any], problem: Problem) -> Row:
-    sensed, wall = data["apparent_stiffness_n_per_m"], problem.environment.stiffness_n_per_m
-    if sensed is None:
+def _rendered(run: Run, problem: Problem) -> Row:
+    sensed, wall = run.apparent_stiffness_n_per_m, problem.environment.stiffness_n_per_m
+    if not math.isfinite(sensed):
         return row("Rendered", "no stiffness: the scene does not end in steady contact")
-    beside = ", with the slope of the detents" if "detent" in _kinds(data) else ""
+    with_detents = ", with the slope of the detents" if "detent" in run.effects else ""
     share = f"({percent(sensed / wall)} of the wall)" if wall and problem.simulation is None else ""
-    text = parts(Value(sensed, "stiffness"), "at the sensor", share, beside)
-    own = [one.force_n for one in problem.scene.effects if isinstance(one, SaturationEffect)]
-    limit = own[0] if own and own[0] is not None else problem.device.max_force_n
-    if "saturation" not in _kinds(data) or not subject.saturates(data["mean_force_n"], limit):
+    text = parts(Value(sensed, "stiffness"), "at the sensor", share, with_detents)
+    limits = [effect.force_n for effect in problem.scene.effects if isinstance(effect, SaturationEffect)]
+    limit = limits[0] if limits and limits[0] is not None else problem.device.max_force_n
+    if "saturation" not in run.effects or not subject.saturates(_mean_force_n(run), limit):
         return row("Rendered", text)
     return row("Rendered", text, "; ends at the limit of", Value(limit, "force"), mark=Mark.CAUTION)
 
 
-def _beside(label: str, one: Mapping[str, Any]) -> Row:
+def _mean_force_n(run: Run) -> float | None:
+    """Return the mean force at the end; None of a run that diverges."""
+    force_n = float(run.judgement.mean_force_n)
+    return force_n if math.isfinite(force_n) else None
+
+
+def _rate_hardness(run: Run) -> list[Row]:
+    hardness = float(run.judgement.rate_hardness_n_per_m)
+    return [row("Rate-hardness", Value(hardness, "stiffness"), "at contact")] if math.isfinite(hardness) else []
+
+
+def _at_the_end(run: Run) -> list[Row]:
+    """Return force and motion at the end, the ripple of the force, and the energy given out."""
+    force = Value(_mean_force_n(run), "force")
+    ripple = Value(_finite_or_none(run.judgement.force_ripple_n), "force")
+    energy = Value(_finite_or_none(run.energy_generated_j), "energy")
+    return [
+        row("At the end", force, ",", _peak_to_peak(run), "peak to peak"),
+        row("Ripple", ripple, "rms between 20 and 500 Hz"),
+        row("Energy", energy, "given out beyond that taken in"),
+    ]
+
+
+def _finite_or_none(value: SupportsFloat) -> float | None:
+    number = float(value)
+    return number if math.isfinite(number) else None
+
+
+def _peak_to_peak(run: Run) -> Value:
+    return Value(_finite_or_none(run.judgement.position_peak_to_peak_m), "length")
+
+
+def _compared(label: str, run: Run) -> Row:
     """Return the outcome of another run of the scene."""
-    what = f"{ENDINGS[one['outcome']][0]}{', buzzes' if one['buzzing'] else ''}:"
-    stiffness = "no stiffness" if one["apparent_stiffness_n_per_m"] is None else "{apparent_stiffness_n_per_m}"
-    text = f"{what} {stiffness}, {{position_peak_to_peak_m}} peak to peak, {{energy_generated_j}} given out"
-    return row(label, fill(text, one), mark=_mark(one))
+    ending = f"{ENDINGS[run.claim][0]}{', buzzes' if run.buzzing else ''}:"
+    stiffness: Part = "no stiffness"
+    if math.isfinite(run.apparent_stiffness_n_per_m):
+        stiffness = Value(run.apparent_stiffness_n_per_m, "stiffness")
+    energy = Value(_finite_or_none(run.energy_generated_j), "energy")
+    return row(label, ending, stiffness, ",", _peak_to_peak(run), "peak to peak,", energy, "given out", mark=_mark(run))
 
 
-def _explanation(data: Mapping[str, Any]) -> list[Row]:
+def _cost(cost: SceneCost) -> list[Row]:
     """Return what each effect adds to a sample: states, instructions and time."""
-    if "states" not in data or "absent" not in data:
-        return []
-    rows = []
-    for one in data["effects"]:
-        text = "the scene needs it"
-        if one["instructions"] is not None:
-            size, scatter = one["ns_per_step"], data["scatter_ns"]
-            cost = f"{size:.0f} ns" if size > scatter else f"below {max(scatter, 1):.0f} ns"
-            text = f"{subject.plural(one['states'], 'state')}, {{instructions:9}} instructions, {cost}"
-        rows.append(row(f"Effect {one['kind']}", fill(text, one), rank=1))
-    whole = f"{{states:9}} states, {{instructions:9}} instructions, {data['ns_per_step']:.0f} ns"
-    rows.append(row("Whole sample", fill(whole, data), rank=1))
-    return [*rows, row("Absent", ", ".join(data["absent"]), rank=1)]
+    rows = [_effect_cost(effect, cost.scatter_ns) for effect in cost.effects]
+    states = (Value(cost.states, "number", 9), "states,")
+    instructions = (Value(cost.instructions, "number", 9), f"instructions, {cost.ns_per_step:.0f} ns")
+    rows.append(row("Whole sample", states, instructions, rank=1))
+    return [*rows, row("Absent", ", ".join(cost.absent), rank=1)]
+
+
+def _effect_cost(effect: EffectCost, scatter_ns: float) -> Row:
+    label = f"Effect {effect.kind}"
+    if effect.states is None or effect.instructions is None or effect.ns_per_step is None:
+        return row(label, "the scene needs it", rank=1)
+    time = f"below {max(scatter_ns, 1):.0f} ns"
+    if effect.ns_per_step > scatter_ns:
+        time = f"{effect.ns_per_step:.0f} ns"
+    states = f"{subject.plural(effect.states, 'state')},"
+    return row(label, states, Value(effect.instructions, "number", 9), f"instructions, {time}", rank=1)
 
 
 def trial(result: RestCount, units: Units, shown: str) -> Answer:
