@@ -46,8 +46,8 @@ _UNITS = {
 _LINEAR_WORDS = {rotary: linear for linear, rotary in _WORDS.items()}
 _LINEAR_NOUNS = {rotary: linear for linear, rotary in _NOUNS.items()}
 _LINEAR_ENDINGS = {rotary: linear for linear, rotary in _ENDINGS.items()}
-# Lengths of a rotary device as well.
-_LENGTHS = ("handle_radius_m", "capstan_radius_m")
+RADII = ("handle_radius_m", "capstan_radius_m")
+"""Keys that are lengths of a rotary device as well."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ class Units:
 
     def key(self, key: str) -> str:
         """Return the key of this motion for a linear one, dotted or not: ``mass_kg`` as ``inertia_kgm2``."""
-        if self.linear or key in _LENGTHS:
+        if self.linear or key in RADII:
             return key
         if "." in key:
             return ".".join(map(self.key, key.split(".")))

@@ -7,8 +7,9 @@ import platform
 import shutil
 import sys
 from contextlib import suppress
+from dataclasses import replace
 from importlib.util import find_spec
-from typing import Any
+from typing import TYPE_CHECKING
 
 import avc_casadi as avc
 import avc_hardware
@@ -19,6 +20,10 @@ from avc_casadi.cli.console import Console, package_versions, write_figure
 from avc_casadi.present import rows
 from avc_casadi.present.row import Answer
 
+if TYPE_CHECKING:
+    from avc_casadi.present.rows.look import AvcDevice, SerialPort
+    from avc_hardware.link.connection import Port
+
 
 @cli.verb()
 def run_list(args: argparse.Namespace, console: Console) -> Answer:  # noqa: ARG001
@@ -28,49 +33,32 @@ def run_list(args: argparse.Namespace, console: Console) -> Answer:  # noqa: ARG
     """
     from avc_casadi.files.catalogue import device_names
 
-    problems = [vars(entry) | {"path": str(entry.path)} for entry in avc.catalogue()]
-    files = [(avc.load_device(name), str(path)) for name, path in device_names().items()]
-    devices = [{"name": file.name, "title": file.title, "gaps": list(file.gaps), "path": path} for file, path in files]
-    return rows.look.catalogue({"problems": problems, "devices": devices}, str(avc.catalogue_path("figure5").parent))
+    devices = []
+    for name, path in device_names().items():
+        file = avc.load_device(name)
+        devices.append(rows.look.CatalogueDevice(file.name, file.title, file.gaps, str(path)))
+    return rows.look.catalogue(avc.catalogue(), devices, str(avc.catalogue_path("figure5").parent))
 
 
 @cli.verb(cli.argument("problem", metavar="P", text="problem or device: a file or a name"), cli.VERBOSE)
 def run_check(args: argparse.Namespace, console: Console) -> Answer:  # noqa: ARG001
     """Check a problem file or a device file and show what it means."""
     from avc_casadi.files.plausibility import plausibility
-    from avc_casadi.files.problem_file import is_device, problem_document
-    from avc_casadi.loops.wall import passive_limit_n_per_m
-    from avc_casadi.model.declared import declared
+    from avc_casadi.files.problem_file import is_device
     from avc_casadi.recommendation.pair import unusual
     from avc_casadi.recommendation.preconditions import not_used, why_infeasible
 
     if is_device(args.problem):
-        file = avc.load_device(args.problem)
-        document = {"valid": True, **file.model_dump(mode="json", exclude_none=True)}
-        document["device"] = file.device.model_dump(mode="json", exclude_unset=True)
-        return rows.look.device(document, file.device.units, args.problem.removeprefix("devices/"))
+        return rows.look.device(avc.load_device(args.problem), args.problem.removeprefix("devices/"))
     stated = avc.load_problem(args.problem)
-    frequency, device = stated.frequencies_hz(), stated.device
-    warnings = [{"key": fault.key, "message": fault.message} for fault in plausibility(stated)]
+    warnings = [rows.look.Doubt(fault.key, fault.message) for fault in plausibility(stated)]
+    infeasible = ""
     if stated.simulation is not None:
-        warnings += [{"key": f"simulation.{key}", "message": text} for key, text in unusual(stated).items()]
+        warnings += [rows.look.Doubt(f"simulation.{key}", message) for key, message in unusual(stated).items()]
     elif stated.follower is None:
-        why = why_infeasible(stated)
-        if why:
-            warnings.append({"key": "avc recommend", "message": f"deploys nothing: {why}"})
-    data = {
-        "valid": True,
-        "problem": problem_document(stated),
-        "frequencies": len(frequency),
-        "lowest_hz": float(frequency.min()),
-        "highest_hz": float(frequency.max()),
-        "nyquist_hz": 0.5 / device.sample_time_s,
-        "passive_limit_n_per_m": plain(passive_limit_n_per_m(device)),
-        "declared": list(declared(stated)),
-        "not_used": list(not_used(stated)),
-        "warnings": warnings,
-    }
-    return rows.look.problem(data, stated, args.problem)
+        infeasible = why_infeasible(stated)
+    result = rows.look.CheckedProblem(stated, not_used(stated), tuple(warnings), infeasible)
+    return rows.look.problem(result, args.problem)
 
 
 @cli.verb(
@@ -121,41 +109,52 @@ def run_doctor(args: argparse.Namespace, console: Console) -> Answer:
     """
     from avc_casadi.paper.nlp_solver import SOLVERS
 
-    ports: list[dict[str, Any]] = [{**vars(port), "avc_device": None} for port in avc_hardware.list_ports()]
-    for port in ports:
-        if args.ask and port["accessible"]:
-            with console.step(port["device"]), suppress(avc.LinkError):  # where no avc device answers
-                port["avc_device"] = _avc_device(port["device"], args.baud)
-    shown = rows.look.ports(ports, asked=args.ask)
+    ports = tuple(_asked(port, args.baud, console) if args.ask else _port(port) for port in avc_hardware.list_ports())
     if args.ports:
-        return Answer("ports", {"ports": ports}, ("serial ports; without a device: --port emulator",), tuple(shown))
+        shown = rows.look.ports(ports, asked=args.ask)
+        title = ("serial ports; without a device: --port emulator",)
+        return Answer("ports", {"ports": plain(ports)}, title, tuple(shown))
     with console.step("solvers"):
         small = avc.load_problem("soft").changed(frequency={"points": 2})
         solvers = {name: "failed" not in avc.solve(small, solver=name).status for name in SOLVERS}
     compilers = ("cc", "gcc", "clang", "arm-none-eabi-gcc", "qemu-system-arm")
-    data = {
-        "executable": sys.executable,
-        "platform": platform.platform(),
-        "packages": package_versions(),
-        "solvers": solvers,
-        "programs": {name: shutil.which(name) for name in compilers},
-        "emulator": find_spec("unicorn") is not None,
-        "ports": ports,
-    }
-    return rows.look.installation(data, shown)
+    result = rows.look.Installation(
+        executable=sys.executable,
+        platform=platform.platform(),
+        packages=package_versions(),
+        solvers=solvers,
+        programs={name: shutil.which(name) for name in compilers},
+        emulator=find_spec("unicorn") is not None,
+        ports=ports,
+    )
+    return rows.look.installation(result, asked=args.ask)
 
 
-def _avc_device(port: str, baud: int) -> dict[str, Any]:
+def _port(port: Port) -> SerialPort:
+    """Return a serial port as an answer has it."""
+    return rows.look.SerialPort(port.device, port.description, port.serial_number, port.accessible)
+
+
+def _asked(port: Port, baud: int, console: Console) -> SerialPort:
+    """Return a serial port with the avc device that answers there, if one does."""
+    shown = _port(port)
+    if port.accessible:
+        with console.step(port.device), suppress(avc.LinkError):  # where no avc device answers
+            return replace(shown, avc_device=_avc_device(port.device, baud))
+    return shown
+
+
+def _avc_device(port: str, baud: int) -> AvcDevice:
     """Return what the avc device at a port says of itself."""
     with avc_hardware.Connection(avc_hardware.open_link(port, baud=baud), baud=baud) as connection:
         device = connection.device
-    return {
-        "build": device.build,
-        "sample_time_s": device.sample_time_s,
-        "faults": device.faults,
-        "unique_id": device.unique_id,
-        "coupling_id": device.coupling_id,
-    }
+    return rows.look.AvcDevice(
+        build=device.build,
+        sample_time_s=device.sample_time_s,
+        faults=device.faults,
+        unique_id=device.unique_id,
+        coupling_id=device.coupling_id,
+    )
 
 
 @cli.verb(cli.PROBLEM, cli.plot("time against error"), cli.VERBOSE)

@@ -7,11 +7,10 @@ import math
 import shlex
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import avc_casadi as avc
 import avc_hardware
-from avc_casadi._util.json_values import plain
 from avc_casadi._util.text import number
 from avc_casadi._util.units import units_for
 from avc_casadi.cli import arguments as cli
@@ -20,7 +19,7 @@ from avc_casadi.present import rows
 from avc_casadi.present.row import Answer
 
 if TYPE_CHECKING:
-    from avc_casadi.identification.excitation import Excitation
+    pass
 
 _LEAST_STROKE_STEPS = 12
 """Encoder steps of travel below which a log tells too little for `avc identify`."""
@@ -54,8 +53,8 @@ def run_excite(args: argparse.Namespace, console: Console) -> Answer:
     limits = cli.of_motion(args, device.units, "force_n", "speed_m_per_s", "travel_m")
     with console.step("plan: a signal within the limits on every device of the ranges"):
         planned = plan_excitation(device, args.signal, seconds=args.seconds, progress=console, **limits)
-    data: dict[str, Any] = {"plan": _plan_document(planned), "out": None, "log": None}
-    answer = rows.look.plan(data, device.units, args.device, args.port)
+    figures = rows.measure.ExcitationPlan.of(planned)
+    answer = rows.measure.plan(figures, device.units, args.device, args.port)
     if args.plan_only:
         return answer
     console.say(console.page.rendered(answer))
@@ -63,43 +62,22 @@ def run_excite(args: argparse.Namespace, console: Console) -> Answer:
     def cut(log: avc_hardware.ExcitationLog) -> None:
         if args.out is not None:
             console.write(args.out, log.csv())
-            shown = rows.look.log({"log": log.document()}, device.units, f"{log.port}   {args.out}, cut short")
+            shown = rows.measure.log(log.figures, device.units, f"{log.port}   {args.out}, cut short")
             console.say(console.page.rendered(shown))
 
     with console.step(f"{args.signal} on {args.port}"):
         log = avc_hardware.excite(planned.plan, args.port, on_bench=on_bench, baud=args.baud, progress=console, cut=cut)
-    data["log"] = log.document()
     complaint = _excitation_fault(log, log.stroke_m, device.encoder_resolution_m)
     onwards = []
     if args.out is not None:
         console.write(args.out, log.csv())
-        data["out"] = str(args.out)
         if not complaint:
             command = ["avc", "identify", str(args.out), "--device", args.device, "--out", "mine.toml"]
             onwards.append(shlex.join(command))
     title = f"{args.device}   {args.signal} on {log.port}"
-    answer = rows.look.log(data, device.units, title, onwards)
+    out = None if args.out is None else str(args.out)
+    answer = rows.measure.log(log.figures, device.units, title, planned=figures, out=out, onwards=onwards)
     return replace(answer, complaint=f"avc: {log.port}: {complaint}") if complaint else answer
-
-
-def _plan_document(planned: Excitation) -> dict[str, Any]:
-    """Return the JSON values of a plan, with what is forecast at most on the devices of the ranges."""
-    plan = planned.plan
-    document = {
-        "signal": plan.kind,
-        "seconds": plan.seconds,
-        "lowest_hz": plan.band_hz[0],
-        "highest_hz": plan.band_hz[1],
-        "peak_force_n": plan.peak_force_n,
-        "held_back_by": plan.units.key(planned.nearest_limit),
-        "limits": plan.limits,
-        "spring_n_per_m": plan.spring_n_per_m,
-        "damper_ns_per_m": plan.damper_ns_per_m,
-        "devices": len(planned.devices),
-        "forecast": {key: float(values.max()) for key, values in vars(planned.forecast).items()},
-    }
-    values: dict[str, Any] = plain(document)
-    return values
 
 
 def _excitation_fault(log: avc_hardware.ExcitationLog, stroke_m: float, encoder_m: float) -> str:
@@ -135,7 +113,7 @@ def run_identify(args: argparse.Namespace, console: Console) -> Answer:
     identified = identify(args.log, base=base, progress=console, **cli.log_options(args))
     units, complaint = units_for(identified.motion), ""
     write_figure(console, args.plot, lambda: avc.figures.draw_identification(identified))
-    data = identified.data() | {"out": None}
+    out: str | None = None
     if identified.device is None:
         missing = [key for key in ("mass_kg", "damping_ns_per_m") if key not in identified.estimates]
         missing = missing or ["handle_radius_m"]
@@ -143,8 +121,8 @@ def run_identify(args: argparse.Namespace, console: Console) -> Answer:
         complaint = f"avc: no device file: {keys} not known; log it, or state it by --device BASE or an option"
     elif args.out is not None:
         console.write(args.out, device_text(identified.device))
-        data["out"] = str(args.out)
-    return replace(rows.look.identification(data, identified, units, args.log), complaint=complaint)
+        out = str(args.out)
+    return replace(rows.measure.identification(identified, units, args.log, out), complaint=complaint)
 
 
 @cli.verb(
@@ -165,13 +143,11 @@ def run_diagnose(args: argparse.Namespace, console: Console) -> Answer:
     coupling = None if args.coupling is None else cli.read_wall(args.coupling)
     known = {"device": file and file.device, "hands": hands, "coupling": coupling, **cli.log_options(args)}
     diagnoses = [diagnose(log, progress=console, **known) for log in args.log]
-    documents = [diagnosis.data() for diagnosis in diagnoses]
-    data: dict[str, Any] = documents[0] if len(diagnoses) == 1 else {"logs": documents}
     if args.plot is not None:
         for place, diagnosis in enumerate(diagnoses, start=1):
             path = args.plot if len(diagnoses) == 1 else args.plot.with_stem(f"{args.plot.stem}-{place}")
             write_figure(console, path, partial(avc.figures.draw_diagnosis, diagnosis))
-    answer = rows.look.diagnosis(data, diagnoses)
+    answer = rows.measure.diagnosis(diagnoses)
     healthy = all(diagnosis.verdict == "nothing wrong" for diagnosis in diagnoses)
     named = all(diagnosis.cause for diagnosis in diagnoses)
     return replace(answer, code=0 if healthy or named else 1)

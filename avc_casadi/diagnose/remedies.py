@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Literal
 
 import numpy as np
 from scipy import optimize
@@ -390,11 +391,25 @@ def _plain_force(
     return float(law.stiffness_n_per_m * (position + centre_m) + law.damping_ns_per_m * velocity + law.offset_n)
 
 
+RemedyKey = Literal[
+    "force_sign",
+    "damping_ns_per_m",
+    "stiffness_n_per_m",
+    "sample_time_s",
+    "encoder_resolution_m",
+    "delay_samples",
+    "velocity_filter_hz",
+    "switched_n",
+    "switch_width",
+]
+"""What a remedy changes, by its key."""
+
+
 @dataclass(frozen=True)
 class Remedy:
     """A change with which the simulation of the fitted plant settles; by dry friction, or while this hand holds it."""
 
-    key: str
+    key: RemedyKey
     value: float
     before: float
     quantity: str

@@ -265,6 +265,21 @@ class Forecast:
     """From end to end, without the encoder."""
 
 
+@dataclass(frozen=True)
+class ExcitationFigures:
+    """Figures of a played excitation: how it ended, what was recorded and lost, and the largest values."""
+
+    port: str
+    end: str
+    whole: bool
+    records: int
+    lost: int
+    seconds: float
+    peak_force_n: float
+    peak_speed_m_per_s: float
+    peak_travel_m: float
+
+
 def corners_of(device: Device) -> list[Device]:
     """Return the device itself, then the corners of its ranges of mechanics, delay and friction."""
     whole = device_with(device, {})

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
-from avc_casadi.claims.deployable import ClaimName
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from avc_casadi.claims.deployable import ClaimName
+    from avc_casadi.diagnose.remedies import RemedyKey
 
 # Certificates of couplings to a wall.
 
@@ -42,3 +46,18 @@ PASSIVE = {
 
 NAMED_BY_GAINS = frozenset({"contact damper"})
 """Methods whose name is what the row of their gains begins with."""
+
+# Diagnosis.
+
+REMEDIES: dict[RemedyKey, str] = {
+    "force_sign": "force sign",
+    "damping_ns_per_m": "damping",
+    "stiffness_n_per_m": "stiffness",
+    "sample_time_s": "sample time",
+    "encoder_resolution_m": "encoder resolution",
+    "delay_samples": "delay",
+    "velocity_filter_hz": "velocity filter",
+    "switched_n": "switched",
+    "switch_width": "switch width",
+}
+"""What a remedy changes."""

@@ -7,7 +7,7 @@ import struct
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from avc_casadi import InputError, LinkError
 from avc_casadi._util.arrays import FloatArray, IndexArray
 from avc_casadi._util.interrupt import DeferredInterrupt
 from avc_casadi._util.progress import SILENT, Progress
-from avc_casadi.identification.excitation import FULL, Plan
+from avc_casadi.identification.excitation import FULL, ExcitationFigures, Plan
 from avc_hardware.codegen.figures import device_config
 from avc_hardware.codegen.tick_program import packed_config
 from avc_hardware.emulator.bench import BenchDevice, code_of_force, force_of_code
@@ -82,22 +82,23 @@ class ExcitationLog:
         """Motion from end to end."""
         return float(np.ptp(self.position_m)) if self.position_m.size else 0.0
 
-    def document(self) -> dict[str, Any]:
-        """Return the figures: JSON values only."""
+    @property
+    def figures(self) -> ExcitationFigures:
+        """What was recorded, and the largest values."""
         window = self.plan.window
         moved = np.abs(self.position_m[window:] - self.position_m[:-window]).max(initial=0.0)
         start = self.position_m[:1]
-        return {
-            "port": self.port,
-            "end": self.end,
-            "whole": self.whole,
-            "records": int(self.index.size),
-            "lost": self.lost,
-            "seconds": float(self.index.size * self.plan.sample_time_s),
-            "peak_force_n": float(np.abs(self.force_n).max(initial=0.0)),
-            "peak_speed_m_per_s": float(moved / (window * self.plan.sample_time_s)),
-            "peak_travel_m": float(np.abs(self.position_m - start).max(initial=0.0)),
-        }
+        return ExcitationFigures(
+            port=self.port,
+            end=self.end,
+            whole=self.whole,
+            records=int(self.index.size),
+            lost=self.lost,
+            seconds=float(self.index.size * self.plan.sample_time_s),
+            peak_force_n=float(np.abs(self.force_n).max(initial=0.0)),
+            peak_speed_m_per_s=float(moved / (window * self.plan.sample_time_s)),
+            peak_travel_m=float(np.abs(self.position_m - start).max(initial=0.0)),
+        )
 
     def csv(self) -> str:
         """Return the log as `avc identify` reads it: tick, time, position, force; remarks after '#'."""
