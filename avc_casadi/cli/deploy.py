@@ -23,6 +23,8 @@ from avc_casadi.present.row import Answer, Mark, Part, Row, Value, commas, row, 
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
     from avc_casadi.model.device import Device as DeviceModel
+    from avc_casadi.present.rows.deploy import Deployment, NotTried
+    from avc_casadi.present.rows.reports import LoopTrial
 
 _PARAMETERS = "in place of C: a coupling to a [simulation] for mujoco, unity, chai3d, sofa or another engine"
 _PRECISION = "single (default): float, as in the packaged firmware; double: where a processor has it in hardware"
@@ -51,14 +53,15 @@ def run_export(args: argparse.Namespace, console: Console) -> Answer:
     coupling = avc.read_coupling(args.gains, args.problem)
     if coupling.end != "simulation":
         cli.refuse(args, "parameters", why=f"is of a [simulation], not of a {coupling.end}; for C: --c DIR")
+    deployment: Deployment | None = None
     if coupling.end == "wall":
-        data = _verdict_data(coupling, unsafe=args.unsafe)
+        deployment = _deployment(coupling, unsafe=args.unsafe)
+        unsafe = deployment.unsafe
     else:
         judged, stable = pair_verdict(coupling, unsafe=args.unsafe)
         if args.parameters is not None:
-            return rows.deploy.parameters(coupling, args.parameters, args.gains, "" if stable else judged)
+            return rows.engines.parameters(coupling, args.parameters, args.gains, "" if stable else judged)
         unsafe = "" if stable else "UNSAFE, went on by request: a loop is linearly unstable"
-        data = {"coupling": coupling.id, "unsafe": unsafe}
     with console.step("C"):
         files = avc_hardware.export_c(coupling, precision=args.precision, name=args.name, unsafe=args.unsafe)
     paths = [Path(args.c) / name for name in files]
@@ -70,18 +73,18 @@ def run_export(args: argparse.Namespace, console: Console) -> Answer:
         for name, text in files.items():
             write_file(folder / name, text)
     console.written += map(str, paths)
-    data |= {"precision": args.precision, "files": [str(path) for path in paths]}
-    return rows.deploy.export(data, coupling, args.gains)
+    exported = rows.deploy.Exported(args.precision, tuple(map(str, paths)), unsafe, deployment)
+    return rows.deploy.export(exported, coupling, args.gains)
 
 
-def _verdict_data(coupling: Coupling, *, unsafe: bool) -> dict[str, Any]:
+def _deployment(coupling: Coupling, *, unsafe: bool) -> Deployment:
     """Return what is told of a coupling to a wall that is deployed; raise where it may not be."""
     from avc_casadi.claims.deployable import require_deployable
 
     verdict = require_deployable(coupling, unsafe=unsafe)
     note = "" if verdict.passed else f"UNSAFE, went on by request: {verdict.sentence}"
-    data = {"coupling": coupling.id, "deployable": verdict.document(), "unsafe": note}
-    return data | {"lacks": list(coupling.lacks), "holes": rows.answers.holes(coupling.schedule) or None}
+    holes = rows.answers.holes(coupling.schedule) or None
+    return rows.deploy.Deployment(coupling.id, verdict, note, coupling.lacks, holes)
 
 
 @cli.verb(
@@ -98,7 +101,8 @@ def run_push(args: argparse.Namespace, console: Console) -> Answer:
     command, of the coupling's own sample time, encoder and force limit, with a hand on it.
     """
     coupling = cli.read_wall(args.gains, args.problem)
-    data, emulated = _verdict_data(coupling, unsafe=args.unsafe), args.port == avc_hardware.EMULATOR
+    deployment = _deployment(coupling, unsafe=args.unsafe)
+    emulated = args.port == avc_hardware.EMULATOR
     wait = "the device is in contact: release it, out of the wall; the new coupling takes over there"
     with console.step(f"push to {args.port}"):
         done = avc_hardware.push(
@@ -109,19 +113,19 @@ def run_push(args: argparse.Namespace, console: Console) -> Answer:
             device_id=args.device_id,
             on_wait=lambda: None if emulated else console.say(wait),  # the emulated device is released by itself
         )
-    data |= plain(done.document())
+    loop: LoopTrial | NotTried | None = None
     if emulated:
         with console.step("firmware and plant in the loop"):
-            data["in_the_loop"] = in_the_loop(coupling)
-    return rows.deploy.push(data, coupling, args.gains)
+            loop = in_the_loop(coupling)
+    return rows.deploy.push(done, deployment, loop, coupling, args.gains)
 
 
-def in_the_loop(coupling: Coupling) -> dict[str, Any]:
-    """Try a pushed coupling with a hand on the emulated device; an unsupported trial is ``{"skipped": why}``."""
+def in_the_loop(coupling: Coupling) -> LoopTrial | NotTried:
+    """Try a pushed coupling with a hand on the emulated device; or say why that cannot be tried."""
     try:
-        return avc_hardware.tried_in_the_loop(coupling).document()
+        return avc_hardware.tried_in_the_loop(coupling)
     except avc.UnsupportedError as error:
-        return {"skipped": str(error)}
+        return rows.deploy.NotTried(str(error))
 
 
 @cli.verb(
@@ -155,21 +159,21 @@ def run_firmware(args: argparse.Namespace, console: Console) -> Answer:
             notes.append(f"the file has no device.{device.units.key(key)}: {advice}")
     baud = args.baud or cli.DEFAULT_BAUD
     console.written += [str(Path(args.out) / path.name) for path in built.files]
-    data = {
-        "board": built.board,
-        "build": built.build,
-        "address": built.address,
-        "commands": built.commands,
-        "baud": baud,
-        "size_bytes": built.size,
-        "notes": notes,
-        "files": console.written,
-        "limits": vars(built.limits),
-        "figures": vars(built.figures),
-    }
+    result = rows.deploy.Firmware(
+        board=built.board,
+        build=built.build,
+        address=built.address,
+        commands=built.commands,
+        baud=baud,
+        size_bytes=built.size,
+        notes=tuple(notes),
+        files=tuple(console.written),
+        limits=built.limits,
+        figures=built.figures,
+    )
     baud_option = "" if baud == cli.DEFAULT_BAUD else f" --baud {baud}"
     gains = f"pushed: avc push{baud_option}; estimator {built.figures.estimator}"
-    return rows.deploy.firmware(plain(data), built.title, subject.units, gains)
+    return rows.deploy.firmware(result, built.title, subject.units, gains)
 
 
 _STREAM_SHOWN_EVERY_S = 0.5
@@ -195,8 +199,7 @@ def run_stream(args: argparse.Namespace, console: Console) -> Answer:
     else:
         coupling = cli.recommended_coupling(avc.load_problem(args.subject), console)
         require_coupling(coupling)
-    verdict = _verdict_data(coupling, unsafe=args.unsafe)
-    data: dict[str, Any] = {"problem": coupling.problem.name, "coupling": coupling.id}
+    deployment = _deployment(coupling, unsafe=args.unsafe)
     units = coupling.problem.units
     shown_s = -1.0
     sent = 0
@@ -222,12 +225,11 @@ def run_stream(args: argparse.Namespace, console: Console) -> Answer:
         if not sent:
             raise
         take_interrupt()
-        data = avc.fault_document(avc.InputError.of("interrupted")) | data | {"sent": sent}
+        streamed = {"problem": coupling.problem.name, "coupling": coupling.id, "sent": sent}
+        data: dict[str, Any] = avc.fault_document(avc.InputError.of("interrupted")) | streamed
         after = f"{args.port} goes back to its table within {avc_hardware.HOLD_PERIODS / args.rate_hz:.2g} s"
         return Answer("stream", data, (f"interrupted after {sent} messages; {after}",), code=EXIT_CODE)
-    data |= plain(vars(result) | verdict | {"push": result.push.document()})
-    complaint = f"avc: {result.port}: {'; '.join(result.faults)}" if result.faults else ""
-    return replace(rows.deploy.stream(data, result.faults), units=units, complaint=complaint)
+    return rows.deploy.stream(result, deployment, coupling)
 
 
 _MONITOR_SHOWN_EVERY_S = 0.2
@@ -383,17 +385,22 @@ def run_device(args: argparse.Namespace, console: Console) -> Answer:
     if not args.clear:
         with console.step(f"limits of {args.port}"):
             limits = avc_hardware.set_limits(args.port, **wanted, baud=args.baud)
-        return rows.deploy.limits(plain(limits), units)
+        return rows.deploy.limits(limits, units)
     cli.refuse(args, *map(units.key, wanted), why="is a limit, and --clear sets none; leave it out")
     with console.step(f"clear {args.port}"):
         cleared = avc_hardware.clear_faults(args.port, baud=args.baud)
-    document = {
-        "port": cleared.port,
-        "were": [fault.word for fault in cleared.were],
-        "first": [fault.word for fault in cleared.first],
-        "left": [fault.word for fault in cleared.left],
-        "tick": cleared.tick,
-        "mode": cleared.status.mode,
-    }
+    result = rows.deploy.ClearedFaults(
+        port=cleared.port,
+        were=_words(cleared.were),
+        first=_words(cleared.first),
+        left=_words(cleared.left),
+        tick=cleared.tick,
+        mode=cleared.status.mode,
+    )
     complaint = f"avc: {cleared.port}: still there: {cleared.left.word}" if cleared.left else ""
-    return replace(rows.deploy.faults(document, list(cleared.were.advice)), complaint=complaint)
+    return replace(rows.deploy.faults(result, cleared.were.advice), complaint=complaint)
+
+
+def _words(faults: avc_hardware.DeviceFault) -> tuple[str, ...]:
+    """Return faults in words."""
+    return tuple(fault.word for fault in faults)

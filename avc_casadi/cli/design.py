@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from shlex import quote
 from typing import TYPE_CHECKING, Any
@@ -23,6 +23,7 @@ from avc_casadi.present.row import Answer, Mark, Row
 if TYPE_CHECKING:
     from avc_casadi.files.new_options import Option
     from avc_casadi.files.new_problem import NewProblem
+    from avc_casadi.present.rows.deploy import PushOutcome
 
 
 @cli.verb(
@@ -46,7 +47,6 @@ def run_new(args: argparse.Namespace, console: Console) -> Answer:
     """
     from avc_casadi.files.new_problem import NewProblem
     from avc_casadi.files.plausibility import plausibility
-    from avc_casadi.files.problem_file import problem_document
 
     if args.file.exists() and not args.force:
         message = f"{str(args.file)!r} is there already; allowed: another name, or --force"
@@ -64,16 +64,17 @@ def run_new(args: argparse.Namespace, console: Console) -> Answer:
         raise avc.InputError([replace(fault, key=names.get(fault.key, fault.key)) for fault in faults])
     console.write(args.file, new.text())
     problem = new.problem()
-    data = {
-        "file": str(args.file),
-        "problem": problem_document(problem),
-        "held": new.held,
-        "assumed": new.assumed(),
-        "not_known": [{"key": new.units.key(option.key), "message": option.cost} for option in new.unknown()],
-        "warnings": [{"key": fault.key, "message": fault.message} for fault in plausibility(problem)],
-        "model": None if new.tip is None else {"file": args.model, "tip": args.tip, **asdict(new.tip)},
-    }
-    return rows.design.new(data, problem, str(args.file))
+    warnings = [rows.look.Doubt(fault.key, fault.message) for fault in plausibility(problem)]
+    result = rows.design.Drafted(
+        file=str(args.file),
+        problem=problem,
+        held=new.held,
+        assumed=new.assumed(),
+        unknown=tuple(new.unknown()),
+        warnings=tuple(warnings),
+        model=None if new.tip is None else rows.design.Model(args.model, args.tip, new.tip),
+    )
+    return rows.design.new(result, str(args.file))
 
 
 def _names_of(new: NewProblem) -> dict[str, str]:
@@ -247,10 +248,12 @@ def run_run(args: argparse.Namespace, console: Console) -> Answer:
         recommendation = _to_deploy(problem, args.method, console)
         with console.step("device"):
             push = _pushed(recommendation, unsafe=args.unsafe)
-            pushed = rows.design.device(push)
+            pushed = rows.deploy.pushed(push)
         comparison = _compared(recommendation, console)
         compare = comparison.document()
-        deploys = recommendation.coupling is not None and push.get("deployable") is not False
+        deploys = recommendation.coupling is not None and not (
+            isinstance(push, rows.deploy.Refused) and push.deployable is False
+        )
         written = str(shown / "coupling.json") if deploys else None
         answer = rows.recommend.recommendation(recommendation, args.problem, written)
         files = _run_files(recommendation, comparison, compare, answer, pushed, console)
@@ -258,7 +261,13 @@ def run_run(args: argparse.Namespace, console: Console) -> Answer:
             files["coupling.json"] = coupling_text(recommendation.coupling)
         for name, content in files.items():
             write_file(folder / name, content)
-    data = {"folder": str(shown), "files": sorted(files), "deploy": answer.data, "push": push, "compare": compare}
+    data = {
+        "folder": str(shown),
+        "files": sorted(files),
+        "deploy": answer.data,
+        "push": push.document(),
+        "compare": compare,
+    }
     console.written.append(f"{shown / 'report.html'} and {len(files) - 1} files beside it")
     answer = rows.design.run(data, answer, pushed, comparison)
     complaints = [rows.design.without_gains(comparison.methods[comparison.delivered])]
@@ -324,21 +333,21 @@ def _compared(recommendation: avc.Recommendation, console: Console) -> avc.Compa
     return comparison
 
 
-def _pushed(recommendation: avc.Recommendation, *, unsafe: bool) -> dict[str, Any]:
-    """Push to the emulated device and try it there; a failed push is a document too: ``skipped`` or ``refused``."""
+def _pushed(recommendation: avc.Recommendation, *, unsafe: bool) -> PushOutcome:
+    """Push to the emulated device and try it there; a push that fails says why."""
     from avc_casadi.cli.deploy import in_the_loop
 
     coupling = recommendation.coupling
     if coupling is None:
-        return {"refused": "no coupling is deployable"}
+        return rows.deploy.Refused("no coupling is deployable")
     # Trials refuse what the push, which judges linear stability alone, would take.
     if not recommendation.deployable and not unsafe:
-        return {"refused": recommendation.reason, "deployable": False}
+        return rows.deploy.Refused(recommendation.reason, deployable=False)
     note = "" if recommendation.deployable else f"UNSAFE, went on by request: {recommendation.reason}"
     try:
-        done = avc_hardware.push(coupling, "emulator", unsafe=unsafe).document()
-        return done | {"unsafe": note, "in_the_loop": in_the_loop(coupling)}
+        done = avc_hardware.push(coupling, "emulator", unsafe=unsafe)
+        return rows.deploy.Tried(done, note, in_the_loop(coupling))
     except (avc.LinkError, avc.NotDeployableError) as error:
-        return {"refused": str(error)}
+        return rows.deploy.Refused(str(error))
     except (avc.MissingExtraError, avc.UnsupportedError) as error:
-        return {"skipped": str(error)}
+        return rows.deploy.NotTried(str(error))

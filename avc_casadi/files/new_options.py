@@ -21,6 +21,11 @@ class Option:
     cost: str
 
     @property
+    def key_in_table(self) -> str:
+        """Its key without that of its table."""
+        return self.key.partition(".")[2]
+
+    @property
     def names(self) -> tuple[str, str]:
         """Its options, of a linear and of a rotary device."""
         return self.option, self.option_turning or self.option

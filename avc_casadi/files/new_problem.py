@@ -63,7 +63,7 @@ class NewProblem:
         return [
             option
             for option in self.options()
-            if option.cost and option.key not in self.typed and not known.get(option.key.partition(".")[2])
+            if option.cost and option.key not in self.typed and not known.get(option.key_in_table)
         ]
 
     def assumed(self) -> dict[str, str]:

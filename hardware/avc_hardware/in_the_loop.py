@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
 from avc_casadi import UnsupportedError
+from avc_casadi._util.json_values import Document
 from avc_casadi.coupling import Coupling, require_coupling
 from avc_casadi.model import EFFECTS
 from avc_casadi.model.declared import scene_effects
@@ -116,8 +116,22 @@ class FirmwareInTheLoop:
 
 
 @dataclass(frozen=True)
-class LoopResult:
+class LoopResult(Document):
     """Result of a press on the wall."""
+
+    JSON_KEYS: ClassVar = (
+        "at_rest",
+        "seconds",
+        "peak_force_n",
+        "apparent_stiffness_n_per_m",
+        "peak_velocity_m_per_s",
+        "mode",
+        "faults",
+        "overruns",
+        "saturated_ticks",
+        "coupling_id",
+        "left_out",
+    )
 
     seconds: float
     judgement: Judgement
@@ -136,22 +150,35 @@ class LoopResult:
         """Mean force over mean penetration at the end; NaN without contact."""
         return float(self.judgement.apparent_stiffness_n_per_m)
 
-    def document(self) -> dict[str, Any]:
-        """Return the figures: JSON values only."""
-        stiffness = self.apparent_stiffness_n_per_m
-        return {
-            "at_rest": self.at_rest,
-            "seconds": self.seconds,
-            "peak_force_n": self.peak_force_n,
-            "apparent_stiffness_n_per_m": stiffness if math.isfinite(stiffness) else None,
-            "peak_velocity_m_per_s": float(self.judgement.peak_velocity_m_per_s),
-            "mode": self.status.mode,
-            "faults": DeviceFault(self.status.faults).word,
-            "overruns": self.status.overruns,
-            "saturated_ticks": self.status.saturated,
-            "coupling_id": self.push.device.coupling_id,
-            "left_out": list(self.left_out),
-        }
+    @property
+    def peak_velocity_m_per_s(self) -> float:
+        """Largest speed at the end, of device or handle."""
+        return float(self.judgement.peak_velocity_m_per_s)
+
+    @property
+    def mode(self) -> str:
+        """Mode of the device afterwards."""
+        return self.status.mode
+
+    @property
+    def faults(self) -> str:
+        """Latched faults in words; empty without any."""
+        return DeviceFault(self.status.faults).word
+
+    @property
+    def overruns(self) -> int:
+        """Ticks that took too long."""
+        return self.status.overruns
+
+    @property
+    def saturated_ticks(self) -> int:
+        """Ticks at the force limit."""
+        return self.status.saturated
+
+    @property
+    def coupling_id(self) -> str:
+        """The coupling that the device ran."""
+        return self.push.device.coupling_id
 
 
 def tried_in_the_loop(coupling: Coupling, *, device: Device | None = None) -> LoopResult:

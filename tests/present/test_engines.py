@@ -5,7 +5,7 @@ from exported_tool import DEVICE, tool_coupling
 
 import avc_casadi as avc
 from avc_casadi.model.ends import mujoco_contact_n_per_m
-from avc_casadi.present.rows.deploy import parameters
+from avc_casadi.present.rows.engines import parameters
 
 TOOL = "tool_mass_kg = 0.2\nstep_s = 0.002\n"
 SCALED = f"{TOOL}position_scale = 10.0\nforce_scale = 0.5\n"

@@ -9,6 +9,7 @@ import pytest
 from reported import report_of
 
 import avc_casadi as avc
+from avc_casadi.present.rows.deploy import Refused
 
 VOID = {"meta", "img", "source", "link", "br", "hr"}
 HOSTILE = "</title><script>alert('x')</script> & \"quoted\" $title"
@@ -41,7 +42,7 @@ class Page(HTMLParser):
 @pytest.fixture(scope="module")
 def html():
     problem = avc.load_problem("figure5").changed(title=HOSTILE, source=HOSTILE)
-    return report_of(problem, {"refused": "the <b>device</b> & its limits"})
+    return report_of(problem, Refused("the <b>device</b> & its limits"))
 
 
 @pytest.mark.slow

@@ -1,249 +1,313 @@
-"""Rows of deployment: exported, pushed, streamed, firmware built, faults of a device, parameters of an engine."""
+"""Rows of deployment: exported, pushed, streamed, firmware built, faults of a device.
+
+What the hardware reports is above these rows: `reports` has the values that they show of it.
+"""
 
 from __future__ import annotations
 
-import csv
-import math
-from collections.abc import Mapping, Sequence
-from pathlib import Path
+from collections.abc import Sequence
+from dataclasses import dataclass
 from shlex import quote
-from typing import Any, NamedTuple, get_args
+from typing import Any, ClassVar
 
-from avc_casadi._errors import InputError
+from avc_casadi._util.json_values import Document, plain
 from avc_casadi._util.units import Units
+from avc_casadi.claims.deployable import Deployable
 from avc_casadi.coupling import Coupling
-from avc_casadi.model.ends import ToolIntegrator, mujoco_contact_n_per_m
-from avc_casadi.present.row import Answer, Mark, Row, Value, caution, commas, fill, grade, parts, row
-from avc_casadi.present.rows import subject
+from avc_casadi.present.row import Answer, Mark, Part, Row, Value, commas, grade, parts, row
+from avc_casadi.present.rows import engines, subject
+from avc_casadi.present.rows.reports import BuiltInLimits, DeviceLimits, LoopTrial, Push, Stream
 
 
-def _unsafe(data: Mapping[str, Any]) -> list[Row]:
-    return [row("Unsafe", data["unsafe"], mark=Mark.FAIL)] if data["unsafe"] else []
+@dataclass(frozen=True)
+class Deployment(Document):
+    """A coupling that goes into a device or into C, with the verdict on it.
+
+    Attributes:
+        coupling: its identity.
+        deployable: the verdict; None of a coupling to another end.
+        unsafe: why it went on by request alone; empty where it is deployable.
+        lacks: what a table of gains does not say; None of a coupling to another end.
+        holes: what runs at frequencies without gains.
+    """
+
+    JSON_KEYS: ClassVar = ("coupling", "deployable", "unsafe", "lacks", "holes")
+
+    coupling: str
+    deployable: Deployable
+    unsafe: str
+    lacks: tuple[str, ...]
+    holes: str | None
 
 
-def limits(data: Mapping[str, Any], units: Units) -> Answer:
+def _unsafe(why: str) -> list[Row]:
+    return [row("Unsafe", why, mark=Mark.FAIL)] if why else []
+
+
+def limits(result: DeviceLimits, units: Units) -> Answer:
     """Return the answer of `device`."""
-    rows = []
-    for label, key in (("Force", "force_n"), ("Speed", "speed_m_per_s"), ("Energy", "energy_j")):
-        built_in = fill(f"of {{{key}}} built in", data["boards"]) if data["boards"][key] else "; none is built in"
-        rows.append(row(label, Value.of(key, data["hold"][key]) if data["hold"][key] else "no limit", built_in))
-    if data["waits"]:
-        wanted = fill("{force_n} hold when the device is released, out of contact", data["asked"])
-        rows.append(row("Waits", wanted, mark=Mark.CAUTION))
-    return Answer("limits", data, (f"{data['port']}   limits",), tuple(rows), units=units)
+    boards, hold = result.boards, result.hold
+    rows = [
+        _limit("Force", hold.force_n, boards.force_n, "force"),
+        _limit("Speed", hold.speed_m_per_s, boards.speed_m_per_s, "speed"),
+        _limit("Energy", hold.energy_j, boards.energy_j, "energy"),
+    ]
+    if result.waits:
+        force = Value(result.asked.force_n, "force")
+        rows.append(row("Waits", force, "hold when the device is released, out of contact", mark=Mark.CAUTION))
+    return Answer("limits", plain(result), (f"{result.port}   limits",), tuple(rows), units=units)
 
 
-def faults(data: Mapping[str, Any], advice: Sequence[str]) -> Answer:
+def _limit(label: str, in_force: float, built_in: float, quantity: str) -> Row:
+    limit: Part = Value(in_force, quantity) if in_force else "no limit"
+    of = ("of", Value(built_in, quantity), "built in") if built_in else "; none is built in"
+    return row(label, limit, of)
+
+
+@dataclass(frozen=True)
+class ClearedFaults:
+    """Faults of a device before and after they were cleared, in words, and when the first came.
+
+    Attributes:
+        port: the device's port.
+        were: faults that were latched.
+        first: those of the first tick with one.
+        left: those that are there still.
+        tick: the first tick with one.
+        mode: mode of the device afterwards.
+    """
+
+    port: str
+    were: tuple[str, ...]
+    first: tuple[str, ...]
+    left: tuple[str, ...]
+    tick: int
+    mode: str
+
+
+def faults(result: ClearedFaults, advice: Sequence[str]) -> Answer:
     """Return the answer of `device --clear`: a row for each fault."""
     rows = subject.notes(advice, "Fault") or [row("Faults", "none was latched", mark=Mark.PASS)]
-    if set(data["were"]) & set(data["first"]):
-        rows.append(row("First", f"{', '.join(data['first'])}, at tick {data['tick']}"))
-    if data["left"]:
-        rows.append(row("Still there", ", ".join(data["left"]), mark=Mark.FAIL))
-    elif data["were"]:
-        rows.append(row("Cleared", f"the device is in mode {data['mode']}", mark=Mark.PASS))
-    return Answer("faults", data, (f"{data['port']}   latched faults",), tuple(rows))
+    if set(result.were) & set(result.first):
+        rows.append(row("First", f"{', '.join(result.first)}, at tick {result.tick}"))
+    if result.left:
+        rows.append(row("Still there", ", ".join(result.left), mark=Mark.FAIL))
+    elif result.were:
+        rows.append(row("Cleared", f"the device is in mode {result.mode}", mark=Mark.PASS))
+    return Answer("faults", plain(result), (f"{result.port}   latched faults",), tuple(rows))
 
 
-def push(data: Mapping[str, Any], coupling: Coupling, shown: str) -> Answer:
-    """Return the answer of `push`."""
-    problem, trial = coupling.problem, data.get("in_the_loop", {})
-    rounding = "exact in" if not data["rounding_max"] else f"within {data['rounding_max']:.0e} by"
-    took = fill(f"({{seconds:time}}, {subject.plural(data['attempts'], 'attempt')}), CRC {data['crc32']:08x}", data)
-    rows = [
-        *_unsafe(data),
-        row("Pushed", f"coupling {coupling.id}, {subject.plural(data['rows'], 'row')} on {data['port']}", took),
-        row("Read back", f"equal, {rounding} single precision", mark=Mark.PASS),
-        row("Limit", fill("{max_force_n}", data)),
-        *([in_the_loop(trial)] if trial else []),
-    ]
-    rows += subject.notes(filter(None, [data["holes"], *data.get("notes", ())]))
-    rows += subject.notes(coupling.lacks, "Lacks")
-    onwards = [] if data["port"] == "emulator" else [f"monitor --port {quote(data['port'])}"]
-    why = f"avc: {shown} does not settle on the emulated device: avc simulate {quote(shown)} -v"
-    no = "" if trial.get("at_rest", True) else why
-    return subject.answer("push", data, problem, shown, rows, *onwards, complaint=no)
+@dataclass(frozen=True)
+class NotTried(Document):
+    """Why a push or a trial on the emulated device did not take place."""
+
+    JSON_KEYS: ClassVar = (("skipped", "why"),)
+
+    why: str
 
 
-def in_the_loop(trial: Mapping[str, Any]) -> Row:
-    """Return how the pushed coupling performed with a hand on the emulated device."""
-    if "skipped" in trial:
-        return row("In the loop", f"not tried; {trial['skipped']}", mark=Mark.CAUTION)
-    left = f"; without {', '.join(trial['left_out'])}" if trial["left_out"] else ""
-    faulty = f"; faults: {trial['faults']}" if trial["faults"] else ""
-    what = f"{'settles' if trial['at_rest'] else 'does NOT settle'} with a hand: at most"
-    force = fill(f"{what} {{peak_force_n}}, {{apparent_stiffness_n_per_m}} at the sensor{left}{faulty}", trial)
-    return row("In the loop", force, mark=grade(trial["at_rest"]))
+@dataclass(frozen=True)
+class Refused(Document):
+    """Why a push was refused; `deployable` is False where trials refuse the coupling, else None."""
+
+    JSON_KEYS: ClassVar = (("refused", "why"), "deployable")
+    JSON_LEFT_OUT: ClassVar = frozenset({"deployable"})
+
+    why: str
+    deployable: bool | None = None
 
 
-def export(data: Mapping[str, Any], coupling: Coupling, shown: str) -> Answer:
-    """Return the answer of `export`."""
+@dataclass(frozen=True)
+class Tried:
+    """A push to the emulated device and the trial there; `unsafe` is why it went on by request alone."""
+
+    push: Push
+    unsafe: str
+    loop: LoopTrial | NotTried
+
+    def document(self) -> dict[str, Any]:
+        """Return JSON values."""
+        return self.push.document() | {"unsafe": self.unsafe, "in_the_loop": self.loop.document()}
+
+
+PushOutcome = NotTried | Refused | Tried
+"""What became of the push of a whole run."""
+
+
+def push(
+    result: Push, deployment: Deployment, loop: LoopTrial | NotTried | None, coupling: Coupling, shown: str
+) -> Answer:
+    """Return the answer of `push`; ``loop`` is the trial on the emulated device, None on a device."""
     problem = coupling.problem
+    rounding = f"within {result.rounding_max:.0e} by" if result.rounding_max else "exact in"
+    attempts = f", {subject.plural(result.attempts, 'attempt')}), CRC {result.crc32:08x}"
+    table = f"coupling {coupling.id}, {subject.plural(result.rows, 'row')} on {result.port}"
+    rows = [
+        *_unsafe(deployment.unsafe),
+        row("Pushed", table, "(", Value(result.seconds, "time"), attempts),
+        row("Read back", f"equal, {rounding} single precision", mark=Mark.PASS),
+        row("Limit", Value(result.max_force_n, "force")),
+        *([] if loop is None else [in_the_loop(loop)]),
+        *subject.notes(filter(None, [deployment.holes, *result.notes])),
+        *subject.notes(coupling.lacks, "Lacks"),
+    ]
+    onwards = [] if result.port == "emulator" else [f"monitor --port {quote(result.port)}"]
+    restless = loop is not None and not isinstance(loop, NotTried) and not loop.at_rest
+    why = f"avc: {shown} does not settle on the emulated device: avc simulate {quote(shown)} -v"
+    data = deployment.document() | result.document()
+    if loop is not None:
+        data["in_the_loop"] = loop.document()
+    return subject.answer("push", data, problem, shown, rows, *onwards, complaint=why if restless else "")
+
+
+def in_the_loop(loop: LoopTrial | NotTried) -> Row:
+    """Return how the pushed coupling performed with a hand on the emulated device."""
+    if isinstance(loop, NotTried):
+        return row("In the loop", f"not tried; {loop.why}", mark=Mark.CAUTION)
+    left = f"; without {', '.join(loop.left_out)}" if loop.left_out else ""
+    faulty = f"; faults: {loop.faults}" if loop.faults else ""
+    settles = f"{'settles' if loop.at_rest else 'does NOT settle'} with a hand: at most"
+    force, stiffness = Value(loop.peak_force_n, "force"), Value(loop.apparent_stiffness_n_per_m, "stiffness")
+    return row("In the loop", settles, force, ",", stiffness, f"at the sensor{left}{faulty}", mark=grade(loop.at_rest))
+
+
+def pushed(outcome: PushOutcome) -> Row:
+    """Return what became of the push of a whole run."""
+    if isinstance(outcome, NotTried):
+        return row("Device", f"push skipped; {outcome.why}", mark=Mark.CAUTION)
+    if isinstance(outcome, Refused):
+        advice = "the coupling is not deployable; --unsafe overrides"
+        return row("Device", f"push refused; {advice if outcome.deployable is False else outcome.why}", mark=Mark.FAIL)
+    loop = in_the_loop(outcome.loop)
+    unsafe = f"; {outcome.unsafe}" if outcome.unsafe else ""
+    mark = Mark.CAUTION if unsafe and loop.mark is Mark.PASS else loop.mark
+    table = f"coupling {outcome.push.coupling_id} on {outcome.push.port}, read back;"
+    return row("Device", table, loop.values, unsafe, mark=mark)
+
+
+@dataclass(frozen=True)
+class Exported:
+    """C files of a coupling.
+
+    Attributes:
+        precision: single or double.
+        files: paths of the files.
+        unsafe: why it went on by request alone; empty where it is deployable.
+        deployment: the verdict of a coupling to a wall; None of one to another end.
+    """
+
+    precision: str
+    files: tuple[str, ...]
+    unsafe: str
+    deployment: Deployment | None
+
+    def document(self, coupling: Coupling) -> dict[str, Any]:
+        """Return the `export` document: JSON values only."""
+        judged = {"coupling": coupling.id, "unsafe": self.unsafe}
+        if self.deployment is not None:
+            judged = self.deployment.document()
+        return judged | {"precision": self.precision, "files": list(self.files)}
+
+
+def export(result: Exported, coupling: Coupling, shown: str) -> Answer:
+    """Return the answer of `export`."""
     far = coupling.follower.sample_time_s if coupling.end == "follower" else coupling.sample_time_s
-    rates = commas(Value(1 / one, "frequency") for one in dict.fromkeys((coupling.sample_time_s, far)))
+    periods_s = dict.fromkeys((coupling.sample_time_s, far))
+    rates = commas(Value(1 / period_s, "frequency") for period_s in periods_s)
+    size = subject.plural(len(coupling.table), "row") if coupling.end == "wall" else "both ends"
+    onwards = engines.fitting(coupling) if coupling.end == "simulation" else []
+    deployment = result.deployment
+    rows = [
+        *_unsafe(result.unsafe),
+        row("Coupling", f"{coupling.id}:", _exported(coupling)),
+        row("C", f"{result.precision} precision,", rates, f", {size}"),
+    ]
+    if deployment is not None:
+        rows += subject.notes([deployment.holes] if deployment.holes else [])
+        rows += subject.notes(deployment.lacks, "Lacks")
+    commands = [f"export {{}} --parameters {name}" for name in onwards[:1]]
+    return subject.answer("export", result.document(coupling), coupling.problem, shown, rows, *commands)
+
+
+def _exported(coupling: Coupling) -> tuple[Part, ...]:
+    """Return the gains that stand in the C files, those at the other end too."""
     if coupling.end == "wall":
-        keys = ("damping_ns_per_m", "stiffness_n_per_m", "contact_damping_ns_per_m")
-        table = {key: getattr(coupling.schedule, key)[coupling.schedule.usable].tolist() for key in keys}
+        schedule, usable = coupling.schedule, coupling.schedule.usable
+        columns = (schedule.damping_ns_per_m, schedule.stiffness_n_per_m, schedule.contact_damping_ns_per_m)
+        damping, stiffness, contact_damping = (column[usable].tolist() for column in columns)
         observer = "observer with state feedback," if coupling.runtime.state_feedback is not None else ""
-        what, size = parts(observer, subject.gains(table, problem)), subject.plural(len(coupling.table), "row")
-    else:
-        there = ("at the follower", subject.pair(vars(coupling.at_follower))) if coupling.end == "follower" else None
-        what, size = commas([subject.pair(vars(coupling.gains)), there], ";"), "both ends"
-    fitting = (name for name in _ENGINES if not _misfit(coupling, name)) if coupling.end == "simulation" else ()
-    onwards = [f"export {{}} --parameters {name}" for name in fitting][:1]
-    rows = [
-        *_unsafe(data),
-        row("Coupling", f"{coupling.id}:", what),
-        row("C", f"{data['precision']} precision,", rates, f", {size}"),
-        *subject.notes(filter(None, [data.get("holes")])),
-        *subject.notes(data.get("lacks", ()), "Lacks"),
-    ]
-    return subject.answer("export", data, problem, shown, rows, *onwards)
+        return parts(observer, subject.gain_spans(damping, stiffness, contact_damping, coupling.problem))
+    other_end = ("at the follower", subject.pair_of(coupling.at_follower)) if coupling.end == "follower" else None
+    return commas([subject.pair_of(coupling.gains), other_end], ";")
 
 
-def firmware(data: Mapping[str, Any], title: str, units: Units, held: str) -> Answer:
+@dataclass(frozen=True)
+class Firmware:
+    """Firmware that was built for a device.
+
+    Attributes:
+        board: name of the board.
+        build: name of the sources.
+        address: address of its first byte.
+        commands: each flashes it.
+        baud: rate of its serial port.
+        size_bytes: bytes in flash.
+        notes: values that are the board's own.
+        files: paths of the files.
+        limits: what is built in.
+        figures: what the runtime of a coupling needs of it.
+    """
+
+    board: str
+    build: str
+    address: int
+    commands: tuple[str, ...]
+    baud: int
+    size_bytes: int
+    notes: tuple[str, ...]
+    files: tuple[str, ...]
+    limits: BuiltInLimits
+    figures: object
+
+
+def firmware(result: Firmware, title: str, units: Units, held: str) -> Answer:
     """Return the answer of `firmware`: what it is made for, what it runs, how it is flashed."""
-    made = "T {sample_time_s}, encoder steps of {metres_per_count:length}, at most {max_force_n}"
+    built_in = result.limits
+    tick, step = Value(built_in.sample_time_s, "time"), Value(built_in.metres_per_count, "length")
+    force = Value(built_in.max_force_n, "force")
     rows = [
-        row("Made for", fill(made, data["limits"])),
+        row("Made for", "T", tick, ", encoder steps of", step, ", at most", force),
         row("Gains", held),
-        row("Serial line", f"{data['baud']} baud"),
-        *subject.notes(data["notes"]),
-        *(row("or by" if place else "Flash by", one) for place, one in enumerate(data["commands"])),
+        row("Serial line", f"{result.baud} baud"),
+        *subject.notes(result.notes),
+        *(row("or by" if place else "Flash by", command) for place, command in enumerate(result.commands)),
     ]
-    size = f"{data['size_bytes']} bytes from {data['address']:#010x}"
-    headed = (f"{data['board']}   {title} · build {data['build']}, {size}",)
-    return Answer("firmware", data, headed, tuple(rows), units=units)
+    size = f"{result.size_bytes} bytes from {result.address:#010x}"
+    headed = (f"{result.board}   {title} · build {result.build}, {size}",)
+    return Answer("firmware", plain(result), headed, tuple(rows), units=units)
 
 
-def stream(data: Mapping[str, Any], deviations: Sequence[str]) -> Answer:
+def stream(result: Stream, deployment: Deployment, coupling: Coupling) -> Answer:
     """Return the answer of `stream`: messages taken and lost, and the state of the device afterwards."""
-    mode = data["status"]["mode"]
-    after = f"NOT as it should be ({mode})" if deviations else f"the device is on its table ({mode})"
-    taken = "{sent:9} sent, {taken:9} taken, {late:9} late, {lost:9} lost"
-    fell = Mark.CAUTION if data["fell_back"] else Mark.NONE
+    mode = result.status.mode
+    after = f"NOT as it should be ({mode})" if result.faults else f"the device is on its table ({mode})"
+    fell = Mark.CAUTION if result.fell_back else Mark.NONE
+    none_lost = not result.late and not result.lost
+    median, largest = Value(result.round_trip_s, "time"), Value(result.round_trip_max_s, "time")
     rows = [
-        *_unsafe(data),
-        row("Messages", fill(taken, data), mark=grade(not data["late"] and not data["lost"], Mark.CAUTION)),
-        row("Round trip", fill("median {round_trip_s}, largest {round_trip_max_s}", data)),
-        row("Back to table", fill("{fell_back:9} times", data), mark=fell),
-        row("Afterwards", after, mark=grade(not deviations)),
+        *_unsafe(deployment.unsafe),
+        row("Messages", _messages(result), mark=grade(none_lost, Mark.CAUTION)),
+        row("Round trip", "median", median, ", largest", largest),
+        row("Back to table", Value(result.fell_back, "number", 9), "times", mark=fell),
+        row("Afterwards", after, mark=grade(not result.faults)),
     ]
-    title = fill(f"coupling {data['coupling']} streamed for {{seconds:time}} at {data['rate_hz']:g} Hz", data)
-    return Answer("stream", data, parts(data["port"], " ", title), tuple(rows))
+    streamed = (f"coupling {coupling.id} streamed for", Value(result.seconds, "time"), f"at {result.rate_hz:g} Hz")
+    data = {"problem": coupling.problem.name, "coupling": coupling.id} | plain(result) | deployment.document()
+    title = parts(result.port, " ", streamed)
+    complaint = f"avc: {result.port}: {'; '.join(result.faults)}" if result.faults else ""
+    return Answer("stream", data, title, tuple(rows), units=coupling.problem.units, complaint=complaint)
 
 
-class EngineNames(NamedTuple):
-    """A simulation engine: name, call of its step, its names of integrators, whether a device that turns fits."""
-
-    title: str
-    step: str
-    integrators: dict[ToolIntegrator, str]
-    turns: bool = True
-
-
-_SEMI: dict[ToolIntegrator, str] = {"semi-implicit": "semi-implicit"}
-_MUJOCO: dict[ToolIntegrator, str] = {"semi-implicit": "Euler", "implicit-damping": "implicitfast", "exact": "RK4"}
-_ENGINES = {
-    "mujoco": EngineNames("MuJoCo", "mj_step", _MUJOCO),
-    "chai3d": EngineNames("CHAI3D", "updateDynamics", _SEMI, turns=False),
-    "unity": EngineNames("Unity (PhysX)", "the physics step", _SEMI),
-    "sofa": EngineNames("SOFA", "animate", {"implicit": "EulerImplicitSolver"}, turns=False),
-    "openhaptics": EngineNames("OpenHaptics", "your step", {one: one for one in get_args(ToolIntegrator)}, turns=False),
-    "imstk": EngineNames("iMSTK", "the scene's step", {}),
-    "ros2": EngineNames("ROS 2", "the update", _SEMI),
-    "pybullet": EngineNames("PyBullet", "stepSimulation", _SEMI),
-}
-_AHEAD = "position and velocity of after it lie in the future of the force that made them, which costs 10 to 60 times K"
-
-
-def _values_of(coupling: Coupling) -> dict[str, float]:
-    """Return the value of each formula that applies: of K, B, m, h, T, F, position scale p and force scale f."""
-    tool, k, b = coupling.tool, coupling.in_scene.stiffness_n_per_m, coupling.in_scene.damping_ns_per_m
-    device, p, f = coupling.problem.device, tool.position_scale, tool.force_scale
-    found = {"K": k, "B": b, "B/K": b / k if k else 0.0, "K f": k * f, "B p f": b * p * f, "0": 0.0, "1": 1.0}
-    found |= {"K p f/1000": k * p * f / 1e3, "B p f/1000": b * p * f / 1e3, "p": p, "f": f}
-    h, n = max(tool.step_s), tool.substeps
-    found |= {"h": h, "h/n": h / n, "n": n, "T": device.sample_time_s, "1/T": 1 / device.sample_time_s}
-    if device.max_force_n is not None:
-        found["F/f"] = device.max_force_n / f
-    if tool.tool_mass_kg is None:
-        return found
-    m = min(tool.tool_mass_kg)
-    found |= {"m": m, "B/(2 sqrt(K m))": b / (2 * math.sqrt(k * m)) if k else math.nan}
-    if coupling.problem.units.linear:
-        # With this impedance of a weld the tool is a thousandth heavier, and spring and damper act nearly as a force.
-        d = 1e-3
-        found |= {"-K (1 - d)/m": -k * (1 - d) / m, "-B (1 - d)/m": -b * (1 - d) / m, "d": d}
-        found["contact 2 N"] = mujoco_contact_n_per_m(m, 2.0)
-    return found
-
-
-def _places(engine: str) -> list[dict[str, str]]:
-    """Return where an engine takes the value of each formula."""
-    with Path(__file__).with_name("engines.csv").open(encoding="utf-8", newline="") as text:
-        return [one for one in csv.DictReader(text) if one["engine"] == engine]
-
-
-def _misfit(coupling: Coupling, engine: str) -> str:
-    """Return why an engine does not take a coupling; empty where it does."""
-    if engine not in _ENGINES:
-        return f"is no engine of this table; allowed: {', '.join(_ENGINES)}"
-    known, tool, lacks, wanted = _ENGINES[engine], coupling.tool, "", ""
-    if not known.turns and not coupling.problem.units.linear:
-        return f"knows no device that turns; allowed: {', '.join(name for name, one in _ENGINES.items() if one.turns)}"
-    integrators = known.integrators or _SEMI
-    if tool.integrator not in integrators and tool.tool_mass_kg is not None:
-        lacks, wanted = tool.integrator, " or ".join(f'integrator = "{one}"' for one in integrators)
-    elif tool.substeps > 1 and not any(one["formula"] == "n" for one in _places(engine)):
-        step_s = max(max(tool.step_s) / tool.substeps, coupling.problem.device.sample_time_s)
-        lacks, wanted = f"substeps = {tool.substeps}", f"substeps = 1, step_s = {step_s:.6g}"
-    return f"has no {lacks} of this coupling; say {wanted} in [simulation] and make it again" if wanted else ""
-
-
-def parameters(coupling: Coupling, engine: str, shown: str = "coupling.json", unsafe: str = "") -> Answer:
-    """Return a coupling to a simulation in the parameters and units of an engine."""
-    if why := _misfit(coupling, engine):
-        raise InputError.of(f"is {engine!r}, which {why}", key="--parameters")
-    places = _places(engine)
-    known, tool, units, values = _ENGINES[engine], coupling.tool, coupling.problem.units, _values_of(coupling)
-    # The joint has the damper that implicitfast solves.
-    law = next(one["place"] for one in places if one["formula"] == "each step")
-    if engine == "mujoco" and tool.solved == "damper":
-        law = law.replace("(v - data.qvel[dof])", "v")
-    handed = "tool_x, tool_v"
-    if tool.exchange == "held-force":
-        handed = "force on the tool" if tool.solved == "nothing" else "avc_coupling_handed_force(...)"
-    late = f", {subject.plural(tool.steps_late, 'step')} later" if tool.steps_late else ""
-    ahead = "" if tool.exchange == "held-force" else f"; {_AHEAD}"
-    traps = [unsafe, f"hand out {subject.EXCHANGES[tool.exchange].format(step=known.step)}{ahead}{late}"]
-    table: list[dict[str, Any]] = [
-        {**one, "value": values[one["formula"]], "unit": units.unit(one["unit"])}
-        for one in places
-        if one["formula"] in values
-    ]
-    if own := coupling.gains.local_damping_ns_per_m:
-        place, unit = "the device's own loop: avc_coupling_step alone has it", units.unit("N.s/m")
-        table.append({"engine": engine, "place": place, "formula": "local B", "value": own, "unit": unit, "trap": ""})
-    data: dict[str, Any] = {
-        "engine": engine,
-        "title": known.title,
-        "coupling": coupling.id,
-        "exchange": tool.exchange,
-        "integrator": known.integrators.get(tool.integrator, ""),
-        "parameters": table,
-        "sample_time_s": coupling.problem.device.sample_time_s,
-        "device": f"F = avc_coupling_step(&c, x, {handed}) every",
-        "law": law,
-        "traps": [one for one in traps if one],
-    }
-    rows = []
-    for one in table:
-        what = f"{one['unit']} · {one['place']}{'; ' if one['trap'] else ''}{one['trap']}".lstrip()
-        rows.append(row(one["formula"], Value(one["value"], "number", 6), what, mark=caution(one["trap"])))
-    rows += [row("Device", fill("{device} {sample_time_s}", data)), row("Each step", law)]
-    rows += subject.notes(data["traps"], "Trap")
-    how = f"· exchange {tool.exchange}" + (f" · integrator {data['integrator']}" if data["integrator"] else "")
-    title = parts(shown, f"  for {known.title} ·", subject.pair(vars(coupling.gains)), how)
-    onwards = (f"avc export {quote(shown)} --c firmware",)
-    return Answer("parameters", data, title, tuple(rows), onwards, units, whole=True)
+def _messages(result: Stream) -> tuple[Part, ...]:
+    counts = {"sent": result.sent, "taken": result.taken, "late": result.late, "lost": result.lost}
+    return commas((Value(count, "number", 9), name) for name, count in counts.items())

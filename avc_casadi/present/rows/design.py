@@ -3,24 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from shlex import quote
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
+from avc_casadi._util.json_values import Document, plain
 from avc_casadi.design.comparison.comparison import Comparison, CrossCheck
 from avc_casadi.design.solution import Solution
+from avc_casadi.files.model_file import TipMass
+from avc_casadi.files.new_options import Option
+from avc_casadi.files.problem_file import problem_document
 from avc_casadi.loops.wall import passive_limit_n_per_m
 from avc_casadi.model.gains import GainSchedule
 from avc_casadi.model.problem import Problem
 from avc_casadi.paper.errata import PaperError
 from avc_casadi.paper.realism import RealismResult
-from avc_casadi.present.row import Answer, Mark, Part, Row, Value, commas, fill, grade, parts, quantity_of, row, span
+from avc_casadi.present.row import Answer, Mark, Part, Row, Value, commas, grade, parts, row, span
 from avc_casadi.present.rows import subject
-from avc_casadi.present.rows.deploy import in_the_loop
 from avc_casadi.present.rows.judge import levels
+from avc_casadi.present.rows.look import Doubt
 
 
 def solution(result: Solution, shown: str = "", file: str | None = None) -> Answer:
@@ -223,39 +227,90 @@ def run(data: Mapping[str, Any], deploy: Answer, pushed: Row, compared: Comparis
     return replace(deploy, kind="run", data=data, rows=(*first, pushed, *methods(compared), *later))
 
 
-def device(push: Mapping[str, Any]) -> Row:
-    """Return what became of the push."""
-    if "skipped" in push:
-        return row("Device", f"push skipped; {push['skipped']}", mark=Mark.CAUTION)
-    if "refused" in push:
-        advice = "the coupling is not deployable; --unsafe overrides"
-        why = advice if push.get("deployable") is False else push["refused"]
-        return row("Device", f"push refused; {why}", mark=Mark.FAIL)
-    loop, unsafe = in_the_loop(push["in_the_loop"]), f"; {push['unsafe']}" if push["unsafe"] else ""
-    what = f"coupling {push['coupling_id']} on {push['port']}, read back;"
-    mark = Mark.CAUTION if unsafe and loop.mark is Mark.PASS else loop.mark
-    return row("Device", what, loop.values, unsafe, mark=mark)
+@dataclass(frozen=True)
+class Model:
+    """Mass at the tip of a model that a draft took.
+
+    Attributes:
+        file: file of the model.
+        tip: name of the tip.
+        mass: what the model says.
+    """
+
+    file: str
+    tip: str
+    mass: TipMass
+
+    def document(self) -> dict[str, Any]:
+        """Return JSON values."""
+        return {"file": self.file, "tip": self.tip, **plain(self.mass)}
 
 
-def new(data: Mapping[str, Any], problem: Problem, shown: str) -> Answer:
+@dataclass(frozen=True)
+class Drafted(Document):
+    """A problem file that `avc new` wrote.
+
+    Attributes:
+        file: the file.
+        problem: the problem in it.
+        held: how the device is held.
+        assumed: values that were not given, by their keys.
+        unknown: values that are not known, and what that costs.
+        warnings: unusual values.
+        model: where mass and damping come from; None where they were given.
+    """
+
+    JSON_KEYS: ClassVar = ("file", ("problem", "stated"), "held", "assumed", "not_known", "warnings", "model")
+
+    file: str
+    problem: Problem
+    held: str
+    assumed: Mapping[str, str]
+    unknown: tuple[Option, ...]
+    warnings: tuple[Doubt, ...]
+    model: Model | None
+
+    @property
+    def stated(self) -> dict[str, Any]:
+        """The document of the problem."""
+        return problem_document(self.problem)
+
+    @property
+    def not_known(self) -> list[Doubt]:
+        """The values that are not known, by their keys."""
+        return [Doubt(self.problem.units.key(option.key), option.cost) for option in self.unknown]
+
+
+def new(result: Drafted, shown: str) -> Answer:
     """Return the answer of `new`: what is assumed, what is unknown and what is unlikely."""
-    units, model = problem.units, data["model"]
-    ranges = commas(span(getattr(problem.hands, key), quantity_of(key)) for key in subject.HAND)
-    assumed = ", ".join(f"{units.key(key)} {value}" for key, value in data["assumed"].items())
-    not_known = [f"{one['key'].partition('.')[2]}: {one['message']}" for one in data["not_known"]]
-    rows: list[Row] = []
-    if model is not None:
-        poses = f"over {subject.plural(model['poses'], 'pose')} and all normals of {model['tip']}"
-        rows.append(row("Mass", fill("{mass_kg},", model), span(model["range_kg"], "mass"), poses))
-        if left := model["singular_poses"]:
-            near = f"{subject.plural(left, 'pose')} near a singular one, where the mass grows without limit"
-            rows.append(row("Left out", near, mark=Mark.CAUTION))
-        if model["has_dry_friction"]:
-            rows += subject.notes(["dry friction of the model's joints; that at the tip: --friction"], "Not used")
-    rows += [
-        row("Hands", f"{data['held']}:", ranges),
+    problem, units = result.problem, result.problem.units
+    hands = problem.hands
+    ranges = commas(
+        [
+            span(hands.mass_kg, "mass"),
+            span(hands.damping_ns_per_m, "damping"),
+            span(hands.stiffness_n_per_m, "stiffness"),
+        ]
+    )
+    assumed = ", ".join(f"{units.key(key)} {value}" for key, value in result.assumed.items())
+    rows = [
+        *([] if result.model is None else _model(result.model)),
+        row("Hands", f"{result.held}:", ranges),
         *([row("Assumed", assumed)] if assumed else []),
-        *subject.notes(not_known, "Not known"),
-        *subject.notes((f"{one['key']} {one['message']}" for one in data["warnings"]), "Warning"),
+        *subject.notes((f"{units.key(option.key_in_table)}: {option.cost}" for option in result.unknown), "Not known"),
+        *subject.notes((doubt.text for doubt in result.warnings), "Warning"),
     ]
-    return subject.answer("new", data, problem, shown, rows, "recommend {} --out coupling.json")
+    return subject.answer("new", result.document(), problem, shown, rows, "recommend {} --out coupling.json")
+
+
+def _model(model: Model) -> list[Row]:
+    """Return the mass at the tip of a model over its poses, and what was left out of it."""
+    mass = model.mass
+    poses = f"over {subject.plural(mass.poses, 'pose')} and all normals of {model.tip}"
+    rows = [row("Mass", Value(mass.mass_kg, "mass"), ",", span(mass.range_kg, "mass"), poses)]
+    if mass.singular_poses:
+        near = f"{subject.plural(mass.singular_poses, 'pose')} near a singular one, where the mass grows without limit"
+        rows.append(row("Left out", near, mark=Mark.CAUTION))
+    if mass.has_dry_friction:
+        rows += subject.notes(["dry friction of the model's joints; that at the tip: --friction"], "Not used")
+    return rows

@@ -6,11 +6,12 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
 from avc_casadi import InputError, LinkError
+from avc_casadi._util.json_values import Document
 from avc_casadi.claims.deployable import require_deployable
 from avc_casadi.coupling import Coupling
 from avc_hardware.codegen.figures import Config
@@ -29,8 +30,23 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class PushResult:
+class PushResult(Document):
     """Result of a push."""
+
+    JSON_KEYS: ClassVar = (
+        "port",
+        "coupling_id",
+        "table_id",
+        "rows",
+        "crc32",
+        "attempts",
+        "seconds",
+        "rounding_max",
+        "max_force_n",
+        "notes",
+        "build",
+        "sample_time_s",
+    )
 
     port: str
     coupling_id: str
@@ -44,11 +60,15 @@ class PushResult:
     notes: tuple[str, ...]
     device: Device
 
-    def document(self) -> dict[str, object]:
-        """Return the `push` document: JSON values only."""
-        device = self.device
-        kept = {key: value for key, value in vars(self).items() if key != "device"}
-        return kept | {"notes": list(self.notes), "build": device.build, "sample_time_s": device.sample_time_s}
+    @property
+    def build(self) -> str:
+        """Name of the device's firmware."""
+        return self.device.build
+
+    @property
+    def sample_time_s(self) -> float:
+        """Sample time of the device."""
+        return self.device.sample_time_s
 
 
 def push(
