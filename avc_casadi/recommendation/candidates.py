@@ -28,6 +28,10 @@ from avc_casadi.recommendation.rank import FELT_ERROR, UNNOTICED, error_in_motio
 
 # Rendered stiffness where the wall itself does not hold, as shares of what spring and damper hold linearly.
 _SOFTER = (0.9, 0.75, 0.6, 0.45, 0.33, 0.24, 0.15)
+# Shares of the wall that laws render where none renders the wall itself.
+_SOFTER_LAWS = (0.6, 0.36, 0.22, 0.13)
+# Distance from the wall beyond which something softer may be nearer.
+_FAR = 0.5
 # Factors on disk margin, noise gain and distance of the dead zone's loop from 0, one step after another.
 _STRICTER = (
     (1.0, 0.8, 1.0),
@@ -52,16 +56,24 @@ def judge_all(problem: Problem, evaluator: Evaluator, limit: DampingRange, progr
         if not any(bool(one.trial.quiet.all()) for one in evaluator.complete()):
             evaluator.first_complete(behind_observer(plain))
     judge_laws(problem, evaluator, wall, evaluator.least_distance() - FELT_ERROR)
-    if evaluator.least_distance() > 0.5:  # a softer spring may be nearer
-        for share in _SOFTER:
-            springs = list(softened(problem, share * min(wall, plainly)))
-            if evaluator.first_complete((*springs, *behind_observer(springs))):
-                break
-    for share in (0.6, 0.36, 0.22):
-        if not evaluator.complete() and share * wall > plainly:
-            judge_laws(problem, evaluator, share * wall)
+    if evaluator.least_distance() > _FAR:
+        judge_softer_walls(problem, evaluator, plainly)
     if not evaluator.complete():
         evaluator.first_complete(tuned_gains(problem, progress))
+
+
+def judge_softer_walls(problem: Problem, evaluator: Evaluator, plainly_n_per_m: float) -> None:
+    """Judge laws that render a softer wall, where none renders the wall itself, then springs with a damper."""
+    wall = problem.environment.stiffness_n_per_m
+    for share in _SOFTER_LAWS:
+        has_law = any(candidate.coupling.runtime.state_feedback is not None for candidate in evaluator.complete())
+        if has_law or share * wall <= plainly_n_per_m:
+            break
+        judge_laws(problem, evaluator, share * wall)
+    for share in _SOFTER:
+        springs = list(softened(problem, share * min(wall, plainly_n_per_m)))
+        if evaluator.first_complete((*springs, *behind_observer(springs))):
+            break
 
 
 def stiffest_rendered(
