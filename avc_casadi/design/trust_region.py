@@ -38,7 +38,7 @@ class TrustRegionSettings:
     shrinks: float = 1 / 3
     """Factor on the reach after a step that is not taken."""
     tolerance: float = 5e-5
-    """Decrease of the merit below which it stops, as a share of the impedance: less gives more digits of the optimum for
+    """Decrease of the merit below which it stops, a share of the impedance. Less gives more digits of the optimum for
     more steps, the last of which rounding decides."""
     slow_steps: int = 3
     """Number of steps in a row with less than the tolerance after which it stops."""
@@ -208,7 +208,9 @@ _ACTIVE = 1e-7  # what a row may miss of its limit and still count as active
 def _polished(
     solution: FloatArray, slope: FloatArray, rows: FloatArray, most: FloatArray, lower: FloatArray, upper: FloatArray
 ) -> FloatArray:
-    """Return the solution with all its digits, by the optimality conditions of its active rows A x = b:
+    """Return the solution with all its digits.
+
+    It solves the optimality conditions of the active rows, with their multipliers y:
 
         c x + s + A' y = 0,   A x = b
 
