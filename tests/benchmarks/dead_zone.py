@@ -156,7 +156,7 @@ def recommended(name: str) -> dict[str, Any]:
 
 def at_rest(problem: Problem, coupling: Coupling, longest_s: float) -> Iterator[tuple[str, int]]:
     """Yield how many of 200 hands rest in a plant of other code that runs the exported C."""
-    bench = WholeDevice(problem.device, export_c(coupling, unsafe=True))
+    bench = WholeDevice(problem.device, export_c(coupling))
     for group, hands in (("hands", problem.hands), ("looser", LOOSER)):
         drawn_hands = people(hands, TRIED - 8, 29)
         for word, friction in (("with friction", None), ("without", 0.0)):

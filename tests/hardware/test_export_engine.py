@@ -12,7 +12,7 @@ import avc_casadi as avc
 from avc_hardware import export_c
 
 HAND = (0.3, 4.0, 300.0)
-SAMPLES = 1500
+SAMPLES = 1000
 T = 1e-3
 # In which a force fades, in samples.
 FADE = 50

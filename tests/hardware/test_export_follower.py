@@ -13,6 +13,8 @@ from avc_hardware import export_c
 
 # In which a force fades, and after how many a link is silent, in samples.
 FADE, SILENT = 50, 5
+# At rest, then a whole swing of the hand's target.
+SECONDS = 0.9
 FOLLOWER = "mass_kg = 0.3\ndamping_ns_per_m = 1.0\ndelay_samples = 1\n"
 
 
@@ -60,8 +62,8 @@ def test_exported_loop_is_the_plain_simulation(gains, period, there, back, scale
         "lost": uneven[1],
     }
     devices = (0.12, 0.8, 1e-3, 1), (0.3, 1.0, period, 1)
-    wanted = run(*devices, gains, 1.5, there, back, **given)
-    found = run(*devices, gains, 1.5, there, back, **given, ends=(pair.leader, pair.follower))
+    wanted = run(*devices, gains, SECONDS, there, back, **given)
+    found = run(*devices, gains, SECONDS, there, back, **given, ends=(pair.leader, pair.follower))
     assert np.abs(wanted[0]).max() > 5e-3
     assert np.abs(wanted).max() < 1
     assert np.abs(found - wanted).max() < 1e-9

@@ -2,7 +2,10 @@
 
 import dataclasses
 import functools
+import itertools
 import math
+from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 import pytest
@@ -193,22 +196,28 @@ EACH_KIND = laws_of_each_kind()
 BOUND_N = 0.05
 
 
-@pytest.mark.parametrize("sample_time_s", [1e-4, 5e-4, 1e-3, 2e-3])
-@pytest.mark.parametrize("step_m", [0.0, 1e-6, 2e-5, 1e-4])
-@pytest.mark.parametrize("mass_kg", [0.01, 0.2])
+def devices() -> Iterator[Any]:
+    """Sample times, encoder steps, masses and force limits; the quick ones hold every pair of values."""
+    times, steps = (1e-4, 5e-4, 1e-3, 2e-3), (0.0, 1e-6, 2e-5, 1e-4)
+    for time, step, mass, limit in itertools.product(range(4), range(4), range(2), range(2)):
+        quick = mass == (time + step) % 2 and limit == (time // 2 + step) % 2
+        numbers = (times[time], steps[step], (0.01, 0.2)[mass], (None, 8.0)[limit])
+        yield pytest.param(*numbers, marks=() if quick else pytest.mark.slow)
+
+
+@pytest.mark.parametrize(("sample_time_s", "step_m", "mass_kg", "max_force_n"), list(devices()))
 def test_any_device_bears_six_bad_samples_and_its_header_says_how_many(
-    sample_time_s: float, step_m: float, mass_kg: float
+    sample_time_s: float, step_m: float, mass_kg: float, max_force_n: float | None
 ) -> None:
-    for max_force_n in (None, 8.0):
-        keys = {"sample_time_s": sample_time_s, "mass_kg": mass_kg, "encoder_resolution_m": step_m}
-        made = with_gains(bench_problem((0.0, 3e3), **keys, max_force_n=max_force_n), 1.0, 3e3)
-        borne = SensorBounds.of(made.problem.device).most_bad_samples(1.0)
-        assert 6 <= borne <= 20
-        device = Exported(made)
-        way = np.full(60 + borne, -18e-3)
-        way[30 : 30 + borne] = 2e-3 - 1e-3 * np.arange(borne)
-        assert np.abs(device.forces(way)).max() == 0
-        assert f"up to {borne} in a row" in " ".join(export_c(made)["avc_coupling.h"].replace("*", "").split())
+    keys = {"sample_time_s": sample_time_s, "mass_kg": mass_kg, "encoder_resolution_m": step_m}
+    made = with_gains(bench_problem((0.0, 3e3), **keys, max_force_n=max_force_n), 1.0, 3e3)
+    borne = SensorBounds.of(made.problem.device).most_bad_samples(1.0)
+    assert 6 <= borne <= 20
+    device = Exported(made)
+    way = np.full(60 + borne, -18e-3)
+    way[30 : 30 + borne] = 2e-3 - 1e-3 * np.arange(borne)
+    assert np.abs(device.forces(way)).max() == 0
+    assert f"up to {borne} in a row" in " ".join(export_c(made)["avc_coupling.h"].replace("*", "").split())
 
 
 @functools.cache

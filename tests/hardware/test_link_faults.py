@@ -4,7 +4,7 @@ import os
 
 import pytest
 from faulty_link import FaultKind, FaultyLink, LinkFault
-from hardware_bench import coupling, dense_believer, host_core, push, require
+from hardware_bench import coupling, dense_believer, host_core, require
 from host_device import HostCore, HostLink
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -14,6 +14,8 @@ from avc_casadi.coupling import Coupling
 from avc_casadi.model.gains import Gains
 from avc_casadi.model.runtime import Runtime
 from avc_hardware import Connection, EmulatedBoard, TableImage
+from avc_hardware.link.bytes import ByteLink
+from avc_hardware.link.push import push_over
 
 GUARD = Runtime(guard="passivity-controller")
 OLD = coupling(12, seed=1, wall=(5.0, 2e4), runtime=GUARD)
@@ -26,6 +28,8 @@ FED_BACK, OTHER = (
 PAIRS = {"rows": (OLD, NEW), "matrices": (FED_BACK, OTHER), "both": (FED_BACK, NEW), "back": (NEW, FED_BACK)}
 # With the last wait for an answer: twice as long at most.
 DEADLINE_S = 5.0
+# Every so many bytes a fault begins: all of them with AVC_FAULT_SCHEDULES above 1000.
+BYTES_BETWEEN = 199
 SCHEDULES = int(os.environ.get("AVC_FAULT_SCHEDULES", "150"))
 
 faults = st.builds(
@@ -41,11 +45,17 @@ def image(of: Coupling) -> bytes:
     return TableImage.of(of, safe=SAFE).image
 
 
+def push(coupling: Coupling, link: ByteLink, deadline_s: float | None = None) -> None:
+    """Push a coupling with safe gains; neither is judged, which would take ten times as long as the dialogue."""
+    with Connection(link, deadline_s=deadline_s) as connection:
+        push_over(connection, coupling, safe=SAFE, unsafe=True)
+
+
 def push_through(schedule_of_faults: list[LinkFault], pair: str = "rows") -> tuple[HostCore, FaultyLink, bool]:
     """Push the new table through the faults; return the device, the link and whether the host reported success."""
     old, new = PAIRS[pair]
     core = host_core()
-    push(old, HostLink(core), safe=SAFE)
+    push(old, HostLink(core))
     assert core.image() == image(old)
     link = FaultyLink(HostLink(core), schedule_of_faults, reset=core.reset)
     seen: list[bytes | None] = []
@@ -57,7 +67,7 @@ def push_through(schedule_of_faults: list[LinkFault], pair: str = "rows") -> tup
 
     link.read = watched  # type: ignore[method-assign]
     try:
-        push(new, link, safe=SAFE, deadline_s=DEADLINE_S)
+        push(new, link, DEADLINE_S)
         done = True
     except LinkError:
         done = False
@@ -73,10 +83,8 @@ def push_through(schedule_of_faults: list[LinkFault], pair: str = "rows") -> tup
     ("to_device", "pair", "size"), [(True, "rows", 1400), (False, "matrices", 600)], ids=["to device", "from device"]
 )
 def test_one_fault_at_any_byte(kind: FaultKind, to_device: bool, pair: str, size: int) -> None:
-    """Every byte of a push with AVC_FAULT_SCHEDULES above 1000, else every hundred-and-ninety-ninth."""
-    step = 1 if SCHEDULES > 1000 else 199
-    for at in range(0, size, step):
-        core, link, done = push_through([LinkFault(to_device, at, kind, amount=1 + at % 40)], pair)
+    for place in range(0, size, 1 if SCHEDULES > 1000 else BYTES_BETWEEN):
+        core, link, done = push_through([LinkFault(to_device, place, kind, amount=1 + place % 40)], pair)
         if kind is not FaultKind.UNPLUG:
             assert done, link.happened
             assert core.image() == image(PAIRS[pair][1])
@@ -100,7 +108,7 @@ def test_random_faults(schedule_of_faults: list[LinkFault], pair: str) -> None:
 def test_a_terrible_line_and_then_a_good_one(schedule_of_faults: list[LinkFault], pair: str) -> None:
     core, _, _ = push_through(schedule_of_faults, pair)
     new = PAIRS[pair][1]
-    push(new, HostLink(core), safe=SAFE)
+    push(new, HostLink(core))
     assert core.image() == image(new)
 
 

@@ -21,14 +21,30 @@ from avc_casadi import Problem, load_problem
 from avc_casadi.coupling import Coupling
 from avc_casadi.model.gains import Gains, GainSchedule, GainTable, Status
 from avc_casadi.model.runtime import Runtime, StateFeedback
+from avc_casadi.simulation.emit import PRECISIONS
 from avc_hardware import BoardLimits, Connection, TableImage
+from avc_hardware.codegen.c_frame import NAME
+from avc_hardware.codegen.pair_export import pair_files
 from avc_hardware.link.faults import Refusal
 from avc_hardware.link.session import RefusedError
 
 # The bench's gains are drawn at random: no hand could hold them, and none is there.
 push = functools.partial(avc_hardware.push, unsafe=True)
 stream = functools.partial(avc_hardware.stream, unsafe=True)
-export_c = functools.partial(avc_hardware.export_c, unsafe=True)
+
+
+@functools.cache
+def _exported(coupling: Coupling, precision: str, name: str) -> dict[str, str]:
+    if coupling.end == "wall":
+        return avc_hardware.export_c(coupling, precision=precision, name=name, unsafe=True)
+    assert name == NAME
+    return pair_files(coupling, PRECISIONS[precision], "not judged: gains of a bench")
+
+
+def export_c(coupling: Coupling, *, precision: str = "single", name: str = NAME) -> dict[str, str]:
+    """Return the exported C, made once for each coupling; that to another end without a verdict, which takes longer."""
+    return dict(_exported(coupling, precision, name))
+
 
 INSTALL = {
     "gcc": HOST_INSTALL,
