@@ -218,9 +218,25 @@ def test_no_small_change_of_a_law_is_better():
         assert search.merit(found.program.family.at(tried)) > (1 - 1e-3) * merit
 
 
-@settings(deadline=None, max_examples=8)
-@given(mass=st.floats(0.05, 0.4), delay=st.integers(0, 2), stiffness=st.floats(1e3, 2e4), margin=st.floats(0.1, 0.4))
+DRAWN = given(
+    mass=st.floats(0.05, 0.4), delay=st.integers(0, 2), stiffness=st.floats(1e3, 2e4), margin=st.floats(0.1, 0.4)
+)
+
+
+@settings(deadline=None, max_examples=2)
+@DRAWN
 def test_no_law_is_worse_than_its_start(mass, delay, stiffness, margin):
+    check_against_starts(mass, delay, stiffness, margin)
+
+
+@pytest.mark.slow
+@settings(deadline=None, max_examples=8)
+@DRAWN
+def test_no_law_of_many_devices_is_worse_than_its_start(mass, delay, stiffness, margin):
+    check_against_starts(mass, delay, stiffness, margin)
+
+
+def check_against_starts(mass, delay, stiffness, margin):
     asked = problem(mass, delay=delay, wall=stiffness)
     for found in program_answers(asked, margin):
         family, conditions = found.program.family, found.program.conditions

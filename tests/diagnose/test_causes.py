@@ -63,9 +63,10 @@ def first_only(cases):
 
 @pytest.mark.parametrize(
     ("k", "b", "c", "mass", "period"),
-    first_only([(1.2, 0.03, 0.7, 0.025, 5e-3), (2.0, 0.05, 0.5, 0.025, 5e-3),
-                (1.2, 0.03, 0.4, 0.025, 5e-3), (0.8, 0.02, 1.0, 0.03, 4e-3)]),
+    [(1.2, 0.03, 0.7, 0.025, 5e-3), (2.0, 0.05, 0.5, 0.025, 5e-3),
+     (1.2, 0.03, 0.4, 0.025, 5e-3), (0.8, 0.02, 1.0, 0.03, 4e-3)],
 )  # fmt: skip
+@pytest.mark.slow
 def test_a_relay_beside_spring_and_damper_swings_without_a_hand(k, b, c, mass, period):
     """The logged torque takes energy; as it acts, a sample and the hold later, it feeds the swing."""
     log, device = turning(
@@ -188,7 +189,7 @@ def test_a_device_that_is_not_given_may_be_far_heavier_than_the_assumed_one(k, t
     assert_rests_softer(found, loop, travel)
 
 
-@pytest.mark.parametrize("declared", [True, False, None])
+@pytest.mark.parametrize("declared", [True, *(pytest.param(known, marks=pytest.mark.slow) for known in (False, None))])
 @pytest.mark.parametrize(
     ("k", "b", "counts", "period"),
     first_only([(3.0, 0.12, 0.7, 2e-3), (3.0, 0.2, 0.7, 2e-3), (1.0, 0.12, 0.5, 1e-3), (3.0, 0.12, 5.0, 2e-3)]),

@@ -68,7 +68,7 @@ def test_encoder_at_the_handle_tells_the_resonance_but_not_how_the_mass_divides(
 
 
 def test_a_rigid_device_without_friction_claims_neither():
-    found = identify([record(Truth(delay=0.6, encoder=5e-6, spring=30.0), seed=3)])
+    found = identify([record(Truth(delay=0.6, encoder=5e-6, spring=30.0), seconds=2.0, seed=3)])
     holds(found, 1e-3, **RIGID, delay_samples=0.6)
     assert found.rungs == ("rigid",)
     assert found.estimates["coulomb_friction_n"].low == 0
@@ -106,6 +106,7 @@ def test_an_amplifier_is_told_from_delay(rung, truth):
     holds(found, 0.03, delay_samples=truth["delay"], amplifier_bandwidth_hz=truth["bandwidth"], mass_kg=0.1)
 
 
+@pytest.mark.slow
 def test_a_spring_that_holds_the_device_is_found():
     found = identify([record(Truth(ground=400.0, delay=1.0, encoder=5e-6), seed=8)])
     holds(found, 0.01, stiffness_n_per_m=400.0, mass_kg=0.1)

@@ -75,8 +75,8 @@ def test_a_plan_keeps_its_window_and_its_spring_and_fades_both_ways():
         lightest = (declared.range.mass_kg or (declared.mass_kg,))[0]
         late_s = (declared.delay_samples + 1.5 + plan.window / 2) * plan.sample_time_s
         assert (plan.spring_n_per_m / lightest) ** 0.5 * late_s <= 0.3 * (1 + 1e-9)
-    fast = Device.model_validate(DECLARED.model_dump() | {"sample_time_s": 1e-4, "encoder_resolution_m": 5e-5})
-    assert plan_excitation(fast, seconds=2.0, speed_m_per_s=0.1).plan.window == 32  # of 50, the firmware's most
+    coarse = Device.model_validate(DECLARED.model_dump() | {"sample_time_s": 3e-4, "encoder_resolution_m": 1.1e-4})
+    assert plan_excitation(coarse, seconds=2.0, speed_m_per_s=0.1).plan.window == 32  # of 37, the firmware's most
     share = ramp(100, 20)
     assert share.tolist() == share[::-1].tolist() == sorted(share[:50].tolist()) + sorted(share[50:].tolist())[::-1]
     assert share[0] < share[10] < share[50] == 2**15

@@ -140,7 +140,7 @@ def radii(coupling, hands, shares, of_force=1.0):
     return observer_wall(plants, coupling.runtime.state_feedback, rendering, shares, of_force).radius
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", [0, 1, 2, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(3, 8))])
 def test_no_drawn_hand_and_share_is_worse_than_the_worst_that_is_found(seed):
     rng = np.random.default_rng(seed)
     name, wall = (("reference-r1", 4000.0), ("reference-r2", 2500.0), ("reference-r3", 1400.0))[seed % 3]

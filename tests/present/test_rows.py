@@ -61,9 +61,9 @@ ANSWERS = {
     "motion": lambda: avc.simulate("scenes/teaching-plant"),
     "own law": lambda: avc.certify_law("figure5", k=2e3, b=4.0),
     "own law, unstable": lambda: avc.certify_law("soft", k=1e6),
-    "own law, turning": lambda: avc.certify_law("smartknob", k=0.06, b=0.001),
 }
 SLOW = {
+    "own law, turning": lambda: avc.certify_law("smartknob", k=0.06, b=0.001),
     "follower": lambda: avc.recommend(avc.parse_problem(FOLLOWER), 4),
     "knob": lambda: avc.recommend("knob", hands=4),
     "simulation": lambda: avc.recommend("tool/unity-60hz", hands=3),

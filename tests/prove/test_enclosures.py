@@ -107,7 +107,7 @@ def test_the_folded_spectrum_is_the_discretisation(name):
     found = SampledPlantBox(device, BOX)
     random = np.random.default_rng(3)
     ends = np.array(list(found.ranges.values()))
-    for _ in range(40):
+    for _ in range(12):
         centre = random.uniform(ends[:, 0], ends[:, 1])
         omega = random.uniform(0.0, np.pi)
         half = np.append(1.0, ends[:, 1] - ends[:, 0]) * 10.0 ** random.uniform(-6, -2.5)

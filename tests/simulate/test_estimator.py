@@ -73,7 +73,7 @@ def test_steps_settle(method, seconds, pair):
 
 @ROBUST
 def test_third_harmonic_of_thirty_percent_whatever_its_phase(method):
-    for phase in np.arange(6) * np.pi / 3:
+    for phase in np.arange(3) * 2 * np.pi / 3:
         position = tone(3.0, 6.0) + 0.3 * tone(9.0, 6.0, phase)
         assert late_error(method, position, 3.0) < 0.05
 
@@ -85,9 +85,9 @@ def test_encoder_of_twenty_micrometres(method):
 
 @ALL
 def test_noise_stays_above_the_cramer_rao_bound_and_within_two_percent(method):
-    position = tone(3.0, 12.0) + np.random.default_rng(1).normal(0, 1e-5, 12000)
+    position = tone(3.0, 8.0) + np.random.default_rng(1).normal(0, 1e-5, 8000)
     frequency, valid = estimate(method, position)
-    spread = np.std(frequency[4000:][valid[4000:]])
+    spread = np.std(frequency[3000:][valid[3000:]])
     # No estimator that forgets within 2 s beats the bound of 2 s; one that did would have seen the answer.
     assert cramer_rao_hz(1e-3, 1e-5, 2.0, T) < spread < 0.02 * 3.0
 
