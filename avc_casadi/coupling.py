@@ -7,8 +7,9 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import singledispatch
 from os import PathLike
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,14 +17,11 @@ from numpy.typing import ArrayLike
 from avc_casadi._errors import InputError
 from avc_casadi._util.units import Units
 from avc_casadi.model.device import CURRENT_LOOP_DAMPING_RATIO, Device
-from avc_casadi.model.ends import Follower, ToolGains, VirtualTool
+from avc_casadi.model.ends import End, Follower, Simulation, ToolGains, Wall
 from avc_casadi.model.gains import Gains, GainSchedule, GainTable, Status, fewest_rows
 from avc_casadi.model.problem import Contact, Impedance, Problem
 from avc_casadi.model.runtime import OPENING_KEYS, Runtime, StateFeedback
 from avc_casadi.paper.rows import gain_schedule
-
-End = Literal["wall", "simulation", "follower"]
-"""What is beyond a coupling: a wall in the device's own loop, the tool of a simulation, or a second device."""
 
 
 def contact_law(requested: Contact, wall_stiffness_n_per_m: float, stiffness_n_per_m: ArrayLike) -> Contact:
@@ -69,7 +67,8 @@ class Coupling:
         trial: result with simulated hands, a JSON document; None before it was tried.
         versions: of the software that made it, by package.
         lacks: facts missing from an older file, a sentence each.
-        end: what it leads to; the row of one to a simulation or a follower is B, K and the damper of each local loop.
+        end_type: kind of `end`, what it leads to: a problem with a follower may have couplings to its wall too. The
+            row of one to another end is B, K and the damper of each local loop.
 
     Example:
         >>> problem = avc.load_problem("soft")
@@ -86,7 +85,7 @@ class Coupling:
     trial: Mapping[str, Any] | None = field(default=None, repr=False)
     versions: Mapping[str, str] = field(default_factory=dict, repr=False)
     lacks: tuple[str, ...] = ()
-    end: End = "wall"
+    end_type: type[End] = Wall
 
     @classmethod
     def of(
@@ -122,12 +121,11 @@ class Coupling:
         trial: Mapping[str, Any] | None = None,
         versions: Mapping[str, str] | None = None,
     ) -> Coupling:
-        """Return the coupling of a device to the [simulation] or the [follower] of its problem."""
-        end: End = "simulation" if problem.simulation is not None else "follower"
+        """Return the coupling of a device to the other end of its problem."""
         row = Gains(gains.damping_ns_per_m, gains.stiffness_n_per_m, gains.local_damping_ns_per_m)
         table = GainTable.constant_gains(row)
         schedule = schedule_of(problem, table, "recommend")
-        return cls(problem, schedule, table, Runtime(), certificate, trial, versions or {}, end=end)
+        return cls(problem, schedule, table, Runtime(), certificate, trial, versions or {}, end_type=type(problem.end))
 
     @property
     def gains(self) -> ToolGains:
@@ -136,16 +134,19 @@ class Coupling:
         return ToolGains(row.stiffness_n_per_m, row.damping_ns_per_m, row.contact_damping_ns_per_m)
 
     @property
-    def tool(self) -> VirtualTool:
-        """The [simulation] of its problem."""
-        assert self.problem.simulation is not None  # noqa: S101 - asked of its end
-        return self.problem.simulation
+    def end(self) -> End:
+        """What it leads to: the wall or the other end of its problem."""
+        return self.problem.end_as(self.end_type)
+
+    @property
+    def tool(self) -> Simulation:
+        """The simulation that it leads to; an InputError where its problem states none."""
+        return self.problem.end_as(Simulation)
 
     @property
     def follower(self) -> Follower:
-        """The [follower] of its problem."""
-        assert self.problem.follower is not None  # noqa: S101 - asked of its end
-        return self.problem.follower
+        """The follower that it leads to; an InputError where its problem states none."""
+        return self.problem.end_as(Follower)
 
     @property
     def in_scene(self) -> ToolGains:
@@ -209,30 +210,8 @@ class Coupling:
 
     @property
     def id(self) -> str:
-        """Identifier, a hash of table, runtime, wall and device: 8 hexadecimal digits."""
-        wall = self.wall
-        if self.end != "wall":
-            there = (self.tool if self.end == "simulation" else self.follower).model_dump(mode="json")
-            if there.get("substeps") == 1:
-                del there["substeps"]
-            device = self.problem.device.model_dump(mode="json")
-            return _named({"gains": vars(self.gains), "device": device, self.end: there})
-        runtime, law = self.runtime.document(), self.runtime.state_feedback
-        if law is not None and law.open_m == 0:  # a dead zone that never opens, as in earlier releases
-            runtime["state_feedback"] = {
-                key: value for key, value in runtime["state_feedback"].items() if key not in OPENING_KEYS
-            }
-        runs = {
-            "rows": (self.table.rows + 0.0).tolist(),  # a zero has no sign
-            "runtime": runtime,
-            "wall": [wall.damping_ns_per_m, wall.stiffness_n_per_m],
-            "device": _device_document(self.problem.device),
-        }
-        if self.contact != "gated":  # the only contact law of earlier releases, and part of no id of that time
-            runs["contact"] = self.contact
-        if self.problem.detent is not None:
-            runs["detent"] = self.problem.detent.model_dump(mode="json")
-        return _named(runs)
+        """Identifier, a hash of table, runtime, end and device: 8 hexadecimal digits."""
+        return _named(_identity(self.end, self))
 
     def on(self, problem: Problem) -> Coupling:
         """Return the same table and runtime on another problem: not certified, not tried."""
@@ -246,6 +225,33 @@ class Coupling:
     def with_trial(self, trial: Mapping[str, Any]) -> Coupling:
         """Return the same coupling with the record of its trial beside it."""
         return replace(self, trial=trial)
+
+
+@singledispatch
+def _identity(end: End, coupling: Coupling) -> dict[str, Any]:
+    """Return what identifies a coupling to an end."""
+    device = coupling.problem.device.model_dump(mode="json")
+    return {"gains": vars(coupling.gains), "device": device, end.kind: end.document()}
+
+
+@_identity.register
+def _identity_at_wall(end: Wall, coupling: Coupling) -> dict[str, Any]:
+    runtime, law = coupling.runtime.document(), coupling.runtime.state_feedback
+    if law is not None and law.open_m == 0:  # a dead zone that never opens, as in earlier releases
+        runtime["state_feedback"] = {
+            key: value for key, value in runtime["state_feedback"].items() if key not in OPENING_KEYS
+        }
+    runs = {
+        "rows": (coupling.table.rows + 0.0).tolist(),  # a zero has no sign
+        "runtime": runtime,
+        "wall": [end.damping_ns_per_m, end.stiffness_n_per_m],
+        "device": _device_document(coupling.problem.device),
+    }
+    if coupling.contact != "gated":  # the only contact law of earlier releases, and part of no id of that time
+        runs["contact"] = coupling.contact
+    if end.detent is not None:
+        runs["detent"] = end.detent.model_dump(mode="json")
+    return runs
 
 
 def thinned(table: GainTable) -> GainTable:
@@ -289,11 +295,12 @@ def check_sample_time(sample_time_s: float, problem: Problem, file: str) -> None
 def require_coupling(value: object) -> None:
     """Refuse what is no coupling to a wall, with the call that makes one."""
     if isinstance(value, Coupling):
-        if value.end == "wall":
+        end = value.end
+        if isinstance(end, Wall):
             return
         hint = (
-            f"couples a device to a [{value.end}]: it has no wall and no gain table; avc certify and export "
-            f"take it{', and avc simulate' if value.end == 'simulation' else ''}"
+            f"couples a device to a [{end.kind}]: it has no wall and no gain table; avc certify and export "
+            f"take it{', and avc simulate' if end.in_scenes else ''}"
         )
     elif isinstance(value, str | PathLike):
         hint = f"is the text {str(value)!r}; give what avc.read_coupling({str(value)!r}) returns"

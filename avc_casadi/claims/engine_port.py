@@ -13,7 +13,9 @@ passive engine is stable (Brown and Colgate 1997); an explicit mass is not passi
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from functools import singledispatch
+from typing import Any
 
 import numpy as np
 
@@ -27,10 +29,10 @@ from avc_casadi.loops.system import TOLERANCE
 from avc_casadi.loops.wall import SampledLoop
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners
 from avc_casadi.model.device import Device
-from avc_casadi.model.ends import ToolGains, ToolState, VirtualTool
+from avc_casadi.model.ends import End, Simulation, ToolGains, ToolState
 from avc_casadi.model.hands import hand_corners, with_released
 from avc_casadi.model.plant import SampledPlant, sampled_plant
-from avc_casadi.model.problem import Hands
+from avc_casadi.model.problem import Hands, Problem
 
 # Angles per step: evenly spaced, a quarter as many spaced logarithmically from the smallest on, up to where these meet.
 _ANGLES = 400
@@ -87,7 +89,7 @@ class PortDelays:
     force: int
 
     @classmethod
-    def of(cls, tool: VirtualTool) -> PortDelays:
+    def of(cls, tool: Simulation) -> PortDelays:
         """Return those of an exchange; v(n) is the velocity that is solved together with the force of step n."""
         # An implicit engine uses the state that it solves for, so that on-time sends the previous one. An explicit one
         # uses and sends the state at the beginning of its step; the new one is ahead.
@@ -110,7 +112,7 @@ class _Lowest:
     row: int
 
 
-def engine_port(device: Device, hands: Hands, tool: VirtualTool, gains: ToolGains) -> EnginePort:
+def engine_port(device: Device, hands: Hands, tool: Simulation, gains: ToolGains) -> EnginePort:
     """Return the passivity of a coupling at the engine's port; the tool's mass and its contacts do not enter."""
     t = device.sample_time_s
     people = with_released(hand_corners(hands))
@@ -143,10 +145,30 @@ def engine_port(device: Device, hands: Hands, tool: VirtualTool, gains: ToolGain
     )
 
 
+@singledispatch
+def port_passivity(end: End, problem: Problem, gains: ToolGains) -> dict[str, Any]:  # noqa: ARG001 - most have no port
+    """Return the passivity of a coupling at the port of its end, JSON values; none where an end has no port."""
+    return {}
+
+
+@port_passivity.register
+def _engine_passivity(end: Simulation, problem: Problem, gains: ToolGains) -> dict[str, Any]:
+    claim = (
+        "the port at which the engine meets the coupling is passive, with the corner hands of [hands] and released: "
+        "stable with any engine that is passive there, whatever its tool weighs and touches. Such an engine solves the "
+        "tool together with the coupling's force (implicit); one that moves a mass explicitly is none, however heavy"
+    )
+    try:
+        port = engine_port(problem.device, problem.hands, end, gains)
+    except UnsupportedError as refusal:
+        return {"passive": None, "refused": str(refusal), "claim": claim}
+    return {**asdict(port), "refused": None, "claim": claim}
+
+
 class _Port:
     """G of a coupling at some devices with hands, at one step of an engine; the engine's loop with its tool driven."""
 
-    def __init__(self, plant: SampledPlant, clock: Clock, tool: VirtualTool, gains: ToolGains) -> None:
+    def __init__(self, plant: SampledPlant, clock: Clock, tool: Simulation, gains: ToolGains) -> None:
         fixed = ToolState(math.inf, 0.0, 0.0, 0.0)
         self._engine = Engine(Body.of(plant), clock, tool, [fixed])
         self._gains = gains
@@ -193,7 +215,7 @@ class _Port:
         return lowest
 
 
-def _with_any_hand(device: Device, tool: VirtualTool, gains: ToolGains) -> float | None:
+def _with_any_hand(device: Device, tool: Simulation, gains: ToolGains) -> float | None:
     """Return Llewellyn's margin where each sample is a step, and the device has the tool of that step; else None."""
     delays = PortDelays.of(tool)
     force_delay = delays.force if tool.exchange == "held-force" else 0

@@ -204,6 +204,7 @@ def subject(source: str, gains: str | None) -> tuple[avc.Problem, Coupling | Non
     """
     from avc_casadi.coupling import Coupling
     from avc_casadi.files.coupling_file import coupling_beside, read_file, same_problem
+    from avc_casadi.model.ends import Wall
 
     if is_coupling(source):
         if gains is not None:
@@ -214,10 +215,10 @@ def subject(source: str, gains: str | None) -> tuple[avc.Problem, Coupling | Non
     if gains is None:
         return problem, None, []
     read = read_file(gains)
-    end, ends = read.end if isinstance(read, Coupling) else "wall", _ends_of(problem)
-    if end not in ends:
+    kind, kinds = read.end.kind if isinstance(read, Coupling) else Wall.kind, _kinds_of_end(problem)
+    if kind not in kinds:
         make = f"avc recommend {quote(source)} --out c.json"
-        raise avc.InputError.of(f"is no coupling to a {ends[0]}; make one: {make}", file=gains)
+        raise avc.InputError.of(f"is no coupling to a {kinds[0]}; make one: {make}", file=gains)
     if not isinstance(read, Coupling):
         return problem, coupling_beside(problem, read, gains), []
     if same_problem(problem, read.problem):
@@ -228,22 +229,22 @@ def subject(source: str, gains: str | None) -> tuple[avc.Problem, Coupling | Non
     return problem, read.on(problem), [f"the coupling was made for {read.problem.name} with another {differ}"]
 
 
-def _ends_of(problem: avc.Problem) -> tuple[str, ...]:
+def _kinds_of_end(problem: avc.Problem) -> tuple[str, ...]:
     """Return the ends of couplings that a problem takes: its own first; one with a follower takes a wall's too."""
-    if problem.simulation is not None:
-        return ("simulation",)
-    return ("wall",) if problem.follower is None else ("follower", "wall")
+    end = problem.end
+    return (end.kind, problem.wall.kind) if end.beside_wall else (end.kind,)
 
 
 def recommended(problem: avc.Problem, console: Console, hands: int = 100, **options: Any) -> avc.Recommendation:
     """Return the recommended coupling to a wall, a simulation or a follower."""
     from avc_casadi._util.parallel import processors
     from avc_casadi.cli.console import package_versions
+    from avc_casadi.model.ends import Wall
     from avc_casadi.simulation.execute import compiler
 
     if compiler() is None:
         console.notice("avc: no C compiler is found (cc, or CC): hands are simulated some fifteen times as slowly")
-    if problem.simulation is None and problem.follower is None:
+    if isinstance(problem.end, Wall):
         options |= {"workers": min(2, processors())}
     with console.step(f"couplings with {hands} hands"):
         return avc.recommend(problem, hands, versions=package_versions(), progress=console, **options)

@@ -23,7 +23,7 @@ from avc_casadi.present.row import Answer, Mark, Part, Row, Value, commas, row, 
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
     from avc_casadi.model.device import Device as DeviceModel
-    from avc_casadi.present.rows.deploy import Deployment, NotTried
+    from avc_casadi.present.rows.deploy import NotTried
     from avc_casadi.present.rows.reports import LoopTrial
 
 _PARAMETERS = "in place of C: a coupling to a [simulation] for mujoco, unity, chai3d, sofa or another engine"
@@ -46,22 +46,19 @@ def run_export(args: argparse.Namespace, console: Console) -> Answer:
     The whole coupling at its own sample time, in C99 that is also C++11; of one to a [simulation] or a [follower] both
     ends. What is not deployable is refused with exit code 1; --unsafe overrides.
     """
+    from avc_casadi.cli import ends
+    from avc_casadi.model.ends import Simulation
     from avc_hardware.codegen.pair_export import pair_verdict
 
     if (args.c is None) == (args.parameters is None):
         raise avc.InputError.of("is missing; allowed: --c DIR or --parameters ENGINE", key="c")
     coupling = avc.read_coupling(args.gains, args.problem)
-    if coupling.end != "simulation":
-        cli.refuse(args, "parameters", why=f"is of a [simulation], not of a {coupling.end}; for C: --c DIR")
-    deployment: Deployment | None = None
-    if coupling.end == "wall":
-        deployment = _deployment(coupling, unsafe=args.unsafe)
-        unsafe = deployment.unsafe
-    else:
-        judged, stable = pair_verdict(coupling, unsafe=args.unsafe)
-        if args.parameters is not None:
-            return rows.engines.parameters(coupling, args.parameters, args.gains, "" if stable else judged)
-        unsafe = "" if stable else "UNSAFE, went on by request: a loop is linearly unstable"
+    if not isinstance(coupling.end, Simulation):
+        cli.refuse(args, "parameters", why=f"is of a [simulation], not of a {coupling.end.kind}; for C: --c DIR")
+    if args.parameters is not None:
+        sentence, stable = pair_verdict(coupling, unsafe=args.unsafe)
+        return rows.engines.parameters(coupling, args.parameters, args.gains, "" if stable else sentence)
+    judged = ends.judged(coupling.end, coupling, unsafe=args.unsafe)
     with console.step("C"):
         files = avc_hardware.export_c(coupling, precision=args.precision, name=args.name, unsafe=args.unsafe)
     paths = [Path(args.c) / name for name in files]
@@ -73,18 +70,8 @@ def run_export(args: argparse.Namespace, console: Console) -> Answer:
         for name, text in files.items():
             write_file(folder / name, text)
     console.written += map(str, paths)
-    exported = rows.deploy.Exported(args.precision, tuple(map(str, paths)), unsafe, deployment)
+    exported = rows.deploy.Exported(args.precision, tuple(map(str, paths)), judged.unsafe, judged.deployment)
     return rows.deploy.export(exported, coupling, args.gains)
-
-
-def _deployment(coupling: Coupling, *, unsafe: bool) -> Deployment:
-    """Return what is told of a coupling to a wall that is deployed; raise where it may not be."""
-    from avc_casadi.claims.deployable import require_deployable
-
-    verdict = require_deployable(coupling, unsafe=unsafe)
-    note = "" if verdict.passed else f"UNSAFE, went on by request: {verdict.sentence}"
-    holes = rows.answers.holes(coupling.schedule) or None
-    return rows.deploy.Deployment(coupling.id, verdict, note, coupling.lacks, holes)
 
 
 @cli.verb(
@@ -100,8 +87,10 @@ def run_push(args: argparse.Namespace, console: Console) -> Answer:
     What is not deployable is refused with exit code 1; --unsafe overrides. The emulated device is a fresh one for every
     command, of the coupling's own sample time, encoder and force limit, with a hand on it.
     """
+    from avc_casadi.cli import ends
+
     coupling = cli.read_wall(args.gains, args.problem)
-    deployment = _deployment(coupling, unsafe=args.unsafe)
+    deployment = ends.deployment(coupling, unsafe=args.unsafe)
     emulated = args.port == avc_hardware.EMULATOR
     wait = "the device is in contact: release it, out of the wall; the new coupling takes over there"
     with console.step(f"push to {args.port}"):
@@ -192,6 +181,7 @@ def run_stream(args: argparse.Namespace, console: Console) -> Answer:
 
     The table is pushed first, as what the device falls back to. Exit code 1 if it does not end on it.
     """
+    from avc_casadi.cli import ends
     from avc_casadi.coupling import require_coupling
 
     if cli.is_coupling(args.subject):
@@ -199,7 +189,7 @@ def run_stream(args: argparse.Namespace, console: Console) -> Answer:
     else:
         coupling = cli.recommended_coupling(avc.load_problem(args.subject), console)
         require_coupling(coupling)
-    deployment = _deployment(coupling, unsafe=args.unsafe)
+    deployment = ends.deployment(coupling, unsafe=args.unsafe)
     units = coupling.problem.units
     shown_s = -1.0
     sent = 0

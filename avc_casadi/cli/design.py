@@ -153,7 +153,9 @@ def run_recommend(args: argparse.Namespace, console: Console) -> Answer:
 
 
 def _is_pair(problem: avc.Problem) -> bool:
-    return problem.simulation is not None or problem.follower is not None
+    from avc_casadi.model.ends import Wall
+
+    return not isinstance(problem.end, Wall)
 
 
 def coupling_text(coupling: avc.Coupling, **further: Any) -> str:

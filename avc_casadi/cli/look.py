@@ -45,18 +45,14 @@ def run_check(args: argparse.Namespace, console: Console) -> Answer:  # noqa: AR
     """Check a problem file or a device file and show what it means."""
     from avc_casadi.files.plausibility import plausibility
     from avc_casadi.files.problem_file import is_device
-    from avc_casadi.recommendation.pair import unusual
-    from avc_casadi.recommendation.preconditions import not_used, why_infeasible
+    from avc_casadi.recommendation.preconditions import doubts, infeasible_at, not_used
 
     if is_device(args.problem):
         return rows.look.device(avc.load_device(args.problem), args.problem.removeprefix("devices/"))
     stated = avc.load_problem(args.problem)
     warnings = [rows.look.Doubt(fault.key, fault.message) for fault in plausibility(stated)]
-    infeasible = ""
-    if stated.simulation is not None:
-        warnings += [rows.look.Doubt(f"simulation.{key}", message) for key, message in unusual(stated).items()]
-    elif stated.follower is None:
-        infeasible = why_infeasible(stated)
+    warnings += [rows.look.Doubt(key, message) for key, message in doubts(stated.end, stated).items()]
+    infeasible = infeasible_at(stated.end, stated)
     result = rows.look.CheckedProblem(stated, not_used(stated), tuple(warnings), infeasible)
     return rows.look.problem(result, args.problem)
 

@@ -14,8 +14,8 @@ from avc_casadi._util.json_values import Document
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi._util.units import LINEAR, Units
 from avc_casadi.design.virtual_tool import Scale, ToolSearch, edge
-from avc_casadi.loops.engine import ToolLoops, tool_of
-from avc_casadi.model.ends import LONGEST_STEP_S, ToolGains
+from avc_casadi.loops.engine import ToolLoops
+from avc_casadi.model.ends import LONGEST_STEP_S, Simulation, ToolGains
 from avc_casadi.model.problem import Problem
 
 # Dampers B that are drawn: from this share of the heaviest, less rounding.
@@ -120,7 +120,7 @@ def tool_region(
         rates: steps of an engine, as multiples of the declared one, rounded to whole samples of the device.
         summits: whether the stiffest coupling over all dampers is searched too.
     """
-    tool = tool_of(problem)
+    tool = problem.end_as(Simulation)
     t = problem.device.sample_time_s
     declared = max(tool.step_s)
     scale = Scale.of(problem, declared)

@@ -6,19 +6,18 @@ import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property, partial, singledispatch
 from typing import Any
 
 import numpy as np
 
-from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi._util.json_values import plain
-from avc_casadi.claims.engine_port import engine_port
-from avc_casadi.loops.engine import ToolLoops, tool_of
+from avc_casadi.claims.engine_port import port_passivity
+from avc_casadi.loops.engine import ToolLoops
 from avc_casadi.loops.follower import FollowerLoops
-from avc_casadi.loops.system import Loops, WithMargin
-from avc_casadi.model.ends import ToolGains
+from avc_casadi.loops.system import Loops, System, WithMargin
+from avc_casadi.model.ends import End, Follower, Simulation, ToolGains, not_known
 from avc_casadi.model.hands import Hand
 from avc_casadi.model.problem import Problem
 
@@ -391,7 +390,47 @@ class CouplingSearch:
         return gains(limit)
 
 
-class ToolSearch(CouplingSearch):
+class EndSearch(CouplingSearch):
+    """Search for couplings of one problem to its end.
+
+    Attributes:
+        loops: the loops of hands, devices and the end, with every counterexample found so far.
+    """
+
+    loops: System
+
+    @property
+    def loop_count(self) -> int:
+        """Number of loops at the corners of all ranges, and of counterexamples inside."""
+        raise NotImplementedError
+
+    @property
+    def wanted_n_per_m(self) -> float | None:
+        """Stiffness that the problem asks for; None where it asks for the stiffest."""
+        return None
+
+    @property
+    def damped_locally(self) -> bool:
+        """Whether a damper of the device's local loop belongs to every coupling."""
+        return False
+
+    @cached_property
+    def limit(self) -> tuple[ToolGains, bool]:
+        """The stiffest that is stable, and whether a damper of the device's loop belongs to it."""
+        return self.stiffest(), False
+
+
+@singledispatch
+def search_of(end: End, problem: Problem) -> EndSearch:  # noqa: ARG001
+    """Return the search for the couplings of a problem to its end.
+
+    Raises:
+        UnsupportedError: of this kind of end no spring and damper is searched.
+    """
+    raise not_known(end, "a search for spring and damper")
+
+
+class ToolSearch(EndSearch):
     """Search for couplings of one problem with [simulation]."""
 
     loops: ToolLoops
@@ -403,20 +442,39 @@ class ToolSearch(CouplingSearch):
         scale = Scale.of(problem, max(self.loops.tool.step_s))
         super().__init__(self.loops, scale, options, problem.robustness.gain_margin)
 
+    @property
+    def loop_count(self) -> int:
+        """Number of loops."""
+        return len(self.loops)
+
+    @property
+    def wanted_n_per_m(self) -> float | None:
+        """Stiffness that the problem asks for."""
+        return self.loops.tool.stiffness_n_per_m
+
+    @property
+    def damped_locally(self) -> bool:
+        """Whether the exchange needs a damper of the device's local loop."""
+        return self.loops.tool.damped_locally
+
     @cached_property
     def limit(self) -> tuple[ToolGains, bool]:
         """The stiffest that is stable, and whether a damper of the device's loop belongs to it."""
-        tool = self.loops.tool
-        if tool.damped_locally:
+        if self.damped_locally:
             return self.stiffest_beside_local_damper(), True
         stiffest = self.stiffest()
-        wanted_n_per_m = tool.stiffness_n_per_m
+        wanted_n_per_m = self.wanted_n_per_m
         if wanted_n_per_m is not None and wanted_n_per_m > stiffest.stiffness_n_per_m:
             return self.stiffest_beside_local_damper(), True
         return stiffest, False
 
 
-class FollowerSearch(CouplingSearch):
+@search_of.register
+def _tool_search(end: Simulation, problem: Problem) -> EndSearch:  # noqa: ARG001
+    return ToolSearch(problem)
+
+
+class FollowerSearch(EndSearch):
     """Search for couplings of one problem with [follower]."""
 
     loops: FollowerLoops
@@ -426,6 +484,21 @@ class FollowerSearch(CouplingSearch):
         round_trip_s = max(sum(delays) for delays in self.loops.follower.delays_s)
         scale = Scale.of(problem, round_trip_s)
         super().__init__(self.loops, scale, _FOLLOWER_OPTIONS, problem.robustness.gain_margin)
+
+    @property
+    def wanted_n_per_m(self) -> float | None:
+        """Stiffness that the problem asks for."""
+        return self.loops.follower.stiffness_n_per_m
+
+    @property
+    def loop_count(self) -> int:
+        """Number of loops."""
+        return len(self.loops)
+
+
+@search_of.register
+def _follower_search(end: Follower, problem: Problem) -> EndSearch:  # noqa: ARG001
+    return FollowerSearch(problem)
 
 
 # Long delays make large matrices, so fewer dampers are tried.
@@ -457,7 +530,7 @@ def edge(stable: Callable[[float], bool], low: float, high: float, precision: fl
     return low
 
 
-def certify_pair(problem: Problem, gains: ToolGains, search: ToolSearch | FollowerSearch) -> dict[str, Any]:
+def certify_pair(problem: Problem, gains: ToolGains, search: EndSearch) -> dict[str, Any]:
     """Return the certificate: JSON values, stability and passivity apart."""
     stable = search.loops.stable_over_ranges(gains)
     radius, case = search.loops.radius(gains)
@@ -466,7 +539,7 @@ def certify_pair(problem: Problem, gains: ToolGains, search: ToolSearch | Follow
             "stable": stable,
             "spectral_radius": radius,
             "worst": asdict(case),
-            "loops": len(search.loops),
+            "loops": search.loop_count,
             **search.margins(gains),
             "least_damped": asdict(search.loops.slowest(gains)) if stable else None,
             "claim": (
@@ -475,20 +548,7 @@ def certify_pair(problem: Problem, gains: ToolGains, search: ToolSearch | Follow
                 "inside), every phase of the clocks (one where a step is a whole number of samples: it begins at a "
                 "sample)"
             ),
-            "passivity": {} if problem.simulation is None else _passivity(problem, gains),
+            "passivity": port_passivity(problem.end, problem, gains),
         }
     )
     return certificate
-
-
-def _passivity(problem: Problem, gains: ToolGains) -> dict[str, Any]:
-    claim = (
-        "the port at which the engine meets the coupling is passive, with the corner hands of [hands] and released: "
-        "stable with any engine that is passive there, whatever its tool weighs and touches. Such an engine solves the "
-        "tool together with the coupling's force (implicit); one that moves a mass explicitly is none, however heavy"
-    )
-    try:
-        port = engine_port(problem.device, problem.hands, tool_of(problem), gains)
-    except UnsupportedError as refusal:
-        return {"passive": None, "refused": str(refusal), "claim": claim}
-    return {**asdict(port), "refused": None, "claim": claim}

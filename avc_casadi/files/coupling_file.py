@@ -7,9 +7,10 @@ import io
 import json
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import singledispatch
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import numpy as np
 from pydantic import BeforeValidator, ConfigDict, Field
@@ -24,7 +25,7 @@ from avc_casadi.files.catalogue import require_source
 from avc_casadi.files.problem_file import AnyProblem, as_problem, problem_document
 from avc_casadi.model import quantity as q
 from avc_casadi.model import table as t
-from avc_casadi.model.ends import ToolGains
+from avc_casadi.model.ends import End, ToolGains, Wall
 from avc_casadi.model.gains import TABLE_COLUMNS, GainSchedule, GainTable
 from avc_casadi.model.problem import Problem
 from avc_casadi.model.runtime import Runtime
@@ -194,17 +195,25 @@ class WallDocument(_Document):
         return Coupling(self.problem_file, schedule, table, runtime, lacks=self.lacks)
 
 
-class PairDocument(_Document):
-    """The file of a coupling to a simulation or a second device."""
+def _other_end(value: Any) -> str:
+    """Return the name of the table of another end, or refuse what is none."""
+    tables = Problem.end_tables()
+    if isinstance(value, str) and value in tables:
+        return value
+    raise t.refusal(f"is {t.shown(value)}; allowed: {t.one_of(tables, value)}")
 
-    end: Literal["simulation", "follower"]
+
+class PairDocument(_Document):
+    """The file of a coupling to another end than a wall: a spring, a damper, and the damper of each local loop."""
+
+    end: Annotated[str, BeforeValidator(_other_end)]
     stiffness_n_per_m: q.Stiffness
     damping_ns_per_m: q.Damping
     local_damping_ns_per_m: q.Damping
 
     def faults(self) -> Iterator[t.Finding]:
         """Yield a problem without the other end."""
-        if getattr(self.problem_file, self.end) is None:
+        if self.problem_file.end.kind != self.end:
             yield ("problem_file", self.end), "is missing; allowed: the table of the other end"
 
     def coupling(self) -> Coupling:
@@ -215,19 +224,27 @@ class PairDocument(_Document):
 
 def coupling_document(coupling: Coupling) -> dict[str, Any]:
     """Return the document of a coupling: JSON values only."""
-    kept = {
+    return {
         "schema": COUPLING_SCHEMA,
-        "end": coupling.end,
+        "end": coupling.end.kind,
         "id": coupling.id,
         "problem_file": problem_document(coupling.problem),
         "certificate": None if coupling.certificate is None else plain(dict(coupling.certificate)),
         "trial": None if coupling.trial is None else plain(dict(coupling.trial)),
         "versions": plain(dict(coupling.versions)),
+        **_runs(coupling.end, coupling),
     }
-    if coupling.end != "wall":
-        return {**kept, **vars(coupling.gains)}
+
+
+@singledispatch
+def _runs(end: End, coupling: Coupling) -> dict[str, Any]:  # noqa: ARG001 - a spring and dampers, to any other end
+    """Return what runs at an end."""
+    return vars(coupling.gains)
+
+
+@_runs.register
+def _runs_at_wall(end: Wall, coupling: Coupling) -> dict[str, Any]:  # noqa: ARG001
     return {
-        **kept,
         "method": coupling.method,
         "structure": coupling.structure,
         "table": plain(coupling.table.to_dict()),
@@ -270,9 +287,8 @@ def read_file(path: str | Path) -> Coupling | GainTable:
         document = units.read(document)
         if document.pop("schema", None) != COUPLING_SCHEMA:
             raise InputError.of(f'is not "{COUPLING_SCHEMA}", that of a coupling; {NEXT_STEP}', file=file, key="schema")
-        kind: type[WallDocument | PairDocument] = (
-            WallDocument if document.get("end", "wall") == "wall" else PairDocument
-        )
+        to_wall = document.get("end", Wall.kind) == Wall.kind
+        kind: type[WallDocument | PairDocument] = WallDocument if to_wall else PairDocument
         valid = t.valid(kind, document, file)
         coupling: Coupling = valid.coupling()
         if valid.id != coupling.id:

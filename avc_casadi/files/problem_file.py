@@ -15,6 +15,7 @@ from avc_casadi.files.border import in_keys_of
 from avc_casadi.files.catalogue import DEVICES, catalogue_names, catalogue_path, device_names, require_source
 from avc_casadi.files.device_file import DeviceFile, with_device
 from avc_casadi.files.toml import KeyLines, tables_of, text_of, toml_lines
+from avc_casadi.model.ends import Wall
 from avc_casadi.model.problem import Frequency, Problem
 from avc_casadi.model.table import Finding, dotted, refused, shown, valid
 from avc_casadi.model.table import Path as KeyPath
@@ -110,14 +111,9 @@ def of_problem(function: F) -> F:
 def with_wall(problem: AnyProblem) -> Problem:
     """Return a problem as by `as_problem`, with a wall rendered by the device's own loop."""
     loaded = as_problem(problem)
-    wall = loaded.environment
-    far_end = ""
-    if loaded.simulation is not None:
-        far_end = "simulation"
-    elif loaded.follower is not None:
-        far_end = "follower"
-    if far_end and not (wall.stiffness_n_per_m or wall.damping_ns_per_m):
-        fact = f"{loaded.name or 'it'} couples to a [{far_end}], not a wall"
+    wall, end = loaded.wall, loaded.end
+    if not (isinstance(end, Wall) or wall.stiffness_n_per_m or wall.damping_ns_per_m):
+        fact = f"{loaded.name or 'it'} couples to a [{end.kind}], not a wall"
         raise UnsupportedError(f"{fact}; ask avc recommend, avc certify P --k K --b B", key="environment")
     return loaded
 

@@ -11,7 +11,6 @@ from functools import cached_property, reduce
 
 import numpy as np
 
-from avc_casadi._errors import InputError
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi.loops.contacts import Swing
 from avc_casadi.loops.loop import Body, Loop, Map, Rows, period, response, turn_of
@@ -32,9 +31,9 @@ from avc_casadi.model.device import Device
 from avc_casadi.model.ends import (
     RIGID_N_PER_M,
     Interval,
+    Simulation,
     ToolGains,
     ToolState,
-    VirtualTool,
     tool_at,
     tool_states,
     tool_step,
@@ -157,7 +156,7 @@ class Engine:
 
     body: Body
     clock: Clock
-    engine: VirtualTool
+    engine: Simulation
     tools: Sequence[ToolState]
     # Step of each tool, where they differ in a pattern of samples that they share.
     steps_s: FloatArray | None = None
@@ -261,7 +260,7 @@ class ToolLoops(System):
     """All loops of a problem with [simulation]: hands, end stop, released, devices, tools, contacts and clocks."""
 
     def __init__(self, problem: Problem, beside: Sequence[Hand] = ()) -> None:
-        self.tool = tool = tool_of(problem)
+        self.tool = tool = problem.end_as(Simulation)
         self.hands = with_stops(reduce(joined, beside, hand_corners(problem.hands)), problem.device.mass_kg)
         self._devices = device_corners(problem.device, LINEAR_KEYS)
         self.tools = list(
@@ -320,7 +319,7 @@ def _region(
     problem: Problem, plants: Plants, clocked: tuple[Clock, Interval], contacts: FloatArray, hand: Ranges
 ) -> Region:
     """Return the ranges where the pattern and kind of contact are set; a tool that is fixed has no other sides."""
-    tool, (clock, step_s), contact = tool_of(problem), clocked, (float(contacts[0]), float(contacts[-1]))
+    tool, (clock, step_s), contact = problem.end_as(Simulation), clocked, (float(contacts[0]), float(contacts[-1]))
     fixed = contact[0] >= RIGID_N_PER_M
     mass = tool.tool_mass_kg or (math.inf, math.inf)
     of_tool = {
@@ -370,18 +369,7 @@ class Plants:
         return self._last[key]
 
 
-def tool_of(problem: Problem) -> VirtualTool:
-    """Return the [simulation] of a problem."""
-    if problem.simulation is None:
-        raise InputError.of(
-            "is missing; allowed: a table with step_s, and tool_mass_kg where the engine moves a tool",
-            file=problem.name or "problem",
-            key="simulation",
-        )
-    return problem.simulation
-
-
-def contact_stiffnesses_n_per_m(tool: VirtualTool) -> list[float]:
+def contact_stiffnesses_n_per_m(tool: Simulation) -> list[float]:
     """Return the contacts that are tried, in the scene: free and rigid, and springs of a range, if it has any."""
     lowest, highest = tool.contact_stiffness_n_per_m
     if tool.constraint:
@@ -393,7 +381,7 @@ def contact_stiffnesses_n_per_m(tool: VirtualTool) -> list[float]:
     return sorted({0.0, *between, RIGID_N_PER_M})
 
 
-def _contacts_n_per_m(tool: VirtualTool) -> list[FloatArray]:
+def _contacts_n_per_m(tool: Simulation) -> list[FloatArray]:
     """Return the contacts that are searched, in the scene: free, knots of springs, rigid; none moves a fixed tool."""
     if tool.tool_mass_kg is None:
         return [np.array([RIGID_N_PER_M])]
@@ -408,7 +396,7 @@ def _contacts_n_per_m(tool: VirtualTool) -> list[FloatArray]:
     return [*found, np.array([RIGID_N_PER_M])]
 
 
-def _swing(tool: VirtualTool) -> Swing:
+def _swing(tool: Simulation) -> Swing:
     """Return how a tool swings on a contact in the engine, counted by its longest step."""
     lightest, heaviest = tool.tool_mass_kg or (math.inf, math.inf)
     dampers, longest_s = tool.contact_damping_ns_per_m, max(tool.step_s)

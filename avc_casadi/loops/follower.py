@@ -13,7 +13,6 @@ from typing import Any, Self
 
 import numpy as np
 
-from avc_casadi._errors import InputError
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi.loops.contacts import Swing
 from avc_casadi.loops.loop import Body, Loop, Map, Rows, period, response, turn_of
@@ -231,7 +230,7 @@ class FollowerLoops(System):
     """All loops of a problem with [follower]: hands, end stop, released, environments, both devices, delays, clocks."""
 
     def __init__(self, problem: Problem) -> None:
-        self.follower = follower = follower_of(problem)
+        self.follower = follower = problem.end_as(Follower)
         self.hands = with_stops(hand_corners(problem.hands), problem.device.mass_kg)
         stiffness, damping = environments(follower)
         self.environments_n_per_m = stiffness
@@ -277,14 +276,14 @@ def _pattern(pair: Link, case: Callable[[int], BilateralCase]) -> Pattern:
 
 def _round_trips(problem: Problem) -> list[RoundTrip]:
     """Return the distinct loops of a problem's link."""
-    follower = follower_of(problem)
+    follower = problem.end_as(Follower)
     times, ways = (problem.device.sample_time_s, follower.sample_time_s), follower.ways_s
     return round_trips(*times, *ways, sends_force=follower.architecture == "position-force")
 
 
 def _region(problem: Problem, trip: RoundTrip, contacts: FloatArray, hand: Ranges) -> Region:
     """Return the ranges where clocks, delays and the kind of contact, in the follower's units, are set."""
-    leader, follower = problem.device, follower_of(problem)
+    leader, follower = problem.device, problem.end_as(Follower)
     other, contact = follower.at_leader(), (float(contacts[0]), float(contacts[-1]))
     of_other = {f"follower.{key}": ends for key, ends in device_ranges(other, LINEAR_KEYS).items()}
     of_contact = {_STIFFNESS: contact}
@@ -317,17 +316,6 @@ def _region(problem: Problem, trip: RoundTrip, contacts: FloatArray, hand: Range
     return Region(Box(ranges, {_STIFFNESS: contacts} if len(contacts) > 1 else {}), pattern, (contact, *hand.values()))
 
 
-def follower_of(problem: Problem) -> Follower:
-    """Return the [follower] of a problem."""
-    if problem.follower is None:
-        raise InputError.of(
-            "is missing; allowed: a table with the keys of [device] and delay_s",
-            file=problem.name or "problem",
-            key="follower",
-        )
-    return problem.follower
-
-
 def environments(follower: Follower) -> tuple[FloatArray, FloatArray]:
     """Return stiffness and damping of the follower's environments, in the leader's units: free, springs, rigid."""
     low, top = _corner_springs_n_per_m(follower)
@@ -348,7 +336,7 @@ def contact_dampers_ns_per_m(follower: Follower, stiffness_n_per_m: float) -> li
 
 def _contacts_n_per_m(problem: Problem) -> list[FloatArray]:
     """Return the environments that are searched, in the follower's units: free, knots of springs, rigid."""
-    follower = follower_of(problem)
+    follower = problem.end_as(Follower)
     lowest, highest = follower.contact_stiffness_n_per_m
     swing = _swing(problem)
     low = max(lowest, min(swing.softest_n_per_m, _corner_springs_n_per_m(follower)[0]))
@@ -358,7 +346,7 @@ def _contacts_n_per_m(problem: Problem) -> list[FloatArray]:
 
 def _swing(problem: Problem) -> Swing:
     """Return how the follower swings on a contact."""
-    leader, follower = problem.device, follower_of(problem)
+    leader, follower = problem.device, problem.end_as(Follower)
     known, period_s, dampers = follower.range, follower.sample_time_s, follower.contact_damping_ns_per_m
     mass = (known.mass_kg or (follower.mass_kg, follower.mass_kg))[0]
     if follower.resonance is not None:

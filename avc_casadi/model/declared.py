@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from functools import singledispatch
+
 from avc_casadi.model import EFFECTS
 from avc_casadi.model import effects as e
-from avc_casadi.model.ends import ToolGains
+from avc_casadi.model.ends import End, Simulation, ToolGains
 from avc_casadi.model.problem import Problem
 
 
@@ -26,14 +28,24 @@ def declared(problem: Problem) -> tuple[str, ...]:
     return (*keys, "detent") if problem.detent is not None else tuple(keys)
 
 
+@singledispatch
+def end_effect(end: End) -> e.Effect:  # noqa: ARG001 - of what a scene has no effect of its own it has the wall alone
+    """Return the scene table of an end."""
+    return e.WallEffect()
+
+
+@end_effect.register
+def _simulation_effect(end: Simulation) -> e.Effect:  # noqa: ARG001
+    return e.SimulationEffect()
+
+
 def declared_effects(problem: Problem) -> tuple[e.Effect, ...]:
     """Return the scene tables of a hand, a wall or a simulation, and all that the device declares."""
     device = problem.device
     at_handle = device.encoder_at == "handle" and device.resonance is not None
     candidates: list[tuple[bool, e.Effect]] = [
         (True, e.HandEffect()),
-        (problem.simulation is None, e.WallEffect()),
-        (problem.simulation is not None, e.SimulationEffect()),
+        (True, end_effect(problem.end)),
         (problem.detent is not None, e.DetentEffect()),
         (device.resonance is not None, e.ResonanceEffect()),
         (device.coulomb_friction_n > 0, e.CoulombFrictionEffect()),

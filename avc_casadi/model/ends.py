@@ -1,16 +1,18 @@
-"""The remote end of a coupling: a simulation with a tool of its own, or a second device."""
+"""What is beyond a coupling: a wall in the device's own loop, a simulation with a tool, or a second device."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import BeforeValidator
 
+from avc_casadi._errors import UnsupportedError
 from avc_casadi.model import quantity as q
 from avc_casadi.model import table as t
-from avc_casadi.model.device import Device
+from avc_casadi.model.device import Detent, Device
 
 ToolIntegrator = Literal["semi-implicit", "explicit", "exact", "implicit-damping", "implicit"]
 Exchange = Literal["on-time", "late", "ahead", "held-force"]
@@ -19,12 +21,69 @@ Interval = tuple[float, float]
 RIGID_N_PER_M = q.LARGEST_STIFFNESS_N_PER_M
 """A contact of this stiffness counts as rigid: the tool stops at it."""
 
+_ROUNDING = 1e-9
+"""Share by which a time may miss its limit by rounding, as of a rate typed in place of a time."""
+MOST_LINK_SAMPLES = 64
+"""Largest delay of a link between two devices, in samples, each way."""
+
 LIGHTEST_TOOL_KG, HEAVIEST_TOOL_KG, LONGEST_STEP_S = 1e-9, 1e6, 10.0
 """Ends of what a tool may weigh and a step may last, in a file and in searches."""
 
 
+def at_least_a_sample(device: Device) -> str:
+    """Return what is allowed of a time that holds a sample of the device."""
+    return f"allowed: device.sample_time_s = {t.shown(device.sample_time_s)} or more"
+
+
+class End:
+    """What is beyond a coupling, as plain data.
+
+    A kind of end is a subclass. Each room has functions of an end, registered by this type with
+    `functools.singledispatch`: a new kind of end is one function a room.
+    """
+
+    kind: ClassVar[str]
+    """What documents call it."""
+    required: ClassVar[str] = "a table"
+    """What a problem file has to state of it, in words."""
+    in_scenes: ClassVar[bool] = False
+    """Whether `avc simulate` has it."""
+    beside_wall: ClassVar[bool] = False
+    """Whether its problem may have couplings to its wall too."""
+
+    def document(self) -> dict[str, Any]:
+        """Return the values that identify it, JSON values."""
+        return dict(vars(self))
+
+    @property
+    def stiffest_contact_n_per_m(self) -> float:
+        """The stiffest contact that it declares, in the device's units; 0 where that is rigid, or none is declared."""
+        return 0.0
+
+    def faults_beside(self, device: Device) -> Iterator[t.Finding]:  # noqa: ARG002 - each kind has its own
+        """Yield what is wrong between its table and a device, each with its path in that table."""
+        yield from ()
+
+
+def not_known(end: End, what: str) -> UnsupportedError:
+    """Return the error of a function of ends that none is registered for."""
+    return UnsupportedError(f"{what} is known of no coupling to a {end.kind}", key=end.kind)
+
+
 @dataclass(frozen=True)
-class Ends:
+class Wall(End):
+    """A damper and a spring that the device's own loop renders, with the detents in front of them."""
+
+    kind: ClassVar[str] = "wall"
+    in_scenes: ClassVar[bool] = True
+
+    damping_ns_per_m: float
+    stiffness_n_per_m: float
+    detent: Detent | None = None
+
+
+@dataclass(frozen=True)
+class IntervalOf:
     """Validator of a number, or of [lowest, highest]; both become a pair."""
 
     one: q.Quantity
@@ -44,17 +103,23 @@ class Ends:
         return q.ordered((low, high))
 
 
-_Masses = Annotated[Interval, BeforeValidator(Ends(q.Quantity("kg", LIGHTEST_TOOL_KG, HEAVIEST_TOOL_KG, zero=False)))]
-Dampings = Annotated[Interval, BeforeValidator(Ends(q.Quantity("N.s/m", 1e-9, q.LARGEST_DAMPING_NS_PER_M)))]
-Contacts = Annotated[Interval, BeforeValidator(Ends(q.Quantity("N/m", 1e-9, RIGID_N_PER_M), unbounded=True))]
-_Steps = Annotated[Interval, BeforeValidator(Ends(q.Quantity("s", 1e-7, LONGEST_STEP_S, zero=False)))]
+_Masses = Annotated[
+    Interval, BeforeValidator(IntervalOf(q.Quantity("kg", LIGHTEST_TOOL_KG, HEAVIEST_TOOL_KG, zero=False)))
+]
+Dampings = Annotated[Interval, BeforeValidator(IntervalOf(q.Quantity("N.s/m", 1e-9, q.LARGEST_DAMPING_NS_PER_M)))]
+Contacts = Annotated[Interval, BeforeValidator(IntervalOf(q.Quantity("N/m", 1e-9, RIGID_N_PER_M), unbounded=True))]
+_Steps = Annotated[Interval, BeforeValidator(IntervalOf(q.Quantity("s", 1e-7, LONGEST_STEP_S, zero=False)))]
 Scale = Annotated[float, BeforeValidator(q.Quantity("", 1e-6, 1e6, zero=False))]
 _Late = Annotated[int, BeforeValidator(q.Whole(0, 8))]
 _Substeps = Annotated[int, BeforeValidator(q.Whole(1, 64))]
 
 
-class VirtualTool(t.Table):
+class Simulation(t.Table, End):
     """The table [simulation]: a tool that an engine moves, joined to the device by a spring K and a damper B."""
+
+    kind: ClassVar[str] = "simulation"
+    required: ClassVar[str] = "a table with step_s, and tool_mass_kg where the engine moves a tool"
+    in_scenes: ClassVar[bool] = True
 
     # Every T the device holds -(K (x - x_s) + B (v - v_s)), s the newest data of the tool, and every step the engine
     # moves the tool by K (x - x_t) + B (v - v_t), x the newest sample of the device.
@@ -106,9 +171,23 @@ class VirtualTool(t.Table):
         return self.contact_stiffness_n_per_m[1] >= RIGID_N_PER_M
 
     @property
+    def stiffest_contact_n_per_m(self) -> float:
+        """The stiffest contact that it declares, in the device's units; 0 where that is rigid."""
+        return 0.0 if self.rigid else self.scale * self.contact_stiffness_n_per_m[1]
+
+    @property
     def constraint(self) -> bool:
         """Whether its contact is a constraint: the tool is free or stands still, as no stiffness is declared."""
         return self.contact_stiffness_n_per_m[0] in (0.0, RIGID_N_PER_M) and self.rigid
+
+    def document(self) -> dict[str, Any]:
+        """Return its values; a number of substeps that older files do not have only where there are some."""
+        return self.model_dump(mode="json", exclude={"substeps"} if self.substeps == 1 else None)
+
+    def faults_beside(self, device: Device) -> Iterator[t.Finding]:
+        """Yield a step that is shorter than a sample of the device."""
+        if self.step_s[0] < device.sample_time_s * (1 - _ROUNDING):
+            yield ("step_s",), f"is {t.shown(self.step_s)}; {at_least_a_sample(device)}"
 
 
 @dataclass(frozen=True)
@@ -154,7 +233,7 @@ class ToolState:
         return math.isinf(self.mass_kg) or math.isinf(self.contact_stiffness_n_per_m)
 
 
-def tool_states(tool: VirtualTool, contact_stiffness_n_per_m: float) -> list[ToolState]:
+def tool_states(tool: Simulation, contact_stiffness_n_per_m: float) -> list[ToolState]:
     """Return the corners of a tool in a contact of the scene, in the device's units, light ones first."""
     if tool.tool_mass_kg is None:
         return [ToolState(math.inf, 0.0, math.inf, 0.0)]
@@ -171,7 +250,7 @@ def tool_states(tool: VirtualTool, contact_stiffness_n_per_m: float) -> list[Too
 
 
 def tool_at(
-    tool: VirtualTool,
+    tool: Simulation,
     mass_kg: float,
     damping_ns_per_m: float,
     contact_stiffness_n_per_m: float,
@@ -225,11 +304,15 @@ def _motion(t: Any, mass: Any, drag: Any, stiffness: Any, doublings: int) -> tup
 Architecture = Literal["position-position", "position-force"]
 ForceSent = Literal["commanded", "measured"]
 
-_Delays = Annotated[Interval, BeforeValidator(Ends(q.Quantity("s", 1e-6, 10)))]
+_Delays = Annotated[Interval, BeforeValidator(IntervalOf(q.Quantity("s", 1e-6, 10)))]
 
 
-class Follower(Device):
+class Follower(Device, End):
     """The table [follower]: all keys of [device], the link to it, and its environment."""
+
+    kind: ClassVar[str] = "follower"
+    beside_wall: ClassVar[bool] = True
+    required: ClassVar[str] = "a table with the keys of [device] and delay_s"
 
     delay_s: _Delays = (0.0, 0.0)
     return_delay_s: _Delays | None = None
@@ -255,6 +338,11 @@ class Follower(Device):
         return self.contact_stiffness_n_per_m[1] >= RIGID_N_PER_M
 
     @property
+    def stiffest_contact_n_per_m(self) -> float:
+        """The stiffest contact that it declares, in the device's units; 0 where that is rigid."""
+        return 0.0 if self.rigid else self.scale * self.contact_stiffness_n_per_m[1]
+
+    @property
     def ways_s(self) -> tuple[Interval, Interval]:
         """Ranges of the delay to the follower and of that back."""
         return self.delay_s, self.return_delay_s or self.delay_s
@@ -264,6 +352,25 @@ class Follower(Device):
         """Pairs of delays, to the follower and back: the shortest and the longest both ways."""
         there, back = self.ways_s
         return sorted({(there[0], back[0]), (there[1], back[1])})
+
+    def document(self) -> dict[str, Any]:
+        """Return its values."""
+        return self.model_dump(mode="json")
+
+    def faults_beside(self, device: Device) -> Iterator[t.Finding]:
+        """Yield another motion, no mass to couple, and delays of too many samples."""
+        if self.motion != device.motion:
+            yield ("motion",), f"is {t.shown(self.motion)}; allowed: that of [device]"
+        if min(self.range.mass_kg or (self.mass_kg,)) == 0:
+            message = "may be 0; allowed: above 0: a follower that touches nothing would have no motion to couple"
+            yield ("mass_kg",), message
+        # Every pending sample is a state: long delays take minutes, then memory.
+        longest = MOST_LINK_SAMPLES * min(device.sample_time_s, self.sample_time_s)
+        for key in ("delay_s", "return_delay_s"):
+            delay = getattr(self, key)
+            if delay is not None and delay[1] > longest * (1 + _ROUNDING):
+                message = f"is {t.shown(delay)}; allowed: at most {MOST_LINK_SAMPLES} samples, {q.plain(longest)} s"
+                yield (key,), message
 
     def at_leader(self) -> Device:
         """Return the follower in the leader's units of position and force."""

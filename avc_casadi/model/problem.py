@@ -2,22 +2,21 @@
 
 import itertools
 from collections.abc import Iterator, Mapping
-from typing import Any, Literal, Self
+from functools import cache
+from typing import Any, Literal, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, Field, model_validator
 
+from avc_casadi._errors import InputError
 from avc_casadi._util.units import Units
 from avc_casadi.model import quantity as q
 from avc_casadi.model import table as t
 from avc_casadi.model.corners import Robustness
 from avc_casadi.model.device import Detent, Device
-from avc_casadi.model.ends import Follower, VirtualTool
+from avc_casadi.model.ends import End, Follower, Simulation, Wall, at_least_a_sample
 from avc_casadi.model.scene import MOTIONS, Scene
-
-MOST_LINK_SAMPLES = 64
-"""Largest delay of a link between two devices, in samples, each way."""
 
 Model = Literal["paper", "sampled-data"]
 Structure = Literal["series", "damped"]
@@ -25,6 +24,8 @@ Contact = Literal["clip-last", "gated"]
 Scope = Literal["pointwise", "band", "all", "hands"]
 Objective = Literal["magnitude", "complex", "perceptual"]
 Required = Literal["none", "jnd", "bounds"]
+
+E = TypeVar("E", bound=End)
 
 
 class Impedance(t.Table):
@@ -179,8 +180,14 @@ def _with_defaults_at(tables: Mapping[str, Any], radius_m: float) -> dict[str, A
     return filled
 
 
-_ROUNDING = 1e-9
-"""Share by which a time may miss its limit by rounding, as of a rate typed in place of a time."""
+@cache
+def _end_tables(problem: type[t.Table]) -> dict[str, type[End]]:
+    return {
+        name: table
+        for name, field in problem.model_fields.items()
+        for table in t.tables_of(field.annotation)
+        if issubclass(table, End)
+    }
 
 
 class Problem(t.Table):
@@ -220,7 +227,7 @@ class Problem(t.Table):
     hands: Hands = Hands()
     robustness: Robustness = Robustness()
     detent: Detent | None = None
-    simulation: VirtualTool | None = None
+    simulation: Simulation | None = None
     follower: Follower | None = None
     frequency: Frequency = Frequency()
     scene: Scene = Scene()
@@ -231,8 +238,7 @@ class Problem(t.Table):
         """Fill in defaults: no wall beside a remote end; for a rotary device those of a linear one at its handle."""
         if not isinstance(tables, Mapping):
             return tables
-        far = tables.get("simulation") is not None or tables.get("follower") is not None
-        if far and "environment" not in tables:
+        if any(tables.get(name) is not None for name in cls.end_tables()) and "environment" not in tables:
             tables = {**tables, "environment": {"damping_ns_per_m": 0.0, "stiffness_n_per_m": 0.0}}
         device = _given(tables.get("device"))
         radius = device.get("handle_radius_m") if isinstance(device, Mapping) else None
@@ -252,47 +258,28 @@ class Problem(t.Table):
             yield ("realism", "require"), message
         yield from self._scene_faults()
         yield from self._end_faults()
-        if self.follower is not None:
-            yield from self._follower_faults(self.follower)
-
-    @property
-    def _at_least_a_sample(self) -> str:
-        return f"allowed: device.sample_time_s = {t.shown(self.device.sample_time_s)} or more"
 
     def _scene_faults(self) -> Iterator[t.Finding]:
         """Yield a scene shorter than a sample, and saturation without a limit."""
         if self.scene.duration_s < self.device.sample_time_s:
-            yield ("scene", "duration_s"), f"is {t.shown(self.scene.duration_s)}; {self._at_least_a_sample}"
+            yield ("scene", "duration_s"), f"is {t.shown(self.scene.duration_s)}; {at_least_a_sample(self.device)}"
         for index, effect in enumerate(self.scene.effects):
             if effect.kind == "saturation" and getattr(effect, "force_n", None) is None and not self.device.max_force_n:
                 message = "is missing, and device.max_force_n too; allowed: one of the two"
                 yield ("scene", "effects", index, "force_n"), message
 
     def _end_faults(self) -> Iterator[t.Finding]:
-        """Yield two remote ends, detents beside one, and an engine that steps more often than the device."""
-        shortest_s = self.device.sample_time_s * (1 - _ROUNDING)
-        if self.simulation is not None and self.simulation.step_s[0] < shortest_s:
-            yield ("simulation", "step_s"), f"is {t.shown(self.simulation.step_s)}; {self._at_least_a_sample}"
-        if self.simulation is not None and self.follower is not None:
-            yield ("follower",), "stands beside [simulation]; allowed: one of them"
+        """Yield more than one remote end, detents beside one, and the faults of each with the device."""
+        ends = self._other_ends()
+        for second in list(ends)[1:]:
+            yield (second,), f"stands beside [{next(iter(ends))}]; allowed: one of them"
         # The slope of a detent is a spring in the device's own loop, in which no coupling to another end is judged.
-        if (self.simulation is not None or self.follower is not None) and self.detent is not None:
-            yield ("detent",), "stands beside [simulation] or [follower]; allowed: one of them, or detents at that end"
-
-    def _follower_faults(self, follower: Follower) -> Iterator[t.Finding]:
-        """Yield a follower that moves otherwise than the device, one without mass, and a delay too long to judge."""
-        if follower.motion != self.device.motion:
-            yield ("follower", "motion"), f"is {t.shown(follower.motion)}; allowed: that of [device]"
-        if min(follower.range.mass_kg or (follower.mass_kg,)) == 0:
-            message = "may be 0; allowed: above 0: a follower that touches nothing would have no motion to couple"
-            yield ("follower", "mass_kg"), message
-        # Every pending sample is a state: long delays take minutes, then memory.
-        longest = MOST_LINK_SAMPLES * min(self.device.sample_time_s, follower.sample_time_s)
-        for key in ("delay_s", "return_delay_s"):
-            delay = getattr(follower, key)
-            if delay is not None and delay[1] > longest * (1 + _ROUNDING):
-                message = f"is {t.shown(delay)}; allowed: at most {MOST_LINK_SAMPLES} samples, {q.plain(longest)} s"
-                yield ("follower", key), message
+        if ends and self.detent is not None:
+            known = " or ".join(f"[{name}]" for name in self.end_tables())
+            yield ("detent",), f"stands beside {known}; allowed: one of them, or detents at that end"
+        for name, end in ends.items():
+            for path, message in end.faults_beside(self.device):
+                yield (name, *path), message
 
     def _below_nyquist(self) -> Iterator[t.Finding]:
         """Yield the frequencies at which the Tustin map is infinite."""
@@ -305,6 +292,41 @@ class Problem(t.Table):
             if value * period >= 0.5:
                 allowed = f"below {q.plain(0.5 / period)} Hz, half the rate of sample_time_s = {t.shown(period)}"
                 yield ("frequency", *place), f"is {t.shown(value)}{origin}; allowed: {allowed}"
+
+    @classmethod
+    def end_tables(cls) -> dict[str, type[End]]:
+        """Return the kinds of end that a table of the problem states, by the name of that table."""
+        return _end_tables(cls)
+
+    def _other_ends(self) -> dict[str, End]:
+        stated = {name: getattr(self, name) for name in self.end_tables()}
+        return {name: end for name, end in stated.items() if end is not None}
+
+    @property
+    def wall(self) -> Wall:
+        """The wall in the device's own loop; without stiffness and damping where the problem states none."""
+        return Wall(self.environment.damping_ns_per_m, self.environment.stiffness_n_per_m, self.detent)
+
+    @property
+    def end(self) -> End:
+        """What the coupling leads to: the other end that a table states, or else the wall."""
+        return next(iter(self._other_ends().values()), self.wall)
+
+    @property
+    def end_table(self) -> str:
+        """Name of the table that states the end."""
+        return next(iter(self._other_ends()), "environment")
+
+    def end_as(self, kind: type[E]) -> E:
+        """Return the end of a kind: the wall, or the other end that the problem states.
+
+        Raises:
+            InputError: the problem states none of this kind.
+        """
+        for end in (self.end, self.wall):
+            if isinstance(end, kind):
+                return end
+        raise InputError.of(f"is missing; allowed: {kind.required}", file=self.name or "problem", key=kind.kind)
 
     def changed(self, **tables: Mapping[str, Any] | BaseModel | str | None) -> Self:
         """Return the problem with some keys changed, validated as a file is.

@@ -5,19 +5,20 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from functools import singledispatch
+from typing import Any, Protocol
 
 import numpy as np
 
 from avc_casadi._util.arrays import ComplexArray, FloatArray
 from avc_casadi.claims.impedance import Excitation, below_quarter_rate, handle_impedance, rendered, stiffness_at_handle
 from avc_casadi.coupling import Coupling
-from avc_casadi.loops.engine import Engine, clocks, tool_of
+from avc_casadi.loops.engine import Engine, clocks
 from avc_casadi.loops.follower import Link, Touch, link_clocks
 from avc_casadi.loops.loop import Body
 from avc_casadi.loops.margins import OpenLoop, damping_ratios
 from avc_casadi.model.device import DeviceRange
-from avc_casadi.model.ends import RIGID_N_PER_M, ToolGains, tool_states
+from avc_casadi.model.ends import RIGID_N_PER_M, End, Follower, Simulation, ToolGains, not_known, tool_states
 from avc_casadi.model.hands import Hand, hand_corners
 from avc_casadi.model.plant import sampled_plant
 from avc_casadi.model.problem import Problem
@@ -347,54 +348,81 @@ class Felt:
     contact_error: float  # from that of the device on a spring K, over its |Z|
 
 
+class DrivenEnd(Protocol):
+    """An end with a coupling, in one contact, as the force that it gives to a moving device."""
+
+    def force_per_metre(self, gains: ToolGains, frequency_hz: float) -> complex:
+        """Return the force of the coupling over the motion of the device."""
+
+
+@dataclass(frozen=True)
+class NominalEnd:
+    """What is rendered of an end: it moves freely or it is held, with its mass and damping in free motion."""
+
+    free: DrivenEnd
+    held: DrivenEnd
+    moves: bool
+    mass_kg: float = 0.0
+    damping_ns_per_m: float = 0.0
+
+
+@singledispatch
+def nominal_end(end: End, problem: Problem) -> NominalEnd:  # noqa: ARG001
+    """Return what is rendered of an end on the nominal device.
+
+    Raises:
+        UnsupportedError: of this kind of end that is not known.
+    """
+    raise not_known(end, "what a hand feels")
+
+
+@nominal_end.register
+def _heaviest_tool(engine: Simulation, problem: Problem) -> NominalEnd:
+    t = problem.device.sample_time_s
+    free, rigid = (tool_states(engine, contact)[-1] for contact in (0.0, RIGID_N_PER_M))
+    clock, driven = clocks(max(engine.step_s), t)[-1], Body.motion_source(t)
+    mass, damping = (0.0, 0.0) if free.fixed else (free.mass_kg, free.damping_ns_per_m)
+    moving, held = (Engine(driven, clock, engine, [state]) for state in (free, rigid))
+    return NominalEnd(moving, held, not free.fixed, mass, damping)
+
+
+@nominal_end.register
+def _nominal_follower(follower: Follower, problem: Problem) -> NominalEnd:
+    other, none, t = follower.at_leader(), np.zeros(2), problem.device.sample_time_s
+    touched = sampled_plant(other.model_copy(update={"range": DeviceRange()}), Hand(none, none, none))
+    touch = Touch.of(touched, np.array([0.0, np.inf]), none)
+    link = link_clocks(t, other.sample_time_s, *follower.delays_s[-1])[-1]
+    moving, held = (Link(Body.motion_source(t), touch.axes(place), link, follower) for place in (0, 1))
+    return NominalEnd(moving, held, moves=True, mass_kg=other.mass_kg, damping_ns_per_m=other.damping_ns_per_m)
+
+
 def rendered_band(problem: Problem, gains: ToolGains) -> tuple[tuple[Felt, ...], float, float]:
     """Return the impedance over the band of hand motion and perception, and mass and damping of both ends as one."""
-    device, (far_kg, far_ns_per_m) = problem.device, _far(problem)
+    device, far = problem.device, nominal_end(problem.end, problem)
     found = rendered_pair(problem, gains, np.geomspace(0.3, 100.0, 80).tolist())
-    return found, device.mass_kg + far_kg, device.damping_ns_per_m + far_ns_per_m
-
-
-def _far(problem: Problem) -> tuple[float, float]:
-    """Return mass and damping of the remote end in free motion, of a tool the heaviest."""
-    if problem.follower is not None:
-        other = problem.follower.at_leader()
-        return other.mass_kg, other.damping_ns_per_m
-    tool = tool_states(tool_of(problem), 0.0)[-1]
-    return (0.0, 0.0) if tool.fixed else (tool.mass_kg, tool.damping_ns_per_m)
+    return found, device.mass_kg + far.mass_kg, device.damping_ns_per_m + far.damping_ns_per_m
 
 
 def rendered_pair(
     problem: Problem, gains: ToolGains, frequencies_hz: Sequence[float] = (1.0, 10.0)
 ) -> tuple[Felt, ...]:
     """Return the impedance at the handle of the nominal device, of the heaviest tool or the follower."""
-    device = problem.device
-    t, driven = device.sample_time_s, Body.motion_source(device.sample_time_s)
-    ends: list[Engine] | list[Link]
-    if problem.follower is not None:
-        other, none = problem.follower.at_leader(), np.zeros(2)
-        touched = sampled_plant(other.model_copy(update={"range": DeviceRange()}), Hand(none, none, none))
-        touch = Touch.of(touched, np.array([0.0, np.inf]), none)
-        link = link_clocks(t, other.sample_time_s, *problem.follower.delays_s[-1])[-1]
-        ends, moves = [Link(driven, touch.axes(place), link, problem.follower) for place in (0, 1)], True
-    else:
-        engine = tool_of(problem)
-        states = [tool_states(engine, contact)[-1] for contact in (0.0, RIGID_N_PER_M)]
-        clock = clocks(max(engine.step_s), t)[-1]
-        ends, moves = [Engine(driven, clock, engine, [state]) for state in states], not states[0].fixed
+    device, far = problem.device, nominal_end(problem.end, problem)
 
     def at(frequency_hz: float) -> Felt:
         """Return that in free motion and in rigid contact."""
         hz, s = np.array([frequency_hz]), 2j * np.pi * frequency_hz
-        moved, contact = (handle_impedance(device, one.force_per_metre(gains, frequency_hz), hz)[0][0] for one in ends)
+        moved, contact = (
+            handle_impedance(device, end.force_per_metre(gains, frequency_hz), hz)[0][0] for end in (far.free, far.held)
+        )
         alone = device.mass_kg * s + device.damping_ns_per_m
         wanted = alone + gains.stiffness_n_per_m / s
         stiffness, error = float(abs((contact - alone) * s)), float(abs(contact - wanted) / abs(wanted))
-        if not moves:
+        if not far.moves:
             drag = device.damping_ns_per_m + gains.local_damping_ns_per_m
             return Felt(frequency_hz, None, drag, None, stiffness, error)
-        far_kg, far_ns_per_m = _far(problem)
-        body = alone + far_kg * s + far_ns_per_m
+        body = alone + far.mass_kg * s + far.damping_ns_per_m
         free_error = float(abs(moved - body) / abs(body))
         return Felt(frequency_hz, float(moved.imag / abs(s)), float(moved.real), free_error, stiffness, error)
 
-    return tuple(at(hz) for hz in frequencies_hz if hz * t < 0.25)
+    return tuple(at(hz) for hz in frequencies_hz if hz * device.sample_time_s < 0.25)

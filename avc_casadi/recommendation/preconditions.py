@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import singledispatch
 
 import numpy as np
 
@@ -11,13 +12,14 @@ from avc_casadi.claims.deployable import detent_claim
 from avc_casadi.claims.impedance import PRESS_N
 from avc_casadi.files.plausibility import plausibility
 from avc_casadi.files.problem_file import BELOW_NYQUIST
+from avc_casadi.loops.engine import ToolLoops
 from avc_casadi.loops.wall import MAX_DELAY_SAMPLES
 from avc_casadi.loops.walls import damping_range, softest_wall_n_per_m
 from avc_casadi.model import EFFECTS
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners
 from avc_casadi.model.declared import declared, declared_effects
 from avc_casadi.model.device import Device
-from avc_casadi.model.ends import RIGID_N_PER_M, VirtualTool
+from avc_casadi.model.ends import RIGID_N_PER_M, End, Follower, Simulation, Wall
 from avc_casadi.model.hands import hand_corners, with_released
 from avc_casadi.model.problem import Frequency, Problem
 from avc_casadi.simulation.population.trial import CouplingTrial
@@ -88,11 +90,7 @@ def nothing_rendered(problem: Problem, felt_n_per_m: float, trial: CouplingTrial
 def assumed(problem: Problem, devices: int = 1) -> tuple[str, ...]:
     """Return the assumptions."""
     gaps = ["hands are linear, on one axis, and constant while they hold on"]
-    if problem.follower is None:
-        gaps += _undeclared(problem.device, friction=True)
-    else:
-        for who, device in (("leader", problem.device), ("follower", problem.follower)):
-            gaps += [f"{who}: {gap}" for gap in _undeclared(device, friction=False)]
+    gaps += _undeclared_with(problem.end, problem)
     if problem.detent is not None:
         gaps.append("the trial has no detents: their slopes are judged in the claims, and avc simulate has them")
     at = "trial at nominal" if devices == 1 else f"trial at nominal, and by others at {devices} devices of the ranges"
@@ -102,7 +100,49 @@ def assumed(problem: Problem, devices: int = 1) -> tuple[str, ...]:
             f"{key}: {f'linear stability at its corners, {at}' if linear else f'{at}; no part of linear stability'}"
         )
     gaps += [f"{SLIP}{doubt.key} {doubt.message}" for doubt in plausibility(problem)]
-    return tuple(gaps)
+    return (*gaps, *_assumed_of(problem.end))
+
+
+@singledispatch
+def _assumed_of(end: End) -> list[str]:  # noqa: ARG001
+    """Return what is assumed of an end."""
+    return []
+
+
+@_assumed_of.register
+def _assumed_of_simulation(end: Simulation) -> list[str]:
+    found = []
+    if end.constraint and end.tool_mass_kg is not None:
+        found.append("the engine's contacts are constraints: the tool is free or held; give a range with an end")
+    if len(set(end.step_s)) == 1:
+        found.append("the engine's step is steady: a range of step_s is judged at each steady step in it")
+    else:
+        found.append("the engine's step is steady, any of step_s: steps that vary are in the trial alone")
+    return found
+
+
+@_assumed_of.register
+def _assumed_of_follower(end: Follower) -> list[str]:
+    found = ["the trial has no dry friction, at neither end"]
+    if "contact_stiffness_n_per_m" not in end.model_fields_set:
+        found.append("the follower touches anything from nothing to a rigid object")
+    if end.contact_damping_ns_per_m is None:
+        found.append("what the follower touches is damped by a tenth of the critical damping")
+    if end.jitter == 0 and end.lost_share == 0:
+        found.append("the link is even: no jitter and no lost messages are declared")
+    return found
+
+
+@singledispatch
+def _undeclared_with(end: End, problem: Problem) -> list[str]:  # noqa: ARG001
+    """Return the assumptions on what the devices of a problem do not declare."""
+    return _undeclared(problem.device, friction=True)
+
+
+@_undeclared_with.register
+def _undeclared_with_follower(end: Follower, problem: Problem) -> list[str]:
+    devices = (("leader", problem.device), ("follower", end))
+    return [f"{who}: {gap}" for who, device in devices for gap in _undeclared(device, friction=False)]
 
 
 def _undeclared(device: Device, *, friction: bool) -> list[str]:
@@ -122,13 +162,22 @@ def _undeclared(device: Device, *, friction: bool) -> list[str]:
 
 
 def _ranges(problem: Problem) -> list[str]:
-    """Return the declared ranges, of a follower too."""
+    """Return the declared ranges, of a second device too."""
+    return [key for key in _declared_with(problem.end, problem) if ".range." in key]
+
+
+@singledispatch
+def _declared_with(end: End, problem: Problem) -> list[str]:  # noqa: ARG001
+    """Return the declared keys of the devices of a problem that the trial has."""
+    return [key for key in declared(problem) if key not in _not_simulated(problem.device)]
+
+
+@_declared_with.register
+def _declared_with_follower(end: Follower, problem: Problem) -> list[str]:
+    far = problem.model_copy(update={"device": end.at_leader()})
     keys = [key for key in declared(problem) if key not in _not_simulated(problem.device)]
-    if problem.follower is not None:
-        far = problem.model_copy(update={"device": problem.follower.at_leader()})
-        keys += [key.replace("device", "follower", 1) for key in declared(far)]
-        keys = [key for key in keys if key.rpartition(".")[2] not in _NOT_OF_TELEOPERATORS]
-    return [key for key in keys if ".range." in key]
+    keys += [key.replace("device", "follower", 1) for key in declared(far)]
+    return [key for key in keys if key.rpartition(".")[2] not in _NOT_OF_TELEOPERATORS]
 
 
 def _not_simulated(device: Device) -> set[str]:
@@ -141,25 +190,15 @@ def not_used(problem: Problem) -> tuple[str, ...]:
     """Return the declared keys that no candidate, certificate or trial uses."""
     unseen = _not_simulated(problem.device)
     unused = [f"{key} (not seen by an encoder at the handle)" for key in declared(problem) if key in unseen]
-    wall, tool, follower = problem.environment, problem.simulation, problem.follower
-    bare = type(problem)(
-        device=problem.device, environment=wall, simulation=tool, follower=follower, frequency=problem.frequency
-    ).changed(coupling={"contact": problem.coupling.contact})
+    kept = ("device", "environment", "frequency", *problem.end_tables())
+    bare = type(problem)(**{table: getattr(problem, table) for table in kept})
+    bare = bare.changed(coupling={"contact": problem.coupling.contact})
     tables = ("boundaries", "stability", "realism", "schedule", "coupling", "robustness")
     stated = [key for key in tables if getattr(problem, key) != getattr(bare, key)]
     # The default band ends lower for a slow device.
     if problem.frequency not in (Frequency(), Frequency(stop_hz=BELOW_NYQUIST / problem.device.sample_time_s)):
         stated.append("frequency")
-    if tool is None and follower is None:
-        unused += [f"{table}{_OF_SOLVE}" for table in stated if table != "robustness"]
-    else:
-        stated += ["environment"] if wall.stiffness_n_per_m or wall.damping_ns_per_m else []
-        end = "simulation" if tool is not None else "follower"
-        unused += [f"{key} (of a wall in the device's own loop: leave [{end}] out for it)" for key in stated]
-        if problem.scene != bare.scene:
-            knows = "of avc simulate alone" if follower is None else "of avc simulate, which knows no [follower]"
-            unused.append(f"scene ({knows})")
-        unused += _of_simulation(tool) if tool is not None else _of_teleoperator(problem)
+    unused += _unused_beside(problem.end, problem, bare, stated)
     simulated = {effect.kind for effect in declared_effects(problem)}
     known = {"velocity-filter": "known to avc simulate and avc zwidth alone"}
     return (
@@ -172,9 +211,32 @@ def not_used(problem: Problem) -> tuple[str, ...]:
     )
 
 
-def _of_simulation(tool: VirtualTool) -> list[str]:
-    """Return the keys of a [simulation] without effect beside its others."""
-    default = VirtualTool(step_s=tool.step_s)
+@singledispatch
+def _unused_beside(end: End, problem: Problem, bare: Problem, stated: list[str]) -> list[str]:
+    """Return the stated tables, and the keys of its own, that a coupling to an end does not use; `bare` has none."""
+    wall = problem.environment
+    stated = stated + (["environment"] if wall.stiffness_n_per_m or wall.damping_ns_per_m else [])
+    unused = [f"{key} (of a wall in the device's own loop: leave [{end.kind}] out for it)" for key in stated]
+    if problem.scene != bare.scene:
+        knows = "of avc simulate alone" if end.in_scenes else f"of avc simulate, which knows no [{end.kind}]"
+        unused.append(f"scene ({knows})")
+    return unused + _unused_of(end, problem)
+
+
+@_unused_beside.register
+def _unused_beside_wall(end: Wall, problem: Problem, bare: Problem, stated: list[str]) -> list[str]:  # noqa: ARG001
+    return [f"{table}{_OF_SOLVE}" for table in stated if table != "robustness"]
+
+
+@singledispatch
+def _unused_of(end: End, problem: Problem) -> list[str]:  # noqa: ARG001
+    """Return the keys of an end and of its devices without effect."""
+    return []
+
+
+@_unused_of.register
+def _unused_of_simulation(tool: Simulation, problem: Problem) -> list[str]:  # noqa: ARG001
+    default = Simulation(step_s=tool.step_s)
     keys, why = ["contact_damping_ns_per_m"], "of a spring, and none is touched"
     if tool.tool_mass_kg is None:
         keys += ["tool_damping_ns_per_m", "integrator", "substeps", "contact_stiffness_n_per_m"]
@@ -184,14 +246,54 @@ def _of_simulation(tool: VirtualTool) -> list[str]:
     return [f"simulation.{key} ({why})" for key in keys if getattr(tool, key) != getattr(default, key)]
 
 
-def _of_teleoperator(problem: Problem) -> list[str]:
-    """Return the keys of leader and follower that neither loop nor trial of a teleoperator has."""
+@_unused_of.register
+def _unused_of_teleoperator(follower: Follower, problem: Problem) -> list[str]:
     return [
         f"{table}.{key} (the trial of a teleoperator has none)"
-        for table, device in (("device", problem.device), ("follower", problem.follower))
+        for table, device in (("device", problem.device), ("follower", follower))
         for key in _NOT_OF_TELEOPERATORS
-        if device is not None and (getattr(device, key) > 0 or getattr(device.range, key) is not None)
+        if getattr(device, key) > 0 or getattr(device.range, key) is not None
     ]
+
+
+@singledispatch
+def infeasible_at(end: End, problem: Problem) -> str:  # noqa: ARG001
+    """Return why no coupling to an end is deployable, as far as that is known at once; empty where one may be."""
+    return ""
+
+
+@infeasible_at.register
+def _infeasible_at_wall(end: Wall, problem: Problem) -> str:  # noqa: ARG001
+    return why_infeasible(problem)
+
+
+@singledispatch
+def doubts(end: End, problem: Problem) -> dict[str, str]:  # noqa: ARG001
+    """Return unusual values of an end by key, as warnings before any coupling is searched."""
+    return {}
+
+
+@doubts.register
+def _doubts_of_simulation(tool: Simulation, problem: Problem) -> dict[str, str]:
+    """Return what is costliest in stiffness, or beyond any coupling."""
+    t, found = problem.device.sample_time_s, dict[str, str]()
+    if not ToolLoops(problem).engine_alone_stable():
+        found["contact_stiffness_n_per_m"] = (
+            "makes the engine's own contact unstable at this step, whatever the coupling"
+        )
+    if tool.exchange == "ahead" and tool.tool_mass_kg is not None:
+        found["exchange"] = (
+            "is ahead: the device is given a place and a velocity that lie in the future of the force that made "
+            "them, which takes its damping: a damper of the device's own loop has to make that good; hand out the "
+            "state that the step began with (on-time)"
+        )
+    if tool.integrator == "explicit":
+        found["integrator"] = "is explicit: it feeds whatever swings; take semi-implicit where the engine has it"
+    if tool.substeps > 1:
+        found["substeps"] = "hold a force as long as a slower engine: compute it anew in each of them (step_s)"
+    if any(abs(one / t - round(one / t)) > 1e-6 for one in tool.step_s):
+        found["step_s"] = f"is no whole multiple of T = {t:g} s: every phase of the two clocks is judged"
+    return {f"{tool.kind}.{key}": text for key, text in found.items()}
 
 
 def not_judged(unused: Sequence[str]) -> list[str]:

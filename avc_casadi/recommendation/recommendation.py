@@ -1,11 +1,12 @@
-"""The answer of `recommend`: a coupling to a wall, a simulation or a follower, with its analysis."""
+"""The answers of `recommend`: a coupling with its analysis, by the kind of its end, or why there is none."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
-from functools import cached_property
+from enum import Enum, auto
+from functools import cached_property, singledispatch
 from typing import Any, Literal
 
 from avc_casadi._util.json_values import plain_table
@@ -13,11 +14,9 @@ from avc_casadi._util.printed import Printed
 from avc_casadi.claims.impedance import stiffness_at_handle
 from avc_casadi.coupling import Coupling
 from avc_casadi.files.coupling_file import coupling_document
-from avc_casadi.loops.engine import ToolCase
-from avc_casadi.loops.follower import BilateralCase
 from avc_casadi.loops.margins import OpenLoop, transients
 from avc_casadi.loops.system import Mode
-from avc_casadi.model.ends import ToolGains
+from avc_casadi.model.ends import End, Follower, Simulation, ToolGains
 from avc_casadi.model.problem import Problem
 from avc_casadi.recommendation.evaluator import PerturbedDevices, Withstood
 from avc_casadi.recommendation.felt import (
@@ -45,53 +44,121 @@ class LimitCycleFreedom:
     sentence: str  # the claim that holds, or why it does not
 
 
-@dataclass(frozen=True)
-class Pair:
-    """Analysis of a spring and damper to a simulation or a follower."""
+@dataclass(frozen=True, kw_only=True)
+class PairLimits:
+    """What limits a spring and damper to another end than a wall; what is not known of a kind of end is None or empty.
 
-    stiffest: ToolGains  # linearly stable with every hand and contact
-    worst: ToolCase | BilateralCase  # of the largest spectral radius at that limit
+    Attributes:
+        stiffest: linearly stable with every hand and contact.
+        worst: loop of the largest spectral radius at that limit.
+        loops: number of loops.
+        wanted_n_per_m: stiffness that the problem asks for.
+        least_tool_mass_kg: tool with which the same K is stable with some B.
+        slowest_step_s: step of the engine with which it is.
+        exchanges: with which it is, by name.
+        same_k: with each of these three.
+        searched_to: ends of these searches.
+        passivity_margin_ns_per_m: of the two-port; passive at 0 or more.
+        passive_damping_ns_per_m: that passivity requires of each device.
+    """
+
+    stiffest: ToolGains
+    worst: Any
     loops: int
-    gain_margin: float | None = None  # common, of K and B; None without a coupling
-    motor_margins: Sequence[float] = ()  # of the device's motor alone, and of the follower's
-    mode: Mode | None = None  # the least damped oscillation of all loops
-    felt: tuple[Felt, ...] = ()  # at the handle
-    set_by: str = ""  # which hands do not settle with the next stiffer K that was tried
-    mismatch_stable: bool | None = None  # on devices a tenth off and a quarter sample late
-    local_dampers_ns_per_m: tuple[float, float] | None = None  # that keep K and B stable
-    least_tool_mass_kg: float | None = None  # with which the same K is stable with some B
+    wanted_n_per_m: float | None = None
+    least_tool_mass_kg: float | None = None
     slowest_step_s: float | None = None
-    exchanges: Mapping[str, bool] = field(default_factory=dict)  # with which it is
-    same_k: Mapping[str, ToolGains] = field(default_factory=dict)  # with each of these three
-    searched_to: Mapping[str, float] = field(default_factory=dict)  # ends of these searches
-    passivity_margin_ns_per_m: float | None = None  # of the two-port; passive at 0 or more
-    passive_damping_ns_per_m: float | None = None  # that passivity requires of each device
+    exchanges: Mapping[str, bool] = field(default_factory=dict)
+    same_k: Mapping[str, ToolGains] = field(default_factory=dict)
+    searched_to: Mapping[str, float] = field(default_factory=dict)
+    passivity_margin_ns_per_m: float | None = None
+    passive_damping_ns_per_m: float | None = None
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass(frozen=True, kw_only=True)
+class Pair(PairLimits):
+    """Analysis of a spring and damper to another end, beside its limits.
+
+    Attributes:
+        gain_margin: common, of K and B.
+        motor_margins: of the device's motor alone, and of a follower's.
+        mode: the least damped oscillation of all loops.
+        felt: at the handle.
+        set_by: which hands do not settle with the next stiffer K that was tried; empty where none was.
+        mismatch_stable: on devices a tenth off and a quarter sample late; None where not asked.
+        local_dampers_ns_per_m: that keep K and B stable; None where no local damper belongs to them.
+    """
+
+    gain_margin: float
+    motor_margins: Sequence[float]
+    mode: Mode
+    felt: tuple[Felt, ...] = ()
+    set_by: str = ""
+    mismatch_stable: bool | None = None
+    local_dampers_ns_per_m: tuple[float, float] | None = None
+
+
+_PAIR_KEYS = (
+    "loops",
+    "gain_margin",
+    "motor_margins",
+    "set_by",
+    "mismatch_stable",
+    "local_dampers_ns_per_m",
+    "least_tool_mass_kg",
+    "slowest_step_s",
+    "exchanges",
+    "same_k",
+    "searched_to",
+    "passivity_margin_ns_per_m",
+    "passive_damping_ns_per_m",
+)
+"""Attributes that the document of a pair holds under their names."""
+_WITHOUT_COUPLING = {"gain_margin": None, "motor_margins": (), "set_by": ""}
+"""What it holds in place of those of a coupling where there is none; None for the others."""
+
+
+@dataclass(frozen=True)
+class WallLimits:
+    """What limits a coupling to a wall.
+
+    Attributes:
+        plain_wall_n_per_m: the stiffest wall with a plain spring and damper, by linear stability alone.
+        no_stiffer: why the next stiffer wall is not recommended, where the wall is the stiffest that a hand that moves
+            gets within 20 %; else empty.
+    """
+
+    plain_wall_n_per_m: float = 0.0
+    no_stiffer: str = ""
+
+
+class Verdict(Enum):
+    """Whether a coupling may be loaded into the device, and if not which of the trials or claims refuses it."""
+
+    DEPLOYABLE = auto()
+    CLAIM_FAILS = auto()
+    """A claim of `deployable` does not hold."""
+    NOTHING_RENDERED = auto()
+    """No press of a hand renders anything of the wall."""
+    REQUIREMENT_UNMET = auto()
+    """Hands do not settle with what [robustness] asks for."""
+    STRIKE_UNSETTLED = auto()
+    """A corner hand that strikes the wall does not settle."""
+
+
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class Recommendation(Printed):
-    """The coupling to deploy and its analysis.
+    """The coupling to deploy and its analysis: one of the classes below, by the end and whether there is a coupling.
 
     Attributes:
         problem: the problem as stated.
         coupling: certified and tried; None where no coupling is deployable.
-        deployable: whether the coupling may be loaded into the device.
-        reason: one sentence: why this one, or why none.
         trial: result with simulated hands; None without a coupling.
+        reason: one sentence: why this one, or why none.
         helps: sensitivity of the stiffness limit of a spring and damper.
         assumed: assumptions.
         not_used: declared keys that the analysis does not use.
         considered: number of couplings judged.
-        pair: analysis of a coupling to a simulation or a follower; None of a wall.
-        confirmed: result with hands of [hands] outside the selection; None where nothing was chosen.
-        off_file: result of the corner hands on devices perturbed by a tenth; None without a coupling or where every
-            value of the device has a range.
-        beyond_file: results with one unmodelled effect each: lighter device, missed samples, extra resonance.
-        rest: limit-cycle freedom with every hand, making and breaking contact; None without a coupling.
-        no_stiffer: why the next stiffer wall is not recommended, where the wall is the stiffest that a hand that moves
-            gets within 20 %; else empty.
-        plain_wall_n_per_m: the stiffest wall with a plain spring and damper, by linear stability alone.
-        trade_off: what a disk margin costs, at four of them; empty where that was not asked for.
 
     Example:
         >>> found = avc.recommend("spring", hands=10)
@@ -101,31 +168,25 @@ class Recommendation(Printed):
 
     problem: Problem
     coupling: Coupling | None
-    deployable: bool
+    trial: Trial | None
     reason: str
-    trial: Trial | None = None
     helps: tuple[Help | ToolHelp, ...] = ()
     assumed: tuple[str, ...] = ()
     not_used: tuple[str, ...] = ()
     considered: int = 1
-    pair: Pair | None = None
-    confirmed: CouplingTrial | None = None
-    off_file: PerturbedDevices | None = None
-    beyond_file: tuple[Withstood, ...] = ()
-    rest: LimitCycleFreedom | None = None
-    no_stiffer: str = ""
-    plain_wall_n_per_m: float = 0.0
-    trade_off: tuple[Trade, ...] = ()
 
     def __repr__(self) -> str:
-        return f"Recommendation({self.problem.name!r}: {self.coupling!r}; {self.reason})"
+        return f"{type(self).__name__}({self.problem.name!r}: {self.coupling!r}; {self.reason})"
 
     @property
-    def end(self) -> str:
-        """What the coupling leads to: wall, simulation or follower."""
-        if self.problem.simulation is not None:
-            return "simulation"
-        return "follower" if self.problem.follower is not None else "wall"
+    def end(self) -> End:
+        """What the coupling leads to."""
+        return self.problem.end
+
+    @property
+    def deployable(self) -> bool:
+        """Whether the coupling may be loaded into the device."""
+        return self.coupling is not None
 
     def data(self) -> dict[str, Any]:
         """Return JSON values, computed once: of a wall what is felt, settling and margins; of another end the pair."""
@@ -136,74 +197,117 @@ class Recommendation(Printed):
         return plain_table(
             {
                 "problem": self.problem.name,
-                **{name: getattr(self, name) for name in ("end", "deployable", "reason", "considered")},
+                "end": self.end.kind,
+                "deployable": self.deployable,
+                "reason": self.reason,
+                "considered": self.considered,
                 "trial": None if self.trial is None else self.trial.document(),
                 "certificate": None if self.coupling is None else dict(self.coupling.certificate or {}),
-                "what_would_help": [vars(one) for one in self.helps],
+                "what_would_help": [vars(change) for change in self.helps],
                 "assumed": list(self.assumed),
                 "not_used": list(self.not_used),
-                **(self._of_wall() if self.pair is None else self._of_pair(self.pair)),
+                **self._of_end(),
             }
         )
 
-    def _of_wall(self) -> dict[str, Any]:
-        coupling, wall = self.coupling, self.problem.environment
+    def _of_end(self) -> dict[str, Any]:
+        """Return the JSON values that only a recommendation of its kind has."""
+        raise NotImplementedError
+
+
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class NoCoupling(Recommendation):
+    """No coupling is deployable, for a reason."""
+
+    coupling: None = field(default=None, init=False)
+    trial: None = field(default=None, init=False)
+
+
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class NoWallCoupling(NoCoupling):
+    """No coupling to the wall is deployable.
+
+    Attributes:
+        limits: what limits one.
+    """
+
+    limits: WallLimits = WallLimits()
+
+    def _of_end(self) -> dict[str, Any]:
         return {
-            "rest": None if self.rest is None else vars(self.rest),
-            "coupling": None if coupling is None else coupling_document(coupling),
+            "rest": None,
+            "coupling": None,
+            "felt": {"stiffness_n_per_m": None, "share_of_wall": None},
+            "transient": {},
+            "margins": {},
+            "no_stiffer": self.limits.no_stiffer,
+            "stiffest_wall_n_per_m": None,
+            "plain_wall_n_per_m": self.limits.plain_wall_n_per_m,
+            "confirmed": None,
+            "simulated": None,
+            "off_file": None,
+            "beyond_file": [],
+            "trade_off": [],
+        }
+
+
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class WallRecommendation(Recommendation):
+    """A coupling to a wall.
+
+    Attributes:
+        verdict: whether it may be deployed.
+        rest: limit-cycle freedom with every hand, making and breaking contact.
+        limits: what limits a coupling to this wall.
+        confirmed: result with hands of [hands] outside the selection; None of gains that were not selected.
+        off_file: result of the corner hands on devices perturbed by a tenth; None where every value of the device has
+            a range.
+        beyond_file: results with one unmodelled effect each: lighter device, missed samples, extra resonance.
+        trade_off: what a disk margin costs, at four of them; empty where that was not asked for.
+    """
+
+    coupling: Coupling
+    trial: CouplingTrial
+    rest: LimitCycleFreedom
+    verdict: Verdict = Verdict.DEPLOYABLE
+    limits: WallLimits = WallLimits()
+    confirmed: CouplingTrial | None = None
+    off_file: PerturbedDevices | None = None
+    beyond_file: tuple[Withstood, ...] = ()
+    trade_off: tuple[Trade, ...] = ()
+
+    @property
+    def deployable(self) -> bool:
+        """Whether the coupling may be loaded into the device."""
+        return self.verdict is Verdict.DEPLOYABLE
+
+    def _of_end(self) -> dict[str, Any]:
+        stiffest = self.problem.environment.stiffness_n_per_m if self.limits.no_stiffer else None
+        return {
+            "rest": vars(self.rest),
+            "coupling": coupling_document(self.coupling),
             "felt": self.felt(),
-            "transient": {} if coupling is None else dict(zip(_SIDES, transients(coupling), strict=True)),
+            "transient": dict(zip(_SIDES, transients(self.coupling), strict=True)),
             "margins": self.margins(),
-            "no_stiffer": self.no_stiffer,
-            "stiffest_wall_n_per_m": wall.stiffness_n_per_m if self.no_stiffer and coupling else None,
-            "plain_wall_n_per_m": self.plain_wall_n_per_m,
+            "no_stiffer": self.limits.no_stiffer,
+            "stiffest_wall_n_per_m": stiffest,
+            "plain_wall_n_per_m": self.limits.plain_wall_n_per_m,
             "confirmed": None if self.confirmed is None else self.confirmed.counts(),
             "simulated": self._simulated(),
             "off_file": None if self.off_file is None else self.off_file.document(),
-            "beyond_file": [vars(one) for one in self.beyond_file],
-            "trade_off": [vars(one) for one in self.trade_off],
+            "beyond_file": [vars(trial) for trial in self.beyond_file],
+            "trade_off": [vars(trade) for trade in self.trade_off],
         }
 
-    def _simulated(self) -> dict[str, int] | None:
+    def _simulated(self) -> dict[str, int]:
         """Return the counts of all simulated hands, those outside the selection among them."""
-        trials = [one.counts() for one in (self.trial, self.confirmed) if isinstance(one, CouplingTrial)]
+        trials = [trial.counts() for trial in (self.trial, self.confirmed) if trial is not None]
         keys = ("hands", "at_rest", "at_rest_without_friction", "quiet")
-        return {key: sum(one[key] for one in trials) for key in keys} if trials else None
-
-    def _of_pair(self, pair: Pair) -> dict[str, Any]:
-        coupling = self.coupling
-        return {
-            "coupling": None if coupling is None else coupling_document(coupling),
-            "felt": {**self._pressed(), "at": [asdict(one) for one in pair.felt]},
-            "pair": {
-                **{key: value for key, value in vars(pair).items() if key not in {"felt", "mode", "worst", "stiffest"}},
-                "gains": None if coupling is None else vars(coupling.gains),
-                "in_scene": vars(coupling.in_scene) if coupling and coupling.end == "simulation" else None,
-                "at_follower": vars(coupling.at_follower) if coupling and coupling.end == "follower" else None,
-                "stiffest": vars(pair.stiffest),
-                "least_damped": None if pair.mode is None else asdict(pair.mode),
-                "limited_by": asdict(pair.worst),
-            },
-        }
-
-    def _pressed(self) -> dict[str, float | None]:
-        """Return the stiffness at rest at the handle: on a rigid object, and on the stiffest declared contact."""
-        end, k = (
-            self.problem.simulation or self.problem.follower,
-            self.coupling and self.coupling.gains.stiffness_n_per_m,
-        )
-        contact = 0.0 if not k or end is None or end.rigid else end.scale * end.contact_stiffness_n_per_m[1]
-        found = {
-            "stiffness_n_per_m": k,
-            "on_stiffest_contact_n_per_m": 1 / (1 / k + 1 / contact) if k and contact else 0,
-        }
-        return {key: stiffness_at_handle(self.problem.device, one) if one else None for key, one in found.items()}
+        return {key: sum(counts[key] for counts in trials) for key in keys}
 
     def felt(self) -> dict[str, Any]:
         """Return what is rendered: stiffness, impedance error against the physical wall, tap, vibration."""
         coupling, trial = self.coupling, self.trial
-        if coupling is None or coupling.end != "wall" or trial is None:
-            return {"stiffness_n_per_m": None, "share_of_wall": None}
         device, tried = self.problem.device, trial.document()
         springy = self.problem.environment.stiffness_n_per_m > 0
         sensed = tried["stiffness_n_per_m"]["median"] if springy else None
@@ -239,6 +343,83 @@ class Recommendation(Printed):
 
     def margins(self) -> dict[str, Any]:
         """Return the stability margins at the actuator: released, and smallest with a corner hand."""
-        if self.coupling is None or self.coupling.end != "wall":
-            return {}
         return plain_table(dict(zip(_SIDES, OpenLoop.of(self.coupling).margins(), strict=True)))
+
+
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class NoPair(NoCoupling):
+    """No spring and damper to another end is deployable.
+
+    Attributes:
+        pair: what limits one.
+    """
+
+    pair: PairLimits
+
+    def _of_end(self) -> dict[str, Any]:
+        return {
+            "coupling": None,
+            "felt": {"stiffness_n_per_m": None, "on_stiffest_contact_n_per_m": None, "at": []},
+            "pair": {
+                **{key: getattr(self.pair, key, _WITHOUT_COUPLING.get(key)) for key in _PAIR_KEYS},
+                "gains": None,
+                "in_scene": None,
+                "at_follower": None,
+                "stiffest": vars(self.pair.stiffest),
+                "least_damped": None,
+                "limited_by": asdict(self.pair.worst),
+            },
+        }
+
+
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class PairRecommendation(Recommendation):
+    """A spring and damper to another end.
+
+    Attributes:
+        pair: its analysis.
+    """
+
+    coupling: Coupling
+    trial: Trial
+    pair: Pair
+
+    def _of_end(self) -> dict[str, Any]:
+        return {
+            "coupling": coupling_document(self.coupling),
+            "felt": {**self._pressed(), "at": [asdict(felt) for felt in self.pair.felt]},
+            "pair": {
+                **{key: getattr(self.pair, key) for key in _PAIR_KEYS},
+                "gains": vars(self.coupling.gains),
+                "in_scene": None,
+                "at_follower": None,
+                **_scaled(self.end, self.coupling),
+                "stiffest": vars(self.pair.stiffest),
+                "least_damped": asdict(self.pair.mode),
+                "limited_by": asdict(self.pair.worst),
+            },
+        }
+
+    def _pressed(self) -> dict[str, float | None]:
+        """Return the stiffness at rest at the handle: on a rigid object, and on the stiffest declared contact."""
+        device, k = self.problem.device, self.coupling.gains.stiffness_n_per_m
+        contact = self.end.stiffest_contact_n_per_m
+        stiffness = stiffness_at_handle(device, k) if k else None
+        on_contact = stiffness_at_handle(device, 1 / (1 / k + 1 / contact)) if k and contact else None
+        return {"stiffness_n_per_m": stiffness, "on_stiffest_contact_n_per_m": on_contact}
+
+
+@singledispatch
+def _scaled(end: End, coupling: Coupling) -> dict[str, dict[str, Any]]:  # noqa: ARG001
+    """Return the gains of a coupling in the units of its end, by the key of the document."""
+    return {}
+
+
+@_scaled.register
+def _in_scene(end: Simulation, coupling: Coupling) -> dict[str, dict[str, Any]]:  # noqa: ARG001
+    return {"in_scene": vars(coupling.in_scene)}
+
+
+@_scaled.register
+def _at_follower(end: Follower, coupling: Coupling) -> dict[str, dict[str, Any]]:  # noqa: ARG001
+    return {"at_follower": vars(coupling.at_follower)}

@@ -13,10 +13,10 @@ import numpy as np
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.design.program import program_answers, why_no_law
 from avc_casadi.design.virtual_tool import WIDEST_MARGIN, ToolSearch, ToolSearchOptions
-from avc_casadi.loops.engine import ToolLoops, tool_of
+from avc_casadi.loops.engine import ToolLoops
 from avc_casadi.loops.walls import stiffest_wall
 from avc_casadi.model.device import Device
-from avc_casadi.model.ends import HEAVIEST_TOOL_KG, LIGHTEST_TOOL_KG, LONGEST_STEP_S, ToolGains, VirtualTool
+from avc_casadi.model.ends import HEAVIEST_TOOL_KG, LIGHTEST_TOOL_KG, LONGEST_STEP_S, Simulation, ToolGains
 from avc_casadi.model.hands import hand_corners, with_released
 from avc_casadi.model.problem import Problem
 
@@ -100,7 +100,7 @@ class ToolHelp:
 
 def what_would_help_tool(problem: Problem, search: ToolSearch, *, local: bool) -> tuple[ToolHelp, ...]:
     """Return the sensitivities of the stiffness limit, largest first."""
-    tool, t = tool_of(problem), problem.device.sample_time_s
+    tool, t = problem.end_as(Simulation), problem.device.sample_time_s
     step_s, hands = max(tool.step_s), search.loops.worst_hands
     changes: dict[str, dict[str, Any]] = {}
     if step_s >= 2 * t:
@@ -137,7 +137,7 @@ def stable_on_other_devices(problem: Problem, gains: ToolGains) -> bool:
 
 def search_ends(problem: Problem) -> dict[str, float]:
     """Return where the searches of mass, step and gain margin end: what is found there is no limit."""
-    tool, t = tool_of(problem), problem.device.sample_time_s
+    tool, t = problem.end_as(Simulation), problem.device.sample_time_s
     return {
         "least_tool_mass_kg": _masses_kg(tool)[0],
         "slowest_step_s": _most_samples(tool, t) * t,
@@ -145,13 +145,13 @@ def search_ends(problem: Problem) -> dict[str, float]:
     }
 
 
-def _masses_kg(tool: VirtualTool, most: float = 100.0) -> tuple[float, float, float]:
+def _masses_kg(tool: Simulation, most: float = 100.0) -> tuple[float, float, float]:
     """Return the lightest tool that is searched, the declared one, and the heaviest that is searched."""
     declared = min(tool.tool_mass_kg or (1.0,))
     return max(declared / most, LIGHTEST_TOOL_KG), declared, min(declared * most, HEAVIEST_TOOL_KG)
 
 
-def _most_samples(tool: VirtualTool, sample_time_s: float) -> int:
+def _most_samples(tool: Simulation, sample_time_s: float) -> int:
     """Return the longest step that is searched, in samples."""
     longest_s = min(64.0 * max(tool.step_s), LONGEST_STEP_S)
     return math.floor(longest_s / sample_time_s * (1 + 1e-9))
@@ -159,7 +159,7 @@ def _most_samples(tool: VirtualTool, sample_time_s: float) -> int:
 
 def same_stiffness(problem: Problem, stiffness_n_per_m: float, *, local: bool) -> dict[str, Any]:
     """Return the lightest tool, the slowest step and the exchanges with which K is stable, and the gains of each."""
-    tool, t = tool_of(problem), problem.device.sample_time_s
+    tool, t = problem.end_as(Simulation), problem.device.sample_time_s
 
     @cache
     def held(key: str, value: Any, of_device: bool = False, *, inside: bool = True) -> ToolGains | None:
@@ -185,7 +185,7 @@ def same_stiffness(problem: Problem, stiffness_n_per_m: float, *, local: bool) -
     }
 
 
-def _lightest_kg(tool: VirtualTool, holds: Callable[[float], object]) -> float | None:
+def _lightest_kg(tool: Simulation, holds: Callable[[float], object]) -> float | None:
     """Return the lightest tool that holds, searched from the declared mass down, or up."""
     lightest, mass, heaviest = _masses_kg(tool)
     before = lightest

@@ -150,7 +150,7 @@ def main(engine: Callable[[], Engine], name: str) -> int:
     parser.add_argument("--out", type=Path, default=Path(f"{name.lower()}_box.png"), help="picture")
     out = parser.parse_args().out
     answer = avc.recommend(avc.parse_problem(PROBLEM), hands=50)
-    if answer.coupling is None or answer.pair is None:
+    if answer.coupling is None:
         print(answer.reason)
         return 1
     gains, limit = answer.coupling.gains, answer.pair.stiffest

@@ -29,7 +29,6 @@ from teleoperator_lanes import Lanes, SpringAndDampers
 import avc_casadi as avc
 from avc_casadi.loops.follower import FollowerLoops
 from avc_casadi.model.ends import ToolGains
-from avc_casadi.recommendation.pair import recommend_bilateral
 
 HERE = Path(__file__).parent
 RESULTS = HERE / "results" / "teleoperation.json"
@@ -317,7 +316,7 @@ def recommended(delay_s: float, jitter: float, lost: float):
         f"mass_kg = {FOLLOWER[0]}\ndamping_ns_per_m = {FOLLOWER[1]}\ndelay_samples = {COMPUTING}\ndelay_s = {delay_s}\n"
         f"jitter = {jitter}\nlost_share = {lost}\n"
     )
-    return recommend_bilateral(avc.parse_problem(text), 50, SEED)
+    return avc.recommend(avc.parse_problem(text), 50, SEED)
 
 
 def springs(gains: ToolGains):

@@ -13,7 +13,7 @@ import avc_casadi as avc
 from avc_casadi.design.virtual_tool import CouplingSearch, Scale, ToolSearch
 from avc_casadi.loops.engine import Engine, ToolLoops, clocks
 from avc_casadi.loops.loop import Body
-from avc_casadi.model.ends import RIGID_N_PER_M, ToolGains, VirtualTool, tool_states
+from avc_casadi.model.ends import RIGID_N_PER_M, Simulation, ToolGains, tool_states
 
 DEVICE = "[device]\nmass_kg = 0.12\ndamping_ns_per_m = 0.8\ndelay_samples = 1\n"
 
@@ -125,7 +125,7 @@ T = 1e-3
 
 
 def engine(**keys):
-    return VirtualTool.model_validate({"tool_mass_kg": 0.2, "step_s": 4e-3} | keys)
+    return Simulation.model_validate({"tool_mass_kg": 0.2, "step_s": 4e-3} | keys)
 
 
 @pytest.mark.parametrize("ratio", [1.0, 4.0, 2.5])

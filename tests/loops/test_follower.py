@@ -18,7 +18,6 @@ from avc_casadi.loops.loop import Body
 from avc_casadi.model.ends import ToolGains
 from avc_casadi.model.hands import Hand, hand_corners
 from avc_casadi.model.plant import sampled_plant
-from avc_casadi.recommendation.pair import recommend_bilateral
 
 LEADER = "[device]\nmass_kg = 0.12\ndamping_ns_per_m = 0.8\ndelay_samples = 1\n"
 
@@ -132,7 +131,7 @@ def test_recommended_coupling_settles_in_a_plain_simulation(delay):
     text = (
         f"mass_kg = 0.3\ndamping_ns_per_m = 1.0\ndelay_samples = 1\ndelay_s = {delay}\njitter = 0.1\nlost_share = 0.01"
     )
-    found = recommend_bilateral(problem(text), 10)
+    found = avc.recommend(problem(text), 10)
     assert found.deployable
     gains, hands = tuple(vars(found.coupling.gains).values()), hand_corners(found.problem.hands)
     motions = {

@@ -148,16 +148,16 @@ def test_a_quantity_has_the_unit_of_the_device(problem, units):
     assert Value(None, "gain").text(stated) == "unlimited"
 
 
-def marks(data, problem):
-    return {one.label: one.mark for one in wall_rows(data, problem)}
+def marks(found):
+    return {one.label: one.mark for one in wall_rows(found, found.data())}
 
 
 @pytest.mark.parametrize(("wall_n_per_m", "deployable"), [(500.0, True), (1e6, False)])
 def test_marks_are_the_verdicts_of_the_data(wall_n_per_m, deployable):
-    problem, found = judged(wall_n_per_m)
+    _, found = judged(wall_n_per_m)
     data = found.data()
     assert data["deployable"] is found.deployable is deployable
-    told = marks(data, problem)
+    told = marks(found)
     verdict = Mark.PASS if deployable else Mark.FAIL
     assert told["Coupling"] is told["Stability"] is verdict
     trial = data["trial"]

@@ -128,12 +128,13 @@ def test_dry_friction_has_no_part_in_it():
 
 def test_the_row_stands_where_a_hand_notices_that_the_force_ends_late():
     soft = avc.load_problem("soft")
-    data = judged_as_recommended(soft, Coupling.constant(soft, Gains(0.0, 1e8), "mine").schedule, hands=4).data()
+    found = judged_as_recommended(soft, Coupling.constant(soft, Gains(0.0, 1e8), "mine").schedule, hands=4)
+    data = found.data()
 
     def row(lasting_s):
         leaving = {"outside_m": 1.25e-3, "lasting_s": lasting_s, "force_n": 3.5, "withdrawn_s": 0.5}
         changed = data | {"felt": data["felt"] | {"leaving": leaving}}
-        return next(one for one in wall_rows(changed, soft) if one.label == "Leaving contact")
+        return next(one for one in wall_rows(found, changed) if one.label == "Leaving contact")
 
     assert set(data["felt"]["leaving"]) == {"outside_m", "lasting_s", "force_n", "withdrawn_s"}
     assert (row(0.9 * NOTICED_LATE_S).mark, row(0.9 * NOTICED_LATE_S).rank) == (Mark.NONE, 1)

@@ -25,7 +25,7 @@ from avc_casadi.recommendation.evaluator import Evaluator, Withstood, missed
 from avc_casadi.recommendation.felt import deployed
 from avc_casadi.recommendation.preconditions import nothing_rendered
 from avc_casadi.recommendation.rank import Candidate, best_of, reason_of
-from avc_casadi.recommendation.recommendation import Recommendation
+from avc_casadi.recommendation.recommendation import LimitCycleFreedom, WallRecommendation
 from avc_casadi.recommendation.sensitivity import what_would_help
 from avc_casadi.simulation.population.operators import people_of
 from avc_casadi.simulation.population.trial import CouplingTrial, try_coupling, try_on_devices
@@ -204,12 +204,8 @@ COUPLING = Coupling.constant(NUMBERS_PROBLEM, Gains(0.0, 1e8, 3.0), "contact dam
 def test_behind_an_encoder_at_the_motor_the_structure_gives_way_too():
     """Two free bodies on a spring K swing at w^2 = K (1/m1 + 1/m2): the spring of the structure from its frequency."""
     people = people_of(NUMBERS_PROBLEM.hands, 4)
-    none = dict.fromkeys(("confirmed", "off_file", "rest"))
-    empty = dict.fromkeys(("beyond_file", "helps", "assumed", "not_used"), ()) | {"reason": ""}
-    trial = try_coupling(COUPLING, people)
-    answer = Recommendation(
-        problem=NUMBERS_PROBLEM, coupling=COUPLING, trial=trial, deployable=True, considered=1, **none, **empty
-    )
+    rest, trial = LimitCycleFreedom("simulated", ""), try_coupling(COUPLING, people)
+    answer = WallRecommendation(problem=NUMBERS_PROBLEM, coupling=COUPLING, trial=trial, rest=rest, reason="")
     felt = answer.felt()
     masses = 0.2 * 0.7, 0.2 * 0.3
     structure = (2 * np.pi * 120.0) ** 2 / (1 / masses[0] + 1 / masses[1])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import partial
+from functools import partial, singledispatch
 from typing import Any
 
 import numpy as np
@@ -20,9 +20,9 @@ from avc_casadi.coupling import Coupling
 from avc_casadi.design.methods import solve
 from avc_casadi.design.scene_coupling import simulate
 from avc_casadi.design.tool_region import ToolRegion, tool_region
-from avc_casadi.design.virtual_tool import FollowerSearch, ToolSearch, certify_pair
+from avc_casadi.design.virtual_tool import EndSearch, certify_pair, search_of
 from avc_casadi.model.declared import with_gains
-from avc_casadi.model.ends import ToolGains
+from avc_casadi.model.ends import End, Simulation, ToolGains, Wall
 from avc_casadi.model.gains import NO_COUPLING, GainSchedule, Status
 from avc_casadi.model.problem import Problem
 from avc_casadi.paper.equations import loop_at
@@ -165,7 +165,32 @@ def found_by_method(
     return gains, replace(coupling, problem=problem, versions=explorer.versions)
 
 
-def wall_answer(explorer: Explorer, settings: Settings, problem: Problem, *, whole: bool) -> PageAnswer:
+_NAMES = {"own": "your K and B", "method": "recommended"}
+
+
+@singledispatch
+def page_answer(end: End, explorer: Explorer, settings: Settings, problem: Problem, *, whole: bool) -> PageAnswer:
+    """Return K and B of one's own to an end beside the recommendation."""
+    stated = settings.key()
+    search = explorer.cached(f"search {stated}", lambda: search_of(end, problem))
+    first = explorer.cached("first", lambda: _first(explorer.base, search))
+    own_gains = ToolGains(**(vars(first) | _typed(explorer, settings)))
+    coupling = explorer.coupling(settings)
+    pairs = {"own": own_gains} | ({} if coupling is None else {"method": coupling.gains})
+    rows = explorer.cached(f"rows {stated} {own_gains}", lambda: _rows(end, problem, search, own_gains))
+    before, after = _touched(end, explorer, settings, problem, pairs, whole=whole)
+    return PageAnswer(vars(own_gains), rows, [], [*before, *_felt(problem, pairs), *after])
+
+
+@page_answer.register
+def _wall_answer(
+    end: Wall,  # noqa: ARG001
+    explorer: Explorer,
+    settings: Settings,
+    problem: Problem,
+    *,
+    whole: bool,
+) -> PageAnswer:
     """Return the law of one's own before a wall beside the coupling of the method."""
     stated = settings.key()
     law = vars(explorer.cached("first", lambda: first_law(explorer.base))) | gains_of(settings, explorer.form)
@@ -244,8 +269,22 @@ def _region(explorer: Explorer, problem: Problem, stated: str, law: Mapping[str,
     return region(problem, title, "wall", lines, pairs)
 
 
-def wall_coupling(explorer: Explorer, settings: Settings, problem: Problem) -> tuple[Coupling, str]:
-    """Return the coupling to save, and what is said of it."""
+@singledispatch
+def saved_coupling(end: End, explorer: Explorer, settings: Settings, problem: Problem) -> tuple[Coupling, str]:
+    """Return the coupling to an end to save, and what is said of it: one's own K and B where they were typed."""
+    recommended = None if settings.gains else explorer.coupling(settings)
+    if recommended is not None:
+        return replace(recommended, versions=explorer.versions), "the recommended coupling"
+    return _own_coupling(end, explorer, settings, problem)
+
+
+@saved_coupling.register
+def _saved_wall_coupling(
+    end: Wall,  # noqa: ARG001
+    explorer: Explorer,
+    settings: Settings,
+    problem: Problem,
+) -> tuple[Coupling, str]:
     _, coupling = found_by_method(explorer, settings, problem)
     if coupling is None:
         raise InputError.of("no coupling yet: there is nothing to save", key="method")
@@ -254,44 +293,54 @@ def wall_coupling(explorer: Explorer, settings: Settings, problem: Problem) -> t
     return coupling.with_certificate(certificate), verdict["sentence"]
 
 
-_NAMES = {"own": "your K and B", "method": "recommended"}
+Charts = list[dict[str, Any]]
 
 
-def pair_answer(explorer: Explorer, settings: Settings, problem: Problem, *, whole: bool) -> PageAnswer:
-    """Return K and B of one's own to a simulation or a follower beside the recommendation."""
-    stated, tool = settings.key(), problem.simulation
-    search = explorer.cached(
-        f"search {stated}", lambda: FollowerSearch(problem) if tool is None else ToolSearch(problem)
-    )
-    first = explorer.cached("first", lambda: _first(explorer.base, search.loops))
-    own_gains = ToolGains(**(vars(first) | _typed(explorer, settings)))
-    coupling = explorer.coupling(settings)
-    pairs = {"own": own_gains} | ({} if coupling is None else {"method": coupling.gains})
-    rows = explorer.cached(f"rows {stated} {own_gains}", lambda: _rows(problem, search, own_gains))
-    charts = _felt(problem, pairs)
-    if tool is not None:
-        rates: dict[str, Any] = {} if whole else {"rates": ()}
-        stable = explorer.cached(f"region {whole} {stated}", lambda: tool_region(problem, summits=False, **rates))
-        charts.insert(0, _pairs_region(problem, stable, pairs))
-        if whole:
-            runs = {}
-            for cls, gains in pairs.items():
-                key = f"touch {stated} {settings.motion} {gains}"
-                runs[cls] = explorer.cached(key, partial(simulate, with_gains(problem, gains)))
-            charts += touches(runs, problem, "the contact begins at 0", _NAMES)
-    return PageAnswer(vars(own_gains), rows, [], charts)
+@singledispatch
+def _touched(
+    end: End,  # noqa: ARG001
+    explorer: Explorer,  # noqa: ARG001
+    settings: Settings,  # noqa: ARG001
+    problem: Problem,  # noqa: ARG001
+    pairs: dict[str, ToolGains],  # noqa: ARG001
+    *,
+    whole: bool,  # noqa: ARG001
+) -> tuple[Charts, Charts]:
+    """Return charts before and after those of what is felt: of a kind of end that no scene has there are none."""
+    return [], []
+
+
+@_touched.register
+def _touched_with_tool(
+    end: Simulation,  # noqa: ARG001
+    explorer: Explorer,
+    settings: Settings,
+    problem: Problem,
+    pairs: dict[str, ToolGains],
+    *,
+    whole: bool,
+) -> tuple[Charts, Charts]:
+    stated, rates = settings.key(), dict[str, Any]() if whole else {"rates": ()}
+    stable = explorer.cached(f"region {whole} {stated}", lambda: tool_region(problem, summits=False, **rates))
+    before = [_pairs_region(problem, stable, pairs)]
+    if not whole:
+        return before, []
+    runs = {}
+    for cls, gains in pairs.items():
+        key = f"touch {stated} {settings.motion} {gains}"
+        runs[cls] = explorer.cached(key, partial(simulate, with_gains(problem, gains)))
+    return before, touches(runs, problem, "the contact begins at 0", _NAMES)
 
 
 def _typed(explorer: Explorer, settings: Settings) -> dict[str, float]:
     return {key: value or 0.0 for key, value in gains_of(settings, explorer.form).items()}
 
 
-def _first(problem: Problem, loops: Any) -> ToolGains:
+def _first(problem: Problem, search: EndSearch) -> ToolGains:
     """Return the stiffest of some springs and dampers that all loops bear 1.5 times; the softest where none is."""
-    device, end = problem.device, problem.simulation or problem.follower
-    mass, wanted = device.mass_kg, None if end is None else end.stiffness_n_per_m
-    local = problem.simulation is not None and problem.simulation.damped_locally
-    stiffest = wanted or mass / device.sample_time_s**2
+    device, local = problem.device, search.damped_locally
+    mass = device.mass_kg
+    stiffest = search.wanted_n_per_m or mass / device.sample_time_s**2
     for stiffness in stiffest / _STABLE_TIMES ** np.arange(_MOST_SPRINGS):
         critical = 2 * math.sqrt(stiffness * mass)
         for ratio in (1.0, 0.5, 0.25):
@@ -300,7 +349,7 @@ def _first(problem: Problem, loops: Any) -> ToolGains:
                 damping_ns_per_m=_two_digits(ratio * critical),
                 local_damping_ns_per_m=_two_digits(critical if local else 0.0),
             )
-            if loops.stable(pair.times(_STABLE_TIMES)):
+            if search.loops.stable(pair.times(_STABLE_TIMES)):
                 return pair
     return pair
 
@@ -309,16 +358,24 @@ def _two_digits(value: float) -> float:
     return float(f"{value:.2g}")
 
 
-def _rows(problem: Problem, search: ToolSearch | FollowerSearch, gains: ToolGains) -> list[Row]:
-    rows = [row("Coupling", subject.pair(vars(gains)))]
-    rendered = [asdict(point) for point in rendered_pair(problem, gains)]
-    felt = felt_rows({"stiffness_n_per_m": None, "on_stiffest_contact_n_per_m": None, "at": rendered})
-    if isinstance(search, FollowerSearch):
-        stable = search.loops.stable_over_ranges(gains)
-        which = "corner hands, released, end stop:" if stable else "not all of"
-        return [*rows, row("Stability", f"{which} {len(search.loops)} loops", mark=grade(stable)), *felt]
+@singledispatch
+def _rows(end: End, problem: Problem, search: EndSearch, gains: ToolGains) -> list[Row]:  # noqa: ARG001
+    stable = search.loops.stable_over_ranges(gains)
+    which = "corner hands, released, end stop:" if stable else "not all of"
+    stability_row = row("Stability", f"{which} {search.loop_count} loops", mark=grade(stable))
+    return [row("Coupling", subject.pair(vars(gains))), stability_row, *_felt_rows(problem, gains)]
+
+
+@_rows.register
+def _rows_with_tool(end: Simulation, problem: Problem, search: EndSearch, gains: ToolGains) -> list[Row]:
+    coupling, felt = row("Coupling", subject.pair(vars(gains))), _felt_rows(problem, gains)
     certificate = certify_pair(problem, gains, search)
-    return [*rows, *stability(certificate), *felt, *passivity(certificate["passivity"], problem)]
+    return [coupling, *stability(end, certificate), *felt, *passivity(end, certificate["passivity"])]
+
+
+def _felt_rows(problem: Problem, gains: ToolGains) -> list[Row]:
+    rendered = [asdict(point) for point in rendered_pair(problem, gains)]
+    return felt_rows({"stiffness_n_per_m": None, "on_stiffest_contact_n_per_m": None, "at": rendered})
 
 
 def _felt(problem: Problem, pairs: dict[str, ToolGains]) -> list[dict[str, Any]]:
@@ -352,14 +409,24 @@ def _pairs_region(problem: Problem, stable: ToolRegion, pairs: dict[str, ToolGai
     return region(problem, title, "coupling's", lines, marks)
 
 
-def pair_coupling(explorer: Explorer, settings: Settings, problem: Problem) -> tuple[Coupling, str]:
-    """Return the coupling to save, and what is said of it: one's own K and B where they were typed."""
-    recommended = None if settings.gains else explorer.coupling(settings)
-    if recommended is not None:
-        return replace(recommended, versions=explorer.versions), "the recommended coupling"
-    if problem.simulation is None or not settings.gains:
+@singledispatch
+def _own_coupling(
+    end: End,  # noqa: ARG001
+    explorer: Explorer,  # noqa: ARG001
+    settings: Settings,  # noqa: ARG001
+    problem: Problem,  # noqa: ARG001
+) -> tuple[Coupling, str]:
+    """Return the coupling of one's own K and B, and what is said of it; of most ends there is none without a trial."""
+    raise InputError.of("no coupling yet: there is nothing to save", key="method")
+
+
+@_own_coupling.register
+def _own_tool_coupling(
+    end: Simulation, explorer: Explorer, settings: Settings, problem: Problem
+) -> tuple[Coupling, str]:
+    if not settings.gains:
         raise InputError.of("no coupling yet: there is nothing to save", key="method")
-    search = explorer.cached(f"search {settings.key()}", lambda: ToolSearch(problem))
+    search = explorer.cached(f"search {settings.key()}", lambda: search_of(end, problem))
     gains = ToolGains(**({"stiffness_n_per_m": 0.0, "damping_ns_per_m": 0.0} | _typed(explorer, settings)))
     certificate = certify_pair(problem, gains, search)
     verdict = f"your K and B, {'stable' if certificate['stable'] else 'not stable'}, without a trial"

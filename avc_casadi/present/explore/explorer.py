@@ -7,6 +7,7 @@ import time
 from collections import OrderedDict
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from functools import singledispatch
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from typing import Any, TypeVar
@@ -17,6 +18,7 @@ from avc_casadi._util.progress import Progress
 from avc_casadi.coupling import Coupling
 from avc_casadi.design.methods import solve
 from avc_casadi.design.registry import METHODS
+from avc_casadi.model.ends import End, Wall
 from avc_casadi.model.problem import Problem
 from avc_casadi.present.explore.settings import (
     Form,
@@ -122,6 +124,18 @@ class SlowRun:
         self._process.join()
 
 
+@singledispatch
+def methods_of(end: End) -> tuple[tuple[str, ...], tuple[str, ...]]:  # noqa: ARG001
+    """Return the methods beside `recommend` that find couplings to an end: at once, and in a run."""
+    return (), ()
+
+
+@methods_of.register
+def _methods_of_wall(end: Wall) -> tuple[tuple[str, ...], tuple[str, ...]]:  # noqa: ARG001
+    live = tuple(name for name, method in METHODS.items() if method.pointwise)
+    return live, tuple(name for name, method in METHODS.items() if not method.pointwise)
+
+
 class Explorer:
     """A problem to explore, and results by settings."""
 
@@ -129,12 +143,8 @@ class Explorer:
         self.base = base
         self.source = source
         self.versions = versions or {}
-        live: tuple[str, ...] = ()
-        slow: tuple[str, ...] = ("recommend",)
-        if base.simulation is None and base.follower is None:
-            live = tuple(name for name, method in METHODS.items() if method.pointwise)
-            slow += tuple(name for name, method in METHODS.items() if not method.pointwise)
-        self.form = Form(problem_fields(base), gain_fields(base), live, slow)
+        live, slow = methods_of(base.end)
+        self.form = Form(problem_fields(base), gain_fields(base.end, base), live, ("recommend", *slow))
         self._cache: OrderedDict[str, tuple[threading.Lock, list[Any]]] = OrderedDict()
         self._lock = threading.Lock()
         self._runs: dict[str, SlowRun] = {}

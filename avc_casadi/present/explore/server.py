@@ -16,7 +16,7 @@ from avc_casadi.files.catalogue import catalogue_names
 from avc_casadi.files.coupling_file import coupling_document
 from avc_casadi.files.problem_file import dump_problem, problem_document
 from avc_casadi.model.problem import Problem
-from avc_casadi.present.explore.ends import pair_answer, pair_coupling, wall_answer, wall_coupling
+from avc_casadi.present.explore.ends import page_answer, saved_coupling
 from avc_casadi.present.explore.explorer import Explorer
 from avc_casadi.present.explore.settings import RequestError, dropped_ranges, problem_of_settings, settings_of
 from avc_casadi.present.row import Row, text_of
@@ -42,8 +42,7 @@ def evaluate(explorer: Explorer, question: Mapping[str, Any]) -> dict[str, Any]:
     settings, form = settings_of(question.get("settings"), explorer.form), explorer.form
     problem = explorer.problem(settings)
     run = explorer.run(settings)
-    answer_of = wall_answer if form.live else pair_answer
-    shown = answer_of(explorer, settings, problem, whole=bool(question.get("whole")))
+    shown = page_answer(problem.end, explorer, settings, problem, whole=bool(question.get("whole")))
     method = shown.method
     if settings.method in form.slow:
         method = [*explorer.run_rows(settings), *method]
@@ -89,8 +88,7 @@ def file(explorer: Explorer, question: Mapping[str, Any]) -> dict[str, Any]:
         return {"name": f"{stem}.toml", "text": dump_problem(whole)}
     if kind != "coupling":
         raise RequestError(400, "kind is problem or coupling")
-    coupling_of = wall_coupling if explorer.form.live else pair_coupling
-    coupling, verdict = coupling_of(explorer, settings, problem)
+    coupling, verdict = saved_coupling(problem.end, explorer, settings, problem)
     text = json_text(coupling_document(coupling), problem.units)
     return {"name": f"{stem}-coupling.json", "text": text, "note": verdict}
 

@@ -6,6 +6,7 @@ import json
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import singledispatch
 from typing import Any, Literal, TypeGuard, get_origin, get_type_hints
 
 from pydantic import BaseModel, ValidationError
@@ -14,7 +15,7 @@ from pydantic_core import PydanticCustomError
 from avc_casadi._errors import AvcError, Fault, InputError
 from avc_casadi.files.problem_file import problem_document, problem_of
 from avc_casadi.model.device import Device
-from avc_casadi.model.ends import Ends
+from avc_casadi.model.ends import End, IntervalOf, Wall
 from avc_casadi.model.problem import Problem
 from avc_casadi.model.quantity import Quantity, Whole, power_at_handle
 from avc_casadi.model.table import Table, choices_of, inside, tables_of
@@ -97,34 +98,49 @@ class Field:
 
 def problem_fields(problem: Problem) -> tuple[Field, ...]:
     """Return the fields of a problem: those of its other end first."""
-    tables, hints = problem_document(problem), get_type_hints(Problem, include_extras=True)
+    tables, hints = problem_document(problem), get_type_hints(type(problem), include_extras=True)
     fields: list[Field] = []
-    ends = [name for name in ("simulation", "follower") if getattr(problem, name) is not None]
-    for name in (*(ends or ["environment"]), "device", "hands"):
+    for name in (problem.end_table, "device", "hands"):
         fields += _fields(problem, name, tables_of(hints[name])[0], tables.get(name) or {})
     return tuple(fields)
 
 
-def gain_fields(problem: Problem) -> tuple[Field, ...]:
-    """Return the fields of one's own spring and damper; of a law before a wall with a filter of the velocity."""
-    device, wall = problem.device, problem.simulation is None and problem.follower is None
-    spring_name, damper_name, local_name = ("k", "b", "b_p") if wall else ("K", "B", "local")
+@singledispatch
+def gain_fields(end: End, problem: Problem) -> tuple[Field, ...]:  # noqa: ARG001
+    """Return the fields of one's own spring and damper to an end."""
+    stiffness, damping = _usual_gains(problem, 0.0)
+    return _gain_fields(problem, ("K", "B", "local"), (stiffness, damping, damping))
+
+
+@gain_fields.register
+def _law_fields(end: Wall, problem: Problem) -> tuple[Field, ...]:
+    """Return the fields of a law before a wall, with a filter of the velocity."""
+    names = ("k", "b", "b_p")
+    fields = _gain_fields(problem, names, (*_usual_gains(problem, end.stiffness_n_per_m), None))
+    group, cutoff = fields[0].group, Quantity("Hz", 1e-6, 1e7)
+    return (*fields, _number(problem, "cutoff_hz", group, "filter of the velocity", cutoff, _USUAL_CUTOFF_HZ, "none"))
+
+
+def _usual_gains(problem: Problem, stiffness_n_per_m: float) -> tuple[float, float]:
+    """Return spring and damper in the middle of their sliders, of a stiffness or where that is 0 of the usual one."""
+    size = problem.device.metres_per_unit**2
+    stiffness = stiffness_n_per_m or _USUAL_STIFFNESS_N_PER_M * size
+    return stiffness, (stiffness * problem.device.mass_kg) ** 0.5 or size
+
+
+def _gain_fields(
+    problem: Problem, names: tuple[str, str, str], values: tuple[float, float, float | None]
+) -> tuple[Field, ...]:
+    """Return the fields of a spring, a damper and a damper everywhere, by their names."""
+    (spring_name, damper_name, local_name), (stiffness, damping, local_damping) = names, values
     group = f"Your own {spring_name} and {damper_name}"
-    size = device.metres_per_unit**2
-    stiffness = (problem.environment.stiffness_n_per_m if wall else 0.0) or _USUAL_STIFFNESS_N_PER_M * size
-    damping = (stiffness * device.mass_kg) ** 0.5 or size
-    local_damping = None if wall else damping
     spring, damper = Quantity("N/m", 1e-9, 1e12), Quantity("N.s/m", 1e-9, 1e9)
     local_label = f"{local_name} damper, everywhere"
-    fields = [
+    return (
         _number(problem, "stiffness_n_per_m", group, f"spring {spring_name}", spring, stiffness, ""),
         _number(problem, "damping_ns_per_m", group, f"damper {damper_name}", damper, damping, ""),
         _number(problem, "local_damping_ns_per_m", group, local_label, damper, local_damping, "none"),
-    ]
-    if wall:
-        cutoff = Quantity("Hz", 1e-6, 1e7)
-        fields.append(_number(problem, "cutoff_hz", group, "filter of the velocity", cutoff, _USUAL_CUTOFF_HZ, "none"))
-    return tuple(fields)
+    )
 
 
 def _fields(problem: Problem, path: str, model: type[Table], values: Mapping[str, Any]) -> Iterator[Field]:
@@ -154,7 +170,7 @@ def _of_value(problem: Problem, key: str, hint: Any, value: Any) -> Iterator[Fie
         return
     parts = list(inside(hint))
     validators = [getattr(part, "func", None) for part in parts]
-    ends = next((validator for validator in validators if isinstance(validator, Ends)), None)
+    ends = next((validator for validator in validators if isinstance(validator, IntervalOf)), None)
     of_value = next((validator for validator in validators if isinstance(validator, Quantity | Whole)), None)
     read = ends.one if ends else of_value
     if read is None and not key.endswith("_samples"):

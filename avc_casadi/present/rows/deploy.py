@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import singledispatch
 from shlex import quote
 from typing import Any, ClassVar
 
@@ -14,6 +15,7 @@ from avc_casadi._util.json_values import Document, plain
 from avc_casadi._util.units import Units
 from avc_casadi.claims.deployable import Deployable
 from avc_casadi.coupling import Coupling
+from avc_casadi.model.ends import End, Follower, Simulation, Wall
 from avc_casadi.present.row import Answer, Mark, Part, Row, Value, commas, grade, parts, row
 from avc_casadi.present.rows import engines, subject
 from avc_casadi.present.rows.reports import BuiltInLimits, DeviceLimits, LoopTrial, Push, Stream
@@ -211,34 +213,55 @@ class Exported:
 
 def export(result: Exported, coupling: Coupling, shown: str) -> Answer:
     """Return the answer of `export`."""
-    far = coupling.follower.sample_time_s if coupling.end == "follower" else coupling.sample_time_s
-    periods_s = dict.fromkeys((coupling.sample_time_s, far))
+    in_c, deployment = _in_c(coupling.end, coupling), result.deployment
+    periods_s = dict.fromkeys((coupling.sample_time_s, in_c.far_sample_time_s or coupling.sample_time_s))
     rates = commas(Value(1 / period_s, "frequency") for period_s in periods_s)
-    size = subject.plural(len(coupling.table), "row") if coupling.end == "wall" else "both ends"
-    onwards = engines.fitting(coupling) if coupling.end == "simulation" else []
-    deployment = result.deployment
     rows = [
         *_unsafe(result.unsafe),
-        row("Coupling", f"{coupling.id}:", _exported(coupling)),
-        row("C", f"{result.precision} precision,", rates, f", {size}"),
+        row("Coupling", f"{coupling.id}:", in_c.gains),
+        row("C", f"{result.precision} precision,", rates, f", {in_c.size}"),
     ]
     if deployment is not None:
         rows += subject.notes([deployment.holes] if deployment.holes else [])
         rows += subject.notes(deployment.lacks, "Lacks")
-    commands = [f"export {{}} --parameters {name}" for name in onwards[:1]]
+    commands = [f"export {{}} --parameters {name}" for name in in_c.engines[:1]]
     return subject.answer("export", result.document(coupling), coupling.problem, shown, rows, *commands)
 
 
-def _exported(coupling: Coupling) -> tuple[Part, ...]:
-    """Return the gains that stand in the C files, those at the other end too."""
-    if coupling.end == "wall":
-        schedule, usable = coupling.schedule, coupling.schedule.usable
-        columns = (schedule.damping_ns_per_m, schedule.stiffness_n_per_m, schedule.contact_damping_ns_per_m)
-        damping, stiffness, contact_damping = (column[usable].tolist() for column in columns)
-        observer = "observer with state feedback," if coupling.runtime.state_feedback is not None else ""
-        return parts(observer, subject.gain_spans(damping, stiffness, contact_damping, coupling.problem))
-    other_end = ("at the follower", subject.pair_of(coupling.at_follower)) if coupling.end == "follower" else None
-    return commas([subject.pair_of(coupling.gains), other_end], ";")
+@dataclass(frozen=True)
+class _InC:
+    """What the C of a coupling holds: gains, how much, the other sample time, and which engines take it without C."""
+
+    gains: tuple[Part, ...]
+    size: str = "both ends"
+    far_sample_time_s: float | None = None
+    engines: tuple[str, ...] = ()
+
+
+@singledispatch
+def _in_c(end: End, coupling: Coupling) -> _InC:  # noqa: ARG001
+    return _InC(subject.pair_of(coupling.gains))
+
+
+@_in_c.register
+def _wall_in_c(end: Wall, coupling: Coupling) -> _InC:  # noqa: ARG001
+    schedule, usable = coupling.schedule, coupling.schedule.usable
+    columns = (schedule.damping_ns_per_m, schedule.stiffness_n_per_m, schedule.contact_damping_ns_per_m)
+    damping, stiffness, contact_damping = (column[usable].tolist() for column in columns)
+    observer = "observer with state feedback," if coupling.runtime.state_feedback is not None else ""
+    gains = parts(observer, subject.gain_spans(damping, stiffness, contact_damping, coupling.problem))
+    return _InC(gains, subject.plural(len(coupling.table), "row"))
+
+
+@_in_c.register
+def _tool_in_c(end: Simulation, coupling: Coupling) -> _InC:  # noqa: ARG001
+    return _InC(subject.pair_of(coupling.gains), engines=tuple(engines.fitting(coupling)))
+
+
+@_in_c.register
+def _follower_in_c(end: Follower, coupling: Coupling) -> _InC:
+    other_end = ("at the follower", subject.pair_of(coupling.at_follower))
+    return _InC(commas([subject.pair_of(coupling.gains), other_end], ";"), far_sample_time_s=end.sample_time_s)
 
 
 @dataclass(frozen=True)

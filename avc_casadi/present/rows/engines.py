@@ -13,7 +13,7 @@ from typing import get_args
 from avc_casadi._errors import InputError
 from avc_casadi._util.json_values import plain
 from avc_casadi.coupling import Coupling
-from avc_casadi.model.ends import Exchange, VirtualTool, mujoco_contact_n_per_m
+from avc_casadi.model.ends import Exchange, Simulation, mujoco_contact_n_per_m
 from avc_casadi.model.ends import ToolIntegrator as Integrator
 from avc_casadi.present.row import Answer, Row, Value, caution, parts, row
 from avc_casadi.present.rows import subject
@@ -210,7 +210,7 @@ def _own_damper(coupling: Coupling, name: str) -> list[Parameter]:
     return [Parameter(name, place, "local B", unit, trap="", value=damping)]
 
 
-def _law(tool: VirtualTool, name: str, places: Sequence[Place]) -> str:
+def _law(tool: Simulation, name: str, places: Sequence[Place]) -> str:
     """Return the line that runs in each step of an engine; its joint has the damper that implicitfast solves."""
     law = next(place.place for place in places if place.formula == _EACH_STEP)
     if name == "mujoco" and tool.solved == "damper":
@@ -218,14 +218,14 @@ def _law(tool: VirtualTool, name: str, places: Sequence[Place]) -> str:
     return law
 
 
-def _handed_in(tool: VirtualTool) -> str:
+def _handed_in(tool: Simulation) -> str:
     """Return what the device's loop takes of the engine."""
     if tool.exchange != "held-force":
         return "tool_x, tool_v"
     return "force on the tool" if tool.solved == "nothing" else "avc_coupling_handed_force(...)"
 
 
-def _handed_out(tool: VirtualTool, engine: Engine) -> str:
+def _handed_out(tool: Simulation, engine: Engine) -> str:
     """Return what the engine hands to the device's loop, and when."""
     late = f", {subject.plural(tool.steps_late, 'step')} later" if tool.steps_late else ""
     ahead = "" if tool.exchange == "held-force" else f"; {_AHEAD}"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import singledispatch
 from pathlib import Path
 from shlex import quote
 from typing import Any, SupportsFloat
@@ -21,6 +22,7 @@ from avc_casadi.design.tool_region import ToolCurve, ToolRegion
 from avc_casadi.loops.margins import LEAST_DISK, SOUND_DISK
 from avc_casadi.model import EFFECTS
 from avc_casadi.model.effects import SaturationEffect
+from avc_casadi.model.ends import End, Simulation, Wall
 from avc_casadi.model.problem import Problem
 from avc_casadi.present import words
 from avc_casadi.present.row import Answer, Mark, Part, Row, Value, caution, commas, fill, grade, parts, row, span
@@ -188,7 +190,7 @@ def _law_rows(result: LawCertificate) -> list[Row]:
         rows.append(row("Outside the wall", "disk margin", Value(disk, "number", 2), mark=_mark_of_disk(disk)))
     rows += _law_limits(result)
     problem = result.problem
-    if problem.simulation is not None or problem.follower is not None:
+    if not isinstance(problem.end, Wall):
         other_end = "the other end: this law acts in the device's own loop, every"
         period = Value(problem.device.sample_time_s, "time")
         rows.append(row("Not used", other_end, period, mark=Mark.CAUTION))
@@ -243,16 +245,22 @@ def pair_certificate(data: Mapping[str, Any], problem: Problem, shown: str) -> A
     verdict = data["deployable"]
     text = f"{'yes' if verdict['pass'] else 'no'}: {verdict['sentence']}"
     rows = [row("Deployable", text, mark=grade(verdict["pass"])), row("Coupling", subject.pair(data))]
-    rows += [*stability(data), *passivity(data["passivity"], problem)]
+    rows += [*stability(problem.end, data), *passivity(problem.end, data["passivity"])]
     rows += [*subject.not_used(data["not_used"]), row("Claim", data["claim"], rank=1)]
     complaint = "" if verdict["pass"] else f"avc: {shown}: not deployable"
     return subject.answer("certify", data, problem, shown, rows, complaint=complaint)
 
 
-def passivity(found: Mapping[str, Any], problem: Problem) -> list[Row]:
+@singledispatch
+def passivity(end: End, found: Mapping[str, Any]) -> list[Row]:  # noqa: ARG001
+    """Return whether the port of an end is passive; of most none is known."""
+    return []
+
+
+@passivity.register
+def _engine_passivity(tool: Simulation, found: Mapping[str, Any]) -> list[Row]:
     """Return whether the engine's port is passive, and the engines to which that applies."""
-    tool = problem.simulation
-    if tool is None or tool.tool_mass_kg is None:  # where the tool is fixed the engine is no port
+    if tool.tool_mass_kg is None:  # where the tool is fixed the engine is no port
         return []
     if found["refused"]:
         return [row("Engine's port", f"not judged: {found['refused']}", mark=Mark.CAUTION)]
@@ -404,7 +412,7 @@ def _rendered(run: Run, problem: Problem) -> Row:
     if not math.isfinite(sensed):
         return row("Rendered", "no stiffness: the scene does not end in steady contact")
     with_detents = ", with the slope of the detents" if "detent" in run.effects else ""
-    share = f"({percent(sensed / wall)} of the wall)" if wall and problem.simulation is None else ""
+    share = f"({percent(sensed / wall)} of the wall)" if wall and not isinstance(problem.end, Simulation) else ""
     text = parts(Value(sensed, "stiffness"), "at the sensor", share, with_detents)
     limits = [effect.force_n for effect in problem.scene.effects if isinstance(effect, SaturationEffect)]
     limit = limits[0] if limits and limits[0] is not None else problem.device.max_force_n

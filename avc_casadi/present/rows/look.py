@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import singledispatch
 from typing import Any
 
 from avc_casadi._util.json_values import plain
@@ -13,7 +14,7 @@ from avc_casadi.files.device_file import DeviceFile
 from avc_casadi.files.problem_file import problem_document
 from avc_casadi.loops.wall import passive_limit_n_per_m
 from avc_casadi.model.declared import declared
-from avc_casadi.model.ends import Follower, VirtualTool
+from avc_casadi.model.ends import End, Follower, Simulation, Wall
 from avc_casadi.model.problem import Problem
 from avc_casadi.present.row import (
     Answer,
@@ -118,12 +119,7 @@ def problem(result: CheckedProblem, shown: str = "") -> Answer:
     """Return the answer of `check` of a problem: what it asks for, its other end, what is unusual."""
     stated = result.problem
     rows = [row("Valid", stated.title or "yes", mark=Mark.PASS)]
-    if stated.simulation is not None:
-        rows += [*_engine(stated.simulation), *subject.not_used(result.not_used)]
-    elif stated.follower is not None:
-        rows += [*_follower(stated.follower), *subject.not_used(result.not_used)]
-    else:
-        rows += _wall(result)
+    rows += _asked(stated.end, result)
     rows += subject.notes((doubt.text for doubt in result.doubts), "Warning")
     if stated.source:
         rows.append(row("Source", stated.source, rank=1))
@@ -132,7 +128,14 @@ def problem(result: CheckedProblem, shown: str = "") -> Answer:
     return subject.answer("check", result.document(), stated, shown, rows, *onwards)
 
 
-def _wall(result: CheckedProblem) -> list[Row]:
+@singledispatch
+def _asked(end: End, result: CheckedProblem) -> list[Row]:
+    """Return what a problem asks for, and what the headline does not hold of its end."""
+    return [*_beyond_headline(end), *subject.not_used(result.not_used)]
+
+
+@_asked.register
+def _asked_of_wall(end: Wall, result: CheckedProblem) -> list[Row]:  # noqa: ARG001
     stated = result.problem
     structure, stability = stated.coupling.structure, stated.stability
     lowest, highest = Value(result.lowest_hz, "frequency"), Value(result.highest_hz, "frequency")
@@ -149,8 +152,15 @@ def _wall(result: CheckedProblem) -> list[Row]:
     return rows + subject.notes(asked_of_others(result.not_used), "Not used", Mark.NONE)
 
 
-def _engine(tool: VirtualTool) -> list[Row]:
-    """Return what the headline does not hold: what the tool touches, and what the exchange means."""
+@singledispatch
+def _beyond_headline(end: End) -> list[Row]:  # noqa: ARG001
+    """Return what the headline does not hold of another end than a wall."""
+    return []
+
+
+@_beyond_headline.register
+def _engine(tool: Simulation) -> list[Row]:
+    """Return what the tool touches, and what the exchange means."""
     what: tuple[Part, ...] = ("none: the spring leads to a place that the engine sets",)
     if tool.tool_mass_kg is not None:
         mass = parts(span(tool.tool_mass_kg, "mass"), ", damping", span(tool.tool_damping_ns_per_m, "damping"))
@@ -159,7 +169,7 @@ def _engine(tool: VirtualTool) -> list[Row]:
     return [row("Tool", what), row("Exchange", f"{tool.exchange}: the device gets {gets}")]
 
 
-def _contacts(tool: VirtualTool) -> tuple[Part, ...]:
+def _contacts(tool: Simulation) -> tuple[Part, ...]:
     """Return what a tool touches: springs, rigid objects, or both."""
     low, high = tool.contact_stiffness_n_per_m
     rigid = "rigid objects" if tool.rigid else None
@@ -170,8 +180,9 @@ def _contacts(tool: VirtualTool) -> tuple[Part, ...]:
     return parts("springs of", span((low, high), "stiffness"))
 
 
+@_beyond_headline.register
 def _follower(far: Follower) -> list[Row]:
-    """Return what the headline does not hold: link, what is sent back, what the follower touches."""
+    """Return link, what is sent back, what the follower touches."""
     to_follower, to_leader = span(far.delay_s, "time"), span(far.return_delay_s or far.delay_s, "time")
     jitter, lost = Value(far.jitter, "share"), Value(far.lost_share, "share")
     sent = f", {far.force} is sent back" if far.architecture == "position-force" else ""

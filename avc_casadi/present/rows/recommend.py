@@ -4,18 +4,28 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from functools import singledispatch
 from shlex import quote
 from typing import Any
 
 from avc_casadi.design.virtual_tool import WIDEST_MARGIN
 from avc_casadi.model.corners import Robustness
+from avc_casadi.model.ends import End, Follower, Simulation
 from avc_casadi.model.problem import Problem
-from avc_casadi.present.row import Answer, Mark, Part, Row, Value, caution, commas, fill, grade, row, span
+from avc_casadi.present.row import Answer, Mark, Part, Parts, Row, Value, caution, commas, fill, grade, row, span
 from avc_casadi.present.rows import subject
 from avc_casadi.recommendation.felt import NOTICED_LATE_S, REACHED_M
 from avc_casadi.recommendation.preconditions import SLIP, asked_of_others, not_judged
 from avc_casadi.recommendation.rank import UNNOTICED
-from avc_casadi.recommendation.recommendation import Recommendation
+from avc_casadi.recommendation.recommendation import (
+    NoCoupling,
+    NoPair,
+    NoWallCoupling,
+    PairRecommendation,
+    Recommendation,
+    Verdict,
+    WallRecommendation,
+)
 
 # Stiffness at rest over that of the wall that is worth a mark.
 _STIFFER = 1.1
@@ -31,20 +41,44 @@ _SETTLE = "{at_rest:9} of {hands:9} hands settle, {at_rest_without_friction:9} w
 def recommendation(found: Recommendation, shown: str = "", file: str | None = None) -> Answer:
     """Return the answer of `recommend`; ``file`` holds the coupling."""
     problem, data = found.problem, found.data()
-    rows = wall_rows(data, problem) if found.pair is None else _pair_rows(data, problem)
-    onwards = f"recommend {{}}{' --stiffest' * bool(found.no_stiffer)} --out coupling.json"
-    nothing = data["reason"].startswith("nothing") or problem.environment.stiffness_n_per_m == 0
-    if found.deployable and file is not None:
-        onwards = f"export {quote(file)} --c firmware"
-    elif found.no_stiffer and found.coupling is None:
-        onwards = "recommend {}"
-    elif found.coupling is None or (not found.deployable and (nothing or _slips(data))):
-        onwards = "check {}"
-    elif not found.no_stiffer and (not found.deployable or _far(data)):
-        onwards = "recommend {} --stiffest"
+    onwards = f"export {quote(file)} --c firmware" if found.deployable and file is not None else _onwards(found)
     complaint = "" if found.deployable else f"avc: {problem.name}: no coupling is deployable"
-    rows += _details(data)
+    rows = [*rows_of(found), *_details(data)]
     return subject.answer("recommend", data, problem, shown, rows, onwards, complaint=complaint)
+
+
+@singledispatch
+def rows_of(found: Recommendation) -> list[Row]:
+    """Return the rows of a recommendation of one kind, the most important first."""
+    raise TypeError(f"no rows for {type(found).__name__}")
+
+
+@singledispatch
+def _onwards(found: Recommendation) -> str:  # noqa: ARG001
+    """Return the command to type next."""
+    return "recommend {} --out coupling.json"
+
+
+@_onwards.register
+def _onwards_from_none(found: NoCoupling) -> str:  # noqa: ARG001
+    return "check {}"
+
+
+@_onwards.register
+def _onwards_from_no_wall(found: NoWallCoupling) -> str:
+    return "recommend {}" if found.limits.no_stiffer else "check {}"
+
+
+@_onwards.register
+def _onwards_from_wall(found: WallRecommendation) -> str:
+    nothing = found.verdict is Verdict.NOTHING_RENDERED or found.problem.environment.stiffness_n_per_m == 0
+    if not found.deployable and (nothing or _slips(found.data())):
+        return "check {}"
+    if found.limits.no_stiffer:
+        return "recommend {} --stiffest --out coupling.json"
+    if not found.deployable or _far(found.data()):
+        return "recommend {} --stiffest"
+    return "recommend {} --out coupling.json"
 
 
 def verdict(data: Mapping[str, Any], rows: Sequence[Row]) -> tuple[str, bool]:
@@ -57,11 +91,21 @@ def verdict(data: Mapping[str, Any], rows: Sequence[Row]) -> tuple[str, bool]:
     return f"Deploy this coupling{f'; see {doubts}' if doubts else ''}.", True
 
 
-def wall_rows(data: Mapping[str, Any], problem: Problem) -> list[Row]:
-    """Return the rows of a coupling to a wall."""
-    if data["coupling"] is None:
-        none = row("Coupling", f"none is deployable: {data['reason']}", mark=Mark.FAIL)
-        return [*_slips(data), none, *_limit(data)]
+@rows_of.register
+def _no_wall_rows(found: NoWallCoupling) -> list[Row]:
+    data = found.data()
+    none = row("Coupling", f"none is deployable: {found.reason}", mark=Mark.FAIL)
+    return [*_slips(data), none, *_limit(data)]
+
+
+@rows_of.register
+def _wall_rows(found: WallRecommendation) -> list[Row]:
+    return wall_rows(found, found.data())
+
+
+def wall_rows(found: WallRecommendation, data: Mapping[str, Any]) -> list[Row]:
+    """Return the rows of a coupling to a wall, of its data."""
+    problem = found.problem
     failed, rest = _failed(data), data["rest"]
     text = f"linearly stable with every corner hand and released; {_CYCLES[rest['word']]}" if not failed else failed[0]
     stable = row("Stability", text, mark=Mark.FAIL if failed else grade(rest["word"] != "refuted", Mark.CAUTION))
@@ -69,9 +113,9 @@ def wall_rows(data: Mapping[str, Any], problem: Problem) -> list[Row]:
     if data["stiffest_wall_n_per_m"]:
         text = f"{{stiffest_wall_n_per_m}}, within {100 * UNNOTICED:.0f} % to a hand that moves; {data['no_stiffer']}"
         stiffest = [row("Stiffest wall", fill(text, data)), *_limit(data)]
-    found = [*_slips(data), *stiffest, _coupling(data, problem), *_rendered(data, problem), stable]
-    if not data["deployable"]:
-        return [*found, *_simulated(data)]
+    first = [*_slips(data), *stiffest, _coupling(found, data), *_rendered(found, data), stable]
+    if not found.deployable:
+        return [*first, *_simulated(data)]
     limit, period_s = problem.device.max_force_n, problem.device.sample_time_s
     worst, trade_off = data["transient"]["worst_hand"], []
     for one in data["trade_off"] or ():
@@ -80,7 +124,7 @@ def wall_rows(data: Mapping[str, Any], problem: Problem) -> list[Row]:
         what = fill("disk margin {disk_margin:2}: error", one)
         trade_off.append((what, errors, fill(", ripple {ripple_n}", one), missed))
     return [
-        *found,
+        *first,
         subject.smallest_margins(data["margins"]),
         subject.settling(*max((one["settling_s"], who) for who, one in data["transient"].items())),
         subject.damping_ratio(worst["damping_ratio"], worst["frequency_hz"], "worst_hand", period_s),
@@ -104,11 +148,12 @@ def _slips(data: Mapping[str, Any]) -> list[Row]:
     return [row("Values", "; ".join(doubts), mark=Mark.CAUTION)] if doubts else []
 
 
-def _coupling(data: Mapping[str, Any], problem: Problem) -> Row:
-    coupling, trial, felt, wall = data["coupling"], data["trial"], data["felt"], problem.environment.stiffness_n_per_m
+def _coupling(found: WallRecommendation, data: Mapping[str, Any]) -> Row:
+    problem, coupling, trial, felt = found.problem, data["coupling"], data["trial"], data["felt"]
+    wall = problem.environment.stiffness_n_per_m
     runtime, rows = coupling["runtime"], len(coupling["table"]["frequency_hz"])
     law = runtime["state_feedback"]
-    found = commas(
+    what = commas(
         [
             None if law is None else f"observer ({len(law['innovation'])} states) with state feedback",
             subject.gains(coupling["table"], problem),
@@ -116,10 +161,10 @@ def _coupling(data: Mapping[str, Any], problem: Problem) -> Row:
             None if rows == 1 else f"{rows} rows",
         ]
     )
-    if not data["deployable"]:
-        why = "" if data["reason"].startswith("nothing") or _failed(data) else f": {data['reason']}"
-        return row("Coupling", found, ": NOT deployable", why, mark=Mark.FAIL)
-    names = ", ".join(what.partition(" (")[0] for what in not_judged(data["not_used"]))
+    if not found.deployable:
+        told = found.verdict is Verdict.NOTHING_RENDERED or _failed(data)  # in another row
+        return row("Coupling", what, ": NOT deployable", "" if told else f": {found.reason}", mark=Mark.FAIL)
+    names = ", ".join(key.partition(" (")[0] for key in not_judged(data["not_used"]))
     doubt: tuple[Part, ...] = ()
     if trial["at_force_limit"] > trial["hands"] / 2:
         through = ", but {at_force_limit:9} of {hands:9} hands push through the wall (limit {max_force_n})"
@@ -131,11 +176,11 @@ def _coupling(data: Mapping[str, Any], problem: Problem) -> Row:
     without = f"without {names}, which is declared and not used" if names else ""
     low = subject.thin(min(one["disk"] for one in data["margins"].values()))
     mark = Mark.CAUTION if doubt or without or low else Mark.PASS
-    return row("Coupling", found, ": deployable", without, doubt, low, mark=mark)
+    return row("Coupling", what, ": deployable", without, doubt, low, mark=mark)
 
 
-def _rendered(data: Mapping[str, Any], problem: Problem) -> list[Row]:
-    felt, trial, wall = data["felt"], data["trial"], problem.environment
+def _rendered(found: WallRecommendation, data: Mapping[str, Any]) -> list[Row]:
+    felt, trial, wall = data["felt"], data["trial"], found.problem.environment
     errors = commas((Value(error, "share"), f"at {hz} Hz") for hz, error in felt["complex_error"].items())
 
     def moving(key: str) -> dict[str, float]:
@@ -144,12 +189,13 @@ def _rendered(data: Mapping[str, Any], problem: Problem) -> list[Row]:
     if wall.stiffness_n_per_m == 0:
         damping = moving("damping_in_motion_ns_per_m")
         off = any(abs(one / wall.damping_ns_per_m - 1) > UNNOTICED for one in damping.values())
-        found = commas((Value(one, "damping"), f"at {hz} Hz") for hz, one in damping.items())
+        dampers = commas((Value(one, "damping"), f"at {hz} Hz") for hz, one in damping.items())
         error = row("Impedance error", errors, "of the whole cycle: a wall never pulls")
-        return [row("Rendered", "damper of", found, mark=caution(off)), error]
-    if felt["stiffness_n_per_m"] is None or data["reason"].startswith("nothing"):
-        what = data["reason"] if data["reason"].startswith("nothing") else "nothing: every press reaches the limit"
-        return [row("Rendered", what, mark=Mark.FAIL)]
+        return [row("Rendered", "damper of", dampers, mark=caution(off)), error]
+    if found.verdict is Verdict.NOTHING_RENDERED:
+        return [row("Rendered", found.reason, mark=Mark.FAIL)]
+    if felt["stiffness_n_per_m"] is None:
+        return [row("Rendered", "nothing: every press reaches the limit", mark=Mark.FAIL)]
     sensed, share, handle = felt["stiffness_n_per_m"], felt["share_of_wall"], felt["stiffness_at_handle_n_per_m"]
     motion, low_high = moving("stiffness_in_motion_n_per_m"), trial["stiffness_n_per_m"]["nine_in_ten"]
     wanted = {hz: wall.stiffness_n_per_m + 2j * math.pi * float(hz) * wall.damping_ns_per_m for hz in motion}
@@ -265,37 +311,45 @@ def _details(data: Mapping[str, Any]) -> list[Row]:
     return rows + subject.notes((one for one in data["assumed"] if not one.startswith(SLIP)), "Assumed", Mark.NONE, 1)
 
 
-def _pair_rows(data: Mapping[str, Any], problem: Problem) -> list[Row]:
-    """Return the rows of a coupling to a simulation or a follower."""
-    found, trial, end = data["pair"], data["trial"], problem.simulation or problem.follower
-    stiffest, helps, wanted = found["stiffest"], data["what_would_help"], end and end.stiffness_n_per_m
-    limit = fill("K {stiffness_n_per_m}", stiffest) if stiffest["stiffness_n_per_m"] else ("no K is stable",)
-    each = [limit, *((one["change"], fill("{stiffest_n_per_m}", one)) for one in helps[:3])]
-    more = [row("Linear limit", commas(each, ";")), *subject.not_used(data["not_used"])]
-    if data["coupling"] is None:
-        none = row("Coupling", f"none is deployable: {data['reason']}", mark=Mark.FAIL)
-        # Where K is linearly stable hands refute it: what else is linearly stable with it is no help.
-        refuted = wanted is not None and wanted <= stiffest["stiffness_n_per_m"]
-        return [none, *([] if refuted else _same_k(found, problem)), *more]
-    local = "damper of each loop" if problem.follower is not None else "damper in the device's loop"
-    soft = wanted is None and found["gains"]["stiffness_n_per_m"] < problem.hands.stiffness_n_per_m[0]
-    doubt, softer = grade(not soft and not thin(found), Mark.CAUTION), ": softer than the softest hand" * soft
-    rows = [row("Coupling", subject.pair(found["gains"], local), softer, mark=doubt)]
-    for where, there in (("in the scene", found["in_scene"]), ("at the follower", found["at_follower"])):
-        if there and there != found["gains"]:
+@rows_of.register
+def _no_pair_rows(found: NoPair) -> list[Row]:
+    none = row("Coupling", f"none is deployable: {found.reason}", mark=Mark.FAIL)
+    # Where K is linearly stable hands refute it: what else is linearly stable with it is no help.
+    wanted = found.pair.wanted_n_per_m
+    refuted = wanted is not None and wanted <= found.pair.stiffest.stiffness_n_per_m
+    same = [] if refuted else _same_k(found.data()["pair"], found.problem)
+    return [none, *same, *_pair_limit(found.data())]
+
+
+@rows_of.register
+def _pair_rows(found: PairRecommendation) -> list[Row]:
+    data, problem, pair = found.data(), found.problem, found.data()["pair"]
+    k, local = found.coupling.gains.stiffness_n_per_m, subject.local_damper(found.end)
+    soft = found.pair.wanted_n_per_m is None and k < problem.hands.stiffness_n_per_m[0]
+    doubt, softer = grade(not soft and not thin(pair), Mark.CAUTION), ": softer than the softest hand" * soft
+    rows = [row("Coupling", subject.pair(pair["gains"], local), softer, mark=doubt)]
+    for where, there in (("in the scene", pair["in_scene"]), ("at the follower", pair["at_follower"])):
+        if there and there != pair["gains"]:
             rows.append(row("Scaled", where, subject.pair(there, local)))
-    rows += [*felt_rows(data["felt"]), *stability(found)]
-    if problem.follower is not None and found["passivity_margin_ns_per_m"] is not None:
-        passive = found["passivity_margin_ns_per_m"] >= 0
+    rows += [*felt_rows(data["felt"]), *stability(found.end, pair)]
+    if found.pair.passivity_margin_ns_per_m is not None:
+        passive = found.pair.passivity_margin_ns_per_m >= 0
         needed = "not for any operator: that needs {passive_damping_ns_per_m} a device"
-        text = fill("for any operator and environment" if passive else needed, found)
+        text = fill("for any operator and environment" if passive else needed, pair)
         rows.append(row("Passivity", text, mark=grade(passive, Mark.CAUTION)))
-    rows.append(_pair_simulated(trial))
-    if "tap_force_n" in trial:
-        rows.append(subject.peak_force(trial, problem.device.max_force_n))
-    if found["set_by"]:
-        rows.append(row("K is set by", f"hands: {found['set_by']}"))
-    return [*rows, *_same_k(found, problem, rank=1), *more]
+    rows.append(_pair_simulated(data["trial"]))
+    rows.append(subject.peak_force(data["trial"], problem.device.max_force_n))
+    if found.pair.set_by:
+        rows.append(row("K is set by", f"hands: {found.pair.set_by}"))
+    return [*rows, *_same_k(pair, problem, rank=1), *_pair_limit(data)]
+
+
+def _pair_limit(data: Mapping[str, Any]) -> list[Row]:
+    """Return the stiffest coupling by linear stability, what would help, and what is declared and not used."""
+    stiffest = data["pair"]["stiffest"]
+    limit = fill("K {stiffness_n_per_m}", stiffest) if stiffest["stiffness_n_per_m"] else ("no K is stable",)
+    helps = [(change["change"], fill("{stiffest_n_per_m}", change)) for change in data["what_would_help"][:3]]
+    return [row("Linear limit", commas([limit, *helps], ";")), *subject.not_used(data["not_used"])]
 
 
 def felt_rows(felt: Mapping[str, Any]) -> list[Row]:
@@ -324,8 +378,8 @@ def thin(found: Mapping[str, Any]) -> bool:
     return bool(found["gain_margin"] < 1.5 or min(found["motor_margins"]) < Robustness().gain_margin)
 
 
-def stability(found: Mapping[str, Any]) -> list[Row]:
-    """Return whether all loops are stable, with their margins, and the worst or least damped of them."""
+def stability(end: End, found: Mapping[str, Any]) -> list[Row]:
+    """Return whether all loops to an end are stable, with their margins, and the worst or least damped of them."""
     rows, mode = [], found["least_damped"]
     if not found.get("stable", True):
         rows.append(row("Stability", fill("not all of {loops:9} loops are stable", found), mark=Mark.FAIL))
@@ -340,16 +394,39 @@ def stability(found: Mapping[str, Any]) -> list[Row]:
         margins = ", ".join(map(" of ".join, zip(each, ("K and B", "the motor alone", "the follower's"), strict=False)))
         rows.append(row("Gain margin", margins, ": thin" * thin(found), mark=caution(thin(found))))
     if case := found.get("worst"):
-        name, end = next((name, case[name]) for name in ("tool", "follower") if name in case)
-        stiffness = end["contact_stiffness_n_per_m"] if name == "tool" else case["environment_n_per_m"]
-        on = "held rigidly" if stiffness is None else ("on", Value(stiffness, "stiffness")) if stiffness else "free"
-        at = "fixed place" if end["mass_kg"] is None else (*fill(f"{name} of {{mass_kg}},", end), on)
-        ticks = "a step of {step_s}" if name == "tool" else "a sample, at the worst phase of the clocks"
+        what, ticks = worst_end(end, case)
         radius = fill(f"; spectral radius {{spectral_radius:6}} {ticks}", {**case, **found})
-        rows.append(row("Worst loop", subject.hand(case["hand"]), ";", at, radius))
+        rows.append(row("Worst loop", subject.hand(case["hand"]), ";" if what else None, what, radius))
     if found.get("stable", True) and mode["damping_ratio"] < 1:
         rows.append(row("Damping ratio", fill("{damping_ratio:2} at {frequency_hz} (least damped loop)", mode)))
     return rows
+
+
+@singledispatch
+def worst_end(end: End, case: Mapping[str, Any]) -> tuple[Parts, str]:  # noqa: ARG001
+    """Return an end in the worst loop, and the ticks by which its spectral radius counts."""
+    return None, "a sample"
+
+
+@worst_end.register
+def _worst_tool(end: Simulation, case: Mapping[str, Any]) -> tuple[Parts, str]:  # noqa: ARG001
+    tool = case["tool"]
+    on = _in_contact(tool["contact_stiffness_n_per_m"])
+    at = "fixed place" if tool["mass_kg"] is None else (*fill("tool of {mass_kg},", tool), on)
+    return at, "a step of {step_s}"
+
+
+@worst_end.register
+def _worst_follower(end: Follower, case: Mapping[str, Any]) -> tuple[Parts, str]:  # noqa: ARG001
+    at = *fill("follower of {mass_kg},", case["follower"]), _in_contact(case["environment_n_per_m"])
+    return at, "a sample, at the worst phase of the clocks"
+
+
+def _in_contact(stiffness_n_per_m: float | None) -> Parts:
+    """Return what a body touches: nothing, a spring, or where the stiffness is None a rigid object."""
+    if stiffness_n_per_m is None:
+        return "held rigidly"
+    return ("on", Value(stiffness_n_per_m, "stiffness")) if stiffness_n_per_m else "free"
 
 
 def _pair_simulated(trial: Mapping[str, Any]) -> Row:
@@ -358,7 +435,7 @@ def _pair_simulated(trial: Mapping[str, Any]) -> Row:
         settle += [trial["settled_without_friction"], trial["settled_with_dropped_steps"]]
         text += ", {settled_without_friction:9} without friction"
         text += ", {settled_with_dropped_steps:9} with {dropped_share} of the steps missed"
-    else:
+    elif "jitter" in trial:
         text += "; {jitter:share} of jitter, {lost_share} lost"
     mark = grade(min(settle) == trial["hands"], Mark.CAUTION if len(settle) > 1 else Mark.FAIL)
     return row("Simulated", fill(text, trial), mark=mark)

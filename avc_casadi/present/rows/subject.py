@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import singledispatch
 from shlex import quote
 from typing import Any, Literal, get_args
 
@@ -12,7 +13,7 @@ from avc_casadi.claims.deployable import Deployable
 from avc_casadi.files.catalogue import catalogue_names
 from avc_casadi.loops.margins import LEAST_DISK, SOUND_DISK, Margins
 from avc_casadi.model.device import Device
-from avc_casadi.model.ends import ToolGains
+from avc_casadi.model.ends import End, Follower, Simulation, ToolGains, Wall
 from avc_casadi.model.hands import END_STOP_N_PER_M
 from avc_casadi.model.problem import Problem
 from avc_casadi.present.row import Answer, Mark, Part, Row, Value, caution, commas, fill, grade, parts, row, span
@@ -42,21 +43,35 @@ def device_line(device: Device) -> tuple[Part, ...]:
 
 def headline(problem: Problem, shown: str) -> tuple[Part, ...]:
     """Return a problem in a line: what is rendered, and the device."""
-    device, wall, tool, follower = problem.device, problem.environment, problem.simulation, problem.follower
-    of_device = device_line(device)
-    if tool is not None:
-        what = ("fixed place",) if tool.tool_mass_kg is None else ("tool", *span(tool.tool_mass_kg, "mass"))
-        late = (",", Value(tool.steps_late, "steps"), "late") if tool.steps_late else ()
-        held = f", a force for {tool.substeps} substeps" if tool.substeps > 1 else ""
-        rates = span([1 / step for step in tool.step_s], "frequency")
-        return parts(shown, " ", what, "at", rates, f", {tool.integrator}, {tool.exchange}", late, held, of_device)
-    if follower is not None:
-        rate, delay = 1 / follower.sample_time_s, follower.delays_s[-1][0]
-        known = {"mass_kg": follower.mass_kg, "rate_hz": rate, "delay_s": delay}
-        far = fill(f"follower {{mass_kg}}, {{rate_hz}}, {{delay_s}} away, {follower.architecture}", known)
-        return parts(shown, " ", far, of_device)
-    stiffness, damping = Value(wall.stiffness_n_per_m, "stiffness"), Value(wall.damping_ns_per_m, "damping")
-    return parts(shown, "  wall", commas(one for one in (stiffness, damping) if one.number) or "none", of_device)
+    return parts(shown, " ", end_line(problem.end), device_line(problem.device))
+
+
+@singledispatch
+def end_line(end: End) -> tuple[Part, ...]:
+    """Return an end in a line."""
+    return (end.kind,)
+
+
+@end_line.register
+def _wall_line(end: Wall) -> tuple[Part, ...]:
+    stiffness, damping = Value(end.stiffness_n_per_m, "stiffness"), Value(end.damping_ns_per_m, "damping")
+    return parts("wall", commas(value for value in (stiffness, damping) if value.number) or "none")
+
+
+@end_line.register
+def _tool_line(tool: Simulation) -> tuple[Part, ...]:
+    what = ("fixed place",) if tool.tool_mass_kg is None else ("tool", *span(tool.tool_mass_kg, "mass"))
+    late = (",", Value(tool.steps_late, "steps"), "late") if tool.steps_late else ()
+    held = f", a force for {tool.substeps} substeps" if tool.substeps > 1 else ""
+    rates = span([1 / step for step in tool.step_s], "frequency")
+    return parts(what, "at", rates, f", {tool.integrator}, {tool.exchange}", late, held)
+
+
+@end_line.register
+def _follower_line(follower: Follower) -> tuple[Part, ...]:
+    rate, delay = 1 / follower.sample_time_s, follower.delays_s[-1][0]
+    known = {"mass_kg": follower.mass_kg, "rate_hz": rate, "delay_s": delay}
+    return fill(f"follower {{mass_kg}}, {{rate_hz}}, {{delay_s}} away, {follower.architecture}", known)
 
 
 def answer(
@@ -103,6 +118,17 @@ def gain_spans(
     if max(damping_ns_per_m, default=0.0) > 0:
         damper = ("damper b", span(damping_ns_per_m, "damping"))
     return commas([contact, ("spring k", span(stiffness_n_per_m, "stiffness")), damper])
+
+
+@singledispatch
+def local_damper(end: End) -> str:  # noqa: ARG001
+    """Return what the local damper of a coupling to an end is called."""
+    return "damper in the device's loop"
+
+
+@local_damper.register
+def _local_dampers(end: Follower) -> str:  # noqa: ARG001
+    return "damper of each loop"
 
 
 def pair(gains: Mapping[str, Any], local: str = "damper in the device's loop") -> tuple[Part, ...]:

@@ -13,7 +13,7 @@ from avc_casadi._errors import Fault, InputError
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi.model.device import Detent
 from avc_casadi.model.effects import DetentEffect, EnvironmentEffect, SimulationEffect, WallEffect
-from avc_casadi.model.ends import RIGID_N_PER_M, ToolGains, ToolState, VirtualTool, tool_states, tool_step
+from avc_casadi.model.ends import RIGID_N_PER_M, Simulation, ToolGains, ToolState, tool_states, tool_step
 from avc_casadi.model.problem import Contact, Problem
 from avc_casadi.simulation.contact import Environment
 from avc_casadi.simulation.effects.base import SceneEffect
@@ -115,7 +115,7 @@ _ROUNDING = 1e-6
 class EngineEffect(SceneEffect, keys=SimulationEffect, rank=155, role="environment"):
     """An engine, its tool with the one-sided contact at x = 0, rigid or a spring and damper, and the coupling."""
 
-    tool: VirtualTool
+    tool: Simulation
     state: ToolState
     gains: ToolGains
     dropped_share: float
@@ -124,13 +124,13 @@ class EngineEffect(SceneEffect, keys=SimulationEffect, rank=155, role="environme
     @classmethod
     def build(cls, table: Any, problem: Problem, place: str) -> Self:
         """Build it; tool and engine are those of [simulation]: the heaviest tool, the stiffest contact."""
-        tool, faults = problem.simulation, []
-        if tool is None:
+        tool, faults = problem.end, []
+        if not isinstance(tool, Simulation):
             faults.append((place, "is listed and [simulation] is missing; allowed: both, or neither"))
         if table.stiffness_n_per_m is None:
             message = "is missing; allowed: a stiffness, or a coupling to the simulation (avc recommend)"
             faults.append((f"{place}.stiffness_n_per_m", message))
-        if tool is None or table.stiffness_n_per_m is None:
+        if not isinstance(tool, Simulation) or table.stiffness_n_per_m is None:
             raise InputError([Fault(problem.name or "problem", None, key, message) for key, message in faults])
         stiffest = tool.contact_stiffness_n_per_m[1]
         contact = stiffest if table.contact_stiffness_n_per_m is None else table.contact_stiffness_n_per_m

@@ -9,17 +9,18 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import singledispatch
 from itertools import product
 
 import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, FloatArray, IndexArray
-from avc_casadi.loops.engine import contact_stiffnesses_n_per_m, tool_of
-from avc_casadi.loops.follower import contact_dampers_ns_per_m, environments, follower_of
+from avc_casadi.loops.engine import contact_stiffnesses_n_per_m
+from avc_casadi.loops.follower import contact_dampers_ns_per_m, environments
 from avc_casadi.model.declared import declared_effects
 from avc_casadi.model.device import Device
 from avc_casadi.model.effects import SimulationEffect
-from avc_casadi.model.ends import HEAVIEST_TOOL_KG, ToolGains, VirtualTool, tool_states
+from avc_casadi.model.ends import HEAVIEST_TOOL_KG, End, Follower, Simulation, ToolGains, not_known, tool_states
 from avc_casadi.model.gains import NO_COUPLING
 from avc_casadi.model.hands import Hand
 from avc_casadi.model.plant import device_plant, sampled_plant, transition
@@ -34,6 +35,8 @@ from avc_casadi.simulation.population.trial import NEAR_LIMIT, Trial
 
 WITH_TOOL = ("free", "press", "tap", "hold", "drag", "strike", "touch")
 """Motions of hands that move a tool."""
+SCREENING_WITH_TOOL = ("touch", "free")
+"""Those that most often fail."""
 STEP_LOSS = 0.01
 """Share of the engine's steps that it misses."""
 WITH_FOLLOWER = ("free", "press", "tap", "hold", "strike")
@@ -52,7 +55,7 @@ def try_tool(
     problem: Problem, gains: ToolGains, people: Hand, seed: int = 0, motions: Sequence[str] = WITH_TOOL
 ) -> Trial:
     """Simulate hands that move a tool: as declared, without dry friction and with missed steps, on every contact."""
-    tool = tool_of(problem)
+    tool = problem.end_as(Simulation)
     courses = _tool_courses(problem, tool)
     results = [_try_setup(setup, tool, gains, people, motions, courses) for setup in _tool_setups(problem)]
     declared, with_missed_steps, *without_friction = results
@@ -78,7 +81,7 @@ class _ToolResults:
 
 def _try_setup(
     setup: Setup,
-    tool: VirtualTool,
+    tool: Simulation,
     gains: ToolGains,
     people: Hand,
     motions: Sequence[str],
@@ -109,7 +112,7 @@ def _try_setup(
     return _ToolResults(by_motion, stiffness, tap)
 
 
-def _tool_courses(problem: Problem, tool: VirtualTool) -> tuple[Course, Course]:
+def _tool_courses(problem: Problem, tool: Simulation) -> tuple[Course, Course]:
     """Return the motions of hands that move a tool, of usual and of longer duration."""
     # In free motion the tool's mass swings with the device.
     mass = problem.device.mass_kg + (0.0 if tool.tool_mass_kg is None else tool.scale * tool.tool_mass_kg[1])
@@ -138,7 +141,7 @@ class _ToolRun:
 
 
 def _move_tool(
-    tool: VirtualTool, device: Device, scene: CompiledScene, parameters: FloatArray, inputs: FloatArray
+    tool: Simulation, device: Device, scene: CompiledScene, parameters: FloatArray, inputs: FloatArray
 ) -> _ToolRun:
     """Simulate hands that move a tool."""
     traces = execute(scene, parameters, inputs)
@@ -154,7 +157,7 @@ def _move_tool(
 
 def try_bilateral(problem: Problem, gains: ToolGains, people: Hand, seed: int = 0) -> Trial:
     """Simulate hands that move a follower, on a link with the declared delay, jitter and losses, which a seed draws."""
-    follower = follower_of(problem)
+    follower = problem.end_as(Follower)
     stiffness, _ = environments(follower)
     contacts = sorted({float(stiffness[place]) for place in (len(stiffness) // 2, -1)})
     shape = len(WITH_FOLLOWER), len(contacts), len(people)
@@ -172,6 +175,50 @@ def try_bilateral(problem: Problem, gains: ToolGains, people: Hand, seed: int = 
     tap = run.peak_n.reshape(shape)[WITH_FOLLOWER.index("tap"), -1]
     by_motion = {name: np.asarray(settles[place].all(axis=0)) for place, name in enumerate(WITH_FOLLOWER)}
     return Trial(seed, by_motion, press, tap, facts={"jitter": follower.jitter, "lost_share": follower.lost_share})
+
+
+@singledispatch
+def try_end(
+    end: End,
+    problem: Problem,  # noqa: ARG001
+    gains: ToolGains,  # noqa: ARG001
+    people: Hand,  # noqa: ARG001
+    seed: int,  # noqa: ARG001
+    *,
+    screen: bool,  # noqa: ARG001
+) -> Trial:
+    """Simulate hands on a coupling to the end of a problem; a screening takes the motions that most often fail.
+
+    Raises:
+        UnsupportedError: of this kind of end no hand is simulated.
+    """
+    raise not_known(end, "a trial with simulated hands")
+
+
+@try_end.register
+def _try_simulation(
+    end: Simulation,  # noqa: ARG001
+    problem: Problem,
+    gains: ToolGains,
+    people: Hand,
+    seed: int,
+    *,
+    screen: bool,
+) -> Trial:
+    return try_tool(problem, gains, people, seed, SCREENING_WITH_TOOL if screen else WITH_TOOL)
+
+
+@try_end.register
+def _try_follower(
+    end: Follower,  # noqa: ARG001
+    problem: Problem,
+    gains: ToolGains,
+    people: Hand,
+    seed: int,
+    *,
+    screen: bool,  # noqa: ARG001 - a teleoperator is tried as quickly as screened
+) -> Trial:
+    return try_bilateral(problem, gains, people, seed)
 
 
 def _newest(
@@ -261,7 +308,7 @@ class _Run:
         leader = link.problem.device
         contacts = link.contacts_n_per_m
         self.gains = link.gains
-        self.follower = follower_of(link.problem)
+        self.follower = link.problem.end_as(Follower)
         follower = self.follower.at_leader()
         self.times = leader.sample_time_s, follower.sample_time_s
         self.samples = round((BILATERAL_S + longer_s) / self.times[0])

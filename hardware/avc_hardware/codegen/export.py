@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from functools import singledispatch
 from typing import TYPE_CHECKING
 
 from avc_casadi.claims.deployable import Deployable, require_deployable
-from avc_casadi.coupling import Coupling
+from avc_casadi.coupling import Coupling, require_coupling
+from avc_casadi.model.ends import End, Wall
 from avc_casadi.simulation.emit import DOUBLE, Precision
 from avc_hardware.codegen import c_frame
 from avc_hardware.codegen.coupling_program import CouplingProgram, coupling_program
@@ -295,15 +297,25 @@ def export_c(
 ) -> dict[str, str]:
     """Return a coupling to any end as C, ``avc_coupling.h`` and ``avc_coupling.c``, by file name."""
     chosen = c_frame.checked(precision, name)
-    if isinstance(coupling, Coupling) and coupling.end != "wall":
-        return c_frame.named(pair_files(coupling, chosen, pair_verdict(coupling, unsafe=unsafe)[0]), name)
+    if not isinstance(coupling, Coupling):
+        require_coupling(coupling)
+    return c_frame.named(coupling_files(coupling.end, coupling, chosen, unsafe=unsafe), name)
+
+
+@singledispatch
+def coupling_files(end: End, coupling: Coupling, precision: Precision, *, unsafe: bool) -> dict[str, str]:  # noqa: ARG001
+    """Return the C of a coupling to an end, by file name."""
+    return pair_files(coupling, precision, pair_verdict(coupling, unsafe=unsafe)[0])
+
+
+@coupling_files.register
+def _wall_files(end: Wall, coupling: Coupling, precision: Precision, *, unsafe: bool) -> dict[str, str]:  # noqa: ARG001
     verdict = require_deployable(coupling, unsafe=unsafe)
-    program = coupling_program(coupling, chosen)
-    files = {
-        c_frame.HEADER: _header(coupling, program, chosen, verdict),
-        c_frame.SOURCE: _source(coupling, program, chosen),
+    program = coupling_program(coupling, precision)
+    return {
+        c_frame.HEADER: _header(coupling, program, precision, verdict),
+        c_frame.SOURCE: _source(coupling, program, precision),
     }
-    return c_frame.named(files, name)
 
 
 def _header(coupling: Coupling, program: CouplingProgram, precision: Precision, verdict: Deployable) -> str:

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from functools import singledispatch
+from typing import TYPE_CHECKING
 
 from avc_casadi import NotDeployableError
-from avc_casadi.design.virtual_tool import FollowerSearch, ToolSearch
+from avc_casadi.design.virtual_tool import search_of
+from avc_casadi.model.ends import End, Follower, Simulation, not_known
 from avc_hardware.codegen.c_frame import HEADER, SOURCE, compiler_checks
 from avc_hardware.codegen.pair_header import MISSED_STEPS, pair_header
 from avc_hardware.codegen.sensor import FARTHEST_M, ROUNDING, SENSOR, SensorBounds, fade_samples
@@ -15,7 +17,7 @@ from avc_hardware.codegen.sensor import FARTHEST_M, ROUNDING, SENSOR, SensorBoun
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
     from avc_casadi.model.device import Device
-    from avc_casadi.model.ends import ToolGains, VirtualTool
+    from avc_casadi.model.ends import ToolGains
     from avc_casadi.simulation.emit import Precision
 
 # A link without so many messages in a row, jitter aside, is silent: with 1 % of losses once in 1e10 messages.
@@ -270,19 +272,27 @@ _OF_END |= {"lost": "end->lost", "pushed": "end->pushed", "quiet": "end->quiet_n
 _OF_END |= {"end": ", const avc_coupling_end_t *end", "passed": ", end"}
 
 
+@singledispatch
+def also_judged(end: End) -> str:  # noqa: ARG001
+    """Return in which states of the other end the loops are judged too."""
+    return ""
+
+
+@also_judged.register(Follower)
+def _follower_judged(end: Follower) -> str:  # noqa: ARG001
+    return ", the follower free and in contact"
+
+
 def pair_verdict(coupling: Coupling, *, unsafe: bool) -> tuple[str, bool]:
     """Judge gains on the loops of their own problem, independent of any certificate: a sentence, and whether stable."""
     problem = coupling.problem
     gains = coupling.gains
-    tool = coupling.end == "simulation"
-    search: Any = ToolSearch(problem) if tool else FollowerSearch(problem)
-    loops = search.loops
+    search = search_of(coupling.end, problem)
     why = search.why_not(gains)
     if not why:
-        also = "" if tool else ", the follower free and in contact"
-        stable = f"all {len(loops)} loops are linearly stable, with every hand of [hands] and released{also}"
-        return f"deployable: {stable}", True
-    radius, case = loops.radius(gains)
+        known = f"with every hand of [hands] and released{also_judged(coupling.end)}"
+        return f"deployable: all {search.loop_count} loops are linearly stable, {known}", True
+    radius, case = search.loops.radius(gains)
     worst = "with a hand" if any(case.hand.values()) else "released"
     why = f"not deployable: {why}; spectral radius {radius:.6g} {worst}"
     if not unsafe:
@@ -304,19 +314,11 @@ def pair_files(coupling: Coupling, precision: Precision, verdict: str) -> dict[s
         "largest": literal(precision.largest),
         "farthest": literal(FARTHEST_M),
     }
-    tool = coupling.problem.simulation
     words |= {"sensor": SENSOR.format(**words, **_OF_END)}
-    if tool is None:
-        words |= {"other": "the other of two devices", "clear": ""}
-        ends = _both_ends(coupling)
-        calls = _FOLLOWER.format(**words)
-    else:
-        clear = "".join(f"    coupling->{force}_n = {words['zero']};\n" for force in ("to_tool", "handed"))
-        words |= {"other": "the tool of a simulation", "clear": clear}
-        ends = [_device_end(coupling, tool)]
-        calls = _engine_c(tool, words, literal(tool.position_scale))
-    silences_s = [end.watchdog * end.device.sample_time_s for end in ends]
-    source = _SOURCE.format(**words, ends="\n".join(end.c(precision) for end in ends), calls=calls)
+    code = pair_code(coupling.end, coupling, precision, words)
+    silences_s = [end.watchdog * end.device.sample_time_s for end in code.ends]
+    ends = "\n".join(end.c(precision) for end in code.ends)
+    source = _SOURCE.format(**words, other=code.other, clear=code.clear, ends=ends, calls=code.calls)
     return {HEADER: pair_header(coupling, precision, verdict, silences_s), SOURCE: source}
 
 
@@ -376,7 +378,44 @@ class _End:
         return f"{kind} avc_coupling_end_t AVC_COUPLING_{self.name} = {{\n{body}}};\n"
 
 
-def _device_end(coupling: Coupling, tool: VirtualTool) -> _End:
+@dataclass(frozen=True)
+class PairCode:
+    """What the C of a coupling to one kind of end has of its own: its ends, its calls and what these keep."""
+
+    other: str
+    ends: list[_End]
+    calls: str
+    clear: str = ""
+
+
+@singledispatch
+def pair_code(end: End, coupling: Coupling, precision: Precision, words: dict[str, str]) -> PairCode:  # noqa: ARG001
+    """Return what the C of a coupling to an end has of its own.
+
+    Raises:
+        UnsupportedError: no C is known of this kind of end.
+    """
+    raise not_known(end, "C")
+
+
+@pair_code.register(Follower)
+def _follower_code(
+    end: Follower,  # noqa: ARG001
+    coupling: Coupling,
+    precision: Precision,  # noqa: ARG001
+    words: dict[str, str],
+) -> PairCode:
+    return PairCode("the other of two devices", _both_ends(coupling), _FOLLOWER.format(**words))
+
+
+@pair_code.register(Simulation)
+def _simulation_code(end: Simulation, coupling: Coupling, precision: Precision, words: dict[str, str]) -> PairCode:
+    clear = "".join(f"    coupling->{force}_n = {words['zero']};\n" for force in ("to_tool", "handed"))
+    calls = _engine_c(end, words, precision.literal(end.position_scale))
+    return PairCode("the tool of a simulation", [_device_end(coupling, end)], calls, clear)
+
+
+def _device_end(coupling: Coupling, tool: Simulation) -> _End:
     device = coupling.problem.device
     fastest = SensorBounds.of(device).fastest_m_per_s * tool.position_scale
     # A tool may move as far in a step of the engine as in a sample.
@@ -417,7 +456,7 @@ def _both_ends(coupling: Coupling) -> list[_End]:
     return [replace(of_leader, feels_force=follower.architecture == "position-force"), of_follower]
 
 
-def _engine_c(tool: VirtualTool, words: dict[str, str], scale: str) -> str:
+def _engine_c(tool: Simulation, words: dict[str, str], scale: str) -> str:
     """Return the calls of a device with an engine: forces without what its integrator solves, or the target."""
     names = ("force_n",) if tool.exchange == "held-force" else ("position_m", "velocity_m_per_s")
     made = {

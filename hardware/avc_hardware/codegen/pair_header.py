@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from functools import singledispatch
 from typing import TYPE_CHECKING, Any
 
+from avc_casadi.model.ends import End, Follower, Simulation, not_known
 from avc_hardware.codegen.c_frame import FRAME, NS_PER_S, comment, comment_lines, head_words
 from avc_hardware.codegen.sensor import DRIFT_M, JUMP_M, SENSOR_TYPE, SensorBounds, fade_samples
 
@@ -12,7 +14,6 @@ if TYPE_CHECKING:
 
     from avc_casadi.coupling import Coupling
     from avc_casadi.model.device import Device
-    from avc_casadi.model.ends import VirtualTool
     from avc_casadi.simulation.emit import Precision
 
 _WRONG = """\
@@ -221,14 +222,11 @@ _ENGINE_DEFINES = """\
 def pair_header(coupling: Coupling, precision: Precision, verdict: str, silences_s: Sequence[float]) -> str:
     """Return the header; every text of a file passes the allow-list of comments."""
     problem = coupling.problem
-    tool = problem.simulation
-    ends: dict[str, Device] = {"device": problem.device}
-    if not tool:
-        ends = {"leader": problem.device, "follower": coupling.follower}
-    of_end = _of_engine(coupling, tool, precision) if tool else _of_follower(coupling, precision)
+    of_end = header_words(coupling.end, coupling, precision)
+    ends: dict[str, Device] = of_end.pop("devices")
     silences = zip(silences_s, ends, strict=True)
     silence = " or ".join(f"{silence_s:.4g} s ({name})" for silence_s, name in silences)
-    wrong = _wrong(ends, "" if tool else "; no new message is made, and the other end fades too")
+    wrong = _wrong(ends, of_end.pop("more"))
     also = of_end.pop("also").format(silence=silence)
     limits = "; ".join(f"{name} {_limit(device)}" for name, device in ends.items())
     facts = [*of_end.pop("facts"), f"force limits: {limits}"]
@@ -277,8 +275,19 @@ def _keys(values: Mapping[str, Any]) -> str:
     return ", ".join(f"{key} {value}" for key, value in values.items() if value is not None)
 
 
-def _of_follower(coupling: Coupling, precision: Precision) -> dict[str, Any]:
-    device, follower = coupling.problem.device, coupling.follower
+@singledispatch
+def header_words(end: End, coupling: Coupling, precision: Precision) -> dict[str, Any]:  # noqa: ARG001
+    """Return what the header of a coupling to an end says of its own.
+
+    Raises:
+        UnsupportedError: no C is known of this kind of end.
+    """
+    raise not_known(end, "C")
+
+
+@header_words.register(Follower)
+def _of_follower(follower: Follower, coupling: Coupling, precision: Precision) -> dict[str, Any]:
+    device = coupling.problem.device
     link = follower.model_dump(exclude=set(type(device).model_fields), exclude_none=True)
     measured = follower.architecture == "position-force" and follower.force == "measured"
     times = (("LEADER", device), ("FOLLOWER", follower))
@@ -286,6 +295,8 @@ def _of_follower(coupling: Coupling, precision: Precision) -> dict[str, Any]:
         f"#define AVC_COUPLING_{end}_SAMPLE_TIME_S {precision.literal(device.sample_time_s)}\n" for end, device in times
     )
     return {
+        "devices": {"leader": device, "follower": follower},
+        "more": "; no new message is made, and the other end fades too",
         "between": "a leader and its follower",
         "facts": [
             f"leader: {_keys(vars(coupling.gains))}",
@@ -301,7 +312,8 @@ def _of_follower(coupling: Coupling, precision: Precision) -> dict[str, Any]:
     }
 
 
-def _of_engine(coupling: Coupling, tool: VirtualTool, precision: Precision) -> dict[str, Any]:
+@header_words.register(Simulation)
+def _of_engine(tool: Simulation, coupling: Coupling, precision: Precision) -> dict[str, Any]:
     device = coupling.problem.device
     scene = coupling.in_scene
     real = precision.c_type
@@ -315,6 +327,8 @@ def _of_engine(coupling: Coupling, tool: VirtualTool, precision: Precision) -> d
     order = "\n".join(f" *   {number}. {operation}" for number, operation in enumerate(_order(tool), 1))
     without = " without the damper" if tool.solved == "damper" else ""
     return {
+        "devices": {"device": device},
+        "more": "",
         "between": "a haptic device and the tool of a simulation",
         "facts": [
             f"device: {_keys(vars(coupling.gains))}",
@@ -337,7 +351,7 @@ def _of_engine(coupling: Coupling, tool: VirtualTool, precision: Precision) -> d
     }
 
 
-def _order(tool: VirtualTool) -> list[str]:
+def _order(tool: Simulation) -> list[str]:
     """Return the operations of a sample of the exchange, in order."""
     first = "force = avc_coupling_tool_force(its state)"
     if tool.solved == "spring and damper":

@@ -1,0 +1,216 @@
+"""What verbs do with a coupling by the kind of its end: a function of each verb, registered by this type.
+
+Verbs load this module when they run, so that `avc --help` is quick.
+"""
+
+from __future__ import annotations
+
+import argparse
+from contextlib import nullcontext
+from dataclasses import dataclass, replace
+from functools import singledispatch
+from pathlib import Path
+from typing import Any
+
+import avc_casadi as avc
+from avc_casadi._util.files import write_file
+from avc_casadi._util.json_values import json_text
+from avc_casadi.claims.certify import proof_files
+from avc_casadi.claims.deployable import require_deployable
+from avc_casadi.claims.own_law import Law, valid_law
+from avc_casadi.claims.zwidth import zwidth
+from avc_casadi.cli import arguments as cli
+from avc_casadi.cli.console import Console, output_folder, write_figure
+from avc_casadi.coupling import Coupling
+from avc_casadi.design.scene_coupling import SimulatedPair, SimulatedScene, scene_coupling, scene_notes
+from avc_casadi.design.tool_region import tool_region
+from avc_casadi.design.virtual_tool import certify_pair, search_of
+from avc_casadi.model.declared import with_gains
+from avc_casadi.model.ends import End, Simulation, ToolGains, Wall
+from avc_casadi.model.gains import NO_COUPLING, Gains, GainSchedule, missing_rest_gains
+from avc_casadi.present import rows
+from avc_casadi.present.row import Answer
+from avc_casadi.present.rows.deploy import Deployment
+from avc_casadi.recommendation.preconditions import not_used
+from avc_casadi.simulation.screen import explain
+from avc_hardware.codegen.pair_export import pair_verdict
+
+
+@dataclass(frozen=True)
+class Judged:
+    """Whether a coupling is exported by request alone, and why; with the verdict of one to a wall."""
+
+    unsafe: str
+    deployment: Deployment | None = None
+
+
+@singledispatch
+def judged(end: End, coupling: Coupling, *, unsafe: bool) -> Judged:  # noqa: ARG001
+    """Return the verdict on a coupling to an end that is exported; raise where it may not be."""
+    _, stable = pair_verdict(coupling, unsafe=unsafe)
+    return Judged("" if stable else "UNSAFE, went on by request: a loop is linearly unstable")
+
+
+@judged.register
+def _judged_at_wall(end: Wall, coupling: Coupling, *, unsafe: bool) -> Judged:  # noqa: ARG001
+    deploys = deployment(coupling, unsafe=unsafe)
+    return Judged(deploys.unsafe, deploys)
+
+
+def deployment(coupling: Coupling, *, unsafe: bool) -> Deployment:
+    """Return what is told of a coupling to a wall that is deployed; raise where it may not be."""
+    verdict = require_deployable(coupling, unsafe=unsafe)
+    note = "" if verdict.passed else f"UNSAFE, went on by request: {verdict.sentence}"
+    holes = rows.answers.holes(coupling.schedule) or None
+    return Deployment(coupling.id, verdict, note, coupling.lacks, holes)
+
+
+@dataclass(frozen=True)
+class Subject:
+    """A problem, the coupling of a file for it, and what is to be said of the two."""
+
+    problem: avc.Problem
+    coupling: Coupling | None
+    notes: list[str]
+
+
+@singledispatch
+def certified(end: End, coupling: Coupling, subject: Subject, args: argparse.Namespace, console: Console) -> Answer:  # noqa: ARG001
+    """Return the answer of `certify` of a coupling to an end."""
+    cli.refuse(args, "prove", "proof_out", why=cli.OF_WALLS)
+    return _pair_certified(subject.problem, coupling.gains, args.gains or args.problem, console)
+
+
+@certified.register
+def _certified_at_wall(
+    end: Wall,  # noqa: ARG001
+    coupling: Coupling,
+    subject: Subject,
+    args: argparse.Namespace,
+    console: Console,
+) -> Answer:
+    problem, proofs = subject.problem, dict[str, Any]()
+    with nullcontext() if args.proof_out is None else output_folder(args.proof_out, "--proof-out") as folder:
+        with console.step(f"certificate of {coupling.schedule.rows} rows"):
+            certificate = avc.certify(problem, coupling, prove=args.prove or folder is not None, progress=console)
+        if folder is not None:
+            proofs = proof_files(problem, certificate)
+            console.written += [str(Path(args.proof_out) / name) for name in proofs]
+            for name, proof in proofs.items():
+                write_file(folder / name, json_text(proof, problem.units))
+    with console.step("table that runs"):
+        result = rows.answers.certified(certificate, console)
+    notes = (*subject.notes, *result.notes)
+    result = replace(result, file=args.gains or args.problem, notes=notes, proof_files=tuple(proofs))
+    return rows.judge.certificate(result, args.problem if args.gains else "")
+
+
+@singledispatch
+def law_certified(
+    end: End,  # noqa: ARG001
+    problem: avc.Problem,
+    law: dict[str, Any],
+    args: argparse.Namespace,
+    console: Console,
+) -> Answer:
+    """Return the answer of `certify` of a law of one's own: to another end K, B and the device's local damper."""
+    cli.refuse(args, "cutoff_hz", why=cli.OF_WALLS)
+    own_law = Law(
+        stiffness_n_per_m=law.get("k", 0.0),
+        damping_ns_per_m=law.get("b", 0.0),
+        local_damping_ns_per_m=law.get("b_p", 0.0),
+    )
+    valid_law(own_law, problem.device)
+    pair = ToolGains(
+        stiffness_n_per_m=own_law.stiffness_n_per_m,
+        damping_ns_per_m=own_law.damping_ns_per_m,
+        local_damping_ns_per_m=own_law.local_damping_ns_per_m,
+    )
+    return _pair_certified(problem, pair, args.problem, console)
+
+
+@law_certified.register
+def _law_certified_at_wall(
+    end: Wall,  # noqa: ARG001
+    problem: avc.Problem,
+    law: dict[str, Any],
+    args: argparse.Namespace,
+    console: Console,
+) -> Answer:
+    with console.step("your own law"):
+        return rows.judge.own_law(avc.certify_law(problem, **law), args.problem)
+
+
+def _pair_certified(problem: avc.Problem, gains: ToolGains, file: str, console: Console) -> Answer:
+    with console.step("certificate"):
+        search = search_of(problem.end, problem)
+        certificate, why = certify_pair(problem, gains, search), search.why_not(gains)
+    verdict = {"pass": not why, "sentence": why or "linearly stable"}
+    data = {"problem": problem.name, "gains": file, **vars(gains), "deployable": verdict, **certificate}
+    return rows.judge.pair_certificate(data | {"not_used": list(not_used(problem))}, problem, file)
+
+
+@singledispatch
+def simulated(end: End, subject: Subject, args: argparse.Namespace, console: Console) -> Answer:  # noqa: ARG001
+    """Return the answer of `simulate`: of an end that no scene has, the scene of the device with its wall."""
+    problem, notes = subject.problem, subject.notes
+    given: Coupling | GainSchedule | Gains | None = subject.coupling
+    if given is None:
+        with console.step(f"coupling: {problem.scene.coupling}"):
+            given, notes = scene_coupling(problem), scene_notes(problem)
+    compared = [] if args.against is None else args.against.split(",")
+    if len(compared) > 3:  # a figure holds four runs that one can tell apart
+        raise avc.InputError.of(f"names {len(compared)}; allowed: at most 3", key="against")
+    table = given.schedule if isinstance(given, Coupling) else given
+    why = missing_rest_gains(table) if isinstance(table, GainSchedule) else ""
+    if why:
+        raise avc.NotDeployableError(f"{args.gains or f'{problem.name}: scene.coupling'}: {why}")
+    with console.step(f"{problem.scene.duration_s:g} s of the scene"):
+        laws = [given, *(NO_COUPLING if method == "none" else avc.solve(problem, method) for method in compared)]
+        runs = [avc.simulate(problem, law, seed=args.seed) for law in laws]
+        result = SimulatedScene.of(runs[0])
+    if args.verbose or args.json:
+        with console.step("cost of each effect"):
+            result = replace(result, cost=explain(problem, given))
+    write_figure(console, args.plot, lambda: avc.figures.draw_scene(runs))
+    trace = _trace(runs[0], args, console)
+    result = replace(result, notes=tuple(notes), trace=trace, against=tuple(runs[1:]))
+    return rows.judge.scene(result, problem, args.problem)
+
+
+@simulated.register
+def _simulated_with_tool(end: Simulation, subject: Subject, args: argparse.Namespace, console: Console) -> Answer:  # noqa: ARG001
+    cli.refuse(args, "against", why=cli.OF_WALLS)
+    problem = subject.problem
+    gains = (subject.coupling or cli.recommended_coupling(problem, console)).gains
+    staged = with_gains(problem, gains)
+    with console.step(f"{staged.scene.duration_s:g} s of the scene"):
+        run = avc.simulate(staged, seed=args.seed)
+    write_figure(console, args.plot, lambda: avc.figures.draw_scene([run], ["coupling to the simulation"]))
+    given, trace = subject.coupling is not None, _trace(run, args, console)
+    return rows.judge.pair_scene(SimulatedPair(run, gains, given=given, trace=trace), problem, args.problem)
+
+
+def _trace(run: avc.Run, args: argparse.Namespace, console: Console) -> Path | None:
+    """Write the traces of a run, if asked for, and return their file."""
+    path: Path | None = args.trace
+    if path is not None:
+        console.written.append(f"{run.save(path)} and its manifest")
+    return path
+
+
+@singledispatch
+def region(end: End, problem: avc.Problem, args: argparse.Namespace, console: Console) -> Answer:  # noqa: ARG001
+    """Return the answer of `zwidth`: the walls that the device renders without coupling."""
+    with console.step("region"):
+        walls = zwidth(problem, console)
+    write_figure(console, args.plot, lambda: avc.figures.draw_zwidth(walls))
+    return rows.judge.walls(walls, args.problem)
+
+
+@region.register
+def _region_of_tool(end: Simulation, problem: avc.Problem, args: argparse.Namespace, console: Console) -> Answer:  # noqa: ARG001
+    with console.step("region"):
+        pairs = tool_region(problem, console)
+    write_figure(console, args.plot, lambda: avc.figures.draw_tool_region(pairs))
+    return rows.judge.region(pairs, problem, args.problem)

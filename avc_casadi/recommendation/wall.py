@@ -1,0 +1,165 @@
+"""Recommend the coupling to a wall: the best of springs and dampers and observer laws, confirmed by other hands."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+
+from avc_casadi._util.parallel import Crew
+from avc_casadi._util.progress import SILENT, Progress
+from avc_casadi.claims.certify import quick_rest_level
+from avc_casadi.claims.deployable import deployable, with_certificate
+from avc_casadi.coupling import Coupling
+from avc_casadi.loops.walls import stiffest_wall
+from avc_casadi.model.gains import GainSchedule
+from avc_casadi.model.hands import hand_corners, with_released
+from avc_casadi.model.problem import Problem
+from avc_casadi.recommendation.candidates import judge_all, stiffest_rendered
+from avc_casadi.recommendation.evaluator import Evaluator, Withstood, missed, off_file, withstood
+from avc_casadi.recommendation.preconditions import assumed, not_used, nothing_rendered, why_infeasible
+from avc_casadi.recommendation.rank import UNNOTICED, Candidate, reason_of
+from avc_casadi.recommendation.recommendation import (
+    LimitCycleFreedom,
+    NoWallCoupling,
+    Verdict,
+    WallLimits,
+    WallRecommendation,
+)
+from avc_casadi.recommendation.request import Request
+from avc_casadi.recommendation.sensitivity import Help, trade_off, what_would_help
+from avc_casadi.simulation.population.operators import people_of
+from avc_casadi.simulation.population.trial import try_coupling
+
+
+class WallDesign:
+    """Design of a coupling to a wall; with `stiffest` the wall is the stiffest that can be rendered."""
+
+    def __init__(self, problem: Problem, request: Request, crew: Crew) -> None:
+        self.request = request
+        self._crew = crew
+        self._helps: Callable[[], tuple[Help, ...]] = crew.begin(partial(what_would_help, problem))
+        self._limit = stiffest_wall(problem.device, with_released(hand_corners(problem.hands)))
+        judging = partial(
+            Evaluator,
+            people=people_of(problem.hands, request.hands, request.seed),
+            seed=request.seed,
+            progress=request.progress,
+            lean_on_friction=request.lean_on_friction,
+            executor=request.executor,
+        )
+        if request.stiffest:
+            near = partial(judging, within=UNNOTICED)
+            self.problem, self._evaluator, no_stiffer = stiffest_rendered(problem, self._limit, near)
+        else:
+            self.problem, self._evaluator, no_stiffer = problem, judging(problem), ""
+        self.limits = WallLimits(self._limit.stiffness_n_per_m, no_stiffer)
+
+    def why_infeasible(self) -> str:
+        """Return why no coupling is deployable at any gains; empty where one may be."""
+        return why_infeasible(self.problem)
+
+    def best(self) -> Candidate | None:
+        """Return the best coupling; None where none is deployable."""
+        if not self.request.stiffest:  # those of the stiffest wall are judged with it
+            judge_all(self.problem, self._evaluator, self._limit, self.request.progress)
+        return self._evaluator.best()
+
+    def recommendation(self, best: Candidate) -> WallRecommendation:
+        """Return the answer with a coupling."""
+        request, problem = self.request, self.problem
+        mismatched = self._crew.begin(partial(off_file, best.coupling, request.seed))
+        unmodelled = self._crew.begin(partial(withstood, best.coupling, request.seed))
+        certified = with_certificate(best.coupling, request.progress, prove=request.prove)
+        known, rest = with_rest(certified, request.progress)
+        off, beyond = mismatched(), unmodelled()
+        verdict, lacks = _shortfall(problem, best, beyond, by_friction=request.lean_on_friction or best.safety == 1)
+        return WallRecommendation(
+            problem=problem,
+            coupling=replace(known.with_trial(best.trial.document()), versions=request.versions),
+            trial=best.trial,
+            confirmed=best.others,
+            off_file=off,
+            beyond_file=beyond,
+            verdict=verdict,
+            rest=rest,
+            limits=self.limits,
+            helps=self._helps(),
+            considered=self._evaluator.considered,
+            reason=lacks or reason_of(best, self._evaluator.candidates, self._evaluator.considered),
+            assumed=assumed(problem, 1 if best.others is None else best.others.devices),
+            not_used=not_used(problem),
+            trade_off=trade_off(problem, request.progress) if request.with_trade_off else (),
+        )
+
+    def no_coupling(self, infeasible: str) -> NoWallCoupling:
+        """Return the answer without a coupling, which is infeasible for a reason, or else was refused by trials."""
+        evaluator = self._evaluator
+        none = self.limits.no_stiffer or reason_of(None, evaluator.candidates, evaluator.considered)
+        return NoWallCoupling(
+            problem=self.problem,
+            limits=self.limits,
+            helps=() if infeasible else self._helps(),
+            considered=evaluator.considered,
+            reason=infeasible or none,
+            assumed=assumed(self.problem),
+            not_used=not_used(self.problem),
+        )
+
+
+def _shortfall(
+    problem: Problem, best: Candidate, beyond: tuple[Withstood, ...], *, by_friction: bool
+) -> tuple[Verdict, str]:
+    """Return whether a deployable coupling stands its trials, and what it lacks."""
+    nothing = nothing_rendered(problem, best.coupling.static_stiffness_n_per_m, best.trial)
+    if nothing:
+        return Verdict.NOTHING_RENDERED, nothing
+    unmet = missed(beyond, by_friction=by_friction)
+    if unmet:
+        return Verdict.REQUIREMENT_UNMET, unmet
+    if best.beyond and not best.beyond[0].all():
+        strike = "a corner hand that strikes the wall at 0.3 to 1 m/s does not settle; a softer wall"
+        return Verdict.STRIKE_UNSETTLED, strike
+    return Verdict.DEPLOYABLE, ""
+
+
+def with_rest(coupling: Coupling, progress: Progress = SILENT) -> tuple[Coupling, LimitCycleFreedom]:
+    """Return a certified coupling with L7 in its certificate, where that takes a second or two, and the result."""
+    certificate = dict(coupling.certificate or {})
+    levels = dict(certificate.get("levels", {}))
+    if "L7" not in levels:
+        level = quick_rest_level(coupling, progress)
+        if level is None:
+            unasked = "no proof was requested; avc recommend P --prove looks for one, in minutes"
+            return coupling, LimitCycleFreedom("simulated", unasked)
+        levels["L7"] = level.document()
+        coupling = coupling.with_certificate(certificate | {"levels": levels})
+    word, claim = levels["L7"]["outcome"], levels["L7"]["claim"]
+    if coupling.problem.detent is not None:
+        claim = f"{claim}; of the wall alone, without [detent]"
+    return coupling, LimitCycleFreedom(word, claim)
+
+
+def judged(coupling: Coupling, schedule: GainSchedule, hands: int, progress: Progress) -> WallRecommendation:
+    """Return the answer for the coupling of a schedule, whatever the verdict."""
+    problem = coupling.problem
+    known, rest = with_rest(with_certificate(coupling, progress), progress)
+    tried = try_coupling(known, people_of(problem.hands, hands), 0, progress)
+    claims, beyond = deployable(known, progress), withstood(known)
+    limit = stiffest_wall(problem.device, with_released(hand_corners(problem.hands))).stiffness_n_per_m
+    lacks = nothing_rendered(problem, known.static_stiffness_n_per_m, tried) or missed(beyond, by_friction=False)
+    verdict = Verdict.REQUIREMENT_UNMET if lacks else Verdict.CLAIM_FAILS
+    return WallRecommendation(
+        problem=problem,
+        coupling=known.with_trial(tried.document()),
+        trial=tried,
+        off_file=off_file(known, 0),
+        beyond_file=beyond,
+        verdict=Verdict.DEPLOYABLE if claims.passed and not lacks else verdict,
+        rest=rest,
+        limits=WallLimits(limit),
+        helps=what_would_help(problem),
+        reason=f"the gains of {schedule.method}, as requested; {lacks or claims.sentence}",
+        assumed=assumed(problem),
+        not_used=not_used(problem),
+    )
