@@ -20,7 +20,7 @@ from avc_casadi.claims.prove.law import ContactLaw
 from avc_casadi.claims.prove.rest import Rest, promising, prove_rest
 from avc_casadi.coupling import Coupling, check_sample_time, require_coupling
 from avc_casadi.files.problem_file import AnyProblem, of_problem, with_wall
-from avc_casadi.loops.wall import Fractions, SampledLoop, fractions, frozen_parts, passive_limit_n_per_m, rigid
+from avc_casadi.loops.wall import PartialFractions, SampledLoop, fractions, frozen_parts, passive_limit_n_per_m, rigid
 from avc_casadi.model.gains import GainSchedule
 from avc_casadi.model.problem import Problem
 
@@ -159,7 +159,7 @@ def _schedule_of(gains: GainSchedule | Coupling) -> GainSchedule:
     return gains.schedule
 
 
-def _sampled_parts(problem: Problem, b: FloatArray, k: FloatArray) -> Fractions:
+def _sampled_parts(problem: Problem, b: FloatArray, k: FloatArray) -> PartialFractions:
     """Return the rendering of rows of gains without an observer."""
     return fractions(SampledLoop.of(problem), b, k)
 

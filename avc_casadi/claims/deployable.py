@@ -24,7 +24,7 @@ from avc_casadi.claims.certify import Certificate, certify
 from avc_casadi.claims.hands import WorstLoops, every_hand, feedback_radius, released, search_text
 from avc_casadi.coupling import Coupling, require_coupling
 from avc_casadi.loops.margins import LEAST_DISK, OpenLoop
-from avc_casadi.loops.wall import frozen_parts
+from avc_casadi.loops.wall import frozen_law
 from avc_casadi.loops.walls import damping_range, in_contact, stiffest_wall
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners, device_ranges, linear_values
 from avc_casadi.model.device import Device
@@ -192,9 +192,9 @@ def _frozen_claims(
     problem: Problem, frequency: FloatArray, gains: FloatArray, progress: Progress
 ) -> tuple[DeployClaim, ...]:
     """Return the claims of frozen gains: stable with every hand, and released."""
-    parts, contact = frozen_parts(problem, *gains[:2]), gains[2]
-    held = every_hand(problem, parts, contact, progress=progress)
-    free = released(problem, parts, contact, progress)
+    law = frozen_law(problem, *gains)
+    held = every_hand(problem, law, progress=progress)
+    free = released(problem, law, progress)
 
     def claim(name: ClaimName, worst: WorstLoops, passing: str) -> DeployClaim:
         row = int(np.argmax(worst.radius))

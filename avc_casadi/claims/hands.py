@@ -23,21 +23,17 @@ from avc_casadi.loops.system import Ranges, ascend, hand_boxes, worst_case
 from avc_casadi.loops.wall import (
     MAX_DELAY_SAMPLES,
     RADIUS_TOLERANCE,
-    Fractions,
-    Rendering,
     SampledLoop,
-    Values,
-    fraction_rendering,
-    frozen_parts,
-    frozen_rendering,
+    closed,
+    frozen_law,
+    law_at_rest,
     linear_stability,
-    observer_wall,
     plants_of,
-    wall,
 )
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners, device_ranges, linear_values
 from avc_casadi.model.device import Device
 from avc_casadi.model.hands import Hand, hand_corners, hand_ranges, hand_set, hand_text, no_hand
+from avc_casadi.model.law import Law, Values
 from avc_casadi.model.plant import SampledPlant
 from avc_casadi.model.problem import Hands, Problem
 
@@ -54,8 +50,7 @@ class WorstHands:
 
 def worst_hands(
     device: Device,
-    parts: Fractions,
-    contact_damping_ns_per_m: Values,
+    law: Law,
     hands: Hands,
     *,
     draws: int = 24,
@@ -64,26 +59,26 @@ def worst_hands(
     progress: Progress = SILENT,
 ) -> WorstHands:
     """Search the ranges for the hand with which each frozen row has the largest spectral radius."""
-    contact = np.broadcast_to(np.asarray(contact_damping_ns_per_m, dtype=np.float64), (len(parts.direct),))
-    rendering = fraction_rendering(parts, contact, device.sample_time_s)
     # A constant coupling repeats one row.
-    rows = np.concatenate([rendering.force, rendering.state], axis=1)
-    _, one, same = np.unique(rows, axis=0, return_index=True, return_inverse=True)
-    same, parts, contact, rendering = same.ravel(), parts.pick(one), contact[one], rendering.pick(one)
+    (count,) = law.shape
+    numbers = (law.a, law.b, law.c, law.d)
+    rows = np.concatenate([part.reshape(count, part.shape[1] * part.shape[2]) for part in numbers], axis=1)
+    _, distinct, same = np.unique(rows, axis=0, return_index=True, return_inverse=True)
+    same, law = same.ravel(), law.pick(distinct)
     first = hand_set(hands, draws=draws, seed=seed)
-    initial = linear_stability(device, parts, contact, first, progress)
+    initial = linear_stability(device, law, first, progress)
     low, width = hand_ranges(hands)[:, :1], np.ptp(hand_ranges(hands), axis=1)[:, None]
     at = np.array([np.broadcast_to(value, (len(first),)) for value in vars(first).values()])
     # The released device lies outside the ranges and is no initial guess.
     inside = ((at >= low) & (at <= hand_ranges(hands)[:, 1:])).all(axis=0)
     shares = (at - low) / np.where(width > 0, width, 1.0)
     order = _worst_apart(np.where(inside, initial.radius, -np.inf), shares)
-    best = np.arange(len(parts.direct)), initial.radius.argmax(axis=1)
+    best = np.arange(len(distinct)), initial.radius.argmax(axis=1)
     radius, frequency, place = initial.radius[best], initial.frequency_hz[best], at[:, best[1]]
 
     def leading(rows: IndexArray, shares: FloatArray) -> ComplexArray:
         body = Body.of(plants_of([device], Hand(*(low + width * shares)))).flat()
-        return wall(body, rendering.pick(rows)).leading
+        return closed(body, law.pick(rows)).leading
 
     going = np.flatnonzero(np.isfinite(radius) & (radius < enough) & width.any())
     starts = order.shape[1]
@@ -125,8 +120,7 @@ class WorstLoops:
 
 def every_hand(
     problem: Problem,
-    parts: Fractions,
-    contact: FloatArray,
+    law: Law,
     *,
     draws: int = 24,
     seed: int = 0,
@@ -135,31 +129,31 @@ def every_hand(
     """Search for the worst hand of each row at each corner of the device, and inside its ranges."""
     device, people = problem.device, problem.hands
     corners = device_corners(device, LINEAR_KEYS)
-    stable = np.ones(len(contact), dtype=bool)
+    (count,) = law.shape
+    stable = np.ones(count, dtype=bool)
     found = []
     for corner in corners:
-        one = worst_hands(corner, parts, contact, people, draws=draws, seed=seed, enough=1.0, progress=progress)
+        one = worst_hands(corner, law, people, draws=draws, seed=seed, enough=1.0, progress=progress)
         stable &= np.maximum(one.initial_radius.max(axis=1), one.radius) < 1 - RADIUS_TOLERANCE
         found.append(one)
-    each, rows = np.array([one.radius for one in found]), np.arange(len(contact))
+    each, rows = np.array([one.radius for one in found]), np.arange(count)
     where = each.argmax(axis=0)
     radius, frequency = each[where, rows], np.array([one.frequency_hz for one in found])[where, rows]
     places = np.array([list(vars(one.hands).values()) for one in found])[where, :, rows].T
     devices = [corners[place] for place in where]
     if radius.size and radius.max() >= 1.0:
         row = slice(int(radius.argmax()), int(radius.argmax()) + 1)
-        last = worst_hands(devices[row][0], parts.pick(row), contact[row], people, draws=draws, seed=seed)
+        last = worst_hands(devices[row][0], law.pick(row), people, draws=draws, seed=seed)
         radius[row], frequency[row] = last.radius, last.frequency_hz
         places[:, row] = np.array(list(vars(last.hands).values()))
     inside = bool(device_ranges(device, LINEAR_KEYS)) and device.mass_kg + people.mass_kg[1] > 0
     order = np.argsort(-radius, kind="stable")
     # Of the rows that corners do not refute the worst are searched inside the ranges of the device.
     for row in order[radius[order] < 1.0][:4].tolist() if inside else ():
-        only = slice(row, row + 1)
-        rendering = fraction_rendering(parts.pick(only), contact[only], device.sample_time_s)
+        single = law.pick(row)
 
-        def leading(plant: SampledPlant, _: object, rendering: Rendering = rendering) -> ComplexArray:
-            return wall(Body.of(plant).flat(), rendering).leading
+        def leading(plant: SampledPlant, _: object, single: Law = single) -> ComplexArray:
+            return closed(Body.of(plant).flat(), single).leading
 
         value, hand, worst, _ = worst_case(device, hand_boxes(problem)[0], leading)
         if abs(value) > radius[row]:
@@ -169,11 +163,11 @@ def every_hand(
     return WorstLoops(stable, radius, frequency, Hand(*places), devices)
 
 
-def released(problem: Problem, parts: Fractions, contact: FloatArray, progress: Progress = SILENT) -> WorstLoops:
+def released(problem: Problem, law: Law, progress: Progress = SILENT) -> WorstLoops:
     """Search for the worst released device of each row."""
     nobody = dict.fromkeys(vars(no_hand()), (0.0, 0.0)) | {"let_go": False}
     alone = problem.model_copy(update={"hands": problem.hands.model_copy(update=nobody)})
-    return every_hand(alone, parts, contact, draws=0, progress=progress)
+    return every_hand(alone, law, draws=0, progress=progress)
 
 
 def search_text(problem: Problem, draws: int, seed: int) -> str:
@@ -199,20 +193,16 @@ class Worst:
 
 def feedback_radius(coupling: Coupling) -> dict[str, Worst]:
     """Return the worst loops of a coupling with state feedback, over the ranges of hands and device."""
-    law, problem = coupling.runtime.state_feedback, coupling.problem
-    if law is None or not coupling.table.constant:
+    problem = coupling.problem
+    if coupling.runtime.state_feedback is None or not coupling.table.constant:
         raise UnsupportedError("state feedback is judged before constant gains only; make the gains constant")
     if max(one.delay_samples for one in device_corners(problem.device, ("delay_samples",))) > MAX_DELAY_SAMPLES:
         raise UnsupportedError(f"linear stability is computed up to {MAX_DELAY_SAMPLES} samples of delay")
-    rendering = frozen_rendering(problem, *vars(coupling.table.at_rest).values())
-    ends, whole = np.array([0.0, 1.0]), np.ones(2)
+    law = law_at_rest(coupling)
 
-    def worst(hand: Ranges, least_share: float, innovation: FloatArray = ends, force: FloatArray = whole) -> Worst:
+    def worst(hand: Ranges, least_share: float, sector: str = "dead_zone") -> Worst:
         def leading(plant: SampledPlant, values: Mapping[str, FloatArray]) -> ComplexArray:
-            # The loop is affine in the share.
-            loops = observer_wall(Body.of(plant).flat(), law, rendering, innovation, force)
-            none, all_ = loops.maps
-            return replace(loops, maps=none + values["share"][:, None, None] * (all_ - none)).leading
+            return closed(Body.of(plant).flat(), law.at_slopes(**{sector: values["share"]})).leading
 
         value, held, device, values = worst_case(problem.device, hand, leading, share=(least_share, 1.0))
         return Worst(abs(value), device, held, float(values["share"][0]))
@@ -222,7 +212,7 @@ def feedback_radius(coupling: Coupling) -> dict[str, Worst]:
     # With less than a hundredth the hand alone decides. A search may end in another maximum.
     some = {
         "dead-zone": [worst(boxes[0], 0.01)],
-        "clip": [worst(hand, 0.01, whole, ends) for hand in (boxes[0], boxes[-1])],
+        "clip": [worst(hand, 0.01, "force_limit") for hand in (boxes[0], boxes[-1])],
     }
     return found | {name: max(found["hands"], *ones, key=lambda one: one.radius) for name, ones in some.items()}
 
@@ -237,10 +227,10 @@ def hands_level(subject: Subject) -> LevelResult:
     slowest = max(device.delay_samples for device in device_corners(problem.device, ("delay_samples",)))
     if slowest > MAX_DELAY_SAMPLES:
         return refusal(rows, "L5", "sampled-data", f"more than {MAX_DELAY_SAMPLES} samples of delay")
-    parts = frozen_parts(problem, rows.b, rows.k)
-    found = every_hand(problem, parts, rows.contact, draws=draws, seed=seed, progress=subject.progress)
+    law = frozen_law(problem, rows.b, rows.k, rows.contact)
+    found = every_hand(problem, law, draws=draws, seed=seed, progress=subject.progress)
     radius = found.radius
-    free = released(problem, parts, rows.contact)
+    free = released(problem, law)
     detail: dict[str, Any] = {
         "spectral_radius": float(np.max(radius)) if len(radius) else None,
         "row_spectral_radius": rows.spread(radius),
@@ -258,7 +248,7 @@ def hands_level(subject: Subject) -> LevelResult:
     worst = int(np.count_nonzero(rows.present[: result.row]))
     only = slice(worst, worst + 1)
     hand, device = found.hands.pick(only), found.devices[worst]
-    margin, held = damping_reserve(device, parts.pick(only), rows.contact[only], hand), hand.values(0)
+    margin, held = damping_reserve(device, law.pick(only), hand), hand.values(0)
     if not found.stable[worst]:
         missing = len(rows.present) - len(radius)
         claim = (
@@ -302,12 +292,12 @@ def _feedback_level(rows: Rows, loops: dict[str, Worst], problem: Problem) -> Le
     return replace(result, claim=claim, margin_ns_per_m=float("nan"), detail=detail)
 
 
-def damping_reserve(device: Device, parts: Fractions, contact: FloatArray, hand: Hand) -> float:
+def damping_reserve(device: Device, law: Law, hand: Hand) -> float:
     """Return the device damping to spare before a row with a hand becomes unstable, N.s/m; negative where it lacks."""
 
     def stable(shift: float) -> bool:
         damping = {"damping_ns_per_m": device.damping_ns_per_m + shift}
-        radius = linear_stability(device.model_copy(update=damping), parts, contact, hand).radius
+        radius = linear_stability(device.model_copy(update=damping), law, hand).radius
         return bool((radius < 1 - RADIUS_TOLERANCE).all())
 
     starts_stable = stable(0.0)
@@ -375,9 +365,9 @@ def scope_slack(
     )
     margin = problem.stability.margin_ns_per_m
     if problem.stability.scope == "hands":
-        parts, most = frozen_parts(problem, b, k), 1 - RADIUS_TOLERANCE
+        law, most = frozen_law(problem, b, k, contact), 1 - RADIUS_TOLERANCE
         lean = problem.device.model_copy(update={"damping_ns_per_m": problem.device.damping_ns_per_m - margin})
-        worst = worst_hands(lean, parts, contact, problem.hands, enough=most)
+        worst = worst_hands(lean, law, problem.hands, enough=most)
         return ScopeSlack(most - worst.radius, worst.frequency_hz)
     least = worst_margin(SampledLoop.of(problem), b, k, contact, *scope_band_hz(problem, own))
     sound = least.poles_stable & (least.dc_stiffness_n_per_m >= 0)

@@ -12,7 +12,7 @@ import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray
 from avc_casadi.claims.worst_frequency import lowest_of, refine_minima
-from avc_casadi.loops.wall import Fractions
+from avc_casadi.loops.wall import PartialFractions
 from avc_casadi.model.corners import device_with
 from avc_casadi.model.device import Device
 from avc_casadi.model.plant import DEVICE, device_plant
@@ -173,7 +173,7 @@ def response(device: Device, frequency_hz: FloatArray) -> Response:
 
 
 def wave(
-    parts: Fractions, contact_damping_ns_per_m: FloatArray, turns: FloatArray, model: Model = "sampled-data"
+    parts: PartialFractions, contact_damping_ns_per_m: FloatArray, turns: FloatArray, model: Model = "sampled-data"
 ) -> ComplexArray:
     """W = H (Z_eavc + b_p), H = 1/z or the paper's (z + 1)/(2 z), without the device's delay."""
     half = np.pi * turns
@@ -222,7 +222,11 @@ class RealImpedance:
 
 
 def real_impedance(
-    device: Device, parts: Fractions, contact_damping_ns_per_m: FloatArray, frequency_hz: FloatArray, model: Model
+    device: Device,
+    parts: PartialFractions,
+    contact_damping_ns_per_m: FloatArray,
+    frequency_hz: FloatArray,
+    model: Model,
 ) -> RealImpedance:
     """Re Z_h, Z_h = Z_d + tau t A e W/(1 + A e W Y), of renderings at frequencies above 0."""
     port = response(device, frequency_hz)
@@ -253,7 +257,7 @@ def handle_impedance(
 
 def worst_real_impedance(
     devices: Sequence[Device],
-    parts: Fractions,
+    parts: PartialFractions,
     contact_damping_ns_per_m: FloatArray,
     low_hz: FloatArray,
     high_hz: FloatArray,

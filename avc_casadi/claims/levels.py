@@ -492,8 +492,9 @@ def _at_port(rows: Rows, level: str, progress: Progress) -> LevelResult:
     # For any passive wall the DC stiffness of this one is no condition.
     stiffness = np.zeros(len(distinct_row)) if any_environment else (parts.integral / sample_time_s)[distinct_row]
     stable = np.array(parts.stable, dtype=bool)
+    law = parts.law(contact, sample_time_s)
     for device in corners:  # with one passive hand, and so with any where the port is passive
-        stable &= linear_stability(device, parts, contact, passive_hand(device)).radius[:, 0] < 1 - RADIUS_TOLERANCE
+        stable &= linear_stability(device, law, passive_hand(device)).radius[:, 0] < 1 - RADIUS_TOLERANCE
     passive = worst.passed[distinct_row]
     passed = passive & stable[distinct_row] & (stiffness >= 0)
     claim = "each frozen row is passive with this environment at every frequency up to Nyquist"

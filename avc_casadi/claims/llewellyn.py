@@ -9,8 +9,9 @@ import numpy as np
 
 from avc_casadi._util.arrays import ComplexArray, FloatArray
 from avc_casadi.claims.worst_frequency import refine_minima
-from avc_casadi.loops.wall import RIGID, SampledLoop, Values
+from avc_casadi.loops.wall import RIGID, SampledLoop
 from avc_casadi.model.ends import ToolGains
+from avc_casadi.model.law import Values
 
 # Frequencies that resolve each half-wave of the hold.
 _POINTS_PER_HALF_WAVE = 24

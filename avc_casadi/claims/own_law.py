@@ -26,11 +26,12 @@ from avc_casadi.files.device_file import load_device
 from avc_casadi.files.problem_file import AnyProblem, as_problem, is_device, with_wall
 from avc_casadi.loops.margins import LEAST_DISK, SOUND_DISK, Margins, OpenLoop, damping_ratios
 from avc_casadi.loops.system import hand_boxes, worst_case
-from avc_casadi.loops.wall import MAX_DELAY_SAMPLES, RADIUS_TOLERANCE, Rendering, force_over_position
+from avc_casadi.loops.wall import MAX_DELAY_SAMPLES, RADIUS_TOLERANCE
 from avc_casadi.loops.walls import Stretches, stable_walls
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners, device_ranges
 from avc_casadi.model.device import Device
 from avc_casadi.model.hands import Hand, hand_corners, joined, no_hand
+from avc_casadi.model.law import Law
 from avc_casadi.model.plant import SampledPlant, sampled_plant
 from avc_casadi.model.problem import Impedance, Problem
 
@@ -43,8 +44,8 @@ _KEYS = ("stiffness_n_per_m", "cutoff_hz", "local_damping_ns_per_m", "damping_ns
 
 
 @dataclass(frozen=True)
-class Law:
-    """The law: k, b in the wall, b_p everywhere, and the -3 dB frequency of a filter of the velocity."""
+class SpringDamper:
+    """The numbers of a law: k, b in the wall, b_p everywhere, and the -3 dB frequency of a filter of the velocity."""
 
     stiffness_n_per_m: float = 0.0
     damping_ns_per_m: float = 0.0
@@ -60,24 +61,20 @@ class Law:
         """Return the pole of the filter; 0 without one."""
         return 0.0 if self.cutoff_hz is None else math.exp(-2 * math.pi * self.cutoff_hz * sample_time_s)
 
-    def rendering(self, sample_time_s: float) -> Rendering:
-        """Return the law as a sampled force of position, position before and filtered velocity."""
+    def law(self, sample_time_s: float) -> Law:
+        """Return the law that the loops see."""
         pole = self.pole(sample_time_s)
-        velocity = np.array([(1 - pole) / sample_time_s, (pole - 1) / sample_time_s, pole])
-        force = np.array([self.stiffness_n_per_m, 0.0, 0.0]) + self.damper_ns_per_m * velocity
-        return Rendering(force[None], velocity[None])
+        return Law.spring_damper(self.stiffness_n_per_m, self.damper_ns_per_m, sample_time_s, pole)
 
     def noise_n(self, device: Device) -> float:
         """Return the rms of the force on a device at rest, of white noise that spreads over steps of the encoder."""
         if device.position_noise_rms_m == 0:
             return 0.0
-        pole = self.pole(device.sample_time_s)
-        rate = self.damper_ns_per_m * (1 - pole) / device.sample_time_s
         noise = math.hypot(device.position_noise_rms_m, device.encoder_resolution_m / math.sqrt(12))
-        return noise * math.sqrt((self.stiffness_n_per_m + rate) ** 2 + rate**2 * (1 - pole) / (1 + pole))
+        return noise * self.law(device.sample_time_s).noise_gain()
 
     @property
-    def outside(self) -> Law:
+    def outside(self) -> SpringDamper:
         """The law outside the wall."""
         return replace(self, stiffness_n_per_m=0.0, damping_ns_per_m=0.0)
 
@@ -130,22 +127,22 @@ class Loops:
         hands = self.hands[side]
         return list(product(self.corners, [hands.pick(slice(i, i + 1)) for i in range(len(hands))]))
 
-    def around(self, law: Law, every: Sequence[tuple[Device, Hand]]) -> OpenLoop:
+    def around(self, law: SpringDamper, every: Sequence[tuple[Device, Hand]]) -> OpenLoop:
         """Return the loops of pairs of device and hand."""
         plant = sampled_plant([device for device, _ in every], [hand for _, hand in every])
-        return OpenLoop.around(plant, law.rendering(self.period))
+        return OpenLoop.around(plant, law.law(self.period))
 
-    def worst(self, law: Law, side: int, measure: Callable[[OpenLoop], FloatArray]) -> tuple[Device, Hand]:
+    def worst(self, law: SpringDamper, side: int, measure: Callable[[OpenLoop], FloatArray]) -> tuple[Device, Hand]:
         """Return where in the ranges of device and hand a measure of the loop is largest."""
-        rendering = law.rendering(self.period)
+        closed_law = law.law(self.period)
 
         def of(plant: SampledPlant, _: object) -> ComplexArray:
-            return measure(OpenLoop.around(plant, rendering)).astype(np.complex128)
+            return measure(OpenLoop.around(plant, closed_law)).astype(np.complex128)
 
         _, hand, device, _ = worst_case(self.device, self.boxes[side], of)
         return device, Hand(**{name: np.array([value]) for name, value in hand.items()})
 
-    def case(self, law: Law, side: int) -> Case:
+    def case(self, law: SpringDamper, side: int) -> Case:
         """Return the worst of each number, at the corners of the ranges and at the worst points of a search."""
         measures = (_radius, lambda loop: 1 - damping_ratios(loop.poles).min(axis=1), OpenLoop.swings)
         every = self.pairs(side) + [self.worst(law, side, of) for of in measures]
@@ -164,13 +161,13 @@ class Loops:
             hand=every[int(sizes.max(axis=1).argmax())][1].values(0),
         )
 
-    def _loops(self, law: Law) -> list[OpenLoop]:
+    def _loops(self, law: SpringDamper) -> list[OpenLoop]:
         """Return the loops at the corners of the ranges and at what searches found, in the wall and outside."""
         every = [*(pair for side in range(len(self.boxes)) for pair in self.pairs(side)), *self.worst_pairs]
         both = {law, law.outside}
         return [self.around(one, every) for one in both if one.stiffness_n_per_m or one.damper_ns_per_m]
 
-    def rough_margin(self, law: Law) -> float:
+    def rough_margin(self, law: SpringDamper) -> float:
         """Return the disk margin of a law to a per cent, at the points so far; 0 where one is unstable or loud."""
         if law.noise_n(self.device) > self.quiet_n:
             return 0.0
@@ -178,7 +175,7 @@ class Loops:
         stable = all(loop.closed.radius.max() < 1 for loop in loops)
         return 2 / max(float(loop.swings().max()) for loop in loops) if stable else 0.0
 
-    def sound(self, laws: Iterable[Law]) -> Iterator[tuple[Law, float]]:
+    def sound(self, laws: Iterable[SpringDamper]) -> Iterator[tuple[SpringDamper, float]]:
         """Yield the first law with a sound disk margin, and that, which a search of the ranges does not refute."""
         for law in laws:
             if self.rough_margin(law) >= SOUND_DISK:
@@ -187,7 +184,7 @@ class Loops:
                     yield law, disk
                     return
 
-    def variants(self, law: Law, keys: Sequence[str], steps: int) -> Iterator[Law]:
+    def variants(self, law: SpringDamper, keys: Sequence[str], steps: int) -> Iterator[SpringDamper]:
         """Yield a law with other values of some keys, the largest first; of b the best alone."""
         if not keys:
             yield law
@@ -204,14 +201,14 @@ class Loops:
                 one = replace(law, **{keys[0]: _round(share * largest)})
                 yield from self.variants(one, keys[1:], steps)
 
-    def _confirm(self, *laws: Law) -> bool:
+    def _confirm(self, *laws: SpringDamper) -> bool:
         """Search the ranges for what is unstable with a law, and keep it."""
         pairs = [(law, self.worst(law, side, _radius)) for law in laws for side in range(len(self.boxes))]
         worse = [pair for law, pair in pairs if self.around(law, [pair]).closed.radius.max() >= 1]
         self.worst_pairs += worse
         return not worse
 
-    def _walls(self, law: Law, dampers_ns_per_m: FloatArray) -> Stretches:
+    def _walls(self, law: SpringDamper, dampers_ns_per_m: FloatArray) -> Stretches:
         """Return the intervals of stable stiffness for some dampings."""
         people = self.hands[0]
         for hand in (*self.hands[1:], *(hand for _, hand in self.worst_pairs)):
@@ -219,7 +216,7 @@ class Loops:
         devices = [*self.corners, *(device for device, _ in self.worst_pairs)]
         return stable_walls(devices, people, dampers_ns_per_m, (-law.pole(self.period), 0.0))
 
-    def largest_stiffness(self, law: Law) -> float:
+    def largest_stiffness(self, law: SpringDamper) -> float:
         """Return the largest stable k at the dampers of a law: the end of its own interval, or of the softest."""
         for _ in range(_SEARCHES):
             walls = self._walls(law, np.array([law.damper_ns_per_m]))
@@ -230,7 +227,7 @@ class Loops:
                 break
         return limit
 
-    def damping_range(self, law: Law) -> tuple[float, float] | None:
+    def damping_range(self, law: SpringDamper) -> tuple[float, float] | None:
         """Return the lowest and the largest b at the k of a law, about its own or nearest to it; None without any."""
         pole, wall = law.pole(self.period), law.stiffness_n_per_m
         heavy = max(one.mass_kg for one in self.corners) + float(np.max(self.hands[0].mass_kg))
@@ -283,7 +280,7 @@ class LawCertificate(Printed):
     """
 
     problem: Problem
-    law: Law
+    law: SpringDamper
     held: Case
     released: Case | None
     free: Case | None
@@ -389,12 +386,13 @@ def certify_law(
         (False, 0.06)
     """
     stated = with_wall(law_problem(problem))
-    law = valid_law(Law(k, b, b_p, cutoff_hz), stated.device)
+    law = valid_law(SpringDamper(k, b, b_p, cutoff_hz), stated.device)
     loops, device = Loops(stated), stated.device
     sides = range(len(loops.boxes))
     held, *released = (loops.case(law, side) for side in sides)
     outside = [loops.case(law.outside, side) for side in sides if b_p]
-    rendering, period = law.rendering(device.sample_time_s), device.sample_time_s
+    period = device.sample_time_s
+    own = law.law(period)
     certificate = LawCertificate(
         problem=stated,
         law=law,
@@ -403,14 +401,12 @@ def certify_law(
         free=min(outside, key=lambda case: (case.stable, case.margins.disk), default=None),
         largest_stiffness_n_per_m=loops.largest_stiffness(law),
         damping_range_ns_per_m=loops.damping_range(law),
-        largest_local_damping_ns_per_m=(loops.damping_range(Law(0.0, b_p)) or (0.0, 0.0))[1] if b_p else None,
+        largest_local_damping_ns_per_m=(loops.damping_range(SpringDamper(0.0, b_p)) or (0.0, 0.0))[1] if b_p else None,
         static_stiffness_n_per_m=stiffness_at_handle(device, k),
         rendered_n_per_m={
-            hz: float(abs(force_over_position(rendering, np.exp(2j * math.pi * hz * period))))
-            for hz in (1.0, 10.0)
-            if hz < 0.5 / period
+            hz: float(abs(own.transfer(np.exp(2j * math.pi * hz * period)))) for hz in (1.0, 10.0) if hz < 0.5 / period
         },
-        encoder_step_n=float(rendering.force[0, 0]) * device.encoder_resolution_m,
+        encoder_step_n=float(own.d[0, 0]) * device.encoder_resolution_m,
         noise_n=law.noise_n(device),
         quiet_n=loops.quiet_n,
         remedies=() if remedies else None,
@@ -429,7 +425,7 @@ def law_problem(source: AnyProblem) -> Problem:
     return as_problem(source)
 
 
-def valid_law(law: Law, device: Device) -> Law:
+def valid_law(law: SpringDamper, device: Device) -> SpringDamper:
     """Return the law if its numbers are allowed."""
     gains = {"k": law.stiffness_n_per_m, "b": law.damping_ns_per_m, "b_p": law.local_damping_ns_per_m}
     what = "is {:g}; allowed: 0 or a positive finite number"
@@ -447,7 +443,7 @@ def valid_law(law: Law, device: Device) -> Law:
     return law
 
 
-def _remedies(law: Law, problem: Problem, loops: Loops) -> Iterator[Remedy]:
+def _remedies(law: SpringDamper, problem: Problem, loops: Loops) -> Iterator[Remedy]:
     """Yield the fewest changes that leave a sound disk margin and no noise that is felt, each as its loop shows."""
     for count in range(1, len(_KEYS) + 1):
         each = (loops.variants(law, keys, 30 // count**2) for keys in combinations(_KEYS, count))
@@ -465,9 +461,9 @@ def _remedies(law: Law, problem: Problem, loops: Loops) -> Iterator[Remedy]:
             yield Remedy(change, disk)
 
 
-def first_law(problem: Problem) -> Law:
+def first_law(problem: Problem) -> SpringDamper:
     """Return a spring and damper to begin with: the wall's k, or the largest share of it that a b holds soundly."""
     stiffest = problem.environment.stiffness_n_per_m or 1e3 * problem.device.metres_per_unit**2
-    loops, wall = Loops(problem), Law(stiffest)
+    loops, wall = Loops(problem), SpringDamper(stiffest)
     laws = chain(loops.variants(wall, _KEYS[-1:], 1), loops.variants(wall, (_KEYS[0], _KEYS[-1]), 8))
-    return next((law for law, _ in loops.sound(laws)), Law(_round(1e-3 * stiffest)))
+    return next((law for law, _ in loops.sound(laws)), SpringDamper(_round(1e-3 * stiffest)))

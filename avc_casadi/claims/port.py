@@ -29,7 +29,7 @@ from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray, IndexAr
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.claims.impedance import Mechanics, PortWorst, wave
 from avc_casadi.loops.spectrum import lowest
-from avc_casadi.loops.wall import RIGID, Fractions
+from avc_casadi.loops.wall import RIGID, PartialFractions
 from avc_casadi.model.device import Device
 from avc_casadi.model.hands import Hand
 
@@ -204,7 +204,7 @@ def _alias_sum(mechanics: Mechanics, aliases: _Aliases, turns: FloatArray, remov
 class RenderingSlack:
     """|1 + W X|^2 - |W|^2 U^2 of n renderings: on a rigid device without delay Re Z_h/b_d."""
 
-    parts: Fractions
+    parts: PartialFractions
     contact_damping_ns_per_m: FloatArray
 
     def __call__(self, port: HandlePort, rows: IndexArray) -> tuple[FloatArray, FloatArray]:

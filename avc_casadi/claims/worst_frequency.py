@@ -12,14 +12,15 @@ from numpy.polynomial import chebyshev
 from avc_casadi._util.arrays import BoolArray, FloatArray, IndexArray
 from avc_casadi._util.progress import SILENT, Progress, chunks
 from avc_casadi.loops.spectrum import lowest
-from avc_casadi.loops.wall import Fractions, SampledLoop, Values, fractions
+from avc_casadi.loops.wall import PartialFractions, SampledLoop, fractions
+from avc_casadi.model.law import Values
 
 # Represents the limit of zero frequency: small enough for every term, large enough to divide by.
 _ZERO_TURNS = 1e-150
 
 
 def real_part(
-    loop: SampledLoop, parts: Fractions, contact_damping_ns_per_m: Values, frequency_hz: Values
+    loop: SampledLoop, parts: PartialFractions, contact_damping_ns_per_m: Values, frequency_hz: Values
 ) -> FloatArray:
     """Re Z_h at 0 <= frequency_hz <= Nyquist, N.s/m; at 0 its limit; all arguments broadcast.
 
@@ -31,7 +32,7 @@ def real_part(
 
 
 def size_of_terms(
-    loop: SampledLoop, parts: Fractions, contact_damping_ns_per_m: Values, frequency_hz: Values | None = None
+    loop: SampledLoop, parts: PartialFractions, contact_damping_ns_per_m: Values, frequency_hz: Values | None = None
 ) -> FloatArray:
     """Sum of the magnitudes of the terms of Re Z_h, N.s/m: rounding errors are a multiple of it."""
     if frequency_hz is not None:
@@ -45,7 +46,7 @@ def size_of_terms(
 
 
 def _terms(
-    loop: SampledLoop, parts: Fractions, contact: Values, frequency_hz: Values
+    loop: SampledLoop, parts: PartialFractions, contact: Values, frequency_hz: Values
 ) -> tuple[FloatArray, tuple[FloatArray, ...]]:
     """Return h and the terms of Re Z_h in the braces of `real_part`, those of opposite sign separate."""
     turns = np.maximum(np.asarray(frequency_hz, dtype=np.float64) * loop.sample_time_s, _ZERO_TURNS)
@@ -172,7 +173,7 @@ def quadratic_stretch(bend: FloatArray, slope: FloatArray, free: FloatArray) -> 
     return np.where(free >= 0, 0.0, first), np.where(free >= 0, first, second)
 
 
-def stationary_cosines(loop: SampledLoop, parts: Fractions, contact_damping_ns_per_m: FloatArray) -> FloatArray:
+def stationary_cosines(loop: SampledLoop, parts: PartialFractions, contact_damping_ns_per_m: FloatArray) -> FloatArray:
     """Return cos(omega T) where Re Z_h may be stationary, shape (n, roots): real parts of all roots in [-1, 1]."""
     gain, integral, kernel = _shapes(loop)
     rho = parts.pole[:, None]
@@ -355,7 +356,7 @@ def _worst(loop: SampledLoop, rows: _Rows, degree: int | None, *, refine: bool) 
     )
 
 
-def _candidates_hz(loop: SampledLoop, rows: _Rows, parts: Fractions, degree: int | None) -> FloatArray:
+def _candidates_hz(loop: SampledLoop, rows: _Rows, parts: PartialFractions, degree: int | None) -> FloatArray:
     """Return frequencies in the band of each row, sorted, shape (n, m): ends, stationary points and a scan."""
     nyquist = loop.nyquist_hz
     low = np.minimum(rows.low_hz, nyquist)[:, None]

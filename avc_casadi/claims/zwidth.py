@@ -18,7 +18,7 @@ from avc_casadi.claims.levels import ideal, non_idealities
 from avc_casadi.claims.port import frequencies_hz, handle_port, passive_hand
 from avc_casadi.claims.worst_frequency import quadratic_stretch, refine_minima
 from avc_casadi.files.problem_file import AnyProblem, of_problem, with_wall
-from avc_casadi.loops.wall import Fractions, passive_limit_n_per_m, rigid
+from avc_casadi.loops.wall import PartialFractions, passive_limit_n_per_m, rigid
 from avc_casadi.loops.walls import Stretches, stable_walls
 from avc_casadi.model import EFFECTS
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners
@@ -235,7 +235,7 @@ def _waves(turns: FloatArray, period: float, model: Model, poles: Poles) -> tupl
     """Return W of a wall of 1 N.s/m and of one of 1 N/m."""
     zeros = np.zeros(1)
     ones = np.ones(1)
-    damper = Fractions(direct=ones, integral=zeros, decaying=zeros, pole=zeros, pole_gap=ones, stable=ones > 0)
+    damper = PartialFractions(direct=ones, integral=zeros, decaying=zeros, pole=zeros, pole_gap=ones, stable=ones > 0)
     direct = period / 2 if model == "paper" else period
     spring = replace(damper, direct=ones * direct, integral=ones * period)
     # 1 - 1/z without cancellation.

@@ -17,7 +17,7 @@ from avc_casadi._util.files import write_file
 from avc_casadi._util.json_values import json_text
 from avc_casadi.claims.certify import proof_files
 from avc_casadi.claims.deployable import require_deployable
-from avc_casadi.claims.own_law import Law, valid_law
+from avc_casadi.claims.own_law import SpringDamper, valid_law
 from avc_casadi.claims.zwidth import zwidth
 from avc_casadi.cli import arguments as cli
 from avc_casadi.cli.console import Console, output_folder, write_figure
@@ -115,7 +115,7 @@ def law_certified(
 ) -> Answer:
     """Return the answer of `certify` of a law of one's own: to another end K, B and the device's local damper."""
     cli.refuse(args, "cutoff_hz", why=cli.OF_WALLS)
-    own_law = Law(
+    own_law = SpringDamper(
         stiffness_n_per_m=law.get("k", 0.0),
         damping_ns_per_m=law.get("b", 0.0),
         local_damping_ns_per_m=law.get("b_p", 0.0),

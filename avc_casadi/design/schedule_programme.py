@@ -14,7 +14,7 @@ import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, FloatArray
 from avc_casadi.claims.hands import ScopeSlack, deciding_frequencies_hz, scope_band_hz, scope_slack
-from avc_casadi.loops.wall import frozen_parts, linear_stability
+from avc_casadi.loops.wall import frozen_law, linear_stability
 from avc_casadi.model.hands import hand_corners
 from avc_casadi.model.problem import Problem
 from avc_casadi.model.problem_ranges import corner_problems, least_damped
@@ -227,7 +227,7 @@ def hands_slack(problem: Problem, states: States, nodes: FloatArray) -> FloatArr
     for corner in deciding_corners(problem):
         left_damping = {"damping_ns_per_m": corner.device.damping_ns_per_m - margin}
         device = corner.device.model_copy(update=left_damping)
-        radius = linear_stability(device, frozen_parts(corner, b, k), contact, hands).radius
+        radius = linear_stability(device, frozen_law(corner, b, k, contact), hands).radius
         slack.append(1 - radius.max(axis=1))
     return np.asarray(np.clip(np.min(slack, axis=0), -LARGEST_STEP, LARGEST_STEP))
 

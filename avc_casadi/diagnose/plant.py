@@ -6,14 +6,13 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from avc_casadi.diagnose.law import FittedLaw
 from avc_casadi.diagnose.oscillation import Log
 from avc_casadi.loops.loop import Body
-from avc_casadi.loops.wall import Rendering, wall
+from avc_casadi.loops.wall import closed
 from avc_casadi.model.device import Device
 from avc_casadi.model.hands import Hand, no_hand
+from avc_casadi.model.law import Law
 from avc_casadi.model.plant import sampled_plant
 from avc_casadi.model.problem import Hands
 from avc_casadi.model.quantity import LEAST_DELAY_SAMPLES
@@ -79,9 +78,8 @@ def growth(hypothesis: Hypothesis, law: FittedLaw, stiffness: float = 1.0, dampi
     period = hypothesis.device.sample_time_s
     late = hypothesis.vary(delay_samples=hypothesis.delay + law.lag)
     body = Body.of(sampled_plant(late.device, hypothesis.hand or no_hand())).axes(0, 0)
-    velocity = np.array([1 - law.keep, law.keep - 1, law.keep])
-    force = np.array([stiffness * law.stiffness_n_per_m, 0, 0]) + damping * law.damping_ns_per_m / period * velocity
-    return math.log(max(float(wall(body, Rendering(force, velocity)).radius), 1e-300)) / period
+    scaled = Law.spring_damper(stiffness * law.stiffness_n_per_m, damping * law.damping_ns_per_m, period, pole=law.keep)
+    return math.log(max(float(closed(body, scaled).radius), 1e-300)) / period
 
 
 def stable(hypothesis: Hypothesis, law: FittedLaw, stiffness: float = 1.0, damping: float = 1.0) -> bool:

@@ -17,11 +17,11 @@ from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray, IndexAr
 from avc_casadi.coupling import Coupling
 from avc_casadi.loops.loop import Body
 from avc_casadi.loops.spectrum import ClosedLoops, lowest, root
-from avc_casadi.loops.wall import Rendering, closed, force_over_position, frozen_rendering
+from avc_casadi.loops.wall import closed, law_at_rest
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners
 from avc_casadi.model.hands import hand_corners, with_released
+from avc_casadi.model.law import Law
 from avc_casadi.model.plant import SampledPlant, sampled_plant
-from avc_casadi.model.runtime import StateFeedback
 
 LEAST_DISK, SOUND_DISK = 0.15, 0.2
 """Disk margins below which a coupling should not run on a device, and below which it is thin."""
@@ -50,8 +50,7 @@ class Margins:
 class OpenLoop:
     """The loop of a coupling, broken at the actuator, with h hands: the corners of the set, then none."""
 
-    law: StateFeedback | None
-    rendering: Rendering
+    law: Law
     body: Body
     closed: ClosedLoops
     moving: BoolArray
@@ -59,22 +58,21 @@ class OpenLoop:
     @classmethod
     def of(cls, coupling: Coupling) -> Self:
         """Return the loop of a coupling, on the corner of [device.range] with which its disk margin is the smallest."""
-        problem, law = coupling.problem, coupling.runtime.state_feedback
+        problem = coupling.problem
         hands = with_released(hand_corners(problem.hands.model_copy(update={"let_go": False})))
-        rendering = frozen_rendering(problem, *vars(coupling.table.at_rest).values())
+        law = law_at_rest(coupling)
         devices = device_corners(problem.device, LINEAR_KEYS)
-        loops = [cls.around(sampled_plant(device, hands), rendering, law) for device in devices]
+        loops = [cls.around(sampled_plant(device, hands), law) for device in devices]
         return loops[0] if len(loops) == 1 else max(loops, key=lambda one: one.swings().max())
 
     @classmethod
-    def around(cls, plant: SampledPlant, rendering: Rendering, law: StateFeedback | None = None) -> Self:
-        """Return the loop of one rendering around h plants, the last released."""
+    def around(cls, plant: SampledPlant, law: Law) -> Self:
+        """Return the loop of a law around h plants, the last released."""
         body = Body.of(plant).flat()
-        loops = closed(body, rendering, law)
+        loops = closed(body, law)
         moving = np.array([name.endswith("velocity_m_per_s") for name in plant.names])
         return cls(
             law=law,
-            rendering=rendering,
             body=body,
             closed=loops,
             moving=np.pad(moving, (0, loops.maps.shape[-1] - len(moving))),
@@ -93,8 +91,7 @@ class OpenLoop:
         pencil = z[..., None, None] * np.eye(body.size) - body.a[:, None]
         push = np.broadcast_to(body.b[:, None], (*angles.shape, body.size))
         position = np.linalg.solve(pencil, push.astype(np.complex128)[..., None])[..., 0] @ body.output_row
-        force = force_over_position(self.rendering, z.ravel(), self.law).reshape(angles.shape)
-        return np.asarray(-force * position)
+        return np.asarray(-self.law.transfer(z) * position)
 
     def turns(self) -> FloatArray:
         """Return angles of z at which L is evaluated, dense at peaks of it or of 1/(1 + L), shape (n,)."""

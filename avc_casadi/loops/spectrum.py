@@ -33,9 +33,10 @@ def eigenvalues(matrices: FloatArray) -> ComplexArray:
 
 @dataclass(frozen=True, eq=False)
 class ClosedLoops:
-    """Closed loops: maps of the state over a period (..., s, s), and states of rest (k, s), one body each, then all.
+    """Closed loops: maps of the state over a period (..., s, s), and states of rest (k, ..., s).
 
-    A body that no spring drives back rests anywhere, and without a damper it keeps its speed: these are no poles here.
+    The rests are those of each body, then of all. A body that no spring drives back rests anywhere; without a damper
+    it keeps its speed: these are no poles here.
     """
 
     maps: FloatArray
@@ -46,10 +47,12 @@ class ClosedLoops:
         """The maps with the eigenvalue 1 of each state at which a loop rests deflated (Wielandt), the others kept."""
         maps = self.maps
         for rest in self.rests:
-            stays = np.abs(maps @ rest - rest) <= _ROUNDING * (np.abs(maps) @ np.abs(rest))
-            one = int(np.argmax(rest != 0))
-            deflated = maps - rest[:, None] * maps[..., one : one + 1, :] / rest[one]
-            maps = np.where(stays.all(axis=-1)[..., None, None], deflated, maps)
+            column = rest[..., None]
+            stays = np.abs(maps @ column - column) <= _ROUNDING * (np.abs(maps) @ np.abs(column))
+            # A state that differs from 0 at every rest: a position.
+            place = int(np.argmax(rest.reshape(-1, rest.shape[-1]).all(axis=0)))
+            deflated = maps - column * (maps[..., place : place + 1, :] / column[..., place : place + 1, :])
+            maps = np.where(stays.all(axis=-2)[..., None], deflated, maps)
         finite = np.abs(maps).max(axis=(-2, -1)) < _OVERFLOWING
         return np.where(finite[..., None, None], maps, _OVERFLOWING * np.eye(maps.shape[-1]))
 

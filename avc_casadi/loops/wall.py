@@ -1,6 +1,6 @@
-"""The loop of a wall in the device's own loop, with each hand: frozen gains, and an observer with state feedback.
+"""The loop of a law around sampled plants, and the law of frozen gains in series with a wall.
 
-Quantiser and dead zone are a constant sector gain from 0 to 1 on the innovation, necessary against limit cycles alone.
+Quantiser, dead zone and force limit are sectors of the law, slopes from 0 to 1: necessary against limit cycles alone.
 """
 
 from __future__ import annotations
@@ -12,17 +12,17 @@ from typing import Any
 import numpy as np
 
 from avc_casadi._errors import UnsupportedError
-from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray, IndexArray
+from avc_casadi._util.arrays import BoolArray, FloatArray
 from avc_casadi._util.progress import SILENT, Progress, chunks
-from avc_casadi.loops.loop import Body, Loop
+from avc_casadi.coupling import Coupling
+from avc_casadi.loops.loop import Body
 from avc_casadi.loops.spectrum import ClosedLoops
 from avc_casadi.model.corners import device_corners
 from avc_casadi.model.device import Device, whole_delay
 from avc_casadi.model.hands import Hand, StylusHand
+from avc_casadi.model.law import Law, Values
 from avc_casadi.model.plant import SampledPlant, sampled_plant
 from avc_casadi.model.problem import Model, Problem
-from avc_casadi.model.runtime import StateFeedback
-from avc_casadi.paper.rows import force_behind
 
 
 def passive_limit_n_per_m(device: Device) -> float:
@@ -35,7 +35,6 @@ def passive_limit_n_per_m(device: Device) -> float:
     return min(2 * corner.damping_ns_per_m / ((1 + corner.delay_samples) * corner.sample_time_s) for corner in corners)
 
 
-Values = float | FloatArray
 # Gains beyond this equal a rigid coupling in double precision, whatever the wall.
 RIGID = 1e40
 
@@ -74,8 +73,17 @@ class SampledLoop:
 
 
 @dataclass(frozen=True)
-class Fractions:
-    """Z_eavc = g + r w/(1 - w) + c w/(1 - rho w); arrays that broadcast together."""
+class PartialFractions:
+    """Z_eavc = g + r w/(1 - w) + c w/(1 - rho w), w = 1/z, of coupling and environment in series, shape (n,).
+
+    Attributes:
+        direct: g, N.s/m.
+        integral: r, N.s/m.
+        decaying: c, N.s/m.
+        pole: rho, 0 where c is 0.
+        pole_gap: 1 - rho, with all its digits.
+        stable: whether every pole lies inside the unit circle, but for that of the spring at 1.
+    """
 
     direct: FloatArray
     integral: FloatArray
@@ -84,25 +92,56 @@ class Fractions:
     pole_gap: FloatArray
     stable: BoolArray
 
-    def pick(self, index: Any) -> Fractions:
+    def pick(self, index: Any) -> PartialFractions:
         """Index every array alike: some rows, or a new axis."""
-        return Fractions(*(values[index] for values in vars(self).values()))
+        return PartialFractions(
+            direct=self.direct[index],
+            integral=self.integral[index],
+            decaying=self.decaying[index],
+            pole=self.pole[index],
+            pole_gap=self.pole_gap[index],
+            stable=self.stable[index],
+        )
+
+    def law(self, contact_damping_ns_per_m: Values, sample_time_s: float) -> Law:
+        """Return the laws of n rows, with a damper b_p beside: F/x = (Z_eavc + b_p) (1 - w)/T.
+
+        The states are the position before, and what the decaying part keeps of its growth; a state that no row reads
+        is left out.
+        """
+        rows = len(self.direct)
+        damper = (self.direct + contact_damping_ns_per_m) / sample_time_s
+        a = np.zeros((rows, 2, 2))
+        a[:, 1, 0] = -1.0
+        a[:, 1, 1] = self.pole
+        c = np.stack([self.integral / sample_time_s - damper, self.decaying / sample_time_s], axis=-1)[:, None, :]
+        states = 2 if self.decaying.any() else int(c.any())
+        b = np.ones((rows, states, 1))
+        return Law(a[:, :states, :states], b, c[..., :states], damper[:, None, None], sample_time_s)
 
 
-def fractions(loop: SampledLoop, damping_ns_per_m: Values, stiffness_n_per_m: Values) -> Fractions:
-    """Return the partial fractions of coupling and environment in series."""
-    t = loop.sample_time_s
-    wall = loop.environment_damping_ns_per_m, loop.environment_stiffness_n_per_m
-    values = (np.asarray(value, dtype=np.float64) for value in (damping_ns_per_m, stiffness_n_per_m, *wall))
-    b, k, b_e, k_e = np.broadcast_arrays(*values)
+def fractions(loop: SampledLoop, damping_ns_per_m: Values, stiffness_n_per_m: Values) -> PartialFractions:
+    """Return the partial fractions of coupling and environment in series; gains above `RIGID` are infinite."""
+    sampled = loop.model == "sampled-data"
+    given = (
+        damping_ns_per_m,
+        stiffness_n_per_m,
+        loop.environment_damping_ns_per_m,
+        loop.environment_stiffness_n_per_m,
+    )
+    b, k, b_e, k_e = np.broadcast_arrays(*(np.asarray(value, dtype=np.float64) for value in given))
     rigid = (b > RIGID) | (k > RIGID)
-    b, k = (np.where(rigid, 1.0, np.maximum(gain, -RIGID)) for gain in (b, k))
-    kt, ket = k * t, k_e * t
-    lead_e = b_e + ket if loop.model == "sampled-data" else b_e + ket / 2
-    cross = kt * b_e - b * ket - (kt * ket / 2 if loop.model == "paper" else 0.0)
-    total, spring = b + kt + lead_e, kt + ket
+    b = np.where(rigid, 1.0, np.maximum(b, -RIGID))
+    kt = np.where(rigid, 1.0, np.maximum(k, -RIGID)) * loop.sample_time_s
+    ket = k_e * loop.sample_time_s
+    # The environment's derivative is the backward difference, or in the paper's model Tustin's.
+    lead_e = b_e + ket if sampled else b_e + ket / 2
+    cross = kt * b_e - b * ket - (0.0 if sampled else kt * ket / 2)
+    total = b + kt + lead_e
+    spring = kt + ket
     plain = (total != 0) & (spring != 0)
-    total_or_1, spring_or_1 = np.where(total != 0, total, 1.0), np.where(spring != 0, spring, 1.0)
+    total_or_1 = np.where(total != 0, total, 1.0)
+    spring_or_1 = np.where(spring != 0, spring, 1.0)
     direct = np.where(total != 0, (b + kt) * (lead_e / total_or_1), 0.0)
     integral = np.where(spring != 0, kt * (ket / spring_or_1), 0.0)
     decaying = np.where(plain, (cross / total_or_1) ** 2 / spring_or_1, 0.0)
@@ -111,7 +150,7 @@ def fractions(loop: SampledLoop, damping_ns_per_m: Values, stiffness_n_per_m: Va
     gap = np.where(real_pole, spring / total_or_1, 1.0)
     double = (spring == 0) & (kt != 0)
     improper = (total == 0) & ((b != 0) | (kt != 0) | (lead_e != 0))
-    return Fractions(
+    return PartialFractions(
         direct=np.where(rigid, lead_e, direct),
         integral=np.where(rigid, ket, integral),
         decaying=np.where(real_pole, decaying, 0.0),
@@ -124,31 +163,6 @@ def fractions(loop: SampledLoop, damping_ns_per_m: Values, stiffness_n_per_m: Va
 def rigid(device: Device) -> bool:
     """Return whether mechanics and amplifier are ideal."""
     return device.amplifier_bandwidth_hz is None and device.resonance is None
-
-
-@dataclass(frozen=True)
-class Rendering:
-    """How n frozen renderings turn sampled positions into force, with one state of their own."""
-
-    force: FloatArray
-    state: FloatArray
-
-    def pick(self, some: slice | IndexArray) -> Rendering:
-        """Return some of the rows."""
-        return Rendering(self.force[some], self.state[some])
-
-    @property
-    def column(self) -> Rendering:
-        """The rows along a first axis of two, the other that of plants."""
-        return Rendering(self.force[..., None, :], self.state[..., None, :])
-
-
-def fraction_rendering(parts: Fractions, contact_damping_ns_per_m: Values, sample_time_s: float) -> Rendering:
-    """Return the rendering of partial fractions; a fraction without residue keeps a state that vanishes at once."""
-    damper = (parts.direct + contact_damping_ns_per_m) / sample_time_s
-    force = np.stack([damper, parts.integral / sample_time_s - damper, parts.decaying / sample_time_s], axis=-1)
-    one = np.ones_like(damper)
-    return Rendering(force, np.stack([one, -one, parts.pole + 0 * one], axis=-1))
 
 
 # Takes seconds for a table of 200 rows and 32 hands.
@@ -165,46 +179,25 @@ class LinearStability:
     frequency_hz: FloatArray
 
 
-def wall(body: Body, rendering: Rendering) -> ClosedLoops:
-    """Return the loops of renderings (..., 3) around plants, of s + 2 states: both broadcast."""
-    loop = Loop(plant=body.size, before=1, own=1)
-    inputs = np.concatenate([(body.output_row @ loop["plant"])[None], loop["before"], loop["own"]])
-    plant = body.next_state(loop["plant"], rendering.force @ inputs)
-    maps = loop.event(plant=plant, before=inputs[:1], own=(rendering.state @ inputs)[..., None, :])
-    return ClosedLoops(maps, loop.rests({"plant": body.shift, "before": 1.0}))
+def closed(body: Body, law: Law) -> ClosedLoops:
+    """Return the loops of laws around plants, of s + n states; their leading axes broadcast.
 
+    With the plant p+ = A p + B u, y = C p and the law s+ = a s + b y, u = c s + d y:
 
-def observer_wall(
-    body: Body, law: StateFeedback, rendering: Rendering, shares: Values = 1.0, of_force: Values = 1.0
-) -> ClosedLoops:
-    """Return the loops of p plants with a law, shares of innovation and force, (a, p) of s + n + 2 states."""
-    (now, before, own), dynamic = rendering.force[0], int(rendering.force[0, 1:].any())
-    loop = Loop(plant=body.size, observer=law.states, before=dynamic, own=dynamic)
-    observer = loop["observer"]
-    error = body.output_row @ loop["plant"] - observer[law.measures]
-    corrected = observer + np.multiply.outer(np.atleast_1d(shares), np.array(law.innovation))[..., None] * error
-    spring_m = (np.array(law.feedback) @ corrected)[:, None]
-    force, new = now * spring_m, {}
-    if dynamic:
-        force = force + before * loop["before"] + own * loop["own"]
-        first, past, self_ = rendering.state[0]
-        new = {
-            "before": spring_m[:, None],
-            "own": (first * spring_m + past * loop["before"] + self_ * loop["own"])[:, None],
-        }
-    force = np.reshape(of_force, (-1, 1, 1)) * force
-    prediction = (np.array(law.state) @ corrected + np.array(law.force_m_per_n)[:, None] * force)[:, None]
-    return ClosedLoops(
-        loop.event(plant=body.next_state(loop["plant"], force), observer=prediction, **new), loop.unit[:0]
-    )
-
-
-def closed(body: Body, rendering: Rendering, law: StateFeedback | None = None) -> ClosedLoops:
-    """Return the loops of one rendering, with an observer or without, around p plants."""
-    if law is None:
-        return wall(body, rendering.pick(slice(0, 1)))
-    loops = observer_wall(body, law, rendering)
-    return replace(loops, maps=loops.maps[0])
+        p+ = (A + B d C) p + B c s,   s+ = b C p + a s.
+    """
+    linear = law.linear
+    states = body.size
+    measured = body.output_row[None]
+    push = body.b[..., None]
+    shape = np.broadcast_shapes(body.a.shape[:-2], linear.shape)
+    maps = np.empty((*shape, states + linear.states, states + linear.states))
+    maps[..., :states, :states] = body.a + push @ (linear.d @ measured)
+    maps[..., :states, states:] = push @ linear.c
+    maps[..., states:, :states] = linear.b @ measured
+    maps[..., states:, states:] = linear.a
+    shift = np.broadcast_to(body.shift, (*linear.rest.shape[:-1], states))
+    return ClosedLoops(maps, np.concatenate([shift, linear.rest], axis=-1)[None])
 
 
 def plants_of(devices: Sequence[Device], hands: Hand | StylusHand) -> SampledPlant:
@@ -231,51 +224,44 @@ def plants_of(devices: Sequence[Device], hands: Hand | StylusHand) -> SampledPla
     return replace(plant, matrix=np.where(light[..., None, None], first, plant.matrix), new=new, old=old)
 
 
-def linear_stability(
-    device: Device,
-    parts: Fractions,
-    contact_damping_ns_per_m: Values,
-    hands: Hand,
-    progress: Progress = SILENT,
-) -> LinearStability:
-    """Return the spectral radius of each frozen rendering with each hand, on the device as declared."""
+def linear_stability(device: Device, law: Law, hands: Hand, progress: Progress = SILENT) -> LinearStability:
+    """Return the spectral radius of each of n laws with each hand, on the device as declared."""
     if device.delay_samples > MAX_DELAY_SAMPLES:
         raise UnsupportedError(
             f"linear stability is computed up to {MAX_DELAY_SAMPLES} samples of delay, not {device.delay_samples}"
         )
-    n, h = len(parts.direct), len(hands)
-    rendering = fraction_rendering(parts, contact_damping_ns_per_m, device.sample_time_s)
+    (rows,) = law.shape
+    h = len(hands)
     body = Body.of(plants_of([device], hands)).flat()
     # Nothing moves without mass, damping and spring; a light device with its damping reduced may overflow in a sample.
     defined = np.isfinite(body.a).all(axis=(-2, -1)) & np.isfinite(body.b).all(axis=-1)
     body = replace(body, a=np.where(defined[:, None, None], body.a, 0.0), b=np.where(defined[:, None], body.b, 0.0))
     rows_at_once = max(1, 4_000_000 // (h * (body.size + 2) ** 2))
-    radius, frequency = np.empty((n, h)), np.empty((n, h))
-    for some in chunks(n, rows_at_once, progress, "spectral radius") if n else ():
-        value = wall(body, rendering.pick(some).column).leading
-        radius[some] = np.where(defined, np.abs(value), np.inf)
-        frequency[some] = np.abs(np.angle(value)) / (2 * np.pi * device.sample_time_s)
+    radius = np.empty((rows, h))
+    frequency = np.empty((rows, h))
+    for chosen in chunks(rows, rows_at_once, progress, "spectral radius") if rows else ():
+        pole = closed(body, law.pick((chosen, None))).leading
+        radius[chosen] = np.where(defined, np.abs(pole), np.inf)
+        frequency[chosen] = np.abs(np.angle(pole)) / (2 * np.pi * device.sample_time_s)
     return LinearStability(radius, frequency)
 
 
-def frozen_parts(problem: Problem, damping_ns_per_m: Values, stiffness_n_per_m: Values) -> Fractions:
+def frozen_parts(problem: Problem, damping_ns_per_m: Values, stiffness_n_per_m: Values) -> PartialFractions:
     """Return partial fractions, n rows, of frozen gains in series with the wall, as a device computes them."""
     b, k = np.broadcast_arrays(damping_ns_per_m, stiffness_n_per_m)
     return fractions(SampledLoop.of(problem, "sampled-data"), np.ravel(b), np.ravel(k))
 
 
-def frozen_rendering(
+def frozen_law(
     problem: Problem, damping_ns_per_m: Values, stiffness_n_per_m: Values, contact_damping_ns_per_m: Values = 0.0
-) -> Rendering:
-    """Return the rendering of frozen gains in series with the wall; contact_damping is broadcast to n rows."""
+) -> Law:
+    """Return the laws of n rows of frozen gains in series with the wall, b_p beside, as a device computes them."""
     parts = frozen_parts(problem, damping_ns_per_m, stiffness_n_per_m)
-    return fraction_rendering(parts, contact_damping_ns_per_m, problem.device.sample_time_s)
+    return parts.law(contact_damping_ns_per_m, problem.device.sample_time_s)
 
 
-def force_over_position(rendering: Rendering, z: ComplexArray, law: StateFeedback | None = None) -> ComplexArray:
-    """Return the force of one rendering over the measured position, N/m; behind an observer without dead zone."""
-    now, before, own = rendering.force[0]
-    state = rendering.state[0]
-    inner = (state[0] + state[1] / z) / (z - state[2]) if own else 0.0
-    stiffness = np.asarray(now + before / z + own * inner)
-    return stiffness if law is None else force_behind(law, stiffness, z)
+def law_at_rest(coupling: Coupling) -> Law:
+    """Return the law of a coupling's gains at rest in contact, behind its observer where it has one."""
+    gains = coupling.table.at_rest
+    rows = frozen_law(coupling.problem, gains.damping_ns_per_m, gains.stiffness_n_per_m, gains.contact_damping_ns_per_m)
+    return rows.pick(0).behind(coupling.runtime.state_feedback)

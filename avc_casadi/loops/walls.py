@@ -22,10 +22,11 @@ import numpy as np
 from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray, IndexArray
 from avc_casadi.loops.loop import Body
 from avc_casadi.loops.spectrum import ClosedLoops, lowest, root
-from avc_casadi.loops.wall import Rendering, plants_of, wall
+from avc_casadi.loops.wall import closed, plants_of
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners
 from avc_casadi.model.device import Device
 from avc_casadi.model.hands import Hand, StylusHand
+from avc_casadi.model.law import Law
 from avc_casadi.model.plant import sampled_plant
 from avc_casadi.model.runtime import PLAIN, Poles, low_pass
 
@@ -263,9 +264,7 @@ def _stretches(outside: IndexArray, row: IndexArray, stiffness: FloatArray, leav
 def in_contact(device: Device, subjects: Hand | StylusHand, k: float, b: float) -> ClosedLoops:
     """Return the loop of one spring, of either sign, and damper, with every hand at every corner of a device."""
     pairs = Body.of(sampled_plant(device_corners(device, LINEAR_KEYS), subjects)).flat()
-    rate = b / pairs.sample_time_s
-    loops = wall(pairs, Rendering(np.array([[k + rate, -rate, 0.0]]), np.zeros((1, 3))))
-    return ClosedLoops(loops.maps[..., :-1, :-1], loops.rests[:, :-1])
+    return closed(pairs, Law.spring_damper(k, b, pairs.sample_time_s))
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ import numpy as np
 from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray
 from avc_casadi._util.progress import Progress, chunks
 from avc_casadi.model.gains import GainSchedule, Status
+from avc_casadi.model.law import Law
 from avc_casadi.model.problem import Problem
 from avc_casadi.model.problem_ranges import margin_over_range
 from avc_casadi.model.runtime import StateFeedback
@@ -146,23 +147,9 @@ def perceived_impedance_of(
     stiffness = (contact + series(coupling, wall_impedance, numbers=NUMPY)) * backward_difference(angle)
     # The impedance of a 1 N/m spring converts force over position to force over velocity, in the problem's model.
     unit = environment_impedance(angle, problem.stability.model, 0.0, 1.0)
-    force = force_behind(law, stiffness, np.exp(2j * np.pi * angle.turns))
+    whole = Law.gain(stiffness, problem.device.sample_time_s).behind(law)
+    force = whole.transfer(np.exp(2j * np.pi * angle.turns))
     return np.asarray(perceived_impedance(loop.device, loop.hold, force * unit))
-
-
-def force_behind(law: StateFeedback, stiffness_n_per_m: ComplexArray, z: ComplexArray) -> ComplexArray:
-    """Return force over the measured position at each frequency, N/m, shape (n,), at a dead-zone gain of 1.
-
-    With the observer's matrix A, force column B, gain L, feedback R and the stiffness K behind it, M = A + K B R and
-    s = (z I - M)^-1 M L, the state over the innovation before its correction: F/x = K R (s + L)/(1 + s_m), m the
-    state that is measured.
-    """
-    gain = np.array(law.innovation)
-    weight = np.array(law.feedback)
-    closed = np.array(law.state) + stiffness_n_per_m[:, None, None] * np.outer(law.force_m_per_n, weight)
-    pencil = z[:, None, None] * np.eye(law.states) - closed
-    predicted = np.linalg.solve(pencil, closed @ gain[:, None])[..., 0]
-    return np.asarray(stiffness_n_per_m * ((predicted + gain) @ weight) / (1 + predicted[:, law.measures]))
 
 
 def gain_schedule(

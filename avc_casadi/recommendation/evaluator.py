@@ -17,7 +17,7 @@ from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.claims.deployable import deployable
 from avc_casadi.coupling import Coupling
 from avc_casadi.loops.margins import OpenLoop
-from avc_casadi.loops.wall import frozen_rendering
+from avc_casadi.loops.wall import law_at_rest
 from avc_casadi.model.corners import (
     USUAL,
     Robustness,
@@ -259,8 +259,7 @@ def unstable_off_file(coupling: Coupling) -> bool:
 
 def perturbed_loops(coupling: Coupling) -> OpenLoop:
     """Return the loops of a coupling on every perturbed device, with every corner of the hands and released."""
-    rendering = frozen_rendering(coupling.problem, *vars(coupling.table.at_rest).values())
-    return OpenLoop.around(_perturbed_plant(coupling.problem), rendering, coupling.runtime.state_feedback)
+    return OpenLoop.around(_perturbed_plant(coupling.problem), law_at_rest(coupling))
 
 
 @lru_cache(maxsize=4)

@@ -13,7 +13,7 @@ from avc_casadi.claims.certify import promises_rest
 from avc_casadi.claims.impedance import below_quarter_rate, handle_impedance, target_impedance
 from avc_casadi.coupling import Coupling
 from avc_casadi.loops.margins import transients
-from avc_casadi.loops.wall import force_over_position, frozen_rendering
+from avc_casadi.loops.wall import law_at_rest
 from avc_casadi.recommendation.felt import NOTICED_LATE_S, leaving_contact, rebound, shaken
 from avc_casadi.simulation.population.trial import CouplingTrial
 
@@ -124,10 +124,10 @@ class Candidate:
 
 def impedance_error(coupling: Coupling) -> float:
     """Return the largest error of the impedance at the handle from 1 to 30 Hz, of small motions in contact."""
-    problem, gains, law = coupling.problem, coupling.table.at_rest, coupling.runtime.state_feedback
+    problem = coupling.problem
     hz = below_quarter_rate(problem.device, BAND_HZ)
     z = np.exp(2j * np.pi * hz * problem.device.sample_time_s)
-    force = force_over_position(frozen_rendering(problem, *vars(gains).values()), z, law)
+    force = law_at_rest(coupling).transfer(z)
     wanted, size = target_impedance(problem, hz)
     return float((np.abs(handle_impedance(problem.device, force, hz)[0] - wanted) / size).max())
 

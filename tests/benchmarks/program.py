@@ -28,7 +28,7 @@ import avc_casadi as avc
 from avc_casadi.coupling import Coupling
 from avc_casadi.design.program import program_answers
 from avc_casadi.loops.margins import OpenLoop
-from avc_casadi.loops.wall import force_over_position, frozen_rendering
+from avc_casadi.loops.wall import law_at_rest
 from avc_casadi.model.problem import Problem
 from avc_casadi.recommendation.candidates import springs_and_dampers
 from avc_casadi.recommendation.rank import impedance_error
@@ -47,11 +47,8 @@ def measured(coupling: Coupling) -> dict[str, Any]:
     turn = loop.turns()
     gain = loop.gain(turn)
     stable = bool((np.abs(loop.poles) < 1).all())
-    law, wall = (
-        coupling.runtime.state_feedback,
-        frozen_rendering(coupling.problem, *vars(coupling.table.at_rest).values()),
-    )
-    n_per_m = force_over_position(wall, np.exp(1j * turn), law)  # commanded force over measured position, no dead zone
+    law = coupling.runtime.state_feedback
+    n_per_m = law_at_rest(coupling).transfer(np.exp(1j * turn))  # commanded force over measured position, no dead zone
     return {
         "method": coupling.method if law is None else f"law of {law.states}",
         "error": impedance_error(coupling),

@@ -12,7 +12,7 @@ import avc_casadi as avc
 from avc_casadi.claims.certify import certify
 from avc_casadi.cli import main
 from avc_casadi.coupling import Coupling, schedule_of
-from avc_casadi.loops.wall import frozen_parts, linear_stability
+from avc_casadi.loops.wall import frozen_law, linear_stability
 from avc_casadi.loops.walls import damping_range, stiffest_wall
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners
 from avc_casadi.model.gains import Gains, GainTable
@@ -88,7 +88,7 @@ def test_the_radius_is_that_of_the_written_down_loop(seed):
     case = problem(10 ** rng.uniform(2.5, 4), rng.uniform(0.1, 5), **random_device(rng))
     gains = 10 ** rng.uniform([-1, 2.5, -1], [1, 5, 1])
     wall = case.environment.damping_ns_per_m, case.environment.stiffness_n_per_m
-    found = linear_stability(case.device, frozen_parts(case, *gains[:2]), gains[2], HANDS).radius[0]
+    found = linear_stability(case.device, frozen_law(case, *gains), HANDS).radius[0]
     for index, radius in enumerate(found):
         hand = HANDS.values(index)
         assert radius == pytest.approx(growth(case.device, tuple(hand.values()), gains, wall), abs=1e-9)

@@ -8,7 +8,7 @@ from boxes_of_hands import INSIDE, brute_force, random_gains, random_problem
 
 import avc_casadi as avc
 from avc_casadi.claims.hands import scope_slack, worst_hands
-from avc_casadi.loops.wall import frozen_parts, linear_stability
+from avc_casadi.loops.wall import frozen_law, linear_stability
 from avc_casadi.model.hands import hand_ranges, hand_set
 
 BROKEN = 562.19, 0.0
@@ -24,9 +24,9 @@ def test_a_set_of_hands_has_every_corner_of_the_box_and_draws_within():
 
 
 def test_a_hand_inside_the_box_breaks_what_corners_and_draws_pass():
-    known = linear_stability(INSIDE.device, frozen_parts(INSIDE, *BROKEN), 0.0, hand_set(INSIDE.hands))
+    known = linear_stability(INSIDE.device, frozen_law(INSIDE, *BROKEN), hand_set(INSIDE.hands))
     assert known.radius.max() < 1
-    worst = worst_hands(INSIDE.device, frozen_parts(INSIDE, *BROKEN), 0.0, INSIDE.hands)
+    worst = worst_hands(INSIDE.device, frozen_law(INSIDE, *BROKEN), INSIDE.hands)
     assert worst.radius[0] == pytest.approx(1.00102, abs=2e-5)
     assert worst.radius[0] >= brute_force(INSIDE, *(np.array([gain]) for gain in BROKEN), 0.0, 25)[0]
     assert worst.hands.values(0)["mass_kg"] == pytest.approx(0.111, abs=2e-3)
@@ -46,5 +46,5 @@ def test_the_search_finds_what_a_lattice_finds():
     generator = np.random.default_rng(5)
     for _ in range(12):
         problem, gains = random_problem(generator), random_gains(generator, 15)
-        found = worst_hands(problem.device, frozen_parts(problem, *gains[:2]), gains[2], problem.hands)
+        found = worst_hands(problem.device, frozen_law(problem, *gains), problem.hands)
         assert np.all(found.radius >= brute_force(problem, *gains) - 1e-6)

@@ -16,7 +16,7 @@ from avc_casadi.claims.llewellyn import llewellyn_margin
 from avc_casadi.claims.worst_frequency import worst_margin
 from avc_casadi.design.methods import solve
 from avc_casadi.design.static import static_coupling
-from avc_casadi.loops.wall import SampledLoop, frozen_parts, linear_stability
+from avc_casadi.loops.wall import SampledLoop, frozen_law, linear_stability
 from avc_casadi.model.gains import Status
 from avc_casadi.model.hands import hand_corners, hand_set
 from avc_casadi.model.problem_ranges import least_damped
@@ -99,7 +99,7 @@ def test_damping_reserve_is_the_edge_of_stability(k):
         if damping < 0:  # the whole damping of the device can go, and some of the hand's
             continue
         radius = linear_stability(
-            shifted.device, frozen_parts(shifted, 20.0, k), 0.0, hand_corners(shifted.hands)
+            shifted.device, frozen_law(shifted, 20.0, k), hand_corners(shifted.hands)
         ).radius.max()
         assert (radius < 1) == stable
     assert result.passed == (result.margin_ns_per_m > 0)
@@ -148,7 +148,7 @@ def test_a_loop_that_grows_slowly_is_not_stable():
     hands = hand_set(case.hands)
 
     def radius(k):
-        return float(linear_stability(case.device, frozen_parts(case, 0.0, k), 0.0, hands).radius.max())
+        return float(linear_stability(case.device, frozen_law(case, 0.0, k), hands).radius.max())
 
     low, high = 1e2, 1e5
     for _ in range(60):
@@ -242,14 +242,13 @@ def test_gains_that_keep_it():
     assert gains.usable.all()
     found = gains.damping_ns_per_m, gains.stiffness_n_per_m, gains.contact_damping_ns_per_m
     robbed = damping_margin_problem(2.0 - margin, 0.0)
-    radius = linear_stability(robbed.device, frozen_parts(robbed, *found[:2]), found[2], hand_set(robbed.hands)).radius
+    radius = linear_stability(robbed.device, frozen_law(robbed, *found), hand_set(robbed.hands)).radius
     assert (radius.max(axis=1) < 1).all()
     # Gains that need not keep it do not: the margin decides here.
     bold = solve(damping_margin_problem(2.0, 0.0), "schedule")
     radius = linear_stability(
         robbed.device,
-        frozen_parts(robbed, bold.damping_ns_per_m, bold.stiffness_n_per_m),
-        bold.contact_damping_ns_per_m,
+        frozen_law(robbed, bold.damping_ns_per_m, bold.stiffness_n_per_m, bold.contact_damping_ns_per_m),
         hand_set(robbed.hands),
     ).radius
     assert (radius.max(axis=1) > 1).any()

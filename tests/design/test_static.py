@@ -9,7 +9,7 @@ from avc_casadi.claims.llewellyn import llewellyn_margin
 from avc_casadi.claims.worst_frequency import worst_margin
 from avc_casadi.design.static import static_coupling
 from avc_casadi.design.tuned import tune_static
-from avc_casadi.loops.wall import SampledLoop, frozen_parts, linear_stability
+from avc_casadi.loops.wall import SampledLoop, frozen_law, linear_stability
 from avc_casadi.model.gains import Gains
 from avc_casadi.model.hands import Hand, hand_set
 from avc_casadi.model.problem import Frequency
@@ -135,11 +135,11 @@ def test_gains_beyond_the_tuned_ones_are_unstable_or_farther_off(series):
     for b in (0.8, 1.0, 1.25):
         for k in (1.3, 2.0):
             beyond = Gains(b * found.gains.damping_ns_per_m, k * found.gains.stiffness_n_per_m)
-            parts = frozen_parts(case, *list(vars(beyond).values())[:2])
+            law = frozen_law(case, beyond.damping_ns_per_m, beyond.stiffness_n_per_m)
             lean = case.device.model_copy(
                 update={"damping_ns_per_m": case.device.damping_ns_per_m - found.reserve_ns_per_m}
             )
-            linear = linear_stability(lean, parts, 0.0, hands).radius.max() < 1
+            linear = linear_stability(lean, law, hands).radius.max() < 1
             rests = linear and simulate_batch(case, hands, beyond).stable.all()
             assert not rests or error(case, beyond) > found.error
 
@@ -152,9 +152,9 @@ def test_the_margin_is_kept_in_reserve():
     hands = hand_set(case.hands)
 
     def stable_without(damping, found):
-        parts = frozen_parts(case, found.gains.damping_ns_per_m, found.gains.stiffness_n_per_m)
+        law = frozen_law(case, found.gains.damping_ns_per_m, found.gains.stiffness_n_per_m)
         lean = case.device.model_copy(update={"damping_ns_per_m": case.device.damping_ns_per_m - damping})
-        return linear_stability(lean, parts, 0.0, hands).radius.max() < 1
+        return linear_stability(lean, law, hands).radius.max() < 1
 
     assert (careful.reserve_ns_per_m, bold.reserve_ns_per_m) == (4.0, 2.0)
     assert stable_without(4.0, careful)

@@ -9,7 +9,7 @@ import avc_casadi as avc
 from avc_casadi.coupling import Coupling
 from avc_casadi.loops.loop import Body
 from avc_casadi.loops.margins import OpenLoop
-from avc_casadi.loops.wall import frozen_rendering, observer_wall
+from avc_casadi.loops.wall import closed, law_at_rest
 from avc_casadi.model.gains import Gains
 from avc_casadi.model.hands import hand_corners, with_released
 from avc_casadi.model.plant import sampled_plant
@@ -35,9 +35,8 @@ def test_a_damper_that_is_thin_at_an_end_of_a_range_is_not_deployable():
 @pytest.mark.slow
 def test_with_state_feedback_the_observer_knows_the_force_that_was_asked_for(fed_back):
     """The loop of the project itself, its device pushed by so many times the force."""
-    problem, law, gains = fed_back.problem, fed_back.runtime.state_feedback, fed_back.table.at_rest
-    assert law is not None
-    rendering = frozen_rendering(problem, *vars(gains).values())
+    problem, law = fed_back.problem, law_at_rest(fed_back)
+    assert law.sectors
     corners = with_released(hand_corners(problem.hands))
     body = Body.of(sampled_plant(problem.device, corners)).flat()
 
@@ -52,7 +51,7 @@ def test_with_state_feedback_the_observer_knows_the_force_that_was_asked_for(fed
         else:
             first *= factor
         pushed = replace(body, a=moved, b=first)
-        return np.abs(np.linalg.eigvals(observer_wall(pushed, law, rendering).maps[0])).max(axis=-1)
+        return np.abs(np.linalg.eigvals(closed(pushed, law).maps)).max(axis=-1)
 
     released, held = OpenLoop.of(fed_back).margins()
     for found, some in ((released, slice(-1, None)), (held, slice(-1))):

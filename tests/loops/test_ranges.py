@@ -18,7 +18,7 @@ from avc_casadi.design.virtual_tool import CouplingSearch, Scale, ToolSearch
 from avc_casadi.loops.engine import ToolLoops
 from avc_casadi.loops.follower import FollowerLoops, link_clocks
 from avc_casadi.loops.system import worst_point
-from avc_casadi.loops.wall import frozen_parts
+from avc_casadi.loops.wall import frozen_law
 from avc_casadi.model.corners import device_corners, device_with
 from avc_casadi.model.ends import ToolGains
 from avc_casadi.model.hands import hand_corners
@@ -91,9 +91,9 @@ def test_no_device_inside_breaks_a_wall(wall_n_per_m, mode_hz):
         f"[environment]\nstiffness_n_per_m = {wall_n_per_m}\ndamping_ns_per_m = 0.0\n"
     )
     rigid, dampers = 1e8, np.array([0.3, 1.0, 2.0, 4.0, 6.0])
-    parts = frozen_parts(stated, np.zeros(5), np.full(5, rigid))
-    told = every_hand(stated, parts, dampers, draws=24, seed=0).radius
-    free = released(stated, parts, dampers).radius
+    law = frozen_law(stated, np.zeros(5), np.full(5, rigid), dampers)
+    told = every_hand(stated, law, draws=24, seed=0).radius
+    free = released(stated, law).radius
     stiffness = 1 / (1 / wall_n_per_m + 1 / rigid)
     devices = [
         *device_corners(stated.device),

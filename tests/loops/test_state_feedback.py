@@ -10,10 +10,11 @@ from avc_casadi.claims.hands import feedback_radius
 from avc_casadi.coupling import Coupling
 from avc_casadi.design.observer_law import GUESSES, regulator
 from avc_casadi.loops.loop import Body
-from avc_casadi.loops.wall import Rendering, force_over_position, frozen_rendering, observer_wall
+from avc_casadi.loops.wall import closed, frozen_law, law_at_rest
 from avc_casadi.model.device import Device
 from avc_casadi.model.gains import Gains
 from avc_casadi.model.hands import Hand, hand_ranges, joined, no_hand
+from avc_casadi.model.law import Law
 from avc_casadi.model.plant import sampled_plant
 from avc_casadi.model.problem import Hands
 from avc_casadi.model.runtime import Runtime
@@ -75,12 +76,12 @@ def test_its_eigenvalues_are_those_of_the_jacobian(seed):
     gains = Gains(0.0, float(rng.uniform(1e3, 1e5))) if seed % 3 else Gains(rng.uniform(0, 20), rng.uniform(1e3, 1e4))
     wall = (0.0, 5e3) if seed % 2 else (3.0, 5e3)
     expected, problem = scene_eigenvalues(device, law, gains, wall)
-    rendering = frozen_rendering(problem, gains.damping_ns_per_m, gains.stiffness_n_per_m)
+    frozen = frozen_law(problem, gains.damping_ns_per_m, gains.stiffness_n_per_m).pick(0)
     plants = Body.of(sampled_plant(device, HAND)).flat()
     # The share may stand in the innovation or beside it.
     whole = law_of(np.random.default_rng(seed))
-    for found in (observer_wall(plants, law, rendering), observer_wall(plants, whole, rendering, (share,))):
-        ours = np.linalg.eigvals(found.maps[0, 0])
+    for built in (frozen.behind(law), frozen.behind(whole).at_slopes(dead_zone=share)):
+        ours = np.linalg.eigvals(closed(plants, built).maps[0])
         ours, theirs = (np.sort_complex(values[np.abs(values) > 1e-3]) for values in (ours, expected))
         assert len(ours) == len(theirs)
         distance = np.abs(ours[:, None] - theirs)
@@ -88,14 +89,14 @@ def test_its_eigenvalues_are_those_of_the_jacobian(seed):
         assert distance.min(axis=1).max() < 1e-6
 
 
-def at(law, rendering, frequency_hz, sample_time_s):
-    return force_over_position(rendering, np.exp(2j * np.pi * frequency_hz * sample_time_s), law)
+def at(law, stiffness, frequency_hz, sample_time_s):
+    whole = Law.gain(stiffness, sample_time_s).behind(law)
+    return whole.transfer(np.exp(2j * np.pi * frequency_hz * sample_time_s))
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_force_over_position_is_that_of_the_step_in_time(seed):
     law = believer(seed)
-    rendering = Rendering(np.array([[800.0, 0.0, 0.0]]), np.zeros((1, 3)))
     step, hz, t = state_feedback_step(law), 30.0, 1e-3
     rng = np.random.default_rng(seed)
     state, asked = np.zeros(len(step.states)), 0.0
@@ -112,7 +113,7 @@ def test_force_over_position_is_that_of_the_step_in_time(seed):
     last = slice(-2000, None)
     turn = np.exp(-2j * np.pi * hz * ticks[last] * t)
     expected = (np.array(forces)[last] @ turn) / (position[last] @ turn)
-    np.testing.assert_allclose(at(law, rendering, np.array([hz]), t)[0], expected, rtol=1e-6)
+    np.testing.assert_allclose(at(law, 800.0, np.array([hz]), t)[0], expected, rtol=1e-6)
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -122,8 +123,7 @@ def test_at_rest_the_wall_has_its_own_stiffness(seed):
     device = random_device(rng)
     stiffness = float(np.exp(rng.uniform(np.log(300), np.log(2e4))))
     law = regulator(device, Hands(), stiffness, GUESSES[seed % 3])
-    rendering = Rendering(np.array([[stiffness, 0.0, 0.0]]), np.zeros((1, 3)))
-    force = at(law, rendering, np.array([1e-7 / device.sample_time_s]), device.sample_time_s)[0]
+    force = at(law, stiffness, np.array([1e-7 / device.sample_time_s]), device.sample_time_s)[0]
     assert force.real == pytest.approx(stiffness, rel=1e-3)
 
 
@@ -134,10 +134,15 @@ def feedback(problem, guess, slower=1.0):
     return Coupling.constant(problem, Gains(0.0, 1e8), "x", Runtime(state_feedback=law))
 
 
-def radii(coupling, hands, shares, of_force=1.0):
+def radii(coupling, hands, shares, of_force):
     plants = Body.of(sampled_plant(coupling.problem.device, hands)).flat()
-    rendering = frozen_rendering(coupling.problem, 0.0, coupling.table.at_rest.stiffness_n_per_m)
-    return observer_wall(plants, coupling.runtime.state_feedback, rendering, shares, of_force).radius
+    law = law_at_rest(coupling)
+    return np.array(
+        [
+            closed(plants, law.at_slopes(dead_zone=e, force_limit=f)).radius
+            for e, f in zip(shares, of_force, strict=True)
+        ]
+    )
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(3, 8))])
@@ -149,8 +154,11 @@ def test_no_drawn_hand_and_share_is_worse_than_the_worst_that_is_found(seed):
     low, high = hand_ranges(problem.hands).T
     drawn = Hand(*(low + (high - low) * rng.random((500, 3))).T)
     found, slack = feedback_radius(made), 1e-6
-    assert radii(made, drawn, np.exp(rng.uniform(np.log(0.01), 0.0, 12))).max() <= found["dead-zone"].radius + slack
-    assert radii(made, drawn, 1.0).max() <= found["hands"].radius + slack
+    assert (
+        radii(made, drawn, np.exp(rng.uniform(np.log(0.01), 0.0, 12)), np.ones(12)).max()
+        <= found["dead-zone"].radius + slack
+    )
+    assert radii(made, drawn, [1.0], [1.0]).max() <= found["hands"].radius + slack
     clipped = radii(made, joined(drawn, no_hand()), np.ones(12), np.exp(rng.uniform(np.log(0.01), 0.0, 12)))
     assert clipped.max() <= found["clip"].radius + slack
 

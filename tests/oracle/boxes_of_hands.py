@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 
 from avc_casadi.files.problem_file import load_problem
-from avc_casadi.loops.wall import frozen_parts, linear_stability
+from avc_casadi.loops.wall import frozen_law, linear_stability
 from avc_casadi.loops.walls import in_contact
 from avc_casadi.model.hands import Hand, hand_ranges
 
@@ -59,7 +59,7 @@ def brute_force(problem, b, k, contact, points=9):
     """Largest spectral radius over a lattice of the box, (rows,)."""
     axes = [np.linspace(low, high, points) for low, high in hand_ranges(problem.hands)]
     hands = Hand(*np.array(list(itertools.product(*axes))).T)
-    return linear_stability(problem.device, frozen_parts(problem, b, k), contact, hands).radius.max(axis=1)
+    return linear_stability(problem.device, frozen_law(problem, b, k, contact), hands).radius.max(axis=1)
 
 
 def loop_radius(device, people, stiffness, damping):

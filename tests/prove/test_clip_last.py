@@ -92,12 +92,12 @@ def test_scene_is_the_law_of_first_principles(seed):
 def test_linear_part_is_that_of_the_frozen_loops(gains):
     problem = pressed((0.1, 5.0, 400.0), "clip-last")
     run = simulate(problem, gains)
-    part = ContactLaw.of(problem, *vars(gains).values()).rendering
-    before, stretch = run.position_m[0], 0.0
+    law = ContactLaw.of(problem, *vars(gains).values()).state_space
+    # The position before, and what the decaying part keeps.
+    state = np.array([run.position_m[0], 0.0])[: law.states]
     for x, force in zip(run.position_m, run.force_n, strict=True):
-        given = np.array([x, before, stretch])
-        assert force == pytest.approx(max(0.0, float(part.force[0] @ given)), abs=1e-8)
-        before, stretch = x, float(part.state[0] @ given)
+        assert force == pytest.approx(max(0.0, float(law.c[0] @ state + law.d[0, 0] * x)), abs=1e-8)
+        state = law.a @ state + law.b[:, 0] * x
     assert run.force_n.max() > 1
 
 

@@ -16,7 +16,7 @@ from avc_casadi.claims.prove.law import ContactLaw
 from avc_casadi.claims.prove.multiplier import verify
 from avc_casadi.claims.prove.rest import prove_rest
 from avc_casadi.loops.loop import Body
-from avc_casadi.loops.wall import closed, fraction_rendering, frozen_parts
+from avc_casadi.loops.wall import closed, frozen_law
 from avc_casadi.model.device import Device
 from avc_casadi.model.gains import Gains
 from avc_casadi.model.hands import Hand
@@ -147,13 +147,9 @@ def test_the_law_is_that_of_the_loop_in_contact(seed):
     observer = believer(int(random.integers(0, 100))) if random.random() < 0.5 else None
     law = ContactLaw.of(problem, *vars(gains).values(), observer)
     hand = Hand(*(np.array([value]) for value in (0.1, 6.0, 400.0)))
-    parts = frozen_parts(problem, np.array([gains.damping_ns_per_m]), np.array([gains.stiffness_n_per_m]))
-    contact = np.array([gains.contact_damping_ns_per_m])
-    rendering, plants = (
-        fraction_rendering(parts, contact, device.sample_time_s),
-        Body.of(sampled_plant(device, hand)).flat(),
-    )
-    values = np.linalg.eigvals(closed(plants, rendering, observer).maps[0])
+    frozen = frozen_law(problem, *vars(gains).values()).pick(0)
+    plants = Body.of(sampled_plant(device, hand)).flat()
+    values = np.linalg.eigvals(closed(plants, frozen.behind(observer)).maps[0])
     for value in values:
         if abs(value) < 0.3:
             continue

@@ -19,7 +19,8 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 
 from avc_casadi._util.json_values import plain
-from avc_casadi.loops.wall import Rendering, SampledLoop, fraction_rendering, fractions
+from avc_casadi.loops.wall import SampledLoop, fractions
+from avc_casadi.model.law import Law
 from avc_casadi.model.problem import Problem
 from avc_casadi.model.runtime import StateFeedback
 
@@ -126,8 +127,8 @@ class ContactLaw:
         return _inside(in_z)
 
     @property
-    def rendering(self) -> Rendering:
-        """The law behind the observer as a `Rendering` of one row."""
+    def state_space(self) -> Law:
+        """The law as the loops see it."""
         wall = SampledLoop(
             device_damping_ns_per_m=0.0,
             environment_damping_ns_per_m=self.wall_damping_ns_per_m,
@@ -137,7 +138,8 @@ class ContactLaw:
             model="sampled-data",
         )
         parts = fractions(wall, np.array([self.damping_ns_per_m]), np.array([self.stiffness_n_per_m]))
-        return fraction_rendering(parts, np.array([self.contact_damping_ns_per_m]), self.sample_time_s)
+        frozen = parts.law(self.contact_damping_ns_per_m, self.sample_time_s).pick(0)
+        return frozen.behind(self.state_feedback)
 
     def document(self) -> dict[str, Any]:
         """Return JSON values; an infinite gain is null."""

@@ -198,7 +198,7 @@ def _unstable(law: ContactLaw, device: Device, hand: Mapping[str, tuple[float, f
     hands = Hand(*np.append(corners, draws, axis=1))
     devices = device_corners(device, LINEAR_KEYS)
     body = Body.of(sampled_plant(devices, hands)).flat()
-    radius = closed(body, law.rendering, law.state_feedback).radius
+    radius = closed(body, law.state_space).radius
     worst_device, worst_hand = divmod(int(radius.argmax()), len(hands))
     if not radius.max() > 1 + _UNSTABLE:
         return None

@@ -13,7 +13,7 @@ from avc_casadi.claims.certify import Certificate, certify
 from avc_casadi.claims.deployable import ClaimName, Deployable, deployable
 from avc_casadi.claims.worst_frequency import real_part
 from avc_casadi.coupling import Coupling
-from avc_casadi.loops.wall import SampledLoop, force_over_position, fractions, frozen_rendering
+from avc_casadi.loops.wall import SampledLoop, fractions, law_at_rest
 from avc_casadi.model.gains import GainSchedule
 from avc_casadi.model.problem import Model, Problem
 from avc_casadi.paper import equations as eq
@@ -122,11 +122,7 @@ def causal_gains(coupling: Coupling) -> CausalGains:
     problem = coupling.problem
     loop = loop_at(problem, problem.frequencies_hz())
     z = np.exp(2j * np.pi * loop.angle.turns)
-    at_rest = coupling.table.at_rest
-    rendering = frozen_rendering(
-        problem, at_rest.damping_ns_per_m, at_rest.stiffness_n_per_m, at_rest.contact_damping_ns_per_m
-    )
-    force = force_over_position(rendering, z, coupling.runtime.state_feedback)
+    force = law_at_rest(coupling).transfer(z)
     rendered = force * np.asarray(eq.environment_impedance(loop.angle, problem.stability.model, 0.0, 1.0))
     with np.errstate(divide="ignore", invalid="ignore"):
         damping, stiffness = eq.coupling_gains(loop.angle, rendered * loop.environment / (loop.environment - rendered))

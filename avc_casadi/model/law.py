@@ -1,0 +1,278 @@
+"""The law that a loop closes around a plant: one discrete state space at the sample time of the device.
+
+    s+ = A s + B y,   u = C s + D y
+
+y holds what is measured, the position in m first, u is the commanded force in N, positive against +x. Small blocks
+(gain, difference, low pass) compile to these matrices in parallel (`+`), in series (`then`) or behind an observer
+(`behind`); whoever closes a loop sees the matrices alone. Leading axes hold many laws, as the rows of a gain table.
+
+What of a law is not linear stands beside it as a `Sector`. It belongs to the model, below the equations of the paper,
+because these, loops, claims, simulation and export all need it, and it needs numbers alone.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avc_casadi._util.arrays import ComplexArray, FloatArray
+from avc_casadi.model.runtime import StateFeedback
+
+Matrix = NDArray[Any]
+"""Matrices along the last two axes."""
+Values = float | FloatArray
+"""One number, or one for each law."""
+
+
+@dataclass(frozen=True)
+class Sector:
+    """A part of a law that is not linear, as its range of slopes: w = slope q.
+
+    The law reads w as a further input and gives q as a further output, in the order of its sectors. Its matrices are
+    those at the nominal slope: the further input is what w differs by, w - nominal q.
+    """
+
+    name: Literal["dead_zone", "force_limit"]
+    least: float = 0.0
+    most: float = 1.0
+    nominal: float = 1.0
+
+
+DEAD_ZONE = Sector("dead_zone")
+"""Share of an observer's innovation that passes its dead zone."""
+FORCE_LIMIT = Sector("force_limit")
+"""Share of the commanded force that its limit leaves; an observer knows what is left."""
+
+
+@dataclass(frozen=True, eq=False)
+class Law:
+    """A law, or many with the same states: A (..., n, n), B (..., n, inputs), C (..., outputs, n), D (..., o, i).
+
+    Attributes:
+        a, b, c, d: the matrices at the nominal slopes of the sectors.
+        sample_time_s: of the device.
+        sectors: what is not linear, each with an input and an output after those of the linear law.
+    """
+
+    a: Matrix
+    b: Matrix
+    c: Matrix
+    d: Matrix
+    sample_time_s: float
+    sectors: tuple[Sector, ...] = ()
+
+    @classmethod
+    def gain(cls, value: Values | ComplexArray, sample_time_s: float) -> Law:
+        """Return u = value y."""
+        d = np.asarray(value)[..., None, None]
+        leading = d.shape[:-2]
+        nothing = np.zeros((*leading, 0, 1))
+        return cls(np.zeros((*leading, 0, 0)), nothing, nothing.swapaxes(-1, -2), d, sample_time_s)
+
+    @classmethod
+    def difference(cls, sample_time_s: float) -> Law:
+        """Return u = (1 - 1/z) y: by how much y grew in the last sample."""
+        one = np.ones((1, 1))
+        return cls(0 * one, one, -one, one, sample_time_s)
+
+    @classmethod
+    def low_pass(cls, pole: Values, sample_time_s: float) -> Law:
+        """Return u = (1 - p)/(1 - p/z) y."""
+        p = np.asarray(pole, dtype=np.float64)[..., None, None]
+        return cls(p, 1 - p, p, 1 - p, sample_time_s)
+
+    @classmethod
+    def spring_damper(
+        cls, stiffness_n_per_m: Values, damping_ns_per_m: Values, sample_time_s: float, pole: float = 0.0
+    ) -> Law:
+        """Return u = k y + b v, v the backward difference of y behind a low pass with a pole; 0 is none."""
+        velocity = cls.difference(sample_time_s)
+        if pole:
+            velocity = velocity.then(cls.low_pass(pole, sample_time_s))
+        # Of the growth in a sample, not of its rate: all states are lengths, which keeps digits.
+        return cls.gain(stiffness_n_per_m, sample_time_s) + velocity.times(np.asarray(damping_ns_per_m) / sample_time_s)
+
+    @property
+    def states(self) -> int:
+        """Number of states n."""
+        return int(self.a.shape[-1])
+
+    @property
+    def measured(self) -> int:
+        """Number of measured inputs."""
+        return int(self.b.shape[-1]) - len(self.sectors)
+
+    @property
+    def outputs(self) -> int:
+        """Number of outputs, those to the sectors apart."""
+        return int(self.c.shape[-2]) - len(self.sectors)
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """The leading axes."""
+        return np.broadcast_shapes(*(part.shape[:-2] for part in (self.a, self.b, self.c, self.d)))
+
+    def pick(self, index: Any) -> Law:
+        """Return some of many laws, by an index of the leading axes."""
+        a, b, c, d = (
+            np.broadcast_to(part, (*self.shape, *part.shape[-2:]))[index] for part in (self.a, self.b, self.c, self.d)
+        )
+        return Law(a, b, c, d, self.sample_time_s, self.sectors)
+
+    def times(self, factor: Values) -> Law:
+        """Return the law with its force times a factor."""
+        states, measured, slopes = _signals(self.states, self.measured, len(self.sectors))
+        later, force, inner = self._sample(states, measured, slopes)
+        return self._compiled([later], [np.asarray(factor)[..., None, None] * force, inner], self.sectors)
+
+    def __add__(self, other: Law) -> Law:
+        """Return the sum of two laws of the same inputs."""
+        states, others, measured, slopes, other_slopes = _signals(
+            self.states, other.states, self.measured, len(self.sectors), len(other.sectors)
+        )
+        later, force, inner = self._sample(states, measured, slopes)
+        others_later, other_force, other_inner = other._sample(others, measured, other_slopes)
+        outputs = [force + other_force, inner, other_inner]
+        return self._compiled([later, others_later], outputs, self.sectors + other.sectors)
+
+    def then(self, following: Law) -> Law:
+        """Return both in series: the following law acts on the output of this one."""
+        states, others, measured, slopes, other_slopes = _signals(
+            self.states, following.states, self.measured, len(self.sectors), len(following.sectors)
+        )
+        later, output, inner = self._sample(states, measured, slopes)
+        others_later, force, other_inner = following._sample(others, output, other_slopes)
+        return self._compiled([later, others_later], [force, inner, other_inner], self.sectors + following.sectors)
+
+    def behind(self, observer: StateFeedback | None) -> Law:
+        """Return the law of the position that an observer gives, which knows the force that is left by its limit.
+
+        With y the measured position, e the share of the innovation y - s_m that passes the dead zone, p the position
+        that this law acts on and F its force, a sample is that of `StateFeedback`:
+
+            s+ = s + L e,   p = R s+,   F by this law from p,   then s = A s+ + B F.
+
+        The dead zone and the limit of F are sectors, of which all passes where nothing is said.
+        """
+        if observer is None:
+            return self
+        estimate, states, measured, slopes, passes_more, force_more = _signals(
+            observer.states, self.states, self.measured, len(self.sectors), 1, 1
+        )
+        innovation = measured[:1] - estimate[[observer.measures]]
+        corrected = estimate + np.outer(observer.innovation, innovation + passes_more)
+        position = np.array(observer.feedback)[None] @ corrected
+        later, force, inner = self._sample(states, np.concatenate([position, measured[1:]]), slopes)
+        left = force + force_more
+        predicted = np.array(observer.state) @ corrected + np.array(observer.force_m_per_n)[:, None] * left
+        sectors = (*self.sectors, DEAD_ZONE, FORCE_LIMIT)
+        return self._compiled([predicted, later], [left, inner, innovation, force], sectors)
+
+    def _sample(self, states: Matrix, measured: Matrix, slopes: Matrix) -> tuple[Matrix, Matrix, Matrix]:
+        """Return the next states, the force and what the sectors read, as rows over the same signals as the inputs."""
+        inputs = np.concatenate([measured, slopes], axis=-2) if self.sectors else measured
+        outputs = self.c @ states + self.d @ inputs
+        return self.a @ states + self.b @ inputs, outputs[..., : self.outputs, :], outputs[..., self.outputs :, :]
+
+    def _compiled(self, states: Sequence[Matrix], outputs: Sequence[Matrix], sectors: tuple[Sector, ...]) -> Law:
+        """Return the law of rows over its signals: states first, then the measured inputs, then those of sectors."""
+        leading = np.broadcast_shapes(*(rows.shape[:-2] for rows in (*states, *outputs)))
+        parts = [np.broadcast_to(rows, (*leading, *rows.shape[-2:])) for rows in (*states, *outputs)]
+        whole, size = np.concatenate(parts, axis=-2), sum(rows.shape[-2] for rows in states)
+        return Law(
+            a=whole[..., :size, :size],
+            b=whole[..., :size, size:],
+            c=whole[..., size:, :size],
+            d=whole[..., size:, size:],
+            sample_time_s=self.sample_time_s,
+            sectors=sectors,
+        )
+
+    @property
+    def linear(self) -> Law:
+        """The law at the nominal slopes of its sectors, without these."""
+        if not self.sectors:
+            return self
+        return Law(
+            a=self.a,
+            b=self.b[..., : self.measured],
+            c=self.c[..., : self.outputs, :],
+            d=self.d[..., : self.outputs, : self.measured],
+            sample_time_s=self.sample_time_s,
+        )
+
+    def at_slopes(self, **slopes: Values) -> Law:
+        """Return the linear law at slopes of sectors by name, those that are not named nominal.
+
+        With W the slopes less the nominal ones and w = W q, q = C_q s + D_q y + D_qq w: w = (1 - W D_qq)^-1 W (C_q s +
+        D_q y), which enters by the sectors' columns of B and D.
+        """
+        off = [np.asarray(slopes.pop(sector.name, sector.nominal)) - sector.nominal for sector in self.sectors]
+        if slopes:
+            raise ValueError(f"the law has no sector {', '.join(slopes)}")
+        if not off:
+            return self
+        eye = np.eye(len(off))
+        change = np.stack(np.broadcast_arrays(*off), axis=-1)[..., None] * eye
+        to_sectors, from_sectors = slice(self.outputs, None), slice(self.measured, None)
+        closed = np.linalg.solve(eye - change @ self.d[..., to_sectors, from_sectors], change)
+        of_states = closed @ self.c[..., to_sectors, :]
+        of_measured = closed @ self.d[..., to_sectors, : self.measured]
+        linear, into_states, into_force = (
+            self.linear,
+            self.b[..., from_sectors],
+            self.d[..., : self.outputs, from_sectors],
+        )
+        return Law(
+            a=linear.a + into_states @ of_states,
+            b=linear.b + into_states @ of_measured,
+            c=linear.c + into_force @ of_states,
+            d=linear.d + into_force @ of_measured,
+            sample_time_s=self.sample_time_s,
+        )
+
+    @cached_property
+    def rest(self) -> FloatArray:
+        """States s = A s + B at which the law rests where the position is 1 m, shape (..., n); 0 where it never rests.
+
+        An integral never rests; a law that does and gives no force then leaves a released device at rest anywhere.
+        """
+        change = np.eye(self.states) - self.a
+        rests = np.abs(np.linalg.det(change)) > 0
+        solvable = np.where(rests[..., None, None], change, np.eye(self.states))
+        states = np.linalg.solve(solvable, np.broadcast_to(self.b[..., :1], (*change.shape[:-1], 1)))[..., 0]
+        return np.where(rests[..., None], states, 0.0)
+
+    def transfer(self, z: ComplexArray) -> ComplexArray:
+        """Return u over the measured position, C (z - A)^-1 B + D, N/m; the axes of z end with those of the laws."""
+        linear = self.linear
+        through = linear.d[..., 0, 0]
+        if not self.states:
+            return np.broadcast_to(through, np.broadcast_shapes(np.shape(z), linear.shape)).astype(np.complex128)
+        pencil = np.asarray(z)[..., None, None] * np.eye(self.states) - linear.a
+        inputs = np.broadcast_to(linear.b[..., :1], (*pencil.shape[:-1], 1)).astype(np.complex128)
+        states = np.linalg.solve(pencil, inputs)[..., 0]
+        return np.asarray((linear.c[..., 0, :] * states).sum(axis=-1) + through)
+
+    def noise_gain(self) -> float:
+        """Return the rms of the force over that of white noise of the position: the root of the sum of h_n^2.
+
+        h is the response to one sample: D, then C A^n B. With P = A P A' + B B' the sum is D^2 + C P C'.
+        """
+        linear = self.linear
+        eye = np.eye(self.states**2)
+        outer = (linear.b @ linear.b.T).ravel()
+        covariance = np.linalg.solve(eye - np.kron(linear.a, linear.a), outer).reshape(self.states, self.states)
+        return math.sqrt(float(linear.d[0, 0] ** 2 + (linear.c @ covariance @ linear.c.T)[0, 0]))
+
+
+def _signals(*counts: int) -> list[Matrix]:
+    """Return the rows of named groups of signals, each over all of them."""
+    rows = np.eye(sum(counts))
+    return np.split(rows, np.cumsum(counts)[:-1])
