@@ -3,12 +3,68 @@
 from __future__ import annotations
 
 import argparse
+from shlex import quote
 
 import avc_casadi as avc
 from avc_casadi.cli import arguments as cli
 from avc_casadi.cli.console import Console
 from avc_casadi.present import rows
 from avc_casadi.present.row import Answer
+
+
+@cli.verb(
+    cli.argument("problem", metavar="P", text="problem to judge against; or a coupling file, which has its own"),
+    cli.argument("gains", metavar="GAINS", nargs="?", text="coupling or gain file, .json or .csv"),
+    cli.flag("--prove", "ask for a proof of rest (L7), seconds a row: proved, refuted (with the hand) or open (why)"),
+    cli.argument("--proof-out", metavar="DIR", text="--prove, and write proofs and witnesses"),
+    cli.argument("--k", "--kp", type=float, metavar="K", text="own law: spring, N/m; N.m/rad of a device that turns"),
+    cli.argument("--b", "--kd", type=float, metavar="B", text="own law: damper in the wall, N.s/m or N.m.s/rad"),
+    cli.argument("--b-p", type=float, metavar="B", text="own law: damper that acts outside the wall too"),
+    cli.argument("--cutoff-hz", type=float, metavar="F", text="own law: first-order filter of the velocity (none)"),
+    cli.VERBOSE,
+)
+def run_certify(args: argparse.Namespace, console: Console) -> Answer:
+    """Say whether a coupling may be deployed, and which stability claims it meets.
+
+    It may where it is stable with every hand of [hands] and released; exit code 1 if not. Or of your own law in place
+    of GAINS, force = -(k x + (b + b_p) v): avc certify P --k 230 --b 1.2; what is left out is 0, the wall of P is not
+    used, P may be a device file, and to another end they are K, B and the damper of the device's own loop. --prove
+    proves rest (L7) over the device's ranges, without friction.
+    """
+    from avc_casadi.claims.own_law import law_problem
+    from avc_casadi.cli import ends
+
+    law = {key: getattr(args, key) for key in ("k", "b", "b_p", "cutoff_hz") if getattr(args, key) is not None}
+    if law:
+        cli.refuse(args, "prove", "proof_out", "gains", why="goes with a file of gains, not with --k, --b")
+        problem = law_problem(args.problem)
+        return ends.law_certified(problem.end, problem, law, args, console)
+    problem, coupling, notes = cli.subject(args.problem, args.gains)
+    if coupling is None:
+        allowed = f"a file of gains (avc recommend {quote(args.problem)} --out c.json), or a law: --k K --b B"
+        raise avc.InputError.of(f"is missing; allowed: {allowed}", key="GAINS")
+    return ends.certified(coupling.end, coupling, ends.Subject(problem, coupling, notes), args, console)
+
+
+@cli.verb(
+    cli.argument("problem", metavar="P", text="problem file or name of the catalogue; or a coupling file"),
+    cli.argument("--gains", metavar="GAINS", text="coupling or gain file in place of the scene's own coupling"),
+    cli.argument("--against", metavar="C1,C2", text="draw others too: up to 3 of none and the methods"),
+    cli.argument("--seed", type=int, default=0, metavar="S", text="other draws of all noises (default 0)"),
+    cli.output("--trace", "write all traces (.npz) and a manifest beside them (.json)", ".npz"),
+    cli.plot("the run"),
+    cli.VERBOSE,
+)
+def run_simulate(args: argparse.Namespace, console: Console) -> Answer:
+    """Simulate the scene of a problem: whether the device settles, and what is rendered.
+
+    With its listed effects, or a hand, a wall and all that the device declares; -v tells what each adds. Exit code 1
+    if it does not settle.
+    """
+    from avc_casadi.cli import ends
+
+    subject = ends.Subject(*cli.subject(args.problem, args.gains))
+    return ends.simulated(subject.problem.end, subject, args, console)
 
 
 @cli.verb(
