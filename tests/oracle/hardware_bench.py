@@ -19,6 +19,7 @@ from host_device import HOST_INSTALL, HostCore, HostLink, build_host
 import avc_hardware
 from avc_casadi import Problem, load_problem
 from avc_casadi.coupling import Coupling
+from avc_casadi.model.ends import Wall
 from avc_casadi.model.gains import Gains, GainSchedule, GainTable, Status
 from avc_casadi.model.runtime import Runtime, StateFeedback
 from avc_casadi.simulation.emit import PRECISIONS
@@ -35,7 +36,7 @@ stream = functools.partial(avc_hardware.stream, unsafe=True)
 
 @functools.cache
 def _exported(coupling: Coupling, precision: str, name: str) -> dict[str, str]:
-    if coupling.end == "wall":
+    if isinstance(coupling.end, Wall):
         return avc_hardware.export_c(coupling, precision=precision, name=name, unsafe=True)
     assert name == NAME
     return pair_files(coupling, PRECISIONS[precision], "not judged: gains of a bench")
