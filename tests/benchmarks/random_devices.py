@@ -19,19 +19,29 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+sys.path.append(str(Path(__file__).parents[1] / "oracle"))
+
+from hardware_bench import export_c  # found beside the tests
 from studied import about, computed, cpu_seconds, expected_n_per_m, felt_n_per_m, made_by, rounded, table
+from whole_device import WholeDevice, people, rests_as_tried
 
 import avc_casadi as avc
+from avc_casadi.coupling import Coupling
+from avc_casadi.loops.margins import OpenLoop
 from avc_casadi.loops.walls import stiffest_wall
 from avc_casadi.model.hands import hand_corners, with_released
 from avc_casadi.model.problem import Problem
-from avc_casadi.simulation.population.operators import draw_hands
+from avc_casadi.recommendation.rank import impedance_error
+from avc_casadi.simulation.population.operators import draw_hands, loose_grips
 from avc_casadi.simulation.population.trial import CouplingTrial, exact_interval, try_coupling
 
 SEED = 3355
 # Of the hands that `recommend` tries, and of those it never saw.
 OWN_SEED, FRESH_SEED = 0, 4711
 PEOPLE, FRESH = 100, 200
+# In the plant of other code; who still moves is watched for so long.
+FOREIGN, LOOSE, LONGEST_S = 100, 50, 8.0
 # As many processes as `avc recommend` has.
 WORKERS = 2
 OUT = Path(__file__).parent / "results" / "random_devices.json"
@@ -99,6 +109,27 @@ def cell(index: int, seed: int = SEED) -> dict[str, Any]:
         "felt_n_per_m": felt_n_per_m(found.trial),
         "claimed": _counts(found.trial),
         "fresh": _counts(fresh),
+        "impedance_error": float(impedance_error(found.coupling)),
+        "disk_margin": float(OpenLoop.of(found.coupling).least().disk),
+        "plant": on_the_plant(found.coupling),
+    }
+
+
+def on_the_plant(coupling: Coupling) -> dict[str, int]:
+    """Count who comes to rest with the exported C in a plant of other code (`tests/oracle/whole_device.c`).
+
+    A hundred hands, corners first, and fifty loose grips: in the three motions of a trial, with the declared friction
+    and without.
+    """
+    device, hands = coupling.problem.device, coupling.problem.hands
+    bench = WholeDevice(device, export_c(coupling))
+    drawn = people(hands, FOREIGN - 8, OWN_SEED)
+    loose = [tuple(row) for row in np.array([*vars(loose_grips(hands, LOOSE, FRESH_SEED)).values()]).T]
+    return {
+        "at_rest": int(rests_as_tried(bench, device, drawn, longest_s=LONGEST_S).sum()),
+        "without_friction": int(rests_as_tried(bench, device, drawn, friction=0.0, longest_s=LONGEST_S).sum()),
+        "loose": int(rests_as_tried(bench, device, loose, longest_s=LONGEST_S).sum()),
+        "loose_without_friction": int(rests_as_tried(bench, device, loose, friction=0.0, longest_s=LONGEST_S).sum()),
     }
 
 
@@ -135,7 +166,11 @@ interval**: the fresh share lies below the lower end of the exact interval of th
 
 {claims}
 
-## Beside the limit of spring and damper
+## Accuracy, and the exported C in a plant of other code
+
+{accuracy}
+
+## Next to the limit of spring and damper
 
 {plain}
 
@@ -184,6 +219,7 @@ def write_page(document: dict[str, Any]) -> None:
             made_by=made_by(document["about"]),
             count=len(every),
             claims=claims,
+            accuracy=_accuracy(found),
             plain=_plain_text(cells, found),
             seconds=_seconds(cells),
             standing=_standing(found, crashed),
@@ -203,6 +239,24 @@ def _plain_text(cells: dict[str, Any], found: dict[str, Any]) -> str:
         f"Recommended: {said}. The wall itself is reached on {reached} of {len(cells)}; the recommended wall is "
         f"{min(gain, default=np.nan):.2g} to {max(gain, default=np.nan):.2g} times what spring and damper can hold at "
         f"most, or the wall where that is less (median {np.median(gain) if gain else np.nan:.3g})."
+    )
+
+
+def _accuracy(found: dict[str, Any]) -> str:
+    """Return errors, disk margins and who rests in the plant of other code."""
+    if not found:
+        return ""
+    errors = 100 * np.array([cell["impedance_error"] for cell in found.values()])
+    disks = np.array([cell["disk_margin"] for cell in found.values()])
+    settled = {key: sum(cell["plant"][key] for cell in found.values()) for key in next(iter(found.values()))["plant"]}
+    hands, loose = FOREIGN * len(found), LOOSE * len(found)
+    return (
+        f"Largest impedance error from 1 to 30 Hz, of the linear loop: median {np.median(errors):.3g} %, nine in ten "
+        f"below {np.quantile(errors, 0.9):.3g} %. Least disk margin {disks.min():.3f}, median {np.median(disks):.3f}."
+        "\n\n"
+        f"At rest after the three motions of a trial, of {hands} hands: {settled['at_rest']} with the declared "
+        f"friction, {settled['without_friction']} without. Of {loose} loose grips: {settled['loose']} with friction, "
+        f"{settled['loose_without_friction']} without."
     )
 
 
