@@ -21,15 +21,16 @@ from avc_casadi._util.json_values import Document
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi._util.text import quantity
 from avc_casadi.claims.certify import Certificate, certify
-from avc_casadi.claims.hands import WorstLoops, every_hand, feedback_radius, released, search_text
+from avc_casadi.claims.hands import search_text, worst_case_behind_observer, worst_case_over_hands
 from avc_casadi.coupling import Coupling, require_coupling
 from avc_casadi.loops.margins import LEAST_DISK, OpenLoop
+from avc_casadi.loops.plant_family import DRAWS, PlantFamily, WorstCase
 from avc_casadi.loops.wall import frozen_law
 from avc_casadi.loops.walls import damping_range, in_contact, stiffest_wall
-from avc_casadi.model.corners import LINEAR_KEYS, device_corners, device_ranges, linear_values
+from avc_casadi.model.corners import linear_values
 from avc_casadi.model.device import Device
 from avc_casadi.model.gains import GainTable
-from avc_casadi.model.hands import hand_set, hand_text, joined, no_hand
+from avc_casadi.model.hands import hand_text
 from avc_casadi.model.problem import Problem
 from avc_casadi.model.runtime import Runtime
 
@@ -42,6 +43,13 @@ ClaimName = Literal[
     "hands", "let-go", "dead-zone", "clip", "detent", "detent-hands", "detent-let-go", "disk-margin", "renders"
 ]
 """Claims of a verdict, by the names of its document."""
+
+# So many verdicts are kept of a table.
+_KEPT_VERDICTS = 32
+# A disk margin that is this share of a required one is taken for it.
+_TAKEN_FOR_REQUIRED = 0.97
+# Imaginary part of a pole below which it does not swing but for rounding.
+_NO_SWING = 1e-6
 
 
 @dataclass(frozen=True)
@@ -122,18 +130,23 @@ def deployable(coupling: Coupling, progress: Progress = SILENT) -> Deployable:
             return verdict
     verdict = _verdict(coupling, progress)
     if verdict.passed and coupling.problem.device.mass_kg > 0:  # released, a massless device has no loop
-        margin = min(one.disk for one in OpenLoop.of(coupling).margins())
-        requirement = coupling.problem.robustness.disk_margin
-        # Of a margin that is asked for, 0.97 is taken for it.
-        least, claims = LEAST_DISK if requirement is None else 0.97 * requirement, verdict.claims
-        if margin < least:
-            why = f"a disk margin of {margin:.2g}, below {least:.2g}: vibrates at another motor constant"
-            advice = "take `avc recommend P`, soften the wall, or require less by [robustness] disk_margin"
-            claims += (DeployClaim("disk-margin", False, why, advice),)
-        verdict = Deployable(claims, margin)
+        verdict = _with_disk_margin(verdict, coupling)
     verdicts.append((coupling.problem, runs, numbers, verdict))
-    del verdicts[:-32]
+    del verdicts[:-_KEPT_VERDICTS]
     return verdict
+
+
+def _with_disk_margin(verdict: Deployable, coupling: Coupling) -> Deployable:
+    """Return the verdict with the disk margin of the gains at rest, a claim where that is too small."""
+    margin = min(margins.disk for margins in OpenLoop.of(coupling).margins())
+    requirement = coupling.problem.robustness.disk_margin
+    least = LEAST_DISK if requirement is None else _TAKEN_FOR_REQUIRED * requirement
+    claims = verdict.claims
+    if margin < least:
+        why = f"a disk margin of {margin:.2g}, below {least:.2g}: vibrates at another motor constant"
+        advice = "take `avc recommend P`, soften the wall, or require less by [robustness] disk_margin"
+        claims += (DeployClaim("disk-margin", False, why, advice),)
+    return Deployable(claims, margin)
 
 
 def _verdict(coupling: Coupling, progress: Progress) -> Deployable:
@@ -193,42 +206,46 @@ def _frozen_claims(
 ) -> tuple[DeployClaim, ...]:
     """Return the claims of frozen gains: stable with every hand, and released."""
     law = frozen_law(problem, *gains)
-    held = every_hand(problem, law, progress=progress)
-    free = released(problem, law, progress)
+    family = PlantFamily.of(problem)
+    held = worst_case_over_hands(family, law, progress=progress)
+    released = worst_case_over_hands(family.released, law, draws=0, progress=progress)
 
-    def claim(name: ClaimName, worst: WorstLoops, passing: str) -> DeployClaim:
-        row = int(np.argmax(worst.radius))
-        hand, failed = worst.hands.values(row), np.count_nonzero(~worst.stable)
-        who = f"with {hand_text(hand, problem.units.unit)}" if any(hand.values()) else "when released"
-        count = f"({failed} of {len(frequency)} gains judged)"
-        where = "" if len(frequency) == 1 else f" at {frequency[row]:.4g} Hz {count}"
-        failing = who + where + _on(problem, worst.devices[row])
-        return _claim(name, not failed, float(worst.radius[row]), passing, failing)
+    def claim(name: ClaimName, cases: list[WorstCase], passing: str) -> DeployClaim:
+        row = max(range(len(cases)), key=lambda row: cases[row].radius)
+        failed = sum(not case.stable for case in cases)
+        where = (
+            "" if len(frequency) == 1 else f" at {frequency[row]:.4g} Hz ({failed} of {len(frequency)} gains judged)"
+        )
+        failing = _who(problem, cases[row]) + where + _on(problem, cases[row].device)
+        return _claim(name, not failed, cases[row].radius, passing, failing)
 
-    every = f"with every hand of [hands] (worst by {search_text(problem, 24, 0)})"
-    return claim("hands", held, every), claim("let-go", free, "when released")
+    with_all = f"with every hand of [hands] (worst by {search_text(problem, DRAWS, 0)})"
+    return claim("hands", held, with_all), claim("let-go", released, "when released")
 
 
 def _feedback_claims(coupling: Coupling) -> tuple[DeployClaim, ...]:
-    every = "with every hand of [hands] (worst by search)"
+    with_all = "with every hand of [hands] (worst by search)"
     passing: dict[ClaimName, str] = {
-        "hands": every,
+        "hands": with_all,
         "let-go": "when released",
-        "dead-zone": f"{every}, whatever share of the innovation passes the dead zone",
-        "clip": f"{every} and released, whatever share of the force its clip leaves",
+        "dead-zone": f"{with_all}, whatever share of the innovation passes the dead zone",
+        "clip": f"{with_all} and released, whatever share of the force its clip leaves",
     }
-    found = []
-    worst_of = feedback_radius(coupling)
+    shares = {"dead-zone": "innovation passes the dead zone", "clip": "force is left by its clip"}
+    claims = []
+    worst_of = worst_case_behind_observer(coupling)
     for name, passes in passing.items():
         worst = worst_of[name]
-        who = hand_text(worst.hand, coupling.problem.units.unit)
-        failing = f"with {who}" if any(worst.hand.values()) else "when released"
-        failing += _on(coupling.problem, worst.device)
-        if name in {"dead-zone", "clip"}:
-            of = "innovation passes the dead zone" if name == "dead-zone" else "force is left by its clip"
-            failing += f" where {worst.share:.3g} of the {of}"
-        found.append(_claim(name, worst.stable, worst.radius, passes, failing))
-    return tuple(found)
+        failing = _who(coupling.problem, worst) + _on(coupling.problem, worst.device)
+        if name in shares:
+            failing += f" where {worst.values['share']:.3g} of the {shares[name]}"
+        claims.append(_claim(name, worst.stable, worst.radius, passes, failing))
+    return tuple(claims)
+
+
+def _who(problem: Problem, worst: WorstCase) -> str:
+    """Return with which hand, in words."""
+    return f"with {hand_text(worst.hand, problem.units.unit)}" if any(worst.hand.values()) else "when released"
 
 
 def _claim(name: ClaimName, stable: bool, radius: float, passing: str, failing: str) -> DeployClaim:
@@ -241,7 +258,7 @@ def _claim(name: ClaimName, stable: bool, radius: float, passing: str, failing: 
 def _on(problem: Problem, device: Device) -> str:
     """Return the name of a device within its ranges; none where it has none."""
     values = linear_values(device)
-    ends = [f"{key} {values[key]:.4g}" for key in device_ranges(problem.device, LINEAR_KEYS)]
+    ends = [f"{key} {values[key]:.4g}" for key in PlantFamily.of(problem).device_ranges]
     return f" (device {', '.join(ends)})" if ends else ""
 
 
@@ -301,21 +318,23 @@ def detent_claim(problem: Problem) -> DeployClaim:
     detent = problem.detent
     if detent is None:
         raise ValueError("the problem has no detents")
-    slope, damping = detent.slope_n_per_m, detent.damping_ns_per_m
-    spring, damper = (partial(quantity, unit=problem.units.unit(one)) for one in ("N/m", "N.s/m"))
-    people = joined(hand_set(problem.hands), no_hand())
-    valley, top = (in_contact(problem.device, people, sign * slope, damping).poles for sign in (1.0, -1.0))
+    slope = detent.slope_n_per_m
+    damping = detent.damping_ns_per_m
+    spring = partial(quantity, unit=problem.units.unit("N/m"))
+    damper = partial(quantity, unit=problem.units.unit("N.s/m"))
+    family = PlantFamily.of(problem).drawn()
+    valley, top = (in_contact(family.devices, family.hands, sign * slope, damping).poles for sign in (1.0, -1.0))
     radius = float(np.abs(valley).max())
     leaving = top[np.abs(top) >= 1]
-    if radius < 1 and not (np.abs(leaving.imag) > 1e-6).any():
-        corners = len(device_corners(problem.device, LINEAR_KEYS))
-        held = int((np.abs(top).max(axis=-1).reshape(corners, -1).max(axis=0) < 1).sum())
+    if radius < 1 and not (np.abs(leaving.imag) > _NO_SWING).any():
+        hands = len(family.hands)
+        held = int((np.abs(top).max(axis=-1).reshape(len(family.devices), hands).max(axis=0) < 1).sum())
         quickest = float(np.log(np.abs(leaving)).max()) / problem.device.sample_time_s if len(leaving) else math.nan
-        rest = "" if held == len(people) else f", the others leave it without swinging, by e in {1 / quickest:.3g} s"
+        rest = "" if held == hands else f", the others leave it without swinging, by e in {1 / quickest:.3g} s"
         sentence = (
             f"detents: in a valley, a spring of {spring(slope)}, linearly stable with every hand of [hands] and "
             f"released, spectral radius {radius:.6g} at most; at a top, a spring of {spring(-slope)}, {held} of "
-            f"{len(people)} hands, one of them none, hold it{rest}"
+            f"{hands} hands, one of them none, hold it{rest}"
         )
         return DeployClaim("detent", True, sentence, "", radius)
     where = (
@@ -323,11 +342,11 @@ def detent_claim(problem: Problem) -> DeployClaim:
         if radius >= 1
         else f"at a top, a spring of {spring(-slope)}: what leaves it swings"
     )
-    found = damping_range(problem.device, people, slope)
-    if math.isfinite(found.lowest_ns_per_m):
-        advice = f"give the detents a damping of {damper(found.lowest_ns_per_m)} to {damper(found.highest_ns_per_m)}, "
+    holds = damping_range(family, slope)
+    if math.isfinite(holds.lowest_ns_per_m):
+        advice = f"give the detents a damping of {damper(holds.lowest_ns_per_m)} to {damper(holds.highest_ns_per_m)}, "
         advice += "or make the detents weaker or wider"
     else:
-        most = stiffest_wall(problem.device, people).stiffness_n_per_m
+        most = stiffest_wall(family).stiffness_n_per_m
         advice = f"make the detents weaker or wider: no damping holds a slope above {spring(most)}"
     return DeployClaim("detent", False, f"detents: linearly unstable {where}", advice, radius)

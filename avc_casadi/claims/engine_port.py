@@ -23,15 +23,15 @@ from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.arrays import ComplexArray, FloatArray
 from avc_casadi.claims.levels import ideal
 from avc_casadi.claims.llewellyn import llewellyn_margin
-from avc_casadi.loops.engine import Clock, Engine, clocks
+from avc_casadi.loops.engine import Clock, EngineLoop, clocks
 from avc_casadi.loops.loop import Body
-from avc_casadi.loops.system import TOLERANCE
+from avc_casadi.loops.loop_family import TOLERANCE
+from avc_casadi.loops.plant_family import PlantFamily
 from avc_casadi.loops.wall import SampledLoop
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners
 from avc_casadi.model.device import Device
 from avc_casadi.model.ends import End, Simulation, ToolGains, ToolState
-from avc_casadi.model.hands import hand_corners, with_released
-from avc_casadi.model.plant import SampledPlant, sampled_plant
+from avc_casadi.model.plant import SampledPlant
 from avc_casadi.model.problem import Hands, Problem
 
 # Angles per step: evenly spaced, a quarter as many spaced logarithmically from the smallest on, up to where these meet.
@@ -115,11 +115,11 @@ class _Lowest:
 def engine_port(device: Device, hands: Hands, tool: Simulation, gains: ToolGains) -> EnginePort:
     """Return the passivity of a coupling at the engine's port; the tool's mass and its contacts do not enter."""
     t = device.sample_time_s
-    people = with_released(hand_corners(hands))
+    family = PlantFamily.between(device, hands)
     if tool.integrator == "exact" or tool.substeps > 1:
         why = "passivity at the engine's port is known of steps by the new velocity, one for each force of the coupling"
         raise UnsupportedError(f"{why}; the spectral radius of the lifted loop judges it", key="simulation.integrator")
-    plant = sampled_plant(device_corners(device, LINEAR_KEYS), people)
+    plant = family.sampled
     lowest_of_steps = []
     for step_s in sorted(set(tool.step_s)):
         clock = clocks(step_s, t)[0]
@@ -137,7 +137,7 @@ def engine_port(device: Device, hands: Hands, tool: Simulation, gains: ToolGains
         passive=lowest.real_ns_per_m >= -tolerance,
         margin_ns_per_m=lowest.real_ns_per_m,
         frequency_hz=lowest.angle / (2 * np.pi * step_s),
-        hand=people.values(lowest.row % len(people)),
+        hand=family.hands.values(lowest.row % len(family.hands)),
         step_s=step_s,
         any_hand=None if llewellyn is None else llewellyn >= -tolerance,
         any_hand_margin_ns_per_m=llewellyn,
@@ -170,7 +170,7 @@ class _Port:
 
     def __init__(self, plant: SampledPlant, clock: Clock, tool: Simulation, gains: ToolGains) -> None:
         fixed = ToolState(math.inf, 0.0, 0.0, 0.0)
-        self._engine = Engine(Body.of(plant), clock, tool, [fixed])
+        self._engine = EngineLoop(Body.of(plant), clock, tool, [fixed])
         self._gains = gains
         self._late = PortDelays.of(tool)
         self._held_force = tool.exchange == "held-force"

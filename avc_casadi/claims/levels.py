@@ -19,8 +19,9 @@ from avc_casadi.claims.llewellyn import llewellyn_margin
 from avc_casadi.claims.port import CouplingSlack, RenderingSlack, passive_hand, port_worst
 from avc_casadi.claims.worst_frequency import RELATIVE_TOLERANCE, lowest_of, worst_margin
 from avc_casadi.coupling import Coupling
-from avc_casadi.loops.wall import RADIUS_TOLERANCE, SampledLoop, fractions, linear_stability, rigid
-from avc_casadi.model.corners import LINEAR_KEYS, device_corners
+from avc_casadi.loops.plant_family import RADIUS_TOLERANCE, PlantFamily
+from avc_casadi.loops.wall import SampledLoop, fractions, linear_stability, rigid
+from avc_casadi.model.corners import device_corners
 from avc_casadi.model.device import Device
 from avc_casadi.model.gains import GainSchedule
 from avc_casadi.model.problem import Model, Problem
@@ -292,60 +293,75 @@ def _read_level(name: str, values: Mapping[str, Any]) -> LevelResult:
     )
 
 
-def level_result(
-    rows: Rows,
-    level: str,
-    model: Model,
-    claim: str,
-    passed: BoolArray,
-    margin: FloatArray,
-    frequency: FloatArray,
-    tolerance: FloatArray,
-    faults: list[str] | None = None,
-) -> LevelResult:
-    """Summarise the present rows: the worst is the lowest margin among those that fail, or else among all.
+@dataclass(frozen=True, eq=False)
+class RowMargins:
+    """What a level finds of each of p present rows.
+
+    Attributes:
+        passed: whether each meets it, shape (p,).
+        margin: worst margin of each, shape (p,), N.s/m or as the level says.
+        frequency_hz: frequency of that margin, shape (p,).
+        tolerance: rounding granted to it, shape (p,).
+        faults: what fails of each row besides a margin, in words; empty where it is the margin.
+    """
+
+    passed: BoolArray
+    margin: FloatArray
+    frequency_hz: FloatArray
+    tolerance: FloatArray
+    faults: list[str] | None = None
+
+    @property
+    def worst(self) -> int:
+        """The row of the lowest margin among those that fail, or else among all."""
+        return int(np.argmin(self.margin if self.passed.all() else np.where(self.passed, np.inf, self.margin)))
+
+    def fault(self, row: int, problem: Problem) -> str:
+        """Return what fails of a row, in words."""
+        stated = self.faults[row] if self.faults else ""
+        return stated or _margin_fault(problem, float(self.margin[row]), float(self.frequency_hz[row]))
+
+
+def level_result(rows: Rows, level: str, model: Model, claim: str, margins: RowMargins) -> LevelResult:
+    """Summarise the present rows by the worst of them.
 
     Args:
         rows: the gains under judgement, p of them present.
         level: name of the level.
         model: the model that the claim is made in.
         claim: the claim in words, if it passes.
-        passed: whether each present row meets it, shape (p,).
-        margin: worst margin of each, shape (p,), N.s/m or as the level says.
-        frequency: frequency of that margin, shape (p,), Hz.
-        tolerance: rounding granted to it, shape (p,).
-        faults: what fails of each row besides a margin, in words; empty where it is the margin.
+        margins: what each present row has.
     """
-    row_passed = rows.spread(passed.astype(np.float64), 0.0) > 0
+    row_passed = rows.spread(margins.passed.astype(np.float64), 0.0) > 0
     missing = int(np.count_nonzero(~rows.present))
-    failed = int(np.count_nonzero(~passed))
-    if len(passed) == 0:
-        nothing = rows.spread(margin)
+    failed = int(np.count_nonzero(~margins.passed))
+    count = len(margins.passed)
+    if count == 0:
+        nothing = rows.spread(margins.margin)
         claim = f"Not met: none of {missing} rows has gains"
         return LevelResult(level, False, np.nan, np.nan, model, claim, 0.0, None, row_passed, nothing, nothing)
-    worst = int(np.argmin(np.where(passed, np.inf, margin) if failed else margin))
+    worst = margins.worst
     row = int(np.flatnonzero(rows.present)[worst])
     if failed:
-        fault = faults[worst] if faults else ""
-        fault = fault or _margin_fault(rows.problem, float(margin[worst]), float(frequency[worst]))
-        claim = f"Not met by {failed} of {len(passed)} rows: that of {rows.frequency_hz[row]:.5g} Hz has {fault}"
+        fault = margins.fault(worst, rows.problem)
+        claim = f"Not met by {failed} of {count} rows: that of {rows.frequency_hz[row]:.5g} Hz has {fault}"
     if missing and failed:
         claim = f"{claim}; {missing} rows have no gains"
     elif missing:
         claim = f"Not met: {missing} rows have no gains; {claim}"
-    finite = np.isfinite(margin[worst])
+    finite = np.isfinite(margins.margin[worst])
     return LevelResult(
         level=level,
         passed=failed == 0 and missing == 0,
-        margin_ns_per_m=float(margin[worst]) if finite else np.nan,
-        frequency_hz=float(frequency[worst]),
+        margin_ns_per_m=float(margins.margin[worst]) if finite else np.nan,
+        frequency_hz=float(margins.frequency_hz[worst]),
         model=model,
         claim=claim,
-        tolerance_ns_per_m=float(tolerance[worst]),
+        tolerance_ns_per_m=float(margins.tolerance[worst]),
         row=row,
         row_passed=row_passed,
-        row_margin_ns_per_m=rows.spread(margin),
-        row_frequency_hz=rows.spread(frequency),
+        row_margin_ns_per_m=rows.spread(margins.margin),
+        row_frequency_hz=rows.spread(margins.frequency_hz),
     )
 
 
@@ -358,7 +374,7 @@ def _margin_fault(problem: Problem, margin: float, frequency_hz: float) -> str:
 def refusal(rows: Rows, level: str, model: Model, why: str) -> LevelResult:
     """Return a level with the reason why no row is judged; it is not met."""
     nothing = np.full(len(rows.b), np.nan)
-    result = level_result(rows, level, model, "", np.zeros(len(rows.b), bool), nothing, nothing, nothing)
+    result = level_result(rows, level, model, "", RowMargins(np.zeros(len(rows.b), bool), nothing, nothing, nothing))
     return replace(result, claim=f"Not judged: {why}", refused=why)
 
 
@@ -398,7 +414,7 @@ def _exact(rows: Rows, level: str, model: Model, progress: Progress) -> LevelRes
     sound = np.ones(len(rows.b), dtype=bool)
     faults = None
     worst_of_delays = []
-    for delay in sorted({corner.delay_samples for corner in device_corners(problem.device, ("delay_samples",))}):
+    for delay in sorted({corner.delay_samples for corner in PlantFamily.of(problem).devices}):
         loop = replace(SampledLoop.of(problem, model), delay_samples=delay)
         if any_environment:
             worst_of_delays.append(_llewellyn(rows, loop, progress))
@@ -417,7 +433,7 @@ def _exact(rows: Rows, level: str, model: Model, progress: Progress) -> LevelRes
         claim = f"each frozen row is passive with this environment {band.words}, under {_HOLD[model]}"
     else:
         claim = f"Re Z_h >= 0 {band.words}, under {_HOLD[model]}"
-    return level_result(rows, level, model, claim, passed, margin, frequency, tolerance, faults)
+    return level_result(rows, level, model, claim, RowMargins(passed, margin, frequency, tolerance, faults))
 
 
 def _llewellyn(rows: Rows, loop: SampledLoop, progress: Progress) -> list[FloatArray]:
@@ -462,19 +478,11 @@ def _in_band(rows: Rows, level: str, model: Model) -> LevelResult:
     """Judge Re Z_h in a band, at the handle of a device as declared."""
     band = _band(rows, LEVELS[level].where)
     parts = fractions(SampledLoop.of(rows.problem, model), rows.b, rows.k)
-    corners = device_corners(rows.problem.device, LINEAR_KEYS)
+    corners = PlantFamily.of(rows.problem).devices
     worst = worst_real_impedance(corners, parts, rows.contact, band.low_hz, band.high_hz, model)
     claim = f"Re Z_h >= 0 {band.words}, under {_HOLD[model]}, with the device as declared{_at_corners(corners)}"
-    return level_result(
-        rows,
-        level,
-        model,
-        claim,
-        worst.passed,
-        worst.margin_ns_per_m,
-        worst.frequency_hz,
-        worst.tolerance_ns_per_m,
-    )
+    margins = RowMargins(worst.passed, worst.margin_ns_per_m, worst.frequency_hz, worst.tolerance_ns_per_m)
+    return level_result(rows, level, model, claim, margins)
 
 
 def _at_port(rows: Rows, level: str, progress: Progress) -> LevelResult:
@@ -484,7 +492,7 @@ def _at_port(rows: Rows, level: str, progress: Progress) -> LevelResult:
     (b, k, contact), distinct_row = np.unique(gains, axis=1, return_inverse=True)
     distinct_row = distinct_row.ravel()
     parts = fractions(SampledLoop.of(rows.problem, "sampled-data"), b, k)
-    corners = device_corners(rows.problem.device, LINEAR_KEYS)
+    corners = PlantFamily.of(rows.problem).devices
     sample_time_s = rows.problem.device.sample_time_s
     any_environment = LEVELS[level].any_environment
     slack = CouplingSlack(b, k, contact, sample_time_s) if any_environment else RenderingSlack(parts, contact)
@@ -503,17 +511,14 @@ def _at_port(rows: Rows, level: str, progress: Progress) -> LevelResult:
     claim += f", under {_HOLD['sampled-data']}, with the device as declared{_at_corners(corners)}"
     beside_margin = _faults(rows.problem, stiffness >= 0, stiffness)
     faults = [fault if is_passive else "" for fault, is_passive in zip(beside_margin, passive, strict=True)]
-    return level_result(
-        rows,
-        level,
-        "sampled-data",
-        claim,
-        passed,
-        worst.margin_ns_per_m[distinct_row],
-        worst.frequency_hz[distinct_row],
-        worst.tolerance_ns_per_m[distinct_row],
-        faults,
+    margins = RowMargins(
+        passed=passed,
+        margin=worst.margin_ns_per_m[distinct_row],
+        frequency_hz=worst.frequency_hz[distinct_row],
+        tolerance=worst.tolerance_ns_per_m[distinct_row],
+        faults=faults,
     )
+    return level_result(rows, level, "sampled-data", claim, margins)
 
 
 def _faults(problem: Problem, unstable: BoolArray, dc_n_per_m: FloatArray) -> list[str]:

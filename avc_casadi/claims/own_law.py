@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import partial, reduce
 from itertools import chain, combinations, product
 from pathlib import Path
 from typing import Any
@@ -25,22 +25,33 @@ from avc_casadi.claims.impedance import stiffness_at_handle
 from avc_casadi.files.device_file import load_device
 from avc_casadi.files.problem_file import AnyProblem, as_problem, is_device, with_wall
 from avc_casadi.loops.margins import LEAST_DISK, SOUND_DISK, Margins, OpenLoop, damping_ratios
-from avc_casadi.loops.system import hand_boxes, worst_case
-from avc_casadi.loops.wall import MAX_DELAY_SAMPLES, RADIUS_TOLERANCE
+from avc_casadi.loops.plant_family import RADIUS_TOLERANCE, PlantFamily
+from avc_casadi.loops.wall import MAX_DELAY_SAMPLES
 from avc_casadi.loops.walls import Stretches, stable_walls
-from avc_casadi.model.corners import LINEAR_KEYS, device_corners, device_ranges
 from avc_casadi.model.device import Device
-from avc_casadi.model.hands import Hand, hand_corners, joined, no_hand
+from avc_casadi.model.hands import Hand, joined
 from avc_casadi.model.law import Law
 from avc_casadi.model.plant import SampledPlant, sampled_plant
 from avc_casadi.model.problem import Impedance, Problem
 
 FORCE_THRESHOLD_N = 0.05
 """Rms of a force at the handle below which noise of it is taken as not felt."""
-# A limit is confirmed by at most so many searches of the ranges.
+# Frequencies at which what is rendered is told.
+_RENDERED_HZ = (1.0, 10.0)
+# A limit is confirmed by at most so many searches of the ranges, so far below the boundary.
 _SEARCHES = 4
+_JUST_BELOW = 1 - 1e-6
+# Changes of a law that are looked at: down to this share of a value, and dampers from one share of the largest to
+# another, so many.
+_LEAST_SHARE = 0.01
+_DAMPER_SHARES = (1e-3, 1.0, 24)
+# A rough disk margin is right to a per cent.
+_SOUND_ROUGHLY = 1.02 * SOUND_DISK
 # Values of a law that a user can change, the spring first; of b the best one is looked at.
 _KEYS = ("stiffness_n_per_m", "cutoff_hz", "local_damping_ns_per_m", "damping_ns_per_m")
+
+Pair = tuple[Device, Hand]
+"""A device without ranges in a hand."""
 
 
 @dataclass(frozen=True)
@@ -84,7 +95,7 @@ def _round(value: float) -> float:
 
 
 @dataclass(frozen=True)
-class Case:
+class CaseResult:
     """The loop released, or with the worst hand of the ranges; each number the worst found."""
 
     spectral_radius: float
@@ -105,52 +116,50 @@ class Remedy:
     disk_margin: float
 
 
-class Loops:
-    """The device of a problem with its hands, and without one, around any law."""
+class LawAnalysis:
+    """The plants of a problem around any spring and damper: its numbers, its limits, and what would help it."""
 
     def __init__(self, problem: Problem) -> None:
-        self.device, self.period = problem.device, problem.device.sample_time_s
-        self.corners = device_corners(problem.device, LINEAR_KEYS)
-        hands = hand_corners(problem.hands.model_copy(update={"let_go": False}))
-        if problem.device.mass_kg + float(np.min(hands.mass_kg)) == 0:
+        self.family = PlantFamily.of(problem)
+        self.device = problem.device
+        self.period = problem.device.sample_time_s
+        if problem.device.mass_kg + float(np.min(self.family.held.mass_kg)) == 0:
             raise UnsupportedError("is 0, as is that of the lightest hand: nothing moves", key="device.mass_kg")
-        # With a hand, then released, where something has a mass then.
-        self.boxes = hand_boxes(problem)
-        self.hands = [hands, no_hand()][: len(self.boxes)]
         # What a search of the ranges found worse than their corners.
-        self.worst_pairs: list[tuple[Device, Hand]] = []
+        self.worst_pairs: list[Pair] = []
         # Rms of a force below which dry friction holds it, or it is not felt.
         self.quiet_n = max(self.device.coulomb_friction_n, FORCE_THRESHOLD_N * self.device.metres_per_unit)
 
-    def pairs(self, side: int) -> list[tuple[Device, Hand]]:
-        """Return every corner of the device with every corner of the hands, or with none."""
-        hands = self.hands[side]
-        return list(product(self.corners, [hands.pick(slice(i, i + 1)) for i in range(len(hands))]))
+    @property
+    def sides(self) -> tuple[PlantFamily, ...]:
+        """With a hand, then released, where something has a mass then."""
+        return self.family.sides
 
-    def around(self, law: SpringDamper, every: Sequence[tuple[Device, Hand]]) -> OpenLoop:
+    def around(self, law: SpringDamper, pairs: Sequence[Pair]) -> OpenLoop:
         """Return the loops of pairs of device and hand."""
-        plant = sampled_plant([device for device, _ in every], [hand for _, hand in every])
+        plant = sampled_plant([device for device, _ in pairs], [hand for _, hand in pairs])
         return OpenLoop.around(plant, law.law(self.period))
 
-    def worst(self, law: SpringDamper, side: int, measure: Callable[[OpenLoop], FloatArray]) -> tuple[Device, Hand]:
+    def worst(self, law: SpringDamper, side: PlantFamily, measure: Callable[[OpenLoop], FloatArray]) -> Pair:
         """Return where in the ranges of device and hand a measure of the loop is largest."""
-        closed_law = law.law(self.period)
+        state_space = law.law(self.period)
 
-        def of(plant: SampledPlant, _: object) -> ComplexArray:
-            return measure(OpenLoop.around(plant, closed_law)).astype(np.complex128)
+        def of_plants(plant: SampledPlant, _: object) -> ComplexArray:
+            return measure(OpenLoop.around(plant, state_space)).astype(np.complex128)
 
-        _, hand, device, _ = worst_case(self.device, self.boxes[side], of)
-        return device, Hand(**{name: np.array([value]) for name, value in hand.items()})
+        worst = side.worst_case(of_plants)
+        return worst.device, Hand(**{name: np.array([value]) for name, value in worst.hand.items()})
 
-    def case(self, law: SpringDamper, side: int) -> Case:
+    def case(self, law: SpringDamper, side: PlantFamily) -> CaseResult:
         """Return the worst of each number, at the corners of the ranges and at the worst points of a search."""
-        measures = (_radius, lambda loop: 1 - damping_ratios(loop.poles).min(axis=1), OpenLoop.swings)
-        every = self.pairs(side) + [self.worst(law, side, of) for of in measures]
-        loop = self.around(law, every)
-        sizes, ratios = np.abs(loop.poles), damping_ratios(loop.poles)
+        measures = (_radius, _lack_of_damping, OpenLoop.swings)
+        pairs = _corner_pairs(side) + [self.worst(law, side, measure) for measure in measures]
+        loop = self.around(law, pairs)
+        sizes = np.abs(loop.poles)
+        ratios = damping_ratios(loop.poles)
         slowest = float(sizes.max())
         hz = np.abs(np.angle(loop.poles)).ravel() / (2 * math.pi * self.period)
-        return Case(
+        return CaseResult(
             spectral_radius=slowest,
             frequency_hz=float(hz[sizes.argmax()]),
             stable=slowest < 1 - RADIUS_TOLERANCE,
@@ -158,104 +167,136 @@ class Loops:
             damping_ratio=float(ratios.min()),
             damping_ratio_hz=float(hz[ratios.argmin()]) if ratios.min() < 1 else 0.0,
             margins=loop.least(),
-            hand=every[int(sizes.max(axis=1).argmax())][1].values(0),
+            hand=pairs[int(sizes.max(axis=1).argmax())][1].values(0),
         )
 
     def _loops(self, law: SpringDamper) -> list[OpenLoop]:
         """Return the loops at the corners of the ranges and at what searches found, in the wall and outside."""
-        every = [*(pair for side in range(len(self.boxes)) for pair in self.pairs(side)), *self.worst_pairs]
-        both = {law, law.outside}
-        return [self.around(one, every) for one in both if one.stiffness_n_per_m or one.damper_ns_per_m]
+        pairs = [*(pair for side in self.sides for pair in _corner_pairs(side)), *self.worst_pairs]
+        acting = [place for place in {law, law.outside} if place.stiffness_n_per_m or place.damper_ns_per_m]
+        return [self.around(place, pairs) for place in acting]
 
     def rough_margin(self, law: SpringDamper) -> float:
         """Return the disk margin of a law to a per cent, at the points so far; 0 where one is unstable or loud."""
         if law.noise_n(self.device) > self.quiet_n:
             return 0.0
         loops = self._loops(law)
-        stable = all(loop.closed.radius.max() < 1 for loop in loops)
-        return 2 / max(float(loop.swings().max()) for loop in loops) if stable else 0.0
+        if any(loop.closed.radius.max() >= 1 for loop in loops):
+            return 0.0
+        return 2 / max(float(loop.swings().max()) for loop in loops)
 
     def sound(self, laws: Iterable[SpringDamper]) -> Iterator[tuple[SpringDamper, float]]:
         """Yield the first law with a sound disk margin, and that, which a search of the ranges does not refute."""
         for law in laws:
-            if self.rough_margin(law) >= SOUND_DISK:
-                self.worst_pairs += [self.worst(law, side, OpenLoop.swings) for side in range(len(self.boxes))]
-                if (disk := min(loop.least().disk for loop in self._loops(law))) >= SOUND_DISK:
-                    yield law, disk
-                    return
+            if self.rough_margin(law) < SOUND_DISK:
+                continue
+            self.worst_pairs += [self.worst(law, side, OpenLoop.swings) for side in self.sides]
+            disk = min(loop.least().disk for loop in self._loops(law))
+            if disk >= SOUND_DISK:
+                yield law, disk
+                return
 
     def variants(self, law: SpringDamper, keys: Sequence[str], steps: int) -> Iterator[SpringDamper]:
         """Yield a law with other values of some keys, the largest first; of b the best alone."""
         if not keys:
             yield law
         elif keys[0] == "damping_ns_per_m":
-            if (allowed := self.damping_range(law)) is not None:
-                each = (_round(allowed[1] * share) for share in (0.0, *np.geomspace(1e-3, 1.0, 24)))
-                laws = [replace(law, damping_ns_per_m=b) for b in each if b or law.stiffness_n_per_m]
-                most = [one for one in laws if self.rough_margin(one) > 1.02 * SOUND_DISK]
-                # Without a spring the best damper is none.
-                yield max(laws, key=self.rough_margin) if law.stiffness_n_per_m or not most else most[-1]
+            yield from self._best_damped(law)
         else:
             largest = 0.5 / self.period if keys[0] == "cutoff_hz" else getattr(law, keys[0])
-            for share in 0.01 ** (np.arange(1, steps + 1) / steps) if largest else ():
-                one = replace(law, **{keys[0]: _round(share * largest)})
-                yield from self.variants(one, keys[1:], steps)
+            for share in _LEAST_SHARE ** (np.arange(1, steps + 1) / steps) if largest else ():
+                changed = replace(law, **{keys[0]: _round(share * largest)})
+                yield from self.variants(changed, keys[1:], steps)
+
+    def _best_damped(self, law: SpringDamper) -> Iterator[SpringDamper]:
+        """Yield the law with the damper of the widest margin; without a spring the largest with a sound one."""
+        allowed = self.damping_range(law)
+        if allowed is None:
+            return
+        dampers = [_round(allowed[1] * share) for share in (0.0, *np.geomspace(*_DAMPER_SHARES))]
+        laws = [replace(law, damping_ns_per_m=b) for b in dampers if b or law.stiffness_n_per_m]
+        sound = [damped for damped in laws if self.rough_margin(damped) > _SOUND_ROUGHLY]
+        # Without a spring the best damper is none.
+        yield max(laws, key=self.rough_margin) if law.stiffness_n_per_m or not sound else sound[-1]
 
     def _confirm(self, *laws: SpringDamper) -> bool:
         """Search the ranges for what is unstable with a law, and keep it."""
-        pairs = [(law, self.worst(law, side, _radius)) for law in laws for side in range(len(self.boxes))]
+        pairs = [(law, self.worst(law, side, _radius)) for law in laws for side in self.sides]
         worse = [pair for law, pair in pairs if self.around(law, [pair]).closed.radius.max() >= 1]
         self.worst_pairs += worse
         return not worse
 
     def _walls(self, law: SpringDamper, dampers_ns_per_m: FloatArray) -> Stretches:
         """Return the intervals of stable stiffness for some dampings."""
-        people = self.hands[0]
-        for hand in (*self.hands[1:], *(hand for _, hand in self.worst_pairs)):
-            people = joined(people, hand)
-        devices = [*self.corners, *(device for device, _ in self.worst_pairs)]
-        return stable_walls(devices, people, dampers_ns_per_m, (-law.pole(self.period), 0.0))
+        hands = [side.held for side in self.sides] + [hand for _, hand in self.worst_pairs]
+        devices = [*self.family.devices, *(device for device, _ in self.worst_pairs)]
+        return stable_walls(devices, reduce(joined, hands), dampers_ns_per_m, (-law.pole(self.period), 0.0))
 
     def largest_stiffness(self, law: SpringDamper) -> float:
         """Return the largest stable k at the dampers of a law: the end of its own interval, or of the softest."""
         for _ in range(_SEARCHES):
             walls = self._walls(law, np.array([law.damper_ns_per_m]))
-            low, high = walls.lowest_n_per_m[0], walls.largest_n_per_m[0]
-            own = (low <= law.stiffness_n_per_m) & (law.stiffness_n_per_m <= high)
-            limit = float(np.nan_to_num(high[own][0] if own.any() else high[0]))
-            if not limit or self._confirm(replace(law, stiffness_n_per_m=limit * (1 - 1e-6))):
+            low = walls.lowest_n_per_m[0]
+            high = walls.largest_n_per_m[0]
+            around_law = (low <= law.stiffness_n_per_m) & (law.stiffness_n_per_m <= high)
+            limit = float(np.nan_to_num(high[around_law][0] if around_law.any() else high[0]))
+            if not limit or self._confirm(replace(law, stiffness_n_per_m=limit * _JUST_BELOW)):
                 break
         return limit
 
     def damping_range(self, law: SpringDamper) -> tuple[float, float] | None:
         """Return the lowest and the largest b at the k of a law, about its own or nearest to it; None without any."""
-        pole, wall = law.pole(self.period), law.stiffness_n_per_m
-        heavy = max(one.mass_kg for one in self.corners) + float(np.max(self.hands[0].mass_kg))
-        top = 4 * max(heavy / self.period, 2 * max(one.damping_ns_per_m for one in self.corners))
-        scan = np.append(0.0, np.geomspace(1e-5, 1.0, 81) * top * (1 + pole) / (1 - pole))
-        scan = np.unique(np.append(scan, law.damper_ns_per_m))
+        stiffness = law.stiffness_n_per_m
+        scan = self._dampers_ns_per_m(law)
         for _ in range(_SEARCHES):
-            inside = np.flatnonzero(self._walls(law, scan).holds(wall))
+            inside = np.flatnonzero(self._walls(law, scan).holds(stiffness))
             if not inside.size:
                 return None
             runs = np.split(inside, np.flatnonzero(np.diff(inside) > 1) + 1)
             first, last = min(runs, key=lambda run: np.abs(scan[run] - law.damper_ns_per_m).min())[[0, -1]]
-            good, bad = scan[[first, last]], scan[[max(first - 1, 0), min(last + 1, len(scan) - 1)]]
-            for _ in range(5):  # closer to both edges
-                fine = np.linspace(good, bad, 17)
-                stable = self._walls(law, fine.ravel()).holds(wall).reshape(fine.shape)
-                row = np.maximum(stable.argmin(axis=0) - 1, 0)
-                good, bad = fine[row, [0, 1]], fine[row + 1, [0, 1]]
-            good[0] *= wall > 0 or first != 1  # without k and b there is no law
-            ends = [replace(law, damping_ns_per_m=0.0, local_damping_ns_per_m=float(end)) for end in good]
+            stable = scan[[first, last]]
+            unstable = scan[[max(first - 1, 0), min(last + 1, len(scan) - 1)]]
+            edges = self._edges(law, stable, unstable)
+            edges[0] *= stiffness > 0 or first != 1  # without k and b there is no law
+            ends = [replace(law, damping_ns_per_m=0.0, local_damping_ns_per_m=float(edge)) for edge in edges]
             if self._confirm(*ends):
                 break
-        low, high = good - law.local_damping_ns_per_m
+        low, high = edges - law.local_damping_ns_per_m
         return None if high < 0 else (max(float(low), 0.0), float(high))
+
+    def _dampers_ns_per_m(self, law: SpringDamper) -> FloatArray:
+        """Return the dampers of a scan: 0, that of the law, and up to four times m/T or twice the device's own.
+
+        Behind a filter of pole p dampers may be (1 + p)/(1 - p) larger.
+        """
+        pole = law.pole(self.period)
+        drag = max(device.damping_ns_per_m for device in self.family.devices)
+        largest = 4 * max(self.family.heaviest_kg / self.period, 2 * drag) * (1 + pole) / (1 - pole)
+        return np.unique([0.0, law.damper_ns_per_m, *(np.geomspace(1e-5, 1.0, 81) * largest)])
+
+    def _edges(self, law: SpringDamper, stable: FloatArray, unstable: FloatArray) -> FloatArray:
+        """Return the last stable dampers between stable and unstable ones, ever closer to these."""
+        for _ in range(5):
+            between = np.linspace(stable, unstable, 17)
+            holds = self._walls(law, between.ravel()).holds(law.stiffness_n_per_m).reshape(between.shape)
+            row = np.maximum(holds.argmin(axis=0) - 1, 0)
+            stable = between[row, [0, 1]]
+            unstable = between[row + 1, [0, 1]]
+        return stable
+
+
+def _corner_pairs(side: PlantFamily) -> list[Pair]:
+    """Return every corner of the device with every corner of the hands, or with none."""
+    hands = [side.held.pick(slice(row, row + 1)) for row in range(len(side.held))]
+    return list(product(side.devices, hands))
 
 
 def _radius(loop: OpenLoop) -> FloatArray:
     return loop.closed.radius
+
+
+def _lack_of_damping(loop: OpenLoop) -> FloatArray:
+    return np.asarray(1 - damping_ratios(loop.poles).min(axis=1))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -281,9 +322,9 @@ class LawCertificate(Printed):
 
     problem: Problem
     law: SpringDamper
-    held: Case
-    released: Case | None
-    free: Case | None
+    held: CaseResult
+    released: CaseResult | None
+    free: CaseResult | None
     largest_stiffness_n_per_m: float
     damping_range_ns_per_m: tuple[float, float] | None
     largest_local_damping_ns_per_m: float | None
@@ -295,7 +336,7 @@ class LawCertificate(Printed):
     remedies: tuple[Remedy, ...] | None
 
     @property
-    def cases(self) -> tuple[Case, ...]:
+    def cases(self) -> tuple[CaseResult, ...]:
         """Held, and released and free where there are these."""
         return tuple(case for case in (self.held, self.released, self.free) if case is not None)
 
@@ -322,28 +363,42 @@ class LawCertificate(Printed):
     @property
     def reason(self) -> str:
         """What decides, in one line."""
-        largest, allowed, law = self.largest_stiffness_n_per_m, self.damping_range_ns_per_m, self.law
-        device, b, k = self.problem.device, self.law.damping_ns_per_m, self.law.stiffness_n_per_m
+        return self._doubts() if self.stable else f"unstable: {self._cause()}"
+
+    def _doubts(self) -> str:
+        """Return what is not sound of a stable law."""
+        doubts = []
+        if self.disk_margin < SOUND_DISK:
+            how = "thin" if self.passed else f"below {LEAST_DISK}"
+            doubts.append(f"a disk margin of {self.disk_margin:.2g} is {how}")
+        if not self.quiet:
+            doubts.append("noise of the position shakes the handle through b")
+        if doubts:
+            return f"stable, but {', and '.join(doubts)}"
+        held = any(self.held.hand.values())
+        return f"stable {'with every hand and released' if held else 'released; nobody holds it'}"
+
+    def _cause(self) -> str:
+        """Return which number of an unstable law is beyond which limit."""
+        law = self.law
+        device = self.problem.device
+        damper, spring = (partial(quantity, unit=self.problem.units.unit(unit)) for unit in ("N.s/m", "N/m"))
         delay = f"{device.delay_samples:g} sample{'' if device.delay_samples == 1 else 's'} of delay"
-        ranges = ", over [device.range]" if device_ranges(device, LINEAR_KEYS) else ""
-        damper, spring = (partial(quantity, unit=self.problem.units.unit(one)) for one in ("N.s/m", "N/m"))
+        ranges = ", over [device.range]" if PlantFamily.of(self.problem).device_ranges else ""
         late = f"with {delay} at {1 / device.sample_time_s:g} Hz{ranges}"
-        low, high, free = *(allowed or (0.0, 0.0)), self.free is None or self.free.stable
-        b_p, alone = law.local_damping_ns_per_m, self.largest_local_damping_ns_per_m
-        if self.stable:
-            thin = f"a disk margin of {self.disk_margin:.2g} is {'thin' if self.passed else f'below {LEAST_DISK}'}"
-            doubts = [thin] if self.disk_margin < SOUND_DISK else []
-            doubts += [] if self.quiet else ["noise of the position shakes the handle through b"]
-            whose = "with every hand and released" if any(self.held.hand.values()) else "released; nobody holds it"
-            return f"stable, but {', and '.join(doubts)}" if doubts else f"stable {whose}"
-        unstable = {
-            f"b_p {damper(b_p)} is above its largest outside the wall, {damper(alone)}, {late}": not free,
-            f"no b holds this k {late}": allowed is None,
-            f"b {damper(b)} is above its largest, {damper(high)}, {late}": b > high,
-            f"b {damper(b)} is below the {damper(low)} that this k needs {late}": b < low,
-            f"k {spring(k)} is above its largest, {spring(largest)}, {late}": True,
-        }
-        return f"unstable: {next(text for text, holds in unstable.items() if holds)}"
+        if self.free is not None and not self.free.stable and self.largest_local_damping_ns_per_m is not None:
+            b_p = damper(law.local_damping_ns_per_m)
+            largest = damper(self.largest_local_damping_ns_per_m)
+            return f"b_p {b_p} is above its largest outside the wall, {largest}, {late}"
+        if self.damping_range_ns_per_m is None:
+            return f"no b holds this k {late}"
+        low, high = self.damping_range_ns_per_m
+        if law.damping_ns_per_m > high:
+            return f"b {damper(law.damping_ns_per_m)} is above its largest, {damper(high)}, {late}"
+        if law.damping_ns_per_m < low:
+            return f"b {damper(law.damping_ns_per_m)} is below the {damper(low)} that this k needs {late}"
+        largest_k = spring(self.largest_stiffness_n_per_m)
+        return f"k {spring(law.stiffness_n_per_m)} is above its largest, {largest_k}, {late}"
 
     def __repr__(self) -> str:
         return f"LawCertificate({'deployable' if self.passed else 'not deployable'}: {self.reason})"
@@ -386,34 +441,38 @@ def certify_law(
         (False, 0.06)
     """
     stated = with_wall(law_problem(problem))
-    law = valid_law(SpringDamper(k, b, b_p, cutoff_hz), stated.device)
-    loops, device = Loops(stated), stated.device
-    sides = range(len(loops.boxes))
-    held, *released = (loops.case(law, side) for side in sides)
-    outside = [loops.case(law.outside, side) for side in sides if b_p]
-    period = device.sample_time_s
-    own = law.law(period)
+    device = stated.device
+    law = valid_law(SpringDamper(k, b, b_p, cutoff_hz), stated)
+    state_space = law.law(device.sample_time_s)
+    analysis = LawAnalysis(stated)
+    held, *released = (analysis.case(law, side) for side in analysis.sides)
+    outside = [analysis.case(law.outside, side) for side in analysis.sides if b_p]
+    only_local = analysis.damping_range(SpringDamper(0.0, b_p)) if b_p else None
     certificate = LawCertificate(
         problem=stated,
         law=law,
         held=held,
         released=released[0] if released else None,
         free=min(outside, key=lambda case: (case.stable, case.margins.disk), default=None),
-        largest_stiffness_n_per_m=loops.largest_stiffness(law),
-        damping_range_ns_per_m=loops.damping_range(law),
-        largest_local_damping_ns_per_m=(loops.damping_range(SpringDamper(0.0, b_p)) or (0.0, 0.0))[1] if b_p else None,
+        largest_stiffness_n_per_m=analysis.largest_stiffness(law),
+        damping_range_ns_per_m=analysis.damping_range(law),
+        largest_local_damping_ns_per_m=(only_local or (0.0, 0.0))[1] if b_p else None,
         static_stiffness_n_per_m=stiffness_at_handle(device, k),
-        rendered_n_per_m={
-            hz: float(abs(own.transfer(np.exp(2j * math.pi * hz * period)))) for hz in (1.0, 10.0) if hz < 0.5 / period
-        },
-        encoder_step_n=float(own.d[0, 0]) * device.encoder_resolution_m,
+        rendered_n_per_m=_rendered_n_per_m(state_space),
+        encoder_step_n=float(state_space.d[0, 0]) * device.encoder_resolution_m,
         noise_n=law.noise_n(device),
-        quiet_n=loops.quiet_n,
+        quiet_n=analysis.quiet_n,
         remedies=() if remedies else None,
     )
     if not remedies or (certificate.passed and certificate.disk_margin >= SOUND_DISK and certificate.quiet):
         return certificate
-    return replace(certificate, remedies=tuple(_remedies(law, stated, loops)))
+    return replace(certificate, remedies=tuple(_remedies(law, stated, analysis)))
+
+
+def _rendered_n_per_m(law: Law) -> dict[float, float]:
+    """Return the magnitude of force over position at the frequencies of a hand, below half the sample rate."""
+    frequencies_hz = [hz for hz in _RENDERED_HZ if hz < 0.5 / law.sample_time_s]
+    return {hz: float(abs(law.transfer(np.exp(2j * math.pi * hz * law.sample_time_s)))) for hz in frequencies_hz}
 
 
 def law_problem(source: AnyProblem) -> Problem:
@@ -425,45 +484,47 @@ def law_problem(source: AnyProblem) -> Problem:
     return as_problem(source)
 
 
-def valid_law(law: SpringDamper, device: Device) -> SpringDamper:
+def valid_law(law: SpringDamper, problem: Problem) -> SpringDamper:
     """Return the law if its numbers are allowed."""
     gains = {"k": law.stiffness_n_per_m, "b": law.damping_ns_per_m, "b_p": law.local_damping_ns_per_m}
-    what = "is {:g}; allowed: 0 or a positive finite number"
-    faults = {key: what.format(value) for key, value in gains.items() if not (math.isfinite(value) and value >= 0)}
+    allowed = "is {:g}; allowed: 0 or a positive finite number"
+    faults = {key: allowed.format(value) for key, value in gains.items() if not (math.isfinite(value) and value >= 0)}
     if law.cutoff_hz is not None and not (math.isfinite(law.cutoff_hz) and law.cutoff_hz > 0):
         faults["cutoff_hz"] = f"is {law.cutoff_hz:g}; allowed: a positive finite number"
     if not faults and not any(gains.values()):
         faults["k"] = "is 0, and so are b and b_p: there is no law; give at least one of them"
     if faults:
         raise InputError([Fault("", None, key, message) for key, message in faults.items()])
-    slowest = max(corner.delay_samples for corner in device_corners(device, ("delay_samples",)))
+    slowest = PlantFamily.of(problem).largest_delay_samples
     if slowest > MAX_DELAY_SAMPLES:
-        what = f"linear stability is computed up to {MAX_DELAY_SAMPLES} samples of delay, not {slowest:g}"
-        raise UnsupportedError(what, key="device.delay_samples")
+        limit = f"linear stability is computed up to {MAX_DELAY_SAMPLES} samples of delay, not {slowest:g}"
+        raise UnsupportedError(limit, key="device.delay_samples")
     return law
 
 
-def _remedies(law: SpringDamper, problem: Problem, loops: Loops) -> Iterator[Remedy]:
+def _remedies(law: SpringDamper, problem: Problem, analysis: LawAnalysis) -> Iterator[Remedy]:
     """Yield the fewest changes that leave a sound disk margin and no noise that is felt, each as its loop shows."""
     for count in range(1, len(_KEYS) + 1):
-        each = (loops.variants(law, keys, 30 // count**2) for keys in combinations(_KEYS, count))
-        some = dict(one for laws in each for one in loops.sound(laws))
-        for other, disk in some.items():
-            changes = {key: getattr(other, key) for key in _KEYS if getattr(other, key) != getattr(law, key)}
+        # The more values change at once, the coarser are their steps.
+        ways = (analysis.variants(law, keys, 30 // count**2) for keys in combinations(_KEYS, count))
+        sound = dict(remedied for laws in ways for remedied in analysis.sound(laws))
+        for changed, disk in sound.items():
+            changes = {key: getattr(changed, key) for key in _KEYS if getattr(changed, key) != getattr(law, key)}
             yield Remedy(changes, disk)
-        if some:
+        if sound:
             break
-    quicker: list[dict[str, Any]] = [{"sample_time_s": loops.period / 2}]
-    quicker += [{"delay_samples": 0}] if loops.device.delay_samples else []
+    quicker: list[dict[str, Any]] = [{"sample_time_s": analysis.period / 2}]
+    quicker += [{"delay_samples": 0}] if analysis.device.delay_samples else []
     for change in quicker:
-        beside = {"range": {"delay_samples": None}} if "delay_samples" in change else {}
-        for _, disk in Loops(problem.changed(device={**change, **beside})).sound([law]):
+        ranges = {"range": {"delay_samples": None}} if "delay_samples" in change else {}
+        for _, disk in LawAnalysis(problem.changed(device={**change, **ranges})).sound([law]):
             yield Remedy(change, disk)
 
 
 def first_law(problem: Problem) -> SpringDamper:
     """Return a spring and damper to begin with: the wall's k, or the largest share of it that a b holds soundly."""
     stiffest = problem.environment.stiffness_n_per_m or 1e3 * problem.device.metres_per_unit**2
-    loops, wall = Loops(problem), SpringDamper(stiffest)
-    laws = chain(loops.variants(wall, _KEYS[-1:], 1), loops.variants(wall, (_KEYS[0], _KEYS[-1]), 8))
-    return next((law for law, _ in loops.sound(laws)), SpringDamper(_round(1e-3 * stiffest)))
+    analysis = LawAnalysis(problem)
+    wall = SpringDamper(stiffest)
+    laws = chain(analysis.variants(wall, _KEYS[-1:], 1), analysis.variants(wall, (_KEYS[0], _KEYS[-1]), 8))
+    return next((law for law, _ in analysis.sound(laws)), SpringDamper(_round(1e-3 * stiffest)))

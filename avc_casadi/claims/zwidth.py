@@ -18,13 +18,14 @@ from avc_casadi.claims.levels import ideal, non_idealities
 from avc_casadi.claims.port import frequencies_hz, handle_port, passive_hand
 from avc_casadi.claims.worst_frequency import quadratic_stretch, refine_minima
 from avc_casadi.files.problem_file import AnyProblem, of_problem, with_wall
+from avc_casadi.loops.plant_family import PlantFamily
 from avc_casadi.loops.wall import PartialFractions, passive_limit_n_per_m, rigid
 from avc_casadi.loops.walls import Stretches, stable_walls
 from avc_casadi.model import EFFECTS
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners
 from avc_casadi.model.declared import declared, declared_effects
 from avc_casadi.model.device import Device
-from avc_casadi.model.hands import Hand, hand_set, no_hand
+from avc_casadi.model.hands import Hand, no_hand
 from avc_casadi.model.problem import Model, Problem
 from avc_casadi.model.runtime import PLAIN, Poles, VelocityFilterEffect, low_pass, velocity_poles
 
@@ -265,8 +266,9 @@ def zwidth(problem: AnyProblem, progress: Progress = SILENT) -> ZWidth:
     problem = with_wall(problem)
     device = problem.device
     wall = problem.environment
-    corners = device_corners(device, LINEAR_KEYS)
-    hands = hand_set(problem.hands)
+    family = PlantFamily.of(problem)
+    corners = family.devices
+    hands = family.drawn().held
     damping = _dampings_ns_per_m(problem, corners)
     claims, refused = _claims(problem, corners, hands)
     # The last row is that of the requested wall.

@@ -120,7 +120,7 @@ def law_certified(
         damping_ns_per_m=law.get("b", 0.0),
         local_damping_ns_per_m=law.get("b_p", 0.0),
     )
-    valid_law(own_law, problem.device)
+    valid_law(own_law, problem)
     pair = ToolGains(
         stiffness_n_per_m=own_law.stiffness_n_per_m,
         damping_ns_per_m=own_law.damping_ns_per_m,

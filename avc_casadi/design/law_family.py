@@ -20,10 +20,10 @@ from avc_casadi._util.arrays import ComplexArray, FloatArray
 from avc_casadi.claims.impedance import handle_impedance, target_impedance
 from avc_casadi.design.observer_law import Structure
 from avc_casadi.design.plants import PlantMatrices
+from avc_casadi.loops.plant_family import PlantFamily
 from avc_casadi.loops.spectrum import eigenvalues
-from avc_casadi.model.corners import LINEAR_KEYS, device_corners
 from avc_casadi.model.device import Device
-from avc_casadi.model.hands import Hand, StylusHand, no_hand
+from avc_casadi.model.hands import no_hand
 from avc_casadi.model.perturbed import perturbed_devices
 from avc_casadi.model.plant import sampled_plant
 from avc_casadi.model.problem import Problem
@@ -134,18 +134,19 @@ LEAST_CLIP_PHASE_COSINE = 0.05
 class LawFamily:
     """All laws of one structure on a problem: every corner of the device's ranges and of the hands, and released."""
 
-    def __init__(self, problem: Problem, structure: Structure, hands: Hand | StylusHand) -> None:
+    def __init__(self, problem: Problem, structure: Structure) -> None:
         """Prepare the rows of all conditions.
 
         Args:
             problem: device and wall; its ranges are judged at their corners.
             structure: model and feedback of the observer.
-            hands: corners, without the released device, which is always added.
         """
-        self.problem, self.structure, self.hands = problem, structure, hands
-        devices = device_corners(problem.device, LINEAR_KEYS)
-        self.held = PlantMatrices.of(sampled_plant(devices, hands))
-        self.plants = self.held.and_those_of(PlantMatrices.of(sampled_plant(devices, no_hand())))
+        family = PlantFamily.of(problem)
+        self.problem = problem
+        self.structure = structure
+        self.hands = family.held
+        self.held = PlantMatrices.of(sampled_plant(family.devices, family.held))
+        self.plants = self.held.and_those_of(PlantMatrices.of(sampled_plant(family.devices, no_hand())))
         hz = self._grid_hz(_COARSE)
         self.z = np.exp(2j * np.pi * hz * problem.device.sample_time_s)
         self.response = self.plants.position_per_force(self.z)
@@ -168,14 +169,14 @@ class LawFamily:
 
     def _grid_hz(self, density: int) -> FloatArray:
         """Return frequencies from 0.1 Hz to the Nyquist frequency itself, dense about resonances."""
-        device, rate_hz = self.problem.device, 1 / self.problem.device.sample_time_s
+        rate_hz = 1 / self.problem.device.sample_time_s
         slow_hz, fast_hz = min(3.0, 0.01 * rate_hz), 0.08 * rate_hz
         parts = [
             np.geomspace(_LOWEST_HZ, slow_hz, 6 * density),
             np.geomspace(slow_hz, fast_hz, 32 * density),
             np.linspace(fast_hz, 0.5 * rate_hz, 24 * density),
         ]
-        for corner in device_corners(device, LINEAR_KEYS):
+        for corner in PlantFamily.of(self.problem).devices:
             if corner.resonance is not None:
                 distances = np.geomspace(*_RESONANCE_SPAN, 6 * density)
                 parts.append(corner.resonance.frequency_hz * np.concatenate([1 - distances, 1 + distances]))

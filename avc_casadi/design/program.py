@@ -39,7 +39,6 @@ from avc_casadi.design.trust_region import TrustRegion
 from avc_casadi.loops.spectrum import eigenvalues
 from avc_casadi.loops.wall import MAX_DELAY_SAMPLES
 from avc_casadi.model.gains import Gains, GainSchedule, spring_before
-from avc_casadi.model.hands import hand_corners
 from avc_casadi.model.problem import Problem
 from avc_casadi.model.runtime import Runtime
 
@@ -223,11 +222,10 @@ def program_answers(
         goals = replace(goals, disk_margin=disk_margin)
     if noise_n_per_m is not None:
         goals = replace(goals, noise_n_per_m=noise_n_per_m)
-    hands = hand_corners(problem.hands.model_copy(update={"let_go": False}))
     answers: list[ProgramAnswer] = []
     for guess in GUESSES:
         with suppress(np.linalg.LinAlgError):
-            program = Program(LawFamily(rendered, Structure.of(rendered, guess, filters), hands), goals)
+            program = Program(LawFamily(rendered, Structure.of(rendered, guess, filters)), goals)
             best = program.best()
             if best is None or not best.performance.stable:
                 continue

@@ -14,8 +14,8 @@ import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, FloatArray
 from avc_casadi.claims.hands import ScopeSlack, deciding_frequencies_hz, scope_band_hz, scope_slack
+from avc_casadi.loops.plant_family import PlantFamily
 from avc_casadi.loops.wall import frozen_law, linear_stability
-from avc_casadi.model.hands import hand_corners
 from avc_casadi.model.problem import Problem
 from avc_casadi.model.problem_ranges import corner_problems, least_damped
 from avc_casadi.paper.equations import Loop, coupling_impedance, loop_at
@@ -221,7 +221,7 @@ def hands_slack(problem: Problem, states: States, nodes: FloatArray) -> FloatArr
     Corners are those of the hands and of the device; the margin is taken off the device's damping.
     """
     b, k, contact = states.gains(nodes)
-    hands = hand_corners(problem.hands)
+    hands = PlantFamily.of(problem).corner_hands
     margin = problem.stability.margin_ns_per_m
     slack = []
     for corner in deciding_corners(problem):

@@ -16,7 +16,7 @@ from avc_casadi._util.json_values import plain
 from avc_casadi.claims.engine_port import port_passivity
 from avc_casadi.loops.engine import ToolLoops
 from avc_casadi.loops.follower import FollowerLoops
-from avc_casadi.loops.system import Loops, System, WithMargin
+from avc_casadi.loops.loop_family import LoopFamily, Loops, WithGainMargin
 from avc_casadi.model.ends import End, Follower, Simulation, ToolGains, not_known
 from avc_casadi.model.hands import Hand
 from avc_casadi.model.problem import Problem
@@ -291,8 +291,8 @@ class CouplingSearch:
         judge = self._with(gain_margin)
         return (judge if judge.stable(gains) else self.deployable).has_counterexample(gains)
 
-    def _with(self, gain_margin: float) -> WithMargin:
-        return WithMargin(self.loops, max(gain_margin, self.least), self.least)
+    def _with(self, gain_margin: float) -> WithGainMargin:
+        return WithGainMargin(self.loops, max(gain_margin, self.least), self.least)
 
     def _tried(self, stiffness_n_per_m: float, *, local: bool) -> list[ToolGains]:
         """Return the couplings of one stiffness to try."""
@@ -397,7 +397,7 @@ class EndSearch(CouplingSearch):
         loops: the loops of hands, devices and the end, with every counterexample found so far.
     """
 
-    loops: System
+    loops: LoopFamily
 
     @property
     def loop_count(self) -> int:

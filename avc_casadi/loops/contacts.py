@@ -75,7 +75,9 @@ class Swing:
 
     def knots_n_per_m(self, low_n_per_m: float, high_n_per_m: float) -> FloatArray:
         """Return stiffnesses in increasing order, from the softest to the stiffest contact of a range above 0."""
-        first, last, end = self.angle_rad(low_n_per_m), self.angle_rad(high_n_per_m), self._end_rad
+        first = self.angle_rad(low_n_per_m)
+        last = self.angle_rad(high_n_per_m)
+        end = self._end_rad
         turns = self._turns(min(last, end), math.floor(first / (2 * math.pi)))
         inside = turns[(turns > max(first, _FIRST_RAD)) & (turns < min(last, end))]
         parts = (
@@ -85,12 +87,14 @@ class Swing:
             _by_decades(max(first, end, _FIRST_RAD), last),
         )
         knots = self.mass_kg * (np.unique(np.concatenate(parts)) / self.period_s) ** 2
-        knots[0], knots[-1] = low_n_per_m, high_n_per_m
+        knots[0] = low_n_per_m
+        knots[-1] = high_n_per_m
         return np.asarray(knots)
 
     def _turns(self, end_rad: float, number: int) -> FloatArray:
         """Return angles over turns up to an end: all of the first ones from a number on, then each second power."""
-        turn, count = 2 * math.pi, max(_LEAST_KNOTS_PER_TURN, math.ceil(KNOTS_PER_BAND * (self.late_samples + 1)))
+        turn = 2 * math.pi
+        count = max(_LEAST_KNOTS_PER_TURN, math.ceil(KNOTS_PER_BAND * (self.late_samples + 1)))
         parts = np.arange(self.looks) * turn / self.looks
         near = np.concatenate([(parts + reach) % turn for angle in _NEAR_WHOLE_TURNS for reach in (0.0, angle, -angle)])
         angles = [np.zeros(0)]

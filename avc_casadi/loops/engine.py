@@ -14,19 +14,11 @@ import numpy as np
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi.loops.contacts import Swing
 from avc_casadi.loops.loop import Body, Loop, Map, Rows, period, response, turn_of
+from avc_casadi.loops.loop_family import TOLERANCE, LoopFamily, Pattern, SearchRegion
+from avc_casadi.loops.plant_family import PlantFamily, hand_at, held_plant
+from avc_casadi.loops.search import Box, Ranges
 from avc_casadi.loops.spectrum import ClosedLoops
-from avc_casadi.loops.system import (
-    TOLERANCE,
-    Box,
-    Pattern,
-    Ranges,
-    Region,
-    System,
-    hand_at,
-    hand_boxes,
-    held_plant,
-)
-from avc_casadi.model.corners import LINEAR_KEYS, device_corners, device_ranges, linear_values
+from avc_casadi.model.corners import LINEAR_KEYS, device_ranges, linear_values
 from avc_casadi.model.device import Device
 from avc_casadi.model.ends import (
     RIGID_N_PER_M,
@@ -38,7 +30,7 @@ from avc_casadi.model.ends import (
     tool_states,
     tool_step,
 )
-from avc_casadi.model.hands import Hand, hand_corners, joined, with_stops
+from avc_casadi.model.hands import Hand, joined, with_stops
 from avc_casadi.model.plant import sampled_plant
 from avc_casadi.model.problem import Problem
 
@@ -93,40 +85,42 @@ def clock_ranges(step_s: Interval, sample_time_s: float, *, beats: bool = False)
     range of steps no wider than a hundredth of a sample, as weakly as 1/N. With a hand of a range, or a device of one,
     each f is that of some mode. Where a loop has one mode alone, `beats` resolves that range.
     """
-    shortest, longest = (one / sample_time_s for one in step_s)
+    shortest = step_s[0] / sample_time_s
+    longest = step_s[1] / sample_time_s
     if longest - shortest < _SAME_INSTANT:
         return [(clock, step_s) for clock in clocks(step_s[0], sample_time_s)]
-    fractions = _fractions(shortest, longest, beats=beats)
-    whole = [one for one in fractions if one.denominator == 1 and shortest <= one + _SAME_INSTANT]
-    found = [
-        (Clock((int(one),), (False,), float(one) * sample_time_s), (float(one) * sample_time_s,) * 2)
-        for one in whole
-        if one <= longest + _SAME_INSTANT
-    ]
-    ends = [-math.inf, *(float(one + other) / 2 for one, other in itertools.pairwise(fractions)), math.inf]
-    for length, (before, after) in zip(fractions, itertools.pairwise(ends), strict=True):
-        low, high = max(before, shortest), min(after, longest)
+    lengths = _step_lengths(shortest, longest, beats=beats)
+    patterns: list[tuple[Clock, Interval]] = []
+    for length in lengths:
+        if length.denominator == 1 and shortest - _SAME_INSTANT <= length <= longest + _SAME_INSTANT:
+            whole_s = float(length) * sample_time_s
+            patterns.append((Clock((int(length),), (False,), whole_s), (whole_s, whole_s)))
+    ends = [-math.inf, *(float(length + after) / 2 for length, after in itertools.pairwise(lengths)), math.inf]
+    for length, (before, after) in zip(lengths, itertools.pairwise(ends), strict=True):
+        low = max(before, shortest)
+        high = min(after, longest)
         if low < high:
-            steps = low * sample_time_s, high * sample_time_s
+            steps_s = (low * sample_time_s, high * sample_time_s)
             phases = (Fraction(0), Fraction(1, 2 * length.denominator))
-            found += [(_clock(length, phase, steps[0]), steps) for phase in phases]
-    return found
+            patterns += [(_clock(length, phase, steps_s[0]), steps_s) for phase in phases]
+    return patterns
 
 
-def _fractions(shortest: float, longest: float, *, beats: bool) -> list[Fraction]:
+def _step_lengths(shortest: float, longest: float, *, beats: bool) -> list[Fraction]:
     """Return the lengths of a step, in samples, whose patterns stand for all, in increasing order."""
-    number, most = max(math.floor(shortest), 1), math.ceil(longest)
-    found = {Fraction(most)}
+    number = max(math.floor(shortest), 1)
+    most = math.ceil(longest)
+    lengths = {Fraction(most)}
     while number < most:
         finest = min(max(math.ceil(_FRACTIONS / number), 2), 8) if number < _FRACTIONS else 1
-        found |= {number + Fraction(part, q) for q in range(1, finest + 1) for part in range(q)}
+        lengths |= {number + Fraction(part, q) for q in range(1, finest + 1) for part in range(q)}
         number += max(number // _FRACTIONS, 1)
     if beats:
         # Evenly in 1/N, so that the distance grows as N^2.
         count = math.ceil(min(_BEATS * (1 / shortest - 1 / longest), _MOST_BEATS))
         even = 1 / np.linspace(1 / longest, 1 / shortest, count + 1)
-        found |= {Fraction(length).limit_denominator(_MOST_STEPS) for length in even.tolist()}
-    return sorted(found)
+        lengths |= {Fraction(length).limit_denominator(_MOST_STEPS) for length in even.tolist()}
+    return sorted(lengths)
 
 
 def _clock(period: Fraction, phase: Fraction, step_s: float) -> Clock:
@@ -151,7 +145,7 @@ class ToolCase:
 
 
 @dataclass(frozen=True)
-class Engine:
+class EngineLoop:
     """Device, engine and tools as events of one loop."""
 
     body: Body
@@ -168,21 +162,25 @@ class Engine:
 
     def closed(self, gains: ToolGains) -> ClosedLoops:
         """Return the loops over one period, shape (tools, ...), or () of each tool and body."""
-        sample, steps = self.sample(gains), {late: self.step(gains, late=late) for late in set(self.clock.late)}
+        sample = self.sample(gains)
+        steps = {late: self.step(gains, late=late) for late in set(self.clock.late)}
         order = list(zip(self.clock.samples, self.clock.late, strict=True))
-        whole = {
+        events = {
             (count, late): np.linalg.matrix_power(sample, count) @ steps[late] for count, late in dict.fromkeys(order)
         }
-        place = np.array([1.0, 0.0])
-        queue = np.tile(place, 1 + self.engine.queued) if self._wide == 2 else 0.0
-        device, tool = {"plant": self.body.shift, "positions": 1.0}, {"tool": place, "queue": queue}
-        return ClosedLoops(period([whole[one] for one in order]), self.loop.rests(device, tool))
+        # A body that rests one metre on: its position, and no speed.
+        stands = np.array([1.0, 0.0])
+        queue = np.tile(stands, 1 + self.engine.queued) if self._wide == 2 else 0.0
+        device = {"plant": self.body.shift, "positions": 1.0}
+        tool = {"tool": stands, "queue": queue}
+        return ClosedLoops(period([events[event] for event in order]), self.loop.rests(device, tool))
 
     def force_per_metre(self, gains: ToolGains, frequency_hz: float) -> complex:
         """Return the force that the loop commands per metre of oscillation of a driven device, N/m."""
         turn = turn_of(frequency_hz, self.body.sample_time_s)
         driven = replace(self, body=Body.motion_source(self.body.sample_time_s, turn))
-        sample, force = driven.sample(gains), driven.force(gains)
+        sample = driven.sample(gains)
+        force = driven.force(gains)
         events: list[Map] = []
         reads: list[Rows | None] = []
         for count, late in zip(self.clock.samples, self.clock.late, strict=True):
@@ -192,19 +190,24 @@ class Engine:
 
     def alone(self) -> FloatArray:
         """Return the maps of the tools over a step without any coupling, shape (tools, 2, 2)."""
-        tool, step = self.loop.at["tool"], self.step(ToolGains(0.0, 0.0), late=False)
+        tool = self.loop.at["tool"]
+        step = self.step(ToolGains(0.0, 0.0), late=False)
         return np.asarray(step.reshape(-1, *step.shape[-2:])[:, tool, tool])
 
     @cached_property
-    def _of_tools(self) -> tuple[FloatArray, ...]:
-        """Whether the tools are free, their mass, all their damping and the stiffness of their contacts."""
+    def _of_tools(self) -> _Tools:
+        """The tools along the first axis, before those of the body."""
         axes = (len(self.tools), *(1,) * max(self.body.a.ndim - 2, 1))
-        free = np.reshape([0.0 if one.fixed else 1.0 for one in self.tools], axes)
-        mass, drag, k_c, b_c = (
-            np.reshape([0.0 if one.fixed else value for one, value in zip(self.tools, values, strict=True)], axes)
-            for values in zip(*(vars(one).values() for one in self.tools), strict=True)
+
+        def column(value: Callable[[ToolState], float], fixed: float = 0.0) -> FloatArray:
+            return np.reshape([fixed if tool.fixed else value(tool) for tool in self.tools], axes)
+
+        return _Tools(
+            free=column(lambda _: 1.0),
+            mass_kg=column(lambda tool: tool.mass_kg, fixed=1.0),
+            drag_ns_per_m=column(lambda tool: tool.damping_ns_per_m + tool.contact_damping_ns_per_m),
+            contact_n_per_m=column(lambda tool: tool.contact_stiffness_n_per_m),
         )
-        return free, np.where(free, mass, 1.0), drag + b_c, k_c
 
     @property
     def _wide(self) -> int:
@@ -212,13 +215,16 @@ class Engine:
 
     def _samples(self, *, late: bool) -> tuple[Rows, Rows]:
         """Return rows of position and velocity of the device at its newest sample, or the one before."""
-        loop, (last, older) = self.loop, self.loop["positions"]
-        now, before = (last, older) if late else (self.body.output_row @ loop["plant"], last)
-        return now, (now - before) / self.body.sample_time_s
+        last, older = self.loop["positions"]
+        if late:
+            return last, (last - older) / self.body.sample_time_s
+        now = self.body.output_row @ self.loop["plant"]
+        return now, (now - last) / self.body.sample_time_s
 
     def force(self, gains: ToolGains) -> Rows:
         """Return the force commanded by the device's loop."""
-        (x, v), oldest = self._samples(late=False), self.loop["queue"][-self._wide :]
+        x, v = self._samples(late=False)
+        oldest = self.loop["queue"][-self._wide :]
         if self._wide == 1:
             pull = oldest[0]
         else:
@@ -234,53 +240,71 @@ class Engine:
 
     def step(self, gains: ToolGains, *, late: bool) -> Map:
         """Return the maps of one step of the engine, shape (tools, ..., size, size)."""
-        loop, (x, v) = self.loop, self._samples(late=late)
+        loop = self.loop
+        x, v = self._samples(late=late)
         place, speed = loop["tool"]
-        free, mass, drag, k_c = self._of_tools
-        k, b = gains.stiffness_n_per_m, gains.damping_ns_per_m
-        step_s = self.clock.step_s if self.steps_s is None else self.steps_s.reshape(free.shape)
+        tools = self._of_tools
+        mass = tools.mass_kg
+        k = gains.stiffness_n_per_m
+        b = gains.damping_ns_per_m
+        step_s = self.clock.step_s if self.steps_s is None else self.steps_s.reshape(mass.shape)
         t = np.asarray(step_s) / self.engine.substeps
         implicit_k, implicit_b = self.engine.implicit_part(k, b)
         push = k * x + b * v - (k - implicit_k) * place - (b - implicit_b) * speed
-        drag, k_c = drag + implicit_b, k_c + implicit_k
-        doublings = 10 + int(np.log2(1 + np.max(t * (drag + np.sqrt(k_c * mass)) / mass)))
-        rows = tool_step(self.engine.integrator, t, mass, drag, k_c, doublings)
-        new = place, speed
+        drag = tools.drag_ns_per_m + implicit_b
+        stiffness = tools.contact_n_per_m + implicit_k
+        # So many halvings of a substep make it short beside the tool's fastest mode.
+        doublings = 10 + int(np.log2(1 + np.max(t * (drag + np.sqrt(stiffness * mass)) / mass)))
+        to_place, to_speed = tool_step(self.engine.integrator, t, mass, drag, stiffness, doublings)
+        new_place = place
+        new_speed = speed
         for _ in range(self.engine.substeps):
-            new = tuple(one * new[0] + other * new[1] + force * push for one, other, force in rows)
-        tool = np.stack([free * one for one in new], axis=-2)
+            new_place, new_speed = (
+                by_place * new_place + by_speed * new_speed + by_force * push
+                for by_place, by_speed, by_force in (to_place, to_speed)
+            )
+        tool = np.stack([tools.free * new_place, tools.free * new_speed], axis=-2)
         if self._wide == 1:
-            out = (k * (x - free * place) + b * (v - free * speed))[..., None, :]
+            sent = (k * (x - tools.free * place) + b * (v - tools.free * speed))[..., None, :]
         else:
-            out = tool if self.engine.exchange == "ahead" else free[..., None] * loop["tool"]
-        return loop.event(tool=tool, queue=loop.queue("queue", out))
+            sent = tool if self.engine.exchange == "ahead" else tools.free[..., None] * loop["tool"]
+        return loop.event(tool=tool, queue=loop.queue("queue", sent))
 
 
-class ToolLoops(System):
+@dataclass(frozen=True)
+class _Tools:
+    """Tools of an engine along one axis: 1 where they are free to move, mass, all their damping, their contacts."""
+
+    free: FloatArray
+    mass_kg: FloatArray
+    drag_ns_per_m: FloatArray
+    contact_n_per_m: FloatArray
+
+
+class ToolLoops(LoopFamily):
     """All loops of a problem with [simulation]: hands, end stop, released, devices, tools, contacts and clocks."""
 
-    def __init__(self, problem: Problem, beside: Sequence[Hand] = ()) -> None:
-        self.tool = tool = problem.end_as(Simulation)
-        self.hands = with_stops(reduce(joined, beside, hand_corners(problem.hands)), problem.device.mass_kg)
-        self._devices = device_corners(problem.device, LINEAR_KEYS)
-        self.tools = list(
-            dict.fromkeys(one for contact in contact_stiffnesses_n_per_m(tool) for one in tool_states(tool, contact))
-        )
+    def __init__(self, problem: Problem, more_hands: Sequence[Hand] = ()) -> None:
+        tool = problem.end_as(Simulation)
+        self.tool = tool
+        family = PlantFamily.of(problem)
+        self.hands = with_stops(reduce(joined, more_hands, family.corner_hands), problem.device.mass_kg)
+        self._devices = family.devices
+        contacts_n_per_m = contact_stiffnesses_n_per_m(tool)
+        self.tools = list(dict.fromkeys(state for contact in contacts_n_per_m for state in tool_states(tool, contact)))
         body = Body.of(sampled_plant(self._devices, self.hands)).axes(None)
         sample_time_s = problem.device.sample_time_s
 
         def at_corners(clock: Clock) -> Pattern:
-            engine = Engine(body, clock, tool, self.tools)
+            engine = EngineLoop(body, clock, tool, self.tools)
             return _pattern(engine, lambda row: self._case(row, clock.step_s))
 
         corners = [at_corners(clock) for step_s in sorted(set(tool.step_s)) for clock in clocks(step_s, sample_time_s)]
         plants = Plants(problem.device)
         regions = [
-            _region(problem, plants, clocked, contacts, hand)
-            for hand in hand_boxes(problem)
-            for clocked in clock_ranges(
-                tool.step_s, sample_time_s, beats=all(low == high for low, high in hand.values())
-            )
+            _region(problem, plants, clocked, contacts, side.box)
+            for side in family.sides
+            for clocked in clock_ranges(tool.step_s, sample_time_s, beats=not side.varies)
             for contacts in _contacts_n_per_m(tool)
         ]
         super().__init__(corners, regions)
@@ -288,38 +312,40 @@ class ToolLoops(System):
     @property
     def worst_hands(self) -> tuple[Hand, ...]:
         """The worst hands inside the ranges that searches found."""
-        return tuple(Hand(**one.case(0).hand) for one in self.patterns[self.corners :])
+        return tuple(Hand(**pattern.case(0).hand) for pattern in self.patterns[self.corners :])
 
     def __len__(self) -> int:
-        shape = self.corners, len(self.tools), len(self._devices), len(self.hands)
-        return math.prod(shape) + len(self.patterns) - self.corners
+        at_corners = self.corners * len(self.tools) * len(self._devices) * len(self.hands)
+        return at_corners + len(self.patterns) - self.corners
 
     def engine_alone_stable(self) -> bool:
         """Return whether the tool in contact is stable without any coupling, a property of the engine alone."""
-        touching = [one for one in self.tools if not one.fixed and one.contact_stiffness_n_per_m > 0]
+        touching = [tool for tool in self.tools if not tool.fixed and tool.contact_stiffness_n_per_m > 0]
         if not touching:
             return True
         body = Body.motion_source(self._devices[0].sample_time_s, 1.0)
         of_clocks = (clock for step_s in set(self.tool.step_s) for clock in clocks(step_s, body.sample_time_s))
-        alone = (np.linalg.eigvals(Engine(body, clock, self.tool, touching).alone()) for clock in of_clocks)
+        alone = (np.linalg.eigvals(EngineLoop(body, clock, self.tool, touching).alone()) for clock in of_clocks)
         return all(np.abs(values).max() <= 1 + TOLERANCE for values in alone)
 
     def _case(self, row: int, step_s: float) -> ToolCase:
-        shape = len(self.tools), len(self._devices), len(self.hands)
-        tool, device, hand = (int(one) for one in np.unravel_index(row, shape))
+        shape = (len(self.tools), len(self._devices), len(self.hands))
+        tool, device, hand = (int(index) for index in np.unravel_index(row, shape))
         return ToolCase(self.hands.values(hand), linear_values(self._devices[device]), self.tools[tool], step_s)
 
 
-def _pattern(engine: Engine, case: Callable[[int], ToolCase]) -> Pattern:
+def _pattern(engine: EngineLoop, case: Callable[[int], ToolCase]) -> Pattern:
     samples = engine.clock.samples
     return Pattern(engine.closed, sum(samples) * engine.body.sample_time_s, len(samples), case)
 
 
 def _region(
-    problem: Problem, plants: Plants, clocked: tuple[Clock, Interval], contacts: FloatArray, hand: Ranges
-) -> Region:
+    problem: Problem, plants: Plants, clocked: tuple[Clock, Interval], contacts: FloatArray, of_plant: Ranges
+) -> SearchRegion:
     """Return the ranges where the pattern and kind of contact are set; a tool that is fixed has no other sides."""
-    tool, (clock, step_s), contact = problem.end_as(Simulation), clocked, (float(contacts[0]), float(contacts[-1]))
+    tool = problem.end_as(Simulation)
+    clock, step_s = clocked
+    contact = (float(contacts[0]), float(contacts[-1]))
     fixed = contact[0] >= RIGID_N_PER_M
     mass = tool.tool_mass_kg or (math.inf, math.inf)
     of_tool = {
@@ -334,7 +360,7 @@ def _region(
         devices, body = plants.held(values)
         tools = [tool_at(tool, *row) for row in np.array([values[key] for key in of_tool]).T.tolist()]
         steps_s = values["step_s"]
-        engine = Engine(body, clock, tool, tools, steps_s)
+        engine = EngineLoop(body, clock, tool, tools, steps_s)
 
         def case(row: int) -> ToolCase:
             return ToolCase(hand_at(values, row), linear_values(devices[row]), tools[row], float(steps_s[row]))
@@ -343,9 +369,9 @@ def _region(
 
     # The step of a tool that is fixed changes nothing but the pattern.
     of_step = {"step_s": (step_s[0], step_s[0]) if fixed else step_s}
-    ranges = {**hand, **device_ranges(problem.device, LINEAR_KEYS), **of_tool, **of_step}
+    ranges = {**of_plant, **of_tool, **of_step}
     knots = {"contact.stiffness_n_per_m": contacts} if len(contacts) > 1 else {}
-    return Region(Box(ranges, knots), pattern, (contact, clock.whole, *hand.values()))
+    return SearchRegion(Box(ranges, knots), pattern, (contact, clock.whole, *of_plant.values()))
 
 
 class Plants:
@@ -386,26 +412,27 @@ def _contacts_n_per_m(tool: Simulation) -> list[FloatArray]:
     if tool.tool_mass_kg is None:
         return [np.array([RIGID_N_PER_M])]
     tried = contact_stiffnesses_n_per_m(tool)
-    springs = [one for one in tried if 0 < one < RIGID_N_PER_M]
-    swing, found = _swing(tool), [np.zeros(1)]
+    springs = [stiffness for stiffness in tried if 0 < stiffness < RIGID_N_PER_M]
+    swing = _swing(tool)
+    searched = [np.zeros(1)]
     if springs:
         # No spring counts that is softer than any hand, and than a thousandth of the stiffest.
         lowest = tool.contact_stiffness_n_per_m[0]
         low = springs[0] if lowest > 0 else min(springs[0], max(swing.softest_n_per_m, lowest))
-        found.append(swing.knots_n_per_m(low, springs[-1]) if low < springs[-1] else np.array([low]))
-    return [*found, np.array([RIGID_N_PER_M])]
+        searched.append(swing.knots_n_per_m(low, springs[-1]) if low < springs[-1] else np.array([low]))
+    return [*searched, np.array([RIGID_N_PER_M])]
 
 
 def _swing(tool: Simulation) -> Swing:
     """Return how a tool swings on a contact in the engine, counted by its longest step."""
     lightest, heaviest = tool.tool_mass_kg or (math.inf, math.inf)
-    dampers, longest_s = tool.contact_damping_ns_per_m, max(tool.step_s)
+    dampers = tool.contact_damping_ns_per_m
     exact = tool.integrator == "exact"
     # A semi-implicit step turns by half a turn at sqrt(k/m) dt = 2, beyond which it grows; an implicit one damps.
     last_rad = math.inf if exact else 2.0 * tool.substeps
     return Swing(
         lightest,
-        longest_s,
+        max(tool.step_s),
         1.0 + tool.queued,
         damping_ratio=1.0 if dampers is None else 0.0,
         decay_per_s=0.0 if dampers is None else (tool.tool_damping_ns_per_m[0] + dampers[0]) / (2 * heaviest),

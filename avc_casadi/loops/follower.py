@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cached_property
@@ -16,12 +16,14 @@ import numpy as np
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi.loops.contacts import Swing
 from avc_casadi.loops.loop import Body, Loop, Map, Rows, period, response, turn_of
+from avc_casadi.loops.loop_family import LoopFamily, Pattern, SearchRegion, clock_ratio
+from avc_casadi.loops.plant_family import PlantFamily, hand_at, held_plant
+from avc_casadi.loops.search import Box, Ranges
 from avc_casadi.loops.spectrum import ClosedLoops
-from avc_casadi.loops.system import Box, Pattern, Ranges, Region, System, clock_ratio, hand_at, hand_boxes, held_plant
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners, device_ranges, linear_values
 from avc_casadi.model.device import Device
 from avc_casadi.model.ends import Follower, Interval, ToolGains
-from avc_casadi.model.hands import Hand, hand_corners, with_stops
+from avc_casadi.model.hands import Hand, with_stops
 from avc_casadi.model.plant import SampledPlant, sampled_plant
 from avc_casadi.model.problem import Problem
 
@@ -44,18 +46,19 @@ class LinkClock:
     follower_sees: tuple[int, ...]
 
 
-def link_clocks(leader_s: float, follower_s: float, there_s: float, back_s: float) -> list[LinkClock]:
+def link_clocks(leader_s: float, follower_s: float, forth_s: float, back_s: float) -> list[LinkClock]:
     """Return the distinct patterns of two clocks, of every phase."""
     ratio = clock_ratio(follower_s / leader_s)
-    there, back = there_s / leader_s, back_s / leader_s
+    forth = forth_s / leader_s
+    back = back_s / leader_s
     # Phases recur after one over the denominator; the pattern changes where a message arrives at a sample.
     recurs = Fraction(1, ratio.denominator)
-    turns = sorted({Fraction(0), *(Fraction(late).limit_denominator(10**6) % recurs for late in (there, -back))})
-    between = [(one + other) / 2 for one, other in itertools.pairwise([*turns, recurs])]
-    return list(dict.fromkeys(_clock(ratio, phase, there, back) for phase in sorted({*turns, *between})))
+    turns = sorted({Fraction(0), *(Fraction(late).limit_denominator(10**6) % recurs for late in (forth, -back))})
+    between = [(before + after) / 2 for before, after in itertools.pairwise([*turns, recurs])]
+    return list(dict.fromkeys(_clock(ratio, phase, forth, back) for phase in sorted({*turns, *between})))
 
 
-def _clock(ratio: Fraction, phase: Fraction, there: float, back: float) -> LinkClock:
+def _clock(ratio: Fraction, phase: Fraction, forth: float, back: float) -> LinkClock:
     """Return one pattern; times are counted in samples of the leader, `ratio` being a sample of the follower."""
     leader = [Fraction(k) for k in range(ratio.numerator)]
     follower = [k * ratio + phase for k in range(ratio.denominator)]
@@ -63,7 +66,7 @@ def _clock(ratio: Fraction, phase: Fraction, there: float, back: float) -> LinkC
     return LinkClock(
         tuple((time in leader, time in follower) for time in times),
         tuple(_age(float(time - phase) / float(ratio), back / float(ratio)) for time in leader),
-        tuple(_age(float(time), there) for time in follower),
+        tuple(_age(float(time), forth) for time in follower),
     )
 
 
@@ -81,7 +84,7 @@ class RoundTrip:
 
 
 def round_trips(
-    leader_s: float, follower_s: float, there_s: Interval, back_s: Interval, *, sends_force: bool = False
+    leader_s: float, follower_s: float, forth_s: Interval, back_s: Interval, *, sends_force: bool = False
 ) -> list[RoundTrip]:
     """Return each distinct loop of two clocks and of delays in two ranges, of every phase; the shortest delay first.
 
@@ -91,19 +94,25 @@ def round_trips(
     follower's samples and is the same loop. So a + b decides, from ceil(q R) to ceil(q R) + 1 of the round trip R.
     """
     ratio = clock_ratio(follower_s / leader_s)
-    q, samples = ratio.denominator, [(there + back) / leader_s for there, back in zip(there_s, back_s, strict=True)]
-    fewest, most = (math.ceil(q * trip - _SAME_INSTANT) for trip in samples)
+    q = ratio.denominator
+    shortest = (forth_s[0] + back_s[0]) / leader_s
+    longest = (forth_s[1] + back_s[1]) / leader_s
+    fewest = math.ceil(q * shortest - _SAME_INSTANT)
+    most = math.ceil(q * longest - _SAME_INSTANT)
     if sends_force and back_s[0] == 0:
         # A force is sent after the sample that it is of, so that one of the same instant is never known.
-        fewest = math.floor(q * samples[0] + _SAME_INSTANT) + 1
+        fewest = math.floor(q * shortest + _SAME_INSTANT) + 1
     loops = {}
     for count in range(fewest, most + 2):
         # Both clocks in step and no delay: each sees the other's sample of the same instant. Otherwise out of step,
         # all of the delay on the way there: the queue of the leader's positions is the shortest state.
         out_of_step = Fraction(1, 2 * q) if count else Fraction(0)
-        share = min(max((count - 1) / q - samples[0], 0.0) / max(samples[1] - samples[0], _SAME_INSTANT), 1.0)
-        delays_s = tuple(low + share * (high - low) for low, high in (there_s, back_s))
-        loops[_clock(ratio, out_of_step, max(count - 1, 0) / q, 0.0)] = (delays_s[0], delays_s[1])
+        share = min(max((count - 1) / q - shortest, 0.0) / max(longest - shortest, _SAME_INSTANT), 1.0)
+        forth_and_back_s = (
+            forth_s[0] + share * (forth_s[1] - forth_s[0]),
+            back_s[0] + share * (back_s[1] - back_s[0]),
+        )
+        loops[_clock(ratio, out_of_step, max(count - 1, 0) / q, 0.0)] = forth_and_back_s
     return [RoundTrip(clock, delays_s) for clock, delays_s in loops.items()]
 
 
@@ -129,7 +138,8 @@ class Touch:
     @classmethod
     def of(cls, follower: SampledPlant, stiffness_n_per_m: FloatArray, damping_ns_per_m: FloatArray) -> Self:
         """Return environments, one axis: one device in each, or one for each."""
-        body, fixed = Body.of(follower).flat(), np.isinf(stiffness_n_per_m)
+        body = Body.of(follower).flat()
+        fixed = np.isinf(stiffness_n_per_m)
         end = "handle" if "handle_position_m" in body.names else "device"
         spring = np.where(fixed, 0.0, stiffness_n_per_m)[:, None] * body.row(f"{end}_position_m")
         damper = damping_ns_per_m[:, None] * body.row(f"{end}_velocity_m_per_s")
@@ -152,7 +162,8 @@ class Link:
     @cached_property
     def loop(self) -> Loop:
         """The blocks of the state; two positions more than the oldest one used are kept, for its velocity."""
-        leader_sees, follower_sees = max(self.clock.leader_sees), max(self.clock.follower_sees)
+        leader_sees = max(self.clock.leader_sees)
+        follower_sees = max(self.clock.follower_sees)
         return Loop(
             body0=self.leader.size,
             body1=self.touch.body.size,
@@ -168,9 +179,9 @@ class Link:
 
     def closed(self, gains: ToolGains) -> ClosedLoops:
         """Return the loops over one period."""
-        bodies = (self.leader, self.touch.body)
-        each = ({f"body{side}": body.shift, f"sent{side}": 1.0} for side, body in enumerate(bodies))
-        return ClosedLoops(period([event for event, _ in self.events(gains)]), self.loop.rests(*each))
+        leader = {"body0": self.leader.shift, "sent0": 1.0}
+        follower = {"body1": self.touch.body.shift, "sent1": 1.0}
+        return ClosedLoops(period([event for event, _ in self.events(gains)]), self.loop.rests(leader, follower))
 
     def force_per_metre(self, gains: ToolGains, frequency_hz: float) -> complex:
         """Return the force commanded by the leader's loop per metre of a driven leader's oscillation, N/m."""
@@ -185,37 +196,61 @@ class Link:
 
     def _samples(self, side: int, age: int) -> tuple[Rows, Rows]:
         """Return position and velocity that a side sent a number of its samples ago."""
-        sent, body = self.loop[f"sent{side}"], (self.leader, self.touch.body)[side]
-        return sent[age], (sent[age] - sent[age + 1]) / body.sample_time_s
+        sent = self.loop[f"sent{side}"]
+        sample_time_s = (self.leader, self.touch.body)[side].sample_time_s
+        return sent[age], (sent[age] - sent[age + 1]) / sample_time_s
 
     def events(self, gains: ToolGains) -> list[tuple[Map, Rows | None]]:
         """Return the maps of a period, and the leader's commanded force before each by which its device moves."""
-        k, b = gains.stiffness_n_per_m, gains.damping_ns_per_m
-        loop, bodies, count, maps = self.loop, (self.leader, self.touch.body), [0, 0], list[tuple[Map, Rows | None]]()
-        for here in self.clock.events:
-            sides = [side for side in (0, 1) if here[side]]
-            measured = {side: bodies[side].output_row @ loop[f"body{side}"] for side in sides}
-            sent = {f"sent{side}": loop.queue(f"sent{side}", measured[side][None]) for side in sides}
-            maps.append((loop.event(**sent), None))
-            sees = self.clock.leader_sees, self.clock.follower_sees
-            leads, follows = (age[sample % len(age)] for age, sample in zip(sees, count, strict=True))
-            # The force of the coupling on each side, positive against +x.
-            (x, v), (y, w) = self._samples(0, 0), self._samples(1, 0)
-            (far_y, far_w), (far_x, far_v) = self._samples(1, leads), self._samples(0, follows)
-            # A force is sent after the sample that it is of: that of a sample of this instant is not yet in the queue.
-            sent_ago = max(leads - all(here), 0)
-            back = -loop["forces"][sent_ago] if self._sends_force else k * (x - far_y) + b * (v - far_w)
-            pulls = [back, k * (y - far_x) + b * (w - far_v)]
-            forces = [pull + gains.local_damping_ns_per_m * own for pull, own in zip(pulls, (v, w), strict=True)]
-            motor = {side: gains.motors[side] * forces[side] for side in sides}
-            new = {f"body{side}": bodies[side].next_state(loop[f"body{side}"], motor[side]) for side in sides}
-            if 1 in sides:
-                new["body1"] = new["body1"] * (1 - self.touch.fixed)[..., None, None]
-                if self._sends_force:
-                    new["forces"] = loop.queue("forces", self._force_to_leader(pulls[1]))
-            maps.append((loop.event(**new), forces[0] if 0 in sides else None))
-            count = [sample + one for sample, one in zip(count, here, strict=True)]
+        maps: list[tuple[Map, Rows | None]] = []
+        leader_samples = 0
+        follower_samples = 0
+        for leads, follows in self.clock.events:
+            sides = [side for side, samples in enumerate((leads, follows)) if samples]
+            maps.append((self._sampled(sides), None))
+            leader_age = self.clock.leader_sees[leader_samples % len(self.clock.leader_sees)]
+            follower_age = self.clock.follower_sees[follower_samples % len(self.clock.follower_sees)]
+            pulls = self._pulls(gains, leader_age, follower_age, in_step=leads and follows)
+            forces = [
+                pull + gains.local_damping_ns_per_m * self._samples(side, 0)[1] for side, pull in enumerate(pulls)
+            ]
+            moved = {f"body{side}": self._moved(side, gains.motors[side] * forces[side]) for side in sides}
+            if follows and self._sends_force:
+                moved["forces"] = self.loop.queue("forces", self._force_to_leader(pulls[1]))
+            maps.append((self.loop.event(**moved), forces[0] if leads else None))
+            leader_samples += leads
+            follower_samples += follows
         return maps
+
+    def _sampled(self, sides: Sequence[int]) -> Map:
+        """Return the map by which some sides sample their positions and send them."""
+        loop = self.loop
+        sent = {}
+        for side in sides:
+            position = (self.leader, self.touch.body)[side].output_row @ loop[f"body{side}"]
+            sent[f"sent{side}"] = loop.queue(f"sent{side}", position[None])
+        return loop.event(**sent)
+
+    def _pulls(self, gains: ToolGains, leader_age: int, follower_age: int, *, in_step: bool) -> list[Rows]:
+        """Return the force of the coupling on each side, positive against +x, from what it knows of the other side."""
+        k = gains.stiffness_n_per_m
+        b = gains.damping_ns_per_m
+        x, v = self._samples(0, 0)
+        y, w = self._samples(1, 0)
+        known_y, known_w = self._samples(1, leader_age)
+        known_x, known_v = self._samples(0, follower_age)
+        on_follower = k * (y - known_x) + b * (w - known_v)
+        if not self._sends_force:
+            return [k * (x - known_y) + b * (v - known_w), on_follower]
+        # A force is sent after the sample that it is of: that of a sample of this instant is not yet in the queue.
+        sent_ago = max(leader_age - in_step, 0)
+        return [-self.loop["forces"][sent_ago], on_follower]
+
+    def _moved(self, side: int, force: Rows) -> Rows:
+        """Return the next state of a side's body, pushed by a force; a follower on a rigid contact stands still."""
+        body = (self.leader, self.touch.body)[side]
+        state = body.next_state(self.loop[f"body{side}"], force)
+        return state if side == 0 else state * (1 - self.touch.fixed)[..., None, None]
 
     def _force_to_leader(self, commanded: Rows) -> Rows:
         """Return the force that the follower sends: commanded, or of its contact where that is not rigid."""
@@ -226,29 +261,31 @@ class Link:
         return np.asarray((fixed * commanded + (1 - fixed) * measured)[..., None, :])
 
 
-class FollowerLoops(System):
+class FollowerLoops(LoopFamily):
     """All loops of a problem with [follower]: hands, end stop, released, environments, both devices, delays, clocks."""
 
     def __init__(self, problem: Problem) -> None:
-        self.follower = follower = problem.end_as(Follower)
-        self.hands = with_stops(hand_corners(problem.hands), problem.device.mass_kg)
+        follower = problem.end_as(Follower)
+        self.follower = follower
+        family = PlantFamily.of(problem)
+        self.hands = with_stops(family.corner_hands, problem.device.mass_kg)
         stiffness, damping = environments(follower)
         self.environments_n_per_m = stiffness
         contact = Hand(np.zeros(len(stiffness)), damping, np.where(np.isinf(stiffness), 0.0, stiffness))
         corners: list[Pattern] = []
-        leaders, followers = (device_corners(one, LINEAR_KEYS) for one in (problem.device, follower.at_leader()))
+        followers = device_corners(follower.at_leader(), LINEAR_KEYS)
         trips = _round_trips(problem)
         # Of a range of delays the shortest and the longest, of both phases.
         ends = list(dict.fromkeys([*trips[:2], *trips[-2:]]))
-        for leader, other in product(leaders, followers):
+        for leader, follower_device in product(family.devices, followers):
             body = Body.of(sampled_plant(leader, self.hands)).flat().axes(slice(None), None)
-            touch = Touch.of(sampled_plant(other, contact), stiffness, damping)
+            touch = Touch.of(sampled_plant(follower_device, contact), stiffness, damping)
             for trip in ends:
-                case = self._case_of(leader, other, trip.delays_s)
+                case = self._case_of(leader, follower_device, trip.delays_s)
                 corners.append(_pattern(Link(body, touch, trip.clock, follower), case))
         regions = [
-            _region(problem, trip, knots, hand)
-            for trip, knots, hand in product(trips, _contacts_n_per_m(problem), hand_boxes(problem))
+            _region(problem, trip, knots, side.box)
+            for trip, knots, side in product(trips, _contacts_n_per_m(problem), family.sides)
         ]
         super().__init__(corners, regions, motors=2)
 
@@ -256,14 +293,16 @@ class FollowerLoops(System):
         at_corners = self.corners * len(self.environments_n_per_m) * len(self.hands)
         return at_corners + len(self.patterns) - self.corners
 
-    def _case_of(self, leader: Device, other: Device, delays_s: tuple[float, float]) -> Callable[[int], BilateralCase]:
+    def _case_of(
+        self, leader: Device, follower: Device, delays_s: tuple[float, float]
+    ) -> Callable[[int], BilateralCase]:
         def case(row: int) -> BilateralCase:
             hand, environment = np.unravel_index(row, (len(self.hands), len(self.environments_n_per_m)))
             return BilateralCase(
                 self.hands.values(int(hand)),
                 float(self.environments_n_per_m[environment]),
                 linear_values(leader),
-                linear_values(other),
+                linear_values(follower),
                 delays_s,
             )
 
@@ -277,25 +316,34 @@ def _pattern(pair: Link, case: Callable[[int], BilateralCase]) -> Pattern:
 def _round_trips(problem: Problem) -> list[RoundTrip]:
     """Return the distinct loops of a problem's link."""
     follower = problem.end_as(Follower)
-    times, ways = (problem.device.sample_time_s, follower.sample_time_s), follower.ways_s
-    return round_trips(*times, *ways, sends_force=follower.architecture == "position-force")
+    forth_s, back_s = follower.ways_s
+    return round_trips(
+        problem.device.sample_time_s,
+        follower.sample_time_s,
+        forth_s,
+        back_s,
+        sends_force=follower.architecture == "position-force",
+    )
 
 
-def _region(problem: Problem, trip: RoundTrip, contacts: FloatArray, hand: Ranges) -> Region:
+def _region(problem: Problem, trip: RoundTrip, contacts: FloatArray, of_leader: Ranges) -> SearchRegion:
     """Return the ranges where clocks, delays and the kind of contact, in the follower's units, are set."""
-    leader, follower = problem.device, problem.end_as(Follower)
-    other, contact = follower.at_leader(), (float(contacts[0]), float(contacts[-1]))
-    of_other = {f"follower.{key}": ends for key, ends in device_ranges(other, LINEAR_KEYS).items()}
+    leader = problem.device
+    follower = problem.end_as(Follower)
+    follower_device = follower.at_leader()
+    contact = (float(contacts[0]), float(contacts[-1]))
+    of_follower = {f"follower.{key}": ends for key, ends in device_ranges(follower_device, LINEAR_KEYS).items()}
     of_contact = {_STIFFNESS: contact}
     if contact[0] > 0 and contact[1] < math.inf and follower.contact_damping_ns_per_m is not None:
         of_contact["contact.damping_ns_per_m"] = follower.contact_damping_ns_per_m
 
     def pattern(values: dict[str, FloatArray]) -> Pattern:
-        springs, dampers = values[_STIFFNESS], values.get("contact.damping_ns_per_m")
+        springs = values[_STIFFNESS]
+        dampers = values.get("contact.damping_ns_per_m")
         if dampers is None:
-            each = [contact_dampers_ns_per_m(follower, one)[0] if 0 < one < math.inf else 0.0 for one in springs]
-            dampers = np.array(each)
-        stiffness, damping = follower.scale * springs, follower.scale * dampers
+            dampers = np.array([_damper_ns_per_m(follower, spring) for spring in springs])
+        stiffness = follower.scale * springs
+        damping = follower.scale * dampers
         in_contact = {
             "hand.mass_kg": np.zeros(len(springs)),
             "hand.damping_ns_per_m": damping,
@@ -303,25 +351,29 @@ def _region(problem: Problem, trip: RoundTrip, contacts: FloatArray, hand: Range
         }
         inner = {key.removeprefix("follower."): value for key, value in values.items() if key.startswith("follower.")}
         leaders, held = held_plant(leader, values)
-        others, far = held_plant(other, {**inner, **in_contact})
-        pair = Link(Body.of(held).flat(), Touch.of(far, stiffness, damping), trip.clock, follower)
+        followers, touching = held_plant(follower_device, {**inner, **in_contact})
+        pair = Link(Body.of(held).flat(), Touch.of(touching, stiffness, damping), trip.clock, follower)
 
         def case(row: int) -> BilateralCase:
-            ends = linear_values(leaders[row]), linear_values(others[row])
+            ends = (linear_values(leaders[row]), linear_values(followers[row]))
             return BilateralCase(hand_at(values, row), float(stiffness[row]), *ends, trip.delays_s)
 
         return _pattern(pair, case)
 
-    ranges = {**hand, **device_ranges(leader, LINEAR_KEYS), **of_other, **of_contact}
-    return Region(Box(ranges, {_STIFFNESS: contacts} if len(contacts) > 1 else {}), pattern, (contact, *hand.values()))
+    ranges = {**of_leader, **of_follower, **of_contact}
+    return SearchRegion(
+        Box(ranges, {_STIFFNESS: contacts} if len(contacts) > 1 else {}), pattern, (contact, *of_leader.values())
+    )
 
 
 def environments(follower: Follower) -> tuple[FloatArray, FloatArray]:
     """Return stiffness and damping of the follower's environments, in the leader's units: free, springs, rigid."""
     low, top = _corner_springs_n_per_m(follower)
-    springs = np.geomspace(low, top, 4).tolist() if low < top else [top] if top > 0 else []
+    springs = [top] if top > 0 else []
+    if low < top:
+        springs = np.geomspace(low, top, 4).tolist()
     pairs = [(0.0, 0.0)]
-    pairs += [(one, damper) for one in springs for damper in contact_dampers_ns_per_m(follower, one)]
+    pairs += [(spring, damper) for spring in springs for damper in contact_dampers_ns_per_m(follower, spring)]
     pairs += [(math.inf, 0.0)] if follower.rigid else []
     stiffness, damping = (follower.scale * np.array(column) for column in zip(*pairs, strict=True))
     return stiffness, damping
@@ -334,20 +386,34 @@ def contact_dampers_ns_per_m(follower: Follower, stiffness_n_per_m: float) -> li
     return [2 * CONTACT_DAMPING_RATIO * math.sqrt(stiffness_n_per_m * follower.mass_kg)]
 
 
+def _damper_ns_per_m(follower: Follower, stiffness_n_per_m: float) -> float:
+    """Return the least damper of a contact spring; 0 of a free or a rigid end."""
+    if 0 < stiffness_n_per_m < math.inf:
+        return contact_dampers_ns_per_m(follower, stiffness_n_per_m)[0]
+    return 0.0
+
+
 def _contacts_n_per_m(problem: Problem) -> list[FloatArray]:
     """Return the environments that are searched, in the follower's units: free, knots of springs, rigid."""
     follower = problem.end_as(Follower)
     lowest, highest = follower.contact_stiffness_n_per_m
     swing = _swing(problem)
     low = max(lowest, min(swing.softest_n_per_m, _corner_springs_n_per_m(follower)[0]))
-    springs = [swing.knots_n_per_m(low, highest)] if highest > low else [np.array([highest])] if highest > 0 else []
-    return [np.zeros(1), *springs, *([np.array([math.inf])] if follower.rigid else [])]
+    searched = [np.zeros(1)]
+    if highest > low:
+        searched.append(swing.knots_n_per_m(low, highest))
+    elif highest > 0:
+        searched.append(np.array([highest]))
+    return [*searched, np.array([math.inf])] if follower.rigid else searched
 
 
 def _swing(problem: Problem) -> Swing:
     """Return how the follower swings on a contact."""
-    leader, follower = problem.device, problem.end_as(Follower)
-    known, period_s, dampers = follower.range, follower.sample_time_s, follower.contact_damping_ns_per_m
+    leader = problem.device
+    follower = problem.end_as(Follower)
+    known = follower.range
+    period_s = follower.sample_time_s
+    dampers = follower.contact_damping_ns_per_m
     mass = (known.mass_kg or (follower.mass_kg, follower.mass_kg))[0]
     if follower.resonance is not None:
         # The contact is at the handle.

@@ -71,13 +71,16 @@ def turn_of(frequency_hz: float, sample_time_s: float) -> complex:
 
 def response(events: Sequence[Map], reads: Sequence[Rows | None], turn: complex) -> complex:
     """Return what is read per unit of the first state, `Body.motion_source`, which turns by a factor at every read."""
-    whole, count = period(events), sum(read is not None for read in reads)
+    whole = period(events)
+    count = sum(read is not None for read in reads)
     inner = turn**count * np.eye(len(whole) - 1) - whole[1:, 1:]
     state = np.append(1.0, np.linalg.solve(inner, whole[1:, 0]))
-    total, sample = 0.0 + 0.0j, 0
+    total = 0.0 + 0.0j
+    sample = 0
     for event, read in zip(events, reads, strict=True):
         if read is not None:
-            total, sample = total + turn**-sample * (read @ state), sample + 1
+            total += turn**-sample * (read @ state)
+            sample += 1
         state = event @ state
     return complex(total / count)
 
@@ -97,7 +100,7 @@ class Body:
         """Return a plant's body, leading axes (devices, hands)."""
         a, b = plant.with_forces_under_way()
         scale = np.ones(b.shape[-1])
-        scale[: len(plant.names)] = [plant.sample_time_s if one.endswith("_per_s") else 1.0 for one in plant.names]
+        scale[: len(plant.names)] = [plant.sample_time_s if state.endswith("_per_s") else 1.0 for state in plant.names]
         output_row = np.pad(plant.output_row, (0, len(scale) - len(plant.output_row)))
         return cls(a * scale[:, None] / scale, b * scale, output_row, plant.sample_time_s, plant.names)
 
@@ -120,7 +123,7 @@ class Body:
     def row(self, name: str) -> FloatArray:
         """Return the row of a state in its own unit, shape (n,)."""
         unit = 1 / self.sample_time_s if name.endswith("_per_s") else 1.0
-        return np.pad([unit * (one == name) for one in self.names], (0, self.size - len(self.names)))
+        return np.pad([unit * (state == name) for state in self.names], (0, self.size - len(self.names)))
 
     def axes(self, *index: Any) -> Self:
         """Return the body with its leading axes indexed."""

@@ -16,19 +16,28 @@ import numpy as np
 from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray, IndexArray
 from avc_casadi.coupling import Coupling
 from avc_casadi.loops.loop import Body
+from avc_casadi.loops.plant_family import PlantFamily
 from avc_casadi.loops.spectrum import ClosedLoops, lowest, root
 from avc_casadi.loops.wall import closed, law_at_rest
-from avc_casadi.model.corners import LINEAR_KEYS, device_corners
-from avc_casadi.model.hands import hand_corners, with_released
 from avc_casadi.model.law import Law
-from avc_casadi.model.plant import SampledPlant, sampled_plant
+from avc_casadi.model.plant import SampledPlant
 
-LEAST_DISK, SOUND_DISK = 0.15, 0.2
-"""Disk margins below which a coupling should not run on a device, and below which it is thin."""
+LEAST_DISK = 0.15
+"""Disk margin below which a coupling should not run on a device."""
+SOUND_DISK = 0.2
+"""Disk margin below which a coupling is thin."""
 SETTLING_BAND = 0.02
 """Share of the largest depth after an impact within which a device counts as settled."""
 # The lowest angle of z of interest.
 _LOWEST_TURN = 1e-5
+# Angles of a first look, evenly in their logarithm: of all loops at once, and of one loop's own.
+_EVEN_TURNS = 200
+_EVEN_TURNS_OF_A_LOOP = 40
+# Peaks of |(1 - L)/(1 + L)| that are refined.
+_PEAKS = 12
+# An impact is followed over so many points, until it is down to this share.
+_POINTS_OF_IMPACT = 2**13
+_SETTLED_SHARE = 1e-4
 
 
 @dataclass(frozen=True)
@@ -58,12 +67,10 @@ class OpenLoop:
     @classmethod
     def of(cls, coupling: Coupling) -> Self:
         """Return the loop of a coupling, on the corner of [device.range] with which its disk margin is the smallest."""
-        problem = coupling.problem
-        hands = with_released(hand_corners(problem.hands.model_copy(update={"let_go": False})))
+        family = PlantFamily.of(coupling.problem)
         law = law_at_rest(coupling)
-        devices = device_corners(problem.device, LINEAR_KEYS)
-        loops = [cls.around(sampled_plant(device, hands), law) for device in devices]
-        return loops[0] if len(loops) == 1 else max(loops, key=lambda one: one.swings().max())
+        loops = [cls.around(family.sampled.of_device(index), law) for index in range(len(family.devices))]
+        return loops[0] if len(loops) == 1 else max(loops, key=lambda loop: loop.swings().max())
 
     @classmethod
     def around(cls, plant: SampledPlant, law: Law) -> Self:
@@ -83,9 +90,9 @@ class OpenLoop:
         """The poles of each closed loop, shape (h, s)."""
         return self.closed.poles
 
-    def gain(self, turn: FloatArray, who: IndexArray | slice = slice(None)) -> ComplexArray:
-        """Return L at z = exp(j turn)."""
-        body = self.body.axes(who)
+    def gain(self, turn: FloatArray, loops: IndexArray | slice = slice(None)) -> ComplexArray:
+        """Return L of some of the loops at z = exp(j turn)."""
+        body = self.body.axes(loops)
         angles = np.broadcast_to(turn, (len(body.a), np.shape(turn)[-1]))
         z = np.exp(1j * angles)
         pencil = z[..., None, None] * np.eye(body.size) - body.a[:, None]
@@ -99,58 +106,73 @@ class OpenLoop:
         poles = poles[np.abs(poles) > _LOWEST_TURN]
         about = _about(poles[:, None])
         about = about[(about > _LOWEST_TURN) & (about < math.pi)]
-        return np.unique(np.concatenate([np.geomspace(_LOWEST_TURN, math.pi, 200), about]))
+        return np.unique(np.concatenate([np.geomspace(_LOWEST_TURN, math.pi, _EVEN_TURNS), about]))
 
-    def impact(self, speed_m_per_s: float, samples: int, who: slice = slice(None), every: int = 1) -> FloatArray:
-        """Return the position of a device that meets its wall at a speed, the wall two-sided, shape (h, samples)."""
-        step = np.linalg.matrix_power(self.closed.maps[who], every)
+    def impact(self, speed_m_per_s: float, points: int, loops: slice = slice(None), stride: int = 1) -> FloatArray:
+        """Return the position of a device that meets its wall at a speed, the wall two-sided, shape (h, points).
+
+        The points lie a stride of samples apart. Each round doubles them: those so far, then the same ones later by a
+        power of the map.
+        """
+        step = np.linalg.matrix_power(self.closed.maps[loops], stride)
         state = np.repeat((self.moving * speed_m_per_s * self.body.sample_time_s)[None, :, None], len(step), axis=0)
-        while state.shape[-1] < samples:
-            state, step = np.concatenate([state, step @ state], axis=-1), step @ step
-        return np.asarray(self.body.output_row @ state[:, : self.body.size, :samples])
+        while state.shape[-1] < points:
+            state = np.concatenate([state, step @ state], axis=-1)
+            step = step @ step
+        return np.asarray(self.body.output_row @ state[:, : self.body.size, :points])
 
     def settling_s(self) -> FloatArray:
         """Return the time from an impact until the depth stays within `SETTLING_BAND` of its largest, shape (h,)."""
         slowest = np.maximum(self.closed.radius, 1e-9)
         settling_s = np.full(slowest.shape, np.inf)
         for row in np.flatnonzero(slowest < 1):
-            every = 1 + int(math.log(1e-4) / math.log(slowest[row])) // 2**13
-            depth = self.impact(1.0, 2**13, slice(row, row + 1), every)[0]
+            stride = 1 + int(math.log(_SETTLED_SHARE) / math.log(slowest[row])) // _POINTS_OF_IMPACT
+            depth = self.impact(1.0, _POINTS_OF_IMPACT, slice(row, row + 1), stride)[0]
             moves = np.abs(depth - depth[-1]) > SETTLING_BAND * np.abs(depth).max()
-            settling_s[row] = self.body.sample_time_s * every * (np.flatnonzero(moves).max(initial=-1) + 1)
+            settling_s[row] = self.body.sample_time_s * stride * (np.flatnonzero(moves).max(initial=-1) + 1)
         return settling_s
 
     def margins(self) -> tuple[Margins, Margins]:
         """Return the margins of the device released, the last loop, and the smallest of those with hands."""
         return self.least(slice(-1, None)), self.least(slice(-1))
 
-    def least(self, some: slice = slice(None)) -> Margins:
+    def least(self, chosen: slice = slice(None)) -> Margins:
         """Return the smallest margins of some of the loops, or of all."""
-        loops = np.arange(len(self.body.a))[some]
+        loops = np.arange(len(self.body.a))[chosen]
+        if np.abs(self.poles[loops]).max() >= 1:
+            return Margins(1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
         turn = self.turns()
         gain = self.gain(turn, loops)
-        of_phase = np.stack([np.sign(gain.imag), np.sign(np.abs(gain) - 1)])
-        kind, row, place = np.nonzero(of_phase[..., :-1] * of_phase[..., 1:] < 0)
-        who = loops[row]
-        angle = self._crossings(kind == 0, who, turn[place], turn[place + 1])
-        there = self.gain(angle[:, None], who)[:, 0] if len(who) else np.empty(0, dtype=np.complex128)
-        # L is real at half the sample rate, the last angle.
-        angle, there = np.append(angle, np.full(len(loops), math.pi)), np.append(there, gain[:, -1])
-        return self._of_crossings(loops, angle, there, np.append(kind == 0, loops >= 0), self._disk(loops, turn, gain))
+        # L becomes real where its imaginary part changes sign, and crosses the unit circle where |L| - 1 does.
+        signs = np.stack([np.sign(gain.imag), np.sign(np.abs(gain) - 1)])
+        kind, row, place = np.nonzero(signs[..., :-1] * signs[..., 1:] < 0)
+        crossing = self._crossings(kind == 0, loops[row], turn[place], turn[place + 1])
+        disk, disk_turn = self._disk(loops, turn, gain)
+        return self._smallest(
+            _Crossings(
+                # L is real at half the sample rate, the last angle.
+                turn=np.append(crossing.turn, np.full(len(loops), math.pi)),
+                gain=np.append(crossing.gain, gain[:, -1]),
+                real=np.append(crossing.real, np.ones(len(loops), dtype=bool)),
+            ),
+            disk,
+            disk_turn,
+        )
 
     def swings(self) -> FloatArray:
         """Return the largest |(1 - L)/(1 + L)| of each loop on angles dense at its own poles, shape (h,)."""
         about = _about(self.poles[..., None]).reshape(len(self.poles), -1)
-        even = np.broadcast_to(np.geomspace(1e-4, math.pi, 40), (len(about), 40))
+        even = np.geomspace(10 * _LOWEST_TURN, math.pi, _EVEN_TURNS_OF_A_LOOP)
+        even = np.broadcast_to(even, (len(about), len(even)))
         angles = np.concatenate([even, np.clip(about, _LOWEST_TURN, math.pi)], axis=1)
         return np.asarray(_swing(self.gain(angles)).max(axis=1))
 
     def _disk(self, loops: IndexArray, turn: FloatArray, gain: ComplexArray) -> tuple[float, float]:
         """Return the smallest disk margin of some loops and its angle, from their L at angles."""
         size = _swing(gain)
-        beside = np.pad(size, ((0, 0), (1, 1)), constant_values=-np.inf)
-        size[(size < beside[:, :-2]) | (size < beside[:, 2:])] = -np.inf
-        row, top = np.unravel_index(np.argsort(size, axis=None)[-12:], size.shape)
+        neighbours = np.pad(size, ((0, 0), (1, 1)), constant_values=-np.inf)
+        size[(size < neighbours[:, :-2]) | (size < neighbours[:, 2:])] = -np.inf
+        row, top = np.unravel_index(np.argsort(size, axis=None)[-_PEAKS:], size.shape)
         around = (turn[np.clip(top + side, 0, len(turn) - 1)] for side in (-1, 0, 1))
 
         def size_at(angles: FloatArray) -> FloatArray:
@@ -161,38 +183,54 @@ class OpenLoop:
         worst = int(size.argmax())
         return float(2 / size[worst]), float(best[worst])
 
-    def _of_crossings(
-        self, loops: IndexArray, angle: FloatArray, there: ComplexArray, real: BoolArray, disk: tuple[float, float]
-    ) -> Margins:
-        if np.abs(self.poles[loops]).max() >= 1:
-            return Margins(1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-        hz = 1 / (2 * math.pi * self.body.sample_time_s)
+    def _smallest(self, crossings: _Crossings, disk: float, disk_turn: float) -> Margins:
+        """Return the margins at the crossings that come first, of stable loops.
+
+        Where L is real and below 0, -1/L is the gain that takes the loop to its limit; where |L| = 1, the phase of -L.
+        """
+        hz_per_turn = 1 / (2 * math.pi * self.body.sample_time_s)
+        real = crossings.real
         with np.errstate(divide="ignore"):  # nothing is rendered
-            at, factor = angle[real] * hz, -1 / there[real].real
+            factor = -1 / crossings.gain[real].real
         up = np.where(factor > 1, factor, np.inf)
-        lag = (np.angle(there[~real]) + math.pi) % (2 * math.pi)
-        phase = np.append(np.degrees(np.minimum(lag, 2 * math.pi - lag)), np.inf)
-        late, where = np.append(lag / angle[~real], np.inf), np.append(angle[~real] * hz, 0.0)
+        down = np.where((factor > 0) & (factor <= 1), factor, 0.0)
+        lag = (np.angle(crossings.gain[~real]) + math.pi) % (2 * math.pi)
+        phase_deg = np.append(np.degrees(np.minimum(lag, 2 * math.pi - lag)), np.inf)
+        delay = np.append(lag / crossings.turn[~real], np.inf)
+        gain_hz = crossings.turn[real] * hz_per_turn
+        phase_hz = np.append(crossings.turn[~real] * hz_per_turn, 0.0)
         return Margins(
             gain=float(up.min()),
-            gain_down=float(np.max(factor, where=(factor > 0) & (factor <= 1), initial=0.0)),
-            phase_deg=float(phase.min()),
-            delay_samples=float(late.min()),
-            disk=disk[0],
-            gain_hz=float(at[up.argmin()]) if np.isfinite(up).any() else 0.0,
-            phase_hz=float(where[phase.argmin()]),
-            delay_hz=float(where[late.argmin()]),
-            disk_hz=disk[1] * hz,
+            gain_down=float(down.max()),
+            phase_deg=float(phase_deg.min()),
+            delay_samples=float(delay.min()),
+            disk=disk,
+            gain_hz=float(gain_hz[up.argmin()]) if np.isfinite(up).any() else 0.0,
+            phase_hz=float(phase_hz[phase_deg.argmin()]),
+            delay_hz=float(phase_hz[delay.argmin()]),
+            disk_hz=disk_turn * hz_per_turn,
         )
 
-    def _crossings(self, real: BoolArray, who: IndexArray, low: FloatArray, high: FloatArray) -> FloatArray:
-        """Return the angles between two at which L of a hand becomes real, or of size 1."""
+    def _crossings(self, real: BoolArray, loops: IndexArray, low: FloatArray, high: FloatArray) -> _Crossings:
+        """Return where between two angles L of a loop becomes real, or of size 1."""
+        if not len(loops):
+            return _Crossings(low, np.empty(0, dtype=np.complex128), real)
 
         def value(turn: FloatArray) -> FloatArray:
-            gain = self.gain(turn[:, None], who)[:, 0]
+            gain = self.gain(turn[:, None], loops)[:, 0]
             return np.where(real, gain.imag / np.abs(gain), np.log(np.abs(gain)))
 
-        return root(value, low, high) if len(who) else low
+        turn = root(value, low, high)
+        return _Crossings(turn, self.gain(turn[:, None], loops)[:, 0], real)
+
+
+@dataclass(frozen=True, eq=False)
+class _Crossings:
+    """Where L is real, or of size 1 otherwise: angles of z, and L there, shape (n,)."""
+
+    turn: FloatArray
+    gain: ComplexArray
+    real: BoolArray
 
 
 def _swing(gain: ComplexArray) -> FloatArray:
@@ -226,9 +264,16 @@ def damping_ratios(poles: ComplexArray) -> FloatArray:
 def transients(coupling: Coupling) -> tuple[Transient, Transient]:
     """Return the transients of the device in contact: released, and with the worst corner of the hands."""
     loop = OpenLoop.of(coupling)
-    settling_s, ratios = loop.settling_s(), damping_ratios(loop.poles)
+    settling_s = loop.settling_s()
+    ratios = damping_ratios(loop.poles)
     hz = np.where(ratios < 1, np.abs(np.angle(loop.poles)), 0.0) / (2 * math.pi * loop.body.sample_time_s)
-    sides = [(settling_s[some], ratios[some], hz[some]) for some in (slice(-1, None), slice(-1))]
-    worst = ((seconds.max(), each.min(), turns.flat[each.argmin()]) for seconds, each, turns in sides)
-    released, held = (Transient(*map(float, one)) for one in worst)
-    return released, held
+
+    def worst(loops: slice) -> Transient:
+        least = ratios[loops].argmin()
+        return Transient(
+            settling_s=float(settling_s[loops].max()),
+            damping_ratio=float(ratios[loops].flat[least]),
+            frequency_hz=float(hz[loops].flat[least]),
+        )
+
+    return worst(slice(-1, None)), worst(slice(-1))

@@ -13,10 +13,21 @@ from avc_casadi._util.arrays import ComplexArray, FloatArray
 from avc_casadi._util.parallel import processors
 
 _OTHER = ThreadPoolExecutor(1)
-# What maps lose to rounding, relative to their terms; a speed that changes by less than this in a period stays.
-_ROUNDING, _STEADY = 1e-11, 1e-9
+# What maps lose to rounding, relative to their terms.
+_ROUNDING = 1e-11
+# A speed that changes by less than this in a period stays.
+_STEADY = 1e-9
 # Products of maps beyond this overflow, or soon do: their loops count as unstable.
 _OVERFLOWING = 1e60
+# Loops of fewer states: their eigenvalues are as quick as powers.
+_FEW_STATES = 10
+# Rounds in which loops are raised to the power 4, and the first one from which on loops drop out that another exceeds.
+_ROUNDS = 11
+_FIRST_ROUND = 5
+# Rounding of the logarithm of a radius by powers; traces smaller than this relative to a power's largest term may be
+# rounding.
+_LOGARITHM_ROUNDING = 1e-7
+_LEAST_TRACE = 1e-5
 
 
 def eigenvalues(matrices: FloatArray) -> ComplexArray:
@@ -26,9 +37,9 @@ def eigenvalues(matrices: FloatArray) -> ComplexArray:
     if len(flat) < 48 or processors() == 1:
         return np.asarray(np.linalg.eigvals(matrices), dtype=np.complex128)
     half = len(flat) // 2
-    other = _OTHER.submit(np.linalg.eigvals, flat[half:])
-    both = np.concatenate([np.linalg.eigvals(flat[:half]), other.result()])
-    return np.asarray(both.reshape(matrices.shape[:-1]), dtype=np.complex128)
+    second_half = _OTHER.submit(np.linalg.eigvals, flat[half:])
+    values = np.concatenate([np.linalg.eigvals(flat[:half]), second_half.result()])
+    return np.asarray(values.reshape(matrices.shape[:-1]), dtype=np.complex128)
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,18 +93,16 @@ def moving_poles(relative: FloatArray) -> ComplexArray:
 def leading_radii(loops: FloatArray) -> FloatArray:
     """Return spectral radii r of relative loops (n, s, s), -inf where another's is larger: abs(trace(M^N))/s <= r^N."""
     s = loops.shape[-1]
-    if s < 10:  # eigenvalues are as quick
+    if s < _FEW_STATES:
         return np.asarray(np.abs(moving_poles(loops)).max(axis=-1))
-    # Repeated raising to the power 4; loops exceeded by another drop out from the first of these on. Then the rounding
-    # error of the logarithm of the radius; traces smaller than the last relative to a power's largest may be rounding.
-    first, rounds, rounding, least_trace = 5, 11, 1e-7, 1e-5
     rows = np.arange(len(loops))
-    power, logarithm, times = loops, np.zeros(len(loops)), 1
-    for number in range(1, rounds + 1):
+    power = loops
+    logarithm = np.zeros(len(loops))
+    for number in range(1, _ROUNDS + 1):
         power = power @ power
         power = power @ power
-        times *= 4
-        if number >= first:
+        times = 4**number
+        if number >= _FIRST_ROUND:
             # States scaled by powers of 2, which are exact, so that rows and columns are equally large on average.
             size = np.abs(power).mean(axis=0) + np.finfo(np.float64).tiny
             unit = np.exp2(np.round(np.log2(size.sum(axis=1) / size.sum(axis=0)) / 2))
@@ -101,11 +110,13 @@ def leading_radii(loops: FloatArray) -> FloatArray:
         largest = np.maximum(np.maximum(power.max(axis=(1, 2)), -power.min(axis=(1, 2))), np.finfo(np.float64).tiny)
         power = power / largest[:, None, None]
         logarithm = 4 * logarithm + np.log(largest)
-        if number >= first:
+        if number >= _FIRST_ROUND:
             trace = np.abs(np.trace(power, axis1=1, axis2=2))
-            lower = np.where(trace > least_trace, np.log(np.maximum(trace, least_trace) / s), -np.inf)
-            may = (logarithm + np.log(s)) / times + rounding >= ((logarithm + lower) / times).max()
-            rows, power, logarithm = rows[may], power[may], logarithm[may]
+            lower = np.where(trace > _LEAST_TRACE, np.log(np.maximum(trace, _LEAST_TRACE) / s), -np.inf)
+            may_lead = (logarithm + np.log(s)) / times + _LOGARITHM_ROUNDING >= ((logarithm + lower) / times).max()
+            rows = rows[may_lead]
+            power = power[may_lead]
+            logarithm = logarithm[may_lead]
     radius = np.full(len(loops), -np.inf)
     radius[rows] = np.abs(moving_poles(loops[rows])).max(axis=-1)
     return radius
@@ -113,7 +124,8 @@ def leading_radii(loops: FloatArray) -> FloatArray:
 
 def root(value: Callable[[FloatArray], FloatArray], left: FloatArray, right: FloatArray) -> FloatArray:
     """Return a root in each bracket: false position that halves the weight of a retained end (Illinois)."""
-    at_left, at_right = value(left), value(right)
+    at_left = value(left)
+    at_right = value(right)
     middle = right
     for _ in range(60):
         span = at_right - at_left
@@ -122,8 +134,10 @@ def root(value: Callable[[FloatArray], FloatArray], left: FloatArray, right: Flo
         at_middle = value(middle)
         crossed = np.sign(at_middle) != np.sign(at_right)
         step = np.abs(middle - right)
-        left, at_left = np.where(crossed, right, left), np.where(crossed, at_right, at_left / 2)
-        right, at_right = middle, at_middle
+        left = np.where(crossed, right, left)
+        at_left = np.where(crossed, at_right, at_left / 2)
+        right = middle
+        at_right = at_middle
         if (step <= 1e-13 * np.abs(middle)).all() or not at_middle.any():
             break
     return middle

@@ -5,23 +5,22 @@ Quantiser, dead zone and force limit are sectors of the law, slopes from 0 to 1:
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from avc_casadi._errors import UnsupportedError
-from avc_casadi._util.arrays import BoolArray, FloatArray
+from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray
 from avc_casadi._util.progress import SILENT, Progress, chunks
 from avc_casadi.coupling import Coupling
 from avc_casadi.loops.loop import Body
+from avc_casadi.loops.plant_family import plants_of
 from avc_casadi.loops.spectrum import ClosedLoops
 from avc_casadi.model.corners import device_corners
 from avc_casadi.model.device import Device, whole_delay
-from avc_casadi.model.hands import Hand, StylusHand
+from avc_casadi.model.hands import Hand
 from avc_casadi.model.law import Law, Values
-from avc_casadi.model.plant import SampledPlant, sampled_plant
 from avc_casadi.model.problem import Model, Problem
 
 
@@ -62,9 +61,9 @@ class SampledLoop:
             model or problem.stability.model,
         )
 
-    def whole_delay(self, what: str) -> int:
-        """Return the delay for `what`, which covers whole samples only."""
-        return whole_delay(self.delay_samples, what)
+    def whole_delay(self, taker: str) -> int:
+        """Return the delay for what takes whole samples only."""
+        return whole_delay(self.delay_samples, taker)
 
     @property
     def nyquist_hz(self) -> float:
@@ -167,16 +166,18 @@ def rigid(device: Device) -> bool:
 
 # Takes seconds for a table of 200 rows and 32 hands.
 MAX_DELAY_SAMPLES = 32
-# Eigenvalues of these matrices are right to about 1e-12; slower decay than this is indistinguishable from none.
-RADIUS_TOLERANCE = 1e-10
 
 
 @dataclass(frozen=True)
 class LinearStability:
-    """Spectral radii of n rows with h hands."""
+    """The leading poles of n laws with h hands, (n, h); infinite where a plant has no equation of motion."""
 
-    radius: FloatArray
-    frequency_hz: FloatArray
+    pole: ComplexArray
+
+    @property
+    def radius(self) -> FloatArray:
+        """Spectral radii."""
+        return np.asarray(np.abs(self.pole))
 
 
 def closed(body: Body, law: Law) -> ClosedLoops:
@@ -200,30 +201,6 @@ def closed(body: Body, law: Law) -> ClosedLoops:
     return ClosedLoops(maps, np.concatenate([shift, linear.rest], axis=-1)[None])
 
 
-def plants_of(devices: Sequence[Device], hands: Hand | StylusHand) -> SampledPlant:
-    """Return every device with every hand; a rigid one without any mass is of first order, another not a number."""
-    light = np.array([np.broadcast_to(one.mass_kg + np.asarray(hands.mass_kg) == 0, len(hands)) for one in devices])
-    if isinstance(hands, StylusHand) or not light.any():
-        return sampled_plant(devices, hands)
-    heavy = [Hand(np.where(row, 1.0, hands.mass_kg), *list(vars(hands).values())[1:]) for row in light]
-    plant = sampled_plant(devices, heavy)
-    drag = np.array([one.damping_ns_per_m for one in devices])[:, None]
-    k, b = (np.broadcast_to(one, light.shape) for one in (hands.stiffness_n_per_m, drag + hands.damping_ns_per_m))
-    late = np.array([one.delay_samples % 1 for one in devices])[:, None]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        whole, part = (
-            np.where(k > 0, -np.expm1(-k * step_s / b) / k, step_s / b)
-            for step_s in (plant.sample_time_s, (1 - late) * plant.sample_time_s)
-        )
-        decay = np.exp(-k * plant.sample_time_s / b)
-        parts = part, whole - part
-    first = np.zeros_like(plant.matrix)
-    first[..., 0, 0] = decay if plant.matrix.shape[-1] == 2 else np.nan
-    pushes = [np.pad(-one[..., None], ((0, 0), (0, 0), (0, plant.new.shape[-1] - 1))) for one in parts]
-    new, old = (np.where(light[..., None], mine, its) for mine, its in zip(pushes, (plant.new, plant.old), strict=True))
-    return replace(plant, matrix=np.where(light[..., None, None], first, plant.matrix), new=new, old=old)
-
-
 def linear_stability(device: Device, law: Law, hands: Hand, progress: Progress = SILENT) -> LinearStability:
     """Return the spectral radius of each of n laws with each hand, on the device as declared."""
     if device.delay_samples > MAX_DELAY_SAMPLES:
@@ -237,13 +214,10 @@ def linear_stability(device: Device, law: Law, hands: Hand, progress: Progress =
     defined = np.isfinite(body.a).all(axis=(-2, -1)) & np.isfinite(body.b).all(axis=-1)
     body = replace(body, a=np.where(defined[:, None, None], body.a, 0.0), b=np.where(defined[:, None], body.b, 0.0))
     rows_at_once = max(1, 4_000_000 // (h * (body.size + 2) ** 2))
-    radius = np.empty((rows, h))
-    frequency = np.empty((rows, h))
+    pole = np.empty((rows, h), dtype=np.complex128)
     for chosen in chunks(rows, rows_at_once, progress, "spectral radius") if rows else ():
-        pole = closed(body, law.pick((chosen, None))).leading
-        radius[chosen] = np.where(defined, np.abs(pole), np.inf)
-        frequency[chosen] = np.abs(np.angle(pole)) / (2 * np.pi * device.sample_time_s)
-    return LinearStability(radius, frequency)
+        pole[chosen] = np.where(defined, closed(body, law.pick((chosen, None))).leading, np.inf)
+    return LinearStability(pole)
 
 
 def frozen_parts(problem: Problem, damping_ns_per_m: Values, stiffness_n_per_m: Values) -> PartialFractions:

@@ -21,14 +21,36 @@ import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray, IndexArray
 from avc_casadi.loops.loop import Body
+from avc_casadi.loops.plant_family import PlantFamily, plants_of
 from avc_casadi.loops.spectrum import ClosedLoops, lowest, root
-from avc_casadi.loops.wall import closed, plants_of
-from avc_casadi.model.corners import LINEAR_KEYS, device_corners
+from avc_casadi.loops.wall import closed
 from avc_casadi.model.device import Device
-from avc_casadi.model.hands import Hand, StylusHand
-from avc_casadi.model.law import Law
+from avc_casadi.model.hands import Hand
+from avc_casadi.model.law import Law, Values
 from avc_casadi.model.plant import sampled_plant
 from avc_casadi.model.runtime import PLAIN, Poles, low_pass
+
+# Complex numbers of responses that are held at once.
+_VALUES_AT_ONCE = 8_000_000
+# Angles between which B(theta) is monotone: the lowest one, how many there are up to 0.1, and over all angles for each
+# sample that the loop is late; about poles of a device with a resonance at distances of so many bandwidths.
+_LOWEST_TURN = 1e-7
+_LOW_NODES = 121
+_NODES_PER_SAMPLE = 12
+_BANDWIDTHS = np.array([0.0, 0.3, 1.0, 3.0, 10.0, 30.0])
+_LEAST_WIDTH = 1e-4
+# Nodes are inserted until the phase of L turns by less, in rad, or neighbours are the same but for rounding.
+_LARGEST_PHASE_STEP = 0.4
+_SAME_NODE = 1e-9
+_INSERTIONS = 40
+# Dampings of a crossing this small, relative to those of the curve, are rounding of none.
+_NO_DAMPING = 1e-9
+# Dampings of a scan; the second and the third lie between two neighbours of the best one.
+_SCANNED = 61
+# So far below the boundary that explicit curves give, eigenvalues confirm it.
+_CONFIRMED_SHARE = 1 - 5e-5
+# Halvings of an interval: to the digits of a float.
+_BISECTIONS = 50
 
 
 @dataclass(frozen=True)
@@ -50,7 +72,7 @@ class Stretches:
 
 
 def stable_walls(
-    corners: Sequence[Device], hands: Hand | StylusHand, damping_ns_per_m: FloatArray, poles: Poles = PLAIN
+    corners: Sequence[Device], hands: Hand, damping_ns_per_m: FloatArray, poles: Poles = PLAIN
 ) -> Stretches:
     """Find the stiffnesses with which a wall is stable with every hand at every corner of a device."""
     rows = len(damping_ns_per_m)
@@ -59,16 +81,16 @@ def stable_walls(
         return Stretches(np.full((rows, 1), np.nan), np.full((rows, 1), np.nan))
     nodes = _nodes(loops, corners, float(damping_ns_per_m.max(initial=0.0)))
     outside = np.zeros(rows, dtype=np.intp)
-    events: list[tuple[IndexArray, FloatArray, IndexArray]] = []
-    at_once = max(1, 8_000_000 // (rows * nodes.shape[1]))
+    crossings: list[_Crossings] = []
+    at_once = max(1, _VALUES_AT_ONCE // (rows * nodes.shape[1]))
     for begin in range(0, len(nodes), at_once):
-        some = slice(begin, begin + at_once)
-        part = loops.pick(some)
-        inverse, damper = part.response(nodes[some])
+        cases = slice(begin, begin + at_once)
+        part = loops.pick(cases)
+        inverse, damper = part.response(nodes[cases])
         curve = inverse.imag / damper.imag
-        outside += _outside_without_spring(part, nodes[some], (inverse / damper).imag, curve, damping_ns_per_m)
-        events += _crossings(part, nodes[some], inverse.imag, damper.imag, damping_ns_per_m)
-    return _stretches(outside, *(np.concatenate(column) for column in zip(*events, strict=True)))
+        outside += _outside_without_spring(part, nodes[cases], (inverse / damper).imag, curve, damping_ns_per_m)
+        crossings += _crossings(part, nodes[cases], inverse.imag, damper.imag, damping_ns_per_m)
+    return _stretches(outside, _Crossings.joined(crossings))
 
 
 @dataclass(frozen=True)
@@ -86,15 +108,16 @@ class _Curves:
     poles: Poles
 
     @classmethod
-    def of(cls, corners: Sequence[Device], hands: Hand | StylusHand, poles: Poles) -> _Curves | None:
+    def of(cls, corners: Sequence[Device], hands: Hand, poles: Poles) -> _Curves | None:
         """Return all cases with an equation of motion; None where a device with a hand has none."""
-        first, h = corners[0], len(hands)
-        back = hands.stiffness_n_per_m if isinstance(hands, Hand) else hands.arm_stiffness_n_per_m
+        h = len(hands)
         plant = plants_of(corners, hands)
-        s, period = len(plant.names), plant.sample_time_s
-        scale = np.array([period if name.endswith("_per_s") else 1.0 for name in plant.names])
+        s = len(plant.names)
+        # Velocities are counted by the sample.
+        scale = np.array([plant.sample_time_s if name.endswith("_per_s") else 1.0 for name in plant.names])
         matrix = (plant.matrix * scale[:, None] / scale).reshape(-1, s, s)
-        new, old = (plant.new * scale).reshape(-1, s), (plant.old * scale).reshape(-1, s)
+        new = (plant.new * scale).reshape(-1, s)
+        old = (plant.old * scale).reshape(-1, s)
         if not (np.isfinite(matrix).all() and np.isfinite(new).all()):
             return None
         return cls(
@@ -103,21 +126,29 @@ class _Curves:
             old=old,
             whole_delay=np.repeat([math.floor(corner.delay_samples) for corner in corners], h).astype(np.float64),
             output=int(np.argmax(plant.output_row)),
-            free=np.tile(np.broadcast_to(np.asarray(back) == 0, (h,)), len(corners)),
-            sample_time_s=first.sample_time_s,
+            free=np.tile(np.broadcast_to(np.asarray(hands.stiffness_n_per_m) == 0, (h,)), len(corners)),
+            sample_time_s=plant.sample_time_s,
             poles=poles,
         )
 
     def pick(self, cases: IndexArray | slice) -> _Curves:
         """Return some of the cases."""
-        some: dict[str, Any] = {name: each[cases] for name, each in vars(self).items() if isinstance(each, np.ndarray)}
-        return replace(self, **some)
+        return replace(
+            self,
+            change=self.change[cases],
+            new=self.new[cases],
+            old=self.old[cases],
+            whole_delay=self.whole_delay[cases],
+            free=self.free[cases],
+        )
 
     def response(self, angle: FloatArray) -> tuple[ComplexArray, ComplexArray]:
         """Return L (N/m) and q (1/s) at angles of the cases, shape (cases) or (cases, m)."""
         case = (slice(None), *(None,) * (angle.ndim - 1))
         step = np.empty(angle.shape, dtype=np.complex128)
-        step.real, step.imag = -2 * np.sin(angle / 2) ** 2, np.sin(angle)
+        # z - 1, exact at small angles too.
+        step.real = -2 * np.sin(angle / 2) ** 2
+        step.imag = np.sin(angle)
         back = -step.conj()
         damper = back / self.sample_time_s * low_pass(back, self.poles)
         change = self.change
@@ -129,7 +160,8 @@ class _Curves:
             eye = np.eye(change.shape[-1])
             pushes = np.stack([self.new, self.old], axis=-1)[case]
             states = np.linalg.solve(step[..., None, None] * eye - change[case], pushes.astype(np.complex128))
-            denominator, columns = np.ones_like(step), [states[..., self.output, index] for index in (0, 1)]
+            denominator = np.ones_like(step)
+            columns = [states[..., self.output, index] for index in (0, 1)]
         numerator = columns[0] + columns[1] * (1 + step.conj()) if self.old.any() else columns[0]
         late = np.exp(1j * angle * self.whole_delay[case]) if self.whole_delay.any() else 1.0
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -140,21 +172,20 @@ def _nodes(loops: _Curves, corners: Sequence[Device], most_damping_ns_per_m: flo
     """Return angles, shape (cases, m), between which B(theta) is monotone."""
     delay = max(corner.delay_samples for corner in corners)
     # Walls softer than m (theta/T)^2 at the first angle, m the total moving mass, are taken as that one.
-    low = np.geomspace(1e-7, 0.1, 121)
-    even = np.linspace(0.0, np.pi, 1 + 12 * math.ceil(delay + 3))[1:-1]
+    low = np.geomspace(_LOWEST_TURN, 0.1, _LOW_NODES)
+    even = np.linspace(0.0, np.pi, 1 + _NODES_PER_SAMPLE * math.ceil(delay + 3))[1:-1]
     common = np.unique(np.concatenate([low, even, np.pi - low]))
     angle = np.broadcast_to(common, (len(loops.new), len(common)))
     if loops.change.shape[-1] > 2:
         poles = 1 + np.linalg.eigvals(loops.change).astype(np.complex128)
-        width = np.maximum(np.abs(np.log(np.maximum(np.abs(poles), 1e-9))), 1e-4)[..., None]
-        bandwidths = np.array([0.0, 0.3, 1.0, 3.0, 10.0, 30.0])
-        about = np.abs(np.angle(poles))[..., None] + width * np.concatenate([-bandwidths, bandwidths])
+        width = np.maximum(np.abs(np.log(np.maximum(np.abs(poles), 1e-9))), _LEAST_WIDTH)[..., None]
+        about = np.abs(np.angle(poles))[..., None] + width * np.concatenate([-_BANDWIDTHS, _BANDWIDTHS])
         angle = np.sort(np.concatenate([angle, np.clip(about.reshape(len(angle), -1), low[0], np.pi - low[0])], axis=1))
     inverse, damper = loops.response(angle)
     # A zero of the device near the circle turns the phase of L by pi within few nodes: more are inserted.
-    for _ in range(40):
-        far = np.abs(np.angle(inverse[:, 1:] * inverse[:, :-1].conj())) > 0.4
-        far &= np.diff(angle) > 1e-9 * angle[:, 1:]
+    for _ in range(_INSERTIONS):
+        far = np.abs(np.angle(inverse[:, 1:] * inverse[:, :-1].conj())) > _LARGEST_PHASE_STEP
+        far &= np.diff(angle) > _SAME_NODE * angle[:, 1:]
         if not far.any():
             break
         angle = _insert(angle, far, (angle[:, 1:] + angle[:, :-1]) / 2)
@@ -167,49 +198,72 @@ def _nodes(loops: _Curves, corners: Sequence[Device], most_damping_ns_per_m: flo
     case, index = np.nonzero(turns)
     if len(case) == 0:
         return angle
-    some, down = loops.pick(case), curve[case, index] < curve[case, index - 1]
+    turning = loops.pick(case)
+    down = curve[case, index] < curve[case, index - 1]
 
-    def upright(at: FloatArray) -> FloatArray:
-        inverse, damper = some.response(at)
+    def upright(angles: FloatArray) -> FloatArray:
+        inverse, damper = turning.response(angles)
         return np.asarray(np.where(down, 1, -1) * inverse.imag / damper.imag)
 
-    best = lowest(upright, *(angle[case, index + side] for side in (-1, 0, 1)))
     extremum = angle.copy()
-    extremum[case, index] = best
+    extremum[case, index] = lowest(upright, angle[case, index - 1], angle[case, index], angle[case, index + 1])
     return _insert(angle, turns, extremum)
 
 
-def _insert(angle: FloatArray, where: BoolArray, at: FloatArray) -> FloatArray:
+def _insert(angle: FloatArray, where: BoolArray, new_angle: FloatArray) -> FloatArray:
     """Merge new nodes into those of each case; a case with fewer of them repeats its first node."""
     case, index = np.nonzero(where)
     place = (np.cumsum(where, axis=1) - 1)[case, index]
     new = np.repeat(angle[:, :1], int(where.sum(axis=1).max()), axis=1)
-    new[case, place] = at[case, index]
+    new[case, place] = new_angle[case, index]
     return np.sort(np.concatenate([angle, new], axis=1))
+
+
+@dataclass(frozen=True, eq=False)
+class _Crossings:
+    """Where poles cross the unit circle as K grows: row of B, K, and how many leave; shape (n,)."""
+
+    row: IndexArray
+    stiffness: FloatArray
+    leaving: IndexArray
+
+    @classmethod
+    def joined(cls, parts: Sequence[_Crossings]) -> _Crossings:
+        """Return the crossings of all parts."""
+        return cls(
+            row=np.concatenate([part.row for part in parts]),
+            stiffness=np.concatenate([part.stiffness for part in parts]),
+            leaving=np.concatenate([part.leaving for part in parts]),
+        )
+
+    def pick(self, chosen: IndexArray | BoolArray) -> _Crossings:
+        """Return some of them, or all in another order."""
+        return _Crossings(self.row[chosen], self.stiffness[chosen], self.leaving[chosen])
 
 
 def _crossings(
     loops: _Curves, angle: FloatArray, inverse_imag: FloatArray, damper_imag: FloatArray, damping: FloatArray
-) -> list[tuple[IndexArray, FloatArray, IndexArray]]:
-    """Return rows of B, stiffnesses and the poles that leave the circle there as K grows."""
+) -> list[_Crossings]:
+    """Return the crossings between two angles, by pairs, and those at half the sample rate, by single poles."""
     above = inverse_imag > damping[:, None, None] * damper_imag
     flips = above[..., 1:] != above[..., :-1]
     row, case, index = np.unravel_index(np.flatnonzero(flips), flips.shape)
-    some, b = loops.pick(case), damping[row]
+    crossing = loops.pick(case)
+    b = damping[row]
 
-    def beyond(at: FloatArray) -> FloatArray:
-        inverse, damper = some.response(at)
+    def beyond(angles: FloatArray) -> FloatArray:
+        inverse, damper = crossing.response(angles)
         return np.asarray(inverse.imag - b * damper.imag)
 
-    inverse, damper = some.response(root(beyond, angle[case, index], angle[case, index + 1]))
+    inverse, damper = crossing.response(root(beyond, angle[case, index], angle[case, index + 1]))
     stiffness = inverse.real - b * damper.real
     leaving = np.where(above[row, case, index], -2, 2)
-    of_row, of_case = (axis.ravel() for axis in np.indices((len(damping), len(angle))))
+    all_rows, all_cases = (axis.ravel() for axis in np.indices((len(damping), len(angle))))
     inverse, damper = loops.response(np.full(len(angle), np.pi))
     # A mass without damping has no response at Nyquist.
-    at_nyquist = np.nan_to_num(inverse.real, nan=np.inf)[of_case] - damping[of_row] * damper.real[of_case]
+    at_nyquist = np.nan_to_num(inverse.real, nan=np.inf)[all_cases] - damping[all_rows] * damper.real[all_cases]
     real = np.where(above[..., -1].ravel(), -1, 1)
-    return [(row, stiffness, leaving), (of_row, at_nyquist, real)]
+    return [_Crossings(row, stiffness, leaving), _Crossings(all_rows, at_nyquist, real)]
 
 
 def _outside_without_spring(
@@ -217,17 +271,17 @@ def _outside_without_spring(
 ) -> IndexArray:
     """Return the number of poles of all cases outside the circle at each B, for K just above 0."""
     case, index = np.nonzero((slope[:, 1:] > 0) != (slope[:, :-1] > 0))
-    some = loops.pick(case)
+    crossing = loops.pick(case)
 
-    def ratio(at: FloatArray) -> ComplexArray:
-        inverse, damper = some.response(at)
+    def ratio(angles: FloatArray) -> ComplexArray:
+        inverse, damper = crossing.response(angles)
         return np.asarray(inverse / damper)
 
-    at = ratio(root(lambda at: ratio(at).imag, angle[case, index], angle[case, index + 1])).real
+    between = ratio(root(lambda angles: ratio(angles).imag, angle[case, index], angle[case, index + 1])).real
     # Poles of a device and hand without any damping are on the circle at B = 0, but for rounding: out only if B drives.
-    at[np.abs(at) < 1e-9 * np.median(np.abs(slope), axis=1)[case]] = 0
+    between[np.abs(between) < _NO_DAMPING * np.median(np.abs(slope), axis=1)[case]] = 0
     inverse, damper = loops.response(np.full(len(angle), np.pi))
-    places = np.concatenate([at, np.nan_to_num((inverse / damper).real, nan=np.inf)])
+    places = np.concatenate([between, np.nan_to_num((inverse / damper).real, nan=np.inf)])
     leaving = np.concatenate([np.where(slope[case, index] > 0, -2, 2), np.where(slope[:, -1] > 0, -1, 1)])
     below = ((places > 0) | ((places == 0) & (leaving > 0))) & (places < damping[:, None])
     # Without damping a spring with any delay at all destabilises a free mass.
@@ -235,35 +289,34 @@ def _outside_without_spring(
     return np.asarray((below * leaving).sum(axis=1) + falling.sum(axis=1))
 
 
-def _stretches(outside: IndexArray, row: IndexArray, stiffness: FloatArray, leaving: IndexArray) -> Stretches:
+def _stretches(outside: IndexArray, crossings: _Crossings) -> Stretches:
     """Return the intervals without poles outside, from the number outside at K = 0 and all crossings."""
-    some = stiffness > 0
-    row, stiffness, leaving = row[some], stiffness[some], leaving[some]
-    order = np.lexsort((stiffness, row))
-    row, stiffness, leaving = row[order], stiffness[order], leaving[order]
-    count = np.bincount(row, minlength=len(outside))
-    column = np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count)
+    positive = crossings.pick(crossings.stiffness > 0)
+    ordered = positive.pick(np.lexsort((positive.stiffness, positive.row)))
+    # Crossings by row of B, those of fewer filled up to infinity.
+    count = np.bincount(ordered.row, minlength=len(outside))
+    column = np.arange(len(ordered.row)) - np.repeat(np.cumsum(count) - count, count)
     most = int(count.max(initial=0))
-    ends, poles = np.full((len(outside), most), np.inf), np.zeros((len(outside), most), dtype=np.intp)
-    ends[row, column], poles[row, column] = stiffness, leaving
-    low = np.concatenate([np.zeros((len(outside), 1)), ends], axis=1)
-    high = np.concatenate([ends, np.full((len(outside), 1), np.inf)], axis=1)
-    total = outside[:, None] + np.concatenate([np.zeros((len(outside), 1), dtype=np.intp), poles], axis=1).cumsum(
-        axis=1
-    )
+    ends = np.full((len(outside), most), np.inf)
+    leaving = np.zeros((len(outside), most), dtype=np.intp)
+    ends[ordered.row, column] = ordered.stiffness
+    leaving[ordered.row, column] = ordered.leaving
+    low = np.pad(ends, ((0, 0), (1, 0)))
+    high = np.pad(ends, ((0, 0), (0, 1)), constant_values=np.inf)
+    total = outside[:, None] + np.pad(leaving, ((0, 0), (1, 0))).cumsum(axis=1)
     stable = (total == 0) & (high > low)
     width = max(1, int(stable.sum(axis=1).max(initial=0)))
     first = np.argsort(~stable, axis=1, kind="stable")[:, :width]
-    there = np.take_along_axis(stable, first, axis=1)
+    is_stable = np.take_along_axis(stable, first, axis=1)
     return Stretches(
-        np.where(there, np.take_along_axis(low, first, axis=1), np.nan),
-        np.where(there, np.take_along_axis(high, first, axis=1), np.nan),
+        np.where(is_stable, np.take_along_axis(low, first, axis=1), np.nan),
+        np.where(is_stable, np.take_along_axis(high, first, axis=1), np.nan),
     )
 
 
-def in_contact(device: Device, subjects: Hand | StylusHand, k: float, b: float) -> ClosedLoops:
-    """Return the loop of one spring, of either sign, and damper, with every hand at every corner of a device."""
-    pairs = Body.of(sampled_plant(device_corners(device, LINEAR_KEYS), subjects)).flat()
+def in_contact(devices: Sequence[Device], hands: Hand, k: Values, b: Values) -> ClosedLoops:
+    """Return the loop of one spring, of either sign, and damper, with every hand on every device, one axis."""
+    pairs = Body.of(sampled_plant(devices, hands)).flat()
     return closed(pairs, Law.spring_damper(k, b, pairs.sample_time_s))
 
 
@@ -276,12 +329,12 @@ class DampingRange:
     highest_ns_per_m: float
 
 
-def damping_range(device: Device, subjects: Hand | StylusHand, stiffness_n_per_m: float) -> DampingRange:
+def damping_range(family: PlantFamily, stiffness_n_per_m: float) -> DampingRange:
     """Return the damping, one interval, with which a wall is stable with every hand at every corner of the device."""
-    for scan, walls in _scans(device, subjects):
+    for scan, walls in _scans(family):
         inside = np.flatnonzero(walls.holds(stiffness_n_per_m))
         if len(inside):
-            return _between_edges(device, subjects, stiffness_n_per_m, scan, inside)
+            return _between_edges(family, stiffness_n_per_m, scan, inside)
     return DampingRange(stiffness_n_per_m, np.nan, np.nan)
 
 
@@ -290,62 +343,67 @@ def softest_wall_n_per_m(device: Device) -> float:
     return device.metres_per_unit**2
 
 
-def stiffest_wall(device: Device, subjects: Hand | StylusHand) -> DampingRange:
+def stiffest_wall(family: PlantFamily) -> DampingRange:
     """Return the stiffest wall that is stable with every hand for some damping, to 0.01 %."""
     stiffest = 0.0
-    if device.mass_kg + float(np.min(subjects.mass_kg)) > 0:
-        for scan, walls in _scans(device, subjects):
-            best = int(np.argmax(np.nan_to_num(walls.first_n_per_m)))
-            stiffest, damping = float(np.nan_to_num(walls.first_n_per_m)[best]), scan[best]
-    # So far below the boundary eigenvalues confirm it.
-    stiffest *= 1 - 5e-5
-    if stiffest < softest_wall_n_per_m(device):
+    damping = 0.0
+    if family.device.mass_kg + float(np.min(family.hands.mass_kg)) > 0:
+        for scan, walls in _scans(family):
+            limits = np.nan_to_num(walls.first_n_per_m)
+            best = int(np.argmax(limits))
+            stiffest = float(limits[best])
+            damping = scan[best]
+    stiffest *= _CONFIRMED_SHARE
+    if stiffest < softest_wall_n_per_m(family.device):
         return DampingRange(0.0, np.nan, np.nan)
-    scan = np.array([0.0, damping, _most_damping(device, subjects)])
-    return _between_edges(device, subjects, stiffest, scan, np.array([1]))
+    scan = np.array([0.0, damping, _most_damping(family)])
+    return _between_edges(family, stiffest, scan, np.array([1]))
 
 
-def _most_damping(device: Device, subjects: Hand | StylusHand) -> float:
+def _most_damping(family: PlantFamily) -> float:
     """Return 2 m/T of the total moving mass: more damping stabilises no wall."""
-    heaviest = max(corner.mass_kg for corner in device_corners(device, LINEAR_KEYS)) + float(np.max(subjects.mass_kg))
-    return 2 * heaviest / device.sample_time_s
+    return 2 * family.heaviest_kg / family.device.sample_time_s
 
 
-def _scans(device: Device, subjects: Hand | StylusHand) -> Iterator[tuple[FloatArray, Stretches]]:
+def _scans(family: PlantFamily) -> Iterator[tuple[FloatArray, Stretches]]:
     """Yield dampings with their stable walls, twice more about the one with the stiffest wall."""
-    corners, scan = device_corners(device, LINEAR_KEYS), np.linspace(0.0, _most_damping(device, subjects), 61)
+    scan = np.linspace(0.0, _most_damping(family), _SCANNED)
     for _ in range(3):
-        walls = stable_walls(corners, subjects, scan)
+        walls = stable_walls(family.devices, family.hands, scan)
         yield scan, walls
         best = int(np.argmax(np.nan_to_num(walls.first_n_per_m)))
-        scan = np.linspace(scan[max(best - 1, 0)], scan[min(best + 1, len(scan) - 1)], 61)
+        scan = np.linspace(scan[max(best - 1, 0)], scan[min(best + 1, len(scan) - 1)], _SCANNED)
 
 
-def _between_edges(
-    device: Device, subjects: Hand | StylusHand, stiffness_n_per_m: float, scan: FloatArray, inside: IndexArray
-) -> DampingRange:
+def _between_edges(family: PlantFamily, stiffness_n_per_m: float, scan: FloatArray, inside: IndexArray) -> DampingRange:
     """Return the range of stable dampings, its ends by bisection, from a scan and the stable ones in it."""
     # Linear in the damping.
-    undamped, damped = (in_contact(device, subjects, stiffness_n_per_m, b) for b in (0.0, 1.0))
+    undamped = in_contact(family.devices, family.hands, stiffness_n_per_m, 0.0)
+    per_damping = in_contact(family.devices, family.hands, stiffness_n_per_m, 1.0).maps - undamped.maps
 
-    def radius(damping: float, some: slice = slice(None)) -> FloatArray:
-        none, one = undamped.maps[some], damped.maps[some]
-        return replace(undamped, maps=none + damping * (one - none)).radius
+    def radius(damping: float, chosen: slice = slice(None)) -> FloatArray:
+        return replace(undamped, maps=undamped.maps[chosen] + damping * per_damping[chosen]).radius
 
     def edge(stable: float, unstable: float) -> float:
+        """Return the limit between two dampings: of the worst loop, until all others hold there."""
         while stable != unstable:
-            every = radius(unstable)
-            worst = int(np.argmax(every))
-            if every[worst] < 1:
+            radii = radius(unstable)
+            worst = int(np.argmax(radii))
+            if radii[worst] < 1:
                 break
-            inside = stable
-            for _ in range(50):
-                middle = (inside + unstable) / 2
+            low = stable
+            high = unstable
+            for _ in range(_BISECTIONS):
+                middle = (low + high) / 2
                 fits = radius(middle, slice(worst, worst + 1))[0] < 1
-                inside, unstable = (middle, unstable) if fits else (inside, middle)
-            unstable = inside
+                low, high = (middle, high) if fits else (low, middle)
+            unstable = low
         return unstable
 
-    low, high = inside[0], inside[-1]
-    ends = edge(scan[low], scan[max(low - 1, 0)]), edge(scan[high], scan[min(high + 1, len(scan) - 1)])
-    return DampingRange(stiffness_n_per_m, float(ends[0]), float(ends[1]))
+    first = inside[0]
+    last = inside[-1]
+    return DampingRange(
+        stiffness_n_per_m,
+        lowest_ns_per_m=float(edge(scan[first], scan[max(first - 1, 0)])),
+        highest_ns_per_m=float(edge(scan[last], scan[min(last + 1, len(scan) - 1)])),
+    )

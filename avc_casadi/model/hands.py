@@ -114,9 +114,9 @@ def joined(hands: Hand, more: Hand) -> Hand:
     )
 
 
-def with_released(hands: Hand | StylusHand) -> Hand | StylusHand:
+def with_released(hands: Hand) -> Hand:
     """Return hands with the released device added."""
-    return type(hands)(**{name: np.append(np.atleast_1d(value), 0.0) for name, value in vars(hands).items()})
+    return joined(hands, no_hand())
 
 
 def with_stops(hands: Hand, mass_kg: float) -> Hand:

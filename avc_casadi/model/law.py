@@ -78,8 +78,8 @@ class Law:
     @classmethod
     def difference(cls, sample_time_s: float) -> Law:
         """Return u = (1 - 1/z) y: by how much y grew in the last sample."""
-        one = np.ones((1, 1))
-        return cls(0 * one, one, -one, one, sample_time_s)
+        unit = np.ones((1, 1))
+        return cls(np.zeros((1, 1)), unit, -unit, unit, sample_time_s)
 
     @classmethod
     def low_pass(cls, pole: Values, sample_time_s: float) -> Law:
@@ -131,24 +131,25 @@ class Law:
         later, force, inner = self._sample(states, measured, slopes)
         return self._compiled([later], [np.asarray(factor)[..., None, None] * force, inner], self.sectors)
 
-    def __add__(self, other: Law) -> Law:
+    def __add__(self, addend: Law) -> Law:
         """Return the sum of two laws of the same inputs."""
-        states, others, measured, slopes, other_slopes = _signals(
-            self.states, other.states, self.measured, len(self.sectors), len(other.sectors)
+        states, addend_states, measured, slopes, addend_slopes = _signals(
+            self.states, addend.states, self.measured, len(self.sectors), len(addend.sectors)
         )
         later, force, inner = self._sample(states, measured, slopes)
-        others_later, other_force, other_inner = other._sample(others, measured, other_slopes)
-        outputs = [force + other_force, inner, other_inner]
-        return self._compiled([later, others_later], outputs, self.sectors + other.sectors)
+        addend_later, addend_force, addend_inner = addend._sample(addend_states, measured, addend_slopes)
+        outputs = [force + addend_force, inner, addend_inner]
+        return self._compiled([later, addend_later], outputs, self.sectors + addend.sectors)
 
     def then(self, following: Law) -> Law:
         """Return both in series: the following law acts on the output of this one."""
-        states, others, measured, slopes, other_slopes = _signals(
+        states, following_states, measured, slopes, following_slopes = _signals(
             self.states, following.states, self.measured, len(self.sectors), len(following.sectors)
         )
         later, output, inner = self._sample(states, measured, slopes)
-        others_later, force, other_inner = following._sample(others, output, other_slopes)
-        return self._compiled([later, others_later], [force, inner, other_inner], self.sectors + following.sectors)
+        following_later, force, following_inner = following._sample(following_states, output, following_slopes)
+        outputs = [force, inner, following_inner]
+        return self._compiled([later, following_later], outputs, self.sectors + following.sectors)
 
     def behind(self, observer: StateFeedback | None) -> Law:
         """Return the law of the position that an observer gives, which knows the force that is left by its limit.
@@ -184,7 +185,8 @@ class Law:
         """Return the law of rows over its signals: states first, then the measured inputs, then those of sectors."""
         leading = np.broadcast_shapes(*(rows.shape[:-2] for rows in (*states, *outputs)))
         parts = [np.broadcast_to(rows, (*leading, *rows.shape[-2:])) for rows in (*states, *outputs)]
-        whole, size = np.concatenate(parts, axis=-2), sum(rows.shape[-2] for rows in states)
+        whole = np.concatenate(parts, axis=-2)
+        size = sum(rows.shape[-2] for rows in states)
         return Law(
             a=whole[..., :size, :size],
             b=whole[..., :size, size:],
@@ -220,15 +222,14 @@ class Law:
             return self
         eye = np.eye(len(off))
         change = np.stack(np.broadcast_arrays(*off), axis=-1)[..., None] * eye
-        to_sectors, from_sectors = slice(self.outputs, None), slice(self.measured, None)
+        to_sectors = slice(self.outputs, None)
+        from_sectors = slice(self.measured, None)
         closed = np.linalg.solve(eye - change @ self.d[..., to_sectors, from_sectors], change)
         of_states = closed @ self.c[..., to_sectors, :]
         of_measured = closed @ self.d[..., to_sectors, : self.measured]
-        linear, into_states, into_force = (
-            self.linear,
-            self.b[..., from_sectors],
-            self.d[..., : self.outputs, from_sectors],
-        )
+        linear = self.linear
+        into_states = self.b[..., from_sectors]
+        into_force = self.d[..., : self.outputs, from_sectors]
         return Law(
             a=linear.a + into_states @ of_states,
             b=linear.b + into_states @ of_measured,

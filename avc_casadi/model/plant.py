@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 import numpy as np
@@ -224,6 +224,17 @@ class SampledPlant:
     output_row: FloatArray
     held: FloatArray
     sample_time_s: float
+
+    def of_device(self, index: int) -> SampledPlant:
+        """Return the plants of one of the devices."""
+        chosen = slice(index, index + 1)
+        return replace(
+            self,
+            matrix=self.matrix[chosen],
+            new=self.new[chosen],
+            old=self.old[chosen],
+            whole_delay=self.whole_delay[chosen],
+        )
 
     @property
     def forces_under_way(self) -> int:

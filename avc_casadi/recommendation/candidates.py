@@ -17,9 +17,9 @@ from avc_casadi.design.observer_law import WIDTHS, with_dead_zone
 from avc_casadi.design.program import DISK_MARGIN, ProgramAnswer, program_answers, why_no_law
 from avc_casadi.design.tuned import tune, tuned_margin
 from avc_casadi.loops.margins import OpenLoop
+from avc_casadi.loops.plant_family import PlantFamily
 from avc_casadi.loops.walls import DampingRange, damping_range, softest_wall_n_per_m
 from avc_casadi.model.gains import Gains, near_rigid_n_per_m, spring_before
-from avc_casadi.model.hands import hand_corners, with_released
 from avc_casadi.model.problem import Problem
 from avc_casadi.model.runtime import Runtime, StateFeedback
 from avc_casadi.recommendation.evaluator import Evaluator, unstable_off_file
@@ -228,7 +228,7 @@ def behind_observer(couplings: Iterable[Coupling]) -> Iterator[Coupling]:
 
 def _dampers(problem: Problem, stiffness_n_per_m: float, damper: Callable[[float], Coupling]) -> list[Coupling]:
     """Return the couplings of the least damping that has each disk margin, or the widest there is; the widest first."""
-    found = damping_range(problem.device, with_released(hand_corners(problem.hands)), stiffness_n_per_m)
+    found = damping_range(PlantFamily.of(problem), stiffness_n_per_m)
     if np.isnan(found.lowest_ns_per_m):
         return []
     goal = DISK_MARGIN if problem.robustness.disk_margin is None else problem.robustness.disk_margin

@@ -17,6 +17,7 @@ from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.claims.deployable import deployable
 from avc_casadi.coupling import Coupling
 from avc_casadi.loops.margins import OpenLoop
+from avc_casadi.loops.plant_family import PlantFamily
 from avc_casadi.loops.wall import law_at_rest
 from avc_casadi.model.corners import (
     USUAL,
@@ -27,7 +28,7 @@ from avc_casadi.model.corners import (
 )
 from avc_casadi.model.device import Device
 from avc_casadi.model.effects import Effect
-from avc_casadi.model.hands import Hand, StylusHand, hand_corners, with_released
+from avc_casadi.model.hands import Hand, StylusHand
 from avc_casadi.model.perturbed import PERTURBED_SHARE, perturbed_devices, perturbed_keys
 from avc_casadi.model.plant import SampledPlant, sampled_plant
 from avc_casadi.model.problem import Problem
@@ -95,7 +96,7 @@ class Evaluator:
         )
         self._beyond = groups_beyond(problem, problem.robustness, seed)
         # They strike and touch lightly too: the last that come to rest behind a law.
-        self._loose, self._corners = Group(loose_grips(problem.hands, 100, seed)), hand_corners(problem.hands)
+        self._loose, self._corners = Group(loose_grips(problem.hands, 100, seed)), PlantFamily.of(problem).corner_hands
         self._devices = _devices(problem.device, seed)
 
     def __call__(self, coupling: Coupling) -> Candidate | None:
@@ -264,5 +265,4 @@ def perturbed_loops(coupling: Coupling) -> OpenLoop:
 
 @lru_cache(maxsize=4)
 def _perturbed_plant(problem: Problem) -> SampledPlant:
-    hands = with_released(hand_corners(problem.hands.model_copy(update={"let_go": False})))
-    return sampled_plant(perturbed_devices(problem), hands)
+    return sampled_plant(perturbed_devices(problem), PlantFamily.of(problem).hands)

@@ -13,13 +13,14 @@ import numpy as np
 from avc_casadi._util.arrays import ComplexArray, FloatArray
 from avc_casadi.claims.impedance import Excitation, below_quarter_rate, handle_impedance, rendered, stiffness_at_handle
 from avc_casadi.coupling import Coupling
-from avc_casadi.loops.engine import Engine, clocks
+from avc_casadi.loops.engine import EngineLoop, clocks
 from avc_casadi.loops.follower import Link, Touch, link_clocks
 from avc_casadi.loops.loop import Body
 from avc_casadi.loops.margins import OpenLoop, damping_ratios
+from avc_casadi.loops.plant_family import PlantFamily
 from avc_casadi.model.device import DeviceRange
 from avc_casadi.model.ends import RIGID_N_PER_M, End, Follower, Simulation, ToolGains, not_known, tool_states
-from avc_casadi.model.hands import Hand, hand_corners
+from avc_casadi.model.hands import Hand
 from avc_casadi.model.plant import sampled_plant
 from avc_casadi.model.problem import Problem
 from avc_casadi.model.scene import Hold, Press
@@ -311,7 +312,7 @@ def deployed(coupling: Coupling) -> Deployed:
     """Return the responses of a coupling."""
     problem = coupling.problem
     device, period = problem.device, problem.device.sample_time_s
-    hands = hand_corners(problem.hands.model_copy(update={"let_go": False}))
+    hands = PlantFamily.of(problem).held
     loop = OpenLoop.of(coupling)
     settled_s = loop.settling_s()
     samples = int(np.clip(1.2 * settled_s[np.isfinite(settled_s)].max(initial=0.0) / period, 50, 5000))
@@ -382,7 +383,7 @@ def _heaviest_tool(engine: Simulation, problem: Problem) -> NominalEnd:
     free, rigid = (tool_states(engine, contact)[-1] for contact in (0.0, RIGID_N_PER_M))
     clock, driven = clocks(max(engine.step_s), t)[-1], Body.motion_source(t)
     mass, damping = (0.0, 0.0) if free.fixed else (free.mass_kg, free.damping_ns_per_m)
-    moving, held = (Engine(driven, clock, engine, [state]) for state in (free, rigid))
+    moving, held = (EngineLoop(driven, clock, engine, [state]) for state in (free, rigid))
     return NominalEnd(moving, held, not free.fixed, mass, damping)
 
 

@@ -13,14 +13,14 @@ from avc_casadi.claims.impedance import PRESS_N
 from avc_casadi.files.plausibility import plausibility
 from avc_casadi.files.problem_file import BELOW_NYQUIST
 from avc_casadi.loops.engine import ToolLoops
+from avc_casadi.loops.plant_family import PlantFamily
 from avc_casadi.loops.wall import MAX_DELAY_SAMPLES
 from avc_casadi.loops.walls import damping_range, softest_wall_n_per_m
 from avc_casadi.model import EFFECTS
-from avc_casadi.model.corners import LINEAR_KEYS, device_corners
+from avc_casadi.model.corners import LINEAR_KEYS
 from avc_casadi.model.declared import declared, declared_effects
 from avc_casadi.model.device import Device
 from avc_casadi.model.ends import RIGID_N_PER_M, End, Follower, Simulation, Wall
-from avc_casadi.model.hands import hand_corners, with_released
 from avc_casadi.model.problem import Frequency, Problem
 from avc_casadi.simulation.population.trial import CouplingTrial
 
@@ -40,15 +40,16 @@ def why_infeasible(problem: Problem) -> str:
         )
     if not (wall.stiffness_n_per_m or wall.damping_ns_per_m):
         return "the wall gives no force: there is nothing to couple to; give [environment] a stiffness or a damping"
-    slowest = max(one.delay_samples for one in device_corners(device, ("delay_samples",)))
+    family = PlantFamily.of(problem)
+    slowest = family.largest_delay_samples
     if slowest > MAX_DELAY_SAMPLES:
         return (
             f"no coupling is judged: linear stability is computed up to {MAX_DELAY_SAMPLES} samples of delay, not "
             f"{slowest:g} (device.delay_samples); shorten the delay, or state a longer sample time"
         )
     if wall.stiffness_n_per_m == 0:
-        people, damper = with_released(hand_corners(problem.hands)), problem.units.unit("N.s/m")
-        most = damping_range(device, people, softest_wall_n_per_m(device)).highest_ns_per_m
+        damper = problem.units.unit("N.s/m")
+        most = damping_range(family, softest_wall_n_per_m(device)).highest_ns_per_m
         if wall.damping_ns_per_m > most:
             return (
                 f"a damper above {quantity(most, damper)} is not linearly stable with every hand and released, and "

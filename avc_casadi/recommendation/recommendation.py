@@ -14,8 +14,8 @@ from avc_casadi._util.printed import Printed
 from avc_casadi.claims.impedance import stiffness_at_handle
 from avc_casadi.coupling import Coupling
 from avc_casadi.files.coupling_file import coupling_document
+from avc_casadi.loops.loop_family import Mode
 from avc_casadi.loops.margins import OpenLoop, transients
-from avc_casadi.loops.system import Mode
 from avc_casadi.model.ends import End, Follower, Simulation, ToolGains
 from avc_casadi.model.problem import Problem
 from avc_casadi.recommendation.evaluator import PerturbedDevices, Withstood

@@ -14,10 +14,10 @@ from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.design.program import program_answers, why_no_law
 from avc_casadi.design.virtual_tool import WIDEST_MARGIN, ToolSearch, ToolSearchOptions
 from avc_casadi.loops.engine import ToolLoops
+from avc_casadi.loops.plant_family import PlantFamily
 from avc_casadi.loops.walls import stiffest_wall
 from avc_casadi.model.device import Device
 from avc_casadi.model.ends import HEAVIEST_TOOL_KG, LIGHTEST_TOOL_KG, LONGEST_STEP_S, Simulation, ToolGains
-from avc_casadi.model.hands import hand_corners, with_released
 from avc_casadi.model.problem import Problem
 
 
@@ -33,9 +33,8 @@ def what_would_help(problem: Problem) -> tuple[Help, ...]:
     """Return the limit of a plain spring and damper after each change, most effective first."""
     if problem.environment.stiffness_n_per_m == 0:
         return ()
-    people = with_released(hand_corners(problem.hands))
     found = [
-        Help(change, float(stiffest_wall(problem.changed(device=values).device, people).stiffness_n_per_m))
+        Help(change, float(stiffest_wall(PlantFamily.of(problem.changed(device=values))).stiffness_n_per_m))
         for change, values in _linear_changes(problem.device).items()
     ]
     return tuple(sorted(found, key=lambda one: -one.stiffest_wall_n_per_m))

@@ -11,9 +11,9 @@ from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.claims.certify import quick_rest_level
 from avc_casadi.claims.deployable import deployable, with_certificate
 from avc_casadi.coupling import Coupling
+from avc_casadi.loops.plant_family import PlantFamily
 from avc_casadi.loops.walls import stiffest_wall
 from avc_casadi.model.gains import GainSchedule
-from avc_casadi.model.hands import hand_corners, with_released
 from avc_casadi.model.problem import Problem
 from avc_casadi.recommendation.candidates import judge_all, stiffest_rendered
 from avc_casadi.recommendation.evaluator import Evaluator, Withstood, missed, off_file, withstood
@@ -39,7 +39,7 @@ class WallDesign:
         self.request = request
         self._crew = crew
         self._helps: Callable[[], tuple[Help, ...]] = crew.begin(partial(what_would_help, problem))
-        self._limit = stiffest_wall(problem.device, with_released(hand_corners(problem.hands)))
+        self._limit = stiffest_wall(PlantFamily.of(problem))
         judging = partial(
             Evaluator,
             people=people_of(problem.hands, request.hands, request.seed),
@@ -146,7 +146,7 @@ def judged(coupling: Coupling, schedule: GainSchedule, hands: int, progress: Pro
     known, rest = with_rest(with_certificate(coupling, progress), progress)
     tried = try_coupling(known, people_of(problem.hands, hands), 0, progress)
     claims, beyond = deployable(known, progress), withstood(known)
-    limit = stiffest_wall(problem.device, with_released(hand_corners(problem.hands))).stiffness_n_per_m
+    limit = stiffest_wall(PlantFamily.of(problem)).stiffness_n_per_m
     lacks = nothing_rendered(problem, known.static_stiffness_n_per_m, tried) or missed(beyond, by_friction=False)
     verdict = Verdict.REQUIREMENT_UNMET if lacks else Verdict.CLAIM_FAILS
     return WallRecommendation(

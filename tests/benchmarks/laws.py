@@ -62,18 +62,16 @@ def random_starts(index: int) -> dict[str, Any]:
     from avc_casadi.design.law_family import LawFamily  # noqa: PLC0415 - release 0.3.0 has none
     from avc_casadi.design.observer_law import GUESSES, Guess, Structure  # noqa: PLC0415
     from avc_casadi.design.program import Program, usual_goals  # noqa: PLC0415
-    from avc_casadi.model.hands import hand_corners  # noqa: PLC0415
 
     problem, random = drawn(index, SEED), np.random.default_rng([SEED, index])
     goals = usual_goals(problem, problem.environment.stiffness_n_per_m)
-    hands = hand_corners(problem.hands.model_copy(update={"let_go": False}))
     errors = []
     for number in range(RANDOM_STARTS):
         base = GUESSES[number % len(GUESSES)]
         factors = np.exp(SPREAD * random.standard_normal(len(fields(Guess))))
         guess = Guess(*(getattr(base, part.name) * factor for part, factor in zip(fields(Guess), factors, strict=True)))
         try:
-            program = Program(LawFamily(problem, Structure.of(problem, guess, 4), hands), goals)
+            program = Program(LawFamily(problem, Structure.of(problem, guess, 4)), goals)
         except np.linalg.LinAlgError:
             continue
         best = program.best()

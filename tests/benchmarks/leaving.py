@@ -17,8 +17,8 @@ from unittest import mock
 from random_devices import drawn
 from studied import about, computed, made_by, table
 
+from avc_casadi.loops.plant_family import PlantFamily
 from avc_casadi.loops.walls import stiffest_wall
-from avc_casadi.model.hands import hand_corners, with_released
 from avc_casadi.recommendation import rank
 from avc_casadi.recommendation.candidates import judge_all
 from avc_casadi.recommendation.evaluator import Evaluator
@@ -36,7 +36,7 @@ def cell(index: int, seed: int) -> dict[str, Any]:
     """Judge the candidates for a drawn device once, and choose among them in both ways."""
     problem = drawn(index, seed)
     evaluator = Evaluator(problem, people_of(problem.hands, HANDS, 0), 0)
-    judge_all(problem, evaluator, stiffest_wall(problem.device, with_released(hand_corners(problem.hands))))
+    judge_all(problem, evaluator, stiffest_wall(PlantFamily.of(problem)))
     judged = evaluator.candidates
     found: dict[str, Any] = {"wall_n_per_m": problem.environment.stiffness_n_per_m, "candidates": len(judged)}
     found[NOW] = _figures(evaluator.best())

@@ -31,10 +31,10 @@ from baseline_plant import TAIL_S, Deeds, Floats, Law, shaken, simulated
 
 import avc_casadi as avc
 from avc_casadi.coupling import Coupling
+from avc_casadi.loops.plant_family import PlantFamily
 from avc_casadi.loops.walls import damping_range, softest_wall_n_per_m, stiffest_wall
 from avc_casadi.model.device import Device, DeviceRange
 from avc_casadi.model.gains import Gains
-from avc_casadi.model.hands import hand_corners, with_released
 from avc_hardware import export_c
 
 HERE = Path(__file__).parent
@@ -79,10 +79,9 @@ def coupling_of(law: str, problem: avc.Problem) -> Coupling:
         return Coupling.constant(
             problem, Gains(float(gains.damping_ns_per_m[0]), float(gains.stiffness_n_per_m[0])), law
         )
-    device, wall = problem.device, problem.environment.stiffness_n_per_m
-    hands = with_released(hand_corners(problem.hands))
-    held = min(PLAIN_SHARE * stiffest_wall(device, hands).stiffness_n_per_m, wall)
-    dampers = damping_range(device, hands, held)
+    wall, family = problem.environment.stiffness_n_per_m, PlantFamily.of(problem)
+    held = min(PLAIN_SHARE * stiffest_wall(family).stiffness_n_per_m, wall)
+    dampers = damping_range(family, held)
     middle = (dampers.lowest_ns_per_m + dampers.highest_ns_per_m) / 2
     return Coupling.constant(problem, Gains(0.0, 1e8 if held == wall else held * wall / (wall - held), middle), law)
 
@@ -193,8 +192,7 @@ def cell(name: str, law: str) -> dict[str, Any]:
 def tunings(kind: type[Wall], problem: avc.Problem) -> tuple[float, ...]:
     """What a law is tried with; one that has nothing to tune is tried once."""
     if issubclass(kind, PassivityController):
-        extreme = with_released(hand_corners(problem.hands))
-        stable = damping_range(problem.device, extreme, softest_wall_n_per_m(problem.device))
+        stable = damping_range(PlantFamily.of(problem), softest_wall_n_per_m(problem.device))
         return tuple(share * stable.highest_ns_per_m for share in DAMPERS)
     return RATES_M_PER_S if kind is ForceAugmentation else (math.nan,)
 

@@ -29,8 +29,8 @@ from whole_device import WholeDevice, people, rests_as_tried
 import avc_casadi as avc
 from avc_casadi.coupling import Coupling
 from avc_casadi.loops.margins import OpenLoop
+from avc_casadi.loops.plant_family import PlantFamily
 from avc_casadi.loops.walls import stiffest_wall
-from avc_casadi.model.hands import hand_corners, with_released
 from avc_casadi.model.problem import Problem
 from avc_casadi.recommendation.rank import impedance_error
 from avc_casadi.simulation.population.operators import draw_hands, loose_grips
@@ -89,7 +89,7 @@ def cell(index: int, seed: int = SEED) -> dict[str, Any]:
     wall, cpu = time.perf_counter(), cpu_seconds()
     found = avc.recommend(problem, hands=PEOPLE, seed=OWN_SEED, workers=WORKERS)
     wall, cpu = time.perf_counter() - wall, cpu_seconds() - cpu
-    plain = stiffest_wall(problem.device, with_released(hand_corners(problem.hands)))
+    plain = stiffest_wall(PlantFamily.of(problem))
     outcome: dict[str, Any] = {
         "device": problem.device.model_dump(exclude_unset=True),
         "wall_n_per_m": problem.environment.stiffness_n_per_m,

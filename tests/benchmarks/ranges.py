@@ -23,7 +23,7 @@ sys.path[:0] = [str(Path(__file__).parents[1] / "oracle")]
 
 from loops_by_expm import growth  # noqa: E402 - an oracle of the tests
 
-from avc_casadi.claims.own_law import Loops, SpringDamper  # noqa: E402
+from avc_casadi.claims.own_law import LawAnalysis, SpringDamper  # noqa: E402
 from avc_casadi.design.virtual_tool import CouplingSearch, Scale  # noqa: E402
 from avc_casadi.loops.engine import ToolLoops  # noqa: E402
 from avc_casadi.loops.follower import FollowerLoops  # noqa: E402
@@ -142,9 +142,13 @@ def judged(tables: dict[str, Any], share: float, damper: float) -> dict[str, Any
     """Return what the package told of a problem, and what the dense search found; damper: b of a wall, else B/K."""
     problem = Problem(**tables)
     if problem.environment is not None and not (problem.simulation or problem.follower):
-        loops = Loops(problem)
-        k, lag_s = loops.largest_stiffness(SpringDamper(1.0, damper)), 0.0
-        told = max(loops.case(SpringDamper(share * k, damper), side).spectral_radius for side in range(2)) if k else 1.0
+        analysis = LawAnalysis(problem)
+        k, lag_s = analysis.largest_stiffness(SpringDamper(1.0, damper)), 0.0
+        told = (
+            max(analysis.case(SpringDamper(share * k, damper), side).spectral_radius for side in analysis.sides)
+            if k
+            else 1.0
+        )
     else:
         every: Any = ToolLoops(problem) if problem.simulation else FollowerLoops(problem)
         search, k, lag_s, damper = CouplingSearch(every, Scale.of(problem, 2e-3)), 0.1, damper, 0.0

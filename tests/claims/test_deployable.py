@@ -12,6 +12,7 @@ import avc_casadi as avc
 from avc_casadi.claims.certify import certify
 from avc_casadi.cli import main
 from avc_casadi.coupling import Coupling, schedule_of
+from avc_casadi.loops.plant_family import PlantFamily
 from avc_casadi.loops.wall import frozen_law, linear_stability
 from avc_casadi.loops.walls import damping_range, stiffest_wall
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners
@@ -151,16 +152,17 @@ def test_every_corner_of_the_device_is_judged():
     alone = np.max([loop_radius(corner, people, k, d) for corner in corners], axis=0)
     np.testing.assert_allclose(loop_radius(case.device, people, k, d), alone, rtol=0, atol=1e-9)
     # The wall is the stiffest for all corners together, and its damping stands on the edge.
-    limit = stiffest_wall(case.device, people)
-    found = damping_range(case.device, people, 0.8 * limit.stiffness_n_per_m)
+    limit = stiffest_wall(PlantFamily.of(case))
+    found = damping_range(PlantFamily.of(case), 0.8 * limit.stiffness_n_per_m)
     edges = np.array([found.lowest_ns_per_m, found.highest_ns_per_m])
     at = np.full(2, 0.8 * limit.stiffness_n_per_m)
     assert loop_radius(case.device, people, at, edges).max(axis=1) == pytest.approx(1, abs=1e-8)
-    assert limit.stiffness_n_per_m <= min(stiffest_wall(one, people).stiffness_n_per_m for one in corners[::7]) * 1.001
+    limits = [stiffest_wall(PlantFamily.between(one, case.hands)).stiffness_n_per_m for one in corners[::7]]
+    assert limit.stiffness_n_per_m <= min(limits) * 1.001
     # A coupling that the nominal device holds, and a corner does not: the corner is named.
     nominal = case.changed(device={"range": {key: None for key in RANGES if key != "resonance"}})
     nominal = nominal.changed(device={"range": {"resonance": dict.fromkeys(RANGES["resonance"])}})
-    top = stiffest_wall(nominal.device, people)
+    top = stiffest_wall(PlantFamily.of(nominal))
     gains = Gains(0.0, 0.9 * top.stiffness_n_per_m, (top.lowest_ns_per_m + top.highest_ns_per_m) / 2)
     stiff = {"environment": {"stiffness_n_per_m": 1e9}, "robustness": {"disk_margin": 0.01}}
     assert avc.deployable(Coupling.constant(nominal.changed(**stiff), gains, "x")).passed

@@ -7,7 +7,8 @@ import pytest
 from boxes_of_hands import INSIDE, brute_force, random_gains, random_problem
 
 import avc_casadi as avc
-from avc_casadi.claims.hands import scope_slack, worst_hands
+from avc_casadi.claims.hands import scope_slack, worst_on_device
+from avc_casadi.loops.plant_family import PlantFamily
 from avc_casadi.loops.wall import frozen_law, linear_stability
 from avc_casadi.model.hands import hand_ranges, hand_set
 
@@ -26,10 +27,11 @@ def test_a_set_of_hands_has_every_corner_of_the_box_and_draws_within():
 def test_a_hand_inside_the_box_breaks_what_corners_and_draws_pass():
     known = linear_stability(INSIDE.device, frozen_law(INSIDE, *BROKEN), hand_set(INSIDE.hands))
     assert known.radius.max() < 1
-    worst = worst_hands(INSIDE.device, frozen_law(INSIDE, *BROKEN), INSIDE.hands)
-    assert worst.radius[0] == pytest.approx(1.00102, abs=2e-5)
-    assert worst.radius[0] >= brute_force(INSIDE, *(np.array([gain]) for gain in BROKEN), 0.0, 25)[0]
-    assert worst.hands.values(0)["mass_kg"] == pytest.approx(0.111, abs=2e-3)
+    family = PlantFamily.of(INSIDE)
+    (worst,) = worst_on_device(family, INSIDE.device, frozen_law(INSIDE, *BROKEN), family.drawn().held)
+    assert worst.radius == pytest.approx(1.00102, abs=2e-5)
+    assert worst.radius >= brute_force(INSIDE, *(np.array([gain]) for gain in BROKEN), 0.0, 25)[0]
+    assert worst.hand["mass_kg"] == pytest.approx(0.111, abs=2e-3)
     assert scope_slack(INSIDE, 3.3, *BROKEN).slack[0] < 0
 
 
@@ -46,5 +48,6 @@ def test_the_search_finds_what_a_lattice_finds():
     generator = np.random.default_rng(5)
     for _ in range(12):
         problem, gains = random_problem(generator), random_gains(generator, 15)
-        found = worst_hands(problem.device, frozen_law(problem, *gains), problem.hands)
-        assert np.all(found.radius >= brute_force(problem, *gains) - 1e-6)
+        family = PlantFamily.of(problem)
+        worst = worst_on_device(family, problem.device, frozen_law(problem, *gains), family.drawn().held)
+        assert np.all(np.array([case.radius for case in worst]) >= brute_force(problem, *gains) - 1e-6)

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 import avc_casadi as avc
 from avc_casadi.design.virtual_tool import CouplingSearch, Scale, ToolSearch
-from avc_casadi.loops.engine import Engine, ToolLoops, clocks
+from avc_casadi.loops.engine import EngineLoop, ToolLoops, clocks
 from avc_casadi.loops.loop import Body
 from avc_casadi.model.ends import RIGID_N_PER_M, Simulation, ToolGains, tool_states
 
@@ -131,7 +131,7 @@ def engine(**keys):
 @pytest.mark.parametrize("ratio", [1.0, 4.0, 2.5])
 def test_a_tool_that_stands_still_is_a_spring_and_a_damper(ratio):
     rigid = tool_states(engine(), RIGID_N_PER_M)[-1]
-    loop = Engine(Body.motion_source(T), clocks(ratio * T, T)[-1], engine(), [rigid])
+    loop = EngineLoop(Body.motion_source(T), clocks(ratio * T, T)[-1], engine(), [rigid])
     turn = np.exp(-2j * np.pi * 12.0 * T)
     found = loop.force_per_metre(ToolGains(800.0, 6.0, 2.0), 12.0)
     assert found == pytest.approx(800.0 + 8.0 * (1 - turn) / T)

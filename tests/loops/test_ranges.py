@@ -13,11 +13,12 @@ from sampled_wall import spectral_radius
 from teleoperator_simulator import run
 
 import avc_casadi as avc
-from avc_casadi.claims.hands import every_hand, released
+from avc_casadi.claims.hands import worst_case_over_hands
 from avc_casadi.design.virtual_tool import CouplingSearch, Scale, ToolSearch
 from avc_casadi.loops.engine import ToolLoops
 from avc_casadi.loops.follower import FollowerLoops, link_clocks
-from avc_casadi.loops.system import worst_point
+from avc_casadi.loops.plant_family import PlantFamily
+from avc_casadi.loops.search import worst_point
 from avc_casadi.loops.wall import frozen_law
 from avc_casadi.model.corners import device_corners, device_with
 from avc_casadi.model.ends import ToolGains
@@ -92,8 +93,9 @@ def test_no_device_inside_breaks_a_wall(wall_n_per_m, mode_hz):
     )
     rigid, dampers = 1e8, np.array([0.3, 1.0, 2.0, 4.0, 6.0])
     law = frozen_law(stated, np.zeros(5), np.full(5, rigid), dampers)
-    told = every_hand(stated, law, draws=24, seed=0).radius
-    free = released(stated, law).radius
+    family = PlantFamily.of(stated)
+    told = [case.radius for case in worst_case_over_hands(family, law)]
+    free = [case.radius for case in worst_case_over_hands(family.released, law, draws=0)]
     stiffness = 1 / (1 / wall_n_per_m + 1 / rigid)
     devices = [
         *device_corners(stated.device),

@@ -8,7 +8,7 @@ import pytest
 from scipy.linalg import expm
 
 import avc_casadi as avc
-from avc_casadi.loops.wall import plants_of
+from avc_casadi.loops.plant_family import plants_of
 from avc_casadi.model.device import Device
 from avc_casadi.model.gains import NO_COUPLING
 from avc_casadi.model.hands import Hand, StylusHand

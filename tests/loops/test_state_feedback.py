@@ -6,7 +6,7 @@ import pytest
 from hardware_bench import believer
 
 import avc_casadi as avc
-from avc_casadi.claims.hands import feedback_radius
+from avc_casadi.claims.hands import worst_case_behind_observer
 from avc_casadi.coupling import Coupling
 from avc_casadi.design.observer_law import GUESSES, regulator
 from avc_casadi.loops.loop import Body
@@ -153,7 +153,7 @@ def test_no_drawn_hand_and_share_is_worse_than_the_worst_that_is_found(seed):
     made = feedback(problem, seed % 3, rng.uniform(0.8, 1.2))
     low, high = hand_ranges(problem.hands).T
     drawn = Hand(*(low + (high - low) * rng.random((500, 3))).T)
-    found, slack = feedback_radius(made), 1e-6
+    found, slack = worst_case_behind_observer(made), 1e-6
     assert (
         radii(made, drawn, np.exp(rng.uniform(np.log(0.01), 0.0, 12)), np.ones(12)).max()
         <= found["dead-zone"].radius + slack

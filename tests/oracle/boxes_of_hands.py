@@ -7,6 +7,7 @@ import numpy as np
 from avc_casadi.files.problem_file import load_problem
 from avc_casadi.loops.wall import frozen_law, linear_stability
 from avc_casadi.loops.walls import in_contact
+from avc_casadi.model.corners import LINEAR_KEYS, device_corners
 from avc_casadi.model.hands import Hand, hand_ranges
 
 FIGURE5 = load_problem("figure5")
@@ -65,5 +66,5 @@ def brute_force(problem, b, k, contact, points=9):
 def loop_radius(device, people, stiffness, damping):
     """Of walls with each hand at the device's worst corner, shape (walls, hands)."""
     walls = zip(stiffness, damping, strict=True)
-    radius = [in_contact(device, people, float(k), float(b)).radius for k, b in walls]
+    radius = [in_contact(device_corners(device, LINEAR_KEYS), people, float(k), float(b)).radius for k, b in walls]
     return np.reshape(radius, (len(radius), -1, len(people))).max(axis=1)

@@ -19,8 +19,8 @@ from avc_casadi.coupling import Coupling
 from avc_casadi.design.virtual_tool import EndSearch, Scale, ToolSearchOptions, search_of
 from avc_casadi.files.coupling_file import coupling_document
 from avc_casadi.loops.loop import Body, Loop, turn_of
+from avc_casadi.loops.loop_family import LoopFamily, Pattern
 from avc_casadi.loops.spectrum import ClosedLoops
-from avc_casadi.loops.system import Pattern, System
 from avc_casadi.model import quantity as q
 from avc_casadi.model import table as t
 from avc_casadi.model.ends import End, ToolGains
@@ -106,7 +106,7 @@ class SpringSearch(EndSearch):
         self.hands = with_released(hand_corners(problem.hands))
         loop, time_s = grounded(problem, self.hands), problem.device.sample_time_s
         pattern = Pattern(loop.closed, time_s, 1, lambda row: SpringCase(self.hands.values(row)))
-        self.loops = System([pattern], [])
+        self.loops = LoopFamily([pattern], [])
         options = ToolSearchOptions(dampers=9)
         super().__init__(self.loops, Scale.of(problem, time_s), options, problem.robustness.gain_margin)
 

@@ -15,10 +15,10 @@ import avc_casadi as avc
 from avc_casadi.claims.prove.rest import Rest
 from avc_casadi.coupling import Coupling
 from avc_casadi.design.observer_law import GUESSES, regulator
+from avc_casadi.loops.plant_family import PlantFamily
 from avc_casadi.loops.walls import stiffest_wall
 from avc_casadi.model.corners import device_with
 from avc_casadi.model.gains import Gains, spring_before
-from avc_casadi.model.hands import hand_corners, with_released
 from avc_casadi.model.runtime import Runtime
 from avc_casadi.recommendation import candidates
 from avc_casadi.recommendation.evaluator import Evaluator, Withstood, missed
@@ -246,7 +246,7 @@ def test_twice_a_property_is_twice_the_range_within_which_it_is_known():
         device={"damping_ns_per_m": 2.0, "range": {"damping_ns_per_m": (1.0, 3.0)}}
     )
     twice = problem.changed(device={"damping_ns_per_m": 4.0, "range": {"damping_ns_per_m": (2.0, 6.0)}})
-    wall = stiffest_wall(twice.device, with_released(hand_corners(problem.hands))).stiffness_n_per_m
+    wall = stiffest_wall(PlantFamily.of(twice)).stiffness_n_per_m
     (found,) = (one for one in what_would_help(problem) if one.change == "twice the damping of the device")
     assert found.stiffest_wall_n_per_m == pytest.approx(wall)
 

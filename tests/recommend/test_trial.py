@@ -11,10 +11,11 @@ from scipy.signal import StateSpace, lsim
 
 import avc_casadi as avc
 from avc_casadi.coupling import Coupling
+from avc_casadi.loops.plant_family import PlantFamily
 from avc_casadi.loops.walls import damping_range, stiffest_wall
 from avc_casadi.model.corners import linear_values
 from avc_casadi.model.gains import Gains, near_rigid_n_per_m
-from avc_casadi.model.hands import hand_corners, with_released
+from avc_casadi.model.hands import hand_corners
 from avc_casadi.recommendation.evaluator import least_stable_devices, off_file
 from avc_casadi.simulation.compile import target_of
 from avc_casadi.simulation.judge import AT_REST_M_PER_S
@@ -122,8 +123,7 @@ WALL_N_PER_M, NOBODY = 20e3, (0.0, 0.0, 0.0)
 
 def rigid(problem):
     """A contact damper in the middle of what is linearly stable with everybody."""
-    people = with_released(hand_corners(problem.hands))
-    found = damping_range(problem.device, people, problem.environment.stiffness_n_per_m)
+    found = damping_range(PlantFamily.of(problem), problem.environment.stiffness_n_per_m)
     damping = (found.lowest_ns_per_m + found.highest_ns_per_m) / 2
     return Coupling.constant(problem, Gains(0.0, near_rigid_n_per_m(problem.device), damping), "contact damper")
 
@@ -140,7 +140,7 @@ def before(wall, **device):
 @pytest.mark.slow
 def test_a_wall_at_its_limit_moves_on_lighter_devices_and_one_far_from_it_does_not():
     bare = before(WALL_N_PER_M)
-    limit = stiffest_wall(bare.device, with_released(hand_corners(bare.hands))).stiffness_n_per_m
+    limit = stiffest_wall(PlantFamily.of(bare)).stiffness_n_per_m
     brittle, safe = (off_file(rigid(before(share * limit))) for share in (0.97, 0.5))
     assert safe.trial.counts()["at_rest_without_friction"] == safe.trial.hands
     assert brittle.trial.counts()["at_rest_without_friction"] < brittle.trial.hands
@@ -149,7 +149,7 @@ def test_a_wall_at_its_limit_moves_on_lighter_devices_and_one_far_from_it_does_n
 @pytest.mark.slow
 def test_a_wall_that_only_a_hand_holds_is_told_to_be_unstable_let_go():
     bare = before(WALL_N_PER_M)
-    wall = 0.99 * stiffest_wall(bare.device, with_released(hand_corners(bare.hands))).stiffness_n_per_m
+    wall = 0.99 * stiffest_wall(PlantFamily.of(bare)).stiffness_n_per_m
     held = bare.changed(
         hands={"mass_kg": (1.0, 1.2), "damping_ns_per_m": (20.0, 25.0)}, environment={"stiffness_n_per_m": wall}
     )

@@ -12,8 +12,8 @@ from whole_device import REST, WholeDevice, held, leaning, people, rests_as_trie
 
 import avc_casadi as avc
 import avc_hardware
+from avc_casadi.loops.plant_family import PlantFamily
 from avc_casadi.loops.walls import stiffest_wall
-from avc_casadi.model.hands import hand_corners, with_released
 from avc_casadi.simulation.population.operators import people_of
 from avc_casadi.simulation.population.trial import try_coupling
 
@@ -62,7 +62,7 @@ def refused(name, stiffness, damping):
 
 def limit_of(name):
     problem = recommended(name).problem
-    found = stiffest_wall(problem.device, with_released(hand_corners(problem.hands)))
+    found = stiffest_wall(PlantFamily.of(problem))
     return found.stiffness_n_per_m, (found.lowest_ns_per_m + found.highest_ns_per_m) / 2
 
 

@@ -8,6 +8,7 @@ from scipy.linalg import expm
 import avc_casadi as avc
 from avc_casadi.claims.deployable import deployable
 from avc_casadi.coupling import Coupling
+from avc_casadi.loops.plant_family import PlantFamily
 from avc_casadi.loops.walls import damping_range, in_contact
 from avc_casadi.model.gains import Gains
 from avc_casadi.model.hands import no_hand
@@ -83,7 +84,7 @@ def test_what_is_claimed_of_a_valley_is_what_the_device_does_let_go():
     """Just within the damping that holds the slope the device comes to rest in a valley; just outside it does not."""
     free = no_hand()
     problem = knob(torque=0.02, wall=0.0)
-    limits = damping_range(problem.device, free, problem.detent.slope_n_per_m)
+    limits = damping_range(PlantFamily.of(problem).released, problem.detent.slope_n_per_m)
     assert limits.lowest_ns_per_m > 0
     for share, rests in ((1.3, True), (0.7, False)):
         one = knob(torque=0.02, damping=share * limits.lowest_ns_per_m, wall=0.0)
@@ -91,7 +92,10 @@ def test_what_is_claimed_of_a_valley_is_what_the_device_does_let_go():
         claim = next(claim for claim in verdict.claims if claim.name == "detent")
         assert (
             claim.passed
-            == (in_contact(one.device, free, one.detent.slope_n_per_m, share * limits.lowest_ns_per_m).radius.max() < 1)
+            == (
+                in_contact([one.device], free, one.detent.slope_n_per_m, share * limits.lowest_ns_per_m).radius.max()
+                < 1
+            )
             == rests
         )
         if not rests:

@@ -15,7 +15,7 @@ from avc_casadi._util.text import percent
 from avc_casadi._util.units import Units
 from avc_casadi.claims.deployable import CertifiedCoupling, Deployable, DeployClaim
 from avc_casadi.claims.levels import LevelResult
-from avc_casadi.claims.own_law import Case, LawCertificate, Remedy
+from avc_casadi.claims.own_law import CaseResult, LawCertificate, Remedy
 from avc_casadi.claims.zwidth import Curve, CurveKey, ZWidth
 from avc_casadi.design.scene_coupling import SimulatedPair, SimulatedScene
 from avc_casadi.design.tool_region import ToolCurve, ToolRegion
@@ -207,7 +207,7 @@ def _mark_of_disk(disk: float) -> Mark:
 
 def _law_loops(result: LawCertificate) -> list[Row]:
     """Return margins, settling time and damping ratio, each of the worst of the held and the released loop."""
-    cases: dict[subject.Who, Case] = {}
+    cases: dict[subject.Who, CaseResult] = {}
     if any(result.held.hand.values()) or result.released is None:
         cases["worst_hand"] = result.held
     if result.released is not None:
