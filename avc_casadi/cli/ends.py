@@ -147,7 +147,7 @@ def _pair_certified(problem: avc.Problem, gains: ToolGains, file: str, console: 
         certificate, why = certify_pair(problem, gains, search), search.why_not(gains)
     verdict = {"pass": not why, "sentence": why or "linearly stable"}
     data = {"problem": problem.name, "gains": file, **vars(gains), "deployable": verdict, **certificate}
-    return rows.judge.pair_certificate(data | {"not_used": list(not_used(problem))}, problem, file)
+    return rows.judge.pair_certificate(data, not_used(problem), problem, file)
 
 
 @singledispatch

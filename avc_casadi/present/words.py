@@ -5,8 +5,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from avc_casadi.claims.deployable import ClaimName
     from avc_casadi.diagnose.remedies import RemedyKey
+    from avc_casadi.recommendation.preconditions import Unused
 
 # Certificates of couplings to a wall.
 
@@ -61,3 +64,11 @@ REMEDIES: dict[RemedyKey, str] = {
     "switch_width": "switch width",
 }
 """What a remedy changes."""
+
+# Recommendations.
+
+
+def used_by_solve(declared: Iterable[Unused]) -> list[str]:
+    """Return one sentence on the tables by which other methods are asked; none where there are none."""
+    tables = [unused.key for unused in declared if unused.asked_of_solve]
+    return [f"{', '.join(tables)}: used by avc solve, not by avc recommend"] if tables else []

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import singledispatch
 
 import numpy as np
@@ -24,8 +24,36 @@ from avc_casadi.model.ends import RIGID_N_PER_M, End, Follower, Simulation, Wall
 from avc_casadi.model.problem import Frequency, Problem
 from avc_casadi.simulation.population.trial import CouplingTrial
 
-SLIP = "what may be a slip: "
-_OF_SOLVE = " (of avc solve)"
+_OF_SOLVE = "of avc solve"
+
+
+@dataclass(frozen=True)
+class Assumption:
+    """What a recommendation assumes, in words; a slip is a value that was perhaps not meant."""
+
+    text: str
+    slip: bool = False
+
+    def __str__(self) -> str:
+        return f"what may be a slip: {self.text}" if self.slip else self.text
+
+
+@dataclass(frozen=True)
+class Unused:
+    """A declared key that no candidate, certificate or trial uses, and why."""
+
+    key: str
+    why: str
+
+    @property
+    def asked_of_solve(self) -> bool:
+        """Whether it asks something of other methods, which weakens no verdict."""
+        return self.why == _OF_SOLVE
+
+    def __str__(self) -> str:
+        return f"{self.key} ({self.why})"
+
+
 # Keys of a device that neither loop nor trial of a teleoperator has.
 _NOT_OF_TELEOPERATORS = ("coulomb_friction_n", "position_noise_rms_m", "backlash_m")
 
@@ -88,7 +116,7 @@ def nothing_rendered(problem: Problem, felt_n_per_m: float, trial: CouplingTrial
     return f"nothing of the wall is rendered: {what}; {advice}"
 
 
-def assumed(problem: Problem, devices: int = 1) -> tuple[str, ...]:
+def assumed(problem: Problem, devices: int = 1) -> tuple[Assumption, ...]:
     """Return the assumptions."""
     gaps = ["hands are linear, on one axis, and constant while they hold on"]
     gaps += _undeclared_with(problem.end, problem)
@@ -100,8 +128,8 @@ def assumed(problem: Problem, devices: int = 1) -> tuple[str, ...]:
         gaps.append(
             f"{key}: {f'linear stability at its corners, {at}' if linear else f'{at}; no part of linear stability'}"
         )
-    gaps += [f"{SLIP}{doubt.key} {doubt.message}" for doubt in plausibility(problem)]
-    return (*gaps, *_assumed_of(problem.end))
+    slips = (Assumption(f"{doubt.key} {doubt.message}", slip=True) for doubt in plausibility(problem))
+    return (*map(Assumption, gaps), *slips, *map(Assumption, _assumed_of(problem.end)))
 
 
 @singledispatch
@@ -187,10 +215,10 @@ def _not_simulated(device: Device) -> set[str]:
     return {"device.backlash_m", "device.range.backlash_m"} if at_handle else set()
 
 
-def not_used(problem: Problem) -> tuple[str, ...]:
+def not_used(problem: Problem) -> tuple[Unused, ...]:
     """Return the declared keys that no candidate, certificate or trial uses."""
     unseen = _not_simulated(problem.device)
-    unused = [f"{key} (not seen by an encoder at the handle)" for key in declared(problem) if key in unseen]
+    unused = [Unused(key, "not seen by an encoder at the handle") for key in declared(problem) if key in unseen]
     kept = ("device", "environment", "frequency", *problem.end_tables())
     bare = type(problem)(**{table: getattr(problem, table) for table in kept})
     bare = bare.changed(coupling={"contact": problem.coupling.contact})
@@ -205,7 +233,7 @@ def not_used(problem: Problem) -> tuple[str, ...]:
     return (
         *unused,
         *(
-            f"scene.effects: {effect.kind} ({known.get(effect.kind, 'simulated by avc simulate alone')})"
+            Unused(f"scene.effects: {effect.kind}", known.get(effect.kind, "simulated by avc simulate alone"))
             for effect in problem.scene.effects
             if EFFECTS[effect.kind].scene_alone and effect.kind not in simulated
         ),
@@ -213,30 +241,31 @@ def not_used(problem: Problem) -> tuple[str, ...]:
 
 
 @singledispatch
-def _unused_beside(end: End, problem: Problem, bare: Problem, stated: list[str]) -> list[str]:
+def _unused_beside(end: End, problem: Problem, bare: Problem, stated: list[str]) -> list[Unused]:
     """Return the stated tables, and the keys of its own, that a coupling to an end does not use; `bare` has none."""
     wall = problem.environment
     stated = stated + (["environment"] if wall.stiffness_n_per_m or wall.damping_ns_per_m else [])
-    unused = [f"{key} (of a wall in the device's own loop: leave [{end.kind}] out for it)" for key in stated]
+    of_wall = f"of a wall in the device's own loop: leave [{end.kind}] out for it"
+    unused = [Unused(table, of_wall) for table in stated]
     if problem.scene != bare.scene:
         knows = "of avc simulate alone" if end.in_scenes else f"of avc simulate, which knows no [{end.kind}]"
-        unused.append(f"scene ({knows})")
+        unused.append(Unused("scene", knows))
     return unused + _unused_of(end, problem)
 
 
 @_unused_beside.register
-def _unused_beside_wall(end: Wall, problem: Problem, bare: Problem, stated: list[str]) -> list[str]:  # noqa: ARG001
-    return [f"{table}{_OF_SOLVE}" for table in stated if table != "robustness"]
+def _unused_beside_wall(end: Wall, problem: Problem, bare: Problem, stated: list[str]) -> list[Unused]:  # noqa: ARG001
+    return [Unused(table, _OF_SOLVE) for table in stated if table != "robustness"]
 
 
 @singledispatch
-def _unused_of(end: End, problem: Problem) -> list[str]:  # noqa: ARG001
+def _unused_of(end: End, problem: Problem) -> list[Unused]:  # noqa: ARG001
     """Return the keys of an end and of its devices without effect."""
     return []
 
 
 @_unused_of.register
-def _unused_of_simulation(tool: Simulation, problem: Problem) -> list[str]:  # noqa: ARG001
+def _unused_of_simulation(tool: Simulation, problem: Problem) -> list[Unused]:  # noqa: ARG001
     default = Simulation(step_s=tool.step_s)
     keys, why = ["contact_damping_ns_per_m"], "of a spring, and none is touched"
     if tool.tool_mass_kg is None:
@@ -244,13 +273,13 @@ def _unused_of_simulation(tool: Simulation, problem: Problem) -> list[str]:  # n
         why = "of a tool, and no tool_mass_kg is given"
     elif any(0 < one < RIGID_N_PER_M for one in tool.contact_stiffness_n_per_m):
         return []
-    return [f"simulation.{key} ({why})" for key in keys if getattr(tool, key) != getattr(default, key)]
+    return [Unused(f"simulation.{key}", why) for key in keys if getattr(tool, key) != getattr(default, key)]
 
 
 @_unused_of.register
-def _unused_of_teleoperator(follower: Follower, problem: Problem) -> list[str]:
+def _unused_of_teleoperator(follower: Follower, problem: Problem) -> list[Unused]:
     return [
-        f"{table}.{key} (the trial of a teleoperator has none)"
+        Unused(f"{table}.{key}", "the trial of a teleoperator has none")
         for table, device in (("device", problem.device), ("follower", follower))
         for key in _NOT_OF_TELEOPERATORS
         if getattr(device, key) > 0 or getattr(device.range, key) is not None
@@ -295,14 +324,3 @@ def _doubts_of_simulation(tool: Simulation, problem: Problem) -> dict[str, str]:
     if any(abs(one / t - round(one / t)) > 1e-6 for one in tool.step_s):
         found["step_s"] = f"is no whole multiple of T = {t:g} s: every phase of the two clocks is judged"
     return {f"{tool.kind}.{key}": text for key, text in found.items()}
-
-
-def not_judged(unused: Sequence[str]) -> list[str]:
-    """Return the entries of `not_used` that weaken a verdict: what is asked of other methods does not."""
-    return [what for what in unused if not what.endswith(_OF_SOLVE)]
-
-
-def asked_of_others(unused: Sequence[str]) -> list[str]:
-    """Return one sentence on the tables by which other methods are asked; none where there are none."""
-    tables = [what.removesuffix(_OF_SOLVE) for what in unused if what.endswith(_OF_SOLVE)]
-    return [f"{', '.join(tables)}: used by avc solve, not by avc recommend"] if tables else []

@@ -30,6 +30,7 @@ from avc_casadi.recommendation.felt import (
     ripple,
     shaken,
 )
+from avc_casadi.recommendation.preconditions import Assumption, Unused
 from avc_casadi.recommendation.sensitivity import Help, ToolHelp, Trade
 from avc_casadi.simulation.population.trial import CouplingTrial, Trial
 
@@ -171,8 +172,8 @@ class Recommendation(Printed):
     trial: Trial | None
     reason: str
     helps: tuple[Help | ToolHelp, ...] = ()
-    assumed: tuple[str, ...] = ()
-    not_used: tuple[str, ...] = ()
+    assumed: tuple[Assumption, ...] = ()
+    not_used: tuple[Unused, ...] = ()
     considered: int = 1
 
     def __repr__(self) -> str:
@@ -204,8 +205,8 @@ class Recommendation(Printed):
                 "trial": None if self.trial is None else self.trial.document(),
                 "certificate": None if self.coupling is None else dict(self.coupling.certificate or {}),
                 "what_would_help": [vars(change) for change in self.helps],
-                "assumed": list(self.assumed),
-                "not_used": list(self.not_used),
+                "assumed": [str(assumption) for assumption in self.assumed],
+                "not_used": [str(unused) for unused in self.not_used],
                 **self._of_end(),
             }
         )

@@ -94,7 +94,7 @@ def test_an_unlikely_value_is_doubted_and_valid(tables, key):
     problem = avc.parse_problem(SMALL).changed(**tables)
     (doubt,) = plausibility(problem)
     assert doubt.key == key
-    assert any(f"{key} {doubt.message}" in line for line in assumed(problem))
+    assert any(f"{key} {doubt.message}" in assumption.text for assumption in assumed(problem))
 
 
 ROTARY = (

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import singledispatch
 from pathlib import Path
@@ -28,6 +28,7 @@ from avc_casadi.present import words
 from avc_casadi.present.row import Answer, Mark, Part, Row, Value, caution, commas, fill, grade, parts, row, span
 from avc_casadi.present.rows import subject
 from avc_casadi.present.rows.recommend import stability
+from avc_casadi.recommendation.preconditions import Unused
 from avc_casadi.simulation.population.trial import RestCount
 from avc_casadi.simulation.scene import Claim, Run
 from avc_casadi.simulation.screen import EffectCost, SceneCost
@@ -240,13 +241,14 @@ def _remedy(remedy: Remedy) -> tuple[Part, ...]:
     return parts(_law(remedy.changes), "(disk margin", Value(remedy.disk_margin, "number", 2), ")")
 
 
-def pair_certificate(data: Mapping[str, Any], problem: Problem, shown: str) -> Answer:
-    """Return the answer of `certify` of a coupling to a simulation: stability, and passivity apart."""
+def pair_certificate(data: Mapping[str, Any], unused: Sequence[Unused], problem: Problem, shown: str) -> Answer:
+    """Return the answer of `certify` of a coupling to another end: stability, and passivity apart."""
+    data = {**data, "not_used": [str(key) for key in unused]}
     verdict = data["deployable"]
     text = f"{'yes' if verdict['pass'] else 'no'}: {verdict['sentence']}"
     rows = [row("Deployable", text, mark=grade(verdict["pass"])), row("Coupling", subject.pair(data))]
     rows += [*stability(problem.end, data), *passivity(problem.end, data["passivity"])]
-    rows += [*subject.not_used(data["not_used"]), row("Claim", data["claim"], rank=1)]
+    rows += [*subject.not_used(unused), row("Claim", data["claim"], rank=1)]
     complaint = "" if verdict["pass"] else f"avc: {shown}: not deployable"
     return subject.answer("certify", data, problem, shown, rows, complaint=complaint)
 

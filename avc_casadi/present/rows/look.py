@@ -16,6 +16,7 @@ from avc_casadi.loops.wall import passive_limit_n_per_m
 from avc_casadi.model.declared import declared
 from avc_casadi.model.ends import End, Follower, Simulation, Wall
 from avc_casadi.model.problem import Problem
+from avc_casadi.present import words
 from avc_casadi.present.row import (
     Answer,
     Mark,
@@ -32,7 +33,7 @@ from avc_casadi.present.row import (
     span,
 )
 from avc_casadi.present.rows import subject
-from avc_casadi.recommendation.preconditions import asked_of_others, not_judged
+from avc_casadi.recommendation.preconditions import Unused
 
 
 @dataclass(frozen=True)
@@ -60,7 +61,7 @@ class CheckedProblem:
     """
 
     problem: Problem
-    not_used: tuple[str, ...]
+    not_used: tuple[Unused, ...]
     warnings: tuple[Doubt, ...]
     infeasible: str
 
@@ -108,7 +109,7 @@ class CheckedProblem:
                 "nyquist_hz": self.nyquist_hz,
                 "passive_limit_n_per_m": self.passive_limit_n_per_m,
                 "declared": declared(self.problem),
-                "not_used": self.not_used,
+                "not_used": [str(unused) for unused in self.not_used],
                 "warnings": self.doubts,
             }
         )
@@ -147,9 +148,10 @@ def _asked_of_wall(end: Wall, result: CheckedProblem) -> list[Row]:  # noqa: ARG
     ]
     if keys := declared(stated):
         rows.append(row("Declared", ", ".join(map(stated.units.key, keys))))
-    unused = [f"{what}: no recommendation is judged with it" for what in not_judged(result.not_used)]
+    weakening = (unused for unused in result.not_used if not unused.asked_of_solve)
+    unused = [f"{unused}: no recommendation is judged with it" for unused in weakening]
     rows += subject.notes(unused, "Not used")
-    return rows + subject.notes(asked_of_others(result.not_used), "Not used", Mark.NONE)
+    return rows + subject.notes(words.used_by_solve(result.not_used), "Not used", Mark.NONE)
 
 
 @singledispatch

@@ -12,10 +12,10 @@ from avc_casadi.design.virtual_tool import WIDEST_MARGIN
 from avc_casadi.model.corners import Robustness
 from avc_casadi.model.ends import End, Follower, Simulation
 from avc_casadi.model.problem import Problem
+from avc_casadi.present import words
 from avc_casadi.present.row import Answer, Mark, Part, Parts, Row, Value, caution, commas, fill, grade, row, span
 from avc_casadi.present.rows import subject
 from avc_casadi.recommendation.felt import NOTICED_LATE_S, REACHED_M
-from avc_casadi.recommendation.preconditions import SLIP, asked_of_others, not_judged
 from avc_casadi.recommendation.rank import UNNOTICED
 from avc_casadi.recommendation.recommendation import (
     NoCoupling,
@@ -43,7 +43,7 @@ def recommendation(found: Recommendation, shown: str = "", file: str | None = No
     problem, data = found.problem, found.data()
     onwards = f"export {quote(file)} --c firmware" if found.deployable and file is not None else _onwards(found)
     complaint = "" if found.deployable else f"avc: {problem.name}: no coupling is deployable"
-    rows = [*rows_of(found), *_details(data)]
+    rows = [*rows_of(found), *_details(found)]
     return subject.answer("recommend", data, problem, shown, rows, onwards, complaint=complaint)
 
 
@@ -72,7 +72,7 @@ def _onwards_from_no_wall(found: NoWallCoupling) -> str:
 @_onwards.register
 def _onwards_from_wall(found: WallRecommendation) -> str:
     nothing = found.verdict is Verdict.NOTHING_RENDERED or found.problem.environment.stiffness_n_per_m == 0
-    if not found.deployable and (nothing or _slips(found.data())):
+    if not found.deployable and (nothing or _slips(found)):
         return "check {}"
     if found.limits.no_stiffer:
         return "recommend {} --stiffest --out coupling.json"
@@ -95,7 +95,7 @@ def verdict(data: Mapping[str, Any], rows: Sequence[Row]) -> tuple[str, bool]:
 def _no_wall_rows(found: NoWallCoupling) -> list[Row]:
     data = found.data()
     none = row("Coupling", f"none is deployable: {found.reason}", mark=Mark.FAIL)
-    return [*_slips(data), none, *_limit(data)]
+    return [*_slips(found), none, *_limit(data)]
 
 
 @rows_of.register
@@ -113,7 +113,7 @@ def wall_rows(found: WallRecommendation, data: Mapping[str, Any]) -> list[Row]:
     if data["stiffest_wall_n_per_m"]:
         text = f"{{stiffest_wall_n_per_m}}, within {100 * UNNOTICED:.0f} % to a hand that moves; {data['no_stiffer']}"
         stiffest = [row("Stiffest wall", fill(text, data)), *_limit(data)]
-    first = [*_slips(data), *stiffest, _coupling(found, data), *_rendered(found, data), stable]
+    first = [*_slips(found), *stiffest, _coupling(found, data), *_rendered(found, data), stable]
     if not found.deployable:
         return [*first, *_simulated(data)]
     limit, period_s = problem.device.max_force_n, problem.device.sample_time_s
@@ -133,7 +133,7 @@ def wall_rows(found: WallRecommendation, data: Mapping[str, Any]) -> list[Row]:
         *_unmodelled(data),
         subject.peak_force(data["trial"], limit, data["trial"]["at_force_limit"]),
         *_contact(data, problem),
-        *subject.notes(asked_of_others(data["not_used"]), "Not used", Mark.NONE),
+        *subject.notes(words.used_by_solve(found.not_used), "Not used", Mark.NONE),
         *([] if stiffest else _limit(data)),
     ]
 
@@ -143,8 +143,8 @@ def _far(data: Mapping[str, Any]) -> bool:
     return any(data["felt"].get("complex_error", {}).get(hz, 0.0) > UNNOTICED for hz in ("1", "10"))
 
 
-def _slips(data: Mapping[str, Any]) -> list[Row]:
-    doubts = [what.removeprefix(SLIP) for what in data["assumed"] if what.startswith(SLIP)]
+def _slips(found: Recommendation) -> list[Row]:
+    doubts = [assumption.text for assumption in found.assumed if assumption.slip]
     return [row("Values", "; ".join(doubts), mark=Mark.CAUTION)] if doubts else []
 
 
@@ -164,7 +164,7 @@ def _coupling(found: WallRecommendation, data: Mapping[str, Any]) -> Row:
     if not found.deployable:
         told = found.verdict is Verdict.NOTHING_RENDERED or _failed(data)  # in another row
         return row("Coupling", what, ": NOT deployable", "" if told else f": {found.reason}", mark=Mark.FAIL)
-    names = ", ".join(key.partition(" (")[0] for key in not_judged(data["not_used"]))
+    names = ", ".join(unused.key for unused in found.not_used if not unused.asked_of_solve)
     doubt: tuple[Part, ...] = ()
     if trial["at_force_limit"] > trial["hands"] / 2:
         through = ", but {at_force_limit:9} of {hands:9} hands push through the wall (limit {max_force_n})"
@@ -299,8 +299,9 @@ def _limit(data: Mapping[str, Any]) -> list[Row]:
     return [row("Linear limit", commas([limit, *each[:3]], ";"))] if each else []
 
 
-def _details(data: Mapping[str, Any]) -> list[Row]:
+def _details(found: Recommendation) -> list[Row]:
     """Return the rows of lower rank: limit cycles, what was simulated, why this one, assumptions."""
+    data = found.data()
     rest = data.get("rest")
     rows = [row("Limit cycles", f"{rest['word']}: {rest['sentence']}", rank=1)] if rest else []
     if (trial := data["trial"]) is not None:
@@ -308,7 +309,8 @@ def _details(data: Mapping[str, Any]) -> list[Row]:
         rows.append(row("Simulated effects", "; ".join(filter(None, effects)), rank=1))
     far = _far(data)
     rows.append(row("Reason", data["reason"], mark=caution(far), rank=0 if far else 1))
-    return rows + subject.notes((one for one in data["assumed"] if not one.startswith(SLIP)), "Assumed", Mark.NONE, 1)
+    assumed = (assumption.text for assumption in found.assumed if not assumption.slip)
+    return rows + subject.notes(assumed, "Assumed", Mark.NONE, 1)
 
 
 @rows_of.register
@@ -318,7 +320,7 @@ def _no_pair_rows(found: NoPair) -> list[Row]:
     wanted = found.pair.wanted_n_per_m
     refuted = wanted is not None and wanted <= found.pair.stiffest.stiffness_n_per_m
     same = [] if refuted else _same_k(found.data()["pair"], found.problem)
-    return [none, *same, *_pair_limit(found.data())]
+    return [none, *same, *_pair_limit(found)]
 
 
 @rows_of.register
@@ -341,15 +343,16 @@ def _pair_rows(found: PairRecommendation) -> list[Row]:
     rows.append(subject.peak_force(data["trial"], problem.device.max_force_n))
     if found.pair.set_by:
         rows.append(row("K is set by", f"hands: {found.pair.set_by}"))
-    return [*rows, *_same_k(pair, problem, rank=1), *_pair_limit(data)]
+    return [*rows, *_same_k(pair, problem, rank=1), *_pair_limit(found)]
 
 
-def _pair_limit(data: Mapping[str, Any]) -> list[Row]:
+def _pair_limit(found: NoPair | PairRecommendation) -> list[Row]:
     """Return the stiffest coupling by linear stability, what would help, and what is declared and not used."""
+    data = found.data()
     stiffest = data["pair"]["stiffest"]
     limit = fill("K {stiffness_n_per_m}", stiffest) if stiffest["stiffness_n_per_m"] else ("no K is stable",)
     helps = [(change["change"], fill("{stiffest_n_per_m}", change)) for change in data["what_would_help"][:3]]
-    return [row("Linear limit", commas([limit, *helps], ";")), *subject.not_used(data["not_used"])]
+    return [row("Linear limit", commas([limit, *helps], ";")), *subject.not_used(found.not_used)]
 
 
 def felt_rows(felt: Mapping[str, Any]) -> list[Row]:

@@ -17,6 +17,7 @@ from avc_casadi.model.ends import End, Follower, Simulation, ToolGains, Wall
 from avc_casadi.model.hands import END_STOP_N_PER_M
 from avc_casadi.model.problem import Problem
 from avc_casadi.present.row import Answer, Mark, Part, Row, Value, caution, commas, fill, grade, parts, row, span
+from avc_casadi.recommendation.preconditions import Unused
 
 HAND = ("mass_kg", "damping_ns_per_m", "stiffness_n_per_m")
 EXCHANGES = {
@@ -215,12 +216,11 @@ def peak_force(trial: Mapping[str, Any], limit_n: float | None, limited: int = 0
     return row("Peak force", fill("{tap_force_n} in a tap", trial), deep)
 
 
-def not_used(declared: Iterable[str]) -> list[Row]:
+def not_used(declared: Iterable[Unused]) -> list[Row]:
     """Return what is declared and no part of a coupling to another end, a row for each reason."""
     by_reason: dict[str, list[str]] = {}
-    for what in declared:
-        name, _, reason = what.partition(" (")
-        by_reason.setdefault(reason.removesuffix(")"), []).append(name)
+    for unused in declared:
+        by_reason.setdefault(unused.why, []).append(unused.key)
     return [row("Not used", f"{', '.join(names)}: {why}", mark=Mark.CAUTION) for why, names in by_reason.items()]
 
 
