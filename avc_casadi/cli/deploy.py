@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
     from avc_casadi.model.device import Device as DeviceModel
     from avc_casadi.present.rows.deploy import NotTried
-    from avc_casadi.present.rows.reports import LoopTrial
+    from avc_casadi.present.rows.reports import ReportedTrial
 
 _PARAMETERS = "in place of C: a coupling to a [simulation] for mujoco, unity, chai3d, sofa or another engine"
 _PRECISION = "single (default): float, as in the packaged firmware; double: where a processor has it in hardware"
@@ -102,14 +102,14 @@ def run_push(args: argparse.Namespace, console: Console) -> Answer:
             device_id=args.device_id,
             on_wait=lambda: None if emulated else console.say(wait),  # the emulated device is released by itself
         )
-    loop: LoopTrial | NotTried | None = None
+    loop: ReportedTrial | NotTried | None = None
     if emulated:
         with console.step("firmware and plant in the loop"):
             loop = in_the_loop(coupling)
     return rows.deploy.push(done, deployment, loop, coupling, args.gains)
 
 
-def in_the_loop(coupling: Coupling) -> LoopTrial | NotTried:
+def in_the_loop(coupling: Coupling) -> ReportedTrial | NotTried:
     """Try a pushed coupling with a hand on the emulated device; or say why that cannot be tried."""
     try:
         return avc_hardware.tried_in_the_loop(coupling)

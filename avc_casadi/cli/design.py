@@ -72,7 +72,7 @@ def run_new(args: argparse.Namespace, console: Console) -> Answer:
         assumed=new.assumed(),
         unknown=tuple(new.unknown()),
         warnings=tuple(warnings),
-        model=None if new.tip is None else rows.design.Model(args.model, args.tip, new.tip),
+        model=None if new.tip is None else rows.design.ModelledMass(args.model, args.tip, new.tip),
     )
     return rows.design.new(result, str(args.file))
 
@@ -180,7 +180,7 @@ def run_solve(args: argparse.Namespace, console: Console) -> Answer:
     Exit code 1 if a frequency has no gains. Whether they may go into a device is said on one line.
     """
     from avc_casadi.coupling import Coupling
-    from avc_casadi.design.solution import Solution
+    from avc_casadi.design.solution import SolvedGains
     from avc_casadi.files.coupling_file import gain_csv
 
     method = args.method or ("closed-form" if args.as_printed else "direct")
@@ -190,7 +190,7 @@ def run_solve(args: argparse.Namespace, console: Console) -> Answer:
     with console.step("table that runs"):
         coupling = Coupling.of(problem, gains, versions=package_versions()) if gains.usable.any() else None
     with console.step(f"certificate of {gains.rows} rows"):
-        solution = Solution.of(problem, gains, coupling, avc.certify(problem, gains, progress=console))
+        solution = SolvedGains.of(problem, gains, coupling, avc.certify(problem, gains, progress=console))
     if args.out is not None:
         document = solution.document()
         text = json_text(document, problem.units)

@@ -159,13 +159,13 @@ def run_accuracy(args: argparse.Namespace, console: Console) -> Answer:
 
     Tolerances from 1e-2 to 1e-12; the optimum of each frequency is found by geometry (`exact`). Takes about a minute.
     """
-    from avc_casadi.design.comparison.accuracy import accuracy_document, solver_costs
+    from avc_casadi.design.comparison.accuracy import Accuracy, solver_costs
 
     problem = avc.load_problem(args.problem)
     with console.step("time and error of each solver"):
         costs = solver_costs(problem, console)
     write_figure(console, args.plot, lambda: avc.figures.draw_accuracy(costs))
-    return rows.look.accuracy(accuracy_document(problem, costs))
+    return rows.look.accuracy(Accuracy(problem.name, tuple(costs)))
 
 
 @cli.verb(

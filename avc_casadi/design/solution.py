@@ -18,7 +18,7 @@ from avc_casadi.paper.realism import RealismResult, judge_realism
 
 
 @dataclass(frozen=True, eq=False)
-class Solution:
+class SolvedGains:
     """The gains of one method, judged.
 
     Attributes:
@@ -38,7 +38,7 @@ class Solution:
     @classmethod
     def of(
         cls, problem: Problem, gains: GainSchedule, coupling: Coupling | None, certificate: Certificate | None
-    ) -> Solution:
+    ) -> SolvedGains:
         """Return the gains judged; ``coupling`` is the table that runs, None where no row has gains."""
         realism = judge_realism(problem, gains.impedance, gains.usable)
         return cls(problem, gains, realism, None if coupling is None else deployable(coupling), certificate)

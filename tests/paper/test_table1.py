@@ -16,23 +16,23 @@ COUPLINGS = ("none", "static", "closed-form", "static-tuned", "schedule")
 
 
 @pytest.fixture(scope="module")
-def document():
+def table():
     return table1(12, 5, walls=("VE7",), couplings=COUPLINGS)
 
 
 @pytest.mark.slow
-def test_prediction_at_the_stiff_wall(document):
-    rows = {row["coupling"]: row for row in document["rows"]}
-    assert rows["none"]["stable"] == 0
+def test_prediction_at_the_stiff_wall(table):
+    rows = {row.coupling: row for row in table.rows}
+    assert rows["none"].stable == 0
     for tuned in ("static-tuned", "schedule"):
-        assert rows[tuned]["stable"] == rows[tuned]["asymptotic"] == 12
-        assert rows[tuned]["apparent_stiffness_n_per_m"] == pytest.approx(1e5, rel=0.08)
-    assert rows["static"]["stable"] == 12
-    assert rows["static"]["apparent_stiffness_n_per_m"] < 2e4
-    assert rows["schedule"]["matched"] == 12
-    assert rows["schedule"]["matched_against"] == "static"
+        assert rows[tuned].stable == rows[tuned].asymptotic == 12
+        assert rows[tuned].apparent_stiffness_n_per_m == pytest.approx(1e5, rel=0.08)
+    assert rows["static"].stable == 12
+    assert rows["static"].apparent_stiffness_n_per_m < 2e4
+    assert rows["schedule"].matched == 12
+    assert rows["schedule"].matched_against == "static"
     # Nobody can tell constant gains from scheduled ones.
-    assert rows["static-tuned"]["unable"] == 12
+    assert rows["static-tuned"].unable == 12
 
 
 # Choosing between two couplings: Weber's law on traces, against a reference that knows no samples.

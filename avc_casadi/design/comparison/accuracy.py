@@ -79,13 +79,27 @@ def fastest(costs: Sequence[SolverCost]) -> list[bool]:
     return [bool(np.isfinite(error)) and not beaten(seconds, error) for seconds, error in points]
 
 
-def accuracy_document(problem: Problem, costs: Sequence[SolverCost]) -> dict[str, Any]:
-    """Return the document of `avc accuracy`: JSON values."""
-    return {
-        "problem": problem.name,
-        "reference": "method exact",
-        "solvers": [asdict(cost) | {"pareto": best} for cost, best in zip(costs, fastest(costs), strict=True)],
-    }
+@dataclass(frozen=True)
+class Accuracy:
+    """What `avc accuracy` finds: time and error of each solver.
+
+    Attributes:
+        problem: name of the problem.
+        costs: one for each method, solver and tolerance.
+    """
+
+    problem: str
+    costs: tuple[SolverCost, ...]
+
+    @property
+    def fastest(self) -> list[bool]:
+        """Whether no other is both faster and nearer to the optimum, for each."""
+        return fastest(self.costs)
+
+    def document(self) -> dict[str, Any]:
+        """Return the document of `avc accuracy`: JSON values only."""
+        solvers = [asdict(cost) | {"pareto": best} for cost, best in zip(self.costs, self.fastest, strict=True)]
+        return {"problem": self.problem, "reference": "method exact", "solvers": solvers}
 
 
 def solver_costs(

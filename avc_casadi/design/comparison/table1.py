@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from typing import Any
 
@@ -119,12 +119,6 @@ class Design:
     gains: Gains | None
     reason: str = ""
 
-    def document(self) -> dict[str, float | None] | None:
-        """Return the gains of a hand at rest as JSON values; an infinite gain is a rigid coupling, null."""
-        if self.gains is None:
-            return None
-        return {key: value if math.isfinite(value) else None for key, value in vars(self.gains).items()}
-
 
 def design(problem: Problem, coupling: str) -> Design:
     """Design one coupling for the wall of a problem; a method that refuses it gives no gains."""
@@ -209,6 +203,64 @@ def choose(first: FloatArray, second: FloatArray, weber: float = WEBER_SHARE) ->
     return np.asarray(able & (first < second)), np.asarray(able & (second < first))
 
 
+@dataclass(frozen=True)
+class PaperCount:
+    """What the paper counted of 10 people with one coupling at one wall; None of what it did not ask."""
+
+    stable: int
+    matched: int | None
+    unable: int
+
+
+@dataclass(frozen=True)
+class Table1Row:
+    """One coupling at one wall of the paper, tried by all hands of a set.
+
+    Attributes:
+        ve: name of the wall.
+        stiffness_n_per_m: its stiffness.
+        coupling: name of the coupling.
+        gains: its gains for a hand at rest; None where there are none.
+        reason: why there are none; empty where there are.
+        paper: what the paper counted; None of what it did not try.
+        stable: hands that rest in every motion; None, as what follows, where there are no gains.
+        stable_low: lower end of the exact interval of the share that rests.
+        stable_high: its upper end.
+        stable_by_motion: hands that rest in each motion.
+        asymptotic: hands that rest after a press without dry friction too.
+        apparent_stiffness_n_per_m: median stiffness of those that press.
+        matched: hands that find it nearer to the continuous wall; None where nothing is compared.
+        unable: hands that feel no difference.
+        matched_against: the coupling that it is compared with.
+    """
+
+    ve: str
+    stiffness_n_per_m: float
+    coupling: str
+    gains: Gains | None
+    reason: str
+    paper: PaperCount | None
+    stable: int | None = None
+    stable_low: float | None = None
+    stable_high: float | None = None
+    stable_by_motion: dict[str, int] | None = None
+    asymptotic: int | None = None
+    apparent_stiffness_n_per_m: float | None = None
+    matched: int | None = None
+    unable: int | None = None
+    matched_against: str = "schedule"
+
+
+@dataclass(frozen=True)
+class Table1:
+    """The paper's Table 1 with simulated hands: `hands` of each set, set A in `rows`, set B in `rows_set_b`."""
+
+    hands: int
+    seed: int
+    rows: tuple[Table1Row, ...]
+    rows_set_b: tuple[Table1Row, ...]
+
+
 def table1(
     hands: int = 200,
     seed: int = 2026,
@@ -218,7 +270,7 @@ def table1(
     workers: int = 1,
     executor: Executor | None = None,
     progress: Progress = SILENT,
-) -> dict[str, Any]:
+) -> Table1:
     """Rebuild Table 1; the same seed gives the same hands and the same counts.
 
     Args:
@@ -238,7 +290,7 @@ def table1(
     sizes = [task.count for task in tasks]
     work = partial(_tried, tuple(couplings), seed)
     parts = map_tasks(work, tasks, executor, workers=workers, sizes=sizes, things="hands at walls", progress=progress)
-    rows: dict[Population, list[dict[str, Any]]] = {"A": [], "B": []}
+    rows: dict[Population, list[Table1Row]] = {"A": [], "B": []}
     for wall in walls:
         of_wall = [part for task, part in zip(tasks, parts, strict=True) if task.wall == wall]
         for population, rows_of_set in rows.items():
@@ -248,7 +300,7 @@ def table1(
                 for name in couplings
                 if population == "A" or COUPLINGS[name].meets_set_b
             ]
-    return {"hands": hands, "seed": seed, "rows": rows["A"], "rows_set_b": rows["B"]}
+    return Table1(hands, seed, tuple(rows["A"]), tuple(rows["B"]))
 
 
 # Arrays of shape (hands,) by name; distance is absent where nothing is compared.
@@ -270,11 +322,11 @@ class _Tried:
 
     Attributes:
         outcomes: by set of hands and coupling.
-        designs: gains of each coupling, and why there are none, as JSON values.
+        designs: gains of each coupling, or why there are none.
     """
 
     outcomes: dict[Population, dict[str, _Outcome]]
-    designs: dict[str, dict[str, Any]]
+    designs: dict[str, Design]
 
 
 def _joined(parts: list[dict[str, _Outcome]]) -> dict[str, _Outcome]:
@@ -301,7 +353,7 @@ def _tried(couplings: tuple[str, ...], seed: int, task: _Task) -> _Tried:
         for name, made in designs.items():
             if made.in_force is not None and (population == "A" or COUPLINGS[name].meets_set_b):
                 of_set[name] = _outcome(of_paper(made.problem, made.in_force, "encoder", "delay"), people, reference)
-    return _Tried(outcomes, {name: {"gains": made.document(), "reason": made.reason} for name, made in designs.items()})
+    return _Tried(outcomes, designs)
 
 
 def _outcome(setup: Setup, people: Hand | StylusHand, reference: Traces | None) -> _Outcome:
@@ -316,47 +368,46 @@ def _outcome(setup: Setup, people: Hand | StylusHand, reference: Traces | None) 
 
 
 def _row(
-    wall: str, coupling: str, designed: dict[str, Any], outcomes: dict[str, _Outcome], population: Population
-) -> dict[str, Any]:
-    """Return the row of one coupling at one wall, as JSON values."""
+    wall: str, coupling: str, designed: Design, outcomes: dict[str, _Outcome], population: Population
+) -> Table1Row:
+    """Return the row of one coupling at one wall."""
     # The paper compared static and adaptive coupling; all others are set against the adaptive one.
     opponent = "static" if coupling == "schedule" else "schedule"
-    row: dict[str, Any] = {
-        "ve": wall,
-        "stiffness_n_per_m": load_problem(wall.lower()).environment.stiffness_n_per_m,
-        "coupling": coupling,
-        **designed,
-        "paper": _paper(wall, coupling) if population == "A" else None,
-        **dict.fromkeys(("stable", "stable_low", "stable_high", "stable_by_motion", "asymptotic")),
-        **dict.fromkeys(("apparent_stiffness_n_per_m", "matched", "unable")),
-        "matched_against": opponent,
-    }
+    not_tried = Table1Row(
+        ve=wall,
+        stiffness_n_per_m=load_problem(wall.lower()).environment.stiffness_n_per_m,
+        coupling=coupling,
+        gains=designed.gains,
+        reason=designed.reason,
+        paper=_paper(wall, coupling) if population == "A" else None,
+        matched_against=opponent,
+    )
     if coupling not in outcomes:
-        return row
+        return not_tried
     outcome = outcomes[coupling]
     rest = {name: outcome[name] for name in AT_WALL}
     stable = np.all(list(rest.values()), axis=0)
     stiffness = outcome["stiffness_n_per_m"][np.isfinite(outcome["stiffness_n_per_m"])]
-    row |= {
-        "stable": int(stable.sum()),
-        "stable_by_motion": {name: int(rested.sum()) for name, rested in rest.items()},
-        "asymptotic": int(outcome["asymptotic"].sum()),
-        "apparent_stiffness_n_per_m": float(np.median(stiffness)) if len(stiffness) else None,
-    }
-    row["stable_low"], row["stable_high"] = exact_interval(row["stable"], len(stable))
-    if "distance" in outcome and opponent in outcomes:
-        nearer, farther = choose(outcome["distance"], outcomes[opponent]["distance"])
-        row |= {"matched": int(nearer.sum()), "unable": int((~(nearer | farther)).sum())}
-    return row
+    low, high = exact_interval(int(stable.sum()), len(stable))
+    tried = replace(
+        not_tried,
+        stable=int(stable.sum()),
+        stable_low=low,
+        stable_high=high,
+        stable_by_motion={name: int(rested.sum()) for name, rested in rest.items()},
+        asymptotic=int(outcome["asymptotic"].sum()),
+        apparent_stiffness_n_per_m=float(np.median(stiffness)) if len(stiffness) else None,
+    )
+    if "distance" not in outcome or opponent not in outcomes:
+        return tried
+    nearer, farther = choose(outcome["distance"], outcomes[opponent]["distance"])
+    return replace(tried, matched=int(nearer.sum()), unable=int((~(nearer | farther)).sum()))
 
 
-def _paper(wall: str, coupling: str) -> dict[str, int | None] | None:
-    """Return what the paper counted, as JSON values; None of what it did not try."""
-    if wall not in PAPER or coupling not in ("none", "static", "schedule"):
+def _paper(wall: str, coupling: str) -> PaperCount | None:
+    """Return what the paper counted; None of what it did not try."""
+    counted = PAPER.get(wall)
+    if counted is None or coupling not in ("none", "static", "schedule"):
         return None
-    counted = PAPER[wall]
-    return {
-        "stable": counted.stable if coupling == "none" else PAPER_PEOPLE,
-        "matched": {"none": None, "static": counted.static, "schedule": counted.adaptive}[coupling],
-        "unable": counted.unable,
-    }
+    matched = {"none": None, "static": counted.static, "schedule": counted.adaptive}[coupling]
+    return PaperCount(counted.stable if coupling == "none" else PAPER_PEOPLE, matched, counted.unable)

@@ -20,15 +20,13 @@ from avc_casadi.recommendation.felt import STRIKES_M_PER_S, Deployed, deployed
 _PRESS_MM = 10.0
 """How far behind the wall's surface a hand that presses aims, mm at the handle."""
 
-_LINES: dict[str, dict[str, Any]] = {
-    "wanted": {"color": "0.72", "linewidth": 4.0, "zorder": 2},
-    "worst": {"color": style.BLUE, "linewidth": 1.5, "zorder": 5},
-    "released": {"color": style.ORANGE, "linewidth": 1.4, "linestyle": style.DASHED, "zorder": 6},
-    "others": {"color": "0.6", "linewidth": 0.6, "zorder": 3},
-    "zero": {"color": "0.5", "linewidth": 0.8, "zorder": 1},
-    "gain": {"color": style.PURPLE, "linewidth": 2.2, "zorder": 7},
-    "phase": {"color": style.GREEN, "linewidth": 2.2, "zorder": 7, "markersize": 3.5},
-}
+_WANTED: dict[str, Any] = {"color": "0.72", "linewidth": 4.0, "zorder": 2}
+_WORST: dict[str, Any] = {"color": style.BLUE, "linewidth": 1.5, "zorder": 5}
+_RELEASED: dict[str, Any] = {"color": style.ORANGE, "linewidth": 1.4, "linestyle": style.DASHED, "zorder": 6}
+_OTHERS: dict[str, Any] = {"color": "0.6", "linewidth": 0.6, "zorder": 3}
+_ZERO: dict[str, Any] = {"color": "0.5", "linewidth": 0.8, "zorder": 1}
+_GAIN: dict[str, Any] = {"color": style.PURPLE, "linewidth": 2.2, "zorder": 7}
+_PHASE: dict[str, Any] = {"color": style.GREEN, "linewidth": 2.2, "zorder": 7, "markersize": 3.5}
 
 
 @style.styled
@@ -48,8 +46,8 @@ def _stiffness(axes: Axes, shown: Deployed) -> None:
     problem, response = shown.coupling.problem, shown.shaken
     wall, hz, rendered = problem.environment, response.frequency_hz, response.stiffness_n_per_m
     wanted = np.abs(wall.stiffness_n_per_m + 2j * np.pi * hz * wall.damping_ns_per_m)
-    axes.plot(hz, rendered, label="rendered", marker="o", markerfacecolor="white", **_LINES["worst"])
-    axes.plot(hz, wanted, label="wanted", **_LINES["wanted"])
+    axes.plot(hz, rendered, label="rendered", marker="o", markerfacecolor="white", **_WORST)
+    axes.plot(hz, wanted, label="wanted", **_WANTED)
     values = np.concatenate([wanted, rendered])
     values = values[np.isfinite(values) & (values > 0)]
     if values.size and values.max() > 3 * np.median(values):  # rendered far beyond most of what is wanted
@@ -65,14 +63,14 @@ def _presses(axes: Axes, shown: Deployed) -> None:
     """Draw the depth of presses over time: all hands of the box, the least damped, and how deep it should come."""
     problem, worst = shown.coupling.problem, shown.worst
     wall_n_per_m = problem.environment.stiffness_n_per_m
-    axes.plot(shown.press_s, 1e3 * np.delete(shown.press_m, worst, axis=0).T, label="_", **_LINES["others"])
-    axes.plot([], [], label="other hands of the box", **_LINES["others"])
-    axes.plot(shown.press_s, 1e3 * shown.press_m[worst], label="least damped hand", **_LINES["worst"])
+    axes.plot(shown.press_s, 1e3 * np.delete(shown.press_m, worst, axis=0).T, label="_", **_OTHERS)
+    axes.plot([], [], label="other hands of the box", **_OTHERS)
+    axes.plot(shown.press_s, 1e3 * shown.press_m[worst], label="least damped hand", **_WORST)
     hand_n_per_m = float(np.atleast_1d(shown.hands.stiffness_n_per_m)[worst])
     if wall_n_per_m > 0:
         aim_mm = _PRESS_MM / problem.device.metres_per_unit
-        axes.axhline(aim_mm * hand_n_per_m / (wall_n_per_m + hand_n_per_m), label="wanted", **_LINES["wanted"])
-    axes.axhline(0, **_LINES["zero"])
+        axes.axhline(aim_mm * hand_n_per_m / (wall_n_per_m + hand_n_per_m), label="wanted", **_WANTED)
+    axes.axhline(0, **_ZERO)
     deepest = float(np.max(1e3 * shown.press_m, initial=0.0))
     if np.isfinite(deepest) and deepest > 0:
         axes.set_ylim(-0.6 * deepest, 1.15 * deepest)
@@ -87,10 +85,10 @@ def draw_loop(coupling: Deployed | Coupling) -> Figure:
     titles = ("(a) |L|, 0.01 to 100", "(b) Nyquist plot, near -1", "(c) phase of L", "(d) impact on the wall, linear")
     figure = style.panels(titles, 5.6, "ab;cd")
     size, circle, phase, struck = figure.axes
-    other_hands = [(row, "others", "_") for row in range(len(shown.gain) - 1) if row != shown.worst]
-    hands = [(shown.worst, "worst", "least damped hand"), (-1, "released", "released"), *other_hands]
-    for row, kind, label in hands:
-        curve, look = shown.gain[row], _LINES[kind]
+    other_hands = [(row, _OTHERS, "_") for row in range(len(shown.gain) - 1) if row != shown.worst]
+    hands = [(shown.worst, _WORST, "least damped hand"), (-1, _RELEASED, "released"), *other_hands]
+    for row, look, label in hands:
+        curve = shown.gain[row]
         size.plot(shown.frequency_hz, np.abs(curve), label=label, **look)
         degrees = np.degrees(np.unwrap(np.angle(curve)))
         phase.plot(shown.frequency_hz, degrees - 360 * np.ceil(degrees[0] / 360), label=label, **look)
@@ -101,11 +99,11 @@ def draw_loop(coupling: Deployed | Coupling) -> Figure:
         style.frequency_axis(panel, frequencies)
     size.set(yscale="log", ylim=(0.01, 100), ylabel="|L|")
     style.log_ticks(size.yaxis, *size.get_ylim())
-    size.axhline(1, **_LINES["zero"])
+    size.axhline(1, **_ZERO)
     phase.set(ylim=(-360, 0), yticks=range(-360, 1, 90), ylabel="phase (deg)")
-    phase.axhline(-180, **_LINES["zero"])
+    phase.axhline(-180, **_ZERO)
     angles = np.linspace(0, 2 * np.pi, 200)
-    circle.plot(np.cos(angles), np.sin(angles), **_LINES["zero"])
+    circle.plot(np.cos(angles), np.sin(angles), **_ZERO)
     circle.plot([-1], [0], marker="+", markersize=9, color="black", zorder=8)
     # In a panel of this shape the circle is round.
     circle.set(xlim=(-3.2, 2.0), ylim=(-1.7, 1.7), xlabel="Re L", ylabel="Im L")
@@ -116,10 +114,10 @@ def draw_loop(coupling: Deployed | Coupling) -> Figure:
 def _impact(axes: Axes, shown: Deployed) -> None:
     """Draw the impact on the wall over time, held by the least damped hand and released."""
     device, units = shown.coupling.problem.device, shown.coupling.problem.units
-    for row, look in ((shown.worst, _LINES["worst"]), (-1, _LINES["released"])):
+    for row, look in ((shown.worst, _WORST), (-1, _RELEASED)):
         axes.plot(shown.struck_s, 1e3 * shown.struck_m[row], **look)
-    axes.plot([], [], label="other hands of the box", **_LINES["others"])
-    axes.axhline(0, **_LINES["zero"])
+    axes.plot([], [], label="other hands of the box", **_OTHERS)
+    axes.axhline(0, **_ZERO)
     speed = quantity(STRIKES_M_PER_S[0] / device.metres_per_unit, units.unit("m/s"))
     label = f"position ({units.unit('mm')}), impact at {speed}"
     axes.set(xlim=(0, shown.struck_s[-1]), xlabel="time (s)", ylabel=label)
@@ -132,17 +130,17 @@ def _margins(size: Axes, circle: Axes, phase: Axes, shown: Deployed) -> None:
     phase_deg, phase_hz = min((released.phase_deg, released.phase_hz), (worst.phase_deg, worst.phase_hz))
     if np.isfinite(gain) and gain > 1:
         label = f"gain margin {gain:.3g} ({20 * np.log10(gain):.1f} dB)"
-        size.plot([gain_hz] * 2, [1 / gain, 1], label=label, **_LINES["gain"])
-        circle.plot([-1, -1 / gain], [0, 0], **_LINES["gain"])
+        size.plot([gain_hz] * 2, [1 / gain, 1], label=label, **_GAIN)
+        circle.plot([-1, -1 / gain], [0, 0], **_GAIN)
     if np.isfinite(phase_deg) and phase_deg > 0:
         # The side of -180 on which the curve lies whose magnitude is nearest to 1.
         at_margin = shown.gain[:, int(np.argmin(np.abs(shown.frequency_hz - phase_hz)))]
         nearest = at_margin[int(np.argmin(np.abs(np.log(np.abs(at_margin)))))]
         end = -180 + (phase_deg if np.degrees(np.angle(nearest)) % 360 > 180 else -phase_deg)
         label = f"phase margin {phase_deg:.3g} deg"
-        phase.plot([phase_hz] * 2, [-180, end], "o-", label=label, **_LINES["phase"])
+        phase.plot([phase_hz] * 2, [-180, end], "o-", label=label, **_PHASE)
         arc = np.radians(np.linspace(-180, end, 30))
-        circle.plot(np.cos(arc), np.sin(arc), **_LINES["phase"])
+        circle.plot(np.cos(arc), np.sin(arc), **_PHASE)
 
 
 _CURVES: dict[str, tuple[str, Any, float]] = {

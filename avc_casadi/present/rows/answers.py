@@ -12,7 +12,7 @@ from avc_casadi.claims.zwidth import ZWidth
 from avc_casadi.coupling import Coupling
 from avc_casadi.design.comparison.comparison import Comparison
 from avc_casadi.design.scene_coupling import SimulatedScene
-from avc_casadi.design.solution import Solution
+from avc_casadi.design.solution import SolvedGains
 from avc_casadi.model.gains import GainSchedule
 from avc_casadi.present.row import Answer, Page
 from avc_casadi.present.rows import design, judge
@@ -50,7 +50,7 @@ def _solution(result: GainSchedule) -> Answer:
     problem = result.definition
     assert problem is not None  # noqa: S101 - another prints its line
     coupling = Coupling.of(problem, result) if result.usable.any() else None
-    return design.solution(Solution.of(problem, result, coupling, None))
+    return design.solution(SolvedGains.of(problem, result, coupling, None))
 
 
 @answer_of.register

@@ -18,7 +18,13 @@ from avc_casadi.coupling import Coupling
 from avc_casadi.model.ends import End, Follower, Simulation, Wall
 from avc_casadi.present.row import Answer, Mark, Part, Row, Value, commas, grade, parts, row
 from avc_casadi.present.rows import engines, subject
-from avc_casadi.present.rows.reports import BuiltInLimits, DeviceLimits, LoopTrial, Push, Stream
+from avc_casadi.present.rows.reports import (
+    ReportedBoard,
+    ReportedDeviceLimits,
+    ReportedPush,
+    ReportedStream,
+    ReportedTrial,
+)
 
 
 @dataclass(frozen=True)
@@ -46,7 +52,7 @@ def _unsafe(why: str) -> list[Row]:
     return [row("Unsafe", why, mark=Mark.FAIL)] if why else []
 
 
-def limits(result: DeviceLimits, units: Units) -> Answer:
+def limits(result: ReportedDeviceLimits, units: Units) -> Answer:
     """Return the answer of `device`."""
     boards, hold = result.boards, result.hold
     rows = [
@@ -123,9 +129,9 @@ class Refused(Document):
 class Tried:
     """A push to the emulated device and the trial there; `unsafe` is why it went on by request alone."""
 
-    push: Push
+    push: ReportedPush
     unsafe: str
-    loop: LoopTrial | NotTried
+    loop: ReportedTrial | NotTried
 
     def document(self) -> dict[str, Any]:
         """Return JSON values."""
@@ -137,7 +143,7 @@ PushOutcome = NotTried | Refused | Tried
 
 
 def push(
-    result: Push, deployment: Deployment, loop: LoopTrial | NotTried | None, coupling: Coupling, shown: str
+    result: ReportedPush, deployment: Deployment, loop: ReportedTrial | NotTried | None, coupling: Coupling, shown: str
 ) -> Answer:
     """Return the answer of `push`; ``loop`` is the trial on the emulated device, None on a device."""
     problem = coupling.problem
@@ -162,7 +168,7 @@ def push(
     return subject.answer("push", data, problem, shown, rows, *onwards, complaint=why if restless else "")
 
 
-def in_the_loop(loop: LoopTrial | NotTried) -> Row:
+def in_the_loop(loop: ReportedTrial | NotTried) -> Row:
     """Return how the pushed coupling performed with a hand on the emulated device."""
     if isinstance(loop, NotTried):
         return row("In the loop", f"not tried; {loop.why}", mark=Mark.CAUTION)
@@ -289,7 +295,7 @@ class Firmware:
     size_bytes: int
     notes: tuple[str, ...]
     files: tuple[str, ...]
-    limits: BuiltInLimits
+    limits: ReportedBoard
     figures: object
 
 
@@ -310,7 +316,7 @@ def firmware(result: Firmware, title: str, units: Units, held: str) -> Answer:
     return Answer("firmware", plain(result), headed, tuple(rows), units=units)
 
 
-def stream(result: Stream, deployment: Deployment, coupling: Coupling) -> Answer:
+def stream(result: ReportedStream, deployment: Deployment, coupling: Coupling) -> Answer:
     """Return the answer of `stream`: messages taken and lost, and the state of the device afterwards."""
     mode = result.status.mode
     after = f"NOT as it should be ({mode})" if result.faults else f"the device is on its table ({mode})"
@@ -331,6 +337,6 @@ def stream(result: Stream, deployment: Deployment, coupling: Coupling) -> Answer
     return Answer("stream", data, title, tuple(rows), units=coupling.problem.units, complaint=complaint)
 
 
-def _messages(result: Stream) -> tuple[Part, ...]:
+def _messages(result: ReportedStream) -> tuple[Part, ...]:
     counts = {"sent": result.sent, "taken": result.taken, "late": result.late, "lost": result.lost}
     return commas((Value(count, "number", 9), name) for name, count in counts.items())

@@ -12,7 +12,7 @@ import numpy as np
 
 from avc_casadi._util.json_values import Document, plain
 from avc_casadi.design.comparison.comparison import Comparison, CrossCheck
-from avc_casadi.design.solution import Solution
+from avc_casadi.design.solution import SolvedGains
 from avc_casadi.files.model_file import TipMass
 from avc_casadi.files.new_options import Option
 from avc_casadi.files.problem_file import problem_document
@@ -27,7 +27,7 @@ from avc_casadi.present.rows.judge import levels
 from avc_casadi.present.rows.look import Doubt
 
 
-def solution(result: Solution, shown: str = "", file: str | None = None) -> Answer:
+def solution(result: SolvedGains, shown: str = "", file: str | None = None) -> Answer:
     """Return the answer of `solve`."""
     problem, gains = result.problem, result.gains
     rows = [
@@ -51,7 +51,7 @@ def solution(result: Solution, shown: str = "", file: str | None = None) -> Answ
     return subject.answer("solve", result.document(), problem, shown, rows, onwards, complaint=complaint)
 
 
-def _after_solution(result: Solution, file: str | None) -> str:
+def _after_solution(result: SolvedGains, file: str | None) -> str:
     """Return the command to type after `solve`; {} in it is the problem."""
     if result.verdict is None:
         return "recommend {} --out coupling.json"
@@ -228,7 +228,7 @@ def run(data: Mapping[str, Any], deploy: Answer, pushed: Row, compared: Comparis
 
 
 @dataclass(frozen=True)
-class Model:
+class ModelledMass:
     """Mass at the tip of a model that a draft took.
 
     Attributes:
@@ -268,7 +268,7 @@ class Drafted(Document):
     assumed: Mapping[str, str]
     unknown: tuple[Option, ...]
     warnings: tuple[Doubt, ...]
-    model: Model | None
+    model: ModelledMass | None
 
     @property
     def stated(self) -> dict[str, Any]:
@@ -303,7 +303,7 @@ def new(result: Drafted, shown: str) -> Answer:
     return subject.answer("new", result.document(), problem, shown, rows, "recommend {} --out coupling.json")
 
 
-def _model(model: Model) -> list[Row]:
+def _model(model: ModelledMass) -> list[Row]:
     """Return the mass at the tip of a model over its poses, and what was left out of it."""
     mass = model.mass
     poses = f"over {subject.plural(mass.poses, 'pose')} and all normals of {model.tip}"

@@ -20,7 +20,7 @@ from avc_casadi.present.rows import subject
 
 
 @dataclass(frozen=True)
-class Engine:
+class EngineNames:
     """A simulation engine: name, call of its step, its names of integrators, whether a device that turns fits."""
 
     title: str
@@ -33,14 +33,14 @@ _SEMI_IMPLICIT: dict[Integrator, str] = {"semi-implicit": "semi-implicit"}
 _MUJOCO: dict[Integrator, str] = {"semi-implicit": "Euler", "implicit-damping": "implicitfast", "exact": "RK4"}
 _ANY_INTEGRATOR: dict[Integrator, str] = {name: name for name in get_args(Integrator)}
 _ENGINES = {
-    "mujoco": Engine("MuJoCo", "mj_step", _MUJOCO),
-    "chai3d": Engine("CHAI3D", "updateDynamics", _SEMI_IMPLICIT, turns=False),
-    "unity": Engine("Unity (PhysX)", "the physics step", _SEMI_IMPLICIT),
-    "sofa": Engine("SOFA", "animate", {"implicit": "EulerImplicitSolver"}, turns=False),
-    "openhaptics": Engine("OpenHaptics", "your step", _ANY_INTEGRATOR, turns=False),
-    "imstk": Engine("iMSTK", "the scene's step", {}),
-    "ros2": Engine("ROS 2", "the update", _SEMI_IMPLICIT),
-    "pybullet": Engine("PyBullet", "stepSimulation", _SEMI_IMPLICIT),
+    "mujoco": EngineNames("MuJoCo", "mj_step", _MUJOCO),
+    "chai3d": EngineNames("CHAI3D", "updateDynamics", _SEMI_IMPLICIT, turns=False),
+    "unity": EngineNames("Unity (PhysX)", "the physics step", _SEMI_IMPLICIT),
+    "sofa": EngineNames("SOFA", "animate", {"implicit": "EulerImplicitSolver"}, turns=False),
+    "openhaptics": EngineNames("OpenHaptics", "your step", _ANY_INTEGRATOR, turns=False),
+    "imstk": EngineNames("iMSTK", "the scene's step", {}),
+    "ros2": EngineNames("ROS 2", "the update", _SEMI_IMPLICIT),
+    "pybullet": EngineNames("PyBullet", "stepSimulation", _SEMI_IMPLICIT),
 }
 _AHEAD = "position and velocity of after it lie in the future of the force that made them, which costs 10 to 60 times K"
 _HEAVIER = 1e-3
@@ -52,7 +52,7 @@ _EACH_STEP = "each step"
 
 
 @dataclass(frozen=True)
-class Place:
+class EnginePlace:
     """Where an engine takes the value of a formula, its unit for a device that slides, and what to beware of."""
 
     engine: str
@@ -63,14 +63,14 @@ class Place:
 
 
 @dataclass(frozen=True)
-class Parameter(Place):
+class EngineParameter(EnginePlace):
     """A value in the place and the unit that an engine takes it in."""
 
     value: float
 
 
 @dataclass(frozen=True)
-class Parameters:
+class EngineParameters:
     """A coupling to a simulation in the parameters and units of an engine.
 
     Attributes:
@@ -91,7 +91,7 @@ class Parameters:
     coupling: str
     exchange: Exchange
     integrator: str
-    parameters: tuple[Parameter, ...]
+    parameters: tuple[EngineParameter, ...]
     sample_time_s: float
     device: str
     law: str
@@ -120,10 +120,10 @@ def _values_of(coupling: Coupling) -> dict[str, float]:
     return values
 
 
-def _places(engine: str) -> list[Place]:
+def _places(engine: str) -> list[EnginePlace]:
     """Return where an engine takes the value of each formula."""
     with Path(__file__).with_name("engines.csv").open(encoding="utf-8", newline="") as text:
-        return [place for place in (Place(**line) for line in csv.DictReader(text)) if place.engine == engine]
+        return [place for place in (EnginePlace(**line) for line in csv.DictReader(text)) if place.engine == engine]
 
 
 def fitting(coupling: Coupling) -> list[str]:
@@ -169,16 +169,16 @@ def parameters(coupling: Coupling, engine: str, shown: str = "coupling.json", un
     return Answer("parameters", plain(result), title, tuple(rows), onwards, coupling.problem.units, whole=True)
 
 
-def _parameter(parameter: Parameter) -> Row:
+def _parameter(parameter: EngineParameter) -> Row:
     trap = f"; {parameter.trap}" if parameter.trap else ""
     where = f"{parameter.unit} · {parameter.place}{trap}".lstrip()
     return row(parameter.formula, Value(parameter.value, "number", 6), where, mark=caution(parameter.trap))
 
 
-def _parameters(coupling: Coupling, name: str, unsafe: str) -> Parameters:
+def _parameters(coupling: Coupling, name: str, unsafe: str) -> EngineParameters:
     engine, tool, places = _ENGINES[name], coupling.tool, _places(name)
     traps = (unsafe, _handed_out(tool, engine))
-    return Parameters(
+    return EngineParameters(
         engine=name,
         title=engine.title,
         coupling=coupling.id,
@@ -192,25 +192,25 @@ def _parameters(coupling: Coupling, name: str, unsafe: str) -> Parameters:
     )
 
 
-def _table(coupling: Coupling, places: Sequence[Place]) -> Iterator[Parameter]:
+def _table(coupling: Coupling, places: Sequence[EnginePlace]) -> Iterator[EngineParameter]:
     """Yield the value of each formula that applies, in the order of an engine's table."""
     values, units = _values_of(coupling), coupling.problem.units
     for place in places:
         if place.formula in values:
             unit = units.unit(place.unit)
-            yield Parameter(place.engine, place.place, place.formula, unit, place.trap, values[place.formula])
+            yield EngineParameter(place.engine, place.place, place.formula, unit, place.trap, values[place.formula])
 
 
-def _own_damper(coupling: Coupling, name: str) -> list[Parameter]:
+def _own_damper(coupling: Coupling, name: str) -> list[EngineParameter]:
     """Return the damper of the device's own loop, which no engine has."""
     damping = coupling.gains.local_damping_ns_per_m
     if not damping:
         return []
     place, unit = "the device's own loop: avc_coupling_step alone has it", coupling.problem.units.unit("N.s/m")
-    return [Parameter(name, place, "local B", unit, trap="", value=damping)]
+    return [EngineParameter(name, place, "local B", unit, trap="", value=damping)]
 
 
-def _law(tool: Simulation, name: str, places: Sequence[Place]) -> str:
+def _law(tool: Simulation, name: str, places: Sequence[EnginePlace]) -> str:
     """Return the line that runs in each step of an engine; its joint has the damper that implicitfast solves."""
     law = next(place.place for place in places if place.formula == _EACH_STEP)
     if name == "mujoco" and tool.solved == "damper":
@@ -225,7 +225,7 @@ def _handed_in(tool: Simulation) -> str:
     return "force on the tool" if tool.solved == "nothing" else "avc_coupling_handed_force(...)"
 
 
-def _handed_out(tool: Simulation, engine: Engine) -> str:
+def _handed_out(tool: Simulation, engine: EngineNames) -> str:
     """Return what the engine hands to the device's loop, and when."""
     late = f", {subject.plural(tool.steps_late, 'step')} later" if tool.steps_late else ""
     ahead = "" if tool.exchange == "held-force" else f"; {_AHEAD}"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import singledispatch
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.units import LINEAR, RADII
@@ -25,7 +25,6 @@ from avc_casadi.present.row import (
     Row,
     Value,
     commas,
-    fill,
     grade,
     parts,
     quantity_of,
@@ -34,6 +33,10 @@ from avc_casadi.present.row import (
 )
 from avc_casadi.present.rows import subject
 from avc_casadi.recommendation.preconditions import Unused
+
+if TYPE_CHECKING:  # studies, which load slowly
+    from avc_casadi.design.comparison.accuracy import Accuracy, SolverCost
+    from avc_casadi.design.comparison.table1 import Table1, Table1Row
 
 
 @dataclass(frozen=True)
@@ -322,41 +325,64 @@ def _port(port: SerialPort, *, asked: bool) -> Row:
     return row(port.device, ", ".join(filter(None, text)), mark=grade(port.accessible, Mark.CAUTION))
 
 
-def accuracy(data: Mapping[str, Any]) -> Answer:
+def accuracy(result: Accuracy) -> Answer:
     """Return the answer of `accuracy`: time and error of each solver."""
-    rows = []
-    for one in data["solvers"]:
-        by = " ".join(filter(None, [one["solver"], one["tolerance"] and f"{one['tolerance']:g}"]))
-        error = "excess error {excess_error:2} median, {largest_excess_error:2} at most; optimal at {optimal_share}"
-        text = fill(f"{by}{':' if by else ''} {{seconds_per_frequency:time}} a frequency; {error}", one)
-        notable = f"{', fastest of its accuracy' if one['pareto'] else ''}{', default' if one['default'] else ''}"
-        rows.append(row(one["method"], text, notable, rank=0 if notable else 1))
-    title = (f"{data['problem']}   error of |Z_h| beyond the optimum of `exact`, relative to |Z_h_ds|",)
-    return Answer("accuracy", data, title, tuple(rows))
+    rows = [_solver(cost, fast=fast) for cost, fast in zip(result.costs, result.fastest, strict=True)]
+    title = (f"{result.problem}   error of |Z_h| beyond the optimum of `exact`, relative to |Z_h_ds|",)
+    return Answer("accuracy", result.document(), title, tuple(rows))
 
 
-def table1(data: Mapping[str, Any]) -> Answer:
+def _solver(cost: SolverCost, *, fast: bool) -> Row:
+    """Return time and error of a solver; the fastest of its accuracy and the default are shown without -v."""
+    tolerance = f"{cost.tolerance:g}" if cost.tolerance else None
+    by = " ".join(filter(None, [cost.solver, tolerance]))
+    time = (f"{by}:" if by else "", Value(cost.seconds_per_frequency, "time"), "a frequency;")
+    median, most = Value(cost.excess_error, "number", 2), Value(cost.largest_excess_error, "number", 2)
+    error = ("excess error", median, "median,", most, "at most; optimal at", Value(cost.optimal_share, "share"))
+    notable = f"{', fastest of its accuracy' if fast else ''}{', default' if cost.default else ''}"
+    return row(cost.method, time, error, notable, rank=0 if notable else 1)
+
+
+def table1(result: Table1) -> Answer:
     """Return the answer of `table1`: the paper's table with simulated hands of both sets."""
-    hands, rows = data["hands"], []
-    for name, found in (("A", data["rows"]), ("B", data["rows_set_b"])):
-        for one in found:
-            paper, text = one["paper"] or {}, f"{one['coupling']}: not tried"
-            if one["stable"] is not None:
-                of = f"{{stable:9}} of {hands} (95 % {{stable_low:share}} to {{stable_high:share}})"
-                text = f"{one['coupling']}: stable {of}"
-            text += f", paper {paper['stable']}" if "stable" in paper else ""
-            text += "" if one["asymptotic"] is None else ", {asymptotic:9} without friction"
-            text += "" if one["apparent_stiffness_n_per_m"] is None else ", felt {apparent_stiffness_n_per_m}"
-            text += "" if one["matched"] is None else ", nearer {matched:9}"
-            text += "" if one["unable"] is None else ", unable {unable:9}"
-            text += "" if paper.get("matched") is None else f" (paper {paper['matched']}/{paper['unable']})"
-            wall = Value(one["stiffness_n_per_m"], "stiffness").text(LINEAR)
-            rows.append(row(f"Set {name}, {one['ve']}, {wall}", fill(text, one)))
-    title = f"Table 1 of the paper with {hands} simulated hands, seed {data['seed']}; of 10 people in the paper"
+    title = f"Table 1 of the paper with {result.hands} simulated hands, seed {result.seed}; of 10 people in the paper"
+    rows = [_tried("A", tried, result.hands) for tried in result.rows]
+    rows += [_tried("B", tried, result.hands) for tried in result.rows_set_b]
     rows += [
         row("Set A", "mass 0.05 to 0.3 kg, damping 3 to 20 N.s/m, stiffness 200 to 800 N/m"),
         row("Set B", "five-parameter stylus hands within measured ranges"),
         row("Stable", "residual speed below 5 mm/s in press, tap and hold"),
         row("Nearer", "to the continuous wall than the schedule, by a Weber fraction of 0.1; unable: no difference"),
     ]
-    return Answer("table1", data, (title,), tuple(rows), whole=True)
+    return Answer("table1", plain(result), (title,), tuple(rows), whole=True)
+
+
+def _tried(population: str, tried: Table1Row, hands: int) -> Row:
+    """Return what became of the hands with one coupling at one wall, and what the paper counted."""
+    wall = Value(tried.stiffness_n_per_m, "stiffness").text(LINEAR)
+    text: list[Parts] = [f"{tried.coupling}: not tried"]
+    if tried.stable is not None:
+        low, high = Value(tried.stable_low, "share"), Value(tried.stable_high, "share")
+        text = [
+            f"{tried.coupling}: stable",
+            Value(tried.stable, "number", 9),
+            f"of {hands} (95 %",
+            low,
+            "to",
+            high,
+            ")",
+        ]
+    paper = tried.paper
+    if paper is not None:
+        text.append(f", paper {paper.stable}")
+    if tried.asymptotic is not None:
+        text += [",", Value(tried.asymptotic, "number", 9), "without friction"]
+    if tried.apparent_stiffness_n_per_m is not None:
+        text += [", felt", Value(tried.apparent_stiffness_n_per_m, "stiffness")]
+    if tried.matched is not None:
+        text += [", nearer", Value(tried.matched, "number", 9)]
+    if tried.unable is not None:
+        text += [", unable", Value(tried.unable, "number", 9)]
+    if paper is not None and paper.matched is not None:
+        text.append(f"(paper {paper.matched}/{paper.unable})")
+    return row(f"Set {population}, {tried.ve}, {wall}", *text)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any, Protocol
 
 
-class Limits(Protocol):
+class ReportedLimits(Protocol):
     """Limits of a device, 0 where there is none."""
 
     @property
@@ -16,22 +16,22 @@ class Limits(Protocol):
     def energy_j(self) -> float: ...
 
 
-class DeviceLimits(Protocol):
+class ReportedDeviceLimits(Protocol):
     """Limits of a device: built in, requested, in force, and whether a requested one waits for a release."""
 
     @property
     def port(self) -> str: ...
     @property
-    def boards(self) -> Limits: ...
+    def boards(self) -> ReportedLimits: ...
     @property
-    def asked(self) -> Limits: ...
+    def asked(self) -> ReportedLimits: ...
     @property
-    def hold(self) -> Limits: ...
+    def hold(self) -> ReportedLimits: ...
     @property
     def waits(self) -> bool: ...
 
 
-class Push(Protocol):
+class ReportedPush(Protocol):
     """A table that a device has taken and given back."""
 
     @property
@@ -57,7 +57,7 @@ class Push(Protocol):
         ...
 
 
-class LoopTrial(Protocol):
+class ReportedTrial(Protocol):
     """A press on the wall by a hand on the emulated device."""
 
     @property
@@ -75,7 +75,7 @@ class LoopTrial(Protocol):
         ...
 
 
-class BuiltInLimits(Protocol):
+class ReportedBoard(Protocol):
     """What is built into firmware: the sample time, a step of the encoder, the force limit."""
 
     @property
@@ -86,14 +86,14 @@ class BuiltInLimits(Protocol):
     def max_force_n(self) -> float: ...
 
 
-class Status(Protocol):
+class ReportedStatus(Protocol):
     """State of a device."""
 
     @property
     def mode(self) -> str: ...
 
 
-class Stream(Protocol):
+class ReportedStream(Protocol):
     """Messages of a whole stream, and the state of the device afterwards."""
 
     @property
@@ -117,6 +117,6 @@ class Stream(Protocol):
     @property
     def round_trip_max_s(self) -> float: ...
     @property
-    def status(self) -> Status: ...
+    def status(self) -> ReportedStatus: ...
     @property
     def faults(self) -> tuple[str, ...]: ...
