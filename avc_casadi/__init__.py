@@ -1,21 +1,21 @@
 """avc-casadi: design, certify, simulate and deploy adaptive virtual couplings for haptic devices.
 
-A problem is a file (`load_problem`), a name of the catalogue (`catalogue`), or a `Problem`; every call takes any of
-the three. Seven calls answer most questions:
+In the order of a day with a device (``import avc_casadi as avc``):
 
-    import avc_casadi as avc
-
-    avc.recommend("figure5")                       # the coupling to deploy, and why
-    gains = avc.solve("figure5", "direct")         # gains against frequency, by one of the methods
-    avc.certify("figure5", gains)                  # which stability claims they meet, and where they fail
+    avc.load_problem("figure5")                    # device, wall and hands: a file, or a name of `avc.catalogue()`
+    avc.zwidth("figure5")                          # which walls the device can render without a coupling
     avc.certify_law("figure5", k=3000.0, b=4.0)    # your own spring and damper: do they hold, and by how much
+    found = avc.recommend("figure5")               # the coupling to deploy, and why; found.coupling
+    avc.deployable(found.coupling)                 # the verdict on any coupling; avc.certify says which claims it meets
+    avc.simulate("figure5", found.coupling)        # position and force at the hand over time; avc.screen: which effects
+    avc.write_coupling(found.coupling, "c.json")   # for `avc push` and `avc export`; avc.read_coupling reads it
+    avc.solve("figure5", "direct")                 # gains against frequency by a method of the paper
     avc.compare("figure5", mine=(2000.0, 7.0))     # the methods and your own (k, b), frequency by frequency
-    avc.simulate("scenes/stiff-wall-pressed")      # position and force at the hand over time
-    avc.zwidth("figure5")                          # which walls the device can render at all
 
-``print`` shows each of these answers in the rows of the command; ``repr`` is a line. Those with columns
-return them with ``to_dict()``; ``avc.figures`` draws them. Errors derive from `AvcError` and state the fault, its
-place, and the next step.
+Every call that takes a problem takes a `Problem`, a file or a name. ``print`` shows an answer in the rows of the
+command, ``repr`` in a line; ``to_dict()`` returns its columns, and ``avc.figures`` draws it. Units are SI and stand in
+the names (``_n_per_m``, ``_ns_per_m``, ``_hz``); of a device that turns read rad for m and N.m for N. Errors derive
+from `AvcError` and say the fault, its place and the next step.
 """
 
 from __future__ import annotations
@@ -26,13 +26,14 @@ TYPE_CHECKING = False  # typing takes long to load, and Ctrl-C meanwhile is a tr
 
 __version__ = "0.3.0"
 
-__all__ = ["AvcError", "Certificate", "Comparison", "Coupling", "Deployable", "Fault", "GainSchedule"]
-__all__ += ["InputError", "LawCertificate", "LinkError", "MissingExtraError", "NotDeployableError"]
-__all__ += ["PortError", "Problem", "Recommendation", "Run", "UnsupportedError", "WorkerLostError"]
-__all__ += ["catalogue", "catalogue_path", "certify", "certify_law", "compare", "deployable"]
-__all__ += ["dump_problem", "fault_document", "figures", "load_device", "load_problem", "parse_problem"]
-__all__ += ["read_coupling", "recommend", "screen", "simulate", "simulate_batch", "solve"]
-__all__ += ["write_coupling", "zwidth"]
+# In the order of a user's day: problems, what a device can render, a coupling, its verdict, its motion, its file; the
+# methods of the paper; errors.
+__all__ = ["Problem", "catalogue", "catalogue_path", "dump_problem", "load_device", "load_problem", "parse_problem"]
+__all__ += ["Coupling", "LawCertificate", "Recommendation", "certify_law", "recommend", "zwidth"]
+__all__ += ["Certificate", "Deployable", "Run", "certify", "deployable", "screen", "simulate", "simulate_batch"]
+__all__ += ["Comparison", "GainSchedule", "compare", "figures", "read_coupling", "solve", "write_coupling"]
+__all__ += ["AvcError", "Fault", "InputError", "NotDeployableError", "UnsupportedError", "fault_document"]
+__all__ += ["LinkError", "MissingExtraError", "PortError", "WorkerLostError"]
 
 
 def _text_of(result: object) -> str:

@@ -29,7 +29,7 @@ def _cut(text: str, most: int) -> str:
 
 @dataclass(frozen=True)
 class Fault:
-    """One fault of an input file.
+    """One fault of an input file; ``str`` joins its place and message as ``file:line: key: message``.
 
     Attributes:
         file: the file as the user named it; empty where a call or a command is at fault.
@@ -119,20 +119,31 @@ class UnsupportedError(AvcError, NotImplementedError):
 
 
 class MissingExtraError(AvcError, ImportError):
-    """An optional dependency is not installed; says the command that installs it."""
+    """An optional dependency is not installed; says the command that installs it.
+
+    Raised by what needs it: the emulated board (``emulator``), an import of a model (``model``), 50 digits
+    (``accuracy``).
+    """
 
 
 class LinkError(AvcError, OSError):
-    """The device link failed: no answer, refused, unplugged (command line: exit code 1)."""
+    """The device link failed: no answer, refused, unplugged (command line: exit code 1).
+
+    Raised by `avc_hardware`, which talks to devices; the message begins with the port and says what to look at.
+    """
 
 
 class PortError(LinkError):
-    """The named port does not exist or cannot be opened (command line: exit code 2)."""
+    """The named port does not exist or cannot be opened (command line: exit code 2); says what is allowed."""
 
 
 class NotDeployableError(AvcError):
-    """A coupling that must not be deployed: the claim that fails and the next step (command line: exit code 1)."""
+    """A coupling that must not be deployed: the claim that fails and the next step (command line: exit code 1).
+
+    Raised by push, stream and export of `avc_hardware`, where ``unsafe=True`` overrides it. `deployable` gives the same
+    verdict without raising.
+    """
 
 
 class WorkerLostError(AvcError, RuntimeError):
-    """A worker died, and its task with it (exit code 2)."""
+    """A worker process died, and its task with it (exit code 2): memory ran out, or it was killed."""

@@ -43,8 +43,8 @@ class Certificate(Tabular, Document):
 
     Example:
         >>> certificate = avc.certify("soft", avc.solve("soft", "exact"))
-        >>> certificate.levels["L5"].passed
-        True
+        >>> f"{certificate.levels['L0'].margin_ns_per_m:.2f} N.s/m"
+        '2.04 N.s/m'
     """
 
     JSON_KEYS: ClassVar = (
@@ -109,6 +109,10 @@ def certify(
 ) -> Certificate:
     """Return the certificate of a gain table: passivity and stability claims, with the worst margin of each.
 
+    L0 to L3 ask for Re Z_h >= 0 at the handle, Z_h = Z_d + H (Z_eavc + b_p): at a row's own frequency, the paper's
+    (12), in a band about it, and at all frequencies with the paper's hold and with the sampled-data one (Colgate and
+    Schenkel 1997). L4 is Llewellyn's (6), for any passive wall, and L5 the spectral radius with every hand below 1.
+
     Args:
         problem: device, environment, models and hands to judge against; or a problem file, or a name of the catalogue.
         gains: the table, or the coupling with it; rows without gains fail every level.
@@ -121,13 +125,18 @@ def certify(
             again (`avc_casadi.claims.prove.rest.Rest`). ``avc certify --help`` says for which devices and laws.
         progress: reported over the rows that are judged.
 
+    Returns:
+        The certificate; ``levels[name]`` has ``passed``, ``margin_ns_per_m``, the frequency of that margin, and the
+        same by row, shape (n,).
+
     Raises:
         InputError: gains of another sample time, or neither a table nor a coupling.
+        UnsupportedError: a delay that a level takes in whole samples only.
 
     Example:
         >>> certificate = avc.certify("soft", avc.solve("soft", "exact"))
-        >>> certificate.levels["L0"].passed
-        True
+        >>> [name for name, level in certificate.levels.items() if not level.passed]
+        ['L4']
     """
     problem = with_wall(problem)
     table = _schedule_of(gains)

@@ -35,6 +35,9 @@ def solve(
 ) -> GainSchedule:
     """Return the gains of a coupling at each frequency by one of the methods.
 
+    At each frequency of interaction the pair (b, k) minimises (|Z_h_ds| - |Z_h_avc|)^2, the paper's goal (11), with
+    Re Z_h_avc no less than the margin (12), within the box of [coupling].
+
     Args:
         problem: the problem; or a problem file, or a name of the catalogue.
         method: a name that `METHODS` knows; ``avc solve --help`` lists them.
@@ -43,8 +46,12 @@ def solve(
         as_printed: closed form only, the equations as the paper prints them.
         progress: reports frequencies, starts or trials done.
 
+    Returns:
+        The gains, arrays of shape (n,) over ``frequency_hz``: b, N.s/m, and k, N/m, with a status for each row.
+
     Raises:
         InputError: unknown method or solver, or an option that the method does not have.
+        UnsupportedError: what the problem declares has no place in the method; the message names one that takes it.
         KeyboardInterrupt: Ctrl-C, also while CasADi runs.
 
     Example:

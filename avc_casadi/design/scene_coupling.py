@@ -80,6 +80,10 @@ def simulate(
         hand: a hand in place of the scene's.
         seed: added to the seeds of all noises, 0 or more.
 
+    Returns:
+        Traces of shape (samples,) every T: position, m, velocity, m/s, and force, N, positive against +x; energies;
+        and whether the device settles. Between samples the motion is exact, dry friction and its sticking included.
+
     Raises:
         InputError: an impossible scene, or gains that are missing or of another sample time.
         UnsupportedError: an effect that scenes do not simulate.
@@ -88,6 +92,8 @@ def simulate(
         >>> run = avc.simulate("scenes/stiff-wall-pressed")
         >>> run.claim
         'asymptotic'
+        >>> f"{run.force_n[-1]:.1f} N at {1e3 * run.position_m[-1]:.2f} mm"
+        '4.4 N at 1.15 mm'
     """
     stated = as_problem(problem)
     chosen = scene_coupling(stated) if gains is None else gains
@@ -221,6 +227,9 @@ def screen(problem: AnyProblem, gains: AnyGains | None = None, *, tolerance: flo
         problem: the problem; or a problem file, or a name of the catalogue.
         gains: as in `simulate`.
         tolerance: largest relative change of position, force and stiffness that does not count, from 0 to below 1.
+
+    Returns:
+        A row for each effect with the change that it makes; ``redundant`` are the kinds that the scene does not need.
 
     Raises:
         InputError: as `simulate`; or the tolerance is outside its range.

@@ -72,11 +72,14 @@ def _near(name: str, names: Iterable[str]) -> str:
 
 
 def catalogue() -> tuple[CatalogueEntry, ...]:
-    """Return every problem of the catalogue with its title and source.
+    """Return every problem of the catalogue: plain problems first, then those of folders, each group by name.
+
+    Returns:
+        Entries with ``name``, as every call takes it, ``title``, ``source`` of the values, and ``path`` of the file.
 
     Example:
-        >>> "figure5" in [entry.name for entry in avc.catalogue()]
-        True
+        >>> [entry.name for entry in avc.catalogue()][:3]
+        ['damped', 'damper', 'diverging']
     """
     entries = []
     for name, path in catalogue_names().items():
@@ -86,7 +89,10 @@ def catalogue() -> tuple[CatalogueEntry, ...]:
 
 
 def catalogue_path(name: str) -> Path:
-    """Return the file of a catalogue problem.
+    """Return the file of a catalogue problem, to copy and change.
+
+    Args:
+        name: as `catalogue` lists it.
 
     Raises:
         InputError: no such name; lists the nearest ones.

@@ -255,13 +255,20 @@ def _runs_at_wall(end: Wall, coupling: Coupling) -> dict[str, Any]:  # noqa: ARG
 
 
 def write_coupling(coupling: Coupling, path: str | Path) -> None:
-    """Write a coupling file.
+    """Write a coupling file, JSON: the problem, the gains, what runs beside them, and the certificate.
+
+    Args:
+        coupling: as `recommend` returns it, or `Coupling.of` makes it from the gains of `solve`.
+        path: of the file, which is replaced.
 
     Raises:
-        InputError: it is not a coupling.
+        InputError: it is not a coupling, or the file cannot be written.
 
     Example:
-        >>> avc.write_coupling(avc.Coupling.of(avc.load_problem("soft"), avc.solve("soft")), "soft.json")
+        >>> problem = avc.load_problem("soft")
+        >>> avc.write_coupling(avc.Coupling.of(problem, avc.solve(problem, "static-tuned")), "soft.json")
+        >>> avc.read_coupling("soft.json").method
+        'static-tuned'
     """
     if not isinstance(coupling, Coupling):
         require_coupling(coupling)
@@ -303,6 +310,9 @@ def read_coupling(path: str | Path, problem: AnyProblem | None = None) -> Coupli
     Args:
         path: .json or .csv.
         problem: for a table of gains; a coupling file must include the same.
+
+    Returns:
+        The coupling, its table as it was written: what was certified is what runs.
 
     Raises:
         InputError: with every fault of the file; or it has no problem and none is given; or it was made for another

@@ -77,7 +77,7 @@ class DeviceFile(t.Table):
 
 
 def load_device(source: str | Path) -> DeviceFile:
-    """Load a device file.
+    """Load a device file: a device that problems refer to, with the source and grade of each value.
 
     Args:
         source: a path, or a name of the catalogue of devices, for example ``phantom-omni``.
