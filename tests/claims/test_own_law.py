@@ -244,8 +244,15 @@ def test_a_published_law_gets_its_verdict_and_the_reason(name):
         assert stable(b) == (low < b < high)
 
 
-@pytest.mark.parametrize("integrator", ["semi-implicit", "implicit-damping", "explicit"])
-@pytest.mark.parametrize(("m", "b", "h"), [(0.01, 1.0, 0.005), (0.2, 30.0, 0.002), (1e-3, 0.05, 0.01)])
+@pytest.mark.parametrize(
+    ("integrator", "m", "b", "h"),
+    [
+        # Each integrator with one tool; with the others it takes longer.
+        pytest.param(integrator, *tool, marks=() if place == which else pytest.mark.slow)
+        for which, integrator in enumerate(["semi-implicit", "implicit-damping", "explicit"])
+        for place, tool in enumerate([(0.01, 1.0, 0.005), (0.2, 30.0, 0.002), (1e-3, 0.05, 0.01)])
+    ],
+)
 def test_k_and_b_to_an_engine_are_judged_with_the_engine(integrator, m, b, h, tmp_path, capsys):
     """A tool that is driven to a device which stands still is a servo of the engine alone, with a limit on paper."""
     limit = {"explicit": b / h}.get(integrator, (4 * m + 2 * h * b * (-1 if integrator[0] == "s" else 1)) / h**2)

@@ -194,7 +194,9 @@ COSTS = {"figure5": 5.91201e-3, "ve2": 4.20914e-6, "ve3": 3.0339e-5, "ve4": 1.07
 COSTS |= {"ve6": 4.78478e-3, "ve7": 5.91201e-3}
 
 
-@pytest.mark.parametrize("name", COSTS)
+@pytest.mark.parametrize(
+    "name", [name if name in {"figure5", "ve4"} else pytest.param(name, marks=pytest.mark.slow) for name in COSTS]
+)
 def test_the_cost_is_that_of_release_0_2_0(name):
     assert cost(solve(load_problem(name), "schedule")) == pytest.approx(COSTS[name], rel=1e-4)
 
@@ -277,7 +279,7 @@ def share(frequencies):
     return (frequencies * 1e-8) ** 0.5
 
 
-@pytest.mark.parametrize("model", ["paper", "sampled-data"])
+@pytest.mark.parametrize("model", ["paper", pytest.param("sampled-data", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("name", ["figure5", "damper", "damped"])
 def test_without_smoothness_every_frequency_equals_direct(name, model):
     problem = changed(load_problem(name), stability={"model": model, "scope": "pointwise"}, frequency={"points": 60})

@@ -131,7 +131,7 @@ def test_a_force_that_is_held_and_late_is_no_negative_damper(frame, late):
 
 
 @pytest.mark.parametrize(("motor", "k", "b"), [(1, 8, 0.05), (-1, 8, 0.05), (1, -8, -0.05), (1, 8, -0.05)])
-@pytest.mark.parametrize("start", [0.1, 0.01])
+@pytest.mark.parametrize("start", [0.1, pytest.param(0.01, marks=pytest.mark.slow)])
 def test_a_force_of_the_wrong_sign_is_named(motor, k, b, start):
     loop = {"given_by": lambda force: motor * force, "outside": stops(0.5), "step": STEP / 16, "damping": 0.02}
     log, device = turning(lambda _, z, u: -k * z - b * u, **WHEEL, **loop, start=start, ticks=3000)
@@ -139,7 +139,7 @@ def test_a_force_of_the_wrong_sign_is_named(motor, k, b, start):
     assert (found.cause or found.verdict) == ("sign" if motor * k < 0 or b < 0 else "nothing wrong"), found.conclusion
 
 
-@pytest.mark.parametrize("counts", [1000, 2000, 4000])
+@pytest.mark.parametrize("counts", [1000, *(pytest.param(steps, marks=pytest.mark.slow) for steps in (2000, 4000))])
 @pytest.mark.parametrize("b", [8e-4, 0.05])
 def test_a_damper_is_told_with_an_interval_that_holds_it(counts, b):
     """The log is coarser than the position that the law reads: its velocity is hardly seen."""

@@ -84,8 +84,7 @@ def test_steps_of_an_encoder_do_not_add_up_to_a_movement(sample_time_s: float, s
             assert np.abs(device.forces(way)).max() == 0
 
 
-@pytest.mark.parametrize("share", [0.12, 0.5, 1.0])
-@pytest.mark.parametrize("stiffness_n_per_m", [4e3, 1e8])
+@pytest.mark.parametrize(("share", "stiffness_n_per_m"), [(0.12, 4e3), (0.12, 1e8), (0.5, 4e3), (1.0, 1e8)])
 def test_the_first_sample_outside_gives_no_force(share: float, stiffness_n_per_m: float) -> None:
     """The position of a law begins elsewhere than the measured one: no damper may take that for a movement."""
     problem = bench_problem((5.0, STIFFNESS), encoder_resolution_m=STEP, max_force_n=8.0)
