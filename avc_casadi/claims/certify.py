@@ -29,6 +29,10 @@ from avc_casadi.model.problem import Problem
 class Certificate(Tabular, Document):
     """Passivity and stability of a gain table: one claim a level, with its worst margin. The levels are never merged.
 
+    L0 to L3 ask for Re Z_h >= 0 at the handle, Z_h = Z_d + H (Z_eavc + b_p): at a row's own frequency, the paper's
+    (12), in a band about it, and at all frequencies with the paper's hold and with the sampled-data one (Colgate and
+    Schenkel 1997). L4 is Llewellyn's (6), for any passive wall, and L5 the spectral radius with every hand below 1.
+
     Attributes:
         problem: name of the problem.
         requested: whether the infeasible gains of unrealisable rows were judged in place of missing ones.
@@ -108,10 +112,6 @@ def certify(
     progress: Progress = SILENT,
 ) -> Certificate:
     """Return the certificate of a gain table: passivity and stability claims, with the worst margin of each.
-
-    L0 to L3 ask for Re Z_h >= 0 at the handle, Z_h = Z_d + H (Z_eavc + b_p): at a row's own frequency, the paper's
-    (12), in a band about it, and at all frequencies with the paper's hold and with the sampled-data one (Colgate and
-    Schenkel 1997). L4 is Llewellyn's (6), for any passive wall, and L5 the spectral radius with every hand below 1.
 
     Args:
         problem: device, environment, models and hands to judge against; or a problem file, or a name of the catalogue.

@@ -77,6 +77,9 @@ class WallValues:
 class ZWidth(Tabular, Document):
     """The K-B region of a device as declared: at all corners of its ranges.
 
+    On a rigid device with d samples of delay a spring alone is passive up to 2 b/((1 + 2 d) T), the rule b >= K T/2 of
+    Colgate and Schenkel (1997).
+
     Attributes:
         problem: name of the problem.
         damping_ns_per_m: dampings B of the walls, shape (n,).
@@ -253,9 +256,6 @@ def zwidth(problem: AnyProblem, progress: Progress = SILENT) -> ZWidth:
     acts on the damper. The stable regions are exact, by their boundary curves, and the passive ones of a rigid device
     with an ideal amplifier and whole samples of delay; others come from a scan of frequencies (as L3), and that with
     the paper's hold is refused there. A region ends at the smallest stiffness that does not meet the claim.
-
-    On a rigid device with d samples of delay a spring alone is passive up to 2 b/((1 + 2 d) T), the rule b >= K T/2 of
-    Colgate and Schenkel (1997).
 
     Args:
         problem: the problem; or a problem file, or a name of the catalogue.
