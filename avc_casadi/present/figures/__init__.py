@@ -1,4 +1,10 @@
-"""Figures: drawn from results that are computed elsewhere."""
+"""Figures: drawn from results that are computed elsewhere.
+
+Each ``draw_*`` takes a result, or a list of runs, and returns a Matplotlib figure; `save_figure` writes it:
+
+    figure = avc.figures.draw_zwidth(avc.zwidth("figure5"))
+    avc.figures.save_figure(figure, Path("walls.pdf"))    # or .png, .svg
+"""
 
 from avc_casadi.present.figures.deployed import draw_loop as draw_loop
 from avc_casadi.present.figures.deployed import draw_rendered as draw_rendered
