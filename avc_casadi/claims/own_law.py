@@ -180,10 +180,7 @@ class LawAnalysis:
         """Return the disk margin of a law to a per cent, at the points so far; 0 where one is unstable or loud."""
         if law.noise_n(self.device) > self.quiet_n:
             return 0.0
-        loops = self._loops(law)
-        if any(loop.closed.radius.max() >= 1 for loop in loops):
-            return 0.0
-        return 2 / max(float(loop.swings().max()) for loop in loops)
+        return min(loop.quick_disk_margin for loop in self._loops(law))
 
     def sound(self, laws: Iterable[SpringDamper]) -> Iterator[tuple[SpringDamper, float]]:
         """Yield the first law with a sound disk margin, and that, which a search of the ranges does not refute."""

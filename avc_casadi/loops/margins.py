@@ -159,6 +159,11 @@ class OpenLoop:
             disk_turn,
         )
 
+    @property
+    def quick_disk_margin(self) -> float:
+        """The smallest disk margin of all loops, up to 2 % too large, in an eighth of the time; 0 if one is unstable."""
+        return 2 / float(self.swings().max()) if self.closed.radius.max() < 1 else 0.0
+
     def swings(self) -> FloatArray:
         """Return the largest |(1 - L)/(1 + L)| of each loop on angles dense at its own poles, shape (h,)."""
         about = _about(self.poles[..., None]).reshape(len(self.poles), -1)

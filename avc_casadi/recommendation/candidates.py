@@ -237,7 +237,7 @@ def _dampers(problem: Problem, stiffness_n_per_m: float, damper: Callable[[float
         return damper(found.lowest_ns_per_m + share * (found.highest_ns_per_m - found.lowest_ns_per_m))
 
     def disk(share: float) -> float:
-        return OpenLoop.of(coupling(share)).least().disk
+        return OpenLoop.of(coupling(share)).quick_disk_margin
 
     margins, tried = goal * np.array([4.0, 3.0, 2.0, 1.5, 1.0]), np.geomspace(0.5, 0.005, 12)
     disks = np.array([disk(share) for share in tried])
