@@ -161,7 +161,7 @@ class OpenLoop:
 
     @property
     def quick_disk_margin(self) -> float:
-        """The smallest disk margin of all loops, up to 2 % too large, in an eighth of the time; 0 if one is unstable."""
+        """The smallest disk margin of all loops, up to 2 % too large, eight times as quick; 0 if one is unstable."""
         return 2 / float(self.swings().max()) if self.closed.radius.max() < 1 else 0.0
 
     def swings(self) -> FloatArray:
