@@ -38,6 +38,8 @@ from avc_casadi.simulation.population.trial import CouplingTrial, residual_speed
 
 FIRST = 16
 """Hands of a first trial, corners included."""
+USUAL_COUPLINGS = 9
+"""So many couplings are judged for three of four drawn devices: what progress expects until there are more."""
 WORST_DEVICES = 8
 """Of the perturbed devices, so many are tried: those with which the loop is the least stable."""
 MOST_MOTIONS = ("press", "tap", "hold", "strike", "touch", "graze")
@@ -102,7 +104,8 @@ class Evaluator:
     def __call__(self, coupling: Coupling) -> Candidate | None:
         """Return the coupling with its trials; None where it is not deployable, or further off in motion than asked."""
         self.considered += 1
-        self._progress.advance(self.considered, 0, f"couplings, {coupling.method}")
+        expected = max(USUAL_COUPLINGS, self.considered + 1)
+        self._progress.advance(self.considered - 1, expected, f"couplings, {coupling.method}")
         off = math.isfinite(self._within) and error_in_motion(coupling) > self._within
         if off or not deployable(coupling).passed:
             return None
