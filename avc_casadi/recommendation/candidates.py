@@ -51,9 +51,9 @@ def judge_all(problem: Problem, evaluator: Evaluator, limit: DampingRange, progr
     wall, plainly = problem.environment.stiffness_n_per_m, limit.stiffness_n_per_m
     if wall <= plainly:
         plain = list(springs_and_dampers(problem))
-        for one in plain:
-            evaluator(one)
-        if not any(bool(one.trial.quiet.all()) for one in evaluator.complete()):
+        for coupling in plain:
+            evaluator(coupling)
+        if not any(bool(candidate.trial.quiet.all()) for candidate in evaluator.complete()):
             evaluator.first_complete(behind_observer(plain))
     judge_laws(problem, evaluator, wall, evaluator.least_distance() - FELT_ERROR)
     if evaluator.least_distance() > _FAR:
@@ -88,8 +88,8 @@ def stiffest_rendered(
         walled = problem.changed(environment=wall, detent=None)
         evaluator = evaluator_of(walled)
         if not why_infeasible(walled):
-            for one in springs_and_dampers(walled):
-                evaluator(one)
+            for coupling in springs_and_dampers(walled):
+                evaluator(coupling)
             if not evaluator.complete():
                 judge_laws(walled, evaluator, walled.environment.stiffness_n_per_m, UNNOTICED)
         off = f"no stable coupling is within {100 * UNNOTICED:.0f} % to a hand that moves"
@@ -210,31 +210,32 @@ def tuned_gains(problem: Problem, progress: Progress = SILENT) -> Iterator[Coupl
     safe = problem.changed(hands={"let_go": True})
     for share in (1.0, 3.0):
         try:
-            found = tune(safe, share * tuned_margin(safe), progress)
+            gains = tune(safe, share * tuned_margin(safe), progress)
         except UnsupportedError:
             return
-        if found is not None:
-            one = Coupling.constant(problem, found, "static-tuned")
-            yield from (one, *behind_observer([one]))
+        if gains is not None:
+            coupling = Coupling.constant(problem, gains, "static-tuned")
+            yield from (coupling, *behind_observer([coupling]))
 
 
 def behind_observer(couplings: Iterable[Coupling]) -> Iterator[Coupling]:
     """Yield couplings behind an observer of the quantised position; none with an ideal encoder."""
-    for one in couplings:
-        if one.problem.device.encoder_resolution_m > 0:
-            runtime = Runtime(observer_mass_kg=one.problem.device.mass_kg + one.problem.hands.mass_kg[0])
-            yield Coupling.constant(one.problem, one.table.at_rest, one.method, runtime)
+    for coupling in couplings:
+        problem = coupling.problem
+        if problem.device.encoder_resolution_m > 0:
+            runtime = Runtime(observer_mass_kg=problem.device.mass_kg + problem.hands.mass_kg[0])
+            yield Coupling.constant(problem, coupling.table.at_rest, coupling.method, runtime)
 
 
 def _dampers(problem: Problem, stiffness_n_per_m: float, damper: Callable[[float], Coupling]) -> list[Coupling]:
     """Return the couplings of the least damping that has each disk margin, or the widest there is; the widest first."""
-    found = damping_range(PlantFamily.of(problem), stiffness_n_per_m)
-    if np.isnan(found.lowest_ns_per_m):
+    stable = damping_range(PlantFamily.of(problem), stiffness_n_per_m)
+    if np.isnan(stable.lowest_ns_per_m):
         return []
     goal = DISK_MARGIN if problem.robustness.disk_margin is None else problem.robustness.disk_margin
 
     def coupling(share: float) -> Coupling:
-        return damper(found.lowest_ns_per_m + share * (found.highest_ns_per_m - found.lowest_ns_per_m))
+        return damper(stable.lowest_ns_per_m + share * (stable.highest_ns_per_m - stable.lowest_ns_per_m))
 
     def disk(share: float) -> float:
         return OpenLoop.of(coupling(share)).quick_disk_margin

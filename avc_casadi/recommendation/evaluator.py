@@ -59,18 +59,21 @@ class Group:
 
     def settles(self, coupling: Coupling, *, friction: bool) -> BoolArray:
         """Return which hands settle in every motion."""
-        there: Any = {"friction": friction, "device": self.device, "effects": self.effects}
-        return np.asarray(residual_speeds(coupling, self.people, MOST_MOTIONS, **there) < 1)
+        circumstances: Any = {"friction": friction, "device": self.device, "effects": self.effects}
+        return np.asarray(residual_speeds(coupling, self.people, MOST_MOTIONS, **circumstances) < 1)
 
 
-def groups_beyond(problem: Problem, asked: Robustness, seed: int, count: int = 60) -> tuple[Group, ...]:
+def groups_beyond(problem: Problem, required: Robustness, seed: int, count: int = 60) -> tuple[Group, ...]:
     """Return hands on each device with an unmodelled effect, and with the grip of the device where [hands] is none."""
     device, people = problem.device, people_of(problem.hands, count, seed)
-    found = [Group(people, one.device, one.effects, one.key, one.value) for one in unmodelled(device, asked)]
+    groups = [
+        Group(people, effect.device, effect.effects, effect.key, effect.value)
+        for effect in unmodelled(device, required)
+    ]
     if device.held != "grip":
         drawn = draw_population(GRIPS[device.held], count, seed).at_handle(device.metres_per_unit)
-        found.append(Group(drawn, key="held", value=device.held))
-    return tuple(found)
+        groups.append(Group(drawn, key="held", value=device.held))
+    return tuple(groups)
 
 
 class Evaluator:
@@ -109,13 +112,13 @@ class Evaluator:
         off = math.isfinite(self._within) and error_in_motion(coupling) > self._within
         if off or not deployable(coupling).passed:
             return None
-        one = Candidate(coupling, self._trial(coupling, self._people.pick(slice(FIRST))), self.considered)
-        if one.safety <= int(self._lean) and len(self._people) > FIRST:
-            one = replace(one, trial=self._trial(coupling, self._people))
-        if not self.flaw(one):
-            one = replace(one, beyond=self._tried_beyond(coupling))
-        self.candidates.append(one)
-        return one
+        candidate = Candidate(coupling, self._trial(coupling, self._people.pick(slice(FIRST))), self.considered)
+        if candidate.safety <= int(self._lean) and len(self._people) > FIRST:
+            candidate = replace(candidate, trial=self._trial(coupling, self._people))
+        if not self.flaw(candidate):
+            candidate = replace(candidate, beyond=self._tried_beyond(coupling))
+        self.candidates.append(candidate)
+        return candidate
 
     def _tried_beyond(self, coupling: Coupling) -> tuple[BoolArray, ...]:
         """Return which hands settle beyond the trial, corner hands that strike first, until too few do."""
@@ -135,39 +138,43 @@ class Evaluator:
     def first_complete(self, couplings: Iterable[Coupling]) -> Candidate | None:
         """Judge couplings until one is complete and confirmed, and return it; None where none is."""
         for coupling in couplings:
-            one = self(coupling)
-            if one is not None and not self.flaw(one) and not self.flaw(self._confirmed(one)):
-                return one
+            candidate = self(coupling)
+            if candidate is not None and not self.flaw(candidate) and not self.flaw(self._confirmed(candidate)):
+                return candidate
         return None
 
     def best(self) -> Candidate | None:
         """Return the best coupling that stays the best with hands never seen; None without any deployable one."""
         while self.candidates:
-            one = best_of(self.candidates, lean_on_friction=self._lean)
-            if one.others is not None:
-                return one
-            self._confirmed(one)
+            candidate = best_of(self.candidates, lean_on_friction=self._lean)
+            if candidate.others is not None:
+                return candidate
+            self._confirmed(candidate)
         return None
 
-    def flaw(self, one: Candidate) -> str:
+    def flaw(self, candidate: Candidate) -> str:
         """Return why a coupling is not complete; empty where it is."""
-        return one.flaw(int(self._lean))
+        return candidate.flaw(int(self._lean))
 
     def complete(self) -> list[Candidate]:
         """Return the complete couplings."""
-        return [one for one in self.candidates if not self.flaw(one)]
+        return [candidate for candidate in self.candidates if not self.flaw(candidate)]
 
     def least_distance(self) -> float:
         """Return the smallest distance of the complete couplings from the wall; infinite without any."""
-        return min((one.distance for one in self.complete()), default=math.inf)
+        return min((candidate.distance for candidate in self.complete()), default=math.inf)
 
-    def _confirmed(self, one: Candidate) -> Candidate:
+    def _confirmed(self, candidate: Candidate) -> Candidate:
         """Try a coupling with all hands, then with others on devices of the ranges: selection among many is biased."""
-        whole = one.trial if one.trial.hands == len(self._people) else self._trial(one.coupling, self._people)
-        others = try_on_devices(one.coupling, next(self._others), self._devices, self._seed, self._executor)
-        found = replace(one, trial=whole, others=others, beyond=one.beyond or self._tried_beyond(one.coupling))
-        self.candidates = [found if other is one else other for other in self.candidates]
-        return found
+        coupling, trial = candidate.coupling, candidate.trial
+        if trial.hands < len(self._people):
+            trial = self._trial(coupling, self._people)
+        others = try_on_devices(coupling, next(self._others), self._devices, self._seed, self._executor)
+        beyond = candidate.beyond or self._tried_beyond(coupling)
+        confirmed = replace(candidate, trial=trial, others=others, beyond=beyond)
+        place = next(place for place, known in enumerate(self.candidates) if known is candidate)
+        self.candidates[place] = confirmed
+        return confirmed
 
 
 def _devices(device: Device, seed: int, count: int = 16) -> list[Device]:
@@ -175,13 +182,13 @@ def _devices(device: Device, seed: int, count: int = 16) -> list[Device]:
     corners = device_corners(device)
     if len(corners) == 1:
         return [device]
-    some = np.random.default_rng(seed).permutation(len(corners))[: count // 2]
-    within = device_draws(device, count - 1 - len(some), seed)
-    return [device, *(corners[place] for place in some), *within]
+    chosen = np.random.default_rng(seed).permutation(len(corners))[: count // 2]
+    within = device_draws(device, count - 1 - len(chosen), seed)
+    return [device, *(corners[place] for place in chosen), *within]
 
 
 @dataclass(frozen=True)
-class Withstood:
+class UnmodelledTrial:
     """Trial with one unmodelled effect, or with hands outside the design set."""
 
     key: str  # of [robustness]; or held, of [device]
@@ -192,26 +199,32 @@ class Withstood:
     at_rest: int | None  # by friction too; None where all settle without
 
 
-def withstood(coupling: Coupling, seed: int = 0) -> tuple[Withstood, ...]:
+def unmodelled_trials(coupling: Coupling, seed: int = 0) -> tuple[UnmodelledTrial, ...]:
     """Return the trials of a coupling, each with one unmodelled effect."""
     problem = coupling.problem
     given = {key: value for key, value in vars(problem.robustness).items() if value is not None}
-    found = []
+    trials = []
     for group in groups_beyond(problem, Robustness(**(vars(USUAL) | given)), seed):
-        hands, asked = len(group.people), group.key in given or group.key == "held"
-        free = int(group.settles(coupling, friction=False).sum())
-        rests = None if free == hands else int(group.settles(coupling, friction=True).sum())
-        found.append(Withstood(group.key, group.value, asked, hands, free, rests))
-    return tuple(found)
+        hands = len(group.people)
+        required = group.key in given or group.key == "held"
+        without_friction = int(group.settles(coupling, friction=False).sum())
+        at_rest = None
+        if without_friction < hands:
+            at_rest = int(group.settles(coupling, friction=True).sum())
+        trials.append(UnmodelledTrial(group.key, group.value, required, hands, without_friction, at_rest))
+    return tuple(trials)
 
 
-def missed(found: tuple[Withstood, ...], *, by_friction: bool) -> str:
+def unmet_requirements(trials: tuple[UnmodelledTrial, ...], *, by_friction: bool) -> str:
     """Return the requirements of [robustness] that are not met."""
     short = []
-    for one in found:
-        rest = one.at_rest if by_friction and one.at_rest is not None else one.at_rest_without_friction
-        if one.asked and rest < one.hands:
-            short.append(f"{one.hands - rest} of {one.hands} hands do not settle with {one.key} = {one.value}")
+    for trial in trials:
+        at_rest = trial.at_rest_without_friction
+        if by_friction and trial.at_rest is not None:
+            at_rest = trial.at_rest
+        if trial.asked and at_rest < trial.hands:
+            unsettled = f"{trial.hands - at_rest} of {trial.hands} hands do not settle"
+            short.append(f"{unsettled} with {trial.key} = {trial.value}")
     if not short:
         return ""
     return f"[robustness] is not met beyond [hands]: {'; '.join(short)}; require less, or a softer wall"
@@ -227,8 +240,13 @@ class PerturbedDevices:
 
     def document(self) -> dict[str, Any]:
         """Return JSON values."""
-        told = {"share": PERTURBED_SHARE, "keys": [*self.keys], "devices": self.trial.devices}
-        return told | {"linearly_unstable": self.unstable, **self.trial.counts()}
+        return {
+            "share": PERTURBED_SHARE,
+            "keys": [*self.keys],
+            "devices": self.trial.devices,
+            "linearly_unstable": self.unstable,
+            **self.trial.counts(),
+        }
 
 
 def off_file(coupling: Coupling, seed: int = 0) -> PerturbedDevices | None:

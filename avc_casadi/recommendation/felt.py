@@ -63,7 +63,7 @@ class Shaken:
 
     def by_frequency(self, values: FloatArray) -> dict[str, float]:
         """Return values as a table."""
-        return {f"{hz:g}": float(one) for hz, one in zip(self.frequency_hz, values, strict=True)}
+        return {f"{hz:g}": float(value) for hz, value in zip(self.frequency_hz, values, strict=True)}
 
 
 def shaken(
@@ -93,13 +93,13 @@ def _shaken_force(coupling: Coupling, depth_m: float, amplitude_m: FloatArray, e
     time = period * np.arange(round(end_s / period) + 1)
     ramp = depth_m * np.clip(time / ramp_s, 0.0, 1.0)
     last = slice(round(settled_s / period), None)
-    found = []
+    stiffnesses = []
     for hz, moved_m in zip(each_hz, amplitude_m, strict=True):
         goes = ramp + moved_m * np.sin(2 * np.pi * hz * np.maximum(time - ramp_s, 0.0))
         position, force = (part[last] for part in _led(coupling, goes, float(np.max(each_hz))))
         wave = np.exp(-2j * np.pi * hz * time[:-1][last]) * np.hanning(len(position))
-        found.append(((force - force.mean()) @ wave) / ((position - position.mean()) @ wave))
-    return np.array(found)
+        stiffnesses.append(((force - force.mean()) @ wave) / ((position - position.mean()) @ wave))
+    return np.array(stiffnesses)
 
 
 def _led(
@@ -152,13 +152,13 @@ def contact_onset_m(coupling: Coupling) -> dict[str, float | None]:
     from_m, radius = -0.04, coupling.problem.device.metres_per_unit
     # A grip stiff enough that the wall does not slow the hand.
     hand = Hand(np.array([1.0]), np.array([600.0]), np.array([1e5])).at_handle(radius)
-    found: dict[str, float | None] = {}
+    onsets: dict[str, float | None] = {}
     for speed in STRIKES_M_PER_S:
         press = Press(start_m=from_m / radius, end_m=REACHED_M / radius, speed_m_per_s=speed / radius)
         (run,) = traces(Setup.of(coupling), hand, press, (REACHED_M - from_m) / speed)
         pushed = np.flatnonzero(run.force_n[0] / radius > NOTICED_N)
-        found[f"{speed / radius:g}"] = float(run.depth_m[0, pushed[0]]) if len(pushed) else None
-    return found
+        onsets[f"{speed / radius:g}"] = float(run.depth_m[0, pushed[0]]) if len(pushed) else None
+    return onsets
 
 
 @dataclass(frozen=True)
@@ -230,11 +230,12 @@ def creep(coupling: Coupling) -> Creep | None:
 def rebound(coupling: Coupling, *, at_face: bool = False) -> dict[str, float]:
     """Return exit speed of the released device's handle over approach speed, by that; or over that at the face."""
     setup, radius = Setup.of(coupling), coupling.problem.device.metres_per_unit
-    some = (setup, setup.without(FRICTION)) if setup.rough else (setup,)
-    return {
-        f"{speed / radius:g}": max(float(_strikes(one, speed / radius, at_face=at_face).max()) for one in some)
-        for speed in STRIKES_M_PER_S
-    }
+    setups = (setup, setup.without(FRICTION)) if setup.rough else (setup,)
+    shares = {}
+    for rim_m_per_s in STRIKES_M_PER_S:
+        speed = rim_m_per_s / radius
+        shares[f"{speed:g}"] = max(float(_strikes(case, speed, at_face=at_face).max()) for case in setups)
+    return shares
 
 
 def _strikes(setup: Setup, speed_m_per_s: float, *, at_face: bool, strikes: int = 32, steps: int = 200) -> FloatArray:
@@ -270,11 +271,11 @@ def ripple(coupling: Coupling, seed: int = 0) -> Ripple:
     """Return the ripple in steady motion, prescribed first, then by hands whose target moves."""
     radius, drawn_s = coupling.problem.device.metres_per_unit, 1.5
     speeds = [speed / radius for speed in SLOW_M_PER_S]
-    found = {f"{speed:g}": _ripple_n(coupling, speed) for speed in speeds}
+    prescribed_n = {f"{speed:g}": _ripple_n(coupling, speed) for speed in speeds}
     people = people_of(coupling.problem.hands, 16, seed)
     drawn = Press(start_m=0.0, end_m=2 * speeds[0] * drawn_s, speed_m_per_s=speeds[0])
     felt = [part.vibration for part in traces(Setup.of(coupling), people, drawn, drawn_s)]
-    return Ripple(found, len(people), int((np.concatenate(felt) < QUIET).sum()))
+    return Ripple(prescribed_n, len(people), int((np.concatenate(felt) < QUIET).sum()))
 
 
 def _ripple_n(coupling: Coupling, speed_per_s: float) -> float:
@@ -320,7 +321,7 @@ def deployed(coupling: Coupling) -> Deployed:
     # The wall's face lies at mid-step of the encoder, as in a scene.
     setup = replace(Setup.of(coupling), steps_anywhere=False)
     presses = traces(setup, hands, at_handle(Press(), device), 1.0)
-    pressed = np.concatenate([one.position_m if one.handle_m is None else one.handle_m for one in presses])
+    pressed = np.concatenate([run.position_m if run.handle_m is None else run.handle_m for run in presses])
     hz = (1.0, 2.0, 3.0, 5.0, 7.0, 10.0, 15.0, 20.0, 30.0, 50.0, 70.0, 100.0)
     return Deployed(
         coupling=coupling,
@@ -389,19 +390,20 @@ def _heaviest_tool(engine: Simulation, problem: Problem) -> NominalEnd:
 
 @nominal_end.register
 def _nominal_follower(follower: Follower, problem: Problem) -> NominalEnd:
-    other, none, t = follower.at_leader(), np.zeros(2), problem.device.sample_time_s
-    touched = sampled_plant(other.model_copy(update={"range": DeviceRange()}), Hand(none, none, none))
-    touch = Touch.of(touched, np.array([0.0, np.inf]), none)
-    link = link_clocks(t, other.sample_time_s, *follower.delays_s[-1])[-1]
+    far, nothing = follower.at_leader(), np.zeros(2)
+    t = problem.device.sample_time_s
+    touched = sampled_plant(far.model_copy(update={"range": DeviceRange()}), Hand(nothing, nothing, nothing))
+    touch = Touch.of(touched, np.array([0.0, np.inf]), nothing)
+    link = link_clocks(t, far.sample_time_s, *follower.delays_s[-1])[-1]
     moving, held = (Link(Body.motion_source(t), touch.axes(place), link, follower) for place in (0, 1))
-    return NominalEnd(moving, held, moves=True, mass_kg=other.mass_kg, damping_ns_per_m=other.damping_ns_per_m)
+    return NominalEnd(moving, held, moves=True, mass_kg=far.mass_kg, damping_ns_per_m=far.damping_ns_per_m)
 
 
 def rendered_band(problem: Problem, gains: ToolGains) -> tuple[tuple[Felt, ...], float, float]:
     """Return the impedance over the band of hand motion and perception, and mass and damping of both ends as one."""
     device, far = problem.device, nominal_end(problem.end, problem)
-    found = rendered_pair(problem, gains, np.geomspace(0.3, 100.0, 80).tolist())
-    return found, device.mass_kg + far.mass_kg, device.damping_ns_per_m + far.damping_ns_per_m
+    rendered_impedance = rendered_pair(problem, gains, np.geomspace(0.3, 100.0, 80).tolist())
+    return rendered_impedance, device.mass_kg + far.mass_kg, device.damping_ns_per_m + far.damping_ns_per_m
 
 
 def rendered_pair(

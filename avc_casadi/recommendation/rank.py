@@ -24,6 +24,7 @@ FELT_ERROR = 0.1
 # Settling time after release below which no difference is noticed; twice as long counts as an error of 0.35, and
 # stiffness at rest as a fifth of the same share in motion.
 _AT_ONCE_S, _PER_SETTLING, _PER_SOFTER = 0.5, 0.5, 0.2
+_LEAST_SHARE = 1e-9  # of the wall's stiffness: a coupling of none counts as one of this share
 # Share within which stiffnesses are equal; and of the static one at the end of a press, below which the latter counts.
 _AS_STIFF, _SLOW = 0.01, 0.95
 UNNOTICED = 0.2
@@ -65,13 +66,14 @@ class Candidate:
     @property
     def at_rest(self) -> float:
         """Share of the hands that settle."""
-        rests = [*(one.stable for one in self.trials), *self.beyond]
+        rests = [*(trial.stable for trial in self.trials), *self.beyond]
         return float(np.concatenate(rests).mean())
 
     @property
     def quiet_hands(self) -> tuple[int, int]:
         """How many hands stay below the vibrotactile detection threshold, also within the ranges, and of how many."""
-        return sum(int(one.quiet.sum()) for one in self.trials), sum(one.hands for one in self.trials)
+        below = sum(int(trial.quiet.sum()) for trial in self.trials)
+        return below, sum(trial.hands for trial in self.trials)
 
     @property
     def quiet(self) -> bool:
@@ -93,9 +95,11 @@ class Candidate:
     @cached_property
     def distance(self) -> float:
         """Distance from the wall: of impedance or rebound, with prices on settling time and softness at rest."""
-        wall, settling_s = self.coupling.wall.stiffness_n_per_m, transients(self.coupling)[0].settling_s
-        share = self.coupling.static_stiffness_n_per_m / wall if wall > 0 else 1.0
-        slow, soft = math.log(max(settling_s, _AT_ONCE_S) / _AT_ONCE_S), max(0.0, -math.log(max(share, 1e-9)))
+        wall_n_per_m = self.coupling.wall.stiffness_n_per_m
+        released, _ = transients(self.coupling)
+        share = self.coupling.static_stiffness_n_per_m / wall_n_per_m if wall_n_per_m > 0 else 1.0
+        slow = math.log(max(released.settling_s, _AT_ONCE_S) / _AT_ONCE_S)
+        soft = max(0.0, -math.log(max(share, _LEAST_SHARE)))
         return max(self.error, self.rebound_excess, FELT_ERROR) + _PER_SETTLING * slow + _PER_SOFTER * soft
 
     @cached_property
@@ -144,24 +148,26 @@ def error_in_motion(coupling: Coupling) -> float:
 def best_of(candidates: list[Candidate], *, lean_on_friction: bool = False) -> Candidate:
     """Return the best: by safety, vibration threshold, distance; of those as near the plainest without a late push."""
 
-    def safety(one: Candidate) -> int:
-        return max(one.safety, 1) if lean_on_friction else one.safety
+    def safety(candidate: Candidate) -> int:
+        return max(candidate.safety, 1) if lean_on_friction else candidate.safety
 
-    safest = min(safety(one) for one in candidates)
-    left = [one for one in candidates if safety(one) == safest]
+    safest = min(safety(candidate) for candidate in candidates)
+    left = [candidate for candidate in candidates if safety(candidate) == safest]
     if safest == 2:
-        most = max(one.at_rest for one in left)
-        left = [one for one in left if one.at_rest == most]
-    left = [one for one in left if one.quiet] or left
-    nearest = min(one.distance for one in left)
-    as_near = [one for one in left if one.distance <= nearest + FELT_ERROR]
+        most = max(candidate.at_rest for candidate in left)
+        left = [candidate for candidate in left if candidate.at_rest == most]
+    left = [candidate for candidate in left if candidate.quiet] or left
+    nearest = min(candidate.distance for candidate in left)
+    as_near = [candidate for candidate in left if candidate.distance <= nearest + FELT_ERROR]
     leaving = _without_late_push(as_near)
     quiet = max(int(candidate.trial.quiet.sum()) for candidate in leaving)
     quietest = [candidate for candidate in leaving if int(candidate.trial.quiet.sum()) == quiet]
-    # Of several those for which a proof of L7 is likely, or all if there are none.
-    left = ([one for one in quietest if one.promises_rest] or quietest) if len(quietest) > 1 else quietest
-    most_n_per_m = max(one.felt_n_per_m for one in left)
-    return min((one for one in left if one.felt_n_per_m >= (1 - _AS_STIFF) * most_n_per_m), key=_plainness)
+    left = quietest
+    if len(quietest) > 1:
+        # Those for which a proof of L7 is likely, or all if there are none.
+        left = [candidate for candidate in quietest if candidate.promises_rest] or quietest
+    least_n_per_m = (1 - _AS_STIFF) * max(candidate.felt_n_per_m for candidate in left)
+    return min((candidate for candidate in left if candidate.felt_n_per_m >= least_n_per_m), key=_plainness)
 
 
 def _without_late_push(candidates: list[Candidate]) -> list[Candidate]:
@@ -176,9 +182,11 @@ def _without_late_push(candidates: list[Candidate]) -> list[Candidate]:
     return [candidate for candidate in candidates if candidate.pushes_outside_s <= longest_s]
 
 
-def _plainness(one: Candidate) -> tuple[float, ...]:
+def _plainness(candidate: Candidate) -> tuple[float, ...]:
     """Return what orders candidates that are equally near: a law after all others, of laws the nearest first."""
-    return (1.0, one.distance + one.error) if one.coupling.runtime.state_feedback is not None else (0.0, one.order)
+    if candidate.coupling.runtime.state_feedback is not None:
+        return 1.0, candidate.distance + candidate.error
+    return 0.0, candidate.order
 
 
 def reason_of(best: Candidate | None, candidates: list[Candidate], considered: int) -> str:
@@ -189,9 +197,10 @@ def reason_of(best: Candidate | None, candidates: list[Candidate], considered: i
         return f"not all simulated hands settle with any of {len(candidates)} deployable candidates"
     lean = "; hands settle only thanks to the declared dry friction" if best.safety else ""
     why = f"the nearest to the wall, in motion and when released, of {len(candidates)} deployable candidates{lean}"
-    worse = [one for one in candidates if (one.safety, not one.quiet) > (best.safety, not best.quiet)]
-    other = min(worse, key=lambda one: (one.safety, one.error), default=best)
-    if other.error > best.error - FELT_ERROR:
+    rank = best.safety, not best.quiet
+    worse = [candidate for candidate in candidates if (candidate.safety, not candidate.quiet) > rank]
+    nearer = min(worse, key=lambda candidate: (candidate.safety, candidate.error), default=best)
+    if nearer.error > best.error - FELT_ERROR:
         return why
-    errors = f"impedance error without encoder steps {100 * other.error:.3g} %, here {100 * best.error:.3g} %"
-    return f"{why}; with a nearer {other.coupling.method} ({errors}) {other.flaw(best.safety)}"
+    errors = f"impedance error without encoder steps {100 * nearer.error:.3g} %, here {100 * best.error:.3g} %"
+    return f"{why}; with a nearer {nearer.coupling.method} ({errors}) {nearer.flaw(best.safety)}"

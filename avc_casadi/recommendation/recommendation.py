@@ -18,7 +18,7 @@ from avc_casadi.loops.loop_family import Mode
 from avc_casadi.loops.margins import OpenLoop, transients
 from avc_casadi.model.ends import End, Follower, Simulation, ToolGains
 from avc_casadi.model.problem import Problem
-from avc_casadi.recommendation.evaluator import PerturbedDevices, Withstood
+from avc_casadi.recommendation.evaluator import PerturbedDevices, UnmodelledTrial
 from avc_casadi.recommendation.felt import (
     NOTICED_N,
     WITHDRAWN_S,
@@ -274,7 +274,7 @@ class WallRecommendation(Recommendation):
     limits: WallLimits = WallLimits()
     confirmed: CouplingTrial | None = None
     off_file: PerturbedDevices | None = None
-    beyond_file: tuple[Withstood, ...] = ()
+    beyond_file: tuple[UnmodelledTrial, ...] = ()
     trade_off: tuple[Trade, ...] = ()
 
     @property

@@ -33,21 +33,21 @@ def what_would_help(problem: Problem) -> tuple[Help, ...]:
     """Return the limit of a plain spring and damper after each change, most effective first."""
     if problem.environment.stiffness_n_per_m == 0:
         return ()
-    found = [
+    changes = [
         Help(change, float(stiffest_wall(PlantFamily.of(problem.changed(device=values))).stiffness_n_per_m))
         for change, values in _linear_changes(problem.device).items()
     ]
-    return tuple(sorted(found, key=lambda one: -one.stiffest_wall_n_per_m))
+    return tuple(sorted(changes, key=lambda change: -change.stiffest_wall_n_per_m))
 
 
 def _linear_changes(device: Device) -> dict[str, dict[str, Any]]:
     """Return improvements that linear stability captures, one at a time, with the keys that change."""
     keys: dict[str, dict[str, Any]] = {"half the sample time": {"sample_time_s": device.sample_time_s / 2}}
-    for what, key in (("damping", "damping_ns_per_m"), ("mass", "mass_kg")):
+    for property_name, key in (("damping", "damping_ns_per_m"), ("mass", "mass_kg")):
         value, interval = getattr(device, key), getattr(device.range, key)
         twice = None if interval is None else tuple(2 * end for end in interval)
         if value:
-            keys[f"twice the {what} of the device"] = {key: 2 * value, "range": {key: twice}}
+            keys[f"twice the {property_name} of the device"] = {key: 2 * value, "range": {key: twice}}
     if device.delay_samples:
         keys["no delay"] = {"delay_samples": 0, "range": {"delay_samples": None}}
     if device.amplifier_bandwidth_hz is not None:
@@ -57,6 +57,13 @@ def _linear_changes(device: Device) -> dict[str, dict[str, Any]]:
         nothing = dict.fromkeys(type(device.resonance).model_fields)
         keys["no resonance"] = {"resonance": None, "encoder_at": "motor", "range": {"resonance": nothing}}
     return keys
+
+
+TRADED_MARGINS = (0.1, 0.2, 0.3, 0.5)
+"""Disk margins whose price in accuracy is shown."""
+TRADED_HZ = (1.0, 10.0, 30.0)
+"""Frequencies of the errors that are shown, from slow motion of a hand to the end of its band."""
+_SAME_MARGIN = 0.01  # disk margins closer than this are one point of the trade
 
 
 @dataclass(frozen=True)
@@ -71,22 +78,25 @@ class Trade:
 
 def trade_off(problem: Problem, progress: Progress = SILENT) -> tuple[Trade, ...]:
     """Return the points of a wall at disk margins that differ, each from the last; empty where there is no law."""
-    margins = (0.1, 0.2, 0.3, 0.5)
+    margins = TRADED_MARGINS
     none = problem.detent is not None or why_no_law(problem)
     answer = None if none else next(iter(program_answers(problem, margins[0])), None)
-    found: list[Trade] = []
+    trades: list[Trade] = []
     for done, margin in enumerate(margins):
         progress.advance(done, len(margins), "laws of the trade-off")
         if answer is None:
             break
         answer = answer if done == 0 else answer.with_goals(margin / answer.program.goals.disk_margin)
-        if found and abs(answer.performance.disk_margin - found[-1].disk_margin) < 0.01:
+        if trades and abs(answer.performance.disk_margin - trades[-1].disk_margin) < _SAME_MARGIN:
             continue
-        one, two, three = answer.errors(np.array([1.0, 10.0, 30.0])).tolist()
+        slow, brisk, fast = answer.errors(np.array(TRADED_HZ)).tolist()
         step = problem.device.encoder_resolution_m / problem.device.metres_per_unit
         ripple = answer.performance.noise_n_per_m * step
-        found.append(Trade(answer.performance.disk_margin, (one, two, three), ripple, answer.meets_goals))
-    return tuple(found)
+        trades.append(Trade(answer.performance.disk_margin, (slow, brisk, fast), ripple, answer.meets_goals))
+    return tuple(trades)
+
+
+_WORTH_SAYING = 1.02  # times the present limit: twice what the rough search of a change may be off
 
 
 @dataclass(frozen=True)
@@ -114,13 +124,16 @@ def what_would_help_tool(problem: Problem, search: ToolSearch, *, local: bool) -
     if tool.integrator != "implicit" and tool.tool_mass_kg is not None:
         changes["an implicit integrator"] = {"integrator": "implicit"}
     roughly = ToolSearchOptions(precision=0.01)  # one part in a hundred, beside a limit
-    every = {change: ToolSearch(problem.changed(simulation=keys), roughly, hands) for change, keys in changes.items()}
-    found = [ToolHelp(change, one.stiffest().stiffness_n_per_m) for change, one in every.items()]
+    helps = []
+    for change, keys in changes.items():
+        changed = ToolSearch(problem.changed(simulation=keys), roughly, hands)
+        helps.append(ToolHelp(change, changed.stiffest().stiffness_n_per_m))
     if not local:
-        beside = ToolSearch(problem, roughly, hands).stiffest_beside_local_damper().stiffness_n_per_m
-        found.append(ToolHelp("a damper in the device's own loop", beside))
-    better = (one for one in found if one.stiffest_n_per_m > 1.02 * search.limit[0].stiffness_n_per_m)
-    return tuple(sorted(better, key=lambda one: -one.stiffest_n_per_m))
+        damped = ToolSearch(problem, roughly, hands).stiffest_beside_local_damper()
+        helps.append(ToolHelp("a damper in the device's own loop", damped.stiffness_n_per_m))
+    worth_saying_n_per_m = _WORTH_SAYING * search.limit[0].stiffness_n_per_m
+    better = (change for change in helps if change.stiffest_n_per_m > worth_saying_n_per_m)
+    return tuple(sorted(better, key=lambda change: -change.stiffest_n_per_m))
 
 
 def stable_on_other_devices(problem: Problem, gains: ToolGains) -> bool:
@@ -171,16 +184,16 @@ def same_stiffness(problem: Problem, stiffness_n_per_m: float, *, local: bool) -
         return value if not value or held(key, value * unit) else find(lambda value: held(key, value * unit))
 
     names = ("on-time", "late", "ahead", "held-force")
-    found = {name: held("exchange", name, name == "held-force") for name in names}
+    gains_of = {name: held("exchange", name, name == "held-force") for name in names}
     mass = None if tool.tool_mass_kg is None else end(partial(_lightest_kg, tool), "tool_mass_kg")
     samples = end(partial(_slowest, _most_samples(tool, t)), "step_s", t)
-    found["least_tool_mass_kg"] = None if mass is None else held("tool_mass_kg", mass)
-    found["slowest_step_s"] = held("step_s", samples * t) if samples else None
+    gains_of["least_tool_mass_kg"] = None if mass is None else held("tool_mass_kg", mass)
+    gains_of["slowest_step_s"] = held("step_s", samples * t) if samples else None
     return {
         "least_tool_mass_kg": mass,
         "slowest_step_s": samples * t if samples else None,
-        "exchanges": {name: found[name] is not None for name in names},
-        "same_k": {name: gains for name, gains in found.items() if gains is not None},
+        "exchanges": {name: gains_of[name] is not None for name in names},
+        "same_k": {name: gains for name, gains in gains_of.items() if gains is not None},
     }
 
 

@@ -16,7 +16,13 @@ from avc_casadi.loops.walls import stiffest_wall
 from avc_casadi.model.gains import GainSchedule
 from avc_casadi.model.problem import Problem
 from avc_casadi.recommendation.candidates import judge_all, stiffest_rendered
-from avc_casadi.recommendation.evaluator import Evaluator, Withstood, missed, off_file, withstood
+from avc_casadi.recommendation.evaluator import (
+    Evaluator,
+    UnmodelledTrial,
+    off_file,
+    unmet_requirements,
+    unmodelled_trials,
+)
 from avc_casadi.recommendation.preconditions import assumed, not_used, nothing_rendered, why_infeasible
 from avc_casadi.recommendation.rank import UNNOTICED, Candidate, reason_of
 from avc_casadi.recommendation.recommendation import (
@@ -69,7 +75,7 @@ class WallDesign:
         """Return the answer with a coupling."""
         request, problem = self.request, self.problem
         mismatched = self._crew.begin(partial(off_file, best.coupling, request.seed))
-        unmodelled = self._crew.begin(partial(withstood, best.coupling, request.seed))
+        unmodelled = self._crew.begin(partial(unmodelled_trials, best.coupling, request.seed))
         certified = with_certificate(best.coupling, request.progress, prove=request.prove)
         known, rest = with_rest(certified, request.progress)
         off, beyond = mismatched(), unmodelled()
@@ -108,13 +114,13 @@ class WallDesign:
 
 
 def _shortfall(
-    problem: Problem, best: Candidate, beyond: tuple[Withstood, ...], *, by_friction: bool
+    problem: Problem, best: Candidate, beyond: tuple[UnmodelledTrial, ...], *, by_friction: bool
 ) -> tuple[Verdict, str]:
     """Return whether a deployable coupling stands its trials, and what it lacks."""
     nothing = nothing_rendered(problem, best.coupling.static_stiffness_n_per_m, best.trial)
     if nothing:
         return Verdict.NOTHING_RENDERED, nothing
-    unmet = missed(beyond, by_friction=by_friction)
+    unmet = unmet_requirements(beyond, by_friction=by_friction)
     if unmet:
         return Verdict.REQUIREMENT_UNMET, unmet
     if best.beyond and not best.beyond[0].all():
@@ -145,9 +151,11 @@ def judged(coupling: Coupling, schedule: GainSchedule, hands: int, progress: Pro
     problem = coupling.problem
     known, rest = with_rest(with_certificate(coupling, progress), progress)
     tried = try_coupling(known, people_of(problem.hands, hands), 0, progress)
-    claims, beyond = deployable(known, progress), withstood(known)
+    claims, beyond = deployable(known, progress), unmodelled_trials(known)
     limit = stiffest_wall(PlantFamily.of(problem)).stiffness_n_per_m
-    lacks = nothing_rendered(problem, known.static_stiffness_n_per_m, tried) or missed(beyond, by_friction=False)
+    lacks = nothing_rendered(problem, known.static_stiffness_n_per_m, tried) or unmet_requirements(
+        beyond, by_friction=False
+    )
     verdict = Verdict.REQUIREMENT_UNMET if lacks else Verdict.CLAIM_FAILS
     return WallRecommendation(
         problem=problem,

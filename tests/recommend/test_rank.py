@@ -21,7 +21,7 @@ from avc_casadi.model.corners import device_with
 from avc_casadi.model.gains import Gains, spring_before
 from avc_casadi.model.runtime import Runtime
 from avc_casadi.recommendation import candidates
-from avc_casadi.recommendation.evaluator import Evaluator, Withstood, missed
+from avc_casadi.recommendation.evaluator import Evaluator, UnmodelledTrial, unmet_requirements
 from avc_casadi.recommendation.felt import deployed
 from avc_casadi.recommendation.preconditions import nothing_rendered
 from avc_casadi.recommendation.rank import Candidate, best_of, reason_of
@@ -237,8 +237,8 @@ def test_the_worst_hand_is_the_one_with_the_least_damped_pole():
 
 @pytest.mark.parametrize("by_friction", [True, False])
 def test_who_rests_by_friction_is_missed_where_friction_does_not_count(by_friction):
-    found = Withstood("mass_share", 0.2, asked=True, hands=10, at_rest_without_friction=8, at_rest=10)
-    assert bool(missed((found,), by_friction=by_friction)) != by_friction
+    found = UnmodelledTrial("mass_share", 0.2, asked=True, hands=10, at_rest_without_friction=8, at_rest=10)
+    assert bool(unmet_requirements((found,), by_friction=by_friction)) != by_friction
 
 
 def test_twice_a_property_is_twice_the_range_within_which_it_is_known():
