@@ -126,7 +126,9 @@ class Decay(Condition):
         )
 
     def _at_sector(self, loops: LawLoops, row: int) -> Linearised:
-        sector, poles, ratios = SECTOR_GAINS[row], loops.poles[row], loops.decay_ratios[row]
+        sector = SECTOR_GAINS[row]
+        poles = loops.poles[row]
+        ratios = loops.decay_ratios[row]
         chosen = (ratios < 1 + self.near) & (poles.imag >= 0) & (np.abs(poles) > self.slowest_modulus)
         if not chosen.any():
             return Linearised(np.zeros(0), np.zeros((0, len(loops.gain))))

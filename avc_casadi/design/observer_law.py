@@ -153,10 +153,17 @@ class Structure:
         poles = np.exp(-2 * np.pi * t * np.geomspace(3.0, 0.25 / t, filters))
         state = np.diag(np.concatenate([np.zeros(n), poles]))
         state[:n, :n] = law.state
-        force, none, one = np.array(law.force_m_per_n), np.zeros(filters), np.ones(filters)
-        parts = np.concatenate([force, none]), np.concatenate([law.feedback, one])
-        gain = np.concatenate([law.innovation, none])
-        return cls(state, *parts, law.measures, law.positions, n, gain, stiffness)
+        unmoved = np.zeros(filters)  # no force moves a filter, and no innovation of the regulator passes one
+        return cls(
+            state=state,
+            force=np.concatenate([law.force_m_per_n, unmoved]),
+            feedback=np.concatenate([law.feedback, np.ones(filters)]),
+            measures=law.measures,
+            positions=law.positions,
+            modelled=n,
+            innovation=np.concatenate([law.innovation, unmoved]),
+            stiffness_n_per_m=stiffness,
+        )
 
     @cached_property
     def closed(self) -> FloatArray:
@@ -226,14 +233,17 @@ class Structure:
 
     def law(self, gain: FloatArray, problem: Problem) -> StateFeedback:
         """Return the law that runs; a damper of the wall acts on its position and is taken out of it before."""
-        a, b, r, found = self.state, self.force, self.feedback, gain
+        state, force, feedback = self.state, self.force, self.feedback
+        innovation = gain
         per_sample = problem.environment.damping_ns_per_m / problem.device.sample_time_s
         if per_sample > 0:
             total = self.stiffness_n_per_m + per_sample
-            r = np.append(self.stiffness_n_per_m * r, per_sample) / total
-            a = np.concatenate([np.pad(a, ((0, 0), (0, 1))), r[None]])
-            b, found = np.append(b, 0.0), np.append(found, 0.0)
-        return _law(problem.device, (a, b, found, r), self.positions, self.measures)
+            feedback = np.append(self.stiffness_n_per_m * feedback, per_sample) / total
+            # One more state: the position before, on which the damper acts.
+            state = np.concatenate([np.pad(state, ((0, 0), (0, 1))), feedback[None]])
+            force = np.append(force, 0.0)
+            innovation = np.append(innovation, 0.0)
+        return _law(problem.device, (state, force, innovation, feedback), self.positions, self.measures)
 
 
 @dataclass(frozen=True, eq=False)

@@ -78,7 +78,9 @@ class TrustRegion:
 
     def minimised(self, start: FloatArray) -> LawLoops:
         """Return the best law found from a stable gain L."""
-        settings, reach, slow = self.settings, self.settings.first_reach, 0
+        settings = self.settings
+        reach = settings.first_reach
+        slow = 0
         best = self.family.at(start)
         best_merit = self.merit(best)
         for _ in range(settings.most_steps):
@@ -136,7 +138,9 @@ class _QuadraticProgram:
     SOLVER_TOLERANCE = 1e-10  # DAQP's own, 1e-6, counts in rows that it scales by the curvature: 1e-3 in ours
 
     def __init__(self, axes: FloatArray, conditions: tuple[Condition, ...], reach: float) -> None:
-        self._axes, self._reach, self._directions = axes, reach, axes.shape[1]
+        self._axes = axes
+        self._reach = reach
+        self._directions = axes.shape[1]
         self._weights = np.array([1.0, *(condition.weight for condition in conditions)])
         self._rows: list[FloatArray] = []
         self._most: list[FloatArray] = []

@@ -183,7 +183,7 @@ def transitions(cases: Sequence[tuple[LinearPlant, float]]) -> list[Transition]:
     scales[:, n + 2] = steps_s
     scale = scales.reshape(len(cases), *(1,) * (augmented.ndim - 3), -1)
     wholes = expm(augmented * scale[..., None] / scale[..., None, :]) / scale[..., None] * scale[..., None, :]
-    return [Transition(one[..., :n, :n], one[..., :n, n], one[..., :n, n + 1 :]) for one in wholes]
+    return [Transition(whole[..., :n, :n], whole[..., :n, n], whole[..., :n, n + 1 :]) for whole in wholes]
 
 
 @dataclass(frozen=True)
@@ -266,12 +266,12 @@ def sampled_plant(
     mode: Mode | None = None,
 ) -> SampledPlant:
     """Discretise devices with a hand exactly."""
-    some = devices if isinstance(devices, Sequence) else (devices,)
-    first = some[0]
-    hands = hand if isinstance(hand, Sequence) else [hand] * len(some)
-    plants = [device_plant(device, one, mode) for device, one in zip(some, hands, strict=True)]
+    listed = devices if isinstance(devices, Sequence) else (devices,)
+    first = listed[0]
+    hands = hand if isinstance(hand, Sequence) else [hand] * len(listed)
+    plants = [device_plant(device, held, mode) for device, held in zip(listed, hands, strict=True)]
     grip = plants[0].grip
-    linear, steps_s = [plant.linear() for plant in plants], [_steps_s(device) for device in some]
+    linear, steps_s = [plant.linear() for plant in plants], [_steps_s(device) for device in listed]
     names = linear[0].names
     moves = transitions([(plant, step) for plant, steps in zip(linear, steps_s, strict=True) for step in steps])
     places = np.cumsum([0, *map(len, steps_s)])
@@ -283,7 +283,7 @@ def sampled_plant(
         matrix=matrix,
         new=new,
         old=old,
-        whole_delay=np.array([int(device.delay_samples) for device in some]),
+        whole_delay=np.array([int(device.delay_samples) for device in listed]),
         output_row=_row(names, sensed),
         held=_row(names, grip),
         sample_time_s=first.sample_time_s,

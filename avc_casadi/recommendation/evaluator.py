@@ -92,7 +92,10 @@ class Evaluator:
     ) -> None:
         self.candidates: list[Candidate] = []
         self.considered = 0
-        self._people, self._seed, self._progress, self._executor = people, seed, progress, executor
+        self._people = people
+        self._seed = seed
+        self._progress = progress
+        self._executor = executor
         self._trial = partial(try_coupling, seed=seed, executor=executor)
         self._lean, self._within = lean_on_friction, within
         count = 2 * len(people)

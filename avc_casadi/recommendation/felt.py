@@ -88,7 +88,9 @@ def shaken(
 
 def _shaken_force(coupling: Coupling, depth_m: float, amplitude_m: FloatArray, each_hz: FloatArray) -> ComplexArray:
     """Return commanded force over measured position for imposed sines of the sensor, N/m, shape (n,)."""
-    ramp_s, settled_s, end_s = 0.25, 2.0, 4.0  # into the wall, until the transient has decayed, and the record
+    ramp_s = 0.25  # into the wall
+    settled_s = 2.0  # until the transient has decayed
+    end_s = 4.0  # of the record
     period = coupling.problem.device.sample_time_s
     time = period * np.arange(round(end_s / period) + 1)
     ramp = depth_m * np.clip(time / ramp_s, 0.0, 1.0)

@@ -181,7 +181,8 @@ class PairDesign:
 
     def _stiffest_settled(self, plan: Plan) -> Settled | None:
         """Return the stiffest coupling with which all hands settle, without dry friction if one of two more does."""
-        problem, search, progress = self.problem, self.search, self.request.progress
+        problem, search = self.problem, self.search
+        progress = self.request.progress
         people = people_of(problem.hands, self.request.hands, self.request.seed)
         few, stiffness = people.pick(slice(0, FEW_HANDS)), plan.stiffness_n_per_m
         leaning: Settled | None = None
@@ -351,17 +352,17 @@ class FollowerDesign(PairDesign):
     def _passivity(self, gains: ToolGains) -> tuple[float | None, float | None]:
         """Return the passivity margin of the two-port and the damping that passivity needs; None where not known."""
         follower, leader = self.follower, self.problem.device
-        other, t = follower.at_leader(), leader.sample_time_s
-        if follower.architecture != "position-position" or not math.isclose(t, other.sample_time_s, rel_tol=1e-9):
+        far, t = follower.at_leader(), leader.sample_time_s
+        if follower.architecture != "position-position" or not math.isclose(t, far.sample_time_s, rel_tol=1e-9):
             return None, None
-        damping, far_damping = _least_damping(leader), _least_damping(other)
-        late, far_late = (max(device.range.delay_samples or (device.delay_samples,)) for device in (leader, other))
+        damping, far_damping = _least_damping(leader), _least_damping(far)
+        late, far_late = (max(device.range.delay_samples or (device.delay_samples,)) for device in (leader, far))
         pairs = []
         for delays_s in follower.delays_s:
-            there, back = (delay_s / t for delay_s in delays_s)
+            forth, back = (delay_s / t for delay_s in delays_s)
             # Unsynchronised clocks delay messages by at most this many samples, both ends together.
-            wait = 1 + (-(there + back)) % 1
-            pairs.append(Teleoperator(damping, far_damping, t, there + wait / 2, back + wait / 2, late, far_late))
+            wait = 1 + (-(forth + back)) % 1
+            pairs.append(Teleoperator(damping, far_damping, t, forth + wait / 2, back + wait / 2, late, far_late))
         return (
             min(passivity_margin(pair, gains)[0] for pair in pairs),
             max(least_damping_ns_per_m(pair, gains) for pair in pairs),

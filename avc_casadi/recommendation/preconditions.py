@@ -92,28 +92,32 @@ def why_infeasible(problem: Problem) -> str:
 
 def nothing_rendered(problem: Problem, felt_n_per_m: float, trial: CouplingTrial) -> str:
     """Return why nothing of the wall is rendered to a hand; empty where something is."""
-    device, press_n, unit = problem.device, PRESS_N * problem.device.metres_per_unit, problem.units.unit
+    device = problem.device
+    press_n = PRESS_N * device.metres_per_unit
+    unit = problem.units.unit
     # A robot that no hand holds is not pressed.
     if problem.environment.stiffness_n_per_m == 0 or not max(problem.hands.stiffness_n_per_m):
         return ""
     step, friction_n = device.encoder_resolution_m, device.coulomb_friction_n
-    advice, most_n, most = "check the units of these values", press_n, f"a press of {quantity(press_n, unit('N'))}"
+    advice = "check the units of these values"
+    most_n = press_n
+    most = f"a press of {quantity(press_n, unit('N'))}"
     if device.max_force_n is not None and device.max_force_n < press_n:
         most_n, most = device.max_force_n, f"the force limit (device.max_force_n, {device.max_force_n:g} {unit('N')})"
     if felt_n_per_m * step > most_n:
         encoder = f"the encoder (device.encoder_resolution_m, {step:g} {unit('m')})"
-        what = f"one step of {encoder} asks for more than {most}"
+        fact = f"one step of {encoder} asks for more than {most}"
     elif np.isfinite(trial.stiffness):
         return ""
     elif trial.at_force_limit.any():
-        what = f"every press ends at the force limit (device.max_force_n, {device.max_force_n:g} {unit('N')})"
+        fact = f"every press ends at the force limit (device.max_force_n, {device.max_force_n:g} {unit('N')})"
         advice = "check its unit, or state [hands] that press less"
     elif friction_n >= most_n:
         held = f"dry friction (device.coulomb_friction_n, {friction_n:g} {unit('N')})"
-        what = f"no press ends in contact, for {held} is no less than {most}"
+        fact = f"no press ends in contact, for {held} is no less than {most}"
     else:
-        what = f"no press ends in contact (device.encoder_resolution_m is {step:g} {unit('m')})"
-    return f"nothing of the wall is rendered: {what}; {advice}"
+        fact = f"no press ends in contact (device.encoder_resolution_m is {step:g} {unit('m')})"
+    return f"nothing of the wall is rendered: {fact}; {advice}"
 
 
 def assumed(problem: Problem, devices: int = 1) -> tuple[Assumption, ...]:
@@ -271,7 +275,7 @@ def _unused_of_simulation(tool: Simulation, problem: Problem) -> list[Unused]:  
     if tool.tool_mass_kg is None:
         keys += ["tool_damping_ns_per_m", "integrator", "substeps", "contact_stiffness_n_per_m"]
         why = "of a tool, and no tool_mass_kg is given"
-    elif any(0 < one < RIGID_N_PER_M for one in tool.contact_stiffness_n_per_m):
+    elif any(0 < contact < RIGID_N_PER_M for contact in tool.contact_stiffness_n_per_m):
         return []
     return [Unused(f"simulation.{key}", why) for key in keys if getattr(tool, key) != getattr(default, key)]
 
@@ -321,6 +325,6 @@ def _doubts_of_simulation(tool: Simulation, problem: Problem) -> dict[str, str]:
         found["integrator"] = "is explicit: it feeds whatever swings; take semi-implicit where the engine has it"
     if tool.substeps > 1:
         found["substeps"] = "hold a force as long as a slower engine: compute it anew in each of them (step_s)"
-    if any(abs(one / t - round(one / t)) > 1e-6 for one in tool.step_s):
+    if any(abs(step_s / t - round(step_s / t)) > 1e-6 for step_s in tool.step_s):
         found["step_s"] = f"is no whole multiple of T = {t:g} s: every phase of the two clocks is judged"
     return {f"{tool.kind}.{key}": text for key, text in found.items()}

@@ -23,7 +23,9 @@ FELT_ERROR = 0.1
 """Difference of stiffness or damping that is just noticed (Jones and Hunter, Perception and Psychophysics 1990)."""
 # Settling time after release below which no difference is noticed; twice as long counts as an error of 0.35, and
 # stiffness at rest as a fifth of the same share in motion.
-_AT_ONCE_S, _PER_SETTLING, _PER_SOFTER = 0.5, 0.5, 0.2
+_AT_ONCE_S = 0.5
+_PER_SETTLING = 0.5
+_PER_SOFTER = 0.2
 _LEAST_SHARE = 1e-9  # of the wall's stiffness: a coupling of none counts as one of this share
 # Share within which stiffnesses are equal; and of the static one at the end of a press, below which the latter counts.
 _AS_STIFF, _SLOW = 0.01, 0.95
