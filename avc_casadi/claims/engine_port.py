@@ -13,7 +13,7 @@ passive engine is stable (Brown and Colgate 1997); an explicit mass is not passi
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import singledispatch
 from typing import Any
 
@@ -21,6 +21,7 @@ import numpy as np
 
 from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.arrays import ComplexArray, FloatArray
+from avc_casadi._util.json_values import plain
 from avc_casadi.claims.levels import ideal
 from avc_casadi.claims.llewellyn import llewellyn_margin
 from avc_casadi.loops.engine import Clock, EngineLoop, clocks
@@ -145,24 +146,43 @@ def engine_port(device: Device, hands: Hands, tool: Simulation, gains: ToolGains
     )
 
 
+_CLAIM = (
+    "the port at which the engine meets the coupling is passive, with the corner hands of [hands] and released: "
+    "stable with any engine that is passive there, whatever its tool weighs and touches. Such an engine solves the "
+    "tool together with the coupling's force (implicit); one that moves a mass explicitly is none, however heavy"
+)
+
+
+@dataclass(frozen=True)
+class PortPassivity:
+    """Whether the port of an end is passive.
+
+    Attributes:
+        port: passivity of the port; None where it is not judged.
+        refused: why it is not judged; empty where it is.
+    """
+
+    port: EnginePort | None
+    refused: str = ""
+
+    def document(self) -> dict[str, Any]:
+        """Return JSON values."""
+        judged: dict[str, Any] = {"passive": None} if self.port is None else plain(self.port)
+        return judged | {"refused": self.refused or None, "claim": _CLAIM}
+
+
 @singledispatch
-def port_passivity(end: End, problem: Problem, gains: ToolGains) -> dict[str, Any]:  # noqa: ARG001 - most have no port
-    """Return the passivity of a coupling at the port of its end, JSON values; none where an end has no port."""
-    return {}
+def port_passivity(end: End, problem: Problem, gains: ToolGains) -> PortPassivity | None:  # noqa: ARG001
+    """Return the passivity of a coupling at the port of its end; None where an end has no port, as most."""
+    return None
 
 
 @port_passivity.register
-def _engine_passivity(end: Simulation, problem: Problem, gains: ToolGains) -> dict[str, Any]:
-    claim = (
-        "the port at which the engine meets the coupling is passive, with the corner hands of [hands] and released: "
-        "stable with any engine that is passive there, whatever its tool weighs and touches. Such an engine solves the "
-        "tool together with the coupling's force (implicit); one that moves a mass explicitly is none, however heavy"
-    )
+def _engine_passivity(end: Simulation, problem: Problem, gains: ToolGains) -> PortPassivity | None:
     try:
-        port = engine_port(problem.device, problem.hands, end, gains)
+        return PortPassivity(engine_port(problem.device, problem.hands, end, gains))
     except UnsupportedError as refusal:
-        return {"passive": None, "refused": str(refusal), "claim": claim}
-    return {**asdict(port), "refused": None, "claim": claim}
+        return PortPassivity(None, str(refusal))
 
 
 class _Port:

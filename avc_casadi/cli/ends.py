@@ -145,9 +145,8 @@ def _pair_certified(problem: avc.Problem, gains: ToolGains, file: str, console: 
     with console.step("certificate"):
         search = search_of(problem.end, problem)
         certificate, why = certify_pair(problem, gains, search), search.why_not(gains)
-    verdict = {"pass": not why, "sentence": why or "linearly stable"}
-    data = {"problem": problem.name, "gains": file, **vars(gains), "deployable": verdict, **certificate}
-    return rows.judge.pair_certificate(data, not_used(problem), problem, file)
+    result = rows.judge.CertifiedPair(problem, gains, file, certificate, why, not_used(problem))
+    return rows.judge.pair_certificate(result)
 
 
 @singledispatch

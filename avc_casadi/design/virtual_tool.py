@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import cached_property, partial, singledispatch
 from typing import Any
 
@@ -13,10 +13,10 @@ import numpy as np
 
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi._util.json_values import plain
-from avc_casadi.claims.engine_port import port_passivity
+from avc_casadi.claims.engine_port import PortPassivity, port_passivity
 from avc_casadi.loops.engine import ToolLoops
 from avc_casadi.loops.follower import FollowerLoops
-from avc_casadi.loops.loop_family import LoopFamily, Loops, WithGainMargin
+from avc_casadi.loops.loop_family import LoopFamily, Loops, Mode, WithGainMargin
 from avc_casadi.model.ends import End, Follower, Simulation, ToolGains, not_known
 from avc_casadi.model.hands import Hand
 from avc_casadi.model.problem import Problem
@@ -530,25 +530,61 @@ def edge(stable: Callable[[float], bool], low: float, high: float, precision: fl
     return low
 
 
-def certify_pair(problem: Problem, gains: ToolGains, search: EndSearch) -> dict[str, Any]:
-    """Return the certificate: JSON values, stability and passivity apart."""
+_CLAIM = (
+    "linear stability of the lifted loop: hands of [hands] and the device released, devices, tools, delays, steady "
+    "steps and contacts of their ranges (corners, then a search for the worst point inside), every phase of the clocks "
+    "(one where a step is a whole number of samples: it begins at a sample)"
+)
+
+
+@dataclass(frozen=True)
+class PairCertificate:
+    """Certificate of a spring and damper to another end than a wall: stability and passivity apart.
+
+    Attributes:
+        stable: whether all loops are stable, over all ranges.
+        spectral_radius: the largest, for a tick.
+        worst: the loop with it.
+        loops: number of loops.
+        gain_margin: of K and B at both ends.
+        motor_margins: of the device's motor alone, and of the follower's.
+        least_damped: the least damped oscillation; None where a loop is unstable.
+        passivity: that of the port of the end; None where it has none.
+    """
+
+    stable: bool
+    spectral_radius: float
+    worst: Any
+    loops: int
+    gain_margin: float
+    motor_margins: tuple[float, ...]
+    least_damped: Mode | None
+    passivity: PortPassivity | None
+
+    @property
+    def claim(self) -> str:
+        """What is claimed, in words."""
+        return _CLAIM
+
+    def document(self) -> dict[str, Any]:
+        """Return JSON values."""
+        values: dict[str, Any] = plain(self)
+        passivity = {} if self.passivity is None else self.passivity.document()
+        return {key: values[key] for key in values if key != "passivity"} | {"claim": _CLAIM, "passivity": passivity}
+
+
+def certify_pair(problem: Problem, gains: ToolGains, search: EndSearch) -> PairCertificate:
+    """Return the certificate: stability and passivity apart."""
     stable = search.loops.stable_over_ranges(gains)
     radius, case = search.loops.radius(gains)
-    certificate: dict[str, Any] = plain(
-        {
-            "stable": stable,
-            "spectral_radius": radius,
-            "worst": asdict(case),
-            "loops": search.loop_count,
-            **search.margins(gains),
-            "least_damped": asdict(search.loops.slowest(gains)) if stable else None,
-            "claim": (
-                "linear stability of the lifted loop: hands of [hands] and the device released, devices, tools, "
-                "delays, steady steps and contacts of their ranges (corners, then a search for the worst point "
-                "inside), every phase of the clocks (one where a step is a whole number of samples: it begins at a "
-                "sample)"
-            ),
-            "passivity": port_passivity(problem.end, problem, gains),
-        }
+    margins = search.margins(gains)
+    return PairCertificate(
+        stable=stable,
+        spectral_radius=radius,
+        worst=case,
+        loops=search.loop_count,
+        gain_margin=margins["gain_margin"],
+        motor_margins=tuple(margins["motor_margins"]),
+        least_damped=search.loops.slowest(gains) if stable else None,
+        passivity=port_passivity(problem.end, problem, gains),
     )
-    return certificate

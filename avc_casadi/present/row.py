@@ -30,8 +30,14 @@ QUANTITIES: dict[str, tuple[str, str]] = {
     "samples": ("_samples", ""),
     "share": ("share", ""),
 }
-MOST_ROWS, MOST_LINES, WIDTH = 15, 23, 100
-"""Rows and lines of an answer on a terminal, and their length."""
+MOST_ROWS = 15
+"""Rows of an answer on a terminal."""
+MOST_LINES = 23
+"""Lines of it."""
+WIDTH = 100
+"""Length of a line."""
+_KEPT_ROWS = 5
+"""First rows of an answer, which are never left out."""
 
 
 class Mark(Enum):
@@ -41,6 +47,10 @@ class Mark(Enum):
     FAIL = "✗"
     CAUTION = "!"
     NONE = " "
+
+
+_COLOURS = {Mark.PASS: "32", Mark.FAIL: "31", Mark.CAUTION: "33"}
+"""Colours of marks on a terminal, by their ANSI numbers."""
 
 
 def quantity_of(key: str) -> str:
@@ -84,20 +94,20 @@ Parts = Part | None | Iterable["Parts"]
 
 def parts(*given: Parts) -> tuple[Part, ...]:
     """Return values and texts in one sequence, without those that are empty."""
-    found: list[Part] = []
-    for one in given:
-        if isinstance(one, Value | str):
-            found += [one] if one != "" else []
-        elif one is not None:
-            found += parts(*one)
-    return tuple(found)
+    flat: list[Part] = []
+    for part in given:
+        if isinstance(part, Value | str):
+            flat += [part] if part != "" else []
+        elif part is not None:
+            flat += parts(*part)
+    return tuple(flat)
 
 
 def text_of(values: Iterable[Part], units: Units, tie: str = " ") -> str:
     """Return values and texts as one line; ``tie`` stands between a number and its unit."""
     line = ""
-    for one in values:
-        text = one if isinstance(one, str) else one.text(units).replace(" ", tie)
+    for value in values:
+        text = value if isinstance(value, str) else value.text(units).replace(" ", tie)
         close = not line or line.endswith("(") or text[:1] in {",", ";", ")", ":"}
         line += text if close else f" {text}"
     return line
@@ -105,30 +115,31 @@ def text_of(values: Iterable[Part], units: Units, tie: str = " ") -> str:
 
 def fill(template: str, values: Mapping[str, Any]) -> tuple[Part, ...]:
     """Return a template with the value of each {key} in its quantity; a colon begins its digits, or its quantity."""
-    found: list[Parts] = []
+    filled: list[Parts] = []
     for text, key, how, _ in Formatter().parse(template):
-        found.append(text.strip())
+        filled.append(text.strip())
         if key is not None:
-            value, of = values[key], how if how and how.isalpha() else quantity_of(key)
+            value = values[key]
+            quantity = how if how and how.isalpha() else quantity_of(key)
             digits = int(how) if how and how.isdigit() else 3
-            found.append(value if isinstance(value, str) else Value(value, of, digits))
-    return parts(*found)
+            filled.append(value if isinstance(value, str) else Value(value, quantity, digits))
+    return parts(*filled)
 
 
 def commas(groups: Iterable[Parts], between: str = ",") -> tuple[Part, ...]:
     """Return groups with a comma between them."""
-    found: list[Part] = []
+    joined: list[Part] = []
     for group in groups:
-        some = parts(group)
-        if some:
-            found += [between] if found else []
-            found += some
-    return tuple(found)
+        flat = parts(group)
+        if flat:
+            joined += [between] if joined else []
+            joined += flat
+    return tuple(joined)
 
 
 def span(values: Iterable[float | None], of: str) -> tuple[Part, ...]:
     """Return the lowest and the highest value, or the only one."""
-    known = [one for one in values if one is not None]
+    known = [value for value in values if value is not None]
     low, high = min(known), max(known)
     return (Value(low, of),) if low == high else (Value(low, of), "to", Value(high, of))
 
@@ -216,8 +227,10 @@ class Page:
 
     def rendered(self, answer: Answer, *, verbose: bool = False) -> str:
         """Return an answer as text; without verbose it ends with a screen, but for five rows and those with a mark."""
-        rows = [one for one in answer.rows if verbose or one.rank <= 0]
-        spare = [] if verbose or answer.whole else [one for one in rows[5:] if one.mark is Mark.NONE and one.rank == 0]
+        rows = [fact for fact in answer.rows if verbose or fact.rank <= 0]
+        spare: list[Row] = []
+        if not verbose and not answer.whole:
+            spare = [fact for fact in rows[_KEPT_ROWS:] if fact.mark is Mark.NONE and fact.rank == 0]
         lines = self._lines(answer, rows)
         labels: list[str] = []
         while spare and (len(rows) > MOST_ROWS or len(lines) > MOST_LINES):
@@ -229,13 +242,13 @@ class Page:
         return text.translate(str.maketrans("✓✗·±", "+X;+")) if self.plain else text
 
     def _lines(self, answer: Answer, rows: Sequence[Row]) -> list[str]:
-        label = max((len(one.name(answer.units)) for one in rows), default=0)
+        label = max((len(fact.name(answer.units)) for fact in rows), default=0)
         lines = [*_broken(answer.title, answer.units, self.width), ""] if answer.title else []
-        for one in rows:
-            first, *more = _broken(one.values, answer.units, self.width - label - 6) or [""]
-            colour = {Mark.PASS: "32", Mark.FAIL: "31", Mark.CAUTION: "33"}.get(one.mark) if self.colour else None
-            mark = one.mark.value if colour is None else f"\x1b[{colour}m{one.mark.value}\x1b[0m"
-            lines.append(f"  {mark} {one.name(answer.units):<{label}}  {first}".rstrip())
+        for fact in rows:
+            first, *more = _broken(fact.values, answer.units, self.width - label - 6) or [""]
+            colour = _COLOURS.get(fact.mark) if self.colour else None
+            mark = fact.mark.value if colour is None else f"\x1b[{colour}m{fact.mark.value}\x1b[0m"
+            lines.append(f"  {mark} {fact.name(answer.units):<{label}}  {first}".rstrip())
             lines += [f"{'':{label + 6}}{line}" for line in more]
         if answer.commands:
             onwards = "    ".join(answer.commands)

@@ -133,7 +133,7 @@ class PairDesign:
 
     def certificate(self, gains: ToolGains) -> dict[str, Any]:
         """Return the certificate, JSON values."""
-        return certify_pair(self.problem, gains, self.search)
+        return certify_pair(self.problem, gains, self.search).document()
 
     def helps(self) -> tuple[ToolHelp, ...]:
         """Return what would help, largest first."""

@@ -363,14 +363,14 @@ def _rows(end: End, problem: Problem, search: EndSearch, gains: ToolGains) -> li
     stable = search.loops.stable_over_ranges(gains)
     which = "corner hands, released, end stop:" if stable else "not all of"
     stability_row = row("Stability", f"{which} {search.loop_count} loops", mark=grade(stable))
-    return [row("Coupling", subject.pair(vars(gains))), stability_row, *_felt_rows(problem, gains)]
+    return [row("Coupling", subject.pair_of(gains)), stability_row, *_felt_rows(problem, gains)]
 
 
 @_rows.register
 def _rows_with_tool(end: Simulation, problem: Problem, search: EndSearch, gains: ToolGains) -> list[Row]:
-    coupling, felt = row("Coupling", subject.pair(vars(gains))), _felt_rows(problem, gains)
+    coupling, felt = row("Coupling", subject.pair_of(gains)), _felt_rows(problem, gains)
     certificate = certify_pair(problem, gains, search)
-    return [coupling, *stability(end, certificate), *felt, *passivity(end, certificate["passivity"])]
+    return [coupling, *stability(end, certificate.document()), *felt, *passivity(end, certificate.passivity)]
 
 
 def _felt_rows(problem: Problem, gains: ToolGains) -> list[Row]:
@@ -429,5 +429,5 @@ def _own_tool_coupling(
     search = explorer.cached(f"search {settings.key()}", lambda: search_of(end, problem))
     gains = ToolGains(**({"stiffness_n_per_m": 0.0, "damping_ns_per_m": 0.0} | _typed(explorer, settings)))
     certificate = certify_pair(problem, gains, search)
-    verdict = f"your K and B, {'stable' if certificate['stable'] else 'not stable'}, without a trial"
-    return Coupling.between(problem, gains, certificate, None, explorer.versions), verdict
+    verdict = f"your K and B, {'stable' if certificate.stable else 'not stable'}, without a trial"
+    return Coupling.between(problem, gains, certificate.document(), None, explorer.versions), verdict

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import singledispatch
 from pathlib import Path
@@ -14,18 +14,20 @@ from avc_casadi._util.json_values import plain
 from avc_casadi._util.text import percent
 from avc_casadi._util.units import Units
 from avc_casadi.claims.deployable import CertifiedCoupling, Deployable, DeployClaim
+from avc_casadi.claims.engine_port import EnginePort, PortPassivity
 from avc_casadi.claims.levels import LevelResult
 from avc_casadi.claims.own_law import CaseResult, LawCertificate, Remedy
 from avc_casadi.claims.zwidth import Curve, CurveKey, ZWidth
 from avc_casadi.design.scene_coupling import SimulatedPair, SimulatedScene
 from avc_casadi.design.tool_region import ToolCurve, ToolRegion
+from avc_casadi.design.virtual_tool import PairCertificate
 from avc_casadi.loops.margins import LEAST_DISK, SOUND_DISK
 from avc_casadi.model import EFFECTS
 from avc_casadi.model.effects import SaturationEffect
-from avc_casadi.model.ends import End, Simulation, Wall
+from avc_casadi.model.ends import End, Simulation, ToolGains, Wall
 from avc_casadi.model.problem import Problem
 from avc_casadi.present import words
-from avc_casadi.present.row import Answer, Mark, Part, Row, Value, caution, commas, fill, grade, parts, row, span
+from avc_casadi.present.row import Answer, Mark, Part, Row, Value, caution, commas, grade, parts, row, span
 from avc_casadi.present.rows import subject
 from avc_casadi.present.rows.recommend import stability
 from avc_casadi.recommendation.preconditions import Unused
@@ -241,44 +243,96 @@ def _remedy(remedy: Remedy) -> tuple[Part, ...]:
     return parts(_law(remedy.changes), "(disk margin", Value(remedy.disk_margin, "number", 2), ")")
 
 
-def pair_certificate(data: Mapping[str, Any], unused: Sequence[Unused], problem: Problem, shown: str) -> Answer:
-    """Return the answer of `certify` of a coupling to another end: stability, and passivity apart."""
-    data = {**data, "not_used": [str(key) for key in unused]}
-    verdict = data["deployable"]
-    text = f"{'yes' if verdict['pass'] else 'no'}: {verdict['sentence']}"
-    rows = [row("Deployable", text, mark=grade(verdict["pass"])), row("Coupling", subject.pair(data))]
-    rows += [*stability(problem.end, data), *passivity(problem.end, data["passivity"])]
-    rows += [*subject.not_used(unused), row("Claim", data["claim"], rank=1)]
-    complaint = "" if verdict["pass"] else f"avc: {shown}: not deployable"
-    return subject.answer("certify", data, problem, shown, rows, complaint=complaint)
+@dataclass(frozen=True)
+class CertifiedPair:
+    """What `avc certify` finds of a coupling to another end than a wall.
+
+    Attributes:
+        problem: the problem.
+        gains: the coupling.
+        file: the file of the coupling, or of the problem.
+        certificate: stability and passivity.
+        fault: why it should not run on a device; empty where it may.
+        not_used: declared keys that are no part of it.
+    """
+
+    problem: Problem
+    gains: ToolGains
+    file: str
+    certificate: PairCertificate
+    fault: str
+    not_used: tuple[Unused, ...]
+
+    @property
+    def passed(self) -> bool:
+        """Whether it may be deployed."""
+        return not self.fault
+
+    @property
+    def sentence(self) -> str:
+        """The verdict in words."""
+        return self.fault or "linearly stable"
+
+    def document(self) -> dict[str, Any]:
+        """Return the `certify` document: JSON values only."""
+        return {
+            "problem": self.problem.name,
+            "gains": self.file,
+            **plain(self.gains),
+            "deployable": {"pass": self.passed, "sentence": self.sentence},
+            **self.certificate.document(),
+            "not_used": [str(unused) for unused in self.not_used],
+        }
+
+
+def pair_certificate(result: CertifiedPair) -> Answer:
+    """Return the answer of `certify` of a coupling to a simulation: stability, and passivity apart."""
+    problem, certificate = result.problem, result.certificate
+    rows = [
+        row("Deployable", f"{'yes' if result.passed else 'no'}: {result.sentence}", mark=grade(result.passed)),
+        row("Coupling", subject.pair_of(result.gains)),
+        *stability(problem.end, certificate.document()),
+        *passivity(problem.end, certificate.passivity),
+        *subject.not_used(result.not_used),
+        row("Claim", certificate.claim, rank=1),
+    ]
+    complaint = "" if result.passed else f"avc: {result.file}: not deployable"
+    return subject.answer("certify", result.document(), problem, result.file, rows, complaint=complaint)
 
 
 @singledispatch
-def passivity(end: End, found: Mapping[str, Any]) -> list[Row]:  # noqa: ARG001
+def passivity(end: End, found: PortPassivity | None) -> list[Row]:  # noqa: ARG001
     """Return whether the port of an end is passive; of most none is known."""
     return []
 
 
 @passivity.register
-def _engine_passivity(tool: Simulation, found: Mapping[str, Any]) -> list[Row]:
+def _engine_passivity(tool: Simulation, found: PortPassivity | None) -> list[Row]:
     """Return whether the engine's port is passive, and the engines to which that applies."""
-    if tool.tool_mass_kg is None:  # where the tool is fixed the engine is no port
+    if found is None or tool.tool_mass_kg is None:  # where the tool is fixed the engine is no port
         return []
-    if found["refused"]:
-        return [row("Engine's port", f"not judged: {found['refused']}", mark=Mark.CAUTION)]
-    text: tuple[Part, ...] = ("not passive: with the tool held in place the device is unstable",)
-    if found["margin_ns_per_m"] is not None:
-        known = {**found, "margin_ns_per_m": abs(found["margin_ns_per_m"])}
-        spare = "passive with {margin_ns_per_m} to spare: stable with any passive engine, whatever its tool touches"
-        lacks = "not passive: lacks {margin_ns_per_m} at {frequency_hz},"
-        text = fill(spare, known) if found["passive"] else parts(fill(lacks, known), subject.hand(found["hand"]))
-    if found["any_hand"] is not None:
-        text = (*text, f"; {'with' if found['any_hand'] else 'not with'} any passive hand (Llewellyn)")
-    rows = [row("Engine's port", text, mark=Mark.PASS if found["passive"] else Mark.NONE)]
-    if not found["engine_is_implicit"]:
+    port = found.port
+    if port is None:
+        return [row("Engine's port", f"not judged: {found.refused}", mark=Mark.CAUTION)]
+    text = _port_margin(port)
+    if port.any_hand is not None:
+        text = (*text, f"; {'with' if port.any_hand else 'not with'} any passive hand (Llewellyn)")
+    rows = [row("Engine's port", text, mark=Mark.PASS if port.passive else Mark.NONE)]
+    if not port.engine_is_implicit:
         why = f"{tool.integrator} is none: it integrates the tool explicitly; Stability holds, for the declared tools"
-        rows.append(row("Passive engine", why, mark=caution(found["passive"])))
+        rows.append(row("Passive engine", why, mark=caution(port.passive)))
     return rows
+
+
+def _port_margin(port: EnginePort) -> tuple[Part, ...]:
+    """Return by how much a port is passive, or what it lacks and with which hand."""
+    if not math.isfinite(port.margin_ns_per_m):
+        return ("not passive: with the tool held in place the device is unstable",)
+    margin = Value(abs(port.margin_ns_per_m), "damping")
+    if port.passive:
+        return parts("passive with", margin, "to spare: stable with any passive engine, whatever its tool touches")
+    hz = Value(port.frequency_hz, "frequency")
+    return parts("not passive: lacks", margin, "at", hz, ",", subject.hand(port.hand))
 
 
 def region(result: ToolRegion, problem: Problem, shown: str = "") -> Answer:
