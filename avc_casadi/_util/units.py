@@ -11,6 +11,24 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 MotionKind = Literal["linear", "rotary"]
+Quantity = Literal[
+    "damping",
+    "stiffness",
+    "speed",
+    "mass",
+    "frequency",
+    "force",
+    "length",
+    "time",
+    "energy",
+    "phase",
+    "gain",
+    "samples",
+    "steps",
+    "share",
+    "number",
+]
+"""What a value measures."""
 
 # Endings of keys; the longest first.
 _ENDINGS = {

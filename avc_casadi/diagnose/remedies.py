@@ -11,6 +11,7 @@ import numpy as np
 from scipy import optimize
 
 from avc_casadi._util.arrays import FloatArray
+from avc_casadi._util.units import Quantity
 from avc_casadi.diagnose.law import FittedLaw, Switch
 from avc_casadi.diagnose.oscillation import FORCE_QUANTILES, Log, Oscillation
 from avc_casadi.diagnose.plant import DeviceValue, Hypothesis, IntendedLaw, growth, stable
@@ -412,7 +413,7 @@ class Remedy:
     key: RemedyKey
     value: float
     before: float
-    quantity: str
+    quantity: Quantity
     by_friction: bool = False
     while_held: bool = False
 
@@ -578,11 +579,12 @@ def _of_switch(law: FittedLaw, switch: Switch, scene: LoggedScene, design: Inten
     if abs(switch.force_n) >= _AT_LIMIT * (design.device.max_force_n or math.inf):
         return
     swing = scene.swing
-    size, quantity = {
+    sizes: dict[str, tuple[float, Quantity]] = {
         "position": (swing.peak_to_peak_m, "length"),
         "speed": (swing.peak_to_peak_m * 2 * math.pi * swing.frequency_hz, "speed"),
         "force": (swing.force_peak_to_peak_n, "force"),
-    }[switch.by]
+    }
+    size, quantity = sizes[switch.by]
     for width in (size * np.geomspace(*_RAMP_WIDTHS, _RAMP_COUNT)).tolist():
         # A wider ramp is softer: it is played with a fifth less.
         yield _Change(Remedy("switch_width", width, 0.0, quantity), law, replace(scene, width=_RAMP_MARGIN * width))

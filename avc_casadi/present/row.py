@@ -10,13 +10,13 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from string import Formatter
-from typing import Any, TextIO
+from typing import Any, TextIO, get_args
 
 from avc_casadi._util.text import number, percent, quantity
-from avc_casadi._util.units import LINEAR, Units
+from avc_casadi._util.units import LINEAR, Quantity, Units
 
 # Ending of keys and unit of each quantity, the longest ending first.
-QUANTITIES: dict[str, tuple[str, str]] = {
+QUANTITIES: dict[Quantity, tuple[str, str]] = {
     "damping": ("_ns_per_m", "N.s/m"),
     "stiffness": ("_n_per_m", "N/m"),
     "speed": ("_m_per_s", "m/s"),
@@ -53,7 +53,11 @@ _COLOURS = {Mark.PASS: "32", Mark.FAIL: "31", Mark.CAUTION: "33"}
 """Colours of marks on a terminal, by their ANSI numbers."""
 
 
-def quantity_of(key: str) -> str:
+_NAMED: dict[str, Quantity] = {name: name for name in get_args(Quantity)}
+"""Quantities by their names."""
+
+
+def quantity_of(key: str) -> Quantity:
     """Return what a value measures by the ending of its key."""
     return next((of for of, (ending, _) in QUANTITIES.items() if key.endswith(ending)), "number")
 
@@ -63,7 +67,7 @@ class Value:
     """A number and what it measures, in SI units of a linear device."""
 
     number: float | None
-    quantity: str
+    quantity: Quantity
     digits: int = 3
 
     @classmethod
@@ -120,7 +124,7 @@ def fill(template: str, values: Mapping[str, Any]) -> tuple[Part, ...]:
         filled.append(text.strip())
         if key is not None:
             value = values[key]
-            quantity = how if how and how.isalpha() else quantity_of(key)
+            quantity = _NAMED.get(how or "", quantity_of(key))
             digits = int(how) if how and how.isdigit() else 3
             filled.append(value if isinstance(value, str) else Value(value, quantity, digits))
     return parts(*filled)
@@ -137,7 +141,7 @@ def commas(groups: Iterable[Parts], between: str = ",") -> tuple[Part, ...]:
     return tuple(joined)
 
 
-def span(values: Iterable[float | None], of: str) -> tuple[Part, ...]:
+def span(values: Iterable[float | None], of: Quantity) -> tuple[Part, ...]:
     """Return the lowest and the highest value, or the only one."""
     known = [value for value in values if value is not None]
     low, high = min(known), max(known)

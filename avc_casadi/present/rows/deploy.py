@@ -12,7 +12,7 @@ from shlex import quote
 from typing import Any, ClassVar
 
 from avc_casadi._util.json_values import Document, plain
-from avc_casadi._util.units import Units
+from avc_casadi._util.units import Quantity, Units
 from avc_casadi.claims.deployable import Deployable
 from avc_casadi.coupling import Coupling
 from avc_casadi.model.ends import End, Follower, Simulation, Wall
@@ -66,7 +66,7 @@ def limits(result: ReportedDeviceLimits, units: Units) -> Answer:
     return Answer("limits", plain(result), (f"{result.port}   limits",), tuple(rows), units=units)
 
 
-def _limit(label: str, in_force: float, built_in: float, quantity: str) -> Row:
+def _limit(label: str, in_force: float, built_in: float, quantity: Quantity) -> Row:
     limit: Part = Value(in_force, quantity) if in_force else "no limit"
     of = ("of", Value(built_in, quantity), "built in") if built_in else "; none is built in"
     return row(label, limit, of)

@@ -10,7 +10,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from avc_casadi._util.arrays import FloatArray
 from avc_casadi._util.json_values import Document, plain
+from avc_casadi._util.units import Quantity
 from avc_casadi.design.comparison.comparison import Comparison, CrossCheck
 from avc_casadi.design.solution import SolvedGains
 from avc_casadi.files.model_file import TipMass
@@ -110,7 +112,7 @@ def without_gains(gains: GainSchedule) -> str:
 
 def _errors(gains: GainSchedule) -> list[Row]:
     """Return the largest errors of magnitude and impedance, and their frequencies."""
-    errors = (
+    errors: tuple[tuple[str, FloatArray, Quantity], ...] = (
         ("Error of |Z|", gains.magnitude_error, "damping"),
         ("Impedance error", gains.complex_error, "share"),
     )

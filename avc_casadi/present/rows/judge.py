@@ -12,7 +12,7 @@ from typing import Any, SupportsFloat
 
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.text import percent
-from avc_casadi._util.units import Units
+from avc_casadi._util.units import Quantity, Units
 from avc_casadi.claims.deployable import CertifiedCoupling, Deployable, DeployClaim
 from avc_casadi.claims.engine_port import EnginePort, PortPassivity
 from avc_casadi.claims.levels import LevelResult
@@ -54,7 +54,7 @@ class _LawValue:
 
     name: str
     option: str
-    quantity: str
+    quantity: Quantity
 
 
 _LAW = {

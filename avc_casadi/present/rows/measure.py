@@ -9,7 +9,7 @@ from shlex import quote
 
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.text import number
-from avc_casadi._util.units import Units
+from avc_casadi._util.units import Quantity, Units
 from avc_casadi.diagnose.causes import Diagnosis
 from avc_casadi.diagnose.fit import PlantFit
 from avc_casadi.diagnose.law import FittedLaw
@@ -92,7 +92,7 @@ def plan(planned: ExcitationPlan, units: Units, shown: str, port: str) -> Answer
     limits, forecast = planned.limits, planned.forecast
     spring, damper = Value(planned.spring_n_per_m, "stiffness"), Value(planned.damper_ns_per_m, "damping")
 
-    def reached(label: str, most: float, allowed: float, quantity: str) -> Row:
+    def reached(label: str, most: float, allowed: float, quantity: Quantity) -> Row:
         return row(label, Value(most, quantity), "of", Value(allowed, quantity), f"allowed, {corners}")
 
     rows = [
@@ -236,7 +236,7 @@ def _fitted_law(law: FittedLaw, log: Log) -> Row:
     return row("Force", "k", spring, ", b", damper, "; residual", residual, period)
 
 
-def _gain(value: float, error: float, quantity: str) -> tuple[Part, ...]:
+def _gain(value: float, error: float, quantity: Quantity) -> tuple[Part, ...]:
     """Return a gain with its error, where that is more than a thousandth of it and not more than it."""
     within = ("±", Value(error, quantity, 1)) if 1e-3 * abs(value) < error < math.inf else None
     return parts("cannot tell" if error > abs(value) else Value(value, quantity), within)
