@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from avc_casadi.claims.deployable import ClaimName
     from avc_casadi.diagnose.remedies import RemedyKey
+    from avc_casadi.model.ends import Exchange
     from avc_casadi.recommendation.preconditions import Unused
+    from avc_casadi.simulation.scene import Claim
 
 # Certificates of couplings to a wall.
 
@@ -45,7 +47,32 @@ PASSIVE = {
 }
 """The levels of passivity, which deployment does not need, as the row *Passivity* names them."""
 
+# Margins and time responses.
+
+Who = Literal["released", "worst_hand"]
+"""Loops of which an answer gives margins and time responses."""
+
+LOOPS: dict[Who, str] = {"released": "released", "worst_hand": "worst corner hand"}
+"""What these loops are called."""
+
+# Simulations.
+
+EXCHANGES: dict[Exchange, str] = {
+    "on-time": "position and velocity that {step} begins with",
+    "late": "position and velocity that the step before {step} began with",
+    "ahead": "position and velocity read after {step}",
+    "held-force": "the force on the tool in {step}, which it holds until the next one",
+}
+"""What the device is handed; {step} is the call of the engine's step."""
+
 # Simulated scenes.
+
+ENDINGS: dict[Claim, str] = {
+    "asymptotic": "settles",
+    "held-by-friction": "settles by dry friction alone",
+    "unstable": "does not settle",
+}
+"""How a run ends."""
 
 NAMED_BY_GAINS = frozenset({"contact damper"})
 """Methods whose name is what the row of their gains begins with."""

@@ -28,11 +28,12 @@ from avc_casadi.model.problem import Problem
 from avc_casadi.paper.equations import loop_at
 from avc_casadi.paper.realism import perceived_bounds
 from avc_casadi.paper.rows import gain_schedule
+from avc_casadi.present import words
 from avc_casadi.present.explore.explorer import Explorer
 from avc_casadi.present.explore.settings import Settings, gains_of
 from avc_casadi.present.row import Row, grade, row
 from avc_casadi.present.rows import subject
-from avc_casadi.present.rows.judge import ENDINGS, own_law, passivity
+from avc_casadi.present.rows.judge import own_law, passivity
 from avc_casadi.present.rows.recommend import felt_rows, stability
 from avc_casadi.recommendation.felt import rendered_band, rendered_pair
 from avc_casadi.simulation.scene import Run
@@ -112,7 +113,7 @@ def touches(runs: Mapping[str, Run], problem: Problem, begins: str, names: Mappi
     for cls, run in runs.items():
         inside = slice(0, run.samples_in_reach)
         rows = _peaks(run.force_n[inside], run.position_m[inside])
-        name = f"{names[cls]}: {ENDINGS[run.claim][0]}{', buzzes' if run.buzzing else ''}"
+        name = f"{names[cls]}: {words.ENDINGS[run.claim]}{', buzzes' if run.buzzing else ''}"
         position.append(line(name, cls, run.time_s[inside][rows], 1e3 * run.position_m[inside][rows]))
         force.append(line(name, cls, run.time_s[inside][rows], run.force_n[inside][rows]))
     deepest = max((value for trace in position for value in trace["y"] if value is not None), default=0.0)

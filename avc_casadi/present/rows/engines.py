@@ -15,6 +15,7 @@ from avc_casadi._util.json_values import plain
 from avc_casadi.coupling import Coupling
 from avc_casadi.model.ends import Exchange, Simulation, mujoco_contact_n_per_m
 from avc_casadi.model.ends import ToolIntegrator as Integrator
+from avc_casadi.present import words
 from avc_casadi.present.row import Answer, Row, Value, caution, parts, row
 from avc_casadi.present.rows import subject
 
@@ -229,4 +230,4 @@ def _handed_out(tool: Simulation, engine: EngineNames) -> str:
     """Return what the engine hands to the device's loop, and when."""
     late = f", {subject.plural(tool.steps_late, 'step')} later" if tool.steps_late else ""
     ahead = "" if tool.exchange == "held-force" else f"; {_AHEAD}"
-    return f"hand out {subject.EXCHANGES[tool.exchange].format(step=engine.step)}{ahead}{late}"
+    return f"hand out {words.EXCHANGES[tool.exchange].format(step=engine.step)}{ahead}{late}"

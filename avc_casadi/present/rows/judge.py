@@ -32,14 +32,11 @@ from avc_casadi.present.rows import subject
 from avc_casadi.present.rows.recommend import stability
 from avc_casadi.recommendation.preconditions import Unused
 from avc_casadi.simulation.population.trial import RestCount
-from avc_casadi.simulation.scene import Claim, Run
+from avc_casadi.simulation.scene import Run
 from avc_casadi.simulation.screen import EffectCost, SceneCost
 
-ENDINGS: dict[Claim, tuple[str, Mark]] = {
-    "asymptotic": ("settles", Mark.PASS),
-    "held-by-friction": ("settles by dry friction alone", Mark.CAUTION),
-    "unstable": ("does not settle", Mark.FAIL),
-}
+_ENDING_MARKS = {"asymptotic": Mark.PASS, "held-by-friction": Mark.CAUTION, "unstable": Mark.FAIL}
+"""Marks of a run by its claim."""
 _CURVES: dict[CurveKey, str] = {
     "passive-paper": "Passive, paper",
     "passive-sampled-data": "Passive, sampled",
@@ -210,7 +207,7 @@ def _mark_of_disk(disk: float) -> Mark:
 
 def _law_loops(result: LawCertificate) -> list[Row]:
     """Return margins, settling time and damping ratio, each of the worst of the held and the released loop."""
-    cases: dict[subject.Who, CaseResult] = {}
+    cases: dict[words.Who, CaseResult] = {}
     if any(result.held.hand.values()) or result.released is None:
         cases["worst_hand"] = result.held
     if result.released is not None:
@@ -433,7 +430,7 @@ def _outcome(run: Run) -> Row:
 def outcome(run: Run) -> str:
     """Return the outcome for the one simulated hand."""
     held = any(EFFECTS[kind].role == "hand" for kind in run.effects)
-    return f"{ENDINGS[run.claim][0]}{' with this hand' if held else ''}"
+    return f"{words.ENDINGS[run.claim]}{' with this hand' if held else ''}"
 
 
 def _unsettled(run: Run, problem: Problem) -> str:
@@ -442,7 +439,7 @@ def _unsettled(run: Run, problem: Problem) -> str:
 
 
 def _mark(run: Run) -> Mark:
-    mark = ENDINGS[run.claim][1]
+    mark = _ENDING_MARKS[run.claim]
     return Mark.CAUTION if mark is Mark.PASS and run.buzzing else mark
 
 
@@ -511,7 +508,7 @@ def _peak_to_peak(run: Run) -> Value:
 
 def _compared(label: str, run: Run) -> Row:
     """Return the outcome of another run of the scene."""
-    ending = f"{ENDINGS[run.claim][0]}{', buzzes' if run.buzzing else ''}:"
+    ending = f"{words.ENDINGS[run.claim]}{', buzzes' if run.buzzing else ''}:"
     stiffness: Part = "no stiffness"
     if math.isfinite(run.apparent_stiffness_n_per_m):
         stiffness = Value(run.apparent_stiffness_n_per_m, "stiffness")

@@ -174,7 +174,7 @@ def _engine(tool: Simulation) -> list[Row]:
     if tool.tool_mass_kg is not None:
         mass = parts(span(tool.tool_mass_kg, "mass"), ", damping", span(tool.tool_damping_ns_per_m, "damping"))
         what = parts(mass, "; touches", _contacts(tool))
-    gets = subject.EXCHANGES[tool.exchange].format(step="the engine's step")
+    gets = words.EXCHANGES[tool.exchange].format(step="the engine's step")
     return [row("Tool", what), row("Exchange", f"{tool.exchange}: the device gets {gets}")]
 
 

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import singledispatch
 from shlex import quote
-from typing import Any, Literal, get_args
+from typing import Any, get_args
 
 from avc_casadi.claims.deployable import Deployable
 from avc_casadi.files.catalogue import catalogue_names
@@ -16,19 +16,11 @@ from avc_casadi.model.device import Device
 from avc_casadi.model.ends import End, Follower, Simulation, ToolGains, Wall
 from avc_casadi.model.hands import END_STOP_N_PER_M
 from avc_casadi.model.problem import Problem
+from avc_casadi.present import words
 from avc_casadi.present.row import Answer, Mark, Part, Row, Value, caution, commas, fill, grade, parts, row, span
 from avc_casadi.recommendation.preconditions import Unused
 
 HAND = ("mass_kg", "damping_ns_per_m", "stiffness_n_per_m")
-EXCHANGES = {
-    "on-time": "position and velocity that {step} begins with",
-    "late": "position and velocity that the step before {step} began with",
-    "ahead": "position and velocity read after {step}",
-    "held-force": "the force on the tool in {step}, which it holds until the next one",
-}
-Who = Literal["released", "worst_hand"]
-"""Loops of which an answer gives margins and time responses."""
-_WHO: dict[Who, str] = {"released": "released", "worst_hand": "worst corner hand"}
 
 
 def name_of(problem: Problem) -> str:
@@ -38,8 +30,8 @@ def name_of(problem: Problem) -> str:
 
 def device_line(device: Device) -> tuple[Part, ...]:
     """Return a device in a line."""
-    known = {"mass_kg": device.mass_kg, "rate_hz": 1 / device.sample_time_s, "delay_samples": device.delay_samples}
-    return fill("· device {mass_kg}, {rate_hz}, delay {delay_samples}", known)
+    mass, rate = Value(device.mass_kg, "mass"), Value(1 / device.sample_time_s, "frequency")
+    return parts("· device", mass, ",", rate, ", delay", Value(device.delay_samples, "samples"))
 
 
 def headline(problem: Problem, shown: str) -> tuple[Part, ...]:
@@ -237,14 +229,14 @@ _THIN_PHASE_DEG = 10.0
 
 def smallest_margins(found: Mapping[str, Mapping[str, Any]], mark: Mark = Mark.NONE) -> Row:
     """Return the smallest margin of each kind of documents of margins."""
-    known: dict[Who, Margins] = {}
-    for who in get_args(Who):
+    known: dict[words.Who, Margins] = {}
+    for who in get_args(words.Who):
         if who in found:
             known[who] = Margins(**{key: math.nan if value is None else value for key, value in found[who].items()})
     return margins(known, mark)
 
 
-def margins(of_loops: Mapping[Who, Margins], mark: Mark = Mark.NONE) -> Row:
+def margins(of_loops: Mapping[words.Who, Margins], mark: Mark = Mark.NONE) -> Row:
     """Return the smallest margin of each kind and its loop; a caution where gain or phase is half of what is usual."""
     gain = _least({who: loop.gain for who, loop in of_loops.items()})
     phase = _least({who: loop.phase_deg for who, loop in of_loops.items()})
@@ -271,8 +263,8 @@ class _Least:
     loop: str
 
 
-def _least(margins_of: Mapping[Who, float]) -> _Least:
-    known = [(margin, _WHO[who]) for who, margin in margins_of.items() if not math.isnan(margin)]
+def _least(margins_of: Mapping[words.Who, float]) -> _Least:
+    known = [(margin, words.LOOPS[who]) for who, margin in margins_of.items() if not math.isnan(margin)]
     return _Least(*min(known, default=(None, "")))
 
 
@@ -280,15 +272,15 @@ def _below(least: _Least, limit: float) -> bool:
     return least.value is not None and least.value < limit
 
 
-def settling(seconds: float | None, who: Who) -> Row:
+def settling(seconds: float | None, who: words.Who) -> Row:
     """Return the settling time of a loop; None where it never settles."""
     text = "never" if seconds is None else Value(seconds, "time")
-    return row("Settling time", text, f"({_WHO[who]})", mark=caution(seconds is None or seconds > 1.0))
+    return row("Settling time", text, f"({words.LOOPS[who]})", mark=caution(seconds is None or seconds > 1.0))
 
 
-def damping_ratio(ratio: float, hz: float, who: Who, sample_time_s: float) -> Row:
+def damping_ratio(ratio: float, hz: float, who: words.Who, sample_time_s: float) -> Row:
     """Return the damping ratio of the least damped oscillation of a loop."""
     text: tuple[Part, ...] = ("no oscillation below the Nyquist frequency",)
     if 0 < hz < 0.99 * 0.5 / sample_time_s:
         text = (Value(ratio, "number", 2), "at", Value(hz, "frequency"))
-    return row("Damping ratio", text, f"({_WHO[who]})")
+    return row("Damping ratio", text, f"({words.LOOPS[who]})")
