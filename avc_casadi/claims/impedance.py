@@ -57,7 +57,7 @@ class Transmission:
 
 
 @dataclass(frozen=True)
-class Mechanics:
+class PortMechanics:
     """Parameters of a device alone; a rigid device has infinite k_r."""
 
     device: Device
@@ -135,7 +135,7 @@ class Mechanics:
         return np.asarray((mass - motor_mass) * s + (motor_mass * s + b) * self.transmission(s).tau)
 
 
-class Response(NamedTuple):
+class HandleResponse(NamedTuple):
     """Frequency responses of a device at its handle, in the symbols of the module `port`.
 
     Attributes:
@@ -155,14 +155,14 @@ class Response(NamedTuple):
     force: ComplexArray
 
 
-def response(device: Device, frequency_hz: FloatArray) -> Response:
+def response(device: Device, frequency_hz: FloatArray) -> HandleResponse:
     """Return the frequency responses of a device that is known exactly, at frequencies above 0."""
-    mechanics = Mechanics(device)
+    mechanics = PortMechanics(device)
     s = np.asarray(2j * np.pi * frequency_hz, dtype=np.complex128)
     transmission = mechanics.transmission(s)
     tau = transmission.tau
     sensor = np.ones_like(tau) if mechanics.at_handle else tau
-    return Response(
+    return HandleResponse(
         alone=mechanics.alone(s),
         loss=transmission.loss,
         sensor=sensor,
@@ -292,7 +292,7 @@ def _with_minima(real: Callable[[FloatArray], RealImpedance], points: FloatArray
 
 def stiffness_at_handle(device: Device, stiffness_n_per_m: float) -> float:
     """Return a stiffness at rest at the handle: with an encoder at the motor, the structure's compliance adds."""
-    mechanics = Mechanics(device)
+    mechanics = PortMechanics(device)
     if mechanics.rigid or mechanics.at_handle:
         return stiffness_n_per_m
     spring = mechanics.motor.stiffness_n_per_m
@@ -306,7 +306,7 @@ FREE_DEPTH_M = 0.01
 
 
 @dataclass(frozen=True)
-class Excitation:
+class HandExcitation:
     """A sinusoidal motion in the wall.
 
     Attributes:
@@ -318,7 +318,7 @@ class Excitation:
     amplitude_m: float
 
     @classmethod
-    def of(cls, device: Device, stiffness_n_per_m: float) -> Excitation:
+    def of(cls, device: Device, stiffness_n_per_m: float) -> HandExcitation:
         """Return the excitation about half of a firm press, or of the force limit, which never leaves the wall."""
         press_n = PRESS_N * device.metres_per_unit
         mean_n = min(press_n, press_n if device.max_force_n is None else device.max_force_n) / 2

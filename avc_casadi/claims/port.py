@@ -27,7 +27,7 @@ import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray, IndexArray
 from avc_casadi._util.progress import SILENT, Progress
-from avc_casadi.claims.impedance import Mechanics, PortWorst, wave
+from avc_casadi.claims.impedance import PortMechanics, PortWorst, wave
 from avc_casadi.loops.spectrum import lowest
 from avc_casadi.loops.wall import RIGID, PartialFractions
 from avc_casadi.model.device import Device
@@ -88,7 +88,7 @@ class HandlePort:
 def handle_port(device: Device, frequency_hz: FloatArray, removal_ns_per_m: FloatArray | float = 0.0) -> HandlePort:
     """Return the port of a device at frequencies above 0, each with all its aliases."""
     turns, removal = np.broadcast_arrays(np.asarray(frequency_hz) * device.sample_time_s, removal_ns_per_m)
-    mechanics = Mechanics(device)
+    mechanics = PortMechanics(device)
     if mechanics.rigid and device.amplifier_bandwidth_hz is None:
         return _ideal(device, turns, removal)
     aliases = _Aliases.of(mechanics)
@@ -131,7 +131,7 @@ class _Aliases:
     last: int
 
     @classmethod
-    def of(cls, mechanics: Mechanics) -> _Aliases:
+    def of(cls, mechanics: PortMechanics) -> _Aliases:
         """Return the aliases that a device needs."""
         least = _ALIASES_FADED if mechanics.device.delay_samples % 1 else _ALIASES
         last = max(least, math.ceil(_BEYOND_CORNER * mechanics.fastest_turns))
@@ -148,7 +148,7 @@ class _Aliases:
         return cls(number, weight, last)
 
 
-def _alias_sum(mechanics: Mechanics, aliases: _Aliases, turns: FloatArray, removal: FloatArray) -> HandlePort:
+def _alias_sum(mechanics: PortMechanics, aliases: _Aliases, turns: FloatArray, removal: FloatArray) -> HandlePort:
     """Return the port at frequencies (m,), less some damping of the handle at each, summed over the aliases."""
     device = mechanics.device
     alias_turns = turns[:, None] + aliases.number
@@ -309,7 +309,7 @@ def port_worst(devices: Sequence[Device], slack: Slack, rows: int, progress: Pro
         left, rounding = slack(handle_port(device, worst_hz[of_device, None]), of_device)
         passed[of_device] &= left[:, 0] >= -rounding[:, 0]
         margin[of_device] = _margin(device, slack, worst_hz[of_device], of_device, left[:, 0])
-        tolerance[of_device] = rounding[:, 0] * (_LEAST_LOSS_NS_PER_M + abs(Mechanics(device).least_loss))
+        tolerance[of_device] = rounding[:, 0] * (_LEAST_LOSS_NS_PER_M + abs(PortMechanics(device).least_loss))
     return PortWorst(passed, margin, worst_hz, tolerance)
 
 
@@ -319,7 +319,7 @@ def _margin(device: Device, slack: Slack, frequency: FloatArray, rows: IndexArra
     def meets(removal: FloatArray) -> BoolArray:
         return np.asarray(slack(handle_port(device, frequency[:, None], removal[:, None]), rows)[0][:, 0] >= 0)
 
-    most = np.full(len(rows), Mechanics(device).least_loss)
+    most = np.full(len(rows), PortMechanics(device).least_loss)
     reach = _FIRST_REACH * (1.0 + most)
     inside = np.where(values >= 0, 0.0, -reach)
     waiting = ~meets(inside)

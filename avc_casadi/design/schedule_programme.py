@@ -18,7 +18,7 @@ from avc_casadi.loops.plant_family import PlantFamily
 from avc_casadi.loops.wall import frozen_law, linear_stability
 from avc_casadi.model.problem import Problem
 from avc_casadi.model.problem_ranges import corner_problems, least_damped
-from avc_casadi.paper.equations import Loop, coupling_impedance, loop_at
+from avc_casadi.paper.equations import ImpedanceLoop, coupling_impedance, loop_at
 from avc_casadi.paper.numbers import Complex, ComplexExpr, Real, abs2, casadi_numbers
 from avc_casadi.paper.realism import bound_magnitudes, relative_errors
 from avc_casadi.paper.rows import GainArrays
@@ -68,7 +68,7 @@ class States:
     most: FloatArray
 
     @classmethod
-    def of(cls, problem: Problem, loop: Loop) -> States:
+    def of(cls, problem: Problem, loop: ImpedanceLoop) -> States:
         """Return the map with floors for a problem at the frequencies of ``loop``."""
         weight = np.abs(loop.environment)
         weight = np.where(weight > 0, weight, max(problem.device.damping_ns_per_m, 1.0))
@@ -202,12 +202,12 @@ def realism_values(problem: Problem, z: Complex, target: Complex, bounds: FloatA
     return [size2 - bounds[0], bounds[1] - size2] if problem.realism.require == "bounds" else []
 
 
-def relative_bounds(problem: Problem, loop: Loop) -> FloatArray:
+def relative_bounds(problem: Problem, loop: ImpedanceLoop) -> FloatArray:
     """Return least and largest |Z_h|^2 of the problem's bounds, over |Z_h_ds|^2, (2, n)."""
     return np.asarray((np.array(bound_magnitudes(problem, loop)) / np.abs(loop.target)) ** 2)
 
 
-def realism_slack(problem: Problem, loop: Loop, gains: GainArrays) -> FloatArray:
+def realism_slack(problem: Problem, loop: ImpedanceLoop, gains: GainArrays) -> FloatArray:
     """Return the relative slack of gains, each (..., n), in the required realism at n frequencies; infinite if none."""
     if problem.realism.require == "none":
         return np.full(gains[0].shape, np.inf)
@@ -340,7 +340,7 @@ class Programme:
         return cls(problem, frequency, states, hands, constant=constant)
 
     @cached_property
-    def loop(self) -> Loop:
+    def loop(self) -> ImpedanceLoop:
         """The loop at the stages."""
         return loop_at(self.problem, self.frequency_hz)
 

@@ -49,7 +49,7 @@ class TrustRegionSettings:
 
 
 @dataclass(frozen=True, eq=False)
-class Step:
+class TrustStep:
     """A solution of the quadratic program."""
 
     change: FloatArray  # of L
@@ -117,7 +117,7 @@ class TrustRegion:
         resolved = values > self.settings.resolved * values[0]
         return np.asarray(axes[resolved].T / scale[:, None] * np.sqrt(len(flat)) / values[resolved])
 
-    def _step(self, loops: LawLoops, axes: FloatArray, reach: float) -> Step | None:
+    def _step(self, loops: LawLoops, axes: FloatArray, reach: float) -> TrustStep | None:
         """Minimise the linearised merit over w, L + W w; None where the solver's answer does not hold."""
         program = _QuadraticProgram(axes, self.conditions, reach)
         program.require(self.objective.linearised(loops))
@@ -160,7 +160,7 @@ class _QuadraticProgram:
         self._rows.append(padded)
         self._most.append(np.full(len(padded), self._reach))
 
-    def solved(self) -> Step | None:
+    def solved(self) -> TrustStep | None:
         """Return the step, once its rows are checked."""
         rows, most = np.concatenate(self._rows), np.concatenate(self._most)
         misses = len(self._weights) - 1
@@ -173,7 +173,7 @@ class _QuadraticProgram:
         solution = _polished(_daqp(curvature, slope, rows, most, lower, upper), slope, rows, most, lower, upper)
         if not np.isfinite(solution).all() or (rows @ solution > most + self.FEASIBLE * (1 + np.abs(most))).any():
             return None
-        return Step(self._axes @ solution[: self._directions], float(slope @ solution))
+        return TrustStep(self._axes @ solution[: self._directions], float(slope @ solution))
 
 
 def _daqp(

@@ -16,7 +16,7 @@ from avc_casadi._util.json_values import plain
 from avc_casadi.claims.engine_port import PortPassivity, port_passivity
 from avc_casadi.loops.engine import ToolLoops
 from avc_casadi.loops.follower import FollowerLoops
-from avc_casadi.loops.loop_family import LoopFamily, Loops, Mode, WithGainMargin
+from avc_casadi.loops.loop_family import LeastDampedMode, LoopFamily, Loops, WithGainMargin
 from avc_casadi.model.ends import End, Follower, Simulation, ToolGains, not_known
 from avc_casadi.model.hands import Hand
 from avc_casadi.model.problem import Problem
@@ -558,7 +558,7 @@ class PairCertificate:
     loops: int
     gain_margin: float
     motor_margins: tuple[float, ...]
-    least_damped: Mode | None
+    least_damped: LeastDampedMode | None
     passivity: PortPassivity | None
 
     @property

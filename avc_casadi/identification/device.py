@@ -19,7 +19,7 @@ from avc_casadi._util.text import number
 from avc_casadi._util.units import MotionKind, units_for
 from avc_casadi.files.device_file import DeviceFile
 from avc_casadi.files.toml import toml_lines
-from avc_casadi.identification.fit import Trial
+from avc_casadi.identification.fit import FitTrial
 from avc_casadi.identification.log import Record
 from avc_casadi.identification.response import Response
 from avc_casadi.identification.terms import FRICTION, LOOP_RATIO, MASS_RATIO, QuantityName
@@ -88,7 +88,7 @@ class Identification:
     encoder_at: str
     estimates: Mapping[str, Estimate]
     unknown: tuple[str, ...]
-    trials: tuple[Trial, ...]
+    trials: tuple[FitTrial, ...]
     error_m: FloatArray
     lags: FloatArray
     notes: tuple[str, ...]

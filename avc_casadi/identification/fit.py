@@ -17,8 +17,8 @@ from scipy.optimize import least_squares
 
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi.identification.log import excerpts
-from avc_casadi.identification.predictor import Observer, Predictor
-from avc_casadi.identification.terms import FRICTION, LOOP_RATIO, MASS_RATIO, Structure
+from avc_casadi.identification.predictor import Predictor, SteadyObserver
+from avc_casadi.identification.terms import FRICTION, LOOP_RATIO, MASS_RATIO, ModelStructure
 
 _START_S = 1.0
 """A record is judged from so many seconds on ..."""
@@ -81,9 +81,9 @@ class Fit:
     square, which scales the blocks. `turning` is the share of samples in which the modelled device reverses.
     """
 
-    structure: Structure
+    structure: ModelStructure
     search: FloatArray
-    observer: Observer
+    observer: SteadyObserver
     error_m: tuple[FloatArray, ...]
     blocks: tuple[Block, ...]
     unit_m: float
@@ -128,7 +128,7 @@ def slowest_observer(predictor: Predictor) -> float:
 class _Objective:
     """Error and slopes of a structure by its search coordinates, in the unit of the first error, once a point."""
 
-    def __init__(self, predictor: Predictor, structure: Structure, observer: Observer, skip: int) -> None:
+    def __init__(self, predictor: Predictor, structure: ModelStructure, observer: SteadyObserver, skip: int) -> None:
         self._predictor = predictor
         self._structure = structure
         self._observer = observer
@@ -166,9 +166,9 @@ class _Objective:
 
 def fit(
     predictor: Predictor,
-    structure: Structure,
+    structure: ModelStructure,
     start: Mapping[str, float],
-    observer: Observer,
+    observer: SteadyObserver,
     window: Window,
     *,
     steps: int = 30,
@@ -206,7 +206,9 @@ def fit(
     return evaluate(predictor, structure, result.x, observer, window)
 
 
-def evaluate(predictor: Predictor, structure: Structure, search: FloatArray, observer: Observer, window: Window) -> Fit:
+def evaluate(
+    predictor: Predictor, structure: ModelStructure, search: FloatArray, observer: SteadyObserver, window: Window
+) -> Fit:
     """Return a structure at given coordinates with the contribution of each block."""
     predictions = predictor.predict(structure, search, observer)
     errors_m = tuple(_clip(prediction.error_m[window.skip :]) for prediction in predictions)
@@ -235,7 +237,7 @@ def _clip(numbers: FloatArray) -> FloatArray:
     return np.nan_to_num(np.clip(numbers, -_DIVERGENCE, _DIVERGENCE), nan=_DIVERGENCE)
 
 
-def best_observer(predictor: Predictor, initial: Fit, window: Window) -> Observer:
+def best_observer(predictor: Predictor, initial: Fit, window: Window) -> SteadyObserver:
     """Return the observer rate that minimises the prediction error."""
     slowest = slowest_observer(predictor)
     fastest = 1.0 / predictor.sample_time_s
@@ -243,7 +245,7 @@ def best_observer(predictor: Predictor, initial: Fit, window: Window) -> Observe
     rates = list(np.geomspace(slowest, fastest, max(4, int(np.ceil(2 * octaves)) // 2)))
 
     def square(rate: float) -> float:
-        predictions = predictor.predict(initial.structure, initial.search, Observer(rate), slopes=False)
+        predictions = predictor.predict(initial.structure, initial.search, SteadyObserver(rate), slopes=False)
         return float(sum(np.sum(prediction.error_m[window.skip :] ** 2) for prediction in predictions))
 
     def known_square(rate: float) -> float:
@@ -257,14 +259,14 @@ def best_observer(predictor: Predictor, initial: Fit, window: Window) -> Observe
     for place in neighbours:
         rate = float(np.sqrt(rates[best] * rates[place]))
         squares[rate] = square(rate)
-    return Observer(min(squares, key=known_square))
+    return SteadyObserver(min(squares, key=known_square))
 
 
-def coarse_fit(predictor: Predictor, structure: Structure, start: Mapping[str, float], rate_per_s: float) -> Fit:
+def coarse_fit(predictor: Predictor, structure: ModelStructure, start: Mapping[str, float], rate_per_s: float) -> Fit:
     """Fit coarsely, with a slow observer, to pieces of long records: a start for `fine_fit`."""
     records = excerpts(predictor.records, _COARSE_SAMPLES)
     pieces = Predictor(records, predictor)
-    observer = Observer(max(rate_per_s, slowest_observer(pieces)))
+    observer = SteadyObserver(max(rate_per_s, slowest_observer(pieces)))
     window = Window.of(pieces)
     return fit(pieces, structure, start, observer, window, steps=_COARSE_STEPS, tolerance=_COARSE_TOLERANCE)
 
@@ -314,7 +316,7 @@ They and the least error by the clock are calibrated on a simulation in steps of
 
 
 @dataclass(frozen=True)
-class Trial:
+class FitTrial:
     """A rung that was tried.
 
     `change` is that of the held-out squared error, as a share of the simpler model's (negative where the rung helps),
@@ -355,7 +357,7 @@ def cross_validation(fit: Fit) -> FloatArray:
     return np.array(squares) * fit.unit_m**2
 
 
-def compare(simple: Fit, rich: Fit, rung: str) -> Trial:
+def compare(simple: Fit, rich: Fit, rung: str) -> FitTrial:
     """Return whether a richer model predicts held-out data better, on the same blocks."""
     simple_squares = cross_validation(simple)
     rich_squares = cross_validation(rich)
@@ -366,7 +368,7 @@ def compare(simple: Fit, rich: Fit, rung: str) -> Trial:
     log_gains = np.log((simple_squares + least) / (rich_squares + least))
     standard_errors = max(_standard_errors(gains), _standard_errors(log_gains))
     change = -float(np.sum(gains)) / total
-    return Trial(rung, standard_errors > _STANDARD_ERRORS and -change > WORTH, change, standard_errors)
+    return FitTrial(rung, standard_errors > _STANDARD_ERRORS and -change > WORTH, change, standard_errors)
 
 
 def _standard_errors(gains: FloatArray) -> float:
@@ -428,7 +430,7 @@ def _shift_by_observer(predictor: Predictor, fit: Fit, window: Window) -> FloatA
     rates = {min(max(rate * factor, slowest), fastest) for factor in _OTHER_OBSERVERS} - {rate}
     shifts = []
     for other_rate in sorted(rates):
-        other_fit = evaluate(predictor, fit.structure, fit.search, Observer(other_rate), window)
+        other_fit = evaluate(predictor, fit.structure, fit.search, SteadyObserver(other_rate), window)
         shifts.append(_beyond_chance(fit, other_fit))
     return np.asarray(np.max(shifts, axis=0))
 

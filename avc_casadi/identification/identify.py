@@ -19,11 +19,11 @@ from avc_casadi.identification.device import Estimate, Identification, check_aga
 from avc_casadi.identification.fit import Window, bootstrap
 from avc_casadi.identification.ladder import WIDEST, Ladder
 from avc_casadi.identification.log import Record, excerpts, lattice_step
-from avc_casadi.identification.predictor import Observer, Predictor
+from avc_casadi.identification.predictor import Predictor, SteadyObserver
 from avc_casadi.identification.read import Layout, read_logs
 from avc_casadi.identification.regression import Motion, Start, in_ticks, only_feedback, whiteness
 from avc_casadi.identification.response import model_response
-from avc_casadi.identification.terms import FRICTION, MASS_RATIO, OFFSET, Structure, offset_of
+from avc_casadi.identification.terms import FRICTION, MASS_RATIO, OFFSET, ModelStructure, offset_of
 
 _MOST_SAMPLES = 120_000
 """Samples that are used of all logs, at most."""
@@ -247,7 +247,7 @@ def _check_start(start: Start, motion: MotionKind) -> Start:
     return start
 
 
-def _simplest(records: Sequence[Record], start: Start, offsets: int) -> Structure:
+def _simplest(records: Sequence[Record], start: Start, offsets: int) -> ModelStructure:
     """Return the lowest rung, with a spring where the start has one."""
     rms_n = float(np.sqrt(np.mean(np.concatenate([record.force_n for record in records]) ** 2)))
     travel_m = max(float(np.ptp(record.position_m)) for record in records)
@@ -264,7 +264,7 @@ def _simplest(records: Sequence[Record], start: Start, offsets: int) -> Structur
         "stiffness_n_per_m": rms_n / travel_m,
     }
     rungs = ("rigid", "spring") if "stiffness_n_per_m" in start.values else ("rigid",)
-    return Structure(rungs, units, fixed={} if offsets else {OFFSET: 0.0}, offsets=max(offsets, 1))
+    return ModelStructure(rungs, units, fixed={} if offsets else {OFFSET: 0.0}, offsets=max(offsets, 1))
 
 
 def _estimates(ladder: Ladder, step_m: float | None, *, one_way: bool) -> dict[str, Estimate]:
@@ -338,7 +338,7 @@ def _bounded_friction(ladder: Ladder) -> Estimate:
 def _stretch(ladder: Ladder) -> FloatArray:
     """Return a stretch of the longest record in which the model runs nearly free, shape (3, samples)."""
     record = max(ladder.predictor.records, key=lambda record: record.seconds)
-    free, slow = Predictor([record], ladder.predictor), Observer(_NEARLY_FREE_RATE_PER_S)
+    free, slow = Predictor([record], ladder.predictor), SteadyObserver(_NEARLY_FREE_RATE_PER_S)
     (prediction,) = free.predict(ladder.fit.structure, ladder.fit.search, slow, slopes=False)
     size = min(record.position_m.size // 2, int(_STRETCH_S / record.sample_time_s))
     # Near the end, where the initial state has decayed.

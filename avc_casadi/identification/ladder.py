@@ -14,7 +14,7 @@ from avc_casadi.identification.fit import (
     FIRST_RATE_PER_S,
     WORTH,
     Fit,
-    Trial,
+    FitTrial,
     Window,
     coarse_fit,
     collinearity,
@@ -26,7 +26,7 @@ from avc_casadi.identification.fit import (
     late_samples,
     slowest_observer,
 )
-from avc_casadi.identification.predictor import Observer, Predictor
+from avc_casadi.identification.predictor import Predictor, SteadyObserver
 from avc_casadi.identification.regression import Start
 from avc_casadi.identification.response import (
     BEYOND_BAND,
@@ -42,7 +42,7 @@ from avc_casadi.identification.terms import (
     MASS_RATIO,
     OFFSET,
     RUNGS,
-    Structure,
+    ModelStructure,
 )
 
 _ALIKE = 100.0
@@ -114,7 +114,7 @@ _FAST_POLE_OVER_LAG = 6.854
 class _StartPoint:
     """A structure, and values from which its search starts."""
 
-    structure: Structure
+    structure: ModelStructure
     values: dict[str, float]
 
 
@@ -133,18 +133,23 @@ class Ladder:
     spring_start: Mapping[str, float]
     sides: Sequence[str]
     fit: Fit
-    trials: dict[str, Trial] = field(default_factory=dict)
+    trials: dict[str, FitTrial] = field(default_factory=dict)
     rivals: dict[str, Fit] = field(default_factory=dict)
     half: FloatArray = field(default_factory=lambda: np.zeros(0))
     shares: tuple[float, float] | None = None
 
     @classmethod
     def climb(
-        cls, predictor: Predictor, structure: Structure, start: Start, sides: Sequence[str], progress: Progress = SILENT
+        cls,
+        predictor: Predictor,
+        structure: ModelStructure,
+        start: Start,
+        sides: Sequence[str],
+        progress: Progress = SILENT,
     ) -> Ladder:
         """Take the rungs that the log bears out, and find the intervals."""
         window = Window.of(predictor)
-        first = Observer(max(FIRST_RATE_PER_S, slowest_observer(predictor)))
+        first = SteadyObserver(max(FIRST_RATE_PER_S, slowest_observer(predictor)))
         values = {OFFSET: 0.0, **start.values}
         rough = fit(predictor, structure, values, first, window, tolerance=_FIRST_TOLERANCE)
         lowest = fine_fit(predictor, rough, window)
@@ -173,7 +178,7 @@ class Ladder:
         for rung in rungs:
             rich = self._best(rung)
             if rich is None:
-                self.trials[rung] = Trial(rung, False, 0.0, 0.0, "no sign of it")
+                self.trials[rung] = FitTrial(rung, False, 0.0, 0.0, "no sign of it")
                 continue
             trial = compare(self.fit, rich, rung)
             doubt = self._doubt(rich, rung) if trial.taken else ""
@@ -243,7 +248,7 @@ class Ladder:
         structure = replace(start.structure, fixed={**start.structure.fixed, MASS_RATIO: share})
         return self._refit(structure, start)
 
-    def _refit(self, structure: Structure, start: Fit) -> Fit:
+    def _refit(self, structure: ModelStructure, start: Fit) -> Fit:
         """Return the fit of a structure from the values of another fit, under its observer."""
         return fit(
             self.predictor,
@@ -267,7 +272,7 @@ class Ladder:
         else:
             yield _StartPoint(structure, {**self.fit.values, **self.spring_start})
 
-    def _friction_starts(self, structure: Structure) -> Iterator[_StartPoint]:
+    def _friction_starts(self, structure: ModelStructure) -> Iterator[_StartPoint]:
         values = self.fit.values
         likely_n = max(self.start[FRICTION], _LIKELY_FRICTION * structure.units[FRICTION])
         yield _StartPoint(structure, {**values, FRICTION: likely_n})
@@ -275,7 +280,7 @@ class Ladder:
         first = {key: self.start[key] for key in values if key in self.start}
         yield _StartPoint(structure, {**values, **first, FRICTION: likely_n})
 
-    def _amplifier_starts(self, structure: Structure) -> Iterator[_StartPoint]:
+    def _amplifier_starts(self, structure: ModelStructure) -> Iterator[_StartPoint]:
         values, period_s = self.fit.values, self.predictor.sample_time_s
         ratios = _START_LOOP_RATIOS if structure.order == 2 else (values[LOOP_RATIO],)
         for rate, ratio in itertools.product(_START_RATES, ratios):
@@ -285,11 +290,11 @@ class Ladder:
             delay = max(values["delay_samples"] - late_samples(lagging, structure.order, period_s), 0.0)
             yield _StartPoint(structure, {**lagging, "delay_samples": delay})
 
-    def _resonance_starts(self, structure: Structure) -> Iterator[_StartPoint]:
+    def _resonance_starts(self, structure: ModelStructure) -> Iterator[_StartPoint]:
         values, period_s = self.fit.values, self.predictor.sample_time_s
         if self.fit.observer.rate_per_s > _FAST_OBSERVER * FIRST_RATE_PER_S:
             values = coarse_fit(self.predictor, self.fit.structure, values, FIRST_RATE_PER_S).values
-        likely: list[tuple[Structure, ResonanceStart]] = []
+        likely: list[tuple[ModelStructure, ResonanceStart]] = []
         for side in self.sides:
             of_side = replace(structure, encoder_at="handle" if side == "handle" else "motor")
             likely += [(of_side, start) for start in likely_resonances(self.response, values, of_side, period_s)]
@@ -325,7 +330,7 @@ class Ladder:
     def _without(self, rung: str) -> Fit:
         return self._refit(self.fit.structure.without(rung), self.fit)
 
-    def _drop(self, rung: str, without: Fit, trial: Trial) -> None:
+    def _drop(self, rung: str, without: Fit, trial: FitTrial) -> None:
         self.rivals[rung] = self.fit
         self.trials[rung] = trial
         self.fit = fine_fit(self.predictor, without, self.window, steps=_FINAL_STEPS, tolerance=_FINAL_TOLERANCE)

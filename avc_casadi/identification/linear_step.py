@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from avc_casadi._util.arrays import FloatArray
-from avc_casadi.identification.terms import LOOP_RATIO, Structure
+from avc_casadi.identification.terms import LOOP_RATIO, ModelStructure
 from avc_casadi.model.device import Device, Resonance
 from avc_casadi.model.hands import Hand
 from avc_casadi.model.plant import LinearPlant, Transition, device_plant, sampled_plant, transitions
@@ -62,7 +62,7 @@ def entries_of(states: int, cuts: int) -> int:
     return states * (states + TAPS + 1) + cuts * (states + TAPS + 1)
 
 
-def device_of(values: Mapping[str, float], structure: Structure, sample_time_s: float) -> Device:
+def device_of(values: Mapping[str, float], structure: ModelStructure, sample_time_s: float) -> Device:
     """Return the device for given parameter values, without its dry friction."""
     delay = values["delay_samples"]
     damping = values["damping_ns_per_m"]
@@ -89,7 +89,7 @@ def device_of(values: Mapping[str, float], structure: Structure, sample_time_s: 
 
 def linear_steps(
     models: Sequence[Mapping[str, float]],
-    structure: Structure,
+    structure: ModelStructure,
     sample_time_s: float,
     taps: tuple[int, ...],
     *,
@@ -271,7 +271,7 @@ def taps_of(values: Mapping[str, float]) -> tuple[int, ...]:
     return tuple(range(whole, whole + TAPS))
 
 
-def perturbed(values: Mapping[str, float], structure: Structure) -> tuple[list[dict[str, float]], FloatArray]:
+def perturbed(values: Mapping[str, float], structure: ModelStructure) -> tuple[list[dict[str, float]], FloatArray]:
     """Return the values near a point, one free parameter moved in each, and the moves of the search coordinates."""
     models, moves = [], []
     for parameter in structure.free:

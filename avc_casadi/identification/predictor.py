@@ -33,7 +33,7 @@ from avc_casadi.identification.linear_step import (
     taps_of,
 )
 from avc_casadi.identification.log import Record
-from avc_casadi.identification.terms import FORCES, FRICTION, OFFSET, Structure, is_force, offset_of
+from avc_casadi.identification.terms import FORCES, FRICTION, OFFSET, ModelStructure, is_force, offset_of
 from avc_casadi.simulation.emit import LANES_HEAD, in_lanes
 from avc_casadi.simulation.execute import compiler, library
 
@@ -230,7 +230,7 @@ class Prediction:
 
 
 @dataclass(frozen=True, eq=False)
-class Observer:
+class SteadyObserver:
     """Observer of a random disturbance; its rate is its bandwidth for a mass alone."""
 
     rate_per_s: float
@@ -288,7 +288,7 @@ class Predictor:
         self._logs = [self.names.index(record.whole) for record in records]
 
     def predict(
-        self, structure: Structure, search: FloatArray, observer: Observer, *, slopes: bool = True
+        self, structure: ModelStructure, search: FloatArray, observer: SteadyObserver, *, slopes: bool = True
     ) -> list[Prediction]:
         """Predict every record; the observer's gain counts as constant in the derivatives."""
         values = structure.values(search)
@@ -309,7 +309,11 @@ class Predictor:
         return predictions
 
     def _models(
-        self, structure: Structure, models: Sequence[Mapping[str, float]], taps: tuple[int, ...], observer: Observer
+        self,
+        structure: ModelStructure,
+        models: Sequence[Mapping[str, float]],
+        taps: tuple[int, ...],
+        observer: SteadyObserver,
     ) -> tuple[LinearStep, FloatArray]:
         """Return the first step, and of every model the entries, gain and row that `run` takes around its forces."""
         # Models that differ from the first by a force alone have its linear part.

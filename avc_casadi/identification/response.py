@@ -13,7 +13,7 @@ from scipy import optimize, signal
 from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray
 from avc_casadi.identification.linear_step import linear_steps, taps_of
 from avc_casadi.identification.log import Record
-from avc_casadi.identification.terms import HIGHEST_RESONANCE, MASS_RATIO, Structure
+from avc_casadi.identification.terms import HIGHEST_RESONANCE, MASS_RATIO, ModelStructure
 
 _EXCITED_POWER = 1e-4
 """Share of the largest power of the force from which on it excites the device."""
@@ -74,7 +74,7 @@ def frequency_response(records: Sequence[Record]) -> Response:
 
 
 def model_response(
-    values: Mapping[str, float], structure: Structure, sample_time_s: float, frequency_hz: FloatArray
+    values: Mapping[str, float], structure: ModelStructure, sample_time_s: float, frequency_hz: FloatArray
 ) -> ComplexArray:
     """Return the response of a model without its dry friction, (m/s)/N, shape (frequencies,).
 
@@ -141,7 +141,7 @@ class _Match:
     """
 
     values: Mapping[str, float]
-    structure: Structure
+    structure: ModelStructure
     sample_time_s: float
     frequency_hz: FloatArray
     measured: ComplexArray
@@ -194,7 +194,7 @@ class _Match:
 
 
 def likely_resonances(
-    response: Response, values: Mapping[str, float], structure: Structure, sample_time_s: float
+    response: Response, values: Mapping[str, float], structure: ModelStructure, sample_time_s: float
 ) -> list[ResonanceStart]:
     """Return the resonances that would explain the response best, up to a factor and a delay, the best first."""
     used = (response.coherence > _LEAST_COHERENCE) & (response.frequency_hz > _LOWEST_MATCHED_HZ) & response.excites

@@ -81,7 +81,7 @@ def is_force(name: str) -> bool:
 
 
 @dataclass(frozen=True)
-class Structure:
+class ModelStructure:
     """The rungs of a model, and parameters that are fixed.
 
     `units` are the units of "linear" coordinates by key, in SI units; 1 where none is given. `offsets` is the number
@@ -158,12 +158,12 @@ class Structure:
         high = np.array([self.inward(parameter, parameter.highest) for parameter in self.free])
         return low, high
 
-    def with_rung(self, rung: str) -> Structure:
+    def with_rung(self, rung: str) -> ModelStructure:
         """Return the structure with one more rung."""
         rungs = {*self.rungs, rung}
         return replace(self, rungs=tuple(name for name in RUNGS if name in rungs))
 
-    def without(self, rung: str) -> Structure:
+    def without(self, rung: str) -> ModelStructure:
         """Return the structure without a rung."""
         return replace(self, rungs=tuple(name for name in self.rungs if name != rung))
 

@@ -93,7 +93,7 @@ def _worse_of_a_kind(regions: Sequence[SearchRegion], gains: ToolGains, growth_l
 
 
 @dataclass(frozen=True)
-class Mode:
+class LeastDampedMode:
     """An oscillation of a loop; damping ratio 1 without one."""
 
     damping_ratio: float
@@ -165,7 +165,7 @@ class LoopFamily:
         _, place, row, radius = max(worst)
         return place, row, radius
 
-    def slowest(self, gains: ToolGains) -> Mode:
+    def slowest(self, gains: ToolGains) -> LeastDampedMode:
         """Return the least damped oscillatory mode of all loops, above `_SLOWEST_HZ`."""
         rates = []
         for place, pattern in enumerate(self.patterns):
@@ -174,10 +174,10 @@ class LoopFamily:
         poles = np.concatenate(rates)
         poles = poles[np.abs(poles.imag) > 2 * np.pi * _SLOWEST_HZ]
         if len(poles) == 0:
-            return Mode(1.0, 0.0, math.inf)
+            return LeastDampedMode(1.0, 0.0, math.inf)
         ratio = -poles.real / np.abs(poles)
         pole = poles[np.argmin(ratio)]
-        return Mode(float(ratio.min()), float(abs(pole.imag) / (2 * np.pi)), float(-1 / pole.real))
+        return LeastDampedMode(float(ratio.min()), float(abs(pole.imag) / (2 * np.pi)), float(-1 / pole.real))
 
     def _first_unstable(self, gains: ToolGains) -> tuple[int, int] | None:
         for place in range(len(self.patterns)):
@@ -227,7 +227,7 @@ class WithGainMargin:
         """Return whether a search of the ranges finds an unstable loop, with the margin or without."""
         return any(map(self.loops.has_counterexample, [*self._off(gains), gains]))
 
-    def slowest(self, gains: ToolGains) -> Mode:
+    def slowest(self, gains: ToolGains) -> LeastDampedMode:
         """Return the least damped oscillation of all loops."""
         return self.loops.slowest(gains)
 

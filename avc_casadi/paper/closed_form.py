@@ -12,7 +12,7 @@ from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray
 from avc_casadi.model.gains import GainSchedule, Status
 from avc_casadi.model.problem import Problem
 from avc_casadi.model.problem_ranges import margin_over_range
-from avc_casadi.paper.equations import Loop, coupling_gains, environment_impedance, loop_at
+from avc_casadi.paper.equations import ImpedanceLoop, coupling_gains, environment_impedance, loop_at
 from avc_casadi.paper.rows import gain_schedule, pointwise_notes
 
 ROUNDING = 16 * float(np.finfo(np.float64).eps)
@@ -38,7 +38,7 @@ class Quotient:
     impossible: BoolArray
 
     @classmethod
-    def of(cls, loop: Loop, desired: ComplexArray, gap: ComplexArray, injected: FloatArray) -> Quotient:
+    def of(cls, loop: ImpedanceLoop, desired: ComplexArray, gap: ComplexArray, injected: FloatArray) -> Quotient:
         """Return the quotient for Z_eavc = desired + injected/H."""
         push = injected / loop.hold
         rendered = desired + push
@@ -116,7 +116,7 @@ def project(problem: Problem, *, as_printed: bool = False) -> Projection:
     return Projection(target + delta, desired + delta / loop.hold, coupling, delta)
 
 
-def _desired(problem: Problem, loop: Loop, *, as_printed: bool) -> tuple[ComplexArray, ComplexArray]:
+def _desired(problem: Problem, loop: ImpedanceLoop, *, as_printed: bool) -> tuple[ComplexArray, ComplexArray]:
     """Return Z_ds and Z_e - Z_ds; the printed s is imaginary as Tustin's: Im alone has the stiffness, 4/T^2 times."""
     if not as_printed:
         return loop.desired, loop.desired_gap
@@ -171,7 +171,7 @@ def solve_closed_form(problem: Problem, *, as_printed: bool = False) -> GainSche
 
 
 def _series_gains(
-    problem: Problem, loop: Loop, quotient: Quotient, *, as_printed: bool
+    problem: Problem, loop: ImpedanceLoop, quotient: Quotient, *, as_printed: bool
 ) -> tuple[FloatArray, FloatArray]:
     """Return (b, k) of Z_avc, each (n,), by (17) or as it is printed; infinite where it is rigid.
 

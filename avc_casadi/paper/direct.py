@@ -12,7 +12,7 @@ from avc_casadi._util.arrays import BoolArray, FloatArray
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.model.gains import GainSchedule, Status
 from avc_casadi.model.problem import Problem
-from avc_casadi.paper.equations import Loop, loop_at
+from avc_casadi.paper.equations import ImpedanceLoop, loop_at
 from avc_casadi.paper.exact import exact_gains, row_reasons
 from avc_casadi.paper.nlp import KKT_TOLERANCE, Optimality, optimality
 from avc_casadi.paper.nlp_gains import FINE, nlp_gains, solvers_for
@@ -44,7 +44,9 @@ class CheckedGains:
     failed: BoolArray
 
 
-def checked_gains(problem: Problem, loop: Loop, name: str, tolerance: float, progress: Progress) -> CheckedGains:
+def checked_gains(
+    problem: Problem, loop: ImpedanceLoop, name: str, tolerance: float, progress: Progress
+) -> CheckedGains:
     """Solve the NLP, and again from more starts, none of them an answer of `exact`, where that refutes it."""
     gains = nlp_gains(problem, loop, name, tolerance, progress=progress)
     optimum = exact_gains(problem, loop)
@@ -67,7 +69,7 @@ def checked_gains(problem: Problem, loop: Loop, name: str, tolerance: float, pro
     return CheckedGains(gains, excess, local, failed)
 
 
-def excess_error(loop: Loop, gains: GainArrays, optimum: GainArrays) -> FloatArray:
+def excess_error(loop: ImpedanceLoop, gains: GainArrays, optimum: GainArrays) -> FloatArray:
     """Return the excess of the gains' magnitude error over the optimum's, relative to |Z_h_ds|, shape (n,)."""
     radius = np.abs(loop.target)
     error, least = (np.abs(np.abs(loop.perceived(*solution)) - radius) for solution in (gains, optimum))
@@ -75,7 +77,7 @@ def excess_error(loop: Loop, gains: GainArrays, optimum: GainArrays) -> FloatArr
         return np.asarray((error - least) / np.where(radius == 0, 1.0, radius))
 
 
-def _short(loop: Loop, gains: GainArrays, optimum: GainArrays) -> BoolArray:
+def _short(loop: ImpedanceLoop, gains: GainArrays, optimum: GainArrays) -> BoolArray:
     """Return the rows whose magnitude error, or if equal distance to Z_h_ds, is larger than the optimum's."""
     excess = excess_error(loop, gains, optimum)
     radius = np.abs(loop.target)

@@ -118,7 +118,7 @@ def coupling_gains(angle: SampleAngle, coupling: Complex) -> tuple[Real, Real]:
 
 
 @dataclass(frozen=True)
-class Loop:
+class ImpedanceLoop:
     """Impedances of device, environment and goal at one or many frequencies, in one number system, N.s/m.
 
     Attributes:
@@ -147,11 +147,11 @@ class Loop:
         """Z_h = Z_d + H Z_e: perceived impedance of device and wall joined directly."""
         return perceived_impedance(self.device, self.hold, self.environment)
 
-    def rows(self, index: NDArray[np.intp]) -> Loop:
+    def rows(self, index: NDArray[np.intp]) -> ImpedanceLoop:
         """Return the loop at some of its frequencies, by their positions (numpy only)."""
         take = {field.name: getattr(self, field.name)[index] for field in fields(self) if field.name != "angle"}
         angle = replace(self.angle, **{name: getattr(self.angle, name)[index] for name in ("turns", "sin", "cos")})
-        return Loop(angle=angle, **take)
+        return ImpedanceLoop(angle=angle, **take)
 
     def rendered(self, damping_ns_per_m: Real, stiffness_n_per_m: Real) -> Complex:
         """Return Z_eavc, coupling and environment in series; 0 where both are 0   (9)."""
@@ -173,7 +173,7 @@ class Loop:
         return perceived_impedance(self.device, self.hold, rendered, contact_damping_ns_per_m)
 
 
-def loop_at(problem: Problem, frequency_hz: Real, numbers: NumberSystem = NUMPY) -> Loop:
+def loop_at(problem: Problem, frequency_hz: Real, numbers: NumberSystem = NUMPY) -> ImpedanceLoop:
     """Return the gain-free part of a problem's loop."""
     device = problem.device
     environment = problem.environment
@@ -189,7 +189,7 @@ def loop_at(problem: Problem, frequency_hz: Real, numbers: NumberSystem = NUMPY)
     gap_b = ((environment_b - n(upper.damping_ns_per_m)) + (environment_b - n(lower.damping_ns_per_m))) / 2
     gap_k = ((environment_k - n(upper.stiffness_n_per_m)) + (environment_k - n(lower.stiffness_n_per_m))) / 2
     angle = SampleAngle.at(numbers, frequency_hz, n(device.sample_time_s))
-    return Loop(
+    return ImpedanceLoop(
         angle=angle,
         # Tustin, because a backward difference would add a false damping 2 m/T.
         device=n(device.mass_kg) * tustin(angle) + n(device.damping_ns_per_m),

@@ -18,7 +18,7 @@ from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.model.gains import GainSchedule, Status
 from avc_casadi.model.problem import Problem
 from avc_casadi.model.problem_ranges import least_damped, margin_over_range
-from avc_casadi.paper.equations import Loop, coupling_gains, coupling_impedance, loop_at
+from avc_casadi.paper.equations import ImpedanceLoop, coupling_gains, coupling_impedance, loop_at
 from avc_casadi.paper.numbers import abs2
 from avc_casadi.paper.rows import (
     GainArrays,
@@ -140,7 +140,7 @@ class Edges:
         contact: contact damping b_p, N.s/m.
     """
 
-    loop: Loop
+    loop: ImpedanceLoop
     base: ComplexArray
     slope: ComplexArray
     damping: FloatArray
@@ -151,7 +151,7 @@ class Edges:
     contact: FloatArray
 
     @classmethod
-    def of(cls, problem: Problem, loop: Loop, contacts: tuple[float, ...]) -> Edges:
+    def of(cls, problem: Problem, loop: ImpedanceLoop, contacts: tuple[float, ...]) -> Edges:
         """Return the edges of a problem's gain box at each contact damping, N.s/m."""
         b0, b1 = problem.coupling.damping_ns_per_m
         k0, k1 = problem.coupling.stiffness_n_per_m
@@ -283,7 +283,7 @@ def _edge_candidates(edges: Edges, radius: FloatArray, margin: float) -> list[Fl
 
 
 def _inner_candidates(
-    problem: Problem, loop: Loop, radius: FloatArray, margin: float, edges: Edges
+    problem: Problem, loop: ImpedanceLoop, radius: FloatArray, margin: float, edges: Edges
 ) -> list[list[FloatArray]]:
     """Return gains that render the wanted points, with the smallest admissible contact damping."""
     lowest, highest = problem.coupling.contact_damping_ns_per_m
@@ -303,7 +303,7 @@ def _inner_candidates(
 
 
 def _segment_candidates(
-    problem: Problem, loop: Loop, radius: FloatArray, margin: float, edges: Edges
+    problem: Problem, loop: ImpedanceLoop, radius: FloatArray, margin: float, edges: Edges
 ) -> list[FloatArray]:
     """Return points on the straight segments that contact damping sweeps from corners and stationary Im Z_eavc."""
     folds = np.concatenate(
@@ -327,12 +327,12 @@ def _segment_candidates(
     return [gain.reshape(-1, p.shape[-1]) for gain in np.broadcast_arrays(b, k, p)]
 
 
-def exact_gains(problem: Problem, loop: Loop, *, progress: Progress = SILENT) -> GainArrays:
+def exact_gains(problem: Problem, loop: ImpedanceLoop, *, progress: Progress = SILENT) -> GainArrays:
     """Return the optimal (b, k, b_p), each (n,); not a number where no gains of the box meet the constraint."""
     return in_parts(loop, _FREQUENCIES_AT_ONCE, progress, lambda part: _by_arcs(problem, part))
 
 
-def _by_arcs(problem: Problem, loop: Loop) -> GainArrays:
+def _by_arcs(problem: Problem, loop: ImpedanceLoop) -> GainArrays:
     """Return the best of all candidates at the frequencies of a loop."""
     margin = margin_over_range(problem)
     radius = np.abs(loop.target)

@@ -13,7 +13,7 @@ import numpy as np
 from avc_casadi._util.arrays import BoolArray, FloatArray
 from avc_casadi.model.problem import Problem
 from avc_casadi.model.problem_ranges import margin_over_range
-from avc_casadi.paper.equations import Loop, SampleAngle, coupling_impedance
+from avc_casadi.paper.equations import ImpedanceLoop, SampleAngle, coupling_impedance
 from avc_casadi.paper.numbers import ComplexExpr, abs2, casadi_numbers
 from avc_casadi.paper.rows import GainArrays, admissible
 
@@ -56,7 +56,7 @@ def coupling_nlp() -> CouplingNlp:
     device, hold, environment, z_h_ds = (
         ComplexExpr(value[f"{name}_re"], value[f"{name}_im"]) for name in ("device", "hold", "environment", "target")
     )
-    z_h_avc = Loop(angle, device, hold, environment, environment, environment).perceived(b, k, b_p)
+    z_h_avc = ImpedanceLoop(angle, device, hold, environment, environment, environment).perceived(b, k, b_p)
     objective = (ca.sqrt(abs2(z_h_ds)) - ca.sqrt(abs2(z_h_avc))) ** 2
     constraint = z_h_avc.real - value["margin"]
     return CouplingNlp(
@@ -69,7 +69,7 @@ def coupling_nlp() -> CouplingNlp:
     )
 
 
-def nlp_parameters(problem: Problem, loop: Loop, size: float = 1.0) -> FloatArray:
+def nlp_parameters(problem: Problem, loop: ImpedanceLoop, size: float = 1.0) -> FloatArray:
     """Return the parameters of `coupling_nlp`, shape (15, n), impedances over a size; the last three natural scales."""
     margin = margin_over_range(problem)
     weight = np.abs(loop.environment) / size
@@ -135,7 +135,7 @@ def _derivatives(rows: int) -> Any:
     return ca.Function("optimality", [nlp.gains, nlp.parameters], outputs).map(rows)
 
 
-def optimality(problem: Problem, loop: Loop, gains: GainArrays) -> Optimality:
+def optimality(problem: Problem, loop: ImpedanceLoop, gains: GainArrays) -> Optimality:
     """Recompute violation and KKT residual of (b, k, b_p), each (n,)."""
     parameters = nlp_parameters(problem, loop)
     x = np.array(gains)

@@ -11,7 +11,7 @@ from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.model.problem import Problem
 from avc_casadi.model.problem_ranges import margin_over_range
 from avc_casadi.paper.closed_form import Quotient
-from avc_casadi.paper.equations import Loop, coupling_gains, coupling_impedance
+from avc_casadi.paper.equations import ImpedanceLoop, coupling_gains, coupling_impedance
 from avc_casadi.paper.nlp_solver import NlpRows, NlpSolvers, nlp_solvers
 from avc_casadi.paper.rows import TIE, GainArrays, best_candidate, guarded_margin, in_parts
 
@@ -156,7 +156,7 @@ def solvers_for(problem: Problem, name: str, tolerance: float) -> NlpSolvers:
 
 def nlp_gains(
     problem: Problem,
-    loop: Loop,
+    loop: ImpedanceLoop,
     name: str,
     tolerance: float,
     *,

@@ -19,7 +19,7 @@ from avc_casadi._util.arrays import ComplexArray, FloatArray, IndexArray
 from avc_casadi._util.interrupt import DeferredInterrupt
 from avc_casadi.model.problem import Problem
 from avc_casadi.model.problem_ranges import margin_over_range
-from avc_casadi.paper.equations import Loop
+from avc_casadi.paper.equations import ImpedanceLoop
 from avc_casadi.paper.nlp import coupling_nlp, nlp_parameters
 from avc_casadi.paper.numbers import abs2
 
@@ -172,7 +172,7 @@ class NlpRows:
         natural: natural scale of each gain, shape (3, n).
     """
 
-    def __init__(self, problem: Problem, loop: Loop, solvers: NlpSolvers) -> None:
+    def __init__(self, problem: Problem, loop: ImpedanceLoop, solvers: NlpSolvers) -> None:
         self.problem = problem
         self.loop = loop
         self.solvers = solvers

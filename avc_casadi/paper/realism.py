@@ -10,7 +10,7 @@ import numpy as np
 from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray
 from avc_casadi._util.json_values import Document
 from avc_casadi.model.problem import Impedance, Objective, Problem
-from avc_casadi.paper.equations import Loop, environment_impedance, loop_at, perceived_impedance
+from avc_casadi.paper.equations import ImpedanceLoop, environment_impedance, loop_at, perceived_impedance
 
 IMPERCEPTIBLE = 1e-6
 """Share of a bound by which |Z_h| may miss it and counts as inside: a solver ends this close to it."""
@@ -59,13 +59,13 @@ def judge_realism(problem: Problem, impedance: ComplexArray, usable: BoolArray) 
     )
 
 
-def bound_magnitudes(problem: Problem, loop: Loop) -> tuple[FloatArray, FloatArray]:
+def bound_magnitudes(problem: Problem, loop: ImpedanceLoop) -> tuple[FloatArray, FloatArray]:
     """Return |Z_h| with the bounds L and U themselves rendered: the smaller and the larger, (n,) each, N.s/m."""
     ends = np.array([np.abs(bound) for bound in perceived_bounds(problem, loop)])
     return ends.min(axis=0), ends.max(axis=0)
 
 
-def perceived_bounds(problem: Problem, loop: Loop) -> tuple[ComplexArray, ComplexArray]:
+def perceived_bounds(problem: Problem, loop: ImpedanceLoop) -> tuple[ComplexArray, ComplexArray]:
     """Return Z_h with the bounds U and L themselves rendered, each (n,), N.s/m."""
     model = problem.stability.model
 

@@ -14,7 +14,7 @@ from avc_casadi.model.problem import Problem
 from avc_casadi.model.problem_ranges import margin_over_range
 from avc_casadi.model.runtime import StateFeedback
 from avc_casadi.paper.equations import (
-    Loop,
+    ImpedanceLoop,
     SampleAngle,
     backward_difference,
     coupling_impedance,
@@ -37,7 +37,7 @@ def guarded_margin(device: ComplexArray, hold: ComplexArray, rendered: ComplexAr
     return np.asarray(margin + _MARGIN_ROUNDING * terms)
 
 
-def wanted_points(loop: Loop, radius: FloatArray, margin: float) -> tuple[ComplexArray, ComplexArray]:
+def wanted_points(loop: ImpedanceLoop, radius: FloatArray, margin: float) -> tuple[ComplexArray, ComplexArray]:
     """Return Z_eavc and Z_e - Z_eavc, (4, n): at the goal, where |Z| = R crosses Re Z = margin (2), at Z = margin."""
     target = loop.target
     at_goal = np.where(target.real >= margin, 0, np.nan)
@@ -75,7 +75,9 @@ def admissible(problem: Problem, b: FloatArray, k: FloatArray, p: FloatArray) ->
     return np.asarray((b >= b0) & (b <= b1) & (k >= k0) & (k <= k1) & (p >= p0) & (p <= p1))
 
 
-def in_parts(loop: Loop, at_once: int, progress: Progress, solve: Callable[[Loop], GainArrays]) -> GainArrays:
+def in_parts(
+    loop: ImpedanceLoop, at_once: int, progress: Progress, solve: Callable[[ImpedanceLoop], GainArrays]
+) -> GainArrays:
     """Solve some frequencies at a time: few enough for memory and for progress reports."""
     rows = np.arange(len(loop.target))
     solved = [solve(loop.rows(rows[part])) for part in chunks(len(rows), at_once, progress, "frequencies")]
@@ -84,7 +86,7 @@ def in_parts(loop: Loop, at_once: int, progress: Progress, solve: Callable[[Loop
 
 
 def best_candidate(
-    problem: Problem, loop: Loop, b: FloatArray, k: FloatArray, p: FloatArray, *, tie: float = TIE
+    problem: Problem, loop: ImpedanceLoop, b: FloatArray, k: FloatArray, p: FloatArray, *, tie: float = TIE
 ) -> GainArrays:
     """Return per frequency the best of candidates (m, n), each (n,); not a number where none is feasible.
 

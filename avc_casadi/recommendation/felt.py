@@ -11,7 +11,13 @@ from typing import Any, Protocol
 import numpy as np
 
 from avc_casadi._util.arrays import ComplexArray, FloatArray
-from avc_casadi.claims.impedance import Excitation, below_quarter_rate, handle_impedance, rendered, stiffness_at_handle
+from avc_casadi.claims.impedance import (
+    HandExcitation,
+    below_quarter_rate,
+    handle_impedance,
+    rendered,
+    stiffness_at_handle,
+)
 from avc_casadi.coupling import Coupling
 from avc_casadi.loops.engine import EngineLoop, clocks
 from avc_casadi.loops.follower import Link, Touch, link_clocks
@@ -72,10 +78,10 @@ def shaken(
     """Return the impedance rendered to the excited handle in the wall, by describing function (Gelb 1968)."""
     device = coupling.problem.device
     heard = below_quarter_rate(device, np.array(frequency_hz))
-    excitation = Excitation.of(device, stiffness_at_handle(device, felt_n_per_m))
+    excitation = HandExcitation.of(device, stiffness_at_handle(device, felt_n_per_m))
     # The sensor of a flexible device moves by another amplitude than its handle, as the force decides.
     depth_m, share = (
-        Excitation.of(device, felt_n_per_m).depth_m,
+        HandExcitation.of(device, felt_n_per_m).depth_m,
         handle_impedance(device, complex(felt_n_per_m), heard)[1],
     )
     for _ in range(5):
@@ -187,7 +193,7 @@ def leaving_contact(coupling: Coupling) -> LeavingContact:
     """
     device = coupling.problem.device
     period_s, radius = device.sample_time_s, device.metres_per_unit
-    depth_m = min(Excitation.of(device, coupling.static_stiffness_n_per_m).depth_m, REACHED_M / radius)
+    depth_m = min(HandExcitation.of(device, coupling.static_stiffness_n_per_m).depth_m, REACHED_M / radius)
     entering_s = 0.25
     leaves_s = entering_s + PRESSED_S
     time_s = period_s * np.arange(round((leaves_s + 2 * WITHDRAWN_S) / period_s) + 1)

@@ -41,7 +41,7 @@ FEW_HANDS = 16
 
 
 @dataclass(frozen=True)
-class Plan:
+class TrialPlan:
     """Stiffnesses that are tried: the first, how many, and the ratio of each to the one before."""
 
     stiffness_n_per_m: float
@@ -87,9 +87,9 @@ class PairDesign:
         """Return why no coupling is deployable at any gains; empty where one may be."""
         return ""
 
-    def plan(self) -> Plan | None:
+    def plan(self) -> TrialPlan | None:
         """Return what is tried; None where nothing is worth a trial."""
-        return Plan(self._first(local=self.local), 12, 0.8) if self.stiffest.stiffness_n_per_m > 0 else None
+        return TrialPlan(self._first(local=self.local), 12, 0.8) if self.stiffest.stiffness_n_per_m > 0 else None
 
     def best(self) -> Settled | None:
         """Return the stiffest coupling with which all hands settle; None where they do with none."""
@@ -179,7 +179,7 @@ class PairDesign:
     def _try(self, gains: ToolGains, people: Hand, *, screen: bool) -> Trial:
         return try_end(self.problem.end, self.problem, gains, people, self.request.seed, screen=screen)
 
-    def _stiffest_settled(self, plan: Plan) -> Settled | None:
+    def _stiffest_settled(self, plan: TrialPlan) -> Settled | None:
         """Return the stiffest coupling with which all hands settle, without dry friction if one of two more does."""
         problem, search = self.problem, self.search
         progress = self.request.progress
@@ -260,12 +260,12 @@ class ToolDesign(PairDesign):
             )
         return "no spring and damper is stable with every hand, released, tool and contact"
 
-    def plan(self) -> Plan | None:
+    def plan(self) -> TrialPlan | None:
         """Return what is tried: a wanted stiffness alone, where some dampers hold it."""
         wanted = self.wanted_n_per_m
         if wanted is None:
             return super().plan()
-        return Plan(wanted, 1, 1.0) if self.search.held(wanted, local=self.local) else None
+        return TrialPlan(wanted, 1, 1.0) if self.search.held(wanted, local=self.local) else None
 
     def helps(self) -> tuple[ToolHelp, ...]:
         """Return what would help, largest first."""
@@ -313,12 +313,12 @@ class FollowerDesign(PairDesign):
         wanted = self.wanted_n_per_m
         self.local = wanted is not None and wanted > self._first_n_per_m
 
-    def plan(self) -> Plan | None:
+    def plan(self) -> TrialPlan | None:
         """Return what is tried: a wanted K alone, twice: loops get known."""
         if not (self.stiffest.stiffness_n_per_m > 0 or self.local):
             return None
         wanted = self.wanted_n_per_m
-        return Plan(self._first_n_per_m, 5, 0.85) if wanted is None else Plan(wanted, 2, 1.0)
+        return TrialPlan(self._first_n_per_m, 5, 0.85) if wanted is None else TrialPlan(wanted, 2, 1.0)
 
     def certificate(self, gains: ToolGains) -> dict[str, Any]:
         """Return the certificate, JSON values: margins, and passivity of the two-port."""

@@ -22,7 +22,7 @@ from avc_casadi.recommendation.wall import WallDesign, judged
 Best = TypeVar("Best")
 
 
-class Design(Protocol[Best]):
+class CouplingDesign(Protocol[Best]):
     """Design of the coupling to one kind of end: its loops, candidates and trials, and the answer made of them."""
 
     def why_infeasible(self) -> str:
@@ -39,23 +39,23 @@ class Design(Protocol[Best]):
 
 
 @singledispatch
-def design_of(end: End, problem: Problem, request: Request, crew: Crew) -> Design[Any]:  # noqa: ARG001
+def design_of(end: End, problem: Problem, request: Request, crew: Crew) -> CouplingDesign[Any]:  # noqa: ARG001
     """Return the design of the coupling to the end of a problem: of any that is no wall a spring and dampers."""
     return PairDesign(problem, request)
 
 
 @design_of.register
-def _wall_design(end: Wall, problem: Problem, request: Request, crew: Crew) -> Design[Any]:  # noqa: ARG001
+def _wall_design(end: Wall, problem: Problem, request: Request, crew: Crew) -> CouplingDesign[Any]:  # noqa: ARG001
     return WallDesign(problem, request, crew)
 
 
 @design_of.register
-def _tool_design(end: Simulation, problem: Problem, request: Request, crew: Crew) -> Design[Any]:  # noqa: ARG001
+def _tool_design(end: Simulation, problem: Problem, request: Request, crew: Crew) -> CouplingDesign[Any]:  # noqa: ARG001
     return ToolDesign(problem, request, end)
 
 
 @design_of.register
-def _follower_design(end: Follower, problem: Problem, request: Request, crew: Crew) -> Design[Any]:  # noqa: ARG001
+def _follower_design(end: Follower, problem: Problem, request: Request, crew: Crew) -> CouplingDesign[Any]:  # noqa: ARG001
     return FollowerDesign(problem, request, end)
 
 

@@ -14,7 +14,7 @@ from avc_casadi._util.printed import Printed
 from avc_casadi.claims.impedance import stiffness_at_handle
 from avc_casadi.coupling import Coupling
 from avc_casadi.files.coupling_file import coupling_document
-from avc_casadi.loops.loop_family import Mode
+from avc_casadi.loops.loop_family import LeastDampedMode
 from avc_casadi.loops.margins import OpenLoop, transients
 from avc_casadi.model.ends import End, Follower, Simulation, ToolGains
 from avc_casadi.model.problem import Problem
@@ -92,7 +92,7 @@ class Pair(PairLimits):
 
     gain_margin: float
     motor_margins: Sequence[float]
-    mode: Mode
+    mode: LeastDampedMode
     felt: tuple[Felt, ...] = ()
     set_by: str = ""
     mismatch_stable: bool | None = None

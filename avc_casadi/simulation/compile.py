@@ -24,7 +24,7 @@ from avc_casadi.simulation.advance import Advance, Drive, MatrixExponential, Tay
 from avc_casadi.simulation.contact import Environment, coupling_parameters, wall_force
 from avc_casadi.simulation.effects.base import SceneEffect, Station
 from avc_casadi.simulation.effects.computation import Adaptation
-from avc_casadi.simulation.effects.environment import EngineEffect, Wall
+from avc_casadi.simulation.effects.environment import EngineEffect, SceneWall
 from avc_casadi.simulation.effects.interface import Delay, Encoder, Jitter, VelocityFilter
 from avc_casadi.simulation.effects.mechanics import Backlash, CoulombFriction
 from avc_casadi.simulation.tick import Tick, ca, column
@@ -227,7 +227,7 @@ def _compile(problem: Problem, effects: tuple[SceneEffect, ...], gains: Gains) -
 
 def _environment_of(effects: tuple[SceneEffect, ...], gains: Gains, table: GainTable | None) -> Environment | None:
     """Return the environment of a scene with the contact law that holds for these gains; None where it has no force."""
-    environment = next((effect.environment for effect in effects if isinstance(effect, Wall)), None)
+    environment = next((effect.environment for effect in effects if isinstance(effect, SceneWall)), None)
     if environment is None:
         return None
     declared: Contact = "clip-last" if environment.clips_last else "gated"

@@ -8,9 +8,9 @@ from measured_device import Truth, measured, multisine
 
 from avc_casadi.identification.fit import Block, Fit, bootstrap, cross_validation
 from avc_casadi.identification.log import Record, lattice_step
-from avc_casadi.identification.predictor import Observer, Predictor
+from avc_casadi.identification.predictor import Predictor, SteadyObserver
 from avc_casadi.identification.regression import Motion
-from avc_casadi.identification.terms import RUNGS, Structure
+from avc_casadi.identification.terms import RUNGS, ModelStructure
 
 VALUES = {
     "mass_kg": 0.11,
@@ -39,9 +39,9 @@ def predictor():
 @pytest.mark.parametrize("delay", np.linspace(1.01, 1.99, 8))
 def test_slopes_hold_wherever_in_a_sample_the_force_arrives(predictor, delay):
     """Where one of the times at which friction looks at the velocity leaves the sample, all of them changed places."""
-    structure = Structure(MODELS[-1], {})
+    structure = ModelStructure(MODELS[-1], {})
     search = structure.start({**VALUES, "delay_samples": delay})
-    observer = Observer(1e-6)
+    observer = SteadyObserver(1e-6)
     (found,) = predictor.predict(structure, search, observer)
     place, step = structure.names.index("amplifier_bandwidth_hz"), 2e-3
     ends = [
@@ -56,13 +56,13 @@ def test_slopes_hold_wherever_in_a_sample_the_force_arrives(predictor, delay):
 @pytest.mark.parametrize("name", VALUES)
 def test_a_search_that_ran_to_a_bound_has_slopes_there(predictor, name):
     """Such a model is worse than others, and no reason to stop: the neighbour of the slope lies within the bounds."""
-    structure = Structure(MODELS[-1], {})
+    structure = ModelStructure(MODELS[-1], {})
     place = structure.names.index(name)
     for bound, inwards in zip(structure.bounds(), (1, -1), strict=True):
         if np.isfinite(bound[place]):
             search = structure.start(VALUES)
             search[place] = bound[place] + inwards * 1e-9 * max(1.0, abs(bound[place]))
-            (found,) = predictor.predict(structure, search, Observer(60.0))
+            (found,) = predictor.predict(structure, search, SteadyObserver(60.0))
             assert np.isfinite(found.slopes[:, place]).all()
 
 
@@ -74,8 +74,8 @@ def linear_fit(seed, count=40, size=60, noise=1.0):
     error -= slopes @ np.linalg.lstsq(slopes, error, rcond=None)[0]
     parts = zip(np.split(error, count), np.split(slopes, count), strict=True)
     blocks = tuple(Block(size, float(e @ e), j.T @ e, j.T @ j) for e, j in parts)
-    structure = Structure(("rigid",), {}, fixed=dict.fromkeys({*RUNGS["rigid"]} - {*names}, 0.0))
-    return Fit(structure, np.zeros(len(names)), Observer(1.0), (error,), blocks, 1.0, 0.0), slopes
+    structure = ModelStructure(("rigid",), {}, fixed=dict.fromkeys({*RUNGS["rigid"]} - {*names}, 0.0))
+    return Fit(structure, np.zeros(len(names)), SteadyObserver(1.0), (error,), blocks, 1.0, 0.0), slopes
 
 
 def test_bootstrap_of_a_linear_problem_is_its_least_squares_interval():

@@ -16,7 +16,7 @@ import mpmath
 
 from avc_casadi.model.problem import Problem
 from avc_casadi.model.problem_ranges import margin_over_range
-from avc_casadi.paper.equations import Loop, loop_at
+from avc_casadi.paper.equations import ImpedanceLoop, loop_at
 from avc_casadi.paper.numbers import Complex, NumberSystem, Real, abs2
 
 
@@ -45,7 +45,7 @@ class Reference:
 
     def __init__(self, problem: Problem, frequency_hz: float, contact: Real = None) -> None:
         box = problem.coupling
-        self.loop: Loop = loop_at(problem, MP.mpf(frequency_hz), NUMBERS)
+        self.loop: ImpedanceLoop = loop_at(problem, MP.mpf(frequency_hz), NUMBERS)
         self.margin = MP.mpf(margin_over_range(problem))
         self.contact = MP.mpf(box.contact_damping_ns_per_m[0] if contact is None else contact)
         self.radius = abs(self.loop.target)

@@ -12,7 +12,7 @@ from avc_casadi import solve
 from avc_casadi.claims.hands import scope_slack
 from avc_casadi.model.gains import GainSchedule
 from avc_casadi.model.problem import Problem
-from avc_casadi.paper.equations import Loop, loop_at
+from avc_casadi.paper.equations import ImpedanceLoop, loop_at
 
 ROUNDING = 1e-9
 SEPARATE = {"slope_penalty": 0.0, "contact_damping_penalty": 0.0}
@@ -39,7 +39,7 @@ def problem_with(require: str, scope: str, changes: dict[str, dict[str, Any]], p
     return figure5(points=points, **tables)
 
 
-def real(problem: Problem, loop: Loop, z: np.ndarray, rounding: float) -> np.ndarray:
+def real(problem: Problem, loop: ImpedanceLoop, z: np.ndarray, rounding: float) -> np.ndarray:
     """Whether impedances (..., n) are what the problem requires, written out anew."""
     if problem.realism.require == "jnd":
         return np.asarray(np.abs(z - loop.target) <= (problem.realism.jnd + rounding) * np.abs(loop.target))

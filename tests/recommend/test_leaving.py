@@ -7,7 +7,7 @@ import pytest
 from withdrawn_device import NOTICED_N, pushed_outside, target_m
 
 import avc_casadi as avc
-from avc_casadi.claims.impedance import Excitation
+from avc_casadi.claims.impedance import HandExcitation
 from avc_casadi.coupling import Coupling
 from avc_casadi.design.observer_law import GUESSES, regulator
 from avc_casadi.model.gains import Gains, spring_before
@@ -42,7 +42,7 @@ def observed(stated, guess=0):
 
 def told_and_found(coupling):
     told, device = leaving_contact(coupling), coupling.problem.device
-    depth_m = Excitation.of(device, coupling.static_stiffness_n_per_m).depth_m
+    depth_m = HandExcitation.of(device, coupling.static_stiffness_n_per_m).depth_m
     return told, pushed_outside(coupling, depth_m)
 
 
@@ -81,7 +81,7 @@ def pushed_by_matrices(coupling, depth_m, faces=8):
 def test_an_observer_pushes_outside_as_its_matrices_do(name):
     coupling = observed(problem(name))
     told, device = leaving_contact(coupling), coupling.problem.device
-    depth_m = Excitation.of(device, coupling.static_stiffness_n_per_m).depth_m
+    depth_m = HandExcitation.of(device, coupling.static_stiffness_n_per_m).depth_m
     found = pushed_by_matrices(coupling, depth_m)
     assert (told.outside_m, told.lasting_s, told.force_n) == pytest.approx(found, rel=0.04)
 

@@ -18,7 +18,7 @@ from avc_casadi.model.problem import Problem
 from avc_casadi.model.problem_ranges import margin_over_range
 from avc_casadi.paper.closed_form import project
 from avc_casadi.paper.direct import EXCESS_TOLERANCE
-from avc_casadi.paper.equations import Loop, coupling_gains, loop_at
+from avc_casadi.paper.equations import ImpedanceLoop, coupling_gains, loop_at
 from avc_casadi.paper.exact import exact_gains
 from avc_casadi.paper.nlp import optimality
 from avc_casadi.paper.nlp_gains import nlp_gains
@@ -138,14 +138,16 @@ def solver_costs(
     return costs
 
 
-def _closed_form(problem: Problem, loop: Loop) -> GainArrays:
+def _closed_form(problem: Problem, loop: ImpedanceLoop) -> GainArrays:
     """Return the gains of the closed form, each (n,); not a number outside the gain box."""
     b, k = coupling_gains(loop.angle, project(problem).coupling)
     inside = admissible(problem, b, k, np.zeros(b.shape))
     return np.where(inside, b, np.nan), np.where(inside, k, np.nan), np.where(inside, 0.0, np.nan)
 
 
-def _cost(problem: Problem, loop: Loop, reference: FloatArray, run: Callable[[], GainArrays]) -> dict[str, Any]:
+def _cost(
+    problem: Problem, loop: ImpedanceLoop, reference: FloatArray, run: Callable[[], GainArrays]
+) -> dict[str, Any]:
     """Return the figures of a `SolverCost`."""
     rows = len(reference)
     gains = run()
@@ -169,7 +171,9 @@ def _cost(problem: Problem, loop: Loop, reference: FloatArray, run: Callable[[],
     }
 
 
-def _quality(problem: Problem, loop: Loop, reference: FloatArray, gains: GainArrays) -> tuple[FloatArray, BoolArray]:
+def _quality(
+    problem: Problem, loop: ImpedanceLoop, reference: FloatArray, gains: GainArrays
+) -> tuple[FloatArray, BoolArray]:
     """Excess error of each row, not below the rounding of |Z_h_ds|, and whether it passes the checks of `direct`."""
     radius = np.abs(loop.target)
     scale = np.where(radius == 0, 1.0, radius)

@@ -98,7 +98,7 @@ class Comparison(Tabular):
     lower: ComplexArray
     optimum: str
     delivered: str
-    verdict: tuple[Verdict, ...]
+    verdict: tuple[MethodVerdict, ...]
     reason: tuple[str, ...]
     cross_check: CrossCheck | None
     judged: Mapping[str, Evaluation]
@@ -123,7 +123,7 @@ class Comparison(Tabular):
     def counts(self) -> dict[str, int]:
         """Return how many frequencies have each verdict; verdicts that do not occur count 0."""
         counted = Counter(self.verdict)
-        return {verdict.value: counted[verdict] for verdict in Verdict}
+        return {verdict.value: counted[verdict] for verdict in MethodVerdict}
 
     def document(self) -> dict[str, Any]:
         """Return the JSON document, null where a number is undefined."""
@@ -160,7 +160,7 @@ AGREEMENT = 1e-8
 _SAME_POINT = 1e-6
 
 
-class Verdict(StrEnum):
+class MethodVerdict(StrEnum):
     """The verdict at one frequency; the first of this list that applies."""
 
     INFEASIBLE = "infeasible"
@@ -172,32 +172,32 @@ class Verdict(StrEnum):
 
 def verdicts(
     closed_form: GainSchedule, optimum: GainSchedule, scale: FloatArray
-) -> tuple[tuple[Verdict, ...], tuple[str, ...]]:
+) -> tuple[tuple[MethodVerdict, ...], tuple[str, ...]]:
     """Judge every frequency: the better of closed form and optimum, and why they differ."""
     better = closed_form.magnitude_error > optimum.magnitude_error + AGREEMENT * scale
     judged = [_verdict(closed_form, optimum, row, better=bool(better[row])) for row in range(optimum.rows)]
     return tuple(verdict for verdict, _ in judged), tuple(reason for _, reason in judged)
 
 
-def _verdict(closed_form: GainSchedule, optimum: GainSchedule, row: int, *, better: bool) -> tuple[Verdict, str]:
+def _verdict(closed_form: GainSchedule, optimum: GainSchedule, row: int, *, better: bool) -> tuple[MethodVerdict, str]:
     """Return the verdict at one frequency, and its reason."""
     method = optimum.method
     error = f"{optimum.magnitude_error[row]:.3g}"
     reason = optimum.reason[row]
     if not optimum.status[row].has_gains:
-        return Verdict.INFEASIBLE, reason or f"{method} found no gains"
+        return MethodVerdict.INFEASIBLE, reason or f"{method} found no gains"
     if not closed_form.status[row].has_gains:
         why = f"the closed form {closed_form.reason[row]}; {method} reaches a magnitude error of {error}"
-        return Verdict.CLOSED_FORM_NOT_REALISABLE, why
+        return MethodVerdict.CLOSED_FORM_NOT_REALISABLE, why
     if better:
         damped = optimum.structure == "damped"
         cause = "contact damper leaves out the virtual mass" if damped else "projection keeps Im Z_h_ds"
         closed_form_error = f"{closed_form.magnitude_error[row]:.3g}"
         why = f"the {cause}: a magnitude error of {closed_form_error}; {method} reaches {error}"
-        return Verdict.DIRECT_BETTER, why
+        return MethodVerdict.DIRECT_BETTER, why
     if optimum.status[row] is Status.ACTIVE_BOUND:
-        return Verdict.BOUND_ACTIVE, f"same error; {reason or f'{method} stands on a bound of the gain box'}"
-    return Verdict.AGREE, f"both reach a magnitude error of {error}"
+        return MethodVerdict.BOUND_ACTIVE, f"same error; {reason or f'{method} stands on a bound of the gain box'}"
+    return MethodVerdict.AGREE, f"both reach a magnitude error of {error}"
 
 
 def cross_check(direct: GainSchedule, exact: GainSchedule, scale: FloatArray) -> CrossCheck:

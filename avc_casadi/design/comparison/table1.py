@@ -72,7 +72,7 @@ REFERENCE_RATE = 8
 
 
 @dataclass(frozen=True)
-class Candidate:
+class MethodCandidate:
     """One coupling that all hands try.
 
     Attributes:
@@ -91,15 +91,15 @@ class Candidate:
 
 
 COUPLINGS = {
-    "none": Candidate("none", meets_set_b=True),
-    "static": Candidate("static", constant=True, meets_set_b=True),
-    "static-sampled": Candidate("static", model="sampled-data", constant=True),
-    "direct": Candidate("direct"),
-    "closed-form": Candidate("closed-form"),
-    "static-tuned-series": Candidate("static-tuned", tuned="series", constant=True),
-    "schedule-series": Candidate("schedule", tuned="series"),
-    "static-tuned": Candidate("static-tuned", tuned="damped", constant=True, meets_set_b=True),
-    "schedule": Candidate("schedule", tuned="damped", meets_set_b=True),
+    "none": MethodCandidate("none", meets_set_b=True),
+    "static": MethodCandidate("static", constant=True, meets_set_b=True),
+    "static-sampled": MethodCandidate("static", model="sampled-data", constant=True),
+    "direct": MethodCandidate("direct"),
+    "closed-form": MethodCandidate("closed-form"),
+    "static-tuned-series": MethodCandidate("static-tuned", tuned="series", constant=True),
+    "schedule-series": MethodCandidate("schedule", tuned="series"),
+    "static-tuned": MethodCandidate("static-tuned", tuned="damped", constant=True, meets_set_b=True),
+    "schedule": MethodCandidate("schedule", tuned="damped", meets_set_b=True),
 }
 
 

@@ -17,7 +17,7 @@ from avc_casadi.diagnose.oscillation import Log, Oscillation
 from avc_casadi.diagnose.remedies import Remedy
 from avc_casadi.identification.device import Estimate, Identification
 from avc_casadi.identification.excitation import Excitation, ExcitationFigures
-from avc_casadi.identification.fit import Trial
+from avc_casadi.identification.fit import FitTrial
 from avc_casadi.model.hands import Hand
 from avc_casadi.present import words
 from avc_casadi.present.row import Answer, Mark, Part, Parts, Row, Value, commas, grade, parts, row
@@ -163,7 +163,7 @@ def _estimate(label: str, estimate: Estimate, rank: int) -> Row:
     return row(label, low, "to", high, "; not identified", mark=Mark.CAUTION, rank=rank)
 
 
-def _rung(trial: Trial) -> Row:
+def _rung(trial: FitTrial) -> Row:
     """Return whether a rung of the model was taken, and why not."""
     taken = "taken" if trial.taken else "not taken"
     errors = f"on stretches held out, {trial.standard_errors:.2g} std errors"

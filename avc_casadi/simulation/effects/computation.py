@@ -49,7 +49,7 @@ class Guard(SceneEffect, keys=GuardEffect, rank=190, of_coupling=True):
         tick.trace("guard_reserve_j", outputs["reserve_j"])
 
 
-class StateFeedback(TableEffect, keys=StateFeedbackEffect, rank=120, role="observer", of_coupling=True):
+class SceneStateFeedback(TableEffect, keys=StateFeedbackEffect, rank=120, role="observer", of_coupling=True):
     """Replaces the measured position by a weighted sum of the observer's states."""
 
     @property

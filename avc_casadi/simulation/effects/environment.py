@@ -58,7 +58,7 @@ class Detents(SceneEffect, keys=DetentEffect, rank=180):
 
 
 @dataclass(frozen=True)
-class Wall(SceneEffect, keys=WallEffect, rank=160, role="environment"):
+class SceneWall(SceneEffect, keys=WallEffect, rank=160, role="environment"):
     """A spring and a damper that begin at x = 0 and never pull."""
 
     damping_ns_per_m: float
@@ -81,7 +81,7 @@ class Wall(SceneEffect, keys=WallEffect, rank=160, role="environment"):
 
 
 @dataclass(frozen=True)
-class TwoSidedEnvironment(Wall, keys=EnvironmentEffect, rank=170, role="environment"):
+class TwoSidedEnvironment(SceneWall, keys=EnvironmentEffect, rank=170, role="environment"):
     """A spring towards x = 0 and a damper, always in contact."""
 
     @property

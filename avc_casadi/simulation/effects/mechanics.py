@@ -58,7 +58,7 @@ class Backlash(TableEffect, keys=BacklashEffect, rank=60, scene_alone=True, devi
         tick.follow(name, tick.position)
 
 
-class Resonance(TableEffect, keys=ResonanceEffect, rank=10, scene_alone=True):
+class SceneResonance(TableEffect, keys=ResonanceEffect, rank=10, scene_alone=True):
     """The device's mass split in two: sensor and actuator on one, the hand on the other."""
 
     @classmethod

@@ -10,8 +10,8 @@ from avc_casadi.model.effects import DelayEffect, DetentEffect, EncoderEffect, H
 from avc_casadi.simulation.compile import build_effects
 from avc_casadi.simulation.contact import Environment, coupling_parameters, wall_force
 from avc_casadi.simulation.effects.base import SceneEffect
-from avc_casadi.simulation.effects.computation import Adaptation, Estimator, Guard, Observer, StateFeedback
-from avc_casadi.simulation.effects.environment import Detents, Wall
+from avc_casadi.simulation.effects.computation import Adaptation, Estimator, Guard, Observer, SceneStateFeedback
+from avc_casadi.simulation.effects.environment import Detents, SceneWall
 from avc_casadi.simulation.effects.interface import Delay, Saturation
 from avc_casadi.simulation.emit import SINGLE, FloatProgram, Precision
 from avc_casadi.simulation.tick import Tick
@@ -65,7 +65,7 @@ def _computer(coupling: Coupling) -> tuple[SceneEffect, ...]:
     if coupling.max_force_n is not None:
         listed.append(SaturationEffect())
     built = build_effects(problem.changed(scene={"effects": tuple(listed)}))
-    kinds = (Observer, StateFeedback, Estimator, Adaptation, Wall, Detents, Guard, Saturation, Delay)
+    kinds = (Observer, SceneStateFeedback, Estimator, Adaptation, SceneWall, Detents, Guard, Saturation, Delay)
     return tuple(effect for effect in built if isinstance(effect, kinds))
 
 
@@ -82,12 +82,12 @@ class _Sample:
         tick.position = self.measured
         self.wanted = [ca.SX.sym(f"wanted_{name}") for name in GAINS]
         looked: Any = AnyTable(table.rest_hz, table.rest_stiffness_n_per_m, self.wanted)
-        wall = next(effect.environment for effect in effects if isinstance(effect, Wall))
+        wall = next(effect.environment for effect in effects if isinstance(effect, SceneWall))
         environment = replace(wall, clips_last=coupling.contact == "clip-last")
         for effect in effects:
             if isinstance(effect, Adaptation):
                 replace(effect, gain_table=looked).sample(tick)
-            elif isinstance(effect, Observer | StateFeedback | Estimator):
+            elif isinstance(effect, Observer | SceneStateFeedback | Estimator):
                 effect.sample(tick)
         self.seen = tick.position
         self.cut = tick.position = self.seen if constant else ca.SX.sym("seen_m")
