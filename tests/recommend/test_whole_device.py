@@ -177,3 +177,26 @@ def test_what_the_declared_device_refuses_does_not_rest(name):
     stiff = refused(name, 1.5 * limit, damping)
     assert fastest([stiff.meets(held(hand, 0.07), friction=0.0) for hand in hands]) > 0.1
     assert fastest([stiff.meets(leaning(3.0))]) > 0.1
+
+
+ROUGH = {
+    "mass_kg": 0.0718,
+    "damping_ns_per_m": 0.611,
+    "sample_time_s": 0.76e-3,
+    "delay_samples": 2,
+    "coulomb_friction_n": 0.88,
+    "encoder_resolution_m": 3.25e-6,
+    "amplifier_bandwidth_hz": 368.0,
+    "resonance": {"frequency_hz": 99.7, "damping_ratio": 0.0397, "mass_ratio": 0.556},
+}
+
+
+@pytest.mark.slow
+def test_a_light_device_with_much_friction_rests_where_friction_is_not_projected():
+    """Projected in four parts of a sample, friction stopped a motor that swung on at 30 mm/s for ever."""
+    environment = {"stiffness_n_per_m": 13500.0, "damping_ns_per_m": 0.0}
+    problem = avc.load_problem("reference-r1").changed(device=ROUGH | {"max_force_n": None}, environment=environment)
+    coupling = avc.recommend(problem, hands=100).coupling
+    bench = WholeDevice(problem.device, avc_hardware.export_c(coupling))
+    for friction in (None, 0.0):
+        assert rests_as_tried(bench, problem.device, people(problem.hands, 40, 3), friction, longest_s=8.0).all()

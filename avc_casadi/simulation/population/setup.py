@@ -35,6 +35,11 @@ HANDS_AT_ONCE = 250
 NUMBERS_AT_ONCE = 4_000_000
 """Samples of all hands simulated at a time, which bounds the memory of a long motion."""
 DURATION_S = 3.0
+FRICTION_STEP_M_PER_S = 1e-3
+"""Change of speed by friction in a substep: a fifth of the speed below which a device counts as at rest."""
+FEWEST_SUBSTEPS = 4
+MOST_SUBSTEPS = 32
+"""A bound on the time of a trial: only a device below 50 g with 1 N of friction would have more."""
 """Duration of a motion."""
 _SCATTER = 1e3
 """Multiple of a hand's numbers whose fractional part scatters over an encoder step."""
@@ -91,7 +96,9 @@ class Setup:
         law = () if self.law is None else (self.law,)
         # Several times quicker for a stylus hand than exact events, with the same share of stable hands (58.8 against
         # 59.8 % of 500 where they differ most).
-        how: dict[str, Any] = {"integrator": "projected", "substeps": 4} if self.rough else {}
+        how: dict[str, Any] = {}
+        if self.rough:
+            how = {"integrator": "projected", "substeps": friction_substeps(self.problem.device)}
         scene = Scene(duration_s=duration_s, motion=motion, effects=(*self.effects, *law), **how)
         run = self.problem.changed(scene=scene)
         effects = with_hand(run, build_effects(run), people)
@@ -101,6 +108,19 @@ class Setup:
                 replace(effect, phase=phase) if isinstance(effect, Encoder) else effect for effect in effects
             )
         return run, effects
+
+
+def friction_substeps(device: Device) -> int:
+    """Return in how many parts of a sample dry friction is projected.
+
+    In a part h friction changes the speed of the motor by fc h/m at most, and brings it to rest where that suffices. A
+    part is so short that this is `FRICTION_STEP_M_PER_S` at the rim: longer ones stop a device that swings on.
+    """
+    share = 0.0 if device.resonance is None else device.resonance.mass_ratio
+    motor_kg = (1 - share) * device.mass_kg
+    change_per_s = device.coulomb_friction_n * device.sample_time_s / motor_kg if motor_kg > 0 else math.inf
+    parts = change_per_s * device.metres_per_unit / FRICTION_STEP_M_PER_S
+    return math.ceil(min(max(parts, FEWEST_SUBSTEPS), MOST_SUBSTEPS))
 
 
 def _phases(people: Hand | StylusHand, motion: Motion) -> FloatArray:
