@@ -64,7 +64,9 @@ class Section:
         """Return it as HTML."""
         text = f"<p>{escape(self.text)}</p>" if self.text else ""
         file = _wide(self.title, f"<pre>{escape(self.file)}</pre>") if self.file else ""
-        body = "\n".join([text, *(one.html() for one in self.pictures), _table(self.title, self.rows, units), file])
+        body = "\n".join(
+            [text, *(picture.html() for picture in self.pictures), _table(self.title, self.rows, units), file]
+        )
         if self.folded:
             return f"<details>\n<summary>{escape(self.title)}</summary>\n{body}\n</details>"
         return f"<h2>{escape(self.title)}</h2>\n{body}"
@@ -77,8 +79,9 @@ def _wide(name: str, content: str) -> str:
 
 def _table(title: str, rows: Iterable[Row], units: Units) -> str:
     lines = [
-        f'<tr><td class="{one.mark.name.lower()}">{escape(one.name(units))}</td><td>{escape(one.text(units))}</td></tr>'
-        for one in rows
+        f'<tr><td class="{shown.mark.name.lower()}">{escape(shown.name(units))}</td>'
+        f"<td>{escape(shown.text(units))}</td></tr>"
+        for shown in rows
     ]
     return _wide(title, f"<table>{''.join(lines)}</table>") if lines else ""
 
@@ -91,25 +94,25 @@ def report_html(
     more: Sequence[Section] = (),
 ) -> str:
     """Return the report of a recommendation: verdict, one picture and ten rows first, then the rest of it."""
-    shown = [one for one in answer.rows if one.rank == 0]
+    shown = [line for line in answer.rows if line.rank == 0]
     units = problem.units
     claims = levels(read_levels(answer.data["certificate"] or {}))
     sections = [
         Section("What to deploy", shown[:10], pictures[:1]),
         Section("Margins and time responses", shown[10:], pictures[1:]),
         *more,
-        Section("Details", [one for one in answer.rows if one.rank > 0], folded=True),
+        Section("Details", [line for line in answer.rows if line.rank > 0], folded=True),
         Section("Certificate", claims, folded=True),
         Section("Problem file", file=dump_problem(problem), folded=True),
     ]
     text, good = verdict(answer.data, shown)
     body = [f'<p class="verdict {"pass" if good else "fail"}">{escape(text)}</p>']
-    body += [one.html(units) for one in sections if one.rows or one.pictures or one.file]
+    body += [section.html(units) for section in sections if section.rows or section.pictures or section.file]
     made = _table("versions", (row(name, version) for name, version in versions.items()), units)
     title = ": ".join(filter(None, (problem.name, problem.title)))
     frame = Template(Path(__file__).with_suffix(".html").read_text(encoding="utf-8"))
-    told = {"title": escape(title), "source": escape(problem.source), "versions": made}
-    return frame.substitute(told, body="\n\n".join(body))
+    values = {"title": escape(title), "source": escape(problem.source), "versions": made}
+    return frame.substitute(values, body="\n\n".join(body))
 
 
 def paper_sections(compared: Comparison, drawn: Mapping[str, Picture], pushed: Row) -> list[Section]:
@@ -119,16 +122,16 @@ def paper_sections(compared: Comparison, drawn: Mapping[str, Picture], pushed: R
     question = [*comparison(compared).rows, pushed]
     return [
         Section("The paper's question", question, list(drawn.values()), text),
-        Section("What is assumed", [row(what, assumed) for what, assumed in ASSUMPTIONS], folded=True),
+        Section("What is assumed", [row(subject, assumed) for subject, assumed in ASSUMPTIONS], folded=True),
         Section("Errors of the printed paper", errors, folded=True),
     ]
 
 
-def wall_pictures(found: Recommendation) -> dict[str, Picture]:
+def wall_pictures(recommended: Recommendation) -> dict[str, Picture]:
     """Return the figures of a coupling to a wall; none without one."""
-    if found.coupling is None:
+    if recommended.coupling is None:
         return {}
-    responses = deployed(found.coupling)
+    responses = deployed(recommended.coupling)
     rendered = "Rendered against wanted: stiffness by sinusoidal excitation, and simulated hands that press."
     loop = "The loop opened at the actuator, with its margins, and the impact on the wall in the linear loop."
     return {
@@ -137,11 +140,11 @@ def wall_pictures(found: Recommendation) -> dict[str, Picture]:
     }
 
 
-def paper_pictures(found: Comparison) -> dict[str, Picture]:
+def paper_pictures(compared: Comparison) -> dict[str, Picture]:
     """Return the figures of the paper's question."""
     perceived = "Perceived impedance between the bounds that feel real, Re Z that (12) constrains, and the gains."
     errors = "Errors of the methods at each frequency."
     return {
-        "perceived": Picture.of(draw_perceived(found), perceived),
-        "comparison": Picture.of(draw_comparison(found), errors),
+        "perceived": Picture.of(draw_perceived(compared), perceived),
+        "comparison": Picture.of(draw_comparison(compared), errors),
     }
