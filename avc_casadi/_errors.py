@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 
 # Largest size of a fault report, for any number and length of faults.
-_MOST_FAULTS, _MOST_CHARACTERS = 20, 1800
+_MOST_FAULTS = 20
+_MOST_CHARACTERS = 1800
 
 
 class AvcError(Exception):

@@ -56,13 +56,15 @@ SECTOR_GAINS = (
 """From the whole innovation to nearly none of it: the smaller the share, the less is required."""
 
 _SLOW_DECAY_PER_S = 10.0
-_FAST_DECAY_PER_S, _MOST_FAST_DECAY_PER_S = 4.0, 5.0
+_FAST_DECAY_PER_S = 4.0
+_MOST_FAST_DECAY_PER_S = 5.0
 _FAST_PER_DEVICE_DECAY = 0.05  # more where the device itself decays at b/m
 _BETWEEN_SLOW_AND_FAST_HZ = 4.0
 
 _LOWEST_HZ = 0.1
 _RESONANCE_SPAN = (0.004, 0.5)  # distances from a resonance, relative to its frequency
-_COARSE, _DENSE = 2, 8  # density of the frequency grids
+_COARSE = 2  # density of the frequency grids
+_DENSE = 8
 
 
 def required_decay_per_s(device: Device, hz: FloatArray, sector: SectorGain) -> FloatArray:

@@ -45,7 +45,8 @@ GUESSES = (
 _POSITION_WEIGHT = 1.1
 _HANDLE_NOISE = 0.2
 # The observer's mode: its frequency over the declared one, and its damping ratio. A lower frequency is safer.
-_MODE_FREQUENCY, _MODE_DAMPING = 0.9, 0.1
+_MODE_FREQUENCY = 0.9
+_MODE_DAMPING = 0.1
 _REGULARISATION = 1e-9  # weight and noise of states that have none
 _SHORTEST_FILTER_S = 1e-3  # at shorter sample times the filter is as fast in seconds, at longer ones in samples
 _LEAST_HAND = {"mass_kg": 0.01, "damping_ns_per_m": 1.0, "stiffness_n_per_m": 10.0}

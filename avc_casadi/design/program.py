@@ -53,9 +53,10 @@ NEAR = 0.1
 STARTS = 2
 """Laws of each guess from which the trust region begins: most lead to the same law, a few to a worse one."""
 FINEST_ENCODER_M = 1e-9
-PERTURBED_ROUNDS, PERTURBED_AT_ONCE = 4, 24
-"""How often the plants off the file at which a law is unstable join the program, and the most that join at once: two
-rounds are usual."""
+PERTURBED_ROUNDS = 4
+"""How often the plants off the file at which a law is unstable join the program: two rounds are usual."""
+PERTURBED_AT_ONCE = 24
+"""The most of them that join at once."""
 
 
 @dataclass(frozen=True)

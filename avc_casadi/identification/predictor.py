@@ -258,7 +258,9 @@ def _riccati(matrix: FloatArray, output: int, disturbance: FloatArray) -> FloatA
     """
     row = np.zeros((1, len(matrix)))
     row[0, output] = 1.0
-    a, g, h = matrix.T, row.T @ row, np.outer(disturbance, disturbance)
+    a = matrix.T
+    g = row.T @ row
+    h = np.outer(disturbance, disturbance)
     for _ in range(_MOST_DOUBLINGS):
         inner = np.linalg.inv(np.eye(a.shape[0]) + g @ h)
         more = a.T @ h @ inner @ a

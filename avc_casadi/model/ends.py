@@ -26,8 +26,11 @@ _ROUNDING = 1e-9
 MOST_LINK_SAMPLES = 64
 """Largest delay of a link between two devices, in samples, each way."""
 
-LIGHTEST_TOOL_KG, HEAVIEST_TOOL_KG, LONGEST_STEP_S = 1e-9, 1e6, 10.0
-"""Ends of what a tool may weigh and a step may last, in a file and in searches."""
+LIGHTEST_TOOL_KG = 1e-9
+HEAVIEST_TOOL_KG = 1e6
+"""Ends of what a tool may weigh, in a file and in searches."""
+LONGEST_STEP_S = 10.0
+"""The longest that a step may last, in a file and in searches."""
 
 
 def at_least_a_sample(device: Device) -> str:
@@ -203,10 +206,12 @@ class ToolGains:
 
     def times(self, factor: float, motor: int | None = None) -> ToolGains:
         """Return K and B multiplied by a factor; or as they are, with the force of one motor (0, 1) multiplied."""
-        (k, b, local), (first, second) = [*vars(self).values()][:3], self.motors
+        stiffness, damping = self.stiffness_n_per_m, self.damping_ns_per_m
         if motor is None:
-            return replace(self, stiffness_n_per_m=factor * k, damping_ns_per_m=factor * b)
-        return _OnMotors(k, b, local, (first, factor * second) if motor else (factor * first, second))
+            return replace(self, stiffness_n_per_m=factor * stiffness, damping_ns_per_m=factor * damping)
+        first, second = self.motors
+        motors = (first, factor * second) if motor else (factor * first, second)
+        return _OnMotors(stiffness, damping, self.local_damping_ns_per_m, motors)
 
     def at_scale(self, factor: float) -> ToolGains:
         """Return K, B and the local damper multiplied by a factor, in the remote end's units."""
@@ -289,11 +294,15 @@ def tool_step(
 def _motion(t: Any, mass: Any, drag: Any, stiffness: Any, doublings: int) -> tuple[_Row, _Row]:
     t = t / 2**doublings
     # After a kick: where it swings, how fast, and the way under it, by Taylor's series; then twice the time, each time.
-    swing, rate, way = t, 1.0, t * t / 2
+    swing = t
+    rate = 1.0
+    way = t * t / 2
     before, term = 0.0, t
     for order in range(1, 18):
         before, term = term, -(drag * t * order * term + stiffness * t * t * before) / (order * (order + 1))
-        swing, rate, way = swing + term, rate + (order + 1) * term / t, way + t * term / (order + 2)
+        swing = swing + term
+        rate = rate + (order + 1) * term / t
+        way = way + t * term / (order + 2)
     for _ in range(doublings):
         place = rate + drag * swing
         way, square = (place + 1) * way + swing * swing, swing * swing

@@ -43,7 +43,8 @@ _STRICTER = (
     (1.25, 0.6, 1.3),
 )
 # Step of the search for the stiffest wall, and the last one: 1 % of the linear limit.
-_STIFFER, _SOFTEST = 1.2, -26
+_STIFFER = 1.2
+_SOFTEST = -26
 
 
 def judge_all(problem: Problem, evaluator: Evaluator, limit: DampingRange, progress: Progress = SILENT) -> None:

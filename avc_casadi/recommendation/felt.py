@@ -291,7 +291,10 @@ def _ripple_n(coupling: Coupling, speed_per_s: float) -> float:
     device = coupling.problem.device
     if device.encoder_resolution_m == 0:
         return 0.0
-    period, led_s, counts_s, faster = device.sample_time_s, 1.0, 0.5, 0.2  # the last part counts; the speed rises
+    period = device.sample_time_s
+    led_s = 1.0
+    counts_s = 0.5  # the last part
+    faster = 0.2  # by which the speed rises
     time = period * np.arange(round(led_s / period) + 1)
     goes = speed_per_s * time * (1 + faster * (time / (2 * led_s) - 0.5))
     last = slice(-max(8, round(counts_s / period)), None)

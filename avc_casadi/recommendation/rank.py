@@ -28,7 +28,8 @@ _PER_SETTLING = 0.5
 _PER_SOFTER = 0.2
 _LEAST_SHARE = 1e-9  # of the wall's stiffness: a coupling of none counts as one of this share
 # Share within which stiffnesses are equal; and of the static one at the end of a press, below which the latter counts.
-_AS_STIFF, _SLOW = 0.01, 0.95
+_AS_STIFF = 0.01
+_SLOW = 0.95
 UNNOTICED = 0.2
 """Impedance error of a hand's motion that it does not notice: a just noticeable difference is 23 %."""
 MOVING_HZ = (1.0, 3.0, 10.0)

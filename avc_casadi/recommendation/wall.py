@@ -58,7 +58,9 @@ class WallDesign:
             near = partial(judging, within=UNNOTICED)
             self.problem, self._evaluator, no_stiffer = stiffest_rendered(problem, self._limit, near)
         else:
-            self.problem, self._evaluator, no_stiffer = problem, judging(problem), ""
+            self.problem = problem
+            self._evaluator = judging(problem)
+            no_stiffer = ""
         self.limits = WallLimits(self._limit.stiffness_n_per_m, no_stiffer)
 
     def why_infeasible(self) -> str:

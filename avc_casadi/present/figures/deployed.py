@@ -44,7 +44,9 @@ def draw_rendered(coupling: Deployed | Coupling) -> Figure:
 def _stiffness(axes: Axes, shown: Deployed) -> None:
     """Draw the dynamic stiffness at the handle, |K + j omega B| where it is wanted, over frequency."""
     problem, response = shown.coupling.problem, shown.shaken
-    wall, hz, rendered = problem.environment, response.frequency_hz, response.stiffness_n_per_m
+    wall = problem.environment
+    hz = response.frequency_hz
+    rendered = response.stiffness_n_per_m
     wanted = np.abs(wall.stiffness_n_per_m + 2j * np.pi * hz * wall.damping_ns_per_m)
     axes.plot(hz, rendered, label="rendered", marker="o", markerfacecolor="white", **_WORST)
     axes.plot(hz, wanted, label="wanted", **_WANTED)

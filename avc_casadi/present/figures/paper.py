@@ -69,7 +69,9 @@ def _shown(comparison: Comparison) -> dict[str, GainSchedule]:
 
 def _impedances(perceived: Axes, real: Axes, comparison: Comparison) -> None:
     """Draw magnitude and real part of the perceived impedance, and the band that feels real."""
-    hz, lines, shown = comparison.frequency_hz, _lines(comparison), _shown(comparison)
+    hz = comparison.frequency_hz
+    lines = _lines(comparison)
+    shown = _shown(comparison)
     everywhere = np.ones(hz.shape, dtype=bool)
     curves: list[tuple[style.Line, ComplexArray, BoolArray]] = [
         (style.Line("desired", "0.78", "-", "", 4.5, 2, 0.0), comparison.target, everywhere),
@@ -92,7 +94,9 @@ def _impedances(perceived: Axes, real: Axes, comparison: Comparison) -> None:
 
 def _gains(panel: Axes, comparison: Comparison, key: str, label: str) -> None:
     """Draw one gain of the closed form, of the delivered gains, and of the causal coupling where it has it."""
-    hz, lines, causal = comparison.frequency_hz, _lines(comparison), comparison.causal
+    hz = comparison.frequency_hz
+    lines = _lines(comparison)
+    causal = comparison.causal
     drawn = []
     for name, method in _shown(comparison).items():
         requested = getattr(method, f"requested_{key}", np.full(method.rows, np.nan))

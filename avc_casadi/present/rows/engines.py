@@ -177,7 +177,9 @@ def _parameter(parameter: EngineParameter) -> Row:
 
 
 def _parameters(coupling: Coupling, name: str, unsafe: str) -> EngineParameters:
-    engine, tool, places = _ENGINES[name], coupling.tool, _places(name)
+    engine = _ENGINES[name]
+    tool = coupling.tool
+    places = _places(name)
     traps = (unsafe, _handed_out(tool, engine))
     return EngineParameters(
         engine=name,

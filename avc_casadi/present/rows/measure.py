@@ -173,7 +173,8 @@ def _rung(trial: FitTrial) -> Row:
 
 _VERDICT_MARKS = {"nothing wrong": Mark.PASS, "named": Mark.FAIL}
 """Marks of the verdicts of a diagnosis; others are a caution."""
-_MOST_LOGS, _MOST_REMEDIES = 10, 3
+_MOST_LOGS = 10
+_MOST_REMEDIES = 3
 """Logs and remedies that have a row."""
 _LEAST_MISFIT = 1e-3
 """Residual of a law below which its row says no more."""
