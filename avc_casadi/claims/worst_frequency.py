@@ -258,7 +258,7 @@ def lowest_of(candidates: Sequence[Sequence[FloatArray]]) -> FloatArray:
     return np.asarray(np.take_along_axis(entries, entries[:, :1].argmin(axis=0)[None], axis=0)[0])
 
 
-def worst_margin(
+def worst_margin(  # noqa: PLR0913 - what a row is made of
     loop: SampledLoop,
     damping_ns_per_m: Values,
     stiffness_n_per_m: Values,

@@ -328,7 +328,7 @@ def solve_static(problem: Problem) -> GainSchedule:
     )
 
 
-def constant_schedule(
+def constant_schedule(  # noqa: PLR0913 - what a row is made of
     problem: Problem,
     method: str,
     gains: Gains | None,

@@ -192,7 +192,7 @@ class Diagnosis:
         }
 
 
-def diagnose(
+def diagnose(  # noqa: PLR0913 - options by name, of a public call
     log: str | Path | Columns,
     *,
     layout: Layout | None = None,

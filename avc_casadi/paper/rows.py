@@ -154,7 +154,7 @@ def perceived_impedance_of(
     return np.asarray(perceived_impedance(loop.device, loop.hold, force * unit))
 
 
-def gain_schedule(
+def gain_schedule(  # noqa: PLR0913 - what a row is made of
     problem: Problem,
     method: str,
     gains: GainArrays,

@@ -60,7 +60,7 @@ def _follower_design(end: Follower, problem: Problem, request: Request, crew: Cr
 
 
 @of_problem
-def recommend(
+def recommend(  # noqa: PLR0913 - options by name, of a public call
     problem: AnyProblem,
     hands: int = 100,
     seed: int = 0,

@@ -10,8 +10,9 @@ from hardware_bench import coupling, push, require
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from avc_casadi.identification.excitation import FULL, Signal, plan_excitation
+from avc_casadi.identification.excitation import plan_excitation
 from avc_casadi.identification.read import read_logs
+from avc_casadi.identification.signal import FULL, Signal
 from avc_hardware import Connection, RefusedError, excite
 from avc_hardware.link import messages as m
 from avc_hardware.link.excite import plan_bytes

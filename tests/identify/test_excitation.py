@@ -8,7 +8,8 @@ from hardware_bench import require
 
 import avc_casadi as avc
 from avc_casadi.cli import main
-from avc_casadi.identification.excitation import plan_excitation, ramp
+from avc_casadi.identification.excitation import plan_excitation
+from avc_casadi.identification.signal import ramp
 from avc_casadi.model.device import Device
 
 HIDDEN = {"mass_kg": 0.085, "damping_ns_per_m": 1.3, "delay_samples": 1.4, "coulomb_friction_n": 0.12}

@@ -14,7 +14,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from avc_casadi._errors import InputError
-from avc_casadi.identification.excitation import low_crest_phases, plan_excitation
+from avc_casadi.identification.excitation import plan_excitation
+from avc_casadi.identification.signal import low_crest_phases
 from avc_casadi.model.device import Device
 
 LATE = {

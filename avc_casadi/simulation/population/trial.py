@@ -318,7 +318,7 @@ class RestCount:
     confidence: float
 
 
-def count_at_rest(
+def count_at_rest(  # noqa: PLR0913 - options by name, of a public call
     coupling: Coupling,
     hands: int,
     seed: int = 0,

@@ -15,7 +15,8 @@ from avc_casadi import InputError, LinkError
 from avc_casadi._util.arrays import FloatArray, IndexArray
 from avc_casadi._util.interrupt import DeferredInterrupt
 from avc_casadi._util.progress import SILENT, Progress
-from avc_casadi.identification.excitation import FULL, ExcitationFigures, Plan
+from avc_casadi.identification.excitation import ExcitationFigures, Plan
+from avc_casadi.identification.signal import FULL
 from avc_hardware.codegen.figures import device_config
 from avc_hardware.codegen.tick_program import packed_config
 from avc_hardware.emulator.bench import BenchDevice, code_of_force, force_of_code

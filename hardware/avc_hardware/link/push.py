@@ -71,7 +71,7 @@ class PushResult(Document):
         return self.device.sample_time_s
 
 
-def push(
+def push(  # noqa: PLR0913 - options by name, of a public call
     coupling: Coupling,
     port: str | ByteLink,
     *,
