@@ -17,7 +17,8 @@ from avc_casadi._util.text import number
 from avc_casadi.coupling import Coupling
 from avc_casadi.diagnose.fit import PlantFit, fit_plants
 from avc_casadi.diagnose.law import FittedLaw, find_law
-from avc_casadi.diagnose.oscillation import Log, Oscillation, apparent_mass_kg, find_oscillation, log_of
+from avc_casadi.diagnose.mass import apparent_mass_kg
+from avc_casadi.diagnose.oscillation import Log, Oscillation, find_oscillation, log_of
 from avc_casadi.diagnose.plant import Hypothesis, IntendedLaw, growth, stable
 from avc_casadi.diagnose.remedies import LoggedScene, Remedy, limit_of, remedies_of, without
 from avc_casadi.diagnose.words import CAUSES, cause_numbers
@@ -159,6 +160,7 @@ class Diagnosis:
                 "steps": swing.steps,
                 "contact_share": swing.contact_share,
                 "sustained": swing.sustained,
+                "rest_from_s": swing.rest_from_s(log),
             },
             "sample_time_s": log.period_s,
             "missed_share": log.missed_share,
@@ -278,6 +280,7 @@ def _at_once(diagnosis: Diagnosis) -> Diagnosis | FittedLaw:
         text = "the force is not that of a spring and a damper on the position, nor of a switch or two rates"
         if law is None and not log.force_n.any():
             text = "no force is commanded"
+        text = _with_rest(diagnosis, text)
         decides = "the same with a spring and a damper alone, unlimited, and with the position that the law reads"
         return _concluded(diagnosis, "cannot tell", text, decides)
     return _of_explained(diagnosis, law, mass, toggles=toggles)
@@ -295,10 +298,21 @@ def _of_explained(diagnosis: Diagnosis, law: FittedLaw, mass: float, *, toggles:
         return _concluded(diagnosis, "cannot tell", text, "the same log on an even clock")
     if swing.sustained and not toggles:
         return law
+    if swing.rest_from is not None and swing.contact_share and _below_limit(log, design.device.max_force_n):
+        return _concluded(diagnosis, "nothing wrong", _with_rest(diagnosis, _decay_words(design, mass, toggles=False)))
     if law.switch is None and _rests(log, swing, design.device.max_force_n):
         return _concluded(diagnosis, "nothing wrong", _decay_words(design, mass, toggles=toggles))
     text = "nothing swings, and no motion decays under the force either"
     return _concluded(diagnosis, "cannot tell", text, "a log of a press, a push or a release")
+
+
+def _with_rest(diagnosis: Diagnosis, text: str) -> str:
+    """Return why a verdict is given, after what a swing that came to rest did."""
+    swing = diagnosis.swing
+    rest_s = swing.rest_from_s(diagnosis.log)
+    if rest_s is None:
+        return text
+    return f"it swung at {number(swing.frequency_hz, 3)} Hz and stands still from {number(rest_s, 3)} s on; {text}"
 
 
 def _concluded(diagnosis: Diagnosis, verdict: Verdict, text: str, decides: str = "") -> Diagnosis:
@@ -370,10 +384,14 @@ def _rests(log: Log, swing: Oscillation, limit_n: float | None) -> bool:
     late, most = float(np.median(envelope[-max(envelope.size // 5, 5) :])), float(envelope.max())
     still = _STILL_STEPS * log.encoder_m
     decays = swing.kind == "decaying" or late < max(still, _RESTED * most)
-    below_limit = abs(log.force_n[-1]) < _AT_LIMIT * (limit_n or math.inf)
-    if not (decays and most > still and below_limit):
+    if not (decays and most > still and _below_limit(log, limit_n)):
         return False
     return bool(log.touching[envelope > _RESTED * most].mean() > _TOUCHING_SHARE)
+
+
+def _below_limit(log: Log, limit_n: float | None) -> bool:
+    """Return whether the force ends below its limit."""
+    return bool(abs(log.force_n[-1]) < _AT_LIMIT * (limit_n or math.inf))
 
 
 def cause_of(hypothesis: Hypothesis, law: FittedLaw, log: Log, swing: Oscillation, design: IntendedLaw) -> str:

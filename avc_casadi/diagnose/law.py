@@ -11,7 +11,8 @@ from typing import Literal
 import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, FloatArray, IndexArray
-from avc_casadi.diagnose.oscillation import Log, Oscillation, even_phase, samples_alike
+from avc_casadi.diagnose.clock import even_phase
+from avc_casadi.diagnose.oscillation import Log, Oscillation, samples_alike
 from avc_casadi.identification.regression import regression
 
 # Residuals of a law are root mean squares, as shares of the standard deviation of the force.

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 from scipy import ndimage, signal
 
 from avc_casadi._util.arrays import BoolArray, FloatArray, IndexArray
+from avc_casadi.diagnose.clock import hold_of, ticks_between, usual_step
 from avc_casadi.identification.log import Columns, lattice_step
-from avc_casadi.identification.regression import regression
-from avc_casadi.model.device import Device
 
 Kind = Literal["none", "decaying", "growing", "limit cycle", "irregular"]
 
@@ -22,44 +21,14 @@ Kind = Literal["none", "decaying", "growing", "limit cycle", "irregular"]
 _CONTACT_SHARE = 1e-9
 """Share of the largest force above which a tick is in contact: rounding alone lies below it."""
 
-_USUAL_STEP_QUANTILE = 0.1
-"""Quantile of the steps of time that is a step without a missed tick."""
-
-_USUAL_STEP_SCATTER = 0.3
-"""Steps that differ from that quantile by less than this share count for the usual step."""
-
 _PAUSE_STEPS = 40
 """Usual steps from which on a step is a pause, at which the log is cut."""
-
-_BETWEEN_TICKS = (1.3, 1.7)
-"""Steps, in periods, that are neither one tick nor two: only a clock that scatters has them."""
-
-_TWO_TICKS = (1.7, 2.5)
-"""Steps, in periods, that are of two ticks."""
-
-_CLEAN_CLOCK_SHARE = 0.1
-"""Steps between one tick and two, per step of two ticks, up to which the clock does not scatter."""
 
 _FEW_POSITIONS = 12
 """Different positions below which their smallest difference is the encoder step: a lattice takes more."""
 
 _SAME_POSITION_SHARE = 1e-6
 """Share of the range of the position up to which two positions differ by rounding alone."""
-
-_FEWEST_FORCES = 4
-"""Different forces below which a force is that of a relay and not held."""
-
-_FEWEST_CHANGES = 12
-"""Changes of the force below which a log does not tell whether it is held."""
-
-_MOVES_PER_NEW_FORCE = 1.3
-"""Changes of the position per change of the force up to which the force is not held."""
-
-_LONGEST_HOLD = 8
-"""Samples up to which a hold is always searched; beyond it, up to the median time between two changes."""
-
-_ONE_PHASE_SHARE = 0.95
-"""Share of events that have one phase where they come every so many ticks."""
 
 # The oscillation.
 
@@ -113,6 +82,33 @@ _DECAYED = 0.6
 
 _KEPT = 0.8
 """Ratio of the size at the end to the large swings above which it may grow."""
+
+_REST_SHARE = 0.1
+"""Share of a log at its end in which a device that came to rest stands still."""
+
+_REST_RANGE = 0.01
+"""Range of the position of a device that stands still, per range of the log: noise beside the encoder steps."""
+
+_STILL_STEPS = 1.01
+"""Encoder steps by which the reading of a device that stands still may toggle."""
+
+_STILL_RANGE = 1e-3
+"""Share of the range of a log up to which what decays stands still."""
+
+_REST_FORCE = 0.1
+"""Range of the force at rest, per range of the log, up to which it does not shake the device."""
+
+_REST_CYCLES = 1.0
+"""Cycles of a swing that a rest lasts at least: longer than any turn."""
+
+_RESTING_SWINGS = 2
+"""Fewest swings, from turn to turn, of one that comes to rest."""
+
+_RESTING_GROWTH = 1.1
+"""Ratio of a swing to the one before up to which a swing comes to rest."""
+
+_RESTING_FALL = 0.85
+"""Ratio of the last swing to the largest below which a swing comes to rest by itself, not as it is stopped."""
 
 _GROWN_FROM_EARLY = 1.3
 """Ratio of the size at the end to that of the first quarter above which it grows."""
@@ -174,17 +170,6 @@ _TRAVEL_QUANTILES = (0.02, 0.98)
 _EVEN_CYCLES = 0.35
 """Standard deviation of the cycles, as a share of their mean, below which a ripple is a limit cycle."""
 
-# The mass that the force moves.
-
-_AT_REST_SHARE = 0.03
-"""Share of the largest speed below which a motion begins."""
-
-_FEWEST_MOVING = 8
-"""Samples of a motion below which its mass is not told."""
-
-_MOVED_BY_FORCE_SHARE = 0.05
-"""Share of the motion that a force leaves unexplained at most, where it moves the device."""
-
 LEAST_ALIKE = 3.0
 """Correlated samples per independent one of a white residual, with rounding."""
 
@@ -240,8 +225,8 @@ def log_of(columns: Columns, *, flip_force: bool = False) -> tuple[Log, list[str
     """Return the longest stretch of a log without a pause on its grid, and notes for the user."""
     notes = list(columns.notes)
     steps = np.diff(columns.time_s)
-    usual_step = _usual_step(steps)
-    pauses = np.flatnonzero(steps > _PAUSE_STEPS * usual_step)
+    usual_step_s = usual_step(steps)
+    pauses = np.flatnonzero(steps > _PAUSE_STEPS * usual_step_s)
     edges = np.concatenate([[0], pauses + 1, [columns.time_s.size]])
     begin, end = max(itertools.pairwise(edges.tolist()), key=lambda stretch: stretch[1] - stretch[0])
     time = columns.time_s[begin:end]
@@ -250,7 +235,7 @@ def log_of(columns: Columns, *, flip_force: bool = False) -> tuple[Log, list[str
     if pauses.size:
         notes.append(f"{pauses.size} pauses in the log; the longest stretch is used, {time.size} samples")
 
-    sample_steps = _ticks_between(np.diff(time), usual_step)
+    sample_steps = ticks_between(np.diff(time), usual_step_s)
     sample_of_row = np.concatenate([[0], np.cumsum(sample_steps)])
     sample_time = float((time[-1] - time[0]) / sample_of_row[-1])
     samples = np.arange(sample_of_row[-1] + 1)
@@ -262,7 +247,7 @@ def log_of(columns: Columns, *, flip_force: bool = False) -> tuple[Log, list[str
     about_neighbour = float(np.std(np.diff(time) - sample_steps * sample_time))
 
     # Samples at which no new force is computed are left out.
-    hold, first = _hold(position, force)
+    hold, first = hold_of(position, force)
     ticks = slice(first, None, hold)
     log = Log(
         name=columns.file,
@@ -281,12 +266,6 @@ def log_of(columns: Columns, *, flip_force: bool = False) -> tuple[Log, list[str
     return log, notes
 
 
-def _usual_step(steps: FloatArray) -> float:
-    """Return the step of time from one row to the next where none is missed, s."""
-    short = float(np.quantile(steps, _USUAL_STEP_QUANTILE))
-    return float(np.mean(steps[np.abs(steps - short) < _USUAL_STEP_SCATTER * short]))
-
-
 def _encoder_step(position: FloatArray) -> float:
     """Return the encoder step, m; of a swing over a few steps only the smallest difference is known."""
     values = np.unique(position)
@@ -294,45 +273,6 @@ def _encoder_step(position: FloatArray) -> float:
         gaps = np.diff(values)
         return float(gaps[gaps > _SAME_POSITION_SHARE * np.ptp(values)].min(initial=math.inf))
     return lattice_step(position) or 0.0
-
-
-def _ticks_between(steps: FloatArray, usual: float) -> IndexArray:
-    """Return the ticks from row to row: missing ones stand apart, a scattering clock has steps of 1.5 periods too."""
-
-    def share_of(limits: tuple[float, float], period: float) -> float:
-        low, high = limits
-        return float(np.mean((steps > low * period) & (steps < high * period)))
-
-    median = float(np.median(steps))
-    for period in (usual, median):
-        if share_of(_BETWEEN_TICKS, period) <= _CLEAN_CLOCK_SHARE * share_of(_TWO_TICKS, period):
-            return np.maximum(np.round(steps / period), 1).astype(np.intp)
-    missed_from = _TWO_TICKS[1]
-    return np.where(steps < missed_from * median, 1, np.round(steps / median)).astype(np.intp)
-
-
-def _hold(position: FloatArray, force: FloatArray) -> tuple[int, int]:
-    """Return the samples for which each force is held while the position changes (no relay), and the first new."""
-    moves = np.diff(position) != 0
-    changes = np.flatnonzero(np.diff(force) != 0) + 1
-    if np.unique(force).size < _FEWEST_FORCES or changes.size < _FEWEST_CHANGES:
-        return 1, 0
-    if moves.sum() <= _MOVES_PER_NEW_FORCE * changes.size:
-        return 1, 0
-    longest = max(_LONGEST_HOLD, round(float(np.median(np.diff(changes)))))
-    return even_phase(changes, longest) or (1, 0)
-
-
-def even_phase(events: IndexArray, most: int) -> tuple[int, int] | None:
-    """Return the ticks from one event to the next, where nearly all have one phase, and the phase.
-
-    `events` are the ticks of the events; `most` is the longest time between two, ticks.
-    """
-    for ticks in range(most, 1, -1):
-        phases = np.bincount(events % ticks, minlength=ticks)
-        if phases.max() >= _ONE_PHASE_SHARE * events.size:
-            return ticks, int(np.argmax(phases))
-    return None
 
 
 @dataclass(frozen=True, eq=False)
@@ -355,15 +295,24 @@ class Oscillation:
     """Peak to peak in encoder steps."""
     contact_share: float = 0.0
     """Share of it in contact."""
+    rest_from: int | None = None
+    """Tick from which on the device stands still, to the end of the log; None where it does not."""
 
     @property
     def sustained(self) -> bool:
         """Whether it goes on."""
         return self.kind in {"growing", "limit cycle", "irregular"}
 
+    def rest_from_s(self, log: Log) -> float | None:
+        """Return the time of a log from which on the device stands still, s; None where it does not."""
+        return None if self.rest_from is None else float(log.time_s[self.rest_from])
+
 
 def find_oscillation(log: Log, limit_n: float | None) -> Oscillation:
-    """Return the oscillation of a log: the fastest that persists, else the largest that decays."""
+    """Return the oscillation of a log: one that comes to rest, the fastest that persists, else the largest decaying."""
+    resting = _coming_to_rest(log)
+    if resting is not None:
+        return resting
     late = _GOES_ON_SHARE * log.position_m.size
     oscillations = [_above(log, cut_off_hz) for cut_off_hz in _ABOVE_HZ]
     for oscillation, cut_off_hz in zip(oscillations, _ABOVE_HZ, strict=True):
@@ -388,6 +337,52 @@ def find_oscillation(log: Log, limit_n: float | None) -> Oscillation:
         if oscillation.envelope_m.max() > _RESOLVED_STEPS * log.encoder_m:
             return oscillation
     return oscillations[-1]
+
+
+def _coming_to_rest(log: Log) -> Oscillation | None:
+    """Return the swing after which the device stands still to the end of a log; None where it does not.
+
+    Each swing is smaller than the one before: what is stopped while it swings, by a hand or without force, is told by
+    its swing alone.
+    """
+    rest_from = _rest_from(log)
+    if rest_from is None:
+        return None
+    position, n = log.position_m, log.position_m.size
+    fast = position - float(np.median(position[rest_from:]))
+    least_turn = 2 * max(_STILL_STEPS * log.encoder_m, _STILL_RANGE * float(np.ptp(position)))
+    turns = _turns(fast, np.full(n, least_turn))
+    sizes = np.abs(np.diff(fast[turns]))
+    if sizes.size < _RESTING_SWINGS:
+        return None
+    largest = int(np.argmax(sizes))
+    turns, sizes = turns[largest:], sizes[largest:]
+    grows = np.any(sizes[1:] > _RESTING_GROWTH * sizes[:-1] + log.encoder_m)
+    if sizes.size < _RESTING_SWINGS or grows or sizes[-1] > _RESTING_FALL * sizes[0]:
+        return None
+    cycle = 2 * float(turns[-1] - turns[0]) / sizes.size
+    if n - rest_from < _REST_CYCLES * cycle:
+        return None
+    window = min(n, max(5, round(cycle)))
+    envelope = (ndimage.maximum_filter1d(fast, window) - ndimage.minimum_filter1d(fast, window)) / 2
+    span = slice(int(turns[0]), max(rest_from, int(turns[-1]) + 1))
+    none = Oscillation("none", 0, n, fast, envelope)
+    swing = _swing(log, none, "decaying", span, span, 1 / (cycle * log.period_s), float(sizes[0]))
+    return replace(swing, rest_from=rest_from)
+
+
+def _rest_from(log: Log) -> int | None:
+    """Return the tick from which on the position stays to the end, and the force does not shake it; None without."""
+    position, force, n = log.position_m, log.force_n, log.position_m.size
+    late = position[-max(round(_REST_SHARE * n), 5) :]
+    travel, spread = float(np.ptp(position)), float(np.ptp(late))
+    if not travel or spread > max(_STILL_STEPS * log.encoder_m, _REST_RANGE * travel):
+        return None
+    still = max(_STILL_STEPS * log.encoder_m, _STILL_RANGE * travel, spread)
+    moves = np.flatnonzero(np.abs(position - np.median(late)) > still)
+    rest_from = int(moves[-1]) + 1 if moves.size else 0
+    shaken = float(np.ptp(force[rest_from:])) > _REST_FORCE * float(np.ptp(force))
+    return None if shaken or n - rest_from < late.size else rest_from
 
 
 def samples_alike(residual: FloatArray) -> float:
@@ -553,38 +548,3 @@ def _of_force(log: Log, none: Oscillation, limit_n: float | None) -> list[Oscill
     frequency_hz = (turns.size - 1) / 2 / (period * float(turns[-1] - turns[0]))
     travel = float(np.ptp(np.quantile(position, _TRAVEL_QUANTILES)))
     return [_swing(log, none, kind, slice(begin, n), slice(begin, n), frequency_hz, travel)]
-
-
-def apparent_mass_kg(log: Log, device: Device, *, known: bool) -> float:
-    """Return the mass that the force moves up to the largest speed; negative along the motion, infinite for none.
-
-    x(t) = -(1/m) (double integral of F + drag) + a start, a speed and, in a second trial, a constant push. The force is
-    summed twice as a held one acts. Drag and friction are those of a known device, against the motion or with it.
-    """
-    sample_time = log.sample_time_s
-    force = np.repeat(log.force_n, log.hold)[: log.samples_m.size]
-    speed = np.abs(ndimage.uniform_filter1d(np.gradient(log.samples_m), 5))
-    peak = int(np.argmax(speed))
-    delay = round(device.delay_samples * device.sample_time_s / sample_time)
-    first = int(np.flatnonzero(np.append(True, speed[:peak] < _AT_REST_SHARE * speed[peak]))[-1])
-    # Of a motion that is fastest within the delay of the log's start, no force is in the log.
-    force = force[max(first - delay, 0) : max(peak - delay + 1, 0)]
-    if force.size < _FEWEST_MOVING or not force.any():
-        return math.inf
-    x = log.samples_m[peak + 1 - force.size : peak + 1]
-    time = sample_time * np.arange(force.size)
-    twice = np.append(0.0, np.cumsum(np.cumsum(force) - force / 2)[:-1]) * sample_time**2
-    drag = known * device.damping_ns_per_m * np.cumsum(x - x[:1]) * sample_time
-    drag += known * device.coulomb_friction_n * time**2 / 2 * np.sign(x[-1:] - x[:1])
-    for powers, sign in itertools.product((2, 3), (1, -1)):
-        start = np.vander(time / time[-1], powers)
-        fit = regression(np.column_stack([twice + sign * drag, start]), x)
-        without_force = regression(start, x)
-        if fit is None or without_force is None:
-            continue
-        factors, residual = fit
-        _, moved = without_force
-        clear = residual < max(_MOVED_BY_FORCE_SHARE * moved, 0.5 * log.encoder_m) and moved > 2 * log.encoder_m
-        if clear and factors[0] * sign < 0:
-            return -1 / float(factors[0])
-    return math.inf
