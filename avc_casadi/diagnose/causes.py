@@ -15,12 +15,14 @@ from avc_casadi._util.json_values import plain_table
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi._util.text import number
 from avc_casadi.coupling import Coupling
-from avc_casadi.diagnose.fit import PlantFit, fit_plants
+from avc_casadi.diagnose.change import FEW_STEPS, OTHER, cause_of
+from avc_casadi.diagnose.dead_zone import outside
+from avc_casadi.diagnose.fit import PlantFit, beside_friction, fit_plants
 from avc_casadi.diagnose.law import FittedLaw, find_law
 from avc_casadi.diagnose.mass import apparent_mass_kg
 from avc_casadi.diagnose.oscillation import Log, Oscillation, find_oscillation, log_of
-from avc_casadi.diagnose.plant import Hypothesis, IntendedLaw, growth, stable
-from avc_casadi.diagnose.remedies import LoggedScene, Remedy, limit_of, remedies_of, without
+from avc_casadi.diagnose.plant import Hypothesis, IntendedLaw, stable
+from avc_casadi.diagnose.remedies import LoggedScene, Remedy, remedies_of, without
 from avc_casadi.diagnose.words import CAUSES, cause_numbers
 from avc_casadi.identification.log import Columns
 from avc_casadi.identification.read import Layout, read_columns
@@ -32,12 +34,6 @@ Verdict = Literal["named", "cannot tell", "nothing wrong", "not the loop"]
 
 _SURE = 2 / 3
 """Share of the evidence from which on a cause is named: odds of two to one."""
-
-_FEW_STEPS = 14.0
-"""Encoder steps of a swing below which quantisation alone may sustain it."""
-
-_OTHER = "other"
-"""Cause of a loop that no single change settles, or that settles already."""
 
 _FEWEST_SAMPLES = 60
 """Samples of the shortest log."""
@@ -63,6 +59,18 @@ _USUAL_DAMPING_NS_PER_M = 1.0
 _USUAL_DELAY_SAMPLES = 1
 """Delay of the same device, samples."""
 
+_FORCE_EXPLAINED = 0.03
+"""Residual of the force above which what makes it is told."""
+
+_MOST_OF_STEPS = 0.15
+"""Residual of the force that encoder steps make, above which nothing is said to be wrong or right."""
+
+_SIDE_SHARE = 0.02
+"""Share of ticks with a force to one side from which on its law acts to that side."""
+
+_CUT_OFF_SHARE = 0.05
+"""Force that is asked for at the end of a log, per largest force, from which on one of none is cut off."""
+
 _MISSED_TICKS = 0.12
 """Scatter of the clock, or share of missed samples, above which no loop model fits."""
 
@@ -86,15 +94,6 @@ _TOUCHING_SHARE = 0.5
 
 _AT_LIMIT = 0.999
 """Share of the force limit from which on a force is at the limit."""
-
-_LATE_TICKS = 0.35
-"""Ticks beyond the declared delay from which on a loop is late."""
-
-_SMALL_SHARE = 0.15
-"""Share of the swing below which a motion is small beside it."""
-
-_FELL_LN = 3.0
-"""ln of the ratio by which a small motion fell below one that grows as the swing does, from which on it had rested."""
 
 _LEAST_WEIGHT = 1e-3
 """Evidence of a structure below which it has no say."""
@@ -236,7 +235,10 @@ def diagnose(  # noqa: PLR0913 - options by name, of a public call
     if isinstance(law_or_verdict, Diagnosis):
         return law_or_verdict
     with progress.step("device, hand, causes and remedies"):
-        return _judge(begun, law_or_verdict, fit_plants(grid, swing, design, law_or_verdict.lag, seed))
+        law, fits = law_or_verdict, fit_plants(grid, swing, design, law_or_verdict.lag, seed)
+        if law.switch is not None and law.switch.by == "speed":
+            fits = beside_friction(fits, grid, swing, design, law.lag, seed)
+        return _judge(begun, law, fits)
 
 
 def _design(
@@ -277,7 +279,10 @@ def _at_once(diagnosis: Diagnosis) -> Diagnosis | FittedLaw:
         text = "it swings while no force is commanded; a hand, a cable or the table moves it"
         return _concluded(diagnosis, "not the loop", text)
     if law is None or not law.explains:
-        text = "the force is not that of a spring and a damper on the position, nor of a switch or two rates"
+        text = (
+            "the force is not that of a spring and a damper on the position, with a dead zone, a filter or a clock of"
+            " its own, nor of a switch or two rates"
+        )
         if law is None and not log.force_n.any():
             text = "no force is commanded"
         text = _with_rest(diagnosis, text)
@@ -288,20 +293,33 @@ def _at_once(diagnosis: Diagnosis) -> Diagnosis | FittedLaw:
 
 def _of_explained(diagnosis: Diagnosis, law: FittedLaw, mass: float, *, toggles: bool) -> Diagnosis | FittedLaw:
     """Return the verdict of a force that is explained and needs no loop model, or the law of one that does."""
-    log, swing, design = diagnosis.log, diagnosis.swing, diagnosis.design
-    if law.switch is None and law.frames is None:
-        of_sign = _of_sign(diagnosis, law, mass)
-        if of_sign is not None:
-            return of_sign
+    log, swing = diagnosis.log, diagnosis.swing
+    of_sign = _of_sign(diagnosis, law, mass)
+    if of_sign is not None:
+        return of_sign
     if swing.sustained and max(log.uneven_share, log.missed_share) > _MISSED_TICKS:
         text = "ticks come at uneven times or are missing, and no loop model fits"
         return _concluded(diagnosis, "cannot tell", text, "the same log on an even clock")
     if swing.sustained and not toggles:
         return law
+    return _of_rest(diagnosis, law, mass, toggles=toggles)
+
+
+def _of_rest(diagnosis: Diagnosis, law: FittedLaw, mass: float, *, toggles: bool) -> Diagnosis:
+    """Return the verdict of a force that is explained, and under which nothing swings on."""
+    log, swing, design = diagnosis.log, diagnosis.swing, diagnosis.design
+    if law.misfit > _MOST_OF_STEPS:
+        text = _with_rest(diagnosis, f"encoder steps leave {100 * law.misfit:.0f} % of the force unexplained")
+        return _concluded(diagnosis, "cannot tell", text, "the same with the position that the law reads")
+    if _is_cut_off(log, law):
+        text = _with_rest(diagnosis, "no force is commanded at the end, where its law asks for one")
+        return _concluded(diagnosis, "cannot tell", text, "the same with the force on to the end")
     if swing.rest_from is not None and swing.contact_share and _below_limit(log, design.device.max_force_n):
-        return _concluded(diagnosis, "nothing wrong", _with_rest(diagnosis, _decay_words(design, mass, toggles=False)))
+        return _concluded(
+            diagnosis, "nothing wrong", _with_rest(diagnosis, _decay_words(diagnosis, law, mass, toggles=False))
+        )
     if law.switch is None and _rests(log, swing, design.device.max_force_n):
-        return _concluded(diagnosis, "nothing wrong", _decay_words(design, mass, toggles=toggles))
+        return _concluded(diagnosis, "nothing wrong", _decay_words(diagnosis, law, mass, toggles=toggles))
     text = "nothing swings, and no motion decays under the force either"
     return _concluded(diagnosis, "cannot tell", text, "a log of a press, a push or a release")
 
@@ -320,9 +338,11 @@ def _concluded(diagnosis: Diagnosis, verdict: Verdict, text: str, decides: str =
     return replace(diagnosis, verdict=verdict, conclusion=f"{verdict}: {text}", decides=decides)
 
 
-def _decay_words(design: IntendedLaw, mass: float, *, toggles: bool) -> str:
+def _decay_words(diagnosis: Diagnosis, law: FittedLaw, mass: float, *, toggles: bool) -> str:
     """Return why nothing is wrong, and what a hand may hide."""
-    text = "the force is explained and the motion decays"
+    design = diagnosis.design
+    steps = f", but for {100 * law.misfit:.0f} % that encoder steps make," if law.misfit > _FORCE_EXPLAINED else ""
+    text = f"the force is explained{steps} and the motion decays"
     if toggles:
         text += ", but for an encoder step that is not felt"
     low, high = _DEVICE_ALONE
@@ -334,13 +354,14 @@ def _of_sign(diagnosis: Diagnosis, law: FittedLaw, mass: float) -> Diagnosis | N
     """Return the verdict of a force that pushes the device away from where it is none; None of one that does not."""
     log, device = diagnosis.log, diagnosis.design.device
     k, b = law.stiffness_n_per_m, law.damping_ns_per_m
+    simple = law.switch is None and law.frames is None
     away = k < 0
     # A spring late by a tick that no lag explains is a damper of this size.
-    drives = k > 0 and b + law.damping_error_ns_per_m < -k * log.period_s
+    drives = simple and k > 0 and b + law.damping_error_ns_per_m < -k * log.period_s
     # A mass that is not the device alone is a hand's too, and a hand may push the device away as well.
     low, high = _ABOUT_DEVICE
     alone = diagnosis.design.known and low < abs(mass) / device.mass_kg < high
-    if away and not (alone and mass > 0):
+    if simple and away and not (alone and mass > 0):
         message = "drives the device away from its equilibrium; allowed: force along +position, or --flip-force"
         raise InputError.of(f"{message}; or the sign of the loop is wrong", file=log.name, key="force")
     why = "the motor or the encoder is reversed"
@@ -360,7 +381,7 @@ def _of_sign(diagnosis: Diagnosis, law: FittedLaw, mass: float) -> Diagnosis | N
         return replace(
             diagnosis, verdict="named", cause="sign", candidates=("sign",), conclusion=text, remedies=remedies
         )
-    if mass > 0 or diagnosis.swing.sustained:
+    if mass > 0 or diagnosis.swing.sustained or not simple:
         return None
     text = f"cannot tell: a hand pushes the device away, or the force does: {why}"
     return replace(diagnosis, conclusion=text, candidates=("sign",), decides=CAUSES["sign"].deciding_log)
@@ -389,40 +410,19 @@ def _rests(log: Log, swing: Oscillation, limit_n: float | None) -> bool:
     return bool(log.touching[envelope > _RESTED * most].mean() > _TOUCHING_SHARE)
 
 
+def _is_cut_off(log: Log, law: FittedLaw) -> bool:
+    """Return whether a log ends without force where its law, by what it does on this side, asks for one."""
+    if log.force_n[-1] or law.switch is not None or law.frames is not None:
+        return False
+    place = log.position_m[-1:] if law.dead_zone_m is None else outside(log.position_m[-1:], law.dead_zone_m)
+    asked = law.stiffness_n_per_m * float(place[0]) + law.offset_n
+    acts = np.mean(log.force_n * np.sign(asked) > 0) > _SIDE_SHARE
+    return bool(acts and abs(asked) > _CUT_OFF_SHARE * np.abs(log.force_n).max())
+
+
 def _below_limit(log: Log, limit_n: float | None) -> bool:
     """Return whether the force ends below its limit."""
     return bool(abs(log.force_n[-1]) < _AT_LIMIT * (limit_n or math.inf))
-
-
-def cause_of(hypothesis: Hypothesis, law: FittedLaw, log: Log, swing: Oscillation, design: IntendedLaw) -> str:
-    """Return the change with which the loop of one rate settles: a key of `CAUSES`, or other."""
-    if stable(hypothesis, law):
-        return "encoder" if swing.steps < _FEW_STEPS else _OTHER
-    slower = (design.known and design.samples_a_tick(log) > 1) or log.hold > 1
-    if slower and stable(*without("rate", hypothesis, law, log, design)):
-        return "rate"
-    late = hypothesis.delay + law.lag > design.latest(log) + _LATE_TICKS
-    if late and stable(*without("delay", hypothesis, law, log, design)):
-        return "delay"
-    if hypothesis.hand is None and _had_rest(log, swing, growth(hypothesis, law)):
-        return "let-go"
-    resonant = hypothesis.device.resonance is not None
-    if resonant and stable(*without("resonance", hypothesis, law, log, design)):
-        return "resonance"
-    damping_limit, stiffness_limit = (limit_of(hypothesis, law, gain) for gain in ("damping", "stiffness"))
-    wider = "damping" if damping_limit > stiffness_limit else "stiffness"
-    return wider if max(damping_limit, stiffness_limit) else _OTHER
-
-
-def _had_rest(log: Log, swing: Oscillation, growth_per_s: float) -> bool:
-    """Return whether a motion in contact, small beside the swing, came to less than what grows as the swing does."""
-    cycle = min(max(round(1 / swing.frequency_hz / log.period_s), 2), log.position_m.size)
-    size = np.ptp(np.lib.stride_tricks.sliding_window_view(log.position_m, cycle), axis=1)
-    ticks = np.flatnonzero(log.touching[: size.size])
-    size = size[ticks]
-    level = np.log(np.maximum(size, log.encoder_m + 1e-12)) - growth_per_s * log.period_s * ticks
-    fell = (np.maximum.accumulate(level) - level)[size < _SMALL_SHARE * swing.peak_to_peak_m]
-    return bool(fell.max(initial=0.0) > _FELL_LN)
 
 
 @dataclass(frozen=True, eq=False)
@@ -453,12 +453,12 @@ def _judge(diagnosis: Diagnosis, law: FittedLaw, fits: Sequence[PlantFit]) -> Di
     doubts = _doubts(first, fit, law, scene, diagnosis, shares)
     if not swings:
         doubts.append("simulated with these numbers the loop does not swing as the log does")
-    outside = work_w(log, swing, fit.best) < 0 and swing.steps > _FEW_STEPS
+    outside = work_w(log, swing, fit.best) < 0 and swing.steps > FEW_STEPS
     if outside:
         doubts.append("the force as it acts takes energy from the swing: a hand, the table or a machine drives it")
     candidates: tuple[str, ...] = ()
-    if shares.get(_OTHER, 0.0) < _SURE:
-        candidates = tuple(key for key in shares if key != _OTHER)[:2]
+    if shares.get(OTHER, 0.0) < _SURE:
+        candidates = tuple(key for key in shares if key != OTHER)[:2]
     mended = candidates
     if not doubts:
         mended = candidates[:1]
@@ -545,7 +545,7 @@ def _doubts(
 ) -> list[str]:
     """Return the doubts about the first cause: odds, residual, and a simulation without it."""
     log, design, doubts = diagnosis.log, diagnosis.design, []
-    if first == _OTHER:
+    if first == OTHER:
         return ["no single change makes the loop settle, or its model settles already"]
     if shares[first] < _SURE:
         names = {key: CAUSES[key].name if key in CAUSES else "another" for key in shares}

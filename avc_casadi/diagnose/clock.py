@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
-import numpy as np
+import math
+from dataclasses import dataclass
 
-from avc_casadi._util.arrays import FloatArray, IndexArray
+import numpy as np
+from scipy import signal
+
+from avc_casadi._util.arrays import BoolArray, FloatArray, IndexArray
 
 _USUAL_STEP_QUANTILE = 0.1
 """Quantile of the steps of time that is a step without a missed tick."""
@@ -29,6 +33,36 @@ _FEWEST_CHANGES = 12
 
 _MOVES_PER_NEW_FORCE = 1.3
 """Changes of the position per change of the force up to which the force is not held."""
+
+_MOVES_PER_UNEVEN_FORCE = 1.1
+"""The same for a clock whose ticks are no samples, which is told by every change."""
+
+_SHORTEST_CLOCK = 1.2
+"""Shortest period of such a clock, samples."""
+
+_LONGEST_CLOCK = 120.0
+"""Longest period of such a clock, samples."""
+
+_FINE_SPECTRUM = 8
+"""Frequencies that are looked at, per frequency that a log resolves."""
+
+_SPECTRAL_LINES = 8
+"""Strongest lines in the spectrum of the changes of a force that may be its clock or a multiple of it."""
+
+_FEWEST_TICKS = 4
+"""Fewest ticks of a clock in a log."""
+
+_REFINEMENTS = 5
+"""Times that the period of a clock is searched more finely."""
+
+_TRIALS = 41
+"""Periods that are tried in each of them."""
+
+_LEAST_SURE = 12.0
+"""ln of the odds against changes at random from which on a clock is one."""
+
+_ROUNDING = 1e-9
+"""Share of a sample that is rounding."""
 
 _LONGEST_HOLD = 8
 """Samples up to which a hold is always searched; beyond it, up to the median time between two changes."""
@@ -58,16 +92,116 @@ def ticks_between(steps: FloatArray, usual: float) -> IndexArray:
     return np.where(steps < missed_from * median, 1, np.round(steps / median)).astype(np.intp)
 
 
-def hold_of(position: FloatArray, force: FloatArray) -> tuple[int, int]:
-    """Return the samples for which each force is held while the position changes (no relay), and the first new."""
+@dataclass(frozen=True)
+class Clock:
+    """The ticks of a law in samples of a log: tick m is at first + m period, and its force is new a part later."""
+
+    period: float = 1.0
+    """Samples from tick to tick."""
+    first: float = 0.0
+    """Time of the first tick, samples from the first one of the log."""
+
+    @property
+    def even(self) -> bool:
+        """Whether each tick is at a sample."""
+        return self.period.is_integer()
+
+    def times(self, samples: int) -> FloatArray:
+        """Return the times of the ticks in a log of so many samples, shape (n,), samples."""
+        count = math.floor((samples - 1 - self.first) / self.period + _ROUNDING) + 1
+        return np.asarray(self.first + self.period * np.arange(count), dtype=np.float64)
+
+    def rows(self, samples: int) -> IndexArray:
+        """Return the first sample that has the force of each tick, shape (n,)."""
+        return np.ceil(self.times(samples) - _ROUNDING).astype(np.intp)
+
+
+def clock_of(position: FloatArray, force: FloatArray) -> Clock:
+    """Return the clock of a force that is held while the position changes (no relay), else that of the samples."""
     moves = np.diff(position) != 0
     changes = np.flatnonzero(np.diff(force) != 0) + 1
     if np.unique(force).size < _FEWEST_FORCES or changes.size < _FEWEST_CHANGES:
-        return 1, 0
-    if moves.sum() <= _MOVES_PER_NEW_FORCE * changes.size:
-        return 1, 0
-    longest = max(_LONGEST_HOLD, round(float(np.median(np.diff(changes)))))
-    return even_phase(changes, longest) or (1, 0)
+        return Clock()
+    moves_a_change = np.count_nonzero(moves) / changes.size
+    if moves_a_change > _MOVES_PER_NEW_FORCE:
+        longest = max(_LONGEST_HOLD, round(float(np.median(np.diff(changes)))))
+        even = even_phase(changes, longest)
+        if even is not None:
+            return Clock(float(even[0]), float(even[1]))
+    return (_uneven_clock(changes) if _holds(force, moves) else None) or Clock()
+
+
+def _holds(force: FloatArray, moves: BoolArray) -> bool:
+    """Return whether a force holds while the position moves, where it is neither none nor at its limits.
+
+    At its limits, and in a dead zone, a force that is new at every sample holds too, from one swing to the next.
+    """
+    inside = (force != 0) & (force < force.max()) & (force > force.min())
+    pairs = inside[1:] & inside[:-1]
+    changes = np.count_nonzero(np.diff(force)[pairs]) or 1
+    return bool(np.count_nonzero(moves & pairs) > _MOVES_PER_UNEVEN_FORCE * changes)
+
+
+def _uneven_clock(changes: IndexArray) -> Clock | None:
+    """Return the slowest clock whose ticks are no samples and of which all changes are, or None.
+
+    Tick m is seen at ceil(first + m period), so that the samples of all changes, less m period, differ by less than 1.
+    Changes at random do so with a probability of period^-changes.
+    """
+    span = int(changes[-1] - changes[0]) + 1
+    train = np.zeros(span)
+    train[changes - changes[0]] = 1.0
+    size = 1 << (_FINE_SPECTRUM * span - 1).bit_length()
+    spectrum = np.abs(np.fft.rfft(train - train.mean(), size))
+    lowest = max(int(size / _LONGEST_CLOCK), _FEWEST_TICKS * size // span)
+    peaks = lowest + signal.find_peaks(spectrum[lowest:])[0]
+    strongest = peaks[np.argsort(spectrum[peaks])[::-1][:_SPECTRAL_LINES]] / size
+    # Samples show a clock above half of their rate by its mirror.
+    lines = [*(strongest[:, None] / [1, 2, 3]).ravel().tolist(), *(1 - strongest).tolist()]
+    clocks = [_clock_near(changes, line) for line in lines]
+    return max((clock for clock in clocks if clock is not None), key=lambda clock: clock.period, default=None)
+
+
+def _clock_near(changes: IndexArray, frequency: float) -> Clock | None:
+    """Return the clock of changes near a frequency, ticks a sample; None where too many changes are none of it."""
+    turn = float(np.angle(np.sum(np.exp(2j * np.pi * frequency * changes)))) / (2 * np.pi)
+    ticks = np.round(changes * frequency - turn)
+    if not np.ptp(ticks):
+        return None
+    period = _period_near(float(np.polyfit(ticks, changes, 1)[0]), changes, ticks)
+    late = np.sort(changes - period * ticks)
+    inside = np.searchsorted(late, late + 1 - _ROUNDING) - np.arange(late.size)
+    start = int(np.argmax(inside))
+    sure = changes.size * math.log(max(period, 1.0)) > _LEAST_SURE
+    if not sure or period < _SHORTEST_CLOCK or inside[start] < _ONE_PHASE_SHARE * late.size:
+        return None
+    # The first tick lies in the middle of the times that all changes allow.
+    first = (late[start] + late[start + int(inside[start]) - 1] - 1) / 2
+    if abs(period - round(period)) * float(np.ptp(ticks)) < 1:
+        return None
+    # The tick before the first sample is the one whose force the log begins with.
+    return Clock(period, float(first % period))
+
+
+def _period_near(period: float, changes: IndexArray, ticks: FloatArray) -> float:
+    """Return the period near one with which the changes of a force, less their ticks, differ the least.
+
+    Where all differ by less than a sample it is the middle of all periods that do so; else a few changes are left out.
+    """
+    reach = 2.0 / float(np.ptp(ticks))
+    for share in (1.0, _ONE_PHASE_SHARE):
+        ends = [(1 - share) / 2, (1 + share) / 2]
+        width = reach
+        for _ in range(_REFINEMENTS):
+            trials = period + width * np.linspace(-1.0, 1.0, _TRIALS)
+            low, high = np.quantile(changes - np.outer(trials, ticks), ends, axis=1)
+            period, width = float(trials[np.argmin(high - low)]), width / 8
+        trials = period + reach * np.linspace(-1.0, 1.0, 10 * _TRIALS + 1)
+        low, high = np.quantile(changes - np.outer(trials, ticks), ends, axis=1)
+        possible = trials[high - low < 1]
+        if possible.size:
+            return float(possible.mean())
+    return period
 
 
 def even_phase(events: IndexArray, most: int) -> tuple[int, int] | None:

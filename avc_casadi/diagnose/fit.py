@@ -13,14 +13,23 @@ from scipy import optimize, signal
 from avc_casadi._util.arrays import BoolArray, FloatArray
 from avc_casadi.diagnose.oscillation import LEAST_ALIKE, Log, Oscillation, samples_alike
 from avc_casadi.diagnose.plant import DeviceValue, Hypothesis, IntendedLaw
-from avc_casadi.model.hands import Hand, hand_ranges, no_hand
+from avc_casadi.diagnose.priors import (
+    ASSUMED_SPREAD,
+    DAMPING_SPREAD,
+    MASS_SPREAD,
+    Grid,
+    Unknown,
+    delays_of,
+    hand_unknowns,
+)
+from avc_casadi.model.hands import Hand, no_hand
 from avc_casadi.model.plant import sampled_plant
 
 _LEAST_DELAY = 2e-3
 """Shortest delay that is searched, ticks."""
 
 _MOST_DELAY = 14.0
-"""Longest delay that is searched, ticks."""
+"""Longest delay that is searched, ticks of the law."""
 
 _DRAWS = 12
 """Draws from the posterior of each structure."""
@@ -30,32 +39,6 @@ _RESONANCE_ODDS = 12.0
 
 _STOP_ODDS = 8.0
 """ln of the odds against travel stops."""
-
-# Priors of the unknowns: spreads are standard deviations, those of masses, dampings and stiffnesses of their ln.
-
-_DELAY_SPREAD = 0.15
-"""Spread of a declared delay, samples of the device."""
-
-_LATE_SPREAD = 4.0
-"""Spread of a delay that is longer than declared, ticks."""
-
-_LEAST_HAND = np.array([[1e-3], [0.1], [5.0]])
-"""Least mass, kg, damping, N.s/m, and stiffness, N/m, of a hand at 1 m from the axis, or on a device that slides."""
-
-_HAND_SPREAD = 0.4
-"""Least spread of a hand on a declared device."""
-
-_HAND_SPREAD_ASSUMED = 1.1
-"""Least spread of a hand on an assumed device, whose mass it makes up for."""
-
-_MASS_SPREAD = 0.06
-"""Spread of a declared mass of a device."""
-
-_DAMPING_SPREAD = 0.5
-"""Spread of a declared damping of a device."""
-
-_ASSUMED_SPREAD = 2.0
-"""Spread of mass and damping of an assumed device."""
 
 _BOUND_SPREADS = 4
 """Spreads to either side of its prior within which an unknown is searched."""
@@ -143,6 +126,12 @@ _STOPS_BETTER = 0.5
 _UNEXPLAINED = 2
 """Residual, per noise, above which a structure does not explain the motion."""
 
+_FRICTIONS = (0.8, 1.25)
+"""Factors of a declared friction with which a delay is fitted too."""
+
+_AS_LIKELY = 2.0
+"""Residual, per that of the best, up to which a structure has a say about the error of a delay beside friction."""
+
 _NEAR_BOUND = 1e-3
 """Share of the range of an unknown within which it stands at its bound."""
 
@@ -167,6 +156,15 @@ class PlantFit:
     """Standard deviation of the delay, ticks."""
     at_end: bool
     """Whether the delay is the longest that is searched."""
+
+    def in_ticks(self, log: Log) -> PlantFit:
+        """Return the fit of samples of a log in its ticks."""
+
+        def in_ticks(hypothesis: Hypothesis) -> Hypothesis:
+            return hypothesis.vary(sample_time_s=log.period_s, delay_samples=hypothesis.delay / log.hold)
+
+        draws = tuple(map(in_ticks, self.draws))
+        return replace(self, best=in_ticks(self.best), draws=draws, delay_error=self.delay_error / log.hold)
 
 
 @dataclass(frozen=True, eq=False)
@@ -250,15 +248,6 @@ class _Solution:
     """Half of the sum of squares with the prior."""
 
 
-@dataclass(frozen=True)
-class _Unknown:
-    """An unknown of a structure with its prior."""
-
-    name: str
-    middle: float
-    spread: float
-
-
 @dataclass(frozen=True, eq=False)
 class _Structure:
     """Unknowns of one structure with their prior, and its residuals."""
@@ -275,15 +264,17 @@ class _Structure:
     """Its standard deviation, shape (u,)."""
     slow_hz: float
     """Frequency up to which motion may be of anything else."""
+    most_delay: float
+    """Longest delay that is searched, periods."""
     stops: tuple[float, float] | None = None
 
     @classmethod
     def of(
         cls,
         design: IntendedLaw,
-        period_s: float,
+        grid: Grid,
         slow_hz: float,
-        unknowns: Sequence[_Unknown],
+        unknowns: Sequence[Unknown],
         *,
         hand: bool,
         resonant: bool,
@@ -292,13 +283,14 @@ class _Structure:
         names = tuple(unknown.name for unknown in unknowns)
         middle = np.array([unknown.middle for unknown in unknowns])
         spread = np.array([unknown.spread for unknown in unknowns])
-        return cls(design, period_s, hand, resonant, names, middle, spread, slow_hz)
+        most_delay = _MOST_DELAY * grid.a_tick
+        return cls(design, grid.period_s, hand, resonant, names, middle, spread, slow_hz, most_delay)
 
     @property
     def bounds(self) -> tuple[FloatArray, FloatArray]:
         """Bounds of the unknowns, each of shape (u,)."""
         low, high = self.middle - _BOUND_SPREADS * self.spread, self.middle + _BOUND_SPREADS * self.spread
-        low[0], high[0] = _LEAST_DELAY, _MOST_DELAY
+        low[0], high[0] = _LEAST_DELAY, self.most_delay
         if self.resonant:
             low[-3:] = [math.log(_MODE_LOWEST_HZ), math.log(_MODE_DAMPING_RATIOS[0]), _MODE_MASS_RATIOS[0]]
             high[-2:] = [math.log(_MODE_DAMPING_RATIOS[1]), _MODE_MASS_RATIOS[1]]
@@ -404,60 +396,37 @@ def _anew(free: FloatArray, between: BoolArray) -> list[FloatArray]:
     return blocks
 
 
-def _structures(
-    design: IntendedLaw, period_s: float, lag: float, swing_hz: float, *, resonant: bool
-) -> list[_Structure]:
+def _structures(design: IntendedLaw, grid: Grid, lag: float, swing_hz: float, *, resonant: bool) -> list[_Structure]:
     """Return the structures that may have made a log: with and without a hand, each with a declared or a longer delay.
 
     A resonance is tried with a hand and a declared delay alone.
     """
-    hand = _hand_unknowns(design)
+    hand = hand_unknowns(design)
     device = [
-        _Unknown("device_mass", 0.0, _MASS_SPREAD if design.known else _ASSUMED_SPREAD),
-        _Unknown("device_damping", 0.0, _DAMPING_SPREAD if design.known else _ASSUMED_SPREAD),
+        Unknown("device_mass", 0.0, MASS_SPREAD if design.known else ASSUMED_SPREAD),
+        Unknown("device_damping", 0.0, DAMPING_SPREAD if design.known else ASSUMED_SPREAD),
     ]
     held = [*hand, *([] if design.known else device)]
-    punctual, late = _delays(design, period_s, lag)
+    punctual, late = delays_of(design, grid, lag)
     slow_hz = min(float(np.clip(swing_hz / _SLOWER_THAN_SWING, *_SLOW_HZ)), swing_hz / 2)
     if resonant:
         mode = [
-            _Unknown("mode_frequency", math.log(max(swing_hz, _MODE_LEAST_PRIOR_HZ)), _MODE_SPREAD),
-            _Unknown("mode_damping_ratio", math.log(_MODE_DAMPING_RATIO), _MODE_SPREAD),
-            _Unknown("mode_mass_ratio", _MODE_MASS_RATIO, _MODE_MASS_SPREAD),
+            Unknown("mode_frequency", math.log(max(swing_hz, _MODE_LEAST_PRIOR_HZ)), _MODE_SPREAD),
+            Unknown("mode_damping_ratio", math.log(_MODE_DAMPING_RATIO), _MODE_SPREAD),
+            Unknown("mode_mass_ratio", _MODE_MASS_RATIO, _MODE_MASS_SPREAD),
         ]
         unknowns = [punctual, *held, *mode]
-        return [_Structure.of(design, period_s, slow_hz, unknowns, hand=True, resonant=True)]
+        return [_Structure.of(design, grid, slow_hz, unknowns, hand=True, resonant=True)]
     return [
-        _Structure.of(design, period_s, slow_hz, [delay, *unknowns], hand=with_hand, resonant=False)
+        _Structure.of(design, grid, slow_hz, [delay, *unknowns], hand=with_hand, resonant=False)
         for with_hand, unknowns in ((True, held), (False, device))
         for delay in (punctual, late)
     ]
 
 
-def _hand_unknowns(design: IntendedLaw) -> list[_Unknown]:
-    """Return ln of mass, damping and stiffness of a hand, by the ranges of the declared hands."""
-    least = design.device.metres_per_unit**2 * _LEAST_HAND
-    box = np.log(np.maximum(hand_ranges(design.hands), least))
-    spread = np.maximum((box[:, 1] - box[:, 0]) / 2, _HAND_SPREAD if design.known else _HAND_SPREAD_ASSUMED)
-    names = ("hand_mass", "hand_damping", "hand_stiffness")
-    priors = zip(names, box.mean(axis=1).tolist(), spread.tolist(), strict=True)
-    return [_Unknown(name, middle, deviation) for name, middle, deviation in priors]
-
-
-def _delays(design: IntendedLaw, period_s: float, lag: float) -> tuple[_Unknown, _Unknown]:
-    """Return the delay beside the lag of the law, ticks: as declared, and longer."""
-    ticks_a_sample = design.device.sample_time_s / period_s
-    least, most = design.delay_samples
-    spread = math.hypot(_DELAY_SPREAD, (most - least) / math.sqrt(12))
-    middle = max((least + most) / 2 * ticks_a_sample - lag, 0.0)
-    longest = max(most * ticks_a_sample - lag, 0.0)
-    punctual = _Unknown("delay", middle, max(spread * ticks_a_sample, spread))
-    return punctual, _Unknown("delay", longest, _LATE_SPREAD)
-
-
-def _windows(log: Log, swing: Oscillation) -> list[_Window]:
+def _windows(log: Log, swing: Oscillation, grid: Grid) -> list[_Window]:
     """Return the end of the oscillation and its beginning, where they are apart."""
-    period, n, before = log.period_s, log.position_m.size, int(_MOST_DELAY) + 2
+    period, n, before = log.period_s, log.position_m.size, int(_MOST_DELAY * grid.a_tick) + 2
     cycles_s = max(_WINDOW_S, _WINDOW_CYCLES / swing.frequency_hz)
     size = int(min(cycles_s / period, _WINDOW_MOST, n - before))
     last = int(np.clip(swing.last - size, before, n - size))
@@ -486,13 +455,47 @@ class _Trial:
 def fit_plants(log: Log, swing: Oscillation, design: IntendedLaw, lag: float, seed: int) -> list[PlantFit]:
     """Return device and hand in every structure, likeliest first; with a resonance or stops where nothing else fits.
 
-    `lag` is that of the law, ticks; `seed` that of the draws.
+    `lag` is that of the law, ticks; `seed` that of the draws. With a clock whose ticks are no samples the force is new
+    after so many samples and one more: device and hand are fitted to the samples.
     """
-    period, swing_hz = log.period_s, swing.frequency_hz
+    if log.even:
+        return _fits(log, swing, design, Grid(log.period_s, 1.0), lag, seed)
+    first, last = log.rows[[swing.first, swing.last - 1]].tolist()
+    swing = replace(swing, first=first, last=last + 1)
+    grid = Grid(log.sample_time_s, log.hold)
+    fits = _fits(log.by_samples(), swing, design, grid, lag * log.hold, seed)
+    return [fit.in_ticks(log) for fit in fits]
+
+
+def beside_friction(
+    fits: Sequence[PlantFit], log: Log, swing: Oscillation, design: IntendedLaw, lag: float, seed: int
+) -> list[PlantFit]:
+    """Return fits of a log whose force is switched by the speed, with the error that its friction gives the delay.
+
+    What turns with the speed is friction, or a force that compensates it and comes late: the delay is as far off as it
+    is in other structures, and with more or less friction, that leave about as little.
+    """
+    trials = list(fits)
+    friction_n = design.device.coulomb_friction_n
+    for factor in _FRICTIONS if friction_n else ():
+        device = design.device.model_copy(update={"coulomb_friction_n": factor * friction_n})
+        trials += fit_plants(log, swing, replace(design, device=device), lag, seed)
+    most = _AS_LIKELY * min(trial.misfit for trial in trials)
+    delays = [trial.best.delay for trial in trials if trial.misfit <= most]
+
+    def error_of(fit: PlantFit) -> float:
+        return max(fit.delay_error, *(abs(delay - fit.best.delay) for delay in delays))
+
+    return [replace(fit, delay_error=error_of(fit)) for fit in fits]
+
+
+def _fits(log: Log, swing: Oscillation, design: IntendedLaw, grid: Grid, lag: float, seed: int) -> list[PlantFit]:
+    """Return device and hand in every structure, likeliest first, on the grid of a log; `lag` is in its periods."""
+    swing_hz = swing.frequency_hz
     inside = log.position_m[swing.first : swing.last]
     scatter = math.hypot(log.encoder_m / math.sqrt(12), design.device.position_noise_rms_m)
     noise = math.hypot(scatter, _MODEL_ERROR * float(np.std(inside)))
-    plain, windows = _structures(design, period, lag, swing_hz, resonant=False), _windows(log, swing)
+    plain, windows = _structures(design, grid, lag, swing_hz, resonant=False), _windows(log, swing, grid)
     trials = [_begin(structure, windows, noise) for structure in plain]
     likeliest = min(trials, key=lambda trial: trial.residual_m)
     least = likeliest.residual_m
@@ -506,7 +509,7 @@ def fit_plants(log: Log, swing: Oscillation, design: IntendedLaw, lag: float, se
             trials += _with_stops(structure, inside, windows, noise, least)
     unexplained = min(trial.residual_m for trial in trials) > _UNEXPLAINED * noise
     if design.device.resonance is None and unexplained:
-        resonant = _structures(design, period, lag, swing_hz, resonant=True)
+        resonant = _structures(design, grid, lag, swing_hz, resonant=True)
         trials += [_begin(structure, windows, noise) for structure in resonant]
     levels = _levels(trials, windows, noise)
     fits = [_finish(trial, windows, levels, noise, scatter, seed) for trial in trials]
@@ -537,7 +540,8 @@ def _begin(structure: _Structure, windows: Sequence[_Window], noise: float) -> _
     """Return a structure with its best point from a few initial guesses."""
     levels = np.full(len(windows), _BEGIN_LEVEL * noise)
     turns = _MODE_TURNS if structure.resonant else (1.0,)
-    delays = (0.0, _LATE_START) if structure.spread[0] > 2 else (0.0,)
+    late = structure.most_delay / _MOST_DELAY
+    delays = (0.0, _LATE_START * late) if structure.spread[0] > 2 * late else (0.0,)
     solutions = []
     for delay, turn in itertools.product(delays, turns):
         first = structure.middle.copy()

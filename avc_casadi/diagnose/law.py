@@ -12,6 +12,8 @@ import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, FloatArray, IndexArray
 from avc_casadi.diagnose.clock import even_phase
+from avc_casadi.diagnose.compensation import filtered_change, find_filtered_sign, switched
+from avc_casadi.diagnose.dead_zone import dead_zone, outside
 from avc_casadi.diagnose.oscillation import Log, Oscillation, samples_alike
 from avc_casadi.identification.regression import regression
 
@@ -92,6 +94,9 @@ _LEAST_SQUARE = 1e-300
 _MOST_DROPPED = 0.01
 """Share of missed samples up to which frames are searched."""
 
+_MOST_SIGN_LAG = 3
+"""Longest lag that is tried with the sign of a filtered velocity, ticks."""
+
 _MOST_FRAME_LAG = 4
 """Lags below this, ticks, are tried with frames."""
 
@@ -113,11 +118,18 @@ _FRAME_JUMP = 1e-3
 
 @dataclass(frozen=True)
 class Switch:
-    """c sign(s): s is the position between two edges, where the force is none, the speed, or the rest of the force."""
+    """c sign(s): s is the position between two edges, where the force is none, the speed, or the rest of the force.
+
+    A speed may be behind a filter, v(n) = keep v(n-1) + (1 - keep) (x(n) - x(n-1))/T, and the force c tanh(v/v0).
+    """
 
     force_n: float
     by: Literal["position", "speed", "force"]
     edges_m: tuple[float, float] = (0.0, 0.0)
+    keep: float = 0.0
+    """Share of the speed that its filter keeps in a tick."""
+    width_m_per_s: float = 0.0
+    """v0; 0 of a sign."""
 
 
 @dataclass(frozen=True)
@@ -152,6 +164,8 @@ class FittedLaw:
     """Residual that an encoder step leaves, where the law reads a finer position."""
     switch: Switch | None = None
     frames: Frames | None = None
+    dead_zone_m: tuple[float, float] | None = None
+    """Positions between which the spring has no force, m; x counts from the nearer one."""
 
     @property
     def explains(self) -> bool:
@@ -180,6 +194,9 @@ def find_law(log: Log, swing: Oscillation, limit_n: float | None, friction_n: fl
     plain = _best(sorted(_plain(log, in_contact), key=lambda law: (law.damping_ns_per_m < 0, law.keep > 0)))
     if plain is not None and plain.misfit < _EXACT:
         return plain
+    plain = _best(_with_dead_zone(log, in_contact), plain)
+    if plain is not None and plain.misfit < _EXACT:
+        return plain
     # Of a force of three values at most, all are of the relay.
     in_swing = log.ran.copy() if np.unique(log.force_n).size <= 3 else log.ran & ~at_limit
     in_swing[: swing.first] = False
@@ -187,6 +204,9 @@ def find_law(log: Log, swing: Oscillation, limit_n: float | None, friction_n: fl
     relay = _best(_relays(log, in_swing, friction_n), plain)
     if relay is not plain:
         return relay
+    filtered = _best(_with_filtered_sign(log, in_swing, friction_n), plain)
+    if filtered is not plain:
+        return filtered
     return _best(sorted(_two_rates(log, at_limit), key=lambda law: law.misfit), plain)
 
 
@@ -359,21 +379,51 @@ def _by_means(force: FloatArray, reading: _Reading, fit: _Regression) -> _Regres
 
 
 def _plain(log: Log, use: BoolArray) -> Iterator[FittedLaw]:
-    """Yield spring and damper of each lag, which may be a part of a hold, with a filter of the velocity and without."""
-    for late_samples, filtered in itertools.product(range(min(_MOST_LAG * log.hold, _MOST_LATE) + 1), (False, True)):
-        lag = -(-late_samples // log.hold)
-        position = log.between(-late_samples % log.hold)
+    """Yield spring and damper of each reading, with a filter of the velocity and without."""
+    for (lag, age, now, before), filtered in itertools.product(_readings(log), (False, True)):
         rows = _rows_of_lag(log.ran, use, lag)
         rows = rows[use[rows - 1]] if filtered else rows
-        reading = _Reading.of_lag(rows, position, lag, late_samples / log.hold)
+        reading = _Reading(rows, now[rows - lag], now[rows - lag] - before[rows - lag], age)
         pairs = rows.size
         if _FEWEST_EXACT <= rows.size < _FEWEST:
-            pairs = len(np.unique(np.stack([reading.position_m, position[rows - lag - 1]], axis=1), axis=0))
+            pairs = len(np.unique(np.stack([reading.position_m, before[rows - lag]], axis=1), axis=0))
         if pairs < _FEWEST_EXACT + 2 * filtered:
             continue
         law = _law(log, reading, filtered=filtered)
         if law is not None and (rows.size >= _FEWEST or law.misfit <= _EXACT_FEW):
             yield law
+
+
+def _readings(log: Log) -> Iterator[tuple[int, float, FloatArray, FloatArray]]:
+    """Yield what a law may read: the tick back and the age, ticks, the position of each tick then and a tick before, m.
+
+    The age may be a part of a hold less than whole ticks. A clock of its own reads at its ticks or at the samples that
+    follow them.
+    """
+    ages = {(lag, 0) for lag in range(_MOST_LAG + 1)}
+    ages |= {(lag, ahead) for lag in range(1, _MOST_LAG + 1) for ahead in range(math.ceil(log.hold))}
+    early = (0.0,) if log.even else (0.0, 1.0)
+    for lag, ahead in sorted(ages, key=lambda age: age[0] * log.hold - age[1]):
+        late = lag * log.hold - ahead
+        if late <= _MOST_LATE or not ahead:
+            for share in early:
+                now = log.between(ahead - share * log.early)
+                yield lag, late / log.hold, now, np.append(now[:1], now[:-1])
+
+
+def _with_dead_zone(log: Log, use: BoolArray) -> Iterator[FittedLaw]:
+    """Yield spring and damper of each reading, with a dead zone of the spring."""
+    for lag, age, now, before in _readings(log):
+        rows = _rows_of_lag(log.ran, use, lag)
+        if rows.size < _FEWEST:
+            continue
+        position, change = now[rows - lag], now[rows - lag] - before[rows - lag]
+        edges = dead_zone(log.force_n[rows], position, change)
+        if edges is None:
+            continue
+        law = _law(log, _Reading(rows, outside(position, edges), change, age))
+        if law is not None and law.stiffness_n_per_m > 0 and law.misfit < _EXPLAINS:
+            yield replace(law, dead_zone_m=edges)
 
 
 def _relays(log: Log, use: BoolArray, friction_n: float) -> Iterator[FittedLaw]:
@@ -395,6 +445,29 @@ def _relays(log: Log, use: BoolArray, friction_n: float) -> Iterator[FittedLaw]:
             matters = abs(switched_n) > _SWITCHED_SHARE * force_range or compensates
             if law.misfit <= _EXPLAINS and matters:
                 yield replace(law, switch=replace(switch, force_n=switched_n))
+
+
+def _with_filtered_sign(log: Log, use: BoolArray, friction_n: float) -> Iterator[FittedLaw]:
+    """Yield the law with a part that the sign, or tanh, of a filtered velocity switches."""
+    rows = _rows_of_lag(log.ran, use, _MOST_SIGN_LAG)
+    if rows.size < _FEWEST_SWITCHED or log.missed_share > _MOST_DROPPED:
+        return
+    sign = find_filtered_sign(log.force_n, log.position_m, rows, _MOST_SIGN_LAG)
+    if sign is None:
+        return
+    read = rows - sign.lag
+    change = np.diff(log.position_m, prepend=log.position_m[:1])
+    filtered = filtered_change(change, sign.keep)
+    damper = filtered if sign.damper_filtered else change
+    reading = _Reading(rows, log.position_m[read], damper[read], sign.lag)
+    law = _law(log, reading, switched(filtered[read], sign.width))
+    if law is None or law.switch is None or law.misfit > _EXPLAINS:
+        return
+    switched_n = law.switch.force_n
+    compensates = 0 < friction_n < -switched_n
+    if abs(switched_n) > _SWITCHED_SHARE * float(np.ptp(log.force_n[rows])) or compensates:
+        switch = Switch(switched_n, "speed", keep=sign.keep, width_m_per_s=sign.width / log.period_s)
+        yield replace(law, switch=switch, keep=sign.keep if sign.damper_filtered else 0.0)
 
 
 def _switches(log: Log, reading: _Reading, lag: int) -> Iterator[tuple[Switch, FloatArray]]:

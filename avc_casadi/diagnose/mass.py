@@ -29,7 +29,7 @@ def apparent_mass_kg(log: Log, device: Device, *, known: bool) -> float:
     summed twice as a held one acts. Drag and friction are those of a known device, against the motion or with it.
     """
     sample_time = log.sample_time_s
-    force = np.repeat(log.force_n, log.hold)[: log.samples_m.size]
+    force = log.held_force_n()
     speed = np.abs(ndimage.uniform_filter1d(np.gradient(log.samples_m), 5))
     peak = int(np.argmax(speed))
     delay = round(device.delay_samples * device.sample_time_s / sample_time)

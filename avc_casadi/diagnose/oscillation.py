@@ -11,7 +11,7 @@ import numpy as np
 from scipy import ndimage, signal
 
 from avc_casadi._util.arrays import BoolArray, FloatArray, IndexArray
-from avc_casadi.diagnose.clock import hold_of, ticks_between, usual_step
+from avc_casadi.diagnose.clock import clock_of, ticks_between, usual_step
 from avc_casadi.identification.log import Columns, lattice_step
 
 Kind = Literal["none", "decaying", "growing", "limit cycle", "irregular"]
@@ -186,8 +186,8 @@ class Log:
     """Time of a tick, s."""
     sample_time_s: float
     """Time of a sample, s."""
-    hold: int
-    """Samples of the log for which a force is held."""
+    hold: float
+    """Samples of the log for which a force is held, in the mean."""
     missed_share: float
     """Share of the samples that are not in the log."""
     uneven_share: float
@@ -204,6 +204,10 @@ class Log:
     """Time of the first tick, s."""
     samples_m: FloatArray
     """Positions of all samples from the first tick on, m."""
+    rows: IndexArray
+    """The sample of each tick, shape (n,)."""
+    early: FloatArray
+    """How much earlier than its sample each tick is, by a clock whose ticks are no samples, shape (n,), samples."""
 
     @property
     def touching(self) -> BoolArray:
@@ -215,10 +219,33 @@ class Log:
         """Time of each tick, shape (n,), s."""
         return np.asarray(self.start_s + np.arange(self.position_m.size) * self.period_s)
 
-    def between(self, samples: int) -> FloatArray:
-        """Return the position so many samples after each tick, shape (n,), m."""
-        after = self.samples_m[samples :: self.hold]
-        return np.pad(after, (0, self.position_m.size - after.size), mode="edge")
+    @property
+    def even(self) -> bool:
+        """Whether all ticks are as many samples apart."""
+        return float(self.hold).is_integer()
+
+    def between(self, samples: FloatArray | float) -> FloatArray:
+        """Return the position so many samples after that of each tick, shape (n,), m."""
+        return np.asarray(np.interp(self.rows + samples, np.arange(self.samples_m.size), self.samples_m))
+
+    def held_force_n(self) -> FloatArray:
+        """Return the force at each sample from the first tick on, N."""
+        return np.repeat(self.force_n, np.diff(self.rows, append=self.samples_m.size))
+
+    def by_samples(self) -> Log:
+        """Return the log on the grid of its samples, from the first tick on."""
+        held = np.diff(self.rows, append=self.samples_m.size)
+        rows = np.arange(self.samples_m.size)
+        return replace(
+            self,
+            period_s=self.sample_time_s,
+            hold=1.0,
+            position_m=self.samples_m,
+            force_n=self.held_force_n(),
+            ran=np.repeat(self.ran, held),
+            rows=rows,
+            early=np.zeros(rows.size),
+        )
 
 
 def log_of(columns: Columns, *, flip_force: bool = False) -> tuple[Log, list[str]]:
@@ -247,13 +274,14 @@ def log_of(columns: Columns, *, flip_force: bool = False) -> tuple[Log, list[str
     about_neighbour = float(np.std(np.diff(time) - sample_steps * sample_time))
 
     # Samples at which no new force is computed are left out.
-    hold, first = hold_of(position, force)
-    ticks = slice(first, None, hold)
+    clock = clock_of(even_position, force[row_of_sample])
+    ticks = clock.rows(samples.size)
+    first = int(ticks[0])
     log = Log(
         name=columns.file,
-        period_s=sample_time * hold,
+        period_s=sample_time * clock.period,
         sample_time_s=sample_time,
-        hold=hold,
+        hold=clock.period,
         missed_share=float(1 - time.size / samples.size),
         uneven_share=about_neighbour / sample_time if about_neighbour < about_grid else 0.0,
         position_m=even_position[ticks],
@@ -262,6 +290,8 @@ def log_of(columns: Columns, *, flip_force: bool = False) -> tuple[Log, list[str
         encoder_m=_encoder_step(position),
         start_s=float(time[0]) + first * sample_time,
         samples_m=even_position[first:],
+        rows=ticks - first,
+        early=ticks - clock.times(samples.size),
     )
     return log, notes
 

@@ -219,7 +219,9 @@ class LoggedScene:
         force = log.force_n[inside]
         low_edge, high_edge = law.switch.edges_m if law.switch is not None else (0.0, 0.0)
         centre = (low_edge + high_edge) / 2
-        if law.stiffness_n_per_m > 0:
+        if law.dead_zone_m is not None:
+            centre = sum(law.dead_zone_m) / 2
+        elif law.stiffness_n_per_m > 0:
             centre = -law.offset_n / law.stiffness_n_per_m
         leaves_wall = np.mean(log.touching[inside]) < _ALWAYS_TOUCHING or (force > 0).all()
         return cls(
@@ -241,7 +243,8 @@ class LoggedScene:
         mechanics = self._mechanics(hypothesis, law)
         state = self._first_state(mechanics)
         noise = self.noise_m * np.random.default_rng(0).standard_normal(n)
-        velocity = 0.0
+        velocity = switching = 0.0
+        switch_keep = law.switch.keep if law.switch is not None else 0.0
         position, reading, force = np.zeros((3, n))
         for tick in range(n):
             now = float(mechanics.output_row @ state)
@@ -252,9 +255,11 @@ class LoggedScene:
                 break
             x = self._read(now + noise[tick])
             reading[tick] = x
-            velocity = law.keep * velocity + (1 - law.keep) * (x - reading[max(tick - 1, 0)]) / period
+            speed = (x - reading[max(tick - 1, 0)]) / period
+            velocity = law.keep * velocity + (1 - law.keep) * speed
+            switching = switch_keep * switching + (1 - switch_keep) * speed
             plain_n = _plain_force(law, reading, tick, velocity, period, self.centre_m)
-            force[tick] = self._command(law, plain_n, x, velocity)
+            force[tick] = self._command(law, plain_n, x, switching)
             for move in mechanics.moves:
                 motor_n = force[tick - move.ticks_back] if tick >= move.ticks_back else 0.0
                 state = mechanics.moved(state, move, motor_n)
@@ -316,6 +321,8 @@ class LoggedScene:
             low, high = (edge - self.centre_m if switch.by == "position" else 0.0 for edge in switch.edges_m)
             value = {"position": position, "speed": velocity, "force": force}[switch.by]
             sign = float(np.sign(value - low) + np.sign(value - high)) / 2
+            if switch.width_m_per_s:
+                sign = math.tanh(value / switch.width_m_per_s)
             if self.width:
                 above = min(max((value - high) / self.width, 0.0), 1.0)
                 below = min(max((low - value) / self.width, 0.0), 1.0)
@@ -389,7 +396,11 @@ def _plain_force(
         else:
             before = reading[max(frame_tick - frames.ticks, 0)]
             velocity = (reading[frame_tick] - before) / (frames.ticks * period_s)
-    return float(law.stiffness_n_per_m * (position + centre_m) + law.damping_ns_per_m * velocity + law.offset_n)
+    place = position + centre_m
+    if law.dead_zone_m is not None:
+        low, high = law.dead_zone_m
+        place -= min(max(place, low), high)
+    return float(law.stiffness_n_per_m * place + law.damping_ns_per_m * velocity + law.offset_n)
 
 
 RemedyKey = Literal[

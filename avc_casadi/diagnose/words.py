@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -59,6 +60,9 @@ def cause_numbers(
         words["resonance"] = f"{number(mode.frequency_hz, 3)} Hz, not declared"
     if law.switch:
         words["relay"] = f"{quantity(abs(law.switch.force_n), unit('N'))} by the sign of the {law.switch.by}"
+        if law.switch.keep:
+            filter_ms = number(-1e3 * log.period_s / math.log(law.switch.keep), 2)
+            words["relay"] += f" behind a filter of {filter_ms} ms"
     if law.frames:
         frame_ms = number(1e3 * law.frames.ticks * log.period_s, 3)
         words["rates"] = f"the {law.frames.slow} is new every {frame_ms} ms{late}"

@@ -6,9 +6,12 @@ Each log is of a loop that rests in the simulator below, which shares no code wi
 to 4 000 N/m, 1 or 2 ms, delay 0.2 to 2 samples, one- or two-sided, a hand. Then one thing is changed so that it swings:
 2 to 6 samples of delay, half or a third of the rate, k or b times 2 to 6, a hand that lets go, a relay with and without
 dead band, a spring or damper of every 8th to 24th tick, noise through the damper, k times 2 to 6 between travel stops.
-Every eleventh is left as it is. A remedy that is told is made in the simulator; it has to leave less than a fifth of
-the swing, or two and a half encoder steps, and less than half of the force that noise makes: with the hand of the log,
-and with no hand on the device, where it is not told that the remedy rests while held.
+One kind is left as it is. A game has its own clock of 30 to 400 Hz, no multiple of the log's, reads at its ticks and
+acts one late; half of them have a dead zone. What comes to rest has dry friction and little damping, half with a dead
+zone: frequency and time of rest have to be told within 5 % and 20 samples. Friction is compensated by 1.2 to 1.8
+times as much behind 2 to 8 ms. A motor is reversed. A remedy that is told is made in the simulator; it has to leave
+less than a fifth of the swing, or two and a half encoder steps, and less than half of the force that noise makes:
+with the hand of the log, and with no hand on the device, where it is not told that the remedy rests while held.
 """
 
 from __future__ import annotations
@@ -32,8 +35,16 @@ from avc_casadi.diagnose.causes import Diagnosis, diagnose  # noqa: E402
 from avc_casadi.identification.log import Columns  # noqa: E402
 from avc_casadi.model.device import Device  # noqa: E402
 
-KINDS = ("delay", "rate", "stiffness", "damping", "let-go", "relay", "dead band", "rates", "noise", "stops", "none")
-TRUTH = {"dead band": "relay", "noise": "encoder", "stops": "stiffness", "none": "nothing wrong"}
+KINDS = (
+    *("delay", "rate", "stiffness", "damping", "let-go", "relay", "dead band", "rates", "noise", "stops", "none"),
+    *("game", "rest", "compensation", "reversed"),
+)
+TRUTH = {"game": "rate", "rest": "nothing wrong", "compensation": "relay", "reversed": "sign"} | {
+    "dead band": "relay",
+    "noise": "encoder",
+    "stops": "stiffness",
+    "none": "nothing wrong",
+}
 TICKS, PARTS = 1800, 10
 
 
@@ -61,6 +72,12 @@ class Loop:
     keep: float = 0.0
     stops: tuple[float, float, float] = (math.inf, 0.0, 0.0)
     released: float = math.inf
+    clock: float = 1.0
+    phase: float = 0.0
+    dead: float = 0.0
+    compensated: float = 0.0
+    filter_s: float = 0.0
+    motor: float = 1.0
 
 
 def played(loops: Sequence[Loop], seed: int = 0) -> tuple[FloatArray, FloatArray]:
@@ -71,29 +88,40 @@ def played(loops: Sequence[Loop], seed: int = 0) -> tuple[FloatArray, FloatArray
         for key in ("mass", "damping", "friction", "period", "step", "limit", "k", "b", "width", "keep", "every")
     )
     travel, stop_k, stop_b = one["stops"].T
+    clock, dead, filter_s, motor = (one[key] for key in ("clock", "dead", "filter_s", "motor"))
+    behind = np.where(filter_s > 0, np.exp(-period / np.maximum(filter_s, 1e-9)), 0.0)
     sided, spring_slow, damper_slow = one["one_sided"], one["slow"] == "spring", one["slow"] == "damper"
     h, late, rows = period / PARTS, np.round(one["delay"] * PARTS).astype(int), np.arange(len(loops))
     noise = one["noise"] * np.random.default_rng(seed).standard_normal((TICKS, len(loops)))
     x, v = np.where(sided, -0.002, 0.004), np.zeros(len(loops))
     seen, force = np.zeros((TICKS, len(loops))), np.zeros((TICKS, len(loops)))
     rate, slow_at, slow_rate, before = np.zeros((4, len(loops)))
+    due, told, waiting, quick, frame_at = one["phase"].copy(), *np.zeros((4, len(loops)))
     for tick in range(TICKS):
         at = step * np.floor((x + noise[tick]) / step + 0.5)
         rate = keep * rate + (1 - keep) * ((at - before) if tick else 0.0) / period
+        quick = behind * quick + (1 - behind) * ((at - before) if tick else 0.0) / period
+        frame, own = tick >= due - 1e-9, clock != 1
+        rate = np.where(own & frame, (at - frame_at) / (clock * period) if tick else 0.0, rate)
+        frame_at, due = np.where(frame, at, frame_at), np.where(frame, due + clock, due)
         new = tick % every == 0
         slow_rate = np.where(new, (at - slow_at) / (every * period) if tick else 0.0, slow_rate)
         slow_at, before = np.where(new, at, slow_at), at
-        asked = k * np.where(spring_slow, slow_at, at) + b * np.where(damper_slow, slow_rate, rate)
+        place = np.where(spring_slow, slow_at, at)
+        asked = k * (place - np.clip(place, -dead, dead)) + b * np.where(damper_slow, slow_rate, rate)
         beyond = np.maximum(np.abs(at) - one["band"], 0.0)
         ramp = np.where(width > 0, np.minimum(beyond / np.maximum(width, 1e-12), 1.0), beyond > 0)
         asked = asked + one["relay"] * np.sign(at) * ramp
         asked = np.where(sided, np.where(at > 0, np.maximum(asked, 0.0), 0.0), asked)
-        seen[tick], force[tick] = at, np.clip(asked, -limit, limit)
+        asked = np.clip(asked - one["compensated"] * np.tanh(quick / 0.01), -limit, limit)
+        told = np.where(own, np.where(frame, waiting, told), asked)
+        waiting = np.where(frame, asked, waiting)
+        seen[tick], force[tick] = at, told
         target = np.where(sided, np.minimum(0.06 * tick * period - 0.002, 0.006), 0.002 * (one["released"] < TICKS))
         hand_mass, hand_damping, hand_spring = one["hand"].T * (tick < one["released"])
         for part in range(PARTS):
             past = tick * PARTS + part - late
-            push = -np.where(past >= 0, force[np.maximum(past, 0) // PARTS, rows], 0.0) - damping * v
+            push = -motor * np.where(past >= 0, force[np.maximum(past, 0) // PARTS, rows], 0.0) - damping * v
             push += hand_spring * (target - x) - hand_damping * v
             push -= (np.abs(x) > travel) * (stop_k * (x - np.clip(x, -travel, travel)) + stop_b * v)
             v = v + h * push / (mass + hand_mass)
@@ -136,6 +164,9 @@ def changed(random: np.random.Generator, loop: Loop, kind: str) -> Loop:
     more = between(random, 2.0, 6.0)
     size_n = float(random.uniform(0.5, 3.0))
     every = int(random.integers(8, 25))
+    hertz = float(random.choice([60.0, 72.0, 90.0, 144.0, between(random, 30.0, 400.0)]))
+    own = 1 / (hertz * loop.period)
+    filter_s = between(random, 2e-3, 8e-3)
     return {
         "delay": lambda: replace(loop, delay=loop.delay + more),
         "rate": lambda: replace(loop, period=loop.period * int(random.integers(2, 4))),
@@ -148,7 +179,24 @@ def changed(random: np.random.Generator, loop: Loop, kind: str) -> Loop:
         "noise": lambda: replace(loop, noise=loop.step * between(random, 0.7, 3.0), b=more * loop.b),
         "stops": lambda: replace(loop, k=more * loop.k, stops=(between(random, 3e-3, 8e-3), 3e4, 30.0)),
         "none": lambda: loop,
+        "game": lambda: replace(loop, clock=own, phase=own * float(random.random()), one_sided=False),
+        "rest": lambda: loop,
+        "compensation": lambda: replace(loop, compensated=loop.friction * (0.8 + more / 6), filter_s=filter_s),
+        "reversed": lambda: replace(loop, motor=-1.0, one_sided=False),
     }[kind]()
+
+
+def prepared(random: np.random.Generator, loop: Loop, kind: str) -> Loop:
+    """Return a loop as a kind needs it: two-sided, with a dead zone, or with dry friction."""
+    two_sided = {"let-go", "relay", "dead band", "rates", "game", "rest", "compensation", "reversed"}
+    loop = replace(loop, one_sided=loop.one_sided and kind not in two_sided)
+    dead = float(random.uniform(1e-4, 1e-3)) if random.random() < 0.5 else 0.0
+    if kind == "rest":
+        friction = loop.k * 0.004 / (2 * random.uniform(3, 15))
+        return replace(loop, b=0.0, hand=(0.0, 0.0, 0.0), friction=float(friction), dead=dead, limit=40.0)
+    if kind == "compensation":
+        return replace(loop, friction=float(random.uniform(0.2, 0.8)), hand=(0.0, 0.0, 0.0))
+    return replace(loop, dead=dead) if kind == "game" else loop
 
 
 def case(kind: str, seed: int, number: int) -> tuple[Loop, Loop, Columns]:
@@ -156,8 +204,7 @@ def case(kind: str, seed: int, number: int) -> tuple[Loop, Loop, Columns]:
     random = np.random.default_rng([seed, number])
     while True:
         loops = [healthy(random) for _ in range(24)]
-        if kind in {"let-go", "relay", "dead band", "rates"}:
-            loops = [replace(loop, one_sided=False) for loop in loops]
+        loops = [prepared(random, loop, kind) for loop in loops]
         wrongs = [changed(random, loop, kind) for loop in loops]
         seen, force = played([*loops, *wrongs])
         (_, rest), (middle, late), (_, ripple) = sizes(seen[:, :24]), sizes(seen[:, 24:]), sizes(force[:, 24:])
@@ -167,9 +214,33 @@ def case(kind: str, seed: int, number: int) -> tuple[Loop, Loop, Columns]:
                 swings = swings and np.abs(seen[:, 24 + i]).max() > 1.02 * wrong.stops[0]
             if kind == "noise":
                 swings = bool(ripple[i] > max(0.4, 0.02 * loop.limit))
+            if kind == "rest":
+                swings = rested(seen[:, 24 + i], wrong)[0] > 3
+            if kind == "reversed":
+                swings = True
             if rest[i] < 1.5 * loop.step and (swings or kind == "none"):
                 time_s = np.arange(TICKS) * wrong.period
                 return loop, wrong, Columns(f"{kind}-{number}", time_s, seen[:, 24 + i], force[:, 24 + i])
+
+
+def rested(position: FloatArray, loop: Loop) -> tuple[float, float, float]:
+    """Return the half swings about the rest, their mean frequency, Hz, and the time from which it stands still, s."""
+    away = position - position[-1]
+    turns = np.flatnonzero(np.diff(np.sign(np.diff(away[np.append(True, np.diff(away) != 0)]))))
+    moves = np.flatnonzero(np.abs(away) > 1.5 * loop.step)
+    moving = np.flatnonzero(np.append(True, np.diff(away) != 0))
+    ticks = moving[turns + 1] if turns.size > 1 else np.array([0, 1])
+    hertz = (ticks.size - 1) / 2 / max(float(ticks[-1] - ticks[0]), 1.0) / loop.period
+    return float(turns.size), hertz, loop.period * float(moves[-1] + 1 if moves.size else 0)
+
+
+def rest_is_told(found: Diagnosis, log: Columns, loop: Loop) -> bool:
+    """Return whether a diagnosis tells the frequency and the time of rest."""
+    _, hertz, rest_s = rested(log.position_m, loop)
+    told_s = found.swing.rest_from_s(found.log)
+    if told_s is None:
+        return False
+    return abs(told_s - rest_s) < 20 * loop.period and abs(found.swing.frequency_hz / hertz - 1) < 0.05
 
 
 def declared(loop: Loop, wrong: Loop) -> Device:
@@ -192,6 +263,7 @@ def mended(wrong: Loop, key: str, value: float) -> Loop:
     """Return a loop with a remedy."""
     frames = replace(wrong, every=1, slow="")
     period = frames if wrong.slow else replace(wrong, period=value)
+    period = replace(wrong, clock=value / wrong.period) if wrong.clock != 1 else period
     finer = replace(wrong, step=value, noise=wrong.noise * value / wrong.step)
     return {
         "delay_samples": lambda: replace(wrong, delay=value),
@@ -201,6 +273,8 @@ def mended(wrong: Loop, key: str, value: float) -> Loop:
         "velocity_filter_hz": lambda: replace(wrong, keep=math.exp(-2 * math.pi * value * wrong.period)),
         "encoder_resolution_m": lambda: finer,
         "switch_width": lambda: replace(wrong, width=value),
+        "switched_n": lambda: replace(wrong, compensated=value),
+        "force_sign": lambda: replace(wrong, motor=1.0),
     }[key]()
 
 
@@ -240,18 +314,21 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--count", type=int, default=11, help="logs")
     parser.add_argument("--seed", type=int, default=612)
+    parser.add_argument("--kinds", nargs="+", choices=KINDS, default=KINDS, help="what is wrong, in turn")
     parser.add_argument("--write", action="store_true", help="make RESULTS_swings.md; overwrites it")
     args = parser.parse_args()
     rows: list[tuple[str, str]] = []
     cures: list[tuple[str, bool, bool]] = []
     for number in range(args.count):
-        kind = KINDS[number % len(KINDS)]
+        kind = args.kinds[number % len(args.kinds)]
         loop, wrong, log = case(kind, args.seed, number)
         begun = time.process_time()
         found = diagnose(log, device=declared(loop, wrong))
         spent = time.process_time() - begun
         answer = found.cause or found.verdict
         outcome = "right" if answer == TRUTH.get(kind, kind) else answer if answer == "cannot tell" else "wrong"
+        if kind == "rest" and outcome == "right" and not rest_is_told(found, log, wrong):
+            outcome = "wrong"
         rows.append((kind, outcome))
         tried = settled(found, wrong, kind)
         cures += tried

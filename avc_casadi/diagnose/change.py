@@ -1,0 +1,56 @@
+"""The one change with which a loop of one rate settles: its cause."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from avc_casadi.diagnose.law import FittedLaw
+from avc_casadi.diagnose.oscillation import Log, Oscillation
+from avc_casadi.diagnose.plant import Hypothesis, IntendedLaw, growth, stable
+from avc_casadi.diagnose.remedies import limit_of, without
+
+FEW_STEPS = 14.0
+"""Encoder steps of a swing below which quantisation alone may sustain it."""
+
+OTHER = "other"
+"""Cause of a loop that no single change settles, or that settles already."""
+
+_LATE_TICKS = 0.35
+"""Ticks beyond the declared delay from which on a loop is late."""
+
+_SMALL_SHARE = 0.15
+"""Share of the swing below which a motion is small beside it."""
+
+_FELL_LN = 3.0
+"""ln of the ratio by which a small motion fell below one that grows as the swing does, from which on it had rested."""
+
+
+def cause_of(hypothesis: Hypothesis, law: FittedLaw, log: Log, swing: Oscillation, design: IntendedLaw) -> str:
+    """Return the change with which the loop of one rate settles: a key of `CAUSES`, or other."""
+    if stable(hypothesis, law):
+        return "encoder" if swing.steps < FEW_STEPS else OTHER
+    slower = (design.known and design.samples_a_tick(log) > 1) or log.hold > 1
+    if slower and stable(*without("rate", hypothesis, law, log, design)):
+        return "rate"
+    late = hypothesis.delay + law.lag > design.latest(log) + _LATE_TICKS
+    if late and stable(*without("delay", hypothesis, law, log, design)):
+        return "delay"
+    if hypothesis.hand is None and _had_rest(log, swing, growth(hypothesis, law)):
+        return "let-go"
+    resonant = hypothesis.device.resonance is not None
+    if resonant and stable(*without("resonance", hypothesis, law, log, design)):
+        return "resonance"
+    damping_limit, stiffness_limit = (limit_of(hypothesis, law, gain) for gain in ("damping", "stiffness"))
+    wider = "damping" if damping_limit > stiffness_limit else "stiffness"
+    return wider if max(damping_limit, stiffness_limit) else OTHER
+
+
+def _had_rest(log: Log, swing: Oscillation, growth_per_s: float) -> bool:
+    """Return whether a motion in contact, small beside the swing, came to less than what grows as the swing does."""
+    cycle = min(max(round(1 / swing.frequency_hz / log.period_s), 2), log.position_m.size)
+    size = np.ptp(np.lib.stride_tricks.sliding_window_view(log.position_m, cycle), axis=1)
+    ticks = np.flatnonzero(log.touching[: size.size])
+    size = size[ticks]
+    level = np.log(np.maximum(size, log.encoder_m + 1e-12)) - growth_per_s * log.period_s * ticks
+    fell = (np.maximum.accumulate(level) - level)[size < _SMALL_SHARE * swing.peak_to_peak_m]
+    return bool(fell.max(initial=0.0) > _FELL_LN)
