@@ -33,6 +33,9 @@ _LOWEST_TURN = 1e-5
 # Angles of a first look, evenly in their logarithm: of all loops at once, and of one loop's own.
 _EVEN_TURNS = 200
 _EVEN_TURNS_OF_A_LOOP = 40
+# An angle in a sample below which a pole is real by rounding, and a size below which it is 0.
+_LEAST_TURN = 1e-6
+_DEADBEAT = 1e-9
 # Peaks of |(1 - L)/(1 + L)| that are refined.
 _PEAKS = 12
 # An impact is followed over so many points, until it is down to this share.
@@ -259,9 +262,13 @@ class Transient:
 
 
 def damping_ratios(poles: ComplexArray) -> FloatArray:
-    """Return the damping ratio of each pole; 1 of one that does not oscillate."""
-    # A pole that turns less per sample does not oscillate; a smaller one is deadbeat.
-    swings = (np.abs(np.angle(poles)) > 1e-6) & (np.abs(poles) > 1e-9)
+    """Return the damping ratio of each pole; 1 of one that does not oscillate.
+
+    A real pole below 0 is none of a pair: it alternates from sample to sample, which no damped oscillator does.
+    """
+    # A pole that turns less per sample, or that much less than half a turn, is real; a smaller one is deadbeat.
+    turn = np.abs(np.angle(poles))
+    swings = (turn > _LEAST_TURN) & (turn < math.pi - _LEAST_TURN) & (np.abs(poles) > _DEADBEAT)
     rate = np.log(np.where(swings, poles, 0.5))
     return np.asarray(-rate.real / np.abs(rate))
 
