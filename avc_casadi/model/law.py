@@ -88,6 +88,30 @@ class Law:
         return cls(p, 1 - p, p, 1 - p, sample_time_s)
 
     @classmethod
+    def fraction(cls, numerator: Sequence[float], denominator: Sequence[float], sample_time_s: float) -> Law:
+        """Return u = N(z)/D(z) y of polynomials in z, the highest power first, N of no higher degree than D.
+
+        With D monic of degree n: u = d y + c s and s+ = A s + e y, the last n outputs of 1/D as states s, e the first
+        unit vector, A the companion matrix of D, d the coefficient of z^n in N, and c the others less d times those
+        of D.
+        """
+        below = np.array(denominator, dtype=np.float64)
+        above = np.zeros(len(below))
+        above[len(below) - len(numerator) :] = numerator
+        above, below = above / below[0], below / below[0]
+        states = len(below) - 1
+        a = np.eye(states, k=-1)
+        a[:1] = -below[1:]
+        c = above[1:] - above[0] * below[1:]
+        return cls(a, np.eye(states, 1), c[None], above[:1, None], sample_time_s)
+
+    @classmethod
+    def integral(cls, sample_time_s: float) -> Law:
+        """Return u = y/(1 - 1/z): the sum of y, its newest value counted."""
+        unit = np.ones((1, 1))
+        return cls(unit, unit, unit, unit, sample_time_s)
+
+    @classmethod
     def spring_damper(
         cls, stiffness_n_per_m: Values, damping_ns_per_m: Values, sample_time_s: float, pole: float = 0.0
     ) -> Law:
