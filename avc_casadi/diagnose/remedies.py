@@ -45,13 +45,11 @@ _STARTS = (1.0, 0.87, 0.7)
 
 _LEAST_TICKS = 200
 """Fewest ticks of a simulation."""
-
 _MOST_TICKS = 5000
 """Most ticks of a simulation."""
 
 _SIMULATED_S = 1.5
 """Shortest time of a simulation, s."""
-
 _SIMULATED_CYCLES = 25
 """Fewest cycles of a simulation."""
 
