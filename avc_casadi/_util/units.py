@@ -34,6 +34,7 @@ Quantity = Literal[
 _ENDINGS = {
     "_ns2_per_m2": "_nms2_per_rad2",
     "_ns_per_m": "_nms_per_rad",
+    "_n_per_m_s": "_nm_per_rad_s",
     "_m_per_s": "_rad_per_s",
     "_m_per_n": "_rad_per_nm",
     "_m_per_s2": "_rad_per_s2",
@@ -52,6 +53,7 @@ _UNITS = {
     "N.s/m": "N.m.s/rad",
     "N·s/m": "N·m·s/rad",
     "N/m": "N.m/rad",
+    "N/m/s": "N.m/rad/s",
     "m/s": "rad/s",
     "N": "N.m",
     "kg": "kg.m2",

@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial, reduce
-from itertools import chain, combinations, product
+from itertools import chain, combinations
 from pathlib import Path
 from typing import Any
 
@@ -22,12 +22,23 @@ from avc_casadi._util.json_values import plain
 from avc_casadi._util.printed import Printed
 from avc_casadi._util.text import quantity
 from avc_casadi.claims.impedance import stiffness_at_handle
+from avc_casadi.claims.law_limits import LawLimits, cause_of_numbers, corner_pairs
+from avc_casadi.claims.stated_law import (
+    AnyLaw,
+    StatedSystem,
+    is_system,
+    noise_n,
+    rendered_n_per_m,
+    static_gain,
+    with_law,
+)
 from avc_casadi.files.device_file import load_device
 from avc_casadi.files.problem_file import AnyProblem, as_problem, is_device, with_wall
 from avc_casadi.loops.margins import LEAST_DISK, SOUND_DISK, Margins, OpenLoop, damping_ratios
 from avc_casadi.loops.plant_family import RADIUS_TOLERANCE, PlantFamily
 from avc_casadi.loops.wall import MAX_DELAY_SAMPLES
 from avc_casadi.loops.walls import Stretches, stable_walls
+from avc_casadi.model.control_law import ControlLaw, LawNumber
 from avc_casadi.model.device import Device
 from avc_casadi.model.hands import Hand, joined
 from avc_casadi.model.law import Law
@@ -36,8 +47,8 @@ from avc_casadi.model.problem import Impedance, Problem
 
 FORCE_THRESHOLD_N = 0.05
 """Rms of a force at the handle below which noise of it is taken as not felt."""
-# Frequencies at which what is rendered is told.
-_RENDERED_HZ = (1.0, 10.0)
+# A factor on all forces of a law: that of no force at all is no law.
+_COMMON_GAIN = LawNumber(("gain",), 1.0, 1e-4)
 # A limit is confirmed by at most so many searches of the ranges, so far below the boundary.
 _SEARCHES = 4
 _JUST_BELOW = 1 - 1e-6
@@ -76,13 +87,6 @@ class SpringDamper:
         """Return the law that the loops see."""
         pole = self.pole(sample_time_s)
         return Law.spring_damper(self.stiffness_n_per_m, self.damper_ns_per_m, sample_time_s, pole)
-
-    def noise_n(self, device: Device) -> float:
-        """Return the rms of the force on a device at rest, of white noise that spreads over steps of the encoder."""
-        if device.position_noise_rms_m == 0:
-            return 0.0
-        noise = math.hypot(device.position_noise_rms_m, device.encoder_resolution_m / math.sqrt(12))
-        return noise * self.law(device.sample_time_s).noise_gain()
 
     @property
     def outside(self) -> SpringDamper:
@@ -135,12 +139,12 @@ class LawAnalysis:
         """With a hand, then released, where something has a mass then."""
         return self.family.sides
 
-    def around(self, law: SpringDamper, pairs: Sequence[Pair]) -> OpenLoop:
+    def around(self, law: AnyLaw, pairs: Sequence[Pair]) -> OpenLoop:
         """Return the loops of pairs of device and hand."""
         plant = sampled_plant([device for device, _ in pairs], [hand for _, hand in pairs])
         return OpenLoop.around(plant, law.law(self.period))
 
-    def worst(self, law: SpringDamper, side: PlantFamily, measure: Callable[[OpenLoop], FloatArray]) -> Pair:
+    def worst(self, law: AnyLaw, side: PlantFamily, measure: Callable[[OpenLoop], FloatArray]) -> Pair:
         """Return where in the ranges of device and hand a measure of the loop is largest."""
         state_space = law.law(self.period)
 
@@ -150,10 +154,10 @@ class LawAnalysis:
         worst = side.worst_case(of_plants)
         return worst.device, Hand(**{name: np.array([value]) for name, value in worst.hand.items()})
 
-    def case(self, law: SpringDamper, side: PlantFamily) -> CaseResult:
+    def case(self, law: AnyLaw, side: PlantFamily) -> CaseResult:
         """Return the worst of each number, at the corners of the ranges and at the worst points of a search."""
         measures = (_radius, _lack_of_damping, OpenLoop.swings)
-        pairs = _corner_pairs(side) + [self.worst(law, side, measure) for measure in measures]
+        pairs = corner_pairs(side) + [self.worst(law, side, measure) for measure in measures]
         loop = self.around(law, pairs)
         sizes = np.abs(loop.poles)
         ratios = damping_ratios(loop.poles)
@@ -172,13 +176,13 @@ class LawAnalysis:
 
     def _loops(self, law: SpringDamper) -> list[OpenLoop]:
         """Return the loops at the corners of the ranges and at what searches found, in the wall and outside."""
-        pairs = [*(pair for side in self.sides for pair in _corner_pairs(side)), *self.worst_pairs]
+        pairs = [*(pair for side in self.sides for pair in corner_pairs(side)), *self.worst_pairs]
         acting = [place for place in {law, law.outside} if place.stiffness_n_per_m or place.damper_ns_per_m]
         return [self.around(place, pairs) for place in acting]
 
     def rough_margin(self, law: SpringDamper) -> float:
         """Return the disk margin of a law to a per cent, at the points so far; 0 where one is unstable or loud."""
-        if law.noise_n(self.device) > self.quiet_n:
+        if noise_n(law, self.device) > self.quiet_n:
             return 0.0
         return min(loop.quick_disk_margin for loop in self._loops(law))
 
@@ -282,12 +286,6 @@ class LawAnalysis:
         return stable
 
 
-def _corner_pairs(side: PlantFamily) -> list[Pair]:
-    """Return every corner of the device with every corner of the hands, or with none."""
-    hands = [side.held.pick(slice(row, row + 1)) for row in range(len(side.held))]
-    return list(product(side.devices, hands))
-
-
 def _radius(loop: OpenLoop) -> FloatArray:
     return loop.closed.radius
 
@@ -311,6 +309,8 @@ class LawCertificate(Printed):
         encoder_step_n: change of the force by one step of the encoder.
         noise_n: rms of the force at rest, of the noise of the position.
         quiet_n: rms below which that is held by dry friction, or not felt.
+        intervals: of a law with other pieces, by key the values at which it is stable with the others kept; None: none.
+        largest_common_gain: up to which a factor on all of its forces holds; 0 where none does.
 
     Example:
         >>> avc.certify_law("knob", k=1.0, b=0.002, remedies=False).stable
@@ -318,7 +318,7 @@ class LawCertificate(Printed):
     """
 
     problem: Problem
-    law: SpringDamper
+    law: SpringDamper | ControlLaw | StatedSystem
     held: CaseResult
     released: CaseResult | None
     free: CaseResult | None
@@ -331,6 +331,8 @@ class LawCertificate(Printed):
     noise_n: float
     quiet_n: float
     remedies: tuple[Remedy, ...] | None
+    intervals: Mapping[str, tuple[float, float] | None] | None = None
+    largest_common_gain: float | None = None
 
     @property
     def cases(self) -> tuple[CaseResult, ...]:
@@ -369,7 +371,8 @@ class LawCertificate(Printed):
             how = "thin" if self.passed else f"below {LEAST_DISK}"
             doubts.append(f"a disk margin of {self.disk_margin:.2g} is {how}")
         if not self.quiet:
-            doubts.append("noise of the position shakes the handle through b")
+            through = "b" if isinstance(self.law, SpringDamper) else "the law"
+            doubts.append(f"noise of the position shakes the handle through {through}")
         if doubts:
             return f"stable, but {', and '.join(doubts)}"
         held = any(self.held.hand.values())
@@ -378,6 +381,8 @@ class LawCertificate(Printed):
     def _cause(self) -> str:
         """Return which number of an unstable law is beyond which limit."""
         law = self.law
+        if not isinstance(law, SpringDamper):
+            return cause_of_numbers(law, self.intervals or {}, self.problem)
         device = self.problem.device
         damper, spring = (partial(quantity, unit=self.problem.units.unit(unit)) for unit in ("N.s/m", "N/m"))
         delay = f"{device.delay_samples:g} sample{'' if device.delay_samples == 1 else 's'} of delay"
@@ -405,20 +410,27 @@ class LawCertificate(Printed):
         verdict = {"pass": self.passed, "stable": self.stable, "disk_margin": self.disk_margin, "quiet": self.quiet}
         rendered = {f"at_{hz:g}_hz_n_per_m": value for hz, value in self.rendered_n_per_m.items()}
         own = {"problem": self.problem.name, "deployable": {**verdict, "reason": self.reason}, "rendered": rendered}
-        numbers = {key: value for key, value in vars(self).items() if key not in ("problem", "rendered_n_per_m")}
+        of_pieces = ("intervals", "largest_common_gain") if isinstance(self.law, SpringDamper) else ()
+        left_out = ("problem", "rendered_n_per_m", *of_pieces)
+        numbers = {key: value for key, value in vars(self).items() if key not in left_out}
+        if not isinstance(self.law, SpringDamper):
+            numbers["law"] = self.law.document()
         return self.problem.units.document(plain({"schema": "avc/1", "kind": "law", **own, **numbers}))
 
 
 def certify_law(
     problem: AnyProblem,
     *,
-    k: float = 0.0,
-    b: float = 0.0,
-    b_p: float = 0.0,
+    k: float | None = None,
+    b: float | None = None,
+    b_p: float | None = None,
     cutoff_hz: float | None = None,
+    law: Any = None,
     remedies: bool = True,
 ) -> LawCertificate:
-    """Judge your own spring and damper, force = -(k x + (b + b_p) v), on a device: its wall is not used.
+    """Judge your own law, force = -(k x + (b + b_p) v) or the table `[law]` of the problem, on a device.
+
+    The wall of the problem is not used, but for where a virtual mass and b_p act: outside it too.
 
     Args:
         problem: device and hands: a problem, its file or name, or a device file or its name.
@@ -426,10 +438,12 @@ def certify_law(
         b: damper in the wall, N.s/m or N.m.s/rad.
         b_p: damper that acts outside the wall too.
         cutoff_hz: of a first-order filter of the velocity; None: no filter.
-        remedies: look for what would help too.
+        remedies: look for what would help too, of a plain law: k, b, b_p and the filter.
+        law: in place of the table `[law]` of the problem: its keys as a dict, or a discrete system C(z) with attributes
+            A, B, C, D and dt, as of python-control or SciPy; force = -C(z) x. k, b, b_p and cutoff_hz replace its own.
 
     Raises:
-        InputError: a value that is refused, or neither spring nor damper.
+        InputError: a value that is refused, another dt than the sample time, or neither spring nor damper.
         UnsupportedError: nothing has a mass, more than 32 samples of delay, or the problem couples to another end.
 
     Example:
@@ -438,8 +452,70 @@ def certify_law(
         (False, 0.06)
     """
     stated = with_wall(law_problem(problem))
+    if is_system(law):
+        if any(gain is not None for gain in (k, b, b_p, cutoff_hz)):
+            raise InputError.of("is a system, which has no k, b, b_p, cutoff_hz; allowed: without these", key="law")
+        return _certify_pieces(StatedSystem.of(law, stated.device), None, stated)
+    if law is None and stated.law is None and not (b_p or 0.0) < 0:
+        return _certify_spring_damper(SpringDamper(k or 0.0, b or 0.0, b_p or 0.0, cutoff_hz), stated, remedies)
+    wall = stated.environment
+    # A law in a file without a wall acts everywhere, on both sides; k and b that are typed act in a wall.
+    one_sided = (law is None and stated.law is None) or bool(wall.stiffness_n_per_m or wall.damping_ns_per_m)
+    stated = with_law(stated, law, {"k": k, "b": b, "b_p": b_p, "cutoff_hz": cutoff_hz})
+    own = stated.law
+    assert own is not None  # noqa: S101 - with_law gives one
+    if own.is_spring_damper:
+        return _certify_spring_damper(_spring_damper(own, one_sided=one_sided), stated, remedies)
+    period = stated.device.sample_time_s
+    outside = StatedSystem(own.outside(period)) if one_sided and own.acts_outside else None
+    return _certify_pieces(own, outside, stated)
+
+
+def _spring_damper(law: ControlLaw, *, one_sided: bool) -> SpringDamper:
+    """Return a law of k, b, b_p and a filter as one; where it acts everywhere, b and b_p are the same."""
+    dampers = law.damping_ns_per_m, law.local_damping_ns_per_m
+    b, b_p = dampers if one_sided else (sum(dampers), 0.0)
+    return SpringDamper(law.stiffness_n_per_m, b, b_p, getattr(law.velocity, "cutoff_hz", None))
+
+
+def _certify_pieces(own: ControlLaw | StatedSystem, outside: StatedSystem | None, problem: Problem) -> LawCertificate:
+    """Judge any law in contact and outside: the interval of each of its numbers by bisection on the worst case."""
+    _require_known_delay(problem)
+    analysis = LawAnalysis(problem)
+    device, period = problem.device, problem.device.sample_time_s
+    limits = LawLimits(analysis.family)
+    intervals = limits.of_numbers(own, one_sided=outside is not None)
+    in_contact = own.law(period)
+    acting = [in_contact] if outside is None else [in_contact, outside.stated]
+    held, *released = (analysis.case(own, side) for side in analysis.sides)
+    free = [] if outside is None else [analysis.case(outside, side) for side in analysis.sides]
+    largest = limits.interval(_COMMON_GAIN, lambda gain: [law.times(gain) for law in acting])
+    static = static_gain(in_contact)
+    return LawCertificate(
+        problem=problem,
+        law=own,
+        held=held,
+        released=released[0] if released else None,
+        free=min(free, key=lambda case: (case.stable, case.margins.disk), default=None),
+        largest_stiffness_n_per_m=(intervals.get("stiffness_n_per_m") or (0.0, 0.0))[1],
+        damping_range_ns_per_m=intervals.get("damping_ns_per_m"),
+        largest_local_damping_ns_per_m=(intervals.get("local_damping_ns_per_m") or (0.0, None))[1],
+        static_stiffness_n_per_m=static if math.isinf(static) else stiffness_at_handle(device, static),
+        rendered_n_per_m=rendered_n_per_m(in_contact),
+        encoder_step_n=abs(float(in_contact.d[0, 0])) * device.encoder_resolution_m,
+        noise_n=noise_n(own, device),
+        quiet_n=analysis.quiet_n,
+        remedies=None,
+        intervals=intervals,
+        largest_common_gain=(largest or (0.0, 0.0))[1],
+    )
+
+
+def _certify_spring_damper(law: SpringDamper, stated: Problem, remedies: bool) -> LawCertificate:
+    """Judge a spring and damper: k and b by D-decomposition, and what would help."""
+    b_p = law.local_damping_ns_per_m
+    valid_law(law, stated)
     device = stated.device
-    law = valid_law(SpringDamper(k, b, b_p, cutoff_hz), stated)
     state_space = law.law(device.sample_time_s)
     analysis = LawAnalysis(stated)
     held, *released = (analysis.case(law, side) for side in analysis.sides)
@@ -454,22 +530,16 @@ def certify_law(
         largest_stiffness_n_per_m=analysis.largest_stiffness(law),
         damping_range_ns_per_m=analysis.damping_range(law),
         largest_local_damping_ns_per_m=(only_local or (0.0, 0.0))[1] if b_p else None,
-        static_stiffness_n_per_m=stiffness_at_handle(device, k),
-        rendered_n_per_m=_rendered_n_per_m(state_space),
+        static_stiffness_n_per_m=stiffness_at_handle(device, law.stiffness_n_per_m),
+        rendered_n_per_m=rendered_n_per_m(state_space),
         encoder_step_n=float(state_space.d[0, 0]) * device.encoder_resolution_m,
-        noise_n=law.noise_n(device),
+        noise_n=noise_n(law, device),
         quiet_n=analysis.quiet_n,
         remedies=() if remedies else None,
     )
     if not remedies or (certificate.passed and certificate.disk_margin >= SOUND_DISK and certificate.quiet):
         return certificate
     return replace(certificate, remedies=tuple(_remedies(law, stated, analysis)))
-
-
-def _rendered_n_per_m(law: Law) -> dict[float, float]:
-    """Return the magnitude of force over position at the frequencies of a hand, below half the sample rate."""
-    frequencies_hz = [hz for hz in _RENDERED_HZ if hz < 0.5 / law.sample_time_s]
-    return {hz: float(abs(law.transfer(np.exp(2j * math.pi * hz * law.sample_time_s)))) for hz in frequencies_hz}
 
 
 def law_problem(source: AnyProblem) -> Problem:
@@ -492,11 +562,15 @@ def valid_law(law: SpringDamper, problem: Problem) -> SpringDamper:
         faults["k"] = "is 0, and so are b and b_p: there is no law; give at least one of them"
     if faults:
         raise InputError([Fault("", None, key, message) for key, message in faults.items()])
+    _require_known_delay(problem)
+    return law
+
+
+def _require_known_delay(problem: Problem) -> None:
     slowest = PlantFamily.of(problem).largest_delay_samples
     if slowest > MAX_DELAY_SAMPLES:
         limit = f"linear stability is computed up to {MAX_DELAY_SAMPLES} samples of delay, not {slowest:g}"
         raise UnsupportedError(limit, key="device.delay_samples")
-    return law
 
 
 def _remedies(law: SpringDamper, problem: Problem, analysis: LawAnalysis) -> Iterator[Remedy]:

@@ -352,7 +352,7 @@ Claims = dict[CurveKey, tuple[str, Callable[[FloatArray], Stretches]]]
 def _claims(problem: Problem, corners: Sequence[Device], hands: Hand) -> tuple[Claims, tuple[str, ...]]:
     """Return all claims of a region, and those that have no proof on this device."""
     filters = [effect for effect in problem.scene.effects if isinstance(effect, VelocityFilterEffect)]
-    poles = velocity_poles(problem, filters[-1]) if filters else PLAIN
+    poles = velocity_poles(problem.device, problem.scene, filters[-1], problem.name) if filters else PLAIN
     with_filter = ", with the velocity filter of the scene" if filters else ""
     passive, refused = _passivity(problem.device, corners, poles, with_filter)
     conditions = _conditions(problem.device, len(corners), with_filter)
@@ -407,6 +407,7 @@ def _keys(problem: Problem, *, encoder_bound: bool) -> tuple[tuple[str, ...], tu
     keys = declared(problem)
     used = [key for key in keys if key.removeprefix("device.").removeprefix("range.").partition(".")[0] in known]
     unused = [key for key in keys if key not in used]
+    unused += ["law"] if problem.law is not None else []
     simulated = {effect.kind for effect in declared_effects(problem)}
     for effect in problem.scene.effects:
         if EFFECTS[effect.kind].scene_alone and effect.kind not in simulated:

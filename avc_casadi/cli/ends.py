@@ -114,7 +114,7 @@ def law_certified(
     console: Console,
 ) -> Answer:
     """Return the answer of `certify` of a law of one's own: to another end K, B and the device's local damper."""
-    cli.refuse(args, "cutoff_hz", why=cli.OF_WALLS)
+    cli.refuse(args, "cutoff_hz", "ki", "virtual_mass", "velocity", "notch", why=cli.OF_WALLS)
     own_law = SpringDamper(
         stiffness_n_per_m=law.get("k", 0.0),
         damping_ns_per_m=law.get("b", 0.0),

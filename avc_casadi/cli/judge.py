@@ -19,8 +19,12 @@ from avc_casadi.present.row import Answer
     cli.argument("--proof-out", metavar="DIR", text="--prove, and write proofs and witnesses"),
     cli.argument("--k", "--kp", type=float, metavar="K", text="own law: spring, N/m; N.m/rad of a device that turns"),
     cli.argument("--b", "--kd", type=float, metavar="B", text="own law: damper in the wall, N.s/m or N.m.s/rad"),
-    cli.argument("--b-p", type=float, metavar="B", text="own law: damper that acts outside the wall too"),
+    cli.argument("--b-p", type=float, metavar="B", text="own law: damper that acts outside the wall too; may be < 0"),
     cli.argument("--cutoff-hz", type=float, metavar="F", text="own law: first-order filter of the velocity (none)"),
+    cli.argument("--ki", type=float, metavar="KI", text="own law: integral, N/(m.s) or N.m/(rad.s)"),
+    cli.argument("--virtual-mass", type=float, metavar="M", text="own law: virtual mass, kg or kg.m2; may be < 0"),
+    cli.argument("--velocity", metavar="HOW", text='own law: "difference", "window 5" (samples) or "low-pass 80 Hz"'),
+    cli.argument("--notch", metavar="F", text='own law: notch of the command, "150 Hz"'),
     cli.VERBOSE,
 )
 def run_certify(args: argparse.Namespace, console: Console) -> Answer:
@@ -28,16 +32,21 @@ def run_certify(args: argparse.Namespace, console: Console) -> Answer:
 
     It may where it is stable with every hand of [hands] and released; exit code 1 if not. Or of your own law in place
     of GAINS, force = -(k x + (b + b_p) v): avc certify P --k 230 --b 1.2; what is left out is 0, the wall of P is not
-    used, P may be a device file, and to another end they are K, B and the damper of the device's own loop. --prove
-    proves rest (L7) over the device's ranges, without friction.
+    used, P may be a device file, and to another end they are K, B and the damper of the device's own loop. A table
+    [law] of P is judged alike; what is typed replaces its values. --prove proves rest (L7) over the device's ranges,
+    without friction.
     """
     from avc_casadi.claims.own_law import law_problem
     from avc_casadi.cli import ends
+    from avc_casadi.cli.law import law_pieces, states_law, with_pieces
 
     law = {key: getattr(args, key) for key in ("k", "b", "b_p", "cutoff_hz") if getattr(args, key) is not None}
-    if law:
-        cli.refuse(args, "prove", "proof_out", "gains", why="goes with a file of gains, not with --k, --b")
+    pieces = law_pieces(args)
+    if law or pieces or states_law(args.problem, args.gains):
+        cli.refuse(args, "prove", "proof_out", "gains", why="goes with a file of gains, not with a law")
         problem = law_problem(args.problem)
+        if pieces:
+            problem = with_pieces(problem, pieces, law)
         return ends.law_certified(problem.end, problem, law, args, console)
     problem, coupling, notes = cli.subject(args.problem, args.gains)
     if coupling is None:

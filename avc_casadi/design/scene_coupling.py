@@ -45,16 +45,17 @@ def scene_coupling(problem: Problem) -> Gains | GainSchedule:
 
 
 def scene_notes(problem: Problem) -> list[str]:
-    """Return a note where the coupling of a scene is designed for another device than the simulated one."""
+    """Return notes where a scene has no law of one's own, and where its coupling is designed for another device."""
+    unknown = ["[law] is not simulated: it is of avc certify alone"] if problem.law is not None else []
     declared = problem.device.delay_samples
     designed = _designed_delay_samples(problem)
     if designed == declared:
-        return []
+        return unknown
     note = (
         f"the scene names no coupling: {problem.scene.coupling}, designed for {designed:g} samples of delay, simulated "
         f"with {declared:g}; avc recommend P --out c.json makes one for this device, for --gains c.json"
     )
-    return [note]
+    return [*unknown, note]
 
 
 def _designed_delay_samples(problem: Problem) -> float:

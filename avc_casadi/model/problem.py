@@ -13,6 +13,7 @@ from avc_casadi._errors import InputError
 from avc_casadi._util.units import Units
 from avc_casadi.model import quantity as q
 from avc_casadi.model import table as t
+from avc_casadi.model.control_law import ControlLaw
 from avc_casadi.model.corners import Robustness
 from avc_casadi.model.device import Detent, Device
 from avc_casadi.model.ends import End, Follower, Simulation, Wall, at_least_a_sample
@@ -200,6 +201,7 @@ class Problem(t.Table):
         boundaries: if left out, the environment is both bounds.
         environment: the wall; if left out beside a simulation, there is none.
         detent: notches along the axis, beside the wall; None: there are none.
+        law: what a controller of one's own does, judged by `certify_law`; None: none is stated.
         simulation: the engine and its tool at the remote end of the coupling; None: the wall is in the device's loop.
         follower: a second device at the remote end; None: there is none.
 
@@ -227,6 +229,7 @@ class Problem(t.Table):
     hands: Hands = Hands()
     robustness: Robustness = Robustness()
     detent: Detent | None = None
+    law: ControlLaw | None = None
     simulation: Simulation | None = None
     follower: Follower | None = None
     frequency: Frequency = Frequency()
@@ -235,10 +238,11 @@ class Problem(t.Table):
     @model_validator(mode="before")
     @classmethod
     def _with_defaults(cls, tables: Any) -> Any:
-        """Fill in defaults: no wall beside a remote end; for a rotary device those of a linear one at its handle."""
+        """Fill in defaults: no wall beside a remote end or a law; of what turns those of what slides, at its handle."""
         if not isinstance(tables, Mapping):
             return tables
-        if any(tables.get(name) is not None for name in cls.end_tables()) and "environment" not in tables:
+        without_wall = (*cls.end_tables(), "law")
+        if any(tables.get(name) is not None for name in without_wall) and "environment" not in tables:
             tables = {**tables, "environment": {"damping_ns_per_m": 0.0, "stiffness_n_per_m": 0.0}}
         device = _given(tables.get("device"))
         radius = device.get("handle_radius_m") if isinstance(device, Mapping) else None
@@ -258,6 +262,7 @@ class Problem(t.Table):
             yield ("realism", "require"), message
         yield from self._scene_faults()
         yield from self._end_faults()
+        yield from self._law_faults()
 
     def _scene_faults(self) -> Iterator[t.Finding]:
         """Yield a scene shorter than a sample, and saturation without a limit."""
@@ -280,6 +285,17 @@ class Problem(t.Table):
         for name, end in ends.items():
             for path, message in end.faults_beside(self.device):
                 yield (name, *path), message
+
+    def _law_faults(self) -> Iterator[t.Finding]:
+        """Yield a law beside a remote end, and what of it no loop of the device holds."""
+        if self.law is None:
+            return
+        for name in self._other_ends():
+            yield ("law",), f"stands beside [{name}]; allowed: one of them, a law acts in the device's own loop"
+        masses = self.device.range.mass_kg or (self.device.mass_kg,)
+        lightest_kg = min(masses) or self.hands.mass_kg[0]
+        for path, message in self.law.faults_beside(self.device.sample_time_s, lightest_kg):
+            yield ("law", *path), message
 
     def _below_nyquist(self) -> Iterator[t.Finding]:
         """Yield the frequencies at which the Tustin map is infinite."""

@@ -57,6 +57,7 @@ _NAMED = {
 _ENDINGS = {
     "_ns2_per_m2": ("N.s2/m2", -3),
     "_ns_per_m": ("N.s/m", -2),
+    "_n_per_m_s": ("N/m/s", -2),
     "_n_per_m": ("N/m", -2),
     "_m_per_s": ("m/s", 1),
     "_n_per_s": ("N/s", -1),

@@ -12,8 +12,9 @@ from avc_casadi._errors import Fault, InputError
 from avc_casadi._util.arrays import ComplexArray, FloatArray
 from avc_casadi.model import quantity as q
 from avc_casadi.model import table as t
+from avc_casadi.model.device import Device
 from avc_casadi.model.effects import AdaptationEffect, Effect, EstimatorEffect, GuardEffect, ObserverEffect
-from avc_casadi.model.problem import Problem
+from avc_casadi.model.scene import Scene
 
 Poles = tuple[float, float]
 """(a1, a2) of the low pass (1 + a1 + a2)/(1 + a1/z + a2/z^2) behind the backward difference."""
@@ -52,16 +53,18 @@ def low_pass(back: ComplexArray, poles: Poles) -> ComplexArray | float:
     return np.asarray(whole / (whole - (first + 2 * second) * back + second * back * back))
 
 
-def velocity_poles(problem: Problem, table: VelocityFilterEffect, place: str = "scene.effects") -> Poles:
-    """Return the poles of the effect velocity-filter."""
-    period = problem.device.sample_time_s
+def velocity_poles(
+    device: Device, scene: Scene, table: VelocityFilterEffect, problem: str, place: str = "scene.effects"
+) -> Poles:
+    """Return the poles of the effect velocity-filter; faults name the problem."""
+    period = device.sample_time_s
     if table.cutoff_hz is not None:
         return (-math.exp(-2 * math.pi * table.cutoff_hz * period), 0.0)
-    noise = _noise_m(problem) if table.noise_rms_m is None else table.noise_rms_m
+    noise = _noise_m(device, scene) if table.noise_rms_m is None else table.noise_rms_m
     if noise == 0 or table.acceleration_m_per_s2 is None:
         said = "missing" if table.noise_rms_m is None else "0"
         message = f"is {said}; allowed: above 0 here, or an encoder or noise in the scene"
-        raise InputError([Fault(problem.name or "problem", None, f"{place}.noise_rms_m", message)])
+        raise InputError([Fault(problem or "problem", None, f"{place}.noise_rms_m", message)])
     # The steady filter of white acceleration, constant within a sample: P. R. Kalata, The tracking index, IEEE Trans.
     # Aerospace and Electronic Systems AES-20(2), 174-182 (1984).
     index = table.acceleration_m_per_s2 * period**2 / noise
@@ -71,9 +74,9 @@ def velocity_poles(problem: Problem, table: VelocityFilterEffect, place: str = "
     return (alpha + beta - 2, 1 - alpha)
 
 
-def _noise_m(problem: Problem) -> float:
+def _noise_m(device: Device, scene: Scene) -> float:
     """Return the rms of the encoder's steps and of the noise of the scene; its effects precede the device."""
-    device, listed = problem.device, {effect.kind: effect for effect in problem.scene.effects}
+    listed = {effect.kind: effect for effect in scene.effects}
 
     def value_of(kind: str, key: str, default: float) -> float:
         value: float | None = getattr(listed[kind], key) if kind in listed else 0.0

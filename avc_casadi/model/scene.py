@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, SerializeAsAny, ValidationError
+from pydantic import BeforeValidator, Field, SerializeAsAny
 
 from avc_casadi.model import EFFECTS, METHODS
 from avc_casadi.model import quantity as q
@@ -78,28 +77,10 @@ _MOST_EFFECTS = 100
 
 
 def _effects(value: Any) -> tuple[Any, ...]:
-    """Return the effects of a scene, each read by the keys of its kind; all faults are reported at once."""
-    if not isinstance(value, list | tuple) or len(value) > _MOST_EFFECTS:
-        raise t.refusal(f"is {t.shown(value)}; allowed: one [[scene.effects]] for each effect, {_MOST_EFFECTS} at most")
-    effects: list[Any] = []
-    faults: list[t.Finding] = []
-    for index, entry in enumerate(value):
-        kind = entry.get("kind") if isinstance(entry, Mapping) else None
-        if isinstance(entry, Effect):
-            effects.append(entry)
-        elif not isinstance(entry, Mapping):
-            faults.append(((index,), f"is {t.shown(entry)}, not a table; allowed: a table with kind"))
-        elif not isinstance(kind, str) or kind not in EFFECTS:
-            fault = "is missing" if kind is None else f"is {t.shown(kind)}"
-            faults.append(((index, "kind"), f"{fault}; allowed: {t.one_of(EFFECTS, kind)}"))
-        else:
-            try:
-                effects.append(EFFECTS[kind].keys.model_validate(entry))
-            except ValidationError as error:
-                faults += [((index, *path), message) for path, message in t.faults_of(error)]
-    if faults:
-        raise t.inner_faults(faults)
-    return tuple(effects)
+    """Return the effects of a scene, each read by the keys of its kind."""
+    return t.of_kinds(
+        value, {kind: effect.keys for kind, effect in EFFECTS.items()}, "[[scene.effects]]", _MOST_EFFECTS
+    )
 
 
 class Scene(t.Table):

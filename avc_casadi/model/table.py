@@ -99,6 +99,31 @@ def checked(model: type[M], tables: Mapping[str, Any], name: str = "") -> M | li
     return findings or read
 
 
+def of_kinds(value: Any, kinds: Mapping[str, type[Table]], name: str, most: int) -> tuple[Any, ...]:
+    """Return a list of tables, each read by the keys of its kind; all faults are reported at once."""
+    if not isinstance(value, list | tuple) or len(value) > most:
+        raise refusal(f"is {shown(value)}; allowed: one {name} for each, {most} at most")
+    tables: list[Any] = []
+    faults: list[Finding] = []
+    for index, entry in enumerate(value):
+        kind = entry.get("kind") if isinstance(entry, Mapping) else None
+        if isinstance(entry, tuple(kinds.values())):
+            tables.append(entry)
+        elif not isinstance(entry, Mapping):
+            faults.append(((index,), f"is {shown(entry)}, not a table; allowed: a table with kind"))
+        elif not isinstance(kind, str) or kind not in kinds:
+            fault = "is missing" if kind is None else f"is {shown(kind)}"
+            faults.append(((index, "kind"), f"{fault}; allowed: {one_of(kinds, kind)}"))
+        else:
+            try:
+                tables.append(kinds[kind].model_validate(entry))
+            except ValidationError as error:
+                faults += [((index, *path), message) for path, message in faults_of(error)]
+    if faults:
+        raise inner_faults(faults)
+    return tuple(tables)
+
+
 def refused(findings: Iterable[Finding], file: str) -> InputError:
     """Return the error of findings that stand on no line."""
     return InputError([Fault(file, None, dotted(path), message) for path, message in findings])

@@ -19,6 +19,7 @@ from avc_casadi._util.units import LINEAR, Quantity, Units
 QUANTITIES: dict[Quantity, tuple[str, str]] = {
     "damping": ("_ns_per_m", "N.s/m"),
     "stiffness": ("_n_per_m", "N/m"),
+    "integral": ("_n_per_m_s", "N/m/s"),
     "speed": ("_m_per_s", "m/s"),
     "mass": ("_kg", "kg"),
     "frequency": ("_hz", "Hz"),

@@ -21,6 +21,7 @@ from studied import table
 
 from avc_casadi.claims.levels import LEVELS
 from avc_casadi.model import EFFECTS, METHODS
+from avc_casadi.model.control_law import FILTERS, VELOCITIES
 from avc_casadi.model.effects import Effect
 from avc_casadi.model.problem import Problem
 from avc_casadi.model.scene import coupling_name
@@ -136,19 +137,23 @@ def key_tables() -> str:
         parts.append(f"### [{name}]\n\n{said.replace('|', chr(92) + '|')}.\n\n{table(_HEAD, left)}")
         if name == "device":
             parts[-1] += "\n\nA table `resonance` is all three keys or none; `range` says how well each value is known."
+        choices: dict[str, list[type[BaseModel]]] = {}
         if name == "scene":
-            for key, title in (("motion", "[scene.motion]"), ("effects", "[[scene.effects]]")):
-                place = f"### {title}"
-                shared = rows(kinds(key)[0].__bases__[0], place=(place, ""))
-                lines = [("of every kind", "", "", "", ""), *shared] if shared else []
-                for one in kinds(key):
-                    kind = one.model_fields["kind"].default
-                    what = (one.__doc__ or "").partition("\n")[0].rstrip(".").replace("|", "\\|")
-                    head = f'`kind = "{kind}"`'
-                    lines.append((head, "", "", "", f"**{what}**"))
-                    known = {row[0] for row in shared}
-                    lines += [row for row in rows(one, place=(place, head)) if row[0] not in known]
-                parts.append(f"### {title}\n\n{table(_HEAD, lines)}")
+            choices = {"[scene.motion]": kinds("motion"), "[[scene.effects]]": kinds("effects")}
+        if name == "law":
+            choices = {"[law.velocity]": [*VELOCITIES.values()], "[[law.filters]]": [*FILTERS.values()]}
+        for title, alternatives in choices.items():
+            place = f"### {title}"
+            shared = rows(alternatives[0].__bases__[0], place=(place, ""))
+            lines = [("of every kind", "", "", "", ""), *shared] if shared else []
+            for one in alternatives:
+                kind = one.model_fields["kind"].default
+                what = (one.__doc__ or "").partition("\n")[0].rstrip(".").replace("|", "\\|")
+                head = f'`kind = "{kind}"`'
+                lines.append((head, "", "", "", f"**{what}**"))
+                known = {row[0] for row in shared}
+                lines += [row for row in rows(one, place=(place, head)) if row[0] not in known]
+            parts.append(f"### {title}\n\n{table(_HEAD, lines)}")
     top = [row for row in rows(Problem, place=("## Every key", "")) if "." not in row[0] and row[0] != "`name`"]
     return "\n\n".join([table(_HEAD, top), *parts])
 

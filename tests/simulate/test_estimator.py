@@ -103,7 +103,8 @@ def poles(estimator, **keys):
     problem = avc.Problem.model_validate(
         {"device": device, "environment": wall, "scene": {"effects": [{"kind": "wall"}, {"kind": "encoder"}]}}
     )
-    return velocity_poles(problem, VelocityFilterEffect(estimator=estimator, **keys))
+    effect = VelocityFilterEffect(estimator=estimator, **keys)
+    return velocity_poles(problem.device, problem.scene, effect, problem.name)
 
 
 def rates(poles, way):

@@ -16,7 +16,7 @@ from avc_casadi._util.units import Quantity, Units
 from avc_casadi.claims.deployable import CertifiedCoupling, Deployable, DeployClaim
 from avc_casadi.claims.engine_port import EnginePort, PortPassivity
 from avc_casadi.claims.levels import LevelResult
-from avc_casadi.claims.own_law import CaseResult, LawCertificate, Remedy
+from avc_casadi.claims.own_law import CaseResult, LawCertificate, Remedy, SpringDamper
 from avc_casadi.claims.zwidth import Curve, CurveKey, ZWidth
 from avc_casadi.design.scene_coupling import SimulatedPair, SimulatedScene
 from avc_casadi.design.tool_region import ToolCurve, ToolRegion
@@ -28,7 +28,7 @@ from avc_casadi.model.ends import End, Simulation, ToolGains, Wall
 from avc_casadi.model.problem import Problem
 from avc_casadi.present import words
 from avc_casadi.present.row import Answer, Mark, Part, Row, Value, caution, commas, grade, parts, row, span
-from avc_casadi.present.rows import subject
+from avc_casadi.present.rows import pieces, subject
 from avc_casadi.present.rows.recommend import stability
 from avc_casadi.recommendation.preconditions import Unused
 from avc_casadi.simulation.population.trial import RestCount
@@ -151,6 +151,7 @@ def own_law(result: LawCertificate, shown: str = "") -> Answer:
     problem = result.problem
     shown = shown or subject.name_of(problem)
     law = {key: value for key, value in vars(result.law).items() if value}
+    title = _law(law) if isinstance(result.law, SpringDamper) else pieces.named(result.law)
     onwards = []
     typed = [remedy.changes for remedy in result.remedies or () if all(_LAW[key].option for key in remedy.changes)]
     if typed:
@@ -160,7 +161,7 @@ def own_law(result: LawCertificate, shown: str = "") -> Answer:
     return Answer(
         kind="certify-law",
         data=result.document(),
-        title=parts(shown, " ", _law(law), subject.device_line(problem.device)),
+        title=parts(shown, " ", title, subject.device_line(problem.device)),
         rows=tuple(_law_rows(result)),
         commands=tuple(onwards),
         units=problem.units,
@@ -187,7 +188,9 @@ def _law_rows(result: LawCertificate) -> list[Row]:
     ]
     if result.free is not None:
         disk = result.free.margins.disk
-        rows.append(row("Outside the wall", "disk margin", Value(disk, "number", 2), mark=_mark_of_disk(disk)))
+        alone = "" if isinstance(result.law, SpringDamper) else f"{pieces.acting_outside(result.law)} alone:"
+        margin = (alone, "disk margin", Value(disk, "number", 2))
+        rows.append(row("Outside the wall", margin, mark=_mark_of_disk(disk)))
     rows += _law_limits(result)
     problem = result.problem
     if not isinstance(problem.end, Wall):
@@ -228,10 +231,15 @@ def _law_limits(result: LawCertificate) -> list[Row]:
     moving = [(Value(stiffness, "stiffness"), f"at {hz:g} Hz") for hz, stiffness in result.rendered_n_per_m.items()]
     largest, allowed = result.largest_stiffness_n_per_m, result.damping_range_ns_per_m
     noise = (Value(result.noise_n, "force"), "rms at rest;", Value(result.encoder_step_n, "force"))
-    return [
-        row("Rendered", commas([at_rest, *moving])),
+    limits = [
         row("Largest k", Value(largest, "stiffness") if largest else "none", "at this b"),
         row("Stable b", "none" if allowed is None else span(allowed, "damping"), "at this k"),
+    ]
+    if result.intervals is not None:
+        limits = pieces.limits(result.intervals, result.largest_common_gain or 0.0)
+    return [
+        row("Rendered", commas([at_rest, *moving])),
+        *limits,
         row("Force noise", noise, "by one encoder step", mark=caution(not result.quiet)),
     ]
 

@@ -154,7 +154,7 @@ class VelocityFilter(SceneEffect, keys=VelocityFilterEffect, rank=130, scene_alo
 
     @classmethod
     def build(cls, table: Any, problem: Problem, place: str) -> Self:
-        return cls(velocity_poles(problem, table, place))
+        return cls(velocity_poles(problem.device, problem.scene, table, problem.name, place))
 
     def sample(self, tick: Tick) -> None:
         tick.poles = self.poles

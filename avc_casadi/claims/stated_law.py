@@ -1,0 +1,154 @@
+"""A law that a user states: the table `[law]`, or a discrete system of another package, as the loops see it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from scipy.linalg import schur, solve_sylvester
+
+from avc_casadi._errors import InputError
+from avc_casadi._util.json_values import plain
+from avc_casadi.model.control_law import ControlLaw, LawNumber, LowPassVelocity
+from avc_casadi.model.device import Device
+from avc_casadi.model.law import Law
+from avc_casadi.model.problem import Problem
+
+# Two sample times are the same to this share: 1/dt typed for a rate differs by rounding.
+_SAME_TIME = 1e-9
+# Poles of a law this far within the unit circle die away; those beyond it are refused, those between never end.
+_DIES_AWAY = 1e-9
+
+
+# Frequencies at which what is rendered is told.
+_RENDERED_HZ = (1.0, 10.0)
+
+
+class AnyLaw(Protocol):
+    """What can be judged: something that gives a law at a sample time."""
+
+    def law(self, sample_time_s: float) -> Law:
+        """Return the law in contact."""
+
+
+@dataclass(frozen=True, eq=False)
+class StatedSystem:
+    """A discrete system from the measured position to the force, positive against it, as a law without numbers."""
+
+    stated: Law
+
+    def law(self, sample_time_s: float) -> Law:  # noqa: ARG002 - it has the device's own
+        """Return the law in contact."""
+        return self.stated
+
+    def numbers(self, sample_time_s: float) -> list[LawNumber]:  # noqa: ARG002
+        """Return no number: its matrices have no name."""
+        return []
+
+    def document(self) -> dict[str, Any]:
+        """Return its matrices, JSON values."""
+        return {name: plain(getattr(self.stated, name)) for name in ("a", "b", "c", "d")}
+
+    @classmethod
+    def of(cls, system: Any, device: Device) -> StatedSystem:
+        """Return the law of a system with attributes A, B, C, D and dt, as of python-control or SciPy.
+
+        Raises:
+            InputError: another sample time than the device's, several inputs or outputs, or a pole beyond 1.
+        """
+        dt, period = system.dt, device.sample_time_s
+        is_time = isinstance(dt, int | float) and not isinstance(dt, bool)
+        if not is_time or not math.isclose(dt, period, rel_tol=_SAME_TIME):
+            allowed = f"allowed: {period:g} s, device.sample_time_s: discretise it at that"
+            raise InputError.of(f"has dt = {dt}; {allowed}", key="law")
+        a, b, c, d = (np.atleast_2d(np.asarray(part, dtype=np.float64)) for part in _matrices(system))
+        states = a.shape[-1] if a.size else 0
+        a, b, c = (part.reshape(shape) for part, shape in ((a, (states, states)), (b, (states, -1)), (c, (-1, states))))
+        if d.shape != (1, 1) or (states and (b.shape[1], c.shape[0]) != (1, 1)):
+            raise InputError.of(f"has {d.shape[1]} inputs and {d.shape[0]} outputs; allowed: one of each", key="law")
+        if not all(np.isfinite(part).all() for part in (a, b, c, d)):
+            raise InputError.of("has a matrix with what is no number; allowed: finite numbers", key="law")
+        radius = float(np.abs(np.linalg.eigvals(a)).max(initial=0.0)) if states else 0.0
+        if radius > 1 + _DIES_AWAY:
+            allowed = "allowed: at most 1: a controller that grows by itself is judged by no margin"
+            raise InputError.of(f"has a pole of size {radius:.6g}; {allowed}", key="law")
+        nothing = np.zeros((0, 1))
+        return cls(Law(a, b, c, d, period) if states else Law(a, nothing, nothing.T, d, period))
+
+
+def _matrices(system: Any) -> tuple[Any, Any, Any, Any]:
+    return system.A, system.B, system.C, system.D
+
+
+def is_system(law: object) -> bool:
+    """Return whether something is a discrete system, by its attributes."""
+    return all(hasattr(law, name) for name in ("A", "B", "C", "D", "dt"))
+
+
+def with_law(problem: Problem, law: Any, gains: Mapping[str, float | None]) -> Problem:
+    """Return a problem with a law in place of its own, and gains in place of those of the law.
+
+    Args:
+        problem: with its own law, or none.
+        law: a `ControlLaw`, the keys of a table `[law]`, or None, which keeps the problem's own.
+        gains: by k, b, b_p and cutoff_hz; None keeps that of the law.
+    """
+    stated = problem
+    if law is not None:
+        if not isinstance(law, Mapping | ControlLaw):
+            allowed = "allowed: keys of a table [law], or a discrete system with A, B, C, D and dt"
+            raise InputError.of(f"is a {type(law).__name__}; {allowed}", key="law")
+        table = law if isinstance(law, ControlLaw) else problem.units.read(dict(law))
+        stated = problem.changed(law=None).changed(law=table)
+    keys = {"k": "stiffness_n_per_m", "b": "damping_ns_per_m", "b_p": "local_damping_ns_per_m"}
+    changes: dict[str, Any] = {key: gains[name] for name, key in keys.items() if gains[name] is not None}
+    if gains["cutoff_hz"] is not None:
+        changes["velocity"] = LowPassVelocity(cutoff_hz=gains["cutoff_hz"])
+    return stated.changed(law=changes) if changes else stated
+
+
+def static_gain(law: Law) -> float:
+    """Return the size of force over position at rest; infinite with an integral."""
+    if law.states and float(np.abs(np.linalg.eigvals(law.a) - 1).min()) < _DIES_AWAY:
+        return math.inf
+    return float(abs(law.transfer(np.array(1.0 + 0j))))
+
+
+def rendered_n_per_m(law: Law) -> dict[float, float]:
+    """Return the magnitude of force over position at the frequencies of a hand, below half the sample rate."""
+    frequencies_hz = [hz for hz in _RENDERED_HZ if hz < 0.5 / law.sample_time_s]
+    return {hz: float(abs(law.transfer(np.exp(2j * math.pi * hz * law.sample_time_s)))) for hz in frequencies_hz}
+
+
+def noise_n(law: AnyLaw, device: Device) -> float:
+    """Return the rms of the force on a device at rest, of white noise that spreads over steps of the encoder."""
+    if device.position_noise_rms_m == 0:
+        return 0.0
+    noise = math.hypot(device.position_noise_rms_m, device.encoder_resolution_m / math.sqrt(12))
+    return noise * noise_gain(law.law(device.sample_time_s))
+
+
+def noise_gain(law: Law) -> float:
+    """Return `Law.noise_gain` of the part of a law that dies away: what integrals add the loop takes back.
+
+    With A = Q [[P, R], [0, S]] Q^T, P what dies away, and P X - X S = -R, the states q - X r of Q^T s = (q, r) are
+    those of P alone.
+    """
+    if not law.states:
+        return law.noise_gain()
+    upper, basis, fading = schur(law.a, sort=lambda real, imaginary: math.hypot(real, imaginary) < 1 - _DIES_AWAY)
+    if fading == law.states:
+        return law.noise_gain()
+    into, out = basis.T @ law.b, law.c @ basis
+    apart = solve_sylvester(upper[:fading, :fading], -upper[fading:, fading:], -upper[:fading, fading:])
+    rest = Law(
+        a=upper[:fading, :fading],
+        b=into[:fading] - apart @ into[fading:],
+        c=out[:, :fading],
+        d=law.d,
+        sample_time_s=law.sample_time_s,
+    )
+    return rest.noise_gain()

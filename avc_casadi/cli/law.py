@@ -1,0 +1,59 @@
+"""Pieces of a law as typed: `--ki`, `--virtual-mass`, `--velocity "window 5"`, `--notch "150 Hz"`."""
+
+from __future__ import annotations
+
+import argparse
+import re
+from typing import Any
+
+import avc_casadi as avc
+from avc_casadi.files.problem_file import is_device
+from avc_casadi.model.control_law import VELOCITIES
+from avc_casadi.model.quantity import read_quantity
+from avc_casadi.model.table import shown
+
+_TYPED = {"k": "stiffness_n_per_m", "b": "damping_ns_per_m", "b_p": "local_damping_ns_per_m"}
+
+
+def law_pieces(args: argparse.Namespace) -> dict[str, Any]:
+    """Return the keys of a table [law] that options other than k, b, b_p and cutoff state."""
+    gains = {"integral_n_per_m_s": args.ki, "virtual_mass_kg": args.virtual_mass}
+    keys: dict[str, Any] = {key: value for key, value in gains.items() if value is not None}
+    if args.velocity is not None:
+        keys["velocity"] = _velocity(args.velocity)
+    if args.notch is not None:
+        keys["filters"] = ({"kind": "notch", "frequency_hz": _hertz(args.notch, "notch")},)
+    return keys
+
+
+def states_law(source: str, gains: str | None) -> bool:
+    """Return whether a source is a problem with a law that no file of gains stands beside."""
+    if gains is not None or source.endswith(".json") or is_device(source):
+        return False
+    return avc.load_problem(source).law is not None
+
+
+def with_pieces(problem: avc.Problem, pieces: dict[str, Any], law: dict[str, float]) -> avc.Problem:
+    """Return a problem with pieces in its law; a law that it has not is one of what is typed alone."""
+    typed = {key: law[name] for name, key in _TYPED.items() if name in law} if problem.law is None else {}
+    return problem.changed(law={**typed, **pieces})
+
+
+def _velocity(typed: str) -> Any:
+    """Return the table of an estimator of the velocity: its kind, then its number where it has one."""
+    kind, _, number = typed.strip().partition(" ")
+    if kind == "difference" and not number:
+        return VELOCITIES[kind]()
+    if kind == "window" and re.fullmatch(r"\s*\d{1,6}(\s*samples?)?\s*", number):
+        return VELOCITIES[kind](samples=int(re.findall(r"\d+", number)[0]))
+    if kind == "low-pass" and number:
+        return VELOCITIES[kind](cutoff_hz=_hertz(number, "velocity"))
+    allowed = 'allowed: "difference", "window 5" (samples), "low-pass 80 Hz"'
+    raise avc.InputError.of(f"is {shown(typed)}; {allowed}", key="velocity")
+
+
+def _hertz(typed: str, option: str) -> float:
+    try:
+        return read_quantity(typed, "Hz")
+    except ValueError as error:
+        raise avc.InputError.of(f"is {shown(typed)}, {error}", key=option) from None

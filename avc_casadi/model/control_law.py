@@ -1,0 +1,319 @@
+"""The table `[law]`: what a user's controller does, as pieces of `law_pieces`."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal, Self
+
+import numpy as np
+from pydantic import BeforeValidator, Field, SerializeAsAny
+
+from avc_casadi.model import law_pieces as p
+from avc_casadi.model import quantity as q
+from avc_casadi.model import table as t
+from avc_casadi.model.law import Law
+
+LARGEST_COMPENSATION = 0.5
+"""Loop gain at half the sample rate up to which a negative virtual mass is allowed: a gain margin of 6 dB there."""
+_MOST_FILTERS = 16
+# Frequencies at which limits are looked for, as shares of the sample rate: below the first a filter hardly moves.
+_LEAST_SHARE, _MOST_SHARE = 1e-4, 0.499
+
+_Signed = {"zero": True, "signed": True}
+SignedDamping = Annotated[float, BeforeValidator(q.Quantity("N.s/m", 1e-9, q.LARGEST_DAMPING_NS_PER_M, **_Signed))]
+SignedMass = Annotated[float, BeforeValidator(q.Quantity("kg", 1e-9, 1e6, **_Signed))]
+Integral = Annotated[float, BeforeValidator(q.Quantity("N/m/s", 1e-9, 1e15))]
+_Width = Annotated[float, BeforeValidator(q.Quantity("", 1e-3, 10, zero=False))]
+_Lead = Annotated[float, BeforeValidator(q.Quantity("", 0.1, 85, zero=False))]
+_WindowSamples = Annotated[int, BeforeValidator(q.Whole(1, 256))]
+
+
+class DifferenceVelocity(t.Table):
+    """The backward difference (1 - 1/z)/T."""
+
+    kind: Literal["difference"] = "difference"
+
+    @property
+    def piece(self) -> p.Velocity:
+        """The estimator."""
+        return p.Difference()
+
+
+class WindowVelocity(t.Table):
+    """The difference over a window, (1 - z^-n)/(n T)."""
+
+    kind: Literal["window"] = "window"
+    samples: _WindowSamples
+
+    @property
+    def piece(self) -> p.Velocity:
+        """The estimator."""
+        return p.Window(self.samples)
+
+
+class LowPassVelocity(t.Table):
+    """The backward difference behind a low pass."""
+
+    kind: Literal["low-pass"] = "low-pass"
+    cutoff_hz: q.Hertz
+    order: Literal[1, 2] = 1
+
+    @property
+    def piece(self) -> p.Velocity:
+        """The estimator."""
+        return p.SmoothedDifference(self.cutoff_hz, self.order)
+
+
+class CommandFilter(t.Table):
+    """A filter of the command."""
+
+    kind: Any
+
+    @property
+    def piece(self) -> p.Filter:
+        """The filter."""
+        raise NotImplementedError
+
+
+class LowPassFilter(CommandFilter):
+    """(1 - p)/(1 - p/z), p = exp(-2 pi f T), or Butterworth's of order 2."""
+
+    kind: Literal["low-pass"] = "low-pass"
+    cutoff_hz: q.Hertz
+    order: Literal[1, 2] = 1
+
+    @property
+    def piece(self) -> p.Filter:
+        """The filter."""
+        return p.LowPass(self.cutoff_hz, self.order)
+
+
+class NotchFilter(CommandFilter):
+    """(s^2 + 2 depth width w s + w^2)/(s^2 + 2 width w s + w^2) by Tustin, prewarped at w."""
+
+    kind: Literal["notch"] = "notch"
+    frequency_hz: q.Hertz
+    depth: q.Share = 0.1
+    width: _Width = 0.5
+
+    @property
+    def piece(self) -> p.Filter:
+        """The filter."""
+        return p.Notch(self.frequency_hz, self.depth, self.width)
+
+
+class LeadFilter(CommandFilter):
+    """(1 + r s/w)/(1 + s/(r w)) by Tustin, prewarped at w, where its phase is the largest."""
+
+    kind: Literal["lead"] = "lead"
+    frequency_hz: q.Hertz
+    phase_deg: _Lead
+
+    @property
+    def piece(self) -> p.Filter:
+        """The filter."""
+        return p.Lead(self.frequency_hz, self.phase_deg)
+
+
+class TransferFilter(CommandFilter):
+    """A transfer function in z, polynomials with the highest power first."""
+
+    kind: Literal["transfer"] = "transfer"
+    numerator: q.Entries
+    denominator: q.Entries
+
+    def faults(self) -> Iterator[t.Finding]:
+        """Yield a transfer function that no computer can compute, or that grows by itself."""
+        if self.denominator[0] == 0:
+            yield ("denominator",), f"is {t.shown(self.denominator)}; allowed: a first coefficient other than 0"
+            return
+        degree = len(self.denominator) - 1
+        if len(self.numerator) > len(self.denominator):
+            why = f"improper: it needs samples to come; allowed: at most degree {degree}, that of the denominator"
+            yield ("numerator",), f"is {t.shown(self.numerator)}, of degree {len(self.numerator) - 1}, {why}"
+        radius = float(np.abs(np.roots(self.denominator)).max(initial=0.0))
+        if radius >= 1:
+            why = "unstable: its output grows or never ends; allowed: poles below 1, an integral by its own key"
+            yield ("denominator",), f"is {t.shown(self.denominator)}, with a pole of size {radius:.4g}, {why}"
+
+    @property
+    def piece(self) -> p.Filter:
+        """The filter."""
+        return p.Transfer(self.numerator, self.denominator)
+
+
+FILTERS: dict[str, type[CommandFilter]] = {
+    "low-pass": LowPassFilter,
+    "notch": NotchFilter,
+    "lead": LeadFilter,
+    "transfer": TransferFilter,
+}
+VELOCITIES: dict[str, type[t.Table]] = {
+    "difference": DifferenceVelocity,
+    "window": WindowVelocity,
+    "low-pass": LowPassVelocity,
+}
+Velocity = Annotated[DifferenceVelocity | WindowVelocity | LowPassVelocity, Field(discriminator="kind")]
+
+
+def _filters(value: Any) -> tuple[Any, ...]:
+    return t.of_kinds(value, FILTERS, "[[law.filters]]", _MOST_FILTERS)
+
+
+NumberPath = tuple[str | int, ...]
+
+_GAINS = (
+    "stiffness_n_per_m",
+    "damping_ns_per_m",
+    "local_damping_ns_per_m",
+    "integral_n_per_m_s",
+    "virtual_mass_kg",
+)
+
+
+@dataclass(frozen=True)
+class LawNumber:
+    """A number of a law: where it stands, its value, and between which values it may lie."""
+
+    path: NumberPath
+    value: float
+    lowest: float = 0.0
+    highest: float = math.inf
+
+    @property
+    def key(self) -> str:
+        """Its key as in a file."""
+        return t.dotted(self.path)
+
+    @property
+    def whole(self) -> bool:
+        """Whether it counts samples."""
+        return self.path[-1] == "samples"
+
+
+class ControlLaw(t.Table):
+    """What a controller does: k, b and ki in the wall, b_p and virtual mass everywhere, then filters of the command."""
+
+    stiffness_n_per_m: q.Stiffness = 0.0
+    damping_ns_per_m: q.Damping = 0.0
+    local_damping_ns_per_m: SignedDamping = 0.0
+    integral_n_per_m_s: Integral = 0.0
+    virtual_mass_kg: SignedMass = 0.0
+    velocity: Velocity = DifferenceVelocity()
+    filters: Annotated[tuple[SerializeAsAny[CommandFilter], ...], BeforeValidator(_filters)] = ()
+
+    def faults(self) -> Iterator[t.Finding]:
+        """Yield a law without any force, and an integral without a spring."""
+        if not any(getattr(self, key) for key in _GAINS):
+            yield (_GAINS[0],), f"is 0, and so is every other gain; allowed: one of {', '.join(_GAINS)} other than 0"
+        if self.integral_n_per_m_s and not self.stiffness_n_per_m:
+            why = "without a spring, which alone an integral makes swing ever more; allowed: beside stiffness_n_per_m"
+            yield ("integral_n_per_m_s",), f"is {t.shown(self.integral_n_per_m_s)} {why}"
+
+    def faults_beside(self, sample_time_s: float, lightest_kg: float) -> Iterator[t.Finding]:
+        """Yield filters beyond half the sample rate, and a compensation of more mass than a loop in samples holds."""
+        for index, item in enumerate(self.filters):
+            frequency = item.frequency_hz if isinstance(item, NotchFilter | LeadFilter) else 0.0
+            if frequency * sample_time_s >= 0.5:
+                allowed = f"below {q.plain(0.5 / sample_time_s)} Hz, half the rate of device.sample_time_s"
+                yield ("filters", index, "frequency_hz"), f"is {t.shown(frequency)}; allowed: {allowed}"
+                return
+        gain = self.compensation_gain(sample_time_s, lightest_kg)
+        if gain > LARGEST_COMPENSATION:
+            value = t.shown(self.virtual_mass_kg)
+            why = f"a loop gain of {gain:.3g} at half the sample rate beside a mass of {q.plain(lightest_kg)}"
+            allowed = f"allowed: up to {LARGEST_COMPENSATION}: less of it, or a velocity or a filter that is slower"
+            yield ("virtual_mass_kg",), f"is {value}, {why}; {allowed}"
+
+    def compensation_gain(self, sample_time_s: float, lightest_kg: float) -> float:
+        """Return the gain by which a negative virtual mass m feeds an acceleration back at half the sample rate.
+
+        It is |m|/M |E F|, with M the lightest mass that moves, E the estimator of the velocity over the difference and
+        F the filters of the command, at z = -1.
+        """
+        if self.virtual_mass_kg >= 0:
+            return 0.0
+        half_rate = np.array(-1.0 + 0j)
+        growth = self.velocity.piece.growth(sample_time_s).transfer(half_rate)
+        filters = p.compiled((p.Spring(1.0),), self._filter_pieces, sample_time_s).transfer(half_rate)
+        shape = float(abs(growth * filters)) / 2
+        return -self.virtual_mass_kg * shape / lightest_kg if lightest_kg else math.inf
+
+    @property
+    def _filter_pieces(self) -> tuple[p.Filter, ...]:
+        return tuple(item.piece for item in self.filters)
+
+    def law(self, sample_time_s: float) -> Law:
+        """Return the law in contact."""
+        damper = self.damping_ns_per_m + self.local_damping_ns_per_m
+        return self._compiled(self.stiffness_n_per_m, damper, self.integral_n_per_m_s, sample_time_s)
+
+    def outside(self, sample_time_s: float) -> Law:
+        """Return what acts outside the wall: local damper and virtual mass, behind the same filters."""
+        return self._compiled(0.0, self.local_damping_ns_per_m, 0.0, sample_time_s)
+
+    @property
+    def acts_outside(self) -> bool:
+        """Whether something acts outside the wall."""
+        return bool(self.local_damping_ns_per_m or self.virtual_mass_kg)
+
+    def _compiled(self, spring: float, damper: float, integral: float, sample_time_s: float) -> Law:
+        velocity = self.velocity.piece
+        forces: list[tuple[float, p.Force]] = [
+            (spring, p.Spring(spring)),
+            (damper, p.Damper(damper, velocity)),
+            (integral, p.Integral(integral)),
+            (self.virtual_mass_kg, p.VirtualMass(self.virtual_mass_kg, velocity)),
+        ]
+        # A piece of 0 is left out: the state of an integral that acts on nothing would be a pole at 1.
+        acting = tuple(force for value, force in forces if value)
+        return p.compiled(acting, self._filter_pieces, sample_time_s)
+
+    @property
+    def is_spring_damper(self) -> bool:
+        """Whether it is k, b and b_p alone, with at most a low pass of first order on the velocity."""
+        more = self.integral_n_per_m_s or self.virtual_mass_kg or self.filters or self.local_damping_ns_per_m < 0
+        usual = self.velocity.kind == "difference" or getattr(self.velocity, "order", 2) == 1
+        return usual and not more
+
+    def numbers(self, sample_time_s: float) -> list[LawNumber]:
+        """Return its numbers that are not 0, gains first; coefficients of a transfer function are none."""
+        signed = ("local_damping_ns_per_m", "virtual_mass_kg")
+        gains = [LawNumber((key,), getattr(self, key), -math.inf if key in signed else 0.0) for key in _GAINS]
+        inner: list[LawNumber] = []
+        tables = [(("velocity",), self.velocity), *((("filters", at), item) for at, item in enumerate(self.filters))]
+        for path, table in tables:
+            inner += [
+                LawNumber((*path, key), value, *_bounds(key, value, table, sample_time_s))
+                for key, value in table
+                if key not in ("kind", "order", "numerator", "denominator")
+            ]
+        return [number for number in (*gains, *inner) if number.value]
+
+    def document(self) -> dict[str, Any]:
+        """Return its values, JSON values."""
+        return self.model_dump(mode="json")
+
+    def with_number(self, path: NumberPath, value: float) -> Self:
+        """Return the law with another value of a number, which is not validated: a search tries it."""
+        changed: Self = _replaced(self, path, value)
+        return changed
+
+
+def _bounds(key: str, value: float, table: t.Table, sample_time_s: float) -> tuple[float, float]:
+    """Return the bounds of a number of an estimator or a filter, of a frequency as shares of the sample rate."""
+    known = {"depth": (0.0, 1.0), "width": (1e-3, 10.0), "phase_deg": (0.1, 85.0), "samples": (1, 256)}
+    lowest = min(value, _LEAST_SHARE / sample_time_s)
+    highest = _MOST_SHARE / sample_time_s if isinstance(table, NotchFilter | LeadFilter) else math.inf
+    return known.get(key, (lowest, max(value, highest)))
+
+
+def _replaced(value: Any, path: NumberPath, new: float) -> Any:
+    if not path:
+        return new
+    first, *rest = path
+    if isinstance(value, tuple):
+        return tuple(_replaced(item, tuple(rest), new) if at == first else item for at, item in enumerate(value))
+    return value.model_copy(update={str(first): _replaced(getattr(value, str(first)), tuple(rest), new)})

@@ -1,0 +1,67 @@
+"""Rows of a law with more pieces than a spring and damper: what it is, and the interval of each of its numbers."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+
+from avc_casadi.claims.stated_law import StatedSystem
+from avc_casadi.model.control_law import ControlLaw, LowPassVelocity, WindowVelocity
+from avc_casadi.present.row import Part, Parts, Row, Value, commas, quantity_of, row
+
+_GAINS = {
+    "stiffness_n_per_m": "k",
+    "damping_ns_per_m": "b",
+    "local_damping_ns_per_m": "b_p",
+    "integral_n_per_m_s": "ki",
+    "virtual_mass_kg": "virtual mass",
+}
+"""Names of the gains of a law in an answer."""
+
+Interval = tuple[float, float]
+
+
+def named(law: ControlLaw | StatedSystem) -> tuple[Part, ...]:
+    """Return what a law is: its gains that are not 0, its velocity and its filters."""
+    if isinstance(law, StatedSystem):
+        return (f"a discrete system of {law.stated.states} states",)
+    return commas(_pieces(law))
+
+
+def _pieces(law: ControlLaw) -> Iterator[Parts]:
+    for key, name in _GAINS.items():
+        value = getattr(law, key)
+        if value:
+            yield name, Value.of(key, value)
+    if isinstance(law.velocity, WindowVelocity):
+        yield "velocity over", Value(law.velocity.samples, "samples")
+    if isinstance(law.velocity, LowPassVelocity):
+        yield "velocity below", Value(law.velocity.cutoff_hz, "frequency")
+    for item in law.filters:
+        hz = getattr(item, "frequency_hz", getattr(item, "cutoff_hz", None))
+        yield item.kind, None if hz is None else Value(hz, "frequency")
+
+
+def acting_outside(law: ControlLaw | StatedSystem) -> str:
+    """Return the names of what acts outside the wall."""
+    keys = ("local_damping_ns_per_m", "virtual_mass_kg")
+    return " and ".join(_GAINS[key] for key in keys if getattr(law, key, 0.0))
+
+
+def limits(intervals: Mapping[str, Interval | None], largest_gain: float) -> list[Row]:
+    """Return the stable interval of each number with the others kept, and the largest factor on all forces."""
+    rows = [row(f"Stable {_GAINS.get(key, key)}", _stretch(key, ends)) for key, ends in intervals.items()]
+    factor = ("all forces times", Value(largest_gain, "number")) if largest_gain else "none holds"
+    return [*rows, row("Largest gain", factor)]
+
+
+def _stretch(key: str, ends: Interval | None) -> tuple[Part, ...]:
+    """Return an interval; one without an end says so."""
+    if ends is None:
+        return ("none, with the others kept",)
+    low, high = (Value(end, quantity_of(key)) for end in ends)
+    if math.isinf(ends[0]) and math.isinf(ends[1]):
+        return ("any",)
+    if math.isinf(ends[1]):
+        return (low, "and more")
+    return ("up to", high) if math.isinf(ends[0]) else (low, "to", high)
