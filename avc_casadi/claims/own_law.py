@@ -466,8 +466,7 @@ def certify_law(
     assert own is not None  # noqa: S101 - with_law gives one
     if own.is_spring_damper:
         return _certify_spring_damper(_spring_damper(own, one_sided=one_sided), stated, remedies)
-    period = stated.device.sample_time_s
-    outside = StatedSystem(own.outside(period)) if one_sided and own.acts_outside else None
+    outside = StatedSystem(own.outside(stated.device.sample_time_s)) if one_sided and own.acts_outside else None
     return _certify_pieces(own, outside, stated)
 
 
@@ -482,10 +481,10 @@ def _certify_pieces(own: ControlLaw | StatedSystem, outside: StatedSystem | None
     """Judge any law in contact and outside: the interval of each of its numbers by bisection on the worst case."""
     _require_known_delay(problem)
     analysis = LawAnalysis(problem)
-    device, period = problem.device, problem.device.sample_time_s
+    device = problem.device
     limits = LawLimits(analysis.family)
     intervals = limits.of_numbers(own, one_sided=outside is not None)
-    in_contact = own.law(period)
+    in_contact = own.law(device.sample_time_s)
     acting = [in_contact] if outside is None else [in_contact, outside.stated]
     held, *released = (analysis.case(own, side) for side in analysis.sides)
     free = [] if outside is None else [analysis.case(outside, side) for side in analysis.sides]
@@ -513,9 +512,7 @@ def _certify_pieces(own: ControlLaw | StatedSystem, outside: StatedSystem | None
 
 def _certify_spring_damper(law: SpringDamper, stated: Problem, remedies: bool) -> LawCertificate:
     """Judge a spring and damper: k and b by D-decomposition, and what would help."""
-    b_p = law.local_damping_ns_per_m
-    valid_law(law, stated)
-    device = stated.device
+    b_p, device = valid_law(law, stated).local_damping_ns_per_m, stated.device
     state_space = law.law(device.sample_time_s)
     analysis = LawAnalysis(stated)
     held, *released = (analysis.case(law, side) for side in analysis.sides)
