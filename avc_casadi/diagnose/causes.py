@@ -16,9 +16,8 @@ from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi._util.text import number
 from avc_casadi.coupling import Coupling
 from avc_casadi.diagnose.change import FEW_STEPS, OTHER, cause_of
-from avc_casadi.diagnose.dead_zone import outside
 from avc_casadi.diagnose.fit import PlantFit, beside_friction, fit_plants
-from avc_casadi.diagnose.law import FittedLaw, find_law
+from avc_casadi.diagnose.law import FittedLaw, find_law, is_cut_off
 from avc_casadi.diagnose.mass import apparent_mass_kg
 from avc_casadi.diagnose.oscillation import Log, Oscillation, find_oscillation, log_of
 from avc_casadi.diagnose.plant import Hypothesis, IntendedLaw, stable
@@ -64,12 +63,6 @@ _FORCE_EXPLAINED = 0.03
 
 _MOST_OF_STEPS = 0.15
 """Residual of the force that encoder steps make, above which nothing is said to be wrong or right."""
-
-_SIDE_SHARE = 0.02
-"""Share of ticks with a force to one side from which on its law acts to that side."""
-
-_CUT_OFF_SHARE = 0.05
-"""Force that is asked for at the end of a log, per largest force, from which on one of none is cut off."""
 
 _MISSED_TICKS = 0.12
 """Scatter of the clock, or share of missed samples, above which no loop model fits."""
@@ -311,7 +304,7 @@ def _of_rest(diagnosis: Diagnosis, law: FittedLaw, mass: float, *, toggles: bool
     if law.misfit > _MOST_OF_STEPS:
         text = _with_rest(diagnosis, f"encoder steps leave {100 * law.misfit:.0f} % of the force unexplained")
         return _concluded(diagnosis, "cannot tell", text, "the same with the position that the law reads")
-    if _is_cut_off(log, law):
+    if is_cut_off(log, law):
         text = _with_rest(diagnosis, "no force is commanded at the end, where its law asks for one")
         return _concluded(diagnosis, "cannot tell", text, "the same with the force on to the end")
     if swing.rest_from is not None and swing.contact_share and _below_limit(log, design.device.max_force_n):
@@ -410,16 +403,6 @@ def _rests(log: Log, swing: Oscillation, limit_n: float | None) -> bool:
     return bool(log.touching[envelope > _RESTED * most].mean() > _TOUCHING_SHARE)
 
 
-def _is_cut_off(log: Log, law: FittedLaw) -> bool:
-    """Return whether a log ends without force where its law, by what it does on this side, asks for one."""
-    if log.force_n[-1] or law.switch is not None or law.frames is not None:
-        return False
-    place = log.position_m[-1:] if law.dead_zone_m is None else outside(log.position_m[-1:], law.dead_zone_m)
-    asked = law.stiffness_n_per_m * float(place[0]) + law.offset_n
-    acts = np.mean(log.force_n * np.sign(asked) > 0) > _SIDE_SHARE
-    return bool(acts and abs(asked) > _CUT_OFF_SHARE * np.abs(log.force_n).max())
-
-
 def _below_limit(log: Log, limit_n: float | None) -> bool:
     """Return whether the force ends below its limit."""
     return bool(abs(log.force_n[-1]) < _AT_LIMIT * (limit_n or math.inf))
@@ -459,6 +442,8 @@ def _judge(diagnosis: Diagnosis, law: FittedLaw, fits: Sequence[PlantFit]) -> Di
     candidates: tuple[str, ...] = ()
     if shares.get(OTHER, 0.0) < _SURE:
         candidates = tuple(key for key in shares if key != OTHER)[:2]
+    if law.overcompensates(design.device.coulomb_friction_n):
+        candidates = tuple(dict.fromkeys((*candidates[:1], "relay")))
     mended = candidates
     if not doubts:
         mended = candidates[:1]
@@ -551,6 +536,8 @@ def _doubts(
         names = {key: CAUSES[key].name if key in CAUSES else "another" for key in shares}
         parts = [f"{names[key]} {100 * share:.0f} %" for key, share in shares.items()]
         doubts.append(f"of the hypotheses that the log bears out {', '.join(parts)}")
+    if first != "relay" and law.overcompensates(design.device.coulomb_friction_n):
+        doubts.append("more friction is compensated than there is, which drives a swing as well")
     most = _MISFIT if design.known else _MISFIT_ASSUMED
     if fit.misfit > most and first != "rate":
         doubts.append(f"the model leaves {number(fit.misfit, 3)} times what encoder and noise do")

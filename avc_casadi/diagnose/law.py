@@ -88,6 +88,12 @@ _DEAD_BANDS = (0.03, 0.6)
 _DEAD_BAND_COUNT = 12
 """Dead bands that are tried."""
 
+_SIDE_SHARE = 0.02
+"""Share of ticks with a force to one side from which on its law acts to that side."""
+
+_CUT_OFF_SHARE = 0.05
+"""Force that is asked for at the end of a log, per largest force, from which on one of none is cut off."""
+
 _LEAST_SQUARE = 1e-300
 """What a square that is divided by is at least."""
 
@@ -173,6 +179,10 @@ class FittedLaw:
         coarse = min(_GRAIN * self.grain, _COARSE) if self.stiffness_n_per_m > 0 else 0.0
         return self.misfit < max(_EXPLAINS, coarse)
 
+    def overcompensates(self, friction_n: float) -> bool:
+        """Return whether a force with the speed is more than the friction of a device, and so feeds a swing."""
+        return self.switch is not None and self.switch.by == "speed" and -self.switch.force_n > friction_n
+
     def filter_hz(self, sample_time_s: float) -> float | None:
         """Cut-off of the velocity filter, Hz; None without one below the Nyquist frequency."""
         return None if self.keep <= math.exp(-math.pi) else -math.log(self.keep) / (2 * math.pi * sample_time_s)
@@ -202,11 +212,12 @@ def find_law(log: Log, swing: Oscillation, limit_n: float | None, friction_n: fl
     in_swing[: swing.first] = False
     in_swing[swing.last :] = False
     relay = _best(_relays(log, in_swing, friction_n), plain)
+    # What a sign of the speed explains nearly, one behind a filter may explain.
+    by_speed = relay is not None and relay.switch is not None and relay.switch.by == "speed"
+    if relay is plain or (by_speed and relay is not None and relay.misfit > _EXACT):
+        relay = _best(_with_filtered_sign(log, in_swing, friction_n), relay)
     if relay is not plain:
         return relay
-    filtered = _best(_with_filtered_sign(log, in_swing, friction_n), plain)
-    if filtered is not plain:
-        return filtered
     return _best(sorted(_two_rates(log, at_limit), key=lambda law: law.misfit), plain)
 
 
@@ -569,3 +580,13 @@ def _frame(log: Log, at_limit: BoolArray, lag: int, slow: str) -> tuple[int, int
     if gain <= 0 or np.mean(~jumps) < _FAST_TICKS_SHARE or np.count_nonzero(jumps) < _FEWEST_FRAMES:
         return None
     return even_phase(rows[jumps], min(_LONGEST_FRAME, force.size // _FEWEST_FRAMES))
+
+
+def is_cut_off(log: Log, law: FittedLaw) -> bool:
+    """Return whether a log ends without force where its law, by what it does on this side, asks for one."""
+    if log.force_n[-1] or law.switch is not None or law.frames is not None:
+        return False
+    place = log.position_m[-1:] if law.dead_zone_m is None else outside(log.position_m[-1:], law.dead_zone_m)
+    asked = law.stiffness_n_per_m * float(place[0]) + law.offset_n
+    acts = np.mean(log.force_n * np.sign(asked) > 0) > _SIDE_SHARE
+    return bool(acts and abs(asked) > _CUT_OFF_SHARE * np.abs(log.force_n).max())

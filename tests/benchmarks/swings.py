@@ -9,9 +9,10 @@ dead band, a spring or damper of every 8th to 24th tick, noise through the dampe
 One kind is left as it is. A game has its own clock of 30 to 400 Hz, no multiple of the log's, reads at its ticks and
 acts one late; half of them have a dead zone. What comes to rest has dry friction and little damping, half with a dead
 zone: frequency and time of rest have to be told within 5 % and 20 samples. Friction is compensated by 1.2 to 1.8
-times as much behind 2 to 8 ms. A motor is reversed. A remedy that is told is made in the simulator; it has to leave
-less than a fifth of the swing, or two and a half encoder steps, and less than half of the force that noise makes:
-with the hand of the log, and with no hand on the device, where it is not told that the remedy rests while held.
+times as much behind 2 to 8 ms. A motor is reversed, with no hand on the device. A remedy that is told is made in the
+simulator; it has to leave less than a fifth of the swing, or two and a half encoder steps, and less than half of the
+force that noise makes: with the hand of the log, and with no hand on the device, where it is not told that the remedy
+rests while held.
 """
 
 from __future__ import annotations
@@ -196,6 +197,8 @@ def prepared(random: np.random.Generator, loop: Loop, kind: str) -> Loop:
         return replace(loop, b=0.0, hand=(0.0, 0.0, 0.0), friction=float(friction), dead=dead, limit=40.0)
     if kind == "compensation":
         return replace(loop, friction=float(random.uniform(0.2, 0.8)), hand=(0.0, 0.0, 0.0))
+    if kind == "reversed":
+        return replace(loop, hand=(0.0, 0.0, 0.0))
     return replace(loop, dead=dead) if kind == "game" else loop
 
 
@@ -206,7 +209,9 @@ def case(kind: str, seed: int, number: int) -> tuple[Loop, Loop, Columns]:
         loops = [healthy(random) for _ in range(24)]
         loops = [prepared(random, loop, kind) for loop in loops]
         wrongs = [changed(random, loop, kind) for loop in loops]
-        seen, force = played([*loops, *wrongs])
+        # What is compensated rests without its friction too: it needs none.
+        meant = [replace(loop, friction=0.0) if kind == "compensation" else loop for loop in loops]
+        seen, force = played([*meant, *wrongs])
         (_, rest), (middle, late), (_, ripple) = sizes(seen[:, :24]), sizes(seen[:, 24:]), sizes(force[:, 24:])
         for i, (loop, wrong) in enumerate(zip(loops, wrongs, strict=True)):
             swings = 8 * loop.step < late[i] < 0.5 and late[i] > 0.8 * middle[i]
