@@ -196,7 +196,8 @@ def prepared(random: np.random.Generator, loop: Loop, kind: str) -> Loop:
         friction = loop.k * 0.004 / (2 * random.uniform(3, 15))
         return replace(loop, b=0.0, hand=(0.0, 0.0, 0.0), friction=float(friction), dead=dead, limit=40.0)
     if kind == "compensation":
-        return replace(loop, friction=float(random.uniform(0.2, 0.8)), hand=(0.0, 0.0, 0.0))
+        gains = {"k": between(random, 400.0, 1500.0), "b": between(random, 4.0, 12.0), "delay": 0.5 * loop.delay}
+        return replace(loop, friction=float(random.uniform(0.2, 0.8)), hand=(0.0, 0.0, 0.0), **gains)
     if kind == "reversed":
         return replace(loop, hand=(0.0, 0.0, 0.0))
     return replace(loop, dead=dead) if kind == "game" else loop
