@@ -14,6 +14,7 @@ MotionKind = Literal["linear", "rotary"]
 Quantity = Literal[
     "damping",
     "stiffness",
+    "integral",
     "speed",
     "mass",
     "frequency",
