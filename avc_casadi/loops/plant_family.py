@@ -211,11 +211,12 @@ def plants_of(devices: Sequence[Device], hands: Hand) -> SampledPlant:
     first = np.zeros_like(plant.matrix)
     with np.errstate(divide="ignore", invalid="ignore"):
         first[..., 0, 0] = np.exp(-k * period_s / b) if plant.matrix.shape[-1] == 2 else np.nan
+        older = whole - newest  # not a number where nothing holds a body without mass
     return replace(
         plant,
         matrix=np.where(light[..., None, None], first, plant.matrix),
         new=_pushed(light, newest, plant.new),
-        old=_pushed(light, whole - newest, plant.old),
+        old=_pushed(light, older, plant.old),
     )
 
 
