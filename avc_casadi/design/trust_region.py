@@ -132,7 +132,7 @@ class _QuadraticProgram:
 
     CURVATURE = 1e-3
     """Of every variable, so that there is one minimiser. DAQP divides rows by its root: with 1e-6 for the error and
-    what is missed, one program in twelve came back with a row that does not hold, and the iteration ended there."""
+    what is missed, 102 of 2 189 programs came back with a row that does not hold, and the iteration ended there."""
     LARGEST_ERROR, LARGEST_MISS = 10.0, 50.0
     FEASIBLE = 1e-6  # what rounding may leave of a row
     SOLVER_TOLERANCE = 1e-10  # DAQP's own, 1e-6, counts in rows that it scales by the curvature: 1e-3 in ours
