@@ -168,7 +168,7 @@ OF_WALLS = "is an option of walls, and P couples to a [simulation] or [follower]
 def refuse(args: argparse.Namespace, *options: str, why: str) -> None:
     """Refuse arguments that do not apply."""
     for option in options:
-        if getattr(args, option) not in (None, False, 0):
+        if getattr(args, option, None) not in (None, False, 0):
             raise avc.InputError.of(why, key=option)
 
 
