@@ -230,7 +230,7 @@ def diagnose(  # noqa: PLR0913 - options by name, of a public call
     with progress.step("device, hand, causes and remedies"):
         law, fits = law_or_verdict, fit_plants(grid, swing, design, law_or_verdict.lag, seed)
         if law.switch is not None and law.switch.by == "speed":
-            fits = beside_friction(fits, grid, swing, design, law.lag, seed)
+            fits = beside_friction(fits, grid, swing, design, law.lag, seed, law.switch.keep)
         return _judge(begun, law, fits)
 
 

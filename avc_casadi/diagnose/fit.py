@@ -27,7 +27,6 @@ from avc_casadi.model.plant import sampled_plant
 
 _LEAST_DELAY = 2e-3
 """Shortest delay that is searched, ticks."""
-
 _MOST_DELAY = 14.0
 """Longest delay that is searched, ticks of the law."""
 
@@ -36,7 +35,6 @@ _DRAWS = 12
 
 _RESONANCE_ODDS = 12.0
 """ln of the odds against a resonance that is not declared."""
-
 _STOP_ODDS = 8.0
 """ln of the odds against travel stops."""
 
@@ -60,7 +58,6 @@ _MODE_DAMPING_RATIOS = (2e-3, 0.15)
 
 _MODE_MASS_RATIO = 0.4
 """Middle of the prior of the share of the device's mass behind a resonance."""
-
 _MODE_MASS_SPREAD = 0.15
 """Spread of that share."""
 
@@ -468,13 +465,21 @@ def fit_plants(log: Log, swing: Oscillation, design: IntendedLaw, lag: float, se
 
 
 def beside_friction(
-    fits: Sequence[PlantFit], log: Log, swing: Oscillation, design: IntendedLaw, lag: float, seed: int
+    fits: Sequence[PlantFit],
+    log: Log,
+    swing: Oscillation,
+    design: IntendedLaw,
+    lag: float,
+    seed: int,
+    kept: float,
 ) -> list[PlantFit]:
     """Return fits of a log whose force is switched by the speed, with the error that its friction gives the delay.
 
     What turns with the speed is friction, or a force that compensates it and comes late: the delay is as far off as it
-    is in other structures, and with more or less friction, that leave about as little.
+    is in other structures, and with more or less friction, that leave about as little. A filter of the speed that
+    keeps a share of it lags by share/(1 - share) ticks, which act as a delay: half of them may be either.
     """
+    filter_lag = kept / (1 - kept)
     trials = list(fits)
     friction_n = design.device.coulomb_friction_n
     for factor in _FRICTIONS if friction_n else ():
@@ -484,7 +489,7 @@ def beside_friction(
     delays = [trial.best.delay for trial in trials if trial.misfit <= most]
 
     def error_of(fit: PlantFit) -> float:
-        return max(fit.delay_error, *(abs(delay - fit.best.delay) for delay in delays))
+        return max(fit.delay_error, 0.5 * filter_lag, *(abs(delay - fit.best.delay) for delay in delays))
 
     return [replace(fit, delay_error=error_of(fit)) for fit in fits]
 
