@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from abc import abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal, Self
@@ -72,9 +73,9 @@ class CommandFilter(t.Table):
     kind: Any
 
     @property
+    @abstractmethod
     def piece(self) -> p.Filter:
         """The filter."""
-        raise NotImplementedError
 
 
 class LowPassFilter(CommandFilter):

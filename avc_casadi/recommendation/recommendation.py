@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from enum import Enum, auto
@@ -148,7 +149,7 @@ class Verdict(Enum):
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
-class Recommendation(Printed):
+class Recommendation(Printed, ABC):
     """The coupling to deploy and its analysis: one of the classes below, by the end and whether there is a coupling.
 
     Attributes:
@@ -211,9 +212,9 @@ class Recommendation(Printed):
             }
         )
 
+    @abstractmethod
     def _of_end(self) -> dict[str, Any]:
         """Return the JSON values that only a recommendation of its kind has."""
-        raise NotImplementedError
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
