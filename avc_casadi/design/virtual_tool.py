@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial, singledispatch
@@ -390,7 +391,7 @@ class CouplingSearch:
         return gains(limit)
 
 
-class EndSearch(CouplingSearch):
+class EndSearch(CouplingSearch, ABC):
     """Search for couplings of one problem to its end.
 
     Attributes:
@@ -400,9 +401,9 @@ class EndSearch(CouplingSearch):
     loops: LoopFamily
 
     @property
+    @abstractmethod
     def loop_count(self) -> int:
         """Number of loops at the corners of all ranges, and of counterexamples inside."""
-        raise NotImplementedError
 
     @property
     def wanted_n_per_m(self) -> float | None:
