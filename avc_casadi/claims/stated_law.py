@@ -10,7 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 from scipy.linalg import schur, solve_sylvester
 
-from avc_casadi._errors import InputError
+from avc_casadi._errors import InputError, UnsupportedError
 from avc_casadi._util.json_values import plain
 from avc_casadi.model.control_law import ControlLaw, LawNumber, LowPassVelocity
 from avc_casadi.model.device import Device
@@ -107,7 +107,11 @@ def with_law(problem: Problem, law: Any, gains: Mapping[str, float | None]) -> P
     changes: dict[str, Any] = {key: gains[name] for name, key in keys.items() if gains[name] is not None}
     if gains["cutoff_hz"] is not None:
         changes["velocity"] = LowPassVelocity(cutoff_hz=gains["cutoff_hz"])
-    return stated.changed(law=changes) if changes else stated
+    changed = stated.changed(law=changes) if changes else stated
+    if changed.law is not None and not changed.law.is_linear:
+        unjudged = "has a nonlinear piece, time between steps or a slower rate, which avc certify does not judge yet"
+        raise UnsupportedError(unjudged, key="law")
+    return changed
 
 
 def static_gain(law: Law) -> float:

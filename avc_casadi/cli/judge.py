@@ -23,7 +23,11 @@ from avc_casadi.present.row import Answer
     cli.argument("--cutoff-hz", type=float, metavar="F", text="own law: first-order filter of the velocity (none)"),
     cli.argument("--ki", type=float, metavar="KI", text="own law: integral, N/(m.s) or N.m/(rad.s)"),
     cli.argument("--virtual-mass", type=float, metavar="M", text="own law: virtual mass, kg or kg.m2; may be < 0"),
-    cli.argument("--velocity", metavar="HOW", text='own law: "difference", "window 5" (samples) or "low-pass 80 Hz"'),
+    cli.argument(
+        "--velocity",
+        metavar="HOW",
+        text='own law: "difference", "window 5" (samples), "low-pass 80 Hz", "kalman 40 Hz", "ticks 20 ms"',
+    ),
     cli.argument("--notch", metavar="F", text='own law: notch of the command, "150 Hz"'),
     cli.VERBOSE,
 )

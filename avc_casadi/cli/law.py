@@ -48,12 +48,20 @@ def _velocity(typed: str) -> Any:
         return VELOCITIES[kind](samples=int(re.findall(r"\d+", number)[0]))
     if kind == "low-pass" and number:
         return VELOCITIES[kind](cutoff_hz=_hertz(number, "velocity"))
-    allowed = 'allowed: "difference", "window 5" (samples), "low-pass 80 Hz"'
+    if kind == "kalman" and number:
+        return VELOCITIES[kind](bandwidth_hz=_hertz(number, "velocity"))
+    if kind == "ticks" and number:
+        return VELOCITIES[kind](timeout_s=_typed(number, "s", "velocity"))
+    allowed = 'allowed: "difference", "window 5" (samples), "low-pass 80 Hz", "kalman 40 Hz", "ticks 20 ms"'
     raise avc.InputError.of(f"is {shown(typed)}; {allowed}", key="velocity")
 
 
 def _hertz(typed: str, option: str) -> float:
+    return _typed(typed, "Hz", option)
+
+
+def _typed(typed: str, unit: str, option: str) -> float:
     try:
-        return read_quantity(typed, "Hz")
+        return read_quantity(typed, unit)
     except ValueError as error:
         raise avc.InputError.of(f"is {shown(typed)}, {error}", key=option) from None

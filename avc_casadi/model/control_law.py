@@ -14,11 +14,14 @@ from pydantic import BeforeValidator, Field, SerializeAsAny
 from avc_casadi.model import law_pieces as p
 from avc_casadi.model import quantity as q
 from avc_casadi.model import table as t
-from avc_casadi.model.law import Law
+from avc_casadi.model.device import Device
+from avc_casadi.model.law import FRICTION_COMPENSATION, INTEGRAL_LIMIT, SPRING_DEAD_ZONE, Law, Sector
 
 LARGEST_COMPENSATION = 0.5
 """Loop gain at half the sample rate up to which a negative virtual mass is allowed: a gain margin of 6 dB there."""
 _MOST_FILTERS = 16
+# Longest timeout of the time between steps, in samples: its linear claim is a window of twice as many.
+_MOST_TICKS = 128
 # Frequencies at which limits are looked for, as shares of the sample rate: below the first a filter hardly moves.
 _LEAST_SHARE, _MOST_SHARE = 1e-4, 0.499
 
@@ -29,6 +32,7 @@ Integral = Annotated[float, BeforeValidator(q.Quantity("N/m/s", 1e-9, 1e15))]
 _Width = Annotated[float, BeforeValidator(q.Quantity("", 1e-3, 10, zero=False))]
 _Lead = Annotated[float, BeforeValidator(q.Quantity("", 0.1, 85, zero=False))]
 _WindowSamples = Annotated[int, BeforeValidator(q.Whole(1, 256))]
+_Divider = Annotated[int, BeforeValidator(q.Whole(1, 1000))]
 
 
 class DifferenceVelocity(t.Table):
@@ -65,6 +69,30 @@ class LowPassVelocity(t.Table):
     def piece(self) -> p.Velocity:
         """The estimator."""
         return p.SmoothedDifference(self.cutoff_hz, self.order)
+
+
+class KalmanVelocity(t.Table):
+    """The steady Kalman filter of a constant velocity (alpha-beta filter)."""
+
+    kind: Literal["kalman"] = "kalman"
+    bandwidth_hz: q.Hertz
+
+    @property
+    def piece(self) -> p.Velocity:
+        """The estimator."""
+        return p.Kalman(self.bandwidth_hz)
+
+
+class TicksVelocity(t.Table):
+    """The way between two changes of the position over the time between them, 0 after a timeout."""
+
+    kind: Literal["ticks"] = "ticks"
+    timeout_s: q.Span
+
+    @property
+    def piece(self) -> p.Velocity:
+        """The estimator."""
+        return p.Ticks(self.timeout_s)
 
 
 class CommandFilter(t.Table):
@@ -155,12 +183,41 @@ VELOCITIES: dict[str, type[t.Table]] = {
     "difference": DifferenceVelocity,
     "window": WindowVelocity,
     "low-pass": LowPassVelocity,
+    "kalman": KalmanVelocity,
+    "ticks": TicksVelocity,
 }
-Velocity = Annotated[DifferenceVelocity | WindowVelocity | LowPassVelocity, Field(discriminator="kind")]
+Velocity = Annotated[
+    DifferenceVelocity | WindowVelocity | LowPassVelocity | KalmanVelocity | TicksVelocity,
+    Field(discriminator="kind"),
+]
 
 
 def _filters(value: Any) -> tuple[Any, ...]:
     return t.of_kinds(value, FILTERS, "[[law.filters]]", _MOST_FILTERS)
+
+
+class Compensation(t.Table):
+    """Friction compensation: a push along the motion, force_n sat(v/velocity_m_per_s)."""
+
+    force_n: q.ForceLimit
+    velocity_m_per_s: q.Speed
+
+
+@dataclass(frozen=True)
+class SlopeRange:
+    """A piece that is not linear, as its range of slopes.
+
+    Attributes:
+        key: its key in the table [law].
+        sector: its name in the compiled law, with the same range as a share of the steepest slope.
+        least, most: its slopes: of a spring in N/m, of friction compensation in N.s/m (it drives: below 0), of a limit
+            the share that it leaves.
+    """
+
+    key: str
+    sector: Sector
+    least: float
+    most: float
 
 
 NumberPath = tuple[str | int, ...]
@@ -195,7 +252,10 @@ class LawNumber:
 
 
 class ControlLaw(t.Table):
-    """What a controller does: k, b and ki in the wall, b_p and virtual mass everywhere, then filters of the command."""
+    """What a controller does: k, b and ki in the wall, the rest everywhere, then filters of the command.
+
+    With a `rate_divider` of n it runs at every n-th sample of the device, T n apart, and keeps its force between.
+    """
 
     stiffness_n_per_m: q.Stiffness = 0.0
     damping_ns_per_m: q.Damping = 0.0
@@ -204,29 +264,72 @@ class ControlLaw(t.Table):
     virtual_mass_kg: SignedMass = 0.0
     velocity: Velocity = DifferenceVelocity()
     filters: Annotated[tuple[SerializeAsAny[CommandFilter], ...], BeforeValidator(_filters)] = ()
+    dead_zone_m: q.Length = 0.0
+    integral_limit_n: q.ForceLimit | None = None
+    friction_compensation: Compensation | None = None
+    rate_divider: _Divider = 1
 
     def faults(self) -> Iterator[t.Finding]:
-        """Yield a law without any force, and an integral without a spring."""
-        if not any(getattr(self, key) for key in _GAINS):
+        """Yield a law without any force, an integral without a spring, and what has nothing that it acts on."""
+        if self.dead_zone_m and not self.stiffness_n_per_m:
+            why = "of a spring that is not there; allowed: beside stiffness_n_per_m"
+            yield ("dead_zone_m",), f"is {t.shown(self.dead_zone_m)} {why}"
+        if self.integral_limit_n is not None and not self.integral_n_per_m_s:
+            why = "of an integral that is not there; allowed: beside integral_n_per_m_s"
+            yield ("integral_limit_n",), f"is {t.shown(self.integral_limit_n)} {why}"
+        if self.friction_compensation is None and not any(getattr(self, key) for key in _GAINS):
             yield (_GAINS[0],), f"is 0, and so is every other gain; allowed: one of {', '.join(_GAINS)} other than 0"
         if self.integral_n_per_m_s and not self.stiffness_n_per_m:
             why = "without a spring, which alone an integral makes swing ever more; allowed: beside stiffness_n_per_m"
             yield ("integral_n_per_m_s",), f"is {t.shown(self.integral_n_per_m_s)} {why}"
 
-    def faults_beside(self, sample_time_s: float, lightest_kg: float) -> Iterator[t.Finding]:
-        """Yield filters beyond half the sample rate, and a compensation of more mass than a loop in samples holds."""
-        for index, item in enumerate(self.filters):
-            frequency = item.frequency_hz if isinstance(item, NotchFilter | LeadFilter) else 0.0
-            if frequency * sample_time_s >= 0.5:
-                allowed = f"below {q.plain(0.5 / sample_time_s)} Hz, half the rate of device.sample_time_s"
-                yield ("filters", index, "frequency_hz"), f"is {t.shown(frequency)}; allowed: {allowed}"
-                return
-        gain = self.compensation_gain(sample_time_s, lightest_kg)
+    def faults_beside(self, device: Device, lightest_kg: float) -> Iterator[t.Finding]:
+        """Yield what of the law a device cannot run or bear; `lightest_kg` is what moves at least."""
+        period = self.period_s(device.sample_time_s)
+        yield from self._frequency_faults(period)
+        yield from self._velocity_faults(device, period)
+        compensation = self.friction_compensation
+        if compensation is not None and compensation.force_n > (device.max_force_n or math.inf):
+            allowed = f"up to device.max_force_n, {t.shown(device.max_force_n)}"
+            yield ("friction_compensation", "force_n"), f"is {t.shown(compensation.force_n)}; allowed: {allowed}"
+        gain = self.compensation_gain(device.sample_time_s, lightest_kg)
         if gain > LARGEST_COMPENSATION:
             value = t.shown(self.virtual_mass_kg)
             why = f"a loop gain of {gain:.3g} at half the sample rate beside a mass of {q.plain(lightest_kg)}"
             allowed = f"allowed: up to {LARGEST_COMPENSATION}: less of it, or a velocity or a filter that is slower"
             yield ("virtual_mass_kg",), f"is {value}, {why}; {allowed}"
+
+    def _frequency_faults(self, period_s: float) -> Iterator[t.Finding]:
+        """Yield the first frequency at or beyond half the rate of the law."""
+        places: list[tuple[t.Path, float]] = [
+            (("filters", index, "frequency_hz"), item.frequency_hz)
+            for index, item in enumerate(self.filters)
+            if isinstance(item, NotchFilter | LeadFilter)
+        ]
+        if isinstance(self.velocity, KalmanVelocity):
+            places.append((("velocity", "bandwidth_hz"), self.velocity.bandwidth_hz))
+        rate = "device.sample_time_s" + (" over rate_divider" if self.rate_divider > 1 else "")
+        for path, frequency in places:
+            if frequency * period_s >= 0.5:
+                allowed = f"below {q.plain(0.5 / period_s)} Hz, half the rate of {rate}"
+                yield path, f"is {t.shown(frequency)}; allowed: {allowed}"
+                return
+
+    def _velocity_faults(self, device: Device, period_s: float) -> Iterator[t.Finding]:
+        """Yield a time between steps on a device without any, and a timeout of no sample or of too many."""
+        if not isinstance(self.velocity, TicksVelocity):
+            return
+        if not device.encoder_resolution_m:
+            why = "is the time between steps of the encoder, and device.encoder_resolution_m is 0"
+            yield ("velocity", "kind"), f'"ticks" {why}; allowed: beside a resolution, or another velocity'
+        samples = self.velocity.timeout_s / period_s
+        if not 1 <= round(samples) <= _MOST_TICKS:
+            allowed = f"{q.plain(period_s)} to {q.plain(_MOST_TICKS * period_s)} s, 1 to {_MOST_TICKS} samples"
+            yield ("velocity", "timeout_s"), f"is {t.shown(self.velocity.timeout_s)}; allowed: {allowed}"
+
+    def period_s(self, sample_time_s: float) -> float:
+        """Return the time between two samples of the law, at the sample time of the device."""
+        return self.rate_divider * sample_time_s
 
     def compensation_gain(self, sample_time_s: float, lightest_kg: float) -> float:
         """Return the gain by which a negative virtual mass m feeds an acceleration back at half the sample rate.
@@ -237,47 +340,86 @@ class ControlLaw(t.Table):
         if self.virtual_mass_kg >= 0:
             return 0.0
         half_rate = np.array(-1.0 + 0j)
-        growth = self.velocity.piece.growth(sample_time_s).transfer(half_rate)
-        filters = p.compiled((p.Spring(1.0),), self._filter_pieces, sample_time_s).transfer(half_rate)
+        period = self.period_s(sample_time_s)
+        growth = self.velocity.piece.growth(period).transfer(half_rate)
+        filters = p.compiled((p.Spring(1.0),), self.filter_pieces, period).transfer(half_rate)
         shape = float(abs(growth * filters)) / 2
         return -self.virtual_mass_kg * shape / lightest_kg if lightest_kg else math.inf
 
     @property
-    def _filter_pieces(self) -> tuple[p.Filter, ...]:
+    def filter_pieces(self) -> tuple[p.Filter, ...]:
+        """The filters of the command, in order."""
         return tuple(item.piece for item in self.filters)
 
     def law(self, sample_time_s: float) -> Law:
-        """Return the law in contact."""
-        damper = self.damping_ns_per_m + self.local_damping_ns_per_m
-        return self._compiled(self.stiffness_n_per_m, damper, self.integral_n_per_m_s, sample_time_s)
+        """Return the law in contact, linear: each nonlinear piece at its steepest slope."""
+        return self.with_sectors(sample_time_s).linear
 
     def outside(self, sample_time_s: float) -> Law:
-        """Return what acts outside the wall: local damper and virtual mass, behind the same filters."""
-        return self._compiled(0.0, self.local_damping_ns_per_m, 0.0, sample_time_s)
+        """Return what acts outside the wall, linear: all but spring, damper and integral, behind the same filters."""
+        return self.with_sectors(sample_time_s, contact=False).linear
+
+    def with_sectors(self, sample_time_s: float, *, contact: bool = True) -> Law:
+        """Return the law in contact or outside, at its own period; nonlinear pieces are its sectors.
+
+        `sample_time_s` is the device's. `slope_ranges` says what the slopes of the sectors are.
+        """
+        period = self.period_s(sample_time_s)
+        # A piece of 0 is left out: the state of an integral that acts on nothing would be a pole at 1.
+        forces = (*self.forces_in_wall(), *self.forces_everywhere()) if contact else self.forces_everywhere()
+        return p.compiled(forces, self.filter_pieces, period)
+
+    def forces_in_wall(self) -> tuple[p.Force, ...]:
+        """Return the pieces that act in the wall alone where there is one: spring, damper, integral."""
+        forces: list[tuple[float, p.Force]] = [
+            (self.stiffness_n_per_m, p.Spring(self.stiffness_n_per_m, self.dead_zone_m)),
+            (self.damping_ns_per_m, p.Damper(self.damping_ns_per_m, self.velocity.piece)),
+            (self.integral_n_per_m_s, p.Integral(self.integral_n_per_m_s, self.integral_limit_n)),
+        ]
+        return tuple(force for value, force in forces if value)
+
+    def forces_everywhere(self) -> tuple[p.Force, ...]:
+        """Return the pieces that act outside the wall too: local damper, virtual mass, friction compensation."""
+        velocity = self.velocity.piece
+        forces: list[p.Force] = []
+        if self.local_damping_ns_per_m:
+            forces.append(p.Damper(self.local_damping_ns_per_m, velocity))
+        if self.virtual_mass_kg:
+            forces.append(p.VirtualMass(self.virtual_mass_kg, velocity))
+        if self.friction_compensation is not None:
+            own = self.friction_compensation
+            forces.append(p.FrictionCompensation(own.force_n, own.velocity_m_per_s, velocity))
+        return tuple(forces)
+
+    @property
+    def slope_ranges(self) -> tuple[SlopeRange, ...]:
+        """The least and the largest slope of each nonlinear piece; the force limit belongs to the device."""
+        ranges: list[SlopeRange] = []
+        if self.dead_zone_m:
+            ranges.append(SlopeRange("dead_zone_m", SPRING_DEAD_ZONE, 0.0, self.stiffness_n_per_m))
+        if self.integral_limit_n is not None:
+            ranges.append(SlopeRange("integral_limit_n", INTEGRAL_LIMIT, 0.0, 1.0))
+        if self.friction_compensation is not None:
+            steepest = -self.friction_compensation.force_n / self.friction_compensation.velocity_m_per_s
+            ranges.append(SlopeRange("friction_compensation", FRICTION_COMPENSATION, steepest, 0.0))
+        return tuple(ranges)
+
+    @property
+    def is_linear(self) -> bool:
+        """Whether each piece is linear and runs at every sample: `law` is then all of it."""
+        return not self.slope_ranges and self.rate_divider == 1 and not isinstance(self.velocity, TicksVelocity)
 
     @property
     def acts_outside(self) -> bool:
         """Whether something acts outside the wall."""
-        return bool(self.local_damping_ns_per_m or self.virtual_mass_kg)
-
-    def _compiled(self, spring: float, damper: float, integral: float, sample_time_s: float) -> Law:
-        velocity = self.velocity.piece
-        forces: list[tuple[float, p.Force]] = [
-            (spring, p.Spring(spring)),
-            (damper, p.Damper(damper, velocity)),
-            (integral, p.Integral(integral)),
-            (self.virtual_mass_kg, p.VirtualMass(self.virtual_mass_kg, velocity)),
-        ]
-        # A piece of 0 is left out: the state of an integral that acts on nothing would be a pole at 1.
-        acting = tuple(force for value, force in forces if value)
-        return p.compiled(acting, self._filter_pieces, sample_time_s)
+        return bool(self.forces_everywhere())
 
     @property
     def is_spring_damper(self) -> bool:
         """Whether it is k, b and b_p alone, with at most a low pass of first order on the velocity."""
         more = self.integral_n_per_m_s or self.virtual_mass_kg or self.filters or self.local_damping_ns_per_m < 0
         usual = self.velocity.kind == "difference" or getattr(self.velocity, "order", 2) == 1
-        return usual and not more
+        return usual and self.is_linear and not more
 
     def numbers(self, sample_time_s: float) -> list[LawNumber]:
         """Return its numbers that are not 0, gains first; coefficients of a transfer function are none."""

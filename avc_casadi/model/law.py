@@ -38,7 +38,7 @@ class Sector:
     those at the nominal slope: the further input is what w differs by, w - nominal q.
     """
 
-    name: Literal["dead_zone", "force_limit"]
+    name: Literal["dead_zone", "force_limit", "spring_dead_zone", "friction_compensation", "integral_limit"]
     least: float = 0.0
     most: float = 1.0
     nominal: float = 1.0
@@ -48,6 +48,12 @@ DEAD_ZONE = Sector("dead_zone")
 """Share of an observer's innovation that passes its dead zone."""
 FORCE_LIMIT = Sector("force_limit")
 """Share of the commanded force that its limit leaves; an observer knows what is left."""
+SPRING_DEAD_ZONE = Sector("spring_dead_zone")
+"""Share of the position that a spring with a dead zone acts on."""
+FRICTION_COMPENSATION = Sector("friction_compensation")
+"""Share of the velocity that passes the saturation of a friction compensation."""
+INTEGRAL_LIMIT = Sector("integral_limit")
+"""Share of an integral that its limit leaves."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,6 +116,20 @@ class Law:
         """Return u = y/(1 - 1/z): the sum of y, its newest value counted."""
         unit = np.ones((1, 1))
         return cls(unit, unit, unit, unit, sample_time_s)
+
+    @classmethod
+    def of_sector(cls, sector: Sector, sample_time_s: float) -> Law:
+        """Return u = w, w = slope y: the part alone, to stand between linear parts."""
+        nothing = np.zeros((0, 2))
+        d = np.array([[sector.nominal, 1.0], [1.0, 0.0]])
+        return cls(np.zeros((0, 0)), nothing, nothing.T, d, sample_time_s, (sector,))
+
+    @classmethod
+    def limited_integral(cls, sample_time_s: float) -> Law:
+        """Return u = s+ = slope (s + y): the sum of y as `integral`, of which its limit leaves a share."""
+        read = np.array([[1.0], [1.0]])
+        d = np.array([[1.0, 1.0], [1.0, 0.0]])
+        return cls(np.ones((1, 1)), np.ones((1, 2)), read, d, sample_time_s, (INTEGRAL_LIMIT,))
 
     @classmethod
     def spring_damper(

@@ -294,7 +294,7 @@ class Problem(t.Table):
             yield ("law",), f"stands beside [{name}]; allowed: one of them, a law acts in the device's own loop"
         masses = self.device.range.mass_kg or (self.device.mass_kg,)
         lightest_kg = min(masses) or self.hands.mass_kg[0]
-        for path, message in self.law.faults_beside(self.device.sample_time_s, lightest_kg):
+        for path, message in self.law.faults_beside(self.device, lightest_kg):
             yield ("law", *path), message
 
     def _below_nyquist(self) -> Iterator[t.Finding]:
