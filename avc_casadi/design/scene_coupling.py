@@ -11,7 +11,7 @@ from avc_casadi._util.json_values import plain
 from avc_casadi.coupling import Coupling
 from avc_casadi.design.methods import solve
 from avc_casadi.files.problem_file import AnyProblem, as_problem, of_problem
-from avc_casadi.model.declared import left_out, scene_effects
+from avc_casadi.model.declared import left_out, scene_effects, with_law_alone
 from avc_casadi.model.effects import GuardEffect
 from avc_casadi.model.ends import ToolGains
 from avc_casadi.model.gains import NO_COUPLING, Gains, GainSchedule, GainTable
@@ -44,18 +44,22 @@ def scene_coupling(problem: Problem) -> Gains | GainSchedule:
     return NO_COUPLING if name == "none" else solve(designed_for, name)
 
 
+def law_scene(problem: Problem) -> Problem:
+    """Return the problem with a scene of its own law where it has one, else as it is."""
+    return problem if problem.law is None else with_law_alone(problem)
+
+
 def scene_notes(problem: Problem) -> list[str]:
-    """Return notes where a scene has no law of one's own, and where its coupling is designed for another device."""
-    unknown = ["[law] is not simulated: it is of avc certify alone"] if problem.law is not None else []
+    """Return a note where the scene's coupling is designed for another device."""
     declared = problem.device.delay_samples
     designed = _designed_delay_samples(problem)
     if designed == declared:
-        return unknown
+        return []
     note = (
         f"the scene names no coupling: {problem.scene.coupling}, designed for {designed:g} samples of delay, simulated "
         f"with {declared:g}; avc recommend P --out c.json makes one for this device, for --gains c.json"
     )
-    return [*unknown, note]
+    return [note]
 
 
 def _designed_delay_samples(problem: Problem) -> float:
@@ -76,8 +80,8 @@ def simulate(
 
     Args:
         problem: the problem; or a problem file, or a name of the catalogue.
-        gains: a coupling with its table and runtime; gains or a gain table; None takes the one that the scene
-            names.
+        gains: a coupling with its table and runtime; gains or a gain table; None takes the table [law] of the
+            problem, else the coupling that the scene names.
         hand: a hand in place of the scene's.
         seed: added to the seeds of all noises, 0 or more.
 
@@ -97,6 +101,7 @@ def simulate(
         '4.4 N at 1.15 mm'
     """
     stated = as_problem(problem)
+    stated = law_scene(stated) if gains is None else stated
     chosen = scene_coupling(stated) if gains is None else gains
     request: dict[str, Any] = {"gains": chosen, "hand": hand, "seed": seed}
     run = simulate_with(stated, **request)

@@ -64,6 +64,14 @@ def scene_effects(problem: Problem) -> tuple[e.Effect, ...]:
     return problem.scene.effects or declared_effects(problem)
 
 
+def with_law_alone(problem: Problem) -> Problem:
+    """Return the problem with a scene in which its law acts in place of wall and coupling."""
+    surroundings = (e.WallEffect, e.EnvironmentEffect, e.LawEffect)
+    kept = tuple(effect for effect in scene_effects(problem) if not isinstance(effect, surroundings))
+    kept = tuple(effect for effect in kept if not EFFECTS[effect.kind].of_coupling)
+    return problem.changed(scene={"effects": (*kept, e.LawEffect()), "coupling": "none"})
+
+
 def with_gains(problem: Problem, gains: ToolGains) -> Problem:
     """Return the problem with a scene in which the engine is joined to the device by these gains."""
     joined = tuple(

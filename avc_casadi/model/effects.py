@@ -64,6 +64,12 @@ class SimulationEffect(Effect):
     seed: q.Seed = 0
 
 
+class LawEffect(Effect):
+    """The law of [law] in place of a wall and a coupling; in the wall of [environment] where there is one."""
+
+    kind: Literal["law"] = "law"
+
+
 class DetentEffect(Effect):
     """The detents of [detent], beside the wall."""
 

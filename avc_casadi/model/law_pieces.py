@@ -36,42 +36,54 @@ def low_pass(cutoff_hz: float, order: int, sample_time_s: float) -> Law:
     return Law.fraction([abs(1 - pole) ** 2, 0.0, 0.0], [1.0, first, second], sample_time_s)
 
 
-@dataclass(frozen=True)
-class Difference:
-    """v = (1 - 1/z)/T x."""
+class Estimator(ABC):
+    """An estimator of the velocity: blocks in series, from the position to its growth in a sample, v T."""
+
+    @abstractmethod
+    def blocks(self, sample_time_s: float) -> tuple[Law, ...]:
+        """Return the blocks in their order."""
 
     def growth(self, sample_time_s: float) -> Law:
         """Return the estimate of v T."""
-        return Law.difference(sample_time_s)
+        return reduce(Law.then, self.blocks(sample_time_s))
 
 
 @dataclass(frozen=True)
-class Window:
+class Difference(Estimator):
+    """v = (1 - 1/z)/T x."""
+
+    def blocks(self, sample_time_s: float) -> tuple[Law, ...]:
+        """Return the difference."""
+        return (Law.difference(sample_time_s),)
+
+
+@dataclass(frozen=True)
+class Window(Estimator):
     """v = (1 - z^-n)/(n T) x over a window of n samples."""
 
     samples: int
 
-    def growth(self, sample_time_s: float) -> Law:
-        """Return the estimate of v T."""
-        share = 1 / self.samples
-        ends = [share, *[0.0] * (self.samples - 1), -share]
-        return Law.fraction(ends, [1.0, *[0.0] * self.samples], sample_time_s)
+    def blocks(self, sample_time_s: float) -> tuple[Law, ...]:
+        """Return the difference over the window, and its share of a sample."""
+        ends = [1.0, *[0.0] * (self.samples - 1), -1.0]
+        over_window = Law.fraction(ends, [1.0, *[0.0] * self.samples], sample_time_s)
+        return over_window, Law.gain(1 / self.samples, sample_time_s)
 
 
 @dataclass(frozen=True)
-class SmoothedDifference:
+class SmoothedDifference(Estimator):
     """The difference behind `low_pass`."""
 
     cutoff_hz: float
     order: int = 1
 
-    def growth(self, sample_time_s: float) -> Law:
-        """Return the estimate of v T."""
-        return Law.difference(sample_time_s).then(low_pass(self.cutoff_hz, self.order, sample_time_s))
+    def blocks(self, sample_time_s: float) -> tuple[Law, ...]:
+        """Return the difference and the low pass."""
+        return Law.difference(sample_time_s), low_pass(self.cutoff_hz, self.order, sample_time_s)
 
 
 @dataclass(frozen=True)
-class Kalman:
+class Kalman(Estimator):
     """The steady Kalman filter of a constant velocity that white accelerations disturb (alpha-beta filter).
 
     With the prediction p = x_e + g and the innovation e = x - p: x_e = p + alpha e, g = g + beta e, g the growth in a
@@ -86,16 +98,16 @@ class Kalman:
 
     bandwidth_hz: float
 
-    def growth(self, sample_time_s: float) -> Law:
-        """Return the estimate of v T."""
+    def blocks(self, sample_time_s: float) -> tuple[Law, ...]:
+        """Return the difference and the filter behind it."""
         size = math.exp(-math.sqrt(2) * math.pi * self.bandwidth_hz * sample_time_s)
         beta = 2 * (1 - size) ** 2
         below = [1.0, beta - 1 - size**2, size**2]
-        return Law.difference(sample_time_s).then(Law.fraction([beta, 0.0, 0.0], below, sample_time_s))
+        return Law.difference(sample_time_s), Law.fraction([beta, 0.0, 0.0], below, sample_time_s)
 
 
 @dataclass(frozen=True)
-class Ticks:
+class Ticks(Estimator):
     """The way between the last two changes of the position over the time between them, 0 after a timeout.
 
     A change after n samples, with n up to the timeout, gives v = way/(n T), which is kept until the next change. At a
@@ -110,9 +122,9 @@ class Ticks:
         """Return the timeout in samples."""
         return max(1, round(self.timeout_s / sample_time_s))
 
-    def growth(self, sample_time_s: float) -> Law:
-        """Return the estimate of v T at the slowest speed, as a linear claim takes it."""
-        return Window(2 * self.samples(sample_time_s)).growth(sample_time_s)
+    def blocks(self, sample_time_s: float) -> tuple[Law, ...]:
+        """Return what a linear claim takes it for, its window at the slowest speed."""
+        return Window(2 * self.samples(sample_time_s)).blocks(sample_time_s)
 
 
 Velocity = Difference | Window | SmoothedDifference | Kalman | Ticks

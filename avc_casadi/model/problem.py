@@ -324,6 +324,11 @@ class Problem(t.Table):
         return Wall(self.environment.damping_ns_per_m, self.environment.stiffness_n_per_m, self.detent)
 
     @property
+    def law_in_wall(self) -> bool:
+        """Whether spring, damper and integral of the law act in a wall, on one side; else they act everywhere."""
+        return bool(self.environment.stiffness_n_per_m or self.environment.damping_ns_per_m)
+
+    @property
     def end(self) -> End:
         """What the coupling leads to: the other end that a table states, or else the wall."""
         return next(iter(self._other_ends().values()), self.wall)

@@ -25,7 +25,7 @@ from avc_casadi.model.problem import Problem
 from avc_casadi.simulation.compile import CompiledScene, build_effects, compile_scene
 from avc_casadi.simulation.effects.base import SceneEffect
 from avc_casadi.simulation.effects.computation import Adaptation
-from avc_casadi.simulation.effects.environment import Detents
+from avc_casadi.simulation.effects.environment import Detents, SceneLaw
 from avc_casadi.simulation.effects.mechanics import CoulombFriction, Grip
 from avc_casadi.simulation.execute import execute
 from avc_casadi.simulation.judge import DIVERGENCE_M, Judgement, Ledger, Traces, energy_ledger
@@ -306,7 +306,8 @@ def resolve(
 ) -> tuple[tuple[SceneEffect, ...], Gains, str]:
     """Return the effects with the table that an adaptation follows, the gains at the start, and their method."""
     if isinstance(gains, Gains):
-        return effects, gains, "none" if gains == NO_COUPLING else "given"
+        own_law = any(isinstance(effect, SceneLaw) for effect in effects)
+        return effects, gains, "law" if own_law else "none" if gains == NO_COUPLING else "given"
     if isinstance(gains, Coupling):
         return *resolve(problem, effects, gains.table)[:2], gains.method
     frequency, method = problem.scene.interaction_hz, "given"

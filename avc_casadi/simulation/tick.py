@@ -216,6 +216,10 @@ class StepBuilder:
         """Set the next value of a state."""
         self._next[name] = value
 
+    def only_where(self, runs: Expr) -> None:
+        """Let all states so far keep their values where a condition is false."""
+        self._next = {name: ca.if_else(runs, self._next[name], symbol) for name, (symbol, _) in self._states.items()}
+
     def build(self, name: str, **outputs: Expr) -> Step:
         """Return the step with its outputs."""
         symbols = [symbol for symbol, _ in self._states.values()]

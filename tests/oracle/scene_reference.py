@@ -153,8 +153,10 @@ class Reference:
                     y[1] = 0.0
         return y
 
-    def run(self, samples, noise=None, late=None, dropped=None, commands=None):
+    def run(self, samples, noise=None, late=None, dropped=None, commands=None, computer=None):
         """Return position, velocity and held force at each sample; `commands` replay the forces of another computer.
+
+        `computer` is another law in place of wall and coupling.
 
         Position and velocity of the handle are left in `handle`.
         """
@@ -174,7 +176,7 @@ class Reference:
         for section in filters:
             section.begin(rest)
             rest *= section.gain
-        computer, line, before = Computer(self, rest), [0.0] * lag, 0.0
+        computer, line, before = computer or Computer(self, rest), [0.0] * lag, 0.0
         believer = Believer(effects["state-feedback"]) if "state-feedback" in effects else None
         y = np.array([self.start, 0.0, self.start, 0.0, self.start, 0.0, 0.0, 0.0])
         out, self.handle = [], np.empty((2, samples))

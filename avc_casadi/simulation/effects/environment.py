@@ -11,13 +11,15 @@ import numpy as np
 
 from avc_casadi._errors import Fault, InputError
 from avc_casadi._util.arrays import FloatArray
+from avc_casadi.model.control_law import ControlLaw
 from avc_casadi.model.device import Detent
-from avc_casadi.model.effects import DetentEffect, EnvironmentEffect, SimulationEffect, WallEffect
+from avc_casadi.model.effects import DetentEffect, EnvironmentEffect, LawEffect, SimulationEffect, WallEffect
 from avc_casadi.model.ends import RIGID_N_PER_M, Simulation, ToolGains, ToolState, tool_states, tool_step
 from avc_casadi.model.problem import Contact, Problem
 from avc_casadi.simulation.contact import Environment
 from avc_casadi.simulation.effects.base import SceneEffect
-from avc_casadi.simulation.tick import Expr, Rate, Tick, ca
+from avc_casadi.simulation.runtime.law import law_step
+from avc_casadi.simulation.tick import Expr, Rate, Tick, ca, insert
 
 
 @dataclass(frozen=True)
@@ -87,6 +89,26 @@ class TwoSidedEnvironment(SceneWall, keys=EnvironmentEffect, rank=170, role="env
     @property
     def environment(self) -> Environment:
         return Environment(self.stiffness_n_per_m, self.damping_ns_per_m, one_sided=False)
+
+
+@dataclass(frozen=True)
+class SceneLaw(SceneEffect, keys=LawEffect, rank=158, role="environment"):
+    """A user's own law, in the wall where the problem has one, else everywhere."""
+
+    law: ControlLaw
+    one_sided: bool
+
+    @classmethod
+    def build(cls, table: Any, problem: Problem, place: str) -> Self:  # noqa: ARG003
+        if problem.law is None:
+            raise InputError.of(
+                "is listed and [law] is missing; allowed: both, or neither", file=problem.name, key=place
+            )
+        return cls(problem.law, problem.law_in_wall)
+
+    def sample(self, tick: Tick) -> None:
+        step = law_step(self.law, tick.sample_time_s, one_sided=self.one_sided, start_m=tick.start_m)
+        tick.command = insert(tick, "law", step, [tick.position])["force_n"]
 
 
 @dataclass(frozen=True)
