@@ -91,9 +91,14 @@ class Deployable(Document):
         return all(claim.passed for claim in self.claims)
 
     @property
+    def failed(self) -> list[DeployClaim]:
+        """The claims that fail."""
+        return [claim for claim in self.claims if not claim.passed]
+
+    @property
     def sentence(self) -> str:
         """The verdict in one line: which claim fails and what to do."""
-        failed = [claim for claim in self.claims if not claim.passed]
+        failed = self.failed
         if not failed:
             return "deployable: linearly stable with every hand of [hands] and released"
         return "not deployable: " + "; ".join(claim.sentence for claim in failed)

@@ -316,7 +316,7 @@ def _run_files(
         of_wall, of_paper = report.wall_pictures(recommendation), report.paper_pictures(comparison)
     sections = report.paper_sections(comparison, of_paper, pushed)
     pictures = list(of_wall.values())
-    files["report.html"] = report.report_html(answer, problem, pictures, package_versions(), sections)
+    files["report.html"] = report.report_html(answer, recommendation, pictures, package_versions(), sections)
     for name, picture in (of_wall | of_paper).items():
         files |= {f"{name}.png": picture.png, f"{name}.svg": picture.svg}
     return files

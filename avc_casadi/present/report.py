@@ -15,7 +15,6 @@ from avc_casadi._util.units import Units
 from avc_casadi.claims.levels import read_levels
 from avc_casadi.design.comparison.comparison import Comparison
 from avc_casadi.files.problem_file import dump_problem
-from avc_casadi.model.problem import Problem
 from avc_casadi.paper.errata import ASSUMPTIONS, PAPER_ERRORS
 from avc_casadi.present.figures.deployed import draw_loop, draw_rendered
 from avc_casadi.present.figures.paper import draw_comparison, draw_perceived
@@ -88,15 +87,16 @@ def _table(title: str, rows: Iterable[Row], units: Units) -> str:
 
 def report_html(
     answer: Answer,
-    problem: Problem,
+    recommended: Recommendation,
     pictures: Sequence[Picture],
     versions: Mapping[str, str],
     more: Sequence[Section] = (),
 ) -> str:
     """Return the report of a recommendation: verdict, one picture and ten rows first, then the rest of it."""
     shown = [line for line in answer.rows if line.rank == 0]
+    problem = recommended.problem
     units = problem.units
-    claims = levels(read_levels(answer.data["certificate"] or {}))
+    claims = levels(read_levels(recommended.certificate or {}))
     sections = [
         Section("What to deploy", shown[:10], pictures[:1]),
         Section("Margins and time responses", shown[10:], pictures[1:]),
@@ -105,7 +105,7 @@ def report_html(
         Section("Certificate", claims, folded=True),
         Section("Problem file", file=dump_problem(problem), folded=True),
     ]
-    text, good = verdict(answer.data, shown)
+    text, good = verdict(recommended, shown)
     body = [f'<p class="verdict {"pass" if good else "fail"}">{escape(text)}</p>']
     body += [section.html(units) for section in sections if section.rows or section.pictures or section.file]
     made = _table("versions", (row(name, version) for name, version in versions.items()), units)

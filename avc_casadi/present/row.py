@@ -37,6 +37,8 @@ MOST_LINES = 23
 """Lines of it."""
 WIDTH = 100
 """Length of a line."""
+_ALL_DIGITS = 9
+"""Digits of a number of things."""
 _KEPT_ROWS = 5
 """First rows of an answer, which are never left out."""
 
@@ -91,6 +93,11 @@ class Value:
             return f"{20 * math.log10(value):.1f} dB" if value > 0 else "-"
         text, of = number(value, self.digits), "deg" if self.quantity == "phase" else self.quantity
         return f"{text} {of.removesuffix('s') if text == '1' else of}"
+
+
+def count(number: int) -> Value:
+    """Return a number of things, with all its digits."""
+    return Value(number, "number", _ALL_DIGITS)
 
 
 Part = Value | str

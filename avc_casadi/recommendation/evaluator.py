@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, FloatArray
+from avc_casadi._util.json_values import Document
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.claims.deployable import deployable
 from avc_casadi.coupling import Coupling
@@ -201,6 +202,11 @@ class UnmodelledTrial:
     at_rest_without_friction: int
     at_rest: int | None  # by friction too; None where all settle without
 
+    @property
+    def at_rest_as_required(self) -> int:
+        """Hands that settle: by friction too where the problem requires it, which then may be counted on."""
+        return self.at_rest if self.asked and self.at_rest is not None else self.at_rest_without_friction
+
 
 def unmodelled_trials(coupling: Coupling, seed: int = 0) -> tuple[UnmodelledTrial, ...]:
     """Return the trials of a coupling, each with one unmodelled effect."""
@@ -234,7 +240,7 @@ def unmet_requirements(trials: tuple[UnmodelledTrial, ...], *, by_friction: bool
 
 
 @dataclass(frozen=True)
-class PerturbedDevices:
+class PerturbedDevices(Document):
     """Result of a trial with model mismatch; no claim is made for it."""
 
     keys: tuple[str, ...]
@@ -243,13 +249,8 @@ class PerturbedDevices:
 
     def document(self) -> dict[str, Any]:
         """Return JSON values."""
-        return {
-            "share": PERTURBED_SHARE,
-            "keys": [*self.keys],
-            "devices": self.trial.devices,
-            "linearly_unstable": self.unstable,
-            **self.trial.counts(),
-        }
+        values = {"share": PERTURBED_SHARE, "keys": [*self.keys], "linearly_unstable": self.unstable}
+        return values | self.trial.counts_document()
 
 
 def off_file(coupling: Coupling, seed: int = 0) -> PerturbedDevices | None:

@@ -6,11 +6,12 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import singledispatch
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol, Self
 
 import numpy as np
 
 from avc_casadi._util.arrays import ComplexArray, FloatArray
+from avc_casadi._util.json_values import Document
 from avc_casadi.claims.impedance import (
     HandExcitation,
     below_quarter_rate,
@@ -57,6 +58,10 @@ FACES = 16
 """Places of the wall's face within an encoder step; twice as many change what is found by some per cent at most."""
 
 
+_MANY = 0.1
+"""Share of the hands from which many notice a ripple."""
+
+
 @dataclass(frozen=True)
 class Shaken:
     """Impedance rendered to a handle excited about a mean depth."""
@@ -67,9 +72,9 @@ class Shaken:
     stiffness_n_per_m: FloatArray  # |Z_h - Z_d| omega, rendered beside the device
     error: FloatArray  # |Z_h - Z|/|Z| with the physical wall Z = m s + b_d + b_e + k_e/s
 
-    def by_frequency(self, values: FloatArray) -> dict[str, float]:
-        """Return values as a table."""
-        return {f"{hz:g}": float(value) for hz, value in zip(self.frequency_hz, values, strict=True)}
+    def by_frequency(self, values: FloatArray) -> dict[float, float]:
+        """Return values by their frequencies, Hz."""
+        return dict(zip(self.frequency_hz.tolist(), values.tolist(), strict=True))
 
 
 def shaken(
@@ -155,17 +160,17 @@ def _imposed(
     return position, run.get("force_n", np.zeros_like(position))
 
 
-def contact_onset_m(coupling: Coupling) -> dict[str, float | None]:
+def contact_onset_m(coupling: Coupling) -> dict[float, float | None]:
     """Return the depth at which force sets in, by speed of the hand; None where none does within `REACHED_M`."""
     from_m, radius = -0.04, coupling.problem.device.metres_per_unit
     # A grip stiff enough that the wall does not slow the hand.
     hand = Hand(np.array([1.0]), np.array([600.0]), np.array([1e5])).at_handle(radius)
-    onsets: dict[str, float | None] = {}
+    onsets: dict[float, float | None] = {}
     for speed in STRIKES_M_PER_S:
         press = Press(start_m=from_m / radius, end_m=REACHED_M / radius, speed_m_per_s=speed / radius)
         (run,) = traces(Setup.of(coupling), hand, press, (REACHED_M - from_m) / speed)
         pushed = np.flatnonzero(run.force_n[0] / radius > NOTICED_N)
-        onsets[f"{speed / radius:g}"] = float(run.depth_m[0, pushed[0]]) if len(pushed) else None
+        onsets[speed / radius] = float(run.depth_m[0, pushed[0]]) if len(pushed) else None
     return onsets
 
 
@@ -176,6 +181,7 @@ class LeavingContact:
     outside_m: float  # the farthest place outside at which more than `NOTICED_N` acts; 0 where none does
     lasting_s: float  # from the face until no more than that acts; noticed from `NOTICED_LATE_S` on
     force_n: float  # the largest one outside, noticed or not
+    withdrawn_s: float = WITHDRAWN_S  # duration of the withdrawal
 
 
 def leaving_contact(coupling: Coupling) -> LeavingContact:
@@ -235,14 +241,14 @@ def creep(coupling: Coupling) -> Creep | None:
     return Creep(fastest, play_m, play_m * coupling.static_stiffness_n_per_m)
 
 
-def rebound(coupling: Coupling, *, at_face: bool = False) -> dict[str, float]:
+def rebound(coupling: Coupling, *, at_face: bool = False) -> dict[float, float]:
     """Return exit speed of the released device's handle over approach speed, by that; or over that at the face."""
     setup, radius = Setup.of(coupling), coupling.problem.device.metres_per_unit
     setups = (setup, setup.without(FRICTION)) if setup.rough else (setup,)
-    shares = {}
+    shares: dict[float, float] = {}
     for rim_m_per_s in STRIKES_M_PER_S:
         speed = rim_m_per_s / radius
-        shares[f"{speed:g}"] = max(float(_strikes(case, speed, at_face=at_face).max()) for case in setups)
+        shares[speed] = max(float(_strikes(case, speed, at_face=at_face).max()) for case in setups)
     return shares
 
 
@@ -270,16 +276,26 @@ def _strikes(setup: Setup, speed_m_per_s: float, *, at_face: bool, strikes: int 
 class Ripple:
     """Force ripple from encoder quantisation on a handle in steady motion in the wall."""
 
-    force_n: dict[str, float]  # rms by speed of the device
+    force_n: dict[float, float]  # rms by speed of the device, the lowest first
     hands: int  # simulated at the lowest speed
     quiet: int  # of them, below the vibrotactile detection threshold
+
+    @property
+    def in_slow_motion_n(self) -> float:
+        """Rms force ripple at the lowest speed."""
+        return self.force_n[min(self.force_n)]
+
+    @property
+    def many_vibrate(self) -> bool:
+        """Whether more than a tenth of the hands may notice the ripple."""
+        return self.hands - self.quiet > _MANY * self.hands
 
 
 def ripple(coupling: Coupling, seed: int = 0) -> Ripple:
     """Return the ripple in steady motion, prescribed first, then by hands whose target moves."""
     radius, drawn_s = coupling.problem.device.metres_per_unit, 1.5
     speeds = [speed / radius for speed in SLOW_M_PER_S]
-    prescribed_n = {f"{speed:g}": _ripple_n(coupling, speed) for speed in speeds}
+    prescribed_n = {speed: _ripple_n(coupling, speed) for speed in speeds}
     people = people_of(coupling.problem.hands, 16, seed)
     drawn = Press(start_m=0.0, end_m=2 * speeds[0] * drawn_s, speed_m_per_s=speeds[0])
     felt = [part.vibration for part in traces(Setup.of(coupling), people, drawn, drawn_s)]
@@ -359,6 +375,36 @@ class Felt:
     free_error: float | None  # from that of device and tool as one body, over its |Z|
     stiffness_n_per_m: float  # against a rigid object, |F/x| beside the device as one body
     contact_error: float  # from that of the device on a spring K, over its |Z|
+
+
+@dataclass(frozen=True)
+class RenderedPair(Document):
+    """What a spring and damper to another end renders at the handle.
+
+    Attributes:
+        stiffness_n_per_m: at rest on a rigid object; None without a spring.
+        on_stiffest_contact_n_per_m: at rest on the stiffest declared contact; None where none is declared.
+        points: impedance by frequency.
+    """
+
+    JSON_KEYS: ClassVar = ("stiffness_n_per_m", "on_stiffest_contact_n_per_m", ("at", "points"))
+
+    stiffness_n_per_m: float | None
+    on_stiffest_contact_n_per_m: float | None
+    points: tuple[Felt, ...]
+
+    @classmethod
+    def of(cls, coupling: Coupling, points: tuple[Felt, ...]) -> Self:
+        """Return what a coupling renders, with its impedance by frequency."""
+        device = coupling.problem.device
+        k = coupling.gains.stiffness_n_per_m
+        contact = coupling.end.stiffest_contact_n_per_m
+        in_series = 1 / (1 / k + 1 / contact) if k and contact else None
+        return cls(
+            stiffness_n_per_m=stiffness_at_handle(device, k) if k else None,
+            on_stiffest_contact_n_per_m=None if in_series is None else stiffness_at_handle(device, in_series),
+            points=points,
+        )
 
 
 class DrivenEnd(Protocol):

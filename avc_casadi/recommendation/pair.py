@@ -19,7 +19,7 @@ from avc_casadi.recommendation.preconditions import assumed, not_used
 from avc_casadi.recommendation.recommendation import NoPair, Pair, PairLimits, PairRecommendation
 from avc_casadi.recommendation.request import Request
 from avc_casadi.recommendation.sensitivity import (
-    ToolHelp,
+    Sensitivity,
     same_stiffness,
     search_ends,
     stable_on_other_devices,
@@ -27,7 +27,7 @@ from avc_casadi.recommendation.sensitivity import (
 )
 from avc_casadi.simulation.population.operators import people_of
 from avc_casadi.simulation.population.other_ends import try_end
-from avc_casadi.simulation.population.trial import Trial
+from avc_casadi.simulation.population.trial import Trial, Variant
 
 GAIN_MARGIN = 1.5
 """K and B may be this many times as large before a hand, released, a tool or a contact is unstable.
@@ -107,7 +107,7 @@ class PairDesign:
             coupling=coupling,
             trial=best.trial,
             reason=self.why(certificate["gain_margin"], best),
-            helps=self.helps(),
+            sensitivities=self.sensitivities(),
             assumed=assumed(problem),
             not_used=not_used(problem),
             pair=Pair(
@@ -115,7 +115,7 @@ class PairDesign:
                 gain_margin=certificate["gain_margin"],
                 motor_margins=certificate["motor_margins"],
                 mode=self.search.loops.slowest(gains),
-                felt=rendered_pair(problem, gains),
+                points=rendered_pair(problem, gains),
                 **self.analysis(best),
             ),
         )
@@ -125,7 +125,7 @@ class PairDesign:
         return NoPair(
             problem=self.problem,
             reason=infeasible or self.why_none(),
-            helps=self.helps(),
+            sensitivities=self.sensitivities(),
             assumed=assumed(self.problem),
             not_used=not_used(self.problem),
             pair=PairLimits(**self.limits(None)),
@@ -135,7 +135,7 @@ class PairDesign:
         """Return the certificate, JSON values."""
         return certify_pair(self.problem, gains, self.search).document()
 
-    def helps(self) -> tuple[ToolHelp, ...]:
+    def sensitivities(self) -> tuple[Sensitivity, ...]:
         """Return what would help, largest first."""
         return ()
 
@@ -167,7 +167,7 @@ class PairDesign:
         if trial is None:
             return "no damper keeps the gain margins" if self.wanted_n_per_m is None else self._why_not_wanted()
         name, settled = min(trial.by_motion.items(), key=lambda motion: int(motion[1].sum()))
-        settle = f"of {trial.hands} simulated hands {int(trial.stable.sum())} settle"
+        settle = f"of {trial.hands} simulated hands {trial.settled} settle"
         return f"{settle} with the last coupling that was tried; hardest for them: {name}, {int(settled.sum())} settle"
 
     def _first(self, *, local: bool) -> float:
@@ -213,10 +213,13 @@ class PairDesign:
         trial = stiffer.trial
         name, settled = min(trial.by_motion.items(), key=lambda motion: int(motion[1].sum()))
         count, where = int((~settled).sum()), f"in {name}"
-        others = {"with_dropped_steps": "where the engine misses steps", "without_friction": "without dry friction"}
-        for key, otherwise in others.items():
-            if count == 0 and key in trial.beside:
-                count, where = int((~trial.beside[key]).sum()), otherwise
+        circumstances: dict[Variant, str] = {
+            "with_dropped_steps": "where the engine misses steps",
+            "without_friction": "without dry friction",
+        }
+        for variant, circumstance in circumstances.items():
+            if count == 0 and variant in trial.variants:
+                count, where = int((~trial.variants[variant]).sum()), circumstance
         unsettled = f"{count} of {trial.hands} hands {'does' if count == 1 else 'do'} not settle"
         return f"with K {self._stiffness(stiffer.stiffness_n_per_m)} {unsettled}, {where}"
 
@@ -267,7 +270,7 @@ class ToolDesign(PairDesign):
             return super().plan()
         return TrialPlan(wanted, 1, 1.0) if self.search.held(wanted, local=self.local) else None
 
-    def helps(self) -> tuple[ToolHelp, ...]:
+    def sensitivities(self) -> tuple[Sensitivity, ...]:
         """Return what would help, largest first."""
         return what_would_help_tool(self.problem, self.search, local=self.local)
 
@@ -296,8 +299,8 @@ class ToolDesign(PairDesign):
         trial = self.last_trial
         if trial is None or not all(settled.all() for settled in trial.by_motion.values()):
             return super().why_none()
-        settle = f"of {trial.hands} simulated hands {int(trial.stable.sum())} settle"
-        with_lost_steps = int(trial.beside["with_dropped_steps"].sum())
+        settle = f"of {trial.hands} simulated hands {trial.settled} settle"
+        with_lost_steps = int(trial.variants["with_dropped_steps"].sum())
         return f"{settle} with the last coupling that was tried, {with_lost_steps} where the engine misses steps"
 
 
@@ -344,7 +347,7 @@ class FollowerDesign(PairDesign):
         if trial is None:
             return self._why_not_wanted()
         name, settled = min(trial.by_motion.items(), key=lambda motion: int(motion[1].sum()))
-        settle = f"of {trial.hands} simulated hands {int(trial.stable.sum())} settle with the softest coupling"
+        settle = f"of {trial.hands} simulated hands {trial.settled} settle with the softest coupling"
         found = f"{settle} that was tried; hardest for them: {name}, {int(settled.sum())} settle"
         swings = "the follower has no damping of its own, and swings long on a soft spring: damp it, or ask for more K"
         return found if _least_damping(self.follower) > 0 else f"{found}; {swings}"

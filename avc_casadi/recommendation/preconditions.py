@@ -7,6 +7,7 @@ from functools import singledispatch
 
 import numpy as np
 
+from avc_casadi._util.json_values import Sentence
 from avc_casadi._util.text import quantity
 from avc_casadi.claims.deployable import detent_claim
 from avc_casadi.claims.impedance import PRESS_N
@@ -28,7 +29,7 @@ _OF_SOLVE = "of avc solve"
 
 
 @dataclass(frozen=True)
-class Assumption:
+class Assumption(Sentence):
     """What a recommendation assumes, in words; a slip is a value that was perhaps not meant."""
 
     text: str
@@ -39,7 +40,7 @@ class Assumption:
 
 
 @dataclass(frozen=True)
-class Unused:
+class Unused(Sentence):
     """A declared key that no candidate, certificate or trial uses, and why."""
 
     key: str

@@ -2,40 +2,38 @@
 
 from __future__ import annotations
 
-import math
-from abc import ABC, abstractmethod
+from abc import ABC
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from enum import Enum, auto
 from functools import cached_property, singledispatch
-from typing import Any, Literal
+from typing import Any, ClassVar, Generic, Literal, TypeVar
 
-from avc_casadi._util.json_values import plain_table
+from avc_casadi._util.json_values import Document, plain_table
 from avc_casadi._util.printed import Printed
-from avc_casadi.claims.impedance import stiffness_at_handle
+from avc_casadi.claims.deployable import Deployable
 from avc_casadi.coupling import Coupling
 from avc_casadi.files.coupling_file import coupling_document
 from avc_casadi.loops.loop_family import LeastDampedMode
-from avc_casadi.loops.margins import OpenLoop, transients
+from avc_casadi.loops.margins import Margins, OpenLoop, Transient, transients
 from avc_casadi.model.ends import End, Follower, Simulation, ToolGains
 from avc_casadi.model.problem import Problem
 from avc_casadi.recommendation.evaluator import PerturbedDevices, UnmodelledTrial
-from avc_casadi.recommendation.felt import (
-    NOTICED_N,
-    WITHDRAWN_S,
-    Felt,
-    contact_onset_m,
-    creep,
-    leaving_contact,
-    rebound,
-    ripple,
-    shaken,
-)
+from avc_casadi.recommendation.felt import Felt, RenderedPair
 from avc_casadi.recommendation.preconditions import Assumption, Unused
-from avc_casadi.recommendation.sensitivity import Help, ToolHelp, Trade
-from avc_casadi.simulation.population.trial import CouplingTrial, Trial
+from avc_casadi.recommendation.rendered_wall import RenderedWall
+from avc_casadi.recommendation.sensitivity import Sensitivity, Trade
+from avc_casadi.simulation.population.trial import CouplingTrial, HandCounts, Trial
 
-_SIDES = ("released", "worst_hand")
+Result = TypeVar("Result")
+
+
+@dataclass(frozen=True)
+class ReleasedAndHeld(Generic[Result]):
+    """A result of the device released, and the worst one with the corner hands."""
+
+    released: Result
+    worst_hand: Result
 
 
 @dataclass(frozen=True)
@@ -85,7 +83,7 @@ class Pair(PairLimits):
         gain_margin: common, of K and B.
         motor_margins: of the device's motor alone, and of a follower's.
         mode: the least damped oscillation of all loops.
-        felt: at the handle.
+        points: impedance at the handle, by frequency.
         set_by: which hands do not settle with the next stiffer K that was tried; empty where none was.
         mismatch_stable: on devices a tenth off and a quarter sample late; None where not asked.
         local_dampers_ns_per_m: that keep K and B stable; None where no local damper belongs to them.
@@ -94,30 +92,10 @@ class Pair(PairLimits):
     gain_margin: float
     motor_margins: Sequence[float]
     mode: LeastDampedMode
-    felt: tuple[Felt, ...] = ()
+    points: tuple[Felt, ...] = ()
     set_by: str = ""
     mismatch_stable: bool | None = None
     local_dampers_ns_per_m: tuple[float, float] | None = None
-
-
-_PAIR_KEYS = (
-    "loops",
-    "gain_margin",
-    "motor_margins",
-    "set_by",
-    "mismatch_stable",
-    "local_dampers_ns_per_m",
-    "least_tool_mass_kg",
-    "slowest_step_s",
-    "exchanges",
-    "same_k",
-    "searched_to",
-    "passivity_margin_ns_per_m",
-    "passive_damping_ns_per_m",
-)
-"""Attributes that the document of a pair holds under their names."""
-_WITHOUT_COUPLING = {"gain_margin": None, "motor_margins": (), "set_by": ""}
-"""What it holds in place of those of a coupling where there is none; None for the others."""
 
 
 @dataclass(frozen=True)
@@ -149,7 +127,7 @@ class Verdict(Enum):
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
-class Recommendation(Printed, ABC):
+class Recommendation(Printed, Document, ABC):
     """The coupling to deploy and its analysis: one of the classes below, by the end and whether there is a coupling.
 
     Attributes:
@@ -157,7 +135,7 @@ class Recommendation(Printed, ABC):
         coupling: certified and tried; None where no coupling is deployable.
         trial: result with simulated hands; None without a coupling.
         reason: one sentence: why this one, or why none.
-        helps: sensitivity of the stiffness limit of a spring and damper.
+        sensitivities: of the stiffness limit of a spring and damper, the largest first.
         assumed: assumptions.
         not_used: declared keys that the analysis does not use.
         considered: number of couplings judged.
@@ -168,11 +146,24 @@ class Recommendation(Printed, ABC):
         (True, 10)
     """
 
+    JSON_KEYS: ClassVar[tuple[str | tuple[str, str], ...]] = (
+        ("problem", "problem.name"),
+        ("end", "end.kind"),
+        "deployable",
+        "reason",
+        "considered",
+        "trial",
+        "certificate",
+        ("what_would_help", "sensitivities"),
+        "assumed",
+        "not_used",
+    )
+
     problem: Problem
     coupling: Coupling | None
     trial: Trial | None
     reason: str
-    helps: tuple[Help | ToolHelp, ...] = ()
+    sensitivities: tuple[Sensitivity, ...] = ()
     assumed: tuple[Assumption, ...] = ()
     not_used: tuple[Unused, ...] = ()
     considered: int = 1
@@ -190,31 +181,18 @@ class Recommendation(Printed, ABC):
         """Whether the coupling may be loaded into the device."""
         return self.coupling is not None
 
+    @property
+    def certificate(self) -> Mapping[str, Any] | None:
+        """Certificate of the coupling, a JSON document; None without a coupling."""
+        return None if self.coupling is None else self.coupling.certificate or {}
+
     def data(self) -> dict[str, Any]:
-        """Return JSON values, computed once: of a wall what is felt, settling and margins; of another end the pair."""
+        """Return JSON values, computed once: of a wall what is rendered, settling and margins; else the pair."""
         return self._data
 
     @cached_property
     def _data(self) -> dict[str, Any]:
-        return plain_table(
-            {
-                "problem": self.problem.name,
-                "end": self.end.kind,
-                "deployable": self.deployable,
-                "reason": self.reason,
-                "considered": self.considered,
-                "trial": None if self.trial is None else self.trial.document(),
-                "certificate": None if self.coupling is None else dict(self.coupling.certificate or {}),
-                "what_would_help": [vars(change) for change in self.helps],
-                "assumed": [str(assumption) for assumption in self.assumed],
-                "not_used": [str(unused) for unused in self.not_used],
-                **self._of_end(),
-            }
-        )
-
-    @abstractmethod
-    def _of_end(self) -> dict[str, Any]:
-        """Return the JSON values that only a recommendation of its kind has."""
+        return self.document()
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -235,16 +213,21 @@ class NoWallCoupling(NoCoupling):
 
     limits: WallLimits = WallLimits()
 
-    def _of_end(self) -> dict[str, Any]:
-        return {
+    JSON_KEYS: ClassVar = (
+        *Recommendation.JSON_KEYS,
+        "coupling",
+        ("no_stiffer", "limits.no_stiffer"),
+        ("plain_wall_n_per_m", "limits.plain_wall_n_per_m"),
+    )
+
+    def document(self) -> dict[str, Any]:
+        """Return the JSON document, which has the keys of one with a coupling."""
+        return super().document() | {
             "rest": None,
-            "coupling": None,
             "felt": {"stiffness_n_per_m": None, "share_of_wall": None},
             "transient": {},
             "margins": {},
-            "no_stiffer": self.limits.no_stiffer,
             "stiffest_wall_n_per_m": None,
-            "plain_wall_n_per_m": self.limits.plain_wall_n_per_m,
             "confirmed": None,
             "simulated": None,
             "off_file": None,
@@ -259,6 +242,7 @@ class WallRecommendation(Recommendation):
 
     Attributes:
         verdict: whether it may be deployed.
+        claims: what makes a coupling deployable, each with its result.
         rest: limit-cycle freedom with every hand, making and breaking contact.
         limits: what limits a coupling to this wall.
         confirmed: result with hands of [hands] outside the selection; None of gains that were not selected.
@@ -268,8 +252,24 @@ class WallRecommendation(Recommendation):
         trade_off: what a disk margin costs, at four of them; empty where that was not asked for.
     """
 
+    JSON_KEYS: ClassVar = (
+        *Recommendation.JSON_KEYS,
+        "rest",
+        ("felt", "rendered"),
+        ("transient", "transients"),
+        "margins",
+        ("no_stiffer", "limits.no_stiffer"),
+        "stiffest_wall_n_per_m",
+        ("plain_wall_n_per_m", "limits.plain_wall_n_per_m"),
+        "simulated",
+        "off_file",
+        "beyond_file",
+        "trade_off",
+    )
+
     coupling: Coupling
     trial: CouplingTrial
+    claims: Deployable
     rest: LimitCycleFreedom
     verdict: Verdict = Verdict.DEPLOYABLE
     limits: WallLimits = WallLimits()
@@ -283,69 +283,38 @@ class WallRecommendation(Recommendation):
         """Whether the coupling may be loaded into the device."""
         return self.verdict is Verdict.DEPLOYABLE
 
-    def _of_end(self) -> dict[str, Any]:
-        stiffest = self.problem.environment.stiffness_n_per_m if self.limits.no_stiffer else None
-        return {
-            "rest": vars(self.rest),
+    @property
+    def stiffest_wall_n_per_m(self) -> float | None:
+        """Stiffness of the wall where it is the stiffest that a hand that moves gets; None where not looked for."""
+        return self.problem.environment.stiffness_n_per_m if self.limits.no_stiffer else None
+
+    @property
+    def simulated(self) -> HandCounts:
+        """Counts of all simulated hands, those outside the selection among them."""
+        counts = self.trial.counts()
+        return counts if self.confirmed is None else counts + self.confirmed.counts()
+
+    @cached_property
+    def rendered(self) -> RenderedWall:
+        """What is rendered of the wall."""
+        return RenderedWall.of(self.coupling, self.trial)
+
+    @cached_property
+    def transients(self) -> ReleasedAndHeld[Transient]:
+        """How the loop settles after an impact."""
+        return ReleasedAndHeld(*transients(self.coupling))
+
+    @cached_property
+    def margins(self) -> ReleasedAndHeld[Margins]:
+        """Stability margins at the actuator."""
+        return ReleasedAndHeld(*OpenLoop.of(self.coupling).margins())
+
+    def document(self) -> dict[str, Any]:
+        """Return the JSON document."""
+        return super().document() | {
             "coupling": coupling_document(self.coupling),
-            "felt": self.felt(),
-            "transient": dict(zip(_SIDES, transients(self.coupling), strict=True)),
-            "margins": self.margins(),
-            "no_stiffer": self.limits.no_stiffer,
-            "stiffest_wall_n_per_m": stiffest,
-            "plain_wall_n_per_m": self.limits.plain_wall_n_per_m,
-            "confirmed": None if self.confirmed is None else self.confirmed.counts(),
-            "simulated": self._simulated(),
-            "off_file": None if self.off_file is None else self.off_file.document(),
-            "beyond_file": [vars(trial) for trial in self.beyond_file],
-            "trade_off": [vars(trade) for trade in self.trade_off],
+            "confirmed": None if self.confirmed is None else self.confirmed.counts_document(),
         }
-
-    def _simulated(self) -> dict[str, int]:
-        """Return the counts of all simulated hands, those outside the selection among them."""
-        trials = [trial.counts() for trial in (self.trial, self.confirmed) if trial is not None]
-        keys = ("hands", "at_rest", "at_rest_without_friction", "quiet")
-        return {key: sum(counts[key] for counts in trials) for key in keys}
-
-    def felt(self) -> dict[str, Any]:
-        """Return what is rendered: stiffness, impedance error against the physical wall, tap, vibration."""
-        coupling, trial = self.coupling, self.trial
-        device, tried = self.problem.device, trial.document()
-        springy = self.problem.environment.stiffness_n_per_m > 0
-        sensed = tried["stiffness_n_per_m"]["median"] if springy else None
-        static, damping = coupling.static_stiffness_n_per_m, coupling.table.at_rest.contact_damping_ns_per_m
-        motion = shaken(coupling, static)
-        stiffness = motion.by_frequency(motion.stiffness_n_per_m)
-        slow = creep(coupling)
-        step, damping = device.encoder_resolution_m, damping + self.problem.environment.damping_ns_per_m
-        return {
-            "stiffness_n_per_m": sensed,
-            "stiffness_at_handle_n_per_m": None if sensed is None else stiffness_at_handle(device, sensed),
-            "share_of_wall": tried["share_of_wall"] if springy else None,
-            "complex_error": motion.by_frequency(motion.error),
-            "stiffness_in_motion_n_per_m": stiffness,
-            # A wall never pulls, so that of a sine a damper renders the half.
-            "damping_in_motion_ns_per_m": {
-                hz: one / (math.pi * float(hz)) for hz, one in stiffness.items() if not springy
-            },
-            "shaken": {"depth_m": motion.depth_m, "amplitude_m": motion.amplitude_m},
-            "tap_force_n": tried["tap_force_n"],
-            "tap_depth_m": tried["tap_depth_m"],
-            "edge_m": contact_onset_m(coupling) if springy else {},
-            "edge_force_n": NOTICED_N * device.metres_per_unit,
-            "leaving": vars(leaving_contact(coupling)) | {"withdrawn_s": WITHDRAWN_S} if springy else {},
-            "creep": None if slow is None else plain_table(vars(slow)),
-            "rebound": rebound(coupling) if springy else {},
-            "vibration": tried["felt_vibration"],
-            "friction_n": device.coulomb_friction_n,
-            "rest_error_m": device.coulomb_friction_n / sensed if sensed else None,
-            "encoder_step_n": {"spring": static * step, "damping": damping * step / device.sample_time_s},
-            "ripple": vars(ripple(coupling, trial.seed)),
-        }
-
-    def margins(self) -> dict[str, Any]:
-        """Return the stability margins at the actuator: released, and smallest with a corner hand."""
-        return plain_table(dict(zip(_SIDES, OpenLoop.of(self.coupling).margins(), strict=True)))
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -358,19 +327,25 @@ class NoPair(NoCoupling):
 
     pair: PairLimits
 
-    def _of_end(self) -> dict[str, Any]:
-        return {
-            "coupling": None,
+    JSON_KEYS: ClassVar = (*Recommendation.JSON_KEYS, "coupling")
+
+    def document(self) -> dict[str, Any]:
+        """Return the JSON document, which has the keys of one with a coupling."""
+        without: dict[str, Any] = {"gain_margin": None, "motor_margins": [], "set_by": "", "mismatch_stable": None}
+        return super().document() | {
             "felt": {"stiffness_n_per_m": None, "on_stiffest_contact_n_per_m": None, "at": []},
-            "pair": {
-                **{key: getattr(self.pair, key, _WITHOUT_COUPLING.get(key)) for key in _PAIR_KEYS},
-                "gains": None,
-                "in_scene": None,
-                "at_follower": None,
-                "stiffest": vars(self.pair.stiffest),
-                "least_damped": None,
-                "limited_by": asdict(self.pair.worst),
-            },
+            "pair": plain_table(
+                {
+                    **{key: getattr(self.pair, key) for key in _LIMITS},
+                    **without,
+                    "local_dampers_ns_per_m": None,
+                    "gains": None,
+                    "in_scene": None,
+                    "at_follower": None,
+                    "least_damped": None,
+                    "limited_by": self.pair.worst,
+                }
+            ),
         }
 
 
@@ -382,46 +357,62 @@ class PairRecommendation(Recommendation):
         pair: its analysis.
     """
 
+    JSON_KEYS: ClassVar = (*Recommendation.JSON_KEYS, ("felt", "rendered"))
+
     coupling: Coupling
     trial: Trial
     pair: Pair
 
-    def _of_end(self) -> dict[str, Any]:
-        return {
+    @property
+    def rendered(self) -> RenderedPair:
+        """What is rendered of the other end."""
+        return RenderedPair.of(self.coupling, self.pair.points)
+
+    def document(self) -> dict[str, Any]:
+        """Return the JSON document."""
+        return super().document() | {
             "coupling": coupling_document(self.coupling),
-            "felt": {**self._pressed(), "at": [asdict(felt) for felt in self.pair.felt]},
-            "pair": {
-                **{key: getattr(self.pair, key) for key in _PAIR_KEYS},
-                "gains": vars(self.coupling.gains),
-                "in_scene": None,
-                "at_follower": None,
-                **_scaled(self.end, self.coupling),
-                "stiffest": vars(self.pair.stiffest),
-                "least_damped": asdict(self.pair.mode),
-                "limited_by": asdict(self.pair.worst),
-            },
+            "pair": plain_table(
+                {
+                    **{key: getattr(self.pair, key) for key in (*_LIMITS, *_ANALYSIS)},
+                    "gains": self.coupling.gains,
+                    "in_scene": None,
+                    "at_follower": None,
+                    **_scaled(self.end, self.coupling),
+                    "least_damped": self.pair.mode,
+                    "limited_by": self.pair.worst,
+                }
+            ),
         }
 
-    def _pressed(self) -> dict[str, float | None]:
-        """Return the stiffness at rest at the handle: on a rigid object, and on the stiffest declared contact."""
-        device, k = self.problem.device, self.coupling.gains.stiffness_n_per_m
-        contact = self.end.stiffest_contact_n_per_m
-        stiffness = stiffness_at_handle(device, k) if k else None
-        on_contact = stiffness_at_handle(device, 1 / (1 / k + 1 / contact)) if k and contact else None
-        return {"stiffness_n_per_m": stiffness, "on_stiffest_contact_n_per_m": on_contact}
+
+_LIMITS = (
+    "stiffest",
+    "loops",
+    "least_tool_mass_kg",
+    "slowest_step_s",
+    "exchanges",
+    "same_k",
+    "searched_to",
+    "passivity_margin_ns_per_m",
+    "passive_damping_ns_per_m",
+)
+"""Attributes of the limits of a pair that are keys of its document."""
+_ANALYSIS = ("gain_margin", "motor_margins", "set_by", "mismatch_stable", "local_dampers_ns_per_m")
+"""Attributes of a pair that are keys of its document too."""
 
 
 @singledispatch
-def _scaled(end: End, coupling: Coupling) -> dict[str, dict[str, Any]]:  # noqa: ARG001
+def _scaled(end: End, coupling: Coupling) -> dict[str, ToolGains]:  # noqa: ARG001
     """Return the gains of a coupling in the units of its end, by the key of the document."""
     return {}
 
 
 @_scaled.register
-def _in_scene(end: Simulation, coupling: Coupling) -> dict[str, dict[str, Any]]:  # noqa: ARG001
-    return {"in_scene": vars(coupling.in_scene)}
+def _in_scene(end: Simulation, coupling: Coupling) -> dict[str, ToolGains]:  # noqa: ARG001
+    return {"in_scene": coupling.in_scene}
 
 
 @_scaled.register
-def _at_follower(end: Follower, coupling: Coupling) -> dict[str, dict[str, Any]]:  # noqa: ARG001
-    return {"at_follower": vars(coupling.at_follower)}
+def _at_follower(end: Follower, coupling: Coupling) -> dict[str, ToolGains]:  # noqa: ARG001
+    return {"at_follower": coupling.at_follower}

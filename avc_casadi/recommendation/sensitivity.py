@@ -6,10 +6,11 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, partial
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
+from avc_casadi._util.json_values import Document
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.design.program import program_answers, why_no_law
 from avc_casadi.design.virtual_tool import WIDEST_MARGIN, ToolSearch, ToolSearchOptions
@@ -22,22 +23,31 @@ from avc_casadi.model.problem import Problem
 
 
 @dataclass(frozen=True)
-class Help:
-    """A change of the device in words, and the stiffest wall that is then stable with every hand and released, or 0."""
+class Sensitivity(Document):
+    """A change in words, and the stiffest coupling that it allows, by linear stability alone; 0 without any."""
+
+    JSON_KEYS: ClassVar[tuple[str | tuple[str, str], ...]] = ("change", "stiffest_n_per_m")
 
     change: str
-    stiffest_wall_n_per_m: float
+    stiffest_n_per_m: float
 
 
-def what_would_help(problem: Problem) -> tuple[Help, ...]:
+@dataclass(frozen=True)
+class WallSensitivity(Sensitivity):
+    """A change of the device in words, and the stiffest wall that is then stable with every hand and released."""
+
+    JSON_KEYS: ClassVar = ("change", ("stiffest_wall_n_per_m", "stiffest_n_per_m"))
+
+
+def what_would_help(problem: Problem) -> tuple[WallSensitivity, ...]:
     """Return the limit of a plain spring and damper after each change, most effective first."""
     if problem.environment.stiffness_n_per_m == 0:
         return ()
     changes = [
-        Help(change, float(stiffest_wall(PlantFamily.of(problem.changed(device=values))).stiffness_n_per_m))
+        WallSensitivity(change, float(stiffest_wall(PlantFamily.of(problem.changed(device=values))).stiffness_n_per_m))
         for change, values in _linear_changes(problem.device).items()
     ]
-    return tuple(sorted(changes, key=lambda change: -change.stiffest_wall_n_per_m))
+    return tuple(sorted(changes, key=lambda change: -change.stiffest_n_per_m))
 
 
 def _linear_changes(device: Device) -> dict[str, dict[str, Any]]:
@@ -99,15 +109,7 @@ def trade_off(problem: Problem, progress: Progress = SILENT) -> tuple[Trade, ...
 _WORTH_SAYING = 1.02  # times the present limit: twice what the rough search of a change may be off
 
 
-@dataclass(frozen=True)
-class ToolHelp:
-    """A change in words, and the stiffest coupling to a tool that it allows, by linear stability alone."""
-
-    change: str
-    stiffest_n_per_m: float
-
-
-def what_would_help_tool(problem: Problem, search: ToolSearch, *, local: bool) -> tuple[ToolHelp, ...]:
+def what_would_help_tool(problem: Problem, search: ToolSearch, *, local: bool) -> tuple[Sensitivity, ...]:
     """Return the sensitivities of the stiffness limit, largest first."""
     tool, t = problem.end_as(Simulation), problem.device.sample_time_s
     step_s, hands = max(tool.step_s), search.loops.worst_hands
@@ -124,15 +126,15 @@ def what_would_help_tool(problem: Problem, search: ToolSearch, *, local: bool) -
     if tool.integrator != "implicit" and tool.tool_mass_kg is not None:
         changes["an implicit integrator"] = {"integrator": "implicit"}
     roughly = ToolSearchOptions(precision=0.01)  # one part in a hundred, beside a limit
-    helps = []
+    sensitivities = []
     for change, keys in changes.items():
         changed = ToolSearch(problem.changed(simulation=keys), roughly, hands)
-        helps.append(ToolHelp(change, changed.stiffest().stiffness_n_per_m))
+        sensitivities.append(Sensitivity(change, changed.stiffest().stiffness_n_per_m))
     if not local:
         damped = ToolSearch(problem, roughly, hands).stiffest_beside_local_damper()
-        helps.append(ToolHelp("a damper in the device's own loop", damped.stiffness_n_per_m))
+        sensitivities.append(Sensitivity("a damper in the device's own loop", damped.stiffness_n_per_m))
     worth_saying_n_per_m = _WORTH_SAYING * search.limit[0].stiffness_n_per_m
-    better = (change for change in helps if change.stiffest_n_per_m > worth_saying_n_per_m)
+    better = (change for change in sensitivities if change.stiffest_n_per_m > worth_saying_n_per_m)
     return tuple(sorted(better, key=lambda change: -change.stiffest_n_per_m))
 
 

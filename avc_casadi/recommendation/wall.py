@@ -33,7 +33,7 @@ from avc_casadi.recommendation.recommendation import (
     WallRecommendation,
 )
 from avc_casadi.recommendation.request import Request
-from avc_casadi.recommendation.sensitivity import Help, trade_off, what_would_help
+from avc_casadi.recommendation.sensitivity import WallSensitivity, trade_off, what_would_help
 from avc_casadi.simulation.population.operators import people_of
 from avc_casadi.simulation.population.trial import try_coupling
 
@@ -44,7 +44,7 @@ class WallDesign:
     def __init__(self, problem: Problem, request: Request, crew: Crew) -> None:
         self.request = request
         self._crew = crew
-        self._helps: Callable[[], tuple[Help, ...]] = crew.begin(partial(what_would_help, problem))
+        self._sensitivities: Callable[[], tuple[WallSensitivity, ...]] = crew.begin(partial(what_would_help, problem))
         self._limit = stiffest_wall(PlantFamily.of(problem))
         judging = partial(
             Evaluator,
@@ -86,13 +86,14 @@ class WallDesign:
             problem=problem,
             coupling=replace(known.with_trial(best.trial.document()), versions=request.versions),
             trial=best.trial,
+            claims=deployable(known),
             confirmed=best.others,
             off_file=off,
             beyond_file=beyond,
             verdict=verdict,
             rest=rest,
             limits=self.limits,
-            helps=self._helps(),
+            sensitivities=self._sensitivities(),
             considered=self._evaluator.considered,
             reason=lacks or reason_of(best, self._evaluator.candidates, self._evaluator.considered),
             assumed=assumed(problem, 1 if best.others is None else best.others.devices),
@@ -107,7 +108,7 @@ class WallDesign:
         return NoWallCoupling(
             problem=self.problem,
             limits=self.limits,
-            helps=() if infeasible else self._helps(),
+            sensitivities=() if infeasible else self._sensitivities(),
             considered=evaluator.considered,
             reason=infeasible or none,
             assumed=assumed(self.problem),
@@ -163,12 +164,13 @@ def judged(coupling: Coupling, schedule: GainSchedule, hands: int, progress: Pro
         problem=problem,
         coupling=known.with_trial(tried.document()),
         trial=tried,
+        claims=claims,
         off_file=off_file(known, 0),
         beyond_file=beyond,
         verdict=Verdict.DEPLOYABLE if claims.passed and not lacks else verdict,
         rest=rest,
         limits=WallLimits(limit),
-        helps=what_would_help(problem),
+        sensitivities=what_would_help(problem),
         reason=f"the gains of {schedule.method}, as requested; {lacks or claims.sentence}",
         assumed=assumed(problem),
         not_used=not_used(problem),

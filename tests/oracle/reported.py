@@ -12,4 +12,4 @@ def report_of(problem, push, hands=10):
     drawn = paper_pictures(comparison)
     more = paper_sections(comparison, drawn, pushed(push))
     pictures = list(wall_pictures(found).values())
-    return report_html(recommendation(found), problem, pictures, {"avc-casadi": avc.__version__}, more)
+    return report_html(recommendation(found), found, pictures, {"avc-casadi": avc.__version__}, more)

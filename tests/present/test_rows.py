@@ -16,7 +16,7 @@ from avc_casadi.coupling import Coupling
 from avc_casadi.model.gains import Gains
 from avc_casadi.present.row import MOST_LINES, MOST_ROWS, WIDTH, Mark, Page, Value
 from avc_casadi.present.rows.answers import answer_of
-from avc_casadi.present.rows.recommend import wall_rows
+from avc_casadi.present.rows.recommend import rows_of
 from avc_casadi.recommendation.recommend import judged_as_recommended
 
 FOLLOWER = """
@@ -149,7 +149,7 @@ def test_a_quantity_has_the_unit_of_the_device(problem, units):
 
 
 def marks(found):
-    return {one.label: one.mark for one in wall_rows(found, found.data())}
+    return {one.label: one.mark for one in rows_of(found)}
 
 
 @pytest.mark.parametrize(("wall_n_per_m", "deployable"), [(500.0, True), (1e6, False)])

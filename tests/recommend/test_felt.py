@@ -159,7 +159,7 @@ def test_a_contact_damper_that_pushes_early_is_told(damping, soft):
     felt = 1500.0 if soft else 2000.0
     for speed, depth in contact_onset_m(coupling).items():
         # A sample late at most, and the force grows from 0 to what is noticed.
-        assert depth == pytest.approx((NOTICED_N - damping * float(speed)) / felt, abs=2e-4 * float(speed) + 2e-5)
+        assert depth == pytest.approx((NOTICED_N - damping * speed) / felt, abs=2e-4 * speed + 2e-5)
 
 
 def damper(step, period, damping, **device):
@@ -184,13 +184,13 @@ def test_ripple_of_a_damper_is_that_of_its_pulses(step, period, damping):
         # So many whole steps in a sample, and one more for a part of the samples.
         shares = np.modf(np.linspace(1.0, 1.1, 2001) * speed * period / step)[0]
         expected = damping * step / period * math.sqrt(np.mean(shares * (1 - shares)))
-        assert found[f"{speed:g}"] == pytest.approx(expected, rel=0.1, abs=0.05 * damping * step / period)
+        assert found[speed] == pytest.approx(expected, rel=0.1, abs=0.05 * damping * step / period)
 
 
 def test_hands_feel_the_pulses_of_a_coarse_encoder_and_none_of_a_fine_one():
     coarse, fine = (ripple(damper(step, 1e-3, 5.0)) for step in (55e-6, 0.2e-6))
     assert coarse.quiet < coarse.hands
-    assert coarse.force_n["0.02"] == pytest.approx(0.13, abs=0.01)
+    assert coarse.force_n[0.02] == pytest.approx(0.13, abs=0.01)
     assert fine.quiet == fine.hands
 
 
@@ -242,11 +242,11 @@ def test_a_flexible_device_rebounds_at_its_handle(step, delay, damper):
     """Over the speed at which it would reach the face: where a damper pushes before that it comes more slowly."""
     device = {"resonance": RESONANCE, "max_force_n": 40.0, "encoder_resolution_m": step, "delay_samples": delay}
     coupling = Coupling.constant(problem(2e3, **device), Gains(0.0, 1e9, damper), "mine")
-    for key, share in rebound(coupling).items():
+    for speed, share in rebound(coupling).items():
         found = []
         for phase in np.arange(12 if step else 1) / 12:
-            motor, _, handle, _ = flexible(coupling, -0.03, float(key) + 0.03 * DAMPING / MASS, phase=phase)
-            found.append(-handle[np.flatnonzero(motor > 0)[-1] + 1 :].min() / float(key))
+            motor, _, handle, _ = flexible(coupling, -0.03, speed + 0.03 * DAMPING / MASS, phase=phase)
+            found.append(-handle[np.flatnonzero(motor > 0)[-1] + 1 :].min() / speed)
         assert share == pytest.approx(max(found), rel=0.03)
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from withdrawn_device import NOTICED_N, pushed_outside, target_m
@@ -13,8 +15,8 @@ from avc_casadi.design.observer_law import GUESSES, regulator
 from avc_casadi.model.gains import Gains, spring_before
 from avc_casadi.model.runtime import Runtime
 from avc_casadi.present.row import Mark, text_of
-from avc_casadi.present.rows.recommend import wall_rows
-from avc_casadi.recommendation.felt import NOTICED_LATE_S, leaving_contact
+from avc_casadi.present.rows.wall import contact_rows
+from avc_casadi.recommendation.felt import NOTICED_LATE_S, LeavingContact, leaving_contact
 from avc_casadi.recommendation.recommend import judged_as_recommended
 
 LIGHT, LATE, LIMITED = "light", "late by a part of a sample", "with a force limit"
@@ -132,9 +134,9 @@ def test_the_row_stands_where_a_hand_notices_that_the_force_ends_late():
     data = found.data()
 
     def row(lasting_s):
-        leaving = {"outside_m": 1.25e-3, "lasting_s": lasting_s, "force_n": 3.5, "withdrawn_s": 0.5}
-        changed = data | {"felt": data["felt"] | {"leaving": leaving}}
-        return next(one for one in wall_rows(found, changed) if one.label == "Leaving contact")
+        leaving = LeavingContact(outside_m=1.25e-3, lasting_s=lasting_s, force_n=3.5, withdrawn_s=0.5)
+        rows = contact_rows(replace(found.rendered, leaving=leaving), soft)
+        return next(shown for shown in rows if shown.label == "Leaving contact")
 
     assert set(data["felt"]["leaving"]) == {"outside_m", "lasting_s", "force_n", "withdrawn_s"}
     assert (row(0.9 * NOTICED_LATE_S).mark, row(0.9 * NOTICED_LATE_S).rank) == (Mark.NONE, 1)

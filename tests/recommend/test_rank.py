@@ -42,7 +42,7 @@ def trial(stable: int, free: int, quiet: int) -> CouplingTrial:
         seed=0,
         effects=(),
         by_motion={"press": np.arange(HANDS) < stable},
-        beside={"without_friction": np.arange(HANDS) < free},
+        stable_without_friction=np.arange(HANDS) < free,
         vibration=np.where(np.arange(HANDS) < quiet, 0.0, 10.0),
         stiffness_n_per_m=np.full(HANDS, np.nan),
         at_force_limit=nothing > 0,
@@ -205,15 +205,18 @@ def test_behind_an_encoder_at_the_motor_the_structure_gives_way_too():
     """Two free bodies on a spring K swing at w^2 = K (1/m1 + 1/m2): the spring of the structure from its frequency."""
     people = people_of(NUMBERS_PROBLEM.hands, 4)
     rest, trial = LimitCycleFreedom("simulated", ""), try_coupling(COUPLING, people)
-    answer = WallRecommendation(problem=NUMBERS_PROBLEM, coupling=COUPLING, trial=trial, rest=rest, reason="")
-    felt = answer.felt()
+    answer = WallRecommendation(
+        problem=NUMBERS_PROBLEM, coupling=COUPLING, trial=trial, claims=avc.deployable(COUPLING), rest=rest, reason=""
+    )
+    rendered = answer.rendered
     masses = 0.2 * 0.7, 0.2 * 0.3
     structure = (2 * np.pi * 120.0) ** 2 / (1 / masses[0] + 1 / masses[1])
-    at_sensor = felt["stiffness_n_per_m"]
+    at_sensor = rendered.stiffness_n_per_m
     assert at_sensor == pytest.approx(2000.0, rel=0.01)
-    assert 1 / felt["stiffness_at_handle_n_per_m"] == pytest.approx(1 / at_sensor + 1 / structure)
+    assert 1 / rendered.stiffness_at_handle_n_per_m == pytest.approx(1 / at_sensor + 1 / structure)
     # One step of the encoder: the spring's force goes by k q, that of both dampers by (b + b_p) q/T for a sample.
-    assert felt["encoder_step_n"] == pytest.approx({"spring": 2000.0 * STEP_M, "damping": 7.0 * STEP_M / T}, rel=1e-3)
+    assert rendered.encoder_step.spring_n == pytest.approx(2000.0 * STEP_M, rel=1e-3)
+    assert rendered.encoder_step.damper_n == pytest.approx(7.0 * STEP_M / T, rel=1e-3)
 
 
 @pytest.mark.parametrize(("limit_n", "nothing"), [(1.0, True), (3.0, False), (50.0, False)])
@@ -248,7 +251,7 @@ def test_twice_a_property_is_twice_the_range_within_which_it_is_known():
     twice = problem.changed(device={"damping_ns_per_m": 4.0, "range": {"damping_ns_per_m": (2.0, 6.0)}})
     wall = stiffest_wall(PlantFamily.of(twice)).stiffness_n_per_m
     (found,) = (one for one in what_would_help(problem) if one.change == "twice the damping of the device")
-    assert found.stiffest_wall_n_per_m == pytest.approx(wall)
+    assert found.stiffest_n_per_m == pytest.approx(wall)
 
 
 @pytest.mark.parametrize(("per_step", "widths"), [(0.0, [1, 1.25, 1.5, 2, 3]), (0.15, [1, 1.25, 1.5]), (0.5, [1])])

@@ -72,7 +72,7 @@ def test_wanted_stiffness_is_given_or_what_it_needs():
     # Without a damper in the device's loop no tool has the margins, though 1 kg holds by the prototype.
     assert same_stiffness(light.problem, 3000.0, local=False)["least_tool_mass_kg"] is None
     assert light.pair.least_tool_mass_kg < 0.5
-    assert max(one.stiffest_n_per_m for one in light.helps) > light.pair.stiffest.stiffness_n_per_m
+    assert max(one.stiffest_n_per_m for one in light.sensitivities) > light.pair.stiffest.stiffness_n_per_m
     soft = "tool_mass_kg = 0.5\nstep_s = 0.01\nstiffness_n_per_m = 50.0"
     coarse = DEVICE.replace("0.12", "0.1").replace("0.8", "0.2") + "encoder_resolution_m = 3.8e-5\n"
     assert avc.recommend(problem(soft, coarse), hands=HANDS).deployable

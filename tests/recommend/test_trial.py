@@ -142,8 +142,8 @@ def test_a_wall_at_its_limit_moves_on_lighter_devices_and_one_far_from_it_does_n
     bare = before(WALL_N_PER_M)
     limit = stiffest_wall(PlantFamily.of(bare)).stiffness_n_per_m
     brittle, safe = (off_file(rigid(before(share * limit))) for share in (0.97, 0.5))
-    assert safe.trial.counts()["at_rest_without_friction"] == safe.trial.hands
-    assert brittle.trial.counts()["at_rest_without_friction"] < brittle.trial.hands
+    assert safe.trial.counts().at_rest_without_friction == safe.trial.hands
+    assert brittle.trial.counts().at_rest_without_friction < brittle.trial.hands
 
 
 @pytest.mark.slow
@@ -156,7 +156,7 @@ def test_a_wall_that_only_a_hand_holds_is_told_to_be_unstable_let_go():
     coupling = rigid(held)
     assert all(claim.passed for claim in avc.deployable(coupling).claims if claim.name != "disk-margin")
     found = off_file(coupling)
-    assert found.trial.counts()["at_rest_without_friction"] == found.trial.hands
+    assert found.trial.counts().at_rest_without_friction == found.trial.hands
     damping = float(coupling.table.gains[2, 0])
     expected = [spectral_radius(device, NOBODY, damping, wall) > 1 for device in least_stable_devices(coupling)[0]]
     assert found.unstable == found.document()["linearly_unstable"] == sum(expected)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import partial, singledispatch
 from typing import Any
 
@@ -34,8 +34,8 @@ from avc_casadi.present.explore.settings import Settings, gains_of
 from avc_casadi.present.row import Row, grade, row
 from avc_casadi.present.rows import subject
 from avc_casadi.present.rows.judge import own_law, passivity
-from avc_casadi.present.rows.recommend import felt_rows, stability
-from avc_casadi.recommendation.felt import rendered_band, rendered_pair
+from avc_casadi.present.rows.other_ends import rendered_rows, stability
+from avc_casadi.recommendation.felt import RenderedPair, rendered_band, rendered_pair
 from avc_casadi.simulation.scene import Run
 
 _HZ = ("frequency, Hz", "log")
@@ -371,12 +371,11 @@ def _rows(end: End, problem: Problem, search: EndSearch, gains: ToolGains) -> li
 def _rows_with_tool(end: Simulation, problem: Problem, search: EndSearch, gains: ToolGains) -> list[Row]:
     coupling, felt = row("Coupling", subject.pair_of(gains)), _felt_rows(problem, gains)
     certificate = certify_pair(problem, gains, search)
-    return [coupling, *stability(end, certificate.document()), *felt, *passivity(end, certificate.passivity)]
+    return [coupling, *stability(end, certificate), *felt, *passivity(end, certificate.passivity)]
 
 
 def _felt_rows(problem: Problem, gains: ToolGains) -> list[Row]:
-    rendered = [asdict(point) for point in rendered_pair(problem, gains)]
-    return felt_rows({"stiffness_n_per_m": None, "on_stiffest_contact_n_per_m": None, "at": rendered})
+    return rendered_rows(RenderedPair(None, None, rendered_pair(problem, gains)))
 
 
 def _felt(problem: Problem, pairs: dict[str, ToolGains]) -> list[dict[str, Any]]:

@@ -29,7 +29,7 @@ from avc_casadi.model.problem import Problem
 from avc_casadi.present import words
 from avc_casadi.present.row import Answer, Mark, Part, Row, Value, caution, commas, grade, parts, row, span
 from avc_casadi.present.rows import pieces, subject
-from avc_casadi.present.rows.recommend import stability
+from avc_casadi.present.rows.other_ends import stability
 from avc_casadi.recommendation.preconditions import Unused
 from avc_casadi.simulation.population.trial import RestCount
 from avc_casadi.simulation.scene import Run
@@ -296,7 +296,7 @@ def pair_certificate(result: CertifiedPair) -> Answer:
     rows = [
         row("Deployable", f"{'yes' if result.passed else 'no'}: {result.sentence}", mark=grade(result.passed)),
         row("Coupling", subject.pair_of(result.gains)),
-        *stability(problem.end, certificate.document()),
+        *stability(problem.end, certificate),
         *passivity(problem.end, certificate.passivity),
         *subject.not_used(result.not_used),
         row("Claim", certificate.claim, rank=1),

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import singledispatch
 from shlex import quote
-from typing import Any, get_args
+from typing import Any
 
 from avc_casadi.claims.deployable import Deployable
 from avc_casadi.files.catalogue import catalogue_names
@@ -19,6 +19,7 @@ from avc_casadi.model.problem import Problem
 from avc_casadi.present import words
 from avc_casadi.present.row import Answer, Mark, Part, Row, Value, caution, commas, fill, grade, parts, row, span
 from avc_casadi.recommendation.preconditions import Unused
+from avc_casadi.simulation.population.trial import HandCounts
 
 HAND = ("mass_kg", "damping_ns_per_m", "stiffness_n_per_m")
 
@@ -86,13 +87,6 @@ _WALL_ITSELF = 100
 """Ratio of the spring of a coupling to that of the wall from which on the wall itself is rendered."""
 
 
-def gains(table: Mapping[str, Sequence[float | None]], problem: Problem) -> tuple[Part, ...]:
-    """Return the gains of a table with their spans."""
-    keys = ("damping_ns_per_m", "stiffness_n_per_m", "contact_damping_ns_per_m")
-    damping, stiffness, contact = ([value for value in table[key] if value is not None] for key in keys)
-    return gain_spans(damping, stiffness, contact, problem)
-
-
 def gain_spans(
     damping_ns_per_m: Sequence[float],
     stiffness_n_per_m: Sequence[float],
@@ -122,13 +116,6 @@ def local_damper(end: End) -> str:  # noqa: ARG001
 @local_damper.register
 def _local_dampers(end: Follower) -> str:  # noqa: ARG001
     return "damper of each loop"
-
-
-def pair(gains: Mapping[str, Any], local: str = "damper in the device's loop") -> tuple[Part, ...]:
-    """Return spring and dampers of a coupling to another end."""
-    damper = fill("damper B {damping_ns_per_m}", gains) if gains["damping_ns_per_m"] else None
-    own = fill(f"{local} {{local_damping_ns_per_m}}", gains) if gains["local_damping_ns_per_m"] else None
-    return commas([fill("spring K {stiffness_n_per_m}", gains), damper, own])
 
 
 def pair_of(gains: ToolGains, local: str = "damper in the device's loop") -> tuple[Part, ...]:
@@ -187,11 +174,11 @@ def plural(number: int, thing: str) -> str:
     return f"{number} {thing}{'' if number == 1 else 's'}"
 
 
-def settled(found: Mapping[str, Any], *, doubt: bool = False) -> Mark:
+def settled(counts: HandCounts, *, doubt: bool = False) -> Mark:
     """Return the mark of a trial: fails where hands do not settle, a caution where some need dry friction for it."""
-    if found["at_rest"] < found["hands"]:
+    if counts.at_rest < counts.hands:
         return Mark.FAIL
-    return grade(found["at_rest_without_friction"] >= found["hands"] and not doubt, Mark.CAUTION)
+    return grade(counts.at_rest_without_friction >= counts.hands and not doubt, Mark.CAUTION)
 
 
 def saturates(force_n: float | None, limit_n: float | None) -> bool:
@@ -199,13 +186,13 @@ def saturates(force_n: float | None, limit_n: float | None) -> bool:
     return None not in (force_n, limit_n) and force_n >= 0.97 * limit_n  # type: ignore[operator]
 
 
-def peak_force(trial: Mapping[str, Any], limit_n: float | None, limited: int = 0) -> Row:
-    """Return the largest force of a tap; where it saturates, how many presses do so too."""
-    if saturates(trial["tap_force_n"], limit_n):
+def peak_force(force_n: float, limit_n: float | None, limited: int = 0, depth_m: float | None = None) -> Row:
+    """Return the largest force of a tap, and its depth; where it saturates, how many presses do so too."""
+    if saturates(force_n, limit_n):
         presses = f"; so do {limited} presses" if limited else None
         return row("Peak force", "a tap saturates at", Value(limit_n, "force"), presses, mark=Mark.CAUTION)
-    deep = fill(", {tap_depth_m} deep", trial) if "tap_depth_m" in trial else None
-    return row("Peak force", fill("{tap_force_n} in a tap", trial), deep)
+    deep = None if depth_m is None else (",", Value(depth_m, "length"), "deep")
+    return row("Peak force", Value(force_n, "force"), "in a tap", deep)
 
 
 def not_used(declared: Iterable[Unused]) -> list[Row]:
@@ -225,15 +212,6 @@ _THIN_GAIN = 10 ** (3 / 20)
 """Gain margin below which a row has a mark: 3 dB, half of what is usual."""
 _THIN_PHASE_DEG = 10.0
 """Phase margin, deg, below which a row has a mark."""
-
-
-def smallest_margins(found: Mapping[str, Mapping[str, Any]], mark: Mark = Mark.NONE) -> Row:
-    """Return the smallest margin of each kind of documents of margins."""
-    known: dict[words.Who, Margins] = {}
-    for who in get_args(words.Who):
-        if who in found:
-            known[who] = Margins(**{key: math.nan if value is None else value for key, value in found[who].items()})
-    return margins(known, mark)
 
 
 def margins(of_loops: Mapping[words.Who, Margins], mark: Mark = Mark.NONE) -> Row:
@@ -264,7 +242,7 @@ class _Least:
 
 
 def _least(margins_of: Mapping[words.Who, float]) -> _Least:
-    known = [(margin, words.LOOPS[who]) for who, margin in margins_of.items() if not math.isnan(margin)]
+    known = [(margin, words.LOOPS[who]) for who, margin in margins_of.items() if math.isfinite(margin)]
     return _Least(*min(known, default=(None, "")))
 
 

@@ -31,7 +31,7 @@ from avc_casadi.simulation.execute import execute
 from avc_casadi.simulation.judge import AT_REST_M_PER_S, SETTLING_WINDOW_S, Judgement, Traces, window_samples
 from avc_casadi.simulation.population.motions import LONGER_S, Course, course_of, motions_at
 from avc_casadi.simulation.population.setup import FRICTION, Setup, prepare
-from avc_casadi.simulation.population.trial import NEAR_LIMIT, Trial
+from avc_casadi.simulation.population.trial import NEAR_LIMIT, FollowerTrial, ToolTrial, Trial
 
 WITH_TOOL = ("free", "press", "tap", "hold", "drag", "strike", "touch")
 """Motions of hands that move a tool."""
@@ -53,16 +53,22 @@ _ARRIVAL_ROUNDING_S = 1e-12
 
 def try_tool(
     problem: Problem, gains: ToolGains, people: Hand, seed: int = 0, motions: Sequence[str] = WITH_TOOL
-) -> Trial:
+) -> ToolTrial:
     """Simulate hands that move a tool: as declared, without dry friction and with missed steps, on every contact."""
     tool = problem.end_as(Simulation)
     courses = _tool_courses(problem, tool)
     results = [_try_setup(setup, tool, gains, people, motions, courses) for setup in _tool_setups(problem)]
     declared, with_missed_steps, *without_friction = results
-    free = without_friction[0] if without_friction else declared
-    variants = {"without_friction": free.settles, "with_dropped_steps": with_missed_steps.settles}
-    facts = {"dropped_share": STEP_LOSS}
-    return Trial(seed, declared.by_motion, declared.stiffness_n_per_m, declared.tap_force_n, variants, facts)
+    smooth = without_friction[0] if without_friction else declared
+    return ToolTrial(
+        seed=seed,
+        by_motion=declared.by_motion,
+        stiffness_n_per_m=declared.stiffness_n_per_m,
+        tap_force_n=declared.tap_force_n,
+        stable_without_friction=smooth.settles,
+        stable_with_dropped_steps=with_missed_steps.settles,
+        dropped_share=STEP_LOSS,
+    )
 
 
 @dataclass(frozen=True)
@@ -155,7 +161,7 @@ def _move_tool(
     return _ToolRun(verdict, np.asarray(verdict.stable & slow), np.abs(traces["force_n"]).max(axis=-1))
 
 
-def try_bilateral(problem: Problem, gains: ToolGains, people: Hand, seed: int = 0) -> Trial:
+def try_bilateral(problem: Problem, gains: ToolGains, people: Hand, seed: int = 0) -> FollowerTrial:
     """Simulate hands that move a follower, on a link with the declared delay, jitter and losses, which a seed draws."""
     follower = problem.end_as(Follower)
     stiffness, _ = environments(follower)
@@ -174,7 +180,14 @@ def try_bilateral(problem: Problem, gains: ToolGains, people: Hand, seed: int = 
     press = run.stiffness_n_per_m.reshape(shape)[WITH_FOLLOWER.index("press"), -1]
     tap = run.peak_n.reshape(shape)[WITH_FOLLOWER.index("tap"), -1]
     by_motion = {name: np.asarray(settles[place].all(axis=0)) for place, name in enumerate(WITH_FOLLOWER)}
-    return Trial(seed, by_motion, press, tap, facts={"jitter": follower.jitter, "lost_share": follower.lost_share})
+    return FollowerTrial(
+        seed=seed,
+        by_motion=by_motion,
+        stiffness_n_per_m=press,
+        tap_force_n=tap,
+        jitter=follower.jitter,
+        lost_share=follower.lost_share,
+    )
 
 
 @singledispatch

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 from avc_casadi._errors import InputError
 from avc_casadi._util.arrays import BoolArray, FloatArray, IndexArray
-from avc_casadi._util.json_values import plain_table
+from avc_casadi._util.json_values import Document, plain, plain_table
 from avc_casadi._util.parallel import map_tasks, processors
 from avc_casadi._util.printed import Columns, Tabular, short
 from avc_casadi._util.progress import SILENT, Progress
@@ -30,6 +30,8 @@ CONFIDENCE = 0.95
 """Of the interval of a share of hands."""
 _NINE_IN_TEN = (0.05, 0.95)
 """Quantiles between which nine in ten hands lie."""
+_MANY = 0.1
+"""Share of the hands from which many feel a vibration."""
 _HANDS_OF_TASK = 1000
 """Hands that a process tries at a time."""
 # A press that ends above this share of the largest force is saturated: its stiffness is not the wall's.
@@ -46,17 +48,27 @@ def exact_interval(count: int, trials: int) -> tuple[float, float]:
     return low, high
 
 
+Variant = Literal["without_friction", "with_dropped_steps"]
+"""Trials that repeat one: without dry friction, and where the engine misses steps."""
+
+
 @dataclass(frozen=True, eq=False, repr=False)
-class Trial(Tabular):
+class Trial(Tabular, Document):
     """Results by simulated hand; every array has shape (hands,)."""
 
     seed: int
     by_motion: dict[str, BoolArray]
     stiffness_n_per_m: FloatArray
     tap_force_n: FloatArray
-    beside: dict[str, BoolArray] = field(default_factory=dict)
-    """Whether a hand settles in every motion too without friction, or with dropped steps."""
-    facts: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def variants(self) -> dict[Variant, BoolArray]:
+        """Whether a hand settles in every motion of each trial that repeats this one."""
+        return {}
+
+    def circumstances(self) -> dict[str, float]:
+        """Return the shares of what is missed, by the key of the document."""
+        return {}
 
     @property
     def stable(self) -> BoolArray:
@@ -64,9 +76,14 @@ class Trial(Tabular):
         return np.asarray(np.all(list(self.by_motion.values()), axis=0))
 
     @property
-    def stable_without_friction(self) -> BoolArray:
-        """Settled in every motion without dry friction too."""
-        return self.beside["without_friction"]
+    def settled(self) -> int:
+        """Number of hands that settle in every motion."""
+        return int(self.stable.sum())
+
+    @property
+    def largest_tap_force_n(self) -> float:
+        """Largest force of a tap."""
+        return float(self.tap_force_n.max())
 
     @property
     def hands(self) -> int:
@@ -76,7 +93,7 @@ class Trial(Tabular):
     @property
     def hand_settles(self) -> BoolArray:
         """Settled in every motion, without friction and with missed steps too."""
-        return np.asarray(np.all([self.stable, *self.beside.values()], axis=0))
+        return np.asarray(np.all([self.stable, *self.variants.values()], axis=0))
 
     @property
     def all_settle(self) -> bool:
@@ -86,7 +103,7 @@ class Trial(Tabular):
     @property
     def all_settle_with_friction(self) -> bool:
         """Whether all hands settle as declared, with missed steps too."""
-        return bool(np.all(self.stable & self.beside.get("with_dropped_steps", self.stable)))
+        return bool(self.stable.all())
 
     @property
     def stiffness(self) -> float:
@@ -99,7 +116,7 @@ class Trial(Tabular):
         return {
             "hand": np.arange(self.hands),
             "stable": self.stable,
-            **{f"stable_{name}": settled for name, settled in self.beside.items()},
+            **{f"stable_{name}": settled for name, settled in self.variants.items()},
             "stiffness_n_per_m": self.stiffness_n_per_m,
             "tap_force_n": self.tap_force_n,
         }
@@ -111,24 +128,55 @@ class Trial(Tabular):
                 "hands": self.hands,
                 "seed": self.seed,
                 "motions": list(self.by_motion),
-                "settled": int(self.stable.sum()),
+                "settled": self.settled,
                 "settled_by_motion": {name: int(runs.sum()) for name, runs in self.by_motion.items()},
-                **{f"settled_{name}": int(settled.sum()) for name, settled in self.beside.items()},
-                **self.facts,
+                **{f"settled_{name}": int(settled.sum()) for name, settled in self.variants.items()},
+                **self.circumstances(),
                 "rendered_stiffness_n_per_m": self.stiffness,
-                "tap_force_n": float(self.tap_force_n.max()),
+                "tap_force_n": self.largest_tap_force_n,
             }
         )
 
     def _summary(self) -> str:
-        variants = "".join(f", {int(settled.sum())} {name.replace('_', ' ')}" for name, settled in self.beside.items())
-        return f"{int(self.stable.sum())} of {self.hands} hands settle{variants}; {short(self.stiffness_n_per_m)}"
+        variants = "".join(f", {int(runs.sum())} {name.replace('_', ' ')}" for name, runs in self.variants.items())
+        return f"{self.settled} of {self.hands} hands settle{variants}; {short(self.stiffness_n_per_m)}"
+
+
+@dataclass(frozen=True)
+class HandCounts:
+    """Numbers of simulated hands: of all, of those that settle, of them without dry friction, and without a buzz.
+
+    Attributes:
+        hands: number of hands.
+        at_rest: hands that settle in every motion.
+        at_rest_without_friction: hands that settle without dry friction too.
+        quiet: hands that settle with a vibration below the vibrotactile detection threshold.
+    """
+
+    hands: int
+    at_rest: int
+    at_rest_without_friction: int
+    quiet: int
+
+    def __add__(self, more: HandCounts) -> HandCounts:
+        return HandCounts(
+            hands=self.hands + more.hands,
+            at_rest=self.at_rest + more.at_rest,
+            at_rest_without_friction=self.at_rest_without_friction + more.at_rest_without_friction,
+            quiet=self.quiet + more.quiet,
+        )
+
+    @property
+    def many_vibrate(self) -> bool:
+        """Whether more than a tenth of the hands may notice a vibration at rest."""
+        return self.hands - self.quiet > _MANY * self.hands
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class CouplingTrial(Trial):
     """Results at a wall."""
 
+    stable_without_friction: BoolArray
     effects: tuple[str, ...]
     vibration: FloatArray
     at_force_limit: BoolArray
@@ -136,6 +184,11 @@ class CouplingTrial(Trial):
     wall_n_per_m: float
     devices: int = 1
     longest_s: float = TRIAL_S
+
+    @property
+    def variants(self) -> dict[Variant, BoolArray]:
+        """Whether a hand settles in every motion of each trial that repeats this one."""
+        return {"without_friction": self.stable_without_friction}
 
     @property
     def quiet(self) -> BoolArray:
@@ -147,40 +200,72 @@ class CouplingTrial(Trial):
         more = ("vibration", "at_force_limit", "tap_depth_m")
         return super().to_dict() | {name: getattr(self, name) for name in more}
 
-    def counts(self) -> dict[str, int]:
-        """Return counts: hands, devices, settled, settled without friction, settled below the detection threshold."""
-        return {
-            "hands": self.hands,
-            "devices": self.devices,
-            "at_rest": int(self.stable.sum()),
-            "at_rest_without_friction": int(self.stable_without_friction.sum()),
-            "quiet": int(self.quiet.sum()),
-        }
+    def counts(self) -> HandCounts:
+        """Return how many hands settle, without friction too, and below the detection threshold."""
+        return HandCounts(
+            hands=self.hands,
+            at_rest=self.settled,
+            at_rest_without_friction=int(self.stable_without_friction.sum()),
+            quiet=int(self.quiet.sum()),
+        )
+
+    @property
+    def share_of_wall(self) -> float | None:
+        """Median rendered stiffness over that of the wall; None where the wall has none."""
+        return self.stiffness / self.wall_n_per_m if self.wall_n_per_m else None
+
+    @property
+    def nine_in_ten_n_per_m(self) -> tuple[float, float]:
+        """Rendered stiffnesses between which nine in ten hands lie; not numbers where no hand is in contact."""
+        in_contact = self.stiffness_n_per_m[np.isfinite(self.stiffness_n_per_m)]
+        if not len(in_contact):
+            return np.nan, np.nan
+        low, high = np.quantile(in_contact, _NINE_IN_TEN).tolist()
+        return low, high
+
+    @property
+    def median_vibration(self) -> float:
+        """Median vibration at rest, in multiples of the detection threshold."""
+        return float(np.median(self.vibration))
+
+    @property
+    def saturated_presses(self) -> int:
+        """Number of hands whose press ends at the force limit."""
+        return int(self.at_force_limit.sum())
+
+    @property
+    def deepest_tap_m(self) -> float:
+        """Largest depth of a tap."""
+        return float(self.tap_depth_m.max())
+
+    def counts_document(self) -> dict[str, int]:
+        """Return the JSON values of its counts: of hands and devices."""
+        return {"hands": self.hands, "devices": self.devices, **plain(self.counts())}
 
     def document(self) -> dict[str, Any]:
         """Return JSON values."""
         felt = self.stiffness_n_per_m[np.isfinite(self.stiffness_n_per_m)]
         return plain_table(
             {
-                **self.counts(),
+                **self.counts_document(),
                 "seed": self.seed,
                 "effects": list(self.effects),
                 "motions": list(self.by_motion),
                 "longest_s": self.longest_s,
-                "at_rest_interval": list(exact_interval(int(self.stable.sum()), self.hands)),
+                "at_rest_interval": list(exact_interval(self.settled, self.hands)),
                 "at_rest_by_motion": {name: int(runs.sum()) for name, runs in self.by_motion.items()},
-                "felt_vibration": float(np.median(self.vibration)),
+                "felt_vibration": self.median_vibration,
                 "felt_vibration_worst": float(self.vibration.max()),
                 "stiffness_n_per_m": {
                     "lowest": float(felt.min()) if len(felt) else None,
                     "median": self.stiffness,
                     "highest": float(felt.max()) if len(felt) else None,
-                    "nine_in_ten": np.quantile(felt, _NINE_IN_TEN).tolist() if len(felt) else None,
+                    "nine_in_ten": self.nine_in_ten_n_per_m if len(felt) else None,
                 },
-                "at_force_limit": int(self.at_force_limit.sum()),
-                "share_of_wall": self.stiffness / self.wall_n_per_m if self.wall_n_per_m else None,
-                "tap_force_n": float(self.tap_force_n.max()),
-                "tap_depth_m": float(self.tap_depth_m.max()),
+                "at_force_limit": self.saturated_presses,
+                "share_of_wall": self.share_of_wall,
+                "tap_force_n": self.largest_tap_force_n,
+                "tap_depth_m": self.deepest_tap_m,
                 "not_simulated": ["hands that change while they hold on", "several axes"],
             }
         )
@@ -189,12 +274,58 @@ class CouplingTrial(Trial):
     def join(cls, parts: Sequence[CouplingTrial], order: IndexArray | slice = slice(None)) -> CouplingTrial:
         """Return the trial of all hands, in the order of the parts or another one."""
         whole: dict[str, Any] = {}
-        for name in ("stiffness_n_per_m", "tap_force_n", "vibration", "at_force_limit", "tap_depth_m"):
+        for name in _ARRAYS:
             whole[name] = np.concatenate([getattr(part, name) for part in parts])[order]
-        for name in ("by_motion", "beside"):
-            tables = [getattr(part, name) for part in parts]
-            whole[name] = {key: np.concatenate([table[key] for table in tables])[order] for key in tables[0]}
-        return replace(parts[0], **whole)
+        by_motion = {
+            name: np.concatenate([part.by_motion[name] for part in parts])[order] for name in parts[0].by_motion
+        }
+        return replace(parts[0], by_motion=by_motion, **whole)
+
+
+_ARRAYS = (
+    "stiffness_n_per_m",
+    "tap_force_n",
+    "stable_without_friction",
+    "vibration",
+    "at_force_limit",
+    "tap_depth_m",
+)
+"""Attributes of a trial at a wall that are arrays with a value for each hand."""
+
+
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class ToolTrial(Trial):
+    """Results of hands that move a virtual tool."""
+
+    stable_without_friction: BoolArray
+    stable_with_dropped_steps: BoolArray
+    dropped_share: float
+
+    @property
+    def variants(self) -> dict[Variant, BoolArray]:
+        """Whether a hand settles in every motion of each trial that repeats this one."""
+        return {"without_friction": self.stable_without_friction, "with_dropped_steps": self.stable_with_dropped_steps}
+
+    def circumstances(self) -> dict[str, float]:
+        """Return the share of the steps that the engine misses, by the key of the document."""
+        return {"dropped_share": self.dropped_share}
+
+    @property
+    def all_settle_with_friction(self) -> bool:
+        """Whether all hands settle as declared, with missed steps too."""
+        return bool(np.all(self.stable & self.stable_with_dropped_steps))
+
+
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class FollowerTrial(Trial):
+    """Results of hands that move a follower over a link."""
+
+    jitter: float
+    lost_share: float
+
+    def circumstances(self) -> dict[str, float]:
+        """Return the jitter and the share of lost messages, by the key of the document."""
+        return {"jitter": self.jitter, "lost_share": self.lost_share}
 
 
 def try_coupling(
@@ -260,7 +391,7 @@ def _try_motions(seed: int, task: tuple[Setup, Hand | StylusHand]) -> CouplingTr
     return CouplingTrial(
         seed=seed,
         by_motion={name: whole(name, "stable") for name in AT_WALL},
-        beside={"without_friction": np.asarray(np.all(free, axis=0))},
+        stable_without_friction=np.asarray(np.all(free, axis=0)),
         effects=setup.kinds,
         **{figure: whole("press", figure) for figure in ("vibration", "stiffness_n_per_m", "at_force_limit")},
         **{figure: whole("tap", figure) for figure in ("tap_force_n", "tap_depth_m")},
