@@ -1,4 +1,4 @@
-"""A law of a table [law] sample by sample, its filters as difference equations by SciPy: shares no code with the package.
+"""A law of a table [law] sample by sample, its filters as difference equations by SciPy: no code shared.
 
 `drawn_law` draws laws of every piece.
 """
