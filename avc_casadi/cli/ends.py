@@ -22,7 +22,7 @@ from avc_casadi.claims.zwidth import zwidth
 from avc_casadi.cli import arguments as cli
 from avc_casadi.cli.console import Console, output_folder, write_figure
 from avc_casadi.coupling import Coupling
-from avc_casadi.design.scene_coupling import SimulatedPair, SimulatedScene, scene_coupling, scene_notes
+from avc_casadi.design.scene_coupling import SimulatedPair, SimulatedScene, law_scene, scene_coupling, scene_notes
 from avc_casadi.design.tool_region import tool_region
 from avc_casadi.design.virtual_tool import certify_pair, search_of
 from avc_casadi.model.declared import with_gains
@@ -154,6 +154,9 @@ def simulated(end: End, subject: Subject, args: argparse.Namespace, console: Con
     """Return the answer of `simulate`: of an end that no scene has, the scene of the device with its wall."""
     problem, notes = subject.problem, subject.notes
     given: Coupling | GainSchedule | Gains | None = subject.coupling
+    if given is None and problem.law is not None:
+        cli.refuse(args, "against", why="compares couplings, and P has a table [law], which runs in their place")
+        problem, given = law_scene(problem), NO_COUPLING
     if given is None:
         with console.step(f"coupling: {problem.scene.coupling}"):
             given, notes = scene_coupling(problem), scene_notes(problem)

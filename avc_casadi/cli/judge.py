@@ -11,6 +11,9 @@ from avc_casadi.cli.console import Console
 from avc_casadi.present import rows
 from avc_casadi.present.row import Answer
 
+_COUPLING_HANDS = 10_000
+"""Hands that try a coupling where no other number is given."""
+
 
 @cli.verb(
     cli.argument("problem", metavar="P", text="problem to judge against; or a coupling file, which has its own"),
@@ -71,8 +74,8 @@ def run_certify(args: argparse.Namespace, console: Console) -> Answer:
 def run_simulate(args: argparse.Namespace, console: Console) -> Answer:
     """Simulate the scene of a problem: whether the device settles, and what is rendered.
 
-    With its listed effects, or a hand, a wall and all that the device declares; -v tells what each adds. Exit code 1
-    if it does not settle.
+    With its listed effects, or a hand, a wall and all that the device declares; -v tells what each adds. A table [law]
+    runs in place of wall and coupling. Exit code 1 if it does not settle.
     """
     from avc_casadi.cli import ends
 
@@ -81,25 +84,36 @@ def run_simulate(args: argparse.Namespace, console: Console) -> Answer:
 
 
 @cli.verb(
-    cli.argument("coupling", metavar="COUPLING", text="coupling file, of `avc recommend P --out`"),
-    cli.argument("--hands", type=cli.positive_int, default=10_000, metavar="N", text="hands (default 10000)"),
+    cli.argument("coupling", metavar="COUPLING", text="coupling file (`avc recommend P --out`), or problem with [law]"),
+    cli.argument("--hands", type=cli.positive_int, metavar="N", text="hands (default 10000; 200 for a law)"),
     cli.argument("--seed", type=int, default=0, metavar="S", text="the same seed, the same hands (default 0)"),
     cli.flag("--without-friction", "leave the declared dry friction out"),
     *cli.WORKERS,
 )
 def run_trial(args: argparse.Namespace, console: Console) -> Answer:
-    """Try a coupling with any number of simulated hands: how many settle, with the exact interval.
+    """Try a coupling, or your own law, with simulated hands: how many settle, with the exact interval.
 
-    Hands are drawn uniformly from [hands]; each presses, taps and holds, with all that is declared of the device.
+    Hands are drawn uniformly from [hands]; each presses, taps and holds, with all that is declared of the device. A
+    table [law] of a problem runs as it is, with its nonlinear pieces: hands press, strike and tap, an integral is
+    pressed for long, and the device is released. Friction compensation is tried at less friction too. Exit code 1 if a
+    law does not come to rest.
     """
     from avc_casadi._util.parallel import cluster, processors
+    from avc_casadi.cli.law import states_law
+    from avc_casadi.simulation.population.law_trial import LAW_HANDS, try_law
     from avc_casadi.simulation.population.trial import count_at_rest
 
+    if states_law(args.coupling, None):
+        problem, hands = avc.load_problem(args.coupling), args.hands or LAW_HANDS
+        with console.step(f"{hands} hands"):
+            tried = try_law(problem, hands, args.seed, friction=not args.without_friction, progress=console)
+        return rows.tried.law_trial(tried, args.coupling)
     coupling = cli.read_wall(args.coupling)
-    with cluster(args.scheduler) as executor, console.step(f"{args.hands} hands"):
+    hands = args.hands or _COUPLING_HANDS
+    with cluster(args.scheduler) as executor, console.step(f"{hands} hands"):
         trial = count_at_rest(
             coupling,
-            args.hands,
+            hands,
             args.seed,
             friction=not args.without_friction,
             workers=args.workers or processors(),

@@ -233,7 +233,11 @@ def not_used(problem: Problem) -> tuple[Unused, ...]:
     if problem.frequency not in (Frequency(), Frequency(stop_hz=BELOW_NYQUIST / problem.device.sample_time_s)):
         stated.append("frequency")
     unused += _unused_beside(problem.end, problem, bare, stated)
-    unused += [Unused("law", "of avc certify alone, which judges it")] if problem.law is not None else []
+    unused += (
+        [Unused("law", "avc certify judges it, avc trial, simulate and export run it")]
+        if problem.law is not None
+        else []
+    )
     simulated = {effect.kind for effect in declared_effects(problem)}
     known = {"velocity-filter": "known to avc simulate and avc zwidth alone"}
     return (

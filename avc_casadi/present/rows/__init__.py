@@ -3,9 +3,9 @@
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from avc_casadi.present.rows import answers, deploy, design, engines, judge, look, measure, recommend
+    from avc_casadi.present.rows import answers, deploy, design, engines, judge, look, measure, recommend, tried
 
-__all__ = ["answers", "deploy", "design", "engines", "judge", "look", "measure", "recommend"]
+__all__ = ["answers", "deploy", "design", "engines", "judge", "look", "measure", "recommend", "tried"]
 
 if not TYPE_CHECKING:
 

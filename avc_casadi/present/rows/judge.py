@@ -455,6 +455,8 @@ def _coupling(result: SimulatedScene, problem: Problem) -> Row:
     run = result.run
     if run.coupling == "none":
         return row("Coupling", "none: the wall itself")
+    if run.coupling == "law" and problem.law is not None:
+        return row("Law", pieces.named(problem.law), "" if problem.law_in_wall else ", on both sides of 0")
     gains = subject.gain_spans(
         [float(run.damping_ns_per_m[0])],
         [float(run.stiffness_n_per_m[0])],

@@ -6,7 +6,13 @@ import math
 from collections.abc import Iterator, Mapping
 
 from avc_casadi.claims.stated_law import StatedSystem
-from avc_casadi.model.control_law import ControlLaw, LowPassVelocity, WindowVelocity
+from avc_casadi.model.control_law import (
+    ControlLaw,
+    KalmanVelocity,
+    LowPassVelocity,
+    TicksVelocity,
+    WindowVelocity,
+)
 from avc_casadi.present.row import Part, Parts, Row, Value, commas, quantity_of, row
 
 _GAINS = {
@@ -37,15 +43,43 @@ def _pieces(law: ControlLaw) -> Iterator[Parts]:
         yield "velocity over", Value(law.velocity.samples, "samples")
     if isinstance(law.velocity, LowPassVelocity):
         yield "velocity below", Value(law.velocity.cutoff_hz, "frequency")
+    if isinstance(law.velocity, KalmanVelocity):
+        yield "Kalman velocity below", Value(law.velocity.bandwidth_hz, "frequency")
+    if isinstance(law.velocity, TicksVelocity):
+        yield "velocity by the time between steps, up to", Value(law.velocity.timeout_s, "time")
     for item in law.filters:
         hz = getattr(item, "frequency_hz", getattr(item, "cutoff_hz", None))
         yield item.kind, None if hz is None else Value(hz, "frequency")
+    yield from _nonlinear(law)
+
+
+def _nonlinear(law: ControlLaw) -> Iterator[Parts]:
+    """Yield the pieces that are not linear, and the rate of a slower law."""
+    if law.dead_zone_m:
+        yield "dead zone", Value(law.dead_zone_m, "length")
+    if law.integral_limit_n is not None:
+        yield "integral up to", Value(law.integral_limit_n, "force")
+    if law.friction_compensation is not None:
+        force, speed = law.friction_compensation.force_n, law.friction_compensation.velocity_m_per_s
+        yield "friction compensation", Value(force, "force"), "from", Value(speed, "speed")
+    if law.rate_divider > 1:
+        yield f"at every {ordinal(law.rate_divider)} sample"
+
+
+def ordinal(number: int) -> str:
+    """Return 2 as 2nd."""
+    ending = {1: "st", 2: "nd", 3: "rd"}.get(number % 10, "th") if number % 100 not in (11, 12, 13) else "th"
+    return f"{number}{ending}"
 
 
 def acting_outside(law: ControlLaw | StatedSystem) -> str:
     """Return the names of what acts outside the wall."""
-    keys = ("local_damping_ns_per_m", "virtual_mass_kg")
-    return " and ".join(_GAINS[key] for key in keys if getattr(law, key, 0.0))
+    names = {
+        "local_damping_ns_per_m": "b_p",
+        "virtual_mass_kg": "virtual mass",
+        "friction_compensation": "friction compensation",
+    }
+    return " and ".join(name for key, name in names.items() if getattr(law, key, None))
 
 
 def limits(intervals: Mapping[str, Interval | None], largest_gain: float) -> list[Row]:
