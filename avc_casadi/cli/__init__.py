@@ -5,9 +5,10 @@ from __future__ import annotations
 import argparse
 import re
 import shlex
+import shutil
 import sys
 import traceback
-from collections.abc import Iterable, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from difflib import get_close_matches
 from inspect import cleandoc
@@ -24,7 +25,7 @@ from avc_casadi.cli.console import Console, silence
 from avc_casadi.present.row import row
 
 NO = 1
-"""Exit code where the answer is no."""
+"""Exit code of a negative verdict: not stable, not deployable, not found."""
 
 BAD_INPUT = 2
 """Exit code of a refused input."""
@@ -33,21 +34,31 @@ INTERNAL = 70
 """Exit code of an error of the program: EX_SOFTWARE of sysexits.h."""
 
 BROKEN_PIPE = 141
-"""Exit code where nobody reads standard output any more: 128 + SIGPIPE, as of a shell."""
+"""Exit code where the reader has closed standard output: 128 + SIGPIPE, as of a shell."""
 
 _VERB = "VERB"
 _QUESTIONS = {
     "design a coupling": design,
-    "judge it": judge,
+    "judge a coupling": judge,
     "measure a device": measure,
-    "deploy, and operate a device": deploy,
-    "look": look,
+    "deploy a coupling and operate a device": deploy,
+    "inspect files, this installation and the paper": look,
 }
 _EPILOG = """\
-P is a problem file or a name of the catalogue (avc list); GAINS is what `avc solve --out` wrote.
-exit codes: 0 done; 1 the answer is no; 2 bad input; 130 interrupted.
-start with: avc run figure5
+A problem P is a problem file, or the name of a built-in problem (avc list).
+Exit codes: 0 success; 1 negative verdict (such as not deployable); 2 bad input; 130 interrupted.
+Start with: avc run figure5
 """
+_WIDTH = 100
+"""Columns of the help on a wider terminal, or on none."""
+
+
+class _Help(argparse.RawDescriptionHelpFormatter):
+    """Formatter whose lines have at most 100 columns."""
+
+    def __init__(self, prog: str) -> None:
+        columns = shutil.get_terminal_size((_WIDTH, 24)).columns
+        super().__init__(prog, max_help_position=24, width=min(columns, _WIDTH))
 
 
 class _Parser(argparse.ArgumentParser):
@@ -60,11 +71,11 @@ class _Parser(argparse.ArgumentParser):
         if key == _VERB and wrong_choice:
             typed = wrong_choice[1]
             near = get_close_matches(typed, VERBS, n=1)
-            advice = f"did you mean {near[0]}" if near else f"allowed: {', '.join(VERBS)}"
-            fault = f"{typed!r} is no verb; {advice}"
+            advice = f"did you mean {near[0]!r}?" if near else f"Commands: {', '.join(VERBS)}"
+            fault = f"unknown command {typed!r}; {advice}"
         if key.startswith("-") and fault == "expected one argument":
-            fault += f"; a value that begins with - is written {key}=VALUE"
-        raise InputError.of(f"{fault}; see `{self.prog} --help`", key=key)
+            fault = f"needs a value; write {key}=VALUE if the value begins with -"
+        raise InputError.of(f"{fault.rstrip('?')}; see `{self.prog} --help`", key=key)
 
     def _print_message(self, message: str, file: Any = None) -> None:
         (file or sys.stderr).write(message)  # argparse's own drops what cannot be written
@@ -72,8 +83,8 @@ class _Parser(argparse.ArgumentParser):
 
 def build_parser() -> argparse.ArgumentParser:
     """Return the parser of all verbs; imports nothing slow."""
-    about = "Design, certify, simulate and deploy adaptive virtual couplings for haptic devices."
-    usage: dict[str, Any] = {"formatter_class": argparse.RawDescriptionHelpFormatter, "allow_abbrev": False}
+    about = "Design, certify, simulate and deploy virtual couplings for haptic devices."
+    usage: dict[str, Any] = {"formatter_class": _Help, "allow_abbrev": False}
     parser = _Parser(prog="avc", usage="avc [-h] [--version] VERB ...", description=about, **usage)
     parser.add_argument("--version", action="version", version=f"avc-casadi {__version__}")
     verbs = parser.add_subparsers(
@@ -86,15 +97,31 @@ def build_parser() -> argparse.ArgumentParser:
             if run.__module__ != module.__name__:
                 continue
             text = cleandoc(run.__doc__ or "")
-            command = verbs.add_parser(name, description=text, **usage)
+            command = verbs.add_parser(name, description=text, add_help=False, **usage)
+            command.add_argument("-h", "--help", action="help", help=argparse.SUPPRESS)
             for names, options in arguments:
                 command.add_argument(*names, **options)
-            command.add_argument("--json", action="store_true", help="print one JSON document and nothing else")
-            command.set_defaults(run=run, options=_long_options(command), first=_first_positional(command))
+            command.add_argument("--json", action="store_true", help="print the answer as one JSON document")
+            command.usage = _usage(command)
+            options = _long_options(command)
+            texts = {options[action.dest]: action.help or "" for action in command._actions if action.dest in options}  # noqa: SLF001
+            command.set_defaults(run=run, options=options, texts=texts, first=_first_positional(command))
             summary = text.partition("\n")[0].rstrip(".")
-            listed += wrap(summary, 110, initial_indent=f"  {name:<12}", subsequent_indent=" " * 14)
+            listed += wrap(summary, _WIDTH, initial_indent=f"  {name:<12}", subsequent_indent=" " * 14)
     parser.epilog = "\n".join([*listed, "", _EPILOG])
     return parser
+
+
+def _usage(command: argparse.ArgumentParser) -> str:
+    """Return the usage of a verb: its positional arguments and its required options."""
+    words = [command.prog]
+    for action in command._actions:  # noqa: SLF001
+        name = action.metavar or action.dest.upper()
+        if action.option_strings:
+            words += [f"{action.option_strings[0]} {name}"] if action.required else []
+        else:
+            words.append({"?": f"[{name}]", "+": f"{name} [{name} ...]"}.get(str(action.nargs), str(name)))
+    return " ".join([*words, "[options]"])
 
 
 def _long_options(command: argparse.ArgumentParser) -> dict[str, str]:
@@ -121,7 +148,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         try:
             args, unknown = build_parser().parse_known_args(arguments)
             if unknown:
-                raise _unrecognized(arguments, unknown, args.options.values())
+                raise _unrecognized(arguments, unknown, args.texts)
         except SystemExit as leaving:  # --help and --version
             sys.stdout.flush()
             return int(leaving.code or 0)
@@ -137,15 +164,23 @@ def main(argv: Sequence[str] | None = None) -> int:
     except OSError as error:  # of standard output: what else happened has been answered
         silence(1)
         if not isinstance(error, BrokenPipeError):
-            sys.stderr.write(f"avc: standard output cannot be written ({error.strerror or error})\n")
+            sys.stderr.write(f"avc: cannot write to standard output ({error.strerror or error})\n")
         return BROKEN_PIPE if isinstance(error, BrokenPipeError) else BAD_INPUT
 
 
-def _unrecognized(arguments: Sequence[str], unknown: Sequence[str], options: Iterable[str]) -> InputError:
-    """Return the fault of arguments that no option takes: one may be the value of an option that was cut short."""
+def _unrecognized(arguments: Sequence[str], unknown: Sequence[str], texts: Mapping[str, str]) -> InputError:
+    """Return the fault of arguments that no option takes: one may be the value of an option that was cut short.
+
+    `texts` has the help of each option.
+    """
     flag = arguments[max(arguments.index(unknown[0]) - 1, 0)]
-    longer = [option for option in options if option.endswith(flag[1:]) and option != flag]
+    longer = [option for option in texts if option.endswith(flag[1:]) and option != flag]
     meant = f"{flag} takes no value, did you mean {longer[0]}; " if longer and flag[0] == "-" else ""
+    name = unknown[0].partition("=")[0]
+    if not meant and name.startswith("--"):
+        mentions = [option for option, text in texts.items() if name.strip("-") in f"{option} {text}"]
+        near = mentions[:3] or get_close_matches(name, texts, n=1)
+        meant = f"did you mean {' or '.join(near)}; " if near else ""
     return InputError.of(f"unrecognized arguments: {' '.join(unknown)}; {meant}see `avc {arguments[0]} -h`")
 
 
@@ -164,7 +199,7 @@ def _answered(args: argparse.Namespace, console: Console, arguments: Sequence[st
         if isinstance(error, AvcError | OSError):
             return _refused(console, error)
         console.complain(traceback.format_exc())
-        console.refuse(InputError.of(f"internal error: {error!r}"), "avc: internal error; please report it")
+        console.refuse(InputError.of(f"internal error: {error!r}"), "avc: internal error; please report this output")
         return INTERNAL
     verbose = getattr(args, "verbose", True)
     if not verbose and any(shown.rank > 0 for shown in answer.rows):
@@ -194,7 +229,7 @@ def _keep_inputs(args: argparse.Namespace) -> None:
         manifest = [path.with_suffix(".json")] if path.suffix == ".npz" else []  # that of traces
         for output in (path, *manifest):
             if output.exists() and any(file.exists() and output.samefile(file) for file in inputs):
-                message = f"{str(output)!r} is a file that this command was given; choose another name"
+                message = f"{str(output)!r} is an input file of this command; choose another name"
                 raise InputError.of(message, key=args.options.get(key, key.upper()))
 
 
@@ -202,7 +237,7 @@ def _refused(console: Console, error: AvcError | OSError) -> int:
     if isinstance(error, InputError):
         error = InputError([replace(fault, file=fault.file or "command line") for fault in error.faults])
         count = len(error.faults)
-        summary = f"\navc: {count} faults" if count > 1 else ""
+        summary = f"\navc: {count} errors" if count > 1 else ""
         console.refuse(error, "\n".join(f"avc: {fault}" for fault in error.told) + summary)
         return BAD_INPUT
     key = error.key if isinstance(error, UnsupportedError) else ""

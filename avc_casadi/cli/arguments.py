@@ -60,14 +60,14 @@ def output(name: str, text: str, *endings: str) -> Argument:
         elif path.is_dir():
             fault = " is a folder; give a file name"
         elif not path.parent.is_dir():
-            fault = f": there is no folder {str(path.parent)!r}; make it first"
+            fault = f": the folder {str(path.parent)!r} does not exist; make it first"
         elif path.exists() and not os.access(path, os.W_OK):
-            fault = " may not be written by this user; choose another place"
+            fault = " is write-protected; choose another file"
         else:
             try:
                 TemporaryFile(dir=path.parent).close()
             except OSError as error:
-                fault = f" cannot be written ({error.strerror or error}); choose another place"
+                fault = f" cannot be written ({error.strerror or error}); choose another folder"
         if fault:
             raise argparse.ArgumentTypeError(f"{typed!r}{fault}")
         return path
@@ -77,7 +77,7 @@ def output(name: str, text: str, *endings: str) -> Argument:
 
 def plot(subject: str) -> Argument:
     """Return --plot."""
-    return output("--plot", f"draw {subject}: .png, .svg or .pdf", ".png", ".svg", ".pdf")
+    return output("--plot", f"draw {subject} to a .png, .svg or .pdf file", ".png", ".svg", ".pdf")
 
 
 def positive(text: str) -> float:
@@ -87,53 +87,58 @@ def positive(text: str) -> float:
     except ValueError:
         value = math.nan
     if not (math.isfinite(value) and value > 0):
-        raise argparse.ArgumentTypeError(f"{text!r} is no number above 0; allowed: finite numbers above 0")
+        raise argparse.ArgumentTypeError(f"is {text!r}; it must be a finite number above 0")
     return value
 
 
 def positive_int(text: str) -> int:
     """Read a whole number above 0."""
     if not (text.isascii() and text.isdigit() and int(text)):
-        raise argparse.ArgumentTypeError(f"{text!r} is no whole number above 0")
+        raise argparse.ArgumentTypeError(f"is {text!r}; it must be a whole number above 0")
     return int(text)
 
 
-PROBLEM = argument("problem", metavar="P", text="problem file or name of the catalogue")
-COUPLING = argument("gains", metavar="COUPLING", text="coupling file; or a gain file with --problem")
-BESIDE = argument("--problem", metavar="P", text="problem of a table of gains, .csv")
-VERBOSE = argument("-v", "--verbose", action="store_true", text="print all that is known of it")
-UNSAFE = flag("--unsafe", "go on with a coupling that is not deployable; this is written down")
+PROBLEM = argument("problem", metavar="P", text="problem file, or name of a built-in problem (avc list)")
+COUPLING = argument("gains", metavar="COUPLING", text="coupling file (.json), or table of gains (.csv) with --problem")
+BESIDE = argument("--problem", metavar="P", text="name the problem that a table of gains (.csv) belongs to")
+VERBOSE = argument("-v", "--verbose", action="store_true", text="print all details and assumptions")
+UNSAFE = flag("--unsafe", "accept a coupling that is not deployable; the output records this")
 DEFAULT_BAUD = 115200
 """Rate of a serial port unless another is given, bit/s."""
-BAUD = argument(
-    "--baud", type=positive_int, default=DEFAULT_BAUD, text=f"rate of a serial port; default {DEFAULT_BAUD}"
-)
-PORT = (
-    argument("--port", required=True, text="serial port (avc doctor --ports), or `emulator`: firmware on a model"),
-    BAUD,
-)
-MOTION = argument("--motion", choices=("linear", "rotary"), default="linear", text="of the device: rotary: rad, N.m")
+_BAUD = f"set the baud rate of the serial port (default: {DEFAULT_BAUD})"
+BAUD = argument("--baud", type=positive_int, default=DEFAULT_BAUD, metavar="N", text=_BAUD)
+_PORT = "choose the serial port, or `emulator` (firmware with a model device)"
+PORT = (argument("--port", required=True, metavar="PORT", text=_PORT), BAUD)
+_MOTION = "state how the device moves: linear (m, N; default) or rotary (rad, N.m)"
+MOTION = argument("--motion", choices=("linear", "rotary"), default="linear", metavar="KIND", text=_MOTION)
+_SCHEDULER = "use the Dask cluster at this address instead, such as tcp://host:8786"
 WORKERS = (
-    argument("--workers", type=positive_int, metavar="N", text="processes (default: one for each processor)"),
-    argument("--scheduler", metavar="ADDRESS", text="Dask cluster that works instead, for example tcp://host:8786"),
+    argument("--workers", type=positive_int, metavar="N", text="set the number of processes (default: all processors)"),
+    argument("--scheduler", metavar="ADDRESS", text=_SCHEDULER),
 )
-_COLUMNS = "by header or number, 1 is the first: time=1,position=2,force=3; angle and torque of what turns"
-_UNITS = "where no header says them: time=ms,position=um, or angle=deg,torque=N.m"
+_COLUMNS = "assign columns by header or number: time=1,position=2,force=3; or angle, torque"
+_UNITS = "set units that the header lacks: time=ms,position=um, or angle=deg,torque=N.m"
+_FLIP = "reverse the sign of the force, if the log counts it against +position"
+_HANDLE = "set the handle radius of a rotary device in m (default: from --device)"
 LOGS = (
-    argument("log", metavar="LOG", nargs="+", text=".csv, .txt, .npz or .mat (v5): one record each"),
+    argument("log", metavar="LOG", nargs="+", text="log file, one recording each: .csv, .txt, .npz or .mat (v5)"),
     argument("--columns", action="append", default=[], metavar="Q=C", text=_COLUMNS),
     argument("--units", action="append", default=[], metavar="Q=U", text=_UNITS),
-    argument("--sample-time", type=positive, metavar="S", text="sample time in seconds of logs without time"),
-    flag("--flip-force", "the logs count the force against +position"),
-    argument("--handle-radius-m", type=positive, metavar="R", text="of the handle of what turns, if no device says it"),
+    argument(
+        "--sample-time", type=positive, metavar="S", text="set the sample time in s of logs without a time column"
+    ),
+    flag("--flip-force", _FLIP),
+    argument("--handle-radius-m", type=positive, metavar="R", text=_HANDLE),
 )
 
 
 def turning(key: str, metavar: str, text: str) -> tuple[Argument, ...]:
-    """Return an option under its name of a device that slides and of one that turns, each in its own unit."""
-    keys = (key, ROTARY.key(key))
-    options = [f"--{name.replace('_', '-')}" for name in keys]
-    return tuple(argument(option, type=positive, metavar=metavar, text=text) for option in options)
+    """Return an option of a linear device, and that of a rotary one; the help lists both in one entry."""
+    option, rotary = (f"--{name.replace('_', '-')}" for name in (key, ROTARY.key(key)))
+    return (
+        argument(option, type=positive, metavar=metavar, text=f"{text}; rotary: {rotary}"),
+        argument(rotary, type=positive, metavar=metavar, text=argparse.SUPPRESS),
+    )
 
 
 def of_motion(args: argparse.Namespace, units: Units, *keys: str) -> dict[str, Any]:
@@ -143,9 +148,9 @@ def of_motion(args: argparse.Namespace, units: Units, *keys: str) -> dict[str, A
         option, foreign = units.key(key), foreign_units.key(key)
         if option == foreign or getattr(args, foreign) is None:
             continue
-        kind, motion = ("a linear device", "rotary") if units.linear else ("a device that turns", "linear")
+        kind, motion = ("linear", "rotary") if units.linear else ("rotary", "linear")
         or_motion = f", or --motion {motion}" if hasattr(args, "motion") else ""
-        message = f"is no option of {kind}; allowed: {args.options[option]}{or_motion}"
+        message = f"does not apply to a {kind} device; use {args.options[option]}{or_motion}"
         raise avc.InputError.of(message, key=foreign)
     return {key: getattr(args, units.key(key)) for key in keys}
 
@@ -162,7 +167,7 @@ def log_options(args: argparse.Namespace) -> dict[str, Any]:
     return {"layout": layout, "flip_force": args.flip_force, "handle_radius_m": args.handle_radius_m}
 
 
-OF_WALLS = "is an option of walls, and P couples to a [simulation] or [follower]; leave it out"
+OF_WALLS = "applies to walls only, but P has a [simulation] or [follower]; leave it out"
 
 
 def refuse(args: argparse.Namespace, *options: str, why: str) -> None:
@@ -208,7 +213,7 @@ def subject(source: str, gains: str | None) -> tuple[avc.Problem, Coupling | Non
 
     if is_coupling(source):
         if gains is not None:
-            raise avc.InputError.of("is given beside a coupling; give the problem, or leave it out", file=gains)
+            raise avc.InputError.of("is a second coupling; give a problem with it, or leave it out", file=gains)
         coupling = avc.read_coupling(source)
         return coupling.problem, coupling, []
     problem = avc.load_problem(source)
@@ -218,7 +223,7 @@ def subject(source: str, gains: str | None) -> tuple[avc.Problem, Coupling | Non
     kind, kinds = read.end.kind if isinstance(read, Coupling) else Wall.kind, _kinds_of_end(problem)
     if kind not in kinds:
         make = f"avc recommend {quote(source)} --out c.json"
-        raise avc.InputError.of(f"is no coupling to a {kinds[0]}; make one: {make}", file=gains)
+        raise avc.InputError.of(f"is a coupling to a {kind}, but the problem has a {kinds[0]}; run {make}", file=gains)
     if not isinstance(read, Coupling):
         return problem, coupling_beside(problem, read, gains), []
     if same_problem(problem, read.problem):
@@ -226,7 +231,7 @@ def subject(source: str, gains: str | None) -> tuple[avc.Problem, Coupling | Non
     here, made_for = problem.model_dump(), read.problem.model_dump()
     tables = [key for key in here if isinstance(here[key], dict) and here[key] != made_for[key]]
     differ = ", ".join(f"[{key}]" for key in tables)
-    return problem, read.on(problem), [f"the coupling was made for {read.problem.name} with another {differ}"]
+    return problem, read.on(problem), [f"the coupling was designed for {read.problem.name}, with a different {differ}"]
 
 
 def _kinds_of_end(problem: avc.Problem) -> tuple[str, ...]:
@@ -243,7 +248,7 @@ def recommended(problem: avc.Problem, console: Console, hands: int = 100, **opti
     from avc_casadi.simulation.execute import compiler
 
     if compiler() is None:
-        console.notice("avc: no C compiler is found (cc, or CC): hands are simulated some fifteen times as slowly")
+        console.notice("avc: no C compiler found (cc, or the variable CC): the simulation takes about 15 times as long")
     if isinstance(problem.end, Wall):
         options |= {"workers": min(2, processors())}
     with console.step(f"couplings with {hands} hands"):

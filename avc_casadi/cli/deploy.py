@@ -26,35 +26,42 @@ if TYPE_CHECKING:
     from avc_casadi.present.rows.deploy import NotTried
     from avc_casadi.present.rows.reports import ReportedTrial
 
-_PARAMETERS = "in place of C: a coupling to a [simulation] for mujoco, unity, chai3d, sofa or another engine"
-_PRECISION = "single (default): float, as in the packaged firmware; double: where a processor has it in hardware"
+_PARAMETERS = "print the settings of a physics engine instead: mujoco, unity, chai3d, sofa and others"
+_PRECISION = "set the type of numbers in C: single (float, default) or double"
+_NAME = "set the first part of file names and C names (default: avc_coupling)"
+_BOARD = "choose a built-in board (a wrong name lists them), or the folder of your own (PORTING.md)"
+_FIRMWARE_BAUD = "set the baud rate of the board's serial port (default: 115200); use the same in push"
+_STREAM_RATE = "set the messages per second, 1 to 100 (default: 50)"
+_ENERGY = "limit the net energy output within 1 s in J (more latches a fault)"
 
 
 @cli.verb(
     cli.COUPLING,
-    cli.argument("--c", metavar="DIR", text="folder for avc_coupling.h and avc_coupling.c"),
+    cli.argument("--c", metavar="DIR", text="write avc_coupling.h and avc_coupling.c to this folder"),
     cli.argument("--parameters", metavar="ENGINE", text=_PARAMETERS),
-    cli.argument("--precision", choices=("single", "double"), default="single", text=_PRECISION),
-    cli.argument("--name", default="avc_coupling", text="what files and names in C begin with (default: avc_coupling)"),
-    cli.flag("--force", "write over a file that is there and is no export"),
+    cli.argument("--precision", choices=("single", "double"), default="single", metavar="TYPE", text=_PRECISION),
+    cli.argument("--name", default="avc_coupling", text=_NAME),
+    cli.flag("--force", "overwrite files that avc did not export"),
     cli.BESIDE,
     cli.UNSAFE,
 )
 def run_export(args: argparse.Namespace, console: Console) -> Answer:
-    """Write a coupling as C for firmware of your own: avc_coupling.h and avc_coupling.c.
+    """Export a coupling as C code for your own firmware.
 
-    The whole coupling at its own sample time, in C99 that is also C++11; of one to a [simulation] or a [follower] both
-    ends. What is not deployable is refused with exit code 1; --unsafe overrides.
+    The code is valid C99 and C++11, and runs at the coupling's sample time.
+    For a [simulation] or a [follower] it contains the code of both ends.
+    A coupling that is not deployable is refused with exit code 1; --unsafe overrides this.
     """
     from avc_casadi.cli import ends
     from avc_casadi.model.ends import Simulation
     from avc_hardware.codegen.pair_export import pair_verdict
 
     if (args.c is None) == (args.parameters is None):
-        raise avc.InputError.of("is missing; allowed: --c DIR or --parameters ENGINE", key="c")
+        raise avc.InputError.of("is missing; give either --c DIR or --parameters ENGINE", key="c")
     coupling = avc.read_coupling(args.gains, args.problem)
     if not isinstance(coupling.end, Simulation):
-        cli.refuse(args, "parameters", why=f"is of a [simulation], not of a {coupling.end.kind}; for C: --c DIR")
+        why = f"applies to a [simulation], but this coupling is to a {coupling.end.kind}; use --c DIR"
+        cli.refuse(args, "parameters", why=why)
     if args.parameters is not None:
         sentence, stable = pair_verdict(coupling, unsafe=args.unsafe)
         return rows.engines.parameters(coupling, args.parameters, args.gains, "" if stable else sentence)
@@ -64,7 +71,7 @@ def run_export(args: argparse.Namespace, console: Console) -> Answer:
     paths = [Path(args.c) / name for name in files]
     for path in paths:
         if path.is_file() and not args.force and b"; do not edit." not in path.read_bytes().partition(b"\n")[0]:
-            message = "is there already and no export; allowed: another folder, another --name, or --force"
+            message = "exists and is not an export of avc; choose another folder or --name, or use --force"
             raise avc.InputError.of(f"{str(path)!r} {message}", key="c")
     with output_folder(args.c, "--c") as folder:
         for name, text in files.items():
@@ -77,22 +84,24 @@ def run_export(args: argparse.Namespace, console: Console) -> Answer:
 @cli.verb(
     cli.COUPLING,
     *cli.PORT,
-    cli.argument("--device-id", metavar="ID", text="number of the device's chip; another one is refused"),
+    cli.argument("--device-id", metavar="ID", text="push only if the chip of the device has this serial number"),
     cli.BESIDE,
     cli.UNSAFE,
 )
 def run_push(args: argparse.Namespace, console: Console) -> Answer:
-    """Send a coupling to a device: its table, wall and limits, swapped at once and read back.
+    """Send a coupling to a device that runs the avc firmware, and read it back.
 
-    What is not deployable is refused with exit code 1; --unsafe overrides. The emulated device is a fresh one for every
-    command, of the coupling's own sample time, encoder and force limit, with a hand on it.
+    Gains, wall and limits are exchanged within one tick.
+    A coupling that is not deployable is refused with exit code 1; --unsafe overrides this.
+    `--port emulator` starts a new emulated device, which has the coupling's sample time, encoder
+    and force limit. A simulated hand then presses the wall.
     """
     from avc_casadi.cli import ends
 
     coupling = cli.read_wall(args.gains, args.problem)
     deployment = ends.deployment(coupling, unsafe=args.unsafe)
     emulated = args.port == avc_hardware.EMULATOR
-    wait = "the device is in contact: release it, out of the wall; the new coupling takes over there"
+    wait = "the device is in contact: move it out of the wall and release it, so that the new coupling takes over"
     with console.step(f"push to {args.port}"):
         done = avc_hardware.push(
             coupling,
@@ -118,15 +127,16 @@ def in_the_loop(coupling: Coupling) -> ReportedTrial | NotTried:
 
 
 @cli.verb(
-    cli.argument("subject", metavar="SUBJECT", text="device or problem; or a coupling file, for its runtime"),
-    cli.argument("--board", required=True, text="a board (a wrong name lists them), or your own's folder (PORTING.md)"),
-    cli.argument("--out", required=True, metavar="DIR", text="folder for the .elf, .bin and .hex file"),
-    cli.argument("--baud", type=cli.positive_int, text="rate of its serial port; default 115200; push needs the same"),
+    cli.argument("subject", metavar="SUBJECT", text="device file, problem, or coupling file (adds its runtime part)"),
+    cli.argument("--board", required=True, metavar="BOARD", text=_BOARD),
+    cli.argument("--out", required=True, metavar="DIR", text="write the .elf, .bin and .hex files to this folder"),
+    cli.argument("--baud", type=cli.positive_int, metavar="N", text=_FIRMWARE_BAUD),
 )
 def run_firmware(args: argparse.Namespace, console: Console) -> Answer:
-    """Build firmware for a device, its sample time, encoder and force limit built in.
+    """Build firmware with the sample time, encoder and force limit of a device.
 
-    No gains are in it: they are pushed (avc push). It needs the board's compiler: arm-none-eabi-gcc, or your folder's.
+    The firmware contains no gains: send them with `avc push`.
+    The build needs the board's compiler: arm-none-eabi-gcc, or the one that your board folder names.
     """
     from avc_casadi.files.problem_file import is_device
 
@@ -140,12 +150,12 @@ def run_firmware(args: argparse.Namespace, console: Console) -> Answer:
     problem = getattr(subject, "problem", subject)
     device, notes = getattr(problem, "device", problem), []
     if getattr(problem, "detent", None) is not None:
-        notes.append("[detent] has no place in what is pushed: export it (avc export)")
+        notes.append("avc push does not support [detent]; use avc export")
     of_board = {"max_force_n": built.limits.max_force_n, "encoder_resolution_m": built.limits.metres_per_count}
     for key, value in of_board.items():
         if not getattr(device, key):
-            advice = f"{Value.of(key, value).text(device.units)} is the board's own; give the device's"
-            notes.append(f"the file has no device.{device.units.key(key)}: {advice}")
+            taken = f"the board's value {Value.of(key, value).text(device.units)} is used; state the device's"
+            notes.append(f"device.{device.units.key(key)} is missing: {taken}")
     baud = args.baud or cli.DEFAULT_BAUD
     console.written += [str(Path(args.out) / path.name) for path in built.files]
     result = rows.deploy.Firmware(
@@ -161,7 +171,7 @@ def run_firmware(args: argparse.Namespace, console: Console) -> Answer:
         figures=built.figures,
     )
     baud_option = "" if baud == cli.DEFAULT_BAUD else f" --baud {baud}"
-    gains = f"pushed: avc push{baud_option}; estimator {built.figures.estimator}"
+    gains = f"none; send them with avc push{baud_option}; estimator {built.figures.estimator}"
     return rows.deploy.firmware(result, built.title, subject.units, gains)
 
 
@@ -170,16 +180,17 @@ _STREAM_SHOWN_EVERY_S = 0.5
 
 
 @cli.verb(
-    cli.argument("subject", metavar="COUPLING", text="coupling file; or a problem, for its recommended one"),
+    cli.argument("subject", metavar="COUPLING", text="coupling file; or a problem, whose recommendation is streamed"),
     *cli.PORT,
-    cli.argument("--rate-hz", type=cli.positive, default=50.0, metavar="HZ", text="messages a second, 1 to 100 (50)"),
-    cli.argument("--seconds", type=cli.positive, default=5.0, metavar="S", text="duration; default 5"),
+    cli.argument("--rate-hz", type=cli.positive, default=50.0, metavar="HZ", text=_STREAM_RATE),
+    cli.argument("--seconds", type=cli.positive, default=5.0, metavar="S", text="set the duration in s (default: 5)"),
     cli.UNSAFE,
 )
 def run_stream(args: argparse.Namespace, console: Console) -> Answer:
-    """Stream a coupling's gains live: read the device's frequency estimate, send the gains for it.
+    """Stream gains to a device, chosen from its estimate of the motion's frequency.
 
-    The table is pushed first, as what the device falls back to. Exit code 1 if it does not end on it.
+    The table of gains is pushed first: the device falls back to it if messages stop.
+    Exit code 1 if the device does not run the table at the end.
     """
     from avc_casadi.cli import ends
     from avc_casadi.coupling import require_coupling
@@ -217,7 +228,7 @@ def run_stream(args: argparse.Namespace, console: Console) -> Answer:
         take_interrupt()
         streamed = {"problem": coupling.problem.name, "coupling": coupling.id, "sent": sent}
         data: dict[str, Any] = avc.fault_document(avc.InputError.of("interrupted")) | streamed
-        after = f"{args.port} goes back to its table within {avc_hardware.HOLD_PERIODS / args.rate_hz:.2g} s"
+        after = f"{args.port} returns to its table within {avc_hardware.HOLD_PERIODS / args.rate_hz:.2g} s"
         return Answer("stream", data, (f"interrupted after {sent} messages; {after}",), code=EXIT_CODE)
     return rows.deploy.stream(result, deployment, coupling)
 
@@ -228,13 +239,15 @@ _MONITOR_SHOWN_EVERY_S = 0.2
 _MONITOR_JSON_S = 5.0
 """Time after which --json ends by itself, s."""
 
-_RATE = "records a second; default 5; 115200 baud carry about 250. At most 5 a second are shown as text"
+_RATE = "set the records per second (default: 5; 115200 baud allow 250); 5 are printed"
+_SECONDS = "set the duration in s (default: until Ctrl-C; with --json 5)"
+_HEARTBEAT = "send a heartbeat; the force ends if none arrives for S seconds (default: 0.5)"
 
 
 @cli.verb(
     *cli.PORT,
     cli.argument("--rate-hz", type=cli.positive, default=5.0, metavar="HZ", text=_RATE),
-    cli.argument("--seconds", type=cli.positive, metavar="S", text="default until Ctrl-C, with --json 5 seconds"),
+    cli.argument("--seconds", type=cli.positive, metavar="S", text=_SECONDS),
     cli.argument(
         "--heartbeat",
         dest="heartbeat_s",
@@ -242,16 +255,17 @@ _RATE = "records a second; default 5; 115200 baud carry about 250. At most 5 a s
         nargs="?",
         const=0.5,
         metavar="S",
-        text="keep the device's heartbeat: the force falls when none comes for S seconds; default 0.5",
+        text=_HEARTBEAT,
     ),
-    cli.output("--out", "log every record as it comes: .csv", ".csv"),
+    cli.output("--out", "log every record to this .csv file", ".csv"),
     cli.MOTION,
 )
 def run_monitor(args: argparse.Namespace, console: Console) -> Answer:
-    """Watch a device: records of its own ticks, as text or log; and keep its heartbeat.
+    """Monitor a device: print and log its state, and send its heartbeat.
 
-    With --heartbeat the device lives as long as this command: when that ends or loses the line, the force falls to 0
-    within 0.1 s, and comes back out of contact with the next heartbeat, or after avc device --clear.
+    With --heartbeat the device exerts force only while this command runs.
+    When the command ends, the force falls to 0 within 0.1 s; if the line breaks, S seconds later.
+    The force returns out of contact, with the next heartbeat or after `avc device --clear`.
     """
     units = units_for(args.motion)
     data = _nothing_watched(args.port, args.out)
@@ -325,16 +339,16 @@ def _monitor_rows(data: dict[str, Any], heartbeat_s: float | None) -> Iterator[R
     """Yield the rows of what was watched: records that are lost, the log, and how the heartbeat ended."""
     lost, records, end = data["lost"], data["records"], data["ended"]
     if lost:
-        text = f"{lost} of {records + lost} records: the line is too slow or lossy; "
-        text += "give less --rate-hz, or a faster --baud with firmware built for it"
+        text = f"{lost} of {records + lost} records: the line is too slow or loses data; "
+        text += "lower --rate-hz, or build the firmware for a higher --baud"
         yield row("Lost", text, mark=Mark.CAUTION)
     if data["out"]:
         yield row("Written", f"{data['out']}, {records} records")
     if heartbeat_s and end is not None:
-        until = f"; mode {end['mode']} until the next heartbeat, out of contact"
-        yield row("Heartbeat", "ended, at", Value(end["force_n"], "force"), until)
+        until = f"; mode {end['mode']} until the next heartbeat out of contact"
+        yield row("Heartbeat", "stopped at a force of", Value(end["force_n"], "force"), until)
     elif heartbeat_s:
-        yield row("Heartbeat", "ended, and the device did not answer: it falls to 0 by itself")
+        yield row("Heartbeat", "stopped; the device did not answer, and reduces its force to 0 by itself")
 
 
 def _applied(sample: avc_hardware.StreamSample | avc_hardware.TelemetrySample) -> list[tuple[Part, ...]]:
@@ -359,16 +373,16 @@ def _state(sample: avc_hardware.TelemetrySample, faults: str) -> tuple[Part, ...
 
 @cli.verb(
     *cli.PORT,
-    cli.flag("--clear", "show the faults and clear them, that of a silent host too; 1 if one stays"),
-    *cli.turning("force_n", "N", "limit of the force; a higher one holds from the next time out of contact"),
-    *cli.turning("speed_m_per_s", "V", "a fault is latched beyond it"),
-    cli.argument("--energy-j", type=cli.positive, metavar="E", text="given out in a second beyond what came in"),
+    cli.flag("--clear", "print the latched faults and clear them; exit code 1 if one remains"),
+    *cli.turning("force_n", "N", "limit the force in N (a higher limit waits for free space)"),
+    *cli.turning("speed_m_per_s", "V", "limit the speed in m/s (more latches a fault)"),
+    cli.argument("--energy-j", type=cli.positive, metavar="E", text=_ENERGY),
     cli.MOTION,
 )
 def run_device(args: argparse.Namespace, console: Console) -> Answer:
     """Show or lower the limits of a device, or clear its faults.
 
-    Limits are never above those built into the firmware, and hold until the device starts anew.
+    Limits cannot exceed those built into the firmware. They apply until the device restarts.
     """
     units = units_for(args.motion)
     wanted = cli.of_motion(args, units, "force_n", "speed_m_per_s", "energy_j")
@@ -376,7 +390,7 @@ def run_device(args: argparse.Namespace, console: Console) -> Answer:
         with console.step(f"limits of {args.port}"):
             limits = avc_hardware.set_limits(args.port, **wanted, baud=args.baud)
         return rows.deploy.limits(limits, units)
-    cli.refuse(args, *map(units.key, wanted), why="is a limit, and --clear sets none; leave it out")
+    cli.refuse(args, *map(units.key, wanted), why="does not apply with --clear; leave it out")
     with console.step(f"clear {args.port}"):
         cleared = avc_hardware.clear_faults(args.port, baud=args.baud)
     result = rows.deploy.ClearedFaults(
@@ -387,7 +401,7 @@ def run_device(args: argparse.Namespace, console: Console) -> Answer:
         tick=cleared.tick,
         mode=cleared.status.mode,
     )
-    complaint = f"avc: {cleared.port}: still there: {cleared.left.word}" if cleared.left else ""
+    complaint = f"avc: {cleared.port}: fault not cleared: {cleared.left.word}" if cleared.left else ""
     return replace(rows.deploy.faults(result, cleared.were.advice), complaint=complaint)
 
 

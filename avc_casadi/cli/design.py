@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from shlex import quote
@@ -25,31 +25,43 @@ if TYPE_CHECKING:
     from avc_casadi.files.new_problem import NewProblem
     from avc_casadi.present.rows.deploy import PushOutcome
 
+_STIFFEST = "find the stiffest wall (within a fifth) that this device renders well at 1 to 10 Hz"
+_HANDS = "set the number of simulated hands (default: 100)"
+_SOLVER = "choose the solver of `direct`: sqpmethod-qrqp (default), sqpmethod, ipopt, or another nlpsol plugin"
+_MINE = "add your own constant gains: stiffness in N/m and damping in N.s/m, such as 7000,10"
+
+
+def _value_options() -> Iterator[cli.Argument]:
+    """Yield the options of values; the help lists those of a linear and of a rotary device in one entry."""
+    for option in EVERY:
+        text = f"{option.text}: {', '.join(dict.fromkeys(option.examples))}{option.shown_default}"
+        yield cli.argument(option.option, metavar="V", text=text)
+        if option.option_turning:
+            yield cli.argument(option.option_turning, metavar="V", text=argparse.SUPPRESS)
+
+
+_HELD = f"choose the grip: {', '.join(HOLDS)} (default: grip)"
+
 
 @cli.verb(
-    cli.output("file", "problem file to write, .toml", ".toml"),
-    cli.argument("--like", metavar="D", text="device to begin from: a name of `avc list`, or a device file"),
-    cli.argument("--held", choices=tuple(HOLDS), default="grip", text="what holds it; default grip"),
-    *(
-        cli.argument(name, metavar="V", text=f"{option.text}: {', '.join(dict.fromkeys(option.examples))}")
-        for option in EVERY
-        for name in dict.fromkeys(option.names)
-    ),
-    cli.argument("--model", metavar="M", text="device of several axes, MJCF or URDF: mass from it (MuJoCo)"),
-    cli.argument("--tip", metavar="NAME", text="site, body or geom of the model that the hand holds"),
-    cli.flag("--force", "write over a file that is there"),
+    cli.output("file", "problem file to write (.toml)", ".toml"),
+    cli.argument("--like", metavar="D", text="begin with a built-in device (avc list) or a device file"),
+    cli.argument("--held", choices=tuple(HOLDS), default="grip", metavar="HOW", text=_HELD),
+    *_value_options(),
+    cli.argument("--model", metavar="M", text="compute the mass at --tip from an MJCF or URDF model (MuJoCo)"),
+    cli.argument("--tip", metavar="NAME", text="name the site, body or geom of --model that the hand holds"),
+    cli.flag("--force", "overwrite an existing file"),
 )
 def run_new(args: argparse.Namespace, console: Console) -> Answer:
-    """Write a problem file from what you know of a device, its wall and what holds it.
+    """Write a problem file from what you know of your device, its wall and its user.
 
-    A value is typed with its unit, in any that fits ('55 um', '1 kHz', '4096 counts'; without one
-    it is in SI units). Of a device that turns: --radius, --inertia, --max-torque, and units such as N.m/rad.
+    A value V has a unit, such as '55 um', '1 kHz' or '4096 counts'; without one it is in SI units.
     """
     from avc_casadi.files.new_problem import NewProblem
     from avc_casadi.files.plausibility import plausibility
 
     if args.file.exists() and not args.force:
-        message = f"{str(args.file)!r} is there already; allowed: another name, or --force"
+        message = f"{str(args.file)!r} exists; choose another name, or use --force"
         raise avc.InputError.of(message, key="FILE")
     values = {(option, name): vars(args)[name[2:].replace("-", "_")] for option in EVERY for name in option.names}
     typed = {key: value for key, value in values.items() if value is not None}
@@ -85,14 +97,14 @@ def _names_of(new: NewProblem) -> dict[str, str]:
 def _option_faults(new: NewProblem, typed: Sequence[tuple[Option, str]]) -> list[avc.Fault]:
     """Return the faults of options that do not go with the motion of the device, its --like, or what holds it."""
     names = _names_of(new)
-    kind, motion = ("a linear device", 0) if new.units.linear else ("a device that turns", 1)
+    kind, motion = ("linear", 0) if new.units.linear else ("rotary", 1)
     faults = []
     for option, name in typed:
         if name != names[option.key]:
-            message = f"is no option of {kind}; allowed: {names[option.key]}, as {option.examples[motion]}"
+            message = f"does not apply to a {kind} device; use {names[option.key]}, such as {option.examples[motion]}"
             faults.append(avc.Fault("", None, name, message))
-    reasons = {RADIUS.key: "is that of the device of --like; leave it out"}
-    reasons |= {option.key: "goes with --held foot or --held other; leave it out" for option in HANDS}
+    reasons = {RADIUS.key: "is known from the device of --like; leave it out"}
+    reasons |= {option.key: "applies with --held foot or --held other only; leave it out" for option in HANDS}
     known = {option.key for option in new.options()}
     faults += [avc.Fault("", None, names[key], reasons[key]) for key in new.typed if key not in known]
     return faults
@@ -103,11 +115,13 @@ def _at_tip(new: NewProblem, model: str | None, tip: str | None) -> NewProblem:
     from avc_casadi.files.model_file import tip_mass
 
     if model is None or tip is None:
-        raise avc.InputError.of("goes with --model and --tip, both", key="--model" if model is None else "--tip")
+        missing = "--model" if model is None else "--tip"
+        raise avc.InputError.of("is missing; give both --model and --tip", key=missing)
     if not new.units.linear:
-        raise avc.InputError.of("moves its tip in lines, and the device turns; leave one out", key="--model")
+        message = "gives the mass of a tip that moves in a line, but this device is rotary; leave one out"
+        raise avc.InputError.of(message, key="--model")
     if MASS.key in new.typed:
-        raise avc.InputError.of("is that of --model; leave it out", key=MASS.option)
+        raise avc.InputError.of("is computed from --model; leave it out", key=MASS.option)
     at_tip = tip_mass(Path(model), tip)
     typed = {MASS.key: f"{at_tip.mass_kg:.4g} kg", **new.typed}
     if at_tip.damping_ns_per_m > 0:
@@ -117,18 +131,19 @@ def _at_tip(new: NewProblem, model: str | None, tip: str | None) -> NewProblem:
 
 @cli.verb(
     cli.PROBLEM,
-    cli.output("--out", "write the coupling, .json: for push, stream, export, simulate", ".json"),
-    cli.flag("--stiffest", "for the stiffest wall that is felt, within a fifth, by a hand moving at 1 to 10 Hz"),
-    cli.flag("--lean-on-friction", "settling by the declared dry friction suffices"),
-    cli.flag("--prove", "prove what is chosen, as avc certify --prove does: minutes where it is robust"),
-    cli.flag("--trade-off", "tell what a disk margin costs in impedance error"),
-    cli.argument("--hands", type=cli.positive_int, default=100, metavar="N", text="simulated hands (default 100)"),
+    cli.output("--out", "write the coupling to this .json file, for certify, simulate, push and export", ".json"),
+    cli.flag("--stiffest", _STIFFEST),
+    cli.flag("--lean-on-friction", "accept couplings that need the declared dry friction to settle"),
+    cli.flag("--prove", "prove the chosen coupling as `avc certify --prove` does; may take minutes"),
+    cli.flag("--trade-off", "list the impedance error at several disk margins"),
+    cli.argument("--hands", type=cli.positive_int, default=100, metavar="N", text=_HANDS),
     cli.VERBOSE,
 )
 def run_recommend(args: argparse.Namespace, console: Console) -> Answer:
-    """Recommend the coupling to deploy: its gains, what it renders, what limits it.
+    """Recommend the coupling to deploy, and report its gains, its stiffness and its limits.
 
-    Exit code 1 if no coupling is deployable: linearly stable with every hand of [hands] and released.
+    Exit code 1 if no coupling is deployable: linearly stable with every hand of [hands] and with
+    the device released.
     """
     with console.step(args.problem):
         problem = avc.load_problem(args.problem)
@@ -167,17 +182,18 @@ def coupling_text(coupling: avc.Coupling, **further: Any) -> str:
 
 @cli.verb(
     cli.PROBLEM,
-    cli.argument("--method", text=f"{methods_help()}; default direct"),
-    cli.argument("--solver", text="of direct: sqpmethod-qrqp (default), sqpmethod, ipopt, or another nlpsol plugin"),
-    cli.argument("--tolerance", type=float, metavar="TOL", text="tolerance asked of the solver"),
-    cli.flag("--as-printed", "closed form with the paper's errors; -v lists them"),
-    cli.output("--out", "write the coupling: .json (everything), or .csv (the bare table)", ".json", ".csv"),
+    cli.argument("--method", metavar="NAME", text=f"choose {methods_help()} (default: direct)"),
+    cli.argument("--solver", metavar="NAME", text=_SOLVER),
+    cli.argument("--tolerance", type=float, metavar="TOL", text="set the tolerance of the solver"),
+    cli.flag("--as-printed", "use the closed form with the paper's errors; -v lists them"),
+    cli.output("--out", "write everything (.json), or only the table of gains (.csv)", ".json", ".csv"),
     cli.VERBOSE,
 )
 def run_solve(args: argparse.Namespace, console: Console) -> Answer:
-    """Compute the gains of a problem by one method.
+    """Compute the gains of a problem by one method of the paper or of this project.
 
-    Exit code 1 if a frequency has no gains. Whether they may go into a device is said on one line.
+    One row of the answer says whether the gains are deployable.
+    Exit code 1 if a frequency has no gains.
     """
     from avc_casadi.coupling import Coupling
     from avc_casadi.design.solution import SolvedGains
@@ -208,18 +224,18 @@ def gain_pair(text: str) -> tuple[float, float]:
     try:
         k, b = (float(part) for part in text.split(","))
     except ValueError:
-        message = f"{text!r} is no pair K,B; allowed: stiffness in N/m and damping in N.s/m, as 7000,10"
+        message = f"is {text!r}; it must be K,B: stiffness in N/m and damping in N.s/m, such as 7000,10"
         raise argparse.ArgumentTypeError(message) from None
     return k, b
 
 
 @cli.verb(
     cli.PROBLEM,
-    cli.argument("--mine", type=gain_pair, metavar="K,B", text="judge a constant pair too, as 7000,10: N/m and N.s/m"),
+    cli.argument("--mine", type=gain_pair, metavar="K,B", text=_MINE),
     cli.plot("the comparison"),
 )
 def run_compare(args: argparse.Namespace, console: Console) -> Answer:
-    """Put the methods side by side, frequency by frequency, with a verdict."""
+    """Compare the methods at each frequency, with a verdict."""
     problem = avc.load_problem(args.problem)
     comparison = avc.compare(problem, mine=args.mine, progress=console)
     write_figure(console, args.plot, lambda: avc.figures.draw_comparison(comparison))
@@ -228,25 +244,26 @@ def run_compare(args: argparse.Namespace, console: Console) -> Answer:
 
 @cli.verb(
     cli.PROBLEM,
-    cli.argument("--out", metavar="DIR", text="folder for the results; default avc-<name>"),
-    cli.argument("--method", metavar="NAME", text=f"deploy the gains of a method instead: {methods_help()}"),
+    cli.argument("--out", metavar="DIR", text="write the results to this folder (default: avc-NAME)"),
+    cli.argument("--method", metavar="NAME", text=f"deploy the gains of this method instead: {methods_help()}"),
     cli.VERBOSE,
     cli.UNSAFE,
 )
 def run_run(args: argparse.Namespace, console: Console) -> Answer:
-    """Do all of it: recommend a coupling, try it, report and push, and answer the paper's question.
+    """Recommend, simulate, report and push a coupling, and solve the paper's problem.
 
-    The recommended coupling goes into the device (coupling.json), or that of --method; the gains of the paper's
-    question are for comparison (gains.json). For another end than a wall: avc recommend.
+    The recommended coupling, or that of --method, is tried on an emulated device (coupling.json).
+    The gains of the paper's problem are for comparison only (gains.json).
+    This verb is for walls; for a [simulation] or [follower] use `avc recommend`.
     """
     with console.step(args.problem):
         problem = avc.load_problem(args.problem)
     if _is_pair(problem):
-        ask = f"avc recommend {quote(args.problem)} --out coupling.json"
-        raise avc.InputError.of(f"couples to no wall, and run is of walls; ask: {ask}", key="P")
+        command = f"avc recommend {quote(args.problem)} --out coupling.json"
+        raise avc.InputError.of(f"has no wall, which avc run needs; use {command}", key="P")
     shown = Path(args.out or f"avc-{problem.name.replace('/', '-')}")
     with output_folder(args.out or str(shown), "--out") as folder:
-        console.notice(f"{args.problem} ... all of it, into {shown}")
+        console.notice(f"{args.problem} ... everything, into {shown}")
         recommendation = _to_deploy(problem, args.method, console)
         with console.step("device"):
             push = _pushed(recommendation, unsafe=args.unsafe)
@@ -270,7 +287,7 @@ def run_run(args: argparse.Namespace, console: Console) -> Answer:
         "push": push.document(),
         "compare": compare,
     }
-    console.written.append(f"{shown / 'report.html'} and {len(files) - 1} files beside it")
+    console.written.append(f"{shown / 'report.html'} and {len(files) - 1} more files in the same folder")
     answer = rows.design.run(data, answer, pushed, comparison)
     complaints = [rows.design.without_gains(comparison.methods[comparison.delivered])]
     if pushed.mark is Mark.FAIL:
@@ -323,7 +340,7 @@ def _run_files(
 
 
 def _compared(recommendation: avc.Recommendation, console: Console) -> avc.Comparison:
-    """Answer the paper's question, beside what is recommended."""
+    """Solve the paper's problem, for comparison with the recommendation."""
     from avc_casadi.design.comparison.comparison import with_causal, with_delivered
 
     problem, coupling = recommendation.problem, recommendation.coupling
@@ -345,7 +362,7 @@ def _pushed(recommendation: avc.Recommendation, *, unsafe: bool) -> PushOutcome:
     # Trials refuse what the push, which judges linear stability alone, would take.
     if not recommendation.deployable and not unsafe:
         return rows.deploy.Refused(recommendation.reason, deployable=False)
-    note = "" if recommendation.deployable else f"UNSAFE, went on by request: {recommendation.reason}"
+    note = "" if recommendation.deployable else f"UNSAFE, accepted by request: {recommendation.reason}"
     try:
         done = avc_hardware.push(coupling, "emulator", unsafe=unsafe)
         return rows.deploy.Tried(done, note, in_the_loop(coupling))

@@ -25,11 +25,14 @@ if TYPE_CHECKING:
     from avc_hardware.link.connection import Port
 
 
+_HANDS = "set the number of simulated hands of each set (default: 200)"
+
+
 @cli.verb()
 def run_list(args: argparse.Namespace, console: Console) -> Answer:  # noqa: ARG001
-    """Show the catalogue of problems and devices.
+    """List the built-in problems and devices.
 
-    Problems are files to run and to copy from, devices are names to give in a problem file.
+    Run a problem by its name, or copy its file. Name a device in a problem file.
     """
     from avc_casadi.files.catalogue import device_names
 
@@ -40,9 +43,9 @@ def run_list(args: argparse.Namespace, console: Console) -> Answer:  # noqa: ARG
     return rows.look.catalogue(avc.catalogue(), devices, str(avc.catalogue_path("figure5").parent))
 
 
-@cli.verb(cli.argument("problem", metavar="P", text="problem or device: a file or a name"), cli.VERBOSE)
+@cli.verb(cli.argument("problem", metavar="P", text="problem or device: file, or built-in name"), cli.VERBOSE)
 def run_check(args: argparse.Namespace, console: Console) -> Answer:  # noqa: ARG001
-    """Check a problem file or a device file and show what it means."""
+    """Check a problem or device file for errors and unusual values, and show its meaning."""
     from avc_casadi.files.plausibility import plausibility
     from avc_casadi.files.problem_file import is_device
     from avc_casadi.recommendation.preconditions import doubts, infeasible_at, not_used
@@ -58,14 +61,15 @@ def run_check(args: argparse.Namespace, console: Console) -> Answer:  # noqa: AR
 
 
 @cli.verb(
-    cli.argument("problem", metavar="P", nargs="?", default="figure5", text="problem file or name; default figure5"),
-    cli.argument("--port", type=int, default=0, metavar="N", text="port of 127.0.0.1; default any free one"),
+    cli.argument("problem", metavar="P", nargs="?", default="figure5", text="problem file or name (default: figure5)"),
+    cli.argument("--port", type=int, default=0, metavar="N", text="set the port of 127.0.0.1 (default: a free port)"),
     cli.flag("--open", "open the page in the browser"),
 )
 def run_explore(args: argparse.Namespace, console: Console) -> Answer:
-    """Turn knobs on a local page: device, hands, and wall or engine as sliders beside what they make of a coupling.
+    """Explore a problem in the browser, with sliders for device, wall and hands.
 
-    The page is served to this machine alone, ends with Ctrl-C, saves problem and coupling, and shows their commands.
+    The page shows how each value changes the coupling, saves problem and coupling, and shows the
+    equivalent commands. Only this machine can open it. Stop it with Ctrl-C.
     """
     import webbrowser
 
@@ -77,7 +81,7 @@ def run_explore(args: argparse.Namespace, console: Console) -> Answer:
     try:
         server = ExploreServer(explorer, args.port)
     except (OSError, OverflowError) as error:
-        raise avc.InputError.of(f"{args.port} cannot be used: {error}; leave it out", key="--port") from error
+        raise avc.InputError.of(f"is {args.port}: {error}; leave it out for a free port", key="--port") from error
     with server:
         try:
             console.say(": ".join(filter(None, (problem.name, problem.title))))
@@ -94,21 +98,21 @@ def run_explore(args: argparse.Namespace, console: Console) -> Answer:
 
 
 @cli.verb(
-    cli.flag("--ports", "list the serial ports alone, USB devices first"),
-    cli.flag("--ask", "open each port and ask which avc device is there; boards like the Arduino start anew by that"),
+    cli.flag("--ports", "list the serial ports only, USB devices first"),
+    cli.flag("--ask", "open each port and identify its avc device; some boards, such as Arduino, restart by this"),
     cli.BAUD,
 )
 def run_doctor(args: argparse.Namespace, console: Console) -> Answer:
-    """Show versions, solvers, compiler, ports and permissions.
+    """Check the installation: versions, solvers, compilers, serial ports and permissions.
 
-    Each solver of the method direct solves a small problem; its answer is checked, whatever it reports.
+    Each solver of the method `direct` solves a small problem, and its solution is checked.
     """
     from avc_casadi.paper.nlp_solver import SOLVERS
 
     ports = tuple(_asked(port, args.baud, console) if args.ask else _port(port) for port in avc_hardware.list_ports())
     if args.ports:
         shown = rows.look.ports(ports, asked=args.ask)
-        title = ("serial ports; without a device: --port emulator",)
+        title = ("serial ports; if you have no device, use --port emulator",)
         return Answer("ports", {"ports": plain(ports)}, title, tuple(shown))
     with console.step("solvers"):
         small = avc.load_problem("soft").changed(frequency={"points": 2})
@@ -155,9 +159,10 @@ def _avc_device(port: str, baud: int) -> AvcDevice:
 
 @cli.verb(cli.PROBLEM, cli.plot("time against error"), cli.VERBOSE)
 def run_accuracy(args: argparse.Namespace, console: Console) -> Answer:
-    """Measure what accuracy costs in time: methods and solvers over tolerances against the true optimum.
+    """Measure time and error of the paper's methods and solvers, over tolerances.
 
-    Tolerances from 1e-2 to 1e-12; the optimum of each frequency is found by geometry (`exact`). Takes about a minute.
+    Tolerances are 1e-2 to 1e-12. Errors count from the true optimum, which `exact` computes by
+    geometry. This takes about a minute.
     """
     from avc_casadi.design.comparison.accuracy import Accuracy, solver_costs
 
@@ -169,14 +174,16 @@ def run_accuracy(args: argparse.Namespace, console: Console) -> Answer:
 
 
 @cli.verb(
-    cli.argument("--hands", type=cli.positive_int, default=200, metavar="N", text="hands of each set (default 200)"),
-    cli.argument("--seed", type=int, default=2026, metavar="S", text="the same seed, the same counts"),
+    cli.argument("--hands", type=cli.positive_int, default=200, metavar="N", text=_HANDS),
+    cli.argument("--seed", type=int, default=2026, metavar="S", text="set the seed of the hands (default: 2026)"),
     *cli.WORKERS,
 )
 def run_table1(args: argparse.Namespace, console: Console) -> Answer:
-    """Rebuild the paper's Table 1 with simulated hands: stable or not, and which coupling feels like the wall.
+    """Reproduce the paper's Table 1 with simulated hands.
 
-    VE4 to VE6 are calibrated to its column without coupling, all else is predicted. Takes a minute, few hands or many.
+    The table says which walls are stable, and which coupling feels like the wall.
+    VE4 to VE6 are calibrated to the paper's column without coupling; all else is predicted.
+    This takes a minute for any number of hands.
     """
     from avc_casadi._util.parallel import cluster, processors
     from avc_casadi.design.comparison.table1 import table1

@@ -7,7 +7,6 @@ import math
 import shlex
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING
 
 import avc_casadi as avc
 import avc_hardware
@@ -18,33 +17,36 @@ from avc_casadi.cli.console import Console, write_figure
 from avc_casadi.present import rows
 from avc_casadi.present.row import Answer
 
-if TYPE_CHECKING:
-    pass
-
 _LEAST_STROKE_STEPS = 12
-"""Encoder steps of travel below which a log tells too little for `avc identify`."""
+"""Encoder steps of travel below which a log is too poor for `avc identify`."""
 
-_SIGNAL = "all frequencies at once (default), or one after the other"
+_DEVICE = "device file or problem with what you know of the device"
+_PORT = "choose the serial port (default: `emulator`, a model of the device)"
+_SIGNAL = "choose multisine (all frequencies at once, default) or chirp (a sweep)"
+_ON_BENCH = "with --port emulator: emulate this device instead, unknown to the plan"
+_BASE = "take values that the logs do not determine from this device or problem"
+_DECLARED = "compare with this device, or with a problem and its hands"
 
 
 @cli.verb(
-    cli.argument("device", metavar="DEVICE", text="what is known of it: a device or problem, a file or a name"),
-    cli.argument("--port", default="emulator", text="serial port (avc doctor --ports); default `emulator`, a model"),
-    cli.argument("--signal", choices=("multisine", "chirp"), default="multisine", text=_SIGNAL),
-    cli.argument("--seconds", type=cli.positive, default=10.0, metavar="S", text="how long; default 10"),
-    *cli.turning("force_n", "N", "force limit; default: half of the device's"),
-    *cli.turning("speed_m_per_s", "V", "speed limit; default 0.3 m/s at the hand, at most 10 rad/s"),
-    *cli.turning("travel_m", "X", "travel limit to either side; default 20 mm at the hand"),
-    cli.output("--out", "write the log (.csv)", ".csv"),
-    cli.flag("--plan-only", "say what would be done; nothing moves"),
-    cli.argument("--on-bench", metavar="DEVICE", text="with --port emulator: the device there, if another"),
+    cli.argument("device", metavar="DEVICE", text=_DEVICE),
+    cli.argument("--port", default="emulator", metavar="PORT", text=_PORT),
+    cli.argument("--signal", choices=("multisine", "chirp"), default="multisine", metavar="SIGNAL", text=_SIGNAL),
+    cli.argument("--seconds", type=cli.positive, default=10.0, metavar="S", text="set the duration in s (default: 10)"),
+    *cli.turning("force_n", "N", "limit the force in N (default: half of the device's)"),
+    *cli.turning("speed_m_per_s", "V", "limit the speed in m/s (default: 0.3)"),
+    *cli.turning("travel_m", "X", "limit the travel to either side in m (default: 0.02)"),
+    cli.output("--out", "write the log to this .csv file", ".csv"),
+    cli.flag("--plan-only", "print the plan without moving the device"),
+    cli.argument("--on-bench", metavar="DEVICE", text=_ON_BENCH),
     cli.BAUD,
 )
 def run_excite(args: argparse.Namespace, console: Console) -> Answer:
-    """Excite a device within limits of force, speed and travel, and log it for `avc identify`.
+    """Excite a device and log its motion for `avc identify`.
 
-    The plan is simulated first on every corner of [device.range]; one that would break a limit is refused. The firmware
-    checks the limits at every tick and holds the device near where it stands; hands off. Afterwards there is no force.
+    The plan is first simulated on every corner of [device.range], and refused if it exceeds a limit.
+    The firmware checks force, speed and travel at every tick, and keeps the device near its position.
+    Do not touch the device meanwhile. At the end its force is 0.
     """
     from avc_casadi.identification.excitation import plan_excitation
 
@@ -83,28 +85,29 @@ def run_excite(args: argparse.Namespace, console: Console) -> Answer:
 def _excitation_fault(log: avc_hardware.ExcitationLog, stroke_m: float, encoder_m: float) -> str:
     """Return why a log does not do for `avc identify`, and what to do; empty where it does."""
     if not log.whole and "limit" in log.end:
-        fault = f"{log.end}; the device is lighter, freer or otherwise held than declared: clear its way, "
-        return fault + "widen [device.range], or give less force"
+        fault = f"{log.end}; the device moves more easily than declared, or is held otherwise: "
+        return fault + "clear its way, widen [device.range], or lower the force"
     if not log.whole:
-        return f"{log.end}; look at the link, then excite again"
+        return f"{log.end}; check the link, then excite again"
     steps = stroke_m / encoder_m if encoder_m else math.inf
     if steps < _LEAST_STROKE_STEPS:
-        fault = f"the device moved by {number(steps, 2)} steps of its encoder only, as if dry friction or a hand "
-        return fault + "held it: free it, or give more force"
+        fault = f"the device moved by {number(steps, 2)} encoder steps only, as if dry friction or a hand "
+        return fault + "blocked it: release it, or raise the force"
     return ""
 
 
 @cli.verb(
     *cli.LOGS,
-    cli.output("--out", "write the device file (.toml)", ".toml"),
-    cli.argument("--device", metavar="BASE", text="device or problem: what the logs do not tell is taken from it"),
-    cli.plot("the log beside its model"),
+    cli.output("--out", "write the device to this .toml file", ".toml"),
+    cli.argument("--device", metavar="BASE", text=_BASE),
+    cli.plot("log and model"),
     cli.VERBOSE,
 )
 def run_identify(args: argparse.Namespace, console: Console) -> Answer:
     """Identify a device from logs of time, position and commanded force.
 
-    The device file holds each value with its source and 95 % interval, for device = "device.toml" in a problem.
+    The device file has each value with its source and 95 % interval.
+    To use it, write device = "device.toml" in a problem file.
     """
     from avc_casadi.identification.device import device_text
     from avc_casadi.identification.identify import identify
@@ -118,7 +121,7 @@ def run_identify(args: argparse.Namespace, console: Console) -> Answer:
         missing = [key for key in ("mass_kg", "damping_ns_per_m") if key not in identified.estimates]
         missing = missing or ["handle_radius_m"]
         keys = ", ".join(map(units.key, missing))
-        complaint = f"avc: no device file: {keys} not known; log it, or state it by --device BASE or an option"
+        complaint = f"avc: no device file: {keys} not identified; log more motion, or state the value by --device BASE"
     elif args.out is not None:
         console.write(args.out, device_text(identified.device))
         out = str(args.out)
@@ -127,15 +130,17 @@ def run_identify(args: argparse.Namespace, console: Console) -> Answer:
 
 @cli.verb(
     *cli.LOGS,
-    cli.argument("--device", metavar="D", text="device, or problem with its hands: what it was declared to be"),
-    cli.argument("--coupling", metavar="FILE", text="coupling.json that was meant to run"),
+    cli.argument("--device", metavar="D", text=_DECLARED),
+    cli.argument("--coupling", metavar="FILE", text="compare with the coupling file that should have run"),
     cli.plot("each log"),
     cli.VERBOSE,
 )
 def run_diagnose(args: argparse.Namespace, console: Console) -> Answer:
-    """Diagnose a log of a loop that swings: the cause, the evidence, a remedy that was simulated.
+    """Diagnose why a device oscillates, from a log.
 
-    Or that nothing is wrong, or that it cannot tell, and the log that would decide. Reads what `avc identify` reads.
+    The answer names the cause, the evidence, and a remedy that was simulated.
+    It may also be that nothing is wrong, or that the log cannot decide; then it names a log that would.
+    The logs are those that `avc identify` reads.
     """
     from avc_casadi.diagnose.causes import diagnose
 

@@ -35,6 +35,11 @@ class Option:
         """Its examples, of a linear and of a rotary device."""
         return self.example, self.example_turning
 
+    @property
+    def shown_default(self) -> str:
+        """Its default, as the help ends with it; empty where there is none."""
+        return f" (default: {self.default})" if self.default else ""
+
 
 with Path(__file__).with_suffix(".csv").open(encoding="utf-8", newline="") as _text:
     EVERY = tuple(Option(**row) for row in csv.DictReader(_text))
@@ -48,12 +53,12 @@ HANDS = tuple(option for option in EVERY if option.key.startswith("hands."))
 OPTIONS = tuple(option for option in EVERY if option is not RADIUS and option not in HANDS)
 
 HOLDS = {
-    "grip": "the hands of a file without [hands], assumed: 0.05 to 0.3 kg, 3 to 20 N.s/m, 200 to 800 N/m at the handle",
-    "wheel": "hands at the rim: those of a grip there",
-    "stylus": "those of a grip; hands on a stylus (15 subjects of Fu and Cavusoglu 2012) must settle too",
-    "fingertip": "one finger, assumed: lighter and less damped than a hand that holds",
-    "foot": "no impedance of feet is known here: its ranges must be given",
-    "other": "by its ranges",
+    "grip": "a hand, assumed: 0.05 to 0.3 kg, 3 to 20 N.s/m, 200 to 800 N/m at the handle, as without [hands]",
+    "wheel": "a hand at the rim, with the values of a grip",
+    "stylus": "a hand, as a grip; hands on a stylus (15 subjects of Fu and Cavusoglu 2012) must settle too",
+    "fingertip": "a finger, assumed: lighter and less damped than a grip",
+    "foot": "no built-in values: give the three ranges of --hand-...",
+    "other": "no built-in values: give the three ranges of --hand-...",
 }
 """What holds a device, and the hands of each."""
 OWN_RANGES = ("foot", "other")
