@@ -24,7 +24,7 @@ def open_bounded(path: str | Path, most_bytes: int, next_step: str = "") -> Iter
     try:
         size = place.stat().st_size
         if not place.is_file():
-            kind = "a directory" if place.is_dir() else "no regular file"
+            kind = "a directory" if place.is_dir() else "not a regular file"
             raise InputError.of(f"is {kind}{advice}", file=str(path))
         if size > most_bytes:
             raise InputError.of(f"has {size} bytes; allowed: at most {most_bytes}", file=str(path))

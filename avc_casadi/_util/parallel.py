@@ -74,7 +74,7 @@ def cluster(address: str | None) -> Iterator[Executor | None]:
     try:
         client = module.Client(address, timeout=_ANSWER_WITHIN_S)
     except (OSError, ValueError) as error:
-        message = f"no scheduler answers at {address!r}; start one with `dask scheduler`, its address is what it prints"
+        message = f"no Dask scheduler answers at {address!r}; start one with `dask scheduler`, it prints its address"
         raise InputError.of(message, key="--scheduler") from error
     with client:
         yield client.get_executor()
@@ -161,6 +161,6 @@ def _result(future: Future[R], task: Callable[[], R] | None) -> R:
         return future.result()
     except BrokenExecutor as error:
         raise WorkerLostError(
-            "a worker died, of too little memory, or as the script that begins it has no "
+            "a worker process died: memory ran out, or the script that begins it has no "
             'if __name__ == "__main__": around what it does'
         ) from error

@@ -9,6 +9,9 @@ _NO_QUANTITY = 1e-12
 _PREFIXES = {-9: "n", -6: "u", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
 """Prefixes of units by their power of ten."""
 
+_LEAST_KG_M2 = 1e-3
+"""Inertia, kg.m2, below which it is shown in g.cm2, as sheets of motors do."""
+
 
 def number(value: float | None, digits: int = 4) -> str:
     """Return a number to so many significant digits; a dash where it is undefined."""
@@ -19,14 +22,19 @@ def quantity(value: float | None, unit: str, digits: int = 3) -> str:
     """Return a value with its unit, to so many significant digits: 99 040 N/m as ``99.0 kN/m``; a dash for none."""
     if value is None or math.isnan(value):
         return "-"
-    if unit.startswith("kg"):
-        value, unit = 1e3 * value, unit[1:]
+    largest_power = max(_PREFIXES)
+    if unit == "kg":  # never Mg
+        value, unit, largest_power = 1e3 * value, "g", 3
+    if unit == "kg.m2":
+        value, unit = (value, unit) if abs(value) >= _LEAST_KG_M2 or value == 0 else (1e7 * value, "g.cm2")
     if math.isinf(value):
         return f"{'-' if value < 0 else ''}unbounded"
     if abs(value) < _NO_QUANTITY:
         return f"0 {unit}"
     exponent = int(f"{value:.{digits - 1}e}".partition("e")[2])
-    power = min(max(3 * (exponent // 3), min(_PREFIXES)), max(_PREFIXES))
+    power = min(max(3 * (exponent // 3), min(_PREFIXES)), largest_power)
+    if unit in {"kg.m2", "g.cm2"} or (unit == "N.m.s/rad" and power == -3):  # no prefix, as users write them
+        power = 0
     decimals = max(0, digits - 1 - (exponent - power))
     return f"{value / 10.0**power:.{decimals}f} {_PREFIXES[power]}{unit}"
 

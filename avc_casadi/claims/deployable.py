@@ -148,8 +148,8 @@ def _with_disk_margin(verdict: Deployable, coupling: Coupling) -> Deployable:
     least = LEAST_DISK if requirement is None else _TAKEN_FOR_REQUIRED * requirement
     claims = verdict.claims
     if margin < least:
-        why = f"a disk margin of {margin:.2g}, below {least:.2g}: vibrates at another motor constant"
-        advice = "take `avc recommend P`, soften the wall, or require less by [robustness] disk_margin"
+        why = f"a disk margin of {margin:.2g}, below {least:.2g}: may vibrate if the motor constant differs"
+        advice = "take `avc recommend P`, soften the wall, or lower [robustness] disk_margin"
         claims += (DeployClaim("disk-margin", False, why, advice),)
     return Deployable(claims, margin)
 
@@ -176,13 +176,13 @@ def _verdict(coupling: Coupling, progress: Progress) -> Deployable:
                 claims += (replace(claim, name=name, sentence=sentence),)
         wall = problem.environment
         if not np.any(gains != 0) and (wall.stiffness_n_per_m or wall.damping_ns_per_m):
-            why = "nothing of the wall is rendered: b, k and b_p are 0"
+            why = "the wall is not rendered: b, k and b_p are 0"
             advice = (
-                "take a softer wall, a shorter sample time, or a method that is not bound to realism (avc recommend)"
+                "take a softer wall, a shorter sample time, or a method without the realism condition (avc recommend)"
             )
             claims += (DeployClaim("renders", False, why, advice),)
     except UnsupportedError as refusal:
-        advice = "shorten the delay, or judge the loop by other means"
+        advice = "shorten the delay, or analyse the loop by other means"
         why = f"not judged: {refusal}"
         return Deployable(
             (DeployClaim("hands", False, why, advice), DeployClaim("let-go", False, why, advice)),
@@ -233,8 +233,8 @@ def _feedback_claims(coupling: Coupling) -> tuple[DeployClaim, ...]:
     passing: dict[ClaimName, str] = {
         "hands": with_all,
         "let-go": "when released",
-        "dead-zone": f"{with_all}, whatever share of the innovation passes the dead zone",
-        "clip": f"{with_all} and released, whatever share of the force its clip leaves",
+        "dead-zone": f"{with_all}, for any output of the dead zone",
+        "clip": f"{with_all} and released, for any clipped share of the force",
     }
     shares = {"dead-zone": "innovation passes the dead zone", "clip": "force is left by its clip"}
     claims = []
@@ -256,7 +256,7 @@ def _who(problem: Problem, worst: WorstCase) -> str:
 def _claim(name: ClaimName, stable: bool, radius: float, passing: str, failing: str) -> DeployClaim:
     if stable:
         return DeployClaim(name, True, f"linearly stable {passing}, spectral radius {radius:.6g} at most", "", radius)
-    advice = "take `avc recommend P`, which gives the deployable one nearest to the wall, or soften the wall"
+    advice = "take `avc recommend P`, which finds the deployable coupling nearest to the wall, or soften the wall"
     return DeployClaim(name, False, f"linearly unstable {failing}: spectral radius {radius:.6g}", advice, radius)
 
 
@@ -338,18 +338,20 @@ def detent_claim(problem: Problem) -> DeployClaim:
         rest = "" if held == hands else f", the others leave it without swinging, by e in {1 / quickest:.3g} s"
         sentence = (
             f"detents: in a valley, a spring of {spring(slope)}, linearly stable with every hand of [hands] and "
-            f"released, spectral radius {radius:.6g} at most; at a top, a spring of {spring(-slope)}, {held} of "
+            f"released, spectral radius {radius:.6g} at most; at a peak, a spring of {spring(-slope)}, {held} of "
             f"{hands} hands, one of them none, hold it{rest}"
         )
         return DeployClaim("detent", True, sentence, "", radius)
     where = (
         f"in a valley, a spring of {spring(slope)} with {damper(damping)}: spectral radius {radius:.6g}"
         if radius >= 1
-        else f"at a top, a spring of {spring(-slope)}: what leaves it swings"
+        else f"at a peak, a spring of {spring(-slope)}: a device that leaves it oscillates"
     )
     holds = damping_range(family, slope)
     if math.isfinite(holds.lowest_ns_per_m):
-        advice = f"give the detents a damping of {damper(holds.lowest_ns_per_m)} to {damper(holds.highest_ns_per_m)}, "
+        advice = (
+            f"set the damping of the detents to {damper(holds.lowest_ns_per_m)} to {damper(holds.highest_ns_per_m)}, "
+        )
         advice += "or make the detents weaker or wider"
     else:
         most = stiffest_wall(family).stiffness_n_per_m

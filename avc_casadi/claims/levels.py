@@ -95,7 +95,7 @@ LEVELS = {
     ),
     "L7": Level(
         "settles with every hand, making and breaking contact",
-        "each frozen row settles with every hand of the box, wherever it rests and from any state, making and"
+        "each frozen row settles with every hand of the range, wherever it rests and from any state, making and"
         " breaking contact, on the device that the claim names (with `--prove`)",
         "changing gains; friction, encoder; with play it is open",
         on_demand=True,

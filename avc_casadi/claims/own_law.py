@@ -128,7 +128,9 @@ class LawAnalysis:
         self.device = problem.device
         self.period = problem.device.sample_time_s
         if problem.device.mass_kg + float(np.min(self.family.held.mass_kg)) == 0:
-            raise UnsupportedError("is 0, as is that of the lightest hand: nothing moves", key="device.mass_kg")
+            raise UnsupportedError(
+                "is 0, and so is the mass of the lightest hand; one of them must be above 0", key="device.mass_kg"
+            )
         # What a search of the ranges found worse than their corners.
         self.worst_pairs: list[Pair] = []
         # Rms of a force below which dry friction holds it, or it is not felt.
@@ -372,7 +374,7 @@ class LawCertificate(Printed):
             doubts.append(f"a disk margin of {self.disk_margin:.2g} is {how}")
         if not self.quiet:
             through = "b" if isinstance(self.law, SpringDamper) else "the law"
-            doubts.append(f"noise of the position shakes the handle through {through}")
+            doubts.append(f"noise of the position vibrates the handle through {through}")
         if doubts:
             return f"stable, but {', and '.join(doubts)}"
         held = any(self.held.hand.values())
@@ -454,7 +456,7 @@ def certify_law(
     stated = with_wall(law_problem(problem))
     if is_system(law):
         if any(gain is not None for gain in (k, b, b_p, cutoff_hz)):
-            raise InputError.of("is a system, which has no k, b, b_p, cutoff_hz; allowed: without these", key="law")
+            raise InputError.of("is a discrete system, which has no k, b, b_p or cutoff_hz; leave them out", key="law")
         return _certify_pieces(StatedSystem.of(law, stated.device), None, stated)
     if law is None and stated.law is None and not (b_p or 0.0) < 0:
         return _certify_spring_damper(SpringDamper(k or 0.0, b or 0.0, b_p or 0.0, cutoff_hz), stated, remedies)
@@ -556,7 +558,7 @@ def valid_law(law: SpringDamper, problem: Problem) -> SpringDamper:
     if law.cutoff_hz is not None and not (math.isfinite(law.cutoff_hz) and law.cutoff_hz > 0):
         faults["cutoff_hz"] = f"is {law.cutoff_hz:g}; allowed: a positive finite number"
     if not faults and not any(gains.values()):
-        faults["k"] = "is 0, and so are b and b_p: there is no law; give at least one of them"
+        faults["k"] = "is 0, and so are b and b_p; give at least one of them"
     if faults:
         raise InputError([Fault("", None, key, message) for key, message in faults.items()])
     _require_known_delay(problem)

@@ -70,10 +70,10 @@ class StatedSystem:
         if d.shape != (1, 1) or (states and (b.shape[1], c.shape[0]) != (1, 1)):
             raise InputError.of(f"has {d.shape[1]} inputs and {d.shape[0]} outputs; allowed: one of each", key="law")
         if not all(np.isfinite(part).all() for part in (a, b, c, d)):
-            raise InputError.of("has a matrix with what is no number; allowed: finite numbers", key="law")
+            raise InputError.of("has a matrix with invalid numbers; allowed: finite numbers", key="law")
         radius = float(np.abs(np.linalg.eigvals(a)).max(initial=0.0)) if states else 0.0
         if radius > 1 + _DIES_AWAY:
-            allowed = "allowed: at most 1: a controller that grows by itself is judged by no margin"
+            allowed = "allowed: at most 1, because the margins assume a controller that is stable by itself"
             raise InputError.of(f"has a pole of size {radius:.6g}; {allowed}", key="law")
         nothing = np.zeros((0, 1))
         return cls(Law(a, b, c, d, period) if states else Law(a, nothing, nothing.T, d, period))

@@ -175,9 +175,9 @@ def why_no_law(problem: Problem) -> str:
     device = problem.device
     faults = []
     if not problem.environment.stiffness_n_per_m > 0:
-        faults.append("the wall has no stiffness to be rendered (environment.stiffness_n_per_m)")
+        faults.append("environment.stiffness_n_per_m is 0; it must be above 0")
     if not device.mass_kg > 0:
-        faults.append("the device has no mass (device.mass_kg), so that nothing is there when it is released")
+        faults.append("the device has no mass (device.mass_kg); it must be above 0")
     if device.delay_samples > MAX_DELAY_SAMPLES / 4:
         faults.append(f"the delay of {device.delay_samples:g} samples is above {MAX_DELAY_SAMPLES // 4}")
     return "; ".join(faults)
@@ -239,12 +239,13 @@ def program_answers(
 def solve_robust(problem: Problem, *, progress: Progress = SILENT) -> GainSchedule:
     """Solve by the law of the program, in ``state_feedback``; every row has the same gains."""
     if why := why_no_law(problem):
-        raise UnsupportedError(f"{problem.name}: robust: {why}; take another method, such as static")
+        raise UnsupportedError(f"{problem.name}: robust: {why}; use another method, such as static")
     started = time.perf_counter()
     with progress.step("observer law"):
         answer = next(iter(program_answers(problem)), None)
     if answer is None:
-        reason = "no law is found that holds every hand; soften the wall, or narrow [hands] or [device.range]"
+        reason = "no stable observer law was found for the whole range of hands; "
+        reason += "soften the wall, or narrow [hands] or [device.range]"
         return constant_schedule(problem, "robust", None, started, reason=reason)
     reached, goals = answer.performance, "as required" if answer.meets_goals else "not all as required"
     note = (

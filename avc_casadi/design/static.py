@@ -284,7 +284,7 @@ def static_coupling(problem: Problem, condition: StaticCondition = "llewellyn") 
     if problem.device.damping_ns_per_m == 0:
         raise UnsupportedError(
             "static needs device.damping_ns_per_m > 0: with 0 neither Llewellyn's condition (6) nor "
-            "passivity at all frequencies allows a coupling; use closed-form, exact or direct, which judge one "
+            "passivity at all frequencies allows a coupling; use closed-form, exact or direct, which solve one "
             "frequency alone",
             key="device.damping_ns_per_m",
         )

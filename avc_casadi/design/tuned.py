@@ -107,7 +107,7 @@ def tune_static(problem: Problem, *, draws: int = 32, raises: int = 8, progress:
         if rested == len(hands):
             return StaticTuned(gains, _rms_error(problem, gains), reserve, rested, len(hands))
         why = (
-            f"no constant gains of the box make every hand settle in the scene: {rested} of {len(hands)} with the "
+            f"no constant gains of [coupling] make every hand settle in the scene: {rested} of {len(hands)} with the "
             "last; narrow [hands], widen the box of [coupling], add device damping or soften the wall"
         )
         reserve *= _RAISE

@@ -144,7 +144,7 @@ class Border:
             return complete, units
         radius = complete.pop(CAPSTAN)
         if units.linear:
-            self.fault((table, CAPSTAN), 'says nothing of a linear device; allowed: beside motion = "rotary"')
+            self.fault((table, CAPSTAN), 'applies to a rotary device only; leave it out, or set motion = "rotary"')
             return complete, units
         if "handle_radius_m" in complete:
             self.fault((table, "handle_radius_m"), f"stands beside {CAPSTAN}; allowed: one of the two")

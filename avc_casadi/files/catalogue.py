@@ -37,7 +37,7 @@ def problems_folder() -> Path:
     for folder in (_PACKAGE / "_problems", _PACKAGE.parent / "problems"):
         if (folder / "figure5.toml").is_file():
             return folder
-    raise FileNotFoundError(f"the problem catalogue is missing beside {_PACKAGE}; reinstall avc-casadi")
+    raise FileNotFoundError(f"the built-in problems are missing next to {_PACKAGE}; reinstall avc-casadi")
 
 
 def catalogue_names() -> dict[str, Path]:
@@ -62,7 +62,7 @@ def device_path(source: str | Path, folder: Path | None = None) -> Path | str:
     if name in names:
         return names[name]
     allowed = "allowed: a name of `avc list`, or a path to .toml"
-    return f"is {shown(source)}, no device of the catalogue{_near(name, names)}; {allowed}"
+    return f"is {shown(source)}, not a built-in device{_near(name, names)}; {allowed}"
 
 
 def _near(name: str, names: Iterable[str]) -> str:
@@ -109,5 +109,5 @@ def catalogue_path(name: str) -> Path:
     if device in device_names():
         message = f'is a device, not a problem; write device = "{device}" in a problem file, or see it by `avc check`'
         raise InputError.of(message, file=name)
-    message = f"is neither a file nor a problem of the catalogue{_near(name, names)}; `avc list` shows all problems"
+    message = f"is neither a file nor a built-in problem{_near(name, names)}; `avc list` shows all problems"
     raise InputError.of(message, file=name)

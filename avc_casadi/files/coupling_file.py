@@ -32,7 +32,7 @@ from avc_casadi.model.runtime import Runtime
 
 MOST_BYTES = 2**23
 """Largest coupling file that is read, bytes."""
-NEXT_STEP = "give a coupling file: avc recommend P --out FILE writes one, and avc solve P --out FILE that of a method"
+NEXT_STEP = "give a coupling file, as written by avc recommend P --out FILE or avc solve P --out FILE"
 """Advice on an unreadable coupling file."""
 _LEAST_GAIN = 1e-300
 """Smallest gain of a table other than 0, in its SI unit."""
@@ -288,7 +288,7 @@ def read_file(path: str | Path) -> Coupling | GainTable:
         line = getattr(error, "lineno", None)
         raise InputError([Fault(file, line, "", f"is not JSON ({error}); {NEXT_STEP}")]) from error
     if not isinstance(document, dict):
-        raise InputError.of(f"holds no coupling; {NEXT_STEP}", file=file)
+        raise InputError.of(f"has no coupling; {NEXT_STEP}", file=file)
     units = ROTARY if document.get("motion") == ROTARY.motion else LINEAR
     with in_keys_of(units):
         document = units.read(document)

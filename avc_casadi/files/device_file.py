@@ -70,7 +70,7 @@ class DeviceFile(t.Table):
             if not stated and key not in (*self.gaps, "amplifier_damping_ratio"):
                 yield ("device", key), f"is neither given nor a gap; allowed: a value with its source, or {key} in gaps"
             if stated != (source is not None):
-                fact = "is missing" if stated else "is the source of a value that is not given"
+                fact = "is missing" if stated else "is the source of a missing value; delete it, or give the value"
                 yield ("sources", key), f"{fact}; allowed: source and grade of every value of [device]"
             elif source is not None and key in self.gaps and source.grade != "assumed":
                 yield ("sources", key, "grade"), f'is {t.shown(source.grade)}, but {key} is a gap; allowed: "assumed"'

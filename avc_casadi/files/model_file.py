@@ -87,7 +87,7 @@ def _model(path: Path) -> Any:
     """Return the model of a file; of a URDF no shapes, whose files often lie elsewhere, and every link by its name."""
     mujoco = _mujoco()
     if not path.is_file():
-        raise InputError.of(f"{str(path)!r} is no file; allowed: a model, MJCF or URDF", key="--model")
+        raise InputError.of(f"{str(path)!r} does not exist; give an MJCF or URDF model", key="--model")
     try:
         spec = mujoco.MjSpec.from_file(str(path))
         if b"<robot" in path.read_bytes():
@@ -97,7 +97,7 @@ def _model(path: Path) -> Any:
         model = spec.compile()
     except (ValueError, mujoco.FatalError) as error:
         reason = " ".join(str(error).split())[:300]
-        raise InputError.of(f"{str(path)!r} is no model that MuJoCo loads: {reason}", key="--model") from error
+        raise InputError.of(f"{str(path)!r} cannot be loaded by MuJoCo: {reason}", key="--model") from error
     if model.neq:
         message = f"{str(path)!r} has {model.neq} equality constraints, which close loops or couple joints"
         raise UnsupportedError(f"{message}; allowed: none, or --mass in place of --model", key="--model")
@@ -154,11 +154,11 @@ class _Tip:
         self.dofs = np.flatnonzero(model.dof_treeid == model.body_treeid[self._point.body])
         joints = np.unique(model.dof_jntid[self.dofs])
         if not self._columns(model.qpos0).any():
-            raise InputError.of(f"is {name!r}, which no joint of the model moves; allowed: what moves", key="--tip")
+            raise InputError.of(f"is {name!r}, which no joint of the model moves; name a moving part", key="--tip")
         hinge, slide = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
         odd = [model.joint(joint).name for joint in joints if model.jnt_type[joint] not in (hinge, slide)]
         if odd:
-            message = f"the model's joints {', '.join(odd)} are neither hinges nor slides; allowed: these alone"
+            message = f"the model's joints {', '.join(odd)} are neither hinges nor slides; use these types only"
             raise UnsupportedError(message, key="--model")
         endless = [joint for joint in joints if not model.jnt_limited[joint]]
         slides = [model.joint(joint).name for joint in endless if model.jnt_type[joint] == slide]

@@ -90,26 +90,26 @@ def _doubts(problem: Problem) -> Iterator[_Doubt]:
     for key in ("device.delay_samples", "device.range.delay_samples"):
         value = _value_of(problem, key)
         short = 0 < max(_numbers(value), default=0.0) < _SHORT_DELAY_SAMPLES
-        yield _Doubt(short, key, f"is {shown(value)}, a part of a sample; are seconds meant?")
-    message = 'is "handle", which says nothing without device.resonance'
+        yield _Doubt(short, key, f"is {shown(value)}, less than one sample; is it in seconds? The unit is samples")
+    message = 'is "handle", which has no effect without device.resonance'
     yield _Doubt(encoder_at_handle and rigid, "device.encoder_at", message)
     unlimited = device.amplifier_order == 2 and device.amplifier_bandwidth_hz is None
-    message = "is 2, which says nothing without device.amplifier_bandwidth_hz"
+    message = "is 2, which has no effect without device.amplifier_bandwidth_hz"
     yield _Doubt(unlimited, "device.amplifier_order", message)
     is_lag = device.amplifier_order == 1
     given = device.amplifier_damping_ratio != CURRENT_LOOP_DAMPING_RATIO
     ranged = device.range.amplifier_damping_ratio is not None
-    message = "says nothing of a lag: a current loop is device.amplifier_order = 2"
+    message = "has an ideal amplifier; for a current loop set device.amplifier_order = 2"
     yield _Doubt(given and is_lag, "device.amplifier_damping_ratio", message)
     yield _Doubt(ranged and is_lag, "device.range.amplifier_damping_ratio", message)
     beyond = device.backlash_m > 0 and encoder_at_handle and not rigid
     message = "is play between motor and encoder; an encoder at the handle stands beyond it"
     yield _Doubt(beyond, "device.backlash_m", message)
     stuck = limit_n is not None and device.coulomb_friction_n >= limit_n
-    message = "is no less than device.max_force_n: nothing that it gives moves it"
+    message = "is at least device.max_force_n: the actuator cannot move the device"
     yield _Doubt(stuck, "device.coulomb_friction_n", message)
     loose = not any((hands.stiffness_n_per_m[1], hands.damping_ns_per_m[1]))
-    message = "is 0, as is their damping: no hand presses, and all settle"
+    message = "is 0, and so is their damping: these hands cannot press"
     yield _Doubt(loose, "hands.stiffness_n_per_m", message)
     strong = detent is not None and limit_n is not None and detent.force_n > limit_n
     yield _Doubt(strong, "detent.force_n", "is more than device.max_force_n")

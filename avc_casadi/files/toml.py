@@ -42,7 +42,7 @@ def tables_of(text: str, file: str) -> dict[str, Any]:
     except RecursionError as error:
         raise InputError.of("is nested too deeply; allowed: tables as in the catalogue", file=file) from error
     except ValueError as error:  # of the integer conversion, without a line
-        message = "holds an integer of thousands of digits; allowed: numbers as in the catalogue"
+        message = "has an integer of thousands of digits; allowed: numbers as in the catalogue"
         raise InputError.of(message, file=file) from error
 
 
@@ -54,7 +54,7 @@ def _syntax_fault(parser_message: str, text: str, file: str) -> Fault:
     where = f" at column {place[2]}" if place else " at the end of the file"
     content = text.split("\n")[line - 1].strip() or "an empty line"
     if re.match("Cannot overwrite a value|Cannot declare .* twice", reason):
-        message = f"gives a key or table a second time: {visible(content)}; allowed: each once"
+        message = f"repeats a key or table: {visible(content)}; allowed: each once"
         if content.startswith("[device]"):
             message += ', a device of a file with other values as [device] with from = "name" and the keys that differ'
         return Fault(file, line, "", message)

@@ -241,7 +241,7 @@ def _fill(file: _File, base: DeviceFile | None, gaps: list[str]) -> None:
             continue  # its lag is in the delay
         if base is not None and states(base, key):
             if key in _PARAMETERS:
-                file.take(base, key, f"{base.name}; the logs do not tell it")
+                file.take(base, key, f"{base.name}; the logs do not determine it")
                 value = file.device[key]
                 file.ranges.setdefault(key, (value / _RANGE_OF_GUESS, value * _RANGE_OF_GUESS))
             else:

@@ -341,9 +341,11 @@ class _Limits:
             if not low <= value <= high
         ]
         if math.isinf(force):
-            faults.append(Fault("", None, "force_n", "is not given, nor is device.max_force_n; allowed: give one"))
+            faults.append(Fault("", None, "force_n", "is missing, and so is device.max_force_n; give one of them"))
         if device.mass_kg <= 0:
-            faults.append(Fault("", None, "device.mass_kg", "is 0; allowed: above 0, a guess with a range will do"))
+            faults.append(
+                Fault("", None, "device.mass_kg", "is 0; give a value above 0, a guess with a range is enough")
+            )
         if faults:
             raise InputError(faults)
         return cls(force, speed, travel)

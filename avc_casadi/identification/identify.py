@@ -106,7 +106,7 @@ def _identification(ladder: Ladder, notes: list[str], step_m: float | None, *, o
     lags, white = whiteness(fit.error_m, resampled=any(record.scatter for record in records))
     if not white:
         notes.append(
-            "the prediction error is not white: something that the model does not know moves the device (a hand, play, "
+            "the prediction error is not white: something outside the model moves the device (a hand, play, "
             "a stop, a cable, friction of another kind), and intervals may not hold the truth"
         )
     rungs = fit.structure.rungs
@@ -185,13 +185,13 @@ def _check(records: Sequence[Record], base: DeviceFile | None, handle_radius_m: 
     seconds = sum(record.seconds for record in records)
     faults = []
     if len(motions) > 1 or (base is not None and base.device.motion not in motions):
-        message = "are of devices that turn and that do not; allowed: logs and a base of one motion"
+        message = "mix linear and rotary devices; give logs and a base of one motion"
         faults.append(Fault("", None, "logs", message))
     if seconds < _SHORTEST_LOGS_S:
         message = f"hold {number(seconds)} s in all; allowed: at least 1 s"
         faults.append(Fault("", None, "logs", message))
     if motions == {"linear"} and handle_radius_m is not None:
-        faults.append(Fault("", None, "handle_radius_m", "says nothing of logs in metres; allowed: beside logs in rad"))
+        faults.append(Fault("", None, "handle_radius_m", "applies to logs in rad only; leave it out"))
     if faults:
         raise InputError(faults)
     if base is not None:

@@ -343,7 +343,7 @@ class Ladder:
                 trial = compare(without, self.fit, rung)
                 self.trials[rung] = trial
                 if not trial.taken:
-                    self._drop(rung, without, replace(trial, why="not borne out beside the rest"))
+                    self._drop(rung, without, replace(trial, why="not supported by the log, given the other terms"))
 
     def _intervals(self) -> None:
         """Find the intervals; a rung too vague for a model is dropped, and the rest is fitted again."""

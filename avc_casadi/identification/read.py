@@ -86,7 +86,7 @@ def pairs_of(texts: Sequence[str], key: str) -> tuple[dict[str, str], list[Fault
         name = {"angle": "position", "torque": "force"}.get(name, name)
         if name not in _QUANTITIES or not value:
             allowed = ", ".join(f"{quantity}=..." for quantity in _QUANTITIES)
-            faults.append(Fault("", None, key, f"{part!r} is no pair; allowed: {allowed}"))
+            faults.append(Fault("", None, key, f"{part!r} is not of the form KEY=VALUE; allowed: {allowed}"))
         else:
             pairs[name] = value
     return pairs, faults
@@ -141,7 +141,7 @@ def _columns(path: str | Path, layout: Layout) -> Columns:
     except InputError:
         raise
     except UnicodeDecodeError:
-        raise InputError.of("is no UTF-8 text; allowed: UTF-8: save it as such", file=file) from None
+        raise InputError.of("is not UTF-8 text; save it as UTF-8", file=file) from None
     except _UNREADABLE as error:
         first = str(error).partition("\n")[0][:200] or type(error).__name__
         hint = "; save it with -v7" if isinstance(error, NotImplementedError) else ""
@@ -187,9 +187,7 @@ def _arrays(arrays: Mapping[str, Any], file: str, layout: Layout) -> Columns:
             table = value if value.shape[0] >= value.shape[1] else value.T
             vectors |= {f"{name}:{index}": column for index, column in enumerate(table.T, start=1)}
     if not vectors:
-        raise InputError.of(
-            "holds no vector of numbers; allowed: vectors, a matrix (a struct: save -struct)", file=file
-        )
+        raise InputError.of("has no vector of numbers; allowed: vectors, a matrix (a struct: save -struct)", file=file)
     sources = _sources(list(vectors), len(vectors), layout, file, None)
     columns = list(vectors.values())
     values = {quantity: columns[source.index] for quantity, source in sources.items()}
@@ -349,7 +347,7 @@ def _sources(
         faults.append(Fault(file, line, "", "one column is named for two quantities; allowed: one column each"))
     turning = [quantity for quantity, source in sources.items() if _turns(quantity, source.unit)]
     if len(turning) == 1 and {"position", "force"} <= sources.keys():
-        message = "turns and the rest of the log goes in a line, by their units; allowed: rad and N.m, or m and N"
+        message = "is rotary and the rest of the log is linear, by their units; allowed: rad and N.m, or m and N"
         faults.append(Fault(file, line, turning[0], message))
     if faults:
         raise InputError(faults)
@@ -400,4 +398,4 @@ def _column_by_header(choice: str | int, headers: Sequence[str]) -> int | str:
         return exact[0]
     near = difflib.get_close_matches(str(choice), headers, n=1)
     hint = f"; did you mean {near[0]!r}?" if near else ""
-    return f"is {choice!r}, no column; allowed: {', '.join(headers[:20])}{hint}"
+    return f"is {choice!r}, not a column; allowed: {', '.join(headers[:20])}{hint}"

@@ -106,14 +106,14 @@ class Device(t.Table):
         yield from _range_faults(self.range, self, ("range",))
         yield from _range_faults(self.range.resonance, self.resonance, ("range", "resonance"))
         if self.resonance is not None and self.mass_kg == 0:
-            yield ("mass_kg",), "is 0, but resonance divides it; allowed: above 0, or no resonance"
+            yield ("mass_kg",), "is 0, but a resonance needs a mass; it must be above 0"
 
     def _radius_faults(self) -> Iterator[t.Finding]:
         if self.motion == "rotary" and self.handle_radius_m is None:
-            message = "is missing; allowed: the radius at which the hand holds what turns, 0.002 to 10 m"
+            message = "is missing; give the radius at which the hand holds the device, 0.002 to 10 m"
             yield ("handle_radius_m",), message
         if self.motion == "linear" and self.handle_radius_m is not None:
-            yield ("handle_radius_m",), 'says nothing of a linear device; allowed: beside motion = "rotary"'
+            yield ("handle_radius_m",), 'applies to a rotary device only; leave it out, or set motion = "rotary"'
 
     @model_serializer(mode="wrap")
     def _says_what_is_not_usual(self, whole: Callable[[Any], dict[str, Any]]) -> dict[str, Any]:

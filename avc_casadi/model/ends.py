@@ -70,7 +70,7 @@ class End:
 
 def not_known(end: End, what: str) -> UnsupportedError:
     """Return the error of a function of ends that none is registered for."""
-    return UnsupportedError(f"{what} is known of no coupling to a {end.kind}", key=end.kind)
+    return UnsupportedError(f"{what} is not available for a coupling to a {end.kind}", key=end.kind)
 
 
 @dataclass(frozen=True)

@@ -270,7 +270,7 @@ class Problem(t.Table):
             yield ("scene", "duration_s"), f"is {t.shown(self.scene.duration_s)}; {at_least_a_sample(self.device)}"
         for index, effect in enumerate(self.scene.effects):
             if effect.kind == "saturation" and getattr(effect, "force_n", None) is None and not self.device.max_force_n:
-                message = "is missing, and device.max_force_n too; allowed: one of the two"
+                message = "is missing, and so is device.max_force_n; give one of them"
                 yield ("scene", "effects", index, "force_n"), message
 
     def _end_faults(self) -> Iterator[t.Finding]:
@@ -291,7 +291,7 @@ class Problem(t.Table):
         if self.law is None:
             return
         for name in self._other_ends():
-            yield ("law",), f"stands beside [{name}]; allowed: one of them, a law acts in the device's own loop"
+            yield ("law",), f"stands beside [{name}]; allowed: one of them, because a law acts in the device's own loop"
         masses = self.device.range.mass_kg or (self.device.mass_kg,)
         lightest_kg = min(masses) or self.hands.mass_kg[0]
         for path, message in self.law.faults_beside(self.device, lightest_kg):

@@ -81,7 +81,7 @@ def _fault(name: str, value: float, unit: str, ends: tuple[float, float]) -> str
     """Return why one gain cannot be built, or nothing."""
     low, high = ends
     if not np.isfinite(value):
-        return f"asks for {name} that is not finite"
+        return f"needs {name} that is not finite"
     if value < 0:
         return f"asks for negative {name} {value:.6g} {unit}"
     if not low <= value <= high:

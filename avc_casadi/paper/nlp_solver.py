@@ -79,10 +79,10 @@ def plugin_of(name: str, tolerance: float) -> tuple[str, Options]:
     known = ", ".join(SOLVERS)
     if not ca.has_nlpsol(name):
         raise InputError.of(
-            f"{name!r} is no solver; allowed: {known}, or another nlpsol plugin of this CasADi", key="solver"
+            f"{name!r} is not a solver; allowed: {known}, or another nlpsol plugin of this CasADi", key="solver"
         )
     if tolerance != DEFAULT_TOLERANCE:
-        raise InputError.of(f"goes with {known}; {name} keeps its own: leave it out", key="tolerance")
+        raise InputError.of(f"applies to {known} only, not to {name}; leave it out", key="tolerance")
     return name, dict(_QUIET)
 
 

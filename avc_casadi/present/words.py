@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 # Certificates of couplings to a wall.
 
 CLAIMS: dict[ClaimName, str] = {
-    "hands": "Corner hands",
+    "hands": "All hands",
     "let-go": "Released",
     "dead-zone": "Dead zone",
     "clip": "Clipped force",
@@ -52,7 +52,7 @@ PASSIVE = {
 Who = Literal["released", "worst_hand"]
 """Loops of which an answer gives margins and time responses."""
 
-LOOPS: dict[Who, str] = {"released": "released", "worst_hand": "worst corner hand"}
+LOOPS: dict[Who, str] = {"released": "released", "worst_hand": "worst hand"}
 """What these loops are called."""
 
 # Simulations.
@@ -69,7 +69,7 @@ EXCHANGES: dict[Exchange, str] = {
 
 ENDINGS: dict[Claim, str] = {
     "asymptotic": "settles",
-    "held-by-friction": "settles by dry friction alone",
+    "held-by-friction": "settles only by dry friction",
     "unstable": "does not settle",
 }
 """How a run ends."""

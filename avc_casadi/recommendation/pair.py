@@ -156,7 +156,7 @@ class PairDesign:
     def why(self, gain_margin: float, best: Settled) -> str:
         """Return why this coupling."""
         most = "the stiffest with its margin and all hands settled"
-        what = most if self.wanted_n_per_m is None else "the stiffness that is wanted"
+        what = most if self.wanted_n_per_m is None else "the requested stiffness"
         if gain_margin < GAIN_MARGIN:
             what += f"; K and B may be no more than {math.floor(100 * gain_margin) / 100:g} times as large"
         return f"{what}; {self._unsettled(best.stiffer)}" if best.stiffer is not None else what
@@ -231,7 +231,7 @@ class PairDesign:
         wanted_n_per_m, limit_n_per_m = self.wanted_n_per_m or 0.0, self.stiffest.stiffness_n_per_m
         asked, most = self._stiffness(wanted_n_per_m), self._stiffness(limit_n_per_m)
         if wanted_n_per_m > limit_n_per_m:
-            return f"{asked} is wanted, and the stiffest coupling that is stable is {most}"
+            return f"{asked} is required, but the stiffest stable coupling has {most}"
         no_damper = "no damper gives that its gain margins"
         return f"{asked} is wanted, and {no_damper}, though a stiffer coupling, {most}, is stable"
 
@@ -337,7 +337,7 @@ class FollowerDesign(PairDesign):
     def why(self, gain_margin: float, best: Settled) -> str:  # noqa: ARG002
         """Return why this coupling."""
         most = "the stiffest that keeps its margin without local dampers"
-        return f"{most if self.wanted_n_per_m is None else 'the stiffness that is wanted'}, all hands settled"
+        return f"{most if self.wanted_n_per_m is None else 'the requested stiffness'}, all hands settled"
 
     def why_none(self) -> str:
         """Return why no coupling."""
@@ -349,7 +349,9 @@ class FollowerDesign(PairDesign):
         name, settled = min(trial.by_motion.items(), key=lambda motion: int(motion[1].sum()))
         settle = f"of {trial.hands} simulated hands {trial.settled} settle with the softest coupling"
         found = f"{settle} that was tried; hardest for them: {name}, {int(settled.sum())} settle"
-        swings = "the follower has no damping of its own, and swings long on a soft spring: damp it, or ask for more K"
+        swings = (
+            "the follower has no damping of its own, and swings long on a soft spring: damp it, or require a stiffer K"
+        )
         return found if _least_damping(self.follower) > 0 else f"{found}; {swings}"
 
     def _passivity(self, gains: ToolGains) -> tuple[float | None, float | None]:

@@ -82,12 +82,12 @@ def why_infeasible(problem: Problem) -> str:
         if wall.damping_ns_per_m > most:
             return (
                 f"a damper above {quantity(most, damper)} is not linearly stable with every hand and released, and "
-                f"{quantity(wall.damping_ns_per_m, damper)} are wanted (environment.damping_ns_per_m): ask for less"
+                f"{quantity(wall.damping_ns_per_m, damper)} are required (environment.damping_ns_per_m); require less"
             )
     if problem.detent is not None:
         claim = detent_claim(problem)
         if not claim.passed:
-            return f"whatever the coupling, {claim.sentence}; {claim.advice}"
+            return f"with any coupling, {claim.sentence}; {claim.advice}"
     return ""
 
 
@@ -107,7 +107,7 @@ def nothing_rendered(problem: Problem, felt_n_per_m: float, trial: CouplingTrial
         most_n, most = device.max_force_n, f"the force limit (device.max_force_n, {device.max_force_n:g} {unit('N')})"
     if felt_n_per_m * step > most_n:
         encoder = f"the encoder (device.encoder_resolution_m, {step:g} {unit('m')})"
-        fact = f"one step of {encoder} asks for more than {most}"
+        fact = f"one step of {encoder} produces more than {most}"
     elif np.isfinite(trial.stiffness):
         return ""
     elif trial.at_force_limit.any():
@@ -115,15 +115,15 @@ def nothing_rendered(problem: Problem, felt_n_per_m: float, trial: CouplingTrial
         advice = "check its unit, or state [hands] that press less"
     elif friction_n >= most_n:
         held = f"dry friction (device.coulomb_friction_n, {friction_n:g} {unit('N')})"
-        fact = f"no press ends in contact, for {held} is no less than {most}"
+        fact = f"no press ends in contact, because {held} is no less than {most}"
     else:
         fact = f"no press ends in contact (device.encoder_resolution_m is {step:g} {unit('m')})"
-    return f"nothing of the wall is rendered: {fact}; {advice}"
+    return f"the wall is not rendered: {fact}; {advice}"
 
 
 def assumed(problem: Problem, devices: int = 1) -> tuple[Assumption, ...]:
     """Return the assumptions."""
-    gaps = ["hands are linear, on one axis, and constant while they hold on"]
+    gaps = ["hands are linear, on one axis, and do not change while they hold the device"]
     gaps += _undeclared_with(problem.end, problem)
     if problem.detent is not None:
         gaps.append("the trial has no detents: their slopes are judged in the claims, and avc simulate has them")
@@ -183,15 +183,15 @@ def _undeclared(device: Device, *, friction: bool) -> list[str]:
     """Return the assumptions on what a device does not declare."""
     known, gaps = device.range, []
     if device.amplifier_bandwidth_hz is None:
-        gaps.append("the amplifier is ideal: no bandwidth is declared")
+        gaps.append("no amplifier bandwidth is declared: an ideal amplifier is assumed")
     if device.resonance is None:
-        gaps.append("the structure is rigid: no resonance is declared")
+        gaps.append("no resonance is declared: a rigid structure is assumed")
     if friction and device.coulomb_friction_n == 0 and known.coulomb_friction_n is None:
-        gaps.append("no dry friction is declared: none is assumed, the cautious end")
+        gaps.append("no dry friction is declared: 0 is assumed, the cautious value")
     if device.encoder_resolution_m == 0 and known.encoder_resolution_m is None:
-        gaps.append("no encoder resolution is declared: the position is taken as exact, the ideal end")
+        gaps.append("no encoder resolution is declared: an exact position is assumed, the ideal value")
     if device.max_force_n is None:
-        gaps.append("no force limit is declared: any force is taken as given")
+        gaps.append("no force limit is declared: an unlimited force is assumed")
     return gaps
 
 

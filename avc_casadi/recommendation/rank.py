@@ -124,7 +124,7 @@ class Candidate:
         """Return what is not acceptable, as safe as required and vibration below the threshold; empty where all is."""
         below, hands = self.quiet_hands
         if self.safety > safety:
-            only = "hands settle only thanks to the declared dry friction (--lean-on-friction)"
+            only = "some hands settle only because of the declared dry friction (--lean-on-friction)"
             return only if self.safety == 1 else "not all hands settle"
         return "" if self.quiet else f"only {below} of {hands} hands stay below the vibrotactile threshold"
 
@@ -198,7 +198,7 @@ def reason_of(best: Candidate | None, candidates: list[Candidate], considered: i
         return f"none of {considered} couplings is linearly stable with every hand of [hands] and released"
     if best.safety == 2:
         return f"not all simulated hands settle with any of {len(candidates)} deployable candidates"
-    lean = "; hands settle only thanks to the declared dry friction" if best.safety else ""
+    lean = "; some hands settle only because of the declared dry friction" if best.safety else ""
     why = f"the nearest to the wall, in motion and when released, of {len(candidates)} deployable candidates{lean}"
     rank = best.safety, not best.quiet
     worse = [candidate for candidate in candidates if (candidate.safety, not candidate.quiet) > rank]

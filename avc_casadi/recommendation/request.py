@@ -42,7 +42,7 @@ def request_of(end: End, request: Request) -> Request:  # noqa: ARG001
     alien = [name for name in _OF_WALLS if getattr(request, name) != getattr(unasked, name)]
     if alien:
         allowed = "allowed: hands, seed, versions, progress"
-        raise InputError.of(f"is an option of walls, and P couples to another end; {allowed}", key=alien[0])
+        raise InputError.of(f"applies to walls only; {allowed}", key=alien[0])
     return Request(request.hands, request.seed, versions=request.versions, progress=request.progress)
 
 

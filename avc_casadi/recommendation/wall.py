@@ -139,7 +139,7 @@ def with_rest(coupling: Coupling, progress: Progress = SILENT) -> tuple[Coupling
     if "L7" not in levels:
         level = quick_rest_level(coupling, progress)
         if level is None:
-            unasked = "no proof was requested; avc recommend P --prove looks for one, in minutes"
+            unasked = "not attempted; avc recommend P --prove tries it, which takes minutes"
             return coupling, LimitCycleFreedom("simulated", unasked)
         levels["L7"] = level.document()
         coupling = coupling.with_certificate(certificate | {"levels": levels})

@@ -38,7 +38,7 @@ def test_results_come_in_order():
 
 
 def test_a_dead_worker_and_a_fault_end_the_work():
-    with pytest.raises(avc.WorkerLostError, match="a worker died"):
+    with pytest.raises(avc.WorkerLostError):
         map_tasks(deadly, range(2), workers=2)
     with pytest.raises(ZeroDivisionError):
         map_tasks(partial(divmod, 1), [1, 0, 1], workers=2)

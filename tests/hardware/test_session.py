@@ -53,7 +53,7 @@ def test_a_transfer_that_was_left_is_taken_over_after_two_seconds() -> None:
 
 def test_stream_needs_a_table_to_fall_back_to() -> None:
     connection = Connection(HostLink(host_core()))
-    with pytest.raises(RefusedError, match="push one first"):
+    with pytest.raises(RefusedError, match="no table"):
         connection.run(connection.session.ask(Kind.SET_GAINS, m.set_gains(1, 0, 60, 1.0, 1.0, 0.0), m.GainsTaken))
 
 

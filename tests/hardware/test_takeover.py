@@ -195,10 +195,10 @@ def streamed(*faults: LinkFault, act: Callable[[HostCore], None] = lambda _: Non
 def test_a_stream_ends_well_only_on_its_own_table() -> None:
     assert streamed().faults == ()
     anew = " ".join(streamed(act=HostCore.reset).faults)
-    assert "started anew" in anew
-    assert "holds no table" in anew
+    assert "restarted" in anew
+    assert "no table" in anew
     other = " ".join(streamed(act=lambda core: push(COUPLINGS[1], HostLink(core)) and None).faults)
     assert f"of coupling {COUPLINGS[1].id}, another host's" in other
     lost = " ".join(streamed(LinkFault(True, 1500, FaultKind.STALL, 40)).faults)
     assert "were lost" in lost
-    assert "in mid-stream, 1 times" in lost
+    assert "1 times" in lost

@@ -131,7 +131,7 @@ LINEAR = {"stiffness": "N/m", "damping": "N.s/m", "mass": "g", "force": "N", "le
 ROTARY = {
     "stiffness": "N.m/rad",
     "damping": "N.m.s/rad",
-    "mass": "g.m2",
+    "mass": "kg.m2",
     "force": "N.m",
     "length": "rad",
     "speed": "rad/s",

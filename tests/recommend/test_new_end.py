@@ -162,7 +162,7 @@ def test_without_a_function_a_room_says_what_is_not_known():
     class Nothing(End):
         kind = "nothing"
 
-    with pytest.raises(UnsupportedError, match="no coupling to a nothing"):
+    with pytest.raises(UnsupportedError, match="nothing"):
         search_of(Nothing(), problem())
 
 
@@ -224,5 +224,5 @@ def test_one_s_own_gains_are_certified():
 
 
 def test_options_of_walls_are_refused():
-    with pytest.raises(avc.InputError, match="is an option of walls"):
+    with pytest.raises(avc.InputError, match="stiffest"):
         avc.recommend(problem(), stiffest=True)

@@ -76,15 +76,15 @@ class SampledPlantBox:
         """Return why no proof could enclose this box, or nothing."""
         low = {name: ends[0] for name, ends in self.ranges.items()}
         if tuple(self.hand) != HAND:
-            return f"hands of {', '.join(self.hand)} are not known here"
+            return f"hands of {', '.join(self.hand)} are not supported here"
         if not all(lower <= upper for lower, upper in self.hand.values()):
             return "the range of a hand ends below where it begins"
         # Without a resonance the hand's mass moves with the device's.
         moved_mass = low["mass_kg"] if self.device.resonance is None else 0.0
         if not min(self.device.mass_kg, low.get("device.mass_kg", math.inf)) + moved_mass > 0:
-            return "a device without mass follows no sampled force that a proof could enclose"
+            return "the proof needs a device with mass"
         if not low["stiffness_n_per_m"] > 0:
-            return "a hand without stiffness has no place of rest"
+            return "a hand without stiffness has no position of rest"
         if not max(low.get("device.damping_ns_per_m", self.device.damping_ns_per_m), low["damping_ns_per_m"]) > 0:
             return "device and hand without damping never settle"
         return ""

@@ -180,7 +180,7 @@ def prove_rest(
     multiplier = proof.multiplier
     if multiplier is not None and not open_for:
         sentence = (
-            f"settles with every hand of the box, wherever it rests and from any state, making and breaking "
+            f"settles with every hand of the range, wherever it rests and from any state, making and breaking "
             f"contact ({coverage(device)}): one multiplier of {len(multiplier.taps)} taps, verified in "
             f"{proof.cells} cells"
         )
@@ -210,7 +210,7 @@ def _not_covered(law: ContactLaw, contact: Contact, device: Device) -> list[str]
     unit = device.units.unit("m")
     play = max(device.backlash_m, *(device.range.backlash_m or (0.0,)))
     dead_zone = 0.0 if law.state_feedback is None else law.state_feedback.dead_zone_m
-    second = "is a second nonlinearity, which this proof does not know"
+    second = "is a second nonlinearity, which this proof does not cover"
     reasons = []
     if play > 0:
         reasons.append(f"the play of {quantity(play, unit)} {second}")
@@ -260,7 +260,7 @@ def _proof(
         if verification.holds:
             return _Proof(multiplier=multiplier, cells=cells)
         if verification.fails_at is None:
-            return _Proof(why_not=f"verification gave up after {cells} cells", cells=cells)
+            return _Proof(why_not=f"verification stopped after {cells} cells", cells=cells)
         points = points.with_hand(law, held, verification.fails_at)
     return _Proof(why_not="the multiplier failed between the hands it was found for, six times over", cells=cells)
 

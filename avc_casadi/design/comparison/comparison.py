@@ -196,7 +196,7 @@ def _verdict(closed_form: GainSchedule, optimum: GainSchedule, row: int, *, bett
         why = f"the {cause}: a magnitude error of {closed_form_error}; {method} reaches {error}"
         return MethodVerdict.DIRECT_BETTER, why
     if optimum.status[row] is Status.ACTIVE_BOUND:
-        return MethodVerdict.BOUND_ACTIVE, f"same error; {reason or f'{method} stands on a bound of the gain box'}"
+        return MethodVerdict.BOUND_ACTIVE, f"same error; {reason or f'{method} is at a bound of the gain box'}"
     return MethodVerdict.AGREE, f"both reach a magnitude error of {error}"
 
 
@@ -309,7 +309,7 @@ def _checked_optimum(methods: Sequence[MethodName], mine: tuple[float, float] | 
         )
     if mine is not None and not all(np.isfinite(gain) and gain >= 0 for gain in mine):
         raise InputError.of(
-            f"{mine[0]:g},{mine[1]:g} is no pair of gains; allowed: stiffness and damping, finite and >= 0, as 7000,10",
+            f"{mine[0]:g},{mine[1]:g} are not valid gains; give stiffness and damping, finite and >= 0, as 7000,10",
             key="mine",
         )
     return optimum

@@ -79,4 +79,4 @@ def holes(schedule: GainSchedule) -> str:
     if len(without) in {0, schedule.rows}:
         return ""
     span = f"{without.min():.4g} to {without.max():.4g} Hz"
-    return f"no gains at {len(without)} frequencies, {span}: those of the rows beside them run there"
+    return f"no gains at {len(without)} frequencies, {span}: the gains of neighbouring rows are used there"

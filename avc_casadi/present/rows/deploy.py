@@ -62,13 +62,17 @@ def limits(result: ReportedDeviceLimits, units: Units) -> Answer:
     ]
     if result.waits:
         force = Value(result.asked.force_n, "force")
-        rows.append(row("Waits", force, "hold when the device is released, out of contact", mark=Mark.CAUTION))
+        rows.append(
+            row(
+                "Pending", "a limit of", force, "applies once the device is released, out of contact", mark=Mark.CAUTION
+            )
+        )
     return Answer("limits", plain(result), (f"{result.port}   limits",), tuple(rows), units=units)
 
 
 def _limit(label: str, in_force: float, built_in: float, quantity: Quantity) -> Row:
     limit: Part = Value(in_force, quantity) if in_force else "no limit"
-    of = ("of", Value(built_in, quantity), "built in") if built_in else "; none is built in"
+    of = ("of", Value(built_in, quantity), "built in") if built_in else "; the firmware has no limit"
     return row(label, limit, of)
 
 
@@ -99,7 +103,7 @@ def faults(result: ClearedFaults, advice: Sequence[str]) -> Answer:
     if set(result.were) & set(result.first):
         rows.append(row("First", f"{', '.join(result.first)}, at tick {result.tick}"))
     if result.left:
-        rows.append(row("Still there", ", ".join(result.left), mark=Mark.FAIL))
+        rows.append(row("Not cleared", ", ".join(result.left), mark=Mark.FAIL))
     elif result.were:
         rows.append(row("Cleared", f"the device is in mode {result.mode}", mark=Mark.PASS))
     return Answer("faults", plain(result), (f"{result.port}   latched faults",), tuple(rows))
@@ -147,17 +151,17 @@ def push(
 ) -> Answer:
     """Return the answer of `push`; ``loop`` is the trial on the emulated device, None on a device."""
     problem = coupling.problem
-    rounding = f"within {result.rounding_max:.0e} by" if result.rounding_max else "exact in"
+    rounding = f" within {result.rounding_max:.0e}, the rounding of" if result.rounding_max else " in"
     attempts = f", {subject.plural(result.attempts, 'attempt')}), CRC {result.crc32:08x}"
     table = f"coupling {coupling.id}, {subject.plural(result.rows, 'row')} on {result.port}"
     rows = [
         *_unsafe(deployment.unsafe),
         row("Pushed", table, "(", Value(result.seconds, "time"), attempts),
-        row("Read back", f"equal, {rounding} single precision", mark=Mark.PASS),
+        row("Read back", f"equal{rounding} single precision", mark=Mark.PASS),
         row("Limit", Value(result.max_force_n, "force")),
         *([] if loop is None else [in_the_loop(loop)]),
         *subject.notes(filter(None, [deployment.holes, *result.notes])),
-        *subject.notes(coupling.lacks, "Lacks"),
+        *subject.notes(coupling.lacks, "Missing"),
     ]
     onwards = [] if result.port == "emulator" else [f"monitor --port {quote(result.port)}"]
     restless = loop is not None and not isinstance(loop, NotTried) and not loop.at_rest
@@ -172,7 +176,7 @@ def in_the_loop(loop: ReportedTrial | NotTried) -> Row:
     """Return how the pushed coupling performed with a hand on the emulated device."""
     if isinstance(loop, NotTried):
         return row("In the loop", f"not tried; {loop.why}", mark=Mark.CAUTION)
-    left = f"; without {', '.join(loop.left_out)}" if loop.left_out else ""
+    left = f"; not simulated: {', '.join(loop.left_out)}" if loop.left_out else ""
     faulty = f"; faults: {loop.faults}" if loop.faults else ""
     settles = f"{'settles' if loop.at_rest else 'does NOT settle'} with a hand: at most"
     force, stiffness = Value(loop.peak_force_n, "force"), Value(loop.apparent_stiffness_n_per_m, "stiffness")
@@ -229,7 +233,7 @@ def export(result: Exported, coupling: Coupling, shown: str) -> Answer:
     ]
     if deployment is not None:
         rows += subject.notes([deployment.holes] if deployment.holes else [])
-        rows += subject.notes(deployment.lacks, "Lacks")
+        rows += subject.notes(deployment.lacks, "Missing")
     commands = [f"export {{}} --parameters {name}" for name in in_c.engines[:1]]
     return subject.answer("export", result.document(coupling), coupling.problem, shown, rows, *commands)
 
@@ -305,7 +309,7 @@ def firmware(result: Firmware, title: str, units: Units, held: str) -> Answer:
     tick, step = Value(built_in.sample_time_s, "time"), Value(built_in.metres_per_count, "length")
     force = Value(built_in.max_force_n, "force")
     rows = [
-        row("Made for", "T", tick, ", encoder steps of", step, ", at most", force),
+        row("Built for", "sample time", tick, ", encoder step", step, ", force limit", force),
         row("Gains", held),
         row("Serial line", f"{result.baud} baud"),
         *subject.notes(result.notes),
@@ -319,7 +323,7 @@ def firmware(result: Firmware, title: str, units: Units, held: str) -> Answer:
 def stream(result: ReportedStream, deployment: Deployment, coupling: Coupling) -> Answer:
     """Return the answer of `stream`: messages taken and lost, and the state of the device afterwards."""
     mode = result.status.mode
-    after = f"NOT as it should be ({mode})" if result.faults else f"the device is on its table ({mode})"
+    after = f"the device does NOT run its table ({mode})" if result.faults else f"the device runs its table ({mode})"
     fell = Mark.CAUTION if result.fell_back else Mark.NONE
     none_lost = not result.late and not result.lost
     median, largest = Value(result.round_trip_s, "time"), Value(result.round_trip_max_s, "time")
@@ -327,7 +331,7 @@ def stream(result: ReportedStream, deployment: Deployment, coupling: Coupling) -
         *_unsafe(deployment.unsafe),
         row("Messages", _messages(result), mark=grade(none_lost, Mark.CAUTION)),
         row("Round trip", "median", median, ", largest", largest),
-        row("Back to table", Value(result.fell_back, "number", 9), "times", mark=fell),
+        row("Fell back", "to the table", Value(result.fell_back, "number", 9), "times", mark=fell),
         row("Afterwards", after, mark=grade(not result.faults)),
     ]
     streamed = (f"coupling {coupling.id} streamed for", Value(result.seconds, "time"), f"at {result.rate_hz:g} Hz")

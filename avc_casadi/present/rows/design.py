@@ -42,7 +42,7 @@ def solution(result: SolvedGains, shown: str = "", file: str | None = None) -> A
         subject.passive_limit(result.passive_limit_n_per_m),
     ]
     if result.as_printed:
-        errors = f"{len(result.paper_errors)} in the printed paper; these gains have those of (10) and (17)"
+        errors = f"{len(result.paper_errors)} in the printed paper; these gains include those of (10) and (17)"
         rows.append(row("Paper's errors", errors, mark=Mark.CAUTION))
     rows += subject.notes(gains.notes, rank=1, mark=Mark.NONE)
     if result.certificate is not None:
@@ -314,5 +314,5 @@ def _model(model: ModelledMass) -> list[Row]:
         near = f"{subject.plural(mass.singular_poses, 'pose')} near a singular one, where the mass grows without limit"
         rows.append(row("Left out", near, mark=Mark.CAUTION))
     if mass.has_dry_friction:
-        rows += subject.notes(["dry friction of the model's joints; that at the tip: --friction"], "Not used")
+        rows += subject.notes(["dry friction of the model's joints; state that of the tip by --friction"], "Not used")
     return rows

@@ -107,13 +107,20 @@ def _passivity_levels(levels_of: Mapping[str, LevelResult]) -> list[str]:
 
 
 def _claims(verdict: Deployable | None, hands: LevelResult) -> list[Row]:
-    """Return each claim with its worst spectral radius; of those on detents the worst alone."""
+    """Return each claim, of those on detents the worst alone; then their spectral radii, of lower rank."""
     claims = [] if verdict is None else list(verdict.claims)
     worst_first = sorted(claims, key=lambda claim: (claim.passed, -_finite(claim.radius)))
     worst: dict[str, DeployClaim] = {}
     for claim in worst_first:
         worst.setdefault(words.CLAIMS[claim.name], claim)
-    return [_claim(label, worst[label], hands) for label in dict.fromkeys(words.CLAIMS.values()) if label in worst]
+    labels = [label for label in dict.fromkeys(words.CLAIMS.values()) if label in worst]
+    radii = commas(
+        (label.lower(), Value(worst[label].radius, "number", 5))
+        for label in labels
+        if math.isfinite(worst[label].radius)
+    )
+    rows = [_claim(label, worst[label], hands) for label in labels]
+    return [*rows, row("Spectral radius", radii, rank=1)] if radii else rows
 
 
 def _finite(value: float) -> float:
@@ -121,15 +128,14 @@ def _finite(value: float) -> float:
 
 
 def _claim(label: str, claim: DeployClaim, hands: LevelResult) -> Row:
-    """Return a claim with its spectral radius; of all hands also how much less damping the device may have."""
+    """Return a claim; of all hands also how much less damping the device may have."""
     if not claim.passed or not math.isfinite(claim.radius):
         return row(label, claim.sentence, mark=grade(claim.passed))
-    radius = ("spectral radius", Value(claim.radius, "number", 5), "at most")
     reserve = hands.margin_ns_per_m
     if claim.name != "hands" or not math.isfinite(reserve):
-        return row(label, radius, mark=Mark.PASS)
-    down_to = ("; stays stable down to", Value(reserve, "damping"), "less device damping")
-    return row(label, radius, down_to, mark=Mark.PASS)
+        return row(label, "linearly stable", mark=Mark.PASS)
+    reserve_of_damping = ("linearly stable, also with", Value(reserve, "damping"), "less device damping")
+    return row(label, reserve_of_damping, mark=Mark.PASS)
 
 
 def levels(levels_of: Mapping[str, LevelResult]) -> list[Row]:
@@ -165,7 +171,7 @@ def own_law(result: LawCertificate, shown: str = "") -> Answer:
         rows=tuple(_law_rows(result)),
         commands=tuple(onwards),
         units=problem.units,
-        complaint="" if result.passed else f"avc: {shown}: this law is not deployable",
+        complaint="" if result.passed else f"avc: {shown}: these gains are not deployable",
     )
 
 
@@ -194,12 +200,12 @@ def _law_rows(result: LawCertificate) -> list[Row]:
     rows += _law_limits(result)
     problem = result.problem
     if not isinstance(problem.end, Wall):
-        other_end = "the other end: this law acts in the device's own loop, every"
+        other_end = "[simulation] or [follower]: this law acts in the device's own loop, every"
         period = Value(problem.device.sample_time_s, "time")
         rows.append(row("Not used", other_end, period, mark=Mark.CAUTION))
     if not sound and result.remedies is not None:
         helps = commas(map(_remedy, result.remedies), ";")
-        rows.append(row("Would help", helps or "no k, b, cutoff down to 1 %, nor sample time or delay"))
+        rows.append(row("Would help", helps or "no single change of k, b, cutoff (down to 1 %), sample time or delay"))
     return rows
 
 
@@ -240,7 +246,7 @@ def _law_limits(result: LawCertificate) -> list[Row]:
     return [
         row("Rendered", commas([at_rest, *moving])),
         *limits,
-        row("Force noise", noise, "by one encoder step", mark=caution(not result.quiet)),
+        row("Force noise", noise, "for one encoder step", mark=caution(not result.quiet)),
     ]
 
 
@@ -324,7 +330,7 @@ def _engine_passivity(tool: Simulation, found: PortPassivity | None) -> list[Row
         text = (*text, f"; {'with' if port.any_hand else 'not with'} any passive hand (Llewellyn)")
     rows = [row("Engine's port", text, mark=Mark.PASS if port.passive else Mark.NONE)]
     if not port.engine_is_implicit:
-        why = f"{tool.integrator} is none: it integrates the tool explicitly; Stability holds, for the declared tools"
+        why = f"not {tool.integrator}: its integration is explicit; the row Stability still covers the declared tools"
         rows.append(row("Passive engine", why, mark=caution(port.passive)))
     return rows
 
@@ -335,7 +341,7 @@ def _port_margin(port: EnginePort) -> tuple[Part, ...]:
         return ("not passive: with the tool held in place the device is unstable",)
     margin = Value(abs(port.margin_ns_per_m), "damping")
     if port.passive:
-        return parts("passive with", margin, "to spare: stable with any passive engine, whatever its tool touches")
+        return parts("passive with", margin, "in reserve: stable with any passive engine, whatever its tool touches")
     hz = Value(port.frequency_hz, "frequency")
     return parts("not passive: lacks", margin, "at", hz, ",", subject.hand(port.hand))
 
@@ -361,7 +367,7 @@ def walls(result: ZWidth, shown: str = "") -> Answer:
     rows = [_requested_wall(result)]
     if result.not_used_keys:
         unused = ", ".join(result.not_used_keys)
-        rows.append(row("Not used", f"{unused}: declared, and no part of these claims", mark=Mark.CAUTION))
+        rows.append(row("Not used", f"{unused}: declared, but not part of these claims", mark=Mark.CAUTION))
     curve_of = result.curve_of
     rows += [_stiffest_wall(label, curve_of[key], result) for key, label in _CURVES.items() if key in curve_of]
     rows.append(subject.passive_limit(result.passive_limit_n_per_m))
@@ -387,9 +393,9 @@ def _stiffest_wall(label: str, curve: Curve, result: ZWidth) -> Row:
     walls = zip(curve.stiffness_n_per_m.tolist(), result.damping_ns_per_m.tolist(), strict=True)
     known = [(stiffness, damping) for stiffness, damping in walls if math.isfinite(stiffness)]
     if not known:
-        return row(label, "no wall")
+        return row(label, "none")
     stiffness, damping = max(known)
-    beyond = "; beyond it not looked at" if damping == result.damping_ns_per_m[-1] else ""
+    beyond = "; larger dampings were not searched" if damping == result.damping_ns_per_m[-1] else ""
     return row(
         label, "up to", Value(stiffness, "stiffness"), "with a wall damping of", Value(damping, "damping"), beyond
     )
@@ -430,7 +436,7 @@ def pair_scene(result: SimulatedPair, problem: Problem, shown: str = "") -> Answ
 
 
 def _outcome(run: Run) -> Row:
-    friction = ", without need of dry friction" if run.claim == "asymptotic" else ""
+    friction = ", also without dry friction" if run.claim == "asymptotic" else ""
     ending = f"{outcome(run)}{friction}{'; buzzes' if run.buzzing else ''}"
     return row("Outcome", ending, f"({run.samples} samples)", mark=_mark(run))
 
@@ -503,7 +509,7 @@ def _at_the_end(run: Run) -> list[Row]:
     return [
         row("At the end", force, ",", _peak_to_peak(run), "peak to peak"),
         row("Ripple", ripple, "rms between 20 and 500 Hz"),
-        row("Energy", energy, "given out beyond that taken in"),
+        row("Energy", energy, "net output"),
     ]
 
 
@@ -523,7 +529,9 @@ def _compared(label: str, run: Run) -> Row:
     if math.isfinite(run.apparent_stiffness_n_per_m):
         stiffness = Value(run.apparent_stiffness_n_per_m, "stiffness")
     energy = Value(_finite_or_none(run.energy_generated_j), "energy")
-    return row(label, ending, stiffness, ",", _peak_to_peak(run), "peak to peak,", energy, "given out", mark=_mark(run))
+    return row(
+        label, ending, stiffness, ",", _peak_to_peak(run), "peak to peak,", energy, "net output", mark=_mark(run)
+    )
 
 
 def _cost(cost: SceneCost) -> list[Row]:
@@ -538,7 +546,7 @@ def _cost(cost: SceneCost) -> list[Row]:
 def _effect_cost(effect: EffectCost, scatter_ns: float) -> Row:
     label = f"Effect {effect.kind}"
     if effect.states is None or effect.instructions is None or effect.ns_per_step is None:
-        return row(label, "the scene needs it", rank=1)
+        return row(label, "needed by the scene", rank=1)
     time = f"below {max(scatter_ns, 1):.0f} ns"
     if effect.ns_per_step > scatter_ns:
         time = f"{effect.ns_per_step:.0f} ns"
@@ -549,7 +557,7 @@ def _effect_cost(effect: EffectCost, scatter_ns: float) -> Row:
 def trial(result: RestCount, units: Units, shown: str) -> Answer:
     """Return the answer of `trial`: how many simulated hands settle."""
     low, high = (f"{100 * end:.4g}" for end in result.at_rest_interval)
-    interval = f"hands in every motion ({100 * result.confidence:g} % interval {low} to {high} %)"
+    interval = f"hands, in every motion ({100 * result.confidence:g} % interval {low} to {high} %)"
     counted = (Value(result.at_rest, "number", 9), "of", Value(result.hands, "number", 9), interval)
     all_settle = result.at_rest == result.hands
     rows = [
@@ -559,7 +567,7 @@ def trial(result: RestCount, units: Units, shown: str) -> Answer:
     ]
     if result.moving:
         more = " and others" if result.hands - result.at_rest > len(result.moving) else ""
-        numbers = f"by their number in the draw: {', '.join(map(str, result.moving))}{more}"
+        numbers = f"hands number {', '.join(map(str, result.moving))}{more}"
         rows.append(row("Do not settle", numbers, mark=Mark.FAIL))
     friction = "" if result.friction else ", without dry friction"
     title = f"{shown}   coupling {result.coupling} · {result.hands} hands, seed {result.seed}{friction}"

@@ -102,7 +102,7 @@ class CheckedProblem:
         """The warnings; where nothing is deployable that too."""
         if not self.infeasible:
             return [*self.warnings]
-        return [*self.warnings, Doubt("avc recommend", f"deploys nothing: {self.infeasible}")]
+        return [*self.warnings, Doubt("avc recommend", f"finds nothing deployable: {self.infeasible}")]
 
     def document(self) -> dict[str, Any]:
         """Return the `check` document: JSON values only."""
@@ -149,14 +149,14 @@ def _asked_of_wall(end: Wall, result: CheckedProblem) -> list[Row]:  # noqa: ARG
     lowest, highest = Value(result.lowest_hz, "frequency"), Value(result.highest_hz, "frequency")
     nyquist = Value(result.nyquist_hz, "frequency")
     rows = [
-        row("Asked for", f"structure {structure}, model {stability.model}, scope {stability.scope}"),
+        row("Requested", f"structure {structure}, model {stability.model}, scope {stability.scope}"),
         row("Frequencies", f"{result.frequencies},", lowest, "to", highest, "; Nyquist", nyquist),
         subject.passive_limit(result.passive_limit_n_per_m),
     ]
     if keys := declared(stated):
         rows.append(row("Declared", ", ".join(map(stated.units.key, keys))))
     weakening = (unused for unused in result.not_used if not unused.asked_of_solve)
-    unused = [f"{unused}: no recommendation is judged with it" for unused in weakening]
+    unused = [f"{unused}: ignored by avc recommend" for unused in weakening]
     rows += subject.notes(unused, "Not used")
     return rows + subject.notes(words.used_by_solve(result.not_used), "Not used", Mark.NONE)
 
@@ -170,7 +170,7 @@ def _beyond_headline(end: End) -> list[Row]:  # noqa: ARG001
 @_beyond_headline.register
 def _engine(tool: Simulation) -> list[Row]:
     """Return what the tool touches, and what the exchange means."""
-    what: tuple[Part, ...] = ("none: the spring leads to a place that the engine sets",)
+    what: tuple[Part, ...] = ("none: the spring ends at a position that the engine sets",)
     if tool.tool_mass_kg is not None:
         mass = parts(span(tool.tool_mass_kg, "mass"), ", damping", span(tool.tool_damping_ns_per_m, "damping"))
         what = parts(mass, "; touches", _contacts(tool))
@@ -201,7 +201,7 @@ def _follower(far: Follower) -> list[Row]:
     return [
         row("Link", to_follower, "there,", to_leader, "back;", jitter, "of jitter,", lost, "of the messages lost"),
         row("Architecture", f"{far.architecture}{sent}"),
-        row("Touches", "nothing, up to", contact),
+        row("Touches", "anything from nothing to", contact),
     ]
 
 
@@ -256,7 +256,7 @@ def catalogue(problems: Sequence[CatalogueEntry], devices: Sequence[CatalogueDev
         "problems": [plain(entry) | {"path": str(entry.path)} for entry in problems],
         "devices": plain(devices),
     }
-    title = f"problems, files of {folder}, and devices of the catalogue"
+    title = f"built-in problems (files in {folder}) and devices"
     return Answer("list", document, (title,), tuple(rows), ("avc check figure5", "avc run figure5"), whole=True)
 
 
@@ -319,8 +319,8 @@ def ports(found: Sequence[SerialPort], *, asked: bool) -> list[Row]:
 
 def _port(port: SerialPort, *, asked: bool) -> Row:
     number = f"serial number {port.serial_number}" if port.serial_number else ""
-    no_right = "no right to open it: add yourself to its group (dialout)"
-    text = [port.description, number, "may be opened" if port.accessible else no_right]
+    no_right = "no permission: add yourself to its group (dialout)"
+    text = [port.description, number, "accessible" if port.accessible else no_right]
     if asked and port.avc_device is not None:
         named = port.avc_device.unique_id or "without a number"
         text.append(f"avc device {named}, coupling {port.avc_device.coupling_id or 'none'}")

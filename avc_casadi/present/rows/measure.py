@@ -86,7 +86,7 @@ class ExcitationPlan:
 
 def plan(planned: ExcitationPlan, units: Units, shown: str, port: str) -> Answer:
     """Return the plan of `excite`."""
-    corners = "worst of its ranges" if planned.devices > 1 else "declared device"
+    corners = "worst device of the ranges" if planned.devices > 1 else "declared device"
     band = (Value(planned.lowest_hz, "frequency"), "to", Value(planned.highest_hz, "frequency"))
     peak = (", peak", Value(planned.peak_force_n, "force"), f"; bounded by {planned.held_back_by}")
     limits, forecast = planned.limits, planned.forecast
@@ -100,7 +100,7 @@ def plan(planned: ExcitationPlan, units: Units, shown: str, port: str) -> Answer
         reached("Force", forecast.force_n, limits.force_n, "force"),
         reached("Speed", forecast.speed_m_per_s, limits.speed_m_per_s, "speed"),
         reached("Travel", forecast.travel_m, limits.travel_m, "length"),
-        row("Centred by", "spring", spring, ", damper", damper, ": hands off"),
+        row("Centred by", "spring", spring, ", damper", damper, "; keep hands off"),
     ]
     title = parts(shown, " ", f"{planned.signal} of", Value(planned.seconds, "time"), f"on {port}")
     document = {"plan": plain(planned), "out": None, "log": None}
@@ -166,7 +166,7 @@ def _estimate(label: str, estimate: Estimate, rank: int) -> Row:
 def _rung(trial: FitTrial) -> Row:
     """Return whether a rung of the model was taken, and why not."""
     taken = "taken" if trial.taken else "not taken"
-    errors = f"on stretches held out, {trial.standard_errors:.2g} std errors"
+    errors = f"on held-out data, {trial.standard_errors:.2g} standard errors"
     why = f"; {trial.why}" if trial.why else ""
     return row(f"Rung {trial.rung}", f"{taken}: error", Value(trial.change, "share"), f"{errors}{why}", rank=1)
 
@@ -216,10 +216,10 @@ def _diagnosis_rows(result: Diagnosis) -> list[Row]:
 
 
 def _remedy(remedy: Remedy) -> Row:
-    only = "; rests by dry friction alone" if remedy.by_friction else ""
-    only += "; rests while held" if remedy.while_held else ""
+    only = "; settles only by dry friction" if remedy.by_friction else ""
+    only += "; settles only while held" if remedy.while_held else ""
     value, before = Value(remedy.value, remedy.quantity), Value(remedy.before, remedy.quantity)
-    return row("Remedy", words.REMEDIES[remedy.key], value, "in place of", before, only)
+    return row("Remedy", words.REMEDIES[remedy.key], value, "instead of", before, only)
 
 
 def _oscillation(swing: Oscillation) -> Row:
@@ -240,7 +240,7 @@ def _fitted_law(law: FittedLaw, log: Log) -> Row:
 def _gain(value: float, error: float, quantity: Quantity) -> tuple[Part, ...]:
     """Return a gain with its error, where that is more than a thousandth of it and not more than it."""
     within = ("±", Value(error, quantity, 1)) if 1e-3 * abs(value) < error < math.inf else None
-    return parts("cannot tell" if error > abs(value) else Value(value, quantity), within)
+    return parts("not determined" if error > abs(value) else Value(value, quantity), within)
 
 
 def _fitted_plant(result: Diagnosis, law: FittedLaw, fit: PlantFit) -> list[Row]:

@@ -85,17 +85,17 @@ def acting_outside(law: ControlLaw | StatedSystem) -> str:
 def limits(intervals: Mapping[str, Interval | None], largest_gain: float) -> list[Row]:
     """Return the stable interval of each number with the others kept, and the largest factor on all forces."""
     rows = [row(f"Stable {_GAINS.get(key, key)}", _stretch(key, ends)) for key, ends in intervals.items()]
-    factor = ("all forces times", Value(largest_gain, "number")) if largest_gain else "none holds"
+    factor = ("all forces times", Value(largest_gain, "number")) if largest_gain else "none is stable"
     return [*rows, row("Largest gain", factor)]
 
 
 def _stretch(key: str, ends: Interval | None) -> tuple[Part, ...]:
     """Return an interval; one without an end says so."""
     if ends is None:
-        return ("none, with the others kept",)
+        return ("none, with the other values unchanged",)
     low, high = (Value(end, quantity_of(key)) for end in ends)
     if math.isinf(ends[0]) and math.isinf(ends[1]):
         return ("any",)
     if math.isinf(ends[1]):
-        return (low, "and more")
+        return (low, "or more")
     return ("up to", high) if math.isinf(ends[0]) else (low, "to", high)

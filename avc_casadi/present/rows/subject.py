@@ -130,17 +130,23 @@ def hand(values: Mapping[str, float]) -> tuple[Part, ...]:
     if not any(values.values()):
         return ("device released",)
     if values["stiffness_n_per_m"] >= END_STOP_N_PER_M:
-        return ("device at its end stop",)
+        return ("device clamped, as at an end stop",)
     return fill("hand of {mass_kg}, {damping_ns_per_m}, {stiffness_n_per_m}", values)
 
 
 def passive_limit(limit_n_per_m: float | None) -> Row:
     """Return the largest static stiffness of any passive linear rendering: 2 b_d/((1 + d) T) at the worst of ranges."""
     if limit_n_per_m is None or math.isnan(limit_n_per_m):
-        return row("Passive limit", "known for a rigid device, ideal amplifier and whole samples of delay only")
+        return row(
+            "Passive limit", "not computed: it needs a rigid device, an ideal amplifier and whole samples of delay"
+        )
     if limit_n_per_m == 0:
-        return row("Passive limit", "none: no damping of the device is declared")
-    return row("Passive limit", Value(limit_n_per_m, "stiffness"), "static for any passive linear rendering")
+        return row("Passive limit", "none: [device] declares no damping")
+    return row(
+        "Passive limit",
+        Value(limit_n_per_m, "stiffness"),
+        "is the largest static stiffness of a passive linear rendering",
+    )
 
 
 def thin(disk_margin: float | None) -> str:
@@ -153,14 +159,14 @@ def thin(disk_margin: float | None) -> str:
 def deployable(verdict: Deployable | None) -> Row:
     """Return the verdict on deployment: the claims that hold, or the first that fails; None where no row has gains."""
     if verdict is None:
-        return row("Deployable", "no: no row has gains", mark=Mark.FAIL)
+        return row("Deployable", "no: there are no gains", mark=Mark.FAIL)
     if not verdict.passed:
         failed = next(claim.sentence for claim in verdict.claims if not claim.passed)
         return row("Deployable", "no:", failed, mark=Mark.FAIL)
     margin = None if math.isnan(verdict.disk_margin) else verdict.disk_margin
     doubt = thin(margin)
     sound = "" if margin is None else f"; disk margin {margin:.2g}"
-    text = f"yes: linearly stable with every corner hand and released{doubt or sound}"
+    text = f"yes: linearly stable with every hand of [hands] and released{doubt or sound}"
     return row("Deployable", text, mark=Mark.CAUTION if doubt else Mark.PASS)
 
 
@@ -190,7 +196,7 @@ def peak_force(force_n: float, limit_n: float | None, limited: int = 0, depth_m:
     """Return the largest force of a tap, and its depth; where it saturates, how many presses do so too."""
     if saturates(force_n, limit_n):
         presses = f"; so do {limited} presses" if limited else None
-        return row("Peak force", "a tap saturates at", Value(limit_n, "force"), presses, mark=Mark.CAUTION)
+        return row("Peak force", "a tap reaches the limit of", Value(limit_n, "force"), presses, mark=Mark.CAUTION)
     deep = None if depth_m is None else (",", Value(depth_m, "length"), "deep")
     return row("Peak force", Value(force_n, "force"), "in a tap", deep)
 

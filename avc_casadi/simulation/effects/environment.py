@@ -31,7 +31,7 @@ class Detents(SceneEffect, keys=DetentEffect, rank=180):
     @classmethod
     def build(cls, table: Any, problem: Problem, place: str) -> Self:  # noqa: ARG003
         if problem.detent is None:
-            message = "is listed and [detent] is missing; allowed: both, or neither"
+            message = "is listed and [detent] is missing; give both, or neither"
             raise InputError.of(message, file=problem.name, key=place)
         return cls(problem.detent)
 
@@ -148,7 +148,7 @@ class EngineEffect(SceneEffect, keys=SimulationEffect, rank=155, role="environme
         """Build it; tool and engine are those of [simulation]: the heaviest tool, the stiffest contact."""
         tool, faults = problem.end, []
         if not isinstance(tool, Simulation):
-            faults.append((place, "is listed and [simulation] is missing; allowed: both, or neither"))
+            faults.append((place, "is listed and [simulation] is missing; give both, or neither"))
         if table.stiffness_n_per_m is None:
             message = "is missing; allowed: a stiffness, or a coupling to the simulation (avc recommend)"
             faults.append((f"{place}.stiffness_n_per_m", message))

@@ -266,7 +266,7 @@ class CouplingTrial(Trial):
                 "share_of_wall": self.share_of_wall,
                 "tap_force_n": self.largest_tap_force_n,
                 "tap_depth_m": self.deepest_tap_m,
-                "not_simulated": ["hands that change while they hold on", "several axes"],
+                "not_simulated": ["hands that change while they hold the device", "several axes"],
             }
         )
 

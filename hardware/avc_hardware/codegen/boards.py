@@ -45,7 +45,7 @@ class Board(t.Table):
 
     title: t.Text = ""
     compiler: t.Text
-    install: t.Text = "see its maker's page"
+    install: t.Text = "see the page of its manufacturer"
     flags: list[t.Text] = Field([])
     sources: list[t.Text] = Field(min_length=1)
     estimator: Literal["zero-crossing", "spectral-peak", "adaptive-notch", "fused"] = "zero-crossing"
@@ -77,7 +77,7 @@ def read_board(folder: Path) -> Board:
     board = t.valid(Board, tables_of(text_of(folder / MANIFEST, "write one: hardware/PORTING.md"), file), file)
     board._root = folder.resolve()  # noqa: SLF001 - where the manifest stands
     faults = [
-        Fault(file, None, "sources", f"{name} is no file of {folder}; write it, or correct the name")
+        Fault(file, None, "sources", f"{name} is no file of {folder}; create the file, or correct the name")
         for name in board.sources
         if not (folder / name).is_file()
     ]

@@ -155,7 +155,7 @@ def build_firmware(of: Coupling | Problem | Device, board: str, out: Path, *, ba
     No gains are in it. Of a coupling it takes estimator, hold, slew, passive change and guard limit too.
     """
     if baud is not None and not _BAUDS[0] <= baud <= _BAUDS[1]:
-        fault = f"is {baud}; allowed: {_BAUDS[0]} to {_BAUDS[1]}, what serial ports divide to"
+        fault = f"is {baud}; allowed: {_BAUDS[0]} to {_BAUDS[1]}, the rates of serial ports"
         raise InputError.of(fault, key="baud")
     target = _board(board)
     problem = of.problem if isinstance(of, Coupling) else of

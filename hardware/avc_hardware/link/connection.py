@@ -59,9 +59,7 @@ def find_port(serial_number: str) -> str:
 T = TypeVar("T")
 
 EMULATOR = "emulator"
-EMULATOR_IS_FRESH = (
-    "the emulated board is a fresh one in every command: no table and no state carries over from one to the next"
-)
+EMULATOR_IS_FRESH = "each command starts a new emulated board: no table and no state carries over"
 USB = "usb:"
 DEFAULT_BAUD = 115200
 _THINKS_S = 0.15

@@ -148,7 +148,7 @@ def _notes(coupling: Coupling, device: Device) -> tuple[str, ...]:
     notes = []
     faults = DeviceFault(device.faults)
     if faults:
-        notes.append(f"the device gives no force until its faults are gone (avc device --clear): {faults.word}")
+        notes.append(f"the device gives no force until its faults are cleared (avc device --clear): {faults.word}")
     if force is None and tapped > most:
         made = f"made without a limit, and in its trial a tap took {tapped:.3g}; give device.max_force_n"
         notes.append(f"the device limits the force at {most:g}, the coupling was {made} and make it again")
@@ -156,7 +156,7 @@ def _notes(coupling: Coupling, device: Device) -> tuple[str, ...]:
         made = f"made for {force:g}; its certificate does not know the lower limit"
         notes.append(f"the device limits the force at {most:g}, the coupling was {made}")
     if device.lowered.force_n * _ROUNDED < min(most, force or most):
-        then = "raise it when the first touch was good: avc device --force-n F"
+        then = "raise it after a successful first test: avc device --force-n F"
         notes.append(f"the device's force is limited to {device.lowered.force_n:g} at run time; {then}")
     if step and step * _ROUNDED < coarse:
         made = f"made for {step:g}; its trial does not know the coarser steps"

@@ -118,7 +118,7 @@ def stream(
     lost = len(samples) - len(trips) - len(refusals)
     faults = [*_faults_of_end(pushed, after, device), *_faults_on_the_way(len(samples), lost, late, refusals)]
     if fell_back > 0:
-        faults.append(f"the device went back to its table in mid-stream, {fell_back} times")
+        faults.append(f"the device returned to its table during the stream, {fell_back} times")
     return StreamResult(
         port=link.name,
         rate_hz=rate_hz,
@@ -215,9 +215,9 @@ def _faults_of_end(pushed: PushResult, status: DeviceStatus, device: Device) -> 
     """Describe how the device's table differs from the pushed one."""
     faults = []
     if device.boot_id != pushed.device.boot_id:
-        faults.append("the device has started anew since the push")
+        faults.append("the device has restarted since the push")
     if not status.has_table:
-        faults.append("the device holds no table")
+        faults.append("the device has no table")
     elif (device.table_id, device.table_crc32) != (pushed.table_id, pushed.crc32):
         faults.append(f"the device runs table {device.table_id} of coupling {device.coupling_id}, another host's")
     if status.streaming:
