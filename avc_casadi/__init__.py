@@ -36,13 +36,13 @@ __all__ += ["AvcError", "Fault", "InputError", "NotDeployableError", "Unsupporte
 __all__ += ["LinkError", "MissingExtraError", "PortError", "WorkerLostError"]
 
 
-def _text_of(result: object) -> str:
-    from avc_casadi.present.rows.answers import text_of  # noqa: PLC0415 - the rows are loaded at the first print
+def _present() -> object:
+    from avc_casadi.present.rows import answers  # noqa: PLC0415 - the rows are loaded at the first print
 
-    return text_of(result)
+    return answers
 
 
-_print_by(_text_of)
+_print_by(_present)
 
 if TYPE_CHECKING:
     from avc_casadi._errors import (

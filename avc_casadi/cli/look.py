@@ -15,6 +15,7 @@ import avc_casadi as avc
 import avc_hardware
 from avc_casadi._util.interrupt import take_interrupt
 from avc_casadi._util.json_values import plain
+from avc_casadi._util.page import worded
 from avc_casadi.cli import arguments as cli
 from avc_casadi.cli.console import Console, package_versions, write_figure
 from avc_casadi.present import rows
@@ -56,7 +57,8 @@ def run_check(args: argparse.Namespace, console: Console) -> Answer:  # noqa: AR
     warnings = [rows.look.Doubt(fault.key, fault.message) for fault in plausibility(stated)]
     warnings += [rows.look.Doubt(key, message) for key, message in doubts(stated.end, stated).items()]
     infeasible = infeasible_at(stated.end, stated)
-    result = rows.look.CheckedProblem(stated, not_used(stated), tuple(warnings), infeasible)
+    why = "" if infeasible is None else worded(infeasible, stated.units)
+    result = rows.look.CheckedProblem(stated, not_used(stated), tuple(warnings), why)
     return rows.look.problem(result, args.problem)
 
 

@@ -10,7 +10,6 @@ import numpy as np
 
 from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.progress import SILENT, Progress
-from avc_casadi._util.text import quantity
 from avc_casadi.claims.deployable import deployable
 from avc_casadi.coupling import Coupling
 from avc_casadi.design.observer_law import WIDTHS, with_dead_zone
@@ -25,6 +24,7 @@ from avc_casadi.model.runtime import Runtime, StateFeedback
 from avc_casadi.recommendation.evaluator import Evaluator, unstable_off_file
 from avc_casadi.recommendation.preconditions import why_infeasible
 from avc_casadi.recommendation.rank import FELT_ERROR, UNNOTICED, error_in_motion, impedance_error
+from avc_casadi.recommendation.reasons import NotNear, NoWallRendered, Reason, StifferWall
 
 # Rendered stiffness where the wall itself does not hold, as shares of what spring and damper hold linearly.
 _SOFTER = (0.9, 0.75, 0.6, 0.45, 0.33, 0.24, 0.15)
@@ -79,23 +79,23 @@ def judge_softer_walls(problem: Problem, evaluator: Evaluator, plainly_n_per_m: 
 
 def stiffest_rendered(
     problem: Problem, limit: DampingRange, evaluator_of: Callable[[Problem], Evaluator]
-) -> tuple[Problem, Evaluator, str]:
-    """Return the stiffest wall, to a fifth, before which a coupling is complete, its couplings, and what is stiffer."""
+) -> tuple[Problem, Evaluator, Reason]:
+    """Return the stiffest wall, to a fifth, before which a coupling is complete, its couplings, and why no stiffer."""
     about = limit.stiffness_n_per_m or 1e3 * softest_wall_n_per_m(problem.device)
 
     @cache
-    def evaluation(step: int) -> tuple[Problem, Evaluator, str]:
+    def evaluation(step: int) -> tuple[Problem, Evaluator, Reason | None]:
         wall = {"stiffness_n_per_m": float(f"{about * _STIFFER**step:.3g}"), "damping_ns_per_m": 0.0}
         walled = problem.changed(environment=wall, detent=None)
         evaluator = evaluator_of(walled)
-        if not why_infeasible(walled):
+        infeasible = why_infeasible(walled)
+        if infeasible is None:
             for coupling in springs_and_dampers(walled):
                 evaluator(coupling)
             if not evaluator.complete():
                 judge_laws(walled, evaluator, walled.environment.stiffness_n_per_m, UNNOTICED)
-        off = f"no stable coupling is within {100 * UNNOTICED:.0f} % to a hand that moves"
         best = evaluator.best()
-        return walled, evaluator, (why_infeasible(walled) or off) if best is None else evaluator.flaw(best)
+        return walled, evaluator, (infeasible or NotNear(UNNOTICED)) if best is None else evaluator.flaw(best)
 
     step = 10
     while not evaluation(step)[2]:
@@ -105,12 +105,12 @@ def stiffest_rendered(
         step -= 2
     step += not evaluation(step + 1)[2]
     walled, evaluator, flaw = evaluation(step)
-    if flaw:
+    if flaw is not None:
         evaluator.candidates = []
-        return walled, evaluator, f"{flaw}, from 1 % of the linear limit on"
+        return walled, evaluator, NoWallRendered(flaw)
     stiffer, tried, flaw = evaluation(step + 1)
-    wall = quantity(stiffer.environment.stiffness_n_per_m, problem.units.unit("N/m"))
-    return walled, evaluator, f"before {wall} {'a coupling as near fails: ' * bool(tried.candidates)}{flaw}"
+    assert flaw is not None  # noqa: S101 - else the search above would have gone on
+    return walled, evaluator, StifferWall(stiffer.environment.stiffness_n_per_m, bool(tried.candidates), flaw)
 
 
 def springs_and_dampers(problem: Problem) -> Iterator[Coupling]:

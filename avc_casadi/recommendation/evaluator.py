@@ -34,6 +34,7 @@ from avc_casadi.model.perturbed import PERTURBED_SHARE, perturbed_devices, pertu
 from avc_casadi.model.plant import SampledPlant, sampled_plant
 from avc_casadi.model.problem import Problem
 from avc_casadi.recommendation.rank import Candidate, best_of, error_in_motion
+from avc_casadi.recommendation.reasons import Flaw, UnmetRequirement, UnmetRequirements
 from avc_casadi.simulation.population.operators import GRIPS, draw_hands, draw_population, loose_grips, people_of
 from avc_casadi.simulation.population.trial import CouplingTrial, residual_speeds, try_coupling, try_on_devices
 
@@ -156,8 +157,8 @@ class Evaluator:
             self._confirmed(candidate)
         return None
 
-    def flaw(self, candidate: Candidate) -> str:
-        """Return why a coupling is not complete; empty where it is."""
+    def flaw(self, candidate: Candidate) -> Flaw | None:
+        """Return why a coupling is not complete; None where it is."""
         return candidate.flaw(int(self._lean))
 
     def complete(self) -> list[Candidate]:
@@ -224,19 +225,16 @@ def unmodelled_trials(coupling: Coupling, seed: int = 0) -> tuple[UnmodelledTria
     return tuple(trials)
 
 
-def unmet_requirements(trials: tuple[UnmodelledTrial, ...], *, by_friction: bool) -> str:
-    """Return the requirements of [robustness] that are not met."""
-    short = []
+def unmet_requirements(trials: tuple[UnmodelledTrial, ...], *, by_friction: bool) -> UnmetRequirements | None:
+    """Return the requirements of [robustness] that are not met; None where all are."""
+    unmet = []
     for trial in trials:
         at_rest = trial.at_rest_without_friction
         if by_friction and trial.at_rest is not None:
             at_rest = trial.at_rest
         if trial.asked and at_rest < trial.hands:
-            unsettled = f"{trial.hands - at_rest} of {trial.hands} hands do not settle"
-            short.append(f"{unsettled} with {trial.key} = {trial.value}")
-    if not short:
-        return ""
-    return f"[robustness] is not met beyond [hands]: {'; '.join(short)}; require less, or a softer wall"
+            unmet.append(UnmetRequirement(trial.key, trial.value, trial.hands - at_rest, trial.hands))
+    return UnmetRequirements(tuple(unmet)) if unmet else None
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,21 @@ from avc_casadi.model.hands import Hand
 from avc_casadi.model.problem import Problem
 from avc_casadi.recommendation.felt import rendered_pair
 from avc_casadi.recommendation.preconditions import assumed, not_used
+from avc_casadi.recommendation.reasons import (
+    FollowerLimit,
+    HandsUnsettled,
+    LastTried,
+    NoGainMargin,
+    NoMass,
+    NoPairStable,
+    Reason,
+    SettledWithFollower,
+    StiffestSettled,
+    StiffnessNotReached,
+    Unsettled,
+    UnsettledWithDroppedSteps,
+    UnstableEngine,
+)
 from avc_casadi.recommendation.recommendation import NoPair, Pair, PairLimits, PairRecommendation
 from avc_casadi.recommendation.request import Request
 from avc_casadi.recommendation.sensitivity import (
@@ -27,7 +42,7 @@ from avc_casadi.recommendation.sensitivity import (
 )
 from avc_casadi.simulation.population.operators import people_of
 from avc_casadi.simulation.population.other_ends import try_end
-from avc_casadi.simulation.population.trial import Trial, Variant
+from avc_casadi.simulation.population.trial import Trial
 
 GAIN_MARGIN = 1.5
 """K and B may be this many times as large before a hand, released, a tool or a contact is unstable.
@@ -47,14 +62,6 @@ class TrialPlan:
     stiffness_n_per_m: float
     count: int
     softer: float
-
-
-@dataclass(frozen=True)
-class Unsettled:
-    """A stiffness with which hands do not settle, and the trial with its best dampers."""
-
-    stiffness_n_per_m: float
-    trial: Trial
 
 
 @dataclass(frozen=True)
@@ -83,9 +90,9 @@ class PairDesign:
         self.wanted_n_per_m = self.search.wanted_n_per_m
         self.last_trial: Trial | None = None
 
-    def why_infeasible(self) -> str:
-        """Return why no coupling is deployable at any gains; empty where one may be."""
-        return ""
+    def why_infeasible(self) -> Reason | None:
+        """Return why no coupling is deployable at any gains; None where one may be."""
+        return None
 
     def plan(self) -> TrialPlan | None:
         """Return what is tried; None where nothing is worth a trial."""
@@ -106,7 +113,7 @@ class PairDesign:
             problem=problem,
             coupling=coupling,
             trial=best.trial,
-            reason=self.why(certificate["gain_margin"], best),
+            why=self.why(certificate["gain_margin"], best),
             sensitivities=self.sensitivities(),
             assumed=assumed(problem),
             not_used=not_used(problem),
@@ -120,11 +127,11 @@ class PairDesign:
             ),
         )
 
-    def no_coupling(self, infeasible: str) -> NoPair:
+    def no_coupling(self, infeasible: Reason | None) -> NoPair:
         """Return the answer without a coupling, which is infeasible for a reason, or else was refused by hands."""
         return NoPair(
             problem=self.problem,
-            reason=infeasible or self.why_none(),
+            why=infeasible or self.why_none(),
             sensitivities=self.sensitivities(),
             assumed=assumed(self.problem),
             not_used=not_used(self.problem),
@@ -153,22 +160,21 @@ class PairDesign:
         """Return the values of `Pair` that only some kinds of end have."""
         return {}
 
-    def why(self, gain_margin: float, best: Settled) -> str:
+    def why(self, gain_margin: float, best: Settled) -> Reason:
         """Return why this coupling."""
-        most = "the stiffest with its margin and all hands settled"
-        what = most if self.wanted_n_per_m is None else "the requested stiffness"
-        if gain_margin < GAIN_MARGIN:
-            what += f"; K and B may be no more than {math.floor(100 * gain_margin) / 100:g} times as large"
-        return f"{what}; {self._unsettled(best.stiffer)}" if best.stiffer is not None else what
+        return StiffestSettled(
+            required=self.wanted_n_per_m is not None,
+            low_gain_margin=gain_margin if gain_margin < GAIN_MARGIN else None,
+            stiffer=best.stiffer,
+        )
 
-    def why_none(self) -> str:
+    def why_none(self) -> Reason:
         """Return why no coupling, though one is feasible."""
-        trial = self.last_trial
-        if trial is None:
-            return "no damper keeps the gain margins" if self.wanted_n_per_m is None else self._why_not_wanted()
-        name, settled = min(trial.by_motion.items(), key=lambda motion: int(motion[1].sum()))
-        settle = f"of {trial.hands} simulated hands {trial.settled} settle"
-        return f"{settle} with the last coupling that was tried; hardest for them: {name}, {int(settled.sum())} settle"
+        if self.last_trial is not None:
+            return HandsUnsettled(self.last_trial)
+        if self.wanted_n_per_m is None:
+            return NoGainMargin()
+        return StiffnessNotReached(self.wanted_n_per_m, self.stiffest.stiffness_n_per_m)
 
     def _first(self, *, local: bool) -> float:
         """Return the initial stiffness where none is wanted: nine tenths of the stiffest that has the gain margin."""
@@ -208,33 +214,6 @@ class PairDesign:
             stiffness *= plan.softer
         return leaning
 
-    def _unsettled(self, stiffer: Unsettled) -> str:
-        """Return how many hands do not settle with a stiffness, and in which motion most of them."""
-        trial = stiffer.trial
-        name, settled = min(trial.by_motion.items(), key=lambda motion: int(motion[1].sum()))
-        count, where = int((~settled).sum()), f"in {name}"
-        circumstances: dict[Variant, str] = {
-            "with_dropped_steps": "where the engine misses steps",
-            "without_friction": "without dry friction",
-        }
-        for variant, circumstance in circumstances.items():
-            if count == 0 and variant in trial.variants:
-                count, where = int((~trial.variants[variant]).sum()), circumstance
-        unsettled = f"{count} of {trial.hands} hands {'does' if count == 1 else 'do'} not settle"
-        return f"with K {self._stiffness(stiffer.stiffness_n_per_m)} {unsettled}, {where}"
-
-    def _stiffness(self, stiffness_n_per_m: float) -> str:
-        return quantity(stiffness_n_per_m, self.problem.units.unit("N/m"))
-
-    def _why_not_wanted(self) -> str:
-        """Return why a wanted stiffness is not to be had."""
-        wanted_n_per_m, limit_n_per_m = self.wanted_n_per_m or 0.0, self.stiffest.stiffness_n_per_m
-        asked, most = self._stiffness(wanted_n_per_m), self._stiffness(limit_n_per_m)
-        if wanted_n_per_m > limit_n_per_m:
-            return f"{asked} is required, but the stiffest stable coupling has {most}"
-        no_damper = "no damper gives that its gain margins"
-        return f"{asked} is wanted, and {no_damper}, though a stiffer coupling, {most}, is stable"
-
 
 class ToolDesign(PairDesign):
     """Design of spring and damper to a simulation, where a damper of the device's own loop may belong to them."""
@@ -245,23 +224,17 @@ class ToolDesign(PairDesign):
         super().__init__(problem, request)
         self.tool = tool
 
-    def why_infeasible(self) -> str:
-        """Return why no coupling to the tool is stable at all; empty where one is."""
-        tool, unit = self.tool, self.problem.units.unit
+    def why_infeasible(self) -> Reason | None:
+        """Return why no coupling to the tool is stable at all; None where one is."""
+        tool = self.tool
         if self.problem.device.mass_kg == 0:
-            return "the device has no mass (device.mass_kg is 0): released, nothing is there that a coupling could hold"
+            return NoMass(to_wall=False)
         if self.stiffest.stiffness_n_per_m > 0:
-            return ""
-        if not self.search.loops.engine_alone_stable():
-            lightest = min(tool.tool_mass_kg or (math.inf,))
-            stiffest = quantity(tool.contact_stiffness_n_per_m[1], unit("N/m"))
-            step, mass = quantity(max(tool.step_s), "s"), quantity(lightest, unit("kg"))
-            return (
-                f"your engine, not the coupling: its own contact of {stiffest} is unstable at a step of {step} with a "
-                f"mass of {mass} (dt sqrt(k/m) must stay well below 2); a shorter step, a softer or a rigid contact, a "
-                "heavier tool, an implicit integrator"
-            )
-        return "no spring and damper is stable with every hand, released, tool and contact"
+            return None
+        if self.search.loops.engine_alone_stable():
+            return NoPairStable()
+        lightest_kg = min(tool.tool_mass_kg or (math.inf,))
+        return UnstableEngine(tool.contact_stiffness_n_per_m[1], max(tool.step_s), lightest_kg)
 
     def plan(self) -> TrialPlan | None:
         """Return what is tried: a wanted stiffness alone, where some dampers hold it."""
@@ -285,23 +258,27 @@ class ToolDesign(PairDesign):
     def analysis(self, best: Settled) -> dict[str, Any]:
         """Return the values of `Pair` that only a coupling to a tool has."""
         return {
-            "set_by": "" if best.stiffer is None else self._unsettled(best.stiffer),
+            "stiffer": best.stiffer,
             "mismatch_stable": stable_on_other_devices(self.problem, best.gains),
             "local_dampers_ns_per_m": self.search.local_dampers_ns_per_m(best.gains) if self.local else None,
         }
 
-    def why(self, gain_margin: float, best: Settled) -> str:
+    def why(self, gain_margin: float, best: Settled) -> Reason:
         """Return why this coupling."""
-        return f"{super().why(gain_margin, best)}, exchange {self.tool.exchange}"
+        return StiffestSettled(
+            required=self.wanted_n_per_m is not None,
+            low_gain_margin=gain_margin if gain_margin < GAIN_MARGIN else None,
+            stiffer=best.stiffer,
+            exchange=self.tool.exchange,
+        )
 
-    def why_none(self) -> str:
+    def why_none(self) -> Reason:
         """Return why no coupling, though one is feasible."""
         trial = self.last_trial
-        if trial is None or not all(settled.all() for settled in trial.by_motion.values()):
+        if trial is None or trial.settled < trial.hands:
             return super().why_none()
-        settle = f"of {trial.hands} simulated hands {trial.settled} settle"
-        with_lost_steps = int(trial.variants["with_dropped_steps"].sum())
-        return f"{settle} with the last coupling that was tried, {with_lost_steps} where the engine misses steps"
+        with_dropped_steps = int(trial.variants["with_dropped_steps"].sum())
+        return UnsettledWithDroppedSteps(trial.hands, trial.settled, with_dropped_steps)
 
 
 class FollowerDesign(PairDesign):
@@ -334,25 +311,18 @@ class FollowerDesign(PairDesign):
         passivity = {"passivity_margin_ns_per_m": margin, "passive_damping_ns_per_m": needed}
         return super().limits(gains) | passivity
 
-    def why(self, gain_margin: float, best: Settled) -> str:  # noqa: ARG002
+    def why(self, gain_margin: float, best: Settled) -> Reason:  # noqa: ARG002
         """Return why this coupling."""
-        most = "the stiffest that keeps its margin without local dampers"
-        return f"{most if self.wanted_n_per_m is None else 'the requested stiffness'}, all hands settled"
+        return SettledWithFollower(required=self.wanted_n_per_m is not None)
 
-    def why_none(self) -> str:
+    def why_none(self) -> Reason:
         """Return why no coupling."""
-        trial = self.last_trial
-        if trial is None and self.wanted_n_per_m is None:
-            return f"the stiffest coupling that is stable has K {self._stiffness(self.stiffest.stiffness_n_per_m)}"
-        if trial is None:
-            return self._why_not_wanted()
-        name, settled = min(trial.by_motion.items(), key=lambda motion: int(motion[1].sum()))
-        settle = f"of {trial.hands} simulated hands {trial.settled} settle with the softest coupling"
-        found = f"{settle} that was tried; hardest for them: {name}, {int(settled.sum())} settle"
-        swings = (
-            "the follower has no damping of its own, and swings long on a soft spring: damp it, or require a stiffer K"
-        )
-        return found if _least_damping(self.follower) > 0 else f"{found}; {swings}"
+        if self.last_trial is not None:
+            damped = _least_damping(self.follower) > 0
+            return HandsUnsettled(self.last_trial, LastTried.SOFTEST if damped else LastTried.SOFTEST_WITHOUT_DAMPING)
+        if self.wanted_n_per_m is None:
+            return FollowerLimit(self.stiffest.stiffness_n_per_m)
+        return StiffnessNotReached(self.wanted_n_per_m, self.stiffest.stiffness_n_per_m)
 
     def _passivity(self, gains: ToolGains) -> tuple[float | None, float | None]:
         """Return the passivity margin of the two-port and the damping that passivity needs; None where not known."""

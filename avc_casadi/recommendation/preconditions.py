@@ -8,7 +8,6 @@ from functools import singledispatch
 import numpy as np
 
 from avc_casadi._util.json_values import Sentence
-from avc_casadi._util.text import quantity
 from avc_casadi.claims.deployable import detent_claim
 from avc_casadi.claims.impedance import PRESS_N
 from avc_casadi.files.plausibility import plausibility
@@ -23,6 +22,16 @@ from avc_casadi.model.declared import declared, declared_effects
 from avc_casadi.model.device import Device
 from avc_casadi.model.ends import RIGID_N_PER_M, End, Follower, Simulation, Wall
 from avc_casadi.model.problem import Frequency, Problem
+from avc_casadi.recommendation.reasons import (
+    DamperTooLarge,
+    NoForce,
+    NoMass,
+    NothingRendered,
+    NothingRenderedBecause,
+    Reason,
+    TooLate,
+    UnstableDetents,
+)
 from avc_casadi.simulation.population.trial import CouplingTrial
 
 _OF_SOLVE = "of avc solve"
@@ -59,66 +68,48 @@ class Unused(Sentence):
 _NOT_OF_TELEOPERATORS = ("coulomb_friction_n", "position_noise_rms_m", "backlash_m")
 
 
-def why_infeasible(problem: Problem) -> str:
-    """Return why no coupling is deployable at any gains; empty where one may be."""
+def why_infeasible(problem: Problem) -> Reason | None:
+    """Return why no coupling is deployable at any gains; None where one may be."""
     device, wall = problem.device, problem.environment
     if device.mass_kg == 0:
-        return (
-            "the device has no mass (device.mass_kg is 0): released, nothing is there that a "
-            "coupling could hold; give the mass of what moves"
-        )
+        return NoMass(to_wall=True)
     if not (wall.stiffness_n_per_m or wall.damping_ns_per_m):
-        return "the wall gives no force: there is nothing to couple to; give [environment] a stiffness or a damping"
+        return NoForce()
     family = PlantFamily.of(problem)
     slowest = family.largest_delay_samples
     if slowest > MAX_DELAY_SAMPLES:
-        return (
-            f"no coupling is judged: linear stability is computed up to {MAX_DELAY_SAMPLES} samples of delay, not "
-            f"{slowest:g} (device.delay_samples); shorten the delay, or state a longer sample time"
-        )
+        return TooLate(slowest, MAX_DELAY_SAMPLES)
     if wall.stiffness_n_per_m == 0:
-        damper = problem.units.unit("N.s/m")
-        most = damping_range(family, softest_wall_n_per_m(device)).highest_ns_per_m
-        if wall.damping_ns_per_m > most:
-            return (
-                f"a damper above {quantity(most, damper)} is not linearly stable with every hand and released, and "
-                f"{quantity(wall.damping_ns_per_m, damper)} are required (environment.damping_ns_per_m); require less"
-            )
+        largest = damping_range(family, softest_wall_n_per_m(device)).highest_ns_per_m
+        if wall.damping_ns_per_m > largest:
+            return DamperTooLarge(wall.damping_ns_per_m, largest)
     if problem.detent is not None:
         claim = detent_claim(problem)
         if not claim.passed:
-            return f"with any coupling, {claim.sentence}; {claim.advice}"
-    return ""
+            return UnstableDetents(claim)
+    return None
 
 
-def nothing_rendered(problem: Problem, felt_n_per_m: float, trial: CouplingTrial) -> str:
-    """Return why nothing of the wall is rendered to a hand; empty where something is."""
+def nothing_rendered(problem: Problem, felt_n_per_m: float, trial: CouplingTrial) -> NothingRendered | None:
+    """Return why nothing of the wall is rendered to a hand; None where something is."""
     device = problem.device
-    press_n = PRESS_N * device.metres_per_unit
-    unit = problem.units.unit
     # A robot that no hand holds is not pressed.
     if problem.environment.stiffness_n_per_m == 0 or not max(problem.hands.stiffness_n_per_m):
-        return ""
-    step, friction_n = device.encoder_resolution_m, device.coulomb_friction_n
-    advice = "check the units of these values"
-    most_n = press_n
-    most = f"a press of {quantity(press_n, unit('N'))}"
-    if device.max_force_n is not None and device.max_force_n < press_n:
-        most_n, most = device.max_force_n, f"the force limit (device.max_force_n, {device.max_force_n:g} {unit('N')})"
-    if felt_n_per_m * step > most_n:
-        encoder = f"the encoder (device.encoder_resolution_m, {step:g} {unit('m')})"
-        fact = f"one step of {encoder} produces more than {most}"
+        return None
+    press_n, limit_n = PRESS_N * device.metres_per_unit, device.max_force_n
+    most_n = press_n if limit_n is None else min(press_n, limit_n)
+    step_m, friction_n = device.encoder_resolution_m, device.coulomb_friction_n
+    if felt_n_per_m * step_m > most_n:
+        because = NothingRenderedBecause.STEP_EXCEEDS_FORCE
     elif np.isfinite(trial.stiffness):
-        return ""
+        return None
     elif trial.at_force_limit.any():
-        fact = f"every press ends at the force limit (device.max_force_n, {device.max_force_n:g} {unit('N')})"
-        advice = "check its unit, or state [hands] that press less"
+        because = NothingRenderedBecause.PRESSES_SATURATE
     elif friction_n >= most_n:
-        held = f"dry friction (device.coulomb_friction_n, {friction_n:g} {unit('N')})"
-        fact = f"no press ends in contact, because {held} is no less than {most}"
+        because = NothingRenderedBecause.FRICTION_HOLDS
     else:
-        fact = f"no press ends in contact (device.encoder_resolution_m is {step:g} {unit('m')})"
-    return f"the wall is not rendered: {fact}; {advice}"
+        because = NothingRenderedBecause.NO_CONTACT
+    return NothingRendered(because, step_m, friction_n, press_n, limit_n)
 
 
 def assumed(problem: Problem, devices: int = 1) -> tuple[Assumption, ...]:
@@ -297,13 +288,13 @@ def _unused_of_teleoperator(follower: Follower, problem: Problem) -> list[Unused
 
 
 @singledispatch
-def infeasible_at(end: End, problem: Problem) -> str:  # noqa: ARG001
-    """Return why no coupling to an end is deployable, as far as that is known at once; empty where one may be."""
-    return ""
+def infeasible_at(end: End, problem: Problem) -> Reason | None:  # noqa: ARG001
+    """Return why no coupling to an end is deployable, as far as that is known at once; None where one may be."""
+    return None
 
 
 @infeasible_at.register
-def _infeasible_at_wall(end: Wall, problem: Problem) -> str:  # noqa: ARG001
+def _infeasible_at_wall(end: Wall, problem: Problem) -> Reason | None:  # noqa: ARG001
     return why_infeasible(problem)
 
 

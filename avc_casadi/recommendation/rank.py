@@ -15,6 +15,14 @@ from avc_casadi.coupling import Coupling
 from avc_casadi.loops.margins import transients
 from avc_casadi.loops.wall import law_at_rest
 from avc_casadi.recommendation.felt import NOTICED_LATE_S, leaving_contact, rebound, shaken
+from avc_casadi.recommendation.reasons import (
+    Flaw,
+    FlawKind,
+    NearerCandidate,
+    NearestToWall,
+    NoneSettles,
+    Reason,
+)
 from avc_casadi.simulation.population.trial import CouplingTrial
 
 BAND_HZ = np.geomspace(1.0, 30.0, 40)
@@ -120,13 +128,12 @@ class Candidate:
         """Whether a proof of L7 is likely."""
         return promises_rest(self.coupling)
 
-    def flaw(self, safety: int) -> str:
-        """Return what is not acceptable, as safe as required and vibration below the threshold; empty where all is."""
-        below, hands = self.quiet_hands
+    def flaw(self, safety: int) -> Flaw | None:
+        """Return what is not acceptable, as safe as required and vibration below the threshold; None where all is."""
+        quiet, hands = self.quiet_hands
         if self.safety > safety:
-            only = "some hands settle only because of the declared dry friction (--lean-on-friction)"
-            return only if self.safety == 1 else "not all hands settle"
-        return "" if self.quiet else f"only {below} of {hands} hands stay below the vibrotactile threshold"
+            return Flaw(FlawKind.BY_FRICTION_ALONE if self.safety == 1 else FlawKind.UNSETTLED, quiet, hands)
+        return None if self.quiet else Flaw(FlawKind.VIBRATES, quiet, hands)
 
 
 def impedance_error(coupling: Coupling) -> float:
@@ -192,18 +199,14 @@ def _plainness(candidate: Candidate) -> tuple[float, ...]:
     return 0.0, candidate.order
 
 
-def reason_of(best: Candidate | None, candidates: list[Candidate], considered: int) -> str:
-    """Return why this one, or why none."""
-    if best is None:
-        return f"none of {considered} couplings is linearly stable with every hand of [hands] and released"
+def why_best(best: Candidate, candidates: list[Candidate]) -> Reason:
+    """Return why this coupling is recommended, and which nearer one is not as safe or as quiet."""
     if best.safety == 2:
-        return f"not all simulated hands settle with any of {len(candidates)} deployable candidates"
-    lean = "; some hands settle only because of the declared dry friction" if best.safety else ""
-    why = f"the nearest to the wall, in motion and when released, of {len(candidates)} deployable candidates{lean}"
+        return NoneSettles(len(candidates))
     rank = best.safety, not best.quiet
     worse = [candidate for candidate in candidates if (candidate.safety, not candidate.quiet) > rank]
     nearer = min(worse, key=lambda candidate: (candidate.safety, candidate.error), default=best)
-    if nearer.error > best.error - FELT_ERROR:
-        return why
-    errors = f"impedance error without encoder steps {100 * nearer.error:.3g} %, here {100 * best.error:.3g} %"
-    return f"{why}; with a nearer {nearer.coupling.method} ({errors}) {nearer.flaw(best.safety)}"
+    rejected = None
+    if nearer.error <= best.error - FELT_ERROR:
+        rejected = NearerCandidate(nearer.coupling.method, nearer.error, best.error, nearer.flaw(best.safety))
+    return NearestToWall(len(candidates), by_friction=best.safety == 1, nearer=rejected)

@@ -15,6 +15,7 @@ from avc_casadi.model.ends import End, Follower, Simulation, Wall
 from avc_casadi.model.gains import GainSchedule
 from avc_casadi.model.problem import Problem
 from avc_casadi.recommendation.pair import FollowerDesign, PairDesign, ToolDesign
+from avc_casadi.recommendation.reasons import Reason
 from avc_casadi.recommendation.recommendation import Recommendation, WallRecommendation
 from avc_casadi.recommendation.request import Request, request_of
 from avc_casadi.recommendation.wall import WallDesign, judged
@@ -25,8 +26,8 @@ Best = TypeVar("Best")
 class CouplingDesign(Protocol[Best]):
     """Design of the coupling to one kind of end: its loops, candidates and trials, and the answer made of them."""
 
-    def why_infeasible(self) -> str:
-        """Return why no coupling is deployable at any gains; empty where one may be."""
+    def why_infeasible(self) -> Reason | None:
+        """Return why no coupling is deployable at any gains; None where one may be."""
 
     def best(self) -> Best | None:
         """Return the best coupling; None where none is deployable."""
@@ -34,7 +35,7 @@ class CouplingDesign(Protocol[Best]):
     def recommendation(self, best: Best) -> Recommendation:
         """Return the answer with a coupling."""
 
-    def no_coupling(self, infeasible: str) -> Recommendation:
+    def no_coupling(self, infeasible: Reason | None) -> Recommendation:
         """Return the answer without a coupling, which is infeasible for a reason, or else was refused by trials."""
 
 
@@ -106,7 +107,7 @@ def recommend(  # noqa: PLR0913 - options by name, of a public call
     with Crew(request.workers) as crew:
         design = design_of(stated.end, stated, request, crew)
         infeasible = design.why_infeasible()
-        best = None if infeasible else design.best()
+        best = design.best() if infeasible is None else None
         return design.no_coupling(infeasible) if best is None else design.recommendation(best)
 
 

@@ -10,6 +10,7 @@ from functools import cached_property, singledispatch
 from typing import Any, ClassVar, Generic, Literal, TypeVar
 
 from avc_casadi._util.json_values import Document, plain_table
+from avc_casadi._util.page import worded
 from avc_casadi._util.printed import Printed
 from avc_casadi.claims.deployable import Deployable
 from avc_casadi.coupling import Coupling
@@ -21,6 +22,7 @@ from avc_casadi.model.problem import Problem
 from avc_casadi.recommendation.evaluator import PerturbedDevices, UnmodelledTrial
 from avc_casadi.recommendation.felt import Felt, RenderedPair
 from avc_casadi.recommendation.preconditions import Assumption, Unused
+from avc_casadi.recommendation.reasons import Reason, Unsettled
 from avc_casadi.recommendation.rendered_wall import RenderedWall
 from avc_casadi.recommendation.sensitivity import Sensitivity, Trade
 from avc_casadi.simulation.population.trial import CouplingTrial, HandCounts, Trial
@@ -84,7 +86,7 @@ class Pair(PairLimits):
         motor_margins: of the device's motor alone, and of a follower's.
         mode: the least damped oscillation of all loops.
         points: impedance at the handle, by frequency.
-        set_by: which hands do not settle with the next stiffer K that was tried; empty where none was.
+        stiffer: the next stiffer K that was tried, with which hands do not settle; None where none was.
         mismatch_stable: on devices a tenth off and a quarter sample late; None where not asked.
         local_dampers_ns_per_m: that keep K and B stable; None where no local damper belongs to them.
     """
@@ -93,7 +95,7 @@ class Pair(PairLimits):
     motor_margins: Sequence[float]
     mode: LeastDampedMode
     points: tuple[Felt, ...] = ()
-    set_by: str = ""
+    stiffer: Unsettled | None = None
     mismatch_stable: bool | None = None
     local_dampers_ns_per_m: tuple[float, float] | None = None
 
@@ -105,11 +107,11 @@ class WallLimits:
     Attributes:
         plain_wall_n_per_m: the stiffest wall with a plain spring and damper, by linear stability alone.
         no_stiffer: why the next stiffer wall is not recommended, where the wall is the stiffest that a hand that moves
-            gets within 20 %; else empty.
+            gets within 20 %; else None.
     """
 
     plain_wall_n_per_m: float = 0.0
-    no_stiffer: str = ""
+    no_stiffer: Reason | None = None
 
 
 class Verdict(Enum):
@@ -134,7 +136,7 @@ class Recommendation(Printed, Document, ABC):
         problem: the problem as stated.
         coupling: certified and tried; None where no coupling is deployable.
         trial: result with simulated hands; None without a coupling.
-        reason: one sentence: why this one, or why none.
+        why: why this one, or why none.
         sensitivities: of the stiffness limit of a spring and damper, the largest first.
         assumed: assumptions.
         not_used: declared keys that the analysis does not use.
@@ -162,7 +164,7 @@ class Recommendation(Printed, Document, ABC):
     problem: Problem
     coupling: Coupling | None
     trial: Trial | None
-    reason: str
+    why: Reason
     sensitivities: tuple[Sensitivity, ...] = ()
     assumed: tuple[Assumption, ...] = ()
     not_used: tuple[Unused, ...] = ()
@@ -170,6 +172,11 @@ class Recommendation(Printed, Document, ABC):
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self.problem.name!r}: {self.coupling!r}; {self.reason})"
+
+    @property
+    def reason(self) -> str:
+        """One sentence: why this one, or why none."""
+        return worded(self.why, self.problem.units)
 
     @property
     def end(self) -> End:
@@ -203,8 +210,20 @@ class NoCoupling(Recommendation):
     trial: None = field(default=None, init=False)
 
 
+class _ToWall:
+    """A recommendation for a wall: what limits a coupling to it."""
+
+    problem: Problem
+    limits: WallLimits
+
+    @property
+    def no_stiffer(self) -> str:
+        """Why the next stiffer wall is not recommended, in words; empty where the stiffest was not looked for."""
+        return "" if self.limits.no_stiffer is None else worded(self.limits.no_stiffer, self.problem.units)
+
+
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
-class NoWallCoupling(NoCoupling):
+class NoWallCoupling(_ToWall, NoCoupling):
     """No coupling to the wall is deployable.
 
     Attributes:
@@ -216,7 +235,7 @@ class NoWallCoupling(NoCoupling):
     JSON_KEYS: ClassVar = (
         *Recommendation.JSON_KEYS,
         "coupling",
-        ("no_stiffer", "limits.no_stiffer"),
+        "no_stiffer",
         ("plain_wall_n_per_m", "limits.plain_wall_n_per_m"),
     )
 
@@ -237,7 +256,7 @@ class NoWallCoupling(NoCoupling):
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
-class WallRecommendation(Recommendation):
+class WallRecommendation(_ToWall, Recommendation):
     """A coupling to a wall.
 
     Attributes:
@@ -258,7 +277,7 @@ class WallRecommendation(Recommendation):
         ("felt", "rendered"),
         ("transient", "transients"),
         "margins",
-        ("no_stiffer", "limits.no_stiffer"),
+        "no_stiffer",
         "stiffest_wall_n_per_m",
         ("plain_wall_n_per_m", "limits.plain_wall_n_per_m"),
         "simulated",
@@ -368,6 +387,11 @@ class PairRecommendation(Recommendation):
         """What is rendered of the other end."""
         return RenderedPair.of(self.coupling, self.pair.points)
 
+    @property
+    def set_by(self) -> str:
+        """Which hands do not settle with the next stiffer K that was tried, in words; empty where none was."""
+        return "" if self.pair.stiffer is None else worded(self.pair.stiffer, self.problem.units)
+
     def document(self) -> dict[str, Any]:
         """Return the JSON document."""
         return super().document() | {
@@ -375,6 +399,7 @@ class PairRecommendation(Recommendation):
             "pair": plain_table(
                 {
                     **{key: getattr(self.pair, key) for key in (*_LIMITS, *_ANALYSIS)},
+                    "set_by": self.set_by,
                     "gains": self.coupling.gains,
                     "in_scene": None,
                     "at_follower": None,
@@ -398,7 +423,7 @@ _LIMITS = (
     "passive_damping_ns_per_m",
 )
 """Attributes of the limits of a pair that are keys of its document."""
-_ANALYSIS = ("gain_margin", "motor_margins", "set_by", "mismatch_stable", "local_dampers_ns_per_m")
+_ANALYSIS = ("gain_margin", "motor_margins", "mismatch_stable", "local_dampers_ns_per_m")
 """Attributes of a pair that are keys of its document too."""
 
 

@@ -24,7 +24,8 @@ from avc_casadi.recommendation.evaluator import (
     unmodelled_trials,
 )
 from avc_casadi.recommendation.preconditions import assumed, not_used, nothing_rendered, why_infeasible
-from avc_casadi.recommendation.rank import UNNOTICED, Candidate, reason_of
+from avc_casadi.recommendation.rank import UNNOTICED, Candidate, why_best
+from avc_casadi.recommendation.reasons import AsRequested, NoneStable, Reason, StrikeUnsettled
 from avc_casadi.recommendation.recommendation import (
     LimitCycleFreedom,
     NoWallCoupling,
@@ -60,11 +61,11 @@ class WallDesign:
         else:
             self.problem = problem
             self._evaluator = judging(problem)
-            no_stiffer = ""
+            no_stiffer = None
         self.limits = WallLimits(self._limit.stiffness_n_per_m, no_stiffer)
 
-    def why_infeasible(self) -> str:
-        """Return why no coupling is deployable at any gains; empty where one may be."""
+    def why_infeasible(self) -> Reason | None:
+        """Return why no coupling is deployable at any gains; None where one may be."""
         return why_infeasible(self.problem)
 
     def best(self) -> Candidate | None:
@@ -81,7 +82,7 @@ class WallDesign:
         certified = with_certificate(best.coupling, request.progress, prove=request.prove)
         known, rest = with_rest(certified, request.progress)
         off, beyond = mismatched(), unmodelled()
-        verdict, lacks = _shortfall(problem, best, beyond, by_friction=request.lean_on_friction or best.safety == 1)
+        verdict, shortfall = _shortfall(problem, best, beyond, by_friction=request.lean_on_friction or best.safety == 1)
         return WallRecommendation(
             problem=problem,
             coupling=replace(known.with_trial(best.trial.document()), versions=request.versions),
@@ -95,22 +96,21 @@ class WallDesign:
             limits=self.limits,
             sensitivities=self._sensitivities(),
             considered=self._evaluator.considered,
-            reason=lacks or reason_of(best, self._evaluator.candidates, self._evaluator.considered),
+            why=shortfall or why_best(best, self._evaluator.candidates),
             assumed=assumed(problem, 1 if best.others is None else best.others.devices),
             not_used=not_used(problem),
             trade_off=trade_off(problem, request.progress) if request.with_trade_off else (),
         )
 
-    def no_coupling(self, infeasible: str) -> NoWallCoupling:
+    def no_coupling(self, infeasible: Reason | None) -> NoWallCoupling:
         """Return the answer without a coupling, which is infeasible for a reason, or else was refused by trials."""
         evaluator = self._evaluator
-        none = self.limits.no_stiffer or reason_of(None, evaluator.candidates, evaluator.considered)
         return NoWallCoupling(
             problem=self.problem,
             limits=self.limits,
             sensitivities=() if infeasible else self._sensitivities(),
             considered=evaluator.considered,
-            reason=infeasible or none,
+            why=infeasible or self.limits.no_stiffer or NoneStable(evaluator.considered),
             assumed=assumed(self.problem),
             not_used=not_used(self.problem),
         )
@@ -118,18 +118,17 @@ class WallDesign:
 
 def _shortfall(
     problem: Problem, best: Candidate, beyond: tuple[UnmodelledTrial, ...], *, by_friction: bool
-) -> tuple[Verdict, str]:
-    """Return whether a deployable coupling stands its trials, and what it lacks."""
+) -> tuple[Verdict, Reason | None]:
+    """Return whether a linearly stable coupling passes its trials, and why not."""
     nothing = nothing_rendered(problem, best.coupling.static_stiffness_n_per_m, best.trial)
-    if nothing:
+    if nothing is not None:
         return Verdict.NOTHING_RENDERED, nothing
     unmet = unmet_requirements(beyond, by_friction=by_friction)
-    if unmet:
+    if unmet is not None:
         return Verdict.REQUIREMENT_UNMET, unmet
     if best.beyond and not best.beyond[0].all():
-        strike = "a corner hand that strikes the wall at 0.3 to 1 m/s does not settle; a softer wall"
-        return Verdict.STRIKE_UNSETTLED, strike
-    return Verdict.DEPLOYABLE, ""
+        return Verdict.STRIKE_UNSETTLED, StrikeUnsettled()
+    return Verdict.DEPLOYABLE, None
 
 
 def with_rest(coupling: Coupling, progress: Progress = SILENT) -> tuple[Coupling, LimitCycleFreedom]:
@@ -156,10 +155,9 @@ def judged(coupling: Coupling, schedule: GainSchedule, hands: int, progress: Pro
     tried = try_coupling(known, people_of(problem.hands, hands), 0, progress)
     claims, beyond = deployable(known, progress), unmodelled_trials(known)
     limit = stiffest_wall(PlantFamily.of(problem)).stiffness_n_per_m
-    lacks = nothing_rendered(problem, known.static_stiffness_n_per_m, tried) or unmet_requirements(
-        beyond, by_friction=False
-    )
-    verdict = Verdict.REQUIREMENT_UNMET if lacks else Verdict.CLAIM_FAILS
+    nothing = nothing_rendered(problem, known.static_stiffness_n_per_m, tried)
+    shortfall = nothing or unmet_requirements(beyond, by_friction=False)
+    verdict = Verdict.REQUIREMENT_UNMET if shortfall else Verdict.CLAIM_FAILS
     return WallRecommendation(
         problem=problem,
         coupling=known.with_trial(tried.document()),
@@ -167,11 +165,11 @@ def judged(coupling: Coupling, schedule: GainSchedule, hands: int, progress: Pro
         claims=claims,
         off_file=off_file(known, 0),
         beyond_file=beyond,
-        verdict=Verdict.DEPLOYABLE if claims.passed and not lacks else verdict,
+        verdict=Verdict.DEPLOYABLE if claims.passed and shortfall is None else verdict,
         rest=rest,
         limits=WallLimits(limit),
         sensitivities=what_would_help(problem),
-        reason=f"the gains of {schedule.method}, as requested; {lacks or claims.sentence}",
+        why=AsRequested(schedule.method, shortfall, claims),
         assumed=assumed(problem),
         not_used=not_used(problem),
     )

@@ -24,7 +24,8 @@ from avc_casadi.recommendation import candidates
 from avc_casadi.recommendation.evaluator import Evaluator, UnmodelledTrial, unmet_requirements
 from avc_casadi.recommendation.felt import deployed
 from avc_casadi.recommendation.preconditions import nothing_rendered
-from avc_casadi.recommendation.rank import Candidate, best_of, reason_of
+from avc_casadi.recommendation.rank import Candidate, best_of, why_best
+from avc_casadi.recommendation.reasons import NoForce
 from avc_casadi.recommendation.recommendation import LimitCycleFreedom, WallRecommendation
 from avc_casadi.recommendation.sensitivity import what_would_help
 from avc_casadi.simulation.population.operators import people_of
@@ -75,7 +76,7 @@ def test_of_equally_safe_ones_what_is_quiet_wins_over_what_is_nearer_and_the_sim
     )
     assert near.distance < quiet.distance - 0.1
     assert best_of([near, quiet]) is quiet
-    assert "8 of 10 hands" in reason_of(quiet, [near, quiet], 2)
+    assert "8 of 10 hands" in str(why_best(quiet, [near, quiet]))
     assert best_of([replace(near, trial=trial(10, 10, 9)), quiet]).order == 0
     simpler, other = candidate(0, 0.5, 10, 10, 10), candidate(1, 0.5, 10, 10, 10)
     assert best_of([other, simpler]) is best_of([simpler, other]) is simpler
@@ -206,7 +207,12 @@ def test_behind_an_encoder_at_the_motor_the_structure_gives_way_too():
     people = people_of(NUMBERS_PROBLEM.hands, 4)
     rest, trial = LimitCycleFreedom("simulated", ""), try_coupling(COUPLING, people)
     answer = WallRecommendation(
-        problem=NUMBERS_PROBLEM, coupling=COUPLING, trial=trial, claims=avc.deployable(COUPLING), rest=rest, reason=""
+        problem=NUMBERS_PROBLEM,
+        coupling=COUPLING,
+        trial=trial,
+        claims=avc.deployable(COUPLING),
+        rest=rest,
+        why=NoForce(),
     )
     rendered = answer.rendered
     masses = 0.2 * 0.7, 0.2 * 0.3

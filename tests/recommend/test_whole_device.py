@@ -138,7 +138,7 @@ def test_a_device_that_is_not_quite_as_declared_rests_too(name):
 @pytest.mark.parametrize("name", NAMES)
 def test_the_stiffness_told_is_that_of_the_simulator(name):
     """Median within 2 %, everybody within 10 % (dead zone, light press), at the motor; at the handle softer."""
-    told = recommended(name).felt()["stiffness_n_per_m"]
+    told = recommended(name).rendered.stiffness_n_per_m
     mode, mass = recommended(name).problem.device.resonance, recommended(name).problem.device.mass_kg
     structure = mode.mass_ratio * (1 - mode.mass_ratio) * mass * (2 * math.pi * mode.frequency_hz) ** 2
     for changed in ({}, {"friction": 0.0}):

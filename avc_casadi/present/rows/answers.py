@@ -16,9 +16,12 @@ from avc_casadi.design.solution import SolvedGains
 from avc_casadi.model.gains import GainSchedule
 from avc_casadi.present.row import Answer, Page
 from avc_casadi.present.rows import design, judge
+from avc_casadi.present.rows.reasons import sentence
 from avc_casadi.present.rows.recommend import recommendation
 from avc_casadi.recommendation.recommendation import Recommendation
 from avc_casadi.simulation.scene import Run
+
+__all__ = ["answer_of", "certified", "holes", "sentence", "text_of"]
 
 
 @singledispatch

@@ -53,7 +53,7 @@ def pair_rows(recommended: PairRecommendation) -> list[Row]:
         *_two_port(pair),
         _pair_simulated(recommended.trial),
         subject.peak_force(recommended.trial.largest_tap_force_n, problem.device.max_force_n),
-        *([row("K is set by", f"hands: {pair.set_by}")] if pair.set_by else []),
+        *([row("K is set by", f"hands: {recommended.set_by}")] if recommended.set_by else []),
         *_same_k(pair, problem, rank=1),
         *_pair_limit(recommended),
     ]

@@ -7,7 +7,7 @@ from functools import singledispatch
 from shlex import quote
 
 from avc_casadi.present.row import Answer, Mark, Row, caution, row
-from avc_casadi.present.rows import other_ends, subject, wall
+from avc_casadi.present.rows import other_ends, reasons, subject, wall
 from avc_casadi.recommendation.recommendation import (
     NoCoupling,
     NoPair,
@@ -73,7 +73,7 @@ def _onwards_from_wall(recommended: WallRecommendation) -> str:
 def verdict(recommended: Recommendation, rows: Sequence[Row]) -> tuple[str, bool]:
     """Return the verdict in a line, and whether it is a yes."""
     if recommended.coupling is None:
-        return f"Deploy nothing: {recommended.reason.partition(';')[0]}.", False
+        return f"Deploy nothing: {reasons.headline(recommended.why, recommended.problem.units)}.", False
     if not recommended.deployable:
         return f"Do not deploy this coupling: {recommended.reason}.", False
     doubtful = (shown.label for shown in rows if shown.mark in {Mark.CAUTION, Mark.FAIL})

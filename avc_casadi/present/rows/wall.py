@@ -94,7 +94,7 @@ def _stiffest_wall(recommended: WallRecommendation) -> list[Row]:
     stiffest_n_per_m = recommended.stiffest_wall_n_per_m
     if not stiffest_n_per_m:
         return []
-    within = f", within {100 * UNNOTICED:.0f} % to a hand that moves; {recommended.limits.no_stiffer}"
+    within = f", within {100 * UNNOTICED:.0f} % to a hand that moves; {recommended.no_stiffer}"
     return [row("Stiffest wall", Value(stiffest_n_per_m, "stiffness"), within), *_wall_limit(recommended)]
 
 

@@ -81,6 +81,11 @@ class Trial(Tabular, Document):
         return int(self.stable.sum())
 
     @property
+    def hardest_motion(self) -> str:
+        """Motion with which the fewest hands settle."""
+        return min(self.by_motion, key=lambda motion: int(self.by_motion[motion].sum()))
+
+    @property
     def largest_tap_force_n(self) -> float:
         """Largest force of a tap."""
         return float(self.tap_force_n.max())
