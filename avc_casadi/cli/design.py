@@ -82,6 +82,7 @@ def run_new(args: argparse.Namespace, console: Console) -> Answer:
         problem=problem,
         held=new.held,
         assumed=new.assumed(),
+        proposed_damper=new.proposed_damper,
         unknown=tuple(new.unknown()),
         warnings=tuple(warnings),
         model=None if new.tip is None else rows.design.ModelledMass(args.model, args.tip, new.tip),

@@ -49,6 +49,7 @@ MASS = _BY_KEY["device.mass_kg"]
 DAMPING = _BY_KEY["device.damping_ns_per_m"]
 RATE = _BY_KEY["device.sample_time_s"]
 DELAY = _BY_KEY["device.delay_samples"]
+WALL_DAMPING = _BY_KEY["environment.damping_ns_per_m"]
 HANDS = tuple(option for option in EVERY if option.key.startswith("hands."))
 OPTIONS = tuple(option for option in EVERY if option is not RADIUS and option not in HANDS)
 

@@ -6,7 +6,7 @@ import os
 import re
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -16,9 +16,23 @@ from avc_casadi._util.units import MotionKind, Units, units_for
 from avc_casadi.files.catalogue import device_names
 from avc_casadi.files.device_file import DeviceFile, load_device
 from avc_casadi.files.model_file import TipMass
-from avc_casadi.files.new_options import DAMPING, DELAY, HANDS, HOLDS, MASS, OPTIONS, OWN_RANGES, RADIUS, RATE, Option
+from avc_casadi.files.new_options import (
+    DAMPING,
+    DELAY,
+    HANDS,
+    HOLDS,
+    MASS,
+    OPTIONS,
+    OWN_RANGES,
+    RADIUS,
+    RATE,
+    WALL_DAMPING,
+    Option,
+)
 from avc_casadi.files.problem_file import parse_problem
 from avc_casadi.files.toml import toml_value
+from avc_casadi.loops.damped_wall import proposed_damper_ns_per_m
+from avc_casadi.loops.plant_family import PlantFamily
 from avc_casadi.model.hands import FINGERTIP
 from avc_casadi.model.problem import Problem
 from avc_casadi.model.quantity import read_quantity, unit_of_key
@@ -73,6 +87,19 @@ class NewProblem:
             for option in self.options()
             if option.default and option.key not in self.typed and not self._kept(option)
         }
+
+    @cached_property
+    def proposed_damper(self) -> str:
+        """The damper of the wall that is proposed, with its unit: "0" where none helps, empty where one was typed."""
+        if WALL_DAMPING.key in self.typed:
+            return ""
+        undamped = replace(self, typed={**self.typed, WALL_DAMPING.key: "0"})
+        try:
+            problem = undamped.problem()
+        except InputError:  # the faults of the other values are reported by themselves
+            return "0"
+        damper = proposed_damper_ns_per_m(PlantFamily.of(problem), problem.environment.stiffness_n_per_m)
+        return f"{damper:g} {self.units.unit('N.s/m')}" if damper else "0"
 
     def faults(self) -> list[Fault]:
         """Return all faults of the values, each under the key of its option."""
@@ -153,6 +180,8 @@ class NewProblem:
         """Yield the line of an option: its value, or what not knowing it costs."""
         key = self.units.key(option.key).partition(".")[2]
         typed = self.typed.get(option.key, option.default)
+        proposed = self.proposed_damper if option is WALL_DAMPING else ""
+        typed = typed or proposed
         stated = typed or option.key in self.typed
         if self._kept(option) or not (stated or option.cost):
             return
@@ -160,6 +189,8 @@ class NewProblem:
             text = " ".join(typed.split())
             value = self._value(option, text)
             comment = text if option.key in self.typed else f"{text}, assumed"
+            if proposed and proposed != "0":
+                comment = f"{text}, proposed: contact is well damped; --wall-damping 0 for a wall without damper"
         elif option is DAMPING:
             value, comment = 0.0, f"not known, {option.cost}"
         else:

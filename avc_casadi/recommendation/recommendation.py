@@ -19,6 +19,7 @@ from avc_casadi.loops.loop_family import LeastDampedMode
 from avc_casadi.loops.margins import Margins, OpenLoop, Transient, transients
 from avc_casadi.model.ends import End, Follower, Simulation, ToolGains
 from avc_casadi.model.problem import Problem
+from avc_casadi.recommendation.damped_wall import DampedWall
 from avc_casadi.recommendation.evaluator import PerturbedDevices, UnmodelledTrial
 from avc_casadi.recommendation.felt import Felt, RenderedPair
 from avc_casadi.recommendation.preconditions import Assumption, Unused
@@ -252,6 +253,7 @@ class NoWallCoupling(_ToWall, NoCoupling):
             "off_file": None,
             "beyond_file": [],
             "trade_off": [],
+            "damped_wall": None,
         }
 
 
@@ -269,6 +271,7 @@ class WallRecommendation(_ToWall, Recommendation):
             a range.
         beyond_file: results with one unmodelled effect each: lighter device, missed samples, extra resonance.
         trade_off: what a disk margin costs, at four of them; empty where that was not asked for.
+        damped_wall: what a damper of the wall would change; None where the coupling does not ring, or nothing helps.
     """
 
     JSON_KEYS: ClassVar = (
@@ -284,6 +287,7 @@ class WallRecommendation(_ToWall, Recommendation):
         "off_file",
         "beyond_file",
         "trade_off",
+        "damped_wall",
     )
 
     coupling: Coupling
@@ -296,6 +300,7 @@ class WallRecommendation(_ToWall, Recommendation):
     off_file: PerturbedDevices | None = None
     beyond_file: tuple[UnmodelledTrial, ...] = ()
     trade_off: tuple[Trade, ...] = ()
+    damped_wall: DampedWall | None = None
 
     @property
     def deployable(self) -> bool:

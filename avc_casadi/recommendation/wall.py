@@ -16,6 +16,7 @@ from avc_casadi.loops.walls import stiffest_wall
 from avc_casadi.model.gains import GainSchedule
 from avc_casadi.model.problem import Problem
 from avc_casadi.recommendation.candidates import judge_all, stiffest_rendered
+from avc_casadi.recommendation.damped_wall import damped_wall
 from avc_casadi.recommendation.evaluator import (
     Evaluator,
     UnmodelledTrial,
@@ -100,6 +101,7 @@ class WallDesign:
             assumed=assumed(problem, 1 if best.others is None else best.others.devices),
             not_used=not_used(problem),
             trade_off=trade_off(problem, request.progress) if request.with_trade_off else (),
+            damped_wall=damped_wall(best.coupling),
         )
 
     def no_coupling(self, infeasible: Reason | None) -> NoWallCoupling:
@@ -172,4 +174,5 @@ def judged(coupling: Coupling, schedule: GainSchedule, hands: int, progress: Pro
         why=AsRequested(schedule.method, shortfall, claims),
         assumed=assumed(problem),
         not_used=not_used(problem),
+        damped_wall=damped_wall(known),
     )

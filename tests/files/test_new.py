@@ -67,7 +67,12 @@ def test_a_device_that_turns_is_read_back(tmp_path_factory, drawn, radius):
 
 def test_options_write_the_numbers_that_were_typed(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    assert main(["new", "wall.toml", *TYPED, "--delay", "2ms", "--rate", "2 kHz", "--encoder", "55 um"]) == 0
+    assert (
+        main(
+            ["new", "wall.toml", *TYPED, "--delay", "2ms", "--rate", "2 kHz", "--encoder", "55 um", "--wall-damping=0"]
+        )
+        == 0
+    )
     capsys.readouterr()
     tables = tomllib.loads((tmp_path / "wall.toml").read_text(encoding="utf-8"))
     assert tables == {

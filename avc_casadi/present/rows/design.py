@@ -257,17 +257,28 @@ class Drafted(Document):
         problem: the problem in it.
         held: how the device is held.
         assumed: values that were not given, by their keys.
+        proposed_damper: of the wall, with its unit; "0" where none helps, empty where one was given.
         unknown: values that are not known, and what that costs.
         warnings: unusual values.
         model: where mass and damping come from; None where they were given.
     """
 
-    JSON_KEYS: ClassVar = ("file", ("problem", "stated"), "held", "assumed", "not_known", "warnings", "model")
+    JSON_KEYS: ClassVar = (
+        "file",
+        ("problem", "stated"),
+        "held",
+        "assumed",
+        "proposed_damper",
+        "not_known",
+        "warnings",
+        "model",
+    )
 
     file: str
     problem: Problem
     held: str
     assumed: Mapping[str, str]
+    proposed_damper: str
     unknown: tuple[Option, ...]
     warnings: tuple[Doubt, ...]
     model: ModelledMass | None
@@ -299,10 +310,21 @@ def new(result: Drafted, shown: str) -> Answer:
         *([] if result.model is None else _model(result.model)),
         row("Hands", f"{result.held}:", ranges),
         *([row("Assumed", assumed)] if assumed else []),
+        *_proposed(result.proposed_damper),
         *subject.notes((f"{units.key(option.key_in_table)}: {option.cost}" for option in result.unknown), "Not known"),
         *subject.notes((doubt.text for doubt in result.warnings), "Warning"),
     ]
     return subject.answer("new", result.document(), problem, shown, rows, "recommend {} --out coupling.json")
+
+
+def _proposed(damper: str) -> list[Row]:
+    """Return what is said of a damper of the wall that was proposed; nothing where one was given."""
+    if not damper:
+        return []
+    if damper == "0":
+        return [row("Wall damper", "none: no damper of a wall helps this device")]
+    why = f"{damper}, proposed: contact is well damped; --wall-damping 0 for a wall without damper"
+    return [row("Wall damper", why)]
 
 
 def _model(model: ModelledMass) -> list[Row]:

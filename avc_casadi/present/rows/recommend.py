@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from functools import singledispatch
 from shlex import quote
 
+from avc_casadi._util.units import Units
 from avc_casadi.present.row import Answer, Mark, Row, caution, row
 from avc_casadi.present.rows import other_ends, reasons, subject, wall
 from avc_casadi.recommendation.recommendation import (
@@ -70,15 +71,17 @@ def _onwards_from_wall(recommended: WallRecommendation) -> str:
     return "recommend {} --out coupling.json"
 
 
-def verdict(recommended: Recommendation, rows: Sequence[Row]) -> tuple[str, bool]:
-    """Return the verdict in a line, and whether it is a yes."""
+def verdict(recommended: Recommendation, rows: Sequence[Row], units: Units) -> tuple[str, bool]:
+    """Return the verdict in a line, and whether it is a yes; of a coupling that rings it says so first."""
     if recommended.coupling is None:
         return f"Deploy nothing: {reasons.headline(recommended.why, recommended.problem.units)}.", False
     if not recommended.deployable:
         return f"Do not deploy this coupling: {recommended.reason}.", False
-    doubtful = (shown.label for shown in rows if shown.mark in {Mark.CAUTION, Mark.FAIL})
-    doubts = ", ".join(dict.fromkeys(doubtful))
-    return f"Deploy this coupling{f'; see {doubts}' if doubts else ''}.", True
+    doubtful = [shown for shown in rows if shown.mark in {Mark.CAUTION, Mark.FAIL}]
+    ringing = [shown for shown in doubtful if shown.label == subject.DAMPING_RATIO]
+    doubts = ", ".join(dict.fromkeys(shown.label for shown in doubtful if shown not in ringing))
+    rings = "".join(f"; its damping ratio is {shown.text(units)}" for shown in ringing)
+    return f"Deploy this coupling{rings}{f'; see {doubts}' if doubts else ''}.", True
 
 
 @singledispatch

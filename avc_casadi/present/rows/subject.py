@@ -262,9 +262,13 @@ def settling(seconds: float | None, who: words.Who) -> Row:
     return row("Settling time", text, f"({words.LOOPS[who]})", mark=caution(seconds is None or seconds > 1.0))
 
 
+DAMPING_RATIO = "Damping ratio"
+"""Label of the row, by which a verdict finds it."""
+
+
 def damping_ratio(ratio: float, hz: float, who: words.Who, sample_time_s: float) -> Row:
     """Return the damping ratio of the least damped oscillation of a loop."""
     text: tuple[Part, ...] = ("no oscillation below the Nyquist frequency",)
     if 0 < hz < 0.99 * 0.5 / sample_time_s:
         text = (Value(ratio, "number", 2), "at", Value(hz, "frequency"))
-    return row("Damping ratio", text, f"({words.LOOPS[who]})")
+    return row(DAMPING_RATIO, text, f"({words.LOOPS[who]})")

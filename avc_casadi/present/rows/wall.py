@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
+from avc_casadi.loops.damped_wall import RINGS_BELOW
 from avc_casadi.model.perturbed import PERTURBED_SHARE
 from avc_casadi.model.problem import Impedance, Problem
 from avc_casadi.present import words
 from avc_casadi.present.row import Mark, Part, Parts, Row, Value, caution, commas, count, grade, row, span
 from avc_casadi.present.rows import subject
+from avc_casadi.recommendation.damped_wall import DampedWall
 from avc_casadi.recommendation.evaluator import UnmodelledTrial
 from avc_casadi.recommendation.felt import NOTICED_LATE_S, NOTICED_N, REACHED_M
 from avc_casadi.recommendation.rank import UNNOTICED
@@ -31,6 +33,8 @@ _CYCLES = {
     "open": "freedom from limit cycles is open",
     "simulated": "freedom from limit cycles is simulated, not proved",
 }
+_NEAR_RESONANCE = 1.3
+"""Ratio of frequencies within which a mode of a loop counts as the resonance of the device, which a hand shifts."""
 _HARDLY = 0.1
 """Share of a wall below which hardly anything of it is rendered."""
 _SLOW_HZ = 1.0
@@ -99,20 +103,56 @@ def _stiffest_wall(recommended: WallRecommendation) -> list[Row]:
 
 
 def _margins(recommended: WallRecommendation) -> list[Row]:
-    """Return stability margins, settling time, and damping ratio with the worst hand."""
+    """Return stability margins, settling time, and damping ratio, each of the worst loop."""
     margins, transients = recommended.margins, recommended.transients
     settling: list[tuple[float, words.Who]] = [
         (transients.released.settling_s, "released"),
         (transients.worst_hand.settling_s, "worst_hand"),
     ]
     slowest_s, slowest = max(settling)
-    held = transients.worst_hand
-    period_s = recommended.problem.device.sample_time_s
     return [
         subject.margins({"released": margins.released, "worst_hand": margins.worst_hand}),
         subject.settling(None if math.isinf(slowest_s) else slowest_s, slowest),
-        subject.damping_ratio(held.damping_ratio, held.frequency_hz, "worst_hand", period_s),
+        _damping_ratio(recommended),
     ]
+
+
+def _damping_ratio(recommended: WallRecommendation) -> Row:
+    """Return the damping ratio of the least damped loop; where it rings, with what a damper of the wall changes."""
+    problem, transients = recommended.problem, recommended.transients
+    who: words.Who = "worst_hand"
+    worst = transients.worst_hand
+    if transients.released.damping_ratio < worst.damping_ratio:
+        who = "released"
+        worst = transients.released
+    shown = subject.damping_ratio(worst.damping_ratio, worst.frequency_hz, who, problem.device.sample_time_s)
+    if worst.damping_ratio >= RINGS_BELOW:
+        return shown
+    remedy: Parts = "no damper of the wall that was tried helps"
+    if recommended.damped_wall is not None:
+        remedy = _with_damper(recommended.damped_wall, problem.environment)
+    elif _of_structure(problem, worst.frequency_hz):
+        remedy = "it is the device's own resonance, which no wall damps"
+    return row(shown.label, shown.values, ": lightly damped;", remedy, mark=Mark.CAUTION)
+
+
+def _with_damper(damped: DampedWall, declared: Impedance) -> tuple[Parts, ...]:
+    """Return what a damper of the wall, or a softer wall with one, leads to."""
+    damper = Value(damped.damping_ns_per_m, "damping")
+    wall: Parts = ("with a wall damper of", damper)
+    if damped.stiffness_n_per_m != declared.stiffness_n_per_m:
+        wall = ("with a wall of", Value(damped.stiffness_n_per_m, "stiffness"), ",", damper)
+    reached = (":", Value(damped.damping_ratio, "number", 2), ", settles in", Value(damped.settling_s, "time"))
+    slow, brisk = Value(damped.error_at_1_hz_share, "share"), Value(damped.error_at_10_hz_share, "share")
+    return wall, reached, (", error", slow, "at 1 Hz,", brisk, "at 10 Hz")
+
+
+def _of_structure(problem: Problem, frequency_hz: float) -> bool:
+    """Whether a frequency is that of a declared resonance that is itself damped less than a wall may be."""
+    resonance = problem.device.resonance
+    if resonance is None or resonance.damping_ratio >= RINGS_BELOW:
+        return False
+    return resonance.frequency_hz / _NEAR_RESONANCE < frequency_hz < resonance.frequency_hz * _NEAR_RESONANCE
 
 
 def _trade_off(trades: Sequence[Trade]) -> list[Row]:
