@@ -21,9 +21,8 @@ from avc_casadi.files.problem_file import AnyProblem, of_problem, with_wall
 from avc_casadi.loops.plant_family import PlantFamily
 from avc_casadi.loops.wall import PartialFractions, passive_limit_n_per_m, rigid
 from avc_casadi.loops.walls import Stretches, stable_walls
-from avc_casadi.model import EFFECTS
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners
-from avc_casadi.model.declared import declared, declared_effects
+from avc_casadi.model.declared import declared, effects_of_scene_alone
 from avc_casadi.model.device import Device
 from avc_casadi.model.hands import Hand, no_hand
 from avc_casadi.model.problem import Model, Problem
@@ -408,9 +407,7 @@ def _keys(problem: Problem, *, encoder_bound: bool) -> tuple[tuple[str, ...], tu
     used = [key for key in keys if key.removeprefix("device.").removeprefix("range.").partition(".")[0] in known]
     unused = [key for key in keys if key not in used]
     unused += ["law"] if problem.law is not None else []
-    simulated = {effect.kind for effect in declared_effects(problem)}
-    for effect in problem.scene.effects:
-        if EFFECTS[effect.kind].scene_alone and effect.kind not in simulated:
-            name = f"scene.effects: {effect.kind}"
-            (used if isinstance(effect, VelocityFilterEffect) else unused).append(name)
+    filters = [effect for effect in problem.scene.effects if isinstance(effect, VelocityFilterEffect)]
+    used += [f"scene.effects: {effect.kind}" for effect in filters]
+    unused += [name for name in effects_of_scene_alone(problem) if name not in used]
     return tuple(used), tuple(unused)

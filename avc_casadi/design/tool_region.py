@@ -15,6 +15,7 @@ from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi._util.units import LINEAR, Units
 from avc_casadi.design.virtual_tool import Scale, ToolSearch, edge
 from avc_casadi.loops.engine import ToolLoops
+from avc_casadi.model.declared import effects_of_scene_alone
 from avc_casadi.model.ends import LONGEST_STEP_S, Simulation, ToolGains
 from avc_casadi.model.problem import Problem
 
@@ -93,15 +94,17 @@ class ToolRegion(Document):
         damping_ns_per_m: dampers B of the curves, shape (n,).
         local_damping_ratio: damping ratio of the released device with the damper of its own loop; 0 without one.
         curves: one for each step of an engine.
+        not_used: effects of the scene, none of which is part of these loops.
         units: units of the problem.
     """
 
-    JSON_KEYS: ClassVar = ("problem", "damping_ns_per_m", "local_damping_ratio", "curves")
+    JSON_KEYS: ClassVar = ("problem", "damping_ns_per_m", "local_damping_ratio", "curves", "not_used")
 
     problem: str
     damping_ns_per_m: FloatArray
     local_damping_ratio: float
     curves: tuple[ToolCurve, ...]
+    not_used: tuple[str, ...] = ()
     units: Units = LINEAR
 
 
@@ -148,7 +151,7 @@ def tool_region(
         # Of its own: what the search of the stiffest has refuted is no part of it, so that a curve is the same without.
         limits = _curve(ToolLoops(of_engine), gains, damping.tolist(), softest, _STIFFEST_RATIO * mass / t**2)
         curves.append(ToolCurve(step_s, steps[step_s], limits, stiffest))
-    return ToolRegion(problem.name, damping, ratio, tuple(curves), units=problem.units)
+    return ToolRegion(problem.name, damping, ratio, tuple(curves), effects_of_scene_alone(problem), problem.units)
 
 
 def _curve(

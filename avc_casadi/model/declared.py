@@ -92,3 +92,44 @@ def left_out(problem: Problem) -> tuple[str, ...]:
         for effect in declared_effects(problem)
         if effect.kind not in listed and EFFECTS[effect.kind].role not in roles
     )
+
+
+_OF_OTHER_TABLES = ("hand", "wall", "environment", "simulation")
+"""Effects that stand for [hands], [environment] and [simulation], where they have no value of their own."""
+_DEVICE_KEYS = {
+    "encoder": {"resolution_m": "encoder_resolution_m", "at": "encoder_at"},
+    "amplifier": {
+        "bandwidth_hz": "amplifier_bandwidth_hz",
+        "order": "amplifier_order",
+        "damping_ratio": "amplifier_damping_ratio",
+    },
+}
+"""Keys of the device that a scene's table gives anew, of effects that do not name them themselves."""
+
+
+def effects_of_scene_alone(problem: Problem) -> tuple[str, ...]:
+    """Return the effects of the scene that no other table states, each with its keys that differ from these."""
+    known = {effect.kind for effect in declared_effects(problem)} | {*_OF_OTHER_TABLES}
+    names = []
+    for effect in problem.scene.effects:
+        values = _own_values(problem, effect)
+        if effect.kind not in known:
+            names.append(f"scene.effects: {effect.kind}")
+        elif values:
+            names.append(f"scene.effects: {effect.kind} ({', '.join(values)})")
+    return tuple(dict.fromkeys(names))
+
+
+def _own_values(problem: Problem, effect: e.Effect) -> list[str]:
+    """Return the keys of an effect that are stated and differ from those of the device."""
+    device = problem.device
+    sources = {**EFFECTS[effect.kind].device_keys, **_DEVICE_KEYS.get(effect.kind, {})}
+    stated = sorted(effect.model_fields_set - {"kind"})
+
+    def declared_value(key: str) -> object:
+        if effect.kind == "resonance":
+            return getattr(device.resonance, key, None)
+        return getattr(device, sources[key]) if sources.get(key) else None
+
+    own = [key for key in stated if getattr(effect, key) not in (None, declared_value(key))]
+    return [problem.units.key(key) for key in own]

@@ -2,14 +2,19 @@
 
 import dataclasses
 import functools
+import itertools
 import math
 import re
+import subprocess
+from pathlib import Path
 
 import numpy as np
 import pytest
 from exported import C99, CLANG, CLANG_CPP17, CPP11, WARNINGS, Exported
 from exported_bench import BOARDS, Ran, ran
 from exported_cases import drawn, motions, notched
+from exported_teleoperator import teleoperator_coupling
+from exported_tool import tool_coupling
 from hardware_bench import bench_problem, coupling, export_c, require, with_gains
 from hypothesis import example, given
 from hypothesis import strategies as st
@@ -180,3 +185,46 @@ def test_no_title_method_or_file_becomes_code(title: str, method: str, file: str
 def test_a_name_that_is_none_is_refused(name: str) -> None:
     with pytest.raises(InputError, match="name: is "):
         export_c(PLAIN, name=name)
+
+
+# Header and source of two exports, as a kill between the two files leaves them, do not compile.
+
+SIMULATED = "step_s = 0.002\ntool_mass_kg = 0.2\n"
+LED = "mass_kg = 0.12\ndamping_ns_per_m = 0.8\ndelay_samples = 1\ndelay_s = 0.004\n"
+# Two of each kind that differ in one number alone; constant gains, a table, state feedback, an engine, a follower.
+TWO_COUPLINGS = {
+    "gains": lambda: (coupling(1, seed=1), coupling(1, seed=2)),
+    "table": lambda: (coupling(7, seed=1), coupling(7, seed=2)),
+    "law": lambda: (drawn(16), drawn(17)),
+    "engine": lambda: (tool_coupling(SIMULATED, 300.0, 1.0), tool_coupling(SIMULATED, 301.0, 1.0)),
+    "follower": lambda: (teleoperator_coupling(LED, 300.0, 1.0), teleoperator_coupling(LED, 301.0, 1.0)),
+}
+
+
+def compiles(files: dict[str, str], folder: Path, compiler: tuple[str, ...]) -> subprocess.CompletedProcess[str]:
+    for name, text in files.items():
+        (folder / name).write_text(text, encoding="ascii")
+    command = [*compiler, *WARNINGS, "-fsyntax-only", str(folder / "avc_coupling.c")]
+    return subprocess.run(command, capture_output=True, text=True, check=False)  # noqa: S603
+
+
+@pytest.mark.parametrize("compiler", [C99, CPP11], ids=["C", "C++"])
+@pytest.mark.parametrize("kind", TWO_COUPLINGS)
+def test_header_and_source_of_two_couplings_do_not_compile(
+    kind: str, compiler: tuple[str, ...], tmp_path: Path
+) -> None:
+    require(compiler[0])
+    exports = [export_c(made) for made in TWO_COUPLINGS[kind]()]
+    exports.append(export_c(TWO_COUPLINGS[kind]()[0], precision="double"))
+    for header, source in itertools.product(range(3), repeat=2):
+        mixed = {
+            "avc_coupling.h": exports[header]["avc_coupling.h"],
+            "avc_coupling.c": exports[source]["avc_coupling.c"],
+        }
+        done = compiles(mixed, tmp_path, compiler)
+        assert (done.returncode == 0) is (header == source), done.stderr
+        assert ("header and source are of two couplings" in done.stderr) is (header != source)
+    # A header of an earlier release states no digest.
+    lines = exports[0]["avc_coupling.h"].splitlines(keepends=True)
+    older = "".join(line for line in lines if not line.startswith("#define AVC_COUPLING_DIGEST"))
+    assert compiles({**exports[0], "avc_coupling.h": older}, tmp_path, compiler).returncode != 0

@@ -349,6 +349,9 @@ def _port_margin(port: EnginePort) -> tuple[Part, ...]:
 def region(result: ToolRegion, problem: Problem, shown: str = "") -> Answer:
     """Return the answer of `zwidth` of a problem with [simulation]: a row for each engine rate."""
     rows = [_engine_rate(curve, problem) for curve in result.curves]
+    if result.not_used:
+        unused = ", ".join(map(problem.units.key, result.not_used))
+        rows.append(row("Not used", f"{unused}: of avc simulate alone", mark=Mark.CAUTION))
     return subject.answer("zwidth", result.document(), problem, shown, rows, "recommend {} --out coupling.json")
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import re
 import textwrap
 from typing import TYPE_CHECKING
@@ -20,7 +21,15 @@ SOURCE = f"{NAME}.c"
 
 NS_PER_S = 1e9
 
+_DIGEST = "DIGEST_OF_BOTH"
+"""Stands in both files until their digest is known."""
+_DIGEST_DIGITS = 16
+"""Hexadecimal digits of a digest: the 64 bits that a preprocessor of C99 compares."""
+
 FRAME = {
+    "digest": f"""\
+/* Of this header and its source: a source of another coupling does not compile with it. */
+#define AVC_COUPLING_DIGEST {_DIGEST}""",
     "loop": """\
 /* Define AVC_LOOP_SAMPLE_TIME_NS as your loop's own, and a coupling for another one does not compile. */
 #ifdef AVC_LOOP_SAMPLE_TIME_NS
@@ -44,6 +53,12 @@ extern "C" {
 }
 """Frame of a header in templates of C."""
 
+_SAME_COUPLING = f"""\
+#if AVC_COUPLING_DIGEST != {_DIGEST}
+#error "header and source are of two couplings, as after an export that was cut off: export both again"
+#endif
+
+"""
 _NO_FAST_MATH = """\
 #ifdef __FAST_MATH__
 #error "compile without -ffast-math: a position that is not a number must be seen"
@@ -80,8 +95,15 @@ def checked(precision: str, name: str) -> Precision:
 
 
 def compiler_checks(precision: Precision) -> str:
-    """Return what a source asks of its compiler: no -ffast-math, and doubles of 64 bits where it has doubles."""
-    return _NO_FAST_MATH + (_WIDE_ENOUGH if precision is DOUBLE else "")
+    """Return what a source asks of its compiler: its own header, no -ffast-math, doubles of 64 bits."""
+    return _SAME_COUPLING + _NO_FAST_MATH + (_WIDE_ENOUGH if precision is DOUBLE else "")
+
+
+def header_and_source(header: str, source: str) -> dict[str, str]:
+    """Return both files by name, with the digest of both in each, which the source compares when it is compiled."""
+    digest = hashlib.sha256(f"{header}\0{source}".encode()).hexdigest()[:_DIGEST_DIGITS]
+    literal = f"0x{digest}ULL"
+    return {HEADER: header.replace(_DIGEST, literal), SOURCE: source.replace(_DIGEST, literal)}
 
 
 def head_words(problem: Problem) -> dict[str, str]:

@@ -39,6 +39,7 @@ _HEADER = """\
 #define AVC_COUPLING_H
 
 #define AVC_COUPLING_ID "{id}"
+{digest}
 #define AVC_COUPLING_SAMPLE_TIME_S {sample_time_literal}
 #define AVC_COUPLING_SAMPLE_TIME_NS {sample_time_ns}L
 {max_force}
@@ -312,10 +313,8 @@ def coupling_files(end: End, coupling: Coupling, precision: Precision, *, unsafe
 def _wall_files(end: Wall, coupling: Coupling, precision: Precision, *, unsafe: bool) -> dict[str, str]:  # noqa: ARG001
     verdict = require_deployable(coupling, unsafe=unsafe)
     program = coupling_program(coupling, precision)
-    return {
-        c_frame.HEADER: _header(coupling, program, precision, verdict),
-        c_frame.SOURCE: _source(coupling, program, precision),
-    }
+    header = _header(coupling, program, precision, verdict)
+    return c_frame.header_and_source(header, _source(coupling, program, precision))
 
 
 def _header(coupling: Coupling, program: CouplingProgram, precision: Precision, verdict: Deployable) -> str:

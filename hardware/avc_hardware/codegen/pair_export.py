@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from avc_casadi import NotDeployableError
 from avc_casadi.design.virtual_tool import search_of
 from avc_casadi.model.ends import End, Follower, Simulation, not_known
-from avc_hardware.codegen.c_frame import HEADER, SOURCE, compiler_checks
+from avc_hardware.codegen.c_frame import compiler_checks, header_and_source
 from avc_hardware.codegen.pair_header import MISSED_STEPS, pair_header
 from avc_hardware.codegen.sensor import FARTHEST_M, ROUNDING, SENSOR, SensorBounds, fade_samples
 
@@ -319,7 +319,7 @@ def pair_files(coupling: Coupling, precision: Precision, verdict: str) -> dict[s
     silences_s = [end.watchdog * end.device.sample_time_s for end in code.ends]
     ends = "\n".join(end.c(precision) for end in code.ends)
     source = _SOURCE.format(**words, other=code.other, clear=code.clear, ends=ends, calls=code.calls)
-    return {HEADER: pair_header(coupling, precision, verdict, silences_s), SOURCE: source}
+    return header_and_source(pair_header(coupling, precision, verdict, silences_s), source)
 
 
 @dataclass(frozen=True)

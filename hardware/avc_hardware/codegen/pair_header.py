@@ -66,6 +66,7 @@ _HEADER = """\
 #include <stdint.h>
 
 #define AVC_COUPLING_ID "{id}"
+{digest}
 {defines}
 {begin_c}
 typedef {real} avc_coupling_real_t;
