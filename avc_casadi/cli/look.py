@@ -73,10 +73,11 @@ def run_explore(args: argparse.Namespace, console: Console) -> Answer:
     The page shows how each value changes the coupling, saves problem and coupling, and shows the
     equivalent commands. Only this machine can open it. Stop it with Ctrl-C.
     """
+    import threading
     import webbrowser
 
     from avc_casadi.present.explore.explorer import Explorer
-    from avc_casadi.present.explore.server import ExploreServer
+    from avc_casadi.present.explore.server import ExploreServer, warm
 
     problem = avc.load_problem(args.problem)
     explorer = Explorer(problem, args.problem, package_versions())
@@ -92,6 +93,7 @@ def run_explore(args: argparse.Namespace, console: Console) -> Answer:
                 console.complain(server.url)
             if args.open:
                 webbrowser.open(server.url)
+            threading.Thread(target=warm, args=(explorer,), daemon=True).start()
             server.serve_forever()
         except KeyboardInterrupt:
             take_interrupt()

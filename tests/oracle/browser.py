@@ -7,7 +7,23 @@ from contextlib import contextmanager
 
 import pytest
 
+SIZES = {"laptop": (1366, 768), "phone": (390, 844)}
+"""Width and height, pixels, of the screens on which pages are looked at."""
+
 # Whatever sticks out of the page sideways, but for what scrolls inside a box of its own.
+_STICKS_OUT = """
+const scrolls = (element) => element && (
+  ["auto", "scroll"].includes(getComputedStyle(element).overflowX) || scrolls(element.parentElement));
+const limit = document.documentElement.clientWidth + 1;
+return [...document.querySelectorAll("body *")]
+  .filter((element) => element.getBoundingClientRect().right > limit && !scrolls(element.parentElement))
+  .map((element) => element.outerHTML.slice(0, 100));
+"""
+_IN_SIGHT = """
+const box = arguments[0].getBoundingClientRect();
+return box.height > 0 && box.top >= 0 && box.bottom <= window.innerHeight && box.left >= 0
+  && box.right <= document.documentElement.clientWidth;
+"""
 
 
 @contextmanager
@@ -36,6 +52,23 @@ def chromium(folder):
         yield started
     finally:
         started.quit()
+
+
+def sized(driver, size, height=None):
+    """Take the size of a screen of SIZES; a height in its place shows a whole page."""
+    width, usual = SIZES[size]
+    metrics = {"width": width, "height": height or usual, "deviceScaleFactor": 1, "mobile": size == "phone"}
+    driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
+
+
+def sticking_out(driver):
+    """Elements that are wider than the screen, but for those in a box that scrolls."""
+    return driver.execute_script(_STICKS_OUT)
+
+
+def in_sight(driver, element):
+    """Whether an element lies within the window as it is scrolled now."""
+    return driver.execute_script(_IN_SIGHT, element)
 
 
 def console_errors(driver):

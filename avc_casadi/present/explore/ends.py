@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from enum import IntEnum
 from functools import partial, singledispatch
 from typing import Any
 
@@ -31,6 +32,7 @@ from avc_casadi.paper.rows import gain_schedule
 from avc_casadi.present import words
 from avc_casadi.present.explore.explorer import Explorer
 from avc_casadi.present.explore.settings import Settings, gains_of
+from avc_casadi.present.explore.verdict import Judged, of_coupling, of_law, of_pair, of_stability
 from avc_casadi.present.row import Row, grade, row
 from avc_casadi.present.rows import subject
 from avc_casadi.present.rows.judge import own_law, passivity
@@ -57,18 +59,29 @@ _MOST_SPRINGS = 40
 """Springs that are tried."""
 
 
+class Extent(IntEnum):
+    """How much of an answer a question is about; more holds all that less does, and takes longer."""
+
+    PICTURES = 0
+    """The charts that follow a slider at once."""
+    ROWS = 1
+    """The rows and verdicts too."""
+    WHOLE = 2
+    """What takes a second or more too: simulated touches and regions."""
+
+
 @dataclass(frozen=True)
 class PageAnswer:
     """What a column of the page shows."""
 
     gains: dict[str, Any]
     """Gains of one's own, by the names of their fields."""
-    own: list[Row]
-    """Rows of one's own gains."""
-    method: list[Row]
-    """Rows of the method."""
     charts: list[dict[str, Any]]
-    """Charts of both."""
+    """Charts of one's own gains and of the method."""
+    own: Judged | None = None
+    """Verdict and rows of one's own gains; None where they are not in the question."""
+    method: Judged | None = None
+    """Those of a method that follows at once; None of a run."""
 
 
 def chart(
@@ -102,7 +115,7 @@ def region(
         if stiffness
     ]
     x, y = (f"{owner} damping, {damping_unit}", "log"), (f"{owner} stiffness, {stiffness_unit}", "log")
-    return chart("region", title, x, y, lines, points=points, wide=True)
+    return chart("region", title, x, y, lines, points=points)
 
 
 def touches(runs: Mapping[str, Run], problem: Problem, begins: str, names: Mapping[str, str]) -> list[dict[str, Any]]:
@@ -124,7 +137,7 @@ def touches(runs: Mapping[str, Run], problem: Problem, begins: str, names: Mappi
             line("target of the hand", "desired", first.time_s[::_TARGET_EVERY], 1e3 * first.target_m[::_TARGET_EVERY]),
         )
     units = problem.units
-    positions = chart("position", f"Simulated touch: position, {begins}", time, (units.unit("mm"), "linear"), position)
+    positions = chart("position", f"Simulated touch: position ({begins})", time, (units.unit("mm"), "linear"), position)
     positions["y"]["span"] = [-deepest, _ABOVE_DEEPEST * deepest] if deepest > 0 else None
     forces = chart("force", f"Simulated touch: {units.key('force')}", time, (units.unit("N"), "linear"), force)
     return [positions, forces]
@@ -170,17 +183,20 @@ _NAMES = {"own": "your K and B", "method": "recommended"}
 
 
 @singledispatch
-def page_answer(end: End, explorer: Explorer, settings: Settings, problem: Problem, *, whole: bool) -> PageAnswer:
-    """Return K and B of one's own to an end beside the recommendation."""
+def page_answer(end: End, explorer: Explorer, settings: Settings, problem: Problem, extent: Extent) -> PageAnswer:
+    """Return K and B of one's own to an end, next to the recommendation."""
     stated = settings.key()
     search = explorer.cached(f"search {stated}", lambda: search_of(end, problem))
     first = explorer.cached("first", lambda: _first(explorer.base, search))
     own_gains = ToolGains(**(vars(first) | _typed(explorer, settings)))
     coupling = explorer.coupling(settings)
     pairs = {"own": own_gains} | ({} if coupling is None else {"method": coupling.gains})
-    rows = explorer.cached(f"rows {stated} {own_gains}", lambda: _rows(end, problem, search, own_gains))
-    before, after = _touched(end, explorer, settings, problem, pairs, whole=whole)
-    return PageAnswer(vars(own_gains), rows, [], [*before, *_felt(problem, pairs), *after])
+    felt = _felt(problem, pairs)
+    if extent is Extent.PICTURES:
+        return PageAnswer(vars(own_gains), felt)
+    judged = explorer.cached(f"rows {stated} {own_gains}", lambda: _judged(end, problem, search, own_gains))
+    before, after = _touched(end, explorer, settings, problem, pairs, extent)
+    return PageAnswer(vars(own_gains), [*before, *felt, *after], judged)
 
 
 @page_answer.register
@@ -189,27 +205,36 @@ def _wall_answer(
     explorer: Explorer,
     settings: Settings,
     problem: Problem,
-    *,
-    whole: bool,
+    extent: Extent,
 ) -> PageAnswer:
-    """Return the law of one's own before a wall beside the coupling of the method."""
-    stated = settings.key()
-    law = vars(explorer.cached("first", lambda: first_law(explorer.base))) | gains_of(settings, explorer.form)
-    given = {name: law[key] for name, key in LAW.items() if law.get(key) is not None}
-    certificate = explorer.cached(f"law {stated} {given}", lambda: certify_law(problem, **given, remedies=False))
+    """Return the law of one's own before a wall, next to the coupling of the method."""
+    stated, name = settings.key(), _method_name(settings)
+    schedule, coupling = found_by_method(explorer, settings, problem)
+    # The search of a first law takes seconds on some devices: the first pictures do not wait for it.
+    waits = extent is not Extent.PICTURES
+    first = explorer.cached("first", lambda: first_law(explorer.base)) if waits else explorer.known("first")
+    if first is None:
+        return PageAnswer({}, _impedances(problem, None, schedule, name))
+    law = vars(first) | gains_of(settings, explorer.form)
+    given = {gain: law[key] for gain, key in LAW.items() if law.get(key) is not None}
     wall = {
         "stiffness_n_per_m": law["stiffness_n_per_m"] or 0.0,
         "damping_ns_per_m": (law["damping_ns_per_m"] or 0.0) + (law.get("local_damping_ns_per_m") or 0.0),
     }
     direct = problem.changed(environment=wall, boundaries={"upper": wall, "lower": wall})
-    schedule, coupling = found_by_method(explorer, settings, problem)
-    method: list[Row] = []
+    charts = _impedances(problem, direct, schedule, name)
+    if extent is Extent.PICTURES:
+        return PageAnswer(law, charts)
+    certificate = explorer.cached(f"law {stated} {given}", lambda: certify_law(problem, **given, remedies=False))
+    own = Judged(of_law(certificate), [shown for shown in own_law(certificate).rows if shown.rank == 0])
+    method = None
     if schedule is not None and settings.method in explorer.form.live:
-        method.append(row("Gains", f"{settings.method}: {subject.counts(schedule.counts())}"))
-        if whole:
-            method.append(subject.deployable(None if coupling is None else deployable(coupling)))
-    charts = _impedances(problem, direct, schedule)
-    if whole:
+        gains = row("Gains", subject.counts(schedule.counts()))
+        method = Judged(None, [gains])
+        if extent is Extent.WHOLE:
+            found = None if coupling is None else deployable(coupling)
+            method = Judged(of_coupling(found), [subject.deployable(found), gains])
+    if extent is Extent.WHOLE:
         runs = {}
         if "cutoff_hz" not in given and wall["stiffness_n_per_m"]:
             key = f"touch {stated} {settings.motion} {wall}"
@@ -217,30 +242,36 @@ def _wall_answer(
         if coupling is not None:
             key = f"touch {settings.key('method', 'motion')}"
             runs["method"] = explorer.cached(key, lambda: simulate(problem, coupling.on(problem)))
-        charts += touches(runs, problem, "the wall begins at 0", {"own": "your k and b", "method": settings.method})
+        names = {"own": "your k and b", "method": name}
+        charts += touches(runs, problem, "wall at 0", names)
         charts.append(_region(explorer, problem, stated, wall))
-    own = [shown for shown in own_law(certificate).rows if shown.rank == 0]
-    return PageAnswer(law, own, method, charts)
+    return PageAnswer(law, charts, own, method)
 
 
-def _impedances(problem: Problem, direct: Problem, schedule: GainSchedule | None) -> list[dict[str, Any]]:
+def _method_name(settings: Settings) -> str:
+    """Return what the coupling of the method is called on the page."""
+    return "recommended" if settings.method == "recommend" else settings.method
+
+
+def _impedances(
+    problem: Problem, direct: Problem | None, schedule: GainSchedule | None, name: str
+) -> list[dict[str, Any]]:
     """Return charts of magnitude and real part of the impedance, and of gains that follow the frequency."""
     hz = problem.frequencies_hz()
     loop = loop_at(problem, hz)
     upper, lower = perceived_bounds(problem, loop)
     without = np.asarray(loop.without_coupling)
-    curves = [
-        ("no coupling", "without", without),
-        ("your k and b", "own", np.asarray(loop_at(direct, hz).without_coupling)),
-    ]
+    curves = [("no coupling", "without", without)]
+    if direct is not None:
+        curves.append(("your k and b", "own", np.asarray(loop_at(direct, hz).without_coupling)))
     if schedule is not None:
-        curves.append((schedule.method, "method", np.where(schedule.usable, schedule.impedance, np.nan)))
+        curves.append((name, "method", np.where(schedule.usable, schedule.impedance, np.nan)))
     impedance_unit = problem.units.unit("N.s/m")
     sizes = [line("desired", "desired", hz, np.abs(loop.target))]
-    sizes += [line(name, cls, hz, np.abs(impedance)) for name, cls, impedance in curves]
+    sizes += [line(label, cls, hz, np.abs(impedance)) for label, cls, impedance in curves]
     ends = {"low": six_digits(np.abs(lower)), "high": six_digits(np.abs(upper))}
     band = {"name": "feels real", "cls": "real", "x": six_digits(hz), **ends}
-    real_parts = [line(name, cls, hz, impedance.real) for name, cls, impedance in curves]
+    real_parts = [line(label, cls, hz, impedance.real) for label, cls, impedance in curves]
     magnitude_title = "Impedance |Z| that the hand meets"
     real_title = "Real part of Z: below 0 the loop gives out energy"
     charts = [
@@ -248,8 +279,8 @@ def _impedances(problem: Problem, direct: Problem, schedule: GainSchedule | None
         chart("real", real_title, _HZ, (impedance_unit, "symlog"), real_parts),
     ]
     if schedule is not None and len(np.unique(schedule.stiffness_n_per_m)) > 1:
-        damper = line(schedule.method, "method", hz, schedule.damping_ns_per_m)
-        spring = line(schedule.method, "method", hz, schedule.stiffness_n_per_m)
+        damper = line(name, "method", hz, schedule.damping_ns_per_m)
+        spring = line(name, "method", hz, schedule.stiffness_n_per_m)
         stiffness_unit = problem.units.unit("N/m")
         charts += [
             chart("damping", "Damper b of the coupling", _HZ, (impedance_unit, "symlog"), [damper]),
@@ -266,7 +297,7 @@ def _region(explorer: Explorer, problem: Problem, stated: str, law: Mapping[str,
         ("wanted wall", "desired"): (wall.stiffness_n_per_m, wall.damping_ns_per_m),
         ("your k and b", "own"): (law["stiffness_n_per_m"], law["damping_ns_per_m"]),
     }
-    title = "Walls without coupling that this device renders: stiffness below each curve"
+    title = "Walls that the device renders without coupling: below each curve"
     return region(problem, title, "wall", lines, pairs)
 
 
@@ -304,8 +335,7 @@ def _touched(
     settings: Settings,  # noqa: ARG001
     problem: Problem,  # noqa: ARG001
     pairs: dict[str, ToolGains],  # noqa: ARG001
-    *,
-    whole: bool,  # noqa: ARG001
+    extent: Extent,  # noqa: ARG001
 ) -> tuple[Charts, Charts]:
     """Return charts before and after those of what is felt: of a kind of end that no scene has there are none."""
     return [], []
@@ -318,9 +348,9 @@ def _touched_with_tool(
     settings: Settings,
     problem: Problem,
     pairs: dict[str, ToolGains],
-    *,
-    whole: bool,
+    extent: Extent,
 ) -> tuple[Charts, Charts]:
+    whole = extent is Extent.WHOLE
     stated, rates = settings.key(), dict[str, Any]() if whole else {"rates": ()}
     stable = explorer.cached(f"region {whole} {stated}", lambda: tool_region(problem, summits=False, **rates))
     before = [_pairs_region(problem, stable, pairs)]
@@ -330,7 +360,7 @@ def _touched_with_tool(
     for cls, gains in pairs.items():
         key = f"touch {stated} {settings.motion} {gains}"
         runs[cls] = explorer.cached(key, partial(simulate, with_gains(problem, gains)))
-    return before, touches(runs, problem, "the contact begins at 0", _NAMES)
+    return before, touches(runs, problem, "contact at 0", _NAMES)
 
 
 def _typed(explorer: Explorer, settings: Settings) -> dict[str, float]:
@@ -360,18 +390,21 @@ def _two_digits(value: float) -> float:
 
 
 @singledispatch
-def _rows(end: End, problem: Problem, search: EndSearch, gains: ToolGains) -> list[Row]:  # noqa: ARG001
+def _judged(end: End, problem: Problem, search: EndSearch, gains: ToolGains) -> Judged:  # noqa: ARG001
+    """Return verdict and rows of K and B of one's own to an end."""
     stable = search.loops.stable_over_ranges(gains)
     which = "corner hands, released, end stop:" if stable else "not all of"
     stability_row = row("Stability", f"{which} {search.loop_count} loops", mark=grade(stable))
-    return [row("Coupling", subject.pair_of(gains)), stability_row, *_felt_rows(problem, gains)]
+    coupling = row("Coupling", subject.pair_of(gains))
+    return Judged(of_stability(stable), [coupling, stability_row, *_felt_rows(problem, gains)])
 
 
-@_rows.register
-def _rows_with_tool(end: Simulation, problem: Problem, search: EndSearch, gains: ToolGains) -> list[Row]:
+@_judged.register
+def _judged_with_tool(end: Simulation, problem: Problem, search: EndSearch, gains: ToolGains) -> Judged:
     coupling, felt = row("Coupling", subject.pair_of(gains)), _felt_rows(problem, gains)
     certificate = certify_pair(problem, gains, search)
-    return [coupling, *stability(end, certificate), *felt, *passivity(end, certificate.passivity)]
+    rows = [coupling, *stability(end, certificate), *felt, *passivity(end, certificate.passivity)]
+    return Judged(of_pair(certificate), rows)
 
 
 def _felt_rows(problem: Problem, gains: ToolGains) -> list[Row]:
@@ -405,7 +438,7 @@ def _pairs_region(problem: Problem, stable: ToolRegion, pairs: dict[str, ToolGai
         stiffness = np.where(curve.stiffness_n_per_m[1:] > 0, curve.stiffness_n_per_m[1:], np.nan)
         lines.append(line(name, "stable-hands" if curve.declared else "without", damping, stiffness))
     marks = {(_NAMES[cls], cls): (gains.stiffness_n_per_m, gains.damping_ns_per_m) for cls, gains in pairs.items()}
-    title = "Springs and dampers that are stable with every corner hand, tool and contact: below each curve"
+    title = "Springs and dampers stable with every hand: below each curve"
     return region(problem, title, "coupling's", lines, marks)
 
 

@@ -7,6 +7,7 @@ import time
 from collections import OrderedDict
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass
 from functools import singledispatch
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
@@ -15,6 +16,7 @@ from typing import Any, TypeVar
 from avc_casadi._errors import AvcError
 from avc_casadi._util.parallel import begin_process, without_interrupts
 from avc_casadi._util.progress import Progress
+from avc_casadi.claims.deployable import deployable
 from avc_casadi.coupling import Coupling
 from avc_casadi.design.methods import solve
 from avc_casadi.design.registry import METHODS
@@ -28,8 +30,9 @@ from avc_casadi.present.explore.settings import (
     problem_fields,
     problem_of_settings,
 )
-from avc_casadi.present.row import Mark, Row, row
-from avc_casadi.present.rows.recommend import recommendation
+from avc_casadi.present.explore.verdict import Judged, Verdict, of_coupling, of_recommendation
+from avc_casadi.present.row import Mark, row
+from avc_casadi.present.rows import subject
 from avc_casadi.recommendation.recommend import recommend
 
 T = TypeVar("T")
@@ -73,16 +76,26 @@ def _work(work: Callable[[Any, Progress], Any], task: Any, connection: Connectio
         connection.send(("error", str(error)))
 
 
-def _solved(task: tuple[Problem, str], progress: Progress) -> tuple[Coupling | None, list[Row]]:
-    """Return the coupling of a slow method, and its rows."""
+@dataclass(frozen=True)
+class Solved:
+    """What a slow method has found: a coupling, or None where it finds none, and its verdict."""
+
+    coupling: Coupling | None
+    judged: Judged
+
+
+def _solved(task: tuple[Problem, str], progress: Progress) -> Solved:
+    """Return what a slow method finds."""
     problem, method = task
     if method == "recommend":
         result = recommend(problem, progress=progress)
-        return result.coupling, [shown for shown in recommendation(result).rows if shown.rank == 0]
+        return Solved(result.coupling, of_recommendation(result))
     gains = solve(problem, method, progress=progress)
     usable = bool(gains.usable.any())
+    coupling = Coupling.of(problem, gains) if usable else None
+    found = None if coupling is None else deployable(coupling, progress)
     notes = [row("Note", note) for note in (gains.notes if usable else dict.fromkeys(gains.reason))]
-    return Coupling.of(problem, gains) if usable else None, notes
+    return Solved(coupling, Judged(of_coupling(found), [subject.deployable(found), *notes]))
 
 
 class SlowRun:
@@ -91,7 +104,7 @@ class SlowRun:
     def __init__(self, problem: Problem, method: str) -> None:
         self.began_s = self.wanted_s = time.monotonic()
         self.state = self.error = ""
-        self.result: tuple[Coupling | None, list[Row]] | None = None
+        self.result: Solved | None = None
         context = get_context("spawn")  # CasADi's threads do not survive a fork
         receiver, sender = context.Pipe(duplex=False)
         with without_interrupts():
@@ -167,6 +180,12 @@ class Explorer:
             result: T = results[0]
             return result
 
+    def known(self, key: str) -> Any:
+        """Return a result by its key; None where it is not there yet."""
+        with self._lock:
+            _, results = self._cache.get(key, (None, []))
+        return results[0] if results else None
+
     def run(self, settings: Settings, *, begin: bool = False, cancel: bool = False) -> SlowRun | None:
         """Return the run of the settings; begin it or cancel it. None where there is none."""
         key, now = settings.key("method"), time.monotonic()
@@ -191,20 +210,21 @@ class Explorer:
     def coupling(self, settings: Settings) -> Coupling | None:
         """Return what the run of the settings has found; None where there is nothing yet."""
         run = self.run(settings)
-        return None if run is None or run.result is None else run.result[0]
+        return None if run is None or run.result is None else run.result.coupling
 
-    def run_rows(self, settings: Settings) -> list[Row]:
-        """Return the rows of the run of the settings: how far it is, or what it has found."""
+    def judged(self, settings: Settings) -> Judged:
+        """Return the verdict of the run of the settings: how far it is, or what it has found."""
         run = self.run(settings)
         label = "Recommendation" if settings.method == "recommend" else settings.method.capitalize()
         if run is None:
-            return [row(label, "not computed for these settings yet: Run begins it")]
+            text = "not computed for these settings yet: press Run"
+            return Judged(Verdict(Mark.NONE, "press Run"), [row(label, text)])
         if not run.over:
-            return [row(label, f"running for {time.monotonic() - run.began_s:.0f} s{run.state}")]
+            running = f"running for {time.monotonic() - run.began_s:.0f} s"
+            return Judged(Verdict(Mark.NONE, running), [row(label, f"{running}{run.state}")])
         if run.result is None:
-            return [row(label, f"ended: {run.error}", mark=Mark.FAIL)]
-        _, rows = run.result
-        return rows
+            return Judged(Verdict(Mark.FAIL, "no result"), [row(label, f"ended: {run.error}", mark=Mark.FAIL)])
+        return run.result.judged
 
     def close(self) -> None:
         """End all runs."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import secrets
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib.resources import files
@@ -12,57 +12,105 @@ from typing import Any
 
 from avc_casadi._errors import AvcError, Fault, InputError, fault_document
 from avc_casadi._util.json_values import json_text
-from avc_casadi.files.catalogue import catalogue_names
 from avc_casadi.files.coupling_file import coupling_document
 from avc_casadi.files.problem_file import dump_problem, problem_document
 from avc_casadi.model.problem import Problem
-from avc_casadi.present.explore.ends import page_answer, saved_coupling
+from avc_casadi.present.explore.ends import Extent, page_answer, saved_coupling
 from avc_casadi.present.explore.explorer import Explorer
-from avc_casadi.present.explore.settings import RequestError, dropped_ranges, problem_of_settings, settings_of
-from avc_casadi.present.row import Row, text_of
+from avc_casadi.present.explore.settings import (
+    RequestError,
+    Settings,
+    dropped_ranges,
+    problem_of_settings,
+    settings_of,
+)
+from avc_casadi.present.explore.verdict import Judged
+from avc_casadi.present.row import Mark, text_of
 from avc_casadi.present.rows.subject import headline
 
 
 def start(explorer: Explorer, _: Mapping[str, Any]) -> dict[str, Any]:
     """Return what the page is built from: fields and methods."""
     form = explorer.form
-    # A file of one's own is opened to deploy; the catalogue shows the paper's question.
-    of_user = explorer.source not in catalogue_names()
     return {
         "fields": [field.document() for field in form.fields],
         "gains": [field.document() for field in form.gains],
         "live": form.live,
         "slow": form.slow,
-        "method": "recommend" if of_user or not form.live else "direct",
+        "method": OPENS_WITH["method"],
     }
 
 
+OPENS_WITH: dict[str, Any] = {"values": {}, "gains": {}, "method": "recommend", "motion": "press"}
+"""Settings with which a page opens: the problem as it stands, next to what is recommended for it."""
+
+
 def evaluate(explorer: Explorer, question: Mapping[str, Any]) -> dict[str, Any]:
-    """Return rows and charts of one's own gains and of the method; with ``whole`` what takes a second or more too."""
+    """Return charts of one's own gains and of the method, and as far as the question goes verdicts and rows."""
     settings, form = settings_of(question.get("settings"), explorer.form), explorer.form
+    extent = _extent(question.get("extent", "rows"))
     problem = explorer.problem(settings)
-    run = explorer.run(settings)
-    shown = page_answer(problem.end, explorer, settings, problem, whole=bool(question.get("whole")))
-    method = shown.method
-    if settings.method in form.slow:
-        method = [*explorer.run_rows(settings), *method]
+    shown = page_answer(problem.end, explorer, settings, problem, extent)
     tables = problem_document(problem)
-    return {
+    found: dict[str, Any] = {
         "title": problem.title or problem.name,
         "headline": text_of(headline(problem, ""), problem.units).strip(),
         "values": {field.key: field.value(tables) for field in form.fields},
         "dropped": dropped_ranges(explorer.base, settings, problem),
         "gains": shown.gains,
-        "rows": {"own": _rows(shown.own, problem), "method": _rows(method, problem)},
-        "running": run is not None and not run.over,
-        "done": run is not None and run.result is not None,
         "charts": shown.charts,
+    }
+    if extent is Extent.PICTURES:
+        return found
+    own, method = shown.own, shown.method
+    if settings.method in form.slow:
+        method = explorer.judged(settings)
+        found |= _progress(explorer, settings)
+    return found | {
+        "rows": {"own": _rows(own, problem), "method": _rows(method, problem)},
+        "verdicts": {"own": _verdict(own, problem), "method": _verdict(method, problem)},
     }
 
 
-def _rows(rows: Sequence[Row], problem: Problem) -> list[dict[str, str]]:
-    units = problem.units
-    return [{"label": row.name(units), "text": row.text(units), "mark": row.mark.name.lower()} for row in rows]
+def _extent(name: object) -> Extent:
+    try:
+        return Extent[str(name).upper()]
+    except KeyError as error:
+        allowed = ", ".join(extent.name.lower() for extent in Extent)
+        raise RequestError(400, f"extent is one of {allowed}") from error
+
+
+def _progress(explorer: Explorer, settings: Settings) -> dict[str, bool]:
+    """Return whether the run of a slow method is under way, and whether it has found what it looks for."""
+    slow_run = explorer.run(settings)
+    return {
+        "running": slow_run is not None and not slow_run.over,
+        "done": slow_run is not None and slow_run.result is not None,
+    }
+
+
+def _rows(judged: Judged | None, problem: Problem) -> list[dict[str, str]]:
+    """Return rows in the units of a problem."""
+    units, rows = problem.units, () if judged is None else judged.rows
+    return [{"label": row.name(units), "text": row.text(units), "mark": _mark(row.mark)} for row in rows]
+
+
+def _verdict(judged: Judged | None, problem: Problem) -> dict[str, str] | None:
+    """Return a verdict in the units of a problem; None where none is known yet."""
+    if judged is None or judged.verdict is None:
+        return None
+    verdict = judged.verdict
+    return {"mark": _mark(verdict.mark), "word": verdict.word, "margin": text_of(verdict.margin, problem.units)}
+
+
+def _mark(mark: Mark) -> str:
+    return mark.name.lower()
+
+
+def warm(explorer: Explorer) -> None:
+    """Answer the questions with which a page opens, in the order in which it asks them, before it does."""
+    for extent in Extent:
+        answer(explorer, "evaluate", {"settings": OPENS_WITH, "extent": extent.name.lower()})
 
 
 def run(explorer: Explorer, question: Mapping[str, Any]) -> dict[str, Any]:
@@ -70,11 +118,12 @@ def run(explorer: Explorer, question: Mapping[str, Any]) -> dict[str, Any]:
     settings = settings_of(question.get("settings"), explorer.form)
     if settings.method not in explorer.form.slow:
         raise RequestError(400, f"{settings.method} follows at once and is no run")
-    slow_run = explorer.run(settings, begin=bool(question.get("begin")), cancel=bool(question.get("cancel")))
+    explorer.run(settings, begin=bool(question.get("begin")), cancel=bool(question.get("cancel")))
+    judged = explorer.judged(settings)
     return {
-        "rows": _rows(explorer.run_rows(settings), explorer.base),
-        "running": slow_run is not None and not slow_run.over,
-        "done": slow_run is not None and slow_run.result is not None,
+        "rows": _rows(judged, explorer.base),
+        "verdict": _verdict(judged, explorer.base),
+        **_progress(explorer, settings),
     }
 
 

@@ -4,19 +4,27 @@ import { chart } from "./charts.js";
 import { Fields, made } from "./fields.js";
 
 const UNDO_JOIN_MS = 900, ADDRESS_MS = 300, POLL_MS = 700, PAUSE_MS = 150;
+/** The pictures that say most: next to each other above the table, the others below it. */
+const FIRST = ["magnitude", "position", "region", "rigid"];
+const FEW = 3;
+/** Rows that come first in any answer. */
+const LEADING = ["Deployable", "Coupling"];
 const get = (id) => document.getElementById(id);
 const copy = (value) => JSON.parse(JSON.stringify(value));
 
 let about, fields, gains;
 let fresh = { values: {}, gains: {}, method: "", motion: "press" };
 let state = { a: copy(fresh), b: null, on: "a" };
-const shown = { a: {}, b: {} };
+/** What a column shows: `of` and `busy` hold settings by extent; charts and verdicts remember their settings as `of`. */
+const empty = () => ({ of: {}, busy: {}, errors: [], answer: null, charts: new Map(), rows: {}, verdicts: {}, running: false, done: false });
+const shown = { a: empty(), b: empty() };
 const past = [], future = [];
 let joined = { kind: "", time: 0 };
-let waiting = 0, trouble = "";
+let waiting = 0, trouble = "", revision = 0, picked = "";
 
 const current = () => state[state.on];
 const columns = () => (state.b ? ["a", "b"] : ["a"]);
+const key = (column) => JSON.stringify(state[column]);
 
 /** Ask the server; null where there is no answer. */
 async function ask(part, question) {
@@ -85,6 +93,7 @@ function travel(from, to) {
 }
 
 function restate() {
+  revision += 1;
   get("file-note").textContent = "";
   writeAddress();
   showControls();
@@ -94,56 +103,76 @@ function restate() {
 
 // ---- answers
 
-/** Ask for what follows a slider, then for the rest: only that is the answer `of` its settings. Newer settings ask again. */
-async function follow(column) {
-  const mine = shown[column];
-  const wanted = JSON.stringify(state[column]);
-  if (mine.busy || mine.of === wanted) return;
-  mine.busy = true;
-  const settings = copy(state[column]);
-  for (const whole of [false, true]) {
-    const found = await ask("evaluate", { settings, whole });
-    if (!found || !state[column]) break;
-    mine.errors = found.errors ?? [];
-    if (found.rows) mine.answer = found;
-    mine.of = whole || found.errors ? wanted : "";
+/** Ask for the pictures, which follow a slider at once, then for rows and verdicts, then for the rest. */
+const follow = (column) => chase(column, "pictures");
+
+/** Ask for an extent of the answer until it is that of the settings now. */
+async function chase(column, extent) {
+  const mine = shown[column], wanted = key(column), since = revision;
+  if (mine.busy[extent]) return;
+  if (mine.of[extent] !== wanted) {
+    mine.busy[extent] = true;
+    const found = await ask("evaluate", { settings: copy(state[column]), extent });
+    mine.busy[extent] = false;
+    if (!found || shown[column] !== mine || !state[column]) return;
+    take(mine, found, extent, wanted, since);
     if (column === state.on) showControls();
     draw();
-    if (found.errors || JSON.stringify(state[column]) !== wanted) break;
-    if (!whole) await new Promise((resolve) => setTimeout(resolve, PAUSE_MS));
-    if (JSON.stringify(state[column]) !== wanted) break;
+    if (key(column) !== wanted) return chase(column, extent);
+    if (found.errors) return;
   }
-  mine.busy = false;
-  if (state[column] && !trouble && JSON.stringify(state[column]) !== wanted) follow(column);
+  if (extent === "pictures") chase(column, "rows");
+  if (extent === "rows") setTimeout(() => state[column] && key(column) === wanted && chase(column, "whole"), PAUSE_MS);
+}
+
+/** Take an answer over; a chart of settings that are older than those of the chart that is shown is passed over. */
+function take(mine, found, extent, wanted, since) {
+  mine.errors = found.errors ?? [];
+  if (found.errors) {
+    mine.of = { pictures: wanted, rows: wanted, whole: wanted };
+    return;
+  }
+  mine.of[extent] = wanted;
+  mine.answer = found;
+  if (extent === "whole") for (const id of mine.charts.keys()) if (!found.charts.some((one) => one.id === id)) mine.charts.delete(id);
+  for (const one of found.charts) {
+    if ((mine.charts.get(one.id)?.since ?? -1) <= since) mine.charts.set(one.id, { ...one, since, of: wanted });
+  }
+  if (found.rows) judge(mine, found.rows, found.verdicts, wanted);
+  if ("running" in found) Object.assign(mine, { running: found.running, done: found.done });
+}
+
+/** Take rows and verdicts over; a verdict that takes longer than the rows stays that of the settings before. */
+function judge(mine, rows, verdicts, wanted) {
+  for (const part of Object.keys(rows)) {
+    mine.rows[part] = rows[part];
+    if (verdicts[part]) mine.verdicts[part] = { ...verdicts[part], of: wanted };
+  }
 }
 
 /** Follow the runs: the server ends one that no page asks for any more. */
 async function poll() {
   for (const column of columns()) {
-    const settings = copy(state[column]), { answer } = shown[column];
-    if (!about.slow.includes(settings.method) || !answer || answer.done) continue;
-    const found = await ask("run", { settings });
-    if (!found || JSON.stringify(settings) !== JSON.stringify(state[column]) || shown[column].answer !== answer) continue;
-    const same = JSON.stringify(answer.rows.method) === JSON.stringify(found.rows) && answer.running === found.running;
-    answer.rows.method = found.rows;
-    answer.running = found.running;
-    if (same && !found.done) continue;
-    if (found.done) {
-      shown[column].of = "";
+    const mine = shown[column];
+    if (!about.slow.includes(state[column].method) || !mine.rows.method || mine.done) continue;
+    await progress(column, {});
+    if (mine.done && state[column]) {
+      mine.of = {};
       follow(column);
     }
-    showControls();
-    draw();
   }
   setTimeout(poll, POLL_MS);
 }
 
-async function run(question) {
-  const settings = copy(current()), column = state.on;
-  const found = await ask("run", { settings, ...question });
-  if (!found || !shown[column].answer) return;
-  Object.assign(shown[column].answer, { running: found.running });
-  shown[column].answer.rows.method = found.rows;
+/** Ask how far the run of a column is; `question` begins or cancels it. */
+async function progress(column, question) {
+  const mine = shown[column], wanted = key(column);
+  const found = await ask("run", { settings: copy(state[column]), ...question });
+  if (!found || !state[column] || key(column) !== wanted || shown[column] !== mine) return;
+  const before = JSON.stringify([mine.rows.method, mine.running]);
+  judge(mine, { method: found.rows }, { method: found.verdict }, wanted);
+  Object.assign(mine, { running: found.running, done: found.done });
+  if (before === JSON.stringify([mine.rows.method, mine.running])) return;
   showControls();
   draw();
 }
@@ -151,15 +180,15 @@ async function run(question) {
 // ---- what is shown
 
 function showControls() {
-  const settings = current(), { answer, errors } = shown[state.on];
+  const settings = current(), { answer, errors, running, done } = shown[state.on];
   get("undo").disabled = !past.length;
   get("redo").disabled = !future.length;
   get("tab-a").hidden = get("tab-b").hidden = get("drop").hidden = !state.b;
   get("compare").hidden = Boolean(state.b);
   for (const one of ["a", "b"]) get(`tab-${one}`).setAttribute("aria-pressed", String(state.on === one));
   get("method").value = settings.method;
-  const slow = about.slow.includes(settings.method), running = Boolean(answer?.running);
-  get("run").hidden = !slow || running || Boolean(answer?.done);
+  const slow = about.slow.includes(settings.method);
+  get("run").hidden = !slow || running || done;
   get("cancel").hidden = !slow || !running;
   get("motion").value = settings.motion;
   gains.show({ ...answer?.gains, ...settings.gains });
@@ -169,50 +198,107 @@ function showControls() {
   get("error-method").textContent = rest.filter((one) => one.key === "method").map((one) => one.message).join("; ");
   get("general-error").textContent = rest.filter((one) => one.key !== "method").map((one) => `${one.key} ${one.message}`.trim()).join("; ");
   if (answer) {
-    get("title").textContent = document.title = `avc explore: ${answer.title}`;
+    get("title").textContent = answer.title;
+    document.title = `avc explore: ${answer.title}`;
     get("headline").textContent = answer.headline;
-    get("h-method").textContent = settings.method === "recommend" ? "Recommended coupling" : `Coupling by ${settings.method}`;
   }
 }
 
 const MARKS = { pass: "✓ ", fail: "✗ ", caution: "! ", none: "" };
 
-function table(id, part, there) {
-  const rows = there.map((column) => shown[column].answer.rows[part]);
-  const labels = [...new Set(rows.flat().map((row) => row.label))];
-  const cell = (mine, label) => made("td", {}, ...mine.filter((row) => row.label === label).map((row) => made("div", {}, made("span", { class: row.mark }, MARKS[row.mark]), row.text)));
-  const head = there.length > 1 ? [made("thead", {}, made("tr", {}, made("td", {}), ...there.map((one) => made("th", { scope: "col" }, one.toUpperCase()))))] : [];
-  get(id).replaceChildren(...head, made("tbody", {}, ...labels.map((label) => made("tr", {}, made("th", { scope: "row" }, label), ...rows.map((mine) => cell(mine, label))))));
+/** The columns of bar and table: your own gains and those of the method, of each column of settings. */
+function judgements() {
+  const judged = [];
+  for (const column of columns()) {
+    const { method } = state[column], letter = state.b ? `${column.toUpperCase()} ` : "";
+    judged.push({ column, part: "own", name: `${letter}yours` });
+    judged.push({ column, part: "method", name: `${letter}${method === "recommend" ? "recommended" : `by ${method}`}` });
+  }
+  return judged;
 }
 
-/** Draw tables and charts; charts of two columns lie in one. */
-function draw() {
-  const there = columns().filter((column) => shown[column].answer);
-  if (!there.length) return;
-  table("own", "own", there);
-  table("coupling", "method", there);
-  const named = (one, column) => (there.length > 1 ? { ...one, name: `${column.toUpperCase()}: ${one.name}`, cls: `${one.cls} ${column}` } : one);
+const late = (column, of) => of !== key(column) || shown[column].errors.length > 0;
+
+/** The bar that stays in sight: verdict and margin of each column; its elements stay, so that a reader hears changes. */
+function verdictBar(judged) {
+  const bar = get("verdicts");
+  while (bar.children.length > judged.length) bar.lastChild.remove();
+  while (bar.children.length < judged.length) bar.append(made("p", {}, made("b"), made("span"), made("span", { class: "margin" })));
+  judged.forEach(({ column, part, name }, at) => {
+    const verdict = shown[column].verdicts[part], mark = verdict?.mark ?? "none";
+    const [label, word, margin] = bar.children[at].children;
+    bar.children[at].className = `verdict ${part}${!verdict || late(column, verdict.of) ? " stale" : ""}`;
+    label.textContent = name;
+    word.className = mark;
+    word.textContent = `${MARKS[mark]}${verdict?.word ?? "computing"}`;
+    margin.textContent = verdict?.margin ?? "";
+  });
+}
+
+/** A text whose numbers keep their units on the same line. */
+const tied = (text) => text.replace(/(\d) (?=(%|[A-Za-z.]{1,5}(\/[A-Za-z0-9]+)?)([ ,;:)]|$))/g, "$1\u00a0");
+
+/** One table: a row a line, what is yours next to what is recommended. */
+function table(judged) {
+  const rows = judged.map(({ column, part }) => shown[column].rows[part] ?? []);
+  const known = new Set(rows.flat().map((row) => row.label));
+  const labels = [...LEADING.filter((label) => known.has(label)), ...[...known].filter((label) => !LEADING.includes(label))];
+  const line = (row) => made("div", {}, made("span", { class: row.mark }, MARKS[row.mark]), tied(row.text));
+  const cell = (mine, label, at) => made("td", { class: judged[at].part }, ...mine.filter((row) => row.label === label).map(line));
+  const head = made("tr", {}, made("td", {}), ...judged.map(({ name, part }) => made("th", { scope: "col", class: part }, name)));
+  const body = labels.map((label) => made("tr", {}, made("th", { scope: "row" }, label), ...rows.map((mine, at) => cell(mine, label, at))));
+  get("rows").dataset.columns = judged.length;
+  get("rows").replaceChildren(made("thead", {}, head), made("tbody", {}, ...body));
+  get("rows").classList.toggle("stale", columns().some((column) => late(column, shown[column].of.rows)));
+}
+
+/** The charts of all columns by name; those of two columns lie in one. */
+function overlaid() {
+  const named = (one, column) => (state.b ? { ...one, name: `${column.toUpperCase()}: ${one.name}`, cls: `${one.cls} ${column}` } : one);
   const charts = new Map();
-  for (const column of there) {
-    for (const one of shown[column].answer.charts) {
-      const whole = charts.get(one.id) ?? { ...one, series: [], bands: [], points: [] };
+  for (const column of columns()) {
+    for (const one of shown[column].charts.values()) {
+      const whole = charts.get(one.id) ?? { ...one, series: [], bands: [], points: [], stale: false };
       for (const part of ["series", "bands", "points"]) whole[part].push(...(one[part] ?? []).map((line) => named(line, column)));
+      whole.stale ||= late(column, one.of);
       charts.set(one.id, whole);
     }
   }
-  const host = get("charts");
-  for (const one of charts.values()) {
-    let figure = get(`c-${one.id}`);
-    if (!figure) {
-      figure = made("figure", { id: `c-${one.id}`, class: one.wide ? "wide" : null });
-      host.append(figure);
-    }
-    chart(figure, one);
+  return charts;
+}
+
+/** Put the pictures in their places; a narrow screen shows the one that is picked. */
+function place(charts) {
+  const all = columns().every((column) => !late(column, shown[column].of.whole));
+  const few = all && charts.size <= FEW;
+  const first = [...charts.keys()].filter((id) => few || FIRST.includes(id)).sort((a, b) => FIRST.indexOf(a) - FIRST.indexOf(b));
+  get("charts").dataset.count = all ? first.length : FEW;
+  const open = charts.has(picked) ? picked : first[0];
+  const names = [...charts.values()].map((one) => made("option", { value: one.id, selected: one.id === open }, one.title));
+  if (document.activeElement !== get("picture")) get("picture").replaceChildren(...names);
+  for (const figure of document.querySelectorAll("figure")) if (!charts.has(figure.id.slice(2))) figure.remove();
+  for (const [host, ids] of [["charts", first], ["more", [...charts.keys()].filter((id) => !first.includes(id))]]) {
+    ids.forEach((id, at) => {
+      const figure = get(`c-${id}`) ?? made("figure", { id: `c-${id}` });
+      if (get(host).children[at] !== figure) get(host).insertBefore(figure, get(host).children[at] ?? null);
+      figure.classList.toggle("picked", id === open);
+    });
   }
-  const late = there.some((column) => shown[column].of !== JSON.stringify(state[column]) || shown[column].errors.length);
-  // Of the first answer of new settings some charts are still those before.
-  for (const figure of host.children) figure.hidden = !charts.has(figure.id.slice(2)) && !late;
-  document.querySelector("main").classList.toggle("stale", late);
+}
+
+/** Draw bar, pictures and table. */
+function draw() {
+  const judged = judgements(), charts = overlaid();
+  verdictBar(judged);
+  table(judged);
+  place(charts);
+  for (const one of charts.values()) {
+    const figure = get(`c-${one.id}`);
+    figure.classList.toggle("stale", one.stale);
+    if (figure.offsetParent) chart(figure, one);
+  }
+  const behind = columns().some((column) => late(column, shown[column].of.whole));
+  document.querySelector("main").classList.toggle("behind", behind);
 }
 
 // ---- files
@@ -236,15 +322,21 @@ function build() {
   const option = (value, text = value) => made("option", { value }, text);
   get("method").append(...[["at once", about.live], ["a run of seconds to minutes", about.slow]]
     .filter(([, names]) => names.length).map(([label, names]) => made("optgroup", { label }, ...names.map((one) => option(one)))));
-  gains = new Fields(get("gains"), about.gains, (key, value, kind) => change(() => (current().gains[key] = value), kind));
-  fields = new Fields(get("fields"), about.fields, (key, value, kind) => change(() => (current().values[key] = value), kind));
+  gains = new Fields(get("gains"), about.gains, (key, value, kind) => change(() => (current().gains[key] = value), kind), true);
+  const wide = !window.matchMedia("(max-width: 800px)").matches;
+  fields = new Fields(get("fields"), about.fields, (key, value, kind) => change(() => (current().values[key] = value), kind), wide);
   const on = (id, event, act) => get(id).addEventListener(event, act);
   on("method", "change", (event) => change(() => (current().method = event.target.value)));
   on("motion", "change", (event) => change(() => (current().motion = event.target.value)));
+  on("picture", "change", (event) => {
+    picked = event.target.value;
+    event.target.blur();
+    draw();
+  });
   on("undo", "click", () => travel(past, future));
   on("redo", "click", () => travel(future, past));
   on("compare", "click", () => change(() => {
-    shown.b = { ...shown.a, busy: false };
+    shown.b = { ...empty(), ...shown.a, of: { ...shown.a.of }, busy: {}, charts: new Map(shown.a.charts), rows: { ...shown.a.rows }, verdicts: { ...shown.a.verdicts } };
     state = { a: state.a, b: copy(state.a), on: "b" };
   }));
   on("drop", "click", () => change(() => (state = { a: state.a, b: null, on: "a" })));
@@ -252,8 +344,8 @@ function build() {
     state.on = column;
     restate();
   });
-  on("run", "click", () => run({ begin: true }));
-  on("cancel", "click", () => run({ cancel: true }));
+  on("run", "click", () => progress(state.on, { begin: true }));
+  on("cancel", "click", () => progress(state.on, { cancel: true }));
   on("save-problem", "click", () => save("problem"));
   on("save-coupling", "click", () => save("coupling"));
   on("controls", "submit", (event) => event.preventDefault());
@@ -286,8 +378,8 @@ async function begin() {
   poll();
   // A page opens with the run that it asks about.
   if (about.slow.includes(current().method)) {
-    while (!shown[state.on].answer && !shown[state.on].errors?.length) await new Promise((resolve) => setTimeout(resolve, 50));
-    run({ begin: true });
+    while (!shown[state.on].rows.method && !shown[state.on].errors.length) await new Promise((resolve) => setTimeout(resolve, 50));
+    progress(state.on, { begin: true });
   }
 }
 

@@ -2,7 +2,8 @@
 
 const SVG = "http://www.w3.org/2000/svg";
 const EDGE = { left: 58, right: 12, top: 8, bottom: 38 };
-const HEIGHT = 230;
+/** Height of a picture, a share of its width between two ends. */
+const heightOf = (width) => Math.round(Math.min(330, Math.max(215, 0.6 * width)));
 
 function element(name, attributes, parent) {
   const made = document.createElementNS(SVG, name);
@@ -80,7 +81,8 @@ function scale(kind, values, marked = false) {
  */
 export function chart(host, spec) {
   const width = Math.max(260, host.clientWidth);
-  const inner = { w: width - EDGE.left - EDGE.right, h: HEIGHT - EDGE.top - EDGE.bottom };
+  const height = heightOf(width);
+  const inner = { w: width - EDGE.left - EDGE.right, h: height - EDGE.top - EDGE.bottom };
   const { series, bands, points } = spec;
   const caption = document.createElement("figcaption");
   caption.textContent = spec.title;
@@ -97,21 +99,21 @@ export function chart(host, spec) {
     ...points.map((p) => p.y)], points.length > 0);
   const across = (value) => EDGE.left + inner.w * x.place(value);
   const up = (value) => EDGE.top + inner.h * (1 - y.place(value));
-  const svg = element("svg", { viewBox: `0 0 ${width} ${HEIGHT}`, role: "img", "aria-label": `${spec.title}. ${series.map((one) => `${one.name}: ${span(one.y)} ${spec.y.label}`).join("; ")}` });
+  const svg = element("svg", { viewBox: `0 0 ${width} ${height}`, role: "img", "aria-label": `${spec.title}. ${series.map((one) => `${one.name}: ${span(one.y)} ${spec.y.label}`).join("; ")}` });
   const clip = `clip-${host.id}`;
   const frame = element("clipPath", { id: clip }, element("defs", {}, svg));
   element("rect", { x: EDGE.left - 1, y: EDGE.top - 1, width: inner.w + 2, height: inner.h + 2 }, frame);
   for (const tick of x.ticks) {
     const at = across(tick);
     element("line", { class: "grid", x1: at, x2: at, y1: EDGE.top, y2: EDGE.top + inner.h }, svg);
-    element("text", { class: "tick", x: at, y: HEIGHT - 22, "text-anchor": "middle" }, svg).textContent = number(tick);
+    element("text", { class: "tick", x: at, y: height - 22, "text-anchor": "middle" }, svg).textContent = number(tick);
   }
   for (const tick of y.ticks) {
     const at = up(tick);
     element("line", { class: tick === 0 ? "zero" : "grid", x1: EDGE.left, x2: EDGE.left + inner.w, y1: at, y2: at }, svg);
     element("text", { class: "tick", x: EDGE.left - 6, y: at + 4, "text-anchor": "end" }, svg).textContent = number(tick);
   }
-  element("text", { class: "axis", x: EDGE.left + inner.w / 2, y: HEIGHT - 5, "text-anchor": "middle" }, svg).textContent = spec.x.label;
+  element("text", { class: "axis", x: EDGE.left + inner.w / 2, y: height - 5, "text-anchor": "middle" }, svg).textContent = spec.x.label;
   const turned = element("text", { class: "axis", transform: `translate(12 ${EDGE.top + inner.h / 2}) rotate(-90)`, "text-anchor": "middle" }, svg);
   turned.textContent = spec.y.label;
   const drawn = element("g", { "clip-path": `url(#${clip})` }, svg);

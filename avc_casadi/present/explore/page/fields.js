@@ -41,15 +41,13 @@ function placed(field, share) {
   return field.whole ? Math.round(value) : Number(value.toPrecision(2));
 }
 
-/** Build the controls of all fields. `changed(key, value, kind)` is told of every change; kind joins undo steps. */
+/** Build the controls of all fields, in groups that are open or folded. `changed(key, value, kind)` hears of every change; kind joins undo steps. */
 export class Fields {
-  constructor(host, fields, changed) {
+  constructor(host, fields, changed, open) {
     this.entries = new Map();
     const groups = new Map();
-    const narrow = window.matchMedia("(max-width: 800px)").matches;
     for (const field of fields) {
       if (!groups.has(field.group)) {
-        const open = !(narrow && groups.size > 0);
         const box = made("details", { open }, made("summary", {}, field.group));
         groups.set(field.group, box);
         host.append(box);
