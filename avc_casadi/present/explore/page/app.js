@@ -378,7 +378,7 @@ async function begin() {
   poll();
   // A page opens with the run that it asks about.
   if (about.slow.includes(current().method)) {
-    while (!shown[state.on].rows.method && !shown[state.on].errors.length) await new Promise((resolve) => setTimeout(resolve, 50));
+    while (!shown[state.on].answer && !shown[state.on].errors.length) await new Promise((resolve) => setTimeout(resolve, 50));
     progress(state.on, { begin: true });
   }
 }
