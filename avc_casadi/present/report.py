@@ -105,7 +105,7 @@ def report_html(
         Section("Certificate", claims, folded=True),
         Section("Problem file", file=dump_problem(problem), folded=True),
     ]
-    text, good = verdict(recommended, shown, units)
+    text, good = verdict(recommended, shown)
     body = [f'<p class="verdict {"pass" if good else "fail"}">{escape(text)}</p>']
     body += [section.html(units) for section in sections if section.rows or section.pictures or section.file]
     made = _table("versions", (row(name, version) for name, version in versions.items()), units)

@@ -92,7 +92,7 @@ def test_a_coupling_that_rings_is_a_caution_with_its_remedy_and_the_first_senten
     found = avc.recommend(problem, hands=10)
     answer = recommendation(found)
     (shown,) = (row for row in answer.rows if row.label == "Damping ratio")
-    sentence, good = verdict(found, answer.rows, problem.units)
+    sentence, good = verdict(found, answer.rows)
     assert good
     assert (shown.mark.name == "CAUTION") is not damped
     assert ("damping ratio" in sentence) is not damped

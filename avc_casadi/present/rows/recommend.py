@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from functools import singledispatch
 from shlex import quote
 
-from avc_casadi._util.units import Units
 from avc_casadi.present.row import Answer, Mark, Row, caution, row
 from avc_casadi.present.rows import other_ends, reasons, subject, wall
 from avc_casadi.recommendation.recommendation import (
@@ -71,10 +70,11 @@ def _onwards_from_wall(recommended: WallRecommendation) -> str:
     return "recommend {} --out coupling.json"
 
 
-def verdict(recommended: Recommendation, rows: Sequence[Row], units: Units) -> tuple[str, bool]:
+def verdict(recommended: Recommendation, rows: Sequence[Row]) -> tuple[str, bool]:
     """Return the verdict in a line, and whether it is a yes; of a coupling that rings it says so first."""
+    units = recommended.problem.units
     if recommended.coupling is None:
-        return f"Deploy nothing: {reasons.headline(recommended.why, recommended.problem.units)}.", False
+        return f"Deploy nothing: {reasons.headline(recommended.why, units)}.", False
     if not recommended.deployable:
         return f"Do not deploy this coupling: {recommended.reason}.", False
     doubtful = [shown for shown in rows if shown.mark in {Mark.CAUTION, Mark.FAIL}]
