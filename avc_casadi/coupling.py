@@ -47,7 +47,7 @@ def _device_document(device: Device) -> dict[str, Any]:
     return document
 
 
-def _named(runs: Mapping[str, Any]) -> str:
+def hash_of(runs: Mapping[str, Any]) -> str:
     """Return the name of what runs: 8 hexadecimal digits of its hash."""
     return hashlib.sha256(json.dumps(runs, sort_keys=True).encode()).hexdigest()[:8]
 
@@ -211,7 +211,7 @@ class Coupling:
     @property
     def id(self) -> str:
         """Identifier, a hash of table, runtime, end and device: 8 hexadecimal digits."""
-        return _named(_identity(self.end, self))
+        return hash_of(_identity(self.end, self))
 
     def on(self, problem: Problem) -> Coupling:
         """Return the same table and runtime on another problem: not certified, not tried."""

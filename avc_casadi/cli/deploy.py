@@ -36,7 +36,7 @@ _ENERGY = "limit the net energy output within 1 s in J (more latches a fault)"
 
 
 @cli.verb(
-    cli.COUPLING,
+    cli.argument("gains", metavar="COUPLING", text="coupling file, gain file with --problem, or problem with [law]"),
     cli.argument("--c", metavar="DIR", text="write avc_coupling.h and avc_coupling.c to this folder"),
     cli.argument("--parameters", metavar="ENGINE", text=_PARAMETERS),
     cli.argument("--precision", choices=("single", "double"), default="single", metavar="TYPE", text=_PRECISION),
@@ -46,18 +46,22 @@ _ENERGY = "limit the net energy output within 1 s in J (more latches a fault)"
     cli.UNSAFE,
 )
 def run_export(args: argparse.Namespace, console: Console) -> Answer:
-    """Export a coupling as C code for your own firmware.
+    """Export a coupling, or your own law, as C code for your own firmware.
 
     The code is valid C99 and C++11, and runs at the coupling's sample time.
     For a [simulation] or a [follower] it contains the code of both ends.
-    A coupling that is not deployable is refused with exit code 1; --unsafe overrides this.
+    A table [law] of a problem is exported with all its pieces.
+    What is not deployable is refused with exit code 1; --unsafe overrides this.
     """
     from avc_casadi.cli import ends
+    from avc_casadi.cli.law import states_law
     from avc_casadi.model.ends import Simulation
     from avc_hardware.codegen.pair_export import pair_verdict
 
     if (args.c is None) == (args.parameters is None):
         raise avc.InputError.of("is missing; give either --c DIR or --parameters ENGINE", key="c")
+    if not cli.is_coupling(args.gains) and states_law(args.gains, args.problem):
+        return _law_exported(args, console)
     coupling = avc.read_coupling(args.gains, args.problem)
     if not isinstance(coupling.end, Simulation):
         why = f"applies to a [simulation], but this coupling is to a {coupling.end.kind}; use --c DIR"
@@ -66,8 +70,27 @@ def run_export(args: argparse.Namespace, console: Console) -> Answer:
         sentence, stable = pair_verdict(coupling, unsafe=args.unsafe)
         return rows.engines.parameters(coupling, args.parameters, args.gains, "" if stable else sentence)
     judged = ends.judged(coupling.end, coupling, unsafe=args.unsafe)
+    paths = _export(coupling, args, console)
+    exported = rows.deploy.Exported(args.precision, paths, judged.unsafe, judged.deployment)
+    return rows.deploy.export(exported, coupling, args.gains)
+
+
+def _law_exported(args: argparse.Namespace, console: Console) -> Answer:
+    """Return the answer of `export` of the law of a problem."""
+    from avc_hardware.codegen.c_subject import law_subject
+
+    cli.refuse(args, "parameters", why="is of a coupling to a [simulation], and P has a table [law]; for C: --c DIR")
+    problem = avc.load_problem(args.gains)
+    paths = _export(problem, args, console)
+    subject = law_subject(problem, unsafe=args.unsafe)
+    exported = rows.deploy.ExportedLaw(args.precision, paths, subject.id, subject.passed, subject.sentence)
+    return rows.deploy.export_law(exported, problem, args.gains)
+
+
+def _export(exported: Coupling | avc.Problem, args: argparse.Namespace, console: Console) -> tuple[str, ...]:
+    """Write the C of a coupling or of a law, and return the paths of its files."""
     with console.step("C"):
-        files = avc_hardware.export_c(coupling, precision=args.precision, name=args.name, unsafe=args.unsafe)
+        files = avc_hardware.export_c(exported, precision=args.precision, name=args.name, unsafe=args.unsafe)
     paths = [Path(args.c) / name for name in files]
     for path in paths:
         if path.is_file() and not args.force and b"; do not edit." not in path.read_bytes().partition(b"\n")[0]:
@@ -76,9 +99,9 @@ def run_export(args: argparse.Namespace, console: Console) -> Answer:
     with output_folder(args.c, "--c") as folder:
         for name, text in files.items():
             write_file(folder / name, text)
-    console.written += map(str, paths)
-    exported = rows.deploy.Exported(args.precision, tuple(map(str, paths)), judged.unsafe, judged.deployment)
-    return rows.deploy.export(exported, coupling, args.gains)
+    written = tuple(map(str, paths))
+    console.written += written
+    return written
 
 
 @cli.verb(

@@ -35,15 +35,15 @@ stream = functools.partial(avc_hardware.stream, unsafe=True)
 
 
 @functools.cache
-def _exported(coupling: Coupling, precision: str, name: str) -> dict[str, str]:
-    if isinstance(coupling.end, Wall):
+def _exported(coupling: Coupling | Problem, precision: str, name: str) -> dict[str, str]:
+    if isinstance(coupling, Problem) or isinstance(coupling.end, Wall):
         return avc_hardware.export_c(coupling, precision=precision, name=name, unsafe=True)
     assert name == NAME
     return pair_files(coupling, PRECISIONS[precision], "not judged: gains of a bench")
 
 
-def export_c(coupling: Coupling, *, precision: str = "single", name: str = NAME) -> dict[str, str]:
-    """Return the exported C, made once for each coupling; that to another end without a verdict, which takes longer."""
+def export_c(coupling: Coupling | Problem, *, precision: str = "single", name: str = NAME) -> dict[str, str]:
+    """Return the exported C of a coupling or a law, made once; that to another end without a verdict, which is slow."""
     return dict(_exported(coupling, precision, name))
 
 

@@ -16,8 +16,9 @@ from avc_casadi._util.units import Quantity, Units
 from avc_casadi.claims.deployable import Deployable
 from avc_casadi.coupling import Coupling
 from avc_casadi.model.ends import End, Follower, Simulation, Wall
+from avc_casadi.model.problem import Problem
 from avc_casadi.present.row import Answer, Mark, Part, Row, Value, commas, grade, parts, row
-from avc_casadi.present.rows import engines, subject
+from avc_casadi.present.rows import engines, pieces, subject
 from avc_casadi.present.rows.reports import (
     ReportedBoard,
     ReportedDeviceLimits,
@@ -236,6 +237,38 @@ def export(result: Exported, coupling: Coupling, shown: str) -> Answer:
         rows += subject.notes(deployment.lacks, "Missing")
     commands = [f"export {{}} --parameters {name}" for name in in_c.engines[:1]]
     return subject.answer("export", result.document(coupling), coupling.problem, shown, rows, *commands)
+
+
+@dataclass(frozen=True)
+class ExportedLaw:
+    """C files of a law.
+
+    Attributes:
+        precision: single or double.
+        files: paths of the files.
+        law: its identifier.
+        passed: whether it is deployable; else it went on by request.
+        sentence: the verdict.
+    """
+
+    precision: str
+    files: tuple[str, ...]
+    law: str
+    passed: bool
+    sentence: str
+
+
+def export_law(result: ExportedLaw, problem: Problem, shown: str) -> Answer:
+    """Return the answer of `export` of a law."""
+    law = problem.law
+    assert law is not None  # noqa: S101 - it was exported
+    rate = Value(1 / problem.device.sample_time_s, "frequency")
+    rows = [
+        row("Verdict", result.sentence, mark=grade(result.passed)),
+        row("Law", f"{result.law}:", pieces.named(law), "" if problem.law_in_wall else ", on both sides of 0"),
+        row("C", f"{result.precision} precision,", rate),
+    ]
+    return subject.answer("export", plain(result), problem, shown, rows)
 
 
 @dataclass(frozen=True)

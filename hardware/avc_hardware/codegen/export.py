@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from functools import singledispatch
 from typing import TYPE_CHECKING
 
-from avc_casadi.claims.deployable import Deployable, require_deployable
+from avc_casadi.claims.deployable import require_deployable
 from avc_casadi.coupling import Coupling, require_coupling
 from avc_casadi.model.ends import End, Wall
+from avc_casadi.model.problem import Problem
 from avc_casadi.simulation.emit import DOUBLE, Precision
 from avc_hardware.codegen import c_frame
-from avc_hardware.codegen.coupling_program import CouplingProgram, coupling_program
+from avc_hardware.codegen.c_subject import CSubject, Place, coupling_subject, law_subject
+from avc_hardware.codegen.coupling_program import CouplingProgram, coupling_program, law_program
 from avc_hardware.codegen.pair_export import pair_files, pair_verdict
 from avc_hardware.codegen.sensor import DRIFT_M, FARTHEST_M, JUMP_M, SENSOR, SENSOR_TYPE, SensorBounds, fade_samples
 from avc_hardware.codegen.tick_program import GAINS, start_lines
@@ -21,15 +24,12 @@ if TYPE_CHECKING:
     from avc_casadi.model.gains import GainTable
 
 _HEADER = """\
-/* A virtual coupling with its wall, made by avc-casadi; do not edit.
+/* {what}, made by avc-casadi; do not edit.
  *
- * Coupling {id} for {problem}{title}
- * method {method}, structure {structure}, {rows}
- * wall: {wall_b:.9g} N.s/m and {wall_k:.9g} N/m, on one side, at position 0; contact law {contact}
- * beside the gains: {beside}{detents}
+{head}
  * force: {force}
  * {verdict}
- * sample time: {sample_time:.9g} s, and no other: the gains mean another loop at another rate{units}
+ * sample time: {sample_time:.9g} s, and no other: {meant} another loop at another rate{units}
  *
  * C99, also C++11 and later; no heap, no library; an int of 16 bits is enough{table}. IEEE {precision} precision.
  * The bits are the same on every machine, with gcc and clang without any flag; elsewhere let the compiler not contract
@@ -92,6 +92,13 @@ at the depth that it knows with the first position that is believed, with the se
 its force comes back within as many samples as were lost, {fade:.4g} s at most. What a device went into the wall
 unseen, before the first sample too, does not count: the wall begins so much deeper until the device has been at 0 or
 below."""
+_EVERYWHERE = """\
+FAULT MODEL. Bad positions while the device rests, the first of them {jump:.4g} m or more away, the others wherever
+they like or as they agree, drifting by {drift:.4g} m a sample at most: up to {lasting} in a row give 0 N, as does a
+single one that is refused. More in a row, or a smaller jump, cannot be told from a hand. After {lost:.4g} s without a
+position that is believed (an encoder that was set to 0 anew) the next one is where the device is.
+BEGINNING. The law begins at rest where the device is, and its force rises from 0 in {fade:.4g} s. After refused
+positions it begins anew with the second in a row that is believed, and rises within as many samples as were lost."""
 _AMONG_DETENTS = """\
 AMONG DETENTS. Where a position is refused the force is 0, and stays 0 until the device has been at 0 or below and
 two positions in a row are believed; then it comes back within as many samples as were lost, {fade:.4g} s at most."""
@@ -220,6 +227,16 @@ _BEGIN_OUTSIDE = """\
         rest(coupling, position_m);
         sensor->runs = 1u;
     }}"""
+# A law about 0 has no outside at which it gives no force: it rises from 0 where it begins.
+_BEGIN_EVERYWHERE = """\
+    if (sensor->runs == 0u) {{
+        rest(coupling, position_m);
+        if (coupling->rise >= {one}) {{
+            coupling->share = {zero};
+            coupling->rise = {one} / ({real}){fade};
+        }}
+        sensor->runs = 1u;
+    }}"""
 _LOOK_UP = """
 enum {{ ROWS = {rows} }};
 
@@ -293,14 +310,59 @@ static void look_up({real} frequency_hz, {real} gains[3])
 """
 
 
+@dataclass(frozen=True)
+class _Guard:
+    """What a sample does with a position that is refused, by where a force acts: parts of `_SOURCE` and the header."""
+
+    begin: str
+    waits: str
+    first: str
+    faults: tuple[str, ...]
+    anew: str
+    before: str = ""
+    moves: str = ""
+    moved: str = ""
+
+
+_GUARDS: dict[Place, _Guard] = {
+    "wall": _Guard(
+        begin=_BEGIN,
+        waits=_WAITS_OF_WALLS,
+        first=_FIRST_OF_WALLS,
+        faults=(_BELIEVED, _FAULT_MODEL, _CONTACT),
+        anew="inside the wall begins there.",
+        before=_BEFORE,
+        moves=_MOVES_OF_WALLS,
+        moved="\n    int moved;",
+    ),
+    "detents": _Guard(
+        begin=_BEGIN_OUTSIDE,
+        waits=_WAITS_OF_DETENTS,
+        first="{inside}",
+        faults=(_BELIEVED, _FAULT_MODEL, _AMONG_DETENTS),
+        anew="inside there is no force until it is outside.",
+    ),
+    "everywhere": _Guard(
+        begin=_BEGIN_EVERYWHERE,
+        waits=_WAITS_OF_DETENTS,
+        first="{inside}",
+        faults=(_BELIEVED, _EVERYWHERE),
+        anew="",
+    ),
+}
+
+
 def export_c(
-    coupling: Coupling, *, precision: str = "single", name: str = c_frame.NAME, unsafe: bool = False
+    exported: Coupling | Problem, *, precision: str = "single", name: str = c_frame.NAME, unsafe: bool = False
 ) -> dict[str, str]:
-    """Return a coupling to any end as C, ``avc_coupling.h`` and ``avc_coupling.c``, by file name."""
+    """Return a coupling to any end, or the law of a problem, as C: ``avc_coupling.h``, ``avc_coupling.c`` by name."""
     chosen = c_frame.checked(precision, name)
-    if not isinstance(coupling, Coupling):
-        require_coupling(coupling)
-    return c_frame.named(coupling_files(coupling.end, coupling, chosen, unsafe=unsafe), name)
+    if isinstance(exported, Problem):
+        files = _files(law_subject(exported, unsafe=unsafe), law_program(exported, chosen), chosen)
+        return c_frame.named(files, name)
+    if not isinstance(exported, Coupling):
+        require_coupling(exported)
+    return c_frame.named(coupling_files(exported.end, exported, chosen, unsafe=unsafe), name)
 
 
 @singledispatch
@@ -311,39 +373,30 @@ def coupling_files(end: End, coupling: Coupling, precision: Precision, *, unsafe
 
 @coupling_files.register
 def _wall_files(end: Wall, coupling: Coupling, precision: Precision, *, unsafe: bool) -> dict[str, str]:  # noqa: ARG001
-    verdict = require_deployable(coupling, unsafe=unsafe)
-    program = coupling_program(coupling, precision)
-    header = _header(coupling, program, precision, verdict)
-    return c_frame.header_and_source(header, _source(coupling, program, precision))
+    subject = coupling_subject(coupling, require_deployable(coupling, unsafe=unsafe))
+    return _files(subject, coupling_program(coupling, precision), precision)
 
 
-def _header(coupling: Coupling, program: CouplingProgram, precision: Precision, verdict: Deployable) -> str:
+def _files(subject: CSubject, program: CouplingProgram, precision: Precision) -> dict[str, str]:
+    return c_frame.header_and_source(_header(subject, program, precision), _source(subject, program, precision))
+
+
+def _header(subject: CSubject, program: CouplingProgram, precision: Precision) -> str:
     """Return the header; a verdict stands in it."""
-    problem = coupling.problem
-    force = coupling.max_force_n
-    detent = problem.detent
-    low, high = coupling.table.frequency_hz[[0, -1]]
-    values = {} if detent is None else detent.model_dump()
-    detents = c_frame.comment(", ".join(f"{key} {value:.9g}" for key, value in values.items()))
+    device = subject.problem.device
+    force = device.max_force_n
     return _HEADER.format(
         **c_frame.FRAME,
-        id=coupling.id,
-        **c_frame.head_words(problem),
-        method=c_frame.comment(coupling.method),
-        structure=c_frame.comment(coupling.structure),
-        contact=c_frame.comment(coupling.contact),
-        rows="constant gains" if program.before is None else f"{len(coupling.table)} rows, {low:.6g} to {high:.6g} Hz",
-        verdict=c_frame.comment_lines(
-            verdict.sentence if verdict.passed else f"UNSAFE, written by request: {verdict.sentence}"
-        ),
-        wall_b=coupling.wall.damping_ns_per_m,
-        wall_k=coupling.wall.stiffness_n_per_m,
-        beside=_beside(coupling),
-        detents=f"\n * detents everywhere: {detents}" if detents else "",
+        what=subject.what,
+        head="\n".join(f" * {line}".replace(" *  * ", " * ") for line in subject.head),
+        id=subject.id,
+        units=c_frame.head_words(subject.problem)["units"],
+        meant=subject.meant,
+        verdict=c_frame.comment_lines(subject.sentence),
         force="the problem knows no limit; limit it yourself" if force is None else f"limited at {force:.9g} N",
-        sample_time=coupling.sample_time_s,
-        sample_time_literal=precision.literal(coupling.sample_time_s),
-        sample_time_ns=round(coupling.sample_time_s * c_frame.NS_PER_S),
+        sample_time=device.sample_time_s,
+        sample_time_literal=precision.literal(device.sample_time_s),
+        sample_time_ns=round(device.sample_time_s * c_frame.NS_PER_S),
         max_force="" if force is None else f"#define AVC_COUPLING_MAX_FORCE_N {precision.literal(force)}\n",
         precision=precision.name,
         real=precision.c_type,
@@ -351,11 +404,11 @@ def _header(coupling: Coupling, program: CouplingProgram, precision: Precision, 
         states="\n".join(f"    {precision.c_type} {name};" for name in program.states),
         limited="" if force is None else ", limited at AVC_COUPLING_MAX_FORCE_N",
         sensor=SENSOR_TYPE.format(real=precision.c_type, more=_RUNS),
-        faults=_fault_model(problem.device, wall=detent is None),
+        faults=_fault_model(device, _GUARDS[subject.place]),
     )
 
 
-def _fault_model(device: Device, *, wall: bool) -> str:
+def _fault_model(device: Device, guard: _Guard) -> str:
     """Return what a header says of positions that are not believed."""
     bounds, fade_s = SensorBounds.of(device), fade_samples(device) * device.sample_time_s
     numbers = {
@@ -369,47 +422,29 @@ def _fault_model(device: Device, *, wall: bool) -> str:
         "drift": DRIFT_M / device.metres_per_unit,
         "lasting": bounds.most_bad_samples(device.metres_per_unit),
         "lost": bounds.lost_samples * device.sample_time_s,
-        "anew": "inside the wall begins there." if wall else "inside there is no force until it is outside.",
+        "anew": guard.anew,
         "fade": fade_s,
     }
-    paragraphs = (_BELIEVED, _FAULT_MODEL, _CONTACT if wall else _AMONG_DETENTS)
-    return "\n".join(f" * {c_frame.comment_lines(paragraph.format(**numbers))}" for paragraph in paragraphs)
+    return "\n".join(f" * {c_frame.comment_lines(paragraph.format(**numbers))}" for paragraph in guard.faults)
 
 
-def _beside(coupling: Coupling) -> str:
-    """Return what runs beside the gains, by the keys of [runtime]."""
-    runtime = coupling.runtime
-    keys = [] if coupling.table.constant else ["estimator", "hold_s", "slew_per_s", "passive"]
-    keys += [key for key in ("observer_mass_kg", "guard") if getattr(runtime, key) is not None]
-    words = [f"{key} {getattr(runtime, key)}" for key in keys]
-    if runtime.state_feedback is not None:
-        words.append(f"an observer of {runtime.state_feedback.states} states, and feedback")
-    return c_frame.comment(", ".join(words) or "nothing")
-
-
-def _source(coupling: Coupling, program: CouplingProgram, precision: Precision) -> str:
+def _source(subject: CSubject, program: CouplingProgram, precision: Precision) -> str:
     literal = precision.literal
-    wall = coupling.problem.detent is None
-    device, feedback = coupling.problem.device, coupling.runtime.state_feedback
+    device, guard = subject.problem.device, _GUARDS[subject.place]
     words = {"real": precision.c_type, "zero": literal(0.0), "half": literal(0.5), "one": literal(1.0)}
-    bounds = SensorBounds.of(device)
-    words |= bounds.literals(precision) | {"end": "", "passed": ""}
-    first, waits = (_FIRST_OF_WALLS, _WAITS_OF_WALLS) if wall else ("{inside}", _WAITS_OF_DETENTS)
-    words["ahead"] = "" if feedback is None or not feedback.face_m > 0 else f" + {literal(feedback.face_m)}"
+    words |= SensorBounds.of(device).literals(precision) | {"end": "", "passed": ""}
+    words["ahead"] = f" + {literal(subject.ahead_m)}" if subject.ahead_m > 0 else ""
+    words["fade"] = f"{fade_samples(device)}u"
+    parts = {name: getattr(guard, name).format(**words) for name in ("begin", "waits", "first", "before", "moves")}
     given = dict.fromkeys(program.asked, "given_n")
     return _SOURCE.format(
-        id=coupling.id,
+        id=subject.id,
         checks=c_frame.compiler_checks(precision),
         **words,
+        **parts,
         sensor=SENSOR.format(**words),
-        first=first.format(**words),
-        waits=waits.format(**words),
-        before=_BEFORE.format(**words) if wall else "",
-        moves=_MOVES_OF_WALLS.format(**words) if wall else "",
-        fade=f"{fade_samples(device)}u",
-        moved="\n    int moved;" if wall else "",
-        begin=(_BEGIN if wall else _BEGIN_OUTSIDE).format(**words),
-        look_up="" if program.before is None else _look_up(coupling.table, precision),
+        moved=guard.moved,
+        look_up="" if subject.table is None else _look_up(subject.table, precision),
         rest=_indented(start_lines("coupling", program.states, program.initial, precision=precision)),
         lowest=literal(-precision.largest),
         largest=literal(precision.largest),
