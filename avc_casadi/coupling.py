@@ -72,7 +72,7 @@ class Coupling:
 
     Example:
         >>> problem = avc.load_problem("soft")
-        >>> coupling = avc.Coupling.of(problem, avc.solve(problem))
+        >>> coupling = avc.Coupling.from_schedule(problem, avc.solve(problem))
         >>> coupling.structure
         'series'
     """
@@ -88,7 +88,7 @@ class Coupling:
     end_type: type[End] = Wall
 
     @classmethod
-    def of(
+    def from_schedule(
         cls,
         problem: Problem,
         schedule: GainSchedule,
@@ -113,7 +113,7 @@ class Coupling:
         return k * wall / (k + wall) if k + wall else 0.0
 
     @classmethod
-    def between(
+    def to_end(
         cls,
         problem: Problem,
         gains: ToolGains,
@@ -213,7 +213,7 @@ class Coupling:
         """Identifier, a hash of table, runtime, end and device: 8 hexadecimal digits."""
         return hash_of(_identity(self.end, self))
 
-    def on(self, problem: Problem) -> Coupling:
+    def for_problem(self, problem: Problem) -> Coupling:
         """Return the same table and runtime on another problem: not certified, not tried."""
         check_sample_time(self.sample_time_s, problem, f"coupling by {self.method} for {self.problem.name}")
         return replace(self, problem=problem, certificate=None, trial=None)

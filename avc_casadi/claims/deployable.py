@@ -75,7 +75,7 @@ class Deployable(Document):
 
     Example:
         >>> problem = avc.load_problem("soft")
-        >>> coupling = avc.Coupling.of(problem, avc.solve(problem, "static-tuned"))
+        >>> coupling = avc.Coupling.from_schedule(problem, avc.solve(problem, "static-tuned"))
         >>> [claim.name for claim in avc.deployable(coupling).claims]
         ['hands', 'let-go']
     """
@@ -121,7 +121,7 @@ def deployable(coupling: Coupling, progress: Progress = SILENT) -> Deployable:
 
     Example:
         >>> problem = avc.load_problem("figure5")
-        >>> avc.deployable(avc.Coupling.of(problem, avc.solve(problem, "direct"))).passed
+        >>> avc.deployable(avc.Coupling.from_schedule(problem, avc.solve(problem, "direct"))).passed
         False
     """
     require_coupling(coupling)

@@ -166,8 +166,8 @@ class Subject:
     def coupling(self) -> Coupling | None:
         """The deployed table with its runtime; None where no row has gains."""
         if isinstance(self.given, Coupling):
-            return self.given.on(self.problem)
-        return Coupling.of(self.problem, self.gains) if self.gains.usable.any() else None
+            return self.given.for_problem(self.problem)
+        return Coupling.from_schedule(self.problem, self.gains) if self.gains.usable.any() else None
 
 
 ProofOutcome = Literal["", "proved", "refuted", "open"]

@@ -231,7 +231,11 @@ def subject(source: str, gains: str | None) -> tuple[avc.Problem, Coupling | Non
     here, made_for = problem.model_dump(), read.problem.model_dump()
     tables = [key for key in here if isinstance(here[key], dict) and here[key] != made_for[key]]
     differ = ", ".join(f"[{key}]" for key in tables)
-    return problem, read.on(problem), [f"the coupling was designed for {read.problem.name}, with a different {differ}"]
+    return (
+        problem,
+        read.for_problem(problem),
+        [f"the coupling was designed for {read.problem.name}, with a different {differ}"],
+    )
 
 
 def _kinds_of_end(problem: avc.Problem) -> tuple[str, ...]:

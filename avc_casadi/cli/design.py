@@ -205,7 +205,7 @@ def run_solve(args: argparse.Namespace, console: Console) -> Answer:
     options = {"solver": args.solver, "tolerance": args.tolerance, "as_printed": args.as_printed}
     gains = avc.solve(problem, method, progress=console, **options)
     with console.step("table that runs"):
-        coupling = Coupling.of(problem, gains, versions=package_versions()) if gains.usable.any() else None
+        coupling = Coupling.from_schedule(problem, gains, versions=package_versions()) if gains.usable.any() else None
     with console.step(f"certificate of {gains.rows} rows"):
         solution = SolvedGains.of(problem, gains, coupling, avc.certify(problem, gains, progress=console))
     if args.out is not None:

@@ -219,7 +219,7 @@ class PairDocument(_Document):
     def coupling(self) -> Coupling:
         """Return the coupling."""
         gains = ToolGains(self.stiffness_n_per_m, self.damping_ns_per_m, self.local_damping_ns_per_m)
-        return Coupling.between(self.problem_file, gains)
+        return Coupling.to_end(self.problem_file, gains)
 
 
 def coupling_document(coupling: Coupling) -> dict[str, Any]:
@@ -258,7 +258,7 @@ def write_coupling(coupling: Coupling, path: str | Path) -> None:
     """Write a coupling file, JSON: the problem, the gains, what runs beside them, and the certificate.
 
     Args:
-        coupling: as `recommend` returns it, or `Coupling.of` makes it from the gains of `solve`.
+        coupling: as `recommend` returns it, or `Coupling.from_schedule` makes it from the gains of `solve`.
         path: of the file, which is replaced.
 
     Raises:
@@ -266,7 +266,7 @@ def write_coupling(coupling: Coupling, path: str | Path) -> None:
 
     Example:
         >>> problem = avc.load_problem("soft")
-        >>> avc.write_coupling(avc.Coupling.of(problem, avc.solve(problem, "static-tuned")), "soft.json")
+        >>> avc.write_coupling(avc.Coupling.from_schedule(problem, avc.solve(problem, "static-tuned")), "soft.json")
         >>> avc.read_coupling("soft.json").method
         'static-tuned'
     """
@@ -319,7 +319,7 @@ def read_coupling(path: str | Path, problem: AnyProblem | None = None) -> Coupli
             sample time.
 
     Example:
-        >>> avc.write_coupling(avc.Coupling.of(avc.load_problem("soft"), avc.solve("soft")), "soft.json")
+        >>> avc.write_coupling(avc.Coupling.from_schedule(avc.load_problem("soft"), avc.solve("soft")), "soft.json")
         >>> avc.read_coupling("soft.json").method
         'direct'
     """

@@ -108,7 +108,7 @@ class PairDesign:
         problem, gains = self.problem, best.gains
         certificate = self.certificate(gains)
         versions = self.request.versions
-        coupling = Coupling.between(problem, gains, certificate, best.trial.document(), versions)
+        coupling = Coupling.to_end(problem, gains, certificate, best.trial.document(), versions)
         return PairRecommendation(
             problem=problem,
             coupling=coupling,

@@ -120,4 +120,4 @@ def judged_as_recommended(
     progress: Progress = SILENT,
 ) -> WallRecommendation:
     """Certify and try the gains of a method as `recommend` does its own, whatever the verdict."""
-    return judged(Coupling.of(problem, gains, versions=versions), gains, hands, progress)
+    return judged(Coupling.from_schedule(problem, gains, versions=versions), gains, hands, progress)

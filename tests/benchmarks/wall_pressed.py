@@ -35,8 +35,8 @@ def couplings(problem: avc.Problem) -> dict[str, Coupling | Gains]:
     assert isinstance(recommended, Coupling)
     return {
         "no coupling": NO_COUPLING,
-        "static": Coupling.of(problem, avc.solve(problem, "static")),
-        "adaptive": Coupling.of(adaptive, avc.solve(adaptive, "schedule")),
+        "static": Coupling.from_schedule(problem, avc.solve(problem, "static")),
+        "adaptive": Coupling.from_schedule(adaptive, avc.solve(adaptive, "schedule")),
         "recommended": recommended,
     }
 

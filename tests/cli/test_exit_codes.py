@@ -77,7 +77,7 @@ EXIT_CODES_VERBS = [("certify", "soft", "gains.json"), ("simulate", "soft", "--g
 def test_another_sample_time_is_refused(arguments, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     fast = avc.load_problem("soft").changed(device={"sample_time_s": 5e-4}, frequency={"points": 5})
-    avc.write_coupling(Coupling.of(fast, avc.solve(fast, "exact")), "gains.json")
+    avc.write_coupling(Coupling.from_schedule(fast, avc.solve(fast, "exact")), "gains.json")
     assert main(list(arguments)) == 2
     told = capsys.readouterr().err
     assert "sample_time_s: is 0.0005" in told

@@ -27,7 +27,7 @@ def _folder(tmp_path, monkeypatch):
 )
 def test_an_unstable_coupling_is_refused_by_every_verb_that_deploys(arguments):
     problem = avc.load_problem("figure5").changed(frequency={"points": 10})
-    avc.write_coupling(Coupling.of(problem, avc.solve(problem, "direct")), "c.json")
+    avc.write_coupling(Coupling.from_schedule(problem, avc.solve(problem, "direct")), "c.json")
     assert main(list(arguments)) == 1
 
 

@@ -22,7 +22,7 @@ def answer(capsys, *words):
 
 def coupling_file(folder, name, gains):
     path = folder / "c.json"
-    write_coupling(Coupling.between(avc.load_problem(name), gains), path)
+    write_coupling(Coupling.to_end(avc.load_problem(name), gains), path)
     return str(path)
 
 

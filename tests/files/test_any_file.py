@@ -48,7 +48,7 @@ def csv_text(columns):
 
 
 def tool_document():
-    made = Coupling.between(avc.load_problem("tool/mujoco-500hz"), ToolGains(500.0, 2.0, 0.5), {"margin": 0.1})
+    made = Coupling.to_end(avc.load_problem("tool/mujoco-500hz"), ToolGains(500.0, 2.0, 0.5), {"margin": 0.1})
     return json.dumps(coupling_document(made)).encode()
 
 

@@ -18,7 +18,7 @@ CLOSED = ("figure5", "soft", "hard/long-delay")
 
 def coupling(name="figure5", method="exact", runtime=None):
     problem = avc.load_problem(name)
-    return Coupling.of(problem, avc.solve(problem, method), runtime)
+    return Coupling.from_schedule(problem, avc.solve(problem, method), runtime)
 
 
 @pytest.mark.parametrize(
@@ -112,7 +112,7 @@ def test_every_fault_of_a_file_is_named(change, key, tmp_path):
 def test_a_file_of_which_a_part_was_changed_is_refused(key, change, tmp_path):
     problem = avc.load_problem("figure5")
     path = tmp_path / "c.json"
-    avc.write_coupling(Coupling.of(problem, avc.solve(problem, "exact")), path)
+    avc.write_coupling(Coupling.from_schedule(problem, avc.solve(problem, "exact")), path)
     document = json.loads(path.read_text())
     change(document)
     path.write_text(json.dumps(document))

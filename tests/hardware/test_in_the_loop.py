@@ -42,7 +42,7 @@ def wall() -> Problem:
 
 @functools.cache
 def scheduled() -> Coupling:
-    return Coupling.of(wall(), avc.solve(wall(), "schedule"))
+    return Coupling.from_schedule(wall(), avc.solve(wall(), "schedule"))
 
 
 def constant(b: float, k: float, b_p: float) -> Coupling:
@@ -142,7 +142,7 @@ def test_a_slow_loop_has_constant_gains_and_none_that_follow_the_frequency() -> 
 @functools.cache
 def tuned(name: str, sample_time_s: float = 1e-3) -> Coupling:
     problem = avc.load_problem(name).changed(device={"sample_time_s": sample_time_s})
-    return Coupling.of(problem, avc.solve(problem, "static-tuned"))
+    return Coupling.from_schedule(problem, avc.solve(problem, "static-tuned"))
 
 
 def in_series(coupling: Coupling) -> float:

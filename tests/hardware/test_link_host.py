@@ -198,7 +198,7 @@ def test_bytes_of_a_table_are_those_of_the_document() -> None:
     assert table.image[:32] == struct.pack("<HH", 1, 4 << 8 | 8) + header
     assert plain.image[:4] == struct.pack("<HH", 1, 8)
     gated = made(None).problem.changed(coupling={"contact": "gated"})
-    assert TableImage.of(made(None).on(gated)).image[:4] == struct.pack("<HH", 1, 0)
+    assert TableImage.of(made(None).for_problem(gated)).image[:4] == struct.pack("<HH", 1, 0)
     assert table.image[36:48] == struct.pack("<3f", 3.0, 4e4, 5.0)
     positions = sum(1 << place for place in feedback.positions)
     opens_m, open_m = feedback.opens_m, feedback.open_m

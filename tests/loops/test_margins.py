@@ -19,7 +19,7 @@ from avc_casadi.model.plant import sampled_plant
 def fed_back():
     """A coupling with an observer and state feedback."""
     problem = avc.load_problem("reference-r2")
-    return Coupling.of(problem, avc.solve(problem, "robust"))
+    return Coupling.from_schedule(problem, avc.solve(problem, "robust"))
 
 
 def test_a_damper_that_is_thin_at_an_end_of_a_range_is_not_deployable():

@@ -20,7 +20,7 @@ _ROOM = 512
 def teleoperator_coupling(follower, stiffness, damping, local=0.0, device=LEADER):
     """A coupling with gains of one's own to the [follower]."""
     gains = ToolGains(stiffness, damping, local)
-    return Coupling.between(avc.parse_problem(f"{device}[follower]\n{follower}\n{ONE_HAND}"), gains)
+    return Coupling.to_end(avc.parse_problem(f"{device}[follower]\n{follower}\n{ONE_HAND}"), gains)
 
 
 class ExportedPair:

@@ -23,7 +23,7 @@ def tool_coupling(simulation: str, stiffness: float, damping: float, local: floa
     """A coupling with gains of one's own to the [simulation]."""
     hands = "" if "rotary" in device else ONE_HAND
     problem = avc.parse_problem(f"{device}[simulation]\n{simulation}\n{hands}")
-    return Coupling.between(problem, ToolGains(stiffness, damping, local))
+    return Coupling.to_end(problem, ToolGains(stiffness, damping, local))
 
 
 class ExportedTool:

@@ -214,8 +214,8 @@ def test_where_no_hand_settles_there_is_a_reason_and_no_coupling(monkeypatch):
 def test_one_s_own_gains_are_certified():
     """The identifier of a coupling is of the spring too."""
     stated = problem()
-    made = Coupling.between(stated, GAINS)
-    softer = Coupling.between(stated.changed(spring={"stiffness_n_per_m": 400.0}), GAINS)
+    made = Coupling.to_end(stated, GAINS)
+    softer = Coupling.to_end(stated.changed(spring={"stiffness_n_per_m": 400.0}), GAINS)
     assert made.end == stated.spring
     assert made.id != softer.id
     args, console = SimpleNamespace(cutoff_hz=None, problem="spring.toml"), SimpleNamespace(step=nullcontext)

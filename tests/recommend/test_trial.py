@@ -92,7 +92,7 @@ SEED = 4
 @pytest.fixture(scope="module")
 def coupling():
     problem = avc.load_problem("ve7")
-    return Coupling.of(problem, avc.solve(problem, "static"))
+    return Coupling.from_schedule(problem, avc.solve(problem, "static"))
 
 
 @pytest.mark.slow

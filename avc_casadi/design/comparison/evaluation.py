@@ -74,7 +74,7 @@ def judge_gains(problem: Problem, gains: GainSchedule) -> Evaluation:
         certificate=certify(problem, gains),
         realism=judge_realism(problem, gains.impedance, gains.usable),
         real_part={model: _real_part(problem, gains, model) for model in models},
-        deployable=deployable(Coupling.of(problem, gains)) if gains.usable.any() else None,
+        deployable=deployable(Coupling.from_schedule(problem, gains)) if gains.usable.any() else None,
     )
 
 

@@ -169,7 +169,7 @@ def found_by_method(
         if not gains.usable.any():
             return gains, None
         key = f"coupling {settings.key('method', 'motion')}"
-        return gains, explorer.cached(key, lambda: Coupling.of(problem, gains))
+        return gains, explorer.cached(key, lambda: Coupling.from_schedule(problem, gains))
     coupling = explorer.coupling(settings)
     if coupling is None:
         return None, None
@@ -241,7 +241,7 @@ def _wall_answer(
             runs["own"] = explorer.cached(key, lambda: simulate(direct, NO_COUPLING))
         if coupling is not None:
             key = f"touch {settings.key('method', 'motion')}"
-            runs["method"] = explorer.cached(key, lambda: simulate(problem, coupling.on(problem)))
+            runs["method"] = explorer.cached(key, lambda: simulate(problem, coupling.for_problem(problem)))
         names = {"own": "your k and b", "method": name}
         charts += touches(runs, problem, "wall at 0", names)
         charts.append(_region(explorer, problem, stated, wall))
@@ -463,4 +463,4 @@ def _own_tool_coupling(
     gains = ToolGains(**({"stiffness_n_per_m": 0.0, "damping_ns_per_m": 0.0} | _typed(explorer, settings)))
     certificate = certify_pair(problem, gains, search)
     verdict = f"your K and B, {'stable' if certificate.stable else 'not stable'}, without a trial"
-    return Coupling.between(problem, gains, certificate.document(), None, explorer.versions), verdict
+    return Coupling.to_end(problem, gains, certificate.document(), None, explorer.versions), verdict

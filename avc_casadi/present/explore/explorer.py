@@ -92,7 +92,7 @@ def _solved(task: tuple[Problem, str], progress: Progress) -> Solved:
         return Solved(result.coupling, of_recommendation(result))
     gains = solve(problem, method, progress=progress)
     usable = bool(gains.usable.any())
-    coupling = Coupling.of(problem, gains) if usable else None
+    coupling = Coupling.from_schedule(problem, gains) if usable else None
     found = None if coupling is None else deployable(coupling, progress)
     notes = [row("Note", note) for note in (gains.notes if usable else dict.fromkeys(gains.reason))]
     return Solved(coupling, Judged(of_coupling(found), [subject.deployable(found), *notes]))

@@ -52,7 +52,7 @@ def _scene(result: Run) -> Answer:
 def _solution(result: GainSchedule) -> Answer:
     problem = result.definition
     assert problem is not None  # noqa: S101 - another prints its line
-    coupling = Coupling.of(problem, result) if result.usable.any() else None
+    coupling = Coupling.from_schedule(problem, result) if result.usable.any() else None
     return design.solution(SolvedGains.of(problem, result, coupling, None))
 
 
@@ -67,10 +67,10 @@ def certified(certificate: Certificate, progress: Progress = SILENT) -> Certifie
     coupling: Coupling | None
     if isinstance(gains, GainSchedule):
         schedule = gains
-        coupling = Coupling.of(problem, gains) if gains.usable.any() else None
+        coupling = Coupling.from_schedule(problem, gains) if gains.usable.any() else None
     else:
         schedule = gains.schedule
-        coupling = gains.on(problem)
+        coupling = gains.for_problem(problem)
     verdict = None if coupling is None else deployable(coupling, progress)
     without_gains = holes(schedule)
     return CertifiedCoupling(certificate, verdict, notes=(without_gains,) if without_gains else ())
