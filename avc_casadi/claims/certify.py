@@ -19,7 +19,7 @@ from avc_casadi.claims.prove.held_device import HAND, SampledPlantBox
 from avc_casadi.claims.prove.law import ContactLaw
 from avc_casadi.claims.prove.rest import Rest, promising, prove_rest
 from avc_casadi.coupling import Coupling, check_sample_time, require_coupling
-from avc_casadi.files.problem_file import AnyProblem, of_problem, with_wall
+from avc_casadi.files.problem_file import AnyProblem, accepts_problem, require_wall
 from avc_casadi.loops.wall import PartialFractions, SampledLoop, fractions, frozen_parts, passive_limit_n_per_m, rigid
 from avc_casadi.model.gains import GainSchedule
 from avc_casadi.model.problem import Problem
@@ -100,7 +100,7 @@ def _rows(problem: Problem, gains: GainSchedule, *, requested: bool = False) -> 
     return Rows(problem, gains.frequency_hz, present, b[present], k[present], contact[present])
 
 
-@of_problem
+@accepts_problem
 def certify(
     problem: AnyProblem,
     gains: GainSchedule | Coupling,
@@ -138,7 +138,7 @@ def certify(
         >>> [name for name, level in certificate.levels.items() if not level.passed]
         ['L4']
     """
-    problem = with_wall(problem)
+    problem = require_wall(problem)
     table = _schedule_of(gains)
     check_sample_time(table.sample_time_s, problem, f"gains by {table.method} for {table.problem}")
     behind_feedback = table.state_feedback is not None and bool(table.usable.any())

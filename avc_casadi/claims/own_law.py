@@ -33,7 +33,7 @@ from avc_casadi.claims.stated_law import (
     with_law,
 )
 from avc_casadi.files.device_file import load_device
-from avc_casadi.files.problem_file import AnyProblem, as_problem, is_device, with_wall
+from avc_casadi.files.problem_file import AnyProblem, is_device, load_any, require_wall
 from avc_casadi.loops.margins import LEAST_DISK, SOUND_DISK, Margins, OpenLoop, damping_ratios
 from avc_casadi.loops.plant_family import RADIUS_TOLERANCE, PlantFamily
 from avc_casadi.loops.wall import MAX_DELAY_SAMPLES
@@ -453,7 +453,7 @@ def certify_law(
         >>> law.passed, round(law.held.damping_ratio, 2)
         (False, 0.06)
     """
-    stated = with_wall(law_problem(problem))
+    stated = require_wall(law_problem(problem))
     if is_system(law):
         if any(gain is not None for gain in (k, b, b_p, cutoff_hz)):
             raise InputError.of("is a discrete system, which has no k, b, b_p or cutoff_hz; leave them out", key="law")
@@ -547,7 +547,7 @@ def law_problem(source: AnyProblem) -> Problem:
         file = load_device(source)
         nothing = Impedance(damping_ns_per_m=0.0, stiffness_n_per_m=0.0)
         return Problem(name=file.name, title=file.title, device=file.device, environment=nothing)
-    return as_problem(source)
+    return load_any(source)
 
 
 def valid_law(law: SpringDamper, problem: Problem) -> SpringDamper:

@@ -17,7 +17,7 @@ from avc_casadi.claims.impedance import wave
 from avc_casadi.claims.levels import ideal, non_idealities
 from avc_casadi.claims.port import frequencies_hz, handle_port, passive_hand
 from avc_casadi.claims.worst_frequency import quadratic_stretch, refine_minima
-from avc_casadi.files.problem_file import AnyProblem, of_problem, with_wall
+from avc_casadi.files.problem_file import AnyProblem, accepts_problem, require_wall
 from avc_casadi.loops.plant_family import PlantFamily
 from avc_casadi.loops.wall import PartialFractions, passive_limit_n_per_m, rigid
 from avc_casadi.loops.walls import Stretches, stable_walls
@@ -247,7 +247,7 @@ def _waves(turns: FloatArray, period: float, model: Model, poles: Poles) -> tupl
     return damper_wave, wave(spring, zeros, turns, model)
 
 
-@of_problem
+@accepts_problem
 def zwidth(problem: AnyProblem, progress: Progress = SILENT) -> ZWidth:
     """Return the walls that a device can render (K-B region), passive or stable with its hands, without a coupling.
 
@@ -274,7 +274,7 @@ def zwidth(problem: AnyProblem, progress: Progress = SILENT) -> ZWidth:
         >>> {curve.key: round(curve.stiffness_n_per_m[0]) for curve in region.curves if curve.key.startswith("stable")}
         {'stable-released': 4013, 'stable-hands': 10021}
     """
-    problem = with_wall(problem)
+    problem = require_wall(problem)
     device = problem.device
     wall = problem.environment
     family = PlantFamily.of(problem)

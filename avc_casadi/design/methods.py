@@ -7,7 +7,7 @@ from dataclasses import replace
 from avc_casadi._errors import InputError
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.design.registry import METHODS, Method, MethodName
-from avc_casadi.files.problem_file import AnyProblem, of_problem, with_wall
+from avc_casadi.files.problem_file import AnyProblem, accepts_problem, require_wall
 from avc_casadi.model.corners import LINEAR_KEYS
 from avc_casadi.model.declared import declared
 from avc_casadi.model.gains import GainSchedule
@@ -23,7 +23,7 @@ SMALLEST_TOLERANCE = 1e-14
 """Smallest relative tolerance that may be requested of a CasADi solver; the largest is 1."""
 
 
-@of_problem
+@accepts_problem
 def solve(
     problem: AnyProblem,
     method: MethodName = "direct",
@@ -68,7 +68,7 @@ def solve(
         raise InputError.of("; ".join(faults), key=foreign[0])
     if tolerance is not None and not SMALLEST_TOLERANCE <= tolerance <= 1:
         raise InputError.of(f"is {tolerance:g}; allowed: 1e-14 to 1", key="tolerance")
-    stated = with_wall(problem)
+    stated = require_wall(problem)
     reports = {"progress": progress} if chosen.reports else {}
     with progress.step(f"{method}: {len(stated.frequencies_hz())} frequencies"):
         return _noted(stated, chosen, chosen.solver(stated, **options, **reports))

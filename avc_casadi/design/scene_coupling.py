@@ -10,7 +10,7 @@ from typing import Any
 from avc_casadi._util.json_values import plain
 from avc_casadi.coupling import Coupling
 from avc_casadi.design.methods import solve
-from avc_casadi.files.problem_file import AnyProblem, as_problem, of_problem
+from avc_casadi.files.problem_file import AnyProblem, accepts_problem, load_any
 from avc_casadi.model.declared import left_out, scene_effects, with_law_alone
 from avc_casadi.model.effects import GuardEffect
 from avc_casadi.model.ends import ToolGains
@@ -68,7 +68,7 @@ def _designed_delay_samples(problem: Problem) -> float:
     return problem.device.delay_samples if named else math.ceil(problem.device.delay_samples)
 
 
-@of_problem
+@accepts_problem
 def simulate(
     problem: AnyProblem,
     gains: AnyGains | None = None,
@@ -100,7 +100,7 @@ def simulate(
         >>> f"{run.force_n[-1]:.1f} N at {1e3 * run.position_m[-1]:.2f} mm"
         '4.4 N at 1.15 mm'
     """
-    stated = as_problem(problem)
+    stated = load_any(problem)
     stated = law_scene(stated) if gains is None else stated
     chosen = scene_coupling(stated) if gains is None else gains
     request: dict[str, Any] = {"gains": chosen, "hand": hand, "seed": seed}
@@ -225,7 +225,7 @@ def _table_of(gains: Coupling | GainTable | GainSchedule) -> GainTable:
     return gains if isinstance(gains, GainTable) else GainTable.of(gains)
 
 
-@of_problem
+@accepts_problem
 def screen(problem: AnyProblem, gains: AnyGains | None = None, *, tolerance: float = 0.01) -> Screening:
     """Leave out each effect of a scene in turn and return which ones it needs.
 
@@ -244,6 +244,6 @@ def screen(problem: AnyProblem, gains: AnyGains | None = None, *, tolerance: flo
         >>> avc.screen("scenes/free-motion", tolerance=0.05).redundant
         ()
     """
-    stated = as_problem(problem)
+    stated = load_any(problem)
     chosen = scene_coupling(stated) if gains is None else gains
     return screen_with(stated, chosen, tolerance=tolerance)

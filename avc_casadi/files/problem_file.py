@@ -69,7 +69,7 @@ AnyProblem = Problem | str | Path | Mapping[str, Any]
 """A problem, a path or a name as `load_problem` takes it, or the tables of a problem file as a dict."""
 
 
-def as_problem(problem: AnyProblem) -> Problem:
+def load_any(problem: AnyProblem) -> Problem:
     """Return a problem unchanged, or load its file or catalogue name, or make it of its tables."""
     if isinstance(problem, Problem):
         findings = list(_not_finite((), problem.model_dump()))
@@ -96,21 +96,21 @@ def _not_finite(path: KeyPath, value: Any) -> Iterator[Finding]:
         yield path, f"is {value}; allowed: a finite number"
 
 
-def of_problem(function: F) -> F:
+def accepts_problem(function: F) -> F:
     """Decorate a function of a problem: it takes its file or name as well, and its faults name keys as that does."""
 
     @wraps(function)
     def of_any(problem: AnyProblem, *args: Any, **options: Any) -> Any:
-        loaded = as_problem(problem)
+        loaded = load_any(problem)
         with in_keys_of(loaded.units):
             return function(loaded, *args, **options)
 
     return cast("F", of_any)
 
 
-def with_wall(problem: AnyProblem) -> Problem:
-    """Return a problem as by `as_problem`, with a wall rendered by the device's own loop."""
-    loaded = as_problem(problem)
+def require_wall(problem: AnyProblem) -> Problem:
+    """Return a problem as by `load_any`, with a wall rendered by the device's own loop."""
+    loaded = load_any(problem)
     wall, end = loaded.wall, loaded.end
     if not (isinstance(end, Wall) or wall.stiffness_n_per_m or wall.damping_ns_per_m):
         fact = f"{loaded.name or 'it'} couples to a [{end.kind}], not a wall"

@@ -10,7 +10,7 @@ from typing import Any, Protocol, TypeVar
 from avc_casadi._util.parallel import Crew
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.coupling import Coupling
-from avc_casadi.files.problem_file import AnyProblem, as_problem, of_problem
+from avc_casadi.files.problem_file import AnyProblem, accepts_problem, load_any
 from avc_casadi.model.ends import End, Follower, Simulation, Wall
 from avc_casadi.model.gains import GainSchedule
 from avc_casadi.model.problem import Problem
@@ -60,7 +60,7 @@ def _follower_design(end: Follower, problem: Problem, request: Request, crew: Cr
     return FollowerDesign(problem, request, end)
 
 
-@of_problem
+@accepts_problem
 def recommend(  # noqa: PLR0913 - options by name, of a public call
     problem: AnyProblem,
     hands: int = 100,
@@ -99,7 +99,7 @@ def recommend(  # noqa: PLR0913 - options by name, of a public call
         >>> found.deployable
         True
     """
-    stated = as_problem(problem)
+    stated = load_any(problem)
     asked = Request(
         hands, seed, stiffest, lean_on_friction, prove, with_trade_off, versions or {}, workers, progress, executor
     )

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 import avc_casadi as avc
 from avc_casadi.files.plausibility import plausibility
-from avc_casadi.files.problem_file import as_problem
+from avc_casadi.files.problem_file import load_any
 from avc_casadi.recommendation.preconditions import assumed
 
 # Without its kind nothing is known of the other keys of a motion, and let_go may be true.
@@ -172,7 +172,7 @@ KEYS += ["handle_radius_m", "encoder_counts_per_turn", "inertia_kgm2", "damping_
 def test_any_tables_are_a_problem_or_refused_by_key(tables):
     refusal = None
     try:
-        as_problem(tables)
+        load_any(tables)
     except avc.InputError as error:
         refusal = error
     assert refusal is None or all(fault.key and fault.message for fault in refusal.faults)

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.linalg import solve_discrete_are
 
 import avc_casadi as avc
-from avc_casadi.files.problem_file import as_problem
+from avc_casadi.files.problem_file import load_any
 from avc_casadi.model import law_pieces as pieces
 
 DEVICE = {"mass_kg": 0.12, "damping_ns_per_m": 0.8, "encoder_resolution_m": 2e-5, "max_force_n": 8.0}
@@ -15,7 +15,7 @@ PLAIN = {"stiffness_n_per_m": 900.0, "damping_ns_per_m": 4.0}
 
 
 def stated(law, device=DEVICE):
-    return as_problem({"device": device, "law": law})
+    return load_any({"device": device, "law": law})
 
 
 @settings(max_examples=20)

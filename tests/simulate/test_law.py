@@ -6,7 +6,7 @@ from scene_reference import Reference
 from stated_law import StatedLaw, drawn_law, wandering
 
 import avc_casadi as avc
-from avc_casadi.files.problem_file import as_problem
+from avc_casadi.files.problem_file import load_any
 from avc_casadi.model.declared import with_law_alone
 from avc_casadi.simulation.runtime.law import law_step
 
@@ -26,7 +26,7 @@ def forces(step, positions):
 
 @pytest.mark.parametrize("seed", range(12))
 def test_the_step_gives_the_forces_of_the_law_that_is_written_out(seed):
-    problem = as_problem(drawn_law(seed))
+    problem = load_any(drawn_law(seed))
     device = problem.device
     positions = wandering(seed, SAMPLES, device.encoder_resolution_m)
     start = float(positions[0])
@@ -40,7 +40,7 @@ def test_the_step_gives_the_forces_of_the_law_that_is_written_out(seed):
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, 3, 5, 8])
 def test_a_scene_of_a_law_agrees_with_an_integration_by_other_means(seed):
-    problem = with_law_alone(as_problem(drawn_law(seed)).changed(scene={"duration_s": 0.6}))
+    problem = with_law_alone(load_any(drawn_law(seed)).changed(scene={"duration_s": 0.6}))
     run = avc.simulate(problem)
     device = problem.device
     reference = Reference(problem, None, run.target_m, run.target_m[0])

@@ -8,7 +8,7 @@ from plain_device import moved, pressed, turns
 
 import avc_casadi as avc
 from avc_casadi.cli import main
-from avc_casadi.files.problem_file import as_problem
+from avc_casadi.files.problem_file import load_any
 from avc_casadi.simulation.population.law_trial import try_law
 
 DEVICE = {
@@ -25,7 +25,7 @@ WALL = {"environment": {"stiffness_n_per_m": 1000.0, "damping_ns_per_m": 0.0}}
 
 
 def stated(law, *, device=None, **tables):
-    return as_problem({"device": DEVICE | (device or {}), "law": law, "hands": ONE_HAND, **tables})
+    return load_any({"device": DEVICE | (device or {}), "law": law, "hands": ONE_HAND, **tables})
 
 
 def test_a_sound_law_rests_and_one_beyond_its_limit_swings():

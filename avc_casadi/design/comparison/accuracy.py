@@ -13,7 +13,7 @@ import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, FloatArray
 from avc_casadi._util.progress import SILENT, Progress
-from avc_casadi.files.problem_file import with_wall
+from avc_casadi.files.problem_file import require_wall
 from avc_casadi.model.problem import Problem
 from avc_casadi.model.problem_ranges import margin_over_range
 from avc_casadi.paper.closed_form import project
@@ -117,7 +117,7 @@ def solver_costs(
         tolerances: relative tolerances requested of CasADi's solvers.
         solvers: names of CasADi's solvers.
     """
-    loop = loop_at(with_wall(problem), problem.frequencies_hz())
+    loop = loop_at(require_wall(problem), problem.frequencies_hz())
     reference = np.abs(np.abs(loop.perceived(*exact_gains(problem, loop))) - np.abs(loop.target))
     default = (DEFAULT_SOLVER, DEFAULT_TOLERANCE)
     combinations = [(name, tolerance) for name in solvers for tolerance in tolerances]

@@ -20,7 +20,7 @@ from avc_casadi.design.comparison.evaluation import CausalGains, Evaluation, cau
 from avc_casadi.design.methods import solve
 from avc_casadi.design.registry import METHODS, MethodName
 from avc_casadi.files.coupling_file import gain_document
-from avc_casadi.files.problem_file import AnyProblem, of_problem, with_wall
+from avc_casadi.files.problem_file import AnyProblem, accepts_problem, require_wall
 from avc_casadi.loops.wall import passive_limit_n_per_m
 from avc_casadi.model.gains import GainSchedule, Status
 from avc_casadi.model.problem import Problem
@@ -235,7 +235,7 @@ def _parting(direct: GainSchedule, exact: GainSchedule, row: int, magnitude: flo
     return "the same magnitude error at another point: a local minimum of the distance to Z_h_ds"
 
 
-@of_problem
+@accepts_problem
 def compare(
     problem: AnyProblem,
     methods: Sequence[MethodName] = POINTWISE,
@@ -266,7 +266,7 @@ def compare(
         True
     """
     optimum = _checked_optimum(methods, mine)
-    stated = with_wall(problem)
+    stated = require_wall(problem)
     scope = _demanded(stated)
     problem = stated.changed(stability={"scope": "pointwise"}, realism={"require": "none"})
     loop = loop_at(problem, problem.frequencies_hz())
