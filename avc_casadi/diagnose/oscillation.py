@@ -411,8 +411,8 @@ def _rest_from(log: Log) -> int | None:
     still = max(_STILL_STEPS * log.encoder_m, _STILL_RANGE * travel, spread)
     moves = np.flatnonzero(np.abs(position - np.median(late)) > still)
     rest_from = int(moves[-1]) + 1 if moves.size else 0
-    shaken = float(np.ptp(force[rest_from:])) > _REST_FORCE * float(np.ptp(force))
-    return None if shaken or n - rest_from < late.size else rest_from
+    frequency_sweep = float(np.ptp(force[rest_from:])) > _REST_FORCE * float(np.ptp(force))
+    return None if frequency_sweep or n - rest_from < late.size else rest_from
 
 
 def samples_alike(residual: FloatArray) -> float:

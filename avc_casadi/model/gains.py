@@ -247,12 +247,12 @@ def near_rigid_n_per_m(device: Device) -> float:
     return NEAR_RIGID_N_PER_M * device.metres_per_unit**2
 
 
-def spring_before(problem: Problem, felt_n_per_m: float) -> float:
+def spring_before(problem: Problem, rendered_n_per_m: float) -> float:
     """Return the spring, N/m, that gives a wall a static stiffness in series; nearly rigid for a softer wall."""
     wall, rigid = problem.environment.stiffness_n_per_m, near_rigid_n_per_m(problem.device)
-    if felt_n_per_m >= wall:
+    if rendered_n_per_m >= wall:
         return rigid
-    return min(felt_n_per_m * wall / (wall - felt_n_per_m), rigid)
+    return min(rendered_n_per_m * wall / (wall - rendered_n_per_m), rigid)
 
 
 def missing_rest_gains(schedule: GainSchedule) -> str:

@@ -23,8 +23,8 @@ from avc_casadi.present.row import Answer, Row, row
 from avc_casadi.present.rows.design import comparison, printed_errors
 from avc_casadi.present.rows.judge import levels
 from avc_casadi.present.rows.recommend import verdict
-from avc_casadi.recommendation.felt import deployed
 from avc_casadi.recommendation.recommendation import Recommendation
+from avc_casadi.recommendation.rendered import deployed
 
 
 @dataclass(frozen=True)

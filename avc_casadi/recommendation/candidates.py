@@ -23,7 +23,7 @@ from avc_casadi.model.problem import Problem
 from avc_casadi.model.runtime import Runtime, StateFeedback
 from avc_casadi.recommendation.evaluator import Evaluator, unstable_off_file
 from avc_casadi.recommendation.preconditions import why_infeasible
-from avc_casadi.recommendation.rank import FELT_ERROR, UNNOTICED, error_in_motion, impedance_error
+from avc_casadi.recommendation.rank import NOTICED_ERROR, UNNOTICED, error_in_motion, impedance_error
 from avc_casadi.recommendation.reasons import NotNear, NoWallRendered, Reason, StifferWall
 
 # Rendered stiffness where the wall itself does not hold, as shares of what spring and damper hold linearly.
@@ -56,7 +56,7 @@ def judge_all(problem: Problem, evaluator: Evaluator, limit: DampingRange, progr
             evaluator(coupling)
         if not any(bool(candidate.trial.quiet.all()) for candidate in evaluator.complete()):
             evaluator.first_complete(behind_observer(plain))
-    judge_laws(problem, evaluator, wall, evaluator.least_distance() - FELT_ERROR)
+    judge_laws(problem, evaluator, wall, evaluator.least_distance() - NOTICED_ERROR)
     if evaluator.least_distance() > _FAR:
         judge_softer_walls(problem, evaluator, plainly)
     if not evaluator.complete():
@@ -125,23 +125,23 @@ def springs_and_dampers(problem: Problem) -> Iterator[Coupling]:
     yield from _dampers(problem, wall.stiffness_n_per_m, contact_damper)
 
 
-def softened(problem: Problem, felt_n_per_m: float) -> Iterator[Coupling]:
+def softened(problem: Problem, rendered_n_per_m: float) -> Iterator[Coupling]:
     """Yield springs with a damper that render a wall at a stiffness, the nearest in motion first."""
-    if not 0 < felt_n_per_m < problem.environment.stiffness_n_per_m:
+    if not 0 < rendered_n_per_m < problem.environment.stiffness_n_per_m:
         return
-    spring = spring_before(problem, felt_n_per_m)
+    spring = spring_before(problem, rendered_n_per_m)
     alike = _dampers(
-        problem, felt_n_per_m, lambda total: Coupling.constant(problem, Gains(0.0, spring, total), "softened wall")
+        problem, rendered_n_per_m, lambda total: Coupling.constant(problem, Gains(0.0, spring, total), "softened wall")
     )
     yield from sorted(alike, key=impedance_error)
 
 
-def judge_laws(problem: Problem, evaluator: Evaluator, felt_n_per_m: float, least: float = math.inf) -> None:
+def judge_laws(problem: Problem, evaluator: Evaluator, rendered_n_per_m: float, least: float = math.inf) -> None:
     """Judge laws at a stiffness, each with ever wider dead zones; for stricter goals until a complete one is passive.
 
     A law that is complete and throws a hand off faster than it came is kept, and calmer ones are tried.
     """
-    for answers in laws(problem, felt_n_per_m) if least > 0 else ():
+    for answers in laws(problem, rendered_n_per_m) if least > 0 else ():
         nearer = [answer for answer in answers if answer.performance.error < least]
         if not nearer:
             break
@@ -153,12 +153,12 @@ def judge_laws(problem: Problem, evaluator: Evaluator, felt_n_per_m: float, leas
                 passive = passive or candidate.rebound_excess <= 0
                 # Another law is nearer only if it has less error than this one and its prices on settling leave it.
                 least = min(least, error + candidate.distance - candidate.error)
-                least = 0.0 if candidate.distance < 2 * FELT_ERROR else least
+                least = 0.0 if candidate.distance < 2 * NOTICED_ERROR else least
         if passive:
             break
 
 
-def laws(problem: Problem, felt_n_per_m: float) -> Iterator[list[ProgramAnswer]]:
+def laws(problem: Problem, rendered_n_per_m: float) -> Iterator[list[ProgramAnswer]]:
     """Yield what the program finds for a wall at a stiffness, of each guess: first for the usual goals.
 
     Then those that withstand devices a tenth off, which costs accuracy where a resonance is lightly damped: dry
@@ -170,7 +170,9 @@ def laws(problem: Problem, felt_n_per_m: float) -> Iterator[list[ProgramAnswer]]
     # Starts for the usual margin too: who asks for less gets nothing worse.
     asked = problem.robustness.disk_margin or DISK_MARGIN
     goals = {asked, max(asked, DISK_MARGIN)}
-    answers = [answer for goal in goals for answer in program_answers(problem, goal, stiffness_n_per_m=felt_n_per_m)]
+    answers = [
+        answer for goal in goals for answer in program_answers(problem, goal, stiffness_n_per_m=rendered_n_per_m)
+    ]
     yield answers
     withstanding = [answer.withstanding() for answer in answers]
     changed = [new for new, old in zip(withstanding, answers, strict=True) if new is not old]
@@ -193,7 +195,7 @@ def with_widths(coupling: Coupling) -> Iterator[Coupling]:
     yield narrow
     if not deployable(narrow).passed or unstable_off_file(narrow):  # nor is it better with any other width
         return
-    noticed = error_in_motion(narrow) + FELT_ERROR
+    noticed = error_in_motion(narrow) + NOTICED_ERROR
     for wide in wider:
         if not error_in_motion(wide) <= noticed:
             return

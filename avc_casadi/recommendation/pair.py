@@ -14,7 +14,6 @@ from avc_casadi.model.device import Device
 from avc_casadi.model.ends import Follower, Simulation, ToolGains
 from avc_casadi.model.hands import Hand
 from avc_casadi.model.problem import Problem
-from avc_casadi.recommendation.felt import rendered_pair
 from avc_casadi.recommendation.preconditions import assumed, not_used
 from avc_casadi.recommendation.reasons import (
     FollowerLimit,
@@ -32,6 +31,7 @@ from avc_casadi.recommendation.reasons import (
     UnstableEngine,
 )
 from avc_casadi.recommendation.recommendation import NoPair, Pair, PairLimits, PairRecommendation
+from avc_casadi.recommendation.rendered import rendered_pair
 from avc_casadi.recommendation.request import Request
 from avc_casadi.recommendation.sensitivity import (
     Sensitivity,

@@ -90,7 +90,7 @@ def why_infeasible(problem: Problem) -> Reason | None:
     return None
 
 
-def nothing_rendered(problem: Problem, felt_n_per_m: float, trial: CouplingTrial) -> NothingRendered | None:
+def nothing_rendered(problem: Problem, rendered_n_per_m: float, trial: CouplingTrial) -> NothingRendered | None:
     """Return why nothing of the wall is rendered to a hand; None where something is."""
     device = problem.device
     # A robot that no hand holds is not pressed.
@@ -99,7 +99,7 @@ def nothing_rendered(problem: Problem, felt_n_per_m: float, trial: CouplingTrial
     press_n, limit_n = PRESS_N * device.metres_per_unit, device.max_force_n
     most_n = press_n if limit_n is None else min(press_n, limit_n)
     step_m, friction_n = device.encoder_resolution_m, device.coulomb_friction_n
-    if felt_n_per_m * step_m > most_n:
+    if rendered_n_per_m * step_m > most_n:
         because = NothingRenderedBecause.STEP_EXCEEDS_FORCE
     elif np.isfinite(trial.stiffness):
         return None

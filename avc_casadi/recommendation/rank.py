@@ -14,7 +14,6 @@ from avc_casadi.claims.impedance import below_quarter_rate, handle_impedance, ta
 from avc_casadi.coupling import Coupling
 from avc_casadi.loops.margins import transients
 from avc_casadi.loops.wall import law_at_rest
-from avc_casadi.recommendation.felt import NOTICED_LATE_S, leaving_contact, rebound, shaken
 from avc_casadi.recommendation.reasons import (
     Flaw,
     FlawKind,
@@ -23,11 +22,12 @@ from avc_casadi.recommendation.reasons import (
     NoneSettles,
     Reason,
 )
+from avc_casadi.recommendation.rendered import NOTICED_LATE_S, frequency_sweep, leaving_contact, rebound
 from avc_casadi.simulation.population.trial import CouplingTrial
 
 BAND_HZ = np.geomspace(1.0, 30.0, 40)
 """Band of hand motion and perception."""
-FELT_ERROR = 0.1
+NOTICED_ERROR = 0.1
 """Difference of stiffness or damping that is just noticed (Jones and Hunter, Perception and Psychophysics 1990)."""
 # Settling time after release below which no difference is noticed; twice as long counts as an error of 0.35, and
 # stiffness at rest as a fifth of the same share in motion.
@@ -93,7 +93,7 @@ class Candidate:
         return below >= BELOW_THRESHOLD_SHARE * hands
 
     @property
-    def felt_n_per_m(self) -> float:
+    def rendered_n_per_m(self) -> float:
         """Rendered stiffness: static, or at the end of a press where a slow observer is still far from it."""
         at_rest, pressed = self.coupling.static_stiffness_n_per_m, self.trial.stiffness
         return pressed if pressed < _SLOW * at_rest else at_rest
@@ -111,7 +111,7 @@ class Candidate:
         share = self.coupling.static_stiffness_n_per_m / wall_n_per_m if wall_n_per_m > 0 else 1.0
         slow = math.log(max(released.settling_s, _AT_ONCE_S) / _AT_ONCE_S)
         soft = max(0.0, -math.log(max(share, _LEAST_SHARE)))
-        return max(self.error, self.rebound_excess, FELT_ERROR) + _PER_SETTLING * slow + _PER_SOFTER * soft
+        return max(self.error, self.rebound_excess, NOTICED_ERROR) + _PER_SETTLING * slow + _PER_SOFTER * soft
 
     @cached_property
     def rebound_excess(self) -> float:
@@ -152,7 +152,7 @@ def error_in_motion(coupling: Coupling) -> float:
     Not a number where the coupling diverges behind a motion that is imposed, which no hand of [hands] does.
     """
     with np.errstate(over="ignore", invalid="ignore"):
-        return float(shaken(coupling, coupling.static_stiffness_n_per_m, MOVING_HZ).error.max())
+        return float(frequency_sweep(coupling, coupling.static_stiffness_n_per_m, MOVING_HZ).error.max())
 
 
 def best_of(candidates: list[Candidate], *, lean_on_friction: bool = False) -> Candidate:
@@ -168,7 +168,7 @@ def best_of(candidates: list[Candidate], *, lean_on_friction: bool = False) -> C
         left = [candidate for candidate in left if candidate.at_rest == most]
     left = [candidate for candidate in left if candidate.quiet] or left
     nearest = min(candidate.distance for candidate in left)
-    as_near = [candidate for candidate in left if candidate.distance <= nearest + FELT_ERROR]
+    as_near = [candidate for candidate in left if candidate.distance <= nearest + NOTICED_ERROR]
     leaving = _without_late_push(as_near)
     quiet = max(int(candidate.trial.quiet.sum()) for candidate in leaving)
     quietest = [candidate for candidate in leaving if int(candidate.trial.quiet.sum()) == quiet]
@@ -176,8 +176,8 @@ def best_of(candidates: list[Candidate], *, lean_on_friction: bool = False) -> C
     if len(quietest) > 1:
         # Those for which a proof of L7 is likely, or all if there are none.
         left = [candidate for candidate in quietest if candidate.promises_rest] or quietest
-    least_n_per_m = (1 - _AS_STIFF) * max(candidate.felt_n_per_m for candidate in left)
-    return min((candidate for candidate in left if candidate.felt_n_per_m >= least_n_per_m), key=_plainness)
+    least_n_per_m = (1 - _AS_STIFF) * max(candidate.rendered_n_per_m for candidate in left)
+    return min((candidate for candidate in left if candidate.rendered_n_per_m >= least_n_per_m), key=_plainness)
 
 
 def _without_late_push(candidates: list[Candidate]) -> list[Candidate]:
@@ -188,7 +188,7 @@ def _without_late_push(candidates: list[Candidate]) -> list[Candidate]:
     if len(candidates) == 1:
         return candidates
     least_s = min(candidate.pushes_outside_s for candidate in candidates)
-    longest_s = max(NOTICED_LATE_S, (1 + FELT_ERROR) * least_s)
+    longest_s = max(NOTICED_LATE_S, (1 + NOTICED_ERROR) * least_s)
     return [candidate for candidate in candidates if candidate.pushes_outside_s <= longest_s]
 
 
@@ -207,6 +207,6 @@ def why_best(best: Candidate, candidates: list[Candidate]) -> Reason:
     worse = [candidate for candidate in candidates if (candidate.safety, not candidate.quiet) > rank]
     nearer = min(worse, key=lambda candidate: (candidate.safety, candidate.error), default=best)
     rejected = None
-    if nearer.error <= best.error - FELT_ERROR:
+    if nearer.error <= best.error - NOTICED_ERROR:
         rejected = NearerCandidate(nearer.coupling.method, nearer.error, best.error, nearer.flaw(best.safety))
     return NearestToWall(len(candidates), by_friction=best.safety == 1, nearer=rejected)

@@ -21,9 +21,9 @@ from avc_casadi.model.ends import End, Follower, Simulation, ToolGains
 from avc_casadi.model.problem import Problem
 from avc_casadi.recommendation.damped_wall import DampedWall
 from avc_casadi.recommendation.evaluator import PerturbedDevices, UnmodelledTrial
-from avc_casadi.recommendation.felt import Felt, RenderedPair
 from avc_casadi.recommendation.preconditions import Assumption, Unused
 from avc_casadi.recommendation.reasons import Reason, Unsettled
+from avc_casadi.recommendation.rendered import RenderedPair, RenderedPoint
 from avc_casadi.recommendation.rendered_wall import RenderedWall
 from avc_casadi.recommendation.sensitivity import Sensitivity, Trade
 from avc_casadi.simulation.population.trial import CouplingTrial, HandCounts, Trial
@@ -95,7 +95,7 @@ class Pair(PairLimits):
     gain_margin: float
     motor_margins: Sequence[float]
     mode: LeastDampedMode
-    points: tuple[Felt, ...] = ()
+    points: tuple[RenderedPoint, ...] = ()
     stiffer: Unsettled | None = None
     mismatch_stable: bool | None = None
     local_dampers_ns_per_m: tuple[float, float] | None = None

@@ -10,17 +10,17 @@ from typing import Any, ClassVar, Self
 from avc_casadi._util.json_values import Document
 from avc_casadi.claims.impedance import stiffness_at_handle
 from avc_casadi.coupling import Coupling
-from avc_casadi.recommendation.felt import (
+from avc_casadi.recommendation.rendered import (
     NOTICED_N,
     Creep,
     LeavingContact,
     Ripple,
     contact_onset_m,
     creep,
+    frequency_sweep,
     leaving_contact,
     rebound,
     ripple,
-    shaken,
 )
 from avc_casadi.simulation.population.trial import CouplingTrial
 
@@ -125,7 +125,7 @@ class RenderedWall(Document):
         springy = wall.stiffness_n_per_m > 0
         sensed = trial.stiffness if springy and math.isfinite(trial.stiffness) else None
         static = coupling.static_stiffness_n_per_m
-        motion = shaken(coupling, static)
+        motion = frequency_sweep(coupling, static)
         stiffness = motion.by_frequency(motion.stiffness_n_per_m)
         # A wall never pulls, so that of a sine a damper renders the half.
         damping = {} if springy else {hz: value / (math.pi * hz) for hz, value in stiffness.items()}

@@ -120,7 +120,7 @@ def simulated(device: Device, law: Law, deeds: Deeds, phase: Floats, seconds: fl
     return Found(fastest, held.mean(axis=0), np.array(depths).mean(axis=0), held.std(axis=0), outside, most)
 
 
-def shaken(device: Device, law: Law, depth_m: float, hz: Floats, phase: Floats) -> NDArray[np.complex128]:
+def frequency_sweep(device: Device, law: Law, depth_m: float, hz: Floats, phase: Floats) -> NDArray[np.complex128]:
     """Lead the motor along depth (1 + sin(2 pi f t)/2), from outside, and return force over position at f, N/m.
 
     Hold and delay are counted, and of the force its part at the frequency of the motion.

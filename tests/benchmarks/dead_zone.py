@@ -33,8 +33,8 @@ from avc_casadi.design.program import program_answers
 from avc_casadi.model.problem import Hands, Problem
 from avc_casadi.model.runtime import Runtime, StateFeedback
 from avc_casadi.recommendation.evaluator import MOST_MOTIONS
-from avc_casadi.recommendation.felt import shaken
 from avc_casadi.recommendation.rank import impedance_error
+from avc_casadi.recommendation.rendered import frequency_sweep
 from avc_casadi.simulation.population.motions import LONGER_S
 from avc_casadi.simulation.population.operators import loose_grips, people_of
 from avc_casadi.simulation.population.trial import residual_speeds
@@ -110,7 +110,7 @@ def problem_of(name: str) -> Problem:
 
 def led_errors(coupling: Coupling) -> list[float]:
     """Return the impedance error to a handle led in a sine, encoder and dead zone counted."""
-    return [float(error) for error in shaken(coupling, coupling.static_stiffness_n_per_m, MOVED_HZ).error]
+    return [float(error) for error in frequency_sweep(coupling, coupling.static_stiffness_n_per_m, MOVED_HZ).error]
 
 
 def compared(name: str, zones: tuple[DeadZone, ...]) -> dict[str, Any]:

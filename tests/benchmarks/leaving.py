@@ -22,8 +22,8 @@ from avc_casadi.loops.walls import stiffest_wall
 from avc_casadi.recommendation import rank
 from avc_casadi.recommendation.candidates import judge_all
 from avc_casadi.recommendation.evaluator import Evaluator
-from avc_casadi.recommendation.felt import NOTICED_LATE_S, leaving_contact
 from avc_casadi.recommendation.rank import Candidate
+from avc_casadi.recommendation.rendered import NOTICED_LATE_S, leaving_contact
 from avc_casadi.simulation.population.operators import people_of
 
 SEED, OTHER_SEED, HANDS = 9173, 7041, 100

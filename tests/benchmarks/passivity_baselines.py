@@ -27,7 +27,7 @@ from studied import about, computed
 sys.path.insert(0, str(Path(__file__).parents[1] / "oracle"))
 
 from baseline_laws import BASELINES, Exported, ForceAugmentation, Loop, PassivityController, Wall
-from baseline_plant import TAIL_S, Deeds, Floats, Law, shaken, simulated
+from baseline_plant import TAIL_S, Deeds, Floats, Law, frequency_sweep, simulated
 
 import avc_casadi as avc
 from avc_casadi.coupling import Coupling
@@ -141,7 +141,7 @@ def in_motion(loop: Loop, made: Callable[[int], Law]) -> dict[str, Any]:
     depth = min(PRESS_N, device.max_force_n or PRESS_N) / 2 / loop.stiffness_n_per_m
     hz = np.repeat(HZ, PHASES)
     phase = np.tile((np.arange(PHASES) + 0.5) / PHASES - 0.5, len(HZ))
-    rendered = shaken(device, made(len(hz)), depth, hz, phase)
+    rendered = frequency_sweep(device, made(len(hz)), depth, hz, phase)
     s = 2j * np.pi * hz
     own = device.mass_kg * s + device.damping_ns_per_m
     wanted = own + loop.damping_ns_per_m + loop.stiffness_n_per_m / s

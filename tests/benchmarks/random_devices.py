@@ -23,7 +23,7 @@ import numpy as np
 sys.path.append(str(Path(__file__).parents[1] / "oracle"))
 
 from hardware_bench import export_c  # found beside the tests
-from studied import about, computed, cpu_seconds, expected_n_per_m, felt_n_per_m, made_by, rounded, table
+from studied import about, computed, cpu_seconds, expected_n_per_m, made_by, rendered_n_per_m, rounded, table
 from whole_device import WholeDevice, people, rests_as_tried
 
 import avc_casadi as avc
@@ -106,7 +106,7 @@ def cell(index: int, seed: int = SEED) -> dict[str, Any]:
     return outcome | {
         "method": found.coupling.method,
         "recommended_n_per_m": expected_n_per_m(found.coupling),
-        "felt_n_per_m": felt_n_per_m(found.trial),
+        "felt_n_per_m": rendered_n_per_m(found.trial),
         "claimed": _counts(found.trial),
         "fresh": _counts(fresh),
         "impedance_error": float(impedance_error(found.coupling)),

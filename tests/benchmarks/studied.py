@@ -127,7 +127,7 @@ def cpu_seconds() -> float:
     return sum(one.ru_utime + one.ru_stime for one in used)
 
 
-def felt_n_per_m(trial: Any) -> float | None:
+def rendered_n_per_m(trial: Any) -> float | None:
     """Median stiffness of the hands that come to rest in a press and do not lean on the force limit."""
     rest = trial.stiffness_n_per_m[trial.by_motion["press"] & np.isfinite(trial.stiffness_n_per_m)]
     return float(np.median(rest)) if len(rest) else None

@@ -17,7 +17,7 @@ from script_arguments import script_arguments
 import avc_casadi as avc
 from avc_casadi.coupling import Coupling
 from avc_casadi.model.gains import NO_COUPLING
-from avc_casadi.recommendation.felt import shaken
+from avc_casadi.recommendation.rendered import frequency_sweep
 
 if TYPE_CHECKING:
     from avc_casadi.model.gains import Gains
@@ -54,7 +54,7 @@ def main() -> None:
         print(f"{name}: {run.claim}, {run.apparent_stiffness_n_per_m:.4g} N/m at the end of the press")
         left.plot(run.time_s, 1e3 * run.position_m, color=COLOURS[name], label=name, lw=1.6)
         if isinstance(coupling, Coupling):
-            found = shaken(coupling, coupling.static_stiffness_n_per_m, FREQUENCY_HZ)
+            found = frequency_sweep(coupling, coupling.static_stiffness_n_per_m, FREQUENCY_HZ)
             right.loglog(found.frequency_hz, found.stiffness_n_per_m / 1e3, color=COLOURS[name], lw=1.8)
     left.axhline(0.0, color="0.3", lw=0.8, ls=":")
     left.set(xlabel="time (s)", ylabel="depth in the wall (mm)", xlim=(0.12, 0.6), ylim=(-0.8, 0.8))

@@ -13,7 +13,7 @@ from avc_casadi.design.program import program_answers
 from avc_casadi.model.gains import Gains
 from avc_casadi.model.problem import Problem
 from avc_casadi.model.runtime import Runtime
-from avc_casadi.recommendation.felt import contact_onset_m, leaving_contact, ripple
+from avc_casadi.recommendation.rendered import contact_onset_m, leaving_contact, ripple
 from avc_casadi.simulation.population.motions import motions_at
 
 KNOB = """

@@ -14,7 +14,15 @@ from avc_casadi.coupling import Coupling
 from avc_casadi.design.observer_law import GUESSES, regulator
 from avc_casadi.model.gains import Gains, near_rigid_n_per_m
 from avc_casadi.model.runtime import Runtime
-from avc_casadi.recommendation.felt import NOTICED_N, SLOW_M_PER_S, contact_onset_m, creep, rebound, ripple, shaken
+from avc_casadi.recommendation.rendered import (
+    NOTICED_N,
+    SLOW_M_PER_S,
+    contact_onset_m,
+    creep,
+    frequency_sweep,
+    rebound,
+    ripple,
+)
 from avc_casadi.simulation.runtime.observer import state_feedback_step
 
 T, WALL, MASS, DAMPING = 1e-3, 20e3, 0.2, 1.0
@@ -50,7 +58,7 @@ def relative(found, hz, wall=WALL, damper=0.0):
 
 
 def told_and_measured(coupling, felt, force_of, hz, late=0.0, **wall):
-    told = shaken(coupling, felt, [hz])
+    told = frequency_sweep(coupling, felt, [hz])
     return told.error[0], relative(measured(force_of, told.depth_m, told.amplitude_m, hz, late), hz, **wall)
 
 
@@ -99,7 +107,7 @@ def test_of_a_law_with_a_dead_zone(hz, opens):
     told, found = told_and_measured(coupling, WALL, force_of, hz)
     assert told == pytest.approx(found, rel=0.05, abs=5e-3)
     without = Coupling.constant(problem(), Gains(0.0, 1e12), "mine", Runtime(state_feedback=law.linear))
-    linear = shaken(without, WALL, [hz]).error[0]
+    linear = frequency_sweep(without, WALL, [hz]).error[0]
     if opens:
         assert found == pytest.approx(linear, abs=0.01), "it takes nothing from a hand that moves"
     else:
@@ -129,7 +137,7 @@ def test_a_device_without_mass_has_no_stiffest_wall():
 def test_what_is_rendered_is_felt_beside_the_mass_and_the_damping_of_the_device():
     """Of a wall as soft as the device's own damper is at 50 Hz."""
     hz, wall = 50.0, 400.0
-    told = shaken(Coupling.constant(problem(wall), Gains(0.0, 1e12), "mine"), wall, [hz])
+    told = frequency_sweep(Coupling.constant(problem(wall), Gains(0.0, 1e12), "mine"), wall, [hz])
     s = 2j * np.pi * hz
     felt = measured(lambda x: wall * x, told.depth_m, told.amplitude_m, hz) - MASS * s - DAMPING
     assert told.stiffness_n_per_m[0] == pytest.approx(abs(felt * s), rel=0.01)
@@ -225,7 +233,7 @@ def flexible(coupling, start, speed=0.0, handle=None, samples=700, phase=0.0):
 @pytest.mark.parametrize("hz", [10.0, 50.0])
 def test_a_flexible_device_is_shaken_at_its_handle(hz):
     coupling = Coupling.constant(problem(2e3, resonance=RESONANCE, max_force_n=1e3), Gains(0.0, 1e9, 4.0), "mine")
-    told, samples = shaken(coupling, 2e3, [hz]), 2000
+    told, samples = frequency_sweep(coupling, 2e3, [hz]), 2000
     time = T / SUBSTEPS * np.arange(samples * SUBSTEPS + 1)
     depth = 5 / 2e3 + 5 / (REDUCED * TURN**2)
     assert (told.depth_m, told.amplitude_m) == pytest.approx((depth, depth / 2))

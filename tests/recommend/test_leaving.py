@@ -16,8 +16,8 @@ from avc_casadi.model.gains import Gains, spring_before
 from avc_casadi.model.runtime import Runtime
 from avc_casadi.present.row import Mark, text_of
 from avc_casadi.present.rows.wall import contact_rows
-from avc_casadi.recommendation.felt import NOTICED_LATE_S, LeavingContact, leaving_contact
 from avc_casadi.recommendation.recommend import judged_as_recommended
+from avc_casadi.recommendation.rendered import NOTICED_LATE_S, LeavingContact, leaving_contact
 
 LIGHT, LATE, LIMITED = "light", "late by a part of a sample", "with a force limit"
 DEVICES = {

@@ -29,8 +29,8 @@ from avc_casadi.model.plant import sampled_plant
 from avc_casadi.model.problem import Problem
 from avc_casadi.present.row import Value
 from avc_casadi.present.rows.subject import end_line
-from avc_casadi.recommendation.felt import NominalEnd, nominal_end
 from avc_casadi.recommendation.recommendation import NoPair, PairRecommendation
+from avc_casadi.recommendation.rendered import NominalEnd, nominal_end
 from avc_casadi.simulation.population.other_ends import try_end
 from avc_casadi.simulation.population.trial import Trial
 

@@ -22,11 +22,11 @@ from avc_casadi.model.gains import Gains, spring_before
 from avc_casadi.model.runtime import Runtime
 from avc_casadi.recommendation import candidates
 from avc_casadi.recommendation.evaluator import Evaluator, UnmodelledTrial, unmet_requirements
-from avc_casadi.recommendation.felt import deployed
 from avc_casadi.recommendation.preconditions import nothing_rendered
 from avc_casadi.recommendation.rank import Candidate, best_of, why_best
 from avc_casadi.recommendation.reasons import NoForce
 from avc_casadi.recommendation.recommendation import LimitCycleFreedom, WallRecommendation
+from avc_casadi.recommendation.rendered import deployed
 from avc_casadi.recommendation.sensitivity import what_would_help
 from avc_casadi.simulation.population.operators import people_of
 from avc_casadi.simulation.population.trial import CouplingTrial, try_coupling, try_on_devices
@@ -63,10 +63,10 @@ def test_what_a_press_has_not_reached_yet_is_not_counted():
     quick, slow = (candidate(order, share, HANDS, HANDS, HANDS) for order, share in enumerate((0.5, 0.8)))
     assert best_of([quick, slow]) is slow
     slow = replace(slow, trial=replace(slow.trial, stiffness_n_per_m=np.full(HANDS, 0.4 * WALL)))
-    assert slow.felt_n_per_m == pytest.approx(0.4 * WALL)
+    assert slow.rendered_n_per_m == pytest.approx(0.4 * WALL)
     assert best_of([quick, slow]) is quick
     at_the_limit = replace(slow, trial=replace(slow.trial, stiffness_n_per_m=np.full(HANDS, np.nan)))
-    assert at_the_limit.felt_n_per_m == pytest.approx(0.8 * WALL)
+    assert at_the_limit.rendered_n_per_m == pytest.approx(0.8 * WALL)
 
 
 def test_of_equally_safe_ones_what_is_quiet_wins_over_what_is_nearer_and_the_simpler_one_of_equals():

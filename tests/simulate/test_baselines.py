@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from baseline_laws import BASELINES, Exported, Loop
-from baseline_plant import Deeds, shaken, simulated
+from baseline_plant import Deeds, frequency_sweep, simulated
 from hardware_bench import export_c, with_gains
 from whole_device import WholeDevice, held, thrown
 
@@ -44,7 +44,7 @@ def test_the_plant_does_what_another_simulator_does(rigid):
 
 def test_a_shaken_spring_and_damper_are_told_as_their_impedance():
     wall, hz = Loop(device(encoder_resolution_m=0.0, max_force_n=None), 2e3, 3.0), np.array([1.0, 10.0])
-    rendered = shaken(wall.device, BASELINES["the wall itself"](wall, 2), 1e-3, hz, np.zeros(2))
+    rendered = frequency_sweep(wall.device, BASELINES["the wall itself"](wall, 2), 1e-3, hz, np.zeros(2))
     t, s = wall.device.sample_time_s, 2j * np.pi * hz
     exact = (2e3 + 3.0 * (1 - np.exp(-s * t)) / t) * (1 - np.exp(-s * t)) / (s * t)
     np.testing.assert_allclose(rendered, exact, rtol=1e-3)

@@ -37,7 +37,7 @@ from avc_casadi.present.row import Row, grade, row
 from avc_casadi.present.rows import subject
 from avc_casadi.present.rows.judge import own_law, passivity
 from avc_casadi.present.rows.other_ends import rendered_rows, stability
-from avc_casadi.recommendation.felt import RenderedPair, rendered_band, rendered_pair
+from avc_casadi.recommendation.rendered import RenderedPair, rendered_band, rendered_pair
 from avc_casadi.simulation.scene import Run
 
 _HZ = ("frequency, Hz", "log")
@@ -191,7 +191,7 @@ def page_answer(end: End, explorer: Explorer, settings: Settings, problem: Probl
     own_gains = ToolGains(**(vars(first) | _typed(explorer, settings)))
     coupling = explorer.coupling(settings)
     pairs = {"own": own_gains} | ({} if coupling is None else {"method": coupling.gains})
-    felt = _felt(problem, pairs)
+    felt = _rendered_charts(problem, pairs)
     if extent is Extent.PICTURES:
         return PageAnswer(vars(own_gains), felt)
     judged = explorer.cached(f"rows {stated} {own_gains}", lambda: _judged(end, problem, search, own_gains))
@@ -396,22 +396,22 @@ def _judged(end: End, problem: Problem, search: EndSearch, gains: ToolGains) -> 
     which = "corner hands, released, end stop:" if stable else "not all of"
     stability_row = row("Stability", f"{which} {search.loop_count} loops", mark=grade(stable))
     coupling = row("Coupling", subject.pair_of(gains))
-    return Judged(of_stability(stable), [coupling, stability_row, *_felt_rows(problem, gains)])
+    return Judged(of_stability(stable), [coupling, stability_row, *_rendered_rows(problem, gains)])
 
 
 @_judged.register
 def _judged_with_tool(end: Simulation, problem: Problem, search: EndSearch, gains: ToolGains) -> Judged:
-    coupling, felt = row("Coupling", subject.pair_of(gains)), _felt_rows(problem, gains)
+    coupling, felt = row("Coupling", subject.pair_of(gains)), _rendered_rows(problem, gains)
     certificate = certify_pair(problem, gains, search)
     rows = [coupling, *stability(end, certificate), *felt, *passivity(end, certificate.passivity)]
     return Judged(of_pair(certificate), rows)
 
 
-def _felt_rows(problem: Problem, gains: ToolGains) -> list[Row]:
+def _rendered_rows(problem: Problem, gains: ToolGains) -> list[Row]:
     return rendered_rows(RenderedPair(None, None, rendered_pair(problem, gains)))
 
 
-def _felt(problem: Problem, pairs: dict[str, ToolGains]) -> list[dict[str, Any]]:
+def _rendered_charts(problem: Problem, pairs: dict[str, ToolGains]) -> list[dict[str, Any]]:
     impedance_unit, stiffness_unit = problem.units.unit("N.s/m"), problem.units.unit("N/m")
     free: list[dict[str, Any]] = []
     rigid: list[dict[str, Any]] = []

@@ -15,7 +15,7 @@ from avc_casadi.claims.zwidth import ZWidth
 from avc_casadi.coupling import Coupling
 from avc_casadi.design.tool_region import ToolRegion
 from avc_casadi.present.figures import style
-from avc_casadi.recommendation.felt import STRIKES_M_PER_S, Deployed, deployed
+from avc_casadi.recommendation.rendered import STRIKES_M_PER_S, Deployed, deployed
 
 _PRESS_MM = 10.0
 """How far behind the wall's surface a hand that presses aims, mm at the handle."""
@@ -43,7 +43,7 @@ def draw_rendered(coupling: Deployed | Coupling) -> Figure:
 
 def _stiffness(axes: Axes, shown: Deployed) -> None:
     """Draw the dynamic stiffness at the handle, |K + j omega B| where it is wanted, over frequency."""
-    problem, response = shown.coupling.problem, shown.shaken
+    problem, response = shown.coupling.problem, shown.frequency_sweep
     wall = problem.environment
     hz = response.frequency_hz
     rendered = response.stiffness_n_per_m

@@ -17,7 +17,6 @@ from avc_casadi.model.ends import End, Follower, Simulation
 from avc_casadi.model.problem import Problem
 from avc_casadi.present.row import Mark, Part, Parts, Row, Value, caution, commas, count, grade, row
 from avc_casadi.present.rows import subject
-from avc_casadi.recommendation.felt import RenderedPair
 from avc_casadi.recommendation.pair import GAIN_MARGIN
 from avc_casadi.recommendation.recommendation import (
     NoPair,
@@ -25,6 +24,7 @@ from avc_casadi.recommendation.recommendation import (
     PairLimits,
     PairRecommendation,
 )
+from avc_casadi.recommendation.rendered import RenderedPair
 from avc_casadi.simulation.population.trial import FollowerTrial, ToolTrial, Trial
 
 

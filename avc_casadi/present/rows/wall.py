@@ -13,7 +13,6 @@ from avc_casadi.present.row import Mark, Part, Parts, Row, Value, caution, comma
 from avc_casadi.present.rows import subject
 from avc_casadi.recommendation.damped_wall import DampedWall
 from avc_casadi.recommendation.evaluator import UnmodelledTrial
-from avc_casadi.recommendation.felt import NOTICED_LATE_S, NOTICED_N, REACHED_M
 from avc_casadi.recommendation.rank import UNNOTICED
 from avc_casadi.recommendation.recommendation import (
     NoWallCoupling,
@@ -21,6 +20,7 @@ from avc_casadi.recommendation.recommendation import (
     Verdict,
     WallRecommendation,
 )
+from avc_casadi.recommendation.rendered import NOTICED_LATE_S, NOTICED_N, REACHED_M
 from avc_casadi.recommendation.rendered_wall import RenderedWall
 from avc_casadi.recommendation.sensitivity import Trade
 from avc_casadi.simulation.population.trial import CouplingTrial, HandCounts

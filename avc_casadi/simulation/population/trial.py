@@ -249,7 +249,7 @@ class CouplingTrial(Trial):
 
     def document(self) -> dict[str, Any]:
         """Return JSON values."""
-        felt = self.stiffness_n_per_m[np.isfinite(self.stiffness_n_per_m)]
+        in_contact = self.stiffness_n_per_m[np.isfinite(self.stiffness_n_per_m)]
         return plain_table(
             {
                 **self.counts_document(),
@@ -262,10 +262,10 @@ class CouplingTrial(Trial):
                 "felt_vibration": self.median_vibration,
                 "felt_vibration_worst": float(self.vibration.max()),
                 "stiffness_n_per_m": {
-                    "lowest": float(felt.min()) if len(felt) else None,
+                    "lowest": float(in_contact.min()) if len(in_contact) else None,
                     "median": self.stiffness,
-                    "highest": float(felt.max()) if len(felt) else None,
-                    "nine_in_ten": self.nine_in_ten_n_per_m if len(felt) else None,
+                    "highest": float(in_contact.max()) if len(in_contact) else None,
+                    "nine_in_ten": self.nine_in_ten_n_per_m if len(in_contact) else None,
                 },
                 "at_force_limit": self.saturated_presses,
                 "share_of_wall": self.share_of_wall,

@@ -1,4 +1,4 @@
-"""What a coupling feels like: impedance of the shaken handle, contact onset and its end, rebound, ripple, and plots."""
+"""What a coupling renders: impedance in a frequency sweep, contact onset and its end, rebound, ripple, and plots."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ _MANY = 0.1
 
 
 @dataclass(frozen=True)
-class Shaken:
+class FrequencySweep:
     """Impedance rendered to a handle excited about a mean depth."""
 
     depth_m: float
@@ -77,27 +77,27 @@ class Shaken:
         return dict(zip(self.frequency_hz.tolist(), values.tolist(), strict=True))
 
 
-def shaken(
-    coupling: Coupling, felt_n_per_m: float, frequency_hz: Sequence[float] | FloatArray = (1.0, 10.0, 50.0)
-) -> Shaken:
+def frequency_sweep(
+    coupling: Coupling, rendered_n_per_m: float, frequency_hz: Sequence[float] | FloatArray = (1.0, 10.0, 50.0)
+) -> FrequencySweep:
     """Return the impedance rendered to the excited handle in the wall, by describing function (Gelb 1968)."""
     device = coupling.problem.device
     heard = below_quarter_rate(device, np.array(frequency_hz))
-    excitation = HandExcitation.of(device, stiffness_at_handle(device, felt_n_per_m))
+    excitation = HandExcitation.of(device, stiffness_at_handle(device, rendered_n_per_m))
     # The sensor of a flexible device moves by another amplitude than its handle, as the force decides.
     depth_m, share = (
-        HandExcitation.of(device, felt_n_per_m).depth_m,
-        handle_impedance(device, complex(felt_n_per_m), heard)[1],
+        HandExcitation.of(device, rendered_n_per_m).depth_m,
+        handle_impedance(device, complex(rendered_n_per_m), heard)[1],
     )
     for _ in range(5):
-        force, before = _shaken_force(coupling, depth_m, excitation.amplitude_m * np.abs(share), heard), share
+        force, before = _force_in_sweep(coupling, depth_m, excitation.amplitude_m * np.abs(share), heard), share
         share = handle_impedance(device, force, heard)[1]
         if np.allclose(share, before, rtol=0.01):
             break
-    return Shaken(excitation.depth_m, excitation.amplitude_m, heard, *rendered(coupling.problem, force, heard))
+    return FrequencySweep(excitation.depth_m, excitation.amplitude_m, heard, *rendered(coupling.problem, force, heard))
 
 
-def _shaken_force(coupling: Coupling, depth_m: float, amplitude_m: FloatArray, each_hz: FloatArray) -> ComplexArray:
+def _force_in_sweep(coupling: Coupling, depth_m: float, amplitude_m: FloatArray, each_hz: FloatArray) -> ComplexArray:
     """Return commanded force over measured position for imposed sines of the sensor, N/m, shape (n,)."""
     ramp_s = 0.25  # into the wall
     settled_s = 2.0  # until the transient has decayed
@@ -298,8 +298,8 @@ def ripple(coupling: Coupling, seed: int = 0) -> Ripple:
     prescribed_n = {speed: _ripple_n(coupling, speed) for speed in speeds}
     people = people_of(coupling.problem.hands, 16, seed)
     drawn = Press(start_m=0.0, end_m=2 * speeds[0] * drawn_s, speed_m_per_s=speeds[0])
-    felt = [part.vibration for part in traces(Setup.of(coupling), people, drawn, drawn_s)]
-    return Ripple(prescribed_n, len(people), int((np.concatenate(felt) < QUIET).sum()))
+    vibrations = [part.vibration for part in traces(Setup.of(coupling), people, drawn, drawn_s)]
+    return Ripple(prescribed_n, len(people), int((np.concatenate(vibrations) < QUIET).sum()))
 
 
 def _ripple_n(coupling: Coupling, speed_per_s: float) -> float:
@@ -324,7 +324,7 @@ class Deployed:
     """Responses of a coupling with h corners of the hands, to plot."""
 
     coupling: Coupling
-    shaken: Shaken
+    frequency_sweep: FrequencySweep
     hands: Hand
     worst: int  # the hand with the least damped loop
     press_s: FloatArray
@@ -352,7 +352,7 @@ def deployed(coupling: Coupling) -> Deployed:
     hz = (1.0, 2.0, 3.0, 5.0, 7.0, 10.0, 15.0, 20.0, 30.0, 50.0, 70.0, 100.0)
     return Deployed(
         coupling=coupling,
-        shaken=shaken(coupling, coupling.static_stiffness_n_per_m, hz),
+        frequency_sweep=frequency_sweep(coupling, coupling.static_stiffness_n_per_m, hz),
         hands=hands,
         worst=int(damping_ratios(loop.poles[:-1]).min(axis=1).argmin()),
         press_s=np.asarray(period * np.arange(pressed.shape[-1])),
@@ -366,7 +366,7 @@ def deployed(coupling: Coupling) -> Deployed:
 
 
 @dataclass(frozen=True)
-class Felt:
+class RenderedPoint:
     """Impedance at the handle at one frequency, of device and coupling to a tool or a follower."""
 
     frequency_hz: float
@@ -391,10 +391,10 @@ class RenderedPair(Document):
 
     stiffness_n_per_m: float | None
     on_stiffest_contact_n_per_m: float | None
-    points: tuple[Felt, ...]
+    points: tuple[RenderedPoint, ...]
 
     @classmethod
-    def of(cls, coupling: Coupling, points: tuple[Felt, ...]) -> Self:
+    def of(cls, coupling: Coupling, points: tuple[RenderedPoint, ...]) -> Self:
         """Return what a coupling renders, with its impedance by frequency."""
         device = coupling.problem.device
         k = coupling.gains.stiffness_n_per_m
@@ -456,7 +456,7 @@ def _nominal_follower(follower: Follower, problem: Problem) -> NominalEnd:
     return NominalEnd(moving, held, moves=True, mass_kg=far.mass_kg, damping_ns_per_m=far.damping_ns_per_m)
 
 
-def rendered_band(problem: Problem, gains: ToolGains) -> tuple[tuple[Felt, ...], float, float]:
+def rendered_band(problem: Problem, gains: ToolGains) -> tuple[tuple[RenderedPoint, ...], float, float]:
     """Return the impedance over the band of hand motion and perception, and mass and damping of both ends as one."""
     device, far = problem.device, nominal_end(problem.end, problem)
     rendered_impedance = rendered_pair(problem, gains, np.geomspace(0.3, 100.0, 80).tolist())
@@ -465,11 +465,11 @@ def rendered_band(problem: Problem, gains: ToolGains) -> tuple[tuple[Felt, ...],
 
 def rendered_pair(
     problem: Problem, gains: ToolGains, frequencies_hz: Sequence[float] = (1.0, 10.0)
-) -> tuple[Felt, ...]:
+) -> tuple[RenderedPoint, ...]:
     """Return the impedance at the handle of the nominal device, of the heaviest tool or the follower."""
     device, far = problem.device, nominal_end(problem.end, problem)
 
-    def at(frequency_hz: float) -> Felt:
+    def at(frequency_hz: float) -> RenderedPoint:
         """Return that in free motion and in rigid contact."""
         hz, s = np.array([frequency_hz]), 2j * np.pi * frequency_hz
         moved, contact = (
@@ -480,9 +480,9 @@ def rendered_pair(
         stiffness, error = float(abs((contact - alone) * s)), float(abs(contact - wanted) / abs(wanted))
         if not far.moves:
             drag = device.damping_ns_per_m + gains.local_damping_ns_per_m
-            return Felt(frequency_hz, None, drag, None, stiffness, error)
+            return RenderedPoint(frequency_hz, None, drag, None, stiffness, error)
         body = alone + far.mass_kg * s + far.damping_ns_per_m
         free_error = float(abs(moved - body) / abs(body))
-        return Felt(frequency_hz, float(moved.imag / abs(s)), float(moved.real), free_error, stiffness, error)
+        return RenderedPoint(frequency_hz, float(moved.imag / abs(s)), float(moved.real), free_error, stiffness, error)
 
     return tuple(at(hz) for hz in frequencies_hz if hz * device.sample_time_s < 0.25)
