@@ -24,7 +24,7 @@ from avc_casadi.loops.walls import Stretches, stable_walls
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners
 from avc_casadi.model.declared import declared, effects_of_scene_alone
 from avc_casadi.model.device import Device
-from avc_casadi.model.hands import Hand, no_hand
+from avc_casadi.model.hands import Hand, released_hand
 from avc_casadi.model.problem import Model, Problem
 from avc_casadi.model.runtime import PLAIN, Poles, VelocityFilterEffect, low_pass, velocity_poles
 
@@ -358,7 +358,7 @@ def _claims(problem: Problem, corners: Sequence[Device], hands: Hand) -> tuple[C
     stable: Claims = {
         "stable-released": (
             f"linearly stable without a hand{conditions}",
-            partial(stable_walls, corners, no_hand(), poles=poles),
+            partial(stable_walls, corners, released_hand(), poles=poles),
         ),
         "stable-hands": (
             f"linearly stable with every hand{conditions}",

@@ -23,7 +23,7 @@ from avc_casadi.design.plants import PlantMatrices
 from avc_casadi.loops.plant_family import PlantFamily
 from avc_casadi.loops.spectrum import eigenvalues
 from avc_casadi.model.device import Device
-from avc_casadi.model.hands import no_hand
+from avc_casadi.model.hands import released_hand
 from avc_casadi.model.perturbed import perturbed_devices
 from avc_casadi.model.plant import sampled_plant
 from avc_casadi.model.problem import Problem
@@ -148,7 +148,7 @@ class LawFamily:
         self.structure = structure
         self.hands = family.held
         self.held = PlantMatrices.of(sampled_plant(family.devices, family.held))
-        self.plants = self.held.and_those_of(PlantMatrices.of(sampled_plant(family.devices, no_hand())))
+        self.plants = self.held.and_those_of(PlantMatrices.of(sampled_plant(family.devices, released_hand())))
         hz = self._grid_hz(_COARSE)
         self.z = np.exp(2j * np.pi * hz * problem.device.sample_time_s)
         self.response = self.plants.position_per_force(self.z)
@@ -167,7 +167,7 @@ class LawFamily:
         if not devices:
             return None
         held = PlantMatrices.of(sampled_plant(devices, self.hands))
-        return held.and_those_of(PlantMatrices.of(sampled_plant(devices, no_hand())))
+        return held.and_those_of(PlantMatrices.of(sampled_plant(devices, released_hand())))
 
     def _grid_hz(self, density: int) -> FloatArray:
         """Return frequencies from 0.1 Hz to the Nyquist frequency itself, dense about resonances."""

@@ -22,7 +22,7 @@ from avc_casadi.diagnose.priors import (
     delays_of,
     hand_unknowns,
 )
-from avc_casadi.model.hands import Hand, no_hand
+from avc_casadi.model.hands import Hand, released_hand
 from avc_casadi.model.plant import sampled_plant
 
 _LEAST_DELAY = 2e-3
@@ -200,7 +200,7 @@ class _SampledMotion:
     @classmethod
     def of(cls, hypothesis: Hypothesis, period_s: float) -> _SampledMotion:
         """Return the motion of a device and its hand."""
-        plant = sampled_plant(hypothesis.device, hypothesis.hand or no_hand())
+        plant = sampled_plant(hypothesis.device, hypothesis.hand or released_hand())
         scale = np.array([period_s if name.endswith("_per_s") else 1.0 for name in plant.names])
         matrix = plant.matrix[0, 0] * scale[:, None] / scale
         return cls(

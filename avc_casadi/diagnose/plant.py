@@ -11,7 +11,7 @@ from avc_casadi.diagnose.oscillation import Log
 from avc_casadi.loops.loop import Body
 from avc_casadi.loops.wall import closed
 from avc_casadi.model.device import Device
-from avc_casadi.model.hands import Hand, no_hand
+from avc_casadi.model.hands import Hand, released_hand
 from avc_casadi.model.law import Law
 from avc_casadi.model.plant import sampled_plant
 from avc_casadi.model.problem import Hands
@@ -77,7 +77,7 @@ def growth(hypothesis: Hypothesis, law: FittedLaw, stiffness: float = 1.0, dampi
     """
     period = hypothesis.device.sample_time_s
     late = hypothesis.vary(delay_samples=hypothesis.delay + law.lag)
-    body = Body.of(sampled_plant(late.device, hypothesis.hand or no_hand())).axes(0, 0)
+    body = Body.of(sampled_plant(late.device, hypothesis.hand or released_hand())).axes(0, 0)
     scaled = Law.spring_damper(stiffness * law.stiffness_n_per_m, damping * law.damping_ns_per_m, period, pole=law.keep)
     return math.log(max(float(closed(body, scaled).radius), 1e-300)) / period
 

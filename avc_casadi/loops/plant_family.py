@@ -124,8 +124,8 @@ class PlantFamily:
     @cached_property
     def released(self) -> PlantFamily:
         """The same device without a hand."""
-        nobody = dict.fromkeys((item.name for item in fields(Hand)), (0.0, 0.0))
-        return self.between(self.device, self.hand_ranges.model_copy(update=nobody))
+        released = dict.fromkeys((item.name for item in fields(Hand)), (0.0, 0.0))
+        return self.between(self.device, self.hand_ranges.model_copy(update=released))
 
     @property
     def varies(self) -> bool:

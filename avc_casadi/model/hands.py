@@ -116,16 +116,16 @@ def joined(hands: Hand, more: Hand) -> Hand:
 
 def with_released(hands: Hand) -> Hand:
     """Return hands with the released device added."""
-    return joined(hands, no_hand())
+    return joined(hands, released_hand())
 
 
 def with_stops(hands: Hand, mass_kg: float) -> Hand:
     """Return hands with the device at its end stop added, without a swing of its own, and the released device."""
     stop = Hand(0.0, 2 * (END_STOP_N_PER_M * mass_kg) ** 0.5, END_STOP_N_PER_M)
-    return joined(joined(hands, stop), no_hand())
+    return joined(joined(hands, stop), released_hand())
 
 
-def no_hand() -> Hand:
+def released_hand() -> Hand:
     """Return the absent hand of a released device."""
     return Hand(0.0, 0.0, 0.0)
 

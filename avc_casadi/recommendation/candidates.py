@@ -21,7 +21,7 @@ from avc_casadi.loops.walls import DampingRange, damping_range, softest_wall_n_p
 from avc_casadi.model.gains import Gains, near_rigid_n_per_m, spring_before
 from avc_casadi.model.problem import Problem
 from avc_casadi.model.runtime import Runtime, StateFeedback
-from avc_casadi.recommendation.evaluator import Evaluator, unstable_off_file
+from avc_casadi.recommendation.evaluator import Evaluator, unstable_when_perturbed
 from avc_casadi.recommendation.preconditions import why_infeasible
 from avc_casadi.recommendation.rank import NOTICED_ERROR, UNNOTICED, error_in_motion, impedance_error
 from avc_casadi.recommendation.reasons import NotNear, NoWallRendered, Reason, StifferWall
@@ -193,7 +193,7 @@ def with_widths(coupling: Coupling) -> Iterator[Coupling]:
         return
     narrow, *wider = (_with_width(coupling, law, steps) for steps in WIDTHS)
     yield narrow
-    if not deployable(narrow).passed or unstable_off_file(narrow):  # nor is it better with any other width
+    if not deployable(narrow).passed or unstable_when_perturbed(narrow):  # nor is it better with any other width
         return
     noticed = error_in_motion(narrow) + NOTICED_ERROR
     for wide in wider:

@@ -135,7 +135,7 @@ class Evaluator:
         if loose.mean() < 1 - _FEW:
             return struck, loose
         # A law knows its device: it must bear one that is a tenth off, with the declared friction.
-        off = None if coupling.runtime.state_feedback is None else off_file(coupling, self._seed)
+        off = None if coupling.runtime.state_feedback is None else try_perturbed_devices(coupling, self._seed)
         if off is not None and off.trial.stable.mean() < 1 - _FEW:
             return struck, off.trial.stable
         return struck, *(group.settles(coupling, friction=self._lean) for group in self._beyond)
@@ -251,7 +251,7 @@ class PerturbedDevices(Document):
         return values | self.trial.counts_document()
 
 
-def off_file(coupling: Coupling, seed: int = 0) -> PerturbedDevices | None:
+def try_perturbed_devices(coupling: Coupling, seed: int = 0) -> PerturbedDevices | None:
     """Return a trial of the corner hands on the perturbed devices with which the loop is the least stable."""
     devices, radii = least_stable_devices(coupling)
     if not devices:
@@ -272,7 +272,7 @@ def least_stable_devices(coupling: Coupling, count: int = WORST_DEVICES) -> tupl
     return [devices[place] for place in worst], radii[worst]
 
 
-def unstable_off_file(coupling: Coupling) -> bool:
+def unstable_when_perturbed(coupling: Coupling) -> bool:
     """Return whether too many hands cannot settle on the least stable perturbed devices: no friction holds them."""
     if coupling.problem.device.coulomb_friction_n > 0 or not perturbed_devices(coupling.problem):
         return False

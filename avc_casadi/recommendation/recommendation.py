@@ -267,9 +267,9 @@ class WallRecommendation(_ToWall, Recommendation):
         rest: limit-cycle freedom with every hand, making and breaking contact.
         limits: what limits a coupling to this wall.
         confirmed: result with hands of [hands] outside the selection; None of gains that were not selected.
-        off_file: result of the corner hands on devices perturbed by a tenth; None where every value of the device has
-            a range.
-        beyond_file: results with one unmodelled effect each: lighter device, missed samples, extra resonance.
+        perturbed_devices: result of the corner hands on devices perturbed by a tenth; None where every value of the
+            device has a range.
+        unmodelled_effects: results with one unmodelled effect each: lighter device, missed samples, extra resonance.
         trade_off: what a disk margin costs, at four of them; empty where that was not asked for.
         damped_wall: what a damper of the wall would change; None where the coupling does not ring, or nothing helps.
     """
@@ -284,8 +284,8 @@ class WallRecommendation(_ToWall, Recommendation):
         "stiffest_wall_n_per_m",
         ("plain_wall_n_per_m", "limits.plain_wall_n_per_m"),
         "simulated",
-        "off_file",
-        "beyond_file",
+        ("off_file", "perturbed_devices"),
+        ("beyond_file", "unmodelled_effects"),
         "trade_off",
         "damped_wall",
     )
@@ -297,8 +297,8 @@ class WallRecommendation(_ToWall, Recommendation):
     verdict: Verdict = Verdict.DEPLOYABLE
     limits: WallLimits = WallLimits()
     confirmed: CouplingTrial | None = None
-    off_file: PerturbedDevices | None = None
-    beyond_file: tuple[UnmodelledTrial, ...] = ()
+    perturbed_devices: PerturbedDevices | None = None
+    unmodelled_effects: tuple[UnmodelledTrial, ...] = ()
     trade_off: tuple[Trade, ...] = ()
     damped_wall: DampedWall | None = None
 

@@ -261,8 +261,8 @@ def _strikes(setup: Setup, speed_m_per_s: float, *, at_face: bool, strikes: int 
     start = speed_m_per_s
     for _ in range(steps):
         start += far / steps * (friction_n / start + device.damping_ns_per_m) / device.mass_kg
-    nobody = Hand(*(np.zeros(strikes),) * 3)
-    scene, parameters, inputs = prepare(setup, nobody, Hold(start_m=-far, end_m=-far), far / speed_m_per_s + 0.5)
+    released = Hand(*(np.zeros(strikes),) * 3)
+    scene, parameters, inputs = prepare(setup, released, Hold(start_m=-far, end_m=-far), far / speed_m_per_s + 0.5)
     moving = [start if name.endswith("_velocity_m_per_s") else 0.0 for name in scene.states]
     run = execute(replace(scene, initial=scene.initial + moving), parameters, inputs)
     inside, handle = run.get("measured_m", run["position_m"]) > 0, run.get("handle_m_per_s", run["velocity_m_per_s"])

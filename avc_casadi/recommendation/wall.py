@@ -20,7 +20,7 @@ from avc_casadi.recommendation.damped_wall import damped_wall
 from avc_casadi.recommendation.evaluator import (
     Evaluator,
     UnmodelledTrial,
-    off_file,
+    try_perturbed_devices,
     unmet_requirements,
     unmodelled_trials,
 )
@@ -78,7 +78,7 @@ class WallDesign:
     def recommendation(self, best: Candidate) -> WallRecommendation:
         """Return the answer with a coupling."""
         request, problem = self.request, self.problem
-        mismatched = self._crew.begin(partial(off_file, best.coupling, request.seed))
+        mismatched = self._crew.begin(partial(try_perturbed_devices, best.coupling, request.seed))
         unmodelled = self._crew.begin(partial(unmodelled_trials, best.coupling, request.seed))
         certified = with_certificate(best.coupling, request.progress, prove=request.prove)
         known, rest = with_rest(certified, request.progress)
@@ -90,8 +90,8 @@ class WallDesign:
             trial=best.trial,
             claims=deployable(known),
             confirmed=best.others,
-            off_file=off,
-            beyond_file=beyond,
+            perturbed_devices=off,
+            unmodelled_effects=beyond,
             verdict=verdict,
             rest=rest,
             limits=self.limits,
@@ -165,8 +165,8 @@ def judged(coupling: Coupling, schedule: GainSchedule, hands: int, progress: Pro
         coupling=known.with_trial(tried.document()),
         trial=tried,
         claims=claims,
-        off_file=off_file(known, 0),
-        beyond_file=beyond,
+        perturbed_devices=try_perturbed_devices(known, 0),
+        unmodelled_effects=beyond,
         verdict=Verdict.DEPLOYABLE if claims.passed and shortfall is None else verdict,
         rest=rest,
         limits=WallLimits(limit),

@@ -13,7 +13,7 @@ from avc_casadi.loops.loop import Body
 from avc_casadi.loops.wall import closed, frozen_law, law_at_rest
 from avc_casadi.model.device import Device
 from avc_casadi.model.gains import Gains
-from avc_casadi.model.hands import Hand, hand_ranges, joined, no_hand
+from avc_casadi.model.hands import Hand, hand_ranges, joined, released_hand
 from avc_casadi.model.law import Law
 from avc_casadi.model.plant import sampled_plant
 from avc_casadi.model.problem import Hands
@@ -159,7 +159,7 @@ def test_no_drawn_hand_and_share_is_worse_than_the_worst_that_is_found(seed):
         <= found["dead-zone"].radius + slack
     )
     assert radii(made, drawn, [1.0], [1.0]).max() <= found["hands"].radius + slack
-    clipped = radii(made, joined(drawn, no_hand()), np.ones(12), np.exp(rng.uniform(np.log(0.01), 0.0, 12)))
+    clipped = radii(made, joined(drawn, released_hand()), np.ones(12), np.exp(rng.uniform(np.log(0.01), 0.0, 12)))
     assert clipped.max() <= found["clip"].radius + slack
 
 

@@ -16,7 +16,7 @@ from avc_casadi.loops.walls import damping_range, stiffest_wall
 from avc_casadi.model.corners import linear_values
 from avc_casadi.model.gains import Gains, near_rigid_n_per_m
 from avc_casadi.model.hands import hand_corners
-from avc_casadi.recommendation.evaluator import least_stable_devices, off_file
+from avc_casadi.recommendation.evaluator import least_stable_devices, try_perturbed_devices
 from avc_casadi.simulation.compile import target_of
 from avc_casadi.simulation.judge import AT_REST_M_PER_S
 from avc_casadi.simulation.population.motions import LONGEST_S, MOTIONS, TRIAL_S, course_of
@@ -141,7 +141,7 @@ def before(wall, **device):
 def test_a_wall_at_its_limit_moves_on_lighter_devices_and_one_far_from_it_does_not():
     bare = before(WALL_N_PER_M)
     limit = stiffest_wall(PlantFamily.of(bare)).stiffness_n_per_m
-    brittle, safe = (off_file(rigid(before(share * limit))) for share in (0.97, 0.5))
+    brittle, safe = (try_perturbed_devices(rigid(before(share * limit))) for share in (0.97, 0.5))
     assert safe.trial.counts().at_rest_without_friction == safe.trial.hands
     assert brittle.trial.counts().at_rest_without_friction < brittle.trial.hands
 
@@ -155,7 +155,7 @@ def test_a_wall_that_only_a_hand_holds_is_told_to_be_unstable_let_go():
     )
     coupling = rigid(held)
     assert all(claim.passed for claim in avc.deployable(coupling).claims if claim.name != "disk-margin")
-    found = off_file(coupling)
+    found = try_perturbed_devices(coupling)
     assert found.trial.counts().at_rest_without_friction == found.trial.hands
     damping = float(coupling.table.gains[2, 0])
     expected = [spectral_radius(device, NOBODY, damping, wall) > 1 for device in least_stable_devices(coupling)[0]]

@@ -11,7 +11,7 @@ from avc_casadi.coupling import Coupling
 from avc_casadi.loops.plant_family import PlantFamily
 from avc_casadi.loops.walls import damping_range, in_contact
 from avc_casadi.model.gains import Gains
-from avc_casadi.model.hands import no_hand
+from avc_casadi.model.hands import released_hand
 
 T = 1e-3
 KNOB = """
@@ -82,7 +82,7 @@ def test_the_scene_is_that_of_a_simulation_of_its_own():
 
 def test_what_is_claimed_of_a_valley_is_what_the_device_does_let_go():
     """Just within the damping that holds the slope the device comes to rest in a valley; just outside it does not."""
-    free = no_hand()
+    free = released_hand()
     problem = knob(torque=0.02, wall=0.0)
     limits = damping_range(PlantFamily.of(problem).released, problem.detent.slope_n_per_m)
     assert limits.lowest_ns_per_m > 0

@@ -73,7 +73,7 @@ def wall_rows(recommended: WallRecommendation) -> list[Row]:
         *_margins(recommended),
         *_trade_off(recommended.trade_off),
         *_simulated(recommended),
-        *_unmodelled(recommended.beyond_file),
+        *_unmodelled(recommended.unmodelled_effects),
         subject.peak_force(
             trial.largest_tap_force_n, problem.device.max_force_n, trial.saturated_presses, trial.deepest_tap_m
         ),
@@ -270,7 +270,7 @@ def _settle(counts: HandCounts) -> tuple[Part, ...]:
 
 def _simulated(recommended: WallRecommendation) -> list[Row]:
     """Return how many simulated hands settle: on the device, and on perturbed ones."""
-    counts, perturbed = recommended.simulated, recommended.off_file
+    counts, perturbed = recommended.simulated, recommended.perturbed_devices
     quiet = ";", count(counts.quiet), "below the vibrotactile threshold"
     rows = [row("Simulated", _settle(counts), quiet, mark=subject.settled(counts, doubt=counts.many_vibrate))]
     if perturbed is not None:
