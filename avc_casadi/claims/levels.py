@@ -57,9 +57,9 @@ class Level:
 LEVELS = {
     "L0": Level(
         "passive at its own frequency",
-        "Re Z_h >= 0 at each row's own frequency: the paper's (12); a table of one row runs at every frequency of the"
-        " problem, and is judged there",
-        "anything of the other frequencies, though the hand excites them all",
+        "Re Z_h >= 0 at each row's own frequency, the paper's (12); a table of one row is judged at every frequency of"
+        " the problem",
+        "other frequencies, although the hand excites them all",
         where="own",
     ),
     "L1": Level(
@@ -70,34 +70,34 @@ LEVELS = {
     ),
     "L2": Level(
         "passive at all frequencies, paper's hold",
-        "each frozen row passive with this wall at every frequency, paper's hold",
-        "the hold of a real device: each force stands for a whole sample",
+        "each frozen row is passive with this wall at every frequency, with the paper's hold",
+        "the hold of a real device, which keeps each force for a whole sample",
         hold="paper",
     ),
     "L3": Level(
         "passive at all frequencies, sampled-data hold",
-        "the same, sampled-data hold: the condition of Colgate and Schenkel, exact",
+        "the same with the sampled-data hold: the exact condition of Colgate and Schenkel",
         "changing gains; friction, encoder, saturation",
         hold="sampled-data",
     ),
     "L4": Level(
         "Llewellyn, any passive environment",
         "Llewellyn's (6): passive for any passive wall that the device's own loop computes, every T",
-        "as L2 or L3, in the problem's model; an engine's tool: a mass that is moved explicitly is no passive wall, "
-        "nor is one at another rate a wall of this loop (`[simulation]`, the engine's port)",
+        "as L2 or L3, in the problem's model; an engine's tool, which is not such a wall (`[simulation]`, the engine's "
+        "port)",
         any_environment=True,
     ),
     "L5": Level(
         "linearly stable with a set of hands",
-        "each frozen row linearly stable with every hand of the ranges, on the loop that runs, without friction:"
+        "each frozen row is linearly stable with every hand of the ranges, on the loop that runs, without friction;"
         " *checked* by corners, draws and a search for the worst hand",
         "passivity; hands outside the ranges; switching",
     ),
     "L7": Level(
         "settles with every hand, making and breaking contact",
-        "each frozen row settles with every hand of the range, wherever it rests and from any state, making and"
+        "each frozen row settles with every hand of the range, for any place of rest and any initial state, making and"
         " breaking contact, on the device that the claim names (with `--prove`)",
-        "changing gains; friction, encoder; with play it is open",
+        "changing gains; friction, encoder; open with play",
         on_demand=True,
     ),
 }

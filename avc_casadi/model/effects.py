@@ -71,7 +71,7 @@ class LawEffect(Effect):
 
 
 class DetentEffect(Effect):
-    """The detents of [detent], beside the wall."""
+    """The detents of [detent], in addition to the wall."""
 
     kind: Literal["detent"] = "detent"
 

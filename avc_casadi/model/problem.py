@@ -30,7 +30,7 @@ E = TypeVar("E", bound=End)
 
 
 class Impedance(t.Table):
-    """A damper and a spring side by side, b + k/s."""
+    """A damper and a spring in parallel, b + k/s."""
 
     damping_ns_per_m: q.Damping
     stiffness_n_per_m: q.Stiffness
@@ -96,7 +96,7 @@ class ScheduleSettings(t.Table):
 
 
 class Hands(t.Table):
-    """The set of hands, each value [lowest, highest]: corners and draws of it are used."""
+    """The set of hands, each value [lowest, highest]: corners and random draws of it are used."""
 
     mass_kg: q.Pair[q.Mass] = (0.05, 0.3)
     damping_ns_per_m: q.Pair[q.Damping] = (3.0, 20.0)

@@ -83,9 +83,9 @@ def _fault(name: str, value: float, unit: str, ends: tuple[float, float]) -> str
     if not np.isfinite(value):
         return f"needs {name} that is not finite"
     if value < 0:
-        return f"asks for negative {name} {value:.6g} {unit}"
+        return f"needs negative {name} {value:.6g} {unit}"
     if not low <= value <= high:
-        return f"asks for {name} {value:.6g} {unit} outside [{low:g}, {high:g}]"
+        return f"needs {name} {value:.6g} {unit} outside [{low:g}, {high:g}]"
     return ""
 
 
@@ -129,8 +129,8 @@ def _desired(problem: Problem, loop: ImpedanceLoop, *, as_printed: bool) -> tupl
     return desired, loop.environment - desired
 
 
-CANNOT_BE_RIGID = "asks for a rigid coupling: the rendered impedance equals the environment"
-FREE_SPACE = "asks for an impedance that no coupling renders in free space (b_e = k_e = 0)"
+CANNOT_BE_RIGID = "needs a rigid coupling: the rendered impedance equals the environment"
+FREE_SPACE = "needs an impedance that no coupling renders in free space (b_e = k_e = 0)"
 NOTHING_TO_RENDER = (
     "nothing to render: environment and goal are free space (b_e = k_e = 0), so that any coupling does the same"
 )

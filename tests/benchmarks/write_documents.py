@@ -110,7 +110,7 @@ def rows(model: type[BaseModel], prefix: str = "", place: tuple[str, str] = ("",
             continue
         required = field.default is PydanticUndefined and field.default_factory is None
         unit, may = allowed(annotation)
-        default = "must be there" if required else toml(field.default)
+        default = "required" if required else toml(field.default)
         key = f"`{prefix}{name}`"
         found.append((key, unit, default, may, said.get((*place, key), "")))
     return found
@@ -161,7 +161,7 @@ def key_tables() -> str:
 def levels_table() -> str:
     """The levels of a certificate, as their table says."""
     rows = [(name, claim.claims, claim.leaves) for name, claim in LEVELS.items()]
-    return table(("level", "claim, if it passes", "what it does not say"), rows)
+    return table(("level", "claim, if it passes", "not covered"), rows)
 
 
 ROOT = Path(__file__).parents[2]
