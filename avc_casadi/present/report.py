@@ -9,16 +9,14 @@ from html import escape
 from pathlib import Path
 from string import Template
 
-from matplotlib.figure import Figure
-
 from avc_casadi._util.units import Units
 from avc_casadi.claims.levels import read_levels
 from avc_casadi.design.comparison.comparison import Comparison
 from avc_casadi.files.problem_file import dump_problem
 from avc_casadi.paper.errata import ASSUMPTIONS, PAPER_ERRORS
-from avc_casadi.present.figures.deployed import draw_loop, draw_rendered
-from avc_casadi.present.figures.paper import draw_comparison, draw_perceived
-from avc_casadi.present.figures.style import files_of
+from avc_casadi.present.figures.deployed import opened_loop, rendered
+from avc_casadi.present.figures.paper import errors, perceived
+from avc_casadi.present.figures.style import Drawing, files_of
 from avc_casadi.present.row import Answer, Row, row
 from avc_casadi.present.rows.design import comparison, printed_errors
 from avc_casadi.present.rows.judge import levels
@@ -28,24 +26,38 @@ from avc_casadi.recommendation.rendered import deployed
 
 
 @dataclass(frozen=True)
+class PanelPicture:
+    """A panel of a picture alone, with its title."""
+
+    title: str
+    svg: bytes
+
+
+@dataclass(frozen=True)
 class Picture:
-    """A figure for a page, with its caption, which is also its alternative text."""
+    """A drawing with its caption: as files, and its panels alone for a page that is as wide as it happens to be."""
 
     caption: str
     png: bytes
     svg: bytes
+    panels: tuple[PanelPicture, ...]
 
     @classmethod
-    def of(cls, figure: Figure, caption: str) -> Picture:
-        """Return a figure as the contents of its files."""
-        return cls(caption, *files_of(figure, "png", "svg"))
+    def of(cls, drawing: Drawing, caption: str) -> Picture:
+        """Return a drawing as the contents of its files."""
+        png, svg = files_of(drawing.figure(), "png", "svg")
+        panels = (PanelPicture(panel.title, files_of(panel.figure, "svg")[0]) for panel in drawing.panels())
+        return cls(caption, png, svg, tuple(panels))
 
     def html(self) -> str:
-        """Return the figure with its picture inside."""
-        source = f"data:image/svg+xml;base64,{base64.b64encode(self.svg).decode()}"
-        caption = escape(self.caption)
-        picture = _wide(self.caption, f'<img src="{source}" alt="{caption}">')
-        return f"<figure>{picture}<figcaption>{caption}</figcaption></figure>"
+        """Return the panels, each with its title, which is also its alternative text, under the caption."""
+        panels = []
+        for panel in self.panels:
+            source = f"data:image/svg+xml;base64,{base64.b64encode(panel.svg).decode()}"
+            title = escape(panel.title)
+            picture = f'<img src="{source}" alt="{title}">'
+            panels.append(f"<figure><figcaption>{title}</figcaption>{picture}</figure>")
+        return f'<p class="caption">{escape(self.caption)}</p>\n<div class="panels">{"".join(panels)}</div>'
 
 
 @dataclass(frozen=True)
@@ -63,9 +75,10 @@ class Section:
         """Return it as HTML."""
         text = f"<p>{escape(self.text)}</p>" if self.text else ""
         file = _wide(self.title, f"<pre>{escape(self.file)}</pre>") if self.file else ""
-        body = "\n".join(
-            [text, *(picture.html() for picture in self.pictures), _table(self.title, self.rows, units), file]
-        )
+        # Rows first: on a narrow screen they stand above the pictures, on a wide one next to them.
+        table = _table(self.title, self.rows, units)
+        pictures = "\n".join(picture.html() for picture in self.pictures)
+        body = "\n".join([text, f'<div class="sides">{table}<div>{pictures}</div></div>' if pictures else table, file])
         if self.folded:
             return f"<details>\n<summary>{escape(self.title)}</summary>\n{body}\n</details>"
         return f"<h2>{escape(self.title)}</h2>\n{body}"
@@ -92,7 +105,7 @@ def report_html(
     versions: Mapping[str, str],
     more: Sequence[Section] = (),
 ) -> str:
-    """Return the report of a recommendation: verdict, one picture and ten rows first, then the rest of it."""
+    """Return the report of a recommendation: verdict, ten rows and one picture first, then the rest of it."""
     shown = [line for line in answer.rows if line.rank == 0]
     problem = recommended.problem
     units = problem.units
@@ -116,14 +129,14 @@ def report_html(
 
 
 def paper_sections(compared: Comparison, drawn: Mapping[str, Picture], pushed: Row) -> list[Section]:
-    """Return the paper's question: the methods side by side, and what the comparison is made of."""
+    """Return what became of the push, and folded the paper's question, which a deployer does not need."""
     text = "Which gains keep each frequency passive and feel real? They are for comparison, not for a hand."
-    errors = printed_errors(PAPER_ERRORS)
-    question = [*comparison(compared).rows, pushed]
+    question = comparison(compared).rows
     return [
-        Section("The paper's question", question, list(drawn.values()), text),
+        Section("Push to the device", [pushed]),
+        Section("The paper's question", question, list(drawn.values()), text, folded=True),
         Section("What is assumed", [row(subject, assumed) for subject, assumed in ASSUMPTIONS], folded=True),
-        Section("Errors of the printed paper", errors, folded=True),
+        Section("Errors of the printed paper", printed_errors(PAPER_ERRORS), folded=True),
     ]
 
 
@@ -132,19 +145,16 @@ def wall_pictures(recommended: Recommendation) -> dict[str, Picture]:
     if recommended.coupling is None:
         return {}
     responses = deployed(recommended.coupling)
-    rendered = "Rendered against wanted: stiffness by sinusoidal excitation, and simulated hands that press."
+    felt = "Rendered against wanted: stiffness by sinusoidal excitation, and simulated hands that press."
     loop = "The loop opened at the actuator, with its margins, and the impact on the wall in the linear loop."
-    return {
-        "rendered": Picture.of(draw_rendered(responses), rendered),
-        "loop": Picture.of(draw_loop(responses), loop),
-    }
+    return {"rendered": Picture.of(rendered(responses), felt), "loop": Picture.of(opened_loop(responses), loop)}
 
 
 def paper_pictures(compared: Comparison) -> dict[str, Picture]:
     """Return the figures of the paper's question."""
-    perceived = "Perceived impedance between the bounds that feel real, Re Z that (12) constrains, and the gains."
-    errors = "Errors of the methods at each frequency."
+    felt = "Perceived impedance between the bounds that feel real, Re Z that (12) constrains, and the gains."
+    of_methods = "Errors of the methods at each frequency."
     return {
-        "perceived": Picture.of(draw_perceived(compared), perceived),
-        "comparison": Picture.of(draw_comparison(compared), errors),
+        "perceived": Picture.of(perceived(compared), felt),
+        "comparison": Picture.of(errors(compared), of_methods),
     }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,8 @@ from avc_casadi.recommendation.rendered import STRIKES_M_PER_S, Deployed, deploy
 _PRESS_MM = 10.0
 """How far behind the wall's surface a hand that presses aims, mm at the handle."""
 
+_WORST_HAND = "least damped hand"
+_OTHER_HANDS = "other hands of the range"
 _WANTED: dict[str, Any] = {"color": "0.72", "linewidth": 4.0, "zorder": 2}
 _WORST: dict[str, Any] = {"color": style.BLUE, "linewidth": 1.5, "zorder": 5}
 _RELEASED: dict[str, Any] = {"color": style.ORANGE, "linewidth": 1.4, "linestyle": style.DASHED, "zorder": 6}
@@ -29,16 +32,21 @@ _GAIN: dict[str, Any] = {"color": style.PURPLE, "linewidth": 2.2, "zorder": 7}
 _PHASE: dict[str, Any] = {"color": style.GREEN, "linewidth": 2.2, "zorder": 7, "markersize": 3.5}
 
 
-@style.styled
 def draw_rendered(coupling: Deployed | Coupling) -> Figure:
     """Draw rendered against wanted: dynamic stiffness at the handle, and presses against time."""
-    shown = coupling if isinstance(coupling, Deployed) else deployed(coupling)
-    titles = ("(a) stiffness by sinusoidal excitation", "(b) simulated hands press, approach cut")
-    figure = style.panels(titles, 2.9, "ab")
-    stiffness, press = figure.axes
-    _stiffness(stiffness, shown)
-    _presses(press, shown)
-    return style.with_legend(figure, 4)
+    return rendered(coupling if isinstance(coupling, Deployed) else deployed(coupling)).figure()
+
+
+def rendered(shown: Deployed) -> style.Drawing:
+    """Return the panels of rendered against wanted."""
+
+    def paint(panels: Sequence[Axes]) -> None:
+        stiffness, press = panels
+        _stiffness(stiffness, shown)
+        _presses(press, shown)
+
+    titles = ("stiffness by sinusoidal excitation", "simulated hands press, approach cut")
+    return style.Drawing(titles, 2.9, "ab", 4, paint)
 
 
 def _stiffness(axes: Axes, shown: Deployed) -> None:
@@ -62,12 +70,12 @@ def _stiffness(axes: Axes, shown: Deployed) -> None:
 
 
 def _presses(axes: Axes, shown: Deployed) -> None:
-    """Draw the depth of presses over time: all hands of the box, the least damped, and how deep it should come."""
+    """Draw the depth of presses over time: all hands of the range, the least damped, and how deep it should come."""
     problem, worst = shown.coupling.problem, shown.worst
     wall_n_per_m = problem.environment.stiffness_n_per_m
     axes.plot(shown.press_s, 1e3 * np.delete(shown.press_m, worst, axis=0).T, label="_", **_OTHERS)
-    axes.plot([], [], label="other hands of the box", **_OTHERS)
-    axes.plot(shown.press_s, 1e3 * shown.press_m[worst], label="least damped hand", **_WORST)
+    axes.plot([], [], label=_OTHER_HANDS, **_OTHERS)
+    axes.plot(shown.press_s, 1e3 * shown.press_m[worst], label=_WORST_HAND, **_WORST)
     hand_n_per_m = float(np.atleast_1d(shown.hands.stiffness_n_per_m)[worst])
     if wall_n_per_m > 0:
         aim_mm = _PRESS_MM / problem.device.metres_per_unit
@@ -80,20 +88,36 @@ def _presses(axes: Axes, shown: Deployed) -> None:
     axes.set(xlim=(0, shown.press_s[-1]), xlabel="time (s)", ylabel=f"depth in the wall ({unit})")
 
 
-@style.styled
 def draw_loop(coupling: Deployed | Coupling) -> Figure:
     """Draw the loop opened at the actuator, Bode and Nyquist with gain and phase margin, and the impact on the wall."""
-    shown = coupling if isinstance(coupling, Deployed) else deployed(coupling)
-    titles = ("(a) |L|, 0.01 to 100", "(b) Nyquist plot, near -1", "(c) phase of L", "(d) impact on the wall, linear")
-    figure = style.panels(titles, 5.6, "ab;cd")
-    size, circle, phase, struck = figure.axes
+    return opened_loop(coupling if isinstance(coupling, Deployed) else deployed(coupling)).figure()
+
+
+def opened_loop(shown: Deployed) -> style.Drawing:
+    """Return the panels of the loop opened at the actuator, and of the impact on the wall."""
+
+    def paint(panels: Sequence[Axes]) -> None:
+        size, circle, phase, struck = panels
+        _loop(size, circle, phase, shown)
+        _impact(struck, shown)
+
+    device, units = shown.coupling.problem.device, shown.coupling.problem.units
+    speed = quantity(STRIKES_M_PER_S[0] / device.metres_per_unit, units.unit("m/s"))
+    titles = ("|L|, 0.01 to 100", "Nyquist plot, near -1", "phase of L", f"impact at {speed}, linear loop")
+    return style.Drawing(titles, 5.6, "ab;cd", 3, paint)
+
+
+def _loop(size: Axes, circle: Axes, phase: Axes, shown: Deployed) -> None:
+    """Draw magnitude, Nyquist plot and phase of the loop with each hand and released."""
     other_hands = [(row, _OTHERS, "_") for row in range(len(shown.gain) - 1) if row != shown.worst]
-    hands = [(shown.worst, _WORST, "least damped hand"), (-1, _RELEASED, "released"), *other_hands]
+    hands = [(shown.worst, _WORST, _WORST_HAND), (-1, _RELEASED, "released"), *other_hands]
     for row, look, label in hands:
         curve = shown.gain[row]
         size.plot(shown.frequency_hz, np.abs(curve), label=label, **look)
         degrees = np.degrees(np.unwrap(np.angle(curve)))
-        phase.plot(shown.frequency_hz, degrees - 360 * np.ceil(degrees[0] / 360), label=label, **look)
+        # From -360 to 0 where |L| is nearest to 1: a margin is read there, not at the lowest frequency.
+        crossing = degrees[int(np.argmin(np.abs(np.log(np.abs(curve)))))]
+        phase.plot(shown.frequency_hz, degrees - 360 * np.ceil(crossing / 360), label=label, **look)
         circle.plot(curve.real, curve.imag, label=label, **look)
     _margins(size, circle, phase, shown)
     frequencies = shown.frequency_hz[shown.frequency_hz >= min(1.0, shown.frequency_hz[-1] / 100)]
@@ -109,20 +133,17 @@ def draw_loop(coupling: Deployed | Coupling) -> Figure:
     circle.plot([-1], [0], marker="+", markersize=9, color="black", zorder=8)
     # In a panel of this shape the circle is round.
     circle.set(xlim=(-3.2, 2.0), ylim=(-1.7, 1.7), xlabel="Re L", ylabel="Im L")
-    _impact(struck, shown)
-    return style.with_legend(figure, 3)
+    for panel in (size, circle, phase):
+        panel.plot([], [], label=_OTHER_HANDS, **_OTHERS)
 
 
 def _impact(axes: Axes, shown: Deployed) -> None:
     """Draw the impact on the wall over time, held by the least damped hand and released."""
-    device, units = shown.coupling.problem.device, shown.coupling.problem.units
-    for row, look in ((shown.worst, _WORST), (-1, _RELEASED)):
-        axes.plot(shown.struck_s, 1e3 * shown.struck_m[row], **look)
-    axes.plot([], [], label="other hands of the box", **_OTHERS)
+    units = shown.coupling.problem.units
+    for row, look, label in ((shown.worst, _WORST, _WORST_HAND), (-1, _RELEASED, "released")):
+        axes.plot(shown.struck_s, 1e3 * shown.struck_m[row], label=label, **look)
     axes.axhline(0, **_ZERO)
-    speed = quantity(STRIKES_M_PER_S[0] / device.metres_per_unit, units.unit("m/s"))
-    label = f"position ({units.unit('mm')}), impact at {speed}"
-    axes.set(xlim=(0, shown.struck_s[-1]), xlabel="time (s)", ylabel=label)
+    axes.set(xlim=(0, shown.struck_s[-1]), xlabel="time (s)", ylabel=f"position ({units.unit('mm')})")
 
 
 def _margins(size: Axes, circle: Axes, phase: Axes, shown: Deployed) -> None:

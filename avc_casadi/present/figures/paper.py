@@ -36,30 +36,36 @@ def _lines(comparison: Comparison) -> dict[str, style.Line]:
     return {comparison.delivered: chosen, **style.METHODS, "mine": own_pair, "causal": causal}
 
 
-@style.styled
 def draw_perceived(comparison: Comparison) -> Figure:
     """Draw the perceived impedance without coupling, by the closed form and by the delivered gains, and these gains."""
+    return perceived(comparison).figure()
+
+
+def perceived(comparison: Comparison) -> style.Drawing:
+    """Return the panels of the perceived impedance and of the gains."""
     problem, hz = comparison.definition, comparison.frequency_hz
     damping, model = comparison.units.unit("N·s/m"), problem.stability.model
-    titles = ["(a) perceived impedance", f"(b) real part, {model} model", "(c) damping b", "(d) stiffness k"]
+    titles = ["perceived impedance", f"real part, {model} model", "damping b", "stiffness k"]
     gains = [("damping_ns_per_m", f"b ({damping})"), ("stiffness_n_per_m", f"k ({comparison.units.unit('N/m')})")]
     layout, height = "ab;cd", 5.4
     if problem.coupling.structure == "damped":
         layout, height = "ab;cd;ee", 7.4
-        titles.append("(e) contact damping")
+        titles.append("contact damping")
         gains.append(("contact_damping_ns_per_m", f"b_p ({damping})"))
-    figure = style.panels(titles, height, layout)
-    perceived, real, *gain_panels = figure.axes
-    _impedances(perceived, real, comparison)
-    for panel, (key, label) in zip(gain_panels, gains, strict=True):
-        _gains(panel, comparison, key, label)
     limit = passive_limit_n_per_m(problem.device)
-    if np.isfinite(limit):
-        look: dict[str, Any] = {"color": "0.45", "linestyle": (0, (2, 2)), "linewidth": 1.0}
-        gain_panels[1].axhline(limit, label="passive limit of DC stiffness", **look)
-    for panel in figure.axes:
-        style.frequency_axis(panel, hz)
-    return style.with_legend(figure, 3)
+
+    def paint(panels: Sequence[Axes]) -> None:
+        magnitude, real, *gain_panels = panels
+        _impedances(magnitude, real, comparison)
+        for panel, (key, label) in zip(gain_panels, gains, strict=True):
+            _gains(panel, comparison, key, label)
+        if np.isfinite(limit):
+            look: dict[str, Any] = {"color": "0.45", "linestyle": (0, (2, 2)), "linewidth": 1.0}
+            gain_panels[1].axhline(limit, label="passive limit of DC stiffness", **look)
+        for panel in panels:
+            style.frequency_axis(panel, hz)
+
+    return style.Drawing(titles, height, layout, 3, paint)
 
 
 def _shown(comparison: Comparison) -> dict[str, GainSchedule]:
@@ -132,25 +138,32 @@ def _real_part(axes: Axes, comparison: Comparison, drawn: list[np.ndarray], line
     axes.set_ylabel(f"Re Zₕ ({comparison.units.unit('N·s/m')})")
 
 
-@style.styled
 def draw_comparison(comparison: Comparison) -> Figure:
     """Draw the magnitude error and the impedance error at each frequency."""
+    return errors(comparison).figure()
+
+
+def errors(comparison: Comparison) -> style.Drawing:
+    """Return the panels of the magnitude error and of the impedance error."""
     titles = (
-        "(a) the goal (11); 1e-9 % and less is rounding",
-        f"(b) magnitude and phase; {_UNNOTICED:g} % and less drawn as such",
+        "the goal (11); 1e-9 % and less is rounding",
+        f"magnitude and phase; {_UNNOTICED:g} % and less drawn as such",
     )
-    figure = style.panels(titles, 5.8, "a;b")
-    magnitude, complex_ = figure.axes
+    return style.Drawing(titles, 5.8, "a;b", 3, lambda panels: _errors(panels[0], panels[1], comparison))
+
+
+def _errors(magnitude: Axes, complex_: Axes, comparison: Comparison) -> None:
+    """Draw the magnitude error and the impedance error of each method over frequency."""
     hz, lines = comparison.frequency_hz, _lines(comparison)
     size = np.abs(comparison.target)
-    errors = {
+    by_method = {
         name: (method.magnitude_error, method.complex_error, method.usable)
         for name, method in comparison.methods.items()
     }
     causal = comparison.causal
     if causal is not None:
-        errors["causal"] = causal.magnitude_error, causal.complex_error, np.ones(hz.shape, dtype=bool)
-    for name, (of_magnitude, of_impedance, usable) in errors.items():
+        by_method["causal"] = causal.magnitude_error, causal.complex_error, np.ones(hz.shape, dtype=bool)
+    for name, (of_magnitude, of_impedance, usable) in by_method.items():
         with np.errstate(divide="ignore", invalid="ignore"):
             share = 100 * of_magnitude / size
         lines[name].draw_where(usable, magnitude, hz, np.maximum(share, _ROUNDING))
@@ -163,7 +176,6 @@ def draw_comparison(comparison: Comparison) -> Figure:
         panel.set_ylim(floor / 3, max(panel.get_ylim()[1], 1.0))
         style.log_ticks(panel.yaxis, *panel.get_ylim())
         style.frequency_axis(panel, hz)
-    return style.with_legend(figure, 3)
 
 
 @style.styled

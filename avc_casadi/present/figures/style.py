@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import wraps
@@ -33,6 +34,18 @@ PURPLE = "#8a0f5c"
 DASHED: Any = (0, (5, 1.6))
 DASH_DOT: Any = (0, (4, 1.5, 1, 1.5))
 DOTTED: Any = (0, (1, 1.4))
+_WIDTH_INCHES = 7.2
+"""Width of a figure with all its panels, as wide as the text of a page of paper."""
+_PANEL_WIDTH_INCHES = 3.7
+"""Width of a panel alone: on a phone of 390 pixels its letters have the size of the page's small print."""
+_PANEL_HEIGHT_INCHES = 2.5
+"""Height of a panel alone, without its legend."""
+_LEGEND_LINE_INCHES = 0.17
+"""Height of a line of a legend."""
+_LETTERS_PER_INCH = 17.4
+"""Letters of a legend that an inch holds."""
+_HANDLE_LETTERS = 12
+"""Letters that the sample of a line takes in a legend, with the gap to the next column."""
 _RC: dict[Any, Any] = {
     "font.family": "DejaVu Sans",
     "font.size": 8.5,
@@ -203,19 +216,68 @@ def save_figure(figure: Figure, path: Path) -> None:
 
 
 def panels(titles: Sequence[str], height_inches: float, layout: str = "a") -> Figure:
-    """Return a figure with its panels, in the layout of `Figure.subplot_mosaic`."""
-    figure = Figure(figsize=(7.2, height_inches), layout="constrained")
-    for axes, title in zip(figure.subplot_mosaic(layout).values(), titles, strict=True):
-        axes.set_title(title)
+    """Return a figure with its panels, in the layout of `Figure.subplot_mosaic`; several of them get letters."""
+    figure = Figure(figsize=(_WIDTH_INCHES, height_inches), layout="constrained")
+    mosaic = figure.subplot_mosaic(layout)
+    for (letter, axes), title in zip(mosaic.items(), titles, strict=True):
+        axes.set_title(f"({letter}) {title}" if len(mosaic) > 1 else title)
     return figure
 
 
 def with_legend(figure: Figure, columns: int) -> Figure:
     """Put a legend of all lines below a figure."""
+    _legend(figure, columns)
+    return figure
+
+
+def _legend(figure: Figure, most_columns: int) -> int:
+    """Put a legend of all lines below a figure, in as many columns as its width holds; return its lines."""
     entries: dict[str, Any] = {}
     for axes in figure.axes:
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
             entries.setdefault(label, handle)
-    columns = max(1, min(columns, int(125 / (max(map(len, entries), default=1) + 12))))
+    widest = max(map(len, entries), default=1) + _HANDLE_LETTERS
+    columns = max(1, min(most_columns, int(_LETTERS_PER_INCH * figure.get_figwidth() / widest)))
     figure.legend(list(entries.values()), list(entries), loc="outside lower center", ncols=columns)
-    return figure
+    return math.ceil(len(entries) / columns)
+
+
+@dataclass(frozen=True)
+class Panel:
+    """One panel of a drawing as a figure of its own, without its title, for a page that places panels itself."""
+
+    title: str
+    figure: Figure
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """Panels that are painted together, as one figure for a file or each alone for a page of any width."""
+
+    titles: Sequence[str]
+    height_inches: float
+    """Height of the figure with all panels."""
+    layout: str
+    """Their places in it, as `Figure.subplot_mosaic` takes them."""
+    legend_columns: int
+    paint: Callable[[Sequence[Axes]], None]
+    """Paints into the axes of the panels, in the order of their titles."""
+
+    def figure(self) -> Figure:
+        """Return all panels in one figure."""
+        with mpl.rc_context(_RC):
+            figure = panels(self.titles, self.height_inches, self.layout)
+            self.paint(figure.axes)
+            return with_legend(figure, self.legend_columns)
+
+    def panels(self) -> list[Panel]:
+        """Return each panel alone, as wide as a phone, with the legend of its own lines."""
+        with mpl.rc_context(_RC):
+            size = _PANEL_WIDTH_INCHES, _PANEL_HEIGHT_INCHES
+            figures = [Figure(figsize=size, layout="constrained") for _ in self.titles]
+            self.paint([figure.subplots() for figure in figures])
+            for figure in figures:
+                # Equal axes in all panels: a legend of more lines makes its figure higher.
+                lines = _legend(figure, most_columns=2)
+                figure.set_figheight(_PANEL_HEIGHT_INCHES + lines * _LEGEND_LINE_INCHES)
+            return [Panel(title, figure) for title, figure in zip(self.titles, figures, strict=True)]

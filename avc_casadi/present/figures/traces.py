@@ -40,10 +40,10 @@ _SHOWN_S = 0.2
 def draw_identification(identified: Identification) -> Figure:
     """Draw a model against its log over time, and their frequency responses."""
     titles = (
-        "(a) position, the model all but free",
-        "(b) measured less model",
-        "(c) velocity over force",
-        "(d) its phase, less that of a mass",
+        "position, the model all but free",
+        "measured less model",
+        "velocity over force",
+        "its phase, less that of a mass",
     )
     figure = style.panels(titles, 5.8, "ab;cd")
     position, left, size, phase = figure.axes
@@ -85,7 +85,7 @@ def draw_identification(identified: Identification) -> Figure:
 @style.styled
 def draw_diagnosis(diagnosis: Diagnosis) -> Figure:
     """Draw the oscillation of a log: position, envelope, cycles of the force, spectrum."""
-    titles = ("(a) position", "(b) oscillation and envelope", "(c) force against position", "(d) spectrum")
+    titles = ("position", "oscillation and envelope", "force against position", "spectrum")
     figure = style.panels(titles, 5.8, "ab;cd")
     position, oscillation, cycles, spectrum = figure.axes
     log, swing, units = diagnosis.log, diagnosis.swing, diagnosis.design.device.units
@@ -125,10 +125,10 @@ def draw_scene(runs: Sequence[Run], names: Sequence[str] | None = None) -> Figur
     force_word = units.key("force")
     mm, newton = units.unit("mm"), units.unit("N")
     titles = (
-        "(a) position; the wall begins at 0",
-        f"(b) {force_word} on the device",
-        f"(c) {force_word} against penetration",
-        "(d) energy taken in by the virtual side",
+        "position; the wall begins at 0",
+        f"{force_word} on the device",
+        f"{force_word} against penetration",
+        "energy taken in by the virtual side",
     )
     figure = style.panels(titles, 5.6, "ab;cd")
     position, force, loop, energy = figure.axes
