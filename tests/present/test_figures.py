@@ -11,7 +11,7 @@ from avc_casadi.design.comparison.comparison import with_delivered
 from avc_casadi.model.gains import Gains
 from avc_casadi.present.figures.deployed import opened_loop, rendered
 from avc_casadi.present.figures.paper import draw_comparison, draw_perceived, errors, perceived
-from avc_casadi.recommendation.felt import deployed
+from avc_casadi.recommendation.rendered import deployed
 
 DRAWERS = (draw_perceived, draw_comparison)
 
