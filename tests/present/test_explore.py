@@ -86,6 +86,51 @@ def test_the_rows_of_a_law_are_those_of_certify():
     assert marks["Deployable"] == Mark.PASS.name.lower()
 
 
+LAW = {
+    "stiffness_n_per_m": 900.0,
+    "damping_ns_per_m": 4.0,
+    "virtual_mass_kg": -0.005,
+    "velocity": {"kind": "low-pass", "cutoff_hz": 120.0},
+    "filters": [{"kind": "notch", "frequency_hz": 150.0}],
+}
+STATED = BASE.changed(law=LAW)
+EXPLORERS[id(STATED)] = Explorer(STATED, "stated")
+
+
+def ask_law(part, gains=None, **more):
+    changes = FRESH | {"method": "recommend", "gains": gains or {}}
+    return answer(EXPLORERS[id(STATED)], part, {"settings": changes} | more)
+
+
+def test_each_number_of_a_stated_law_has_a_slider_about_its_value():
+    begun = {field["key"]: field for field in ask_law("start")["gains"]}
+    numbers = {number.key.replace("[", ".").replace("]", "") for number in STATED.law.numbers(1e-3)}
+    assert {f"law.{key}" for key in numbers} <= set(begun)
+    values = ask_law("evaluate", extent="pictures")["gains"]
+    for key, field in begun.items():
+        assert field["low"] <= values[key] / field["factor"] <= field["high"], key
+    assert begun["law.filters.0.frequency_hz"]["label"] == "notch: frequency"
+
+
+@pytest.mark.slow
+def test_the_rows_of_a_stated_law_follow_its_sliders_and_are_saved():
+    gains = {"law.filters.0.frequency_hz": 120.0, "law.stiffness_n_per_m": 500.0}
+    law = LAW | {"stiffness_n_per_m": 500.0, "filters": [{"kind": "notch", "frequency_hz": 120.0}]}
+    changed = STATED.changed(law=None).changed(law=law)
+    found = ask_law("evaluate", gains, extent="rows")
+    expected = own_law(avc.certify_law(changed, remedies=False)).rows
+    assert rows_of(found) == {one.label: one.text(BASE.units) for one in expected if one.rank == 0}
+    assert [chart["id"] for chart in ask_law("evaluate", gains, extent="whole")["charts"]] == [
+        "law",
+        "position",
+        "force",
+    ]
+    saved = avc.parse_problem(ask_law("file", gains, kind="problem")["text"])
+    assert saved.law == changed.law
+    beyond = ask_law("evaluate", {"law.filters.0.frequency_hz": 900.0})
+    assert [error["key"] for error in beyond["errors"]] == ["law.filters.0.frequency_hz"]
+
+
 @pytest.mark.parametrize("method", ["direct", "closed-form", "exact"])
 def test_the_charts_show_what_solve_gives(method):
     found = ask("evaluate", method=method)

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from avc_casadi._errors import InputError
+from avc_casadi._errors import InputError, UnsupportedError
 from avc_casadi._util.text import quantity
 from avc_casadi.claims.certify import certify
 from avc_casadi.claims.deployable import deployable
@@ -22,6 +22,8 @@ from avc_casadi.design.methods import solve
 from avc_casadi.design.scene_coupling import simulate
 from avc_casadi.design.tool_region import ToolRegion, tool_region
 from avc_casadi.design.virtual_tool import EndSearch, certify_pair, search_of
+from avc_casadi.files.problem_file import problem_document
+from avc_casadi.model.control_law import ControlLaw
 from avc_casadi.model.declared import with_gains
 from avc_casadi.model.ends import End, Simulation, ToolGains, Wall
 from avc_casadi.model.gains import NO_COUPLING, GainSchedule, Status
@@ -32,8 +34,8 @@ from avc_casadi.paper.rows import gain_schedule
 from avc_casadi.present import words
 from avc_casadi.present.explore.explorer import Explorer
 from avc_casadi.present.explore.settings import Settings, gains_of
-from avc_casadi.present.explore.verdict import Judged, of_coupling, of_law, of_pair, of_stability
-from avc_casadi.present.row import Row, grade, row
+from avc_casadi.present.explore.verdict import Judged, Verdict, of_coupling, of_law, of_pair, of_stability
+from avc_casadi.present.row import Mark, Row, grade, row
 from avc_casadi.present.rows import subject
 from avc_casadi.present.rows.judge import own_law, passivity
 from avc_casadi.present.rows.other_ends import rendered_rows, stability
@@ -208,6 +210,8 @@ def _wall_answer(
     extent: Extent,
 ) -> PageAnswer:
     """Return the law of one's own before a wall, next to the coupling of the method."""
+    if problem.law is not None:
+        return _law_answer(problem.law, explorer, settings, problem, extent)
     stated, name = settings.key(), _method_name(settings)
     schedule, coupling = found_by_method(explorer, settings, problem)
     # The search of a first law takes seconds on some devices: the first pictures do not wait for it.
@@ -246,6 +250,55 @@ def _wall_answer(
         charts += touches(runs, problem, "wall at 0", names)
         charts.append(_region(explorer, problem, stated, wall))
     return PageAnswer(law, charts, own, method)
+
+
+def _law_answer(
+    law: ControlLaw, explorer: Explorer, settings: Settings, problem: Problem, extent: Extent
+) -> PageAnswer:
+    """Return a table [law]: its force over position, its verdict and rows, and a simulated touch."""
+    tables = problem_document(problem)
+    gains = {field.key: field.value(tables) for field in explorer.form.gains}
+    charts = [_force_over_position(law, problem)]
+    if extent is Extent.PICTURES:
+        return PageAnswer(gains, charts)
+    stated = settings.key("gains")
+    own = explorer.cached(f"law {stated}", lambda: _law_judged(problem))
+    if extent is Extent.WHOLE:
+        run = explorer.cached(f"touch {stated} {settings.motion}", lambda: simulate(problem))
+        charts += touches({"own": run}, problem, "wall at 0" if problem.law_in_wall else "about 0", {"own": "your law"})
+    return PageAnswer(gains, charts, own)
+
+
+def _law_judged(problem: Problem) -> Judged:
+    """Return the verdict on a table [law] with its rows; of what is not judged, why."""
+    try:
+        certificate = certify_law(problem, remedies=False)
+    except UnsupportedError as error:
+        return Judged(Verdict(Mark.CAUTION, "not judged"), [row("Not judged", str(error), mark=Mark.CAUTION)])
+    return Judged(of_law(certificate), [shown for shown in own_law(certificate).rows if shown.rank == 0])
+
+
+_LEAST_HZ = 0.1
+_MOST_SHARE = 0.499
+"""Frequencies of the chart of a law: the least, and the most as a share of its rate."""
+
+
+def _force_over_position(law: ControlLaw, problem: Problem) -> dict[str, Any]:
+    """Return the chart of the force over the position of a law, nonlinear pieces at their steepest."""
+    sample_time_s = problem.device.sample_time_s
+    period_s = law.period_s(sample_time_s)
+    hz = np.geomspace(min(_LEAST_HZ, 0.1 * _MOST_SHARE / period_s), _MOST_SHARE / period_s, _STRETCHES)
+    z = np.exp(2j * np.pi * hz * period_s)
+    acting = {"in the wall" if problem.law_in_wall else "everywhere": law.law(sample_time_s)}
+    if problem.law_in_wall and law.acts_outside:
+        acting["outside the wall"] = law.outside(sample_time_s)
+    classes = ("own", "without")
+    lines = [
+        line(name, cls, hz, np.abs(stated.transfer(z)))
+        for (name, stated), cls in zip(acting.items(), classes, strict=False)
+    ]
+    stiffness = (problem.units.unit("N/m"), "log")
+    return chart("law", f"{problem.units.key('force').capitalize()} over position of your law", _HZ, stiffness, lines)
 
 
 def _method_name(settings: Settings) -> str:

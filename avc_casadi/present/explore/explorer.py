@@ -156,7 +156,8 @@ class Explorer:
         self.base = base
         self.source = source
         self.versions = versions or {}
-        live, slow = methods_of(base.end)
+        # A law stands beside the recommendation alone: other methods need a wall.
+        live, slow = methods_of(base.end) if base.law is None else ((), ())
         self.form = Form(problem_fields(base), gain_fields(base.end, base), live, ("recommend", *slow))
         self._cache: OrderedDict[str, tuple[threading.Lock, list[Any]]] = OrderedDict()
         self._lock = threading.Lock()
@@ -164,7 +165,7 @@ class Explorer:
 
     def problem(self, settings: Settings) -> Problem:
         """Return the problem of the settings."""
-        key = f"problem {settings.method in self.form.live} {settings.key('motion')}"
+        key = f"problem {settings.method in self.form.live} {settings.key('motion', 'gains')}"
         return self.cached(key, lambda: problem_of_settings(self.base, settings, self.form))
 
     def cached(self, key: str, make: Callable[[], T]) -> T:

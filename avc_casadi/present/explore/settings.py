@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import singledispatch
 from typing import Any, Literal, TypeGuard, get_origin, get_type_hints
 
@@ -14,6 +14,7 @@ from pydantic_core import PydanticCustomError
 
 from avc_casadi._errors import AvcError, Fault, InputError
 from avc_casadi.files.problem_file import problem_document, problem_of
+from avc_casadi.model.control_law import ControlLaw
 from avc_casadi.model.device import Device
 from avc_casadi.model.ends import End, IntervalOf, Wall
 from avc_casadi.model.problem import Problem
@@ -44,7 +45,10 @@ _USUAL_CUTOFF_HZ = 100.0
 _USUAL_STIFFNESS_N_PER_M = 1e3
 """Middle of the slider of a spring without a wall, N/m at the handle."""
 
-_USUAL = {"N/m": 1e3, "N.s/m": 10.0, "kg": 1.0, "N": 10.0, "m": 1e-3, "s": 0.1, "Hz": 1e3, "samples": 8.0}
+_SIGNED_FACTOR = 3
+"""Ratio of the ends of the slider of a number of either sign to its value."""
+
+_USUAL = {"N/m/s": 1e4, "N/m": 1e3, "N.s/m": 10.0, "kg": 1.0, "N": 10.0, "m": 1e-3, "s": 0.1, "Hz": 1e3, "samples": 8.0}
 """Largest value of a slider whose value is 0, by unit."""
 
 
@@ -114,11 +118,37 @@ def gain_fields(end: End, problem: Problem) -> tuple[Field, ...]:  # noqa: ARG00
 
 @gain_fields.register
 def _law_fields(end: Wall, problem: Problem) -> tuple[Field, ...]:
-    """Return the fields of a law before a wall, with a filter of the velocity."""
+    """Return the fields of a law before a wall: of the table [law], else k, b, b_p and a filter of the velocity."""
+    if problem.law is not None:
+        return tuple(_stated_law_fields(problem, problem.law))
     names = ("k", "b", "b_p")
     fields = _gain_fields(problem, names, (*_usual_gains(problem, end.stiffness_n_per_m), None))
     group, cutoff = fields[0].group, Quantity("Hz", 1e-6, 1e7)
     return (*fields, _number(problem, "cutoff_hz", group, "filter of the velocity", cutoff, _USUAL_CUTOFF_HZ, "none"))
+
+
+_UNIT_ENDING = re.compile(r"(_rms)?_(kg|ns_per_m|n_per_m_s|n_per_m|m_per_s|samples|hz|n|m|s)$")
+"""Unit at the end of a key."""
+LAW = "law."
+"""Beginning of the keys of numbers of the table [law]."""
+
+
+def _stated_law_fields(problem: Problem, law: ControlLaw) -> Iterator[Field]:
+    """Yield a field for each number of a table [law]: the gains, those of 0 too, and those of its other pieces."""
+    tables: list[tuple[str, str, Any]] = [
+        ("", "", law),
+        (".velocity", f"velocity, {law.velocity.kind}: ", law.velocity),
+    ]
+    tables += [(f".filters.{place}", f"{item.kind}: ", item) for place, item in enumerate(law.filters)]
+    if law.friction_compensation is not None:
+        tables.append((".friction_compensation", "friction compensation: ", law.friction_compensation))
+    for path, before, table in tables:
+        hints = get_type_hints(type(table), include_extras=True)
+        for name, value in table:
+            is_number = isinstance(value, int | float) and name != "order"
+            for field in _of_value(problem, f"law{path}.{name}", hints[name], value) if is_number else ():
+                label = problem.units.key(_UNIT_ENDING.sub("", name)).replace("_", " ")
+                yield replace(field, group="Your own law", label=f"{before}{label}")
 
 
 def _usual_gains(problem: Problem, stiffness_n_per_m: float) -> tuple[float, float]:
@@ -160,8 +190,7 @@ def _fields(problem: Problem, path: str, model: type[Table], values: Mapping[str
 def _of_value(problem: Problem, key: str, hint: Any, value: Any) -> Iterator[Field]:
     """Yield the field of a value; of a pair its least and its most."""
     path = key.partition(".")[0]
-    ending = re.compile(r"(_rms)?_(kg|ns_per_m|n_per_m|samples|hz|n|m|s)$")
-    words = [problem.units.key(ending.sub("", part)) for part in key.removeprefix(f"{path}.").split(".")]
+    words = [problem.units.key(_UNIT_ENDING.sub("", part)) for part in key.removeprefix(f"{path}.").split(".")]
     group = "Wall" if path == "environment" else path.capitalize()
     label = " ".join(words).replace("_", " ")
     choices = choices_of(hint)
@@ -202,10 +231,14 @@ def _number(
         if not problem.units.linear:
             size = problem.device.metres_per_unit ** -power_at_handle(re.sub(r"\.\d$", "", key))
     low, high = 0.0, size * _USUAL.get(unit, 1.0)
-    log = read is not None and value is not None and value > 0
+    signed = isinstance(read, Quantity) and read.signed
+    log = read is not None and not signed and value is not None and value > 0
     if log and value:
         low, high = value / _SLIDER_FACTOR, value * _SLIDER_FACTOR
-    if read is not None:
+    if signed:
+        high = _SIGNED_FACTOR * abs(value) if value else high
+        low = -high
+    elif read is not None:
         low, high = max(low, read.lowest) if log else low, min(high, read.highest)
     return Field(
         key=key,
@@ -281,7 +314,9 @@ def gains_of(settings: Settings, form: Form) -> dict[str, float | None]:
 
 def problem_of_settings(base: Problem, settings: Settings, form: Form, *, to_save: bool = False) -> Problem:
     """Return the problem of the settings."""
-    tables, values = problem_document(base), settings.values
+    # The numbers of a law are of the problem too: they are saved with it.
+    values = settings.values | {key: value for key, value in settings.gains.items() if key.startswith(LAW)}
+    tables = problem_document(base)
     _hold_elsewhere(tables, base.device, values.get("device.handle_radius_m"))
     for key in sorted(values):
         _put(tables, key, values)
@@ -295,7 +330,7 @@ def problem_of_settings(base: Problem, settings: Settings, form: Form, *, to_sav
         tables["scene"] = {"duration_s": 1.5, "motion": motion}
         if settings.method in form.live:  # each frequency alone follows at once
             tables["stability"]["scope"], tables["realism"]["require"] = "pointwise", "none"
-    if settings.values:
+    if values:
         tables["title"] = ", ".join(filter(None, (base.title, "changed")))
         tables["name"] = f"{base.name.replace('/', '-') or 'problem'}-explored"
         tables["source"] = f"avc explore, begun from {base.name}"
@@ -313,7 +348,7 @@ def _scale_boundaries(tables: dict[str, Any], base: Problem) -> None:
 
 def _checked(tables: dict[str, Any], settings: Settings, form: Form, base: Problem) -> Problem:
     """Return the problem of tables; faults have the keys of their fields, in their units."""
-    fields = {field.key: field for field in form.fields}
+    fields = {field.key: field for field in (*form.fields, *form.gains)}
     try:
         return problem_of(tables, file="")
     except InputError as error:
@@ -350,7 +385,7 @@ def _put(tables: dict[str, Any], key: str, values: Mapping[str, Any]) -> None:
         *path, last = path
     table: Any = tables
     for part in path:
-        table = table.setdefault(part, {})
+        table = table[int(part)] if isinstance(table, list) else table.setdefault(part, {})
     if end is not None:
         opposite_key = f"{'.'.join((*path, last))}.{1 - end}"
         value = _pair_of(table.get(last), end, value, last, opposite_typed=opposite_key in values)
