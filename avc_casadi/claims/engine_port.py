@@ -24,7 +24,7 @@ from avc_casadi._util.arrays import ComplexArray, FloatArray
 from avc_casadi._util.json_values import plain
 from avc_casadi.claims.levels import ideal
 from avc_casadi.claims.llewellyn import llewellyn_margin
-from avc_casadi.loops.engine import Clock, EngineLoop, clocks
+from avc_casadi.loops.engine import EngineLoop, StepTiming, clocks
 from avc_casadi.loops.loop import Body
 from avc_casadi.loops.loop_family import TOLERANCE
 from avc_casadi.loops.plant_family import PlantFamily
@@ -188,7 +188,7 @@ def _engine_passivity(end: Simulation, problem: Problem, gains: ToolGains) -> Po
 class _Port:
     """G of a coupling at some devices with hands, at one step of an engine; the engine's loop with its tool driven."""
 
-    def __init__(self, plant: SampledPlant, clock: Clock, tool: Simulation, gains: ToolGains) -> None:
+    def __init__(self, plant: SampledPlant, clock: StepTiming, tool: Simulation, gains: ToolGains) -> None:
         fixed = ToolState(math.inf, 0.0, 0.0, 0.0)
         self._engine = EngineLoop(Body.of(plant), clock, tool, [fixed])
         self._gains = gains

@@ -113,7 +113,7 @@ class CaseResult:
 
 
 @dataclass(frozen=True)
-class Remedy:
+class LawRemedy:
     """Changes that make the law deployable, as its loop shows."""
 
     changes: Mapping[str, float]
@@ -332,7 +332,7 @@ class LawCertificate(Printed):
     encoder_step_n: float
     noise_n: float
     quiet_n: float
-    remedies: tuple[Remedy, ...] | None
+    remedies: tuple[LawRemedy, ...] | None
     intervals: Mapping[str, tuple[float, float] | None] | None = None
     largest_common_gain: float | None = None
 
@@ -572,7 +572,7 @@ def _require_known_delay(problem: Problem) -> None:
         raise UnsupportedError(limit, key="device.delay_samples")
 
 
-def _remedies(law: SpringDamper, problem: Problem, analysis: LawAnalysis) -> Iterator[Remedy]:
+def _remedies(law: SpringDamper, problem: Problem, analysis: LawAnalysis) -> Iterator[LawRemedy]:
     """Yield the fewest changes that leave a sound disk margin and no noise that is felt, each as its loop shows."""
     for count in range(1, len(_KEYS) + 1):
         # The more values change at once, the coarser are their steps.
@@ -580,7 +580,7 @@ def _remedies(law: SpringDamper, problem: Problem, analysis: LawAnalysis) -> Ite
         sound = dict(remedied for laws in ways for remedied in analysis.sound(laws))
         for changed, disk in sound.items():
             changes = {key: getattr(changed, key) for key in _KEYS if getattr(changed, key) != getattr(law, key)}
-            yield Remedy(changes, disk)
+            yield LawRemedy(changes, disk)
         if sound:
             break
     quicker: list[dict[str, Any]] = [{"sample_time_s": analysis.period / 2}]
@@ -588,7 +588,7 @@ def _remedies(law: SpringDamper, problem: Problem, analysis: LawAnalysis) -> Ite
     for change in quicker:
         ranges = {"range": {"delay_samples": None}} if "delay_samples" in change else {}
         for _, disk in LawAnalysis(problem.changed(device={**change, **ranges})).sound([law]):
-            yield Remedy(change, disk)
+            yield LawRemedy(change, disk)
 
 
 def first_law(problem: Problem) -> SpringDamper:

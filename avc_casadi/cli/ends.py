@@ -66,7 +66,7 @@ def deployment(coupling: Coupling, *, unsafe: bool) -> Deployment:
 
 
 @dataclass(frozen=True)
-class Subject:
+class GivenCoupling:
     """A problem, the coupling of a file for it, and what is to be said of the two."""
 
     problem: avc.Problem
@@ -75,7 +75,9 @@ class Subject:
 
 
 @singledispatch
-def certified(end: End, coupling: Coupling, subject: Subject, args: argparse.Namespace, console: Console) -> Answer:  # noqa: ARG001
+def certified(
+    end: End, coupling: Coupling, subject: GivenCoupling, args: argparse.Namespace, console: Console
+) -> Answer:  # noqa: ARG001
     """Return the answer of `certify` of a coupling to an end."""
     cli.refuse(args, "prove", "proof_out", why=cli.OF_WALLS)
     return _pair_certified(subject.problem, coupling.gains, args.gains or args.problem, console)
@@ -85,7 +87,7 @@ def certified(end: End, coupling: Coupling, subject: Subject, args: argparse.Nam
 def _certified_at_wall(
     end: Wall,  # noqa: ARG001
     coupling: Coupling,
-    subject: Subject,
+    subject: GivenCoupling,
     args: argparse.Namespace,
     console: Console,
 ) -> Answer:
@@ -150,7 +152,7 @@ def _pair_certified(problem: avc.Problem, gains: ToolGains, file: str, console: 
 
 
 @singledispatch
-def simulated(end: End, subject: Subject, args: argparse.Namespace, console: Console) -> Answer:  # noqa: ARG001
+def simulated(end: End, subject: GivenCoupling, args: argparse.Namespace, console: Console) -> Answer:  # noqa: ARG001
     """Return the answer of `simulate`: of an end that no scene has, the scene of the device with its wall."""
     problem, notes = subject.problem, subject.notes
     given: Coupling | GainSchedule | Gains | None = subject.coupling
@@ -181,7 +183,7 @@ def simulated(end: End, subject: Subject, args: argparse.Namespace, console: Con
 
 
 @simulated.register
-def _simulated_with_tool(end: Simulation, subject: Subject, args: argparse.Namespace, console: Console) -> Answer:  # noqa: ARG001
+def _simulated_with_tool(end: Simulation, subject: GivenCoupling, args: argparse.Namespace, console: Console) -> Answer:  # noqa: ARG001
     cli.refuse(args, "against", why=cli.OF_WALLS)
     problem = subject.problem
     gains = (subject.coupling or cli.recommended_coupling(problem, console)).gains

@@ -58,7 +58,7 @@ def run_certify(args: argparse.Namespace, console: Console) -> Answer:
     if coupling is None:
         allowed = f"a file of gains (avc recommend {quote(args.problem)} --out c.json), or your gains: --k K --b B"
         raise avc.InputError.of(f"is missing; give {allowed}", key="GAINS")
-    return ends.certified(coupling.end, coupling, ends.Subject(problem, coupling, notes), args, console)
+    return ends.certified(coupling.end, coupling, ends.GivenCoupling(problem, coupling, notes), args, console)
 
 
 @cli.verb(
@@ -80,7 +80,7 @@ def run_simulate(args: argparse.Namespace, console: Console) -> Answer:
     """
     from avc_casadi.cli import ends
 
-    subject = ends.Subject(*cli.subject(args.problem, args.gains))
+    subject = ends.GivenCoupling(*cli.subject(args.problem, args.gains))
     return ends.simulated(subject.problem.end, subject, args, console)
 
 

@@ -101,14 +101,14 @@ class Fit:
 
 
 @dataclass(frozen=True)
-class Window:
+class Partition:
     """Partition of the records: samples at the start that are not judged, and samples of a block."""
 
     skip: int
     block: int
 
     @classmethod
-    def of(cls, predictor: Predictor) -> Window:
+    def of(cls, predictor: Predictor) -> Partition:
         """Choose the blocks: at least 30 where the records are long enough, of 0.1 to 2 seconds."""
         sizes = [record.position_m.size for record in predictor.records]
         period_s = predictor.sample_time_s
@@ -169,7 +169,7 @@ def fit(
     structure: ModelStructure,
     start: Mapping[str, float],
     observer: SteadyObserver,
-    window: Window,
+    window: Partition,
     *,
     steps: int = 30,
     tolerance: float = 1e-8,
@@ -207,7 +207,7 @@ def fit(
 
 
 def evaluate(
-    predictor: Predictor, structure: ModelStructure, search: FloatArray, observer: SteadyObserver, window: Window
+    predictor: Predictor, structure: ModelStructure, search: FloatArray, observer: SteadyObserver, window: Partition
 ) -> Fit:
     """Return a structure at given coordinates with the contribution of each block."""
     predictions = predictor.predict(structure, search, observer)
@@ -223,7 +223,7 @@ def evaluate(
     return Fit(structure, search, observer, errors_m, tuple(blocks), unit_m, turning)
 
 
-def _turning(predictor: Predictor, errors_m: Sequence[FloatArray], window: Window) -> float:
+def _turning(predictor: Predictor, errors_m: Sequence[FloatArray], window: Partition) -> float:
     """Return the share of samples in which the predicted position reverses."""
     reversals = []
     for record, error_m in zip(predictor.records, errors_m, strict=True):
@@ -237,7 +237,7 @@ def _clip(numbers: FloatArray) -> FloatArray:
     return np.nan_to_num(np.clip(numbers, -_DIVERGENCE, _DIVERGENCE), nan=_DIVERGENCE)
 
 
-def best_observer(predictor: Predictor, initial: Fit, window: Window) -> SteadyObserver:
+def best_observer(predictor: Predictor, initial: Fit, window: Partition) -> SteadyObserver:
     """Return the observer rate that minimises the prediction error."""
     slowest = slowest_observer(predictor)
     fastest = 1.0 / predictor.sample_time_s
@@ -267,11 +267,11 @@ def coarse_fit(predictor: Predictor, structure: ModelStructure, start: Mapping[s
     records = excerpts(predictor.records, _COARSE_SAMPLES)
     pieces = Predictor(records, predictor)
     observer = SteadyObserver(max(rate_per_s, slowest_observer(pieces)))
-    window = Window.of(pieces)
+    window = Partition.of(pieces)
     return fit(pieces, structure, start, observer, window, steps=_COARSE_STEPS, tolerance=_COARSE_TOLERANCE)
 
 
-def fine_fit(predictor: Predictor, initial: Fit, window: Window, steps: int = 10, tolerance: float = 1e-5) -> Fit:
+def fine_fit(predictor: Predictor, initial: Fit, window: Partition, steps: int = 10, tolerance: float = 1e-5) -> Fit:
     """Fit to all records under the best observer."""
     observer = best_observer(predictor, initial, window)
     return fit(predictor, initial.structure, initial.values, observer, window, steps=steps, tolerance=tolerance)
@@ -405,7 +405,7 @@ def bootstrap(fit: Fit) -> FloatArray:
     return np.asarray(stats.t.ppf(_UPPER_QUANTILE, degrees) * deviation)
 
 
-def half_widths(predictor: Predictor, fit: Fit, window: Window, rivals: Mapping[str, Fit]) -> FloatArray:
+def half_widths(predictor: Predictor, fit: Fit, window: Partition, rivals: Mapping[str, Fit]) -> FloatArray:
     """Return half the interval of each coordinate, shape (free,).
 
     It is the sum of the bootstrap's, of the largest shift under other observers, of what the model leaves out inside a
@@ -422,7 +422,7 @@ def half_widths(predictor: Predictor, fit: Fit, window: Window, rivals: Mapping[
     return np.asarray(half)
 
 
-def _shift_by_observer(predictor: Predictor, fit: Fit, window: Window) -> FloatArray:
+def _shift_by_observer(predictor: Predictor, fit: Fit, window: Partition) -> FloatArray:
     """Return the largest shift of each coordinate under other observers: a wrong model has other estimates there."""
     rate = fit.observer.rate_per_s
     slowest = slowest_observer(predictor)

@@ -16,7 +16,7 @@ from avc_casadi._util.text import number
 from avc_casadi._util.units import MotionKind
 from avc_casadi.files.device_file import DeviceFile
 from avc_casadi.identification.device import Estimate, Identification, check_against, device_file
-from avc_casadi.identification.fit import Window, bootstrap
+from avc_casadi.identification.fit import Partition, bootstrap
 from avc_casadi.identification.ladder import WIDEST, Ladder
 from avc_casadi.identification.log import Record, excerpts, lattice_step
 from avc_casadi.identification.predictor import Predictor, SteadyObserver
@@ -204,7 +204,7 @@ def _check_motion(records: Sequence[Record], step_m: float | None) -> None:
         steps = max(float(np.ptp(record.position_m)) for record in records) / step_m
     else:
         steps = float(max(np.unique(record.position_m).size for record in records))
-    skip = Window.of(Predictor(records)).skip
+    skip = Partition.of(Predictor(records)).skip
     if steps < _FEWEST_STEPS:
         message = (
             f"move over {number(steps, 2)} steps of the encoder only; allowed: more force, or lower frequencies: a "

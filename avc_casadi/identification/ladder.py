@@ -15,7 +15,7 @@ from avc_casadi.identification.fit import (
     WORTH,
     Fit,
     FitTrial,
-    Window,
+    Partition,
     coarse_fit,
     collinearity,
     compare,
@@ -127,7 +127,7 @@ class Ladder:
     """
 
     predictor: Predictor
-    window: Window
+    window: Partition
     response: Response
     start: Mapping[str, float]
     spring_start: Mapping[str, float]
@@ -148,7 +148,7 @@ class Ladder:
         progress: Progress = SILENT,
     ) -> Ladder:
         """Take the rungs that the log bears out, and find the intervals."""
-        window = Window.of(predictor)
+        window = Partition.of(predictor)
         first = SteadyObserver(max(FIRST_RATE_PER_S, slowest_observer(predictor)))
         values = {OFFSET: 0.0, **start.values}
         rough = fit(predictor, structure, values, first, window, tolerance=_FIRST_TOLERANCE)

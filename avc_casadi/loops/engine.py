@@ -50,7 +50,7 @@ _STIFFEST_SPRING_N_PER_M = 0.999 * RIGID_N_PER_M
 
 
 @dataclass(frozen=True)
-class Clock:
+class StepTiming:
     """Timing of an engine's steps in samples of the device, until the pattern recurs."""
 
     samples: tuple[int, ...]
@@ -63,17 +63,17 @@ class Clock:
         return len(self.samples) == 1 and not self.late[0]
 
 
-def clocks(step_s: float, sample_time_s: float) -> list[Clock]:
+def clocks(step_s: float, sample_time_s: float) -> list[StepTiming]:
     """Return the patterns of an engine's steps: one where T divides the step, otherwise one for each distinct phase."""
     ratio = step_s / sample_time_s
     if math.isclose(ratio, round(ratio), rel_tol=1e-6) and round(ratio) >= 1:
-        return [Clock((round(ratio),), (False,), step_s)]
+        return [StepTiming((round(ratio),), (False,), step_s)]
     period = Fraction(ratio).limit_denominator(_MOST_STEPS)
     # Phases within 1/period of each other give the same pattern; either one step falls on a sample or none does.
     return [_clock(period, phase, step_s) for phase in (Fraction(0), Fraction(1, 2 * period.denominator))]
 
 
-def clock_ranges(step_s: Interval, sample_time_s: float, *, beats: bool = False) -> list[tuple[Clock, Interval]]:
+def clock_ranges(step_s: Interval, sample_time_s: float, *, beats: bool = False) -> list[tuple[StepTiming, Interval]]:
     """Return the patterns of every steady step in a range, each with the steps that it stands for.
 
     A step of N samples that begins at a sample is of one kind. Every other step is of the other: where it is p/q
@@ -90,11 +90,11 @@ def clock_ranges(step_s: Interval, sample_time_s: float, *, beats: bool = False)
     if longest - shortest < _SAME_INSTANT:
         return [(clock, step_s) for clock in clocks(step_s[0], sample_time_s)]
     lengths = _step_lengths(shortest, longest, beats=beats)
-    patterns: list[tuple[Clock, Interval]] = []
+    patterns: list[tuple[StepTiming, Interval]] = []
     for length in lengths:
         if length.denominator == 1 and shortest - _SAME_INSTANT <= length <= longest + _SAME_INSTANT:
             whole_s = float(length) * sample_time_s
-            patterns.append((Clock((int(length),), (False,), whole_s), (whole_s, whole_s)))
+            patterns.append((StepTiming((int(length),), (False,), whole_s), (whole_s, whole_s)))
     ends = [-math.inf, *(float(length + after) / 2 for length, after in itertools.pairwise(lengths)), math.inf]
     for length, (before, after) in zip(lengths, itertools.pairwise(ends), strict=True):
         low = max(before, shortest)
@@ -123,11 +123,11 @@ def _step_lengths(shortest: float, longest: float, *, beats: bool) -> list[Fract
     return sorted(lengths)
 
 
-def _clock(period: Fraction, phase: Fraction, step_s: float) -> Clock:
+def _clock(period: Fraction, phase: Fraction, step_s: float) -> StepTiming:
     times = [step * period + phase for step in range(period.denominator + 1)]
     # A step at a sample precedes the force of that sample; one between two samples takes effect at the later one.
     first = [math.ceil(time) for time in times]
-    return Clock(
+    return StepTiming(
         tuple(after - before for before, after in itertools.pairwise(first)),
         tuple(time.denominator != 1 for time in times[:-1]),
         step_s,
@@ -149,7 +149,7 @@ class EngineLoop:
     """Device, engine and tools as events of one loop."""
 
     body: Body
-    clock: Clock
+    clock: StepTiming
     engine: Simulation
     tools: Sequence[ToolState]
     # Step of each tool, where they differ in a pattern of samples that they share.
@@ -295,7 +295,7 @@ class ToolLoops(LoopFamily):
         body = Body.of(sampled_plant(self._devices, self.hands)).axes(None)
         sample_time_s = problem.device.sample_time_s
 
-        def at_corners(clock: Clock) -> Pattern:
+        def at_corners(clock: StepTiming) -> Pattern:
             engine = EngineLoop(body, clock, tool, self.tools)
             return _pattern(engine, lambda row: self._case(row, clock.step_s))
 
@@ -340,7 +340,7 @@ def _pattern(engine: EngineLoop, case: Callable[[int], ToolCase]) -> Pattern:
 
 
 def _region(
-    problem: Problem, plants: Plants, clocked: tuple[Clock, Interval], contacts: FloatArray, of_plant: Ranges
+    problem: Problem, plants: Plants, clocked: tuple[StepTiming, Interval], contacts: FloatArray, of_plant: Ranges
 ) -> SearchRegion:
     """Return the ranges where the pattern and kind of contact are set; a tool that is fixed has no other sides."""
     tool = problem.end_as(Simulation)

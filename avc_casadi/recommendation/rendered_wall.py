@@ -26,7 +26,7 @@ from avc_casadi.simulation.population.trial import CouplingTrial
 
 
 @dataclass(frozen=True)
-class Excitation:
+class HandleSine:
     """A sine of the handle about a mean depth in the wall."""
 
     depth_m: float
@@ -104,7 +104,7 @@ class RenderedWall(Document):
     impedance_error: Mapping[float, float]
     stiffness_in_motion_n_per_m: Mapping[float, float]
     damping_in_motion_ns_per_m: Mapping[float, float]
-    sine: Excitation
+    sine: HandleSine
     tap_force_n: float
     tap_depth_m: float
     onset_m: Mapping[float, float | None]
@@ -138,7 +138,7 @@ class RenderedWall(Document):
             impedance_error=motion.by_frequency(motion.error),
             stiffness_in_motion_n_per_m=stiffness,
             damping_in_motion_ns_per_m=damping,
-            sine=Excitation(motion.depth_m, motion.amplitude_m),
+            sine=HandleSine(motion.depth_m, motion.amplitude_m),
             tap_force_n=trial.largest_tap_force_n,
             tap_depth_m=trial.deepest_tap_m,
             onset_m=contact_onset_m(coupling) if springy else {},

@@ -16,7 +16,7 @@ from avc_casadi.identification.signal import FULL, Signal
 from avc_hardware import Connection, RefusedError, excite
 from avc_hardware.link import messages as m
 from avc_hardware.link.excite import plan_bytes
-from avc_hardware.link.faults import Reason
+from avc_hardware.link.faults import RefusalReason
 from avc_hardware.link.messages import Kind
 
 
@@ -91,7 +91,7 @@ def test_no_coupling_runs_beside_or_after_it_until_one_is_pushed():
     assert not bench.core.state().has_table
     with pytest.raises(RefusedError) as caught:
         push(made, bench.link)
-    assert caught.value.refusal.reason is Reason.EXCITED
+    assert caught.value.refusal.reason is RefusalReason.EXCITED
     bench.pass_by(2000)
     assert bench.force_n[-1] == 0
     assert not bench.core.state().has_table

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from avc_hardware.codegen.build import compile_with, compiler, generate, options_of
 from avc_hardware.codegen.figures import BoardLimits, Config, RuntimeFigures
-from avc_hardware.link.faults import Reason, Refusal
+from avc_hardware.link.faults import Refusal, RefusalReason
 from avc_hardware.link.frames import MAX_ENCODED, MAX_PAYLOAD, Decoder, Frame, cobs_decode, cobs_encode, decode, encode
 from avc_hardware.link.messages import Kind, parse
 
@@ -106,7 +106,7 @@ def test_any_message_is_answered_once_and_no_answer_is(kind: int, payload: bytes
     (answer,) = answers
     assert answer.sequence == 77
     if version != 1:
-        assert parse(answer) == Refusal(Reason.VERSION, 1)
+        assert parse(answer) == Refusal(RefusalReason.VERSION, 1)
 
 
 # No input harms the firmware: the kept corpus under sanitizers, and a search for more, as long as one likes.

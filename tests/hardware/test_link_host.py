@@ -31,7 +31,7 @@ from avc_hardware import Connection, TableImage
 from avc_hardware.codegen.figures import Config
 from avc_hardware.codegen.tick_program import packed_config
 from avc_hardware.link import messages as m
-from avc_hardware.link.faults import Reason, Refusal
+from avc_hardware.link.faults import Refusal, RefusalReason
 from avc_hardware.link.messages import Kind
 from avc_hardware.link.push import push_over
 from avc_hardware.link.session import Exchange, RefusedError
@@ -39,7 +39,7 @@ from avc_hardware.link.session import Exchange, RefusedError
 
 def test_wrong_sample_time_is_refused_on_both_sides() -> None:
     slow = coupling(3, sample_time_s=2e-3)
-    assert refused(TableImage.of(slow)).reason is Reason.SAMPLE_TIME
+    assert refused(TableImage.of(slow)).reason is RefusalReason.SAMPLE_TIME
     with pytest.raises(LinkError, match="not sent: the coupling is for a sample time"):
         push(slow, HostLink(host_core()))
 
@@ -215,28 +215,28 @@ def test_bytes_of_a_table_are_those_of_the_document() -> None:
 @pytest.mark.parametrize(("rows", "states"), [(1, 17), (2, 1), (256, 8), (1, 65535)])
 def test_device_refuses_more_states_than_it_holds_and_states_beside_rows(rows: int, states: int) -> None:
     refusal = link_state_feedback_refused(bytes(600), rows, states)
-    assert refusal == Refusal(Reason.STATES, 16)
+    assert refusal == Refusal(RefusalReason.STATES, 16)
     assert "at most 16" in str(refusal)
 
 
 @pytest.mark.parametrize(
     ("place", "change", "reason"),
     [
-        (FIRST, struct.pack("<f", np.nan), Refusal(Reason.NOT_FINITE, AT_FEEDBACK)),
-        (LAST, struct.pack("<f", np.inf), Refusal(Reason.NOT_FINITE, AT_FEEDBACK)),
-        (DEAD_ZONE, struct.pack("<f", np.nan), Refusal(Reason.NOT_FINITE, AT_FEEDBACK)),
-        (DEAD_ZONE, struct.pack("<f", -1e-6), Refusal(Reason.LIMIT, AT_FEEDBACK)),
-        (FACE, struct.pack("<f", -1e-6), Refusal(Reason.LIMIT, AT_FEEDBACK)),
-        (FACE, struct.pack("<f", -np.inf), Refusal(Reason.NOT_FINITE, AT_FEEDBACK)),
-        (KEPT, struct.pack("<f", 1.001), Refusal(Reason.LIMIT, AT_FEEDBACK)),
-        (SMOOTHING, struct.pack("<f", 1.001), Refusal(Reason.LIMIT, AT_FEEDBACK)),
-        (SMOOTHING, struct.pack("<f", np.nan), Refusal(Reason.NOT_FINITE, AT_FEEDBACK)),
-        (MEASURES, struct.pack("<H", 1), Refusal(Reason.LIMIT, AT_FEEDBACK)),
-        (MEASURES, struct.pack("<H", 3), Refusal(Reason.LIMIT, AT_FEEDBACK)),
-        (MEASURES, struct.pack("<H", 65535), Refusal(Reason.LIMIT, AT_FEEDBACK)),
-        (POSITIONS, struct.pack("<H", 0), Refusal(Reason.LIMIT, AT_FEEDBACK)),
-        (POSITIONS, struct.pack("<H", 9), Refusal(Reason.LIMIT, AT_FEEDBACK)),
-        (FLAGS, struct.pack("<H", 3 << 8 | 2), Refusal(Reason.LIMIT, AT_HEADER)),
+        (FIRST, struct.pack("<f", np.nan), Refusal(RefusalReason.NOT_FINITE, AT_FEEDBACK)),
+        (LAST, struct.pack("<f", np.inf), Refusal(RefusalReason.NOT_FINITE, AT_FEEDBACK)),
+        (DEAD_ZONE, struct.pack("<f", np.nan), Refusal(RefusalReason.NOT_FINITE, AT_FEEDBACK)),
+        (DEAD_ZONE, struct.pack("<f", -1e-6), Refusal(RefusalReason.LIMIT, AT_FEEDBACK)),
+        (FACE, struct.pack("<f", -1e-6), Refusal(RefusalReason.LIMIT, AT_FEEDBACK)),
+        (FACE, struct.pack("<f", -np.inf), Refusal(RefusalReason.NOT_FINITE, AT_FEEDBACK)),
+        (KEPT, struct.pack("<f", 1.001), Refusal(RefusalReason.LIMIT, AT_FEEDBACK)),
+        (SMOOTHING, struct.pack("<f", 1.001), Refusal(RefusalReason.LIMIT, AT_FEEDBACK)),
+        (SMOOTHING, struct.pack("<f", np.nan), Refusal(RefusalReason.NOT_FINITE, AT_FEEDBACK)),
+        (MEASURES, struct.pack("<H", 1), Refusal(RefusalReason.LIMIT, AT_FEEDBACK)),
+        (MEASURES, struct.pack("<H", 3), Refusal(RefusalReason.LIMIT, AT_FEEDBACK)),
+        (MEASURES, struct.pack("<H", 65535), Refusal(RefusalReason.LIMIT, AT_FEEDBACK)),
+        (POSITIONS, struct.pack("<H", 0), Refusal(RefusalReason.LIMIT, AT_FEEDBACK)),
+        (POSITIONS, struct.pack("<H", 9), Refusal(RefusalReason.LIMIT, AT_FEEDBACK)),
+        (FLAGS, struct.pack("<H", 3 << 8 | 2), Refusal(RefusalReason.LIMIT, AT_HEADER)),
     ],
 )
 def test_device_refuses_what_its_tick_could_not_run(place: int, change: bytes, reason: Any) -> None:

@@ -13,7 +13,7 @@ from host_device import HostLink
 from avc_casadi import LinkError
 from avc_hardware import Connection, TableImage
 from avc_hardware.link import messages as m
-from avc_hardware.link.faults import INTERFACE_VERSION, Reason, Refusal
+from avc_hardware.link.faults import INTERFACE_VERSION, Refusal, RefusalReason
 from avc_hardware.link.frames import Decoder, Frame, encode
 from avc_hardware.link.messages import Kind
 from avc_hardware.link.session import RefusedError, Session
@@ -57,8 +57,10 @@ def test_stream_needs_a_table_to_fall_back_to() -> None:
         connection.run(connection.session.ask(Kind.SET_GAINS, m.set_gains(1, 0, 60, 1.0, 1.0, 0.0), m.GainsTaken))
 
 
-@pytest.mark.parametrize(("b", "reason"), [(np.nan, Reason.NOT_FINITE), (-1.0, Reason.LIMIT), (1e9, Reason.LIMIT)])
-def test_streamed_gains_are_checked(b: float, reason: Reason) -> None:
+@pytest.mark.parametrize(
+    ("b", "reason"), [(np.nan, RefusalReason.NOT_FINITE), (-1.0, RefusalReason.LIMIT), (1e9, RefusalReason.LIMIT)]
+)
+def test_streamed_gains_are_checked(b: float, reason: RefusalReason) -> None:
     core = host_core()
     push(coupling(5), HostLink(core))
     connection = Connection(HostLink(core))
@@ -74,7 +76,7 @@ def test_host_of_another_interface_is_refused_by_the_device() -> None:
     core.write(encode(Frame(Kind.HELLO, 5, m.words(1, INTERFACE_VERSION + 1))))
     (answer,) = Decoder().feed(core.read())
     refusal = m.parse(answer)
-    assert refusal == Refusal(Reason.INTERFACE, INTERFACE_VERSION)
+    assert refusal == Refusal(RefusalReason.INTERFACE, INTERFACE_VERSION)
     assert "one release" in str(refusal)
 
 
@@ -122,18 +124,18 @@ def with_cell(row: int, column: int, value: float) -> TableImage:
 @pytest.mark.parametrize(
     ("row", "column", "value", "reason"),
     [
-        (3, 1, np.nan, Reason.NOT_FINITE),
-        (0, 2, np.inf, Reason.NOT_FINITE),
-        (7, 0, -np.inf, Reason.NOT_FINITE),
-        (5, 1, -1.0, Reason.LIMIT),
-        (2, 2, 2e8, Reason.LIMIT),
-        (2, 3, 2e4, Reason.LIMIT),
-        (0, 0, 0.0, Reason.LIMIT),
-        (0, 0, 1e-40, Reason.LIMIT),
-        (4, 0, 1.0, Reason.NOT_MONOTONIC),
+        (3, 1, np.nan, RefusalReason.NOT_FINITE),
+        (0, 2, np.inf, RefusalReason.NOT_FINITE),
+        (7, 0, -np.inf, RefusalReason.NOT_FINITE),
+        (5, 1, -1.0, RefusalReason.LIMIT),
+        (2, 2, 2e8, RefusalReason.LIMIT),
+        (2, 3, 2e4, RefusalReason.LIMIT),
+        (0, 0, 0.0, RefusalReason.LIMIT),
+        (0, 0, 1e-40, RefusalReason.LIMIT),
+        (4, 0, 1.0, RefusalReason.NOT_MONOTONIC),
     ],
 )
-def test_device_names_the_bad_row(row: int, column: int, value: float, reason: Reason) -> None:
+def test_device_names_the_bad_row(row: int, column: int, value: float, reason: RefusalReason) -> None:
     refusal = refused(with_cell(row, column, value))
     assert refusal == Refusal(reason, row)
     assert f"row {row}" in str(refusal)
@@ -142,21 +144,23 @@ def test_device_names_the_bad_row(row: int, column: int, value: float, reason: R
 @pytest.mark.parametrize(
     ("header", "reason"),
     [
-        ({"safe_stiffness_n_per_m": 1e9}, Reason.LIMIT),
-        ({"safe_damping_ns_per_m": np.inf}, Reason.NOT_FINITE),
-        ({"wall_damping_ns_per_m": -1.0}, Reason.WALL),
-        ({"wall_stiffness_n_per_m": np.nan}, Reason.WALL),
-        ({"wall_stiffness_n_per_m": 1.1e8}, Reason.WALL),
-        ({"wall_damping_ns_per_m": 0.0, "wall_stiffness_n_per_m": 0.0}, Reason.WALL),
-        ({"max_force_n": -1.0}, Reason.FORCE),
-        ({"max_force_n": 50.01}, Reason.FORCE),
-        ({"max_force_n": np.nan}, Reason.FORCE),
-        ({"coupling_id": 0}, Reason.COUPLING),
-        ({"sample_time_s": 1.001e-3}, Reason.SAMPLE_TIME),
-        ({"sample_time_s": np.nan}, Reason.SAMPLE_TIME),
+        ({"safe_stiffness_n_per_m": 1e9}, RefusalReason.LIMIT),
+        ({"safe_damping_ns_per_m": np.inf}, RefusalReason.NOT_FINITE),
+        ({"wall_damping_ns_per_m": -1.0}, RefusalReason.WALL),
+        ({"wall_stiffness_n_per_m": np.nan}, RefusalReason.WALL),
+        ({"wall_stiffness_n_per_m": 1.1e8}, RefusalReason.WALL),
+        ({"wall_damping_ns_per_m": 0.0, "wall_stiffness_n_per_m": 0.0}, RefusalReason.WALL),
+        ({"max_force_n": -1.0}, RefusalReason.FORCE),
+        ({"max_force_n": 50.01}, RefusalReason.FORCE),
+        ({"max_force_n": np.nan}, RefusalReason.FORCE),
+        ({"coupling_id": 0}, RefusalReason.COUPLING),
+        ({"sample_time_s": 1.001e-3}, RefusalReason.SAMPLE_TIME),
+        ({"sample_time_s": np.nan}, RefusalReason.SAMPLE_TIME),
     ],
 )
-def test_a_header_for_another_loop_is_refused_by_a_reason_of_its_own(header: dict[str, float], reason: Reason) -> None:
+def test_a_header_for_another_loop_is_refused_by_a_reason_of_its_own(
+    header: dict[str, float], reason: RefusalReason
+) -> None:
     assert refused(dataclasses.replace(image(3), **header)).reason is reason
 
 

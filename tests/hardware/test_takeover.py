@@ -15,7 +15,7 @@ from avc_casadi.model.gains import Gains
 from avc_casadi.model.runtime import Runtime
 from avc_hardware import Connection, StreamResult, TableImage
 from avc_hardware.link import messages as m
-from avc_hardware.link.faults import Reason
+from avc_hardware.link.faults import RefusalReason
 from avc_hardware.link.messages import Kind
 from avc_hardware.link.session import InContactError, RefusedError
 
@@ -145,7 +145,7 @@ def test_gains_of_another_coupling_do_not_run_over_a_table() -> None:
     push(COUPLINGS[0], HostLink(core))
     with pytest.raises(RefusedError) as caught:
         asked(core, Kind.SET_GAINS, m.set_gains(int(COUPLINGS[1].id, 16), 0, 4000, 1.0, 5e4, 0.0), m.GainsTaken)
-    assert caught.value.refusal.reason is Reason.OTHER_COUPLING
+    assert caught.value.refusal.reason is RefusalReason.OTHER_COUPLING
     with pytest.raises(RefusedError, match="a message of gains is outside the device's limits"):
         asked(core, Kind.SET_GAINS, m.set_gains(ID, 0, 4000, -1.0, 5e4, 0.0), m.GainsTaken)
     core.tick(np.full(3, -500, dtype=np.int32))
@@ -176,7 +176,7 @@ def test_nothing_holds_for_longer_than_five_seconds(kind: Kind, payload: bytes, 
     push(COUPLINGS[0], HostLink(core))
     with pytest.raises(RefusedError, match="at most 5000 ticks") as caught:
         asked(core, kind, payload, answer)
-    assert caught.value.refusal.reason is Reason.HOLD
+    assert caught.value.refusal.reason is RefusalReason.HOLD
 
 
 def streamed(*faults: LinkFault, act: Callable[[HostCore], None] = lambda _: None) -> StreamResult:

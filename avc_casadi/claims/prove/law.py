@@ -30,7 +30,7 @@ _ZERO = Fraction(0)
 _ONE = Fraction(1)
 
 
-class Transfer(NamedTuple):
+class ObserverTransfer(NamedTuple):
     """C1 = from_position/poles and C2 = from_force/poles, polynomials in z - 1."""
 
     from_position: Polynomial
@@ -104,14 +104,14 @@ class ContactLaw:
         return total(spring, damper), product([_ONE, _ONE], [_ONE, 1 + q])
 
     @cached_property
-    def transfer(self) -> Transfer:
+    def transfer(self) -> ObserverTransfer:
         """Return the numerators of C1 and C2 and their common denominator, in z - 1; C2 is [0] without an observer."""
         force, poles = self._series
         law = self.state_feedback
         if law is None:
-            return Transfer(force, [_ZERO], poles)
+            return ObserverTransfer(force, [_ZERO], poles)
         observer = _observer(law)
-        return Transfer(
+        return ObserverTransfer(
             from_position=product(force, observer.from_position),
             from_force=product(force, observer.from_force),
             poles=product(poles, observer.poles),
@@ -169,7 +169,7 @@ def total(first: Polynomial, second: Polynomial) -> Polynomial:
     return list(np.polyadd(np.array(first, dtype=object), np.array(second, dtype=object)))
 
 
-def _observer(law: StateFeedback) -> Transfer:
+def _observer(law: StateFeedback) -> ObserverTransfer:
     """Return the estimated position over position and over force, and the observer's poles, without dead zone.
 
     With K = I - L m', s = K A s/z + K B F/z + L x and y = R s: y/x = z R (z I - K A)^-1 L and
@@ -199,7 +199,7 @@ def _observer(law: StateFeedback) -> Transfer:
         if power < n:
             from_position.append(weight @ adjugate @ gain)
             from_force.append(weight @ adjugate @ push)
-    return Transfer(product(from_position, [_ONE, _ONE]), from_force, poles)
+    return ObserverTransfer(product(from_position, [_ONE, _ONE]), from_force, poles)
 
 
 def _inside(polynomial: Polynomial) -> bool:

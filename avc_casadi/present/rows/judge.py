@@ -16,7 +16,7 @@ from avc_casadi._util.units import Quantity, Units
 from avc_casadi.claims.deployable import CertifiedCoupling, Deployable, DeployClaim
 from avc_casadi.claims.engine_port import EnginePort, PortPassivity
 from avc_casadi.claims.levels import LevelResult
-from avc_casadi.claims.own_law import CaseResult, LawCertificate, Remedy, SpringDamper
+from avc_casadi.claims.own_law import CaseResult, LawCertificate, LawRemedy, SpringDamper
 from avc_casadi.claims.zwidth import Curve, CurveKey, ZWidth
 from avc_casadi.design.scene_coupling import SimulatedPair, SimulatedScene
 from avc_casadi.design.tool_region import ToolCurve, ToolRegion
@@ -250,7 +250,7 @@ def _law_limits(result: LawCertificate) -> list[Row]:
     ]
 
 
-def _remedy(remedy: Remedy) -> tuple[Part, ...]:
+def _remedy(remedy: LawRemedy) -> tuple[Part, ...]:
     return parts(_law(remedy.changes), "(disk margin", Value(remedy.disk_margin, "number", 2), ")")
 
 

@@ -49,7 +49,7 @@ class DeviceFault(IntFlag):
 INTERFACE_VERSION = 14  # of the messages' meaning
 
 
-class Reason(IntEnum):
+class RefusalReason(IntEnum):
     """Reasons of a refusal: number on the wire, and sentence."""
 
     sentence: str
@@ -104,7 +104,7 @@ _PLACES = {
 class Refusal:
     """A REFUSED answer."""
 
-    reason: Reason
+    reason: RefusalReason
     detail: int
 
     def __str__(self) -> str:
@@ -113,11 +113,11 @@ class Refusal:
             row=_PLACES.get(self.detail, f"row {self.detail}"),
             own=PROTOCOL_VERSION,
             interface=INTERFACE_VERSION,
-            fault=DeviceFault(self.detail).word if self.reason is Reason.FAULT else "",
+            fault=DeviceFault(self.detail).word if self.reason is RefusalReason.FAULT else "",
         )
 
     @classmethod
     def read(cls, payload: bytes) -> Refusal:
         """Read the payload of REFUSED."""
         code, _, detail = struct.unpack("<HHI", payload)
-        return cls({int(reason): reason for reason in Reason}[code], detail)
+        return cls({int(reason): reason for reason in RefusalReason}[code], detail)

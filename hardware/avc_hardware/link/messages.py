@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 
 from avc_hardware.link.device import Device, DeviceStatus
-from avc_hardware.link.faults import Reason, Refusal
+from avc_hardware.link.faults import Refusal, RefusalReason
 from avc_hardware.link.frames import PROTOCOL_VERSION, Frame
 from avc_hardware.link.telemetry import Telemetry
 
@@ -157,7 +157,7 @@ _PARSERS: dict[int, Callable[[bytes], Message]] = {
 def parse(frame: Frame) -> Message | None:
     """Return the message of a device's frame; None for an unknown one."""
     if frame.version != PROTOCOL_VERSION and frame.type != Kind.REFUSED:
-        return Refusal(Reason.VERSION, frame.version)
+        return Refusal(RefusalReason.VERSION, frame.version)
     try:
         return _PARSERS[frame.type](frame.payload)
     except (KeyError, struct.error, IndexError):

@@ -9,7 +9,7 @@ from typing import TypeVar
 from avc_casadi import LinkError
 from avc_hardware.link import messages as m
 from avc_hardware.link.device import Device, DeviceStatus
-from avc_hardware.link.faults import INTERFACE_VERSION, Reason, Refusal
+from avc_hardware.link.faults import INTERFACE_VERSION, Refusal, RefusalReason
 from avc_hardware.link.frames import DELIMITER, Frame, encode
 from avc_hardware.link.messages import Kind, Message
 from avc_hardware.link.table import TableImage
@@ -130,11 +130,18 @@ class Session:
                     device = yield from self.hello()
                 image = yield from self.read_table(len(table.image))
             except RefusedError as error:
-                anew = {Reason.SIZE, Reason.BUSY, Reason.NO_TRANSFER, Reason.OFFSET, Reason.CRC, Reason.NO_TABLE}
+                anew = {
+                    RefusalReason.SIZE,
+                    RefusalReason.BUSY,
+                    RefusalReason.NO_TRANSFER,
+                    RefusalReason.OFFSET,
+                    RefusalReason.CRC,
+                    RefusalReason.NO_TABLE,
+                }
                 if error.refusal.reason not in anew:
                     raise
                 failure = error
-                if error.refusal.reason is Reason.BUSY:
+                if error.refusal.reason is RefusalReason.BUSY:
                     yield from _wait(BUSY_WAIT_S)
             else:
                 if (image, config) == (table.image, table.config):
@@ -162,7 +169,7 @@ class Session:
             try:
                 return (yield from self.ask(Kind.COMMIT, payload, m.Committed))
             except RefusedError as error:
-                if error.refusal.reason is not Reason.IN_CONTACT:
+                if error.refusal.reason is not RefusalReason.IN_CONTACT:
                     raise
             if trial == 0 and self.on_wait is not None:
                 self.on_wait()

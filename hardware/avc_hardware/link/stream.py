@@ -20,7 +20,7 @@ from avc_hardware.link import messages as m
 from avc_hardware.link.bytes import ByteLink
 from avc_hardware.link.connection import DEFAULT_BAUD, Connection, open_link
 from avc_hardware.link.device import MODES, Device, DeviceStatus
-from avc_hardware.link.faults import DeviceFault, Reason, Refusal
+from avc_hardware.link.faults import DeviceFault, Refusal, RefusalReason
 from avc_hardware.link.messages import GainsTaken, Kind, Message
 from avc_hardware.link.push import PushResult, push_over
 from avc_hardware.link.session import NoAnswerError
@@ -114,7 +114,7 @@ def stream(
     refusals = sent.refusals
     trips = sent.round_trips_s
     fell_back = middle.stream_expired - before.stream_expired
-    late = sum(refusal.reason is Reason.STALE for refusal in refusals)
+    late = sum(refusal.reason is RefusalReason.STALE for refusal in refusals)
     lost = len(samples) - len(trips) - len(refusals)
     faults = [*_faults_of_end(pushed, after, device), *_faults_on_the_way(len(samples), lost, late, refusals)]
     if fell_back > 0:
@@ -183,7 +183,12 @@ class _Stream:
             round_trip_s = connection.link.now_s() - sent_s
         elif isinstance(answer, Refusal):
             # These do not end a stream: their effects are reported at its end.
-            if answer.reason not in {Reason.STALE, Reason.NO_TABLE, Reason.MODE, Reason.OTHER_COUPLING}:
+            if answer.reason not in {
+                RefusalReason.STALE,
+                RefusalReason.NO_TABLE,
+                RefusalReason.MODE,
+                RefusalReason.OTHER_COUPLING,
+            }:
                 raise LinkError(f"{connection.link.name}: the device refused streamed gains: {answer}")
             self.refusals.append(answer)
         self.samples.append(
@@ -235,6 +240,6 @@ def _faults_on_the_way(sent: int, lost: int, late: int, refusals: list[Refusal])
     if lost + late > _SHARE_LOST * sent:
         faults.append(f"{lost} of {sent} messages were lost, {late} late")
     if len(refusals) - late > _SHARE_LOST * sent:
-        last = next(refusal for refusal in reversed(refusals) if refusal.reason is not Reason.STALE)
+        last = next(refusal for refusal in reversed(refusals) if refusal.reason is not RefusalReason.STALE)
         faults.append(f"{len(refusals) - late} of {sent} messages were refused, the last: {last}")
     return faults
