@@ -7,12 +7,14 @@ from hypothesis import event, given, settings
 from hypothesis import strategies as st
 
 import avc_casadi as avc
+from avc_casadi._util.progress import SILENT
 from avc_casadi.model.hands import hand_corners
-from avc_casadi.present.explore.explorer import Explorer
+from avc_casadi.present.explore.explorer import Explorer, _solved
 from avc_casadi.present.explore.server import answer
 from avc_casadi.present.explore.settings import problem_of_settings, settings_of
-from avc_casadi.present.row import Mark
+from avc_casadi.present.row import Mark, text_of
 from avc_casadi.present.rows.judge import own_law
+from avc_casadi.present.rows.recommend import recommendation
 
 BASE = avc.load_problem("figure5").changed(frequency={"points": 12})
 KNOB = avc.load_problem("knob").changed(frequency={"points": 12}, detent=None)
@@ -137,6 +139,23 @@ def test_the_charts_show_what_solve_gives(method):
     (line,) = next(one for one in found["charts"] if one["id"] == "stiffness")["series"]
     shown = np.array([np.nan if value is None else value for value in line["y"]])
     np.testing.assert_allclose(shown, avc.solve(BASE, method).stiffness_n_per_m, rtol=1e-5)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("base", [KNOB, TOOL], ids=["wall", "simulation"])
+def test_the_verdict_of_a_run_is_what_recommend_says(base):
+    expected = avc.recommend(base)
+    solved = _solved((base, "recommend"), SILENT)
+    assert solved.judged.verdict.word == ("deployable" if expected.deployable else "not deployable")
+    margin = text_of(solved.judged.verdict.margin, base.units)
+    if base.simulation is None:
+        sides = expected.margins.released.disk, expected.margins.worst_hand.disk
+        assert margin == f"disk margin {min(sides):.2g}"
+    else:
+        assert margin == f"gain margin {expected.pair.gain_margin:.3g}"
+    labels = [shown.label for shown in solved.judged.rows]
+    assert labels[0] == "Deployable"
+    assert labels[1:] == [shown.label for shown in recommendation(expected).rows if shown.rank == 0]
 
 
 def grows(pair, hand, tool_mass_kg):
