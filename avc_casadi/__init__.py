@@ -29,6 +29,7 @@ __version__ = "0.3.0"
 # In the order of a user's day: problems, what a device can render, a coupling, its verdict, its motion, its file; the
 # methods of the paper; errors.
 __all__ = ["Problem", "catalogue", "catalogue_path", "dump_problem", "load_device", "load_problem", "parse_problem"]
+__all__ += ["AdmittanceCertificate", "AdmittanceProblem", "certify_admittance", "load_admittance"]
 __all__ += ["Coupling", "LawCertificate", "Recommendation", "certify_law", "recommend", "zwidth"]
 __all__ += ["Certificate", "Deployable", "Run", "certify", "deployable", "screen", "simulate", "simulate_batch"]
 __all__ += ["Comparison", "GainSchedule", "compare", "figures", "read_coupling", "solve", "write_coupling"]
@@ -57,6 +58,7 @@ if TYPE_CHECKING:
         WorkerLostError,
         fault_document,
     )
+    from avc_casadi.claims.admittance import AdmittanceCertificate, certify_admittance
     from avc_casadi.claims.certify import Certificate, certify
     from avc_casadi.claims.deployable import Deployable, deployable
     from avc_casadi.claims.own_law import LawCertificate, certify_law
@@ -65,10 +67,12 @@ if TYPE_CHECKING:
     from avc_casadi.design.comparison.comparison import Comparison, compare
     from avc_casadi.design.methods import solve
     from avc_casadi.design.scene_coupling import screen, simulate
+    from avc_casadi.files.admittance_file import load_admittance
     from avc_casadi.files.catalogue import catalogue, catalogue_path
     from avc_casadi.files.coupling_file import read_coupling, write_coupling
     from avc_casadi.files.device_file import load_device
     from avc_casadi.files.problem_file import dump_problem, load_problem, parse_problem
+    from avc_casadi.model.admittance import AdmittanceProblem
     from avc_casadi.model.gains import GainSchedule
     from avc_casadi.model.problem import Problem
     from avc_casadi.present import figures
@@ -81,6 +85,9 @@ else:
         "_errors": "AvcError Fault InputError LinkError MissingExtraError "
         "NotDeployableError PortError UnsupportedError WorkerLostError fault_document",
         "claims.certify": "Certificate certify",
+        "claims.admittance": "AdmittanceCertificate certify_admittance",
+        "model.admittance": "AdmittanceProblem",
+        "files.admittance_file": "load_admittance",
         "claims.zwidth": "zwidth",
         "claims.deployable": "Deployable deployable",
         "claims.own_law": "LawCertificate certify_law",

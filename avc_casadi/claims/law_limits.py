@@ -11,20 +11,20 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product, zip_longest
+from typing import Any, Protocol
 
 import numpy as np
 
 from avc_casadi._util.arrays import ComplexArray, FloatArray, IndexArray
 from avc_casadi.claims.stated_law import StatedSystem
 from avc_casadi.loops.loop import Body
-from avc_casadi.loops.plant_family import Measure, PlantFamily
+from avc_casadi.loops.plant_family import Measure
 from avc_casadi.loops.wall import closed
 from avc_casadi.model import quantity as q
 from avc_casadi.model.control_law import ControlLaw, LawNumber
-from avc_casadi.model.device import Device
 from avc_casadi.model.hands import Hand
 from avc_casadi.model.law import Law
-from avc_casadi.model.plant import SampledPlant, sampled_plant
+from avc_casadi.model.plant import SampledPlant
 from avc_casadi.model.problem import Problem
 
 LawsOf = Callable[[float], Sequence[Law]]
@@ -43,22 +43,67 @@ _SEARCHES = 4
 _JUST_INSIDE = 1e-6
 
 
+Pair = tuple[Any, Hand]
+"""A device without ranges, of a force or of a velocity that is commanded, in a hand."""
+
+
+class FoundCase(Protocol):
+    """What a search of a side finds."""
+
+    @property
+    def radius(self) -> float:
+        """The modulus of the measure."""
+
+    @property
+    def pair(self) -> Any:
+        """The device and the hand."""
+
+
+class Side(Protocol):
+    """Plants of one box of ranges: in a hand, or released."""
+
+    @property
+    def devices(self) -> Sequence[Any]:
+        """The corners of the device's ranges."""
+
+    @property
+    def held(self) -> Hand:
+        """The hands that are tried before a search."""
+
+    def worst_case(self, measure: Measure) -> FoundCase:
+        """Return where a measure is largest."""
+
+
+class Plants(Protocol):
+    """A family of plants: a `PlantFamily`, or the handle of an admittance device."""
+
+    @property
+    def device(self) -> Any:
+        """The device with its ranges."""
+
+    @property
+    def sides(self) -> Sequence[Side]:
+        """The boxes of its ranges."""
+
+    def plants(self, pairs: Sequence[Any]) -> SampledPlant:
+        """Return the plants of pairs."""
+
+
 @dataclass(eq=False)
 class LawLimits:
     """The plants of a family around a law with one number changed."""
 
-    family: PlantFamily
+    family: Plants
 
     def __post_init__(self) -> None:
-        self._pairs: list[tuple[Device, Hand]] = []
+        self._pairs: list[Pair] = []
         self._keep([pair for side in self.family.sides for pair in corner_pairs(side)])
         self._chosen: IndexArray = np.arange(len(self._pairs))
 
-    def _keep(self, pairs: Sequence[tuple[Device, Hand]]) -> None:
+    def _keep(self, pairs: Sequence[Pair]) -> None:
         """Keep further plants; those of unlike delays need one queue."""
         self._pairs += pairs
-        plant = sampled_plant([device for device, _ in self._pairs], [hand for _, hand in self._pairs])
-        self._bodies = Body.of(plant).flat()
+        self._bodies = Body.of(self.family.plants(self._pairs)).flat()
 
     def of_numbers(self, own: ControlLaw | StatedSystem, *, one_sided: bool) -> dict[str, Interval | None]:
         """Return the stable interval of each number of a law, by its key; `one_sided`: it acts outside too."""
@@ -143,12 +188,11 @@ class LawLimits:
         cases = [side.worst_case(_leading_pole(law)) for law in laws for side in self.family.sides]
         unstable = [case for case in cases if case.radius >= 1]
         if unstable:
-            hands = [Hand(**{name: np.array([value]) for name, value in case.hand.items()}) for case in unstable]
-            self._keep([(case.device, hand) for case, hand in zip(unstable, hands, strict=True)])
+            self._keep([case.pair for case in unstable])
         return np.arange(before, len(self._pairs))
 
 
-def corner_pairs(side: PlantFamily) -> list[tuple[Device, Hand]]:
+def corner_pairs(side: Side) -> list[Pair]:
     """Return every corner of the device with every corner of the hands, or with none."""
     hands = [side.held.pick(slice(row, row + 1)) for row in range(len(side.held))]
     return list(product(side.devices, hands))

@@ -41,10 +41,15 @@ def run_certify(args: argparse.Namespace, console: Console) -> Answer:
     Your own gains need no GAINS file: `avc certify P --k 230 --b 1.2` judges the force
     -(k x + (b + b_p) v). They replace the wall of P, and single values of a table [law] in P.
     For a [simulation] or [follower], k, b and b_p are K, B and the damper of the device's own loop.
+    Of an admittance device: --virtual-mass, --b, --k and --cutoff-hz replace values of its law.
     """
     from avc_casadi.claims.own_law import law_problem
-    from avc_casadi.cli import ends
+    from avc_casadi.cli import admittance, ends
     from avc_casadi.cli.law import law_pieces, states_law, with_pieces
+    from avc_casadi.files.admittance_file import is_admittance
+
+    if is_admittance(args.problem):
+        return admittance.certified(args, console)
 
     law = {key: getattr(args, key) for key in ("k", "b", "b_p", "cutoff_hz") if getattr(args, key) is not None}
     pieces = law_pieces(args)

@@ -35,22 +35,27 @@ def run_list(args: argparse.Namespace, console: Console) -> Answer:  # noqa: ARG
 
     Run a problem by its name, or copy its file. Name a device in a problem file.
     """
-    from avc_casadi.files.catalogue import device_names
+    from avc_casadi.files.catalogue import admittance_catalogue, device_names
 
     devices = []
     for name, path in device_names().items():
         file = avc.load_device(name)
         devices.append(rows.look.CatalogueDevice(file.name, file.title, file.gaps, str(path)))
-    return rows.look.catalogue(avc.catalogue(), devices, str(avc.catalogue_path("figure5").parent))
+    folder = str(avc.catalogue_path("figure5").parent)
+    return rows.look.catalogue(avc.catalogue(), admittance_catalogue(), devices, folder)
 
 
 @cli.verb(cli.argument("problem", metavar="P", text="problem or device: file, or built-in name"), cli.VERBOSE)
 def run_check(args: argparse.Namespace, console: Console) -> Answer:  # noqa: ARG001
     """Check a problem or device file for errors and unusual values, and show its meaning."""
+    from avc_casadi.cli import admittance
+    from avc_casadi.files.admittance_file import is_admittance
     from avc_casadi.files.plausibility import plausibility
     from avc_casadi.files.problem_file import is_device
     from avc_casadi.recommendation.preconditions import doubts, infeasible_at, not_used
 
+    if is_admittance(args.problem):
+        return admittance.checked(args.problem)
     if is_device(args.problem):
         return rows.look.device(avc.load_device(args.problem), args.problem.removeprefix("devices/"))
     stated = avc.load_problem(args.problem)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import tomllib
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,6 +13,8 @@ from avc_casadi.model.table import shown
 
 DEVICES = "devices/"
 """Folder of the catalogue's devices."""
+ADMITTANCE = "admittance/"
+"""Folder of the catalogue's admittance devices, which couplings are no question of."""
 _PACKAGE = Path(__file__).resolve().parents[1]
 
 
@@ -45,7 +47,13 @@ def catalogue_names() -> dict[str, Path]:
     folder = problems_folder()
     files = sorted(folder.rglob("*.toml"), key=lambda path: (len(path.relative_to(folder).parts), path))
     named = {path.relative_to(folder).with_suffix("").as_posix(): path for path in files}
-    return {name: path for name, path in named.items() if not name.startswith(DEVICES)}
+    return {name: path for name, path in named.items() if not name.startswith((DEVICES, ADMITTANCE))}
+
+
+def admittance_names() -> dict[str, Path]:
+    """Return the path of every admittance device of the catalogue by name."""
+    folder = problems_folder() / ADMITTANCE
+    return {f"{ADMITTANCE}{path.stem}": path for path in sorted(folder.glob("*.toml"))}
 
 
 def device_names() -> dict[str, Path]:
@@ -81,8 +89,17 @@ def catalogue() -> tuple[CatalogueEntry, ...]:
         >>> [entry.name for entry in avc.catalogue()][:3]
         ['damped', 'damper', 'diverging']
     """
+    return _entries(catalogue_names())
+
+
+def admittance_catalogue() -> tuple[CatalogueEntry, ...]:
+    """Return every admittance device of the catalogue."""
+    return _entries(admittance_names())
+
+
+def _entries(names: Mapping[str, Path]) -> tuple[CatalogueEntry, ...]:
     entries = []
-    for name, path in catalogue_names().items():
+    for name, path in names.items():
         table = tomllib.loads(path.read_text(encoding="utf-8"))
         entries.append(CatalogueEntry(name, table["title"], table["source"], path))
     return tuple(entries)

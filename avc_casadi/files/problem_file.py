@@ -11,8 +11,16 @@ from typing import Any, Literal, TypeVar, cast
 
 from avc_casadi._errors import Fault, InputError, UnsupportedError
 from avc_casadi._util.json_values import plain
+from avc_casadi.files.admittance_file import refuse_admittance, states_drive
 from avc_casadi.files.border import in_keys_of
-from avc_casadi.files.catalogue import DEVICES, catalogue_names, catalogue_path, device_names, require_source
+from avc_casadi.files.catalogue import (
+    DEVICES,
+    admittance_names,
+    catalogue_names,
+    catalogue_path,
+    device_names,
+    require_source,
+)
 from avc_casadi.files.device_file import DeviceFile, with_device
 from avc_casadi.files.toml import KeyLines, tables_of, text_of, toml_lines
 from avc_casadi.model.ends import Wall
@@ -44,7 +52,7 @@ def load_problem(source: str | Path) -> Problem:
         100000.0
     """
     require_source(source, "the path of a problem file, or a name as `avc list` shows them")
-    path = _path_of(source)
+    path = admittance_names().get(str(source)) or _path_of(source)
     names = {file: name for name, file in catalogue_names().items()}
     text = text_of(path)
     if text.lstrip().startswith(("{", "frequency_hz,")):
@@ -61,7 +69,8 @@ def is_device(source: str) -> bool:
         tables = tables_of(text_of(Path(source)), source)
     except InputError:  # reported where it is loaded as a problem
         return False
-    return isinstance(tables.get("device"), dict) and set(tables) <= set(DeviceFile.model_fields)
+    is_table = isinstance(tables.get("device"), dict)
+    return is_table and set(tables) <= set(DeviceFile.model_fields) and not states_drive(tables)
 
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -163,6 +172,7 @@ def parse_problem(text: str, *, file: str = "problem.toml", name: str = "", fold
 
 def _of_tables(tables: Mapping[str, Any], file: str, name: str, folder: Path | None) -> Problem | list[Finding]:
     """Return the problem of the tables of a file, or all faults, each at its path in the file."""
+    refuse_admittance(tables, file)
     if "sources" in tables and "environment" not in tables:
         message = f'is a device; allowed: a problem file with device = "{Path(file).name}" and a wall, [environment]'
         raise InputError.of(message, file=file)

@@ -94,6 +94,7 @@ class Body:
     output_row: FloatArray
     sample_time_s: float
     names: tuple[str, ...]
+    force_row: FloatArray | None = None
 
     @classmethod
     def of(cls, plant: SampledPlant) -> Self:
@@ -102,7 +103,11 @@ class Body:
         scale = np.ones(b.shape[-1])
         scale[: len(plant.names)] = [plant.sample_time_s if state.endswith("_per_s") else 1.0 for state in plant.names]
         output_row = np.pad(plant.output_row, (0, len(scale) - len(plant.output_row)))
-        return cls(a * scale[:, None] / scale, b * scale, output_row, plant.sample_time_s, plant.names)
+        force_row = plant.force_row
+        if force_row is not None:
+            unused = np.zeros((*force_row.shape[:-1], len(scale) - force_row.shape[-1]))
+            force_row = np.concatenate([force_row, unused], axis=-1) / scale
+        return cls(a * scale[:, None] / scale, b * scale, output_row, plant.sample_time_s, plant.names, force_row)
 
     @classmethod
     def motion_source(cls, sample_time_s: float, turn: complex = 1.0) -> Self:
@@ -127,13 +132,22 @@ class Body:
 
     def axes(self, *index: Any) -> Self:
         """Return the body with its leading axes indexed."""
-        return type(self)(self.a[index], self.b[index], self.output_row, self.sample_time_s, self.names)
+        force_row = None if self.force_row is None else self.force_row[index]
+        return type(self)(self.a[index], self.b[index], self.output_row, self.sample_time_s, self.names, force_row)
 
     def flat(self) -> Self:
         """Return the body with one leading axis."""
         n = self.size
         shape = self.a.reshape(-1, n, n), self.b.reshape(-1, n)
-        return type(self)(*shape, self.output_row, self.sample_time_s, self.names)
+        force_row = None if self.force_row is None else self.force_row.reshape(-1, n)
+        return type(self)(*shape, self.output_row, self.sample_time_s, self.names, force_row)
+
+    @property
+    def measured(self) -> FloatArray:
+        """What a law reads, rows (..., m, n): the position, then the force of a sensor where there is one."""
+        if self.force_row is None:
+            return self.output_row[None]
+        return np.stack(np.broadcast_arrays(self.output_row, self.force_row), axis=-2)
 
     def next_state(self, state: Rows, force: Rows) -> Rows:
         """Return the rows of the next state, from those of the state (n, size) and of the force (..., size)."""

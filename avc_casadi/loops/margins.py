@@ -100,8 +100,11 @@ class OpenLoop:
         z = np.exp(1j * angles)
         pencil = z[..., None, None] * np.eye(body.size) - body.a[:, None]
         push = np.broadcast_to(body.b[:, None], (*angles.shape, body.size))
-        position = np.linalg.solve(pencil, push.astype(np.complex128)[..., None])[..., 0] @ body.output_row
-        return np.asarray(-self.law.transfer(z) * position)
+        states = np.linalg.solve(pencil, push.astype(np.complex128)[..., None])[..., 0]
+        command = self.law.transfer(z) * (states @ body.output_row)
+        if body.force_row is not None:
+            command = command + self.law.transfer(z, 1) * (states * body.force_row[:, None]).sum(axis=-1)
+        return np.asarray(-command)
 
     def turns(self) -> FloatArray:
         """Return angles of z at which L is evaluated, dense at peaks of it or of 1/(1 + L), shape (n,)."""

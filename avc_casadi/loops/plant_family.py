@@ -56,6 +56,11 @@ class WorstCase:
         return float(np.abs(self.value))
 
     @property
+    def pair(self) -> tuple[Device, Hand]:
+        """The device and the hand."""
+        return self.device, Hand(**{name: np.array([value]) for name, value in self.hand.items()})
+
+    @property
     def frequency_hz(self) -> float:
         """The frequency of a leading pole."""
         return float(np.abs(np.angle(self.value))) / (2 * math.pi * self.device.sample_time_s)
@@ -150,6 +155,10 @@ class PlantFamily:
     def drawn(self, draws: int = DRAWS, seed: int = 0) -> Self:
         """Return the family with hands drawn within the ranges tried too, and released where these let go."""
         return replace(self, held=hand_set(self.hand_ranges, draws=draws, seed=seed))
+
+    def plants(self, pairs: Sequence[tuple[Device, Hand]]) -> SampledPlant:
+        """Return the plants of pairs of a device without ranges and a hand."""
+        return sampled_plant([device for device, _ in pairs], [hand for _, hand in pairs])
 
     def worst_case(self, measure: Measure, **more: tuple[float, float]) -> WorstCase:
         """Return where in the ranges of hand, device and more a measure is largest, by a search of them all."""

@@ -183,13 +183,14 @@ class LinearStability:
 def closed(body: Body, law: Law) -> ClosedLoops:
     """Return the loops of laws around plants, of s + n states; their leading axes broadcast.
 
-    With the plant p+ = A p + B u, y = C p and the law s+ = a s + b y, u = c s + d y:
+    With the plant p+ = A p + B u, y = C p and the law s+ = a s + b y, u = c s + d y, y the position and the force of a
+    sensor where there is one:
 
         p+ = (A + B d C) p + B c s,   s+ = b C p + a s.
     """
     linear = law.linear
     states = body.size
-    measured = body.output_row[None]
+    measured = body.measured
     push = body.b[..., None]
     shape = np.broadcast_shapes(body.a.shape[:-2], linear.shape)
     maps = np.empty((*shape, states + linear.states, states + linear.states))

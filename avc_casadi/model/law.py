@@ -294,14 +294,18 @@ class Law:
         states = np.linalg.solve(solvable, np.broadcast_to(self.b[..., :1], (*change.shape[:-1], 1)))[..., 0]
         return np.where(rests[..., None], states, 0.0)
 
-    def transfer(self, z: ComplexArray) -> ComplexArray:
-        """Return u over the measured position, C (z - A)^-1 B + D, N/m; the axes of z end with those of the laws."""
+    def transfer(self, z: ComplexArray, measured: int = 0) -> ComplexArray:
+        """Return u over a measured input, C (z - A)^-1 B + D; the axes of z end with those of the laws.
+
+        The input is by default the position, so that the transfer is in N/m.
+        """
         linear = self.linear
-        through = linear.d[..., 0, 0]
+        through = linear.d[..., 0, measured]
         if not self.states:
             return np.broadcast_to(through, np.broadcast_shapes(np.shape(z), linear.shape)).astype(np.complex128)
         pencil = np.asarray(z)[..., None, None] * np.eye(self.states) - linear.a
-        inputs = np.broadcast_to(linear.b[..., :1], (*pencil.shape[:-1], 1)).astype(np.complex128)
+        column = linear.b[..., measured : measured + 1]
+        inputs = np.broadcast_to(column, (*pencil.shape[:-1], 1)).astype(np.complex128)
         states = np.linalg.solve(pencil, inputs)[..., 0]
         return np.asarray((linear.c[..., 0, :] * states).sum(axis=-1) + through)
 

@@ -224,6 +224,8 @@ class SampledPlant:
     output_row: FloatArray
     held: FloatArray
     sample_time_s: float
+    force_row: FloatArray | None = None
+    """What a force sensor reads, (devices, hands, n); None without one."""
 
     def of_device(self, index: int) -> SampledPlant:
         """Return the plants of one of the devices."""
@@ -234,6 +236,7 @@ class SampledPlant:
             new=self.new[chosen],
             old=self.old[chosen],
             whole_delay=self.whole_delay[chosen],
+            force_row=None if self.force_row is None else self.force_row[chosen],
         )
 
     @property
@@ -271,12 +274,9 @@ def sampled_plant(
     hands = hand if isinstance(hand, Sequence) else [hand] * len(listed)
     plants = [device_plant(device, held, mode) for device, held in zip(listed, hands, strict=True)]
     grip = plants[0].grip
-    linear, steps_s = [plant.linear() for plant in plants], [_steps_s(device) for device in listed]
+    linear = [plant.linear() for plant in plants]
     names = linear[0].names
-    moves = transitions([(plant, step) for plant, steps in zip(linear, steps_s, strict=True) for step in steps])
-    places = np.cumsum([0, *map(len, steps_s)])
-    parts = [_sampled(moves[begin:end]) for begin, end in itertools.pairwise(places)]
-    matrix, new, old = (np.stack(part) for part in zip(*parts, strict=True))
+    matrix, new, old = discretised(linear, listed)
     sensed = HANDLE if first.encoder_at == "handle" and first.resonance is not None else DEVICE
     return SampledPlant(
         names=names,
@@ -290,7 +290,29 @@ def sampled_plant(
     )
 
 
-def _steps_s(device: Device) -> tuple[float, ...]:
+class Timed(Protocol):
+    """A device that is commanded in samples, with a delay."""
+
+    @property
+    def sample_time_s(self) -> float:
+        """The sample time."""
+
+    @property
+    def delay_samples(self) -> float:
+        """Samples from a command to when it acts."""
+
+
+def discretised(plants: Sequence[LinearPlant], devices: Sequence[Timed]) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return A, B_new and B_old of plants of one shape, each with the timing of its device, (devices, hands, ...)."""
+    steps_s = [_steps_s(device) for device in devices]
+    moves = transitions([(plant, step) for plant, steps in zip(plants, steps_s, strict=True) for step in steps])
+    places = np.cumsum([0, *map(len, steps_s)])
+    parts = [_sampled(moves[begin:end]) for begin, end in itertools.pairwise(places)]
+    matrix, new, old = (np.stack(part) for part in zip(*parts, strict=True))
+    return matrix, new, old
+
+
+def _steps_s(device: Timed) -> tuple[float, ...]:
     """Return the sample, and where the delay is not whole, the parts before and after a new force arrives."""
     period, late = device.sample_time_s, device.delay_samples - int(device.delay_samples)
     return (period, late * period, (1 - late) * period) if late else (period,)

@@ -3,9 +3,20 @@
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from avc_casadi.present.rows import answers, deploy, design, engines, judge, look, measure, recommend, tried
+    from avc_casadi.present.rows import (
+        admittance,
+        answers,
+        deploy,
+        design,
+        engines,
+        judge,
+        look,
+        measure,
+        recommend,
+        tried,
+    )
 
-__all__ = ["answers", "deploy", "design", "engines", "judge", "look", "measure", "recommend", "tried"]
+__all__ = ["admittance", "answers", "deploy", "design", "engines", "judge", "look", "measure", "recommend", "tried"]
 
 if not TYPE_CHECKING:
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from functools import singledispatch
 
 from avc_casadi._util.progress import SILENT, Progress
+from avc_casadi.claims.admittance import AdmittanceCertificate
 from avc_casadi.claims.certify import Certificate
 from avc_casadi.claims.deployable import CertifiedCoupling, deployable
 from avc_casadi.claims.own_law import LawCertificate
@@ -15,7 +16,7 @@ from avc_casadi.design.scene_coupling import SimulatedScene
 from avc_casadi.design.solution import SolvedGains
 from avc_casadi.model.gains import GainSchedule
 from avc_casadi.present.row import Answer, Page
-from avc_casadi.present.rows import design, judge
+from avc_casadi.present.rows import admittance, design, judge
 from avc_casadi.present.rows.reasons import sentence
 from avc_casadi.present.rows.recommend import recommendation
 from avc_casadi.recommendation.recommendation import Recommendation
@@ -37,6 +38,7 @@ def text_of(result: object) -> str:
 
 answer_of.register(Recommendation, recommendation)
 answer_of.register(LawCertificate, judge.own_law)
+answer_of.register(AdmittanceCertificate, admittance.certificate)
 answer_of.register(Comparison, design.comparison)
 answer_of.register(ZWidth, judge.walls)
 

@@ -248,12 +248,18 @@ class CatalogueDevice:
     path: str
 
 
-def catalogue(problems: Sequence[CatalogueEntry], devices: Sequence[CatalogueDevice], folder: str) -> Answer:
+def catalogue(
+    problems: Sequence[CatalogueEntry],
+    admittance: Sequence[CatalogueEntry],
+    devices: Sequence[CatalogueDevice],
+    folder: str,
+) -> Answer:
     """Return the answer of `list`."""
-    rows = [row(entry.name, entry.title) for entry in problems]
+    rows = [row(entry.name, entry.title) for entry in (*problems, *admittance)]
     rows += [row(f"devices/{entry.name}", entry.title) for entry in devices]
     document = {
         "problems": [plain(entry) | {"path": str(entry.path)} for entry in problems],
+        "admittance": [plain(entry) | {"path": str(entry.path)} for entry in admittance],
         "devices": plain(devices),
     }
     title = f"built-in problems (files in {folder}) and devices"

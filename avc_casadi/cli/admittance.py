@@ -1,0 +1,31 @@
+"""What verbs do with an admittance device, whose file says drive = "velocity" in [device]."""
+
+from __future__ import annotations
+
+import argparse
+
+import avc_casadi as avc
+from avc_casadi.cli import arguments as cli
+from avc_casadi.cli.console import Console
+from avc_casadi.present import rows
+from avc_casadi.present.row import Answer
+
+_LAW = {"virtual_mass": "mass_kg", "b": "damping_ns_per_m", "k": "stiffness_n_per_m", "cutoff_hz": "cutoff_hz"}
+"""Options that state an admittance law, and its keys."""
+_OPTIONS = "--virtual-mass, --b, --k and --cutoff-hz"
+_OF_FORCES = f"is an option of devices that are commanded a force; an admittance law is {_OPTIONS}"
+
+
+def checked(source: str) -> Answer:
+    """Return the answer of `check`."""
+    problem = avc.load_admittance(source)
+    return rows.admittance.checked(problem, rows.admittance.doubts_of(problem), source)
+
+
+def certified(args: argparse.Namespace, console: Console) -> Answer:
+    """Return the answer of `certify` of the law of the file, or of that with values that are typed."""
+    cli.refuse(args, "gains", "prove", "proof_out", "b_p", "ki", "velocity", "notch", why=_OF_FORCES)
+    problem = avc.load_admittance(args.problem)
+    typed = {key: getattr(args, option) for option, key in _LAW.items() if getattr(args, option) is not None}
+    with console.step("admittance law"):
+        return rows.admittance.certificate(avc.certify_admittance(problem, law=typed), args.problem)

@@ -1,0 +1,224 @@
+"""The loops of an admittance device: what its handle may carry, and the worst of it for any measure of a loop.
+
+A handle is released, held by a hand, pressed against a contact by a hand, or leans on a contact alone. Its loop depends
+on the sums alone: a mass, a damper and a spring to ground beyond the sensor. Each side is a box of these sums, with the
+declared ranges of the device.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import product
+from typing import Literal
+
+import numpy as np
+
+from avc_casadi._util.arrays import ComplexArray, FloatArray
+from avc_casadi.loops.contacts import Swing
+from avc_casadi.loops.plant_family import RADIUS_TOLERANCE, Measure
+from avc_casadi.loops.search import Box, Ranges, worst_point
+from avc_casadi.model.admittance import AdmittanceDevice, AdmittanceProblem, Contact
+from avc_casadi.model.driven import sampled_drive
+from avc_casadi.model.hands import Hand, hand_ranges
+from avc_casadi.model.plant import SampledPlant
+from avc_casadi.model.problem import Hands
+
+Handle = Literal["held", "pressed", "leaning", "released"]
+"""What the handle carries: a hand, a hand and a contact, a contact, nothing."""
+
+Pair = tuple[AdmittanceDevice, Hand]
+"""A device without ranges, and the sums that its handle carries."""
+
+_CARRIED = ("mass_kg", "damping_ns_per_m", "stiffness_n_per_m")
+_NOTHING = ((0.0, 0.0), (0.0, 0.0), (0.0, 0.0))
+_OVERLAP = 1e-12
+"""A range of sums narrower than this share is one value: it was made by rounding."""
+
+Interval = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class WorstHandle:
+    """Where in a side a measure of the loop is largest, as corners and a search of the ranges find it.
+
+    Attributes:
+        value: the measure there.
+        device: without ranges.
+        hand: the sums that the handle carries, by name.
+    """
+
+    value: complex
+    device: AdmittanceDevice
+    hand: dict[str, float]
+
+    @property
+    def radius(self) -> float:
+        """The modulus of the measure: the spectral radius of the loop."""
+        return float(np.abs(self.value))
+
+    @property
+    def stable(self) -> bool:
+        """Whether the loop is stable."""
+        return self.radius < 1 - RADIUS_TOLERANCE
+
+    @property
+    def pair(self) -> Pair:
+        """The device and the sums."""
+        return self.device, Hand(**{key: np.array([value]) for key, value in self.hand.items()})
+
+
+@dataclass(frozen=True, eq=False)
+class HandleSide:
+    """A device with its ranges, and the ranges of a hand and of a contact at its handle; all 0 where there is none."""
+
+    handle: Handle
+    device: AdmittanceDevice
+    hand: tuple[Interval, Interval, Interval]
+    contact: tuple[Interval, Interval, Interval]
+
+    @property
+    def carried(self) -> Ranges:
+        """The ranges of the sums, by name."""
+        sums = {}
+        for key, hand, contact in zip(_CARRIED, self.hand, self.contact, strict=True):
+            low, high = hand[0] + contact[0], hand[1] + contact[1]
+            sums[key] = (low, high if high > low * (1 + _OVERLAP) else low)
+        return sums
+
+    @cached_property
+    def devices(self) -> list[AdmittanceDevice]:
+        """The devices at the corners of the declared ranges, each without ranges."""
+        ends = {key: tuple(sorted(set(interval))) for key, interval in self.device.ranges.items()}
+        return [self.device.with_values(**dict(zip(ends, ends_of, strict=True))) for ends_of in product(*ends.values())]
+
+    @cached_property
+    def held(self) -> Hand:
+        """The corners of the sums."""
+        corners = sorted(set(product(*self.carried.values())))
+        return Hand(*np.array(corners, dtype=np.float64).T)
+
+    @property
+    def corner_pairs(self) -> list[Pair]:
+        """Every corner of the device with every corner of the sums."""
+        hands = [self.held.pick(slice(row, row + 1)) for row in range(len(self.held))]
+        return list(product(self.devices, hands))
+
+    @cached_property
+    def box(self) -> Box:
+        """The ranges that are searched; springs in the bands of the turns of their swing.
+
+        A spring of 0 is a corner of its own: from the softest that counts on, springs are searched by their logarithm.
+        """
+        ranges = {**self.carried, **self.device.ranges}
+        low, high = ranges["stiffness_n_per_m"]
+        swing = self._swing
+        soft = max(low, swing.softest_n_per_m)
+        if high <= 3 * soft:
+            return Box(ranges)
+        ranges["stiffness_n_per_m"] = (soft, high)
+        return Box(ranges, {"stiffness_n_per_m": swing.knots_n_per_m(soft, high)} if self._turns else {})
+
+    @property
+    def _turns(self) -> bool:
+        """Whether a handle on the stiffest spring swings by half a turn in a sample, so that bands come again."""
+        return self._swing.angle_rad(self.carried["stiffness_n_per_m"][1]) > math.pi
+
+    @cached_property
+    def _swing(self) -> Swing:
+        """How the handle swings on a contact: the lightest it may be, with the least damping."""
+        sensors = [device.force_sensor for device in self.devices]
+        lightest = min(sensor.handle_mass_kg for sensor in sensors) + self.carried["mass_kg"][0]
+        damping = min(sensor.damping_ns_per_m for sensor in sensors) + self.carried["damping_ns_per_m"][0]
+        late = max(device.delay_samples for device in self.devices)
+        decay = damping / (2 * lightest)
+        return Swing(lightest, self.device.sample_time_s, late, decay_per_s=decay)
+
+    def worst_case(self, measure: Measure) -> WorstHandle:
+        """Return where in the ranges of sums and device a measure is largest, by a search of them all."""
+        box = self.box
+
+        def of_places(places: FloatArray) -> ComplexArray:
+            values = box.values(places)
+            return measure(self._plants_at(values), values)
+
+        place, value = worst_point(of_places, len(box.sides), box.cells)
+        values = {key: float(at[0]) for key, at in box.values(place).items()}
+        found = WorstHandle(
+            value=complex(value[0]),
+            device=self._device_at(values),
+            hand={key: values[key] for key in _CARRIED},
+        )
+        corners = self.corner_pairs
+        at_corners = np.abs(measure(plants_of(corners), {}))
+        worst = int(at_corners.argmax())
+        if at_corners[worst] < found.radius:
+            return found
+        device, hand = corners[worst]
+        return WorstHandle(complex(at_corners[worst]), device, hand.values(0))
+
+    def _device_at(self, values: Mapping[str, float]) -> AdmittanceDevice:
+        return self.device.with_values(**{key: values[key] for key in self.device.ranges})
+
+    def _plants_at(self, values: Mapping[str, FloatArray]) -> SampledPlant:
+        """Return m plants, from values as of `Box.values`."""
+        hands = [values[key] for key in _CARRIED]
+        if not self.device.ranges:
+            return sampled_drive([self.device], [Hand(*hands)])
+        rows = range(len(hands[0]))
+        devices = [self._device_at({key: float(at[row]) for key, at in values.items()}) for row in rows]
+        return sampled_drive(devices, [Hand(*(at[row : row + 1] for at in hands)) for row in rows])
+
+    def parts(self, hand: Mapping[str, float]) -> tuple[dict[str, float], dict[str, float]]:
+        """Return sums as those of a hand and of a contact: both as far into their ranges as the sum is into its own."""
+        of_hand, of_contact = {}, {}
+        for key, own, contact in zip(_CARRIED, self.hand, self.contact, strict=True):
+            low, high = self.carried[key]
+            share = (hand[key] - low) / (high - low) if high > low else 0.0
+            of_hand[key] = own[0] + share * (own[1] - own[0])
+            of_contact[key] = contact[0] + share * (contact[1] - contact[0])
+        return of_hand, of_contact
+
+
+@dataclass(frozen=True, eq=False)
+class HandleFamily:
+    """A device with all that its handle may carry: the plants that a law must be stable with."""
+
+    device: AdmittanceDevice
+    sides: tuple[HandleSide, ...]
+
+    @classmethod
+    def of(cls, problem: AdmittanceProblem) -> HandleFamily:
+        """Return the plants of a problem."""
+        return cls.between(problem.device, problem.hands, problem.contact)
+
+    @classmethod
+    def between(cls, device: AdmittanceDevice, hands: Hands, contact: Contact) -> HandleFamily:
+        """Return a device with hands and contacts of ranges."""
+        sides = [HandleSide("held", device, _ranges_of(hands), _NOTHING)]
+        if contact.touches:
+            sides += cls.touching(device, hands, contact)
+        return cls(device, (*sides, HandleSide("released", device, _NOTHING, _NOTHING)))
+
+    @staticmethod
+    def touching(device: AdmittanceDevice, hands: Hands, contact: Contact) -> list[HandleSide]:
+        """Return the sides with a contact: with a hand that presses the handle against it, and without."""
+        touched = ((0.0, 0.0), contact.damping_ns_per_m, contact.stiffness_n_per_m)
+        pressed = HandleSide("pressed", device, _ranges_of(hands), touched)
+        return [pressed, HandleSide("leaning", device, _NOTHING, touched)]
+
+    def plants(self, pairs: Sequence[Pair]) -> SampledPlant:
+        """Return the plants of pairs."""
+        return plants_of(pairs)
+
+
+def _ranges_of(hands: Hands) -> tuple[Interval, Interval, Interval]:
+    mass, damping, stiffness = ((low, high) for low, high in hand_ranges(hands).tolist())
+    return mass, damping, stiffness
+
+
+def plants_of(pairs: Sequence[Pair]) -> SampledPlant:
+    """Return the plants of pairs of a device and what its handle carries."""
+    return sampled_drive([device for device, _ in pairs], [hand for _, hand in pairs])

@@ -1,0 +1,226 @@
+"""Rows of admittance devices: a checked file, the verdict on a law, its limits, and what would help."""
+
+from __future__ import annotations
+
+import math
+from shlex import quote
+
+from avc_casadi._util.json_values import plain
+from avc_casadi._util.units import Quantity
+from avc_casadi.claims.admittance import AdmittanceCertificate, AdmittanceRemedy, HandleCase
+from avc_casadi.files.catalogue import admittance_names
+from avc_casadi.loops.handle import Handle
+from avc_casadi.loops.margins import LEAST_DISK, SOUND_DISK
+from avc_casadi.model.admittance import (
+    DRIVE_DAMPING_RATIO,
+    AdmittanceDevice,
+    AdmittanceProblem,
+    Contact,
+    VirtualMass,
+)
+from avc_casadi.model.table import shown as as_in_file
+from avc_casadi.present.row import Answer, Mark, Part, Row, Value, caution, commas, grade, parts, row, span
+from avc_casadi.present.rows import subject
+
+_HANDLES: dict[Handle, str] = {
+    "held": "in a hand",
+    "pressed": "pressed by a hand",
+    "leaning": "on a contact, without a hand",
+    "released": "released",
+}
+"""What the handle carries, in words."""
+
+_CHANGES: dict[str, tuple[str, Quantity]] = {
+    "mass_kg": ("virtual mass", "mass"),
+    "damping_ns_per_m": ("virtual damping", "damping"),
+    "cutoff_hz": ("force below", "frequency"),
+    "drive_bandwidth_hz": ("drive", "frequency"),
+    "delay_samples": ("delay", "samples"),
+    "sample_time_s": ("sample time", "time"),
+    "sensor_stiffness_n_per_m": ("sensor", "stiffness"),
+    "handle_mass_kg": ("handle", "mass"),
+}
+"""Numbers that a remedy changes: what they are called, and what they measure."""
+
+Interval = tuple[float, float]
+
+
+def name_of(problem: AdmittanceProblem) -> str:
+    """Return the problem as a user types it: a name of the catalogue, or a file."""
+    return problem.name if problem.name in admittance_names() else f"{problem.name or 'problem'}.toml"
+
+
+def device_line(device: AdmittanceDevice) -> tuple[Part, ...]:
+    """Return drive, rate, delay and sensor in a line."""
+    rate, delay = Value(1 / device.sample_time_s, "frequency"), Value(device.delay_samples, "samples")
+    sensor = Value(device.force_sensor.stiffness_n_per_m, "stiffness")
+    drive = Value(device.drive_bandwidth_hz, "frequency")
+    return parts("· drive", drive, ",", rate, ", delay", delay, ", sensor", sensor)
+
+
+def law_line(law: VirtualMass) -> tuple[Part, ...]:
+    """Return a law in a line."""
+    spring = ("spring", Value(law.stiffness_n_per_m, "stiffness")) if law.stiffness_n_per_m else None
+    low_pass = ("force below", Value(law.cutoff_hz, "frequency")) if law.cutoff_hz else None
+    mass, damping = Value(law.mass_kg, "mass"), Value(law.damping_ns_per_m, "damping")
+    return commas([("virtual mass", mass), ("damping", damping), spring, low_pass])
+
+
+def checked(problem: AdmittanceProblem, doubts: tuple[str, ...], shown: str) -> Answer:
+    """Return the answer of `check` of an admittance device."""
+    law, sensor, hands = problem.law, problem.device.force_sensor, problem.hands
+    handle = ("handle", Value(sensor.handle_mass_kg, "mass"), ", noise", Value(sensor.noise_rms_n, "force"), "rms")
+    swing_hz = math.sqrt(sensor.stiffness_n_per_m / sensor.handle_mass_kg) / (2 * math.pi)
+    held = (span(hands.mass_kg, "mass"), span(hands.damping_ns_per_m, "damping"))
+    rows = [
+        row("Valid", problem.title or "yes", mark=Mark.PASS),
+        row("Law", law_line(law.admittance) if law else "none: recommend proposes a virtual mass and damping"),
+        row("Sensor", handle, ", swings at", Value(swing_hz, "frequency")),
+        row("Hands", commas([*held, span(hands.stiffness_n_per_m, "stiffness")]), "; released in addition"),
+        row("Contact", _contact_line(problem.contact)),
+        *subject.notes(doubts, "Warning"),
+    ]
+    if problem.source:
+        rows.append(row("Source", problem.source, rank=1))
+    verb = "certify" if law else "recommend"
+    data = {"problem": problem.name, "tables": problem.model_dump(mode="json", exclude_none=True), "doubts": [*doubts]}
+    title = parts(shown, device_line(problem.device))
+    return Answer("check", plain(data), title, tuple(rows), (f"avc {verb} {quote(shown)}",), problem.units)
+
+
+def doubts_of(problem: AdmittanceProblem) -> tuple[str, ...]:
+    """Return what is unusual of an admittance device, though it is valid."""
+    device, key = problem.device, problem.units.key
+    nyquist_hz = 0.5 / device.sample_time_s
+    found = []
+    if device.drive_bandwidth_hz > nyquist_hz:
+        why = f"is {as_in_file(device.drive_bandwidth_hz)}, above half the sample rate; is the unit right?"
+        found.append(f"device.drive_bandwidth_hz {why}")
+    if not problem.contact.touches:
+        found.append("contact.stiffness_n_per_m is 0: the handle touches nothing, and stiff contacts limit such a law")
+    if not 1e3 <= device.force_sensor.stiffness_n_per_m / device.metres_per_unit**2 <= 1e8:
+        value = as_in_file(device.force_sensor.stiffness_n_per_m)
+        name = key("device.force_sensor.stiffness_n_per_m")
+        found.append(f"{name} is {value}: usual 1e3 to 1e8 N/m at the handle; is the unit right?")
+    if device.drive_order == 1 and device.drive_damping_ratio != DRIVE_DAMPING_RATIO:
+        found.append("device.drive_damping_ratio says nothing of a drive of first order: device.drive_order = 2")
+    return tuple(found)
+
+
+def _contact_line(contact: Contact) -> tuple[Part, ...]:
+    if not contact.touches:
+        return ("none",)
+    return commas([span(contact.stiffness_n_per_m, "stiffness"), span(contact.damping_ns_per_m, "damping")])
+
+
+def certificate(result: AdmittanceCertificate, shown: str = "") -> Answer:
+    """Return the answer of `certify` of an admittance law."""
+    problem = result.problem
+    shown = shown or name_of(problem)
+    sound = result.disk_margin >= SOUND_DISK
+    mark = Mark.FAIL if not result.passed else grade(sound, Mark.CAUTION)
+    rows = [
+        row("Deployable", f"{'yes' if result.passed else 'no'}: {result.reason}", mark=mark),
+        _margins(result),
+        _damping(result.cases),
+        row("Worst case", worst_case(result.worst)),
+        row("Stable mass", _stretch(result.mass_range_kg, "mass"), "at this damping"),
+        row("Stable damping", _stretch(result.damping_range_ns_per_m, "damping"), "at this mass"),
+        _stiffest(result),
+        _noise(result),
+    ]
+    if not sound and result.remedies is not None:
+        rows.append(row("Would help", _remedies(result.remedies)))
+    rows += [_case(case) for case in result.cases]
+    return Answer(
+        kind="certify-admittance",
+        data=result.document(),
+        title=parts(shown, " ", law_line(result.law), device_line(problem.device)),
+        rows=tuple(rows),
+        commands=(f"avc recommend {quote(shown)}", f"avc zwidth {quote(shown)} --plot region.png"),
+        units=problem.units,
+        complaint="" if result.passed else f"avc: {shown}: this law is not deployable",
+    )
+
+
+def worst_case(case: HandleCase) -> tuple[Part, ...]:
+    """Return what the handle carries where a loop is the worst."""
+    if case.handle == "released":
+        return ("released",)
+    contact = ("contact of", Value(case.contact["stiffness_n_per_m"], "stiffness"))
+    if case.handle == "leaning":
+        return parts(contact, ", without a hand")
+    hand = subject.hand(case.hand)
+    return parts(hand, ", pressed against a", contact) if case.handle == "pressed" else hand
+
+
+def _margins(result: AdmittanceCertificate) -> Row:
+    """Return the smallest margin of each kind, where the loop is broken at the commanded velocity."""
+    least = [case.margins for case in result.cases]
+    disk = result.disk_margin
+    mark = Mark.FAIL if disk < LEAST_DISK else grade(disk >= SOUND_DISK, Mark.CAUTION)
+    named = (
+        ("gain", Value(min(margins.gain for margins in least), "gain")),
+        ("phase", Value(_finite(min(margins.phase_deg for margins in least)), "phase")),
+        ("delay", Value(_finite(min(margins.delay_samples for margins in least)), "samples")),
+        ("disk", Value(disk, "number", 2)),
+    )
+    return row("Margins", commas(named), mark=mark)
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+def _damping(cases: tuple[HandleCase, ...]) -> Row:
+    least = min(cases, key=lambda case: case.damping_ratio)
+    if least.damping_ratio >= 1:
+        return row("Damping ratio", "no oscillation")
+    hz = Value(least.damping_ratio_hz, "frequency")
+    return row("Damping ratio", Value(least.damping_ratio, "number", 2), "at", hz, f"({_HANDLES[least.handle]})")
+
+
+def _stretch(stable: Interval | None, of: Quantity) -> tuple[Part, ...]:
+    if stable is None:
+        return ("none",)
+    low, high = (Value(end, of) for end in stable)
+    if math.isinf(stable[1]):
+        return (low, "and more") if stable[0] else ("any",)
+    return (low, "to", high) if stable[0] else ("up to", high)
+
+
+def _stiffest(result: AdmittanceCertificate) -> Row:
+    """Return the stiffest contact, which fails where the declared one is stiffer."""
+    limit, declared = result.stiffest_contact_n_per_m, result.problem.contact.stiffest_contact_n_per_m
+    text: tuple[Part, ...] = (Value(limit, "stiffness"), "with every hand and without")
+    if math.isinf(limit):
+        text = ("no limit: stable against any, with every hand and without",)
+    elif not limit:
+        text = ("none: unstable without a contact",)
+    return row("Stiffest contact", text, mark=Mark.FAIL if limit < declared else Mark.NONE)
+
+
+def _noise(result: AdmittanceCertificate) -> Row:
+    """Return what noise and one step of the sensor do to a handle at rest."""
+    drifts: tuple[Part, ...] = ()
+    if result.drift_m_per_s:
+        drifts = ("; one step of it off, it drifts at", Value(_finite(result.drift_m_per_s), "speed"))
+    return row("Sensor noise", Value(result.noise_m_per_s, "speed"), "rms at rest", drifts)
+
+
+def _remedies(remedies: tuple[AdmittanceRemedy, ...]) -> tuple[Part, ...]:
+    if not remedies:
+        return ("no single change of law, drive, delay or sensor by a factor of 30",)
+    return commas(map(_remedy, remedies), ";")
+
+
+def _remedy(remedy: AdmittanceRemedy) -> tuple[Part, ...]:
+    name, of = _CHANGES[remedy.key]
+    return parts(name, Value(remedy.value, of), "(disk margin", Value(remedy.disk_margin, "number", 2), ")")
+
+
+def _case(case: HandleCase) -> Row:
+    """Return a case of lower rank."""
+    radius = ("spectral radius", Value(case.spectral_radius, "number", 6))
+    disk = ("disk margin", Value(case.margins.disk, "number", 2))
+    return row(_HANDLES[case.handle].capitalize(), commas([radius, disk]), mark=caution(not case.stable), rank=1)

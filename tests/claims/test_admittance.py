@@ -1,0 +1,215 @@
+"""Admittance devices: the loop against one that is written out a second time, limits, remedies, and what is refused."""
+
+import math
+
+import numpy as np
+import pytest
+from admittance_loop import PlainDevice, growth, largest_pole
+
+import avc_casadi as avc
+from avc_casadi.claims.admittance import HandleAnalysis
+from avc_casadi.loops.handle import HandleFamily, plants_of
+from avc_casadi.loops.loop import Body
+from avc_casadi.loops.margins import SOUND_DISK, OpenLoop
+from avc_casadi.loops.wall import closed
+from avc_casadi.model.hands import Hand
+
+LAWS = ((40.0, 120.0, 1.0025777), (20.0, 400.0, 1.0011701), (25.0, 400.0, 0.9993504))
+"""Virtual mass, damping and radius of the arm below in a stiff grip, as a public question has them."""
+
+
+def arm(law, **device):
+    """An arm of 15 Hz and two samples of 2 ms in a hand of 2 kg that presses against 20 kN/m."""
+    sensor = {"stiffness_n_per_m": 2e5, "damping_ratio": 0.02, "handle_mass_kg": 1.0, **device.pop("sensor", {})}
+    drive = {"drive": "velocity", "drive_bandwidth_hz": 15.0, "sample_time_s": 2e-3, "delay_samples": 2}
+    return {
+        "device": {**drive, **device, "force_sensor": sensor},
+        "law": {"admittance": law},
+        "hands": {"mass_kg": [2.0, 2.0], "damping_ns_per_m": [5.0, 5.0], "stiffness_n_per_m": [0.0, 0.0]},
+        "contact": {"stiffness_n_per_m": 2e4},
+    }
+
+
+def plain(problem, mass_kg, damping, stiffness):
+    """The same device, law and sums at the handle as plain numbers."""
+    device, sensor, law = problem.device, problem.device.force_sensor, problem.law.admittance
+    return PlainDevice(
+        sample_s=device.sample_time_s,
+        drive_hz=device.drive_bandwidth_hz,
+        sensor_n_per_m=sensor.stiffness_n_per_m,
+        sensor_ratio=sensor.damping_ratio,
+        handle_kg=sensor.handle_mass_kg,
+        late_samples=device.delay_samples,
+        mass_kg=law.mass_kg,
+        damping=law.damping_ns_per_m,
+        spring_n_per_m=law.stiffness_n_per_m,
+        cutoff_hz=law.cutoff_hz,
+        order=device.drive_order,
+        drive_ratio=device.drive_damping_ratio,
+        hand_kg=mass_kg,
+        hand_damping=damping,
+        hand_n_per_m=stiffness,
+    )
+
+
+def radius(problem, mass_kg, damping, stiffness):
+    carried = Hand(np.array([mass_kg]), np.array([damping]), np.array([stiffness]))
+    body = Body.of(plants_of([(problem.device, carried)])).flat()
+    return float(closed(body, problem.law.admittance.law(problem.device.sample_time_s)).radius[0])
+
+
+@pytest.mark.parametrize(("mass_kg", "damping", "expected"), LAWS)
+def test_a_public_complaint_swings_as_it_was_told(mass_kg, damping, expected):
+    stated = avc.certify_admittance(arm({"mass_kg": mass_kg, "damping_ns_per_m": damping}), remedies=False)
+    pressed = {case.handle: case for case in stated.cases}["pressed"]
+    assert pressed.spectral_radius == pytest.approx(expected, abs=1e-7)
+    assert pressed.stable == (expected < 1)
+    assert stated.problem.end.stiffest_contact_n_per_m == 2e4
+
+
+DEVICES = (
+    {},
+    {"delay_samples": 0},
+    {"delay_samples": 1.3},
+    {"drive_order": 2, "drive_damping_ratio": 0.5, "delay_samples": 0.4},
+    {"drive_bandwidth_hz": 200.0, "sample_time_s": 1e-3, "sensor": {"stiffness_n_per_m": 5e7, "handle_mass_kg": 0.05}},
+    {"sensor": {"damping_ratio": 0.0}, "delay_samples": 7},
+)
+
+
+@pytest.mark.parametrize("device", DEVICES)
+@pytest.mark.parametrize("more", [{}, {"cutoff_hz": 60.0}, {"stiffness_n_per_m": 300.0, "cutoff_hz": 90.0}])
+def test_the_loop_is_that_of_a_second_program(device, more):
+    problem = avc.AdmittanceProblem.model_validate(arm({"mass_kg": 8.0, "damping_ns_per_m": 90.0, **more}, **device))
+    for carried in ((0.0, 0.0, 0.0), (0.6, 8.0, 500.0), (2.0, 5.0, 2e4), (0.0, 20.0, 1e6)):
+        assert radius(problem, *carried) == pytest.approx(largest_pole(plain(problem, *carried)), abs=1e-9)
+
+
+@pytest.mark.parametrize("law", [(40.0, 120.0), (25.0, 400.0)])
+def test_the_growth_is_that_of_a_simulation(law):
+    problem = avc.AdmittanceProblem.model_validate(arm({"mass_kg": law[0], "damping_ns_per_m": law[1]}))
+    carried = (2.0, 5.0, 2e4)
+    assert radius(problem, *carried) == pytest.approx(growth(plain(problem, *carried), 12_000), abs=1e-4)
+
+
+def test_a_limit_is_one_of_the_whole_range():
+    """The least mass, damping and the stiffest contact are where the second program says the worst loop turns."""
+    tables = arm({"mass_kg": 20.0, "damping_ns_per_m": 400.0})
+    tables["hands"] = {"mass_kg": [0.5, 2.0], "damping_ns_per_m": [5.0, 30.0], "stiffness_n_per_m": [100.0, 800.0]}
+    tables["contact"] = {"stiffness_n_per_m": [0.0, 2e4], "damping_ns_per_m": [0.0, 10.0]}
+    stated = avc.certify_admittance(tables, remedies=False)
+    sides = HandleFamily.of(stated.problem).sides
+    drawn = np.random.default_rng(0)
+
+    def springs(low, high):
+        return low, high, *(k for k in np.geomspace(10.0, 2e4, 9) if low < k < high)
+
+    def worst(problem, sides=sides):
+        ends = [side.carried for side in sides]
+        points = [[drawn.uniform(*interval) for interval in box.values()] for box in ends for _ in range(40)]
+        corners = [
+            (m, b, k)
+            for box in ends
+            for m in box["mass_kg"]
+            for b in box["damping_ns_per_m"]
+            for k in springs(*box["stiffness_n_per_m"])
+        ]
+        return max(largest_pole(plain(problem, *point)) for point in [*points, *corners])
+
+    least, _ = stated.mass_range_kg
+    low, _ = stated.damping_range_ns_per_m
+    for key, limit in (("mass_kg", least), ("damping_ns_per_m", low)):
+        for factor, is_stable in ((0.98, False), (1.02, True)):
+            changed = stated.problem.changed(law={"admittance": {key: factor * limit}})
+            assert (worst(changed) < 1) == is_stable, (key, factor)
+    tables["law"] = {"admittance": {"mass_kg": 35.0, "damping_ns_per_m": 150.0}}
+    light = avc.certify_admittance(tables, remedies=False)
+    limit = light.stiffest_contact_n_per_m
+    assert 0 < limit < 2e4
+    for factor, is_stable in ((0.98, True), (1.02, False)):
+        contact = {"stiffness_n_per_m": [0.0, factor * limit]}
+        changed = light.problem.changed(contact=contact)
+        assert (worst(changed, HandleFamily.of(changed).sides) < 1) == is_stable, factor
+
+
+@pytest.mark.slow
+def test_each_remedy_has_a_sound_margin_in_a_loop_of_its_own():
+    stated = avc.certify_admittance(arm({"mass_kg": 20.0, "damping_ns_per_m": 400.0}))
+    assert {"damping_ns_per_m", "sensor_stiffness_n_per_m"} <= {remedy.key for remedy in stated.remedies}
+    for remedy in stated.remedies:
+        assert remedy.disk_margin >= SOUND_DISK
+        problem = stated.problem
+        if remedy.key in type(stated.law).model_fields:
+            problem = problem.changed(law={"admittance": {remedy.key: remedy.value}})
+        elif remedy.key in type(problem.device).model_fields:
+            problem = problem.changed(device={remedy.key: remedy.value})
+        else:
+            key = remedy.key.removeprefix("sensor_")
+            problem = problem.changed(device={"force_sensor": {key: remedy.value}})
+        again = avc.certify_admittance(problem, remedies=False)
+        assert again.passed
+        assert again.disk_margin == pytest.approx(remedy.disk_margin, rel=0.03)
+
+
+def test_the_gain_margin_takes_the_loop_to_its_limit():
+    problem = avc.AdmittanceProblem.model_validate(
+        arm({"mass_kg": 40.0, "damping_ns_per_m": 500.0, "stiffness_n_per_m": 50.0, "cutoff_hz": 90.0})
+    )
+    law = problem.law.admittance.law(problem.device.sample_time_s)
+    loop = OpenLoop.around(plants_of(HandleFamily.of(problem).sides[1].corner_pairs), law)
+    gain = loop.least().gain
+    for factor, is_stable in ((0.999, True), (1.001, False)):
+        assert (closed(loop.body, law.times(factor * gain)).radius.max() < 1) == is_stable
+
+
+def test_a_range_of_the_device_is_searched():
+    """With less delay a law may be less stable: 25 kg and 400 N.s/m hold with two samples, and not with 1.3."""
+    law = {"mass_kg": 25.0, "damping_ns_per_m": 400.0}
+
+    def pressed(**device):
+        return avc.certify_admittance(arm(law, **device), remedies=False).cases[1]
+
+    assert pressed().stable
+    ranged, alone = pressed(range={"delay_samples": [1.0, 2.0]}), pressed(delay_samples=1.3)
+    assert not alone.stable
+    assert ranged.spectral_radius >= alone.spectral_radius - 1e-9
+
+
+def test_noise_and_drift_are_those_of_the_law_sample_by_sample():
+    law = {"mass_kg": 3.0, "damping_ns_per_m": 60.0, "cutoff_hz": 50.0}
+    stated = avc.certify_admittance(arm(law, sensor={"noise_rms_n": 0.3, "resolution_n": 0.1}), remedies=False)
+    noise = 0.3**2 + 0.1**2 / 12
+    period, velocity, filtered, total = 2e-3, 0.0, 0.0, 0.0
+    share = 1 - math.exp(-2 * math.pi * 50.0 * period)
+    for sample in range(4000):
+        filtered += share * ((sample == 0) - filtered)
+        velocity = (3.0 * velocity + period * filtered) / (3.0 + 60.0 * period)
+        total += velocity**2
+    assert stated.noise_m_per_s == pytest.approx(math.sqrt(noise * total), rel=1e-6)
+    assert stated.drift_m_per_s == pytest.approx(0.1 / 60.0)
+
+
+def test_the_worst_of_a_side_splits_into_a_hand_and_a_contact():
+    analysis = HandleAnalysis(avc.load_admittance("admittance/cobot"))
+    pressed = next(side for side in analysis.family.sides if side.handle == "pressed")
+    for sums in (pressed.held.values(0), pressed.held.values(len(pressed.held) - 1)):
+        hand, contact = pressed.parts(sums)
+        assert {key: hand[key] + contact[key] for key in hand} == pytest.approx(sums)
+
+
+def test_it_prints_and_writes_what_was_found():
+    stated = avc.certify_admittance("admittance/cobot", remedies=False)
+    text = str(stated)
+    assert "Stable mass" in text
+    assert "Stiffest contact" in text
+    data = stated.document()
+    assert data["deployable"]["pass"] == stated.passed
+    assert data["law"]["admittance"]["mass_kg"] == stated.law.mass_kg
+    assert [case["handle"] for case in data["cases"]] == ["held", "pressed", "leaning", "released"]
+
+
+def test_without_a_law_there_is_nothing_to_judge():
+    tables = arm({"mass_kg": 1.0, "damping_ns_per_m": 1.0})
+    del tables["law"]
+    with pytest.raises(avc.InputError, match="law: is missing"):
+        avc.certify_admittance(tables)

@@ -1,0 +1,139 @@
+"""Files of admittance devices: keys and their limits, a device that turns, and who refuses them."""
+
+import pytest
+
+import avc_casadi as avc
+from avc_casadi.cli import main
+from avc_casadi.files.admittance_file import dump_admittance, is_admittance, parse_admittance
+from avc_casadi.files.catalogue import admittance_names
+
+ARM = """
+[device]
+drive = "velocity"
+drive_bandwidth_hz = 15
+sample_time_s = "500 Hz"
+delay_samples = 2
+[device.force_sensor]
+stiffness_n_per_m = "200 N/mm"
+handle_mass_kg = "800 g"
+[law]
+admittance = { mass_kg = 8, damping_ns_per_m = 120 }
+[contact]
+stiffness_n_per_m = [0, 5e3]
+"""
+WHEEL = """
+[device]
+motion = "rotary"
+handle_radius_m = 0.15
+drive = "velocity"
+drive_bandwidth_hz = 20
+[device.torque_sensor]
+stiffness_nm_per_rad = 2000
+handle_inertia_kgm2 = 0.01
+noise_rms_nm = 0.02
+[law]
+admittance = { inertia_kgm2 = 0.1, damping_nms_per_rad = 0.5 }
+"""
+
+
+def test_values_are_read_in_their_units():
+    read = parse_admittance(ARM, name="arm")
+    assert read.device.sample_time_s == pytest.approx(2e-3)
+    assert read.device.force_sensor.stiffness_n_per_m == pytest.approx(2e5)
+    assert read.device.force_sensor.handle_mass_kg == pytest.approx(0.8)
+    assert read.contact.stiffness_n_per_m == (0.0, 5e3)
+    assert read.law.admittance.mass_kg == 8.0
+
+
+def test_a_device_that_turns_has_the_usual_hands_at_its_radius():
+    read = parse_admittance(WHEEL, name="wheel")
+    assert read.device.force_sensor.handle_mass_kg == 0.01
+    assert read.law.admittance.damping_ns_per_m == 0.5
+    assert read.hands.stiffness_n_per_m == pytest.approx((200 * 0.15**2, 800 * 0.15**2))
+    assert "kg.m2" in repr(read)
+
+
+@pytest.mark.parametrize("text", [ARM, WHEEL])
+def test_what_is_written_is_read_again(text):
+    read = parse_admittance(text, name="p")
+    assert parse_admittance(dump_admittance(read), name="p") == read
+
+
+@pytest.mark.parametrize("name", admittance_names())
+def test_those_of_the_catalogue_are_read_and_deployable(name):
+    assert is_admittance(name)
+    assert avc.certify_admittance(name, remedies=False).passed
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "fault"),
+    [
+        ('drive = "velocity"', 'drive = "position"', 'device.drive: is "position"'),
+        ('drive = "velocity"', 'drive = "speed"', 'device.drive: is "speed"; allowed: "velocity"'),
+        ("delay_samples = 2", "delay_samples = 40", "device.delay_samples: is above 32"),
+        ('"200 N/mm"', "0", "device.force_sensor.stiffness_n_per_m: is 0"),
+        ('"800 g"', "0", "device.force_sensor.handle_mass_kg: is 0"),
+        ("mass_kg = 8, damping_ns_per_m = 120", "mass_kg = 0, damping_ns_per_m = 0", "mass_kg: is 0, as is damping"),
+        ("[0, 5e3]", "[5e3, 0]", "contact.stiffness_n_per_m: is .*reversed"),
+        ("[0, 5e3]", "[0, inf]", "contact.stiffness_n_per_m: is"),
+        ("[contact]", "[environment]", "environment: is not a known key"),
+        ("admittance = {", "stiffness_n_per_m = 1\nadmittance = {", "law.stiffness_n_per_m: is not a known key"),
+        ("drive_bandwidth_hz = 15", "handle_radius_m = 0.1\ndrive_bandwidth_hz = 15", "handle_radius_m: says nothing"),
+        (
+            "[device.force_sensor]",
+            "range = { handle_mass_kg = [1.0, 2.0] }\n[device.force_sensor]",
+            r"device.range.handle_mass_kg: is \[1.0, 2.0\]; allowed: one that includes handle_mass_kg = 0.8",
+        ),
+    ],
+)
+def test_a_fault_names_its_key(old, new, fault):
+    with pytest.raises(avc.InputError, match=fault):
+        parse_admittance(ARM.replace(old, new))
+
+
+def test_a_fault_of_a_device_that_turns_has_its_keys():
+    with pytest.raises(avc.InputError, match=r"device.torque_sensor.handle_inertia_kgm2: is -1"):
+        parse_admittance(WHEEL.replace("= 0.01", "= -1"))
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        "solve P",
+        "run P",
+        "compare P",
+        "simulate P",
+        "explore P",
+        "accuracy P",
+        "firmware P --board f446re --out x",
+        "excite P --out log.csv",
+    ],
+)
+def test_a_verb_that_does_not_know_it_refuses_in_one_sentence(command, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    tmp_path.joinpath("arm.toml").write_text(ARM, encoding="utf-8")
+    assert main(command.replace("P", "arm.toml", 1).split()) == 2
+    said = [line for line in capsys.readouterr().err.splitlines() if "..." not in line]
+    assert len(said) == 1
+    assert 'device.drive is "velocity"' in said[0]
+
+
+@pytest.mark.parametrize("call", [avc.recommend, avc.zwidth, avc.certify_law, avc.solve, avc.simulate])
+def test_so_do_calls_of_python(call, tmp_path):
+    path = tmp_path / "arm.toml"
+    path.write_text(ARM, encoding="utf-8")
+    tables = {"device": {"drive": "velocity"}}
+    for problem in (str(path), tables, "admittance/cobot"):
+        with pytest.raises(avc.UnsupportedError, match=r'device.drive is "velocity"'):
+            call(problem)
+
+
+def test_check_and_certify_know_it(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    tmp_path.joinpath("arm.toml").write_text(ARM, encoding="utf-8")
+    assert main(["check", "arm.toml"]) == 0
+    assert "virtual mass 8.00 kg" in capsys.readouterr().out
+    assert main(["certify", "arm.toml", "--virtual-mass", "1", "--b", "2"]) == 1
+    assert "unstable: " in capsys.readouterr().out
+    assert main(["certify", "arm.toml", "--ki", "2"]) == 2
+    assert "an admittance law is --virtual-mass, --b, --k and --cutoff-hz" in capsys.readouterr().err
