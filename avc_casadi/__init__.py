@@ -30,6 +30,7 @@ __version__ = "0.3.0"
 # methods of the paper; errors.
 __all__ = ["Problem", "catalogue", "catalogue_path", "dump_problem", "load_device", "load_problem", "parse_problem"]
 __all__ += ["AdmittanceCertificate", "AdmittanceProblem", "certify_admittance", "load_admittance"]
+__all__ += ["AdmittanceRecommendation", "MassWidth", "mass_width", "recommend_admittance"]
 __all__ += ["Coupling", "LawCertificate", "Recommendation", "certify_law", "recommend", "zwidth"]
 __all__ += ["Certificate", "Deployable", "Run", "certify", "deployable", "screen", "simulate", "simulate_batch"]
 __all__ += ["Comparison", "GainSchedule", "compare", "figures", "read_coupling", "solve", "write_coupling"]
@@ -61,6 +62,7 @@ if TYPE_CHECKING:
     from avc_casadi.claims.admittance import AdmittanceCertificate, certify_admittance
     from avc_casadi.claims.certify import Certificate, certify
     from avc_casadi.claims.deployable import Deployable, deployable
+    from avc_casadi.claims.mass_width import MassWidth, mass_width
     from avc_casadi.claims.own_law import LawCertificate, certify_law
     from avc_casadi.claims.zwidth import zwidth
     from avc_casadi.coupling import Coupling
@@ -76,6 +78,7 @@ if TYPE_CHECKING:
     from avc_casadi.model.gains import GainSchedule
     from avc_casadi.model.problem import Problem
     from avc_casadi.present import figures
+    from avc_casadi.recommendation.admittance import AdmittanceRecommendation, recommend_admittance
     from avc_casadi.recommendation.recommend import recommend
     from avc_casadi.recommendation.recommendation import Recommendation
     from avc_casadi.simulation.scene import Run, simulate_batch
@@ -86,6 +89,8 @@ else:
         "NotDeployableError PortError UnsupportedError WorkerLostError fault_document",
         "claims.certify": "Certificate certify",
         "claims.admittance": "AdmittanceCertificate certify_admittance",
+        "claims.mass_width": "MassWidth mass_width",
+        "recommendation.admittance": "AdmittanceRecommendation recommend_admittance",
         "model.admittance": "AdmittanceProblem",
         "files.admittance_file": "load_admittance",
         "claims.zwidth": "zwidth",

@@ -6,7 +6,8 @@ import argparse
 
 import avc_casadi as avc
 from avc_casadi.cli import arguments as cli
-from avc_casadi.cli.console import Console
+from avc_casadi.cli.console import Console, write_figure
+from avc_casadi.files.admittance_file import dump_admittance
 from avc_casadi.present import rows
 from avc_casadi.present.row import Answer
 
@@ -29,3 +30,28 @@ def certified(args: argparse.Namespace, console: Console) -> Answer:
     typed = {key: getattr(args, option) for option, key in _LAW.items() if getattr(args, option) is not None}
     with console.step("admittance law"):
         return rows.admittance.certificate(avc.certify_admittance(problem, law=typed), args.problem)
+
+
+def recommended(args: argparse.Namespace, console: Console) -> Answer:
+    """Return the answer of `recommend`, and write the file with the law."""
+    refused = "is an option of devices that are commanded a force, and P is an admittance device; leave it out"
+    cli.refuse(args, "stiffest", "lean_on_friction", "prove", "trade_off", why=refused)
+    if args.out is not None and args.out.suffix.lower() != ".toml":
+        raise avc.InputError.of(
+            "ends in .json; allowed: .toml, the file of an admittance device with its law", key="out"
+        )
+    with console.step("virtual mass and damping"):
+        found = avc.recommend_admittance(args.problem, progress=console)
+    written = None
+    if args.out is not None and found.passed:
+        console.write(args.out, dump_admittance(found.problem))
+        written = str(args.out)
+    return rows.admittance.recommendation(found, args.problem, written)
+
+
+def region(args: argparse.Namespace, console: Console) -> Answer:
+    """Return the answer of `zwidth`: masses over dampings."""
+    with console.step("region"):
+        found = avc.mass_width(args.problem, progress=console)
+    write_figure(console, args.plot, lambda: avc.figures.draw_mass_width(found))
+    return rows.admittance.region(found, args.problem)

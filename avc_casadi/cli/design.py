@@ -132,7 +132,9 @@ def _at_tip(new: NewProblem, model: str | None, tip: str | None) -> NewProblem:
 
 @cli.verb(
     cli.PROBLEM,
-    cli.output("--out", "write the coupling to this .json file, for certify, simulate, push and export", ".json"),
+    cli.output(
+        "--out", "write the coupling to this .json file; of an admittance device the problem, .toml", ".json", ".toml"
+    ),
     cli.flag("--stiffest", _STIFFEST),
     cli.flag("--lean-on-friction", "accept couplings that need the declared dry friction to settle"),
     cli.flag("--prove", "prove the chosen coupling as `avc certify --prove` does; may take minutes"),
@@ -145,12 +147,21 @@ def run_recommend(args: argparse.Namespace, console: Console) -> Answer:
 
     Exit code 1 if no coupling is deployable: linearly stable with every hand of [hands] and with
     the device released.
+    For an admittance device (drive = "velocity") it recommends the virtual mass and damping of least
+    effort; --out then writes the problem with this law, as .toml.
     """
+    from avc_casadi.cli import admittance
+    from avc_casadi.files.admittance_file import is_admittance
+
+    if is_admittance(args.problem):
+        return admittance.recommended(args, console)
     with console.step(args.problem):
         problem = avc.load_problem(args.problem)
 
     if _is_pair(problem):
         cli.refuse(args, "stiffest", "lean_on_friction", "prove", "trade_off", why=cli.OF_WALLS)
+    if args.out is not None and args.out.suffix.lower() != ".json":
+        raise avc.InputError.of("ends in .toml; allowed: .json, a coupling", key="out")
     recommendation = cli.recommended(
         problem,
         console,

@@ -133,9 +133,13 @@ def run_trial(args: argparse.Namespace, console: Console) -> Answer:
 def run_zwidth(args: argparse.Namespace, console: Console) -> Answer:
     """Show which walls the device can render without a coupling (the Z-width).
 
-    For a [simulation] it shows which K and B are stable.
+    For a [simulation] it shows which K and B are stable, for an admittance device (drive =
+    "velocity") which virtual masses it can render at each damping.
     """
-    from avc_casadi.cli import ends
+    from avc_casadi.cli import admittance, ends
+    from avc_casadi.files.admittance_file import is_admittance
 
+    if is_admittance(args.problem):
+        return admittance.region(args, console)
     problem = avc.load_problem(args.problem)
     return ends.region(problem.end, problem, args, console)

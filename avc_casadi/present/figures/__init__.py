@@ -6,6 +6,7 @@ Each ``draw_*`` takes a result, or a list of runs, and returns a Matplotlib figu
     avc.figures.save_figure(figure, Path("walls.pdf"))    # or .png, .svg
 """
 
+from avc_casadi.present.figures.admittance import draw_mass_width as draw_mass_width
 from avc_casadi.present.figures.deployed import draw_loop as draw_loop
 from avc_casadi.present.figures.deployed import draw_rendered as draw_rendered
 from avc_casadi.present.figures.deployed import draw_tool_region as draw_tool_region

@@ -5,9 +5,12 @@ from __future__ import annotations
 import math
 from shlex import quote
 
+import numpy as np
+
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.units import Quantity
 from avc_casadi.claims.admittance import AdmittanceCertificate, AdmittanceRemedy, HandleCase
+from avc_casadi.claims.mass_width import MassWidth
 from avc_casadi.files.catalogue import admittance_names
 from avc_casadi.loops.handle import Handle
 from avc_casadi.loops.margins import LEAST_DISK, SOUND_DISK
@@ -21,6 +24,7 @@ from avc_casadi.model.admittance import (
 from avc_casadi.model.table import shown as as_in_file
 from avc_casadi.present.row import Answer, Mark, Part, Row, Value, caution, commas, grade, parts, row, span
 from avc_casadi.present.rows import subject
+from avc_casadi.recommendation.admittance import AdmittanceRecommendation, BetterDevice
 
 _HANDLES: dict[Handle, str] = {
     "held": "in a hand",
@@ -43,6 +47,9 @@ _CHANGES: dict[str, tuple[str, Quantity]] = {
 """Numbers that a remedy changes: what they are called, and what they measure."""
 
 Interval = tuple[float, float]
+
+_SHOWN_DAMPINGS = 6
+"""Dampings of a region that an answer lists."""
 
 
 def name_of(problem: AdmittanceProblem) -> str:
@@ -141,6 +148,79 @@ def certificate(result: AdmittanceCertificate, shown: str = "") -> Answer:
         units=problem.units,
         complaint="" if result.passed else f"avc: {shown}: this law is not deployable",
     )
+
+
+def recommendation(result: AdmittanceRecommendation, shown: str = "", written: str | None = None) -> Answer:
+    """Return the answer of `recommend` for an admittance device."""
+    problem, judged = result.problem, result.certificate
+    shown = shown or name_of(problem)
+    rows = [row("Deployable", f"{'yes' if result.passed else 'no'}: {result.reason}", mark=grade(result.passed))]
+    if judged is not None:
+        felt = Value(judged.law.mass_kg + problem.device.force_sensor.handle_mass_kg, "mass")
+        rows += [
+            row("Law", law_line(judged.law)),
+            row("Effort", Value(result.effort_ns_per_m, "damping"), "at 1 Hz; with the handle a hand moves", felt),
+            _margins(judged),
+            row("Worst case", worst_case(judged.worst)),
+            _stiffest(judged),
+            _noise(judged),
+        ]
+    if result.least_mass_kg is not None:
+        rows.append(
+            row("Least mass", _least(result.least_mass_kg, "mass"), "with a sound margin, at the file's damping")
+        )
+    if result.least_damping_ns_per_m is not None:
+        least = _least(result.least_damping_ns_per_m, "damping")
+        rows.append(row("Least damping", least, "with a sound margin, at the file's mass"))
+    rows += [row("Would help", _better(better)) for better in result.helps]
+    onwards = [f"avc certify {quote(written)}"] if written else []
+    return Answer(
+        kind="recommend-admittance",
+        data=result.document(),
+        title=parts(shown, device_line(problem.device)),
+        rows=tuple(rows),
+        commands=(*onwards, f"avc zwidth {quote(shown)} --plot region.png"),
+        units=problem.units,
+        complaint="" if result.passed else f"avc: {shown}: no law to run",
+    )
+
+
+def _least(value: float, of: Quantity) -> tuple[Part, ...]:
+    return (Value(value, of),) if value else ("any",)
+
+
+def _better(better: BetterDevice) -> tuple[Part, ...]:
+    name, of = _CHANGES[better.key]
+    mass, damping = Value(better.mass_kg, "mass"), Value(better.damping_ns_per_m, "damping")
+    return parts(name, Value(better.value, of), ": virtual mass", mass, ", damping", damping)
+
+
+def region(result: MassWidth, shown: str = "") -> Answer:
+    """Return the answer of `zwidth` for an admittance device: the masses that it can render, by damping."""
+    problem = result.problem
+    shown = shown or name_of(problem)
+    known = np.flatnonzero(np.isfinite(result.sound_least_kg))
+    chosen = known[np.linspace(0, len(known) - 1, min(len(known), _SHOWN_DAMPINGS)).astype(int)] if len(known) else []
+    rows = [
+        row("Least damping", _known(result.least_damping_ns_per_m), "with a stable mass"),
+        row("Sound from", _known(result.least_sound_damping_ns_per_m), "with a disk margin of 0.2"),
+    ]
+    for index in dict.fromkeys(int(place) for place in chosen):
+        damping = Value(float(result.damping_ns_per_m[index]), "damping").text(problem.units)
+        span_of_mass = _stretch((float(result.sound_least_kg[index]), float(result.sound_largest_kg[index])), "mass")
+        rows.append(row(f"At {damping}", span_of_mass))
+    return Answer(
+        kind="zwidth-admittance",
+        data=result.document(),
+        title=parts(shown, ": virtual masses with a disk margin of 0.2", device_line(problem.device)),
+        rows=tuple(rows),
+        commands=(f"avc recommend {quote(shown)}",),
+        units=problem.units,
+    )
+
+
+def _known(damping: float) -> tuple[Part, ...]:
+    return (Value(damping, "damping"),) if math.isfinite(damping) else ("no damping",)
 
 
 def worst_case(case: HandleCase) -> tuple[Part, ...]:

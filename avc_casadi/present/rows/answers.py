@@ -8,6 +8,7 @@ from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.claims.admittance import AdmittanceCertificate
 from avc_casadi.claims.certify import Certificate
 from avc_casadi.claims.deployable import CertifiedCoupling, deployable
+from avc_casadi.claims.mass_width import MassWidth
 from avc_casadi.claims.own_law import LawCertificate
 from avc_casadi.claims.zwidth import ZWidth
 from avc_casadi.coupling import Coupling
@@ -19,6 +20,7 @@ from avc_casadi.present.row import Answer, Page
 from avc_casadi.present.rows import admittance, design, judge
 from avc_casadi.present.rows.reasons import sentence
 from avc_casadi.present.rows.recommend import recommendation
+from avc_casadi.recommendation.admittance import AdmittanceRecommendation
 from avc_casadi.recommendation.recommendation import Recommendation
 from avc_casadi.simulation.scene import Run
 
@@ -39,6 +41,8 @@ def text_of(result: object) -> str:
 answer_of.register(Recommendation, recommendation)
 answer_of.register(LawCertificate, judge.own_law)
 answer_of.register(AdmittanceCertificate, admittance.certificate)
+answer_of.register(AdmittanceRecommendation, admittance.recommendation)
+answer_of.register(MassWidth, admittance.region)
 answer_of.register(Comparison, design.comparison)
 answer_of.register(ZWidth, judge.walls)
 

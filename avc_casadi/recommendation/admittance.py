@@ -1,0 +1,268 @@
+"""Which virtual mass and damping an admittance device should render: the least effort with a sound disk margin.
+
+The effort is that of a hand that moves the handle at 1 Hz, |j w M + B|, without the spring. Over a grid of dampings the
+lightest sound mass is found at the corners of the ranges; the best law is confirmed by a search of the ranges, whose
+worst plants join these.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from avc_casadi._util.arrays import FloatArray
+from avc_casadi._util.json_values import plain
+from avc_casadi._util.printed import Printed
+from avc_casadi._util.progress import SILENT, Progress
+from avc_casadi.claims.admittance import (
+    AdmittanceCertificate,
+    HandleAnalysis,
+    certify_admittance,
+    with_device_value,
+)
+from avc_casadi.claims.mass_width import MassSpans, Span, held_span
+from avc_casadi.files.admittance_file import AnyAdmittance, as_admittance
+from avc_casadi.loops.margins import SOUND_DISK
+from avc_casadi.model.admittance import AdmittanceProblem, VirtualMass
+
+EFFORT_HZ = 1.0
+"""Frequency of a hand that guides: the effort counts there."""
+_CUTOFF_SHARES = (0.2, 0.1, 0.05, 0.025)
+"""Low passes of the force that are tried where the file states none, as shares of the sample rate."""
+# Dampings of a first look, and of each refinement about the best.
+_COARSE = 3
+_FINE = 7
+# A damping that differs by less is not felt as another.
+_FELT_RATIO = 1.01
+# A law is confirmed by at most so many searches, each of which may refuse it.
+_SEARCHES = 5
+# What a search refuses is set back by this share of its margin.
+_BACK_OFF = 1.02
+_CHANGES = {
+    "drive_bandwidth_hz": 2.0,
+    "delay_samples": 0.5,
+    "sample_time_s": 0.5,
+    "sensor_stiffness_n_per_m": 2.0,
+    "handle_mass_kg": 0.5,
+}
+"""Changes of a device whose effect is reported."""
+
+
+@dataclass(frozen=True)
+class BetterDevice:
+    """The law of least effort with another value of the device, at the corners of the ranges."""
+
+    key: str
+    value: float
+    mass_kg: float
+    damping_ns_per_m: float
+    effort_ns_per_m: float
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class AdmittanceRecommendation(Printed):
+    """The law to run on an admittance device.
+
+    Attributes:
+        problem: the problem with the recommended law; with its own where there is none to recommend.
+        certificate: the verdict on it; None where no law has a sound margin.
+        effort_ns_per_m: force over speed of a hand that moves the handle at 1 Hz; infinite without a law.
+        least_mass_kg: the lightest sound mass at the damping of the file; None where it states no law or none is sound.
+        least_damping_ns_per_m: the least sound damping at the mass of the file; likewise.
+        helps: the law of least effort if a value of the device were better, the one with the least effort first.
+
+    Example:
+        >>> found = avc.recommend_admittance("admittance/cobot")
+        >>> found.passed, found.certificate.disk_margin >= 0.2
+        (True, True)
+    """
+
+    problem: AdmittanceProblem
+    certificate: AdmittanceCertificate | None
+    effort_ns_per_m: float
+    least_mass_kg: float | None
+    least_damping_ns_per_m: float | None
+    helps: tuple[BetterDevice, ...]
+
+    @property
+    def passed(self) -> bool:
+        """Whether there is a law to run."""
+        return self.certificate is not None and self.certificate.passed
+
+    @property
+    def law(self) -> VirtualMass | None:
+        """The recommended law."""
+        return None if self.certificate is None else self.certificate.law
+
+    @property
+    def reason(self) -> str:
+        """What decides, in one line."""
+        if self.certificate is None:
+            return f"no virtual mass and damping has a disk margin of {SOUND_DISK} with every hand and contact"
+        return self.certificate.reason
+
+    def __repr__(self) -> str:
+        return f"AdmittanceRecommendation({self.reason})"
+
+    def document(self) -> dict[str, Any]:
+        """Return JSON values."""
+        judged = None if self.certificate is None else self.certificate.document()
+        numbers = {key: value for key, value in vars(self).items() if key not in ("problem", "certificate")}
+        law = None if self.law is None else {"admittance": self.law.model_dump()}
+        own = {"problem": self.problem.name, "deployable": self.passed, "reason": self.reason, "law": law}
+        return self.problem.units.document(plain({**own, **numbers, "certificate": judged}))
+
+
+def effort_ns_per_m(law: VirtualMass) -> float:
+    """Return |j w M + B| at 1 Hz; a spring that the file states is no effort to spare."""
+    return math.hypot(law.damping_ns_per_m, 2 * math.pi * EFFORT_HZ * law.mass_kg)
+
+
+@dataclass(frozen=True)
+class _Choice(MassSpans):
+    """Sound laws of one device, one spring and one low pass."""
+
+    def masses(self, damping_ns_per_m: float, limit: float) -> Span:
+        """Return the sound masses at a damping."""
+        return held_span(
+            lambda masses: self.response.sound(self.laws(masses, damping_ns_per_m), limit), self.scales.masses_kg
+        )
+
+    def dampings(self, mass_kg: float, limit: float) -> Span:
+        """Return the sound dampings at a mass."""
+        return held_span(
+            lambda dampings: self.response.sound(self.laws(mass_kg, dampings), limit), self.scales.dampings_ns_per_m
+        )
+
+    def best(self, limit: float) -> VirtualMass | None:
+        """Return the law of least effort with a disk margin of at least a limit; None where no law has it."""
+        dampings = self.scales.dampings_ns_per_m[::_COARSE]
+        chosen = self._best_of(dampings, limit)
+        ratio = dampings[1] / dampings[0]
+        while chosen is not None and ratio > _FELT_RATIO:
+            damping = chosen.damping_ns_per_m
+            finer = self._best_of(damping * ratio ** np.linspace(-1.0, 1.0, _FINE), limit)
+            chosen = chosen if finer is None or effort_ns_per_m(finer) > effort_ns_per_m(chosen) else finer
+            ratio = ratio ** (2.0 / (_FINE - 1))
+        return chosen
+
+    def _best_of(self, dampings: FloatArray, limit: float) -> VirtualMass | None:
+        found = []
+        least = math.inf
+        for damping in dampings.tolist():
+            if damping > least:
+                break
+            span = self.masses(damping, limit)
+            if math.isnan(span.low):
+                continue
+            mass = span.low or float(self.scales.masses_kg[0])
+            found.append(self.base.model_copy(update={"mass_kg": mass, "damping_ns_per_m": damping}))
+            least = min(least, effort_ns_per_m(found[-1]))
+        return min(found, key=effort_ns_per_m, default=None)
+
+
+def recommend_admittance(problem: AnyAdmittance, progress: Progress = SILENT) -> AdmittanceRecommendation:
+    """Recommend the virtual mass and damping of least effort with a disk margin of 0.2 with every hand and contact.
+
+    A spring and a low pass of the force that the file states are kept; without a low pass one is chosen.
+
+    Args:
+        problem: an `AdmittanceProblem`, its file or name.
+        progress: told which step is done.
+
+    Raises:
+        InputError: a value that is refused.
+
+    Example:
+        >>> avc.recommend_admittance("admittance/cobot").law.cutoff_hz
+        40.0
+    """
+    stated = as_admittance(problem)
+    own = stated.law.admittance if stated.law else None
+    base = own or VirtualMass(mass_kg=1.0, damping_ns_per_m=1.0)
+    analysis = HandleAnalysis(stated)
+    law, limit = None, SOUND_DISK * _BACK_OFF
+    cutoffs = _cutoffs(base, stated)
+    for _ in range(_SEARCHES):
+        law = _least_effort(analysis, [base.model_copy(update={"cutoff_hz": hz}) for hz in cutoffs], limit)
+        if law is None:
+            break
+        law = _rounded(law)
+        cutoffs = (law.cutoff_hz,)
+        margin = analysis.confirmed_margin(law)
+        if margin >= SOUND_DISK:
+            break
+        limit *= min(_BACK_OFF * SOUND_DISK / max(margin, SOUND_DISK / 2), _BACK_OFF**4)
+        law = None
+    least_mass, least_damping = _at_own(analysis, own, limit)
+    if law is None:
+        return AdmittanceRecommendation(stated, None, math.inf, least_mass, least_damping, ())
+    chosen = stated.changed(law={"admittance": law.model_dump(exclude_none=True)})
+    return AdmittanceRecommendation(
+        problem=chosen,
+        certificate=certify_admittance(chosen, remedies=False),
+        effort_ns_per_m=effort_ns_per_m(law),
+        least_mass_kg=least_mass,
+        least_damping_ns_per_m=least_damping,
+        helps=tuple(_better_devices(analysis, law, limit, progress)),
+    )
+
+
+def _cutoffs(base: VirtualMass, problem: AdmittanceProblem) -> tuple[float | None, ...]:
+    if base.cutoff_hz is not None:
+        return (base.cutoff_hz,)
+    return (None, *(_two_digits(share / problem.device.sample_time_s) for share in _CUTOFF_SHARES))
+
+
+def _two_digits(value: float) -> float:
+    return float(f"{value:.2g}")
+
+
+def _rounded(law: VirtualMass) -> VirtualMass:
+    """Return the law with numbers of three digits, rounded up."""
+    update = {key: _up(getattr(law, key)) for key in ("mass_kg", "damping_ns_per_m")}
+    return law.model_copy(update=update)
+
+
+def _up(value: float) -> float:
+    step = 10.0 ** (math.floor(math.log10(value)) - 2)
+    return float(f"{math.ceil(value / step * (1 - 1e-9)) * step:.6g}")
+
+
+def _least_effort(analysis: HandleAnalysis, bases: Sequence[VirtualMass], limit: float) -> VirtualMass | None:
+    found = [law for base in bases if (law := _Choice.of(analysis, base).best(limit)) is not None]
+    return min(found, key=effort_ns_per_m, default=None)
+
+
+def _at_own(analysis: HandleAnalysis, own: VirtualMass | None, limit: float) -> tuple[float | None, float | None]:
+    """Return the lightest sound mass at a law's damping, and the least sound damping at its mass."""
+    if own is None:
+        return None, None
+    choice = _Choice.of(analysis, own)
+    mass = choice.masses(own.damping_ns_per_m, limit).low if own.damping_ns_per_m else math.nan
+    damping = choice.dampings(own.mass_kg, limit).low if own.mass_kg else math.nan
+    known = [None if math.isnan(value) else value for value in (mass, damping)]
+    return known[0], known[1]
+
+
+def _better_devices(
+    analysis: HandleAnalysis, law: VirtualMass, limit: float, progress: Progress
+) -> Iterator[BetterDevice]:
+    """Yield what a better value of the device would allow, the least effort first."""
+    problem = analysis.problem
+    found = []
+    for number, (key, factor) in enumerate(_CHANGES.items(), start=1):
+        before = problem.device.value(key)
+        if before == 0:
+            continue
+        changed = analysis.changed(with_device_value(problem, key, before * factor))
+        better = _Choice.of(changed, law).best(limit)
+        if better is not None and effort_ns_per_m(better) < effort_ns_per_m(law):
+            effort = effort_ns_per_m(better)
+            found.append(BetterDevice(key, before * factor, better.mass_kg, better.damping_ns_per_m, effort))
+        progress.advance(number, len(_CHANGES), f"with another {key}")
+    yield from sorted(found, key=lambda better: better.effort_ns_per_m)

@@ -1,0 +1,119 @@
+"""The virtual mass and damping that are recommended, and the region of those that a device can render."""
+
+import math
+
+import numpy as np
+import pytest
+
+import avc_casadi as avc
+from avc_casadi.claims.admittance import HandleAnalysis
+from avc_casadi.claims.mass_width import HandleResponse, held_span
+from avc_casadi.cli import main
+from avc_casadi.loops.handle import plants_of
+from avc_casadi.loops.margins import OpenLoop
+from avc_casadi.model.admittance import virtual_mass_law
+from avc_casadi.recommendation.admittance import effort_ns_per_m
+
+
+@pytest.fixture(scope="module")
+def found():
+    return avc.recommend_admittance("admittance/cobot")
+
+
+@pytest.fixture(scope="module")
+def region():
+    return avc.mass_width("admittance/cobot")
+
+
+@pytest.mark.slow
+def test_it_is_sound_and_no_lighter_law_nearby_is(found):
+    assert found.passed
+    assert 0.2 <= found.certificate.disk_margin < 0.23
+    law, base = found.law, effort_ns_per_m(found.law)
+    analysis = HandleAnalysis(found.problem)
+    analysis.confirmed_margin(law)
+    for angle in np.linspace(0.0, 2 * math.pi, 12, endpoint=False):
+        mass, damping = law.mass_kg * 1.1 ** np.cos(angle), law.damping_ns_per_m * 1.1 ** np.sin(angle)
+        near = law.model_copy(update={"mass_kg": float(mass), "damping_ns_per_m": float(damping)})
+        if effort_ns_per_m(near) < 0.97 * base:
+            assert analysis.rough_margin(near) < 0.2
+
+
+@pytest.mark.slow
+def test_the_least_of_the_files_numbers_is_on_the_edge(found):
+    own = avc.load_admittance("admittance/cobot")
+    for key, least in (("mass_kg", found.least_mass_kg), ("damping_ns_per_m", found.least_damping_ns_per_m)):
+        margins = [
+            avc.certify_admittance(own, law={key: factor * least}, remedies=False).disk_margin for factor in (0.9, 1.05)
+        ]
+        assert margins[0] < 0.2 < margins[1]
+
+
+@pytest.mark.slow
+def test_the_edge_of_the_region_is_where_certificates_turn(region):
+    chosen = np.flatnonzero(region.sound_least_kg > 0)[[1, -2]]
+    for index in chosen:
+        damping = float(region.damping_ns_per_m[index])
+        for mass, limit, is_beyond in (
+            (region.least_kg[index], 0.0, False),
+            (region.sound_least_kg[index], 0.2, False),
+            (region.sound_largest_kg[index], 0.2, True),
+        ):
+            if not 0 < mass < math.inf:
+                continue
+            for factor in (0.95, 1.05):
+                law = {"mass_kg": float(factor * mass), "damping_ns_per_m": damping}
+                judged = avc.certify_admittance("admittance/cobot", law=law, remedies=False)
+                inside = (factor > 1) != is_beyond
+                assert (judged.stable and judged.disk_margin >= limit) == inside
+
+
+@pytest.mark.slow
+def test_the_region_is_drawn_and_printed(region, tmp_path):
+    assert region.least_sound_damping_ns_per_m > region.least_damping_ns_per_m > 0
+    path = tmp_path / "region.svg"
+    avc.figures.save_figure(avc.figures.draw_mass_width(region), path)
+    assert "virtual mass" in path.read_text(encoding="utf-8")
+    assert "Sound from" in str(region)
+    assert region.document()["sound_least_kg"]
+
+
+@pytest.mark.slow
+def test_the_file_that_is_written_has_the_law_and_is_deployable(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(["recommend", "admittance/pedal", "--out", "pedal.toml"]) == 0
+    said = capsys.readouterr().out
+    assert "Least damping" in said
+    assert main(["certify", "pedal.toml"]) == 0
+    law = avc.load_admittance("pedal.toml").law.admittance
+    assert (law.stiffness_n_per_m, law.cutoff_hz) == (8000.0, 60.0)
+
+
+def test_the_margin_of_many_laws_is_that_of_each_loop():
+    problem = avc.load_admittance("admittance/cobot")
+    pairs = HandleAnalysis(problem).pairs[:6]
+    response = HandleResponse(pairs)
+    period = problem.device.sample_time_s
+    masses, dampings = np.array([0.9, 3.0, 12.0]), np.array([70.0, 120.0, 300.0])
+    many = response.disk_margins(virtual_mass_law(masses, dampings, period, 40.0, 30.0))
+    for mass, damping, margin in zip(masses, dampings, many, strict=True):
+        loop = OpenLoop.around(plants_of(pairs), virtual_mass_law(mass, damping, period, 40.0, 30.0))
+        assert margin == pytest.approx(2 / loop.swings().max(), rel=0.03)
+
+
+def test_a_span_is_the_longest_run_with_its_ends():
+    scan = np.geomspace(1e-2, 1e2, 33)
+    inside = held_span(lambda x: ((x > 0.5) & (x < 7.0)) | (x > 80.0), scan)
+    assert (inside.low, inside.high) == pytest.approx((0.5, 7.0), rel=1e-3)
+    whole = held_span(lambda x: x > 0, scan)
+    assert (whole.low, whole.high) == (0.0, math.inf)
+    assert math.isnan(held_span(lambda x: x < 0, scan).low)
+
+
+def test_options_of_walls_and_couplings_are_refused(capsys):
+    assert main(["recommend", "admittance/cobot", "--stiffest"]) == 2
+    assert "P is an admittance device" in capsys.readouterr().err
+    assert main(["recommend", "admittance/cobot", "--out", "c.json"]) == 2
+    assert "allowed: .toml" in capsys.readouterr().err
+    assert main(["recommend", "figure5", "--out", "c.toml"]) == 2
+    assert "allowed: .json" in capsys.readouterr().err
