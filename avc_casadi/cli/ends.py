@@ -76,8 +76,12 @@ class GivenCoupling:
 
 @singledispatch
 def certified(
-    end: End, coupling: Coupling, subject: GivenCoupling, args: argparse.Namespace, console: Console
-) -> Answer:  # noqa: ARG001
+    end: End,  # noqa: ARG001
+    coupling: Coupling,
+    subject: GivenCoupling,
+    args: argparse.Namespace,
+    console: Console,
+) -> Answer:
     """Return the answer of `certify` of a coupling to an end."""
     cli.refuse(args, "prove", "proof_out", why=cli.OF_WALLS)
     return _pair_certified(subject.problem, coupling.gains, args.gains or args.problem, console)

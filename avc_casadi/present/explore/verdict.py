@@ -86,7 +86,7 @@ def of_coupling(found: Deployable | None) -> Verdict:
 def of_recommendation(recommended: Recommendation) -> Judged:
     """Return the verdict of `recommend`, with its rows under the sentence that says what to deploy."""
     rows = [shown for shown in recommendation(recommended).rows if shown.rank == 0]
-    sentence, good = verdict(recommended, rows, recommended.problem.units)
+    sentence, good = verdict(recommended, rows)
     judged = _recommended(recommended) if good else Verdict(Mark.FAIL, NOT_DEPLOYABLE)
     if isinstance(recommended, NoCoupling):
         judged = Verdict(Mark.FAIL, NONE_DEPLOYABLE)
