@@ -321,3 +321,18 @@ def test_pieces_are_typed_and_stand_in_a_file(tmp_path, capsys):
     assert "law (avc certify judges it, avc trial, simulate and export run it" in " ".join(
         capsys.readouterr().out.split()
     )
+
+
+def test_a_verb_that_does_not_use_a_law_says_so(tmp_path, capsys):
+    file = tmp_path / "wall.toml"
+    file.write_text(
+        "[device]\nmass_kg = 0.12\ndamping_ns_per_m = 0.8\n[frequency]\npoints = 4\n"
+        "[environment]\nstiffness_n_per_m = 500.0\ndamping_ns_per_m = 2.0\n"
+        "[law]\nstiffness_n_per_m = 500.0\ndamping_ns_per_m = 2.0\n",
+        encoding="utf-8",
+    )
+    for command in (["solve", str(file), "--method", "direct"], ["compare", str(file)], ["zwidth", str(file)]):
+        main(command)
+        said = " ".join(capsys.readouterr().out.split())
+        assert "Not used" in said
+        assert "law" in said.partition("Not used")[2]

@@ -40,6 +40,7 @@ def solution(result: SolvedGains, shown: str = "", file: str | None = None) -> A
         _realism(result.realism),
         subject.deployable(result.verdict),
         subject.passive_limit(result.passive_limit_n_per_m),
+        *subject.law_not_used(problem),
     ]
     if result.as_printed:
         errors = f"{len(result.paper_errors)} in the printed paper; these gains include those of (10) and (17)"
@@ -139,6 +140,7 @@ def comparison(result: Comparison, shown: str = "") -> Answer:
         row("Impedance error", "within", Value(jnd, "share"), ":", near),
         *_own_pair(result),
         subject.passive_limit(passive_limit_n_per_m(problem.device)),
+        *subject.law_not_used(problem),
     ]
     if result.scope != "pointwise":
         rows.append(row("Not compared", f"gains of scope {result.scope} (avc solve)", mark=Mark.CAUTION))

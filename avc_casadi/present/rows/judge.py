@@ -80,6 +80,9 @@ def certificate(result: CertifiedCoupling, shown: str | None = None) -> Answer:
         row("Passivity", "; ".join(_passivity_levels(levels_of))),
         subject.passive_limit(result.certificate.passive_limit_n_per_m),
         *subject.notes(result.notes),
+        *subject.law_not_used(
+            problem, "this answer is about the coupling; avc certify without a gain file judges the law"
+        ),
         *levels(levels_of),
     ]
     file = result.file
@@ -416,6 +419,7 @@ def scene(result: SimulatedScene, problem: Problem, shown: str = "") -> Answer:
         *([] if result.without_guard is None else [_compared("No guard", result.without_guard)]),
         *(_compared(f"With {other.coupling}", other) for other in result.against),
         *subject.notes(result.notes),
+        *([] if run.coupling == "law" else subject.law_not_used(problem)),
     ]
     if result.left_out:
         left = f"declared, but not in the scene: {', '.join(map(problem.units.key, result.left_out))}"

@@ -209,6 +209,14 @@ def not_used(declared: Iterable[Unused]) -> list[Row]:
     return [row("Not used", f"{', '.join(names)}: {why}", mark=Mark.CAUTION) for why, names in by_reason.items()]
 
 
+_USES_LAW = "avc certify judges it, avc trial, simulate and export run it"
+
+
+def law_not_used(problem: Problem, why: str = _USES_LAW) -> list[Row]:
+    """Return that an answer does not use the table [law], and which commands do; nothing without a law."""
+    return [] if problem.law is None else [row("Not used", f"law: {why}", mark=Mark.CAUTION)]
+
+
 def notes(found: Iterable[str], label: str = "Note", mark: Mark = Mark.CAUTION, rank: int = 0) -> list[Row]:
     """Return a row for each sentence."""
     return [row(label, one, mark=mark, rank=rank) for one in found]
