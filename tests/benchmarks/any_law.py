@@ -28,7 +28,7 @@ from studied import about, made_by, table, write_rows
 from whole_device import WholeDevice, held
 
 import avc_casadi as avc
-from avc_casadi.files.problem_file import as_problem
+from avc_casadi.files.problem_file import load_any
 from avc_casadi.model.problem import Problem
 from avc_casadi.model.scene import Press
 from avc_casadi.simulation.population.law_trial import _setup, try_law
@@ -47,7 +47,7 @@ PAGE = Path(__file__).parent / "RESULTS_any_law.md"
 
 def of_export(index: int) -> dict[str, Any]:
     """Compare the C of a law with the simulation, and its bits under sanitizers and on ARM."""
-    problem = as_problem(drawn_law(SEED + index))
+    problem = load_any(drawn_law(SEED + index))
     way = positions(problem, SEED + index, SAMPLES)
     forces, expected = Exported(problem, compiler=C99, flags=MORE_WARNINGS).forces(way), simulated(problem, way)
     few = forces[:ARM_SAMPLES].tobytes()
@@ -82,7 +82,7 @@ def of_hands(index: int) -> dict[str, Any]:
         factor = 10 ** draw.uniform(1.0, 2.0)
         for key in ("stiffness_n_per_m", "damping_ns_per_m"):
             tables["law"][key] *= factor
-    problem = as_problem(tables)
+    problem = load_any(tables)
     people = people_of(problem.hands, HANDS, index)
     plant = WholeDevice(problem.device, export_c(problem))
     agree, rests, foreign_rests = 0, True, True
@@ -130,7 +130,7 @@ def compensated(index: int) -> Problem:
         "coulomb_friction_n": friction,
         "max_force_n": 8.0,
     }
-    return as_problem({"device": device, "law": law})
+    return load_any({"device": device, "law": law})
 
 
 def of_compensation(index: int) -> dict[str, Any]:

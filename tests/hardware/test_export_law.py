@@ -13,7 +13,7 @@ from stated_law import drawn_law
 import avc_casadi as avc
 import avc_hardware
 from avc_casadi.cli import main
-from avc_casadi.files.problem_file import as_problem
+from avc_casadi.files.problem_file import load_any
 from avc_hardware.codegen.sensor import fade_samples
 
 SAMPLES = 20_000
@@ -31,7 +31,7 @@ def forces_of(problem, way, compiler=C99):
     [(1, FEW), (5, FEW), *(pytest.param(seed, SAMPLES, marks=pytest.mark.slow) for seed in range(6))],
 )
 def test_c_is_the_simulation_to_single_precision(seed, samples):
-    problem = as_problem(drawn_law(seed))
+    problem = load_any(drawn_law(seed))
     way = positions(problem, seed, samples)
     expected = simulated(problem, way)
     assert np.ptp(expected) > 0.01
@@ -41,7 +41,7 @@ def test_c_is_the_simulation_to_single_precision(seed, samples):
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, 4, 7])
 def test_sanitizers_cpp_and_arm_give_the_same_bits(seed):
-    problem = as_problem(drawn_law(seed))
+    problem = load_any(drawn_law(seed))
     way = positions(problem, seed, 2000)
     forces = forces_of(problem, way)
     assert forces.tobytes() == forces_of(problem, way, CLANG_CPP17).tobytes()
@@ -58,7 +58,7 @@ NOTCH = {"kind": "notch", "frequency_hz": 0.5, "depth": 0.1, "width": 0.5}
 def test_filters_that_are_slow_beside_the_sample_rate_keep_their_digits(item):
     tables = drawn_law(0)
     tables["law"] = {"stiffness_n_per_m": 500.0, "filters": [item]}
-    problem = as_problem(tables)
+    problem = load_any(tables)
     way = positions(problem, 3, 2 * FEW)
     expected = simulated(problem, way)
     assert np.abs(forces_of(problem, way) - expected).max() < 1e-5 * np.abs(expected).max()
@@ -72,8 +72,8 @@ LAW = {
 }
 DEVICE = {"mass_kg": 0.12, "damping_ns_per_m": 0.8, "encoder_resolution_m": 2e-5, "max_force_n": 8.0}
 WALL = {"stiffness_n_per_m": 1000.0, "damping_ns_per_m": 0.0}
-WALLED = as_problem({"device": DEVICE, "law": LAW, "environment": WALL})
-SERVO = as_problem({"device": DEVICE, "law": LAW})
+WALLED = load_any({"device": DEVICE, "law": LAW, "environment": WALL})
+SERVO = load_any({"device": DEVICE, "law": LAW})
 
 
 @pytest.mark.parametrize("wrong_m", [0.1, -1.0, math.nan, -3e38])
@@ -112,7 +112,7 @@ def test_noise_of_any_kind_is_finite_and_limited():
 
 
 def test_what_is_not_deployable_is_refused(tmp_path, capsys):
-    stiff = as_problem({"device": DEVICE, "law": {**LAW, "stiffness_n_per_m": 1e6, "friction_compensation": None}})
+    stiff = load_any({"device": DEVICE, "law": {**LAW, "stiffness_n_per_m": 1e6, "friction_compensation": None}})
     with pytest.raises(avc.NotDeployableError, match=r"\[law\]: not deployable: unstable"):
         avc_hardware.export_c(stiff)
     assert "UNSAFE, written by request: not deployable" in avc_hardware.export_c(stiff, unsafe=True)["avc_coupling.h"]
