@@ -176,6 +176,7 @@ def page(rows: list[dict[str, Any]], made: str) -> str:
     exported, hands, cases = by["export"], by["hands"], by["compensation"]
     runs = sum(row["runs"] for row in hands)
     swinging = [row for row in cases if row["swings_without_friction"]]
+    stable, unjudged = (sum(row["linear"] == claim for row in swinging) for claim in ("stable", "not judged"))
     right = sum(row["truth"] == row["trial"] for row in cases)
     lines = [
         (
@@ -198,14 +199,14 @@ def page(rows: list[dict[str, Any]], made: str) -> str:
         ("of these, swinging ones", f"{sum(row['truth'] == 'swings' for row in cases)}"),
         (
             "swinging without friction, and called stable by the linear claim",
-            f"{sum(row['linear'] == 'stable' for row in swinging)} of {len(swinging)}",
+            f"{stable} of {len(swinging)}, of which {unjudged} are not judged",
         ),
     ]
     pieces = sorted({piece for row in exported for piece in row["pieces"]})
     counted = [(piece, f"{sum(piece in row['pieces'] for row in exported)}") for piece in pieces]
     return f"""# Laws of every piece
 
-Made by {made}.
+{made}
 
 Laws of `[law]` are drawn with every velocity and filter, dead zone, limited integral, friction compensation, virtual
 mass, local damper and slower rate, half of them in a wall. The exported C is called at {SAMPLES} positions of a handle
