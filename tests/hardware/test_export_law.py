@@ -8,6 +8,8 @@ import pytest
 from exported import C99, CLANG_CPP17, Exported
 from exported_bench import ran
 from exported_law import MORE_WARNINGS, positions, rounding_n, sanitized, simulated
+from faulty_sensor import FaultySensor
+from hardware_bench import export_c
 from stated_law import drawn_law
 
 import avc_casadi as avc
@@ -92,6 +94,18 @@ def test_wrong_samples_at_rest_give_no_force(wrong_m):
         assert np.isfinite(forces).all()
         assert np.abs(forces).max() <= 1.8001
         assert forces[-1] == pytest.approx(1.8)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [8, 14, 17])
+def test_a_sensor_that_fails_before_a_wall_gives_no_force_at_rest(seed):
+    """Local damper, virtual mass and friction compensation act outside too; the device rests there."""
+    problem = load_any(drawn_law(seed))
+    assert problem.law_in_wall
+    assert problem.law.acts_outside
+    plant = FaultySensor(problem.device, export_c(problem))
+    for kind in ("glitch", "no number", "elsewhere", "dropped"):
+        assert plant.meets(kind, 200, seed, thrown=False).outside_n.max() == 0
 
 
 def test_a_law_on_both_sides_begins_without_force_and_rises():
