@@ -31,7 +31,7 @@ import avc_casadi as avc
 from avc_casadi.files.problem_file import load_any
 from avc_casadi.model.problem import Problem
 from avc_casadi.model.scene import Press
-from avc_casadi.simulation.population.law_trial import _setup, try_law
+from avc_casadi.simulation.population.law_trial import law_setup, try_law
 from avc_casadi.simulation.population.operators import people_of
 from avc_casadi.simulation.population.setup import judge
 
@@ -87,7 +87,7 @@ def of_hands(index: int) -> dict[str, Any]:
     plant = WholeDevice(problem.device, export_c(problem))
     agree, rests, foreign_rests = 0, True, True
     for speed in SPEEDS_M_PER_S:
-        own = judge(_setup(problem), people, Press(speed_m_per_s=speed), SECONDS).stable
+        own = judge(law_setup(problem), people, Press(speed_m_per_s=speed), SECONDS).stable
         for row in range(HANDS):
             hand = people.values(row)
             found = plant.meets(

@@ -22,6 +22,7 @@ def law_trial(result: LawTrial, shown: str = "") -> Answer:
         row("By motion", ", ".join(f"{name} {count}" for name, count in case.by_motion.items())),
         *_cycles(case),
         *_released(case),
+        *_relay(result),
         *_with_friction("Least friction", result.least_friction, result.hands, judged=True),
         *_with_friction("No friction", result.without_friction, result.hands, judged=False),
         *_rendered(case),
@@ -46,6 +47,23 @@ def _cycles(case: LawCase) -> Iterator[Row]:
         yield row("Hunts", cycle(case.hunts), "in a long press: the integral passes the friction", mark=Mark.CAUTION)
     if case.moving:
         yield row("Do not settle", f"by their number in the draw: {', '.join(map(str, case.moving))}")
+
+
+def _relay(result: LawTrial) -> Iterator[Row]:
+    """Yield a friction compensation that is larger than the least friction."""
+    law, least = result.problem.law, result.least_friction
+    own = None if law is None else law.friction_compensation
+    if own is None:
+        return
+    least_n = result.declared.friction_n if least is None else least.friction_n
+    if own.force_n > least_n:
+        larger = (
+            "compensates",
+            Value(own.force_n, "force"),
+            "of friction, of which there may be",
+            Value(least_n, "force"),
+        )
+        yield row("Relay", larger, ": it drives the device", mark=Mark.CAUTION)
 
 
 def _released(case: LawCase) -> Iterator[Row]:

@@ -179,7 +179,7 @@ def try_law(
         problem=problem,
         hands=hands,
         seed=seed,
-        effects=_setup(_at_friction(problem, levels["declared"])).kinds,
+        effects=law_setup(_at_friction(problem, levels["declared"])).kinds,
         declared=cases["declared"],
         least_friction=cases.get("least_friction"),
         without_friction=cases.get("without_friction"),
@@ -203,7 +203,7 @@ def _at_friction(problem: Problem, friction_n: float) -> Problem:
     return problem.changed(device={"coulomb_friction_n": friction_n, "range": {"coulomb_friction_n": None}})
 
 
-def _setup(problem: Problem) -> Setup:
+def law_setup(problem: Problem) -> Setup:
     """Return what hands try: the law with all that the device declares."""
     effects = tuple(LawEffect() if isinstance(effect, WallEffect) else effect for effect in declared_effects(problem))
     return Setup(problem, NO_COUPLING, effects)
@@ -221,7 +221,7 @@ class _Motion:
 
 def _try_at(problem: Problem, people: Hand, seed: int) -> LawCase:
     """Return what hands find at the friction that a problem declares."""
-    setup = _setup(problem)
+    setup = law_setup(problem)
     motions, duration_s = course_of(problem)
     tried = {name: _moved(traces(setup, people, motions[name], duration_s), problem.device) for name in LAW_MOTIONS}
     rests = np.all([motion.rests for motion in tried.values()], axis=0)
