@@ -380,7 +380,7 @@ def scope_slack(
         worst = worst_on_device(family, lean, law, family.drawn().held, enough=most)
         radius = np.array([case.radius for case in worst])
         return ScopeSlack(most - radius, np.array([case.frequency_hz for case in worst]))
-    least = worst_margin(SampledLoop.of(problem), b, k, contact, *scope_band_hz(problem, hz))
+    least = worst_margin(SampledLoop.of(problem), b, k, contact, scope_band_hz(problem, hz))
     sound = least.poles_stable & (least.dc_stiffness_n_per_m >= 0)
     slack = np.where(sound, least.margin_ns_per_m - margin, -np.inf)
     return ScopeSlack(slack, least.frequency_hz)

@@ -419,7 +419,8 @@ def _exact(rows: Rows, level: str, model: Model, progress: Progress) -> LevelRes
         if any_environment:
             worst_of_delays.append(_llewellyn(rows, loop, progress))
             continue
-        worst = worst_margin(loop, rows.b, rows.k, rows.contact, band.low_hz, band.high_hz, progress=progress)
+        band_hz = band.low_hz, band.high_hz
+        worst = worst_margin(loop, rows.b, rows.k, rows.contact, band_hz, progress=progress)
         worst_of_delays.append([worst.margin_ns_per_m, worst.frequency_hz, worst.tolerance_ns_per_m])
         if whole:
             # Poles and residue are conditions of a rendering as a whole; other claims are on Re Z_h alone.

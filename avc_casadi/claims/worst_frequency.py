@@ -258,18 +258,17 @@ def lowest_of(candidates: Sequence[Sequence[FloatArray]]) -> FloatArray:
     return np.asarray(np.take_along_axis(entries, entries[:, :1].argmin(axis=0)[None], axis=0)[0])
 
 
-def worst_margin(  # noqa: PLR0913 - what a row is made of
+def worst_margin(
     loop: SampledLoop,
     damping_ns_per_m: Values,
     stiffness_n_per_m: Values,
     contact_damping_ns_per_m: Values = 0.0,
-    low_hz: Values = 0.0,
-    high_hz: Values = np.inf,
+    band_hz: tuple[Values, Values] = (0.0, np.inf),
     *,
     refine: bool = True,
     progress: Progress = SILENT,
 ) -> WorstMargin:
-    """Return the smallest Re Z_h of frozen gains over low_hz <= f <= high_hz, exactly.
+    """Return the smallest Re Z_h of frozen gains over a band of frequencies, ends included, exactly.
 
     Re Z_h is rational in cos(omega T): every stationary point and both ends are evaluated, and the lowest are refined
     on Re Z_h itself. Beyond 62 samples of delay, where roots cost too much, a scan takes the place of these points.
@@ -281,8 +280,7 @@ def worst_margin(  # noqa: PLR0913 - what a row is made of
                 damping_ns_per_m,
                 stiffness_n_per_m,
                 contact_damping_ns_per_m,
-                low_hz,
-                high_hz,
+                *band_hz,
                 loop.device_damping_ns_per_m,
                 loop.environment_damping_ns_per_m,
                 loop.environment_stiffness_n_per_m,

@@ -34,7 +34,7 @@ from avc_casadi.design.law_family import LawFamily, LawLoops, Performance
 from avc_casadi.design.observer_law import GUESSES, Structure
 from avc_casadi.design.plants import PlantMatrices
 from avc_casadi.design.starts import best_starts
-from avc_casadi.design.static import constant_schedule
+from avc_casadi.design.static import ConstantDesign, constant_schedule
 from avc_casadi.design.trust_region import TrustRegion
 from avc_casadi.loops.spectrum import eigenvalues
 from avc_casadi.loops.wall import MAX_DELAY_SAMPLES
@@ -246,11 +246,11 @@ def solve_robust(problem: Problem, *, progress: Progress = SILENT) -> GainSchedu
     if answer is None:
         reason = "no stable observer law was found for the whole range of hands; "
         reason += "soften the wall, or narrow [hands] or [device.range]"
-        return constant_schedule(problem, "robust", None, started, reason=reason)
+        return constant_schedule(problem, ConstantDesign("robust", None, reason), started)
     reached, goals = answer.performance, "as required" if answer.meets_goals else "not all as required"
     note = (
         f"error of the impedance from 1 to 30 Hz {100 * reached.error:.3g} % at most, disk margin "
         f"{reached.disk_margin:.2f}; margin, noise and decay {goals}"
     )
     gains, law = answer.coupling.table.at_rest, answer.coupling.runtime.state_feedback
-    return constant_schedule(problem, "robust", gains, started, notes=(note,), law=law)
+    return constant_schedule(problem, ConstantDesign("robust", gains, notes=(note,), law=law), started)

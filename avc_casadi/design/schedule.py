@@ -30,7 +30,7 @@ from avc_casadi.model.problem import Problem
 from avc_casadi.paper.equations import loop_at
 from avc_casadi.paper.exact import exact_gains
 from avc_casadi.paper.realism import bound_magnitudes
-from avc_casadi.paper.rows import gain_schedule, row_status
+from avc_casadi.paper.rows import SolveRecord, gain_schedule, row_status
 
 LATTICE_STAGES = 40
 """Largest number of frequencies at which the dynamic programme chooses a state; between them it interpolates."""
@@ -217,9 +217,8 @@ def _schedule(programme: Programme, missing: Missing, solution: Solution | None)
         notes = [f"ipopt stopped with {solution.failure}: no schedule"]
     elif solution is not None:
         notes = _solution_notes(programme, missing, solution)
-    return gain_schedule(
-        problem, "schedule", (b, k, contact), status, solver="ipopt", reason=reasons, notes=tuple(notes)
-    )
+    record = SolveRecord(solver="ipopt", reason=reasons, notes=tuple(notes))
+    return gain_schedule(problem, "schedule", (b, k, contact), status, record)
 
 
 def _solution_notes(programme: Programme, missing: Missing, solution: Solution) -> list[str]:

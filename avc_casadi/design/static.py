@@ -24,7 +24,7 @@ from avc_casadi.model.problem_ranges import margin_over_range
 from avc_casadi.model.runtime import StateFeedback
 from avc_casadi.paper.equations import loop_at
 from avc_casadi.paper.realism import relative_errors
-from avc_casadi.paper.rows import GainArrays, gain_schedule, row_status
+from avc_casadi.paper.rows import GainArrays, SolveRecord, gain_schedule, row_status
 
 StaticCondition = Literal["llewellyn", "all"]
 # Points are shares of the logarithmic range of each gain, 0 at its lower bound and 1 at its upper; so are steps.
@@ -317,41 +317,49 @@ def solve_static(problem: Problem) -> GainSchedule:
         f"{certified.gains(units)}, lacks {quantity(lacking, units.unit('N.s/m'))} of device damping"
     )
     n = len(problem.frequencies_hz())
-    return constant_schedule(
-        problem,
+    design = ConstantDesign(
         "static",
         gains if certified.feasible else None,
-        started,
         reason="" if certified.feasible else why,
-        status=row_status(problem, *_repeated(gains, n)),
         notes=tuple(f"best constant coupling, {choice.sentence(units)}" for choice in (certified, special)),
     )
+    return constant_schedule(problem, design, started, row_status(problem, *_repeated(gains, n)))
 
 
-def constant_schedule(  # noqa: PLR0913 - what a row is made of
-    problem: Problem,
-    method: str,
-    gains: Gains | None,
-    started: float,
-    *,
-    reason: str = "",
-    status: tuple[Status, ...] | None = None,
-    notes: tuple[str, ...] = (),
-    law: StateFeedback | None = None,
+@dataclass(frozen=True)
+class ConstantDesign:
+    """Constant gains that a method found, or why it found none.
+
+    Attributes:
+        method: name of the method.
+        gains: the gains; None where there are none.
+        reason: why there are none; empty where there are.
+        notes: facts on them, a sentence each.
+        law: the law that runs behind them.
+    """
+
+    method: str
+    gains: Gains | None
+    reason: str = ""
+    notes: tuple[str, ...] = ()
+    law: StateFeedback | None = None
+
+
+def constant_schedule(
+    problem: Problem, design: ConstantDesign, started: float, status: tuple[Status, ...] | None = None
 ) -> GainSchedule:
     """Return the same gains at every frequency, infeasible for a reason where there are none."""
     n = len(problem.frequencies_hz())
-    if gains is None:
+    if design.gains is None:
         status = (Status.INFEASIBLE,) * n
+    seconds = time.perf_counter() - started
     return gain_schedule(
         problem,
-        method,
-        _repeated(gains or Gains(0.0, 0.0), n),
+        design.method,
+        _repeated(design.gains or Gains(0.0, 0.0), n),
         status or (Status.SOLVED,) * n,
-        reason=(reason,) * n,
-        solve_seconds=time.perf_counter() - started,
-        notes=notes,
-        state_feedback=law,
+        SolveRecord(reason=(design.reason,) * n, solve_seconds=seconds, notes=design.notes),
+        state_feedback=design.law,
     )
 
 

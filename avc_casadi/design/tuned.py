@@ -16,7 +16,7 @@ from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi._util.text import quantity
 from avc_casadi.design.schedule import solve_schedule
-from avc_casadi.design.static import constant_schedule
+from avc_casadi.design.static import ConstantDesign, constant_schedule
 from avc_casadi.model.declared import scene_effects
 from avc_casadi.model.effects import HandEffect, WallEffect
 from avc_casadi.model.gains import Gains, GainSchedule, gains_at
@@ -137,7 +137,7 @@ def solve_static_tuned(problem: Problem, *, progress: Progress = SILENT) -> Gain
     started = time.perf_counter()
     tuned = tune_static(problem, progress=progress)
     notes = (tuned.sentence(problem.units.unit("N.s/m")),)
-    return constant_schedule(problem, "static-tuned", tuned.gains, started, reason=tuned.reason, notes=notes)
+    return constant_schedule(problem, ConstantDesign("static-tuned", tuned.gains, tuned.reason, notes), started)
 
 
 def tuning_problem(problem: Problem, structure: Structure, margin_ns_per_m: float | None = None) -> Problem:

@@ -23,7 +23,8 @@ _MOST_FILTERS = 16
 # Longest timeout of the time between steps, in samples: its linear claim is a window of twice as many.
 _MOST_TICKS = 128
 # Frequencies at which limits are looked for, as shares of the sample rate: below the first a filter hardly moves.
-_LEAST_SHARE, _MOST_SHARE = 1e-4, 0.499
+_LEAST_SHARE = 1e-4
+_MOST_SHARE = 0.499
 
 _Signed = {"zero": True, "signed": True}
 SignedDamping = Annotated[float, BeforeValidator(q.Quantity("N.s/m", 1e-9, q.LARGEST_DAMPING_NS_PER_M, **_Signed))]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from avc_casadi.model.gains import GainSchedule, Status
 from avc_casadi.model.problem import Problem
 from avc_casadi.model.problem_ranges import margin_over_range
 from avc_casadi.paper.equations import ImpedanceLoop, coupling_gains, environment_impedance, loop_at
-from avc_casadi.paper.rows import gain_schedule, pointwise_notes
+from avc_casadi.paper.rows import SolveRecord, gain_schedule, pointwise_notes
 
 ROUNDING = 16 * float(np.finfo(np.float64).eps)
 """Rounding of a sum of a few terms, relative to their magnitudes."""
@@ -156,17 +156,20 @@ def solve_closed_form(problem: Problem, *, as_printed: bool = False) -> GainSche
         for rigid, impossible, *gains in zip(quotient.rigid, quotient.impossible, b, k, contact, strict=True)
     )
     status = tuple(Status.NOT_REALISABLE if reason else Status.SOLVED for reason in reasons)
-    return gain_schedule(
-        problem,
-        "closed-form",
-        (b, k, contact),
-        status,
+    record = SolveRecord(
         solver="as-printed" if as_printed else None,
         reason=reasons,
-        requested=(b, k, contact),
-        impedance=None if damped else projection.impedance,
         solve_seconds=time.perf_counter() - started,
         notes=(*pointwise_notes(problem), *((NOTHING_TO_RENDER,) if quotient.nothing.all() else ())),
+    )
+    schedule = gain_schedule(problem, "closed-form", (b, k, contact), status, record)
+    # The projection is known where the gains that would render it are not realisable.
+    return replace(
+        schedule,
+        impedance=schedule.impedance if damped else projection.impedance,
+        requested_damping_ns_per_m=b,
+        requested_stiffness_n_per_m=k,
+        requested_contact_damping_ns_per_m=contact,
     )
 
 

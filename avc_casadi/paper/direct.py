@@ -17,7 +17,7 @@ from avc_casadi.paper.exact import exact_gains, row_reasons
 from avc_casadi.paper.nlp import KKT_TOLERANCE, Optimality, optimality
 from avc_casadi.paper.nlp_gains import FINE, nlp_gains, solvers_for
 from avc_casadi.paper.nlp_solver import DEFAULT_SOLVER, DEFAULT_TOLERANCE
-from avc_casadi.paper.rows import GainArrays, best_candidate, gain_schedule, row_status
+from avc_casadi.paper.rows import GainArrays, SolveRecord, best_candidate, gain_schedule, row_status
 
 EXCESS_TOLERANCE = 1e-6
 """A magnitude error that exceeds the global optimum's by more than this share of |Z_h_ds| is a failed row."""
@@ -125,17 +125,14 @@ def solve_direct(
     reasons = list(row_reasons(problem, status))
     for row in np.flatnonzero(failed):
         reasons[row] = _why(name, quality, checked, int(row))
-    return gain_schedule(
-        problem,
-        "direct",
-        gains,
-        status,
+    record = SolveRecord(
         solver=name,
         reason=tuple(reasons),
         build_seconds=built - started,
         solve_seconds=solved - built,
         notes=tuple(filter(None, (_recomputed(problem, quality), _cross_check(checked)))),
     )
+    return gain_schedule(problem, "direct", gains, status, record)
 
 
 def _check_pointwise(problem: Problem) -> None:

@@ -22,6 +22,7 @@ from avc_casadi.paper.equations import ImpedanceLoop, coupling_gains, coupling_i
 from avc_casadi.paper.numbers import abs2
 from avc_casadi.paper.rows import (
     GainArrays,
+    SolveRecord,
     best_candidate,
     gain_schedule,
     guarded_margin,
@@ -354,12 +355,6 @@ def solve_exact(problem: Problem, *, progress: Progress = SILENT) -> GainSchedul
     gains = exact_gains(problem, loop, progress=progress)
     status = row_status(problem, *gains)
     seconds = time.perf_counter() - started
-    return gain_schedule(
-        problem,
-        "exact",
-        gains,
-        status,
-        reason=row_reasons(problem, status),
-        solve_seconds=seconds,
-        notes=pointwise_notes(problem),
-    )
+    reason, notes = row_reasons(problem, status), pointwise_notes(problem)
+    record = SolveRecord(reason=reason, solve_seconds=seconds, notes=notes)
+    return gain_schedule(problem, "exact", gains, status, record)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -154,37 +155,60 @@ def perceived_impedance_of(
     return np.asarray(perceived_impedance(loop.device, loop.hold, force * unit))
 
 
-def gain_schedule(  # noqa: PLR0913 - what a row is made of
+@dataclass(frozen=True)
+class SolveRecord:
+    """What a method reports beside its gains.
+
+    Attributes:
+        solver: name of the solver; None without one.
+        reason: why each row has no gains, or is not as it should be; empty where it is.
+        build_seconds: time in which the solver was made.
+        solve_seconds: time in which it solved.
+        notes: facts on the whole schedule, a sentence each.
+    """
+
+    solver: str | None = None
+    reason: tuple[str, ...] = ()
+    build_seconds: float = 0.0
+    solve_seconds: float = 0.0
+    notes: tuple[str, ...] = ()
+
+
+NOTHING_TO_REPORT = SolveRecord()
+
+
+def gain_schedule(
     problem: Problem,
     method: str,
     gains: GainArrays,
     status: tuple[Status, ...],
+    record: SolveRecord = NOTHING_TO_REPORT,
     *,
-    solver: str | None = None,
-    reason: tuple[str, ...] | None = None,
-    requested: GainArrays | None = None,
-    impedance: ComplexArray | None = None,
     frequency_hz: FloatArray | None = None,
-    build_seconds: float = 0.0,
-    solve_seconds: float = 0.0,
-    notes: tuple[str, ...] = (),
     state_feedback: StateFeedback | None = None,
 ) -> GainSchedule:
-    """Return the schedule of gains (b, k, b_p); one code recomputes the impedances of every method."""
+    """Return the schedule of gains (b, k, b_p); one code recomputes the impedances of every method.
+
+    Args:
+        problem: the problem.
+        method: name of the method.
+        gains: of each row.
+        status: of each row; it decides whether its gains are usable.
+        record: what the method reports with them.
+        frequency_hz: of each row; by default those of the problem.
+        state_feedback: the law that runs behind the gains.
+    """
     frequency = problem.frequencies_hz() if frequency_hz is None else frequency_hz
-    loop = loop_at(problem, frequency)
     usable = np.array([item.has_gains for item in status], dtype=bool)
     b, k, bp = (np.where(usable, np.asarray(gain, dtype=np.float64), np.nan) for gain in gains)
-    wanted = (b, k, bp) if requested is None else requested
-    perceived = np.full(frequency.shape, np.nan, dtype=np.complex128)
+    impedance = np.full(frequency.shape, np.nan, dtype=np.complex128)
     if usable.any():
-        perceived[usable] = perceived_impedance_of(
-            problem, frequency[usable], (b[usable], k[usable], bp[usable]), state_feedback
-        )
+        gains = (b[usable], k[usable], bp[usable])
+        impedance[usable] = perceived_impedance_of(problem, frequency[usable], gains, state_feedback)
     return GainSchedule(
         problem=problem.name,
         method=method,
-        solver=solver,
+        solver=record.solver,
         structure=problem.coupling.structure,
         model=problem.stability.model,
         sample_time_s=problem.device.sample_time_s,
@@ -192,16 +216,16 @@ def gain_schedule(  # noqa: PLR0913 - what a row is made of
         damping_ns_per_m=b,
         stiffness_n_per_m=k,
         contact_damping_ns_per_m=bp,
-        impedance=perceived if impedance is None else impedance,
-        target=np.asarray(loop.target),
+        impedance=impedance,
+        target=np.asarray(loop_at(problem, frequency).target),
         definition=problem,
         status=status,
-        reason=reason or ("",) * len(status),
-        requested_damping_ns_per_m=wanted[0],
-        requested_stiffness_n_per_m=wanted[1],
-        requested_contact_damping_ns_per_m=wanted[2],
-        build_seconds=build_seconds,
-        solve_seconds=solve_seconds,
-        notes=notes,
+        reason=record.reason or ("",) * len(status),
+        requested_damping_ns_per_m=b,
+        requested_stiffness_n_per_m=k,
+        requested_contact_damping_ns_per_m=bp,
+        build_seconds=record.build_seconds,
+        solve_seconds=record.solve_seconds,
+        notes=record.notes,
         state_feedback=state_feedback,
     )

@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterable
-from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from typing import Any
@@ -14,7 +13,6 @@ import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, FloatArray
 from avc_casadi._util.json_values import Document
-from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.claims.deployable import deployable
 from avc_casadi.coupling import Coupling
 from avc_casadi.loops.margins import OpenLoop
@@ -35,6 +33,7 @@ from avc_casadi.model.plant import SampledPlant, sampled_plant
 from avc_casadi.model.problem import Problem
 from avc_casadi.recommendation.rank import Candidate, best_of, error_in_motion
 from avc_casadi.recommendation.reasons import Flaw, UnmetRequirement, UnmetRequirements
+from avc_casadi.recommendation.request import Request
 from avc_casadi.simulation.population.operators import GRIPS, draw_hands, draw_population, loose_grips, people_of
 from avc_casadi.simulation.population.trial import CouplingTrial, residual_speeds, try_coupling, try_on_devices
 
@@ -79,28 +78,23 @@ def groups_beyond(problem: Problem, required: Robustness, seed: int, count: int 
 
 
 class Evaluator:
-    """Judges couplings of one problem, the only place that does."""
+    """Judges couplings of one problem, the only place that does.
 
-    def __init__(
-        self,
-        problem: Problem,
-        people: Hand,
-        seed: int,
-        progress: Progress = SILENT,
-        *,
-        lean_on_friction: bool = False,
-        within: float = math.inf,
-        executor: Executor | None = None,
-    ) -> None:
+    `within` is the impedance error in motion above which a coupling is not worth a trial.
+    """
+
+    def __init__(self, problem: Problem, request: Request, *, within: float = math.inf) -> None:
         self.candidates: list[Candidate] = []
         self.considered = 0
-        self._people = people
+        seed = request.seed
+        self._people = people_of(problem.hands, request.hands, seed)
         self._seed = seed
-        self._progress = progress
-        self._executor = executor
-        self._trial = partial(try_coupling, seed=seed, executor=executor)
-        self._lean, self._within = lean_on_friction, within
-        count = 2 * len(people)
+        self._progress = request.progress
+        self._executor = request.executor
+        self._trial = partial(try_coupling, seed=seed, executor=request.executor)
+        self._lean = request.lean_on_friction
+        self._within = within
+        count = 2 * len(self._people)
         self._others = (
             draw_hands(problem.hands, count, seed, first=first, training=True) for first in itertools.count(0, count)
         )

@@ -115,7 +115,7 @@ class WallLimits:
     no_stiffer: Reason | None = None
 
 
-class Verdict(Enum):
+class Decision(Enum):
     """Whether a coupling may be loaded into the device, and if not which of the trials or claims refuses it."""
 
     DEPLOYABLE = auto()
@@ -262,7 +262,7 @@ class WallRecommendation(_ToWall, Recommendation):
     """A coupling to a wall.
 
     Attributes:
-        verdict: whether it may be deployed.
+        decision: whether it may be deployed.
         claims: what makes a coupling deployable, each with its result.
         rest: limit-cycle freedom with every hand, making and breaking contact.
         limits: what limits a coupling to this wall.
@@ -294,7 +294,7 @@ class WallRecommendation(_ToWall, Recommendation):
     trial: CouplingTrial
     claims: Deployable
     rest: LimitCycleFreedom
-    verdict: Verdict = Verdict.DEPLOYABLE
+    decision: Decision = Decision.DEPLOYABLE
     limits: WallLimits = WallLimits()
     confirmed: CouplingTrial | None = None
     perturbed_devices: PerturbedDevices | None = None
@@ -305,7 +305,7 @@ class WallRecommendation(_ToWall, Recommendation):
     @property
     def deployable(self) -> bool:
         """Whether the coupling may be loaded into the device."""
-        return self.verdict is Verdict.DEPLOYABLE
+        return self.decision is Decision.DEPLOYABLE
 
     @property
     def stiffest_wall_n_per_m(self) -> float | None:

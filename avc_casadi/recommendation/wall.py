@@ -28,9 +28,9 @@ from avc_casadi.recommendation.preconditions import assumed, not_used, nothing_r
 from avc_casadi.recommendation.rank import UNNOTICED, Candidate, why_best
 from avc_casadi.recommendation.reasons import AsRequested, NoneStable, Reason, StrikeUnsettled
 from avc_casadi.recommendation.recommendation import (
+    Decision,
     LimitCycleFreedom,
     NoWallCoupling,
-    Verdict,
     WallLimits,
     WallRecommendation,
 )
@@ -48,20 +48,12 @@ class WallDesign:
         self._crew = crew
         self._sensitivities: Callable[[], tuple[WallSensitivity, ...]] = crew.begin(partial(what_would_help, problem))
         self._limit = stiffest_wall(PlantFamily.of(problem))
-        judging = partial(
-            Evaluator,
-            people=people_of(problem.hands, request.hands, request.seed),
-            seed=request.seed,
-            progress=request.progress,
-            lean_on_friction=request.lean_on_friction,
-            executor=request.executor,
-        )
         if request.stiffest:
-            near = partial(judging, within=UNNOTICED)
+            near = partial(Evaluator, request=request, within=UNNOTICED)
             self.problem, self._evaluator, no_stiffer = stiffest_rendered(problem, self._limit, near)
         else:
             self.problem = problem
-            self._evaluator = judging(problem)
+            self._evaluator = Evaluator(problem, request)
             no_stiffer = None
         self.limits = WallLimits(self._limit.stiffness_n_per_m, no_stiffer)
 
@@ -83,7 +75,9 @@ class WallDesign:
         certified = with_certificate(best.coupling, request.progress, prove=request.prove)
         known, rest = with_rest(certified, request.progress)
         off, beyond = mismatched(), unmodelled()
-        verdict, shortfall = _shortfall(problem, best, beyond, by_friction=request.lean_on_friction or best.safety == 1)
+        decision, shortfall = _shortfall(
+            problem, best, beyond, by_friction=request.lean_on_friction or best.safety == 1
+        )
         return WallRecommendation(
             problem=problem,
             coupling=replace(known.with_trial(best.trial.document()), versions=request.versions),
@@ -92,7 +86,7 @@ class WallDesign:
             confirmed=best.others,
             perturbed_devices=off,
             unmodelled_effects=beyond,
-            verdict=verdict,
+            decision=decision,
             rest=rest,
             limits=self.limits,
             sensitivities=self._sensitivities(),
@@ -120,17 +114,17 @@ class WallDesign:
 
 def _shortfall(
     problem: Problem, best: Candidate, beyond: tuple[UnmodelledTrial, ...], *, by_friction: bool
-) -> tuple[Verdict, Reason | None]:
+) -> tuple[Decision, Reason | None]:
     """Return whether a linearly stable coupling passes its trials, and why not."""
     nothing = nothing_rendered(problem, best.coupling.static_stiffness_n_per_m, best.trial)
     if nothing is not None:
-        return Verdict.NOTHING_RENDERED, nothing
+        return Decision.NOTHING_RENDERED, nothing
     unmet = unmet_requirements(beyond, by_friction=by_friction)
     if unmet is not None:
-        return Verdict.REQUIREMENT_UNMET, unmet
+        return Decision.REQUIREMENT_UNMET, unmet
     if best.beyond and not best.beyond[0].all():
-        return Verdict.STRIKE_UNSETTLED, StrikeUnsettled()
-    return Verdict.DEPLOYABLE, None
+        return Decision.STRIKE_UNSETTLED, StrikeUnsettled()
+    return Decision.DEPLOYABLE, None
 
 
 def with_rest(coupling: Coupling, progress: Progress = SILENT) -> tuple[Coupling, LimitCycleFreedom]:
@@ -159,7 +153,7 @@ def judged(coupling: Coupling, schedule: GainSchedule, hands: int, progress: Pro
     limit = stiffest_wall(PlantFamily.of(problem)).stiffness_n_per_m
     nothing = nothing_rendered(problem, known.static_stiffness_n_per_m, tried)
     shortfall = nothing or unmet_requirements(beyond, by_friction=False)
-    verdict = Verdict.REQUIREMENT_UNMET if shortfall else Verdict.CLAIM_FAILS
+    refused = Decision.REQUIREMENT_UNMET if shortfall else Decision.CLAIM_FAILS
     return WallRecommendation(
         problem=problem,
         coupling=known.with_trial(tried.document()),
@@ -167,7 +161,7 @@ def judged(coupling: Coupling, schedule: GainSchedule, hands: int, progress: Pro
         claims=claims,
         perturbed_devices=try_perturbed_devices(known, 0),
         unmodelled_effects=beyond,
-        verdict=Verdict.DEPLOYABLE if claims.passed and shortfall is None else verdict,
+        decision=Decision.DEPLOYABLE if claims.passed and shortfall is None else refused,
         rest=rest,
         limits=WallLimits(limit),
         sensitivities=what_would_help(problem),

@@ -24,7 +24,7 @@ from avc_casadi.recommendation.candidates import judge_all
 from avc_casadi.recommendation.evaluator import Evaluator
 from avc_casadi.recommendation.rank import Candidate
 from avc_casadi.recommendation.rendered import NOTICED_LATE_S, leaving_contact
-from avc_casadi.simulation.population.operators import people_of
+from avc_casadi.recommendation.request import Request
 
 SEED, OTHER_SEED, HANDS = 9173, 7041, 100
 OUT = Path(__file__).parent / "results" / "leaving.json"
@@ -35,7 +35,7 @@ BEFORE, NOW = "without the preference", "with it"
 def cell(index: int, seed: int) -> dict[str, Any]:
     """Judge the candidates for a drawn device once, and choose among them in both ways."""
     problem = drawn(index, seed)
-    evaluator = Evaluator(problem, people_of(problem.hands, HANDS, 0), 0)
+    evaluator = Evaluator(problem, Request(hands=HANDS))
     judge_all(problem, evaluator, stiffest_wall(PlantFamily.of(problem)))
     judged = evaluator.candidates
     found: dict[str, Any] = {"wall_n_per_m": problem.environment.stiffness_n_per_m, "candidates": len(judged)}

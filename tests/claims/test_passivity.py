@@ -35,7 +35,7 @@ def test_sampled_data_worst_point_of_a_band_is_an_end(b_d, b_e, k_e, b, k, conta
     loop = SampledLoop(b_d, b_e, k_e, T, 0, "sampled-data")
     parts = fractions(loop, b, k)
     ends = real_part(loop, parts, contact, np.array([low, high]))
-    found = worst_margin(loop, b, k, contact, low, high)
+    found = worst_margin(loop, b, k, contact, (low, high))
     assert abs(found.margin_ns_per_m[0] - ends.min()) <= 1e-13 * size_of_terms(loop, parts, contact)
 
 
@@ -129,7 +129,7 @@ def test_band_margin_is_the_lowest_of_the_band(model, delay):
     (b_d, b_e, k_e), b, k, contact = random_rows(200, seed=3)
     low = np.geomspace(0.5, 480, 200)
     loop = SampledLoop(b_d, b_e, k_e, T, delay, model)
-    result = worst_margin(loop, b, k, contact, low, 4 * low)
+    result = worst_margin(loop, b, k, contact, (low, 4 * low))
     assert (result.frequency_hz >= low * (1 - 1e-12)).all()
     assert (result.frequency_hz <= np.minimum(4 * low, 500)).all()
     parts = fractions(loop, b, k)
@@ -155,7 +155,7 @@ def test_no_grid_point_lies_below_the_worst_margin(model):
         contact = np.where(generator.random(rows) < 0.5, 0.0, generator.uniform(0, 20, rows))
         low = np.exp(generator.uniform(np.log(0.5), np.log(300.0), rows))
         high = np.minimum(low * np.exp(generator.uniform(0.01, 2.0, rows)), 0.5 / T)
-        worst = worst_margin(loop, b, k, contact, low, high)
+        worst = worst_margin(loop, b, k, contact, (low, high))
         grid = low[:, None] + (high - low)[:, None] * np.linspace(0, 1, 8001)
         parts = fractions(loop, b, k).pick((slice(None), None))
         lowest = real_part(loop, parts, contact[:, None], grid).min(axis=1)

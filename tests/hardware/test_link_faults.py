@@ -117,7 +117,7 @@ def test_preemption_at_any_instruction_changes_no_byte() -> None:
     """The main loop is interrupted after every few instructions, also inside conditional blocks."""
     require("unicorn")
     for slice_cycles in (3, 5, 11, 168_000):
-        board = EmulatedBoard(slice_cycles=slice_cycles, motion_m=lambda _: 0.0)
+        board = EmulatedBoard(slice_cycles=slice_cycles, encoder=lambda _: 0)
         with Connection(board) as connection:
             table = TableImage.of(coupling(20))
             assert connection.run(connection.session.push(table, connection.device)).attempts == 1

@@ -27,6 +27,7 @@ from avc_casadi.recommendation.rank import Candidate, best_of, why_best
 from avc_casadi.recommendation.reasons import NoForce
 from avc_casadi.recommendation.recommendation import LimitCycleFreedom, WallRecommendation
 from avc_casadi.recommendation.rendered import deployed
+from avc_casadi.recommendation.request import Request
 from avc_casadi.recommendation.sensitivity import what_would_help
 from avc_casadi.simulation.population.operators import people_of
 from avc_casadi.simulation.population.trial import CouplingTrial, try_coupling, try_on_devices
@@ -163,7 +164,7 @@ def test_an_observer_meets_devices_whose_delay_it_does_not_look_over():
 
 def test_hands_that_had_no_part_in_the_choice_can_refute_it():
     """A rigid wall without a damper vibrates in any hand; its first trial is made up."""
-    evaluator = Evaluator(PROBLEM, people_of(PROBLEM.hands, HANDS), 0)
+    evaluator = Evaluator(PROBLEM, Request(hands=HANDS))
     lucky = Candidate(Coupling.constant(PROBLEM, Gains(0.0, 1e8), "x"), trial(10, 10, 10), 0)
     soft = Gains(0.0, spring_before(PROBLEM, 0.005 * WALL), 3.0)
     honest = Candidate(Coupling.constant(PROBLEM, soft, "x"), trial(10, 10, 8), 1)

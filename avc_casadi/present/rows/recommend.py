@@ -9,12 +9,12 @@ from shlex import quote
 from avc_casadi.present.row import Answer, Mark, Row, caution, row
 from avc_casadi.present.rows import other_ends, reasons, subject, wall
 from avc_casadi.recommendation.recommendation import (
+    Decision,
     NoCoupling,
     NoPair,
     NoWallCoupling,
     PairRecommendation,
     Recommendation,
-    Verdict,
     WallRecommendation,
 )
 
@@ -60,7 +60,9 @@ def _onwards_from_no_wall(recommended: NoWallCoupling) -> str:
 
 @_onwards.register
 def _onwards_from_wall(recommended: WallRecommendation) -> str:
-    nothing = recommended.verdict is Verdict.NOTHING_RENDERED or recommended.problem.environment.stiffness_n_per_m == 0
+    nothing = (
+        recommended.decision is Decision.NOTHING_RENDERED or recommended.problem.environment.stiffness_n_per_m == 0
+    )
     if not recommended.deployable and (nothing or wall.slips(recommended)):
         return "check {}"
     if recommended.limits.no_stiffer:

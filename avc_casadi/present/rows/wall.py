@@ -15,9 +15,9 @@ from avc_casadi.recommendation.damped_wall import DampedWall
 from avc_casadi.recommendation.evaluator import UnmodelledTrial
 from avc_casadi.recommendation.rank import UNNOTICED
 from avc_casadi.recommendation.recommendation import (
+    Decision,
     NoWallCoupling,
     Recommendation,
-    Verdict,
     WallRecommendation,
 )
 from avc_casadi.recommendation.rendered import NOTICED_LATE_S, NOTICED_N, REACHED_M
@@ -190,7 +190,7 @@ def _coupling(recommended: WallRecommendation) -> Row:
         ]
     )
     if not recommended.deployable:
-        in_another_row = recommended.verdict is Verdict.NOTHING_RENDERED or recommended.claims.failed
+        in_another_row = recommended.decision is Decision.NOTHING_RENDERED or recommended.claims.failed
         reason = "" if in_another_row else f": {recommended.reason}"
         return row("Coupling", parts, ": NOT deployable", reason, mark=Mark.FAIL)
     names = ", ".join(unused.key for unused in recommended.not_used if not unused.asked_of_solve)
@@ -226,7 +226,7 @@ def _rendered(recommended: WallRecommendation) -> list[Row]:
         dampers = commas((Value(value, "damping"), f"at {hz:g} Hz") for hz, value in damping.items())
         error = row("Impedance error", errors, "of the whole cycle: a wall never pulls")
         return [row("Rendered", "damper of", dampers, mark=caution(differs)), error]
-    if recommended.verdict is Verdict.NOTHING_RENDERED:
+    if recommended.decision is Decision.NOTHING_RENDERED:
         return [row("Rendered", recommended.reason, mark=Mark.FAIL)]
     share = rendered.share_of_wall
     if share is None:

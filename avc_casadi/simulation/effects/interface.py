@@ -110,7 +110,7 @@ class Encoder(SceneEffect, keys=EncoderEffect, rank=80):
             tick.position = self.resolution_m * (ca.floor(tick.position / self.resolution_m - phase + 0.5) + phase)
 
 
-class NotchFilter(TableEffect, keys=NotchEffect, rank=100, scene_alone=True):
+class CommandNotch(TableEffect, keys=NotchEffect, rank=100, scene_alone=True):
     """(s^2 + d w omega s + omega^2)/(s^2 + w omega s + omega^2) by Tustin's rule, exact at its frequency; 1 at rest."""
 
     @classmethod

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import zlib
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import lru_cache, partial
 from typing import Any
 
@@ -163,7 +163,7 @@ def prepare(
         None if law is None else (law.states, law.positions, law.measures),
         (not gains.rigid, gains.stiffness_n_per_m > 0, gains.contact_damping_ns_per_m > 0),
     )
-    hands = type(people), *(np.asarray(value).tobytes() for value in vars(people).values())
+    hands = type(people), *(np.asarray(getattr(people, field.name)).tobytes() for field in fields(people))
     key = (setup.problem, setup.effects, setup.steps_anywhere, structure, hands, motion, duration_s)
     scene, inputs = _compile(_SceneKey(key, lambda: compile_scene(*setup.stage(people, motion, duration_s), gains)))
     if law is not None:

@@ -30,6 +30,11 @@ def tapping_hand(time_s: float) -> float:
     return _TAP_M * math.sin(phase)
 
 
+def encoder_of(motion_m: Callable[[float], float], limits: BoardLimits) -> Callable[[int], int]:
+    """Return the encoder of a motion, m of s: its count by the cycle of the processor."""
+    return lambda cycle: round(motion_m(cycle / CLOCK_HZ) / limits.metres_per_count)
+
+
 class EmulatedBoard:
     """A `ByteLink` to the firmware: time passes only while waiting for an answer."""
 
@@ -38,21 +43,16 @@ class EmulatedBoard:
         image: Path = IMAGE,
         *,
         limits: BoardLimits | None = None,
-        motion_m: Callable[[float], float] = tapping_hand,
         encoder: Callable[[int], int] | None = None,
         on_force_code: Callable[[int], None] = lambda _: None,
         slice_cycles: int = CLOCK_HZ // 1000,
         on_instruction: Callable[[int], None] | None = None,
     ) -> None:
-        """Start the firmware; encoder and output are those of some limits, which a push tells it."""
+        """Start the firmware on a device that a hand taps with, or with another encoder, whose count is of a cycle."""
         self.limits = limits or BoardLimits()
-
-        def counts(cycle: int) -> int:
-            return round(motion_m(cycle / CLOCK_HZ) / self.limits.metres_per_count)
-
         self.machine = Machine(
             read_elf(image),
-            encoder=encoder or counts,
+            encoder=encoder or encoder_of(tapping_hand, self.limits),
             actuator=on_force_code,
             slice_cycles=slice_cycles,
             on_instruction=on_instruction,
@@ -90,6 +90,9 @@ def emulated_board(coupling: Coupling) -> EmulatedBoard:
     device = coupling.problem.device
     feedback = coupling.runtime.state_feedback
     face_m = 0.0 if feedback is None else feedback.face_m
-    return EmulatedBoard(
-        limits=board_limits(device), motion_m=lambda time_s: tapping_hand(time_s) / device.metres_per_unit - face_m
-    )
+    limits = board_limits(device)
+
+    def motion_m(time_s: float) -> float:
+        return tapping_hand(time_s) / device.metres_per_unit - face_m
+
+    return EmulatedBoard(limits=limits, encoder=encoder_of(motion_m, limits))
