@@ -189,22 +189,16 @@ def gain_schedule(
 ) -> GainSchedule:
     """Return the schedule of gains (b, k, b_p); one code recomputes the impedances of every method.
 
-    Args:
-        problem: the problem.
-        method: name of the method.
-        gains: of each row.
-        status: of each row; it decides whether its gains are usable.
-        record: what the method reports with them.
-        frequency_hz: of each row; by default those of the problem.
-        state_feedback: the law that runs behind the gains.
+    The status of a row decides whether its gains are usable. The frequencies are those of the problem unless others
+    are given. A law runs behind the gains as `state_feedback`.
     """
     frequency = problem.frequencies_hz() if frequency_hz is None else frequency_hz
     usable = np.array([item.has_gains for item in status], dtype=bool)
     b, k, bp = (np.where(usable, np.asarray(gain, dtype=np.float64), np.nan) for gain in gains)
     impedance = np.full(frequency.shape, np.nan, dtype=np.complex128)
     if usable.any():
-        gains = (b[usable], k[usable], bp[usable])
-        impedance[usable] = perceived_impedance_of(problem, frequency[usable], gains, state_feedback)
+        rendering = b[usable], k[usable], bp[usable]
+        impedance[usable] = perceived_impedance_of(problem, frequency[usable], rendering, state_feedback)
     return GainSchedule(
         problem=problem.name,
         method=method,

@@ -82,7 +82,7 @@ def verdict(recommended: Recommendation, rows: Sequence[Row]) -> tuple[str, bool
     doubtful = [shown for shown in rows if shown.mark in {Mark.CAUTION, Mark.FAIL}]
     ringing = [shown for shown in doubtful if shown.label == subject.DAMPING_RATIO]
     doubts = ", ".join(dict.fromkeys(shown.label for shown in doubtful if shown not in ringing))
-    rings = "".join(f"; its damping ratio is {shown.text(recommended.problem.units)}" for shown in ringing)
+    rings = "".join(f"; its damping ratio is {shown.text(units)}" for shown in ringing)
     return f"Deploy this coupling{rings}{f'; see {doubts}' if doubts else ''}.", True
 
 
