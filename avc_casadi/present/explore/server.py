@@ -9,6 +9,7 @@ from dataclasses import asdict
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib.resources import files
 from typing import Any
+from urllib.parse import urlsplit
 
 from avc_casadi._errors import AvcError, Fault, InputError, fault_document
 from avc_casadi._util.json_values import json_text
@@ -246,7 +247,7 @@ class _Handler(BaseHTTPRequestHandler):
         return path
 
     def _file(self, path: str) -> tuple[str, bytes]:
-        name = path.partition("?")[0] or "index.html"
+        name = urlsplit(path).path or "index.html"
         if name not in self.server.page:
             raise RequestError(404, "there is no such page")
         kind = _TYPES[name[name.rindex(".") :]]

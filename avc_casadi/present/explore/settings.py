@@ -20,6 +20,7 @@ from avc_casadi.model.ends import End, IntervalOf, Wall
 from avc_casadi.model.problem import Problem
 from avc_casadi.model.quantity import Quantity, Whole, power_at_handle
 from avc_casadi.model.table import Table, choices_of, inside, tables_of
+from avc_casadi.present.row import quantity_of
 
 _SLIDER_FACTOR = 30
 """Ratio of the ends of a logarithmic slider to its value."""
@@ -189,9 +190,9 @@ def _fields(problem: Problem, path: str, model: type[Table], values: Mapping[str
 
 def _of_value(problem: Problem, key: str, hint: Any, value: Any) -> Iterator[Field]:
     """Yield the field of a value; of a pair its least and its most."""
-    path = key.partition(".")[0]
-    words = [problem.units.key(_UNIT_ENDING.sub("", part)) for part in key.removeprefix(f"{path}.").split(".")]
-    group = "Wall" if path == "environment" else path.capitalize()
+    table, *names = key.split(".")
+    words = [problem.units.key(_UNIT_ENDING.sub("", name)) for name in names]
+    group = "Wall" if table == "environment" else table.capitalize()
     label = " ".join(words).replace("_", " ")
     choices = choices_of(hint)
     if choices:
@@ -202,7 +203,7 @@ def _of_value(problem: Problem, key: str, hint: Any, value: Any) -> Iterator[Fie
     ends = next((validator for validator in validators if isinstance(validator, IntervalOf)), None)
     of_value = next((validator for validator in validators if isinstance(validator, Quantity | Whole)), None)
     read = ends.one if ends else of_value
-    if read is None and not key.endswith("_samples"):
+    if read is None and quantity_of(key) != "samples":
         return
     none = "" if value is not None else "none"
     if ends is None and not any(get_origin(part) is tuple for part in parts):
@@ -369,7 +370,8 @@ def dropped_ranges(base: Problem, settings: Settings, problem: Problem) -> list[
     """Return the keys of values typed anew that have a range in the device's file and none here."""
     before = base.device.range.model_dump(exclude_none=True)
     after = problem.device.range.model_dump(exclude_none=True)
-    return [key for key in settings.values if key.removeprefix("device.") in before.keys() - after.keys()]
+    dropped = {f"device.{key}" for key in before.keys() - after.keys()}
+    return [key for key in settings.values if key in dropped]
 
 
 def _is_number(value: Any) -> TypeGuard[float]:
@@ -407,7 +409,7 @@ def _pair_of(before: Any, end: int, value: Any, name: str, *, opposite_typed: bo
     pair = list(before or (None, None))
     low, high = pair
     if value is None:
-        return [low if end else 0.0, _RIGID_N_PER_M] if name.startswith("contact_stiffness") else None
+        return [low if end else 0.0, _RIGID_N_PER_M] if name == "contact_stiffness_n_per_m" else None
     if (low == high or pair[1 - end] is None) and not opposite_typed:
         return [value] * 2
     pair[end] = value
