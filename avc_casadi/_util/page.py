@@ -30,7 +30,7 @@ class Worded:
         return worded(self)
 
 
-def worded(fact: Worded, units: Units = LINEAR) -> str:
+def worded(fact: object, units: Units = LINEAR) -> str:
     """Return a fact as a sentence, its values in the units of a device."""
     sentence: str = _present().sentence(fact, units)
     return sentence

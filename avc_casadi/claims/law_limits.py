@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from enum import Enum, auto
 from itertools import product, zip_longest
 from typing import Any, Protocol
 
@@ -20,12 +21,10 @@ from avc_casadi.claims.stated_law import StatedSystem
 from avc_casadi.loops.loop import Body
 from avc_casadi.loops.plant_family import Measure
 from avc_casadi.loops.wall import closed
-from avc_casadi.model import quantity as q
 from avc_casadi.model.control_law import ControlLaw, LawNumber
 from avc_casadi.model.hands import Hand
 from avc_casadi.model.law import Law
 from avc_casadi.model.plant import SampledPlant
-from avc_casadi.model.problem import Problem
 
 LawsOf = Callable[[float], Sequence[Law]]
 """The laws that act, in contact and outside the wall, at a value of a number."""
@@ -198,23 +197,53 @@ def corner_pairs(side: Side) -> list[Pair]:
     return list(product(side.devices, hands))
 
 
-def cause_of_numbers(law: ControlLaw | StatedSystem, intervals: Mapping[str, Interval | None], problem: Problem) -> str:
-    """Return which number of an unstable law is beyond which limit, the one that is nearest to it."""
-    device, units = problem.device, problem.units
-    late = f"with {q.plain(device.delay_samples)} samples of delay at {1 / device.sample_time_s:g} Hz"
-    beyond: list[tuple[float, str]] = []
-    for number in law.numbers(device.sample_time_s):
+class LimitSide(Enum):
+    """Where a number of an unstable law lies."""
+
+    BELOW = auto()
+    """Below the lowest with which the law is stable."""
+    ABOVE = auto()
+    """Above the largest with which it is stable."""
+    ABOVE_OUTSIDE = auto()
+    """Above the largest with which it is stable outside the wall."""
+    NONE_STABLE = auto()
+    """No value of any single number makes it stable."""
+
+
+@dataclass(frozen=True)
+class BeyondLimit:
+    """A number of an unstable law, and the limit that it is beyond.
+
+    Attributes:
+        side: where it lies.
+        key: the number; empty where no single number makes the law stable.
+        value: its value.
+        limit: that limit; not a number where there is none.
+    """
+
+    side: LimitSide
+    key: str = ""
+    value: float = math.nan
+    limit: float = math.nan
+
+
+def nearest_limit(
+    law: ControlLaw | StatedSystem, intervals: Mapping[str, Interval | None], sample_time_s: float
+) -> BeyondLimit:
+    """Return the number of an unstable law that is nearest to the limit that it is beyond."""
+    beyond = []
+    for number in law.numbers(sample_time_s):
         interval = intervals.get(number.key)
-        if interval is None:
-            continue
-        side, limit = (
-            ("below its lowest", interval[0]) if number.value < interval[0] else ("above its largest", interval[1])
-        )
-        change = abs(number.value - limit) / abs(number.value)
-        beyond.append((change, f"{units.key(number.key)} {number.value:.4g} is {side}, {limit:.4g}"))
-    if not beyond:
-        return f"no change of a single number holds it {late}"
-    return f"{min(beyond)[1]}, {late}"
+        if interval is not None:
+            low, high = interval
+            is_below = number.value < low
+            side, limit = (LimitSide.BELOW, low) if is_below else (LimitSide.ABOVE, high)
+            beyond.append(BeyondLimit(side, number.key, number.value, limit))
+
+    def change(number: BeyondLimit) -> tuple[float, str]:
+        return abs(number.value - number.limit) / abs(number.value), number.key
+
+    return min(beyond, key=change, default=BeyondLimit(LimitSide.NONE_STABLE))
 
 
 def _leading_pole(law: Law) -> Measure:

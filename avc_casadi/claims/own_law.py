@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial, reduce
+from functools import reduce
 from itertools import chain, combinations
 from pathlib import Path
 from typing import Any
@@ -19,10 +19,10 @@ import numpy as np
 from avc_casadi._errors import Fault, InputError, UnsupportedError
 from avc_casadi._util.arrays import ComplexArray, FloatArray
 from avc_casadi._util.json_values import plain
+from avc_casadi._util.page import worded
 from avc_casadi._util.printed import Printed
-from avc_casadi._util.text import quantity
 from avc_casadi.claims.impedance import stiffness_at_handle
-from avc_casadi.claims.law_limits import LawLimits, cause_of_numbers, corner_pairs
+from avc_casadi.claims.law_limits import BeyondLimit, LawLimits, LimitSide, corner_pairs, nearest_limit
 from avc_casadi.claims.stated_law import (
     AnyLaw,
     StatedSystem,
@@ -364,45 +364,27 @@ class LawCertificate(Printed):
     @property
     def reason(self) -> str:
         """What decides, in one line."""
-        return self._doubts() if self.stable else f"unstable: {self._cause()}"
+        return worded(self, self.problem.units)
 
-    def _doubts(self) -> str:
-        """Return what is not sound of a stable law."""
-        doubts = []
-        if self.disk_margin < SOUND_DISK:
-            how = "thin" if self.passed else f"below {LEAST_DISK}"
-            doubts.append(f"a disk margin of {self.disk_margin:.2g} is {how}")
-        if not self.quiet:
-            through = "b" if isinstance(self.law, SpringDamper) else "the law"
-            doubts.append(f"noise of the position vibrates the handle through {through}")
-        if doubts:
-            return f"stable, but {', and '.join(doubts)}"
-        held = any(self.held.hand.values())
-        return f"stable {'with every hand and released' if held else 'released; nobody holds it'}"
-
-    def _cause(self) -> str:
-        """Return which number of an unstable law is beyond which limit."""
+    @property
+    def beyond(self) -> BeyondLimit:
+        """The number of an unstable law that is beyond a limit: b_p outside the wall first, then b, then k."""
         law = self.law
         if not isinstance(law, SpringDamper):
-            return cause_of_numbers(law, self.intervals or {}, self.problem)
-        device = self.problem.device
-        damper, spring = (partial(quantity, unit=self.problem.units.unit(unit)) for unit in ("N.s/m", "N/m"))
-        delay = f"{device.delay_samples:g} sample{'' if device.delay_samples == 1 else 's'} of delay"
-        ranges = ", over [device.range]" if PlantFamily.of(self.problem).device_ranges else ""
-        late = f"with {delay} at {1 / device.sample_time_s:g} Hz{ranges}"
+            return nearest_limit(law, self.intervals or {}, self.problem.device.sample_time_s)
+        k, b, b_p = law.stiffness_n_per_m, law.damping_ns_per_m, law.local_damping_ns_per_m
         if self.free is not None and not self.free.stable and self.largest_local_damping_ns_per_m is not None:
-            b_p = damper(law.local_damping_ns_per_m)
-            largest = damper(self.largest_local_damping_ns_per_m)
-            return f"b_p {b_p} is above its largest outside the wall, {largest}, {late}"
+            return BeyondLimit(
+                LimitSide.ABOVE_OUTSIDE, "local_damping_ns_per_m", b_p, self.largest_local_damping_ns_per_m
+            )
         if self.damping_range_ns_per_m is None:
-            return f"no b holds this k {late}"
+            return BeyondLimit(LimitSide.NONE_STABLE, "damping_ns_per_m")
         low, high = self.damping_range_ns_per_m
-        if law.damping_ns_per_m > high:
-            return f"b {damper(law.damping_ns_per_m)} is above its largest, {damper(high)}, {late}"
-        if law.damping_ns_per_m < low:
-            return f"b {damper(law.damping_ns_per_m)} is below the {damper(low)} that this k needs {late}"
-        largest_k = spring(self.largest_stiffness_n_per_m)
-        return f"k {spring(law.stiffness_n_per_m)} is above its largest, {largest_k}, {late}"
+        if b > high:
+            return BeyondLimit(LimitSide.ABOVE, "damping_ns_per_m", b, high)
+        if b < low:
+            return BeyondLimit(LimitSide.BELOW, "damping_ns_per_m", b, low)
+        return BeyondLimit(LimitSide.ABOVE, "stiffness_n_per_m", k, self.largest_stiffness_n_per_m)
 
     def __repr__(self) -> str:
         return f"LawCertificate({'deployable' if self.passed else 'not deployable'}: {self.reason})"

@@ -17,8 +17,8 @@ from avc_casadi.design.scene_coupling import SimulatedScene
 from avc_casadi.design.solution import SolvedGains
 from avc_casadi.model.gains import GainSchedule
 from avc_casadi.present.row import Answer, Page
-from avc_casadi.present.rows import admittance, design, judge
-from avc_casadi.present.rows.reasons import sentence
+from avc_casadi.present.rows import admittance, design, judge, law_words
+from avc_casadi.present.rows.reasons import clauses, sentence
 from avc_casadi.present.rows.recommend import recommendation
 from avc_casadi.recommendation.admittance import AdmittanceRecommendation
 from avc_casadi.recommendation.recommendation import Recommendation
@@ -40,6 +40,7 @@ def text_of(result: object) -> str:
 
 answer_of.register(Recommendation, recommendation)
 answer_of.register(LawCertificate, judge.own_law)
+clauses.register(LawCertificate, law_words.law_clauses)
 answer_of.register(AdmittanceCertificate, admittance.certificate)
 answer_of.register(AdmittanceRecommendation, admittance.recommendation)
 answer_of.register(MassWidth, admittance.region)

@@ -12,7 +12,7 @@ from avc_casadi.recommendation.reasons import FlawKind, LastTried, NothingRender
 from avc_casadi.simulation.population.trial import Variant
 
 
-def sentence(reason: Reason, units: Units) -> str:
+def sentence(reason: object, units: Units) -> str:
     """Return a reason in a sentence, without its capital and its full stop."""
     return "; ".join(clauses(reason, units))
 
@@ -23,7 +23,7 @@ def headline(reason: Reason, units: Units) -> str:
 
 
 @singledispatch
-def clauses(reason: Reason, units: Units) -> tuple[str, ...]:  # noqa: ARG001
+def clauses(reason: object, units: Units) -> tuple[str, ...]:  # noqa: ARG001
     """Return the clauses of a reason: the fact, then what follows from it and what to do."""
     raise TypeError(f"no words for {type(reason).__name__}")
 

@@ -1,0 +1,67 @@
+"""English of the verdict on your own law: what is not sound of a stable one, what is beyond a limit of another."""
+
+from __future__ import annotations
+
+from avc_casadi._util.text import quantity
+from avc_casadi._util.units import Units
+from avc_casadi.claims.law_limits import LimitSide
+from avc_casadi.claims.own_law import LawCertificate, SpringDamper
+from avc_casadi.loops.margins import LEAST_DISK, SOUND_DISK
+from avc_casadi.loops.plant_family import PlantFamily
+from avc_casadi.model.quantity import plain
+
+_NAMES = {
+    "stiffness_n_per_m": ("k", "N/m"),
+    "damping_ns_per_m": ("b", "N.s/m"),
+    "local_damping_ns_per_m": ("b_p", "N.s/m"),
+}
+"""Names and units of the numbers of a spring and damper."""
+
+
+def law_clauses(certificate: LawCertificate, units: Units) -> tuple[str, ...]:
+    """Return what decides on a law."""
+    if certificate.stable:
+        return (_doubts(certificate),)
+    plain_law = isinstance(certificate.law, SpringDamper)
+    return (f"unstable: {_plain_cause(certificate, units) if plain_law else _cause(certificate, units)}",)
+
+
+def _doubts(certificate: LawCertificate) -> str:
+    """Return what is not sound of a stable law."""
+    doubts = []
+    if certificate.disk_margin < SOUND_DISK:
+        how = "thin" if certificate.passed else f"below {LEAST_DISK}"
+        doubts.append(f"a disk margin of {certificate.disk_margin:.2g} is {how}")
+    if not certificate.quiet:
+        through = "b" if isinstance(certificate.law, SpringDamper) else "the law"
+        doubts.append(f"noise of the position vibrates the handle through {through}")
+    if doubts:
+        return f"stable, but {', and '.join(doubts)}"
+    held = any(certificate.held.hand.values())
+    return f"stable {'with every hand and released' if held else 'released; nobody holds it'}"
+
+
+def _plain_cause(certificate: LawCertificate, units: Units) -> str:
+    """Return which number of an unstable spring and damper is beyond which limit."""
+    device, beyond = certificate.problem.device, certificate.beyond
+    delay = f"{device.delay_samples:g} sample{'' if device.delay_samples == 1 else 's'} of delay"
+    ranges = ", over [device.range]" if PlantFamily.of(certificate.problem).device_ranges else ""
+    late = f"with {delay} at {1 / device.sample_time_s:g} Hz{ranges}"
+    if beyond.side is LimitSide.NONE_STABLE:
+        return f"no b holds this k {late}"
+    name, unit = _NAMES[beyond.key]
+    value, limit = (quantity(number, units.unit(unit)) for number in (beyond.value, beyond.limit))
+    if beyond.side is LimitSide.BELOW:
+        return f"{name} {value} is below the {limit} that this k needs {late}"
+    outside = " outside the wall" if beyond.side is LimitSide.ABOVE_OUTSIDE else ""
+    return f"{name} {value} is above its largest{outside}, {limit}, {late}"
+
+
+def _cause(certificate: LawCertificate, units: Units) -> str:
+    """Return which number of an unstable law of several pieces is beyond which limit."""
+    device, beyond = certificate.problem.device, certificate.beyond
+    late = f"with {plain(device.delay_samples)} samples of delay at {1 / device.sample_time_s:g} Hz"
+    if beyond.side is LimitSide.NONE_STABLE:
+        return f"no change of a single number holds it {late}"
+    side = "below its lowest" if beyond.side is LimitSide.BELOW else "above its largest"
+    return f"{units.key(beyond.key)} {beyond.value:.4g} is {side}, {beyond.limit:.4g}, {late}"
