@@ -52,7 +52,8 @@ def run_check(args: argparse.Namespace, console: Console) -> Answer:  # noqa: AR
     from avc_casadi.files.admittance_file import is_admittance
     from avc_casadi.files.plausibility import plausibility
     from avc_casadi.files.problem_file import is_device
-    from avc_casadi.recommendation.preconditions import doubts, infeasible_at, not_used
+    from avc_casadi.recommendation.preconditions import doubts, not_used
+    from avc_casadi.recommendation.refusals import refusal
 
     if is_admittance(args.problem):
         return admittance.checked(args.problem)
@@ -61,8 +62,8 @@ def run_check(args: argparse.Namespace, console: Console) -> Answer:  # noqa: AR
     stated = avc.load_problem(args.problem)
     warnings = [rows.look.Doubt(fault.key, fault.message) for fault in plausibility(stated)]
     warnings += [rows.look.Doubt(key, message) for key, message in doubts(stated.end, stated).items()]
-    infeasible = infeasible_at(stated.end, stated)
-    why = "" if infeasible is None else worded(infeasible, stated.units)
+    refused = refusal(stated.end, stated)
+    why = "" if refused is None else worded(refused, stated.units)
     result = rows.look.CheckedProblem(stated, not_used(stated), tuple(warnings), why)
     return rows.look.problem(result, args.problem)
 

@@ -408,7 +408,9 @@ def _rest_from(log: Log) -> int | None:
     travel, spread = float(np.ptp(position)), float(np.ptp(late))
     if not travel or spread > max(_STILL_STEPS * log.encoder_m, _REST_RANGE * travel):
         return None
-    still = max(_STILL_STEPS * log.encoder_m, _STILL_RANGE * travel, spread)
+    toggles = _STILL_STEPS * log.encoder_m
+    # A reading that stays within a step has no motion left in it, so that a slow end of the motion counts as motion.
+    still = toggles if spread <= toggles else max(_STILL_RANGE * travel, spread)
     moves = np.flatnonzero(np.abs(position - np.median(late)) > still)
     rest_from = int(moves[-1]) + 1 if moves.size else 0
     frequency_sweep = float(np.ptp(force[rest_from:])) > _REST_FORCE * float(np.ptp(force))

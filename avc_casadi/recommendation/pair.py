@@ -28,9 +28,9 @@ from avc_casadi.recommendation.reasons import (
     StiffnessNotReached,
     Unsettled,
     UnsettledWithDroppedSteps,
-    UnstableEngine,
 )
 from avc_casadi.recommendation.recommendation import NoPair, Pair, PairLimits, PairRecommendation
+from avc_casadi.recommendation.refusals import unstable_engine
 from avc_casadi.recommendation.rendered import rendered_pair
 from avc_casadi.recommendation.request import Request
 from avc_casadi.recommendation.sensitivity import (
@@ -226,15 +226,13 @@ class ToolDesign(PairDesign):
 
     def why_infeasible(self) -> Reason | None:
         """Return why no coupling to the tool is stable at all; None where one is."""
-        tool = self.tool
         if self.problem.device.mass_kg == 0:
             return NoMass(to_wall=False)
         if self.stiffest.stiffness_n_per_m > 0:
             return None
         if self.search.loops.engine_alone_stable():
             return NoPairStable()
-        lightest_kg = min(tool.tool_mass_kg or (math.inf,))
-        return UnstableEngine(tool.contact_stiffness_n_per_m[1], max(tool.step_s), lightest_kg)
+        return unstable_engine(self.tool)
 
     def plan(self) -> TrialPlan | None:
         """Return what is tried: a wanted stiffness alone, where some dampers hold it."""

@@ -288,17 +288,6 @@ def _unused_of_teleoperator(follower: Follower, problem: Problem) -> list[Unused
 
 
 @singledispatch
-def infeasible_at(end: End, problem: Problem) -> Reason | None:  # noqa: ARG001
-    """Return why no coupling to an end is deployable, as far as that is known at once; None where one may be."""
-    return None
-
-
-@infeasible_at.register
-def _infeasible_at_wall(end: Wall, problem: Problem) -> Reason | None:  # noqa: ARG001
-    return why_infeasible(problem)
-
-
-@singledispatch
 def doubts(end: End, problem: Problem) -> dict[str, str]:  # noqa: ARG001
     """Return unusual values of an end by key, as warnings before any coupling is searched."""
     return {}

@@ -94,6 +94,19 @@ class NoPairStable(Reason):
     """No spring and damper is stable with every hand, released, tool and contact."""
 
 
+@dataclass(frozen=True)
+class UnstableStiffness(Reason):
+    """No damper keeps a required stiffness stable with every hand, released, and all that the end declares.
+
+    Attributes:
+        required_n_per_m: that stiffness.
+        end: kind of the end, the table that requires it.
+    """
+
+    required_n_per_m: float
+    end: str
+
+
 # Why nothing of a wall is rendered.
 
 

@@ -24,7 +24,7 @@ from avc_casadi.recommendation.evaluator import (
     unmet_requirements,
     unmodelled_trials,
 )
-from avc_casadi.recommendation.preconditions import assumed, not_used, nothing_rendered, why_infeasible
+from avc_casadi.recommendation.preconditions import assumed, not_used, nothing_rendered
 from avc_casadi.recommendation.rank import UNNOTICED, Candidate, why_best
 from avc_casadi.recommendation.reasons import AsRequested, NoneStable, Reason, StrikeUnsettled
 from avc_casadi.recommendation.recommendation import (
@@ -34,6 +34,7 @@ from avc_casadi.recommendation.recommendation import (
     WallLimits,
     WallRecommendation,
 )
+from avc_casadi.recommendation.refusals import refusal
 from avc_casadi.recommendation.request import Request
 from avc_casadi.recommendation.sensitivity import WallSensitivity, trade_off, what_would_help
 from avc_casadi.simulation.population.operators import people_of
@@ -59,7 +60,7 @@ class WallDesign:
 
     def why_infeasible(self) -> Reason | None:
         """Return why no coupling is deployable at any gains; None where one may be."""
-        return why_infeasible(self.problem)
+        return refusal(self.problem.end, self.problem)
 
     def best(self) -> Candidate | None:
         """Return the best coupling; None where none is deployable."""

@@ -64,13 +64,13 @@ class CheckedProblem:
         problem: the problem as stated.
         not_used: declared keys that no candidate, certificate or trial uses.
         warnings: unusual values by their keys.
-        infeasible: why nothing is deployable whatever the gains; empty where something may be.
+        refused: why `avc recommend` deploys nothing whatever the gains; empty where it may.
     """
 
     problem: Problem
     not_used: tuple[Unused, ...]
     warnings: tuple[Doubt, ...]
-    infeasible: str
+    refused: str
 
     @property
     def lowest_hz(self) -> float:
@@ -100,9 +100,9 @@ class CheckedProblem:
     @property
     def doubts(self) -> list[Doubt]:
         """The warnings; where nothing is deployable that too."""
-        if not self.infeasible:
+        if not self.refused:
             return [*self.warnings]
-        return [*self.warnings, Doubt("avc recommend", f"finds nothing deployable: {self.infeasible}")]
+        return [*self.warnings, Doubt("avc recommend", f"finds nothing deployable: {self.refused}")]
 
     def document(self) -> dict[str, Any]:
         """Return the `check` document: JSON values only."""
@@ -118,6 +118,7 @@ class CheckedProblem:
                 "declared": declared(self.problem),
                 "not_used": [str(unused) for unused in self.not_used],
                 "warnings": self.doubts,
+                "refused": self.refused,
             }
         )
         return values
@@ -128,11 +129,12 @@ def problem(result: CheckedProblem, shown: str = "") -> Answer:
     stated = result.problem
     rows = [row("Valid", stated.title or "yes", mark=Mark.PASS)]
     rows += _asked(stated.end, result)
-    rows += subject.notes((doubt.text for doubt in result.doubts), "Warning")
+    rows += [row("Not deployable", result.refused, mark=Mark.FAIL)] if result.refused else []
+    rows += subject.notes((doubt.text for doubt in result.warnings), "Warning")
     if stated.source:
         rows.append(row("Source", stated.source, rank=1))
     # Where nothing is deployable whatever the gains, its row says so.
-    onwards = [] if result.infeasible else ["recommend {} --out coupling.json"]
+    onwards = [] if result.refused else ["recommend {} --out coupling.json"]
     return subject.answer("check", result.document(), stated, shown, rows, *onwards)
 
 

@@ -14,12 +14,12 @@ from avc_casadi.simulation.population.trial import Variant
 
 def sentence(reason: object, units: Units) -> str:
     """Return a reason in a sentence, without its capital and its full stop."""
-    return "; ".join(clauses(reason, units))
+    return units.words("; ".join(clauses(reason, units)))
 
 
 def headline(reason: Reason, units: Units) -> str:
     """Return the fact of a reason, without what follows from it."""
-    return clauses(reason, units)[0]
+    return units.words(clauses(reason, units)[0])
 
 
 @singledispatch
@@ -74,11 +74,18 @@ def _no_pair_stable(reason: reasons.NoPairStable, units: Units) -> tuple[str, ..
 
 
 @clauses.register
+def _unstable_stiffness(reason: reasons.UnstableStiffness, units: Units) -> tuple[str, ...]:
+    required = f"{quantity(reason.required_n_per_m, units.unit('N/m'))} are required ({reason.end}.stiffness_n_per_m)"
+    return f"{required}, and no damper keeps that stable with every hand and released", "require less"
+
+
+@clauses.register
 def _nothing_rendered(reason: reasons.NothingRendered, units: Units) -> tuple[str, ...]:
     newton, metre = units.unit("N"), units.unit("m")
     limit = f"the force limit (device.max_force_n, {reason.limit_n:g} {newton})" if reason.limit_n is not None else ""
     weaker_than_press = reason.limit_n is not None and reason.limit_n < reason.press_n
-    most = limit if weaker_than_press else f"a press of {quantity(reason.press_n, newton)}"
+    press = f"a press of {quantity(reason.press_n, newton)}"
+    most = limit if weaker_than_press else press
     advice = "check the units of these values"
     if reason.because is NothingRenderedBecause.STEP_EXCEEDS_FORCE:
         encoder = f"the encoder (device.encoder_resolution_m, {reason.step_m:g} {metre})"
@@ -88,7 +95,7 @@ def _nothing_rendered(reason: reasons.NothingRendered, units: Units) -> tuple[st
         advice = "check its unit, or state [hands] that press less"
     elif reason.because is NothingRenderedBecause.FRICTION_HOLDS:
         friction = f"dry friction (device.coulomb_friction_n, {reason.friction_n:g} {newton})"
-        fact = f"no press ends in contact, because {friction} is no less than {most}"
+        fact = f"no press ends in contact, because {friction} is no less than {press}"
     else:
         fact = f"no press ends in contact (device.encoder_resolution_m is {reason.step_m:g} {metre})"
     return f"the wall is not rendered: {fact}", advice

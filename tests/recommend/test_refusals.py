@@ -1,0 +1,111 @@
+"""`check` says at once what `recommend` refuses, in the keys of the file: against presses integrated here."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import avc_casadi as avc
+from avc_casadi.cli import main
+from avc_casadi.recommendation.refusals import no_press_renders
+
+KNOB = """
+[device]
+motion = "rotary"
+handle_radius_m = 0.03
+inertia_kgm2 = 3e-5
+damping_nms_per_rad = 0.0
+coulomb_friction_nm = {friction}
+encoder_resolution_rad = 0.0015
+max_torque_nm = {limit}
+[environment]
+stiffness_nm_per_rad = 1.0
+damping_nms_per_rad = 0.01
+"""
+ENGINE = "[device]\nmass_kg = 0.12\ndamping_ns_per_m = 0.8\n[simulation]\nstep_s = 0.002\ntool_mass_kg = 0.2\n"
+
+
+def said(text: str, folder: Path, capsys: pytest.CaptureFixture[str], verb: str) -> str:
+    file = folder / "odd.toml"
+    file.write_text(text, encoding="utf-8")
+    main([verb, str(file)])
+    return " ".join(capsys.readouterr().out.split())
+
+
+@pytest.mark.parametrize(
+    ("friction", "limit", "key"),
+    [(0.3, 0.5, "device.coulomb_friction_nm"), (0.0, 0.02, "device.max_torque_nm")],
+)
+def test_check_and_recommend_refuse_a_knob_that_no_hand_presses_in_its_own_keys(
+    friction: float, limit: float, key: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = KNOB.format(friction=friction, limit=limit)
+    checked = said(text, tmp_path, capsys, "check")
+    assert "Not deployable" in checked
+    assert key in checked
+    recommended = said(text, tmp_path, capsys, "recommend")
+    reason = avc.recommend(avc.parse_problem(text)).reason
+    assert reason in checked
+    assert reason in recommended
+
+
+def test_a_knob_that_hands_press_is_not_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert "Not deployable" not in said(KNOB.format(friction=0.01, limit=0.3), tmp_path, capsys, "check")
+
+
+@pytest.mark.parametrize(
+    ("more", "word"),
+    [
+        ("stiffness_n_per_m = 1e7\n", "simulation.stiffness_n_per_m"),
+        ('integrator = "explicit"\ncontact_stiffness_n_per_m = [1e6, 1e6]\n', "your engine"),
+    ],
+)
+def test_check_refuses_an_engine_that_no_coupling_stabilises(
+    more: str, word: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    checked = said(ENGINE + more, tmp_path, capsys, "check")
+    assert "Not deployable" in checked
+    assert word in checked
+
+
+def pressed(mass: float, hand: tuple[float, float, float], friction: float, wall: float) -> float:
+    """Force on the wall at the end of a press from -10 to 10 mm at 70 mm/s, by semi-implicit steps of 20 us."""
+    step_s, speed = 2e-5, 0.07
+    inertia, damper, spring = mass + hand[0], hand[1], hand[2]
+    position, velocity = -0.01, 0.0
+    for tick in range(round(1.5 / step_s)):
+        moving = tick * step_s * speed < 0.02
+        target, pace = (-0.01 + tick * step_s * speed, speed) if moving else (0.01, 0.0)
+        force = spring * (target - position) + damper * (pace - velocity) - wall * max(position, 0.0)
+        impulse = inertia * velocity + step_s * force
+        velocity = float(np.sign(impulse) * max(abs(impulse) - step_s * friction, 0.0)) / inertia
+        position += step_s * velocity
+    return wall * max(position, 0.0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("index", range(8))
+def test_what_is_refused_is_what_no_press_reaches(index: int) -> None:
+    random = np.random.default_rng([6, index])
+    stiffness, wall = float(random.uniform(300, 900)), float(random.uniform(500, 2000))
+    hand = (float(random.uniform(0.05, 0.3)), float(random.uniform(2, 10)), stiffness)
+    still = stiffness * 0.01
+    moving = still + 0.07 * (hand[1] + np.sqrt((0.1 + hand[0]) * stiffness))
+
+    def problem(friction: float, limit: float | None) -> avc.Problem:
+        ends = {
+            key: (value, value)
+            for key, value in zip(("mass_kg", "damping_ns_per_m", "stiffness_n_per_m"), hand, strict=True)
+        }
+        device = {"mass_kg": 0.1, "coulomb_friction_n": friction, "max_force_n": limit}
+        wall_of = {"stiffness_n_per_m": wall, "damping_ns_per_m": 0.0}
+        return avc.load_problem("soft").changed(device=device, environment=wall_of, hands=ends)
+
+    for friction, refused in ((0.95 * still, False), (1.01 * moving, True)):
+        assert (no_press_renders(problem(friction, None)) is not None) is refused
+        assert (pressed(0.1, hand, friction, wall) < 1e-9) is refused
+    force = pressed(0.1, hand, 0.0, wall)
+    for share in (0.9, 1.1):
+        assert (no_press_renders(problem(0.0, force / 0.97 / share)) is not None) is (share > 1)
