@@ -162,7 +162,7 @@ def _verdict(coupling: Coupling, progress: Progress) -> Deployable:
             claims = _feedback_claims(coupling)
             if problem.detent is not None:
                 advice = "take a coupling without state feedback: avc solve P --method static-tuned"
-                claims += (DeployClaim("detent", False, "not judged: state feedback beside [detent]", advice),)
+                claims += (DeployClaim("detent", False, "not judged: state feedback together with [detent]", advice),)
             return Deployable(claims)
         claims = _frozen_claims(problem, frequency, gains, progress)
         if problem.detent is not None:
@@ -339,7 +339,7 @@ def detent_claim(problem: Problem) -> DeployClaim:
         sentence = (
             f"detents: in a valley, a spring of {spring(slope)}, linearly stable with every hand of [hands] and "
             f"released, spectral radius {radius:.6g} at most; at a peak, a spring of {spring(-slope)}, {held} of "
-            f"{hands} hands, one of them none, hold it{rest}"
+            f"{hands} hands, including none, stay there{rest}"
         )
         return DeployClaim("detent", True, sentence, "", radius)
     where = (
@@ -355,5 +355,5 @@ def detent_claim(problem: Problem) -> DeployClaim:
         advice += "or make the detents weaker or wider"
     else:
         most = stiffest_wall(family).stiffness_n_per_m
-        advice = f"make the detents weaker or wider: no damping holds a slope above {spring(most)}"
+        advice = f"make the detents weaker or wider: no damping stabilises a slope above {spring(most)}"
     return DeployClaim("detent", False, f"detents: linearly unstable {where}", advice, radius)

@@ -214,10 +214,10 @@ def diagnose(  # noqa: PLR0913 - options by name, of a public call
     grid, notes = log_of(columns, flip_force=flip_force)
     design = _design(device, hands, grid, columns, handle_radius_m)
     if not design.known:
-        notes.append("no device given: a usual one is assumed, up to 50 times off; give --device")
+        notes.append("no device given: a typical device is assumed, up to 50 times off; give --device")
     limit = design.device.max_force_n
     if limit is not None and np.mean(np.abs(grid.force_n) > _OVER_LIMIT * limit) > _OVER_LIMIT_SHARE:
-        notes.append("the log commands more than max_force_n, which is not used: is the limit, or a unit, another one?")
+        notes.append("the log commands more than max_force_n, which is ignored: check the limit and the units")
         limit = None
         design = replace(design, device=design.device.model_copy(update={"max_force_n": None}))
     with progress.step("oscillation and force"):
@@ -242,7 +242,7 @@ def _design(
     if device is not None and device.motion != columns.motion:
         message = f"is {columns.motion} by its units, and the device is {device.motion}; allowed: its own motion"
     elif device is None and columns.motion == "rotary" and radius_m is None:
-        message = "is of a device that turns; allowed: with --handle-radius-m, where the hand holds it, or --device"
+        message = "is of a rotary device; give --handle-radius-m, the radius at which the hand holds it, or --device"
     elif not np.ptp(log.position_m) and np.ptp(log.force_n):
         message = "never changes, and the force does; allowed: a device that moves; is the encoder stuck?"
     if message:
@@ -269,7 +269,7 @@ def _at_once(diagnosis: Diagnosis) -> Diagnosis | FittedLaw:
     mass = apparent_mass_kg(log, design.device, known=design.known)
     toggles = bool(swing.sustained and _toggles(log, swing, design.device))
     if swing.sustained and swing.contact_share == 0:
-        text = "it swings while no force is commanded; a hand, a cable or the table moves it"
+        text = "it oscillates while no force is commanded; a hand, a cable or the table moves it"
         return _concluded(diagnosis, "not the loop", text)
     if law is None or not law.explains:
         text = (
@@ -305,7 +305,7 @@ def _of_rest(diagnosis: Diagnosis, law: FittedLaw, mass: float, *, toggles: bool
         text = _with_rest(diagnosis, f"encoder steps leave {100 * law.misfit:.0f} % of the force unexplained")
         return _concluded(diagnosis, "cannot tell", text, "the same with the position that the law reads")
     if is_cut_off(log, law):
-        text = _with_rest(diagnosis, "no force is commanded at the end, where its law asks for one")
+        text = _with_rest(diagnosis, "no force is commanded at the end, where its law requires a force")
         return _concluded(diagnosis, "cannot tell", text, "the same with the force on to the end")
     if swing.rest_from is not None and swing.contact_share and _below_limit(log, design.device.max_force_n):
         return _concluded(
@@ -340,7 +340,7 @@ def _decay_words(diagnosis: Diagnosis, law: FittedLaw, mass: float, *, toggles: 
         text += ", but for an encoder step that is not felt"
     low, high = _DEVICE_ALONE
     device_alone = design.known and low < mass / design.device.mass_kg < high
-    return text if device_alone else text + "; what holds the device may hide a wrong sign of the force"
+    return text if device_alone else text + "; a hand on the device may hide a wrong sign of the force"
 
 
 def _of_sign(diagnosis: Diagnosis, law: FittedLaw, mass: float) -> Diagnosis | None:
@@ -535,7 +535,7 @@ def _doubts(
     if shares[first] < _SURE:
         names = {key: CAUSES[key].name if key in CAUSES else "another" for key in shares}
         parts = [f"{names[key]} {100 * share:.0f} %" for key, share in shares.items()]
-        doubts.append(f"of the hypotheses that the log bears out {', '.join(parts)}")
+        doubts.append(f"of the hypotheses that the log supports {', '.join(parts)}")
     if first != "relay" and law.overcompensates(design.device.coulomb_friction_n):
         doubts.append("more friction is compensated than there is, which drives a swing as well")
     most = _MISFIT if design.known else _MISFIT_ASSUMED
@@ -544,10 +544,10 @@ def _doubts(
     # What a third of a sample of delay does as well matters no more.
     as_delay = abs(law.stiffness_n_per_m) * log.period_s / _DAMPING_OF_DELAY
     if law.damping_error_ns_per_m > max(abs(law.damping_ns_per_m), as_delay):
-        doubts.append("the log does not tell b")
+        doubts.append("the log does not determine b")
     beyond_declared = fit.best.delay + law.lag - design.latest(log)
     if fit.at_end or (first == "delay" and beyond_declared < 2 * fit.delay_error):
-        doubts.append("the log does not tell the delay")
+        doubts.append("the log does not determine the delay")
     if not _settles_without(first, fit.best, law, scene, diagnosis):
         doubts.append("simulated without it the loop swings too")
     return doubts

@@ -147,7 +147,7 @@ class Border:
             self.fault((table, CAPSTAN), 'applies to a rotary device only; leave it out, or set motion = "rotary"')
             return complete, units
         if "handle_radius_m" in complete:
-            self.fault((table, "handle_radius_m"), f"stands beside {CAPSTAN}; allowed: one of the two")
+            self.fault((table, "handle_radius_m"), f"is given with {CAPSTAN}; give one of them")
         radius_m = self._valid(q.Quantity("m", *q.RADII_M, zero=False), radius, (table, CAPSTAN))
         return at_handle(complete, radius_m or _STAND_IN_RADIUS_M), units
 
@@ -195,7 +195,7 @@ class Border:
     def _replaced(self, table: dict[str, Any], key: str, name: str, path: t.Path) -> Any:
         """Take a key out of a table, whose place in the file that of another key then is."""
         if name in table:
-            self.fault((*path, key), f"stands beside {self._written[*path, name][-1]}; allowed: one of the two")
+            self.fault((*path, key), f"is given with {self._written[*path, name][-1]}; give one of them")
         self._written[*path, name] = (*path, key)
         return table.pop(key)
 

@@ -299,7 +299,7 @@ def read_file(path: str | Path) -> Coupling | GainTable:
         valid = t.valid(kind, document, file)
         coupling: Coupling = valid.coupling()
         if valid.id != coupling.id:
-            message = f"is {t.shown(valid.id)}, and what the file holds is {coupling.id!r}: it was changed since"
+            message = f"is {t.shown(valid.id)}, and what the file holds is {coupling.id!r}: the file was edited"
             raise InputError.of(f"{message}; make it again: avc recommend P --out FILE", file=file, key="id")
         return replace(coupling, certificate=valid.certificate, trial=valid.trial, versions=valid.versions)
 
@@ -329,8 +329,8 @@ def read_coupling(path: str | Path, problem: AnyProblem | None = None) -> Coupli
         if isinstance(content, Coupling):
             return content
         message = (
-            "is a table of gains alone; it lacks the problem (wall, hands, device, force limit) and what runs beside. "
-            "Give the problem that it was made for beside it: --problem P, or read_coupling(path, problem)"
+            "is a table of gains alone; it lacks the problem (wall, hands, device, force limit) and the runtime parts. "
+            "Give the problem that it was made for: --problem P, or read_coupling(path, problem)"
         )
         raise InputError.of(message, file=file)
     stated = load_any(problem)
@@ -349,7 +349,7 @@ def coupling_beside(problem: Problem, table: GainTable, file: str) -> Coupling:
         message = f"is {table.frequency_hz[-1]:g} Hz; allowed: below half the sampling rate, {nyquist_hz:g} Hz"
         raise InputError.of(message, file=file, key="frequency_hz")
     lacks = (
-        "what runs beside the gains (observer, estimator, adaptation, guard): that of a coupling naming none is taken",
+        "the runtime parts (observer, estimator, adaptation, guard): the defaults are used",
         "its certificate on the loop as it is",
     )
     return Coupling(problem, schedule_of(problem, table, "file"), thinned(table), lacks=lacks)

@@ -111,7 +111,9 @@ def _identification(ladder: Ladder, notes: list[str], step_m: float | None, *, o
         )
     rungs = fit.structure.rungs
     if "spring" in rungs:
-        notes.append("a spring holds the device; a device file has no key for it: log the device released if it can be")
+        notes.append(
+            "a spring acts on the device, and device files have no key for it; log the device without it if possible"
+        )
     return Identification(
         sources=tuple(dict.fromkeys(record.name for record in records)),
         seconds=sum(record.seconds for record in records),
@@ -277,7 +279,7 @@ def _estimates(ladder: Ladder, step_m: float | None, *, one_way: bool) -> dict[s
         estimates[FRICTION] = replace(estimates[FRICTION], low=0.0, source=source, identified=False)
     if ladder.shares is not None:
         low, high = ladder.shares
-        source = "assumed; the other intervals hold for this range"
+        source = "assumed; the other intervals apply to this range"
         share = ladder.fit.values[MASS_RATIO]
         estimates[MASS_RATIO] = Estimate(MASS_RATIO, "number", share, low, high, source, identified=False)
     if step_m is not None:

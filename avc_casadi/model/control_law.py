@@ -273,15 +273,15 @@ class ControlLaw(t.Table):
     def faults(self) -> Iterator[t.Finding]:
         """Yield a law without any force, an integral without a spring, and what has nothing that it acts on."""
         if self.dead_zone_m and not self.stiffness_n_per_m:
-            why = "of a spring that is not there; allowed: beside stiffness_n_per_m"
+            why = "needs a spring; give stiffness_n_per_m"
             yield ("dead_zone_m",), f"is {t.shown(self.dead_zone_m)} {why}"
         if self.integral_limit_n is not None and not self.integral_n_per_m_s:
-            why = "of an integral that is not there; allowed: beside integral_n_per_m_s"
+            why = "needs an integral; give integral_n_per_m_s"
             yield ("integral_limit_n",), f"is {t.shown(self.integral_limit_n)} {why}"
         if self.friction_compensation is None and not any(getattr(self, key) for key in _GAINS):
             yield (_GAINS[0],), f"is 0, and so is every other gain; allowed: one of {', '.join(_GAINS)} other than 0"
         if self.integral_n_per_m_s and not self.stiffness_n_per_m:
-            why = "without a spring, which alone an integral makes swing ever more; allowed: beside stiffness_n_per_m"
+            why = "needs a spring, because an integral alone is unstable; give stiffness_n_per_m"
             yield ("integral_n_per_m_s",), f"is {t.shown(self.integral_n_per_m_s)} {why}"
 
     def faults_beside(self, device: Device, lightest_kg: float) -> Iterator[t.Finding]:
@@ -296,7 +296,7 @@ class ControlLaw(t.Table):
         gain = self.compensation_gain(device.sample_time_s, lightest_kg)
         if gain > LARGEST_COMPENSATION:
             value = t.shown(self.virtual_mass_kg)
-            why = f"a loop gain of {gain:.3g} at half the sample rate beside a mass of {q.plain(lightest_kg)}"
+            why = f"a loop gain of {gain:.3g} at half the sample rate with a mass of {q.plain(lightest_kg)}"
             allowed = f"allowed: up to {LARGEST_COMPENSATION}: less of it, or a velocity or a filter that is slower"
             yield ("virtual_mass_kg",), f"is {value}, {why}; {allowed}"
 
@@ -322,7 +322,7 @@ class ControlLaw(t.Table):
             return
         if not device.encoder_resolution_m:
             why = "is the time between steps of the encoder, and device.encoder_resolution_m is 0"
-            yield ("velocity", "kind"), f'"ticks" {why}; allowed: beside a resolution, or another velocity'
+            yield ("velocity", "kind"), f'"ticks" {why}; give a resolution, or another velocity'
         samples = self.velocity.timeout_s / period_s
         if not 1 <= round(samples) <= _MOST_TICKS:
             allowed = f"{q.plain(period_s)} to {q.plain(_MOST_TICKS * period_s)} s, 1 to {_MOST_TICKS} samples"

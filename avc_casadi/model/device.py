@@ -134,11 +134,11 @@ def _range_faults(ranges: t.Table, nominal: t.Table | None, path: t.Path) -> Ite
             continue
         value = getattr(nominal, key, None)
         if value is None:
-            yield (*path, key), f"is {t.shown(interval)}, but {key} is missing; allowed: beside a value in it"
+            yield (*path, key), f"is {t.shown(interval)}, but {key} is missing; give a value inside it"
         elif not interval[0] <= value <= interval[1]:
             yield (*path, key), f"is {t.shown(interval)}; allowed: one that holds {key} = {t.shown(value)}"
         elif key == "mass_kg" and interval[0] == 0 < interval[1]:
-            yield (*path, key), f"is {t.shown(interval)}; allowed: from above 0, or nothing is there to hold"
+            yield (*path, key), f"is {t.shown(interval)}; it must begin above 0"
 
 
 def whole_delay(delay_samples: float, taker: str) -> int:

@@ -261,7 +261,7 @@ def missing_rest_gains(schedule: GainSchedule) -> str:
     if schedule.status[row].has_gains:
         return ""
     where = f"no gains at {schedule.frequency_hz[row]:g} Hz, where a hand at rest begins ({schedule.status[row]})."
-    return f"{where} {schedule.reason[row]} Choose another method, or gains that hold at the lowest frequency."
+    return f"{where} {schedule.reason[row]} Choose another method, or gains that are stable at the lowest frequency."
 
 
 def gains_at(schedule: GainSchedule, frequency_hz: float | None = None) -> Gains:

@@ -121,7 +121,7 @@ class Frequency(t.Table):
         """Yield what makes no rising list of frequencies."""
         if self.values_hz is not None:
             for key in sorted(self.model_fields_set - {"values_hz"}):
-                yield (key,), "stands beside values_hz; allowed: a range or a list, not both"
+                yield (key,), "is given with values_hz; give a range or a list, not both"
             for index, (frequency, next_frequency) in enumerate(itertools.pairwise(self.values_hz), start=1):
                 if next_frequency <= frequency:
                     message = f"is {t.shown(next_frequency)} after {t.shown(frequency)}; allowed: increasing values"
@@ -277,11 +277,11 @@ class Problem(t.Table):
         """Yield more than one remote end, detents beside one, and the faults of each with the device."""
         ends = self._other_ends()
         for second in list(ends)[1:]:
-            yield (second,), f"stands beside [{next(iter(ends))}]; allowed: one of them"
+            yield (second,), f"is given with [{next(iter(ends))}]; give one of them"
         # The slope of a detent is a spring in the device's own loop, in which no coupling to another end is judged.
         if ends and self.detent is not None:
             known = " or ".join(f"[{name}]" for name in self.end_tables())
-            yield ("detent",), f"stands beside {known}; allowed: one of them, or detents at that end"
+            yield ("detent",), f"is given with {known}; give one of them, or render the detents at that end"
         for name, end in ends.items():
             for path, message in end.faults_beside(self.device):
                 yield (name, *path), message
@@ -291,7 +291,7 @@ class Problem(t.Table):
         if self.law is None:
             return
         for name in self._other_ends():
-            yield ("law",), f"stands beside [{name}]; allowed: one of them, because a law acts in the device's own loop"
+            yield ("law",), f"is given with [{name}]; give one of them, because a law acts in the device's own loop"
         masses = self.device.range.mass_kg or (self.device.mass_kg,)
         lightest_kg = min(masses) or self.hands.mass_kg[0]
         for path, message in self.law.faults_beside(self.device, lightest_kg):

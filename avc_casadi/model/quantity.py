@@ -163,7 +163,7 @@ def _in_unit(value: float, powers: tuple[int, ...], unit: str, wanted: tuple[int
 def _no_quantity(unit: str) -> str:
     """Return what to write for a unit."""
     as_in = {
-        "rad": ': "2000 counts" (four times the lines), "12 bit", "0.09 deg"; beside a radius "4000 counts per 10 mm"',
+        "rad": ': "2000 counts" (four times the lines), "12 bit", "0.09 deg"; with a radius "4000 counts per 10 mm"',
         "m": ': "5 um", "450 dpi", "4000 counts per 10 mm", "4096 counts, pitch 5 mm"',
         "N.m": ': "45 N.cm", "13 kgf.cm", "25 ozf.in", "90 mN.m, gear 30:1"',
         "N": ': "8 N", "2 lbf", "0.2 N.m, pitch 5 mm"',

@@ -173,7 +173,7 @@ class Runtime(t.Table):
     def faults(self) -> Iterator[t.Finding]:
         """Yield two observers."""
         if self.observer_mass_kg is not None and self.state_feedback is not None:
-            yield ("state_feedback",), "stands beside observer_mass_kg; allowed: one of them"
+            yield ("state_feedback",), "is given with observer_mass_kg; give one of them"
 
     def document(self) -> dict[str, Any]:
         """Return JSON values."""

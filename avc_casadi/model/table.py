@@ -267,7 +267,7 @@ def _text(value: Any) -> str:
     if len(value) > 2000:
         raise refusal(f"has {len(value)} characters; allowed: at most 2000")
     if any(unicodedata.category(mark) in {"Cc", "Cs"} and mark not in "\n\t" for mark in value):
-        raise refusal("holds a control character; allowed: text, line feeds and tabs")
+        raise refusal("has a control character; allowed: text, line feeds and tabs")
     return value
 
 

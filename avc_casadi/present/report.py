@@ -145,7 +145,7 @@ def wall_pictures(recommended: Recommendation) -> dict[str, Picture]:
     if recommended.coupling is None:
         return {}
     responses = deployed(recommended.coupling)
-    felt = "Rendered against wanted: stiffness by sinusoidal excitation, and simulated hands that press."
+    felt = "Rendered and required stiffness: stiffness by sinusoidal excitation, and simulated hands that press."
     loop = "The loop opened at the actuator, with its margins, and the impact on the wall in the linear loop."
     return {"rendered": Picture.of(rendered(responses), felt), "loop": Picture.of(opened_loop(responses), loop)}
 

@@ -310,7 +310,7 @@ def _doubts_of_simulation(tool: Simulation, problem: Problem) -> dict[str, str]:
     if tool.integrator == "explicit":
         found["integrator"] = "is explicit: it feeds whatever swings; take semi-implicit where the engine has it"
     if tool.substeps > 1:
-        found["substeps"] = "hold a force as long as a slower engine: compute it anew in each of them (step_s)"
+        found["substeps"] = "hold a force as long as a slower engine does: compute it in each substep (step_s)"
     if any(abs(step_s / t - round(step_s / t)) > 1e-6 for step_s in tool.step_s):
         found["step_s"] = f"is no whole multiple of T = {t:g} s: every phase of the two clocks is judged"
     return {f"{tool.kind}.{key}": text for key, text in found.items()}

@@ -286,7 +286,7 @@ def _measured_position(problem: Problem, effects: tuple[SceneEffect, ...], tick:
         tick.trace("handle_m", moves[f"{HANDLE}_position_m"])
     body = _measured_body(effects)
     if f"{body}_position_m" not in moves:
-        message = f"measure the {body}, of which there is none; allowed: beside the effect resonance"
+        message = f"measure the {body}, which is missing; add the effect resonance"
         raise InputError.of(message, file=problem.name, key="scene.effects")
     position = moves[f"{body}_position_m"]
     if body != DEVICE:

@@ -37,7 +37,7 @@ _HANDS_AT_ONCE = 256
 
 _CLAIMS: dict[Claim, str] = {
     "asymptotic": "settled, and does so without dry friction too",
-    "held-by-friction": "settled only because dry friction holds it; without friction it does not",
+    "held-by-friction": "settled only because of dry friction; without friction it does not",
     "unstable": "did not settle",
 }
 

@@ -294,7 +294,7 @@ HEADER = (
 )
 INTRODUCTION = """Contacts, delays and steps are judged over the whole declared range. The problems are drawn at
 random, and the loops that judge are of another code (`tests/oracle/lifted_teleoperator.py`, `lifted_engine.py`). The
-package tells the largest K of a drawn ratio B/K. Where no K of that ratio is stable, there is nothing to try."""
+package reports the largest K for a random ratio B/K. Where no K of that ratio is stable, there is nothing to try."""
 
 
 def counted(rows: list[Row], name: str, what: str) -> str:
@@ -322,7 +322,7 @@ def page(rows: list[Row], stated: Mapping[str, Any]) -> str:
         INTRODUCTION,
         counted(followers, "Followers", "82 contacts from the least to the largest"),
         counted(engines, "Engines", "200 steps inside the range"),
-        f"{simulation}, beside the loop written out: at most {furthest:.1g} apart.",
+        f"{simulation}, compared with the loop written out: at most {furthest:.1g} apart.",
         "\n".join([*HEADER, *table]),
     ]
     return "\n\n".join(lines) + "\n"

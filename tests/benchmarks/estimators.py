@@ -123,7 +123,7 @@ worst of six phases, errors as shares of the true frequency.
   Rest: from the end of the motion until the estimate is undefined.
 - Bias: largest of nine tones, 1 to 50 Hz. Noise: standard deviation with 10 um rms of white noise on the position at
   3 Hz; bound: the Cramer-Rao bound for a window as long as the settling time (12 to 3 Hz).
-- Drift: largest error beside 5 mm at 0.3 Hz. Harmonic: with 30 % third harmonic in the position, which is 90 % in the
+- Drift: largest error with 5 mm at 0.3 Hz added. Harmonic: 30 % third harmonic in the position, which is 90 % in the
   velocity. Encoder: steps of 20 um. Valid at rest: share of valid estimates at rest with a count that flickers.
 """
     (HERE / "RESULTS_estimators.md").write_text(text, encoding="utf-8")

@@ -158,7 +158,7 @@ def table_of(rows: Sequence[Mapping[str, Any]], made: Mapping[str, Any]) -> str:
     refused = sum("refused" in row for row in rows)
     of_rungs = (
         f"A resonance was found in {found} of {len(modes)} devices that have one, and claimed in {claimed} of "
-        f"{len(plain)} that have none; an amplifier was told from delay in {lags} of {len(amplifiers)}. "
+        f"{len(plain)} that have none; an amplifier was distinguished from delay in {lags} of {len(amplifiers)}. "
         f"Refused: {refused}."
     )
     of_time = f"Processor time a log: median {np.median(seconds):.1f} s, 95 % below {np.quantile(seconds, 0.95):.1f} s."

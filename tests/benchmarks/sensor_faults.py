@@ -30,7 +30,7 @@ _HEAD = """\
 
 {made_by}
 
-Exported C in single precision, {runs} runs a coupling: a device rests from 1 um to 0.5 m outside, its sensor tells up
+Exported C in single precision, {runs} runs a coupling: a device rests from 1 um to 0.5 m outside, its sensor reports up
 to six bad samples in a row, the first of them 20 mm to 0.5 m away, which agree, drift or change sides. *Largest force*
 is what the device gets beyond the most that a sound sensor gives it in the same run, on both ends of the coupling.
 *Refused* are samples of hands that strike the wall, which no guard should refuse.

@@ -196,7 +196,7 @@ def draw_zwidth(region: ZWidth) -> Figure:
     if wanted_n_per_m > 0:
         # A wall without damping has no place on a logarithmic axis: the left edge.
         place = max(wanted_ns_per_m, float(damping[0]))
-        name = f"wall wanted: {quantity(wanted_n_per_m, unit('N/m'))}, {quantity(wanted_ns_per_m, unit('N.s/m'))}"
+        name = f"required wall: {quantity(wanted_n_per_m, unit('N/m'))}, {quantity(wanted_ns_per_m, unit('N.s/m'))}"
         look: dict[str, Any] = {"markersize": 11, "color": "#b2182b", "markeredgecolor": "white", "clip_on": False}
         plane.plot(place, wanted_n_per_m, "*", label=name, zorder=6, **look)
         in_view.append(np.array([wanted_n_per_m]))

@@ -30,7 +30,7 @@ def clauses(reason: object, units: Units) -> tuple[str, ...]:  # noqa: ARG001
 
 @clauses.register
 def _no_mass(reason: reasons.NoMass, units: Units) -> tuple[str, ...]:  # noqa: ARG001
-    fact = "the device has no mass (device.mass_kg is 0): released, nothing is there that a coupling could hold"
+    fact = "the device has no mass (device.mass_kg is 0): it must be above 0 to judge the released device"
     return (fact, "give the mass of what moves") if reason.to_wall else (fact,)
 
 
@@ -223,7 +223,7 @@ def _stiffness_not_reached(reason: reasons.StiffnessNotReached, units: Units) ->
     if reason.required_n_per_m > reason.stiffest_n_per_m:
         return (f"{required} is required, but the stiffest stable coupling has {stiffest}",)
     no_damper = "no damper gives that its gain margins"
-    return (f"{required} is wanted, and {no_damper}, though a stiffer coupling, {stiffest}, is stable",)
+    return (f"{required} is required, and {no_damper}, though a stiffer coupling, {stiffest}, is stable",)
 
 
 @clauses.register

@@ -83,7 +83,7 @@ class Observer(SceneEffect, keys=ObserverEffect, rank=90, role="observer", of_co
         """Build it; missing step and delay are taken from the loop, the mass from the device and the lightest hand."""
         encoder = next((effect for effect in problem.scene.effects if isinstance(effect, EncoderEffect)), None)
         if encoder is None:
-            message = "has no steps to look between; allowed: beside the effect encoder"
+            message = "needs encoder steps; add the effect encoder"
             raise InputError.of(message, file=problem.name, key=place)
         step_m = encoder.resolution_m if table.resolution_m is None else table.resolution_m
         resolution = positive_number(step_m, problem, f"{place}.resolution_m", "encoder_resolution_m")
@@ -111,7 +111,7 @@ class Adaptation(SceneEffect, keys=AdaptationEffect, rank=150, of_coupling=True)
     @classmethod
     def build(cls, table: Any, problem: Problem, place: str) -> Self:
         if not any(effect.kind == "estimator" for effect in problem.scene.effects):
-            message = "has no estimate to follow; allowed: beside the effect estimator"
+            message = "needs an estimate; add the effect estimator"
             raise InputError.of(message, file=problem.name, key=place)
         return cls(table.hold_s, AdaptationSettings(table.slew_per_s, table.passive))
 

@@ -94,7 +94,7 @@ class Encoder(SceneEffect, keys=EncoderEffect, rank=80):
         resonant = any(effect.kind == "resonance" for effect in scene_effects(problem))
         if (table.at or problem.device.encoder_at) == "handle" and (table.at is not None or resonant):
             if not resonant:
-                message = 'is "handle", where there is none; allowed: beside the effect resonance, or "motor"'
+                message = 'is "handle", but there is no resonance; add the effect resonance, or use "motor"'
                 raise InputError.of(message, file=problem.name, key=f"{place}.at")
             return cls(default if table.resolution_m is None else table.resolution_m, HANDLE)
         return cls(positive_number(table.resolution_m, problem, f"{place}.resolution_m", "encoder_resolution_m"))

@@ -46,7 +46,7 @@ def check_runs_on(
     if not constant and coupling.sample_time_s > SLOWEST_ESTIMATE_S * (1 + _ROUNDING):
         lacks.append(f"its estimator runs at sample times up to {SLOWEST_ESTIMATE_S:.3g} s")
     if feedback is not None and not constant:
-        lacks.append("it feeds states back beside constant gains alone (runtime.state_feedback)")
+        lacks.append("it supports state feedback with constant gains only (runtime.state_feedback)")
     if runtime.guard not in {None, "passivity-controller"}:
         lacks.append(f"it has no guard {runtime.guard} (allowed: passivity-controller, or none)")
     if has is not None and not constant:

@@ -185,7 +185,7 @@ class Session:
             why = "the device was in contact with the wall that it runs"
         raise InContactError(
             f"{why} for {CONTACT_TRIALS * CONTACT_WAIT_S:.0f} s, and no coupling takes over there; it runs what it ran "
-            "before: let go of it, out of the wall, and push again"
+            "before: move it out of the wall, release it, and push again"
         )
 
 
