@@ -17,10 +17,10 @@ from avc_casadi.paper.errata import ASSUMPTIONS, PAPER_ERRORS
 from avc_casadi.present.figures.deployed import opened_loop, rendered
 from avc_casadi.present.figures.paper import errors, perceived
 from avc_casadi.present.figures.style import Drawing, files_of
-from avc_casadi.present.row import Answer, Row, row
+from avc_casadi.present.row import Answer, Mark, Row, grade, row
 from avc_casadi.present.rows.design import comparison, printed_errors
 from avc_casadi.present.rows.judge import levels
-from avc_casadi.present.rows.recommend import verdict
+from avc_casadi.present.rows.recommend import ringing, verdict
 from avc_casadi.recommendation.recommendation import Recommendation
 from avc_casadi.recommendation.rendered import deployed
 
@@ -119,7 +119,8 @@ def report_html(
         Section("Problem file", file=dump_problem(problem), folded=True),
     ]
     text, good = verdict(recommended, shown)
-    body = [f'<p class="verdict {"pass" if good else "fail"}">{escape(text)}</p>']
+    mark = grade(good and not ringing(shown), Mark.CAUTION if good else Mark.FAIL)
+    body = [f'<p class="verdict {mark.name.lower()}">{escape(text)}</p>']
     body += [section.html(units) for section in sections if section.rows or section.pictures or section.file]
     made = _table("versions", (row(name, version) for name, version in versions.items()), units)
     title = ": ".join(filter(None, (problem.name, problem.title)))

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 import avc_casadi as avc
 from avc_casadi._util.progress import SILENT
+from avc_casadi.loops.damped_wall import RINGS_BELOW
 from avc_casadi.model.hands import hand_corners
 from avc_casadi.present.explore.explorer import Explorer, _solved
 from avc_casadi.present.explore.server import answer
@@ -146,7 +147,9 @@ def test_the_charts_show_what_solve_gives(method):
 def test_the_verdict_of_a_run_is_what_recommend_says(base):
     expected = avc.recommend(base)
     solved = _solved((base, "recommend"), SILENT)
-    assert solved.judged.verdict.word == ("deployable" if expected.deployable else "not deployable")
+    lightly_damped = base.simulation is None and expected.transients.worst_hand.damping_ratio < RINGS_BELOW
+    assert expected.deployable
+    assert solved.judged.verdict.word == f"deployable{', rings' if lightly_damped else ''}"
     margin = text_of(solved.judged.verdict.margin, base.units)
     if base.simulation is None:
         sides = expected.margins.released.disk, expected.margins.worst_hand.disk

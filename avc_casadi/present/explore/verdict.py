@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import singledispatch
 
 from avc_casadi.claims.deployable import Deployable
@@ -13,7 +13,7 @@ from avc_casadi.design.virtual_tool import WIDEST_MARGIN, PairCertificate
 from avc_casadi.loops.margins import SOUND_DISK
 from avc_casadi.present.row import Mark, Part, Row, Value, grade, parts, row
 from avc_casadi.present.rows.other_ends import thin
-from avc_casadi.present.rows.recommend import recommendation, verdict
+from avc_casadi.present.rows.recommend import recommendation, ringing, verdict
 from avc_casadi.recommendation.recommendation import NoCoupling, PairRecommendation, Recommendation, WallRecommendation
 
 DEPLOYABLE = "deployable"
@@ -88,6 +88,8 @@ def of_recommendation(recommended: Recommendation) -> Judged:
     rows = [shown for shown in recommendation(recommended).rows if shown.rank == 0]
     sentence, good = verdict(recommended, rows)
     judged = _recommended(recommended) if good else Verdict(Mark.FAIL, NOT_DEPLOYABLE)
+    if good and ringing(rows):
+        judged = replace(judged, mark=Mark.CAUTION, word=f"{judged.word}, rings")
     if isinstance(recommended, NoCoupling):
         judged = Verdict(Mark.FAIL, NONE_DEPLOYABLE)
     return Judged(judged, [row("Deployable", sentence, mark=judged.mark), *rows])

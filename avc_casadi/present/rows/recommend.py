@@ -72,6 +72,11 @@ def _onwards_from_wall(recommended: WallRecommendation) -> str:
     return "recommend {} --out coupling.json"
 
 
+def ringing(rows: Sequence[Row]) -> list[Row]:
+    """Return the rows that say of a coupling that it rings: its verdict is a caution."""
+    return [shown for shown in rows if shown.label == subject.DAMPING_RATIO and shown.mark is Mark.CAUTION]
+
+
 def verdict(recommended: Recommendation, rows: Sequence[Row]) -> tuple[str, bool]:
     """Return the verdict in a line, and whether it is a yes; of a coupling that rings it says so first."""
     units = recommended.problem.units
@@ -80,9 +85,9 @@ def verdict(recommended: Recommendation, rows: Sequence[Row]) -> tuple[str, bool
     if not recommended.deployable:
         return f"Do not deploy this coupling: {recommended.reason}.", False
     doubtful = [shown for shown in rows if shown.mark in {Mark.CAUTION, Mark.FAIL}]
-    ringing = [shown for shown in doubtful if shown.label == subject.DAMPING_RATIO]
-    doubts = ", ".join(dict.fromkeys(shown.label for shown in doubtful if shown not in ringing))
-    rings = "".join(f"; its damping ratio is {shown.text(units)}" for shown in ringing)
+    lightly_damped = ringing(rows)
+    doubts = ", ".join(dict.fromkeys(shown.label for shown in doubtful if shown not in lightly_damped))
+    rings = "".join(f"; its damping ratio is {shown.text(units)}" for shown in lightly_damped)
     return f"Deploy this coupling{rings}{f'; see {doubts}' if doubts else ''}.", True
 
 

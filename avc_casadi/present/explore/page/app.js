@@ -252,19 +252,32 @@ function table(judged) {
   get("rows").classList.toggle("stale", columns().some((column) => late(column, shown[column].of.rows)));
 }
 
-/** The charts of all columns by name; those of two columns lie in one. */
+/** The charts of all columns by name; those of two columns lie in one, what is the same in both once. */
 function overlaid() {
-  const named = (one, column) => (state.b ? { ...one, name: `${column.toUpperCase()}: ${one.name}`, cls: `${one.cls} ${column}` } : one);
   const charts = new Map();
   for (const column of columns()) {
     for (const one of shown[column].charts.values()) {
       const whole = charts.get(one.id) ?? { ...one, series: [], bands: [], points: [], stale: false };
-      for (const part of ["series", "bands", "points"]) whole[part].push(...(one[part] ?? []).map((line) => named(line, column)));
+      for (const part of ["series", "bands", "points"]) {
+        for (const line of one[part] ?? []) {
+          const drawn = JSON.stringify(line), same = whole[part].find((other) => other.drawn === drawn);
+          if (same) same.shared = true;
+          else whole[part].push({ ...line, drawn, column });
+        }
+      }
       whole.stale ||= late(column, one.of);
       charts.set(one.id, whole);
     }
   }
+  for (const one of charts.values()) for (const line of [...one.series, ...one.bands, ...one.points]) named(line);
   return charts;
+}
+
+/** Name a line after its column where two are compared and only one of them has it. */
+function named(line) {
+  if (!state.b || line.shared) return;
+  line.name = `${line.column.toUpperCase()}: ${line.name}`;
+  line.cls = `${line.cls} ${line.column}`;
 }
 
 /** Put the pictures in their places; a narrow screen shows the one that is picked. */
