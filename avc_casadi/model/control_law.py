@@ -274,15 +274,15 @@ class ControlLaw(t.Table):
         """Yield a law without any force, an integral without a spring, and what has nothing that it acts on."""
         if self.dead_zone_m and not self.stiffness_n_per_m:
             why = "needs a spring; give stiffness_n_per_m"
-            yield ("dead_zone_m",), f"is {t.shown(self.dead_zone_m)} {why}"
+            yield ("dead_zone_m",), f"is {t.shown(self.dead_zone_m)}, which {why}"
         if self.integral_limit_n is not None and not self.integral_n_per_m_s:
             why = "needs an integral; give integral_n_per_m_s"
-            yield ("integral_limit_n",), f"is {t.shown(self.integral_limit_n)} {why}"
+            yield ("integral_limit_n",), f"is {t.shown(self.integral_limit_n)}, which {why}"
         if self.friction_compensation is None and not any(getattr(self, key) for key in _GAINS):
             yield (_GAINS[0],), f"is 0, and so is every other gain; allowed: one of {', '.join(_GAINS)} other than 0"
         if self.integral_n_per_m_s and not self.stiffness_n_per_m:
             why = "needs a spring, because an integral alone is unstable; give stiffness_n_per_m"
-            yield ("integral_n_per_m_s",), f"is {t.shown(self.integral_n_per_m_s)} {why}"
+            yield ("integral_n_per_m_s",), f"is {t.shown(self.integral_n_per_m_s)}, which {why}"
 
     def faults_beside(self, device: Device, lightest_kg: float) -> Iterator[t.Finding]:
         """Yield what of the law a device cannot run or bear; `lightest_kg` is what moves at least."""
