@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from functools import partial
+from enum import Enum, auto
 from typing import Any, ClassVar, Literal
 from weakref import WeakKeyDictionary
 
@@ -18,19 +18,18 @@ import numpy as np
 from avc_casadi._errors import NotDeployableError, UnsupportedError
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi._util.json_values import Document
+from avc_casadi._util.page import Worded, worded
 from avc_casadi._util.progress import SILENT, Progress
-from avc_casadi._util.text import quantity
+from avc_casadi._util.units import Units
 from avc_casadi.claims.certify import Certificate, certify
-from avc_casadi.claims.hands import search_text, worst_case_behind_observer, worst_case_over_hands
+from avc_casadi.claims.hands import worst_case_behind_observer, worst_case_over_hands
 from avc_casadi.coupling import Coupling, require_coupling
 from avc_casadi.loops.margins import LEAST_DISK, OpenLoop
-from avc_casadi.loops.plant_family import DRAWS, PlantFamily, WorstCase
+from avc_casadi.loops.plant_family import PlantFamily, WorstCase
 from avc_casadi.loops.wall import frozen_law
 from avc_casadi.loops.walls import damping_range, in_contact, stiffest_wall
-from avc_casadi.model.corners import linear_values
-from avc_casadi.model.device import Device
 from avc_casadi.model.gains import GainTable
-from avc_casadi.model.hands import hand_text
+from avc_casadi.model.hands import hand_corners
 from avc_casadi.model.problem import Problem
 from avc_casadi.model.runtime import Runtime
 
@@ -52,17 +51,135 @@ _TAKEN_FOR_REQUIRED = 0.97
 _NO_SWING = 1e-6
 
 
+class ClaimRemedy(Worded, Enum):
+    """What to do where a claim fails."""
+
+    RECOMMEND_OR_SOFTEN = auto()
+    """Take the recommended coupling, or soften the wall."""
+    RECOMMEND_OR_LESS_MARGIN = auto()
+    """Take the recommended coupling, soften the wall, or require a smaller disk margin."""
+    WITHOUT_FEEDBACK = auto()
+    """Take a coupling without state feedback."""
+    WITHOUT_REALISM = auto()
+    """Take a softer wall, a shorter sample time, or a method without the realism condition."""
+    LESS_DELAY = auto()
+    """Shorten the delay, or analyse the loop by other means."""
+
+
 @dataclass(frozen=True)
-class DeployClaim(Document):
-    """One claim that a deployable coupling meets."""
+class DetentRemedy(Worded):
+    """What to do about unstable detents: give them a damping, or a smaller slope.
+
+    Attributes:
+        lowest_ns_per_m: smallest damping with which their slope is stable; not a number where none is.
+        highest_ns_per_m: largest one.
+        steepest_n_per_m: steepest slope that some damping stabilises.
+    """
+
+    lowest_ns_per_m: float
+    highest_ns_per_m: float
+    steepest_n_per_m: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class DeployClaim(Worded, Document):
+    """One claim that a deployable coupling meets; a subclass has what was judged.
+
+    Attributes:
+        name: name of the claim.
+        passed: whether it holds.
+        units: units of the device, in which its sentence is written.
+        remedy: what to do where it fails.
+        radius: largest spectral radius; not a number where the claim is on something else.
+        without_observer: whether it was judged without the observer, which is not linear.
+    """
 
     JSON_KEYS: ClassVar = ("name", ("pass", "passed"), "sentence", "advice", ("spectral_radius", "radius"))
 
     name: ClaimName
     passed: bool
-    sentence: str
-    advice: str
+    units: Units
+    remedy: ClaimRemedy | DetentRemedy | None = ClaimRemedy.RECOMMEND_OR_SOFTEN
     radius: float = math.nan
+    without_observer: bool = False
+
+    @property
+    def sentence(self) -> str:
+        """The claim in words, or what does not hold."""
+        return worded(self, self.units)
+
+    @property
+    def advice(self) -> str:
+        """What to do, in words; empty where the claim holds."""
+        return "" if self.passed or self.remedy is None else worded(self.remedy, self.units)
+
+
+@dataclass(frozen=True, kw_only=True)
+class StabilityClaim(DeployClaim):
+    """Linear stability of the loop, of all judged gains.
+
+    Attributes:
+        worst: the worst loop.
+        corners: corner hands that were tried before the search; None where the worst was found by search alone.
+        frequency_hz: frequency of the gains of the worst loop.
+        judged: number of gains that were judged.
+        failed: number of gains that are unstable.
+        ranges: keys of the device that have a range.
+        in_detents: whether the loops are those in the wall with its detents.
+    """
+
+    worst: WorstCase
+    corners: int | None = None
+    frequency_hz: float = math.nan
+    judged: int = 1
+    failed: int = 0
+    ranges: tuple[str, ...] = ()
+    in_detents: bool = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class DiskMarginClaim(DeployClaim):
+    """A disk margin that is too small."""
+
+    margin: float
+    least: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class NotJudgedClaim(DeployClaim):
+    """A claim that is not judged.
+
+    Attributes:
+        refusal: why, in words.
+    """
+
+    refusal: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class NothingRenderedClaim(DeployClaim):
+    """Gains of 0, which render nothing of the wall."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class DetentClaim(DeployClaim):
+    """Linear stability in the valleys of detents, and of what leaves their tops.
+
+    Attributes:
+        slope_n_per_m: steepest slope of the detents, of both signs.
+        damping_ns_per_m: their damping.
+        in_valley: whether the loops in a valley are stable.
+        held: hands of the corners, one of them none, that hold a top.
+        hands: number of these hands.
+        leaves_s: time in which the quickest of the others leaves a top by a factor e; not a number where all hold it.
+    """
+
+    slope_n_per_m: float
+    damping_ns_per_m: float
+    in_valley: bool
+    held: int
+    hands: int
+    leaves_s: float
 
 
 @dataclass(frozen=True)
@@ -148,9 +265,16 @@ def _with_disk_margin(verdict: Deployable, coupling: Coupling) -> Deployable:
     least = LEAST_DISK if requirement is None else _TAKEN_FOR_REQUIRED * requirement
     claims = verdict.claims
     if margin < least:
-        why = f"a disk margin of {margin:.2g}, below {least:.2g}: may vibrate if the motor constant differs"
-        advice = "take `avc recommend P`, soften the wall, or lower [robustness] disk_margin"
-        claims += (DeployClaim("disk-margin", False, why, advice),)
+        claims += (
+            DiskMarginClaim(
+                name="disk-margin",
+                passed=False,
+                units=coupling.problem.units,
+                remedy=ClaimRemedy.RECOMMEND_OR_LESS_MARGIN,
+                margin=margin,
+                least=least,
+            ),
+        )
     return Deployable(claims, margin)
 
 
@@ -159,38 +283,47 @@ def _verdict(coupling: Coupling, progress: Progress) -> Deployable:
     frequency, gains = _interpolation(coupling.table)
     try:
         if coupling.runtime.state_feedback is not None:
-            claims = _feedback_claims(coupling)
-            if problem.detent is not None:
-                advice = "take a coupling without state feedback: avc solve P --method static-tuned"
-                claims += (DeployClaim("detent", False, "not judged: state feedback together with [detent]", advice),)
-            return Deployable(claims)
-        claims = _frozen_claims(problem, frequency, gains, progress)
+            return Deployable((*_feedback_claims(coupling), *_detents_behind_feedback(problem)))
+        claims: tuple[DeployClaim, ...] = _frozen_claims(problem, frequency, gains, progress)
         if problem.detent is not None:
-            # In the wall the slope of a detent adds to that of the wall.
-            steepest = problem.environment.stiffness_n_per_m + problem.detent.slope_n_per_m
-            inside = problem.changed(environment={"stiffness_n_per_m": steepest})
-            claims += (detent_claim(problem),)
-            names: tuple[ClaimName, ClaimName] = ("detent-hands", "detent-let-go")
-            for name, claim in zip(names, _frozen_claims(inside, frequency, gains, progress), strict=True):
-                sentence = f"in the wall with its detents: {claim.sentence}"
-                claims += (replace(claim, name=name, sentence=sentence),)
-        wall = problem.environment
-        if not np.any(gains != 0) and (wall.stiffness_n_per_m or wall.damping_ns_per_m):
-            why = "the wall is not rendered: b, k and b_p are 0"
-            advice = (
-                "take a softer wall, a shorter sample time, or a method without the realism condition (avc recommend)"
-            )
-            claims += (DeployClaim("renders", False, why, advice),)
+            claims += _claims_in_detents(problem, frequency, gains, progress)
     except UnsupportedError as refusal:
-        advice = "shorten the delay, or analyse the loop by other means"
-        why = f"not judged: {refusal}"
-        return Deployable(
-            (DeployClaim("hands", False, why, advice), DeployClaim("let-go", False, why, advice)),
-        )
+        names: tuple[ClaimName, ClaimName] = ("hands", "let-go")
+        return Deployable(tuple(_not_judged(name, problem, str(refusal), ClaimRemedy.LESS_DELAY) for name in names))
+    wall = problem.environment
+    if not np.any(gains != 0) and (wall.stiffness_n_per_m or wall.damping_ns_per_m):
+        remedy = ClaimRemedy.WITHOUT_REALISM
+        claims += (NothingRenderedClaim(name="renders", passed=False, units=problem.units, remedy=remedy),)
     if coupling.runtime.observer_mass_kg is not None:
-        beside_it = " (judged without the observer, which is not linear)"
-        claims = tuple(replace(claim, sentence=claim.sentence + beside_it) for claim in claims)
+        claims = tuple(replace(claim, without_observer=True) for claim in claims)
     return Deployable(claims)
+
+
+def _not_judged(name: ClaimName, problem: Problem, refusal: str, remedy: ClaimRemedy) -> DeployClaim:
+    return NotJudgedClaim(name=name, passed=False, units=problem.units, remedy=remedy, refusal=refusal)
+
+
+def _detents_behind_feedback(problem: Problem) -> tuple[DeployClaim, ...]:
+    """Return that the detents of a problem are not judged behind state feedback; nothing without detents."""
+    if problem.detent is None:
+        return ()
+    return (_not_judged("detent", problem, "state feedback together with [detent]", ClaimRemedy.WITHOUT_FEEDBACK),)
+
+
+def _claims_in_detents(
+    problem: Problem, frequency: FloatArray, gains: FloatArray, progress: Progress
+) -> tuple[DeployClaim, ...]:
+    """Return the claims of the detents alone, and of frozen gains in the wall with them."""
+    assert problem.detent is not None  # noqa: S101 - asked by the caller
+    # In the wall the slope of a detent adds to that of the wall.
+    steepest = problem.environment.stiffness_n_per_m + problem.detent.slope_n_per_m
+    inside = problem.changed(environment={"stiffness_n_per_m": steepest})
+    held, released = _frozen_claims(inside, frequency, gains, progress)
+    return (
+        detent_claim(problem),
+        replace(held, name="detent-hands", in_detents=True),
+        replace(released, name="detent-let-go", in_detents=True),
+    )
 
 
 def _interpolation(table: GainTable) -> tuple[FloatArray, FloatArray]:
@@ -208,63 +341,48 @@ def _interpolation(table: GainTable) -> tuple[FloatArray, FloatArray]:
 
 def _frozen_claims(
     problem: Problem, frequency: FloatArray, gains: FloatArray, progress: Progress
-) -> tuple[DeployClaim, ...]:
+) -> tuple[StabilityClaim, StabilityClaim]:
     """Return the claims of frozen gains: stable with every hand, and released."""
     law = frozen_law(problem, *gains)
     family = PlantFamily.of(problem)
     held = worst_case_over_hands(family, law, progress=progress)
     released = worst_case_over_hands(family.released, law, draws=0, progress=progress)
 
-    def claim(name: ClaimName, cases: list[WorstCase], passing: str) -> DeployClaim:
+    def claim(name: ClaimName, cases: list[WorstCase]) -> StabilityClaim:
         row = max(range(len(cases)), key=lambda row: cases[row].radius)
         failed = sum(not case.stable for case in cases)
-        where = (
-            "" if len(frequency) == 1 else f" at {frequency[row]:.4g} Hz ({failed} of {len(frequency)} gains judged)"
+        return StabilityClaim(
+            name=name,
+            passed=not failed,
+            units=problem.units,
+            radius=cases[row].radius,
+            worst=cases[row],
+            corners=len(hand_corners(problem.hands)),
+            frequency_hz=float(frequency[row]),
+            judged=len(frequency),
+            failed=failed,
+            ranges=tuple(family.device_ranges),
         )
-        failing = _who(problem, cases[row]) + where + _on(problem, cases[row].device)
-        return _claim(name, not failed, cases[row].radius, passing, failing)
 
-    with_all = f"with every hand of [hands] (worst by {search_text(problem, DRAWS, 0)})"
-    return claim("hands", held, with_all), claim("let-go", released, "when released")
+    return claim("hands", held), claim("let-go", released)
 
 
 def _feedback_claims(coupling: Coupling) -> tuple[DeployClaim, ...]:
-    with_all = "with every hand of [hands] (worst by search)"
-    passing: dict[ClaimName, str] = {
-        "hands": with_all,
-        "let-go": "when released",
-        "dead-zone": f"{with_all}, for any output of the dead zone",
-        "clip": f"{with_all} and released, for any clipped share of the force",
-    }
-    shares = {"dead-zone": "innovation passes the dead zone", "clip": "force is left by its clip"}
-    claims = []
+    """Return the claims of a law: with every hand, released, and for any gain of its dead zone and of its clip."""
+    problem = coupling.problem
     worst_of = worst_case_behind_observer(coupling)
-    for name, passes in passing.items():
-        worst = worst_of[name]
-        failing = _who(coupling.problem, worst) + _on(coupling.problem, worst.device)
-        if name in shares:
-            failing += f" where {worst.values['share']:.3g} of the {shares[name]}"
-        claims.append(_claim(name, worst.stable, worst.radius, passes, failing))
-    return tuple(claims)
-
-
-def _who(problem: Problem, worst: WorstCase) -> str:
-    """Return with which hand, in words."""
-    return f"with {hand_text(worst.hand, problem.units.unit)}" if any(worst.hand.values()) else "when released"
-
-
-def _claim(name: ClaimName, stable: bool, radius: float, passing: str, failing: str) -> DeployClaim:
-    if stable:
-        return DeployClaim(name, True, f"linearly stable {passing}, spectral radius {radius:.6g} at most", "", radius)
-    advice = "take `avc recommend P`, which finds the deployable coupling nearest to the wall, or soften the wall"
-    return DeployClaim(name, False, f"linearly unstable {failing}: spectral radius {radius:.6g}", advice, radius)
-
-
-def _on(problem: Problem, device: Device) -> str:
-    """Return the name of a device within its ranges; none where it has none."""
-    values = linear_values(device)
-    ends = [f"{key} {values[key]:.4g}" for key in PlantFamily.of(problem).device_ranges]
-    return f" (device {', '.join(ends)})" if ends else ""
+    names: tuple[ClaimName, ...] = ("hands", "let-go", "dead-zone", "clip")
+    return tuple(
+        StabilityClaim(
+            name=name,
+            passed=worst_of[name].stable,
+            units=problem.units,
+            radius=worst_of[name].radius,
+            worst=worst_of[name],
+            ranges=tuple(PlantFamily.of(problem).device_ranges),
+        )
+        for name in names
+    )
 
 
 @dataclass(frozen=True)
@@ -318,42 +436,39 @@ def require_deployable(coupling: Coupling, *, unsafe: bool = False) -> Deployabl
     return verdict
 
 
-def detent_claim(problem: Problem) -> DeployClaim:
+def detent_claim(problem: Problem) -> DetentClaim:
     """Judge the linear loops at the steepest slopes of the detents, of both signs, with every hand and released."""
     detent = problem.detent
     if detent is None:
         raise ValueError("the problem has no detents")
-    slope = detent.slope_n_per_m
-    damping = detent.damping_ns_per_m
-    spring = partial(quantity, unit=problem.units.unit("N/m"))
-    damper = partial(quantity, unit=problem.units.unit("N.s/m"))
+    slope, damping = detent.slope_n_per_m, detent.damping_ns_per_m
     family = PlantFamily.of(problem).drawn()
     valley, top = (in_contact(family.devices, family.hands, sign * slope, damping).poles for sign in (1.0, -1.0))
     radius = float(np.abs(valley).max())
     leaving = top[np.abs(top) >= 1]
-    if radius < 1 and not (np.abs(leaving.imag) > _NO_SWING).any():
-        hands = len(family.hands)
-        held = int((np.abs(top).max(axis=-1).reshape(len(family.devices), hands).max(axis=0) < 1).sum())
-        quickest = float(np.log(np.abs(leaving)).max()) / problem.device.sample_time_s if len(leaving) else math.nan
-        rest = "" if held == hands else f", the others leave it without swinging, by e in {1 / quickest:.3g} s"
-        sentence = (
-            f"detents: in a valley, a spring of {spring(slope)}, linearly stable with every hand of [hands] and "
-            f"released, spectral radius {radius:.6g} at most; at a peak, a spring of {spring(-slope)}, {held} of "
-            f"{hands} hands, including none, stay there{rest}"
-        )
-        return DeployClaim("detent", True, sentence, "", radius)
-    where = (
-        f"in a valley, a spring of {spring(slope)} with {damper(damping)}: spectral radius {radius:.6g}"
-        if radius >= 1
-        else f"at a peak, a spring of {spring(-slope)}: a device that leaves it oscillates"
+    hands = len(family.hands)
+    held = int((np.abs(top).max(axis=-1).reshape(len(family.devices), hands).max(axis=0) < 1).sum())
+    quickest_per_s = float(np.log(np.abs(leaving)).max()) / problem.device.sample_time_s if len(leaving) else 0.0
+    swings = bool((np.abs(leaving.imag) > _NO_SWING).any())
+    passed = radius < 1 and not swings
+    return DetentClaim(
+        name="detent",
+        passed=passed,
+        units=problem.units,
+        remedy=None if passed else _detent_remedy(family, slope),
+        radius=radius,
+        slope_n_per_m=slope,
+        damping_ns_per_m=damping,
+        in_valley=radius < 1,
+        held=held,
+        hands=hands,
+        leaves_s=1 / quickest_per_s if quickest_per_s > 0 else math.nan,
     )
-    holds = damping_range(family, slope)
-    if math.isfinite(holds.lowest_ns_per_m):
-        advice = (
-            f"set the damping of the detents to {damper(holds.lowest_ns_per_m)} to {damper(holds.highest_ns_per_m)}, "
-        )
-        advice += "or make the detents weaker or wider"
-    else:
-        most = stiffest_wall(family).stiffness_n_per_m
-        advice = f"make the detents weaker or wider: no damping stabilises a slope above {spring(most)}"
-    return DeployClaim("detent", False, f"detents: linearly unstable {where}", advice, radius)
+
+
+def _detent_remedy(family: PlantFamily, slope_n_per_m: float) -> DetentRemedy:
+    holds = damping_range(family, slope_n_per_m)
+    steepest_n_per_m = math.nan
+    if not math.isfinite(holds.lowest_ns_per_m):
+        steepest_n_per_m = stiffest_wall(family).stiffness_n_per_m
+    return DetentRemedy(holds.lowest_ns_per_m, holds.highest_ns_per_m, steepest_n_per_m)

@@ -7,7 +7,7 @@ from functools import singledispatch
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.claims.admittance import AdmittanceCertificate
 from avc_casadi.claims.certify import Certificate
-from avc_casadi.claims.deployable import CertifiedCoupling, deployable
+from avc_casadi.claims.deployable import CertifiedCoupling, ClaimRemedy, DeployClaim, DetentRemedy, deployable
 from avc_casadi.claims.mass_width import MassWidth
 from avc_casadi.claims.own_law import LawCertificate
 from avc_casadi.claims.zwidth import ZWidth
@@ -17,7 +17,7 @@ from avc_casadi.design.scene_coupling import SimulatedScene
 from avc_casadi.design.solution import SolvedGains
 from avc_casadi.model.gains import GainSchedule
 from avc_casadi.present.row import Answer, Page
-from avc_casadi.present.rows import admittance, design, judge, law_words
+from avc_casadi.present.rows import admittance, claim_words, design, judge, law_words
 from avc_casadi.present.rows.reasons import clauses, sentence
 from avc_casadi.present.rows.recommend import recommendation
 from avc_casadi.recommendation.admittance import AdmittanceRecommendation
@@ -41,6 +41,9 @@ def text_of(result: object) -> str:
 answer_of.register(Recommendation, recommendation)
 answer_of.register(LawCertificate, judge.own_law)
 clauses.register(LawCertificate, law_words.law_clauses)
+clauses.register(DeployClaim, claim_words.claim_clauses)
+clauses.register(ClaimRemedy, claim_words.remedy_clauses)
+clauses.register(DetentRemedy, claim_words.detent_remedy_clauses)
 answer_of.register(AdmittanceCertificate, admittance.certificate)
 answer_of.register(AdmittanceRecommendation, admittance.recommendation)
 answer_of.register(MassWidth, admittance.region)

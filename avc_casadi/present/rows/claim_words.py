@@ -1,0 +1,129 @@
+"""English of the claims that a deployable coupling meets, and of what to do where one fails."""
+
+from __future__ import annotations
+
+import math
+from functools import singledispatch
+
+from avc_casadi._util.text import quantity
+from avc_casadi._util.units import Units
+from avc_casadi.claims.deployable import (
+    ClaimRemedy,
+    DeployClaim,
+    DetentClaim,
+    DetentRemedy,
+    DiskMarginClaim,
+    NotJudgedClaim,
+    StabilityClaim,
+)
+from avc_casadi.loops.plant_family import DRAWS
+from avc_casadi.model.corners import linear_values
+from avc_casadi.model.hands import hand_text
+
+_REMEDIES = {
+    ClaimRemedy.RECOMMEND_OR_SOFTEN: (
+        "take `avc recommend P`, which finds the deployable coupling nearest to the wall, or soften the wall"
+    ),
+    ClaimRemedy.RECOMMEND_OR_LESS_MARGIN: (
+        "take `avc recommend P`, soften the wall, or lower [robustness] disk_margin"
+    ),
+    ClaimRemedy.WITHOUT_FEEDBACK: "take a coupling without state feedback: avc solve P --method static-tuned",
+    ClaimRemedy.WITHOUT_REALISM: (
+        "take a softer wall, a shorter sample time, or a method without the realism condition (avc recommend)"
+    ),
+    ClaimRemedy.LESS_DELAY: "shorten the delay, or analyse the loop by other means",
+}
+
+
+def remedy_clauses(remedy: ClaimRemedy, units: Units) -> tuple[str, ...]:  # noqa: ARG001
+    """Return what to do where a claim fails."""
+    return (_REMEDIES[remedy],)
+
+
+def detent_remedy_clauses(remedy: DetentRemedy, units: Units) -> tuple[str, ...]:
+    """Return what to do about unstable detents."""
+    if math.isfinite(remedy.lowest_ns_per_m):
+        ends = (remedy.lowest_ns_per_m, remedy.highest_ns_per_m)
+        low, high = (quantity(damping, units.unit("N.s/m")) for damping in ends)
+        return (f"set the damping of the detents to {low} to {high}, or make the detents weaker or wider",)
+    steepest = quantity(remedy.steepest_n_per_m, units.unit("N/m"))
+    return (f"make the detents weaker or wider: no damping stabilises a slope above {steepest}",)
+
+
+def claim_clauses(claim: DeployClaim, units: Units) -> tuple[str, ...]:
+    """Return what a claim says, or what does not hold."""
+    without = " (judged without the observer, which is not linear)" if claim.without_observer else ""
+    return (f"{_fact(claim, units)}{without}",)
+
+
+@singledispatch
+def _fact(claim: DeployClaim, units: Units) -> str:  # noqa: ARG001
+    return "the wall is not rendered: b, k and b_p are 0"
+
+
+@_fact.register
+def _not_judged(claim: NotJudgedClaim, units: Units) -> str:  # noqa: ARG001
+    return f"not judged: {claim.refusal}"
+
+
+@_fact.register
+def _disk_margin(claim: DiskMarginClaim, units: Units) -> str:  # noqa: ARG001
+    return f"a disk margin of {claim.margin:.2g}, below {claim.least:.2g}: may vibrate if the motor constant differs"
+
+
+@_fact.register
+def _stability(claim: StabilityClaim, units: Units) -> str:
+    radius = f"spectral radius {claim.radius:.6g}"
+    if claim.passed:
+        fact = f"linearly stable {_hands_of(claim)}, {radius} at most"
+    else:
+        fact = f"linearly unstable {_worst_of(claim, units)}: {radius}"
+    return f"in the wall with its detents: {fact}" if claim.in_detents else fact
+
+
+def _hands_of(claim: StabilityClaim) -> str:
+    """Return with which hands a stability claim holds."""
+    if claim.name in {"let-go", "detent-let-go"}:
+        return "when released"
+    search = "search"
+    if claim.corners is not None:
+        search = f"{claim.corners} corners, {DRAWS} draws (seed 0) and a search of the ranges"
+    hands = f"with every hand of [hands] (worst by {search})"
+    if claim.name == "dead-zone":
+        return f"{hands}, for any output of the dead zone"
+    if claim.name == "clip":
+        return f"{hands} and released, for any clipped share of the force"
+    return hands
+
+
+def _worst_of(claim: StabilityClaim, units: Units) -> str:
+    """Return the worst loop: hand, gains, device within its ranges, share of the dead zone or the clip."""
+    worst = claim.worst
+    text = f"with {hand_text(worst.hand, units.unit)}" if any(worst.hand.values()) else "when released"
+    if claim.judged > 1:
+        text += f" at {claim.frequency_hz:.4g} Hz ({claim.failed} of {claim.judged} gains judged)"
+    if claim.ranges:
+        values = linear_values(worst.device)
+        text += f" (device {', '.join(f'{key} {values[key]:.4g}' for key in claim.ranges)})"
+    if claim.name == "dead-zone":
+        text += f" where {worst.values['share']:.3g} of the innovation passes the dead zone"
+    if claim.name == "clip":
+        text += f" where {worst.values['share']:.3g} of the force is left by its clip"
+    return text
+
+
+@_fact.register
+def _detent(claim: DetentClaim, units: Units) -> str:
+    slope, top = (quantity(sign * claim.slope_n_per_m, units.unit("N/m")) for sign in (1, -1))
+    if claim.passed:
+        others = f", the others leave it without swinging, by e in {claim.leaves_s:.3g} s"
+        return (
+            f"detents: in a valley, a spring of {slope}, linearly stable with every hand of [hands] and "
+            f"released, spectral radius {claim.radius:.6g} at most; at a peak, a spring of {top}, {claim.held} of "
+            f"{claim.hands} hands, including none, stay there{'' if claim.held == claim.hands else others}"
+        )
+    if claim.in_valley:
+        return f"detents: linearly unstable at a peak, a spring of {top}: a device that leaves it oscillates"
+    damping = quantity(claim.damping_ns_per_m, units.unit("N.s/m"))
+    valley = f"in a valley, a spring of {slope} with {damping}"
+    return f"detents: linearly unstable {valley}: spectral radius {claim.radius:.6g}"
