@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+from avc_casadi._util.json_values import Sentence
 from avc_casadi._util.units import LINEAR, Units
 
 _present: Callable[[], Any]
@@ -23,7 +24,7 @@ def printed(result: object) -> str:
     return text
 
 
-class Worded:
+class Worded(Sentence):
     """Base of facts that presentation words."""
 
     def __str__(self) -> str:

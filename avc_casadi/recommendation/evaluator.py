@@ -31,7 +31,7 @@ from avc_casadi.model.hands import Hand, StylusHand
 from avc_casadi.model.perturbed import PERTURBED_SHARE, perturbed_devices, perturbed_keys
 from avc_casadi.model.plant import SampledPlant, sampled_plant
 from avc_casadi.model.problem import Problem
-from avc_casadi.recommendation.rank import Candidate, best_of, error_in_motion
+from avc_casadi.recommendation.rank import Candidate, Safety, best_of, error_in_motion
 from avc_casadi.recommendation.reasons import Flaw, UnmetRequirement, UnmetRequirements
 from avc_casadi.recommendation.request import Request
 from avc_casadi.simulation.population.operators import GRIPS, draw_hands, draw_population, loose_grips, people_of
@@ -93,6 +93,7 @@ class Evaluator:
         self._executor = request.executor
         self._trial = partial(try_coupling, seed=seed, executor=request.executor)
         self._lean = request.lean_on_friction
+        self._required = Safety.BY_FRICTION if request.lean_on_friction else Safety.ALWAYS
         self._within = within
         count = 2 * len(self._people)
         self._others = (
@@ -112,7 +113,7 @@ class Evaluator:
         if off or not deployable(coupling).passed:
             return None
         candidate = Candidate(coupling, self._trial(coupling, self._people.pick(slice(FIRST))), self.considered)
-        if candidate.safety <= int(self._lean) and len(self._people) > FIRST:
+        if candidate.safety <= self._required and len(self._people) > FIRST:
             candidate = replace(candidate, trial=self._trial(coupling, self._people))
         if not self.flaw(candidate):
             candidate = replace(candidate, beyond=self._tried_beyond(coupling))
@@ -153,7 +154,7 @@ class Evaluator:
 
     def flaw(self, candidate: Candidate) -> Flaw | None:
         """Return why a coupling is not complete; None where it is."""
-        return candidate.flaw(int(self._lean))
+        return candidate.flaw(self._required)
 
     def complete(self) -> list[Candidate]:
         """Return the complete couplings."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from enum import IntEnum
 from functools import cached_property
 
 import numpy as np
@@ -46,6 +47,17 @@ MOVING_HZ = (1.0, 3.0, 10.0)
 BELOW_THRESHOLD_SHARE = 0.9
 
 
+class Safety(IntEnum):
+    """Whether all hands settle; the safest first."""
+
+    ALWAYS = 0
+    """Without dry friction and with it."""
+    BY_FRICTION = 1
+    """With the declared dry friction alone."""
+    NOT_ALL = 2
+    """Not all of them."""
+
+
 @dataclass(frozen=True)
 class Candidate:
     """A deployable coupling and its trials, those beyond the problem too; the order is that of proposal."""
@@ -57,12 +69,12 @@ class Candidate:
     beyond: tuple[BoolArray, ...] = ()  # first the corner hands that strike the wall; empty where not tried
 
     @cached_property
-    def safety(self) -> int:
-        """0: all hands settle without dry friction and with it; 1: with the declared friction; 2: not all."""
+    def safety(self) -> Safety:
+        """Whether all hands settle, and whether they need dry friction for it."""
         everybody = all(bool(trial.stable.all()) for trial in self.trials) and self.withstands
         if everybody and all(bool(trial.stable_without_friction.all()) for trial in self.trials):
-            return 0
-        return 1 if everybody else 2
+            return Safety.ALWAYS
+        return Safety.BY_FRICTION if everybody else Safety.NOT_ALL
 
     @property
     def withstands(self) -> bool:
@@ -128,11 +140,12 @@ class Candidate:
         """Whether a proof of L7 is likely."""
         return promises_rest(self.coupling)
 
-    def flaw(self, safety: int) -> Flaw | None:
-        """Return what is not acceptable, as safe as required and vibration below the threshold; None where all is."""
+    def flaw(self, required: Safety) -> Flaw | None:
+        """Return why it is not acceptable: less safe than required, or hands feel it vibrate; None where it is."""
         quiet, hands = self.quiet_hands
-        if self.safety > safety:
-            return Flaw(FlawKind.BY_FRICTION_ALONE if self.safety == 1 else FlawKind.UNSETTLED, quiet, hands)
+        if self.safety > required:
+            by_friction = self.safety is Safety.BY_FRICTION
+            return Flaw(FlawKind.BY_FRICTION_ALONE if by_friction else FlawKind.UNSETTLED, quiet, hands)
         return None if self.quiet else Flaw(FlawKind.VIBRATES, quiet, hands)
 
 
@@ -158,12 +171,12 @@ def error_in_motion(coupling: Coupling) -> float:
 def best_of(candidates: list[Candidate], *, lean_on_friction: bool = False) -> Candidate:
     """Return the best: by safety, vibration threshold, distance; of those as near the plainest without a late push."""
 
-    def safety(candidate: Candidate) -> int:
-        return max(candidate.safety, 1) if lean_on_friction else candidate.safety
+    def safety(candidate: Candidate) -> Safety:
+        return max(candidate.safety, Safety.BY_FRICTION) if lean_on_friction else candidate.safety
 
     safest = min(safety(candidate) for candidate in candidates)
     left = [candidate for candidate in candidates if safety(candidate) == safest]
-    if safest == 2:
+    if safest is Safety.NOT_ALL:
         most = max(candidate.at_rest for candidate in left)
         left = [candidate for candidate in left if candidate.at_rest == most]
     left = [candidate for candidate in left if candidate.quiet] or left
@@ -201,7 +214,7 @@ def _plainness(candidate: Candidate) -> tuple[float, ...]:
 
 def why_best(best: Candidate, candidates: list[Candidate]) -> Reason:
     """Return why this coupling is recommended, and which nearer one is not as safe or as quiet."""
-    if best.safety == 2:
+    if best.safety is Safety.NOT_ALL:
         return NoneSettles(len(candidates))
     rank = best.safety, not best.quiet
     worse = [candidate for candidate in candidates if (candidate.safety, not candidate.quiet) > rank]
@@ -209,4 +222,4 @@ def why_best(best: Candidate, candidates: list[Candidate]) -> Reason:
     rejected = None
     if nearer.error <= best.error - NOTICED_ERROR:
         rejected = NearerCandidate(nearer.coupling.method, nearer.error, best.error, nearer.flaw(best.safety))
-    return NearestToWall(len(candidates), by_friction=best.safety == 1, nearer=rejected)
+    return NearestToWall(len(candidates), by_friction=best.safety is Safety.BY_FRICTION, nearer=rejected)

@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from enum import Enum, auto
 from functools import cache, partial
 from typing import Any, ClassVar
 
 import numpy as np
 
 from avc_casadi._util.json_values import Document
+from avc_casadi._util.page import Worded
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.design.program import program_answers, why_no_law
 from avc_casadi.design.virtual_tool import WIDEST_MARGIN, ToolSearch, ToolSearchOptions
@@ -22,19 +24,36 @@ from avc_casadi.model.ends import HEAVIEST_TOOL_KG, LIGHTEST_TOOL_KG, LONGEST_ST
 from avc_casadi.model.problem import Problem
 
 
+class Change(Worded, Enum):
+    """A change of a device, of an engine or of the tool in it."""
+
+    HALF_SAMPLE_TIME = auto()
+    TWICE_DAMPING = auto()
+    TWICE_MASS = auto()
+    NO_DELAY = auto()
+    AMPLIFIER_WITHOUT_LAG = auto()
+    NO_RESONANCE = auto()
+    ENGINE_TWICE_AS_FAST = auto()
+    FORCE_IN_EACH_SUBSTEP = auto()
+    STATE_ON_TIME = auto()
+    TOOL_TWICE_AS_HEAVY = auto()
+    IMPLICIT_INTEGRATOR = auto()
+    LOCAL_DAMPER = auto()
+
+
 @dataclass(frozen=True)
 class Sensitivity(Document):
-    """A change in words, and the stiffest coupling that it allows, by linear stability alone; 0 without any."""
+    """A change, and the stiffest coupling that it allows, by linear stability alone; 0 without any."""
 
     JSON_KEYS: ClassVar[tuple[str | tuple[str, str], ...]] = ("change", "stiffest_n_per_m")
 
-    change: str
+    change: Change
     stiffest_n_per_m: float
 
 
 @dataclass(frozen=True)
 class WallSensitivity(Sensitivity):
-    """A change of the device in words, and the stiffest wall that is then stable with every hand and released."""
+    """A change of the device, and the stiffest wall that is then stable with every hand and released."""
 
     JSON_KEYS: ClassVar = ("change", ("stiffest_wall_n_per_m", "stiffest_n_per_m"))
 
@@ -50,22 +69,22 @@ def what_would_help(problem: Problem) -> tuple[WallSensitivity, ...]:
     return tuple(sorted(changes, key=lambda change: -change.stiffest_n_per_m))
 
 
-def _linear_changes(device: Device) -> dict[str, dict[str, Any]]:
+def _linear_changes(device: Device) -> dict[Change, dict[str, Any]]:
     """Return improvements that linear stability captures, one at a time, with the keys that change."""
-    keys: dict[str, dict[str, Any]] = {"half the sample time": {"sample_time_s": device.sample_time_s / 2}}
-    for property_name, key in (("damping", "damping_ns_per_m"), ("mass", "mass_kg")):
+    keys: dict[Change, dict[str, Any]] = {Change.HALF_SAMPLE_TIME: {"sample_time_s": device.sample_time_s / 2}}
+    for change, key in ((Change.TWICE_DAMPING, "damping_ns_per_m"), (Change.TWICE_MASS, "mass_kg")):
         value, interval = getattr(device, key), getattr(device.range, key)
         twice = None if interval is None else tuple(2 * end for end in interval)
         if value:
-            keys[f"twice the {property_name} of the device"] = {key: 2 * value, "range": {key: twice}}
+            keys[change] = {key: 2 * value, "range": {key: twice}}
     if device.delay_samples:
-        keys["no delay"] = {"delay_samples": 0, "range": {"delay_samples": None}}
+        keys[Change.NO_DELAY] = {"delay_samples": 0, "range": {"delay_samples": None}}
     if device.amplifier_bandwidth_hz is not None:
         lags = {"amplifier_bandwidth_hz": None, "amplifier_damping_ratio": None}
-        keys["an amplifier without lag"] = {"amplifier_bandwidth_hz": None, "amplifier_order": 1, "range": lags}
+        keys[Change.AMPLIFIER_WITHOUT_LAG] = {"amplifier_bandwidth_hz": None, "amplifier_order": 1, "range": lags}
     if device.resonance is not None:
         nothing = dict.fromkeys(type(device.resonance).model_fields)
-        keys["no resonance"] = {"resonance": None, "encoder_at": "motor", "range": {"resonance": nothing}}
+        keys[Change.NO_RESONANCE] = {"resonance": None, "encoder_at": "motor", "range": {"resonance": nothing}}
     return keys
 
 
@@ -113,18 +132,18 @@ def what_would_help_tool(problem: Problem, search: ToolSearch, *, local: bool) -
     """Return the sensitivities of the stiffness limit, largest first."""
     tool, t = problem.end_as(Simulation), problem.device.sample_time_s
     step_s, hands = max(tool.step_s), search.loops.worst_hands
-    changes: dict[str, dict[str, Any]] = {}
+    changes: dict[Change, dict[str, Any]] = {}
     if step_s >= 2 * t:
-        changes["an engine twice as fast"] = {"step_s": step_s / 2}
+        changes[Change.ENGINE_TWICE_AS_FAST] = {"step_s": step_s / 2}
     if tool.substeps > 1 and min(tool.step_s) >= t * tool.substeps:
-        changes["the force anew in each substep"] = {"step_s": [s / tool.substeps for s in tool.step_s], "substeps": 1}
+        changes[Change.FORCE_IN_EACH_SUBSTEP] = {"step_s": [s / tool.substeps for s in tool.step_s], "substeps": 1}
     if tool.exchange != "on-time" or tool.steps_late:
-        changes["the tool's state on time"] = {"exchange": "on-time", "steps_late": 0}
+        changes[Change.STATE_ON_TIME] = {"exchange": "on-time", "steps_late": 0}
     if tool.tool_mass_kg is not None:
         heavier = [min(2 * mass, HEAVIEST_TOOL_KG) for mass in tool.tool_mass_kg]
-        changes["a tool twice as heavy"] = {"tool_mass_kg": heavier}
+        changes[Change.TOOL_TWICE_AS_HEAVY] = {"tool_mass_kg": heavier}
     if tool.integrator != "implicit" and tool.tool_mass_kg is not None:
-        changes["an implicit integrator"] = {"integrator": "implicit"}
+        changes[Change.IMPLICIT_INTEGRATOR] = {"integrator": "implicit"}
     roughly = ToolSearchOptions(precision=0.01)  # one part in a hundred, beside a limit
     sensitivities = []
     for change, keys in changes.items():
@@ -132,7 +151,7 @@ def what_would_help_tool(problem: Problem, search: ToolSearch, *, local: bool) -
         sensitivities.append(Sensitivity(change, changed.stiffest().stiffness_n_per_m))
     if not local:
         damped = ToolSearch(problem, roughly, hands).stiffest_beside_local_damper()
-        sensitivities.append(Sensitivity("a damper in the device's own loop", damped.stiffness_n_per_m))
+        sensitivities.append(Sensitivity(Change.LOCAL_DAMPER, damped.stiffness_n_per_m))
     worth_saying_n_per_m = _WORTH_SAYING * search.limit[0].stiffness_n_per_m
     better = (change for change in sensitivities if change.stiffest_n_per_m > worth_saying_n_per_m)
     return tuple(sorted(better, key=lambda change: -change.stiffest_n_per_m))

@@ -25,7 +25,7 @@ from avc_casadi.recommendation.evaluator import (
     unmodelled_trials,
 )
 from avc_casadi.recommendation.preconditions import assumed, not_used, nothing_rendered
-from avc_casadi.recommendation.rank import UNNOTICED, Candidate, why_best
+from avc_casadi.recommendation.rank import UNNOTICED, Candidate, Safety, why_best
 from avc_casadi.recommendation.reasons import AsRequested, NoneStable, Reason, StrikeUnsettled
 from avc_casadi.recommendation.recommendation import (
     Decision,
@@ -77,7 +77,7 @@ class WallDesign:
         known, rest = with_rest(certified, request.progress)
         off, beyond = mismatched(), unmodelled()
         decision, shortfall = _shortfall(
-            problem, best, beyond, by_friction=request.lean_on_friction or best.safety == 1
+            problem, best, beyond, by_friction=request.lean_on_friction or best.safety is Safety.BY_FRICTION
         )
         return WallRecommendation(
             problem=problem,

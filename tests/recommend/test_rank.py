@@ -28,7 +28,7 @@ from avc_casadi.recommendation.reasons import NoForce
 from avc_casadi.recommendation.recommendation import LimitCycleFreedom, WallRecommendation
 from avc_casadi.recommendation.rendered import deployed
 from avc_casadi.recommendation.request import Request
-from avc_casadi.recommendation.sensitivity import what_would_help
+from avc_casadi.recommendation.sensitivity import Change, what_would_help
 from avc_casadi.simulation.population.operators import people_of
 from avc_casadi.simulation.population.trial import CouplingTrial, try_coupling, try_on_devices
 
@@ -257,7 +257,7 @@ def test_twice_a_property_is_twice_the_range_within_which_it_is_known():
     )
     twice = problem.changed(device={"damping_ns_per_m": 4.0, "range": {"damping_ns_per_m": (2.0, 6.0)}})
     wall = stiffest_wall(PlantFamily.of(twice)).stiffness_n_per_m
-    (found,) = (one for one in what_would_help(problem) if one.change == "twice the damping of the device")
+    (found,) = (one for one in what_would_help(problem) if one.change is Change.TWICE_DAMPING)
     assert found.stiffest_n_per_m == pytest.approx(wall)
 
 

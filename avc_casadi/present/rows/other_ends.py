@@ -17,6 +17,7 @@ from avc_casadi.model.ends import End, Follower, Simulation
 from avc_casadi.model.problem import Problem
 from avc_casadi.present.row import Mark, Part, Parts, Row, Value, caution, commas, count, grade, row
 from avc_casadi.present.rows import subject
+from avc_casadi.present.rows.reasons import CHANGES
 from avc_casadi.recommendation.pair import GAIN_MARGIN
 from avc_casadi.recommendation.recommendation import (
     NoPair,
@@ -94,7 +95,10 @@ def _pair_limit(recommended: NoPair | PairRecommendation) -> list[Row]:
     """Return the stiffest coupling by linear stability, what would help, and what is declared and not used."""
     stiffest = recommended.pair.stiffest.stiffness_n_per_m
     limit: Parts = ("K", Value(stiffest, "stiffness")) if stiffest else "no K is stable"
-    changes = [(change.change, Value(change.stiffest_n_per_m, "stiffness")) for change in recommended.sensitivities[:3]]
+    changes = [
+        (CHANGES[change.change], Value(change.stiffest_n_per_m, "stiffness"))
+        for change in recommended.sensitivities[:3]
+    ]
     return [row("Linear limit", commas([limit, *changes], ";")), *subject.not_used(recommended.not_used)]
 
 
@@ -211,11 +215,13 @@ def _pair_simulated(trial: Trial) -> Row:
 
 @_pair_simulated.register
 def _tool_simulated(trial: ToolTrial) -> Row:
-    without_friction, with_dropped = (int(settled.sum()) for settled in trial.variants.values())
+    """Return how many hands settle, also without friction and where the engine misses steps; all of them pass."""
+    without_friction = int(trial.stable_without_friction.sum())
+    with_missed_steps = int(trial.stable_with_dropped_steps.sum())
+    fewest = min(trial.settled, without_friction, with_missed_steps)
     smooth = ",", count(without_friction), "without friction"
-    dropped = ",", count(with_dropped), "with", Value(trial.dropped_share, "share"), "of the steps missed"
-    least = min(trial.settled, without_friction, with_dropped)
-    return row("Simulated", _settled(trial), smooth, dropped, mark=grade(least == trial.hands, Mark.CAUTION))
+    missed = ",", count(with_missed_steps), "with", Value(trial.dropped_share, "share"), "of the steps missed"
+    return row("Simulated", _settled(trial), smooth, missed, mark=grade(fewest == trial.hands, Mark.CAUTION))
 
 
 @_pair_simulated.register

@@ -9,6 +9,7 @@ from avc_casadi._util.text import quantity
 from avc_casadi._util.units import Units
 from avc_casadi.recommendation import reasons
 from avc_casadi.recommendation.reasons import FlawKind, LastTried, NothingRenderedBecause, Reason
+from avc_casadi.recommendation.sensitivity import Change
 from avc_casadi.simulation.population.trial import Variant
 
 
@@ -249,3 +250,26 @@ def _unsettled_with_dropped_steps(reason: reasons.UnsettledWithDroppedSteps, uni
     settle = f"of {reason.hands} simulated hands {reason.settled} settle"
     missed = f"{reason.settled_with_dropped_steps} where the engine misses steps"
     return (f"{settle} with the last coupling that was tried, {missed}",)
+
+
+CHANGES: dict[Change, str] = {
+    Change.HALF_SAMPLE_TIME: "half the sample time",
+    Change.TWICE_DAMPING: "twice the damping",
+    Change.TWICE_MASS: "twice the mass",
+    Change.NO_DELAY: "no delay",
+    Change.AMPLIFIER_WITHOUT_LAG: "an amplifier without lag",
+    Change.NO_RESONANCE: "no resonance",
+    Change.ENGINE_TWICE_AS_FAST: "an engine twice as fast",
+    Change.FORCE_IN_EACH_SUBSTEP: "the force anew in each substep",
+    Change.STATE_ON_TIME: "the tool's state on time",
+    Change.TOOL_TWICE_AS_HEAVY: "a tool twice as heavy",
+    Change.IMPLICIT_INTEGRATOR: "an implicit integrator",
+    Change.LOCAL_DAMPER: "a damper in the device's own loop",
+}
+"""Changes that would help, as rows name them."""
+
+
+@clauses.register
+def _change(change: Change, units: Units) -> tuple[str, ...]:  # noqa: ARG001
+    of_device = change in {Change.TWICE_DAMPING, Change.TWICE_MASS}
+    return (f"{CHANGES[change]}{' of the device' if of_device else ''}",)

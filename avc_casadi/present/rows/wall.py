@@ -11,6 +11,7 @@ from avc_casadi.model.problem import Impedance, Problem
 from avc_casadi.present import words
 from avc_casadi.present.row import Mark, Part, Parts, Row, Value, caution, commas, count, grade, row, span
 from avc_casadi.present.rows import subject
+from avc_casadi.present.rows.reasons import CHANGES
 from avc_casadi.recommendation.damped_wall import DampedWall
 from avc_casadi.recommendation.evaluator import UnmodelledTrial
 from avc_casadi.recommendation.rank import UNNOTICED
@@ -380,7 +381,7 @@ def _contact_onset(rendered: RenderedWall, metres_per_unit: float) -> list[Row]:
 def _wall_limit(recommended: NoWallCoupling | WallRecommendation) -> list[Row]:
     """Return the stiffest wall of a plain coupling by linear stability, and what would help most."""
     changes = [
-        (change.change.removesuffix(" of the device"), Value(change.stiffest_n_per_m, "stiffness"))
+        (CHANGES[change.change], Value(change.stiffest_n_per_m, "stiffness"))
         for change in recommended.sensitivities[:3]
     ]
     limit = "plain coupling", Value(recommended.limits.plain_wall_n_per_m, "stiffness")
