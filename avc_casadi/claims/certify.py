@@ -14,7 +14,7 @@ from avc_casadi._util.json_values import Document, plain
 from avc_casadi._util.printed import Columns, Tabular
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.claims.hands import hands_level
-from avc_casadi.claims.levels import LEVELS, LevelResult, Rows, Subject, passivity_level
+from avc_casadi.claims.levels import LEVELS, LevelResult, ProofDetail, Rows, Subject, passivity_level
 from avc_casadi.claims.prove.held_device import HAND, SampledPlantBox
 from avc_casadi.claims.prove.law import ContactLaw
 from avc_casadi.claims.prove.rest import Rest, promising, prove_rest
@@ -184,11 +184,11 @@ def proof_files(problem: Problem, certificate: Certificate) -> dict[str, dict[st
                 "outcome": result.outcome,
                 "claim": result.claim,
                 "problem": tables,
-                "proofs": result.detail["proofs"],
+                "proofs": result.detail.proofs,
             }
         )
         for level, result in certificate.levels.items()
-        if "proofs" in result.detail
+        if isinstance(result.detail, ProofDetail)
     }
 
 
@@ -268,7 +268,7 @@ def _rest_result(rests: list[Rest], claim: str, worst: int, rows: int) -> LevelR
         row_passed=passed,
         row_margin_ns_per_m=nothing,
         row_frequency_hz=nothing,
-        detail={"proofs": [rest.document() for rest in rests]},
+        detail=ProofDetail(tuple(rest.document() for rest in rests)),
         outcome=rests[worst].outcome if rests else "open",
     )
 

@@ -15,7 +15,7 @@ import numpy as np
 from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray, IndexArray
 from avc_casadi._util.progress import SILENT, Progress
-from avc_casadi.claims.levels import LevelResult, RowMargins, Rows, Subject, level_result, refusal
+from avc_casadi.claims.levels import HandsDetail, LevelResult, RowMargins, Rows, Subject, level_result, refusal
 from avc_casadi.claims.worst_frequency import worst_margin
 from avc_casadi.coupling import Coupling
 from avc_casadi.loops.loop import Body
@@ -224,10 +224,7 @@ def hands_level(subject: Subject) -> LevelResult:
         tolerance=np.full(len(radius), RADIUS_TOLERANCE),
     )
     result = level_result(rows, "L5", "sampled-data", claim, margins)
-    detail = _detail(rows, held, released) | {
-        "hands": len(family.corner_hands) + subject.draws,
-        "hands_seed": subject.seed,
-    }
+    detail = _detail(subject, held, released)
     if result.row is None:
         return replace(result, detail=detail)
     number = int(np.count_nonzero(rows.present[: result.row]))
@@ -238,20 +235,23 @@ def hands_level(subject: Subject) -> LevelResult:
         claim=claim if worst.stable else _not_met(rows, result.row, held, worst),
         margin_ns_per_m=margin,
         row_margin_ns_per_m=np.where(np.arange(len(rows.present)) == result.row, margin, np.nan),
-        detail=detail | {"worst_hand": worst.hand, "worst_device": linear_values(worst.device)},
+        detail=replace(detail, worst_hand=worst.hand, worst_device=linear_values(worst.device)),
     )
 
 
-def _detail(rows: Rows, held: list[WorstCase], released: list[WorstCase]) -> dict[str, Any]:
-    """Return the JSON values of all rows: radii, and the worst hand of each."""
+def _detail(subject: Subject, held: list[WorstCase], released: list[WorstCase]) -> HandsDetail:
+    """Return radii of all rows, and the worst hand of each."""
+    rows = subject.rows
     radius = np.array([case.radius for case in held])
-    return {
-        "spectral_radius": max((case.radius for case in held), default=None),
-        "row_spectral_radius": rows.spread(radius),
-        "released_spectral_radius": max((case.radius for case in released), default=None),
-        "released_pass": bool(released) and all(case.stable for case in released),
-        "row_worst_hand": {name: rows.spread(np.array([case.hand[name] for case in held])) for name in _HAND},
-    }
+    return HandsDetail(
+        spectral_radius=max((case.radius for case in held), default=None),
+        released_spectral_radius=max((case.radius for case in released), default=None),
+        released_passed=bool(released) and all(case.stable for case in released),
+        hands=len(PlantFamily.of(subject.problem).corner_hands) + subject.draws,
+        hands_seed=subject.seed,
+        row_spectral_radius=rows.spread(radius),
+        row_worst_hand={name: rows.spread(np.array([case.hand[name] for case in held])) for name in _HAND},
+    )
 
 
 def _not_met(rows: Rows, row: int, held: list[WorstCase], worst: WorstCase) -> str:
@@ -286,14 +286,14 @@ def _feedback_level(rows: Rows, cases: dict[str, WorstCase]) -> LevelResult:
         tolerance=np.full(count, RADIUS_TOLERANCE),
     )
     result = level_result(rows, "L5", "sampled-data", claim, margins)
-    detail = {
-        "spectral_radius": worst.radius,
-        "released_spectral_radius": released.radius,
-        "released_pass": released.stable,
-        "hands": len(hand_corners(rows.problem.hands)),
-        "worst_hand": worst.hand,
-        "worst_share": worst.values["share"],
-    }
+    detail = HandsDetail(
+        spectral_radius=worst.radius,
+        released_spectral_radius=released.radius,
+        released_passed=released.stable,
+        hands=len(hand_corners(rows.problem.hands)),
+        worst_hand=worst.hand,
+        worst_share=worst.values["share"],
+    )
     return replace(result, claim=claim, margin_ns_per_m=float("nan"), detail=detail)
 
 

@@ -62,8 +62,8 @@ def test_the_papers_criterion_passes_and_the_loop_diverges():
     levels = certify(case, table(case, 1.1, 9300.0)).levels
     assert [levels[level].passed for level in ("L0", "L1", "L2", "L3", "L4")] == [True, True, True, False, True]
     assert levels["L3"].frequency_hz == 500.0
-    assert levels["L5"].detail["released_spectral_radius"] == pytest.approx(1.0114, abs=1e-4)
-    assert not levels["L5"].detail["released_pass"]
+    assert levels["L5"].detail.released_spectral_radius == pytest.approx(1.0114, abs=1e-4)
+    assert not levels["L5"].detail.released_passed
 
 
 @pytest.mark.slow
@@ -75,7 +75,7 @@ def test_levels_imply_each_other_where_they_must(b_d, b, k, contact, delay):
     if levels["L3"].passed:  # all frequencies: then every band and every single one, and any hand
         assert levels["L1"].passed
         assert levels["L5"].passed
-        assert levels["L5"].detail["released_spectral_radius"] <= 1 + 1e-9
+        assert levels["L5"].detail.released_spectral_radius <= 1 + 1e-9
     if levels["L1"].passed:
         assert levels["L0"].passed
     if levels["L4"].passed and k > 0:  # any passive environment: then this one
@@ -88,7 +88,7 @@ def test_levels_imply_each_other_where_they_must(b_d, b, k, contact, delay):
 def test_damping_reserve_is_the_edge_of_stability(k):
     case = problem(b_d=1.0, rows=1)
     result = certify(case, table(case, 20.0, k)).levels["L5"]
-    hand = result.detail["worst_hand"]
+    hand = result.detail.worst_hand
     span = "".join(f"{key} = [{value}, {value}]\n" for key, value in hand.items())
     for offset, stable in ((1e-4, True), (-1e-4, False)):
         damping = 1.0 - result.margin_ns_per_m + offset
@@ -156,7 +156,7 @@ def test_a_loop_that_grows_slowly_is_not_stable():
         low, high = (middle, high) if radius(middle) < 1 else (low, middle)
     for share, sign in ((0.99, -1), (1.01, 1)):
         level = certify(case, table(case, 0.0, share * low)).levels["L5"]
-        assert 0 < sign * (level.detail["spectral_radius"] - 1) < 1e-3
+        assert 0 < sign * (level.detail.spectral_radius - 1) < 1e-3
         assert level.passed == (sign < 0)
 
 

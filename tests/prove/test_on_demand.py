@@ -44,7 +44,7 @@ def test_a_loop_that_is_unstable_in_contact_is_refuted_by_its_hand():
     coupling = coupling_of(Gains(0.0, 1e6))
     found = outcome(coupling)
     assert found.outcome == "refuted"
-    document = found.detail["proofs"][0]
+    document = found.detail.proofs[0]
     assert document["unstable"]["spectral_radius"] > 1
     assert certify(coupling.problem, coupling).levels["L5"].passed is False
 
@@ -96,4 +96,4 @@ def test_what_is_said_of_a_device_that_is_not_rigid_agrees_with_brute_force(devi
     assert found.outcome == word, found.claim
     radius = brute_force(coupling.problem, np.array([0.0]), np.array([1e8]), np.array([b_p]), 5)[0]
     assert (radius < 1) == (word == "proved")
-    assert word == "refuted" or Rest.from_document(found.detail["proofs"][0]).verify()
+    assert word == "refuted" or Rest.from_document(found.detail.proofs[0]).verify()

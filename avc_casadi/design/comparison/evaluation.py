@@ -11,6 +11,7 @@ from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray
 from avc_casadi._util.json_values import Document
 from avc_casadi.claims.certify import Certificate, certify
 from avc_casadi.claims.deployable import ClaimName, Deployable, deployable
+from avc_casadi.claims.levels import HandsDetail
 from avc_casadi.claims.worst_frequency import real_part
 from avc_casadi.coupling import Coupling
 from avc_casadi.loops.wall import SampledLoop, fractions, law_at_rest
@@ -50,7 +51,8 @@ class Evaluation(Document):
 
     @property
     def _stable_released(self) -> bool:
-        stable = bool(self.certificate.levels["L5"].detail.get("released_pass", False))
+        detail = self.certificate.levels["L5"].detail
+        stable = isinstance(detail, HandsDetail) and detail.released_passed
         return stable and self._claims.get("let-go", False)
 
     @property
