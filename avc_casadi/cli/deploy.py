@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, closing
 from dataclasses import replace
 from pathlib import Path
@@ -50,16 +50,20 @@ def run_export(args: argparse.Namespace, console: Console) -> Answer:
 
     The code is valid C99 and C++11, and runs at the coupling's sample time.
     For a [simulation] or a [follower] it contains the code of both ends.
-    A table [law] of a problem is exported with all its pieces.
+    A table [law] of a problem is exported with all its pieces; of an admittance device the function takes
+    position and force, and returns the velocity to command.
     What is not deployable is refused with exit code 1; --unsafe overrides this.
     """
     from avc_casadi.cli import ends
     from avc_casadi.cli.law import states_law
+    from avc_casadi.files.admittance_file import is_admittance
     from avc_casadi.model.ends import Simulation
     from avc_hardware.codegen.pair_export import pair_verdict
 
     if (args.c is None) == (args.parameters is None):
         raise avc.InputError.of("is missing; give either --c DIR or --parameters ENGINE", key="c")
+    if is_admittance(args.gains):
+        return _admittance_exported(args, console)
     if not cli.is_coupling(args.gains) and states_law(args.gains, args.problem):
         return _law_exported(args, console)
     coupling = avc.read_coupling(args.gains, args.problem)
@@ -91,6 +95,20 @@ def _export(exported: Coupling | avc.Problem, args: argparse.Namespace, console:
     """Write the C of a coupling or of a law, and return the paths of its files."""
     with console.step("C"):
         files = avc_hardware.export_c(exported, precision=args.precision, name=args.name, unsafe=args.unsafe)
+    return _write_c(files, args, console)
+
+
+def _admittance_exported(args: argparse.Namespace, console: Console) -> Answer:
+    """Return the answer of `export` of the law of an admittance device."""
+    cli.refuse(args, "parameters", "problem", why="applies to couplings, and P is an admittance device; leave it out")
+    problem = avc.load_admittance(args.gains)
+    with console.step("C"):
+        files = avc_hardware.admittance_files(problem, precision=args.precision, name=args.name, unsafe=args.unsafe)
+    return rows.admittance.exported(problem, args.precision, _write_c(files, args, console), args.gains)
+
+
+def _write_c(files: Mapping[str, str], args: argparse.Namespace, console: Console) -> tuple[str, ...]:
+    """Write files of C, and return their paths."""
     paths = [Path(args.c) / name for name in files]
     for path in paths:
         if path.is_file() and not args.force and b"; do not edit." not in path.read_bytes().partition(b"\n")[0]:

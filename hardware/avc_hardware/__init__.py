@@ -3,6 +3,7 @@
 TYPE_CHECKING = False
 
 if TYPE_CHECKING:
+    from avc_hardware.codegen.admittance_export import admittance_files
     from avc_hardware.codegen.build import build_firmware
     from avc_hardware.codegen.export import export_c
     from avc_hardware.codegen.figures import BoardLimits, RuntimeFigures
@@ -28,11 +29,12 @@ __all__ += ["Device", "DeviceFault", "DeviceLimits", "DeviceStatus", "EmulatedBo
 __all__ += ["FirmwareInTheLoop", "FirmwareLacksError", "LoopResult", "NoAnswerError", "PushResult", "RefusedError"]
 __all__ += ["RuntimeFigures", "StreamResult", "StreamSample", "TableImage", "TelemetryLog", "TelemetrySample"]
 __all__ += ["build_firmware", "check_runs_on", "clear_faults", "excite", "export_c", "find_port", "list_ports"]
-__all__ += ["monitor", "open_link", "push", "set_limits", "stream", "tried_in_the_loop"]
+__all__ += ["admittance_files", "monitor", "open_link", "push", "set_limits", "stream", "tried_in_the_loop"]
 
 if not TYPE_CHECKING:
     # Imported at first use: few of them need CasADi, pyserial or Unicorn.
     _HOMES = {
+        "codegen.admittance_export": "admittance_files",
         "codegen.build": "build_firmware",
         "codegen.export": "export_c",
         "codegen.figures": "BoardLimits RuntimeFigures",

@@ -185,6 +185,20 @@ def recommendation(result: AdmittanceRecommendation, shown: str = "", written: s
     )
 
 
+def exported(problem: AdmittanceProblem, precision: str, files: tuple[str, ...], shown: str) -> Answer:
+    """Return the answer of `export` for an admittance device."""
+    law = None if problem.law is None else problem.law.admittance
+    rate = Value(1 / problem.device.sample_time_s, "frequency")
+    rows = [
+        row("Law", None if law is None else law_line(law)),
+        row("C", f"{precision} precision,", rate, ", position and force in, velocity out"),
+        row("Faults", "the header says which readings are refused, and what motion they allow"),
+    ]
+    data = {"problem": problem.name, "precision": precision, "files": [*files]}
+    title = parts(shown, device_line(problem.device))
+    return Answer("export-admittance", plain(data), title, tuple(rows), (), problem.units)
+
+
 def _least(value: float, of: Quantity) -> tuple[Part, ...]:
     return (Value(value, of),) if value else ("any",)
 

@@ -1,0 +1,255 @@
+"""Exported admittance laws: the law sample by sample, a device and a hand around them, and sensors that fail."""
+
+import ctypes
+import math
+import tempfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+from admittance_loop import PlainDevice
+from hardware_bench import require, run, scratch
+
+import avc_casadi as avc
+from avc_casadi.cli import main
+from avc_hardware import admittance_files
+from avc_hardware.codegen.admittance_export import HELD_SAMPLES, STOP_S, FaultBounds
+
+REAL = {"single": ctypes.c_float, "double": ctypes.c_double}
+WARNINGS = ("-std=c99", "-O2", "-Wall", "-Wextra", "-Wconversion", "-pedantic", "-Werror", "-fPIC", "-shared")
+
+
+class Exported:
+    """The compiled step of a law."""
+
+    def __init__(self, problem, precision="double", compiler="gcc", **options):
+        require(compiler)
+        self.files = admittance_files(problem, precision=precision, **options)
+        folder = Path(tempfile.mkdtemp(dir=scratch()))
+        for name, text in self.files.items():
+            (folder / name).write_text(text, encoding="ascii")
+        target = folder / "law.so"
+        source = folder / "avc_coupling.c"
+        run(compiler, *WARNINGS, str(source), "-o", str(target))
+        library, real = ctypes.CDLL(str(target)), REAL[precision]
+        self._step = library.avc_coupling_step
+        self._step.argtypes, self._step.restype = [ctypes.c_void_p, real, real], real
+        self._start = library.avc_coupling_start
+        self._state = ctypes.create_string_buffer(512)
+        self.start()
+
+    def start(self):
+        self._start(self._state)
+
+    def step(self, position, force):
+        return self._step(self._state, position, force)
+
+
+def law_of(problem, forces, positions):
+    """The law in Python, clamped, from readings that are all believed."""
+    law, device = problem.law.admittance, problem.device
+    plain = PlainDevice(
+        sample_s=device.sample_time_s,
+        drive_hz=1.0,
+        sensor_n_per_m=1.0,
+        sensor_ratio=0.0,
+        handle_kg=1.0,
+        late_samples=0,
+        mass_kg=law.mass_kg,
+        damping=law.damping_ns_per_m,
+        spring_n_per_m=law.stiffness_n_per_m,
+        cutoff_hz=law.cutoff_hz,
+    )
+    memory, out = (0.0, 0.0), []
+    for force, position in zip(forces, positions, strict=True):
+        filtered, velocity = plain.command(memory, (position, 0.0, 0.0, position + force, 0.0))
+        velocity = min(max(velocity, -device.max_speed_m_per_s), device.max_speed_m_per_s)
+        memory = filtered, velocity
+        out.append(velocity)
+    return np.array(out)
+
+
+@pytest.mark.parametrize("name", ["admittance/cobot", "admittance/pedal"])
+@pytest.mark.parametrize(("precision", "digits"), [("double", 1e-12), ("single", 2e-4)])
+def test_the_step_is_the_law(name, precision, digits):
+    problem = avc.load_admittance(name)
+    exported = Exported(problem, precision)
+    time = np.arange(3000) * problem.device.sample_time_s
+    forces = 25.0 * np.sin(2 * np.pi * 0.7 * time) * np.exp(-time / 4)
+    positions = 0.002 * np.sin(2 * np.pi * 0.5 * time)
+    given = np.array([exported.step(*pair) for pair in zip(positions, forces, strict=True)])
+    # The first reading is believed with the second, where nothing has been yet.
+    expected = law_of(problem, [0.0, *forces[1:]], positions)
+    assert np.abs(given - expected).max() <= digits * np.abs(expected).max()
+
+
+def test_clang_and_another_name_compile(tmp_path, monkeypatch, capsys):
+    problem = avc.load_admittance("admittance/pedal")
+    Exported(problem, "single", "clang")
+    monkeypatch.chdir(tmp_path)
+    assert main(["export", "admittance/pedal", "--c", "firmware", "--name", "pedal"]) == 0
+    assert "velocity out" in capsys.readouterr().out
+    assert {path.name for path in tmp_path.joinpath("firmware").iterdir()} == {"pedal.c", "pedal.h"}
+    require("g++")
+    run("g++", "-std=c++11", "-c", "-Werror", "-x", "c++", "firmware/pedal.c", "-o", "p.o")
+
+
+def test_what_swings_or_states_no_limits_is_refused():
+    problem = avc.load_admittance("admittance/cobot")
+    swinging = problem.changed(law={"admittance": {"mass_kg": 40.0, "damping_ns_per_m": 10.0}})
+    with pytest.raises(avc.NotDeployableError, match="unstable"):
+        admittance_files(swinging)
+    assert "NOT DEPLOYABLE" in admittance_files(swinging, unsafe=True)["avc_coupling.h"]
+    limits = problem.changed(device={"max_speed_m_per_s": None, "force_sensor": {"max_force_n": None}})
+    with pytest.raises(avc.InputError) as refused:
+        admittance_files(limits)
+    keys = {fault.key for fault in refused.value.faults}
+    assert keys == {"device.max_speed_m_per_s", "device.force_sensor.max_force_n"}
+
+
+def at_rest(problem, readings, noise_n=0.0, seed=0):
+    """Velocities of a device at rest whose sensor reads noise, and what is given in between."""
+    random = np.random.default_rng(seed)
+    exported = Exported(problem)
+    quiet = [noise_n * random.standard_normal() for _ in range(50)]
+    after = [noise_n * random.standard_normal() for _ in range(6000)]
+    velocities = [exported.step(0.0, reading) for reading in (*quiet, *readings, *after)]
+    assert all(math.isfinite(velocity) for velocity in velocities)
+    return np.array(velocities)
+
+
+BAD = (math.nan, math.inf, -math.inf, 1e300, 200.0, -199.0, 60.0)
+
+
+@pytest.mark.parametrize("bad", BAD)
+def test_one_bad_reading_moves_nothing(bad):
+    problem = avc.load_admittance("admittance/cobot")
+    assert np.abs(at_rest(problem, [bad])).max() == 0
+    assert np.abs(at_rest(problem, [bad, 0.0, -bad, 0.0, bad])).max() == 0
+
+
+@pytest.mark.parametrize("count", [2, 3, 10])
+@pytest.mark.parametrize("force", [40.0, 150.0, -199.0])
+def test_bad_readings_in_a_row_move_no_further_than_the_header_says(count, force):
+    problem = avc.load_admittance("admittance/cobot")
+    bounds = FaultBounds.of(problem, problem.law.admittance)
+    velocities = at_rest(problem, [force] * count)
+    moved = abs(float(velocities.sum())) * problem.device.sample_time_s
+    assert 0 < moved <= count * bounds.push_m * (1 + 1e-9)
+    assert np.abs(velocities).max() <= problem.device.max_speed_m_per_s
+
+
+def test_without_readings_the_velocity_falls_to_0_and_comes_back_with_the_second():
+    problem = avc.load_admittance("admittance/cobot")
+    exported, period = Exported(problem), problem.device.sample_time_s
+    moving = [exported.step(0.0, 2.0 + 0.01 * (sample % 2)) for sample in range(400)]
+    lost = [exported.step(0.0, bad) for bad in [math.nan, 1e9, math.inf, 200.0] * 50]
+    assert moving[-1] > 0.006
+    assert lost[HELD_SAMPLES - 1] > 0.005
+    stopped = HELD_SAMPLES + math.ceil(STOP_S / period) + 1
+    assert np.abs(lost[stopped:]).max() == 0
+    back = [exported.step(0.0, force) for force in (2.0, 2.1, 2.0)]
+    assert back[0] == 0
+    assert 0 < back[1] < back[2]
+
+
+def test_a_sensor_that_is_stuck_is_seen():
+    problem = avc.load_admittance("admittance/cobot")
+    bounds = FaultBounds.of(problem, problem.law.admittance)
+    assert 0 < bounds.repeated < 20
+    exported, period = Exported(problem), problem.device.sample_time_s
+    velocities = np.array([exported.step(0.0, 1.5) for _ in range(300)])
+    stopped = bounds.repeated + math.ceil(STOP_S / period) + 3
+    assert np.abs(velocities[stopped:]).max() == 0
+    assert velocities.sum() * period <= stopped * period * 1.5 / problem.law.admittance.damping_ns_per_m
+
+
+def test_noise_on_steps_is_not_taken_for_a_stuck_sensor():
+    problem = avc.load_admittance("admittance/cobot")
+    sensor, random = problem.device.force_sensor, np.random.default_rng(1)
+    exported = Exported(problem)
+    noisy = 4.0 + sensor.noise_rms_n * random.standard_normal(200_000)
+    readings = sensor.resolution_n * np.round(noisy / sensor.resolution_n)
+    velocities = np.array([exported.step(0.0, reading) for reading in readings.tolist()])
+    # Steady motion: a stop would be seen as a velocity of 0.
+    assert velocities[2000:].min() > 0.5 * 4.0 / problem.law.admittance.damping_ns_per_m
+
+
+@pytest.mark.parametrize("name", ["admittance/cobot", "admittance/pedal"])
+def test_random_faults_never_exceed_the_limit_and_end(name):
+    problem = avc.load_admittance(name)
+    random = np.random.default_rng(7)
+    full = problem.device.force_sensor.max_force_n
+    for seed in range(10):
+        kinds = [math.nan, math.inf, full, -full, 0.3 * full, 1e38, -1e38]
+        readings = [kinds[random.integers(len(kinds))] if random.random() < 0.7 else 0.0 for _ in range(400)]
+        velocities = at_rest(problem, readings, seed=seed)
+        assert np.abs(velocities).max() <= problem.device.max_speed_m_per_s
+        assert abs(velocities[-1]) < 1e-3
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["admittance/cobot", "admittance/pedal"])
+def test_hands_come_to_rest_around_the_exported_law(name):
+    """Thirty hands and contacts of the ranges push, hold and let go, in a plant of other code."""
+    problem = avc.load_admittance(name)
+    device, sensor, hands = problem.device, problem.device.force_sensor, problem.hands
+    exported, random = Exported(problem, "single"), np.random.default_rng(3)
+    for _ in range(30):
+        kinds = random.random() < 0.5, random.random() < 0.5
+        carried = [kinds[0] * random.uniform(*ends) for ends in (hands.mass_kg, hands.damping_ns_per_m)]
+        spring = kinds[0] * random.uniform(*hands.stiffness_n_per_m)
+        contact = kinds[1] * random.uniform(*problem.contact.stiffness_n_per_m)
+        damper = kinds[1] * random.uniform(*problem.contact.damping_ns_per_m)
+        plant = PlainDevice(
+            sample_s=device.sample_time_s,
+            drive_hz=device.drive_bandwidth_hz,
+            sensor_n_per_m=sensor.stiffness_n_per_m,
+            sensor_ratio=sensor.damping_ratio,
+            handle_kg=sensor.handle_mass_kg,
+            late_samples=device.delay_samples,
+            mass_kg=1.0,
+            damping=1.0,
+            order=device.drive_order,
+            drive_ratio=device.drive_damping_ratio,
+            hand_kg=carried[0],
+            hand_damping=carried[1] + damper,
+            hand_n_per_m=spring + contact,
+        )
+        exported.start()
+        assert settled(plant, exported, push_n=random.uniform(1.0, 8.0)), (carried, spring, contact)
+
+
+def settled(plant, exported, push_n, seconds=20.0):
+    """Whether the handle rests at the end: a push of half a second, then the hand or contact alone."""
+    steps = max(20, math.ceil(6 * plant.sample_s * math.sqrt(plant.sensor_n_per_m / plant.handle_kg)))
+    step, late = plant.sample_s / steps, int(plant.late_samples)
+    # One sample of the motion per unit of it, of the command and of a push, by Runge and Kutta.
+    moved_kg = plant.handle_kg + plant.hand_kg
+
+    def rates(motion, command, push):
+        found = plant.rates(motion, command)
+        found[4] += push / moved_kg
+        return found
+
+    def advance(motion, command, push):
+        for _ in range(steps):
+            k1 = rates(motion, command, push)
+            k2 = rates(motion + step / 2 * k1, command, push)
+            k3 = rates(motion + step / 2 * k2, command, push)
+            k4 = rates(motion + step * k3, command, push)
+            motion = motion + step / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+        return motion
+
+    matrix = np.array([advance(unit, 0.0, 0.0) for unit in np.eye(5)]).T
+    by_command, by_push = advance(np.zeros(5), 1.0, 0.0), advance(np.zeros(5), 0.0, 1.0)
+    motion, past, speeds = np.zeros(5), [0.0] * (late + 1), []
+    samples = round(seconds / plant.sample_s)
+    for sample in range(samples):
+        command = exported.step(motion[0], plant.force(motion))
+        past = [command, *past][: late + 1]
+        push = push_n if sample < 0.5 / plant.sample_s else 0.0
+        motion = matrix @ motion + by_command * past[late] + by_push * push
+        speeds.append(max(abs(motion[1]), abs(motion[4])))
+    tenth = samples // 10
+    return max(speeds[-tenth:]) < 0.02 * max(speeds)
