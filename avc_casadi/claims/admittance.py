@@ -21,7 +21,7 @@ from avc_casadi._util.text import quantity
 from avc_casadi.claims.law_limits import LawLimits
 from avc_casadi.claims.stated_law import noise_gain
 from avc_casadi.files.admittance_file import AnyAdmittance, as_admittance
-from avc_casadi.loops.handle import Handle, HandleFamily, HandleSide, Pair, plants_of
+from avc_casadi.loops.handle import Handle, HandleFamily, HandleSide, Pair, leading_poles, plants_of
 from avc_casadi.loops.loop import Body
 from avc_casadi.loops.margins import LEAST_DISK, SOUND_DISK, Margins, OpenLoop, damping_ratios
 from avc_casadi.loops.plant_family import RADIUS_TOLERANCE
@@ -127,7 +127,7 @@ class HandleAnalysis:
     def case(self, law: VirtualMass, side: HandleSide) -> HandleCase:
         """Return the worst of each number, at the corners of the ranges and at the worst points of a search."""
         state_space = law.law(self.period_s)
-        measures = (_leading(state_space), _lack_of_damping(state_space), _swings(state_space))
+        measures = (leading_poles(state_space), _lack_of_damping(state_space), _swings(state_space))
         pairs = side.corner_pairs + [side.worst_case(measure).pair for measure in measures]
         loop = OpenLoop.around(plants_of(pairs), state_space)
         sizes = np.abs(loop.poles)
@@ -155,7 +155,7 @@ class HandleAnalysis:
         Of a number that is 0 now the interval is that about 1, for the scan needs a size to begin with.
         """
         number = LawNumber((key,), getattr(law, key) or 1.0)
-        changed = LawLimits(self.family)
+        changed = LawLimits(self.family, leading_poles)
         return changed.interval(number, lambda value: [law.with_number(key, value).law(self.period_s)])
 
     def stiffest_contact_n_per_m(self, law: VirtualMass) -> float:
@@ -182,7 +182,9 @@ class _ContactLimit:
             limit = self._first_unstable(rest, stiffnesses)
             if not limit:
                 break
-            worst = [side.worst_case(_leading(self.law)) for side in self._touching((0.0, limit * (1 - _JUST_INSIDE)))]
+            worst = [
+                side.worst_case(leading_poles(self.law)) for side in self._touching((0.0, limit * (1 - _JUST_INSIDE)))
+            ]
             sides = self._touching((0.0, limit))
             unstable = [(side, case) for side, case in zip(sides, worst, strict=True) if case.radius >= 1]
             if not unstable:
@@ -232,13 +234,6 @@ class _ContactLimit:
 def _stiffer(hand: Hand, stiffness_n_per_m: float) -> Hand:
     """Return what the handle carries with a stiffer spring."""
     return replace(hand, stiffness_n_per_m=hand.stiffness_n_per_m + stiffness_n_per_m)
-
-
-def _leading(law: Law) -> Callable[[SampledPlant, object], ComplexArray]:
-    def of_plants(plant: SampledPlant, _: object) -> ComplexArray:
-        return closed(Body.of(plant).flat(), law).leading
-
-    return of_plants
 
 
 def _lack_of_damping(law: Law) -> Callable[[SampledPlant, object], ComplexArray]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum, auto
 from itertools import product, zip_longest
 from typing import Any, Protocol
@@ -93,6 +93,7 @@ class LawLimits:
     """The plants of a family around a law with one number changed."""
 
     family: Plants
+    measure: Callable[[Law], Measure] = field(default_factory=lambda: _leading_pole)
 
     def __post_init__(self) -> None:
         self._pairs: list[Pair] = []
@@ -184,7 +185,7 @@ class LawLimits:
     def _searched(self, laws: Sequence[Law]) -> IndexArray:
         """Return the rows of new plants of the ranges that are unstable with some laws."""
         before = len(self._pairs)
-        cases = [side.worst_case(_leading_pole(law)) for law in laws for side in self.family.sides]
+        cases = [side.worst_case(self.measure(law)) for law in laws for side in self.family.sides]
         unstable = [case for case in cases if case.radius >= 1]
         if unstable:
             self._keep([case.pair for case in unstable])

@@ -18,11 +18,14 @@ import numpy as np
 
 from avc_casadi._util.arrays import ComplexArray, FloatArray
 from avc_casadi.loops.contacts import Swing
+from avc_casadi.loops.loop import Body
 from avc_casadi.loops.plant_family import RADIUS_TOLERANCE, Measure
 from avc_casadi.loops.search import Box, Ranges, worst_point
+from avc_casadi.loops.wall import closed
 from avc_casadi.model.admittance import AdmittanceDevice, AdmittanceProblem, Contact
 from avc_casadi.model.driven import sampled_drive
 from avc_casadi.model.hands import Hand, hand_ranges
+from avc_casadi.model.law import Law
 from avc_casadi.model.plant import SampledPlant
 from avc_casadi.model.problem import Hands
 
@@ -34,6 +37,14 @@ Pair = tuple[AdmittanceDevice, Hand]
 
 _CARRIED = ("mass_kg", "damping_ns_per_m", "stiffness_n_per_m")
 _NOTHING = ((0.0, 0.0), (0.0, 0.0), (0.0, 0.0))
+_SENSOR_BAND_RAD = math.pi / 4
+"""Angle of a handle's swing in a sample over which a cell of masses reaches."""
+_MOST_SENSOR_CELLS = 40
+"""Most cells of masses: beyond, a stiff sensor before a light handle turns many times in a sample."""
+_NEAR_TURNS_RAD = (-0.06, -0.02, 0.02, 0.06)
+"""Angles about half turns at which cells end too."""
+_SLOW_HZ = 2.0
+"""A pole that turns more slowly is none of a swing."""
 _OVERLAP = 1e-12
 """A range of sums narrower than this share is one value: it was made by rounding."""
 
@@ -108,18 +119,43 @@ class HandleSide:
 
     @cached_property
     def box(self) -> Box:
-        """The ranges that are searched; springs in the bands of the turns of their swing.
+        """The ranges that are searched; springs and masses in the bands of the turns of their swing.
 
         A spring of 0 is a corner of its own: from the softest that counts on, springs are searched by their logarithm.
         """
         ranges = {**self.carried, **self.device.ranges}
+        knots = self._sensor_knots()
         low, high = ranges["stiffness_n_per_m"]
         swing = self._swing
         soft = max(low, swing.softest_n_per_m)
-        if high <= 3 * soft:
-            return Box(ranges)
-        ranges["stiffness_n_per_m"] = (soft, high)
-        return Box(ranges, {"stiffness_n_per_m": swing.knots_n_per_m(soft, high)} if self._turns else {})
+        if high > 3 * soft:
+            ranges["stiffness_n_per_m"] = (soft, high)
+            if self._turns:
+                knots["stiffness_n_per_m"] = swing.knots_n_per_m(soft, high)
+        return Box(ranges, knots)
+
+    def _sensor_knots(self) -> dict[str, FloatArray]:
+        """Return masses between which the handle's swing on the sensor, sqrt(k_s/(m_s + m)) T, turns by an eighth.
+
+        A sampled loop sees that angle modulo a turn, so that unstable masses lie in bands where it exceeds half of one.
+        """
+        sensor, (low, high) = self.device.force_sensor, self.carried["mass_kg"]
+
+        def angle(mass: float) -> float:
+            return math.sqrt(sensor.stiffness_n_per_m / (sensor.handle_mass_kg + mass)) * self.device.sample_time_s
+
+        if not 0 < low < high or angle(low) < math.pi:
+            return {}
+        cells = min(max(math.ceil((angle(low) - angle(high)) / _SENSOR_BAND_RAD), 1), _MOST_SENSOR_CELLS)
+        evenly = np.linspace(angle(low), angle(high), cells + 1)
+        # About half turns and whole ones the swing looks fast or slow, and bands are narrow.
+        turns = np.arange(1, math.floor(angle(low) / math.pi) + 1)[:_MOST_SENSOR_CELLS] * math.pi
+        near = (turns[:, None] + np.array(_NEAR_TURNS_RAD)).ravel()
+        angles = np.unique(np.append(evenly, near[(near < evenly[0]) & (near > evenly[-1])]))[::-1]
+        per_mass = sensor.stiffness_n_per_m * self.device.sample_time_s**2
+        masses = per_mass / angles**2 - sensor.handle_mass_kg
+        masses[[0, -1]] = low, high
+        return {"mass_kg": masses}
 
     @property
     def _turns(self) -> bool:
@@ -137,7 +173,10 @@ class HandleSide:
         return Swing(lightest, self.device.sample_time_s, late, decay_per_s=decay)
 
     def worst_case(self, measure: Measure) -> WorstHandle:
-        """Return where in the ranges of sums and device a measure is largest, by a search of them all."""
+        """Return where in the ranges of sums and device a measure is largest, by a search of them all.
+
+        A measure of several kinds is searched for the largest of each.
+        """
         box = self.box
 
         def of_places(places: FloatArray) -> ComplexArray:
@@ -145,14 +184,15 @@ class HandleSide:
             return measure(self._plants_at(values), values)
 
         place, value = worst_point(of_places, len(box.sides), box.cells)
-        values = {key: float(at[0]) for key, at in box.values(place).items()}
+        kind = int(np.abs(value).argmax())
+        values = {key: float(at[kind]) for key, at in box.values(place).items()}
         found = WorstHandle(
-            value=complex(value[0]),
+            value=complex(value[kind]),
             device=self._device_at(values),
             hand={key: values[key] for key in _CARRIED},
         )
         corners = self.corner_pairs
-        at_corners = np.abs(measure(plants_of(corners), {}))
+        at_corners = np.abs(np.atleast_2d(measure(plants_of(corners), {}))).max(axis=0)
         worst = int(at_corners.argmax())
         if at_corners[worst] < found.radius:
             return found
@@ -212,6 +252,22 @@ class HandleFamily:
     def plants(self, pairs: Sequence[Pair]) -> SampledPlant:
         """Return the plants of pairs."""
         return plants_of(pairs)
+
+
+def leading_poles(law: Law) -> Measure:
+    """Return the leading poles of loops: of all, and of those that swing.
+
+    A slow pole near 1, of a handle that creeps, would hide narrow bands in which another one grows.
+    """
+
+    def of_plants(plant: SampledPlant, _: object) -> ComplexArray:
+        poles = closed(Body.of(plant).flat(), law).poles
+        slow = np.abs(np.angle(poles)) < 2 * math.pi * _SLOW_HZ * plant.sample_time_s
+        kinds = np.stack([poles, np.where(slow & (np.abs(poles) < 1), 0.5 * poles, poles)])
+        largest = np.abs(kinds).argmax(axis=-1)[..., None]
+        return np.asarray(np.take_along_axis(kinds, largest, axis=-1)[..., 0])
+
+    return of_plants
 
 
 def _ranges_of(hands: Hands) -> tuple[Interval, Interval, Interval]:

@@ -24,7 +24,7 @@ sys.path.insert(0, str(HERE.parent / "oracle"))
 from admittance_loop import PlainDevice, growth, largest_pole
 
 from avc_casadi.claims.admittance import certify_admittance
-from avc_casadi.loops.handle import HandleFamily, plants_of
+from avc_casadi.loops.handle import HandleFamily, leading_poles, plants_of
 from avc_casadi.loops.loop import Body
 from avc_casadi.loops.wall import closed
 from avc_casadi.model.admittance import AdmittanceProblem
@@ -120,11 +120,7 @@ def worst_sums(problem: AdmittanceProblem) -> list[Sums]:
     """Return what the handle carries in the worst loop of each side, by the package's search."""
     assert problem.law is not None
     law = problem.law.admittance.law(problem.device.sample_time_s)
-
-    def leading(plant: Any, _: object) -> Any:
-        return closed(Body.of(plant).flat(), law).leading
-
-    found = [side.worst_case(leading).hand for side in HandleFamily.of(problem).sides]
+    found = [side.worst_case(leading_poles(law)).hand for side in HandleFamily.of(problem).sides]
     return [(hand["mass_kg"], hand["damping_ns_per_m"], hand["stiffness_n_per_m"]) for hand in found]
 
 

@@ -8,7 +8,7 @@ from admittance_loop import PlainDevice, growth, largest_pole
 
 import avc_casadi as avc
 from avc_casadi.claims.admittance import HandleAnalysis
-from avc_casadi.loops.handle import HandleFamily, plants_of
+from avc_casadi.loops.handle import HandleFamily, leading_poles, plants_of
 from avc_casadi.loops.loop import Body
 from avc_casadi.loops.margins import SOUND_DISK, OpenLoop
 from avc_casadi.loops.wall import closed
@@ -213,3 +213,17 @@ def test_without_a_law_there_is_nothing_to_judge():
     del tables["law"]
     with pytest.raises(avc.InputError, match="law: is missing"):
         avc.certify_admittance(tables)
+
+
+@pytest.mark.parametrize("handle_kg", [0.407, 0.25, 1.1])
+def test_a_narrow_band_of_hands_is_found_where_the_sensor_swings_by_half_a_turn_in_a_sample(handle_kg):
+    """A creeping pole near 1 hides the band; the second program sees it on a fine grid of masses."""
+    sensor = {"stiffness_n_per_m": 365826.0, "damping_ratio": 0.037, "handle_mass_kg": handle_kg}
+    device = {"drive_bandwidth_hz": 86.5, "drive_order": 2, "drive_damping_ratio": 0.743, "sample_time_s": 4e-3}
+    tables = arm({"mass_kg": 1.03, "damping_ns_per_m": 2300.0, "cutoff_hz": 152.0}, **device, sensor=sensor)
+    tables["hands"] = {"mass_kg": [0.1, 1.8], "damping_ns_per_m": [5.3, 8.7], "stiffness_n_per_m": [586.0, 856.0]}
+    problem = avc.AdmittanceProblem.model_validate(tables)
+    law = problem.law.admittance.law(problem.device.sample_time_s)
+    found = HandleFamily.of(problem).sides[0].worst_case(leading_poles(law))
+    fine = [largest_pole(plain(problem, mass, 5.3, 586.0)) for mass in np.geomspace(0.1, 1.8, 600)]
+    assert found.radius >= max(fine) - 2e-5
