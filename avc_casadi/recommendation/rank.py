@@ -180,8 +180,8 @@ def best_of(candidates: list[Candidate], *, lean_on_friction: bool = False) -> C
         most = max(candidate.at_rest for candidate in left)
         left = [candidate for candidate in left if candidate.at_rest == most]
     left = [candidate for candidate in left if candidate.quiet] or left
-    nearest = min(candidate.distance for candidate in left)
-    as_near = [candidate for candidate in left if candidate.distance <= nearest + NOTICED_ERROR]
+    nearest = min(left, key=lambda candidate: candidate.distance)
+    as_near = [candidate for candidate in left if _is_as_near(candidate, nearest)]
     leaving = _without_late_push(as_near)
     quiet = max(int(candidate.trial.quiet.sum()) for candidate in leaving)
     quietest = [candidate for candidate in leaving if int(candidate.trial.quiet.sum()) == quiet]
@@ -191,6 +191,14 @@ def best_of(candidates: list[Candidate], *, lean_on_friction: bool = False) -> C
         left = [candidate for candidate in quietest if candidate.promises_rest] or quietest
     least_n_per_m = (1 - _AS_STIFF) * max(candidate.rendered_n_per_m for candidate in left)
     return min((candidate for candidate in left if candidate.rendered_n_per_m >= least_n_per_m), key=_plainness)
+
+
+def _is_as_near(candidate: Candidate, nearest: Candidate) -> bool:
+    """Return whether no difference to the nearest is noticed: of the distance, nor of the impedance error alone.
+
+    A price on settling time may make distances alike whose impedance errors are not.
+    """
+    return candidate.distance <= nearest.distance + NOTICED_ERROR and candidate.error <= nearest.error + NOTICED_ERROR
 
 
 def _without_late_push(candidates: list[Candidate]) -> list[Candidate]:

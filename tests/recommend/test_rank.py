@@ -106,6 +106,15 @@ def test_one_that_does_not_push_outside_loses_to_one_that_is_nearer_or_safer():
     assert best_of([near, far, unsafe]) is near
 
 
+def test_a_slow_law_is_nearer_than_a_quick_damper_whose_impedance_is_noticed_to_be_wrong():
+    quick, slow = (candidate(order, 0.5, HANDS, HANDS, HANDS) for order in range(2))
+    vars(quick)["distance"], vars(quick)["error"] = 0.40, 0.40
+    vars(slow)["distance"], vars(slow)["error"] = 0.32, 0.08
+    assert best_of([quick, slow]) is slow
+    vars(slow)["error"] = 0.32
+    assert best_of([quick, slow]) is quick
+
+
 def test_who_moves_on_a_device_that_is_asked_for_beyond_the_file_makes_a_coupling_unsafe():
     one, rest = candidate(0, 0.5, 10, 10, 10), np.ones(6, dtype=bool)
     assert replace(one, beyond=(rest, rest)).safety == 0
