@@ -14,7 +14,8 @@ from avc_casadi._util.json_values import Document, plain
 from avc_casadi._util.printed import Columns, Tabular
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.claims.hands import hands_level
-from avc_casadi.claims.levels import LEVELS, LevelResult, ProofDetail, Rows, Subject, passivity_level
+from avc_casadi.claims.level_detail import ProofDetail
+from avc_casadi.claims.levels import LEVELS, LevelResult, Rows, Subject, passivity_level
 from avc_casadi.claims.prove.held_device import HAND, SampledPlantBox
 from avc_casadi.claims.prove.law import ContactLaw
 from avc_casadi.claims.prove.rest import Rest, promising, prove_rest

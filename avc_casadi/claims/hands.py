@@ -15,7 +15,8 @@ import numpy as np
 from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray, IndexArray
 from avc_casadi._util.progress import SILENT, Progress
-from avc_casadi.claims.levels import HandsDetail, LevelResult, RowMargins, Rows, Subject, level_result, refusal
+from avc_casadi.claims.level_detail import HandsDetail
+from avc_casadi.claims.levels import LevelResult, RowMargins, Rows, Subject, level_result, refusal
 from avc_casadi.claims.worst_frequency import worst_margin
 from avc_casadi.coupling import Coupling
 from avc_casadi.loops.loop import Body

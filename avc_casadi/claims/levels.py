@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, ClassVar, Literal, Self
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from avc_casadi._util.json_values import Document
 from avc_casadi._util.progress import SILENT, Progress, chunks
 from avc_casadi._util.text import quantity
 from avc_casadi.claims.impedance import worst_real_impedance
+from avc_casadi.claims.level_detail import HandsDetail, ProofDetail, read_detail
 from avc_casadi.claims.llewellyn import llewellyn_margin
 from avc_casadi.claims.port import CouplingSlack, RenderingSlack, passive_hand, port_worst
 from avc_casadi.claims.worst_frequency import RELATIVE_TOLERANCE, lowest_of, worst_margin
@@ -174,66 +175,6 @@ ProofOutcome = Literal["", "proved", "refuted", "open"]
 """Outcome of a proof; empty of a level that is no proof."""
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class HandsDetail(Document):
-    """What L5 finds beyond its margin; what only gains without an observer have is None behind one.
-
-    Attributes:
-        spectral_radius: the largest of all rows with hands; None without any row.
-        released_spectral_radius: the largest of all rows released; None without any row.
-        released_passed: whether all rows are stable released.
-        hands: hands that were tried before the search.
-        hands_seed: seed of those that were drawn.
-        row_spectral_radius: the largest of each row, shape (n,).
-        row_worst_hand: worst hand of each row, each value of shape (n,).
-        worst_hand: worst hand of the worst row; None without any row.
-        worst_device: device of that loop, by the values that the linear loop has.
-        worst_share: share of the innovation or the force of the worst loop behind an observer.
-    """
-
-    JSON_KEYS: ClassVar = (
-        "spectral_radius",
-        "row_spectral_radius",
-        "released_spectral_radius",
-        ("released_pass", "released_passed"),
-        "row_worst_hand",
-        "hands",
-        "hands_seed",
-        "worst_hand",
-        "worst_device",
-        "worst_share",
-    )
-    JSON_LEFT_OUT: ClassVar = frozenset(
-        {"row_spectral_radius", "row_worst_hand", "hands_seed", "worst_hand", "worst_device", "worst_share"}
-    )
-
-    spectral_radius: float | None
-    released_spectral_radius: float | None
-    released_passed: bool
-    hands: int
-    hands_seed: int | None = None
-    row_spectral_radius: FloatArray | None = None
-    row_worst_hand: Mapping[str, FloatArray] | None = None
-    worst_hand: dict[str, float] | None = None
-    worst_device: dict[str, float] | None = None
-    worst_share: float | None = None
-
-    @classmethod
-    def read(cls, values: Mapping[str, Any]) -> Self:
-        """Return the detail of a document."""
-        names = dict(entry if isinstance(entry, tuple) else (entry, entry) for entry in cls.JSON_KEYS)
-        return cls(**{names[key]: value for key, value in values.items() if key in names})
-
-
-@dataclass(frozen=True)
-class ProofDetail(Document):
-    """The proofs and witnesses of L7 by row, JSON values that `claims.prove.rest.Rest.from_document` reads."""
-
-    JSON_KEYS: ClassVar = ("proofs",)
-
-    proofs: tuple[Mapping[str, Any], ...]
-
-
 @dataclass(frozen=True, eq=False)
 class LevelResult(Document):
     """One level of a certificate; row arrays have shape (n,) in the order of the gains.
@@ -347,17 +288,10 @@ def _read_level(name: str, values: Mapping[str, Any]) -> LevelResult:
         row_passed=np.array(values["row_pass"], dtype=bool),
         row_margin_ns_per_m=np.array(values["row_margin_ns_per_m"], dtype=np.float64),
         row_frequency_hz=np.array(values["row_frequency_hz"], dtype=np.float64),
-        detail=_read_detail(name, values),
+        detail=read_detail(name, values),
         refused=values["refused"] or "",
         outcome=values["outcome"] or "",
     )
-
-
-def _read_detail(name: str, values: Mapping[str, Any]) -> HandsDetail | ProofDetail | None:
-    """Return the detail of a level from its document; None where it has none."""
-    if name == "L7":
-        return ProofDetail(tuple(values.get("proofs", ())))
-    return HandsDetail.read(values) if name == "L5" and "released_pass" in values else None
 
 
 @dataclass(frozen=True, eq=False)

@@ -154,7 +154,7 @@ def test_its_table_is_the_end_and_brings_no_wall():
     assert stated.end == stated.spring
     assert stated.end_table == "spring"
     assert stated.wall.stiffness_n_per_m == 0
-    with pytest.raises(avc.InputError, match=r"stands beside \[simulation\]"):
+    with pytest.raises(avc.InputError, match=r"is given with \[simulation\]"):
         stated.changed(simulation={"step_s": 0.01})
 
 

@@ -11,7 +11,7 @@ from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray
 from avc_casadi._util.json_values import Document
 from avc_casadi.claims.certify import Certificate, certify
 from avc_casadi.claims.deployable import ClaimName, Deployable, deployable
-from avc_casadi.claims.levels import HandsDetail
+from avc_casadi.claims.level_detail import HandsDetail
 from avc_casadi.claims.worst_frequency import real_part
 from avc_casadi.coupling import Coupling
 from avc_casadi.loops.wall import SampledLoop, fractions, law_at_rest
