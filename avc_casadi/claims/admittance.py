@@ -31,7 +31,7 @@ from avc_casadi.model.admittance import (
     AdmittanceDevice,
     AdmittanceProblem,
     Contact,
-    VirtualMass,
+    VirtualImpedance,
 )
 from avc_casadi.model.control_law import LawNumber
 from avc_casadi.model.hands import Hand
@@ -110,21 +110,21 @@ class HandleAnalysis:
         """Return the analysis of another device, which begins with what was the worst of this one."""
         return HandleAnalysis(problem, self.worst_hands)
 
-    def rough_margin(self, law: VirtualMass) -> float:
+    def rough_margin(self, law: VirtualImpedance) -> float:
         """Return the disk margin of a law to a per cent, at the points so far; 0 where one is unstable."""
         return OpenLoop.around(plants_of(self.pairs), law.law(self.period_s)).quick_disk_margin
 
-    def confirmed_margin(self, law: VirtualMass) -> float:
+    def confirmed_margin(self, law: VirtualImpedance) -> float:
         """Return the disk margin of a law after a search of the ranges, whose worst points are kept."""
         measure = _swings(law.law(self.period_s))
         self.pairs += [side.worst_case(measure).pair for side in self.family.sides if side.handle != "released"]
         return self.rough_margin(law)
 
-    def is_sound(self, law: VirtualMass, limit: float) -> bool:
+    def is_sound(self, law: VirtualImpedance, limit: float) -> bool:
         """Return whether the disk margin is at least a limit, as a search of the ranges finds it."""
         return self.rough_margin(law) >= limit and self.confirmed_margin(law) >= limit
 
-    def case(self, law: VirtualMass, side: HandleSide) -> HandleCase:
+    def case(self, law: VirtualImpedance, side: HandleSide) -> HandleCase:
         """Return the worst of each number, at the corners of the ranges and at the worst points of a search."""
         state_space = law.law(self.period_s)
         measures = (leading_poles(state_space), _lack_of_damping(state_space), _swings(state_space))
@@ -149,7 +149,7 @@ class HandleAnalysis:
             contact=contact,
         )
 
-    def interval(self, law: VirtualMass, key: str) -> Interval | None:
+    def interval(self, law: VirtualImpedance, key: str) -> Interval | None:
         """Return the interval of a number of the law in which it is stable with the others kept; None: there is none.
 
         Of a number that is 0 now the interval is that about 1, for the scan needs a size to begin with.
@@ -158,7 +158,7 @@ class HandleAnalysis:
         changed = LawLimits(self.family, leading_poles)
         return changed.interval(number, lambda value: [law.with_number(key, value).law(self.period_s)])
 
-    def stiffest_contact_n_per_m(self, law: VirtualMass) -> float:
+    def stiffest_contact_n_per_m(self, law: VirtualImpedance) -> float:
         """Return the stiffest contact up to which every contact is stable; infinite without a limit, 0 where none is.
 
         Contacts have the declared damping. Up to the limit every hand is judged with every softer contact.
@@ -272,7 +272,7 @@ class AdmittanceCertificate(Printed):
     """
 
     problem: AdmittanceProblem
-    law: VirtualMass
+    law: VirtualImpedance
     cases: tuple[HandleCase, ...]
     mass_range_kg: Interval | None
     damping_range_ns_per_m: Interval | None
@@ -385,7 +385,7 @@ def certify_admittance(
     return replace(certificate, remedies=tuple(admittance_remedies(own, analysis)))
 
 
-def velocity_noise(law: VirtualMass, device: AdmittanceDevice) -> float:
+def velocity_noise(law: VirtualImpedance, device: AdmittanceDevice) -> float:
     """Return the rms of the commanded velocity of a handle at rest, of the noise and the steps of the sensor."""
     sensor = device.force_sensor
     noise_n = math.hypot(sensor.noise_rms_n, sensor.resolution_n / math.sqrt(12))
@@ -396,14 +396,14 @@ def velocity_noise(law: VirtualMass, device: AdmittanceDevice) -> float:
     return noise_n * noise_gain(of_force)
 
 
-def drift(law: VirtualMass, device: AdmittanceDevice) -> float:
+def drift(law: VirtualImpedance, device: AdmittanceDevice) -> float:
     """Return the velocity at rest of a reading that is one step of the sensor off: f/B, 0 on a spring."""
     if law.stiffness_n_per_m or not device.force_sensor.resolution_n:
         return 0.0
     return device.force_sensor.resolution_n / law.damping_ns_per_m if law.damping_ns_per_m else math.inf
 
 
-def admittance_remedies(law: VirtualMass, analysis: HandleAnalysis) -> Iterator[AdmittanceRemedy]:
+def admittance_remedies(law: VirtualImpedance, analysis: HandleAnalysis) -> Iterator[AdmittanceRemedy]:
     """Yield the least change of each number of law and device that leaves a sound disk margin, as its loops show."""
     for way in _ways(law, analysis.problem):
         found = _least_change(analysis, way)
@@ -422,17 +422,17 @@ class _Way:
     key: str
     from_value: float | None
     values: tuple[float, ...]
-    made: Callable[[float], tuple[VirtualMass, AdmittanceProblem]]
+    made: Callable[[float], tuple[VirtualImpedance, AdmittanceProblem]]
 
 
-def _ways(law: VirtualMass, problem: AdmittanceProblem) -> Iterator[_Way]:
+def _ways(law: VirtualImpedance, problem: AdmittanceProblem) -> Iterator[_Way]:
     device = problem.device
     factors = np.geomspace(1.0, _MOST_CHANGE, _CHANGES + 1)[1:]
 
-    def of_law(key: str) -> Callable[[float], tuple[VirtualMass, AdmittanceProblem]]:
+    def of_law(key: str) -> Callable[[float], tuple[VirtualImpedance, AdmittanceProblem]]:
         return lambda value: (law.with_number(key, value), problem)
 
-    def of_device(key: str) -> Callable[[float], tuple[VirtualMass, AdmittanceProblem]]:
+    def of_device(key: str) -> Callable[[float], tuple[VirtualImpedance, AdmittanceProblem]]:
         return lambda value: (law, with_device_value(problem, key, value))
 
     for key in ("mass_kg", "damping_ns_per_m"):

@@ -73,7 +73,7 @@ class Side(Protocol):
         """Return where a measure is largest."""
 
 
-class Plants(Protocol):
+class JudgedPlants(Protocol):
     """A family of plants: a `PlantFamily`, or the handle of an admittance device."""
 
     @property
@@ -92,7 +92,7 @@ class Plants(Protocol):
 class LawLimits:
     """The plants of a family around a law with one number changed."""
 
-    family: Plants
+    family: JudgedPlants
     measure: Callable[[Law], Measure] = field(default_factory=lambda: _leading_pole)
 
     def __post_init__(self) -> None:

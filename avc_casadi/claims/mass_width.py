@@ -23,7 +23,7 @@ from avc_casadi.loops.handle import Pair, plants_of
 from avc_casadi.loops.loop import Body
 from avc_casadi.loops.margins import SOUND_DISK
 from avc_casadi.loops.wall import closed
-from avc_casadi.model.admittance import AdmittanceProblem, VirtualMass, virtual_mass_law
+from avc_casadi.model.admittance import AdmittanceProblem, VirtualImpedance, virtual_mass_law
 from avc_casadi.model.law import Law
 
 # Dampings of a curve and masses of a scan, and by how much they span the scales of a device: contact stiffness times
@@ -48,7 +48,7 @@ _SEARCHED = 4
 _SOUND_ROUGHLY = 1.02 * SOUND_DISK
 
 
-class HandleResponse:
+class VelocityResponse:
     """Frequency responses of plants, which laws share: from the commanded velocity to position and force."""
 
     def __init__(self, pairs: Sequence[Pair]) -> None:
@@ -155,16 +155,16 @@ def held_span(holds: Callable[[FloatArray], BoolArray], scan: FloatArray) -> Spa
 class MassSpans:
     """The masses that hold at a damping, with the spring and the low pass of a law."""
 
-    response: HandleResponse
+    response: VelocityResponse
     scales: LawScales
-    base: VirtualMass
+    base: VirtualImpedance
     sample_time_s: float
 
     @classmethod
-    def of(cls, analysis: HandleAnalysis, base: VirtualMass) -> Self:
+    def of(cls, analysis: HandleAnalysis, base: VirtualImpedance) -> Self:
         """Return those of the plants of an analysis."""
         scales = LawScales.of(analysis.problem, base.cutoff_hz)
-        return cls(HandleResponse(analysis.pairs), scales, base, analysis.period_s)
+        return cls(VelocityResponse(analysis.pairs), scales, base, analysis.period_s)
 
     def laws(self, masses_kg: FloatArray | float, dampings_ns_per_m: FloatArray | float) -> Law:
         """Return the laws of masses and dampings."""
@@ -261,7 +261,7 @@ def mass_width(problem: AnyAdmittance, progress: Progress = SILENT) -> MassWidth
         True
     """
     stated = as_admittance(problem)
-    own = stated.law.admittance if stated.law else VirtualMass(mass_kg=1.0, damping_ns_per_m=1.0)
+    own = stated.law.admittance if stated.law else VirtualImpedance(mass_kg=1.0, damping_ns_per_m=1.0)
     analysis = HandleAnalysis(stated)
     first = MassSpans.of(analysis, own)
     dampings = first.scales.dampings_ns_per_m

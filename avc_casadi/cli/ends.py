@@ -37,7 +37,7 @@ from avc_hardware.codegen.pair_export import pair_verdict
 
 
 @dataclass(frozen=True)
-class Judged:
+class DeploymentNote:
     """Whether a coupling is exported by request alone, and why; with the verdict of one to a wall."""
 
     unsafe: str
@@ -45,16 +45,16 @@ class Judged:
 
 
 @singledispatch
-def judged(end: End, coupling: Coupling, *, unsafe: bool) -> Judged:  # noqa: ARG001
+def judged(end: End, coupling: Coupling, *, unsafe: bool) -> DeploymentNote:  # noqa: ARG001
     """Return the verdict on a coupling to an end that is exported; raise where it may not be."""
     _, stable = pair_verdict(coupling, unsafe=unsafe)
-    return Judged("" if stable else "UNSAFE, went on by request: a loop is linearly unstable")
+    return DeploymentNote("" if stable else "UNSAFE, went on by request: a loop is linearly unstable")
 
 
 @judged.register
-def _judged_at_wall(end: Wall, coupling: Coupling, *, unsafe: bool) -> Judged:  # noqa: ARG001
+def _judged_at_wall(end: Wall, coupling: Coupling, *, unsafe: bool) -> DeploymentNote:  # noqa: ARG001
     deploys = deployment(coupling, unsafe=unsafe)
-    return Judged(deploys.unsafe, deploys)
+    return DeploymentNote(deploys.unsafe, deploys)
 
 
 def deployment(coupling: Coupling, *, unsafe: bool) -> Deployment:

@@ -173,7 +173,7 @@ class Contact(t.Table, End):
         return self.model_dump(mode="json")
 
 
-class VirtualMass(t.Table):
+class VirtualImpedance(t.Table):
     """The law of an admittance device: M dv/dt + B v + K x = f, f behind a low pass where one is given."""
 
     mass_kg: q.Mass
@@ -232,7 +232,7 @@ def virtual_mass_law(
 class AdmittanceLaw(t.Table):
     """The table [law] of an admittance device."""
 
-    admittance: VirtualMass
+    admittance: VirtualImpedance
 
 
 class AdmittanceProblem(t.Table):

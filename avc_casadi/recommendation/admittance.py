@@ -27,7 +27,7 @@ from avc_casadi.claims.admittance import (
 from avc_casadi.claims.mass_width import MassSpans, Span, held_span
 from avc_casadi.files.admittance_file import AnyAdmittance, as_admittance
 from avc_casadi.loops.margins import SOUND_DISK
-from avc_casadi.model.admittance import AdmittanceProblem, VirtualMass
+from avc_casadi.model.admittance import AdmittanceProblem, VirtualImpedance
 
 EFFORT_HZ = 1.0
 """Frequency of a hand that guides: the effort counts there."""
@@ -94,7 +94,7 @@ class AdmittanceRecommendation(Printed):
         return self.certificate is not None and self.certificate.passed
 
     @property
-    def law(self) -> VirtualMass | None:
+    def law(self) -> VirtualImpedance | None:
         """The recommended law."""
         return None if self.certificate is None else self.certificate.law
 
@@ -117,7 +117,7 @@ class AdmittanceRecommendation(Printed):
         return self.problem.units.document(plain({**own, **numbers, "certificate": judged}))
 
 
-def effort_ns_per_m(law: VirtualMass) -> float:
+def effort_ns_per_m(law: VirtualImpedance) -> float:
     """Return |j w M + B| at 1 Hz; a spring that the file states is no effort to spare."""
     return math.hypot(law.damping_ns_per_m, 2 * math.pi * EFFORT_HZ * law.mass_kg)
 
@@ -138,7 +138,7 @@ class _Choice(MassSpans):
             lambda dampings: self.response.sound(self.laws(mass_kg, dampings), limit), self.scales.dampings_ns_per_m
         )
 
-    def best(self, limit: float) -> VirtualMass | None:
+    def best(self, limit: float) -> VirtualImpedance | None:
         """Return the law of least effort with a disk margin of at least a limit; None where no law has it."""
         dampings = self.scales.dampings_ns_per_m[::_COARSE]
         chosen = self._best_of(dampings, limit)
@@ -150,7 +150,7 @@ class _Choice(MassSpans):
             ratio = ratio ** (2.0 / (_FINE - 1))
         return chosen
 
-    def _best_of(self, dampings: FloatArray, limit: float) -> VirtualMass | None:
+    def _best_of(self, dampings: FloatArray, limit: float) -> VirtualImpedance | None:
         found = []
         least = math.inf
         for damping in dampings.tolist():
@@ -183,7 +183,7 @@ def recommend_admittance(problem: AnyAdmittance, progress: Progress = SILENT) ->
     """
     stated = as_admittance(problem)
     own = stated.law.admittance if stated.law else None
-    base = own or VirtualMass(mass_kg=1.0, damping_ns_per_m=1.0)
+    base = own or VirtualImpedance(mass_kg=1.0, damping_ns_per_m=1.0)
     analysis = HandleAnalysis(stated)
     law, limit = None, SOUND_DISK * _BACK_OFF
     cutoffs = _cutoffs(base, stated)
@@ -212,7 +212,7 @@ def recommend_admittance(problem: AnyAdmittance, progress: Progress = SILENT) ->
     )
 
 
-def _cutoffs(base: VirtualMass, problem: AdmittanceProblem) -> tuple[float | None, ...]:
+def _cutoffs(base: VirtualImpedance, problem: AdmittanceProblem) -> tuple[float | None, ...]:
     if base.cutoff_hz is not None:
         return (base.cutoff_hz,)
     return (None, *(_two_digits(share / problem.device.sample_time_s) for share in _CUTOFF_SHARES))
@@ -222,7 +222,7 @@ def _two_digits(value: float) -> float:
     return float(f"{value:.2g}")
 
 
-def _rounded(law: VirtualMass) -> VirtualMass:
+def _rounded(law: VirtualImpedance) -> VirtualImpedance:
     """Return the law with numbers of three digits, rounded up."""
     update = {key: _up(getattr(law, key)) for key in ("mass_kg", "damping_ns_per_m")}
     return law.model_copy(update=update)
@@ -233,12 +233,12 @@ def _up(value: float) -> float:
     return float(f"{math.ceil(value / step * (1 - 1e-9)) * step:.6g}")
 
 
-def _least_effort(analysis: HandleAnalysis, bases: Sequence[VirtualMass], limit: float) -> VirtualMass | None:
+def _least_effort(analysis: HandleAnalysis, bases: Sequence[VirtualImpedance], limit: float) -> VirtualImpedance | None:
     found = [law for base in bases if (law := _Choice.of(analysis, base).best(limit)) is not None]
     return min(found, key=effort_ns_per_m, default=None)
 
 
-def _at_own(analysis: HandleAnalysis, own: VirtualMass | None, limit: float) -> tuple[float | None, float | None]:
+def _at_own(analysis: HandleAnalysis, own: VirtualImpedance | None, limit: float) -> tuple[float | None, float | None]:
     """Return the lightest sound mass at a law's damping, and the least sound damping at its mass."""
     if own is None:
         return None, None
@@ -250,7 +250,7 @@ def _at_own(analysis: HandleAnalysis, own: VirtualMass | None, limit: float) -> 
 
 
 def _better_devices(
-    analysis: HandleAnalysis, law: VirtualMass, limit: float, progress: Progress
+    analysis: HandleAnalysis, law: VirtualImpedance, limit: float, progress: Progress
 ) -> Iterator[BetterDevice]:
     """Yield what a better value of the device would allow, the least effort first."""
     problem = analysis.problem

@@ -7,7 +7,7 @@ import pytest
 
 import avc_casadi as avc
 from avc_casadi.claims.admittance import HandleAnalysis
-from avc_casadi.claims.mass_width import HandleResponse, held_span
+from avc_casadi.claims.mass_width import VelocityResponse, held_span
 from avc_casadi.cli import main
 from avc_casadi.loops.handle import plants_of
 from avc_casadi.loops.margins import OpenLoop
@@ -92,7 +92,7 @@ def test_the_file_that_is_written_has_the_law_and_is_deployable(tmp_path, monkey
 def test_the_margin_of_many_laws_is_that_of_each_loop():
     problem = avc.load_admittance("admittance/cobot")
     pairs = HandleAnalysis(problem).pairs[:6]
-    response = HandleResponse(pairs)
+    response = VelocityResponse(pairs)
     period = problem.device.sample_time_s
     masses, dampings = np.array([0.9, 3.0, 12.0]), np.array([70.0, 120.0, 300.0])
     many = response.disk_margins(virtual_mass_law(masses, dampings, period, 40.0, 30.0))

@@ -19,7 +19,7 @@ from avc_casadi.model.admittance import (
     AdmittanceDevice,
     AdmittanceProblem,
     Contact,
-    VirtualMass,
+    VirtualImpedance,
 )
 from avc_casadi.model.table import shown as as_in_file
 from avc_casadi.present.row import Answer, Mark, Part, Row, Value, caution, commas, grade, parts, row, span
@@ -65,7 +65,7 @@ def device_line(device: AdmittanceDevice) -> tuple[Part, ...]:
     return parts("· drive", drive, ",", rate, ", delay", delay, ", sensor", sensor)
 
 
-def law_line(law: VirtualMass) -> tuple[Part, ...]:
+def law_line(law: VirtualImpedance) -> tuple[Part, ...]:
     """Return a law in a line."""
     spring = ("spring", Value(law.stiffness_n_per_m, "stiffness")) if law.stiffness_n_per_m else None
     low_pass = ("force below", Value(law.cutoff_hz, "frequency")) if law.cutoff_hz else None

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from avc_casadi import InputError, NotDeployableError
 from avc_casadi._errors import Fault
 from avc_casadi.claims.admittance import certify_admittance
-from avc_casadi.model.admittance import AdmittanceProblem, VirtualMass
+from avc_casadi.model.admittance import AdmittanceProblem, VirtualImpedance
 from avc_casadi.simulation.emit import Precision
 from avc_hardware.codegen import c_frame
 
@@ -216,7 +216,7 @@ class FaultBounds:
     way_m: float
 
     @classmethod
-    def of(cls, problem: AdmittanceProblem, law: VirtualMass) -> FaultBounds:
+    def of(cls, problem: AdmittanceProblem, law: VirtualImpedance) -> FaultBounds:
         """Return those of a problem that states the range of its sensor and its largest speed."""
         device, sensor = problem.device, problem.device.force_sensor
         assert sensor.max_force_n is not None  # noqa: S101 - `_required` has asked
@@ -269,7 +269,7 @@ def admittance_files(
     return c_frame.named(files, name)
 
 
-def _required(problem: AdmittanceProblem) -> VirtualMass:
+def _required(problem: AdmittanceProblem) -> VirtualImpedance:
     missing = {
         "law": problem.law,
         "device.max_speed_m_per_s": problem.device.max_speed_m_per_s,
@@ -289,7 +289,7 @@ def law_id(problem: AdmittanceProblem) -> str:
 
 
 def _header(
-    problem: AdmittanceProblem, law: VirtualMass, bounds: FaultBounds, verdict: str, precision: Precision
+    problem: AdmittanceProblem, law: VirtualImpedance, bounds: FaultBounds, verdict: str, precision: Precision
 ) -> str:
     device = problem.device
     turns = "It turns: read m as rad, N as N.m, kg as kg.m2 and N.s/m as N.m.s/rad in names and numbers."
@@ -318,13 +318,13 @@ def _header(
     )
 
 
-def _told(law: VirtualMass) -> str:
+def _told(law: VirtualImpedance) -> str:
     filtered = f", force below {law.cutoff_hz:.6g} Hz" if law.cutoff_hz else ""
     spring = f", spring {law.stiffness_n_per_m:.6g} N/m" if law.stiffness_n_per_m else ""
     return f"virtual mass {law.mass_kg:.6g} kg, damping {law.damping_ns_per_m:.6g} N.s/m{spring}{filtered}"
 
 
-def _told_of_stuck(bounds: FaultBounds, law: VirtualMass, period_s: float) -> str:
+def _told_of_stuck(bounds: FaultBounds, law: VirtualImpedance, period_s: float) -> str:
     if not bounds.repeated:
         return "- A sensor that is stuck is not seen: its noise and resolution may repeat a reading for ever."
     speed = f"at {1 / law.damping_ns_per_m:.4g} m/s for each N" if law.damping_ns_per_m else "faster and faster"
@@ -332,13 +332,13 @@ def _told_of_stuck(bounds: FaultBounds, law: VirtualMass, period_s: float) -> st
     return f"- A sensor that is stuck is seen after {bounds.repeated} equal readings, {time_s:.4g} s: it moves {speed}."
 
 
-def _told_of_position(bounds: FaultBounds, law: VirtualMass) -> str:
+def _told_of_position(bounds: FaultBounds, law: VirtualImpedance) -> str:
     if not law.stiffness_n_per_m:
         return "The position is not read: the law has no spring."
     return f"A position is believed within {bounds.way_m:.4g} m of the last one, or the second in a row that agrees."
 
 
-def _source(problem: AdmittanceProblem, law: VirtualMass, bounds: FaultBounds, precision: Precision) -> str:
+def _source(problem: AdmittanceProblem, law: VirtualImpedance, bounds: FaultBounds, precision: Precision) -> str:
     period, literal = problem.device.sample_time_s, precision.literal
     total = law.mass_kg + law.damping_ns_per_m * period
     share = 1.0 if law.cutoff_hz is None else -math.expm1(-2 * math.pi * law.cutoff_hz * period)
