@@ -5,7 +5,7 @@ import { Fields, made } from "./fields.js";
 
 const UNDO_JOIN_MS = 900, ADDRESS_MS = 300, POLL_MS = 700, PAUSE_MS = 150;
 /** The pictures that say most: next to each other above the table, the others below it. */
-const FIRST = ["magnitude", "position", "region", "rigid"];
+const FIRST = ["magnitude", "law", "position", "region", "rigid"];
 const FEW = 3;
 /** Rows that come first in any answer. */
 const LEADING = ["Deployable", "Coupling"];
@@ -286,7 +286,7 @@ function place(charts) {
   const few = all && charts.size <= FEW;
   const first = [...charts.keys()].filter((id) => few || FIRST.includes(id)).sort((a, b) => FIRST.indexOf(a) - FIRST.indexOf(b));
   get("charts").dataset.count = all ? first.length : FEW;
-  const open = charts.has(picked) ? picked : first[0];
+  const open = charts.has(picked) ? picked : first[0] ?? charts.keys().next().value;
   const names = [...charts.values()].map((one) => made("option", { value: one.id, selected: one.id === open }, one.title));
   if (document.activeElement !== get("picture")) get("picture").replaceChildren(...names);
   for (const figure of document.querySelectorAll("figure")) if (!charts.has(figure.id.slice(2))) figure.remove();
